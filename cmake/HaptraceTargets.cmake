@@ -1,0 +1,64 @@
+# One library target per folder, alias haptrace::<folder>; warnings and sanitizers for our own code only.
+
+add_library(haptrace_build_flags INTERFACE)
+target_compile_options(haptrace_build_flags INTERFACE
+  $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Woverloaded-virtual>
+  $<$<COMPILE_LANGUAGE:C>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion>
+  $<$<BOOL:${HAPTRACE_WERROR}>:-Werror>)
+if(HAPTRACE_SANITIZE)
+  add_compile_options(-fsanitize=${HAPTRACE_SANITIZE} -fno-omit-frame-pointer)
+  add_link_options(-fsanitize=${HAPTRACE_SANITIZE})
+  if(HAPTRACE_SANITIZE MATCHES "undefined")
+    add_compile_options(-fno-sanitize-recover=undefined)
+  endif()
+endif()
+if(HAPTRACE_RTSAN)
+  find_library(HAPTRACE_RTSAN_LIBRARY clang_rt.rtsan-x86_64
+               NAMES libclang_rt.rtsan-x86_64.a PATHS /usr/lib/llvm-19/lib/clang/19/lib/linux REQUIRED)
+  add_compile_definitions(HAPTRACE_RTSAN)
+  # The runtime's interceptors have to be in every program, called or not.
+  add_link_options(-Wl,--whole-archive ${HAPTRACE_RTSAN_LIBRARY} -Wl,--no-whole-archive -rdynamic)
+  link_libraries(dl pthread m)
+endif()
+
+# haptrace_library(<folder> SOURCES <file>... [PUBLIC <target>...] [PRIVATE <target>...])
+function(haptrace_library folder)
+  cmake_parse_arguments(ARG "" "" "SOURCES;PUBLIC;PRIVATE" ${ARGN})
+  add_library(haptrace_${folder} STATIC ${ARG_SOURCES})
+  add_library(haptrace::${folder} ALIAS haptrace_${folder})
+  set_target_properties(haptrace_${folder} PROPERTIES EXPORT_NAME ${folder})
+  # In the tree and installed, a header is included by the same words: "control/path.h".
+  target_include_directories(haptrace_${folder} PUBLIC
+    $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/haptrace>)
+  target_compile_features(haptrace_${folder} PUBLIC cxx_std_20)
+  target_link_libraries(haptrace_${folder}
+    PUBLIC ${ARG_PUBLIC} PRIVATE ${ARG_PRIVATE} $<BUILD_INTERFACE:haptrace_build_flags>)
+  set_property(GLOBAL APPEND PROPERTY HAPTRACE_LIBRARIES haptrace_${folder})
+endfunction()
+
+# haptrace_test(<name> SOURCES <file>... LIBS <target>...): one GoogleTest program; every test is a test of ctest.
+function(haptrace_test name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LIBS" ${ARGN})
+  add_executable(test_${name} ${ARG_SOURCES})
+  target_link_libraries(test_${name} PRIVATE ${ARG_LIBS} GTest::gtest_main GTest::gmock haptrace_build_flags)
+  target_include_directories(test_${name} PRIVATE ${PROJECT_SOURCE_DIR})
+  gtest_discover_tests(test_${name} DISCOVERY_MODE PRE_TEST PROPERTIES TIMEOUT 120)
+endfunction()
+
+function(haptrace_install)
+  include(CMakePackageConfigHelpers)
+  get_property(libraries GLOBAL PROPERTY HAPTRACE_LIBRARIES)
+  install(TARGETS ${libraries} EXPORT haptraceTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+  install(EXPORT haptraceTargets NAMESPACE haptrace:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)
+  foreach(folder control formats devices recorder player)
+    install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace FILES_MATCHING PATTERN "*.h")
+  endforeach()
+  configure_package_config_file(cmake/haptraceConfig.cmake.in haptraceConfig.cmake
+    INSTALL_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)
+  write_basic_package_version_file(haptraceConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/haptraceConfig.cmake ${CMAKE_CURRENT_BINARY_DIR}/haptraceConfigVersion.cmake
+          ${PROJECT_SOURCE_DIR}/cmake/HaptraceDependencies.cmake
+          DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)
+  install(TARGETS haptrace RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+  install(FILES LICENSE README.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
+endfunction()

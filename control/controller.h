@@ -1,0 +1,62 @@
+// The controller: what force to send next.
+#pragma once
+
+#include "control/sample.h"
+#include "control/types.h"
+
+#include <optional>
+
+namespace haptrace {
+
+/// What the servo loop knows at a tick.
+struct State {
+  std::uint64_t tick = 0;
+  std::int64_t time_ns = 0;      ///< since the session's first tick
+  double dt = 0;                 ///< since the previous update [s]; 0 at the first
+  Vec3 position = Vec3::Zero();  ///< p_WT [m]
+  Vec3 velocity = Vec3::Zero();  ///< estimated from position, in W [m/s]
+  Quat orientation = nan_quat();
+  Vec3 force_measured = nan3();       ///< NaN when the device has no sensor [N]
+  Vec3 force_applied = Vec3::Zero();  ///< what the previous tick sent, after all limits [N]
+  std::uint32_t buttons = 0;
+};
+
+/// Where the tool should be.
+struct Reference {
+  Vec3 position = nan3();      ///< [m]
+  Vec3 velocity = nan3();      ///< [m/s]
+  Vec3 acceleration = nan3();  ///< [m/s^2]
+};
+
+/// What a controller answers. The loop applies its own limits to `wrench` before anything is sent.
+struct Command {
+  enum class Status : std::uint8_t {
+    working,
+    finished,   ///< the task is done: the loop fades the force out and ends
+    deviation,  ///< the tracking error passed its limit: the loop stops; `event` holds the figures
+  };
+
+  Wrench wrench;
+  Reference reference;            ///< NaN when there is none
+  Vec3 reference_force = nan3();  ///< [N]
+  double progress = kNaN;         ///< [m]
+  Phase phase = Phase::idle;
+  Status status = Status::working;
+  std::optional<Event> event;  ///< something to tell; the loop stamps its time
+};
+
+/// Called by the one servo loop, in its thread.
+///
+/// Real-time: start and update allocate nothing, lock nothing, throw nothing, do no I/O.
+class Controller {
+ public:
+  virtual ~Controller() = default;
+
+  /// The first state of a session, before the first update.
+  virtual void start(const State& first) noexcept { (void)first; }
+
+  /// The force for the coming tick. Goes on being called while the loop fades the force out.
+  [[nodiscard]] virtual Command update(const State& state) noexcept = 0;
+};
+
+}  // namespace haptrace

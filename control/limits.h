@@ -1,0 +1,97 @@
+// The limits that no force leaves the loop without.
+#pragma once
+
+#include "control/types.h"
+
+#include <algorithm>
+
+namespace haptrace {
+
+/// What a session may do to a hand. A limit of 0 is off.
+struct SafetyLimits {
+  double max_force = 0;             ///< magnitude [N]
+  double max_continuous_force = 0;  ///< rms magnitude over continuous_time [N]
+  double continuous_time = 10;      ///< time constant of the continuous limit [s]
+  double max_velocity = 0;          ///< speed of the tool beyond which the session stops [m/s]
+  double soft_start = 0.25;         ///< over which forces ramp from nothing at the start [s]
+  double release = 0.25;            ///< over which forces ramp to nothing at the end [s]
+};
+
+/// Throws Error(input) naming the limit that is negative or not finite.
+void validate(const SafetyLimits& limits);
+
+/// Clamps the magnitude of a force and keeps its direction, to the peak limit and to what the motors bear for long.
+///
+/// Continuous limit, as the i^2 t protection of motor drives: with q the mean square of the sent force through a first
+/// order low pass of time constant tau, the allowed magnitude is F_max while q <= (0.8 F_c)^2, falls linearly in q from
+/// there, and is F_c at q >= F_c^2, so that a demand that stays settles at or below F_c.
+///
+/// Real-time: all but the constructor. Finite forces only.
+class ForceLimiter {
+ public:
+  explicit ForceLimiter(const SafetyLimits& limits)
+      : peak_(limits.max_force > 0 ? limits.max_force : std::numeric_limits<double>::infinity()),
+        continuous_(limits.max_continuous_force > 0 && limits.max_continuous_force < peak_
+                        ? limits.max_continuous_force
+                        : std::numeric_limits<double>::infinity()),
+        tau_(limits.continuous_time) {}
+
+  enum class Verdict { free, peak, continuous };
+
+  struct Result {
+    Vec3 force;       ///< [N]
+    double asked;     ///< magnitude [N]
+    double allowed;   ///< magnitude [N]
+    Verdict verdict;  ///< which limit bound
+  };
+
+  /// `dt` [s] is how long the force will act.
+  Result limit(const Vec3& force, double dt) noexcept {
+    const double asked = force.stableNorm();
+    const double allowed = this->allowed();
+    Result result{force, asked, allowed, Verdict::free};
+    if (asked > allowed) {
+      result.force = force * (allowed / asked);
+      result.verdict = allowed < peak_ ? Verdict::continuous : Verdict::peak;
+    }
+    if (std::isfinite(continuous_)) {
+      const double blend = -std::expm1(-dt / tau_);
+      mean_square_ += blend * (result.force.squaredNorm() - mean_square_);
+    }
+    return result;
+  }
+
+  /// The magnitude [N] that the next force may have.
+  [[nodiscard]] double allowed() const noexcept {
+    if (!std::isfinite(continuous_)) return peak_;
+    const double full = continuous_ * continuous_, knee = 0.64 * full;
+    const double peak = std::isfinite(peak_) ? peak_ : 10 * continuous_;
+    const double u = std::clamp((mean_square_ - knee) / (full - knee), 0.0, 1.0);
+    return u > 0 ? peak + u * (continuous_ - peak) : peak_;
+  }
+
+ private:
+  double peak_, continuous_, tau_;
+  double mean_square_ = 0;  ///< [N^2]
+};
+
+/// A factor that moves linearly between 0 and 1 over a given time.
+///
+/// Real-time.
+class Ramp {
+ public:
+  explicit Ramp(double value = 0) : value_(value) {}
+
+  /// Moves towards `target` (0 or 1) by dt / duration and answers where it is. A duration of 0 jumps.
+  double advance(double target, double dt, double duration) noexcept {
+    const double step = duration > 0 ? dt / duration : 1;
+    value_ += std::clamp(target - value_, -step, step);
+    return value_;
+  }
+  [[nodiscard]] double value() const noexcept { return value_; }
+
+ private:
+  double value_;
+};
+
+}  // namespace haptrace

@@ -1,0 +1,58 @@
+// A recorded or generated path: where the hand was, when.
+#pragma once
+
+#include "control/types.h"
+
+#include <string>
+#include <vector>
+
+namespace haptrace {
+
+/// An axis-aligned box in W [m].
+struct Box {
+  Vec3 min = Vec3::Constant(std::numeric_limits<double>::infinity());
+  Vec3 max = Vec3::Constant(-std::numeric_limits<double>::infinity());
+
+  void include(const Vec3& p) {
+    min = min.cwiseMin(p);
+    max = max.cwiseMax(p);
+  }
+  [[nodiscard]] Vec3 size() const { return max - min; }
+  [[nodiscard]] Vec3 center() const { return 0.5 * (min + max); }
+};
+
+/// Samples of a movement over time stamps that need not be even. Columns have the same length or are empty.
+struct Path {
+  std::string name;                ///< for messages: usually the file
+  std::vector<double> time;        ///< [s], strictly increasing
+  std::vector<Vec3> position;      ///< p_WT [m]
+  std::vector<Vec3> velocity;      ///< [m/s], or empty
+  std::vector<Vec3> force;         ///< on the hand, [N], or empty
+  std::vector<std::string> notes;  ///< what a reader noticed and a person should know
+
+  [[nodiscard]] std::size_t size() const noexcept { return time.size(); }
+  [[nodiscard]] double duration() const { return time.empty() ? 0 : time.back() - time.front(); }
+  [[nodiscard]] Box bounds() const;
+};
+
+/// Throws Error(input) naming the row unless the path has a sample, equal columns, finite values and strictly
+/// increasing time; or when its size can only be a unit mistake (wider or farther than 50 m).
+void validate(const Path& path);
+
+/// How a path was moved into a workspace: p' = scale * p + offset.
+struct Fit {
+  double scale = 1;
+  Vec3 offset = Vec3::Zero();
+};
+
+/// How far the path leaves the workspace [m]: the largest distance of a sample from the box; 0 when inside.
+double distance_outside(const Path& path, const Box& workspace);
+
+/// The gentlest change that puts `path` inside `workspace` shrunk by `margin` (a fraction of its size, per side):
+/// moves it, and scales it down (never up) about its centre, equally in every axis, only as far as needed.
+Fit fit_into(const Path& path, const Box& workspace, double margin = 0.05);
+
+/// Applies a fit to positions and velocities. Forces stay as they were felt.
+void apply(const Fit& fit, Path& path);
+
+}  // namespace haptrace

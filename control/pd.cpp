@@ -1,0 +1,31 @@
+#include "control/pd.h"
+
+#include "control/error.h"
+
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+void check(const char* name, const Vec3& gain, double largest, const char* unit) {
+  for (int axis = 0; axis < 3; ++axis)
+    if (!(gain[axis] >= 0 && gain[axis] <= largest))
+      throw input_error(fmt::format("{} of the {} axis is {} {}; it must be from 0 to {} {}", name, "xyz"[axis],
+                                    gain[axis], unit, largest, unit));
+}
+
+}  // namespace
+
+void validate(const PdGains& gains) {
+  check("proportional gain kp", gains.kp, kLargestKp, "N/m");
+  check("derivative gain kd", gains.kd, kLargestKd, "N s/m");
+}
+
+PdGains cautious_gains(double max_force, double rate_hz) {
+  constexpr double kDeviationAtLimit = 0.016;  // [m]
+  constexpr double kDerivativeTime = 0.012;    // [s]
+  const double kp = std::min(max_force / kDeviationAtLimit * std::min(1.0, rate_hz / 500), kLargestKp);
+  return {Vec3::Constant(kp), Vec3::Constant(kDerivativeTime * kp * std::min(1.0, rate_hz / 500))};
+}
+
+}  // namespace haptrace

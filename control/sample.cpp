@@ -1,0 +1,50 @@
+#include "control/sample.h"
+
+#include <fmt/format.h>
+
+namespace haptrace {
+
+std::string describe(const Event& event) {
+  const auto& [a, b, c] = event.values;
+  switch (event.code) {
+    case EventCode::started:
+      return "started";
+    case EventCode::finished:
+      return "finished";
+    case EventCode::interrupted:
+      return "interrupted: releasing";
+    case EventCode::overrun:
+      return fmt::format("overrun: {:.0f} ticks missed, woke {:.3f} ms late", a, 1e3 * b);
+    case EventCode::samples_lost:
+      return fmt::format("{:.0f} samples lost: the writer could not keep up", a);
+    case EventCode::force_limit:
+      return fmt::format("force limited: {:.3g} N asked, {:.3g} N allowed", a, b);
+    case EventCode::continuous_limit:
+      return fmt::format("continuous force limited to {:.3g} N", a);
+    case EventCode::velocity_limit:
+      return fmt::format("stopped: {:.3g} m/s is over the limit of {:.3g} m/s", a, b);
+    case EventCode::deviation_limit:
+      return fmt::format("stopped: {:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
+    case EventCode::deviation_over:
+      return fmt::format("{:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
+    case EventCode::not_finite:
+      return a == 0 ? "stopped: the device's position is not finite" : "stopped: the controller's force is not finite";
+    case EventCode::device_not_ready:
+      return "the device does not allow forces";
+    case EventCode::device_ready:
+      return "the device allows forces";
+    case EventCode::device_lost:
+      return "the device was lost";
+    case EventCode::repetition:
+      return fmt::format("repetition {:.0f}", a + 1);
+    case EventCode::mark:
+      return "mark";
+    case EventCode::paused:
+      return "paused";
+    case EventCode::resumed:
+      return "resumed";
+  }
+  return fmt::format("event {}", static_cast<int>(event.code));
+}
+
+}  // namespace haptrace

@@ -1,0 +1,72 @@
+// What one tick leaves behind: the row that a recording keeps and the events beside it.
+#pragma once
+
+#include "control/types.h"
+
+#include <array>
+#include <string>
+
+namespace haptrace {
+
+/// One tick of a session, plain data of fixed size. "Not measured" and "no reference" are NaN.
+struct Sample {
+  std::uint64_t tick = 0;     ///< the servo loop's index; a gap in it is a tick that was missed
+  std::int64_t time_ns = 0;   ///< since the session's first tick, from the clock
+  Vec3 position = nan3();     ///< p_WT [m]
+  Vec3 velocity = nan3();     ///< the estimate that the controller used [m/s]
+  Vec3 force = Vec3::Zero();  ///< sent to the device, after all limits [N]
+  Quat orientation = nan_quat();
+  Vec3 torque = nan3();          ///< sent to the device [N m]
+  Vec3 force_measured = nan3();  ///< by the device's own sensor [N]
+  Vec3 reference_position = nan3();
+  Vec3 reference_velocity = nan3();
+  Vec3 reference_force = nan3();  ///< the expert's force at the present point of the path [N]
+  double progress = kNaN;         ///< arc length of the projection on the path [m]
+  std::uint32_t buttons = 0;
+  Phase phase = Phase::idle;
+  float latency = 0;  ///< wake-up minus deadline [s]
+};
+
+/// The kinds of event, as stored in /events/code. Append only: files keep the numbers.
+enum class EventCode : std::int32_t {
+  started = 1,
+  finished = 2,
+  interrupted = 3,        ///< SIGINT, SIGTERM or the caller asked to stop
+  overrun = 10,           ///< values: missed ticks, lateness [s]
+  samples_lost = 11,      ///< values: samples that found the ring full
+  force_limit = 20,       ///< values: asked [N], allowed [N]
+  continuous_limit = 21,  ///< values: allowed [N]
+  velocity_limit = 22,    ///< values: speed [m/s], limit [m/s]
+  deviation_limit = 23,   ///< values: deviation [m], limit [m]
+  deviation_over = 24,    ///< values: deviation [m]; the session goes on
+  not_finite = 30,        ///< values: 0 the device's position, 1 the controller's force
+  device_not_ready = 31,  ///< forces are not allowed by the device
+  device_ready = 32,
+  device_lost = 33,
+  repetition = 40,  ///< values: index from 0
+  mark = 50,
+  paused = 51,
+  resumed = 52,
+};
+
+/// Something that happened at a tick. Plain data: its text is made outside the tick by describe().
+struct Event {
+  std::int64_t time_ns = 0;
+  EventCode code = EventCode::mark;
+  std::array<double, 3> values{kNaN, kNaN, kNaN};  ///< meaning by code, see EventCode
+};
+
+/// One line for people, at most 127 bytes of UTF-8. Not for the tick: it allocates.
+std::string describe(const Event& event);
+
+/// Takes what the servo loop produces, in its thread.
+///
+/// Real-time: push must not allocate, lock, throw or wait on a real-time clock.
+class SampleSink {
+ public:
+  virtual ~SampleSink() = default;
+  virtual void push(const Sample& sample) noexcept = 0;
+  virtual void push(const Event& event) noexcept { (void)event; }
+};
+
+}  // namespace haptrace

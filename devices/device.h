@@ -1,0 +1,77 @@
+// Everything that has a position and takes a force.
+#pragma once
+
+#include "control/types.h"
+
+#include <array>
+#include <memory>
+#include <string>
+
+namespace haptrace {
+
+/// What a device is and can do. Fixed while it is open. Unknown figures are 0.
+struct DeviceInfo {
+  std::string name;     ///< as asked for with --device
+  std::string backend;  ///< "sim", "replay", "plugin", ...
+  std::string model;
+  std::string serial;
+
+  bool virtual_time = false;  ///< advances only by exchange's dt
+  std::array<bool, 3> force_axes{true, true, true};
+  std::array<bool, 3> torque_axes{false, false, false};
+  bool measures_velocity = false;
+  bool measures_orientation = false;
+  bool measures_force = false;
+
+  Vec3 workspace_min = Vec3::Constant(-1);  ///< [m]
+  Vec3 workspace_max = Vec3::Constant(1);   ///< [m]
+  double position_resolution = 0;           ///< [m]
+  double max_force = 0;                     ///< magnitude [N]
+  double max_continuous_force = 0;          ///< magnitude [N]
+  double nominal_rate = 1000;               ///< [Hz]
+  double natural_duration = 0;              ///< of what it has to show, an intent or a recording [s]; 0: endless
+
+  [[nodiscard]] bool takes_torque() const noexcept { return torque_axes[0] || torque_axes[1] || torque_axes[2]; }
+};
+
+/// What a device says when asked. Quantities it does not measure are NaN.
+struct DeviceState {
+  Vec3 position = Vec3::Zero();  ///< p_WT [m]
+  Vec3 velocity = nan3();        ///< [m/s]
+  Quat orientation = nan_quat();
+  Vec3 force = nan3();  ///< measured contact force on the hand [N]
+  std::uint32_t buttons = 0;
+  bool ready = true;  ///< homed, and forces are allowed
+  double age = 0;     ///< of this state, for drivers whose I/O has a thread of its own [s]
+};
+
+/// A device that is open: it exists from its opening to its close.
+///
+/// Threads: one thread at a time. Real-time: exchange, and only exchange, is called from the tick; it allocates
+/// nothing, locks nothing, throws nothing, and returns within the tick. A driver whose I/O is slower owns a thread and
+/// exchanges the newest state and force with it without locks; a vendor's callback that owns the servo thread is such
+/// a thread.
+class Device {
+ public:
+  enum class [[nodiscard]] Status : std::uint8_t { ok, lost };
+
+  virtual ~Device() = default;
+  Device() = default;
+  Device(const Device&) = delete;
+  Device& operator=(const Device&) = delete;
+
+  [[nodiscard]] virtual const DeviceInfo& info() const noexcept = 0;
+
+  /// Applies `wrench` from now on, lets a virtual-time device advance by `dt` [s] under it, and returns the newest
+  /// state. The first exchange of a session has dt = 0. After `lost` the state is not to be used, and every further
+  /// exchange is lost too.
+  virtual Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept = 0;
+
+  /// Sends zero force and lets go of the hardware. Idempotent; the destructor of every device calls it.
+  virtual void close() noexcept = 0;
+
+  /// Why exchange returned `lost`, for people. Not for the tick.
+  [[nodiscard]] virtual std::string lost_reason() const { return "the device stopped answering"; }
+};
+
+}  // namespace haptrace

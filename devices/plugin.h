@@ -1,0 +1,62 @@
+/* The plug-in ABI: a lab's own device in one C file, loaded with
+ *
+ *     haptrace record out.h5 --device plugin:path=./libmine.so,options={"port":"/dev/ttyACM0"}
+ *
+ * C and C++. SI units; positions are p_WT and forces are on the hand, both in the device's base frame W.
+ * haptrace calls one function at a time. `exchange` is called from the servo loop: it must return well within a tick
+ * and must not block; a device with slow I/O owns a thread and exchanges the newest values with it. */
+#ifndef HAPTRACE_DEVICES_PLUGIN_H
+#define HAPTRACE_DEVICES_PLUGIN_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define HAPTRACE_PLUGIN_ABI 1
+
+typedef struct haptrace_plugin_info {
+  uint32_t struct_size;            /* set by the caller: sizeof of its own declaration */
+  uint32_t flags;                  /* bit 0: virtual time, the device advances only by exchange's dt */
+  uint32_t axes;                   /* bits 0..2 force x,y,z; bits 3..5 torque x,y,z */
+  uint32_t reserved;
+  char     model[64];
+  char     serial[64];
+  double   workspace_min[3];       /* m */
+  double   workspace_max[3];       /* m */
+  double   position_resolution;    /* m, 0 when unknown */
+  double   max_force;              /* N, magnitude */
+  double   max_continuous_force;   /* N, magnitude, 0 when unknown */
+  double   nominal_rate;           /* Hz */
+} haptrace_plugin_info;
+
+typedef struct haptrace_plugin_state {
+  double   position[3];            /* m */
+  double   velocity[3];            /* m/s, NaN when not measured */
+  double   orientation[4];         /* w,x,y,z, NaN when not measured */
+  double   force[3];               /* N, measured contact force, NaN when not measured */
+  uint32_t buttons;
+  uint32_t ready;                  /* 1 when homed and forces are allowed */
+} haptrace_plugin_state;
+
+/* Returns HAPTRACE_PLUGIN_ABI. */
+uint32_t haptrace_plugin_abi(void);
+
+/* Opens the device, fills *device and *info. Returns 0, or a negative number with the reason in `error`. */
+int haptrace_plugin_open(const char* options_json, void** device, haptrace_plugin_info* info, char* error,
+                         size_t error_size);
+
+/* Applies `wrench` (N, N m) from now on, lets a virtual-time device advance by dt seconds under it, and returns the
+ * newest state. The first exchange of a session has dt = 0. Returns 0, or a negative number when the device is lost. */
+int haptrace_plugin_exchange(void* device, double dt, const double wrench[6], haptrace_plugin_state* state);
+
+/* Zero force, hardware released, memory freed. */
+void haptrace_plugin_close(void* device);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,50 @@
+// Strict reading of JSON: every key is asked for, every other key is an error, and errors name the key's path.
+#pragma once
+
+#include "control/types.h"
+
+#include <nlohmann/json.hpp>
+
+#include <optional>
+#include <set>
+#include <string>
+
+namespace haptrace {
+
+/// Reads a JSON file (comments allowed). Throws Error(input) with file, line and column.
+nlohmann::json load_json(const std::string& file);
+
+/// Parses text that came from `where` (an option, a dataset). Throws Error(input).
+nlohmann::json parse_json(const std::string& text, const std::string& where);
+
+/// One JSON object being read. Ask for every key, then call finish().
+class JsonReader {
+ public:
+  /// `where` names the object in errors, for example "my.json". `object` must outlive the reader.
+  JsonReader(const nlohmann::json& object, std::string where);
+
+  [[nodiscard]] bool has(const std::string& key) const;
+
+  /// The value, or `fallback` when the key is absent. Numbers must be finite and inside [min, max].
+  double number(const std::string& key, double fallback, double min = -1e300, double max = 1e300);
+  /// One number for all three axes, or an array of three.
+  Vec3 vector(const std::string& key, const Vec3& fallback, double min = -1e300, double max = 1e300);
+  bool boolean(const std::string& key, bool fallback);
+  std::string text(const std::string& key, const std::string& fallback);
+  /// A nested object, if present.
+  std::optional<JsonReader> object(const std::string& key);
+
+  /// Throws Error(input) naming the first key nobody asked for, with the nearest that was.
+  void finish() const;
+
+  [[nodiscard]] const std::string& where() const noexcept { return where_; }
+
+ private:
+  const nlohmann::json* find(const std::string& key);
+
+  const nlohmann::json* object_;
+  std::string where_;
+  std::set<std::string> asked_;
+};
+
+}  // namespace haptrace
