@@ -4,20 +4,23 @@
 #include "control/types.h"
 
 #include <nlohmann/json.hpp>
-
 #include <optional>
 #include <set>
 #include <string>
 
 namespace haptrace {
 
-/// Reads a JSON file (comments allowed). Throws Error(input) with file, line and column.
+/// Reads a JSON file (comments allowed). Throws Error(input) with file, line and column, or naming a key that an object
+/// has twice.
 nlohmann::json load_json(const std::string& file);
 
 /// Parses text that came from `where` (an option, a dataset). Throws Error(input).
 nlohmann::json parse_json(const std::string& text, const std::string& where);
 
 /// One JSON object being read. Ask for every key, then call finish().
+///
+/// Every question throws Error(input) naming the key's path, as in "my.json: hand.mass[1]: ...", when the value is of
+/// another type or outside its range; null is not "absent" but a value of another type.
 class JsonReader {
  public:
   /// `where` names the object in errors, for example "my.json". `object` must outlive the reader.
@@ -40,10 +43,12 @@ class JsonReader {
   [[nodiscard]] const std::string& where() const noexcept { return where_; }
 
  private:
+  JsonReader(const nlohmann::json& object, std::string where, const char* separator);
   const nlohmann::json* find(const std::string& key);
 
   const nlohmann::json* object_;
   std::string where_;
+  std::string prefix_;  ///< what stands before a key in errors: "my.json: " or "my.json: hand."
   std::set<std::string> asked_;
 };
 
