@@ -67,6 +67,10 @@ class SampleSink {
   virtual ~SampleSink() = default;
   virtual void push(const Sample& sample) noexcept = 0;
   virtual void push(const Event& event) noexcept { (void)event; }
+
+  /// Called after every tick, outside of it. On the virtual clock, where time stands still meanwhile, a sink may wait
+  /// here for a slower thread; on the monotonic clock it must return at once.
+  virtual void between_ticks(bool may_wait) noexcept { (void)may_wait; }
 };
 
 }  // namespace haptrace

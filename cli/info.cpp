@@ -1,0 +1,128 @@
+#include "cli/verb.h"
+#include "formats/path_file.h"
+#include "formats/recording_summary.h"
+
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace::cli {
+namespace {
+
+nlohmann::json to_json(const Vec3& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+std::string millimetres(const Box& box) {
+  const Vec3 size = 1e3 * box.size(), center = 1e3 * box.center();
+  return fmt::format("{:.4g} x {:.4g} x {:.4g} mm around {:.4g}, {:.4g}, {:.4g} mm", size.x(), size.y(), size.z(),
+                     center.x(), center.y(), center.z());
+}
+
+int tell_of_path(const std::string& file, const Output& output) {
+  const Path path = load_path(file);
+  const Box box = path.bounds();
+  const double rate = path.duration() > 0 ? static_cast<double>(path.size() - 1) / path.duration() : 0;
+  std::string text =
+      fmt::format("{}: a path\n  {:<20} {}\n  {:<20} {:.3f} s\n  {:<20} {:.1f} Hz in the mean\n  {:<20} {}\n", file,
+                  "samples", path.size(), "duration", path.duration(), "rate", rate, "size", millimetres(box));
+  text += fmt::format("  {:<20} {}{}\n", "columns", path.velocity.empty() ? "position" : "position, velocity",
+                      path.force.empty() ? "" : ", force");
+  for (const std::string& note : path.notes) text += fmt::format("  {:<20} {}\n", "note", note);
+  output.tell({{"file", file},
+               {"kind", "path"},
+               {"samples", path.size()},
+               {"duration_s", path.duration()},
+               {"mean_rate_hz", rate},
+               {"position_min_m", to_json(box.min)},
+               {"position_max_m", to_json(box.max)},
+               {"has_velocity", !path.velocity.empty()},
+               {"has_force", !path.force.empty()},
+               {"notes", path.notes}},
+              text);
+  return kDone;
+}
+
+int tell_of_recording(const std::string& file, const Output& output) {
+  const RecordingReader reader(file);
+  const RecordingHeader& header = reader.header();
+  const RecordingSummary summary = summarise(reader);
+  const std::vector<StoredEvent> events = reader.events();
+
+  std::string text = fmt::format("{}: a recording{}\n", file, header.complete ? "" : ", not finished");
+  const auto line = [&](const char* key, const std::string& value) {
+    if (!value.empty()) text += fmt::format("  {:<20} {}\n", key, value);
+  };
+  line("title", header.title);
+  line("subject", header.subject);
+  line("operator", header.operator_name);
+  line("notes", header.notes);
+  line("created", header.created);
+  line("device", fmt::format("{} ({})", header.device_name, header.device_model));
+  line("samples", fmt::format("{} in {:.3f} s", summary.rows, summary.duration));
+  line("rate",
+       fmt::format("{:.2f} Hz in the mean, {:g} Hz asked, {} clock", summary.mean_rate, header.rate_hz, header.clock));
+  line("gaps", fmt::format("{} ({} ticks missed), longest interval {:.3f} ms", summary.gaps, summary.missed,
+                           1e3 * summary.longest_interval));
+  if (summary.rows > 0) line("size", millimetres(summary.bounds));
+  line("force", fmt::format("up to {:.3f} N", summary.max_force));
+  if (summary.tracked > 0)
+    line("tracking error", fmt::format("rms {:.3f} mm, peak {:.3f} mm over {} samples", 1e3 * summary.rms_error,
+                                       1e3 * summary.peak_error, summary.tracked));
+  for (const StoredEvent& event : events) line("event", fmt::format("{:.3f} s  {}", event.time, event.text));
+
+  nlohmann::json list = nlohmann::json::array();
+  for (const StoredEvent& event : events)
+    list.push_back({{"time_s", event.time}, {"code", event.code}, {"text", event.text}});
+  nlohmann::json json{{"file", file},
+                      {"kind", "recording"},
+                      {"format_version", header.format_version},
+                      {"uuid", header.uuid},
+                      {"created", header.created},
+                      {"software", header.software},
+                      {"title", header.title},
+                      {"subject", header.subject},
+                      {"operator", header.operator_name},
+                      {"notes", header.notes},
+                      {"complete", header.complete},
+                      {"clock", header.clock},
+                      {"rate_hz", header.rate_hz},
+                      {"device_name", header.device_name},
+                      {"device_model", header.device_model},
+                      {"device_serial", header.device_serial},
+                      {"device_backend", header.device_backend},
+                      {"samples", summary.rows},
+                      {"duration_s", summary.duration},
+                      {"mean_rate_hz", summary.mean_rate},
+                      {"gaps", summary.gaps},
+                      {"missed", summary.missed},
+                      {"longest_interval_s", summary.longest_interval},
+                      {"max_force_n", summary.max_force},
+                      {"events", std::move(list)},
+                      {"config", header.config}};
+  if (summary.rows > 0) {
+    json["position_min_m"] = to_json(summary.bounds.min);
+    json["position_max_m"] = to_json(summary.bounds.max);
+    json["path_length_m"] = summary.path_length;
+  }
+  if (summary.tracked > 0) {
+    json["rms_error_m"] = summary.rms_error;
+    json["peak_error_m"] = summary.peak_error;
+  }
+  output.tell(json, text);
+  return kDone;
+}
+
+}  // namespace
+
+Verb add_info(CLI::App& app) {
+  const auto file = std::make_shared<std::string>();
+  CLI::App* verb = app.add_subcommand("info", "say what is in a recording or a path");
+  verb->footer("Reads unfinished recordings too, and never changes a file.");
+  verb->add_option("file", *file, "recording (HDF5) or path (CSV)")->type_name("FILE");
+  return {verb, [verb, file](const Output& output) {
+            require(*verb, "file");
+            return is_hdf5(*file) ? tell_of_recording(*file, output) : tell_of_path(*file, output);
+          }};
+}
+
+}  // namespace haptrace::cli

@@ -1,0 +1,111 @@
+// haptrace: records what a hand does with a force-feedback device, and plays it back.
+#include "cli/verb.h"
+#include "control/error.h"
+#include "formats/suggest.h"
+
+#include <cstdio>
+#include <fmt/format.h>
+
+namespace haptrace::cli {
+namespace {
+
+constexpr const char* kDescription =
+    "Records what a hand does with a force-feedback device, plays it back, and teaches it.\n\n"
+    "A first session, without hardware:\n"
+    "  haptrace shape square --size 0.08 --duration 8 -o square.h5\n"
+    "  haptrace play square.h5 --device sim:preset=falcon,hand=relaxed --record played.h5\n"
+    "  haptrace plot played.h5 -o played.png";
+
+constexpr const char* kFooter =
+    "Units are SI. Exit codes: 0 done; 1 a limit or fault stopped the session (data kept); 2 bad usage or input; "
+    "3 device missing or lost; 130 interrupted (data kept).";
+
+int exit_code(Error::Kind kind) {
+  switch (kind) {
+    case Error::Kind::input:
+      return kBadInput;
+    case Error::Kind::device:
+      return kNoDevice;
+    case Error::Kind::fault:
+      return kStopped;
+  }
+  return kBadInput;
+}
+
+int report(const Output& output, int code, const std::string& message) {
+  if (output.json) fmt::print("{}\n", nlohmann::json{{"error", message}, {"exit_code", code}}.dump(2));
+  fmt::print(stderr, "haptrace: {}\n", message);
+  return code;
+}
+
+std::vector<std::string> option_names(const CLI::App& verb) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : verb.get_options())
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  return names;
+}
+
+/// Verbs accept extras so that a slip is answered with the nearest option, not only refused.
+void refuse_extras(const CLI::App& verb) {
+  for (const std::string& word : verb.remaining()) {
+    if (word.size() > 1 && word[0] == '-') {
+      const std::string name = word.substr(0, word.find('='));
+      throw input_error(fmt::format("unknown option '{}' of haptrace {}{}", name, verb.get_name(),
+                                    suggestion(name, option_names(verb))));
+    }
+    throw input_error(fmt::format("'{}' is one word too many; see haptrace {} --help", word, verb.get_name()));
+  }
+}
+
+int run(int argc, char** argv) {
+  CLI::App app(kDescription, "haptrace");
+  app.footer(kFooter);
+  app.set_version_flag("--version", software_name());
+  app.set_help_flag("-h,--help", "this page; haptrace VERB --help has each verb's own");
+  app.require_subcommand(0, 1);
+  app.get_formatter()->column_width(34);
+
+  Output output;
+  std::string config;
+  std::vector<Verb> verbs{add_devices(app), add_shape(app), add_record(app), add_play(app),
+                          add_info(app),    add_check(app), add_plot(app)};
+  std::vector<std::string> names;
+  for (const Verb& verb : verbs) {
+    verb.app->allow_extras();
+    verb.app->get_formatter()->column_width(34);
+    verb.app->add_flag("--json", output.json, "one JSON object on standard output, numbers in SI")->group("Output");
+    verb.app->add_flag("-q,--quiet", output.quiet, "no summary and no progress")->group("Output");
+    verb.app->add_option("--config", config, "JSON file that may hold any option of this verb; the command line wins")
+        ->type_name("FILE.json")
+        ->group("Output");
+    names.push_back(verb.app->get_name());
+  }
+
+  try {
+    if (argc > 1 && argv[1][0] != '-' && std::find(names.begin(), names.end(), argv[1]) == names.end())
+      throw input_error(fmt::format("unknown verb '{}'{}", argv[1], suggestion(argv[1], names)));
+    app.parse(argc, argv);
+    for (const Verb& verb : verbs) {
+      if (!verb.app->parsed()) continue;
+      refuse_extras(*verb.app);
+      if (!config.empty()) apply_config(*verb.app, config);
+      return verb.run(output);
+    }
+    fmt::print("{}", app.help());
+    return kBadInput;
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);
+    return report(output, kBadInput, error.what());
+  } catch (const Error& error) {
+    return report(output, exit_code(error.kind()), error.what());
+  } catch (const std::exception& error) {
+    return report(output, kStopped, fmt::format("unexpected: {}", error.what()));
+  }
+}
+
+}  // namespace
+}  // namespace haptrace::cli
+
+int main(int argc, char** argv) {
+  return haptrace::cli::run(argc, argv);
+}

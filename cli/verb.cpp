@@ -1,0 +1,244 @@
+#include "cli/verb.h"
+
+#include "control/error.h"
+#include "formats/json_reader.h"
+#include "formats/suggest.h"
+
+#include <algorithm>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <fmt/format.h>
+#include <unistd.h>
+
+namespace haptrace::cli {
+namespace {
+
+StopRequest* raised_by_signals = nullptr;
+
+void on_signal(int) {
+  if (raised_by_signals != nullptr) raised_by_signals->raise();
+}
+
+std::string text_of(const nlohmann::json& value) {
+  return value.is_string() ? value.get<std::string>() : value.dump();
+}
+
+/// A number, true or false where the text is one; else the text.
+nlohmann::json value_of(const std::string& text) {
+  const nlohmann::json parsed = nlohmann::json::parse(text, nullptr, false);
+  return parsed.is_number() || parsed.is_boolean() ? parsed : nlohmann::json(text);
+}
+
+std::string microseconds(double seconds) {
+  return fmt::format("{:.0f} us", 1e6 * seconds);
+}
+
+}  // namespace
+
+void Output::tell(const nlohmann::json& json_result, const std::string& text) const {
+  if (json)
+    fmt::print("{}\n", json_result.dump(2));
+  else if (!quiet)
+    fmt::print("{}", text);
+}
+
+void Output::remark(const std::string& text) const {
+  if (!quiet) fmt::print(stderr, "haptrace: {}\n", text);
+}
+
+void SessionArguments::add_to(CLI::App& app) {
+  app.add_option("-d,--device", device, "device, NAME[:key=value,...]; haptrace devices lists them")
+      ->type_name("NAME[:...]");
+  app.add_option("--rate", rate_hz, "servo rate [Hz], 10 to 20000")->capture_default_str()->group("Loop");
+  app.add_option("--clock", clock,
+                 "real | virtual | auto; virtual time runs as fast as the machine allows and is reproducible; auto: "
+                 "virtual for simulated devices")
+      ->capture_default_str()
+      ->group("Loop");
+  app.add_option("--velocity", velocity,
+                 "velocity estimator: difference | lowpass:HZ | foaw:SAMPLES | least-squares:SAMPLES | "
+                 "alpha-beta-gamma:HZ")
+      ->capture_default_str()
+      ->group("Loop");
+  app.add_option("--seed", seed, "seed of everything random in a simulated device")->group("Loop");
+  app.add_flag("--no-realtime", no_realtime, "do not ask for real-time scheduling and locked memory")->group("Loop");
+  app.add_option("--max-force", limits.max_force, "force limit [N]; 0: the device's own")
+      ->capture_default_str()
+      ->group("Safety");
+  app.add_option("--max-continuous-force", limits.max_continuous_force,
+                 "limit of the force over 10 s [N]; 0: the device's own")
+      ->capture_default_str()
+      ->group("Safety");
+  app.add_option("--max-velocity", limits.max_velocity, "speed of the tool at which the session stops [m/s]; 0: off")
+      ->capture_default_str()
+      ->group("Safety");
+  app.add_option("--soft-start", limits.soft_start, "time over which forces fade in [s]")
+      ->capture_default_str()
+      ->group("Safety");
+  app.add_option("--release", limits.release, "time over which forces fade out [s]")
+      ->capture_default_str()
+      ->group("Safety");
+  app.add_option("--title", title, "kept in the recording")->group("Recording");
+  app.add_option("--subject", subject, "kept in the recording")->group("Recording");
+  app.add_option("--operator", operator_name, "kept in the recording")->group("Recording");
+  app.add_option("--notes", notes, "kept in the recording")->group("Recording");
+  app.add_flag("--overwrite", overwrite, "replace a file that exists")->group("Recording");
+}
+
+std::unique_ptr<Device> SessionArguments::open(const std::vector<std::pair<std::string, std::string>>& extra) const {
+  DeviceSpec spec = DeviceSpec::parse(device);
+  const auto& backends = device_backends();
+  const auto backend =
+      std::find_if(backends.begin(), backends.end(), [&](const auto& b) { return b.name == spec.name; });
+  const auto put = [&](const std::string& key, const std::string& value) {
+    if (backend == backends.end()) return;  // open_device says so
+    const auto& known = backend->options;
+    if (std::any_of(known.begin(), known.end(), [&](const auto& o) { return o.key == key; }))
+      spec.options.emplace(key, value);
+  };
+  if (seed) put("seed", std::to_string(*seed));
+  for (const auto& [key, value] : extra) put(key, value);
+  return open_device(spec);
+}
+
+SessionOptions SessionArguments::options(const std::string& file, const nlohmann::json& config) const {
+  SessionOptions options;
+  options.rate_hz = rate_hz;
+  options.clock = parse_clock(clock);
+  options.velocity = velocity;
+  options.limits = limits;
+  options.realtime = !no_realtime;
+  if (!file.empty())
+    options.recording = SessionOptions::Recording{.file = file,
+                                                  .overwrite = overwrite,
+                                                  .title = title,
+                                                  .subject = subject,
+                                                  .operator_name = operator_name,
+                                                  .notes = notes,
+                                                  .config = config};
+  return options;
+}
+
+void require(const CLI::App& verb, const std::string& option) {
+  if (verb.get_option(option)->count() == 0)
+    throw input_error(
+        fmt::format("haptrace {} needs {}; see haptrace {} --help", verb.get_name(), option, verb.get_name()));
+}
+
+void apply_config(CLI::App& verb, const std::string& file) {
+  const nlohmann::json config = load_json(file);
+  if (!config.is_object()) throw input_error(fmt::format("{}: a configuration is a JSON object of options", file));
+  std::vector<std::string> known;
+  for (const CLI::Option* option : verb.get_options())
+    known.push_back(option->get_lnames().empty() ? option->get_name() : option->get_lnames().front());
+
+  for (const auto& [key, value] : config.items()) {
+    if (key == "verb") {
+      if (value != verb.get_name())
+        throw input_error(fmt::format("{}: is a configuration of haptrace {}", file, text_of(value)));
+      continue;
+    }
+    const auto found = std::find(known.begin(), known.end(), key);
+    if (found == known.end())
+      throw input_error(fmt::format("{}: unknown key '{}'{}", file, key, suggestion(key, known)));
+    CLI::Option* option = verb.get_options()[static_cast<std::size_t>(found - known.begin())];
+    if (option->count() > 0) continue;
+    try {
+      if (value.is_array())
+        for (const auto& item : value) option->add_result(text_of(item));
+      else
+        option->add_result(text_of(value));
+      option->run_callback();
+    } catch (const CLI::ParseError& error) {
+      throw input_error(fmt::format("{}: key '{}': {}", file, key, error.what()));
+    }
+  }
+}
+
+nlohmann::json effective_config(const CLI::App& verb) {
+  nlohmann::json config{{"verb", verb.get_name()}};
+  for (const CLI::Option* option : verb.get_options()) {
+    const std::string name = option->get_lnames().empty() ? option->get_name() : option->get_lnames().front();
+    if (name == "help" || name == "config" || name == "json" || name == "quiet") continue;
+    if (option->count() > 1)
+      for (const std::string& item : option->results()) config[name].push_back(value_of(item));
+    else if (option->count() == 1)
+      config[name] = value_of(option->results().front());
+    else if (!option->get_default_str().empty())
+      config[name] = value_of(option->get_default_str());
+  }
+  return config;
+}
+
+Signals::Signals() {
+  static StopRequest request;
+  raised_by_signals = &request;
+  struct sigaction action {};
+  action.sa_handler = on_signal;
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+}
+
+Signals::~Signals() {
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) ::signal(signal, SIG_DFL);
+}
+
+const StopRequest& Signals::stop() const noexcept {
+  return *raised_by_signals;
+}
+
+Progress progress_bar(const Output& output, double duration) {
+  if (output.quiet || isatty(STDERR_FILENO) == 0) return {};
+  return [duration](const LiveStatus& live) {
+    std::string bar;
+    if (duration > 0) {
+      constexpr int kWidth = 24;
+      const int full = static_cast<int>(std::lround(kWidth * std::clamp(live.time / duration, 0.0, 1.0)));
+      for (int i = 0; i < kWidth; ++i) bar += i < full ? "█" : "░";
+      bar += fmt::format(" {:5.1f}/{:.1f} s", live.time, duration);
+    } else {
+      bar = fmt::format("{:8.1f} s", live.time);
+    }
+    const std::string deviation =
+        std::isfinite(live.deviation) ? fmt::format("  off {:6.2f} mm", 1e3 * live.deviation) : std::string();
+    fmt::print(stderr, "\r\033[K{}  {:<8}  {:6.1f} Hz  jitter {:5.0f} us  force {:5.2f} N{}  {}", bar,
+               to_string(live.phase), live.rate, 1e6 * live.jitter, live.force, deviation,
+               live.overruns > 0 ? fmt::format("{} overruns", live.overruns) : "");
+    std::fflush(stderr);
+  };
+}
+
+int conclude(const Output& output, const SessionResult& result) {
+  if (!output.quiet && isatty(STDERR_FILENO) != 0) fmt::print(stderr, "\r\033[K");
+  if (!result.recording_error.empty()) output.remark(result.recording_error);
+  if (result.servo.stopped_by_fault())
+    output.remark(fmt::format("{}; the force is zero{}", result.servo.detail,
+                              result.recording ? ", the recording keeps what happened" : ""));
+  if (!result.virtual_time && !result.servo.realtime.reason.empty() && result.servo.overruns > 0)
+    output.remark(result.servo.realtime.reason);
+
+  if (result.servo.cause == StopCause::device_lost) return kNoDevice;
+  if (result.servo.stopped_by_fault() || !result.recording_error.empty()) return kStopped;
+  if (result.servo.cause == StopCause::interrupted) return kInterrupted;
+  return kDone;
+}
+
+std::string session_summary(const SessionResult& result) {
+  const ServoReport& servo = result.servo;
+  std::string text =
+      fmt::format("  {} samples in {:.3f} s, {:.1f} Hz achieved of {:g} Hz asked, {} missed in {} overruns\n",
+                  servo.samples, servo.duration, servo.achieved_rate(), servo.asked_rate, servo.missed, servo.overruns);
+  if (result.virtual_time)
+    text += fmt::format("  virtual time; tick p50 {}, p99 {}\n", microseconds(servo.tick_time.quantile(0.5)),
+                        microseconds(servo.tick_time.quantile(0.99)));
+  else
+    text += fmt::format("  {}{}; wake-up latency p50 {}, p99 {}, p99.9 {}, max {}\n", servo.realtime.scheduler,
+                        servo.realtime.memory_locked ? ", memory locked" : "",
+                        microseconds(servo.latency.quantile(0.5)), microseconds(servo.latency.quantile(0.99)),
+                        microseconds(servo.latency.quantile(0.999)), microseconds(servo.latency.max()));
+  if (result.recording && result.recording->lost > 0)
+    text += fmt::format("  {} samples LOST: the disk could not keep up\n", result.recording->lost);
+  return text;
+}
+
+}  // namespace haptrace::cli

@@ -1,0 +1,101 @@
+// What the verbs of the command share: how one is declared, what every session understands, how results are told.
+#pragma once
+
+#include "control/limits.h"
+#include "devices/registry.h"
+#include "player/session.h"
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace haptrace::cli {
+
+/// The command's exit codes.
+enum ExitCode : int {
+  kDone = 0,
+  kStopped = 1,       ///< a limit or fault stopped the session; data kept
+  kBadInput = 2,      ///< bad usage or bad input
+  kNoDevice = 3,      ///< device missing or lost
+  kInterrupted = 130  ///< data kept
+};
+
+/// Where results go: people or programs.
+struct Output {
+  bool json = false;   ///< one JSON object on standard output
+  bool quiet = false;  ///< no summary, no progress
+
+  /// Prints `json` or, unless quiet, `text`.
+  void tell(const nlohmann::json& json_result, const std::string& text) const;
+  /// A remark for people, on standard error; not with --quiet.
+  void remark(const std::string& text) const;
+};
+
+/// One verb: a subcommand of `app` and what to run once its options are read.
+struct Verb {
+  CLI::App* app = nullptr;
+  std::function<int(const Output&)> run;
+};
+
+Verb add_devices(CLI::App& app);
+Verb add_shape(CLI::App& app);
+Verb add_record(CLI::App& app);
+Verb add_play(CLI::App& app);
+Verb add_info(CLI::App& app);
+Verb add_check(CLI::App& app);
+Verb add_plot(CLI::App& app);
+
+/// The options of every verb that runs a session.
+struct SessionArguments {
+  std::string device;
+  double rate_hz = 1000;
+  std::string clock = "auto";
+  std::string velocity = "lowpass:100";
+  std::optional<std::uint64_t> seed;
+  SafetyLimits limits{.max_velocity = 1.5};
+  std::string title, subject, operator_name, notes;
+  bool overwrite = false;
+  bool no_realtime = false;
+
+  void add_to(CLI::App& app);
+
+  /// Opens the device, after --seed and `extra` options were put into its description where it understands them.
+  [[nodiscard]] std::unique_ptr<Device> open(const std::vector<std::pair<std::string, std::string>>& extra = {}) const;
+
+  /// `file` empty: not recorded.
+  [[nodiscard]] SessionOptions options(const std::string& file, const nlohmann::json& config) const;
+};
+
+/// Throws Error(input) unless an option that the verb cannot do without was given, on the line or in --config.
+void require(const CLI::App& verb, const std::string& option);
+
+/// Reads --config FILE.json: every key is an option of the verb; what stands on the line wins.
+void apply_config(CLI::App& verb, const std::string& file);
+
+/// Every option of the verb with its value in force, as a --config file would hold them.
+nlohmann::json effective_config(const CLI::App& verb);
+
+/// Raised by SIGINT and SIGTERM from its construction on; one at a time.
+class Signals {
+ public:
+  Signals();
+  ~Signals();
+  Signals(const Signals&) = delete;
+  Signals& operator=(const Signals&) = delete;
+  [[nodiscard]] const StopRequest& stop() const noexcept;
+};
+
+/// A progress bar with live figures on standard error, if that is a terminal; else nothing.
+/// `duration` [s] of the session; 0: unknown.
+Progress progress_bar(const Output& output, double duration);
+
+/// The exit code of a session, and the remarks it deserves on standard error.
+int conclude(const Output& output, const SessionResult& result);
+
+/// Rate, latency and losses of a session, a few lines for people.
+std::string session_summary(const SessionResult& result);
+
+}  // namespace haptrace::cli

@@ -1,0 +1,370 @@
+#include "devices/servo_loop.h"
+
+#include "control/error.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kFlightRecord = 0.2;    // [s]
+constexpr double kFaultFade = 0.05;      // over which the last good force fades after a deviation stop [s]
+constexpr double kEventSpacing = 1.0;    // between two events of a limit that binds again and again [s]
+constexpr double kReleasedForce = 1e-3;  // below which there is nothing left to fade [N]
+
+/// Keeps the last samples of a session in memory that is allocated at its start.
+class FlightRecorder {
+ public:
+  explicit FlightRecorder(std::size_t rows) : rows_(std::max<std::size_t>(rows, 1)) {}
+
+  void push(const Sample& sample) noexcept { rows_[count_++ % rows_.size()] = sample; }
+
+  [[nodiscard]] std::vector<Sample> samples() const {
+    const std::size_t kept = std::min(count_, rows_.size());
+    std::vector<Sample> result;
+    result.reserve(kept);
+    for (std::size_t i = count_ - kept; i < count_; ++i) result.push_back(rows_[i % rows_.size()]);
+    return result;
+  }
+
+ private:
+  std::vector<Sample> rows_;
+  std::size_t count_ = 0;
+};
+
+}  // namespace
+
+const char* to_string(StopCause cause) noexcept {
+  switch (cause) {
+    case StopCause::finished:
+      return "finished";
+    case StopCause::interrupted:
+      return "interrupted";
+    case StopCause::deviation:
+      return "deviation";
+    case StopCause::velocity:
+      return "velocity";
+    case StopCause::not_finite:
+      return "not_finite";
+    case StopCause::device_not_ready:
+      return "device_not_ready";
+    case StopCause::device_lost:
+      return "device_lost";
+  }
+  return "unknown";
+}
+
+ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& estimator,
+                     std::span<SampleSink* const> sinks, const Options& options)
+    : device_(device),
+      controller_(controller),
+      estimator_(estimator),
+      sinks_(sinks.begin(), sinks.end()),
+      options_(options) {
+  if (!(options_.rate_hz >= kLowestRate && options_.rate_hz <= kHighestRate))
+    throw input_error(
+        fmt::format("the rate is {} Hz; it must be from {} to {} Hz", options_.rate_hz, kLowestRate, kHighestRate));
+  if (options_.virtual_time && !device_.info().virtual_time)
+    throw input_error(fmt::format("the device {} lives in real time; use --clock real", device_.info().name));
+  validate(options_.limits);
+  // What the device bears is the ceiling; a session may only ask for less.
+  const auto ceiling = [](double& limit, double device) {
+    if (device > 0) limit = limit > 0 ? std::min(limit, device) : device;
+  };
+  ceiling(options_.limits.max_force, device_.info().max_force);
+  ceiling(options_.limits.max_continuous_force, device_.info().max_continuous_force);
+}
+
+/// One run of the loop: the state that its ticks share.
+class ServoLoop::Session {
+ public:
+  Session(ServoLoop& loop, ServoClock& clock, ServoReport& report)
+      : loop_(loop),
+        clock_(clock),
+        report_(report),
+        period_ns_(std::llround(1e9 / loop.options_.rate_hz)),
+        limiter_(loop.options_.limits),
+        flight_(static_cast<std::size_t>(std::ceil(kFlightRecord * loop.options_.rate_hz))) {}
+
+  void run(const StopRequest& stop) noexcept {
+    loop_.estimator_.reset();
+    start_ns_ = clock_.now();
+    deadline_ns_ = start_ns_;
+    if (wait_until_ready(stop)) {
+      // The session's time begins at its first tick, not while a device was homing.
+      start_ns_ = deadline_ns_;
+      while (!ended_) {
+        clock_.wait_until(deadline_ns_);
+        const std::int64_t woke_ns = clock_.now();
+        tick(woke_ns, stop);
+        schedule_next(woke_ns);
+      }
+    }
+    send_zero();
+  }
+
+  void flight_record_into(std::vector<Sample>& rows) const { rows = flight_.samples(); }
+
+ private:
+  enum class Mode { running, releasing, fading };
+
+  /// Exchanges zero force until the device allows forces.
+  bool wait_until_ready(const StopRequest& stop) noexcept {
+    const auto patience_ns = static_cast<std::int64_t>(1e9 * loop_.options_.ready_timeout);
+    for (double dt = 0;; dt = 1e-9 * static_cast<double>(period_ns_)) {
+      if (loop_.device_.exchange({}, dt, device_state_) == Device::Status::lost) return fail(StopCause::device_lost);
+      if (device_state_.ready) return true;
+      if (stop.count() > 0) return fail(StopCause::interrupted);
+      if (deadline_ns_ - start_ns_ > patience_ns) return fail(StopCause::device_not_ready);
+      if (dt == 0) push_event(0, {.code = EventCode::device_not_ready});
+      deadline_ns_ += period_ns_;
+      clock_.wait_until(deadline_ns_);
+    }
+  }
+
+  bool fail(StopCause cause) noexcept {
+    report_.cause = cause;
+    ended_ = true;
+    return false;
+  }
+
+  void tick(std::int64_t woke_ns, const StopRequest& stop) noexcept {
+    const TickScope scope;
+    const std::int64_t began_ns = monotonic_ns();
+
+    State state;
+    state.tick = tick_;
+    state.time_ns = woke_ns - start_ns_;
+    state.dt = first_ ? 0 : 1e-9 * static_cast<double>(state.time_ns - last_time_ns_);
+    state.force_applied = wrench_.force;
+
+    if (loop_.device_.exchange(wrench_, state.dt, device_state_) == Device::Status::lost) {
+      stop_now(StopCause::device_lost, {.code = EventCode::device_lost}, state.time_ns);
+      return;
+    }
+    state.position = device_state_.position;
+    state.orientation = device_state_.orientation;
+    state.force_measured = device_state_.force;
+    state.buttons = device_state_.buttons;
+
+    if (!is_finite(state.position)) {
+      // No row for this tick: a position that was not taken is not invented, and nothing may be computed from it.
+      stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {0, kNaN, kNaN}}, state.time_ns);
+      return;
+    }
+    state.velocity = loop_.estimator_.update(state.position, state.dt);
+    keep(state, decide(state, stop), woke_ns);
+    report_.tick_time.record(monotonic_ns() - began_ns);
+  }
+
+  /// The controller's answer, with everything that can end the session looked at. Sets wrench_.
+  Command decide(const State& state, const StopRequest& stop) noexcept {
+    if (first_) {
+      loop_.controller_.start(state);
+      push_event(state.time_ns, {.code = EventCode::started});
+    }
+    const double speed = state.velocity.stableNorm();
+    const SafetyLimits& limits = loop_.options_.limits;
+
+    Command command = loop_.controller_.update(state);
+    if (command.event) push_event(state.time_ns, *command.event);
+
+    if (!device_state_.ready) {
+      stop_now(StopCause::device_not_ready, {.code = EventCode::device_not_ready}, state.time_ns);
+    } else if (limits.max_velocity > 0 && speed > limits.max_velocity) {
+      stop_now(StopCause::velocity, {.code = EventCode::velocity_limit, .values = {speed, limits.max_velocity, kNaN}},
+               state.time_ns);
+    } else if (!is_finite(command.wrench.force) || !is_finite(command.wrench.torque)) {
+      stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {1, kNaN, kNaN}}, state.time_ns);
+    } else if (stop.count() > 1) {
+      stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, state.time_ns);
+    } else if (mode_ == Mode::running) {
+      if (command.status == Command::Status::deviation) {
+        mode_ = Mode::fading;
+        report_.cause = StopCause::deviation;
+      } else if (stop.count() > 0) {
+        begin_release(StopCause::interrupted, EventCode::interrupted, state.time_ns);
+      } else if (command.status == Command::Status::finished) {
+        begin_release(StopCause::finished, EventCode::finished, state.time_ns);
+      }
+    }
+    if (!ended_) shape(command, state);
+    if (mode_ == Mode::releasing) command.phase = Phase::release;
+    if (mode_ == Mode::fading || report_.stopped_by_fault()) command.phase = Phase::stopped;
+    return command;
+  }
+
+  void begin_release(StopCause cause, EventCode code, std::int64_t time_ns) noexcept {
+    mode_ = Mode::releasing;
+    report_.cause = cause;
+    push_event(time_ns, {.code = code});
+  }
+
+  /// From the force that was asked for to the force that is sent: fade, then limits.
+  void shape(const Command& command, const State& state) noexcept {
+    const SafetyLimits& limits = loop_.options_.limits;
+    const double dt = first_ ? 0 : state.dt;
+    Wrench asked = command.wrench;
+    double scale = 1;
+    switch (mode_) {
+      case Mode::running:
+        scale = fade_.advance(1, dt, limits.soft_start);
+        break;
+      case Mode::releasing:
+        scale = fade_.advance(0, dt, limits.release);
+        break;
+      case Mode::fading:
+        // What the controller asks for is no longer trusted; what was last sent is, and it fades.
+        if (!fault_force_) {
+          fault_force_ = wrench_.force;
+          fade_ = Ramp(1);
+        }
+        scale = fade_.advance(0, dt, kFaultFade);
+        asked = {*fault_force_, Vec3::Zero()};
+        break;
+    }
+    const ForceLimiter::Result limited = limiter_.limit(scale * asked.force, 1e-9 * static_cast<double>(period_ns_));
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto i = static_cast<std::size_t>(axis);
+      wrench_.force[axis] = loop_.device_.info().force_axes[i] ? limited.force[axis] : 0;
+      wrench_.torque[axis] = loop_.device_.info().torque_axes[i] ? scale * asked.torque[axis] : 0;
+    }
+    if (limited.verdict != ForceLimiter::Verdict::free) tell_of_limit(limited, state.time_ns);
+
+    if (mode_ != Mode::running && (scale == 0 || wrench_.force.stableNorm() < kReleasedForce)) {
+      wrench_ = {};
+      ended_ = true;
+    }
+  }
+
+  void tell_of_limit(const ForceLimiter::Result& limited, std::int64_t time_ns) noexcept {
+    const bool bound_before = time_ns - limit_told_ns_ < static_cast<std::int64_t>(1e9 * kEventSpacing);
+    if (bound_before && limit_told_) return;
+    limit_told_ = true;
+    limit_told_ns_ = time_ns;
+    if (limited.verdict == ForceLimiter::Verdict::peak)
+      push_event(time_ns, {.code = EventCode::force_limit, .values = {limited.asked, limited.allowed, kNaN}});
+    else
+      push_event(time_ns, {.code = EventCode::continuous_limit, .values = {limited.allowed, kNaN, kNaN}});
+  }
+
+  /// Ends the session at this tick with zero force.
+  void stop_now(StopCause cause, const Event& event, std::int64_t time_ns) noexcept {
+    report_.cause = cause;
+    wrench_ = {};
+    ended_ = true;
+    push_event(time_ns, event);
+  }
+
+  /// The row of this tick, to everyone who wants it.
+  void keep(const State& state, const Command& command, std::int64_t woke_ns) noexcept {
+    const std::int64_t latency_ns = woke_ns - deadline_ns_;
+    Sample sample;
+    sample.tick = state.tick;
+    sample.time_ns = state.time_ns;
+    sample.position = state.position;
+    sample.velocity = state.velocity;
+    sample.force = wrench_.force;
+    sample.orientation = state.orientation;
+    if (loop_.device_.info().takes_torque()) sample.torque = wrench_.torque;
+    sample.force_measured = state.force_measured;
+    sample.reference_position = command.reference.position;
+    sample.reference_velocity = command.reference.velocity;
+    sample.reference_force = command.reference_force;
+    sample.progress = command.progress;
+    sample.buttons = state.buttons;
+    sample.phase = ended_ && report_.stopped_by_fault() ? Phase::stopped : command.phase;
+    sample.latency = 1e-9F * static_cast<float>(latency_ns);
+
+    for (SampleSink* sink : loop_.sinks_) sink->push(sample);
+    flight_.push(sample);
+
+    report_.latency.record(latency_ns);
+    report_.max_force = std::max(report_.max_force, wrench_.force.stableNorm());
+    ++report_.samples;
+    report_.duration = 1e-9 * static_cast<double>(state.time_ns);
+    last_time_ns_ = state.time_ns;
+    first_ = false;
+  }
+
+  /// The first deadline that is still to come. Those that passed are missed: a burst of ticks would see a device that
+  /// had no time to move.
+  void schedule_next(std::int64_t woke_ns) noexcept {
+    for (SampleSink* sink : loop_.sinks_) sink->between_ticks(loop_.options_.virtual_time);
+    const std::int64_t now_ns = clock_.now();
+    const std::int64_t late = std::max<std::int64_t>(now_ns - (deadline_ns_ + period_ns_), 0);
+    const std::int64_t missed = (late + period_ns_ - 1) / period_ns_;
+    tick_ += 1 + static_cast<std::uint64_t>(missed);
+    deadline_ns_ += (1 + missed) * period_ns_;
+    if (missed > 0 && !ended_) {
+      report_.missed += static_cast<std::uint64_t>(missed);
+      ++report_.overruns;
+      push_event(woke_ns - start_ns_,
+                 {.code = EventCode::overrun,
+                  .values = {static_cast<double>(missed), 1e-9 * static_cast<double>(late), kNaN}});
+    }
+  }
+
+  void push_event(std::int64_t time_ns, Event event) noexcept {
+    event.time_ns = time_ns;
+    if (!fault_ && (report_.stopped_by_fault() || event.code == EventCode::deviation_limit)) fault_ = event;
+    for (SampleSink* sink : loop_.sinks_) sink->push(event);
+  }
+
+  /// The force that leaves last. A device that is lost cannot be told; its own watchdog has to.
+  void send_zero() noexcept {
+    wrench_ = {};
+    (void)loop_.device_.exchange(wrench_, 0, device_state_);
+  }
+
+ public:
+  std::optional<Event> fault_;  ///< the event that says what stopped the session
+
+ private:
+  ServoLoop& loop_;
+  ServoClock& clock_;
+  ServoReport& report_;
+  const std::int64_t period_ns_;
+  ForceLimiter limiter_;
+  FlightRecorder flight_;
+
+  Mode mode_ = Mode::running;
+  bool ended_ = false;
+  bool first_ = true;
+  std::uint64_t tick_ = 0;
+  std::int64_t start_ns_ = 0, deadline_ns_ = 0, last_time_ns_ = 0;
+  DeviceState device_state_;
+  Wrench wrench_;  ///< to be sent at the next exchange
+  Ramp fade_;
+  std::optional<Vec3> fault_force_;
+  bool limit_told_ = false;
+  std::int64_t limit_told_ns_ = 0;
+};
+
+ServoReport ServoLoop::run(const StopRequest& stop) noexcept {
+  ServoReport report;
+  report.asked_rate = options_.rate_hz;
+  if (!options_.virtual_time && options_.realtime) report.realtime = request_realtime();
+  const FlushDenormals flush;
+
+  MonotonicClock monotonic;
+  VirtualClock virtual_time;
+  ServoClock& clock = options_.virtual_time ? static_cast<ServoClock&>(virtual_time) : monotonic;
+  Session session(*this, clock, report);
+  session.run(stop);
+
+  if (report.stopped_by_fault()) {
+    session.flight_record_into(report.flight_record);
+    if (session.fault_) report.detail = describe(*session.fault_);
+    if (report.cause == StopCause::device_lost) report.detail = "the device was lost: " + device_.lost_reason();
+    if (report.cause == StopCause::device_not_ready && report.samples == 0)
+      report.detail = fmt::format("the device did not become ready within {} s; is it homed?", options_.ready_timeout);
+  } else if (report.cause == StopCause::interrupted) {
+    report.detail = "interrupted";
+  }
+  return report;
+}
+
+}  // namespace haptrace

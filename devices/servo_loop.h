@@ -1,0 +1,112 @@
+// The one servo loop: recording, playback, guidance and programmes differ only in the controller plugged in.
+//
+//     device.exchange(force) -> State -> controller.update(State) -> Force -> limits -> device.exchange(force)
+//                                  \-> Sample -> sinks
+#pragma once
+
+#include "control/controller.h"
+#include "control/histogram.h"
+#include "control/limits.h"
+#include "control/sample.h"
+#include "control/velocity_estimator.h"
+#include "devices/clock.h"
+#include "devices/device.h"
+#include "devices/realtime.h"
+
+#include <atomic>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace haptrace {
+
+inline constexpr double kLowestRate = 10;      // [Hz]
+inline constexpr double kHighestRate = 20000;  // [Hz]
+
+/// How a session is asked to stop from outside. May be raised in a signal handler.
+class StopRequest {
+ public:
+  /// Once: the force fades out and the session ends. Twice: it ends at this tick.
+  void raise() noexcept { count_.fetch_add(1, std::memory_order_relaxed); }
+  [[nodiscard]] int count() const noexcept { return count_.load(std::memory_order_relaxed); }
+
+ private:
+  std::atomic<int> count_{0};
+  static_assert(std::atomic<int>::is_always_lock_free);
+};
+
+/// Why a session ended.
+enum class StopCause {
+  finished,          ///< the controller was done
+  interrupted,       ///< StopRequest
+  deviation,         ///< the tracking error passed its limit
+  velocity,          ///< the tool was faster than its limit, or its position jumped
+  not_finite,        ///< the device's position or the controller's force was not a number
+  device_not_ready,  ///< the device did not allow forces, or stopped allowing them
+  device_lost,
+};
+
+const char* to_string(StopCause cause) noexcept;
+
+/// What one session of the loop was like.
+struct ServoReport {
+  StopCause cause = StopCause::finished;
+  std::string detail;           ///< what stopped it, in words; empty when finished
+  std::uint64_t samples = 0;    ///< ticks that ran
+  std::uint64_t missed = 0;     ///< ticks that did not, because one before them was late
+  std::uint64_t overruns = 0;   ///< how many times that happened
+  double duration = 0;          ///< first to last sample, by the session's clock [s]
+  double asked_rate = 0;        ///< [Hz]
+  double max_force = 0;         ///< largest magnitude sent [N]
+  DurationHistogram latency;    ///< wake-up minus deadline
+  DurationHistogram tick_time;  ///< wake-up to end of tick, on the monotonic clock whichever clock drives the loop
+  RealtimeStatus realtime;
+  std::vector<Sample> flight_record;  ///< the last 200 ms before a limit or a fault stopped it; empty otherwise
+
+  /// Ticks per second of the session's clock [Hz].
+  [[nodiscard]] double achieved_rate() const noexcept {
+    return duration > 0 ? static_cast<double>(samples - 1) / duration : 0;
+  }
+  /// True when a limit or a fault ended the session, rather than its end or a request.
+  [[nodiscard]] bool stopped_by_fault() const noexcept {
+    return cause != StopCause::finished && cause != StopCause::interrupted;
+  }
+};
+
+/// Drives one device with one controller at a fixed rate.
+///
+/// Every session, whatever its controller: positions and forces are checked to be finite, forces are limited in
+/// magnitude and for long, the tool's speed is limited, forces fade in and fade out, and zero force is sent on every
+/// way out. Ticks that come too late are missed and counted, never caught up with: a gap in tick and time, and an
+/// event.
+class ServoLoop {
+ public:
+  struct Options {
+    double rate_hz = 1000;
+    bool virtual_time = false;  ///< advance as fast as the machine allows; else the monotonic clock
+    bool realtime = true;       ///< ask for a real-time thread (monotonic clock only)
+    SafetyLimits limits;        ///< forces: never more than the device's own, which 0 takes
+    double ready_timeout = 30;  ///< how long to wait for a device that is not ready yet [s]
+  };
+
+  /// Everything is borrowed and must outlive run(). Throws Error(input) when an option is out of range, or when
+  /// virtual time is asked of a device that lives in real time.
+  ServoLoop(Device& device, Controller& controller, VelocityEstimator& estimator, std::span<SampleSink* const> sinks,
+            const Options& options);
+
+  /// Runs one session in the calling thread until the controller is finished, `stop` is raised or a limit stops it.
+  /// Sends zero force before it returns. Does not throw.
+  ServoReport run(const StopRequest& stop) noexcept;
+
+ private:
+  class Session;
+
+  Device& device_;
+  Controller& controller_;
+  VelocityEstimator& estimator_;
+  std::vector<SampleSink*> sinks_;
+  Options options_;
+};
+
+}  // namespace haptrace

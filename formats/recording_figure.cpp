@@ -1,0 +1,186 @@
+#include "formats/recording_figure.h"
+
+#include "formats/recording_summary.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fmt/format.h>
+#include <numeric>
+
+namespace haptrace {
+namespace {
+
+constexpr std::size_t kPoints = 4000;  // of a line over the whole width, more than any screen shows
+
+enum Color : int { kBlue = 0, kOrange = 1, kGreen = 2, kBlack = 7 };
+
+/// A line over time that is thinned as it grows.
+class TimeLine {
+ public:
+  TimeLine(std::string label, int color, std::uint64_t rows)
+      : points_per_row_(rows > 0 ? double(kPoints) / double(rows) : 1) {
+    series_.label = std::move(label);
+    series_.color = color;
+  }
+
+  void add(double t, double y) {
+    block_.x.push_back(t);
+    block_.y.push_back(y);
+  }
+
+  void end_block() {
+    const auto points = static_cast<std::size_t>(std::ceil(points_per_row_ * static_cast<double>(block_.x.size())));
+    const Series thin = decimate(block_, std::max<std::size_t>(points, 4));
+    series_.x.insert(series_.x.end(), thin.x.begin(), thin.x.end());
+    series_.y.insert(series_.y.end(), thin.y.begin(), thin.y.end());
+    block_.x.clear();
+    block_.y.clear();
+  }
+
+  Series take() { return decimate(series_, kPoints); }
+
+ private:
+  double points_per_row_;
+  Series series_, block_;
+};
+
+/// Every n-th point of a curve in space, n chosen so that it has about kPoints.
+class SpaceLine {
+ public:
+  SpaceLine(std::uint64_t rows) : stride_(std::max<std::uint64_t>(rows / kPoints, 1)) {}
+
+  void add(const Vec3& p) {
+    if (count_++ % stride_ == 0) points_.push_back(p);
+  }
+
+  [[nodiscard]] Series projected(int horizontal, int vertical, const std::string& label, int color, bool dashed) const {
+    Series series{.label = label, .color = color, .dashed = dashed};
+    for (const Vec3& p : points_) {
+      series.x.push_back(1e3 * p[horizontal]);
+      series.y.push_back(1e3 * p[vertical]);
+    }
+    return series;
+  }
+  [[nodiscard]] bool empty() const { return points_.empty(); }
+
+ private:
+  std::uint64_t stride_, count_ = 0;
+  std::vector<Vec3> points_;
+};
+
+/// Axes of a box, widest first.
+std::array<int, 3> by_extent(const Box& box) {
+  std::array<int, 3> order{0, 1, 2};
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return box.size()[a] > 1.001 * box.size()[b]; });
+  return order;
+}
+
+/// The planes to look at: pairs of (horizontal, vertical) axes, in the order x, y, z within a pair.
+std::vector<std::pair<int, int>> planes_of(const Box& box) {
+  const auto [first, second, third] = by_extent(box);
+  std::vector<std::pair<int, int>> planes{std::minmax(first, second)};
+  if (box.size()[third] > 0.05 * box.size()[first]) planes.emplace_back(std::minmax(first, third));
+  return planes;
+}
+
+constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
+constexpr std::array<int, 3> kAxisColors{kBlue, kOrange, kGreen};
+
+std::vector<Panel> space_panels(const Box& box, const SpaceLine& path, const char* path_label,
+                                const SpaceLine& reference) {
+  std::vector<Panel> panels;
+  for (const auto& [horizontal, vertical] : planes_of(box)) {
+    Panel panel{.title = "path",
+                .x_label = fmt::format("{} [mm]", kAxes[std::size_t(horizontal)]),
+                .y_label = fmt::format("{} [mm]", kAxes[std::size_t(vertical)]),
+                .equal_scale = true};
+    panel.series.push_back(path.projected(horizontal, vertical, path_label, kBlue, false));
+    if (!reference.empty())
+      panel.series.push_back(reference.projected(horizontal, vertical, "reference", kOrange, true));
+    panels.push_back(std::move(panel));
+  }
+  return panels;
+}
+
+Panel time_panel(std::string title, std::string y_label, std::vector<TimeLine>& lines) {
+  Panel panel{.title = std::move(title), .x_label = "time [s]", .y_label = std::move(y_label)};
+  for (TimeLine& line : lines) panel.series.push_back(line.take());
+  return panel;
+}
+
+}  // namespace
+
+Figure figure_of(const RecordingReader& reader, const std::string& title) {
+  const RecordingSummary summary = summarise(reader);
+  const std::uint64_t rows = reader.rows();
+  SpaceLine path(rows), reference(rows);
+  std::vector<TimeLine> upper, force;
+  const bool tracked = summary.tracked > 0;
+  if (tracked) {
+    upper.emplace_back("deviation", kBlue, rows);
+  } else {
+    for (std::size_t axis = 0; axis < 3; ++axis) upper.emplace_back(kAxes[axis], kAxisColors[axis], rows);
+  }
+  const bool sensed = reader.columns().force_measured && summary.max_force == 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) force.emplace_back(kAxes[axis], kAxisColors[axis], rows);
+
+  for_each_block(reader, [&](std::span<const Sample> block) {
+    for (const Sample& sample : block) {
+      const double t = 1e-9 * static_cast<double>(sample.time_ns);
+      path.add(sample.position);
+      if (is_finite(sample.reference_position) && sample.phase == Phase::run) reference.add(sample.reference_position);
+      if (tracked) {
+        const bool run = sample.phase == Phase::run;
+        upper[0].add(t, run ? 1e3 * (sample.position - sample.reference_position).norm() : kNaN);
+      } else {
+        for (int axis = 0; axis < 3; ++axis) upper[std::size_t(axis)].add(t, 1e3 * sample.position[axis]);
+      }
+      const Vec3& shown = sensed ? sample.force_measured : sample.force;
+      for (int axis = 0; axis < 3; ++axis) force[std::size_t(axis)].add(t, shown[axis]);
+    }
+    for (TimeLine& line : upper) line.end_block();
+    for (TimeLine& line : force) line.end_block();
+  });
+
+  const RecordingHeader& header = reader.header();
+  Figure figure;
+  figure.title = header.title.empty() ? title : header.title;
+  figure.caption = fmt::format("{} · {} samples in {:.2f} s at {:.1f} Hz, {} missed", header.device_name, rows,
+                               summary.duration, summary.mean_rate, summary.missed);
+  if (tracked)
+    figure.caption +=
+        fmt::format(" · rms error {:.3f} mm, peak {:.3f} mm", 1e3 * summary.rms_error, 1e3 * summary.peak_error);
+  figure.rows.push_back(space_panels(summary.bounds, path, tracked ? "played" : "recorded", reference));
+  figure.rows.push_back({tracked ? time_panel("deviation from the reference", "deviation [mm]", upper)
+                                 : time_panel("position", "position [mm]", upper)});
+  figure.rows.push_back({time_panel(sensed ? "force measured" : "force sent", "force [N]", force)});
+  figure.height = 900;
+  return figure;
+}
+
+Figure figure_of(const Path& path) {
+  SpaceLine space(path.size());
+  std::vector<TimeLine> position, speed;
+  for (std::size_t axis = 0; axis < 3; ++axis) position.emplace_back(kAxes[axis], kAxisColors[axis], path.size());
+  speed.emplace_back("", kBlue, path.size());
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    const double t = path.time[i] - path.time.front();
+    space.add(path.position[i]);
+    for (int axis = 0; axis < 3; ++axis) position[std::size_t(axis)].add(t, 1e3 * path.position[i][axis]);
+    if (i > 0) speed[0].add(t, (path.position[i] - path.position[i - 1]).norm() / (path.time[i] - path.time[i - 1]));
+  }
+  for (TimeLine& line : position) line.end_block();
+  speed[0].end_block();
+
+  Figure figure;
+  figure.title = path.name;
+  figure.caption = fmt::format("{} samples in {:.2f} s", path.size(), path.duration());
+  figure.rows.push_back(space_panels(path.bounds(), space, "path", SpaceLine(0)));
+  figure.rows.push_back({time_panel("position", "position [mm]", position)});
+  figure.rows.push_back({time_panel("speed", "speed [m/s]", speed)});
+  figure.height = 900;
+  return figure;
+}
+
+}  // namespace haptrace

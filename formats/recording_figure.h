@@ -1,0 +1,18 @@
+// A recording as a picture: the path in space, and what happened over time.
+#pragma once
+
+#include "control/path.h"
+#include "formats/figure.h"
+#include "formats/recording.h"
+
+namespace haptrace {
+
+/// Panels: the path in the plane of its two largest extents (and a second plane when the third counts), with the
+/// reference where there is one; deviation over time (position where there is no reference); force over time.
+/// Memory is flat in the recording's length, and no peak over time is lost.
+Figure figure_of(const RecordingReader& reader, const std::string& title);
+
+/// A path as a picture: in space, and position and speed over time.
+Figure figure_of(const Path& path);
+
+}  // namespace haptrace

@@ -1,0 +1,65 @@
+// The two jobs of every day: record what a hand does, play a recording back.
+#pragma once
+
+#include "control/path.h"
+#include "control/pd.h"
+#include "control/trajectory.h"
+#include "player/playback_controller.h"
+#include "player/session.h"
+#include "player/tracking_metrics.h"
+
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <vector>
+
+namespace haptrace {
+
+struct RecordOptions {
+  double duration = 0;  ///< [s]; 0: the device's natural duration, or until stopped
+  SessionOptions session;
+};
+
+/// Lets the hand move freely and records it. Throws Error(input) when a session in virtual time would never end.
+SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop,
+                     const Progress& progress = {});
+
+struct PlayOptions {
+  std::optional<PdGains> gains;  ///< cautious_gains of the device when absent
+  Interpolation interpolation = Interpolation::cubic;
+  bool fit = false;  ///< move and scale the path into the workspace
+  PlaybackOptions playback;
+  SessionOptions session;
+};
+
+/// A playback that was checked against a device and is ready to run: nothing has been sent yet.
+struct PlayPlan {
+  Path path;  ///< as it will be played
+  std::optional<Fit> fit;
+  PdGains gains;
+  double peak_speed = 0;  ///< of the reference [m/s]
+};
+
+/// Checks everything that can be checked before a force is sent: the path against the workspace (an error names the
+/// distance), its speed against the velocity limit, the gains, the options. Throws Error(input).
+PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& options);
+
+struct PlayResult {
+  SessionResult session;
+  PlayPlan plan;
+  std::vector<TrackingFigures> repetitions;
+  TrackingFigures last;
+};
+
+/// Plays `plan` on `device`.
+PlayResult play(Device& device, PlayPlan plan, const PlayOptions& options, const StopRequest& stop,
+                const Progress& progress = {});
+
+/// The JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by and the rest of DESIGN's names.
+nlohmann::json to_json(const SessionResult& result);
+nlohmann::json to_json(const PlayResult& result);
+nlohmann::json to_json(const PdGains& gains);
+
+/// Reads {"kp": number or [x, y, z], "kd": ...}. Throws Error(input) naming the key.
+PdGains gains_from_json(const nlohmann::json& json, const std::string& where);
+
+}  // namespace haptrace

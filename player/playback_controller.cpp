@@ -1,0 +1,146 @@
+#include "player/playback_controller.h"
+
+#include "control/error.h"
+#include "formats/suggest.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kPauseTime = 0.1;         // over which the reference slows down and comes back to speed [s]
+constexpr double kShortestApproach = 0.3;  // [s]
+constexpr double kLongestStep = 5;         // ticks that the path's time may advance at once
+
+const std::vector<std::string> kPolicies{"stop", "pause", "soften"};
+
+}  // namespace
+
+DeviationPolicy parse_deviation_policy(std::string_view name) {
+  const auto found = std::find(kPolicies.begin(), kPolicies.end(), name);
+  if (found == kPolicies.end())
+    throw input_error(fmt::format("unknown deviation policy '{}'{}", name, suggestion(name, kPolicies)));
+  return static_cast<DeviationPolicy>(found - kPolicies.begin());
+}
+
+const char* to_string(DeviationPolicy policy) noexcept {
+  return kPolicies[static_cast<std::size_t>(policy)].c_str();
+}
+
+void validate(const PlaybackOptions& options) {
+  const auto check = [](const char* name, double value, double min, double max, const char* unit) {
+    if (!(value >= min && value <= max))
+      throw input_error(fmt::format("{} is {}; it must be from {} to {} {}", name, value, min, max, unit));
+  };
+  check("the speed factor", options.speed, 0.001, 100, "");
+  check("the number of repetitions", options.repetitions, 0, 1e6, "");
+  check("the hold", options.hold, 0, 3600, "s");
+  check("the approach speed", options.approach_speed, 1e-3, 2, "m/s");
+  check("the deviation limit", options.max_deviation, 1e-5, 10, "m");
+}
+
+PlaybackController::PlaybackController(Trajectory trajectory, std::vector<std::unique_ptr<ForceTerm>> terms,
+                                       const PlaybackOptions& options)
+    : trajectory_(std::move(trajectory)), terms_(std::move(terms)), options_(options) {
+  validate(options_);
+}
+
+void PlaybackController::start(const State& first) noexcept {
+  for (const auto& term : terms_) term->start(first);
+  begin_approach(first.position);
+}
+
+void PlaybackController::begin_approach(const Vec3& from) noexcept {
+  phase_ = Phase::approach;
+  elapsed_ = 0;
+  approach_from_ = from;
+  const double distance = (trajectory_.sample(0, cursor_).position - from).norm();
+  approach_time_ = std::max(kShortestApproach, MinJerk::kPeakSpeed * distance / options_.approach_speed);
+}
+
+Command PlaybackController::update(const State& state) noexcept {
+  Command command;
+  Reference reference = advance(std::min(state.dt, kLongestStep / options_.rate_hz), command);
+
+  // Where there is no motor there is no error: the reference follows the hand.
+  for (int axis = 0; axis < 3; ++axis) {
+    if (options_.axes[static_cast<std::size_t>(axis)]) continue;
+    reference.position[axis] = state.position[axis];
+    reference.velocity[axis] = state.velocity[axis];
+    reference.acceleration[axis] = 0;
+  }
+
+  const double scale = watch_deviation(state, reference, command);
+  for (const auto& term : terms_) command.wrench.force += term->force(state, reference);
+  command.wrench.force *= scale;
+  command.reference = reference;
+  command.phase = phase_;
+  if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
+  return command;
+}
+
+Reference PlaybackController::advance(double step, Command& command) noexcept {
+  if (phase_ == Phase::approach) {
+    elapsed_ += step;
+    const Vec3 start = trajectory_.sample(0, cursor_).position;
+    const Vec3 way = start - approach_from_;
+    const MinJerk blend = MinJerk::at(elapsed_ / approach_time_);
+    if (elapsed_ < approach_time_)
+      return {approach_from_ + blend.s * way, blend.ds / approach_time_ * way,
+              blend.dds / (approach_time_ * approach_time_) * way};
+    phase_ = Phase::run;
+    path_time_ = 0;
+    command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
+  } else if (phase_ == Phase::run) {
+    if (path_time_ >= trajectory_.duration()) {
+      phase_ = Phase::hold;
+      elapsed_ = 0;
+    } else {
+      pace_.advance(beyond_ && options_.on_deviation == DeviationPolicy::pause ? 0 : 1, step, kPauseTime);
+      path_time_ = std::min(path_time_ + options_.speed * pace_.value() * step, trajectory_.duration());
+    }
+  } else {
+    elapsed_ += step;
+    if (elapsed_ >= options_.hold && !finished_) {
+      ++repetition_;
+      finished_ = options_.repetitions > 0 && repetition_ >= options_.repetitions;
+      // From the reference, not from the hand: the force goes on without a step.
+      if (!finished_) begin_approach(trajectory_.sample(path_time_, cursor_).position);
+    }
+  }
+
+  const double rate = phase_ == Phase::run ? options_.speed * pace_.value() : options_.speed;
+  Reference reference = trajectory_.sample(phase_ == Phase::approach ? 0 : path_time_, cursor_);
+  if (phase_ == Phase::approach) reference.position = approach_from_;
+  if (phase_ != Phase::run) reference.velocity = reference.acceleration = Vec3::Zero();
+  reference.velocity *= rate;
+  reference.acceleration *= rate * rate;
+  return reference;
+}
+
+double PlaybackController::watch_deviation(const State& state, const Reference& reference, Command& command) noexcept {
+  const double deviation = (reference.position - state.position).stableNorm();
+  const double limit = options_.max_deviation;
+  const bool was_beyond = beyond_;
+  beyond_ = deviation > (was_beyond ? 0.5 * limit : limit);
+  if (!beyond_) {
+    if (was_beyond && options_.on_deviation == DeviationPolicy::pause)
+      command.event = Event{.code = EventCode::resumed};
+    return 1;
+  }
+  if (options_.on_deviation == DeviationPolicy::stop) {
+    command.status = Command::Status::deviation;
+    command.event = Event{.code = EventCode::deviation_limit, .values = {deviation, limit, kNaN}};
+    return 1;
+  }
+  if (!was_beyond) {
+    const bool pauses = options_.on_deviation == DeviationPolicy::pause;
+    command.event =
+        Event{.code = pauses ? EventCode::paused : EventCode::deviation_over, .values = {deviation, limit, kNaN}};
+  }
+  return options_.on_deviation == DeviationPolicy::soften ? std::min(1.0, limit / deviation) : 1;
+}
+
+}  // namespace haptrace

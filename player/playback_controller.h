@@ -1,0 +1,93 @@
+// Along a path: approach, run, hold, again.
+#pragma once
+
+#include "control/controller.h"
+#include "control/limits.h"
+#include "control/min_jerk.h"
+#include "control/pd.h"
+#include "control/trajectory.h"
+
+#include <array>
+#include <memory>
+#include <string_view>
+#include <vector>
+
+namespace haptrace {
+
+/// What a playback does when the hand is farther from the reference than allowed.
+enum class DeviationPolicy {
+  stop,    ///< the session ends and the force fades
+  pause,   ///< the reference waits until the hand is back within half the limit
+  soften,  ///< the reference goes on; the force grows no further than it was at the limit
+};
+
+DeviationPolicy parse_deviation_policy(std::string_view name);  ///< throws Error(input)
+const char* to_string(DeviationPolicy policy) noexcept;
+
+struct PlaybackOptions {
+  double speed = 1;             ///< of the path's own time
+  int repetitions = 1;          ///< 0: until stopped
+  double hold = 0.5;            ///< at the end of every repetition [s]
+  double approach_speed = 0.1;  ///< peak speed of the movement to the start [m/s]
+  double max_deviation = 0.03;  ///< [m]
+  DeviationPolicy on_deviation = DeviationPolicy::stop;
+  double rate_hz = 1000;                       ///< of the servo loop, [Hz]
+  std::array<bool, 3> axes{true, true, true};  ///< that the device can drive; the others have no reference
+};
+
+/// Throws Error(input) naming the option that is out of range.
+void validate(const PlaybackOptions& options);
+
+/// Follows a trajectory with the sum of its terms: F = sum_i term_i(x, x_d).
+///
+/// approach: minimum jerk from where the tool is to the start of the path; run: x_d(t) along the path, t advancing by
+/// speed * dt; hold: at the end. The reference never jumps: after a stall of the loop the path's time advances by at
+/// most five ticks, so that the hand is not pulled after a reference that ran away meanwhile.
+class PlaybackController final : public Controller {
+ public:
+  PlaybackController(Trajectory trajectory, std::vector<std::unique_ptr<ForceTerm>> terms,
+                     const PlaybackOptions& options);
+
+  void start(const State& first) noexcept override;
+  [[nodiscard]] Command update(const State& state) noexcept override;
+
+ private:
+  Reference advance(double step, Command& command) noexcept;
+  void begin_approach(const Vec3& from) noexcept;
+  /// The scale of the force under the policy; may end or pause the session.
+  double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
+
+  Trajectory trajectory_;
+  std::vector<std::unique_ptr<ForceTerm>> terms_;
+  PlaybackOptions options_;
+
+  Phase phase_ = Phase::approach;
+  bool finished_ = false;
+  int repetition_ = 0;
+  double elapsed_ = 0;  ///< in approach and hold [s]
+  Vec3 approach_from_ = Vec3::Zero();
+  double approach_time_ = 0;  ///< [s]
+  double path_time_ = 0;      ///< [s]
+  Trajectory::Cursor cursor_;
+  Ramp pace_{1};  ///< 1 running, 0 paused
+  bool beyond_ = false;
+};
+
+/// Sends no force: the hand moves freely, and the loop records it.
+class PassiveController final : public Controller {
+ public:
+  /// `duration` [s]; 0: until stopped.
+  explicit PassiveController(double duration) : duration_(duration) {}
+
+  [[nodiscard]] Command update(const State& state) noexcept override {
+    Command command;
+    if (duration_ > 0 && 1e-9 * static_cast<double>(state.time_ns) >= duration_)
+      command.status = Command::Status::finished;
+    return command;
+  }
+
+ private:
+  double duration_;
+};
+
+}  // namespace haptrace

@@ -1,0 +1,101 @@
+#include "player/session.h"
+
+#include "control/error.h"
+#include "formats/suggest.h"
+
+#include <chrono>
+#include <fmt/format.h>
+#include <future>
+#include <thread>
+
+namespace haptrace {
+namespace {
+
+bool choose_virtual(ClockChoice choice, const DeviceInfo& info) {
+  return choice == ClockChoice::virtual_time || (choice == ClockChoice::automatic && info.virtual_time);
+}
+
+RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info, bool virtual_time) {
+  const SessionOptions::Recording& recording = *options.recording;
+  RecordingHeader header;
+  header.software = software_name();
+  header.title = recording.title;
+  header.subject = recording.subject;
+  header.operator_name = recording.operator_name;
+  header.notes = recording.notes;
+  header.rate_hz = options.rate_hz;
+  header.clock = virtual_time ? "virtual" : "monotonic";
+  header.config = recording.config;
+  header.device_name = info.name;
+  header.device_model = info.model;
+  header.device_serial = info.serial;
+  header.device_backend = info.backend;
+  header.position_resolution_m = info.position_resolution;
+  header.max_force_n = info.max_force;
+  return header;
+}
+
+}  // namespace
+
+ClockChoice parse_clock(std::string_view name) {
+  static const std::vector<std::string> names{"auto", "real", "virtual"};
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found == names.end()) throw input_error(fmt::format("unknown clock '{}'{}", name, suggestion(name, names)));
+  return static_cast<ClockChoice>(found - names.begin());
+}
+
+const char* software_name() noexcept {
+  return "haptrace " HAPTRACE_VERSION;
+}
+
+SessionResult run_session(Device& device, Controller& controller, RecordingColumns columns,
+                          std::span<SampleSink* const> extra_sinks, const SessionOptions& options,
+                          const StopRequest& stop, const Progress& progress) {
+  const DeviceInfo& info = device.info();
+  SessionResult result;
+  result.virtual_time = choose_virtual(options.clock, info);
+
+  const auto estimator = make_velocity_estimator(options.velocity, options.rate_hz, info.position_resolution);
+  LiveMonitor monitor;
+  std::vector<SampleSink*> sinks(extra_sinks.begin(), extra_sinks.end());
+  sinks.push_back(&monitor);
+
+  const ServoLoop::Options loop_options{.rate_hz = options.rate_hz,
+                                        .virtual_time = result.virtual_time,
+                                        .realtime = options.realtime,
+                                        .limits = options.limits};
+  // Once without the recorder, so that a wrong option leaves no file behind.
+  (void)ServoLoop(device, controller, *estimator, sinks, loop_options);
+
+  std::optional<Recorder> recorder;
+  if (options.recording) {
+    columns.orientation = info.measures_orientation;
+    columns.torque = info.takes_torque();
+    columns.force_measured = info.measures_force;
+    recorder.emplace(options.recording->file, header_for(options, info, result.virtual_time), columns,
+                     Recorder::Options{.overwrite = options.recording->overwrite});
+    sinks.push_back(&*recorder);
+  }
+  ServoLoop loop(device, controller, *estimator, sinks, loop_options);
+
+  std::promise<ServoReport> promise;
+  std::future<ServoReport> report = promise.get_future();
+  std::jthread servo([&] { promise.set_value(loop.run(stop)); });
+  while (report.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready)
+    if (progress) progress(monitor.latest());
+  result.servo = report.get();
+  servo.join();
+  if (progress) progress(monitor.latest());
+
+  if (recorder) {
+    try {
+      recorder->finish();
+    } catch (const Error& error) {
+      result.recording_error = error.what();
+    }
+    result.recording = recorder->status();
+  }
+  return result;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,63 @@
+// One session: a device, a controller, the loop that joins them, and the recording of it.
+#pragma once
+
+#include "devices/servo_loop.h"
+#include "player/live_monitor.h"
+#include "recorder/recorder.h"
+
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace haptrace {
+
+/// Which clock drives a session.
+enum class ClockChoice {
+  automatic,  ///< virtual for virtual-time devices, else real
+  real,
+  virtual_time,
+};
+
+ClockChoice parse_clock(std::string_view name);  ///< "real" | "virtual" | "auto"; throws Error(input)
+
+struct SessionOptions {
+  double rate_hz = 1000;
+  ClockChoice clock = ClockChoice::automatic;
+  std::string velocity = "lowpass:100";  ///< see make_velocity_estimator
+  SafetyLimits limits;
+  bool realtime = true;
+
+  struct Recording {
+    std::string file;
+    bool overwrite = false;
+    std::string title, subject, operator_name, notes;
+    nlohmann::json config = nlohmann::json::object();
+  };
+  std::optional<Recording> recording;
+};
+
+/// What a session was like, and what of it is on the disk.
+struct SessionResult {
+  ServoReport servo;
+  bool virtual_time = false;
+  std::optional<Recorder::Status> recording;
+  std::string recording_error;  ///< what the disk refused, in words; empty when all is on it
+};
+
+/// Called about ten times a second in the thread that called run_session.
+using Progress = std::function<void(const LiveStatus&)>;
+
+/// Runs one session to its end: the loop in a thread of its own, the recorder in another. `columns.reference` and
+/// `columns.guidance` say what the controller fills; the device decides the others. Zero force has been sent when it
+/// returns or throws. Throws what ServoLoop, Recorder and make_velocity_estimator throw before the first tick; what
+/// goes wrong later is in the result.
+SessionResult run_session(Device& device, Controller& controller, RecordingColumns columns,
+                          std::span<SampleSink* const> sinks, const SessionOptions& options, const StopRequest& stop,
+                          const Progress& progress = {});
+
+/// `software` of recordings: name and version.
+const char* software_name() noexcept;
+
+}  // namespace haptrace

@@ -1,0 +1,69 @@
+#include "player/tracking_metrics.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace haptrace {
+namespace {
+
+std::array<Butterworth2, 6> sections(double rate_hz) {
+  const Butterworth2 one(Butterworth2::Kind::high_pass, TrackingMetrics::kRippleCutoff, rate_hz);
+  return {one, one, one, one, one, one};
+}
+
+}  // namespace
+
+TrackingMetrics::TrackingMetrics(double rate_hz, std::size_t repetitions) : high_pass_(sections(rate_hz)) {
+  sums_.reserve(std::max<std::size_t>(repetitions, 1));
+}
+
+void TrackingMetrics::push(const Event& event) noexcept {
+  if (event.code != EventCode::repetition) return;
+  if (sums_.size() < sums_.capacity())
+    sums_.emplace_back();
+  else
+    sums_.back() = {};
+}
+
+void TrackingMetrics::push(const Sample& sample) noexcept {
+  double ripple2 = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double force = sample.force[static_cast<Eigen::Index>(axis)];
+    const double high = high_pass_[2 * axis + 1].update(high_pass_[2 * axis].update(force));
+    ripple2 += high * high;
+  }
+  if (sample.phase != Phase::run || sums_.empty()) return;
+
+  Sums& sums = sums_.back();
+  if (sums.samples == 0) sums.first_ns = sample.time_ns;
+  sums.last_ns = sample.time_ns;
+  ++sums.samples;
+  const double error2 = (sample.position - sample.reference_position).squaredNorm();
+  sums.error2 += error2;
+  sums.peak2 = std::max(sums.peak2, error2);
+  sums.ripple2 += ripple2;
+  sums.force2 = std::max(sums.force2, sample.force.squaredNorm());
+}
+
+TrackingFigures TrackingMetrics::figures(const Sums& sums) {
+  if (sums.samples == 0) return {};
+  const auto n = static_cast<double>(sums.samples);
+  return {.samples = sums.samples,
+          .duration = 1e-9 * static_cast<double>(sums.last_ns - sums.first_ns),
+          .rms_error = std::sqrt(sums.error2 / n),
+          .peak_error = std::sqrt(sums.peak2),
+          .force_ripple = std::sqrt(sums.ripple2 / n),
+          .max_force = std::sqrt(sums.force2)};
+}
+
+std::vector<TrackingFigures> TrackingMetrics::repetitions() const {
+  std::vector<TrackingFigures> result;
+  for (const Sums& sums : sums_) result.push_back(figures(sums));
+  return result;
+}
+
+TrackingFigures TrackingMetrics::last() const {
+  return sums_.empty() ? TrackingFigures{} : figures(sums_.back());
+}
+
+}  // namespace haptrace

@@ -1,0 +1,52 @@
+// How well a session followed its reference, measured while it runs.
+#pragma once
+
+#include "control/filters.h"
+#include "control/sample.h"
+
+#include <array>
+#include <vector>
+
+namespace haptrace {
+
+/// The figures of one repetition, over phase run.
+struct TrackingFigures {
+  std::uint64_t samples = 0;
+  double duration = 0;      ///< [s]
+  double rms_error = 0;     ///< 3-D, position against the reference at the same instant [m]
+  double peak_error = 0;    ///< [m]
+  double force_ripple = 0;  ///< rms of the sent force above 25 Hz [N]
+  double max_force = 0;     ///< largest magnitude sent [N]
+};
+
+/// Accumulates figures per repetition. The ripple is the sent force through a fourth-order Linkwitz-Riley high pass
+/// (two Butterworth sections) at 25 Hz, which follows every phase so that it is settled when run begins.
+///
+/// Real-time: push. Memory for `repetitions` is taken at construction; of further ones only the last is kept.
+class TrackingMetrics final : public SampleSink {
+ public:
+  static constexpr double kRippleCutoff = 25;  // [Hz]
+
+  TrackingMetrics(double rate_hz, std::size_t repetitions);
+
+  void push(const Sample& sample) noexcept override;
+  void push(const Event& event) noexcept override;
+
+  /// Every repetition that ran, in order.
+  [[nodiscard]] std::vector<TrackingFigures> repetitions() const;
+  /// The last repetition's; all zero when none ran.
+  [[nodiscard]] TrackingFigures last() const;
+
+ private:
+  struct Sums {
+    std::uint64_t samples = 0;
+    std::int64_t first_ns = 0, last_ns = 0;
+    double error2 = 0, peak2 = 0, ripple2 = 0, force2 = 0;
+  };
+  static TrackingFigures figures(const Sums& sums);
+
+  std::vector<Sums> sums_;
+  std::array<Butterworth2, 6> high_pass_;  ///< two sections for each axis
+};
+
+}  // namespace haptrace
