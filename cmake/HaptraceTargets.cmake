@@ -2,7 +2,8 @@
 
 add_library(haptrace_build_flags INTERFACE)
 target_compile_options(haptrace_build_flags INTERFACE
-  $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Woverloaded-virtual>
+  $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Woverloaded-virtual
+    -Wno-missing-field-initializers>
   $<$<COMPILE_LANGUAGE:C>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion>
   $<$<BOOL:${HAPTRACE_WERROR}>:-Werror>)
 if(HAPTRACE_SANITIZE)

@@ -70,8 +70,8 @@ ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& 
     throw input_error(fmt::format("the device {} lives in real time; use --clock real", device_.info().name));
   validate(options_.limits);
   // What the device bears is the ceiling; a session may only ask for less.
-  const auto ceiling = [](double& limit, double device) {
-    if (device > 0) limit = limit > 0 ? std::min(limit, device) : device;
+  const auto ceiling = [](double& limit, double most) {
+    if (most > 0) limit = limit > 0 ? std::min(limit, most) : most;
   };
   ceiling(options_.limits.max_force, device_.info().max_force);
   ceiling(options_.limits.max_continuous_force, device_.info().max_continuous_force);

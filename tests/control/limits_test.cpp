@@ -1,0 +1,77 @@
+#include "control/limits.h"
+
+#include "control/error.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <random>
+
+namespace haptrace {
+namespace {
+
+TEST(ForceLimiter, NeverExceedsThePeakAndKeepsTheDirection) {
+  ForceLimiter limiter({.max_force = 5});
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> exponent(-300, 300), sign(-1, 1);
+  for (int i = 0; i < 10000; ++i) {
+    const Vec3 asked = std::pow(10, exponent(random)) * Vec3(sign(random), sign(random), sign(random));
+    const auto result = limiter.limit(asked, 1e-3);
+    EXPECT_LE(result.force.norm(), 5 * (1 + 1e-12));
+    EXPECT_GE(result.force.stableNormalized().dot(asked.stableNormalized()), 1 - 1e-9);
+  }
+}
+
+TEST(ForceLimiter, LeavesSmallForcesAlone) {
+  ForceLimiter limiter({.max_force = 5, .max_continuous_force = 2});
+  const auto result = limiter.limit(Vec3(1, -1, 0.5), 1e-3);
+  EXPECT_EQ(result.force, Vec3(1, -1, 0.5));
+  EXPECT_EQ(result.verdict, ForceLimiter::Verdict::free);
+}
+
+TEST(ForceLimiter, SettlesAtTheContinuousForceUnderADemandThatStays) {
+  ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});
+  EXPECT_NEAR(limiter.limit(Vec3(8, 0, 0), 1e-3).force.norm(), 8, 1e-12);
+  ForceLimiter::Result result{};
+  for (int i = 0; i < 100000; ++i) result = limiter.limit(Vec3(8, 0, 0), 1e-3);
+  EXPECT_LE(result.force.norm(), 3.05);
+  EXPECT_GE(result.force.norm(), 2.4);
+  EXPECT_EQ(result.verdict, ForceLimiter::Verdict::continuous);
+}
+
+TEST(ForceLimiter, BearsShortPeaksFarAboveTheContinuousForce) {
+  ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});
+  for (int i = 0; i < 500; ++i) EXPECT_NEAR(limiter.limit(Vec3(0, 8, 0), 1e-3).force.norm(), 8, 1e-12);
+}
+
+TEST(ForceLimiter, RecoversAtRest) {
+  ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 1});
+  for (int i = 0; i < 20000; ++i) (void)limiter.limit(Vec3(8, 0, 0), 1e-3);
+  for (int i = 0; i < 10000; ++i) (void)limiter.limit(Vec3::Zero(), 1e-3);
+  EXPECT_EQ(limiter.allowed(), 8);
+}
+
+TEST(Ramp, TakesItsTimeAndStaysInside) {
+  Ramp ramp;
+  for (int i = 0; i < 5; ++i) EXPECT_NEAR(ramp.advance(1, 0.1, 1), 0.1 * (i + 1), 1e-12);
+  EXPECT_EQ(ramp.advance(1, 10, 1), 1);
+  EXPECT_EQ(ramp.advance(0, 1, 0), 0) << "no duration is a jump";
+  EXPECT_EQ(ramp.advance(0, 1, 1), 0);
+}
+
+TEST(SafetyLimits, NameTheOneThatIsWrong) {
+  const auto error_of = [](const SafetyLimits& limits) -> std::string {
+    try {
+      validate(limits);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(error_of({}), "");
+  EXPECT_THAT(error_of({.max_force = -1}), testing::HasSubstr("the force limit [N] is -1"));
+  EXPECT_THAT(error_of({.max_velocity = kNaN}), testing::HasSubstr("the velocity limit [m/s] is nan"));
+  EXPECT_THAT(error_of({.continuous_time = 0}), testing::HasSubstr("must be above 0"));
+}
+
+}  // namespace
+}  // namespace haptrace
