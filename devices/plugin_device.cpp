@@ -1,0 +1,181 @@
+#include "devices/plugin_device.h"
+
+#include "control/error.h"
+#include "formats/json_reader.h"
+
+#include <array>
+#include <dlfcn.h>
+#include <filesystem>
+#include <fmt/format.h>
+#include <fstream>
+#include <iterator>
+
+namespace haptrace {
+namespace {
+
+Error refuse(const std::string& library, const std::string& why) {
+  return device_error(fmt::format("plug-in {}: {}", library, why));
+}
+
+template <typename Function>
+Function* symbol(void* library, const std::string& file, const char* name) {
+  void* address = dlsym(library, name);
+  if (address == nullptr)
+    throw refuse(file, fmt::format("does not export '{}'; a plug-in defines the four functions of devices/plugin.h "
+                                   "with C linkage and default visibility",
+                                   name));
+  return reinterpret_cast<Function*>(address);
+}
+
+template <std::size_t size>
+std::string terminated(char (&text)[size]) {
+  text[size - 1] = '\0';
+  return text;
+}
+
+DeviceInfo read_info(haptrace_plugin_info& raw, const std::string& file) {
+  const auto expect = [&file](bool condition, const char* field, const char* rule) {
+    if (!condition) throw refuse(file, fmt::format("its info's {} {}", field, rule));
+  };
+
+  DeviceInfo info;
+  info.backend = "plugin";
+  info.model = terminated(raw.model);
+  info.serial = terminated(raw.serial);
+  info.virtual_time = (raw.flags & 1U) != 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    info.force_axes[axis] = (raw.axes >> axis & 1U) != 0;
+    info.torque_axes[axis] = (raw.axes >> (3 + axis) & 1U) != 0;
+  }
+  info.workspace_min = Vec3(raw.workspace_min);
+  info.workspace_max = Vec3(raw.workspace_max);
+  info.position_resolution = raw.position_resolution;
+  info.max_force = raw.max_force;
+  info.max_continuous_force = raw.max_continuous_force;
+  info.nominal_rate = raw.nominal_rate;
+
+  expect((raw.axes >> 6) == 0, "axes", "has bits beyond the six of force and torque");
+  expect(is_finite(info.workspace_min) && is_finite(info.workspace_max), "workspace", "is not finite");
+  expect((info.workspace_min.array() < info.workspace_max.array()).all(), "workspace_min",
+         "must lie below workspace_max in every axis");
+  expect(std::isfinite(info.position_resolution) && info.position_resolution >= 0, "position_resolution",
+         "must be finite and not negative (0 when unknown)");
+  expect(std::isfinite(info.max_force) && info.max_force > 0, "max_force", "must be finite and greater than 0 N");
+  expect(std::isfinite(info.max_continuous_force) && info.max_continuous_force >= 0, "max_continuous_force",
+         "must be finite and not negative (0 when unknown)");
+  expect(std::isfinite(info.nominal_rate) && info.nominal_rate > 0, "nominal_rate",
+         "must be finite and greater than 0 Hz");
+  return info;
+}
+
+std::string read_options(const DeviceSpec& spec) {
+  const auto option = spec.options.find("options");
+  std::string text = option != spec.options.end() ? option->second : "{}";
+  std::string where = fmt::format("--device '{}': options", spec.text);
+  if (text.front() == '@') {
+    where = text.substr(1);
+    std::ifstream file(where, std::ios::binary);
+    text.assign(std::istreambuf_iterator<char>(file), {});
+    if (!file) throw input_error(fmt::format("{}: cannot be read; options=@FILE names a JSON file", where));
+  }
+  const nlohmann::json options = parse_json(text, where);
+  if (!options.is_object()) throw input_error(where + ": expected a JSON object");
+  return options.dump();
+}
+
+std::unique_ptr<Device> open_plugin(const DeviceSpec& spec) {
+  const auto path = spec.options.find("path");
+  if (path == spec.options.end())
+    throw input_error(fmt::format("--device '{}': which library? Say plugin:path=./libmine.so", spec.text));
+  const std::string options = read_options(spec);
+  if (!std::filesystem::is_regular_file(path->second))
+    throw input_error(fmt::format("--device '{}': path: there is no file '{}'", spec.text, path->second));
+  return std::make_unique<PluginDevice>(path->second, options, spec.text);
+}
+
+}  // namespace
+
+void PluginDevice::Unload::operator()(void* library) const noexcept {
+  dlclose(library);
+}
+
+PluginDevice::PluginDevice(const std::string& library, const std::string& options, const std::string& name)
+    : file_(library) {
+  // A name without a slash would be looked for in the system's folders.
+  library_.reset(dlopen(std::filesystem::absolute(library).c_str(), RTLD_NOW | RTLD_LOCAL));
+  if (library_ == nullptr) throw refuse(library, fmt::format("cannot be loaded: {}", dlerror()));
+
+  const auto abi = symbol<decltype(haptrace_plugin_abi)>(library_.get(), library, "haptrace_plugin_abi");
+  if (const std::uint32_t version = abi(); version != HAPTRACE_PLUGIN_ABI)
+    throw refuse(library, fmt::format("speaks version {} of the plug-in ABI, this haptrace speaks {}; rebuild it with "
+                                      "this haptrace's devices/plugin.h",
+                                      version, HAPTRACE_PLUGIN_ABI));
+  const auto open = symbol<decltype(haptrace_plugin_open)>(library_.get(), library, "haptrace_plugin_open");
+  exchange_ = symbol<decltype(haptrace_plugin_exchange)>(library_.get(), library, "haptrace_plugin_exchange");
+  close_ = symbol<decltype(haptrace_plugin_close)>(library_.get(), library, "haptrace_plugin_close");
+
+  haptrace_plugin_info raw{};
+  raw.struct_size = sizeof(raw);
+  char error[512] = {};
+  void* device = nullptr;
+  if (const int result = open(options.c_str(), &device, &raw, error, sizeof(error)); result < 0) {
+    const std::string why = terminated(error);
+    throw refuse(library, why.empty() ? fmt::format("refuses to open ({}) and does not say why", result) : why);
+  }
+  try {
+    info_ = read_info(raw, library);
+  } catch (...) {
+    close_(device);
+    throw;
+  }
+  info_.name = name;
+  device_ = device;
+}
+
+PluginDevice::~PluginDevice() {
+  close();
+}
+
+Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
+  if (close_ == nullptr || failure_ < 0) return Status::lost;
+  const std::array<double, 6> sent{wrench.force.x(),  wrench.force.y(),  wrench.force.z(),
+                                   wrench.torque.x(), wrench.torque.y(), wrench.torque.z()};
+  haptrace_plugin_state raw{};
+  for (double& v : raw.velocity) v = kNaN;
+  for (double& q : raw.orientation) q = kNaN;
+  for (double& f : raw.force) f = kNaN;
+  if (const int result = exchange_(device_, dt, sent.data(), &raw); result < 0) {
+    failure_ = result;
+    return Status::lost;
+  }
+  state = DeviceState{};
+  state.position = Vec3(raw.position);
+  state.velocity = Vec3(raw.velocity);
+  state.orientation = Quat(raw.orientation[0], raw.orientation[1], raw.orientation[2], raw.orientation[3]);
+  state.force = Vec3(raw.force);
+  state.buttons = raw.buttons;
+  state.ready = raw.ready != 0;
+  return Status::ok;
+}
+
+void PluginDevice::close() noexcept {
+  if (close_ == nullptr) return;
+  close_(device_);
+  close_ = nullptr;
+}
+
+std::string PluginDevice::lost_reason() const {
+  if (failure_ < 0) return fmt::format("the plug-in {} lost its device (exchange returned {})", file_, failure_);
+  return fmt::format("the plug-in {} is closed", file_);
+}
+
+DeviceBackend plugin_backend() {
+  return {.name = "plugin",
+          .summary = "a device in a shared library of your own (devices/plugin.h)",
+          .options = {{"path", "the library, for example ./libmine.so"},
+                      {"options", "a JSON object for it, or @FILE; stands last"}},
+          .presets = {},
+          .open = open_plugin};
+}
+
+}  // namespace haptrace

@@ -1,0 +1,41 @@
+// Devices that a lab brings along in a shared library (devices/plugin.h).
+#pragma once
+
+#include "devices/plugin.h"
+#include "devices/registry.h"
+
+namespace haptrace {
+
+/// A loaded plug-in with its device open. Passes positions and forces on as they are: judging them is the loop's part.
+///
+/// Real-time: as far as the plug-in's own exchange is.
+class PluginDevice final : public Device {
+ public:
+  /// `options` is a JSON object as text. Throws Error(device): the library cannot be loaded, lacks a symbol, speaks
+  /// another ABI, refuses to open, or describes itself impossibly.
+  PluginDevice(const std::string& library, const std::string& options, const std::string& name);
+  ~PluginDevice() override;
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
+  void close() noexcept override;
+  [[nodiscard]] std::string lost_reason() const override;
+
+ private:
+  struct Unload {
+    void operator()(void* library) const noexcept;
+  };
+
+  std::unique_ptr<void, Unload> library_;
+  std::string file_;
+  DeviceInfo info_;
+  void* device_ = nullptr;
+  decltype(&haptrace_plugin_exchange) exchange_ = nullptr;
+  decltype(&haptrace_plugin_close) close_ = nullptr;
+  int failure_ = 0;  ///< what exchange returned when the device was lost
+};
+
+/// `plugin`, with the options path and options.
+DeviceBackend plugin_backend();
+
+}  // namespace haptrace

@@ -1,0 +1,220 @@
+#include "devices/sim/sim_device.h"
+
+#include "control/error.h"
+#include "devices/sim/presets.h"
+#include "formats/json_reader.h"
+#include "formats/path_file.h"
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kHandRate = 1000;               // [Hz]
+constexpr std::int64_t kHandPeriod = 1'000'000;  // [ns]
+
+double quantised(double value, double quantum) {
+  return quantum * std::floor(value / quantum + 0.5);
+}
+
+Vec3 quantised(const Vec3& v, double quantum) {
+  return {quantised(v.x(), quantum), quantised(v.y(), quantum), quantised(v.z(), quantum)};
+}
+
+DeviceInfo describe(const SimSpec& spec, const std::string& name) {
+  DeviceInfo info;
+  info.name = name;
+  info.backend = "sim";
+  info.model = spec.model;
+  info.virtual_time = true;
+  info.force_axes = spec.axes;
+  info.measures_force = spec.force_sensor;
+  info.workspace_min = spec.workspace.min;
+  info.workspace_max = spec.workspace.max;
+  info.position_resolution = spec.position_resolution;
+  info.max_force = spec.max_force;
+  info.max_continuous_force = spec.max_continuous_force;
+  info.nominal_rate = spec.nominal_rate;
+  return info;
+}
+
+bool follows_intent(const SimSpec& spec, const SimOptions& options) {
+  return spec.hand && options.intent && options.intent->size() > 0;
+}
+
+}  // namespace
+
+SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
+    : info_(describe(spec, options.name)),
+      force_resolution_(spec.force_resolution),
+      position_noise_(spec.position_noise),
+      force_noise_(spec.force_noise),
+      delay_line_(std::llround(spec.delay * 1e9)),
+      plant_(spec, follows_intent(spec, options) ? options.intent->sample(0).position : Vec3::Zero(),
+             follows_intent(spec, options), options.longest_step),
+      sensor_noise_(options.seed, 1),
+      hand_noise_(options.seed, 2),
+      tremor_(ColouredNoise::band_pass(spec.hand ? spec.hand->tremor : 0, 6, 12, kHandRate)),
+      drift_(ColouredNoise::low_pass(spec.hand ? spec.hand->drift : 0, 1, kHandRate)) {
+  for (int axis = 0; axis < 3; ++axis) force_axes_[axis] = spec.axes[static_cast<std::size_t>(axis)] ? 1 : 0;
+  if (follows_intent(spec, options)) intent_ = *options.intent;
+  hand_acts_ = intent_.size() > 0 || (spec.hand && (spec.hand->tremor > 0 || spec.hand->drift > 0));
+  if (hand_acts_) {
+    next_intent_ = plant_.hand_position();
+    plan_hand();
+  }
+}
+
+Device::Status SimDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
+  if (closed_) return Status::lost;
+  const std::int64_t now = time_.ns();
+  delay_line_.push(now, motor_command(wrench));
+  input_.command = delay_line_.output();
+  advance(now, time_.advance(dt));
+  measure(state);
+  return Status::ok;
+}
+
+/// What the motors are told: saturated and quantised, in actuator axes.
+Vec3 SimDevice::motor_command(const Wrench& wrench) const noexcept {
+  if (!is_finite(wrench.force)) return Vec3::Zero();
+  Vec3 force = wrench.force.cwiseProduct(force_axes_);
+  const double magnitude = force.stableNorm();
+  if (magnitude > info_.max_force) force *= info_.max_force / magnitude;
+  const Vec3 motor = plant_.rotation() * force;
+  return force_resolution_ > 0 ? quantised(motor, force_resolution_) : motor;
+}
+
+/// Runs the plant over stretches in which the motor command is constant and the hand's own doing is straight.
+void SimDevice::advance(std::int64_t now, std::int64_t end) noexcept {
+  while (now < end) {
+    const std::int64_t until = std::min({end, delay_line_.next(), hand_acts_ ? hand_tick_ : DelayLine::kNever});
+    const double span = 1e-9 * static_cast<double>(until - now);
+    plant_.advance(span, input_);
+    now = until;
+    delay_line_.arrive(now);
+    input_.command = delay_line_.output();
+    if (!hand_acts_) continue;
+    if (now == hand_tick_) {
+      plan_hand();
+    } else {
+      input_.hand_force += span * input_.hand_force_rate;
+      input_.intent += span * input_.intent_velocity;
+    }
+  }
+}
+
+void SimDevice::plan_hand() noexcept {
+  hand_tick_ += kHandPeriod;
+  input_.hand_force = next_hand_force_;
+  next_hand_force_ = tremor_.next(hand_noise_) + drift_.next(hand_noise_);
+  input_.hand_force_rate = kHandRate * (next_hand_force_ - input_.hand_force);
+  input_.intent = next_intent_;
+  if (intent_.size() > 0) {
+    next_intent_ = plant_.rotation() * intent_.sample(1e-9 * static_cast<double>(hand_tick_), intent_cursor_).position;
+    input_.intent_velocity = kHandRate * (next_intent_ - input_.intent);
+  }
+}
+
+void SimDevice::measure(DeviceState& state) noexcept {
+  state = DeviceState{};
+  Vec3 position = plant_.motor_position();
+  if (position_noise_ > 0) position += position_noise_ * sensor_noise_.vector();
+  if (info_.position_resolution > 0) position = quantised(position, info_.position_resolution);
+  state.position = to_world(position);
+  if (info_.measures_force) {
+    state.force = to_world(plant_.contact_force());
+    if (force_noise_ > 0) state.force += force_noise_ * sensor_noise_.vector();
+  }
+}
+
+namespace {
+
+using nlohmann::json;
+
+bool read_flag(const DeviceSpec& spec, const std::string& key) {
+  const auto option = spec.options.find(key);
+  if (option == spec.options.end() || option->second == "false") return false;
+  if (option->second == "true") return true;
+  throw input_error(
+      fmt::format("--device '{}': {}: expected true or false, found '{}'", spec.text, key, option->second));
+}
+
+std::uint64_t read_seed(const DeviceSpec& spec) {
+  const auto option = spec.options.find("seed");
+  if (option == spec.options.end()) return SimOptions{}.seed;
+  const std::string& text = option->second;
+  std::uint64_t seed = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seed);
+  if (error != std::errc{} || end != text.data() + text.size())
+    throw input_error(fmt::format("--device '{}': seed: expected a whole number from 0, found '{}'", spec.text, text));
+  return seed;
+}
+
+/// The preset, changed by the file, held by the hand: each option says more than the one before.
+SimSpec read_spec(const DeviceSpec& device) {
+  const auto option = [&](const char* key) {
+    const auto found = device.options.find(key);
+    return found != device.options.end() ? found->second : std::string();
+  };
+  const std::string file = option("spec"), hand = option("hand"), intent = option("intent");
+  const std::string preset = option("preset").empty() && file.empty() ? "reference" : option("preset");
+  const std::string here = fmt::format("--device '{}'", device.text);
+
+  json spec = json::object();
+  if (!preset.empty()) spec = device_preset(preset, here + ": preset");
+  if (!file.empty()) spec.merge_patch(load_json(file));
+  if (!hand.empty()) {
+    // A hand from the command line follows the path that the file gives its own.
+    const json own = spec.contains("hand") && spec["hand"].is_object() ? spec["hand"] : json::object();
+    spec["hand"] = hand == "none" ? json("none") : hand_preset(hand, here + ": hand");
+    if (hand != "none" && own.contains("intent")) spec["hand"]["intent"] = own["intent"];
+  }
+  if (!intent.empty() && (!spec.contains("hand") || spec["hand"].is_null())) spec["hand"] = "relaxed";
+
+  SimSpec sim = read_sim_spec(spec, file.empty() ? here : file, std::filesystem::path(file).parent_path().string());
+  if (!intent.empty()) {
+    if (!sim.hand) throw input_error(here + ": intent: nobody holds the device; hand=none cannot follow a path");
+    sim.hand->intent = intent;
+  }
+  return sim;
+}
+
+Trajectory read_intent(const DeviceSpec& device, const SimSpec& spec) {
+  Path path = load_path(spec.hand->intent);
+  const double outside = distance_outside(path, spec.workspace);
+  if (outside > 0 && !read_flag(device, "fit"))
+    throw input_error(
+        fmt::format("{}: the hand's intent leaves the workspace of the {} by {:.1f} mm; fit=true among the options of "
+                    "--device scales and moves it inside",
+                    spec.hand->intent, spec.model, 1000 * outside));
+  if (outside > 0) apply(fit_into(path, spec.workspace), path);
+  return {path, Interpolation::cubic};
+}
+
+std::unique_ptr<Device> open_sim(const DeviceSpec& device) {
+  const SimSpec spec = read_spec(device);
+  SimOptions options{.name = device.text, .seed = read_seed(device), .intent = std::nullopt};
+  if (spec.hand && !spec.hand->intent.empty()) options.intent = read_intent(device, spec);
+  return std::make_unique<SimDevice>(spec, options);
+}
+
+}  // namespace
+
+DeviceBackend sim_backend() {
+  return {.name = "sim",
+          .summary = "a simulated device in virtual time, held by a simulated hand",
+          .options = {{"preset", "the device: a name of the list (default reference)"},
+                      {"spec", "the device: a JSON file; with preset, what it changes"},
+                      {"hand", fmt::format("who holds it: {}", fmt::join(hand_preset_names(), ", "))},
+                      {"intent", "the path that the hand intends to follow: CSV or HDF5"},
+                      {"fit", "true: scale and move the intent into the workspace"},
+                      {"seed", "of tremor and noise (default 1)"}},
+          .presets = device_preset_names(),
+          .open = open_sim};
+}
+
+}  // namespace haptrace

@@ -1,0 +1,69 @@
+// The simulated device: an unknown mechanism in virtual time, held by a hand.
+#pragma once
+
+#include "control/trajectory.h"
+#include "devices/nano_time.h"
+#include "devices/registry.h"
+#include "devices/sim/delay_line.h"
+#include "devices/sim/noise.h"
+#include "devices/sim/plant.h"
+#include "devices/sim/spec.h"
+
+namespace haptrace {
+
+struct SimOptions {
+  std::string name = "sim";
+  std::uint64_t seed = 1;
+  /// The path that the hand intends to follow from the first exchange on, inside the workspace. Without it, or without
+  /// a hand, nobody intends anything.
+  std::optional<Trajectory> intent;
+  double longest_step = 50e-6;  ///< of integration; another is for those who study the integration itself [s]
+};
+
+/// Advances by exchange's dt and by nothing else. Equal specs, seeds and commands give bit-identical runs. A force that
+/// is not finite is no force. The device starts at rest where the hand intends to begin, or at the origin.
+class SimDevice final : public Device {
+ public:
+  explicit SimDevice(const SimSpec& spec, const SimOptions& options = {});
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
+  void close() noexcept override { closed_ = true; }
+  [[nodiscard]] std::string lost_reason() const override { return "the simulated device is closed"; }
+
+  /// What no controller can see: where the handle is, and how fast [m, m/s in W].
+  [[nodiscard]] Vec3 true_position() const noexcept { return to_world(plant_.handle_position()); }
+  [[nodiscard]] Vec3 true_velocity() const noexcept { return to_world(plant_.handle_velocity()); }
+  [[nodiscard]] const Plant& plant() const noexcept { return plant_; }
+
+ private:
+  [[nodiscard]] Vec3 to_world(const Vec3& p) const noexcept { return plant_.rotation().transpose() * p; }
+  [[nodiscard]] Vec3 motor_command(const Wrench& wrench) const noexcept;
+  void advance(std::int64_t now, std::int64_t end) noexcept;
+  void plan_hand() noexcept;
+  void measure(DeviceState& state) noexcept;
+
+  DeviceInfo info_;
+  bool closed_ = false;
+  double force_resolution_, position_noise_, force_noise_;  ///< [N], [m], [N]
+  Vec3 force_axes_ = Vec3::Zero();                          ///< 1 where a force is taken, in W
+
+  NanoTime time_;
+  DelayLine delay_line_;
+  Plant plant_;
+  PlantInput input_;
+  Gaussian sensor_noise_, hand_noise_;
+
+  // What the hand does by itself is decided every millisecond and runs straight in between.
+  bool hand_acts_ = false;
+  Vec3 next_hand_force_ = Vec3::Zero(), next_intent_ = Vec3::Zero();
+  ColouredNoise tremor_, drift_;
+  Trajectory intent_;
+  Trajectory::Cursor intent_cursor_;
+  std::int64_t hand_tick_ = 0;  ///< when it is decided next [ns]
+};
+
+/// `sim`, with the options preset, spec, hand, intent, fit and seed.
+DeviceBackend sim_backend();
+
+}  // namespace haptrace
