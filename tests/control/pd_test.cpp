@@ -1,7 +1,7 @@
 #include "control/pd.h"
 
 #include "control/error.h"
-#include "tests/control/allocations.h"
+#include "tests/support/allocations.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

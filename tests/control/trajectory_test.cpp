@@ -2,7 +2,7 @@
 
 #include "control/error.h"
 #include "control/min_jerk.h"
-#include "tests/control/allocations.h"
+#include "tests/support/allocations.h"
 
 #include <functional>
 #include <gmock/gmock.h>

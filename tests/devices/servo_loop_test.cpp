@@ -1,0 +1,402 @@
+#include "devices/servo_loop.h"
+
+#include "control/error.h"
+#include "control/pd.h"
+#include "tests/support/allocations.h"
+#include "tests/support/point_mass.h"
+
+#include <chrono>
+#include <functional>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <thread>
+
+namespace haptrace {
+namespace {
+
+using test::Log;
+using test::PointMass;
+using testing::HasSubstr;
+
+/// Whatever a test wants to do in a tick.
+class Scripted final : public Controller {
+ public:
+  explicit Scripted(std::function<Command(const State&)> script) : script_(std::move(script)) {}
+  [[nodiscard]] Command update(const State& state) noexcept override { return script_(state); }
+
+ private:
+  std::function<Command(const State&)> script_;
+};
+
+/// A constant force until a tick, then finished.
+Scripted push_until(std::uint64_t tick, const Vec3& force) {
+  return Scripted([=](const State& state) {
+    Command command;
+    command.wrench.force = force;
+    command.phase = Phase::run;
+    if (state.tick >= tick) command.status = Command::Status::finished;
+    return command;
+  });
+}
+
+struct Run {
+  ServoReport report;
+  Log log;
+};
+
+Run run(Device& device, Controller& controller, ServoLoop::Options options, const StopRequest& stop = {}) {
+  Run result;
+  SampleSink* const sinks[] = {&result.log};
+  const auto estimator = make_velocity_estimator("difference", options.rate_hz, 0);
+  result.report = ServoLoop(device, controller, *estimator, sinks, options).run(stop);
+  return result;
+}
+
+constexpr ServoLoop::Options kVirtual{.virtual_time = true};
+
+TEST(ServoLoop, TicksAtItsRateInWholeNanoseconds) {
+  for (const double rate : {10.0, 250.0, 1000.0, 3000.0, 20000.0}) {
+    PointMass device;
+    Scripted controller = push_until(99, Vec3::Zero());
+    const Run result = run(device, controller, {.rate_hz = rate, .virtual_time = true});
+    ASSERT_EQ(result.log.samples.size(), 100U);
+    const auto period = static_cast<std::int64_t>(std::llround(1e9 / rate));
+    for (std::size_t i = 0; i < 100; ++i) {
+      EXPECT_EQ(result.log.samples[i].tick, i);
+      EXPECT_EQ(result.log.samples[i].time_ns, static_cast<std::int64_t>(i) * period);
+      EXPECT_EQ(result.log.samples[i].latency, 0);
+    }
+    EXPECT_NEAR(result.report.achieved_rate(), rate, 1e-3 * rate);
+    EXPECT_EQ(result.report.missed, 0U);
+  }
+}
+
+TEST(ServoLoop, RefusesRatesItCannotKeep) {
+  PointMass device;
+  Scripted controller = push_until(0, Vec3::Zero());
+  for (const double rate : {0.0, -1.0, 9.9, 20001.0, kNaN}) {
+    try {
+      run(device, controller, {.rate_hz = rate, .virtual_time = true});
+      ADD_FAILURE() << rate;
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), HasSubstr("it must be from 10 to 20000 Hz"));
+    }
+  }
+}
+
+TEST(ServoLoop, RefusesVirtualTimeForADeviceThatLivesInRealTime) {
+  PointMass device;
+  device.mutable_info().virtual_time = false;
+  Scripted controller = push_until(0, Vec3::Zero());
+  EXPECT_THROW(run(device, controller, kVirtual), Error);
+}
+
+TEST(ServoLoop, GivesTheControllerThePositionThatTheDeviceGaveAndTheForceItSent) {
+  PointMass device;
+  std::vector<State> states;
+  Scripted controller([&](const State& state) {
+    states.push_back(state);
+    Command command;
+    command.wrench.force = Vec3(1, 0, 0);
+    if (state.tick == 400) command.status = Command::Status::finished;
+    return command;
+  });
+  const Run result = run(device, controller, kVirtual);
+  for (std::size_t i = 1; i < states.size(); ++i) {
+    EXPECT_EQ(states[i].position, result.log.samples[i].position);
+    EXPECT_EQ(states[i].force_applied, result.log.samples[i - 1].force);
+    EXPECT_EQ(states[i].dt, 1e-3);
+  }
+  EXPECT_EQ(states[0].dt, 0);
+}
+
+TEST(ServoLoop, FadesForcesInAndOut) {
+  PointMass device;
+  Scripted controller = push_until(1000, Vec3(1, 2, 2));
+  const Run result = run(device, controller, {.virtual_time = true, .limits = {.soft_start = 0.1, .release = 0.2}});
+  const auto& samples = result.log.samples;
+  EXPECT_EQ(samples.front().force, Vec3::Zero());
+  for (std::size_t i = 1; i < 100; ++i) EXPECT_GE(samples[i].force.norm(), samples[i - 1].force.norm());
+  EXPECT_NEAR(samples[500].force.norm(), 3, 1e-12);
+  for (std::size_t i = 1001; i < samples.size(); ++i) EXPECT_LE(samples[i].force.norm(), samples[i - 1].force.norm());
+  EXPECT_EQ(samples.back().force, Vec3::Zero());
+  EXPECT_EQ(samples.back().phase, Phase::release);
+  EXPECT_NEAR(static_cast<double>(samples.size()), 1200, 2);
+}
+
+TEST(ServoLoop, NeverSendsMoreThanTheDeviceBearsWhateverIsAsked) {
+  PointMass device(1000);
+  Scripted controller = push_until(500, Vec3(1e6, 0, 0));
+  const Run result = run(device, controller, {.virtual_time = true, .limits = {.max_force = 50}});
+  for (const Vec3& force : device.forces()) EXPECT_LE(force.norm(), 10 * (1 + 1e-12));
+  EXPECT_NEAR(result.report.max_force, 10, 1e-9);
+  EXPECT_TRUE(result.log.has(EventCode::force_limit));
+}
+
+TEST(ServoLoop, TellsOfALimitOnceASecondNotEveryTick) {
+  PointMass device(1000);
+  Scripted controller = push_until(2500, Vec3(1e6, 0, 0));
+  const Run result = run(device, controller, kVirtual);
+  const auto told = std::count_if(result.log.events.begin(), result.log.events.end(),
+                                  [](const Event& event) { return event.code == EventCode::force_limit; });
+  EXPECT_EQ(told, 3);
+}
+
+TEST(ServoLoop, SendsNothingToAxesWithoutAMotor) {
+  PointMass device;
+  device.mutable_info().force_axes = {true, true, false};
+  Scripted controller = push_until(300, Vec3(1, 1, 1));
+  const Run result = run(device, controller, kVirtual);
+  for (const Vec3& force : device.forces()) EXPECT_EQ(force.z(), 0);
+  EXPECT_GT(device.forces()[280].x(), 0.9);
+}
+
+// Every way out of a session, and what must hold after each.
+struct WayOut {
+  const char* name;
+  StopCause cause;
+  const char* detail;
+  PointMass::Faults faults{};
+  std::function<Command(const State&, StopRequest&)> script{};
+  bool fault = true;
+};
+
+class EveryWayOut : public testing::TestWithParam<WayOut> {};
+
+TEST_P(EveryWayOut, EndsWithZeroForceAndSaysWhy) {
+  const WayOut& way = GetParam();
+  PointMass device(0.5, 2, way.faults);
+  StopRequest stop;
+  Scripted controller([&](const State& state) {
+    Command command;
+    command.wrench.force = Vec3(2, 0, 0);
+    command.phase = Phase::run;
+    return way.script && state.tick >= 500 ? way.script(state, stop) : command;
+  });
+  const Run result =
+      run(device, controller, {.virtual_time = true, .limits = {.max_velocity = 5, .release = 0.1}}, stop);
+
+  EXPECT_EQ(result.report.cause, way.cause) << to_string(result.report.cause);
+  EXPECT_THAT(result.report.detail, HasSubstr(way.detail));
+  EXPECT_GT(device.forces()[490].norm(), 1.9) << "there was a force to stop";
+  if (way.cause != StopCause::device_lost) EXPECT_EQ(device.forces().back(), Vec3::Zero());
+  EXPECT_LT(result.log.samples.size(), 700U);
+  if (way.fault) {
+    ASSERT_FALSE(result.report.flight_record.empty());
+    EXPECT_LE(result.report.flight_record.size(), 200U);
+    EXPECT_EQ(result.report.flight_record.back().tick, result.log.samples.back().tick);
+    EXPECT_GE(result.report.flight_record.back().time_ns - result.report.flight_record.front().time_ns, 190'000'000);
+  } else {
+    EXPECT_TRUE(result.report.flight_record.empty());
+    EXPECT_EQ(result.log.samples.back().force, Vec3::Zero());
+  }
+}
+
+Command pushing(Command::Status status = Command::Status::working) {
+  Command command;
+  command.wrench.force = Vec3(2, 0, 0);
+  command.phase = Phase::run;
+  command.status = status;
+  return command;
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Sessions, EveryWayOut,
+    testing::Values(WayOut{.name = "Finished",
+                           .cause = StopCause::finished,
+                           .detail = "",
+                           .script = [](const State&, StopRequest&) { return pushing(Command::Status::finished); },
+                           .fault = false},
+                    WayOut{.name = "Interrupted",
+                           .cause = StopCause::interrupted,
+                           .detail = "interrupted",
+                           .script =
+                               [](const State& state, StopRequest& stop) {
+                                 if (state.tick == 500) stop.raise();
+                                 return pushing();
+                               },
+                           .fault = false},
+                    WayOut{.name = "InterruptedTwice",
+                           .cause = StopCause::interrupted,
+                           .detail = "interrupted",
+                           .script =
+                               [](const State&, StopRequest& stop) {
+                                 stop.raise();
+                                 return pushing();
+                               },
+                           .fault = false},
+                    WayOut{
+                        .name = "Deviation",
+                        .cause = StopCause::deviation,
+                        .detail = "50.0 mm off the path, the limit is 30.0 mm",
+                        .script =
+                            [](const State&, StopRequest&) {
+                              Command command = pushing(Command::Status::deviation);
+                              command.event = Event{.code = EventCode::deviation_limit, .values = {0.05, 0.03, kNaN}};
+                              return command;
+                            }},
+                    WayOut{.name = "PositionJumps",
+                           .cause = StopCause::velocity,
+                           .detail = "m/s is over the limit of 5 m/s",
+                           .faults = {.jump_at = 600}},
+                    WayOut{.name = "PositionIsNotANumber",
+                           .cause = StopCause::not_finite,
+                           .detail = "position is not finite",
+                           .faults = {.nan_at = 600}},
+                    WayOut{.name = "ForceIsNotANumber",
+                           .cause = StopCause::not_finite,
+                           .detail = "force is not finite",
+                           .script =
+                               [](const State&, StopRequest&) {
+                                 Command command = pushing();
+                                 command.wrench.force.y() = kNaN;
+                                 return command;
+                               }},
+                    WayOut{.name = "ForceIsInfinite",
+                           .cause = StopCause::not_finite,
+                           .detail = "force is not finite",
+                           .script =
+                               [](const State&, StopRequest&) {
+                                 Command command = pushing();
+                                 command.wrench.force.z() = std::numeric_limits<double>::infinity();
+                                 return command;
+                               }},
+                    WayOut{.name = "DeviceNoLongerReady",
+                           .cause = StopCause::device_not_ready,
+                           .detail = "does not allow forces",
+                           .faults = {.ready_until = 600}},
+                    WayOut{.name = "DeviceLost",
+                           .cause = StopCause::device_lost,
+                           .detail = "the device was lost: ",
+                           .faults = {.lost_at = 600}}),
+    [](const auto& info) { return info.param.name; });
+
+TEST(ServoLoop, FadesTheLastTrustedForceAfterADeviation) {
+  PointMass device(100);
+  Scripted controller([](const State& state) {
+    Command command = pushing(state.tick < 500 ? Command::Status::working : Command::Status::deviation);
+    if (state.tick >= 500) command.wrench.force = Vec3(-9, 9, 0);
+    return command;
+  });
+  const Run result = run(device, controller, kVirtual);
+  for (std::size_t i = 500; i < result.log.samples.size(); ++i) {
+    EXPECT_GE(result.log.samples[i].force.x(), 0) << "the new force is not trusted";
+    EXPECT_LE(result.log.samples[i].force.norm(), 2);
+    EXPECT_EQ(result.log.samples[i].phase, Phase::stopped);
+  }
+  EXPECT_NEAR(static_cast<double>(result.log.samples.size()), 550, 2);
+}
+
+TEST(ServoLoop, MissesTicksThatComeTooLateAndNeverCatchesUp) {
+  PointMass device;
+  Scripted controller([](const State& state) {
+    if (state.tick == 50) std::this_thread::sleep_for(std::chrono::milliseconds(25));
+    Command command;
+    if (state.tick >= 150) command.status = Command::Status::finished;
+    return command;
+  });
+  const Run result = run(device, controller, {.realtime = false});
+  EXPECT_GE(result.report.missed, 24U);
+  EXPECT_GE(result.report.overruns, 1U);
+  EXPECT_TRUE(result.log.has(EventCode::overrun));
+  const auto& samples = result.log.samples;
+  EXPECT_EQ(samples.size() + result.report.missed, samples.back().tick + 1);
+  for (std::size_t i = 1; i < samples.size(); ++i) {
+    EXPECT_GT(samples[i].time_ns, samples[i - 1].time_ns);
+    // Each tick woke at or after its own deadline, so that ticks that follow each other are never bunched.
+    EXPECT_GE(samples[i].time_ns - samples[0].time_ns, (static_cast<std::int64_t>(samples[i].tick) - 1) * 1'000'000);
+  }
+}
+
+TEST(ServoLoop, WaitsForADeviceThatIsNotReadyYetAndSendsItNoForce) {
+  PointMass device(0.5, 2, {.ready_from = 300});
+  Scripted controller = push_until(200, Vec3(1, 0, 0));
+  const Run result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::finished);
+  for (std::size_t i = 0; i < 300; ++i) EXPECT_EQ(device.forces()[i], Vec3::Zero());
+  EXPECT_EQ(result.log.samples.front().time_ns, 0);
+  EXPECT_EQ(result.log.samples.front().tick, 0U);
+}
+
+TEST(ServoLoop, GivesUpOnADeviceThatNeverGetsReady) {
+  PointMass device(0.5, 2, {.ready_from = PointMass::kNever});
+  Scripted controller = push_until(200, Vec3(1, 0, 0));
+  const Run result = run(device, controller, {.virtual_time = true, .ready_timeout = 2});
+  EXPECT_EQ(result.report.cause, StopCause::device_not_ready);
+  EXPECT_THAT(result.report.detail, HasSubstr("did not become ready within 2 s"));
+  EXPECT_EQ(result.report.samples, 0U);
+}
+
+TEST(ServoLoop, AllocatesNothingInATick) {
+  PointMass device;
+  PdLaw law({Vec3::Constant(500), Vec3::Constant(5)});
+  std::size_t first = 0, last = 0;
+  Scripted controller([&](const State& state) {
+    if (state.tick == 1) first = test::allocations();
+    if (state.tick == 900) last = test::allocations();
+    Command command;
+    command.reference = {Vec3(0.01, 0, 0), Vec3::Zero(), Vec3::Zero()};
+    command.wrench.force = law.force(state, command.reference);
+    if (state.tick > 900) command.status = Command::Status::finished;
+    return command;
+  });
+  run(device, controller, {.virtual_time = true, .limits = {.max_force = 1, .max_continuous_force = 0.5}});
+  EXPECT_EQ(last, first);
+}
+
+TEST(ServoLoop, IsTheSameToTheBitInVirtualTime) {
+  const auto session = [] {
+    PointMass device;
+    PdLaw law({Vec3::Constant(900), Vec3::Constant(5)});
+    Scripted controller([&](const State& state) {
+      Command command;
+      command.reference = {Vec3(0.01 * std::sin(1e-9 * static_cast<double>(state.time_ns)), 0, 0), Vec3::Zero(),
+                           Vec3::Zero()};
+      command.wrench.force = law.force(state, command.reference);
+      if (state.tick > 900) command.status = Command::Status::finished;
+      return command;
+    });
+    return run(device, controller, kVirtual).log.samples;
+  };
+  const auto one = session(), other = session();
+  ASSERT_EQ(one.size(), other.size());
+  for (std::size_t i = 0; i < one.size(); ++i) {
+    EXPECT_EQ(one[i].position, other[i].position);
+    EXPECT_EQ(one[i].force, other[i].force);
+    EXPECT_EQ(one[i].velocity, other[i].velocity);
+  }
+}
+
+TEST(ServoLoop, FlushesDenormalsInTheTickAndRestoresTheModeAfterwards) {
+  PointMass device;
+  volatile double tiny = 1e-308;
+  double in_tick = 1;
+  Scripted controller([&](const State&) {
+    in_tick = tiny * 0.01;
+    Command command;
+    command.status = Command::Status::finished;
+    return command;
+  });
+  run(device, controller, kVirtual);
+  EXPECT_EQ(in_tick, 0);
+  EXPECT_GT(tiny * 0.01, 0);
+}
+
+TEST(ServoLoop, StopsAWrongForceSignBeforeItRunsAway) {
+  PointMass device(0.2, 0, {.pushes_back = true});
+  device.place(Vec3(0.01, 0, 0));
+  PdLaw law({Vec3::Constant(1000), Vec3::Constant(2)});
+  Scripted controller([&](const State& state) {
+    Command command;
+    command.reference = {Vec3::Zero(), Vec3::Zero(), Vec3::Zero()};
+    command.wrench.force = law.force(state, command.reference);
+    return command;
+  });
+  const Run result = run(device, controller, {.virtual_time = true, .limits = {.max_velocity = 1}});
+  EXPECT_EQ(result.report.cause, StopCause::velocity);
+  EXPECT_LT(result.log.samples.back().position.norm(), 0.2);
+  EXPECT_EQ(device.forces().back(), Vec3::Zero());
+}
+
+}  // namespace
+}  // namespace haptrace

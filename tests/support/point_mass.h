@@ -1,0 +1,92 @@
+// A device for tests of what stands above devices: a point mass in closed form, with faults on demand.
+#pragma once
+
+#include "control/sample.h"
+#include "devices/device.h"
+
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+namespace haptrace::test {
+
+/// Moves as m x'' = F - b x' in steps of dt (semi-implicit), and keeps every force it was sent.
+class PointMass final : public Device {
+ public:
+  static constexpr std::uint64_t kNever = std::numeric_limits<std::uint64_t>::max();
+
+  /// At which exchange, counted from 0, something goes wrong.
+  struct Faults {
+    std::uint64_t lost_at = kNever;
+    std::uint64_t nan_at = kNever;
+    std::uint64_t jump_at = kNever;  ///< by 30 mm
+    std::uint64_t ready_from = 0;
+    std::uint64_t ready_until = kNever;
+    bool pushes_back = false;  ///< moves against its force: a wrong sign
+  };
+
+  explicit PointMass(double mass = 0.5, double viscous = 2) : PointMass(mass, viscous, Faults{}) {}
+  PointMass(double mass, double viscous, const Faults& faults) : mass_(mass), viscous_(viscous), faults_(faults) {
+    info_.name = "point mass";
+    info_.backend = "test";
+    info_.model = "point mass";
+    info_.virtual_time = true;
+    info_.workspace_min = Vec3::Constant(-0.2);
+    info_.workspace_max = Vec3::Constant(0.2);
+    info_.max_force = 10;
+    forces_.reserve(1 << 20);
+  }
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+    const std::uint64_t call = calls_++;
+    if (closed_ || call >= faults_.lost_at) return Status::lost;
+    if (forces_.size() < forces_.capacity()) forces_.push_back(wrench.force);
+    velocity_ += dt / mass_ * ((faults_.pushes_back ? -1 : 1) * wrench.force - viscous_ * velocity_);
+    position_ += dt * velocity_;
+    if (call == faults_.jump_at) position_.x() += 0.03;
+    state.position = call == faults_.nan_at ? nan3() : position_;
+    state.ready = call >= faults_.ready_from && call < faults_.ready_until;
+    return Status::ok;
+  }
+
+  void close() noexcept override { closed_ = true; }
+
+  DeviceInfo& mutable_info() { return info_; }
+  void place(const Vec3& position) { position_ = position; }
+
+  /// Every force that was sent, in order.
+  [[nodiscard]] const std::vector<Vec3>& forces() const { return forces_; }
+
+ private:
+  DeviceInfo info_;
+  double mass_, viscous_;
+  Faults faults_;
+  Vec3 position_ = Vec3::Zero(), velocity_ = Vec3::Zero();
+  std::uint64_t calls_ = 0;
+  bool closed_ = false;
+  std::vector<Vec3> forces_;
+};
+
+/// Keeps everything the servo loop produces.
+class Log final : public SampleSink {
+ public:
+  Log() {
+    samples.reserve(1 << 18);
+    events.reserve(1 << 12);
+  }
+  void push(const Sample& sample) noexcept override { samples.push_back(sample); }
+  void push(const Event& event) noexcept override { events.push_back(event); }
+
+  [[nodiscard]] bool has(EventCode code) const {
+    for (const Event& event : events)
+      if (event.code == code) return true;
+    return false;
+  }
+
+  std::vector<Sample> samples;
+  std::vector<Event> events;
+};
+
+}  // namespace haptrace::test
