@@ -10,18 +10,23 @@
 
 namespace haptrace {
 
-/// One estimator with its memory.
+/// One estimator with its memory. Axes are independent. It works on steps of position and time, never on their sums, so
+/// that it is as good after a day and metres away as in the first second at the origin.
 ///
 /// Laws that every member keeps (tests/control): a constant position gives exactly zero in the end; a ramp gives its
-/// slope in the end; it is linear in scale where it says so; dt <= 0 or a position that is not finite changes nothing
-/// and answers the previous estimate; the estimate is always finite; after reset it has forgotten everything.
+/// slope in the end, whatever the steps of time; estimates scale with the positions (foaw: and its resolution); dt <= 0
+/// or a position that is not finite changes nothing and answers the previous estimate; the estimate is always finite;
+/// after reset it has forgotten everything. To that end a position farther than 1e6 m and a dt outside 1 ns to 1e6 s
+/// are no measurements either, and steps and memories below 1e-100 are zero, long before they would cost denormal
+/// arithmetic.
 ///
 /// Real-time: update and reset. Threads: one at a time.
 class VelocityEstimator {
  public:
   virtual ~VelocityEstimator() = default;
 
-  /// The estimate [m/s] after seeing `position` [m], `dt` [s] after the previous one.
+  /// The estimate [m/s] after seeing `position` [m], `dt` [s] after the previous one. Of the first position since
+  /// construction or reset dt means nothing, and the answer is zero.
   virtual Vec3 update(const Vec3& position, double dt) noexcept = 0;
 
   /// Forgets; the next position is the first, and its velocity is zero.
@@ -29,15 +34,26 @@ class VelocityEstimator {
 };
 
 /// Makes an estimator for a servo loop of `rate_hz` from `spec`, `name[:parameter]`:
-///   difference            first difference, (x_k - x_{k-1}) / dt
-///   lowpass[:100]         first difference through a two-pole Butterworth low pass, cut-off in Hz
-///   foaw[:8]              first-order adaptive windowing, longest window in samples (Janabi-Sharifi, Hayward, Chen 2000)
-///   least-squares[:8]     slope of the least-squares line over a window in samples
-///   alpha-beta-gamma[:60] steady-state Kalman filter of a white-jerk model, bandwidth in Hz
-/// `resolution` [m] is the position quantum, the noise band of foaw. Throws Error(input).
+///
+///   difference            first difference, (x_k - x_{k-1}) / dt. Lags by dt / 2
+///   lowpass[:100]         first difference through a two-pole Butterworth low pass, cut-off f in Hz
+///   foaw[:8]              first-order adaptive windowing with end fit, longest window in steps
+///   least-squares[:8]     slope of the least-squares line through the last n positions. Lags by (n - 1) dt / 2
+///   alpha-beta-gamma[:60] steady-state Kalman filter of white jerk and white position noise, bandwidth in Hz
+///
+/// lowpass is the continuous filter's exact answer to velocities that are constant between samples, for any dt; it lags
+/// by sqrt(2) / (2 pi f) and turns into the difference as the cut-off passes the Nyquist frequency. foaw:
+/// Janabi-Sharifi, Hayward and Chen, IEEE Trans. Control Systems Technology 8(6), 2000. alpha-beta-gamma has
+/// third-order Butterworth poles of that bandwidth as dt goes to zero, does not lag behind a constant acceleration, and
+/// is the difference from the Nyquist frequency on; its gains are those of Kalata, IEEE Trans. Aerospace and Electronic
+/// Systems 20(2), 1984.
+///
+/// `resolution` [m] is the position quantum, the noise band of foaw; without one (0) foaw is the difference.
+/// Coefficients are computed for 1 / rate_hz, and again when dt changes. Throws Error(input) naming the part of the
+/// spec, or the argument, that is out of its range.
 std::unique_ptr<VelocityEstimator> make_velocity_estimator(std::string_view spec, double rate_hz, double resolution);
 
-/// What the spec's names are.
+/// The names a spec may have.
 std::vector<std::string> velocity_estimator_names();
 
 }  // namespace haptrace
