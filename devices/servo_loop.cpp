@@ -56,6 +56,15 @@ const char* to_string(StopCause cause) noexcept {
   return "unknown";
 }
 
+void ServoLoop::validate(const DeviceInfo& device, const Options& options) {
+  if (!(options.rate_hz >= kLowestRate && options.rate_hz <= kHighestRate))
+    throw input_error(
+        fmt::format("the rate is {} Hz; it must be from {} to {} Hz", options.rate_hz, kLowestRate, kHighestRate));
+  if (options.virtual_time && !device.virtual_time)
+    throw input_error(fmt::format("the device {} lives in real time; use --clock real", device.name));
+  haptrace::validate(options.limits);
+}
+
 ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& estimator,
                      std::span<SampleSink* const> sinks, const Options& options)
     : device_(device),
@@ -63,12 +72,7 @@ ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& 
       estimator_(estimator),
       sinks_(sinks.begin(), sinks.end()),
       options_(options) {
-  if (!(options_.rate_hz >= kLowestRate && options_.rate_hz <= kHighestRate))
-    throw input_error(
-        fmt::format("the rate is {} Hz; it must be from {} to {} Hz", options_.rate_hz, kLowestRate, kHighestRate));
-  if (options_.virtual_time && !device_.info().virtual_time)
-    throw input_error(fmt::format("the device {} lives in real time; use --clock real", device_.info().name));
-  validate(options_.limits);
+  validate(device_.info(), options_);
   // What the device bears is the ceiling; a session may only ask for less.
   const auto ceiling = [](double& limit, double most) {
     if (most > 0) limit = limit > 0 ? std::min(limit, most) : most;

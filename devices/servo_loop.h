@@ -90,8 +90,11 @@ class ServoLoop {
     double ready_timeout = 30;  ///< how long to wait for a device that is not ready yet [s]
   };
 
-  /// Everything is borrowed and must outlive run(). Throws Error(input) when an option is out of range, or when
-  /// virtual time is asked of a device that lives in real time.
+  /// Throws Error(input) when an option is out of range, or when virtual time is asked of a device that lives in real
+  /// time.
+  static void validate(const DeviceInfo& device, const Options& options);
+
+  /// Everything is borrowed and must outlive run(). Throws what validate throws.
   ServoLoop(Device& device, Controller& controller, VelocityEstimator& estimator, std::span<SampleSink* const> sinks,
             const Options& options);
 

@@ -55,17 +55,16 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   SessionResult result;
   result.virtual_time = choose_virtual(options.clock, info);
 
-  const auto estimator = make_velocity_estimator(options.velocity, options.rate_hz, info.position_resolution);
-  LiveMonitor monitor;
-  std::vector<SampleSink*> sinks(extra_sinks.begin(), extra_sinks.end());
-  sinks.push_back(&monitor);
-
   const ServoLoop::Options loop_options{.rate_hz = options.rate_hz,
                                         .virtual_time = result.virtual_time,
                                         .realtime = options.realtime,
                                         .limits = options.limits};
-  // Once without the recorder, so that a wrong option leaves no file behind.
-  (void)ServoLoop(device, controller, *estimator, sinks, loop_options);
+  // Before the recorder is there, so that a wrong option leaves no file behind.
+  ServoLoop::validate(info, loop_options);
+  const auto estimator = make_velocity_estimator(options.velocity, options.rate_hz, info.position_resolution);
+  LiveMonitor monitor;
+  std::vector<SampleSink*> sinks(extra_sinks.begin(), extra_sinks.end());
+  sinks.push_back(&monitor);
 
   std::optional<Recorder> recorder;
   if (options.recording) {

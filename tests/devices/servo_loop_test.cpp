@@ -39,15 +39,15 @@ Scripted push_until(std::uint64_t tick, const Vec3& force) {
   });
 }
 
-struct Run {
+struct Outcome {
   ServoReport report;
   Log log;
 };
 
-Run run(Device& device, Controller& controller, ServoLoop::Options options, const StopRequest& stop = {}) {
-  Run result;
+Outcome run(Device& device, Controller& controller, ServoLoop::Options options, const StopRequest& stop = {}) {
+  Outcome result;
   SampleSink* const sinks[] = {&result.log};
-  const auto estimator = make_velocity_estimator("difference", options.rate_hz, 0);
+  const auto estimator = make_velocity_estimator("difference", 1000, 0);
   result.report = ServoLoop(device, controller, *estimator, sinks, options).run(stop);
   return result;
 }
@@ -58,7 +58,7 @@ TEST(ServoLoop, TicksAtItsRateInWholeNanoseconds) {
   for (const double rate : {10.0, 250.0, 1000.0, 3000.0, 20000.0}) {
     PointMass device;
     Scripted controller = push_until(99, Vec3::Zero());
-    const Run result = run(device, controller, {.rate_hz = rate, .virtual_time = true});
+    const Outcome result = run(device, controller, {.rate_hz = rate, .virtual_time = true});
     ASSERT_EQ(result.log.samples.size(), 100U);
     const auto period = static_cast<std::int64_t>(std::llround(1e9 / rate));
     for (std::size_t i = 0; i < 100; ++i) {
@@ -101,7 +101,7 @@ TEST(ServoLoop, GivesTheControllerThePositionThatTheDeviceGaveAndTheForceItSent)
     if (state.tick == 400) command.status = Command::Status::finished;
     return command;
   });
-  const Run result = run(device, controller, kVirtual);
+  const Outcome result = run(device, controller, kVirtual);
   for (std::size_t i = 1; i < states.size(); ++i) {
     EXPECT_EQ(states[i].position, result.log.samples[i].position);
     EXPECT_EQ(states[i].force_applied, result.log.samples[i - 1].force);
@@ -113,7 +113,7 @@ TEST(ServoLoop, GivesTheControllerThePositionThatTheDeviceGaveAndTheForceItSent)
 TEST(ServoLoop, FadesForcesInAndOut) {
   PointMass device;
   Scripted controller = push_until(1000, Vec3(1, 2, 2));
-  const Run result = run(device, controller, {.virtual_time = true, .limits = {.soft_start = 0.1, .release = 0.2}});
+  const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.soft_start = 0.1, .release = 0.2}});
   const auto& samples = result.log.samples;
   EXPECT_EQ(samples.front().force, Vec3::Zero());
   for (std::size_t i = 1; i < 100; ++i) EXPECT_GE(samples[i].force.norm(), samples[i - 1].force.norm());
@@ -127,7 +127,7 @@ TEST(ServoLoop, FadesForcesInAndOut) {
 TEST(ServoLoop, NeverSendsMoreThanTheDeviceBearsWhateverIsAsked) {
   PointMass device(1000);
   Scripted controller = push_until(500, Vec3(1e6, 0, 0));
-  const Run result = run(device, controller, {.virtual_time = true, .limits = {.max_force = 50}});
+  const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.max_force = 50}});
   for (const Vec3& force : device.forces()) EXPECT_LE(force.norm(), 10 * (1 + 1e-12));
   EXPECT_NEAR(result.report.max_force, 10, 1e-9);
   EXPECT_TRUE(result.log.has(EventCode::force_limit));
@@ -136,7 +136,7 @@ TEST(ServoLoop, NeverSendsMoreThanTheDeviceBearsWhateverIsAsked) {
 TEST(ServoLoop, TellsOfALimitOnceASecondNotEveryTick) {
   PointMass device(1000);
   Scripted controller = push_until(2500, Vec3(1e6, 0, 0));
-  const Run result = run(device, controller, kVirtual);
+  const Outcome result = run(device, controller, kVirtual);
   const auto told = std::count_if(result.log.events.begin(), result.log.events.end(),
                                   [](const Event& event) { return event.code == EventCode::force_limit; });
   EXPECT_EQ(told, 3);
@@ -146,7 +146,7 @@ TEST(ServoLoop, SendsNothingToAxesWithoutAMotor) {
   PointMass device;
   device.mutable_info().force_axes = {true, true, false};
   Scripted controller = push_until(300, Vec3(1, 1, 1));
-  const Run result = run(device, controller, kVirtual);
+  const Outcome result = run(device, controller, kVirtual);
   for (const Vec3& force : device.forces()) EXPECT_EQ(force.z(), 0);
   EXPECT_GT(device.forces()[280].x(), 0.9);
 }
@@ -173,13 +173,15 @@ TEST_P(EveryWayOut, EndsWithZeroForceAndSaysWhy) {
     command.phase = Phase::run;
     return way.script && state.tick >= 500 ? way.script(state, stop) : command;
   });
-  const Run result =
+  const Outcome result =
       run(device, controller, {.virtual_time = true, .limits = {.max_velocity = 5, .release = 0.1}}, stop);
 
   EXPECT_EQ(result.report.cause, way.cause) << to_string(result.report.cause);
   EXPECT_THAT(result.report.detail, HasSubstr(way.detail));
   EXPECT_GT(device.forces()[490].norm(), 1.9) << "there was a force to stop";
-  if (way.cause != StopCause::device_lost) EXPECT_EQ(device.forces().back(), Vec3::Zero());
+  if (way.cause != StopCause::device_lost) {
+    EXPECT_EQ(device.forces().back(), Vec3::Zero());
+  }
   EXPECT_LT(result.log.samples.size(), 700U);
   if (way.fault) {
     ASSERT_FALSE(result.report.flight_record.empty());
@@ -269,7 +271,7 @@ INSTANTIATE_TEST_SUITE_P(
                            .cause = StopCause::device_lost,
                            .detail = "the device was lost: ",
                            .faults = {.lost_at = 600}}),
-    [](const auto& info) { return info.param.name; });
+    [](const auto& instance) { return instance.param.name; });
 
 TEST(ServoLoop, FadesTheLastTrustedForceAfterADeviation) {
   PointMass device(100);
@@ -278,7 +280,7 @@ TEST(ServoLoop, FadesTheLastTrustedForceAfterADeviation) {
     if (state.tick >= 500) command.wrench.force = Vec3(-9, 9, 0);
     return command;
   });
-  const Run result = run(device, controller, kVirtual);
+  const Outcome result = run(device, controller, kVirtual);
   for (std::size_t i = 500; i < result.log.samples.size(); ++i) {
     EXPECT_GE(result.log.samples[i].force.x(), 0) << "the new force is not trusted";
     EXPECT_LE(result.log.samples[i].force.norm(), 2);
@@ -295,7 +297,7 @@ TEST(ServoLoop, MissesTicksThatComeTooLateAndNeverCatchesUp) {
     if (state.tick >= 150) command.status = Command::Status::finished;
     return command;
   });
-  const Run result = run(device, controller, {.realtime = false});
+  const Outcome result = run(device, controller, {.realtime = false});
   EXPECT_GE(result.report.missed, 24U);
   EXPECT_GE(result.report.overruns, 1U);
   EXPECT_TRUE(result.log.has(EventCode::overrun));
@@ -311,7 +313,7 @@ TEST(ServoLoop, MissesTicksThatComeTooLateAndNeverCatchesUp) {
 TEST(ServoLoop, WaitsForADeviceThatIsNotReadyYetAndSendsItNoForce) {
   PointMass device(0.5, 2, {.ready_from = 300});
   Scripted controller = push_until(200, Vec3(1, 0, 0));
-  const Run result = run(device, controller, kVirtual);
+  const Outcome result = run(device, controller, kVirtual);
   EXPECT_EQ(result.report.cause, StopCause::finished);
   for (std::size_t i = 0; i < 300; ++i) EXPECT_EQ(device.forces()[i], Vec3::Zero());
   EXPECT_EQ(result.log.samples.front().time_ns, 0);
@@ -321,7 +323,7 @@ TEST(ServoLoop, WaitsForADeviceThatIsNotReadyYetAndSendsItNoForce) {
 TEST(ServoLoop, GivesUpOnADeviceThatNeverGetsReady) {
   PointMass device(0.5, 2, {.ready_from = PointMass::kNever});
   Scripted controller = push_until(200, Vec3(1, 0, 0));
-  const Run result = run(device, controller, {.virtual_time = true, .ready_timeout = 2});
+  const Outcome result = run(device, controller, {.virtual_time = true, .ready_timeout = 2});
   EXPECT_EQ(result.report.cause, StopCause::device_not_ready);
   EXPECT_THAT(result.report.detail, HasSubstr("did not become ready within 2 s"));
   EXPECT_EQ(result.report.samples, 0U);
@@ -392,7 +394,7 @@ TEST(ServoLoop, StopsAWrongForceSignBeforeItRunsAway) {
     command.wrench.force = law.force(state, command.reference);
     return command;
   });
-  const Run result = run(device, controller, {.virtual_time = true, .limits = {.max_velocity = 1}});
+  const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.max_velocity = 1}});
   EXPECT_EQ(result.report.cause, StopCause::velocity);
   EXPECT_LT(result.log.samples.back().position.norm(), 0.2);
   EXPECT_EQ(device.forces().back(), Vec3::Zero());
