@@ -177,6 +177,8 @@ Signals::Signals() {
   struct sigaction action {};
   action.sa_handler = on_signal;
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  // A file size limit and a closed pipe are errors to be told, not reasons to die with a force in the motors.
+  for (const int signal : {SIGXFSZ, SIGPIPE}) ::signal(signal, SIG_IGN);
 }
 
 Signals::~Signals() {
