@@ -1,0 +1,40 @@
+// Runs the haptrace command as a person would, and keeps what it answered.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <sys/types.h>
+#include <vector>
+
+namespace haptrace::test {
+
+struct Answer {
+  int exit_code = -1;  ///< or minus the signal that ended it
+  std::string out, err;
+
+  /// Standard output as JSON; fails the test when it is none.
+  [[nodiscard]] nlohmann::json json() const;
+};
+
+/// A command that runs; signals may be sent to it.
+class Command {
+ public:
+  explicit Command(const std::vector<std::string>& arguments);
+  ~Command();
+  Command(const Command&) = delete;
+  Command& operator=(const Command&) = delete;
+  [[nodiscard]] pid_t pid() const { return pid_; }
+  Answer wait();
+
+ private:
+  pid_t pid_ = -1;
+  int out_ = -1, err_ = -1;
+};
+
+/// Runs to the end: haptrace("info", "a.h5", "--json").
+template <class... Words>
+Answer haptrace(const Words&... words) {
+  return Command({std::string(words)...}).wait();
+}
+
+}  // namespace haptrace::test

@@ -1,0 +1,320 @@
+#include "tests/cli/command.h"
+
+#include "formats/recording.h"
+#include "tests/support/temp_folder.h"
+
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <thread>
+#include <unistd.h>
+
+namespace haptrace {
+namespace {
+
+using test::Answer;
+using test::haptrace;
+using test::TempFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+
+const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=3";
+
+std::string square(const TempFolder& folder) {
+  const std::string file = folder / "square.h5";
+  EXPECT_EQ(haptrace("shape", "square", "--size", "0.04", "--duration", "1", "-o", file).exit_code, 0);
+  return file;
+}
+
+/// A recording made by any session: it opens, is whole, and its last force is zero.
+void expect_sound(const std::string& file) {
+  const RecordingReader reader(file);
+  ASSERT_GT(reader.rows(), 0U);
+  EXPECT_TRUE(reader.header().complete);
+  EXPECT_EQ(reader.read(reader.rows() - 1, 1).front().force, Vec3::Zero());
+  for (const Finding& finding : check_recording(file))
+    EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
+}
+
+TEST(TheCommand, ShowsItsVersionAndHelpWithEveryVerb) {
+  EXPECT_THAT(haptrace("--version").out, HasSubstr("haptrace "));
+  const Answer help = haptrace("--help");
+  EXPECT_EQ(help.exit_code, 0);
+  for (const char* verb : {"devices", "shape", "record", "play", "info", "check", "plot"}) {
+    EXPECT_THAT(help.out, HasSubstr(verb));
+    const Answer own = haptrace(verb, "--help");
+    EXPECT_EQ(own.exit_code, 0) << verb;
+    EXPECT_THAT(own.out, HasSubstr("--json")) << verb;
+  }
+}
+
+TEST(TheCommand, RecordsWhatASimulatedHandIntendsAndPlaysItBackOnAnotherDevice) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  const Answer recorded =
+      haptrace("record", folder / "r.h5", "--device", "sim:preset=omega3,hand=firm,seed=1,intent=" + path, "--json");
+  ASSERT_EQ(recorded.exit_code, 0) << recorded.err;
+  expect_sound(folder / "r.h5");
+
+  const Answer played =
+      haptrace("play", folder / "r.h5", "--device", kFalcon, "--record", folder / "p.h5", "--fit", "--json");
+  ASSERT_EQ(played.exit_code, 0) << played.err;
+  const nlohmann::json json = played.json();
+  EXPECT_EQ(json["stopped_by"], "finished");
+  EXPECT_GT(json["rms_error_m"], 1e-4);
+  EXPECT_LT(json["rms_error_m"], 1.5e-2);
+  EXPECT_EQ(json["lost"], 0);
+  expect_sound(folder / "p.h5");
+
+  const nlohmann::json info = haptrace("info", folder / "p.h5", "--json").json();
+  EXPECT_EQ(info["samples"], json["samples"]);
+  EXPECT_NEAR(info["rms_error_m"].get<double>(), json["rms_error_m"].get<double>(), 1e-12);
+  EXPECT_EQ(info["config"]["verb"], "play");
+
+  EXPECT_EQ(haptrace("check", folder / "p.h5").exit_code, 0);
+  EXPECT_EQ(haptrace("plot", folder / "p.h5", "-o", folder / "p.png").exit_code, 0);
+  EXPECT_EQ(test::read_bytes(folder / "p.png").substr(1, 3), "PNG");
+}
+
+TEST(TheCommand, IsTheSameToTheBitFromTheSameSeed) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  for (const char* name : {"a.h5", "b.h5"})
+    ASSERT_EQ(haptrace("play", path, "--device", kFalcon, "--record", folder / name).exit_code, 0);
+  const RecordingReader a(folder / "a.h5"), b(folder / "b.h5");
+  ASSERT_EQ(a.rows(), b.rows());
+  const auto one = a.read(0, a.rows()), other = b.read(0, b.rows());
+  for (std::size_t i = 0; i < one.size(); ++i) {
+    ASSERT_EQ(one[i].position, other[i].position) << i;
+    ASSERT_EQ(one[i].force, other[i].force) << i;
+  }
+}
+
+TEST(TheCommand, TakesAnyOptionFromAConfigurationAndTheLineWins) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  const std::string config =
+      folder.write("play.json", R"({"device": ")" + kFalcon + R"(", "kp": 700, "kd": 7, "repeat": 2, "fit": true})");
+  const nlohmann::json json = haptrace("play", path, "--config", config, "--repeat", "1", "--json").json();
+  EXPECT_EQ(json["gains"]["kp"][0], 700);
+  EXPECT_EQ(json["repetitions"].size(), 1U);
+
+  const Answer wrong = haptrace("play", path, "--config", folder.write("bad.json", R"({"repaet": 2})"));
+  EXPECT_EQ(wrong.exit_code, 2);
+  EXPECT_THAT(wrong.err, AllOf(HasSubstr("bad.json: unknown key 'repaet'"), HasSubstr("did you mean 'repeat'")));
+}
+
+TEST(TheCommand, PlaysTheConfigurationThatARecordingKept) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  ASSERT_EQ(
+      haptrace("play", path, "--device", kFalcon, "--kp", "900", "--kd", "9", "--record", folder / "a.h5").exit_code,
+      0);
+  nlohmann::json config = haptrace("info", folder / "a.h5", "--json").json()["config"];
+  config["record"] = folder / "b.h5";
+  const Answer again = haptrace("play", "--config", folder.write("again.json", config.dump()), "--json");
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_EQ(again.json()["gains"]["kp"][0], 900);
+}
+
+// ---------------------------------------------------------------------------------------------- bad usage and input
+
+struct Mistake {
+  const char* name;
+  std::vector<std::string> words;  ///< SQUARE and FOLDER stand for a good path and the test's folder
+  int exit_code;
+  std::vector<std::string> says;
+};
+
+class Mistakes : public testing::TestWithParam<Mistake> {};
+
+TEST_P(Mistakes, AreAnsweredWithWhatWhereAndWhatToDo) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  folder.write("empty.csv", "");
+  folder.write("text.csv", "t,x,y,z\n0,0,0,0\n0.1,0,nought,0\n");
+  folder.write("wide.csv", "t,x,y,z\n0,0,0,0\n1,400,0,0\n");
+  folder.write("something.h5", "this is not HDF5");
+  folder.write("negative.json", R"({"kp": -5, "kd": 1})");
+  folder.write("absurd.json", R"({"kp": 1e12, "kd": 1})");
+  std::vector<std::string> words;
+  for (std::string word : GetParam().words) {
+    for (const auto& [placeholder, value] :
+         {std::pair<std::string, std::string>{"SQUARE", path}, {"FOLDER", folder.path()}})
+      if (const auto at = word.find(placeholder); at != std::string::npos) word.replace(at, placeholder.size(), value);
+    words.push_back(word);
+  }
+  const Answer answer = test::Command(words).wait();
+  EXPECT_EQ(answer.exit_code, GetParam().exit_code) << answer.err;
+  for (const std::string& part : GetParam().says) EXPECT_THAT(answer.err, HasSubstr(part));
+  EXPECT_FALSE(std::filesystem::exists(folder / "out.h5")) << "nothing is left behind";
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Usage, Mistakes,
+    testing::Values(
+        Mistake{"UnknownVerb", {"recrod"}, 2, {"unknown verb 'recrod'", "did you mean 'record'"}},
+        Mistake{"UnknownOption", {"play", "SQUARE", "--spede", "2"}, 2, {"unknown option '--spede'", "'--speed'"}},
+        Mistake{"UnknownDevice", {"play", "SQUARE", "--device", "smi"}, 2, {"smi", "did you mean 'sim'"}},
+        Mistake{"UnknownPreset", {"play", "SQUARE", "--device", "sim:preset=falkon"}, 2, {"falkon", "'falcon'"}},
+        Mistake{"UnknownDeviceKey", {"play", "SQUARE", "--device", "sim:presset=falcon"}, 2, {"presset", "'preset'"}},
+        Mistake{"UnknownShape", {"shape", "sqare", "-o", "FOLDER/out.h5"}, 2, {"sqare"}},
+        Mistake{"NoDevice", {"play", "SQUARE"}, 2, {"needs --device"}},
+        Mistake{"NoPath", {"play", "--device", "sim"}, 2, {"needs path"}},
+        Mistake{"NotANumber", {"play", "SQUARE", "--device", "sim", "--speed", "fast"}, 2, {"--speed"}},
+        Mistake{"MissingPath", {"play", "FOLDER/nothing.h5", "--device", "sim"}, 2, {"nothing.h5"}},
+        Mistake{"EmptyPath", {"play", "FOLDER/empty.csv", "--device", "sim"}, 2, {"empty.csv"}},
+        Mistake{"TextInAPath", {"play", "FOLDER/text.csv", "--device", "sim"}, 2, {"text.csv:3", "nought"}},
+        Mistake{"MillimetresInAPath", {"play", "FOLDER/wide.csv", "--device", "sim"}, 2, {"millimetres"}},
+        Mistake{"SomethingElse", {"info", "FOLDER/something.h5"}, 2, {"something.h5"}},
+        Mistake{"NegativeGain", {"play", "SQUARE", "--device", "sim", "--kp", "-1", "--kd", "1"}, 2, {"kp", "-1"}},
+        Mistake{"GainIsNotANumber", {"play", "SQUARE", "--device", "sim", "--kp", "nan", "--kd", "1"}, 2, {"kp"}},
+        Mistake{"NegativeGainInAFile",
+                {"play", "SQUARE", "--device", "sim", "--gains", "FOLDER/negative.json"},
+                2,
+                {"negative.json", "kp"}},
+        Mistake{"AbsurdGainInAFile",
+                {"play", "SQUARE", "--device", "sim", "--gains", "FOLDER/absurd.json"},
+                2,
+                {"absurd.json", "kp"}},
+        Mistake{"OneGainOfTwo", {"play", "SQUARE", "--device", "sim", "--kp", "100"}, 2, {"--kp and --kd go together"}},
+        Mistake{"RateTooLow",
+                {"play", "SQUARE", "--device", "sim", "--rate", "9", "--record", "FOLDER/out.h5"},
+                2,
+                {"the rate is 9 Hz", "10 to 20000"}},
+        Mistake{"RateTooHigh",
+                {"play", "SQUARE", "--device", "sim", "--rate", "20001", "--record", "FOLDER/out.h5"},
+                2,
+                {"the rate is 20001 Hz"}},
+        Mistake{"UnknownClock", {"play", "SQUARE", "--device", "sim", "--clock", "vrtual"}, 2, {"'virtual'"}},
+        Mistake{"UnknownPolicy", {"play", "SQUARE", "--device", "sim", "--on-deviation", "stpo"}, 2, {"'stop'"}},
+        Mistake{"OutputExists",
+                {"play", "SQUARE", "--device", "sim", "--record", "SQUARE"},
+                2,
+                {"square.h5", "--overwrite"}},
+        Mistake{
+            "OutputFolderMissing", {"record", "FOLDER/no/out.h5", "--device", "sim", "--duration", "1"}, 2, {"out.h5"}},
+        Mistake{"EndlessRecording", {"record", "FOLDER/out.h5", "--device", "sim"}, 2, {"--duration"}},
+        Mistake{"MissingPlugin", {"play", "SQUARE", "--device", "plugin:path=/no/such.so"}, 3, {"/no/such.so"}},
+        Mistake{"PluginOfAnotherAbi", {"play", "SQUARE", "--device", "plugin:path=" WRONG_ABI_PLUGIN}, 3, {"ABI"}},
+        Mistake{"ConfigIsNotJson", {"play", "SQUARE", "--config", "FOLDER/text.csv"}, 2, {"text.csv"}},
+        Mistake{"UnknownPictureKind", {"plot", "SQUARE", "-o", "FOLDER/out.bmp"}, 2, {".png"}}),
+    [](const auto& instance) { return instance.param.name; });
+
+TEST(TheCommand, TellsErrorsAsJsonToo) {
+  const Answer answer = haptrace("info", "/no/such.h5", "--json");
+  EXPECT_EQ(answer.exit_code, 2);
+  EXPECT_THAT(answer.json()["error"].get<std::string>(), HasSubstr("/no/such.h5"));
+}
+
+TEST(TheCommand, ReplacesAFileOnlyWhenToldTo) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  ASSERT_EQ(haptrace("play", path, "--device", kFalcon, "--record", folder / "a.h5").exit_code, 0);
+  const std::string before = test::read_bytes(folder / "a.h5");
+  EXPECT_EQ(haptrace("play", path, "--device", kFalcon, "--record", folder / "a.h5").exit_code, 2);
+  EXPECT_EQ(test::read_bytes(folder / "a.h5"), before);
+  EXPECT_EQ(haptrace("play", path, "--device", kFalcon, "--record", folder / "a.h5", "--overwrite").exit_code, 0);
+  expect_sound(folder / "a.h5");
+}
+
+// ------------------------------------------------------------------------------------------------------ interruptions
+
+struct Interruption {
+  const char* name;
+  int signal;
+  int after_ms;
+};
+
+class Interruptions : public testing::TestWithParam<Interruption> {};
+
+TEST_P(Interruptions, KeepEverySampleAndEndWithZeroForce) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  test::Command command({"play", path, "--device", kFalcon, "--clock", "real", "--repeat", "3", "--hold", "1",
+                         "--record", folder / "out.h5", "--json"});
+  std::this_thread::sleep_for(std::chrono::milliseconds(GetParam().after_ms));
+  kill(command.pid(), GetParam().signal);
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 130) << answer.err;
+  EXPECT_EQ(answer.json()["stopped_by"], "interrupted");
+  expect_sound(folder / "out.h5");
+  EXPECT_EQ(RecordingReader(folder / "out.h5").rows(), answer.json()["samples"]);
+}
+
+INSTANTIATE_TEST_SUITE_P(InEveryPhase, Interruptions,
+                         testing::Values(Interruption{"SigintWhileApproaching", SIGINT, 250},
+                                         Interruption{"SigintWhileRunning", SIGINT, 1200},
+                                         Interruption{"SigtermWhileRunning", SIGTERM, 1200},
+                                         Interruption{"SigtermWhileHolding", SIGTERM, 2200},
+                                         Interruption{"HangupWhileRunning", SIGHUP, 1200}),
+                         [](const auto& instance) { return instance.param.name; });
+
+TEST(TheCommand, EndsAnEndlessRecordingOnAnInterrupt) {
+  const TempFolder folder;
+  test::Command command({"record", folder / "out.h5", "--device", kFalcon, "--clock", "real", "--json"});
+  std::this_thread::sleep_for(std::chrono::milliseconds(600));
+  kill(command.pid(), SIGINT);
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 130) << answer.err;
+  expect_sound(folder / "out.h5");
+}
+
+TEST(TheCommand, GoesOnWithoutTheDiskAndSaysWhatTheDiskRefused) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  rlimit before{};
+  getrlimit(RLIMIT_FSIZE, &before);
+  rlimit small = before;
+  small.rlim_cur = 200'000;
+  setrlimit(RLIMIT_FSIZE, &small);
+  const Answer answer =
+      haptrace("play", path, "--device", kFalcon, "--repeat", "3", "--record", folder / "out.h5", "--json");
+  setrlimit(RLIMIT_FSIZE, &before);
+  EXPECT_EQ(answer.exit_code, 1) << answer.err;
+  EXPECT_THAT(answer.err, HasSubstr("out.h5"));
+  EXPECT_EQ(answer.json()["stopped_by"], "finished") << "the session itself goes on";
+  EXPECT_TRUE(answer.json().contains("recording_error"));
+  const RecordingReader reader(folder / "out.h5");
+  EXPECT_GT(reader.rows(), 300U);
+  EXPECT_FALSE(reader.header().complete);
+}
+
+// ------------------------------------------------------------------------------------------------- misbehaving devices
+
+struct Misbehaviour {
+  const char* name;
+  const char* options;
+  int exit_code;
+  const char* stopped_by;
+};
+
+class MisbehavingPlugins : public testing::TestWithParam<Misbehaviour> {};
+
+TEST_P(MisbehavingPlugins, StopTheSessionWithZeroForceAndAReason) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  const Answer answer = haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--device",
+                                 std::string("plugin:path=" FAULTY_PLUGIN ",options=") + GetParam().options);
+  EXPECT_EQ(answer.exit_code, GetParam().exit_code) << answer.err << answer.out;
+  EXPECT_EQ(answer.json()["stopped_by"], GetParam().stopped_by);
+  EXPECT_FALSE(answer.err.empty());
+  const RecordingReader reader(folder / "out.h5");
+  EXPECT_TRUE(reader.header().complete);
+  EXPECT_GT(reader.rows(), 0U);
+  EXPECT_FALSE(reader.events().empty());
+}
+
+INSTANTIATE_TEST_SUITE_P(MidSession, MisbehavingPlugins,
+                         testing::Values(Misbehaviour{"ReturnsNaN", R"({"fault":"nan","tick":900})", 1, "not_finite"},
+                                         Misbehaviour{"Jumps", R"({"fault":"jump","tick":900})", 1, "velocity"},
+                                         Misbehaviour{"GoesBackwards", R"({"fault":"backwards"})", 1, "velocity"},
+                                         Misbehaviour{"HangsUp", R"({"fault":"lost","tick":900})", 3, "device_lost"}),
+                         [](const auto& instance) { return instance.param.name; });
+
+}  // namespace
+}  // namespace haptrace

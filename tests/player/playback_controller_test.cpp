@@ -1,0 +1,253 @@
+#include "player/playback_controller.h"
+
+#include "control/error.h"
+#include "control/shapes.h"
+#include "tests/support/allocations.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <memory>
+
+namespace haptrace {
+namespace {
+
+using testing::HasSubstr;
+
+Path circle(double duration = 2) {
+  return make_shape("circle", {.size = 0.06, .duration = duration});
+}
+
+PlaybackController follower(const Path& path, const PlaybackOptions& options, double kp = 100) {
+  std::vector<std::unique_ptr<ForceTerm>> terms;
+  terms.push_back(std::make_unique<PdLaw>(PdGains{Vec3::Constant(kp), Vec3::Zero()}));
+  return {Trajectory(path, Interpolation::cubic), std::move(terms), options};
+}
+
+/// Drives a controller with a hand that is where `where` puts it, given the previous reference, and keeps the answers.
+template <class Where>
+std::vector<Command> drive(Controller& controller, Where where, std::size_t most = 100000, double dt = 1e-3) {
+  State state;
+  state.position = where(0, Vec3::Zero().eval());
+  controller.start(state);
+  std::vector<Command> answers;
+  for (std::size_t i = 0; i < most; ++i) {
+    state.tick = i;
+    state.dt = i == 0 ? 0 : dt;
+    state.position = where(i, answers.empty() ? state.position : answers.back().reference.position);
+    answers.push_back(controller.update(state));
+    if (answers.back().status != Command::Status::working) break;
+  }
+  return answers;
+}
+
+const auto obedient = [](std::size_t i, const Vec3& reference) -> Vec3 {
+  return i == 0 ? Vec3(0, 0, 0.02) : reference;
+};
+
+double seconds_in(const std::vector<Command>& answers, Phase phase) {
+  return 1e-3 * static_cast<double>(
+                    std::count_if(answers.begin(), answers.end(), [&](const Command& c) { return c.phase == phase; }));
+}
+
+TEST(Playback, ApproachesRunsHoldsAndFinishesInThatOrder) {
+  auto controller = follower(circle(2), {.hold = 0.3});
+  const auto answers = drive(controller, obedient);
+  EXPECT_EQ(answers.back().status, Command::Status::finished);
+  for (std::size_t i = 1; i < answers.size(); ++i) EXPECT_GE(answers[i].phase, answers[i - 1].phase);
+  EXPECT_NEAR(seconds_in(answers, Phase::run), 2, 0.0021);
+  EXPECT_NEAR(seconds_in(answers, Phase::hold), 0.3, 0.0021);
+}
+
+TEST(Playback, BeginsWhereTheToolIsAndKeepsTheApproachSpeed) {
+  auto controller = follower(circle(), {.approach_speed = 0.05});
+  const auto answers = drive(controller, obedient);
+  EXPECT_TRUE(answers.front().reference.position.isApprox(Vec3(0, 0, 0.02), 1e-12));
+  double fastest = 0;
+  for (const Command& c : answers)
+    if (c.phase == Phase::approach) fastest = std::max(fastest, c.reference.velocity.norm());
+  EXPECT_LE(fastest, 0.05 * (1 + 1e-9));
+  EXPECT_GE(fastest, 0.049);
+}
+
+TEST(Playback, ReferenceIsContinuousThroughEveryPhaseAndRepetition) {
+  Path open = make_shape("reach", {.size = 0.08, .duration = 0.8});
+  auto controller = follower(open, {.repetitions = 3, .hold = 0.05});
+  const auto answers = drive(controller, obedient);
+  for (std::size_t i = 1; i < answers.size(); ++i) {
+    const Vec3 step = answers[i].reference.position - answers[i - 1].reference.position;
+    const Vec3 expected = 0.5e-3 * (answers[i].reference.velocity + answers[i - 1].reference.velocity);
+    ASSERT_LE((step - expected).norm(), 5e-6) << "tick " << i;
+  }
+}
+
+TEST(Playback, RunsByTheTimeStampsOfThePathWhateverTheirSpacing) {
+  Path path;
+  path.name = "uneven";
+  for (const double t : {5.0, 5.001, 5.5, 5.503, 6.0}) {
+    path.time.push_back(t);
+    path.position.emplace_back(0.01 * (t - 5), 0, 0);
+  }
+  auto controller = follower(path, {});
+  const auto answers = drive(controller, obedient);
+  EXPECT_NEAR(seconds_in(answers, Phase::run), 1, 0.0021);
+}
+
+TEST(Playback, SpeedScalesTimeVelocityAndAcceleration) {
+  auto slow = follower(circle(2), {});
+  auto fast = follower(circle(2), {.speed = 2});
+  const auto one = drive(slow, obedient), two = drive(fast, obedient);
+  EXPECT_NEAR(seconds_in(two, Phase::run), 1, 0.0021);
+  const auto largest = [](const std::vector<Command>& answers, auto pick) {
+    double most = 0;
+    for (const Command& c : answers)
+      if (c.phase == Phase::run) most = std::max(most, pick(c.reference).norm());
+    return most;
+  };
+  const auto velocity = [](const Reference& r) { return r.velocity; };
+  const auto acceleration = [](const Reference& r) { return r.acceleration; };
+  EXPECT_NEAR(largest(two, velocity) / largest(one, velocity), 2, 1e-3);
+  EXPECT_NEAR(largest(two, acceleration) / largest(one, acceleration), 4, 1e-2);
+}
+
+TEST(Playback, TellsEveryRepetition) {
+  auto controller = follower(circle(0.2), {.repetitions = 4, .hold = 0});
+  std::vector<double> told;
+  for (const Command& c : drive(controller, obedient))
+    if (c.event && c.event->code == EventCode::repetition) told.push_back(c.event->values[0]);
+  EXPECT_EQ(told, (std::vector<double>{0, 1, 2, 3}));
+}
+
+TEST(Playback, LoopsUntilItIsStopped) {
+  auto controller = follower(circle(0.2), {.repetitions = 0, .hold = 0});
+  EXPECT_EQ(drive(controller, obedient, 20000).back().status, Command::Status::working);
+}
+
+TEST(Playback, WaitsForAHandAfterAStallInsteadOfRunningAway) {
+  auto controller = follower(circle(2), {});
+  State state;
+  state.position = circle(2).position.front();
+  controller.start(state);
+  state.dt = 1e-3;
+  Command before;
+  for (int i = 0; i < 1200; ++i)
+    before = controller.update(state = {.dt = 1e-3,
+                                        .position = before.reference.position.array().isNaN().any()
+                                                        ? state.position
+                                                        : before.reference.position});
+  state.dt = 0.5;
+  state.position = before.reference.position;
+  const Command after = controller.update(state);
+  EXPECT_NEAR((after.reference.position - before.reference.position).norm(), 5e-3 * before.reference.velocity.norm(),
+              1e-5);
+}
+
+TEST(Playback, SumsItsTerms) {
+  struct Constant final : ForceTerm {
+    [[nodiscard]] Vec3 force(const State&, const Reference&) noexcept override { return Vec3(1, 2, 3); }
+  };
+  std::vector<std::unique_ptr<ForceTerm>> terms;
+  for (int i = 0; i < 3; ++i) terms.push_back(std::make_unique<Constant>());
+  PlaybackController controller(Trajectory(circle(), Interpolation::linear), std::move(terms), {});
+  EXPECT_EQ(drive(controller, obedient, 5).back().wrench.force, Vec3(3, 6, 9));
+  PlaybackController nothing(Trajectory(circle(), Interpolation::linear), {}, {});
+  EXPECT_EQ(drive(nothing, obedient, 5).back().wrench.force, Vec3::Zero());
+}
+
+/// A hand that holds still 50 mm beside the reference from 1 s to 2 s.
+const auto resisting = [](std::size_t i, const Vec3& reference) -> Vec3 {
+  if (i == 0) return Vec3::Zero();
+  return i >= 1000 && i < 2000 ? Vec3(reference + Vec3(0, 0.05, 0)) : reference;
+};
+
+TEST(Playback, StopsBeyondTheDeviationLimitAndSaysHowFar) {
+  auto controller = follower(circle(2), {.max_deviation = 0.03});
+  const auto answers = drive(controller, resisting);
+  ASSERT_EQ(answers.back().status, Command::Status::deviation);
+  EXPECT_EQ(answers.size(), 1001U);
+  ASSERT_TRUE(answers.back().event);
+  EXPECT_THAT(describe(*answers.back().event), HasSubstr("50.0 mm off the path, the limit is 30.0 mm"));
+}
+
+TEST(Playback, PausesBeyondTheDeviationLimitAndResumesWithoutAJump) {
+  auto controller = follower(circle(2), {.max_deviation = 0.03, .on_deviation = DeviationPolicy::pause});
+  const auto answers = drive(controller, resisting);
+  EXPECT_EQ(answers.back().status, Command::Status::finished);
+  EXPECT_EQ(answers[1500].reference.velocity, Vec3::Zero());
+  EXPECT_EQ(answers[1500].reference.position, answers[1900].reference.position);
+  EXPECT_NEAR(seconds_in(answers, Phase::run), 3, 0.01) << "a second of waiting";
+  for (std::size_t i = 1; i < answers.size(); ++i)
+    ASSERT_LE((answers[i].reference.position - answers[i - 1].reference.position).norm(), 3e-4);
+  std::vector<EventCode> told;
+  for (const Command& c : answers)
+    if (c.event) told.push_back(c.event->code);
+  EXPECT_EQ(told, (std::vector{EventCode::repetition, EventCode::paused, EventCode::resumed}));
+}
+
+TEST(Playback, SoftensBeyondTheDeviationLimit) {
+  auto controller = follower(circle(2), {.max_deviation = 0.03, .on_deviation = DeviationPolicy::soften}, 100);
+  const auto answers = drive(controller, resisting);
+  EXPECT_EQ(answers.back().status, Command::Status::finished);
+  EXPECT_NEAR(answers[1500].wrench.force.norm(), 100 * 0.03, 1e-2) << "what it was at the limit";
+  EXPECT_NEAR(seconds_in(answers, Phase::run), 2, 0.0021) << "and the path goes on";
+}
+
+TEST(Playback, HasNoReferenceWhereThereIsNoMotor) {
+  auto controller = follower(circle(2), {.axes = {true, true, false}});
+  const auto answers = drive(controller, [](std::size_t i, const Vec3& reference) -> Vec3 {
+    return i == 0 ? Vec3::Zero() : Vec3(reference.x(), reference.y(), 0.08);
+  });
+  EXPECT_EQ(answers.back().status, Command::Status::finished);
+  for (std::size_t i = 1; i < answers.size(); ++i) EXPECT_EQ(answers[i].wrench.force.z(), 0);
+}
+
+TEST(Playback, RestsAtAPathOfOnePoint) {
+  Path path;
+  path.name = "point";
+  path.time = {3};
+  path.position = {Vec3(0.01, 0, 0)};
+  auto controller = follower(path, {.hold = 0.2});
+  const auto answers = drive(controller, obedient);
+  EXPECT_EQ(answers.back().status, Command::Status::finished);
+  EXPECT_TRUE(answers.back().reference.position.isApprox(Vec3(0.01, 0, 0), 1e-12));
+}
+
+TEST(Playback, AllocatesNothing) {
+  auto controller = follower(circle(1), {.repetitions = 2});
+  State state;
+  controller.start(state);
+  const std::size_t before = test::allocations();
+  for (int i = 0; i < 3000; ++i) {
+    state.dt = 1e-3;
+    state.position = controller.update(state).reference.position;
+  }
+  EXPECT_EQ(test::allocations(), before);
+}
+
+TEST(PlaybackOptions, NameTheOneThatIsOutOfRange) {
+  const auto error_of = [](const PlaybackOptions& options) -> std::string {
+    try {
+      validate(options);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(error_of({}), "");
+  EXPECT_THAT(error_of({.speed = 0}), HasSubstr("the speed factor is 0"));
+  EXPECT_THAT(error_of({.speed = kNaN}), HasSubstr("the speed factor is nan"));
+  EXPECT_THAT(error_of({.repetitions = -1}), HasSubstr("repetitions is -1"));
+  EXPECT_THAT(error_of({.max_deviation = 0}), HasSubstr("the deviation limit is 0"));
+}
+
+TEST(DeviationPolicy, AnswersASlipWithTheNearest) {
+  EXPECT_EQ(parse_deviation_policy("soften"), DeviationPolicy::soften);
+  try {
+    (void)parse_deviation_policy("puase");
+    ADD_FAILURE();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("unknown deviation policy 'puase'; did you mean 'pause'?"));
+  }
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -1,0 +1,229 @@
+#include "control/error.h"
+#include "control/shapes.h"
+#include "formats/path_file.h"
+#include "formats/recording.h"
+#include "player/playback.h"
+#include "tests/support/point_mass.h"
+#include "tests/support/temp_folder.h"
+
+#include <filesystem>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::PointMass;
+using test::TempFolder;
+using testing::HasSubstr;
+
+PlayOptions options_for(const std::string& file) {
+  PlayOptions options;
+  options.gains = PdGains{Vec3::Constant(800), Vec3::Constant(12)};
+  options.session.limits.max_velocity = 1.5;
+  if (!file.empty()) options.session.recording = SessionOptions::Recording{.file = file};
+  return options;
+}
+
+template <class F>
+std::string error_of(F&& f) {
+  try {
+    f();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), Error::Kind::input);
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(Session, PlaysAPathAndRecordsEveryTickOfIt) {
+  const TempFolder folder;
+  PointMass device;
+  const PlayOptions options = options_for(folder / "played.h5");
+  const PlayResult result =
+      play(device, plan_playback(device.info(), make_shape("square", {}), options), options, StopRequest{});
+  EXPECT_EQ(result.session.servo.cause, StopCause::finished);
+  EXPECT_GT(result.last.rms_error, 0);
+  EXPECT_LT(result.last.rms_error, 0.005);
+
+  const RecordingReader reader(folder / "played.h5");
+  EXPECT_TRUE(reader.header().complete);
+  EXPECT_EQ(reader.header().clock, "virtual");
+  EXPECT_EQ(reader.rows(), result.session.servo.samples);
+  EXPECT_TRUE(reader.columns().reference);
+  const auto rows = reader.read(0, reader.rows());
+  for (std::size_t i = 0; i < rows.size(); ++i) ASSERT_EQ(rows[i].tick, i);
+  EXPECT_EQ(rows.back().force, Vec3::Zero());
+
+  // The figures that were measured in the tick are those of the file.
+  double sum = 0;
+  std::size_t n = 0;
+  for (const Sample& row : rows)
+    if (row.phase == Phase::run) {
+      sum += (row.position - row.reference_position).squaredNorm();
+      ++n;
+    }
+  EXPECT_NEAR(std::sqrt(sum / static_cast<double>(n)), result.last.rms_error, 1e-12);
+  EXPECT_TRUE(check_recording(folder / "played.h5").empty());
+}
+
+TEST(Session, PlaysARecordingOfItselfAtItsOwnTimeStamps) {
+  const TempFolder folder;
+  PointMass device;
+  PlayOptions options = options_for(folder / "first.h5");
+  const Path square = make_shape("square", {.duration = 3});
+  const PlayResult first = play(device, plan_playback(device.info(), square, options), options, StopRequest{});
+  EXPECT_NEAR(first.last.duration, 3, 2e-3);
+
+  PointMass again;
+  options = options_for("");
+  const PlayResult second =
+      play(again, plan_playback(again.info(), load_path(folder / "first.h5"), options), options, StopRequest{});
+  EXPECT_NEAR(second.last.duration, 3, 4e-3);
+}
+
+TEST(Session, RecordsAFreeHandWithoutForce) {
+  const TempFolder folder;
+  PointMass device;
+  RecordOptions options{.duration = 0.5};
+  options.session.recording = SessionOptions::Recording{.file = folder / "free.h5", .title = "a title"};
+  const SessionResult result = record(device, options, StopRequest{});
+  EXPECT_EQ(result.servo.cause, StopCause::finished);
+  for (const Vec3& force : device.forces()) ASSERT_EQ(force, Vec3::Zero());
+  const RecordingReader reader(folder / "free.h5");
+  EXPECT_EQ(reader.header().title, "a title");
+  EXPECT_FALSE(reader.columns().reference);
+  EXPECT_NEAR(static_cast<double>(reader.rows()), 501, 1);
+}
+
+TEST(Session, RefusesARecordingWithoutEndInVirtualTime) {
+  PointMass device;
+  EXPECT_THAT(error_of([&] { record(device, {}, StopRequest{}); }), HasSubstr("say how long with --duration"));
+}
+
+TEST(Session, RefusesAPathOutsideTheWorkspaceBeforeAnyForceAndSaysHowFar) {
+  const TempFolder folder;
+  PointMass device;
+  PlayOptions options = options_for(folder / "never.h5");
+  const Path far = make_shape("circle", {.size = 0.1, .center = Vec3(0.2, 0, 0)});
+  EXPECT_THAT(error_of([&] { plan_playback(device.info(), far, options); }),
+              testing::AllOf(HasSubstr("leaves the workspace of point mass by 50.0 mm"), HasSubstr("--fit")));
+  EXPECT_TRUE(device.forces().empty());
+  EXPECT_FALSE(std::filesystem::exists(folder / "never.h5"));
+
+  options.fit = true;
+  const PlayPlan plan = plan_playback(device.info(), far, options);
+  ASSERT_TRUE(plan.fit);
+  EXPECT_EQ(distance_outside(plan.path, {Vec3::Constant(-0.2), Vec3::Constant(0.2)}), 0);
+}
+
+TEST(Session, RefusesAPathThatIsTooFastAndSaysWhichSpeedWouldDo) {
+  PointMass device;
+  PlayOptions options = options_for("");
+  const Path fast = make_shape("circle", {.size = 0.3, .duration = 0.5});
+  const std::string error = error_of([&] { plan_playback(device.info(), fast, options); });
+  EXPECT_THAT(error, HasSubstr("too near the velocity limit of 1.50 m/s"));
+  const double speed = std::stod(error.substr(error.find("--speed ") + 8));
+  options.playback.speed = speed;
+  EXPECT_NO_THROW(plan_playback(device.info(), fast, options));
+}
+
+TEST(Session, PlaysAPathInSpaceOnAPlanarDevice) {
+  PointMass device;
+  device.mutable_info().force_axes = {true, true, false};
+  device.mutable_info().workspace_min.z() = device.mutable_info().workspace_max.z() = 0;
+  PlayOptions options = options_for("");
+  options.fit = true;
+  Path path = make_shape("circle", {});
+  for (std::size_t i = 0; i < path.size(); ++i) path.position[i].z() = 0.3;
+  const PlayResult result = play(device, plan_playback(device.info(), path, options), options, StopRequest{});
+  EXPECT_EQ(result.session.servo.cause, StopCause::finished);
+  EXPECT_EQ(result.plan.fit.has_value(), false) << "the plane fits; the third axis has no say";
+}
+
+TEST(Session, LeavesNoFileBehindWhenAnOptionIsWrong) {
+  const TempFolder folder;
+  PointMass device;
+  PlayOptions options = options_for(folder / "never.h5");
+  const PlayPlan plan = plan_playback(device.info(), make_shape("circle", {}), options);
+  options.session.rate_hz = 5;
+  EXPECT_THAT(error_of([&] { play(device, plan, options, StopRequest{}); }), HasSubstr("the rate is 5 Hz"));
+  options.session.rate_hz = 1000;
+  options.session.velocity = "kalmann";
+  EXPECT_THAT(error_of([&] { play(device, plan, options, StopRequest{}); }), HasSubstr("kalmann"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "never.h5"));
+}
+
+TEST(Session, KeepsWhatWasRecordedWhenTheDeviceIsLost) {
+  const TempFolder folder;
+  PointMass device(0.5, 2, {.lost_at = 1500});
+  const PlayOptions options = options_for(folder / "lost.h5");
+  const PlayResult result =
+      play(device, plan_playback(device.info(), make_shape("square", {}), options), options, StopRequest{});
+  EXPECT_EQ(result.session.servo.cause, StopCause::device_lost);
+  const RecordingReader reader(folder / "lost.h5");
+  EXPECT_TRUE(reader.header().complete);
+  EXPECT_NEAR(static_cast<double>(reader.rows()), 1499, 1);
+  const auto events = reader.events();
+  ASSERT_FALSE(events.empty());
+  EXPECT_EQ(events.back().code, static_cast<std::int32_t>(EventCode::device_lost));
+}
+
+TEST(Session, StopsInEveryPhaseWhenAsked) {
+  for (const int at : {0, 50, 400, 2000, 4700}) {
+    PointMass device;
+    StopRequest stop;
+    PlayOptions options = options_for("");
+    options.playback.hold = 2;
+    const PlayPlan plan = plan_playback(device.info(), make_shape("square", {.duration = 3}), options);
+
+    /// Raises the request at a tick, as a signal would.
+    struct Raiser final : SampleSink {
+      Raiser(StopRequest& request, int tick) : request_(request), tick_(tick) {}
+      void push(const Sample& sample) noexcept override {
+        if (sample.tick == static_cast<std::uint64_t>(tick_)) request_.raise();
+      }
+      StopRequest& request_;
+      int tick_;
+    } raiser(stop, at);
+
+    std::vector<std::unique_ptr<ForceTerm>> terms;
+    terms.push_back(std::make_unique<PdLaw>(plan.gains));
+    PlaybackController controller(Trajectory(plan.path, Interpolation::cubic), std::move(terms), options.playback);
+    SampleSink* const sinks[] = {&raiser};
+    const SessionResult result = run_session(device, controller, {.reference = true}, sinks, options.session, stop);
+    EXPECT_EQ(result.servo.cause, StopCause::interrupted) << at;
+    EXPECT_LE(result.servo.samples, static_cast<std::uint64_t>(at) + 260) << at;
+    EXPECT_EQ(device.forces().back(), Vec3::Zero()) << at;
+  }
+}
+
+TEST(SessionJson, HasTheNamesOfTheContract) {
+  PointMass device;
+  PlayOptions options = options_for("");
+  options.playback.repetitions = 2;
+  options.playback.hold = 0.1;
+  const Path path = make_shape("circle", {.duration = 1});
+  const nlohmann::json json =
+      to_json(play(device, plan_playback(device.info(), path, options), options, StopRequest{}));
+  for (const char* key : {"samples", "duration_s", "rms_error_m", "peak_error_m", "force_ripple_n", "max_force_n",
+                          "overruns", "latency_s", "tick_s", "stopped_by", "repetitions"})
+    EXPECT_TRUE(json.contains(key)) << key;
+  for (const char* key : {"p50", "p99", "p999", "max"}) EXPECT_TRUE(json["latency_s"].contains(key)) << key;
+  EXPECT_EQ(json["repetitions"].size(), 2U);
+  EXPECT_EQ(json["rms_error_m"], json["repetitions"][1]["rms_error_m"]);
+  EXPECT_EQ(json["stopped_by"], "finished");
+}
+
+TEST(Gains, AreReadFromJsonStrictly) {
+  const PdGains gains = gains_from_json({{"kp", 1500}, {"kd", {1, 2, 3}}}, "g.json");
+  EXPECT_EQ(gains.kp, Vec3::Constant(1500));
+  EXPECT_EQ(gains.kd, Vec3(1, 2, 3));
+  EXPECT_EQ(gains_from_json(to_json(gains), "again").kd, gains.kd);
+  EXPECT_THAT(error_of([] { (void)gains_from_json({{"kp", 1}}, "g.json"); }), HasSubstr("g.json: gains need 'kd'"));
+  EXPECT_THAT(error_of([] { (void)gains_from_json({{"kp", -1}, {"kd", 1}}, "g.json"); }), HasSubstr("kp"));
+  EXPECT_THAT(error_of([] { (void)gains_from_json({{"kp", 1}, {"kd", 1}, {"kdd", 1}}, "g.json"); }), HasSubstr("kdd"));
+}
+
+}  // namespace
+}  // namespace haptrace
