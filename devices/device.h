@@ -45,6 +45,12 @@ struct DeviceState {
   double age = 0;     ///< of this state, for drivers whose I/O has a thread of its own [s]
 };
 
+/// What may leave for a motor: a force or torque that is not finite is none.
+inline Wrench sendable(const Wrench& wrench) noexcept {
+  return {is_finite(wrench.force) ? wrench.force : Vec3::Zero(),
+          is_finite(wrench.torque) ? wrench.torque : Vec3::Zero()};
+}
+
 /// A device that is open: it exists from its opening to its close.
 ///
 /// Threads: one thread at a time. Real-time: exchange, and only exchange, is called from the tick; it allocates
@@ -53,7 +59,7 @@ struct DeviceState {
 /// a thread.
 class Device {
  public:
-  enum class [[nodiscard]] Status : std::uint8_t { ok, lost };
+  enum class [[nodiscard]] Status : std::uint8_t{ok, lost};
 
   virtual ~Device() = default;
   Device() = default;

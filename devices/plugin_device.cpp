@@ -99,8 +99,7 @@ void PluginDevice::Unload::operator()(void* library) const noexcept {
   dlclose(library);
 }
 
-PluginDevice::PluginDevice(const std::string& library, const std::string& options, const std::string& name)
-    : file_(library) {
+PluginDevice::PluginDevice(const std::string& library, const std::string& options, const std::string& name) {
   // A name without a slash would be looked for in the system's folders.
   library_.reset(dlopen(std::filesystem::absolute(library).c_str(), RTLD_NOW | RTLD_LOCAL));
   if (library_ == nullptr) throw refuse(library, fmt::format("cannot be loaded: {}", dlerror()));
@@ -122,14 +121,20 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& option
     const std::string why = terminated(error);
     throw refuse(library, why.empty() ? fmt::format("refuses to open ({}) and does not say why", result) : why);
   }
+  device_ = device;
   try {
     info_ = read_info(raw, library);
+    info_.name = name;
+    // What it measures shows in its answers only; a first exchange without force or time is free.
+    DeviceState state;
+    if (exchange({}, 0, state) == Status::lost) throw refuse(library, lost_reason());
+    info_.measures_velocity = is_finite(state.velocity);
+    info_.measures_orientation = state.orientation.coeffs().allFinite();
+    info_.measures_force = is_finite(state.force);
   } catch (...) {
-    close_(device);
+    close();
     throw;
   }
-  info_.name = name;
-  device_ = device;
 }
 
 PluginDevice::~PluginDevice() {
@@ -138,13 +143,13 @@ PluginDevice::~PluginDevice() {
 
 Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
   if (close_ == nullptr || failure_ < 0) return Status::lost;
-  const std::array<double, 6> sent{wrench.force.x(),  wrench.force.y(),  wrench.force.z(),
-                                   wrench.torque.x(), wrench.torque.y(), wrench.torque.z()};
+  const auto [force, torque] = sendable(wrench);
+  const std::array<double, 6> sent{force.x(), force.y(), force.z(), torque.x(), torque.y(), torque.z()};
   haptrace_plugin_state raw{};
   for (double& v : raw.velocity) v = kNaN;
   for (double& q : raw.orientation) q = kNaN;
   for (double& f : raw.force) f = kNaN;
-  if (const int result = exchange_(device_, dt, sent.data(), &raw); result < 0) {
+  if (const int result = exchange_(device_, dt > 0 ? dt : 0, sent.data(), &raw); result < 0) {
     failure_ = result;
     return Status::lost;
   }
@@ -165,8 +170,8 @@ void PluginDevice::close() noexcept {
 }
 
 std::string PluginDevice::lost_reason() const {
-  if (failure_ < 0) return fmt::format("the plug-in {} lost its device (exchange returned {})", file_, failure_);
-  return fmt::format("the plug-in {} is closed", file_);
+  if (failure_ < 0) return fmt::format("the plug-in lost its device (exchange returned {})", failure_);
+  return "the plug-in is closed";
 }
 
 DeviceBackend plugin_backend() {

@@ -27,7 +27,6 @@ class PluginDevice final : public Device {
   };
 
   std::unique_ptr<void, Unload> library_;
-  std::string file_;
   DeviceInfo info_;
   void* device_ = nullptr;
   decltype(&haptrace_plugin_exchange) exchange_ = nullptr;

@@ -41,6 +41,7 @@ class Plant {
 
   [[nodiscard]] const Eigen::Matrix3d& rotation() const noexcept { return rotation_; }  ///< R: p_A = R p_W
   [[nodiscard]] const Vec3& motor_position() const noexcept { return motor_.x; }        ///< what encoders see [m]
+  [[nodiscard]] const Vec3& motor_velocity() const noexcept { return motor_.v; }
   [[nodiscard]] const Vec3& handle_position() const noexcept { return structure_ ? handle_.x : motor_.x; }
   [[nodiscard]] const Vec3& handle_velocity() const noexcept { return structure_ ? handle_.v : motor_.v; }
   [[nodiscard]] const Vec3& hand_position() const noexcept { return hand_.x; }

@@ -80,8 +80,7 @@ Device::Status SimDevice::exchange(const Wrench& wrench, double dt, DeviceState&
 
 /// What the motors are told: saturated and quantised, in actuator axes.
 Vec3 SimDevice::motor_command(const Wrench& wrench) const noexcept {
-  if (!is_finite(wrench.force)) return Vec3::Zero();
-  Vec3 force = wrench.force.cwiseProduct(force_axes_);
+  Vec3 force = sendable(wrench).force.cwiseProduct(force_axes_);
   const double magnitude = force.stableNorm();
   if (magnitude > info_.max_force) force *= info_.max_force / magnitude;
   const Vec3 motor = plant_.rotation() * force;

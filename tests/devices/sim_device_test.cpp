@@ -1,0 +1,146 @@
+// The options of the simulated device, and the intention of its hand.
+#include "control/min_jerk.h"
+#include "tests/devices/support.h"
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+
+namespace haptrace::test {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+
+/// A minimum-jerk reach of 60 mm along x in 1.2 s from (-0.03, 0.01, 0), sampled unevenly.
+Path reach() {
+  Path path;
+  path.name = "reach";
+  for (double t = 0; t <= 1.2; t += 0.004 + 0.003 * std::sin(40 * t)) {
+    path.time.push_back(t);
+    path.position.emplace_back(-0.03 + 0.06 * MinJerk::at(t / 1.2).s, 0.01, 0);
+  }
+  return path;
+}
+
+std::string csv(const Path& path, const Vec3& offset = Vec3::Zero()) {
+  std::string text = "t,x,y,z\n";
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    const Vec3 p = path.position[i] + offset;
+    text += fmt::format("{},{},{},{}\n", path.time[i], p.x(), p.y(), p.z());
+  }
+  return text;
+}
+
+SimSpec with_hand(const char* device, const char* hand) {
+  nlohmann::json spec = nlohmann::json::parse(device);
+  spec["hand"] = nlohmann::json::parse(hand);
+  return read_sim_spec(spec, "test");
+}
+
+double worst_error(SimDevice& device, double duration, double dt) {
+  const Path path = reach();
+  const Trajectory intended(path, Interpolation::cubic);
+  double worst = 0, t = 0;
+  for (; t < duration; t += dt) {
+    worst = std::max(worst, (device.true_position() - intended.sample(t).position).norm());
+    exchange(device, Vec3::Zero(), dt);
+  }
+  return worst;
+}
+
+TEST(SimIntent, StartsAtRestWhereTheHandIntendsToBegin) {
+  const SimSpec spec =
+      with_hand(R"({"mass": 0.1, "max_force": 5, "actuator_rotation": [0.3, 0.1, -0.2]})", R"("relaxed")");
+  SimDevice device(spec, {.intent = Trajectory(reach(), Interpolation::cubic)});
+  EXPECT_NEAR((device.true_position() - Vec3(-0.03, 0.01, 0)).norm(), 0, 1e-15);
+  EXPECT_EQ(device.true_velocity(), Vec3(0, 0, 0));
+}
+
+TEST(SimIntent, IsFollowedAtItsTimeStamps) {
+  const char* steady = R"({"mass": 0.1, "grip_stiffness": 2000, "grip_damping": 20, "intent_stiffness": 2000,
+                           "intent_damping": 60})";
+  for (const double dt : {1e-3, 0.37e-3, 0.01}) {
+    SimDevice device(with_hand(R"({"mass": 0.05, "max_force": 5, "actuator_rotation": [0.3, 0.1, -0.2]})", steady),
+                     {.intent = Trajectory(reach(), Interpolation::cubic)});
+    EXPECT_LT(worst_error(device, 2, dt), 0.3e-3) << dt;
+    EXPECT_NEAR((device.true_position() - Vec3(0.03, 0.01, 0)).norm(), 0, 2e-5) << dt;
+  }
+}
+
+TEST(SimIntent, MeetsTheResistanceOfTheDevice) {
+  SimDevice device(with_hand(R"({"mass": 0.4, "max_force": 9, "coulomb": 0.7, "viscous": 1.8})", R"("relaxed")"),
+                   {.intent = Trajectory(reach(), Interpolation::cubic)});
+  const double worst = worst_error(device, 2, 1e-3);
+  EXPECT_GT(worst, 0.3e-3);
+  EXPECT_LT(worst, 10e-3);
+}
+
+TEST(SimIntent, NeedsAHand) {
+  const SimSpec spec = read_sim_spec(nlohmann::json::parse(R"({"mass": 1, "max_force": 5})"), "test");
+  SimDevice device(spec, {.intent = Trajectory(reach(), Interpolation::cubic)});
+  EXPECT_EQ(device.true_position(), Vec3(0, 0, 0));
+}
+
+TEST(SimOptions, DefaultToTheReferenceDeviceInItsHand) {
+  const auto device = open_device("sim");
+  EXPECT_EQ(device->info().model, "reference device");
+  EXPECT_EQ(device->info().position_resolution, 5e-5);
+  EXPECT_EQ(device->info().max_force, 8.9);
+}
+
+TEST(SimOptions, ReadADeviceFromAFile) {
+  const TempFolder folder;
+  const std::string file = folder.write("my.json", R"({ // mine
+    "model": "mine", "mass": 0.3, "max_force": 4})");
+  EXPECT_EQ(open_device("sim:spec=" + file)->info().model, "mine");
+  const auto changed = open_device("sim:preset=omega3,spec=" + file);
+  EXPECT_EQ(changed->info().model, "mine");
+  EXPECT_EQ(changed->info().position_resolution, 1e-5);
+  EXPECT_THAT(open_error("sim:spec=/no/such.json"), HasSubstr("/no/such.json"));
+  EXPECT_THAT(open_error("sim:spec=" + folder.write("bad.json", R"({"mass": 1, "max_force": 1, "mas": 2})")),
+              AllOf(HasSubstr("bad.json"), HasSubstr("did you mean 'mass'?")));
+}
+
+TEST(SimOptions, SeedTheNoise) {
+  const auto after = [](const std::string& options) {
+    const auto device = open_device("sim:preset=ideal,hand=relaxed" + options);
+    DeviceState state;
+    for (int k = 0; k < 200; ++k) state = exchange(*device, Vec3::Zero(), 1e-3);
+    return state.position;
+  };
+  EXPECT_EQ(after(",seed=7"), after(",seed=7"));
+  EXPECT_NE(after(",seed=7"), after(",seed=8"));
+  EXPECT_EQ(after(""), after(",seed=1"));
+}
+
+TEST(SimOptions, AreCheckedOneByOne) {
+  EXPECT_THAT(open_error("sim:seed=-1"), HasSubstr("seed: expected a whole number from 0, found '-1'"));
+  EXPECT_THAT(open_error("sim:seed=1.5"), HasSubstr("seed: expected a whole number"));
+  EXPECT_THAT(open_error("sim:hand=none,intent=a.csv"), HasSubstr("hand=none cannot follow a path"));
+}
+
+TEST(SimOptions, LetTheHandFollowAFile) {
+  const TempFolder folder;
+  const std::string file = folder.write("reach.csv", csv(reach()));
+  const auto device = open_device("sim:preset=falcon,intent=" + file);
+  EXPECT_NEAR((exchange(*device, Vec3::Zero(), 0).position - Vec3(-0.03, 0.01, 0)).norm(), 0, 1e-4);
+  DeviceState state;
+  for (int k = 0; k < 2000; ++k) state = exchange(*device, Vec3::Zero(), 1e-3);
+  EXPECT_NEAR((state.position - Vec3(0.03, 0.01, 0)).norm(), 0, 3e-3);
+  EXPECT_THAT(open_error("sim:intent=/no/such.csv"), HasSubstr("/no/such.csv"));
+}
+
+TEST(SimOptions, RefuseAnIntentOutsideTheWorkspaceUnlessItMayBeFitted) {
+  const TempFolder folder;
+  const std::string file = folder.write("far.csv", csv(reach(), Vec3(0.1, 0, 0)));
+  EXPECT_THAT(open_error("sim:preset=falcon,intent=" + file),
+              AllOf(HasSubstr("far.csv"), HasSubstr("Novint Falcon by 79.2 mm"), HasSubstr("fit=true")));
+  const auto device = open_device("sim:preset=falcon,fit=true,intent=" + file);
+  const double start = exchange(*device, Vec3::Zero(), 0).position.x();
+  EXPECT_GT(start, device->info().workspace_min.x());
+  EXPECT_LT(start, device->info().workspace_max.x());
+  EXPECT_THAT(open_error("sim:preset=falcon,fit=yes,intent=" + file), HasSubstr("fit: expected true or false"));
+}
+
+}  // namespace
+}  // namespace haptrace::test

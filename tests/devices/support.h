@@ -1,0 +1,57 @@
+// What the tests of devices share.
+#pragma once
+
+#include "control/error.h"
+#include "devices/sim/noise.h"
+#include "devices/sim/sim_device.h"
+#include "tests/support/temp_folder.h"
+
+#include <gtest/gtest.h>
+#include <string>
+
+namespace haptrace::test {
+
+/// Exchanges and expects the device to be there.
+inline DeviceState exchange(Device& device, const Vec3& force, double dt) {
+  DeviceState state;
+  EXPECT_EQ(device.exchange({force, Vec3::Zero()}, dt, state), Device::Status::ok) << device.lost_reason();
+  return state;
+}
+
+/// A force that wanders: a new direction every 20 ms, each axis up to `largest`.
+class RandomForce {
+ public:
+  RandomForce(std::uint64_t seed, double largest) : random_(seed, 7), largest_(largest) {}
+
+  Vec3 operator()(double dt) {
+    if ((left_ -= dt) <= 0) {
+      left_ = 0.02;
+      force_ = (0.5 * largest_ * random_.vector()).cwiseMax(-largest_).cwiseMin(largest_);
+    }
+    return force_;
+  }
+
+ private:
+  Gaussian random_;
+  double largest_, left_ = 0;
+  Vec3 force_ = Vec3::Zero();
+};
+
+/// The text of the error that `call` throws; a failure when it throws none.
+template <typename Call>
+std::string error_of(Call call, Error::Kind kind = Error::Kind::input) {
+  try {
+    call();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), kind) << error.what();
+    return error.what();
+  }
+  ADD_FAILURE() << "no error";
+  return {};
+}
+
+inline std::string open_error(const std::string& spec, Error::Kind kind = Error::Kind::input) {
+  return error_of([&] { (void)open_device(spec); }, kind);
+}
+
+}  // namespace haptrace::test
