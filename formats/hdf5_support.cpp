@@ -1,0 +1,204 @@
+#include "formats/hdf5_support.h"
+
+#include <algorithm>
+#include <cstring>
+#include <filesystem>
+#include <fmt/format.h>
+#include <memory>
+
+namespace haptrace::hdf5 {
+namespace {
+
+Attribute new_attribute(hid_t object, const char* name, hid_t type) {
+  const Space scalar(H5Screate(H5S_SCALAR));
+  return Attribute(checked(H5Acreate2(object, name, type, scalar.get(), H5P_DEFAULT, H5P_DEFAULT),
+                           fmt::format("attribute {} cannot be created", name)));
+}
+
+void write(const Attribute& attribute, const char* name, hid_t type, const void* value) {
+  checked(H5Awrite(attribute.get(), type, value), fmt::format("attribute {} cannot be written", name));
+}
+
+/// An attribute of one element; none when it is absent or has another shape.
+Attribute open_scalar(hid_t object, const char* name) {
+  if (H5Aexists(object, name) <= 0) return {};
+  Attribute attribute(H5Aopen(object, name, H5P_DEFAULT));
+  if (!attribute) return {};
+  const Space space(H5Aget_space(attribute.get()));
+  return H5Sget_simple_extent_npoints(space.get()) == 1 ? std::move(attribute) : Attribute{};
+}
+
+H5T_class_t class_of(const Attribute& attribute) {
+  const Type type(H5Aget_type(attribute.get()));
+  return H5Tget_class(type.get());
+}
+
+/// `reason` says why, when there is no file.
+File try_open(const std::string& file, unsigned flags, std::string& reason) {
+  const Properties access(H5Pcreate(H5P_FILE_ACCESS));
+  H5Pset_fclose_degree(access.get(), H5F_CLOSE_STRONG);
+  File opened(H5Fopen(file.c_str(), flags, access.get()));
+  if (!opened) reason = last_error();
+  return opened;
+}
+
+}  // namespace
+
+std::string last_error() {
+  std::string reason;
+  const auto take_innermost = [](unsigned depth, const H5E_error2_t* error, void* data) -> herr_t {
+    if (depth == 0 && error->desc != nullptr) *static_cast<std::string*>(data) = error->desc;
+    return 0;
+  };
+  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, take_innermost, &reason);
+
+  constexpr std::string_view kSystem = "error message = '";
+  if (const auto at = reason.find(kSystem); at != std::string::npos) {
+    const std::size_t begin = at + kSystem.size();
+    return reason.substr(begin, reason.find('\'', begin) - begin);
+  }
+  return reason.empty() ? "HDF5 gives no reason" : reason;
+}
+
+Type text_type(std::size_t bytes) {
+  Type type(H5Tcopy(H5T_C_S1));
+  H5Tset_size(type.get(), bytes);
+  H5Tset_cset(type.get(), H5T_CSET_UTF8);
+  H5Tset_strpad(type.get(), H5T_STR_NULLTERM);
+  return type;
+}
+
+hid_t stored_type(layout::Element element) {
+  switch (element) {
+    case layout::Element::float64:
+      return H5T_IEEE_F64LE;
+    case layout::Element::float32:
+      return H5T_IEEE_F32LE;
+    case layout::Element::uint64:
+      return H5T_STD_U64LE;
+    case layout::Element::uint32:
+      return H5T_STD_U32LE;
+    case layout::Element::uint8:
+      return H5T_STD_U8LE;
+  }
+  return H5I_INVALID_HID;
+}
+
+Type event_type() {
+  Type type(H5Tcreate(H5T_COMPOUND, layout::EventRow::kBytes));
+  H5Tinsert(type.get(), "time", layout::EventRow::kTime, H5T_IEEE_F64LE);
+  H5Tinsert(type.get(), "code", layout::EventRow::kCode, H5T_STD_I32LE);
+  H5Tinsert(type.get(), "text", layout::EventRow::kText, text_type(layout::EventRow::kTextBytes).get());
+  return type;
+}
+
+void create_attribute(hid_t object, const char* name, const std::string& text) {
+  const Type type = text_type(text.size() + 1);
+  write(new_attribute(object, name, type.get()), name, type.get(), text.c_str());
+}
+
+void create_attribute(hid_t object, const char* name, double value) {
+  write(new_attribute(object, name, H5T_IEEE_F64LE), name, H5T_NATIVE_DOUBLE, &value);
+}
+
+void create_attribute(hid_t object, const char* name, bool value) {
+  const std::uint8_t byte = value ? 1 : 0;
+  write(new_attribute(object, name, H5T_STD_U8LE), name, H5T_NATIVE_UINT8, &byte);
+}
+
+void update_attribute(hid_t object, const char* name, bool value) {
+  const std::uint8_t byte = value ? 1 : 0;
+  const Attribute attribute(
+      checked(H5Aopen(object, name, H5P_DEFAULT), fmt::format("attribute {} cannot be opened", name)));
+  write(attribute, name, H5T_NATIVE_UINT8, &byte);
+}
+
+bool read_attribute(hid_t object, const char* name, std::string& text) {
+  const Attribute attribute = open_scalar(object, name);
+  if (!attribute || class_of(attribute) != H5T_STRING) return false;
+  const Type stored(H5Aget_type(attribute.get()));
+  if (H5Tis_variable_str(stored.get()) > 0) {
+    char* allocated = nullptr;
+    if (H5Aread(attribute.get(), stored.get(), &allocated) < 0) return false;
+    text = allocated != nullptr ? allocated : "";
+    H5free_memory(allocated);
+    return true;
+  }
+  const std::size_t bytes = H5Tget_size(stored.get());
+  if (bytes == 0 || bytes > std::size_t{1} << 24U) return false;
+  std::vector<char> buffer(bytes + 1, '\0');
+  if (H5Aread(attribute.get(), stored.get(), buffer.data()) < 0) return false;
+  text.assign(buffer.data());
+  if (H5Tget_strpad(stored.get()) == H5T_STR_SPACEPAD) text.erase(text.find_last_not_of(' ') + 1);
+  return true;
+}
+
+bool read_attribute(hid_t object, const char* name, double& value) {
+  const Attribute attribute = open_scalar(object, name);
+  if (!attribute) return false;
+  const H5T_class_t type = class_of(attribute);
+  return (type == H5T_FLOAT || type == H5T_INTEGER) && H5Aread(attribute.get(), H5T_NATIVE_DOUBLE, &value) >= 0;
+}
+
+bool read_attribute(hid_t object, const char* name, bool& value) {
+  const Attribute attribute = open_scalar(object, name);
+  std::int64_t number = 0;
+  if (!attribute || class_of(attribute) != H5T_INTEGER || H5Aread(attribute.get(), H5T_NATIVE_INT64, &number) < 0)
+    return false;
+  value = number != 0;
+  return true;
+}
+
+bool exists(hid_t file, const std::string& path) {
+  for (std::size_t slash = path.find('/', 1);; slash = path.find('/', slash + 1)) {
+    if (H5Lexists(file, path.substr(0, slash).c_str(), H5P_DEFAULT) <= 0) return false;
+    if (slash == std::string::npos) return H5Oexists_by_name(file, path.c_str(), H5P_DEFAULT) > 0;
+  }
+}
+
+RecordingColumns present_columns(hid_t file) {
+  RecordingColumns columns;
+  for (const layout::Column& column : layout::columns())
+    if (column.option != nullptr && exists(file, column.path())) columns.*column.option = true;
+  return columns;
+}
+
+std::vector<hsize_t> shape(hid_t dataset) {
+  const Space space(H5Dget_space(dataset));
+  std::vector<hsize_t> dimensions(static_cast<std::size_t>(std::max(H5Sget_simple_extent_ndims(space.get()), 0)));
+  H5Sget_simple_extent_dims(space.get(), dimensions.data(), nullptr);
+  return dimensions;
+}
+
+void read_rows(hid_t dataset, const std::string& path, hid_t type, hsize_t first, hsize_t count, void* rows) {
+  std::vector<hsize_t> extent = shape(dataset);
+  std::vector<hsize_t> start(extent.size(), 0);
+  start.at(0) = first;
+  extent[0] = count;
+  const std::string what = fmt::format("{} cannot be read at rows {} to {}", path, first, first + count - 1);
+  const Space memory(checked(H5Screate_simple(static_cast<int>(extent.size()), extent.data(), nullptr), what));
+  const Space disk(checked(H5Dget_space(dataset), what));
+  checked(H5Sselect_hyperslab(disk.get(), H5S_SELECT_SET, start.data(), nullptr, extent.data(), nullptr), what);
+  checked(H5Dread(dataset, type, memory.get(), disk.get(), H5P_DEFAULT, rows), what);
+}
+
+File open_to_read(const std::string& file) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  const fs::file_status status = fs::status(file, error);
+  if (!fs::exists(status)) throw input_error(file + ": no such file");
+  if (fs::is_directory(status)) throw input_error(file + ": is a folder, not a recording");
+  if (!fs::is_regular_file(status)) throw input_error(file + ": is not a regular file");
+  if (fs::file_size(file, error) == 0) throw input_error(file + ": is empty");
+  if (!is_hdf5(file)) throw input_error(file + ": is not an HDF5 file");
+
+  std::string reason, ignored;
+  if (File opened = try_open(file, H5F_ACC_RDONLY, reason)) return opened;
+  // A writer is at work, or was killed: its mark in the superblock lets only SWMR readers in.
+  if (File opened = try_open(file, H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, ignored)) return opened;
+  if (reason == std::strerror(EAGAIN))
+    throw input_error(file + ": is open for writing in another program; close it there first");
+  throw input_error(fmt::format("{}: HDF5 cannot open it: {}", file, reason));
+}
+
+}  // namespace haptrace::hdf5

@@ -1,0 +1,110 @@
+// HDF5's C interface with owners, errors and silence. Private to formats.
+#pragma once
+
+#include "control/error.h"
+#include "formats/recording_layout.h"
+
+#include <hdf5.h>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace haptrace::hdf5 {
+
+/// Owns one identifier.
+template <auto Close>
+class Handle {
+ public:
+  Handle() = default;
+  explicit Handle(hid_t id) : id_(id) {}
+  ~Handle() { close(); }
+  Handle(Handle&& other) noexcept : id_(std::exchange(other.id_, H5I_INVALID_HID)) {}
+  Handle& operator=(Handle&& other) noexcept {
+    std::swap(id_, other.id_);
+    return *this;
+  }
+
+  [[nodiscard]] hid_t get() const noexcept { return id_; }
+  explicit operator bool() const noexcept { return id_ >= 0; }
+
+  /// False when HDF5 could not.
+  bool close() noexcept { return id_ < 0 || Close(std::exchange(id_, H5I_INVALID_HID)) >= 0; }
+
+ private:
+  hid_t id_ = H5I_INVALID_HID;
+};
+
+using File = Handle<H5Fclose>;
+using Dataset = Handle<H5Dclose>;
+using Group = Handle<H5Gclose>;
+using Object = Handle<H5Oclose>;
+using Attribute = Handle<H5Aclose>;
+using Type = Handle<H5Tclose>;
+using Space = Handle<H5Sclose>;
+using Properties = Handle<H5Pclose>;
+
+/// While it lives, HDF5 prints nothing about errors in this thread: ours carry them.
+class Silence {
+ public:
+  Silence() noexcept {
+    H5Eget_auto2(H5E_DEFAULT, &print_, &data_);
+    H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
+  }
+  ~Silence() { H5Eset_auto2(H5E_DEFAULT, print_, data_); }
+  Silence(const Silence&) = delete;
+  Silence& operator=(const Silence&) = delete;
+
+ private:
+  H5E_auto2_t print_ = nullptr;
+  void* data_ = nullptr;
+};
+
+/// Why the last call failed, in HDF5's own words: the operating system's reason where there is one, else the innermost
+/// entry of the error stack. Every call forgets the one before, closing a handle included.
+std::string last_error();
+
+/// The result of a call, or an Error(input): `what` and HDF5's reason.
+template <class Result>
+Result checked(Result result, const std::string& what) {
+  if (result < 0) throw input_error(what + ": " + last_error());
+  return result;
+}
+
+/// A UTF-8 string type of `bytes` bytes, the final zero among them.
+Type text_type(std::size_t bytes);
+
+/// How an element lies in a file; the same as in memory.
+hid_t stored_type(layout::Element element);
+
+/// A row of /events, see layout::EventRow.
+Type event_type();
+
+/// Writers of a scalar attribute that is new. Text has a fixed length.
+void create_attribute(hid_t object, const char* name, const std::string& text);
+void create_attribute(hid_t object, const char* name, double value);
+void create_attribute(hid_t object, const char* name, bool value);
+void update_attribute(hid_t object, const char* name, bool value);
+
+/// Readers of a scalar attribute: false when it is absent or cannot be converted. Text may have any HDF5 string type.
+bool read_attribute(hid_t object, const char* name, std::string& text);
+bool read_attribute(hid_t object, const char* name, double& value);
+bool read_attribute(hid_t object, const char* name, bool& value);
+
+/// True when the path leads to an object of `file`, all its groups included.
+bool exists(hid_t file, const std::string& path);
+
+/// The options of which `file` has a column. Where it has one, it must have all of them.
+RecordingColumns present_columns(hid_t file);
+
+/// The dimensions of a dataset.
+std::vector<hsize_t> shape(hid_t dataset);
+
+/// Reads rows [first, first + count) of `path`, open as `dataset`, into `rows` as `type`. Throws Error(input) naming
+/// path and rows.
+void read_rows(hid_t dataset, const std::string& path, hid_t type, hsize_t first, hsize_t count, void* rows);
+
+/// Opens a file to read it: finished, being written by somebody (SWMR), or left by a writer that was killed.
+/// Throws Error(input): missing, a folder, empty, not HDF5, open elsewhere for writing without SWMR, damaged.
+File open_to_read(const std::string& file);
+
+}  // namespace haptrace::hdf5

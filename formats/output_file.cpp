@@ -1,0 +1,40 @@
+#include "formats/output_file.h"
+
+#include "control/error.h"
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <fmt/format.h>
+#include <random>
+
+namespace haptrace {
+namespace fs = std::filesystem;
+
+OutputFile::OutputFile(const std::string& file, bool overwrite) : target_(file), path_(file) {
+  std::error_code error;
+  const fs::path folder = fs::path(file).has_parent_path() ? fs::path(file).parent_path() : fs::path(".");
+  if (!fs::is_directory(folder, error))
+    throw input_error(fmt::format("{}: folder {} does not exist; create it first", file, folder.string()));
+  const fs::file_status status = fs::status(file, error);
+  if (!fs::exists(status)) return;
+  if (!fs::is_regular_file(status)) throw input_error(file + ": exists and is not a regular file");
+  if (!overwrite)
+    throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
+  target_ = fs::canonical(file, error).string();  // a link stays a link
+  path_ = fmt::format("{}.{:08x}", target_, std::random_device{}());
+}
+
+OutputFile::~OutputFile() {
+  std::error_code ignored;
+  if (created_) fs::remove(path_, ignored);
+}
+
+void OutputFile::commit() {
+  if (path_ != target_ && std::rename(path_.c_str(), target_.c_str()) != 0)
+    throw input_error(fmt::format("{}: cannot be replaced: {}", target_, std::strerror(errno)));
+  created_ = false;
+}
+
+}  // namespace haptrace

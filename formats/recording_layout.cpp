@@ -1,0 +1,179 @@
+#include "formats/recording_layout.h"
+
+#include <bit>
+#include <cmath>
+#include <cstring>
+
+namespace haptrace::layout {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "rows are copied to the file as they lie in memory");
+
+constexpr Attribute kAttributes[] = {
+    {"format_version", &RecordingHeader::format_version},
+    {"uuid", &RecordingHeader::uuid},
+    {"created", &RecordingHeader::created},
+    {"software", &RecordingHeader::software},
+    {"title", &RecordingHeader::title},
+    {"subject", &RecordingHeader::subject},
+    {"operator", &RecordingHeader::operator_name},
+    {"notes", &RecordingHeader::notes},
+    {"rate_hz", &RecordingHeader::rate_hz},
+    {"clock", &RecordingHeader::clock},
+    {"complete", &RecordingHeader::complete},
+    {"config", &RecordingHeader::config},
+    {"device_name", &RecordingHeader::device_name},
+    {"device_model", &RecordingHeader::device_model},
+    {"device_serial", &RecordingHeader::device_serial},
+    {"device_backend", &RecordingHeader::device_backend},
+    {"position_resolution_m", &RecordingHeader::position_resolution_m},
+    {"max_force_n", &RecordingHeader::max_force_n},
+};
+
+/// How a member of Sample lies in a row: as it is,
+template <auto Member>
+struct Plain {
+  using Value = std::remove_cvref_t<decltype(std::declval<Sample>().*Member)>;
+  static Value get(const Sample& sample) { return sample.*Member; }
+  static void set(Sample& sample, const Value& value) { sample.*Member = value; }
+};
+
+/// or as three numbers,
+template <Vec3 Sample::*Member>
+struct Vector {
+  using Value = std::array<double, 3>;
+  static Value get(const Sample& sample) {
+    const Vec3& v = sample.*Member;
+    return {v.x(), v.y(), v.z()};
+  }
+  static void set(Sample& sample, const Value& value) { sample.*Member = Vec3(value[0], value[1], value[2]); }
+};
+
+/// or in other units or order.
+struct Seconds {
+  using Value = double;
+  static Value get(const Sample& sample) { return static_cast<double>(sample.time_ns) * 1e-9; }
+  static void set(Sample& sample, const Value& value) { sample.time_ns = std::llround(value * 1e9); }
+};
+struct Orientation {
+  using Value = std::array<double, 4>;
+  static Value get(const Sample& sample) {
+    const Quat& q = sample.orientation;
+    return {q.w(), q.x(), q.y(), q.z()};
+  }
+  static void set(Sample& sample, const Value& value) {
+    sample.orientation = Quat(value[0], value[1], value[2], value[3]);
+  }
+};
+
+template <class Field>
+void pack(std::span<const Sample> samples, std::byte* rows) {
+  for (const Sample& sample : samples) {
+    const typename Field::Value value = Field::get(sample);
+    std::memcpy(rows, &value, sizeof value);
+    rows += sizeof value;
+  }
+}
+
+template <class Field>
+void unpack(const std::byte* rows, std::span<Sample> samples) {
+  for (Sample& sample : samples) {
+    typename Field::Value value;
+    std::memcpy(&value, rows, sizeof value);
+    Field::set(sample, value);
+    rows += sizeof value;
+  }
+}
+
+template <class Value>
+constexpr Element element_of() {
+  if constexpr (std::is_same_v<Value, float>) return Element::float32;
+  if constexpr (std::is_same_v<Value, std::uint64_t>) return Element::uint64;
+  if constexpr (std::is_same_v<Value, std::uint32_t>) return Element::uint32;
+  if constexpr (sizeof(Value) == 1) return Element::uint8;
+  return Element::float64;
+}
+
+template <class Field>
+constexpr Column column(const char* name, const char* units, const char* description,
+                        bool RecordingColumns::*option = nullptr) {
+  using Value = typename Field::Value;
+  constexpr Element element = element_of<Value>();
+  constexpr std::size_t width = element == Element::float64 ? sizeof(Value) / sizeof(double) : 1;
+  return {name, element, width, units, description, option, &pack<Field>, &unpack<Field>};
+}
+
+constexpr Column kColumns[] = {
+    column<Seconds>("time", "s", "since the first sample, read from the clock"),
+    column<Plain<&Sample::tick>>("tick", "1", "index of the servo loop's tick; a gap is a tick that was missed"),
+    column<Vector<&Sample::position>>("position", "m", "of the tool tip in the device's base frame: x, y, z"),
+    column<Vector<&Sample::velocity>>("velocity", "m/s", "estimate that the controller used: x, y, z"),
+    column<Vector<&Sample::force>>("force", "N", "on the hand, as sent to the device after all limits: x, y, z"),
+    column<Orientation>("orientation", "1", "of the tool in the device's base frame, unit quaternion: w, x, y, z",
+                        &RecordingColumns::orientation),
+    column<Vector<&Sample::torque>>("torque", "N m", "on the hand, as sent to the device: x, y, z",
+                                    &RecordingColumns::torque),
+    column<Vector<&Sample::force_measured>>("force_measured", "N", "by the device's own sensor: x, y, z",
+                                            &RecordingColumns::force_measured),
+    column<Vector<&Sample::reference_position>>("reference_position", "m", "where the tool should be: x, y, z",
+                                                &RecordingColumns::reference),
+    column<Vector<&Sample::reference_velocity>>("reference_velocity", "m/s", "how the tool should move: x, y, z",
+                                                &RecordingColumns::reference),
+    column<Vector<&Sample::reference_force>>("reference_force", "N",
+                                             "the expert's force at the present point of the path: x, y, z",
+                                             &RecordingColumns::guidance),
+    column<Plain<&Sample::progress>>("progress", "m", "arc length of the projection on the expert's path",
+                                     &RecordingColumns::guidance),
+    column<Plain<&Sample::buttons>>("buttons", "1", "pressed buttons, one bit each"),
+    column<Plain<&Sample::phase>>("phase", "1", "0 idle, 1 approach, 2 run, 3 hold, 4 release, 5 stopped by a limit"),
+    column<Plain<&Sample::latency>>("latency", "s", "wake-up time minus deadline"),
+};
+
+}  // namespace
+
+std::span<const Attribute> attributes() {
+  return kAttributes;
+}
+
+std::span<const Column> columns() {
+  return kColumns;
+}
+
+std::size_t size_of(Element element) {
+  switch (element) {
+    case Element::float64:
+    case Element::uint64:
+      return 8;
+    case Element::float32:
+    case Element::uint32:
+      return 4;
+    case Element::uint8:
+      return 1;
+  }
+  return 0;
+}
+
+const char* to_string(Element element) {
+  switch (element) {
+    case Element::float64:
+      return "float64";
+    case Element::float32:
+      return "float32";
+    case Element::uint64:
+      return "uint64";
+    case Element::uint32:
+      return "uint32";
+    case Element::uint8:
+      return "uint8";
+  }
+  return "unknown";
+}
+
+std::string_view utf8_prefix(std::string_view text, std::size_t bytes) {
+  if (text.size() <= bytes) return text;
+  // Bytes 10xxxxxx continue a character: the one that follows the cut must begin one.
+  while (bytes > 0 && (static_cast<unsigned char>(text[bytes]) & 0xC0U) == 0x80U) --bytes;
+  return text.substr(0, bytes);
+}
+
+}  // namespace haptrace::layout

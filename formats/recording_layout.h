@@ -1,0 +1,71 @@
+// The layout of a recording, stated once: writer, reader and check all walk these tables. Private to formats.
+#pragma once
+
+#include "formats/recording.h"
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+
+namespace haptrace::layout {
+
+inline constexpr std::string_view kFormat = "haptrace-recording";
+inline constexpr int kMajorVersion = 1;
+
+/// HDF5 keeps an attribute of a fixed size in the object header, whose messages end at 64 KiB.
+inline constexpr std::size_t kLongestText = 60'000;  // [bytes]
+
+/// An attribute of the root and where the header keeps it. Beside these the root has `format`, always kFormat.
+struct Attribute {
+  const char* name;
+  std::variant<std::string RecordingHeader::*, double RecordingHeader::*, bool RecordingHeader::*,
+               nlohmann::json RecordingHeader::*>
+      member;
+};
+std::span<const Attribute> attributes();
+
+/// The types of a dataset's elements; little-endian in the file.
+enum class Element { float64, float32, uint64, uint32, uint8 };
+
+std::size_t size_of(Element element);
+const char* to_string(Element element);
+inline bool is_float(Element element) {
+  return element == Element::float64 || element == Element::float32;
+}
+
+/// A dataset of /samples. Its first dimension is the sample, its second, when `width` > 1, the component.
+struct Column {
+  const char* name;
+  Element element;
+  std::size_t width;
+  const char* units;
+  const char* description;
+  bool RecordingColumns::*option;  ///< which choice it belongs to; null when every recording has it
+  void (*pack)(std::span<const Sample> samples, std::byte* rows);    ///< samples -> rows of the file
+  void (*unpack)(const std::byte* rows, std::span<Sample> samples);  ///< rows of the file -> samples
+
+  [[nodiscard]] std::size_t row_bytes() const { return width * size_of(element); }
+  [[nodiscard]] bool in(const RecordingColumns& columns) const { return option == nullptr || columns.*option; }
+  [[nodiscard]] std::string path() const { return std::string("/samples/") + name; }
+};
+
+/// Time is the first.
+std::span<const Column> columns();
+
+/// A row of /events: the compound type, byte for byte.
+struct EventRow {
+  static constexpr std::size_t kTextBytes = 128;  ///< with the final zero
+  static constexpr std::size_t kTime = 0, kCode = 8, kText = 12, kBytes = kText + kTextBytes;
+};
+inline constexpr const char* kEvents = "/events";
+inline constexpr const char* kEventUnits = "time: s";
+inline constexpr const char* kEventDescription =
+    "what happened: time since the first sample, code (10 overrun, 11 samples lost, 20 to 24 limits, 50 mark), text";
+
+/// The longest beginning of `text` of at most `bytes` bytes that does not cut a UTF-8 character.
+std::string_view utf8_prefix(std::string_view text, std::size_t bytes);
+
+}  // namespace haptrace::layout
