@@ -16,6 +16,7 @@ namespace haptrace {
 namespace {
 
 constexpr std::size_t kEventRing = 1024;
+constexpr double kFlushSpan = 1;  // of the session's time between two flushes at most [s]
 constexpr auto kPoll = std::chrono::milliseconds(5);
 
 std::size_t rows_in(double seconds, double rate_hz, std::size_t least) {
@@ -29,6 +30,7 @@ struct Recorder::Writer {
          const Options& options)
       : file(name),
         flush_period(options.flush_period),
+        flush_rows(rows_in(kFlushSpan, header.rate_hz, 1)),
         samples(rows_in(options.ring_seconds, header.rate_hz, 1024)),
         events(kEventRing),
         output(name, header, columns,
@@ -40,12 +42,14 @@ struct Recorder::Writer {
     try {
       auto flushed = std::chrono::steady_clock::now();
       for (bool last = false; !last;) {
-        last = stop.stop_requested();
+        const bool stopping = stop.stop_requested();
         const bool wrote = drain();
+        last = stopping && !wrote;
         const auto now = std::chrono::steady_clock::now();
-        if (std::chrono::duration<double>(now - flushed).count() >= flush_period) {
+        if (std::chrono::duration<double>(now - flushed).count() >= flush_period || unflushed >= flush_rows) {
           output.flush();
           flushed = now;
+          unflushed = 0;
         }
         if (!wrote && !last) std::this_thread::sleep_for(kPoll);
       }
@@ -57,10 +61,12 @@ struct Recorder::Writer {
 
   bool drain() {
     bool wrote = false;
-    samples.consume_all([&](const Sample& sample) { batch.push_back(sample); });
+    while (batch.size() < flush_rows && samples.consume_one([&](const Sample& sample) { batch.push_back(sample); })) {
+    }
     if (!batch.empty()) {
       output.append(batch);
       written.fetch_add(batch.size(), std::memory_order_relaxed);
+      unflushed += batch.size();
       last_time_ns = batch.back().time_ns;
       batch.clear();
       wrote = true;
@@ -92,7 +98,8 @@ struct Recorder::Writer {
   }
 
   std::string file;
-  double flush_period;
+  double flush_period;     ///< [s] of the wall clock
+  std::size_t flush_rows;  ///< in virtual time rows come faster than the wall clock goes
   boost::lockfree::spsc_queue<Sample> samples;
   boost::lockfree::spsc_queue<Event> events;
   std::atomic<std::uint64_t> written{0}, lost{0};
@@ -101,6 +108,7 @@ struct Recorder::Writer {
   // The writer thread's own.
   RecordingWriter output;
   std::vector<Sample> batch;
+  std::size_t unflushed = 0;
   std::uint64_t lost_told = 0;
   std::int64_t last_time_ns = 0;
   std::exception_ptr error;  ///< read after join

