@@ -1,4 +1,4 @@
-// Random numbers that are the same on every machine and standard library.
+// Random numbers that do not depend on the standard library's distributions.
 #pragma once
 
 #include "control/types.h"
@@ -86,8 +86,8 @@ class ColouredNoise {
 
   ColouredNoise(double rms, const Vec3& b, const Vec3& a) : b_(b / a[0]), a_(a / a[0]) {
     if (rms == 0) return;
-    // The variance of filtered white noise is the energy of the impulse response.
-    constexpr int kLongest = 20000;
+    // The variance of filtered white noise is the energy of the impulse response, which is over by then.
+    constexpr int kLongest = 5000;
     double energy = 0;
     for (int i = 0; i < kLongest; ++i) {
       const double response = filter(i == 0 ? Vec3(1, 0, 0) : Vec3::Zero()).x();

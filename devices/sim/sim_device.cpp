@@ -24,9 +24,10 @@ Vec3 quantised(const Vec3& v, double quantum) {
   return {quantised(v.x(), quantum), quantised(v.y(), quantum), quantised(v.z(), quantum)};
 }
 
-DeviceInfo describe(const SimSpec& spec, const std::string& name) {
+DeviceInfo describe(const SimSpec& spec, const SimOptions& options) {
   DeviceInfo info;
-  info.name = name;
+  info.name = options.name;
+  info.serial = options.serial;
   info.backend = "sim";
   info.model = spec.model;
   info.virtual_time = true;
@@ -48,7 +49,7 @@ bool follows_intent(const SimSpec& spec, const SimOptions& options) {
 }  // namespace
 
 SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
-    : info_(describe(spec, options.name)),
+    : info_(describe(spec, options)),
       force_resolution_(spec.force_resolution),
       position_noise_(spec.position_noise),
       force_noise_(spec.force_noise),
@@ -134,58 +135,62 @@ namespace {
 
 using nlohmann::json;
 
-bool read_flag(const DeviceSpec& spec, const std::string& key) {
-  const auto option = spec.options.find(key);
-  if (option == spec.options.end() || option->second == "false") return false;
-  if (option->second == "true") return true;
-  throw input_error(
-      fmt::format("--device '{}': {}: expected true or false, found '{}'", spec.text, key, option->second));
+std::string option(const DeviceSpec& device, const char* key) {
+  const auto found = device.options.find(key);
+  return found != device.options.end() ? found->second : std::string();
 }
 
-std::uint64_t read_seed(const DeviceSpec& spec) {
-  const auto option = spec.options.find("seed");
-  if (option == spec.options.end()) return SimOptions{}.seed;
-  const std::string& text = option->second;
-  std::uint64_t seed = 0;
+std::string where(const DeviceSpec& device) {
+  return fmt::format("--device '{}'", device.text);
+}
+
+bool read_flag(const DeviceSpec& device, const char* key) {
+  const std::string text = option(device, key);
+  if (text.empty() || text == "false") return false;
+  if (text == "true") return true;
+  throw input_error(fmt::format("{}: {}: expected true or false, found '{}'", where(device), key, text));
+}
+
+std::uint64_t read_seed(const DeviceSpec& device) {
+  const std::string text = option(device, "seed");
+  std::uint64_t seed = SimOptions{}.seed;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seed);
-  if (error != std::errc{} || end != text.data() + text.size())
-    throw input_error(fmt::format("--device '{}': seed: expected a whole number from 0, found '{}'", spec.text, text));
+  if (!text.empty() && (error != std::errc{} || end != text.data() + text.size()))
+    throw input_error(fmt::format("{}: seed: expected a whole number from 0, found '{}'", where(device), text));
   return seed;
 }
 
 /// The preset, changed by the file, held by the hand: each option says more than the one before.
-SimSpec read_spec(const DeviceSpec& device) {
-  const auto option = [&](const char* key) {
-    const auto found = device.options.find(key);
-    return found != device.options.end() ? found->second : std::string();
-  };
-  const std::string file = option("spec"), hand = option("hand"), intent = option("intent");
-  const std::string preset = option("preset").empty() && file.empty() ? "reference" : option("preset");
-  const std::string here = fmt::format("--device '{}'", device.text);
+json merged_spec(const DeviceSpec& device) {
+  const std::string file = option(device, "spec"), hand = option(device, "hand");
+  const std::string preset = option(device, "preset").empty() && file.empty() ? "reference" : option(device, "preset");
 
   json spec = json::object();
-  if (!preset.empty()) spec = device_preset(preset, here + ": preset");
+  if (!preset.empty()) spec = device_preset(preset, where(device) + ": preset");
   if (!file.empty()) spec.merge_patch(load_json(file));
   if (!hand.empty()) {
     // A hand from the command line follows the path that the file gives its own.
     const json own = spec.contains("hand") && spec["hand"].is_object() ? spec["hand"] : json::object();
-    spec["hand"] = hand == "none" ? json("none") : hand_preset(hand, here + ": hand");
+    spec["hand"] = hand == "none" ? json(hand) : hand_preset(hand, where(device) + ": hand");
     if (hand != "none" && own.contains("intent")) spec["hand"]["intent"] = own["intent"];
   }
-  if (!intent.empty() && (!spec.contains("hand") || spec["hand"].is_null())) spec["hand"] = "relaxed";
+  if (!option(device, "intent").empty() && !spec.contains("hand")) spec["hand"] = "relaxed";
+  return spec;
+}
 
-  SimSpec sim = read_sim_spec(spec, file.empty() ? here : file, std::filesystem::path(file).parent_path().string());
-  if (!intent.empty()) {
-    if (!sim.hand) throw input_error(here + ": intent: nobody holds the device; hand=none cannot follow a path");
-    sim.hand->intent = intent;
-  }
-  return sim;
+/// A number of eight hexadecimal digits for what a device is made of, whoever holds it (FNV-1a).
+std::string serial_number(json spec) {
+  spec.erase("hand");
+  std::uint32_t hash = 2166136261;
+  for (const char c : spec.dump()) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619;
+  return fmt::format("{:08x}", hash);
 }
 
 Trajectory read_intent(const DeviceSpec& device, const SimSpec& spec) {
+  const bool fit = read_flag(device, "fit");
   Path path = load_path(spec.hand->intent);
   const double outside = distance_outside(path, spec.workspace);
-  if (outside > 0 && !read_flag(device, "fit"))
+  if (outside > 0 && !fit)
     throw input_error(
         fmt::format("{}: the hand's intent leaves the workspace of the {} by {:.1f} mm; fit=true among the options of "
                     "--device scales and moves it inside",
@@ -195,8 +200,15 @@ Trajectory read_intent(const DeviceSpec& device, const SimSpec& spec) {
 }
 
 std::unique_ptr<Device> open_sim(const DeviceSpec& device) {
-  const SimSpec spec = read_spec(device);
-  SimOptions options{.name = device.text, .seed = read_seed(device), .intent = std::nullopt};
+  const std::string file = option(device, "spec"), intent = option(device, "intent");
+  const json json_spec = merged_spec(device);
+  SimSpec spec =
+      read_sim_spec(json_spec, file.empty() ? where(device) : file, std::filesystem::path(file).parent_path().string());
+  if (!intent.empty() && !spec.hand)
+    throw input_error(where(device) + ": intent: nobody holds the device; hand=none cannot follow a path");
+  if (!intent.empty()) spec.hand->intent = intent;
+
+  SimOptions options{.name = device.text, .serial = serial_number(json_spec), .seed = read_seed(device), .intent = {}};
   if (spec.hand && !spec.hand->intent.empty()) options.intent = read_intent(device, spec);
   return std::make_unique<SimDevice>(spec, options);
 }

@@ -13,6 +13,7 @@ namespace haptrace {
 
 struct SimOptions {
   std::string name = "sim";
+  std::string serial;  ///< tells devices of one model apart
   std::uint64_t seed = 1;
   /// The path that the hand intends to follow from the first exchange on, inside the workspace. Without it, or without
   /// a hand, nobody intends anything.

@@ -67,6 +67,22 @@ TEST(SimIntent, IsFollowedAtItsTimeStamps) {
   }
 }
 
+TEST(SimIntent, IsFollowedWithoutLagAtConstantSpeed) {
+  Path ramp;
+  ramp.name = "ramp";
+  ramp.time = {0, 2};
+  ramp.position = {Vec3(-0.1, 0, 0), Vec3(0.1, 0, 0)};
+  const char* steady = R"({"mass": 0.1, "grip_stiffness": 2000, "grip_damping": 20, "intent_stiffness": 2000,
+                           "intent_damping": 60})";
+  for (const double dt : {1e-3, 0.3e-3, 1.5}) {
+    SimDevice device(with_hand(R"({"mass": 0.05, "max_force": 5})", steady),
+                     {.intent = Trajectory(ramp, Interpolation::linear)});
+    for (int k = 0; k < std::lround(1.5 / dt); ++k) exchange(device, Vec3::Zero(), dt);
+    EXPECT_NEAR(device.true_position().x(), -0.1 + 0.1 * 1.5, 5e-6) << dt;
+    EXPECT_NEAR(device.true_velocity().x(), 0.1, 1e-5) << dt;
+  }
+}
+
 TEST(SimIntent, MeetsTheResistanceOfTheDevice) {
   SimDevice device(with_hand(R"({"mass": 0.4, "max_force": 9, "coulomb": 0.7, "viscous": 1.8})", R"("relaxed")"),
                    {.intent = Trajectory(reach(), Interpolation::cubic)});
@@ -113,6 +129,15 @@ TEST(SimOptions, SeedTheNoise) {
   EXPECT_EQ(after(""), after(",seed=1"));
 }
 
+TEST(SimOptions, GiveEveryMechanismASerialNumberOfItsOwn) {
+  const auto serial = [](const std::string& spec) { return open_device(spec)->info().serial; };
+  EXPECT_THAT(serial("sim"), testing::MatchesRegex("[0-9a-f]{8}"));
+  EXPECT_EQ(serial("sim"), serial("sim:hand=firm,seed=3"));
+  EXPECT_NE(serial("sim"), serial("sim:preset=falcon"));
+  const TempFolder folder;
+  EXPECT_NE(serial("sim"), serial("sim:preset=reference,spec=" + folder.write("heavy.json", R"({"mass": 0.5})")));
+}
+
 TEST(SimOptions, AreCheckedOneByOne) {
   EXPECT_THAT(open_error("sim:seed=-1"), HasSubstr("seed: expected a whole number from 0, found '-1'"));
   EXPECT_THAT(open_error("sim:seed=1.5"), HasSubstr("seed: expected a whole number"));
@@ -126,7 +151,7 @@ TEST(SimOptions, LetTheHandFollowAFile) {
   EXPECT_NEAR((exchange(*device, Vec3::Zero(), 0).position - Vec3(-0.03, 0.01, 0)).norm(), 0, 1e-4);
   DeviceState state;
   for (int k = 0; k < 2000; ++k) state = exchange(*device, Vec3::Zero(), 1e-3);
-  EXPECT_NEAR((state.position - Vec3(0.03, 0.01, 0)).norm(), 0, 3e-3);
+  EXPECT_NEAR((state.position - Vec3(0.03, 0.01, 0)).norm(), 0, 5e-3);
   EXPECT_THAT(open_error("sim:intent=/no/such.csv"), HasSubstr("/no/such.csv"));
 }
 

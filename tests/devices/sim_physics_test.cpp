@@ -235,6 +235,19 @@ TEST(SimPhysics, AGradientOffTheDiagonalPushesSideways) {
   EXPECT_LT(device.true_position().y(), -1e-7);
 }
 
+TEST(SimPhysics, WeightStaysInWHoweverTheActuatorsAreTurned) {
+  const char* weight =
+      R"({"gravity_bias": [1, -2, 3], "gravity_gradient": {"x": [-9, 4, 0], "y": [4, -5, 2], "z": [0, 2, 6]},
+                           "actuator_rotation": [0, 0, 0]})";
+  SimSpec spec = spec_of(weight);
+  SimDevice straight(spec);
+  spec.rotation = Vec3(0.5, -1.2, 0.8);
+  SimDevice turned(spec);
+  run(straight, Vec3(1, 1, 1), 0.4);
+  run(turned, Vec3(1, 1, 1), 0.4);
+  EXPECT_NEAR((straight.true_position() - turned.true_position()).norm(), 0, 1e-13);
+}
+
 TEST(SimPhysics, CoggingIsASpringInItsWells) {
   SimDevice device = device_of(R"({"mass": 0.4, "cogging": {"amplitude": 0.5, "period": 0.01}})");
   const double k = 0.5 * 2 * std::numbers::pi / 0.01, w = std::sqrt(k / 0.4);
@@ -322,6 +335,19 @@ TEST(SimPhysics, TheWallsHold) {
   }
 }
 
+TEST(SimPhysics, TheWallsTakeEnergy) {
+  SimDevice device = device_of(R"({"mass": 0.4, "workspace": {"min": -0.05, "max": 0.05}})");
+  run(device, Vec3(4, 0, 0), 0.05);
+  const double speed = true_vx(device);
+  double rebound = 0;
+  for (int k = 0; k < 300; ++k) {
+    run(device, Vec3::Zero(), 0.001);
+    rebound = std::min(rebound, true_vx(device));
+  }
+  EXPECT_LT(rebound, 0);
+  EXPECT_GT(rebound, -0.3 * speed);
+}
+
 // Laws of the integration: energy, refinement, extremes.
 
 const char* const kEverything = R"({
@@ -399,6 +425,7 @@ INSTANTIATE_TEST_SUITE_P(
         R"({"mass": 1e-4, "max_force": 8})", R"({"mass": 1000, "max_force": 8})",
         R"({"mass": 1e-4, "max_force": 8, "coulomb": 0.7, "presliding": {"stiffness": 1e8, "damping": 100}})",
         R"({"mass": 1e-4, "max_force": 8, "coulomb": 0.7, "viscous": 1000, "hand": "loose"})",
+        R"({"mass": 1e-4, "max_force": 8, "hand": "tense"})",
         R"({"mass": 1000, "max_force": 8, "coulomb": 0.7, "presliding": {"stiffness": 1e8}, "hand": "finger"})",
         R"({"mass": 0.4, "delay_s": 0.016, "hand": "firm", "max_force": 20})",
         R"({"mass": 0.4, "position_resolution": 1e-3, "hand": "tremor", "max_force": 20})",
