@@ -35,10 +35,7 @@ double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
 
 std::string summary(const Arguments& arguments, const PlayResult& result, const DeviceInfo& device) {
   std::string text = fmt::format("{}: played on {}\n", arguments.path, device.name);
-  if (result.plan.fit)
-    text += fmt::format("  fitted into the workspace: scaled by {:.4g}, moved by {:.1f}, {:.1f}, {:.1f} mm\n",
-                        result.plan.fit->scale, 1e3 * result.plan.fit->offset.x(), 1e3 * result.plan.fit->offset.y(),
-                        1e3 * result.plan.fit->offset.z());
+  if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
     const TrackingFigures& figures = result.repetitions[i];
     text += fmt::format("  {}rms error {:.3f} mm, peak {:.3f} mm, force ripple {:.3f} N, force up to {:.2f} N\n",
@@ -107,8 +104,10 @@ Verb add_play(CLI::App& app) {
             options.session = arguments->session.options(arguments->record, effective_config(*verb));
 
             Path path = load_path(arguments->path);
-            for (const std::string& note : path.notes) output.remark(fmt::format("{}: {}", path.name, note));
             const auto device = arguments->session.open();
+            std::vector<std::string> notes = device->info().notes;
+            for (const std::string& note : path.notes) notes.push_back(fmt::format("{}: {}", path.name, note));
+            for (const std::string& note : notes) output.remark(note);
             PlayPlan plan = plan_playback(device->info(), std::move(path), options);
             if (arguments->loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
               output.remark("looping in virtual time until Ctrl+C");
@@ -119,6 +118,7 @@ Verb add_play(CLI::App& app) {
                 play(*device, std::move(plan), options, signals.stop(), progress_bar(output, expected));
 
             nlohmann::json json = to_json(result);
+            json["notes"] = notes;
             if (!arguments->record.empty()) json["file"] = arguments->record;
             const int code = conclude(output, result.session);
             output.tell(json, summary(*arguments, result, device->info()));

@@ -32,6 +32,7 @@ Verb add_record(CLI::App& app) {
             if (arguments->fit) extra.emplace_back("fit", "true");
             const auto device = arguments->session.open(extra);
 
+            for (const std::string& note : device->info().notes) output.remark(note);
             const RecordOptions options{
                 .duration = arguments->duration,
                 .session = arguments->session.options(arguments->file, effective_config(*verb))};
@@ -41,6 +42,7 @@ Verb add_record(CLI::App& app) {
 
             nlohmann::json json = to_json(result);
             json["file"] = arguments->file;
+            json["notes"] = device->info().notes;
             const int code = conclude(output, result);
             output.tell(json, fmt::format("{}: recorded from {}\n{}", arguments->file, device->info().name,
                                           session_summary(result)));

@@ -57,6 +57,11 @@ void validate(const Path& path) {
         path.name, extent, reach, reach > 5e4 ? "micrometres" : "millimetres", reach > 5e4 ? "1 000 000" : "1000"));
 }
 
+std::string describe(const Fit& fit) {
+  return fmt::format("scaled by {:.4g}, moved by {:.1f}, {:.1f}, {:.1f} mm", fit.scale, 1e3 * fit.offset.x(),
+                     1e3 * fit.offset.y(), 1e3 * fit.offset.z());
+}
+
 double distance_outside(const Path& path, const Box& workspace) {
   double distance = 0;
   for (const Vec3& p : path.position) distance = std::max(distance, outside(p, workspace));

@@ -45,6 +45,9 @@ struct Fit {
   Vec3 offset = Vec3::Zero();
 };
 
+/// "scaled by 0.64, moved by 286.2, 206.8, -119.8 mm": for people.
+std::string describe(const Fit& fit);
+
 /// How far the path leaves the workspace [m]: the largest distance of a sample from the box; 0 when inside.
 double distance_outside(const Path& path, const Box& workspace);
 

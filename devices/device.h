@@ -6,6 +6,7 @@
 #include <array>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace haptrace {
 
@@ -30,6 +31,7 @@ struct DeviceInfo {
   double max_continuous_force = 0;          ///< magnitude [N]
   double nominal_rate = 1000;               ///< [Hz]
   double natural_duration = 0;              ///< of what it has to show, an intent or a recording [s]; 0: endless
+  std::vector<std::string> notes;           ///< what a person should know before using it
 
   [[nodiscard]] bool takes_torque() const noexcept { return torque_axes[0] || torque_axes[1] || torque_axes[2]; }
 };

@@ -89,7 +89,7 @@ std::unique_ptr<Device> open_plugin(const DeviceSpec& spec) {
     throw input_error(fmt::format("--device '{}': which library? Say plugin:path=./libmine.so", spec.text));
   const std::string options = read_options(spec);
   if (!std::filesystem::is_regular_file(path->second))
-    throw input_error(fmt::format("--device '{}': path: there is no file '{}'", spec.text, path->second));
+    throw device_error(fmt::format("--device '{}': path: there is no file '{}'", spec.text, path->second));
   return std::make_unique<PluginDevice>(path->second, options, spec.text);
 }
 

@@ -40,6 +40,7 @@ ReplayDevice::Recording from_path(const std::string& file) {
   ReplayDevice::Recording recording;
   recording.info.model = "path";
   if (path.duration() > 0) recording.info.nominal_rate = static_cast<double>(path.size() - 1) / path.duration();
+  recording.info.notes = path.notes;
   for (const double t : path.time) recording.time_ns.push_back(std::llround(1e9 * (t - path.time.front())));
   recording.position = path.position;
   return recording;
@@ -61,6 +62,7 @@ ReplayDevice::ReplayDevice(Recording recording) : recording_(std::move(recording
   DeviceInfo& info = recording_.info;
   info.backend = "replay";
   info.virtual_time = true;
+  info.natural_duration = 1e-9 * static_cast<double>(recording_.time_ns.back() - recording_.time_ns.front());
   // Where the recording went, and a little more: a box has a size even where a movement has none.
   constexpr double kMargin = 1e-3;  // [m]
   Box box;

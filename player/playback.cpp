@@ -98,7 +98,7 @@ PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& o
   if (const double outside = distance_outside(path, workspace); outside > 0) {
     if (!options.fit)
       throw input_error(fmt::format("{} leaves the workspace of {} by {:.1f} mm; use --fit to move and scale it inside",
-                                    path.name, device.name, 1e3 * outside));
+                                    path.name, device.model, 1e3 * outside));
     plan.fit = fit_into(path, workspace);
     apply(*plan.fit, path);
   }

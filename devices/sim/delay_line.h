@@ -21,10 +21,8 @@ class DelayLine {
       : delay_(delay_ns), ring_(static_cast<std::size_t>(delay_ns / 50'000 + 2)) {}
 
   void push(std::int64_t now, const Vec3& command) noexcept {
-    const std::int64_t due = now + delay_;
-    const bool replace = count_ == ring_.size() || (count_ > 0 && at(count_ - 1).due == due);
-    if (!replace) ++count_;
-    at(count_ - 1) = {due, command};
+    if (count_ < ring_.size()) ++count_;
+    at(count_ - 1) = {now + delay_, command};
     arrive(now);
   }
 

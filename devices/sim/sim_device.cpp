@@ -61,7 +61,11 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
       tremor_(ColouredNoise::band_pass(spec.hand ? spec.hand->tremor : 0, 6, 12, kHandRate)),
       drift_(ColouredNoise::low_pass(spec.hand ? spec.hand->drift : 0, 1, kHandRate)) {
   for (int axis = 0; axis < 3; ++axis) force_axes_[axis] = spec.axes[static_cast<std::size_t>(axis)] ? 1 : 0;
-  if (follows_intent(spec, options)) intent_ = *options.intent;
+  info_.notes = options.notes;
+  if (follows_intent(spec, options)) {
+    intent_ = *options.intent;
+    info_.natural_duration = intent_.duration();
+  }
   hand_acts_ = intent_.size() > 0 || (spec.hand && (spec.hand->tremor > 0 || spec.hand->drift > 0));
   if (hand_acts_) {
     next_intent_ = plant_.hand_position();
@@ -186,17 +190,24 @@ std::string serial_number(json spec) {
   return fmt::format("{:08x}", hash);
 }
 
-Trajectory read_intent(const DeviceSpec& device, const SimSpec& spec) {
+/// Fills in what the hand intends and what a person should know of it.
+void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& options) {
   const bool fit = read_flag(device, "fit");
   Path path = load_path(spec.hand->intent);
+  for (const std::string& note : path.notes) options.notes.push_back(fmt::format("{}: {}", path.name, note));
   const double outside = distance_outside(path, spec.workspace);
-  if (outside > 0 && !fit)
-    throw input_error(
-        fmt::format("{}: the hand's intent leaves the workspace of the {} by {:.1f} mm; fit=true among the options of "
-                    "--device scales and moves it inside",
-                    spec.hand->intent, spec.model, 1000 * outside));
-  if (outside > 0) apply(fit_into(path, spec.workspace), path);
-  return {path, Interpolation::cubic};
+  if (outside > 0) {
+    if (!fit)
+      throw input_error(
+          fmt::format("{}: the hand's intent leaves the workspace of the {} by {:.1f} mm; --fit (or fit=true among the "
+                      "options of --device) scales and moves it inside",
+                      spec.hand->intent, spec.model, 1000 * outside));
+    const Fit change = fit_into(path, spec.workspace);
+    apply(change, path);
+    options.notes.push_back(
+        fmt::format("{}: fitted into the workspace of the {}: {}", path.name, spec.model, describe(change)));
+  }
+  options.intent = Trajectory(path, Interpolation::cubic);
 }
 
 std::unique_ptr<Device> open_sim(const DeviceSpec& device) {
@@ -209,7 +220,7 @@ std::unique_ptr<Device> open_sim(const DeviceSpec& device) {
   if (!intent.empty()) spec.hand->intent = intent;
 
   SimOptions options{.name = device.text, .serial = serial_number(json_spec), .seed = read_seed(device), .intent = {}};
-  if (spec.hand && !spec.hand->intent.empty()) options.intent = read_intent(device, spec);
+  if (spec.hand && !spec.hand->intent.empty()) read_intent(device, spec, options);
   return std::make_unique<SimDevice>(spec, options);
 }
 

@@ -18,7 +18,8 @@ struct SimOptions {
   /// The path that the hand intends to follow from the first exchange on, inside the workspace. Without it, or without
   /// a hand, nobody intends anything.
   std::optional<Trajectory> intent;
-  double longest_step = 50e-6;  ///< of integration; another is for those who study the integration itself [s]
+  std::vector<std::string> notes;  ///< for DeviceInfo::notes
+  double longest_step = 50e-6;     ///< of integration; another is for those who study the integration itself [s]
 };
 
 /// Advances by exchange's dt and by nothing else. Equal specs, seeds and commands give bit-identical runs. A force that

@@ -121,6 +121,20 @@ TEST(TheCommand, PlaysTheConfigurationThatARecordingKept) {
   EXPECT_EQ(again.json()["gains"]["kp"][0], 900);
 }
 
+TEST(TheCommand, FitsWhatAHandIntendsOnlyWhenAskedAndSaysHow) {
+  const TempFolder folder;
+  const std::string far = folder.write("far.csv", "t,x,y,z\n0,1,0,0\n0.2,1.05,0,0\n0.5,1.1,0.05,0\n");
+  const std::string device = "sim:preset=omega3,hand=firm,intent=" + far;
+  const Answer refused = haptrace("record", folder / "r.h5", "--device", device);
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, AllOf(HasSubstr("leaves the workspace"), HasSubstr("mm; --fit")));
+  const Answer fitted = haptrace("record", folder / "r.h5", "--device", device, "--fit", "--json");
+  ASSERT_EQ(fitted.exit_code, 0) << fitted.err;
+  EXPECT_THAT(fitted.err, HasSubstr("far.csv: fitted into the workspace of the Force Dimension omega.3: scaled by"));
+  EXPECT_FALSE(fitted.json()["notes"].empty());
+  EXPECT_NEAR(fitted.json()["duration_s"].get<double>(), 0.5, 0.01);
+}
+
 // ---------------------------------------------------------------------------------------------- bad usage and input
 
 struct Mistake {
@@ -130,17 +144,21 @@ struct Mistake {
   std::vector<std::string> says;
 };
 
+const std::vector<std::pair<std::string, std::string>> kBadFiles{
+    {"empty.csv", ""},
+    {"text.csv", "t,x,y,z\n0,0,0,0\n0.1,0,nought,0\n"},
+    {"wide.csv", "t,x,y,z\n0,0,0,0\n1,400,0,0\n"},
+    {"something.h5", "this is not HDF5"},
+    {"negative.json", R"({"kp": -5, "kd": 1})"},
+    {"absurd.json", R"({"kp": 1e12, "kd": 1})"},
+};
+
 class Mistakes : public testing::TestWithParam<Mistake> {};
 
 TEST_P(Mistakes, AreAnsweredWithWhatWhereAndWhatToDo) {
   const TempFolder folder;
   const std::string path = square(folder);
-  folder.write("empty.csv", "");
-  folder.write("text.csv", "t,x,y,z\n0,0,0,0\n0.1,0,nought,0\n");
-  folder.write("wide.csv", "t,x,y,z\n0,0,0,0\n1,400,0,0\n");
-  folder.write("something.h5", "this is not HDF5");
-  folder.write("negative.json", R"({"kp": -5, "kd": 1})");
-  folder.write("absurd.json", R"({"kp": 1e12, "kd": 1})");
+  for (const auto& [name, content] : kBadFiles) std::ofstream(folder / name) << content;
   std::vector<std::string> words;
   for (std::string word : GetParam().words) {
     for (const auto& [placeholder, value] :
@@ -270,17 +288,17 @@ TEST(TheCommand, GoesOnWithoutTheDiskAndSaysWhatTheDiskRefused) {
   rlimit before{};
   getrlimit(RLIMIT_FSIZE, &before);
   rlimit small = before;
-  small.rlim_cur = 200'000;
+  small.rlim_cur = 6'000'000;
   setrlimit(RLIMIT_FSIZE, &small);
   const Answer answer =
-      haptrace("play", path, "--device", kFalcon, "--repeat", "3", "--record", folder / "out.h5", "--json");
+      haptrace("play", path, "--device", kFalcon, "--rate", "20000", "--record", folder / "out.h5", "--json");
   setrlimit(RLIMIT_FSIZE, &before);
   EXPECT_EQ(answer.exit_code, 1) << answer.err;
   EXPECT_THAT(answer.err, HasSubstr("out.h5"));
   EXPECT_EQ(answer.json()["stopped_by"], "finished") << "the session itself goes on";
   EXPECT_TRUE(answer.json().contains("recording_error"));
   const RecordingReader reader(folder / "out.h5");
-  EXPECT_GT(reader.rows(), 300U);
+  EXPECT_GT(reader.rows(), 5000U);
   EXPECT_FALSE(reader.header().complete);
 }
 

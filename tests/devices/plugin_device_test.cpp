@@ -60,7 +60,7 @@ TEST(PluginDevice, ShowsWhatThePluginSaysWhenItRefuses) {
 TEST(PluginDevice, RefusesALibraryThatIsNoPlugin) {
   const TempFolder folder;
   EXPECT_THAT(open_error("plugin"), HasSubstr("plugin:path=./libmine.so"));
-  EXPECT_THAT(open_error("plugin:path=./nowhere.so"), HasSubstr("path: there is no file './nowhere.so'"));
+  EXPECT_THAT(refusal("plugin:path=./nowhere.so"), HasSubstr("path: there is no file './nowhere.so'"));
   EXPECT_THAT(refusal("plugin:path=" + folder.write("text.so", "not a library")), HasSubstr("cannot be loaded"));
   EXPECT_THAT(refusal("plugin:path=" WRONG_ABI_PLUGIN), HasSubstr("speaks version 2 of the plug-in ABI"));
   EXPECT_THAT(refusal("plugin:path=" MISSING_SYMBOL_PLUGIN), HasSubstr("does not export 'haptrace_plugin_exchange'"));
