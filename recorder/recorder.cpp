@@ -15,6 +15,7 @@
 namespace haptrace {
 namespace {
 
+constexpr std::size_t kSmallestRing = 16384;  // rows: in virtual time the loop runs far ahead of the writer
 constexpr std::size_t kEventRing = 1024;
 constexpr double kFlushSpan = 1;  // of the session's time between two flushes at most [s]
 constexpr auto kPoll = std::chrono::milliseconds(5);
@@ -31,7 +32,7 @@ struct Recorder::Writer {
       : file(name),
         flush_period(options.flush_period),
         flush_rows(rows_in(kFlushSpan, header.rate_hz, 1)),
-        samples(rows_in(options.ring_seconds, header.rate_hz, 1024)),
+        samples(rows_in(options.ring_seconds, header.rate_hz, kSmallestRing)),
         events(kEventRing),
         output(name, header, columns,
                {.overwrite = options.overwrite, .rows_per_chunk = rows_in(options.flush_period, header.rate_hz, 16)}),

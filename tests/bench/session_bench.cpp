@@ -54,13 +54,13 @@ BENCHMARK_CAPTURE(exchange, ideal_mass, "sim:preset=ideal");
 BENCHMARK_CAPTURE(exchange, falcon, "sim:preset=falcon");
 BENCHMARK_CAPTURE(exchange, falcon_held, "sim:preset=falcon,hand=relaxed");
 
-/// A playback of 20 s on the simulated Falcon with its hand, in virtual time, whole sessions.
+/// A playback of 60 s on the simulated Falcon with its hand, in virtual time, whole sessions.
 void session(benchmark::State& state, bool recording) {
   const std::string file = scratch_file();
   double simulated = 0;
   for (auto _ : state) {
     const auto device = open_device("sim:preset=falcon,hand=relaxed,seed=1");
-    auto controller = playback(20, {.hold = 0, .max_deviation = 1});
+    auto controller = playback(60, {.hold = 0, .max_deviation = 1});
     SessionOptions options;
     if (recording) options.recording = SessionOptions::Recording{.file = file, .overwrite = true};
     const SessionResult result = run_session(*device, controller, {.reference = true}, {}, options, StopRequest{});
