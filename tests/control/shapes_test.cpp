@@ -266,6 +266,32 @@ TEST(Shapes, CornersHaveTheRadiusOfTheirBlend) {
   EXPECT_GT(round, 300u);
 }
 
+TEST(Shapes, SpaceTheirSamplesEvenlyAtConstantSpeed) {
+  ShapeOptions o;
+  o.rate_hz = 20000;
+  o.constant_speed = true;
+  o.blend = 0.02;
+  for (const char* name : {"square", "circle", "figure8", "spiral", "reach"}) {
+    const Path path = make_shape(name, o);
+    const double step = expected_length(name, o) / static_cast<double>(path.size() - 1);
+    for (std::size_t i = 1; i < path.size(); ++i)
+      ASSERT_NEAR((path.position[i] - path.position[i - 1]).norm() / step, 1, 1e-6) << name << " sample " << i;
+  }
+}
+
+TEST(Shapes, OfSharpCornersAreFiniteWhateverTheirSize) {
+  ShapeOptions o;
+  o.blend = 0;
+  o.rate_hz = 40;
+  o.duration = 0.1;
+  o.turns = 3;
+  o.constant_speed = true;  // a sample on every corner, give or take the last bit
+  for (int i = 1; i < 5000; ++i) {
+    o.size = 1e-3 * i / 7;
+    EXPECT_NO_THROW(validate(make_shape("square", o)));
+  }
+}
+
 std::string refusal(const std::string& name, const std::function<void(ShapeOptions&)>& change) {
   ShapeOptions o;
   change(o);
