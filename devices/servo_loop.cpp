@@ -97,11 +97,11 @@ class ServoLoop::Session {
     start_ns_ = clock_.now();
     deadline_ns_ = start_ns_;
     if (wait_until_ready(stop)) {
-      // The session's time begins at its first tick, not while a device was homing.
-      start_ns_ = deadline_ns_;
       while (!ended_) {
         clock_.wait_until(deadline_ns_);
         const std::int64_t woke_ns = clock_.now();
+        // The session's time begins at its first tick, not while a device was homing.
+        if (first_) start_ns_ = woke_ns;
         tick(woke_ns, stop);
         schedule_next(woke_ns);
       }
