@@ -19,6 +19,10 @@ struct Listed {
   bool rests = true;        ///< nothing pulls at it when no force is sent
 };
 
+void PrintTo(const Listed& device, std::ostream* out) {
+  *out << device.name;
+}
+
 std::unique_ptr<Device> open_replay() {
   ReplayDevice::Recording recording;
   recording.info.max_force = 5;
