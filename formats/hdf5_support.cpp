@@ -1,13 +1,19 @@
 #include "formats/hdf5_support.h"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <filesystem>
 #include <fmt/format.h>
+#include <fstream>
 #include <memory>
 
 namespace haptrace::hdf5 {
 namespace {
+
+/// What a writer has half-written is read again, after 1 ns, 2 ns, 4 ns and so on: for 34 ms in all. HDF5's own 100
+/// attempts would keep a reader of a damaged file for ever.
+constexpr unsigned kReadAttempts = 25;
 
 Attribute new_attribute(hid_t object, const char* name, hid_t type) {
   const Space scalar(H5Screate(H5S_SCALAR));
@@ -33,10 +39,19 @@ H5T_class_t class_of(const Attribute& attribute) {
   return H5Tget_class(type.get());
 }
 
+/// The mark of a writer in a superblock of version 3, the one that SWMR needs: the byte after the signature, the
+/// version and two sizes (HDF5 File Format Specification, II.A).
+bool has_mark_of_writer(const std::string& file) {
+  std::array<char, 12> head{};
+  std::ifstream(file, std::ios::binary).read(head.data(), head.size());
+  return head[8] >= 3 && head[11] != 0;
+}
+
 /// `reason` says why, when there is no file.
 File try_open(const std::string& file, unsigned flags, std::string& reason) {
   const Properties access(H5Pcreate(H5P_FILE_ACCESS));
   H5Pset_fclose_degree(access.get(), H5F_CLOSE_STRONG);
+  if ((flags & H5F_ACC_SWMR_READ) != 0) H5Pset_metadata_read_attempts(access.get(), kReadAttempts);
   File opened(H5Fopen(file.c_str(), flags, access.get()));
   if (!opened) reason = last_error();
   return opened;
@@ -60,10 +75,10 @@ std::string last_error() {
   return reason.empty() ? "HDF5 gives no reason" : reason;
 }
 
-Type text_type(std::size_t bytes) {
+Type text_type(std::size_t bytes, H5T_cset_t characters) {
   Type type(H5Tcopy(H5T_C_S1));
   H5Tset_size(type.get(), bytes);
-  H5Tset_cset(type.get(), H5T_CSET_UTF8);
+  H5Tset_cset(type.get(), characters);
   H5Tset_strpad(type.get(), H5T_STR_NULLTERM);
   return type;
 }
@@ -84,11 +99,11 @@ hid_t stored_type(layout::Element element) {
   return H5I_INVALID_HID;
 }
 
-Type event_type() {
+Type event_type(H5T_cset_t characters) {
   Type type(H5Tcreate(H5T_COMPOUND, layout::EventRow::kBytes));
   H5Tinsert(type.get(), "time", layout::EventRow::kTime, H5T_IEEE_F64LE);
   H5Tinsert(type.get(), "code", layout::EventRow::kCode, H5T_STD_I32LE);
-  H5Tinsert(type.get(), "text", layout::EventRow::kText, text_type(layout::EventRow::kTextBytes).get());
+  H5Tinsert(type.get(), "text", layout::EventRow::kText, text_type(layout::EventRow::kTextBytes, characters).get());
   return type;
 }
 
@@ -195,7 +210,8 @@ File open_to_read(const std::string& file) {
   std::string reason, ignored;
   if (File opened = try_open(file, H5F_ACC_RDONLY, reason)) return opened;
   // A writer is at work, or was killed: its mark in the superblock lets only SWMR readers in.
-  if (File opened = try_open(file, H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, ignored)) return opened;
+  if (has_mark_of_writer(file))
+    if (File opened = try_open(file, H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, ignored)) return opened;
   if (reason == std::strerror(EAGAIN))
     throw input_error(file + ": is open for writing in another program; close it there first");
   throw input_error(fmt::format("{}: HDF5 cannot open it: {}", file, reason));

@@ -70,14 +70,14 @@ Result checked(Result result, const std::string& what) {
   return result;
 }
 
-/// A UTF-8 string type of `bytes` bytes, the final zero among them.
-Type text_type(std::size_t bytes);
+/// A string type of `bytes` bytes, the final zero among them.
+Type text_type(std::size_t bytes, H5T_cset_t characters = H5T_CSET_UTF8);
 
 /// How an element lies in a file; the same as in memory.
 hid_t stored_type(layout::Element element);
 
-/// A row of /events, see layout::EventRow.
-Type event_type();
+/// A row of /events, see layout::EventRow. HDF5 does not convert between character sets, not even from ASCII to UTF-8.
+Type event_type(H5T_cset_t characters = H5T_CSET_UTF8);
 
 /// Writers of a scalar attribute that is new. Text has a fixed length.
 void create_attribute(hid_t object, const char* name, const std::string& text);

@@ -78,7 +78,7 @@ class RecordingWriter {
   /// Flushes, marks the recording complete and closes it. Throws like append.
   void finish();
 
-  /// Closes without marking it complete, keeping whatever reached the disk. Never throws.
+  /// Closes without marking it complete, keeping everything that was appended and fits on the disk. Never throws.
   void abandon() noexcept;
 
   [[nodiscard]] std::uint64_t rows() const noexcept;

@@ -291,8 +291,9 @@ class Laws {
 
   void check_step(std::uint64_t row, const Sample& s) {
     if (s.time_ns <= previous_.time_ns)
-      findings_.add_row(Severity::error, "/samples/time", row, "order",
-                        fmt::format("{} s does not come after {} s of the row before", seconds(s), seconds(previous_)));
+      findings_.add_row(
+          Severity::error, "/samples/time", row, "order",
+          fmt::format("{:.9g} s does not come after {:.9g} s of the row before", seconds(s), seconds(previous_)));
     if (s.tick <= previous_.tick)
       return findings_.add_row(Severity::error, "/samples/tick", row, "order",
                                fmt::format("{} does not come after {} of the row before", s.tick, previous_.tick));
@@ -326,7 +327,7 @@ void check_events(const std::vector<StoredEvent>& events, double begin, double e
     const double t = events[i].time;
     if (!std::isfinite(t) || t < begin - kSlack || t > end + kSlack)
       findings.add_row(Severity::warning, layout::kEvents, i, "range",
-                       fmt::format("its time, {} s, is outside the samples' {} to {} s", t, begin, end));
+                       fmt::format("its time, {:.9g} s, is outside the samples' {:.9g} to {:.9g} s", t, begin, end));
     if (events[i].code <= 0)
       findings.add_row(Severity::error, layout::kEvents, i, "code",
                        fmt::format("its code, {}, is not positive", events[i].code));

@@ -103,6 +103,15 @@ struct RecordingReader::File {
       throw input_error(fmt::format("{}: {} is not a list of time, code and text", name, layout::kEvents));
   }
 
+  [[nodiscard]] H5T_cset_t characters_of_events() const {
+    const hdf5::Type row(H5Dget_type(events.get()));
+    const int text = H5Tget_member_index(row.get(), "text");
+    const hdf5::Type type(text < 0 ? H5I_INVALID_HID : H5Tget_member_type(row.get(), static_cast<unsigned>(text)));
+    if (!type || H5Tget_class(type.get()) != H5T_STRING || H5Tis_variable_str(type.get()) != 0)
+      throw input_error(fmt::format("{}: {} has no text of fixed length", name, layout::kEvents));
+    return H5Tget_cset(type.get());
+  }
+
   void count_rows() {
     rows = std::numeric_limits<std::uint64_t>::max();
     for (const Opened& entry : opened) rows = std::min<std::uint64_t>(rows, hdf5::shape(entry.dataset.get())[0]);
@@ -198,7 +207,7 @@ std::vector<Sample> RecordingReader::read(std::uint64_t first, std::uint64_t cou
 std::vector<StoredEvent> RecordingReader::events() const {
   const hdf5::Silence silence;
   const hsize_t count = hdf5::shape(file_->events.get())[0];
-  const hdf5::Type type = hdf5::event_type();
+  const hdf5::Type type = hdf5::event_type(file_->characters_of_events());
   std::vector<StoredEvent> events;
   std::vector<char> rows;
   for (hsize_t first = 0; first < count; first += kBlock) {

@@ -368,8 +368,13 @@ void RecordingWriter::finish() {
 
 void RecordingWriter::abandon() noexcept {
   if (!file_ || !file_->file) return;
-  const hdf5::Silence silence;
-  file_->close();
+  try {
+    flush();
+    const hdf5::Silence silence;
+    file_->close();
+  } catch (const Error&) {
+    // The disk refused the last rows; the file is closed with those before.
+  }
 }
 
 std::uint64_t RecordingWriter::rows() const noexcept {

@@ -39,6 +39,10 @@ def row(t):
     return p, v, (rubbed * v[0], rubbed * v[1], carried)
 
 
+def written(value, digits):
+    return f"{round(value, digits) + 0.0:.{digits}f}"  # + 0.0: no negative zero
+
+
 def stamps():
     """Milliseconds of the rows that the logger kept."""
     random.seed(17)
@@ -54,7 +58,8 @@ def main():
     rows = []
     for ms in stamps():
         p, v, f = row(ms / 1000)
-        rows.append([f"{ms / 1000:.3f}", *(f"{a:.8f}" for a in p), *(f"{a:.6f}" for a in v), *(f"{a:.4f}" for a in f)])
+        columns = [([ms / 1000], 3), (p, 8), (v, 6), (f, 4)]
+        rows.append([written(a, digits) for values, digits in columns for a in values])
     with open(folder / "stroke.csv", "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow("t x y z vx vy vz fx fy fz".split())

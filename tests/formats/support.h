@@ -2,13 +2,16 @@
 #pragma once
 
 #include "control/error.h"
-#include "formats/recording.h"
+#include "formats/recording_layout.h"
 
+#include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <gtest/gtest.h>
 #include <initializer_list>
 #include <iterator>
+#include <random>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -61,6 +64,72 @@ void expect_error(const Action& action, Error::Kind kind, std::initializer_list<
       EXPECT_NE(std::string_view(error.what()).find(part), std::string_view::npos)
           << "message: " << error.what() << "\nlacks:   " << part;
   }
+}
+
+/// Every choice of optional columns.
+inline std::vector<RecordingColumns> all_columns() {
+  std::vector<RecordingColumns> all;
+  for (unsigned bits = 0; bits < 32; ++bits)
+    all.push_back({.orientation = (bits & 1U) != 0,
+                   .torque = (bits & 2U) != 0,
+                   .force_measured = (bits & 4U) != 0,
+                   .reference = (bits & 8U) != 0,
+                   .guidance = (bits & 16U) != 0});
+  return all;
+}
+
+/// A session that keeps every law of the format at 1 kHz, with random values in every column that was chosen; the
+/// others hold what they hold without a measurement.
+inline std::vector<Sample> random_session(unsigned seed, std::size_t rows, const RecordingColumns& columns) {
+  std::mt19937_64 random(seed);
+  std::uniform_real_distribution<double> number(-1, 1);
+  const auto vector = [&](bool chosen = true) {
+    return chosen ? Vec3(number(random), number(random), number(random)) : nan3();
+  };
+  std::vector<Sample> session(rows);
+  for (std::size_t i = 0; i < rows; ++i) {
+    Sample& s = session[i];
+    s.tick = i;
+    s.latency = static_cast<float>(1e-5 * (1 + number(random)));
+    s.time_ns = static_cast<std::int64_t>(i) * 1'000'000;
+    s.position = 0.1 * vector();
+    s.velocity = vector();
+    s.force = vector();
+    if (columns.orientation) s.orientation = Quat(number(random), number(random), number(random), 1.5).normalized();
+    s.torque = vector(columns.torque);
+    s.force_measured = vector(columns.force_measured);
+    s.reference_position = vector(columns.reference);
+    s.reference_velocity = vector(columns.reference);
+    s.reference_force = vector(columns.guidance);
+    s.progress = columns.guidance ? number(random) : kNaN;
+    s.buttons = static_cast<std::uint32_t>(random());
+    s.phase = static_cast<Phase>(random() % 6);
+  }
+  return session;
+}
+
+/// The bytes of one column of a session, as a file keeps them.
+inline std::string bytes_of(const layout::Column& column, std::span<const Sample> samples) {
+  std::string bytes(samples.size() * column.row_bytes(), '\0');
+  column.pack(samples, reinterpret_cast<std::byte*>(bytes.data()));
+  return bytes;
+}
+
+/// Bit for bit in every column, in those that a file lacks as well: "not measured" stays NaN.
+inline void expect_same(std::span<const Sample> actual, std::span<const Sample> expected) {
+  ASSERT_EQ(actual.size(), expected.size());
+  for (const layout::Column& column : layout::columns())
+    EXPECT_TRUE(bytes_of(column, actual) == bytes_of(column, expected)) << "differs: " << column.path();
+}
+
+/// Writes a finished recording.
+inline void write_recording(const std::string& file, std::span<const Sample> session,
+                            const RecordingColumns& columns = {}, const RecordingHeader& header = {},
+                            const std::vector<StoredEvent>& events = {}) {
+  RecordingWriter writer(file, header, columns, {.rows_per_chunk = 100});
+  writer.append(session);
+  for (const StoredEvent& event : events) writer.append(event);
+  writer.finish();
 }
 
 }  // namespace haptrace

@@ -1,4 +1,5 @@
 #include "formats/json_reader.h"
+
 #include "tests/formats/support.h"
 
 #include <limits>
