@@ -20,10 +20,6 @@ void check_column(const Path& path, const std::vector<Vec3>& column, const char*
     throw input_error(fmt::format("{}: row {}: {} is not a finite number", path.name, bad - column.begin() + 1, name));
 }
 
-double outside(const Vec3& p, const Box& box) {
-  return (p - p.cwiseMax(box.min).cwiseMin(box.max)).norm();
-}
-
 }  // namespace
 
 Box Path::bounds() const {
@@ -62,9 +58,13 @@ std::string describe(const Fit& fit) {
                      1e3 * fit.offset.y(), 1e3 * fit.offset.z());
 }
 
+double distance_outside(const Vec3& point, const Box& box) {
+  return (point - point.cwiseMax(box.min).cwiseMin(box.max)).norm();
+}
+
 double distance_outside(const Path& path, const Box& workspace) {
   double distance = 0;
-  for (const Vec3& p : path.position) distance = std::max(distance, outside(p, workspace));
+  for (const Vec3& p : path.position) distance = std::max(distance, distance_outside(p, workspace));
   return distance;
 }
 

@@ -48,6 +48,9 @@ struct Fit {
 /// "scaled by 0.64, moved by 286.2, 206.8, -119.8 mm": for people.
 std::string describe(const Fit& fit);
 
+/// From a point to the nearest of a box [m]; 0 inside.
+double distance_outside(const Vec3& point, const Box& box);
+
 /// How far the path leaves the workspace [m]: the largest distance of a sample from the box; 0 when inside.
 double distance_outside(const Path& path, const Box& workspace);
 

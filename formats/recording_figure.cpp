@@ -103,8 +103,10 @@ std::vector<Panel> space_panels(const Box& box, const SpaceLine& path, const cha
   return panels;
 }
 
-Panel time_panel(std::string title, std::string y_label, std::vector<TimeLine>& lines) {
+/// A panel over the whole of `duration` [s], so that panels below each other tell of the same instants.
+Panel time_panel(std::string title, std::string y_label, std::vector<TimeLine>& lines, double duration) {
   Panel panel{.title = std::move(title), .x_label = "time [s]", .y_label = std::move(y_label)};
+  if (duration > 0) panel.x_range = {0, duration};
   for (TimeLine& line : lines) panel.series.push_back(line.take());
   return panel;
 }
@@ -128,10 +130,10 @@ Figure figure_of(const RecordingReader& reader, const std::string& title) {
   for_each_block(reader, [&](std::span<const Sample> block) {
     for (const Sample& sample : block) {
       const double t = 1e-9 * static_cast<double>(sample.time_ns);
-      path.add(sample.position);
-      if (is_finite(sample.reference_position) && sample.phase == Phase::run) reference.add(sample.reference_position);
+      const bool run = sample.phase == Phase::run;
+      if (run || !tracked) path.add(sample.position);
+      if (run && tracked) reference.add(sample.reference_position);
       if (tracked) {
-        const bool run = sample.phase == Phase::run;
         upper[0].add(t, run ? 1e3 * (sample.position - sample.reference_position).norm() : kNaN);
       } else {
         for (int axis = 0; axis < 3; ++axis) upper[std::size_t(axis)].add(t, 1e3 * sample.position[axis]);
@@ -152,9 +154,11 @@ Figure figure_of(const RecordingReader& reader, const std::string& title) {
     figure.caption +=
         fmt::format(" · rms error {:.3f} mm, peak {:.3f} mm", 1e3 * summary.rms_error, 1e3 * summary.peak_error);
   figure.rows.push_back(space_panels(summary.bounds, path, tracked ? "played" : "recorded", reference));
-  figure.rows.push_back({tracked ? time_panel("deviation from the reference", "deviation [mm]", upper)
-                                 : time_panel("position", "position [mm]", upper)});
-  figure.rows.push_back({time_panel(sensed ? "force measured" : "force sent", "force [N]", force)});
+  Panel over_time = tracked ? time_panel("deviation from the reference", "deviation [mm]", upper, summary.duration)
+                            : time_panel("position", "position [mm]", upper, summary.duration);
+  if (summary.peak_error > 0) over_time.y_range = {0, 1.05e3 * summary.peak_error};
+  figure.rows.push_back({std::move(over_time)});
+  figure.rows.push_back({time_panel(sensed ? "force measured" : "force sent", "force [N]", force, summary.duration)});
   figure.height = 900;
   return figure;
 }
@@ -177,8 +181,8 @@ Figure figure_of(const Path& path) {
   figure.title = path.name;
   figure.caption = fmt::format("{} samples in {:.2f} s", path.size(), path.duration());
   figure.rows.push_back(space_panels(path.bounds(), space, "path", SpaceLine(0)));
-  figure.rows.push_back({time_panel("position", "position [mm]", position)});
-  figure.rows.push_back({time_panel("speed", "speed [m/s]", speed)});
+  figure.rows.push_back({time_panel("position", "position [mm]", position, path.duration())});
+  figure.rows.push_back({time_panel("speed", "speed [m/s]", speed, path.duration())});
   figure.height = 900;
   return figure;
 }

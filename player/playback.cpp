@@ -10,18 +10,25 @@
 namespace haptrace {
 namespace {
 
-/// Peak speed [m/s] of a trajectory over windows of 10 ms: what a hand would feel, not what one noisy sample says.
-double peak_speed(const Trajectory& trajectory) {
+/// What a trajectory does between the samples of its path, looked at every 10 ms: what a hand would feel, not what one
+/// noisy sample says.
+struct Excursion {
+  double peak_speed = 0;  ///< [m/s]
+  double outside = 0;     ///< farthest from the workspace [m]
+};
+
+Excursion look_ahead(const Trajectory& trajectory, const Box& workspace) {
   constexpr double kWindow = 0.01;  // [s]
   Trajectory::Cursor cursor;
-  double peak = 0;
+  Excursion excursion;
   Vec3 before = trajectory.sample(0, cursor).position;
   for (double t = kWindow; t < trajectory.duration() + kWindow; t += kWindow) {
     const Vec3 now = trajectory.sample(t, cursor).position;
-    peak = std::max(peak, (now - before).norm() / kWindow);
+    excursion.peak_speed = std::max(excursion.peak_speed, (now - before).norm() / kWindow);
+    excursion.outside = std::max(excursion.outside, distance_outside(now, workspace));
     before = now;
   }
-  return peak;
+  return excursion;
 }
 
 /// Where the device has no motor the path has no say: it lies in the middle of what the device can do.
@@ -103,7 +110,13 @@ PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& o
     apply(*plan.fit, path);
   }
 
-  plan.peak_speed = options.playback.speed * peak_speed(Trajectory(path, options.interpolation));
+  const Excursion excursion = look_ahead(Trajectory(path, options.interpolation), workspace);
+  if (excursion.outside > 0)
+    throw input_error(fmt::format(
+        "{} leaves the workspace of {} by {:.1f} mm between its samples, where they are far apart; use --interpolation "
+        "linear",
+        path.name, device.model, 1e3 * excursion.outside));
+  plan.peak_speed = options.playback.speed * excursion.peak_speed;
   const double limit = options.session.limits.max_velocity;
   if (limit > 0 && plan.peak_speed > 0.9 * limit)
     throw input_error(
