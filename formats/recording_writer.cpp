@@ -12,7 +12,6 @@
 #include <filesystem>
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <ranges>
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -220,7 +219,7 @@ struct RecordingWriter::File {
 
   /// Time comes last: a row that has a time has everything, whatever happens in between.
   void write_samples() {
-    for (Table& table : tables | std::views::reverse) table.write();
+    for (auto table = tables.rbegin(); table != tables.rend(); ++table) table->write();
   }
 
   void flush() {
