@@ -49,8 +49,10 @@ std::string reason(const json::exception& error) {
 }  // namespace
 
 json parse_json(const std::string& text, const std::string& where) {
+  constexpr int kDeepest = 100;             // nlohmann's values copy and print themselves by recursion
   std::vector<std::set<std::string>> keys;  // of the objects that are open
-  const auto refuse_duplicates = [&](int, json::parse_event_t event, const json& parsed) {
+  const auto refuse = [&](int depth, json::parse_event_t event, const json& parsed) {
+    if (depth > kDeepest) throw input_error(fmt::format("{}: is nested deeper than {} levels", where, kDeepest));
     if (event == json::parse_event_t::object_start) keys.emplace_back();
     if (event == json::parse_event_t::object_end) keys.pop_back();
     if (event == json::parse_event_t::key && !keys.back().insert(parsed.get<std::string>()).second)
@@ -58,7 +60,7 @@ json parse_json(const std::string& text, const std::string& where) {
     return true;
   };
   try {
-    return json::parse(text, refuse_duplicates, true, true);
+    return json::parse(text, refuse, true, true);
   } catch (const json::exception& error) {
     throw input_error(fmt::format("{}: {}", where, reason(error)));
   }

@@ -14,7 +14,7 @@ namespace haptrace {
 /// has twice.
 nlohmann::json load_json(const std::string& file);
 
-/// Parses text that came from `where` (an option, a dataset). Throws Error(input).
+/// Parses text that came from `where` (an option, a dataset), nested no deeper than 100 levels. Throws Error(input).
 nlohmann::json parse_json(const std::string& text, const std::string& where);
 
 /// One JSON object being read. Ask for every key, then call finish().

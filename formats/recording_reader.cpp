@@ -115,11 +115,7 @@ struct RecordingReader::File {
   void count_rows() {
     rows = std::numeric_limits<std::uint64_t>::max();
     for (const Opened& entry : opened) rows = std::min<std::uint64_t>(rows, hdf5::shape(entry.dataset.get())[0]);
-    std::error_code error;
-    const std::uint64_t bytes = std::filesystem::file_size(name, error);
-    if (error || rows / kDensest > bytes / sizeof(double))
-      throw input_error(
-          fmt::format("{}: is damaged: /samples/time cannot have {} rows in {} bytes", name, rows, bytes));
+    check_length("/samples/time", rows);
     // A writer that found the disk full grew its datasets before it failed to fill them; time is filled last.
     std::array<double, kBlock> time;
     while (rows > 0) {
@@ -131,6 +127,14 @@ struct RecordingReader::File {
       rows -= static_cast<std::uint64_t>(last - std::reverse_iterator(end));
       if (last.base() != time.begin()) break;
     }
+  }
+
+  /// A length that is damaged would be read for hours.
+  void check_length(const char* path, std::uint64_t length) const {
+    std::error_code error;
+    const std::uint64_t bytes = std::filesystem::file_size(name, error);
+    if (error || length / kDensest > bytes / sizeof(double))
+      throw input_error(fmt::format("{}: is damaged: {} cannot have {} rows in {} bytes", name, path, length, bytes));
   }
 
   void read_column(const Opened& entry, std::uint64_t first, std::uint64_t count, void* values) const {
@@ -207,6 +211,7 @@ std::vector<Sample> RecordingReader::read(std::uint64_t first, std::uint64_t cou
 std::vector<StoredEvent> RecordingReader::events() const {
   const hdf5::Silence silence;
   const hsize_t count = hdf5::shape(file_->events.get())[0];
+  file_->check_length(layout::kEvents, count);
   const hdf5::Type type = hdf5::event_type(file_->characters_of_events());
   std::vector<StoredEvent> events;
   std::vector<char> rows;

@@ -26,6 +26,13 @@ TEST(ParseJson, RefusesAKeyThatStandsTwice) {
   EXPECT_NO_THROW(parse_json(R"({"a": {"b": 1}, "b": {"a": 1}})", "my.json"));
 }
 
+TEST(ParseJson, RefusesWhatIsNestedTooDeeplyToBeShownOrCopied) {
+  const auto nested = [](std::size_t levels) { return std::string(levels, '[') + std::string(levels, ']'); };
+  EXPECT_NO_THROW(parse_json(nested(100), "my.json"));
+  expect_error([&] { parse_json(nested(1'000'000), "my.json"); }, Error::Kind::input,
+               {"my.json: is nested deeper than 100 levels"});
+}
+
 TEST(LoadJson, SaysWhyAFileCannotBeRead) {
   const TempFolder folder;
   expect_error([&] { load_json(folder / "absent.json"); }, Error::Kind::input,
