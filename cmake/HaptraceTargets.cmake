@@ -13,6 +13,11 @@ if(HAPTRACE_SANITIZE)
     add_compile_options(-fno-sanitize-recover=undefined)
   endif()
 endif()
+if(HAPTRACE_FUZZ)
+  add_compile_options(-fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
+    -fno-omit-frame-pointer)
+  add_link_options(-fsanitize=address,undefined)
+endif()
 if(HAPTRACE_RTSAN)
   find_library(HAPTRACE_RTSAN_LIBRARY clang_rt.rtsan-x86_64
                NAMES libclang_rt.rtsan-x86_64.a PATHS /usr/lib/llvm-19/lib/clang/19/lib/linux REQUIRED)
