@@ -4,6 +4,7 @@
 
 #include <csignal>
 #include <fcntl.h>
+#include <hdf5.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -208,6 +209,68 @@ TEST(BrokenDisk, EndsTheRecordingWithAnErrorAndKeepsWhatWasFlushed) {
     ASSERT_EQ(reader.rows(), flushed);
     expect_same(reader.read(0, flushed), std::span(session).first(flushed));
   }
+}
+
+/// Calls `use(dataset, column)` for every column of a recording, opened with HDF5 itself.
+template <class Use>
+void for_each_dataset(const std::string& file, unsigned flags, const Use& use) {
+  const hid_t opened = H5Fopen(file.c_str(), flags, H5P_DEFAULT);
+  ASSERT_GE(opened, 0);
+  for (const layout::Column& column : layout::columns()) {
+    if (H5Lexists(opened, column.path().c_str(), H5P_DEFAULT) <= 0) continue;
+    const hid_t dataset = H5Dopen2(opened, column.path().c_str(), H5P_DEFAULT);
+    use(dataset, column);
+    H5Dclose(dataset);
+  }
+  H5Fclose(opened);
+}
+
+TEST(GrownButNotFilled, RowsWithoutATimeAreLeftOut) {
+  const TempFolder folder;
+  const std::string file = folder / "a.h5";
+  const std::vector<Sample> session = random_session(7, 350, {});
+  write_recording(file, session, {}, {}, {{0.1, 50, "mark"}});
+  for_each_dataset(file, H5F_ACC_RDWR, [](hid_t dataset, const layout::Column& column) {
+    const hsize_t extent[] = {350 + 10'000, column.width};
+    H5Dset_extent(dataset, extent);
+  });
+  const RecordingReader reader(file);
+  ASSERT_EQ(reader.rows(), 350U);
+  expect_same(reader.read(0, 10'350), session);
+}
+
+TEST(RecordingWriter, FillsTimeLastAndTheRestOfAChunkWithFillValues) {
+  const TempFolder folder;
+  write_recording(folder / "a.h5", random_session(8, 150, {}));
+  haddr_t last = 0;
+  std::string written_last;
+  for_each_dataset(folder / "a.h5", H5F_ACC_RDONLY, [&](hid_t dataset, const layout::Column& column) {
+    const hsize_t offset[] = {100, 0};
+    unsigned filters = 0;
+    haddr_t address = 0;
+    hsize_t size = 0;
+    H5Dget_chunk_info_by_coord(dataset, offset, &filters, &address, &size);
+    if (address > last) written_last = column.name;
+    last = std::max(last, address);
+    std::vector<double> chunk(size / sizeof(double));
+    H5Dread_chunk(dataset, H5P_DEFAULT, offset, &filters, chunk.data());
+    if (column.element != layout::Element::float64) return;
+    EXPECT_FALSE(std::isnan(chunk[50 * column.width - 1])) << column.name;
+    for (std::size_t i = 50 * column.width; i < chunk.size(); ++i) EXPECT_TRUE(std::isnan(chunk[i])) << column.name;
+  });
+  EXPECT_EQ(written_last, "time");
+}
+
+TEST(RecordingWriter, KeepsItsAttributesInTheObjectHeader) {
+  const TempFolder folder;
+  write_recording(folder / "a.h5", {});
+  const hid_t file = H5Fopen((folder / "a.h5").c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
+  H5O_info_t info{};
+  ASSERT_GE(H5Oget_info2(file, &info, H5O_INFO_NUM_ATTRS | H5O_INFO_META_SIZE), 0);
+  H5Fclose(file);
+  EXPECT_EQ(info.num_attrs, 19U);
+  EXPECT_EQ(info.meta_size.attr.index_size, 0U);
+  EXPECT_EQ(info.meta_size.attr.heap_size, 0U);
 }
 
 /// Reads everything that a file offers. Any Error will do; anything else that comes out of it will not.
