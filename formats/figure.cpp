@@ -43,7 +43,7 @@ constexpr Rgb kInk{0.13, 0.13, 0.15}, kFaint{0.42, 0.42, 0.45}, kGrid{0.90, 0.90
 
 // Text heights and distances [px].
 constexpr double kFigureTitle = 17, kPanelTitle = 13, kText = 11.5, kMargin = 18, kGap = 22, kTick = 6,
-                 kTickSpacing = 30;
+                 kTickSpacing = 22;
 constexpr double kEntryLine = 22, kEntryGap = 6;  // of a legend
 
 const Rgb& color_of(const Series& s) {
@@ -75,7 +75,7 @@ struct Range {
 };
 
 struct Rect {
-  double x, y, w, h;
+  double x = 0, y = 0, w = 0, h = 0;
 };
 
 /// Ticks of one axis as they are written: values divided by 10^exponent, with as many decimals as their step has.
@@ -578,7 +578,7 @@ Series decimate(const Series& series, std::size_t points) {
   for (std::size_t bin = 0; bin < bins; ++bin) {
     // Indices of what to keep: first, lowest, highest, last, and one break.
     constexpr std::size_t none = std::numeric_limits<std::size_t>::max();
-    std::array<std::size_t, 5> keep;
+    std::array<std::size_t, 5> keep{};
     keep.fill(none);
     auto& [first, lowest, highest, last, broken] = keep;
     for (std::size_t i = n / bins * bin + n % bins * bin / bins; i < n / bins * (bin + 1) + n % bins * (bin + 1) / bins;

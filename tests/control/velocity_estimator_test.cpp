@@ -64,7 +64,7 @@ TEST_P(VelocityEstimatorLaws, AfterAMovementIsExactlyZeroInTheEnd) {
   const auto estimator = make();
   for (const Vec3& p : walk(1000)) estimator->update(p, dt());
   const Vec3 end(0.3, 0.1, -0.7);
-  Vec3 v;
+  Vec3 v = Vec3::Zero();
   for (int i = 0; i < 100 * settled(); ++i) {
     v = estimator->update(end, dt());
     for (const double axis : v) ASSERT_NE(std::fpclassify(axis), FP_SUBNORMAL);
@@ -75,7 +75,7 @@ TEST_P(VelocityEstimatorLaws, AfterAMovementIsExactlyZeroInTheEnd) {
 
 TEST_P(VelocityEstimatorLaws, OfARampIsItsSlope) {
   const auto estimator = make();
-  Vec3 v;
+  Vec3 v = Vec3::Zero();
   for (int i = 0; i < settled(); ++i) v = estimator->update(i * dt() * kSlope, dt());
   EXPECT_LE((v - kSlope).norm(), 1e-9 * rate() / 1000 + 1e-12);
 }
@@ -109,7 +109,7 @@ TEST_P(VelocityEstimatorLaws, OfAQuantisedRampIsItsSlopeOnAverage) {
 TEST_P(VelocityEstimatorLaws, HoursLaterAndMetresAwayIsAsGood) {
   const auto estimator = make();
   const Vec3 far(40, -40, 40);
-  Vec3 v;
+  Vec3 v = Vec3::Zero();
   for (int i = 0; i < settled(); ++i) v = estimator->update(far, dt());
   // A day in one step each way, then on.
   estimator->update(far + 86400 * kSlope, 86400);
@@ -156,7 +156,7 @@ TEST_P(VelocityEstimatorLaws, IsFiniteWhateverItIsFed) {
     ASSERT_TRUE(is_finite(v)) << i;
     for (const double axis : v) ASSERT_NE(std::fpclassify(axis), FP_SUBNORMAL);
   }
-  Vec3 v;
+  Vec3 v = Vec3::Zero();
   for (int i = 0; i < 4 * settled(); ++i) v = estimator->update(i * dt() * kSlope, dt());
   EXPECT_LE((v - kSlope).norm(), 1e-6) << "does not recover";
 }

@@ -179,6 +179,7 @@ TEST(Session, StopsInEveryPhaseWhenAsked) {
 
     /// Raises the request at a tick, as a signal would.
     struct Raiser final : SampleSink {
+      using SampleSink::push;
       Raiser(StopRequest& request, int tick) : request_(request), tick_(tick) {}
       void push(const Sample& sample) noexcept override {
         if (sample.tick == static_cast<std::uint64_t>(tick_)) request_.raise();
