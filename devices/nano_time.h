@@ -18,7 +18,7 @@ class NanoTime {
   std::int64_t advance(double dt) noexcept {
     if (!(dt > 0) || !std::isfinite(dt)) return ns_;
     const double span = std::min(dt, 3600.0) * 1e9 + carry_;
-    const auto whole = static_cast<std::int64_t>(span + 0.5);
+    const auto whole = static_cast<std::int64_t>(std::floor(span + 0.5));
     carry_ = span - static_cast<double>(whole);
     return ns_ += whole;
   }

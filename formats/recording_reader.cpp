@@ -117,7 +117,7 @@ struct RecordingReader::File {
     for (const Opened& entry : opened) rows = std::min<std::uint64_t>(rows, hdf5::shape(entry.dataset.get())[0]);
     check_length("/samples/time", rows);
     // A writer that found the disk full grew its datasets before it failed to fill them; time is filled last.
-    std::array<double, kBlock> time;
+    std::array<double, kBlock> time{};
     while (rows > 0) {
       const std::uint64_t count = std::min(kBlock, rows);
       read_column(opened.front(), rows - count, count, time.data());

@@ -156,8 +156,7 @@ PdGains gains_from_json(const nlohmann::json& json, const std::string& where) {
   JsonReader reader(json, where);
   for (const char* key : {"kp", "kd"})
     if (!reader.has(key)) throw input_error(fmt::format("{}: gains need '{}'", where, key));
-  const PdGains gains{reader.vector("kp", Vec3::Zero(), 0, kLargestKp),
-                      reader.vector("kd", Vec3::Zero(), 0, kLargestKd)};
+  PdGains gains{reader.vector("kp", Vec3::Zero(), 0, kLargestKp), reader.vector("kd", Vec3::Zero(), 0, kLargestKd)};
   reader.finish();
   return gains;
 }

@@ -80,8 +80,8 @@ Eigen::Matrix3d read_gradient(JsonReader& reader, const json& spec) {
 Box read_workspace(JsonReader& reader, const Box& fallback) {
   auto workspace = reader.object("workspace");
   if (!workspace) return fallback;
-  const Box box{workspace->vector("min", fallback.min, -kMaxLength, kMaxLength),
-                workspace->vector("max", fallback.max, -kMaxLength, kMaxLength)};
+  Box box{workspace->vector("min", fallback.min, -kMaxLength, kMaxLength),
+          workspace->vector("max", fallback.max, -kMaxLength, kMaxLength)};
   workspace->finish();
   if ((box.min.array() >= box.max.array()).any())
     throw spec_error(*workspace, "'min' must lie below 'max' in every axis");
