@@ -23,7 +23,11 @@ class Error : public std::runtime_error {
   Kind kind_;
 };
 
-inline Error input_error(const std::string& what) { return {Error::Kind::input, what}; }
-inline Error device_error(const std::string& what) { return {Error::Kind::device, what}; }
+inline Error input_error(const std::string& what) {
+  return {Error::Kind::input, what};
+}
+inline Error device_error(const std::string& what) {
+  return {Error::Kind::device, what};
+}
 
 }  // namespace haptrace
