@@ -57,7 +57,10 @@ function(haptrace_install)
   install(TARGETS ${libraries} EXPORT haptraceTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
   install(EXPORT haptraceTargets NAMESPACE haptrace:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)
   foreach(folder control formats devices recorder player)
-    install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace FILES_MATCHING PATTERN "*.h")
+    install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace FILES_MATCHING PATTERN "*.h"
+      # What only the implementation of formats includes.
+      PATTERN "csv.h" EXCLUDE PATTERN "hdf5_support.h" EXCLUDE PATTERN "output_file.h" EXCLUDE
+      PATTERN "recording_layout.h" EXCLUDE)
   endforeach()
   configure_package_config_file(cmake/haptraceConfig.cmake.in haptraceConfig.cmake
     INSTALL_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)

@@ -34,8 +34,7 @@ struct Recorder::Writer {
         flush_rows(rows_in(kFlushSpan, header.rate_hz, 1)),
         samples(rows_in(options.ring_seconds, header.rate_hz, kSmallestRing)),
         events(kEventRing),
-        output(name, header, columns,
-               {.overwrite = options.overwrite, .rows_per_chunk = rows_in(options.flush_period, header.rate_hz, 16)}),
+        output(name, header, columns, {.overwrite = options.overwrite}),
         thread([this](const std::stop_token& stop) { run(stop); }) {}
 
   /// Until asked to stop, and then until the rings are empty.
