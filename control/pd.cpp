@@ -24,7 +24,7 @@ void validate(const PdGains& gains) {
 PdGains cautious_gains(double max_force, double rate_hz) {
   constexpr double kDeviationAtLimit = 0.016;  // [m]
   constexpr double kDerivativeTime = 0.012;    // [s]
-  const double slow = std::min(1.0, rate_hz / 500);
+  const double slow = std::min(1.0, rate_hz / 200);
   const double kp = std::min(max_force / kDeviationAtLimit * slow, kLargestKp);
   return {Vec3::Constant(kp), Vec3::Constant(std::min(kDerivativeTime * kp * slow, kLargestKd))};
 }

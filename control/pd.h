@@ -33,7 +33,7 @@ inline constexpr double kLargestKd = 1e3;  // [N s/m]
 void validate(const PdGains& gains);
 
 /// Gains for a device of which only its maximum force [N] is known: the force limit is reached at 16 mm of deviation,
-/// and kd = 12 ms * kp. For a device of 8 N this is the 500 N/m and 6 N s/m of a cautious playback. Below 500 Hz both
+/// and kd = 12 ms * kp. For a device of 8 N this is the 500 N/m and 6 N s/m of a cautious playback. Below 200 Hz both
 /// shrink with the rate, since the largest stable gain does (Colgate and Schenkel 1997: K < 2 b / T).
 PdGains cautious_gains(double max_force, double rate_hz);
 

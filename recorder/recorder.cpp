@@ -17,6 +17,7 @@ namespace {
 
 constexpr std::size_t kSmallestRing = 16384;  // rows: in virtual time the loop runs far ahead of the writer
 constexpr std::size_t kEventRing = 1024;
+constexpr double kChunkSpan = 2;  // of the session's time in a chunk at most: slow sessions make small files [s]
 constexpr double kFlushSpan = 1;  // of the session's time between two flushes at most [s]
 constexpr auto kPoll = std::chrono::milliseconds(5);
 
@@ -34,7 +35,10 @@ struct Recorder::Writer {
         flush_rows(rows_in(kFlushSpan, header.rate_hz, 1)),
         samples(rows_in(options.ring_seconds, header.rate_hz, kSmallestRing)),
         events(kEventRing),
-        output(name, header, columns, {.overwrite = options.overwrite}),
+        output(name, header, columns,
+               {.overwrite = options.overwrite,
+                .rows_per_chunk =
+                    std::min(rows_in(kChunkSpan, header.rate_hz, 64), RecordingWriter::Options{}.rows_per_chunk)}),
         thread([this](const std::stop_token& stop) { run(stop); }) {}
 
   /// Until asked to stop, and then until the rings are empty.

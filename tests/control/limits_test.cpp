@@ -1,6 +1,6 @@
 #include "control/limits.h"
 
-#include "control/error.h"
+#include "tests/support/errors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -59,15 +59,8 @@ TEST(Ramp, TakesItsTimeAndStaysInside) {
 }
 
 TEST(SafetyLimits, NameTheOneThatIsWrong) {
-  const auto error_of = [](const SafetyLimits& limits) -> std::string {
-    try {
-      validate(limits);
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "";
-  };
-  EXPECT_EQ(error_of({}), "");
+  const auto error_of = [](const SafetyLimits& limits) { return test::error_of([&] { validate(limits); }); };
+  EXPECT_EQ(error_of({}), "no error");
   EXPECT_THAT(error_of({.max_force = -1}), testing::HasSubstr("the force limit [N] is -1"));
   EXPECT_THAT(error_of({.max_velocity = kNaN}), testing::HasSubstr("the velocity limit [m/s] is nan"));
   EXPECT_THAT(error_of({.continuous_time = 0}), testing::HasSubstr("must be above 0"));

@@ -1,6 +1,6 @@
 #include "control/path.h"
 
-#include "control/error.h"
+#include "tests/support/errors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -21,19 +21,13 @@ Path line(std::initializer_list<Vec3> points) {
 }
 
 std::string error_of(const Path& path) {
-  try {
-    validate(path);
-  } catch (const Error& error) {
-    EXPECT_EQ(error.kind(), Error::Kind::input);
-    return error.what();
-  }
-  return "";
+  return test::error_of([&] { validate(path); });
 }
 
 const Box kDesk{Vec3::Constant(-0.05), Vec3::Constant(0.05)};
 
 TEST(Path, WithOneSampleIsValid) {
-  EXPECT_EQ(error_of(line({Vec3::Zero()})), "");
+  EXPECT_EQ(error_of(line({Vec3::Zero()})), "no error");
 }
 
 TEST(Path, WithoutSamplesIsRefusedByName) {
@@ -67,7 +61,7 @@ TEST(Path, RefusesColumnsOfAnotherLength) {
 TEST(Path, FourHundredMetresWideIsAUnitMistakeAndTheErrorSaysWhich) {
   EXPECT_THAT(error_of(line({Vec3::Zero(), Vec3(400, 0, 0)})), HasSubstr("these look like millimetres"));
   EXPECT_THAT(error_of(line({Vec3::Zero(), Vec3(4e5, 0, 0)})), HasSubstr("these look like micrometres"));
-  EXPECT_EQ(error_of(line({Vec3::Zero(), Vec3(10, 0, 0)})), "");
+  EXPECT_EQ(error_of(line({Vec3::Zero(), Vec3(10, 0, 0)})), "no error");
 }
 
 TEST(Path, DistanceOutsideIsTheFarthestSampleFromTheBox) {

@@ -1,9 +1,9 @@
 // What the tests of devices share.
 #pragma once
 
-#include "control/error.h"
 #include "devices/sim/noise.h"
 #include "devices/sim/sim_device.h"
+#include "tests/support/errors.h"
 #include "tests/support/temp_folder.h"
 
 #include <gtest/gtest.h>
@@ -36,19 +36,6 @@ class RandomForce {
   double largest_, left_ = 0;
   Vec3 force_ = Vec3::Zero();
 };
-
-/// The text of the error that `call` throws; a failure when it throws none.
-template <typename Call>
-std::string error_of(Call call, Error::Kind kind = Error::Kind::input) {
-  try {
-    call();
-  } catch (const Error& error) {
-    EXPECT_EQ(error.kind(), kind) << error.what();
-    return error.what();
-  }
-  ADD_FAILURE() << "no error";
-  return {};
-}
 
 inline std::string open_error(const std::string& spec, Error::Kind kind = Error::Kind::input) {
   return error_of([&] { (void)open_device(spec); }, kind);

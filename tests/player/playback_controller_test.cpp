@@ -1,8 +1,8 @@
 #include "player/playback_controller.h"
 
-#include "control/error.h"
 #include "control/shapes.h"
 #include "tests/support/allocations.h"
+#include "tests/support/errors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -225,15 +225,8 @@ TEST(Playback, AllocatesNothing) {
 }
 
 TEST(PlaybackOptions, NameTheOneThatIsOutOfRange) {
-  const auto error_of = [](const PlaybackOptions& options) -> std::string {
-    try {
-      validate(options);
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "";
-  };
-  EXPECT_EQ(error_of({}), "");
+  const auto error_of = [](const PlaybackOptions& options) { return test::error_of([&] { validate(options); }); };
+  EXPECT_EQ(error_of({}), "no error");
   EXPECT_THAT(error_of({.speed = 0}), HasSubstr("the speed factor is 0"));
   EXPECT_THAT(error_of({.speed = kNaN}), HasSubstr("the speed factor is nan"));
   EXPECT_THAT(error_of({.repetitions = -1}), HasSubstr("repetitions is -1"));

@@ -1,8 +1,8 @@
-#include "control/error.h"
 #include "control/shapes.h"
 #include "formats/path_file.h"
 #include "formats/recording.h"
 #include "player/playback.h"
+#include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/temp_folder.h"
 
@@ -13,6 +13,7 @@
 namespace haptrace {
 namespace {
 
+using test::error_of;
 using test::PointMass;
 using test::TempFolder;
 using testing::HasSubstr;
@@ -23,17 +24,6 @@ PlayOptions options_for(const std::string& file) {
   options.session.limits.max_velocity = 1.5;
   if (!file.empty()) options.session.recording = SessionOptions::Recording{.file = file};
   return options;
-}
-
-template <class F>
-std::string error_of(F&& f) {
-  try {
-    f();
-  } catch (const Error& error) {
-    EXPECT_EQ(error.kind(), Error::Kind::input);
-    return error.what();
-  }
-  return "no error";
 }
 
 TEST(Session, PlaysAPathAndRecordsEveryTickOfIt) {
