@@ -42,13 +42,20 @@ function(haptrace_library folder)
   set_property(GLOBAL APPEND PROPERTY HAPTRACE_LIBRARIES haptrace_${folder})
 endfunction()
 
-# haptrace_test(<name> SOURCES <file>... LIBS <target>...): one GoogleTest program; every test is a test of ctest.
+# haptrace_test(<name> SOURCES <file>... LIBS <target>... [LAWS <sentence>]): one GoogleTest program. Every test is a test
+# of ctest; its suites of laws, named All/..., are one together, called by the sentence.
 function(haptrace_test name)
-  cmake_parse_arguments(ARG "" "" "SOURCES;LIBS" ${ARGN})
+  cmake_parse_arguments(ARG "" "LAWS" "SOURCES;LIBS" ${ARGN})
   add_executable(test_${name} ${ARG_SOURCES})
   target_link_libraries(test_${name} PRIVATE ${ARG_LIBS} GTest::gtest_main GTest::gmock haptrace_build_flags)
   target_include_directories(test_${name} PRIVATE ${PROJECT_SOURCE_DIR})
-  gtest_discover_tests(test_${name} DISCOVERY_MODE PRE_TEST NO_PRETTY_VALUES PROPERTIES TIMEOUT 120)
+  # Suites of laws (All/...) hold hundreds of short tests: one process runs them together, each of the others its own.
+  gtest_discover_tests(test_${name} DISCOVERY_MODE PRE_TEST NO_PRETTY_VALUES TEST_FILTER "-All/*"
+    PROPERTIES TIMEOUT 120)
+  if(ARG_LAWS)
+    add_test(NAME Laws.${ARG_LAWS} COMMAND test_${name} --gtest_brief=1 --gtest_filter=All/*)
+    set_tests_properties(Laws.${ARG_LAWS} PROPERTIES TIMEOUT 300)
+  endif()
 endfunction()
 
 function(haptrace_install)

@@ -191,7 +191,7 @@ TEST_P(DeviceLaws, IsLostAfterClose) {
   EXPECT_EQ(device_->exchange({}, 1e-3, state), Device::Status::lost);
 }
 
-INSTANTIATE_TEST_SUITE_P(Listed, DeviceLaws, testing::ValuesIn(listed()), [](const auto& device) {
+INSTANTIATE_TEST_SUITE_P(All, DeviceLaws, testing::ValuesIn(listed()), [](const auto& device) {
   std::string name = device.param.name;
   std::replace(name.begin(), name.end(), '.', '_');
   return name;
