@@ -18,7 +18,7 @@ namespace {
 constexpr std::size_t kSmallestRing = 16384;  // rows: in virtual time the loop runs far ahead of the writer
 constexpr std::size_t kEventRing = 1024;
 constexpr double kChunkSpan = 2;  // of the session's time in a chunk at most: slow sessions make small files [s]
-constexpr double kFlushSpan = 1;  // of the session's time between two flushes at most [s]
+constexpr std::size_t kLargestBatch = 1024;  // rows
 constexpr auto kPoll = std::chrono::milliseconds(5);
 
 std::size_t rows_in(double seconds, double rate_hz, std::size_t least) {
@@ -32,7 +32,6 @@ struct Recorder::Writer {
          const Options& options)
       : file(name),
         flush_period(options.flush_period),
-        flush_rows(rows_in(kFlushSpan, header.rate_hz, 1)),
         samples(rows_in(options.ring_seconds, header.rate_hz, kSmallestRing)),
         events(kEventRing),
         output(name, header, columns,
@@ -50,10 +49,9 @@ struct Recorder::Writer {
         const bool wrote = drain();
         last = stopping && !wrote;
         const auto now = std::chrono::steady_clock::now();
-        if (std::chrono::duration<double>(now - flushed).count() >= flush_period || unflushed >= flush_rows) {
+        if (std::chrono::duration<double>(now - flushed).count() >= flush_period) {
           output.flush();
           flushed = now;
-          unflushed = 0;
         }
         if (!wrote && !last) std::this_thread::sleep_for(kPoll);
       }
@@ -65,12 +63,12 @@ struct Recorder::Writer {
 
   bool drain() {
     bool wrote = false;
-    while (batch.size() < flush_rows && samples.consume_one([&](const Sample& sample) { batch.push_back(sample); })) {
+    while (batch.size() < kLargestBatch &&
+           samples.consume_one([&](const Sample& sample) { batch.push_back(sample); })) {
     }
     if (!batch.empty()) {
       output.append(batch);
       written.fetch_add(batch.size(), std::memory_order_relaxed);
-      unflushed += batch.size();
       last_time_ns = batch.back().time_ns;
       batch.clear();
       wrote = true;
@@ -102,8 +100,7 @@ struct Recorder::Writer {
   }
 
   std::string file;
-  double flush_period;     ///< [s] of the wall clock
-  std::size_t flush_rows;  ///< in virtual time rows come faster than the wall clock goes
+  double flush_period;  ///< [s]
   boost::lockfree::spsc_queue<Sample> samples;
   boost::lockfree::spsc_queue<Event> events;
   std::atomic<std::uint64_t> written{0}, lost{0};
@@ -112,7 +109,6 @@ struct Recorder::Writer {
   // The writer thread's own.
   RecordingWriter output;
   std::vector<Sample> batch;
-  std::size_t unflushed = 0;
   std::uint64_t lost_told = 0;
   std::int64_t last_time_ns = 0;
   std::exception_ptr error;  ///< read after join
