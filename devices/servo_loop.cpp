@@ -109,7 +109,11 @@ class ServoLoop::Session {
     send_zero();
   }
 
-  void flight_record_into(std::vector<Sample>& rows) const { rows = flight_.samples(); }
+  /// The last samples before the end, oldest first.
+  [[nodiscard]] std::vector<Sample> flight_record() const { return flight_.samples(); }
+
+  /// The event that says what stopped the session, if a limit or a fault did.
+  [[nodiscard]] const std::optional<Event>& fault() const noexcept { return fault_; }
 
  private:
   enum class Mode { running, releasing, fading };
@@ -323,10 +327,6 @@ class ServoLoop::Session {
     (void)loop_.device_.exchange(wrench_, 0, device_state_);
   }
 
- public:
-  std::optional<Event> fault_;  ///< the event that says what stopped the session
-
- private:
   ServoLoop& loop_;
   ServoClock& clock_;
   ServoReport& report_;
@@ -339,6 +339,7 @@ class ServoLoop::Session {
   bool first_ = true;
   std::uint64_t tick_ = 0;
   std::int64_t start_ns_ = 0, deadline_ns_ = 0, last_time_ns_ = 0;
+  std::optional<Event> fault_;
   DeviceState device_state_;
   Wrench wrench_;  ///< to be sent at the next exchange
   Ramp fade_;
@@ -360,8 +361,8 @@ ServoReport ServoLoop::run(const StopRequest& stop) noexcept {
   session.run(stop);
 
   if (report.stopped_by_fault()) {
-    session.flight_record_into(report.flight_record);
-    if (session.fault_) report.detail = describe(*session.fault_);
+    report.flight_record = session.flight_record();
+    if (session.fault()) report.detail = describe(*session.fault());
     if (report.cause == StopCause::device_lost) report.detail = "the device was lost: " + device_.lost_reason();
     if (report.cause == StopCause::device_not_ready && report.samples == 0)
       report.detail = fmt::format("the device did not become ready within {} s; is it homed?", options_.ready_timeout);
