@@ -22,8 +22,9 @@ if(HAPTRACE_RTSAN)
   find_library(HAPTRACE_RTSAN_LIBRARY clang_rt.rtsan-x86_64
                NAMES libclang_rt.rtsan-x86_64.a PATHS /usr/lib/llvm-19/lib/clang/19/lib/linux REQUIRED)
   add_compile_definitions(HAPTRACE_RTSAN)
-  # The runtime's interceptors have to be in every program, called or not.
-  add_link_options(-Wl,--whole-archive ${HAPTRACE_RTSAN_LIBRARY} -Wl,--no-whole-archive -rdynamic)
+  # The runtime's interceptors have to be in every program, called or not; plug-ins use their program's.
+  set(runtime -Wl,--whole-archive ${HAPTRACE_RTSAN_LIBRARY} -Wl,--no-whole-archive -rdynamic)
+  add_link_options("$<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:${runtime}>")
   link_libraries(dl pthread m)
 endif()
 
