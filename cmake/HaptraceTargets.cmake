@@ -8,6 +8,8 @@ target_compile_options(haptrace_build_flags INTERFACE
   $<$<BOOL:${HAPTRACE_WERROR}>:-Werror>)
 if(HAPTRACE_SANITIZE)
   add_compile_options(-fsanitize=${HAPTRACE_SANITIZE} -fno-omit-frame-pointer)
+  # g++ 12 sees uninitialised values in the standard library's own code once it is instrumented.
+  target_compile_options(haptrace_build_flags INTERFACE -Wno-maybe-uninitialized)
   add_link_options(-fsanitize=${HAPTRACE_SANITIZE})
   if(HAPTRACE_SANITIZE MATCHES "undefined")
     add_compile_options(-fno-sanitize-recover=undefined)
