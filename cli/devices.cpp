@@ -1,14 +1,11 @@
 #include "cli/verb.h"
 #include "control/error.h"
+#include "formats/json_reader.h"
 
 #include <fmt/format.h>
 
 namespace haptrace::cli {
 namespace {
-
-nlohmann::json to_json(const Vec3& v) {
-  return {v.x(), v.y(), v.z()};
-}
 
 nlohmann::json to_json(const DeviceInfo& info) {
   return {{"name", info.name},
@@ -21,8 +18,8 @@ nlohmann::json to_json(const DeviceInfo& info) {
           {"measures_velocity", info.measures_velocity},
           {"measures_orientation", info.measures_orientation},
           {"measures_force", info.measures_force},
-          {"workspace_min_m", to_json(info.workspace_min)},
-          {"workspace_max_m", to_json(info.workspace_max)},
+          {"workspace_min_m", json_of(info.workspace_min)},
+          {"workspace_max_m", json_of(info.workspace_max)},
           {"position_resolution_m", info.position_resolution},
           {"max_force_n", info.max_force},
           {"max_continuous_force_n", info.max_continuous_force},

@@ -1,4 +1,5 @@
 #include "cli/verb.h"
+#include "formats/json_reader.h"
 #include "formats/path_file.h"
 #include "formats/recording_summary.h"
 
@@ -7,10 +8,6 @@
 
 namespace haptrace::cli {
 namespace {
-
-nlohmann::json to_json(const Vec3& v) {
-  return {v.x(), v.y(), v.z()};
-}
 
 std::string millimetres(const Box& box) {
   const Vec3 size = 1e3 * box.size(), center = 1e3 * box.center();
@@ -33,8 +30,8 @@ int tell_of_path(const std::string& file, const Output& output) {
                {"samples", path.size()},
                {"duration_s", path.duration()},
                {"mean_rate_hz", rate},
-               {"position_min_m", to_json(box.min)},
-               {"position_max_m", to_json(box.max)},
+               {"position_min_m", json_of(box.min)},
+               {"position_max_m", json_of(box.max)},
                {"has_velocity", !path.velocity.empty()},
                {"has_force", !path.force.empty()},
                {"notes", path.notes}},
@@ -100,8 +97,8 @@ int tell_of_recording(const std::string& file, const Output& output) {
                       {"events", std::move(list)},
                       {"config", header.config}};
   if (summary.rows > 0) {
-    json["position_min_m"] = to_json(summary.bounds.min);
-    json["position_max_m"] = to_json(summary.bounds.max);
+    json["position_min_m"] = json_of(summary.bounds.min);
+    json["position_max_m"] = json_of(summary.bounds.max);
     json["path_length_m"] = summary.path_length;
   }
   if (summary.tracked > 0) {

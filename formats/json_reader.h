@@ -17,6 +17,11 @@ nlohmann::json load_json(const std::string& file);
 /// Parses text that came from `where` (an option, a dataset), nested no deeper than 100 levels. Throws Error(input).
 nlohmann::json parse_json(const std::string& text, const std::string& where);
 
+/// [x, y, z], as JsonReader::vector reads it.
+inline nlohmann::json json_of(const Vec3& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
 /// One JSON object being read. Ask for every key, then call finish().
 ///
 /// Every question throws Error(input) naming the key's path, as in "my.json: hand.mass[1]: ...", when the value is of

@@ -48,10 +48,6 @@ nlohmann::json quantiles(const DurationHistogram& histogram) {
           {"max", histogram.max()}};
 }
 
-nlohmann::json to_json(const Vec3& v) {
-  return {v.x(), v.y(), v.z()};
-}
-
 nlohmann::json to_json(const TrackingFigures& figures) {
   return {{"samples", figures.samples},
           {"duration_s", figures.duration},
@@ -66,10 +62,10 @@ nlohmann::json flight_record(const std::vector<Sample>& samples) {
   for (const Sample& s : samples)
     rows.push_back({{"tick", s.tick},
                     {"time_s", 1e-9 * static_cast<double>(s.time_ns)},
-                    {"position_m", to_json(s.position)},
-                    {"velocity_m_per_s", to_json(s.velocity)},
-                    {"force_n", to_json(s.force)},
-                    {"reference_position_m", to_json(s.reference_position)},
+                    {"position_m", json_of(s.position)},
+                    {"velocity_m_per_s", json_of(s.velocity)},
+                    {"force_n", json_of(s.force)},
+                    {"reference_position_m", json_of(s.reference_position)},
                     {"phase", to_string(s.phase)}});
   return rows;
 }
@@ -110,7 +106,8 @@ PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& o
     apply(*plan.fit, path);
   }
 
-  const Excursion excursion = look_ahead(Trajectory(path, options.interpolation), workspace);
+  plan.trajectory = Trajectory(path, options.interpolation);
+  const Excursion excursion = look_ahead(plan.trajectory, workspace);
   if (excursion.outside > 0)
     throw input_error(fmt::format(
         "{} leaves the workspace of {} by {:.1f} mm between its samples, where they are far apart; use --interpolation "
@@ -136,7 +133,7 @@ PlayResult play(Device& device, PlayPlan plan, const PlayOptions& options, const
 
   std::vector<std::unique_ptr<ForceTerm>> terms;
   terms.push_back(std::make_unique<PdLaw>(plan.gains));
-  PlaybackController controller(Trajectory(plan.path, options.interpolation), std::move(terms), playback);
+  PlaybackController controller(std::move(plan.trajectory), std::move(terms), playback);
 
   TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(playback.repetitions));
   SampleSink* const sinks[] = {&metrics};
@@ -149,7 +146,7 @@ PlayResult play(Device& device, PlayPlan plan, const PlayOptions& options, const
 }
 
 nlohmann::json to_json(const PdGains& gains) {
-  return {{"kp", to_json(gains.kp)}, {"kd", to_json(gains.kd)}};
+  return {{"kp", json_of(gains.kp)}, {"kd", json_of(gains.kd)}};
 }
 
 PdGains gains_from_json(const nlohmann::json& json, const std::string& where) {
@@ -199,7 +196,7 @@ nlohmann::json to_json(const PlayResult& result) {
   json["gains"] = to_json(result.plan.gains);
   json["peak_speed_m_per_s"] = result.plan.peak_speed;
   if (result.plan.fit)
-    json["fit"] = {{"scale", result.plan.fit->scale}, {"offset_m", to_json(result.plan.fit->offset)}};
+    json["fit"] = {{"scale", result.plan.fit->scale}, {"offset_m", json_of(result.plan.fit->offset)}};
   return json;
 }
 

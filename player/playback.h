@@ -33,7 +33,8 @@ struct PlayOptions {
 
 /// A playback that was checked against a device and is ready to run: nothing has been sent yet.
 struct PlayPlan {
-  Path path;  ///< as it will be played
+  Path path;              ///< as it will be played
+  Trajectory trajectory;  ///< through it
   std::optional<Fit> fit;
   PdGains gains;
   double peak_speed = 0;  ///< of the reference [m/s]
@@ -45,7 +46,7 @@ PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& o
 
 struct PlayResult {
   SessionResult session;
-  PlayPlan plan;
+  PlayPlan plan;  ///< without its trajectory, which the session took
   std::vector<TrackingFigures> repetitions;
   TrackingFigures last;
 };
