@@ -70,6 +70,7 @@ function(haptrace_install)
     install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace FILES_MATCHING PATTERN "*.h"
       # What only the implementation of formats includes.
       PATTERN "csv.h" EXCLUDE PATTERN "hdf5_support.h" EXCLUDE PATTERN "output_file.h" EXCLUDE
+      PATTERN "sample_text.h" EXCLUDE PATTERN "text_file.h" EXCLUDE
       PATTERN "recording_layout.h" EXCLUDE)
   endforeach()
   configure_package_config_file(cmake/haptraceConfig.cmake.in haptraceConfig.cmake
