@@ -55,16 +55,16 @@ int tell_of_recording(const std::string& file, const Output& output) {
   line("notes", header.notes);
   line("created", header.created);
   line("device", fmt::format("{} ({})", header.device_name, header.device_model));
-  line("samples", fmt::format("{} in {:.3f} s", summary.rows, summary.duration));
+  line("samples", fmt::format("{} in {:.3f} s", summary.rows, summary.duration()));
   line("rate",
-       fmt::format("{:.2f} Hz in the mean, {:g} Hz asked, {} clock", summary.mean_rate, header.rate_hz, header.clock));
+       fmt::format("{:.2f} Hz in the mean, {:g} Hz asked, {} clock", summary.mean_rate(), header.rate_hz, header.clock));
   line("gaps", fmt::format("{} ({} ticks missed), longest interval {:.3f} ms", summary.gaps, summary.missed,
                            1e3 * summary.longest_interval));
   if (summary.rows > 0) line("size", millimetres(summary.bounds));
   line("force", fmt::format("up to {:.3f} N", summary.max_force));
   if (summary.tracked > 0)
-    line("tracking error", fmt::format("rms {:.3f} mm, peak {:.3f} mm over {} samples", 1e3 * summary.rms_error,
-                                       1e3 * summary.peak_error, summary.tracked));
+    line("tracking error", fmt::format("rms {:.3f} mm, peak {:.3f} mm over {} samples", 1e3 * summary.rms_error(),
+                                       1e3 * summary.peak_error(), summary.tracked));
   for (const StoredEvent& event : events) line("event", fmt::format("{:.3f} s  {}", event.time, event.text));
 
   nlohmann::json list = nlohmann::json::array();
@@ -88,8 +88,8 @@ int tell_of_recording(const std::string& file, const Output& output) {
                       {"device_serial", header.device_serial},
                       {"device_backend", header.device_backend},
                       {"samples", summary.rows},
-                      {"duration_s", summary.duration},
-                      {"mean_rate_hz", summary.mean_rate},
+                      {"duration_s", summary.duration()},
+                      {"mean_rate_hz", summary.mean_rate()},
                       {"gaps", summary.gaps},
                       {"missed", summary.missed},
                       {"longest_interval_s", summary.longest_interval},
@@ -102,8 +102,8 @@ int tell_of_recording(const std::string& file, const Output& output) {
     json["path_length_m"] = summary.path_length;
   }
   if (summary.tracked > 0) {
-    json["rms_error_m"] = summary.rms_error;
-    json["peak_error_m"] = summary.peak_error;
+    json["rms_error_m"] = summary.rms_error();
+    json["peak_error_m"] = summary.peak_error();
   }
   output.tell(json, text);
   return kDone;

@@ -107,6 +107,21 @@ Type event_type(H5T_cset_t characters) {
   return type;
 }
 
+Type overview_type() {
+  std::size_t bytes = 0;
+  for (const layout::OverviewField& field : layout::overview_fields()) bytes += field.bytes();
+  Type row(H5Tcreate(H5T_COMPOUND, bytes));
+  std::size_t offset = 0;
+  for (const layout::OverviewField& field : layout::overview_fields()) {
+    const hid_t number = field.floating ? H5T_IEEE_F64LE : H5T_STD_U64LE;
+    const hsize_t width = field.width;
+    const Type vector(field.width > 1 ? H5Tarray_create2(number, 1, &width) : H5Tcopy(number));
+    H5Tinsert(row.get(), field.name, offset, vector.get());
+    offset += field.bytes();
+  }
+  return row;
+}
+
 void create_attribute(hid_t object, const char* name, const std::string& text) {
   const Type type = text_type(text.size() + 1);
   write(new_attribute(object, name, type.get()), name, type.get(), text.c_str());
@@ -119,6 +134,10 @@ void create_attribute(hid_t object, const char* name, double value) {
 void create_attribute(hid_t object, const char* name, bool value) {
   const std::uint8_t byte = value ? 1 : 0;
   write(new_attribute(object, name, H5T_STD_U8LE), name, H5T_NATIVE_UINT8, &byte);
+}
+
+void create_attribute(hid_t object, const char* name, std::uint32_t value) {
+  write(new_attribute(object, name, H5T_STD_U32LE), name, H5T_NATIVE_UINT32, &value);
 }
 
 void update_attribute(hid_t object, const char* name, bool value) {
@@ -162,6 +181,21 @@ bool read_attribute(hid_t object, const char* name, bool& value) {
     return false;
   value = number != 0;
   return true;
+}
+
+bool read_attribute(hid_t object, const char* name, std::uint32_t& value) {
+  const Attribute attribute = open_scalar(object, name);
+  return attribute && class_of(attribute) == H5T_INTEGER && H5Aread(attribute.get(), H5T_NATIVE_UINT32, &value) >= 0;
+}
+
+std::vector<std::string> attribute_names(hid_t object) {
+  std::vector<std::string> names;
+  const auto take = [](hid_t, const char* name, const H5A_info_t*, void* data) -> herr_t {
+    static_cast<std::vector<std::string>*>(data)->emplace_back(name);
+    return 0;
+  };
+  H5Aiterate2(object, H5_INDEX_NAME, H5_ITER_INC, nullptr, take, &names);
+  return names;
 }
 
 bool exists(hid_t file, const std::string& path) {

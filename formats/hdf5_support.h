@@ -79,16 +79,24 @@ hid_t stored_type(layout::Element element);
 /// A row of /events, see layout::EventRow. HDF5 does not convert between character sets, not even from ASCII to UTF-8.
 Type event_type(H5T_cset_t characters = H5T_CSET_UTF8);
 
+/// A row of /overview, see layout::overview_fields().
+Type overview_type();
+
 /// Writers of a scalar attribute that is new. Text has a fixed length.
 void create_attribute(hid_t object, const char* name, const std::string& text);
 void create_attribute(hid_t object, const char* name, double value);
 void create_attribute(hid_t object, const char* name, bool value);
+void create_attribute(hid_t object, const char* name, std::uint32_t value);
 void update_attribute(hid_t object, const char* name, bool value);
+
+/// The names of an object's attributes, in alphabetical order.
+std::vector<std::string> attribute_names(hid_t object);
 
 /// Readers of a scalar attribute: false when it is absent or cannot be converted. Text may have any HDF5 string type.
 bool read_attribute(hid_t object, const char* name, std::string& text);
 bool read_attribute(hid_t object, const char* name, double& value);
 bool read_attribute(hid_t object, const char* name, bool& value);
+bool read_attribute(hid_t object, const char* name, std::uint32_t& value);
 
 /// True when the path leads to an object of `file`, all its groups included.
 bool exists(hid_t file, const std::string& path);

@@ -142,7 +142,8 @@ void write_recording(const Path& path, const std::string& file, const std::strin
     sample.phase = Phase::run;
   }
   RecordingWriter writer(file, header, {},
-                         {.overwrite = overwrite, .rows_per_chunk = std::min<std::size_t>(path.size(), 2048)});
+                         {.overwrite = overwrite,
+                          .storage = {.rows_per_chunk = std::min<std::size_t>(path.size(), 2048)}});
   writer.append(samples);
   writer.finish();
 }

@@ -2,8 +2,12 @@
 #pragma once
 
 #include "control/sample.h"
+#include "formats/recording_summary.h"
+#include "formats/storage.h"
 
 #include <cstddef>
+#include <functional>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -27,7 +31,16 @@ struct RecordingHeader {
   std::string device_name, device_model, device_serial, device_backend;
   double position_resolution_m = 0;
   double max_force_n = 0;
+
+  std::map<std::string, std::string> meta;  ///< what else the experimenter wants to keep, by key
+
+  /// Of a recording in several files: which one this is, from 1, and the uuid of the first. 0: it is whole.
+  std::uint32_t part = 0;
+  std::string part_of;
 };
+
+/// The file of part `part` of the recording `file`: part 1 is the file itself, others have .part002 before the ending.
+std::string part_file(const std::string& file, std::uint32_t part);
 
 /// Which of the optional columns of /samples a recording has. The others are always there.
 struct RecordingColumns {
@@ -52,15 +65,17 @@ class RecordingWriter {
  public:
   struct Options {
     bool overwrite = false;
-    /// Rows that are written at once. Large chunks cost less per row; a flush in between writes the last one again. At
-    /// 2048 a row costs no more than 1.2 times a raw write of its bytes.
-    std::size_t rows_per_chunk = 2048;
+    Storage storage;
+    /// Readers cannot follow such a file live, but programs with HDF5 1.8 open it (MATLAB before R2021b).
+    bool for_hdf5_1_8 = false;
+    /// The recording may go on in further files, see start_part(). The names of those must be free as well.
+    bool in_parts = false;
   };
 
   /// Creates `file` under its final name with every dataset and attribute, and starts SWMR. A file that is replaced
   /// stays as it was until its successor is ready; nothing is left behind when that fails.
-  /// Throws Error(input) when the file exists (unless `overwrite`), its folder is missing or not writable, or a text of
-  /// the header, the config included, is longer than 60 000 bytes.
+  /// Throws Error(input) when the file exists (unless `overwrite`), its folder is missing or not writable, an option is
+  /// out of range, or a text of the header, the config included, is longer than 60 000 bytes.
   RecordingWriter(const std::string& file, const RecordingHeader& header, const RecordingColumns& columns,
                   const Options& options);
   ~RecordingWriter();  ///< abandons what was not finished
@@ -72,8 +87,15 @@ class RecordingWriter {
   void append(std::span<const Sample> samples);
   void append(const StoredEvent& event);  ///< text beyond 127 bytes is cut after a whole character
 
-  /// Makes everything appended so far visible to readers and safe from the death of this process.
+  /// Makes everything appended so far visible to readers and safe from the death of this process; of filtered storage,
+  /// whole chunks only.
   void flush();
+
+  /// Flushes, and waits until the disk has it all: safe from the death of the machine.
+  void sync();
+
+  /// Finishes this file and goes on in the next part. Throws like append; also Error(input) unless `in_parts`.
+  void start_part();
 
   /// Flushes, marks the recording complete and closes it. Throws like append.
   void finish();
@@ -81,29 +103,47 @@ class RecordingWriter {
   /// Closes without marking it complete, keeping everything that was appended and fits on the disk. Never throws.
   void abandon() noexcept;
 
-  [[nodiscard]] std::uint64_t rows() const noexcept;
+  [[nodiscard]] std::uint64_t rows() const noexcept;       ///< of all parts
+  [[nodiscard]] std::uint64_t part_rows() const noexcept;  ///< of the present one
+  [[nodiscard]] std::uint64_t part_bytes() const;          ///< size of the present file
+
+  /// The file that is being written: the present part.
+  [[nodiscard]] const std::string& part() const noexcept;
+
+  /// What became of the present file's name: empty while it leads to this file, else what to know about it.
+  [[nodiscard]] std::string misplaced() const;
 
  private:
-  struct File;
+  class File;
+  RecordingHeader header_;
+  RecordingColumns columns_;
+  Options options_;
+  std::string name_;
+  std::uint64_t rows_before_ = 0;  ///< in the parts before
   std::unique_ptr<File> file_;
 };
 
 /// Reads one recording, finished or not, without changing it. Files of other writers that keep the layout are read
-/// whatever the precision, storage and filters of their datasets.
+/// whatever the precision, storage and filters of their datasets. Opening costs the same at any length.
+///
+/// The first file of a recording in parts opens all of them, read as one; another opens that part alone.
 ///
 /// Threads: one thread at a time.
 class RecordingReader {
  public:
+  /// Which of a recording's files are read.
+  enum class Parts { all, this_file };
+
   /// Throws Error(input): missing file, not HDF5, HDF5 that is something else, a newer format, missing datasets.
-  explicit RecordingReader(const std::string& file);
+  explicit RecordingReader(const std::string& file, Parts which = Parts::all);
   ~RecordingReader();
   RecordingReader(RecordingReader&&) noexcept;
   RecordingReader& operator=(RecordingReader&&) noexcept;
 
-  [[nodiscard]] const RecordingHeader& header() const noexcept;
+  [[nodiscard]] RecordingHeader header() const;  ///< of the first part; complete when the last one is
   [[nodiscard]] const RecordingColumns& columns() const noexcept;
 
-  /// Rows that every dataset has (after a crash, the shortest), up to the last that has a time.
+  /// Rows that every dataset has (after a crash, the shortest), up to the last that has a time; of all parts.
   [[nodiscard]] std::uint64_t rows() const noexcept;
 
   /// Takes notice of what a writer in another process has flushed since: rows, events and whether it is complete.
@@ -112,12 +152,32 @@ class RecordingReader {
   /// Reads rows [first, first + count), fewer at the end. Absent columns are NaN. Throws Error(input) on damage, naming
   /// the dataset and, where it is one, the row.
   [[nodiscard]] std::vector<Sample> read(std::uint64_t first, std::uint64_t count) const;
+
+  /// The same of some columns only; the others are as in Sample{}. `names` are those of the datasets.
+  [[nodiscard]] std::vector<Sample> read(std::uint64_t first, std::uint64_t count,
+                                         std::span<const std::string_view> names) const;
+
   [[nodiscard]] std::vector<StoredEvent> events() const;
 
+  /// Figures of consecutive blocks that make up all rows. As the file keeps them, which takes milliseconds at any
+  /// length; what it does not keep is read, and told to `progress` as rows done.
+  [[nodiscard]] std::vector<RecordingSummary> overview(const std::function<void(std::uint64_t)>& progress = {}) const;
+
+  /// The last row whose time is at most `time_ns`; 0 when there is none. Costs O(log rows). The recording has rows.
+  [[nodiscard]] std::uint64_t row_at(std::int64_t time_ns) const;
+
+  [[nodiscard]] std::uint32_t parts() const noexcept;  ///< files that were opened
+
  private:
-  struct File;
-  std::unique_ptr<File> file_;
+  void open_further_parts();
+
+  class Part;
+  Parts which_;
+  std::vector<std::unique_ptr<Part>> parts_;
 };
+
+/// Calls `visit` with consecutive blocks of rows: memory stays flat in the length of the recording.
+void for_each_block(const RecordingReader& reader, const std::function<void(std::span<const Sample>)>& visit);
 
 /// One thing that a recording does not keep of docs/file-format.md.
 struct Finding {
@@ -127,9 +187,10 @@ struct Finding {
   std::string what;
 };
 
-/// Validates a file against the format; empty when it keeps all of it. Streams: memory is flat in the file's length.
+/// Validates a file against the format, and all its parts where it is the first; empty when it keeps all of it.
+/// Streams: memory is flat in the file's length. `progress` is told the part of the rows that is done, 0 to 1.
 /// Throws Error(input) only when the file cannot be read at all.
-std::vector<Finding> check_recording(const std::string& file);
+std::vector<Finding> check_recording(const std::string& file, const std::function<void(double)>& progress = {});
 
 /// True when the file begins like HDF5.
 bool is_hdf5(const std::string& file);

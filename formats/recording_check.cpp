@@ -67,7 +67,7 @@ void check_text(const std::string& name, const std::string& text, Findings& find
   const auto expect = [&](bool right, const char* expected) {
     if (!right) findings.add(Severity::error, "/@" + name, fmt::format("'{}' is not {}", text, expected));
   };
-  if (name == "uuid") expect(std::regex_match(text, kUuid), "a UUID");
+  if (name == "uuid" || name == "part_of") expect(std::regex_match(text, kUuid), "a UUID");
   if (name == "created") expect(std::regex_match(text, kTime), "a time of RFC 3339 in UTC, as in 2026-01-31T12:00:00Z");
   if (name == "format_version") expect(std::regex_match(text, kVersion), "a version 1.x");
   if (name == "clock") expect(text == "monotonic" || text == "virtual", "'monotonic' or 'virtual'");
@@ -82,13 +82,21 @@ void check_number(const std::string& name, double value, Findings& findings) {
 
 void check_attribute(hid_t root, const layout::Attribute& attribute, Findings& findings) {
   const std::string where = std::string("/@") + attribute.name;
-  if (H5Aexists(root, attribute.name) <= 0) return findings.add(Severity::error, where, "is missing");
+  if (H5Aexists(root, attribute.name) <= 0) {
+    if (!attribute.of_parts) findings.add(Severity::error, where, "is missing");
+    return;
+  }
   const auto wrong_type = [&](const char* expected) {
     findings.add(Severity::error, where, fmt::format("is not {}", expected));
   };
   std::string text;
   double number = 0;
   bool flag = false;
+  std::uint32_t count = 0;
+  if (std::holds_alternative<std::uint32_t RecordingHeader::*>(attribute.member)) {
+    if (!hdf5::read_attribute(root, attribute.name, count) || count == 0) wrong_type("a number from 1");
+    return;
+  }
   if (std::holds_alternative<double RecordingHeader::*>(attribute.member)) {
     if (!hdf5::read_attribute(root, attribute.name, number)) return wrong_type("a number");
     return check_number(attribute.name, number, findings);
@@ -219,7 +227,8 @@ void check_events_dataset(hid_t file, Findings& findings) {
 // ---- the values ----
 
 /// Infinity nowhere; NaN only where "not measured" and "no reference" may stand.
-void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows, Findings& findings) {
+void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows,
+                  const std::function<void(std::uint64_t)>& progress, Findings& findings) {
   const std::string path = column.path();
   const std::string name = column.name;
   const bool never_nan = name == "time" || name == "position" || name == "latency";
@@ -240,10 +249,16 @@ void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows, 
       if (nans++ == 0) first_nan = first + i;
       if (never_nan) findings.add_row(Severity::error, path, first + i, "nan", "is NaN");
     }
+    progress(first + count);
   }
   if (all_or_none && nans > 0 && nans < rows)
     findings.add(Severity::error, fmt::format("{}[{}]", path, first_nan),
                  fmt::format("is NaN ({} rows in all); the column must be known in every row or in none", nans));
+}
+
+bool tells_of_gap(EventCode code) {
+  return code == EventCode::overrun || code == EventCode::samples_lost || code == EventCode::paused ||
+         code == EventCode::resumed;
 }
 
 /// The laws that rows and events keep among each other. Fed with every sample in order.
@@ -253,8 +268,7 @@ class Laws {
       : header_(header), findings_(findings), paced_(header.clock == "monotonic") {
     for (const StoredEvent& event : events) {
       const auto code = static_cast<EventCode>(event.code);
-      if ((code == EventCode::overrun || code == EventCode::samples_lost) && std::abs(event.time) < 9e9)
-        losses_.insert(std::llround(event.time * 1e9));
+      if (tells_of_gap(code) && std::abs(event.time) < 9e9) losses_.insert(std::llround(event.time * 1e9));
     }
   }
 
@@ -334,28 +348,90 @@ void check_events(const std::vector<StoredEvent>& events, double begin, double e
   }
 }
 
-void check_values(hid_t file, const std::string& name, Findings& findings) {
-  const RecordingReader reader(name);
-  for (const layout::Column& column : layout::columns())
-    if (column.in(reader.columns()) && layout::is_float(column.element))
-      check_finite(file, column, reader.rows(), findings);
+/// The figures that the file keeps of its rows must be those of its rows. Fed with every sample in order.
+class OverviewLaw {
+ public:
+  OverviewLaw(const RecordingReader& reader, Findings& findings) : blocks_(reader.overview()), findings_(findings) {}
+
+  void operator()(std::span<const Sample> samples) {
+    while (!samples.empty() && block_ < blocks_.size()) {
+      const RecordingSummary& stored = blocks_[block_];
+      const std::size_t count = std::min<std::size_t>(samples.size(), stored.rows - summariser_.rows());
+      summariser_.add(samples.first(count));
+      samples = samples.subspan(count);
+      if (summariser_.rows() < stored.rows) continue;
+      compare(stored, summariser_.take());
+      ++block_;
+    }
+  }
+
+ private:
+  void compare(const RecordingSummary& stored, const RecordingSummary& found) {
+    std::array<std::byte, 3 * sizeof(double)> a{}, b{};
+    for (const layout::OverviewField& field : layout::overview_fields()) {
+      field.pack(stored, a.data());
+      field.pack(found, b.data());
+      if (same(field, a.data(), b.data())) continue;
+      findings_.add_row(Severity::error, layout::kOverview, block_, field.name,
+                        fmt::format("its {} is not that of the rows", field.name));
+    }
+  }
+
+  /// Rounded rows have other figures than the rows that were rounded: a thousandth apart is the same.
+  static bool same(const layout::OverviewField& field, const std::byte* a, const std::byte* b) {
+    if (!field.floating) return std::memcmp(a, b, field.bytes()) == 0;
+    for (std::size_t i = 0; i < field.width; ++i) {
+      double x = 0, y = 0;
+      std::memcpy(&x, a + 8 * i, sizeof x);
+      std::memcpy(&y, b + 8 * i, sizeof y);
+      if (x == y || (std::isnan(x) && std::isnan(y))) continue;
+      if (!(std::abs(x - y) <= 1e-3 * std::max(std::abs(x), std::abs(y)))) return false;
+    }
+    return true;
+  }
+
+  std::vector<RecordingSummary> blocks_;
+  Findings& findings_;
+  std::size_t block_ = 0;
+  Summariser summariser_;
+};
+
+void check_values(hid_t file, const std::string& name, const std::function<void(double)>& progress,
+                  Findings& findings) {
+  const RecordingReader reader(name, RecordingReader::Parts::this_file);
+  // The columns once for themselves, and once together.
+  const auto passes = 1 + std::count_if(layout::columns().begin(), layout::columns().end(), [&](const auto& column) {
+                        return column.in(reader.columns()) && layout::is_float(column.element);
+                      });
+  std::ptrdiff_t pass = 0;
+  const auto advance = [&](std::uint64_t row) {
+    if (progress)
+      progress((static_cast<double>(pass) + static_cast<double>(row) / static_cast<double>(reader.rows())) /
+               static_cast<double>(passes));
+  };
+  for (const layout::Column& column : layout::columns()) {
+    if (!column.in(reader.columns()) || !layout::is_float(column.element)) continue;
+    check_finite(file, column, reader.rows(), advance, findings);
+    ++pass;
+  }
   const std::vector<StoredEvent> events = reader.events();
   if (reader.rows() == 0) return findings.add(Severity::warning, "/samples", "there are no samples");
 
-  Laws laws(reader.header(), events, findings);
+  const RecordingHeader header = reader.header();
+  Laws laws(header, events, findings);
+  OverviewLaw overview(reader, findings);
   double begin = 0;
   for (std::uint64_t first = 0; first < reader.rows(); first += kBlock) {
     const std::vector<Sample> samples = reader.read(first, kBlock);
     if (first == 0) begin = static_cast<double>(samples.front().time_ns) * 1e-9;
     for (std::size_t i = 0; i < samples.size(); ++i) laws(first + i, samples[i]);
+    overview(samples);
+    advance(first + samples.size());
   }
   check_events(events, begin, laws.end(), findings);
 }
 
-}  // namespace
-
-std::vector<Finding> check_recording(const std::string& file) {
-  const hdf5::Silence silence;
+std::vector<Finding> check_file(const std::string& file, const std::function<void(double)>& progress) {
   const hdf5::File opened = hdf5::open_to_read(file);
   Findings findings;
   check_root(opened.get(), findings);
@@ -364,7 +440,7 @@ std::vector<Finding> check_recording(const std::string& file) {
   check_columns(opened.get(), complete, findings);
   check_events_dataset(opened.get(), findings);
   try {
-    check_values(opened.get(), file, findings);
+    check_values(opened.get(), file, progress, findings);
   } catch (const Error& error) {
     if (findings.any_error())
       findings.add(Severity::note, "/samples", fmt::format("values were not all checked: {}", error.what()));
@@ -372,6 +448,34 @@ std::vector<Finding> check_recording(const std::string& file) {
       findings.add(Severity::error, "/samples", error.what());
   }
   return findings.take();
+}
+
+/// How many files the recording has; 1 when that cannot be told.
+std::uint32_t parts_of(const std::string& file) {
+  try {
+    return RecordingReader(file).parts();
+  } catch (const Error&) {
+    return 1;
+  }
+}
+
+}  // namespace
+
+std::vector<Finding> check_recording(const std::string& file, const std::function<void(double)>& progress) {
+  const hdf5::Silence silence;
+  std::vector<Finding> all;
+  const std::uint32_t parts = parts_of(file);
+  for (std::uint32_t part = 1; part <= parts; ++part) {
+    const std::string name = part_file(file, part);
+    const auto of_all = [&](double done) {
+      if (progress) progress((part - 1 + done) / parts);
+    };
+    for (Finding& finding : check_file(name, of_all)) {
+      if (part > 1) finding.where = fmt::format("{}: {}", name, finding.where);
+      all.push_back(std::move(finding));
+    }
+  }
+  return all;
 }
 
 }  // namespace haptrace

@@ -149,16 +149,16 @@ Figure figure_of(const RecordingReader& reader, const std::string& title) {
   Figure figure;
   figure.title = header.title.empty() ? title : header.title;
   figure.caption = fmt::format("{} · {} samples in {:.2f} s at {:.1f} Hz, {} missed", header.device_name, rows,
-                               summary.duration, summary.mean_rate, summary.missed);
+                               summary.duration(), summary.mean_rate(), summary.missed);
   if (tracked)
     figure.caption +=
-        fmt::format(" · rms error {:.3f} mm, peak {:.3f} mm", 1e3 * summary.rms_error, 1e3 * summary.peak_error);
+        fmt::format(" · rms error {:.3f} mm, peak {:.3f} mm", 1e3 * summary.rms_error(), 1e3 * summary.peak_error());
   figure.rows.push_back(space_panels(summary.bounds, path, tracked ? "played" : "recorded", reference));
-  Panel over_time = tracked ? time_panel("deviation from the reference", "deviation [mm]", upper, summary.duration)
-                            : time_panel("position", "position [mm]", upper, summary.duration);
-  if (summary.peak_error > 0) over_time.y_range = {0, 1.05e3 * summary.peak_error};
+  Panel over_time = tracked ? time_panel("deviation from the reference", "deviation [mm]", upper, summary.duration())
+                            : time_panel("position", "position [mm]", upper, summary.duration());
+  if (summary.peak_error() > 0) over_time.y_range = {0, 1.05e3 * summary.peak_error()};
   figure.rows.push_back({std::move(over_time)});
-  figure.rows.push_back({time_panel(sensed ? "force measured" : "force sent", "force [N]", force, summary.duration)});
+  figure.rows.push_back({time_panel(sensed ? "force measured" : "force sent", "force [N]", force, summary.duration())});
   figure.height = 900;
   return figure;
 }

@@ -28,6 +28,8 @@ constexpr Attribute kAttributes[] = {
     {"device_backend", &RecordingHeader::device_backend},
     {"position_resolution_m", &RecordingHeader::position_resolution_m},
     {"max_force_n", &RecordingHeader::max_force_n},
+    {"part", &RecordingHeader::part, true},
+    {"part_of", &RecordingHeader::part_of, true},
 };
 
 /// How a member of Sample lies in a row: as it is,
@@ -96,40 +98,107 @@ constexpr Element element_of() {
 
 template <class Field>
 constexpr Column column(const char* name, const char* units, const char* description,
-                        bool RecordingColumns::*option = nullptr) {
+                        bool RecordingColumns::*option = nullptr, double Precision::*quantity = nullptr) {
   using Value = typename Field::Value;
   constexpr Element element = element_of<Value>();
   constexpr std::size_t width = element == Element::float64 ? sizeof(Value) / sizeof(double) : 1;
-  return {name, element, width, units, description, option, &pack<Field>, &unpack<Field>};
+  return {name, element, width, units, description, option, quantity, &pack<Field>, &unpack<Field>};
 }
 
 constexpr Column kColumns[] = {
     column<Seconds>("time", "s", "since the first sample, read from the clock"),
     column<Plain<&Sample::tick>>("tick", "1", "index of the servo loop's tick; a gap is a tick that was missed"),
-    column<Vector<&Sample::position>>("position", "m", "of the tool tip in the device's base frame: x, y, z"),
-    column<Vector<&Sample::velocity>>("velocity", "m/s", "estimate that the controller used: x, y, z"),
-    column<Vector<&Sample::force>>("force", "N", "on the hand, as sent to the device after all limits: x, y, z"),
+    column<Vector<&Sample::position>>("position", "m", "of the tool tip in the device's base frame: x, y, z", nullptr,
+                                      &Precision::position),
+    column<Vector<&Sample::velocity>>("velocity", "m/s", "estimate that the controller used: x, y, z", nullptr,
+                                      &Precision::velocity),
+    column<Vector<&Sample::force>>("force", "N", "on the hand, as sent to the device after all limits: x, y, z",
+                                   nullptr, &Precision::force),
     column<Orientation>("orientation", "1", "of the tool in the device's base frame, unit quaternion: w, x, y, z",
                         &RecordingColumns::orientation),
     column<Vector<&Sample::torque>>("torque", "N m", "on the hand, as sent to the device: x, y, z",
-                                    &RecordingColumns::torque),
+                                    &RecordingColumns::torque, &Precision::torque),
     column<Vector<&Sample::force_measured>>("force_measured", "N", "by the device's own sensor: x, y, z",
-                                            &RecordingColumns::force_measured),
+                                            &RecordingColumns::force_measured, &Precision::force),
     column<Vector<&Sample::reference_position>>("reference_position", "m", "where the tool should be: x, y, z",
-                                                &RecordingColumns::reference),
+                                                &RecordingColumns::reference, &Precision::position),
     column<Vector<&Sample::reference_velocity>>("reference_velocity", "m/s", "how the tool should move: x, y, z",
-                                                &RecordingColumns::reference),
+                                                &RecordingColumns::reference, &Precision::velocity),
     column<Vector<&Sample::reference_force>>("reference_force", "N",
                                              "the expert's force at the present point of the path: x, y, z",
-                                             &RecordingColumns::guidance),
+                                             &RecordingColumns::guidance, &Precision::force),
     column<Plain<&Sample::progress>>("progress", "m", "arc length of the projection on the expert's path",
-                                     &RecordingColumns::guidance),
+                                     &RecordingColumns::guidance, &Precision::position),
     column<Plain<&Sample::buttons>>("buttons", "1", "pressed buttons, one bit each"),
     column<Plain<&Sample::phase>>("phase", "1", "0 idle, 1 approach, 2 run, 3 hold, 4 release, 5 stopped by a limit"),
     column<Plain<&Sample::latency>>("latency", "s", "wake-up time minus deadline"),
 };
 
+/// Whole numbers, truths among them, are uint64 in the file.
+template <auto Member>
+constexpr OverviewField number(const char* name) {
+  using Value = std::remove_cvref_t<decltype(std::declval<RecordingSummary>().*Member)>;
+  using Stored = std::conditional_t<std::is_floating_point_v<Value>, double, std::uint64_t>;
+  return {name, std::is_floating_point_v<Value>, 1,
+          [](const RecordingSummary& summary, std::byte* field) {
+            const auto value = static_cast<Stored>(summary.*Member);
+            std::memcpy(field, &value, sizeof value);
+          },
+          [](const std::byte* field, RecordingSummary& summary) {
+            Stored value;
+            std::memcpy(&value, field, sizeof value);
+            summary.*Member = static_cast<Value>(value);
+          }};
+}
+
+/// A vector of three; `Of` finds it in a summary, constant or not.
+template <auto Of>
+constexpr OverviewField vector(const char* name) {
+  return {name, true, 3,
+          [](const RecordingSummary& summary, std::byte* field) {
+            std::memcpy(field, Of(summary).data(), 3 * sizeof(double));
+          },
+          [](const std::byte* field, RecordingSummary& summary) {
+            std::memcpy(Of(summary).data(), field, 3 * sizeof(double));
+          }};
+}
+
+constexpr OverviewField kOverviewFields[] = {
+    number<&RecordingSummary::rows>("rows"), number<&RecordingSummary::first_ns>("first_time_ns"),
+    number<&RecordingSummary::last_ns>("last_time_ns"), number<&RecordingSummary::first_tick>("first_tick"),
+    number<&RecordingSummary::last_tick>("last_tick"), vector < [](auto& s) -> auto& {return s.first_position;
 }  // namespace
+> ("first_position"), vector < [](auto& s) -> auto& {
+  return s.last_position;
+}
+> ("last_position"), number<&RecordingSummary::gaps>("gaps"), number<&RecordingSummary::missed>("missed"),
+    number<&RecordingSummary::longest_interval>("longest_interval"), vector < [](auto& s) -> auto& {
+  return s.bounds.min;
+}
+> ("position_min"), vector < [](auto& s) -> auto& {
+  return s.bounds.max;
+}
+> ("position_max"), number<&RecordingSummary::path_length>("path_length"),
+    number<&RecordingSummary::peak_speed>("peak_speed"), number<&RecordingSummary::max_force>("max_force"),
+    number<&RecordingSummary::with_velocity>("with_velocity"), number<&RecordingSummary::with_force>("with_force"),
+    number<&RecordingSummary::without_position>("without_position"), number<&RecordingSummary::runs>("runs"),
+    number<&RecordingSummary::run_rows>("run_rows"), number<&RecordingSummary::begins_in_run>("begins_in_run"),
+    number<&RecordingSummary::ends_in_run>("ends_in_run"), vector < [](auto& s) -> auto& {
+  return s.run_bounds.min;
+}
+> ("run_position_min"), vector < [](auto& s) -> auto& {
+  return s.run_bounds.max;
+}
+> ("run_position_max"), number<&RecordingSummary::run_peak_speed>("run_peak_speed"),
+    number<&RecordingSummary::tracked>("tracked"), number<&RecordingSummary::error2_sum>("squared_error_sum"),
+    number<&RecordingSummary::error2_peak>("squared_error_peak"),
+};  // namespace haptrace::layout
+
+}  // namespace
+
+std::span<const OverviewField> overview_fields() {
+  return kOverviewFields;
+}
 
 std::span<const Attribute> attributes() {
   return kAttributes;

@@ -22,8 +22,9 @@ inline constexpr std::size_t kLongestText = 60'000;  // [bytes]
 struct Attribute {
   const char* name;
   std::variant<std::string RecordingHeader::*, double RecordingHeader::*, bool RecordingHeader::*,
-               nlohmann::json RecordingHeader::*>
+               std::uint32_t RecordingHeader::*, nlohmann::json RecordingHeader::*>
       member;
+  bool of_parts = false;  ///< only a recording in parts has it
 };
 std::span<const Attribute> attributes();
 
@@ -44,6 +45,7 @@ struct Column {
   const char* units;
   const char* description;
   bool RecordingColumns::*option;  ///< which choice it belongs to; null when every recording has it
+  double Precision::*quantity;     ///< how it may be rounded; null: never
   void (*pack)(std::span<const Sample> samples, std::byte* rows);    ///< samples -> rows of the file
   void (*unpack)(const std::byte* rows, std::span<Sample> samples);  ///< rows of the file -> samples
 
@@ -62,6 +64,27 @@ struct EventRow {
 };
 inline constexpr const char* kEvents = "/events";
 inline constexpr const char* kEventUnits = "time: s";
+
+/// A field of a row of /overview, where a RecordingSummary keeps it: numbers of 8 bytes, one or three.
+struct OverviewField {
+  const char* name;
+  bool floating;      ///< float64, else uint64
+  std::size_t width;  ///< 1 or 3
+  void (*pack)(const RecordingSummary& summary, std::byte* field);
+  void (*unpack)(const std::byte* field, RecordingSummary& summary);
+
+  [[nodiscard]] std::size_t bytes() const { return 8 * width; }
+};
+std::span<const OverviewField> overview_fields();
+inline constexpr const char* kOverview = "/overview";
+inline constexpr const char* kOverviewUnits = "SI";
+inline constexpr const char* kOverviewDescription =
+    "figures of consecutive blocks of rows, so that a long recording need not be read to be told; may lag behind";
+inline constexpr std::uint64_t kOverviewRows = 8192;  ///< of a block that is not the last
+
+/// The group whose attributes are the experimenter's own, all of them text.
+inline constexpr const char* kMeta = "/meta";
+
 inline constexpr const char* kEventDescription =
     "what happened: time since the first sample, code (10 overrun, 11 samples lost, 20 to 24 limits, 50 mark), text";
 

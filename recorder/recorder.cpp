@@ -36,8 +36,7 @@ struct Recorder::Writer {
         events(kEventRing),
         output(name, header, columns,
                {.overwrite = options.overwrite,
-                .rows_per_chunk =
-                    std::min(rows_in(kChunkSpan, header.rate_hz, 64), RecordingWriter::Options{}.rows_per_chunk)}),
+                .storage = {.rows_per_chunk = std::min(rows_in(kChunkSpan, header.rate_hz, 64), std::size_t{2048})}}),
         thread([this](const std::stop_token& stop) { run(stop); }) {}
 
   /// Until asked to stop, and then until the rings are empty.

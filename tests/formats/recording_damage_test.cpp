@@ -22,7 +22,7 @@ class WriterProcess {
     if (pipe(ends) != 0) throw std::runtime_error("no pipe");
     process_ = fork();
     if (process_ == 0) {
-      RecordingWriter writer(file, {}, {}, {.rows_per_chunk = rows_per_chunk});
+      RecordingWriter writer(file, {}, {}, {.storage = {.rows_per_chunk = rows_per_chunk}});
       for (std::size_t first = 0; first + kBatch <= session.size(); first += kBatch) {
         writer.append(session.subspan(first, kBatch));
         writer.append(StoredEvent{0, 50, "batch"});
@@ -146,7 +146,7 @@ TEST(FullDisk, EndsTheRecordingInGoodOrderWithEverySampleInIt) {
     std::uint64_t rows = 0;
     {
       const FileSizeLimit full(limit);
-      RecordingWriter writer(file, {}, {}, {.rows_per_chunk = 100});
+      RecordingWriter writer(file, {}, {}, {.storage = {.rows_per_chunk = 100}});
       const std::string message = append_until_refused(writer, session);
       rows = writer.rows();
       EXPECT_EQ(message, file + ": recording stopped after " + std::to_string(rows) +
@@ -193,7 +193,7 @@ TEST(BrokenDisk, EndsTheRecordingWithAnErrorAndKeepsWhatWasFlushed) {
     const TempFolder folder;
     const std::string file = folder / "a.h5";
     {
-      RecordingWriter writer(file, {}, {}, {.rows_per_chunk = 100});
+      RecordingWriter writer(file, {}, {}, {.storage = {.rows_per_chunk = 100}});
       if (flushed > 0) {
         writer.append(std::span(session).first(flushed));
         writer.flush();

@@ -90,7 +90,7 @@ with h5py.File(folder + '/a.h5', 'r') as f:
 TEST(H5py, FollowsARecordingWhileItIsWritten) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(2, 1234, {});
-  RecordingWriter writer(folder / "a.h5", {}, {}, {.rows_per_chunk = 100});
+  RecordingWriter writer(folder / "a.h5", {}, {}, {.storage = {.rows_per_chunk = 100}});
   Python python(folder, R"(
 with h5py.File(folder + '/a.h5', 'r', swmr=True) as f:
     ticks, position = f['samples/tick'], f['samples/position']

@@ -41,7 +41,7 @@ TEST(Recording, IsTheSameHoweverItWasAppendedAndFlushed) {
     for (const std::size_t rows : {0U, 1U, 99U, 100U, 101U, 2048U, 3001U}) {
       const std::string file = folder / (std::to_string(chunk) + "-" + std::to_string(rows) + ".h5");
       const std::vector<Sample> session = random_session(static_cast<unsigned>(rows), rows, {});
-      RecordingWriter writer(file, {}, {}, {.rows_per_chunk = chunk});
+      RecordingWriter writer(file, {}, {}, {.storage = {.rows_per_chunk = chunk}});
       for (std::span<const Sample> rest = session; !rest.empty();) {
         const std::size_t count = std::min<std::size_t>(rest.size(), random() % 250);
         writer.append(rest.first(count));
@@ -193,8 +193,8 @@ TEST(RecordingWriter, SaysWhyAFileCannotBeCreated) {
                {folder.path() + ": exists and is not a regular file"});
   expect_error([&] { RecordingWriter("/dev/null", {}, {}, {.overwrite = true}); }, Error::Kind::input,
                {"/dev/null: exists and is not a regular file"});
-  expect_error([&] { RecordingWriter(folder / "a.h5", {}, {}, {.rows_per_chunk = 0}); }, Error::Kind::input,
-               {"rows_per_chunk must be at least 1"});
+  expect_error([&] { RecordingWriter(folder / "a.h5", {}, {}, {.storage = {.deflate = 10}}); }, Error::Kind::input,
+               {"compression level is 10"});
 }
 
 TEST(RecordingWriter, SaysThatAFolderIsNotWritable) {
@@ -224,7 +224,7 @@ TEST(RecordingWriter, KeepsWhatItHasWhenItIsAbandoned) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(9, 250, {});
   {
-    RecordingWriter writer(folder / "a.h5", {}, {}, {.rows_per_chunk = 100});
+    RecordingWriter writer(folder / "a.h5", {}, {}, {.storage = {.rows_per_chunk = 100}});
     writer.append(session);
   }
   const RecordingReader reader(folder / "a.h5");

@@ -96,7 +96,7 @@ inline void expect_same(std::span<const Sample> actual, std::span<const Sample> 
 inline void write_recording(const std::string& file, std::span<const Sample> session,
                             const RecordingColumns& columns = {}, const RecordingHeader& header = {},
                             const std::vector<StoredEvent>& events = {}) {
-  RecordingWriter writer(file, header, columns, {.rows_per_chunk = 100});
+  RecordingWriter writer(file, header, columns, {.storage = {.rows_per_chunk = 100}});
   writer.append(session);
   for (const StoredEvent& event : events) writer.append(event);
   writer.finish();

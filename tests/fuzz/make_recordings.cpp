@@ -18,7 +18,7 @@ RecordingWriter write(const std::string& file, const RecordingColumns& columns) 
   header.software = "haptrace";
   header.config = {{"rate_hz", 1000}};
   header.max_force_n = 8;
-  RecordingWriter writer(file, header, columns, {.overwrite = true, .rows_per_chunk = kRows});
+  RecordingWriter writer(file, header, columns, {.overwrite = true, .storage = {.rows_per_chunk = kRows}});
   std::vector<Sample> samples(kRows);
   for (std::size_t i = 0; i < kRows; ++i) {
     samples[i].tick = i;
