@@ -47,6 +47,7 @@ Verb add_play(CLI::App& app);
 Verb add_info(CLI::App& app);
 Verb add_check(CLI::App& app);
 Verb add_plot(CLI::App& app);
+Verb add_doctor(CLI::App& app);
 
 /// The options of every verb that runs a session.
 struct SessionArguments {

@@ -14,11 +14,19 @@ namespace haptrace {
 class DurationHistogram {
  public:
   /// Negative durations (a timer that fired early) count as zero.
-  void record(std::int64_t duration_ns) noexcept {
+  void record(std::int64_t duration_ns, std::uint64_t times = 1) noexcept {
+    if (times == 0) return;
     const auto value = static_cast<std::uint64_t>(std::max<std::int64_t>(duration_ns, 0));
-    ++counts_[bucket(value)];
-    ++count_;
+    counts_[bucket(value)] += times;
+    count_ += times;
     max_ns_ = std::max(max_ns_, static_cast<std::int64_t>(value));
+  }
+
+  /// Adds what `other` recorded, as if it had been recorded here.
+  void merge(const DurationHistogram& other) noexcept {
+    for (std::size_t i = 0; i < counts_.size(); ++i) counts_[i] += other.counts_[i];
+    count_ += other.count_;
+    max_ns_ = std::max(max_ns_, other.max_ns_);
   }
 
   [[nodiscard]] std::uint64_t count() const noexcept { return count_; }

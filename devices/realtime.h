@@ -5,6 +5,9 @@
 
 namespace haptrace {
 
+/// Of a servo thread, among SCHED_FIFO's 1 to 99: above the kernel's threads for interrupts (50).
+inline constexpr int kServoPriority = 80;
+
 /// What the operating system granted. Reported with every session, never assumed.
 struct RealtimeStatus {
   std::string scheduler = "SCHED_OTHER";  ///< for example "SCHED_FIFO 80"
@@ -15,7 +18,7 @@ struct RealtimeStatus {
 
 /// Asks for SCHED_FIFO for the calling thread, locked memory for the process, and the finest timer slack; touches its
 /// stack so that no page is missing later. The scheduling class ends with the thread.
-RealtimeStatus request_realtime(int priority = 80);
+RealtimeStatus request_realtime(int priority = kServoPriority);
 
 /// Flushes denormals to zero in the calling thread while it exists: the tails of filters at rest cost a hundred times
 /// an ordinary multiplication otherwise.

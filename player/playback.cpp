@@ -41,13 +41,6 @@ void flatten(Path& path, const DeviceInfo& device) {
   }
 }
 
-nlohmann::json quantiles(const DurationHistogram& histogram) {
-  return {{"p50", histogram.quantile(0.5)},
-          {"p99", histogram.quantile(0.99)},
-          {"p999", histogram.quantile(0.999)},
-          {"max", histogram.max()}};
-}
-
 nlohmann::json to_json(const TrackingFigures& figures) {
   return {{"samples", figures.samples},
           {"duration_s", figures.duration},
@@ -158,6 +151,13 @@ PdGains gains_from_json(const nlohmann::json& json, const std::string& where) {
   return gains;
 }
 
+nlohmann::json to_json(const DurationHistogram& durations) {
+  return {{"p50", durations.quantile(0.5)},
+          {"p99", durations.quantile(0.99)},
+          {"p999", durations.quantile(0.999)},
+          {"max", durations.max()}};
+}
+
 nlohmann::json to_json(const SessionResult& result) {
   const ServoReport& servo = result.servo;
   nlohmann::json json{{"samples", servo.samples},
@@ -167,8 +167,8 @@ nlohmann::json to_json(const SessionResult& result) {
                       {"asked_rate_hz", servo.asked_rate},
                       {"achieved_rate_hz", servo.achieved_rate()},
                       {"max_force_n", servo.max_force},
-                      {"latency_s", quantiles(servo.latency)},
-                      {"tick_s", quantiles(servo.tick_time)},
+                      {"latency_s", to_json(servo.latency)},
+                      {"tick_s", to_json(servo.tick_time)},
                       {"stopped_by", to_string(servo.cause)},
                       {"clock", result.virtual_time ? "virtual" : "monotonic"},
                       {"realtime",

@@ -59,6 +59,7 @@ PlayResult play(Device& device, PlayPlan plan, const PlayOptions& options, const
 nlohmann::json to_json(const SessionResult& result);
 nlohmann::json to_json(const PlayResult& result);
 nlohmann::json to_json(const PdGains& gains);
+nlohmann::json to_json(const DurationHistogram& durations);  ///< p50, p99, p999, max [s]
 
 /// Reads {"kp": number or [x, y, z], "kd": ...}. Throws Error(input) naming the key.
 PdGains gains_from_json(const nlohmann::json& json, const std::string& where);

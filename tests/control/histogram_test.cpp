@@ -35,6 +35,24 @@ TEST(DurationHistogram, QuantilesAreTheExactOnesRoundedUpByAtMostOneThirtySecond
   EXPECT_EQ(histogram.max(), 1e-9 * static_cast<double>(values.back()));
 }
 
+TEST(DurationHistogram, MergedAreOneAsIfRecordedHere) {
+  std::mt19937_64 random(4);
+  std::uniform_int_distribution<std::int64_t> duration(0, 1'000'000);
+  DurationHistogram whole, first, second;
+  for (int i = 0; i < 1000; ++i) {
+    const std::int64_t value = duration(random);
+    const std::uint64_t times = random() % 3;
+    for (std::uint64_t n = 0; n < times; ++n) whole.record(value);
+    (i % 3 == 0 ? first : second).record(value, times);
+  }
+  first.merge(second);
+  EXPECT_EQ(first.count(), whole.count());
+  EXPECT_EQ(first.max(), whole.max());
+  for (const double q : {0.0, 0.1, 0.5, 0.9, 0.99, 1.0}) EXPECT_EQ(first.quantile(q), whole.quantile(q)) << q;
+  first.merge({});
+  EXPECT_EQ(first.count(), whole.count());
+}
+
 TEST(DurationHistogram, TakesNegativeZeroAndEndlessDurations) {
   DurationHistogram histogram;
   histogram.record(-5);

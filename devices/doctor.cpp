@@ -1,0 +1,684 @@
+#include "devices/doctor.h"
+
+#include "control/error.h"
+#include "control/velocity_estimator.h"
+#include "devices/registry.h"
+#include "formats/recording.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <fcntl.h>
+#include <filesystem>
+#include <fmt/format.h>
+#include <memory>
+#include <sstream>
+#include <string_view>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
+#include <zlib.h>
+
+namespace haptrace {
+namespace {
+
+namespace fs = std::filesystem;
+using Severity = Diagnosis::Severity;
+
+constexpr const char* kRulesFile = "/etc/udev/rules.d/70-haptrace.rules";  // before 73-seat-late, which reads the tags
+constexpr const char* kReloadRules = "sudo udevadm control --reload && sudo udevadm trigger";
+
+// The ids of those with open protocols are from their drivers; Arduino Due is the board of a Haply 2DIY.
+constexpr std::array kKnownDevices{
+    KnownUsbDevice{"0403", "cb48", "Novint Falcon", "usb"},
+    KnownUsbDevice{"1451", "", "Force Dimension", "usb"},
+    KnownUsbDevice{"2988", "", "3D Systems Touch", "tty|hidraw"},
+    KnownUsbDevice{"16c0", "0486", "WoodenHaptics or Polhem (Teensy RawHID)", "hidraw"},
+    KnownUsbDevice{"2341", "003e", "Haply 2DIY (Arduino Due)", "tty"},
+};
+
+// ---- reading what may not be there ----
+
+/// A small file, plain or compressed by gzip, without the white space at its end. Nothing when it cannot be read.
+std::optional<std::string> read_text(const fs::path& file) {
+  const std::unique_ptr<gzFile_s, int (*)(gzFile)> stream(gzopen(file.c_str(), "rb"), gzclose);
+  if (!stream) return {};
+  constexpr std::size_t kMost = 16U << 20U;
+  std::string text;
+  std::array<char, 4096> buffer{};
+  int count = 0;
+  while ((count = gzread(stream.get(), buffer.data(), buffer.size())) > 0 && text.size() < kMost)
+    text.append(buffer.data(), static_cast<std::size_t>(count));
+  if (count < 0) return {};
+  while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back())) != 0) text.pop_back();
+  return text;
+}
+
+/// What a folder holds, by name; nothing when it cannot be read.
+std::vector<fs::path> entries(const fs::path& folder) {
+  std::vector<fs::path> found;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error))
+    found.push_back(entry->path());
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+std::vector<std::string> lines_of(const std::string& text) {
+  std::vector<std::string> lines;
+  std::istringstream stream(text);
+  for (std::string line; std::getline(stream, line);) lines.push_back(line);
+  return lines;
+}
+
+std::vector<std::string> words_of(const std::string& line) {
+  std::istringstream stream(line);
+  std::vector<std::string> words;
+  for (std::string word; stream >> word;) words.push_back(word);
+  return words;
+}
+
+template <class Number>
+std::optional<Number> number_of(std::string_view text, int base = 10) {
+  Number value{};
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value, base);
+  if (error != std::errc() || end != text.data() + text.size()) return {};
+  return value;
+}
+
+Diagnosis unknown(const std::string& check, const std::string& why) {
+  return {Severity::note, check, "unknown: " + why, ""};
+}
+
+std::string duration_text(double seconds) {
+  return seconds < 0.01 ? fmt::format("{:.0f} us", 1e6 * seconds) : fmt::format("{:.0f} ms", 1e3 * seconds);
+}
+
+// ---- the kernel ----
+
+Diagnosis examine_governor(const fs::path& root) {
+  constexpr const char* kCheck = "cpu governor";
+  std::vector<std::string> others;
+  std::size_t cpus = 0;
+  for (const fs::path& cpu : entries(root / "sys/devices/system/cpu")) {
+    const std::string name = cpu.filename();
+    if (name.size() < 4 || !name.starts_with("cpu") || std::isdigit(static_cast<unsigned char>(name[3])) == 0) continue;
+    const auto governor = read_text(cpu / "cpufreq/scaling_governor");
+    if (!governor) continue;
+    ++cpus;
+    if (*governor != "performance" && std::find(others.begin(), others.end(), *governor) == others.end())
+      others.push_back(*governor);
+  }
+  if (cpus == 0) return unknown(kCheck, "no frequency scaling is visible (a fixed clock, or a virtual machine)");
+  if (others.empty()) return {Severity::ok, kCheck, fmt::format("performance, {} processors", cpus), ""};
+  return {Severity::warning, kCheck, fmt::format("{}: slow clocks make late ticks", fmt::join(others, ", ")),
+          "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"};
+}
+
+/// Which preemption model the kernel runs with, and where that is written.
+struct Preemption {
+  std::string model;   ///< "rt", "full", "lazy", "voluntary", "none"; empty when unknown
+  std::string source;  ///< file below the root
+  bool dynamic = false;
+};
+
+Preemption find_preemption(const fs::path& root) {
+  const std::string version = read_text(root / "proc/version").value_or("");
+  Preemption found{.dynamic = version.find("PREEMPT_DYNAMIC") != std::string::npos};
+  const auto is = [&](const std::string& model, const std::string& source) {
+    found.model = model;
+    found.source = source;
+    return found;
+  };
+  if (read_text(root / "sys/kernel/realtime") == "1") return is("rt", "/sys/kernel/realtime");
+  if (version.find("PREEMPT_RT") != std::string::npos) return is("rt", "/proc/version");
+
+  // "none voluntary (full)"; only for root, where debugfs is mounted.
+  if (const auto choice = read_text(root / "sys/kernel/debug/sched/preempt")) {
+    const std::size_t open = choice->find('('), close = choice->find(')', open);
+    if (close != std::string::npos)
+      return is(choice->substr(open + 1, close - open - 1), "/sys/kernel/debug/sched/preempt");
+  }
+  if (found.dynamic)
+    for (const std::string& word : words_of(read_text(root / "proc/cmdline").value_or("")))
+      if (word.starts_with("preempt=")) return is(word.substr(8), "/proc/cmdline");
+
+  const std::string release = read_text(root / "proc/sys/kernel/osrelease").value_or("");
+  for (const std::string& file : {"/boot/config-" + release, std::string("/proc/config.gz")}) {
+    const auto lines = lines_of(read_text(root / file.substr(1)).value_or(""));
+    for (const auto& [key, model] :
+         {std::pair{"RT", "rt"}, {"LAZY", "lazy"}, {"VOLUNTARY", "voluntary"}, {"NONE", "none"}})
+      if (std::find(lines.begin(), lines.end(), fmt::format("CONFIG_PREEMPT_{}=y", key)) != lines.end())
+        return is(model, file);
+    if (std::find(lines.begin(), lines.end(), "CONFIG_PREEMPT=y") != lines.end()) return is("full", file);
+  }
+  if (!found.dynamic && version.find(" PREEMPT ") != std::string::npos) return is("full", "/proc/version");
+  return found;
+}
+
+Diagnosis examine_preemption(const fs::path& root) {
+  constexpr const char* kCheck = "preemption";
+  const Preemption found = find_preemption(root);
+  if (found.model.empty()) return unknown(kCheck, "the kernel's configuration cannot be read");
+  const std::string measured = fmt::format("{}{} ({})", found.model == "rt" ? "PREEMPT_RT" : found.model,
+                                           found.dynamic ? ", can be changed while it runs" : "", found.source);
+  const std::string remedy = found.dynamic
+                                 ? "echo full | sudo tee /sys/kernel/debug/sched/preempt   # to keep it: preempt=full "
+                                   "in GRUB_CMDLINE_LINUX of /etc/default/grub, sudo update-grub"
+                                 : "sudo apt install linux-image-rt-$(dpkg --print-architecture)   # and boot it";
+  if (found.model == "none") return {Severity::warning, kCheck, measured, remedy};
+  if (found.model == "voluntary") return {Severity::note, kCheck, measured, remedy};
+  return {Severity::ok, kCheck, measured, ""};
+}
+
+// ---- devices ----
+
+/// A known device that is plugged in.
+struct Plugged {
+  const KnownUsbDevice* known;
+  fs::path sys;     ///< its folder below the root
+  std::string ids;  ///< "0403:cb48"
+};
+
+std::vector<Plugged> find_plugged(const fs::path& root) {
+  std::vector<Plugged> plugged;
+  for (const fs::path& sys : entries(root / "sys/bus/usb/devices")) {
+    const auto vendor = read_text(sys / "idVendor"), product = read_text(sys / "idProduct");
+    if (!vendor || !product) continue;
+    for (const KnownUsbDevice& known : kKnownDevices)
+      if (*vendor == known.vendor && (*known.product == '\0' || *product == known.product))
+        plugged.push_back({&known, sys, *vendor + ":" + *product});
+  }
+  return plugged;
+}
+
+/// The files below /dev by which a device is opened.
+std::vector<std::string> nodes_of(const Plugged& device) {
+  std::vector<std::string> nodes;
+  if (device.known->subsystem == std::string_view("usb")) {
+    const auto bus = number_of<int>(read_text(device.sys / "busnum").value_or("")),
+               address = number_of<int>(read_text(device.sys / "devnum").value_or(""));
+    if (bus && address) nodes.push_back(fmt::format("/dev/bus/usb/{:03}/{:03}", *bus, *address));
+    return nodes;
+  }
+  // .../1-1:1.0/0003:16C0:0486.0001/hidraw/hidraw0, .../1-1:1.0/tty/ttyACM0
+  std::error_code error;
+  for (fs::recursive_directory_iterator entry(device.sys, error), end; !error && entry != end; entry.increment(error)) {
+    const fs::path parent = entry->path().parent_path().filename();
+    if (parent == "hidraw" || parent == "tty") {
+      nodes.push_back("/dev/" + entry->path().filename().string());
+      entry.disable_recursion_pending();
+    }
+  }
+  std::sort(nodes.begin(), nodes.end());
+  return nodes;
+}
+
+std::string install_rule(const KnownUsbDevice& device) {
+  return fmt::format("echo '{}' | sudo tee -a {} && {}", device.udev_rule(), kRulesFile, kReloadRules);
+}
+
+std::vector<Diagnosis> examine_permissions(const fs::path& root, const Plugged& device) {
+  const std::string check = "device " + device.ids;
+  std::vector<Diagnosis> found;
+  for (const std::string& node : nodes_of(device)) {
+    const std::string measured = fmt::format("{} at {}: {}", device.known->name, device.sys.filename().string(), node);
+    // As the process would open it: with its effective user and the access control lists that udev's uaccess sets.
+    const int refused = faccessat(AT_FDCWD, (root / node.substr(1)).c_str(), R_OK | W_OK, AT_EACCESS) == 0 ? 0 : errno;
+    if (refused == 0)
+      found.push_back({Severity::ok, check, measured + " may be opened", ""});
+    else
+      found.push_back(
+          {Severity::problem, check, fmt::format("{}: {}", measured, std::strerror(refused)),
+           refused == EACCES ? install_rule(*device.known) : "sudo udevadm trigger   # or plug it in again"});
+  }
+  if (found.empty())
+    found.push_back(
+        {Severity::problem, check,
+         fmt::format("{} at {}: no driver has made a node of it", device.known->name, device.sys.filename().string()),
+         "sudo udevadm trigger   # or plug it in again"});
+  return found;
+}
+
+Diagnosis examine_autosuspend(const Plugged& device) {
+  const std::string check = "autosuspend " + device.ids;
+  const auto control = read_text(device.sys / "power/control");
+  if (!control) return unknown(check, "its power/control cannot be read");
+  if (*control == "on") return {Severity::ok, check, "off", ""};
+  return {Severity::warning, check, fmt::format("{} may fall asleep between two exchanges", device.known->name),
+          fmt::format("echo on | sudo tee /sys/bus/usb/devices/{}/power/control", device.sys.filename().string())};
+}
+
+Diagnosis examine_autosuspend_default(const fs::path& root) {
+  constexpr const char* kCheck = "usb autosuspend";
+  const auto seconds = number_of<int>(read_text(root / "sys/module/usbcore/parameters/autosuspend").value_or(""));
+  if (!seconds) return unknown(kCheck, "no USB is visible");
+  if (*seconds < 0) return {Severity::ok, kCheck, "off", ""};
+  return {Severity::note, kCheck, fmt::format("devices that allow it sleep after {} s", *seconds),
+          "echo -1 | sudo tee /sys/module/usbcore/parameters/autosuspend   # before plugging a device in"};
+}
+
+std::vector<Diagnosis> examine_latency_timers(const fs::path& root) {
+  std::vector<Diagnosis> found;
+  for (const fs::path& port : entries(root / "sys/bus/usb-serial/devices")) {
+    const std::string name = port.filename(), check = "latency timer " + name;
+    std::error_code error;
+    if (!fs::exists(port / "latency_timer", error)) continue;  // only FTDI's chips have one
+    const auto ms = number_of<int>(read_text(port / "latency_timer").value_or(""));
+    if (!ms)
+      found.push_back(unknown(check, "latency_timer cannot be read"));
+    else if (*ms <= 1)
+      found.push_back({Severity::ok, check, fmt::format("{} ms", *ms), ""});
+    else
+      found.push_back({Severity::warning, check, fmt::format("{} ms: answers come in bursts", *ms),
+                       fmt::format("echo 1 | sudo tee /sys/bus/usb-serial/devices/{}/latency_timer", name)});
+  }
+  if (found.empty()) found.push_back({Severity::ok, "latency timer", "no FTDI serial port is plugged in", ""});
+  return found;
+}
+
+/// Whether a line of the rules that udev reads names the device.
+bool has_rule(const std::string& rules, const KnownUsbDevice& device) {
+  const auto lines = lines_of(rules);
+  return std::any_of(lines.begin(), lines.end(), [&](std::string line) {
+    std::transform(line.begin(), line.end(), line.begin(), [](unsigned char c) { return std::tolower(c); });
+    if (line.find_first_not_of(" \t") == line.find('#')) return false;
+    const auto names = [&](const char* key, const std::string& id) {
+      return line.find(fmt::format("{{{}}}==\"{}\"", key, id)) != std::string::npos;
+    };
+    return names("idvendor", device.vendor) &&
+           (line.find("idproduct") == std::string::npos || names("idproduct", device.product));
+  });
+}
+
+Diagnosis examine_rules(const fs::path& root, const std::vector<Plugged>& plugged) {
+  constexpr const char* kCheck = "udev rules";
+  std::string rules;
+  for (const char* folder : {"etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d"})
+    for (const fs::path& file : entries(root / folder))
+      if (file.extension() == ".rules") rules += read_text(file).value_or("") + "\n";
+
+  for (const Plugged& device : plugged)
+    if (!has_rule(rules, *device.known))
+      return {Severity::warning, kCheck, fmt::format("none names {} ({})", device.ids, device.known->name),
+              install_rule(*device.known)};
+  if (!plugged.empty()) return {Severity::ok, kCheck, "name every device that is plugged in", ""};
+
+  std::vector<std::string> missing;
+  for (const KnownUsbDevice& device : kKnownDevices)
+    if (!has_rule(rules, device)) missing.emplace_back(device.name);
+  if (missing.empty()) return {Severity::ok, kCheck, "name every known device; none is plugged in", ""};
+  return {Severity::note, kCheck,
+          fmt::format("no known device is plugged in; none names: {}", fmt::join(missing, ", ")),
+          fmt::format("haptrace doctor --udev-rules | sudo tee {} && {}", kRulesFile, kReloadRules)};
+}
+
+// ---- limits ----
+
+/// The soft limit of this process as /proc/self/limits has it, in its own words.
+std::optional<std::string> process_limit(const fs::path& root, const std::string& name) {
+  for (const std::string& line : lines_of(read_text(root / "proc/self/limits").value_or("")))
+    if (line.starts_with(name)) {
+      const auto words = words_of(line.substr(name.size()));
+      if (!words.empty()) return words.front();
+    }
+  return {};
+}
+
+bool may_set_priorities(const fs::path& root) {
+  constexpr unsigned kSysNice = 23;  // CAP_SYS_NICE
+  for (const std::string& line : lines_of(read_text(root / "proc/self/status").value_or("")))
+    if (line.starts_with("CapEff:"))
+      return ((number_of<std::uint64_t>(words_of(line).back(), 16).value_or(0) >> kSysNice) & 1U) != 0;
+  return false;
+}
+
+/// The command that raises a limit for this user: `item` is "rtprio" or "memlock".
+std::string raise_limit(const fs::path& root, const std::string& item) {
+  std::vector<fs::path> files = entries(root / "etc/security/limits.d");
+  files.push_back(root / "etc/security/limits.conf");
+  for (const fs::path& file : files) {
+    if (file.extension() != ".conf") continue;
+    for (const std::string& line : lines_of(read_text(file).value_or(""))) {
+      const auto words = words_of(line);  // domain, type, item, value
+      if (words.size() < 4 || words[0][0] == '#' || words[2] != item) continue;
+      const bool enough =
+          words[3] == "unlimited" || (item == "rtprio" && number_of<int>(words[3]).value_or(0) >= kServoPriority);
+      if (!enough) continue;
+      const std::string where = fmt::format("/etc/security/{}", fs::relative(file, root / "etc/security").string());
+      if (words[0][0] == '@')
+        return fmt::format("sudo usermod -aG {} $USER   # and log in again: {} allows this group", words[0].substr(1),
+                           where);
+      return fmt::format("su - $USER   # or log in again: {} allows {}", where, words[0]);
+    }
+  }
+  return fmt::format(
+      "sudo groupadd -f realtime && sudo usermod -aG realtime $USER && printf '@realtime - rtprio {}\\n@realtime - "
+      "memlock "
+      "unlimited\\n' | sudo tee /etc/security/limits.d/haptrace.conf   # and log in again",
+      kServoPriority);
+}
+
+Diagnosis examine_scheduling(const LoopMeasurement& loop, const fs::path& root) {
+  constexpr const char* kCheck = "scheduling";
+  if (loop.realtime.realtime) return {Severity::ok, kCheck, loop.realtime.scheduler, ""};
+  const std::string limit = process_limit(root, "Max realtime priority").value_or("unknown");
+  if (may_set_priorities(root) || number_of<int>(limit).value_or(0) >= kServoPriority)
+    return {Severity::warning, kCheck,
+            fmt::format("{}: SCHED_FIFO {} is permitted, but this control group has no real-time budget",
+                        loop.realtime.scheduler, kServoPriority),
+            "echo $$ | sudo tee /sys/fs/cgroup/cgroup.procs   # and start haptrace from this shell"};
+  return {Severity::warning, kCheck,
+          fmt::format("{}: SCHED_FIFO {} was refused, the limit rtprio is {}", loop.realtime.scheduler, kServoPriority,
+                      limit),
+          raise_limit(root, "rtprio")};
+}
+
+Diagnosis examine_memory_lock(const LoopMeasurement& loop, const fs::path& root) {
+  constexpr const char* kCheck = "memory lock";
+  std::string limit = process_limit(root, "Max locked memory").value_or("unknown");
+  if (number_of<std::uint64_t>(limit)) limit += " bytes";
+  if (loop.realtime.memory_locked) return {Severity::ok, kCheck, fmt::format("locked; the limit is {}", limit), ""};
+  return {Severity::warning, kCheck, fmt::format("refused, the limit memlock is {}", limit),
+          raise_limit(root, "memlock")};
+}
+
+Diagnosis examine_timer_slack(const LoopMeasurement& loop, const fs::path& root) {
+  constexpr const char* kCheck = "timer slack";
+  constexpr std::int64_t kFine = 1000;  // [ns]
+  const std::string measured = fmt::format("{} ns", loop.timer_slack_ns);
+  if (loop.realtime.realtime) return {Severity::ok, kCheck, measured + "; real-time threads have none", ""};
+  if (loop.timer_slack_ns <= kFine) return {Severity::ok, kCheck, measured, ""};
+  return {Severity::warning, kCheck, measured + " by which every wake-up may be late: the kernel refused 1 ns",
+          raise_limit(root, "rtprio")};
+}
+
+Diagnosis examine_hypervisor(const LoopMeasurement& loop, const fs::path& root) {
+  constexpr const char* kCheck = "hypervisor";
+  const auto cpuinfo = read_text(root / "proc/cpuinfo");
+  if (!cpuinfo || !loop.stolen) return unknown(kCheck, "/proc/cpuinfo or /proc/stat cannot be read");
+  const bool guest =
+      cpuinfo->find(" hypervisor") != std::string::npos || read_text(root / "sys/hypervisor/type").has_value();
+  if (*loop.stolen > 0)
+    return {*loop.stolen > kMostMissed * loop.duration ? Severity::warning : Severity::note, kCheck,
+            fmt::format("took {} of the {:g} s: the longest latencies are its own, not this system's",
+                        duration_text(*loop.stolen), loop.duration),
+            "measure without a virtual machine, or give this one processors of its own on the host"};
+  if (guest)
+    return {Severity::note, kCheck,
+            "a virtual machine, from which nothing was taken during the measurement; it may be at another time", ""};
+  return {Severity::ok, kCheck, "none", ""};
+}
+
+Diagnosis examine_rate(const LoopMeasurement& loop) {
+  const std::string figures =
+      fmt::format("{}; {} of {} ticks missed", quantiles_text(loop.latency), loop.missed, loop.samples + loop.missed);
+  if (loop.holds_rate())
+    return {Severity::ok, "servo loop", fmt::format("holds {:g} Hz: {}", loop.rate_hz, figures), ""};
+  return {Severity::problem, "servo loop",
+          fmt::format("does not hold {:g} Hz: {} (at most {:g} % may be, and p99.9 at most {})", loop.rate_hz, figures,
+                      100 * kMostMissed, duration_text(kLatestWakeUp / loop.rate_hz)),
+          fmt::format("haptrace doctor --rate {:g}   # after mending what is named here", loop.rate_hz / 2)};
+}
+
+// ---- measuring ----
+
+/// Sends no force until its time is over.
+class HandsOff final : public Controller {
+ public:
+  explicit HandsOff(double duration) : end_ns_(std::llround(1e9 * duration)) {}
+  [[nodiscard]] Command update(const State& state) noexcept override {
+    Command command;
+    if (state.time_ns >= end_ns_) command.status = Command::Status::finished;
+    return command;
+  }
+
+ private:
+  std::int64_t end_ns_;
+};
+
+/// A hand that moves, so that rows are not all alike.
+Sample moving_sample(std::uint64_t tick, double rate_hz) {
+  const double t = static_cast<double>(tick) / rate_hz;
+  Sample sample;
+  sample.tick = tick;
+  sample.time_ns = std::llround(1e9 * t);
+  sample.position = 0.04 * Vec3(std::sin(3 * t), std::cos(5 * t), std::sin(7 * t));
+  sample.velocity = 0.04 * Vec3(3 * std::cos(3 * t), -5 * std::sin(5 * t), 7 * std::cos(7 * t));
+  sample.force = -100 * sample.position;
+  return sample;
+}
+
+double seconds_since(std::int64_t start_ns) {
+  return 1e-9 * static_cast<double>(monotonic_ns() - start_ns);
+}
+
+}  // namespace
+
+const char* to_string(Diagnosis::Severity severity) noexcept {
+  switch (severity) {
+    case Severity::ok:
+      return "ok";
+    case Severity::note:
+      return "note";
+    case Severity::warning:
+      return "warning";
+    case Severity::problem:
+      return "problem";
+  }
+  return "problem";
+}
+
+std::string quantiles_text(const DurationHistogram& durations) {
+  return fmt::format("p50 {}, p99 {}, p99.9 {}, max {}", duration_text(durations.quantile(0.5)),
+                     duration_text(durations.quantile(0.99)), duration_text(durations.quantile(0.999)),
+                     duration_text(durations.max()));
+}
+
+std::string KnownUsbDevice::udev_rule() const {
+  const bool usb = subsystem == std::string_view("usb");
+  // A serial port or HID node asks its USB parent (ATTRS) for the ids.
+  const char* attribute = usb ? "ATTR" : "ATTRS";
+  std::string rule = fmt::format("SUBSYSTEM==\"{}\", {}{{idVendor}}==\"{}\"", subsystem, attribute, vendor);
+  if (*product != '\0') rule += fmt::format(", {}{{idProduct}}==\"{}\"", attribute, product);
+  const bool serial = std::string_view(subsystem).find("tty") != std::string_view::npos;
+  rule += fmt::format(", MODE=\"0660\", GROUP=\"{}\", TAG+=\"uaccess\"", serial ? "dialout" : "plugdev");
+  if (usb) rule += ", ATTR{power/control}=\"on\"";
+  return rule;
+}
+
+std::span<const KnownUsbDevice> known_usb_devices() {
+  return kKnownDevices;
+}
+
+std::vector<Diagnosis> examine_system(const std::string& root) {
+  std::vector<Diagnosis> found{examine_governor(root), examine_preemption(root)};
+  const auto add = [&](const std::vector<Diagnosis>& more) { found.insert(found.end(), more.begin(), more.end()); };
+  const std::vector<Plugged> plugged = find_plugged(root);
+  if (plugged.empty()) found.push_back(examine_autosuspend_default(root));
+  for (const Plugged& device : plugged) {
+    add(examine_permissions(root, device));
+    found.push_back(examine_autosuspend(device));
+  }
+  found.push_back(examine_rules(root, plugged));
+  add(examine_latency_timers(root));
+  return found;
+}
+
+std::optional<double> stolen_time(const std::string& root) {
+  // cpu user nice system idle iowait irq softirq steal, in clock ticks (proc(5))
+  constexpr std::size_t kSteal = 8;
+  const auto lines = lines_of(read_text(fs::path(root) / "proc/stat").value_or(""));
+  if (lines.empty()) return {};
+  const auto words = words_of(lines.front());
+  if (words.size() <= kSteal || words[0] != "cpu") return {};
+  const auto ticks = number_of<std::uint64_t>(words[kSteal]);
+  if (!ticks) return {};
+  return static_cast<double>(*ticks) / static_cast<double>(sysconf(_SC_CLK_TCK));
+}
+
+bool LoopMeasurement::holds_rate() const noexcept {
+  return samples > 0 && missed_fraction() <= kMostMissed && latency.quantile(0.999) <= kLatestWakeUp / rate_hz;
+}
+
+void measure_loop(LoopMeasurement& sum, double duration, const StopRequest& stop) {
+  const auto device = open_device("sim:preset=falcon,hand=relaxed");
+  const auto estimator = make_velocity_estimator("lowpass:100", sum.rate_hz, device->info().position_resolution);
+  HandsOff controller(duration);
+  ServoLoop loop(*device, controller, *estimator, {}, {.rate_hz = sum.rate_hz});
+
+  ServoReport report;
+  std::int64_t slack_ns = 0;
+  const auto stolen_before = stolen_time();
+  // The scheduling class ends with the thread.
+  std::thread([&] {
+    report = loop.run(stop);
+    slack_ns = prctl(PR_GET_TIMERSLACK, 0UL, 0UL, 0UL, 0UL);
+  }).join();
+  const auto stolen_after = stolen_time();
+
+  sum.duration += report.duration;
+  sum.samples += report.samples;
+  sum.missed += report.missed;
+  sum.overruns += report.overruns;
+  sum.latency.merge(report.latency);
+  sum.realtime = report.realtime;
+  sum.timer_slack_ns = slack_ns;
+  if (stolen_before && stolen_after) sum.stolen = sum.stolen.value_or(0) + (*stolen_after - *stolen_before);
+}
+
+std::vector<Diagnosis> examine_loop(const LoopMeasurement& loop, const std::string& root) {
+  return {examine_scheduling(loop, root), examine_memory_lock(loop, root), examine_timer_slack(loop, root),
+          examine_hypervisor(loop, root), examine_rate(loop)};
+}
+
+DiskMeasurement measure_disk(const std::string& folder, double rate_hz) {
+  constexpr double kSpan = 20;    // of the session's time [s]
+  constexpr double kLongest = 5;  // [s]
+  DiskMeasurement disk{.folder = folder};
+  const std::string name = (fs::path(folder) / fmt::format(".haptrace-doctor-{}.h5", getpid())).string();
+  struct Removed {
+    const std::string& file;
+    ~Removed() { unlink(file.c_str()); }
+  } const removed{name};
+  RecordingWriter writer(name, {.rate_hz = rate_hz}, {}, {.overwrite = true});
+  std::error_code unknown_space;
+  const fs::space_info space = fs::space(folder, unknown_space);
+  if (!unknown_space) disk.free_bytes = static_cast<double>(space.available);
+
+  std::uint64_t tick = 0;
+  const auto append = [&](std::uint64_t rows) {
+    std::vector<Sample> block;
+    for (; rows > 0; --rows) block.push_back(moving_sample(tick++, rate_hz));
+    const std::int64_t start_ns = monotonic_ns();
+    writer.append(block);
+    writer.flush();
+    return monotonic_ns() - start_ns;
+  };
+  const auto rows = static_cast<std::uint64_t>(std::max(1.0, disk.flush_period * rate_hz));
+  const std::int64_t began_ns = monotonic_ns();
+  for (double span = 0; span < kSpan && seconds_since(began_ns) < kLongest; span += disk.flush_period) {
+    const std::int64_t write_ns = append(rows);
+    const std::int64_t written_ns = monotonic_ns();
+    writer.sync();
+    const std::int64_t sync_ns = monotonic_ns() - written_ns;
+    disk.write.record(write_ns);
+    disk.sync.record(sync_ns);
+    disk.write_total += 1e-9 * static_cast<double>(write_ns);
+    disk.sync_total += 1e-9 * static_cast<double>(sync_ns);
+  }
+
+  // A file grows by whole chunks: by as many as these rows fill, wherever the last one began.
+  constexpr std::uint64_t kWholeChunks = 16384;  // rows
+  const std::uint64_t before = writer.part_bytes();
+  append(kWholeChunks);
+  disk.bytes_per_hour = 3600 * rate_hz * static_cast<double>(writer.part_bytes() - before) / kWholeChunks;
+  writer.finish();
+  return disk;
+}
+
+std::vector<Diagnosis> examine_disk(const DiskMeasurement& disk, double patience) {
+  const auto blocks = static_cast<double>(disk.write.count());
+  const auto other_folder = "haptrace doctor --folder DIR   # with DIR on a faster disk, and record there";
+  std::vector<Diagnosis> found;
+
+  const auto judge = [&](const char* check, const DurationHistogram& stalls, double total, Severity worst,
+                         const std::string& otherwise) {
+    const double busy = blocks > 0 ? total / (blocks * disk.flush_period) : 0;
+    const std::string figures = fmt::format("{} for {} of samples; busy {:.2g} % of the time", quantiles_text(stalls),
+                                            duration_text(disk.flush_period), 100 * busy);
+    if (busy >= 1)
+      found.push_back({worst, check, figures + ": slower than the samples come", otherwise});
+    else if (stalls.max() >= patience)
+      found.push_back({worst, check, fmt::format("{}: the ring bridges {:g} s", figures, patience), otherwise});
+    else if (stalls.max() >= patience / 4)
+      found.push_back({Severity::warning, check,
+                       fmt::format("{}: more than a quarter of what the ring bridges", figures), otherwise});
+    else
+      found.push_back({Severity::ok, check, figures, ""});
+  };
+  judge("disk write", disk.write, disk.write_total, Severity::problem, other_folder);
+  // Only those who ask for it wait for the disk itself.
+  judge("disk sync", disk.sync, disk.sync_total, Severity::warning, other_folder);
+
+  constexpr double kScarce = 1;  // [h]
+  const std::string space = fmt::format("{:.4g} GB free in {}: {:.3g} h of recording, {:.3g} MB each",
+                                        1e-9 * disk.free_bytes, disk.folder, disk.hours(), 1e-6 * disk.bytes_per_hour);
+  found.push_back({disk.hours() < kScarce ? Severity::warning : Severity::ok, "disk space", space,
+                   disk.hours() < kScarce ? other_folder : ""});
+  return found;
+}
+
+std::optional<DurationHistogram> parse_cyclictest(const std::string& output) {
+  constexpr std::int64_t kNanoseconds = 1000;  // in a microsecond
+  DurationHistogram histogram;
+  std::int64_t longest_us = 0;
+  std::uint64_t beyond = 0;
+  for (const std::string& line : lines_of(output)) {
+    const auto words = words_of(line);
+    if (line.starts_with("# Max Latencies:") && words.size() > 3)
+      longest_us = number_of<std::int64_t>(words[3]).value_or(0);
+    if (line.starts_with("# Histogram Overflows:") && words.size() > 3)
+      beyond = number_of<std::uint64_t>(words[3]).value_or(0);
+    if (words.size() < 2 || words[0][0] == '#') continue;
+    const auto us = number_of<std::int64_t>(words[0]);
+    const auto count = number_of<std::uint64_t>(words[1]);
+    if (!us || !count) continue;
+    histogram.record(kNanoseconds * *us, *count);
+  }
+  histogram.record(kNanoseconds * longest_us, beyond);
+  if (histogram.count() == 0) return {};
+  return histogram;
+}
+
+void measure_cyclictest(DurationHistogram& sum, double rate_hz, double duration) {
+  const std::string command = fmt::format(
+      "cyclictest --quiet --policy=fifo --priority={} --interval={} --loops={} --mlockall --histogram=100000 2>&1",
+      kServoPriority, std::llround(1e6 / rate_hz), std::max(1LL, std::llround(duration * rate_hz)));
+  FILE* pipe = popen(command.c_str(), "re");
+  if (pipe == nullptr) throw Error(Error::Kind::fault, fmt::format("cyclictest: {}", std::strerror(errno)));
+  std::string output;
+  std::array<char, 4096> buffer{};
+  std::size_t count = 0;
+  while ((count = fread(buffer.data(), 1, buffer.size(), pipe)) > 0) output.append(buffer.data(), count);
+  const int status = pclose(pipe);
+
+  constexpr int kNotFound = 127;  // the shell's
+  if (WIFEXITED(status) && WEXITSTATUS(status) == kNotFound)
+    throw Error(Error::Kind::fault, "cyclictest is not installed: sudo apt install rt-tests");
+  const auto histogram = parse_cyclictest(output);
+  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0 || !histogram) {
+    const auto lines = lines_of(output);
+    throw Error(Error::Kind::fault,
+                fmt::format("cyclictest cannot run at SCHED_FIFO {} ({}): {}", kServoPriority,
+                            lines.empty() ? "it said nothing" : lines.front(), raise_limit("/", "rtprio")));
+  }
+  sum.merge(*histogram);
+}
+
+}  // namespace haptrace

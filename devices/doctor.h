@@ -1,0 +1,122 @@
+// Can this machine hold a servo rate? What was found, and the command that mends it.
+//
+// It holds the rate when, in a measurement of the real servo loop, at most one tick in a thousand is missed and p99.9
+// of the wake-up latency is at most half a period: beyond that a session has a gap every second, and forces that are
+// older than they are stable for.
+#pragma once
+
+#include "control/histogram.h"
+#include "devices/realtime.h"
+#include "devices/servo_loop.h"
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace haptrace {
+
+/// One thing that was looked at.
+struct Diagnosis {
+  enum class Severity {
+    ok,
+    note,     ///< worth knowing, or what could not be found out: `measured` then begins with "unknown"
+    warning,  ///< costs latency, or samples on a bad day
+    problem,  ///< the rate cannot be held, its recording cannot be kept, or a device that is plugged in cannot be
+              ///< opened
+  };
+  Severity severity = Severity::ok;
+  std::string check;     ///< what was looked at, for example "cpu governor"
+  std::string measured;  ///< what was found
+  std::string remedy;    ///< the command that mends it; empty when there is nothing to mend
+};
+
+const char* to_string(Diagnosis::Severity severity) noexcept;
+
+/// "p50 12 us, p99 40 us, p99.9 88 us, max 12 ms".
+std::string quantiles_text(const DurationHistogram& durations);
+
+/// A force-feedback device that can be told by its USB ids, and by which nodes it is opened.
+struct KnownUsbDevice {
+  const char* vendor;     ///< four hexadecimal digits
+  const char* product;    ///< the same; empty: every product of this vendor
+  const char* name;       ///<
+  const char* subsystem;  ///< of udev: "usb", "hidraw", "tty" or several, as in "tty|hidraw"
+
+  /// The line of a udev rules file that lets whoever sits at the machine, or is in the group, open it.
+  [[nodiscard]] std::string udev_rule() const;
+};
+
+std::span<const KnownUsbDevice> known_usb_devices();
+
+/// What the kernel says about itself and its devices: CPU governor, preemption, USB autosuspend, latency timers of USB
+/// serial ports, whether known devices that are plugged in may be opened, udev rules. Reads below `root` ("/"); what
+/// cannot be read is a note, never an error.
+std::vector<Diagnosis> examine_system(const std::string& root = "/");
+
+/// Time that the hypervisor gave to others when this machine wanted it, all processors together, since it started [s].
+/// Nothing when it cannot be read.
+std::optional<double> stolen_time(const std::string& root = "/");
+
+/// The servo loop in several turns.
+struct LoopMeasurement {
+  double rate_hz = 1000;
+  double duration = 0;  ///< of all turns [s]
+  std::uint64_t samples = 0, missed = 0, overruns = 0;
+  DurationHistogram latency;  ///< wake-up minus deadline
+  RealtimeStatus realtime;    ///< of the last turn
+  std::int64_t timer_slack_ns = 0;
+  std::optional<double> stolen;  ///< by the hypervisor meanwhile, all processors together [s]
+
+  [[nodiscard]] double missed_fraction() const noexcept {
+    const auto due = static_cast<double>(samples + missed);
+    return due > 0 ? static_cast<double>(missed) / due : 0;
+  }
+  /// The criterion above. False when nothing was measured.
+  [[nodiscard]] bool holds_rate() const noexcept;
+};
+
+inline constexpr double kMostMissed = 1e-3;   ///< of the ticks
+inline constexpr double kLatestWakeUp = 0.5;  ///< p99.9 of the latency, in periods
+
+/// Runs the servo loop for `duration` [s] of real time on a simulated device, with no force, in a thread of its own
+/// that asks for real-time scheduling, and adds what it was like to `sum`, at sum.rate_hz. Ends early when `stop` is
+/// raised. Throws Error(input) when the rate is out of range. Locks the memory of the process.
+void measure_loop(LoopMeasurement& sum, double duration, const StopRequest& stop);
+
+/// Scheduling class, memory lock, timer slack, the loop itself, and what the hypervisor had to do with it. Limits and
+/// their configuration are read below `root`.
+std::vector<Diagnosis> examine_loop(const LoopMeasurement& loop, const std::string& root = "/");
+
+/// A folder as the recorder's writer finds it.
+struct DiskMeasurement {
+  std::string folder;
+  double flush_period = 0.1;               ///< of the session's time that every write holds [s]
+  DurationHistogram write;                 ///< of the rows of a flush period
+  DurationHistogram sync;                  ///< forcing them to the disk (fdatasync) afterwards
+  double write_total = 0, sync_total = 0;  ///< [s]
+  double bytes_per_hour = 0;
+  double free_bytes = 0;  ///< for this user
+
+  [[nodiscard]] double hours() const noexcept { return bytes_per_hour > 0 ? free_bytes / bytes_per_hour : 0; }
+};
+
+/// Writes 20 s of a recording at `rate_hz` into `folder` by the recorder's own writer, as fast as it goes but for 5 s
+/// at most, flushed and then forced to the disk after every 0.1 s of samples. The file has no name and leaves nothing
+/// behind. Throws Error(input) when it cannot be created, Error(fault) when it cannot be written.
+DiskMeasurement measure_disk(const std::string& folder, double rate_hz);
+
+/// `patience` is how long the recorder's ring bridges a disk that stalls [s].
+std::vector<Diagnosis> examine_disk(const DiskMeasurement& disk, double patience);
+
+/// Reads what `cyclictest --quiet --histogram=US` printed: the histogram of its first thread. Wake-ups that passed the
+/// histogram's end count as the longest. Nothing when there is no histogram.
+std::optional<DurationHistogram> parse_cyclictest(const std::string& output);
+
+/// Runs Debian's cyclictest for `duration` [s]: SCHED_FIFO of our loop's priority, our loop's interval, memory locked;
+/// and adds what it found to `sum`. Throws Error(fault) when it is not installed or not permitted, with the command
+/// that mends it.
+void measure_cyclictest(DurationHistogram& sum, double rate_hz, double duration);
+
+}  // namespace haptrace
