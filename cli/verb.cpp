@@ -111,7 +111,7 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   options.realtime = !no_realtime;
   if (!file.empty())
     options.recording = SessionOptions::Recording{.file = file,
-                                                  .overwrite = overwrite,
+                                                  .options = {.overwrite = overwrite},
                                                   .title = title,
                                                   .subject = subject,
                                                   .operator_name = operator_name,
@@ -189,23 +189,39 @@ const StopRequest& Signals::stop() const noexcept {
   return *raised_by_signals;
 }
 
+namespace {
+
+std::string bar_of(const SessionView& view, double duration) {
+  const LiveStatus& live = view.live;
+  std::string bar;
+  if (duration > 0) {
+    constexpr int kWidth = 24;
+    const int full = static_cast<int>(std::lround(kWidth * std::clamp(live.time / duration, 0.0, 1.0)));
+    for (int i = 0; i < kWidth; ++i) bar += i < full ? "█" : "░";
+    bar += fmt::format(" {:5.1f}/{:.1f} s", live.time, duration);
+  } else {
+    bar = fmt::format("{:8.1f} s", live.time);
+  }
+  std::string state = to_string(live.phase);
+  if (view.recording && view.recording->armed) state = "armed";
+  if (view.recording && view.recording->paused) state = "paused";
+  bar += fmt::format("  {:<8}  {:6.1f} Hz  jitter {:5.0f} us  force {:5.2f} N", state, live.rate, 1e6 * live.jitter,
+                     live.force);
+  if (std::isfinite(live.deviation)) bar += fmt::format("  off {:6.2f} mm", 1e3 * live.deviation);
+  if (live.overruns > 0) bar += fmt::format("  {} overruns", live.overruns);
+  if (view.recording && view.recording->lost > 0) bar += fmt::format("  {} LOST", view.recording->lost);
+  return bar;
+}
+
+}  // namespace
+
 Progress progress_bar(const Output& output, double duration) {
-  if (output.quiet || isatty(STDERR_FILENO) == 0) return {};
-  return [duration](const LiveStatus& live) {
-    std::string bar;
-    if (duration > 0) {
-      constexpr int kWidth = 24;
-      const int full = static_cast<int>(std::lround(kWidth * std::clamp(live.time / duration, 0.0, 1.0)));
-      for (int i = 0; i < kWidth; ++i) bar += i < full ? "█" : "░";
-      bar += fmt::format(" {:5.1f}/{:.1f} s", live.time, duration);
-    } else {
-      bar = fmt::format("{:8.1f} s", live.time);
-    }
-    const std::string deviation =
-        std::isfinite(live.deviation) ? fmt::format("  off {:6.2f} mm", 1e3 * live.deviation) : std::string();
-    fmt::print(stderr, "\r\033[K{}  {:<8}  {:6.1f} Hz  jitter {:5.0f} us  force {:5.2f} N{}  {}", bar,
-               to_string(live.phase), live.rate, 1e6 * live.jitter, live.force, deviation,
-               live.overruns > 0 ? fmt::format("{} overruns", live.overruns) : "");
+  if (output.quiet) return {};
+  const bool terminal = isatty(STDERR_FILENO) != 0;
+  return [duration, terminal](const SessionView& view) {
+    for (const std::string& notice : view.notices)
+      fmt::print(stderr, "{}haptrace: {}\n", terminal ? "\r\033[K" : "", notice);
+    if (terminal) fmt::print(stderr, "\r\033[K{}", bar_of(view, duration));
     std::fflush(stderr);
   };
 }
@@ -213,6 +229,7 @@ Progress progress_bar(const Output& output, double duration) {
 int conclude(const Output& output, const SessionResult& result) {
   if (!output.quiet && isatty(STDERR_FILENO) != 0) fmt::print(stderr, "\r\033[K");
   if (!result.recording_error.empty()) output.remark(result.recording_error);
+  if (result.ended_by_disk) output.remark("the session ended because the disk is almost full");
   if (result.servo.stopped_by_fault())
     output.remark(fmt::format("{}; the force is zero{}", result.servo.detail,
                               result.recording ? ", the recording keeps what happened" : ""));
@@ -220,7 +237,7 @@ int conclude(const Output& output, const SessionResult& result) {
     output.remark(result.servo.realtime.reason);
 
   if (result.servo.cause == StopCause::device_lost) return kNoDevice;
-  if (result.servo.stopped_by_fault() || !result.recording_error.empty()) return kStopped;
+  if (result.servo.stopped_by_fault() || !result.recorded_all()) return kStopped;
   if (result.servo.cause == StopCause::interrupted) return kInterrupted;
   return kDone;
 }

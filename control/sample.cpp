@@ -17,6 +17,8 @@ std::string describe(const Event& event) {
       return fmt::format("overrun: {:.0f} ticks missed, woke {:.3f} ms late", a, 1e3 * b);
     case EventCode::samples_lost:
       return fmt::format("{:.0f} samples lost: the writer could not keep up", a);
+    case EventCode::recovered:
+      return fmt::format("recovered after its writer died: {:.0f} samples kept, {:.0f} could not be read", a, b);
     case EventCode::force_limit:
       return fmt::format("force limited: {:.3g} N asked, {:.3g} N allowed", a, b);
     case EventCode::continuous_limit:
@@ -43,6 +45,14 @@ std::string describe(const Event& event) {
       return "paused";
     case EventCode::resumed:
       return "resumed";
+    case EventCode::triggered:
+      if (a == 0) return fmt::format("triggered: a force of {:.3g} N is over {:.3g} N", b, event.values[2]);
+      if (a == 1) return fmt::format("triggered: a speed of {:.3g} m/s is over {:.3g} m/s", b, event.values[2]);
+      return "triggered: a button was pressed";
+    case EventCode::path_waits:
+      return fmt::format("the path waits at {:.3f} s: what follows was not read in time", a);
+    case EventCode::path_unreadable:
+      return fmt::format("stopped: the path cannot be played beyond {:.3f} s", a);
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

@@ -34,6 +34,7 @@ enum class EventCode : std::int32_t {
   interrupted = 3,        ///< SIGINT, SIGTERM or the caller asked to stop
   overrun = 10,           ///< values: missed ticks, lateness [s]
   samples_lost = 11,      ///< values: samples that found the ring full
+  recovered = 12,         ///< by haptrace recover; values: samples kept, samples that could not be read
   force_limit = 20,       ///< values: asked [N], allowed [N]
   continuous_limit = 21,  ///< values: allowed [N]
   velocity_limit = 22,    ///< values: speed [m/s], limit [m/s]
@@ -47,6 +48,9 @@ enum class EventCode : std::int32_t {
   mark = 50,
   paused = 51,
   resumed = 52,
+  triggered = 53,        ///< values: 0 force, 1 speed, 2 button; how much [N, m/s, bits]; over what
+  path_waits = 60,       ///< values: time of the path [s]; it stands still until what follows was read
+  path_unreadable = 61,  ///< values: time of the path [s]
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().

@@ -51,6 +51,9 @@ struct RecordingColumns {
   bool guidance = false;   ///< reference_force and progress
 };
 
+/// Bytes of a row that is stored as it lies in memory.
+std::size_t row_bytes(const RecordingColumns& columns);
+
 /// An event as a file keeps it.
 struct StoredEvent {
   double time = 0;  ///< [s] since the first sample

@@ -4,7 +4,8 @@
 #include <cmath>
 #include <cstring>
 
-namespace haptrace::layout {
+namespace haptrace {
+namespace layout {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "rows are copied to the file as they lie in memory");
@@ -192,9 +193,19 @@ constexpr OverviewField kOverviewFields[] = {
 > ("run_position_max"), number<&RecordingSummary::run_peak_speed>("run_peak_speed"),
     number<&RecordingSummary::tracked>("tracked"), number<&RecordingSummary::error2_sum>("squared_error_sum"),
     number<&RecordingSummary::error2_peak>("squared_error_peak"),
-};  // namespace haptrace::layout
+};  // namespace layout
 
-}  // namespace
+}  // namespace haptrace
+}  // namespace layout
+
+std::size_t row_bytes(const RecordingColumns& columns) {
+  std::size_t bytes = 0;
+  for (const layout::Column& column : layout::columns())
+    if (column.in(columns)) bytes += column.row_bytes();
+  return bytes;
+}
+
+namespace layout {
 
 std::span<const OverviewField> overview_fields() {
   return kOverviewFields;
@@ -245,4 +256,5 @@ std::string_view utf8_prefix(std::string_view text, std::size_t bytes) {
   return text.substr(0, bytes);
 }
 
-}  // namespace haptrace::layout
+}  // namespace layout
+}  // namespace haptrace

@@ -73,7 +73,8 @@ unsigned add_filters(hid_t creation, const layout::Column& column, const Storage
     checked(H5Pset_scaleoffset(creation, H5Z_SO_FLOAT_DSCALE, digits_for(storage.precision.*column.quantity)),
             column.path() + " cannot be rounded");
     ++filters;
-  } else if (storage.deflate > 0 && layout::size_of(column.element) > 1) {
+  } else if (storage.deflate > 0 && layout::size_of(column.element) > 1 && column.quantity != &Precision::position) {
+    // Positions lie on an encoder's counts, which deflate finds again whole; shuffled they are a third larger.
     checked(H5Pset_shuffle(creation), column.path() + " cannot be shuffled");
     ++filters;
   }

@@ -23,6 +23,7 @@ RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info
   header.subject = recording.subject;
   header.operator_name = recording.operator_name;
   header.notes = recording.notes;
+  header.meta = recording.meta;
   header.rate_hz = options.rate_hz;
   header.clock = virtual_time ? "virtual" : "monotonic";
   header.config = recording.config;
@@ -34,6 +35,53 @@ RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info
   header.max_force_n = info.max_force;
   return header;
 }
+
+/// Looks at a running session for a person.
+class Watch {
+ public:
+  Watch(Recorder* recorder, LiveMonitor& monitor, const Progress& progress, SessionResult& result)
+      : recorder_(recorder), monitor_(monitor), progress_(progress), result_(result) {}
+
+  void look() {
+    SessionView view{.live = monitor_.latest()};
+    if (recorder_ != nullptr) {
+      view.recording = recorder_->status();
+      view.notices = recorder_->take_notices();
+      tell_of_losses(view);
+      disk_is_low_ = view.recording->disk_low;
+    }
+    result_.notices.insert(result_.notices.end(), view.notices.begin(), view.notices.end());
+    if (progress_) progress_(view);
+  }
+
+  [[nodiscard]] bool disk_is_low() const noexcept { return disk_is_low_; }
+
+ private:
+  /// The writer cannot tell them itself while it waits for the disk. Once a second.
+  void tell_of_losses(SessionView& view) {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - told_ < std::chrono::seconds(1)) return;
+    const Recorder::Status& status = *view.recording;
+    if (status.lost > lost_told_ && !status.failed) {
+      view.notices.push_back(
+          fmt::format("{}: {} samples lost so far: the disk does not keep up", recorder_->file(), status.lost));
+      lost_told_ = status.lost;
+      told_ = now;
+    } else if (status.stalled > 1) {
+      view.notices.push_back(fmt::format("{}: the disk has not answered for {:.0f} s; samples wait in memory",
+                                         recorder_->file(), status.stalled));
+      told_ = now;
+    }
+  }
+
+  Recorder* recorder_;
+  LiveMonitor& monitor_;
+  const Progress& progress_;
+  SessionResult& result_;
+  std::chrono::steady_clock::time_point told_;
+  std::uint64_t lost_told_ = 0;
+  bool disk_is_low_ = false;
+};
 
 }  // namespace
 
@@ -72,19 +120,24 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
     columns.torque = info.takes_torque();
     columns.force_measured = info.measures_force;
     recorder.emplace(options.recording->file, header_for(options, info, result.virtual_time), columns,
-                     Recorder::Options{.overwrite = options.recording->overwrite});
+                     options.recording->options);
     sinks.push_back(&*recorder);
   }
   ServoLoop loop(device, controller, *estimator, sinks, loop_options);
 
+  StopRequest ours(&stop);
+  Watch watch(recorder ? &*recorder : nullptr, monitor, progress, result);
   std::promise<ServoReport> promise;
   std::future<ServoReport> report = promise.get_future();
-  std::jthread servo([&] { promise.set_value(loop.run(stop)); });
-  while (report.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready)
-    if (progress) progress(monitor.latest());
+  std::jthread servo([&] { promise.set_value(loop.run(ours)); });
+  while (report.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
+    watch.look();
+    if (!watch.disk_is_low() || !options.recording->end_when_disk_is_low || result.ended_by_disk) continue;
+    result.ended_by_disk = true;
+    ours.raise();
+  }
   result.servo = report.get();
   servo.join();
-  if (progress) progress(monitor.latest());
 
   if (recorder) {
     try {
@@ -94,6 +147,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
     }
     result.recording = recorder->status();
   }
+  watch.look();
   return result;
 }
 

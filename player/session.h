@@ -31,11 +31,21 @@ struct SessionOptions {
 
   struct Recording {
     std::string file;
-    bool overwrite = false;
+    Recorder::Options options;
     std::string title, subject, operator_name, notes;
+    std::map<std::string, std::string> meta;
     nlohmann::json config = nlohmann::json::object();
+    bool end_when_disk_is_low =
+        false;  ///< the session ends before the disk is full, when there is nothing but to record
   };
   std::optional<Recording> recording;
+};
+
+/// A running session, for a person to look at.
+struct SessionView {
+  LiveStatus live;
+  std::optional<Recorder::Status> recording;
+  std::vector<std::string> notices;  ///< what a person should know at once, since the last view
 };
 
 /// What a session was like, and what of it is on the disk.
@@ -43,11 +53,18 @@ struct SessionResult {
   ServoReport servo;
   bool virtual_time = false;
   std::optional<Recorder::Status> recording;
-  std::string recording_error;  ///< what the disk refused, in words; empty when all is on it
+  std::string recording_error;       ///< what the disk refused, in words; empty when all is on it
+  std::vector<std::string> notices;  ///< everything that the views told, in order
+  bool ended_by_disk = false;        ///< see end_when_disk_is_low
+
+  /// False when something of the session is not on the disk.
+  [[nodiscard]] bool recorded_all() const noexcept {
+    return recording_error.empty() && !ended_by_disk && (!recording || recording->lost == 0);
+  }
 };
 
 /// Called about ten times a second in the thread that called run_session.
-using Progress = std::function<void(const LiveStatus&)>;
+using Progress = std::function<void(const SessionView&)>;
 
 /// Runs one session to its end: the loop in a thread of its own, the recorder in another. `columns.reference` and
 /// `columns.guidance` say what the controller fills; the device decides the others. Zero force has been sent when it

@@ -3,12 +3,26 @@
 
 #include "control/sample.h"
 #include "formats/recording.h"
+#include "recorder/annotations.h"
+#include "recorder/capture.h"
 
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace haptrace {
+
+/// When a recording goes on in another file; 0: never.
+struct Split {
+  double seconds = 0;       ///< of the session's time [s]
+  std::uint64_t bytes = 0;  ///< of a file, about
+
+  [[nodiscard]] bool any() const noexcept { return seconds > 0 || bytes > 0; }
+};
+
+/// Reads "30min", "2h", "90s" or "1GiB", "500MB". Throws Error(input).
+Split parse_split(std::string_view text);
 
 /// Records a session. The servo loop pushes into a lock-free ring; a thread of its own writes to the disk, so that a
 /// slow disk costs samples (counted, and told in the recording) but never a tick.
@@ -19,11 +33,17 @@ class Recorder final : public SampleSink {
  public:
   struct Options {
     bool overwrite = false;
-    double ring_seconds = 4;    ///< how long the disk may stall without losing a sample [s]
+    double ring_seconds = 8;    ///< how long the disk may stall without losing a sample [s]
     double flush_period = 0.1;  ///< how often the file is made whole: at most this much is lost with the process [s]
+    double sync_period = 0;     ///< how often the disk is waited for: this much is lost with the machine [s]; 0: never
+    Storage storage;            ///< rows_per_chunk is chosen by the rate
+    Split split;
+    CaptureOptions capture;
+    std::shared_ptr<Annotations> annotations;  ///< from a person; may be null
   };
 
-  /// Creates the file and starts the writer. Throws what RecordingWriter throws.
+  /// Creates the file and starts the writer. Throws what RecordingWriter throws, and Error(input) when an option is out
+  /// of range, or when the rate is too slow to pack a recording while it grows.
   Recorder(const std::string& file, const RecordingHeader& header, const RecordingColumns& columns,
            const Options& options);
   Recorder(const std::string& file, const RecordingHeader& header, const RecordingColumns& columns);
@@ -46,14 +66,23 @@ class Recorder final : public SampleSink {
     std::uint64_t written = 0;  ///< rows handed to the file
     std::uint64_t lost = 0;     ///< samples and events that found the ring full
     bool failed = false;        ///< the disk refused; see finish()
+    bool armed = false;         ///< waiting for the trigger
+    bool paused = false;
+    bool disk_low = false;  ///< less than a hundredth of the disk, or 64 MiB, is free: it is time to end
+    std::uint32_t parts = 1;
+    double disk_seconds = 0;  ///< how long a session the disk has room for [s]; 0: unknown
+    double stalled = 0;       ///< for how long the disk has not answered [s]
   };
   /// From any thread.
   [[nodiscard]] Status status() const noexcept;
 
+  /// What a person should know, in the order in which it happened, since the last call. From any thread.
+  [[nodiscard]] std::vector<std::string> take_notices();
+
   [[nodiscard]] const std::string& file() const noexcept;
 
  private:
-  struct Writer;
+  class Writer;
   std::unique_ptr<Writer> writer_;
 };
 
