@@ -1,4 +1,4 @@
-#include "cli/verb.h"
+#include "cli/read_progress.h"
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
 #include "formats/recording_summary.h"
@@ -16,24 +16,25 @@ std::string millimetres(const Box& box) {
 }
 
 int tell_of_path(const std::string& file, const Output& output) {
-  const Path path = load_path(file);
-  const Box box = path.bounds();
-  const double rate = path.duration() > 0 ? static_cast<double>(path.size() - 1) / path.duration() : 0;
+  const auto source = open_path(file);
+  const PathFacts& path = source->facts();
+  const Box& box = path.bounds;
+  const double rate = path.duration() > 0 ? static_cast<double>(path.rows - 1) / path.duration() : 0;
   std::string text =
       fmt::format("{}: a path\n  {:<20} {}\n  {:<20} {:.3f} s\n  {:<20} {:.1f} Hz in the mean\n  {:<20} {}\n", file,
-                  "samples", path.size(), "duration", path.duration(), "rate", rate, "size", millimetres(box));
-  text += fmt::format("  {:<20} {}{}\n", "columns", path.velocity.empty() ? "position" : "position, velocity",
-                      path.force.empty() ? "" : ", force");
+                  "samples", path.rows, "duration", path.duration(), "rate", rate, "size", millimetres(box));
+  text += fmt::format("  {:<20} {}{}\n", "columns", path.velocity ? "position, velocity" : "position",
+                      path.force ? ", force" : "");
   for (const std::string& note : path.notes) text += fmt::format("  {:<20} {}\n", "note", note);
   output.tell({{"file", file},
                {"kind", "path"},
-               {"samples", path.size()},
+               {"samples", path.rows},
                {"duration_s", path.duration()},
                {"mean_rate_hz", rate},
                {"position_min_m", json_of(box.min)},
                {"position_max_m", json_of(box.max)},
-               {"has_velocity", !path.velocity.empty()},
-               {"has_force", !path.force.empty()},
+               {"has_velocity", path.velocity},
+               {"has_force", path.force},
                {"notes", path.notes}},
               text);
   return kDone;
@@ -41,8 +42,11 @@ int tell_of_path(const std::string& file, const Output& output) {
 
 int tell_of_recording(const std::string& file, const Output& output) {
   const RecordingReader reader(file);
-  const RecordingHeader& header = reader.header();
-  const RecordingSummary summary = summarise(reader);
+  const RecordingHeader header = reader.header();
+  const RecordingSummary summary = [&] {
+    ReadProgress progress(output, file, reader.rows());
+    return summarise(reader, progress.callback());
+  }();
   const std::vector<StoredEvent> events = reader.events();
 
   std::string text = fmt::format("{}: a recording{}\n", file, header.complete ? "" : ", not finished");
@@ -56,8 +60,8 @@ int tell_of_recording(const std::string& file, const Output& output) {
   line("created", header.created);
   line("device", fmt::format("{} ({})", header.device_name, header.device_model));
   line("samples", fmt::format("{} in {:.3f} s", summary.rows, summary.duration()));
-  line("rate",
-       fmt::format("{:.2f} Hz in the mean, {:g} Hz asked, {} clock", summary.mean_rate(), header.rate_hz, header.clock));
+  line("rate", fmt::format("{:.2f} Hz in the mean, {:g} Hz asked, {} clock", summary.mean_rate(), header.rate_hz,
+                           header.clock));
   line("gaps", fmt::format("{} ({} ticks missed), longest interval {:.3f} ms", summary.gaps, summary.missed,
                            1e3 * summary.longest_interval));
   if (summary.rows > 0) line("size", millimetres(summary.bounds));

@@ -1,4 +1,4 @@
-#include "cli/verb.h"
+#include "cli/read_progress.h"
 #include "control/error.h"
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
@@ -13,6 +13,7 @@ struct Arguments {
   SessionArguments session;
   std::string path, record, gains;
   std::optional<double> kp, kd;
+  PathSelection selection;
   double speed = 1, hold = 0.5, approach_speed = 0.1, max_deviation = 0.03;
   int repeat = 1;
   bool loop = false, fit = false;
@@ -59,6 +60,11 @@ Verb add_play(CLI::App& app) {
   verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
   verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
   verb->add_flag("--fit", arguments->fit, "move and scale the path into the workspace")->group("Path");
+  verb->add_option("--from", arguments->selection.from, "begin at this time of the recording [s]")->group("Path");
+  verb->add_option("--to", arguments->selection.to, "end at this time of the recording [s]")->group("Path");
+  verb->add_option("--repetition", arguments->selection.repetition,
+                   "of a recording of several: which to play, from 1; without it, the last")
+      ->group("Path");
   verb->add_option("--speed", arguments->speed, "times the path's own speed")->capture_default_str()->group("Path");
   verb->add_option("--repeat", arguments->repeat, "repetitions")->capture_default_str()->group("Path");
   verb->add_flag("--loop", arguments->loop, "repeat until Ctrl+C")->group("Path");
@@ -103,19 +109,22 @@ Verb add_play(CLI::App& app) {
               throw input_error(fmt::format("--repeat is {}; it must be at least 1, or use --loop", arguments->repeat));
             options.session = arguments->session.options(arguments->record, effective_config(*verb));
 
-            Path path = load_path(arguments->path);
+            const auto path = [&] {
+              ReadProgress progress(output, arguments->path);
+              return open_path(arguments->path, arguments->selection, progress.callback());
+            }();
             const auto device = arguments->session.open();
             std::vector<std::string> notes = device->info().notes;
-            for (const std::string& note : path.notes) notes.push_back(fmt::format("{}: {}", path.name, note));
+            for (const std::string& note : path->facts().notes)
+              notes.push_back(fmt::format("{}: {}", arguments->path, note));
             for (const std::string& note : notes) output.remark(note);
-            PlayPlan plan = plan_playback(device->info(), std::move(path), options);
+            const PlayPlan plan = plan_playback(device->info(), path, options);
             if (arguments->loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
               output.remark("looping in virtual time until Ctrl+C");
 
             const Signals signals;
             const double expected = expected_duration(plan, options.playback);
-            const PlayResult result =
-                play(*device, std::move(plan), options, signals.stop(), progress_bar(output, expected));
+            const PlayResult result = play(*device, plan, options, signals.stop(), progress_bar(output, expected));
 
             nlohmann::json json = to_json(result);
             json["notes"] = notes;

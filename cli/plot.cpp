@@ -1,4 +1,4 @@
-#include "cli/verb.h"
+#include "cli/read_progress.h"
 #include "formats/path_file.h"
 #include "formats/recording_figure.h"
 
@@ -24,9 +24,12 @@ Verb add_plot(CLI::App& app) {
             const std::string file = arguments->file.empty()
                                          ? std::filesystem::path(input).replace_extension(".png").string()
                                          : arguments->file;
-            const Figure figure = is_hdf5(arguments->input)
-                                      ? figure_of(RecordingReader(arguments->input), input.filename().string())
-                                      : figure_of(load_path(arguments->input));
+            const Figure figure = [&] {
+              if (!is_hdf5(arguments->input)) return figure_of(load_path(arguments->input));
+              const RecordingReader reader(arguments->input);
+              ReadProgress progress(output, arguments->input, reader.rows());
+              return figure_of(reader, input.filename().string(), progress.callback());
+            }();
             save_figure(figure, file, arguments->overwrite);
             output.tell({{"file", file}}, fmt::format("{}\n", file));
             return kDone;

@@ -34,6 +34,7 @@ struct Command {
     working,
     finished,   ///< the task is done: the loop fades the force out and ends
     deviation,  ///< the tracking error passed its limit: the loop stops; `event` holds the figures
+    no_path,    ///< what is to be followed next cannot be had: the loop stops; `event` says where
   };
 
   Wrench wrench;
@@ -57,6 +58,9 @@ class Controller {
 
   /// The force for the coming tick. Goes on being called while the loop fades the force out.
   [[nodiscard]] virtual Command update(const State& state) noexcept = 0;
+
+  /// As for SampleSink: after every tick, outside of it; may wait only where time stands still meanwhile.
+  virtual void between_ticks(bool may_wait) noexcept { (void)may_wait; }
 };
 
 }  // namespace haptrace

@@ -11,13 +11,15 @@ namespace {
 /// No device reaches this far; a path that does was written in millimetres.
 constexpr double kLargestExtent = 50;  // [m]
 
-void check_column(const Path& path, const std::vector<Vec3>& column, const char* name, bool required) {
+void check_column(const Path& path, const std::vector<Vec3>& column, const char* name, std::uint64_t rows_before,
+                  bool required) {
   if (column.empty() && !required) return;
   if (column.size() != path.size())
     throw input_error(fmt::format("{}: {} has {} rows but time has {}", path.name, name, column.size(), path.size()));
   const auto bad = std::find_if_not(column.begin(), column.end(), is_finite);
   if (bad != column.end())
-    throw input_error(fmt::format("{}: row {}: {} is not a finite number", path.name, bad - column.begin() + 1, name));
+    throw input_error(fmt::format("{}: row {}: {} is not a finite number", path.name,
+                                  rows_before + static_cast<std::uint64_t>(bad - column.begin()) + 1, name));
 }
 
 }  // namespace
@@ -28,21 +30,23 @@ Box Path::bounds() const {
   return box;
 }
 
-void validate(const Path& path) {
+void validate(const Path& path, std::uint64_t rows_before) {
   if (path.time.empty()) throw input_error(fmt::format("{}: the path has no samples", path.name));
   for (std::size_t i = 0; i < path.size(); ++i) {
     if (!std::isfinite(path.time[i]))
-      throw input_error(fmt::format("{}: row {}: time is not a finite number", path.name, i + 1));
+      throw input_error(fmt::format("{}: row {}: time is not a finite number", path.name, rows_before + i + 1));
     if (i > 0 && path.time[i] <= path.time[i - 1])
       throw input_error(
           fmt::format("{}: row {}: time {} s does not come after {} s of the row before; time stamps must increase",
-                      path.name, i + 1, path.time[i], path.time[i - 1]));
+                      path.name, rows_before + i + 1, path.time[i], path.time[i - 1]));
   }
-  check_column(path, path.position, "position", true);
-  check_column(path, path.velocity, "velocity", false);
-  check_column(path, path.force, "force", false);
+  check_column(path, path.position, "position", rows_before, true);
+  check_column(path, path.velocity, "velocity", rows_before, false);
+  check_column(path, path.force, "force", rows_before, false);
+  validate_size(path.name, path.bounds());
+}
 
-  const Box box = path.bounds();
+void validate_size(const std::string& name, const Box& box) {
   const double extent = box.size().maxCoeff();
   const double reach = std::max(box.min.cwiseAbs().maxCoeff(), box.max.cwiseAbs().maxCoeff());
   if (std::max(extent, reach) > kLargestExtent)
@@ -50,7 +54,7 @@ void validate(const Path& path) {
         "{}: the path is {:.4g} m wide and reaches {:.4g} m from the origin; positions are in metres, and these look "
         "like {}: "
         "divide them by {}",
-        path.name, extent, reach, reach > 5e4 ? "micrometres" : "millimetres", reach > 5e4 ? "1 000 000" : "1000"));
+        name, extent, reach, reach > 5e4 ? "micrometres" : "millimetres", reach > 5e4 ? "1 000 000" : "1000"));
 }
 
 std::string describe(const Fit& fit) {
@@ -68,10 +72,9 @@ double distance_outside(const Path& path, const Box& workspace) {
   return distance;
 }
 
-Fit fit_into(const Path& path, const Box& workspace, double margin) {
+Fit fit_into(const Box& box, const Box& workspace, double margin) {
   const Vec3 inset = margin * workspace.size();
   const Box room{workspace.min + inset, workspace.max - inset};
-  const Box box = path.bounds();
 
   Fit fit;
   for (int axis = 0; axis < 3; ++axis)

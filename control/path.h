@@ -3,6 +3,7 @@
 
 #include "control/types.h"
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -36,8 +37,12 @@ struct Path {
 };
 
 /// Throws Error(input) naming the row unless the path has a sample, equal columns, finite values and strictly
-/// increasing time; or when its size can only be a unit mistake (wider or farther than 50 m).
-void validate(const Path& path);
+/// increasing time; or when its size can only be a unit mistake (wider or farther than 50 m). Rows count from 1, after
+/// the `rows_before` of a longer path.
+void validate(const Path& path, std::uint64_t rows_before = 0);
+
+/// Throws Error(input) when positions within `bounds` can only be a unit mistake.
+void validate_size(const std::string& name, const Box& bounds);
 
 /// How a path was moved into a workspace: p' = scale * p + offset.
 struct Fit {
@@ -54,9 +59,12 @@ double distance_outside(const Vec3& point, const Box& box);
 /// How far the path leaves the workspace [m]: the largest distance of a sample from the box; 0 when inside.
 double distance_outside(const Path& path, const Box& workspace);
 
-/// The gentlest change that puts `path` inside `workspace` shrunk by `margin` (a fraction of its size, per side):
-/// moves it, and scales it down (never up) about its centre, equally in every axis, only as far as needed.
-Fit fit_into(const Path& path, const Box& workspace, double margin = 0.05);
+/// The gentlest change that puts a path of these bounds inside `workspace` shrunk by `margin` (a fraction of its size,
+/// per side): moves it, and scales it down (never up) about its centre, equally in every axis, only as far as needed.
+Fit fit_into(const Box& bounds, const Box& workspace, double margin = 0.05);
+inline Fit fit_into(const Path& path, const Box& workspace, double margin = 0.05) {
+  return fit_into(path.bounds(), workspace, margin);
+}
 
 /// Applies a fit to positions and velocities. Forces stay as they were felt.
 void apply(const Fit& fit, Path& path);

@@ -19,14 +19,14 @@ constexpr double kLongestPath = 1e9;    // [s]
 constexpr double kMaxVelocity = 3;      // [L / h]
 constexpr double kMaxAcceleration = 6;  // [L / h^2]
 
-std::vector<double> time_from_zero(const Path& path) {
+std::vector<double> time_from(double begin, const Path& path, std::uint64_t rows_before) {
   std::vector<double> time(path.size());
   for (std::size_t i = 0; i < time.size(); ++i) {
-    time[i] = path.time[i] - path.time.front();
+    time[i] = path.time[i] - begin;
     if (i > 0 && !(time[i] - time[i - 1] >= kShortestStep))
       throw input_error(
           fmt::format("{}: row {}: time is {} s after the row before; steps must be at least 1 ns. Is time in seconds?",
-                      path.name, i + 1, time[i] - time[i - 1]));
+                      path.name, rows_before + i + 1, time[i] - time[i - 1]));
   }
   if (!(time.back() <= kLongestPath))
     throw input_error(
@@ -58,11 +58,16 @@ std::vector<Vec3> spline_slopes(const std::vector<double>& time, const std::vect
   return slope;
 }
 
-/// Whether a curve on the path's own velocities bends little enough, see Trajectory. The second term of the bound is
-/// what a millionth of the speed bends: a straight line has no other, and rounding must not decide about it.
-bool agree(const std::vector<double>& time, const std::vector<Vec3>& position, const std::vector<Vec3>& velocity) {
-  const std::vector<Vec3> smoothest = spline_slopes(time, position, velocity.front(), velocity.back());
+/// How much a curve bends on the path's own velocities, how little one could, and what a millionth of the speed bends:
+/// a straight line has no other, and rounding must not decide about it.
+struct Bending {
   double own = 0, least = 0, rounding = 0;
+};
+
+void add_bending(const Path& path, Bending& sum) {
+  const std::vector<double>& time = path.time;
+  const std::vector<Vec3>& position = path.position;
+  const std::vector<Vec3> smoothest = spline_slopes(time, position, path.velocity.front(), path.velocity.back());
   for (std::size_t i = 0; i + 1 < time.size(); ++i) {
     const double h = time[i + 1] - time[i];
     const Vec3 chord = (position[i + 1] - position[i]) / h;
@@ -70,11 +75,10 @@ bool agree(const std::vector<double>& time, const std::vector<Vec3>& position, c
       const Vec3 a = slope[i] - chord, b = slope[i + 1] - chord;
       return 4 / h * (a.squaredNorm() + a.dot(b) + b.squaredNorm());
     };
-    own += bending(velocity);
-    least += bending(smoothest);
-    rounding += 12 / h * chord.squaredNorm() * 1e-12;
+    sum.own += bending(path.velocity);
+    sum.least += bending(smoothest);
+    sum.rounding += 12 / h * chord.squaredNorm() * 1e-12;
   }
-  return own <= Trajectory::kBendingTolerance * least + rounding;
 }
 
 /// The second derivative of the cubic Hermite curve at its end `here`, `h` (negative from its far end) before `there`.
@@ -105,6 +109,10 @@ struct QuinticEnd {
   }
 };
 
+bool uses_velocities(Interpolation interpolation) {
+  return interpolation == Interpolation::cubic || interpolation == Interpolation::quintic;
+}
+
 Reference rest(const Vec3& position) {
   return {position, Vec3::Zero(), Vec3::Zero()};
 }
@@ -122,27 +130,55 @@ std::string to_string(Interpolation interpolation) {
   return kNames.at(static_cast<std::size_t>(interpolation));
 }
 
-Trajectory::Trajectory(const Path& path, Interpolation interpolation) : interpolation_(interpolation) {
-  validate(path);
-  time_ = time_from_zero(path);
-  position_ = path.position;
-  if (size() == 1 || interpolation == Interpolation::hold || interpolation == Interpolation::linear) return;
+bool Trajectory::agree(std::span<const Path> stretches) {
+  Bending sum;
+  for (const Path& stretch : stretches) {
+    if (stretch.velocity.empty()) return false;
+    add_bending(stretch, sum);
+  }
+  return sum.own <= kBendingTolerance * sum.least + sum.rounding;
+}
 
-  const double extent = path.bounds().size().norm();
-  const bool own = !path.velocity.empty() && agree(time_, position_, path.velocity);
-  velocity_ = own ? path.velocity : spline_slopes(time_, position_, Vec3::Zero(), Vec3::Zero());
-  bound(velocity_, time_, kMaxVelocity * extent, 1);
+Trajectory::Trajectory(const Path& path, Interpolation interpolation)
+    : Trajectory(path, interpolation, whole(path, interpolation)) {}
+
+Trajectory::Whole Trajectory::whole(const Path& path, Interpolation interpolation) {
+  validate(path);
+  return {.begin = path.time.front(),
+          .end = path.time.back(),
+          .extent = path.bounds().size().norm(),
+          .own_velocities = uses_velocities(interpolation) && agree({&path, 1})};
+}
+
+Trajectory::Trajectory(const Path& piece, Interpolation interpolation, const Whole& whole)
+    : interpolation_(interpolation) {
+  validate(piece, whole.rows_before);
+  time_ = time_from(whole.begin, piece, whole.rows_before);
+  position_ = piece.position;
+  if (size() == 1 || !uses_velocities(interpolation)) return;
+
+  const std::size_t n = size();
+  if (whole.own_velocities) {
+    velocity_ = piece.velocity;
+  } else {
+    // The path itself starts and ends at rest; a piece of it goes on.
+    const auto slope = [&](std::size_t i) -> Vec3 {
+      return (position_[i + 1] - position_[i]) / (time_[i + 1] - time_[i]);
+    };
+    const bool starts = piece.time.front() <= whole.begin, ends = piece.time.back() >= whole.end;
+    velocity_ = spline_slopes(time_, position_, starts ? Vec3::Zero() : slope(0), ends ? Vec3::Zero() : slope(n - 2));
+  }
+  bound(velocity_, time_, kMaxVelocity * whole.extent, 1);
   if (interpolation == Interpolation::cubic) return;
 
   Vec3 first = Vec3::Zero(), last = Vec3::Zero();
-  if (own) {
-    const std::size_t n = size();
-    first = end_acceleration(position_[0], position_[1], velocity_[0], velocity_[1], time_[1]);
+  if (whole.own_velocities) {
+    first = end_acceleration(position_[0], position_[1], velocity_[0], velocity_[1], time_[1] - time_[0]);
     last = end_acceleration(position_[n - 1], position_[n - 2], velocity_[n - 1], velocity_[n - 2],
                             time_[n - 2] - time_[n - 1]);
   }
   acceleration_ = spline_slopes(time_, velocity_, first, last);
-  bound(acceleration_, time_, kMaxAcceleration * extent, 2);
+  bound(acceleration_, time_, kMaxAcceleration * whole.extent, 2);
 }
 
 std::size_t Trajectory::segment_at(double t, std::size_t guess) const noexcept {
@@ -155,7 +191,7 @@ std::size_t Trajectory::segment_at(double t, std::size_t guess) const noexcept {
 
 Reference Trajectory::sample(double t, Cursor& cursor) const noexcept {
   if (time_.empty()) return {};
-  if (!(t >= 0)) return rest(position_.front());
+  if (!(t >= time_.front())) return rest(position_.front());
   if (t > time_.back() || size() == 1) return rest(position_.back());
 
   const std::size_t i = cursor.segment = segment_at(t, cursor.segment);

@@ -4,6 +4,8 @@
 #include "control/controller.h"
 #include "control/path.h"
 
+#include <cstdint>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -44,10 +46,26 @@ std::string to_string(Interpolation interpolation);
 /// Order of the error for smooth movements sampled every h, with velocities: cubic h^4 in position, h^3 in velocity;
 /// quintic h^6 and h^5, but h^4 and h^3 in the few segments next to the ends.
 ///
+/// A piece of a longer path makes a piece of its trajectory. Where it was cut, rows are needed on both sides of what is
+/// asked for: what lies beyond them changes a slope by at most 1/2 per row (by 2 - sqrt(3) where steps are even), so
+/// that kOverlap rows leave nothing of it in a double.
+///
 /// Threads: const and safe to share; each follower has a Cursor. Real-time: sample() only.
 class Trajectory {
  public:
   static constexpr double kBendingTolerance = 2.5;
+  static constexpr std::uint64_t kOverlap = 128;  ///< rows
+
+  /// What a piece has to know of the path that it is of.
+  struct Whole {
+    double begin = 0, end = 0;      ///< first and last stamp [s]; the first is the trajectory's time 0
+    double extent = 0;              ///< the diagonal of its box [m]
+    bool own_velocities = false;    ///< see agree()
+    std::uint64_t rows_before = 0;  ///< before this piece, for messages
+  };
+
+  /// Whether the path's own velocities are taken, judged by stretches of it that stand for the whole.
+  static bool agree(std::span<const Path> stretches);
 
   /// Remembers the segment of the last question, so that questions in order cost O(1) whatever the path's length.
   struct Cursor {
@@ -62,6 +80,9 @@ class Trajectory {
   /// there. Costs O(n) time, and 32 bytes per sample (cubic 56, quintic 80).
   Trajectory(const Path& path, Interpolation interpolation);
 
+  /// The same of a piece of a path. Time is that of the whole; before and after the piece it rests at its ends.
+  Trajectory(const Path& piece, Interpolation interpolation, const Whole& whole);
+
   /// The reference at `t` [s]. Any order of questions is right; a jump costs O(log n). NaN asks for the start.
   [[nodiscard]] Reference sample(double t, Cursor& cursor) const noexcept;
   [[nodiscard]] Reference sample(double t) const noexcept {
@@ -69,14 +90,16 @@ class Trajectory {
     return sample(t, cursor);
   }
 
+  /// Time of the last sample [s]; that of the first is 0 but for a piece.
   [[nodiscard]] double duration() const noexcept { return time_.empty() ? 0 : time_.back(); }
   [[nodiscard]] std::size_t size() const noexcept { return time_.size(); }
 
  private:
+  static Whole whole(const Path& path, Interpolation interpolation);
   [[nodiscard]] std::size_t segment_at(double t, std::size_t guess) const noexcept;
 
   Interpolation interpolation_ = Interpolation::linear;
-  std::vector<double> time_;  ///< [s] from 0
+  std::vector<double> time_;  ///< [s] from the path's first stamp
   std::vector<Vec3> position_;
   std::vector<Vec3> velocity_;      ///< cubic and quintic
   std::vector<Vec3> acceleration_;  ///< quintic

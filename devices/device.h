@@ -75,6 +75,9 @@ class Device {
   /// exchange is lost too.
   virtual Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept = 0;
 
+  /// As for SampleSink: after every tick, outside of it; may wait only where time stands still meanwhile.
+  virtual void between_ticks(bool may_wait) noexcept { (void)may_wait; }
+
   /// Sends zero force and lets go of the hardware. Idempotent; the destructor of every device calls it.
   virtual void close() noexcept = 0;
 

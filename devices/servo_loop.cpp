@@ -44,6 +44,8 @@ const char* to_string(StopCause cause) noexcept {
       return "interrupted";
     case StopCause::deviation:
       return "deviation";
+    case StopCause::no_path:
+      return "no_path";
     case StopCause::velocity:
       return "velocity";
     case StopCause::not_finite:
@@ -189,9 +191,11 @@ class ServoLoop::Session {
     } else if (stop.count() > 1) {
       stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, state.time_ns);
     } else if (mode_ == Mode::running) {
-      if (command.status == Command::Status::deviation) {
+      if (command.status == Command::Status::deviation || command.status == Command::Status::no_path) {
         mode_ = Mode::fading;
-        report_.cause = StopCause::deviation;
+        report_.cause =
+            command.status == Command::Status::deviation ? StopCause::deviation : StopCause::no_path;
+        fault_ = command.event;
       } else if (stop.count() > 0) {
         begin_release(StopCause::interrupted, EventCode::interrupted, state.time_ns);
       } else if (command.status == Command::Status::finished) {
@@ -300,6 +304,8 @@ class ServoLoop::Session {
   /// The first deadline that is still to come. Those that passed are missed: a burst of ticks would see a device that
   /// had no time to move.
   void schedule_next(std::int64_t woke_ns) noexcept {
+    loop_.device_.between_ticks(loop_.options_.virtual_time);
+    loop_.controller_.between_ticks(loop_.options_.virtual_time);
     for (SampleSink* sink : loop_.sinks_) sink->between_ticks(loop_.options_.virtual_time);
     const std::int64_t now_ns = clock_.now();
     const std::int64_t late = std::max<std::int64_t>(now_ns - (deadline_ns_ + period_ns_), 0);
@@ -317,7 +323,7 @@ class ServoLoop::Session {
 
   void push_event(std::int64_t time_ns, Event event) noexcept {
     event.time_ns = time_ns;
-    if (!fault_ && (report_.stopped_by_fault() || event.code == EventCode::deviation_limit)) fault_ = event;
+    if (!fault_ && report_.stopped_by_fault()) fault_ = event;
     for (SampleSink* sink : loop_.sinks_) sink->push(event);
   }
 

@@ -13,7 +13,7 @@
 namespace haptrace {
 namespace {
 
-constexpr std::uint64_t kBlock = 16'384;  // samples
+constexpr std::uint64_t kNotedRows = 65'536;  // of a recording, which is told of by its first ones
 
 std::string ending(const std::string& file) {
   std::string text = std::filesystem::path(file).extension().string();
@@ -24,44 +24,6 @@ std::string ending(const std::string& file) {
 bool ends_like_hdf5(const std::string& file) {
   const std::string text = ending(file);
   return text == ".h5" || text == ".hdf5";
-}
-
-/// A column that holds a number in every row stays; one that holds none goes; one in between goes with a note.
-void settle(std::vector<Vec3>& column, const char* name, std::vector<std::string>& notes) {
-  const auto known = std::count_if(column.begin(), column.end(), is_finite);
-  if (known == std::ssize(column)) return;
-  if (known > 0)
-    notes.push_back(
-        fmt::format("{} left out: {} of {} samples have none", name, std::ssize(column) - known, column.size()));
-  column.clear();
-}
-
-Path read_recording(const std::string& file) {
-  const RecordingReader reader(file);
-  bool any_run = false;
-  Path path;
-  path.name = file;
-  for (std::uint64_t first = 0; first < reader.rows(); first += kBlock) {
-    for (const Sample& sample : reader.read(first, kBlock)) {
-      const bool run = sample.phase == Phase::run;
-      if (run && !any_run) {
-        any_run = true;
-        path = Path{.name = file};
-      }
-      if (any_run && !run) continue;
-      path.time.push_back(static_cast<double>(sample.time_ns) * 1e-9);
-      path.position.push_back(sample.position);
-      path.velocity.push_back(sample.velocity);
-      path.force.push_back(sample.force);
-    }
-  }
-  if (!reader.header().complete) path.notes.emplace_back("the recording was not finished; what there is was read");
-  if (path.size() < reader.rows())
-    path.notes.push_back(
-        fmt::format("{} of {} samples are of phase run; the others were left out", path.size(), reader.rows()));
-  settle(path.velocity, "velocity", path.notes);
-  settle(path.force, "force", path.notes);
-  return path;
 }
 
 /// Steps between time stamps, the commonest first, as "1 ms (80 %)".
@@ -80,7 +42,7 @@ std::string commonest(const std::vector<double>& steps) {
   return fmt::format("{}", fmt::join(parts, ", "));
 }
 
-void note_sampling(Path& path) {
+void note_sampling(const Path& path, std::vector<std::string>& notes) {
   if (path.size() < 3) return;
   std::vector<double> steps(path.size() - 1);
   for (std::size_t i = 0; i < steps.size(); ++i) steps[i] = path.time[i + 1] - path.time[i];
@@ -90,7 +52,7 @@ void note_sampling(Path& path) {
   const double median = *middle;
 
   if (median >= 0.5 && path.size() > 20)
-    path.notes.push_back(
+    notes.push_back(
         fmt::format("the median step of time is {:.4g} s; is t in milliseconds? It is taken as seconds", median));
 
   const auto [least, most] = std::minmax_element(steps.begin(), steps.end());
@@ -102,10 +64,10 @@ void note_sampling(Path& path) {
   if (gaps > 0)
     note += fmt::format("; {} gap{} longer than 5 median steps, the longest {:.4g} s before sample {}", gaps,
                         gaps > 1 ? "s" : "", *most, most - steps.begin() + 2);
-  path.notes.push_back(note);
+  notes.push_back(note);
 }
 
-void note_held_force(Path& path) {
+void note_held_force(const Path& path, std::vector<std::string>& notes) {
   std::size_t moved = 0, held = 0;
   for (std::size_t i = 1; i < path.force.size(); ++i) {
     if (path.position[i] == path.position[i - 1]) continue;
@@ -113,7 +75,7 @@ void note_held_force(Path& path) {
     if (path.force[i] == path.force[i - 1] && !path.force[i].isZero(0)) ++held;
   }
   if (5 * held > moved && held > 0)
-    path.notes.push_back(fmt::format(
+    notes.push_back(fmt::format(
         "the force stays the same in {:.0f} % of the steps in which the position moves: its sensor is slower "
         "than the samples",
         100 * static_cast<double>(held) / static_cast<double>(moved)));
@@ -141,26 +103,43 @@ void write_recording(const Path& path, const std::string& file, const std::strin
     sample.force = path.force.empty() ? nan3() : path.force[i];
     sample.phase = Phase::run;
   }
-  RecordingWriter writer(file, header, {},
-                         {.overwrite = overwrite,
-                          .storage = {.rows_per_chunk = std::min<std::size_t>(path.size(), 2048)}});
+  RecordingWriter writer(
+      file, header, {},
+      {.overwrite = overwrite, .storage = {.rows_per_chunk = std::min<std::size_t>(path.size(), 2048)}});
   writer.append(samples);
   writer.finish();
 }
 
 }  // namespace
 
-Path load_path(const std::string& file) {
+std::shared_ptr<const PathSource> open_path(const std::string& file, const PathSelection& selection,
+                                            const RowsDone& progress) {
   namespace fs = std::filesystem;
   std::error_code error;
   const fs::file_status status = fs::status(file, error);
   if (!fs::exists(status)) throw input_error(file + ": no such file");
   if (fs::is_directory(status)) throw input_error(file + ": is a folder, not a path");
 
-  Path path = is_hdf5(file) || ends_like_hdf5(file) ? read_recording(file) : read_csv(file);
-  validate(path);
-  note_sampling(path);
-  note_held_force(path);
+  const bool recorded = is_hdf5(file) || ends_like_hdf5(file);
+  std::shared_ptr<PathSource> source =
+      recorded ? source_of(RecordingReader(file), file, selection, progress) : source_of(read_csv(file), selection);
+  const bool whole = !recorded || source->facts().rows <= kNotedRows;
+  const Path noted = source->read(0, whole ? source->facts().rows : kNotedRows);
+  std::vector<std::string> notes;
+  note_sampling(noted, notes);
+  note_held_force(noted, notes);
+  for (const std::string& note : notes)
+    source->note(whole ? note : fmt::format("the first {} samples: {}", kNotedRows, note));
+  if (const double longest = source->facts().longest_interval;
+      !whole && longest > 5 * noted.duration() / static_cast<double>(noted.size()))
+    source->note(fmt::format("the longest interval between two samples is {:.4g} s", longest));
+  return source;
+}
+
+Path load_path(const std::string& file) {
+  const auto source = open_path(file);
+  Path path = source->read(0, source->facts().rows);
+  path.notes = source->facts().notes;
   return path;
 }
 

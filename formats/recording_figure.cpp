@@ -6,7 +6,8 @@
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
-#include <numeric>
+#include <limits>
+#include <string_view>
 
 namespace haptrace {
 namespace {
@@ -30,6 +31,8 @@ class TimeLine {
   }
 
   void end_block() {
+    // However many blocks there are.
+    if (series_.x.size() > 4 * kPoints) series_ = decimate(series_, 2 * kPoints);
     const auto points = static_cast<std::size_t>(std::ceil(points_per_row_ * static_cast<double>(block_.x.size())));
     const Series thin = decimate(block_, std::max<std::size_t>(points, 4));
     series_.x.insert(series_.x.end(), thin.x.begin(), thin.x.end());
@@ -45,13 +48,33 @@ class TimeLine {
   Series series_, block_;
 };
 
-/// Every n-th point of a curve in space, n chosen so that it has about kPoints.
+/// A curve in space that is thinned as it grows: of every so many points, the first and the extremes in every axis, in
+/// order, and one break where there is any.
 class SpaceLine {
  public:
-  SpaceLine(std::uint64_t rows) : stride_(std::max<std::uint64_t>(rows / kPoints, 1)) {}
+  explicit SpaceLine(std::uint64_t rows) : span_(rows <= kPoints ? 1 : (rows + kBins - 1) / kBins) {}
 
   void add(const Vec3& p) {
-    if (count_++ % stride_ == 0) points_.push_back(p);
+    const std::uint64_t row = count_++ % span_;
+    if (row == 0) end_bin();
+    if (!is_finite(p)) {
+      bin_[kBreak] = {row, p};
+      return;
+    }
+    keep(kFirst, row, p, bin_[kFirst].row == kNone);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto i = static_cast<Eigen::Index>(axis);
+      keep(axis, row, p, !(p[i] >= bin_[axis].point[i]));
+      keep(3 + axis, row, p, !(p[i] <= bin_[3 + axis].point[i]));
+    }
+  }
+
+  /// When all points are there.
+  void end_bin() {
+    std::sort(bin_.begin(), bin_.end(), [](const Point& a, const Point& b) { return a.row < b.row; });
+    for (std::size_t i = 0; i < bin_.size() && bin_[i].row != kNone; ++i)
+      if (i == 0 || bin_[i].row != bin_[i - 1].row) points_.push_back(bin_[i].point);
+    bin_.fill({});
   }
 
   [[nodiscard]] Series projected(int horizontal, int vertical, const std::string& label, int color, bool dashed) const {
@@ -65,7 +88,20 @@ class SpaceLine {
   [[nodiscard]] bool empty() const { return points_.empty(); }
 
  private:
-  std::uint64_t stride_, count_ = 0;
+  static constexpr std::uint64_t kBins = 1000, kNone = std::numeric_limits<std::uint64_t>::max();
+  static constexpr std::size_t kFirst = 6, kBreak = 7;  // after the lowest and the highest of every axis
+
+  struct Point {
+    std::uint64_t row = kNone;  ///< in the bin
+    Vec3 point = nan3();
+  };
+
+  void keep(std::size_t place, std::uint64_t row, const Vec3& p, bool better) {
+    if (better) bin_[place] = {row, p};
+  }
+
+  std::uint64_t span_, count_ = 0;
+  std::array<Point, 8> bin_;
   std::vector<Vec3> points_;
 };
 
@@ -113,12 +149,14 @@ Panel time_panel(std::string title, std::string y_label, std::vector<TimeLine>& 
 
 }  // namespace
 
-Figure figure_of(const RecordingReader& reader, const std::string& title) {
-  const RecordingSummary summary = summarise(reader);
+Figure figure_of(const RecordingReader& reader, const std::string& title,
+                 const std::function<void(std::uint64_t)>& progress) {
+  constexpr std::uint64_t kBlock = 8192;  // rows
+  const RecordingSummary summary = summarise(reader, progress);
   const std::uint64_t rows = reader.rows();
-  SpaceLine path(rows), reference(rows);
   std::vector<TimeLine> upper, force;
   const bool tracked = summary.tracked > 0;
+  SpaceLine path(tracked ? summary.run_rows : rows), reference(summary.run_rows);
   if (tracked) {
     upper.emplace_back("deviation", kBlue, rows);
   } else {
@@ -127,8 +165,10 @@ Figure figure_of(const RecordingReader& reader, const std::string& title) {
   const bool sensed = reader.columns().force_measured && summary.max_force == 0;
   for (std::size_t axis = 0; axis < 3; ++axis) force.emplace_back(kAxes[axis], kAxisColors[axis], rows);
 
-  for_each_block(reader, [&](std::span<const Sample> block) {
-    for (const Sample& sample : block) {
+  std::vector<std::string_view> columns{"time", "position", "phase", sensed ? "force_measured" : "force"};
+  if (tracked) columns.emplace_back("reference_position");
+  for (std::uint64_t first = 0; first < rows; first += kBlock) {
+    for (const Sample& sample : reader.read(first, kBlock, columns)) {
       const double t = 1e-9 * static_cast<double>(sample.time_ns);
       const bool run = sample.phase == Phase::run;
       if (run || !tracked) path.add(sample.position);
@@ -143,9 +183,12 @@ Figure figure_of(const RecordingReader& reader, const std::string& title) {
     }
     for (TimeLine& line : upper) line.end_block();
     for (TimeLine& line : force) line.end_block();
-  });
+    if (progress) progress(std::min(first + kBlock, rows));
+  }
+  path.end_bin();
+  reference.end_bin();
 
-  const RecordingHeader& header = reader.header();
+  const RecordingHeader header = reader.header();
   Figure figure;
   figure.title = header.title.empty() ? title : header.title;
   figure.caption = fmt::format("{} · {} samples in {:.2f} s at {:.1f} Hz, {} missed", header.device_name, rows,
@@ -174,6 +217,7 @@ Figure figure_of(const Path& path) {
     for (int axis = 0; axis < 3; ++axis) position[std::size_t(axis)].add(t, 1e3 * path.position[i][axis]);
     if (i > 0) speed[0].add(t, (path.position[i] - path.position[i - 1]).norm() / (path.time[i] - path.time[i - 1]));
   }
+  space.end_bin();
   for (TimeLine& line : position) line.end_block();
   speed[0].end_block();
 

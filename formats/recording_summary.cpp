@@ -151,9 +151,9 @@ RecordingSummary Summariser::take() {
   return std::exchange(summary_, {});
 }
 
-RecordingSummary summarise(const RecordingReader& reader) {
+RecordingSummary summarise(const RecordingReader& reader, const std::function<void(std::uint64_t)>& progress) {
   RecordingSummary whole;
-  for (const RecordingSummary& block : reader.overview()) whole.join(block);
+  for (const RecordingSummary& block : reader.overview(progress)) whole.join(block);
   return whole;
 }
 

@@ -5,6 +5,7 @@
 #include "control/sample.h"
 
 #include <cstdint>
+#include <functional>
 #include <span>
 
 namespace haptrace {
@@ -71,7 +72,7 @@ class Summariser {
 
 class RecordingReader;
 
-/// Of a whole recording: from its overview, and from its rows where it has none.
-RecordingSummary summarise(const RecordingReader& reader);
+/// Of a whole recording: from its overview, and from its rows where it has none, told to `progress` as rows done.
+RecordingSummary summarise(const RecordingReader& reader, const std::function<void(std::uint64_t)>& progress = {});
 
 }  // namespace haptrace

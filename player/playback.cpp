@@ -6,24 +6,31 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <functional>
+#include <limits>
 
 namespace haptrace {
 namespace {
 
-/// What a trajectory does between the samples of its path, looked at every 10 ms: what a hand would feel, not what one
-/// noisy sample says.
+constexpr double kWindow = 0.01;  // over which speeds are told: what a hand would feel, not what one noisy row says [s]
+
+/// What a trajectory does between the samples of its path.
 struct Excursion {
   double peak_speed = 0;  ///< [m/s]
   double outside = 0;     ///< farthest from the workspace [m]
+
+  void include(const Excursion& other) {
+    peak_speed = std::max(peak_speed, other.peak_speed);
+    outside = std::max(outside, other.outside);
+  }
 };
 
-Excursion look_ahead(const Trajectory& trajectory, const Box& workspace) {
-  constexpr double kWindow = 0.01;  // [s]
+Excursion look_ahead(const TrajectoryPiece& piece, const Box& workspace) {
   Trajectory::Cursor cursor;
   Excursion excursion;
-  Vec3 before = trajectory.sample(0, cursor).position;
-  for (double t = kWindow; t < trajectory.duration() + kWindow; t += kWindow) {
-    const Vec3 now = trajectory.sample(t, cursor).position;
+  Vec3 before = piece.trajectory.sample(piece.begin, cursor).position;
+  for (double t = piece.begin + kWindow; t < piece.end + kWindow; t += kWindow) {
+    const Vec3 now = piece.trajectory.sample(t, cursor).position;
     excursion.peak_speed = std::max(excursion.peak_speed, (now - before).norm() / kWindow);
     excursion.outside = std::max(excursion.outside, distance_outside(now, workspace));
     before = now;
@@ -31,14 +38,114 @@ Excursion look_ahead(const Trajectory& trajectory, const Box& workspace) {
   return excursion;
 }
 
-/// Where the device has no motor the path has no say: it lies in the middle of what the device can do.
-void flatten(Path& path, const DeviceInfo& device) {
-  const Vec3 middle = 0.5 * (device.workspace_min + device.workspace_max);
-  for (int axis = 0; axis < 3; ++axis) {
-    if (device.force_axes[static_cast<std::size_t>(axis)]) continue;
-    for (Vec3& p : path.position) p[axis] = middle[axis];
-    for (Vec3& v : path.velocity) v[axis] = 0;
+/// A path as a device can play it: where there is no motor the path has no say and lies in the middle of what the
+/// device can do; the rest is fitted.
+class FittedPath final : public PathSource {
+ public:
+  FittedPath(std::shared_ptr<const PathSource> path, const DeviceInfo& device, const Fit& fit)
+      : path_(std::move(path)),
+        driven_(device.force_axes),
+        middle_(0.5 * (device.workspace_min + device.workspace_max)),
+        fit_(fit) {
+    facts_ = path_->facts();
+    facts_.bounds = {moved(facts_.bounds.min), moved(facts_.bounds.max)};
+    facts_.peak_speed *= fit_.scale;
+    blocks_ = path_->blocks();
+    for (PathBlock& block : blocks_) {
+      block.bounds = {moved(block.bounds.min), moved(block.bounds.max)};
+      block.peak_speed *= fit_.scale;
+    }
   }
+
+  [[nodiscard]] Path read(std::uint64_t first, std::uint64_t count) const override {
+    Path path = path_->read(first, count);
+    for (Vec3& p : path.position) p = moved(p);
+    for (Vec3& v : path.velocity)
+      for (int axis = 0; axis < 3; ++axis) v[axis] = driven(axis) ? fit_.scale * v[axis] : 0;
+    return path;
+  }
+
+  [[nodiscard]] std::uint64_t row_at(double time) const override { return path_->row_at(time); }
+
+ private:
+  [[nodiscard]] bool driven(int axis) const { return driven_[static_cast<std::size_t>(axis)]; }
+
+  [[nodiscard]] Vec3 moved(const Vec3& p) const {
+    Vec3 flat = p;
+    for (int axis = 0; axis < 3; ++axis)
+      if (!driven(axis)) flat[axis] = middle_[axis];
+    return fit_.scale * flat + fit_.offset;
+  }
+
+  std::shared_ptr<const PathSource> path_;
+  std::array<bool, 3> driven_;
+  Vec3 middle_;
+  Fit fit_;
+};
+
+/// How far the samples leave the workspace [m]. Reads only the blocks that could leave it farthest.
+double distance_outside(const PathSource& path, const Box& workspace) {
+  std::vector<std::pair<double, const PathBlock*>> order;
+  for (const PathBlock& block : path.blocks()) {
+    const Vec3 beyond = (workspace.min - block.bounds.min).cwiseMax(block.bounds.max - workspace.max).cwiseMax(0);
+    order.emplace_back(beyond.norm(), &block);
+  }
+  std::sort(order.begin(), order.end(), std::greater());
+  double distance = 0;
+  for (const auto& [most, block] : order) {
+    if (most <= distance) break;
+    distance = std::max(distance, distance_outside(path.read(block->first, block->rows), workspace));
+  }
+  return distance;
+}
+
+/// Whether the figures of a block alone say that the curve through it stays in the workspace and below `limit` [m/s].
+/// A spline's slopes are at most three times its steepest chord (they solve a system that is diagonally dominant), so
+/// that it leaves a chord by no more than the chord's length; rows closer than the window are judged by a window's.
+bool cleared(const PathBlock& block, Interpolation interpolation, const Box& workspace, double limit) {
+  double reach = 0, faster = 1;
+  if (interpolation == Interpolation::hold) {
+    faster = std::max(1.0, block.longest_interval / kWindow);
+  } else if (interpolation != Interpolation::linear) {
+    reach = std::max(block.longest_interval, kWindow) * block.peak_speed;
+    if (block.longest_interval > 1.5 * kWindow) faster = 3;
+  }
+  return (block.bounds.min.array() - reach >= workspace.min.array()).all() &&
+         (block.bounds.max.array() + reach <= workspace.max.array()).all() && faster * block.peak_speed <= limit;
+}
+
+/// Of the whole path: by its figures where they clear it, by its curve where they do not.
+Excursion look_ahead(const TrajectoryPieces& pieces, Interpolation interpolation, const Box& workspace, double limit) {
+  Excursion excursion = look_ahead(*pieces.first(), workspace);
+  if (pieces.count() == 1) return excursion;
+  for (const PathBlock& block : pieces.source().blocks()) {
+    if (cleared(block, interpolation, workspace, limit)) {
+      excursion.include({.peak_speed = block.peak_speed});
+    } else {
+      const std::uint64_t last = std::min(block.first + block.rows, pieces.source().facts().rows - 1);
+      if (last > block.first) excursion.include(look_ahead(pieces.through(block.first, last), workspace));
+    }
+  }
+  return excursion;
+}
+
+Box workspace_of(const DeviceInfo& device) {
+  return {device.workspace_min, device.workspace_max};
+}
+
+/// What is found in a piece that the plan did not look into.
+ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options) {
+  const double limit = options.session.limits.max_velocity;
+  return [name = plan.path.source().facts().name, model = device.model, workspace = workspace_of(device), limit,
+          speed = options.playback.speed](const TrajectoryPiece& piece) {
+    const Excursion excursion = look_ahead(piece, workspace);
+    if (excursion.outside > 0)
+      throw Error(Error::Kind::fault, fmt::format("{} leaves the workspace of {} by {:.1f} mm between its samples",
+                                                  name, model, 1e3 * excursion.outside));
+    if (limit > 0 && speed * excursion.peak_speed > limit)
+      throw Error(Error::Kind::fault, fmt::format("{} moves at up to {:.2f} m/s, over the velocity limit of {:.2f} m/s",
+                                                  name, speed * excursion.peak_speed, limit));
+  };
 }
 
 nlohmann::json to_json(const TrackingFigures& figures) {
@@ -82,43 +189,46 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
   return run_session(device, controller, {}, {}, free.session, stop, progress);
 }
 
-PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& options) {
-  validate(path);
+PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
   validate(options.playback);
-  PlayPlan plan;
-  plan.gains = options.gains.value_or(cautious_gains(device.max_force, options.session.rate_hz));
-  validate(plan.gains);
+  const PdGains gains = options.gains.value_or(cautious_gains(device.max_force, options.session.rate_hz));
+  validate(gains);
 
-  flatten(path, device);
-  const Box workspace{device.workspace_min, device.workspace_max};
-  if (const double outside = distance_outside(path, workspace); outside > 0) {
+  const Box workspace = workspace_of(device);
+  std::shared_ptr<const PathSource> played = std::make_shared<FittedPath>(path, device, Fit{});
+  const std::string name = played->facts().name;
+  std::optional<Fit> fit;
+  if (const double outside = distance_outside(*played, workspace); outside > 0) {
     if (!options.fit)
       throw input_error(fmt::format("{} leaves the workspace of {} by {:.1f} mm; use --fit to move and scale it inside",
-                                    path.name, device.model, 1e3 * outside));
-    plan.fit = fit_into(path, workspace);
-    apply(*plan.fit, path);
+                                    name, device.model, 1e3 * outside));
+    fit = fit_into(played->facts().bounds, workspace);
+    played = std::make_shared<FittedPath>(path, device, *fit);
   }
 
-  plan.trajectory = Trajectory(path, options.interpolation);
-  const Excursion excursion = look_ahead(plan.trajectory, workspace);
+  PlayPlan plan{.path = TrajectoryPieces(played, options.interpolation), .fit = fit, .gains = gains};
+  const double limit = options.session.limits.max_velocity, speed = options.playback.speed;
+  const double fastest = limit > 0 ? 0.9 * limit : std::numeric_limits<double>::infinity();
+  const Excursion excursion = look_ahead(plan.path, options.interpolation, workspace, fastest / speed);
   if (excursion.outside > 0)
     throw input_error(fmt::format(
         "{} leaves the workspace of {} by {:.1f} mm between its samples, where they are far apart; use --interpolation "
         "linear",
-        path.name, device.model, 1e3 * excursion.outside));
-  plan.peak_speed = options.playback.speed * excursion.peak_speed;
-  const double limit = options.session.limits.max_velocity;
-  if (limit > 0 && plan.peak_speed > 0.9 * limit)
+        name, device.model, 1e3 * excursion.outside));
+  plan.peak_speed = speed * excursion.peak_speed;
+  if (plan.peak_speed > fastest)
     throw input_error(
         fmt::format("{} moves at up to {:.2f} m/s, too near the velocity limit of {:.2f} m/s; play it slower (--speed "
                     "{:.2f}) or raise --max-velocity",
-                    path.name, plan.peak_speed, limit,
-                    std::floor(100 * options.playback.speed * 0.9 * limit / plan.peak_speed) / 100));
-  plan.path = std::move(path);
+                    name, plan.peak_speed, limit, std::floor(100 * speed * fastest / plan.peak_speed) / 100));
   return plan;
 }
 
-PlayResult play(Device& device, PlayPlan plan, const PlayOptions& options, const StopRequest& stop,
+PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& options) {
+  return plan_playback(device, source_of(std::move(path)), options);
+}
+
+PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress) {
   PlaybackOptions playback = options.playback;
   playback.rate_hz = options.session.rate_hz;
@@ -126,16 +236,14 @@ PlayResult play(Device& device, PlayPlan plan, const PlayOptions& options, const
 
   std::vector<std::unique_ptr<ForceTerm>> terms;
   terms.push_back(std::make_unique<PdLaw>(plan.gains));
-  PlaybackController controller(std::move(plan.trajectory), std::move(terms), playback);
+  PlaybackController controller({plan.path, check_of(device.info(), plan, options), playback.speed}, std::move(terms),
+                                playback);
 
   TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(playback.repetitions));
   SampleSink* const sinks[] = {&metrics};
-  PlayResult result;
-  result.session = run_session(device, controller, {.reference = true}, sinks, options.session, stop, progress);
-  result.plan = std::move(plan);
-  result.repetitions = metrics.repetitions();
-  result.last = metrics.last();
-  return result;
+  SessionResult session = run_session(device, controller, {.reference = true}, sinks, options.session, stop, progress);
+  if (session.servo.cause == StopCause::no_path) session.servo.detail += ": " + controller.path().error();
+  return {.session = std::move(session), .plan = plan, .repetitions = metrics.repetitions(), .last = metrics.last()};
 }
 
 nlohmann::json to_json(const PdGains& gains) {

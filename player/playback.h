@@ -5,6 +5,7 @@
 #include "control/pd.h"
 #include "control/trajectory.h"
 #include "player/playback_controller.h"
+#include "player/reference_stream.h"
 #include "player/session.h"
 #include "player/tracking_metrics.h"
 
@@ -33,26 +34,28 @@ struct PlayOptions {
 
 /// A playback that was checked against a device and is ready to run: nothing has been sent yet.
 struct PlayPlan {
-  Path path;              ///< as it will be played
-  Trajectory trajectory;  ///< through it
+  TrajectoryPieces path;  ///< as it will be played
   std::optional<Fit> fit;
   PdGains gains;
   double peak_speed = 0;  ///< of the reference [m/s]
 };
 
 /// Checks everything that can be checked before a force is sent: the path against the workspace (an error names the
-/// distance), its speed against the velocity limit, the gains, the options. Throws Error(input).
+/// distance), its speed against the velocity limit, the gains, the options. Of a long path it reads only what its
+/// figures do not clear; what that leaves unseen between samples is looked at again before it is played, and ends the
+/// session with StopCause::no_path. Throws Error(input).
+PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options);
 PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& options);
 
 struct PlayResult {
   SessionResult session;
-  PlayPlan plan;  ///< without its trajectory, which the session took
+  PlayPlan plan;
   std::vector<TrackingFigures> repetitions;
   TrackingFigures last;
 };
 
-/// Plays `plan` on `device`.
-PlayResult play(Device& device, PlayPlan plan, const PlayOptions& options, const StopRequest& stop,
+/// Plays `plan` on `device`. Its path is read by a thread of the session meanwhile.
+PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress = {});
 
 /// The JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by and the rest of DESIGN's names.

@@ -41,9 +41,9 @@ void validate(const PlaybackOptions& options) {
   check("the deviation limit", options.max_deviation, 1e-5, 10, "m");
 }
 
-PlaybackController::PlaybackController(Trajectory trajectory, std::vector<std::unique_ptr<ForceTerm>> terms,
+PlaybackController::PlaybackController(ReferenceStream path, std::vector<std::unique_ptr<ForceTerm>> terms,
                                        const PlaybackOptions& options)
-    : trajectory_(std::move(trajectory)), terms_(std::move(terms)), options_(options) {
+    : path_(std::move(path)), terms_(std::move(terms)), options_(options) {
   validate(options_);
 }
 
@@ -56,8 +56,15 @@ void PlaybackController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
   approach_from_ = from;
-  const double distance = (trajectory_.sample(0, cursor_).position - from).norm();
+  path_time_ = 0;
+  (void)path_.sample(0, reference_);  // the first piece is always there
+  const double distance = (reference_.position - from).norm();
   approach_time_ = std::max(kShortestApproach, MinJerk::kPeakSpeed * distance / options_.approach_speed);
+}
+
+void PlaybackController::between_ticks(bool may_wait) noexcept {
+  // The farthest that the next tick can ask for.
+  if (may_wait && phase_ == Phase::run) path_.wait(path_time_ + options_.speed * kLongestStep / options_.rate_hz);
 }
 
 Command PlaybackController::update(const State& state) noexcept {
@@ -72,7 +79,7 @@ Command PlaybackController::update(const State& state) noexcept {
     reference.acceleration[axis] = 0;
   }
 
-  const double scale = watch_deviation(state, reference, command);
+  const double scale = command.status == Command::Status::working ? watch_deviation(state, reference, command) : 1;
   for (const auto& term : terms_) command.wrench.force += term->force(state, reference);
   command.wrench.force *= scale;
   command.reference = reference;
@@ -81,25 +88,42 @@ Command PlaybackController::update(const State& state) noexcept {
   return command;
 }
 
+void PlaybackController::follow(double time, Command& command) noexcept {
+  switch (path_.sample(time, reference_)) {
+    case ReferenceStream::Answer::ready:
+      path_time_ = time;
+      waiting_ = false;
+      return;
+    case ReferenceStream::Answer::waiting:
+      if (!waiting_) command.event = Event{.code = EventCode::path_waits, .values = {path_time_, kNaN, kNaN}};
+      break;
+    case ReferenceStream::Answer::unreadable:
+      command.status = Command::Status::no_path;
+      command.event = Event{.code = EventCode::path_unreadable, .values = {path_time_, kNaN, kNaN}};
+      break;
+  }
+  waiting_ = true;
+  pace_ = Ramp(0);  // and up to speed again when it goes on
+  reference_.velocity = reference_.acceleration = Vec3::Zero();
+}
+
 Reference PlaybackController::advance(double step, Command& command) noexcept {
   if (phase_ == Phase::approach) {
     elapsed_ += step;
-    const Vec3 start = trajectory_.sample(0, cursor_).position;
-    const Vec3 way = start - approach_from_;
+    const Vec3 way = reference_.position - approach_from_;
     const MinJerk blend = MinJerk::at(elapsed_ / approach_time_);
     if (elapsed_ < approach_time_)
       return {approach_from_ + blend.s * way, blend.ds / approach_time_ * way,
               blend.dds / (approach_time_ * approach_time_) * way};
     phase_ = Phase::run;
-    path_time_ = 0;
     command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
   } else if (phase_ == Phase::run) {
-    if (path_time_ >= trajectory_.duration()) {
+    if (path_time_ >= path_.duration()) {
       phase_ = Phase::hold;
       elapsed_ = 0;
     } else {
       pace_.advance(beyond_ && options_.on_deviation == DeviationPolicy::pause ? 0 : 1, step, kPauseTime);
-      path_time_ = std::min(path_time_ + options_.speed * pace_.value() * step, trajectory_.duration());
+      follow(std::min(path_time_ + options_.speed * pace_.value() * step, path_.duration()), command);
     }
   } else {
     elapsed_ += step;
@@ -107,17 +131,16 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
       ++repetition_;
       finished_ = options_.repetitions > 0 && repetition_ >= options_.repetitions;
       // From the reference, not from the hand: the force goes on without a step.
-      if (!finished_) begin_approach(trajectory_.sample(path_time_, cursor_).position);
+      if (!finished_) {
+        const Vec3 from = reference_.position;
+        begin_approach(from);
+        return {from, Vec3::Zero(), Vec3::Zero()};
+      }
     }
   }
 
-  const double rate = phase_ == Phase::run ? options_.speed * pace_.value() : options_.speed;
-  Reference reference = trajectory_.sample(phase_ == Phase::approach ? 0 : path_time_, cursor_);
-  if (phase_ == Phase::approach) reference.position = approach_from_;
-  if (phase_ != Phase::run) reference.velocity = reference.acceleration = Vec3::Zero();
-  reference.velocity *= rate;
-  reference.acceleration *= rate * rate;
-  return reference;
+  const double rate = phase_ == Phase::run ? options_.speed * pace_.value() : 0;
+  return {reference_.position, rate * reference_.velocity, rate * rate * reference_.acceleration};
 }
 
 double PlaybackController::watch_deviation(const State& state, const Reference& reference, Command& command) noexcept {

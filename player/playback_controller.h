@@ -5,7 +5,7 @@
 #include "control/limits.h"
 #include "control/min_jerk.h"
 #include "control/pd.h"
-#include "control/trajectory.h"
+#include "player/reference_stream.h"
 
 #include <array>
 #include <memory>
@@ -42,22 +42,28 @@ void validate(const PlaybackOptions& options);
 ///
 /// approach: minimum jerk from where the tool is to the start of the path; run: x_d(t) along the path, t advancing by
 /// speed * dt; hold: at the end. The reference never jumps: after a stall of the loop the path's time advances by at
-/// most five ticks, so that the hand is not pulled after a reference that ran away meanwhile.
+/// most five ticks, so that the hand is not pulled after a reference that ran away meanwhile; and where the path was
+/// not read in time, its time stands still until it was.
 class PlaybackController final : public Controller {
  public:
-  PlaybackController(Trajectory trajectory, std::vector<std::unique_ptr<ForceTerm>> terms,
+  PlaybackController(ReferenceStream path, std::vector<std::unique_ptr<ForceTerm>> terms,
                      const PlaybackOptions& options);
 
   void start(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
+  void between_ticks(bool may_wait) noexcept override;
+
+  [[nodiscard]] const ReferenceStream& path() const noexcept { return path_; }
 
  private:
+  /// Moves reference_ along the path to `time`, or leaves it where it is.
+  void follow(double time, Command& command) noexcept;
   Reference advance(double step, Command& command) noexcept;
   void begin_approach(const Vec3& from) noexcept;
   /// The scale of the force under the policy; may end or pause the session.
   double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
 
-  Trajectory trajectory_;
+  ReferenceStream path_;
   std::vector<std::unique_ptr<ForceTerm>> terms_;
   PlaybackOptions options_;
 
@@ -68,8 +74,9 @@ class PlaybackController final : public Controller {
   Vec3 approach_from_ = Vec3::Zero();
   double approach_time_ = 0;  ///< [s]
   double path_time_ = 0;      ///< [s]
-  Trajectory::Cursor cursor_;
-  Ramp pace_{1};  ///< 1 running, 0 paused
+  Reference reference_;       ///< of the path at path_time_, at its own speed
+  bool waiting_ = false;      ///< for the path to be read
+  Ramp pace_{1};              ///< 1 running, 0 paused
   bool beyond_ = false;
 };
 

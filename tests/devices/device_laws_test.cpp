@@ -24,13 +24,12 @@ void PrintTo(const Listed& device, std::ostream* out) {
 }
 
 std::unique_ptr<Device> open_replay() {
-  ReplayDevice::Recording recording;
-  recording.info.max_force = 5;
+  ReplayDevice::Rows recording;
   for (int k = 0; k < 3000; ++k) {
     recording.time_ns.push_back(1'000'000LL * k);
     recording.position.emplace_back(0.05 * std::cos(0.002 * k), 0.05 * std::sin(0.002 * k), 0);
   }
-  return std::make_unique<ReplayDevice>(recording);
+  return std::make_unique<ReplayDevice>(DeviceInfo{.max_force = 5}, recording);
 }
 
 std::unique_ptr<Device> open_spec(const char* json) {

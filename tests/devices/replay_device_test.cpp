@@ -10,15 +10,15 @@ namespace {
 
 using testing::HasSubstr;
 
-ReplayDevice::Recording three_rows() {
-  ReplayDevice::Recording recording;
+ReplayDevice::Rows three_rows() {
+  ReplayDevice::Rows recording;
   recording.time_ns = {0, 1'000'000, 5'000'000};
   recording.position = {Vec3(1, 0, 0), Vec3(2, 0, 0), Vec3(3, 0, 0)};
   return recording;
 }
 
 TEST(ReplayDevice, HoldsTheLastSampleAtOrBeforeItsTime) {
-  ReplayDevice device(three_rows());
+  ReplayDevice device({}, three_rows());
   EXPECT_EQ(exchange(device, Vec3::Zero(), 0).position.x(), 1);
   EXPECT_EQ(exchange(device, Vec3::Zero(), 0.9e-3).position.x(), 1);
   EXPECT_EQ(exchange(device, Vec3::Zero(), 0.1e-3).position.x(), 2);
@@ -27,24 +27,24 @@ TEST(ReplayDevice, HoldsTheLastSampleAtOrBeforeItsTime) {
 }
 
 TEST(ReplayDevice, KeepsAnsweringItsLastSample) {
-  ReplayDevice device(three_rows());
+  ReplayDevice device({}, three_rows());
   EXPECT_EQ(exchange(device, Vec3::Zero(), 1e6).position.x(), 3);
   EXPECT_EQ(exchange(device, Vec3::Zero(), 1).position.x(), 3);
 }
 
 TEST(ReplayDevice, MeetsEveryStampOfALongRecordingAtAnUnevenRate) {
-  ReplayDevice::Recording recording;
+  ReplayDevice::Rows recording;
   constexpr int kRows = 30000;
   for (int k = 0; k < kRows; ++k) {
     recording.time_ns.push_back(1'000'000'000LL * k / 3000);
     recording.position.emplace_back(k, 0, 0);
   }
-  ReplayDevice device(recording);
+  ReplayDevice device({}, recording);
   for (int k = 1; k < kRows; ++k) ASSERT_EQ(exchange(device, Vec3::Zero(), 1.0 / 3000).position.x(), k);
 }
 
 TEST(ReplayDevice, IgnoresForces) {
-  ReplayDevice device(three_rows());
+  ReplayDevice device({}, three_rows());
   EXPECT_EQ(exchange(device, Vec3(100, 0, 0), 1e-3).position, Vec3(2, 0, 0));
 }
 

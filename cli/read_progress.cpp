@@ -1,0 +1,36 @@
+#include "cli/read_progress.h"
+
+#include <cstdio>
+#include <fmt/format.h>
+#include <unistd.h>
+
+namespace haptrace::cli {
+namespace {
+
+constexpr auto kPatience = std::chrono::milliseconds(300);
+constexpr auto kPeriod = std::chrono::milliseconds(100);
+
+}  // namespace
+
+ReadProgress::ReadProgress(const Output& output, std::string file, std::uint64_t rows)
+    : file_(std::move(file)),
+      rows_(rows),
+      shown_(!output.quiet && isatty(STDERR_FILENO) != 0),
+      next_(std::chrono::steady_clock::now() + kPatience) {}
+
+ReadProgress::~ReadProgress() {
+  if (told_) fmt::print(stderr, "\r\033[K");
+}
+
+void ReadProgress::tell(std::uint64_t rows_done) {
+  const auto now = std::chrono::steady_clock::now();
+  if (!shown_ || now < next_) return;
+  told_ = true;
+  next_ = now + kPeriod;
+  const std::string share =
+      rows_ > 0 ? fmt::format(" ({:.0f} %)", 100 * static_cast<double>(rows_done) / static_cast<double>(rows_)) : "";
+  fmt::print(stderr, "\r\033[K{}: {:.1f} million samples read{}", file_, 1e-6 * static_cast<double>(rows_done), share);
+  std::fflush(stderr);
+}
+
+}  // namespace haptrace::cli

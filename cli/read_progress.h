@@ -1,0 +1,35 @@
+// How far a verb is with reading a long file.
+#pragma once
+
+#include "cli/verb.h"
+
+#include <chrono>
+#include <cstdint>
+#include <string>
+
+namespace haptrace::cli {
+
+/// A line on standard error, if that is a terminal, once reading takes longer than a moment; gone with its owner.
+class ReadProgress {
+ public:
+  /// `rows` of the file; 0: unknown.
+  ReadProgress(const Output& output, std::string file, std::uint64_t rows = 0);
+  ~ReadProgress();
+  ReadProgress(const ReadProgress&) = delete;
+  ReadProgress& operator=(const ReadProgress&) = delete;
+
+  void tell(std::uint64_t rows_done);
+
+  /// The same as a function, which must not outlive this.
+  [[nodiscard]] auto callback() {
+    return [this](std::uint64_t rows_done) { tell(rows_done); };
+  }
+
+ private:
+  std::string file_;
+  std::uint64_t rows_;
+  bool shown_, told_ = false;
+  std::chrono::steady_clock::time_point next_;
+};
+
+}  // namespace haptrace::cli
