@@ -98,7 +98,7 @@ INSTANTIATE_TEST_SUITE_P(Bounds, RoundedStorage,
 TEST_P(RoundedStorage, KeepsItsBoundInEverySampleAndEveryBitOfTheRest) {
   const TempFolder folder;
   const Precision precision = parse_precision(GetParam().text);
-  const std::vector<Sample> session = movement(20'500, 1e-9);
+  const std::vector<Sample> session = movement(20'500, 1e-13);
   write(folder / "a.h5", session, {.deflate = 1, .precision = precision, .rows_per_chunk = GetParam().rows_per_chunk});
   std::vector<Sample> read = RecordingReader(folder / "a.h5").read(0, session.size());
   ASSERT_EQ(read.size(), session.size());
