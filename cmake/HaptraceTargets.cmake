@@ -71,6 +71,7 @@ function(haptrace_install)
       # What only the implementation of formats includes.
       PATTERN "csv.h" EXCLUDE PATTERN "hdf5_support.h" EXCLUDE PATTERN "output_file.h" EXCLUDE
       PATTERN "sample_text.h" EXCLUDE PATTERN "text_file.h" EXCLUDE
+      PATTERN "recording_formats.h" EXCLUDE PATTERN "xdf_file.h" EXCLUDE
       PATTERN "recording_layout.h" EXCLUDE)
   endforeach()
   configure_package_config_file(cmake/haptraceConfig.cmake.in haptraceConfig.cmake

@@ -196,7 +196,8 @@ std::span<const Sample> SampleParser::take() {
 nlohmann::json json_of(const RecordingHeader& header) {
   nlohmann::json json = nlohmann::json::object();
   for (const layout::Attribute& attribute : layout::attributes())
-    std::visit([&](auto member) { json[attribute.name] = header.*member; }, attribute.member);
+    if (!attribute.of_parts) std::visit([&](auto member) { json[attribute.name] = header.*member; }, attribute.member);
+  if (!header.meta.empty()) json["meta"] = header.meta;
   return json;
 }
 
@@ -216,7 +217,7 @@ RecordingHeader header_from_json(const nlohmann::json& json, const std::string& 
   JsonReader reader(json, where);
   for (const layout::Attribute& attribute : layout::attributes()) {
     const std::string name = attribute.name;
-    if (!reader.has(name) || json[name].is_null()) continue;
+    if (attribute.of_parts || !reader.has(name) || json[name].is_null()) continue;
     std::visit(
         [&](auto member) {
           auto& value = header.*member;
@@ -232,6 +233,8 @@ RecordingHeader header_from_json(const nlohmann::json& json, const std::string& 
         },
         attribute.member);
   }
+  if (auto meta = reader.object("meta"))
+    for (const auto& [key, value] : json["meta"].items()) header.meta[key] = meta->text(key, "");
   return header;
 }
 

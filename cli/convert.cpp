@@ -1,0 +1,295 @@
+#include "cli/verb.h"
+#include "control/error.h"
+#include "formats/anonymise.h"
+#include "formats/recording_stream.h"
+#include "formats/resample.h"
+#include "formats/sampling.h"
+#include "formats/storage_report.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fmt/format.h>
+#include <unistd.h>
+
+namespace haptrace::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kCompress = 6;  // deflate, when no level is given
+
+struct Arguments {
+  std::string input, file;
+  bool overwrite = false;
+  double from = -std::numeric_limits<double>::infinity(), to = std::numeric_limits<double>::infinity();
+  double resample_hz = 0, max_gap = 0;
+  std::string method = "cubic";
+  bool anonymise = false, dejitter = false;
+  int digits = 0, compress = 0;
+  std::string libver = "1.10", precision;
+  std::vector<std::string> streams, map;
+};
+
+/// The way of the samples, and where those who report on it sit.
+struct Pipeline {
+  std::unique_ptr<RecordingSource> source;
+  std::shared_ptr<SamplingReport> sampling = std::make_shared<SamplingReport>();
+  const ResampledSource* resampled = nullptr;
+  const AnonymisedSource* anonymised = nullptr;
+};
+
+SourceOptions source_options(const Arguments& arguments) {
+  SourceOptions options;
+  options.any_order = arguments.resample_hz > 0;
+  options.streams = arguments.streams;
+  options.dejitter = arguments.dejitter;
+  for (const std::string& entry : arguments.map) {
+    const std::size_t equals = entry.find('=');
+    if (equals == std::string::npos)
+      throw input_error(fmt::format("--map {}: is written as COLUMN=LABEL, for example x=PosX", entry));
+    options.channels[entry.substr(0, equals)] = entry.substr(equals + 1);
+  }
+  return options;
+}
+
+Pipeline open_pipeline(const Arguments& arguments) {
+  Pipeline pipeline;
+  pipeline.source = open_source(arguments.input, source_options(arguments));
+  if (std::isfinite(arguments.from) || std::isfinite(arguments.to))
+    pipeline.source = cut(std::move(pipeline.source), arguments.from, arguments.to);
+  pipeline.source = observe(std::move(pipeline.source), [sampling = pipeline.sampling](std::span<const Sample> block) {
+    for (const Sample& sample : block) sampling->add(sample);
+  });
+  if (arguments.resample_hz > 0) {
+    auto resampled = resample(std::move(pipeline.source), {.rate_hz = arguments.resample_hz,
+                                                           .method = parse_interpolation(arguments.method),
+                                                           .max_gap = arguments.max_gap});
+    pipeline.resampled = resampled.get();
+    pipeline.source = std::move(resampled);
+  }
+  if (arguments.anonymise) {
+    auto anonymised = anonymise(std::move(pipeline.source));
+    pipeline.anonymised = anonymised.get();
+    pipeline.source = std::move(anonymised);
+  }
+  return pipeline;
+}
+
+SinkOptions sink_options(const Arguments& arguments) {
+  SinkOptions options;
+  options.overwrite = arguments.overwrite;
+  options.digits = arguments.digits;
+  if (arguments.digits < 0 || arguments.digits > 17)
+    throw input_error(fmt::format("--digits {}: must be 1 to 17, or 0 for as many as it takes", arguments.digits));
+  if (arguments.libver != "1.8" && arguments.libver != "1.10")
+    throw input_error(
+        fmt::format("--libver {}: is 1.10 or, for readers such as MATLAB before R2021b, 1.8", arguments.libver));
+  options.hdf5.for_hdf5_1_8 = arguments.libver == "1.8";
+  options.hdf5.storage.deflate = arguments.compress;
+  options.hdf5.storage.precision = parse_precision(arguments.precision);
+  // Only whole chunks are packed: short files gain from small ones, and long ones lose little.
+  if (options.hdf5.storage.filtered()) options.hdf5.storage.rows_per_chunk = 1024;
+  return options;
+}
+
+/// A bar on standard error, if that is a terminal.
+class Bar {
+ public:
+  explicit Bar(const Output& output) : shown_(!output.quiet && isatty(STDERR_FILENO) != 0) {}
+  ~Bar() {
+    if (percent_ >= 0) fmt::print(stderr, "\r\033[K");
+  }
+  Bar(const Bar&) = delete;
+  Bar& operator=(const Bar&) = delete;
+
+  void tell(const std::string& what, double fraction) {
+    constexpr int kWidth = 24;
+    const int percent = static_cast<int>(100 * fraction);
+    if (!shown_ || percent == percent_) return;
+    percent_ = percent;
+    std::string bar;
+    for (int i = 0; i < kWidth; ++i) bar += i < kWidth * fraction ? "█" : "░";
+    fmt::print(stderr, "\r\033[K{} {:3} % {}", bar, percent, what);
+    std::fflush(stderr);
+  }
+
+ private:
+  bool shown_;
+  int percent_ = -1;
+};
+
+nlohmann::json json_of(const ResampleReport& report) {
+  return {{"rows_in", report.rows_in},
+          {"rows_out", report.rows_out},
+          {"duplicates", report.duplicates},
+          {"backward", report.backward},
+          {"without_position", report.without_position},
+          {"gaps", report.gaps},
+          {"longest_gap_s", report.longest_gap},
+          {"max_gap_s", report.max_gap},
+          {"rms_difference_m", report.rms_difference},
+          {"max_difference_m", report.max_difference},
+          {"compared", report.compared}};
+}
+
+nlohmann::json json_of(const AnonymiseReport& report) {
+  return {{"dropped", report.dropped}, {"kept", report.kept}, {"event_texts", report.texts}};
+}
+
+nlohmann::json json_of(const std::vector<StoredColumn>& columns) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const StoredColumn& column : columns)
+    list.push_back({{"name", column.name},
+                    {"units", column.units},
+                    {"raw_bytes", column.raw_bytes},
+                    {"stored_bytes", column.stored_bytes},
+                    {"bytes_per_hour", column.bytes_per_hour},
+                    {"rms_loss", column.rms_loss},
+                    {"max_loss", column.max_loss}});
+  return list;
+}
+
+std::string text_of(const AnonymiseReport& report) {
+  std::string text =
+      fmt::format("  dropped: {}\n", report.dropped.empty() ? "nothing, there was nothing"
+                                                            : fmt::format("{}", fmt::join(report.dropped, ", ")));
+  if (report.texts > 0) text += fmt::format("  dropped: the texts of {} events\n", report.texts);
+  if (!report.kept.empty())
+    text += fmt::format("  kept, and may still tell who or when: {}, and the movement itself\n",
+                        fmt::join(report.kept, ", "));
+  return text;
+}
+
+std::string text_of(const std::vector<StoredColumn>& columns) {
+  std::string text = fmt::format("  {:<20} {:>12} {:>12} {:>12}  {:>10} {:>10}\n", "column", "bytes", "stored",
+                                 "MB per hour", "rms loss", "max loss");
+  for (const StoredColumn& column : columns)
+    text += fmt::format("  {:<20} {:>12} {:>12} {:>12.3f}  {:>10.3g} {:>10.3g} {}\n", column.name, column.raw_bytes,
+                        column.stored_bytes, 1e-6 * column.bytes_per_hour, column.rms_loss, column.max_loss,
+                        column.units == "1" ? "" : column.units);
+  return text;
+}
+
+int convert(const Arguments& arguments, const Output& output) {
+  const SinkOptions options = sink_options(arguments);
+  const Signals signals;
+  const auto stopped = [&] { return signals.stop().count() > 0; };
+  const auto interrupted = [&] {
+    output.remark("interrupted; nothing was written");
+    return kInterrupted;
+  };
+
+  Pipeline pipeline = open_pipeline(arguments);
+  RecordingSource& source = *pipeline.source;
+  std::uint64_t rows = 0;
+  {
+    Bar bar(output);
+    const auto sink = create_sink(arguments.file, source.header(), source.columns(), source.events(), options);
+    rows = copy(source, *sink, {.report = [&](double done) { bar.tell("converted", done); }, .stopped = stopped});
+    if (stopped()) return interrupted();
+    sink->finish();
+  }
+
+  std::error_code ignored;
+  const auto bytes_in = fs::file_size(arguments.input, ignored), bytes_out = fs::file_size(arguments.file, ignored);
+  const Sampling sampling = pipeline.sampling->result();
+  std::vector<std::string> remarks = source.notes();
+  for (std::string& note : notes(sampling, pipeline.resampled == nullptr)) remarks.push_back(std::move(note));
+
+  nlohmann::json json{{"input", arguments.input}, {"file", arguments.file}, {"samples", rows},
+                      {"bytes_in", bytes_in},     {"bytes", bytes_out},     {"sampling", json_of(sampling)}};
+  std::string text = fmt::format("{}: {} samples, {:.3f} MB of {:.3f} MB\n", arguments.file, rows,
+                                 1e-6 * static_cast<double>(bytes_out), 1e-6 * static_cast<double>(bytes_in));
+  if (pipeline.resampled != nullptr) {
+    const ResampleReport& report = pipeline.resampled->report();
+    json["resample"] = json_of(report);
+    text += fmt::format(
+        "  {} rows at {:g} Hz made of {}; they differ from the samples between them by {:.3g} mm rms, {:.3g} "
+        "mm at most\n",
+        report.rows_out, arguments.resample_hz, report.rows_in, 1e3 * report.rms_difference,
+        1e3 * report.max_difference);
+  }
+  if (pipeline.anonymised != nullptr) {
+    json["anonymised"] = json_of(pipeline.anonymised->report());
+    text += text_of(pipeline.anonymised->report());
+  }
+  if (options.hdf5.storage.filtered() && is_hdf5(arguments.file)) {
+    Bar bar(output);
+    Pipeline again = open_pipeline(arguments);
+    const RecordingSource& original = *again.source;
+    again.source =
+        observe(std::move(again.source), [&](std::span<const Sample>) { bar.tell("read back", original.fraction()); });
+    const std::vector<StoredColumn> columns = report_storage(arguments.file, *again.source);
+    json["columns"] = json_of(columns);
+    text += text_of(columns);
+  }
+  json["notes"] = remarks;
+  for (const std::string& remark : remarks) output.remark(remark);
+  output.tell(json, text);
+  return kDone;
+}
+
+}  // namespace
+
+Verb add_convert(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  Arguments& a = *arguments;
+  CLI::App* verb = app.add_subcommand("convert", "change the format, the size or the time base of a recording");
+  verb->footer(
+      "Reads HDF5, CSV, JSON lines (.jsonl) and XDF (Lab Streaming Layer); writes .h5, .csv and .jsonl. Nothing is\n"
+      "changed that was not asked for, and what is odd about the time stamps and channels is told.\n"
+      "  haptrace convert a.h5 -o a.csv\n"
+      "  haptrace convert log.csv -o log.h5 --resample 1000 --method cubic\n"
+      "  haptrace convert lab.xdf -o lab.h5 --stream Hand --stream Force --map x=PosX,y=PosY,z=PosZ\n"
+      "  haptrace convert a.h5 -o shared.h5 --anonymise --precision 1um,1mN --compress 6");
+  verb->add_option("file", a.input, "recording or path")->type_name("FILE");
+  verb->add_option("-o,--output", a.file, "what to write; else the input's name with .h5, or with .csv if it is HDF5");
+  verb->add_flag("--overwrite", a.overwrite, "replace a file that exists");
+  verb->add_option("--from", a.from, "leave out what comes before [s]")->group("Samples");
+  verb->add_option("--to", a.to, "leave out what comes after [s]")->group("Samples");
+  verb->add_option("--resample", a.resample_hz, "make an even time base of this rate [Hz]; gaps stay gaps")
+      ->group("Samples");
+  verb->add_option("--method", a.method, "with --resample: hold | linear | cubic | quintic")
+      ->capture_default_str()
+      ->group("Samples");
+  verb->add_option("--max-gap", a.max_gap, "with --resample: longest step that is bridged [s]; 0: 20 median steps")
+      ->capture_default_str()
+      ->group("Samples");
+  verb->add_flag("--anonymise", a.anonymise,
+                 "drop subject, operator, notes, serials, metadata, file names and marks' texts, and say so")
+      ->group("Samples");
+  verb->add_option("--digits", a.digits, "CSV, JSON lines: significant digits; 0: as many as bring every number back")
+      ->capture_default_str()
+      ->group("Storage");
+  verb->add_option("--compress", a.compress, "HDF5: deflate, 0 (none) to 9; without a number 6")
+      ->expected(0, 1)
+      ->group("Storage");
+  verb->add_option("--precision", a.precision,
+                   "HDF5: largest errors that values may have, as in 1um,1mN; losses are told")
+      ->group("Storage");
+  verb->add_option("--libver", a.libver, "HDF5: 1.10, or 1.8 for older readers (MATLAB before R2021b)")
+      ->capture_default_str()
+      ->group("Storage");
+  verb->add_option("--stream", a.streams, "XDF: name or type of a stream; the first gives the rows")
+      ->take_all()
+      ->expected(1)
+      ->group("XDF");
+  verb->add_option("--map", a.map, "XDF: columns by the labels of channels, as in x=PosX,fz=Fz")
+      ->delimiter(',')
+      ->group("XDF");
+  verb->add_flag("--dejitter", a.dejitter, "XDF: replace the stamps by an even clock fitted to them")->group("XDF");
+  return {verb, [verb, arguments](const Output& output) {
+            require(*verb, "file");
+            if (const auto& level = verb->get_option("--compress")->results(); level.size() == 1 && level[0].empty())
+              arguments->compress = kCompress;
+            if (arguments->file.empty()) {
+              const bool hdf5 = is_hdf5(arguments->input);
+              arguments->file = fs::path(arguments->input).replace_extension(hdf5 ? ".csv" : ".h5").string();
+            }
+            return convert(*arguments, output);
+          }};
+}
+
+}  // namespace haptrace::cli

@@ -1,0 +1,159 @@
+// Recordings as CSV: `# haptrace {header}` and `# event {...}` as comments, the header row, a row per sample.
+#include "control/error.h"
+#include "formats/csv.h"
+#include "formats/json_reader.h"
+#include "formats/recording_formats.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr std::string_view kHeader = "haptrace ", kEvent = "event ";
+constexpr double kLongestTime = 9.2e9;  // [s]; what 63 bits of nanoseconds hold
+
+class CsvSource final : public RecordingSource {
+ public:
+  CsvSource(const std::string& file, const SourceOptions& options)
+      : any_order_(options.any_order),
+        reader_(file, {.columns = text_columns().size(), .ordered = !options.any_order, .remedy = kResampleRemedy}) {
+    const std::string where = file + ": header";
+    for (const std::string& comment : reader_.comments()) {
+      if (comment.starts_with(kHeader) && !recording_) {
+        recording_ = true;
+        header_ = header_from_json(parse_json(comment.substr(kHeader.size()), where), where);
+      } else if (comment.starts_with(kEvent)) {
+        const std::string of_event = file + ": event";
+        events_.push_back(event_from_json(parse_json(comment.substr(kEvent.size()), of_event), of_event));
+      }
+    }
+    for (std::size_t i = 0; i < text_columns().size(); ++i)
+      if (const auto option = text_columns()[i].column->option; option != nullptr && reader_.has(i))
+        columns_.*option = true;
+    read_block();
+    if (!recording_) {
+      header_.software = "haptrace";
+      header_.clock = "virtual";
+      header_.complete = true;
+      if (block_.size() > 1 && block_.back().time_ns > block_.front().time_ns)
+        header_.rate_hz = 1e9 * static_cast<double>(block_.size() - 1) /
+                          static_cast<double>(block_.back().time_ns - block_.front().time_ns);
+    }
+  }
+
+  [[nodiscard]] const RecordingHeader& header() const override { return header_; }
+  [[nodiscard]] const RecordingColumns& columns() const override { return columns_; }
+  [[nodiscard]] std::vector<StoredEvent> events() const override { return events_; }
+  [[nodiscard]] double fraction() const override { return reader_.lines().fraction(); }
+
+  std::span<const Sample> next() override {
+    if (!first_taken_)
+      first_taken_ = true;
+    else
+      read_block();
+    return block_;
+  }
+
+  [[nodiscard]] std::vector<std::string> notes() const override {
+    std::vector<std::string> notes;
+    if (!reader_.ignored().empty()) notes.push_back("columns left out: " + reader_.ignored());
+    if (!header_.complete) notes.emplace_back("the recording was not finished; what there is was read");
+    return notes;
+  }
+
+ private:
+  void read_block() {
+    const auto refuse = [&](const TextColumn& column, std::size_t component, const std::string& what) {
+      throw reader_.lines().error(fmt::format("column {}: {}", column.names.at(component), what));
+    };
+    while (parser_.rows() < kSourceBlock && reader_.next()) {
+      cells_.assign(reader_.cells().begin(), reader_.cells().end());
+      if (!recording_) {
+        if (rows_ == 0) start_ = cells_[0];
+        cells_[0] -= start_;
+        if (!reader_.has(kTick)) cells_[text_columns()[kTick].first] = static_cast<double>(rows_);
+        if (!reader_.has(kPhase)) cells_[text_columns()[kPhase].first] = static_cast<double>(Phase::run);
+      }
+      if (!(std::abs(cells_[0]) < kLongestTime))
+        throw reader_.lines().error(fmt::format("column t: {} s is over 290 years. Is time in seconds?", cells_[0]));
+      parser_.add(cells_, refuse);
+      ++rows_;
+    }
+    block_ = parser_.take();
+    if (!any_order_) check_order(block_, before_, reader_.lines().file());
+  }
+
+  static constexpr std::size_t kPhase = 12, kTick = 14;  // of text_columns()
+
+  bool any_order_;
+  CsvReader reader_;
+  RecordingHeader header_;
+  RecordingColumns columns_;
+  std::vector<StoredEvent> events_;
+  SampleParser parser_;
+  std::vector<double> cells_;
+  std::span<const Sample> block_;
+  std::optional<std::int64_t> before_;
+  double start_ = 0;
+  std::uint64_t rows_ = 0;
+  bool recording_ = false, first_taken_ = false;
+};
+
+class CsvSink final : public RecordingSink {
+ public:
+  CsvSink(const std::string& file, const RecordingHeader& header, const RecordingColumns& columns,
+          const std::vector<StoredEvent>& events, const SinkOptions& options)
+      : writer_(file, options.overwrite), printer_("", options.digits) {
+    std::string& text = writer_.text();
+    text = fmt::format("# {}{}\n", kHeader, dump(json_of(header)));
+    for (const StoredEvent& event : events) text += fmt::format("# {}{}\n", kEvent, dump(json_of(event)));
+    std::string separator;
+    for (const TextColumn& column : text_columns()) {
+      if (!column.column->in(columns)) continue;
+      columns_.push_back(&column);
+      for (std::size_t i = 0; i < column.width(); ++i) {
+        text += separator;
+        text += column.names.at(i);
+        separator = ",";
+      }
+    }
+    text += '\n';
+  }
+
+  void append(std::span<const Sample> samples) override {
+    printer_.take(samples);
+    std::string& text = writer_.text();
+    for (std::size_t row = 0; row < samples.size(); ++row) {
+      for (const TextColumn* column : columns_)
+        for (std::size_t i = 0; i < column->width(); ++i) {
+          if (column != columns_.front()) text += ',';
+          printer_.append(text, row, *column, i);
+        }
+      text += '\n';
+      writer_.save();
+    }
+  }
+
+  void finish() override { writer_.commit(); }
+
+ private:
+  TextWriter writer_;
+  SamplePrinter printer_;
+  std::vector<const TextColumn*> columns_;  ///< time, of width 1, is the first
+};
+
+}  // namespace
+
+std::unique_ptr<RecordingSource> open_csv(const std::string& file, const SourceOptions& options) {
+  return std::make_unique<CsvSource>(file, options);
+}
+
+std::unique_ptr<RecordingSink> create_csv(const std::string& file, const RecordingHeader& header,
+                                          const RecordingColumns& columns, const std::vector<StoredEvent>& events,
+                                          const SinkOptions& options) {
+  return std::make_unique<CsvSink>(file, header, columns, events, options);
+}
+
+}  // namespace haptrace
