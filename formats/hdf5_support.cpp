@@ -39,14 +39,6 @@ H5T_class_t class_of(const Attribute& attribute) {
   return H5Tget_class(type.get());
 }
 
-/// The mark of a writer in a superblock of version 3, the one that SWMR needs: the byte after the signature, the
-/// version and two sizes (HDF5 File Format Specification, II.A).
-bool has_mark_of_writer(const std::string& file) {
-  std::array<char, 12> head{};
-  std::ifstream(file, std::ios::binary).read(head.data(), head.size());
-  return head[8] >= 3 && head[11] != 0;
-}
-
 /// `reason` says why, when there is no file.
 File try_open(const std::string& file, unsigned flags, std::string& reason) {
   const Properties access(H5Pcreate(H5P_FILE_ACCESS));
@@ -231,6 +223,14 @@ void read_rows(hid_t dataset, const std::string& path, hid_t type, hsize_t first
   checked(H5Dread(dataset, type, memory.get(), disk.get(), H5P_DEFAULT, rows), what);
 }
 
+/// The mark of a writer in a superblock of version 3, the one that SWMR needs: the byte after the signature, the
+/// version and two sizes (HDF5 File Format Specification, II.A).
+bool was_left_open(const std::string& file) {
+  std::array<char, 12> head{};
+  std::ifstream(file, std::ios::binary).read(head.data(), head.size());
+  return head[8] >= 3 && head[11] != 0;
+}
+
 File open_to_read(const std::string& file) {
   namespace fs = std::filesystem;
   std::error_code error;
@@ -244,7 +244,7 @@ File open_to_read(const std::string& file) {
   std::string reason, ignored;
   if (File opened = try_open(file, H5F_ACC_RDONLY, reason)) return opened;
   // A writer is at work, or was killed: its mark in the superblock lets only SWMR readers in.
-  if (has_mark_of_writer(file))
+  if (was_left_open(file))
     if (File opened = try_open(file, H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, ignored)) return opened;
   if (reason == std::strerror(EAGAIN))
     throw input_error(file + ": is open for writing in another program; close it there first");

@@ -111,6 +111,9 @@ std::vector<hsize_t> shape(hid_t dataset);
 /// path and rows.
 void read_rows(hid_t dataset, const std::string& path, hid_t type, hsize_t first, hsize_t count, void* rows);
 
+/// True when a writer has not closed the file: it is at work, or was killed.
+bool was_left_open(const std::string& file);
+
 /// Opens a file to read it: finished, being written by somebody (SWMR), or left by a writer that was killed.
 /// Throws Error(input): missing, a folder, empty, not HDF5, open elsewhere for writing without SWMR, damaged.
 File open_to_read(const std::string& file);

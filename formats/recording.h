@@ -73,6 +73,8 @@ class RecordingWriter {
     bool for_hdf5_1_8 = false;
     /// The recording may go on in further files, see start_part(). The names of those must be free as well.
     bool in_parts = false;
+    /// The header's part and part_of are kept: the file takes the place of one part of a recording.
+    bool keep_part = false;
   };
 
   /// Creates `file` under its final name with every dataset and attribute, and starts SWMR. A file that is replaced
@@ -170,6 +172,7 @@ class RecordingReader {
   [[nodiscard]] std::uint64_t row_at(std::int64_t time_ns) const;
 
   [[nodiscard]] std::uint32_t parts() const noexcept;  ///< files that were opened
+  [[nodiscard]] int deflate() const;                   ///< level at which positions are packed; 0: they are not
 
  private:
   void open_further_parts();

@@ -136,6 +136,17 @@ class RecordingReader::Part {
     }
   }
 
+  [[nodiscard]] int deflate() const {
+    const hdf5::Dataset position = open("/samples/position");
+    const hdf5::Properties creation(H5Dget_create_plist(position.get()));
+    std::array<unsigned, 1> level{};
+    std::size_t count = level.size();
+    unsigned flags = 0, config = 0;
+    const herr_t found =
+        H5Pget_filter_by_id2(creation.get(), H5Z_FILTER_DEFLATE, &flags, &count, level.data(), 0, nullptr, &config);
+    return found >= 0 ? static_cast<int>(level[0]) : 0;
+  }
+
   /// The blocks that the file keeps figures of, as far as they are of rows that are there.
   [[nodiscard]] std::vector<RecordingSummary> stored_overview() const {
     std::vector<RecordingSummary> blocks;
@@ -302,6 +313,11 @@ std::uint64_t RecordingReader::rows() const noexcept {
 
 std::uint32_t RecordingReader::parts() const noexcept {
   return static_cast<std::uint32_t>(parts_.size());
+}
+
+int RecordingReader::deflate() const {
+  const hdf5::Silence silence;
+  return parts_.front()->deflate();
 }
 
 void RecordingReader::refresh() {

@@ -511,8 +511,10 @@ RecordingWriter::RecordingWriter(const std::string& file, const RecordingHeader&
   if (header_.created.empty())
     header_.created = fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::chrono::system_clock::now()));
   header_.complete = false;
-  header_.part = 0;
-  header_.part_of.clear();
+  if (!options.keep_part) {
+    header_.part = 0;
+    header_.part_of.clear();
+  }
   if (options.in_parts) {
     header_.part = 1;
     header_.part_of = header_.uuid;
