@@ -547,6 +547,7 @@ void measure_loop(LoopMeasurement& sum, double duration, const StopRequest& stop
   sum.missed += report.missed;
   sum.overruns += report.overruns;
   sum.latency.merge(report.latency);
+  sum.p999_of_turns.push_back(report.latency.quantile(0.999));
   sum.realtime = report.realtime;
   sum.timer_slack_ns = slack_ns;
   if (stolen_before && stolen_after) sum.stolen = sum.stolen.value_or(0) + (*stolen_after - *stolen_before);
@@ -656,7 +657,7 @@ std::optional<DurationHistogram> parse_cyclictest(const std::string& output) {
   return histogram;
 }
 
-void measure_cyclictest(DurationHistogram& sum, double rate_hz, double duration) {
+DurationHistogram measure_cyclictest(double rate_hz, double duration) {
   const std::string command = fmt::format(
       "cyclictest --quiet --policy=fifo --priority={} --interval={} --loops={} --mlockall --histogram=100000 2>&1",
       kServoPriority, std::llround(1e6 / rate_hz), std::max(1LL, std::llround(duration * rate_hz)));
@@ -678,7 +679,7 @@ void measure_cyclictest(DurationHistogram& sum, double rate_hz, double duration)
                 fmt::format("cyclictest cannot run at SCHED_FIFO {} ({}): {}", kServoPriority,
                             lines.empty() ? "it said nothing" : lines.front(), raise_limit("/", "rtprio")));
   }
-  sum.merge(*histogram);
+  return *histogram;
 }
 
 }  // namespace haptrace

@@ -64,8 +64,9 @@ struct LoopMeasurement {
   double rate_hz = 1000;
   double duration = 0;  ///< of all turns [s]
   std::uint64_t samples = 0, missed = 0, overruns = 0;
-  DurationHistogram latency;  ///< wake-up minus deadline
-  RealtimeStatus realtime;    ///< of the last turn
+  DurationHistogram latency;          ///< wake-up minus deadline
+  std::vector<double> p999_of_turns;  ///< p99.9 of the latency in each turn [s]
+  RealtimeStatus realtime;            ///< of the last turn
   std::int64_t timer_slack_ns = 0;
   std::optional<double> stolen;  ///< by the hypervisor meanwhile, all processors together [s]
 
@@ -114,9 +115,9 @@ std::vector<Diagnosis> examine_disk(const DiskMeasurement& disk, double patience
 /// histogram's end count as the longest. Nothing when there is no histogram.
 std::optional<DurationHistogram> parse_cyclictest(const std::string& output);
 
-/// Runs Debian's cyclictest for `duration` [s]: SCHED_FIFO of our loop's priority, our loop's interval, memory locked;
-/// and adds what it found to `sum`. Throws Error(fault) when it is not installed or not permitted, with the command
-/// that mends it.
-void measure_cyclictest(DurationHistogram& sum, double rate_hz, double duration);
+/// The wake-up latency that Debian's cyclictest finds in `duration` [s]: SCHED_FIFO of our loop's priority, our loop's
+/// interval, memory locked. Throws Error(fault) when it is not installed or not permitted, with the command that mends
+/// it.
+DurationHistogram measure_cyclictest(double rate_hz, double duration);
 
 }  // namespace haptrace

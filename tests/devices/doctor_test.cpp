@@ -464,6 +464,7 @@ TEST(Doctor, MeasuresTheServoLoopInTurns) {
     measure_loop(loop, 0.05, stop);
     EXPECT_GE(loop.samples + loop.missed, turn * 25);
     EXPECT_EQ(loop.latency.count(), loop.samples);
+    EXPECT_EQ(loop.p999_of_turns.size(), turn);
     EXPECT_GE(loop.duration, static_cast<double>(turn) * 0.05);
   }
   EXPECT_THAT(loop.realtime.scheduler, StartsWith("SCHED_"));
