@@ -27,8 +27,9 @@ inline constexpr double kHighestRate = 20000;  // [Hz]
 /// How a session is asked to stop from outside. May be raised in a signal handler.
 class StopRequest {
  public:
+  StopRequest() noexcept : StopRequest(nullptr) {}
   /// What is raised of `also` counts as well; it must outlive this.
-  explicit StopRequest(const StopRequest* also = nullptr) noexcept : also_(also) {}
+  explicit StopRequest(const StopRequest* also) noexcept : also_(also) {}
 
   /// Once: the force fades out and the session ends. Twice: it ends at this tick.
   void raise() noexcept { count_.fetch_add(1, std::memory_order_relaxed); }
