@@ -42,7 +42,7 @@ struct Pipeline {
 
 SourceOptions source_options(const Arguments& arguments) {
   SourceOptions options;
-  options.any_order = arguments.resample_hz > 0;
+  options.any_order = arguments.resample_hz != 0;
   options.streams = arguments.streams;
   options.dejitter = arguments.dejitter;
   for (const std::string& entry : arguments.map) {
@@ -62,7 +62,7 @@ Pipeline open_pipeline(const Arguments& arguments) {
   pipeline.source = observe(std::move(pipeline.source), [sampling = pipeline.sampling](std::span<const Sample> block) {
     for (const Sample& sample : block) sampling->add(sample);
   });
-  if (arguments.resample_hz > 0) {
+  if (arguments.resample_hz != 0) {
     auto resampled = resample(std::move(pipeline.source), {.rate_hz = arguments.resample_hz,
                                                            .method = parse_interpolation(arguments.method),
                                                            .max_gap = arguments.max_gap});

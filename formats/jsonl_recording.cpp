@@ -75,7 +75,8 @@ class JsonlSource final : public RecordingSource {
     if (!object.is_object()) throw lines_.error("a sample is an object");
     if (object.contains("event")) throw lines_.error("events stand before the samples, after the header");
     cells_ = unknown_;
-    for (const auto& [key, value] : object.items()) {
+    for (const auto& item : object.items()) {
+      const std::string& key = item.key();
       const auto column = std::find_if(text_columns().begin(), text_columns().end(),
                                        [&](const auto& c) { return c.column->name == key; });
       if (column == text_columns().end()) {
@@ -83,7 +84,7 @@ class JsonlSource final : public RecordingSource {
         for (const TextColumn& each : text_columns()) known.emplace_back(each.column->name);
         throw lines_.error(fmt::format("'{}' is not a column{}", key, suggestion(key, known)));
       }
-      read_column(*column, value);
+      read_column(*column, item.value());
     }
     if (!(std::abs(cells_[0]) < kLongestTime)) throw lines_.error("time is missing or no time in seconds");
   }
