@@ -106,7 +106,10 @@ DeviceInfo info_of(DeviceInfo info, const ReplayDevice::Rows& rows) {
 }  // namespace
 
 ReplayDevice::ReplayDevice(const DeviceInfo& info, Rows rows)
-    : ReplayDevice(info_of(info, rows), std::make_shared<const Rows>(std::move(rows)), 1, nullptr) {}
+    : ReplayDevice(info, std::make_shared<const Rows>(std::move(rows))) {}
+
+ReplayDevice::ReplayDevice(const DeviceInfo& info, std::shared_ptr<const Rows> rows)
+    : ReplayDevice(info_of(info, *rows), rows, 1, nullptr) {}
 
 ReplayDevice::ReplayDevice(DeviceInfo info, std::shared_ptr<const Rows> first, std::size_t blocks,
                            Prefetcher<Rows>::Load load)

@@ -44,6 +44,8 @@ class ReplayDevice final : public Device {
   [[nodiscard]] std::string lost_reason() const override;
 
  private:
+  ReplayDevice(const DeviceInfo& info, std::shared_ptr<const Rows> rows);
+
   /// Moves on to the last row at or before `now`, as far as there are rows. False where they cannot be had.
   bool advance(std::int64_t now) noexcept;
   void take(std::size_t row) noexcept;
