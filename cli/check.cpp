@@ -1,3 +1,4 @@
+#include "cli/read_progress.h"
 #include "cli/verb.h"
 #include "formats/recording.h"
 
@@ -29,7 +30,11 @@ Verb add_check(CLI::App& app) {
   return {
       verb, [verb, file](const Output& output) {
         require(*verb, "file");
-        const std::vector<Finding> findings = check_recording(*file);
+        std::vector<Finding> findings;
+        {
+          ReadProgress progress(output, *file);
+          findings = check_recording(*file, progress.share_callback());
+        }
         nlohmann::json list = nlohmann::json::array();
         std::string text;
         for (const Finding& finding : findings) {

@@ -55,6 +55,8 @@ Verb add_play(CLI::App& app) {
   CLI::App* verb = app.add_subcommand("play", "play a recording or a path back through a device");
   verb->footer(
       "The device moves to the start of the path, follows it at the path's own time stamps, holds, and lets go.\n"
+      "Keys while it is recorded: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text, q "
+      "end.\n"
       "  haptrace play square.h5 --device sim:preset=falcon,hand=relaxed --kp 1500 --kd 15 --record played.h5\n"
       "  haptrace play stroke.csv --device sim:preset=touch --fit --speed 0.5 --repeat 3");
   verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
@@ -123,8 +125,13 @@ Verb add_play(CLI::App& app) {
               output.remark("looping in virtual time until Ctrl+C");
 
             const Signals signals;
+            std::optional<Keys> keys;
+            if (options.session.recording)
+              keys.emplace(options.session.recording->options.annotations, arguments->session.mark_texts, false,
+                           arguments->session.keys);
             const double expected = expected_duration(plan, options.playback);
-            const PlayResult result = play(*device, plan, options, signals.stop(), progress_bar(output, expected));
+            const PlayResult result =
+                play(*device, plan, options, signals.stop(), progress_bar(output, expected, keys ? &*keys : nullptr));
 
             nlohmann::json json = to_json(result);
             json["notes"] = notes;

@@ -22,14 +22,25 @@ ReadProgress::~ReadProgress() {
   if (told_) fmt::print(stderr, "\r\033[K");
 }
 
-void ReadProgress::tell(std::uint64_t rows_done) {
+bool ReadProgress::due() {
   const auto now = std::chrono::steady_clock::now();
-  if (!shown_ || now < next_) return;
-  told_ = true;
+  if (!shown_ || now < next_) return false;
   next_ = now + kPeriod;
+  told_ = true;
+  return true;
+}
+
+void ReadProgress::tell(std::uint64_t rows_done) {
+  if (!due()) return;
   const std::string share =
       rows_ > 0 ? fmt::format(" ({:.0f} %)", 100 * static_cast<double>(rows_done) / static_cast<double>(rows_)) : "";
   fmt::print(stderr, "\r\033[K{}: {:.1f} million samples read{}", file_, 1e-6 * static_cast<double>(rows_done), share);
+  std::fflush(stderr);
+}
+
+void ReadProgress::tell_share(double done) {
+  if (!due()) return;
+  fmt::print(stderr, "\r\033[K{}: {:.0f} %", file_, 100 * done);
   std::fflush(stderr);
 }
 

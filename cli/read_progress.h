@@ -19,13 +19,19 @@ class ReadProgress {
   ReadProgress& operator=(const ReadProgress&) = delete;
 
   void tell(std::uint64_t rows_done);
+  void tell_share(double done);  ///< 0 to 1
 
-  /// The same as a function, which must not outlive this.
+  /// The same as functions, which must not outlive this.
   [[nodiscard]] auto callback() {
     return [this](std::uint64_t rows_done) { tell(rows_done); };
   }
+  [[nodiscard]] auto share_callback() {
+    return [this](double done) { tell_share(done); };
+  }
 
  private:
+  bool due();
+
   std::string file_;
   std::uint64_t rows_;
   bool shown_, told_ = false;

@@ -1,51 +1,117 @@
+#include "player/record.h"
+
 #include "cli/verb.h"
 #include "control/error.h"
-#include "player/playback.h"
 
 #include <fmt/format.h>
 
 namespace haptrace::cli {
+namespace {
+
+struct Arguments {
+  SessionArguments session;
+  std::string file, trigger;
+  double duration = 0, pre = 0, pause = 0;
+  int count = 1;
+  bool fit = false;
+};
+
+RecordOptions options_of(const Arguments& arguments, const CLI::App& verb) {
+  RecordOptions options{.duration = arguments.duration,
+                        .session = arguments.session.options(arguments.file, effective_config(verb))};
+  SessionOptions::Recording& recording = *options.session.recording;
+  recording.end_when_disk_is_low = true;
+  if (!arguments.trigger.empty()) {
+    options.trigger = Trigger::parse(arguments.trigger);
+    recording.options.capture.pre = arguments.pre;
+  } else if (arguments.pre != 0) {
+    throw input_error("--pre says what to keep from before the trigger; give a --trigger as well");
+  }
+  return options;
+}
+
+/// The device with what belongs to one trial: --fit, and for a device that begins anew a seed of the trial's own.
+std::unique_ptr<Device> open_for(const Arguments& arguments, int trial) {
+  SessionArguments session = arguments.session;
+  if (session.seed) *session.seed += static_cast<std::uint64_t>(trial - 1);
+  std::vector<std::pair<std::string, std::string>> extra;
+  if (arguments.fit) extra.emplace_back("fit", "true");
+  return session.open(extra);
+}
+
+nlohmann::json json_of_trials(const std::vector<SessionResult>& results, const Arguments& arguments) {
+  nlohmann::json json = to_json(results.back());
+  const auto file = [&](std::size_t i) { return trial_file(arguments.file, static_cast<int>(i) + 1, arguments.count); };
+  json["file"] = file(results.size() - 1);
+  if (arguments.count == 1) return json;
+  json["trials"] = nlohmann::json::array();
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    nlohmann::json trial = to_json(results[i]);
+    trial["file"] = file(i);
+    json["trials"].push_back(std::move(trial));
+  }
+  return json;
+}
+
+}  // namespace
 
 Verb add_record(CLI::App& app) {
-  struct Arguments {
-    SessionArguments session;
-    std::string file;
-    double duration = 0;
-    bool fit = false;
-  };
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = app.add_subcommand("record", "record what the hand does with a device");
   verb->footer(
       "The hand moves freely: no force is sent. Ctrl+C ends the recording and keeps every sample.\n"
+      "Keys while it runs: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text to type, p\n"
+      "pause and resume, q end.\n"
       "  haptrace record out.h5 --device falcon --duration 10\n"
-      "  haptrace record out.h5 --device sim:preset=omega3,hand=firm,intent=stroke.csv --fit");
+      "  haptrace record out.h5 --device sim:preset=omega3,hand=firm,intent=stroke.csv --fit\n"
+      "  haptrace record reach.h5 --device falcon --trigger 'speed>0.02|button' --pre 2 --duration 5 --count 20 "
+      "--pause 3");
   verb->add_option("file", arguments->file, "recording to make (HDF5)")->type_name("OUT.h5");
-  verb->add_option("--duration", arguments->duration, "[s]; 0: what the device has to show, or until Ctrl+C")
+  verb->add_option("--duration", arguments->duration,
+                   "[s], from the trigger if there is one; 0: what the device has to show, or until Ctrl+C")
       ->capture_default_str();
   verb->add_flag("--fit", arguments->fit, "move and scale what the simulated hand intends into the workspace");
+  verb->add_option("--trigger", arguments->trigger,
+                   "keep nothing before force>0.5N, speed>0.02m/s, button or button2; several with | in between")
+      ->group("Capture");
+  verb->add_option("--pre", arguments->pre, "but keep this much of what came before the trigger [s]")
+      ->capture_default_str()
+      ->group("Capture");
+  verb->add_option("--count", arguments->count, "trials, in OUT-001.h5, OUT-002.h5 and so on")
+      ->capture_default_str()
+      ->group("Capture");
+  verb->add_option("--pause", arguments->pause, "between two trials [s]")->capture_default_str()->group("Capture");
   arguments->session.add_to(*verb);
 
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
             require(*verb, "--device");
-            std::vector<std::pair<std::string, std::string>> extra;
-            if (arguments->fit) extra.emplace_back("fit", "true");
-            const auto device = arguments->session.open(extra);
+            const RecordOptions options = options_of(*arguments, *verb);
 
-            for (const std::string& note : device->info().notes) output.remark(note);
-            const RecordOptions options{
-                .duration = arguments->duration,
-                .session = arguments->session.options(arguments->file, effective_config(*verb))};
+            std::vector<std::string> notes;
+            Trials trials{.count = arguments->count, .pause = arguments->pause, .open = [&](int trial) {
+                            return open_for(*arguments, trial);
+                          }};
+            double expected = options.duration;
+            trials.begin = [&](int trial, const Device& device, const std::string& file) {
+              expected = options.duration > 0 ? options.duration : device.info().natural_duration;
+              notes = device.info().notes;
+              if (trial == 1)
+                for (const std::string& note : notes) output.remark(note);
+              if (arguments->count > 1) output.remark(fmt::format("trial {} of {}: {}", trial, arguments->count, file));
+            };
             const Signals signals;
-            const double expected = options.duration > 0 ? options.duration : device->info().natural_duration;
-            const SessionResult result = record(*device, options, signals.stop(), progress_bar(output, expected));
+            const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts, true,
+                            arguments->session.keys);
+            const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
+            const std::vector<SessionResult> results =
+                record_trials(trials, options, signals.stop(), output.quiet ? Progress{} : progress);
 
-            nlohmann::json json = to_json(result);
-            json["file"] = arguments->file;
-            json["notes"] = device->info().notes;
-            const int code = conclude(output, result);
-            output.tell(json, fmt::format("{}: recorded from {}\n{}", arguments->file, device->info().name,
-                                          session_summary(result)));
+            nlohmann::json json = json_of_trials(results, *arguments);
+            json["notes"] = notes;
+            const int code = conclude(output, results.back());
+            output.tell(json, fmt::format("{}: recorded from {}\n{}", json["file"].get<std::string>(),
+                                          arguments->session.device, session_summary(results.back())));
             return code;
           }};
 }

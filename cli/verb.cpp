@@ -30,6 +30,41 @@ nlohmann::json value_of(const std::string& text) {
   return parsed.is_number() || parsed.is_boolean() ? parsed : nlohmann::json(text);
 }
 
+/// Key and value of "KEY=VALUE".
+std::pair<std::string, std::string> split_meta(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos || equals == 0)
+    throw input_error(fmt::format("--meta '{}' is not KEY=VALUE, as in --meta hand=left", text));
+  return {text.substr(0, equals), text.substr(equals + 1)};
+}
+
+/// What the template says, completed and overruled by what was given.
+std::map<std::string, std::string> metadata(const std::string& file, const std::vector<std::string>& given) {
+  std::map<std::string, std::string> meta;
+  std::vector<std::string> wanted;
+  if (!file.empty()) {
+    const nlohmann::json json = load_json(file);
+    if (!json.is_object()) throw input_error(fmt::format("{}: a template is a JSON object of keys and values", file));
+    for (const auto& [key, value] : json.items()) {
+      if (value.is_null())
+        wanted.push_back(key);
+      else if (value.is_structured())
+        throw input_error(fmt::format("{}: key '{}': a value is a text, a number, true, false or null", file, key));
+      else
+        meta[key] = text_of(value);
+    }
+  }
+  for (const std::string& text : given) {
+    const auto [key, value] = split_meta(text);
+    meta[key] = value;
+  }
+  std::erase_if(wanted, [&](const std::string& key) { return meta.contains(key); });
+  if (!wanted.empty())
+    throw input_error(fmt::format("{} asks for {}: give {} with --meta {}=...", file, fmt::join(wanted, ", "),
+                                  wanted.size() > 1 ? "them" : "it", wanted.front()));
+  return meta;
+}
+
 std::string microseconds(double seconds) {
   return fmt::format("{:.0f} us", 1e6 * seconds);
 }
@@ -83,6 +118,32 @@ void SessionArguments::add_to(CLI::App& app) {
   app.add_option("--subject", subject, "kept in the recording")->group("Recording");
   app.add_option("--operator", operator_name, "kept in the recording")->group("Recording");
   app.add_option("--notes", notes, "kept in the recording")->group("Recording");
+  app.add_option("--meta", meta, "anything else to keep, KEY=VALUE; may be repeated")
+      ->type_name("KEY=VALUE")
+      ->group("Recording");
+  app.add_option("--meta-file", meta_file,
+                 "template of what to keep: a JSON object; a key that is null must be given with --meta")
+      ->type_name("FILE.json")
+      ->group("Recording");
+  app.add_option("--split", split, "go on in another file every 30min, 2h, 1GiB; the parts read as one recording")
+      ->type_name("TIME|SIZE")
+      ->group("Recording");
+  app.add_option("--sync", sync, "force data to the disk that often, against power cuts [s]; 0: the system decides")
+      ->capture_default_str()
+      ->group("Recording");
+  app.add_option("--precision", precision,
+                 "round what is stored: largest error by quantity, as in 1um,1mN (m, m/s, N, Nm); else every bit")
+      ->type_name("BOUNDS")
+      ->group("Recording");
+  app.add_option("--compress", compress, "pack what is stored, 1 to 9; 0: as it is")
+      ->capture_default_str()
+      ->group("Recording");
+  app.add_flag("--mark-buttons", mark_buttons, "a button of the device that is pressed leaves a mark")
+      ->group("Recording");
+  app.add_option("--mark-texts", mark_texts, "texts of the keys 1 to 9, separated by commas")
+      ->delimiter(',')
+      ->group("Recording");
+  app.add_flag("--keys", keys, "read keys even when standard input is no terminal")->group("Recording");
   app.add_flag("--overwrite", overwrite, "replace a file that exists")->group("Recording");
 }
 
@@ -109,14 +170,25 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   options.velocity = velocity;
   options.limits = limits;
   options.realtime = !no_realtime;
-  if (!file.empty())
-    options.recording = SessionOptions::Recording{.file = file,
-                                                  .options = {.overwrite = overwrite},
-                                                  .title = title,
-                                                  .subject = subject,
-                                                  .operator_name = operator_name,
-                                                  .notes = notes,
-                                                  .config = config};
+  if (file.empty()) return options;
+
+  SessionOptions::Recording recording{.file = file, .config = config};
+  recording.options.overwrite = overwrite;
+  recording.options.sync_period = sync;
+  recording.options.storage = {.deflate = compress, .precision = parse_precision(precision)};
+  if (!split.empty()) recording.options.split = parse_split(split);
+  recording.options.capture.mark_buttons = mark_buttons;
+  recording.options.annotations = std::make_shared<Annotations>();
+  recording.meta = metadata(meta_file, meta);
+  // Four keys have a place of their own; their options win.
+  for (const auto& [key, given, kept] : {std::tuple{"title", &title, &recording.title},
+                                         {"subject", &subject, &recording.subject},
+                                         {"operator", &operator_name, &recording.operator_name},
+                                         {"notes", &notes, &recording.notes}}) {
+    auto found = recording.meta.extract(key);
+    *kept = given->empty() && found ? found.mapped() : *given;
+  }
+  options.recording = std::move(recording);
   return options;
 }
 
@@ -176,13 +248,13 @@ Signals::Signals() {
   raised_by_signals = &request;
   struct sigaction action {};
   action.sa_handler = on_signal;
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGTSTP}) sigaction(signal, &action, nullptr);
   // A file size limit and a closed pipe are errors to be told, not reasons to die with a force in the motors.
   for (const int signal : {SIGXFSZ, SIGPIPE}) ::signal(signal, SIG_IGN);
 }
 
 Signals::~Signals() {
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) ::signal(signal, SIG_DFL);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGTSTP}) ::signal(signal, SIG_DFL);
 }
 
 const StopRequest& Signals::stop() const noexcept {
@@ -215,13 +287,14 @@ std::string bar_of(const SessionView& view, double duration) {
 
 }  // namespace
 
-Progress progress_bar(const Output& output, double duration) {
+Progress progress_bar(const Output& output, double duration, const Keys* keys) {
   if (output.quiet) return {};
   const bool terminal = isatty(STDERR_FILENO) != 0;
-  return [duration, terminal](const SessionView& view) {
+  return [duration, terminal, keys](const SessionView& view) {
     for (const std::string& notice : view.notices)
       fmt::print(stderr, "{}haptrace: {}\n", terminal ? "\r\033[K" : "", notice);
-    if (terminal) fmt::print(stderr, "\r\033[K{}", bar_of(view, duration));
+    const std::string typing = keys != nullptr ? keys->typing() : std::string();
+    if (terminal) fmt::print(stderr, "\r\033[K{}", typing.empty() ? bar_of(view, duration) : typing);
     std::fflush(stderr);
   };
 }
@@ -255,6 +328,9 @@ std::string session_summary(const SessionResult& result) {
                         servo.realtime.memory_locked ? ", memory locked" : "",
                         microseconds(servo.latency.quantile(0.5)), microseconds(servo.latency.quantile(0.99)),
                         microseconds(servo.latency.quantile(0.999)), microseconds(servo.latency.max()));
+  if (result.recording && result.recording->parts > 1) text += fmt::format("  in {} files\n", result.recording->parts);
+  if (result.recording && result.recording->disk_seconds > 0)
+    text += fmt::format("  the disk has room for {:.1f} h more\n", result.recording->disk_seconds / 3600);
   if (result.recording && result.recording->lost > 0)
     text += fmt::format("  {} samples LOST: the disk could not keep up\n", result.recording->lost);
   return text;

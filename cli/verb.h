@@ -1,6 +1,7 @@
 // What the verbs of the command share: how one is declared, what every session understands, how results are told.
 #pragma once
 
+#include "cli/keys.h"
 #include "control/limits.h"
 #include "devices/registry.h"
 #include "player/session.h"
@@ -47,6 +48,7 @@ Verb add_play(CLI::App& app);
 Verb add_info(CLI::App& app);
 Verb add_check(CLI::App& app);
 Verb add_convert(CLI::App& app);
+Verb add_recover(CLI::App& app);
 Verb add_plot(CLI::App& app);
 Verb add_doctor(CLI::App& app);
 
@@ -58,16 +60,22 @@ struct SessionArguments {
   std::string velocity = "lowpass:100";
   std::optional<std::uint64_t> seed;
   SafetyLimits limits{.max_velocity = 1.5};
-  std::string title, subject, operator_name, notes;
+  std::string title, subject, operator_name, notes, meta_file;
+  std::vector<std::string> meta, mark_texts;
+  std::string split, precision;
+  double sync = 0;
+  int compress = 0;
   bool overwrite = false;
   bool no_realtime = false;
+  bool mark_buttons = false;
+  bool keys = false;
 
   void add_to(CLI::App& app);
 
   /// Opens the device, after --seed and `extra` options were put into its description where it understands them.
   [[nodiscard]] std::unique_ptr<Device> open(const std::vector<std::pair<std::string, std::string>>& extra = {}) const;
 
-  /// `file` empty: not recorded.
+  /// `file` empty: not recorded. Throws Error(input) naming the option.
   [[nodiscard]] SessionOptions options(const std::string& file, const nlohmann::json& config) const;
 };
 
@@ -80,7 +88,8 @@ void apply_config(CLI::App& verb, const std::string& file);
 /// Every option of the verb with its value in force, as a --config file would hold them.
 nlohmann::json effective_config(const CLI::App& verb);
 
-/// Raised by SIGINT and SIGTERM from its construction on; one at a time.
+/// Raised by SIGINT, SIGTERM, SIGHUP and SIGTSTP (a process that sleeps would leave its force in the motors) from its
+/// construction on; one at a time.
 class Signals {
  public:
   Signals();
@@ -90,9 +99,9 @@ class Signals {
   [[nodiscard]] const StopRequest& stop() const noexcept;
 };
 
-/// A progress bar with live figures on standard error, if that is a terminal; else nothing.
-/// `duration` [s] of the session; 0: unknown.
-Progress progress_bar(const Output& output, double duration);
+/// What a person should know at once, on standard error, and a progress bar with live figures if that is a terminal.
+/// `duration` [s] of the session; 0: unknown. `keys` may be null; else it must outlive the result.
+Progress progress_bar(const Output& output, double duration, const Keys* keys = nullptr);
 
 /// The exit code of a session, and the remarks it deserves on standard error.
 int conclude(const Output& output, const SessionResult& result);

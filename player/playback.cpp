@@ -157,37 +157,7 @@ nlohmann::json to_json(const TrackingFigures& figures) {
           {"max_force_n", figures.max_force}};
 }
 
-nlohmann::json flight_record(const std::vector<Sample>& samples) {
-  nlohmann::json rows = nlohmann::json::array();
-  for (const Sample& s : samples)
-    rows.push_back({{"tick", s.tick},
-                    {"time_s", 1e-9 * static_cast<double>(s.time_ns)},
-                    {"position_m", json_of(s.position)},
-                    {"velocity_m_per_s", json_of(s.velocity)},
-                    {"force_n", json_of(s.force)},
-                    {"reference_position_m", json_of(s.reference_position)},
-                    {"phase", to_string(s.phase)}});
-  return rows;
-}
-
 }  // namespace
-
-SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop, const Progress& progress) {
-  double duration = options.duration;
-  if (!(duration >= 0 && duration <= 1e7))
-    throw input_error(fmt::format("the duration is {} s; it must be from 0 (until stopped) to 1e7 s", duration));
-  if (duration == 0) duration = device.info().natural_duration;
-  const bool real = options.session.clock == ClockChoice::real || !device.info().virtual_time;
-  if (duration == 0 && !real)
-    throw input_error(fmt::format(
-        "{} advances in virtual time and would be recorded without end; say how long with --duration, or --clock real",
-        device.info().name));
-  // Zero force is all that is ever sent, so that no speed of the hand is too fast to be recorded.
-  RecordOptions free = options;
-  free.session.limits.max_velocity = 0;
-  PassiveController controller(duration);
-  return run_session(device, controller, {}, {}, free.session, stop, progress);
-}
 
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
   validate(options.playback);
@@ -257,40 +227,6 @@ PdGains gains_from_json(const nlohmann::json& json, const std::string& where) {
   PdGains gains{reader.vector("kp", Vec3::Zero(), 0, kLargestKp), reader.vector("kd", Vec3::Zero(), 0, kLargestKd)};
   reader.finish();
   return gains;
-}
-
-nlohmann::json to_json(const DurationHistogram& durations) {
-  return {{"p50", durations.quantile(0.5)},
-          {"p99", durations.quantile(0.99)},
-          {"p999", durations.quantile(0.999)},
-          {"max", durations.max()}};
-}
-
-nlohmann::json to_json(const SessionResult& result) {
-  const ServoReport& servo = result.servo;
-  nlohmann::json json{{"samples", servo.samples},
-                      {"missed", servo.missed},
-                      {"overruns", servo.overruns},
-                      {"duration_s", servo.duration},
-                      {"asked_rate_hz", servo.asked_rate},
-                      {"achieved_rate_hz", servo.achieved_rate()},
-                      {"max_force_n", servo.max_force},
-                      {"latency_s", to_json(servo.latency)},
-                      {"tick_s", to_json(servo.tick_time)},
-                      {"stopped_by", to_string(servo.cause)},
-                      {"clock", result.virtual_time ? "virtual" : "monotonic"},
-                      {"realtime",
-                       {{"scheduler", result.virtual_time ? "none (virtual time)" : servo.realtime.scheduler},
-                        {"memory_locked", servo.realtime.memory_locked}}}};
-  if (!servo.detail.empty()) json["stopped_because"] = servo.detail;
-  if (!servo.realtime.reason.empty()) json["realtime"]["reason"] = servo.realtime.reason;
-  if (!servo.flight_record.empty()) json["flight_record"] = flight_record(servo.flight_record);
-  if (result.recording) {
-    json["recorded"] = result.recording->written;
-    json["lost"] = result.recording->lost;
-  }
-  if (!result.recording_error.empty()) json["recording_error"] = result.recording_error;
-  return json;
 }
 
 nlohmann::json to_json(const PlayResult& result) {

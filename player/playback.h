@@ -1,4 +1,4 @@
-// The two jobs of every day: record what a hand does, play a recording back.
+// Playing a recording back.
 #pragma once
 
 #include "control/path.h"
@@ -14,15 +14,6 @@
 #include <vector>
 
 namespace haptrace {
-
-struct RecordOptions {
-  double duration = 0;  ///< [s]; 0: the device's natural duration, or until stopped
-  SessionOptions session;
-};
-
-/// Lets the hand move freely and records it. Throws Error(input) when a session in virtual time would never end.
-SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop,
-                     const Progress& progress = {});
 
 struct PlayOptions {
   std::optional<PdGains> gains;  ///< cautious_gains of the device when absent
@@ -58,11 +49,8 @@ struct PlayResult {
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress = {});
 
-/// The JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by and the rest of DESIGN's names.
-nlohmann::json to_json(const SessionResult& result);
 nlohmann::json to_json(const PlayResult& result);
 nlohmann::json to_json(const PdGains& gains);
-nlohmann::json to_json(const DurationHistogram& durations);  ///< p50, p99, p999, max [s]
 
 /// Reads {"kp": number or [x, y, z], "kd": ...}. Throws Error(input) naming the key.
 PdGains gains_from_json(const nlohmann::json& json, const std::string& where);

@@ -80,21 +80,4 @@ class PlaybackController final : public Controller {
   bool beyond_ = false;
 };
 
-/// Sends no force: the hand moves freely, and the loop records it.
-class PassiveController final : public Controller {
- public:
-  /// `duration` [s]; 0: until stopped.
-  explicit PassiveController(double duration) : duration_(duration) {}
-
-  [[nodiscard]] Command update(const State& state) noexcept override {
-    Command command;
-    if (duration_ > 0 && 1e-9 * static_cast<double>(state.time_ns) >= duration_)
-      command.status = Command::Status::finished;
-    return command;
-  }
-
- private:
-  double duration_;
-};
-
 }  // namespace haptrace

@@ -1,6 +1,7 @@
 #include "player/session.h"
 
 #include "control/error.h"
+#include "formats/json_reader.h"
 #include "formats/suggest.h"
 
 #include <chrono>
@@ -34,6 +35,19 @@ RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info
   header.position_resolution_m = info.position_resolution;
   header.max_force_n = info.max_force;
   return header;
+}
+
+nlohmann::json flight_record(const std::vector<Sample>& samples) {
+  nlohmann::json rows = nlohmann::json::array();
+  for (const Sample& s : samples)
+    rows.push_back({{"tick", s.tick},
+                    {"time_s", 1e-9 * static_cast<double>(s.time_ns)},
+                    {"position_m", json_of(s.position)},
+                    {"velocity_m_per_s", json_of(s.velocity)},
+                    {"force_n", json_of(s.force)},
+                    {"reference_position_m", json_of(s.reference_position)},
+                    {"phase", to_string(s.phase)}});
+  return rows;
 }
 
 /// Looks at a running session for a person.
@@ -149,6 +163,43 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   }
   watch.look();
   return result;
+}
+
+nlohmann::json to_json(const DurationHistogram& durations) {
+  return {{"p50", durations.quantile(0.5)},
+          {"p99", durations.quantile(0.99)},
+          {"p999", durations.quantile(0.999)},
+          {"max", durations.max()}};
+}
+
+nlohmann::json to_json(const SessionResult& result) {
+  const ServoReport& servo = result.servo;
+  nlohmann::json json{{"samples", servo.samples},
+                      {"missed", servo.missed},
+                      {"overruns", servo.overruns},
+                      {"duration_s", servo.duration},
+                      {"asked_rate_hz", servo.asked_rate},
+                      {"achieved_rate_hz", servo.achieved_rate()},
+                      {"max_force_n", servo.max_force},
+                      {"latency_s", to_json(servo.latency)},
+                      {"tick_s", to_json(servo.tick_time)},
+                      {"stopped_by", to_string(servo.cause)},
+                      {"clock", result.virtual_time ? "virtual" : "monotonic"},
+                      {"realtime",
+                       {{"scheduler", result.virtual_time ? "none (virtual time)" : servo.realtime.scheduler},
+                        {"memory_locked", servo.realtime.memory_locked}}}};
+  if (!servo.detail.empty()) json["stopped_because"] = servo.detail;
+  if (!servo.realtime.reason.empty()) json["realtime"]["reason"] = servo.realtime.reason;
+  if (!servo.flight_record.empty()) json["flight_record"] = flight_record(servo.flight_record);
+  if (result.recording) {
+    json["recorded"] = result.recording->written;
+    json["lost"] = result.recording->lost;
+    json["parts"] = result.recording->parts;
+    if (result.recording->disk_seconds > 0) json["disk_lasts_s"] = result.recording->disk_seconds;
+  }
+  if (!result.notices.empty()) json["notices"] = result.notices;
+  if (!result.recording_error.empty()) json["recording_error"] = result.recording_error;
+  return json;
 }
 
 }  // namespace haptrace

@@ -74,6 +74,10 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
                           std::span<SampleSink* const> sinks, const SessionOptions& options, const StopRequest& stop,
                           const Progress& progress = {});
 
+/// The JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by and what else there is to tell.
+nlohmann::json to_json(const SessionResult& result);
+nlohmann::json to_json(const DurationHistogram& durations);  ///< p50, p99, p999, max [s]
+
 /// `software` of recordings: name and version.
 const char* software_name() noexcept;
 

@@ -23,12 +23,15 @@ struct TimedEvent {
 /// Threads: everything from any. Real-time: tick() only.
 class Annotations {
  public:
-  /// Marks the present instant. Text beyond 127 bytes is cut.
-  void mark(std::string text) { add(EventCode::mark, std::move(text)); }
+  /// Marks the present instant, or another of the session's. Text beyond 127 bytes is cut.
+  void mark(std::string text) { mark(std::move(text), now()); }
+  void mark(std::string text, std::int64_t time_ns) { add({time_ns, EventCode::mark, std::move(text)}); }
 
   /// From now on, until resume(), samples are not kept; the session goes on.
-  void pause() { add(EventCode::paused, "paused"); }
-  void resume() { add(EventCode::resumed, "resumed"); }
+  void pause() { add({now(), EventCode::paused, "paused"}); }
+  void resume() { add({now(), EventCode::resumed, "resumed"}); }
+
+  [[nodiscard]] std::int64_t now() const noexcept { return now_ns_.load(std::memory_order_relaxed); }
 
   /// The session's newest tick.
   void tick(std::int64_t time_ns) noexcept { now_ns_.store(time_ns, std::memory_order_relaxed); }
@@ -40,9 +43,9 @@ class Annotations {
   }
 
  private:
-  void add(EventCode code, std::string text) {
+  void add(TimedEvent event) {
     const std::lock_guard lock(mutex_);
-    events_.push_back({now_ns_.load(std::memory_order_relaxed), code, std::move(text)});
+    events_.push_back(std::move(event));
   }
 
   std::atomic<std::int64_t> now_ns_{0};

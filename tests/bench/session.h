@@ -4,6 +4,7 @@
 #include "control/shapes.h"
 #include "devices/servo_loop.h"
 #include "player/playback.h"
+#include "player/record.h"
 
 #include <memory>
 #include <vector>

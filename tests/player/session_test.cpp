@@ -2,6 +2,7 @@
 #include "formats/path_file.h"
 #include "formats/recording.h"
 #include "player/playback.h"
+#include "player/record.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/temp_folder.h"

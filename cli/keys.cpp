@@ -1,0 +1,98 @@
+#include "cli/keys.h"
+
+#include <csignal>
+#include <fmt/format.h>
+#include <poll.h>
+#include <termios.h>
+#include <unistd.h>
+
+namespace haptrace::cli {
+
+/// Standard input without lines and echo; Ctrl+C stays a signal.
+struct Keys::Terminal {
+  termios before{};
+
+  Terminal() {
+    tcgetattr(STDIN_FILENO, &before);
+    termios raw = before;
+    raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);
+    raw.c_cc[VMIN] = 1;
+    raw.c_cc[VTIME] = 0;
+    tcsetattr(STDIN_FILENO, TCSANOW, &raw);
+  }
+  ~Terminal() { tcsetattr(STDIN_FILENO, TCSANOW, &before); }
+  Terminal(const Terminal&) = delete;
+  Terminal& operator=(const Terminal&) = delete;
+};
+
+Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool can_pause, bool always)
+    : annotations_(std::move(annotations)), texts_(std::move(texts)), can_pause_(can_pause) {
+  // A process in the background that reads its terminal is stopped by the system, with a force in the motors.
+  const bool foreground = isatty(STDIN_FILENO) != 0 && tcgetpgrp(STDIN_FILENO) == getpgrp();
+  if (foreground) terminal_ = std::make_unique<Terminal>();
+  if (foreground || (always && isatty(STDIN_FILENO) == 0))
+    thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
+}
+
+Keys::~Keys() = default;
+
+std::string Keys::typing() const {
+  const std::lock_guard lock(mutex_);
+  return typing_ ? "mark: " + text_ + "_" : std::string();
+}
+
+void Keys::run(const std::stop_token& stop) {
+  constexpr int kPatience = 50;  // [ms]
+  while (!stop.stop_requested()) {
+    pollfd input{.fd = STDIN_FILENO, .events = POLLIN, .revents = 0};
+    if (poll(&input, 1, kPatience) <= 0) continue;
+    char key = 0;
+    if (read(STDIN_FILENO, &key, 1) <= 0) return;
+    const bool typing = !this->typing().empty();
+    if (typing)
+      type(key);
+    else
+      press(key);
+  }
+}
+
+void Keys::press(char key) {
+  if (key == 'm' || key == ' ') {
+    annotations_->mark(fmt::format("mark {}", ++marks_));
+  } else if (key >= '1' && key <= '9') {
+    const auto index = static_cast<std::size_t>(key - '1');
+    annotations_->mark(index < texts_.size() ? texts_[index] : fmt::format("mark {}", key));
+  } else if (key == 't') {
+    typed_at_ns_ = annotations_->now();
+    const std::lock_guard lock(mutex_);
+    typing_ = true;
+    text_.clear();
+  } else if (key == 'p' && can_pause_) {
+    if (paused_)
+      annotations_->resume();
+    else
+      annotations_->pause();
+    paused_ = !paused_;
+  } else if (key == 'q') {
+    (void)kill(getpid(), SIGINT);
+  }
+}
+
+void Keys::type(char key) {
+  constexpr char kEscape = 27, kDelete = 127;
+  const std::lock_guard lock(mutex_);
+  if (key == '\n' || key == '\r') {
+    typing_ = false;
+    annotations_->mark(text_, typed_at_ns_);
+  } else if (key == kEscape) {
+    typing_ = false;
+  } else if (key == kDelete || key == '\b') {
+    // Bytes 10xxxxxx continue a character of UTF-8.
+    while (!text_.empty() && (static_cast<unsigned char>(text_.back()) & 0xC0U) == 0x80U) text_.pop_back();
+    if (!text_.empty()) text_.pop_back();
+  } else {
+    text_ += key;
+  }
+}
+
+}  // namespace haptrace::cli

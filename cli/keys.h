@@ -1,0 +1,55 @@
+// Keys that annotate a running session.
+#pragma once
+
+#include "recorder/annotations.h"
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace haptrace::cli {
+
+/// While it lives, reads keys from standard input:
+///
+///     m or space  a mark at this instant, numbered        p  leaves out what follows; again: goes on
+///     1 to 9      a mark with one of `texts`               q  ends the session, as Ctrl+C does
+///     t TEXT ⏎    a mark at the instant of t, with text
+///
+/// Reads a terminal that this process is in the foreground of, and with `always` also what is no terminal.
+class Keys {
+ public:
+  Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool can_pause, bool always);
+  ~Keys();  ///< the terminal is as it was
+  Keys(const Keys&) = delete;
+  Keys& operator=(const Keys&) = delete;
+
+  [[nodiscard]] bool active() const noexcept { return thread_.joinable(); }
+
+  /// The text that is being typed after t, or nothing. From any thread.
+  [[nodiscard]] std::string typing() const;
+
+ private:
+  void run(const std::stop_token& stop);
+  void press(char key);
+  void type(char key);
+
+  std::shared_ptr<Annotations> annotations_;
+  std::vector<std::string> texts_;
+  bool can_pause_;
+  struct Terminal;
+  std::unique_ptr<Terminal> terminal_;
+
+  bool paused_ = false;
+  int marks_ = 0;
+  std::int64_t typed_at_ns_ = 0;
+  mutable std::mutex mutex_;
+  bool typing_ = false;  ///< these two under mutex_
+  std::string text_;
+
+  std::jthread thread_;
+};
+
+}  // namespace haptrace::cli

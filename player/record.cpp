@@ -1,0 +1,100 @@
+#include "player/record.h"
+
+#include "control/error.h"
+
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+void check(const Trials& trials, const RecordOptions& options) {
+  if (trials.count < 1 || trials.count > kMostTrials)
+    throw input_error(fmt::format("the number of trials is {}; it must be from 1 to {}", trials.count, kMostTrials));
+  if (!(trials.pause >= 0 && trials.pause <= 86400))
+    throw input_error(fmt::format("the pause between trials is {} s; it must be from 0 to 86400 s", trials.pause));
+  const SessionOptions::Recording& recording = *options.session.recording;
+  if (trials.count == 1 || recording.options.overwrite) return;
+  for (int trial = 1; trial <= trials.count; ++trial)
+    if (const std::string file = trial_file(recording.file, trial, trials.count); std::filesystem::exists(file))
+      throw input_error(
+          fmt::format("{}: exists already and would be trial {}; choose another name or allow it to be "
+                      "replaced (--overwrite)",
+                      file, trial));
+}
+
+}  // namespace
+
+Command PassiveController::update(const State& state) noexcept {
+  Command command;
+  if (trigger_) {
+    command.event = trigger_->check(state);
+    if (!command.event) return command;
+    trigger_.reset();
+    begin_ns_ = state.time_ns;
+  }
+  if (duration_ > 0 && 1e-9 * static_cast<double>(state.time_ns - begin_ns_) >= duration_)
+    command.status = Command::Status::finished;
+  return command;
+}
+
+SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop, const Progress& progress) {
+  double duration = options.duration;
+  if (!(duration >= 0 && duration <= 1e7))
+    throw input_error(fmt::format("the duration is {} s; it must be from 0 (until stopped) to 1e7 s", duration));
+  if (duration == 0) duration = device.info().natural_duration;
+  const bool real = options.session.clock == ClockChoice::real || !device.info().virtual_time;
+  if (duration == 0 && !real)
+    throw input_error(fmt::format(
+        "{} advances in virtual time and would be recorded without end; say how long with --duration, or --clock real",
+        device.info().name));
+  if (options.trigger && options.trigger->needs_force_sensor() && !device.info().measures_force)
+    throw input_error(
+        fmt::format("{} has no force sensor, which the trigger asks for; use speed or button, or a device with one",
+                    device.info().name));
+  // Zero force is all that is ever sent, so that no speed of the hand is too fast to be recorded.
+  RecordOptions free = options;
+  free.session.limits.max_velocity = 0;
+  PassiveController controller(duration, options.trigger);
+  return run_session(device, controller, {}, {}, free.session, stop, progress);
+}
+
+std::string trial_file(const std::string& file, int trial, int count) {
+  if (count == 1) return file;
+  std::filesystem::path path(file);
+  const std::string stem = path.stem().string(), ending = path.extension().string();
+  return path.replace_filename(fmt::format("{}-{:03}{}", stem, trial, ending)).string();
+}
+
+std::vector<SessionResult> record_trials(const Trials& trials, const RecordOptions& options, const StopRequest& stop,
+                                         const Progress& progress) {
+  check(trials, options);
+  std::vector<SessionResult> results;
+  std::unique_ptr<Device> device = trials.open(1);
+  for (int trial = 1; trial <= trials.count; ++trial) {
+    if (trial > 1 && trials.pause > 0) {
+      // The device goes on being served, so that it neither sleeps nor loses its home.
+      RecordOptions rest{.duration = trials.pause, .session = options.session};
+      rest.session.recording.reset();
+      if (record(*device, rest, stop, {}).servo.cause != StopCause::finished) break;
+    }
+    if (trial > 1 && device->info().natural_duration > 0) {
+      device.reset();
+      device = trials.open(trial);
+    }
+    RecordOptions one = options;
+    SessionOptions::Recording& recording = *one.session.recording;
+    recording.file = trial_file(recording.file, trial, trials.count);
+    if (trials.count > 1) {
+      recording.meta["trial"] = std::to_string(trial);
+      recording.meta["trials"] = std::to_string(trials.count);
+    }
+    if (trials.begin) trials.begin(trial, *device, recording.file);
+    results.push_back(record(*device, one, stop, progress));
+    const SessionResult& result = results.back();
+    if (result.servo.cause != StopCause::finished || !result.recording_error.empty() || result.ended_by_disk) break;
+  }
+  return results;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,65 @@
+// Recording what a hand does.
+#pragma once
+
+#include "control/trigger.h"
+#include "player/session.h"
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace haptrace {
+
+/// Sends no force: the hand moves freely, and the loop records it.
+class PassiveController final : public Controller {
+ public:
+  /// Ends `duration` [s] after the start or, with one, after the trigger, which it tells as an event; 0: never.
+  explicit PassiveController(double duration, std::optional<Trigger> trigger = std::nullopt)
+      : duration_(duration), trigger_(std::move(trigger)) {}
+
+  [[nodiscard]] Command update(const State& state) noexcept override;
+
+ private:
+  double duration_;
+  std::optional<Trigger> trigger_;  ///< that has not fired
+  std::int64_t begin_ns_ = 0;
+};
+
+struct RecordOptions {
+  double duration =
+      0;  ///< [s], from the trigger where there is one; 0: the device's natural duration, or until stopped
+  std::optional<Trigger> trigger;  ///< needs session.recording->options.capture.pre, 0 at least
+  SessionOptions session;
+};
+
+/// Lets the hand move freely and records it. Throws Error(input) when a session in virtual time would never end, or
+/// when the trigger asks for a sensor that the device does not have.
+SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop,
+                     const Progress& progress = {});
+
+/// Repeated recordings of the same kind.
+struct Trials {
+  int count = 1;
+  double pause = 0;  ///< between two, in which nothing is recorded [s]
+
+  /// Opens the device: once, or before each trial where it has something of its own to show (a natural duration).
+  /// Trials count from 1.
+  std::function<std::unique_ptr<Device>(int trial)> open;
+
+  /// Called with the device before a trial begins; `file` is its recording.
+  std::function<void(int trial, const Device& device, const std::string& file)> begin;
+};
+
+inline constexpr int kMostTrials = 100'000;
+
+/// The file of a trial: that of the recording where there is one trial, else with -001 and so on before its ending.
+std::string trial_file(const std::string& file, int trial, int count);
+
+/// Records trial after trial until all are done, one is stopped or faults, or the disk refuses. The number of a trial
+/// is in its metadata (trial, trials). Throws what record throws, and Error(input) before the first trial when an
+/// option is out of range or the file of any trial exists.
+std::vector<SessionResult> record_trials(const Trials& trials, const RecordOptions& options, const StopRequest& stop,
+                                         const Progress& progress = {});
+
+}  // namespace haptrace
