@@ -62,33 +62,34 @@ bool ChunkWalk::read_head() {
     stream_ = static_cast<std::uint32_t>(bytes(content_, 4));
     content_ += 4;
   }
-  if (length <= size_ - begin) {
-    position_ = content_end_;
-    return true;
-  }
-  // A last chunk that is cut off, or a length that is damaged: then other chunks follow.
-  const std::uint64_t damaged = position_;
-  if (find_boundary()) {
-    notes_.push_back(fmt::format("damaged at byte {}: read on from the next boundary, at byte {}", damaged, position_));
-    return next();
-  }
-  notes_.push_back(fmt::format("ends within a chunk, at byte {}: its writer was cut off", size_));
-  position_ = size_;
+  cut_off_ = length > size_ - begin;
   return true;
 }
 
 bool ChunkWalk::next() {
-  if (position_ >= size_) return false;
-  const std::uint64_t damaged = position_;
-  if (read_head()) return true;
-  if (position_ >= size_) return false;
-  if (find_boundary()) {
-    notes_.push_back(fmt::format("damaged at byte {}: read on from the next boundary, at byte {}", damaged, position_));
-    return next();
+  while (position_ < size_) {
+    const std::uint64_t begin = position_;
+    const bool known = read_head();
+    if (known && !cut_off_) {
+      position_ = content_end_;
+      return true;
+    }
+    // A length that goes beyond the file is damaged where other chunks follow, else the last chunk is cut off.
+    if (find_boundary()) {
+      note(fmt::format("damaged at byte {}: read on from the next boundary, at byte {}", begin, position_));
+      continue;
+    }
+    position_ = size_;
+    note(known ? fmt::format("ends within a chunk, at byte {}: its writer was cut off", size_)
+               : fmt::format("damaged at byte {}; what stands before it was read", begin));
+    return known;
   }
-  notes_.push_back(fmt::format("damaged at byte {}; what stands before it was read", damaged));
-  position_ = size_;
   return false;
+}
+
+void ChunkWalk::note(std::string text) {
+  constexpr std::size_t kMost = 10;
+  if (notes_.size() < kMost) notes_.push_back(std::move(text));
 }
 
 /// Goes behind the next boundary chunk's content. False when there is none.
@@ -127,12 +128,12 @@ double ChunkWalk::fraction() const noexcept {
   return static_cast<double>(position_) / static_cast<double>(size_);
 }
 
-StreamInfo parse_stream_header(std::uint32_t id, const std::string& xml, const std::string& where) {
+StreamInfo parse_stream_header(std::uint32_t id, const std::string& xml) {
   pugi::xml_document document;
   const pugi::xml_parse_result parsed = document.load_buffer(xml.data(), xml.size());
   if (!parsed)
-    throw input_error(fmt::format("{}: the header of stream {} is not XML: {} at byte {}", where, id,
-                                  parsed.description(), parsed.offset));
+    throw input_error(
+        fmt::format("the header of stream {} is not XML: {} at byte {}", id, parsed.description(), parsed.offset));
   const pugi::xml_node node = document.child("info");
   StreamInfo info;
   info.id = id;
@@ -142,8 +143,7 @@ StreamInfo parse_stream_header(std::uint32_t id, const std::string& xml, const s
   if (!(info.nominal_rate >= 0 && std::isfinite(info.nominal_rate))) info.nominal_rate = 0;
   const std::uint64_t count = node.child("channel_count").text().as_ullong();
   if (count == 0 || count > kMostChannels)
-    throw input_error(
-        fmt::format("{}: stream {} ('{}') has {} channels", where, id, info.name, text_of(node, "channel_count")));
+    throw input_error(fmt::format("stream {} ('{}') has {} channels", id, info.name, text_of(node, "channel_count")));
   info.channel_count = count;
 
   constexpr std::array<std::string_view, 7> kFormats{"float32", "double64", "int8",  "int16",
@@ -151,8 +151,7 @@ StreamInfo parse_stream_header(std::uint32_t id, const std::string& xml, const s
   const std::string format = text_of(node, "channel_format");
   const auto found = std::find(kFormats.begin(), kFormats.end(), format);
   if (found == kFormats.end())
-    throw input_error(
-        fmt::format("{}: stream {} ('{}') has values of the unknown format '{}'", where, id, info.name, format));
+    throw input_error(fmt::format("stream {} ('{}') has values of the unknown format '{}'", id, info.name, format));
   info.format = static_cast<Format>(found - kFormats.begin());
   for (const pugi::xml_node channel : node.child("desc").child("channels").children("channel"))
     info.channels.push_back({text_of(channel, "label"), text_of(channel, "unit")});

@@ -40,13 +40,16 @@ class ChunkWalk {
   [[nodiscard]] const std::string& file() const noexcept { return file_; }
 
  private:
+  /// Reads what stands before the content at position_; false when it makes no sense.
   bool read_head();
+  void note(std::string text);
   bool find_boundary();
 
   std::string file_;
   std::ifstream stream_of_bytes_;
   std::uint64_t size_ = 0, position_ = 4;        ///< [bytes]; where the next chunk begins
   std::uint64_t content_ = 0, content_end_ = 0;  ///< of the present chunk
+  bool cut_off_ = false;                         ///< the file ends before the chunk does
   Tag tag_{};
   std::uint32_t stream_ = 0;
   std::vector<std::string> notes_;
@@ -68,8 +71,8 @@ struct StreamInfo {
   std::vector<Channel> channels;  ///< as many; labels and units may be empty
 };
 
-/// Throws Error(input) naming `where`: not XML, no channels, an unknown format.
-StreamInfo parse_stream_header(std::uint32_t id, const std::string& xml, const std::string& where);
+/// Throws Error(input): not XML, no channels, an unknown format.
+StreamInfo parse_stream_header(std::uint32_t id, const std::string& xml);
 
 /// The text of <info><`key`> in a file header; empty when there is none.
 std::string file_header_text(const std::string& xml, const char* key);

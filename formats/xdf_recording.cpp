@@ -215,8 +215,14 @@ class XdfSource final : public RecordingSource {
         const bool known = std::any_of(streams_.begin(), streams_.end(),
                                        [&](const auto& stream) { return stream->info.id == walk.stream(); });
         if (known) continue;
-        streams_.push_back(std::make_unique<Stream>());
-        streams_.back()->info = xdf::parse_stream_header(walk.stream(), walk.content(), file_);
+        auto stream = std::make_unique<Stream>();
+        try {
+          stream->info = xdf::parse_stream_header(walk.stream(), walk.content());
+        } catch (const Error& error) {  // which need not be one of those that are wanted
+          unreadable_ += fmt::format("; {}", error.what());
+          continue;
+        }
+        streams_.push_back(std::move(stream));
       } else if (walk.tag() == xdf::Tag::clock_offset) {
         const std::string content = walk.content();
         double numbers[2];
@@ -234,6 +240,7 @@ class XdfSource final : public RecordingSource {
         notes_.push_back(fmt::format("the clock of stream '{}' was set anew {} times", stream->info.name,
                                      stream->clock.parts() - 1));
     }
+    if (!unreadable_.empty()) notes_.push_back("left out: " + unreadable_.substr(2));
     notes_.insert(notes_.end(), walk.notes().begin(), walk.notes().end());
   }
 
@@ -246,7 +253,7 @@ class XdfSource final : public RecordingSource {
           "'{}' ({}) with {}", stream->info.name, stream->info.type,
           stream->info.format == xdf::Format::text ? "markers" : fmt::format("{}", fmt::join(labels, ", "))));
     }
-    return lines.empty() ? "it has no stream" : fmt::format("it has {}", fmt::join(lines, "; "));
+    return (lines.empty() ? "it has no stream" : fmt::format("it has {}", fmt::join(lines, "; "))) + unreadable_;
   }
 
   /// The channel of `stream` that goes to `target`.
@@ -412,6 +419,7 @@ class XdfSource final : public RecordingSource {
   std::string file_;
   SourceOptions options_;
   std::vector<std::string> notes_;
+  std::string unreadable_;  ///< streams whose headers make no sense
   std::vector<std::unique_ptr<Stream>> streams_;
   std::vector<Stream*> chosen_;  ///< the first gives the rows
   std::map<std::string, bool> mapped_;

@@ -143,7 +143,7 @@ TEST(LoadPath, NotesAForceSensorThatIsSlowerThanTheSamples) {
   }
   EXPECT_EQ(notes_of(load_text(held)),
             "the force stays the same in 53 % of the steps in which the position moves: its sensor is slower than the "
-            "samples\n");
+            "samples, about 474 new values a second\n");
   EXPECT_EQ(notes_of(load_text(live)), "");
 }
 

@@ -248,6 +248,29 @@ TEST(Xdf, GoesOnBehindTheNextBoundaryWhereAChunkIsDamaged) {
   EXPECT_NE(all.notes[0].find("read on from the next boundary"), std::string::npos);
 }
 
+TEST(Xdf, ComesThroughAFileThatIsDamagedInManyThousandPlaces) {
+  XdfWriter xdf;
+  xdf.stream(1, "Hand", "Position", "double64", 0, kXyz);
+  for (int i = 0; i < 50'000; ++i) {
+    xdf.raw("\x05");
+    xdf.boundary();
+  }
+  xdf.samples(1, {XdfWriter::sample<double>(2, {4, 5, 6})});
+  const Read all = read(xdf.file());
+  EXPECT_EQ(all.samples.size(), 1U);
+  EXPECT_EQ(all.notes.size(), 10U);
+}
+
+TEST(Xdf, LeavesOutAStreamWhoseHeaderMakesNoSense) {
+  XdfWriter xdf;
+  xdf.stream(1, "Hand", "Position", "double64", 0, kXyz);
+  xdf.stream(2, "New", "Position", "float16", 0, kXyz);
+  xdf.samples(1, {XdfWriter::sample<double>(2, {4, 5, 6})});
+  const Read all = read(xdf.file());
+  EXPECT_EQ(all.samples.size(), 1U);
+  EXPECT_EQ(all.notes.at(0), "left out: stream 2 ('New') has values of the unknown format 'float16'");
+}
+
 TEST(Xdf, NeverCrashesOnAFlippedByte) {
   const std::string whole = two_machines();
   const TempFolder folder;
