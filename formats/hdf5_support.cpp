@@ -15,6 +15,11 @@ namespace {
 /// attempts would keep a reader of a damaged file for ever.
 constexpr unsigned kReadAttempts = 25;
 
+/// A file whose disk broke during a flush cannot be closed: HDF5 1.10 frees it, keeps its identifier and follows that
+/// at the end of the program, which would crash after everything was told. We close what we open; so it need not look.
+/// Takes effect before the first use of HDF5 in the program only.
+[[maybe_unused]] const bool kNothingAtExit = H5dont_atexit() >= 0;
+
 Attribute new_attribute(hid_t object, const char* name, hid_t type) {
   const Space scalar(H5Screate(H5S_SCALAR));
   return Attribute(checked(H5Acreate2(object, name, type, scalar.get(), H5P_DEFAULT, H5P_DEFAULT),

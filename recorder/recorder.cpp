@@ -22,12 +22,12 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kSmallestRing = 16384;  // rows: in virtual time the loop runs far ahead of the writer
-constexpr std::size_t kEventRing = 1024;
 constexpr double kChunkSpan = 2;  // of the session's time in a chunk at most: slow sessions make small files [s]
 constexpr std::size_t kLargestChunk = 2048;  // rows
 constexpr std::size_t kSmallestPacked = 32;  // rows of a chunk below which packing makes a file larger, not smaller
 constexpr std::size_t kLargestBatch = 1024;  // rows
 constexpr auto kPoll = std::chrono::milliseconds(5);
+constexpr double kRestPerFlush = 4;
 constexpr double kLookAround = 1;                        // between two looks at the file and its disk [s]
 constexpr std::array<double, 2> kDiskWarnings{600, 60};  // told when the disk lasts no longer than that [s]
 constexpr std::uint64_t kDiskFloor = 64U << 20U;         // free below which it is time to end [bytes]
@@ -109,7 +109,7 @@ class Recorder::Writer final : private Capture::Output {
          const Options& options)
       : file(name),
         samples(rows_in(options.ring_seconds, header.rate_hz, kSmallestRing)),
-        events(kEventRing),
+        events(rows_in(options.ring_seconds, header.rate_hz, kSmallestRing)),
         options_(options),
         bytes_per_second_(static_cast<double>(row_bytes(columns)) * header.rate_hz),
         output_(name, header, columns, writer_options(options, header.rate_hz)),
@@ -120,11 +120,16 @@ class Recorder::Writer final : private Capture::Output {
 
   void push(const Sample& sample) noexcept {
     if (options_.annotations) options_.annotations->tick(sample.time_ns);
-    if (!samples.push(sample)) lost_.fetch_add(1, std::memory_order_relaxed);
+    if (!samples.push(sample)) lose();
   }
 
   void push(const Event& event) noexcept {
-    if (!events.push(event)) lost_.fetch_add(1, std::memory_order_relaxed);
+    if (!events.push(event)) lose();
+  }
+
+  /// After a failure nothing is kept any more: that is told as such, and not counted.
+  void lose() noexcept {
+    if (!failed_.load(std::memory_order_relaxed)) lost_.fetch_add(1, std::memory_order_relaxed);
   }
 
   void wait_for_room() noexcept {
@@ -181,18 +186,24 @@ class Recorder::Writer final : private Capture::Output {
   void run(const std::stop_token& stop) noexcept {
     try {
       auto flushed = Clock::now(), synced = flushed, looked = flushed;
+      double cost = 0;  // of the last flush [s]
       for (bool last = false; !last;) {
         const bool stopping = stop.stop_requested();
         const bool wrote = drain();
         last = stopping && !wrote;
         const auto now = Clock::now();
         alive_.store(now.time_since_epoch().count(), std::memory_order_relaxed);
-        if (options_.sync_period > 0 && seconds_between(synced, now) >= options_.sync_period) {
-          output_.sync();
-          synced = flushed = now;
-        } else if (seconds_between(flushed, now) >= options_.flush_period) {
-          output_.flush();
-          flushed = now;
+        const double rest = rest_after(cost);
+        const bool sync =
+            options_.sync_period > 0 && seconds_between(synced, now) >= std::max(options_.sync_period, rest);
+        if (sync || seconds_between(flushed, now) >= std::max(options_.flush_period, rest)) {
+          if (sync)
+            output_.sync();
+          else
+            output_.flush();
+          flushed = Clock::now();
+          if (sync) synced = flushed;
+          cost = seconds_between(now, flushed);
           split_by_size();
           look_at_disk();
         }
@@ -209,6 +220,12 @@ class Recorder::Writer final : private Capture::Output {
       error_ = std::current_exception();
       failed_.store(true, std::memory_order_release);
     }
+  }
+
+  /// How long to leave the file alone after a flush of this cost. On a disk so slow that samples wait meanwhile, to
+  /// catch up comes before making the file whole [s].
+  [[nodiscard]] double rest_after(double cost) const {
+    return samples.read_available() >= kLargestBatch ? kRestPerFlush * cost : 0;
   }
 
   /// True when there was anything.
