@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "tests/support/allocations.h"
+#include "tests/support/errors.h"
 #include "tests/support/temp_folder.h"
 
 #include <chrono>
@@ -168,34 +169,6 @@ TEST(Recorder, CanBeReadWhileItRecords) {
   recorder.finish();
 }
 
-TEST(Recorder, LosesAtMostTwoTenthsOfASecondToAKill) {
-  std::mt19937 random(5);
-  for (int kill_number = 0; kill_number < 5; ++kill_number) {
-    const TempFolder folder;
-    int pipe_ends[2];
-    ASSERT_EQ(pipe(pipe_ends), 0);
-    const pid_t child = fork();
-    if (child == 0) {
-      Recorder recorder(folder / "a.h5", {}, {});
-      for (std::uint64_t i = 0;; ++i) {
-        recorder.push(row(i));
-        if (write(pipe_ends[1], &i, sizeof i) != sizeof i) _exit(1);
-        std::this_thread::sleep_for(1ms);
-      }
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(400 + random() % 400));
-    kill(child, SIGKILL);
-    waitpid(child, nullptr, 0);
-    close(pipe_ends[1]);
-    std::uint64_t last = 0, i = 0;
-    while (read(pipe_ends[0], &i, sizeof i) == sizeof i) last = i;
-    close(pipe_ends[0]);
-    // On a busy machine a millisecond's sleep is longer: rows are counted, which errs on the strict side.
-    expect_prefix(folder / "a.h5", last > 200 ? last - 200 : 0);
-    EXPECT_FALSE(RecordingReader(folder / "a.h5").header().complete);
-  }
-}
-
 TEST(Recorder, OutlivesAFullDiskAndSaysSoAtTheEnd) {
   const TempFolder folder;
   signal(SIGXFSZ, SIG_IGN);
@@ -219,6 +192,216 @@ TEST(Recorder, OutlivesAFullDiskAndSaysSoAtTheEnd) {
   EXPECT_TRUE(recorder.status().failed);
   setrlimit(RLIMIT_FSIZE, &before);
   expect_prefix(folder / "a.h5", 10000);
+}
+
+// ------------------------------------------------------------------------------------- parts, triggers, marks and
+// pauses
+
+void push_rows(Recorder& recorder, std::uint64_t first, std::uint64_t count) {
+  for (std::uint64_t i = first; i < first + count; ++i) {
+    recorder.push(row(i));
+    recorder.between_ticks(true);
+  }
+}
+
+void wait_until(const std::function<bool()>& condition) {
+  for (int i = 0; i < 2000 && !condition(); ++i) std::this_thread::sleep_for(5ms);
+  ASSERT_TRUE(condition());
+}
+
+TEST(Recorder, CutsPartsExactlyAtTheirTime) {
+  const TempFolder folder;
+  // Batches in the ring end anywhere; parts at whole seconds of the session.
+  Recorder recorder(folder / "a.h5", {}, {}, {.split = {.seconds = 1.5}});
+  push_rows(recorder, 0, 5000);
+  recorder.finish();
+  EXPECT_EQ(recorder.status().parts, 4U);
+  EXPECT_EQ(recorder.status().written, 5000U);
+  for (std::uint32_t part = 1; part <= 4; ++part) {
+    const RecordingReader reader(part_file(folder / "a.h5", part), RecordingReader::Parts::this_file);
+    ASSERT_EQ(reader.rows(), part < 4 ? 1500U : 500U) << part;
+    EXPECT_EQ(reader.read(0, 1).front().tick, 1500U * (part - 1));
+    EXPECT_TRUE(reader.header().complete);
+  }
+  expect_prefix(folder / "a.h5", 5000);
+}
+
+TEST(Recorder, CutsPartsAtTheirTimeEvenAcrossAGap) {
+  const TempFolder folder;
+  Recorder recorder(folder / "a.h5", {}, {}, {.split = {.seconds = 1}});
+  push_rows(recorder, 0, 300);
+  push_rows(recorder, 2700, 1200);
+  recorder.finish();
+  // The first sample that is a second or more after a part's own first one begins the next.
+  std::vector<std::uint64_t> begins;
+  for (std::uint32_t part = 1; part <= recorder.status().parts; ++part)
+    begins.push_back(
+        RecordingReader(part_file(folder / "a.h5", part), RecordingReader::Parts::this_file).read(0, 1).front().tick);
+  EXPECT_EQ(begins, (std::vector<std::uint64_t>{0, 2700, 3700}));
+}
+
+TEST(Recorder, CutsPartsAboutAtTheirSize) {
+  const TempFolder folder;
+  Recorder recorder(folder / "a.h5", {}, {}, {.split = {.bytes = 1'000'000}});
+  for (std::uint64_t i = 0; i < 6; ++i) {
+    push_rows(recorder, i * 5000, 5000);
+    // Sizes are looked at when the file is flushed.
+    std::this_thread::sleep_for(150ms);
+  }
+  recorder.finish();
+  EXPECT_GE(recorder.status().parts, 3U);
+  for (std::uint32_t part = 1; part < recorder.status().parts; ++part) {
+    EXPECT_GE(std::filesystem::file_size(part_file(folder / "a.h5", part)), 1'000'000U);
+    EXPECT_LE(std::filesystem::file_size(part_file(folder / "a.h5", part)), 4'000'000U);
+  }
+  expect_prefix(folder / "a.h5", 30'000);
+}
+
+TEST(Recorder, ThatWaitsForTheDiskKeepsTheSame) {
+  const TempFolder folder;
+  Recorder recorder(folder / "a.h5", {}, {}, {.sync_period = 0.02});
+  for (std::uint64_t i = 0; i < 10; ++i) {
+    push_rows(recorder, i * 100, 100);
+    std::this_thread::sleep_for(10ms);
+  }
+  recorder.finish();
+  EXPECT_TRUE(RecordingReader(folder / "a.h5").header().complete);
+  expect_prefix(folder / "a.h5", 1000);
+}
+
+TEST(Recorder, KeepsMarksAndPausesThatComeFromAnotherThread) {
+  const TempFolder folder;
+  const auto annotations = std::make_shared<Annotations>();
+  Recorder recorder(folder / "a.h5", {}, {}, {.annotations = annotations});
+  std::atomic<bool> done{false};
+  constexpr int kTimes = 20;
+  std::jthread person([&] {
+    for (int i = 0; i < kTimes; ++i) {
+      annotations->mark("mark " + std::to_string(i));
+      std::this_thread::sleep_for(3ms);
+      annotations->pause();
+      std::this_thread::sleep_for(3ms);
+      annotations->resume();
+    }
+    done = true;
+  });
+  std::uint64_t pushed = 0;
+  for (; !done; ++pushed) {
+    recorder.push(row(pushed));
+    std::this_thread::sleep_for(200us);
+  }
+  person.join();
+  recorder.finish();
+  const RecordingReader reader(folder / "a.h5");
+  const std::vector<StoredEvent> events = reader.events();
+  ASSERT_EQ(events.size(), 3U * kTimes);
+  for (std::size_t i = 0; i < events.size(); ++i) {
+    constexpr EventCode kOrder[] = {EventCode::mark, EventCode::paused, EventCode::resumed};
+    EXPECT_EQ(events[i].code, static_cast<std::int32_t>(kOrder[i % 3])) << i;
+    EXPECT_GE(events[i].time, events[i - std::min<std::size_t>(i, 1)].time);
+    EXPECT_EQ(events[i].text, i % 3 == 0 ? "mark " + std::to_string(i / 3) : i % 3 == 1 ? "paused" : "resumed");
+  }
+  EXPECT_LT(reader.rows(), pushed);
+  EXPECT_EQ(reader.rows(), recorder.status().written);
+  for (const Sample& sample : reader.read(0, reader.rows())) {
+    ASSERT_LT(sample.tick, pushed);
+    ASSERT_EQ(sample.position, row(sample.tick).position);
+  }
+  EXPECT_EQ(recorder.status().lost, 0U) << "what is left out on purpose is not lost";
+}
+
+TEST(Recorder, TellsThatItIsPausedAndKeepsNothingMeanwhile) {
+  const TempFolder folder;
+  const auto annotations = std::make_shared<Annotations>();
+  Recorder recorder(folder / "a.h5", {}, {}, {.annotations = annotations});
+  push_rows(recorder, 0, 100);
+  wait_until([&] { return recorder.status().written == 100; });
+  annotations->pause();
+  push_rows(recorder, 100, 100);
+  wait_until([&] { return recorder.status().paused; });
+  annotations->resume();
+  push_rows(recorder, 200, 100);
+  wait_until([&] { return !recorder.status().paused && recorder.status().written >= 200; });
+  recorder.finish();
+  const std::vector<Sample> rows = RecordingReader(folder / "a.h5").read(0, 1000);
+  // Both act at the newest tick when they are said, or after it where its row was taken from the ring already.
+  ASSERT_THAT(rows.size(), testing::AnyOf(200U, 201U));
+  EXPECT_EQ(rows[99].tick, 99U);
+  EXPECT_EQ(rows[100].tick, 400U - rows.size());
+}
+
+TEST(Recorder, BeginsWithWhatCameBeforeTheTrigger) {
+  const TempFolder folder;
+  Recorder recorder(folder / "a.h5", {}, {}, {.capture = {.pre = 0.25}});
+  push_rows(recorder, 0, 1000);
+  EXPECT_TRUE(recorder.status().armed || recorder.status().written == 0);
+  recorder.push(Event{.time_ns = row(1000).time_ns, .code = EventCode::triggered, .values = {0, 1, 0.5}});
+  push_rows(recorder, 1000, 500);
+  recorder.finish();
+  EXPECT_FALSE(recorder.status().armed);
+  const RecordingReader reader(folder / "a.h5");
+  ASSERT_EQ(reader.rows(), 750U);
+  const std::vector<Sample> rows = reader.read(0, 750);
+  EXPECT_EQ(rows.front().tick, 750U);
+  EXPECT_EQ(rows.front().time_ns, 0);
+  const std::vector<StoredEvent> events = reader.events();
+  ASSERT_EQ(events.size(), 1U);
+  EXPECT_DOUBLE_EQ(events.front().time, 0.25);
+}
+
+TEST(Recorder, SaysThatTheTriggerDidNotFire) {
+  const TempFolder folder;
+  Recorder recorder(folder / "a.h5", {}, {}, {.capture = {.pre = 1}});
+  push_rows(recorder, 0, 5000);
+  recorder.finish();
+  EXPECT_TRUE(recorder.status().armed);
+  EXPECT_EQ(recorder.status().written, 0U);
+  EXPECT_THAT(recorder.take_notices(), testing::Contains(HasSubstr("a.h5: the trigger did not fire")));
+  EXPECT_TRUE(recorder.take_notices().empty()) << "told once";
+  const RecordingReader reader(folder / "a.h5");
+  EXPECT_EQ(reader.rows(), 0U);
+  EXPECT_TRUE(reader.header().complete);
+}
+
+TEST(Recorder, TellsHowLongTheDiskWillLastAndHowLongItHasNotAnswered) {
+  const TempFolder folder;
+  Recorder recorder(folder / "a.h5", {}, {});
+  const std::filesystem::space_info space = std::filesystem::space(folder.path());
+  EXPECT_NEAR(recorder.status().disk_seconds, static_cast<double>(space.available) / (97 * 1000),
+              0.2 * static_cast<double>(space.available) / (97 * 1000));
+  while_the_disk_stalls([&] {
+    push_rows(recorder, 0, 100);
+    wait_until([&] { return recorder.status().stalled > 0.3; });
+  });
+  wait_until([&] { return recorder.status().stalled < 0.1 && recorder.status().written == 100; });
+  EXPECT_EQ(recorder.status().lost, 0U);
+  recorder.finish();
+  EXPECT_EQ(recorder.status().stalled, 0);
+}
+
+TEST(Recorder, RefusesOptionsThatMakeNoSense) {
+  const TempFolder folder;
+  const auto refuses = [&](const Recorder::Options& options, const RecordingHeader& header, const char* part) {
+    EXPECT_THAT(test::error_of([&] { Recorder(folder / "a.h5", header, {}, options); }), HasSubstr(part));
+  };
+  refuses({.sync_period = -1}, {}, "--sync is -1 s");
+  refuses({.sync_period = 3601}, {}, "from 0 (never) to 3600 s");
+  refuses({.storage = {.deflate = 10}}, {}, "10");
+  refuses({.capture = {.pre = -1}}, {}, "before the trigger is -1 s");
+  RecordingHeader slow;
+  slow.rate_hz = 100;
+  refuses({.storage = {.deflate = 1}}, slow, "cannot be packed while it grows");
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+TEST(Split, IsATimeOrASize) {
+  EXPECT_EQ(parse_split("30min").seconds, 1800);
+  EXPECT_EQ(parse_split("1.5h").seconds, 5400);
+  EXPECT_EQ(parse_split("90s").seconds, 90);
+  EXPECT_EQ(parse_split("1GiB").bytes, 1U << 30U);
+  EXPECT_EQ(parse_split("500MB").bytes, 500'000'000U);
+  for (const char* text : {"", "30", "min", "0s", "-1h", "1kB", "30 min", "1e300h", "nans", "infGB", "999kMB"})
+    EXPECT_THAT(test::error_of([&] { (void)parse_split(text); }), HasSubstr("neither a time from 1 s")) << text;
 }
 
 }  // namespace
