@@ -16,9 +16,9 @@ namespace haptrace {
 
 /// A column of the layout in texts.
 struct TextColumn {
-  const layout::Column* column;
+  const layout::Column* column = nullptr;
   std::array<std::string_view, 4> names;  ///< of its components in a CSV header
-  std::size_t first;                      ///< cell of its first component
+  std::size_t first = 0;                  ///< cell of its first component
 
   [[nodiscard]] std::size_t width() const { return column->width; }
 };

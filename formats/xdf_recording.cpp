@@ -18,8 +18,10 @@ constexpr double kStale = 1;            // [s]; a held value that is older is no
 /// Letters and digits in lower case: "Pos X" -> "posx".
 std::string plain(std::string_view label) {
   std::string text;
-  for (const unsigned char c : label)
+  for (const char each : label) {
+    const auto c = static_cast<unsigned char>(each);
     if (std::isalnum(c) != 0) text += static_cast<char>(std::tolower(c));
+  }
   return text;
 }
 
