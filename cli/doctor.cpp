@@ -3,7 +3,6 @@
 #include "cli/verb.h"
 #include "control/error.h"
 #include "player/playback.h"
-#include "player/record.h"
 #include "recorder/recorder.h"
 
 #include <algorithm>

@@ -57,11 +57,14 @@ int tell_of_recording(const std::string& file, const Output& output) {
   line("subject", header.subject);
   line("operator", header.operator_name);
   line("notes", header.notes);
+  for (const auto& [key, value] : header.meta) line(key.c_str(), value);
   line("created", header.created);
   line("device", fmt::format("{} ({})", header.device_name, header.device_model));
   line("samples", fmt::format("{} in {:.3f} s", summary.rows, summary.duration()));
   line("rate", fmt::format("{:.2f} Hz in the mean, {:g} Hz asked, {} clock", summary.mean_rate(), header.rate_hz,
                            header.clock));
+  if (header.part == 1 && reader.parts() > 1) line("parts", fmt::format("{} files", reader.parts()));
+  if (header.part > 1) line("part", fmt::format("{} of the recording {}", header.part, header.part_of));
   line("gaps", fmt::format("{} ({} ticks missed), longest interval {:.3f} ms", summary.gaps, summary.missed,
                            1e3 * summary.longest_interval));
   if (summary.rows > 0) line("size", millimetres(summary.bounds));
@@ -84,6 +87,8 @@ int tell_of_recording(const std::string& file, const Output& output) {
                       {"subject", header.subject},
                       {"operator", header.operator_name},
                       {"notes", header.notes},
+                      {"meta", header.meta},
+                      {"parts", reader.parts()},
                       {"complete", header.complete},
                       {"clock", header.clock},
                       {"rate_hz", header.rate_hz},

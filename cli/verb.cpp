@@ -329,8 +329,6 @@ std::string session_summary(const SessionResult& result) {
                         microseconds(servo.latency.quantile(0.5)), microseconds(servo.latency.quantile(0.99)),
                         microseconds(servo.latency.quantile(0.999)), microseconds(servo.latency.max()));
   if (result.recording && result.recording->parts > 1) text += fmt::format("  in {} files\n", result.recording->parts);
-  if (result.recording && result.recording->disk_seconds > 0)
-    text += fmt::format("  the disk has room for {:.1f} h more\n", result.recording->disk_seconds / 3600);
   if (result.recording && result.recording->lost > 0)
     text += fmt::format("  {} samples LOST: the disk could not keep up\n", result.recording->lost);
   return text;

@@ -3,8 +3,10 @@
 #include <csignal>
 #include <future>
 #include <gtest/gtest.h>
+#include <pty.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <utility>
 
 namespace haptrace::test {
 namespace {
@@ -25,14 +27,19 @@ nlohmann::json Answer::json() const {
   return parsed;
 }
 
-Command::Command(const std::vector<std::string>& arguments) {
-  int out[2], err[2];
-  if (pipe(out) != 0 || pipe(err) != 0) throw std::runtime_error("no pipe");
-  pid_ = fork();
+Command::Command(const std::vector<std::string>& arguments, Input input) {
+  int in[2] = {-1, -1}, out[2], err[2] = {-1, -1};
+  if (pipe(out) != 0) throw std::runtime_error("no pipe");
+  if (input != Input::terminal && pipe(err) != 0) throw std::runtime_error("no pipe");
+  if (input == Input::pipe && pipe(in) != 0) throw std::runtime_error("no pipe");
+  int terminal = -1;
+  pid_ = input == Input::terminal ? forkpty(&terminal, nullptr, nullptr, nullptr) : fork();
   if (pid_ == 0) {
     dup2(out[1], STDOUT_FILENO);
-    dup2(err[1], STDERR_FILENO);
-    for (const int fd : {out[0], out[1], err[0], err[1]}) close(fd);
+    if (input != Input::terminal) dup2(err[1], STDERR_FILENO);
+    if (input == Input::pipe) dup2(in[0], STDIN_FILENO);
+    for (const int fd : {in[0], in[1], out[0], out[1], err[0], err[1]})
+      if (fd >= 0) close(fd);
     std::vector<char*> argv{const_cast<char*>(HAPTRACE_COMMAND)};
     for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
     argv.push_back(nullptr);
@@ -40,9 +47,22 @@ Command::Command(const std::vector<std::string>& arguments) {
     _exit(127);
   }
   close(out[1]);
-  close(err[1]);
   out_ = out[0];
-  err_ = err[0];
+  if (input == Input::terminal) {
+    err_ = terminal;
+    in_ = dup(terminal);
+  } else {
+    close(err[1]);
+    err_ = err[0];
+  }
+  if (input == Input::pipe) {
+    close(in[0]);
+    in_ = in[1];
+  }
+}
+
+void Command::type(const std::string& text) const {
+  EXPECT_EQ(write(in_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
 }
 
 Command::~Command() {
@@ -57,6 +77,7 @@ Answer Command::wait() {
   auto out = std::async(std::launch::async, drain, out_);
   answer.err = drain(err_);
   answer.out = out.get();
+  if (in_ >= 0) close(std::exchange(in_, -1));
   int status = 0;
   waitpid(pid_, &status, 0);
   pid_ = -1;

@@ -16,19 +16,26 @@ struct Answer {
   [[nodiscard]] nlohmann::json json() const;
 };
 
-/// A command that runs; signals may be sent to it.
+/// A command that runs; signals may be sent to it, and text typed.
 class Command {
  public:
-  explicit Command(const std::vector<std::string>& arguments);
+  enum class Input {
+    none,  ///< whatever the test has
+    pipe,
+    terminal,  ///< of which standard error is a part as well
+  };
+
+  explicit Command(const std::vector<std::string>& arguments, Input input = Input::none);
   ~Command();
   Command(const Command&) = delete;
   Command& operator=(const Command&) = delete;
   [[nodiscard]] pid_t pid() const { return pid_; }
+  void type(const std::string& text) const;
   Answer wait();
 
  private:
   pid_t pid_ = -1;
-  int out_ = -1, err_ = -1;
+  int in_ = -1, out_ = -1, err_ = -1;
 };
 
 /// Runs to the end: haptrace("info", "a.h5", "--json").
