@@ -193,8 +193,7 @@ class ServoLoop::Session {
     } else if (mode_ == Mode::running) {
       if (command.status == Command::Status::deviation || command.status == Command::Status::no_path) {
         mode_ = Mode::fading;
-        report_.cause =
-            command.status == Command::Status::deviation ? StopCause::deviation : StopCause::no_path;
+        report_.cause = command.status == Command::Status::deviation ? StopCause::deviation : StopCause::no_path;
         fault_ = command.event;
       } else if (stop.count() > 0) {
         begin_release(StopCause::interrupted, EventCode::interrupted, state.time_ns);

@@ -29,7 +29,8 @@ int main(int argc, char** argv) try {
   const auto device = haptrace::open_device(argc > 2 ? argv[2] : "sim:preset=falcon,hand=relaxed");
   Spring spring;
   haptrace::SessionOptions options;
-  if (argc > 1) options.recording = haptrace::SessionOptions::Recording{.file = argv[1], .overwrite = true};
+  if (argc > 1)
+    options.recording = haptrace::SessionOptions::Recording{.file = argv[1], .options = {.overwrite = true}};
   const auto result = haptrace::run_session(*device, spring, {}, {}, options, haptrace::StopRequest{});
   std::printf("%llu samples, up to %.2f N, %s\n", static_cast<unsigned long long>(result.servo.samples),
               result.servo.max_force, to_string(result.servo.cause));

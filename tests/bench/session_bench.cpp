@@ -24,7 +24,7 @@ void tick(benchmark::State& state, bool recording) {
   for (auto _ : state) {
     auto controller = playback(60, {.hold = 0});
     SessionOptions options;
-    if (recording) options.recording = SessionOptions::Recording{.file = file, .overwrite = true};
+    if (recording) options.recording = SessionOptions::Recording{.file = file, .options = {.overwrite = true}};
     const SessionResult result = run_session(device, controller, {.reference = true}, {}, options, StopRequest{});
     times = result.servo.tick_time;
     state.SetItemsProcessed(state.items_processed() + static_cast<std::int64_t>(result.servo.samples));
@@ -62,7 +62,7 @@ void session(benchmark::State& state, bool recording) {
     const auto device = open_device("sim:preset=falcon,hand=relaxed,seed=1");
     auto controller = playback(60, {.hold = 0, .max_deviation = 1});
     SessionOptions options;
-    if (recording) options.recording = SessionOptions::Recording{.file = file, .overwrite = true};
+    if (recording) options.recording = SessionOptions::Recording{.file = file, .options = {.overwrite = true}};
     const SessionResult result = run_session(*device, controller, {.reference = true}, {}, options, StopRequest{});
     simulated += result.servo.duration;
   }
