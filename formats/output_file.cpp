@@ -5,6 +5,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <fcntl.h>
 #include <filesystem>
 #include <fmt/format.h>
 #include <random>
@@ -18,11 +19,11 @@ OutputFile::OutputFile(const std::string& file, bool overwrite) : target_(file),
   if (!fs::is_directory(folder, error))
     throw input_error(fmt::format("{}: folder {} does not exist; create it first", file, folder.string()));
   const fs::file_status status = fs::status(file, error);
-  if (!fs::exists(status)) return;
-  if (!fs::is_regular_file(status)) throw input_error(file + ": exists and is not a regular file");
-  if (!overwrite)
+  replaces_ = fs::exists(status);
+  if (replaces_ && !fs::is_regular_file(status)) throw input_error(file + ": exists and is not a regular file");
+  if (replaces_ && !overwrite)
     throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
-  target_ = fs::canonical(file, error).string();  // a link stays a link
+  if (replaces_) target_ = fs::canonical(file, error).string();  // a link stays a link
   path_ = fmt::format("{}.{:08x}", target_, std::random_device{}());
 }
 
@@ -32,8 +33,15 @@ OutputFile::~OutputFile() {
 }
 
 void OutputFile::commit() {
-  if (path_ != target_ && std::rename(path_.c_str(), target_.c_str()) != 0)
-    throw input_error(fmt::format("{}: cannot be replaced: {}", target_, std::strerror(errno)));
+  const auto rename = [&](unsigned flags) {
+    return renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target_.c_str(), flags) == 0;
+  };
+  bool renamed = rename(replaces_ ? 0 : RENAME_NOREPLACE);
+  // Some file systems do not know how not to replace.
+  if (!renamed && errno == EINVAL && !fs::exists(target_)) renamed = rename(0);
+  if (!renamed)
+    throw input_error(
+        fmt::format("{}: cannot be {}: {}", target_, replaces_ ? "replaced" : "created", std::strerror(errno)));
   created_ = false;
 }
 

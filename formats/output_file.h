@@ -5,7 +5,8 @@
 
 namespace haptrace {
 
-/// Where a new file is made, and what becomes of it. A file that is to be replaced stays as it was until commit().
+/// Where a new file is made, and what becomes of it. It is made under a name of its own beside the final one: whatever
+/// happens before commit(), a file that is to be replaced stays as it was, and a new one is not there by half.
 class OutputFile {
  public:
   /// Throws Error(input): the folder is missing, the file exists (unless `overwrite`) or is not a regular file.
@@ -25,7 +26,7 @@ class OutputFile {
 
  private:
   std::string target_, path_;
-  bool created_ = false;
+  bool replaces_ = false, created_ = false;
 };
 
 }  // namespace haptrace

@@ -124,6 +124,8 @@ void check_root(hid_t root, Findings& findings) {
   if (!hdf5::read_attribute(root, "format", format) || format != layout::kFormat)
     findings.add(Severity::error, "/@format", fmt::format("is not '{}'", layout::kFormat));
   for (const layout::Attribute& attribute : layout::attributes()) check_attribute(root, attribute, findings);
+  if (H5Lexists(root, layout::kMeta, H5P_DEFAULT) > 0 && !hdf5::Object(H5Oopen(root, layout::kMeta, H5P_DEFAULT)))
+    findings.add(Severity::error, layout::kMeta, "is damaged: the metadata cannot be read");
 }
 
 // ---- the datasets ----

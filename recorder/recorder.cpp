@@ -112,6 +112,7 @@ class Recorder::Writer final : private Capture::Output {
         events(rows_in(options.ring_seconds, header.rate_hz, kSmallestRing)),
         options_(options),
         bytes_per_second_(static_cast<double>(row_bytes(columns)) * header.rate_hz),
+        loop_waits_(header.clock == "virtual"),
         output_(name, header, columns, writer_options(options, header.rate_hz)),
         capture_(options.capture, *this) {
     look_at_disk();
@@ -227,7 +228,7 @@ class Recorder::Writer final : private Capture::Output {
   /// How long to leave the file alone after a flush of this cost. On a disk so slow that samples wait meanwhile, to
   /// catch up comes before making the file whole [s].
   [[nodiscard]] double rest_after(double cost) const {
-    return samples.read_available() >= kLargestBatch ? kRestPerFlush * cost : 0;
+    return !loop_waits_ && samples.read_available() >= kLargestBatch ? kRestPerFlush * cost : 0;
   }
 
   /// True when there was anything.
@@ -319,6 +320,7 @@ class Recorder::Writer final : private Capture::Output {
 
   const Options options_;
   const double bytes_per_second_;  ///< of the session's time
+  const bool loop_waits_;          ///< in virtual time it can wait for the disk, see between_ticks
   std::atomic<std::uint64_t> written_{0}, lost_{0};
   std::atomic<std::uint32_t> parts_{1};
   std::atomic<bool> failed_{false}, armed_{false}, paused_{false}, disk_low_{false};
