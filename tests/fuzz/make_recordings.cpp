@@ -1,5 +1,5 @@
 // Writes the recordings of the corpus, as small as they can be: a finished one, one of every column, one whose writer
-// died.
+// died, a first part, one that was packed and one that was rounded.
 //   fuzz_make_recordings FOLDER
 #include "formats/recording.h"
 
@@ -11,14 +11,18 @@ namespace {
 
 constexpr std::size_t kRows = 4;
 
-RecordingWriter write(const std::string& file, const RecordingColumns& columns) {
+RecordingWriter write(const std::string& file, const RecordingColumns& columns, const Storage& storage = {},
+                      bool in_parts = false) {
   RecordingHeader header;
   header.uuid = "00000000-0000-4000-8000-000000000000";
   header.created = "2026-01-01T00:00:00Z";
   header.software = "haptrace";
   header.config = {{"rate_hz", 1000}};
   header.max_force_n = 8;
-  RecordingWriter writer(file, header, columns, {.overwrite = true, .storage = {.rows_per_chunk = kRows}});
+  header.meta = {{"group", "a"}};
+  RecordingWriter::Options options{.overwrite = true, .storage = storage, .in_parts = in_parts};
+  options.storage.rows_per_chunk = kRows;
+  RecordingWriter writer(file, header, columns, options);
   std::vector<Sample> samples(kRows);
   for (std::size_t i = 0; i < kRows; ++i) {
     samples[i].tick = i;
@@ -44,5 +48,8 @@ int main(int argc, char** argv) {
         {.orientation = true, .torque = true, .force_measured = true, .reference = true, .guidance = true})
       .finish();
   write(folder + "abandoned.h5", {}).abandon();
+  write(folder + "part.h5", {}, {}, true).finish();
+  write(folder + "packed.h5", {}, {.deflate = 9}).finish();
+  write(folder + "rounded.h5", {}, {.precision = {.position = 1e-6, .velocity = 1e-3, .force = 1e-3}}).finish();
   return 0;
 }

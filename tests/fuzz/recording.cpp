@@ -12,6 +12,8 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     RecordingReader reader(file);
     fuzz::answer([&] { fuzz::require(reader.read(0, reader.rows()).size() == reader.rows()); });
     fuzz::answer([&] { (void)reader.events(); });
+    fuzz::answer([&] { (void)reader.overview(); });
+    fuzz::answer([&] { (void)reader.row_at(2'000'000); });
     reader.refresh();
   });
   fuzz::answer([&] { (void)check_recording(file); });
