@@ -242,6 +242,29 @@ TEST(GrownButNotFilled, RowsWithoutATimeAreLeftOut) {
   expect_same(reader.read(0, 10'350), session);
 }
 
+TEST(KilledWriter, WhoseOverviewLagsBehindLeavesNothingThatIsWrong) {
+  const TempFolder folder;
+  const std::string file = folder / "a.h5";
+  // The fastest movement spans the end of what /overview knows of.
+  std::vector<Sample> session(9000);
+  for (std::size_t i = 0; i < session.size(); ++i) {
+    session[i].tick = i;
+    session[i].time_ns = static_cast<std::int64_t>(i) * 1'000'000;
+    session[i].position = Vec3(i < 8192 ? 0 : 0.01, 0, 0);
+  }
+  const pid_t child = fork();
+  if (child == 0) {
+    RecordingWriter writer(file, {}, {}, {});
+    writer.append(session);
+    writer.flush();
+    _exit(0);
+  }
+  waitpid(child, nullptr, 0);
+  ASSERT_EQ(RecordingReader(file).rows(), session.size());
+  for (const Finding& finding : check_recording(file))
+    EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
+}
+
 TEST(RecordingWriter, FillsTimeLastAndTheRestOfAChunkWithFillValues) {
   const TempFolder folder;
   write_recording(folder / "a.h5", random_session(8, 150, {}));
