@@ -27,7 +27,8 @@ nlohmann::json Answer::json() const {
   return parsed;
 }
 
-Command::Command(const std::vector<std::string>& arguments, Input input) {
+Command::Command(const std::vector<std::string>& arguments, Input input, const std::vector<std::string>& environment,
+                 const std::string& program) {
   int in[2] = {-1, -1}, out[2], err[2] = {-1, -1};
   if (pipe(out) != 0) throw std::runtime_error("no pipe");
   if (input != Input::terminal && pipe(err) != 0) throw std::runtime_error("no pipe");
@@ -40,10 +41,11 @@ Command::Command(const std::vector<std::string>& arguments, Input input) {
     if (input == Input::pipe) dup2(in[0], STDIN_FILENO);
     for (const int fd : {in[0], in[1], out[0], out[1], err[0], err[1]})
       if (fd >= 0) close(fd);
-    std::vector<char*> argv{const_cast<char*>(HAPTRACE_COMMAND)};
+    std::vector<char*> argv{const_cast<char*>(program.c_str())};
     for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
     argv.push_back(nullptr);
-    execv(HAPTRACE_COMMAND, argv.data());
+    for (const std::string& variable : environment) putenv(const_cast<char*>(variable.c_str()));
+    execv(program.c_str(), argv.data());
     _exit(127);
   }
   close(out[1]);
@@ -72,10 +74,16 @@ Command::~Command() {
   }
 }
 
+bool Command::says(std::string_view part) {
+  char character = 0;
+  while (said_.find(part) == std::string::npos && read(err_, &character, 1) == 1) said_ += character;
+  return said_.find(part) != std::string::npos;
+}
+
 Answer Command::wait() {
   Answer answer;
   auto out = std::async(std::launch::async, drain, out_);
-  answer.err = drain(err_);
+  answer.err = said_ + drain(err_);
   answer.out = out.get();
   if (in_ >= 0) close(std::exchange(in_, -1));
   int status = 0;

@@ -3,6 +3,7 @@
 
 #include <nlohmann/json.hpp>
 #include <string>
+#include <string_view>
 #include <sys/types.h>
 #include <vector>
 
@@ -25,17 +26,24 @@ class Command {
     terminal,  ///< of which standard error is a part as well
   };
 
-  explicit Command(const std::vector<std::string>& arguments, Input input = Input::none);
+  /// `environment`: further variables, NAME=VALUE. `program`: haptrace itself, or another.
+  explicit Command(const std::vector<std::string>& arguments, Input input = Input::none,
+                   const std::vector<std::string>& environment = {}, const std::string& program = HAPTRACE_COMMAND);
   ~Command();
   Command(const Command&) = delete;
   Command& operator=(const Command&) = delete;
   [[nodiscard]] pid_t pid() const { return pid_; }
   void type(const std::string& text) const;
+
+  /// Waits until it has said `part` on standard error; false when it ended without.
+  bool says(std::string_view part);
+
   Answer wait();
 
  private:
   pid_t pid_ = -1;
   int in_ = -1, out_ = -1, err_ = -1;
+  std::string said_;
 };
 
 /// Runs to the end: haptrace("info", "a.h5", "--json").

@@ -1,0 +1,456 @@
+// What a session does when its disk misbehaves: the real command, on a C library that fails beneath HDF5 (preload.cpp).
+// Always: the session goes on, what went wrong is said at once, what could be kept is kept and right, the exit code
+// tells.
+#include "formats/recording_layout.h"
+#include "tests/cli/command.h"
+#include "tests/formats/support.h"
+
+#include <cerrno>
+#include <chrono>
+#include <csignal>
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <sched.h>
+#include <sys/mount.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
+
+namespace haptrace {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Answer;
+using test::Command;
+using testing::HasSubstr;
+using namespace std::chrono_literals;
+using Words = std::vector<std::string>;
+
+constexpr auto kNoInput = Command::Input::none;
+
+const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=3";
+
+/// The variables of a disk that does this to files whose path holds `file`.
+Words disk(Words faults, const std::string& file = "out") {
+  faults.push_back("FAULT_PATH=" + file);
+  faults.emplace_back("LD_PRELOAD=" FAULTS_PRELOAD);
+  // AddressSanitizer wants to be the first that is loaded.
+  const char* options = std::getenv("ASAN_OPTIONS");
+  faults.push_back(fmt::format("ASAN_OPTIONS={}:verify_asan_link_order=0", options == nullptr ? "" : options));
+  return faults;
+}
+
+std::string full(std::uint64_t bytes, int error = ENOSPC) {
+  return fmt::format("FAULT_ROOM={}|FAULT_ERRNO={}", bytes, error);
+}
+
+Words split(const std::string& text) {
+  Words words;
+  for (std::size_t begin = 0; begin <= text.size();) {
+    const std::size_t end = std::min(text.find('|', begin), text.size());
+    if (end > begin) words.push_back(text.substr(begin, end - begin));
+    begin = end + 1;
+  }
+  return words;
+}
+
+/// All rows of a recording in which nothing is wrong but, perhaps, that it was not finished.
+std::vector<Sample> rows_of(const std::string& file) {
+  const RecordingReader reader(file);
+  std::vector<Sample> rows = reader.read(0, reader.rows());
+  for (std::size_t i = 1; i < rows.size(); ++i) {
+    EXPECT_GT(rows[i].time_ns, rows[i - 1].time_ns) << i;
+    EXPECT_GT(rows[i].tick, rows[i - 1].tick) << i;
+  }
+  for (const Finding& finding : check_recording(file))
+    EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
+  return rows;
+}
+
+bool complete(const std::string& file) {
+  return RecordingReader(file).header().complete;
+}
+
+// -------------------------------------------------------------------------------------------------------- virtual time
+
+struct Fault {
+  const char* name;
+  std::string disk;
+  const char* says;  ///< null: nothing is lost
+};
+
+void PrintTo(const Fault& fault, std::ostream* out) {
+  *out << fault.disk;
+}
+
+/// The play of a path in virtual time, which is the same to the bit whenever it is run.
+class Play {
+ public:
+  Play() {
+    EXPECT_EQ(test::haptrace("shape", "square", "--size", "0.04", "--duration", "12", "-o", path_).exit_code, 0);
+  }
+
+  [[nodiscard]] Words words(const std::string& name) const {
+    return {"play", path_, "--device", kFalcon, "--rate", "4000", "--record", folder_ / name, "--json"};
+  }
+  std::string operator/(const std::string& name) const { return folder_ / name; }
+
+ private:
+  TempFolder folder_;
+  std::string path_ = folder_ / "square.h5";
+};
+
+class FaultsInVirtualTime : public testing::TestWithParam<Fault> {};
+
+TEST_P(FaultsInVirtualTime, CostNoRowThatCouldBeKept) {
+  const Play play;
+  ASSERT_EQ(Command(play.words("whole.h5")).wait().exit_code, 0);
+  const std::vector<Sample> whole = rows_of(play / "whole.h5");
+
+  const Answer answer = Command(play.words("out.h5"), kNoInput, disk(split(GetParam().disk))).wait();
+  const std::vector<Sample> rows = rows_of(play / "out.h5");
+  EXPECT_EQ(answer.json()["stopped_by"], "finished") << "the session goes on";
+  EXPECT_EQ(answer.json()["samples"], whole.size());
+  EXPECT_EQ(answer.json()["lost"], 0);
+  expect_same(rows, std::span(whole).first(std::min(rows.size(), whole.size())));
+  if (GetParam().says == nullptr) {
+    EXPECT_EQ(answer.exit_code, 0) << answer.err;
+    EXPECT_EQ(rows.size(), whole.size());
+    EXPECT_TRUE(complete(play / "out.h5"));
+    return;
+  }
+  EXPECT_EQ(answer.exit_code, 1);
+  EXPECT_THAT(answer.err, testing::AllOf(HasSubstr(play / "out.h5"), HasSubstr(GetParam().says)));
+  EXPECT_THAT(answer.json()["recording_error"].get<std::string>(), HasSubstr(GetParam().says));
+  EXPECT_GT(rows.size(), 4000U);
+  EXPECT_LT(rows.size(), whole.size());
+  EXPECT_FALSE(complete(play / "out.h5"));
+  // A disk that refuses a claim lets every sample be written that came before.
+  if (GetParam().disk.find("FAULT_ROOM") == 0) {
+    EXPECT_THAT(answer.err, HasSubstr(fmt::format("recording stopped after {} samples", rows.size())));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Of, FaultsInVirtualTime,
+    testing::Values(Fault{"AFullDisk", full(4'500'000), "No space left on device"},
+                    Fault{"AUsedUpQuota", full(5'000'001, EDQUOT), "Disk quota exceeded"},
+                    Fault{"AFullDiskThatHdf5Meets", "FAULT_DELAY_MS=2|FAULT_NO_CLAIM=1|" + full(2'000'000),
+                          "No space left on device"},
+                    Fault{"AQuotaThatHdf5Meets", "FAULT_DELAY_MS=2|FAULT_NO_CLAIM=1|" + full(2'300'003, EDQUOT),
+                          "Disk quota exceeded"},
+                    Fault{"ABrokenDisk", fmt::format("FAULT_DELAY_MS=2|FAULT_AFTER=3000000|FAULT_ERRNO={}", EIO),
+                          "Input/output error"},
+                    Fault{"ADiskThatCannotClaim", "FAULT_NO_CLAIM=1", nullptr},
+                    Fault{"ShortWrites", "FAULT_SHORT=1000", nullptr},
+                    Fault{"InterruptedCalls", "FAULT_INTERRUPT=1", nullptr},
+                    Fault{"ASlowDisk", "FAULT_DELAY_MS=2", nullptr},
+                    Fault{"AStall", "FAULT_STALL_MS=2500|FAULT_STALL_AFTER=1000000", nullptr}),
+    [](const auto& instance) { return instance.param.name; });
+
+// ----------------------------------------------------------------------------------------------------------- real time
+
+/// A recording in real time that goes on until it is told to end: what it says before that, it says at once.
+class Endless {
+ public:
+  explicit Endless(const Words& faults = {}, const char* rate = "1000")
+      : file(folder / "in/out.h5"),
+        command_((fs::create_directory(folder / "in"),
+                  Words{"record", file, "--device", kFalcon, "--clock", "real", "--rate", rate, "--json"}),
+                 kNoInput, disk(faults)) {}
+
+  bool says(std::string_view part) { return command_.says(part); }
+
+  /// Waits until some of it is on the disk.
+  void wait_for_rows() const {
+    for (int i = 0; i < 400 && !(fs::exists(file) && fs::file_size(file) > 50'000); ++i)
+      std::this_thread::sleep_for(25ms);
+  }
+
+  [[nodiscard]] pid_t pid() const { return command_.pid(); }
+
+  /// Ends it and expects the session itself to have been in order until then.
+  Answer end(int exit_code, int signal = SIGINT) {
+    kill(command_.pid(), signal);
+    Answer answer = command_.wait();
+    EXPECT_EQ(answer.exit_code, exit_code) << answer.err;
+    EXPECT_EQ(answer.json()["stopped_by"], "interrupted");
+    return answer;
+  }
+
+  const TempFolder folder;
+  const std::string file;
+
+ private:
+  Command command_;
+};
+
+/// Every tick that ran has its row.
+void expect_whole(const std::string& file, const Answer& answer) {
+  EXPECT_EQ(answer.json()["lost"], 0);
+  EXPECT_EQ(rows_of(file).size(), answer.json()["samples"]);
+  EXPECT_TRUE(complete(file));
+}
+
+struct LiveFault {
+  const char* name;
+  std::string disk;
+  const char* says;
+  const char* rate;
+};
+
+void PrintTo(const LiveFault& fault, std::ostream* out) {
+  *out << fault.disk;
+}
+
+class FaultsInRealTime : public testing::TestWithParam<LiveFault> {};
+
+TEST_P(FaultsInRealTime, AreToldAtOnceAndTheSessionGoesOn) {
+  Endless session(split(GetParam().disk), GetParam().rate);
+  ASSERT_TRUE(session.says(GetParam().says));
+  const Answer answer = session.end(1);
+  EXPECT_THAT(answer.err, HasSubstr(session.file));
+  const std::vector<Sample> rows = rows_of(session.file);
+  EXPECT_GT(rows.size(), 500U);
+  EXPECT_LT(rows.size(), answer.json()["samples"]);
+  EXPECT_FALSE(complete(session.file));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Of, FaultsInRealTime,
+    testing::Values(LiveFault{"AFullDisk", full(3'300'000), "No space left on device", "20000"},
+                    LiveFault{"AUsedUpQuota", full(3'500'000, EDQUOT), "Disk quota exceeded", "20000"},
+                    LiveFault{"AFullDiskThatHdf5Meets", "FAULT_DELAY_MS=2|FAULT_NO_CLAIM=1|" + full(400'000),
+                              "No space left", "5000"},
+                    LiveFault{"ABrokenDisk", "FAULT_AFTER=3000000", "Input/output error", "1000"}),
+    [](const auto& instance) { return instance.param.name; });
+
+TEST(Recording, OutlastsAStallOfFiveSecondsAndEndsGentlyInIt) {
+  Endless session({"FAULT_STALL_MS=5000", "FAULT_STALL_AFTER=200000"});
+  ASSERT_TRUE(session.says("the disk has not answered for"));
+  expect_whole(session.file, session.end(130, SIGTERM));
+}
+
+TEST(Recording, KeepsUpWithASlowNetworkMount) {
+  Endless session({"FAULT_DELAY_MS=20"});
+  std::this_thread::sleep_for(3s);
+  expect_whole(session.file, session.end(130, SIGHUP));
+}
+
+TEST(Recording, OfARemovedFolderIsRescued) {
+  Endless session;
+  session.wait_for_rows();
+  fs::remove_all(session.folder / "in");
+  ASSERT_TRUE(session.says("was removed while it is being written; it will be kept as " + session.folder / "out.h5"));
+  const Answer answer = session.end(1);
+  EXPECT_THAT(answer.err, HasSubstr("the recording was kept as " + session.folder / "out.h5"));
+  expect_whole(session.folder / "out.h5", answer);
+}
+
+TEST(Recording, WhoseFileIsReplacedIsKeptBesideTheOther) {
+  Endless session;
+  session.wait_for_rows();
+  fs::rename(session.folder.write("other", "other"), session.file);
+  const std::string kept = session.folder / "in/out.rescued1.h5";
+  ASSERT_TRUE(session.says(kept));
+  const Answer answer = session.end(1);
+  expect_whole(kept, answer);
+  EXPECT_EQ(read_bytes(session.file), "other");
+}
+
+TEST(Recording, WhoseFileIsMovedGoesOnWhereItIsNow) {
+  Endless session;
+  session.wait_for_rows();
+  fs::rename(session.file, session.folder / "elsewhere.h5");
+  ASSERT_TRUE(session.says("was moved while it is being written; it is now " + session.folder / "elsewhere.h5"));
+  expect_whole(session.folder / "elsewhere.h5", session.end(130));
+}
+
+TEST(Recording, DoesNotMindThatItsPermissionsAreTakenAway) {
+  Endless session;
+  session.wait_for_rows();
+  fs::permissions(session.file, fs::perms::none);
+  fs::permissions(session.folder / "in", fs::perms::none);
+  std::this_thread::sleep_for(500ms);
+  const Answer answer = session.end(130);
+  fs::permissions(session.folder / "in", fs::perms::owner_all);
+  fs::permissions(session.file, fs::perms::owner_all);
+  expect_whole(session.file, answer);
+}
+
+TEST(Recording, StopsAtALimitOnTheSizeOfFilesThatComesInBetween) {
+  Endless session({}, "20000");
+  session.wait_for_rows();
+  const rlimit limit{fs::file_size(session.file) + 1'000'000, RLIM_INFINITY};
+  ASSERT_EQ(prlimit(session.pid(), RLIMIT_FSIZE, &limit, nullptr), 0);
+  ASSERT_TRUE(session.says("recording stopped after"));
+  const Answer answer = session.end(1);
+  EXPECT_GT(rows_of(session.file).size(), 500U);
+}
+
+/// Processes that keep every core busy.
+class BusyCores {
+ public:
+  BusyCores() {
+    for (unsigned i = 0; i < 2 * std::thread::hardware_concurrency(); ++i) {
+      const pid_t child = fork();
+      if (child == 0)
+        for (volatile unsigned spin = 0;;) spin = spin + 1;
+      children_.push_back(child);
+    }
+  }
+  ~BusyCores() {
+    for (const pid_t child : children_) kill(child, SIGKILL);
+    for (const pid_t child : children_) waitpid(child, nullptr, 0);
+  }
+  BusyCores(const BusyCores&) = delete;
+  BusyCores& operator=(const BusyCores&) = delete;
+
+ private:
+  std::vector<pid_t> children_;
+};
+
+TEST(Recording, LosesNothingWhenItsWriterHardlyEverRuns) {
+  Endless session;
+  session.wait_for_rows();
+  // All of its threads but the servo loop, where that is a real-time one.
+  for (const auto& thread : fs::directory_iterator(fmt::format("/proc/{}/task", session.pid()))) {
+    const pid_t id = std::stoi(thread.path().filename());
+    const sched_param none{};
+    if (sched_getscheduler(id) != SCHED_OTHER) continue;
+    ASSERT_EQ(sched_setscheduler(id, SCHED_IDLE, &none), 0);
+  }
+  {
+    const BusyCores busy;
+    std::this_thread::sleep_for(2s);
+  }
+  expect_whole(session.file, session.end(130));
+}
+
+// ------------------------------------------------------------------- what the library can, and the command need not
+// know
+
+/// The sessions of recording_session.cpp, whose movement is known.
+std::int64_t row_of(const Sample& sample) {
+  return std::llround(1e6 * sample.position.x());
+}
+
+Command known_movement(const std::string& file, Words options, const Words& faults) {
+  options.insert(options.begin(), file);
+  return Command(options, kNoInput, disk(faults), RECORDING_SESSION);
+}
+
+std::int64_t known_position(std::uint64_t row) {
+  return std::llabs(static_cast<std::int64_t>(row % 100'000) - 50'000);
+}
+
+TEST(Recording, ThatOverflowsAfterAllCountsEveryLossAndShowsTheGap) {
+  const TempFolder folder;
+  const std::string file = folder / "out.h5";
+  Command session =
+      known_movement(file, {"clock=real", "rate=10000", "ring=0"}, {"FAULT_STALL_MS=4000", "FAULT_STALL_AFTER=300000"});
+  ASSERT_TRUE(session.says("samples lost so far"));
+  // Until after the stall, so that there are rows on both sides of the gap.
+  std::this_thread::sleep_for(3s);
+  kill(session.pid(), SIGINT);
+  const Answer answer = session.wait();
+  EXPECT_EQ(answer.exit_code, 1);
+  const std::uint64_t ran = answer.json()["samples"], lost = answer.json()["lost"];
+  const std::vector<Sample> rows = rows_of(file);
+  EXPECT_GT(lost, 1000U);
+  EXPECT_EQ(rows.size() + lost, ran);
+  EXPECT_TRUE(complete(file)) << "the recording itself was finished";
+
+  // The rows are those before and after the gap, and the gap is as long as the count says.
+  std::uint64_t at = 0, skipped = 0;
+  for (const Sample& row : rows) {
+    while (at < ran && row_of(row) != known_position(at)) ++at, ++skipped;
+    ++at;
+  }
+  EXPECT_EQ(at, ran);
+  EXPECT_EQ(skipped, lost);
+
+  std::uint64_t told = 0;
+  for (const StoredEvent& event : RecordingReader(file).events())
+    if (event.code == static_cast<std::int32_t>(EventCode::samples_lost)) told += std::stoull(event.text);
+  EXPECT_EQ(told, lost);
+}
+
+TEST(Recording, SaysAtOnceThatTheDiskCannotBeWaitedFor) {
+  const TempFolder folder;
+  Command session = known_movement(folder / "out.h5", {"clock=real", "sync=0.2"}, {"FAULT_SYNC=1"});
+  ASSERT_TRUE(session.says("cannot be forced to the disk: Input/output error"));
+  kill(session.pid(), SIGINT);
+  EXPECT_EQ(session.wait().exit_code, 1);
+  EXPECT_GT(rows_of(folder / "out.h5").size(), 100U);
+}
+
+TEST(Recording, InPartsKeepsThoseBeforeTheDiskBroke) {
+  const TempFolder folder;
+  const std::string file = folder / "out.h5";
+  for (const auto& [faults, says] : {std::pair<Words, std::string>{{"FAULT_AFTER=5000000"}, "Input/output error"},
+                                     {{"FAULT_CREATE=1"}, "the recording ends with part 3"}}) {
+    Words variables = disk(faults, faults.front() == "FAULT_CREATE=1" ? "part004" : "out");
+    const Answer answer = Command({file, "duration=60", "split=10s"}, kNoInput, variables, RECORDING_SESSION).wait();
+    EXPECT_EQ(answer.exit_code, 1);
+    EXPECT_THAT(answer.err, HasSubstr(says));
+    const RecordingReader reader(file);
+    EXPECT_GE(reader.parts(), 3U);
+    EXPECT_GE(reader.rows(), 30'000U);
+    const std::vector<Sample> rows = reader.read(0, reader.rows());
+    for (std::size_t i = 0; i < rows.size(); ++i) ASSERT_EQ(row_of(rows[i]), known_position(i)) << i;
+    for (const fs::path& part : {fs::path(file), fs::path(part_file(file, 2)), fs::path(part_file(file, 3)),
+                                 fs::path(part_file(file, 4)), fs::path(part_file(file, 5))})
+      fs::remove(part);
+  }
+}
+
+TEST(Recording, ThatCannotBeCreatedLeavesNothingBehind) {
+  for (const int error : {ENOSPC, EDQUOT, EROFS, EACCES}) {
+    const TempFolder folder;
+    const Answer answer = Command({"record", folder / "out.h5", "--device", kFalcon, "--duration", "1"}, kNoInput,
+                                  disk({"FAULT_CREATE=1", fmt::format("FAULT_ERRNO={}", error)}))
+                              .wait();
+    EXPECT_EQ(answer.exit_code, 2);
+    EXPECT_THAT(answer.err, testing::AllOf(HasSubstr(folder / "out.h5"), HasSubstr(std::strerror(error))));
+    EXPECT_TRUE(fs::is_empty(folder.path()));
+  }
+}
+
+/// A disk of `bytes` at `folder`: a real one where the system lets us mount it, else the preloaded one.
+class SmallDisk {
+ public:
+  SmallDisk(std::string folder, std::uint64_t bytes) : folder_(std::move(folder)) {
+    mounted_ = mount("none", folder_.c_str(), "tmpfs", 0, fmt::format("size={}", bytes).c_str()) == 0;
+    if (!mounted_) variables_ = disk(split(full(bytes)));
+  }
+  ~SmallDisk() {
+    if (mounted_) umount2(folder_.c_str(), MNT_DETACH);
+  }
+  SmallDisk(const SmallDisk&) = delete;
+  SmallDisk& operator=(const SmallDisk&) = delete;
+  [[nodiscard]] const Words& variables() const { return variables_; }
+
+ private:
+  std::string folder_;
+  bool mounted_ = false;
+  Words variables_;
+};
+
+TEST(Recording, OnADiskThatIsTooSmallEndsWithEverySampleThatFits) {
+  const TempFolder folder;
+  const SmallDisk small(folder.path(), 8U << 20U);
+  const std::string file = folder / "out.h5";
+  const Answer answer = Command({file, "duration=200"}, kNoInput, small.variables(), RECORDING_SESSION).wait();
+  EXPECT_EQ(answer.exit_code, 1);
+  EXPECT_THAT(answer.err, HasSubstr("No space left on device"));
+  EXPECT_EQ(answer.json()["stopped_by"], "finished");
+  const std::vector<Sample> rows = rows_of(file);
+  EXPECT_THAT(answer.err, HasSubstr(fmt::format("recording stopped after {} samples", rows.size())));
+  EXPECT_GT(rows.size(), 40'000U);
+  for (std::size_t i = 0; i < rows.size(); ++i) ASSERT_EQ(row_of(rows[i]), known_position(i)) << i;
+}
+
+}  // namespace
+}  // namespace haptrace
