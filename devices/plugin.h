@@ -18,27 +18,27 @@ extern "C" {
 #define HAPTRACE_PLUGIN_ABI 1
 
 typedef struct haptrace_plugin_info {
-  uint32_t struct_size; /* set by the caller: sizeof of its own declaration */
-  uint32_t flags;       /* bit 0: virtual time, the device advances only by exchange's dt */
-  uint32_t axes;        /* bits 0..2 force x,y,z; bits 3..5 torque x,y,z */
+  uint32_t struct_size;            /* set by the caller: sizeof of its own declaration */
+  uint32_t flags;                  /* bit 0: virtual time, the device advances only by exchange's dt */
+  uint32_t axes;                   /* bits 0..2 force x,y,z; bits 3..5 torque x,y,z */
   uint32_t reserved;
-  char model[64];
-  char serial[64];
-  double workspace_min[3];     /* m */
-  double workspace_max[3];     /* m */
-  double position_resolution;  /* m, 0 when unknown */
-  double max_force;            /* N, magnitude */
-  double max_continuous_force; /* N, magnitude, 0 when unknown */
-  double nominal_rate;         /* Hz */
+  char     model[64];
+  char     serial[64];
+  double   workspace_min[3];       /* m */
+  double   workspace_max[3];       /* m */
+  double   position_resolution;    /* m, 0 when unknown */
+  double   max_force;              /* N, magnitude */
+  double   max_continuous_force;   /* N, magnitude, 0 when unknown */
+  double   nominal_rate;           /* Hz */
 } haptrace_plugin_info;
 
 typedef struct haptrace_plugin_state {
-  double position[3];    /* m */
-  double velocity[3];    /* m/s, NaN when not measured */
-  double orientation[4]; /* w,x,y,z, NaN when not measured */
-  double force[3];       /* N, measured contact force, NaN when not measured */
+  double   position[3];            /* m */
+  double   velocity[3];            /* m/s, NaN when not measured */
+  double   orientation[4];         /* w,x,y,z, NaN when not measured */
+  double   force[3];               /* N, measured contact force, NaN when not measured */
   uint32_t buttons;
-  uint32_t ready; /* 1 when homed and forces are allowed */
+  uint32_t ready;                  /* 1 when homed and forces are allowed */
 } haptrace_plugin_state;
 
 /* Returns HAPTRACE_PLUGIN_ABI. */
