@@ -76,78 +76,102 @@ double RecordingSummary::peak_error() const noexcept {
 }
 
 void Summariser::add(std::span<const Sample> samples) {
-  for (const Sample& sample : samples) {
-    if (summary_.rows == 0)
-      begin(sample);
-    else
-      follow(sample);
-    measure_speed(sample);
-
-    const bool run = sample.phase == Phase::run;
-    ++summary_.rows;
-    summary_.last_ns = sample.time_ns;
-    summary_.last_tick = sample.tick;
-    summary_.last_position = sample.position;
+  if (samples.empty()) return;
+  if (summary_.rows == 0) begin(samples.front());
+  // Stretch by stretch of one kind, so that what a row costs is what all rows need.
+  while (!samples.empty()) {
+    const bool run = samples.front().phase == Phase::run;
+    const auto end = std::find_if(samples.begin(), samples.end(),
+                                  [&](const Sample& sample) { return (sample.phase == Phase::run) != run; });
+    const auto rows = static_cast<std::size_t>(end - samples.begin());
+    const Box bounds = add_stretch(samples.first(rows), run);
+    if (run) {
+      include(summary_.run_bounds, bounds);
+      summary_.run_rows += rows;
+      summary_.runs += summary_.ends_in_run ? 0 : 1;
+    }
     summary_.ends_in_run = run;
-    if (is_finite(sample.position)) {
-      summary_.bounds.include(sample.position);
-      if (run) summary_.run_bounds.include(sample.position);
+    samples = samples.subspan(rows);
+  }
+}
+
+/// The block begins as if the first row had come before as well: no gap, no way, no interval.
+void Summariser::begin(const Sample& first) {
+  summary_.first_ns = summary_.last_ns = first.time_ns;
+  summary_.first_tick = summary_.last_tick = first.tick;
+  summary_.first_position = summary_.last_position = first.position;
+  summary_.begins_in_run = first.phase == Phase::run;
+}
+
+Box Summariser::add_stretch(std::span<const Sample> samples, bool run) {
+  // What every row changes stays in registers meanwhile.
+  Box bounds;
+  double path_length = summary_.path_length, max_force2 = max_force2_;
+  std::int64_t last_ns = summary_.last_ns, longest_ns = longest_ns_;
+  std::uint64_t last_tick = summary_.last_tick, with_velocity = 0, with_force = 0;
+  Vec3 last_position = summary_.last_position;
+  window_.in_run = window_.in_run && run;
+  for (const Sample& sample : samples) {
+    if (sample.tick > last_tick + 1) {
+      ++summary_.gaps;
+      summary_.missed += sample.tick - last_tick - 1;
+    }
+    last_tick = sample.tick;
+    longest_ns = std::max(longest_ns, sample.time_ns - last_ns);
+    last_ns = sample.time_ns;
+    const double step = (sample.position - last_position).norm();
+    last_position = sample.position;
+    if (std::isfinite(step)) {
+      path_length += step;
+      bounds.include(sample.position);
+    } else if (is_finite(sample.position)) {
+      bounds.include(sample.position);
     } else {
       ++summary_.without_position;
     }
-    if (run) {
-      ++summary_.run_rows;
-      const double error2 = (sample.position - sample.reference_position).squaredNorm();
-      if (std::isfinite(error2)) {
-        ++summary_.tracked;
-        summary_.error2_sum += error2;
-        summary_.error2_peak = std::max(summary_.error2_peak, error2);
-      }
+    with_velocity += std::isfinite(sample.velocity.squaredNorm()) ? 1 : 0;
+    const double force2 = sample.force.squaredNorm();
+    if (std::isfinite(force2)) {
+      ++with_force;
+      max_force2 = std::max(max_force2, force2);
     }
-    if (is_finite(sample.velocity)) ++summary_.with_velocity;
-    if (is_finite(sample.force)) {
-      ++summary_.with_force;
-      summary_.max_force = std::max(summary_.max_force, sample.force.norm());
-    }
+    if (run && !std::isnan(sample.reference_position.x())) add_error(sample);
+    const std::int64_t elapsed = sample.time_ns - window_.time_ns;
+    if (!window_.known || elapsed >= kSpeedWindow || elapsed < 0) measure_speed(sample);
   }
+  summary_.rows += samples.size();
+  include(summary_.bounds, bounds);
+  summary_.path_length = path_length;
+  summary_.last_ns = last_ns;
+  summary_.last_tick = last_tick;
+  summary_.last_position = last_position;
+  summary_.with_velocity += with_velocity;
+  summary_.with_force += with_force;
+  max_force2_ = max_force2;
+  longest_ns_ = longest_ns;
+  return bounds;
 }
 
-void Summariser::begin(const Sample& sample) {
-  const bool run = sample.phase == Phase::run;
-  summary_.first_ns = sample.time_ns;
-  summary_.first_tick = sample.tick;
-  summary_.first_position = sample.position;
-  summary_.begins_in_run = run;
-  summary_.runs = run ? 1 : 0;
-}
-
-void Summariser::follow(const Sample& sample) {
-  if (sample.tick > summary_.last_tick + 1) {
-    ++summary_.gaps;
-    summary_.missed += sample.tick - summary_.last_tick - 1;
-  }
-  summary_.longest_interval = std::max(summary_.longest_interval, seconds(sample.time_ns - summary_.last_ns));
-  const double step = (sample.position - summary_.last_position).norm();
-  if (std::isfinite(step)) summary_.path_length += step;
-  if (sample.phase == Phase::run && !summary_.ends_in_run) ++summary_.runs;
+void Summariser::add_error(const Sample& sample) {
+  const double error2 = (sample.position - sample.reference_position).squaredNorm();
+  if (!std::isfinite(error2)) return;
+  ++summary_.tracked;
+  summary_.error2_sum += error2;
+  summary_.error2_peak = std::max(summary_.error2_peak, error2);
 }
 
 void Summariser::measure_speed(const Sample& sample) {
-  const bool run = sample.phase == Phase::run;
-  window_in_run_ = window_in_run_ && run;
-  const std::int64_t elapsed = sample.time_ns - window_ns_;
-  if (elapsed < kSpeedWindow && elapsed >= 0 && is_finite(window_position_)) return;
-  const double speed = (sample.position - window_position_).norm() / seconds(elapsed);
+  const double speed = (sample.position - window_.position).norm() / seconds(sample.time_ns - window_.time_ns);
   if (std::isfinite(speed)) {
     summary_.peak_speed = std::max(summary_.peak_speed, speed);
-    if (window_in_run_) summary_.run_peak_speed = std::max(summary_.run_peak_speed, speed);
+    if (window_.in_run) summary_.run_peak_speed = std::max(summary_.run_peak_speed, speed);
   }
-  window_ns_ = sample.time_ns;
-  window_position_ = sample.position;
-  window_in_run_ = run;
+  window_ = {sample.time_ns, sample.position, is_finite(sample.position), sample.phase == Phase::run};
 }
 
 RecordingSummary Summariser::take() {
+  summary_.max_force = std::sqrt(std::exchange(max_force2_, 0));
+  summary_.longest_interval = seconds(std::exchange(longest_ns_, 0));
   return std::exchange(summary_, {});
 }
 

@@ -59,15 +59,23 @@ class Summariser {
   [[nodiscard]] std::uint64_t rows() const noexcept { return summary_.rows; }
 
  private:
-  void begin(const Sample& sample);
-  void follow(const Sample& sample);
+  /// Of speed: where and when it began, and whether all of it was of phase run.
+  struct Window {
+    std::int64_t time_ns = 0;
+    Vec3 position = nan3();
+    bool known = false;  ///< the position
+    bool in_run = false;
+  };
+  void begin(const Sample& first);
+  /// Rows that are all of phase run, or none. Answers the bounds of their positions.
+  Box add_stretch(std::span<const Sample> samples, bool run);
+  void add_error(const Sample& sample);
   void measure_speed(const Sample& sample);
 
-  RecordingSummary summary_;
-  // Where the present window of speed began, and whether all of it was of phase run.
-  std::int64_t window_ns_ = 0;
-  Vec3 window_position_ = nan3();
-  bool window_in_run_ = false;
+  RecordingSummary summary_;     ///< without these two
+  double max_force2_ = 0;        ///< [N^2]
+  std::int64_t longest_ns_ = 0;  ///< interval
+  Window window_;
 };
 
 class RecordingReader;

@@ -27,7 +27,8 @@ using hdf5::checked;
 
 constexpr std::size_t kEventsPerChunk = 64;
 constexpr std::size_t kOverviewPerChunk = 64;
-constexpr std::size_t kPlainRows = 2048;  // of a chunk as it lies in memory: costs at most 1.2 raw writes of its bytes
+constexpr std::size_t kPlainRows = 2048;   // of a chunk as it lies in memory: costs at most 1.2 raw writes of its bytes
+constexpr std::size_t kRowsInCache = 128;  // that go through all columns together
 constexpr std::size_t kFilteredRows = 8192;  // of a chunk with filters
 
 /// One row of values that were never written.
@@ -337,7 +338,7 @@ class RecordingWriter::File {
 
   void append(std::span<const Sample> samples) {
     while (!samples.empty()) {
-      const std::size_t count = std::min({samples.size(), tables_.front().room(),
+      const std::size_t count = std::min({samples.size(), kRowsInCache, tables_.front().room(),
                                           static_cast<std::size_t>(layout::kOverviewRows - summariser_.rows())});
       for (std::size_t i = 0; i < tables_.size(); ++i) {
         columns_[i]->pack(samples.first(count), tables_[i].end());
