@@ -122,6 +122,29 @@ TEST(RecordingSummary, TellsGapsRunsAndExtremesOfAKnownSession) {
   EXPECT_NEAR(summary.rms_error(), std::sqrt((59 * 1e-6 + 9e-6) / 60), 1e-12);
 }
 
+TEST(RecordingSummary, CountsTheSpeedOfRunsByThemselves) {
+  std::vector<Sample> session(200);
+  double x = 0;
+  for (std::size_t i = 0; i < session.size(); ++i) {
+    const bool run = (i >= 50 && i < 100) || i >= 150;
+    x += run ? 1e-4 : 1e-3;  // 0.1 and 1 m/s
+    session[i].tick = i;
+    session[i].time_ns = static_cast<std::int64_t>(i) * 1'000'000;
+    session[i].position = Vec3(x, 0, 0);
+    session[i].phase = run ? Phase::run : Phase::approach;
+  }
+  for (const std::size_t block : {200U, 7U, 1U}) {
+    Summariser summariser;
+    RecordingSummary joined;
+    for (std::size_t first = 0; first < session.size(); first += block) {
+      summariser.add(std::span(session).subspan(first, std::min<std::size_t>(block, session.size() - first)));
+      joined.join(summariser.take());
+    }
+    EXPECT_NEAR(joined.peak_speed, 1, 1e-9);
+    EXPECT_NEAR(joined.run_peak_speed, 0.1, 1e-9) << "in blocks of " << block;
+  }
+}
+
 TEST(RecordingSummary, OfNothingHasNoFiguresThatLie) {
   const RecordingSummary nothing;
   EXPECT_EQ(nothing.mean_rate(), 0);
