@@ -1,3 +1,4 @@
+#include "cli/read_progress.h"
 #include "cli/verb.h"
 #include "control/error.h"
 #include "formats/anonymise.h"
@@ -11,7 +12,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <fmt/format.h>
-#include <unistd.h>
 
 namespace haptrace::cli {
 namespace {
@@ -94,32 +94,6 @@ SinkOptions sink_options(const Arguments& arguments) {
   return options;
 }
 
-/// A bar on standard error, if that is a terminal.
-class Bar {
- public:
-  explicit Bar(const Output& output) : shown_(!output.quiet && isatty(STDERR_FILENO) != 0) {}
-  ~Bar() {
-    if (percent_ >= 0) fmt::print(stderr, "\r\033[K");
-  }
-  Bar(const Bar&) = delete;
-  Bar& operator=(const Bar&) = delete;
-
-  void tell(const std::string& what, double fraction) {
-    constexpr int kWidth = 24;
-    const int percent = static_cast<int>(100 * fraction);
-    if (!shown_ || percent == percent_) return;
-    percent_ = percent;
-    std::string bar;
-    for (int i = 0; i < kWidth; ++i) bar += i < kWidth * fraction ? "█" : "░";
-    fmt::print(stderr, "\r\033[K{} {:3} % {}", bar, percent, what);
-    std::fflush(stderr);
-  }
-
- private:
-  bool shown_;
-  int percent_ = -1;
-};
-
 nlohmann::json json_of(const ResampleReport& report) {
   return {{"rows_in", report.rows_in},
           {"rows_out", report.rows_out},
@@ -185,9 +159,9 @@ int convert(const Arguments& arguments, const Output& output) {
   RecordingSource& source = *pipeline.source;
   std::uint64_t rows = 0;
   {
-    Bar bar(output);
+    ReadProgress progress(output, arguments.file + ", read back");
     const auto sink = create_sink(arguments.file, source.header(), source.columns(), source.events(), options);
-    rows = copy(source, *sink, {.report = [&](double done) { bar.tell("converted", done); }, .stopped = stopped});
+    rows = copy(source, *sink, {.report = progress.share_callback(), .stopped = stopped});
     if (stopped()) return interrupted();
     sink->finish();
   }
@@ -216,11 +190,11 @@ int convert(const Arguments& arguments, const Output& output) {
     text += text_of(pipeline.anonymised->report());
   }
   if (options.hdf5.storage.filtered() && is_hdf5(arguments.file)) {
-    Bar bar(output);
+    ReadProgress progress(output, arguments.file + ", read back");
     Pipeline again = open_pipeline(arguments);
     const RecordingSource& original = *again.source;
     again.source =
-        observe(std::move(again.source), [&](std::span<const Sample>) { bar.tell("read back", original.fraction()); });
+        observe(std::move(again.source), [&](std::span<const Sample>) { progress.tell_share(original.fraction()); });
     const std::vector<StoredColumn> columns = report_storage(arguments.file, *again.source);
     json["columns"] = json_of(columns);
     text += text_of(columns);

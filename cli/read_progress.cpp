@@ -40,7 +40,7 @@ void ReadProgress::tell(std::uint64_t rows_done) {
 
 void ReadProgress::tell_share(double done) {
   if (!due()) return;
-  fmt::print(stderr, "\r\033[K{}: {:.0f} %", file_, 100 * done);
+  fmt::print(stderr, "\r\033[K{} {:3.0f} % {}", meter(done), 100 * done, file_);
   std::fflush(stderr);
 }
 

@@ -267,9 +267,7 @@ std::string bar_of(const SessionView& view, double duration) {
   const LiveStatus& live = view.live;
   std::string bar;
   if (duration > 0) {
-    constexpr int kWidth = 24;
-    const int full = static_cast<int>(std::lround(kWidth * std::clamp(live.time / duration, 0.0, 1.0)));
-    for (int i = 0; i < kWidth; ++i) bar += i < full ? "█" : "░";
+    bar = meter(live.time / duration);
     bar += fmt::format(" {:5.1f}/{:.1f} s", live.time, duration);
   } else {
     bar = fmt::format("{:8.1f} s", live.time);
@@ -286,6 +284,14 @@ std::string bar_of(const SessionView& view, double duration) {
 }
 
 }  // namespace
+
+std::string meter(double share) {
+  constexpr int kWidth = 24;
+  const int full = static_cast<int>(std::lround(kWidth * std::clamp(share, 0.0, 1.0)));
+  std::string text;
+  for (int i = 0; i < kWidth; ++i) text += i < full ? "█" : "░";
+  return text;
+}
 
 Progress progress_bar(const Output& output, double duration, const Keys* keys) {
   if (output.quiet) return {};

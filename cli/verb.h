@@ -99,6 +99,9 @@ class Signals {
   [[nodiscard]] const StopRequest& stop() const noexcept;
 };
 
+/// 24 characters wide, of which the part `share`, 0 to 1, is full.
+std::string meter(double share);
+
 /// What a person should know at once, on standard error, and a progress bar with live figures if that is a terminal.
 /// `duration` [s] of the session; 0: unknown. `keys` may be null; else it must outlive the result.
 Progress progress_bar(const Output& output, double duration, const Keys* keys = nullptr);
