@@ -3,6 +3,7 @@
 
 #include "control/controller.h"
 #include "control/mailbox.h"
+#include "control/tuning.h"
 
 namespace haptrace {
 
@@ -18,19 +19,6 @@ class ForceTerm {
   /// This term's force on the hand [N], in W. `reference` is finite.
   [[nodiscard]] virtual Vec3 force(const State& state, const Reference& reference) noexcept = 0;
 };
-
-/// Gains per axis of W.
-struct PdGains {
-  Vec3 kp = Vec3::Zero();  ///< proportional gain [N/m]
-  Vec3 kd = Vec3::Zero();  ///< derivative gain [N s/m]
-};
-
-/// Gains beyond these are a mistake: no device that a hand can hold bears them.
-inline constexpr double kLargestKp = 1e5;  // [N/m]
-inline constexpr double kLargestKd = 1e3;  // [N s/m]
-
-/// Throws Error(input) naming the gain that is negative, not finite, or beyond the largest.
-void validate(const PdGains& gains);
 
 /// Gains for a device of which only its maximum force [N] is known: the force limit is reached at 16 mm of deviation,
 /// and kd = 12 ms * kp. For a device of 8 N this is the 500 N/m and 6 N s/m of a cautious playback. Below 200 Hz both
