@@ -26,6 +26,7 @@ struct Reference {
   Vec3 position = nan3();      ///< [m]
   Vec3 velocity = nan3();      ///< [m/s]
   Vec3 acceleration = nan3();  ///< [m/s^2]
+  double time = kNaN;          ///< of the path that is followed [s]; NaN on the way to it
 };
 
 /// What a controller answers. The loop applies its own limits to `wrench` before anything is sent.

@@ -2,13 +2,23 @@
 #pragma once
 
 #include "control/controller.h"
-#include "control/mailbox.h"
 #include "control/tuning.h"
+
+#include <memory>
+#include <vector>
 
 namespace haptrace {
 
+/// What a term is asked with.
+struct TermInput {
+  const State& state;
+  const Reference& reference;  ///< finite, but for its time
+  const Tuning& tuning;
+  Vec3 before = Vec3::Zero();  ///< the sum of the terms before this one [N]
+};
+
 /// One summand of a tracking force. A session holds the terms it was composed of and nothing else: a term that is off
-/// is not there.
+/// is not there. They are asked in their order, each with the sum of those before it.
 ///
 /// Real-time: force and start.
 class ForceTerm {
@@ -16,9 +26,14 @@ class ForceTerm {
   virtual ~ForceTerm() = default;
   virtual void start(const State& first) noexcept { (void)first; }
 
-  /// This term's force on the hand [N], in W. `reference` is finite.
-  [[nodiscard]] virtual Vec3 force(const State& state, const Reference& reference) noexcept = 0;
+  /// This term's force on the hand [N], in W.
+  [[nodiscard]] virtual Vec3 force(const TermInput& input) noexcept = 0;
+
+  /// As for SampleSink: after every tick, outside of it; may wait only where time stands still meanwhile.
+  virtual void between_ticks(bool may_wait) noexcept { (void)may_wait; }
 };
+
+using ForceTerms = std::vector<std::unique_ptr<ForceTerm>>;
 
 /// Gains for a device of which only its maximum force [N] is known: the force limit is reached at 16 mm of deviation,
 /// and kd = 12 ms * kp. For a device of 8 N this is the 500 N/m and 6 N s/m of a cautious playback. Below 200 Hz both
@@ -27,23 +42,13 @@ PdGains cautious_gains(double max_force, double rate_hz);
 
 /// F = Kp (x_d - x) + Kd (v_d - v)        Basdogan and Srinivasan, Fig. 6.9, with the velocity error in place of the
 ///                                        error's derivative, so that a quantised position is differentiated once.
-///
-/// Gains may be changed from one other thread while the law runs: the tick takes the newest without a lock.
 class PdLaw final : public ForceTerm {
  public:
-  explicit PdLaw(const PdGains& gains) : gains_(gains) {}
-
-  /// From one thread at a time, at any moment. `gains` must be valid.
-  void set_gains(const PdGains& gains) noexcept { gains_.post(gains); }
-
-  [[nodiscard]] Vec3 force(const State& state, const Reference& reference) noexcept override {
-    const PdGains& g = gains_.latest();
-    return g.kp.cwiseProduct(reference.position - state.position) +
-           g.kd.cwiseProduct(reference.velocity - state.velocity);
+  [[nodiscard]] Vec3 force(const TermInput& input) noexcept override {
+    const auto& [kp, kd] = input.tuning.gains;
+    return kp.cwiseProduct(input.reference.position - input.state.position) +
+           kd.cwiseProduct(input.reference.velocity - input.state.velocity);
   }
-
- private:
-  Mailbox<PdGains> gains_;
 };
 
 }  // namespace haptrace

@@ -3,6 +3,8 @@
 
 #include "control/types.h"
 
+#include <cmath>
+
 namespace haptrace {
 
 /// Gains per axis of W.
@@ -22,12 +24,25 @@ void validate(const PdGains& gains);
 /// of a compensation that the session was not composed of means nothing.
 struct Tuning {
   PdGains gains;
-  double inertia = 1;       ///< feedforward of mass times the reference's acceleration
-  double gravity = 1;       ///< feedforward of gravity along the reference
-  double friction = 1;      ///< feedforward of friction along the reference's velocity
-  double observer = 1;      ///< disturbance observer
-  double observer_hz = 10;  ///< its bandwidth
-  double learning = 1;      ///< what was learned in earlier repetitions
+  double inertia = 1;      ///< feedforward of mass times the reference's acceleration
+  double gravity = 1;      ///< feedforward of gravity along the reference
+  double friction = 1;     ///< feedforward of friction along the reference's velocity
+  double observer = 1;     ///< disturbance observer
+  double observer_hz = 6;  ///< its bandwidth [Hz]
+  double learning = 1;     ///< what was learned in earlier repetitions
+
+  /// Moves towards `target`, by all but 2 % of the way in 0.2 s, so that a change is no step in the force.
+  ///
+  /// Real-time.
+  void approach(const Tuning& target, double dt) noexcept {
+    constexpr double kTimeConstant = 0.05;  // [s]
+    const double blend = -std::expm1(-dt / kTimeConstant);
+    gains.kp += blend * (target.gains.kp - gains.kp);
+    gains.kd += blend * (target.gains.kd - gains.kd);
+    for (const auto share : {&Tuning::inertia, &Tuning::gravity, &Tuning::friction, &Tuning::observer,
+                             &Tuning::observer_hz, &Tuning::learning})
+      this->*share += blend * (target.*share - this->*share);
+  }
 };
 
 }  // namespace haptrace

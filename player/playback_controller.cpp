@@ -41,9 +41,9 @@ void validate(const PlaybackOptions& options) {
   check("the deviation limit", options.max_deviation, 1e-5, 10, "m");
 }
 
-PlaybackController::PlaybackController(ReferenceStream path, std::vector<std::unique_ptr<ForceTerm>> terms,
-                                       const PlaybackOptions& options)
-    : path_(std::move(path)), terms_(std::move(terms)), options_(options) {
+PlaybackController::PlaybackController(ReferenceStream path, ForceTerms terms, const Tuning& tuning,
+                                       const PlaybackOptions& options, Mailbox<Tuning>* changes)
+    : path_(std::move(path)), terms_(std::move(terms)), tuning_(tuning), changes_(changes), options_(options) {
   validate(options_);
 }
 
@@ -63,6 +63,7 @@ void PlaybackController::begin_approach(const Vec3& from) noexcept {
 }
 
 void PlaybackController::between_ticks(bool may_wait) noexcept {
+  for (const auto& term : terms_) term->between_ticks(may_wait);
   // The farthest that the next tick can ask for.
   if (may_wait && phase_ == Phase::run) path_.wait(path_time_ + options_.speed * kLongestStep / options_.rate_hz);
 }
@@ -80,7 +81,8 @@ Command PlaybackController::update(const State& state) noexcept {
   }
 
   const double scale = command.status == Command::Status::working ? watch_deviation(state, reference, command) : 1;
-  for (const auto& term : terms_) command.wrench.force += term->force(state, reference);
+  if (changes_ != nullptr) tuning_.approach(changes_->latest(), state.dt);
+  for (const auto& term : terms_) command.wrench.force += term->force({state, reference, tuning_, command.wrench.force});
   command.wrench.force *= scale;
   command.reference = reference;
   command.phase = phase_;
@@ -113,8 +115,9 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
     const Vec3 way = reference_.position - approach_from_;
     const MinJerk blend = MinJerk::at(elapsed_ / approach_time_);
     if (elapsed_ < approach_time_)
-      return {approach_from_ + blend.s * way, blend.ds / approach_time_ * way,
-              blend.dds / (approach_time_ * approach_time_) * way};
+      return {.position = approach_from_ + blend.s * way,
+              .velocity = blend.ds / approach_time_ * way,
+              .acceleration = blend.dds / (approach_time_ * approach_time_) * way};
     phase_ = Phase::run;
     command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
   } else if (phase_ == Phase::run) {
@@ -134,13 +137,13 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
       if (!finished_) {
         const Vec3 from = reference_.position;
         begin_approach(from);
-        return {from, Vec3::Zero(), Vec3::Zero()};
+        return {.position = from, .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()};
       }
     }
   }
 
   const double rate = phase_ == Phase::run ? options_.speed * pace_.value() : 0;
-  return {reference_.position, rate * reference_.velocity, rate * rate * reference_.acceleration};
+  return {reference_.position, rate * reference_.velocity, rate * rate * reference_.acceleration, path_time_};
 }
 
 double PlaybackController::watch_deviation(const State& state, const Reference& reference, Command& command) noexcept {

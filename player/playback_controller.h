@@ -3,6 +3,7 @@
 
 #include "control/controller.h"
 #include "control/limits.h"
+#include "control/mailbox.h"
 #include "control/min_jerk.h"
 #include "control/pd.h"
 #include "player/reference_stream.h"
@@ -38,7 +39,8 @@ struct PlaybackOptions {
 /// Throws Error(input) naming the option that is out of range.
 void validate(const PlaybackOptions& options);
 
-/// Follows a trajectory with the sum of its terms: F = sum_i term_i(x, x_d).
+/// Follows a trajectory with the sum of its terms: F = sum_i term_i(x, x_d). The reference has a time on the path: in
+/// phase run and hold.
 ///
 /// approach: minimum jerk from where the tool is to the start of the path; run: x_d(t) along the path, t advancing by
 /// speed * dt; hold: at the end. The reference never jumps: after a stall of the loop the path's time advances by at
@@ -46,8 +48,9 @@ void validate(const PlaybackOptions& options);
 /// not read in time, its time stands still until it was.
 class PlaybackController final : public Controller {
  public:
-  PlaybackController(ReferenceStream path, std::vector<std::unique_ptr<ForceTerm>> terms,
-                     const PlaybackOptions& options);
+  /// Begins with `tuning` and goes over to what arrives in `changes`, if there is one; it must outlive the controller.
+  PlaybackController(ReferenceStream path, ForceTerms terms, const Tuning& tuning, const PlaybackOptions& options,
+                     Mailbox<Tuning>* changes = nullptr);
 
   void start(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
@@ -64,7 +67,9 @@ class PlaybackController final : public Controller {
   double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
 
   ReferenceStream path_;
-  std::vector<std::unique_ptr<ForceTerm>> terms_;
+  ForceTerms terms_;
+  Tuning tuning_;
+  Mailbox<Tuning>* changes_;
   PlaybackOptions options_;
 
   Phase phase_ = Phase::approach;

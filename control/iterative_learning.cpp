@@ -1,0 +1,210 @@
+#include "control/iterative_learning.h"
+
+#include "control/error.h"
+#include "control/filters.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kFade = 0.05;       // of a step in what was learned, a time constant [s]
+constexpr double kUnsteady = 0.05;   // share of ticks at which the path's time may have stood or crept
+constexpr double kSteadyStep = 0.5;  // of a tick's usual step of the path's time, below which it crept
+
+/// Forwards and backwards, mirrored about its ends so that it neither starts nor stops there.
+void zero_phase_low_pass(std::vector<Vec3>& rows, double cutoff_hz, double rate_hz) {
+  const std::size_t n = rows.size();
+  const std::size_t pad = std::min(n - 1, static_cast<std::size_t>(6 * rate_hz / cutoff_hz));
+  std::vector<Vec3> padded;
+  padded.reserve(n + 2 * pad);
+  for (std::size_t i = pad; i > 0; --i) padded.push_back(2 * rows.front() - rows[i]);
+  padded.insert(padded.end(), rows.begin(), rows.end());
+  for (std::size_t i = 1; i <= pad; ++i) padded.push_back(2 * rows.back() - rows[n - 1 - i]);
+  for (int pass = 0; pass < 2; ++pass) {
+    for (int axis = 0; axis < 3; ++axis) {
+      Butterworth2 filter(Butterworth2::Kind::low_pass, cutoff_hz, rate_hz);
+      filter.reset(padded.front()[axis]);
+      for (Vec3& row : padded) row[axis] = filter.update(row[axis]);
+    }
+    std::reverse(padded.begin(), padded.end());
+  }
+  std::copy_n(padded.begin() + static_cast<std::ptrdiff_t>(pad), n, rows.begin());
+}
+
+Vec3 interpolated(const std::vector<Vec3>& rows, double index) {
+  const double last = static_cast<double>(rows.size() - 1), i = std::clamp(index, 0.0, last);
+  const auto before = static_cast<std::size_t>(i);
+  const std::size_t after = std::min(before + 1, rows.size() - 1);
+  const double part = i - static_cast<double>(before);
+  return (1 - part) * rows[before] + part * rows[after];
+}
+
+/// Values at rising times, at `count` equal steps from 0.
+std::vector<Vec3> resampled(const std::vector<double>& time, const std::vector<Vec3>& rows, double step,
+                            std::size_t count) {
+  std::vector<Vec3> result(count);
+  std::size_t i = 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    const double t = step * static_cast<double>(k);
+    while (i + 2 < time.size() && time[i + 1] <= t) ++i;
+    const double span = time[i + 1] - time[i];
+    const double part = span > 0 ? std::clamp((t - time[i]) / span, 0.0, 1.0) : 1.0;
+    result[k] = (1 - part) * rows[i] + part * rows[i + 1];
+  }
+  return result;
+}
+
+}  // namespace
+
+Vec3 ForceTable::at(double time) const noexcept {
+  if (force.empty()) return Vec3::Zero();
+  return interpolated(force, time / step);
+}
+
+void RepetitionLog::reserve(std::size_t rows) {
+  time.reserve(rows);
+  for (auto* column : {&position, &reference, &known, &sent}) column->reserve(rows);
+}
+
+void RepetitionLog::clear() noexcept {
+  time.clear();
+  for (auto* column : {&position, &reference, &known, &sent}) column->clear();
+}
+
+IterativeLearning::IterativeLearning(const Options& options, ForceTable known)
+    : options_(options), table_(std::move(known)) {
+  const double session = options_.duration / options_.speed;
+  if (!(session > 0 && session <= kLongest))
+    throw input_error(fmt::format("a repetition lasts {:.1f} s; what is learned must last from 0 to {} s", session,
+                                  kLongest));
+  if (table_.force.empty()) {
+    table_.step = 0.004 * options_.speed;
+    table_.force.assign(static_cast<std::size_t>(std::ceil(options_.duration / table_.step)) + 1, Vec3::Zero());
+  } else {
+    repetitions_ = 1;  // it was converged before, as far as anybody knows
+  }
+  best_ = table_;
+}
+
+std::vector<Vec3> IterativeLearning::met_load(const RepetitionLog& log) const {
+  const double tick = options_.speed / options_.rate_hz;  // of the path's time
+  const auto rows = static_cast<std::size_t>(std::floor(options_.duration / tick)) + 1;
+  std::vector<Vec3> position = resampled(log.time, log.position, tick, rows);
+  std::vector<Vec3> sent = resampled(log.time, log.sent, tick, rows);
+  const std::vector<Vec3> known = resampled(log.time, log.known, tick, rows);
+  for (std::size_t k = 0; k < rows; ++k) sent[k] -= known[k];
+  zero_phase_low_pass(position, options_.cutoff_hz, options_.rate_hz);
+  zero_phase_low_pass(sent, options_.cutoff_hz, options_.rate_hz);
+
+  const double rate2 = options_.rate_hz * options_.rate_hz;
+  std::vector<Vec3> inertial(rows, Vec3::Zero());
+  for (std::size_t k = 1; k + 1 < rows; ++k)
+    inertial[k] = rate2 * options_.mass.cwiseProduct(position[k + 1] - 2 * position[k] + position[k - 1]);
+
+  // A force that is sent at a tick acts from `delay` later on, for a period: its middle is half a period later still.
+  const double lag = options_.delay * options_.rate_hz + 0.5;
+  std::vector<Vec3> load(table_.force.size());
+  for (std::size_t i = 0; i < load.size(); ++i) {
+    const double k = static_cast<double>(i) * table_.step / tick;
+    load[i] = interpolated(sent, k) - interpolated(inertial, k + lag);
+  }
+  return load;
+}
+
+bool IterativeLearning::only_noise(const std::vector<Vec3>& error) const {
+  if (error_.empty()) return false;
+  double differs = 0, repeats = 0;
+  for (std::size_t i = 0; i < error.size(); ++i) {
+    differs += 0.25 * (error[i] - error_[i]).squaredNorm();
+    repeats += 0.25 * (error[i] + error_[i]).squaredNorm();
+  }
+  // The mean of two repetitions still holds as much of what differs as their half difference.
+  return repeats - differs < kNoise * (repeats + differs);
+}
+
+IterativeLearning::Outcome IterativeLearning::learn(const RepetitionLog& log) {
+  const double tick = options_.speed / options_.rate_hz;
+  const std::size_t n = log.size();
+  if (n < 8 || log.time.back() < options_.duration - 2 * tick) return Outcome::skipped;
+  std::size_t crept = 0;
+  for (std::size_t i = 1; i < n; ++i)
+    if (log.time[i] - log.time[i - 1] < kSteadyStep * tick) ++crept;
+  if (static_cast<double>(crept) > kUnsteady * static_cast<double>(n)) return Outcome::skipped;
+
+  double sum = 0;
+  std::vector<Vec3> error(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    error[i] = log.position[i] - log.reference[i];
+    sum += error[i].squaredNorm();
+  }
+  rms_ = std::sqrt(sum / static_cast<double>(n));
+  std::vector<Vec3> along = resampled(log.time, error, table_.step, table_.force.size());
+
+  if (repetitions_ > 0 && best_rms_ > 0 && rms_ > kWorse * best_rms_) {
+    table_ = best_;
+    caution_ *= 0.5;
+    error_.clear();
+    return Outcome::undone;
+  }
+  if (best_rms_ == 0 || rms_ < best_rms_) {
+    best_ = table_;
+    best_rms_ = rms_;
+  }
+  const bool noise = only_noise(along);
+  error_ = std::move(along);
+  if (noise && repetitions_ >= 2) return Outcome::converged;
+
+  const double lambda = caution_ * (repetitions_ < 2 ? 1.0 : 1.0 / repetitions_);
+  const std::vector<Vec3> load = met_load(log);
+  for (std::size_t i = 0; i < load.size(); ++i) table_.force[i] += lambda * (load[i] - table_.force[i]);
+  ++repetitions_;
+  return Outcome::learned;
+}
+
+void LearnedForce::write_down(const TermInput& input) noexcept {
+  const double time = input.reference.time;
+  if (writing_ == Writing::writing || writing_ == Writing::last_row) {
+    log_.sent.push_back(input.state.force_applied);
+    if (writing_ == Writing::last_row) writing_ = Writing::ended;
+  }
+  if (!std::isfinite(time)) {
+    writing_ = Writing::waiting;
+    log_.clear();
+    return;
+  }
+  if (writing_ == Writing::waiting) writing_ = Writing::writing;
+  if (writing_ != Writing::writing) return;
+  if (log_.full()) {
+    writing_ = Writing::taken;
+    return;
+  }
+  log_.time.push_back(time);
+  log_.position.push_back(input.state.position);
+  log_.reference.push_back(input.reference.position);
+  log_.known.push_back(input.before);
+  if (time >= duration_) writing_ = Writing::last_row;
+}
+
+const RepetitionLog* LearnedForce::take_repetition() noexcept {
+  if (writing_ != Writing::ended) return nullptr;
+  writing_ = Writing::taken;
+  return &log_;
+}
+
+Vec3 LearnedForce::force(const TermInput& input) noexcept {
+  write_down(input);
+  const double time = input.reference.time;
+  const bool on_path = std::isfinite(time);
+  const Vec3 target = table_ != nullptr ? table_->at(on_path ? time : 0) : Vec3::Zero();
+  if (table_ != used_ || on_path != on_path_) offset_ = value_ - target;
+  used_ = table_;
+  on_path_ = on_path;
+  offset_ *= std::exp(-input.state.dt / kFade);
+  value_ = target + offset_;
+  return input.tuning.learning * value_;
+}
+
+}  // namespace haptrace

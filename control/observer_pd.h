@@ -1,0 +1,51 @@
+// The PD law on an observer's estimates, and the disturbance observer that comes with it.
+#pragma once
+
+#include "control/pd.h"
+#include "control/state_observer.h"
+#include "control/tracking_design.h"
+
+namespace haptrace {
+
+/// F = Kp (x_d - x) + Kd (v_d - v) + load
+///
+/// with x, v and what loads the device as a StateObserver predicts them for the instant at which the force will act,
+/// and the reference at that instant. The terms before this one are what of the load is known; the observer adds what
+/// they miss, low-passed at observer_hz and clamped to its authority. It reckons with the force that was really sent,
+/// so that nothing winds up while the device saturates or a person holds it fast.
+///
+/// At rest: an observer integrates, and integration, stiction and a position quantum make a limit cycle of about a
+/// count. So once the reference rests and the device is within kRestCounts of it for kRestTime, the load is kept as it
+/// is and the gains are halved; farther than twice that, or when the reference moves, all is as before.
+class ObserverPd final : public ForceTerm {
+ public:
+  struct Options {
+    TrackingDesign design;
+    double rate_hz = 1000;
+    double position_resolution = 0;  ///< [m]
+  };
+
+  static constexpr double kRestCounts = 2;
+  static constexpr double kRestTime = 0.03;  ///< [s]
+  static constexpr double kRestGains = 0.5;  ///< of the gains
+
+  explicit ObserverPd(const Options& options);
+
+  void start(const State& first) noexcept override;
+  [[nodiscard]] Vec3 force(const TermInput& input) noexcept override;
+
+ private:
+  [[nodiscard]] bool rests(const State& state, const Reference& reference) noexcept;
+
+  StateObserver observer_;
+  double authority_;    ///< [N]
+  double rest_radius_;  ///< [m]
+  Vec3 known_ = Vec3::Zero();     ///< what the terms before answered at the last tick [N]
+  Vec3 load_ = Vec3::Zero();      ///< low-passed [N]
+  Vec3 kept_ = Vec3::Zero();      ///< at rest: the load that is kept; after it: what fades of the difference [N]
+  double rested_ = 0;             ///< for how long [s]
+  bool resting_ = false;
+  double gain_share_ = 1;
+};
+
+}  // namespace haptrace

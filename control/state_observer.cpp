@@ -1,0 +1,72 @@
+#include "control/state_observer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace haptrace {
+
+StateObserver::StateObserver(const Options& options)
+    : mass_(options.mass),
+      period_(1 / options.rate_hz),
+      delay_ticks_(std::clamp(options.delay * options.rate_hz, 0.0, static_cast<double>(kLongestDelay))),
+      lead_ticks_(static_cast<int>(std::lround(delay_ticks_))) {
+  for (int axis = 0; axis < 3; ++axis) inverse_mass_[axis] = mass_[axis] > 0 ? 1 / mass_[axis] : 0;
+  const double p = std::exp(-2 * std::numbers::pi * options.bandwidth_hz * period_), q = 1 - p;
+  l1_ = 1 - p * p * p;
+  l2_ = 1.5 * q * q * (1 + p) / period_;
+  l3_ = q * q * q / (period_ * period_);
+  start(Vec3::Zero());
+}
+
+void StateObserver::start(const Vec3& position) noexcept {
+  forces_.fill(Vec3::Zero());
+  x_ = position;
+  v_ = d_ = Vec3::Zero();
+}
+
+Vec3 StateObserver::net_force(double back) const noexcept {
+  const double whole = std::floor(back), part = back - whole;
+  const std::size_t i = newest_ + kRing - static_cast<std::size_t>(whole);
+  return (1 - part) * forces_[i % kRing] + part * forces_[(i + kRing - 1) % kRing];
+}
+
+void StateObserver::update(const Vec3& position, double dt, const Vec3& sent, const Vec3& known) noexcept {
+  newest_ = (newest_ + 1) % kRing;
+  forces_[newest_] = sent - known;
+  if (!(dt > 0)) return;
+  if (dt > kLongestGap * period_) {
+    x_ = position;
+    v_.setZero();
+    return;
+  }
+  const Vec3 a = net_force(delay_ticks_).cwiseProduct(inverse_mass_) - d_;
+  x_ += dt * v_ + 0.5 * dt * dt * a;
+  v_ += dt * a;
+
+  const Vec3 e = position - x_;
+  x_ += l1_ * e;
+  v_ += l2_ * e;
+  d_ -= l3_ * e;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (inverse_mass_[axis] > 0) continue;
+    x_[axis] = position[axis];
+    v_[axis] = d_[axis] = 0;
+  }
+}
+
+StateObserver::Estimate StateObserver::now() const noexcept {
+  return {x_, v_, mass_.cwiseProduct(d_)};
+}
+
+StateObserver::Estimate StateObserver::ahead() const noexcept {
+  Vec3 x = x_, v = v_;
+  for (int tick = 0; tick < lead_ticks_; ++tick) {
+    const Vec3 a = net_force(std::max(delay_ticks_ - tick - 1, 0.0)).cwiseProduct(inverse_mass_) - d_;
+    x += period_ * v + 0.5 * period_ * period_ * a;
+    v += period_ * a;
+  }
+  return {x, v, mass_.cwiseProduct(d_)};
+}
+
+}  // namespace haptrace
