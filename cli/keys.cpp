@@ -1,8 +1,10 @@
 #include "cli/keys.h"
 
+#include <array>
 #include <csignal>
 #include <fmt/format.h>
 #include <poll.h>
+#include <string_view>
 #include <termios.h>
 #include <unistd.h>
 
@@ -25,8 +27,9 @@ struct Keys::Terminal {
   Terminal& operator=(const Terminal&) = delete;
 };
 
-Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool can_pause, bool always)
-    : annotations_(std::move(annotations)), texts_(std::move(texts)), can_pause_(can_pause) {
+Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool can_pause, bool always,
+           LiveTuning* tuning)
+    : annotations_(std::move(annotations)), texts_(std::move(texts)), can_pause_(can_pause), tuning_(tuning) {
   // A process in the background that reads its terminal is stopped by the system, with a force in the motors.
   const bool foreground = isatty(STDIN_FILENO) != 0 && tcgetpgrp(STDIN_FILENO) == getpgrp();
   if (foreground) terminal_ = std::make_unique<Terminal>();
@@ -57,6 +60,30 @@ void Keys::run(const std::stop_token& stop) {
 }
 
 void Keys::press(char key) {
+  if (key == 'q') (void)kill(getpid(), SIGINT);
+  if (annotations_) annotate(key);
+  if (tuning_ != nullptr) tune(key);
+}
+
+void Keys::tune(char key) {
+  struct Command {
+    std::string_view keys, text;
+  };
+  static constexpr std::array<Command, 6> kCommands{{{"+]", "gains * 1.1"},
+                                                     {"-[", "gains / 1.1"},
+                                                     {"o", "observer toggle"},
+                                                     {"l", "learning toggle"},
+                                                     {"f", "feedforward toggle"},
+                                                     {"r", "reset"}}};
+  for (const Command& command : kCommands) {
+    if (command.keys.find(key) == std::string_view::npos) continue;
+    const std::string answer = tuning_->obey(command.text);
+    if (answer.starts_with("error") || answer.find(" clamped ") != std::string::npos)
+      tuning_->tell(fmt::format("key {}: {}", key, answer));
+  }
+}
+
+void Keys::annotate(char key) {
   if (key == 'm' || key == ' ') {
     annotations_->mark(fmt::format("mark {}", ++marks_));
   } else if (key >= '1' && key <= '9') {
@@ -73,8 +100,6 @@ void Keys::press(char key) {
     else
       annotations_->pause();
     paused_ = !paused_;
-  } else if (key == 'q') {
-    (void)kill(getpid(), SIGINT);
   }
 }
 

@@ -1,6 +1,7 @@
-// Keys that annotate a running session.
+// Keys that annotate and tune a running session.
 #pragma once
 
+#include "player/live_tuning.h"
 #include "recorder/annotations.h"
 
 #include <atomic>
@@ -18,10 +19,18 @@ namespace haptrace::cli {
 ///     1 to 9      a mark with one of `texts`               q  ends the session, as Ctrl+C does
 ///     t TEXT ⏎    a mark at the instant of t, with text
 ///
+/// and, of a session that can be tuned:
+///
+///     + or ]      stiffer: all gains by 10 %                o  disturbance observer on, off
+///     - or [      softer, by as much                        l  what was learned on, off
+///     r           back to the session's start               f  feedforward on, off
+///
 /// Reads a terminal that this process is in the foreground of, and with `always` also what is no terminal.
 class Keys {
  public:
-  Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool can_pause, bool always);
+  /// Without `annotations` there are no marks and no pause, without `tuning`, which is borrowed, nothing to tune.
+  Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool can_pause, bool always,
+       LiveTuning* tuning = nullptr);
   ~Keys();  ///< the terminal is as it was
   Keys(const Keys&) = delete;
   Keys& operator=(const Keys&) = delete;
@@ -34,11 +43,14 @@ class Keys {
  private:
   void run(const std::stop_token& stop);
   void press(char key);
+  void annotate(char key);
+  void tune(char key);
   void type(char key);
 
   std::shared_ptr<Annotations> annotations_;
   std::vector<std::string> texts_;
   bool can_pause_;
+  LiveTuning* tuning_;
   struct Terminal;
   std::unique_ptr<Terminal> terminal_;
 

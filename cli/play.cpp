@@ -1,4 +1,5 @@
 #include "cli/read_progress.h"
+#include "cli/tuning.h"
 #include "control/error.h"
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
@@ -11,6 +12,7 @@ namespace {
 
 struct Arguments {
   SessionArguments session;
+  TuningArguments tuning;
   std::string path, record, gains;
   std::optional<double> kp, kd;
   PathSelection selection;
@@ -34,6 +36,15 @@ double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
   return options.repetitions * (plan.path.duration() / options.speed + options.hold + 0.5);
 }
 
+/// What of the session can be tuned: the gains of its PD law, which is all that a playback is composed of.
+LiveTuning tuning_of(const Arguments& arguments, const PlayPlan& plan, const DeviceInfo& device,
+                     const SessionOptions& session) {
+  LiveTuning::Options options{.remedy = "haptrace play has no compensations yet: kp, kd and gains can be tuned"};
+  if (!arguments.tuning.expert) options.limits = limits_of_unidentified(device.max_force, session.rate_hz);
+  if (session.recording) options.annotations = session.recording->options.annotations;
+  return {Tuning{.gains = plan.gains}, std::move(options)};
+}
+
 std::string summary(const Arguments& arguments, const PlayResult& result, const DeviceInfo& device) {
   std::string text = fmt::format("{}: played on {}\n", arguments.path, device.name);
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
@@ -55,8 +66,9 @@ Verb add_play(CLI::App& app) {
   CLI::App* verb = app.add_subcommand("play", "play a recording or a path back through a device");
   verb->footer(
       "The device moves to the start of the path, follows it at the path's own time stamps, holds, and lets go.\n"
-      "Keys while it is recorded: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text, q "
-      "end.\n"
+      "Keys: + or ] stiffer and - or [ softer by 10 %, o the observer, l what was learned, f feedforward on and off, "
+      "r back to the start's, q end;\n"
+      "while it is recorded: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text.\n"
       "  haptrace play square.h5 --device sim:preset=falcon,hand=relaxed --kp 1500 --kd 15 --record played.h5\n"
       "  haptrace play stroke.csv --device sim:preset=touch --fit --speed 0.5 --repeat 3");
   verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
@@ -92,6 +104,7 @@ Verb add_play(CLI::App& app) {
                    "beyond the limit: stop | pause (the path waits) | soften (the force grows no further)")
       ->capture_default_str()
       ->group("Safety");
+  arguments->tuning.add_to(*verb);
   arguments->session.add_to(*verb);
 
   return {verb, [verb, arguments](const Output& output) {
@@ -124,16 +137,22 @@ Verb add_play(CLI::App& app) {
             if (arguments->loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
               output.remark("looping in virtual time until Ctrl+C");
 
+            LiveTuning tuning = tuning_of(*arguments, plan, device->info(), options.session);
+            options.tuning = &tuning;
+            const TuningInputs inputs(arguments->tuning, tuning);
+            if (inputs.port())
+              output.remark(
+                  fmt::format("tune on port {0} of this machine: echo kp 800 | nc -N 127.0.0.1 {0}", *inputs.port()));
+
             const Signals signals;
-            std::optional<Keys> keys;
-            if (options.session.recording)
-              keys.emplace(options.session.recording->options.annotations, arguments->session.mark_texts, false,
-                           arguments->session.keys);
+            const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
+                            arguments->session.mark_texts, false, arguments->session.keys, &tuning);
             const double expected = expected_duration(plan, options.playback);
             const PlayResult result =
-                play(*device, plan, options, signals.stop(), progress_bar(output, expected, keys ? &*keys : nullptr));
+                play(*device, plan, options, signals.stop(), progress_bar(output, expected, &keys, &tuning));
 
             nlohmann::json json = to_json(result);
+            json["tuning"] = tuning.history();
             json["notes"] = notes;
             if (!arguments->record.empty()) json["file"] = arguments->record;
             const int code = conclude(output, result.session);

@@ -293,14 +293,20 @@ std::string meter(double share) {
   return text;
 }
 
-Progress progress_bar(const Output& output, double duration, const Keys* keys) {
+Progress progress_bar(const Output& output, double duration, const Keys* keys, const LiveTuning* tuning) {
   if (output.quiet) return {};
   const bool terminal = isatty(STDERR_FILENO) != 0;
-  return [duration, terminal, keys](const SessionView& view) {
+  return [duration, terminal, keys, tuning](const SessionView& view) {
     for (const std::string& notice : view.notices)
       fmt::print(stderr, "{}haptrace: {}\n", terminal ? "\r\033[K" : "", notice);
     const std::string typing = keys != nullptr ? keys->typing() : std::string();
-    if (terminal) fmt::print(stderr, "\r\033[K{}", typing.empty() ? bar_of(view, duration) : typing);
+    if (terminal && typing.empty()) {
+      std::string bar = bar_of(view, duration);
+      if (tuning != nullptr) bar += "  " + tuning->summary() + (keys != nullptr && keys->active() ? " [+-olfr]" : "");
+      fmt::print(stderr, "\r\033[K{}", bar);
+    } else if (terminal) {
+      fmt::print(stderr, "\r\033[K{}", typing);
+    }
     std::fflush(stderr);
   };
 }

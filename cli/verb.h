@@ -4,6 +4,7 @@
 #include "cli/keys.h"
 #include "control/limits.h"
 #include "devices/registry.h"
+#include "player/live_tuning.h"
 #include "player/session.h"
 
 #include <CLI/CLI.hpp>
@@ -103,8 +104,9 @@ class Signals {
 std::string meter(double share);
 
 /// What a person should know at once, on standard error, and a progress bar with live figures if that is a terminal.
-/// `duration` [s] of the session; 0: unknown. `keys` may be null; else it must outlive the result.
-Progress progress_bar(const Output& output, double duration, const Keys* keys = nullptr);
+/// `duration` [s] of the session; 0: unknown. `keys` and `tuning` may be null; else they must outlive the result.
+Progress progress_bar(const Output& output, double duration, const Keys* keys = nullptr,
+                      const LiveTuning* tuning = nullptr);
 
 /// The exit code of a session, and the remarks it deserves on standard error.
 int conclude(const Output& output, const SessionResult& result);

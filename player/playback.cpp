@@ -148,6 +148,21 @@ ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, 
   };
 }
 
+/// The PD law with the gains that are wanted right now.
+class TunedPd final : public ForceTerm {
+ public:
+  explicit TunedPd(Mailbox<Tuning>& wanted) : wanted_(wanted), law_(wanted.latest().gains) {}
+
+  [[nodiscard]] Vec3 force(const State& state, const Reference& reference) noexcept override {
+    law_.set_gains(wanted_.latest().gains);
+    return law_.force(state, reference);
+  }
+
+ private:
+  Mailbox<Tuning>& wanted_;
+  PdLaw law_;
+};
+
 nlohmann::json to_json(const TrackingFigures& figures) {
   return {{"samples", figures.samples},
           {"duration_s", figures.duration},
@@ -205,13 +220,21 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   playback.axes = device.info().force_axes;
 
   std::vector<std::unique_ptr<ForceTerm>> terms;
-  terms.push_back(std::make_unique<PdLaw>(plan.gains));
+  if (options.tuning != nullptr)
+    terms.push_back(std::make_unique<TunedPd>(options.tuning->mailbox()));
+  else
+    terms.push_back(std::make_unique<PdLaw>(plan.gains));
   PlaybackController controller({plan.path, check_of(device.info(), plan, options), playback.speed}, std::move(terms),
                                 playback);
 
   TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(playback.repetitions));
-  SampleSink* const sinks[] = {&metrics};
-  SessionResult session = run_session(device, controller, {.reference = true}, sinks, options.session, stop, progress);
+  std::vector<SampleSink*> sinks{&metrics};
+  SessionOptions session_options = options.session;
+  if (options.tuning != nullptr) {
+    sinks.push_back(options.tuning);
+    session_options.notices = [&] { return options.tuning->take_notices(); };
+  }
+  SessionResult session = run_session(device, controller, {.reference = true}, sinks, session_options, stop, progress);
   if (session.servo.cause == StopCause::no_path) session.servo.detail += ": " + controller.path().error();
   return {.session = std::move(session), .plan = plan, .repetitions = metrics.repetitions(), .last = metrics.last()};
 }

@@ -4,6 +4,7 @@
 #include "control/path.h"
 #include "control/pd.h"
 #include "control/trajectory.h"
+#include "player/live_tuning.h"
 #include "player/playback_controller.h"
 #include "player/reference_stream.h"
 #include "player/session.h"
@@ -21,6 +22,9 @@ struct PlayOptions {
   bool fit = false;  ///< move and scale the path into the workspace
   PlaybackOptions playback;
   SessionOptions session;
+  /// Borrowed, may be null: changes the tuning while the plan is played, from plan.gains on if it starts with them. Its
+  /// notices become the session's.
+  LiveTuning* tuning = nullptr;
 };
 
 /// A playback that was checked against a device and is ready to run: nothing has been sent yet.

@@ -53,8 +53,9 @@ nlohmann::json flight_record(const std::vector<Sample>& samples) {
 /// Looks at a running session for a person.
 class Watch {
  public:
-  Watch(Recorder* recorder, LiveMonitor& monitor, const Progress& progress, SessionResult& result)
-      : recorder_(recorder), monitor_(monitor), progress_(progress), result_(result) {}
+  Watch(Recorder* recorder, LiveMonitor& monitor, const SessionOptions& options, const Progress& progress,
+        SessionResult& result)
+      : recorder_(recorder), monitor_(monitor), options_(options), progress_(progress), result_(result) {}
 
   void look() {
     SessionView view{.live = monitor_.latest()};
@@ -64,6 +65,8 @@ class Watch {
       tell_of_losses(view);
       disk_is_low_ = view.recording->disk_low;
     }
+    if (options_.notices)
+      for (std::string& notice : options_.notices()) view.notices.push_back(std::move(notice));
     result_.notices.insert(result_.notices.end(), view.notices.begin(), view.notices.end());
     if (progress_) progress_(view);
   }
@@ -90,6 +93,7 @@ class Watch {
 
   Recorder* recorder_;
   LiveMonitor& monitor_;
+  const SessionOptions& options_;
   const Progress& progress_;
   SessionResult& result_;
   std::chrono::steady_clock::time_point told_;
@@ -140,7 +144,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   ServoLoop loop(device, controller, *estimator, sinks, loop_options);
 
   StopRequest ours(&stop);
-  Watch watch(recorder ? &*recorder : nullptr, monitor, progress, result);
+  Watch watch(recorder ? &*recorder : nullptr, monitor, options, progress, result);
   std::promise<ServoReport> promise;
   std::future<ServoReport> report = promise.get_future();
   std::jthread servo([&] { promise.set_value(loop.run(ours)); });

@@ -28,6 +28,7 @@ struct SessionOptions {
   std::string velocity = "lowpass:100";  ///< see make_velocity_estimator
   SafetyLimits limits;
   bool realtime = true;
+  std::function<std::vector<std::string>()> notices;  ///< further ones for the views; asked as often as they are made
 
   struct Recording {
     std::string file;
