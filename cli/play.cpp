@@ -141,8 +141,8 @@ Verb add_play(CLI::App& app) {
             options.tuning = &tuning;
             const TuningInputs inputs(arguments->tuning, tuning);
             if (inputs.port())
-              output.remark(
-                  fmt::format("tune on port {0} of this machine: echo kp 800 | nc -N 127.0.0.1 {0}", *inputs.port()));
+              output.remark(fmt::format(
+                  "tune on port {0} of this machine: printf 'kp 800\\nquit\\n' | nc 127.0.0.1 {0}", *inputs.port()));
 
             const Signals signals;
             const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,

@@ -272,7 +272,7 @@ void LiveTuning::put_in_force(const Tuning& tuning, const std::string& subject, 
   mailbox_.post(tuning);
 
   const std::int64_t now_ns = now_ns_.load(std::memory_order_relaxed);
-  if (options_.annotations) options_.annotations->mark("tuned: " + text, now_ns);
+  if (options_.annotations) options_.annotations->mark("tuned: " + text);
   add_notice({"tuned: " + text, subject});
   changes_.push_back({now_ns, text});
   if (changes_.size() > kLongestHistory) changes_.pop_front();

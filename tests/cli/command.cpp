@@ -80,6 +80,13 @@ bool Command::says(std::string_view part) {
   return said_.find(part) != std::string::npos;
 }
 
+std::string Command::word_after(std::string_view part) const {
+  const std::size_t found = said_.find(part);
+  if (found == std::string::npos) return {};
+  const std::size_t begin = found + part.size();
+  return said_.substr(begin, said_.find_first_of(" \r\n", begin) - begin);
+}
+
 Answer Command::wait() {
   Answer answer;
   auto out = std::async(std::launch::async, drain, out_);

@@ -38,6 +38,9 @@ class Command {
   /// Waits until it has said `part` on standard error; false when it ended without.
   bool says(std::string_view part);
 
+  /// The word that followed `part` in what it has said so far.
+  [[nodiscard]] std::string word_after(std::string_view part) const;
+
   Answer wait();
 
  private:
