@@ -61,9 +61,10 @@ class Client : public std::enable_shared_from_this<Client> {
       if (std::exchange(skipping_, false)) continue;
       if (line.find_first_not_of(" \t\r") != std::string::npos) return obey(line);
     }
-    const bool too_long = received_.size() > kLongestLine;
-    if (skipping_ || too_long) received_.clear();
-    if (too_long && !std::exchange(skipping_, true)) return refuse_length();
+    if (received_.size() > kLongestLine) {
+      received_.clear();
+      if (!std::exchange(skipping_, true)) return refuse_length();
+    }
     read();
   }
 
