@@ -42,7 +42,7 @@ LiveTuning tuning_of(const Arguments& arguments, const PlayPlan& plan, const Dev
   LiveTuning::Options options{.remedy = "haptrace play has no compensations yet: kp, kd and gains can be tuned"};
   if (!arguments.tuning.expert) options.limits = limits_of_unidentified(device.max_force, session.rate_hz);
   if (session.recording) options.annotations = session.recording->options.annotations;
-  return {Tuning{.gains = plan.gains}, std::move(options)};
+  return {plan.tuning, std::move(options)};
 }
 
 std::string summary(const Arguments& arguments, const PlayResult& result, const DeviceInfo& device) {

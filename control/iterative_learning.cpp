@@ -188,10 +188,12 @@ void LearnedForce::write_down(const TermInput& input) noexcept {
   if (time >= duration_) writing_ = Writing::last_row;
 }
 
-const RepetitionLog* LearnedForce::take_repetition() noexcept {
-  if (writing_ != Writing::ended) return nullptr;
+bool LearnedForce::take_repetition(RepetitionLog& log) noexcept {
+  if (writing_ != Writing::ended) return false;
   writing_ = Writing::taken;
-  return &log_;
+  std::swap(log_, log);
+  log_.clear();
+  return true;
 }
 
 Vec3 LearnedForce::force(const TermInput& input) noexcept {

@@ -114,8 +114,9 @@ class LearnedForce final : public ForceTerm {
   /// Between ticks: from now on. The table must live until the next one is set.
   void use(const ForceTable* table) noexcept { table_ = table; }
 
-  /// Between ticks: the repetition that ended since it was last asked, or null. Valid until the next one begins.
-  [[nodiscard]] const RepetitionLog* take_repetition() noexcept;
+  /// Between ticks: whether a repetition ended since it was last asked. It is then in `log`, whose memory is taken for
+  /// the next one: it must have been reserved for as many rows.
+  [[nodiscard]] bool take_repetition(RepetitionLog& log) noexcept;
 
  private:
   void write_down(const TermInput& input) noexcept;

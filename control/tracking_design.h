@@ -18,6 +18,12 @@ struct TrackingDesign {
   double ripple = 0;         ///< expected of the command above 25 Hz, from the position quantum, rms magnitude [N]
 };
 
+/// A device that was calibrated.
+struct IdentifiedDevice {
+  PlantModel plant;
+  TrackingDesign design;
+};
+
 /// What a design must keep.
 struct DesignOptions {
   double rate_hz = 1000;

@@ -1,6 +1,8 @@
 #include "player/playback.h"
 
 #include "control/error.h"
+#include "control/feedforward.h"
+#include "control/observer_pd.h"
 #include "formats/json_reader.h"
 
 #include <algorithm>
@@ -148,20 +150,49 @@ ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, 
   };
 }
 
-/// The PD law with the gains that are wanted right now.
-class TunedPd final : public ForceTerm {
- public:
-  explicit TunedPd(Mailbox<Tuning>& wanted) : wanted_(wanted), law_(wanted.latest().gains) {}
+IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& options) {
+  return {.mass = options.identified->plant.mass,
+          .delay = options.identified->plant.delay,
+          .rate_hz = options.session.rate_hz,
+          .speed = options.playback.speed,
+          .duration = plan.path.duration()};
+}
 
-  [[nodiscard]] Vec3 force(const State& state, const Reference& reference) noexcept override {
-    law_.set_gains(wanted_.latest().gains);
-    return law_.force(state, reference);
+/// The terms in the order in which each knows those before it: what is known of the load, feedback, inertia. What is
+/// not composed is not there.
+ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options,
+                   LearningTerm*& learning) {
+  const Compensations& with = plan.composed;
+  ForceTerms terms;
+  if (with.gravity) terms.push_back(std::make_unique<GravityFeedforward>(options.identified->plant));
+  if (with.friction) terms.push_back(std::make_unique<FrictionFeedforward>(options.identified->plant));
+  if (with.learning) {
+    auto term = std::make_unique<LearningTerm>(LearningTerm::Options{
+        .law = learning_of(plan, options), .known = options.learned, .repetitions = options.learn});
+    learning = term.get();
+    terms.push_back(std::move(term));
   }
+  if (with.observer)
+    terms.push_back(std::make_unique<ObserverPd>(ObserverPd::Options{
+        .design = options.identified->design,
+        .rate_hz = options.session.rate_hz,
+        .position_resolution = std::max(options.identified->plant.position_resolution, device.position_resolution)}));
+  else
+    terms.push_back(std::make_unique<PdLaw>());
+  if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->plant.mass));
+  return terms;
+}
 
- private:
-  Mailbox<Tuning>& wanted_;
-  PdLaw law_;
-};
+nlohmann::json to_json(const Compensations& composed) {
+  nlohmann::json names = nlohmann::json::array();
+  for (const auto& [on, name] : {std::pair{composed.inertia, "inertia"},
+                                 {composed.gravity, "gravity"},
+                                 {composed.friction, "friction"},
+                                 {composed.observer, "observer"},
+                                 {composed.learning, "learning"}})
+    if (on) names.push_back(name);
+  return names;
+}
 
 nlohmann::json to_json(const TrackingFigures& figures) {
   return {{"samples", figures.samples},
@@ -176,8 +207,23 @@ nlohmann::json to_json(const TrackingFigures& figures) {
 
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
   validate(options.playback);
-  const PdGains gains = options.gains.value_or(cautious_gains(device.max_force, options.session.rate_hz));
-  validate(gains);
+  Tuning tuning;
+  Compensations composed;
+  if (options.identified) {
+    tuning.gains = options.identified->design.gains;
+    tuning.observer_hz = options.identified->design.load_hz;
+    composed = options.compensations;
+    composed.learning = composed.learning && (options.learn > 0 || !options.learned.force.empty());
+  } else {
+    tuning.gains = cautious_gains(device.max_force, options.session.rate_hz);
+  }
+  if (options.learn > 0 && !composed.learning)
+    throw input_error(options.identified ? "learning was asked for and switched off at once"
+                                         : fmt::format("{} must be calibrated before anything can be learned: haptrace "
+                                                       "calibrate --device {}",
+                                                       device.model, device.name));
+  if (options.gains) tuning.gains = *options.gains;
+  validate(tuning.gains);
 
   const Box workspace = workspace_of(device);
   std::shared_ptr<const PathSource> played = std::make_shared<FittedPath>(path, device, Fit{});
@@ -191,7 +237,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     played = std::make_shared<FittedPath>(path, device, *fit);
   }
 
-  PlayPlan plan{.path = TrajectoryPieces(played, options.interpolation), .fit = fit, .gains = gains};
+  PlayPlan plan{.path = TrajectoryPieces(played, options.interpolation), .fit = fit, .tuning = tuning, .composed = composed};
   const double limit = options.session.limits.max_velocity, speed = options.playback.speed;
   const double fastest = limit > 0 ? 0.9 * limit : std::numeric_limits<double>::infinity();
   const Excursion excursion = look_ahead(plan.path, options.interpolation, workspace, fastest / speed);
@@ -201,6 +247,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
         "linear",
         name, device.model, 1e3 * excursion.outside));
   plan.peak_speed = speed * excursion.peak_speed;
+  if (composed.learning) (void)IterativeLearning(learning_of(plan, options));  // it may be too long
   if (plan.peak_speed > fastest)
     throw input_error(
         fmt::format("{} moves at up to {:.2f} m/s, too near the velocity limit of {:.2f} m/s; play it slower (--speed "
@@ -219,13 +266,10 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   playback.rate_hz = options.session.rate_hz;
   playback.axes = device.info().force_axes;
 
-  std::vector<std::unique_ptr<ForceTerm>> terms;
-  if (options.tuning != nullptr)
-    terms.push_back(std::make_unique<TunedPd>(options.tuning->mailbox()));
-  else
-    terms.push_back(std::make_unique<PdLaw>(plan.gains));
-  PlaybackController controller({plan.path, check_of(device.info(), plan, options), playback.speed}, std::move(terms),
-                                playback);
+  LearningTerm* learning = nullptr;
+  PlaybackController controller({plan.path, check_of(device.info(), plan, options), playback.speed},
+                                compose(device.info(), plan, options, learning), plan.tuning, playback,
+                                options.tuning != nullptr ? &options.tuning->mailbox() : nullptr);
 
   TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(playback.repetitions));
   std::vector<SampleSink*> sinks{&metrics};
@@ -236,7 +280,14 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   }
   SessionResult session = run_session(device, controller, {.reference = true}, sinks, session_options, stop, progress);
   if (session.servo.cause == StopCause::no_path) session.servo.detail += ": " + controller.path().error();
-  return {.session = std::move(session), .plan = plan, .repetitions = metrics.repetitions(), .last = metrics.last()};
+  PlayResult result{
+      .session = std::move(session), .plan = plan, .repetitions = metrics.repetitions(), .last = metrics.last()};
+  if (learning != nullptr) {
+    learning->finish();
+    result.lessons = learning->lessons();
+    result.learned = learning->table();
+  }
+  return result;
 }
 
 nlohmann::json to_json(const PdGains& gains) {
@@ -260,7 +311,13 @@ nlohmann::json to_json(const PlayResult& result) {
   json["force_ripple_n"] = result.last.force_ripple;
   json["repetitions"] = nlohmann::json::array();
   for (const TrackingFigures& figures : result.repetitions) json["repetitions"].push_back(to_json(figures));
-  json["gains"] = to_json(result.plan.gains);
+  json["gains"] = to_json(result.plan.tuning.gains);
+  json["compensations"] = to_json(result.plan.composed);
+  if (!result.lessons.empty()) {
+    json["learning"] = nlohmann::json::array();
+    for (const LearningTerm::Lesson& lesson : result.lessons)
+      json["learning"].push_back({{"outcome", to_string(lesson.outcome)}, {"rms_error_m", lesson.rms_error}});
+  }
   json["peak_speed_m_per_s"] = result.plan.peak_speed;
   if (result.plan.fit)
     json["fit"] = {{"scale", result.plan.fit->scale}, {"offset_m", json_of(result.plan.fit->offset)}};

@@ -4,6 +4,8 @@
 #include "control/path.h"
 #include "control/pd.h"
 #include "control/trajectory.h"
+#include "control/tracking_design.h"
+#include "player/learning.h"
 #include "player/live_tuning.h"
 #include "player/playback_controller.h"
 #include "player/reference_stream.h"
@@ -17,7 +19,12 @@
 namespace haptrace {
 
 struct PlayOptions {
-  std::optional<PdGains> gains;  ///< cautious_gains of the device when absent
+  std::optional<PdGains> gains;  ///< when absent: those of the identified device, or cautious_gains
+  /// What calibration found. Without it, nothing but a PD law is sent.
+  std::optional<IdentifiedDevice> identified;
+  Compensations compensations{true, true, true, true, true};  ///< of an identified device
+  int learn = 0;                                               ///< repetitions to learn from
+  ForceTable learned;                                          ///< in earlier sessions, or empty
   Interpolation interpolation = Interpolation::cubic;
   bool fit = false;  ///< move and scale the path into the workspace
   PlaybackOptions playback;
@@ -31,8 +38,9 @@ struct PlayOptions {
 struct PlayPlan {
   TrajectoryPieces path;  ///< as it will be played
   std::optional<Fit> fit;
-  PdGains gains;
-  double peak_speed = 0;  ///< of the reference [m/s]
+  Tuning tuning;           ///< to begin with
+  Compensations composed;  ///< what the law is made of, beside the PD law
+  double peak_speed = 0;   ///< of the reference [m/s]
 };
 
 /// Checks everything that can be checked before a force is sent: the path against the workspace (an error names the
@@ -47,6 +55,8 @@ struct PlayResult {
   PlayPlan plan;
   std::vector<TrackingFigures> repetitions;
   TrackingFigures last;
+  std::vector<LearningTerm::Lesson> lessons;  ///< of the repetitions that were to be learned from
+  ForceTable learned;                         ///< empty without learning
 };
 
 /// Plays `plan` on `device`. Its path is read by a thread of the session meanwhile.
