@@ -61,16 +61,30 @@ class ForceLimiter {
     return result;
   }
 
+  /// The heat of the motors, q over the (0.8 F_c)^2 from which the peak limit falls; 0 without a continuous limit.
+  [[nodiscard]] double heat() const noexcept {
+    return std::isfinite(continuous_) ? mean_square_ / (kKnee * continuous_ * continuous_) : 0;
+  }
+
+  /// How long a force of this magnitude [N] can last until the peak limit begins to fall [s]; infinity if for ever.
+  [[nodiscard]] double time_left(double force) const noexcept {
+    const double knee = kKnee * continuous_ * continuous_, demand = force * force;
+    if (!(demand > knee)) return std::numeric_limits<double>::infinity();
+    return std::max(0.0, tau_ * std::log((demand - mean_square_) / (demand - knee)));
+  }
+
   /// The magnitude [N] that the next force may have.
   [[nodiscard]] double allowed() const noexcept {
     if (!std::isfinite(continuous_)) return peak_;
-    const double full = continuous_ * continuous_, knee = 0.64 * full;
+    const double full = continuous_ * continuous_, knee = kKnee * full;
     const double peak = std::isfinite(peak_) ? peak_ : 10 * continuous_;
     const double u = std::clamp((mean_square_ - knee) / (full - knee), 0.0, 1.0);
     return u > 0 ? peak + u * (continuous_ - peak) : peak_;
   }
 
  private:
+  static constexpr double kKnee = 0.64;  ///< of F_c^2
+
   double peak_, continuous_, tau_;
   double mean_square_ = 0;  ///< [N^2]
 };

@@ -1,5 +1,6 @@
 #include "control/sample.h"
 
+#include <cmath>
 #include <fmt/format.h>
 
 namespace haptrace {
@@ -29,6 +30,18 @@ std::string describe(const Event& event) {
       return fmt::format("stopped: {:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
     case EventCode::deviation_over:
       return fmt::format("{:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
+    case EventCode::oscillation:
+      return fmt::format("oscillates at {:.0f} Hz, {:.2f} mm: gains softened to {:.0f} %", b, 1e3 * a, 100 * c);
+    case EventCode::oscillation_stays:
+      return fmt::format("still oscillates at {:.0f} Hz, {:.2f} mm with {:.0f} % of its gains", b, 1e3 * a, 100 * c);
+    case EventCode::warming:
+      if (!std::isfinite(b))
+        return fmt::format("motors warm: {:.0f} % of the heat from which they are limited", 100 * a);
+      return fmt::format("motors warm: {:.0f} % of the heat from which they are limited, in {:.0f} s", 100 * a, b);
+    case EventCode::hand_resists:
+      return fmt::format("the hand resists with {:.1f} N for {:.1f} s", a, b);
+    case EventCode::hand_let_go:
+      return fmt::format("the hand let go: the load fell by {:.1f} N from {:.1f} N", a, b);
     case EventCode::not_finite:
       return a == 0 ? "stopped: the device's position is not finite" : "stopped: the controller's force is not finite";
     case EventCode::device_not_ready:

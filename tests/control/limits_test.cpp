@@ -1,5 +1,6 @@
 #include "control/limits.h"
 
+#include "control/budgets.h"
 #include "tests/support/errors.h"
 
 #include <gmock/gmock.h>
@@ -48,6 +49,45 @@ TEST(ForceLimiter, RecoversAtRest) {
   for (int i = 0; i < 20000; ++i) (void)limiter.limit(Vec3(8, 0, 0), 1e-3);
   for (int i = 0; i < 10000; ++i) (void)limiter.limit(Vec3::Zero(), 1e-3);
   EXPECT_EQ(limiter.allowed(), 8);
+}
+
+TEST(MotorBudget, WarnsOnceBeforeForceIsTakenAndAgainAfterCooling) {
+  ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});
+  MotorBudget budget;
+  double told = kNaN, told_left = 0, limited = kNaN;
+  const auto run = [&](double force, double duration) {
+    int events = 0;
+    for (int k = 0; k < std::lround(1000 * duration); ++k) {
+      const auto result = limiter.limit(Vec3(force, 0, 0), 1e-3);
+      if (result.verdict == ForceLimiter::Verdict::continuous && std::isnan(limited)) limited = 1e-3 * k;
+      const auto event = budget.update(limiter, result.force.norm());
+      if (!event) continue;
+      ++events;
+      EXPECT_EQ(event->code, EventCode::warming);
+      EXPECT_NEAR(event->values[0], MotorBudget::kWarnAt, 0.01);
+      told = 1e-3 * k;
+      told_left = event->values[1];
+    }
+    return events;
+  };
+  EXPECT_EQ(run(2.1, 60), 0) << "what can last for ever is not told";
+  EXPECT_EQ(run(8, 60), 1);
+  EXPECT_LT(told, limited);
+  EXPECT_NEAR(told + told_left, limited, 0.01) << "the time left is right";
+  EXPECT_TRUE(budget.warm());
+  EXPECT_EQ(run(0, 60), 0);
+  EXPECT_FALSE(budget.warm());
+  EXPECT_EQ(run(8, 10), 1);
+}
+
+TEST(MotorBudget, HasNothingToTellWithoutAContinuousLimit) {
+  ForceLimiter limiter({.max_force = 8});
+  MotorBudget budget;
+  for (int k = 0; k < 100000; ++k) {
+    (void)limiter.limit(Vec3(8, 0, 0), 1e-3);
+    ASSERT_FALSE(budget.update(limiter, 8));
+  }
+  EXPECT_EQ(limiter.time_left(8), std::numeric_limits<double>::infinity());
 }
 
 TEST(Ramp, TakesItsTimeAndStaysInside) {

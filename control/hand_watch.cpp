@@ -1,0 +1,71 @@
+#include "control/hand_watch.h"
+
+#include "control/error.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kLoadTime = 0.05, kQuickTime = 0.02, kSlowTime = 0.2;  // of the low passes [s]
+constexpr double kLetGo = 0.7;                                          // of the load falls away
+constexpr double kSmallestError = 1e-4;  // below which the error has no direction that means something [m]
+
+void low_pass(Vec3& state, const Vec3& input, double dt, double time_constant) noexcept {
+  state += -std::expm1(-dt / time_constant) * (input - state);
+}
+
+}  // namespace
+
+void validate(const HandWatchOptions& options) {
+  const auto check = [](const char* name, double value, double least, double most) {
+    if (!(value >= least && value <= most))
+      throw input_error(fmt::format("hand watch: the {} is {}; it must be from {} to {}", name, value, least, most));
+  };
+  check("needed force [N]", options.needed, 0, 1e3);
+  check("resisting force [N]", options.resisting, 0.01, 1e3);
+  check("time of resisting [s]", options.resist_time, 0, 60);
+  check("load that can be let go [N]", options.held, 0.01, 1e3);
+  check("time of holding [s]", options.held_time, 0, 60);
+}
+
+HandWatch::HandWatch(const HandWatchOptions& options) : options_(options) {
+  validate(options_);
+}
+
+std::optional<Event> HandWatch::update(const Vec3& force, const Vec3& error, const Vec3& disturbance,
+                                       double dt) noexcept {
+  const Vec3 load = is_finite(disturbance) ? Vec3(-disturbance) : force;
+  if (!is_finite(load) || !is_finite(error) || !(dt > 0)) return std::nullopt;
+  low_pass(load_, load, dt, kLoadTime);
+  low_pass(quick_, load, dt, kQuickTime);
+  low_pass(slow_, load, dt, kSlowTime);
+
+  // Only what acts against the way to the reference is resistance.
+  const double distance = error.stableNorm();
+  opposing_ = distance > kSmallestError ? std::max(0.0, load_.dot(error) / distance - options_.needed) : 0;
+  std::optional<Event> event;
+  if (opposing_ < 0.5 * options_.resisting) resists_ = false;
+  resisting_for_ = opposing_ > (resisting_for_ > 0 ? 0.5 : 1) * options_.resisting ? resisting_for_ + dt : 0;
+  if (!resists_ && resisting_for_ > options_.resist_time) {
+    resists_ = true;
+    event = Event{.code = EventCode::hand_resists, .values = {opposing_, resisting_for_, kNaN}};
+  }
+
+  const double held = slow_.norm();
+  const double left = held > 0 ? quick_.dot(slow_) / held : 0;
+  if (held_for_ > options_.held_time && held - left > kLetGo * held) {
+    event = Event{.code = EventCode::hand_let_go, .values = {held - left, held, kNaN}};
+    held_for_ = 0;
+    slow_ = quick_;
+  } else {
+    held_for_ = held > options_.held && left > 0.5 * options_.held ? held_for_ + dt
+                : held > options_.held                             ? held_for_
+                                                                   : 0;
+  }
+  return event;
+}
+
+}  // namespace haptrace
