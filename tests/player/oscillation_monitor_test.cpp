@@ -350,7 +350,7 @@ INSTANTIATE_TEST_SUITE_P(
                            tremble(s, d, 1);
                          }},
                     Calm{"At4kHz", [](Session& s, Draw&) { s.rate_hz = 4000; }}),
-    [](const auto& info) { return std::string(info.param.name); });
+    [](const auto& calm) { return std::string(calm.param.name); });
 
 TEST(GainSoftenerInTheLoop, EndsTheOscillationsThatTheMonitorFinds) {
   Draw draw(9);
