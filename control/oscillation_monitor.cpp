@@ -28,10 +28,6 @@ constexpr double kRippleEnergy = 0.55;         // energy times rms [F q^2]
 constexpr double kForce = 0.25;                // rms [F]
 constexpr double kForceFrequency = 20;         // [Hz]
 
-double prewarped(double cutoff_hz, double rate_hz) {
-  return std::tan(pi * std::min(cutoff_hz / rate_hz, kHighestOfRate));
-}
-
 }  // namespace
 
 void validate(const OscillationMonitorOptions& options) {
@@ -61,18 +57,20 @@ double OscillationMonitor::Sums::given() const noexcept {
   return position > 0 ? 0.5 * elastic / position * swing - energy : 0;
 }
 
-OscillationMonitor::BandPass::BandPass(double rate_hz) {
-  const auto section = [&](double cutoff_hz, bool high) {
-    const double k = prewarped(cutoff_hz, rate_hz), scale = 1 / (1 + sqrt2 * k + k * k);
-    const double b0 = (high ? 1 : k * k) * scale;
-    return Section{b0, (high ? -2 : 2) * b0, 2 * (k * k - 1) * scale, (1 - sqrt2 * k + k * k) * scale};
-  };
-  high_ = section(kLowest, true);
-  low_ = section(kHighest, false);
+OscillationMonitor::BandPass::Section::Section(bool high, double cutoff_hz, double rate_hz) {
+  const double k = std::tan(pi * std::min(cutoff_hz / rate_hz, kHighestOfRate));
+  const double scale = 1 / (1 + sqrt2 * k + k * k);
+  b0 = (high ? 1 : k * k) * scale;
+  b1 = (high ? -2 : 2) * b0;
+  a1 = 2 * (k * k - 1) * scale;
+  a2 = (1 - sqrt2 * k + k * k) * scale;
 }
 
+OscillationMonitor::BandPass::BandPass(double rate_hz)
+    : high_(true, kLowest, rate_hz), low_(false, kHighest, rate_hz) {}
+
 Vec3 OscillationMonitor::BandPass::Section::update(const Vec3& x) noexcept {
-  const Vec3 y = b0 * x + z1;
+  Vec3 y = b0 * x + z1;
   z1 = b1 * x - a1 * y + z2;
   z2 = b0 * x - a2 * y;
   return y;

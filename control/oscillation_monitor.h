@@ -97,9 +97,10 @@ class OscillationMonitor {
 
    private:
     struct Section {
+      Section(bool high, double cutoff_hz, double rate_hz);
+      Vec3 update(const Vec3& x) noexcept;
       double b0, b1, a1, a2;
       Vec3 z1 = Vec3::Zero(), z2 = Vec3::Zero();
-      Vec3 update(const Vec3& x) noexcept;
     };
     Section high_, low_;
   };
