@@ -52,8 +52,9 @@ void validate(const OscillationMonitorOptions& options);
 ///    (ripple), or the force's rms over F / 4 above 20 Hz (force), with F the largest force and q the quantum, at least
 ///    0.05 mm. A rounded position is wrong by up to q / 2, and so is the energy by at most q / 2 times the variation of
 ///    the force (summation by parts): F q is a force that rises and falls by its whole range.
-/// The factors are what tells apart 400 stable and 600 oscillating simulated loops. Two judgements in a row make a
-/// verdict; below 15 Hz, where the window holds few cycles, four.
+/// The factors are fitted to simulated loops (as in tests/player, 1700 stable and 900 oscillating ones): none that was
+/// stable suspected, 99 % found within 300 ms of the onset. Two judgements in a row make a verdict; below 15 Hz, where
+/// the window holds few cycles, four.
 ///
 /// Oscillations below 9 Hz are not looked for: hands move so.
 ///

@@ -42,6 +42,12 @@ TEST(HandWatch, CountsWithHysteresis) {
   EXPECT_EQ(watch(hand, 1, [](double) { return 7.0; }).size(), 1U);
 }
 
+TEST(HandWatch, CountsOnWhileTheHandEasesALittle) {
+  HandWatch hand({.needed = 2, .resisting = 3, .resist_time = 0.5});
+  EXPECT_TRUE(watch(hand, 0.3, [](double) { return 7.0; }).empty());
+  EXPECT_EQ(watch(hand, 0.5, [](double) { return 4.0; }).size(), 1U);
+}
+
 TEST(HandWatch, PassesOverWhatTheDeviceNeedsTremorAndPushesAhead) {
   HandWatch hand, trembling, ahead;
   EXPECT_TRUE(watch(hand, 5, [](double) { return 4.5; }).empty());
