@@ -272,7 +272,8 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
                                 options.tuning != nullptr ? &options.tuning->mailbox() : nullptr);
 
   TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(playback.repetitions));
-  std::vector<SampleSink*> sinks{&metrics};
+  std::vector<SampleSink*> sinks = options.sinks;
+  sinks.push_back(&metrics);
   SessionOptions session_options = options.session;
   if (options.tuning != nullptr) {
     sinks.push_back(options.tuning);

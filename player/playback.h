@@ -29,6 +29,7 @@ struct PlayOptions {
   bool fit = false;  ///< move and scale the path into the workspace
   PlaybackOptions playback;
   SessionOptions session;
+  std::vector<SampleSink*> sinks;  ///< borrowed: see every row and event too
   /// Borrowed, may be null: changes the tuning while the plan is played, from plan.gains on if it starts with them. Its
   /// notices become the session's.
   LiveTuning* tuning = nullptr;
