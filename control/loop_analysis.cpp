@@ -39,7 +39,7 @@ void check(const char* name, double value, double least, double most, const char
 
 void check(const LoopModel& model) {
   check("mass", model.mass, 1e-6, 1e4, "kg");
-  check("viscous friction", model.viscous, 0, 1e5, "N s/m");
+  check("viscous friction", model.viscous, 0, 1e7, "N s/m");
   check("servo rate", model.rate_hz, 1, 1e6, "Hz");
   check("delay", model.delay, 0, 64 / model.rate_hz, "s");
   check("lag", model.lag, 0, 64 / model.rate_hz, "s");
@@ -158,14 +158,19 @@ void LoopAnalysis::measure_velocity() {
   if (velocity_.size() > kLongest || std::abs(sum * period_ - 1) > 1e-6)
     throw input_error(fmt::format("loop analysis: the velocity estimator '{}' remembers more than {} samples at {} Hz",
                                   model_.velocity, kLongest, model_.rate_hz));
-  velocity_.resize(velocity_.size() - kQuiet + 1);
+  velocity_.resize(velocity_.size() - kQuiet);
 }
 
-/// Even steps that resolve every turn of the delay and of a window, and from low frequencies on even ratios.
+/// Even steps that resolve every turn of the delay and of the estimator's memory, and from low frequencies on even
+/// ratios, which resolve whatever decays slowly.
 void LoopAnalysis::make_grid() {
-  constexpr double kLowest = 1e-7, kPerDecade = 40;
-  const double turns = whole_delay_ + std::min(static_cast<double>(velocity_.size()), 512.0);
-  const int even = 512 + static_cast<int>(8 * turns);
+  constexpr double kLowest = 1e-7, kPerDecade = 40, kForgotten = 1e-3;
+  double weight = 0, remembered = 0;
+  for (const double v : velocity_) weight += std::abs(v);
+  std::size_t memory = 0;
+  while (memory < velocity_.size() && remembered < (1 - kForgotten) * weight)
+    remembered += std::abs(velocity_[memory++]);
+  const int even = 512 + 8 * (whole_delay_ + static_cast<int>(std::min<std::size_t>(memory, 512)));
   std::vector<double> thetas;
   for (double theta = kLowest; theta < pi; theta *= std::pow(10, 1 / kPerDecade)) thetas.push_back(theta);
   for (int i = 1; i < even; ++i) thetas.push_back(pi * i / even);

@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <fmt/format.h>
+#include <numbers>
 
 namespace haptrace {
 namespace {
@@ -193,6 +194,28 @@ SimSpec read_sim_spec(const json& spec, const std::string& where, const std::str
   sim.hand = read_hand(reader, spec, folder);
   check_held_axes(reader, sim);
   reader.finish();
+  return sim;
+}
+
+SimSpec sim_spec_of(const PlantModel& plant, double max_force, double lag) {
+  if (!(plant.mass.minCoeff<Eigen::PropagateNaN>() > 0))
+    throw input_error("plant model: a simulated device needs a mass above zero in every axis");
+  if (plant.gravity_gradient != plant.gravity_gradient.transpose())
+    throw input_error("plant model: the gravity gradient is not symmetric, so the force would create energy");
+  if (!(lag >= 0 && lag <= plant.delay))
+    throw input_error(
+        fmt::format("plant model: the motor's lag of {} s is a part of the delay, which is {} s", lag, plant.delay));
+  SimSpec sim;
+  sim.max_force = max_force;
+  sim.delay = plant.delay - lag;
+  sim.actuator_bandwidth_hz = lag > 0 ? 1 / (2 * std::numbers::pi * lag) : 0;
+  sim.mass = plant.mass;
+  sim.viscous = plant.viscous;
+  sim.coulomb = plant.coulomb;
+  sim.gravity_bias = plant.gravity;
+  sim.gravity_gradient = plant.gravity_gradient;
+  sim.position_resolution = plant.position_resolution;
+  sim.position_noise = plant.position_noise;
   return sim;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control/path.h"
+#include "control/plant_model.h"
 
 #include <array>
 #include <nlohmann/json.hpp>
@@ -74,5 +75,10 @@ struct SimSpec {
 /// Reads a device from JSON, whose keys samples/devices/example.json explains. Paths in it are relative to `folder`.
 /// Throws Error(input) naming `where` and the key: unknown, missing, out of its range, or at odds with another.
 SimSpec read_sim_spec(const nlohmann::json& json, const std::string& where, const std::string& folder = "");
+
+/// A device that moves as `plant` does, in W: friction sticks rigidly, `lag` [s] of its delay is the motor's bandwidth.
+/// What the model does not know is left out; the workspace is the default. Throws Error(input) when a mass is not
+/// positive, the gradient is not symmetric or the lag is longer than the delay.
+SimSpec sim_spec_of(const PlantModel& plant, double max_force, double lag = 0);
 
 }  // namespace haptrace
