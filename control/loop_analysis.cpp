@@ -31,6 +31,17 @@ Complex one_minus_unit(double theta) {
   return {2 * half * half, std::sin(theta)};
 }
 
+/// The sum of c_k w^k by Horner, in real numbers: the products of std::complex look for infinities.
+Complex polynomial(const std::vector<double>& c, const Complex& w) {
+  double re = 0, im = 0;
+  for (std::size_t k = c.size(); k-- > 0;) {
+    const double next = re * w.real() - im * w.imag() + c[k];
+    im = re * w.imag() + im * w.real();
+    re = next;
+  }
+  return {re, im};
+}
+
 void check(const char* name, double value, double least, double most, const char* unit) {
   if (!(value >= least && value <= most))
     throw input_error(fmt::format("loop analysis: the {} is {} {}; it must be from {} to {} {}", name, value, unit,
@@ -201,9 +212,7 @@ LoopAnalysis::Point LoopAnalysis::at(double theta) const {
   }
   point.plant = period_ * period_ / model_.mass * n * unit(theta * (whole_delay_ + 1));
 
-  Complex steps = 0;  // Horner
-  for (std::size_t k = velocity_.size(); k-- > 0;) steps = steps * w + velocity_[k];
-  point.velocity = less * steps;
+  point.velocity = less * polynomial(velocity_, w);
 
   if (const auto& observer = model_.observer) {
     const double g = 2 * pi * observer->bandwidth_hz, gain = -std::expm1(-g * period_), keeps = 1 - gain;

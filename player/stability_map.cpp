@@ -104,10 +104,10 @@ class Trial {
     return spec;
   }
 
-  /// A hundredth of what delays the loop.
+  /// A sixtieth of what delays the loop.
   static double integration_step(const PlantModel& plant, const StabilityOptions& options) {
     const double period = 1 / options.rate_hz;
-    return std::min((period / 2 + plant.delay) / 100, period / 20);
+    return std::min((period / 2 + plant.delay) / 60, period / 10);
   }
 
   static PdGains law_of(const std::array<AxisGains, kAtOnce>& gains) {
@@ -305,15 +305,13 @@ class Mapper {
       const std::size_t column = std::min(kAtOnce * job + i, map_.kd.size() - 1);
       std::size_t above = rows;
       while (above > 0 && !(map_.cells[column * rows + above - 1].*holds)) --above;
-      // Nothing holds: look below the map, down to a thousandth of it.
       low[i] = above > 0 ? map_.kp[above - 1] : 0;
-      high[i] = above < rows ? map_.kp[above] : low[i];
+      high[i] = above > 0 && above < rows ? map_.kp[above] : low[i];
       gains[i].kd = map_.kd[column];
     }
-    const double bottom = 1e-3 * map_.kp.front();
-    const auto open = [&](std::size_t i) { return high[i] > kFine * std::max(low[i], bottom); };
+    const auto open = [&](std::size_t i) { return high[i] > kFine * low[i]; };
     while (open(0) || open(1) || open(2)) {
-      for (std::size_t i = 0; i < kAtOnce; ++i) gains[i].kp = std::sqrt(std::max(low[i], bottom) * high[i]);
+      for (std::size_t i = 0; i < kAtOnce; ++i) gains[i].kp = open(i) ? std::sqrt(low[i] * high[i]) : map_.kp.back();
       const auto held = test(gains);
       for (std::size_t i = 0; i < kAtOnce; ++i)
         if (open(i)) (held[i] ? low[i] : high[i]) = gains[i].kp;

@@ -34,7 +34,7 @@ struct StabilityCell {
   bool simulated_fully = false;  ///< calm in a simulation with them
 };
 
-/// The largest kp of each kind with a kd [N/m]. 0: none; NaN: it lies above the map.
+/// The largest kp of each kind with a kd [N/m]. 0: none in the map, or for `stable` none at all; NaN: above the map.
 struct StabilityBoundary {
   double passive = 0;
   double stable = 0;
