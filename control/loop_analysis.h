@@ -92,7 +92,8 @@ class LoopAnalysis {
   /// Of the loop opened at the motor: L = N (kp + kd V) / A, with the observer's parts in it.
   [[nodiscard]] Margins margins(double kp, double kd) const;
 
-  /// The largest stable kp with this kd; 0: none is.
+  /// The largest stable kp with this kd; 0: none is. With an observer what is stable may fall apart into intervals;
+  /// this is the end of the highest.
   [[nodiscard]] double stiffest(double kd) const;
   /// The largest stable kd with this kp > 0; 0: none is.
   [[nodiscard]] double most_damped(double kp) const;

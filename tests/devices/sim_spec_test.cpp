@@ -115,6 +115,31 @@ TEST(SimPresets, HaveHandsThatAreWhole) {
   }
 }
 
+TEST(SimSpec, OfAPlantModelMovesAsTheModelSays) {
+  PlantModel plant;
+  plant.mass = Vec3(0.2, 0.4, 0.4);
+  plant.viscous = Vec3(4, 0, 0);
+  plant.coulomb = Vec3(0, 2, 0);
+  plant.gravity = Vec3(0, 0, -2);
+  plant.delay = 5e-3;
+  plant.position_resolution = 1e-4;
+  SimDevice device(sim_spec_of(plant, 50, 2e-3));
+  Vec3 measured;
+  for (int k = 0; k < 100; ++k) measured = exchange(device, Vec3(2, 1.9, 0), 1e-3).position;
+  // The delay and the lag each hold the terminal velocity back by their length.
+  const double time_constant = 0.05, since = 0.1 - 5e-3;
+  EXPECT_NEAR(device.true_velocity().x(), 0.5 * (1 - std::exp(-since / time_constant)), 1e-3);
+  EXPECT_EQ(device.true_velocity().y(), 0);
+  EXPECT_NEAR(device.true_velocity().z(), -0.5, 1e-9);
+  EXPECT_NEAR(std::remainder(measured.z(), 1e-4), 0, 1e-12);
+
+  EXPECT_THAT(error_of([&] { (void)sim_spec_of(plant, 50, 6e-3); }), HasSubstr("lag of 0.006 s"));
+  plant.gravity_gradient(0, 1) = 1;
+  EXPECT_THAT(error_of([&] { (void)sim_spec_of(plant, 50); }), HasSubstr("not symmetric"));
+  plant.mass.y() = 0;
+  EXPECT_THAT(error_of([&] { (void)sim_spec_of(plant, 50); }), HasSubstr("mass above zero"));
+}
+
 class DevicePreset : public testing::TestWithParam<std::string> {};
 
 TEST_P(DevicePreset, HeldByAHandStaysWithinItsWalls) {
