@@ -11,6 +11,7 @@ namespace haptrace {
 namespace {
 
 constexpr double kFade = 0.05;       // of a step in what was learned, a time constant [s]
+constexpr int kFewest = 3;           // repetitions before learning may stop: their mean is less noisy than one
 constexpr double kUnsteady = 0.05;   // share of ticks at which the path's time may have stood or crept
 constexpr double kSteadyStep = 0.5;  // of a tick's usual step of the path's time, below which it crept
 
@@ -155,7 +156,7 @@ IterativeLearning::Outcome IterativeLearning::learn(const RepetitionLog& log) {
   }
   const bool noise = only_noise(along);
   error_ = std::move(along);
-  if (noise && repetitions_ >= 2) return Outcome::converged;
+  if (noise && repetitions_ >= kFewest) return Outcome::converged;
 
   const double lambda = caution_ * (repetitions_ < 2 ? 1.0 : 1.0 / repetitions_);
   const std::vector<Vec3> load = met_load(log);

@@ -70,7 +70,7 @@ class IterativeLearning {
     skipped,    ///< the repetition was interrupted, or saturated: nothing can be learned of it
   };
 
-  static constexpr double kNoise = 0.1;
+  static constexpr double kNoise = 0.03;
   static constexpr double kWorse = 1.3;
   static constexpr double kLongest = 600;  ///< seconds of session that may be learned
 

@@ -42,12 +42,18 @@ PdGains cautious_gains(double max_force, double rate_hz);
 
 /// F = Kp (x_d - x) + Kd (v_d - v)        Basdogan and Srinivasan, Fig. 6.9, with the velocity error in place of the
 ///                                        error's derivative, so that a quantised position is differentiated once.
+///
+/// Real-time.
+inline Vec3 pd_force(const PdGains& gains, const State& state, const Reference& reference) noexcept {
+  return gains.kp.cwiseProduct(reference.position - state.position) +
+         gains.kd.cwiseProduct(reference.velocity - state.velocity);
+}
+
+/// pd_force with the gains of the moment.
 class PdLaw final : public ForceTerm {
  public:
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override {
-    const auto& [kp, kd] = input.tuning.gains;
-    return kp.cwiseProduct(input.reference.position - input.state.position) +
-           kd.cwiseProduct(input.reference.velocity - input.state.velocity);
+    return pd_force(input.tuning.gains, input.state, input.reference);
   }
 };
 

@@ -71,7 +71,7 @@ class Trial {
   Trial(const PlantModel& plant, const std::array<AxisGains, kAtOnce>& gains, const StabilityOptions& options)
       : period_(1 / options.rate_hz),
         device_(spec_of(plant, options), {.longest_step = integration_step(plant, options)}),
-        law_(law_of(gains)) {
+        gains_(law_of(gains)) {
     if (options.observer) observer_.emplace(*options.observer, plant.delay, period_);
   }
 
@@ -83,7 +83,7 @@ class Trial {
     State state;
     state.position = measured.position.cwiseProduct(held_);
     state.velocity = estimator.update(state.position, period_);
-    force_ = law_.force(state, {reference, Vec3::Zero(), Vec3::Zero()}) + Vec3::Constant(push);
+    force_ = pd_force(gains_, state, {.position = reference, .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()}) + Vec3::Constant(push);
     if (observer_) force_ += observer_->load(state.velocity);
     force_ = force_.cwiseProduct(held_);
     if (observer_) observer_->sent(force_);
@@ -121,7 +121,7 @@ class Trial {
 
   double period_;
   SimDevice device_;
-  PdLaw law_;
+  PdGains gains_;
   std::optional<Observer> observer_;
   Vec3 force_ = Vec3::Zero();
   Vec3 held_ = Vec3::Ones();  ///< 0 where an axis was let go

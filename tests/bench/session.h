@@ -34,10 +34,10 @@ class Still final : public Device {
 };
 
 inline PlaybackController playback(double duration, const PlaybackOptions& options) {
-  std::vector<std::unique_ptr<ForceTerm>> terms;
-  terms.push_back(std::make_unique<PdLaw>(PdGains{Vec3::Constant(500), Vec3::Constant(6)}));
+  ForceTerms terms;
+  terms.push_back(std::make_unique<PdLaw>());
   const Path path = make_shape("circle", {.size = 0.02, .duration = duration});
-  return {Trajectory(path, Interpolation::cubic), std::move(terms), options};
+  return {Trajectory(path, Interpolation::cubic), std::move(terms), {.gains = {Vec3::Constant(500), Vec3::Constant(6)}}, options};
 }
 
 }  // namespace haptrace::bench

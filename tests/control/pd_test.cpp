@@ -1,11 +1,9 @@
 #include "control/pd.h"
 
-#include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <thread>
 
 namespace haptrace {
 namespace {
@@ -17,36 +15,18 @@ State at(const Vec3& position, const Vec3& velocity) {
   return state;
 }
 
-TEST(PdLaw, IsTheFormulaPerAxis) {
-  PdLaw law({Vec3(100, 200, 300), Vec3(1, 2, 3)});
-  const Reference reference{Vec3(1, 1, 1), Vec3(0.5, 0.5, 0.5), Vec3::Zero()};
-  EXPECT_TRUE(law.force(at(Vec3(0.9, 1.2, 1), Vec3(0, 0, 1)), reference).isApprox(Vec3(10.5, -39, -1.5), 1e-12));
+TEST(PdForce, IsTheFormulaPerAxis) {
+  const PdGains gains{Vec3(100, 200, 300), Vec3(1, 2, 3)};
+  const Reference reference{Vec3(1, 1, 1), Vec3(0.5, 0.5, 0.5), Vec3::Zero(), 0};
+  EXPECT_TRUE(pd_force(gains, at(Vec3(0.9, 1.2, 1), Vec3(0, 0, 1)), reference).isApprox(Vec3(10.5, -39, -1.5), 1e-12));
 }
 
-TEST(PdLaw, PullsTowardsTheReferenceAndDampsTowardsItsVelocity) {
-  PdLaw law({Vec3::Constant(100), Vec3::Constant(1)});
-  const Reference rest{Vec3::Zero(), Vec3::Zero(), Vec3::Zero()};
-  EXPECT_LT(law.force(at(Vec3(0.01, 0, 0), Vec3::Zero()), rest).x(), 0);
-  EXPECT_LT(law.force(at(Vec3::Zero(), Vec3(0.01, 0, 0)), rest).x(), 0);
-  EXPECT_EQ(law.force(at(Vec3::Zero(), Vec3::Zero()), rest), Vec3::Zero());
-}
-
-TEST(PdLaw, TakesNewGainsFromAnotherThreadWholeAndWithoutAllocating) {
-  PdLaw law({Vec3::Constant(1), Vec3::Constant(1)});
-  std::jthread tuner([&](const std::stop_token& stop) {
-    for (double k = 1; !stop.stop_requested(); k = k < 1000 ? k + 1 : 1)
-      law.set_gains({Vec3::Constant(k), Vec3::Constant(k)});
-  });
-  // With x_d - x = (1, 2, 3) and v_d - v = -(1, 2, 3), gains that belong together cancel.
-  const Reference reference{Vec3(1, 2, 3), Vec3::Zero(), Vec3::Zero()};
-  const State state = at(Vec3::Zero(), Vec3(1, 2, 3));
-  const std::size_t before = test::allocations();
-  for (int i = 0; i < 200000; ++i)
-    if (law.force(state, reference) != Vec3::Zero()) {
-      ADD_FAILURE() << "gains of two calls were mixed";
-      break;
-    }
-  EXPECT_EQ(test::allocations(), before);
+TEST(PdForce, PullsTowardsTheReferenceAndDampsTowardsItsVelocity) {
+  const PdGains gains{Vec3::Constant(100), Vec3::Constant(1)};
+  const Reference rest{Vec3::Zero(), Vec3::Zero(), Vec3::Zero(), 0};
+  EXPECT_LT(pd_force(gains, at(Vec3(0.01, 0, 0), Vec3::Zero()), rest).x(), 0);
+  EXPECT_LT(pd_force(gains, at(Vec3::Zero(), Vec3(0.01, 0, 0)), rest).x(), 0);
+  EXPECT_EQ(pd_force(gains, at(Vec3::Zero(), Vec3::Zero()), rest), Vec3::Zero());
 }
 
 TEST(PdGains, NameTheOneThatIsWrong) {

@@ -339,14 +339,14 @@ TEST(ServoLoop, GivesUpOnADeviceThatNeverGetsReady) {
 
 TEST(ServoLoop, AllocatesNothingInATick) {
   PointMass device;
-  PdLaw law({Vec3::Constant(500), Vec3::Constant(5)});
+  const PdGains gains{Vec3::Constant(500), Vec3::Constant(5)};
   std::size_t first = 0, last = 0;
   Scripted controller([&](const State& state) {
     if (state.tick == 1) first = test::allocations();
     if (state.tick == 900) last = test::allocations();
     Command command;
     command.reference = {Vec3(0.01, 0, 0), Vec3::Zero(), Vec3::Zero()};
-    command.wrench.force = law.force(state, command.reference);
+    command.wrench.force = pd_force(gains, state, command.reference);
     if (state.tick > 900) command.status = Command::Status::finished;
     return command;
   });
@@ -357,12 +357,12 @@ TEST(ServoLoop, AllocatesNothingInATick) {
 TEST(ServoLoop, IsTheSameToTheBitInVirtualTime) {
   const auto session = [] {
     PointMass device;
-    PdLaw law({Vec3::Constant(900), Vec3::Constant(5)});
+    const PdGains gains{Vec3::Constant(900), Vec3::Constant(5)};
     Scripted controller([&](const State& state) {
       Command command;
       command.reference = {Vec3(0.01 * std::sin(1e-9 * static_cast<double>(state.time_ns)), 0, 0), Vec3::Zero(),
                            Vec3::Zero()};
-      command.wrench.force = law.force(state, command.reference);
+      command.wrench.force = pd_force(gains, state, command.reference);
       if (state.tick > 900) command.status = Command::Status::finished;
       return command;
     });
@@ -395,11 +395,11 @@ TEST(ServoLoop, FlushesDenormalsInTheTickAndRestoresTheModeAfterwards) {
 TEST(ServoLoop, StopsAWrongForceSignBeforeItRunsAway) {
   PointMass device(0.2, 0, {.pushes_back = true});
   device.place(Vec3(0.01, 0, 0));
-  PdLaw law({Vec3::Constant(1000), Vec3::Constant(2)});
+  const PdGains gains{Vec3::Constant(1000), Vec3::Constant(2)};
   Scripted controller([&](const State& state) {
     Command command;
     command.reference = {Vec3::Zero(), Vec3::Zero(), Vec3::Zero()};
-    command.wrench.force = law.force(state, command.reference);
+    command.wrench.force = pd_force(gains, state, command.reference);
     return command;
   });
   const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.max_velocity = 1}});

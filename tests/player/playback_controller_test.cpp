@@ -18,9 +18,9 @@ Path circle(double duration = 2) {
 }
 
 PlaybackController follower(const Path& path, const PlaybackOptions& options, double kp = 100) {
-  std::vector<std::unique_ptr<ForceTerm>> terms;
-  terms.push_back(std::make_unique<PdLaw>(PdGains{Vec3::Constant(kp), Vec3::Zero()}));
-  return {Trajectory(path, Interpolation::cubic), std::move(terms), options};
+  ForceTerms terms;
+  terms.push_back(std::make_unique<PdLaw>());
+  return {Trajectory(path, Interpolation::cubic), std::move(terms), {.gains = {Vec3::Constant(kp), Vec3::Zero()}}, options};
 }
 
 /// Drives a controller with a hand that is where `where` puts it, given the previous reference, and keeps the answers.
@@ -143,13 +143,13 @@ TEST(Playback, WaitsForAHandAfterAStallInsteadOfRunningAway) {
 
 TEST(Playback, SumsItsTerms) {
   struct Constant final : ForceTerm {
-    [[nodiscard]] Vec3 force(const State&, const Reference&) noexcept override { return Vec3(1, 2, 3); }
+    [[nodiscard]] Vec3 force(const TermInput&) noexcept override { return Vec3(1, 2, 3); }
   };
-  std::vector<std::unique_ptr<ForceTerm>> terms;
+  ForceTerms terms;
   for (int i = 0; i < 3; ++i) terms.push_back(std::make_unique<Constant>());
-  PlaybackController controller(Trajectory(circle(), Interpolation::linear), std::move(terms), {});
+  PlaybackController controller(Trajectory(circle(), Interpolation::linear), std::move(terms), {}, {});
   EXPECT_EQ(drive(controller, obedient, 5).back().wrench.force, Vec3(3, 6, 9));
-  PlaybackController nothing(Trajectory(circle(), Interpolation::linear), {}, {});
+  PlaybackController nothing(Trajectory(circle(), Interpolation::linear), {}, {}, {});
   EXPECT_EQ(drive(nothing, obedient, 5).back().wrench.force, Vec3::Zero());
 }
 

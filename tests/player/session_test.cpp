@@ -181,9 +181,9 @@ TEST(Session, StopsInEveryPhaseWhenAsked) {
       int tick_;
     } raiser(stop, at);
 
-    std::vector<std::unique_ptr<ForceTerm>> terms;
-    terms.push_back(std::make_unique<PdLaw>(plan.gains));
-    PlaybackController controller(ReferenceStream(plan.path, {}), std::move(terms), options.playback);
+    ForceTerms terms;
+    terms.push_back(std::make_unique<PdLaw>());
+    PlaybackController controller(ReferenceStream(plan.path, {}), std::move(terms), plan.tuning, options.playback);
     SampleSink* const sinks[] = {&raiser};
     const SessionResult result = run_session(device, controller, {.reference = true}, sinks, options.session, stop);
     EXPECT_EQ(result.servo.cause, StopCause::interrupted) << at;
