@@ -39,7 +39,7 @@ class FrictionFeedforward final : public ForceTerm {
  public:
   explicit FrictionFeedforward(const PlantModel& plant) : viscous_(plant.viscous), coulomb_(plant.coulomb) {}
 
-  static constexpr double kTransition = 0.002;  ///< v_0, over which the sign turns [m/s]
+  static constexpr double kTransition = 0.01;  ///< v_0, over which the sign turns [m/s]
 
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override {
     const Vec3& v = input.reference.velocity;

@@ -11,6 +11,7 @@ namespace haptrace {
 namespace {
 
 constexpr double kFade = 0.05;       // of a step in what was learned, a time constant [s]
+constexpr double kFirst = 0.25;       // what the first repetition, along another way, counts as in the mean
 constexpr int kFewest = 3;           // repetitions before learning may stop: their mean is less noisy than one
 constexpr double kUnsteady = 0.05;   // share of ticks at which the path's time may have stood or crept
 constexpr double kSteadyStep = 0.5;  // of a tick's usual step of the path's time, below which it crept
@@ -75,8 +76,8 @@ void RepetitionLog::clear() noexcept {
   for (auto* column : {&position, &reference, &known, &sent}) column->clear();
 }
 
-IterativeLearning::IterativeLearning(const Options& options, ForceTable known)
-    : options_(options), table_(std::move(known)) {
+IterativeLearning::IterativeLearning(const Options& options, ForceTable known, int repetitions)
+    : options_(options), table_(std::move(known)), repetitions_(repetitions) {
   const double session = options_.duration / options_.speed;
   if (!(session > 0 && session <= kLongest))
     throw input_error(fmt::format("a repetition lasts {:.1f} s; what is learned must last from 0 to {} s", session,
@@ -84,8 +85,6 @@ IterativeLearning::IterativeLearning(const Options& options, ForceTable known)
   if (table_.force.empty()) {
     table_.step = 0.004 * options_.speed;
     table_.force.assign(static_cast<std::size_t>(std::ceil(options_.duration / table_.step)) + 1, Vec3::Zero());
-  } else {
-    repetitions_ = 1;  // it was converged before, as far as anybody knows
   }
   best_ = table_;
 }
@@ -158,7 +157,7 @@ IterativeLearning::Outcome IterativeLearning::learn(const RepetitionLog& log) {
   error_ = std::move(along);
   if (noise && repetitions_ >= kFewest) return Outcome::converged;
 
-  const double lambda = caution_ * (repetitions_ < 2 ? 1.0 : 1.0 / repetitions_);
+  const double lambda = caution_ * (repetitions_ == 0 ? 1.0 : 1 / (repetitions_ + kFirst));
   const std::vector<Vec3> load = met_load(log);
   for (std::size_t i = 0; i < load.size(); ++i) table_.force[i] += lambda * (load[i] - table_.force[i]);
   ++repetitions_;

@@ -43,8 +43,9 @@ struct RepetitionLog {
 /// with known what other terms cancel, Q a zero-phase low pass (Butterworth, forwards and backwards), and the table becomes (1 - lambda) table +
 /// lambda met. Since u = M x_d'' + known + table + feedback, this is table + lambda Q[L e] with L e = M e'' + feedback: the
 /// learning law of Bristow, Tharayil and Alleyne (2006) with the loop's own inverse as L; it converges wherever the
-/// load is softer than the loop. lambda is 1, 1, then 1 / 2, 1 / 3, ...: the mean of the repetitions, in which what
-/// does not repeat cancels and is left to the disturbance observer.
+/// load is softer than the loop. lambda is 1, then 4/5, 4/9, 4/13, ...: the mean of the repetitions, the first of
+/// which, driven along another way, counts for a quarter. In the mean, what does not repeat cancels; it is left to the
+/// disturbance observer.
 ///
 /// It watches what it does. With e_j the error of repetition j, (e_j - e_j-1) / 2 is what does not repeat and
 /// (e_j + e_j-1) / 2 what does: once the latter holds less than kNoise of the squares of both, there is nothing left to
@@ -74,8 +75,9 @@ class IterativeLearning {
   static constexpr double kWorse = 1.3;
   static constexpr double kLongest = 600;  ///< seconds of session that may be learned
 
-  /// Throws Error(input) when an option is out of its range. `known`: from earlier sessions, may be empty.
-  explicit IterativeLearning(const Options& options, ForceTable known = {});
+  /// Begins with `known`, from a model or an earlier session, which counts as much as `repetitions`; it may be empty.
+  /// Throws Error(input) when an option is out of its range.
+  explicit IterativeLearning(const Options& options, ForceTable known = {}, int repetitions = 0);
 
   /// The repetition that was driven with table().
   Outcome learn(const RepetitionLog& log);
@@ -93,7 +95,7 @@ class IterativeLearning {
   std::vector<Vec3> error_;  ///< of the last repetition, along the table's steps [m]
   double rms_ = 0, best_rms_ = 0;
   double caution_ = 1;  ///< of the steps
-  int repetitions_ = 0;
+  int repetitions_;
 };
 
 /// Sends what was learned along the path, without a step when the table or the path's time jumps. On the way to the

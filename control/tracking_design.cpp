@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "control/filters.h"
+#include "control/loop_analysis.h"
 #include "control/state_observer.h"
 
 #include <algorithm>
@@ -15,10 +16,11 @@ namespace {
 
 constexpr double kMassFactor = 1.1;      // of the observer's mass over the identified
 constexpr double kFrequency = 0.4;       // w times (delay + period)
-constexpr double kDampingRatio = 0.8;
+constexpr double kDampingRatio = 0.75;
 constexpr double kObserverFactor = 1.5;  // of the observer's poles over w
-constexpr double kLoad = 6;              // [Hz]
+constexpr double kLoad = 12;             // [Hz]
 constexpr double kAuthority = 0.7;       // of the device's force
+constexpr double kLargestRaise = 3;      // beyond which gains only hum
 constexpr double kMargin = 2;            // of the stable gains over the designed
 constexpr double kRippleCutoff = 25;     // [Hz]
 // Of a closed loop's ripple over the open one's, measured on simulated devices.
@@ -121,6 +123,18 @@ double gain_margin(const UnitLaw& law) {
   return stable;
 }
 
+/// At most half of what a plain PD loop is stable with, on a device that nobody holds.
+PdGains plain_gains(const PlantModel& plant, const PdGains& designed, double rate_hz) {
+  PdGains plain = designed;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(plant.mass[axis] > 0)) continue;
+    const LoopAnalysis loop(loop_of(plant, axis, rate_hz, "lowpass:100"));
+    plain.kd[axis] = std::min(plain.kd[axis], 0.5 * loop.most_damped(0.1 * designed.kp[axis]));
+    plain.kp[axis] = std::min(plain.kp[axis], 0.5 * loop.stiffest(plain.kd[axis]));
+  }
+  return plain;
+}
+
 }  // namespace
 
 TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& options) {
@@ -142,9 +156,9 @@ TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& opt
 
   TrackingDesign design;
   design.gains = {(law.kp() * plant.mass).cwiseMin(kLargestKp), (law.kd() * plant.mass).cwiseMin(kLargestKd)};
-  const double more = std::max(gain_margin(law) / kMargin, 1.0);
+  const double more = std::clamp(gain_margin(law) / kMargin, 1.0, kLargestRaise);
   design.largest = {(more * design.gains.kp).cwiseMin(kLargestKp), (more * design.gains.kd).cwiseMin(kLargestKd)};
-  if(getenv("DBG")) fprintf(stderr,"w %.1f margin %.2f T*w %.3f\n",law.w,2*more,law.w*(plant.delay+1/rate_hz));
+  design.plain = plain_gains(plant, design.gains, rate_hz);
   design.mass = kMassFactor * plant.mass;
   design.delay = plant.delay;
   design.observer_hz = kObserverFactor * law.w / (2 * std::numbers::pi);

@@ -9,7 +9,8 @@ namespace haptrace {
 /// The numbers that a tracking law with an observer is built from.
 struct TrackingDesign {
   PdGains gains;             ///< stiff, with margins
-  PdGains largest;           ///< what the device bears, half of what it is stable with when nobody holds it
+  PdGains largest;           ///< what they may be raised to: half of what makes the device alone unstable
+  PdGains plain;             ///< for a PD law without the observer, likewise
   Vec3 mass = Vec3::Zero();  ///< that the observer reckons with, per axis of W [kg]
   double delay = 0;          ///< from the tick that commands a force to the force [s]
   double observer_hz = 0;    ///< triple pole of the state observer
@@ -34,10 +35,11 @@ struct DesignOptions {
 
 /// The stiffest law that the plant's delay allows and whose ripple stays in its bound, per axis:
 ///
-///     w = 0.4 / (delay + 1 / rate), kp = m w^2, kd = 1.6 m w, observer_hz = 1.5 w / (2 pi), load_hz = 6
+///     w = 0.4 / (delay + 1 / rate), kp = m w^2, kd = 1.5 m w, observer_hz = 1.5 w / (2 pi), load_hz = 12
 ///
-/// with w lowered until the position quantum makes no more ripple than allowed. The observer's mass is 1.1 times the
-/// identified: too light makes it ripple, too heavy costs little. Throws Error(input) when the plant has no mass.
+/// with w lowered until a lighter (0.8) and slower (half a tick) free device bears twice the gains, and the position
+/// quantum makes no more ripple than allowed. The observer's mass is 1.1 times the identified: a hand goes along.
+/// Throws Error(input) when the plant has no mass.
 TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& options);
 
 }  // namespace haptrace

@@ -18,7 +18,8 @@ class LearningTerm final : public ForceTerm {
  public:
   struct Options {
     IterativeLearning::Options law;
-    ForceTable known;     ///< from earlier sessions, or empty
+    ForceTable known;     ///< from a model or an earlier session, or empty
+    int known_counts = 0;  ///< as how many repetitions
     int repetitions = 0;  ///< to learn from; 0: what is known is used as it is
   };
 

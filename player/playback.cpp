@@ -151,11 +151,35 @@ ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, 
 }
 
 IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& options) {
-  return {.mass = options.identified->plant.mass,
-          .delay = options.identified->plant.delay,
+  return {.mass = options.identified->design.mass,
+          .delay = options.identified->design.delay,
           .rate_hz = options.session.rate_hz,
           .speed = options.playback.speed,
           .duration = plan.path.duration()};
+}
+
+/// What the model knows of the load along the path, for learning to begin with.
+ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
+  GravityFeedforward gravity(options.identified->plant);
+  FrictionFeedforward friction(options.identified->plant);
+  const double speed = options.playback.speed, step = 0.004 * speed;
+  const Tuning tuning{.gravity = options.compensations.gravity ? 1.0 : 0.0,
+                      .friction = options.compensations.friction ? 1.0 : 0.0};
+  const State state;
+  ForceTable table{.step = step, .force = {}};
+  double t = 0;
+  for (std::size_t i = 0; i < plan.path.count(); ++i) {
+    const TrajectoryPiece piece = plan.path.make(i);
+    Trajectory::Cursor cursor;
+    const bool last = i + 1 == plan.path.count();
+    for (; last ? t < piece.end + step : t < piece.end; t = step * static_cast<double>(table.force.size())) {
+      Reference reference = piece.trajectory.sample(t, cursor);
+      reference.velocity *= speed;
+      const TermInput input{state, reference, tuning};
+      table.force.push_back(gravity.force(input) + friction.force(input));
+    }
+  }
+  return table;
 }
 
 /// The terms in the order in which each knows those before it: what is known of the load, feedback, inertia. What is
@@ -167,8 +191,12 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
   if (with.gravity) terms.push_back(std::make_unique<GravityFeedforward>(options.identified->plant));
   if (with.friction) terms.push_back(std::make_unique<FrictionFeedforward>(options.identified->plant));
   if (with.learning) {
-    auto term = std::make_unique<LearningTerm>(LearningTerm::Options{
-        .law = learning_of(plan, options), .known = options.learned, .repetitions = options.learn});
+    const bool from_before = !options.learned.force.empty();
+    auto term = std::make_unique<LearningTerm>(
+        LearningTerm::Options{.law = learning_of(plan, options),
+                              .known = from_before ? options.learned : load_along(plan, options),
+                              .known_counts = from_before ? 1 : 0,
+                              .repetitions = options.learn});
     learning = term.get();
     terms.push_back(std::move(term));
   }
@@ -179,7 +207,7 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
         .position_resolution = std::max(options.identified->plant.position_resolution, device.position_resolution)}));
   else
     terms.push_back(std::make_unique<PdLaw>());
-  if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->plant.mass));
+  if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->design.mass));
   return terms;
 }
 
@@ -214,6 +242,9 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     tuning.observer_hz = options.identified->design.load_hz;
     composed = options.compensations;
     composed.learning = composed.learning && (options.learn > 0 || !options.learned.force.empty());
+    // What is learned is all of the load; it begins with what the model knows of it.
+    if (composed.learning) composed.gravity = composed.friction = false;
+    if (!composed.observer) tuning.gains = options.identified->design.plain;
   } else {
     tuning.gains = cautious_gains(device.max_force, options.session.rate_hz);
   }
