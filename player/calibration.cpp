@@ -1,0 +1,493 @@
+#include "player/calibration.h"
+
+#include "control/error.h"
+#include "control/min_jerk.h"
+#include "control/pd.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <fmt/format.h>
+#include <numbers>
+
+namespace haptrace {
+namespace {
+
+constexpr double kTwoPi = 2 * std::numbers::pi;
+
+constexpr double kPeriod = 1;          // of the dither [s]
+constexpr double kSlowHz = 2;          // of every slow movement: harmonics that the dither leaves free
+constexpr double kLowestLine = 15;     // above what a hand does of its own accord, and most grips [Hz]
+constexpr double kHighestLine = 120;   // [Hz]
+constexpr double kLargestReach = 0.015;   // [m]
+constexpr double kSmallestReach = 0.003;  // [m]
+constexpr double kBlend = 0.3;         // in which a movement grows from nothing, or shrinks to it [s]
+constexpr double kSettle = 0.5;        // from a change of the dither to the first window [s]
+constexpr double kLookDither = 0.04;   // share of the largest force, rms per axis
+constexpr double kMostDither = 0.12;
+constexpr double kDitherSpeed = 0.25;  // rms of the dither's velocity, share of the slow movement's
+constexpr double kLeastMotion = 0.25;  // of the speed asked for, below which a device counts as blocked
+
+constexpr std::array<double, 4> kQuickSizes{1, 0.5, 1, 0.5};
+constexpr std::array<double, 16> kFullSizes{1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35,
+                                            1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35};
+
+std::span<const double> sweep_sizes(bool full) {
+  return full ? std::span<const double>(kFullSizes) : std::span<const double>(kQuickSizes);
+}
+
+double dither_windows(bool full) {
+  return full ? 8 : 3;
+}
+
+/// A triangle of period 1 and height 1 with rounded corners, and its slope.
+struct RoundedTriangle {
+  double value, slope;
+
+  static RoundedTriangle at(double turns) noexcept {
+    constexpr double kSharpness = 0.97;
+    const double height = std::asin(kSharpness), s = kSharpness * std::sin(kTwoPi * turns);
+    return {std::asin(s) / height,
+            kTwoPi * kSharpness * std::cos(kTwoPi * turns) / (std::sqrt(1 - s * s) * height)};
+  }
+};
+
+/// Answers of the device at a few lines of the dither while the session runs, through a Hann window of one period.
+class FirstLook {
+ public:
+  explicit FirstLook(const CalibrationPlan& plan) : axes_(plan.axes) {
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!axes_[static_cast<std::size_t>(axis)]) continue;
+      const std::vector<SpectralLine>& lines = plan.dither.lines(axis);
+      for (std::size_t i = 0; i < kLines; ++i) {
+        const auto nearest = std::min_element(lines.begin(), lines.end(), [&](const auto& a, const auto& b) {
+          return std::abs(a.frequency_hz - kWanted[i]) < std::abs(b.frequency_hz - kWanted[i]);
+        });
+        sums_[static_cast<std::size_t>(axis)][i].w = kTwoPi * nearest->frequency_hz;
+      }
+    }
+  }
+
+  void reset() noexcept {
+    for (auto& axis : sums_)
+      for (Sum& sum : axis) sum = Sum{.w = sum.w};
+    speed_ = asked_ = Vec3::Zero();
+  }
+
+  /// `share` 0 to 1 of the window has passed at `time`.
+  void add(const State& state, double time, double share, const Vec3& speed_asked) noexcept {
+    const double window = 0.5 * (1 - std::cos(kTwoPi * share));
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!axes_[static_cast<std::size_t>(axis)]) continue;
+      for (Sum& sum : sums_[static_cast<std::size_t>(axis)]) {
+        const std::complex<double> turn = std::polar(window, -sum.w * time);
+        sum.force += turn * std::polar(1.0, sum.w * state.dt) * state.force_applied[axis];
+        for (int i = 0; i < 3; ++i) sum.position[static_cast<std::size_t>(i)] += turn * state.position[i];
+      }
+      speed_[axis] += std::abs(state.velocity[axis]);
+      asked_[axis] += std::abs(speed_asked[axis]);
+    }
+  }
+
+  /// Apparent mass, the median over the lines [kg].
+  [[nodiscard]] double mass(int axis) const noexcept {
+    std::array<double, kLines> masses{};
+    for (std::size_t i = 0; i < kLines; ++i) {
+      const Sum& sum = sums_[static_cast<std::size_t>(axis)][i];
+      masses[i] = std::abs(sum.force) /
+                  (sum.w * sum.w * std::max(std::abs(sum.position[static_cast<std::size_t>(axis)]), 1e-9));
+    }
+    std::sort(masses.begin(), masses.end());
+    return masses[kLines / 2];
+  }
+
+  /// Whether a push along `axis` moves the device that way: at these frequencies a mass moves against the force, late
+  /// by the delay.
+  [[nodiscard]] bool follows(int axis) const noexcept {
+    double along = 0, straight = 0, across = 0;
+    for (const Sum& sum : sums_[static_cast<std::size_t>(axis)]) {
+      for (int i = 0; i < 3; ++i) {
+        const double gain = std::abs(sum.position[static_cast<std::size_t>(i)]) * sum.w * sum.w / std::abs(sum.force);
+        if (i == axis) {
+          straight += gain;
+          along -= gain * std::cos(std::arg(sum.position[static_cast<std::size_t>(i)] / sum.force));
+        } else {
+          across = std::max(across, gain);
+        }
+      }
+    }
+    return along > 0 && across < straight;
+  }
+
+  /// Mean speed over the mean speed asked for.
+  [[nodiscard]] double motion(int axis) const noexcept { return asked_[axis] > 0 ? speed_[axis] / asked_[axis] : 1; }
+
+ private:
+  static constexpr std::size_t kLines = 3;
+  static constexpr std::array<double, kLines> kWanted{27, 39, 55};  // [Hz]
+
+  struct Sum {
+    double w = 0;
+    std::complex<double> force{};
+    std::array<std::complex<double>, 3> position{};
+  };
+
+  std::array<bool, 3> axes_;
+  std::array<std::array<Sum, kLines>, 3> sums_;
+  Vec3 speed_ = Vec3::Zero(), asked_ = Vec3::Zero();
+};
+
+/// Drives the device along the plan.
+class CalibrationController final : public Controller {
+ public:
+  enum class Verdict { none, blocked, wrong_way, deviation };
+  enum class Stage { approach, look, swing, sweep, done };
+
+  explicit CalibrationController(const CalibrationPlan& plan)
+      : plan_(plan),
+        look_(plan),
+        sizes_(sweep_sizes(plan.full)),
+        gains_(cautious_gains(plan.device_force, plan.rate_hz)),
+        swing_size_(swing_size(plan)) {}
+
+  void start(const State& first) noexcept override {
+    home_ = plan_.centre;
+    from_ = first.position;
+    for (int axis = 0; axis < 3; ++axis)
+      if (!driven(axis)) home_[axis] = from_[axis];
+    approach_time_ = std::max(0.5, MinJerk::kPeakSpeed * (home_ - from_).norm() / plan_.approach_speed);
+  }
+
+  [[nodiscard]] Command update(const State& state) noexcept override {
+    const double now = 1e-9 * static_cast<double>(state.time_ns);
+    advance(state, now);
+    const Reference reference = this->reference(now - began_);
+    dither_ += std::clamp(state.dt / kBlend, 0.0, 1.0) * (dither_wanted_ - dither_);
+
+    Command command;
+    command.reference = reference;
+    command.phase = stage_ == Stage::approach ? Phase::approach : stage_ == Stage::done ? Phase::hold : Phase::run;
+    Vec3 hum = Vec3::Zero();
+    if (stage_ == Stage::look || stage_ == Stage::swing) hum = dither_.cwiseProduct(plan_.dither.value(now));
+    Vec3 pull = gains_.kp.cwiseProduct(reference.position - state.position) +
+                gains_.kd.cwiseProduct(reference.velocity - state.velocity);
+    for (int axis = 0; axis < 3; ++axis)
+      if (!driven(axis)) pull[axis] = 0;
+    const double most = std::max(plan_.max_force - hum.norm(), 0.0), asked = pull.norm();
+    if (asked > most) pull *= most / asked;
+    command.wrench.force = pull + hum;
+
+    const double deviation = driven_part(reference.position - state.position).norm();
+    if (deviation > plan_.max_deviation && verdict_ == Verdict::none) {
+      verdict_ = Verdict::deviation;
+      command.event = Event{.code = EventCode::deviation_limit, .values = {deviation, plan_.max_deviation, kNaN}};
+    }
+    if (verdict_ != Verdict::none)
+      command.status = Command::Status::deviation;
+    else if (stage_ == Stage::done && now - began_ > kBlend)
+      command.status = Command::Status::finished;
+    return command;
+  }
+
+  [[nodiscard]] Verdict verdict() const noexcept { return verdict_; }
+  [[nodiscard]] Stage stage() const noexcept { return stage_; }
+  [[nodiscard]] int axis() const noexcept { return axis_; }  ///< that the verdict, or the sweep, is about
+
+  /// Whether what is recorded now belongs to a measurement.
+  [[nodiscard]] bool measures() const noexcept { return measures_; }
+
+ private:
+  [[nodiscard]] bool driven(int axis) const noexcept { return plan_.axes[static_cast<std::size_t>(axis)]; }
+
+  [[nodiscard]] Vec3 driven_part(Vec3 v) const noexcept {
+    for (int axis = 0; axis < 3; ++axis)
+      if (!driven(axis)) v[axis] = 0;
+    return v;
+  }
+
+  /// Radius of the swing, whose speed is that of the fastest sweep.
+  static double swing_size(const CalibrationPlan& plan) {
+    double size = kLargestReach;
+    for (int axis = 0; axis < 3; ++axis)
+      if (plan.axes[static_cast<std::size_t>(axis)]) size = std::min(size, plan.reach[axis]);
+    return size;
+  }
+
+  void enter(Stage stage, double now) noexcept {
+    stage_ = stage;
+    began_ = now;
+    measures_ = false;
+  }
+
+  void next_sweep(double now) noexcept {
+    int axis = stage_ == Stage::sweep ? axis_ + 1 : 0;
+    while (axis < 3 && !driven(axis)) ++axis;
+    enter(axis < 3 ? Stage::sweep : Stage::done, now);
+    if (axis < 3) axis_ = axis;
+  }
+
+  void advance(const State& state, double now) noexcept {
+    const double since = now - began_;
+    switch (stage_) {
+      case Stage::approach:
+        if (since < approach_time_ + kBlend) break;
+        enter(Stage::look, now);
+        dither_wanted_ = driven_part(Vec3::Constant(kLookDither * plan_.device_force));
+        break;
+      case Stage::look:
+        if (since >= look_begin_ && since < look_begin_ + kPeriod)
+          look_.add(state, now, (since - look_begin_) / kPeriod, reference(since).velocity);
+        else if (since >= look_begin_ + kPeriod)
+          judge(now);
+        break;
+      case Stage::swing:
+        // The reference goes on where the look left it.
+        measures_ = since >= swing_begin_ && since < swing_begin_ + swing_time();
+        if (since >= swing_begin_ + swing_time()) dither_wanted_ = Vec3::Zero();
+        if (since >= swing_begin_ + swing_time() + kBlend) next_sweep(now);
+        break;
+      case Stage::sweep:
+        measures_ = since >= kSweepLead / kSlowHz && since < sweep_time();
+        if (since >= sweep_time()) next_sweep(now);
+        break;
+      case Stage::done:
+        break;
+    }
+  }
+
+  [[nodiscard]] double swing_time() const noexcept { return dither_windows(plan_.full) * kPeriod; }
+  [[nodiscard]] double sweep_time() const noexcept {
+    return (kSweepLead + static_cast<double>(sizes_.size())) / kSlowHz;
+  }
+
+  /// At the end of the look: does the device do as it is told, and what is it like?
+  void judge(double now) noexcept {
+    Vec3 dither = Vec3::Zero();
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!driven(axis)) continue;
+      if (!look_.follows(axis)) return stop(Verdict::wrong_way, axis);
+      if (look_.motion(axis) < kLeastMotion) {
+        if (stronger_) return stop(Verdict::blocked, axis);
+        // Once more, with twice the gains.
+        stronger_ = true;
+        gains_.kp *= 2;
+        gains_.kd *= 1.5;
+        look_.reset();
+        look_begin_ += kPeriod + kSettle;
+        return;
+      }
+      const double mass = look_.mass(axis);
+      constexpr double kBandwidth = kTwoPi * 7;  // [rad/s]
+      gains_.kp[axis] = std::max(gains_.kp[axis], mass * kBandwidth * kBandwidth);
+      gains_.kd[axis] = std::max(gains_.kd[axis], 1.2 * mass * kBandwidth);
+
+      double response = 0;  // mean square speed of 1 kg under a dither of 1 N rms
+      for (const SpectralLine& line : plan_.dither.lines(axis))
+        response += 0.5 * std::pow(line.amplitude / (kTwoPi * line.frequency_hz), 2);
+      dither[axis] = std::clamp(kDitherSpeed * plan_.max_speed * mass / std::sqrt(response),
+                                0.02 * plan_.device_force, plan_.max_dither);
+    }
+    dither_wanted_ = dither;
+    swing_begin_ = now - began_ + kSettle;
+    stage_ = Stage::swing;
+  }
+
+  void stop(Verdict verdict, int axis) noexcept {
+    verdict_ = verdict;
+    axis_ = axis;
+  }
+
+  /// `since` the stage began [s]. Look and swing are one movement.
+  [[nodiscard]] Reference reference(double since) const noexcept {
+    Reference r{.position = home_, .velocity = Vec3::Zero(), .acceleration = nan3()};
+    switch (stage_) {
+      case Stage::approach: {
+        const MinJerk blend = MinJerk::at(since / approach_time_);
+        r.position = from_ + blend.s * (home_ - from_);
+        r.velocity = blend.ds / approach_time_ * (home_ - from_);
+        break;
+      }
+      case Stage::look:
+      case Stage::swing: {
+        // Round in x and y, up and down twice a round: no direction rests for long.
+        const double w = kTwoPi * kSlowHz, angle = w * since;
+        const Vec3 place(std::cos(angle), std::sin(angle), 0.5 * std::sin(2 * angle));
+        const Vec3 slope(-std::sin(angle), std::cos(angle), std::cos(2 * angle));
+        const MinJerk in = MinJerk::at(since / kBlend);
+        double size = in.s, growth = in.ds / kBlend;
+        if (stage_ == Stage::swing) {
+          const MinJerk out = MinJerk::at((since - swing_begin_ - swing_time()) / kBlend);
+          size *= 1 - out.s;
+          growth = -out.ds / kBlend;
+        }
+        r.position += driven_part(swing_size_ * size * place);
+        r.velocity = driven_part(swing_size_ * (size * w * slope + growth * place));
+        break;
+      }
+      case Stage::sweep: {
+        const double turns = since * kSlowHz;
+        const auto cycle = static_cast<std::ptrdiff_t>(std::floor(turns - kSweepLead));
+        const double size =
+            sizes_[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(cycle, 0, std::ssize(sizes_) - 1))];
+        const RoundedTriangle triangle = RoundedTriangle::at(turns);
+        r.position[axis_] += plan_.reach[axis_] * size * triangle.value;
+        r.velocity[axis_] = plan_.reach[axis_] * size * kSlowHz * triangle.slope;
+        break;
+      }
+      case Stage::done:
+        break;
+    }
+    return r;
+  }
+
+  static constexpr double kSweepLead = 0.5;  // cycles before a sweep is measured
+
+  const CalibrationPlan& plan_;
+  FirstLook look_;
+  std::span<const double> sizes_;
+  PdGains gains_;
+  double swing_size_;
+
+  Stage stage_ = Stage::approach;
+  Verdict verdict_ = Verdict::none;
+  int axis_ = 0;
+  bool measures_ = false, stronger_ = false;
+  Vec3 home_ = Vec3::Zero(), from_ = Vec3::Zero();
+  double approach_time_ = 0, began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
+  Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
+};
+
+/// Keeps the rows of a session, and which of them belong to what.
+class CalibrationLog final : public SampleSink {
+ public:
+  CalibrationLog(const CalibrationController& controller, std::size_t rows) : controller_(controller) {
+    rows_.reserve(rows);
+    dithered_.reserve(4);
+    for (auto& axis : sweeps_) axis.reserve(4);
+  }
+
+  using SampleSink::push;
+  void push(const Sample& sample) noexcept override {
+    if (rows_.size() == rows_.capacity()) return;
+    rows_.push_back({1e-9 * static_cast<double>(sample.time_ns), sample.position, sample.force});
+    const bool measures = controller_.measures();
+    const int axis = controller_.stage() == CalibrationController::Stage::sweep ? controller_.axis() : -1;
+    if (!measures) {
+      open_ = nullptr;
+      return;
+    }
+    if (open_ == nullptr || axis != axis_) {
+      std::vector<Stretch>& list = axis < 0 ? dithered_ : sweeps_[static_cast<std::size_t>(axis)];
+      if (list.size() == list.capacity()) return;
+      list.push_back({rows_.size() - 1, rows_.size()});
+      open_ = &list.back();
+      axis_ = axis;
+    }
+    open_->end = rows_.size();
+  }
+
+  [[nodiscard]] Experiment experiment(const CalibrationPlan& plan) const {
+    return {.rows = rows_,
+            .rate_hz = plan.rate_hz,
+            .axes = plan.axes,
+            .dither = &plan.dither,
+            .dithered = dithered_,
+            .sweeps = sweeps_};
+  }
+
+ private:
+  const CalibrationController& controller_;
+  std::vector<TickRow> rows_;
+  std::vector<Stretch> dithered_;
+  std::array<std::vector<Stretch>, 3> sweeps_;
+  Stretch* open_ = nullptr;
+  int axis_ = -1;
+};
+
+std::string reason_of(const CalibrationController& controller, const SessionResult& session) {
+  const char axis = "xyz"[controller.axis()];
+  switch (controller.verdict()) {
+    case CalibrationController::Verdict::blocked:
+      return fmt::format("the device hardly moves in {}: something blocks it, or its friction is more than the force it "
+                         "may use; hold it loosely, or allow more force",
+                         axis);
+    case CalibrationController::Verdict::wrong_way:
+      return fmt::format("a push in {} does not move the device in {}: check the signs and the order of the driver's "
+                         "axes, and that nothing blocks the device",
+                         axis, axis);
+    case CalibrationController::Verdict::deviation:
+      return "the device was not where it was driven to (" + session.servo.detail +
+             "): hold it loosely and let it move; if nobody held it, check the signs of the driver's axes";
+    case CalibrationController::Verdict::none:
+      break;
+  }
+  return session.servo.detail;
+}
+
+}  // namespace
+
+CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOptions& options) {
+  const double rate = options.session.rate_hz;
+  if (!(options.force_share >= 0.1 && options.force_share <= 1))
+    throw input_error(fmt::format("the share of the force is {}; it must be from 0.1 to 1", options.force_share));
+  if (!device.force_axes[0] && !device.force_axes[1] && !device.force_axes[2])
+    throw input_error(device.name + " takes no force: there is nothing to calibrate");
+  const double asked = options.session.limits.max_force;
+  double force = device.max_force;
+  if (asked > 0) force = force > 0 ? std::min(force, asked) : asked;
+  if (!(force > 0))
+    throw input_error(fmt::format("{} does not say how much force it bears; say it with --max-force", device.name));
+
+  const double highest = std::min(kHighestLine, rate / 6);
+  CalibrationPlan plan{.full = options.full,
+                       .rate_hz = rate,
+                       .axes = device.force_axes,
+                       .max_force = options.force_share * force,
+                       .device_force = force,
+                       .max_dither = kMostDither * force,
+                       .dither = Multisine(kLowestLine, highest, kPeriod, device.force_axes)};
+  int axes = 0;
+  double smallest = kLargestReach;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!plan.axes[static_cast<std::size_t>(axis)]) continue;
+    ++axes;
+    const double room = 0.5 * (device.workspace_max[axis] - device.workspace_min[axis]);
+    plan.centre[axis] = 0.5 * (device.workspace_max[axis] + device.workspace_min[axis]);
+    plan.reach[axis] = std::min(kLargestReach, 0.3 * room);
+    if (!(plan.reach[axis] >= kSmallestReach))
+      throw input_error(fmt::format("the workspace of {} is {:.1f} mm wide in {}: too little to calibrate in, {:.0f} mm "
+                                    "are needed",
+                                    device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.3));
+    smallest = std::min(smallest, room);
+  }
+  plan.max_speed = 4 * kSlowHz * plan.reach.maxCoeff();
+  plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
+  const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
+  plan.duration = 3 * kBlend + 2 * kSettle + kPeriod + dither_windows(plan.full) * kPeriod + axes * sweep / kSlowHz;
+  return plan;
+}
+
+CalibrationResult calibrate(Device& device, const CalibrationOptions& options, const StopRequest& stop,
+                            const Progress& progress) {
+  const CalibrationPlan plan = plan_calibration(device.info(), options);
+  CalibrationController controller(plan);
+  constexpr double kSpare = 20;  // for the way to the centre and a second look [s]
+  CalibrationLog log(controller, static_cast<std::size_t>((plan.duration + kSpare) * plan.rate_hz));
+  SampleSink* const sinks[] = {&log};
+  CalibrationResult result;
+  result.session = run_session(device, controller, {.reference = true}, sinks, options.session, stop, progress);
+  if (result.session.servo.cause != StopCause::finished) {
+    result.reason = reason_of(controller, result.session);
+    return result;
+  }
+  result.identification = identify(log.experiment(plan));
+  if (!result.identification.fits) {
+    result.reason = result.identification.reason;
+    return result;
+  }
+  result.design = design_tracking(result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force});
+  return result;
+}
+
+}  // namespace haptrace
