@@ -16,11 +16,12 @@ namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
-constexpr double kPeriod = 1;          // of the dither [s]
-constexpr double kSlowHz = 2;          // of every slow movement: harmonics that the dither leaves free
+constexpr double kPeriod = 2;          // of the dither [s]
+constexpr double kSwingHz = 2 / kPeriod;  // so that the dither leaves its harmonics free
+constexpr double kSweepHz = 2;
 constexpr double kLowestLine = 15;     // above what a hand does of its own accord, and most grips [Hz]
 constexpr double kHighestLine = 120;   // [Hz]
-constexpr double kLargestReach = 0.015;   // [m]
+constexpr double kLargestReach = 0.02;   // [m]
 constexpr double kSmallestReach = 0.003;  // [m]
 constexpr double kBlend = 0.3;         // in which a movement grows from nothing, or shrinks to it [s]
 constexpr double kSettle = 0.5;        // from a change of the dither to the first window [s]
@@ -38,7 +39,7 @@ std::span<const double> sweep_sizes(bool full) {
 }
 
 double dither_windows(bool full) {
-  return full ? 8 : 3;
+  return full ? 4 : 2;
 }
 
 /// A triangle of period 1 and height 1 with rounded corners, and its slope.
@@ -149,7 +150,8 @@ class CalibrationController final : public Controller {
         look_(plan),
         sizes_(sweep_sizes(plan.full)),
         gains_(cautious_gains(plan.device_force, plan.rate_hz)),
-        swing_size_(swing_size(plan)) {}
+        swing_size_(swing_size(plan)),
+        sweep_size_(plan.reach.cwiseMin(plan.max_speed / (4 * kSweepHz))) {}
 
   void start(const State& first) noexcept override {
     home_ = plan_.centre;
@@ -248,7 +250,7 @@ class CalibrationController final : public Controller {
         if (since >= swing_begin_ + swing_time() + kBlend) next_sweep(now);
         break;
       case Stage::sweep:
-        measures_ = since >= kSweepLead / kSlowHz && since < sweep_time();
+        measures_ = since >= kSweepLead / kSweepHz && since < sweep_time();
         if (since >= sweep_time()) next_sweep(now);
         break;
       case Stage::done:
@@ -258,7 +260,7 @@ class CalibrationController final : public Controller {
 
   [[nodiscard]] double swing_time() const noexcept { return dither_windows(plan_.full) * kPeriod; }
   [[nodiscard]] double sweep_time() const noexcept {
-    return (kSweepLead + static_cast<double>(sizes_.size())) / kSlowHz;
+    return (kSweepLead + static_cast<double>(sizes_.size())) / kSweepHz;
   }
 
   /// At the end of the look: does the device do as it is told, and what is it like?
@@ -311,7 +313,7 @@ class CalibrationController final : public Controller {
       case Stage::look:
       case Stage::swing: {
         // Round in x and y, up and down twice a round: no direction rests for long.
-        const double w = kTwoPi * kSlowHz, angle = w * since;
+        const double w = kTwoPi * kSwingHz, angle = w * since;
         const Vec3 place(std::cos(angle), std::sin(angle), 0.5 * std::sin(2 * angle));
         const Vec3 slope(-std::sin(angle), std::cos(angle), std::cos(2 * angle));
         const MinJerk in = MinJerk::at(since / kBlend);
@@ -326,13 +328,13 @@ class CalibrationController final : public Controller {
         break;
       }
       case Stage::sweep: {
-        const double turns = since * kSlowHz;
+        const double turns = since * kSweepHz;
         const auto cycle = static_cast<std::ptrdiff_t>(std::floor(turns - kSweepLead));
         const double size =
             sizes_[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(cycle, 0, std::ssize(sizes_) - 1))];
         const RoundedTriangle triangle = RoundedTriangle::at(turns);
-        r.position[axis_] += plan_.reach[axis_] * size * triangle.value;
-        r.velocity[axis_] = plan_.reach[axis_] * size * kSlowHz * triangle.slope;
+        r.position[axis_] += sweep_size_[axis_] * size * triangle.value;
+        r.velocity[axis_] = sweep_size_[axis_] * size * kSweepHz * triangle.slope;
         break;
       }
       case Stage::done:
@@ -348,6 +350,7 @@ class CalibrationController final : public Controller {
   std::span<const double> sizes_;
   PdGains gains_;
   double swing_size_;
+  Vec3 sweep_size_;
 
   Stage stage_ = Stage::approach;
   Verdict verdict_ = Verdict::none;
@@ -454,17 +457,17 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
     ++axes;
     const double room = 0.5 * (device.workspace_max[axis] - device.workspace_min[axis]);
     plan.centre[axis] = 0.5 * (device.workspace_max[axis] + device.workspace_min[axis]);
-    plan.reach[axis] = std::min(kLargestReach, 0.3 * room);
+    plan.reach[axis] = std::min(kLargestReach, 0.4 * room);
     if (!(plan.reach[axis] >= kSmallestReach))
       throw input_error(fmt::format("the workspace of {} is {:.1f} mm wide in {}: too little to calibrate in, {:.0f} mm "
                                     "are needed",
-                                    device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.3));
+                                    device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
     smallest = std::min(smallest, room);
   }
-  plan.max_speed = 4 * kSlowHz * plan.reach.maxCoeff();
+  plan.max_speed = kTwoPi * kSwingHz * plan.reach.maxCoeff();
   plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
   const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
-  plan.duration = 3 * kBlend + 2 * kSettle + kPeriod + dither_windows(plan.full) * kPeriod + axes * sweep / kSlowHz;
+  plan.duration = 3 * kBlend + 2 * kSettle + kPeriod + dither_windows(plan.full) * kPeriod + axes * sweep / kSweepHz;
   return plan;
 }
 
