@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
+
 #include <algorithm>
 #include <cmath>
 #include <complex>
@@ -64,9 +65,9 @@ class SpectrumEstimator {
   }
 
  private:
-  static constexpr int kTrend = 4;            // powers of time
-  static constexpr double kSlowest = 40;      // up to which the slow movement's harmonics are taken along [Hz]
-  static constexpr double kCoverage = 0.95;   // of a window, that must have been sampled
+  static constexpr int kTrend = 4;           // powers of time
+  static constexpr double kSlowest = 40;     // up to which the slow movement's harmonics are taken along [Hz]
+  static constexpr double kCoverage = 0.95;  // of a window, that must have been sampled
 
   void add_window(std::span<const TickRow> rows) {
     if (static_cast<double>(rows.size()) < kCoverage * period_ * rate_hz_) return;
@@ -163,7 +164,8 @@ class MobilityFit {
       const Line& line = spectrum_.lines[static_cast<std::size_t>(l)];
       const double weight = 1 / sigma(line, axis);
       const double half = 0.5 * line.w * period_;
-      const Complex held = std::polar(std::sin(half) / half, -half - line.w * theta.x()) / Complex(1, line.w * theta.y());
+      const Complex held =
+          std::polar(std::sin(half) / half, -half - line.w * theta.x()) / Complex(1, line.w * theta.y());
       const auto put = [&](Eigen::Index column, Complex value) {
         regressors(2 * l, column) = weight * value.real();
         regressors(2 * l + 1, column) = weight * value.imag();
@@ -261,8 +263,7 @@ class MobilityFit {
           (regressors.transpose() * regressors).ldlt().solve(MatrixXd::Identity(columns(), columns()));
       const double mobility = solution[i];
       const double deviation = std::sqrt(variance * covariance(i, i) + leaning.dot(spread * leaning));
-      for (Eigen::Index k = 0; k < axes(); ++k)
-        result.mobility(axis, axes_[static_cast<std::size_t>(k)]) = solution[k];
+      for (Eigen::Index k = 0; k < axes(); ++k) result.mobility(axis, axes_[static_cast<std::size_t>(k)]) = solution[k];
       result.mass[axis] = mobility > 0 ? 1 / mobility : 0;
       result.mass_half[axis] = mobility > 0 ? kInterval * deviation / (mobility * mobility) : 0;
       const VectorXd rest = response - regressors * solution;
@@ -284,10 +285,10 @@ class MobilityFit {
 
 // --------------------------------------------------------------------------------------------------- the sweeps
 
-constexpr double kKernel = 8e-3;                 // standard deviation of the Gaussian kernel [s]
-constexpr double kKernelReach = 4;               // standard deviations
-constexpr double kKernelStep = 4e-3;             // between filtered rows [s]
-constexpr int kColumns = 5;                      // sgn v, v, a, x, integral of x
+constexpr double kKernel = 8e-3;      // standard deviation of the Gaussian kernel [s]
+constexpr double kKernelReach = 4;    // standard deviations
+constexpr double kKernelStep = 4e-3;  // between filtered rows [s]
+constexpr int kColumns = 5;           // sgn v, v, a, x, integral of x
 enum Column { kSign, kSpeed, kAcceleration, kPlace, kIntegral };
 
 /// One axis of a stretch through the kernel.
@@ -456,10 +457,10 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   }
   const auto stretches = static_cast<double>(parts.size());
   fit.gravity = -sum / stretches;
-  fit.gravity_half = stretches > 1 ? kInterval * std::sqrt(std::max(0.0, sum_of_squares / stretches -
-                                                                             fit.gravity * fit.gravity) /
-                                                           (stretches - 1))
-                                   : fit.residual;
+  fit.gravity_half = stretches > 1
+                         ? kInterval * std::sqrt(std::max(0.0, sum_of_squares / stretches - fit.gravity * fit.gravity) /
+                                                 (stretches - 1))
+                         : fit.residual;
   return fit;
 }
 
@@ -534,9 +535,9 @@ Identification identify(const Experiment& experiment) {
   }
   result.sweep_residual = std::sqrt(squares);
   for (const Stretch& stretch : experiment.dithered)
-    plant.position_noise = std::max(
-        plant.position_noise, white_noise(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin),
-                                          experiment.axes, plant.position_resolution));
+    plant.position_noise =
+        std::max(plant.position_noise, white_noise(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin),
+                                                   experiment.axes, plant.position_resolution));
 
   result.fits = true;
   return result;

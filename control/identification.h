@@ -41,8 +41,8 @@ struct Experiment {
 
 /// What an experiment said.
 struct Identification {
-  PlantModel plant;        ///< zero on axes that take no force
-  PlantModel half_width;   ///< of the 95 % confidence intervals; zero where there is none
+  PlantModel plant;           ///< zero on axes that take no force
+  PlantModel half_width;      ///< of the 95 % confidence intervals; zero where there is none
   double line_residual = 0;   ///< share of the response at the lines that the model does not explain, rms
   double sweep_residual = 0;  ///< rms force of the sweeps that the model does not explain [N]
   bool fits = false;

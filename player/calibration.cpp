@@ -16,16 +16,16 @@ namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
-constexpr double kPeriod = 2;          // of the dither [s]
+constexpr double kPeriod = 2;             // of the dither [s]
 constexpr double kSwingHz = 2 / kPeriod;  // so that the dither leaves its harmonics free
 constexpr double kSweepHz = 2;
-constexpr double kLowestLine = 15;     // above what a hand does of its own accord, and most grips [Hz]
-constexpr double kHighestLine = 120;   // [Hz]
-constexpr double kLargestReach = 0.02;   // [m]
+constexpr double kLowestLine = 15;        // above what a hand does of its own accord, and most grips [Hz]
+constexpr double kHighestLine = 120;      // [Hz]
+constexpr double kLargestReach = 0.02;    // [m]
 constexpr double kSmallestReach = 0.003;  // [m]
-constexpr double kBlend = 0.3;         // in which a movement grows from nothing, or shrinks to it [s]
-constexpr double kSettle = 0.5;        // from a change of the dither to the first window [s]
-constexpr double kLookDither = 0.04;   // share of the largest force, rms per axis
+constexpr double kBlend = 0.3;            // in which a movement grows from nothing, or shrinks to it [s]
+constexpr double kSettle = 0.5;           // from a change of the dither to the first window [s]
+constexpr double kLookDither = 0.04;      // share of the largest force, rms per axis
 constexpr double kMostDither = 0.12;
 constexpr double kDitherSpeed = 0.25;  // rms of the dither's velocity, share of the slow movement's
 constexpr double kLeastMotion = 0.25;  // of the speed asked for, below which a device counts as blocked
@@ -49,8 +49,7 @@ struct RoundedTriangle {
   static RoundedTriangle at(double turns) noexcept {
     constexpr double kSharpness = 0.97;
     const double height = std::asin(kSharpness), s = kSharpness * std::sin(kTwoPi * turns);
-    return {std::asin(s) / height,
-            kTwoPi * kSharpness * std::cos(kTwoPi * turns) / (std::sqrt(1 - s * s) * height)};
+    return {std::asin(s) / height, kTwoPi * kSharpness * std::cos(kTwoPi * turns) / (std::sqrt(1 - s * s) * height)};
   }
 };
 
@@ -101,6 +100,17 @@ class FirstLook {
     }
     std::sort(masses.begin(), masses.end());
     return masses[kLines / 2];
+  }
+
+  /// By which the answer lags behind a mass's, the median over the lines; a hand's damping shows as a little more [s].
+  [[nodiscard]] double lag(int axis) const noexcept {
+    std::array<double, kLines> lags{};
+    for (std::size_t i = 0; i < kLines; ++i) {
+      const Sum& sum = sums_[static_cast<std::size_t>(axis)][i];
+      lags[i] = -std::arg(-sum.position[static_cast<std::size_t>(axis)] / sum.force) / sum.w;
+    }
+    std::sort(lags.begin(), lags.end());
+    return std::max(lags[kLines / 2], 0.0);
   }
 
   /// Whether a push along `axis` moves the device that way: at these frequencies a mass moves against the force, late
@@ -280,15 +290,18 @@ class CalibrationController final : public Controller {
         return;
       }
       const double mass = look_.mass(axis);
-      constexpr double kBandwidth = kTwoPi * 7;  // [rad/s]
-      gains_.kp[axis] = std::max(gains_.kp[axis], mass * kBandwidth * kBandwidth);
-      gains_.kd[axis] = std::max(gains_.kd[axis], 1.2 * mass * kBandwidth);
+      // Stiff enough that the device goes where it is swept, and not where its friction is least.
+      constexpr double kStiffest = kTwoPi * 12;  // [rad/s]
+      constexpr double kFilterLag = 2.5e-3;      // of a usual velocity estimate [s]
+      const double bandwidth = std::min(kStiffest, 0.45 / (look_.lag(axis) + kFilterLag));
+      gains_.kp[axis] = std::max(gains_.kp[axis], mass * bandwidth * bandwidth);
+      gains_.kd[axis] = std::max(gains_.kd[axis], 1.2 * mass * bandwidth);
 
       double response = 0;  // mean square speed of 1 kg under a dither of 1 N rms
       for (const SpectralLine& line : plan_.dither.lines(axis))
         response += 0.5 * std::pow(line.amplitude / (kTwoPi * line.frequency_hz), 2);
-      dither[axis] = std::clamp(kDitherSpeed * plan_.max_speed * mass / std::sqrt(response),
-                                0.02 * plan_.device_force, plan_.max_dither);
+      dither[axis] = std::clamp(kDitherSpeed * plan_.max_speed * mass / std::sqrt(response), 0.02 * plan_.device_force,
+                                plan_.max_dither);
     }
     dither_wanted_ = dither;
     swing_begin_ = now - began_ + kSettle;
@@ -412,13 +425,15 @@ std::string reason_of(const CalibrationController& controller, const SessionResu
   const char axis = "xyz"[controller.axis()];
   switch (controller.verdict()) {
     case CalibrationController::Verdict::blocked:
-      return fmt::format("the device hardly moves in {}: something blocks it, or its friction is more than the force it "
-                         "may use; hold it loosely, or allow more force",
-                         axis);
+      return fmt::format(
+          "the device hardly moves in {}: something blocks it, or its friction is more than the force it "
+          "may use; hold it loosely, or allow more force",
+          axis);
     case CalibrationController::Verdict::wrong_way:
-      return fmt::format("a push in {} does not move the device in {}: check the signs and the order of the driver's "
-                         "axes, and that nothing blocks the device",
-                         axis, axis);
+      return fmt::format(
+          "a push in {} does not move the device in {}: check the signs and the order of the driver's "
+          "axes, and that nothing blocks the device",
+          axis, axis);
     case CalibrationController::Verdict::deviation:
       return "the device was not where it was driven to (" + session.servo.detail +
              "): hold it loosely and let it move; if nobody held it, check the signs of the driver's axes";
@@ -459,9 +474,10 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
     plan.centre[axis] = 0.5 * (device.workspace_max[axis] + device.workspace_min[axis]);
     plan.reach[axis] = std::min(kLargestReach, 0.4 * room);
     if (!(plan.reach[axis] >= kSmallestReach))
-      throw input_error(fmt::format("the workspace of {} is {:.1f} mm wide in {}: too little to calibrate in, {:.0f} mm "
-                                    "are needed",
-                                    device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
+      throw input_error(
+          fmt::format("the workspace of {} is {:.1f} mm wide in {}: too little to calibrate in, {:.0f} mm "
+                      "are needed",
+                      device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
     smallest = std::min(smallest, room);
   }
   plan.max_speed = kTwoPi * kSwingHz * plan.reach.maxCoeff();
@@ -489,7 +505,8 @@ CalibrationResult calibrate(Device& device, const CalibrationOptions& options, c
     result.reason = result.identification.reason;
     return result;
   }
-  result.design = design_tracking(result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force});
+  result.design =
+      design_tracking(result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force});
   return result;
 }
 

@@ -11,8 +11,8 @@
 namespace haptrace {
 
 struct CalibrationOptions {
-  bool full = false;          ///< half a minute instead of ten seconds: four times the data
-  double force_share = 0.7;   ///< of the device's largest force, never to be passed, 0.1 to 1
+  bool full = false;         ///< half a minute instead of ten seconds: four times the data
+  double force_share = 0.7;  ///< of the device's largest force, never to be passed, 0.1 to 1
   SessionOptions session;
 };
 

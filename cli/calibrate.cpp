@@ -1,0 +1,176 @@
+#include "cli/verb.h"
+#include "control/error.h"
+#include "formats/device_profile.h"
+#include "player/calibration.h"
+
+#include <chrono>
+#include <filesystem>
+#include <fmt/format.h>
+#include <thread>
+
+namespace haptrace::cli {
+namespace {
+
+constexpr int kCountdown = 3;  // on the real clock, before anything moves [s]
+
+struct Arguments {
+  SessionArguments session;
+  std::string output, record;
+  bool quick = false, full = false, yes = false;
+  double force_share = 0.7;
+};
+
+DeviceIdentity identity_of(const DeviceInfo& info) {
+  return {info.backend, info.model, info.serial};
+}
+
+DeviceFacts facts_of(const DeviceInfo& info) {
+  return {info.max_force, info.position_resolution, {info.workspace_min, info.workspace_max}};
+}
+
+std::string axes_of(const CalibrationPlan& plan) {
+  std::string names;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    if (plan.axes[axis]) names += "xyz"[axis];
+  return names;
+}
+
+std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
+  return fmt::format(
+      "calibrating {} for about {:.0f} s: it moves to the middle of its workspace, swings round, then sweeps along "
+      "each of {}\n"
+      "  at most {:.0f} mm from the middle and {:.2f} m/s, with up to {:.1f} N, of which a hum of up to {:.1f} N rms "
+      "per axis\n"
+      "  hold it as you will in use, loosely, and let it move; Ctrl+C ends it at any moment",
+      info.name, plan.duration + 1, axes_of(plan), 1e3 * plan.reach.maxCoeff(), plan.max_speed, plan.max_force,
+      plan.max_dither);
+}
+
+/// False when it was asked to stop meanwhile.
+bool count_down(const Output& output, const StopRequest& stop) {
+  for (int left = kCountdown; left > 0; --left) {
+    output.remark(fmt::format("begins in {} s", left));
+    for (int part = 0; part < 20; ++part) {
+      if (stop.count() > 0) return false;
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    }
+  }
+  return stop.count() == 0;
+}
+
+std::string row(const char* name, const char* unit, const CalibrationPlan& plan, const Vec3& value, const Vec3& half,
+                int digits) {
+  std::string text = fmt::format("  {:<18}", name);
+  for (int axis = 0; axis < 3; ++axis)
+    text += plan.axes[static_cast<std::size_t>(axis)]
+                ? fmt::format("  {:>7.{}f} +- {:<6.{}f}", value[axis], digits, half[axis], digits)
+                : fmt::format("  {:>17}", "-");
+  return text + "  " + unit + "\n";
+}
+
+std::string table(const CalibrationPlan& plan, const CalibrationResult& result) {
+  const PlantModel &plant = result.identification.plant, &half = result.identification.half_width;
+  std::string text = fmt::format("  {:<18}  {:<17}  {:<17}  {:<17}\n", "95 % intervals", "x", "y", "z");
+  text += row("mass", "kg", plan, plant.mass, half.mass, 3);
+  text += row("friction", "N", plan, plant.coulomb, half.coulomb, 3);
+  text += row("viscous damping", "N s/m", plan, plant.viscous, half.viscous, 2);
+  text += row("gravity", "N", plan, plant.gravity, half.gravity, 2);
+  text += row("its gradient", "N/m", plan, plant.gravity_gradient.diagonal(), half.gravity_gradient.diagonal(), 1);
+  text += fmt::format("  delay {:.2f} +- {:.2f} ms; position quantum {:.4f} mm, noise {:.4f} mm\n", 1e3 * plant.delay,
+                      1e3 * half.delay, 1e3 * plant.position_resolution, 1e3 * plant.position_noise);
+  text += fmt::format("  not explained: {:.0f} % of the response to the hum, {:.3f} N rms of the sweeps\n",
+                      100 * result.identification.line_residual, result.identification.sweep_residual);
+  if (!result.design) return text;
+  const TrackingDesign& design = *result.design;
+  const auto gains = [](const char* name, const Vec3& kp, const Vec3& kd) {
+    return fmt::format("  {}: kp {:.0f}, {:.0f}, {:.0f} N/m; kd {:.1f}, {:.1f}, {:.1f} N s/m\n", name, kp.x(), kp.y(),
+                       kp.z(), kd.x(), kd.y(), kd.z());
+  };
+  text += gains("gains", design.gains.kp, design.gains.kd);
+  text += gains("the largest it bears", design.largest.kp, design.largest.kd);
+  return text;
+}
+
+}  // namespace
+
+Verb add_calibrate(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("calibrate", "find out what a device is like, and the gains that suit it");
+  verb->footer(
+      "The device moves by itself. What it is like goes into a profile, in the profile folder without -o\n"
+      "($HAPTRACE_PROFILES, $XDG_DATA_HOME/haptrace/profiles or ~/.local/share/haptrace/profiles).\n"
+      "  haptrace calibrate --device falcon\n"
+      "  haptrace calibrate --device sim:preset=omega3,hand=relaxed --full -o omega3.json --record calibration.h5");
+  verb->add_option("-o,--output", arguments->output, "profile to make; without it, the device's in the profile folder")
+      ->type_name("FILE.json");
+  verb->add_flag("--quick", arguments->quick, "about ten seconds (the default)");
+  verb->add_flag("--full", arguments->full, "about half a minute, four times the data");
+  verb->add_option("--force-share", arguments->force_share, "of the largest force, never to be passed, 0.1 to 1")
+      ->capture_default_str()
+      ->group("Safety");
+  verb->add_flag("-y,--yes", arguments->yes, "begin at once, without counting down")->group("Safety");
+  verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
+  arguments->session.add_to(*verb);
+
+  return {
+      verb, [verb, arguments](const Output& output) {
+        require(*verb, "--device");
+        if (arguments->quick && arguments->full)
+          throw input_error("--quick and --full both say how long; use one of them");
+        const CalibrationOptions options{
+            .full = arguments->full,
+            .force_share = arguments->force_share,
+            .session = arguments->session.options(arguments->record, effective_config(*verb))};
+        const auto device = arguments->session.open();
+        const DeviceInfo& info = device->info();
+        const std::string file = arguments->output.empty() ? profile_file(identity_of(info)) : arguments->output;
+        const bool overwrite = arguments->output.empty() || arguments->session.overwrite;
+        if (!overwrite && std::filesystem::exists(file))
+          throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
+        const CalibrationPlan plan = plan_calibration(info, options);
+        for (const std::string& note : info.notes) output.remark(note);
+        output.remark(announcement(plan, info));
+
+        const Signals signals;
+        const bool real = options.session.clock == ClockChoice::real ||
+                          (options.session.clock == ClockChoice::automatic && !info.virtual_time);
+        if (real && !arguments->yes && !count_down(output, signals.stop())) {
+          output.remark("interrupted before anything moved");
+          return static_cast<int>(kInterrupted);
+        }
+        const CalibrationResult result =
+            calibrate(*device, options, signals.stop(), progress_bar(output, plan.duration + 1));
+        int code = conclude(output, result.session);
+        nlohmann::json json = to_json(result.session);
+        json["notes"] = info.notes;
+        if (!arguments->record.empty()) json["file"] = arguments->record;
+        if (!result.succeeded()) {
+          json["error"] = result.reason;
+          if (code == kDone) code = kStopped;
+          output.remark(result.reason + "; no profile was written");
+          output.tell(json, session_summary(result.session));
+          return code;
+        }
+        const Identification& identified = result.identification;
+        const DeviceProfile profile{.device = identity_of(info),
+                                    .facts = facts_of(info),
+                                    .created = rfc3339(std::chrono::system_clock::now()),
+                                    .software = software_name(),
+                                    .rate_hz = options.session.rate_hz,
+                                    .plant = identified.plant,
+                                    .half_width = identified.half_width,
+                                    .line_residual = identified.line_residual,
+                                    .sweep_residual = identified.sweep_residual,
+                                    .fits = identified.fits,
+                                    .reason = identified.reason,
+                                    .design = *result.design};
+        save_profile(profile, file, overwrite);
+        json["profile_file"] = file;
+        json["profile"] = to_json(profile);
+        output.tell(json, fmt::format("{}: calibrated\n{}{}  the profile is in {}\n", info.name, table(plan, result),
+                                      session_summary(result.session), file));
+        return code;
+      }};
+}
+
+}  // namespace haptrace::cli
