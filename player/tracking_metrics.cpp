@@ -4,16 +4,8 @@
 #include <cmath>
 
 namespace haptrace {
-namespace {
 
-std::array<Butterworth2, 6> sections(double rate_hz) {
-  const Butterworth2 one(Butterworth2::Kind::high_pass, TrackingMetrics::kRippleCutoff, rate_hz);
-  return {one, one, one, one, one, one};
-}
-
-}  // namespace
-
-TrackingMetrics::TrackingMetrics(double rate_hz, std::size_t repetitions) : high_pass_(sections(rate_hz)) {
+TrackingMetrics::TrackingMetrics(double rate_hz, std::size_t repetitions) : ripple_(kRippleCutoff, rate_hz) {
   sums_.reserve(std::max<std::size_t>(repetitions, 1));
 }
 
@@ -26,12 +18,7 @@ void TrackingMetrics::push(const Event& event) noexcept {
 }
 
 void TrackingMetrics::push(const Sample& sample) noexcept {
-  double ripple2 = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const double force = sample.force[static_cast<Eigen::Index>(axis)];
-    const double high = high_pass_[2 * axis + 1].update(high_pass_[2 * axis].update(force));
-    ripple2 += high * high;
-  }
+  const double ripple2 = ripple_.update(sample.force);
   if (sample.phase != Phase::run || sums_.empty()) return;
 
   Sums& sums = sums_.back();

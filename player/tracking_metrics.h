@@ -1,10 +1,9 @@
 // How well a session followed its reference, measured while it runs.
 #pragma once
 
-#include "control/filters.h"
+#include "control/ripple.h"
 #include "control/sample.h"
 
-#include <array>
 #include <vector>
 
 namespace haptrace {
@@ -19,8 +18,8 @@ struct TrackingFigures {
   double max_force = 0;     ///< largest magnitude sent [N]
 };
 
-/// Accumulates figures per repetition. The ripple is the sent force through a fourth-order Linkwitz-Riley high pass
-/// (two Butterworth sections) at 25 Hz, which follows every phase so that it is settled when run begins.
+/// Accumulates figures per repetition. The ripple is that of the sent force above 25 Hz; its filter follows every phase
+/// so that it is settled when run begins.
 ///
 /// Real-time: push. Memory for `repetitions` is taken at construction; of further ones only the last is kept.
 class TrackingMetrics final : public SampleSink {
@@ -46,7 +45,7 @@ class TrackingMetrics final : public SampleSink {
   static TrackingFigures figures(const Sums& sums);
 
   std::vector<Sums> sums_;
-  std::array<Butterworth2, 6> high_pass_;  ///< two sections for each axis
+  Ripple ripple_;
 };
 
 }  // namespace haptrace

@@ -9,13 +9,42 @@
 
 namespace haptrace {
 
-/// Normal deviates of variance 1: SplitMix64 (Steele, Lea and Flood 2014) through Marsaglia's polar method (1964).
+/// Even bits: SplitMix64 (Steele, Lea and Flood 2014).
+///
+/// Real-time safe.
+class SplitMix64 {
+ public:
+  /// Equal seeds with different `stream` are independent.
+  SplitMix64(std::uint64_t seed, std::uint64_t stream) noexcept : state_(seed) { state_ = next() + stream * kGamma2; }
+
+  std::uint64_t next() noexcept {
+    std::uint64_t z = state_ += kGamma;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111eb;
+    return z ^ (z >> 31);
+  }
+
+  /// In [-1, 1).
+  double symmetric() noexcept { return static_cast<double>(static_cast<std::int64_t>(next())) * 0x1p-63; }
+
+  /// In [low, high].
+  double between(double low, double high) noexcept {
+    return low + (high - low) * (static_cast<double>(next() >> 11) * 0x1p-53);
+  }
+
+ private:
+  static constexpr std::uint64_t kGamma = 0x9e3779b97f4a7c15, kGamma2 = 0xd1342543de82ef95;
+
+  std::uint64_t state_;
+};
+
+/// Normal deviates of variance 1, by Marsaglia's polar method (1964).
 ///
 /// Real-time safe.
 class Gaussian {
  public:
   /// Equal seeds with different `stream` are independent.
-  Gaussian(std::uint64_t seed, std::uint64_t stream) noexcept : state_(seed) { state_ = next() + stream * kGamma2; }
+  Gaussian(std::uint64_t seed, std::uint64_t stream) noexcept : bits_(seed, stream) {}
 
   double operator()() noexcept {
     if (has_spare_) {
@@ -24,8 +53,8 @@ class Gaussian {
     }
     double u, v, s;
     do {
-      u = uniform();
-      v = uniform();
+      u = bits_.symmetric();
+      v = bits_.symmetric();
       s = u * u + v * v;
     } while (s >= 1 || s == 0);
     const double r = std::sqrt(-2 * std::log(s) / s);
@@ -40,19 +69,7 @@ class Gaussian {
   }
 
  private:
-  static constexpr std::uint64_t kGamma = 0x9e3779b97f4a7c15, kGamma2 = 0xd1342543de82ef95;
-
-  std::uint64_t next() noexcept {
-    std::uint64_t z = state_ += kGamma;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111eb;
-    return z ^ (z >> 31);
-  }
-
-  /// In [-1, 1).
-  double uniform() noexcept { return static_cast<double>(static_cast<std::int64_t>(next())) * 0x1p-63; }
-
-  std::uint64_t state_;
+  SplitMix64 bits_;
   double spare_ = 0;
   bool has_spare_ = false;
 };
