@@ -16,9 +16,9 @@ Verb add_shape(CLI::App& app) {
   };
   const auto arguments = std::make_shared<Arguments>();
   ShapeOptions& shape = arguments->shape;
-  CLI::App* verb = app.add_subcommand("shape", "make a path: square, circle, line, figure8, reach, spiral");
+  CLI::App* verb = app.add_subcommand("shape", "make a path: square, circle, line, figure8, reach, spiral, script");
   verb->footer(
-      "The whole path is one minimum-jerk movement along its arc.\n"
+      "The whole path is one minimum-jerk movement along its arc; script is written evenly.\n"
       "  haptrace shape square --size 0.1 --duration 8 -o square.h5\n"
       "  haptrace shape circle --turns 3 --plane yz -o circle.csv");
   verb->add_option("name", arguments->name, fmt::format("{}", fmt::join(shape_names(), " | ")))->type_name("SHAPE");

@@ -23,12 +23,18 @@ struct CurvePoint {
   Vector2d position, tangent;
 };
 
+/// How far along a curve: the share of its length, and its derivative with respect to the share of the duration.
+struct Progress {
+  double lap, rate;
+};
+
 /// A plane curve by arc length, from 0 to `length` [m], relative to the centre.
 struct Curve {
   double length;
   std::function<CurvePoint(double)> at;
-  bool closed;                 ///< can be gone round again
-  bool rests_halfway = false;  ///< a movement there and one back, instead of one for all turns together
+  bool closed;                                ///< can be gone round again
+  bool rests_halfway = false;                 ///< a movement there and one back, instead of one for all turns together
+  std::function<Progress(double)> pace = {};  ///< over the share of the duration; else minimum jerk along the arc
 };
 
 /// The inverse of the arc length of a curve whose speed with respect to its parameter is known: tabulated by
@@ -44,6 +50,11 @@ class ArcLength {
   }
 
   [[nodiscard]] double length() const { return arc_.back(); }
+
+  [[nodiscard]] double at(double q) const {
+    const auto i = std::min(static_cast<std::size_t>(q / cell_), arc_.size() - 2);
+    return arc_[i] + integral(cell_ * static_cast<double>(i), q);
+  }
 
   [[nodiscard]] double parameter_at(double arc) const {
     const auto above = std::upper_bound(arc_.begin() + 1, arc_.end() - 1, arc);
@@ -141,13 +152,49 @@ Curve spiral(const ShapeOptions& o) {
           false};
 }
 
+/// An even rate between rests: q from 0 to `end` over u in [0, 1], with a minimum-jerk blend of the rate over `ramp`
+/// at both ends. Answers q and dq/du.
+std::pair<double, double> even_between_rests(double u, double end, double ramp) {
+  const double rate = end / (1 - ramp);
+  const auto from_rest = [&](double since) {
+    const double x = since / ramp;
+    // The integral of MinJerk::s up to x, then on at the full rate.
+    return x < 1 ? std::pair{rate * ramp * x * x * x * x * (2.5 + x * (x - 3)), rate * MinJerk::at(x).s}
+                 : std::pair{rate * (since - 0.5 * ramp), rate};
+  };
+  if (u <= 0.5) return from_rest(u);
+  const auto [left, slope] = from_rest(1 - u);
+  return {end - left, slope};
+}
+
+Curve script(const ShapeOptions& o) {
+  constexpr double kLoops = 11, kRamp = 1.0 / 12, kEnd = 2 * pi * kLoops;
+  const double a = o.size / 12, b = o.size / 8, c = (o.size - 2 * a) / kEnd;
+  const auto derivative = [=](double q) { return Vector2d(c + a * std::cos(q), b * std::sin(q)); };
+  const ArcLength arc_length([=](double q) { return derivative(q).norm(); }, kEnd, 64 * static_cast<int>(kLoops));
+  return {
+      .length = arc_length.length(),
+      .at =
+          [=](double arc) {
+            const double q = arc_length.parameter_at(arc);
+            return CurvePoint{{c * (q - kEnd / 2) + a * std::sin(q), -b * std::cos(q)}, derivative(q).normalized()};
+          },
+      .closed = false,
+      .pace =
+          [=](double u) {
+            const auto [q, rate] = even_between_rests(u, kEnd, kRamp);
+            return Progress{arc_length.at(q) / arc_length.length(), rate * derivative(q).norm() / arc_length.length()};
+          }};
+}
+
 using MakeCurve = Curve (*)(const ShapeOptions&);
-constexpr std::array<std::pair<const char*, MakeCurve>, 6> kShapes{{{"square", square},
+constexpr std::array<std::pair<const char*, MakeCurve>, 7> kShapes{{{"square", square},
                                                                     {"circle", circle},
                                                                     {"line", line},
                                                                     {"figure8", figure8},
                                                                     {"reach", reach},
-                                                                    {"spiral", spiral}}};
+                                                                    {"spiral", spiral},
+                                                                    {"script", script}}};
 
 /// The axes of W to the right and upwards in the plane.
 std::pair<Vec3, Vec3> axes(std::string_view plane) {
@@ -167,7 +214,7 @@ void check(std::string_view name, const ShapeOptions& o) {
   check("size", o.size, 1e-6, 10, " m");
   check("duration", o.duration, 1e-3, 1e6, " s");
   check("rate", o.rate_hz, 10, 20000, " Hz");
-  check("turns", o.turns, 1, name == "reach" ? 1 : 10000, "");
+  check("turns", o.turns, 1, name == "reach" || name == "script" ? 1 : 10000, "");
   if (name == "square") check("blend", o.blend, 0, o.size / 2, " m");
   for (const double c : o.center) check("center", c, -10, 10, " m");
   check("angle", o.angle, -1e3, 1e3, " rad");
@@ -206,7 +253,11 @@ Path make_shape(std::string_view name, const ShapeOptions& options) {
   for (std::size_t i = 0; i < count; ++i) {
     const double u = static_cast<double>(i) / steps;
     double lap = laps * u, rate = laps / total;  // laps done and laps per second
-    if (!options.constant_speed) {
+    if (!options.constant_speed && curve.pace) {
+      const Progress progress = curve.pace(u);
+      lap = progress.lap;
+      rate = progress.rate / total;
+    } else if (!options.constant_speed) {
       const double before = std::floor(movements * u);
       const MinJerk movement = MinJerk::at(movements * u - before);
       lap = laps * (before + movement.s) / movements;

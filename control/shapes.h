@@ -16,7 +16,7 @@ struct ShapeOptions {
   double rate_hz = 1000;       ///< samples per second of the path [10, 20000]; at most 1e8 samples altogether
   double blend = 0.005;        ///< corner radius of the square [0, size / 2]; 0 keeps sharp corners
   int turns = 1;               ///< of circle, figure eight and spiral; times round the square; times along the line and
-                               ///< back [1, 10000]. A reach has one
+                               ///< back [1, 10000]. Reach and script have one
   Vec3 center = Vec3::Zero();  ///< [-10, 10] each
   std::string plane = "xy";    ///< "xy", "yz" or "zx": first axis to the right, second upwards
   double angle = 0;            ///< of line and reach in the plane, from the first axis to the second
@@ -32,11 +32,16 @@ struct ShapeOptions {
 ///   figure8  the lemniscate of Gerono, x = size / 2 sin q, y = size / 2 sin q cos q, q from 0 to 2 pi
 ///   reach    from the centre
 ///   spiral   Archimedean, from the centre counterclockwise outwards, ending to the right of the centre
+///   script   eleven cursive loops along the first axis, counterclockwise, size / 6 wide and size / 4 high: the
+///   trochoid
+///            x = c q + size / 12 sin q, y = -size / 8 cos q. q runs evenly, as a hand writes, but for a first and a
+///            last twelfth of the time in which its rate follows a minimum-jerk blend from and to rest: two loops a
+///            second, 0.17 m/s at most and 2.1 m/s^2 for 0.108 m in 6 s
 std::vector<std::string> shape_names();
 
-/// Positions with exact velocities, at equal steps of time. But for the line, the arc length follows one minimum-jerk
-/// movement over the whole duration * turns. Closed shapes end exactly where they began. Throws Error(input) naming the
-/// option that is out of its range, or the known shapes.
+/// Positions with exact velocities, at equal steps of time. But for line and script, the arc length follows one
+/// minimum-jerk movement over the whole duration * turns. Closed shapes end exactly where they began. Throws
+/// Error(input) naming the option that is out of its range, or the known shapes.
 Path make_shape(std::string_view name, const ShapeOptions& options);
 
 }  // namespace haptrace

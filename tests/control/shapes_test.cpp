@@ -19,7 +19,33 @@ double length(const Path& path) {
   return sum;
 }
 
-/// The length of one turn in closed form; the figure eight's by a fine chord polygon of its definition.
+/// The script's speed per rate of its parameter, from its definition.
+double script_speed(const ShapeOptions& o, double q) {
+  return o.size * std::hypot(10.0 / 12 / (22 * pi) + std::cos(q) / 12, std::sin(q) / 8);
+}
+
+double script_length(const ShapeOptions& o) {
+  double sum = 0;
+  const int n = 200;  // of one of eleven loops, which are alike
+  for (int i = 0; i < n; ++i) sum += script_speed(o, 2 * pi * i / n) * 2 * pi / n;
+  return 11 * sum;
+}
+
+/// The script's parameter after the share u of the duration, and its rate per share: the integral of the rate that
+/// blends in over a twelfth and out over another.
+std::pair<double, double> script_parameter(double u) {
+  const auto rate = [](double at) { return 22 * pi * 12 / 11 * MinJerk::at(12 * at).s * MinJerk::at(12 * (1 - at)).s; };
+  double q = 0;
+  const int n = 6 * 64;  // Simpson's rule; a whole number of cells in each blend, whose derivatives jump at its end
+  for (int i = 0; i < n; ++i) {
+    const double from = std::min(u, static_cast<double>(i) / n), to = std::min(u, (i + 1.0) / n);
+    q += (to - from) / 6 * (rate(from) + 4 * rate(0.5 * (from + to)) + rate(to));
+  }
+  return {q, rate(u)};
+}
+
+/// The length of one turn in closed form; the script's and the figure eight's by a fine chord polygon of its
+/// definition.
 double expected_length(const std::string& name, const ShapeOptions& o) {
   if (name == "square") return 4 * (o.size - 2 * o.blend) + 2 * pi * o.blend;
   if (name == "circle") return pi * o.size;
@@ -29,6 +55,7 @@ double expected_length(const std::string& name, const ShapeOptions& o) {
     const double end = 2 * pi * o.turns;
     return o.size / 2 / end * 0.5 * (end * std::hypot(1, end) + std::asinh(end));
   }
+  if (name == "script") return script_length(o);
   double sum = 0;
   const int n = 1000;  // the midpoint rule converges exponentially on a period
   for (int i = 0; i < n; ++i) sum += std::hypot(std::cos(2 * pi * i / n), std::cos(4 * pi * i / n)) * pi * o.size / n;
@@ -73,16 +100,20 @@ std::vector<Variation> variations() {
 class ShapeLaws : public testing::TestWithParam<std::tuple<std::string, Variation>> {
  protected:
   void SetUp() override {
-    if (name_ == "reach") options_.turns = 1;
+    if (name_ == "reach" || name_ == "script") options_.turns = 1;
     path_ = make_shape(name_, options_);
     whole_length_ = expected_length(name_, options_) * (closed() ? options_.turns : 1);
   }
 
-  [[nodiscard]] bool closed() const { return name_ != "reach" && name_ != "spiral"; }
+  [[nodiscard]] bool closed() const { return name_ != "reach" && name_ != "spiral" && name_ != "script"; }
   [[nodiscard]] double total() const { return options_.duration * options_.turns; }
   /// The speed that the options command at `t` [m/s].
   [[nodiscard]] double commanded_speed(double t) const {
     if (options_.constant_speed) return whole_length_ / total();
+    if (name_ == "script") {
+      const auto [q, rate] = script_parameter(t / total());
+      return rate / total() * script_speed(options_, q);
+    }
     const double movements = name_ == "line" ? 2.0 * options_.turns : 1;
     const double u = movements * t / total();
     return whole_length_ / total() * MinJerk::at(u - std::floor(u)).ds;
@@ -120,20 +151,23 @@ TEST_P(ShapeLaws, StartsAndEndsAtRestUnlessItsSpeedIsConstant) {
 }
 
 TEST_P(ShapeLaws, MovesAtTheCommandedSpeed) {
-  for (std::size_t i = 0; i < path_.size(); ++i) {
+  const std::size_t step = name_ == "script" ? 20 : 1;  // its integral is slow
+  for (std::size_t i = 0; i < path_.size(); i += step) {
     const double speed = commanded_speed(path_.time[i]);
     ASSERT_NEAR(path_.velocity[i].norm(), speed, 1e-6 * speed + 1e-12 * options_.size) << "sample " << i;
   }
 }
 
 TEST_P(ShapeLaws, HasTheLengthOfItsShape) {
-  // Chords are shorter than the arc by the square of the step, and cut corners.
+  // Chords are shorter than the arc by the square of the step, and cut corners; the script's turn eleven times.
   const double steps = static_cast<double>(path_.size()) / (closed() ? options_.turns : 1);
-  EXPECT_NEAR(length(path_) / whole_length_, 1, 150 / (steps * steps) + (name_ == "square" ? 2 / steps : 0) + 1e-9);
+  EXPECT_NEAR(length(path_) / whole_length_, 1,
+              (name_ == "script" ? 400 : 150) / (steps * steps) + (name_ == "square" ? 2 / steps : 0) + 1e-9);
 }
 
 TEST_P(ShapeLaws, ReportsTheVelocityOfItsPositions) {
   if (options_.rate_hz < 1000) return;  // too coarse for differences
+  if (name_ == "script" && path_.size() < 1000) return;
   // Corners that are sharp or turn within a few samples, and the turning points of a line at constant speed, have none.
   const double peak = whole_length_ / total() * MinJerk::kPeakSpeed;
   std::size_t unlike = 0;
@@ -191,6 +225,7 @@ TEST(Shapes, BeginWhereTheyAreSaidTo) {
   expect_near(make_shape("figure8", o).position[0], {0, 0, 0});
   expect_near(make_shape("reach", o).position[0], {0, 0, 0});
   expect_near(make_shape("spiral", o).position[0], {0, 0, 0});
+  expect_near(make_shape("script", o).position[0], {-0.1 * 5 / 12, -0.1 / 8, 0});
   o.blend = 0;
   expect_near(make_shape("square", o).position[0], {-0.05, -0.05, 0});
 }
@@ -235,6 +270,31 @@ TEST(Shapes, SpiralGrowsEvenlyToItsDiameter) {
   }
 }
 
+TEST(Shapes, ScriptWritesElevenLoopsAtTwoASecond) {
+  ShapeOptions o;
+  o.size = 0.108;
+  o.duration = 6;
+  const Path script = make_shape("script", o);
+  double peak = 0, turned = 0;
+  int tops = 0;
+  for (std::size_t i = 1; i + 1 < script.size(); ++i) {
+    const Vec3 v = script.velocity[i], next = script.velocity[i + 1];
+    peak = std::max(peak, v.norm());
+    turned += std::atan2(v.x() * next.y() - v.y() * next.x(), v.dot(next));
+    if (v.y() > 0 && next.y() <= 0) {
+      ++tops;
+      EXPECT_LT(v.x(), 0) << "the pen goes back over the top of a loop";
+      EXPECT_NEAR(script.position[i].y(), 0.108 / 8, 1e-5);
+    }
+  }
+  EXPECT_EQ(tops, 11);
+  EXPECT_NEAR(turned, 22 * pi, 0.1) << "counterclockwise";
+  EXPECT_NEAR(peak, 0.172, 0.002);
+  expect_near(script.position.back(), {0.045, -0.0135, 0});
+  // Half a second in, the first loop's rate is the others'; a loop takes half a second from there on.
+  expect_near(script.position[2000] - script.position[1500], Vec3(0.09 / 11, 0, 0));
+}
+
 TEST(Shapes, FigureEightIsTheLemniscateOfGerono) {
   ShapeOptions o;
   o.size = 0.1;
@@ -271,7 +331,7 @@ TEST(Shapes, SpaceTheirSamplesEvenlyAtConstantSpeed) {
   o.rate_hz = 20000;
   o.constant_speed = true;
   o.blend = 0.02;
-  for (const char* name : {"square", "circle", "figure8", "spiral", "reach"}) {
+  for (const char* name : {"square", "circle", "figure8", "spiral", "reach", "script"}) {
     const Path path = make_shape(name, o);
     const double step = expected_length(name, o) / static_cast<double>(path.size() - 1);
     for (std::size_t i = 1; i < path.size(); ++i)
@@ -323,7 +383,7 @@ TEST(Shapes, RefuseOptionsNamingThemAndTheirRange) {
 
 TEST(Shapes, RefuseANameNamingTheKnownOnes) {
   EXPECT_EQ(refusal("sqare", [](auto&) {}),
-            "shape 'sqare' is not known; known: square, circle, line, figure8, reach, spiral");
+            "shape 'sqare' is not known; known: square, circle, line, figure8, reach, spiral, script");
 }
 
 }  // namespace
