@@ -602,10 +602,15 @@ Series decimate(const Series& series, std::size_t points) {
   return thin;
 }
 
-void save_figure(const Figure& figure, const std::string& file, bool overwrite) {
+void check_figure_name(const std::string& file) {
   const std::string ending = std::filesystem::path(file).extension().string();
   if (ending != ".png" && ending != ".svg" && ending != ".pdf")
     throw input_error(fmt::format("{}: a figure's name must end in .png, .svg or .pdf", file));
+}
+
+void save_figure(const Figure& figure, const std::string& file, bool overwrite) {
+  check_figure_name(file);
+  const std::string ending = std::filesystem::path(file).extension().string();
   for (const double side : {figure.width, figure.height})
     if (!(side >= 200 && side <= 10000))
       throw input_error(

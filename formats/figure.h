@@ -42,6 +42,9 @@ Series decimate(const Series& series, std::size_t points);
 /// when `most` allows it. None unless low < high.
 std::vector<double> tick_values(double low, double high, std::size_t most);
 
+/// Throws Error(input) unless a figure can have this name by its ending, for those who compute before they draw.
+void check_figure_name(const std::string& file);
+
 /// Draws `figure` into `file`: .png (two pixels per px, so that it stays crisp), .svg or .pdf by its ending. The file
 /// appears under its name only when it is complete. Throws Error(input): unknown ending, the file exists (unless
 /// `overwrite`), cannot be written, a size out of its range.

@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "formats/suggest.h"
+#include "formats/text_file.h"
 
 #include <cerrno>
 #include <cstring>
@@ -73,6 +74,12 @@ json load_json(const std::string& file) {
   const std::string text{std::istreambuf_iterator<char>(stream), {}};
   if (!stream) throw input_error(fmt::format("{}: cannot be read: {}", file, std::strerror(errno)));
   return parse_json(text, file);
+}
+
+void save_json(const json& json, const std::string& file, bool overwrite) {
+  TextWriter writer(file, overwrite);
+  writer.text() = json.dump(2) + '\n';
+  writer.commit();
 }
 
 JsonReader::JsonReader(const json& object, std::string where) : JsonReader(object, std::move(where), ": ") {}

@@ -1,4 +1,5 @@
-// Strict reading of JSON: every key is asked for, every other key is an error, and errors name the key's path.
+// JSON files, and strict reading of them: every key is asked for, every other key is an error, and errors name the
+// key's path.
 #pragma once
 
 #include "control/types.h"
@@ -16,6 +17,10 @@ nlohmann::json load_json(const std::string& file);
 
 /// Parses text that came from `where` (an option, a dataset), nested no deeper than 100 levels. Throws Error(input).
 nlohmann::json parse_json(const std::string& text, const std::string& where);
+
+/// Writes `json` for people, who may find it under its name only when it is complete. Throws Error(input): the file
+/// exists (unless `overwrite`) or cannot be written.
+void save_json(const nlohmann::json& json, const std::string& file, bool overwrite);
 
 /// [x, y, z], as JsonReader::vector reads it.
 inline nlohmann::json json_of(const Vec3& v) {
