@@ -1,0 +1,67 @@
+// Random devices and hands, to try a controller on what it was not made for.
+#pragma once
+
+#include "devices/sim/spec.h"
+
+#include <cstdint>
+
+namespace haptrace {
+
+/// What devices are drawn from: small desktop devices of the kind of the Falcon, in the hands of those who hold them
+/// gently to firmly. Even between low and high unless it says otherwise.
+namespace ensemble {
+
+struct Range {
+  double low, high;
+};
+
+// The mechanism. We know of no published identification of such devices: all of it is our own estimate, about the
+// Falcon's.
+inline constexpr Range kMass{0.2, 0.65};                       // [kg]
+inline constexpr Range kViscous{1, 3};                         // [N s/m]
+inline constexpr Range kCoulomb{0.3, 1.1};                     // [N]
+inline constexpr Range kOfAxis{0.85, 1.15};                    // times the three above, for each actuator axis
+inline constexpr Range kStaticRatio{1.1, 1.4};                 // static over sliding friction
+inline constexpr Range kStribeckVelocity{6e-3, 20e-3};         // [m/s]
+inline constexpr Range kPreslidingDistance{0.05e-3, 0.12e-3};  // sliding friction over the LuGre model's stiffness [m]
+inline constexpr Range kCogging{0, 0.1};                       // [N]
+inline constexpr Range kCoggingPeriod{4e-3, 10e-3};            // [m]
+inline constexpr Range kGravity{1.2, 1.6};                     // left uncompensated, in any direction [N]
+inline constexpr Range kGravityGradient{-10, 10};              // of each axis of W along itself [N/m]
+inline constexpr Range kRotation{0, 3};                        // of the actuator axes, about any direction [rad]
+
+// Sensors, motors and what lies between: the Falcon's stated 8.9 N (H3DAPI), its encoders' 0.02 to 0.08 mm in space
+// (from the geometry in libnifalcon), and delays of a USB device at 1 kHz: our estimate.
+inline constexpr Range kDelay{0.3e-3, 2e-3};          // [s]
+inline constexpr Range kActuatorLag{0.2e-3, 0.9e-3};  // time constant [s]
+inline constexpr double kPositionResolution = 5e-5;   // [m]
+inline constexpr double kForceResolution = 5e-3;      // [N]
+inline constexpr double kMaxForce = 8.9;              // [N]
+inline constexpr double kReach = 0.1;                 // of the workspace from the origin, each axis [m]
+
+// The hand: fingers (Hajian and Howe 1997), a pinch (Hasser and Cutkosky 2002), up to the hand's own mass; the arm
+// behind it (Mussa-Ivaldi, Hogan and Bizzi 1985; Gomi and Kawato 1997) gives way to a slow movement, as one that goes
+// along does. Tremor and drift are our estimates for healthy hands.
+inline constexpr double kNobody = 0.1;             // share of the devices that nobody holds
+inline constexpr Range kHandMass{0.05, 0.3};       // [kg]
+inline constexpr Range kGripStiffness{200, 2000};  // even on a logarithmic scale [N/m]
+inline constexpr Range kGripDamping{2, 10};        // [N s/m]
+inline constexpr Range kArmStiffness{5, 200};      // [N/m]
+inline constexpr Range kArmRelaxation{0.3, 2};     // [s]
+inline constexpr Range kArmDamping{1, 5};          // [N s/m]
+inline constexpr double kTremor = 0.04;            // rms per axis [N]
+inline constexpr double kDrift = 0.15;             // rms per axis [N]
+
+}  // namespace ensemble
+
+/// A device with whoever holds it.
+struct EnsembleDraw {
+  SimSpec spec;
+  std::uint64_t noise_seed = 0;  ///< of what the hand does by itself
+};
+
+/// Device `index` of the ensemble of `seed`. It depends on these two alone, and not on the standard library's
+/// distributions.
+EnsembleDraw draw_device(std::uint64_t seed, std::uint64_t index);
+
+}  // namespace haptrace
