@@ -38,9 +38,9 @@ void ReadProgress::tell(std::uint64_t rows_done) {
   std::fflush(stderr);
 }
 
-void ReadProgress::tell_share(double done) {
+void ReadProgress::tell_share(double done, const std::string& note) {
   if (!due()) return;
-  fmt::print(stderr, "\r\033[K{} {:3.0f} % {}", meter(done), 100 * done, file_);
+  fmt::print(stderr, "\r\033[K{} {:3.0f} % {}{}", meter(done), 100 * done, file_, note);
   std::fflush(stderr);
 }
 

@@ -1,4 +1,4 @@
-// How far a verb is with reading a long file.
+// How far a verb is with reading a long file, or with a long computation.
 #pragma once
 
 #include "cli/verb.h"
@@ -9,17 +9,17 @@
 
 namespace haptrace::cli {
 
-/// A line on standard error, if that is a terminal, once reading takes longer than a moment; gone with its owner.
+/// A line on standard error, if that is a terminal, once it takes longer than a moment; gone with its owner.
 class ReadProgress {
  public:
-  /// `rows` of the file; 0: unknown.
+  /// `file`: what is being read or done. `rows` of the file; 0: unknown.
   ReadProgress(const Output& output, std::string file, std::uint64_t rows = 0);
   ~ReadProgress();
   ReadProgress(const ReadProgress&) = delete;
   ReadProgress& operator=(const ReadProgress&) = delete;
 
   void tell(std::uint64_t rows_done);
-  void tell_share(double done);  ///< 0 to 1
+  void tell_share(double done, const std::string& note = "");  ///< 0 to 1, and what else there is to say
 
   /// The same as functions, which must not outlive this.
   [[nodiscard]] auto callback() {

@@ -53,6 +53,7 @@ Verb add_convert(CLI::App& app);
 Verb add_recover(CLI::App& app);
 Verb add_plot(CLI::App& app);
 Verb add_doctor(CLI::App& app);
+Verb add_stability(CLI::App& app);
 
 /// The options of every verb that runs a session.
 struct SessionArguments {

@@ -1,0 +1,117 @@
+#include "cli/read_progress.h"
+#include "control/error.h"
+#include "formats/json_reader.h"
+#include "formats/path_file.h"
+#include "player/ensemble_report.h"
+
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace haptrace::cli {
+namespace {
+
+struct Arguments {
+  std::size_t ensemble = 0, jobs = 0;
+  std::uint64_t seed = 1, first = 0;
+  int learn = 5;
+  std::vector<std::string> paths;
+  std::string output, figure;
+  bool overwrite = false;
+};
+
+/// What the verb finds out, part by part.
+struct Findings {
+  nlohmann::json json = nlohmann::json::object();
+  std::string text;
+  Figure figure;
+  bool complete = true;
+
+  void draw(const Figure& part) {
+    if (figure.rows.empty()) {
+      figure = part;
+      return;
+    }
+    figure.rows.insert(figure.rows.end(), part.rows.begin(), part.rows.end());
+    figure.caption += figure.caption.empty() ? part.caption : "  " + part.caption;
+    figure.width = std::max(figure.width, part.width);
+    figure.height += part.height;
+  }
+};
+
+/// What would be refused in the end is refused before the work.
+void check_names(const Arguments& arguments) {
+  if (!arguments.figure.empty()) check_figure_name(arguments.figure);
+  for (const std::string& file : {arguments.output, arguments.figure})
+    if (std::error_code ignored; !file.empty() && !arguments.overwrite && std::filesystem::exists(file, ignored))
+      throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
+}
+
+std::string time_left(double seconds) {
+  if (!std::isfinite(seconds)) return "";
+  return seconds < 100 ? fmt::format(", {:.0f} s left", seconds) : fmt::format(", {:.0f} min left", seconds / 60);
+}
+
+void try_ensemble(const Arguments& arguments, const Output& output, const StopRequest& stop, Findings& findings) {
+  EnsembleOptions options{.seed = arguments.seed,
+                          .first = arguments.first,
+                          .draws = arguments.ensemble,
+                          .learn = arguments.learn,
+                          .threads = arguments.jobs};
+  if (!arguments.paths.empty()) options.paths = ensemble_paths();
+  for (const std::string& file : arguments.paths) options.paths.push_back(load_path(file));
+
+  const EnsembleReport report = [&] {
+    ReadProgress progress(output, "");
+    return run_ensemble(options, stop, [&](const EnsembleProgress& p) {
+      progress.tell_share(static_cast<double>(p.done) / static_cast<double>(p.draws),
+                          fmt::format("{} of {} draws{}", p.done, p.draws, time_left(p.remaining)));
+    });
+  }();
+  findings.complete = report.members.size() == report.draws;
+  findings.json["ensemble"] = to_json(report);
+  findings.text += text_of(report);
+  findings.draw(figure_of(report));
+}
+
+}  // namespace
+
+Verb add_stability(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("stability", "how exact and how stable: on many random devices and hands");
+  verb->footer(
+      "The ensemble: each random device, with the hand that holds it, is calibrated blind; then circle, square, "
+      "script\n"
+      "and further paths are played with plain PD, stiff and cautious, and by the calibrated player; then it is held,\n"
+      "and driven with gains beyond what it bears. Everything in virtual time, reproducible from the seed.\n"
+      "  haptrace stability --ensemble 200 -o stability.json --figure stability.png\n"
+      "  haptrace stability --ensemble 1 --first 137            the draw that stood out");
+  verb->add_option("--ensemble", arguments->ensemble, "random devices and hands to try")
+      ->type_name("N")
+      ->capture_default_str();
+  verb->add_option("--seed", arguments->seed, "of the ensemble")->capture_default_str();
+  verb->add_option("--first", arguments->first, "index of the first draw")->capture_default_str();
+  verb->add_option("--paths", arguments->paths, "further paths (CSV, HDF5), fitted into the workspace")
+      ->type_name("FILE...");
+  verb->add_option("--learn", arguments->learn, "learning repetitions of the calibrated player")->capture_default_str();
+  verb->add_option("--jobs", arguments->jobs, "threads; 0: one for every core. Results do not depend on it")
+      ->capture_default_str();
+  verb->add_option("-o,--output", arguments->output, "where the JSON goes, too")->type_name("FILE.json");
+  verb->add_option("--figure", arguments->figure, "picture, .png .svg or .pdf")->type_name("FILE");
+  verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
+
+  return {verb, [verb, arguments](const Output& output) {
+            require(*verb, "--ensemble");
+            check_names(*arguments);
+            const Signals signals;
+            Findings findings;
+            try_ensemble(*arguments, output, signals.stop(), findings);
+
+            if (!findings.complete) output.remark("interrupted; what was finished is told");
+            if (!arguments->output.empty()) save_json(findings.json, arguments->output, arguments->overwrite);
+            if (!arguments->figure.empty()) save_figure(findings.figure, arguments->figure, arguments->overwrite);
+            output.tell(findings.json, findings.text);
+            return findings.complete ? kDone : kInterrupted;
+          }};
+}
+
+}  // namespace haptrace::cli

@@ -1,0 +1,49 @@
+#include "tests/cli/command.h"
+#include "tests/support/temp_folder.h"
+
+#include <fstream>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::Answer;
+using test::haptrace;
+using test::TempFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+
+TEST(StabilityCommand, TriesAnEnsembleAndTellsFilesAndPeopleTheSame) {
+  const TempFolder folder;
+  const std::string path = folder / "reach.csv";
+  ASSERT_EQ(haptrace("shape", "reach", "--size", "0.05", "--duration", "1", "-o", path).exit_code, 0);
+  const Answer answer = haptrace("stability", "--ensemble", "1", "--learn", "1", "--seed", "3", "--paths", path, "-o",
+                                 folder / "s.json", "--figure", folder / "s.svg", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const nlohmann::json json = answer.json();
+  EXPECT_EQ(json, nlohmann::json::parse(std::ifstream(folder / "s.json")));
+  const nlohmann::json& ensemble = json["ensemble"];
+  EXPECT_EQ(ensemble["draws"], 1);
+  EXPECT_EQ(ensemble["seed"], 3);
+  ASSERT_EQ(ensemble["paths"].size(), 4U);
+  EXPECT_EQ(ensemble["paths"][0]["path"], "circle");
+  EXPECT_EQ(ensemble["paths"][3]["path"], path);
+  for (const char* controller : {"stiff", "cautious", "calibrated"})
+    EXPECT_TRUE(ensemble["paths"][3]["controllers"].contains(controller)) << controller;
+  EXPECT_THAT(test::read_bytes(folder / "s.svg"), HasSubstr("</svg>"));
+}
+
+TEST(StabilityCommand, RefusesBeforeItWorks) {
+  const TempFolder folder;
+  EXPECT_THAT(haptrace("stability").err, HasSubstr("needs --ensemble"));
+  const std::string kept = folder.write("kept.json", "{}");
+  const Answer answer = haptrace("stability", "--ensemble", "1000000", "-o", kept);
+  EXPECT_EQ(answer.exit_code, 2);
+  EXPECT_THAT(answer.err, AllOf(HasSubstr("kept.json"), HasSubstr("--overwrite")));
+  EXPECT_EQ(test::read_bytes(kept), "{}");
+  EXPECT_THAT(haptrace("stability", "--ensemble", "1000000", "--figure", folder / "f.jpg").err, HasSubstr(".png"));
+}
+
+}  // namespace
+}  // namespace haptrace
