@@ -1,10 +1,16 @@
 #include "cli/read_progress.h"
 #include "cli/tuning.h"
 #include "control/error.h"
+#include "formats/device_profile.h"
 #include "formats/json_reader.h"
+#include "formats/learned_force.h"
 #include "formats/path_file.h"
+#include "formats/suggest.h"
 #include "player/playback.h"
 
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
 #include <fmt/format.h>
 
 namespace haptrace::cli {
@@ -13,7 +19,10 @@ namespace {
 struct Arguments {
   SessionArguments session;
   TuningArguments tuning;
-  std::string path, record, gains;
+  std::string path, record, gains, profile, learned;
+  std::vector<std::string> without;
+  bool no_profile = false, forget = false;
+  int learn = 0;
   std::optional<double> kp, kd;
   PathSelection selection;
   double speed = 1, hold = 0.5, approach_speed = 0.1, max_deviation = 0.03;
@@ -32,17 +41,142 @@ std::optional<PdGains> gains_from(const Arguments& arguments) {
   return PdGains{Vec3::Constant(*arguments.kp), Vec3::Constant(*arguments.kd)};
 }
 
+DeviceIdentity identity_of(const DeviceInfo& info) {
+  return {info.backend, info.model, info.serial};
+}
+
+/// What calibration found out about the device, from --profile or the profile folder. A profile of the folder that does
+/// not hold here is told and left alone; one that was asked for is an error.
+std::optional<IdentifiedDevice> identified(const Arguments& arguments, const DeviceInfo& info, const Output& output) {
+  if (arguments.no_profile) {
+    if (!arguments.profile.empty()) throw input_error("--profile and --no-profile exclude each other");
+    return std::nullopt;
+  }
+  const bool asked = !arguments.profile.empty();
+  const std::string file = asked ? arguments.profile : profile_file(identity_of(info));
+  std::optional<DeviceProfile> profile;
+  if (asked)
+    profile = load_profile(file);
+  else
+    profile = find_profile(identity_of(info));
+  if (!profile) return std::nullopt;
+  const std::string reason = check_profile(
+      *profile, identity_of(info),
+      {info.max_force, info.position_resolution, {info.workspace_min, info.workspace_max}}, arguments.session.rate_hz);
+  if (reason.empty()) return IdentifiedDevice{profile->plant, profile->design};
+  if (asked) throw input_error(fmt::format("{}: {}", file, reason));
+  output.remark(fmt::format("{} is not used: {}", file, reason));
+  return std::nullopt;
+}
+
+Compensations compensations_from(const std::vector<std::string>& without) {
+  Compensations with{true, true, true, true, true};
+  static const std::vector<std::pair<std::string, bool Compensations::*>> kNames{
+      {"inertia", &Compensations::inertia},   {"gravity", &Compensations::gravity},
+      {"friction", &Compensations::friction}, {"observer", &Compensations::observer},
+      {"learning", &Compensations::learning}};
+  std::vector<std::string> known{"all"};
+  for (const auto& [name, member] : kNames) known.push_back(name);
+  for (const std::string& name : without) {
+    if (name == "all") {
+      with = {};
+      continue;
+    }
+    const auto found = std::find_if(kNames.begin(), kNames.end(), [&](const auto& entry) { return entry.first == name; });
+    if (found == kNames.end())
+      throw input_error(fmt::format("--without: there is no compensation '{}'{}", name, suggestion(name, known)));
+    with.*found->second = false;
+  }
+  return with;
+}
+
+/// What earlier sessions learned of this path on this device.
+class Memory {
+ public:
+  Memory(const Arguments& arguments, const PlayPlan& plan, const DeviceInfo& info, const Output& output)
+      : device_(identity_of(info)), file_(arguments.learned) {
+    if (file_.empty()) file_ = learned_file(arguments.path, device_);
+    speed_ = arguments.speed;
+    if (arguments.learn == 0 && !std::filesystem::exists(file_)) return;
+    digest_ = digest_of(plan.path.source());
+    if (arguments.forget) return;
+    try {
+      learned_ = load_learned(file_);
+    } catch (const Error& error) {
+      output.remark(fmt::format("{} is not used", error.what()));
+    }
+  }
+
+  /// The table, unless it does not hold here, which is told.
+  [[nodiscard]] ForceTable recall(const Vec3& mass, const Output& output) const {
+    if (!learned_) return {};
+    const std::string reason = check_learned(*learned_, device_, digest_, speed_, mass);
+    if (reason.empty()) return learned_->table;
+    output.remark(fmt::format("{} is not used: {}", file_, reason));
+    return {};
+  }
+
+  void keep(const PlayResult& result, const Vec3& mass) const {
+    int lessons = learned_ ? learned_->repetitions : 0;
+    for (const LearningTerm::Lesson& lesson : result.lessons)
+      if (lesson.outcome == IterativeLearning::Outcome::learned) ++lessons;
+    save_learned({.device = device_,
+                  .path_digest = digest_,
+                  .speed = speed_,
+                  .mass = mass,
+                  .repetitions = lessons,
+                  .rms_error = result.lessons.back().rms_error,
+                  .created = rfc3339(std::chrono::system_clock::now()),
+                  .software = software_name(),
+                  .table = result.learned},
+                 file_);
+  }
+
+  [[nodiscard]] const std::string& file() const noexcept { return file_; }
+
+ private:
+  DeviceIdentity device_;
+  std::string file_, digest_;
+  double speed_ = 1;
+  std::optional<LearnedPath> learned_;
+};
+
 double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
   return options.repetitions * (plan.path.duration() / options.speed + options.hold + 0.5);
 }
 
-/// What of the session can be tuned: the gains of its PD law, which is all that a playback is composed of.
-LiveTuning tuning_of(const Arguments& arguments, const PlayPlan& plan, const DeviceInfo& device,
-                     const SessionOptions& session) {
-  LiveTuning::Options options{.remedy = "haptrace play has no compensations yet: kp, kd and gains can be tuned"};
-  if (!arguments.tuning.expert) options.limits = limits_of_unidentified(device.max_force, session.rate_hz);
+/// What of the session can be tuned: its gains, and what it is composed of.
+LiveTuning tuning_of(const Arguments& arguments, const PlayPlan& plan, const PlayOptions& play, const DeviceInfo& device) {
+  const SessionOptions& session = play.session;
+  LiveTuning::Options options{.composed = plan.composed,
+                              .remedy = play.identified
+                                            ? "begin the session without --without, or with --learn"
+                                            : fmt::format("calibrate the device first: haptrace calibrate --device {}",
+                                                          device.name)};
+  if (!arguments.tuning.expert) {
+    options.limits = limits_of_unidentified(device.max_force, session.rate_hz);
+    if (play.identified) {
+      options.limits.largest = plan.composed.observer ? play.identified->design.largest : play.identified->design.plain;
+      options.limits.observer_hz = 2 * play.identified->design.load_hz;
+      options.limits.because = "the device bears";
+    }
+  }
   if (session.recording) options.annotations = session.recording->options.annotations;
   return {plan.tuning, std::move(options)};
+}
+
+const char* lesson_text(IterativeLearning::Outcome outcome) {
+  switch (outcome) {
+    case IterativeLearning::Outcome::learned:
+      return "learned";
+    case IterativeLearning::Outcome::converged:
+      return "nothing left to learn: what remains does not repeat";
+    case IterativeLearning::Outcome::undone:
+      return "worse than the best before it: what made it so was undone";
+    case IterativeLearning::Outcome::skipped:
+      return "interrupted; nothing was learned from it";
+  }
+  return "";
 }
 
 std::string summary(const Arguments& arguments, const PlayResult& result, const DeviceInfo& device) {
@@ -54,6 +188,9 @@ std::string summary(const Arguments& arguments, const PlayResult& result, const 
                         result.repetitions.size() > 1 ? fmt::format("repetition {}: ", i + 1) : "",
                         1e3 * figures.rms_error, 1e3 * figures.peak_error, figures.force_ripple, figures.max_force);
   }
+  for (std::size_t i = 0; i < result.lessons.size(); ++i)
+    if (result.lessons[i].outcome != IterativeLearning::Outcome::learned)
+      text += fmt::format("  repetition {}: {}\n", i + 1, lesson_text(result.lessons[i].outcome));
   text += session_summary(result.session);
   if (!arguments.record.empty()) text += fmt::format("  recorded in {}\n", arguments.record);
   return text;
@@ -97,6 +234,23 @@ Verb add_play(CLI::App& app) {
   verb->add_option("--kp", arguments->kp, "proportional gain [N/m]; without any gains: cautious ones for the device")
       ->group("Control");
   verb->add_option("--kd", arguments->kd, "derivative gain [N s/m]")->group("Control");
+  verb->add_option("--profile", arguments->profile,
+                   "what calibration found out about the device; without it, the device's in the profile folder")
+      ->type_name("FILE.json")
+      ->group("Control");
+  verb->add_flag("--no-profile", arguments->no_profile, "play with a PD law alone, calibrated or not")
+      ->group("Control");
+  verb->add_option("--without", arguments->without,
+                   "leave out of a calibrated playback: inertia, gravity, friction, observer, learning, all")
+      ->delimiter(',')
+      ->group("Control");
+  verb->add_option("--learn", arguments->learn, "learn over so many repetitions, and keep what was learned for this "
+                                                "path on this device")
+      ->group("Learning");
+  verb->add_option("--learned", arguments->learned, "where it is kept; without it, in a folder beside the path")
+      ->type_name("FILE.json")
+      ->group("Learning");
+  verb->add_flag("--forget", arguments->forget, "take no notice of what was learned before")->group("Learning");
   verb->add_option("--max-deviation", arguments->max_deviation, "tracking error limit [m]")
       ->capture_default_str()
       ->group("Safety");
@@ -122,6 +276,12 @@ Verb add_play(CLI::App& app) {
                                 .on_deviation = parse_deviation_policy(arguments->on_deviation)};
             if (!arguments->loop && arguments->repeat < 1)
               throw input_error(fmt::format("--repeat is {}; it must be at least 1, or use --loop", arguments->repeat));
+            if (arguments->learn < 0 || arguments->learn > 1000)
+              throw input_error(fmt::format("--learn is {}; it must be from 0 to 1000", arguments->learn));
+            options.learn = arguments->learn;
+            if (arguments->learn > 0 && !arguments->loop)
+              options.playback.repetitions = std::max(arguments->learn, arguments->repeat);
+            options.compensations = compensations_from(arguments->without);
             options.session = arguments->session.options(arguments->record, effective_config(*verb));
 
             const auto path = [&] {
@@ -133,11 +293,18 @@ Verb add_play(CLI::App& app) {
             for (const std::string& note : path->facts().notes)
               notes.push_back(fmt::format("{}: {}", arguments->path, note));
             for (const std::string& note : notes) output.remark(note);
-            const PlayPlan plan = plan_playback(device->info(), path, options);
+            options.identified = identified(*arguments, device->info(), output);
+            PlayPlan plan = plan_playback(device->info(), path, options);
+            std::optional<Memory> memory;
+            if (options.identified && options.compensations.learning) {
+              memory.emplace(*arguments, plan, device->info(), output);
+              options.learned = memory->recall(options.identified->design.mass, output);
+              if (!options.learned.force.empty()) plan = plan_playback(device->info(), path, options);
+            }
             if (arguments->loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
               output.remark("looping in virtual time until Ctrl+C");
 
-            LiveTuning tuning = tuning_of(*arguments, plan, device->info(), options.session);
+            LiveTuning tuning = tuning_of(*arguments, plan, options, device->info());
             options.tuning = &tuning;
             const TuningInputs inputs(arguments->tuning, tuning);
             if (inputs.port())
@@ -152,6 +319,10 @@ Verb add_play(CLI::App& app) {
                 play(*device, plan, options, signals.stop(), progress_bar(output, expected, &keys, &tuning));
 
             nlohmann::json json = to_json(result);
+            if (memory && !result.lessons.empty()) {
+              memory->keep(result, options.identified->design.mass);
+              json["learned_file"] = memory->file();
+            }
             json["tuning"] = tuning.history();
             json["notes"] = notes;
             if (!arguments->record.empty()) json["file"] = arguments->record;

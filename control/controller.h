@@ -35,6 +35,7 @@ struct Command {
     working,
     finished,   ///< the task is done: the loop fades the force out and ends
     deviation,  ///< the tracking error passed its limit: the loop stops; `event` holds the figures
+    oscillation,  ///< the loop oscillates and softening it did not help: the loop stops; `event` holds the figures
     no_path,    ///< what is to be followed next cannot be had: the loop stops; `event` says where
   };
 

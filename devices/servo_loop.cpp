@@ -1,5 +1,6 @@
 #include "devices/servo_loop.h"
 
+#include "control/budgets.h"
 #include "control/error.h"
 
 #include <algorithm>
@@ -34,6 +35,22 @@ class FlightRecorder {
   std::size_t count_ = 0;
 };
 
+/// What a controller's answer ends the session with, if it does.
+std::optional<StopCause> fault_of(Command::Status status) noexcept {
+  switch (status) {
+    case Command::Status::deviation:
+      return StopCause::deviation;
+    case Command::Status::oscillation:
+      return StopCause::oscillation;
+    case Command::Status::no_path:
+      return StopCause::no_path;
+    case Command::Status::working:
+    case Command::Status::finished:
+      break;
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 const char* to_string(StopCause cause) noexcept {
@@ -44,6 +61,8 @@ const char* to_string(StopCause cause) noexcept {
       return "interrupted";
     case StopCause::deviation:
       return "deviation";
+    case StopCause::oscillation:
+      return "oscillation";
     case StopCause::no_path:
       return "no_path";
     case StopCause::velocity:
@@ -191,9 +210,9 @@ class ServoLoop::Session {
     } else if (stop.count() > 1) {
       stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, state.time_ns);
     } else if (mode_ == Mode::running) {
-      if (command.status == Command::Status::deviation || command.status == Command::Status::no_path) {
+      if (const auto fault = fault_of(command.status)) {
         mode_ = Mode::fading;
-        report_.cause = command.status == Command::Status::deviation ? StopCause::deviation : StopCause::no_path;
+        report_.cause = *fault;
         fault_ = command.event;
       } else if (stop.count() > 0) {
         begin_release(StopCause::interrupted, EventCode::interrupted, state.time_ns);
@@ -243,6 +262,7 @@ class ServoLoop::Session {
       wrench_.torque[axis] = loop_.device_.info().torque_axes[i] ? scale * asked.torque[axis] : 0;
     }
     if (limited.verdict != ForceLimiter::Verdict::free) tell_of_limit(limited, state.time_ns);
+    if (const auto event = budget_.update(limiter_, wrench_.force.stableNorm())) push_event(state.time_ns, *event);
 
     if (mode_ != Mode::running && (scale == 0 || wrench_.force.stableNorm() < kReleasedForce)) {
       wrench_ = {};
@@ -337,6 +357,7 @@ class ServoLoop::Session {
   ServoReport& report_;
   const std::int64_t period_ns_;
   ForceLimiter limiter_;
+  MotorBudget budget_;
   FlightRecorder flight_;
 
   Mode mode_ = Mode::running;

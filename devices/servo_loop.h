@@ -48,6 +48,7 @@ enum class StopCause {
   finished,          ///< the controller was done
   interrupted,       ///< StopRequest
   deviation,         ///< the tracking error passed its limit
+  oscillation,       ///< the loop oscillated and softening it did not help
   no_path,           ///< the rest of the path could not be had
   velocity,          ///< the tool was faster than its limit, or its position jumped
   not_finite,        ///< the device's position or the controller's force was not a number

@@ -43,6 +43,8 @@ json json_of(const TrackingDesign& design) {
           {"kd", haptrace::json_of(design.gains.kd)},
           {"largest_kp", haptrace::json_of(design.largest.kp)},
           {"largest_kd", haptrace::json_of(design.largest.kd)},
+          {"plain_kp", haptrace::json_of(design.plain.kp)},
+          {"plain_kd", haptrace::json_of(design.plain.kd)},
           {"mass_kg", haptrace::json_of(design.mass)},
           {"delay_s", design.delay},
           {"observer_hz", design.observer_hz},
@@ -98,6 +100,7 @@ TrackingDesign design_from(JsonReader reader) {
   TrackingDesign design;
   design.gains = {required.vector("kp", 0, kLargestKp), required.vector("kd", 0, kLargestKd)};
   design.largest = {required.vector("largest_kp", 0, kLargestKp), required.vector("largest_kd", 0, kLargestKd)};
+  design.plain = {required.vector("plain_kp", 0, kLargestKp), required.vector("plain_kd", 0, kLargestKd)};
   design.mass = required.vector("mass_kg", 0, kLargest);
   design.delay = required.number("delay_s", -1, 1);
   design.observer_hz = required.number("observer_hz", 0, kLargest);

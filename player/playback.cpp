@@ -158,6 +158,28 @@ IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& 
           .duration = plan.path.duration()};
 }
 
+/// None for a device that does not say how much it bears: what is a large force there?
+std::optional<TrackingGuard::Options> guard_of(const DeviceInfo& device, const PlayOptions& options) {
+  if (!options.guard || !(device.max_force > 0)) return std::nullopt;
+  TrackingGuard::Options guard{.oscillation = {.rate_hz = options.session.rate_hz,
+                                               .max_force = device.max_force,
+                                               .delay = 1 / options.session.rate_hz,
+                                               .position_resolution = device.position_resolution},
+                               .hand = {.needed = 0.25 * device.max_force}};
+  guard.hand.resisting = std::max(guard.hand.resisting, 0.25 * device.max_force);
+  if (options.identified) {
+    const PlantModel& plant = options.identified->plant;
+    guard.oscillation.delay = plant.delay;
+    guard.oscillation.position_resolution = std::max(plant.position_resolution, device.position_resolution);
+    double lightest = std::numeric_limits<double>::infinity();
+    for (const double mass : plant.mass)
+      if (mass > 0) lightest = std::min(lightest, mass);
+    guard.oscillation.mass = lightest;
+    guard.hand.needed = plant.coulomb.norm() + plant.gravity.norm();
+  }
+  return guard;
+}
+
 /// What the model knows of the load along the path, for learning to begin with.
 ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
   GravityFeedforward gravity(options.identified->plant);
@@ -301,6 +323,8 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   PlaybackController controller({plan.path, check_of(device.info(), plan, options), playback.speed},
                                 compose(device.info(), plan, options, learning), plan.tuning, playback,
                                 options.tuning != nullptr ? &options.tuning->mailbox() : nullptr);
+
+  if (const auto guard = guard_of(device.info(), options)) controller.guard(*guard);
 
   TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(playback.repetitions));
   std::vector<SampleSink*> sinks = options.sinks;

@@ -25,6 +25,7 @@ struct PlayOptions {
   Compensations compensations{true, true, true, true, true};  ///< of an identified device
   int learn = 0;                                               ///< repetitions to learn from
   ForceTable learned;                                          ///< in earlier sessions, or empty
+  bool guard = true;  ///< soften when the loop oscillates, tell of a hand that resists or lets go
   Interpolation interpolation = Interpolation::cubic;
   bool fit = false;  ///< move and scale the path into the workspace
   PlaybackOptions playback;

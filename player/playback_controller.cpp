@@ -84,10 +84,19 @@ Command PlaybackController::update(const State& state) noexcept {
   if (changes_ != nullptr) tuning_.approach(changes_->latest(), state.dt);
   for (const auto& term : terms_) command.wrench.force += term->force({state, reference, tuning_, command.wrench.force});
   command.wrench.force *= scale;
+  if (guard_) keep_guard(state, reference, command);
   command.reference = reference;
   command.phase = phase_;
   if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
   return command;
+}
+
+void PlaybackController::keep_guard(const State& state, const Reference& reference, Command& command) noexcept {
+  guard_->watch(state, reference);
+  command.wrench.force *= guard_->share();
+  if (!command.event) command.event = guard_->take_event();
+  if (guard_->beyond_help() && command.status == Command::Status::working)
+    command.status = Command::Status::oscillation;
 }
 
 void PlaybackController::follow(double time, Command& command) noexcept {

@@ -7,6 +7,7 @@
 #include "control/min_jerk.h"
 #include "control/pd.h"
 #include "player/reference_stream.h"
+#include "player/tracking_guard.h"
 
 #include <array>
 #include <memory>
@@ -52,6 +53,9 @@ class PlaybackController final : public Controller {
   PlaybackController(ReferenceStream path, ForceTerms terms, const Tuning& tuning, const PlaybackOptions& options,
                      Mailbox<Tuning>* changes = nullptr);
 
+  /// From now on a guard softens the terms when the loop oscillates and tells of the hand. Before start.
+  void guard(const TrackingGuard::Options& options) { guard_.emplace(options); }
+
   void start(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
   void between_ticks(bool may_wait) noexcept override;
@@ -63,6 +67,7 @@ class PlaybackController final : public Controller {
   void follow(double time, Command& command) noexcept;
   Reference advance(double step, Command& command) noexcept;
   void begin_approach(const Vec3& from) noexcept;
+  void keep_guard(const State& state, const Reference& reference, Command& command) noexcept;
   /// The scale of the force under the policy; may end or pause the session.
   double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
 
@@ -70,6 +75,7 @@ class PlaybackController final : public Controller {
   ForceTerms terms_;
   Tuning tuning_;
   Mailbox<Tuning>* changes_;
+  std::optional<TrackingGuard> guard_;
   PlaybackOptions options_;
 
   Phase phase_ = Phase::approach;
