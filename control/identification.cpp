@@ -241,7 +241,7 @@ class MobilityFit {
     const double variance = std::max(dof > 0 ? r.squaredNorm() / dof : 1.0, 1e-12);
     const MatrixXd j = slopes(theta);
     const Eigen::Matrix2d spread = variance * (j.transpose() * j).inverse();
-    result.delay = theta.sum();
+    result.delay = std::max(theta.sum(), 0.0);
     result.delay_half = kInterval * std::sqrt(std::max(spread.sum(), 0.0));
 
     MatrixXd regressors;
@@ -288,12 +288,14 @@ class MobilityFit {
 constexpr double kKernel = 8e-3;      // standard deviation of the Gaussian kernel [s]
 constexpr double kKernelReach = 4;    // standard deviations
 constexpr double kKernelStep = 4e-3;  // between filtered rows [s]
-constexpr int kColumns = 5;           // sgn v, v, a, x, integral of x
-enum Column { kSign, kSpeed, kAcceleration, kPlace, kIntegral };
+constexpr int kColumns = 7;
+/// What the force of a sweep is made of. Beyond friction: whatever is linear in the movement, as powers of frequency
+/// from -1 to 4, of which jerk and snap stand for a hand that swings on its grip.
+enum Column { kSign, kSpeed, kAcceleration, kPlace, kIntegral, kJerk, kSnap };
 
 /// One axis of a stretch through the kernel.
 struct Filtered {
-  double time = 0, x = 0, v = 0, a = 0, u = 0;
+  double time = 0, x = 0, v = 0, a = 0, jerk = 0, snap = 0, u = 0;
 };
 
 /// Position and its derivatives, and the force as the motors had it, through the same Gaussian; nothing where ticks
@@ -304,7 +306,6 @@ std::vector<Filtered> filter(std::span<const TickRow> rows, int axis, double del
   const double reach = kKernelReach * kKernel;
   const double until = rows.back().time - reach - delay - period;
   std::size_t first = 0;
-  double integral_of_one = 0;
   for (double t = rows.front().time + reach + delay + period; t < until; t += kKernelStep) {
     while (rows[first].time < t - reach - delay - period) ++first;
     Filtered row{.time = t};
@@ -320,6 +321,8 @@ std::vector<Filtered> filter(std::span<const TickRow> rows, int axis, double del
       row.x += g * x;
       row.v += -s / kKernel * g * x;
       row.a += (s * s - 1) / (kKernel * kKernel) * g * x;
+      row.jerk += -s * (s * s - 3) / std::pow(kKernel, 3) * g * x;
+      row.snap += (s * s * (s * s - 6) + 3) / std::pow(kKernel, 4) * g * x;
       const double su = (t - rows[k].time - 0.5 * period - delay) / kKernel, gu = std::exp(-0.5 * su * su);
       forces += gu;
       row.u += gu * rows[k].force[axis];
@@ -328,8 +331,9 @@ std::vector<Filtered> filter(std::span<const TickRow> rows, int axis, double del
     row.x = row.x / ones + origin;
     row.v /= ones;
     row.a /= ones;
+    row.jerk /= ones;
+    row.snap /= ones;
     row.u /= forces;
-    (void)integral_of_one;
     result.push_back(row);
   }
   return result;
@@ -353,8 +357,9 @@ struct Normal {
 struct SweepFit {
   double coulomb = 0, viscous = 0, gravity = 0, gradient = 0;
   double coulomb_half = 0, viscous_half = 0, gravity_half = 0, gradient_half = 0;
-  double residual = 0;  ///< [N]
-  std::size_t blocks = 0;
+  double residual = 0;     ///< [N]
+  double unexplained = 1;  ///< share of the force, rms
+  std::size_t blocks = 0;  ///< that the intervals rest on
 };
 
 SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
@@ -402,7 +407,7 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
     for (Eigen::Index i = 0; i < n; ++i) {
       const std::size_t k = kept[static_cast<std::size_t>(i)];
       const Filtered& row = rows[k];
-      columns.row(i) << (row.v > 0 ? 1.0 : -1.0), row.v, row.a, row.x, integral[k], row.u;
+      columns.row(i) << (row.v > 0 ? 1.0 : -1.0), row.v, row.a, row.x, integral[k], row.jerk, row.snap, row.u;
       const double s = (row.time - rows.front().time) / duration;
       for (Eigen::Index d = 0; d < drifts; ++d) drift(i, d) = std::cos(std::numbers::pi * static_cast<double>(d) * s);
     }
@@ -430,17 +435,19 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   const Eigen::Matrix<double, kColumns, 1> beta = all.solve();
   Eigen::Matrix<double, kColumns, 1> variance = Eigen::Matrix<double, kColumns, 1>::Zero();
   const auto count = static_cast<double>(blocks.size());
-  double squares = 0, rows = 0;
+  double squares = 0, forces = 0, rows = 0;
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     Normal others = all;
     others.g -= own[b].g;
     others.h -= own[b].h;
     variance += (others.solve() - beta).cwiseAbs2() * (count - 1) / count;
     squares += (blocks[b].columns.col(kColumns) - blocks[b].columns.leftCols(kColumns) * beta).squaredNorm();
+    forces += blocks[b].columns.col(kColumns).squaredNorm();
     rows += static_cast<double>(blocks[b].columns.rows());
   }
   const Eigen::Matrix<double, kColumns, 1> half = kInterval * variance.cwiseSqrt();
   fit.residual = std::sqrt(squares / rows);
+  fit.unexplained = forces > 0 ? std::sqrt(squares / forces) : 1;
   fit.coulomb = std::max(beta[kSign], 0.0);
   fit.coulomb_half = half[kSign];
   fit.viscous = std::max(beta[kSpeed], 0.0);
@@ -478,6 +485,23 @@ double white_noise(std::span<const TickRow> rows, const std::array<bool, 3>& axe
   for (const double s : squares) sum += s;
   const double beyond = sum / static_cast<double>(squares.size()) - quantum * quantum / 12;
   return std::sqrt(std::max(beyond, 0.0));
+}
+
+constexpr double kMostUnexplained = 0.5;  // share of a response or a force, beyond which a model does not fit
+constexpr double kLeastCertain = 0.35;    // half width of a mass' interval, as a share of it, beyond which it is none
+
+/// Why not to believe what was found of an axis; empty when there is no reason.
+std::string doubt_about(int axis, const Identification& found, const SweepFit& sweeps) {
+  const char name = "xyz"[axis];
+  const double mass = found.plant.mass[axis], half = found.half_width.mass[axis];
+  if (!(mass > 0)) return fmt::format("the response in {} is not that of a mass", name);
+  if (!(half < kLeastCertain * mass))
+    return fmt::format("the mass in {} is uncertain: {:.3f} +- {:.3f} kg", name, mass, half);
+  if (sweeps.blocks < 2) return fmt::format("too little of the sweeps in {} was sliding, or ticks were missed", name);
+  if (sweeps.unexplained > kMostUnexplained)
+    return fmt::format("the model does not explain {:.0f} % of the force of the sweeps in {}", 100 * sweeps.unexplained,
+                       name);
+  return "";
 }
 
 }  // namespace
@@ -519,7 +543,6 @@ Identification identify(const Experiment& experiment) {
     result.line_residual = lines.residual;
   }
 
-  double squares = 0;
   for (int axis = 0; axis < 3; ++axis) {
     if (!experiment.axes[static_cast<std::size_t>(axis)]) continue;
     const SweepFit fit = fit_sweeps(experiment, axis, plant.delay);
@@ -531,15 +554,17 @@ Identification identify(const Experiment& experiment) {
     result.half_width.viscous[axis] = fit.viscous_half;
     result.half_width.gravity[axis] = fit.gravity_half;
     result.half_width.gravity_gradient(axis, axis) = fit.gradient_half;
-    squares = std::max(squares, fit.residual * fit.residual);
+    result.sweep_residual = std::max(result.sweep_residual, fit.residual);
+    if (result.reason.empty()) result.reason = doubt_about(axis, result, fit);
+    for (const Stretch& stretch : experiment.sweeps[static_cast<std::size_t>(axis)])
+      plant.position_noise = std::max(plant.position_noise,
+                                      white_noise(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin),
+                                                  experiment.axes, plant.position_resolution));
   }
-  result.sweep_residual = std::sqrt(squares);
-  for (const Stretch& stretch : experiment.dithered)
-    plant.position_noise =
-        std::max(plant.position_noise, white_noise(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin),
-                                                   experiment.axes, plant.position_resolution));
-
-  result.fits = true;
+  if (result.reason.empty() && result.line_residual > kMostUnexplained)
+    result.reason =
+        fmt::format("the model does not explain {:.0f} % of the response to the dither", 100 * result.line_residual);
+  result.fits = result.reason.empty();
   return result;
 }
 

@@ -24,9 +24,12 @@ constexpr double kHighestLine = 120;      // [Hz]
 constexpr double kLargestReach = 0.02;    // [m]
 constexpr double kSmallestReach = 0.003;  // [m]
 constexpr double kBlend = 0.3;            // in which a movement grows from nothing, or shrinks to it [s]
+constexpr double kLook = 1;               // of the first look [s]
 constexpr double kSettle = 0.5;           // from a change of the dither to the first window [s]
 constexpr double kLookDither = 0.04;      // share of the largest force, rms per axis
 constexpr double kMostDither = 0.12;
+constexpr double kLargestDither = 2;   // rms per axis [N]
+constexpr double kLargestForce = 15;   // however strong the device [N]
 constexpr double kDitherSpeed = 0.25;  // rms of the dither's velocity, share of the slow movement's
 constexpr double kLeastMotion = 0.25;  // of the speed asked for, below which a device counts as blocked
 
@@ -53,7 +56,7 @@ struct RoundedTriangle {
   }
 };
 
-/// Answers of the device at a few lines of the dither while the session runs, through a Hann window of one period.
+/// Answers of the device at a few lines of the dither while the session runs, through a Hann window.
 class FirstLook {
  public:
   explicit FirstLook(const CalibrationPlan& plan) : axes_(plan.axes) {
@@ -159,7 +162,7 @@ class CalibrationController final : public Controller {
       : plan_(plan),
         look_(plan),
         sizes_(sweep_sizes(plan.full)),
-        gains_(cautious_gains(plan.device_force, plan.rate_hz)),
+        gains_(cautious_gains(std::min(plan.device_force, kLargestForce), plan.rate_hz)),
         swing_size_(swing_size(plan)),
         sweep_size_(plan.reach.cwiseMin(plan.max_speed / (4 * kSweepHz))) {}
 
@@ -245,12 +248,12 @@ class CalibrationController final : public Controller {
       case Stage::approach:
         if (since < approach_time_ + kBlend) break;
         enter(Stage::look, now);
-        dither_wanted_ = driven_part(Vec3::Constant(kLookDither * plan_.device_force));
+        dither_wanted_ = driven_part(Vec3::Constant(kLookDither / kMostDither * plan_.max_dither));
         break;
       case Stage::look:
-        if (since >= look_begin_ && since < look_begin_ + kPeriod)
-          look_.add(state, now, (since - look_begin_) / kPeriod, reference(since).velocity);
-        else if (since >= look_begin_ + kPeriod)
+        if (since >= look_begin_ && since < look_begin_ + kLook)
+          look_.add(state, now, (since - look_begin_) / kLook, reference(since).velocity);
+        else if (since >= look_begin_ + kLook)
           judge(now);
         break;
       case Stage::swing:
@@ -286,7 +289,7 @@ class CalibrationController final : public Controller {
         gains_.kp *= 2;
         gains_.kd *= 1.5;
         look_.reset();
-        look_begin_ += kPeriod + kSettle;
+        look_begin_ += kLook + kSettle;
         return;
       }
       const double mass = look_.mass(axis);
@@ -461,9 +464,9 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
   CalibrationPlan plan{.full = options.full,
                        .rate_hz = rate,
                        .axes = device.force_axes,
-                       .max_force = options.force_share * force,
+                       .max_force = std::min(options.force_share * force, kLargestForce),
                        .device_force = force,
-                       .max_dither = kMostDither * force,
+                       .max_dither = std::min(kMostDither * force, kLargestDither),
                        .dither = Multisine(kLowestLine, highest, kPeriod, device.force_axes)};
   int axes = 0;
   double smallest = kLargestReach;
@@ -483,7 +486,7 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
   plan.max_speed = kTwoPi * kSwingHz * plan.reach.maxCoeff();
   plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
   const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
-  plan.duration = 3 * kBlend + 2 * kSettle + kPeriod + dither_windows(plan.full) * kPeriod + axes * sweep / kSweepHz;
+  plan.duration = 3 * kBlend + 2 * kSettle + kLook + dither_windows(plan.full) * kPeriod + axes * sweep / kSweepHz;
   return plan;
 }
 

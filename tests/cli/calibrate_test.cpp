@@ -1,0 +1,87 @@
+#include "formats/device_profile.h"
+#include "formats/recording.h"
+#include "tests/cli/command.h"
+#include "tests/support/temp_folder.h"
+
+#include <csignal>
+#include <filesystem>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::Answer;
+using test::Command;
+using test::haptrace;
+using test::TempFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+
+const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=3";
+
+Answer calibrate_into(const TempFolder& folder, std::vector<std::string> words) {
+  words.insert(words.begin(), "calibrate");
+  return Command(words, Command::Input::none, {"HAPTRACE_PROFILES=" + folder.path() + "/profiles"}).wait();
+}
+
+TEST(Calibrate, WritesAProfileThatIsFoundByTheDeviceAndARecordingOfTheSession) {
+  const TempFolder folder;
+  const Answer answer = calibrate_into(folder, {"--device", kFalcon, "--record", folder / "c.h5", "--json"});
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_THAT(answer.err, AllOf(HasSubstr("at most 20 mm"), HasSubstr("Ctrl+C")));
+  const nlohmann::json json = answer.json();
+  EXPECT_EQ(json["stopped_by"], "finished");
+  const DeviceProfile profile = load_profile(json["profile_file"]);
+  EXPECT_EQ(profile.device.model, "Novint Falcon");
+  EXPECT_NEAR(profile.plant.mass.x(), 0.4, 0.06);
+  EXPECT_EQ(to_json(profile), json["profile"]);
+  EXPECT_EQ(std::filesystem::path(json["profile_file"].get<std::string>()).parent_path(), folder / "profiles");
+  EXPECT_TRUE(RecordingReader(folder / "c.h5").header().complete);
+
+  // The same device again: its profile is replaced, bit by bit the same but for the time.
+  const Answer again = calibrate_into(folder, {"--device", kFalcon});
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_THAT(again.out, AllOf(HasSubstr("mass"), HasSubstr("friction"), HasSubstr("delay"), HasSubstr("gains"),
+                               HasSubstr("the profile is in " + json["profile_file"].get<std::string>())));
+  EXPECT_EQ(load_profile(json["profile_file"]).plant.mass, profile.plant.mass);
+}
+
+TEST(Calibrate, CalibratesADeviceOfALabsOwn) {
+  const TempFolder folder;
+  const std::string device = "plugin:path=" MASS_PLUGIN R"(,options={"mass":0.35,"viscous":1})";
+  const Answer answer = calibrate_into(folder, {"--device", device, "-o", folder / "own.json"});
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const DeviceProfile profile = load_profile(folder / "own.json");
+  for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(profile.plant.mass[axis], 0.35, 0.007);
+  EXPECT_EQ(profile.device.serial, "0.35 kg");
+
+  const Answer refused = calibrate_into(folder, {"--device", device, "-o", folder / "own.json"});
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("--overwrite"));
+}
+
+TEST(Calibrate, RefusesWhatItCannotDoAndWritesNothing) {
+  const TempFolder folder;
+  EXPECT_THAT(calibrate_into(folder, {"--device", kFalcon, "--quick", "--full"}).err, HasSubstr("--full"));
+  EXPECT_EQ(calibrate_into(folder, {}).exit_code, 2);
+  const Answer slow = calibrate_into(folder, {"--device", kFalcon, "--max-velocity", "0.01"});
+  EXPECT_EQ(slow.exit_code, 1);
+  EXPECT_THAT(slow.err, HasSubstr("no profile was written"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "profiles"));
+}
+
+TEST(Calibrate, CountsDownOnTheRealClockAndCanBeStoppedThere) {
+  const TempFolder folder;
+  Command command({"calibrate", "--device", kFalcon, "--clock", "real"}, Command::Input::none,
+                  {"HAPTRACE_PROFILES=" + folder.path() + "/profiles"});
+  ASSERT_TRUE(command.says("begins in 3 s"));
+  kill(command.pid(), SIGINT);
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 130);
+  EXPECT_THAT(answer.err, HasSubstr("before anything moved"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "profiles"));
+}
+
+}  // namespace
+}  // namespace haptrace
