@@ -65,7 +65,7 @@ struct Identification {
 /// integral and what drifts slower than a sweep, every column through the same zero-phase kernel, without the
 /// surroundings of reversals. A hand's arm shares in viscous damping and gradient, but not in the friction, which is
 /// what does not grow with the size of the sweep. Intervals: the lines' from the covariance of the fit, the sweeps' by
-/// the jackknife over blocks of sweeps.
+/// the jackknife over blocks of sweeps; both widened by what such models were seen to leave out.
 ///
 /// Needs no more than the log: neither the device's data sheet nor its model. Not for the tick: it allocates.
 Identification identify(const Experiment& experiment);
