@@ -194,6 +194,7 @@ class Trials {
       run.measured_rms_error = result.last.rms_error;
       run.measured_peak_error = result.last.peak_error;
       run.force_ripple = result.last.force_ripple;
+      run.max_force = result.last.max_force;
       trial.runs.push_back(run);
     }
     PlayOptions hold = controller;
@@ -291,7 +292,9 @@ double EnsembleOverdrive::delay() const noexcept {
 
 bool EnsembleMember::beyond_force(std::size_t path) const noexcept {
   const EnsembleRun& stiff = trial(EnsembleController::stiff).runs[path];
-  return stiff.overpowered() && (!calibrated() || trial(EnsembleController::calibrated).runs[path].overpowered());
+  if (!calibrated()) return stiff.overpowered();
+  return trial(EnsembleController::calibrated).runs[path].overpowered() &&
+         (stiff.overpowered() || stiff.max_force > kNearlyAll * kMaxForce);
 }
 
 EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options,

@@ -26,6 +26,7 @@ inline constexpr double kMostHoldRipple = 0.02e-3;  // rms above it of the true 
 inline constexpr double kHuntingCutoff = 2;         // [Hz]
 inline constexpr double kMostHunting = 0.015e-3;    // rms above it of the true position; more is a limit cycle too [m]
 inline constexpr double kMostSaturated = 0.01;      // of the ticks of a run
+inline constexpr double kNearlyAll = 0.9;           // of the device's largest force
 inline constexpr double kCatchWithin = 0.3;         // from an oscillation's onset until it is noticed [s]
 
 }  // namespace ensemble
@@ -59,6 +60,7 @@ struct EnsembleRun {
   double measured_rms_error = 0, measured_peak_error = 0;  ///< of the device's own position [m]
   double force_ripple = 0;                                 ///< of the sent force above 25 Hz, rms [N]
   double ripple = 0;                                       ///< of the true error above kRippleCutoff, rms [m]
+  double max_force = 0;                                    ///< largest magnitude sent [N]
   double saturated = 0;                                    ///< share of the ticks at the device's largest force
   bool stopped_at_largest = false;                         ///< a limit stopped it while it was at the largest force
   int oscillations = 0;  ///< times that the oscillation monitor spoke, all repetitions
@@ -107,8 +109,9 @@ struct EnsembleMember {
   [[nodiscard]] const EnsembleTrial& trial(EnsembleController controller) const noexcept {
     return trials[static_cast<std::size_t>(controller)];
   }
-  /// True when this path needs more force than the device has: stiff PD and the calibrated player were both at the
-  /// largest force for more than kMostSaturated of the run, or stopped there. What happens to one alone is its fault.
+  /// True when this path needs more force than the device has: the calibrated player was at the largest force for more
+  /// than kMostSaturated of the run, or stopped there, and stiff PD, which gives way by millimetres, too, or nearly
+  /// (kNearlyAll). What happens to the calibrated player alone is its fault.
   [[nodiscard]] bool beyond_force(std::size_t path) const noexcept;
 };
 

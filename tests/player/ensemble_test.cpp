@@ -214,7 +214,7 @@ EnsembleRun& calibrated_run(EnsembleMember& member) {
 }
 
 TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
-  EnsembleReport report{.seed = 4, .draws = 9, .paths = {"circle"}, .learn = 5};
+  EnsembleReport report{.seed = 4, .draws = 10, .paths = {"circle"}, .learn = 5};
   for (std::uint64_t i = 0; i < 8; ++i) report.members.push_back(sound_member(i));
   auto& m = report.members;
   for (EnsembleTrial& trial : m[1].trials) trial.runs[0].saturated = 0.02;  // the hand is too strong for everyone
@@ -225,12 +225,15 @@ TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
   m[6].calibration_error = "no force moves it";
   m[6].trials[2] = {};
   m[7].overdrive = {.onset = 1.5, .calm = false};
+  report.members.push_back(sound_member(8));  // stiff PD gives way and gets by with a little less
+  m[8].trials[0].runs[0].max_force = 8.5;
+  calibrated_run(m[8]).saturated = 0.02;
 
   const EnsembleSummary summary = summarise(report);
   EXPECT_THAT(summary.not_calibrated, ElementsAre(6));
   ASSERT_EQ(summary.paths.size(), 1U);
   const PathSummary& path = summary.paths[0];
-  EXPECT_THAT(path.beyond_force, ElementsAre(1));
+  EXPECT_THAT(path.beyond_force, ElementsAre(1, 8));
   EXPECT_EQ(path.counted, 7U);
   const ControllerSummary& calibrated = path.controllers[2];
   EXPECT_THAT(calibrated.saturated, ElementsAre(2));
@@ -243,16 +246,16 @@ TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
   EXPECT_DOUBLE_EQ(path.stiff_over_calibrated.median, 20);
   EXPECT_DOUBLE_EQ(path.cautious_over_calibrated.median, 100);
   EXPECT_THAT(summary.holds[2].limit_cycles, ElementsAre(5));
-  EXPECT_EQ(summary.holds[2].hunting.count, 7U);
+  EXPECT_EQ(summary.holds[2].hunting.count, 8U);
   EXPECT_THAT(summary.holds[0].limit_cycles, IsEmpty());
-  EXPECT_EQ(summary.overdrive.oscillating.size(), 8U);
+  EXPECT_EQ(summary.overdrive.oscillating.size(), 9U);
   EXPECT_THAT(summary.overdrive.late, ElementsAre(7));
   EXPECT_THAT(summary.overdrive.uncalm, ElementsAre(7));
   EXPECT_NEAR(summary.overdrive.delay.max, 0.1, 1e-12);
 
   const nlohmann::json json = to_json(report);
-  EXPECT_EQ(json["draws"], 8);
-  EXPECT_EQ(json["draws_asked"], 9);
+  EXPECT_EQ(json["draws"], 9);
+  EXPECT_EQ(json["draws_asked"], 10);
   EXPECT_EQ(json["not_calibrated"]["6"], "no force moves it");
   EXPECT_EQ(json["paths"][0]["controllers"]["calibrated"]["rms_error_m"]["median"], 5e-5);
   EXPECT_EQ(json["paths"][0]["controllers"]["calibrated"]["limit_cycles"], nlohmann::json({4}));
