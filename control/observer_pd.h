@@ -32,6 +32,7 @@ class ObserverPd final : public ForceTerm {
   explicit ObserverPd(const Options& options);
 
   void start(const State& first) noexcept override;
+  [[nodiscard]] bool feeds_back() const noexcept override { return true; }
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override;
 
  private:

@@ -29,6 +29,9 @@ class ForceTerm {
   /// This term's force on the hand [N], in W.
   [[nodiscard]] virtual Vec3 force(const TermInput& input) noexcept = 0;
 
+  /// Whether it answers the position: what oscillates when a loop does. Else it is known beforehand, from the reference.
+  [[nodiscard]] virtual bool feeds_back() const noexcept { return false; }
+
   /// As for SampleSink: after every tick, outside of it; may wait only where time stands still meanwhile.
   virtual void between_ticks(bool may_wait) noexcept { (void)may_wait; }
 };
@@ -52,6 +55,7 @@ inline Vec3 pd_force(const PdGains& gains, const State& state, const Reference& 
 /// pd_force with the gains of the moment.
 class PdLaw final : public ForceTerm {
  public:
+  [[nodiscard]] bool feeds_back() const noexcept override { return true; }
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override {
     return pd_force(input.tuning.gains, input.state, input.reference);
   }

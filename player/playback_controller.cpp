@@ -82,18 +82,25 @@ Command PlaybackController::update(const State& state) noexcept {
 
   const double scale = command.status == Command::Status::working ? watch_deviation(state, reference, command) : 1;
   if (changes_ != nullptr) tuning_.approach(changes_->latest(), state.dt);
-  for (const auto& term : terms_) command.wrench.force += term->force({state, reference, tuning_, command.wrench.force});
+  Vec3 feedforward = Vec3::Zero();
+  for (const auto& term : terms_) {
+    const Vec3 force = term->force({state, reference, tuning_, command.wrench.force});
+    command.wrench.force += force;
+    if (!term->feeds_back()) feedforward += force;
+  }
   command.wrench.force *= scale;
-  if (guard_) keep_guard(state, reference, command);
+  if (guard_) keep_guard(state, reference, scale * feedforward, command);
   command.reference = reference;
   command.phase = phase_;
   if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
   return command;
 }
 
-void PlaybackController::keep_guard(const State& state, const Reference& reference, Command& command) noexcept {
-  guard_->watch(state, reference);
+void PlaybackController::keep_guard(const State& state, const Reference& reference, const Vec3& feedforward,
+                                    Command& command) noexcept {
+  guard_->watch(state, reference, state.force_applied - feedforward_);
   command.wrench.force *= guard_->share();
+  feedforward_ = guard_->share() * feedforward;
   if (!command.event) command.event = guard_->take_event();
   if (guard_->beyond_help() && command.status == Command::Status::working)
     command.status = Command::Status::oscillation;

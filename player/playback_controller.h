@@ -67,7 +67,7 @@ class PlaybackController final : public Controller {
   void follow(double time, Command& command) noexcept;
   Reference advance(double step, Command& command) noexcept;
   void begin_approach(const Vec3& from) noexcept;
-  void keep_guard(const State& state, const Reference& reference, Command& command) noexcept;
+  void keep_guard(const State& state, const Reference& reference, const Vec3& feedforward, Command& command) noexcept;
   /// The scale of the force under the policy; may end or pause the session.
   double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
 
@@ -76,6 +76,7 @@ class PlaybackController final : public Controller {
   Tuning tuning_;
   Mailbox<Tuning>* changes_;
   std::optional<TrackingGuard> guard_;
+  Vec3 feedforward_ = Vec3::Zero();  ///< of the last tick [N]
   PlaybackOptions options_;
 
   Phase phase_ = Phase::approach;
