@@ -26,7 +26,7 @@ constexpr double kSmallestReach = 0.003;  // [m]
 constexpr double kBlend = 0.3;            // in which a movement grows from nothing, or shrinks to it [s]
 constexpr double kLook = 1;               // of the first look [s]
 constexpr double kSettle = 0.5;           // from a change of the dither to the first window [s]
-constexpr double kLookDither = 0.04;      // share of the largest force, rms per axis
+constexpr double kLookDither = 0.08;      // share of the largest force, rms per axis
 constexpr double kMostDither = 0.12;
 constexpr double kLargestDither = 2;   // rms per axis [N]
 constexpr double kLargestForce = 15;   // however strong the device [N]
@@ -117,29 +117,37 @@ class FirstLook {
   }
 
   /// Whether a push along `axis` moves the device that way: at these frequencies a mass moves against the force, late
-  /// by the delay.
+  /// by a delay that is not known yet, so that the answer is compared with a mass's of either sign at every delay.
   [[nodiscard]] bool follows(int axis) const noexcept {
-    double along = 0, straight = 0, across = 0;
-    for (const Sum& sum : sums_[static_cast<std::size_t>(axis)]) {
+    constexpr double kLongest = 10e-3, kStep = 0.5e-3;  // [s]
+    constexpr double kClearly = 1;                      // of kLines
+    const auto& sums = sums_[static_cast<std::size_t>(axis)];
+    double with = -kLines, against = -kLines;
+    for (double delay = 0; delay <= kLongest; delay += kStep) {
+      double along = 0;
+      for (const Sum& sum : sums)
+        along += std::cos(std::arg(-sum.position[static_cast<std::size_t>(axis)] / sum.force) + sum.w * delay);
+      with = std::max(with, along);
+      against = std::max(against, -along);
+    }
+    double straight = 0, across = 0;
+    for (const Sum& sum : sums)
       for (int i = 0; i < 3; ++i) {
         const double gain = std::abs(sum.position[static_cast<std::size_t>(i)]) * sum.w * sum.w / std::abs(sum.force);
-        if (i == axis) {
+        if (i == axis)
           straight += gain;
-          along -= gain * std::cos(std::arg(sum.position[static_cast<std::size_t>(i)] / sum.force));
-        } else {
+        else
           across = std::max(across, gain);
-        }
       }
-    }
-    return along > 0 && across < straight;
+    return against < with + kClearly && across < straight;
   }
 
   /// Mean speed over the mean speed asked for.
   [[nodiscard]] double motion(int axis) const noexcept { return asked_[axis] > 0 ? speed_[axis] / asked_[axis] : 1; }
 
  private:
-  static constexpr std::size_t kLines = 3;
-  static constexpr std::array<double, kLines> kWanted{27, 39, 55};  // [Hz]
+  static constexpr int kLines = 3;
+  static constexpr std::array<double, kLines> kWanted{19, 29, 43};  // [Hz]
 
   struct Sum {
     double w = 0;

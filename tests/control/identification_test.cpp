@@ -217,12 +217,13 @@ TEST(Identification, LeavesAxesWithoutAMotorOut) {
   Bench planar;
   planar.axes = {true, true, false};
   planar.gravity.z() = 0;
+  planar.coulomb = Vec3::Constant(0.2);
   planar.dither = Multisine(15, 120, 2, planar.axes);
   const Identification found = planar.run().identified();
   EXPECT_TRUE(found.fits) << found.reason;
   EXPECT_EQ(found.plant.mass.z(), 0);
   EXPECT_EQ(found.plant.coulomb.z(), 0);
-  for (int axis = 0; axis < 2; ++axis) EXPECT_NEAR(found.plant.mass[axis], planar.mass[axis], 0.06 * planar.mass[axis]);
+  for (int axis = 0; axis < 2; ++axis) EXPECT_NEAR(found.plant.mass[axis], planar.mass[axis], 0.1 * planar.mass[axis]);
 }
 
 TEST(Identification, SaysWhenThereIsNothingToFindAnythingIn) {
