@@ -289,9 +289,9 @@ class CalibrationController final : public Controller {
     Vec3 dither = Vec3::Zero();
     for (int axis = 0; axis < 3; ++axis) {
       if (!driven(axis)) continue;
-      if (!look_.follows(axis)) return stop(Verdict::wrong_way, axis);
-      if (look_.motion(axis) < kLeastMotion) {
-        if (stronger_) return stop(Verdict::blocked, axis);
+      const bool moves = look_.motion(axis) >= kLeastMotion;
+      if (!moves || !look_.follows(axis)) {
+        if (stronger_) return stop(moves ? Verdict::wrong_way : Verdict::blocked, axis);
         // Once more, with twice the gains.
         stronger_ = true;
         gains_.kp *= 2;
@@ -300,6 +300,9 @@ class CalibrationController final : public Controller {
         look_begin_ += kLook + kSettle;
         return;
       }
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!driven(axis)) continue;
       const double mass = look_.mass(axis);
       // Stiff enough that the device goes where it is swept, and not where its friction is least.
       constexpr double kStiffest = kTwoPi * 12;  // [rad/s]
