@@ -21,6 +21,7 @@ ObserverPd::ObserverPd(const Options& options)
                  .delay = options.design.delay,
                  .bandwidth_hz = options.design.observer_hz,
                  .rate_hz = options.rate_hz}),
+      driven_((options.design.mass.array() > 0).cast<double>()),
       authority_(options.design.authority),
       rest_radius_(kRestCounts * options.position_resolution) {}
 
@@ -34,7 +35,7 @@ void ObserverPd::start(const State& first) noexcept {
 
 bool ObserverPd::rests(const State& state, const Reference& reference) noexcept {
   const double distance = (reference.position - state.position).stableNorm();
-  const bool still = reference.velocity.stableNorm() < kRestSpeed;
+  const bool still = driven_.cwiseProduct(reference.velocity).stableNorm() < kRestSpeed;
   if (still && distance <= rest_radius_)
     rested_ += state.dt;
   else if (!still || distance > 2 * rest_radius_)
@@ -66,9 +67,9 @@ Vec3 ObserverPd::force(const TermInput& input) noexcept {
   const double lead = observer_.lead();
   const Vec3 position = reference.position + lead * reference.velocity + 0.5 * lead * lead * reference.acceleration;
   const Vec3 velocity = reference.velocity + lead * reference.acceleration;
-  return gain_share_ * (tuning.gains.kp.cwiseProduct(position - estimate.position) +
-                        tuning.gains.kd.cwiseProduct(velocity - estimate.velocity)) +
-         tuning.observer * load;
+  const Vec3 feedback = tuning.gains.kp.cwiseProduct(position - estimate.position) +
+                        tuning.gains.kd.cwiseProduct(velocity - estimate.velocity);
+  return gain_share_ * driven_.cwiseProduct(feedback) + tuning.observer * load;
 }
 
 }  // namespace haptrace

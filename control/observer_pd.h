@@ -17,6 +17,8 @@ namespace haptrace {
 /// At rest: an observer integrates, and integration, stiction and a position quantum make a limit cycle of about a
 /// count. So once the reference rests and the device is within kRestCounts of it for kRestTime, the load is kept as it
 /// is and the gains are halved; farther than twice that, or when the reference moves, all is as before.
+///
+/// An axis without mass is not driven, whatever its gains.
 class ObserverPd final : public ForceTerm {
  public:
   struct Options {
@@ -39,6 +41,7 @@ class ObserverPd final : public ForceTerm {
   [[nodiscard]] bool rests(const State& state, const Reference& reference) noexcept;
 
   StateObserver observer_;
+  Vec3 driven_;         ///< 1 where there is mass, else 0
   double authority_;    ///< [N]
   double rest_radius_;  ///< [m]
   Vec3 known_ = Vec3::Zero();     ///< what the terms before answered at the last tick [N]

@@ -84,7 +84,7 @@ double ripple(const UnitLaw& law) {
 bool calms_down(const UnitLaw& law, double factor) {
   StateObserver observer = law.observer();
   const double period = 1 / law.rate_hz;
-  const double delay = std::min(law.delay * law.rate_hz, static_cast<double>(StateObserver::kLongestDelay)) + kLater;
+  const double delay = law.delay * law.rate_hz + kLater;  // all of it, also where the observer knows of less
   const auto whole = static_cast<std::size_t>(delay);
   const double part = delay - static_cast<double>(whole);
   std::vector<double> sent(whole + 2, 0.0);  // newest first
