@@ -32,17 +32,24 @@ Vec3 StateObserver::net_force(double back) const noexcept {
 }
 
 void StateObserver::update(const Vec3& position, double dt, const Vec3& sent, const Vec3& known) noexcept {
-  newest_ = (newest_ + 1) % kRing;
-  forces_[newest_] = sent - known;
-  if (!(dt > 0)) return;
-  if (dt > kLongestGap * period_) {
+  const bool passes = dt > 0, anew = dt > kLongestGap * period_;
+  // While ticks are missed the force is held.
+  const int ticks = passes ? std::max(1, static_cast<int>(std::lround(std::min<double>(dt / period_, kRing)))) : 1;
+  const double step = dt / ticks;
+  for (int tick = 0; tick < ticks; ++tick) {
+    newest_ = (newest_ + 1) % kRing;
+    forces_[newest_] = sent - known;
+    if (!passes || anew) continue;
+    const Vec3 a = net_force(delay_ticks_).cwiseProduct(inverse_mass_) - d_;
+    x_ += step * v_ + 0.5 * step * step * a;
+    v_ += step * a;
+  }
+  if (!passes) return;
+  if (anew) {
     x_ = position;
     v_.setZero();
     return;
   }
-  const Vec3 a = net_force(delay_ticks_).cwiseProduct(inverse_mass_) - d_;
-  x_ += dt * v_ + 0.5 * dt * dt * a;
-  v_ += dt * a;
 
   const Vec3 e = position - x_;
   x_ += l1_ * e;

@@ -37,7 +37,7 @@ class StateObserver {
   };
 
   static constexpr int kLongestDelay = 30;   ///< ticks
-  static constexpr double kLongestGap = 5;   ///< ticks after which it begins anew where the device is
+  static constexpr double kLongestGap = 5;   ///< ticks after which it begins anew where the device is, at rest
 
   explicit StateObserver(const Options& options);
 
