@@ -16,7 +16,8 @@ struct TrackingDesign {
   double observer_hz = 0;    ///< triple pole of the state observer
   double load_hz = 0;        ///< bandwidth of the disturbance's compensation
   double authority = 0;      ///< largest force of the disturbance's compensation, magnitude [N]
-  double ripple = 0;         ///< expected of the command above 25 Hz, from the position quantum, rms magnitude [N]
+  double ripple = 0;         ///< expected of the command above 25 Hz, from the position quantum and noise, rms
+                             ///< magnitude, where the tool crosses a quantum every few ticks [N]
 };
 
 /// A device that was calibrated.

@@ -1,1 +1,77 @@
+#include "control/feedforward.h"
 
+#include "tests/support/allocations.h"
+
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+PlantModel plant() {
+  PlantModel plant;
+  plant.mass = Vec3(0.4, 0.5, 0);
+  plant.viscous = Vec3(1, 2, 3);
+  plant.coulomb = Vec3(0.7, 0.6, 0.5);
+  plant.gravity = Vec3(0, 0.2, -2);
+  plant.gravity_gradient << 1, 2, 3, 2, 4, 5, 3, 5, 6;
+  return plant;
+}
+
+Vec3 answer(ForceTerm& term, const Reference& reference, const Tuning& tuning = {}) {
+  // What was measured is far from the reference: none of it may be asked.
+  State state;
+  state.position = Vec3(9, 9, 9);
+  state.velocity = Vec3(-9, -9, -9);
+  return term.force({state, reference, tuning, Vec3(7, 7, 7)});
+}
+
+TEST(InertiaFeedforward, IsTheMassTimesTheReferencesAcceleration) {
+  InertiaFeedforward term(plant().mass);
+  const Reference reference{Vec3(1, 1, 1), Vec3(2, 2, 2), Vec3(3, -4, 5), 0};
+  EXPECT_TRUE(answer(term, reference).isApprox(Vec3(1.2, -2, 0), 1e-12));
+  EXPECT_TRUE(answer(term, reference, {.inertia = 0.25}).isApprox(Vec3(0.3, -0.5, 0), 1e-12));
+}
+
+TEST(GravityFeedforward, HoldsWhatTheFieldPullsAtWhereTheReferenceIs) {
+  GravityFeedforward term(plant());
+  const Reference reference{Vec3(0.1, 0, -0.1), Vec3(2, 2, 2), Vec3(3, 3, 3), 0};
+  const Vec3 pull = Vec3(0, 0.2, -2) + Vec3(0.1 - 0.3, 0.2 - 0.5, 0.3 - 0.6);
+  EXPECT_TRUE(answer(term, reference).isApprox(-pull, 1e-12));
+  EXPECT_TRUE(answer(term, reference, {.gravity = 0.5}).isApprox(-0.5 * pull, 1e-12));
+}
+
+TEST(FrictionFeedforward, IsTheModelsFrictionAtTheReferencesVelocity) {
+  FrictionFeedforward term(plant());
+  const auto at = [&](const Vec3& velocity, const Tuning& tuning = {}) {
+    return answer(term, {Vec3(1, 1, 1), velocity, Vec3(1, 1, 1), 0}, tuning);
+  };
+  EXPECT_TRUE(at(Vec3(0.1, -0.2, 0)).isApprox(Vec3(0.1 + 0.7, -0.4 - 0.6, 0), 1e-9));
+  EXPECT_TRUE(at(Vec3(0.1, -0.2, 0), {.friction = 0.5}).isApprox(Vec3(0.4, -0.5, 0), 1e-9));
+  EXPECT_EQ(at(Vec3::Zero()), Vec3::Zero()) << "a reference at rest asks for none";
+}
+
+TEST(FrictionFeedforward, TurnsItsSignSmoothly) {
+  FrictionFeedforward term(plant());
+  const auto x = [&](double speed) { return answer(term, {Vec3::Zero(), Vec3(speed, 0, 0), Vec3::Zero(), 0}).x(); };
+  EXPECT_NEAR(x(FrictionFeedforward::kTransition), 0.7 * std::tanh(1) + 0.002, 1e-9);
+  for (double speed = -0.02; speed < 0.02; speed += 1e-4) {
+    EXPECT_GT(x(speed + 1e-4), x(speed));
+    EXPECT_LE(x(speed + 1e-4) - x(speed), 1e-4 * (0.7 / FrictionFeedforward::kTransition + 1) + 1e-12);
+    EXPECT_NEAR(x(-speed), -x(speed), 1e-12);
+  }
+}
+
+TEST(Feedforward, DoesNotNeedMoreOfAReferenceThanIsFinite) {
+  InertiaFeedforward inertia(plant().mass);
+  GravityFeedforward gravity(plant());
+  FrictionFeedforward friction(plant());
+  const Reference reference{Vec3::Constant(1e3), Vec3::Constant(1e9), Vec3::Constant(-1e12), kNaN};
+  const std::size_t before = test::allocations();
+  for (ForceTerm* term : {static_cast<ForceTerm*>(&inertia), static_cast<ForceTerm*>(&gravity),
+                          static_cast<ForceTerm*>(&friction)})
+    EXPECT_TRUE(is_finite(answer(*term, reference)));
+  EXPECT_EQ(test::allocations(), before);
+}
+
+}  // namespace
+}  // namespace haptrace
