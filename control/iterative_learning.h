@@ -38,10 +38,10 @@ struct RepetitionLog {
 ///
 /// After each repetition, the load that was met is what of the sent force the mass did not take,
 ///
-///     met(t) = Q[u(t) - known(t)] - M Q[x''](t + delay + T / 2)
+///     met(t) = Q[u(t) - known(t) - M x''(t + delay + T / 2)]
 ///
-/// with known what other terms cancel, Q a zero-phase low pass (Butterworth, forwards and backwards), and the table becomes (1 - lambda) table +
-/// lambda met. Since u = M x_d'' + known + table + feedback, this is table + lambda Q[L e] with L e = M e'' + feedback: the
+/// with known what other terms cancel, Q a zero-phase low pass (Butterworth, forwards and backwards), and the table
+/// becomes (1 - lambda) table + lambda met. Since u = M x_d'' + known + table + feedback, this is table + lambda Q[L e] with L e = M e'' + feedback: the
 /// learning law of Bristow, Tharayil and Alleyne (2006) with the loop's own inverse as L; it converges wherever the
 /// load is softer than the loop. lambda is 1, then 4/5, 4/9, 4/13, ...: the mean of the repetitions, the first of
 /// which, driven along another way, counts for a quarter. In the mean, what does not repeat cancels; it is left to the
@@ -68,7 +68,7 @@ class IterativeLearning {
     learned,
     converged,  ///< what is left does not repeat; the table stays
     undone,     ///< this repetition was worse: the best table is back
-    skipped,    ///< the repetition was interrupted, or saturated: nothing can be learned of it
+    skipped,    ///< the repetition was interrupted or paused: nothing can be learned of it
   };
 
   static constexpr double kNoise = 0.03;

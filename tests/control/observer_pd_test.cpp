@@ -1,1 +1,293 @@
+#include "control/observer_pd.h"
 
+#include "devices/sim/sim_device.h"
+#include "tests/support/allocations.h"
+#include "tests/support/delayed_mass.h"
+
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kPeriod = 1e-3;
+const Vec3 kNone = Vec3::Zero();
+
+PlantModel plant_of(double resolution = 0) {
+  PlantModel plant;
+  plant.mass = Vec3(0.4, 0.4, 0.3);
+  plant.delay = 2e-3;
+  plant.position_resolution = resolution;
+  return plant;
+}
+
+Reference resting_at(const Vec3& position) {
+  return {position, kNone, kNone, 0};
+}
+
+/// The law in a loop with the plant it was designed for.
+class Loop {
+ public:
+  explicit Loop(const PlantModel& model = plant_of(), double max_force = 8)
+      : design(design_tracking(model, {.max_force = max_force})),
+        law({.design = design, .position_resolution = model.position_resolution}),
+        plant(model.mass, model.delay / kPeriod),
+        max_force_(max_force),
+        resolution_(model.position_resolution) {
+    tuning.gains = design.gains;
+    tuning.observer_hz = design.load_hz;
+    State first;
+    first.position = plant.x;
+    law.start(first);
+  }
+
+  /// `load(x, v)` acts beside what is sent; `known` is what a term before this one says.
+  template <class Load>
+  void tick(const Reference& reference, const Load& load, const Vec3& known = kNone) {
+    State state;
+    state.dt = first_ ? 0 : kPeriod;
+    state.position = test::quantised(plant.x, resolution_);
+    state.force_applied = sent;
+    first_ = false;
+    force = law.force({state, reference, tuning, known});
+    sent = known + force + after;
+    if (sent.norm() > max_force_) sent *= max_force_ / sent.norm();
+    if (held) return;
+    plant.advance(sent, load);
+  }
+  void tick(const Reference& reference, const Vec3& load = kNone, const Vec3& known = kNone) {
+    tick(reference, [&](const Vec3&, const Vec3&) { return load; }, known);
+  }
+  void run(double seconds, const Reference& reference, const Vec3& load = kNone) {
+    for (int i = 0; i < static_cast<int>(seconds / kPeriod); ++i) tick(reference, load);
+  }
+
+  TrackingDesign design;
+  ObserverPd law;
+  test::DelayedMass plant;
+  Tuning tuning;
+  Vec3 force = kNone;  ///< of the law
+  Vec3 sent = kNone;
+  Vec3 after = kNone;  ///< of a term after it
+  bool held = false;  ///< by a hand that does not move
+
+ private:
+  double max_force_, resolution_;
+  bool first_ = true;
+};
+
+TEST(ObserverPd, CancelsAConstantLoadCompletely) {
+  Loop loop;
+  loop.run(3, resting_at(kNone), Vec3(2, -1, -3));
+  EXPECT_LT(loop.plant.x.norm(), 1e-8);
+  EXPECT_TRUE(loop.force.isApprox(-Vec3(2, -1, -3), 1e-6));
+}
+
+TEST(ObserverPd, CancelsWhatTheTermsBeforeItMissAndNoMore) {
+  Loop loop;
+  const Vec3 load(2, 0, -3), known(-1.5, 0, 3);
+  for (int i = 0; i < 3000; ++i) loop.tick(resting_at(kNone), load, known);
+  EXPECT_LT(loop.plant.x.norm(), 1e-8);
+  EXPECT_LT((loop.force - (-load - known)).norm(), 1e-6);
+}
+
+TEST(ObserverPd, FollowsAMovementWhoseInertiaIsFedForwardButForWhatTheDelayCosts) {
+  Loop loop;
+  double worst = 0;
+  const double w = 6, radius = 0.03;
+  for (int i = 0; i < 4000; ++i) {
+    const double a = w * i * kPeriod;
+    const Vec3 x(radius * std::sin(a), radius * (1 - std::cos(a)), 0);
+    const Vec3 v(radius * w * std::cos(a), radius * w * std::sin(a), 0);
+    const Vec3 acceleration(-radius * w * w * std::sin(a), radius * w * w * std::cos(a), 0);
+    loop.after = plant_of().mass.cwiseProduct(acceleration);
+    if (i > 2000) worst = std::max(worst, (x - loop.plant.x).norm());
+    loop.tick({x, v, acceleration, 0});
+  }
+  // The loop's stiffness resists what is fed forward late by the delay and half a tick, m w^3 r 2.5 ms, and the tenth
+  // of the mass that the observer takes for a load.
+  const double inertia = 0.4 * w * w * radius;
+  EXPECT_LT(worst, inertia * (w * 2.5e-3 + 0.11) / loop.design.gains.kp.x());
+}
+
+TEST(ObserverPd, SendsNoMoreThanItsAuthorityAgainstALoad) {
+  Loop loop(plant_of(), 8);
+  loop.tuning.gains = {};  // the load alone
+  loop.held = true;
+  double largest = 0;
+  for (int i = 0; i < 3000; ++i) {
+    loop.tick(resting_at(kNone));
+    loop.plant.x.x() += 1e-5;  // dragged along: a load of nobody knows what
+    loop.plant.x.y() = 1e-4 * std::sin(0.3 * i);
+    largest = std::max(largest, loop.force.norm());
+  }
+  EXPECT_LE(largest, 0.7 * 8 * (1 + 1e-12));
+}
+
+/// How far it shoots beyond a place 30 mm away, having been held fast before that for some time [m].
+double overshoot(double max_force, double held, double observer = 1) {
+  Loop loop(plant_of(), max_force);
+  loop.tuning.observer = observer;
+  const Reference there = resting_at(Vec3(0.03, 0, 0));
+  loop.held = true;
+  loop.run(held, there);
+  loop.held = false;
+  double farthest = 0;
+  for (int i = 0; i < 3000; ++i) {
+    loop.tick(there);
+    farthest = std::max(farthest, loop.plant.x.x());
+  }
+  EXPECT_NEAR(loop.plant.x.x(), 0.03, 1e-4);
+  return farthest - 0.03;
+}
+
+TEST(ObserverPd, DoesNotWindUpWhileAPersonHoldsItFast) {
+  for (const double force : {8.0, 20.0}) {
+    const double never = overshoot(force, 0);
+    for (const double seconds : {0.5, 5.0, 30.0})
+      EXPECT_LT(overshoot(force, seconds), never + 4e-3) << "held for " << seconds << " s with " << force << " N";
+    EXPECT_NEAR(overshoot(force, 30), overshoot(force, 1), 1e-6) << "however long";
+  }
+}
+
+TEST(ObserverPd, DoesNotWindUpWhileTheDeviceSaturates) {
+  for (const double force : {4.0, 8.0, 20.0})
+    EXPECT_LT(overshoot(force, 0), overshoot(force, 0, 0) + 3e-3) << force << " N, beyond what a PD law makes of it";
+}
+
+TEST(ObserverPd, HasSofterGainsAtRestAndKeepsTheLoad) {
+  constexpr double kQuantum = 5e-5;
+  Loop loop(plant_of(kQuantum));
+  const Vec3 load(1, 0, -2);
+  loop.run(2, resting_at(kNone), load);
+  loop.held = true;
+  loop.plant.x = kNone;
+  loop.run(0.5, resting_at(kNone));
+  const Vec3 kept = loop.force;
+  EXPECT_LT((kept + load).norm(), 0.3);
+  // A quantum away, half the gains answer, and the load is not learned anew.
+  loop.plant.x = Vec3(kQuantum, 0, 0);
+  loop.run(0.5, resting_at(kNone));
+  const Vec3 settled = loop.force;
+  EXPECT_NEAR((settled - kept).x(), -0.5 * loop.design.gains.kp.x() * kQuantum, 0.02);
+  loop.run(2, resting_at(kNone));
+  EXPECT_LT((loop.force - settled).norm(), 1e-3) << "an observer would integrate";
+}
+
+TEST(ObserverPd, IsAsBeforeOnceTheReferenceMovesOrTheDeviceIsFarther) {
+  constexpr double kQuantum = 5e-5;
+  Loop loop(plant_of(kQuantum));
+  loop.run(1, resting_at(kNone));
+  loop.held = true;
+  loop.plant.x = Vec3(20 * kQuantum, 0, 0);
+  loop.run(1, resting_at(kNone));
+  EXPECT_LT(loop.force.x(), -0.9 * loop.design.gains.kp.x() * 20 * kQuantum);
+}
+
+TEST(ObserverPd, BeginsAndEndsRestWithoutAStepInTheForce) {
+  constexpr double kQuantum = 5e-5;
+  Loop loop(plant_of(kQuantum));
+  // A count makes this much of a step in every tick, at rest or not.
+  const double count = 3 * kQuantum * (loop.design.gains.kp.norm() + loop.design.gains.kd.norm() * 2 * M_PI * loop.design.observer_hz);
+  double largest = 0;
+  Vec3 before = kNone;
+  for (int i = 0; i < 8000; ++i) {
+    // Rests for a second, creeps for a second.
+    const double creep = (i / 1000) % 2 == 1 ? 2e-3 : 0;
+    const double at = 2e-3 * (i / 2000 + std::max(0.0, (i % 2000 - 1000) * 1e-3));
+    loop.tick({Vec3(at, 0, 0), Vec3(creep, 0, 0), kNone, 0},
+              [](const Vec3&, const Vec3& v) -> Vec3 { return Vec3(1, 0, -2) + test::friction(v, 0.7, 2); });
+    if (i > 500) largest = std::max(largest, (loop.force - before).norm() - 2e-3 * loop.design.gains.kd.x() * (i % 1000 == 0));
+    before = loop.force;
+  }
+  EXPECT_LT(largest, count);
+}
+
+TEST(ObserverPd, DoesNotHuntAtRestWithStictionAndAQuantum) {
+  PlantModel model = plant_of(5e-5);
+  model.coulomb = Vec3::Constant(0.7);
+  model.viscous = Vec3::Constant(2);
+  SimDevice device(sim_spec_of(model, 8));
+  const TrackingDesign design = design_tracking(model, {.max_force = 8});
+  ObserverPd law({.design = design, .position_resolution = model.position_resolution});
+  const Tuning tuning{.gains = design.gains, .observer_hz = design.load_hz};
+  State state;
+  DeviceState answer;
+  double low = 1, high = -1;
+  for (int i = 0; i < 8000; ++i) {
+    state.dt = i == 0 ? 0 : kPeriod;
+    (void)device.exchange({.force = state.force_applied}, state.dt, answer);
+    state.position = answer.position;
+    if (i == 0) law.start(state);
+    const double way = std::min(0.01, 2e-5 * i);
+    state.force_applied = law.force({state, {Vec3(way, 0, 0), Vec3(way < 0.01 ? 0.02 : 0, 0, 0), kNone, 0}, tuning});
+    if (i < 3000) continue;
+    low = std::min(low, device.true_position().x());
+    high = std::max(high, device.true_position().x());
+  }
+  EXPECT_LT(high - low, model.position_resolution) << "a limit cycle";
+  EXPECT_NEAR(0.5 * (high + low), 0.01, 3 * model.position_resolution);
+}
+
+TEST(ObserverPd, DoesNotDriveAnAxisWithoutMassWhateverItsGains) {
+  PlantModel model = plant_of(5e-5);
+  model.mass.z() = 0;
+  const TrackingDesign design = design_tracking(model, {.max_force = 8});
+  ObserverPd law({.design = design, .position_resolution = 5e-5});
+  const Tuning tuning{.gains = {Vec3::Constant(2000), Vec3::Constant(20)}};
+  State state;
+  law.start(state);
+  Vec3 force = kNone;
+  for (int i = 0; i < 1000; ++i) {
+    state.dt = kPeriod;
+    state.force_applied = force;
+    state.position = Vec3(4e-5, 0, 1e-2 * std::sin(0.1 * i));
+    // What a playback has for a reference where there is no motor.
+    const Reference reference{Vec3(0, 0, state.position.z()), Vec3(0, 0, std::cos(0.1 * i)), kNone, 0};
+    force = law.force({state, reference, tuning});
+    ASSERT_EQ(force.z(), 0);
+  }
+  EXPECT_LT(std::abs(force.x()), 0.2) << "at rest, though a hand moves where there is no motor: nothing integrates";
+}
+
+TEST(ObserverPd, IsItsSharesOfWhatItWouldBe) {
+  Loop all, none;
+  none.tuning.observer = 0;
+  const Vec3 load(1, 0, 0);
+  all.run(3, resting_at(kNone), load);
+  none.run(3, resting_at(kNone), load);
+  EXPECT_LT(all.plant.x.norm(), 1e-8);
+  EXPECT_GT(none.plant.x.x(), 0.5 / none.design.gains.kp.x()) << "a PD law gives way to a load";
+}
+
+TEST(ObserverPd, ForgetsEverythingWhenItStarts) {
+  Loop used, fresh;
+  used.run(1, resting_at(Vec3(0.01, 0, 0)), Vec3(2, 1, 0));
+  State state;
+  state.position = Vec3(0.1, 0, 0);
+  used.law.start(state);
+  fresh.law.start(state);
+  for (int i = 0; i < 100; ++i) {
+    state.dt = i == 0 ? 0 : kPeriod;
+    state.position.x() += 1e-5 * (i % 3);
+    const Reference reference = resting_at(Vec3(0.1, 0, 0));
+    const Vec3 force = used.law.force({state, reference, used.tuning});
+    ASSERT_EQ(force, fresh.law.force({state, reference, fresh.tuning}));
+    state.force_applied = force;
+  }
+}
+
+TEST(ObserverPd, AllocatesNothing) {
+  Loop loop(plant_of(5e-5));
+  State state;
+  const Reference reference = resting_at(Vec3(1e-5, 0, 0));
+  const std::size_t before = test::allocations();
+  loop.law.start(state);
+  for (int i = 0; i < 200; ++i) {
+    state.dt = kPeriod;
+    state.force_applied = loop.law.force({state, reference, loop.tuning});
+  }
+  EXPECT_EQ(test::allocations(), before);
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -241,7 +241,7 @@ TEST(LiveTuning, ChangesAPlaybackThatRunsAndIsKeptInItsRecording) {
   recording.options.annotations = std::make_shared<Annotations>();
   options.session.recording = recording;
   const PlayPlan plan = plan_playback(device.info(), make_shape("circle", {.duration = 4}), options);
-  LiveTuning tuning({.gains = plan.gains}, {.annotations = recording.options.annotations});
+  LiveTuning tuning(plan.tuning, {.annotations = recording.options.annotations});
   options.tuning = &tuning;
 
   /// A device at which somebody turns the gains up, at an instant that does not depend on the machine.
