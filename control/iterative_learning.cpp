@@ -16,15 +16,15 @@ constexpr int kFewest = 3;           // repetitions before learning may stop: th
 constexpr double kUnsteady = 0.05;   // share of ticks at which the path's time may have stood or crept
 constexpr double kSteadyStep = 0.5;  // of a tick's usual step of the path's time, below which it crept
 
-/// Forwards and backwards, mirrored at its ends so that it neither starts nor stops there.
+/// Forwards and backwards, mirrored through its ends so that it neither starts nor stops there.
 void zero_phase_low_pass(std::vector<Vec3>& rows, double cutoff_hz, double rate_hz) {
   const std::size_t n = rows.size();
   const std::size_t pad = std::min(n - 1, static_cast<std::size_t>(6 * rate_hz / cutoff_hz));
   std::vector<Vec3> padded;
   padded.reserve(n + 2 * pad);
-  for (std::size_t i = pad; i > 0; --i) padded.push_back(rows[i]);
+  for (std::size_t i = pad; i > 0; --i) padded.push_back(2 * rows.front() - rows[i]);
   padded.insert(padded.end(), rows.begin(), rows.end());
-  for (std::size_t i = 1; i <= pad; ++i) padded.push_back(rows[n - 1 - i]);
+  for (std::size_t i = 1; i <= pad; ++i) padded.push_back(2 * rows.back() - rows[n - 1 - i]);
   for (int pass = 0; pass < 2; ++pass) {
     for (int axis = 0; axis < 3; ++axis) {
       Butterworth2 filter(Butterworth2::Kind::low_pass, cutoff_hz, rate_hz);
@@ -68,12 +68,12 @@ Vec3 ForceTable::at(double time) const noexcept {
 
 void RepetitionLog::reserve(std::size_t rows) {
   time.reserve(rows);
-  for (auto* column : {&position, &reference, &known, &sent}) column->reserve(rows);
+  for (auto* column : {&position, &reference, &acceleration, &known, &sent}) column->reserve(rows);
 }
 
 void RepetitionLog::clear() noexcept {
   time.clear();
-  for (auto* column : {&position, &reference, &known, &sent}) column->clear();
+  for (auto* column : {&position, &reference, &acceleration, &known, &sent}) column->clear();
 }
 
 IterativeLearning::IterativeLearning(const Options& options, ForceTable known, int repetitions)
@@ -92,25 +92,27 @@ IterativeLearning::IterativeLearning(const Options& options, ForceTable known, i
 std::vector<Vec3> IterativeLearning::met_load(const RepetitionLog& log) const {
   const double tick = options_.speed / options_.rate_hz;  // of the path's time
   const auto rows = static_cast<std::size_t>(std::floor(options_.duration / tick)) + 1;
-  const std::vector<Vec3> position = resampled(log.time, log.position, tick, rows);
-  const std::vector<Vec3> sent = resampled(log.time, log.sent, tick, rows);
-  const std::vector<Vec3> known = resampled(log.time, log.known, tick, rows);
-
+  std::vector<Vec3> error = resampled(log.time, log.position, tick, rows);
+  const std::vector<Vec3> reference = resampled(log.time, log.reference, tick, rows);
+  for (std::size_t k = 0; k < rows; ++k) error[k] -= reference[k];
+  zero_phase_low_pass(error, options_.cutoff_hz, options_.rate_hz);
   const double rate2 = options_.rate_hz * options_.rate_hz;
-  std::vector<Vec3> inertial(rows, Vec3::Zero());
-  for (std::size_t k = 1; k + 1 < rows; ++k)
-    inertial[k] = rate2 * options_.mass.cwiseProduct(position[k + 1] - 2 * position[k] + position[k - 1]);
-  if (rows > 2) inertial.front() = inertial[1];
+  std::vector<Vec3> lacking(rows, Vec3::Zero());  // of the acceleration
+  for (std::size_t k = 1; k + 1 < rows; ++k) lacking[k] = rate2 * (error[k + 1] - 2 * error[k] + error[k - 1]);
 
   // A force that is sent at a tick acts from `delay` later on, for a period: its middle is half a period later still.
   // What is sent at the very end acts beyond it, and is not learned from.
   const double lag = options_.delay * options_.rate_hz + 0.5;
-  const double whole = std::floor(static_cast<double>(rows) - 1 - lag);
-  std::vector<Vec3> met(static_cast<std::size_t>(std::max(whole, 1.0)));
+  const std::vector<Vec3> sent = resampled(log.time, log.sent, tick, rows);
+  const std::vector<Vec3> known = resampled(log.time, log.known, tick, rows);
+  const std::vector<Vec3> acceleration = resampled(log.time, log.acceleration, tick, rows);
+  std::vector<Vec3> met(static_cast<std::size_t>(std::max(std::floor(static_cast<double>(rows) - 1 - lag), 2.0)));
   for (std::size_t k = 0; k < met.size(); ++k)
-    met[k] = sent[k] - known[k] - interpolated(inertial, static_cast<double>(k) + lag);
-  // After the difference: a path that accelerates at its ends has no load there.
+    met[k] = sent[k] - known[k] -
+             options_.mass.cwiseProduct(interpolated(acceleration, static_cast<double>(k) + lag));
   zero_phase_low_pass(met, options_.cutoff_hz, options_.rate_hz);
+  for (std::size_t k = 0; k < met.size(); ++k)
+    met[k] -= options_.mass.cwiseProduct(interpolated(lacking, static_cast<double>(k) + lag));
 
   std::vector<Vec3> load(table_.force.size());
   for (std::size_t i = 0; i < load.size(); ++i) load[i] = interpolated(met, static_cast<double>(i) * table_.step / tick);
@@ -187,6 +189,7 @@ void LearnedForce::write_down(const TermInput& input) noexcept {
   log_.time.push_back(time);
   log_.position.push_back(input.state.position);
   log_.reference.push_back(input.reference.position);
+  log_.acceleration.push_back(input.reference.acceleration);
   log_.known.push_back(input.before);
   if (time >= duration_) writing_ = Writing::last_row;
 }

@@ -25,6 +25,7 @@ struct RepetitionLog {
   std::vector<double> time;     ///< of the path [s], not falling
   std::vector<Vec3> position;   ///< measured [m]
   std::vector<Vec3> reference;  ///< [m]
+  std::vector<Vec3> acceleration;  ///< of the reference [m/s^2]
   std::vector<Vec3> known;      ///< what other terms cancel of the load [N]
   std::vector<Vec3> sent;       ///< by this tick, after all limits [N]
 
@@ -38,10 +39,11 @@ struct RepetitionLog {
 ///
 /// After each repetition, the load that was met is what of the sent force the mass did not take,
 ///
-///     met(t) = Q[u(t) - known(t) - M x''(t + delay + T / 2)]
+///     met(t) = Q[u(t) - known(t) - M x_d''(s)] + M Q[e]''(s),   s = t + delay + T / 2,   e = x_d - x
 ///
-/// with known what other terms cancel, Q a zero-phase low pass (Butterworth, forwards and backwards), and the table
-/// becomes (1 - lambda) table + lambda met. Since u = M x_d'' + known + table + feedback, this is table + lambda Q[L e] with L e = M e'' + feedback: the
+/// with known what other terms cancel, Q a zero-phase low pass (Butterworth, forwards and backwards; of what is small
+/// at a path's ends, so that it may be cut out of a movement), and the table becomes (1 - lambda) table + lambda met.
+/// Since u = M x_d'' + known + table + feedback, this is table + lambda Q[L e] with L e = M e'' + feedback: the
 /// learning law of Bristow, Tharayil and Alleyne (2006) with the loop's own inverse as L; it converges wherever the
 /// load is softer than the loop. lambda is 1, then 4/5, 4/9, 4/13, ...: the mean of the repetitions, the first of
 /// which, driven along another way, counts for a quarter. In the mean, what does not repeat cancels; it is left to the
