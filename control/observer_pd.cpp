@@ -8,7 +8,11 @@ namespace haptrace {
 namespace {
 
 constexpr double kRestSpeed = 1e-4;   // of a reference that rests [m/s]
-constexpr double kTransition = 0.05;  // over which rest begins and ends, a time constant [s]
+constexpr double kPatienceGrowth = 1.1, kMostPatience = 2;
+constexpr double kStandstill = 0.2;  // of the reference, from which the load is followed at leisure [s]
+constexpr double kLeisure = 0.1;     // of the bandwidth
+constexpr double kTransition = 0.05;  // over which rest begins, a time constant [s]
+constexpr double kAwakening = 0.01;   // and over which it ends
 
 double blend(double dt, double time_constant) {
   return -std::expm1(-dt / time_constant);
@@ -23,24 +27,38 @@ ObserverPd::ObserverPd(const Options& options)
                  .rate_hz = options.rate_hz}),
       driven_((options.design.mass.array() > 0).cast<double>()),
       authority_(options.design.authority),
-      rest_radius_(kRestCounts * options.position_resolution) {}
+      quantum_(options.position_resolution) {}
 
 void ObserverPd::start(const State& first) noexcept {
   observer_.start(first.position);
-  known_ = load_ = kept_ = Vec3::Zero();
+  known_ = load_ = kept_ = spring_ = Vec3::Zero();
   rested_ = 0;
+  stood_ = 0;
+  patience_ = 1;
   resting_ = false;
   gain_share_ = 1;
 }
 
 bool ObserverPd::rests(const State& state, const Reference& reference) noexcept {
-  const double distance = (reference.position - state.position).stableNorm();
+  const double distance = driven_.cwiseProduct(reference.position - state.position).stableNorm();
   const bool still = driven_.cwiseProduct(reference.velocity).stableNorm() < kRestSpeed;
-  if (still && distance <= rest_radius_)
-    rested_ += state.dt;
-  else if (!still || distance > 2 * rest_radius_)
+  const double radius = patience_ * kRestCounts * quantum_;
+  stood_ = still ? stood_ + state.dt : 0;
+  if (!still) patience_ = 1;
+  if (!still || distance > 2 * radius) {
     rested_ = 0;
-  return rested_ >= kRestTime;
+    anchor_ = state.position;
+    return false;
+  }
+  if (resting_) return true;
+  // It must not only be near, but stay where it is: kept forces would carry on what moves.
+  if ((state.position - anchor_).stableNorm() > patience_ * kStillCounts * quantum_) {
+    if (rested_ > 0) patience_ = std::min(patience_ * kPatienceGrowth, kMostPatience);
+    rested_ = 0;
+    anchor_ = state.position;
+  }
+  rested_ += state.dt;
+  return rested_ >= kRestTime && distance <= radius;
 }
 
 Vec3 ObserverPd::force(const TermInput& input) noexcept {
@@ -49,27 +67,38 @@ Vec3 ObserverPd::force(const TermInput& input) noexcept {
   known_ = before;
   const StateObserver::Estimate estimate = observer_.ahead();
 
-  load_ += blend(state.dt, 1 / (2 * std::numbers::pi * tuning.observer_hz)) * (estimate.load - load_);
-  Vec3 load = load_;
-  const bool was_resting = resting_;
-  resting_ = rests(state, reference);
-  if (resting_) {
-    if (!was_resting) kept_ += load_;
-    load = kept_;
-  } else {
-    if (was_resting) kept_ -= load_;
-    kept_ *= std::exp(-state.dt / kTransition);
-    load += kept_;
-  }
-  gain_share_ += blend(state.dt, kTransition) * ((resting_ ? kRestGains : 1) - gain_share_);
-  if (const double magnitude = load.stableNorm(); magnitude > authority_) load *= authority_ / magnitude;
-
   const double lead = observer_.lead();
   const Vec3 position = reference.position + lead * reference.velocity + 0.5 * lead * lead * reference.acceleration;
   const Vec3 velocity = reference.velocity + lead * reference.acceleration;
-  const Vec3 feedback = tuning.gains.kp.cwiseProduct(position - estimate.position) +
-                        tuning.gains.kd.cwiseProduct(velocity - estimate.velocity);
-  return gain_share_ * driven_.cwiseProduct(feedback) + tuning.observer * load;
+  const Vec3 spring = tuning.gains.kp.cwiseProduct(position - estimate.position);
+  const Vec3 damping = tuning.gains.kd.cwiseProduct(velocity - estimate.velocity);
+
+  const bool was_resting = resting_;
+  resting_ = rests(state, reference);
+  const bool stands = stood_ > kStandstill;
+  const double bandwidth = (stands ? kLeisure : 1.0) * tuning.observer_hz;  // [Hz]
+  load_ += blend(state.dt, 1 / (2 * std::numbers::pi * bandwidth)) * (estimate.load - load_);
+  Vec3 load = load_;
+  if (resting_) {
+    if (!was_resting) {
+      kept_ += load_;
+      spring_ = spring;
+      rest_share_ = gain_share_;
+    }
+    load = kept_;
+  } else {
+    if (was_resting) kept_ -= load_;
+    const double fade = std::exp(-state.dt / kAwakening);
+    kept_ *= fade;
+    spring_ *= fade;
+    load += kept_;
+  }
+  gain_share_ += blend(state.dt, stands ? kTransition : kAwakening) * ((resting_ ? kRestGains : stands ? kStandingGains : 1) - gain_share_);
+  if (const double magnitude = load.stableNorm(); magnitude > authority_) load *= authority_ / magnitude;
+
+  // What the spring loses as its gain is lowered is kept too, so that the device stays where it rests.
+  const Vec3 feedback = gain_share_ * (spring + damping) + (rest_share_ - gain_share_) * spring_;
+  return driven_.cwiseProduct(feedback) + tuning.observer * load;
 }
 
 }  // namespace haptrace

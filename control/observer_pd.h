@@ -15,8 +15,10 @@ namespace haptrace {
 /// so that nothing winds up while the device saturates or a person holds it fast.
 ///
 /// At rest: an observer integrates, and integration, stiction and a position quantum make a limit cycle of about a
-/// count. So once the reference rests and the device is within kRestCounts of it for kRestTime, the load is kept as it
-/// is and the gains are halved; farther than twice that, or when the reference moves, all is as before.
+/// count. So once the reference rests and the device stays within kStillCounts of where it is, and that within
+/// kRestCounts of the reference, for kRestTime, load and spring force are kept as they are and the gains are lowered to
+/// kRestGains; farther than twice that, or when the reference moves, all is as before. Every time that it slips instead
+/// of staying, both bounds grow by a tenth, up to five times, until the reference moves: whatever hunts comes to rest.
 ///
 /// An axis without mass is not driven, whatever its gains.
 class ObserverPd final : public ForceTerm {
@@ -28,8 +30,10 @@ class ObserverPd final : public ForceTerm {
   };
 
   static constexpr double kRestCounts = 2;
-  static constexpr double kRestTime = 0.03;  ///< [s]
-  static constexpr double kRestGains = 0.5;  ///< of the gains
+  static constexpr double kStillCounts = 1.5;
+  static constexpr double kRestTime = 0.06;  ///< [s]
+  static constexpr double kStandingGains = 0.6;  ///< of the gains
+  static constexpr double kRestGains = 0.4;  ///< of the gains
 
   explicit ObserverPd(const Options& options);
 
@@ -43,10 +47,15 @@ class ObserverPd final : public ForceTerm {
   StateObserver observer_;
   Vec3 driven_;         ///< 1 where there is mass, else 0
   double authority_;    ///< [N]
-  double rest_radius_;  ///< [m]
+  double quantum_;              ///< [m]
+  Vec3 anchor_ = Vec3::Zero();  ///< where it stays [m]
+  double rest_share_ = 1;  ///< of the gains, when rest began
+  double patience_ = 1;
+  double stood_ = 0;  ///< the reference, for how long [s]
   Vec3 known_ = Vec3::Zero();     ///< what the terms before answered at the last tick [N]
   Vec3 load_ = Vec3::Zero();      ///< low-passed [N]
   Vec3 kept_ = Vec3::Zero();      ///< at rest: the load that is kept; after it: what fades of the difference [N]
+  Vec3 spring_ = Vec3::Zero();    ///< Kp (x_d - x) when rest began [N]
   double rested_ = 0;             ///< for how long [s]
   bool resting_ = false;
   double gain_share_ = 1;
