@@ -49,7 +49,8 @@ std::vector<std::string> composed(const PlayOptions& options) {
 }
 
 TEST(PlayPlan, ComposesEverythingForAnIdentifiedDeviceAndSaysSo) {
-  EXPECT_THAT(composed(everything()), ElementsAre("inertia", "gravity", "friction", "observer", "learning"));
+  EXPECT_THAT(composed(everything()), ElementsAre("inertia", "observer", "learning"))
+      << "what is learned begins with what the model knows of gravity and friction";
   PlayOptions options = everything();
   options.learn = 0;
   EXPECT_THAT(composed(options), ElementsAre("inertia", "gravity", "friction", "observer")) << "there is nothing learned";
@@ -69,6 +70,8 @@ TEST(PlayPlan, TakesGainsAndBandwidthOfTheDesignUnlessGainsAreGiven) {
   const TrackingDesign& design = options.identified->design;
   EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kp, design.gains.kp);
   EXPECT_EQ(plan_playback(info(), circle(), options).tuning.observer_hz, design.load_hz);
+  options.compensations.observer = false;
+  EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kp, design.plain.kp);
   options.gains = PdGains{Vec3(1, 2, 3), Vec3(4, 5, 6)};
   EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kd, Vec3(4, 5, 6));
   options.gains->kp.x() = -1;
