@@ -67,8 +67,8 @@ TEST(Feedforward, DoesNotNeedMoreOfAReferenceThanIsFinite) {
   FrictionFeedforward friction(plant());
   const Reference reference{Vec3::Constant(1e3), Vec3::Constant(1e9), Vec3::Constant(-1e12), kNaN};
   const std::size_t before = test::allocations();
-  for (ForceTerm* term : {static_cast<ForceTerm*>(&inertia), static_cast<ForceTerm*>(&gravity),
-                          static_cast<ForceTerm*>(&friction)})
+  for (ForceTerm* term :
+       {static_cast<ForceTerm*>(&inertia), static_cast<ForceTerm*>(&gravity), static_cast<ForceTerm*>(&friction)})
     EXPECT_TRUE(is_finite(answer(*term, reference)));
   EXPECT_EQ(test::allocations(), before);
 }

@@ -294,7 +294,8 @@ TEST(IterativeLearning, GoesOnFromWhatWasKnown) {
   Session first;
   for (int i = 0; i < 4; ++i) first.learn(sine_load);
   Session second;
-  second.learning = IterativeLearning({.mass = plant_of().mass, .delay = 2e-3, .duration = kDuration}, first.learning.table(), 1);
+  second.learning =
+      IterativeLearning({.mass = plant_of().mass, .delay = 2e-3, .duration = kDuration}, first.learning.table(), 1);
   EXPECT_EQ(second.learning.table().force, first.learning.table().force);
   second.learn(sine_load);
   EXPECT_LT(second.learning.rms_error(), 1.5 * first.learning.rms_error());

@@ -96,7 +96,8 @@ TEST_P(StateObserverAt, ForeseesTheTrueStateWhenAForceSentNowActs) {
     for (int k = 0; k < lead; ++k) later.advance(kNone, load);
     const double early = std::max(0.0, lead - GetParam()) * kPeriod;  // a part of a tick whose force was not sent yet
     EXPECT_LT((ahead.position - later.x).norm(), 1e-8 + 50 * position_bound() + early * early * 8.7 / kMass.minCoeff());
-    EXPECT_LT((ahead.velocity - later.v).norm(), 1e-7 + 1e3 * position_bound() / kPeriod * 0.05 + early * 8.7 / kMass.minCoeff());
+    EXPECT_LT((ahead.velocity - later.v).norm(),
+              1e-7 + 1e3 * position_bound() / kPeriod * 0.05 + early * 8.7 / kMass.minCoeff());
   }
 }
 

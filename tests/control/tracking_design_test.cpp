@@ -97,7 +97,8 @@ TEST(TrackingDesign, IsValidAndCalmsALighterAndLaterDeviceAtEveryExtreme) {
     // A push, and time to calm down in units of the law's own.
     Loop loop(real_device(plant, extreme.rate_hz), plant, design, extreme.rate_hz);
     const double w = std::sqrt(design.gains.kp.x() / plant.mass.x());
-    const auto ticks = static_cast<int>(std::ceil(40 / w * extreme.rate_hz)) + 4 * static_cast<int>(extreme.delay_ticks);
+    const auto ticks =
+        static_cast<int>(std::ceil(40 / w * extreme.rate_hz)) + 4 * static_cast<int>(extreme.delay_ticks);
     const double slow = std::max(1.0, 0.15 * extreme.rate_hz / ticks);  // the load's filter takes its time too
     const Vec3 push = 5e-3 * design.gains.kp;
     const Reference rest{Vec3::Zero(), Vec3::Zero(), Vec3::Zero(), 0};
@@ -148,7 +149,8 @@ double measured_ripple(const PlantModel& plant, const TrackingDesign& design, do
   int count = 0;
   for (int i = 0; i < static_cast<int>(4 * rate_hz); ++i) {
     const double a = w * i / rate_hz;
-    const Vec3 c(std::sin(a), 1 - std::cos(a), 0.7 * std::sin(1.7 * a)), s(std::cos(a), std::sin(a), 0.7 * 1.7 * std::cos(1.7 * a));
+    const Vec3 c(std::sin(a), 1 - std::cos(a), 0.7 * std::sin(1.7 * a)),
+        s(std::cos(a), std::sin(a), 0.7 * 1.7 * std::cos(1.7 * a));
     loop.tick({radius * c, radius * w * s, Vec3::Zero(), 0});
     double square = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -22,13 +22,15 @@ inline IdentifiedDevice identified(const PlantModel& plant, double max_force = 8
   return {plant, design_tracking(plant, {.max_force = max_force})};
 }
 
-/// What it is in truth: a tenth lighter, with a third more friction and gravity.
+/// What it is in truth: a tenth lighter, with a third more friction and gravity, and motors that cog.
 inline SimSpec true_device() {
   PlantModel plant = known_plant();
   plant.mass *= 0.9;
   plant.coulomb *= 1.3;
   plant.gravity *= 1.3;
   SimSpec spec = sim_spec_of(plant, 8);
+  spec.cogging = Vec3::Constant(0.6);
+  spec.cogging_period = 0.008;
   spec.workspace = {Vec3::Constant(-0.2), Vec3::Constant(0.2)};
   return spec;
 }

@@ -13,7 +13,9 @@ namespace haptrace::test {
 class DelayedMass {
  public:
   DelayedMass(const Vec3& mass, double delay_ticks, double rate_hz = 1000)
-      : mass_(mass), period_(1 / rate_hz), sent_(static_cast<std::size_t>(std::lround(delay_ticks * kSteps)), Vec3(0, 0, 0)) {}
+      : mass_(mass),
+        period_(1 / rate_hz),
+        sent_(static_cast<std::size_t>(std::lround(delay_ticks * kSteps)), Vec3(0, 0, 0)) {}
 
   /// A tick under the force that is sent at its begin; `load(x, v)` [N].
   template <class Load>
