@@ -191,13 +191,6 @@ TEST(TrackingDesign, KeepsTheRippleItIsAllowed) {
   EXPECT_GT(stiffer, 0);
 }
 
-TEST(TrackingDesign, ChecksTheWholeDelayAlsoWhereTheObserverKnowsOfLess) {
-  const PlantModel plant = plant_of(0.4, 3e-3);  // 60 ticks
-  const TrackingDesign design = design_tracking(plant, {.rate_hz = 20000, .max_force = 8});
-  const TrackingDesign slow = design_tracking(plant, {.rate_hz = 5000, .max_force = 8});
-  EXPECT_LT(design.gains.kp.x(), 2 * slow.gains.kp.x());
-}
-
 TEST(TrackingDesign, NeedsAMass) {
   EXPECT_THAT(test::error_of([] { (void)design_tracking(PlantModel{}, {}); }), testing::HasSubstr("no mass"));
 }
