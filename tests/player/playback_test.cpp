@@ -72,7 +72,8 @@ TEST(PlayPlan, TakesGainsAndBandwidthOfTheDesignUnlessGainsAreGiven) {
   EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kp, design.gains.kp);
   EXPECT_EQ(plan_playback(info(), circle(), options).tuning.observer_hz, design.load_hz);
   options.compensations.observer = false;
-  EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kp, design.plain.kp);
+  options.identified->design.plain = {Vec3::Constant(300), Vec3::Constant(3)};
+  EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kp, Vec3::Constant(300));
   options.gains = PdGains{Vec3(1, 2, 3), Vec3(4, 5, 6)};
   EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kd, Vec3(4, 5, 6));
   options.gains->kp.x() = -1;
