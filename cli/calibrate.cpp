@@ -1,6 +1,5 @@
-#include "cli/verb.h"
+#include "cli/profile.h"
 #include "control/error.h"
-#include "formats/device_profile.h"
 #include "player/calibration.h"
 
 #include <chrono>
@@ -19,14 +18,6 @@ struct Arguments {
   bool quick = false, full = false, yes = false;
   double force_share = 0.7;
 };
-
-DeviceIdentity identity_of(const DeviceInfo& info) {
-  return {info.backend, info.model, info.serial};
-}
-
-DeviceFacts facts_of(const DeviceInfo& info) {
-  return {info.max_force, info.position_resolution, {info.workspace_min, info.workspace_max}};
-}
 
 std::string axes_of(const CalibrationPlan& plan) {
   std::string names;

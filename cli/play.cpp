@@ -1,7 +1,7 @@
+#include "cli/profile.h"
 #include "cli/read_progress.h"
 #include "cli/tuning.h"
 #include "control/error.h"
-#include "formats/device_profile.h"
 #include "formats/json_reader.h"
 #include "formats/learned_force.h"
 #include "formats/path_file.h"
@@ -41,32 +41,13 @@ std::optional<PdGains> gains_from(const Arguments& arguments) {
   return PdGains{Vec3::Constant(*arguments.kp), Vec3::Constant(*arguments.kd)};
 }
 
-DeviceIdentity identity_of(const DeviceInfo& info) {
-  return {info.backend, info.model, info.serial};
-}
-
-/// What calibration found out about the device, from --profile or the profile folder. A profile of the folder that does
-/// not hold here is told and left alone; one that was asked for is an error.
 std::optional<IdentifiedDevice> identified(const Arguments& arguments, const DeviceInfo& info, const Output& output) {
-  if (arguments.no_profile) {
-    if (!arguments.profile.empty()) throw input_error("--profile and --no-profile exclude each other");
-    return std::nullopt;
-  }
-  const bool asked = !arguments.profile.empty();
-  const std::string file = asked ? arguments.profile : profile_file(identity_of(info));
-  std::optional<DeviceProfile> profile;
-  if (asked)
-    profile = load_profile(file);
-  else
-    profile = find_profile(identity_of(info));
+  if (arguments.no_profile && !arguments.profile.empty())
+    throw input_error("--profile and --no-profile exclude each other");
+  if (arguments.no_profile) return std::nullopt;
+  const auto profile = profile_for(info, arguments.profile, arguments.session.rate_hz, output);
   if (!profile) return std::nullopt;
-  const std::string reason = check_profile(
-      *profile, identity_of(info),
-      {info.max_force, info.position_resolution, {info.workspace_min, info.workspace_max}}, arguments.session.rate_hz);
-  if (reason.empty()) return IdentifiedDevice{profile->plant, profile->design};
-  if (asked) throw input_error(fmt::format("{}: {}", file, reason));
-  output.remark(fmt::format("{} is not used: {}", file, reason));
-  return std::nullopt;
+  return IdentifiedDevice{profile->plant, profile->design};
 }
 
 Compensations compensations_from(const std::vector<std::string>& without) {

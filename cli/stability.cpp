@@ -1,16 +1,23 @@
+#include "cli/profile.h"
 #include "cli/read_progress.h"
 #include "control/error.h"
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
 #include "player/ensemble_report.h"
+#include "player/stability_map.h"
 
 #include <filesystem>
 #include <fmt/format.h>
+#include <numbers>
+#include <optional>
 
 namespace haptrace::cli {
 namespace {
 
 struct Arguments {
+  std::string device, profile, velocity = "lowpass:100";
+  double rate_hz = 1000;
+  std::optional<double> kp, kd;
   std::size_t ensemble = 0, jobs = 0;
   std::uint64_t seed = 1, first = 0;
   int learn = 5;
@@ -51,6 +58,47 @@ std::string time_left(double seconds) {
   return seconds < 100 ? fmt::format(", {:.0f} s left", seconds) : fmt::format(", {:.0f} min left", seconds / 60);
 }
 
+std::string text_of(const StabilityMap& map, const std::string& device) {
+  const auto verdict = [](bool yes) { return yes ? "yes" : "no"; };
+  std::string text = fmt::format(
+      "{}: a PD law of {:.0f} N/m and {:.1f} N s/m along {}, where it has least margin\n"
+      "  passive {}, stable by analysis {}, in simulation {}, with friction and quantum {}\n",
+      device, map.present.kp, map.present.kd, "xyz"[map.axis], verdict(map.at_present.passive),
+      verdict(map.at_present.stable), verdict(map.at_present.simulated), verdict(map.at_present.simulated_fully));
+  text += fmt::format("  margins: gain {:.1f} times, phase {:.0f} degrees, delay {:.2f} ms, modulus {:.2f}\n",
+                      map.margins.gain_up, map.margins.phase * 180 / std::numbers::pi, 1e3 * map.margins.delay,
+                      map.margins.modulus);
+  if (map.suggested.kp > 0)
+    text += fmt::format("  stiffest with modulus {:.1f} and gain {:.0f}: {:.0f} N/m and {:.1f} N s/m\n",
+                        map.floor.modulus, map.floor.gain, map.suggested.kp, map.suggested.kd);
+  return text;
+}
+
+/// The map of what calibration found out about the device; nothing moves.
+void map_gains(const Arguments& arguments, const Output& output, const StopRequest& stop, Findings& findings) {
+  const auto device = open_device(arguments.device);
+  const DeviceInfo& info = device->info();
+  const auto profile = profile_for(info, arguments.profile, arguments.rate_hz, output);
+  if (!profile)
+    throw input_error(fmt::format("nobody knows yet what {} bears; calibrate it: haptrace calibrate --device {}",
+                                  info.model, info.name));
+  PdGains gains = profile->design.plain;
+  if (arguments.kp) gains.kp = Vec3::Constant(*arguments.kp);
+  if (arguments.kd) gains.kd = Vec3::Constant(*arguments.kd);
+  const std::optional<StabilityMap> map = [&] {
+    ReadProgress progress(output, "");
+    return stability_map(profile->plant, gains,
+                         {.rate_hz = arguments.rate_hz, .velocity = arguments.velocity, .threads = arguments.jobs}, stop,
+                         progress.share_callback());
+  }();
+  findings.complete = map.has_value();
+  if (!map) return;
+  findings.json["device"] = info.name;
+  findings.json["map"] = to_json(*map);
+  findings.text += text_of(*map, info.name);
+  findings.draw(figure_of(*map));
+}
+
 void try_ensemble(const Arguments& arguments, const Output& output, const StopRequest& stop, Findings& findings) {
   EnsembleOptions options{.seed = arguments.seed,
                           .first = arguments.first,
@@ -77,14 +125,28 @@ void try_ensemble(const Arguments& arguments, const Output& output, const StopRe
 
 Verb add_stability(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("stability", "how exact and how stable: on many random devices and hands");
+  CLI::App* verb = app.add_subcommand("stability", "which gains a device bears, and how exact and stable playback is on many random devices");
   verb->footer(
+      "With --device: a map of the gains of a PD law, for the device as it was calibrated: where it is passive, stable\n"
+      "by analysis with delay and zero-order hold, and stable in simulation. Nothing moves.\n"
       "The ensemble: each random device, with the hand that holds it, is calibrated blind; then circle, square, "
       "script\n"
       "and further paths are played with plain PD, stiff and cautious, and by the calibrated player; then it is held,\n"
       "and driven with gains beyond what it bears. Everything in virtual time, reproducible from the seed.\n"
+      "  haptrace stability --device falcon --figure map.png\n"
       "  haptrace stability --ensemble 200 -o stability.json --figure stability.png\n"
       "  haptrace stability --ensemble 1 --first 137            the draw that stood out");
+  verb->add_option("--device", arguments->device, "whose gains to map, NAME[:key=value,...]")->type_name("D");
+  verb->add_option("--profile", arguments->profile, "what calibration found out; without it, the device's own")
+      ->type_name("FILE.json")
+      ->group("Map");
+  verb->add_option("--rate", arguments->rate_hz, "servo rate [Hz]")->capture_default_str()->group("Map");
+  verb->add_option("--velocity", arguments->velocity, "velocity estimator of the PD law")
+      ->capture_default_str()
+      ->group("Map");
+  verb->add_option("--kp", arguments->kp, "proportional gain to judge [N/m]; without it, the profile's for a PD law")
+      ->group("Map");
+  verb->add_option("--kd", arguments->kd, "derivative gain to judge [N s/m]")->group("Map");
   verb->add_option("--ensemble", arguments->ensemble, "random devices and hands to try")
       ->type_name("N")
       ->capture_default_str();
@@ -100,11 +162,14 @@ Verb add_stability(CLI::App& app) {
   verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
 
   return {verb, [verb, arguments](const Output& output) {
-            require(*verb, "--ensemble");
+            if (arguments->device.empty() && arguments->ensemble == 0)
+              throw input_error("nothing to do: give --device for a map of its gains, --ensemble N, or both");
             check_names(*arguments);
             const Signals signals;
             Findings findings;
-            try_ensemble(*arguments, output, signals.stop(), findings);
+            if (!arguments->device.empty()) map_gains(*arguments, output, signals.stop(), findings);
+            if (arguments->ensemble > 0 && findings.complete)
+              try_ensemble(*arguments, output, signals.stop(), findings);
 
             if (!findings.complete) output.remark("interrupted; what was finished is told");
             if (!arguments->output.empty()) save_json(findings.json, arguments->output, arguments->overwrite);

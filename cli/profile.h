@@ -1,0 +1,21 @@
+// The profile of a device, for the verbs that use one.
+#pragma once
+
+#include "cli/verb.h"
+#include "formats/device_profile.h"
+
+#include <optional>
+#include <string>
+
+namespace haptrace::cli {
+
+DeviceIdentity identity_of(const DeviceInfo& info);
+DeviceFacts facts_of(const DeviceInfo& info);
+
+/// What calibration found out about the device: from `file` if that is not empty, else from the profile folder, where
+/// there may be none. A profile that does not hold here is an error when it was asked for, and told and left alone when
+/// it was found.
+std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::string& file, double rate_hz,
+                                         const Output& output);
+
+}  // namespace haptrace::cli
