@@ -53,8 +53,10 @@ std::optional<IdentifiedDevice> identified(const Arguments& arguments, const Dev
 Compensations compensations_from(const std::vector<std::string>& without) {
   Compensations with{true, true, true, true, true};
   static const std::vector<std::pair<std::string, bool Compensations::*>> kNames{
-      {"inertia", &Compensations::inertia},   {"gravity", &Compensations::gravity},
-      {"friction", &Compensations::friction}, {"observer", &Compensations::observer},
+      {"inertia", &Compensations::inertia},
+      {"gravity", &Compensations::gravity},
+      {"friction", &Compensations::friction},
+      {"observer", &Compensations::observer},
       {"learning", &Compensations::learning}};
   std::vector<std::string> known{"all"};
   for (const auto& [name, member] : kNames) known.push_back(name);
@@ -63,7 +65,8 @@ Compensations compensations_from(const std::vector<std::string>& without) {
       with = {};
       continue;
     }
-    const auto found = std::find_if(kNames.begin(), kNames.end(), [&](const auto& entry) { return entry.first == name; });
+    const auto found =
+        std::find_if(kNames.begin(), kNames.end(), [&](const auto& entry) { return entry.first == name; });
     if (found == kNames.end())
       throw input_error(fmt::format("--without: there is no compensation '{}'{}", name, suggestion(name, known)));
     with.*found->second = false;
@@ -127,13 +130,14 @@ double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
 }
 
 /// What of the session can be tuned: its gains, and what it is composed of.
-LiveTuning tuning_of(const Arguments& arguments, const PlayPlan& plan, const PlayOptions& play, const DeviceInfo& device) {
+LiveTuning tuning_of(const Arguments& arguments, const PlayPlan& plan, const PlayOptions& play,
+                     const DeviceInfo& device) {
   const SessionOptions& session = play.session;
-  LiveTuning::Options options{.composed = plan.composed,
-                              .remedy = play.identified
-                                            ? "begin the session without --without, or with --learn"
-                                            : fmt::format("calibrate the device first: haptrace calibrate --device {}",
-                                                          device.name)};
+  LiveTuning::Options options{
+      .composed = plan.composed,
+      .remedy = play.identified
+                    ? "begin the session without --without, or with --learn"
+                    : fmt::format("calibrate the device first: haptrace calibrate --device {}", device.name)};
   if (!arguments.tuning.expert) {
     options.limits = limits_of_unidentified(device.max_force, session.rate_hz);
     if (play.identified) {
@@ -225,8 +229,9 @@ Verb add_play(CLI::App& app) {
                    "leave out of a calibrated playback: inertia, gravity, friction, observer, learning, all")
       ->delimiter(',')
       ->group("Control");
-  verb->add_option("--learn", arguments->learn, "learn over so many repetitions, and keep what was learned for this "
-                                                "path on this device")
+  verb->add_option("--learn", arguments->learn,
+                   "learn over so many repetitions, and keep what was learned for this "
+                   "path on this device")
       ->group("Learning");
   verb->add_option("--learned", arguments->learned, "where it is kept; without it, in a folder beside the path")
       ->type_name("FILE.json")

@@ -88,8 +88,8 @@ void map_gains(const Arguments& arguments, const Output& output, const StopReque
   const std::optional<StabilityMap> map = [&] {
     ReadProgress progress(output, "");
     return stability_map(profile->plant, gains,
-                         {.rate_hz = arguments.rate_hz, .velocity = arguments.velocity, .threads = arguments.jobs}, stop,
-                         progress.share_callback());
+                         {.rate_hz = arguments.rate_hz, .velocity = arguments.velocity, .threads = arguments.jobs},
+                         stop, progress.share_callback());
   }();
   findings.complete = map.has_value();
   if (!map) return;
@@ -125,9 +125,11 @@ void try_ensemble(const Arguments& arguments, const Output& output, const StopRe
 
 Verb add_stability(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("stability", "which gains a device bears, and how exact and stable playback is on many random devices");
+  CLI::App* verb = app.add_subcommand(
+      "stability", "which gains a device bears, and how exact and stable playback is on many random devices");
   verb->footer(
-      "With --device: a map of the gains of a PD law, for the device as it was calibrated: where it is passive, stable\n"
+      "With --device: a map of the gains of a PD law, for the device as it was calibrated: where it is passive, "
+      "stable\n"
       "by analysis with delay and zero-order hold, and stable in simulation. Nothing moves.\n"
       "The ensemble: each random device, with the hand that holds it, is calibrated blind; then circle, square, "
       "script\n"

@@ -33,10 +33,10 @@ struct Reference {
 struct Command {
   enum class Status : std::uint8_t {
     working,
-    finished,   ///< the task is done: the loop fades the force out and ends
-    deviation,  ///< the tracking error passed its limit: the loop stops; `event` holds the figures
+    finished,     ///< the task is done: the loop fades the force out and ends
+    deviation,    ///< the tracking error passed its limit: the loop stops; `event` holds the figures
     oscillation,  ///< the loop oscillates and softening it did not help: the loop stops; `event` holds the figures
-    no_path,    ///< what is to be followed next cannot be had: the loop stops; `event` says where
+    no_path,      ///< what is to be followed next cannot be had: the loop stops; `event` says where
   };
 
   Wrench wrench;

@@ -33,8 +33,8 @@ class GravityFeedforward final : public ForceTerm {
   Eigen::Matrix3d gradient_;  ///< [N/m]
 };
 
-/// b x_d' + F_c tanh(x_d' / v_0). Of the reference's velocity, never of the measured one: friction that is paid back for
-/// a movement that is only noise, or that has not happened yet, feeds a limit cycle.
+/// b x_d' + F_c tanh(x_d' / v_0). Of the reference's velocity, never of the measured one: friction that is paid back
+/// for a movement that is only noise, or that has not happened yet, feeds a limit cycle.
 class FrictionFeedforward final : public ForceTerm {
  public:
   explicit FrictionFeedforward(const PlantModel& plant) : viscous_(plant.viscous), coulomb_(plant.coulomb) {}

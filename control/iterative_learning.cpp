@@ -11,7 +11,7 @@ namespace haptrace {
 namespace {
 
 constexpr double kFade = 0.05;       // of a step in what was learned, a time constant [s]
-constexpr double kFirst = 0.25;       // what the first repetition, along another way, counts as in the mean
+constexpr double kFirst = 0.25;      // what the first repetition, along another way, counts as in the mean
 constexpr int kFewest = 3;           // repetitions before learning may stop: their mean is less noisy than one
 constexpr double kUnsteady = 0.05;   // share of ticks at which the path's time may have stood or crept
 constexpr double kSteadyStep = 0.5;  // of a tick's usual step of the path's time, below which it crept
@@ -80,8 +80,8 @@ IterativeLearning::IterativeLearning(const Options& options, ForceTable known, i
     : options_(options), table_(std::move(known)), repetitions_(repetitions) {
   const double session = options_.duration / options_.speed;
   if (!(session > 0 && session <= kLongest))
-    throw input_error(fmt::format("a repetition lasts {:.1f} s; to be learned it must last longer than 0 and at most {} s",
-                                  session, kLongest));
+    throw input_error(fmt::format(
+        "a repetition lasts {:.1f} s; to be learned it must last longer than 0 and at most {} s", session, kLongest));
   if (table_.force.empty()) {
     table_.step = 0.004 * options_.speed;
     table_.force.assign(static_cast<std::size_t>(std::ceil(options_.duration / table_.step)) + 1, Vec3::Zero());
@@ -108,14 +108,14 @@ std::vector<Vec3> IterativeLearning::met_load(const RepetitionLog& log) const {
   const std::vector<Vec3> acceleration = resampled(log.time, log.acceleration, tick, rows);
   std::vector<Vec3> met(static_cast<std::size_t>(std::max(std::floor(static_cast<double>(rows) - 1 - lag), 2.0)));
   for (std::size_t k = 0; k < met.size(); ++k)
-    met[k] = sent[k] - known[k] -
-             options_.mass.cwiseProduct(interpolated(acceleration, static_cast<double>(k) + lag));
+    met[k] = sent[k] - known[k] - options_.mass.cwiseProduct(interpolated(acceleration, static_cast<double>(k) + lag));
   zero_phase_low_pass(met, options_.cutoff_hz, options_.rate_hz);
   for (std::size_t k = 0; k < met.size(); ++k)
     met[k] -= options_.mass.cwiseProduct(interpolated(lacking, static_cast<double>(k) + lag));
 
   std::vector<Vec3> load(table_.force.size());
-  for (std::size_t i = 0; i < load.size(); ++i) load[i] = interpolated(met, static_cast<double>(i) * table_.step / tick);
+  for (std::size_t i = 0; i < load.size(); ++i)
+    load[i] = interpolated(met, static_cast<double>(i) * table_.step / tick);
   return load;
 }
 

@@ -22,12 +22,12 @@ struct ForceTable {
 
 /// One repetition as it was driven, a row per tick of phase run.
 struct RepetitionLog {
-  std::vector<double> time;     ///< of the path [s], not falling
-  std::vector<Vec3> position;   ///< measured [m]
-  std::vector<Vec3> reference;  ///< [m]
+  std::vector<double> time;        ///< of the path [s], not falling
+  std::vector<Vec3> position;      ///< measured [m]
+  std::vector<Vec3> reference;     ///< [m]
   std::vector<Vec3> acceleration;  ///< of the reference [m/s^2]
-  std::vector<Vec3> known;      ///< what other terms cancel of the load [N]
-  std::vector<Vec3> sent;       ///< by this tick, after all limits [N]
+  std::vector<Vec3> known;         ///< what other terms cancel of the load [N]
+  std::vector<Vec3> sent;          ///< by this tick, after all limits [N]
 
   void reserve(std::size_t rows);
   void clear() noexcept;

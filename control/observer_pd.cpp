@@ -7,10 +7,11 @@
 namespace haptrace {
 namespace {
 
-constexpr double kRestSpeed = 1e-4;   // of a reference that rests [m/s]
+constexpr double kRestSpeed = 1e-4;  // of a reference that rests [m/s]
 constexpr double kPatienceGrowth = 1.1, kMostPatience = 2;
-constexpr double kStandstill = 0.2;  // of the reference, from which the load is followed at leisure [s]
-constexpr double kLeisure = 0.1;     // of the bandwidth
+constexpr double kNearCounts = 10;    // within which the device is where it should be, or hunts for it
+constexpr double kStandstill = 0.2;   // of the reference and near it, from which the load is followed at leisure [s]
+constexpr double kLeisure = 0.1;      // of the bandwidth
 constexpr double kTransition = 0.05;  // over which rest begins, a time constant [s]
 constexpr double kAwakening = 0.01;   // and over which it ends
 
@@ -43,7 +44,7 @@ bool ObserverPd::rests(const State& state, const Reference& reference) noexcept 
   const double distance = driven_.cwiseProduct(reference.position - state.position).stableNorm();
   const bool still = driven_.cwiseProduct(reference.velocity).stableNorm() < kRestSpeed;
   const double radius = patience_ * kRestCounts * quantum_;
-  stood_ = still ? stood_ + state.dt : 0;
+  stood_ = still && distance <= kNearCounts * quantum_ ? stood_ + state.dt : 0;
   if (!still) patience_ = 1;
   if (!still || distance > 2 * radius) {
     rested_ = 0;
@@ -52,7 +53,7 @@ bool ObserverPd::rests(const State& state, const Reference& reference) noexcept 
   }
   if (resting_) return true;
   // It must not only be near, but stay where it is: kept forces would carry on what moves.
-  if ((state.position - anchor_).stableNorm() > patience_ * kStillCounts * quantum_) {
+  if (driven_.cwiseProduct(state.position - anchor_).stableNorm() > patience_ * kStillCounts * quantum_) {
     if (rested_ > 0) patience_ = std::min(patience_ * kPatienceGrowth, kMostPatience);
     rested_ = 0;
     anchor_ = state.position;
@@ -93,7 +94,10 @@ Vec3 ObserverPd::force(const TermInput& input) noexcept {
     spring_ *= fade;
     load += kept_;
   }
-  gain_share_ += blend(state.dt, stands ? kTransition : kAwakening) * ((resting_ ? kRestGains : stands ? kStandingGains : 1) - gain_share_);
+  gain_share_ += blend(state.dt, stands ? kTransition : kAwakening) * ((resting_ ? kRestGains
+                                                                        : stands ? kStandingGains
+                                                                                 : 1) -
+                                                                       gain_share_);
   if (const double magnitude = load.stableNorm(); magnitude > authority_) load *= authority_ / magnitude;
 
   // What the spring loses as its gain is lowered is kept too, so that the device stays where it rests.

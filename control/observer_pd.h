@@ -31,9 +31,9 @@ class ObserverPd final : public ForceTerm {
 
   static constexpr double kRestCounts = 2;
   static constexpr double kStillCounts = 1.5;
-  static constexpr double kRestTime = 0.06;  ///< [s]
+  static constexpr double kRestTime = 0.06;      ///< [s]
   static constexpr double kStandingGains = 0.6;  ///< of the gains
-  static constexpr double kRestGains = 0.4;  ///< of the gains
+  static constexpr double kRestGains = 0.4;      ///< of the gains
 
   explicit ObserverPd(const Options& options);
 
@@ -45,18 +45,18 @@ class ObserverPd final : public ForceTerm {
   [[nodiscard]] bool rests(const State& state, const Reference& reference) noexcept;
 
   StateObserver observer_;
-  Vec3 driven_;         ///< 1 where there is mass, else 0
-  double authority_;    ///< [N]
+  Vec3 driven_;                 ///< 1 where there is mass, else 0
+  double authority_;            ///< [N]
   double quantum_;              ///< [m]
   Vec3 anchor_ = Vec3::Zero();  ///< where it stays [m]
-  double rest_share_ = 1;  ///< of the gains, when rest began
+  double rest_share_ = 1;       ///< of the gains, when rest began
   double patience_ = 1;
-  double stood_ = 0;  ///< the reference, for how long [s]
-  Vec3 known_ = Vec3::Zero();     ///< what the terms before answered at the last tick [N]
-  Vec3 load_ = Vec3::Zero();      ///< low-passed [N]
-  Vec3 kept_ = Vec3::Zero();      ///< at rest: the load that is kept; after it: what fades of the difference [N]
-  Vec3 spring_ = Vec3::Zero();    ///< Kp (x_d - x) when rest began [N]
-  double rested_ = 0;             ///< for how long [s]
+  double stood_ = 0;            ///< the reference, for how long [s]
+  Vec3 known_ = Vec3::Zero();   ///< what the terms before answered at the last tick [N]
+  Vec3 load_ = Vec3::Zero();    ///< low-passed [N]
+  Vec3 kept_ = Vec3::Zero();    ///< at rest: the load that is kept; after it: what fades of the difference [N]
+  Vec3 spring_ = Vec3::Zero();  ///< Kp (x_d - x) when rest began [N]
+  double rested_ = 0;           ///< for how long [s]
   bool resting_ = false;
   double gain_share_ = 1;
 };

@@ -29,7 +29,8 @@ class ForceTerm {
   /// This term's force on the hand [N], in W.
   [[nodiscard]] virtual Vec3 force(const TermInput& input) noexcept = 0;
 
-  /// Whether it answers the position: what oscillates when a loop does. Else it is known beforehand, from the reference.
+  /// Whether it answers the position: what oscillates when a loop does. Else it is known beforehand, from the
+  /// reference.
   [[nodiscard]] virtual bool feeds_back() const noexcept { return false; }
 
   /// As for SampleSink: after every tick, outside of it; may wait only where time stands still meanwhile.

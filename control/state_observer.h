@@ -36,8 +36,8 @@ class StateObserver {
     Vec3 load = Vec3::Zero();      ///< the force that cancels what is not known of the load [N]
   };
 
-  static constexpr int kLongestDelay = 30;   ///< ticks
-  static constexpr double kLongestGap = 5;   ///< ticks after which it begins anew where the device is, at rest
+  static constexpr int kLongestDelay = 30;  ///< ticks
+  static constexpr double kLongestGap = 5;  ///< ticks after which it begins anew where the device is, at rest
 
   explicit StateObserver(const Options& options);
 

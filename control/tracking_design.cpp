@@ -14,8 +14,8 @@
 namespace haptrace {
 namespace {
 
-constexpr double kMassFactor = 1.1;      // of the observer's mass over the identified
-constexpr double kFrequency = 0.4;       // w times (delay + period)
+constexpr double kMassFactor = 1.1;  // of the observer's mass over the identified
+constexpr double kFrequency = 0.4;   // w times (delay + period)
 constexpr double kDampingRatio = 0.75;
 constexpr double kObserverFactor = 1.5;  // of the observer's poles over w
 constexpr double kLoad = 12;             // [Hz]
@@ -96,8 +96,7 @@ bool calms_down(const UnitLaw& law, double factor) {
     observer.update(Vec3(x, 0, 0), tick == 0 ? 0 : period, Vec3(sent[0], 0, 0), Vec3::Zero());
     const StateObserver::Estimate estimate = observer.ahead();
     load += blend * (estimate.load.x() - load);
-    const double force =
-        -factor * (law.kp() * estimate.position.x() + law.kd() * estimate.velocity.x()) + load;
+    const double force = -factor * (law.kp() * estimate.position.x() + law.kd() * estimate.velocity.x()) + load;
     std::rotate(sent.rbegin(), sent.rbegin() + 1, sent.rend());
     sent[0] = force;
     // Held from this tick on, arriving `part` of a period after a tick.
@@ -142,7 +141,8 @@ TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& opt
   const double rate_hz = options.rate_hz;
   // A quantum's error is uniform: its variance is a twelfth of its square.
   const double noise = std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise);
-  const double allowed = options.max_ripple > 0 ? options.max_ripple / noise : kPlainRippleRise * std::sqrt(3.0) * plain_ripple(rate_hz);
+  const double allowed =
+      options.max_ripple > 0 ? options.max_ripple / noise : kPlainRippleRise * std::sqrt(3.0) * plain_ripple(rate_hz);
 
   UnitLaw law{.w = kFrequency / (plant.delay + 1 / rate_hz), .delay = plant.delay, .rate_hz = rate_hz};
   double margin = gain_margin(law);

@@ -24,12 +24,12 @@ void validate(const PdGains& gains);
 /// of a compensation that the session was not composed of means nothing.
 struct Tuning {
   PdGains gains;
-  double inertia = 1;      ///< feedforward of mass times the reference's acceleration
-  double gravity = 1;      ///< feedforward of gravity along the reference
-  double friction = 1;     ///< feedforward of friction along the reference's velocity
-  double observer = 1;     ///< disturbance observer
-  double observer_hz = 12; ///< its bandwidth [Hz]
-  double learning = 1;     ///< what was learned in earlier repetitions
+  double inertia = 1;       ///< feedforward of mass times the reference's acceleration
+  double gravity = 1;       ///< feedforward of gravity along the reference
+  double friction = 1;      ///< feedforward of friction along the reference's velocity
+  double observer = 1;      ///< disturbance observer
+  double observer_hz = 12;  ///< its bandwidth [Hz]
+  double learning = 1;      ///< what was learned in earlier repetitions
 
   /// Moves towards `target`, by all but 2 % of the way in 0.2 s, so that a change is no step in the force.
   ///

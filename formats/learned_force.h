@@ -12,12 +12,12 @@ namespace haptrace {
 
 struct LearnedPath {
   DeviceIdentity device;
-  std::string path_digest;  ///< of the path as it was played: see digest_of
-  double speed = 1;         ///< times the path's own
+  std::string path_digest;   ///< of the path as it was played: see digest_of
+  double speed = 1;          ///< times the path's own
   Vec3 mass = Vec3::Zero();  ///< that the inertia was reckoned with: the rest of the force is what was learned [kg]
-  int repetitions = 0;      ///< that were learned from
-  double rms_error = 0;     ///< of the last of them, measured [m]
-  std::string created;      ///< RFC 3339, UTC
+  int repetitions = 0;       ///< that were learned from
+  double rms_error = 0;      ///< of the last of them, measured [m]
+  std::string created;       ///< RFC 3339, UTC
   std::string software;
   ForceTable table;
 };

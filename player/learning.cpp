@@ -29,7 +29,9 @@ const char* to_string(IterativeLearning::Outcome outcome) noexcept {
 }
 
 LearningTerm::LearningTerm(const Options& options)
-    : law_(options.law, options.known, options.known_counts), left_(options.repetitions), learned_(options.law.duration, rows_of(options)) {
+    : law_(options.law, options.known, options.known_counts),
+      left_(options.repetitions),
+      learned_(options.law.duration, rows_of(options)) {
   log_.reserve(rows_of(options));
   lessons_.reserve(static_cast<std::size_t>(left_));
   tables_[0] = law_.table();

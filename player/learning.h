@@ -18,9 +18,9 @@ class LearningTerm final : public ForceTerm {
  public:
   struct Options {
     IterativeLearning::Options law;
-    ForceTable known;     ///< from a model or an earlier session, or empty
+    ForceTable known;      ///< from a model or an earlier session, or empty
     int known_counts = 0;  ///< as how many repetitions
-    int repetitions = 0;  ///< to learn from; 0: what is known is used as it is
+    int repetitions = 0;   ///< to learn from; 0: what is known is used as it is
   };
 
   /// What became of a repetition.

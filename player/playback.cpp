@@ -290,7 +290,8 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     played = std::make_shared<FittedPath>(path, device, *fit);
   }
 
-  PlayPlan plan{.path = TrajectoryPieces(played, options.interpolation), .fit = fit, .tuning = tuning, .composed = composed};
+  PlayPlan plan{
+      .path = TrajectoryPieces(played, options.interpolation), .fit = fit, .tuning = tuning, .composed = composed};
   const double limit = options.session.limits.max_velocity, speed = options.playback.speed;
   const double fastest = limit > 0 ? 0.9 * limit : std::numeric_limits<double>::infinity();
   const Excursion excursion = look_ahead(plan.path, options.interpolation, workspace, fastest / speed);
@@ -315,6 +316,7 @@ PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& o
 
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress) {
+  ServoLoop::validate(device.info(), {.rate_hz = options.session.rate_hz, .limits = options.session.limits});
   PlaybackOptions playback = options.playback;
   playback.rate_hz = options.session.rate_hz;
   playback.axes = device.info().force_axes;

@@ -3,8 +3,8 @@
 
 #include "control/path.h"
 #include "control/pd.h"
-#include "control/trajectory.h"
 #include "control/tracking_design.h"
+#include "control/trajectory.h"
 #include "player/learning.h"
 #include "player/live_tuning.h"
 #include "player/playback_controller.h"
@@ -23,8 +23,8 @@ struct PlayOptions {
   /// What calibration found. Without it, nothing but a PD law is sent.
   std::optional<IdentifiedDevice> identified;
   Compensations compensations{true, true, true, true, true};  ///< of an identified device
-  int learn = 0;                                               ///< repetitions to learn from
-  ForceTable learned;                                          ///< in earlier sessions, or empty
+  int learn = 0;                                              ///< repetitions to learn from
+  ForceTable learned;                                         ///< in earlier sessions, or empty
   bool guard = true;  ///< soften when the loop oscillates, tell of a hand that resists or lets go
   Interpolation interpolation = Interpolation::cubic;
   bool fit = false;  ///< move and scale the path into the workspace

@@ -83,7 +83,8 @@ class Trial {
     State state;
     state.position = measured.position.cwiseProduct(held_);
     state.velocity = estimator.update(state.position, period_);
-    force_ = pd_force(gains_, state, {.position = reference, .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()}) + Vec3::Constant(push);
+    force_ = pd_force(gains_, state, {.position = reference, .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()}) +
+             Vec3::Constant(push);
     if (observer_) force_ += observer_->load(state.velocity);
     force_ = force_.cwiseProduct(held_);
     if (observer_) observer_->sent(force_);

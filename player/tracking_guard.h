@@ -23,8 +23,8 @@ class TrackingGuard {
   /// Throws Error(input) naming the option that is out of its range.
   explicit TrackingGuard(const Options& options) : monitor_(options.oscillation), hand_(options.hand) {}
 
-  /// At every tick, before its force is sent. `feedback` [N]: what of the force that was sent last answers the position;
-  /// the rest is known beforehand and cannot oscillate.
+  /// At every tick, before its force is sent. `feedback` [N]: what of the force that was sent last answers the
+  /// position; the rest is known beforehand and cannot oscillate.
   void watch(const State& state, const Reference& reference, const Vec3& feedback) noexcept;
 
   /// What of the law's force may act, 0 to 1.

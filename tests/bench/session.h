@@ -37,7 +37,10 @@ inline PlaybackController playback(double duration, const PlaybackOptions& optio
   ForceTerms terms;
   terms.push_back(std::make_unique<PdLaw>());
   const Path path = make_shape("circle", {.size = 0.02, .duration = duration});
-  return {Trajectory(path, Interpolation::cubic), std::move(terms), {.gains = {Vec3::Constant(500), Vec3::Constant(6)}}, options};
+  return {Trajectory(path, Interpolation::cubic),
+          std::move(terms),
+          {.gains = {Vec3::Constant(500), Vec3::Constant(6)}},
+          options};
 }
 
 }  // namespace haptrace::bench

@@ -36,7 +36,7 @@ TEST(StabilityCommand, TriesAnEnsembleAndTellsFilesAndPeopleTheSame) {
 
 TEST(StabilityCommand, RefusesBeforeItWorks) {
   const TempFolder folder;
-  EXPECT_THAT(haptrace("stability").err, HasSubstr("needs --ensemble"));
+  EXPECT_THAT(haptrace("stability").err, HasSubstr("--ensemble N"));
   const std::string kept = folder.write("kept.json", "{}");
   const Answer answer = haptrace("stability", "--ensemble", "1000000", "-o", kept);
   EXPECT_EQ(answer.exit_code, 2);

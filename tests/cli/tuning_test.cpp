@@ -69,7 +69,7 @@ TEST_F(Tuning, ThroughTheSocketChangesTheSessionAndStaysInItsRecording) {
   std::getline(client, answer);
   EXPECT_THAT(answer, HasSubstr("clamped from 9000: without --expert"));
   std::getline(client, answer);
-  EXPECT_THAT(answer, AllOf(StartsWith("error observer"), HasSubstr("kp, kd and gains")));
+  EXPECT_THAT(answer, AllOf(StartsWith("error observer"), HasSubstr("haptrace calibrate")));
   std::getline(client, answer);
   EXPECT_EQ(nlohmann::json::parse(answer)["kp"][0], 1500);
   client << "reset\nquit\n" << std::flush;

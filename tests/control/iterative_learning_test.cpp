@@ -240,7 +240,7 @@ TEST(IterativeLearning, SkipsARepetitionThatWasInterruptedPausedOrShort) {
   RepetitionLog cut = session.log;
   const std::size_t half = cut.size() / 2;
   cut.time.resize(half);
-  for (auto* column : {&cut.position, &cut.reference, &cut.known, &cut.sent}) column->resize(half);
+  for (auto* column : {&cut.position, &cut.reference, &cut.acceleration, &cut.known, &cut.sent}) column->resize(half);
   EXPECT_EQ(session.learning.learn(cut), Outcome::skipped) << "interrupted";
   EXPECT_EQ(session.learning.learn({}), Outcome::skipped) << "nothing";
   EXPECT_EQ(session.learning.table().force, before);
@@ -271,6 +271,7 @@ double invented(double delay, const Position& position, const Force& force) {
     log.time.push_back(t);
     log.position.emplace_back(position(t), 0, 0);
     log.reference.push_back(log.position.back());
+    log.acceleration.emplace_back(force(t) / 0.4, 0, 0);
     log.known.push_back(kNone);
     log.sent.emplace_back(force(t + delay + 0.5 * kPeriod), 0, 0);
   }

@@ -160,11 +160,11 @@ TEST(ObserverPd, HasSofterGainsAtRestAndKeepsTheLoad) {
   loop.run(0.5, resting_at(kNone));
   const Vec3 kept = loop.force;
   EXPECT_LT((kept + load).norm(), 0.3);
-  // A quantum away, half the gains answer, and the load is not learned anew.
+  // A quantum away, a part of the gains answers, and the load is not learned anew.
   loop.plant.x = Vec3(kQuantum, 0, 0);
   loop.run(0.5, resting_at(kNone));
   const Vec3 settled = loop.force;
-  EXPECT_NEAR((settled - kept).x(), -0.5 * loop.design.gains.kp.x() * kQuantum, 0.02);
+  EXPECT_NEAR((settled - kept).x(), -ObserverPd::kRestGains * loop.design.gains.kp.x() * kQuantum, 0.02);
   loop.run(2, resting_at(kNone));
   EXPECT_LT((loop.force - settled).norm(), 1e-3) << "an observer would integrate";
 }

@@ -172,7 +172,8 @@ Outcome play(const Session& session) {
   const Path path = make_shape(session.shape, {.size = 0.08, .duration = 4, .blend = session.corner});
   PlaybackController playback(
       Trajectory(path, Interpolation::cubic), std::move(terms),
-      {.gains = {Vec3::Constant(session.kp), Vec3::Constant(session.kd)}}, {.max_deviation = 5, .on_deviation = DeviationPolicy::soften, .rate_hz = session.rate_hz});
+      {.gains = {Vec3::Constant(session.kp), Vec3::Constant(session.kd)}},
+      {.max_deviation = 5, .on_deviation = DeviationPolicy::soften, .rate_hz = session.rate_hz});
   const OscillationMonitorOptions options{.rate_hz = session.rate_hz,
                                           .max_force = kMaxForce,
                                           .delay = spec.delay + 1 / (2 * pi * spec.actuator_bandwidth_hz),

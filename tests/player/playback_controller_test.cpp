@@ -20,7 +20,8 @@ Path circle(double duration = 2) {
 PlaybackController follower(const Path& path, const PlaybackOptions& options, double kp = 100) {
   ForceTerms terms;
   terms.push_back(std::make_unique<PdLaw>());
-  return {Trajectory(path, Interpolation::cubic), std::move(terms), {.gains = {Vec3::Constant(kp), Vec3::Zero()}}, options};
+  return {
+      Trajectory(path, Interpolation::cubic), std::move(terms), {.gains = {Vec3::Constant(kp), Vec3::Zero()}}, options};
 }
 
 /// Drives a controller with a hand that is where `where` puts it, given the previous reference, and keeps the answers.

@@ -275,7 +275,8 @@ TEST(Playback, RepeatsALongPathWithoutWaiting) {
   const TrajectoryPieces pieces(source_of(wandering(kPlain, 8, 3000)), Interpolation::linear, kSmallPieces);
   test::PointMass device;
   test::Log log;
-  PlaybackController controller(ReferenceStream(pieces, {}), {}, {}, {.repetitions = 3, .hold = 0, .max_deviation = 10});
+  PlaybackController controller(ReferenceStream(pieces, {}), {}, {},
+                                {.repetitions = 3, .hold = 0, .max_deviation = 10});
   SampleSink* const sinks[] = {&log};
   const SessionResult result = run_session(device, controller, {.reference = true}, sinks, {}, StopRequest{});
   EXPECT_EQ(result.servo.cause, StopCause::finished);
