@@ -10,7 +10,7 @@ namespace {
 constexpr double kRestSpeed = 1e-4;  // of a reference that rests [m/s]
 constexpr double kPatienceGrowth = 1.1, kMostPatience = 2;
 constexpr double kNearCounts = 10;    // within which the device is where it should be, or hunts for it
-constexpr double kStandstill = 0.2;   // of the reference and near it, from which the load is followed at leisure [s]
+constexpr double kStandstill = 1.0;   // of the reference and near it, from which the load is followed at leisure [s]
 constexpr double kLeisure = 0.1;      // of the bandwidth
 constexpr double kTransition = 0.05;  // over which rest begins, a time constant [s]
 constexpr double kAwakening = 0.01;   // and over which it ends
