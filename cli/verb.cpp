@@ -316,7 +316,7 @@ int conclude(const Output& output, const SessionResult& result) {
   if (!result.recording_error.empty()) output.remark(result.recording_error);
   if (result.ended_by_disk) output.remark("the session ended because the disk is almost full");
   if (result.servo.stopped_by_fault())
-    output.remark(fmt::format("{}; the force is zero{}", result.servo.detail,
+    output.remark(fmt::format("{}the force is zero{}", result.servo.detail.empty() ? "" : result.servo.detail + "; ",
                               result.recording ? ", the recording keeps what happened" : ""));
   if (!result.virtual_time && !result.servo.realtime.reason.empty() && result.servo.overruns > 0)
     output.remark(result.servo.realtime.reason);

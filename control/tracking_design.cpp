@@ -130,6 +130,10 @@ PdGains plain_gains(const PlantModel& plant, const PdGains& designed, double rat
     const LoopAnalysis loop(loop_of(plant, axis, rate_hz, "lowpass:100"));
     plain.kd[axis] = std::min(plain.kd[axis], 0.5 * loop.most_damped(0.1 * designed.kp[axis]));
     plain.kp[axis] = std::min(plain.kp[axis], 0.5 * loop.stiffest(plain.kd[axis]));
+    if (const double bears = loop.margins(plain.kp[axis], plain.kd[axis]).gain_up; bears < kMargin) {
+      plain.kp[axis] *= bears / kMargin;
+      plain.kd[axis] *= bears / kMargin;
+    }
   }
   return plain;
 }

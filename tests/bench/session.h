@@ -1,6 +1,8 @@
 // The sessions that the benchmarks time.
 #pragma once
 
+#include "control/feedforward.h"
+#include "control/observer_pd.h"
 #include "control/shapes.h"
 #include "devices/servo_loop.h"
 #include "player/playback.h"
@@ -33,14 +35,40 @@ class Still final : public Device {
   DeviceInfo info_;
 };
 
-inline PlaybackController playback(double duration, const PlaybackOptions& options) {
+/// What a playback is made of, beside the PD law.
+struct Made {
+  bool observer = false, feedforward = false, learned = false, guard = false;
+};
+
+inline PlaybackController playback(double duration, const PlaybackOptions& options, const Made& made = {}) {
+  static const ForceTable table{.step = 0.004, .force = std::vector<Vec3>(1000, Vec3(0.1, 0.2, 0.3))};
+  PlantModel plant;
+  plant.mass = Vec3::Constant(0.4);
+  plant.viscous = Vec3::Constant(1.8);
+  plant.coulomb = Vec3::Constant(0.7);
+  plant.delay = 1.5e-3;
+  plant.position_resolution = 5e-5;
+  const TrackingDesign design = design_tracking(plant, {.max_force = 8});
   ForceTerms terms;
-  terms.push_back(std::make_unique<PdLaw>());
+  if (made.feedforward) {
+    terms.push_back(std::make_unique<GravityFeedforward>(plant));
+    terms.push_back(std::make_unique<FrictionFeedforward>(plant));
+  }
+  if (made.learned) {
+    auto learned = std::make_unique<LearnedForce>(duration, 0);
+    learned->use(&table);
+    terms.push_back(std::move(learned));
+  }
+  if (made.observer)
+    terms.push_back(std::make_unique<ObserverPd>(ObserverPd::Options{.design = design, .position_resolution = 5e-5}));
+  else
+    terms.push_back(std::make_unique<PdLaw>());
+  if (made.feedforward) terms.push_back(std::make_unique<InertiaFeedforward>(design.mass));
   const Path path = make_shape("circle", {.size = 0.02, .duration = duration});
-  return {Trajectory(path, Interpolation::cubic),
-          std::move(terms),
-          {.gains = {Vec3::Constant(500), Vec3::Constant(6)}},
-          options};
+  PlaybackController controller(Trajectory(path, Interpolation::cubic), std::move(terms),
+                                {.gains = {Vec3::Constant(500), Vec3::Constant(6)}}, options);
+  if (made.guard) controller.guard({.oscillation = {.max_force = 8, .delay = plant.delay, .mass = 0.4}, .hand = {}});
+  return controller;
 }
 
 }  // namespace haptrace::bench

@@ -17,12 +17,12 @@ std::string scratch_file() {
 
 /// The tick (device exchange, velocity, control, limits, push) as the loop itself measures it, on a device that costs
 /// nothing. Reports the median and the 99th percentile over a session of 60 s.
-void tick(benchmark::State& state, bool recording) {
+void tick(benchmark::State& state, bool recording, const Made& made = {}) {
   Still device;
   const std::string file = scratch_file();
   DurationHistogram times;
   for (auto _ : state) {
-    auto controller = playback(60, {.hold = 0});
+    auto controller = playback(60, {.hold = 0}, made);
     SessionOptions options;
     if (recording) options.recording = SessionOptions::Recording{.file = file, .options = {.overwrite = true}};
     const SessionResult result = run_session(device, controller, {.reference = true}, {}, options, StopRequest{});
@@ -35,6 +35,10 @@ void tick(benchmark::State& state, bool recording) {
 }
 BENCHMARK_CAPTURE(tick, control_and_limits, false)->Unit(benchmark::kMillisecond)->UseRealTime();
 BENCHMARK_CAPTURE(tick, control_limits_and_recording, true)->Unit(benchmark::kMillisecond)->UseRealTime();
+BENCHMARK_CAPTURE(tick, every_compensation_and_recording, true,
+                  {.observer = true, .feedforward = true, .learned = true, .guard = true})
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
 
 /// One exchange of 1 ms with a simulated device. times_real_time counts the exchange alone.
 void exchange(benchmark::State& state, const char* spec) {

@@ -21,7 +21,11 @@ int main(int argc, char** argv) {
   std::vector<SampleSink*> sinks;
   if (has("metrics")) sinks.push_back(&metrics);
   // A path of a thousand seconds whatever N is, so that its making costs the same in every run.
-  auto following = bench::playback(1000, {});
+  auto following = bench::playback(1000, {},
+                                   {.observer = has("observer"),
+                                    .feedforward = has("feedforward"),
+                                    .learned = has("learned"),
+                                    .guard = has("guard")});
   PassiveController passive(seconds);
 
   /// Ends a playback after N ticks.

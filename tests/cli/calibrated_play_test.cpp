@@ -1,0 +1,111 @@
+// From calibration to learned playback, as its user runs it.
+#include "tests/cli/command.h"
+#include "tests/support/temp_folder.h"
+
+#include <filesystem>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::Answer;
+using test::Command;
+using test::haptrace;
+using test::TempFolder;
+using testing::AllOf;
+using testing::Each;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
+
+const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=2";
+
+/// A path, and a falcon that was calibrated.
+class CalibratedPlay : public testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_EQ(haptrace("shape", "circle", "--size", "0.06", "--duration", "2", "-o", path_).exit_code, 0);
+    ASSERT_EQ(run({"calibrate", "--device", "sim:preset=falcon,hand=relaxed", "-q"}).exit_code, 0);
+  }
+
+  Answer run(const std::vector<std::string>& words) {
+    return Command(words, Command::Input::none, {"HAPTRACE_PROFILES=" + folder_.path() + "/profiles"}).wait();
+  }
+  Answer play(std::vector<std::string> words, const std::string& device = kFalcon) {
+    words.insert(words.begin(), {"play", path_, "--device", device, "--json"});
+    return run(words);
+  }
+
+  TempFolder folder_;
+  const std::string path_ = folder_ / "circle.h5";
+};
+
+TEST_F(CalibratedPlay, FindsTheProfileAndFollowsFiveTimesAsWellAsStiffPd) {
+  const nlohmann::json stiff = play({"--no-profile", "--kp", "3000", "--kd", "25"}).json();
+  EXPECT_TRUE(stiff["compensations"].empty());
+  const nlohmann::json calibrated = play({}).json();
+  EXPECT_THAT(calibrated["compensations"], ElementsAre("inertia", "gravity", "friction", "observer"));
+  EXPECT_LT(5 * calibrated["rms_error_m"].get<double>(), stiff["rms_error_m"].get<double>());
+  EXPECT_THAT(play({"--without", "all"}).json()["compensations"], testing::IsEmpty());
+  EXPECT_THAT(play({"--without", "frction"}).err, HasSubstr("did you mean 'friction'"));
+}
+
+TEST_F(CalibratedPlay, KeepsWhatItLearnedForThisDeviceAndPathAndForgetsWhenAsked) {
+  const nlohmann::json learning = play({"--learn", "3"}).json();
+  EXPECT_EQ(learning["repetitions"].size(), 3U);
+  EXPECT_EQ(learning["learning"].size(), 3U);
+  const std::string file = learning["learned_file"];
+  EXPECT_TRUE(std::filesystem::exists(file));
+  EXPECT_THAT(file, HasSubstr("circle.h5.learned/"));
+
+  const nlohmann::json again = play({}).json();
+  EXPECT_THAT(again["compensations"], Each(Not("friction"))) << "the learned force has it";
+  EXPECT_LT(again["rms_error_m"].get<double>(), learning["repetitions"][0]["rms_error_m"].get<double>());
+  EXPECT_THAT(play({"--forget"}).json()["compensations"], testing::Contains("friction"));
+
+  const Answer faster = play({"--speed", "1.5"});
+  EXPECT_EQ(faster.exit_code, 0);
+  EXPECT_THAT(faster.err, AllOf(HasSubstr("is not used"), HasSubstr("1 times the path's speed")));
+  ASSERT_EQ(haptrace("shape", "circle", "--size", "0.05", "--duration", "2", "--overwrite", "-o", path_).exit_code, 0);
+  EXPECT_THAT(play({}).err, HasSubstr("the path is another one now"));
+
+  folder_.write("broken.json", "{\"format\": 1");
+  const Answer broken = play({"--learned", folder_ / "broken.json"});
+  EXPECT_EQ(broken.exit_code, 0) << "what was learned is a help, not a need";
+  EXPECT_THAT(broken.err, HasSubstr("is not used"));
+}
+
+TEST_F(CalibratedPlay, RefusesAForeignProfileThatWasAskedForAndDoesWithoutOneThatWasFound) {
+  const std::string profile = std::filesystem::directory_iterator(folder_.path() + "/profiles")->path().string();
+  const Answer foreign = play({"--profile", profile}, "sim:preset=omega3,hand=relaxed");
+  EXPECT_EQ(foreign.exit_code, 2);
+  EXPECT_THAT(foreign.err, HasSubstr(profile));
+  const Answer slower = play({"--rate", "500"});
+  EXPECT_EQ(slower.exit_code, 0);
+  EXPECT_THAT(slower.err, HasSubstr("is not used"));
+  EXPECT_TRUE(slower.json()["compensations"].empty());
+  EXPECT_THAT(play({"--learn", "2"}, "sim:preset=omega3").err, HasSubstr("haptrace calibrate --device"));
+}
+
+TEST_F(CalibratedPlay, SoftensGainsThatTheDeviceDoesNotBearAndSaysSo) {
+  const Answer answer =
+      play({"--no-profile", "--kp", "20000", "--kd", "20", "--max-deviation", "0.2", "--record", folder_ / "over.h5"},
+           "sim:preset=falcon,hand=none");
+  const Answer events = haptrace("info", folder_ / "over.h5", "--json");
+  ASSERT_EQ(events.exit_code, 0) << events.err;
+  EXPECT_THAT(events.out + answer.out, HasSubstr("oscillat")) << answer.err;
+}
+
+TEST_F(CalibratedPlay, MapsTheGainsThatTheDeviceBears) {
+  const Answer map = run({"stability", "--device", kFalcon, "--json", "--figure", folder_ / "map.svg"});
+  ASSERT_EQ(map.exit_code, 0) << map.err;
+  EXPECT_TRUE(map.json()["map"]["present"]["stable"].get<bool>()) << map.json()["map"]["present"];
+  EXPECT_THAT(test::read_bytes(folder_ / "map.svg"), HasSubstr("</svg>"));
+  const Answer unknown = run({"stability", "--device", "sim:preset=omega3"});
+  EXPECT_EQ(unknown.exit_code, 2);
+  EXPECT_THAT(unknown.err, HasSubstr("haptrace calibrate --device sim:preset=omega3"));
+}
+
+}  // namespace
+}  // namespace haptrace
