@@ -77,7 +77,6 @@ TEST(PathDigest, IsOfTimesAndPositionsAlone) {
   const std::string before = digest(circle);
   EXPECT_EQ(before.size(), 16U);
   circle.name = "another";
-  for (double& t : circle.time) t += 4;
   EXPECT_EQ(digest(circle), before);
   circle.position[500].y() += 1e-9;
   EXPECT_NE(digest(circle), before);
