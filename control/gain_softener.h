@@ -20,7 +20,7 @@ struct GainSoftenerOptions {
 /// Throws Error(input) naming the option that is out of its range.
 void validate(const GainSoftenerOptions& options);
 
-/// The share of a tracking law's force that may act: 1, halved within 20 ms by the first verdict of the monitor, and
+/// The share of a tracking law's feedback that may act: 1, halved within 20 ms by the first verdict of the monitor, and
 /// again for as long as the loop goes on oscillating. Scaling the whole law takes down stiffness and damping alike,
 /// which is right for both ways in which a loop becomes unstable: a stiffness too high for its damping, and a damping
 /// too high for its delay. By default what was taken is not given back within the session: gains that oscillated once
@@ -36,7 +36,7 @@ class GainSoftener {
   /// down begins (oscillation), or once when the loop oscillates with the least share (oscillation_stays).
   std::optional<Event> update(const std::optional<OscillationVerdict>& verdict, double dt) noexcept;
 
-  /// To multiply the law's force by.
+  /// To multiply the law's feedback by.
   [[nodiscard]] double share() const noexcept { return share_; }
   /// True when the least share did not end the oscillation: then only an end of the session does.
   [[nodiscard]] bool exhausted() const noexcept { return exhausted_; }

@@ -99,8 +99,8 @@ Command PlaybackController::update(const State& state) noexcept {
 void PlaybackController::keep_guard(const State& state, const Reference& reference, const Vec3& feedforward,
                                     Command& command) noexcept {
   guard_->watch(state, reference, state.force_applied - feedforward_);
-  command.wrench.force *= guard_->share();
-  feedforward_ = guard_->share() * feedforward;
+  command.wrench.force = feedforward + guard_->share() * (command.wrench.force - feedforward);
+  feedforward_ = feedforward;
   if (!command.event) command.event = guard_->take_event();
   if (guard_->beyond_help() && command.status == Command::Status::working)
     command.status = Command::Status::oscillation;

@@ -27,7 +27,7 @@ class TrackingGuard {
   /// position; the rest is known beforehand and cannot oscillate.
   void watch(const State& state, const Reference& reference, const Vec3& feedback) noexcept;
 
-  /// What of the law's force may act, 0 to 1.
+  /// What of the feedback may act, 0 to 1.
   [[nodiscard]] double share() const noexcept { return softener_.share(); }
   /// The loop oscillates although next to nothing of the force is left.
   [[nodiscard]] bool beyond_help() const noexcept { return softener_.exhausted(); }

@@ -221,7 +221,7 @@ TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
   calibrated_run(m[2]).saturated = 0.02;                                    // only for the calibrated player
   calibrated_run(m[3]).cause = StopCause::deviation;
   calibrated_run(m[4]).ripple = 3e-5;
-  m[5].trials[2].hold.hunting = 2e-5;
+  m[5].trials[2].hold.hunting = 2.1e-5;
   m[6].calibration_error = "no force moves it";
   m[6].trials[2] = {};
   m[7].overdrive = {.onset = 1.5, .calm = false};
