@@ -163,7 +163,7 @@ Verb add_stability(CLI::App& app) {
   verb->add_option("--figure", arguments->figure, "picture, .png .svg or .pdf")->type_name("FILE");
   verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
 
-  return {verb, [verb, arguments](const Output& output) {
+  return {verb, [arguments](const Output& output) {
             if (arguments->device.empty() && arguments->ensemble == 0)
               throw input_error("nothing to do: give --device for a map of its gains, --ensemble N, or both");
             check_names(*arguments);
