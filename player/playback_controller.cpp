@@ -80,11 +80,6 @@ Command PlaybackController::update(const State& state) noexcept {
     reference.acceleration[axis] = 0;
   }
 
-  // A recorded path's positions are quantised, and their second difference is noise.
-  constexpr double kSmoothing = 0.01;  // a time constant [s]
-  acceleration_ += -std::expm1(-state.dt / kSmoothing) * (reference.acceleration - acceleration_);
-  reference.acceleration = acceleration_;
-
   const double scale = command.status == Command::Status::working ? watch_deviation(state, reference, command) : 1;
   if (changes_ != nullptr) tuning_.approach(changes_->latest(), state.dt);
   Vec3 feedforward = Vec3::Zero();

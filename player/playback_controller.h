@@ -87,7 +87,6 @@ class PlaybackController final : public Controller {
   double approach_time_ = 0;  ///< [s]
   double path_time_ = 0;      ///< [s]
   Reference reference_;       ///< of the path at path_time_, at its own speed
-  Vec3 acceleration_ = Vec3::Zero();  ///< of the reference, low-passed [m/s^2]
   bool waiting_ = false;      ///< for the path to be read
   Ramp pace_{1};              ///< 1 running, 0 paused
   bool beyond_ = false;
