@@ -23,6 +23,7 @@ struct Arguments {
   std::vector<std::string> without;
   bool no_profile = false, forget = false;
   int learn = 0;
+  std::optional<double> smoothing;
   std::optional<double> kp, kd;
   PathSelection selection;
   double speed = 1, hold = 0.5, approach_speed = 0.1, max_deviation = 0.03;
@@ -210,6 +211,11 @@ Verb add_play(CLI::App& app) {
   verb->add_option("--interpolation", arguments->interpolation, "between samples: hold | linear | cubic | quintic")
       ->capture_default_str()
       ->group("Path");
+  verb->add_option(
+          "--smoothing", arguments->smoothing,
+          "time constant over which a path's positions are smoothed [s]: 0 for not at all; without it, as much "
+          "as their noise asks for")
+      ->group("Path");
   verb->add_option("--approach-speed", arguments->approach_speed, "peak speed of the way to the start [m/s]")
       ->capture_default_str()
       ->group("Path");
@@ -253,6 +259,7 @@ Verb add_play(CLI::App& app) {
             PlayOptions options;
             options.gains = gains_from(*arguments);
             options.interpolation = parse_interpolation(arguments->interpolation);
+            options.smoothing = arguments->smoothing;
             options.fit = arguments->fit;
             options.playback = {.speed = arguments->speed,
                                 .repetitions = arguments->loop ? 0 : arguments->repeat,

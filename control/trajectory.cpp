@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "control/min_jerk.h"
+#include "control/path_smoothing.h"
 
 #include <algorithm>
 #include <array>
@@ -158,21 +159,23 @@ Trajectory::Trajectory(const Path& piece, Interpolation interpolation, const Who
   if (size() == 1 || !uses_velocities(interpolation)) return;
 
   const std::size_t n = size();
-  if (whole.own_velocities) {
+  // The path itself starts and ends at rest; a piece of it goes on.
+  const bool starts = piece.time.front() <= whole.begin, ends = piece.time.back() >= whole.end;
+  const bool own_velocities = whole.own_velocities && whole.smoothing == 0;
+  if (own_velocities) {
     velocity_ = piece.velocity;
   } else {
-    // The path itself starts and ends at rest; a piece of it goes on.
+    position_ = smooth_positions(piece, whole.smoothing, {.begins_at_rest = starts, .ends_at_rest = ends});
     const auto slope = [&](std::size_t i) -> Vec3 {
       return (position_[i + 1] - position_[i]) / (time_[i + 1] - time_[i]);
     };
-    const bool starts = piece.time.front() <= whole.begin, ends = piece.time.back() >= whole.end;
     velocity_ = spline_slopes(time_, position_, starts ? Vec3::Zero() : slope(0), ends ? Vec3::Zero() : slope(n - 2));
   }
   bound(velocity_, time_, kMaxVelocity * whole.extent, 1);
   if (interpolation == Interpolation::cubic) return;
 
   Vec3 first = Vec3::Zero(), last = Vec3::Zero();
-  if (whole.own_velocities) {
+  if (own_velocities) {
     first = end_acceleration(position_[0], position_[1], velocity_[0], velocity_[1], time_[1] - time_[0]);
     last = end_acceleration(position_[n - 1], position_[n - 2], velocity_[n - 1], velocity_[n - 2],
                             time_[n - 2] - time_[n - 1]);

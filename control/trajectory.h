@@ -12,7 +12,8 @@
 
 namespace haptrace {
 
-/// How a trajectory runs between samples. Every degree passes through every sample at its stamp.
+/// How a trajectory runs between samples. Every degree passes through every sample at its stamp; cubic and quintic,
+/// when asked to smooth, through the smoothed ones.
 enum class Interpolation {
   hold,     ///< the last sample's position, at rest (C^-1)
   linear,   ///< straight lines (C0)
@@ -34,6 +35,10 @@ std::string to_string(Interpolation interpolation);
 /// from sample to sample, estimates that lag over exact positions, columns of zeros and wrong units do not: then, and
 /// without velocities, they are those of the C2 cubic spline at rest at both ends. (A robot's velocity column, thinned
 /// and compared with the samples left out: the spline is nearer from a ratio of 2 upwards.)
+///
+/// Smoothing. Where positions are noise from sample to sample, as the counts of a device are, the second derivative of
+/// any curve through them is nothing else. Whoever feeds it forward asks for smoothed positions (Whole::smoothing,
+/// cubic and quintic only); the velocities are then always those of the spline.
 ///
 /// Accelerations at the samples (quintic) are the slopes of the C2 cubic spline through those velocities, at both ends
 /// the cubic curve's own, or zero when the path starts and ends at rest for want of velocities.
@@ -61,6 +66,7 @@ class Trajectory {
     double begin = 0, end = 0;      ///< first and last stamp [s]; the first is the trajectory's time 0
     double extent = 0;              ///< the diagonal of its box [m]
     bool own_velocities = false;    ///< see agree()
+    double smoothing = 0;           ///< time constant [s], see smooth_positions(); 0: through every sample
     std::uint64_t rows_before = 0;  ///< before this piece, for messages
   };
 

@@ -257,6 +257,8 @@ nlohmann::json to_json(const TrackingFigures& figures) {
 
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
   validate(options.playback);
+  if (options.smoothing && !(*options.smoothing >= 0 && *options.smoothing <= 1))
+    throw input_error(fmt::format("the smoothing is {} s; it must be from 0 to 1 s", *options.smoothing));
   Tuning tuning;
   Compensations composed;
   if (options.identified) {
@@ -290,8 +292,10 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     played = std::make_shared<FittedPath>(path, device, *fit);
   }
 
-  PlayPlan plan{
-      .path = TrajectoryPieces(played, options.interpolation), .fit = fit, .tuning = tuning, .composed = composed};
+  PlayPlan plan{.path = TrajectoryPieces(played, options.interpolation, {.smoothing = options.smoothing}),
+                .fit = fit,
+                .tuning = tuning,
+                .composed = composed};
   const double limit = options.session.limits.max_velocity, speed = options.playback.speed;
   const double fastest = limit > 0 ? 0.9 * limit : std::numeric_limits<double>::infinity();
   const Excursion excursion = look_ahead(plan.path, options.interpolation, workspace, fastest / speed);
@@ -376,6 +380,7 @@ nlohmann::json to_json(const PlayResult& result) {
     for (const LearningTerm::Lesson& lesson : result.lessons)
       json["learning"].push_back({{"outcome", to_string(lesson.outcome)}, {"rms_error_m", lesson.rms_error}});
   }
+  json["path_smoothing_s"] = result.plan.path.smoothing();
   json["peak_speed_m_per_s"] = result.plan.peak_speed;
   if (result.plan.fit)
     json["fit"] = {{"scale", result.plan.fit->scale}, {"offset_m", json_of(result.plan.fit->offset)}};

@@ -27,6 +27,9 @@ struct PlayOptions {
   ForceTable learned;                                         ///< in earlier sessions, or empty
   bool guard = true;  ///< soften when the loop oscillates, tell of a hand that resists or lets go
   Interpolation interpolation = Interpolation::cubic;
+  /// Time constant of the path's smoothing [s], see smooth_positions(): when absent, as much as the noise in its
+  /// positions asks for; 0 passes through every sample.
+  std::optional<double> smoothing;
   bool fit = false;  ///< move and scale the path into the workspace
   PlaybackOptions playback;
   SessionOptions session;

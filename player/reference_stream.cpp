@@ -1,5 +1,7 @@
 #include "player/reference_stream.h"
 
+#include "control/path_smoothing.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -24,21 +26,24 @@ TrajectoryPieces::TrajectoryPieces(std::shared_ptr<const PathSource> source, Int
   rows_ = facts.rows <= options.undivided ? facts.rows : options.rows;
   count_ = std::max<std::uint64_t>((facts.rows - 1 + rows_ - 1) / rows_, 1);
   whole_ = {.begin = facts.begin, .end = facts.end, .extent = facts.bounds.size().norm()};
-  if (interpolation == Interpolation::cubic || interpolation == Interpolation::quintic)
-    whole_.own_velocities = facts.velocity && own_velocities();
+  if (interpolation == Interpolation::cubic || interpolation == Interpolation::quintic) {
+    const std::vector<Path> parts = stretches();
+    whole_.smoothing = options.smoothing ? *options.smoothing : smoothing_time(parts);
+    whole_.own_velocities = facts.velocity && Trajectory::agree(parts);
+  }
   first_ = std::make_shared<const TrajectoryPiece>(make(0));
 }
 
-bool TrajectoryPieces::own_velocities() const {
+std::vector<Path> TrajectoryPieces::stretches() const {
   constexpr std::uint64_t kStretches = 8, kRows = 2048;
   const std::uint64_t rows = source_->facts().rows;
   std::vector<Path> stretches;
-  if (count_ == 1 || rows <= kStretches * kRows)
+  if (rows <= kStretches * kRows)
     stretches.push_back(source_->read(0, rows));
   else
     for (std::uint64_t i = 0; i < kStretches; ++i)
       stretches.push_back(source_->read((rows - kRows) / (kStretches - 1) * i, kRows));
-  return Trajectory::agree(stretches);
+  return stretches;
 }
 
 TrajectoryPiece TrajectoryPieces::make(std::size_t index) const {
@@ -46,9 +51,22 @@ TrajectoryPiece TrajectoryPieces::make(std::size_t index) const {
   return through(first, std::min(first + rows_, source_->facts().rows - 1));
 }
 
+TrajectoryPieces::Rows TrajectoryPieces::with_overlap(std::uint64_t first, std::uint64_t last) const {
+  const std::uint64_t rows = source_->facts().rows;
+  Rows needed{.begin = first - std::min(first, Trajectory::kOverlap),
+              .end = std::min(last + 1 + Trajectory::kOverlap, rows)};
+  if (whole_.smoothing > 0 && count_ > 1) {
+    const double reach = smoothing_reach(whole_.smoothing);
+    const auto time_of = [&](std::uint64_t row) { return source_->read(row, 1).time.front(); };
+    needed.begin = std::min(needed.begin, source_->row_at(time_of(first) - reach));
+    needed.end = std::max(needed.end, source_->row_at(time_of(last) + reach) + 1);
+  }
+  return needed;
+}
+
 TrajectoryPiece TrajectoryPieces::through(std::uint64_t first, std::uint64_t last) const {
-  const std::uint64_t from = first - std::min(first, Trajectory::kOverlap);
-  const Path path = source_->read(from, last + 1 + Trajectory::kOverlap - from);
+  const auto [from, until] = with_overlap(first, last);
+  const Path path = source_->read(from, until - from);
   Trajectory::Whole whole = whole_;
   whole.rows_before = from;
   return {.begin = path.time[first - from] - whole_.begin,

@@ -8,7 +8,9 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
+#include <vector>
 
 namespace haptrace {
 
@@ -19,8 +21,8 @@ struct TrajectoryPiece {
 };
 
 /// The trajectory through a path in pieces that are made when they are needed: the same as Trajectory of the whole path
-/// to the last bits, but that the decision for or against the path's own velocities is taken from a few stretches of a
-/// long path, and once for all of it.
+/// to the last bits, but that the decisions for or against the path's own velocities and how much to smooth are taken
+/// from a few stretches of a long path, and once for all of it.
 ///
 /// Threads: const, but one thread at a time. A copy shares the source.
 class TrajectoryPieces {
@@ -28,6 +30,8 @@ class TrajectoryPieces {
   struct Options {
     std::uint64_t rows = 16'384;       ///< of a piece
     std::uint64_t undivided = 65'536;  ///< a path of up to so many rows is one piece
+    /// Time constant of smoothing [s], for cubic and quintic: 0 for none; as much as its noise asks for when absent.
+    std::optional<double> smoothing;
   };
 
   /// Makes the first piece. Throws Error(input) like PathSource::read and Trajectory.
@@ -38,6 +42,7 @@ class TrajectoryPieces {
   [[nodiscard]] const PathSource& source() const noexcept { return *source_; }
   [[nodiscard]] std::size_t count() const noexcept { return count_; }
   [[nodiscard]] double duration() const noexcept { return whole_.end - whole_.begin; }  ///< [s]
+  [[nodiscard]] double smoothing() const noexcept { return whole_.smoothing; }          ///< time constant [s]
   [[nodiscard]] const std::shared_ptr<const TrajectoryPiece>& first() const noexcept { return first_; }
 
   /// Throws like the constructor.
@@ -46,7 +51,13 @@ class TrajectoryPieces {
   [[nodiscard]] TrajectoryPiece through(std::uint64_t first, std::uint64_t last) const;
 
  private:
-  [[nodiscard]] bool own_velocities() const;
+  struct Rows {
+    std::uint64_t begin = 0, end = 0;  ///< half-open
+  };
+  /// Those that the trajectory through [first, last] depends on.
+  [[nodiscard]] Rows with_overlap(std::uint64_t first, std::uint64_t last) const;
+  /// Stretches that stand for the whole path.
+  [[nodiscard]] std::vector<Path> stretches() const;
 
   std::shared_ptr<const PathSource> source_;
   Interpolation interpolation_;

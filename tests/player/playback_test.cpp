@@ -128,6 +128,27 @@ TEST(Play, FollowsCloserWithWhatIsKnownThanWithoutIt) {
   EXPECT_LT(with.repetitions[0].rms_error, 0.1 * without.repetitions[0].rms_error);
 }
 
+TEST(Play, FollowsARecordingInCountsAsWellAsTheMovementItself) {
+  Path movement = circle(2), recording = movement;
+  recording.velocity.clear();
+  for (Vec3& p : recording.position) p = 5e-5 * (p / 5e-5).array().round().matrix();
+  const auto followed = [](const Path& path, const PlayOptions& options) {
+    SimDevice device(test::true_device());
+    return play(device, plan_playback(device.info(), path, options), options, StopRequest{});
+  };
+  const PlayResult exact = followed(movement, everything()), counted = followed(recording, everything());
+  EXPECT_EQ(exact.plan.path.smoothing(), 0);
+  EXPECT_GT(counted.plan.path.smoothing(), 1e-3);
+  EXPECT_LT(counted.last.rms_error, 1.3 * exact.last.rms_error);
+  EXPECT_LT(counted.last.force_ripple, 1.3 * exact.last.force_ripple);
+
+  PlayOptions as_it_is = everything();
+  as_it_is.smoothing = 0;
+  EXPECT_GT(followed(recording, as_it_is).last.force_ripple, 5 * counted.last.force_ripple) << "what it spares a hand";
+  as_it_is.smoothing = -1;
+  EXPECT_THAT(test::error_of([&] { (void)followed(recording, as_it_is); }), HasSubstr("the smoothing is -1 s"));
+}
+
 /// Hands on what a device says and nothing of what it is.
 class Blind final : public Device {
  public:

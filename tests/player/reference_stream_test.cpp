@@ -106,6 +106,34 @@ INSTANTIATE_TEST_SUITE_P(
                         Kind{"WithVelocity", false, true, false}, Kind{"WithUselessVelocity", true, true, true})),
     [](const auto& tested) { return to_string(std::get<0>(tested.param)) + std::get<1>(tested.param).name; });
 
+TEST(ReferenceStream, SmoothsANoisyPathInPiecesAsInOne) {
+  Path path = wandering({.name = "", .even = false, .velocity = true, .useless = false}, 1, 5000);
+  for (Vec3& p : path.position) p = 5e-5 * (p / 5e-5).array().round().matrix();
+  const TrajectoryPieces whole(source_of(path), Interpolation::cubic);
+  EXPECT_EQ(whole.count(), 1U);
+  EXPECT_GT(whole.smoothing(), 1e-3);
+  const TrajectoryPieces pieces(source_of(path), Interpolation::cubic, {.rows = 300, .undivided = 1});
+  EXPECT_EQ(pieces.count(), 17U);
+  EXPECT_EQ(pieces.smoothing(), whole.smoothing()) << "as short a path is judged by all of it";
+  EXPECT_EQ(TrajectoryPieces(source_of(path), Interpolation::cubic, {.smoothing = 0}).smoothing(), 0);
+  EXPECT_EQ(TrajectoryPieces(source_of(path), Interpolation::linear).smoothing(), 0) << "nothing to differentiate";
+  ReferenceStream one(whole, {}), many(pieces, {});
+  Vec3 before = Vec3::Zero();
+  for (double t = 0; t < one.duration(); t += 1e-3) {
+    many.wait(t);
+    Reference expected, reference;
+    ASSERT_EQ(one.sample(t, expected), ReferenceStream::Answer::ready);
+    ASSERT_EQ(many.sample(t, reference), ReferenceStream::Answer::ready);
+    ASSERT_LT((reference.position - expected.position).norm(), 1e-9) << t;
+    ASSERT_LT((reference.velocity - expected.velocity).norm(), 1e-6) << t;
+    ASSERT_LT((reference.acceleration - expected.acceleration).norm(), 1e-2) << t;
+    // Movement alone does not change it by more than 12 * 0.017 * 40^3 / 1000 = 13 m/s^2 in a millisecond.
+    const bool inside = t > 0.1 && t < one.duration() - 0.1;  // it neither begins nor ends at rest
+    ASSERT_LT((reference.acceleration - before).norm(), inside ? 20 : 1e3) << t;
+    before = reference.acceleration;
+  }
+}
+
 /// A path whose rows from `gate` on cannot be read until it is opened, or not at all.
 class Gated final : public PathSource {
  public:
