@@ -12,7 +12,7 @@ namespace haptrace {
 struct State {
   std::uint64_t tick = 0;
   std::int64_t time_ns = 0;      ///< since the session's first tick
-  double dt = 0;                 ///< since the previous update [s]; 0 at the first
+  double dt = 0;                 ///< since the previous update [s]; 0 at the first, and at the first after a gap
   Vec3 position = Vec3::Zero();  ///< p_WT [m]
   Vec3 velocity = Vec3::Zero();  ///< estimated from position, in W [m/s]
   Quat orientation = nan_quat();
@@ -26,7 +26,7 @@ struct Reference {
   Vec3 position = nan3();      ///< [m]
   Vec3 velocity = nan3();      ///< [m/s]
   Vec3 acceleration = nan3();  ///< [m/s^2]
-  double time = kNaN;          ///< of the path that is followed [s]; NaN on the way to it
+  double time = kNaN;          ///< of the path that is followed [s]; NaN on the way to its start
 };
 
 /// What a controller answers. The loop applies its own limits to `wrench` before anything is sent.
@@ -50,13 +50,17 @@ struct Command {
 
 /// Called by the one servo loop, in its thread.
 ///
-/// Real-time: start and update allocate nothing, lock nothing, throw nothing, do no I/O.
+/// Real-time: start, resume and update allocate nothing, lock nothing, throw nothing, do no I/O.
 class Controller {
  public:
   virtual ~Controller() = default;
 
   /// The first state of a session, before the first update.
   virtual void start(const State& first) noexcept { (void)first; }
+
+  /// The device was lost and is found again: the first state after the gap, before its update. The tool may be
+  /// somewhere else, and forces fade in from zero as at the start.
+  virtual void resume(const State& first) noexcept { start(first); }
 
   /// The force for the coming tick. Goes on being called while the loop fades the force out.
   [[nodiscard]] virtual Command update(const State& state) noexcept = 0;

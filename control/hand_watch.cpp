@@ -35,6 +35,12 @@ HandWatch::HandWatch(const HandWatchOptions& options) : options_(options) {
   validate(options_);
 }
 
+void HandWatch::reset() noexcept {
+  load_ = quick_ = slow_ = Vec3::Zero();
+  opposing_ = resisting_for_ = held_for_ = 0;
+  resists_ = false;
+}
+
 std::optional<Event> HandWatch::update(const Vec3& force, const Vec3& error, const Vec3& disturbance,
                                        double dt) noexcept {
   const Vec3 load = is_finite(disturbance) ? Vec3(-disturbance) : force;

@@ -38,6 +38,9 @@ class HandWatch {
   /// finite change nothing. Answers hand_resists or hand_let_go when it begins.
   std::optional<Event> update(const Vec3& force, const Vec3& error, const Vec3& disturbance, double dt) noexcept;
 
+  /// Forgets what the load was.
+  void reset() noexcept;
+
   [[nodiscard]] bool resists() const noexcept { return resists_; }
   [[nodiscard]] double opposing() const noexcept { return opposing_; }  ///< force beyond what is needed [N]
 

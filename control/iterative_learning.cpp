@@ -169,6 +169,12 @@ IterativeLearning::Outcome IterativeLearning::learn(const RepetitionLog& log) {
   return Outcome::learned;
 }
 
+void LearnedForce::start(const State&) noexcept {
+  if (writing_ != Writing::writing && writing_ != Writing::last_row) return;
+  writing_ = Writing::broken;
+  log_.clear();
+}
+
 void LearnedForce::write_down(const TermInput& input) noexcept {
   const double time = input.reference.time;
   if (writing_ == Writing::writing || writing_ == Writing::last_row) {
@@ -180,6 +186,8 @@ void LearnedForce::write_down(const TermInput& input) noexcept {
     log_.clear();
     return;
   }
+  // Its end is told, so that it counts as one of those that were to be learned from; of no rows, nothing is learned.
+  if (writing_ == Writing::broken && time >= duration_) writing_ = Writing::ended;
   if (writing_ == Writing::waiting) writing_ = Writing::writing;
   if (writing_ != Writing::writing) return;
   if (log_.full()) {

@@ -113,6 +113,8 @@ class LearnedForce final : public ForceTerm {
   /// down. With 0 rows none is.
   LearnedForce(double duration, std::size_t rows) : duration_(duration) { log_.reserve(rows); }
 
+  /// After a gap in a session: nothing can be learned of the repetition that it fell into.
+  void start(const State& first) noexcept override;
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override;
 
   /// Between ticks: from now on. The table must live until the next one is set.
@@ -131,7 +133,7 @@ class LearnedForce final : public ForceTerm {
   const ForceTable* used_ = nullptr;
   bool on_path_ = false;
 
-  enum class Writing { waiting, writing, last_row, ended, taken };
+  enum class Writing { waiting, writing, broken, last_row, ended, taken };
   double duration_;
   RepetitionLog log_;
   Writing writing_ = Writing::waiting;

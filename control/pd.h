@@ -24,6 +24,7 @@ struct TermInput {
 class ForceTerm {
  public:
   virtual ~ForceTerm() = default;
+  /// The first state of a session, and the first after a gap in it.
   virtual void start(const State& first) noexcept { (void)first; }
 
   /// This term's force on the hand [N], in W.

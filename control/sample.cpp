@@ -49,7 +49,9 @@ std::string describe(const Event& event) {
     case EventCode::device_ready:
       return "the device allows forces";
     case EventCode::device_lost:
-      return "the device was lost";
+      return std::isfinite(a) ? fmt::format("the device did not come back within {:.3g} s", a) : "the device was lost";
+    case EventCode::device_found:
+      return fmt::format("the device is back after {:.3f} s", a);
     case EventCode::repetition:
       return fmt::format("repetition {:.0f}", a + 1);
     case EventCode::mark:

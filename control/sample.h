@@ -48,14 +48,15 @@ enum class EventCode : std::int32_t {
   not_finite = 30,         ///< values: 0 the device's position, 1 the controller's force
   device_not_ready = 31,   ///< forces are not allowed by the device
   device_ready = 32,
-  device_lost = 33,
-  repetition = 40,  ///< values: index from 0
+  device_lost = 33,  ///< values: how long it was waited for in vain [s]; NaN when it was just lost
+  repetition = 40,   ///< values: index from 0
   mark = 50,
   paused = 51,
   resumed = 52,
   triggered = 53,        ///< values: 0 force, 1 speed, 2 button; how much [N, m/s, bits]; over what
   path_waits = 60,       ///< values: time of the path [s]; it stands still until what follows was read
   path_unreadable = 61,  ///< values: time of the path [s]
+  device_found = 62,     ///< the device that was lost is back; values: how long it was away [s]
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().

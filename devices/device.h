@@ -61,7 +61,11 @@ inline Wrench sendable(const Wrench& wrench) noexcept {
 /// a thread.
 class Device {
  public:
-  enum class [[nodiscard]] Status : std::uint8_t{ok, lost};
+  enum class [[nodiscard]] Status : std::uint8_t{
+      ok,
+      away,  ///< it does not answer now and may again: ask on, with zero force
+      lost,  ///< for good
+  };
 
   virtual ~Device() = default;
   Device() = default;
@@ -71,8 +75,8 @@ class Device {
   [[nodiscard]] virtual const DeviceInfo& info() const noexcept = 0;
 
   /// Applies `wrench` from now on, lets a virtual-time device advance by `dt` [s] under it, and returns the newest
-  /// state. The first exchange of a session has dt = 0. After `lost` the state is not to be used, and every further
-  /// exchange is lost too.
+  /// state. The first exchange of a session has dt = 0. After `away` and `lost` the state is not to be used. After
+  /// `lost` every further exchange is lost too.
   virtual Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept = 0;
 
   /// As for SampleSink: after every tick, outside of it; may wait only where time stands still meanwhile.
@@ -81,7 +85,7 @@ class Device {
   /// Sends zero force and lets go of the hardware. Idempotent; the destructor of every device calls it.
   virtual void close() noexcept = 0;
 
-  /// Why exchange returned `lost`, for people. Not for the tick.
+  /// Why exchange returned `lost` or `away`, for people. Not for the tick.
   [[nodiscard]] virtual std::string lost_reason() const { return "the device stopped answering"; }
 };
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -13,6 +14,7 @@ namespace {
 constexpr double kFlightRecord = 0.2;    // [s]
 constexpr double kFaultFade = 0.05;      // over which the last good force fades after a deviation stop [s]
 constexpr double kEventSpacing = 1.0;    // between two events of a limit that binds again and again [s]
+constexpr double kLongestWait = 86400;   // for a device that is away [s]
 constexpr double kReleasedForce = 1e-3;  // below which there is nothing left to fade [N]
 
 /// Keeps the last samples of a session in memory that is allocated at its start.
@@ -83,6 +85,9 @@ void ServoLoop::validate(const DeviceInfo& device, const Options& options) {
         fmt::format("the rate is {} Hz; it must be from {} to {} Hz", options.rate_hz, kLowestRate, kHighestRate));
   if (options.virtual_time && !device.virtual_time)
     throw input_error(fmt::format("the device {} lives in real time; use --clock real", device.name));
+  if (!(options.away_timeout >= 0 && options.away_timeout <= kLongestWait))
+    throw input_error(fmt::format("the time to wait for a lost device is {} s; it must be from 0 (not at all) to {} s",
+                                  options.away_timeout, kLongestWait));
   haptrace::validate(options.limits);
 }
 
@@ -133,6 +138,14 @@ class ServoLoop::Session {
   /// The last samples before the end, oldest first.
   [[nodiscard]] std::vector<Sample> flight_record() const { return flight_.samples(); }
 
+  /// Why there is no device, in words.
+  [[nodiscard]] std::string lost_reason() const {
+    std::string reason = loop_.device_.lost_reason();
+    if (answers_) reason = "it answers again, but does not allow forces; is it homed?";
+    if (waited_in_vain_ > 0) reason += fmt::format("; it was waited for {:.3g} s", waited_in_vain_);
+    return reason;
+  }
+
   /// The event that says what stopped the session, if a limit or a fault did.
   [[nodiscard]] const std::optional<Event>& fault() const noexcept { return fault_; }
 
@@ -143,11 +156,17 @@ class ServoLoop::Session {
   bool wait_until_ready(const StopRequest& stop) noexcept {
     const auto patience_ns = static_cast<std::int64_t>(1e9 * loop_.options_.ready_timeout);
     for (double dt = 0;; dt = 1e-9 * static_cast<double>(period_ns_)) {
-      if (loop_.device_.exchange({}, dt, device_state_) == Device::Status::lost) return fail(StopCause::device_lost);
-      if (device_state_.ready) return true;
+      const Device::Status status = loop_.device_.exchange({}, dt, device_state_);
+      const bool answers = status == Device::Status::ok;
+      if (answers && device_state_.ready) {
+        away_since_ns_.reset();
+        return true;
+      }
       if (stop.count() > 0) return fail(StopCause::interrupted);
-      if (deadline_ns_ - start_ns_ > patience_ns) return fail(StopCause::device_not_ready);
+      if (!answers && is_given_up(status, deadline_ns_)) return fail(StopCause::device_lost);
+      if (answers && deadline_ns_ - start_ns_ > patience_ns) return fail(StopCause::device_not_ready);
       if (dt == 0) push_event(0, {.code = EventCode::device_not_ready});
+      loop_.device_.between_ticks(loop_.options_.virtual_time);
       deadline_ns_ += period_ns_;
       clock_.wait_until(deadline_ns_);
     }
@@ -166,11 +185,14 @@ class ServoLoop::Session {
     State state;
     state.tick = tick_;
     state.time_ns = woke_ns - start_ns_;
-    state.dt = first_ ? 0 : 1e-9 * static_cast<double>(state.time_ns - last_time_ns_);
+    state.dt = exchanged_ns_ ? 1e-9 * static_cast<double>(woke_ns - *exchanged_ns_) : 0;
     state.force_applied = wrench_.force;
 
-    if (loop_.device_.exchange(wrench_, state.dt, device_state_) == Device::Status::lost) {
-      stop_now(StopCause::device_lost, {.code = EventCode::device_lost}, state.time_ns);
+    const Device::Status status = loop_.device_.exchange(wrench_, state.dt, device_state_);
+    exchanged_ns_ = woke_ns;
+    // One that was away and is not homed yet still is.
+    if (status != Device::Status::ok || (away_since_ns_ && !device_state_.ready)) {
+      do_without(status, woke_ns, state.time_ns, stop);
       return;
     }
     state.position = device_state_.position;
@@ -183,9 +205,48 @@ class ServoLoop::Session {
       stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {0, kNaN, kNaN}}, state.time_ns);
       return;
     }
+    if (away_since_ns_) come_back(state, woke_ns);
     state.velocity = loop_.estimator_.update(state.position, state.dt);
     keep(state, decide(state, stop), woke_ns);
     report_.tick_time.record(monotonic_ns() - began_ns);
+  }
+
+  /// Whether a device that answers `status` is no longer waited for.
+  bool is_given_up(Device::Status status, std::int64_t now_ns) noexcept {
+    if (!away_since_ns_) away_since_ns_ = now_ns;
+    const double away = 1e-9 * static_cast<double>(now_ns - *away_since_ns_);
+    const bool impatient = away >= loop_.options_.away_timeout;
+    if (impatient) waited_in_vain_ = away;
+    answers_ = status == Device::Status::ok;
+    return impatient || status == Device::Status::lost;
+  }
+
+  /// A tick without the device: no row, and nothing but zero force for it to find when it is back.
+  void do_without(Device::Status status, std::int64_t woke_ns, std::int64_t time_ns, const StopRequest& stop) noexcept {
+    const bool just_lost = !away_since_ns_;
+    wrench_ = {};
+    fade_ = Ramp();
+    // Where forces were on their way out, there is nothing to go on with.
+    if (is_given_up(status, woke_ns) || mode_ != Mode::running) {
+      const double waited = waited_in_vain_ > 0 ? waited_in_vain_ : kNaN;
+      stop_now(StopCause::device_lost, {.code = EventCode::device_lost, .values = {waited, kNaN, kNaN}}, time_ns);
+    } else {
+      if (just_lost) push_event(time_ns, {.code = EventCode::device_lost});
+      if (stop.count() > 0) stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, time_ns);
+    }
+  }
+
+  /// It may have been moved meanwhile: nothing may be computed from what was before.
+  void come_back(State& state, std::int64_t woke_ns) noexcept {
+    const double gap = 1e-9 * static_cast<double>(woke_ns - *away_since_ns_);
+    away_since_ns_.reset();
+    push_event(state.time_ns, {.code = EventCode::device_found, .values = {gap, kNaN, kNaN}});
+    ++report_.returns;
+    if (first_) return;
+    report_.away += gap;
+    resumes_ = true;
+    state.dt = 0;
+    loop_.estimator_.reset();
   }
 
   /// The controller's answer, with everything that can end the session looked at. Sets wrench_.
@@ -193,6 +254,8 @@ class ServoLoop::Session {
     if (first_) {
       loop_.controller_.start(state);
       push_event(state.time_ns, {.code = EventCode::started});
+    } else if (std::exchange(resumes_, false)) {
+      loop_.controller_.resume(state);
     }
     const double speed = state.velocity.stableNorm();
     const SafetyLimits& limits = loop_.options_.limits;
@@ -316,7 +379,6 @@ class ServoLoop::Session {
     report_.max_force = std::max(report_.max_force, wrench_.force.stableNorm());
     ++report_.samples;
     report_.duration = 1e-9 * static_cast<double>(state.time_ns);
-    last_time_ns_ = state.time_ns;
     first_ = false;
   }
 
@@ -364,7 +426,12 @@ class ServoLoop::Session {
   bool ended_ = false;
   bool first_ = true;
   std::uint64_t tick_ = 0;
-  std::int64_t start_ns_ = 0, deadline_ns_ = 0, last_time_ns_ = 0;
+  std::int64_t start_ns_ = 0, deadline_ns_ = 0;
+  std::optional<std::int64_t> exchanged_ns_;   ///< the tick of the last exchange
+  std::optional<std::int64_t> away_since_ns_;  ///< the first tick without the device
+  double waited_in_vain_ = 0;                  ///< for a device that is away [s]
+  bool answers_ = false;                       ///< although it is away: it is not ready
+  bool resumes_ = false;                       ///< at this tick
   std::optional<Event> fault_;
   DeviceState device_state_;
   Wrench wrench_;  ///< to be sent at the next exchange
@@ -389,7 +456,7 @@ ServoReport ServoLoop::run(const StopRequest& stop) noexcept {
   if (report.stopped_by_fault()) {
     report.flight_record = session.flight_record();
     if (session.fault()) report.detail = describe(*session.fault());
-    if (report.cause == StopCause::device_lost) report.detail = "the device was lost: " + device_.lost_reason();
+    if (report.cause == StopCause::device_lost) report.detail = "the device was lost: " + session.lost_reason();
     if (report.cause == StopCause::device_not_ready && report.samples == 0)
       report.detail = fmt::format("the device did not become ready within {} s; is it homed?", options_.ready_timeout);
   } else if (report.cause == StopCause::interrupted) {

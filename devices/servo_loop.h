@@ -65,7 +65,9 @@ struct ServoReport {
   std::uint64_t samples = 0;    ///< ticks that ran
   std::uint64_t missed = 0;     ///< ticks that did not, because one before them was late
   std::uint64_t overruns = 0;   ///< how many times that happened
+  std::uint64_t returns = 0;    ///< how often the device was lost and found again
   double duration = 0;          ///< first to last sample, by the session's clock [s]
+  double away = 0;              ///< how much of it the device was away [s]
   double asked_rate = 0;        ///< [Hz]
   double max_force = 0;         ///< largest magnitude sent [N]
   DurationHistogram latency;    ///< wake-up minus deadline
@@ -73,9 +75,9 @@ struct ServoReport {
   RealtimeStatus realtime;
   std::vector<Sample> flight_record;  ///< the last 200 ms before a limit or a fault stopped it; empty otherwise
 
-  /// Ticks per second of the session's clock [Hz].
+  /// Ticks per second of the session's clock, while the device was there [Hz].
   [[nodiscard]] double achieved_rate() const noexcept {
-    return duration > 0 ? static_cast<double>(samples - 1) / duration : 0;
+    return duration > away ? static_cast<double>(samples - 1) / (duration - away) : 0;
   }
   /// True when a limit or a fault ended the session, rather than its end or a request.
   [[nodiscard]] bool stopped_by_fault() const noexcept {
@@ -89,6 +91,11 @@ struct ServoReport {
 /// magnitude and for long, the tool's speed is limited, forces fade in and fade out, and zero force is sent on every
 /// way out. Ticks that come too late are missed and counted, never caught up with: a gap in tick and time, and an
 /// event.
+///
+/// A device that is away (Device::Status) may be waited for. Ticks and time go on, without rows: a position that was
+/// not taken is not invented. It is sent zero force until it is back and ready; then the velocity is estimated anew,
+/// the controller resumes, and forces fade in from zero. The motors are not credited with having cooled meanwhile:
+/// nobody saw what force acted.
 class ServoLoop {
  public:
   struct Options {
@@ -97,6 +104,7 @@ class ServoLoop {
     bool realtime = true;       ///< ask for a real-time thread (monotonic clock only)
     SafetyLimits limits;        ///< forces: never more than the device's own, which 0 takes
     double ready_timeout = 30;  ///< how long to wait for a device that is not ready yet [s]
+    double away_timeout = 0;    ///< how long to wait for a device that is away [s]; 0: it is lost at once
   };
 
   /// Throws Error(input) when an option is out of range, or when virtual time is asked of a device that lives in real

@@ -50,6 +50,8 @@ bool follows_intent(const SimSpec& spec, const SimOptions& options) {
 
 SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
     : info_(describe(spec, options)),
+      lost_from_(options.lost_at),
+      lost_until_(options.lost_at + options.lost_for),
       force_resolution_(spec.force_resolution),
       position_noise_(spec.position_noise),
       force_noise_(spec.force_noise),
@@ -76,11 +78,17 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
 Device::Status SimDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
   if (closed_) return Status::lost;
   const std::int64_t now = time_.ns();
-  delay_line_.push(now, motor_command(wrench));
+  delay_line_.push(now, cable_is_out() ? Vec3::Zero() : motor_command(wrench));
   input_.command = delay_line_.output();
   advance(now, time_.advance(dt));
+  if (cable_is_out()) return lost_until_ == SimOptions::kNever ? Status::lost : Status::away;
   measure(state);
   return Status::ok;
+}
+
+bool SimDevice::cable_is_out() const noexcept {
+  const double now = 1e-9 * static_cast<double>(time_.ns());
+  return now >= lost_from_ && now < lost_until_;
 }
 
 /// What the motors are told: saturated and quantised, in actuator axes.
@@ -155,6 +163,15 @@ bool read_flag(const DeviceSpec& device, const char* key) {
   throw input_error(fmt::format("{}: {}: expected true or false, found '{}'", where(device), key, text));
 }
 
+double read_time(const DeviceSpec& device, const char* key) {
+  const std::string text = option(device, key);
+  double time = SimOptions::kNever;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), time);
+  if (!text.empty() && (error != std::errc{} || end != text.data() + text.size() || !(time >= 0)))
+    throw input_error(fmt::format("{}: {}: expected seconds from 0, found '{}'", where(device), key, text));
+  return time;
+}
+
 std::uint64_t read_seed(const DeviceSpec& device) {
   const std::string text = option(device, "seed");
   std::uint64_t seed = SimOptions{}.seed;
@@ -220,6 +237,10 @@ std::unique_ptr<Device> open_sim(const DeviceSpec& device) {
   if (!intent.empty()) spec.hand->intent = intent;
 
   SimOptions options{.name = device.text, .serial = serial_number(json_spec), .seed = read_seed(device), .intent = {}};
+  options.lost_at = read_time(device, "lost_at");
+  options.lost_for = read_time(device, "lost_for");
+  if (options.lost_for < SimOptions::kNever && options.lost_at == SimOptions::kNever)
+    throw input_error(where(device) + ": lost_for: says how long the cable is out; say when it slips out with lost_at");
   if (spec.hand && !spec.hand->intent.empty()) read_intent(device, spec, options);
   return std::make_unique<SimDevice>(spec, options);
 }
@@ -234,7 +255,9 @@ DeviceBackend sim_backend() {
                       {"hand", fmt::format("who holds it: {}", fmt::join(hand_preset_names(), ", "))},
                       {"intent", "the path that the hand intends to follow: CSV or HDF5"},
                       {"fit", "true: scale and move the intent into the workspace"},
-                      {"seed", "of tremor and noise (default 1)"}},
+                      {"seed", "of tremor and noise (default 1)"},
+                      {"lost_at", "its cable slips out at this time of its own, to try that out [s]"},
+                      {"lost_for", "and is in again after so long [s]; without it, when it is opened anew"}},
           .presets = device_preset_names(),
           .open = open_sim};
 }

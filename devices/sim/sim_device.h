@@ -12,6 +12,8 @@
 namespace haptrace {
 
 struct SimOptions {
+  static constexpr double kNever = std::numeric_limits<double>::infinity();
+
   std::string name = "sim";
   std::string serial;  ///< tells devices of one model apart
   std::uint64_t seed = 1;
@@ -19,11 +21,14 @@ struct SimOptions {
   /// a hand, nobody intends anything.
   std::optional<Trajectory> intent;
   std::vector<std::string> notes;  ///< for DeviceInfo::notes
+  double lost_at = kNever;         ///< when its cable slips out, in its own time [s]
+  double lost_for = kNever;        ///< after which that is in again [s]; kNever: the device is lost for good
   double longest_step = 50e-6;     ///< of integration; another is for those who study the integration itself [s]
 };
 
 /// Advances by exchange's dt and by nothing else. Equal specs, seeds and commands give bit-identical runs. A force that
-/// is not finite is no force. The device starts at rest where the hand intends to begin, or at the origin.
+/// is not finite is no force. The device starts at rest where the hand intends to begin, or at the origin. While its
+/// cable is out it is away, and moves on without force: the hand does not wait.
 class SimDevice final : public Device {
  public:
   explicit SimDevice(const SimSpec& spec, const SimOptions& options = {});
@@ -31,7 +36,9 @@ class SimDevice final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void close() noexcept override { closed_ = true; }
-  [[nodiscard]] std::string lost_reason() const override { return "the simulated device is closed"; }
+  [[nodiscard]] std::string lost_reason() const override {
+    return closed_ ? "the simulated device is closed" : "its simulated cable slipped out (lost_at)";
+  }
 
   /// What no controller can see: where the handle is, and how fast [m, m/s in W].
   [[nodiscard]] Vec3 true_position() const noexcept { return to_world(plant_.handle_position()); }
@@ -40,6 +47,7 @@ class SimDevice final : public Device {
 
  private:
   [[nodiscard]] Vec3 to_world(const Vec3& p) const noexcept { return plant_.rotation().transpose() * p; }
+  [[nodiscard]] bool cable_is_out() const noexcept;
   [[nodiscard]] Vec3 motor_command(const Wrench& wrench) const noexcept;
   void advance(std::int64_t now, std::int64_t end) noexcept;
   void plan_hand() noexcept;
@@ -47,6 +55,7 @@ class SimDevice final : public Device {
 
   DeviceInfo info_;
   bool closed_ = false;
+  double lost_from_, lost_until_;                           ///< the cable is out [s]
   double force_resolution_, position_noise_, force_noise_;  ///< [N], [m], [N]
   Vec3 force_axes_ = Vec3::Zero();                          ///< 1 where a force is taken, in W
 

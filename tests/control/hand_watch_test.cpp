@@ -98,6 +98,14 @@ TEST(HandWatch, PassesOverWhatIsNotFinite) {
   EXPECT_NEAR(hand.opposing(), 5, 0.1);
 }
 
+TEST(HandWatch, ForgetsTheLoadWhenItIsToldTo) {
+  HandWatch hand({.resisting = 100});
+  (void)watch(hand, 1, [](double) { return 6.0; });
+  hand.reset();
+  EXPECT_EQ(hand.opposing(), 0);
+  EXPECT_TRUE(watch(hand, 2, [](double) { return 0.5; }).empty()) << "nobody let go";
+}
+
 TEST(HandWatch, NamesTheOptionThatIsWrong) {
   const auto error_of = [](const HandWatchOptions& options) { return test::error_of([&] { validate(options); }); };
   EXPECT_EQ(error_of({}), "no error");

@@ -1,5 +1,6 @@
 // What every device keeps, whatever it is. A device joins by being listed.
 #include "devices/plugin_device.h"
+#include "devices/recovering_device.h"
 #include "devices/replay_device.h"
 #include "devices/sim/presets.h"
 #include "tests/devices/support.h"
@@ -57,6 +58,9 @@ std::vector<Listed> listed() {
        false);
   devices.push_back({"plugin_mass", [] { return open_device("plugin:path=" MASS_PLUGIN); }});
   devices.push_back({"replay", open_replay, false, false});
+  devices.push_back(
+      {"recovering",
+       [] { return std::make_unique<RecoveringDevice>([] { return open_device("plugin:path=" MASS_PLUGIN); }); }});
   return devices;
 }
 

@@ -408,5 +408,236 @@ TEST(ServoLoop, StopsAWrongForceSignBeforeItRunsAway) {
   EXPECT_EQ(device.forces().back(), Vec3::Zero());
 }
 
+// ------------------------------------------------------------------------------------------------- a device that is
+// away
+
+/// Pushes until a tick, and keeps what it was told of gaps.
+class Resuming final : public Controller {
+ public:
+  explicit Resuming(std::uint64_t last) : last_(last) { states.reserve(10000); }
+  void start(const State&) noexcept override { ++starts; }
+  void resume(const State& first) noexcept override {
+    resumed_at = first;
+    ++resumes;
+  }
+  [[nodiscard]] Command update(const State& state) noexcept override {
+    states.push_back(state);
+    return pushing(state.tick >= last_ ? Command::Status::finished : Command::Status::working);
+  }
+
+  int starts = 0, resumes = 0;
+  State resumed_at;
+  std::vector<State> states;
+
+ private:
+  std::uint64_t last_;
+};
+
+constexpr ServoLoop::Options kPatient{.virtual_time = true, .away_timeout = 1};
+const PointMass::Faults kGap{.away_from = 601, .away_until = 801, .moved_while_away = Vec3(0.05, 0, 0)};
+
+TEST(ServoLoop, LeavesAGapInRowsButNotInTimeWhileTheDeviceIsAway) {
+  PointMass device(0.5, 20, kGap);
+  Resuming controller(1500);
+  const Outcome result = run(device, controller, kPatient);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+  const auto& rows = result.log.samples;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    ASSERT_EQ(rows[i].tick, i < 600 ? i : i + 200);
+    ASSERT_EQ(rows[i].time_ns, 1'000'000 * static_cast<std::int64_t>(rows[i].tick)) << "time goes on";
+  }
+  std::vector<std::pair<EventCode, std::int64_t>> told;
+  for (const Event& event : result.log.events)
+    if (event.code == EventCode::device_lost || event.code == EventCode::device_found)
+      told.emplace_back(event.code, event.time_ns);
+  EXPECT_EQ(told, (std::vector<std::pair<EventCode, std::int64_t>>{{EventCode::device_lost, 600'000'000},
+                                                                   {EventCode::device_found, 800'000'000}}));
+  EXPECT_EQ(result.report.returns, 1U);
+  EXPECT_NEAR(result.report.away, 0.2, 1e-9);
+  EXPECT_NEAR(result.report.achieved_rate(), 1000, 1e-6) << "while it was there";
+  EXPECT_EQ(result.report.missed, 0U);
+}
+
+TEST(ServoLoop, ComesBackToADeviceWithZeroForceAndFadesIn) {
+  PointMass device(0.5, 20, kGap);
+  Resuming controller(1500);
+  ServoLoop::Options options = kPatient;
+  options.limits = {.max_velocity = 1, .soft_start = 0.1};
+  const Outcome result = run(device, controller, options);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << "the jump of the position is no speed";
+  EXPECT_FALSE(device.force_while_away());
+  EXPECT_GT(device.forces()[600].norm(), 1.9);
+  EXPECT_EQ(device.forces()[601], Vec3::Zero()) << "the first that the device sees again";
+  const auto& rows = result.log.samples;
+  EXPECT_EQ(rows[600].force, Vec3::Zero());
+  for (std::size_t i = 601; i < 700; ++i) {
+    EXPECT_GE(rows[i].force.x(), rows[i - 1].force.x());
+    EXPECT_LE(rows[i].force.x() - rows[i - 1].force.x(), 2 / 100.0 + 1e-12);
+  }
+  EXPECT_NEAR(rows[700].force.x(), 2, 1e-9);
+  EXPECT_EQ(rows[600].velocity, Vec3::Zero()) << "estimated anew";
+  EXPECT_EQ(controller.starts, 1);
+  EXPECT_EQ(controller.resumes, 1);
+  EXPECT_EQ(controller.resumed_at.tick, 800U);
+  EXPECT_EQ(controller.resumed_at.position, rows[600].position);
+  EXPECT_EQ(controller.states[600].dt, 0) << "no time that a controller could integrate over";
+  EXPECT_EQ(controller.states[600].force_applied, Vec3::Zero());
+  EXPECT_EQ(controller.states[601].dt, 1e-3);
+}
+
+TEST(ServoLoop, DoesNotCreditMotorsThatNobodySawWithHavingCooled) {
+  PointMass device(1000, 0, {.away_from = 4001, .away_until = 9001});
+  Resuming controller(11000);
+  ServoLoop::Options options{.virtual_time = true, .away_timeout = 10};
+  options.limits = {.max_continuous_force = 1, .continuous_time = 2};
+  const Outcome result = run(device, controller, options);
+  const auto& rows = result.log.samples;
+  ASSERT_LT(rows[3999].force.x(), 1.2) << "limited when it is lost";
+  ASSERT_EQ(rows[4000].tick, 9000U);
+  // Cool motors would bear 2 N for 0.35 s and more; these have cooled no more than while the force faded in.
+  const auto strong =
+      std::count_if(rows.begin() + 4000, rows.begin() + 5000, [](const Sample& row) { return row.force.x() > 1.9; });
+  EXPECT_LT(strong, 150);
+}
+
+TEST(ServoLoop, EndsWhenADeviceDoesNotComeBackInTimeAndSaysHowLongItWaited) {
+  PointMass device(0.5, 20, {.away_from = 601});
+  Resuming controller(5000);
+  const Outcome result = run(device, controller, kPatient);
+  EXPECT_EQ(result.report.cause, StopCause::device_lost);
+  EXPECT_THAT(result.report.detail, testing::AllOf(HasSubstr("the device was lost: the device stopped answering"),
+                                                   HasSubstr("it was waited for 1 s")));
+  EXPECT_EQ(result.log.samples.size(), 600U);
+  ASSERT_FALSE(result.report.flight_record.empty());
+  EXPECT_EQ(result.log.events.back().code, EventCode::device_lost);
+  EXPECT_EQ(result.log.events.back().time_ns, 1'600'000'000);
+  EXPECT_EQ(describe(result.log.events.back()), "the device did not come back within 1 s");
+}
+
+TEST(ServoLoop, DoesNotWaitForADeviceUnlessItIsToldTo) {
+  PointMass device(0.5, 20, kGap);
+  Resuming controller(1500);
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::device_lost);
+  EXPECT_EQ(result.report.detail, "the device was lost: the device stopped answering");
+  EXPECT_EQ(result.log.samples.size(), 600U);
+  EXPECT_EQ(std::count_if(result.log.events.begin(), result.log.events.end(),
+                          [](const Event& event) { return event.code == EventCode::device_lost; }),
+            1);
+}
+
+TEST(ServoLoop, TakesADeviceThatIsFoundButNotReadyForAway) {
+  PointMass device(0.5, 20, {.away_from = 601, .away_until = 701, .ready_from = 0});
+  /// Homes for a while after it is found.
+  class Homing final : public Device {
+   public:
+    Homing(Device& inner, int ticks) : inner_(inner), left_(ticks) {}
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner_.info(); }
+    Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+      const Status status = inner_.exchange(wrench, dt, state);
+      was_away_ = was_away_ || status == Status::away;
+      if (status == Status::ok && was_away_ && left_-- > 0) {
+        state.ready = false;
+        state.position = nan3();  // nor is there one before it is homed
+      }
+      return status;
+    }
+    void close() noexcept override {}
+
+   private:
+    Device& inner_;
+    int left_;
+    bool was_away_ = false;
+  } homing(device, 150);
+  Resuming controller(1500);
+  const Outcome result = run(homing, controller, kPatient);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+  EXPECT_NEAR(result.report.away, 0.25, 1e-9);
+  for (std::size_t k = 601; k < 751; ++k) EXPECT_EQ(device.forces()[k], Vec3::Zero());
+
+  PointMass again(0.5, 20, {.away_from = 601, .away_until = 701});
+  Homing never(again, 1 << 20);
+  Resuming other(1500);
+  const Outcome lost = run(never, other, kPatient);
+  EXPECT_EQ(lost.report.cause, StopCause::device_lost);
+  EXPECT_THAT(lost.report.detail, HasSubstr("it answers again, but does not allow forces"));
+}
+
+TEST(ServoLoop, EndsAtOnceWhenAskedToWhileTheDeviceIsAway) {
+  StopRequest stop;
+  PointMass device(0.5, 20, {.away_from = 601});
+  /// Raises the request when it is told that the device was lost.
+  struct Raiser final : SampleSink {
+    explicit Raiser(StopRequest& request) : request_(request) {}
+    void push(const Sample&) noexcept override {}
+    void push(const Event& event) noexcept override {
+      if (event.code == EventCode::device_lost) request_.raise();
+      last_ = event;
+    }
+    StopRequest& request_;
+    Event last_;
+  } raiser(stop);
+  SampleSink* const sinks[] = {&raiser};
+  Resuming controller(1500);
+  const auto estimator = make_velocity_estimator("difference", 1000, 0);
+  const ServoReport report = ServoLoop(device, controller, *estimator, sinks, kPatient).run(stop);
+  EXPECT_EQ(report.cause, StopCause::interrupted);
+  EXPECT_EQ(report.samples, 600U);
+  EXPECT_EQ(raiser.last_.code, EventCode::interrupted);
+  EXPECT_LE(raiser.last_.time_ns, 601'000'000);
+}
+
+TEST(ServoLoop, HasNothingToGoOnWithWhenADeviceIsLostWhileItsForceFadesOut) {
+  PointMass device(0.5, 20, {.away_from = 601, .away_until = 700});
+  Resuming controller(500);
+  const Outcome result = run(device, controller, kPatient);
+  EXPECT_EQ(result.report.cause, StopCause::device_lost);
+  EXPECT_EQ(result.log.samples.size(), 600U);
+}
+
+TEST(ServoLoop, WaitsForADeviceThatIsAwayBeforeTheFirstTick) {
+  for (const std::uint64_t from : {0U, 1U}) {  // while it waits for the device to be ready, and at the first tick
+    PointMass device(0.5, 20, {.away_from = from, .away_until = 300});
+    Resuming controller(500);
+    const Outcome result = run(device, controller, kPatient);
+    EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+    EXPECT_EQ(controller.starts, 1);
+    EXPECT_EQ(controller.resumes, 0);
+    EXPECT_EQ(result.log.samples.front().time_ns, 0);
+    EXPECT_EQ(result.report.away, 0);
+    PointMass never(0.5, 20, {.away_from = from});
+    EXPECT_EQ(run(never, controller, kPatient).report.cause, StopCause::device_lost);
+  }
+}
+
+TEST(ServoLoop, AllocatesNothingWhileTheDeviceIsAwayAndWhenItComesBack) {
+  struct Counting final : SampleSink {
+    void push(const Sample&) noexcept override {}
+    void push(const Event& event) noexcept override {
+      if (event.code == EventCode::device_lost) before = test::allocations();
+    }
+    std::size_t before = 0;
+  } counting;
+  std::size_t after = 0;
+  Scripted controller([&](const State& state) {
+    if (state.tick == 900) after = test::allocations();
+    return pushing(state.tick > 900 ? Command::Status::finished : Command::Status::working);
+  });
+  PointMass device(0.5, 20, kGap);
+  SampleSink* const sinks[] = {&counting};
+  const auto estimator = make_velocity_estimator("lowpass:100", 1000, 0);
+  const ServoReport report = ServoLoop(device, controller, *estimator, sinks, kPatient).run(StopRequest{});
+  EXPECT_EQ(report.cause, StopCause::finished);
+  EXPECT_EQ(report.returns, 1U);
+  EXPECT_EQ(after, counting.before);
+}
+
+TEST(ServoLoop, RefusesAPatienceThatIsNone) {
+  PointMass device;
+  Scripted controller = push_until(0, Vec3::Zero());
+  for (const double patience : {-1.0, kNaN, 1e6})
+    EXPECT_THROW(run(device, controller, {.virtual_time = true, .away_timeout = patience}), Error);
+}
+
 }  // namespace
 }  // namespace haptrace

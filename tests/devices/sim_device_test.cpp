@@ -167,5 +167,39 @@ TEST(SimOptions, RefuseAnIntentOutsideTheWorkspaceUnlessItMayBeFitted) {
   EXPECT_THAT(open_error("sim:preset=falcon,fit=yes,intent=" + file), HasSubstr("fit: expected true or false"));
 }
 
+TEST(SimCable, IsOutForAsLongAsItIsToldAndTheHandDoesNotWait) {
+  const auto device = open_device("sim:preset=falcon,hand=relaxed,seed=3,lost_at=0.2,lost_for=0.3");
+  const auto twin = open_device("sim:preset=falcon,hand=relaxed,seed=3");
+  DeviceState state;
+  for (int k = 1; k <= 1000; ++k) {
+    const Vec3 push(1, 0, 0);
+    const bool out = k >= 200 && k < 500;
+    // What is asked for while the cable is out does not arrive, nor does the last force before it stay.
+    const bool arrives = k < 201 || k > 500;
+    const Vec3 position = exchange(*twin, arrives ? push : Vec3::Zero(), 1e-3).position;
+    const Device::Status status = device->exchange({push, Vec3::Zero()}, 1e-3, state);
+    ASSERT_EQ(status, out ? Device::Status::away : Device::Status::ok) << k;
+    if (!out) {
+      ASSERT_EQ(state.position, position) << k;
+    } else {
+      ASSERT_THAT(device->lost_reason(), HasSubstr("cable"));
+    }
+  }
+}
+
+TEST(SimCable, IsOutForGoodWhenItIsNotSaidForHowLong) {
+  const auto device = open_device("sim:lost_at=0.01");
+  DeviceState state;
+  for (int k = 1; k < 100; ++k)
+    ASSERT_EQ(device->exchange({}, 1e-3, state), k < 10 ? Device::Status::ok : Device::Status::lost) << k;
+}
+
+TEST(SimCable, IsReadWithCare) {
+  EXPECT_THAT(open_error("sim:lost_at=-1"), HasSubstr("lost_at: expected seconds from 0, found '-1'"));
+  EXPECT_THAT(open_error("sim:lost_at=2s"), HasSubstr("lost_at: expected seconds from 0, found '2s'"));
+  EXPECT_THAT(open_error("sim:lost_at=nan"), HasSubstr("lost_at: expected seconds"));
+  EXPECT_THAT(open_error("sim:lost_for=1"), HasSubstr("say when it slips out with lost_at"));
+}
+
 }  // namespace
 }  // namespace haptrace::test

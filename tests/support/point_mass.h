@@ -18,6 +18,9 @@ class PointMass final : public Device {
   /// At which exchange, counted from 0, something goes wrong.
   struct Faults {
     std::uint64_t lost_at = kNever;
+    std::uint64_t away_from = kNever;
+    std::uint64_t away_until = kNever;
+    Vec3 moved_while_away = Vec3::Zero();
     std::uint64_t nan_at = kNever;
     std::uint64_t jump_at = kNever;  ///< by 30 mm
     std::uint64_t ready_from = 0;
@@ -42,6 +45,14 @@ class PointMass final : public Device {
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
     const std::uint64_t call = calls_++;
     if (closed_ || call >= faults_.lost_at) return Status::lost;
+    if (call >= faults_.away_from && call < faults_.away_until) {
+      if (!wrench.force.isZero(0) && call > faults_.away_from) force_while_away_ = true;
+      return Status::away;
+    }
+    if (call == faults_.away_until) {
+      position_ += faults_.moved_while_away;
+      velocity_.setZero();
+    }
     if (forces_.size() < forces_.capacity()) forces_.push_back(wrench.force);
     velocity_ += dt / mass_ * ((faults_.pushes_back ? -1 : 1) * wrench.force - viscous_ * velocity_);
     position_ += dt * velocity_;
@@ -58,6 +69,8 @@ class PointMass final : public Device {
 
   /// Every force that was sent, in order.
   [[nodiscard]] const std::vector<Vec3>& forces() const { return forces_; }
+  /// Whether a force was asked of it although it had said that it was away.
+  [[nodiscard]] bool force_while_away() const { return force_while_away_; }
 
  private:
   DeviceInfo info_;
@@ -65,7 +78,7 @@ class PointMass final : public Device {
   Faults faults_;
   Vec3 position_ = Vec3::Zero(), velocity_ = Vec3::Zero();
   std::uint64_t calls_ = 0;
-  bool closed_ = false;
+  bool closed_ = false, force_while_away_ = false;
   std::vector<Vec3> forces_;
 };
 

@@ -4,6 +4,7 @@
  *     info       describes an empty workspace          force     has no maximum force
  *     nan        position is not a number at tick N    jump      stands 30 mm further from tick N on
  *     lost       is gone from tick N on                backwards moves against the force
+ *     swapped    likewise, and another one every time that it is opened
  *     not_ready  allows no force before tick N         clock     moves by the monotonic clock, not by dt
  *     names      leaves its strings unterminated       measures  measures velocity, orientation and force
  * WRONG_ABI and MISSING_SYMBOL, when defined, make a library that cannot be used at all. */
@@ -60,6 +61,8 @@ int haptrace_plugin_open(const char* options_json, void** device, haptrace_plugi
     memset(info->model, 'm', sizeof info->model);
     memset(info->serial, 's', sizeof info->serial);
   }
+  if (has(opened, "swapped"))
+    snprintf(info->serial, sizeof info->serial, "%ld.%09ld", (long)opened->last.tv_sec, opened->last.tv_nsec);
   for (int axis = 0; axis < 3; ++axis) {
     info->workspace_min[axis] = -0.2;
     info->workspace_max[axis] = has(opened, "info") ? -0.2 : 0.2;
@@ -75,7 +78,7 @@ int haptrace_plugin_exchange(void* opaque, double dt, const double wrench[6], ha
   faulty_device* device = opaque;
   if (dt > 0) ++device->tick;
   const int due = device->tick >= device->fault_tick;
-  if (has(device, "lost") && due) return -5;
+  if ((has(device, "lost") || has(device, "swapped")) && due) return -5;
 
   if (has(device, "clock")) {
     struct timespec now;
