@@ -260,7 +260,7 @@ void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows,
 
 bool tells_of_gap(EventCode code) {
   return code == EventCode::overrun || code == EventCode::samples_lost || code == EventCode::paused ||
-         code == EventCode::resumed;
+         code == EventCode::resumed || code == EventCode::device_lost || code == EventCode::device_found;
 }
 
 /// The laws that rows and events keep among each other. Fed with every sample in order.
