@@ -33,6 +33,7 @@ class LearningTerm final : public ForceTerm {
   explicit LearningTerm(const Options& options);
   ~LearningTerm() override;
 
+  void start(const State& first) noexcept override { learned_.start(first); }
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override { return learned_.force(input); }
   void between_ticks(bool may_wait) noexcept override;
 

@@ -13,7 +13,7 @@ void LiveMonitor::push(const Sample& sample) noexcept {
   if (sample.time_ns - posted_ns_ < kPostPeriod) return;
 
   posted_ns_ = sample.time_ns;
-  status_.rate = static_cast<double>(status_.samples - 1) / status_.time;
+  status_.rate = static_cast<double>(status_.samples - 1) / (status_.time - away_time_);
   status_.force = sample.force.norm();
   status_.deviation = (sample.position - sample.reference_position).norm();
   status_.speed = sample.velocity.norm();
@@ -23,6 +23,15 @@ void LiveMonitor::push(const Sample& sample) noexcept {
 
 void LiveMonitor::push(const Event& event) noexcept {
   if (event.code == EventCode::overrun) ++status_.overruns;
+  if (event.code != EventCode::device_lost && event.code != EventCode::device_found) return;
+  // At once: while it is away there are no rows.
+  status_.away = event.code == EventCode::device_lost;
+  if (status_.away)
+    ++status_.losses;
+  else
+    away_time_ += event.values[0];
+  status_.force = 0;
+  mailbox_.post(status_);
 }
 
 }  // namespace haptrace

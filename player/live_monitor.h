@@ -17,6 +17,8 @@ struct LiveStatus {
   Phase phase = Phase::idle;
   std::uint64_t samples = 0;
   std::uint64_t overruns = 0;
+  std::uint64_t losses = 0;  ///< of the device
+  bool away = false;         ///< the device
 };
 
 /// A sink that posts the newest figures about fifty times a second.
@@ -32,6 +34,7 @@ class LiveMonitor final : public SampleSink {
   Mailbox<LiveStatus> mailbox_;
   LiveStatus status_;
   std::int64_t posted_ns_ = 0;
+  double away_time_ = 0;  ///< [s]
 };
 
 }  // namespace haptrace

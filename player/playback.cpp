@@ -320,7 +320,9 @@ PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& o
 
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress) {
-  ServoLoop::validate(device.info(), {.rate_hz = options.session.rate_hz, .limits = options.session.limits});
+  ServoLoop::validate(device.info(), {.rate_hz = options.session.rate_hz,
+                                      .limits = options.session.limits,
+                                      .away_timeout = options.session.away_timeout});
   PlaybackOptions playback = options.playback;
   playback.rate_hz = options.session.rate_hz;
   playback.axes = device.info().force_axes;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -49,15 +50,30 @@ PlaybackController::PlaybackController(ReferenceStream path, ForceTerms terms, c
 
 void PlaybackController::start(const State& first) noexcept {
   for (const auto& term : terms_) term->start(first);
+  begin_repetition(first.position);
+}
+
+void PlaybackController::resume(const State& first) noexcept {
+  for (const auto& term : terms_) term->start(first);
+  if (guard_) guard_->resume();
+  feedforward_ = Vec3::Zero();
+  if (phase_ != Phase::approach) {
+    interrupted_ = phase_;
+    pace_ = Ramp(0);
+  }
   begin_approach(first.position);
+}
+
+void PlaybackController::begin_repetition(const Vec3& from) noexcept {
+  path_time_ = 0;
+  (void)path_.sample(0, reference_);  // the first piece is always there
+  begin_approach(from);
 }
 
 void PlaybackController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
   approach_from_ = from;
-  path_time_ = 0;
-  (void)path_.sample(0, reference_);  // the first piece is always there
   const double distance = (reference_.position - from).norm();
   approach_time_ = std::max(kShortestApproach, MinJerk::kPeakSpeed * distance / options_.approach_speed);
 }
@@ -133,26 +149,28 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
     if (elapsed_ < approach_time_)
       return {.position = approach_from_ + blend.s * way,
               .velocity = blend.ds / approach_time_ * way,
-              .acceleration = blend.dds / (approach_time_ * approach_time_) * way};
-    phase_ = Phase::run;
-    command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
+              .acceleration = blend.dds / (approach_time_ * approach_time_) * way,
+              .time = interrupted_ ? path_time_ : kNaN};
+    if (!interrupted_)
+      command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
+    phase_ = std::exchange(interrupted_, std::nullopt).value_or(Phase::run);
   } else if (phase_ == Phase::run) {
     if (path_time_ >= path_.duration()) {
       phase_ = Phase::hold;
-      elapsed_ = 0;
+      held_ = 0;
     } else {
       pace_.advance(beyond_ && options_.on_deviation == DeviationPolicy::pause ? 0 : 1, step, kPauseTime);
       follow(std::min(path_time_ + options_.speed * pace_.value() * step, path_.duration()), command);
     }
   } else {
-    elapsed_ += step;
-    if (elapsed_ >= options_.hold && !finished_) {
+    held_ += step;
+    if (held_ >= options_.hold && !finished_) {
       ++repetition_;
       finished_ = options_.repetitions > 0 && repetition_ >= options_.repetitions;
       // From the reference, not from the hand: the force goes on without a step.
       if (!finished_) {
         const Vec3 from = reference_.position;
-        begin_approach(from);
+        begin_repetition(from);
         return {.position = from, .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()};
       }
     }

@@ -40,13 +40,14 @@ struct PlaybackOptions {
 /// Throws Error(input) naming the option that is out of range.
 void validate(const PlaybackOptions& options);
 
-/// Follows a trajectory with the sum of its terms: F = sum_i term_i(x, x_d). The reference has a time on the path: in
-/// phase run and hold.
+/// Follows a trajectory with the sum of its terms: F = sum_i term_i(x, x_d). The reference has a time on the path, but
+/// on the way to its start.
 ///
 /// approach: minimum jerk from where the tool is to the start of the path; run: x_d(t) along the path, t advancing by
 /// speed * dt; hold: at the end. The reference never jumps: after a stall of the loop the path's time advances by at
 /// most five ticks, so that the hand is not pulled after a reference that ran away meanwhile; and where the path was
-/// not read in time, its time stands still until it was.
+/// not read in time, its time stands still until it was. It also stands still while the device is away: the reference
+/// then goes from where the tool is by minimum jerk to where it stood (phase approach), and on from there.
 class PlaybackController final : public Controller {
  public:
   /// Begins with `tuning` and goes over to what arrives in `changes`, if there is one; it must outlive the controller.
@@ -57,6 +58,7 @@ class PlaybackController final : public Controller {
   void guard(const TrackingGuard::Options& options) { guard_.emplace(options); }
 
   void start(const State& first) noexcept override;
+  void resume(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
   void between_ticks(bool may_wait) noexcept override;
 
@@ -66,6 +68,8 @@ class PlaybackController final : public Controller {
   /// Moves reference_ along the path to `time`, or leaves it where it is.
   void follow(double time, Command& command) noexcept;
   Reference advance(double step, Command& command) noexcept;
+  void begin_repetition(const Vec3& from) noexcept;
+  /// To the reference, wherever on the path it stands.
   void begin_approach(const Vec3& from) noexcept;
   void keep_guard(const State& state, const Reference& reference, const Vec3& feedforward, Command& command) noexcept;
   /// The scale of the force under the policy; may end or pause the session.
@@ -82,7 +86,9 @@ class PlaybackController final : public Controller {
   Phase phase_ = Phase::approach;
   bool finished_ = false;
   int repetition_ = 0;
-  double elapsed_ = 0;  ///< in approach and hold [s]
+  double elapsed_ = 0;                ///< in approach [s]
+  double held_ = 0;                   ///< in hold [s]
+  std::optional<Phase> interrupted_;  ///< that goes on after an approach; else a repetition begins
   Vec3 approach_from_ = Vec3::Zero();
   double approach_time_ = 0;  ///< [s]
   double path_time_ = 0;      ///< [s]

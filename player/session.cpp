@@ -65,6 +65,7 @@ class Watch {
       tell_of_losses(view);
       disk_is_low_ = view.recording->disk_low;
     }
+    tell_of_device(view);
     if (options_.notices)
       for (std::string& notice : options_.notices()) view.notices.push_back(std::move(notice));
     result_.notices.insert(result_.notices.end(), view.notices.begin(), view.notices.end());
@@ -74,6 +75,20 @@ class Watch {
   [[nodiscard]] bool disk_is_low() const noexcept { return disk_is_low_; }
 
  private:
+  /// Of a device that is waited for, and of its return.
+  void tell_of_device(SessionView& view) {
+    if (options_.away_timeout > 0 && view.live.losses > losses_told_) {
+      view.notices.push_back(
+          fmt::format("the device was lost; it is waited for, up to {:g} s, without force", options_.away_timeout));
+      away_told_ = true;
+    }
+    losses_told_ = view.live.losses;
+    if (away_told_ && !view.live.away) {
+      view.notices.emplace_back("the device is back; the session goes on");
+      away_told_ = false;
+    }
+  }
+
   /// The writer cannot tell them itself while it waits for the disk. Once a second.
   void tell_of_losses(SessionView& view) {
     const auto now = std::chrono::steady_clock::now();
@@ -97,7 +112,8 @@ class Watch {
   const Progress& progress_;
   SessionResult& result_;
   std::chrono::steady_clock::time_point told_;
-  std::uint64_t lost_told_ = 0;
+  std::uint64_t lost_told_ = 0, losses_told_ = 0;
+  bool away_told_ = false;
   bool disk_is_low_ = false;
 };
 
@@ -124,7 +140,8 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   const ServoLoop::Options loop_options{.rate_hz = options.rate_hz,
                                         .virtual_time = result.virtual_time,
                                         .realtime = options.realtime,
-                                        .limits = options.limits};
+                                        .limits = options.limits,
+                                        .away_timeout = options.away_timeout};
   // Before the recorder is there, so that a wrong option leaves no file behind.
   ServoLoop::validate(info, loop_options);
   const auto estimator = make_velocity_estimator(options.velocity, options.rate_hz, info.position_resolution);
@@ -181,7 +198,9 @@ nlohmann::json to_json(const SessionResult& result) {
   nlohmann::json json{{"samples", servo.samples},
                       {"missed", servo.missed},
                       {"overruns", servo.overruns},
+                      {"returns", servo.returns},
                       {"duration_s", servo.duration},
+                      {"away_s", servo.away},
                       {"asked_rate_hz", servo.asked_rate},
                       {"achieved_rate_hz", servo.achieved_rate()},
                       {"max_force_n", servo.max_force},

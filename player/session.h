@@ -28,6 +28,7 @@ struct SessionOptions {
   std::string velocity = "lowpass:100";  ///< see make_velocity_estimator
   SafetyLimits limits;
   bool realtime = true;
+  double away_timeout = 0;  ///< how long to wait for a device that is away (RecoveringDevice) [s]
   std::function<std::vector<std::string>()> notices;  ///< further ones for the views; asked as often as they are made
 
   struct Recording {

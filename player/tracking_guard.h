@@ -27,6 +27,12 @@ class TrackingGuard {
   /// position; the rest is known beforehand and cannot oscillate.
   void watch(const State& state, const Reference& reference, const Vec3& feedback) noexcept;
 
+  /// After a gap: what was seen before it says nothing of what comes. What was softened stays soft.
+  void resume() noexcept {
+    monitor_.reset();
+    hand_.reset();
+  }
+
   /// What of the feedback may act, 0 to 1.
   [[nodiscard]] double share() const noexcept { return softener_.share(); }
   /// The loop oscillates although next to nothing of the force is left.

@@ -10,11 +10,13 @@ TrackingMetrics::TrackingMetrics(double rate_hz, std::size_t repetitions) : ripp
 }
 
 void TrackingMetrics::push(const Event& event) noexcept {
+  if (event.code == EventCode::device_found) last_ns_.reset();
   if (event.code != EventCode::repetition) return;
   if (sums_.size() < sums_.capacity())
     sums_.emplace_back();
   else
     sums_.back() = {};
+  last_ns_.reset();
 }
 
 void TrackingMetrics::push(const Sample& sample) noexcept {
@@ -22,8 +24,8 @@ void TrackingMetrics::push(const Sample& sample) noexcept {
   if (sample.phase != Phase::run || sums_.empty()) return;
 
   Sums& sums = sums_.back();
-  if (sums.samples == 0) sums.first_ns = sample.time_ns;
-  sums.last_ns = sample.time_ns;
+  if (last_ns_) sums.run_ns += sample.time_ns - *last_ns_;
+  last_ns_ = sample.time_ns;
   ++sums.samples;
   const double error2 = (sample.position - sample.reference_position).squaredNorm();
   sums.error2 += error2;
@@ -36,7 +38,7 @@ TrackingFigures TrackingMetrics::figures(const Sums& sums) {
   if (sums.samples == 0) return {};
   const auto n = static_cast<double>(sums.samples);
   return {.samples = sums.samples,
-          .duration = 1e-9 * static_cast<double>(sums.last_ns - sums.first_ns),
+          .duration = 1e-9 * static_cast<double>(sums.run_ns),
           .rms_error = std::sqrt(sums.error2 / n),
           .peak_error = std::sqrt(sums.peak2),
           .force_ripple = std::sqrt(sums.ripple2 / n),

@@ -4,6 +4,7 @@
 #include "control/ripple.h"
 #include "control/sample.h"
 
+#include <optional>
 #include <vector>
 
 namespace haptrace {
@@ -11,7 +12,7 @@ namespace haptrace {
 /// The figures of one repetition, over phase run.
 struct TrackingFigures {
   std::uint64_t samples = 0;
-  double duration = 0;      ///< [s]
+  double duration = 0;      ///< without the time that a device was away and back on its way [s]
   double rms_error = 0;     ///< 3-D, position against the reference at the same instant [m]
   double peak_error = 0;    ///< [m]
   double force_ripple = 0;  ///< rms of the sent force above 25 Hz [N]
@@ -39,12 +40,13 @@ class TrackingMetrics final : public SampleSink {
  private:
   struct Sums {
     std::uint64_t samples = 0;
-    std::int64_t first_ns = 0, last_ns = 0;
+    std::int64_t run_ns = 0;  ///< from row to row
     double error2 = 0, peak2 = 0, ripple2 = 0, force2 = 0;
   };
   static TrackingFigures figures(const Sums& sums);
 
   std::vector<Sums> sums_;
+  std::optional<std::int64_t> last_ns_;  ///< the time of the last row that counted, unless a gap followed
   Ripple ripple_;
 };
 

@@ -114,6 +114,53 @@ TEST(LearningTerm, EndsInTheMiddleOfARepetition) {
   }
 }
 
+TEST(LearningTerm, LearnsNothingFromARepetitionWithAGap) {
+  for (const int gap_at : {1, 150, 500, 950, 1001}) {
+    LearningTerm term(options_of(2));
+    const Tuning tuning;
+    State state;
+    state.dt = kPeriod;
+    state.force_applied = -kLoad;
+    const auto tick = [&](double time) {
+      const Vec3 force = term.force({state, {Vec3(1e-3, 0, 0), Vec3::Zero(), Vec3::Zero(), time}, tuning});
+      term.between_ticks(true);
+      return force;
+    };
+    term.start(state);
+    for (int repetition = 0; repetition < 2; ++repetition) {
+      for (int i = 0; i < 100; ++i) tick(kNaN);
+      for (int i = 0; i <= 1000; ++i) {
+        const double time = std::min(1.0, i * kPeriod);
+        const Vec3 before = tick(time);
+        if (repetition > 0 || i + 1 != gap_at) continue;
+        term.start(state);
+        Vec3 last = before;
+        for (int k = 0; k < 400; ++k) {  // the way back, on which the path's time stands still
+          const Vec3 force = tick(time);
+          ASSERT_LE((force - last).norm(), 0.1) << "without a bump";
+          last = force;
+        }
+      }
+      for (int i = 0; i < 100; ++i) tick(1.0);
+    }
+    ASSERT_EQ(term.lessons().size(), 2U) << gap_at;
+    EXPECT_EQ(term.lessons()[0].outcome, Outcome::skipped) << gap_at;
+    EXPECT_EQ(term.lessons()[1].outcome, Outcome::learned) << gap_at;
+    for (const Vec3& force : term.table().force) ASSERT_LT((force + kLoad).norm(), 1e-6);
+  }
+}
+
+TEST(LearningTerm, IsNotDisturbedByAGapWhileItHolds) {
+  LearningTerm term(options_of(1));
+  Bench bench(term, 1);
+  bench.repeat(true, 200);
+  ASSERT_EQ(term.lessons().size(), 1U);
+  term.start({});
+  bench.repeat(true, 200);
+  EXPECT_EQ(term.lessons().size(), 1U);
+  EXPECT_EQ(term.lessons()[0].outcome, Outcome::learned);
+}
+
 TEST(LearningTerm, AllocatesNothingInTheTick) {
   LearningTerm term(options_of(1));
   State state;

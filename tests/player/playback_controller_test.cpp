@@ -213,6 +213,114 @@ TEST(Playback, RestsAtAPathOfOnePoint) {
   EXPECT_TRUE(answers.back().reference.position.isApprox(Vec3(0.01, 0, 0), 1e-12));
 }
 
+// ------------------------------------------------------------------------------------------------------ after a gap
+
+/// As drive, with a gap before tick `at` in which the hand went to `elsewhere`.
+std::vector<Command> drive_with_gap(Controller& controller, std::size_t at, const Vec3& elsewhere) {
+  State state{.position = Vec3(0, 0, 0.02)};
+  controller.start(state);
+  std::vector<Command> answers;
+  for (std::size_t i = 0; i < 100000; ++i) {
+    state.tick = i < at ? i : i + 5000;
+    state.dt = i == 0 || i == at ? 0 : 1e-3;
+    if (i > 0) state.position = answers.back().reference.position;
+    if (i == at) {
+      state.position = elsewhere;
+      controller.resume(state);
+    }
+    answers.push_back(controller.update(state));
+    if (answers.back().status != Command::Status::working) break;
+  }
+  return answers;
+}
+
+TEST(Playback, GoesBackAfterAGapToWhereThePathStoodAndOnFromThere) {
+  const Vec3 elsewhere(0.05, 0.07, -0.03);  // beyond the limit of deviation
+  for (const std::size_t at : {100U, 1000U, 1600U, 2100U, 2800U}) {
+    auto whole = follower(circle(2), {.hold = 0.3}), broken = follower(circle(2), {.hold = 0.3});
+    const auto expected = drive(whole, obedient), answers = drive_with_gap(broken, at, elsewhere);
+    ASSERT_GT(answers.size(), at + 300);
+    ASSERT_EQ(answers.back().status, Command::Status::finished) << at;
+    EXPECT_TRUE(answers[at].reference.position.isApprox(elsewhere, 1e-12)) << "begins where the hand is";
+    EXPECT_EQ(answers[at].reference.velocity, Vec3::Zero());
+    EXPECT_EQ(answers[at].phase, Phase::approach);
+    for (std::size_t i = at + 1; i < answers.size(); ++i) {
+      const Vec3 step = answers[i].reference.position - answers[i - 1].reference.position;
+      ASSERT_LE(step.norm(), 2.5e-4) << "no jump, tick " << i;
+      if (answers[i].phase != Phase::approach) continue;
+      ASSERT_LE(answers[i].reference.velocity.norm(), 0.1 * (1 + 1e-9)) << "at the speed of the approach";
+    }
+    // Minus the gap and its way back, the references are those of an undisturbed run, as often as there.
+    EXPECT_NEAR(seconds_in(answers, Phase::run), 2 + (at > 600 && at < 2500 ? 0.05 : 0), 0.01) << at;
+    EXPECT_NEAR(seconds_in(answers, Phase::hold), 0.3, 0.0031) << "nor does it hold anew";
+    EXPECT_LE((answers.back().reference.position - expected.back().reference.position).norm(), 1e-9);
+    const auto told = std::count_if(answers.begin(), answers.end(),
+                                    [](const Command& c) { return c.event && c.event->code == EventCode::repetition; });
+    EXPECT_EQ(told, 1) << "it is still the same repetition";
+  }
+}
+
+TEST(Playback, LetsThePathsTimeStandStillUntilItIsBackOnIt) {
+  auto controller = follower(circle(2), {});
+  const auto answers = drive_with_gap(controller, 1500, Vec3(0.06, 0, 0));
+  const double stood = answers[1499].reference.time;
+  ASSERT_TRUE(std::isfinite(stood));
+  std::size_t i = 1500;
+  for (; answers[i].phase == Phase::approach; ++i) ASSERT_EQ(answers[i].reference.time, stood);
+  EXPECT_GT(i, 1800U);
+  EXPECT_EQ(answers[i].phase, Phase::run);
+  EXPECT_NEAR(answers[i].reference.time, stood, 1e-3);
+  EXPECT_LE((answers[i].reference.position - answers[1499].reference.position).norm(), 1e-4);
+  EXPECT_LT(answers[i + 5].reference.velocity.norm(), 0.2 * answers[1499].reference.velocity.norm())
+      << "and gathers speed from there";
+  for (std::size_t k = i + 1; k < answers.size(); ++k) {
+    const Vec3 change = answers[k].reference.velocity - answers[k - 1].reference.velocity;
+    ASSERT_LE(change.norm(), 0.02) << "tick " << k;
+  }
+}
+
+TEST(Playback, ComesBackFromAGapWithinTheWayBackOfAnother) {
+  auto controller = follower(circle(2), {});
+  State state{.position = Vec3(0, 0, 0.02)};
+  controller.start(state);
+  Vec3 reference = state.position;
+  double time = kNaN;
+  int repetitions = 0;
+  for (int i = 0; i < 6000; ++i) {
+    state.dt = i == 0 || i == 1500 || i == 1600 ? 0 : 1e-3;
+    state.position = i == 1500 ? Vec3(0.06, 0, 0) : i == 1600 ? Vec3(-0.06, 0, 0.02) : reference;
+    if (i == 1500 || i == 1600) controller.resume(state);
+    const Command command = controller.update(state);
+    if (command.event && command.event->code == EventCode::repetition) ++repetitions;
+    reference = command.reference.position;
+    if (i == 1499) time = command.reference.time;
+    if (i > 1500 && command.phase == Phase::approach) {
+      EXPECT_EQ(command.reference.time, time);
+    }
+    if (command.status != Command::Status::working) {
+      EXPECT_EQ(command.status, Command::Status::finished);
+      break;
+    }
+  }
+  EXPECT_EQ(repetitions, 1);
+}
+
+TEST(Playback, TellsItsTermsOfAGapBeforeItAsksThem) {
+  struct Starts final : ForceTerm {
+    explicit Starts(std::vector<Vec3>& at) : at_(at) {}
+    void start(const State& first) noexcept override { at_.push_back(first.position); }
+    [[nodiscard]] Vec3 force(const TermInput&) noexcept override { return Vec3::Zero(); }
+    std::vector<Vec3>& at_;
+  };
+  std::vector<Vec3> at;
+  ForceTerms terms;
+  terms.push_back(std::make_unique<Starts>(at));
+  PlaybackController controller(Trajectory(circle(), Interpolation::linear), std::move(terms), {}, {});
+  (void)drive_with_gap(controller, 1500, Vec3(0.06, 0, 0));
+  ASSERT_EQ(at.size(), 2U);
+  EXPECT_EQ(at[1], Vec3(0.06, 0, 0));
+}
+
 TEST(Playback, AllocatesNothing) {
   auto controller = follower(circle(1), {.repetitions = 2});
   State state;

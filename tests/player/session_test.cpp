@@ -3,6 +3,7 @@
 #include "formats/recording.h"
 #include "player/playback.h"
 #include "player/record.h"
+#include "tests/player/identified_device.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/temp_folder.h"
@@ -160,6 +161,80 @@ TEST(Session, KeepsWhatWasRecordedWhenTheDeviceIsLost) {
   const auto events = reader.events();
   ASSERT_FALSE(events.empty());
   EXPECT_EQ(events.back().code, static_cast<std::int32_t>(EventCode::device_lost));
+}
+
+TEST(Session, GoesOnWithADeviceThatWasLostAndFound) {
+  const TempFolder folder;
+  // Somewhere else than where it was lost, beyond the limit of deviation.
+  PointMass device(0.5, 2, {.away_from = 2500, .away_until = 4500, .moved_while_away = Vec3(-0.05, 0.04, 0.03)});
+  PlayOptions options = options_for(folder / "found.h5");
+  options.session.away_timeout = 5;
+  const PlayPlan plan = plan_playback(device.info(), make_shape("square", {}), options);
+  const PlayResult result = play(device, plan, options, StopRequest{});
+  EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
+  EXPECT_EQ(result.session.servo.returns, 1U);
+  ASSERT_EQ(result.repetitions.size(), 1U);
+
+  PointMass undisturbed;
+  const PlayOptions plain = options_for("");
+  const PlayResult expected =
+      play(undisturbed, plan_playback(undisturbed.info(), make_shape("square", {}), plain), plain, StopRequest{});
+  EXPECT_NEAR(result.last.duration, expected.last.duration + 0.05, 0.01) << "the gap does not count";
+  EXPECT_NEAR(result.last.rms_error, expected.last.rms_error, 0.1 * expected.last.rms_error);
+
+  EXPECT_TRUE(check_recording(folder / "found.h5").empty()) << check_recording(folder / "found.h5").front().what;
+  const RecordingReader reader(folder / "found.h5");
+  const auto rows = reader.read(0, reader.rows());
+  const auto back = std::find_if(rows.begin(), rows.end(), [](const Sample& row) { return row.tick >= 2499; });
+  ASSERT_EQ(back->tick, 4499U);
+  EXPECT_EQ(back->force, Vec3::Zero());
+  EXPECT_LE((back->reference_position - back->position).norm(), 1e-12);
+  for (auto row = back + 1; row != rows.end(); ++row) {
+    const double grown = row->force.norm() - (row - 1)->force.norm();
+    ASSERT_LE(grown, 0.15) << "tick " << row->tick;
+  }
+}
+
+TEST(Session, RestartsWhatItKnowsOfTheLoadAndLearnsNothingFromARepetitionWithAGap) {
+  SimDevice device(test::true_device(), {.lost_at = 1.5, .lost_for = 0.8});
+  PlayOptions options = test::everything();
+  options.session.away_timeout = 5;
+  const PlayPlan plan = plan_playback(device.info(), make_shape("circle", {.size = 0.06, .duration = 3}), options);
+  test::Log log;
+  options.sinks.push_back(&log);
+  const PlayResult result = play(device, plan, options, StopRequest{});
+  ASSERT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
+  EXPECT_EQ(result.session.servo.returns, 1U);
+  ASSERT_EQ(result.lessons.size(), 2U);
+  EXPECT_EQ(result.lessons[0].outcome, IterativeLearning::Outcome::skipped);
+  EXPECT_EQ(result.lessons[1].outcome, IterativeLearning::Outcome::learned);
+  EXPECT_LT(result.repetitions[2].rms_error, 0.7 * result.repetitions[1].rms_error);
+  // No alarm about a hand, and no force that a device without a gap would not have been sent.
+  EXPECT_FALSE(log.has(EventCode::hand_let_go));
+  EXPECT_FALSE(log.has(EventCode::oscillation));
+  double before = 0;
+  for (std::size_t i = 1; i < log.samples.size(); ++i) {
+    const double step = (log.samples[i].force - log.samples[i - 1].force).norm();
+    const std::uint64_t tick = log.samples[i].tick;
+    if (tick < 1500) before = std::max(before, step);
+    if (tick > 2300 && tick < 3000) {
+      EXPECT_LE(step, 1.2 * before) << "tick " << tick;
+    }
+  }
+}
+
+TEST(Session, TellsAPersonThatTheDeviceIsAwayAndBackOnTheRealClock) {
+  SimDevice device(test::true_device(), {.lost_at = 0.3, .lost_for = 0.5});
+  RecordOptions options{.duration = 1.2};
+  options.session.clock = ClockChoice::real;
+  options.session.realtime = false;
+  options.session.away_timeout = 60;
+  const SessionResult result = record(device, options, StopRequest{});
+  EXPECT_EQ(result.servo.cause, StopCause::finished) << result.servo.detail;
+  EXPECT_EQ(result.servo.returns, 1U);
+  EXPECT_GE(result.servo.away, 0.49);
+  EXPECT_THAT(result.notices, testing::Contains(HasSubstr("the device was lost; it is waited for, up to 60 s")));
+  EXPECT_EQ(result.notices.back(), "the device is back; the session goes on");
 }
 
 TEST(Session, StopsInEveryPhaseWhenAsked) {

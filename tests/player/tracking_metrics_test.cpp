@@ -65,6 +65,23 @@ TEST(TrackingMetrics, KeepEveryRepetitionAndOfAnEndlessSessionTheLast) {
   EXPECT_NEAR(metrics.last().rms_error, 0.003, 1e-12);
 }
 
+TEST(TrackingMetrics, DoNotCountAGapNorTheWayBackFromIt) {
+  TrackingMetrics metrics(1000, 1);
+  metrics.push(kRepetition);
+  int i = 0;
+  for (; i < 500; ++i) metrics.push(row(i, Phase::run, Vec3(0.001, 0, 0), Vec3::Zero()));
+  metrics.push(Event{.code = EventCode::device_lost});
+  i += 3000;
+  metrics.push(Event{.code = EventCode::device_found, .values = {3, kNaN, kNaN}});
+  for (; i < 4000; ++i) metrics.push(row(i, Phase::approach, Vec3(0.05, 0, 0), Vec3(9, 0, 0)));
+  for (; i < 4500; ++i) metrics.push(row(i, Phase::run, Vec3(0.001, 0, 0), Vec3::Zero()));
+  ASSERT_EQ(metrics.repetitions().size(), 1U);
+  EXPECT_EQ(metrics.last().samples, 1000U);
+  EXPECT_NEAR(metrics.last().duration, 0.998, 1e-9);
+  EXPECT_NEAR(metrics.last().peak_error, 0.001, 1e-12);
+  EXPECT_EQ(metrics.last().max_force, 0);
+}
+
 TEST(TrackingMetrics, AreZeroWhenNothingRan) {
   const TrackingMetrics metrics(1000, 3);
   EXPECT_TRUE(metrics.repetitions().empty());
@@ -100,6 +117,19 @@ TEST(LiveMonitor, PostsTheNewestFiguresAndTheWorstLatencySinceTheLast) {
   EXPECT_NEAR(live.speed, 0.2, 1e-12);
   EXPECT_NEAR(live.jitter, 7e-4, 1e-9);
   EXPECT_EQ(live.phase, Phase::run);
+}
+
+TEST(LiveMonitor, TellsOfADeviceThatIsAwayAlthoughThereAreNoRows) {
+  LiveMonitor monitor;
+  for (int i = 0; i < 1000; ++i) monitor.push(row(i, Phase::run, Vec3::Zero(), Vec3(0, 3, 4)));
+  monitor.push(Event{.code = EventCode::device_lost});
+  EXPECT_TRUE(monitor.latest().away);
+  EXPECT_EQ(monitor.latest().losses, 1U);
+  EXPECT_EQ(monitor.latest().force, 0);
+  monitor.push(Event{.code = EventCode::device_found, .values = {2, kNaN, kNaN}});
+  EXPECT_FALSE(monitor.latest().away);
+  for (int i = 3000; i <= 4000; ++i) monitor.push(row(i, Phase::run, Vec3::Zero(), Vec3::Zero()));
+  EXPECT_NEAR(monitor.latest().rate, 1000, 1) << "while it was there";
 }
 
 }  // namespace
