@@ -252,6 +252,7 @@ Verb add_play(CLI::App& app) {
       ->group("Safety");
   arguments->tuning.add_to(*verb);
   arguments->session.add_to(*verb);
+  arguments->session.add_wait_to(*verb);
 
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "path");

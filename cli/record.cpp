@@ -82,6 +82,7 @@ Verb add_record(CLI::App& app) {
       ->group("Capture");
   verb->add_option("--pause", arguments->pause, "between two trials [s]")->capture_default_str()->group("Capture");
   arguments->session.add_to(*verb);
+  arguments->session.add_wait_to(*verb);
 
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");

@@ -1,6 +1,7 @@
 #include "cli/verb.h"
 
 #include "control/error.h"
+#include "devices/recovering_device.h"
 #include "formats/json_reader.h"
 #include "formats/suggest.h"
 
@@ -13,6 +14,8 @@
 
 namespace haptrace::cli {
 namespace {
+
+constexpr double kWaitForDevice = 30;  // the default [s]
 
 StopRequest* raised_by_signals = nullptr;
 
@@ -147,6 +150,15 @@ void SessionArguments::add_to(CLI::App& app) {
   app.add_flag("--overwrite", overwrite, "replace a file that exists")->group("Recording");
 }
 
+void SessionArguments::add_wait_to(CLI::App& app) {
+  wait_for_device = kWaitForDevice;
+  app.add_option("--wait-for-device", wait_for_device,
+                 "how long a session waits for a device that was lost, without force, before it ends [s]; 0: not at "
+                 "all. The default is enough to push a plug in and to home, and short enough that nobody has left")
+      ->capture_default_str()
+      ->group("Safety");
+}
+
 std::unique_ptr<Device> SessionArguments::open(const std::vector<std::pair<std::string, std::string>>& extra) const {
   DeviceSpec spec = DeviceSpec::parse(device);
   const auto& backends = device_backends();
@@ -160,6 +172,7 @@ std::unique_ptr<Device> SessionArguments::open(const std::vector<std::pair<std::
   };
   if (seed) put("seed", std::to_string(*seed));
   for (const auto& [key, value] : extra) put(key, value);
+  if (wait_for_device > 0) return std::make_unique<RecoveringDevice>([spec] { return open_device(spec); });
   return open_device(spec);
 }
 
@@ -170,6 +183,7 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   options.velocity = velocity;
   options.limits = limits;
   options.realtime = !no_realtime;
+  options.away_timeout = wait_for_device;
   if (file.empty()) return options;
 
   SessionOptions::Recording recording{.file = file, .config = config};
@@ -275,6 +289,7 @@ std::string bar_of(const SessionView& view, double duration) {
   std::string state = to_string(live.phase);
   if (view.recording && view.recording->armed) state = "armed";
   if (view.recording && view.recording->paused) state = "paused";
+  if (live.away) state = "LOST";
   bar += fmt::format("  {:<8}  {:6.1f} Hz  jitter {:5.0f} us  force {:5.2f} N", state, live.rate, 1e6 * live.jitter,
                      live.force);
   if (std::isfinite(live.deviation)) bar += fmt::format("  off {:6.2f} mm", 1e3 * live.deviation);
@@ -340,6 +355,9 @@ std::string session_summary(const SessionResult& result) {
                         servo.realtime.memory_locked ? ", memory locked" : "",
                         microseconds(servo.latency.quantile(0.5)), microseconds(servo.latency.quantile(0.99)),
                         microseconds(servo.latency.quantile(0.999)), microseconds(servo.latency.max()));
+  if (servo.returns > 0)
+    text += fmt::format("  {:.3f} s of it without the device, which was lost and found again{}\n", servo.away,
+                        servo.returns > 1 ? fmt::format(" {} times", servo.returns) : "");
   if (result.recording && result.recording->parts > 1) text += fmt::format("  in {} files\n", result.recording->parts);
   if (result.recording && result.recording->lost > 0)
     text += fmt::format("  {} samples LOST: the disk could not keep up\n", result.recording->lost);

@@ -63,6 +63,7 @@ struct SessionArguments {
   std::string velocity = "lowpass:100";
   std::optional<std::uint64_t> seed;
   SafetyLimits limits{.max_velocity = 1.5};
+  double wait_for_device = 0;  ///< of verbs that can go on after a gap [s]
   std::string title, subject, operator_name, notes, meta_file;
   std::vector<std::string> meta, mark_texts;
   std::string split, precision;
@@ -74,8 +75,11 @@ struct SessionArguments {
   bool keys = false;
 
   void add_to(CLI::App& app);
+  /// --wait-for-device, for verbs whose sessions can go on after a gap.
+  void add_wait_to(CLI::App& app);
 
-  /// Opens the device, after --seed and `extra` options were put into its description where it understands them.
+  /// Opens the device, after --seed and `extra` options were put into its description where it understands them; with
+  /// wait_for_device, again whenever it is lost.
   [[nodiscard]] std::unique_ptr<Device> open(const std::vector<std::pair<std::string, std::string>>& extra = {}) const;
 
   /// `file` empty: not recorded. Throws Error(input) naming the option.

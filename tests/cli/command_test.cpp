@@ -316,8 +316,9 @@ class MisbehavingPlugins : public testing::TestWithParam<Misbehaviour> {};
 TEST_P(MisbehavingPlugins, StopTheSessionWithZeroForceAndAReason) {
   const TempFolder folder;
   const std::string path = square(folder);
-  const Answer answer = haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--device",
-                                 std::string("plugin:path=" FAULTY_PLUGIN ",options=") + GetParam().options);
+  const Answer answer =
+      haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--wait-for-device", "0", "--device",
+               std::string("plugin:path=" FAULTY_PLUGIN ",options=") + GetParam().options);
   EXPECT_EQ(answer.exit_code, GetParam().exit_code) << answer.err << answer.out;
   EXPECT_EQ(answer.json()["stopped_by"], GetParam().stopped_by);
   EXPECT_FALSE(answer.err.empty());
@@ -333,6 +334,90 @@ INSTANTIATE_TEST_SUITE_P(MidSession, MisbehavingPlugins,
                                          Misbehaviour{"GoesBackwards", R"({"fault":"backwards"})", 1, "velocity"},
                                          Misbehaviour{"HangsUp", R"({"fault":"lost","tick":900})", 3, "device_lost"}),
                          [](const auto& instance) { return instance.param.name; });
+
+// -------------------------------------------------------------------------------------------- a device lost and found
+
+TEST(ALostDevice, IsWaitedForAndGoneOnWith) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  const Answer answer = haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--wait-for-device",
+                                 "2", "--device", kFalcon + ",lost_at=1,lost_for=0.5");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_EQ(answer.json()["stopped_by"], "finished");
+  EXPECT_EQ(answer.json()["returns"], 1);
+  EXPECT_NEAR(answer.json()["away_s"].get<double>(), 0.5, 2e-3);
+  EXPECT_NEAR(answer.json()["achieved_rate_hz"].get<double>(), 1000, 1);
+  ASSERT_EQ(answer.json()["repetitions"].size(), 1U);
+  EXPECT_NEAR(answer.json()["repetitions"][0]["duration_s"].get<double>(), 1.05, 0.02)
+      << "the path's own second, and gathering speed again";
+  expect_sound(folder / "out.h5");
+  EXPECT_EQ(haptrace("check", folder / "out.h5").exit_code, 0);
+  EXPECT_THAT(haptrace("check", folder / "out.h5").out, testing::Not(HasSubstr("no event tells of them")));
+
+  std::vector<std::string> told;
+  const RecordingReader reader(folder / "out.h5");
+  for (const StoredEvent& event : reader.events())
+    if (event.text.find("device") != std::string::npos) told.push_back(event.text);
+  EXPECT_EQ(told, (std::vector<std::string>{"the device was lost", "the device is back after 0.500 s"}));
+}
+
+TEST(ALostDevice, EndsTheSessionWhenItDoesNotComeBackInTime) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  for (const char* patience : {"0.2", "0"}) {
+    const Answer answer = haptrace("play", path, "--fit", "--record", folder / "out.h5", "--overwrite", "--json",
+                                   "--wait-for-device", patience, "--device", kFalcon + ",lost_at=1,lost_for=0.5");
+    EXPECT_EQ(answer.exit_code, 3) << answer.err;
+    EXPECT_EQ(answer.json()["stopped_by"], "device_lost");
+    const std::string why = answer.json()["stopped_because"];
+    EXPECT_THAT(why, HasSubstr("the device was lost: its simulated cable slipped out"));
+    EXPECT_EQ(why.find("it was waited for 0.2 s") != std::string::npos, std::string(patience) == "0.2") << why;
+    EXPECT_NEAR(answer.json()["samples"].get<double>(), 1000, 2);
+  }
+}
+
+TEST(ALostDevice, IsOpenedAgainByThePlugInsOwnOpenAsOftenAsItIsLost) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  const Answer answer = haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--device",
+                                 std::string("plugin:path=" FAULTY_PLUGIN R"(,options={"fault":"lost","tick":900})"));
+  ASSERT_EQ(answer.exit_code, 0) << answer.err << answer.out;
+  EXPECT_GE(answer.json()["returns"], 2) << "a new one is lost after 900 ticks again";
+  EXPECT_EQ(haptrace("check", folder / "out.h5").exit_code, 0);
+  // Wherever the new device stands, forces begin at zero and grow in small steps.
+  const RecordingReader reader(folder / "out.h5");
+  const auto rows = reader.read(0, reader.rows());
+  for (std::size_t i = 1; i < rows.size(); ++i) {
+    if (rows[i].tick != rows[i - 1].tick + 1) {
+      EXPECT_EQ(rows[i].force, Vec3::Zero()) << "row " << i;
+    }
+    if (rows[i].tick == rows[i - 1].tick + 1 && rows[i].phase != Phase::release) {
+      ASSERT_LE((rows[i].force - rows[i - 1].force).norm(), 0.5) << "row " << i;
+    }
+  }
+}
+
+TEST(ALostDevice, IsNotReplacedByAnother) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  const Answer answer =
+      haptrace("play", path, "--fit", "--json", "--device",
+               std::string("plugin:path=" FAULTY_PLUGIN R"(,options={"fault":"swapped","tick":900})"));
+  EXPECT_EQ(answer.exit_code, 3) << answer.err;
+  EXPECT_THAT(answer.json()["stopped_because"].get<std::string>(),
+              AllOf(HasSubstr("another device answers in its place"), HasSubstr("it is refused")));
+}
+
+TEST(ALostDevice, IsWaitedForByRecordToo) {
+  const TempFolder folder;
+  const Answer answer = haptrace("record", folder / "out.h5", "--duration", "1.5", "--json", "--device",
+                                 kFalcon + ",lost_at=0.5,lost_for=0.5");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_EQ(answer.json()["returns"], 1);
+  EXPECT_NEAR(answer.json()["samples"].get<double>(), 1001, 2) << "none while it was away";
+  EXPECT_NEAR(answer.json()["duration_s"].get<double>(), 1.5, 2e-3);
+  EXPECT_EQ(haptrace("check", folder / "out.h5").exit_code, 0);
+}
 
 }  // namespace
 }  // namespace haptrace
