@@ -15,8 +15,6 @@
 namespace haptrace::cli {
 namespace {
 
-constexpr double kWaitForDevice = 30;  // the default [s]
-
 StopRequest* raised_by_signals = nullptr;
 
 void on_signal(int) {
@@ -151,10 +149,10 @@ void SessionArguments::add_to(CLI::App& app) {
 }
 
 void SessionArguments::add_wait_to(CLI::App& app) {
-  wait_for_device = kWaitForDevice;
-  app.add_option("--wait-for-device", wait_for_device,
-                 "how long a session waits for a device that was lost, without force, before it ends [s]; 0: not at "
-                 "all. The default is enough to push a plug in and to home, and short enough that nobody has left")
+  app.add_option(
+         "--wait-for-device", wait_for_device,
+         "how long a session waits for a device that was lost, without force, before it ends [s]; 0: not at "
+         "all, since whoever pushes a plug in does not expect motors to start; 30 is enough to do it and to home")
       ->capture_default_str()
       ->group("Safety");
 }

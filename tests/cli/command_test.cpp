@@ -316,9 +316,8 @@ class MisbehavingPlugins : public testing::TestWithParam<Misbehaviour> {};
 TEST_P(MisbehavingPlugins, StopTheSessionWithZeroForceAndAReason) {
   const TempFolder folder;
   const std::string path = square(folder);
-  const Answer answer =
-      haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--wait-for-device", "0", "--device",
-               std::string("plugin:path=" FAULTY_PLUGIN ",options=") + GetParam().options);
+  const Answer answer = haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--device",
+                                 std::string("plugin:path=" FAULTY_PLUGIN ",options=") + GetParam().options);
   EXPECT_EQ(answer.exit_code, GetParam().exit_code) << answer.err << answer.out;
   EXPECT_EQ(answer.json()["stopped_by"], GetParam().stopped_by);
   EXPECT_FALSE(answer.err.empty());
@@ -379,8 +378,9 @@ TEST(ALostDevice, EndsTheSessionWhenItDoesNotComeBackInTime) {
 TEST(ALostDevice, IsOpenedAgainByThePlugInsOwnOpenAsOftenAsItIsLost) {
   const TempFolder folder;
   const std::string path = square(folder);
-  const Answer answer = haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--device",
-                                 std::string("plugin:path=" FAULTY_PLUGIN R"(,options={"fault":"lost","tick":900})"));
+  const Answer answer =
+      haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--wait-for-device", "30", "--device",
+               std::string("plugin:path=" FAULTY_PLUGIN R"(,options={"fault":"lost","tick":900})"));
   ASSERT_EQ(answer.exit_code, 0) << answer.err << answer.out;
   EXPECT_GE(answer.json()["returns"], 2) << "a new one is lost after 900 ticks again";
   EXPECT_EQ(haptrace("check", folder / "out.h5").exit_code, 0);
@@ -401,7 +401,7 @@ TEST(ALostDevice, IsNotReplacedByAnother) {
   const TempFolder folder;
   const std::string path = square(folder);
   const Answer answer =
-      haptrace("play", path, "--fit", "--json", "--device",
+      haptrace("play", path, "--fit", "--json", "--wait-for-device", "30", "--device",
                std::string("plugin:path=" FAULTY_PLUGIN R"(,options={"fault":"swapped","tick":900})"));
   EXPECT_EQ(answer.exit_code, 3) << answer.err;
   EXPECT_THAT(answer.json()["stopped_because"].get<std::string>(),
@@ -410,8 +410,8 @@ TEST(ALostDevice, IsNotReplacedByAnother) {
 
 TEST(ALostDevice, IsWaitedForByRecordToo) {
   const TempFolder folder;
-  const Answer answer = haptrace("record", folder / "out.h5", "--duration", "1.5", "--json", "--device",
-                                 kFalcon + ",lost_at=0.5,lost_for=0.5");
+  const Answer answer = haptrace("record", folder / "out.h5", "--duration", "1.5", "--json", "--wait-for-device", "30",
+                                 "--device", kFalcon + ",lost_at=0.5,lost_for=0.5");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   EXPECT_EQ(answer.json()["returns"], 1);
   EXPECT_NEAR(answer.json()["samples"].get<double>(), 1001, 2) << "none while it was away";
