@@ -3,6 +3,7 @@
 
 #include <stdexcept>
 #include <string>
+#include <string_view>
 
 namespace haptrace {
 
@@ -29,5 +30,8 @@ inline Error input_error(const std::string& what) {
 inline Error device_error(const std::string& what) {
   return {Error::Kind::device, what};
 }
+
+/// Throws Error(input), "WHAT is VALUE UNIT; it must be from LEAST to MOST UNIT", unless it is; NaN never is.
+void check_range(std::string_view what, double value, double least, double most, std::string_view unit = "");
 
 }  // namespace haptrace

@@ -3,21 +3,16 @@
 #include "control/error.h"
 
 #include <algorithm>
-#include <fmt/format.h>
 
 namespace haptrace {
 
 void validate(const GainSoftenerOptions& options) {
-  const auto check = [](const char* name, double value, double least, double most) {
-    if (!(value >= least && value <= most))
-      throw input_error(fmt::format("gain softener: the {} is {}; it must be from {} to {}", name, value, least, most));
-  };
-  check("factor", options.factor, 0.01, 0.99);
-  check("least share", options.least, 0.001, 1);
-  check("ramp [s]", options.ramp, 0, 10);
-  check("wait [s]", options.wait, options.ramp, 60);
-  check("time before recovery [s]", options.recover_after, 0, 1e6);
-  check("time of recovery [s]", options.recover_time, 0.1, 1e6);
+  check_range("gain softener: the factor", options.factor, 0.01, 0.99);
+  check_range("gain softener: the least share", options.least, 0.001, 1);
+  check_range("gain softener: the ramp [s]", options.ramp, 0, 10);
+  check_range("gain softener: the wait [s]", options.wait, options.ramp, 60);
+  check_range("gain softener: the time before recovery [s]", options.recover_after, 0, 1e6);
+  check_range("gain softener: the time of recovery [s]", options.recover_time, 0.1, 1e6);
 }
 
 GainSoftener::GainSoftener(const GainSoftenerOptions& options) : options_(options), since_step_(options.wait) {

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fmt/format.h>
 
 namespace haptrace {
 namespace {
@@ -20,15 +19,11 @@ void low_pass(Vec3& state, const Vec3& input, double dt, double time_constant) n
 }  // namespace
 
 void validate(const HandWatchOptions& options) {
-  const auto check = [](const char* name, double value, double least, double most) {
-    if (!(value >= least && value <= most))
-      throw input_error(fmt::format("hand watch: the {} is {}; it must be from {} to {}", name, value, least, most));
-  };
-  check("needed force [N]", options.needed, 0, 1e3);
-  check("resisting force [N]", options.resisting, 0.01, 1e3);
-  check("time of resisting [s]", options.resist_time, 0, 60);
-  check("load that can be let go [N]", options.held, 0.01, 1e3);
-  check("time of holding [s]", options.held_time, 0, 60);
+  check_range("hand watch: the needed force [N]", options.needed, 0, 1e3);
+  check_range("hand watch: the resisting force [N]", options.resisting, 0.01, 1e3);
+  check_range("hand watch: the time of resisting [s]", options.resist_time, 0, 60);
+  check_range("hand watch: the load that can be let go [N]", options.held, 0.01, 1e3);
+  check_range("hand watch: the time of holding [s]", options.held_time, 0, 60);
 }
 
 HandWatch::HandWatch(const HandWatchOptions& options) : options_(options) {

@@ -42,21 +42,15 @@ Complex polynomial(const std::vector<double>& c, const Complex& w) {
   return {re, im};
 }
 
-void check(const char* name, double value, double least, double most, const char* unit) {
-  if (!(value >= least && value <= most))
-    throw input_error(fmt::format("loop analysis: the {} is {} {}; it must be from {} to {} {}", name, value, unit,
-                                  least, most, unit));
-}
-
 void check(const LoopModel& model) {
-  check("mass", model.mass, 1e-6, 1e4, "kg");
-  check("viscous friction", model.viscous, 0, 1e7, "N s/m");
-  check("servo rate", model.rate_hz, 1, 1e6, "Hz");
-  check("delay", model.delay, 0, 64 / model.rate_hz, "s");
-  check("lag", model.lag, 0, 64 / model.rate_hz, "s");
+  check_range("loop analysis: the mass", model.mass, 1e-6, 1e4, "kg");
+  check_range("loop analysis: the viscous friction", model.viscous, 0, 1e7, "N s/m");
+  check_range("loop analysis: the servo rate", model.rate_hz, 1, 1e6, "Hz");
+  check_range("loop analysis: the delay", model.delay, 0, 64 / model.rate_hz, "s");
+  check_range("loop analysis: the lag", model.lag, 0, 64 / model.rate_hz, "s");
   if (model.observer) {
-    check("observer's bandwidth", model.observer->bandwidth_hz, 1e-3, 1e5, "Hz");
-    check("observer's nominal mass", model.observer->nominal_mass, 0, 1e4, "kg");
+    check_range("loop analysis: the observer's bandwidth", model.observer->bandwidth_hz, 1e-3, 1e5, "Hz");
+    check_range("loop analysis: the observer's nominal mass", model.observer->nominal_mass, 0, 1e4, "kg");
   }
 }
 

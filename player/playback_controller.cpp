@@ -31,15 +31,11 @@ const char* to_string(DeviationPolicy policy) noexcept {
 }
 
 void validate(const PlaybackOptions& options) {
-  const auto check = [](const char* name, double value, double min, double max, const char* unit) {
-    if (!(value >= min && value <= max))
-      throw input_error(fmt::format("{} is {}; it must be from {} to {} {}", name, value, min, max, unit));
-  };
-  check("the speed factor", options.speed, 0.001, 100, "");
-  check("the number of repetitions", options.repetitions, 0, 1e6, "");
-  check("the hold", options.hold, 0, 3600, "s");
-  check("the approach speed", options.approach_speed, 1e-3, 2, "m/s");
-  check("the deviation limit", options.max_deviation, 1e-5, 10, "m");
+  check_range("the speed factor", options.speed, 0.001, 100);
+  check_range("the number of repetitions", options.repetitions, 0, 1e6);
+  check_range("the hold", options.hold, 0, 3600, "s");
+  check_range("the approach speed", options.approach_speed, 1e-3, 2, "m/s");
+  check_range("the deviation limit", options.max_deviation, 1e-5, 10, "m");
 }
 
 PlaybackController::PlaybackController(ReferenceStream path, ForceTerms terms, const Tuning& tuning,
