@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kCountdown = 3;  // on the real clock, before anything moves [s]
 
-struct Arguments {
+struct CalibrateArguments {
   SessionArguments session;
   std::string output, record;
   bool quick = false, full = false, yes = false;
@@ -85,7 +85,7 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
 }  // namespace
 
 Verb add_calibrate(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<CalibrateArguments>();
   CLI::App* verb = app.add_subcommand("calibrate", "find out what a device is like, and the gains that suit it");
   verb->footer(
       "The device moves by itself. What it is like goes into a profile, in the profile folder without -o\n"

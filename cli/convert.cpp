@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 
 constexpr int kCompress = 6;  // deflate, when no level is given
 
-struct Arguments {
+struct ConvertArguments {
   std::string input, file;
   bool overwrite = false;
   double from = -std::numeric_limits<double>::infinity(), to = std::numeric_limits<double>::infinity();
@@ -40,7 +40,7 @@ struct Pipeline {
   const AnonymisedSource* anonymised = nullptr;
 };
 
-SourceOptions source_options(const Arguments& arguments) {
+SourceOptions source_options(const ConvertArguments& arguments) {
   SourceOptions options;
   options.any_order = arguments.resample_hz != 0;
   options.streams = arguments.streams;
@@ -54,7 +54,7 @@ SourceOptions source_options(const Arguments& arguments) {
   return options;
 }
 
-Pipeline open_pipeline(const Arguments& arguments) {
+Pipeline open_pipeline(const ConvertArguments& arguments) {
   Pipeline pipeline;
   pipeline.source = open_source(arguments.input, source_options(arguments));
   if (std::isfinite(arguments.from) || std::isfinite(arguments.to))
@@ -77,7 +77,7 @@ Pipeline open_pipeline(const Arguments& arguments) {
   return pipeline;
 }
 
-SinkOptions sink_options(const Arguments& arguments) {
+SinkOptions sink_options(const ConvertArguments& arguments) {
   SinkOptions options;
   options.overwrite = arguments.overwrite;
   options.digits = arguments.digits;
@@ -94,7 +94,7 @@ SinkOptions sink_options(const Arguments& arguments) {
   return options;
 }
 
-nlohmann::json json_of(const ResampleReport& report) {
+nlohmann::json to_json(const ResampleReport& report) {
   return {{"rows_in", report.rows_in},
           {"rows_out", report.rows_out},
           {"duplicates", report.duplicates},
@@ -108,11 +108,11 @@ nlohmann::json json_of(const ResampleReport& report) {
           {"compared", report.compared}};
 }
 
-nlohmann::json json_of(const AnonymiseReport& report) {
+nlohmann::json to_json(const AnonymiseReport& report) {
   return {{"dropped", report.dropped}, {"kept", report.kept}, {"event_texts", report.texts}};
 }
 
-nlohmann::json json_of(const std::vector<StoredColumn>& columns) {
+nlohmann::json to_json(const std::vector<StoredColumn>& columns) {
   nlohmann::json list = nlohmann::json::array();
   for (const StoredColumn& column : columns)
     list.push_back({{"name", column.name},
@@ -146,7 +146,7 @@ std::string text_of(const std::vector<StoredColumn>& columns) {
   return text;
 }
 
-int convert(const Arguments& arguments, const Output& output) {
+int convert(const ConvertArguments& arguments, const Output& output) {
   const SinkOptions options = sink_options(arguments);
   const Signals signals;
   const auto stopped = [&] { return signals.stop().count() > 0; };
@@ -178,7 +178,7 @@ int convert(const Arguments& arguments, const Output& output) {
                                  1e-6 * static_cast<double>(bytes_out), 1e-6 * static_cast<double>(bytes_in));
   if (pipeline.resampled != nullptr) {
     const ResampleReport& report = pipeline.resampled->report();
-    json["resample"] = json_of(report);
+    json["resample"] = to_json(report);
     text += fmt::format(
         "  {} rows at {:g} Hz made of {}; they differ from the samples between them by {:.3g} mm rms, {:.3g} "
         "mm at most\n",
@@ -186,7 +186,7 @@ int convert(const Arguments& arguments, const Output& output) {
         1e3 * report.max_difference);
   }
   if (pipeline.anonymised != nullptr) {
-    json["anonymised"] = json_of(pipeline.anonymised->report());
+    json["anonymised"] = to_json(pipeline.anonymised->report());
     text += text_of(pipeline.anonymised->report());
   }
   if (options.hdf5.storage.filtered() && is_hdf5(arguments.file)) {
@@ -196,7 +196,7 @@ int convert(const Arguments& arguments, const Output& output) {
     again.source =
         observe(std::move(again.source), [&](std::span<const Sample>) { progress.tell_share(original.fraction()); });
     const std::vector<StoredColumn> columns = report_storage(arguments.file, *again.source);
-    json["columns"] = json_of(columns);
+    json["columns"] = to_json(columns);
     text += text_of(columns);
   }
   json["notes"] = remarks;
@@ -208,8 +208,8 @@ int convert(const Arguments& arguments, const Output& output) {
 }  // namespace
 
 Verb add_convert(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
-  Arguments& a = *arguments;
+  const auto arguments = std::make_shared<ConvertArguments>();
+  ConvertArguments& a = *arguments;
   CLI::App* verb = app.add_subcommand("convert", "change the format, the size or the time base of a recording");
   verb->footer(
       "Reads HDF5, CSV, JSON lines (.jsonl) and XDF (Lab Streaming Layer); writes .h5, .csv and .jsonl. Nothing is\n"

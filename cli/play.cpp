@@ -16,7 +16,7 @@
 namespace haptrace::cli {
 namespace {
 
-struct Arguments {
+struct PlayArguments {
   SessionArguments session;
   TuningArguments tuning;
   std::string path, record, gains, profile, learned;
@@ -32,7 +32,7 @@ struct Arguments {
   std::string on_deviation = "stop", interpolation = "cubic";
 };
 
-std::optional<PdGains> gains_from(const Arguments& arguments) {
+std::optional<PdGains> gains_from(const PlayArguments& arguments) {
   if (!arguments.gains.empty()) {
     if (arguments.kp || arguments.kd) throw input_error("--gains and --kp, --kd both give the gains; use one of them");
     return gains_from_json(load_json(arguments.gains), arguments.gains);
@@ -42,7 +42,8 @@ std::optional<PdGains> gains_from(const Arguments& arguments) {
   return PdGains{Vec3::Constant(*arguments.kp), Vec3::Constant(*arguments.kd)};
 }
 
-std::optional<IdentifiedDevice> identified(const Arguments& arguments, const DeviceInfo& info, const Output& output) {
+std::optional<IdentifiedDevice> identified(const PlayArguments& arguments, const DeviceInfo& info,
+                                           const Output& output) {
   if (arguments.no_profile && !arguments.profile.empty())
     throw input_error("--profile and --no-profile exclude each other");
   if (arguments.no_profile) return std::nullopt;
@@ -78,7 +79,7 @@ Compensations compensations_from(const std::vector<std::string>& without) {
 /// What earlier sessions learned of this path on this device.
 class Memory {
  public:
-  Memory(const Arguments& arguments, const PlayPlan& plan, const DeviceInfo& info, const Output& output)
+  Memory(const PlayArguments& arguments, const PlayPlan& plan, const DeviceInfo& info, const Output& output)
       : device_(identity_of(info)), file_(arguments.learned) {
     if (file_.empty()) file_ = learned_file(arguments.path, device_);
     speed_ = arguments.speed;
@@ -131,7 +132,7 @@ double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
 }
 
 /// What of the session can be tuned: its gains, and what it is composed of.
-LiveTuning tuning_of(const Arguments& arguments, const PlayPlan& plan, const PlayOptions& play,
+LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const PlayOptions& play,
                      const DeviceInfo& device) {
   const SessionOptions& session = play.session;
   LiveTuning::Options options{
@@ -165,7 +166,7 @@ const char* lesson_text(IterativeLearning::Outcome outcome) {
   return "";
 }
 
-std::string summary(const Arguments& arguments, const PlayResult& result, const DeviceInfo& device) {
+std::string summary(const PlayArguments& arguments, const PlayResult& result, const DeviceInfo& device) {
   std::string text = fmt::format("{}: played on {}\n", arguments.path, device.name);
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
@@ -185,7 +186,7 @@ std::string summary(const Arguments& arguments, const PlayResult& result, const 
 }  // namespace
 
 Verb add_play(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<PlayArguments>();
   CLI::App* verb = app.add_subcommand("play", "play a recording or a path back through a device");
   verb->footer(
       "The device moves to the start of the path, follows it at the path's own time stamps, holds, and lets go.\n"

@@ -8,7 +8,7 @@
 namespace haptrace::cli {
 namespace {
 
-struct Arguments {
+struct RecordArguments {
   SessionArguments session;
   std::string file, trigger;
   double duration = 0, pre = 0, pause = 0;
@@ -16,7 +16,7 @@ struct Arguments {
   bool fit = false;
 };
 
-RecordOptions options_of(const Arguments& arguments, const CLI::App& verb) {
+RecordOptions options_of(const RecordArguments& arguments, const CLI::App& verb) {
   RecordOptions options{.duration = arguments.duration,
                         .session = arguments.session.options(arguments.file, effective_config(verb))};
   SessionOptions::Recording& recording = *options.session.recording;
@@ -31,7 +31,7 @@ RecordOptions options_of(const Arguments& arguments, const CLI::App& verb) {
 }
 
 /// The device with what belongs to one trial: --fit, and for a device that begins anew a seed of the trial's own.
-std::unique_ptr<Device> open_for(const Arguments& arguments, int trial) {
+std::unique_ptr<Device> open_for(const RecordArguments& arguments, int trial) {
   SessionArguments session = arguments.session;
   if (session.seed) *session.seed += static_cast<std::uint64_t>(trial - 1);
   std::vector<std::pair<std::string, std::string>> extra;
@@ -39,7 +39,7 @@ std::unique_ptr<Device> open_for(const Arguments& arguments, int trial) {
   return session.open(extra);
 }
 
-nlohmann::json json_of_trials(const std::vector<SessionResult>& results, const Arguments& arguments) {
+nlohmann::json json_of_trials(const std::vector<SessionResult>& results, const RecordArguments& arguments) {
   nlohmann::json json = to_json(results.back());
   const auto file = [&](std::size_t i) { return trial_file(arguments.file, static_cast<int>(i) + 1, arguments.count); };
   json["file"] = file(results.size() - 1);
@@ -56,7 +56,7 @@ nlohmann::json json_of_trials(const std::vector<SessionResult>& results, const A
 }  // namespace
 
 Verb add_record(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<RecordArguments>();
   CLI::App* verb = app.add_subcommand("record", "record what the hand does with a device");
   verb->footer(
       "The hand moves freely: no force is sent. Ctrl+C ends the recording and keeps every sample.\n"

@@ -14,7 +14,7 @@
 namespace haptrace::cli {
 namespace {
 
-struct Arguments {
+struct StabilityArguments {
   std::string device, profile, velocity = "lowpass:100";
   double rate_hz = 1000;
   std::optional<double> kp, kd;
@@ -46,7 +46,7 @@ struct Findings {
 };
 
 /// What would be refused in the end is refused before the work.
-void check_names(const Arguments& arguments) {
+void check_names(const StabilityArguments& arguments) {
   if (!arguments.figure.empty()) check_figure_name(arguments.figure);
   for (const std::string& file : {arguments.output, arguments.figure})
     if (std::error_code ignored; !file.empty() && !arguments.overwrite && std::filesystem::exists(file, ignored))
@@ -75,7 +75,7 @@ std::string text_of(const StabilityMap& map, const std::string& device) {
 }
 
 /// The map of what calibration found out about the device; nothing moves.
-void map_gains(const Arguments& arguments, const Output& output, const StopRequest& stop, Findings& findings) {
+void map_gains(const StabilityArguments& arguments, const Output& output, const StopRequest& stop, Findings& findings) {
   const auto device = open_device(arguments.device);
   const DeviceInfo& info = device->info();
   const auto profile = profile_for(info, arguments.profile, arguments.rate_hz, output);
@@ -99,7 +99,8 @@ void map_gains(const Arguments& arguments, const Output& output, const StopReque
   findings.draw(figure_of(*map));
 }
 
-void try_ensemble(const Arguments& arguments, const Output& output, const StopRequest& stop, Findings& findings) {
+void try_ensemble(const StabilityArguments& arguments, const Output& output, const StopRequest& stop,
+                  Findings& findings) {
   EnsembleOptions options{.seed = arguments.seed,
                           .first = arguments.first,
                           .draws = arguments.ensemble,
@@ -124,7 +125,7 @@ void try_ensemble(const Arguments& arguments, const Output& output, const StopRe
 }  // namespace
 
 Verb add_stability(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<StabilityArguments>();
   CLI::App* verb = app.add_subcommand(
       "stability", "which gains a device bears, and how exact and stable playback is on many random devices");
   verb->footer(

@@ -204,20 +204,20 @@ std::pair<Vec3, Vec3> axes(std::string_view plane) {
   throw input_error(fmt::format("shape: plane is '{}'; it must be xy, yz or zx", plane));
 }
 
-void check(const char* option, double value, double least, double most, const char* unit) {
+void check_option(const char* option, double value, double least, double most, const char* unit) {
   if (!(value >= least && value <= most))
     throw input_error(
         fmt::format("shape: {} is {:.6g}{}; it must be {:.6g} to {:.6g}{}", option, value, unit, least, most, unit));
 }
 
 void check(std::string_view name, const ShapeOptions& o) {
-  check("size", o.size, 1e-6, 10, " m");
-  check("duration", o.duration, 1e-3, 1e6, " s");
-  check("rate", o.rate_hz, 10, 20000, " Hz");
-  check("turns", o.turns, 1, name == "reach" || name == "script" ? 1 : 10000, "");
-  if (name == "square") check("blend", o.blend, 0, o.size / 2, " m");
-  for (const double c : o.center) check("center", c, -10, 10, " m");
-  check("angle", o.angle, -1e3, 1e3, " rad");
+  check_option("size", o.size, 1e-6, 10, " m");
+  check_option("duration", o.duration, 1e-3, 1e6, " s");
+  check_option("rate", o.rate_hz, 10, 20000, " Hz");
+  check_option("turns", o.turns, 1, name == "reach" || name == "script" ? 1 : 10000, "");
+  if (name == "square") check_option("blend", o.blend, 0, o.size / 2, " m");
+  for (const double c : o.center) check_option("center", c, -10, 10, " m");
+  check_option("angle", o.angle, -1e3, 1e3, " rad");
 }
 
 }  // namespace

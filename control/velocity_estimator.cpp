@@ -17,7 +17,7 @@ using std::numbers::pi;
 using std::numbers::sqrt2;
 
 constexpr double kFarthest = 1e6;       // [m]
-constexpr double kShortestStep = 1e-9;  // [s]
+constexpr double kShortestTick = 1e-9;  // [s]
 constexpr double kLongestStep = 1e6;    // [s]
 
 /// What is smaller is zero: recursive filters would otherwise go on into denormal numbers, which are slow.
@@ -37,7 +37,7 @@ class Estimator final : public VelocityEstimator {
   Vec3 update(const Vec3& position, double dt) noexcept override {
     if (!(position.cwiseAbs().maxCoeff<Eigen::PropagateNaN>() <= kFarthest)) return velocity_;
     if (started_) {
-      if (!(dt >= kShortestStep && dt <= kLongestStep)) return velocity_;
+      if (!(dt >= kShortestTick && dt <= kLongestStep)) return velocity_;
       velocity_ = filter_.step(flushed(position - previous_), dt);
     }
     previous_ = position;

@@ -3,6 +3,7 @@
 #include "formats/csv.h"
 #include "formats/json_reader.h"
 #include "formats/recording_formats.h"
+#include "formats/recording_layout.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,7 +13,6 @@ namespace haptrace {
 namespace {
 
 constexpr std::string_view kHeader = "haptrace ", kEvent = "event ";
-constexpr double kLongestTime = 9.2e9;  // [s]; what 63 bits of nanoseconds hold
 
 class CsvSource final : public RecordingSource {
  public:
@@ -76,7 +76,7 @@ class CsvSource final : public RecordingSource {
         if (!reader_.has(kTick)) cells_[text_columns()[kTick].first] = static_cast<double>(rows_);
         if (!reader_.has(kPhase)) cells_[text_columns()[kPhase].first] = static_cast<double>(Phase::run);
       }
-      if (!(std::abs(cells_[0]) < kLongestTime))
+      if (!(std::abs(cells_[0]) < layout::kLongestTime))
         throw reader_.lines().error(fmt::format("column t: {} s is over 290 years. Is time in seconds?", cells_[0]));
       parser_.add(cells_, refuse);
       ++rows_;

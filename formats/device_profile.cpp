@@ -20,9 +20,9 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr const char* kFormat = "haptrace-device-profile";
-constexpr const char* kVersion = "1.0";
-constexpr double kSame = 1e-6;  // share by which facts may differ and still be the same
+constexpr const char* kProfileFormat = "haptrace-device-profile";
+constexpr const char* kProfileVersion = "1.0";
+constexpr double kSameFact = 1e-6;  // share by which facts may differ and still be the same
 
 json json_of(const PlantModel& plant) {
   return {{"mass_kg", haptrace::json_of(plant.mass)},
@@ -145,7 +145,7 @@ std::string environment(const char* name) {
 }
 
 bool same(double a, double b) {
-  return std::abs(a - b) <= kSame * std::max(std::abs(a), std::abs(b));
+  return std::abs(a - b) <= kSameFact * std::max(std::abs(a), std::abs(b));
 }
 
 bool same(const Vec3& a, const Vec3& b) {
@@ -160,8 +160,8 @@ std::string name_of(const DeviceIdentity& device) {
 }  // namespace
 
 json to_json(const DeviceProfile& profile) {
-  return {{"format", kFormat},
-          {"format_version", kVersion},
+  return {{"format", kProfileFormat},
+          {"format_version", kProfileVersion},
           {"created", profile.created},
           {"software", profile.software},
           {"device",
@@ -185,12 +185,13 @@ json to_json(const DeviceProfile& profile) {
 DeviceProfile profile_from_json(const json& object, const std::string& where) {
   JsonReader reader(object, where);
   Required required(reader);
-  if (const std::string format = required.text("format"); format != kFormat)
-    throw input_error(fmt::format("{}: is no device profile: its format is '{}', not '{}'", where, format, kFormat));
-  if (const std::string version = required.text("format_version"); version != kVersion)
+  if (const std::string format = required.text("format"); format != kProfileFormat)
+    throw input_error(
+        fmt::format("{}: is no device profile: its format is '{}', not '{}'", where, format, kProfileFormat));
+  if (const std::string version = required.text("format_version"); version != kProfileVersion)
     throw input_error(
         fmt::format("{}: is of format version '{}', and this program reads {}; calibrate again (haptrace calibrate)",
-                    where, version, kVersion));
+                    where, version, kProfileVersion));
   DeviceProfile profile;
   profile.created = required.text("created");
   if (!parse_time(profile.created))

@@ -2,6 +2,7 @@
 #include "control/error.h"
 #include "formats/json_reader.h"
 #include "formats/recording_formats.h"
+#include "formats/recording_layout.h"
 #include "formats/sample_text.h"
 #include "formats/suggest.h"
 #include "formats/text_file.h"
@@ -14,8 +15,6 @@ namespace haptrace {
 namespace {
 
 using nlohmann::json;
-
-constexpr double kLongestTime = 9.2e9;  // [s]; what 63 bits of nanoseconds hold
 
 class JsonlSource final : public RecordingSource {
  public:
@@ -86,7 +85,7 @@ class JsonlSource final : public RecordingSource {
       }
       read_column(*column, item.value());
     }
-    if (!(std::abs(cells_[0]) < kLongestTime)) throw lines_.error("time is missing or no time in seconds");
+    if (!(std::abs(cells_[0]) < layout::kLongestTime)) throw lines_.error("time is missing or no time in seconds");
   }
 
   void read_column(const TextColumn& column, const json& value) {

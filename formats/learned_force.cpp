@@ -13,8 +13,8 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr const char* kFormat = "haptrace-learned-force";
-constexpr const char* kVersion = "1.0";
+constexpr const char* kLearnedFormat = "haptrace-learned-force";
+constexpr const char* kLearnedVersion = "1.0";
 constexpr double kMostRows = 1e6;
 constexpr double kSameMass = 0.1;    // share by which masses may differ
 constexpr double kSameSpeed = 1e-9;  // and speeds
@@ -79,8 +79,8 @@ void save_learned(const LearnedPath& learned, const std::string& file) {
                                   fs::path(file).parent_path().string(), error.message()));
   json rows = json::array();
   for (const Vec3& force : learned.table.force) rows.push_back(rounded(force));
-  save_json({{"format", kFormat},
-             {"format_version", kVersion},
+  save_json({{"format", kLearnedFormat},
+             {"format_version", kLearnedVersion},
              {"created", learned.created},
              {"software", learned.software},
              {"backend", learned.device.backend},
@@ -100,11 +100,11 @@ std::optional<LearnedPath> load_learned(const std::string& file) {
   if (!fs::exists(file)) return std::nullopt;
   const json root = load_json(file);
   JsonReader reader(root, file);
-  if (const std::string format = reader.text("format", ""); format != kFormat)
-    throw input_error(fmt::format("{}: format is '{}', not {}", file, format, kFormat));
-  if (const std::string version = reader.text("format_version", ""); version != kVersion)
+  if (const std::string format = reader.text("format", ""); format != kLearnedFormat)
+    throw input_error(fmt::format("{}: format is '{}', not {}", file, format, kLearnedFormat));
+  if (const std::string version = reader.text("format_version", ""); version != kLearnedVersion)
     throw input_error(fmt::format("{}: format_version is '{}'; this software knows {}; learn anew (--forget)", file,
-                                  version, kVersion));
+                                  version, kLearnedVersion));
   LearnedPath learned;
   learned.created = reader.text("created", "");
   learned.software = reader.text("software", "");

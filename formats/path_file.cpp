@@ -4,6 +4,7 @@
 #include "formats/csv.h"
 #include "formats/recording.h"
 #include "formats/sampling.h"
+#include "formats/text_file.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,14 +16,8 @@ namespace {
 
 constexpr std::uint64_t kNotedRows = 16'384;  // of a recording, which is told of by its first ones
 
-std::string ending(const std::string& file) {
-  std::string text = std::filesystem::path(file).extension().string();
-  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
-
 bool ends_like_hdf5(const std::string& file) {
-  const std::string text = ending(file);
+  const std::string text = file_ending(file);
   return text == ".h5" || text == ".hdf5";
 }
 
@@ -103,7 +98,7 @@ Path load_path(const std::string& file) {
 void save_path(const Path& path, const std::string& file, const std::string& title, bool overwrite) {
   validate(path);
   if (ends_like_hdf5(file)) return write_recording(path, file, title, overwrite);
-  if (ending(file) == ".csv") return write_csv(path, file, overwrite);
+  if (file_ending(file) == ".csv") return write_csv(path, file, overwrite);
   throw input_error(fmt::format("{}: a path is written as .csv or .h5", file));
 }
 

@@ -10,8 +10,8 @@
 namespace haptrace {
 namespace {
 
-constexpr std::uint64_t kBlock = 8192;  // rows
-constexpr double kSpeedWindow = 0.01;   // [s]
+constexpr std::uint64_t kPathBlock = 8192;  // rows
+constexpr double kPathSpeedWindow = 0.01;   // [s]
 constexpr std::array<std::string_view, 4> kPathColumns{"time", "position", "velocity", "force"};
 constexpr std::array<std::string_view, 6> kFigureColumns{"time", "tick", "position", "velocity", "force", "phase"};
 constexpr std::array<std::string_view, 1> kPhase{"phase"};
@@ -103,15 +103,15 @@ class MemoryPath final : public PathSource {
 
   void measure() {
     std::size_t window = 0;  // where the present one began
-    for (std::size_t first = 0; first < path_.size(); first += kBlock) {
-      PathBlock block{.first = first, .rows = std::min<std::uint64_t>(kBlock, path_.size() - first)};
+    for (std::size_t first = 0; first < path_.size(); first += kPathBlock) {
+      PathBlock block{.first = first, .rows = std::min<std::uint64_t>(kPathBlock, path_.size() - first)};
       for (std::size_t i = first; i < first + block.rows; ++i) {
         block.bounds.include(path_.position[i]);
         if (i + 1 < path_.size())
           block.longest_interval = std::max(block.longest_interval, path_.time[i + 1] - path_.time[i]);
         const double elapsed = path_.time[i] - path_.time[window];
         // A millionth less: stamps are rounded.
-        if (elapsed < (1 - 1e-6) * kSpeedWindow) continue;
+        if (elapsed < (1 - 1e-6) * kPathSpeedWindow) continue;
         block.peak_speed = std::max(block.peak_speed, (path_.position[i] - path_.position[window]).norm() / elapsed);
         window = i;
       }

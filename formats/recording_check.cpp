@@ -15,7 +15,7 @@ namespace {
 
 using Severity = Finding::Severity;
 
-constexpr std::uint64_t kBlock = 8192;             // rows
+constexpr std::uint64_t kCheckedBlock = 8192;      // rows
 constexpr double kQuaternionTolerance = 1e-3;      // of the norm
 constexpr double kForceTolerance = 1e-6;           // of max_force_n
 constexpr std::int64_t kEventSlack = 100'000'000;  // [ns] between a missed tick and the event that tells of it
@@ -238,8 +238,8 @@ void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows,
   const hdf5::Dataset dataset(H5Dopen2(file, path.c_str(), H5P_DEFAULT));
   std::vector<double> block;
   std::uint64_t nans = 0, first_nan = 0;
-  for (std::uint64_t first = 0; first < rows; first += kBlock) {
-    const std::uint64_t count = std::min(kBlock, rows - first);
+  for (std::uint64_t first = 0; first < rows; first += kCheckedBlock) {
+    const std::uint64_t count = std::min(kCheckedBlock, rows - first);
     block.resize(count * column.width);
     hdf5::read_rows(dataset.get(), path, H5T_NATIVE_DOUBLE, first, count, block.data());
     for (std::uint64_t i = 0; i < count; ++i) {
@@ -428,8 +428,8 @@ void check_values(hid_t file, const std::string& name, const std::function<void(
   Laws laws(header, events, findings);
   OverviewLaw overview(reader, findings);
   double begin = 0;
-  for (std::uint64_t first = 0; first < reader.rows(); first += kBlock) {
-    const std::vector<Sample> samples = reader.read(first, kBlock);
+  for (std::uint64_t first = 0; first < reader.rows(); first += kCheckedBlock) {
+    const std::vector<Sample> samples = reader.read(first, kCheckedBlock);
     if (first == 0) begin = static_cast<double>(samples.front().time_ns) * 1e-9;
     for (std::size_t i = 0; i < samples.size(); ++i) laws(first + i, samples[i]);
     overview(samples);

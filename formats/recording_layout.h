@@ -18,6 +18,9 @@ inline constexpr int kMajorVersion = 1;
 /// HDF5 keeps an attribute of a fixed size in the object header, whose messages end at 64 KiB.
 inline constexpr std::size_t kLongestText = 60'000;  // [bytes]
 
+/// Times beyond it do not fit into the 63 bits of nanoseconds that a Sample keeps them in.
+inline constexpr double kLongestTime = 9.2e9;  // [s]
+
 /// An attribute of the root and where the header keeps it. Beside these the root has `format`, always kFormat.
 struct Attribute {
   const char* name;

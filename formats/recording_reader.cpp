@@ -13,9 +13,8 @@
 namespace haptrace {
 namespace {
 
-constexpr std::uint64_t kBlock = 4096;    // rows
-constexpr double kLongestTime = 9.2e9;    // [s]; what 63 bits of nanoseconds hold
-constexpr std::uint64_t kDensest = 1100;  // deflate cannot pack bytes closer than 1032 to one
+constexpr std::uint64_t kReadBlock = 4096;  // rows
+constexpr std::uint64_t kDensest = 1100;    // deflate cannot pack bytes closer than 1032 to one
 
 void check_version(const std::string& file, const std::string& version) {
   int major = 0;
@@ -102,8 +101,8 @@ class RecordingReader::Part {
   /// Fills `samples` from row `first` on.
   void read(std::uint64_t first, std::span<Sample> samples, std::span<const std::string_view> names) const {
     std::vector<std::byte> buffer;
-    for (std::size_t done = 0; done < samples.size(); done += kBlock) {
-      const std::span block = samples.subspan(done, std::min<std::size_t>(kBlock, samples.size() - done));
+    for (std::size_t done = 0; done < samples.size(); done += kReadBlock) {
+      const std::span block = samples.subspan(done, std::min<std::size_t>(kReadBlock, samples.size() - done));
       for (const Opened& entry : opened_) {
         if (!names.empty() && std::find(names.begin(), names.end(), entry.column->name) == names.end()) continue;
         buffer.resize(block.size() * entry.column->row_bytes());
@@ -119,8 +118,8 @@ class RecordingReader::Part {
     check_length(layout::kEvents, count);
     const hdf5::Type type = hdf5::event_type(characters_of_events());
     std::vector<char> rows;
-    for (hsize_t first = 0; first < count; first += kBlock) {
-      const hsize_t block = std::min<hsize_t>(kBlock, count - first);
+    for (hsize_t first = 0; first < count; first += kReadBlock) {
+      const hsize_t block = std::min<hsize_t>(kReadBlock, count - first);
       rows.resize(block * layout::EventRow::kBytes);
       hdf5::read_rows(events_.get(), fmt::format("{}: {}", name_, layout::kEvents), type.get(), first, block,
                       rows.data());
@@ -228,9 +227,9 @@ class RecordingReader::Part {
     for (const Opened& entry : opened_) rows_ = std::min<std::uint64_t>(rows_, hdf5::shape(entry.dataset.get())[0]);
     check_length("/samples/time", rows_);
     // A writer that found the disk full grew its datasets before it failed to fill them; time is filled last.
-    std::array<double, kBlock> time{};
+    std::array<double, kReadBlock> time{};
     while (rows_ > 0) {
-      const std::uint64_t count = std::min(kBlock, rows_);
+      const std::uint64_t count = std::min(kReadBlock, rows_);
       read_column(opened_.front(), rows_ - count, count, time.data());
       const auto end = time.begin() + static_cast<std::ptrdiff_t>(count);
       const auto last = std::find_if(std::reverse_iterator(end), std::reverse_iterator(time.begin()),
@@ -255,7 +254,8 @@ class RecordingReader::Part {
 
   void check_time(std::uint64_t first, const std::vector<std::byte>& buffer) const {
     const std::span time(reinterpret_cast<const double*>(buffer.data()), buffer.size() / sizeof(double));
-    const auto bad = std::find_if_not(time.begin(), time.end(), [](double t) { return std::abs(t) < kLongestTime; });
+    const auto bad =
+        std::find_if_not(time.begin(), time.end(), [](double t) { return std::abs(t) < layout::kLongestTime; });
     if (bad != time.end())
       throw input_error(fmt::format("{}: /samples/time[{}] is {}, which is not a time", name_,
                                     first + static_cast<std::uint64_t>(bad - time.begin()), *bad));

@@ -17,8 +17,8 @@
 namespace haptrace {
 namespace {
 
-constexpr std::uint64_t kBlock = 8192;   // rows
-constexpr std::uint64_t kSmallest = 64;  // rows that are given up together when one of them cannot be read
+constexpr std::uint64_t kRecoveredBlock = 8192;  // rows
+constexpr std::uint64_t kSmallest = 64;          // rows that are given up together when one of them cannot be read
 
 /// Bit for bit, in the columns that a file has.
 bool same(std::span<const Sample> a, std::span<const Sample> b, const RecordingColumns& columns) {
@@ -77,8 +77,8 @@ class Salvage {
   template <class Visit>
   void for_each(const Visit& visit, const std::function<void(double)>& progress) {
     unreadable_ = 0;
-    for (std::uint64_t first = 0; first < reader_.rows(); first += kBlock) {
-      visit(read_what_can_be(reader_, first, std::min(kBlock, reader_.rows() - first), unreadable_));
+    for (std::uint64_t first = 0; first < reader_.rows(); first += kRecoveredBlock) {
+      visit(read_what_can_be(reader_, first, std::min(kRecoveredBlock, reader_.rows() - first), unreadable_));
       if (progress) progress(static_cast<double>(first) / static_cast<double>(reader_.rows()));
     }
   }

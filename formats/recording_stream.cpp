@@ -3,6 +3,7 @@
 #include "control/error.h"
 #include "formats/output_file.h"
 #include "formats/recording_formats.h"
+#include "formats/text_file.h"
 
 #include <algorithm>
 #include <array>
@@ -15,12 +16,6 @@
 
 namespace haptrace {
 namespace {
-
-std::string ending(const std::string& file) {
-  std::string text = std::filesystem::path(file).extension().string();
-  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
 
 class Hdf5Source final : public RecordingSource {
  public:
@@ -200,7 +195,7 @@ std::unique_ptr<RecordingSource> open_source(const std::string& file, const Sour
   std::array<char, 4> head{};
   std::ifstream(file, std::ios::binary).read(head.data(), head.size());
   const std::string_view begin(head.data(), head.size());
-  const std::string name = ending(file);
+  const std::string name = file_ending(file);
   if (is_hdf5(file) || name == ".h5" || name == ".hdf5") return std::make_unique<Hdf5Source>(file);
   if (begin == "XDF:" || name == ".xdf") return open_xdf(file, options);
   if (begin.starts_with("{") || name == ".jsonl") return open_jsonl(file, options);
@@ -210,7 +205,7 @@ std::unique_ptr<RecordingSource> open_source(const std::string& file, const Sour
 std::unique_ptr<RecordingSink> create_sink(const std::string& file, const RecordingHeader& header,
                                            const RecordingColumns& columns, const std::vector<StoredEvent>& events,
                                            const SinkOptions& options) {
-  const std::string name = ending(file);
+  const std::string name = file_ending(file);
   if (name == ".csv") return create_csv(file, header, columns, events, options);
   if (name == ".jsonl") return create_jsonl(file, header, columns, events, options);
   if (name == ".h5" || name == ".hdf5") {

@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::int64_t kSpeedWindow = 10'000'000;  // [ns]
 
-double seconds(std::int64_t ns) {
+double to_seconds(std::int64_t ns) {
   return 1e-9 * static_cast<double>(ns);
 }
 
@@ -34,7 +34,7 @@ void RecordingSummary::join(const RecordingSummary& next) {
   }
   gaps += next.gaps;
   missed += next.missed;
-  longest_interval = std::max({longest_interval, next.longest_interval, seconds(next.first_ns - last_ns)});
+  longest_interval = std::max({longest_interval, next.longest_interval, to_seconds(next.first_ns - last_ns)});
   include(bounds, next.bounds);
   const double between = (next.first_position - last_position).norm();
   path_length += next.path_length + (std::isfinite(between) ? between : 0);
@@ -60,7 +60,7 @@ void RecordingSummary::join(const RecordingSummary& next) {
 }
 
 double RecordingSummary::duration() const noexcept {
-  return seconds(last_ns - first_ns);
+  return to_seconds(last_ns - first_ns);
 }
 
 double RecordingSummary::mean_rate() const noexcept {
@@ -161,7 +161,7 @@ void Summariser::add_error(const Sample& sample) {
 }
 
 void Summariser::measure_speed(const Sample& sample) {
-  const double speed = (sample.position - window_.position).norm() / seconds(sample.time_ns - window_.time_ns);
+  const double speed = (sample.position - window_.position).norm() / to_seconds(sample.time_ns - window_.time_ns);
   if (std::isfinite(speed)) {
     summary_.peak_speed = std::max(summary_.peak_speed, speed);
     if (window_.in_run) summary_.run_peak_speed = std::max(summary_.run_peak_speed, speed);
@@ -171,7 +171,7 @@ void Summariser::measure_speed(const Sample& sample) {
 
 RecordingSummary Summariser::take() {
   summary_.max_force = std::sqrt(std::exchange(max_force2_, 0));
-  summary_.longest_interval = seconds(std::exchange(longest_ns_, 0));
+  summary_.longest_interval = to_seconds(std::exchange(longest_ns_, 0));
   return std::exchange(summary_, {});
 }
 

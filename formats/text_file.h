@@ -19,6 +19,9 @@ std::string_view trim(std::string_view text);
 /// A text of a file, fit for one line of a message.
 std::string shown(std::string_view text);
 
+/// Of a file's name, with its point, in lower case.
+std::string file_ending(const std::string& file);
+
 /// A number as a text writes it: all of `field`, with a point, perhaps with an exponent or a sign. False when it is
 /// none; "nan" and "inf" are.
 bool parse_number(std::string_view field, double& value);

@@ -1,6 +1,7 @@
 // Streams of an XDF file as a recording: one clock, channels by their labels, SI units, markers as events.
 #include "control/error.h"
 #include "formats/recording_formats.h"
+#include "formats/recording_layout.h"
 #include "formats/sample_text.h"
 #include "formats/suggest.h"
 #include "formats/xdf_file.h"
@@ -12,8 +13,7 @@
 namespace haptrace {
 namespace {
 
-constexpr double kLongestTime = 9.2e9;  // [s]; what 63 bits of nanoseconds hold
-constexpr double kStale = 1;            // [s]; a held value that is older is no value
+constexpr double kStale = 1;  // [s]; a held value that is older is no value
 
 /// Letters and digits in lower case: "Pos X" -> "posx".
 std::string plain(std::string_view label) {
@@ -66,11 +66,11 @@ const std::vector<Target>& targets() {
   return all;
 }
 
-struct Unit {
+struct ChannelUnit {
   const char *name, *si;
   double factor;
 };
-constexpr Unit kUnits[] = {
+constexpr ChannelUnit kChannelUnits[] = {
     {"m", "m", 1},         {"meters", "m", 1},         {"metres", "m", 1},
     {"meter", "m", 1},     {"cm", "m", 1e-2},          {"centimeters", "m", 1e-2},
     {"mm", "m", 1e-3},     {"millimeters", "m", 1e-3}, {"millimetres", "m", 1e-3},
@@ -312,7 +312,7 @@ class XdfSource final : public RecordingSource {
     std::string unit = channel.unit;
     std::transform(unit.begin(), unit.end(), unit.begin(), [](unsigned char c) { return std::tolower(c); });
     if (unit.empty() || target.units == "1") return 1;
-    for (const Unit& known : kUnits)
+    for (const ChannelUnit& known : kChannelUnits)
       if (unit == known.name && target.units == known.si) return known.factor;
     notes_.push_back(fmt::format("channel '{}' is in '{}', which is no unit of {}; its values are taken as {}",
                                  channel.label, channel.unit, target.name, target.units));
@@ -375,7 +375,7 @@ class XdfSource final : public RecordingSource {
       if (rows_ == 0) start_ = time;
       cells_ = unknown_;
       cells_[0] = time - start_;
-      if (!(std::abs(cells_[0]) < kLongestTime))
+      if (!(std::abs(cells_[0]) < layout::kLongestTime))
         throw input_error(fmt::format("{}: sample {} has the stamp {}, which is not a time", file_, rows_ + 1, time));
       cells_[phase_] = static_cast<double>(Phase::run);
       cells_[tick_] = static_cast<double>(rows_);

@@ -172,9 +172,9 @@ Path hold_path() {
 }
 
 /// One draw with everything that is played on it.
-class Trials {
+class PathTrials {
  public:
-  Trials(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options, const StopRequest& stop)
+  PathTrials(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options, const StopRequest& stop)
       : draw_(draw_device(seed, index)), quiet_(draw_.spec), options_(options), stop_(stop) {
     if (quiet_.hand) quiet_.hand->tremor = quiet_.hand->drift = 0;
   }
@@ -300,7 +300,7 @@ bool EnsembleMember::beyond_force(std::size_t path) const noexcept {
 EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options,
                           const StopRequest& stop) {
   EnsembleMember member{.index = index};
-  const Trials trials(seed, index, options, stop);
+  const PathTrials trials(seed, index, options, stop);
   const auto run = [&](EnsembleController controller, const PlayOptions& play_options) {
     if (stop.count() == 0) member.trials[static_cast<std::size_t>(controller)] = trials.run(play_options);
   };

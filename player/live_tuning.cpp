@@ -79,13 +79,13 @@ double number_of(const std::string& name, const std::string& text) {
   return value;
 }
 
-std::string text_of(const Vec3& v, bool brief) {
+std::string gain_text(const Vec3& v, bool brief) {
   return brief && (v.array() == v[0]).all() ? fmt::format("{:.6g}", v[0])
                                             : fmt::format("{:.6g} {:.6g} {:.6g}", v[0], v[1], v[2]);
 }
 
-std::string text_of(const PdGains& gains, bool brief) {
-  return fmt::format("kp {} kd {}", text_of(gains.kp, brief), text_of(gains.kd, brief));
+std::string gain_text(const PdGains& gains, bool brief) {
+  return fmt::format("kp {} kd {}", gain_text(gains.kp, brief), gain_text(gains.kd, brief));
 }
 
 /// The largest factor that no gain's limit is below, at least 1: scaling up never scales down.
@@ -179,8 +179,8 @@ std::string LiveTuning::set_gain(const std::string& name, Words values, Tuning& 
   const Vec3 borne = asked.cwiseMin(largest);
   (name == "kp" ? tuning.gains.kp : tuning.gains.kd) = borne;
   if (borne == asked) return {};
-  return fmt::format(" clamped from {}: {} {}", haptrace::text_of(asked, true), options_.limits.because,
-                     haptrace::text_of(largest, true));
+  return fmt::format(" clamped from {}: {} {}", gain_text(asked, true), options_.limits.because,
+                     gain_text(largest, true));
 }
 
 std::string LiveTuning::scale_gains(Words values, Tuning& tuning) const {
@@ -197,7 +197,7 @@ std::string LiveTuning::scale_gains(Words values, Tuning& tuning) const {
   tuning.gains.kd = (factor * tuning.gains.kd).cwiseMin(options_.limits.largest.kd);
   if (factor == asked) return {};
   return fmt::format(" clamped from * {:.6g}: {} {}", asked, options_.limits.because,
-                     haptrace::text_of(options_.limits.largest, true));
+                     gain_text(options_.limits.largest, true));
 }
 
 std::string LiveTuning::set_bandwidth(Words values, Tuning& tuning) const {
@@ -239,9 +239,9 @@ void LiveTuning::require_composed(const std::string& name) const {
 }
 
 std::string LiveTuning::text_of(const std::string& name, const Tuning& tuning, bool brief) const {
-  if (name == "kp") return "kp " + haptrace::text_of(tuning.gains.kp, brief);
-  if (name == "kd") return "kd " + haptrace::text_of(tuning.gains.kd, brief);
-  if (name == "gains") return haptrace::text_of(tuning.gains, brief);
+  if (name == "kp") return "kp " + gain_text(tuning.gains.kp, brief);
+  if (name == "kd") return "kd " + gain_text(tuning.gains.kd, brief);
+  if (name == "gains") return gain_text(tuning.gains, brief);
   if (name == "observer_hz") {
     require_composed("observer");
     return fmt::format("observer_hz {:.6g}", tuning.observer_hz);

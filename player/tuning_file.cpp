@@ -15,7 +15,7 @@
 namespace haptrace {
 namespace {
 
-constexpr auto kPeriod = std::chrono::milliseconds(100);
+constexpr auto kLookPeriod = std::chrono::milliseconds(100);
 constexpr std::size_t kLargestFile = 64U << 10U;  // bytes
 
 /// The file's beginning, at most one byte more than the largest; throws nothing, answers what the system refused.
@@ -78,7 +78,7 @@ void TuningFile::watch(const std::stop_token& stop) {
   std::condition_variable_any wake;
   std::unique_lock lock(mutex);
   Stamp before = obeyed_;
-  while (!wake.wait_for(lock, stop, kPeriod, [] { return false; }) && !stop.stop_requested()) {
+  while (!wake.wait_for(lock, stop, kLookPeriod, [] { return false; }) && !stop.stop_requested()) {
     const Stamp now = look();
     if (now == before && now != obeyed_) {
       obeyed_ = now;

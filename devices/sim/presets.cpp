@@ -182,7 +182,7 @@ constexpr Preset kHands[] = {
      })"},
 };
 
-std::vector<std::string> names_of(std::span<const Preset> presets, const char* also) {
+std::vector<std::string> preset_names(std::span<const Preset> presets, const char* also) {
   std::vector<std::string> names;
   for (const Preset& preset : presets) names.emplace_back(preset.name);
   names.emplace_back(also);
@@ -204,7 +204,7 @@ nlohmann::json device_preset(const std::string& name, const std::string& where) 
 }
 
 std::vector<std::string> device_preset_names() {
-  return names_of(kDevices, "omni");
+  return preset_names(kDevices, "omni");
 }
 
 nlohmann::json hand_preset(const std::string& name, const std::string& where) {
@@ -212,7 +212,7 @@ nlohmann::json hand_preset(const std::string& name, const std::string& where) {
 }
 
 std::vector<std::string> hand_preset_names() {
-  return names_of(kHands, "none");
+  return preset_names(kHands, "none");
 }
 
 }  // namespace haptrace
