@@ -17,9 +17,10 @@ namespace haptrace {
 
 /// Runs work(0) to work(count - 1), each once, on `threads` threads (0: one for every core). Jobs are begun in order
 /// until `stop` is raised. `told(done)` is called in the calling thread, about ten times a second and at the end, with
-/// how many are finished. The first exception of a job ends the others and is thrown here.
+/// how many are finished. The first exception of a job ends the others and is thrown here. False when `stop` was raised
+/// before all were done.
 template <class Work, class Told>
-void run_parallel(std::size_t count, std::size_t threads, const StopRequest& stop, const Work& work, const Told& told) {
+bool run_parallel(std::size_t count, std::size_t threads, const StopRequest& stop, const Work& work, const Told& told) {
   if (threads == 0) threads = std::max(std::thread::hardware_concurrency(), 1U);
   threads = std::min(threads, count);
   std::atomic<std::size_t> next{0}, done{0};
@@ -55,6 +56,7 @@ void run_parallel(std::size_t count, std::size_t threads, const StopRequest& sto
   }
   if (error) std::rethrow_exception(error);
   told(done.load());
+  return done == count;
 }
 
 }  // namespace haptrace

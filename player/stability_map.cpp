@@ -4,15 +4,14 @@
 #include "control/pd.h"
 #include "control/velocity_estimator.h"
 #include "devices/sim/sim_device.h"
+#include "player/parallel.h"
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
 #include <fmt/format.h>
 #include <limits>
 #include <numbers>
-#include <thread>
 
 namespace haptrace {
 namespace {
@@ -180,34 +179,6 @@ int window_of(double mass, const std::array<AxisGains, kAtOnce>& gains, double r
   double softest = std::numeric_limits<double>::infinity();
   for (const AxisGains& g : gains) softest = std::min(softest, g.kp);
   return static_cast<int>(std::clamp(2 * 2 * pi * std::sqrt(mass / softest) * rate_hz, 100.0, 2e4));
-}
-
-// --- Work for all cores ---------------------------------------------------------------------------------------------
-
-/// Runs work(0) to work(count - 1), each once, on `threads` threads. False when `stop` was raised before all was done.
-/// `told` is called meanwhile with how many are.
-template <class Work>
-bool run_all(std::size_t count, std::size_t threads, const StopRequest& stop, const Work& work,
-             const std::function<void(std::size_t)>& told) {
-  std::atomic<std::size_t> next{0}, done{0}, running{0};
-  {
-    std::vector<std::jthread> pool;
-    for (std::size_t i = 0; i < std::min(threads, count); ++i) {
-      ++running;
-      pool.emplace_back([&] {
-        for (std::size_t job = next++; job < count && stop.count() == 0; job = next++) {
-          work(job);
-          ++done;
-        }
-        --running;
-      });
-    }
-    while (running > 0) {
-      std::this_thread::sleep_for(std::chrono::milliseconds(count > 1000 ? 50 : 5));
-      told(done);
-    }
-  }
-  return done == count;
 }
 
 // --- The map --------------------------------------------------------------------------------------------------------
@@ -438,18 +409,17 @@ std::optional<StabilityMap> stability_map(const PlantModel& plant, const PdGains
   choose_grid(map, analysis, options);
 
   Mapper mapper(map, plant, analysis, options);
-  const std::size_t threads = options.threads > 0 ? options.threads : std::max(std::thread::hardware_concurrency(), 1U);
   // A column is bisected in about as long as it takes to fill.
   const auto tell = [&](double first, double share, std::size_t jobs) {
     return [&progress, first, share, jobs](std::size_t done) {
       if (progress) progress(first + share * static_cast<double>(done) / static_cast<double>(jobs));
     };
   };
-  if (!run_all(
-          mapper.cell_jobs(), threads, stop, [&](std::size_t job) { mapper.fill_cells(job); },
+  if (!run_parallel(
+          mapper.cell_jobs(), options.threads, stop, [&](std::size_t job) { mapper.fill_cells(job); },
           tell(0, 0.5, mapper.cell_jobs())) ||
-      !run_all(
-          mapper.column_jobs(), threads, stop, [&](std::size_t job) { mapper.refine_columns(job); },
+      !run_parallel(
+          mapper.column_jobs(), options.threads, stop, [&](std::size_t job) { mapper.refine_columns(job); },
           tell(0.5, 0.5, mapper.column_jobs())))
     return std::nullopt;
 

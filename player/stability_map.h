@@ -65,7 +65,7 @@ struct StabilityMap {
 /// periods. With them (noise left out) the reference jumps by `kick`; that is calm when the position swings by less
 /// than two quanta or a twentieth of the kick in the end, or ever less.
 ///
-/// `progress` is called in the calling thread about twenty times a second with the part that is done. Nothing when
+/// `progress` is called in the calling thread about ten times a second with the part that is done. Nothing when
 /// `stop` was raised meanwhile. Throws Error(input): gains, axis or cells out of range, and what LoopAnalysis throws.
 std::optional<StabilityMap> stability_map(const PlantModel& plant, const PdGains& gains,
                                           const StabilityOptions& options, const StopRequest& stop,

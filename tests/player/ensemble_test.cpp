@@ -137,9 +137,9 @@ TEST(RunParallel, DoesEveryJobOnceWhateverTheThreads) {
   for (const std::size_t threads : {0, 1, 3, 50}) {
     std::vector<std::atomic<int>> runs(20);
     std::size_t told = 0;
-    run_parallel(
+    EXPECT_TRUE(run_parallel(
         runs.size(), threads, StopRequest{}, [&](std::size_t job) { ++runs[job]; },
-        [&](std::size_t done) { told = done; });
+        [&](std::size_t done) { told = done; }));
     for (const auto& count : runs) EXPECT_EQ(count, 1);
     EXPECT_EQ(told, 20U);
   }
@@ -153,7 +153,7 @@ TEST(RunParallel, BeginsNothingNewOnceStoppedAndThrowsWhatAJobThrew) {
   const auto count_until_third = [&](std::size_t) {
     if (++runs == 3) stop.raise();
   };
-  run_parallel(100, 1, stop, count_until_third, [](std::size_t) {});
+  EXPECT_FALSE(run_parallel(100, 1, stop, count_until_third, [](std::size_t) {}));
   EXPECT_EQ(runs, 3);
 
   runs = 0;
