@@ -3,6 +3,7 @@
 #include "control/error.h"
 #include "control/filters.h"
 #include "control/loop_analysis.h"
+#include "control/ripple.h"
 #include "control/state_observer.h"
 
 #include <algorithm>
@@ -34,13 +35,10 @@ constexpr double kPlainVelocityCutoff = 100;  // [Hz]
 
 /// rms of the high-passed answer of a linear law to white noise of unit variance, from its answer to a unit impulse.
 double noise_gain(double rate_hz, const std::function<double(double)>& law) {
-  Butterworth2 first(Butterworth2::Kind::high_pass, kRippleCutoff, rate_hz), second = first;
+  Ripple ripple(kRippleCutoff, rate_hz);
   double energy = 0;
   const int ticks = static_cast<int>(0.3 * rate_hz);
-  for (int tick = 0; tick < ticks; ++tick) {
-    const double force = second.update(first.update(law(tick == 0 ? 1 : 0)));
-    energy += force * force;
-  }
+  for (int tick = 0; tick < ticks; ++tick) energy += ripple.update(Vec3(law(tick == 0 ? 1 : 0), 0, 0));
   return std::sqrt(energy);
 }
 
