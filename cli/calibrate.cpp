@@ -1,5 +1,6 @@
 #include "cli/profile.h"
 #include "control/error.h"
+#include "formats/rfc3339.h"
 #include "player/calibration.h"
 
 #include <chrono>

@@ -5,6 +5,7 @@
 #include "formats/json_reader.h"
 #include "formats/learned_force.h"
 #include "formats/path_file.h"
+#include "formats/rfc3339.h"
 #include "formats/suggest.h"
 #include "player/playback.h"
 

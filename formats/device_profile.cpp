@@ -3,14 +3,13 @@
 #include "control/error.h"
 #include "formats/json_reader.h"
 #include "formats/output_file.h"
+#include "formats/rfc3339.h"
 
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <ctime>
 #include <filesystem>
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <fstream>
 
@@ -111,14 +110,6 @@ TrackingDesign design_from(JsonReader reader) {
   return design;
 }
 
-/// Seconds since 1970, or nothing if the text is no time as rfc3339() writes it.
-std::optional<std::time_t> parse_time(const std::string& text) {
-  std::tm time{};
-  const char* end = strptime(text.c_str(), "%Y-%m-%dT%H:%M:%SZ", &time);
-  if (end == nullptr || *end != '\0') return std::nullopt;
-  return timegm(&time);
-}
-
 /// What is left of a name that every file system takes.
 std::string safe(const std::string& name) {
   std::string result;
@@ -194,7 +185,7 @@ DeviceProfile profile_from_json(const json& object, const std::string& where) {
                     where, version, kProfileVersion));
   DeviceProfile profile;
   profile.created = required.text("created");
-  if (!parse_time(profile.created))
+  if (!parse_rfc3339(profile.created))
     throw input_error(
         fmt::format("{}: created: expected a time as 2026-01-31T12:00:00Z, found '{}'", where, profile.created));
   profile.software = required.text("software");
@@ -278,17 +269,12 @@ std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& de
   if (!same(profile.facts.workspace.min, facts.workspace.min) ||
       !same(profile.facts.workspace.max, facts.workspace.max))
     return changed("workspace");
-  const std::optional<std::time_t> made = parse_time(profile.created);
-  const double age =
-      made ? std::chrono::duration<double>(now - std::chrono::system_clock::from_time_t(*made)).count() : kNaN;
+  const auto made = parse_rfc3339(profile.created);
+  const double age = made ? std::chrono::duration<double>(now - *made).count() : kNaN;
   if (!(age <= kProfileLifetime))
     return fmt::format("the profile is {:.0f} days old, and after {:.0f} it is stale; {}", age / 86400,
                        kProfileLifetime / 86400, kAgain);
   return "";
-}
-
-std::string rfc3339(std::chrono::system_clock::time_point time) {
-  return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::chrono::system_clock::to_time_t(time)));
 }
 
 }  // namespace haptrace

@@ -70,7 +70,4 @@ std::optional<DeviceProfile> find_profile(const DeviceIdentity& device);
 std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& device, const DeviceFacts& facts,
                           double rate_hz, std::chrono::system_clock::time_point now = std::chrono::system_clock::now());
 
-/// The present in RFC 3339, UTC.
-std::string rfc3339(std::chrono::system_clock::time_point time);
-
 }  // namespace haptrace

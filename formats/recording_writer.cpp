@@ -3,6 +3,7 @@
 #include "formats/output_file.h"
 #include "formats/recording_layout.h"
 #include "formats/recording_lock.h"
+#include "formats/rfc3339.h"
 
 #include <algorithm>
 #include <boost/uuid/uuid_generators.hpp>
@@ -13,7 +14,6 @@
 #include <cstring>
 #include <fcntl.h>
 #include <filesystem>
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -509,8 +509,7 @@ RecordingWriter::RecordingWriter(const std::string& file, const RecordingHeader&
     : header_(header), columns_(columns), options_(options), name_(file) {
   validate(options.storage);
   if (header_.uuid.empty()) header_.uuid = boost::uuids::to_string(boost::uuids::random_generator()());
-  if (header_.created.empty())
-    header_.created = fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::chrono::system_clock::now()));
+  if (header_.created.empty()) header_.created = rfc3339(std::chrono::system_clock::now());
   header_.complete = false;
   if (!options.keep_part) {
     header_.part = 0;

@@ -1,5 +1,6 @@
 #include "formats/device_profile.h"
 
+#include "formats/rfc3339.h"
 #include "tests/formats/support.h"
 
 #include <cstdlib>
