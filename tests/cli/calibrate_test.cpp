@@ -1,24 +1,12 @@
 #include "formats/device_profile.h"
 #include "formats/recording.h"
 #include "tests/cli/command.h"
-#include "tests/support/temp_folder.h"
 
 #include <csignal>
 #include <filesystem>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 namespace haptrace {
 namespace {
-
-using test::Answer;
-using test::Command;
-using test::haptrace;
-using test::TempFolder;
-using testing::AllOf;
-using testing::HasSubstr;
-
-const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=3";
 
 Answer calibrate_into(const TempFolder& folder, std::vector<std::string> words) {
   words.insert(words.begin(), "calibrate");

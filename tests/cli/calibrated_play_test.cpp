@@ -1,23 +1,13 @@
 // From calibration to learned playback, as its user runs it.
 #include "tests/cli/command.h"
-#include "tests/support/temp_folder.h"
 
 #include <filesystem>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 namespace haptrace {
 namespace {
 
-using test::Answer;
-using test::Command;
-using test::haptrace;
-using test::TempFolder;
-using testing::AllOf;
 using testing::Each;
 using testing::ElementsAre;
-using testing::HasSubstr;
-using testing::Not;
 
 const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=2";
 

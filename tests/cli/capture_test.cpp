@@ -1,29 +1,17 @@
 // Recording the way experimenters work: triggers, trials, marks, metadata, parts, and what is left of a killed session.
 #include "formats/recording.h"
 #include "tests/cli/command.h"
-#include "tests/support/temp_folder.h"
 
 #include <chrono>
 #include <csignal>
 #include <filesystem>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <thread>
 
 namespace haptrace {
 namespace {
 
 namespace fs = std::filesystem;
-using test::Answer;
-using test::Command;
-using test::haptrace;
-using test::TempFolder;
-using testing::AllOf;
 using testing::Contains;
-using testing::HasSubstr;
-using testing::Not;
-
-const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=3";
 
 void sleep(double seconds) {
   std::this_thread::sleep_for(std::chrono::duration<double>(seconds));

@@ -1,6 +1,10 @@
 // Runs the haptrace command as a person would, and keeps what it answered.
 #pragma once
 
+#include "tests/support/temp_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
@@ -56,3 +60,18 @@ Answer haptrace(const Words&... words) {
 }
 
 }  // namespace haptrace::test
+
+namespace haptrace {
+
+// What the tests of every verb say.
+using test::Answer;
+using test::Command;
+using test::haptrace;
+using test::TempFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+inline const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=3";
+
+}  // namespace haptrace

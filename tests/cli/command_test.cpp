@@ -1,13 +1,10 @@
 #include "tests/cli/command.h"
 
 #include "formats/recording.h"
-#include "tests/support/temp_folder.h"
 
 #include <chrono>
 #include <csignal>
 #include <filesystem>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <thread>
@@ -15,14 +12,6 @@
 
 namespace haptrace {
 namespace {
-
-using test::Answer;
-using test::haptrace;
-using test::TempFolder;
-using testing::AllOf;
-using testing::HasSubstr;
-
-const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=3";
 
 std::string square(const TempFolder& folder) {
   const std::string file = folder / "square.h5";

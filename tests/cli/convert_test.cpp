@@ -1,23 +1,15 @@
 #include "formats/recording.h"
 #include "tests/cli/command.h"
-#include "tests/support/temp_folder.h"
 
 #include <cmath>
 #include <csignal>
 #include <filesystem>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <thread>
 
 namespace haptrace {
 namespace {
 
-using test::Answer;
-using test::Command;
-using test::haptrace;
 using test::read_bytes;
-using test::TempFolder;
-using testing::HasSubstr;
 
 /// A log as a slow logger leaves it: 1, 2, 1, 2, 1, 1, 2 ms, a force sensor of 250 Hz.
 std::string log_of(const TempFolder& folder, std::size_t rows = 2000) {

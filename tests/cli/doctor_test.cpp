@@ -1,19 +1,11 @@
 #include "tests/cli/command.h"
-#include "tests/support/temp_folder.h"
 
 #include <cstdlib>
 #include <filesystem>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 namespace haptrace {
 namespace {
 
-using test::Answer;
-using test::haptrace;
-using test::TempFolder;
-using testing::AllOf;
-using testing::HasSubstr;
 using testing::IsEmpty;
 
 /// Makes a folder the only place where commands are found.
@@ -55,7 +47,7 @@ TEST(TheDoctor, MeasuresThisMachineAndItsExitCodeSaysWhetherThereIsAProblem) {
   bool problem = false;
   for (const auto& finding : json["findings"]) {
     problem = problem || finding["severity"] == "problem";
-    EXPECT_THAT(finding["measured"].get<std::string>(), testing::Not(IsEmpty())) << finding;
+    EXPECT_THAT(finding["measured"].get<std::string>(), Not(IsEmpty())) << finding;
     if (finding["check"] == "servo loop") {
       EXPECT_EQ(finding["severity"], holds ? "ok" : "problem");
     }

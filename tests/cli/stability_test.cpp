@@ -1,18 +1,9 @@
 #include "tests/cli/command.h"
-#include "tests/support/temp_folder.h"
 
 #include <fstream>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 namespace haptrace {
 namespace {
-
-using test::Answer;
-using test::haptrace;
-using test::TempFolder;
-using testing::AllOf;
-using testing::HasSubstr;
 
 TEST(StabilityCommand, TriesAnEnsembleAndTellsFilesAndPeopleTheSame) {
   const TempFolder folder;

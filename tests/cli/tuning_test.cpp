@@ -1,30 +1,18 @@
 // A playback that is tuned while it runs: through its socket, its file, and keys.
 #include "formats/recording.h"
 #include "tests/cli/command.h"
-#include "tests/support/temp_folder.h"
 
 #include <boost/asio/ip/tcp.hpp>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 namespace haptrace {
 namespace {
 
 using boost::asio::ip::tcp;
-using test::Answer;
-using test::Command;
-using test::haptrace;
-using test::TempFolder;
-using testing::AllOf;
 using testing::Contains;
-using testing::HasSubstr;
-using testing::Not;
 using testing::StartsWith;
-
-const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=3";
 
 std::vector<std::string> texts_of_changes(const nlohmann::json& answer) {
   std::vector<std::string> texts;

@@ -21,15 +21,10 @@ namespace haptrace {
 namespace {
 
 namespace fs = std::filesystem;
-using test::Answer;
-using test::Command;
-using testing::HasSubstr;
 using namespace std::chrono_literals;
 using Words = std::vector<std::string>;
 
 constexpr auto kNoInput = Command::Input::none;
-
-const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=3";
 
 /// The variables of a disk that does this to files whose path holds `file`.
 Words disk(Words faults, const std::string& file = "out") {
