@@ -3,6 +3,7 @@
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
 #include "tests/support/allocations.h"
+#include "tests/support/blind_device.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 
@@ -31,28 +32,6 @@ CalibrationOptions options() {
 CalibrationResult calibrated(Device& device, const CalibrationOptions& chosen = options()) {
   return calibrate(device, chosen, StopRequest{});
 }
-
-/// What a lab's driver would be: positions and forces pass, what the device is stays its own.
-class Stripped final : public Device {
- public:
-  explicit Stripped(Device& device) : device_(device) {
-    info_.name = "unknown";
-    info_.virtual_time = true;
-    info_.force_axes = device.info().force_axes;
-    info_.workspace_min = device.info().workspace_min;
-    info_.workspace_max = device.info().workspace_max;
-    info_.max_force = device.info().max_force;
-  }
-  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
-  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
-    return device_.exchange(wrench, dt, state);
-  }
-  void close() noexcept override { device_.close(); }
-
- private:
-  Device& device_;
-  DeviceInfo info_;
-};
 
 /// Stands where it stands, whatever the force, and counts what it was sent last.
 class Rock final : public Device {
@@ -108,7 +87,7 @@ TEST(Calibration, FindsAnIdealMassExactly) {
 TEST(Calibration, KnowsNothingOfASimulatedDeviceButWhatItMeasures) {
   const SimSpec spec = preset("falcon", "firm");
   SimDevice known(spec), same(spec);
-  Stripped unknown(same);
+  test::BlindDevice unknown(same);
   const CalibrationResult a = calibrated(known), b = calibrated(unknown);
   ASSERT_TRUE(a.succeeded()) << a.reason;
   ASSERT_TRUE(b.succeeded()) << b.reason;

@@ -6,6 +6,7 @@
 #include "control/shapes.h"
 #include "tests/player/identified_device.h"
 #include "tests/support/allocations.h"
+#include "tests/support/blind_device.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 
@@ -149,33 +150,9 @@ TEST(Play, FollowsARecordingInCountsAsWellAsTheMovementItself) {
   EXPECT_THAT(test::error_of([&] { (void)followed(recording, as_it_is); }), HasSubstr("the smoothing is -1 s"));
 }
 
-/// Hands on what a device says and nothing of what it is.
-class Blind final : public Device {
- public:
-  explicit Blind(Device& device) : device_(device) {
-    info_.name = "what?";
-    info_.virtual_time = true;
-    info_.workspace_min = device.info().workspace_min;
-    info_.workspace_max = device.info().workspace_max;
-    info_.max_force = device.info().max_force;
-  }
-  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
-  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
-    DeviceState told;
-    const Status status = device_.exchange(wrench, dt, told);
-    state.position = told.position;
-    return status;
-  }
-  void close() noexcept override { device_.close(); }
-
- private:
-  Device& device_;
-  DeviceInfo info_;
-};
-
 TEST(Play, SendsBitForBitTheSameToADeviceOfWhichNothingButItsAnswersIsSeen) {
   SimDevice seen(test::true_device()), hidden(test::true_device());
-  Blind blind(hidden);
+  test::BlindDevice blind(hidden);
   Log one, other;
   played(seen, everything(), &one);
   played(blind, everything(), &other);
