@@ -46,8 +46,8 @@ void check(const LoopModel& model) {
   check_range("loop analysis: the mass", model.mass, 1e-6, 1e4, "kg");
   check_range("loop analysis: the viscous friction", model.viscous, 0, 1e7, "N s/m");
   check_range("loop analysis: the servo rate", model.rate_hz, 1, 1e6, "Hz");
-  check_range("loop analysis: the delay", model.delay, 0, 64 / model.rate_hz, "s");
-  check_range("loop analysis: the lag", model.lag, 0, 64 / model.rate_hz, "s");
+  check_range("loop analysis: the delay", model.delay, 0, LoopAnalysis::kLongestDelay / model.rate_hz, "s");
+  check_range("loop analysis: the lag", model.lag, 0, LoopAnalysis::kLongestDelay / model.rate_hz, "s");
   if (model.observer) {
     check_range("loop analysis: the observer's bandwidth", model.observer->bandwidth_hz, 1e-3, 1e5, "Hz");
     check_range("loop analysis: the observer's nominal mass", model.observer->nominal_mass, 0, 1e4, "kg");

@@ -71,8 +71,10 @@ struct AxisGains {
 /// Immutable: any number of threads.
 class LoopAnalysis {
  public:
-  /// Throws Error(input) naming what is out of its range: the mass must be positive, b, delay and lag not negative, the
-  /// delay at most 64 periods, the estimator settled within 2^18 samples.
+  static constexpr double kLongestDelay = 64;  ///< periods, and as many of lag
+
+  /// Throws Error(input) naming what is out of its range: the mass must be positive, b, delay and lag not negative and
+  /// at most kLongestDelay, the estimator settled within 2^18 samples.
   explicit LoopAnalysis(const LoopModel& model);
 
   /// Every pole is within the unit circle. Not without stiffness: kp = 0 leaves one on it.

@@ -40,7 +40,7 @@ struct DesignOptions {
 ///
 /// with w lowered until a lighter (0.8) and slower (half a tick) free device bears twice the gains, and the position
 /// quantum makes no more ripple than allowed. The observer's mass is 1.1 times the identified: a hand goes along.
-/// Throws Error(input) when the plant has no mass.
+/// Throws Error(input) when the plant has no mass, or is later than LoopAnalysis::kLongestDelay periods.
 TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& options);
 
 }  // namespace haptrace

@@ -193,6 +193,12 @@ TEST(TrackingDesign, KeepsTheRippleItIsAllowed) {
 
 TEST(TrackingDesign, NeedsAMass) {
   EXPECT_THAT(test::error_of([] { (void)design_tracking(PlantModel{}, {}); }), testing::HasSubstr("no mass"));
+  const auto late = [](double rate_hz) {
+    return test::error_of([&] { (void)design_tracking(plant_of(0.4, 15e-3), {.rate_hz = rate_hz, .max_force = 8}); });
+  };
+  EXPECT_THAT(late(20000), testing::AllOf(testing::HasSubstr("15 ms is 300 ticks at 20000 Hz"),
+                                          testing::HasSubstr("at most 4267 Hz")));
+  EXPECT_EQ(late(4000), "no error");
 }
 
 }  // namespace
