@@ -81,7 +81,7 @@ class IterativeLearning {
   /// Throws Error(input) when an option is out of its range.
   explicit IterativeLearning(const Options& options, ForceTable known = {}, int repetitions = 0);
 
-  /// The repetition that was driven with table().
+  /// The repetition that was driven with table(). It allocates: std::bad_alloc leaves the table as it was.
   Outcome learn(const RepetitionLog& log);
 
   [[nodiscard]] const ForceTable& table() const noexcept { return table_; }

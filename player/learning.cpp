@@ -1,6 +1,7 @@
 #include "player/learning.h"
 
 #include <cmath>
+#include <new>
 
 namespace haptrace {
 namespace {
@@ -34,7 +35,7 @@ LearningTerm::LearningTerm(const Options& options)
       learned_(options.law.duration, rows_of(options)) {
   log_.reserve(rows_of(options));
   lessons_.reserve(static_cast<std::size_t>(left_));
-  tables_[0] = law_.table();
+  tables_[0] = tables_[1] = law_.table();
   learned_.use(&tables_[0]);
   if (left_ > 0) worker_ = std::jthread([this] { work(); });
 }
@@ -76,9 +77,15 @@ void LearningTerm::work() noexcept {
 }
 
 void LearningTerm::learn() noexcept {
-  const IterativeLearning::Outcome outcome = law_.learn(log_);
-  lessons_.push_back({outcome, law_.rms_error()});
-  tables_[1 - used_] = law_.table();
+  Lesson lesson{IterativeLearning::Outcome::skipped, kNaN};
+  try {
+    lesson.outcome = law_.learn(log_);
+    lesson.rms_error = law_.rms_error();
+  } catch (const std::bad_alloc&) {
+    // The session is worth more than the lesson.
+  }
+  lessons_.push_back(lesson);
+  tables_[1 - used_].force = law_.table().force;  // both as long: nothing is allocated
 }
 
 void LearningTerm::use_newest() noexcept {

@@ -23,7 +23,7 @@ class LearningTerm final : public ForceTerm {
     int repetitions = 0;   ///< to learn from; 0: what is known is used as it is
   };
 
-  /// What became of a repetition.
+  /// What became of a repetition. One for which there was no memory was skipped, of an unknown error.
   struct Lesson {
     IterativeLearning::Outcome outcome;
     double rms_error;  ///< measured [m]
