@@ -82,6 +82,8 @@ IterativeLearning::IterativeLearning(const Options& options, ForceTable known, i
   if (!(session > 0 && session <= kLongest))
     throw input_error(fmt::format(
         "a repetition lasts {:.1f} s; to be learned it must last longer than 0 and at most {} s", session, kLongest));
+  if (!table_.force.empty() && !(table_.step > 0 && std::isfinite(table_.step)))
+    throw input_error(fmt::format("the step of a learned force is {} s; it must be above 0", table_.step));
   if (table_.force.empty()) {
     table_.step = 0.004 * options_.speed;
     table_.force.assign(static_cast<std::size_t>(std::ceil(options_.duration / table_.step)) + 1, Vec3::Zero());

@@ -115,6 +115,7 @@ std::optional<LearnedPath> load_learned(const std::string& file) {
   learned.repetitions = static_cast<int>(reader.number("repetitions", 0, 0, 1e6));
   learned.rms_error = reader.number("rms_error_m", 0, 0, 1e3);
   learned.table.step = reader.number("step_s", 0, 1e-6, 1e3);
+  if (learned.table.step == 0) throw input_error(file + ": step_s is missing; learn anew (--forget)");
   learned.table.force = rows_from_json(root.value("force_n", json()), file);
   return learned;
 }

@@ -309,6 +309,10 @@ TEST(IterativeLearning, RejectsWhatLastsTooLongOrNotAtAll) {
   EXPECT_THAT(error_of(600, 0.5), testing::HasSubstr("600 s"));
   EXPECT_THAT(error_of(0, 1), testing::HasSubstr("a repetition lasts 0.0 s"));
   EXPECT_THAT(error_of(kNaN, 1), testing::HasSubstr("nan"));
+
+  for (const double step : {0.0, -0.004, kNaN})
+    EXPECT_THAT(test::error_of([&] { (void)IterativeLearning({.duration = 1}, {.step = step, .force = {kNone}}); }),
+                testing::HasSubstr("the step of a learned force is"));
 }
 
 TEST(IterativeLearning, GoesOnFromWhatWasKnown) {

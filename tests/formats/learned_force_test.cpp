@@ -69,6 +69,8 @@ TEST(LearnedForceFile, NamesTheFileAndTheKeyThatIsWrong) {
   EXPECT_THAT(error((head + R"("force_n": []})").c_str()), HasSubstr("force_n"));
   EXPECT_THAT(error((head + R"("force_n": [[1, 2, 3], [1, null, 3]]})").c_str()), HasSubstr("force_n[1]"));
   EXPECT_THAT(error((head + R"("force_n": [[1, 2]]})").c_str()), HasSubstr("force_n[0]"));
+  EXPECT_THAT(error(R"({"format": "haptrace-learned-force", "format_version": "1.0", "force_n": [[1, 2, 3]]})"),
+              HasSubstr("step_s"));
 }
 
 TEST(PathDigest, IsOfTimesAndPositionsAlone) {
