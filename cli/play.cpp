@@ -272,8 +272,7 @@ Verb add_play(CLI::App& app) {
                                 .on_deviation = parse_deviation_policy(arguments->on_deviation)};
             if (!arguments->loop && arguments->repeat < 1)
               throw input_error(fmt::format("--repeat is {}; it must be at least 1, or use --loop", arguments->repeat));
-            if (arguments->learn < 0 || arguments->learn > 1000)
-              throw input_error(fmt::format("--learn is {}; it must be from 0 to 1000", arguments->learn));
+            check_range("--learn", arguments->learn, 0, kMostLearned);
             options.learn = arguments->learn;
             if (arguments->learn > 0 && !arguments->loop)
               options.playback.repetitions = std::max(arguments->learn, arguments->repeat);

@@ -272,6 +272,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   } else {
     tuning.gains = cautious_gains(device.max_force, options.session.rate_hz);
   }
+  check_range("the number of repetitions to learn from (learn)", options.learn, 0, kMostLearned);
   if (options.learn > 0 && !composed.learning)
     throw input_error(options.identified ? "learning was asked for and switched off at once"
                                          : fmt::format("{} must be calibrated before anything can be learned: haptrace "

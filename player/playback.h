@@ -18,12 +18,14 @@
 
 namespace haptrace {
 
+inline constexpr int kMostLearned = 1000;  ///< repetitions of one session
+
 struct PlayOptions {
   std::optional<PdGains> gains;  ///< when absent: those of the identified device, or cautious_gains
   /// What calibration found. Without it, nothing but a PD law is sent.
   std::optional<IdentifiedDevice> identified;
   Compensations compensations{true, true, true, true, true};  ///< of an identified device
-  int learn = 0;                                              ///< repetitions to learn from
+  int learn = 0;                                              ///< repetitions to learn from, up to kMostLearned
   ForceTable learned;                                         ///< in earlier sessions, or empty
   bool guard = true;  ///< soften when the loop oscillates, tell of a hand that resists or lets go
   Interpolation interpolation = Interpolation::cubic;

@@ -100,6 +100,14 @@ TEST(PlayPlan, RefusesToLearnWhatLastsTooLong) {
               HasSubstr("a repetition lasts 1000.0 s"));
 }
 
+TEST(Play, RefusesToLearnFromANumberOfRepetitionsThatIsNone) {
+  for (const int learn : {-1, kMostLearned + 1}) {
+    PlayOptions options = everything();
+    options.learn = learn;
+    EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), circle(), options); }), HasSubstr("(learn)"));
+  }
+}
+
 TEST(Play, SendsWhatAPdLawWouldWhenEverythingIsOff) {
   PlayOptions known = everything();
   known.learn = 0;
