@@ -3,15 +3,12 @@
 #include "cli/tuning.h"
 #include "control/error.h"
 #include "formats/json_reader.h"
-#include "formats/learned_force.h"
 #include "formats/path_file.h"
-#include "formats/rfc3339.h"
 #include "formats/suggest.h"
+#include "player/learned_memory.h"
 #include "player/playback.h"
 
 #include <algorithm>
-#include <chrono>
-#include <filesystem>
 #include <fmt/format.h>
 
 namespace haptrace::cli {
@@ -77,56 +74,11 @@ Compensations compensations_from(const std::vector<std::string>& without) {
   return with;
 }
 
-/// What earlier sessions learned of this path on this device.
-class Memory {
- public:
-  Memory(const PlayArguments& arguments, const PlayPlan& plan, const DeviceInfo& info, const Output& output)
-      : device_(identity_of(info)), file_(arguments.learned) {
-    if (file_.empty()) file_ = learned_file(arguments.path, device_);
-    speed_ = arguments.speed;
-    if (arguments.learn == 0 && !std::filesystem::exists(file_)) return;
-    digest_ = digest_of(plan.path.source());
-    if (arguments.forget) return;
-    try {
-      learned_ = load_learned(file_);
-    } catch (const Error& error) {
-      output.remark(fmt::format("{} is not used", error.what()));
-    }
-  }
-
-  /// The table, unless it does not hold here, which is told.
-  [[nodiscard]] ForceTable recall(const Vec3& mass, const Output& output) const {
-    if (!learned_) return {};
-    const std::string reason = check_learned(*learned_, device_, digest_, speed_, mass);
-    if (reason.empty()) return learned_->table;
-    output.remark(fmt::format("{} is not used: {}", file_, reason));
-    return {};
-  }
-
-  void keep(const PlayResult& result, const Vec3& mass) const {
-    int lessons = learned_ ? learned_->repetitions : 0;
-    for (const LearningTerm::Lesson& lesson : result.lessons)
-      if (lesson.outcome == IterativeLearning::Outcome::learned) ++lessons;
-    save_learned({.device = device_,
-                  .path_digest = digest_,
-                  .speed = speed_,
-                  .mass = mass,
-                  .repetitions = lessons,
-                  .rms_error = result.lessons.back().rms_error,
-                  .created = rfc3339(std::chrono::system_clock::now()),
-                  .software = software_name(),
-                  .table = result.learned},
-                 file_);
-  }
-
-  [[nodiscard]] const std::string& file() const noexcept { return file_; }
-
- private:
-  DeviceIdentity device_;
-  std::string file_, digest_;
-  double speed_ = 1;
-  std::optional<LearnedPath> learned_;
-};
+LearnedMemory memory_of(const PlayArguments& arguments, const DeviceInfo& info, const Vec3& mass) {
+  const DeviceIdentity device = identity_of(info);
+  return {arguments.learned.empty() ? learned_file(arguments.path, device) : arguments.learned, device, arguments.speed,
+          mass};
+}
 
 double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
   return options.repetitions * (plan.path.duration() / options.speed + options.hold + 0.5);
@@ -290,10 +242,14 @@ Verb add_play(CLI::App& app) {
             for (const std::string& note : notes) output.remark(note);
             options.identified = identified(*arguments, device->info(), output);
             PlayPlan plan = plan_playback(device->info(), path, options);
-            std::optional<Memory> memory;
+            std::optional<LearnedMemory> memory;
             if (options.identified && options.compensations.learning) {
-              memory.emplace(*arguments, plan, device->info(), output);
-              options.learned = memory->recall(options.identified->design.mass, output);
+              memory.emplace(memory_of(*arguments, device->info(), options.identified->design.mass));
+              if (!arguments->forget) {
+                auto [table, refused] = memory->recall(plan.path.source());
+                if (!refused.empty()) output.remark(refused);
+                options.learned = std::move(table);
+              }
               if (!options.learned.force.empty()) plan = plan_playback(device->info(), path, options);
             }
             if (arguments->loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
@@ -315,7 +271,7 @@ Verb add_play(CLI::App& app) {
 
             nlohmann::json json = to_json(result);
             if (memory && !result.lessons.empty()) {
-              memory->keep(result, options.identified->design.mass);
+              memory->keep(result);
               json["learned_file"] = memory->file();
             }
             json["tuning"] = tuning.history();
