@@ -500,7 +500,9 @@ constexpr double kLeastCertain = 0.35;    // half width of a mass' interval, as 
 std::string doubt_about(int axis, const Identification& found, const SweepFit& sweeps) {
   const char name = "xyz"[axis];
   const double mass = found.plant.mass[axis], half = found.half_width.mass[axis];
-  if (!(mass > 0)) return fmt::format("the response in {} is not that of a mass", name);
+  if (!(mass > 0))
+    return fmt::format("the response in {} from 15 to 120 Hz is not that of a mass: its mechanism swings, or has play",
+                       name);
   if (!(half < kLeastCertain * mass))
     return fmt::format("the mass in {} is uncertain: {:.3f} +- {:.3f} kg", name, mass, half);
   if (sweeps.blocks < 2) return fmt::format("too little of the sweeps in {} was sliding, or ticks were missed", name);

@@ -16,24 +16,27 @@ namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
-constexpr double kPeriod = 2;             // of the dither [s]
-constexpr double kSwingHz = 2 / kPeriod;  // so that the dither leaves its harmonics free
-constexpr double kSweepHz = 2;
+constexpr double kPeriod = 1.5;    // of the dither [s]
+constexpr double kLongPeriod = 2;  // where the loop's rate leaves fewer lines to a period [s]
+// Of the reach: as a hand is dragged along all of it, hardly a force is left in firm hands for friction and the dither,
+// the device sticks, and its mass seems two or three times what it is.
+constexpr double kSwingSize = 0.5;
+constexpr double kSweepHz = 2.5;
 constexpr double kLowestLine = 15;        // above what a hand does of its own accord, and most grips [Hz]
 constexpr double kHighestLine = 120;      // [Hz]
 constexpr double kLargestReach = 0.02;    // [m]
 constexpr double kSmallestReach = 0.003;  // [m]
 constexpr double kBlend = 0.3;            // in which a movement grows from nothing, or shrinks to it [s]
-constexpr double kLook = 1;               // of the first look [s]
-constexpr double kSettle = 0.5;           // from a change of the dither to the first window [s]
+constexpr double kLook = 0.75;            // of the first look [s]
+constexpr double kSettle = 0.4;           // from a change of the dither to the first window [s]
 constexpr double kLookDither = 0.08;      // share of the largest force, rms per axis
 constexpr double kMostDither = 0.12;
 constexpr double kLargestDither = 2;   // rms per axis [N]
 constexpr double kLargestForce = 15;   // however strong the device [N]
-constexpr double kDitherSpeed = 0.25;  // rms of the dither's velocity, share of the slow movement's
+constexpr double kDitherSpeed = 0.25;  // rms of the dither's velocity, share of the sweeps'
 constexpr double kLeastMotion = 0.25;  // of the speed asked for, below which a device counts as blocked
 
-constexpr std::array<double, 4> kQuickSizes{1, 0.5, 1, 0.5};
+constexpr std::array<double, 3> kQuickSizes{1, 0.5, 1};
 constexpr std::array<double, 16> kFullSizes{1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35,
                                             1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35};
 
@@ -42,7 +45,12 @@ std::span<const double> sweep_sizes(bool full) {
 }
 
 double dither_windows(bool full) {
-  return full ? 4 : 2;
+  return full ? 8 : 2;
+}
+
+/// So that the dither leaves its harmonics free.
+double swing_hz(const CalibrationPlan& plan) {
+  return 2 / plan.dither.period();
 }
 
 /// A triangle of period 1 and height 1 with rounded corners, and its slope.
@@ -118,6 +126,7 @@ class FirstLook {
 
   /// Whether a push along `axis` moves the device that way: at these frequencies a mass moves against the force, late
   /// by a delay that is not known yet, so that the answer is compared with a mass's of either sign at every delay.
+  /// A hand that is stiff for the device's mass, or a link that swings, answers as a mass of the wrong sign too.
   [[nodiscard]] bool follows(int axis) const noexcept {
     constexpr double kLongest = 10e-3, kStep = 0.5e-3;  // [s]
     constexpr double kClearly = 1;                      // of kLines
@@ -229,12 +238,12 @@ class CalibrationController final : public Controller {
     return v;
   }
 
-  /// Radius of the swing, whose speed is that of the fastest sweep.
+  /// Radius of the swing.
   static double swing_size(const CalibrationPlan& plan) {
     double size = kLargestReach;
     for (int axis = 0; axis < 3; ++axis)
       if (plan.axes[static_cast<std::size_t>(axis)]) size = std::min(size, plan.reach[axis]);
-    return size;
+    return kSwingSize * size;
   }
 
   void enter(Stage stage, double now) noexcept {
@@ -279,7 +288,7 @@ class CalibrationController final : public Controller {
     }
   }
 
-  [[nodiscard]] double swing_time() const noexcept { return dither_windows(plan_.full) * kPeriod; }
+  [[nodiscard]] double swing_time() const noexcept { return dither_windows(plan_.full) * plan_.dither.period(); }
   [[nodiscard]] double sweep_time() const noexcept {
     return (kSweepLead + static_cast<double>(sizes_.size())) / kSweepHz;
   }
@@ -340,7 +349,7 @@ class CalibrationController final : public Controller {
       case Stage::look:
       case Stage::swing: {
         // Round in x and y, up and down twice a round: no direction rests for long.
-        const double w = kTwoPi * kSwingHz, angle = w * since;
+        const double w = kTwoPi * swing_hz(plan_), angle = w * since;
         const Vec3 place(std::cos(angle), std::sin(angle), 0.5 * std::sin(2 * angle));
         const Vec3 slope(-std::sin(angle), std::cos(angle), std::cos(2 * angle));
         const MinJerk in = MinJerk::at(since / kBlend);
@@ -445,8 +454,9 @@ std::string reason_of(const CalibrationController& controller, const SessionResu
           axis);
     case CalibrationController::Verdict::wrong_way:
       return fmt::format(
-          "a push in {} does not move the device in {}: check the signs and the order of the driver's "
-          "axes, and that nothing blocks the device",
+          "a push in {} does not move the device in {} as it would a mass: either the driver's axes have the wrong "
+          "order or signs, or the hand holds too firmly for so light a device, or its mechanism swings below 50 Hz; "
+          "check the axes, and calibrate while nobody holds it",
           axis, axis);
     case CalibrationController::Verdict::deviation:
       return "the device was not where it was driven to (" + session.servo.detail +
@@ -472,13 +482,14 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
     throw input_error(fmt::format("{} does not say how much force it bears; say it with --max-force", device.name));
 
   const double highest = std::min(kHighestLine, rate / 6);
-  CalibrationPlan plan{.full = options.full,
-                       .rate_hz = rate,
-                       .axes = device.force_axes,
-                       .max_force = std::min(options.force_share * force, kLargestForce),
-                       .device_force = force,
-                       .max_dither = std::min(kMostDither * force, kLargestDither),
-                       .dither = Multisine(kLowestLine, highest, kPeriod, device.force_axes)};
+  CalibrationPlan plan{
+      .full = options.full,
+      .rate_hz = rate,
+      .axes = device.force_axes,
+      .max_force = std::min(options.force_share * force, kLargestForce),
+      .device_force = force,
+      .max_dither = std::min(kMostDither * force, kLargestDither),
+      .dither = Multisine(kLowestLine, highest, highest < kHighestLine ? kLongPeriod : kPeriod, device.force_axes)};
   int axes = 0;
   double smallest = kLargestReach;
   for (int axis = 0; axis < 3; ++axis) {
@@ -494,10 +505,11 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
                       device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
     smallest = std::min(smallest, room);
   }
-  plan.max_speed = kTwoPi * kSwingHz * plan.reach.maxCoeff();
+  plan.max_speed = kTwoPi * plan.reach.maxCoeff();  // round the reach in a second
   plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
   const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
-  plan.duration = 3 * kBlend + 2 * kSettle + kLook + dither_windows(plan.full) * kPeriod + axes * sweep / kSweepHz;
+  plan.duration =
+      3 * kBlend + 2 * kSettle + kLook + dither_windows(plan.full) * plan.dither.period() + axes * sweep / kSweepHz;
   return plan;
 }
 

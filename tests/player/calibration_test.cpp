@@ -2,6 +2,7 @@
 
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
+#include "player/ensemble_draw.h"
 #include "tests/support/allocations.h"
 #include "tests/support/blind_device.h"
 #include "tests/support/errors.h"
@@ -82,6 +83,31 @@ TEST(Calibration, FindsAnIdealMassExactly) {
   for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(result.identification.plant.mass[axis], 0.1, 0.002);
   EXPECT_LT(result.identification.plant.coulomb.maxCoeff(), 0.01);
   EXPECT_LT(result.identification.plant.delay, 0.1e-3);
+}
+
+TEST(Calibration, FindsMassesInAnArmThatTakesMostOfTheForceToDragAlong) {
+  // The draws of an ensemble's first thousand that were the worst while the device swung as far as it may.
+  for (const std::uint64_t index : {271U, 417U, 612U}) {
+    const EnsembleDraw draw = draw_device(1, index);
+    SimDevice device(draw.spec, {.seed = draw.noise_seed});
+    const CalibrationResult result = calibrated(device);
+    ASSERT_TRUE(result.succeeded()) << index << ": " << result.reason;
+    const Eigen::Matrix3d turn = device.plant().rotation();
+    const Eigen::Matrix3d mobility = turn.transpose() * draw.spec.mass.cwiseInverse().asDiagonal() * turn;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double mass = 1 / mobility(axis, axis);
+      EXPECT_NEAR(result.identification.plant.mass[axis], mass, 0.25 * mass) << index << ", "
+                                                                             << "xyz"[axis];
+    }
+  }
+}
+
+TEST(Calibration, LastsTenSecondsOrHalfAMinute) {
+  SimDevice device(preset("falcon", "none"));
+  CalibrationOptions chosen = options();
+  EXPECT_NEAR(plan_calibration(device.info(), chosen).duration, 10, 0.5);
+  chosen.full = true;
+  EXPECT_NEAR(plan_calibration(device.info(), chosen).duration, 33, 3);
 }
 
 TEST(Calibration, KnowsNothingOfASimulatedDeviceButWhatItMeasures) {
