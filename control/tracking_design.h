@@ -36,7 +36,7 @@ struct DesignOptions {
 
 /// The stiffest law that the plant's delay allows and whose ripple stays in its bound, per axis:
 ///
-///     w = 0.4 / (delay + 1 / rate), kp = m w^2, kd = 1.5 m w, observer_hz = 1.5 w / (2 pi), load_hz = 12
+///     w = 0.4 / (delay + 1 / rate), kp = m w^2, kd = 1.5 m w, observer_hz = 1.5 w / (2 pi), load_hz = 5
 ///
 /// with w lowered until a lighter (0.8) and slower (half a tick) free device bears twice the gains, and the position
 /// quantum makes no more ripple than allowed. The observer's mass is 1.1 times the identified: a hand goes along.

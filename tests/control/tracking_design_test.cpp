@@ -99,7 +99,7 @@ TEST(TrackingDesign, IsValidAndCalmsALighterAndLaterDeviceAtEveryExtreme) {
     const double w = std::sqrt(design.gains.kp.x() / plant.mass.x());
     const auto ticks =
         static_cast<int>(std::ceil(40 / w * extreme.rate_hz)) + 4 * static_cast<int>(extreme.delay_ticks);
-    const double slow = std::max(1.0, 0.15 * extreme.rate_hz / ticks);  // the load's filter takes its time too
+    const double slow = std::max(1.0, 0.36 * extreme.rate_hz / ticks);  // the load's filter takes its time too
     const Vec3 push = 5e-3 * design.gains.kp;
     const Reference rest{Vec3::Zero(), Vec3::Zero(), Vec3::Zero(), 0};
     double pushed = 0, after = 0;
@@ -111,8 +111,28 @@ TEST(TrackingDesign, IsValidAndCalmsALighterAndLaterDeviceAtEveryExtreme) {
       if (i < n) pushed = std::max(pushed, distance);
       if (i >= 2 * n) after = std::max(after, distance);
     }
-    EXPECT_LT(after, std::max(0.03 * pushed, 4 * extreme.resolution)) << "pushed by " << pushed;
+    EXPECT_LT(after, std::max(0.04 * pushed, 6 * extreme.resolution)) << "pushed by " << pushed;
   }
+}
+
+TEST(TrackingDesign, CalmsALightDeviceInAHeavyHandOnAStiffGrip) {
+  PlantModel plant = plant_of(0.25, 2e-3, 5e-5);
+  plant.mass = Vec3::Constant(0.2);
+  const TrackingDesign design = design_tracking(plant, {.rate_hz = 1000, .max_force = 8.9});
+  SimSpec spec = sim_spec_of(plant, 100);
+  spec.position_resolution = 0;
+  spec.hand = HandSpec{.mass = 0.3, .grip_stiffness = 1500, .grip_damping = 3};
+  plant.position_resolution = 0;
+  Loop loop(spec, plant, design, 1000);
+  // Slowly on, so that it does not come to rest.
+  const Reference reference{Vec3::Zero(), Vec3(2e-4, 0, 0), Vec3::Zero(), 0};
+  double early = 0, late = 0;
+  for (int i = 0; i < 700; ++i) {
+    loop.tick(reference, i < 20 ? Vec3(2, 0, 0) : Vec3(0, 0, 0));
+    double& fastest = i < 300 ? early : late;
+    if ((i >= 100 && i < 300) || i >= 500) fastest = std::max(fastest, loop.device.true_velocity().norm());
+  }
+  EXPECT_LT(late, 0.75 * early) << "a compensation of 12 Hz makes it 1.2";
 }
 
 TEST(TrackingDesign, IsStifferForMoreMassAndSofterForMoreDelay) {
