@@ -5,6 +5,7 @@
 #include "control/shapes.h"
 #include "devices/sim/sim_device.h"
 #include "player/calibration.h"
+#include "player/needed_force.h"
 #include "player/parallel.h"
 #include "player/playback.h"
 
@@ -38,10 +39,17 @@ double rms(double sum, std::uint64_t samples) {
   return samples > 0 ? std::sqrt(sum / static_cast<double>(samples)) : 0;
 }
 
+/// A simulated device in a session, as a judge sees it.
+struct Watched {
+  const SimDevice& device;
+  const SimSpec& spec;
+  double rate_hz;
+};
+
 /// Sees the true position of a simulated device beside every sample, and counts what the monitor says.
 class TruthSink : public SampleSink {
  public:
-  explicit TruthSink(const SimDevice& device) : device_(device) {}
+  explicit TruthSink(const Watched& watched) : device_(watched.device) {}
 
   void push(const Event& event) noexcept override {
     if (event.code == EventCode::repetition) begin_repetition();
@@ -66,14 +74,18 @@ class TruthSink : public SampleSink {
 /// The figures of the last repetition's run.
 class RunSink final : public TruthSink {
  public:
-  RunSink(const SimDevice& device, double rate_hz)
-      : TruthSink(device), ripple_(kRippleCutoff, rate_hz), largest_(kAtLargest * device.info().max_force) {}
+  explicit RunSink(const Watched& watched)
+      : TruthSink(watched),
+        ripple_(kRippleCutoff, watched.rate_hz),
+        needed_(watched.spec, watched.rate_hz),
+        largest_(kAtLargest * watched.spec.max_force) {}
 
   void write(EnsembleRun& run) const {
     run.rms_error = rms(error2_, samples_);
     run.peak_error = std::sqrt(peak2_);
     run.ripple = rms(ripple2_, samples_);
     run.saturated = samples_ > 0 ? static_cast<double>(saturated_) / static_cast<double>(samples_) : 0;
+    run.needed_force = most_needed_;
     run.stopped_at_largest = stopped_ && at_largest_;
     run.oscillations = oscillations();
   }
@@ -86,6 +98,10 @@ class RunSink final : public TruthSink {
 
   void see(const Sample& sample, const Vec3& true_error) noexcept override {
     const double ripple2 = ripple_.update(true_error);
+    const double needed = needed_.update(sample.reference_position).stableNorm();
+    if (sample.phase == Phase::approach && phase_ != Phase::approach) most_needed_ = 0;
+    phase_ = sample.phase;
+    if (phase_ == Phase::approach || phase_ == Phase::run) most_needed_ = std::max(most_needed_, needed);
     stopped_ = sample.phase == Phase::stopped;
     if (!stopped_) at_largest_ = sample.force.stableNorm() >= largest_;
     if (sample.phase != Phase::run) return;
@@ -97,7 +113,10 @@ class RunSink final : public TruthSink {
   }
 
   Ripple ripple_;
-  double largest_;  ///< [N]
+  NeededForce needed_;
+  double largest_;          ///< [N]
+  double most_needed_ = 0;  ///< since the way to the path began [N]
+  Phase phase_ = Phase::idle;
   double error2_ = 0, peak2_ = 0, ripple2_ = 0;
   std::uint64_t samples_ = 0, saturated_ = 0;
   bool at_largest_ = false, stopped_ = false;
@@ -106,11 +125,11 @@ class RunSink final : public TruthSink {
 /// Ripple and hunting at the end of a hold.
 class HoldSink final : public TruthSink {
  public:
-  HoldSink(const SimDevice& device, double rate_hz)
-      : TruthSink(device),
-        ripple_(kHoldRippleCutoff, rate_hz),
-        hunting_(kHuntingCutoff, rate_hz),
-        skipped_(std::llround((kHold - kHoldJudged) * rate_hz)) {}
+  explicit HoldSink(const Watched& watched)
+      : TruthSink(watched),
+        ripple_(kHoldRippleCutoff, watched.rate_hz),
+        hunting_(kHuntingCutoff, watched.rate_hz),
+        skipped_(std::llround((kHold - kHoldJudged) * watched.rate_hz)) {}
 
   void write(EnsembleHold& hold) const {
     hold.ripple = rms(ripple2_, samples_);
@@ -136,12 +155,12 @@ class HoldSink final : public TruthSink {
 /// When an oscillation began, and whether it was over in the end.
 class OnsetSink final : public TruthSink {
  public:
-  OnsetSink(const SimDevice& device, double rate_hz)
-      : TruthSink(device),
-        ripple_(kOnsetCutoff, rate_hz),
-        blend_(-std::expm1(-1 / (kOnsetWindow * rate_hz))),
-        lasting_(std::llround(kLasting * rate_hz)),
-        judged_from_(std::llround((kOverdriveHold - kCalmTime) * rate_hz)) {}
+  explicit OnsetSink(const Watched& watched)
+      : TruthSink(watched),
+        ripple_(kOnsetCutoff, watched.rate_hz),
+        blend_(-std::expm1(-1 / (kOnsetWindow * watched.rate_hz))),
+        lasting_(std::llround(kLasting * watched.rate_hz)),
+        judged_from_(std::llround((kOverdriveHold - kCalmTime) * watched.rate_hz)) {}
 
   void write(EnsembleOverdrive& overdrive) const {
     overdrive.onset = onset_;
@@ -220,7 +239,7 @@ class PathTrials {
   template <class Sink, class Result>
   PlayResult play_on(const SimSpec& spec, const Path& path, PlayOptions options, Result& result) const {
     SimDevice device(spec, sim_options());
-    Sink sink(device, options.session.rate_hz);
+    Sink sink({device, spec, options.session.rate_hz});
     options.sinks.push_back(&sink);
     PlayResult played = play(device, plan_playback(device.info(), path, options), options, stop_);
     result.cause = played.session.servo.cause;
@@ -291,10 +310,8 @@ double EnsembleOverdrive::delay() const noexcept {
 }
 
 bool EnsembleMember::beyond_force(std::size_t path) const noexcept {
-  const EnsembleRun& stiff = trial(EnsembleController::stiff).runs[path];
-  if (!calibrated()) return stiff.overpowered();
-  return trial(EnsembleController::calibrated).runs[path].overpowered() &&
-         (stiff.overpowered() || stiff.max_force > kNearlyAll * kMaxForce);
+  const EnsembleRun& run = trial(calibrated() ? EnsembleController::calibrated : EnsembleController::stiff).runs[path];
+  return run.overpowered() && run.needed_force > kMaxForce;
 }
 
 EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options,

@@ -26,7 +26,6 @@ inline constexpr double kMostHoldRipple = 0.02e-3;  // rms above it of the true 
 inline constexpr double kHuntingCutoff = 2;         // [Hz]
 inline constexpr double kMostHunting = 0.02e-3;     // rms above it of the true position; more is a limit cycle too [m]
 inline constexpr double kMostSaturated = 0.01;      // of the ticks of a run
-inline constexpr double kNearlyAll = 0.9;           // of the device's largest force
 inline constexpr double kCatchWithin = 0.3;         // from an oscillation's onset until it is noticed [s]
 
 }  // namespace ensemble
@@ -62,6 +61,9 @@ struct EnsembleRun {
   double ripple = 0;                                       ///< of the true error above kRippleCutoff, rms [m]
   double max_force = 0;                                    ///< largest magnitude sent [N]
   double saturated = 0;                                    ///< share of the ticks at the device's largest force
+  double needed_force = 0;                                 ///< largest on the way to the path and along it: what the
+                                                           ///< device and a hand without tremor ask for, whoever
+                                                           ///< controls it (player/needed_force.h) [N]
   bool stopped_at_largest = false;                         ///< a limit stopped it while it was at the largest force
   int oscillations = 0;  ///< times that the oscillation monitor spoke, all repetitions
 
@@ -109,9 +111,9 @@ struct EnsembleMember {
   [[nodiscard]] const EnsembleTrial& trial(EnsembleController controller) const noexcept {
     return trials[static_cast<std::size_t>(controller)];
   }
-  /// True when this path needs more force than the device has: the calibrated player was at the largest force for more
-  /// than kMostSaturated of the run, or stopped there, and stiff PD, which gives way by millimetres, too, or nearly
-  /// (kNearlyAll). What happens to the calibrated player alone is its fault.
+  /// True when this path needs more force than the device has, and that showed: the calibrated player was at the
+  /// largest force for more than kMostSaturated of the run, or stopped there. What it does at the largest force without
+  /// such need is its fault.
   [[nodiscard]] bool beyond_force(std::size_t path) const noexcept;
 };
 

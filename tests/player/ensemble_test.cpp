@@ -217,32 +217,32 @@ TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
   EnsembleReport report{.seed = 4, .draws = 10, .paths = {"circle"}, .learn = 5};
   for (std::uint64_t i = 0; i < 8; ++i) report.members.push_back(sound_member(i));
   auto& m = report.members;
-  for (EnsembleTrial& trial : m[1].trials) trial.runs[0].saturated = 0.02;  // the hand is too strong for everyone
-  calibrated_run(m[2]).saturated = 0.02;                                    // only for the calibrated player
+  calibrated_run(m[1]).saturated = 0.02;  // since the hand is too strong
+  calibrated_run(m[1]).needed_force = 9;
+  calibrated_run(m[2]).saturated = 0.02;  // by itself
   calibrated_run(m[3]).cause = StopCause::deviation;
   calibrated_run(m[4]).ripple = 3e-5;
   m[5].trials[2].hold.hunting = 2.1e-5;
   m[6].calibration_error = "no force moves it";
   m[6].trials[2] = {};
   m[7].overdrive = {.onset = 1.5, .calm = false};
-  report.members.push_back(sound_member(8));  // stiff PD gives way and gets by with a little less
-  m[8].trials[0].runs[0].max_force = 8.5;
-  calibrated_run(m[8]).saturated = 0.02;
+  report.members.push_back(sound_member(8));  // gives way at the peaks, and hardly shows it
+  calibrated_run(m[8]).needed_force = 9;
 
   const EnsembleSummary summary = summarise(report);
   EXPECT_THAT(summary.not_calibrated, ElementsAre(6));
   ASSERT_EQ(summary.paths.size(), 1U);
   const PathSummary& path = summary.paths[0];
-  EXPECT_THAT(path.beyond_force, ElementsAre(1, 8));
-  EXPECT_EQ(path.counted, 7U);
+  EXPECT_THAT(path.beyond_force, ElementsAre(1));
+  EXPECT_EQ(path.counted, 8U);
   const ControllerSummary& calibrated = path.controllers[2];
   EXPECT_THAT(calibrated.saturated, ElementsAre(2));
   EXPECT_THAT(calibrated.stopped, ElementsAre(3));
   EXPECT_THAT(calibrated.limit_cycles, ElementsAre(4));
-  EXPECT_EQ(calibrated.rms_error.count, 5U) << "not 1, 3 and 6";
-  EXPECT_EQ(path.controllers[0].rms_error.count, 7U);
+  EXPECT_EQ(calibrated.rms_error.count, 6U) << "not 1, 3 and 6";
+  EXPECT_EQ(path.controllers[0].rms_error.count, 8U);
   EXPECT_DOUBLE_EQ(path.controllers[0].peak_error.median, 2e-3);
-  EXPECT_EQ(path.stiff_over_calibrated.count, 5U);
+  EXPECT_EQ(path.stiff_over_calibrated.count, 6U);
   EXPECT_DOUBLE_EQ(path.stiff_over_calibrated.median, 20);
   EXPECT_DOUBLE_EQ(path.cautious_over_calibrated.median, 100);
   EXPECT_THAT(summary.holds[2].limit_cycles, ElementsAre(5));
@@ -266,7 +266,7 @@ TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
   ASSERT_EQ(figure.rows.size(), 4U);
   const Series& rms = figure.rows[0][0].series[2];
   EXPECT_EQ(rms.label, "calibrated");
-  EXPECT_EQ(rms.x.size(), 5U);
+  EXPECT_EQ(rms.x.size(), 6U);
   EXPECT_NEAR(rms.x.front(), std::log10(0.05), 1e-12);
   EXPECT_EQ(rms.y.back(), 100);
 }
