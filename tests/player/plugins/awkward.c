@@ -3,11 +3,10 @@
  *   mass, viscous, coulomb, gravity (downwards)   of each axis
  *   inertia         by how much of itself the mass varies over the workspace, with the forces that this makes
  *   cable           amplitude of a force that depends on the position, with a period of cable_period
- *   backlash        half the play between the motor, which has the encoder, and the handle, which has handle of the mass
- *   delay           samples until a force acts
- *   quantum         of the positions
- *   told_quantum    what it says of that, 0 for nothing
- *   hand_mass, hand_stiffness, hand_damping      of a hand that holds the handle and follows it within 0.3 s */
+ *   backlash        half the play between the motor, which has the encoder, and the handle, which has handle of the
+ * mass delay           samples until a force acts quantum         of the positions told_quantum    what it says of
+ * that, 0 for nothing hand_mass, hand_stiffness, hand_damping      of a hand that holds the handle and follows it
+ * within 0.3 s */
 #include "devices/plugin.h"
 
 #include <math.h>
