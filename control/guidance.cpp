@@ -1,0 +1,146 @@
+#include "control/guidance.h"
+
+#include "control/error.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+double depth(const PathProjection::Foot& foot) {
+  return foot.distance - foot.place.radius;
+}
+
+}  // namespace
+
+Vec3 TunnelWall::force(const GuideInput& input) noexcept {
+  const auto& [k, w, most] = options_;
+  const double d = depth(input.foot);
+  if (!(d > 0)) return Vec3::Zero();
+  const double f = d < w ? 0.5 * k * d * d / w : k * (d - 0.5 * w);
+  return -std::min(f, most) * input.foot.outwards;
+}
+
+double TunnelWall::stored(const PathProjection::Foot& foot) const noexcept {
+  const auto& [k, w, most] = options_;
+  const double d = depth(foot);
+  if (!(d > 0)) return 0;
+  // Where the force stops growing, in the onset or beyond it.
+  const double full = most < 0.5 * k * w ? std::sqrt(2 * most * w / k) : most / k + 0.5 * w;
+  const double sprung = std::min(d, full);
+  const double elastic =
+      sprung < w ? k * sprung * sprung * sprung / (6 * w) : k * (w * w / 6 + 0.5 * sprung * (sprung - w));
+  return elastic + most * (d - sprung);
+}
+
+Vec3 WallDamping::force(const GuideInput& input) noexcept {
+  const double d = depth(input.foot), v = input.state.velocity.dot(input.foot.outwards);
+  if (!(d > 0) || !(v > 0)) return Vec3::Zero();
+  return -damping_ * std::min(d / onset_, 1.0) * v * input.foot.outwards;
+}
+
+Vec3 ExpertForce::force(const GuideInput& input) noexcept {
+  share_ = std::min(input.gate, share_ + input.state.dt / kReturn);
+  return share_ * scale_ * input.foot.place.force;
+}
+
+double ExpertForce::allowance(const PathProjection::Foot& foot) const noexcept {
+  return std::abs(scale_ * foot.place.force.dot(foot.place.tangent));
+}
+
+Vec3 PaceHelp::force(const GuideInput& input) noexcept {
+  const PathProjection::Foot& foot = input.foot;
+  const double lacking = (1 - options_.margin) * options_.pace * foot.place.speed - foot.speed;
+  if (!(lacking > 0)) return Vec3::Zero();
+  return input.gate * std::min(options_.gain * lacking, options_.max_force) * foot.place.tangent;
+}
+
+Vec3 Resistance::force(const GuideInput& input) noexcept {
+  const Vec3& tangent = input.foot.place.tangent;
+  return -damping_ * input.state.velocity.dot(tangent) * tangent;
+}
+
+Vec3 ErrorAmplification::force(const GuideInput& input) noexcept {
+  const PathProjection::Foot& foot = input.foot;
+  if (!(foot.distance < foot.place.radius)) return Vec3::Zero();
+  // Gone where the wall begins, from the outer fifth of the tunnel on.
+  const double fading = std::min(5 * (1 - foot.distance / foot.place.radius), 1.0);
+  return fading * std::min(stiffness_ * foot.distance, max_force_) * foot.outwards;
+}
+
+double largest_wall_stiffness(double rate_hz, double delay, double damping) {
+  return damping / (0.5 / rate_hz + delay);
+}
+
+Guidance::Guidance(GuideTerms terms, const Options& options)
+    : terms_(std::move(terms)), options_(options), tank_(options.energy), budget_(options.energy) {
+  const auto check = [](const char* name, double value, double min, double max, const char* unit) {
+    if (!(value >= min && value <= max))
+      throw input_error(fmt::format("{} is {}; it must be from {} to {} {}", name, value, min, max, unit));
+  };
+  check("the energy of guidance", options.energy, 1e-3, 100, "J");
+  check("the width of the gate", options.gate_width, 1e-6, 1, "m");
+  check("the delay", options.delay, 0, 0.1, "s");
+  check("the rate", options.rate_hz, 10, 20000, "Hz");
+  check("the damping of guidance", options.max_damping, 0, 1e4, "N s/m");
+  if (std::none_of(terms_.begin(), terms_.end(),
+                   [](const auto& term) { return term->kind() == GuideTerm::Kind::restoring; }))
+    throw input_error("guidance without walls would let replayed forces drift away; give the tunnel a stiffness");
+  sent_.assign(static_cast<std::size_t>(std::lround(options.delay * options.rate_hz)) + 1, Vec3::Zero());
+}
+
+double Guidance::gate(const PathProjection::Foot& foot) const noexcept {
+  const double width = std::max(options_.gate_width, foot.place.radius);
+  const double u = std::clamp(depth(foot) / width, 0.0, 1.0);
+  return 1 - u * u * (3 - 2 * u);
+}
+
+void Guidance::account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
+  double stored = 0, allowance = 0;
+  for (const auto& term : terms_) {
+    stored += term->stored(foot);
+    allowance += term->allowance(foot);
+  }
+  // What was sent after all limits, as late as it acts.
+  newest_ = (newest_ + 1) % sent_.size();
+  sent_[newest_] = state.force_applied;
+  const Vec3& acted = sent_[(newest_ + 1) % sent_.size()];
+  if (begun_) {
+    const double given = acted.dot(state.position - position_) + stored - stored_;
+    given_ += given;
+    tank_.charge(given);
+    double credit = 0;
+    if (foot.s > farthest_) credit += allowance * (foot.s - farthest_);
+    if (cursor) credit += std::max(spring_.dot(foot.place.position - place_), 0.0);
+    budget_ += credit;
+    tank_.credit(credit);
+  }
+  begun_ = true;
+  position_ = state.position;
+  place_ = foot.place.position;
+  stored_ = stored;
+  farthest_ = std::max(farthest_, foot.s);
+}
+
+Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
+  account(state, foot, cursor);
+  const GuideInput input{state, foot, gate(foot)};
+  Vec3 spring = Vec3::Zero(), passive = Vec3::Zero(), active = Vec3::Zero();
+  for (const auto& term : terms_) {
+    Vec3& sum = term->kind() == GuideTerm::Kind::restoring     ? spring
+                : term->kind() == GuideTerm::Kind::dissipative ? passive
+                                                               : active;
+    sum += term->force(input);
+  }
+  spring_ = spring;
+  Vec3 force = spring + passive + tank_.share() * active;
+  // Overdrawn: as much damping as takes it back within a tick, but no more than the device bears.
+  const double speed2 = state.velocity.squaredNorm();
+  if (tank_.level() < 0 && speed2 > 0)
+    force -= std::min(-tank_.level() * options_.rate_hz / speed2, options_.max_damping) * state.velocity;
+  return force;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,62 @@
+#include "control/path_projection.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace haptrace {
+namespace {
+
+constexpr double kSpeedTime = 0.02;    // time constant of the place's speed [s]
+constexpr double kPreference = 0.02;   // spacings by which what lies beyond a rise of the distance has to be nearer
+constexpr double kMostSegments = 128;  // looked at in a tick: it must cost little on the finest paths too
+
+}  // namespace
+
+void PathProjection::start(double s) noexcept {
+  foot_ = {};
+  foot_.s = std::clamp(s, 0.0, path_->length());
+  foot_.place = path_->at(foot_.s);
+}
+
+const PathProjection::Foot& PathProjection::update(const Vec3& position, double dt) noexcept {
+  const double reach = std::min(options_.max_speed * dt, kMostSegments * path_->spacing());
+  // The present place is preferred where nothing is nearer: so that it rests where it has no reason to move.
+  ArcPath::Nearest best{foot_.s, (position - path_->position_at(foot_.s)).squaredNorm()};
+  look(foot_.s, std::min(foot_.s + reach, path_->length()), false, position, best);
+  // At the turn of a retraced stroke both ways are as near: forward it goes.
+  if (options_.allow_back) look(std::max(foot_.s - reach, 0.0), foot_.s, true, position, best);
+  return stand_at(best.s, position, dt);
+}
+
+void PathProjection::look(double from, double to, bool beyond, const Vec3& position,
+                          ArcPath::Nearest& best) const noexcept {
+  if (!(to > from)) return;
+  const double preference = std::pow(kPreference * path_->spacing(), 2);
+  for (std::size_t i = path_->segment_at(from), last = path_->segment_at(to); i <= last; ++i) {
+    ArcPath::Nearest nearest = path_->nearest_on(i, position);
+    if (nearest.s < from || nearest.s > to) {
+      nearest.s = std::clamp(nearest.s, from, to);
+      nearest.squared_distance = (position - path_->position_at(nearest.s)).squaredNorm();
+    }
+    if (nearest.squared_distance < best.squared_distance - (beyond ? preference : 0))
+      best = nearest;
+    else if (nearest.squared_distance > best.squared_distance)
+      beyond = true;
+  }
+}
+
+const PathProjection::Foot& PathProjection::move_to(double s, const Vec3& position, double dt) noexcept {
+  return stand_at(std::clamp(s, 0.0, path_->length()), position, dt);
+}
+
+const PathProjection::Foot& PathProjection::stand_at(double s, const Vec3& position, double dt) noexcept {
+  if (dt > 0) foot_.speed += -std::expm1(-dt / kSpeedTime) * ((s - foot_.s) / dt - foot_.speed);
+  foot_.s = s;
+  foot_.place = path_->at(s);
+  foot_.offset = position - foot_.place.position;
+  foot_.distance = foot_.offset.stableNorm();
+  foot_.outwards = foot_.distance > 0 ? Vec3(foot_.offset / foot_.distance) : Vec3::Zero();
+  return foot_;
+}
+
+}  // namespace haptrace

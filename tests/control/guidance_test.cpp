@@ -1,0 +1,355 @@
+#include "control/guidance.h"
+
+#include "tests/support/allocations.h"
+#include "tests/support/errors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <numbers>
+#include <random>
+
+namespace haptrace {
+namespace {
+
+using std::numbers::pi;
+using testing::HasSubstr;
+
+constexpr double kRadius = 0.005;
+
+/// 0.2 m along x in 2 s, pushed to the side and along.
+ArcPath line(double radius = kRadius) {
+  ArcPath::Builder builder(2.5e-4);
+  for (int i = 0; i <= 2000; ++i) builder.add(1e-3 * i, Vec3(1e-4 * i, 0, 0), Vec3(0.5, 1.5, -0.3));
+  return builder.finish(radius);
+}
+
+PathProjection::Foot foot_at(const ArcPath& path, const Vec3& tool) {
+  PathProjection projection(path, {});
+  return projection.move_to(tool.x(), tool, 1e-3);
+}
+
+GuideTerms walls(double stiffness = 1000) {
+  GuideTerms terms;
+  terms.push_back(
+      std::make_unique<TunnelWall>(TunnelWall::Options{.stiffness = stiffness, .onset = 1e-3, .max_force = 8}));
+  return terms;
+}
+
+GuideTerms damped_walls(double stiffness) {
+  GuideTerms terms = walls(stiffness);
+  terms.push_back(std::make_unique<WallDamping>(5, 1e-3));
+  return terms;
+}
+
+GuideTerms everything(double stiffness = 1000) {
+  GuideTerms terms = damped_walls(stiffness);
+  terms.push_back(std::make_unique<ExpertForce>(1));
+  terms.push_back(std::make_unique<PaceHelp>(PaceHelp::Options{}));
+  terms.push_back(std::make_unique<Resistance>(1));
+  terms.push_back(std::make_unique<Viscosity>(0.5));
+  terms.push_back(std::make_unique<ErrorAmplification>(100, 0.5));
+  return terms;
+}
+
+State moving(const Vec3& position, const Vec3& velocity = Vec3::Zero()) {
+  State state;
+  state.position = position;
+  state.velocity = velocity;
+  state.dt = 1e-3;
+  return state;
+}
+
+TEST(TunnelWall, BeginsSmoothlyAndIsTheSlopeOfWhatItStores) {
+  const ArcPath path = line();
+  TunnelWall wall({.stiffness = 1000, .onset = 1e-3, .max_force = 12});
+  const auto force = [&](double y) {
+    const State state = moving(Vec3(0.1, y, 0));
+    return wall.force({state, foot_at(path, state.position)});
+  };
+  const auto stored = [&](double y) { return wall.stored(foot_at(path, Vec3(0.1, y, 0))); };
+  EXPECT_EQ(force(0.004), Vec3::Zero());
+  EXPECT_LT(force(0.005).norm(), 1e-12);
+  EXPECT_NEAR(force(0.0155).y(), -1000 * 0.01, 1e-6);
+  EXPECT_NEAR(force(-0.0155).y(), 1000 * 0.01, 1e-6);
+  for (double y = 0.0049; y < 0.009; y += 1e-5) {
+    ASSERT_LT((force(y + 1e-5) - force(y)).norm(), 1000 * 1e-5 * 1.001) << "no step, at most its stiffness";
+    ASSERT_NEAR((stored(y + 1e-6) - stored(y - 1e-6)) / 2e-6, -force(y).y(), 1e-3);
+  }
+}
+
+TEST(TunnelWall, PullsNoHarderThanItMayAndStoresWhatItTook) {
+  const ArcPath path = line();
+  for (const double most : {0.2, 3.0}) {
+    TunnelWall wall({.stiffness = 1000, .onset = 1e-3, .max_force = most});
+    double work = 0;
+    for (double d = 0; d < 0.01; d += 1e-6) {
+      const State state = moving(Vec3(0.1, 0.005 + d, 0));
+      const double f = wall.force({state, foot_at(path, state.position)}).norm();
+      ASSERT_LE(f, most * (1 + 1e-12));
+      work += 1e-6 * f;
+    }
+    EXPECT_NEAR(work, wall.stored(foot_at(path, Vec3(0.1, 0.015, 0))), 1e-5);
+  }
+}
+
+TEST(WallDamping, TakesFromWhatMovesOutwardsOnly) {
+  const ArcPath path = line();
+  WallDamping damping(5, 1e-3);
+  const auto force = [&](double y, double v) {
+    const State state = moving(Vec3(0.1, y, 0), Vec3(0.2, v, 0));
+    return damping.force({state, foot_at(path, state.position)});
+  };
+  EXPECT_EQ(force(0.004, 0.1), Vec3::Zero()) << "inside";
+  EXPECT_NEAR(force(0.007, 0.1).y(), -0.5, 1e-9);
+  EXPECT_NEAR(force(0.0055, 0.1).y(), -0.25, 1e-6) << "in the onset";
+  EXPECT_EQ(force(0.007, -0.1), Vec3::Zero()) << "coming back";
+  EXPECT_NEAR(force(0.007, 0.1).x(), 0, 1e-12) << "along the wall";
+}
+
+TEST(GuideTerms, ThatDissipateNeverGive) {
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  const ArcPath path = line();
+  const GuideTerms terms = everything();
+  for (int i = 0; i < 10000; ++i) {
+    const State state = moving(Vec3(0.1, 0.01 * normal(random), 0.01 * normal(random)),
+                               Vec3(normal(random), normal(random), normal(random)));
+    const auto foot = foot_at(path, state.position);
+    for (const auto& term : terms)
+      ASSERT_LE(term->kind() == GuideTerm::Kind::dissipative ? term->force({state, foot}).dot(state.velocity) : 0, 0);
+  }
+}
+
+TEST(PaceHelp, HelpsWhoIsTooSlowAndNobodyElse) {
+  const ArcPath path = line();  // at 0.1 m/s
+  PaceHelp help({.pace = 1, .margin = 0.2, .gain = 20, .max_force = 1});
+  const auto force = [&](double speed, double gate) {
+    auto foot = foot_at(path, Vec3(0.1, 0, 0));
+    foot.speed = speed;
+    const State state = moving(Vec3(0.1, 0, 0));
+    return help.force({state, foot, gate});
+  };
+  for (const double speed : {0.08, 0.1, 0.5}) EXPECT_EQ(force(speed, 1), Vec3::Zero()) << speed;
+  EXPECT_NEAR(force(0.06, 1).x(), 20 * 0.02, 1e-9);
+  EXPECT_NEAR(force(-1, 1).x(), 1, 1e-9) << "bounded";
+  EXPECT_NEAR(force(0.06, 0.5).x(), 20 * 0.01, 1e-9) << "gated";
+}
+
+TEST(ErrorAmplification, PushesAwayWithinTheTunnelAndIsGoneWhereTheWallBegins) {
+  const ArcPath path = line();
+  ErrorAmplification amplification(200, 0.3);
+  const auto force = [&](double y) {
+    const State state = moving(Vec3(0.1, y, 0));
+    return amplification.force({state, foot_at(path, state.position)}).y();
+  };
+  EXPECT_NEAR(force(0.001), 0.2, 1e-9);
+  EXPECT_NEAR(force(0.003), 0.3, 1e-9) << "clamped";
+  EXPECT_NEAR(force(0.00499999), 0, 1e-5);
+  EXPECT_EQ(force(0.0051), 0);
+}
+
+TEST(Guidance, LetsAFaithfulTraineeFeelTheExpertAlone) {
+  const ArcPath path = line();
+  Guidance guidance(everything(), {});
+  GuideTerms walls_and_force = walls();
+  walls_and_force.push_back(std::make_unique<ExpertForce>(1));
+  walls_and_force.push_back(std::make_unique<PaceHelp>(PaceHelp::Options{}));
+  Guidance plain(std::move(walls_and_force), {});
+  PathProjection projection(path, {});
+  for (int i = 0; i < 1900; ++i) {
+    const State state = moving(Vec3(1e-4 * i, 3e-3 * std::sin(0.01 * i), 0), Vec3(0.1, 0, 0));
+    const Vec3 force = plain.update(state, projection.update(state.position, i == 0 ? 0 : 1e-3), false);
+    ASSERT_LT((force - Vec3(0.5, 1.5, -0.3)).norm(), i > 400 ? 1e-6 : 2) << i;
+  }
+}
+
+TEST(Guidance, FadesTheExpertsForceWithDistanceAndBringsItBackSlowly) {
+  const ArcPath path = line();
+  GuideTerms terms = walls(1e-9);
+  terms.push_back(std::make_unique<ExpertForce>(2));
+  Guidance guidance(std::move(terms), {});
+  const auto force = [&](double y) {
+    const State state = moving(Vec3(0.1, y, 0));
+    return guidance.update(state, foot_at(path, state.position), false).y();
+  };
+  double f = 0;
+  for (int i = 0; i < 400; ++i) f = force(0);
+  EXPECT_NEAR(f, 3, 1e-6);
+  EXPECT_NEAR(force(0.0075), 1.5, 1e-6) << "half a radius outside";
+  EXPECT_NEAR(force(0.011), 0, 1e-9);
+  for (int i = 0; i < 150; ++i) f = force(0);
+  EXPECT_NEAR(f, 1.5, 0.05) << "half way after half the time";
+}
+
+TEST(Guidance, RefusesToReplayForcesWithoutAWall) {
+  GuideTerms terms;
+  terms.push_back(std::make_unique<ExpertForce>(1));
+  EXPECT_THAT(test::error_of([&] { Guidance(std::move(terms), {}); }), HasSubstr("without walls"));
+  EXPECT_THAT(test::error_of([] { Guidance(walls(), {.energy = 0}); }), HasSubstr("the energy of guidance is 0"));
+}
+
+TEST(Guidance, AllocatesNothing) {
+  const ArcPath path = line();
+  Guidance guidance(everything(), {});
+  PathProjection projection(path, {});
+  const std::size_t before = test::allocations();
+  for (int i = 0; i < 1000; ++i) {
+    const State state = moving(Vec3(1e-4 * i, 0.008 * std::sin(0.1 * i), 0), Vec3(0.1, 0, 0));
+    (void)guidance.update(state, projection.update(state.position, 1e-3), i % 2 == 0);
+  }
+  EXPECT_EQ(test::allocations(), before);
+}
+
+TEST(Guidance, GivesAForceThatIsPushedAgainstNoMoreThanTheTankHolds) {
+  // Somebody is shaken to and fro in one place by a force that follows him: a source of energy without end, but for
+  // the tank.
+  const ArcPath path = line(0.1);
+  GuideTerms terms = walls();
+  terms.push_back(std::make_unique<ErrorAmplification>(1000, 2));
+  Guidance guidance(std::move(terms), {.energy = 0.2, .delay = 0});
+  double given = 0, before = 0;
+  Vec3 sent = Vec3::Zero();
+  for (int i = 0; i < 20000; ++i) {
+    // Out with the force, back quickly from the far side.
+    const double y = 0.02 * std::abs(std::fmod(0.002 * i, 2.0) - 1) * (i % 2000 < 1000 ? 1 : -1);
+    State state = moving(Vec3(0.1, y, 0), Vec3(0, (y - before) / 1e-3, 0));
+    state.force_applied = sent;
+    given += sent.y() * (y - before);
+    before = y;
+    sent = guidance.update(state, foot_at(path, state.position), false);
+  }
+  EXPECT_LT(given, 0.2 + 0.02);
+}
+
+/// A device of 0.3 kg, 1 N s/m and 0.2 N of friction, and the hand that holds it: it wants along the path, with tremor,
+/// and does what it wants.
+struct Hand {
+  double mass, stiffness, damping, speed, tremor;
+  double wander;   ///< sideways [m]
+  bool lets_go;    ///< in the middle
+  bool pushes_on;  ///< against the wall, for a second
+};
+
+struct Loop {
+  double rate_hz, delay, radius, stiffness;
+};
+
+struct Outcome {
+  double given = 0, budget = 0;  ///< by the force that acted on what moved, and what the springs hold [J]
+  double farthest = 0;           ///< from the path, after a second [m]
+  double ripple = 0;             ///< rms speed above some 2 Hz in the last half second, when nobody holds it [m/s]
+};
+
+enum class Terms { all, walls };
+
+Outcome guided(const Hand& hand, const Loop& loop, bool cursor, Terms terms) {
+  ArcPath::Builder builder(2.5e-4);
+  for (int i = 0; i <= 4000; ++i) {
+    const double u = i / 4000.0;
+    builder.add(1e-3 * i, Vec3(0.06 * std::sin(2 * pi * u), 0.04 * std::sin(4 * pi * u), 0),
+                Vec3(std::cos(2 * pi * u), 1, 0.3));
+  }
+  const ArcPath path = builder.finish(loop.radius);
+  const double stiffness = std::min(loop.stiffness, largest_wall_stiffness(loop.rate_hz, loop.delay));
+  Guidance guidance(terms == Terms::all ? everything(stiffness) : damped_walls(stiffness),
+                    {.delay = loop.delay, .rate_hz = loop.rate_hz});
+  PathProjection projection(path, {});
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+
+  const double period = 1 / loop.rate_hz, step = 2e-5;
+  const int steps = static_cast<int>(std::lround(period / step));
+  const double mass = 0.3 + hand.mass;
+  std::deque<Vec3> late(static_cast<std::size_t>(std::lround(loop.delay * loop.rate_hz)), Vec3::Zero());
+  Vec3 x = path.at(0).position, v = Vec3::Zero(), estimate = Vec3::Zero(), before = x, acting = Vec3::Zero(),
+       sent = Vec3::Zero(), tremor = Vec3::Zero(), slow = Vec3::Zero();
+  TunnelWall wall({.stiffness = stiffness, .onset = 1e-3, .max_force = 8});
+  Outcome outcome;
+  double wanted = 0, given = 0, ripple = 0;
+  int rippled = 0;
+  const double duration = 5;
+  for (int tick = 0; tick * period < duration; ++tick) {
+    const double t = tick * period;
+    for (int axis = 0; axis < 3; ++axis)
+      tremor[axis] += period * 60 * (hand.tremor * normal(random) / std::sqrt(0.5 * 60 * period) - tremor[axis]);
+    wanted += hand.speed * period;
+    const bool holds = !(hand.lets_go && t > 2 && t < 3) && t < duration - 1;
+    Vec3 will = path.at(wanted).position + tremor + Vec3(0, 0, hand.wander * std::sin(7 * t));
+    if (hand.pushes_on && t > 1 && t < 2) will += Vec3(0.03, 0.03, 0);
+    for (int i = 0; i < steps; ++i) {
+      const Vec3 force = holds ? Vec3(hand.stiffness * (will - x) - hand.damping * v) : Vec3(Vec3::Zero());
+      v += step / mass * (force + acting - 1.0 * v);
+      v *= std::max(1 - 0.2 * step / mass / std::max(v.norm(), 1e-12), 0.0);  // dry friction
+      const Vec3 dx = step * v;
+      x += dx;
+      given += acting.dot(dx);
+    }
+    State state = moving(x);
+    state.dt = period;
+    estimate += -std::expm1(-2 * pi * 60 * period) * ((x - before) / period - estimate);
+    before = x;
+    state.velocity = estimate;
+    state.force_applied = sent;
+    const auto& foot =
+        cursor ? projection.move_to(0.8 * wanted, x, period) : projection.update(x, tick == 0 ? 0 : period);
+    sent = guidance.update(state, foot, cursor);
+    if (sent.norm() > 10) sent *= 10 / sent.norm();
+    if (late.empty()) {
+      acting = sent;
+    } else {
+      late.push_back(sent);
+      acting = late.front();
+      late.pop_front();
+    }
+    outcome.given = std::max(outcome.given, given + wall.stored(foot) - guidance.budget());
+    if (t > 1) outcome.farthest = std::max(outcome.farthest, foot.distance);
+    slow += -std::expm1(-period / 0.08) * (v - slow);
+    if (t > duration - 0.5) {
+      ripple += (v - slow).squaredNorm();
+      ++rippled;
+    }
+  }
+  outcome.budget = guidance.budget();
+  outcome.ripple = std::sqrt(ripple / rippled);
+  return outcome;
+}
+
+class GuidedHand : public testing::TestWithParam<bool> {};
+
+TEST_P(GuidedHand, IsGivenNoMoreThanTheBudgetAndComesToRestWhenItLetsGo) {
+  std::mt19937 random(9);
+  std::uniform_real_distribution<double> number(0, 1);
+  const auto between = [&](double low, double high) { return low * std::pow(high / low, number(random)); };
+  for (int i = 0; i < 60; ++i) {
+    const Hand hand{.mass = between(0.005, 1.5),
+                    .stiffness = between(50, 1000),
+                    .damping = between(2, 40),
+                    .speed = between(0.02, 0.4),
+                    .tremor = i % 4 == 0 ? 2e-3 : 2e-4,
+                    .wander = i % 3 == 0 ? 0.012 : 0.002,
+                    .lets_go = i % 2 == 0,
+                    .pushes_on = i % 5 == 0};
+    const Loop loop{.rate_hz = std::array{250.0, 1000.0, 4000.0, 10000.0}[static_cast<std::size_t>(i) % 4],
+                    .delay = std::array{0.0, 1e-3, 5e-3}[static_cast<std::size_t>(i) % 3],
+                    .radius = std::array{0.0, 5e-3}[static_cast<std::size_t>(i / 2) % 2],
+                    .stiffness = std::array{300.0, 3000.0}[static_cast<std::size_t>(i / 4) % 2]};
+    const Outcome outcome = guided(hand, loop, GetParam(), Terms::all);
+    const Outcome passive = guided(hand, loop, GetParam(), Terms::walls);
+    SCOPED_TRACE(fmt::format("hand {} of {:.3f} kg, {} Hz, delay {} s, radius {} m, {} N/m", i, hand.mass, loop.rate_hz,
+                             loop.delay, loop.radius, loop.stiffness));
+    EXPECT_LT(outcome.given, 0.005) << "J beyond a budget of " << outcome.budget;
+    EXPECT_LT(passive.given, 0.005);
+    EXPECT_LT(outcome.farthest, 0.15);
+    EXPECT_LT(GetParam() ? 0 : passive.ripple, 0.06) << "what springs hold comes to rest; a cursor drags on";
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(, GuidedHand, testing::Bool(),
+                         [](const auto& tested) { return tested.param ? "WithACursor" : "InATunnel"; });
+
+}  // namespace
+}  // namespace haptrace
