@@ -121,6 +121,15 @@ double ArcPath::time_at(double s) const noexcept {
   return time_[i] - time_.front() + share * (time_[i + 1] - time_[i]);
 }
 
+double ArcPath::place_at(double time) const noexcept {
+  if (position_.size() < 2 || !(time > 0)) return 0;
+  const double t = time + time_.front();
+  if (t >= time_.back()) return length_;
+  const auto after = std::upper_bound(time_.begin() + 1, time_.end() - 1, t);
+  const auto i = static_cast<std::size_t>(after - time_.begin()) - 1;
+  return knot_at(i) + segment_length(i) * (t - time_[i]) / (time_[i + 1] - time_[i]);
+}
+
 ArcPath::Place ArcPath::at(double s) const noexcept {
   Place place{.position = position_.front(), .force = force_.front().cast<double>(), .radius = radius_.front()};
   if (position_.size() < 2) return place;

@@ -61,6 +61,8 @@ class ArcPath {
   [[nodiscard]] std::size_t knots() const noexcept { return position_.size(); }
   /// When the expert was at `s` [s], from his start.
   [[nodiscard]] double time_at(double s) const noexcept;
+  /// Where the expert was at `time` [s] from his start [m]. Costs O(log knots).
+  [[nodiscard]] double place_at(double time) const noexcept;
   /// At `s` [m], taken to the nearer end when it is beyond one; NaN asks for the start.
   [[nodiscard]] Place at(double s) const noexcept;
   [[nodiscard]] Vec3 position_at(double s) const noexcept;

@@ -76,15 +76,11 @@ double largest_wall_stiffness(double rate_hz, double delay, double damping) {
 
 Guidance::Guidance(GuideTerms terms, const Options& options)
     : terms_(std::move(terms)), options_(options), tank_(options.energy), budget_(options.energy) {
-  const auto check = [](const char* name, double value, double min, double max, const char* unit) {
-    if (!(value >= min && value <= max))
-      throw input_error(fmt::format("{} is {}; it must be from {} to {} {}", name, value, min, max, unit));
-  };
-  check("the energy of guidance", options.energy, 1e-3, 100, "J");
-  check("the width of the gate", options.gate_width, 1e-6, 1, "m");
-  check("the delay", options.delay, 0, 0.1, "s");
-  check("the rate", options.rate_hz, 10, 20000, "Hz");
-  check("the damping of guidance", options.max_damping, 0, 1e4, "N s/m");
+  check_range("the energy of guidance", options.energy, 1e-3, 100, "J");
+  check_range("the width of the gate", options.gate_width, 1e-6, 1, "m");
+  check_range("the delay", options.delay, 0, 0.1, "s");
+  check_range("the rate", options.rate_hz, 10, 20000, "Hz");
+  check_range("the damping of guidance", options.max_damping, 0, 1e4, "N s/m");
   if (std::none_of(terms_.begin(), terms_.end(),
                    [](const auto& term) { return term->kind() == GuideTerm::Kind::restoring; }))
     throw input_error("guidance without walls would let replayed forces drift away; give the tunnel a stiffness");

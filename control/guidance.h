@@ -178,6 +178,12 @@ class Guidance {
   /// are replayed without one drift away.
   Guidance(GuideTerms terms, const Options& options);
 
+  /// Begins at the start of the path anew: what was walked may be walked again, the tank stays as it is.
+  void begin() noexcept {
+    begun_ = false;
+    farthest_ = 0;
+  }
+
   /// `cursor`: the foot moves by itself.
   [[nodiscard]] Vec3 update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
 

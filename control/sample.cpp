@@ -68,6 +68,8 @@ std::string describe(const Event& event) {
       return fmt::format("the path waits at {:.3f} s: what follows was not read in time", a);
     case EventCode::path_unreadable:
       return fmt::format("stopped: the path cannot be played beyond {:.3f} s", a);
+    case EventCode::time_over:
+      return fmt::format("the time is over at {:.3f} m of {:.3f} m", a, b);
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

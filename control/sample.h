@@ -57,6 +57,7 @@ enum class EventCode : std::int32_t {
   path_waits = 60,       ///< values: time of the path [s]; it stands still until what follows was read
   path_unreadable = 61,  ///< values: time of the path [s]
   device_found = 62,     ///< the device that was lost is back; values: how long it was away [s]
+  time_over = 63,        ///< of a repetition; values: how far the trainee came [m], of what length [m]
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().

@@ -4,6 +4,7 @@
 #include "control/feedforward.h"
 #include "control/observer_pd.h"
 #include "formats/json_reader.h"
+#include "player/device_path.h"
 
 #include <algorithm>
 #include <cmath>
@@ -40,67 +41,6 @@ Excursion look_ahead(const TrajectoryPiece& piece, const Box& workspace) {
   return excursion;
 }
 
-/// A path as a device can play it: where there is no motor the path has no say and lies in the middle of what the
-/// device can do; the rest is fitted.
-class FittedPath final : public PathSource {
- public:
-  FittedPath(std::shared_ptr<const PathSource> path, const DeviceInfo& device, const Fit& fit)
-      : path_(std::move(path)),
-        driven_(device.force_axes),
-        middle_(0.5 * (device.workspace_min + device.workspace_max)),
-        fit_(fit) {
-    facts_ = path_->facts();
-    facts_.bounds = {moved(facts_.bounds.min), moved(facts_.bounds.max)};
-    facts_.peak_speed *= fit_.scale;
-    blocks_ = path_->blocks();
-    for (PathBlock& block : blocks_) {
-      block.bounds = {moved(block.bounds.min), moved(block.bounds.max)};
-      block.peak_speed *= fit_.scale;
-    }
-  }
-
-  [[nodiscard]] Path read(std::uint64_t first, std::uint64_t count) const override {
-    Path path = path_->read(first, count);
-    for (Vec3& p : path.position) p = moved(p);
-    for (Vec3& v : path.velocity)
-      for (int axis = 0; axis < 3; ++axis) v[axis] = driven(axis) ? fit_.scale * v[axis] : 0;
-    return path;
-  }
-
-  [[nodiscard]] std::uint64_t row_at(double time) const override { return path_->row_at(time); }
-
- private:
-  [[nodiscard]] bool driven(int axis) const { return driven_[static_cast<std::size_t>(axis)]; }
-
-  [[nodiscard]] Vec3 moved(const Vec3& p) const {
-    Vec3 flat = p;
-    for (int axis = 0; axis < 3; ++axis)
-      if (!driven(axis)) flat[axis] = middle_[axis];
-    return fit_.scale * flat + fit_.offset;
-  }
-
-  std::shared_ptr<const PathSource> path_;
-  std::array<bool, 3> driven_;
-  Vec3 middle_;
-  Fit fit_;
-};
-
-/// How far the samples leave the workspace [m]. Reads only the blocks that could leave it farthest.
-double distance_outside(const PathSource& path, const Box& workspace) {
-  std::vector<std::pair<double, const PathBlock*>> order;
-  for (const PathBlock& block : path.blocks()) {
-    const Vec3 beyond = (workspace.min - block.bounds.min).cwiseMax(block.bounds.max - workspace.max).cwiseMax(0);
-    order.emplace_back(beyond.norm(), &block);
-  }
-  std::sort(order.begin(), order.end(), std::greater());
-  double distance = 0;
-  for (const auto& [most, block] : order) {
-    if (most <= distance) break;
-    distance = std::max(distance, distance_outside(path.read(block->first, block->rows), workspace));
-  }
-  return distance;
-}
-
 /// Whether the figures of a block alone say that the curve through it stays in the workspace and below `limit` [m/s].
 /// A spline's slopes are at most three times its steepest chord (they solve a system that is diagonally dominant), so
 /// that it leaves a chord by no more than the chord's length; rows closer than the window are judged by a window's.
@@ -129,10 +69,6 @@ Excursion look_ahead(const TrajectoryPieces& pieces, Interpolation interpolation
     }
   }
   return excursion;
-}
-
-Box workspace_of(const DeviceInfo& device) {
-  return {device.workspace_min, device.workspace_max};
 }
 
 /// What is found in a piece that the plan did not look into.
@@ -282,19 +218,11 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   validate(tuning.gains);
 
   const Box workspace = workspace_of(device);
-  std::shared_ptr<const PathSource> played = std::make_shared<FittedPath>(path, device, Fit{});
-  const std::string name = played->facts().name;
-  std::optional<Fit> fit;
-  if (const double outside = distance_outside(*played, workspace); outside > 0) {
-    if (!options.fit)
-      throw input_error(fmt::format("{} leaves the workspace of {} by {:.1f} mm; use --fit to move and scale it inside",
-                                    name, device.model, 1e3 * outside));
-    fit = fit_into(played->facts().bounds, workspace);
-    played = std::make_shared<FittedPath>(path, device, *fit);
-  }
+  const DevicePath played = path_for(device, std::move(path), options.fit);
+  const std::string name = played.source->facts().name;
 
-  PlayPlan plan{.path = TrajectoryPieces(played, options.interpolation, {.smoothing = options.smoothing}),
-                .fit = fit,
+  PlayPlan plan{.path = TrajectoryPieces(played.source, options.interpolation, {.smoothing = options.smoothing}),
+                .fit = played.fit,
                 .tuning = tuning,
                 .composed = composed};
   const double limit = options.session.limits.max_velocity, speed = options.playback.speed;

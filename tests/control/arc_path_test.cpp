@@ -49,6 +49,7 @@ TEST(ArcPath, OfALineIsItsLength) {
     EXPECT_NEAR(place.force.z(), 1, 1e-6);
     EXPECT_FLOAT_EQ(static_cast<float>(place.radius), 0.005F);
     EXPECT_NEAR(path.time_at(s), s / 0.05, 1e-6);
+    EXPECT_NEAR(path.place_at(s / 0.05), s, 1e-9);
   }
 }
 
@@ -104,6 +105,8 @@ TEST(ArcPath, AnswersBeyondItsEndsAsAtThem) {
   EXPECT_EQ(path.at(-1).position, path.at(0).position);
   EXPECT_EQ(path.at(9).position, path.at(path.length()).position);
   EXPECT_EQ(path.at(kNaN).position, path.at(0).position);
+  EXPECT_EQ(path.place_at(-1), 0);
+  EXPECT_EQ(path.place_at(9), path.length());
 }
 
 TEST(ArcPath, OfOnePlaceIsThatPlace) {

@@ -1,0 +1,233 @@
+#include "player/guide.h"
+
+#include "cli/profile.h"
+#include "cli/read_progress.h"
+#include "control/error.h"
+#include "formats/path_file.h"
+#include "formats/suggest.h"
+
+#include <fmt/format.h>
+
+namespace haptrace::cli {
+namespace {
+
+struct Arguments {
+  SessionArguments session;
+  std::string expert, record, profile, mode = "tunnel", feel = "active", radius = "5mm";
+  std::vector<std::string> spread;
+  PathSelection selection;
+  GuideOptions guide;
+  std::optional<double> pace;
+  double pace_margin = 0.2, pace_force = 1;
+  bool loop = false, no_profile = false;
+};
+
+const std::vector<std::string> kModes{"tunnel", "cursor"};
+
+/// "0.005", "5mm" or "auto".
+void read_radius(Arguments& arguments) {
+  if (arguments.radius == "auto") {
+    if (arguments.spread.empty())
+      throw input_error("--radius auto needs further recordings of the same task: --spread A.h5 B.h5");
+    arguments.guide.radius = 1e-3;
+    return;
+  }
+  if (!arguments.spread.empty())
+    throw input_error("--spread goes with --radius auto; a radius that is given is the same everywhere");
+  std::size_t read = 0;
+  double value = kNaN;
+  try {
+    value = std::stod(arguments.radius, &read);
+  } catch (const std::exception&) {
+  }
+  const std::string unit = arguments.radius.substr(std::min(read, arguments.radius.size()));
+  if (read == 0 || (unit != "" && unit != "m" && unit != "mm"))
+    throw input_error(
+        fmt::format("--radius is '{}'; it must be a length such as 0.005, 5mm, or auto", arguments.radius));
+  arguments.guide.radius = unit == "mm" ? 1e-3 * value : value;
+}
+
+std::string percent(double share) {
+  return std::isfinite(share) ? fmt::format("{:.0f} %", 100 * share) : "undefined";
+}
+
+std::string summary(const Arguments& arguments, const GuideResult& result, const DeviceInfo& device) {
+  std::string text = fmt::format("{}: guided on {}\n", arguments.expert, device.name);
+  if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
+  for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
+    const GuideFigures& figures = result.repetitions[i];
+    text += fmt::format(
+        "  {}{:.1f} s, {:.0f} of {:.0f} mm, {} of the time in the tunnel, off the path by {:.2f} mm rms, {:.2f} mm at "
+        "most\n",
+        result.repetitions.size() > 1 ? fmt::format("repetition {}: ", i + 1) : "", figures.tracking.duration,
+        1e3 * figures.progress, 1e3 * result.plan.path->length(), percent(figures.time_in_tunnel),
+        1e3 * figures.tracking.rms_error, 1e3 * figures.tracking.peak_error);
+  }
+  text += fmt::format("  walls of {:.0f} N/m; {:.2f} J given of {:.2f} J allowed\n", result.plan.stiffness,
+                      result.energy_given, result.energy_budget);
+  text += session_summary(result.session);
+  if (!arguments.record.empty()) text += fmt::format("  recorded in {}\n", arguments.record);
+  return text;
+}
+
+}  // namespace
+
+Verb add_guide(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  GuideOptions& guide_options = arguments->guide;
+  GuidanceOptions& guidance = guide_options.guidance;
+  CLI::App* verb = app.add_subcommand("guide", "guide a trainee along an expert's recording");
+  verb->footer(
+      "The trainee moves; the device keeps him in a tunnel round the expert's path and lets him feel the expert's "
+      "forces\n"
+      "at the place where he is (--mode tunnel), or round a cursor that moves as the expert did (--mode cursor).\n"
+      "  haptrace guide expert.h5 --device falcon --radius 5mm --record trainee.h5\n"
+      "  haptrace guide expert.h5 --device falcon --radius auto --spread second.h5 third.h5\n"
+      "  haptrace guide expert.h5 --device falcon --mode cursor --wait 0.02 --speed 0.5\n"
+      "  haptrace guide expert.h5 --device sim:preset=falcon,hand=relaxed,intent=expert.h5 --feel resist");
+  verb->add_option("expert", arguments->expert, "the expert's recording (HDF5) or path (HDF5, CSV with t,x,y,z)")
+      ->type_name("EXPERT");
+  verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
+  verb->add_option("--mode", arguments->mode, "tunnel (the trainee chooses when) | cursor (the expert's time)")
+      ->capture_default_str();
+  verb->add_option("--radius", arguments->radius,
+                   "where the walls begin, 0.005 or 5mm; or auto, as wide as the experts of --spread differ")
+      ->capture_default_str()
+      ->group("Tunnel");
+  verb->add_option("--spread", arguments->spread, "further recordings of the same task, for --radius auto")
+      ->type_name("FILE...")
+      ->group("Tunnel");
+  verb->add_option("--stiffness", guide_options.stiffness,
+                   "of the walls [N/m]; without it, what device and rate bear, at most 1000")
+      ->group("Tunnel");
+  verb->add_flag("--expert", guide_options.expert, "do not clamp the stiffness to what device and rate bear")
+      ->group("Tunnel");
+  verb->add_option("--onset", guide_options.onset, "over which the stiffness rises [m]")
+      ->capture_default_str()
+      ->group("Tunnel");
+  verb->add_option("--damping", guide_options.damping, "of what moves outwards in the wall [N s/m]")
+      ->capture_default_str()
+      ->group("Tunnel");
+  verb->add_flag("--allow-back", guidance.allow_back, "the trainee's place on the path may go back")->group("Tunnel");
+  verb->add_option("--force-scale", guide_options.force_scale, "of the expert's forces; 0: none")
+      ->capture_default_str()
+      ->group("Forces");
+  verb->add_option(
+          "--feel", arguments->feel,
+          "active: the recorded force as it is, what pushed the expert's hand pushes the trainee's | resist: its\n"
+          "opposite, the trainee has to bring up the recorded force himself")
+      ->capture_default_str()
+      ->group("Forces");
+  verb->add_option("--pace", arguments->pace, "help along the path when slower than so many times the expert's speed")
+      ->group("Forces");
+  verb->add_option("--pace-margin", arguments->pace_margin, "slower by less than this share is not helped")
+      ->capture_default_str()
+      ->group("Forces");
+  verb->add_option("--pace-force", arguments->pace_force, "most that helps along [N]")
+      ->capture_default_str()
+      ->group("Forces");
+  verb->add_option("--resistance", guide_options.resistance, "against movement along the path [N s/m]")
+      ->group("Forces");
+  verb->add_option("--viscosity", guide_options.viscosity, "against all movement [N s/m]")->group("Forces");
+  verb->add_option("--amplify", guide_options.amplify, "of errors within the tunnel, away from the path [N/m]")
+      ->group("Forces");
+  verb->add_option("--amplify-force", guide_options.amplify_force, "most that pushes away [N]")
+      ->capture_default_str()
+      ->group("Forces");
+  verb->add_option("--speed", guidance.speed, "of the cursor, times the expert's")
+      ->capture_default_str()
+      ->group("Cursor");
+  verb->add_option("--wait", guidance.wait, "the cursor waits when the trainee is farther from it [m]; 0: it does not")
+      ->capture_default_str()
+      ->group("Cursor");
+  verb->add_flag("--fit", guide_options.fit, "move and scale the path into the workspace")->group("Path");
+  verb->add_option("--from", arguments->selection.from, "begin at this time of the recording [s]")->group("Path");
+  verb->add_option("--to", arguments->selection.to, "end at this time of the recording [s]")->group("Path");
+  verb->add_option("--repetition", arguments->selection.repetition,
+                   "of a recording of several: which to teach, from 1; without it, the last")
+      ->group("Path");
+  verb->add_option("--smoothing", guide_options.smoothing,
+                   "time constant over which a path's positions are smoothed [s]; without it, as their noise asks for")
+      ->group("Path");
+  verb->add_option("--repeat", guidance.repetitions, "repetitions")->capture_default_str()->group("Path");
+  verb->add_flag("--loop", arguments->loop, "repeat until Ctrl+C")->group("Path");
+  verb->add_option("--hold", guidance.hold, "rest at the end of a repetition [s]")
+      ->capture_default_str()
+      ->group("Path");
+  verb->add_option("--time-limit", guidance.time_limit, "of a repetition [s]; 0: none")
+      ->capture_default_str()
+      ->group("Path");
+  verb->add_option("--approach-speed", guidance.approach_speed, "peak speed of the way to the start [m/s]")
+      ->capture_default_str()
+      ->group("Path");
+  verb->add_option("--max-deviation", guidance.max_deviation, "from the path, beyond which the session stops [m]")
+      ->capture_default_str()
+      ->group("Safety");
+  verb->add_option("--energy", guide_options.energy,
+                   "that guidance may give to the hand beyond what the expert's path allows for [J]")
+      ->capture_default_str()
+      ->group("Safety");
+  verb->add_option("--profile", arguments->profile,
+                   "what calibration found out about the device; without it, the device's in the profile folder")
+      ->type_name("FILE.json")
+      ->group("Safety");
+  verb->add_flag("--no-profile", arguments->no_profile, "guide as if the device was not calibrated")->group("Safety");
+  arguments->session.add_to(*verb);
+
+  return {
+      verb, [verb, arguments](const Output& output) {
+        require(*verb, "expert");
+        require(*verb, "--device");
+        GuideOptions options = arguments->guide;
+        read_radius(*arguments);
+        options.radius = arguments->guide.radius;
+        const auto mode = std::find(kModes.begin(), kModes.end(), arguments->mode);
+        if (mode == kModes.end())
+          throw input_error(fmt::format("unknown mode '{}'{}", arguments->mode, suggestion(arguments->mode, kModes)));
+        options.guidance.cursor = *mode == "cursor";
+        options.feel = parse_feel(arguments->feel);
+        if (arguments->pace)
+          options.pace = PaceHelp::Options{
+              .pace = *arguments->pace, .margin = arguments->pace_margin, .max_force = arguments->pace_force};
+        if (!arguments->loop && options.guidance.repetitions < 1)
+          throw input_error(
+              fmt::format("--repeat is {}; it must be at least 1, or use --loop", options.guidance.repetitions));
+        if (arguments->loop) options.guidance.repetitions = 0;
+        options.session = arguments->session.options(arguments->record, effective_config(*verb));
+
+        const auto open = [&](const std::string& file) {
+          ReadProgress progress(output, file);
+          return open_path(file, file == arguments->expert ? arguments->selection : PathSelection{},
+                           progress.callback());
+        };
+        const std::shared_ptr<const PathSource> expert = open(arguments->expert);
+        for (const std::string& file : arguments->spread) options.spread.push_back(open(file));
+        const auto device = arguments->session.open();
+        std::vector<std::string> notes = device->info().notes;
+        for (const std::string& note : expert->facts().notes)
+          notes.push_back(fmt::format("{}: {}", arguments->expert, note));
+        if (!arguments->no_profile)
+          if (const auto profile = profile_for(device->info(), arguments->profile, arguments->session.rate_hz, output))
+            options.identified = IdentifiedDevice{profile->plant, profile->design};
+        const GuidePlan plan = plan_guidance(device->info(), expert, options);
+        notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
+        for (const std::string& note : notes) output.remark(note);
+
+        const Signals signals;
+        const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
+                        arguments->session.mark_texts, false, arguments->session.keys);
+        const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);
+        const GuideResult result = guide(*device, plan, options, signals.stop(), progress_bar(output, expected, &keys));
+
+        nlohmann::json json = to_json(result);
+        json["mode"] = arguments->mode;
+        json["feel"] = arguments->feel;
+        json["notes"] = notes;
+        if (!arguments->record.empty()) json["file"] = arguments->record;
+        const int code = conclude(output, result.session);
+        output.tell(json, summary(*arguments, result, device->info()));
+        return code;
+      }};
+}
+
+}  // namespace haptrace::cli

@@ -1,0 +1,149 @@
+#include "player/guidance_controller.h"
+
+#include "control/error.h"
+#include "control/min_jerk.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kShortestApproach = 0.3;  // [s]
+constexpr double kLongestStep = 5;         // ticks that a cursor may advance at once
+constexpr double kPauseTime = 0.2;         // over which a cursor stops and comes back to speed [s]
+
+}  // namespace
+
+void validate(const GuidanceOptions& options) {
+  check_range("the speed factor", options.speed, 0.001, 100, "");
+  check_range("the distance at which the cursor waits", options.wait, 0, 10, "m");
+  check_range("the number of repetitions", options.repetitions, 0, 1e6, "");
+  check_range("the hold", options.hold, 0, 3600, "s");
+  check_range("the approach speed", options.approach_speed, 1e-3, 2, "m/s");
+  check_range("the time limit", options.time_limit, 0, 1e6, "s");
+  check_range("the deviation limit", options.max_deviation, 1e-5, 10, "m");
+}
+
+GuidanceController::GuidanceController(std::shared_ptr<const ArcPath> path, Guidance guidance, const PdGains& approach,
+                                       const GuidanceOptions& options)
+    : path_(std::move(path)),
+      guidance_(std::move(guidance)),
+      approach_gains_(approach),
+      options_(options),
+      projection_(*path_, {.allow_back = options.allow_back}) {
+  validate(options);
+  haptrace::validate(approach);
+}
+
+void GuidanceController::start(const State& first) noexcept {
+  begin_approach(first.position);
+}
+
+void GuidanceController::begin_approach(const Vec3& from) noexcept {
+  phase_ = Phase::approach;
+  elapsed_ = 0;
+  approach_from_ = from;
+  const double distance = (path_->position_at(0) - from).norm();
+  approach_time_ = std::max(kShortestApproach, MinJerk::kPeakSpeed * distance / options_.approach_speed);
+}
+
+Reference GuidanceController::on_the_way() const noexcept {
+  const Vec3 way = path_->position_at(0) - approach_from_;
+  const MinJerk blend = MinJerk::at(elapsed_ / approach_time_);
+  return {.position = approach_from_ + blend.s * way,
+          .velocity = blend.ds / approach_time_ * way,
+          .acceleration = blend.dds / (approach_time_ * approach_time_) * way};
+}
+
+bool GuidanceController::arrived() const noexcept {
+  const double left = path_->length() - projection_.foot().s;
+  return options_.cursor ? left <= 0 : left <= std::min(kArrived, 0.05 * path_->length());
+}
+
+void GuidanceController::advance(const State& state, Command& command) noexcept {
+  elapsed_ += std::min(state.dt, kLongestStep / options_.rate_hz);
+  switch (phase_) {
+    case Phase::approach:
+      if (elapsed_ < approach_time_) return;
+      phase_ = Phase::run;
+      elapsed_ = cursor_time_ = cursor_place_ = 0;
+      projection_.start();
+      guidance_.begin();
+      command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
+      return;
+    case Phase::run: {
+      const bool over = options_.time_limit > 0 && elapsed_ >= options_.time_limit;
+      if (!over && !arrived()) return;
+      if (!arrived())
+        command.event = Event{.code = EventCode::time_over, .values = {projection_.foot().s, path_->length(), kNaN}};
+      phase_ = Phase::hold;
+      elapsed_ = 0;
+      return;
+    }
+    default:
+      if (elapsed_ < options_.hold || finished_) return;
+      ++repetition_;
+      finished_ = options_.repetitions > 0 && repetition_ >= options_.repetitions;
+      if (!finished_) begin_approach(state.position);
+  }
+}
+
+const PathProjection::Foot& GuidanceController::follow(const State& state) noexcept {
+  if (phase_ != Phase::run) return projection_.move_to(projection_.foot().s, state.position, state.dt);
+  if (!options_.cursor) return projection_.update(state.position, state.dt);
+  const bool waits = options_.wait > 0 && projection_.foot().distance > options_.wait;
+  const double pace = pace_.advance(waits ? 0 : 1, state.dt, kPauseTime);
+  cursor_time_ += pace * options_.speed * std::min(state.dt, kLongestStep / options_.rate_hz);
+  cursor_place_ = path_->place_at(cursor_time_);
+  return projection_.move_to(cursor_place_, state.position, state.dt);
+}
+
+Command GuidanceController::update(const State& state) noexcept {
+  Command command;
+  advance(state, command);
+
+  const bool guides = phase_ != Phase::approach;
+  const double share = blend_.advance(guides ? 1 : 0, state.dt, kBlend);
+  Reference way = on_the_way();
+  if (guides || share > 0) {
+    const PathProjection::Foot& foot = follow(state);
+    // While the PD law still pulls, what it does to the hand is not guidance's.
+    if (share < 1) guidance_.begin();
+    command.wrench.force = share * guidance_.update(state, foot, options_.cursor);
+    if (guides) {
+      way = {.position = foot.place.position, .velocity = foot.place.speed * foot.place.tangent, .acceleration = {}};
+      way.acceleration.setZero();
+      command.reference_force = foot.place.force;
+      command.progress = foot.s;
+      if (phase_ == Phase::run && foot.distance > options_.max_deviation) {
+        command.status = Command::Status::deviation;
+        command.event =
+            Event{.code = EventCode::deviation_limit, .values = {foot.distance, options_.max_deviation, kNaN}};
+      }
+    }
+  }
+  command.reference = way;
+  if (share < 1) {
+    Reference held = way;
+    if (guides) held.velocity = state.velocity;  // it holds nobody back who moves on
+    command.wrench.force += (1 - share) * pd_force(approach_gains_, state, held);
+  }
+  for (int axis = 0; axis < 3; ++axis)
+    if (!options_.axes[static_cast<std::size_t>(axis)]) command.wrench.force[axis] = 0;
+
+  if (monitor_) {
+    if (const auto event = softener_.update(monitor_->update(state, command.reference), state.dt);
+        event && !command.event)
+      command.event = event;
+    command.wrench.force *= softener_.share();
+    if (softener_.exhausted() && command.status == Command::Status::working)
+      command.status = Command::Status::oscillation;
+  }
+  command.phase = phase_;
+  if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
+  return command;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,87 @@
+// Along an expert's path, in the trainee's own time.
+#pragma once
+
+#include "control/controller.h"
+#include "control/gain_softener.h"
+#include "control/guidance.h"
+#include "control/limits.h"
+#include "control/oscillation_monitor.h"
+#include "control/pd.h"
+
+#include <memory>
+#include <optional>
+
+namespace haptrace {
+
+struct GuidanceOptions {
+  bool cursor = false;          ///< a cursor moves in the expert's time; else the place is where the trainee is
+  bool allow_back = false;      ///< the place may go back
+  double speed = 1;             ///< of the cursor, times the expert's
+  double wait = 0;              ///< distance from the trainee at which the cursor waits for him, 0: it does not [m]
+  int repetitions = 1;          ///< 0: until stopped
+  double hold = 0.5;            ///< at the end of every repetition [s]
+  double approach_speed = 0.1;  ///< peak speed of the movement to the start [m/s]
+  double time_limit = 0;        ///< of a repetition, 0: none [s]
+  double max_deviation = 0.1;   ///< from the path, beyond which the session stops [m]
+  double rate_hz = 1000;
+  std::array<bool, 3> axes{true, true, true};  ///< that the device can drive
+};
+
+/// Throws Error(input) naming the option that is out of range.
+void validate(const GuidanceOptions& options);
+
+/// Guides a trainee along a path: approach, run, hold, again.
+///
+/// approach: minimum jerk from where the tool is to the start, on a PD law; run: Guidance alone, until the end of the
+/// path is reached (within 2 mm of its length), the cursor is there, or the time is over; hold: at the end. Between the
+/// PD law and Guidance the forces blend over kBlend. Its reference is the trainee's place on the path (or the cursor),
+/// with the expert's velocity and force there.
+///
+/// Walls that make the loop oscillate are softened, as a playback's gains are; when that does not help the session
+/// ends.
+class GuidanceController final : public Controller {
+ public:
+  static constexpr double kBlend = 0.3;     ///< [s]
+  static constexpr double kArrived = 2e-3;  ///< [m]
+
+  GuidanceController(std::shared_ptr<const ArcPath> path, Guidance guidance, const PdGains& approach,
+                     const GuidanceOptions& options);
+
+  /// From now on walls that oscillate are softened. Before start.
+  void guard(const OscillationMonitorOptions& options) { monitor_.emplace(options); }
+
+  void start(const State& first) noexcept override;
+  [[nodiscard]] Command update(const State& state) noexcept override;
+
+  [[nodiscard]] const Guidance& guidance() const noexcept { return guidance_; }
+
+ private:
+  void begin_approach(const Vec3& from) noexcept;
+  /// Moves on through the phases.
+  void advance(const State& state, Command& command) noexcept;
+  /// Where the trainee, or the cursor, is on the path now.
+  const PathProjection::Foot& follow(const State& state) noexcept;
+  [[nodiscard]] bool arrived() const noexcept;
+  [[nodiscard]] Reference on_the_way() const noexcept;
+
+  std::shared_ptr<const ArcPath> path_;
+  Guidance guidance_;
+  PdGains approach_gains_;
+  GuidanceOptions options_;
+  PathProjection projection_;
+  std::optional<OscillationMonitor> monitor_;
+  GainSoftener softener_;
+
+  Phase phase_ = Phase::approach;
+  bool finished_ = false;
+  int repetition_ = 0;
+  double elapsed_ = 0;  ///< in the phase [s]
+  Vec3 approach_from_ = Vec3::Zero();
+  double approach_time_ = 0;  ///< [s]
+  double cursor_time_ = 0;    ///< of the expert [s]
+  double cursor_place_ = 0;   ///< [m]
+  Ramp pace_{1};              ///< of the cursor: 0 while it waits
+  Ramp blend_{0};             ///< 0 the PD law, 1 guidance
+};
+
+}  // namespace haptrace
