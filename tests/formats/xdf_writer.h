@@ -54,7 +54,7 @@ class XdfWriter {
   }
   void clock_offset(std::uint32_t id, double time, double offset) { chunk(4, bytes(id) + bytes(time) + bytes(offset)); }
   void boundary() { chunk(5, std::string("\x43\xA5\x46\xDC\xCB\xF5\x41\x0F\xB3\x0E\xD5\x46\x73\x83\xCB\xE4", 16)); }
-  void footer(std::uint32_t id) { chunk(6, bytes(id) + "<?xml version=\"1.0\"?><info></info>"); }
+  void footer(std::uint32_t id) { chunk(6, bytes(id) + std::string("<?xml version=\"1.0\"?><info></info>")); }
 
   void chunk(std::uint16_t tag, const std::string& content) {
     file_ += length(content.size() + 2) + bytes(tag) + content;
