@@ -41,7 +41,7 @@ void read_radius(Arguments& arguments) {
   } catch (const std::exception&) {
   }
   const std::string unit = arguments.radius.substr(std::min(read, arguments.radius.size()));
-  if (read == 0 || (unit != "" && unit != "m" && unit != "mm"))
+  if (read == 0 || (!unit.empty() && unit != "m" && unit != "mm"))
     throw input_error(
         fmt::format("--radius is '{}'; it must be a length such as 0.005, 5mm, or auto", arguments.radius));
   arguments.guide.radius = unit == "mm" ? 1e-3 * value : value;

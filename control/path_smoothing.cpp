@@ -10,10 +10,10 @@ namespace haptrace {
 namespace {
 
 using Sparse = Eigen::SparseMatrix<double>;
-constexpr double kMostSmoothing = 0.05;  // [s]: a hand does not move within less
-constexpr double kLargestNoise = 1e-3;   // [m]
-constexpr double kSmallestNoise = 1e-9;  // less is rounding [m]
-constexpr double kLongestStep = 0.011;   // of a recording rather than of waypoints; stamps jitter [s]
+constexpr double kMostSmoothing = 0.05;   // [s]: a hand does not move within less
+constexpr double kLargestNoise = 1e-3;    // [m]
+constexpr double kSmallestNoise = 1e-9;   // less is rounding [m]
+constexpr double kRecordingStep = 0.011;  // of a recording rather than of waypoints; stamps jitter [s]
 constexpr double kBendingTolerance = 2.5;
 
 using Columns = Eigen::Matrix<double, Eigen::Dynamic, 3>;
@@ -148,7 +148,7 @@ Vec3 position_noise(std::span<const Path> stretches) {
   for (const Path& stretch : stretches) {
     rows += stretch.size();
     for (std::size_t i = 2; i + 2 < stretch.size(); ++i) {
-      if (stretch.time[i + 2] - stretch.time[i - 2] > 4 * kLongestStep) continue;
+      if (stretch.time[i + 2] - stretch.time[i - 2] > 4 * kRecordingStep) continue;
       const Vec3 off = miss(stretch, i).cwiseAbs();
       for (std::size_t axis = 0; axis < 3; ++axis) misses[axis].push_back(off[static_cast<int>(axis)]);
     }

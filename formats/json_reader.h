@@ -4,6 +4,7 @@
 
 #include "control/types.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
@@ -21,6 +22,11 @@ nlohmann::json parse_json(const std::string& text, const std::string& where);
 /// Writes `json` for people, who may find it under its name only when it is complete. Throws Error(input): the file
 /// exists (unless `overwrite`) or cannot be written.
 void save_json(const nlohmann::json& json, const std::string& file, bool overwrite);
+
+/// Null when it is not finite.
+inline nlohmann::json json_of_number(double value) {
+  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
+}
 
 /// [x, y, z], as JsonReader::vector reads it.
 inline nlohmann::json json_of(const Vec3& v) {

@@ -1,7 +1,6 @@
 #include "player/guidance_controller.h"
 
 #include "control/error.h"
-#include "control/min_jerk.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,9 +9,8 @@
 namespace haptrace {
 namespace {
 
-constexpr double kShortestApproach = 0.3;  // [s]
-constexpr double kLongestStep = 5;         // ticks that a cursor may advance at once
-constexpr double kPauseTime = 0.2;         // over which a cursor stops and comes back to speed [s]
+constexpr double kLongestCursorStep = 5;  // ticks that a cursor may advance at once
+constexpr double kCursorPause = 0.2;      // over which a cursor stops and comes back to speed [s]
 
 }  // namespace
 
@@ -44,17 +42,7 @@ void GuidanceController::start(const State& first) noexcept {
 void GuidanceController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
-  approach_from_ = from;
-  const double distance = (path_->position_at(0) - from).norm();
-  approach_time_ = std::max(kShortestApproach, MinJerk::kPeakSpeed * distance / options_.approach_speed);
-}
-
-Reference GuidanceController::on_the_way() const noexcept {
-  const Vec3 way = path_->position_at(0) - approach_from_;
-  const MinJerk blend = MinJerk::at(elapsed_ / approach_time_);
-  return {.position = approach_from_ + blend.s * way,
-          .velocity = blend.ds / approach_time_ * way,
-          .acceleration = blend.dds / (approach_time_ * approach_time_) * way};
+  approach_ = Approach(from, path_->position_at(0), options_.approach_speed);
 }
 
 bool GuidanceController::arrived() const noexcept {
@@ -63,10 +51,10 @@ bool GuidanceController::arrived() const noexcept {
 }
 
 void GuidanceController::advance(const State& state, Command& command) noexcept {
-  elapsed_ += std::min(state.dt, kLongestStep / options_.rate_hz);
+  elapsed_ += std::min(state.dt, kLongestCursorStep / options_.rate_hz);
   switch (phase_) {
     case Phase::approach:
-      if (elapsed_ < approach_time_) return;
+      if (elapsed_ < approach_.duration()) return;
       phase_ = Phase::run;
       elapsed_ = cursor_time_ = cursor_place_ = 0;
       projection_.start();
@@ -94,8 +82,8 @@ const PathProjection::Foot& GuidanceController::follow(const State& state) noexc
   if (phase_ != Phase::run) return projection_.move_to(projection_.foot().s, state.position, state.dt);
   if (!options_.cursor) return projection_.update(state.position, state.dt);
   const bool waits = options_.wait > 0 && projection_.foot().distance > options_.wait;
-  const double pace = pace_.advance(waits ? 0 : 1, state.dt, kPauseTime);
-  cursor_time_ += pace * options_.speed * std::min(state.dt, kLongestStep / options_.rate_hz);
+  const double pace = pace_.advance(waits ? 0 : 1, state.dt, kCursorPause);
+  cursor_time_ += pace * options_.speed * std::min(state.dt, kLongestCursorStep / options_.rate_hz);
   cursor_place_ = path_->place_at(cursor_time_);
   return projection_.move_to(cursor_place_, state.position, state.dt);
 }
@@ -106,7 +94,7 @@ Command GuidanceController::update(const State& state) noexcept {
 
   const bool guides = phase_ != Phase::approach;
   const double share = blend_.advance(guides ? 1 : 0, state.dt, kBlend);
-  Reference way = on_the_way();
+  Reference way = approach_.at(elapsed_);
   if (guides || share > 0) {
     const PathProjection::Foot& foot = follow(state);
     // While the PD law still pulls, what it does to the hand is not guidance's.

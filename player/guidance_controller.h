@@ -7,6 +7,7 @@
 #include "control/limits.h"
 #include "control/oscillation_monitor.h"
 #include "control/pd.h"
+#include "player/approach.h"
 
 #include <memory>
 #include <optional>
@@ -62,7 +63,6 @@ class GuidanceController final : public Controller {
   /// Where the trainee, or the cursor, is on the path now.
   const PathProjection::Foot& follow(const State& state) noexcept;
   [[nodiscard]] bool arrived() const noexcept;
-  [[nodiscard]] Reference on_the_way() const noexcept;
 
   std::shared_ptr<const ArcPath> path_;
   Guidance guidance_;
@@ -76,12 +76,11 @@ class GuidanceController final : public Controller {
   bool finished_ = false;
   int repetition_ = 0;
   double elapsed_ = 0;  ///< in the phase [s]
-  Vec3 approach_from_ = Vec3::Zero();
-  double approach_time_ = 0;  ///< [s]
-  double cursor_time_ = 0;    ///< of the expert [s]
-  double cursor_place_ = 0;   ///< [m]
-  Ramp pace_{1};              ///< of the cursor: 0 while it waits
-  Ramp blend_{0};             ///< 0 the PD law, 1 guidance
+  Approach approach_;
+  double cursor_time_ = 0;   ///< of the expert [s]
+  double cursor_place_ = 0;  ///< [m]
+  Ramp pace_{1};             ///< of the cursor: 0 while it waits
+  Ramp blend_{0};            ///< 0 the PD law, 1 guidance
 };
 
 }  // namespace haptrace

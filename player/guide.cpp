@@ -163,10 +163,6 @@ class GuideMetrics final : public SampleSink {
   std::vector<Sums> sums_;
 };
 
-nlohmann::json number(double value) {
-  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
-}
-
 nlohmann::json to_json(const GuideFigures& figures) {
   return {{"samples", figures.tracking.samples},
           {"duration_s", figures.tracking.duration},
@@ -174,9 +170,9 @@ nlohmann::json to_json(const GuideFigures& figures) {
           {"peak_error_m", figures.tracking.peak_error},
           {"force_ripple_n", figures.tracking.force_ripple},
           {"max_force_n", figures.tracking.max_force},
-          {"time_in_tunnel", number(figures.time_in_tunnel)},
+          {"time_in_tunnel", json_of_number(figures.time_in_tunnel)},
           {"progress_m", figures.progress},
-          {"force_error_n", number(figures.force_error)}};
+          {"force_error_n", json_of_number(figures.force_error)}};
 }
 
 }  // namespace

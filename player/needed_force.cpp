@@ -44,7 +44,7 @@ Vec3 NeededForce::of_device(const Vec3& x, const Vec3& v, const Vec3& a) const n
 Vec3 NeededForce::of_hand(const Vec3& x, const Vec3& v) noexcept {
   if (!spec_.hand || !(spec_.hand->mass > 0)) return Vec3::Zero();
   const HandSpec& hand = *spec_.hand;
-  const Vec3 grip = hand.grip_stiffness * (x - hand_x_) + hand.grip_damping * (v - hand_v_);
+  Vec3 grip = hand.grip_stiffness * (x - hand_x_) + hand.grip_damping * (v - hand_v_);
   const Vec3 forgotten = hand.arm_relaxation > 0 ? Vec3(arm_ / hand.arm_relaxation) : Vec3(Vec3::Zero());
   arm_ -= period_ * (hand.arm_stiffness * hand_v_ + forgotten);
   hand_v_ += period_ * (grip + arm_ - hand.arm_damping * hand_v_) / hand.mass;

@@ -11,9 +11,8 @@
 namespace haptrace {
 namespace {
 
-constexpr double kPauseTime = 0.1;         // over which the reference slows down and comes back to speed [s]
-constexpr double kShortestApproach = 0.3;  // [s]
-constexpr double kLongestStep = 5;         // ticks that the path's time may advance at once
+constexpr double kPauseTime = 0.1;  // over which the reference slows down and comes back to speed [s]
+constexpr double kLongestStep = 5;  // ticks that the path's time may advance at once
 
 const std::vector<std::string> kPolicies{"stop", "pause", "soften"};
 
@@ -69,9 +68,7 @@ void PlaybackController::begin_repetition(const Vec3& from) noexcept {
 void PlaybackController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
-  approach_from_ = from;
-  const double distance = (reference_.position - from).norm();
-  approach_time_ = std::max(kShortestApproach, MinJerk::kPeakSpeed * distance / options_.approach_speed);
+  approach_ = Approach(from, reference_.position, options_.approach_speed);
 }
 
 void PlaybackController::between_ticks(bool may_wait) noexcept {
@@ -140,13 +137,11 @@ void PlaybackController::follow(double time, Command& command) noexcept {
 Reference PlaybackController::advance(double step, Command& command) noexcept {
   if (phase_ == Phase::approach) {
     elapsed_ += step;
-    const Vec3 way = reference_.position - approach_from_;
-    const MinJerk blend = MinJerk::at(elapsed_ / approach_time_);
-    if (elapsed_ < approach_time_)
-      return {.position = approach_from_ + blend.s * way,
-              .velocity = blend.ds / approach_time_ * way,
-              .acceleration = blend.dds / (approach_time_ * approach_time_) * way,
-              .time = interrupted_ ? path_time_ : kNaN};
+    if (elapsed_ < approach_.duration()) {
+      Reference way = approach_.at(elapsed_);
+      if (interrupted_) way.time = path_time_;
+      return way;
+    }
     if (!interrupted_)
       command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
     phase_ = std::exchange(interrupted_, std::nullopt).value_or(Phase::run);

@@ -4,8 +4,8 @@
 #include "control/controller.h"
 #include "control/limits.h"
 #include "control/mailbox.h"
-#include "control/min_jerk.h"
 #include "control/pd.h"
+#include "player/approach.h"
 #include "player/reference_stream.h"
 #include "player/tracking_guard.h"
 
@@ -89,12 +89,11 @@ class PlaybackController final : public Controller {
   double elapsed_ = 0;                ///< in approach [s]
   double held_ = 0;                   ///< in hold [s]
   std::optional<Phase> interrupted_;  ///< that goes on after an approach; else a repetition begins
-  Vec3 approach_from_ = Vec3::Zero();
-  double approach_time_ = 0;  ///< [s]
-  double path_time_ = 0;      ///< [s]
-  Reference reference_;       ///< of the path at path_time_, at its own speed
-  bool waiting_ = false;      ///< for the path to be read
-  Ramp pace_{1};              ///< 1 running, 0 paused
+  Approach approach_;
+  double path_time_ = 0;  ///< [s]
+  Reference reference_;   ///< of the path at path_time_, at its own speed
+  bool waiting_ = false;  ///< for the path to be read
+  Ramp pace_{1};          ///< 1 running, 0 paused
   bool beyond_ = false;
 };
 

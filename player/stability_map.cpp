@@ -4,6 +4,7 @@
 #include "control/pd.h"
 #include "control/velocity_estimator.h"
 #include "devices/sim/sim_device.h"
+#include "formats/json_reader.h"
 #include "player/parallel.h"
 
 #include <algorithm>
@@ -316,11 +317,6 @@ void check(const PdGains& gains, const StabilityOptions& options) {
 
 // --- JSON and figure ------------------------------------------------------------------------------------------------
 
-/// What is not finite is null.
-json number(double value) {
-  return std::isfinite(value) ? json(value) : json(nullptr);
-}
-
 Series boundary_line(const StabilityMap& map, double StabilityBoundary::*which, const char* label, int color,
                      bool dashed) {
   Series line{.label = label, .color = color, .dashed = dashed, .width = 1.6};
@@ -433,11 +429,11 @@ std::optional<StabilityMap> stability_map(const PlantModel& plant, const PdGains
 }
 
 json to_json(const Margins& margins) {
-  return {{"gain_up", number(margins.gain_up)},
-          {"gain_down", number(margins.gain_down)},
-          {"phase_deg", number(margins.phase * 180 / pi)},
-          {"delay_s", number(margins.delay)},
-          {"modulus", number(margins.modulus)}};
+  return {{"gain_up", json_of_number(margins.gain_up)},
+          {"gain_down", json_of_number(margins.gain_down)},
+          {"phase_deg", json_of_number(margins.phase * 180 / pi)},
+          {"delay_s", json_of_number(margins.delay)},
+          {"modulus", json_of_number(margins.modulus)}};
 }
 
 json to_json(const StabilityMap& map) {
@@ -473,7 +469,7 @@ json to_json(const StabilityMap& map) {
         std::pair{"simulated", &StabilityBoundary::simulated},
         std::pair{"simulated_fully", &StabilityBoundary::simulated_fully}})
     for (const StabilityBoundary& boundary : map.boundaries)
-      result["largest_kp"][name].push_back(number(boundary.*which));
+      result["largest_kp"][name].push_back(json_of_number(boundary.*which));
   for (const auto& [name, which] :
        {std::pair{"passive", &StabilityCell::passive}, std::pair{"stable", &StabilityCell::stable},
         std::pair{"simulated", &StabilityCell::simulated},
