@@ -154,7 +154,8 @@ Verb add_guide(CLI::App& app) {
   verb->add_option("--hold", guidance.hold, "rest at the end of a repetition [s]")
       ->capture_default_str()
       ->group("Path");
-  verb->add_option("--time-limit", guidance.time_limit, "of a repetition [s]; 0: none")
+  verb->add_option("--time-limit", guidance.time_limit,
+                   "of a repetition [s]; 0: none, in virtual time ten times the expert's and 10 s")
       ->capture_default_str()
       ->group("Path");
   verb->add_option("--approach-speed", guidance.approach_speed, "peak speed of the way to the start [m/s]")

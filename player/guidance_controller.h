@@ -22,7 +22,7 @@ struct GuidanceOptions {
   int repetitions = 1;          ///< 0: until stopped
   double hold = 0.5;            ///< at the end of every repetition [s]
   double approach_speed = 0.1;  ///< peak speed of the movement to the start [m/s]
-  double time_limit = 0;        ///< of a repetition, 0: none [s]
+  double time_limit = 0;        ///< of a repetition [s]; 0: none
   double max_deviation = 0.1;   ///< from the path, beyond which the session stops [m]
   double rate_hz = 1000;
   std::array<bool, 3> axes{true, true, true};  ///< that the device can drive

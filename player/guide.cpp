@@ -242,6 +242,9 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& opt
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.rate_hz;
   guidance.axes = device.info().force_axes;
+  // Nobody may be there to come to the end, and virtual time would go on as fast as the machine can.
+  if (guidance.time_limit == 0 && device.info().virtual_time && options.session.clock != ClockChoice::real)
+    guidance.time_limit = 10 * plan.duration + 10;
   GuidanceController controller(
       plan.path,
       Guidance(compose(plan, options), {.energy = options.energy, .delay = plan.delay, .rate_hz = guidance.rate_hz}),

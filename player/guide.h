@@ -81,7 +81,8 @@ struct GuideResult {
   double energy_budget = 0;  ///< that it is never to pass [J]
 };
 
-/// Guides a trainee who holds `device` along `plan`.
+/// Guides a trainee who holds `device` along `plan`. In virtual time a repetition without a time limit ends after ten
+/// times the expert's duration and 10 s.
 GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& options, const StopRequest& stop,
                   const Progress& progress = {});
 
