@@ -147,8 +147,8 @@ TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& opt
   if (const double ticks = plant.delay * rate_hz; !(ticks <= LoopAnalysis::kLongestDelay))
     throw input_error(fmt::format(
         "a tracking law cannot be designed: the plant's delay of {:.4g} ms is {:.0f} ticks at {} Hz, and at most {} "
-        "can be "
-        "reckoned with; choose a rate of at most {:.0f} Hz",
+        "can "
+        "be reckoned with; choose a rate of at most {:.0f} Hz",
         1e3 * plant.delay, ticks, rate_hz, LoopAnalysis::kLongestDelay, LoopAnalysis::kLongestDelay / plant.delay));
   // A quantum's error is uniform: its variance is a twelfth of its square.
   const double noise = std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise);

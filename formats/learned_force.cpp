@@ -73,10 +73,11 @@ std::string learned_file(const std::string& path, const DeviceIdentity& device) 
 
 void save_learned(const LearnedPath& learned, const std::string& file) {
   std::error_code error;
-  fs::create_directories(fs::path(file).parent_path(), error);
+  const fs::path folder = fs::path(file).parent_path();
+  if (!folder.empty()) fs::create_directories(folder, error);  // a name alone is in the folder that there is
   if (error)
     throw input_error(fmt::format("{}: the folder cannot be made ({}); what was learned is kept beside the path",
-                                  fs::path(file).parent_path().string(), error.message()));
+                                  folder.string(), error.message()));
   json rows = json::array();
   for (const Vec3& force : learned.table.force) rows.push_back(rounded(force));
   save_json({{"format", kLearnedFormat},

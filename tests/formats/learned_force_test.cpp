@@ -4,6 +4,7 @@
 #include "tests/support/errors.h"
 #include "tests/support/temp_folder.h"
 
+#include <filesystem>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -46,6 +47,15 @@ TEST(LearnedForceFile, ComesBackAsItWasToATenthOfAMillinewton) {
   EXPECT_EQ(back->table.step, 0.002);
   ASSERT_EQ(back->table.force.size(), 100U);
   for (std::size_t i = 0; i < 100; ++i) EXPECT_LT((back->table.force[i] - learned().table.force[i]).norm(), 1e-4);
+}
+
+TEST(LearnedForceFile, IsKeptByANameAloneInTheFolderThatThereIs) {
+  const test::TempFolder folder;
+  const std::filesystem::path before = std::filesystem::current_path();
+  std::filesystem::current_path(folder / "");
+  save_learned(learned(), "learned.json");
+  std::filesystem::current_path(before);
+  EXPECT_TRUE(load_learned(folder / "learned.json").has_value());
 }
 
 TEST(LearnedForceFile, IsRefusedWithAReasonWhereItDoesNotHold) {
