@@ -1,0 +1,63 @@
+#include "tests/cli/command.h"
+
+namespace haptrace {
+namespace {
+
+/// A circle that was drawn on a held device: an expert's recording, with forces.
+std::string expert(const TempFolder& folder) {
+  const std::string path = folder / "circle.csv", file = folder / "expert.h5";
+  EXPECT_EQ(haptrace("shape", "circle", "--duration", "2", "-o", path).exit_code, 0);
+  const Answer answer = haptrace("play", path, "--device", kFalcon, "--no-profile", "--record", file);
+  EXPECT_EQ(answer.exit_code, 0) << answer.err;
+  return file;
+}
+
+TEST(GuideCommand, GuidesATraineeAndSaysHowItWent) {
+  const TempFolder folder;
+  const std::string path = expert(folder);
+  for (const char* mode : {"tunnel", "cursor"}) {
+    const std::string out = folder / (std::string(mode) + ".h5");
+    const Answer answer = haptrace("guide", path, "--mode", mode, "--radius", "5mm", "--device",
+                                   "sim:preset=falcon,hand=firm,seed=4,intent=" + path, "--record", out, "--json");
+    ASSERT_EQ(answer.exit_code, 0) << answer.err;
+    const nlohmann::json json = answer.json();
+    EXPECT_EQ(json["stopped_by"], "finished");
+    EXPECT_EQ(json["mode"], mode);
+    EXPECT_EQ(json["file"], out);
+    const double length = json["path_length_m"];
+    EXPECT_NEAR(length, 0.25, 0.02) << "a cautious playback cuts its way";
+    EXPECT_GT(json["progress_m"].get<double>(), 0.98 * length);
+    EXPECT_GE(json["time_in_tunnel"].get<double>(), 0);
+    EXPECT_LE(json["energy_given_j"], json["energy_budget_j"]);
+    EXPECT_EQ(haptrace("check", out).exit_code, 0);
+  }
+}
+
+TEST(GuideCommand, NamesTheOptionThatIsWrong) {
+  const TempFolder folder;
+  const std::string path = expert(folder);
+  const auto error = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words{"guide", path, "--device", kFalcon};
+    words.insert(words.end(), more.begin(), more.end());
+    const Answer answer = Command(words).wait();
+    EXPECT_EQ(answer.exit_code, 2) << answer.err;
+    return answer.err;
+  };
+  EXPECT_THAT(error({"--mode", "tunel"}), HasSubstr("tunnel"));
+  EXPECT_THAT(error({"--radius", "wide"}), HasSubstr("--radius is 'wide'"));
+  EXPECT_THAT(error({"--radius", "auto"}), HasSubstr("--spread"));
+  EXPECT_THAT(error({"--radius", "-1"}), HasSubstr("the radius of the tunnel is -1"));
+  EXPECT_THAT(error({"--feel", "passive"}), HasSubstr("active"));
+  EXPECT_THAT(error({"--repeat", "0"}), HasSubstr("--repeat is 0"));
+  EXPECT_THAT(haptrace("guide", folder / "none.h5", "--device", kFalcon).err, HasSubstr("none.h5"));
+}
+
+TEST(GuideCommand, EndsARepetitionOfWhichNobodyComesToTheEnd) {
+  const TempFolder folder;
+  const Answer answer = haptrace("guide", expert(folder), "--time-limit", "0.5", "--device", kFalcon, "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_NEAR(answer.json()["repetitions"][0]["duration_s"].get<double>(), 0.5, 0.01);
+}
+
+}  // namespace
+}  // namespace haptrace
