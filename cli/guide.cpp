@@ -207,9 +207,8 @@ Verb add_guide(CLI::App& app) {
         std::vector<std::string> notes = device->info().notes;
         for (const std::string& note : expert->facts().notes)
           notes.push_back(fmt::format("{}: {}", arguments->expert, note));
-        if (!arguments->no_profile)
-          if (const auto profile = profile_for(device->info(), arguments->profile, arguments->session.rate_hz, output))
-            options.identified = IdentifiedDevice{profile->plant, profile->design};
+        options.identified = identified_device(device->info(), arguments->profile, arguments->no_profile,
+                                               arguments->session.rate_hz, output);
         const GuidePlan plan = plan_guidance(device->info(), expert, options);
         notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
         for (const std::string& note : notes) output.remark(note);

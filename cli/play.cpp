@@ -40,16 +40,6 @@ std::optional<PdGains> gains_from(const PlayArguments& arguments) {
   return PdGains{Vec3::Constant(*arguments.kp), Vec3::Constant(*arguments.kd)};
 }
 
-std::optional<IdentifiedDevice> identified(const PlayArguments& arguments, const DeviceInfo& info,
-                                           const Output& output) {
-  if (arguments.no_profile && !arguments.profile.empty())
-    throw input_error("--profile and --no-profile exclude each other");
-  if (arguments.no_profile) return std::nullopt;
-  const auto profile = profile_for(info, arguments.profile, arguments.session.rate_hz, output);
-  if (!profile) return std::nullopt;
-  return IdentifiedDevice{profile->plant, profile->design};
-}
-
 Compensations compensations_from(const std::vector<std::string>& without) {
   Compensations with{true, true, true, true, true};
   static const std::vector<std::pair<std::string, bool Compensations::*>> kNames{
@@ -240,7 +230,8 @@ Verb add_play(CLI::App& app) {
             for (const std::string& note : path->facts().notes)
               notes.push_back(fmt::format("{}: {}", arguments->path, note));
             for (const std::string& note : notes) output.remark(note);
-            options.identified = identified(*arguments, device->info(), output);
+            options.identified = identified_device(device->info(), arguments->profile, arguments->no_profile,
+                                                   arguments->session.rate_hz, output);
             PlayPlan plan = plan_playback(device->info(), path, options);
             std::optional<LearnedMemory> memory;
             if (options.identified && options.compensations.learning) {

@@ -32,4 +32,13 @@ std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::stri
   return std::nullopt;
 }
 
+std::optional<IdentifiedDevice> identified_device(const DeviceInfo& info, const std::string& file, bool no_profile,
+                                                  double rate_hz, const Output& output) {
+  if (no_profile && !file.empty()) throw input_error("--profile and --no-profile exclude each other");
+  if (no_profile) return std::nullopt;
+  const auto profile = profile_for(info, file, rate_hz, output);
+  if (!profile) return std::nullopt;
+  return IdentifiedDevice{profile->plant, profile->design};
+}
+
 }  // namespace haptrace::cli

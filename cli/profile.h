@@ -2,6 +2,7 @@
 #pragma once
 
 #include "cli/verb.h"
+#include "control/tracking_design.h"
 #include "formats/device_profile.h"
 
 #include <optional>
@@ -17,5 +18,10 @@ DeviceFacts facts_of(const DeviceInfo& info);
 /// it was found.
 std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::string& file, double rate_hz,
                                          const Output& output);
+
+/// The same as what a session is designed for; nothing with `no_profile`. Throws Error(input) when a file is named
+/// nevertheless.
+std::optional<IdentifiedDevice> identified_device(const DeviceInfo& info, const std::string& file, bool no_profile,
+                                                  double rate_hz, const Output& output);
 
 }  // namespace haptrace::cli
