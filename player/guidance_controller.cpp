@@ -56,7 +56,7 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
     case Phase::approach:
       if (elapsed_ < approach_.duration()) return;
       phase_ = Phase::run;
-      elapsed_ = cursor_time_ = cursor_place_ = 0;
+      elapsed_ = cursor_time_ = 0;
       projection_.start();
       guidance_.begin();
       command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
@@ -84,8 +84,7 @@ const PathProjection::Foot& GuidanceController::follow(const State& state) noexc
   const bool waits = options_.wait > 0 && projection_.foot().distance > options_.wait;
   const double pace = pace_.advance(waits ? 0 : 1, state.dt, kCursorPause);
   cursor_time_ += pace * options_.speed * std::min(state.dt, kLongestCursorStep / options_.rate_hz);
-  cursor_place_ = path_->place_at(cursor_time_);
-  return projection_.move_to(cursor_place_, state.position, state.dt);
+  return projection_.move_to(path_->place_at(cursor_time_), state.position, state.dt);
 }
 
 Command GuidanceController::update(const State& state) noexcept {

@@ -77,10 +77,9 @@ class GuidanceController final : public Controller {
   int repetition_ = 0;
   double elapsed_ = 0;  ///< in the phase [s]
   Approach approach_;
-  double cursor_time_ = 0;   ///< of the expert [s]
-  double cursor_place_ = 0;  ///< [m]
-  Ramp pace_{1};             ///< of the cursor: 0 while it waits
-  Ramp blend_{0};            ///< 0 the PD law, 1 guidance
+  double cursor_time_ = 0;  ///< of the expert [s]
+  Ramp pace_{1};            ///< of the cursor: 0 while it waits
+  Ramp blend_{0};           ///< 0 the PD law, 1 guidance
 };
 
 }  // namespace haptrace

@@ -1,7 +1,6 @@
 #include "player/guide.h"
 
 #include "control/error.h"
-#include "control/path_smoothing.h"
 #include "formats/json_reader.h"
 #include "formats/suggest.h"
 #include "player/device_path.h"
@@ -17,7 +16,7 @@ namespace {
 
 const std::vector<std::string> kFeels{"active", "resist"};
 
-/// Every moment of a path, smoothed as a playback's reference is, a millisecond or a row apart, whatever is nearer.
+/// Every millisecond of a path, smoothed as a playback's reference is, and its end.
 template <class Visit>
 void walk(const std::shared_ptr<const PathSource>& source, std::optional<double> smoothing, const Visit& visit) {
   constexpr double kStep = 1e-3;  // [s]
@@ -91,14 +90,17 @@ void widen(ArcPath& path, const DeviceInfo& device, const GuideOptions& options)
   }));
 }
 
+/// Of the expert's forces, negative where the trainee is to overcome them.
+double felt_scale(const GuideOptions& options) {
+  return options.feel == Feel::active ? options.force_scale : -options.force_scale;
+}
+
 GuideTerms compose(const GuidePlan& plan, const GuideOptions& options) {
   GuideTerms terms;
   terms.push_back(std::make_unique<TunnelWall>(
       TunnelWall::Options{.stiffness = plan.stiffness, .onset = options.onset, .max_force = plan.wall_force}));
   if (options.damping > 0) terms.push_back(std::make_unique<WallDamping>(options.damping, options.onset));
-  if (options.force_scale > 0 && plan.has_forces)
-    terms.push_back(
-        std::make_unique<ExpertForce>(options.feel == Feel::active ? options.force_scale : -options.force_scale));
+  if (options.force_scale > 0 && plan.has_forces) terms.push_back(std::make_unique<ExpertForce>(felt_scale(options)));
   if (options.pace) terms.push_back(std::make_unique<PaceHelp>(*options.pace));
   if (options.resistance > 0) terms.push_back(std::make_unique<Resistance>(options.resistance));
   if (options.viscosity > 0) terms.push_back(std::make_unique<Viscosity>(options.viscosity));
@@ -111,10 +113,7 @@ GuideTerms compose(const GuidePlan& plan, const GuideOptions& options) {
 class GuideMetrics final : public SampleSink {
  public:
   GuideMetrics(const GuidePlan& plan, const GuideOptions& options)
-      : path_(plan.path),
-        scale_(options.feel == Feel::active ? options.force_scale : -options.force_scale),
-        forces_(plan.has_forces && options.force_scale > 0),
-        sums_(1) {
+      : path_(plan.path), scale_(felt_scale(options)), forces_(plan.has_forces && options.force_scale > 0), sums_(1) {
     sums_.reserve(static_cast<std::size_t>(std::max(options.guidance.repetitions, 1)) + 1);
   }
 
@@ -164,15 +163,11 @@ class GuideMetrics final : public SampleSink {
 };
 
 nlohmann::json to_json(const GuideFigures& figures) {
-  return {{"samples", figures.tracking.samples},
-          {"duration_s", figures.tracking.duration},
-          {"rms_error_m", figures.tracking.rms_error},
-          {"peak_error_m", figures.tracking.peak_error},
-          {"force_ripple_n", figures.tracking.force_ripple},
-          {"max_force_n", figures.tracking.max_force},
-          {"time_in_tunnel", json_of_number(figures.time_in_tunnel)},
-          {"progress_m", figures.progress},
-          {"force_error_n", json_of_number(figures.force_error)}};
+  nlohmann::json json = to_json(figures.tracking);
+  json["time_in_tunnel"] = json_of_number(figures.time_in_tunnel);
+  json["progress_m"] = figures.progress;
+  json["force_error_n"] = json_of_number(figures.force_error);
+  return json;
 }
 
 }  // namespace

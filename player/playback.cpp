@@ -180,21 +180,10 @@ nlohmann::json to_json(const Compensations& composed) {
   return names;
 }
 
-nlohmann::json to_json(const TrackingFigures& figures) {
-  return {{"samples", figures.samples},
-          {"duration_s", figures.duration},
-          {"rms_error_m", figures.rms_error},
-          {"peak_error_m", figures.peak_error},
-          {"force_ripple_n", figures.force_ripple},
-          {"max_force_n", figures.max_force}};
-}
-
 }  // namespace
 
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
   validate(options.playback);
-  if (options.smoothing && !(*options.smoothing >= 0 && *options.smoothing <= 1))
-    throw input_error(fmt::format("the smoothing is {} s; it must be from 0 to 1 s", *options.smoothing));
   Tuning tuning;
   Compensations composed;
   if (options.identified) {

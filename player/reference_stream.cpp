@@ -1,5 +1,6 @@
 #include "player/reference_stream.h"
 
+#include "control/error.h"
 #include "control/path_smoothing.h"
 
 #include <algorithm>
@@ -22,6 +23,7 @@ std::size_t pieces_ahead(const TrajectoryPieces& pieces, double speed) {
 TrajectoryPieces::TrajectoryPieces(std::shared_ptr<const PathSource> source, Interpolation interpolation,
                                    const Options& options)
     : source_(std::move(source)), interpolation_(interpolation) {
+  if (options.smoothing) check_range("the smoothing", *options.smoothing, 0, 1, "s");
   const PathFacts& facts = source_->facts();
   rows_ = facts.rows <= options.undivided ? facts.rows : options.rows;
   count_ = std::max<std::uint64_t>((facts.rows - 1 + rows_ - 1) / rows_, 1);

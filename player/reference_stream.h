@@ -34,7 +34,8 @@ class TrajectoryPieces {
     std::optional<double> smoothing;
   };
 
-  /// Makes the first piece. Throws Error(input) like PathSource::read and Trajectory.
+  /// Makes the first piece. Throws Error(input) like PathSource::read and Trajectory, and when
+  /// the smoothing is longer than 1 s or negative.
   TrajectoryPieces(std::shared_ptr<const PathSource> source, Interpolation interpolation, const Options& options);
   TrajectoryPieces(std::shared_ptr<const PathSource> source, Interpolation interpolation)
       : TrajectoryPieces(std::move(source), interpolation, Options{}) {}

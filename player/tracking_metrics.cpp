@@ -55,4 +55,13 @@ TrackingFigures TrackingMetrics::last() const {
   return sums_.empty() ? TrackingFigures{} : figures(sums_.back());
 }
 
+nlohmann::json to_json(const TrackingFigures& figures) {
+  return {{"samples", figures.samples},
+          {"duration_s", figures.duration},
+          {"rms_error_m", figures.rms_error},
+          {"peak_error_m", figures.peak_error},
+          {"force_ripple_n", figures.force_ripple},
+          {"max_force_n", figures.max_force}};
+}
+
 }  // namespace haptrace

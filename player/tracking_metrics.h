@@ -4,6 +4,7 @@
 #include "control/ripple.h"
 #include "control/sample.h"
 
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
 
@@ -49,5 +50,7 @@ class TrackingMetrics final : public SampleSink {
   std::optional<std::int64_t> last_ns_;  ///< the time of the last row that counted, unless a gap followed
   Ripple ripple_;
 };
+
+nlohmann::json to_json(const TrackingFigures& figures);
 
 }  // namespace haptrace

@@ -49,6 +49,8 @@ TEST(GuideCommand, NamesTheOptionThatIsWrong) {
   EXPECT_THAT(error({"--radius", "-1"}), HasSubstr("the radius of the tunnel is -1"));
   EXPECT_THAT(error({"--feel", "passive"}), HasSubstr("active"));
   EXPECT_THAT(error({"--repeat", "0"}), HasSubstr("--repeat is 0"));
+  EXPECT_THAT(error({"--smoothing", "-1"}), HasSubstr("the smoothing is -1 s"));
+  EXPECT_THAT(error({"--no-profile", "--profile", "x.json"}), HasSubstr("exclude each other"));
   EXPECT_THAT(haptrace("guide", folder / "none.h5", "--device", kFalcon).err, HasSubstr("none.h5"));
 }
 
