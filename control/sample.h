@@ -22,6 +22,7 @@ struct Sample {
   Vec3 reference_velocity = nan3();
   Vec3 reference_force = nan3();  ///< the expert's force at the present point of the path [N]
   double progress = kNaN;         ///< arc length of the projection on the path [m]
+  double tunnel_radius = kNaN;    ///< of the tunnel at that place [m]
   std::uint32_t buttons = 0;
   Phase phase = Phase::idle;
   float latency = 0;  ///< wake-up minus deadline [s]

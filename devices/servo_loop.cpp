@@ -368,6 +368,7 @@ class ServoLoop::Session {
     sample.reference_velocity = command.reference.velocity;
     sample.reference_force = command.reference_force;
     sample.progress = command.progress;
+    sample.tunnel_radius = command.tunnel_radius;
     sample.buttons = state.buttons;
     sample.phase = ended_ && report_.stopped_by_fault() ? Phase::stopped : command.phase;
     sample.latency = 1e-9F * static_cast<float>(latency_ns);

@@ -49,6 +49,7 @@ struct RecordingColumns {
   bool force_measured = false;
   bool reference = false;  ///< reference_position and reference_velocity
   bool guidance = false;   ///< reference_force and progress
+  bool tunnel = false;     ///< tunnel_radius
 };
 
 /// Bytes of a row that is stored as it lies in memory.

@@ -130,6 +130,8 @@ constexpr Column kColumns[] = {
                                              &RecordingColumns::guidance, &Precision::force),
     column<Plain<&Sample::progress>>("progress", "m", "arc length of the projection on the expert's path",
                                      &RecordingColumns::guidance, &Precision::position),
+    column<Plain<&Sample::tunnel_radius>>("tunnel_radius", "m", "of the tunnel at the projection",
+                                          &RecordingColumns::tunnel, &Precision::position),
     column<Plain<&Sample::buttons>>("buttons", "1", "pressed buttons, one bit each"),
     column<Plain<&Sample::phase>>("phase", "1", "0 idle, 1 approach, 2 run, 3 hold, 4 release, 5 stopped by a limit"),
     column<Plain<&Sample::latency>>("latency", "s", "wake-up time minus deadline"),

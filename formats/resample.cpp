@@ -28,6 +28,7 @@ Sample between(const Sample& a, const Sample& b, double u) {
   sample.reference_velocity = lerp(a.reference_velocity, b.reference_velocity, u);
   sample.reference_force = lerp(a.reference_force, b.reference_force, u);
   sample.progress = lerp(a.progress, b.progress, u);
+  sample.tunnel_radius = lerp(a.tunnel_radius, b.tunnel_radius, u);
   if (u > 0) {
     const bool known = a.orientation.coeffs().allFinite() && b.orientation.coeffs().allFinite();
     sample.orientation = known ? Quat(a.orientation.slerp(u, b.orientation)) : nan_quat();

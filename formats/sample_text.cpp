@@ -29,6 +29,7 @@ std::vector<TextColumn> make_text_columns() {
                               {"reference_velocity", {"rvx", "rvy", "rvz"}},
                               {"reference_force", {"rfx", "rfy", "rfz"}},
                               {"progress", {"progress"}},
+                              {"tunnel_radius", {"tunnel_radius"}},
                               {"buttons", {"buttons"}},
                               {"phase", {"phase"}},
                               {"latency", {"latency"}},

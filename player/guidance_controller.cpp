@@ -104,6 +104,7 @@ Command GuidanceController::update(const State& state) noexcept {
       way.acceleration.setZero();
       command.reference_force = foot.place.force;
       command.progress = foot.s;
+      command.tunnel_radius = foot.place.radius;
       if (phase_ == Phase::run && foot.distance > options_.max_deviation) {
         command.status = Command::Status::deviation;
         command.event =

@@ -262,7 +262,7 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& opt
   sinks.push_back(&metrics);
   GuideResult result{.plan = plan};
   result.session =
-      run_session(device, controller, {.reference = true, .guidance = true}, sinks, options.session, stop, progress);
+      run_session(device, controller, {.reference = true, .guidance = true, .tunnel = true}, sinks, options.session, stop, progress);
   result.repetitions = metrics.figures(tracking.repetitions());
   if (!result.repetitions.empty()) result.last = result.repetitions.back();
   result.energy_given = controller.guidance().given();

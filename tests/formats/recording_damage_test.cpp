@@ -337,7 +337,7 @@ struct Kind {
 class FlippedBytes : public testing::TestWithParam<Kind> {};
 constexpr std::size_t kFlippedRows = 80;
 const RecordingColumns kEveryColumn{
-    .orientation = true, .torque = true, .force_measured = true, .reference = true, .guidance = true};
+    .orientation = true, .torque = true, .force_measured = true, .reference = true, .guidance = true, .tunnel = true};
 INSTANTIATE_TEST_SUITE_P(
     Of, FlippedBytes,
     testing::Values(

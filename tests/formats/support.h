@@ -39,12 +39,13 @@ void expect_error(const Action& action, Error::Kind kind, std::initializer_list<
 /// Every choice of optional columns.
 inline std::vector<RecordingColumns> all_columns() {
   std::vector<RecordingColumns> all;
-  for (unsigned bits = 0; bits < 32; ++bits)
+  for (unsigned bits = 0; bits < 64; ++bits)
     all.push_back({.orientation = (bits & 1U) != 0,
                    .torque = (bits & 2U) != 0,
                    .force_measured = (bits & 4U) != 0,
                    .reference = (bits & 8U) != 0,
-                   .guidance = (bits & 16U) != 0});
+                   .guidance = (bits & 16U) != 0,
+                   .tunnel = (bits & 32U) != 0});
   return all;
 }
 
@@ -72,6 +73,7 @@ inline std::vector<Sample> random_session(unsigned seed, std::size_t rows, const
     s.reference_velocity = vector(columns.reference);
     s.reference_force = vector(columns.guidance);
     s.progress = columns.guidance ? number(random) : kNaN;
+    s.tunnel_radius = columns.tunnel ? number(random) : kNaN;
     s.buttons = static_cast<std::uint32_t>(random());
     s.phase = static_cast<Phase>(random() % 6);
   }
