@@ -64,10 +64,7 @@ class Required {
   JsonReader object(const char* key) { return *need(key).object(key); }
 
  private:
-  JsonReader& need(const char* key) {
-    if (!reader_.has(key)) throw input_error(fmt::format("{}: '{}' is missing", reader_.where(), key));
-    return reader_;
-  }
+  JsonReader& need(const char* key) { return reader_.require(key); }
   JsonReader& reader_;
 };
 

@@ -4,6 +4,7 @@
 #include "formats/suggest.h"
 #include "formats/text_file.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -93,6 +94,11 @@ bool JsonReader::has(const std::string& key) const {
   return object_->contains(key);
 }
 
+JsonReader& JsonReader::require(const std::string& key) {
+  if (!has(key)) throw input_error(fmt::format("{}: '{}' is missing", where_, key));
+  return *this;
+}
+
 const json* JsonReader::find(const std::string& key) {
   asked_.insert(key);
   const auto found = object_->find(key);
@@ -118,6 +124,14 @@ Vec3 JsonReader::vector(const std::string& key, const Vec3& fallback, double min
   return result;
 }
 
+int JsonReader::integer(const std::string& key, int fallback, int min, int max) {
+  const json* value = find(key);
+  if (value == nullptr) return fallback;
+  const double number = checked_number(*value, prefix_ + key, "a whole number", min, max);
+  if (number != std::floor(number)) wrong_type(prefix_ + key, "a whole number", *value);
+  return static_cast<int>(number);
+}
+
 bool JsonReader::boolean(const std::string& key, bool fallback) {
   const json* value = find(key);
   if (value == nullptr) return fallback;
@@ -132,10 +146,33 @@ std::string JsonReader::text(const std::string& key, const std::string& fallback
   return value->get<std::string>();
 }
 
+std::string JsonReader::choice(const std::string& key, const std::string& fallback,
+                               std::span<const std::string> known) {
+  const std::string word = text(key, fallback);
+  if (std::find(known.begin(), known.end(), word) == known.end())
+    throw input_error(fmt::format("{}{}: '{}' is not known{}", prefix_, key, word, suggestion(word, known)));
+  return word;
+}
+
+json JsonReader::value(const std::string& key) {
+  const json* value = find(key);
+  return value != nullptr ? *value : json(nullptr);
+}
+
 std::optional<JsonReader> JsonReader::object(const std::string& key) {
   const json* value = find(key);
   if (value == nullptr) return std::nullopt;
   return JsonReader(*value, prefix_ + key, ".");
+}
+
+std::vector<JsonReader> JsonReader::objects(const std::string& key) {
+  const json* value = find(key);
+  if (value == nullptr) return {};
+  if (!value->is_array()) wrong_type(prefix_ + key, "an array of objects", *value);
+  std::vector<JsonReader> readers;
+  for (std::size_t i = 0; i < value->size(); ++i)
+    readers.push_back(JsonReader((*value)[i], fmt::format("{}{}[{}]", prefix_, key, i), "."));
+  return readers;
 }
 
 void JsonReader::finish() const {

@@ -8,7 +8,9 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
+#include <vector>
 
 namespace haptrace {
 
@@ -43,15 +45,24 @@ class JsonReader {
   JsonReader(const nlohmann::json& object, std::string where);
 
   [[nodiscard]] bool has(const std::string& key) const;
+  /// This reader. Throws Error(input) when the key is absent.
+  JsonReader& require(const std::string& key);
 
   /// The value, or `fallback` when the key is absent. Numbers must be finite and inside [min, max].
   double number(const std::string& key, double fallback, double min = -1e300, double max = 1e300);
   /// One number for all three axes, or an array of three.
   Vec3 vector(const std::string& key, const Vec3& fallback, double min = -1e300, double max = 1e300);
+  int integer(const std::string& key, int fallback, int min, int max);
   bool boolean(const std::string& key, bool fallback);
   std::string text(const std::string& key, const std::string& fallback);
+  /// A text of the list; an error suggests the nearest.
+  std::string choice(const std::string& key, const std::string& fallback, std::span<const std::string> known);
+  /// Any value, for somebody else to read; null when absent.
+  nlohmann::json value(const std::string& key);
   /// A nested object, if present.
   std::optional<JsonReader> object(const std::string& key);
+  /// An array of objects, none when absent; each names its place in errors, as in "my.json: trials[2].mode".
+  std::vector<JsonReader> objects(const std::string& key);
 
   /// Throws Error(input) naming the first key nobody asked for, with the nearest that was.
   void finish() const;

@@ -1,0 +1,252 @@
+#include "figures/recorded_trial.h"
+
+#include "control/error.h"
+#include "figures/time_warping.h"
+#include "formats/json_reader.h"
+#include "formats/suggest.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr std::array<std::string_view, 10> kTrialColumns{
+    "time",          "position", "force", "force_measured", "reference_position", "reference_force", "progress",
+    "tunnel_radius", "phase",    "tick"};
+
+/// A text or number of a recording's configuration.
+template <class Value>
+Value configured(const nlohmann::json& config, const char* key, Value otherwise) {
+  const auto found = config.is_object() ? config.find(key) : config.end();
+  if (found == config.end()) return otherwise;
+  if constexpr (std::is_same_v<Value, std::string>)
+    return found->is_string() ? found->template get<std::string>() : otherwise;
+  else
+    return found->is_number() ? found->template get<Value>() : otherwise;
+}
+
+TrialKind kind_of(const RecordingHeader& header, const RecordingColumns& columns) {
+  if (!columns.reference) return TrialKind::free;
+  if (!columns.guidance) return TrialKind::passive;
+  return configured<std::string>(header.config, "mode", "tunnel") == "cursor" ? TrialKind::cursor : TrialKind::guided;
+}
+
+bool same(const Vec3& a, const Vec3& b) {
+  return (a - b).squaredNorm() == 0;
+}
+
+/// Points of `values` in the order of their progress, each place once.
+template <class Value>
+std::vector<Value> as_far_as_it_came(const RecordedTrial& trial, const std::vector<Value>& values) {
+  std::vector<Value> result;
+  double farthest = -1;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!(trial.progress[i] > farthest)) continue;
+    farthest = trial.progress[i];
+    result.push_back(values[i]);
+  }
+  return result;
+}
+
+/// Nothing where no component is known.
+void drop_unknown(std::vector<Vec3>& column) {
+  if (std::none_of(column.begin(), column.end(), [](const Vec3& v) { return v.allFinite(); })) column.clear();
+}
+
+std::optional<double> rms_of(const std::optional<Deviation>& deviation) {
+  return deviation ? std::optional(deviation->rms) : std::nullopt;
+}
+
+std::optional<double> peak_of(const std::optional<Deviation>& deviation) {
+  return deviation ? std::optional(deviation->peak) : std::nullopt;
+}
+
+template <auto Member>
+std::optional<double> of_movement(const TrialFigures& figures) {
+  if (!figures.movement) return std::nullopt;
+  return (*figures.movement).*Member;
+}
+
+template <auto Member>
+std::optional<double> of_force(const TrialFigures& figures) {
+  if (!figures.movement || !figures.movement->force) return std::nullopt;
+  return (*figures.movement->force).*Member;
+}
+
+constexpr TrialFigure kFigures[] = {
+    {"contour_rms_m", "deviation from the path, rms", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return rms_of(f.contour); }},
+    {"contour_peak_m", "deviation from the path, largest", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return peak_of(f.contour); }},
+    {"deviation_rms_m", "deviation at the same instant, rms", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return rms_of(f.deviation); }},
+    {"deviation_peak_m", "deviation at the same instant, largest", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return peak_of(f.deviation); }},
+    {"time_in_tunnel", "time in the tunnel", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.time_in_tunnel; }},
+    {"completion", "of the path walked", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; }},
+    {"shape_distance_m", "distance of the shapes (DTW)", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return f.shape_distance; }},
+    {"movement_time_s", "movement time", "s", 1, 2, -1, of_movement<&MovementFigures::movement_time>},
+    {"dwell_time_s", "of it, at rest", "s", 1, 2, -1, of_movement<&MovementFigures::dwell_time>},
+    {"path_length_m", "way of the hand", "mm", 1e3, 0, 0, of_movement<&MovementFigures::path_length>},
+    {"normalised_length", "way over the path's length", "", 1, 3, -1,
+     [](const TrialFigures& f) { return f.movement ? f.movement->normalised_length : std::nullopt; }},
+    {"mean_speed_m_per_s", "mean speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::mean_speed>},
+    {"peak_speed_m_per_s", "peak speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::peak_speed>},
+    {"speed_peaks", "peaks of the speed", "", 1, 0, -1, of_movement<&MovementFigures::speed_peaks>},
+    {"sparc", "smoothness (SPARC)", "", 1, 2, 1,
+     [](const TrialFigures& f) { return f.movement ? f.movement->sparc : std::nullopt; }},
+    {"log_jerk", "smoothness (log dimensionless jerk)", "", 1, 2, 1,
+     [](const TrialFigures& f) { return f.movement ? f.movement->log_jerk : std::nullopt; }},
+    {"force_error_rms_n", "felt force against the expert's, rms", "N", 1, 2, -1,
+     [](const TrialFigures& f) { return f.force_error ? std::optional(f.force_error->error.rms) : std::nullopt; }},
+    {"mean_force_n", "mean force of the device", "N", 1, 2, 0, of_force<&ForceFigures::mean>},
+    {"peak_force_n", "peak force of the device", "N", 1, 2, 0, of_force<&ForceFigures::peak>},
+    {"mean_force_across_n", "mean force across the movement", "N", 1, 2, 0, of_force<&ForceFigures::mean_across>},
+    {"assist_work_j", "work of the device on the hand", "mJ", 1e3, 1, 0, of_force<&ForceFigures::assist>},
+    {"resist_work_j", "work of the hand on the device", "mJ", 1e3, 1, 0, of_force<&ForceFigures::resist>},
+    {"person_work_estimate_j", "work of the person, estimated", "mJ", 1e3, 1, 0,
+     [](const TrialFigures& f) { return f.movement ? f.movement->person_work_estimate : std::nullopt; }},
+};
+
+}  // namespace
+
+std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std::string& file) {
+  const RecordingHeader header = reader.header();
+  const RecordingColumns columns = reader.columns();
+  std::uint64_t runs = 0;
+  for (const RecordingSummary& block : reader.overview()) runs += block.run_rows;
+
+  double scale = configured(header.config, "force-scale", 1.0);
+  if (configured<std::string>(header.config, "feel", "active") == "resist") scale = -scale;
+
+  std::vector<RecordedTrial> trials;
+  bool in_trial = false;
+  constexpr std::uint64_t kRowsAtOnce = 65'536;
+  for (std::uint64_t row = 0; row < reader.rows(); row += kRowsAtOnce)
+    for (const Sample& sample : reader.read(row, kRowsAtOnce, kTrialColumns)) {
+      if (runs > 0 && sample.phase != Phase::run) {
+        in_trial = false;
+        continue;
+      }
+      if (!in_trial) {
+        trials.push_back({.kind = kind_of(header, columns),
+                          .repetition = static_cast<int>(trials.size()) + 1,
+                          .force_scale = scale});
+        in_trial = true;
+      }
+      RecordedTrial& trial = trials.back();
+      if (trial.time.size() >= kLongestTrial)
+        throw input_error(
+            fmt::format("{}: repetition {} has more than {} million rows, more than a report is made of; take a part "
+                        "of it: haptrace "
+                        "convert {} --from 0 --to 3600 -o part.h5",
+                        file, trial.repetition, kLongestTrial / 1'000'000, file));
+      trial.time.push_back(1e-9 * static_cast<double>(sample.time_ns));
+      trial.position.push_back(sample.position);
+      trial.force.push_back(sample.force);
+      if (columns.force_measured) trial.measured.push_back(sample.force_measured);
+      if (columns.reference) trial.reference.push_back(sample.reference_position);
+      if (columns.guidance) {
+        trial.expert.push_back(sample.reference_force);
+        trial.progress.push_back(sample.progress);
+      }
+      if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
+    }
+  for (RecordedTrial& trial : trials)
+    for (std::vector<Vec3>* column : {&trial.force, &trial.measured, &trial.reference, &trial.expert})
+      drop_unknown(*column);
+  return trials;
+}
+
+std::optional<TrialPath> path_of(const RecordedTrial& trial) {
+  if (trial.reference.empty()) return std::nullopt;
+  if (trial.progress.empty()) return TrialPath{.curve = Polyline(trial.reference)};
+  const std::vector<Vec3> points = as_far_as_it_came(trial, trial.reference);
+  if (points.empty()) return std::nullopt;
+  TrialPath path{.curve = Polyline(points)};
+  // An expert without forces is recorded as zero.
+  const bool forces = std::any_of(trial.expert.begin(), trial.expert.end(),
+                                  [](const Vec3& f) { return f.allFinite() && !same(f, Vec3::Zero()); });
+  if (forces && path.curve.length() > 0)
+    path.expert = force_by_arc_length(as_far_as_it_came(trial, trial.progress), as_far_as_it_came(trial, trial.expert),
+                                      path.curve.length(), path.spacing);
+  return path;
+}
+
+TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<TrialPath>& path,
+                           const std::optional<PlantModel>& plant) {
+  TrialFigures figures{.duration = trial.time.empty() ? 0 : trial.time.back() - trial.time.front()};
+  MovementOptions movement{.plant = plant};
+  std::vector<double> arc;
+  if (path && path->curve.length() > 0) {
+    const double length = path->curve.length();
+    arc = foot_points(path->curve, trial.position);
+    double walked = 0;
+    for (const double s : arc)
+      if (s > walked) walked = s;
+    figures.completion = walked / length;
+    figures.contour = contour_deviation(trial.time, trial.position, path->curve, arc);
+    if (walked > 0) movement.reference_length = walked;
+
+    constexpr double kCame = 0.95, kPoints = 2000;
+    if (*figures.completion >= kCame) {
+      const Polyline hand(trial.position);
+      // The hand's noise makes its way longer than any band: it is taken every few millimetres.
+      const double spacing = std::max(1e-3, length / kPoints);
+      const Polyline thinned(hand.resampled(spacing));
+      WarpingOptions warping{.spacing = spacing};
+      warping.band = std::max(warping.band, 1.1 * std::abs(thinned.length() - length));
+      figures.shape_distance = warping_distance(path->curve, thinned, warping);
+    }
+    if (!path->expert.empty() && !trial.force.empty()) {
+      std::vector<Vec3> expert = path->expert;
+      for (Vec3& force : expert) force *= trial.force_scale;
+      figures.force_error = force_deviation(force_by_arc_length(arc, trial.force, length, path->spacing), expert);
+    }
+  }
+  if (!trial.radius.empty() && !trial.reference.empty()) {
+    // The radius and the place that the session itself went by.
+    double inside = 0, known = 0;
+    for (std::size_t i = 0; i + 1 < trial.time.size(); ++i) {
+      const double distance = (trial.position[i] - trial.reference[i]).norm();
+      if (!std::isfinite(distance) || !std::isfinite(trial.radius[i])) continue;
+      const double step = trial.time[i + 1] - trial.time[i];
+      known += step;
+      if (distance <= trial.radius[i]) inside += step;
+    }
+    if (known > 0) figures.time_in_tunnel = inside / known;
+  }
+  if (trial.kind == TrialKind::passive || trial.kind == TrialKind::cursor)
+    figures.deviation = deviation(trial.time, trial.position, trial.reference);
+  figures.movement = movement_figures(
+      {.time = trial.time, .position = trial.position, .force = trial.force, .measured = trial.measured}, movement);
+  return figures;
+}
+
+std::span<const TrialFigure> all_trial_figures() {
+  return kFigures;
+}
+
+const TrialFigure& trial_figure(std::string_view name) {
+  const auto found = std::find_if(std::begin(kFigures), std::end(kFigures),
+                                  [&](const TrialFigure& figure) { return name == figure.name; });
+  if (found != std::end(kFigures)) return *found;
+  std::vector<std::string> known;
+  for (const TrialFigure& figure : kFigures) known.emplace_back(figure.name);
+  throw input_error(fmt::format("there is no figure '{}'{}", name, suggestion(name, known)));
+}
+
+nlohmann::json to_json(const TrialFigures& figures) {
+  nlohmann::json json{{"duration_s", figures.duration}};
+  for (const TrialFigure& figure : kFigures) {
+    const std::optional<double> value = figure.value(figures);
+    json[figure.name] = value ? json_of_number(*value) : nlohmann::json(nullptr);
+  }
+  return json;
+}
+
+}  // namespace haptrace
