@@ -22,7 +22,7 @@ struct Arguments {
   bool loop = false, no_profile = false;
 };
 
-const std::vector<std::string> kModes{"tunnel", "cursor"};
+const std::vector<std::string> kModes{"tunnel", "cursor", "free"};
 
 /// "0.005", "5mm" or "auto".
 void read_radius(Arguments& arguments) {
@@ -88,7 +88,8 @@ Verb add_guide(CLI::App& app) {
   verb->add_option("expert", arguments->expert, "the expert's recording (HDF5) or path (HDF5, CSV with t,x,y,z)")
       ->type_name("EXPERT");
   verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
-  verb->add_option("--mode", arguments->mode, "tunnel (the trainee chooses when) | cursor (the expert's time)")
+  verb->add_option("--mode", arguments->mode,
+                   "tunnel (the trainee chooses when) | cursor (the expert's time) | free (nothing is sent)")
       ->capture_default_str();
   verb->add_option("--radius", arguments->radius,
                    "where the walls begin, 0.005 or 5mm; or auto, as wide as the experts of --spread differ")
@@ -186,6 +187,7 @@ Verb add_guide(CLI::App& app) {
         if (mode == kModes.end())
           throw input_error(fmt::format("unknown mode '{}'{}", arguments->mode, suggestion(arguments->mode, kModes)));
         options.guidance.cursor = *mode == "cursor";
+        options.free = *mode == "free";
         options.feel = parse_feel(arguments->feel);
         if (arguments->pace)
           options.pace = PaceHelp::Options{
@@ -215,7 +217,7 @@ Verb add_guide(CLI::App& app) {
 
         const Signals signals;
         const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
-                        arguments->session.mark_texts, false, arguments->session.keys);
+                        arguments->session.mark_texts, nullptr, arguments->session.keys);
         const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);
         const GuideResult result = guide(*device, plan, options, signals.stop(), progress_bar(output, expected, &keys));
 

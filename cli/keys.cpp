@@ -27,9 +27,9 @@ struct Keys::Terminal {
   Terminal& operator=(const Terminal&) = delete;
 };
 
-Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool can_pause, bool always,
+Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always,
            LiveTuning* tuning)
-    : annotations_(std::move(annotations)), texts_(std::move(texts)), can_pause_(can_pause), tuning_(tuning) {
+    : annotations_(std::move(annotations)), texts_(std::move(texts)), pause_(std::move(pause)), tuning_(tuning) {
   // A process in the background that reads its terminal is stopped by the system, with a force in the motors.
   const bool foreground = isatty(STDIN_FILENO) != 0 && tcgetpgrp(STDIN_FILENO) == getpgrp();
   if (foreground) terminal_ = std::make_unique<Terminal>();
@@ -38,6 +38,10 @@ Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> te
 }
 
 Keys::~Keys() = default;
+
+Keys::Pause Keys::recording_pause(std::shared_ptr<Annotations> annotations) {
+  return [annotations = std::move(annotations)](bool paused) { paused ? annotations->pause() : annotations->resume(); };
+}
 
 std::string Keys::typing() const {
   const std::lock_guard lock(mutex_);
@@ -61,6 +65,7 @@ void Keys::run(const std::stop_token& stop) {
 
 void Keys::press(char key) {
   if (key == 'q') (void)kill(getpid(), SIGINT);
+  if (key == 'p' && pause_) pause_(paused_ = !paused_);
   if (annotations_) annotate(key);
   if (tuning_ != nullptr) tune(key);
 }
@@ -94,12 +99,6 @@ void Keys::annotate(char key) {
     const std::lock_guard lock(mutex_);
     typing_ = true;
     text_.clear();
-  } else if (key == 'p' && can_pause_) {
-    if (paused_)
-      annotations_->resume();
-    else
-      annotations_->pause();
-    paused_ = !paused_;
   }
 }
 

@@ -5,6 +5,7 @@
 #include "recorder/annotations.h"
 
 #include <atomic>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -15,7 +16,7 @@ namespace haptrace::cli {
 
 /// While it lives, reads keys from standard input:
 ///
-///     m or space  a mark at this instant, numbered        p  leaves out what follows; again: goes on
+///     m or space  a mark at this instant, numbered        p  pauses; again: goes on
 ///     1 to 9      a mark with one of `texts`               q  ends the session, as Ctrl+C does
 ///     t TEXT ⏎    a mark at the instant of t, with text
 ///
@@ -28,9 +29,16 @@ namespace haptrace::cli {
 /// Reads a terminal that this process is in the foreground of, and with `always` also what is no terminal.
 class Keys {
  public:
-  /// Without `annotations` there are no marks and no pause, without `tuning`, which is borrowed, nothing to tune.
-  Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool can_pause, bool always,
+  /// Told by p whether to pause or to go on; from a thread of its own.
+  using Pause = std::function<void(bool paused)>;
+
+  /// Without `annotations` there are no marks, without `pause` is none, and without `tuning`, which is borrowed, there
+  /// is nothing to tune.
+  Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always,
        LiveTuning* tuning = nullptr);
+  /// A pause leaves out of a recording what follows.
+  static Pause recording_pause(std::shared_ptr<Annotations> annotations);
+
   ~Keys();  ///< the terminal is as it was
   Keys(const Keys&) = delete;
   Keys& operator=(const Keys&) = delete;
@@ -49,7 +57,7 @@ class Keys {
 
   std::shared_ptr<Annotations> annotations_;
   std::vector<std::string> texts_;
-  bool can_pause_;
+  Pause pause_;
   LiveTuning* tuning_;
   struct Terminal;
   std::unique_ptr<Terminal> terminal_;

@@ -255,7 +255,7 @@ Verb add_play(CLI::App& app) {
 
             const Signals signals;
             const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
-                            arguments->session.mark_texts, false, arguments->session.keys, &tuning);
+                            arguments->session.mark_texts, nullptr, arguments->session.keys, &tuning);
             const double expected = expected_duration(plan, options.playback);
             const PlayResult result =
                 play(*device, plan, options, signals.stop(), progress_bar(output, expected, &keys, &tuning));

@@ -6,14 +6,6 @@
 
 namespace haptrace::cli {
 
-DeviceIdentity identity_of(const DeviceInfo& info) {
-  return {info.backend, info.model, info.serial};
-}
-
-DeviceFacts facts_of(const DeviceInfo& info) {
-  return {info.max_force, info.position_resolution, {info.workspace_min, info.workspace_max}};
-}
-
 std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::string& file, double rate_hz,
                                          const Output& output) {
   const bool asked = !file.empty();

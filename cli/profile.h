@@ -4,14 +4,12 @@
 #include "cli/verb.h"
 #include "control/tracking_design.h"
 #include "formats/device_profile.h"
+#include "player/device_identity.h"
 
 #include <optional>
 #include <string>
 
 namespace haptrace::cli {
-
-DeviceIdentity identity_of(const DeviceInfo& info);
-DeviceFacts facts_of(const DeviceInfo& info);
 
 /// What calibration found out about the device: from `file` if that is not empty, else from the profile folder, where
 /// there may be none. A profile that does not hold here is an error when it was asked for, and told and left alone when

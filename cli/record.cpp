@@ -102,7 +102,8 @@ Verb add_record(CLI::App& app) {
               if (arguments->count > 1) output.remark(fmt::format("trial {} of {}: {}", trial, arguments->count, file));
             };
             const Signals signals;
-            const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts, true,
+            const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,
+                            Keys::recording_pause(options.session.recording->options.annotations),
                             arguments->session.keys);
             const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
             const std::vector<SessionResult> results =

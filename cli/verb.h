@@ -47,6 +47,7 @@ Verb add_shape(CLI::App& app);
 Verb add_record(CLI::App& app);
 Verb add_play(CLI::App& app);
 Verb add_guide(CLI::App& app);
+Verb add_run(CLI::App& app);
 Verb add_calibrate(CLI::App& app);
 Verb add_info(CLI::App& app);
 Verb add_check(CLI::App& app);

@@ -81,8 +81,8 @@ Guidance::Guidance(GuideTerms terms, const Options& options)
   check_range("the delay", options.delay, 0, 0.1, "s");
   check_range("the rate", options.rate_hz, 10, 20000, "Hz");
   check_range("the damping of guidance", options.max_damping, 0, 1e4, "N s/m");
-  if (std::none_of(terms_.begin(), terms_.end(),
-                   [](const auto& term) { return term->kind() == GuideTerm::Kind::restoring; }))
+  const auto restores = [](const auto& term) { return term->kind() == GuideTerm::Kind::restoring; };
+  if (!terms_.empty() && std::none_of(terms_.begin(), terms_.end(), restores))
     throw input_error("guidance without walls would let replayed forces drift away; give the tunnel a stiffness");
   sent_.assign(static_cast<std::size_t>(std::lround(options.delay * options.rate_hz)) + 1, Vec3::Zero());
 }

@@ -174,8 +174,8 @@ class Guidance {
     double max_damping = 10;  ///< that takes overdrawn energy back [N s/m]
   };
 
-  /// Throws Error(input) naming the option that is out of range, and when no term restores the position: forces that
-  /// are replayed without one drift away.
+  /// Throws Error(input) naming the option that is out of range, and when none of the terms restores the position:
+  /// forces that are replayed without one drift away. No terms at all leave the hand alone.
   Guidance(GuideTerms terms, const Options& options);
 
   /// Begins at the start of the path anew: what was walked may be walked again, the tank stays as it is.

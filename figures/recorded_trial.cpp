@@ -1,6 +1,7 @@
 #include "figures/recorded_trial.h"
 
 #include "control/error.h"
+#include "control/path_smoothing.h"
 #include "figures/time_warping.h"
 #include "formats/json_reader.h"
 #include "formats/suggest.h"
@@ -123,6 +124,9 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   double scale = configured(header.config, "force-scale", 1.0);
   if (configured<std::string>(header.config, "feel", "active") == "resist") scale = -scale;
 
+  // Who was left alone felt no force, and none is missing.
+  const bool alone = configured<std::string>(header.config, "mode", "") == "free";
+
   std::vector<RecordedTrial> trials;
   bool in_trial = false;
   constexpr std::uint64_t kRowsAtOnce = 65'536;
@@ -150,10 +154,8 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
       trial.force.push_back(sample.force);
       if (columns.force_measured) trial.measured.push_back(sample.force_measured);
       if (columns.reference) trial.reference.push_back(sample.reference_position);
-      if (columns.guidance) {
-        trial.expert.push_back(sample.reference_force);
-        trial.progress.push_back(sample.progress);
-      }
+      if (columns.guidance) trial.progress.push_back(sample.progress);
+      if (columns.guidance && !alone) trial.expert.push_back(sample.reference_force);
       if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
     }
   for (RecordedTrial& trial : trials)
@@ -175,6 +177,16 @@ std::optional<TrialPath> path_of(const RecordedTrial& trial) {
     path.expert = force_by_arc_length(as_far_as_it_came(trial, trial.progress), as_far_as_it_came(trial, trial.expert),
                                       path.curve.length(), path.spacing);
   return path;
+}
+
+TrialPath trial_path(const Path& path) {
+  const std::vector<Vec3> positions = smooth_positions(path, smoothing_time({&path, 1}));
+  TrialPath result{.curve = Polyline(positions)};
+  if (path.force.empty() || result.curve.length() == 0) return result;
+  std::vector<double> arc(positions.size(), 0.0);
+  for (std::size_t i = 1; i < arc.size(); ++i) arc[i] = arc[i - 1] + (positions[i] - positions[i - 1]).norm();
+  result.expert = force_by_arc_length(arc, path.force, result.curve.length(), result.spacing);
+  return result;
 }
 
 TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<TrialPath>& path,

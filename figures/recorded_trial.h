@@ -52,6 +52,9 @@ struct TrialPath {
 /// The path of a trial from what the trial itself keeps: as far as the reference came. Nothing without a reference.
 std::optional<TrialPath> path_of(const RecordedTrial& trial);
 
+/// The whole of a path that was to be followed; the noise of its positions is left aside, as a playback leaves it.
+TrialPath trial_path(const Path& path);
+
 /// What a trial was like. What is undefined stays so.
 struct TrialFigures {
   double duration = 0;                        ///< of the trial [s]

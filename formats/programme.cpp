@@ -115,12 +115,32 @@ Progression read_progression(JsonReader reader, ExerciseMode mode) {
   return progression;
 }
 
+Path path_of_shape(JsonReader reader) {
+  ShapeOptions shape;
+  const std::vector<std::string> names = shape_names();
+  reader.require("kind");
+  const std::string kind = reader.choice("kind", names.front(), names);
+  shape.size = reader.number("size", shape.size, 1e-3, 10);
+  shape.duration = reader.number("duration", shape.duration, 0.05, 3600);
+  shape.blend = reader.number("blend", shape.blend, 0, 5);
+  shape.turns = reader.integer("turns", shape.turns, 1, 1000);
+  shape.center = reader.vector("center", shape.center, -10, 10);
+  shape.plane = reader.choice("plane", shape.plane, std::vector<std::string>{"xy", "yz", "zx"});
+  shape.angle = std::numbers::pi / 180 * reader.number("angle_deg", 0, -360, 360);
+  shape.constant_speed = reader.boolean("constant_speed", shape.constant_speed);
+  reader.finish();
+  Path path = make_shape(kind, shape);
+  path.name = kind;
+  return path;
+}
+
 Exercise read_exercise(JsonReader reader, const std::string& name) {
   Exercise exercise;
   exercise.name = reader.text("name", name);
   exercise.path = reader.text("path", "");
-  if (reader.has("shape")) {
-    (void)reader.object("shape");
+  // A shape that cannot be made is found before the person sits down.
+  if (std::optional<JsonReader> shape = reader.object("shape")) {
+    (void)path_of_shape(*shape);
     exercise.shape = reader.value("shape");
   }
   if (exercise.path.empty() == !exercise.shape)
@@ -181,26 +201,6 @@ ProgrammeLimits read_limits(JsonReader reader) {
   return limits;
 }
 
-Path path_of_shape(const nlohmann::json& json, const std::string& where) {
-  JsonReader reader(json, where);
-  ShapeOptions shape;
-  const std::vector<std::string> names = shape_names();
-  reader.require("kind");
-  const std::string kind = reader.choice("kind", names.front(), names);
-  shape.size = reader.number("size", shape.size, 1e-3, 10);
-  shape.duration = reader.number("duration", shape.duration, 0.05, 3600);
-  shape.blend = reader.number("blend", shape.blend, 0, 5);
-  shape.turns = reader.integer("turns", shape.turns, 1, 1000);
-  shape.center = reader.vector("center", shape.center, -10, 10);
-  shape.plane = reader.choice("plane", shape.plane, std::vector<std::string>{"xy", "yz", "zx"});
-  shape.angle = std::numbers::pi / 180 * reader.number("angle_deg", 0, -360, 360);
-  shape.constant_speed = reader.boolean("constant_speed", shape.constant_speed);
-  reader.finish();
-  Path path = make_shape(kind, shape);
-  path.name = kind;
-  return path;
-}
-
 }  // namespace
 
 const char* to_string(ExerciseMode mode) {
@@ -238,15 +238,11 @@ Programme programme_from_json(const nlohmann::json& json, const std::string& whe
   programme.exercises = read_exercises(reader, "exercises", "exercise");
   reader.finish();
   if (programme.exercises.empty()) throw input_error(where + ": exercises: a programme has at least one");
-  // A shape that cannot be made is found before the person sits down.
-  for (std::size_t i = 0; i < programme.size(); ++i)
-    if (const Exercise& exercise = programme.exercise(i); exercise.shape)
-      (void)path_of_shape(*exercise.shape, fmt::format("{}: shape of '{}'", where, exercise.name));
   return programme;
 }
 
 Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder) {
-  Path path = exercise.shape ? path_of_shape(*exercise.shape, "shape of '" + exercise.name + "'")
+  Path path = exercise.shape ? path_of_shape(JsonReader(*exercise.shape, "shape of '" + exercise.name + "'"))
                              : load_path((std::filesystem::path(folder) / exercise.path).string());
   exercise.change.apply(path);
   programme.person.apply(path);

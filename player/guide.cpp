@@ -97,6 +97,7 @@ double felt_scale(const GuideOptions& options) {
 
 GuideTerms compose(const GuidePlan& plan, const GuideOptions& options) {
   GuideTerms terms;
+  if (options.free) return terms;
   terms.push_back(std::make_unique<TunnelWall>(
       TunnelWall::Options{.stiffness = plan.stiffness, .onset = options.onset, .max_force = plan.wall_force}));
   if (options.damping > 0) terms.push_back(std::make_unique<WallDamping>(options.damping, options.onset));
@@ -113,7 +114,7 @@ GuideTerms compose(const GuidePlan& plan, const GuideOptions& options) {
 class GuideMetrics final : public SampleSink {
  public:
   GuideMetrics(const GuidePlan& plan, const GuideOptions& options)
-      : path_(plan.path), scale_(felt_scale(options)), forces_(plan.has_forces && options.force_scale > 0), sums_(1) {
+      : path_(plan.path), scale_(felt_scale(options)), forces_(plan.has_forces && options.force_scale > 0 && !options.free), sums_(1) {
     sums_.reserve(static_cast<std::size_t>(std::max(options.guidance.repetitions, 1)) + 1);
   }
 
@@ -225,7 +226,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
                     plan.stiffness, options.session.rate_hz, bears));
     plan.stiffness = bears;
   }
-  if (options.force_scale > 0 && !plan.has_forces)
+  if (options.force_scale > 0 && !plan.has_forces && !options.free)
     plan.notes.push_back(
         fmt::format("{} holds no forces: the trainee feels the walls alone", played.source->facts().name));
   if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a place");

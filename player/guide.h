@@ -29,6 +29,7 @@ struct GuideOptions {
   double radius = 5e-3;  ///< of the tunnel [m]
   /// Further recordings of the same task: where these leave the path farther than `radius`, the tunnel is as wide.
   std::vector<std::shared_ptr<const PathSource>> spread;
+  bool free = false;                ///< nothing is sent on the path: what follows here does not matter
   std::optional<double> stiffness;  ///< of the walls [N/m]; as stiff as device and rate bear when absent
   bool expert = false;              ///< do not clamp the stiffness to what they bear
   double onset = 1e-3;              ///< over which the stiffness rises [m]

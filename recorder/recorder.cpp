@@ -116,7 +116,7 @@ class Recorder::Writer final : private Capture::Output {
         output_(name, header, columns, writer_options(options, header.rate_hz)),
         capture_(options.capture, *this) {
     look_at_disk();
-    if (const double seconds = disk_seconds_.load(); seconds > 0 && warnings_told_ == 0)
+    if (const double seconds = disk_seconds_.load(); options.tell_room && seconds > 0 && warnings_told_ == 0)
       notice(fmt::format("{}: the disk has room for {}", output_.part(), for_people(seconds)));
     thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
   }

@@ -39,6 +39,7 @@ class Recorder final : public SampleSink {
     Storage storage;            ///< rows_per_chunk is chosen by the rate
     Split split;
     CaptureOptions capture;
+    bool tell_room = true;  ///< at the start, even when there is plenty; of a full disk is warned in any case
     std::shared_ptr<Annotations> annotations;  ///< from a person; may be null
   };
 

@@ -1,0 +1,281 @@
+#include "cli/profile.h"
+#include "control/error.h"
+#include "figures/recorded_trial.h"
+#include "formats/json_reader.h"
+#include "player/device_identity.h"
+#include "player/programme_session.h"
+
+#include <atomic>
+#include <filesystem>
+#include <fmt/format.h>
+#include <unistd.h>
+
+namespace haptrace::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct RunArguments {
+  SessionArguments session;
+  std::string programme, folder, resume, profile, mirror;
+  std::optional<double> scale;
+  double max_deviation = 0.1;
+  bool dry_run = false, fit = false, no_profile = false;
+};
+
+constexpr std::string_view kPathMark = "{path}";
+
+std::string minutes(double seconds) {
+  const auto whole = static_cast<long>(std::lround(seconds));
+  return fmt::format("{}:{:02} min", whole / 60, whole % 60);
+}
+
+std::string settings_text(const Exercise& exercise, const TrialSettings& settings) {
+  std::string text = to_string(exercise.mode);
+  if (exercise.mode != ExerciseMode::free && exercise.mode != ExerciseMode::passive)
+    text += fmt::format(", radius {:.1f} mm", 1e3 * settings.radius);
+  if (exercise.mode == ExerciseMode::assisted) text += fmt::format(", assistance {:.0f} %", 100 * settings.assistance);
+  if (settings.pace != 1) text += fmt::format(", pace {:.2f}", settings.pace);
+  if (exercise.test != TestLabel::none) text += fmt::format(", test {}", to_string(exercise.test));
+  return text;
+}
+
+std::string figures_text(const nlohmann::json& figures) {
+  std::string text;
+  for (const char* name : {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc"}) {
+    const auto found = figures.is_object() ? figures.find(name) : figures.end();
+    if (found == figures.end() || !found->is_number()) continue;
+    const TrialFigure& figure = trial_figure(name);
+    text += fmt::format("{}{} {:.{}f}{}{}", text.empty() ? "" : ", ", figure.title, figure.scale * found->get<double>(),
+                        figure.digits, *figure.unit != '\0' ? " " : "", figure.unit);
+  }
+  return text;
+}
+
+std::string plan_text(const Programme& programme, const ProgrammePlan& plan) {
+  std::string text =
+      fmt::format("{}: {} repetitions, about {}\n", programme.title, plan.trials.size(), minutes(plan.duration));
+  if (programme.rounds > 1) text += fmt::format("  {} rounds\n", programme.rounds);
+  text += fmt::format("  {:24} {:9} {:>11} {:>9} {:>9} {:>8} {:>8}\n", "exercise", "mode", "repetitions", "path",
+                      "each", "rest", "test");
+  for (std::size_t i = 0; i < plan.parts.size(); ++i) {
+    const Exercise& exercise = programme.exercise(i);
+    const ProgrammePlan::Part& part = plan.parts[i];
+    text += fmt::format("  {:24} {:9} {:>11} {:>6.0f} mm {:>7.1f} s {:>6.1f} s {:>8}\n",
+                        exercise.name + (i < programme.warm_up.size() ? " (warm-up)" : ""), to_string(exercise.mode),
+                        exercise.repetitions, 1e3 * part.path_length, part.trial, exercise.rest,
+                        exercise.test == TestLabel::none ? "" : to_string(exercise.test));
+  }
+  const ProgrammeLimits& limits = programme.limits;
+  if (limits.time > 0) text += fmt::format("  a sitting ends after {}\n", minutes(limits.time));
+  if (limits.force_dose > 0) text += fmt::format("  a sitting ends after {:.0f} N s of force\n", limits.force_dose);
+  if (limits.fatigue)
+    text += fmt::format("  a sitting ends when {} repetitions are worse than the best by {:.0f} % ({})\n",
+                        limits.fatigue->repetitions, 100 * limits.fatigue->worse,
+                        trial_figure(limits.fatigue->figure).title);
+  return text;
+}
+
+std::string result_text(const RunArguments& arguments, const ProgrammeResult& result, const std::string& folder) {
+  const Sitting& sitting = result.log.sittings.back();
+  std::size_t finished = 0;
+  for (const LoggedTrial& trial : result.log.trials) finished += trial.finished() ? 1 : 0;
+  std::string text = fmt::format("{}: {} repetitions done{}, {} in this sitting, force dose {:.0f} N s\n", folder,
+                                 finished, result.log.complete ? ", the programme is complete" : "",
+                                 minutes(sitting.duration), sitting.force_dose);
+  if (!result.log.complete)
+    text += fmt::format("  ended: {}{}{}; go on with: haptrace run --resume {} --device {}\n", sitting.ended_by,
+                        sitting.detail.empty() ? "" : ", ", sitting.detail, folder, arguments.session.device);
+  return text;
+}
+
+/// The programme with what the command line says of the person.
+nlohmann::json programme_for(const RunArguments& arguments) {
+  nlohmann::json programme = load_json(arguments.programme);
+  if (!programme.is_object()) return programme;
+  if (!arguments.mirror.empty()) programme["person"]["mirror"] = arguments.mirror;
+  if (arguments.scale) programme["person"]["scale"] = *arguments.scale;
+  return programme;
+}
+
+/// Where files of the programme are looked for.
+std::string folder_of(const std::string& programme) {
+  const fs::path folder = fs::path(programme).parent_path();
+  return folder.empty() ? "." : folder.string();
+}
+
+/// Opens devices for trials: one for all, or one for each where its description has a place for the path.
+class TrialDevices {
+ public:
+  explicit TrialDevices(const SessionArguments& session) : session_(session), mark_(session.device.find(kPathMark)) {}
+
+  /// What the device is, which is the same with and without a path.
+  DeviceInfo info() {
+    if (mark_ == std::string::npos) return open("")->info();
+    SessionArguments own = session_;
+    const std::size_t begin = own.device.find_last_of(",:", mark_), end = own.device.find(',', mark_);
+    if (begin == std::string::npos)
+      throw input_error(fmt::format("--device {}: {} stands for the value of an option, as in intent={}", own.device,
+                                    kPathMark, kPathMark));
+    own.device.erase(begin, end == std::string::npos ? end : end - begin);
+    if (end != std::string::npos && session_.device[begin] == ':') own.device[begin] = ':';
+    return own.open()->info();
+  }
+
+  std::shared_ptr<Device> open(const std::string& path) {
+    if (mark_ == std::string::npos) {
+      if (!device_) device_ = session_.open();
+      return device_;
+    }
+    SessionArguments own = session_;
+    own.device.replace(mark_, kPathMark.size(), path);
+    // A hand that did the same in every repetition would be nobody's.
+    own.seed = own.seed.value_or(1) + opened_++;
+    device_.reset();
+    return device_ = own.open();
+  }
+
+ private:
+  const SessionArguments& session_;
+  std::size_t mark_;  ///< where the path's place is in the description
+  std::shared_ptr<Device> device_;
+  std::uint64_t opened_ = 0;
+};
+
+}  // namespace
+
+Verb add_run(CLI::App& app) {
+  const auto arguments = std::make_shared<RunArguments>();
+  CLI::App* verb = app.add_subcommand("run", "run a programme of exercises, one recording per repetition");
+  verb->footer(
+      "A programme is a JSON file: docs/programmes.md, and three of them in samples/programmes. The session is a "
+      "folder "
+      "with\n"
+      "session.json, a recording for every repetition and the paths as they were followed; haptrace report shows it.\n"
+      "Keys while it runs: p pauses before the next repetition and goes on, m or space a mark, 1 to 9 a mark with one "
+      "of\n"
+      "--mark-texts, t a mark with a text, q end; --resume goes on where it ended, today or tomorrow.\n"
+      "  haptrace run reaching.json --dry-run\n"
+      "  haptrace run reaching.json --device falcon --subject P07 --mirror x -o p07-monday\n"
+      "  haptrace run --resume p07-monday --device falcon\n"
+      "  haptrace run lesson.json --device 'sim:preset=falcon,hand=relaxed,intent={path}' -o try  (a simulated "
+      "trainee)");
+  verb->add_option("programme", arguments->programme, "the programme")->type_name("PROGRAMME.json");
+  verb->add_option("-o,--output", arguments->folder,
+                   "the session's folder; without it, beside the programme by its name")
+      ->type_name("FOLDER");
+  verb->add_option("--resume", arguments->resume, "go on with a session that did not come to its end")
+      ->type_name("FOLDER");
+  verb->add_flag("--dry-run", arguments->dry_run,
+                 "say what would be done and how long it takes; with --device, check it");
+  verb->add_option("--mirror", arguments->mirror,
+                   "paths are mirrored for this person: none | x | y | z, the axis whose "
+                   "sign changes; without it, as the programme says")
+      ->group("Person");
+  verb->add_option("--scale", arguments->scale, "paths are scaled for this person; without it, as the programme says")
+      ->group("Person");
+  verb->add_flag("--fit", arguments->fit, "move and scale all paths together into the workspace")->group("Person");
+  verb->add_option("--max-deviation", arguments->max_deviation, "from the path, beyond which the session stops [m]")
+      ->capture_default_str()
+      ->group("Safety");
+  verb->add_option("--profile", arguments->profile,
+                   "what calibration found out about the device; without it, the device's in the profile folder")
+      ->type_name("FILE.json")
+      ->group("Safety");
+  verb->add_flag("--no-profile", arguments->no_profile, "as if the device was not calibrated")->group("Safety");
+  arguments->session.add_to(*verb);
+  arguments->session.add_wait_to(*verb);
+
+  return {
+      verb, [verb, arguments](const Output& output) -> int {
+        const bool resumes = !arguments->resume.empty();
+        if (resumes == !arguments->programme.empty())
+          throw input_error(resumes ? "--resume has the programme in the session; name no other"
+                                    : "haptrace run needs PROGRAMME.json, or --resume FOLDER; see haptrace run --help");
+        if (resumes && (!arguments->mirror.empty() || arguments->scale || arguments->fit || !arguments->folder.empty()))
+          throw input_error("--resume goes on as the session was begun: without --mirror, --scale, --fit and -o");
+
+        const std::string folder = resumes ? arguments->resume
+                                   : arguments->folder.empty()
+                                       ? fs::path(arguments->programme).replace_extension().string() + "-session"
+                                       : arguments->folder;
+        std::optional<SessionLog> log;
+        if (resumes) log = load_session_log(folder);
+        const nlohmann::json json = resumes ? log->programme : programme_for(*arguments);
+        const std::string where = resumes ? folder : arguments->programme;
+        const Programme programme = programme_from_json(json, where);
+        if (log && log->complete) throw input_error(folder + ": is complete; there is nothing to go on with");
+
+        TrialDevices devices(arguments->session);
+        std::optional<DeviceInfo> device;
+        if (!arguments->session.device.empty()) device = devices.info();
+        std::optional<ProgrammePlan> plan;
+        if (!resumes) {
+          plan = plan_programme(programme, folder_of(arguments->programme), where, device ? &*device : nullptr,
+                                arguments->fit);
+          for (const std::string& note : plan->notes) output.remark(note);
+        }
+        if (arguments->dry_run) {
+          if (!plan) throw input_error("--dry-run is for a programme that was not begun");
+          output.tell(to_json(*plan, programme), plan_text(programme, *plan));
+          return kDone;
+        }
+        require(*verb, "--device");
+        for (const std::string& note : device->notes) output.remark(note);
+
+        ProgrammeOptions options{
+            .folder = folder,
+            .session = arguments->session.options((fs::path(folder) / "trial.h5").string(), effective_config(*verb)),
+            .max_deviation = arguments->max_deviation,
+            .open = [&](const std::string& path) { return devices.open(path); }};
+        // What was found out about the device at the beginning holds for all of the session.
+        const std::string kept = (fs::path(folder) / kSessionProfile).string();
+        const std::string profile = resumes && fs::exists(kept) ? kept : arguments->profile;
+        if (!arguments->no_profile) options.profile = profile_for(*device, profile, arguments->session.rate_hz, output);
+        if (!log) log = begin_session(json, where, *plan, *device, options);
+
+        const Signals signals;
+        std::atomic<bool> pause{false};
+        options.pause = &pause;
+        const Keys keys(
+            options.session.recording->options.annotations, arguments->session.mark_texts,
+            [&](bool paused) { pause = paused; }, arguments->session.keys);
+        const bool live = !output.quiet && isatty(STDERR_FILENO) != 0;
+        const auto clear_line = [&] {
+          if (live) fmt::print(stderr, "\r\033[K");
+        };
+        double expected = 0;
+        options.begins = [&](const ScheduledTrial& trial, const TrialSettings& settings, std::size_t number,
+                             std::size_t of) {
+          const Exercise& exercise = programme.exercise(trial.exercise);
+          clear_line();
+          output.remark(fmt::format("{} of {}: {}, repetition {}{} ({})", number, of, exercise.name, trial.repetition,
+                                    programme.rounds > 1 ? fmt::format(", round {}", trial.round) : "",
+                                    settings_text(exercise, settings)));
+          expected = plan ? plan->parts[trial.exercise].trial : 0;
+        };
+        options.ended = [&](const LoggedTrial& trial) {
+          clear_line();
+          if (const std::string text = figures_text(trial.figures); !text.empty()) output.remark("  " + text);
+        };
+        options.rests = [&](double left) {
+          if (!live) return;
+          if (std::isnan(left))
+            fmt::print(stderr, "\r\033[Kpaused; p goes on");
+          else
+            fmt::print(stderr, "\r\033[Krest {:.0f} s", left);
+        };
+        const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
+        const ProgrammeResult result = run_programme(*log, options, signals.stop(), progress);
+        clear_line();
+
+        nlohmann::json answer = to_json(result);
+        answer["folder"] = folder;
+        int code = result.last ? conclude(output, *result.last) : kDone;
+        if (code == kDone && signals.stop().count() > 0) code = kInterrupted;
+        output.tell(answer, result_text(*arguments, result, folder));
+        return code;
+      }};
+}
+
+}  // namespace haptrace::cli

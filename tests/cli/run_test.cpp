@@ -1,0 +1,114 @@
+#include "formats/session_log.h"
+#include "tests/cli/command.h"
+
+#include <csignal>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+namespace haptrace {
+namespace {
+
+const std::string kTrainee = "sim:preset=omega3,hand=relaxed,intent={path}";
+
+std::string programme(const TempFolder& folder, const std::string& mode = "tunnel", int repetitions = 3) {
+  const nlohmann::json json{{"haptrace_programme", 1},
+                            {"title", "three circles"},
+                            {"exercises",
+                             {{{"name", "round & round"},
+                               {"shape", {{"kind", "circle"}, {"size", 0.04}, {"duration", 1.5}}},
+                               {"mode", mode},
+                               {"rest", 0.5},
+                               {"repetitions", repetitions}}}}};
+  return folder.write("circles.json", json.dump());
+}
+
+TEST(RunCommand, SaysWhatItWouldDoWithoutADevice) {
+  const TempFolder folder;
+  const Answer answer = haptrace("run", programme(folder), "--dry-run", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const nlohmann::json json = answer.json();
+  EXPECT_EQ(json["trials"], 3);
+  EXPECT_NEAR(json["duration_s"].get<double>(), 3 * 2.5 + 2 * 0.5, 1e-6);
+  EXPECT_EQ(json["exercises"][0]["mode"], "tunnel");
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1) << "nothing was made";
+  EXPECT_THAT(haptrace("run", programme(folder), "--dry-run").out, HasSubstr("3 repetitions, about 0:09 min"));
+  EXPECT_THAT(haptrace("run", programme(folder), "--dry-run", "--device", "sim:preset=omega3", "--scale", "9").err,
+              HasSubstr("leaves the workspace"));
+}
+
+TEST(RunCommand, RunsTheSampleProgrammes) {
+  const TempFolder folder;
+  for (const char* name : {"reaching", "circles", "lesson"}) {
+    const std::string session = folder / name;
+    const Answer answer =
+        haptrace("run", std::string(HAPTRACE_SAMPLES "/programmes/") + name + ".json", "--device",
+                 "sim:preset=falcon,hand=relaxed,intent={path}", "-o", session, "--subject", "P07", "--json", "--fit");
+    ASSERT_EQ(answer.exit_code, 0) << name << ": " << answer.err;
+    EXPECT_TRUE(answer.json()["complete"]) << name;
+    const SessionLog log = load_session_log(session);
+    EXPECT_EQ(log.subject, "P07");
+    EXPECT_GE(log.trials.size(), 17U);
+    for (const LoggedTrial& trial : log.trials)
+      EXPECT_TRUE(std::filesystem::exists(session + "/" + trial.file)) << trial.file;
+  }
+}
+
+TEST(RunCommand, IsInterruptedWithItsDataKeptAndGoesOn) {
+  const TempFolder folder;
+  const std::string session = folder / "monday";
+  Command command({"run", programme(folder, "free", 3), "--device", kTrainee, "-o", session, "--clock", "real"});
+  ASSERT_TRUE(command.says("2 of 3"));
+  kill(command.pid(), SIGINT);
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 130) << answer.err;
+  EXPECT_THAT(answer.out, HasSubstr("haptrace run --resume"));
+  EXPECT_EQ(load_session_log(session).sittings.back().ended_by, "interrupted");
+
+  const Answer again = haptrace("run", "--resume", session, "--device", kTrainee, "--json");
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_TRUE(load_session_log(session).complete);
+  EXPECT_EQ(again.json()["sitting"]["number"], 2);
+  const Answer done = haptrace("run", "--resume", session, "--device", kTrainee);
+  EXPECT_EQ(done.exit_code, 2);
+  EXPECT_THAT(done.err, HasSubstr("is complete"));
+}
+
+TEST(RunCommand, PausesAndGoesOnByAKey) {
+  const TempFolder folder;
+  Command command(
+      {"run", programme(folder, "free", 2), "--device", kTrainee, "-o", folder / "s", "--keys", "--clock", "real"},
+      Command::Input::pipe);
+  ASSERT_TRUE(command.says("1 of 2"));
+  command.type("p");
+  // A pause shows by what does not happen: two seconds are more than what is left of the first and its rest.
+  std::this_thread::sleep_for(std::chrono::seconds(5));
+  EXPECT_EQ(load_session_log(folder / "s").trials.size(), 1U);
+  command.type("p");
+  EXPECT_EQ(command.wait().exit_code, 0);
+  EXPECT_EQ(load_session_log(folder / "s").trials.size(), 2U);
+}
+
+TEST(RunCommand, NamesWhatIsWrongBeforeAnythingIsMade) {
+  const TempFolder folder;
+  const std::string file = programme(folder);
+  const auto error = [&](const std::vector<std::string>& words) {
+    std::vector<std::string> all{"run"};
+    all.insert(all.end(), words.begin(), words.end());
+    const Answer answer = Command(all).wait();
+    EXPECT_EQ(answer.exit_code, 2) << answer.err;
+    return answer.err;
+  };
+  EXPECT_THAT(error({}), HasSubstr("needs PROGRAMME.json, or --resume"));
+  EXPECT_THAT(error({file}), HasSubstr("needs --device"));
+  EXPECT_THAT(error({folder / "none.json", "--dry-run"}), HasSubstr("none.json: cannot be read"));
+  EXPECT_THAT(error({programme(folder, "tunel"), "--dry-run"}), HasSubstr("exercises[0].mode: 'tunel'"));
+  EXPECT_THAT(error({file, "--mirror", "up", "--dry-run"}), HasSubstr("person.mirror: 'up'"));
+  EXPECT_THAT(error({file, "--resume", folder.path()}), HasSubstr("name no other"));
+  EXPECT_THAT(error({"--resume", folder.path(), "--scale", "2"}), HasSubstr("without --mirror, --scale"));
+  EXPECT_THAT(error({"--resume", folder.path(), "--device", kTrainee}), HasSubstr("session.json"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "circles-session"));
+}
+
+}  // namespace
+}  // namespace haptrace
