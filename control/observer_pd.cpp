@@ -27,11 +27,13 @@ ObserverPd::ObserverPd(const Options& options)
                  .bandwidth_hz = options.design.observer_hz,
                  .rate_hz = options.rate_hz}),
       driven_((options.design.mass.array() > 0).cast<double>()),
+      observer_hz_(options.design.observer_hz),
       authority_(options.design.authority),
       quantum_(options.position_resolution) {}
 
 void ObserverPd::start(const State& first) noexcept {
   observer_.start(first.position);
+  observer_.set_bandwidth(observer_hz_);
   known_ = load_ = kept_ = spring_ = Vec3::Zero();
   rested_ = 0;
   stood_ = 0;
@@ -98,6 +100,8 @@ Vec3 ObserverPd::force(const TermInput& input) noexcept {
                                                                         : stands ? kStandingGains
                                                                                  : 1) -
                                                                        gain_share_);
+  // As much noise as under full gains, and half the time to notice how a device swings on the bristles.
+  observer_.set_bandwidth(observer_hz_ / gain_share_);
   if (const double magnitude = load.stableNorm(); magnitude > authority_) load *= authority_ / magnitude;
 
   // What the spring loses as its gain is lowered is kept too, so that the device stays where it rests.

@@ -20,6 +20,12 @@ namespace haptrace {
 /// kRestGains; farther than twice that, or when the reference moves, all is as before. Every time that it slips instead
 /// of staying, both bounds grow by a tenth, up to five times, until the reference moves: whatever hunts comes to rest.
 ///
+/// Friction that has not broken loose is a spring (presliding: Canudas de Wit, Olsson, Astrom and Lischinsky 1995),
+/// stiff enough to put a small device at 30 to 50 Hz and with next to no damping of its own. The observer takes its
+/// force for a load and follows it late, so that the damping it sees acts late too, and drives the device instead.
+/// Lower gains do not help, an earlier estimate does: the state observer becomes faster by as much as the gains are
+/// lowered, which leaves the noise of the force about what it was.
+///
 /// An axis without mass is not driven, whatever its gains.
 class ObserverPd final : public ForceTerm {
  public:
@@ -46,6 +52,7 @@ class ObserverPd final : public ForceTerm {
 
   StateObserver observer_;
   Vec3 driven_;                 ///< 1 where there is mass, else 0
+  double observer_hz_;          ///< of the state observer under full gains
   double authority_;            ///< [N]
   double quantum_;              ///< [m]
   Vec3 anchor_ = Vec3::Zero();  ///< where it stays [m]

@@ -12,11 +12,15 @@ StateObserver::StateObserver(const Options& options)
       delay_ticks_(std::clamp(options.delay * options.rate_hz, 0.0, static_cast<double>(kLongestDelay))),
       lead_ticks_(static_cast<int>(std::lround(delay_ticks_))) {
   for (int axis = 0; axis < 3; ++axis) inverse_mass_[axis] = mass_[axis] > 0 ? 1 / mass_[axis] : 0;
-  const double p = std::exp(-2 * std::numbers::pi * options.bandwidth_hz * period_), q = 1 - p;
+  set_bandwidth(options.bandwidth_hz);
+  start(Vec3::Zero());
+}
+
+void StateObserver::set_bandwidth(double bandwidth_hz) noexcept {
+  const double p = std::exp(-2 * std::numbers::pi * bandwidth_hz * period_), q = 1 - p;
   l1_ = 1 - p * p * p;
   l2_ = 1.5 * q * q * (1 + p) / period_;
   l3_ = q * q * q / (period_ * period_);
-  start(Vec3::Zero());
 }
 
 void StateObserver::start(const Vec3& position) noexcept {

@@ -41,6 +41,9 @@ class StateObserver {
 
   explicit StateObserver(const Options& options);
 
+  /// Puts the poles at another frequency from now on; the states stay.
+  void set_bandwidth(double bandwidth_hz) noexcept;
+
   /// At rest at `position`, nothing loads it, nothing was sent.
   void start(const Vec3& position) noexcept;
 
@@ -66,7 +69,7 @@ class StateObserver {
   Vec3 mass_, inverse_mass_;
   double period_, delay_ticks_;
   int lead_ticks_;
-  double l1_, l2_, l3_;
+  double l1_ = 0, l2_ = 0, l3_ = 0;
   std::array<Vec3, kRing> forces_;  ///< sent minus known
   std::size_t newest_ = 0;
   Vec3 x_ = Vec3::Zero(), v_ = Vec3::Zero(), d_ = Vec3::Zero();

@@ -242,6 +242,23 @@ TEST(ObserverPd, DoesNotHuntAtRestWithStictionAndAQuantum) {
   EXPECT_NEAR(0.5 * (high + low), 0.01, 3 * model.position_resolution);
 }
 
+TEST(ObserverPd, CalmsADeviceThatRestsOnTheBristlesOfItsFriction) {
+  constexpr double kQuantum = 5e-5, kDamping = 2;
+  for (const double bristles : {0.0, 4000.0, 8000.0, 12000.0, 16000.0}) {
+    Loop loop(plant_of(kQuantum));
+    const auto friction = [&](const Vec3& x, const Vec3& v) { return Vec3(-bristles * x - kDamping * v); };
+    for (int i = 0; i < 1500; ++i) loop.tick(resting_at(kNone), friction);
+    // Within the bounds of rest, but over a few counts.
+    loop.plant.v = Vec3(0.012, 0, 0);
+    double farthest = 0;
+    for (int i = 0; i < 3000; ++i) {
+      loop.tick(resting_at(kNone), friction);
+      if (i >= 2500) farthest = std::max(farthest, loop.plant.x.norm());
+    }
+    EXPECT_LT(farthest, kQuantum) << bristles << " N/m";
+  }
+}
+
 TEST(ObserverPd, DoesNotDriveAnAxisWithoutMassWhateverItsGains) {
   PlantModel model = plant_of(5e-5);
   model.mass.z() = 0;
