@@ -3,6 +3,7 @@
 #include "control/error.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <fmt/format.h>
 #include <numbers>
@@ -18,7 +19,8 @@ constexpr double kSmallestQuantum = 5e-5;      // below which no ripple is worth
 constexpr double kLongestGap = 5;              // [ticks]
 constexpr double kLowestFrequency = 9;         // [Hz]
 constexpr double kFewCycles = 15;              // below which a window holds few cycles [Hz]
-constexpr int kJudgements = 2, kPatient = 4;   // in a row that make a verdict; the latter with few cycles
+constexpr unsigned kLastThree = 0b111;         // judgements of which two make a verdict,
+constexpr unsigned kLastFour = 0b1111;         // and with few cycles, of which all do
 constexpr double kFading = 0.7;                // of the amplitude of the first half
 constexpr double kPowerFactor = 0.02;          // of the product of the rms of force and velocity
 constexpr double kOfInertia = 0.5;             // of the force that would accelerate the mass alone
@@ -136,7 +138,8 @@ void OscillationMonitor::begin(const State& state, const Vec3& error) noexcept {
   error_band_.reset(error);
   error_.setZero();
   current_ = {};
-  ticks_ = complete_ = in_a_row_ = 0;
+  ticks_ = complete_ = 0;
+  found_ = 0;
 }
 
 // What a tick sent acts until the next, so over a delay of a fraction of a tick two of them share the time.
@@ -160,8 +163,10 @@ std::optional<OscillationVerdict> OscillationMonitor::judge() noexcept {
   verdict.frequency_hz = all.position > 0 ? std::sqrt(all.step / all.position) * options_.rate_hz / (2 * pi) : 0;
   verdict.amplitude = std::sqrt(2 * all.position / (kStretches * stretch_ticks_));
   const auto detector = detect(early, late, verdict.frequency_hz);
-  in_a_row_ = detector ? std::min(in_a_row_ + 1, kPatient) : 0;
-  if (!detector || in_a_row_ < (verdict.frequency_hz < kFewCycles ? kPatient : kJudgements)) return std::nullopt;
+  found_ = found_ << 1 | (detector ? 1U : 0U);
+  const bool lasts =
+      verdict.frequency_hz < kFewCycles ? (found_ & kLastFour) == kLastFour : std::popcount(found_ & kLastThree) >= 2;
+  if (!detector || !lasts) return std::nullopt;
   verdict.detector = *detector;
   return verdict;
 }

@@ -53,8 +53,9 @@ void validate(const OscillationMonitorOptions& options);
 ///    0.05 mm. A rounded position is wrong by up to q / 2, and so is the energy by at most q / 2 times the variation of
 ///    the force (summation by parts): F q is a force that rises and falls by its whole range.
 /// The factors are fitted to simulated loops (as in tests/player, 1700 stable and 900 oscillating ones): none that was
-/// stable suspected, 99 % found within 300 ms of the onset. Two judgements in a row make a verdict; below 15 Hz, where
-/// the window holds few cycles, four.
+/// stable suspected, 99 % found within 300 ms of the onset. Two of three judgements make a verdict, since the
+/// energy of one that grows into saturation does not divide evenly into halves; below 15 Hz, where the window holds few
+/// cycles, four in a row.
 ///
 /// Oscillations below 9 Hz are not looked for: hands move so.
 ///
@@ -132,9 +133,9 @@ class OscillationMonitor {
   Sums current_;
   int ticks_ = 0;  ///< in current_
   std::array<Sums, kStretches> stretches_;
-  int stretch_ = 0;   ///< the oldest of stretches_
-  int complete_ = 0;  ///< of stretches_
-  int in_a_row_ = 0;  ///< judgements that found an oscillation
+  int stretch_ = 0;     ///< the oldest of stretches_
+  int complete_ = 0;    ///< of stretches_
+  unsigned found_ = 0;  ///< which judgements found an oscillation, a bit each, the last one lowest
 };
 
 }  // namespace haptrace

@@ -377,6 +377,15 @@ TEST(Ensemble, OscillatesWithGainsBeyondWhatTheDeviceBears) {
   }
 }
 
+TEST(Ensemble, CatchesAnOscillationThatGrowsIntoSaturationUnevenly) {
+  EnsembleOptions options = short_options(1);
+  options.learn = 0;
+  // At 17 Hz against the largest force: every other half of a window gives out next to nothing.
+  const EnsembleOverdrive overdrive = run_member(1, 159, options, StopRequest{}).overdrive;
+  EXPECT_TRUE(overdrive.oscillates());
+  EXPECT_LT(overdrive.delay(), ensemble::kCatchWithin);
+}
+
 TEST(Ensemble, ReportsTheDrawsThatWereFinishedWhenItIsCancelled) {
   StopRequest stop;
   std::size_t told = 0;
