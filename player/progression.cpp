@@ -79,8 +79,8 @@ bool is_tired(const ProgrammeLimits::Fatigue& fatigue, const std::vector<nlohman
   if (figures.size() <= last) return false;
   const int better = trial_figure(fatigue.figure).better;
   std::optional<double> best;
-  for (std::size_t i = 0; i + last < figures.size(); ++i)
-    if (const auto value = measured(figures[i], fatigue.figure); value && (!best || better * (*value - *best) > 0))
+  for (const nlohmann::json& one : figures)
+    if (const auto value = measured(one, fatigue.figure); value && (!best || better * (*value - *best) > 0))
       best = value;
   if (!best) return false;
   return std::all_of(figures.end() - fatigue.repetitions, figures.end(), [&](const nlohmann::json& one) {

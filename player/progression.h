@@ -45,7 +45,7 @@ class ProgressionState {
 };
 
 /// Whether `figures`, of repetitions of one exercise in the order of one sitting, say that the person is tired: the
-/// last `repetitions` were all worse than the best of those before.
+/// last `repetitions` were all worse than the best of all.
 bool is_tired(const ProgrammeLimits::Fatigue& fatigue, const std::vector<nlohmann::json>& figures);
 
 /// Throws Error(input) naming the key when a programme goes by a figure that there is not, or that is neither better

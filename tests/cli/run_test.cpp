@@ -54,6 +54,23 @@ TEST(RunCommand, RunsTheSampleProgrammes) {
   }
 }
 
+TEST(RunCommand, KeepsInEveryRecordingWhatRepeatsItsTrial) {
+  const TempFolder folder;
+  for (const char* mode : {"passive", "assisted", "tunnel", "cursor", "resist", "free"}) {
+    const std::string session = folder / mode;
+    ASSERT_EQ(haptrace("run", programme(folder, mode, 1), "--device", kTrainee, "-o", session).exit_code, 0);
+    const std::string trial = session + "/" + load_session_log(session).trials.at(0).file;
+    const nlohmann::json config = haptrace("info", trial, "--json").json()["config"];
+    const std::string verb = config["verb"];
+    const Answer answer = haptrace(verb, "--config", folder.write("again.json", config.dump()), "--record",
+                                   folder / (std::string(mode) + ".h5"));
+    EXPECT_EQ(answer.exit_code, 0) << mode << ": " << answer.err;
+    EXPECT_EQ(haptrace("info", folder / (std::string(mode) + ".h5"), "--json").json()["samples"],
+              haptrace("info", trial, "--json").json()["samples"])
+        << mode;
+  }
+}
+
 TEST(RunCommand, IsInterruptedWithItsDataKeptAndGoesOn) {
   const TempFolder folder;
   const std::string session = folder / "monday";

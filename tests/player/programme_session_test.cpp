@@ -137,6 +137,7 @@ TEST_F(ProgrammeSession, ResistsAgainstThePersonAndHelpsWhenItAssists) {
   ASSERT_EQ(result.log.trials.size(), 2U);
   const json& resisted = result.log.trials[0].figures;
   EXPECT_GT(resisted.at("resist_work_j").get<double>(), 5 * resisted.at("assist_work_j").get<double>());
+  EXPECT_GT(resisted.at("resist_work_j").get<double>(), 0.04) << "some 0.08 m/s against 8 N s/m, for 0.13 m";
   const json& helped = result.log.trials[1].figures;
   EXPECT_GT(helped.at("assist_work_j").get<double>(), helped.at("resist_work_j").get<double>());
 }
@@ -209,6 +210,32 @@ TEST_F(ProgrammeSession, AdaptsAsItWouldHaveWithoutAnInterruption) {
   EXPECT_EQ(settings(resume().log), whole);
 }
 
+TEST_F(ProgrammeSession, MakesWallsAsSoftAsTheAssistanceIsLittle) {
+  const ProgrammeResult result = run(programme_of({R"("mode": "assisted", "stiffness": 100, "repetitions": 9,
+      "progression": {"target": 1, "assistance": {"forget": 0.5, "gain": 0}})"}));
+  double share = 1;
+  for (const LoggedTrial& trial : result.log.trials) {
+    const json config = RecordingReader(file(trial.file)).header().config;
+    if (share > 0.01) {
+      EXPECT_NEAR(config.at("stiffness").get<double>(), 100 * share, 1e-9);
+    } else {
+      EXPECT_EQ(config.at("mode"), "free") << "nothing at all in the end";
+    }
+    share *= 0.5;
+  }
+}
+
+TEST_F(ProgrammeSession, LeavesWhoIsFreeAloneWhereverHeIs) {
+  options_.max_deviation = 0.001;
+  options_.open = [this](const std::string& path) -> std::shared_ptr<Device> {
+    Path beside = load_path(path);
+    for (Vec3& p : beside.position) p *= 0.5;
+    save_path(beside, temp_ / "beside.csv", "beside", true);
+    return open_device("sim:preset=omega3,hand=firm,intent=" + (temp_ / "beside.csv"));
+  };
+  EXPECT_TRUE(run(programme_of({R"("mode": "free", "time_limit": 2)"})).log.complete);
+}
+
 TEST_F(ProgrammeSession, BeginsEverySittingWithTheWarmUp) {
   const json programme = programme_of({R"("mode": "tunnel", "repetitions": 2)"},
                                       fmt::format(R"("warm_up": [{{{}, "mode": "passive"}}],)", kShape));
@@ -226,6 +253,7 @@ TEST_F(ProgrammeSession, EndsASittingWhenItsTimeIsOver) {
   EXPECT_FALSE(result.log.complete);
   EXPECT_EQ(result.log.sittings[0].ended_by, "time");
   EXPECT_GT(result.log.trials.size(), 3U);
+  EXPECT_LT(result.log.trials.size(), 8U);
   EXPECT_LE(result.log.sittings[0].duration, 20);
   EXPECT_GT(result.log.sittings[0].duration, 12);
 }

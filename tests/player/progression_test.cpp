@@ -98,6 +98,7 @@ TEST(Progression, BecomesHarderWhenItGoesWellAndEasierWhenItDoesNot) {
   state.learn(error_of_mm(1));
   EXPECT_NEAR(state.settings().radius, 4e-3, 1e-12);
   state.learn(error_of_mm(1));
+  EXPECT_NEAR(state.settings().radius, 4e-3, 1e-12) << "each level has a window of its own";
   state.learn(error_of_mm(9));  // one slip of three
   state.learn(error_of_mm(1));
   EXPECT_NEAR(state.settings().radius, 2e-3, 1e-12);
