@@ -7,6 +7,7 @@
 #include <cmath>
 #include <complex>
 #include <fmt/format.h>
+#include <limits>
 #include <numbers>
 
 namespace haptrace {
@@ -346,19 +347,23 @@ std::vector<Filtered> filter(std::span<const TickRow> rows, int axis, double del
 }
 
 /// Least squares that can forget a part of its rows.
-struct Normal {
-  Eigen::Matrix<double, kColumns, kColumns> g = Eigen::Matrix<double, kColumns, kColumns>::Zero();
-  Eigen::Matrix<double, kColumns, 1> h = Eigen::Matrix<double, kColumns, 1>::Zero();
+template <int columns>
+struct NormalEquations {
+  using Square = Eigen::Matrix<double, columns, columns>;
+  using Column = Eigen::Matrix<double, columns, 1>;
+  Square g = Square::Zero();
+  Column h = Column::Zero();
 
-  [[nodiscard]] Eigen::Matrix<double, kColumns, 1> solve() const {
-    Eigen::Matrix<double, kColumns, kColumns> scaled = g;
-    Eigen::Matrix<double, kColumns, 1> scale;
-    for (int i = 0; i < kColumns; ++i) scale[i] = g(i, i) > 0 ? 1 / std::sqrt(g(i, i)) : 0;
+  [[nodiscard]] Column solve() const {
+    Square scaled = g;
+    Column scale;
+    for (int i = 0; i < columns; ++i) scale[i] = g(i, i) > 0 ? 1 / std::sqrt(g(i, i)) : 0;
     scaled = scale.asDiagonal() * scaled * scale.asDiagonal();
     scaled.diagonal().array() += 1e-9;
     return scale.asDiagonal() * scaled.ldlt().solve(scale.asDiagonal() * h);
   }
 };
+using Normal = NormalEquations<kColumns>;
 
 struct SweepFit {
   double coulomb = 0, viscous = 0, gravity = 0, gradient = 0;
@@ -477,6 +482,153 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   return fit;
 }
 
+// --------------------------------------------------------------------------------------------- the coarse model
+
+/// All movement along the axes at low frequencies, as the header states it.
+class CoarseFit {
+ public:
+  struct Result {
+    Vec3 mass = Vec3::Zero(), mass_half = Vec3::Zero();
+    Vec3 coulomb = Vec3::Zero(), coulomb_half = Vec3::Zero();
+    double delay = 0, delay_half = 0;
+    double residual = 1;  ///< share of the force that is not explained, rms
+  };
+
+  explicit CoarseFit(const Experiment& experiment) : period_(1 / experiment.rate_hz) {
+    for (double delay = 0; delay <= kLongestDelay; delay += kDelayStep) late_.push_back({delay, {}});
+    for (Late& late : late_)
+      for (int axis = 0; axis < 3; ++axis)
+        if (experiment.axes[static_cast<std::size_t>(axis)])
+          late.blocks[static_cast<std::size_t>(axis)] = blocks(experiment, axis, late.delay);
+  }
+
+  [[nodiscard]] Result run() const {
+    Result result;
+    result.delay = delay(kNone);
+    const Late& best = *std::min_element(late_.begin(), late_.end(), [&](const Late& a, const Late& b) {
+      return std::abs(a.delay - result.delay) < std::abs(b.delay - result.delay);
+    });
+    std::size_t most = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::vector<Block>& own = best.blocks[axis];
+      if (own.size() < 2) continue;
+      const Beta beta = sum(own, kNone).normal.solve();
+      Beta variance = Beta::Zero();
+      const auto count = static_cast<double>(own.size());
+      for (std::size_t left = 0; left < own.size(); ++left)
+        variance += (sum(own, left).normal.solve() - beta).cwiseAbs2() * (count - 1) / count;
+      const Beta half = kInterval * variance.cwiseSqrt();
+      const auto i = static_cast<Eigen::Index>(axis);
+      result.mass[i] = std::max(beta[kAcceleration], 0.0);
+      result.mass_half[i] = std::hypot(half[kAcceleration], kCoarseMassLeftOut * result.mass[i]);
+      result.coulomb[i] = std::max(beta[kSign], 0.0);
+      result.coulomb_half[i] = std::hypot(half[kSign], kFrictionLeftOut * result.coulomb[i]);
+      most = std::max(most, own.size());
+    }
+    double variance = 0;
+    for (std::size_t left = 0; left < most; ++left)
+      variance += std::pow(delay(left) - result.delay, 2) * static_cast<double>(most - 1) / static_cast<double>(most);
+    result.delay_half = std::hypot(kInterval * std::sqrt(variance), 0.5 * kDelayStep);
+    result.residual = std::sqrt(unexplained(best, kNone));
+    return result;
+  }
+
+ private:
+  /// Beside kSign to kPlace: the harmonics of the place, from a period of kPlacePeriod on, for whatever pulls by place.
+  static constexpr int kHarmonics = 5, kOwn = kPlace + 1, kAll = kOwn + 2 * kHarmonics;
+  static constexpr double kPlacePeriod = 0.05;  // [m]
+  using Beta = NormalEquations<kAll>::Column;
+  struct Block {
+    NormalEquations<kAll> normal;
+    double force = 0;  ///< sum of squares [N^2]
+  };
+  struct Late {
+    double delay = 0;  ///< [s]
+    std::array<std::vector<Block>, 3> blocks;
+  };
+
+  static constexpr double kLongestDelay = 20e-3;      // [s]
+  static constexpr double kDelayStep = 1e-3;          // [s]
+  static constexpr double kBlock = 0.33;              // [s]
+  static constexpr double kCoarseMassLeftOut = 0.15;  // of a mass, by what a handle with play adds or does not
+  static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
+
+  [[nodiscard]] std::vector<Block> blocks(const Experiment& experiment, int axis, double delay) const {
+    std::vector<Block> result;
+    const auto add = [&](const Stretch& stretch) {
+      const std::vector<Filtered> rows =
+          filter(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin), axis, delay, period_);
+      const auto n = static_cast<Eigen::Index>(rows.size());
+      const auto pieces =
+          static_cast<Eigen::Index>(std::max(1.0, std::round(static_cast<double>(n) * kKernelStep / kBlock)));
+      if (n < 50) return;
+      MatrixXd columns = MatrixXd::Zero(n, kAll + 1);
+      for (Eigen::Index i = 0; i < n; ++i) {
+        const Filtered& row = rows[static_cast<std::size_t>(i)];
+        columns(i, kSign) = std::tanh(row.v / kSlides);
+        columns(i, kSpeed) = row.v;
+        columns(i, kAcceleration) = row.a;
+        columns(i, kPlace) = row.x;
+        for (int h = 0; h < kHarmonics; ++h) {
+          const double angle = kTwoPi * (h + 1) * row.x / kPlacePeriod;
+          columns(i, kOwn + 2 * h) = std::cos(angle);
+          columns(i, kOwn + 2 * h + 1) = std::sin(angle);
+        }
+        columns(i, kAll) = row.u;
+      }
+      columns.rowwise() -= columns.colwise().mean().eval();  // the offset
+      for (Eigen::Index piece = 0; piece < pieces; ++piece) {
+        const Eigen::Index begin = n * piece / pieces, end = n * (piece + 1) / pieces;
+        const auto part = columns.middleRows(begin, end - begin);
+        const auto c = part.leftCols(kAll);
+        const auto u = part.col(kAll);
+        result.push_back({.normal = {.g = c.transpose() * c, .h = c.transpose() * u}, .force = u.squaredNorm()});
+      }
+    };
+    for (const Stretch& stretch : experiment.dithered) add(stretch);
+    for (const Stretch& stretch : experiment.sweeps[static_cast<std::size_t>(axis)]) add(stretch);
+    return result;
+  }
+
+  static Block sum(const std::vector<Block>& blocks, std::size_t without) {
+    Block all;
+    for (std::size_t b = 0; b < blocks.size(); ++b) {
+      if (b == without) continue;
+      all.normal.g += blocks[b].normal.g;
+      all.normal.h += blocks[b].normal.h;
+      all.force += blocks[b].force;
+    }
+    return all;
+  }
+
+  /// Mean over the axes of the share of the squared force.
+  [[nodiscard]] static double unexplained(const Late& late, std::size_t without) {
+    double shares = 0, axes = 0;
+    for (const std::vector<Block>& own : late.blocks) {
+      if (own.size() < 2) continue;
+      const Block all = sum(own, without);
+      if (all.force > 0) shares += std::max(1 - all.normal.solve().dot(all.normal.h) / all.force, 0.0);
+      ++axes;
+    }
+    return axes > 0 ? shares / axes : 1;
+  }
+
+  /// That leaves least unexplained, by the parabola through the best three [s].
+  [[nodiscard]] double delay(std::size_t without) const {
+    std::vector<double> shares;
+    for (const Late& late : late_) shares.push_back(unexplained(late, without));
+    const auto best = static_cast<std::size_t>(std::min_element(shares.begin(), shares.end()) - shares.begin());
+    if (best == 0 || best + 1 == shares.size()) return late_[best].delay;
+    const double before = shares[best - 1], after = shares[best + 1];
+    const double curvature = before - 2 * shares[best] + after;
+    return late_[best].delay + (curvature > 0 ? 0.5 * (before - after) / curvature * kDelayStep : 0);
+  }
+
+  static constexpr double kSlides = 0.01;  // [m/s]
+  double period_;
+  std::vector<Late> late_;
+};
+
 /// rms per axis of what is white in the positions, beside the quantum's share [m]: a third difference of white noise
 /// has 20 times its variance, and hardly anything of a movement.
 double white_noise(std::span<const TickRow> rows, const std::array<bool, 3>& axes, double quantum) {
@@ -495,6 +647,7 @@ double white_noise(std::span<const TickRow> rows, const std::array<bool, 3>& axe
 
 constexpr double kMostUnexplained = 0.5;  // share of a response or a force, beyond which a model does not fit
 constexpr double kLeastCertain = 0.35;    // half width of a mass' interval, as a share of it, beyond which it is none
+constexpr double kLeastCertainCoarse = 0.75;  // the same of a coarse model
 
 /// Why not to believe what was found of an axis; empty when there is no reason.
 std::string doubt_about(int axis, const Identification& found, const SweepFit& sweeps) {
@@ -512,6 +665,26 @@ std::string doubt_about(int axis, const Identification& found, const SweepFit& s
   return "";
 }
 
+void take(const SweepFit& fit, int axis, Identification& result) {
+  PlantModel &plant = result.plant, &half = result.half_width;
+  plant.coulomb[axis] = fit.coulomb;
+  plant.viscous[axis] = fit.viscous;
+  plant.gravity[axis] = fit.gravity;
+  plant.gravity_gradient(axis, axis) = fit.gradient;
+  half.coulomb[axis] = fit.coulomb_half;
+  half.viscous[axis] = fit.viscous_half;
+  half.gravity[axis] = fit.gravity_half;
+  half.gravity_gradient(axis, axis) = fit.gradient_half;
+  result.sweep_residual = std::max(result.sweep_residual, fit.residual);
+}
+
+void take_noise(const Experiment& experiment, int axis, PlantModel& plant) {
+  for (const Stretch& stretch : experiment.sweeps[static_cast<std::size_t>(axis)])
+    plant.position_noise =
+        std::max(plant.position_noise, white_noise(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin),
+                                                   experiment.axes, plant.position_resolution));
+}
+
 }  // namespace
 
 double position_quantum(std::span<const TickRow> rows) {
@@ -527,6 +700,34 @@ double position_quantum(std::span<const TickRow> rows) {
   const auto again = static_cast<std::size_t>(
       std::upper_bound(steps.begin(), steps.end(), steps.front() * (1 + kSame)) - steps.begin());
   return again >= 5 ? steps[again / 2] : 0;
+}
+
+Identification identify_coarsely(const Experiment& experiment) {
+  Identification result;
+  result.coarse = true;
+  PlantModel& plant = result.plant;
+  plant.position_resolution = position_quantum(experiment.rows);
+  const CoarseFit::Result fit = CoarseFit(experiment).run();
+  plant.mass = fit.mass;
+  plant.coulomb = fit.coulomb;
+  plant.delay = fit.delay;
+  result.half_width.mass = fit.mass_half;
+  result.half_width.coulomb = fit.coulomb_half;
+  result.half_width.delay = fit.delay_half;
+  result.line_residual = fit.residual;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!experiment.axes[static_cast<std::size_t>(axis)]) continue;
+    if (const SweepFit sweeps = fit_sweeps(experiment, axis, plant.delay);
+        sweeps.blocks >= 2 && sweeps.unexplained <= kMostUnexplained)
+      take(sweeps, axis, result);
+    take_noise(experiment, axis, plant);
+    const double mass = plant.mass[axis], half = result.half_width.mass[axis];
+    if (result.reason.empty() && !(mass > 0 && half < kLeastCertainCoarse * mass))
+      result.reason =
+          fmt::format("not even a coarse model fits: the mass in {} is {:.3f} +- {:.3f} kg", "xyz"[axis], mass, half);
+  }
+  result.fits = result.reason.empty();
+  return result;
 }
 
 Identification identify(const Experiment& experiment) {
@@ -554,20 +755,9 @@ Identification identify(const Experiment& experiment) {
   for (int axis = 0; axis < 3; ++axis) {
     if (!experiment.axes[static_cast<std::size_t>(axis)]) continue;
     const SweepFit fit = fit_sweeps(experiment, axis, plant.delay);
-    plant.coulomb[axis] = fit.coulomb;
-    plant.viscous[axis] = fit.viscous;
-    plant.gravity[axis] = fit.gravity;
-    plant.gravity_gradient(axis, axis) = fit.gradient;
-    result.half_width.coulomb[axis] = fit.coulomb_half;
-    result.half_width.viscous[axis] = fit.viscous_half;
-    result.half_width.gravity[axis] = fit.gravity_half;
-    result.half_width.gravity_gradient(axis, axis) = fit.gradient_half;
-    result.sweep_residual = std::max(result.sweep_residual, fit.residual);
+    take(fit, axis, result);
     if (result.reason.empty()) result.reason = doubt_about(axis, result, fit);
-    for (const Stretch& stretch : experiment.sweeps[static_cast<std::size_t>(axis)])
-      plant.position_noise = std::max(plant.position_noise,
-                                      white_noise(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin),
-                                                  experiment.axes, plant.position_resolution));
+    take_noise(experiment, axis, plant);
   }
   if (result.reason.empty() && result.line_residual > kMostUnexplained)
     result.reason =

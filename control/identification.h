@@ -43,10 +43,12 @@ struct Experiment {
 struct Identification {
   PlantModel plant;           ///< zero on axes that take no force
   PlantModel half_width;      ///< of the 95 % confidence intervals; zero where there is none
-  double line_residual = 0;   ///< share of the response at the lines that the model does not explain, rms
+  double line_residual = 0;   ///< share of the response at the lines that the model does not explain, rms; of a coarse
+                              ///< one, of the force below 20 Hz
   double sweep_residual = 0;  ///< rms force of the sweeps that the model does not explain [N]
   bool fits = false;
-  std::string reason;  ///< why it does not fit; empty when it does
+  bool coarse = false;  ///< by identify_coarsely: fits only as far as a law that is tried out needs it
+  std::string reason;   ///< why it does not fit; empty when it does
 };
 
 /// Identifies a plant from an experiment.
@@ -69,6 +71,18 @@ struct Identification {
 ///
 /// Needs no more than the log: neither the device's data sheet nor its model. Not for the tick: it allocates.
 Identification identify(const Experiment& experiment);
+
+/// A rougher model where the lines are not those of a mass: play between motor and handle, links that swing, a device
+/// so heavy that the dither hardly moves it. In place of the response at every line, mass, delay and friction come from
+/// all of the movement as seen through a Gaussian kernel, which ends near 20 Hz: least squares of the force on a, sgn
+/// v, v, x and an offset, at the delay that leaves least. There the play is short against the movement, and the mass is
+/// what moves along, of a hand too. Intervals by the jackknife over blocks of a third of a second. Gravity, its
+/// gradient and damping are the sweeps' as in identify(), where these slid; else zero. The harmonics of the place, down
+/// to a period of 10 mm, are taken along: cables that pull by place would seem a delay.
+///
+/// `coarse` is set; it fits when every mass is certain to three quarters. What is designed for it is to be tried out
+/// first.
+Identification identify_coarsely(const Experiment& experiment);
 
 /// The smallest step that positions make, 0 when none repeats [m]: the quantum of a lattice, also a rotated one.
 double position_quantum(std::span<const TickRow> rows);

@@ -164,6 +164,7 @@ TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& opt
   const auto expected = [&] { return kRippleRise * plant.mass.norm() * ripple(law); };
   if (noise > 0)
     for (int i = 0; i < 200 && expected() > allowed; ++i) law.w *= 0.98;
+  law.w *= options.bandwidth;
 
   TrackingDesign design;
   design.gains = {(law.kp() * plant.mass).cwiseMin(kLargestKp), (law.kd() * plant.mass).cwiseMin(kLargestKd)};

@@ -32,6 +32,7 @@ struct DesignOptions {
   double max_force = 0;   ///< of the device [N]
   double max_ripple = 0;  ///< of the command above 25 Hz [N]; 0: that of a plain PD of 3000 N/m and 25 N s/m whose
                           ///< velocity is low-passed at 100 Hz
+  double bandwidth = 1;   ///< share of w that is kept: less for a plant that is known badly
 };
 
 /// The stiffest law that the plant's delay allows and whose ripple stays in its bound, per axis:
@@ -39,8 +40,9 @@ struct DesignOptions {
 ///     w = 0.4 / (delay + 1 / rate), kp = m w^2, kd = 1.5 m w, observer_hz = 1.5 w / (2 pi), load_hz = 5
 ///
 /// with w lowered until a lighter (0.8) and slower (half a tick) free device bears twice the gains, and the position
-/// quantum makes no more ripple than allowed. The observer's mass is 1.1 times the identified: a hand goes along.
-/// Throws Error(input) when the plant has no mass, or is later than LoopAnalysis::kLongestDelay periods.
+/// quantum makes no more ripple than allowed, and then to its `bandwidth` share. The observer's mass is 1.1 times the
+/// identified: a hand goes along. Throws Error(input) when the plant has no mass, or is later than
+/// LoopAnalysis::kLongestDelay periods.
 TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& options);
 
 }  // namespace haptrace

@@ -18,6 +18,7 @@ struct Bench {
   double gradient = -20;  ///< of every axis by itself [N/m]
   double delay = 1.3e-3;
   double quantum = 0;
+  double cable = 0;  ///< amplitude of a force that depends on the place, with a period of 12 mm [N]
   std::array<bool, 3> axes{true, true, true};
 
   Multisine dither{15, 120, 2, {true, true, true}};
@@ -78,7 +79,8 @@ struct Bench {
       const Vec3 u = late < sent_.size() ? sent_[sent_.size() - 1 - late] : Vec3(Vec3::Zero());
       for (int axis = 0; axis < 3; ++axis) {
         const double w = h / mass[axis];
-        const double free = v_[axis] + w * (u[axis] + gravity[axis] + gradient * x_[axis] - viscous[axis] * v_[axis]);
+        const double free = v_[axis] + w * (u[axis] + gravity[axis] + gradient * x_[axis] +
+                                            cable * std::sin(kTwoPi * x_[axis] / 0.012) - viscous[axis] * v_[axis]);
         const double next = std::copysign(std::max(std::abs(free) - w * coulomb[axis], 0.0), free);
         x_[axis] += 0.5 * h * (v_[axis] + next);
         v_[axis] = next;
@@ -240,6 +242,43 @@ TEST(Identification, SaysWhenThereIsNothingToFindAnythingIn) {
   std::normal_distribution<double> normal(0, 1e-3);
   for (TickRow& row : noise.rows) row.position = Vec3(normal(random), normal(random), normal(random));
   EXPECT_FALSE(noise.identified().fits);
+}
+
+TEST(CoarseIdentification, FindsMassAndDelayWithoutTheLines) {
+  struct Case {
+    double quantum, cable, delay;
+  };
+  for (const auto& [quantum, cable, delay] :
+       {Case{0, 0, 0.3e-3}, Case{2e-4, 0, 6e-3}, Case{0, 0.6, 3e-3}, Case{2e-4, 0.6, 1.3e-3}}) {
+    Bench made;
+    made.quantum = quantum;
+    made.cable = cable;
+    made.delay = delay;
+    const Identification found = identify_coarsely(made.run().experiment());
+    SCOPED_TRACE(testing::Message() << quantum << " m, " << cable << " N, " << delay << " s");
+    EXPECT_TRUE(found.fits) << found.reason;
+    EXPECT_TRUE(found.coarse);
+    expect_near(found.plant.mass, made.mass, 0.12, "mass");
+    if (quantum == 0 && cable == 0) expect_near(found.plant.coulomb, made.coulomb, 0.1, "coulomb");
+    EXPECT_NEAR(found.plant.delay, delay, 1e-3);
+    for (int axis = 0; axis < 3; ++axis)
+      EXPECT_LT(std::abs(found.plant.mass[axis] - made.mass[axis]), found.half_width.mass[axis]);
+  }
+}
+
+TEST(CoarseIdentification, BelievesNothingOfWhatDoesNotAnswerTheForce) {
+  EXPECT_FALSE(identify_coarsely(Experiment{}).fits);
+  EXPECT_NE(identify_coarsely(Experiment{}).reason, "");
+
+  Bench still = bench(), noise = bench(), against = bench();
+  for (TickRow& row : still.rows) row.position = Vec3::Zero();
+  EXPECT_FALSE(identify_coarsely(still.experiment()).fits);
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal(0, 1e-3);
+  for (TickRow& row : noise.rows) row.position = Vec3(normal(random), normal(random), normal(random));
+  EXPECT_FALSE(identify_coarsely(noise.experiment()).fits);
+  for (TickRow& row : against.rows) row.force *= -1;
+  EXPECT_FALSE(identify_coarsely(against.experiment()).fits);
 }
 
 TEST(PositionQuantum, IsTheStepOfALatticeHoweverItIsTurned) {

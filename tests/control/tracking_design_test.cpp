@@ -211,6 +211,16 @@ TEST(TrackingDesign, KeepsTheRippleItIsAllowed) {
   EXPECT_GT(stiffer, 0);
 }
 
+TEST(TrackingDesign, KeepsAShareOfItsBandwidthForAPlantThatIsKnownBadly) {
+  const PlantModel plant = plant_of(0.4, 1e-3, 5e-5);
+  const TrackingDesign whole = design_tracking(plant, {.rate_hz = 1000, .max_force = 8});
+  const TrackingDesign half = design_tracking(plant, {.rate_hz = 1000, .max_force = 8, .bandwidth = 0.5});
+  EXPECT_NEAR(half.gains.kp.x(), 0.25 * whole.gains.kp.x(), 1e-9 * whole.gains.kp.x());
+  EXPECT_NEAR(half.gains.kd.x(), 0.5 * whole.gains.kd.x(), 1e-9 * whole.gains.kd.x());
+  EXPECT_NEAR(half.observer_hz, 0.5 * whole.observer_hz, 1e-9);
+  EXPECT_LT(half.ripple, 0.5 * whole.ripple);
+}
+
 TEST(TrackingDesign, NeedsAMass) {
   EXPECT_THAT(test::error_of([] { (void)design_tracking(PlantModel{}, {}); }), testing::HasSubstr("no mass"));
   const auto late = [](double rate_hz) {
