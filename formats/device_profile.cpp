@@ -166,6 +166,7 @@ json to_json(const DeviceProfile& profile) {
           {"line_residual", profile.line_residual},
           {"sweep_residual_n", profile.sweep_residual},
           {"fits", profile.fits},
+          {"coarse", profile.coarse},
           {"reason", profile.reason},
           {"design", json_of(profile.design)}};
 }
@@ -200,6 +201,7 @@ DeviceProfile profile_from_json(const json& object, const std::string& where) {
   profile.line_residual = required.number("line_residual", 0, kLargest);
   profile.sweep_residual = required.number("sweep_residual_n", 0, kLargest);
   profile.fits = required.boolean("fits");
+  profile.coarse = reader.boolean("coarse", false);
   profile.reason = required.text("reason");
   profile.design = design_from(required.object("design"));
   reader.finish();

@@ -3,6 +3,7 @@
 #include "control/error.h"
 #include "control/min_jerk.h"
 #include "control/pd.h"
+#include "player/law_trial.h"
 
 #include <algorithm>
 #include <array>
@@ -35,6 +36,13 @@ constexpr double kLargestDither = 2;   // rms per axis [N]
 constexpr double kLargestForce = 15;   // however strong the device [N]
 constexpr double kDitherSpeed = 0.25;  // rms of the dither's velocity, share of the sweeps'
 constexpr double kLeastMotion = 0.25;  // of the speed asked for, below which a device counts as blocked
+
+// A second, gentler session with a device that the first could not shake, although it moves where it is pushed.
+constexpr double kMostUnseen = 0.4;      // share of the force that its movement until then leaves unexplained
+constexpr double kHeavy = 1;             // from which on its velocity is low-passed further [kg]
+constexpr double kGentleBandwidth = 25;  // of its gains: slow enough for any delay of a few samples [rad/s]
+constexpr const char* kGentleVelocity = "lowpass:30";
+constexpr double kInertiaShare = 0.4;  // of the force, for accelerations
 
 constexpr std::array<double, 3> kQuickSizes{1, 0.5, 1};
 constexpr std::array<double, 16> kFullSizes{1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35,
@@ -183,6 +191,18 @@ class CalibrationController final : public Controller {
         swing_size_(swing_size(plan)),
         sweep_size_(plan.reach.cwiseMin(plan.max_speed / (4 * kSweepHz))) {}
 
+  /// For a device of about `mass` [kg], by which it is damped and moved no faster than the force allows. It is not
+  /// judged again: the dither of the look hardly moves a heavy one.
+  CalibrationController(const CalibrationPlan& plan, const Vec3& mass) : CalibrationController(plan) {
+    gentle_ = true;
+    gains_ = {gains_.kp.cwiseMax(kGentleBandwidth * kGentleBandwidth * mass),
+              (2 * gains_.kd).cwiseMax(1.4 * kGentleBandwidth * mass)};
+    const double acceleration = kInertiaShare * plan.max_force / mass.maxCoeff();  // [m/s^2]
+    // Of the swing's place, with its rise and fall at twice the frequency; of a triangle's first harmonic.
+    swing_size_ = std::min(swing_size_, acceleration / (std::sqrt(5.0) * std::pow(kTwoPi * swing_hz(plan), 2)));
+    sweep_size_ = sweep_size_.cwiseMin(acceleration / (0.81 * std::pow(kTwoPi * kSweepHz, 2)));
+  }
+
   void start(const State& first) noexcept override {
     home_ = plan_.centre;
     from_ = first.position;
@@ -295,6 +315,7 @@ class CalibrationController final : public Controller {
 
   /// At the end of the look: does the device do as it is told, and what is it like?
   void judge(double now) noexcept {
+    if (gentle_) return begin_swing(now, driven_part(Vec3::Constant(plan_.max_dither)));
     Vec3 dither = Vec3::Zero();
     for (int axis = 0; axis < 3; ++axis) {
       if (!driven(axis)) continue;
@@ -326,6 +347,10 @@ class CalibrationController final : public Controller {
       dither[axis] = std::clamp(kDitherSpeed * plan_.max_speed * mass / std::sqrt(response), 0.02 * plan_.device_force,
                                 plan_.max_dither);
     }
+    begin_swing(now, dither);
+  }
+
+  void begin_swing(double now, const Vec3& dither) noexcept {
     dither_wanted_ = dither;
     swing_begin_ = now - began_ + kSettle;
     stage_ = Stage::swing;
@@ -391,7 +416,7 @@ class CalibrationController final : public Controller {
   Stage stage_ = Stage::approach;
   Verdict verdict_ = Verdict::none;
   int axis_ = 0;
-  bool measures_ = false, stronger_ = false;
+  bool measures_ = false, stronger_ = false, gentle_ = false;
   Vec3 home_ = Vec3::Zero(), from_ = Vec3::Zero();
   double approach_time_ = 0, began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
   Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
@@ -435,6 +460,16 @@ class CalibrationLog final : public SampleSink {
             .sweeps = sweeps_};
   }
 
+  /// Of everything that was recorded, for a session that ended early.
+  [[nodiscard]] Experiment whole(const CalibrationPlan& plan) const {
+    return {.rows = rows_,
+            .rate_hz = plan.rate_hz,
+            .axes = plan.axes,
+            .dither = nullptr,
+            .dithered = {{0, rows_.size()}},
+            .sweeps = {}};
+  }
+
  private:
   const CalibrationController& controller_;
   std::vector<TickRow> rows_;
@@ -465,6 +500,46 @@ std::string reason_of(const CalibrationController& controller, const SessionResu
       break;
   }
   return session.servo.detail;
+}
+
+/// Finds the design for a coarse model that the device bears.
+void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptions& session, const StopRequest& stop,
+                 const Progress& progress, CalibrationResult& result) {
+  constexpr std::array kBandwidths{1.0, 0.7, 0.5, 0.35};
+  LawTrialOptions options{.centre = plan.centre,
+                          .radius = kSwingSize * kLargestReach,
+                          .speed = plan.max_speed,
+                          .max_deviation = plan.max_deviation,
+                          .session = session};
+  for (int axis = 0; axis < 3; ++axis)
+    if (plan.axes[static_cast<std::size_t>(axis)])
+      options.radius = std::min(options.radius, kSwingSize * plan.reach[axis]);
+  // Round the circle, with its rise and fall at twice the frequency, no faster than the force allows.
+  const double acceleration = kInertiaShare * plan.max_force / result.identification.plant.mass.maxCoeff();
+  options.speed = std::min(options.speed, std::sqrt(acceleration * options.radius / std::sqrt(5.0)));
+  options.session.limits.max_force = plan.max_force;
+  for (const double bandwidth : kBandwidths) {
+    TrackingDesign design = design_tracking(
+        result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force, .bandwidth = bandwidth});
+    // Nothing is known of what it bears beyond a trial.
+    design.largest = {(kTrialRaise * design.gains.kp).cwiseMin(kLargestKp),
+                      (kTrialRaise * design.gains.kd).cwiseMin(kLargestKd)};
+    const LawTrial trial = try_out(device, {result.identification.plant, design}, options, stop, progress);
+    ++result.trials;
+    if (trial.passed()) {
+      result.design = design;
+      result.bandwidth = bandwidth;
+      result.reason.clear();
+      return;
+    }
+    result.reason = fmt::format("{}; a law for a coarse model was tried out, and {}", result.doubt, trial.reason);
+    const StopCause cause = trial.session.servo.cause;
+    if (cause == StopCause::interrupted || cause == StopCause::device_lost) {
+      result.session.servo.cause = cause;
+      result.session.servo.detail = trial.session.servo.detail;
+      return;
+    }
+  }
 }
 
 }  // namespace
@@ -516,23 +591,50 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
 CalibrationResult calibrate(Device& device, const CalibrationOptions& options, const StopRequest& stop,
                             const Progress& progress) {
   const CalibrationPlan plan = plan_calibration(device.info(), options);
-  CalibrationController controller(plan);
   constexpr double kSpare = 20;  // for the way to the centre and a second look [s]
-  CalibrationLog log(controller, static_cast<std::size_t>((plan.duration + kSpare) * plan.rate_hz));
-  SampleSink* const sinks[] = {&log};
+  const auto rows = static_cast<std::size_t>((plan.duration + kSpare) * plan.rate_hz);
   CalibrationResult result;
-  result.session = run_session(device, controller, {.reference = true}, sinks, options.session, stop, progress);
-  if (result.session.servo.cause != StopCause::finished) {
-    result.reason = reason_of(controller, result.session);
-    return result;
+  const auto run = [&](CalibrationController& controller, CalibrationLog& log, const SessionOptions& session) {
+    SampleSink* const sinks[] = {&log};
+    result.session = run_session(device, controller, {.reference = true}, sinks, session, stop, progress);
+    result.reason =
+        result.session.servo.cause != StopCause::finished ? reason_of(controller, result.session) : std::string();
+    return result.reason.empty();
+  };
+
+  CalibrationController controller(plan);
+  CalibrationLog log(controller, rows);
+  if (run(controller, log, options.session)) {
+    result.identification = identify(log.experiment(plan));
+    if (result.identification.fits) {
+      result.design =
+          design_tracking(result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force});
+      return result;
+    }
+    result.doubt = result.identification.reason;
+    result.identification = identify_coarsely(log.experiment(plan));
+  } else {
+    if (controller.verdict() == CalibrationController::Verdict::none) return result;
+    const Identification seen = identify_coarsely(log.whole(plan));
+    if (!seen.fits || seen.line_residual > kMostUnseen) return result;
+    result.doubt = fmt::format("with a mass of about {:.2f} kg it could not be shaken: {}", seen.plant.mass.maxCoeff(),
+                               result.reason);
+    SessionOptions gentle = options.session;
+    if (seen.plant.mass.maxCoeff() > kHeavy) gentle.velocity = kGentleVelocity;
+    gentle.recording.reset();
+    const SessionResult first = result.session;
+    CalibrationController again(plan, seen.plant.mass);
+    CalibrationLog second(again, rows);
+    const bool finished = run(again, second, gentle);
+    result.session.recording = first.recording;
+    result.session.recording_error = first.recording_error;
+    if (!finished) return result;
+    result.identification = identify_coarsely(second.experiment(plan));
   }
-  result.identification = identify(log.experiment(plan));
-  if (!result.identification.fits) {
-    result.reason = result.identification.reason;
-    return result;
-  }
-  result.design =
-      design_tracking(result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force});
+  if (result.identification.fits)
+    try_designs(device, plan, options.session, stop, progress, result);
+  else
+    result.reason = result.doubt + "; " + result.identification.reason;
   return result;
 }
 

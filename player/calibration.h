@@ -42,6 +42,9 @@ struct CalibrationResult {
   Identification identification;         ///< of what was recorded; `fits` false when it was not enough
   std::optional<TrackingDesign> design;  ///< when the session finished and the model fits
   std::string reason;                    ///< why there is no design; empty when there is one
+  std::string doubt;                     ///< why the model is only a coarse one; empty when it is not
+  double bandwidth = 1;                  ///< share of what the model would allow, that trials left of the design
+  int trials = 0;                        ///< of a coarse model's design
 
   [[nodiscard]] bool succeeded() const noexcept { return design.has_value(); }
 };
@@ -50,7 +53,10 @@ struct CalibrationResult {
 /// which shows mass and delay, then sweeps it along each axis, which shows friction and gravity. A first look at the
 /// dither's response checks that the device moves where it is pushed, and sets gains and dither for the rest. Forces,
 /// speed and distances are bounded by the plan; a device that is blocked, pushed away or driven the wrong way ends the
-/// session. What is known of the device beforehand is its largest force, its workspace and its axes.
+/// session. When the response to the dither is not that of a mass, a coarse model is made (identify_coarsely), and the
+/// law that is designed for it is tried out on a circle within the same bounds (law_trial.h), at 1, 0.7, 0.5 and 0.35
+/// of its bandwidth: the first that passes stays, and none is what is then told. What is known of the device beforehand
+/// is its largest force, its workspace and its axes.
 ///
 /// Throws what plan_calibration and run_session throw before any force.
 CalibrationResult calibrate(Device& device, const CalibrationOptions& options, const StopRequest& stop,

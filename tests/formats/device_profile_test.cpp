@@ -94,6 +94,15 @@ TEST_F(DeviceProfiles, AreNotReplacedUnasked) {
   expect_error([&] { save_profile(example(), folder_ / "no/p.json", false); }, Error::Kind::input, {"folder"});
 }
 
+TEST_F(DeviceProfiles, SayWhenTheyAreCoarseAndAreReadWhenTheyAreOlderThanThat) {
+  DeviceProfile profile = example();
+  profile.coarse = true;
+  nlohmann::json json = to_json(profile);
+  EXPECT_TRUE(profile_from_json(json, "test").coarse);
+  json.erase("coarse");
+  EXPECT_FALSE(profile_from_json(json, "test").coarse);
+}
+
 TEST(CheckProfile, AcceptsTheDeviceItWasMadeFor) {
   EXPECT_EQ(verdict(example()), "");
   EXPECT_EQ(verdict(example(), 1090), "");
