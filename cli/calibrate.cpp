@@ -33,6 +33,7 @@ std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
       "each of {}\n"
       "  at most {:.0f} mm from the middle and {:.2f} m/s, with up to {:.1f} N, of which a hum of up to {:.1f} N rms "
       "per axis\n"
+      "  if it does not answer as a mass does, it then follows a small circle for up to half a minute\n"
       "  hold it as you will in use, loosely, and let it move; Ctrl+C ends it at any moment",
       info.name, plan.duration + 1, axes_of(plan), 1e3 * plan.reach.maxCoeff(), plan.max_speed, plan.max_force,
       plan.max_dither);
@@ -70,14 +71,21 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
   text += row("its gradient", "N/m", plan, plant.gravity_gradient.diagonal(), half.gravity_gradient.diagonal(), 1);
   text += fmt::format("  delay {:.2f} +- {:.2f} ms; position quantum {:.4f} mm, noise {:.4f} mm\n", 1e3 * plant.delay,
                       1e3 * half.delay, 1e3 * plant.position_resolution, 1e3 * plant.position_noise);
-  text += fmt::format("  not explained: {:.0f} % of the response to the hum, {:.3f} N rms of the sweeps\n",
-                      100 * result.identification.line_residual, result.identification.sweep_residual);
+  text += fmt::format(
+      "  not explained: {:.0f} % of the {}, {:.3f} N rms of the sweeps\n", 100 * result.identification.line_residual,
+      result.identification.coarse ? "force" : "response to the hum", result.identification.sweep_residual);
   if (!result.design) return text;
   const TrackingDesign& design = *result.design;
   const auto gains = [](const char* name, const Vec3& kp, const Vec3& kd) {
     return fmt::format("  {}: kp {:.0f}, {:.0f}, {:.0f} N/m; kd {:.1f}, {:.1f}, {:.1f} N s/m\n", name, kp.x(), kp.y(),
                        kp.z(), kd.x(), kd.y(), kd.z());
   };
+  if (result.identification.coarse)
+    text += fmt::format(
+        "  coarse: {}. So only its slow movement was modelled (to 20 Hz), and the law tried out on a small circle,\n"
+        "  where it held with a margin at {:.0f} % of its bandwidth; it follows, less closely than on a device that "
+        "fits\n",
+        result.doubt, 100 * result.bandwidth);
   text += gains("gains", design.gains.kp, design.gains.kd);
   text += gains("the largest it bears", design.largest.kp, design.largest.kd);
   return text;
@@ -154,7 +162,8 @@ Verb add_calibrate(CLI::App& app) {
                                     .line_residual = identified.line_residual,
                                     .sweep_residual = identified.sweep_residual,
                                     .fits = identified.fits,
-                                    .reason = identified.reason,
+                                    .coarse = identified.coarse,
+                                    .reason = result.doubt,
                                     .design = *result.design};
         save_profile(profile, file, overwrite);
         json["profile_file"] = file;

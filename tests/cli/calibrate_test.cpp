@@ -49,6 +49,22 @@ TEST(Calibrate, CalibratesADeviceOfALabsOwn) {
   EXPECT_THAT(refused.err, HasSubstr("--overwrite"));
 }
 
+TEST(Calibrate, KnowsADeviceWithPlayCoarselyAndSaysSo) {
+  const TempFolder folder;
+  const std::string device =
+      "plugin:path=" AWKWARD_PLUGIN R"(,options={"backlash":1e-4,"handle":0.3,"quantum":5e-5,"gravity":1})";
+  const Answer answer = calibrate_into(folder, {"--device", device, "-o", folder / "play.json"});
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_THAT(answer.out, AllOf(HasSubstr("coarse: "), HasSubstr("tried out"), HasSubstr("100 % of its bandwidth")));
+  EXPECT_THAT(answer.err, HasSubstr("small circle"));
+  const DeviceProfile profile = load_profile(folder / "play.json");
+  EXPECT_TRUE(profile.coarse);
+  EXPECT_TRUE(profile.fits);
+  EXPECT_THAT(profile.reason, HasSubstr("not that of a mass"));
+  for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(profile.plant.mass[axis], 0.3, 0.06);
+  EXPECT_FALSE(load_profile(calibrate_into(folder, {"--device", kFalcon, "--json"}).json()["profile_file"]).coarse);
+}
+
 TEST(Calibrate, RefusesWhatItCannotDoAndWritesNothing) {
   const TempFolder folder;
   EXPECT_THAT(calibrate_into(folder, {"--device", kFalcon, "--quick", "--full"}).err, HasSubstr("--full"));
