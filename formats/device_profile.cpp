@@ -148,27 +148,28 @@ std::string name_of(const DeviceIdentity& device) {
 }  // namespace
 
 json to_json(const DeviceProfile& profile) {
-  return {{"format", kProfileFormat},
-          {"format_version", kProfileVersion},
-          {"created", profile.created},
-          {"software", profile.software},
-          {"device",
-           {{"backend", profile.device.backend},
-            {"model", profile.device.model},
-            {"serial", profile.device.serial},
-            {"max_force_n", profile.facts.max_force},
-            {"position_resolution_m", profile.facts.position_resolution},
-            {"workspace_min_m", haptrace::json_of(profile.facts.workspace.min)},
-            {"workspace_max_m", haptrace::json_of(profile.facts.workspace.max)}}},
-          {"rate_hz", profile.rate_hz},
-          {"plant", json_of(profile.plant)},
-          {"half_width", json_of(profile.half_width)},
-          {"line_residual", profile.line_residual},
-          {"sweep_residual_n", profile.sweep_residual},
-          {"fits", profile.fits},
-          {"coarse", profile.coarse},
-          {"reason", profile.reason},
-          {"design", json_of(profile.design)}};
+  json object{{"format", kProfileFormat},
+              {"format_version", kProfileVersion},
+              {"created", profile.created},
+              {"software", profile.software},
+              {"device",
+               {{"backend", profile.device.backend},
+                {"model", profile.device.model},
+                {"serial", profile.device.serial},
+                {"max_force_n", profile.facts.max_force},
+                {"position_resolution_m", profile.facts.position_resolution},
+                {"workspace_min_m", haptrace::json_of(profile.facts.workspace.min)},
+                {"workspace_max_m", haptrace::json_of(profile.facts.workspace.max)}}},
+              {"rate_hz", profile.rate_hz},
+              {"plant", json_of(profile.plant)},
+              {"half_width", json_of(profile.half_width)},
+              {"line_residual", profile.line_residual},
+              {"sweep_residual_n", profile.sweep_residual},
+              {"fits", profile.fits},
+              {"reason", profile.reason},
+              {"design", json_of(profile.design)}};
+  if (profile.coarse) object["coarse"] = true;
+  return object;
 }
 
 DeviceProfile profile_from_json(const json& object, const std::string& where) {

@@ -35,7 +35,7 @@ struct DeviceProfile {
   double line_residual = 0;   ///< see Identification
   double sweep_residual = 0;  ///< [N]
   bool fits = true;
-  bool coarse = false;  ///< see Identification; the design was tried out. A file need not say it
+  bool coarse = false;  ///< see Identification; the design was tried out. A file says it when it is so
   std::string reason;   ///< why it does not fit, or only a coarse one does
   TrackingDesign design;
 };
