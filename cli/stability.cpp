@@ -4,6 +4,7 @@
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
 #include "player/ensemble_report.h"
+#include "player/guidance_ensemble.h"
 #include "player/stability_map.h"
 
 #include <filesystem>
@@ -23,7 +24,7 @@ struct StabilityArguments {
   int learn = 5;
   std::vector<std::string> paths;
   std::string output, figure;
-  bool overwrite = false;
+  bool guidance = false, overwrite = false;
 };
 
 /// What the verb finds out, part by part.
@@ -31,7 +32,7 @@ struct Findings {
   nlohmann::json json = nlohmann::json::object();
   std::string text;
   Figure figure;
-  bool complete = true;
+  bool complete = true, failed = false;
 
   void draw(const Figure& part) {
     if (figure.rows.empty()) {
@@ -99,6 +100,13 @@ void map_gains(const StabilityArguments& arguments, const Output& output, const 
   findings.draw(figure_of(*map));
 }
 
+std::function<void(const EnsembleProgress&)> telling(ReadProgress& progress) {
+  return [&progress](const EnsembleProgress& p) {
+    progress.tell_share(static_cast<double>(p.done) / static_cast<double>(p.draws),
+                        fmt::format("{} of {} draws{}", p.done, p.draws, time_left(p.remaining)));
+  };
+}
+
 void try_ensemble(const StabilityArguments& arguments, const Output& output, const StopRequest& stop,
                   Findings& findings) {
   EnsembleOptions options{.seed = arguments.seed,
@@ -109,17 +117,27 @@ void try_ensemble(const StabilityArguments& arguments, const Output& output, con
   if (!arguments.paths.empty()) options.paths = ensemble_paths();
   for (const std::string& file : arguments.paths) options.paths.push_back(load_path(file));
 
-  const EnsembleReport report = [&] {
-    ReadProgress progress(output, "");
-    return run_ensemble(options, stop, [&](const EnsembleProgress& p) {
-      progress.tell_share(static_cast<double>(p.done) / static_cast<double>(p.draws),
-                          fmt::format("{} of {} draws{}", p.done, p.draws, time_left(p.remaining)));
-    });
-  }();
+  ReadProgress progress(output, "");
+  const EnsembleReport report = run_ensemble(options, stop, telling(progress));
   findings.complete = report.members.size() == report.draws;
   findings.json["ensemble"] = to_json(report);
   findings.text += text_of(report);
   findings.draw(figure_of(report));
+}
+
+void try_guidance(const StabilityArguments& arguments, const Output& output, const StopRequest& stop,
+                  Findings& findings) {
+  GuidanceEnsembleOptions options{
+      .seed = arguments.seed, .first = arguments.first, .draws = arguments.ensemble, .threads = arguments.jobs};
+  if (!arguments.paths.empty()) options.paths = guidance_paths();
+  for (const std::string& file : arguments.paths) options.paths.push_back(load_path(file));
+
+  ReadProgress progress(output, "");
+  const GuidanceReport report = run_guidance_ensemble(options, stop, telling(progress));
+  findings.complete = report.members.size() == report.draws;
+  findings.failed = report.failures() > 0;
+  findings.json["guidance"] = to_json(report);
+  findings.text += text_of(report);
 }
 
 }  // namespace
@@ -132,12 +150,17 @@ Verb add_stability(CLI::App& app) {
       "With --device: a map of the gains of a PD law, for the device as it was calibrated: where it is passive, "
       "stable\n"
       "by analysis with delay and zero-order hold, and stable in simulation. Nothing moves.\n"
+      "With --guidance the ensemble is one of trainees: random hands that wander, stop, turn back, leave the tunnel, "
+      "push\n"
+      "against its walls and let go are guided along seven paths, at 250 Hz to 10 kHz, with up to 5 ms more delay. It\n"
+      "fails (exit code 1) when one of them is given more energy than the budget allows, or oscillates.\n"
       "The ensemble: each random device, with the hand that holds it, is calibrated blind; then circle, square, "
       "script\n"
       "and further paths are played with plain PD, stiff and cautious, and by the calibrated player; then it is held,\n"
       "and driven with gains beyond what it bears. Everything in virtual time, reproducible from the seed.\n"
       "  haptrace stability --device falcon --figure map.png\n"
       "  haptrace stability --ensemble 200 -o stability.json --figure stability.png\n"
+      "  haptrace stability --ensemble 1000 --guidance -o guidance.json\n"
       "  haptrace stability --ensemble 1 --first 137            the draw that stood out");
   verb->add_option("--device", arguments->device, "whose gains to map, NAME[:key=value,...]")->type_name("D");
   verb->add_option("--profile", arguments->profile, "what calibration found out; without it, the device's own")
@@ -153,6 +176,7 @@ Verb add_stability(CLI::App& app) {
   verb->add_option("--ensemble", arguments->ensemble, "random devices and hands to try")
       ->type_name("N")
       ->capture_default_str();
+  verb->add_flag("--guidance", arguments->guidance, "try guidance on the ensemble, instead of playback");
   verb->add_option("--seed", arguments->seed, "of the ensemble")->capture_default_str();
   verb->add_option("--first", arguments->first, "index of the first draw")->capture_default_str();
   verb->add_option("--paths", arguments->paths, "further paths (CSV, HDF5), fitted into the workspace")
@@ -167,18 +191,23 @@ Verb add_stability(CLI::App& app) {
   return {verb, [arguments](const Output& output) {
             if (arguments->device.empty() && arguments->ensemble == 0)
               throw input_error("nothing to do: give --device for a map of its gains, --ensemble N, or both");
+            if (arguments->guidance && arguments->ensemble == 0)
+              throw input_error("--guidance says what the ensemble is of; give --ensemble N, too");
+            if (arguments->guidance && !arguments->figure.empty() && arguments->device.empty())
+              throw input_error("--guidance draws no figure; its runs are in the JSON, see --output");
             check_names(*arguments);
             const Signals signals;
             Findings findings;
             if (!arguments->device.empty()) map_gains(*arguments, output, signals.stop(), findings);
             if (arguments->ensemble > 0 && findings.complete)
-              try_ensemble(*arguments, output, signals.stop(), findings);
+              (arguments->guidance ? try_guidance : try_ensemble)(*arguments, output, signals.stop(), findings);
 
             if (!findings.complete) output.remark("interrupted; what was finished is told");
             if (!arguments->output.empty()) save_json(findings.json, arguments->output, arguments->overwrite);
             if (!arguments->figure.empty()) save_figure(findings.figure, arguments->figure, arguments->overwrite);
             output.tell(findings.json, findings.text);
-            return findings.complete ? kDone : kInterrupted;
+            if (!findings.complete) return kInterrupted;
+            return findings.failed ? kStopped : kDone;
           }};
 }
 

@@ -52,7 +52,7 @@ double ExpertForce::allowance(const PathProjection::Foot& foot) const noexcept {
 
 Vec3 PaceHelp::force(const GuideInput& input) noexcept {
   const PathProjection::Foot& foot = input.foot;
-  const double lacking = (1 - options_.margin) * options_.pace * foot.place.speed - foot.speed;
+  const double lacking = (1 - options_.margin) * options_.pace * foot.expert_speed - kUnnoticed - foot.speed;
   if (!(lacking > 0)) return Vec3::Zero();
   return input.gate * std::min(options_.gain * lacking, options_.max_force) * foot.place.tangent;
 }
@@ -84,7 +84,17 @@ Guidance::Guidance(GuideTerms terms, const Options& options)
   const auto restores = [](const auto& term) { return term->kind() == GuideTerm::Kind::restoring; };
   if (!terms_.empty() && std::none_of(terms_.begin(), terms_.end(), restores))
     throw input_error("guidance without walls would let replayed forces drift away; give the tunnel a stiffness");
-  sent_.assign(static_cast<std::size_t>(std::lround(options.delay * options.rate_hz)) + 1, Vec3::Zero());
+  const double ticks = options.delay * options.rate_hz, whole = std::floor(ticks);
+  rest_ = ticks - whole;
+  sent_.assign(static_cast<std::size_t>(whole) + 2, Vec3::Zero());
+}
+
+// What a tick sent acts until the next, so over a delay of a fraction of a tick two of them share the time.
+Vec3 Guidance::acted(const Vec3& sent) noexcept {
+  newest_ = (newest_ + 1) % sent_.size();
+  sent_[newest_] = sent;
+  const Vec3 &oldest = sent_[(newest_ + 1) % sent_.size()], &next = sent_[(newest_ + 2) % sent_.size()];
+  return rest_ * oldest + (1 - rest_) * next;
 }
 
 double Guidance::gate(const PathProjection::Foot& foot) const noexcept {
@@ -100,11 +110,9 @@ void Guidance::account(const State& state, const PathProjection::Foot& foot, boo
     allowance += term->allowance(foot);
   }
   // What was sent after all limits, as late as it acts.
-  newest_ = (newest_ + 1) % sent_.size();
-  sent_[newest_] = state.force_applied;
-  const Vec3& acted = sent_[(newest_ + 1) % sent_.size()];
+  const Vec3 force = acted(state.force_applied);
   if (begun_) {
-    const double given = acted.dot(state.position - position_) + stored - stored_;
+    const double given = force.dot(state.position - position_) + stored - stored_;
     given_ += given;
     tank_.charge(given);
     double credit = 0;

@@ -95,8 +95,8 @@ class ExpertForce final : public GuideTerm {
   double share_ = 0;  ///< of the gate
 };
 
-/// Helps along the path who is slower there than the expert was, by more than a margin; never slows down, and drags
-/// nobody: the help is bounded.
+/// Helps along the path who is slower there than the expert was, by more than a margin and kUnnoticed; never slows
+/// down, and drags nobody: the help is bounded.
 class PaceHelp final : public GuideTerm {
  public:
   struct Options {
@@ -109,6 +109,9 @@ class PaceHelp final : public GuideTerm {
   [[nodiscard]] Kind kind() const noexcept override { return Kind::active; }
   [[nodiscard]] Vec3 force(const GuideInput& input) noexcept override;
   [[nodiscard]] double allowance(const PathProjection::Foot&) const noexcept override { return options_.max_force; }
+
+  /// No hand keeps to a speed so closely, and no device measures it [m/s].
+  static constexpr double kUnnoticed = 5e-3;
 
  private:
   Options options_;
@@ -195,6 +198,8 @@ class Guidance {
 
  private:
   [[nodiscard]] double gate(const PathProjection::Foot& foot) const noexcept;
+  /// The mean force that acted since the tick before.
+  [[nodiscard]] Vec3 acted(const Vec3& sent) noexcept;
   void account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
 
   GuideTerms terms_;
@@ -209,6 +214,7 @@ class Guidance {
   Vec3 spring_ = Vec3::Zero();    ///< of the restoring terms, at the tick before [N]
   std::vector<Vec3> sent_;        ///< a ring, newest at newest_ [N]
   std::size_t newest_ = 0;
+  double rest_ = 0;  ///< of the delay beyond whole ticks, in ticks
 };
 
 }  // namespace haptrace

@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace haptrace {
 namespace {
 
 constexpr double kSpeedTime = 0.02;    // time constant of the place's speed [s]
 constexpr double kPreference = 0.02;   // spacings by which what lies beyond a rise of the distance has to be nearer
+constexpr double kLeap = 1e-3;         // of the place in a tick, beyond what the tool moved [m]
 constexpr double kMostSegments = 128;  // looked at in a tick: it must cost little on the finest paths too
 
 }  // namespace
@@ -19,7 +21,9 @@ void PathProjection::start(double s) noexcept {
 }
 
 const PathProjection::Foot& PathProjection::update(const Vec3& position, double dt) noexcept {
-  const double reach = std::min(options_.max_speed * dt, kMostSegments * path_->spacing());
+  // However long a tick is, no farther beyond what the tool moved than kLeap: round a corner the place would jump.
+  const double moved = (position - foot_.place.position - foot_.offset).norm();
+  const double reach = std::min({options_.max_speed * dt, moved + kLeap, kMostSegments * path_->spacing()});
   // The present place is preferred where nothing is nearer: so that it rests where it has no reason to move.
   ArcPath::Nearest best{foot_.s, (position - path_->position_at(foot_.s)).squaredNorm()};
   look(foot_.s, std::min(foot_.s + reach, path_->length()), false, position, best);
@@ -50,9 +54,13 @@ const PathProjection::Foot& PathProjection::move_to(double s, const Vec3& positi
 }
 
 const PathProjection::Foot& PathProjection::stand_at(double s, const Vec3& position, double dt) noexcept {
-  if (dt > 0) foot_.speed += -std::expm1(-dt / kSpeedTime) * ((s - foot_.s) / dt - foot_.speed);
-  foot_.s = s;
+  const double before = std::exchange(foot_.s, s);
   foot_.place = path_->at(s);
+  if (dt > 0) {
+    const double blend = -std::expm1(-dt / kSpeedTime);
+    foot_.speed += blend * ((s - before) / dt - foot_.speed);
+    foot_.expert_speed += blend * (foot_.place.speed - foot_.expert_speed);
+  }
   foot_.offset = position - foot_.place.position;
   foot_.distance = foot_.offset.stableNorm();
   foot_.outwards = foot_.distance > 0 ? Vec3(foot_.offset / foot_.distance) : Vec3::Zero();

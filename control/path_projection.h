@@ -8,7 +8,8 @@ namespace haptrace {
 /// Follows the place on a path that belongs to a tool that moves along it.
 ///
 /// From the place of the tick before, the nearest one within reach is taken: as far ahead as somebody moves in a tick
-/// who is at most max_speed fast, and as far back if that is allowed. So the place never jumps: not at crossings, not
+/// who is at most max_speed fast (but in a long tick no more than 1 mm beyond what the tool moved), and as far back if
+/// that is allowed. So the place never jumps: not at crossings, not
 /// to another turn that passes near by, not from one leg of a retraced stroke to the other, not from the end of a
 /// closed path to its beginning. Without going back (the default) a trainee who returns is held at the farthest place
 /// that he reached. The search for the nearest place on the whole path does jump, by up to the size of the path.
@@ -25,6 +26,7 @@ class PathProjection {
   struct Foot {
     double s = 0;                  ///< arc length [m]
     double speed = 0;              ///< ds/dt over the last 20 ms [m/s]
+    double expert_speed = 0;       ///< of the expert at the places of the same 20 ms [m/s]
     ArcPath::Place place;          ///< of the path
     Vec3 offset = Vec3::Zero();    ///< from the place to the tool [m]
     double distance = 0;           ///< length of that [m]

@@ -6,11 +6,9 @@
 #include "devices/sim/sim_device.h"
 #include "player/calibration.h"
 #include "player/needed_force.h"
-#include "player/parallel.h"
 #include "player/playback.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <fmt/format.h>
 #include <limits>
@@ -275,8 +273,7 @@ PlayOptions plain(const PdGains& pd) {
 const PdGains kStiff = gains(3000, 25), kCautious = gains(500, 6);
 
 EnsembleOptions completed(EnsembleOptions options) {
-  if (options.draws < 1 || options.draws > 1'000'000)
-    throw input_error(fmt::format("an ensemble of {} draws; it must be 1 to 1000000", options.draws));
+  check_draws(options.draws);
   if (options.learn < 0 || options.learn > 100)
     throw input_error(fmt::format("{} learning repetitions; it must be 0 to 100", options.learn));
   if (!(options.beyond >= 0.01 && options.beyond <= 100))
@@ -349,22 +346,9 @@ EnsembleReport run_ensemble(const EnsembleOptions& asked, const StopRequest& sto
     report.paths.push_back(path.name);
   }
 
-  std::vector<std::optional<EnsembleMember>> members(options.draws);
-  const auto began = std::chrono::steady_clock::now();
-  run_parallel(
+  report.members = run_draws<EnsembleMember>(
       options.draws, options.threads, stop,
-      [&](std::size_t job) {
-        EnsembleMember member = run_member(options.seed, options.first + job, options, stop);
-        if (stop.count() == 0) members[job] = std::move(member);
-      },
-      [&](std::size_t done) {
-        if (!progress) return;
-        const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
-        const auto left = static_cast<double>(options.draws - done);
-        progress({done, options.draws, done > 0 ? elapsed / static_cast<double>(done) * left : kNaN});
-      });
-  for (std::optional<EnsembleMember>& member : members)
-    if (member) report.members.push_back(std::move(*member));
+      [&](std::size_t draw) { return run_member(options.seed, options.first + draw, options, stop); }, progress);
   return report;
 }
 

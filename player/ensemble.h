@@ -5,6 +5,7 @@
 #include "devices/servo_loop.h"
 #include "formats/figure.h"
 #include "player/ensemble_draw.h"
+#include "player/ensemble_run.h"
 
 #include <array>
 #include <functional>
@@ -123,11 +124,6 @@ struct EnsembleReport {
   std::vector<std::string> paths;  ///< names
   int learn = 0;
   std::vector<EnsembleMember> members;  ///< by index
-};
-
-struct EnsembleProgress {
-  std::size_t done = 0, draws = 0;
-  double remaining = kNaN;  ///< by the pace so far [s]
 };
 
 /// Runs the ensemble: each draw is calibrated blind, and every run is a play() on a device of its own in virtual time,

@@ -1,48 +1,12 @@
 #include "player/ensemble_draw.h"
 
-#include "devices/sim/noise.h"
+#include "control/error.h"
 
-#include <cmath>
 #include <fmt/format.h>
 #include <numbers>
 
 namespace haptrace {
 namespace {
-
-using ensemble::Range;
-
-/// The numbers of one draw. Their order is the ensemble: a new one goes to the end.
-class Lot {
- public:
-  Lot(std::uint64_t seed, std::uint64_t index) : bits_(seed, index) {}
-
-  double in(const Range& range) { return bits_.between(range.low, range.high); }
-
-  double in_logarithm(const Range& range) { return range.low * std::pow(range.high / range.low, bits_.between(0, 1)); }
-
-  bool happens(double probability) { return bits_.between(0, 1) < probability; }
-
-  /// `value`, a little different for each axis.
-  Vec3 by_axis(double value) {
-    Vec3 v;
-    for (double& component : v) component = value * in(ensemble::kOfAxis);
-    return v;
-  }
-
-  /// A unit vector, every direction alike.
-  Vec3 direction() {
-    Vec3 v;
-    do {
-      for (double& component : v) component = bits_.symmetric();
-    } while (v.squaredNorm() > 1 || v.squaredNorm() < 1e-6);
-    return v.normalized();
-  }
-
-  std::uint64_t seed() { return bits_.next(); }
-
- private:
-  SplitMix64 bits_;
-};
 
 HandSpec draw_hand(Lot& lot) {
   HandSpec hand;
@@ -58,6 +22,11 @@ HandSpec draw_hand(Lot& lot) {
 }
 
 }  // namespace
+
+void check_draws(std::size_t draws) {
+  if (draws < 1 || draws > 1'000'000)
+    throw input_error(fmt::format("an ensemble of {} draws; it must be 1 to 1000000", draws));
+}
 
 EnsembleDraw draw_device(std::uint64_t seed, std::uint64_t index) {
   Lot lot(seed, index);

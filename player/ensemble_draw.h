@@ -1,8 +1,11 @@
 // Random devices and hands, to try a controller on what it was not made for.
 #pragma once
 
+#include "devices/sim/noise.h"
 #include "devices/sim/spec.h"
 
+#include <cmath>
+#include <cstddef>
 #include <cstdint>
 
 namespace haptrace {
@@ -53,6 +56,44 @@ inline constexpr double kTremor = 0.04;            // rms per axis [N]
 inline constexpr double kDrift = 0.15;             // rms per axis [N]
 
 }  // namespace ensemble
+
+/// The numbers of one draw. Their order is the ensemble: a new one goes to the end.
+class Lot {
+ public:
+  Lot(std::uint64_t seed, std::uint64_t index) : bits_(seed, index) {}
+
+  double in(const ensemble::Range& range) { return bits_.between(range.low, range.high); }
+
+  double in_logarithm(const ensemble::Range& range) {
+    return range.low * std::pow(range.high / range.low, bits_.between(0, 1));
+  }
+
+  bool happens(double probability) { return bits_.between(0, 1) < probability; }
+
+  /// `value`, a little different for each axis.
+  Vec3 by_axis(double value) {
+    Vec3 v;
+    for (double& component : v) component = value * in(ensemble::kOfAxis);
+    return v;
+  }
+
+  /// A unit vector, every direction alike.
+  Vec3 direction() {
+    Vec3 v;
+    do {
+      for (double& component : v) component = bits_.symmetric();
+    } while (v.squaredNorm() > 1 || v.squaredNorm() < 1e-6);
+    return v.normalized();
+  }
+
+  std::uint64_t seed() { return bits_.next(); }
+
+ private:
+  SplitMix64 bits_;
+};
+
+/// Throws Error(input) unless an ensemble can have so many draws.
+void check_draws(std::size_t draws);
 
 /// A device with whoever holds it.
 struct EnsembleDraw {

@@ -117,10 +117,6 @@ OverdriveSummary summarise_overdrive(const EnsembleReport& report) {
   return summary;
 }
 
-json to_json(const Distribution& d) {
-  return {{"count", d.count}, {"median", d.median}, {"p5", d.p5}, {"p95", d.p95}, {"max", d.max}};
-}
-
 json to_json(const ControllerSummary& summary) {
   return {{"rms_error_m", to_json(summary.rms_error)},
           {"peak_error_m", to_json(summary.peak_error)},
@@ -268,6 +264,10 @@ Distribution Distribution::of(std::vector<double> values) {
     return std::lerp(values[below], values[above], at - static_cast<double>(below));
   };
   return {values.size(), quantile(0.5), quantile(0.05), quantile(0.95), values.back()};
+}
+
+json to_json(const Distribution& d) {
+  return {{"count", d.count}, {"median", d.median}, {"p5", d.p5}, {"p95", d.p95}, {"max", d.max}};
 }
 
 EnsembleSummary summarise(const EnsembleReport& report) {

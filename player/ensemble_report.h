@@ -14,6 +14,8 @@ struct Distribution {
   static Distribution of(std::vector<double> values);
 };
 
+nlohmann::json to_json(const Distribution& distribution);
+
 /// The draws, by index, of which something is true.
 using Draws = std::vector<std::uint64_t>;
 

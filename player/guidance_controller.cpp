@@ -42,6 +42,7 @@ void GuidanceController::start(const State& first) noexcept {
 void GuidanceController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
+  if (monitor_) monitor_->reset();
   approach_ = Approach(from, path_->position_at(0), options_.approach_speed);
 }
 
@@ -122,8 +123,10 @@ Command GuidanceController::update(const State& state) noexcept {
     if (!options_.axes[static_cast<std::size_t>(axis)]) command.wrench.force[axis] = 0;
 
   if (monitor_) {
-    if (const auto event = softener_.update(monitor_->update(state, command.reference), state.dt);
-        event && !command.event)
+    // A place that follows the tool is no port of its own: what it takes is given to nobody. The walls stand still.
+    Reference watched = way;
+    if (guides && !options_.cursor) watched.position = path_->position_at(0);
+    if (const auto event = softener_.update(monitor_->update(state, watched), state.dt); event && !command.event)
       command.event = event;
     command.wrench.force *= softener_.share();
     if (softener_.exhausted() && command.status == Command::Status::working)

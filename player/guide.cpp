@@ -203,7 +203,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   const DevicePath played = path_for(device, std::move(expert), options.fit);
   GuidePlan plan{.fit = played.fit,
                  .duration = played.source->facts().duration(),
-                 .delay = options.identified ? options.identified->plant.delay : 1 / options.session.rate_hz,
+                 .delay = options.identified ? options.identified->plant.delay : kUnknownDelay,
                  .has_forces = played.source->facts().force};
   ArcPath path = arc_path(played.source, options);
   if (!options.spread.empty()) widen(path, device, options);
@@ -230,40 +230,50 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
     plan.notes.push_back(
         fmt::format("{} holds no forces: the trainee feels the walls alone", played.source->facts().name));
   if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a place");
+  if (!options.identified && !options.expert)
+    plan.notes.push_back(
+        fmt::format("nobody knows yet how late {} is; its walls of {:.0f} N/m suit {:.0f} ms, and calibrated it bears "
+                    "stiffer ones: haptrace calibrate --device {}",
+                    device.model, plan.stiffness, 1e3 * kUnknownDelay, device.name));
   return plan;
 }
 
-GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& options, const StopRequest& stop,
-                  const Progress& progress) {
+GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.rate_hz;
-  guidance.axes = device.info().force_axes;
-  // Nobody may be there to come to the end, and virtual time would go on as fast as the machine can.
-  if (guidance.time_limit == 0 && device.info().virtual_time && options.session.clock != ClockChoice::real)
-    guidance.time_limit = 10 * plan.duration + 10;
+  guidance.axes = device.force_axes;
   GuidanceController controller(
       plan.path,
       Guidance(compose(plan, options), {.energy = options.energy, .delay = plan.delay, .rate_hz = guidance.rate_hz}),
-      cautious_gains(device.info().max_force, guidance.rate_hz), guidance);
-  if (options.guard && device.info().max_force > 0) {
+      cautious_gains(device.max_force, guidance.rate_hz), guidance);
+  if (options.guard && device.max_force > 0) {
     OscillationMonitorOptions monitor{.rate_hz = guidance.rate_hz,
-                                      .max_force = device.info().max_force,
+                                      .max_force = device.max_force,
                                       .delay = plan.delay,
-                                      .position_resolution = device.info().position_resolution};
+                                      .position_resolution = device.position_resolution};
     if (options.identified)
       monitor.position_resolution =
           std::max(monitor.position_resolution, options.identified->plant.position_resolution);
     controller.guard(monitor);
   }
+  return controller;
+}
 
-  TrackingMetrics tracking(guidance.rate_hz, static_cast<std::size_t>(guidance.repetitions));
+GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& asked, const StopRequest& stop,
+                  const Progress& progress) {
+  GuideOptions options = asked;
+  // Nobody may be there to come to the end, and virtual time would go on as fast as the machine can.
+  if (options.guidance.time_limit == 0 && device.info().virtual_time && options.session.clock != ClockChoice::real)
+    options.guidance.time_limit = 10 * plan.duration + 10;
+  GuidanceController controller = guidance_controller(device.info(), plan, options);
+
+  TrackingMetrics tracking(options.session.rate_hz, static_cast<std::size_t>(options.guidance.repetitions));
   GuideMetrics metrics(plan, options);
-  std::vector<SampleSink*> sinks = options.sinks;
-  sinks.push_back(&tracking);
-  sinks.push_back(&metrics);
+  options.sinks.push_back(&tracking);
+  options.sinks.push_back(&metrics);
   GuideResult result{.plan = plan};
-  result.session =
-      run_session(device, controller, {.reference = true, .guidance = true, .tunnel = true}, sinks, options.session, stop, progress);
+  result.session = run_session(device, controller, {.reference = true, .guidance = true, .tunnel = true}, options.sinks,
+                               options.session, stop, progress);
   result.repetitions = metrics.figures(tracking.repetitions());
   if (!result.repetitions.empty()) result.last = result.repetitions.back();
   result.energy_given = controller.guidance().given();

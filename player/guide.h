@@ -49,6 +49,10 @@ struct GuideOptions {
   std::vector<SampleSink*> sinks;  ///< borrowed
 };
 
+/// From a force's sending to its effect, on a device that nobody calibrated: no device of the kind is later, and walls
+/// that reckon with less than the truth give energy that no account sees [s].
+inline constexpr double kUnknownDelay = 5e-3;
+
 /// A guidance that was checked against a device and is ready to run: nothing has been sent yet.
 struct GuidePlan {
   std::shared_ptr<const ArcPath> path;
@@ -81,6 +85,9 @@ struct GuideResult {
   double energy_given = 0;   ///< to the hand beyond what springs hold [J]
   double energy_budget = 0;  ///< that it is never to pass [J]
 };
+
+/// The controller that guide() runs, for sessions of another kind. Without a time limit unless the options have one.
+GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options);
 
 /// Guides a trainee who holds `device` along `plan`. In virtual time a repetition without a time limit ends after ten
 /// times the expert's duration and 10 s.

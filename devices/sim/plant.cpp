@@ -192,6 +192,7 @@ void Plant::advance_as(double span, const PlantInput& input) noexcept {
       force += step_.lag_mean * lacking;
       motor_force_ = input.command + step_.lag_decay * lacking;
     }
+    const Vec3 of_motors = force;
     force += position_force(motor_.x);
 
     Vec3 on_handle = Vec3::Zero();
@@ -224,6 +225,7 @@ void Plant::advance_as(double span, const PlantInput& input) noexcept {
     move_motor<friction>(force);
     push_back_from_walls();
     motor_.x += h * motor_.v;
+    motor_work_ += h * of_motors.dot(motor_.v);
     if constexpr (structure) {
       handle_.v += h * handle_.inverse_mass.cwiseProduct(on_handle);
       handle_.x += h * handle_.v;

@@ -29,7 +29,7 @@ struct PlantInput {
 /// in the velocity, so that no stiffness of theirs can make the step unstable.
 ///
 /// Everything here is expressed in actuator axes: p_A = R p_W. Only what a spec names is computed.
-/// Real-time: advance.
+/// Real-time: advance, let_go.
 class Plant {
  public:
   /// At rest with every body at `start` (W). Without `follows_intent` the hand's intent springs are left out.
@@ -51,6 +51,12 @@ class Plant {
 
   /// Kinetic, and stored in springs, bristles and the position-dependent forces; without the walls [J].
   [[nodiscard]] double energy() const noexcept;
+
+  /// What the motors have done to the mechanism so far [J].
+  [[nodiscard]] double motor_work() const noexcept { return motor_work_; }
+
+  /// The hand lets go, and holds nothing from now on.
+  void let_go() noexcept { grip_stiffness_ = grip_damping_ = 0; }
 
   [[nodiscard]] double longest_step() const noexcept { return longest_step_; }
 
@@ -94,6 +100,7 @@ class Plant {
   // Mechanism.
   double lag_time_constant_ = 0;
   Vec3 motor_force_ = Vec3::Zero();
+  double motor_work_ = 0;
   Vec3 viscous_ = Vec3::Zero();
   Vec3 coulomb_ = Vec3::Zero();
   double stribeck_gain_ = 0, inverse_stribeck_velocity_ = 0;

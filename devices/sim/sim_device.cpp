@@ -15,6 +15,7 @@ namespace {
 
 constexpr double kHandRate = 1000;               // [Hz]
 constexpr std::int64_t kHandPeriod = 1'000'000;  // [ns]
+constexpr double kLongestHold = 1e9;             // after which a hand that lets go never does [s]
 
 double quantised(double value, double quantum) {
   return quantum * std::floor(value / quantum + 0.5);
@@ -52,6 +53,7 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
     : info_(describe(spec, options)),
       lost_from_(options.lost_at),
       lost_until_(options.lost_at + options.lost_for),
+      lets_go_(options.lets_go_at < kLongestHold ? std::llround(options.lets_go_at * 1e9) : DelayLine::kNever),
       force_resolution_(spec.force_resolution),
       position_noise_(spec.position_noise),
       force_noise_(spec.force_noise),
@@ -103,7 +105,9 @@ Vec3 SimDevice::motor_command(const Wrench& wrench) const noexcept {
 /// Runs the plant over stretches in which the motor command is constant and the hand's own doing is straight.
 void SimDevice::advance(std::int64_t now, std::int64_t end) noexcept {
   while (now < end) {
-    const std::int64_t until = std::min({end, delay_line_.next(), hand_acts_ ? hand_tick_ : DelayLine::kNever});
+    if (now >= lets_go_) plant_.let_go();
+    const std::int64_t until = std::min({end, delay_line_.next(), hand_acts_ ? hand_tick_ : DelayLine::kNever,
+                                         now < lets_go_ ? lets_go_ : DelayLine::kNever});
     const double span = 1e-9 * static_cast<double>(until - now);
     plant_.advance(span, input_);
     now = until;

@@ -23,6 +23,7 @@ struct SimOptions {
   std::vector<std::string> notes;  ///< for DeviceInfo::notes
   double lost_at = kNever;         ///< when its cable slips out, in its own time [s]
   double lost_for = kNever;        ///< after which that is in again [s]; kNever: the device is lost for good
+  double lets_go_at = kNever;      ///< when the hand lets go of it, in its own time [s]
   double longest_step = 50e-6;     ///< of integration; another is for those who study the integration itself [s]
 };
 
@@ -56,6 +57,7 @@ class SimDevice final : public Device {
   DeviceInfo info_;
   bool closed_ = false;
   double lost_from_, lost_until_;                           ///< the cable is out [s]
+  std::int64_t lets_go_;                                    ///< [ns]
   double force_resolution_, position_noise_, force_noise_;  ///< [N], [m], [N]
   Vec3 force_axes_ = Vec3::Zero();                          ///< 1 where a force is taken, in W
 
