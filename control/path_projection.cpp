@@ -10,6 +10,8 @@ namespace {
 constexpr double kSpeedTime = 0.02;    // time constant of the place's speed [s]
 constexpr double kPreference = 0.02;   // spacings by which what lies beyond a rise of the distance has to be nearer
 constexpr double kLeap = 1e-3;         // of the place in a tick, beyond what the tool moved [m]
+constexpr double kAhead = 40;          // spacings within which the place passes a corner that was cut: 10 mm
+constexpr double kCut = 5e-4;          // by which what comes after the corner has to be nearer [m]
 constexpr double kMostSegments = 128;  // looked at in a tick: it must cost little on the finest paths too
 
 }  // namespace
@@ -29,6 +31,12 @@ const PathProjection::Foot& PathProjection::update(const Vec3& position, double 
   look(foot_.s, std::min(foot_.s + reach, path_->length()), false, position, best);
   // At the turn of a retraced stroke both ways are as near: forward it goes.
   if (options_.allow_back) look(std::max(foot_.s - reach, 0.0), foot_.s, true, position, best);
+  // Who cuts a corner, or turns before the end of a stroke, is nearer to what comes after it: there the place slides.
+  if (const double off = std::sqrt(best.squared_distance); off > kCut) {
+    ArcPath::Nearest ahead{foot_.s, (off - kCut) * (off - kCut)};
+    look(foot_.s, std::min(foot_.s + kAhead * path_->spacing(), path_->length()), false, position, ahead);
+    if (ahead.s > foot_.s) best.s = std::min(ahead.s, foot_.s + reach);
+  }
   return stand_at(best.s, position, dt);
 }
 

@@ -9,10 +9,12 @@ namespace haptrace {
 ///
 /// From the place of the tick before, the nearest one within reach is taken: as far ahead as somebody moves in a tick
 /// who is at most max_speed fast (but in a long tick no more than 1 mm beyond what the tool moved), and as far back if
-/// that is allowed. So the place never jumps: not at crossings, not
-/// to another turn that passes near by, not from one leg of a retraced stroke to the other, not from the end of a
-/// closed path to its beginning. Without going back (the default) a trainee who returns is held at the farthest place
-/// that he reached. The search for the nearest place on the whole path does jump, by up to the size of the path.
+/// that is allowed. So the place never jumps: not at crossings, not to another turn that passes near by, not from one
+/// leg of a retraced stroke to the other, not from the end of a closed path to its beginning. Past a corner that the
+/// tool cut, or the end of a stroke that it turned before, the place slides at that speed, when it is nearer to what
+/// follows within 40 spacings (10 mm) of the path. Without going back (the default) a trainee who returns is held at
+/// the farthest place that he reached. The search for the nearest place on the whole path does jump, by up to the size
+/// of the path.
 ///
 /// Every tick costs the same, whatever the path's length. Real-time: all. Threads: one at a time. The path is borrowed.
 class PathProjection {

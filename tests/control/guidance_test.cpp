@@ -186,6 +186,22 @@ TEST(Guidance, FadesTheExpertsForceWithDistanceAndBringsItBackSlowly) {
   EXPECT_NEAR(f, 1.5, 0.05) << "half way after half the time";
 }
 
+TEST(Guidance, ChargesAForceWhenItActs) {
+  // Sent once, for a tick of 1 ms, and 1.25 ms late: most of it acts in the second tick, the rest in the third.
+  const ArcPath path = line();
+  Guidance guidance(walls(), {.delay = 1.25e-3});
+  std::vector<double> given;
+  for (int i = 0; i < 6; ++i) {
+    State state = moving(Vec3(1e-4 * i, 0, 0));
+    state.force_applied = i == 2 ? Vec3(2, 0, 0) : Vec3(Vec3::Zero());
+    const double before = guidance.given();
+    (void)guidance.update(state, foot_at(path, state.position), false);
+    given.push_back(guidance.given() - before);
+  }
+  const std::vector<double> expected{0, 0, 0, 0.75 * 2e-4, 0.25 * 2e-4, 0};
+  for (std::size_t i = 0; i < given.size(); ++i) EXPECT_NEAR(given[i], expected[i], 1e-12) << i;
+}
+
 TEST(Guidance, RefusesToReplayForcesWithoutAWall) {
   GuideTerms terms;
   terms.push_back(std::make_unique<ExpertForce>(1));

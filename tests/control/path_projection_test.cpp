@@ -103,7 +103,7 @@ TEST_P(ProjectionLaws, NeverJumpsAndStaysNearTheTruePlaceForATremblingTrainee) {
       before = s;
       worst = std::max(worst, std::abs(s - true_place[static_cast<std::size_t>(i)]));
     }
-    EXPECT_LT(worst, 0.015) << "tremble reaches 8 mm";
+    EXPECT_LT(worst, 0.018) << "tremble reaches 8 mm, and passes a turn before it";
   }
 }
 
@@ -136,6 +136,38 @@ TEST_P(ProjectionLaws, AllocatesNothing) {
 
 INSTANTIATE_TEST_SUITE_P(All, ProjectionLaws, testing::ValuesIn(kCurves),
                          [](const auto& tested) { return tested.param.name; });
+
+TEST(PathProjection, FollowsWhoTurnsBeforeTheEndOfAStroke) {
+  const ArcPath path = path_of(kCurves[2]);  // 0.1 m there and back
+  PathProjection projection(path, {});
+  double before = 0;
+  const auto move = [&](double x) {
+    const double s = projection.update(Vec3(x, 5e-4, 0), 1e-3).s;
+    EXPECT_LE(s - before, 2e-3 + 1e-9) << "it slides";
+    before = s;
+  };
+  for (int i = 0; i <= 960; ++i) move(1e-4 * i);
+  for (int i = 960; i >= 500; --i) move(1e-4 * i);
+  EXPECT_NEAR(before, 0.15, 1e-3);
+}
+
+TEST(PathProjection, LeapsNoFartherInALongTick) {
+  // Cutting an acute corner at 250 Hz.
+  ArcPath::Builder builder(2.5e-4);
+  for (int i = 0; i <= 100; ++i) builder.add(1e-2 * i, Vec3(1e-3 * i, 0, 0), Vec3::Zero());
+  for (int i = 1; i <= 100; ++i) builder.add(1 + 1e-2 * i, Vec3(0.1 - 1e-3 * i, 3e-4 * i, 0), Vec3::Zero());
+  const ArcPath path = builder.finish(0.005);
+  PathProjection projection(path, {});
+  Vec3 place = path.position_at(0), tool = place;
+  for (int i = 0; i <= 400; ++i) {
+    const Vec3 now = i < 196 ? Vec3(5e-4 * i, 0, 0) : Vec3(0.098 - 5e-4 * (i - 196), 1.5e-4 * (i - 196), 0);
+    const Vec3 foot = projection.update(now, 4e-3).place.position;
+    ASSERT_LE((foot - place).norm(), (now - tool).norm() + 1e-3 + 1e-9) << i;
+    place = foot;
+    tool = now;
+  }
+  EXPECT_GT(projection.foot().s, path.length() - 0.01);
+}
 
 TEST(PathProjection, HoldsWhoReturnsUnlessHeMay) {
   const ArcPath path = path_of(kCurves[0]);

@@ -5,11 +5,14 @@
 #include "devices/registry.h"
 #include "formats/path_file.h"
 #include "formats/recording.h"
+#include "player/guidance_draw.h"
+#include "tests/player/identified_device.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/temp_folder.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -36,12 +39,13 @@ std::shared_ptr<const PathSource> source(Path path = expert()) {
 }
 
 /// A hand that means to go along `path`, so many times as fast.
-std::unique_ptr<Device> trainee(const TempFolder& folder, Path path, double speed, const std::string& hand = "firm") {
+std::unique_ptr<Device> trainee(const TempFolder& folder, Path path, double speed, const std::string& hand = "firm",
+                                const std::string& preset = "omega3") {
   for (double& t : path.time) t = t / speed;
   for (Vec3& v : path.velocity) v *= speed;
   const std::string file = folder / fmt::format("intent-{}.csv", speed);
   save_path(path, file, "intent", true);
-  return open_device(fmt::format("sim:preset=omega3,hand={},seed=3,intent={}", hand, file));
+  return open_device(fmt::format("sim:preset={},hand={},seed=3,intent={}", preset, hand, file));
 }
 
 GuideResult guided(Device& device, const GuideOptions& options, Log* log = nullptr,
@@ -51,26 +55,73 @@ GuideResult guided(Device& device, const GuideOptions& options, Log* log = nullp
   return guide(device, plan_guidance(device.info(), path, all), all, StopRequest{});
 }
 
+/// What the expert's recording says at a place of the path.
+Vec3 recorded_force(const Path& recording, const ArcPath& path, double s) {
+  const double t = recording.time.front() + path.time_at(s);
+  const auto after = std::upper_bound(recording.time.begin() + 1, recording.time.end() - 1, t);
+  const auto i = static_cast<std::size_t>(after - recording.time.begin());
+  const double share = (t - recording.time[i - 1]) / (recording.time[i] - recording.time[i - 1]);
+  return recording.force[i - 1] + share * (recording.force[i] - recording.force[i - 1]);
+}
+
+/// What he feels while guidance alone acts, at `visit(sample)`, when he waits at the start until it does.
+template <class Visit>
+GuideResult felt(const TempFolder& folder, const Path& recording, double speed, const GuideOptions& options,
+                 const Visit& visit) {
+  Path waiting = recording;
+  waiting.velocity.clear();
+  waiting.force.clear();
+  for (double& t : waiting.time) t += 1.5 * speed;
+  waiting.time.insert(waiting.time.begin(), 0);
+  waiting.position.insert(waiting.position.begin(), waiting.position.front());
+  const auto device = trainee(folder, waiting, speed, "firm", "reference");
+  Log log;
+  const GuideResult result = guided(*device, options, &log, source(recording));
+  EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
+  for (const Sample& sample : log.samples)
+    if (sample.phase == Phase::run && sample.time_ns > 1'300'000'000) visit(sample);
+  return result;
+}
+
 TEST(Guide, ReplaysTheExpertsForceAtItsPlaceWhateverTheTraineesSpeed) {
   const TempFolder folder;
-  for (const double speed : {0.25, 1.0, 4.0}) {
-    const auto device = trainee(folder, expert(), speed);
-    Log log;
-    const GuideResult result = guided(*device, {}, &log);
-    ASSERT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
-    double error = 0, expected = 0;
-    const std::shared_ptr<const ArcPath>& path = result.plan.path;
-    for (const Sample& sample : log.samples) {
-      // It fades in over the first moments, and nothing is asked of a trainee who left the tunnel.
-      if (sample.phase != Phase::run || sample.progress < 0.1 * path->length()) continue;
-      if ((sample.position - sample.reference_position).norm() > path->at(sample.progress).radius) continue;
-      error += (sample.force - path->at(sample.progress).force).squaredNorm();
-      expected += path->at(sample.progress).force.squaredNorm();
+  for (const Path& recording : guidance_paths())
+    for (const double speed : {0.25, 1.0, 4.0}) {
+      SCOPED_TRACE(fmt::format("{} {} times as fast", recording.name, speed));
+      const ArcPath path = *plan_guidance(test::PointMass().info(), source(recording), {}).path;
+      double error = 0, expected = 0;
+      int samples = 0;
+      const GuideResult result = felt(folder, recording, speed, {.radius = 0.02}, [&](const Sample& sample) {
+        // Where he rested, the expert felt many forces in one place: their mean is replayed.
+        if (std::min(sample.progress, path.length() - sample.progress) < 1e-3) return;
+        const Vec3 force = recorded_force(recording, path, sample.progress);
+        error += (sample.force - force).squaredNorm();
+        expected += force.squaredNorm();
+        ++samples;
+      });
+      EXPECT_GT(samples, 500);
+      EXPECT_LT(std::sqrt(error / expected), 0.05);
+      EXPECT_EQ(result.last.time_in_tunnel, 1);
+      EXPECT_LE(result.energy_given, result.energy_budget);
     }
-    EXPECT_GT(expected, 0);
-    EXPECT_LT(std::sqrt(error / expected), 0.05) << speed;
-    EXPECT_GT(result.last.time_in_tunnel, 0.95) << speed;
-    EXPECT_LE(result.energy_given, result.energy_budget) << speed;
+}
+
+TEST(Guide, LetsATraineeWhoFollowsAtTheExpertsPaceFeelNoWallAndNoHelp) {
+  const TempFolder folder;
+  // The smoothest paths: who cuts a bend is not at the expert's pace there.
+  for (const Path& recording : {guidance_paths()[0], guidance_paths()[5]}) {
+    const double length = plan_guidance(test::PointMass().info(), source(recording), {}).path->length();
+    double most = 0;
+    int samples = 0;
+    felt(folder, recording, 1, {.radius = 0.02, .force_scale = 0, .pace = PaceHelp::Options{}},
+         [&](const Sample& sample) {
+           // He sets out and arrives more slowly than the expert: friction holds him.
+           if (std::abs(sample.progress / length - 0.5) > 0.45) return;
+           most = std::max(most, sample.force.norm());
+           ++samples;
+         });
+    EXPECT_GT(samples, 2000);
+    EXPECT_EQ(most, 0) << recording.name;
   }
 }
 
@@ -97,7 +148,8 @@ TEST(Guide, KeepsAWanderingTraineeNearerThePathThanHeWouldBe) {
   wandering.velocity.clear();
   for (std::size_t i = 0; i < wandering.size(); ++i)
     wandering.position[i] += 0.012 * Vec3(0, 0, std::sin(3 * wandering.time[i]));
-  const auto peak = [&](const GuideOptions& options) {
+  const auto peak = [&](GuideOptions options) {
+    options.identified = test::identified(test::known_plant());
     const auto device = trainee(folder, wandering, 1, "relaxed");
     const GuideResult result = guided(*device, options);
     EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
@@ -212,6 +264,30 @@ TEST(PlanGuidance, ClampsWallsToWhatDeviceAndRateBearUnlessAnExpertAsks) {
   EXPECT_THAT(plan.notes.front(), HasSubstr("more than the device bears at 1000 Hz"));
   options.expert = true;
   EXPECT_EQ(plan_guidance(device.info(), source(), options).stiffness, 50000);
+}
+
+TEST(PlanGuidance, ReckonsWithTheDelayAndTheDampingOfACalibratedDevice) {
+  const test::PointMass device;
+  const auto plan = [&](double delay, double viscous) {
+    PlantModel plant = test::known_plant();
+    plant.delay = delay;
+    plant.viscous = Vec3::Constant(viscous);
+    GuideOptions options;
+    options.identified = test::identified(plant);
+    return plan_guidance(device.info(), source(), options);
+  };
+  const GuidePlan known = plan(2e-3, 1.8);
+  EXPECT_EQ(known.delay, 2e-3);
+  EXPECT_NEAR(known.stiffness, 1 / (0.5e-3 + 2e-3), 1e-9) << "1 N s/m is all that is counted on";
+  EXPECT_TRUE(known.notes.empty());
+  EXPECT_NEAR(plan(4e-3, 1.8).stiffness, 1 / (0.5e-3 + 4e-3), 1e-9);
+  EXPECT_NEAR(plan(2e-3, 0.5).stiffness, 0.5 / (0.5e-3 + 2e-3), 1e-9);
+
+  const GuidePlan unknown = plan_guidance(device.info(), source(), {});
+  EXPECT_EQ(unknown.delay, kUnknownDelay);
+  EXPECT_LT(unknown.stiffness, known.stiffness);
+  ASSERT_FALSE(unknown.notes.empty());
+  EXPECT_THAT(unknown.notes.back(), HasSubstr("haptrace calibrate --device"));
 }
 
 TEST(PlanGuidance, SaysWhenTheExpertsForcesAreMissing) {
