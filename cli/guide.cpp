@@ -1,5 +1,6 @@
 #include "player/guide.h"
 
+#include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
 #include "control/error.h"
@@ -15,11 +16,11 @@ struct Arguments {
   SessionArguments session;
   std::string expert, record, profile, mode = "tunnel", feel = "active", radius = "5mm";
   std::vector<std::string> spread;
-  PathSelection selection;
+  PathArguments along{GuidanceOptions{}.max_deviation};
   GuideOptions guide;
   std::optional<double> pace;
   double pace_margin = 0.2, pace_force = 1;
-  bool loop = false, no_profile = false;
+  bool no_profile = false;
 };
 
 const std::vector<std::string> kModes{"tunnel", "cursor", "free"};
@@ -141,30 +142,11 @@ Verb add_guide(CLI::App& app) {
   verb->add_option("--wait", guidance.wait, "the cursor waits when the trainee is farther from it [m]; 0: it does not")
       ->capture_default_str()
       ->group("Cursor");
-  verb->add_flag("--fit", guide_options.fit, "move and scale the path into the workspace")->group("Path");
-  verb->add_option("--from", arguments->selection.from, "begin at this time of the recording [s]")->group("Path");
-  verb->add_option("--to", arguments->selection.to, "end at this time of the recording [s]")->group("Path");
-  verb->add_option("--repetition", arguments->selection.repetition,
-                   "of a recording of several: which to teach, from 1; without it, the last")
-      ->group("Path");
-  verb->add_option("--smoothing", guide_options.smoothing,
-                   "time constant over which a path's positions are smoothed [s]; without it, as their noise asks for")
-      ->group("Path");
-  verb->add_option("--repeat", guidance.repetitions, "repetitions")->capture_default_str()->group("Path");
-  verb->add_flag("--loop", arguments->loop, "repeat until Ctrl+C")->group("Path");
-  verb->add_option("--hold", guidance.hold, "rest at the end of a repetition [s]")
-      ->capture_default_str()
-      ->group("Path");
+  arguments->along.add_to(*verb);
   verb->add_option("--time-limit", guidance.time_limit,
                    "of a repetition [s]; 0: none, in virtual time ten times the expert's and 10 s")
       ->capture_default_str()
       ->group("Path");
-  verb->add_option("--approach-speed", guidance.approach_speed, "peak speed of the way to the start [m/s]")
-      ->capture_default_str()
-      ->group("Path");
-  verb->add_option("--max-deviation", guidance.max_deviation, "from the path, beyond which the session stops [m]")
-      ->capture_default_str()
-      ->group("Safety");
   verb->add_option("--energy", guide_options.energy,
                    "that guidance may give to the hand beyond what the expert's path allows for [J]")
       ->capture_default_str()
@@ -175,6 +157,7 @@ Verb add_guide(CLI::App& app) {
       ->group("Safety");
   verb->add_flag("--no-profile", arguments->no_profile, "guide as if the device was not calibrated")->group("Safety");
   arguments->session.add_to(*verb);
+  arguments->session.add_wait_to(*verb);
 
   return {
       verb, [verb, arguments](const Output& output) {
@@ -192,16 +175,18 @@ Verb add_guide(CLI::App& app) {
         if (arguments->pace)
           options.pace = PaceHelp::Options{
               .pace = *arguments->pace, .margin = arguments->pace_margin, .max_force = arguments->pace_force};
-        if (!arguments->loop && options.guidance.repetitions < 1)
-          throw input_error(
-              fmt::format("--repeat is {}; it must be at least 1, or use --loop", options.guidance.repetitions));
-        if (arguments->loop) options.guidance.repetitions = 0;
+        const PathArguments& along = arguments->along;
+        options.fit = along.fit;
+        options.smoothing = along.smoothing;
+        options.guidance.repetitions = along.repetitions();
+        options.guidance.hold = along.hold;
+        options.guidance.approach_speed = along.approach_speed;
+        options.guidance.max_deviation = along.max_deviation;
         options.session = arguments->session.options(arguments->record, effective_config(*verb));
 
         const auto open = [&](const std::string& file) {
           ReadProgress progress(output, file);
-          return open_path(file, file == arguments->expert ? arguments->selection : PathSelection{},
-                           progress.callback());
+          return open_path(file, file == arguments->expert ? along.selection : PathSelection{}, progress.callback());
         };
         const std::shared_ptr<const PathSource> expert = open(arguments->expert);
         for (const std::string& file : arguments->spread) options.spread.push_back(open(file));

@@ -1,3 +1,4 @@
+#include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
 #include "cli/tuning.h"
@@ -21,12 +22,9 @@ struct PlayArguments {
   std::vector<std::string> without;
   bool no_profile = false, forget = false;
   int learn = 0;
-  std::optional<double> smoothing;
   std::optional<double> kp, kd;
-  PathSelection selection;
-  double speed = 1, hold = 0.5, approach_speed = 0.1, max_deviation = 0.03;
-  int repeat = 1;
-  bool loop = false, fit = false;
+  PathArguments along{0.03};
+  double speed = 1;
   std::string on_deviation = "stop", interpolation = "cubic";
 };
 
@@ -140,27 +138,9 @@ Verb add_play(CLI::App& app) {
       "  haptrace play stroke.csv --device sim:preset=touch --fit --speed 0.5 --repeat 3");
   verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
   verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
-  verb->add_flag("--fit", arguments->fit, "move and scale the path into the workspace")->group("Path");
-  verb->add_option("--from", arguments->selection.from, "begin at this time of the recording [s]")->group("Path");
-  verb->add_option("--to", arguments->selection.to, "end at this time of the recording [s]")->group("Path");
-  verb->add_option("--repetition", arguments->selection.repetition,
-                   "of a recording of several: which to play, from 1; without it, the last")
-      ->group("Path");
+  arguments->along.add_to(*verb);
   verb->add_option("--speed", arguments->speed, "times the path's own speed")->capture_default_str()->group("Path");
-  verb->add_option("--repeat", arguments->repeat, "repetitions")->capture_default_str()->group("Path");
-  verb->add_flag("--loop", arguments->loop, "repeat until Ctrl+C")->group("Path");
-  verb->add_option("--hold", arguments->hold, "rest at the end of a repetition [s]")
-      ->capture_default_str()
-      ->group("Path");
   verb->add_option("--interpolation", arguments->interpolation, "between samples: hold | linear | cubic | quintic")
-      ->capture_default_str()
-      ->group("Path");
-  verb->add_option(
-          "--smoothing", arguments->smoothing,
-          "time constant over which a path's positions are smoothed [s]: 0 for not at all; without it, as much "
-          "as their noise asks for")
-      ->group("Path");
-  verb->add_option("--approach-speed", arguments->approach_speed, "peak speed of the way to the start [m/s]")
       ->capture_default_str()
       ->group("Path");
   verb->add_option("--gains", arguments->gains, R"(gains from a file: {"kp": 1500, "kd": [15, 15, 10]})")
@@ -187,9 +167,6 @@ Verb add_play(CLI::App& app) {
       ->type_name("FILE.json")
       ->group("Learning");
   verb->add_flag("--forget", arguments->forget, "take no notice of what was learned before")->group("Learning");
-  verb->add_option("--max-deviation", arguments->max_deviation, "tracking error limit [m]")
-      ->capture_default_str()
-      ->group("Safety");
   verb->add_option("--on-deviation", arguments->on_deviation,
                    "beyond the limit: stop | pause (the path waits) | soften (the force grows no further)")
       ->capture_default_str()
@@ -204,26 +181,24 @@ Verb add_play(CLI::App& app) {
             PlayOptions options;
             options.gains = gains_from(*arguments);
             options.interpolation = parse_interpolation(arguments->interpolation);
-            options.smoothing = arguments->smoothing;
-            options.fit = arguments->fit;
+            options.smoothing = arguments->along.smoothing;
+            options.fit = arguments->along.fit;
             options.playback = {.speed = arguments->speed,
-                                .repetitions = arguments->loop ? 0 : arguments->repeat,
-                                .hold = arguments->hold,
-                                .approach_speed = arguments->approach_speed,
-                                .max_deviation = arguments->max_deviation,
+                                .repetitions = arguments->along.repetitions(),
+                                .hold = arguments->along.hold,
+                                .approach_speed = arguments->along.approach_speed,
+                                .max_deviation = arguments->along.max_deviation,
                                 .on_deviation = parse_deviation_policy(arguments->on_deviation)};
-            if (!arguments->loop && arguments->repeat < 1)
-              throw input_error(fmt::format("--repeat is {}; it must be at least 1, or use --loop", arguments->repeat));
             check_range("--learn", arguments->learn, 0, kMostLearned);
             options.learn = arguments->learn;
-            if (arguments->learn > 0 && !arguments->loop)
-              options.playback.repetitions = std::max(arguments->learn, arguments->repeat);
+            if (arguments->learn > 0 && !arguments->along.loop)
+              options.playback.repetitions = std::max(arguments->learn, arguments->along.repeat);
             options.compensations = compensations_from(arguments->without);
             options.session = arguments->session.options(arguments->record, effective_config(*verb));
 
             const auto path = [&] {
               ReadProgress progress(output, arguments->path);
-              return open_path(arguments->path, arguments->selection, progress.callback());
+              return open_path(arguments->path, arguments->along.selection, progress.callback());
             }();
             const auto device = arguments->session.open();
             std::vector<std::string> notes = device->info().notes;
@@ -243,7 +218,7 @@ Verb add_play(CLI::App& app) {
               }
               if (!options.learned.force.empty()) plan = plan_playback(device->info(), path, options);
             }
-            if (arguments->loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
+            if (arguments->along.loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
               output.remark("looping in virtual time until Ctrl+C");
 
             LiveTuning tuning = tuning_of(*arguments, plan, options, device->info());

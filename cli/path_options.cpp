@@ -1,0 +1,37 @@
+#include "cli/path_options.h"
+
+#include "control/error.h"
+
+#include <fmt/format.h>
+
+namespace haptrace::cli {
+
+void PathArguments::add_to(CLI::App& app) {
+  app.add_flag("--fit", fit, "move and scale the path into the workspace")->group("Path");
+  app.add_option("--from", selection.from, "begin at this time of the recording [s]")->group("Path");
+  app.add_option("--to", selection.to, "end at this time of the recording [s]")->group("Path");
+  app.add_option("--repetition", selection.repetition,
+                 "of a recording of several: which one, from 1; without it, the last")
+      ->group("Path");
+  app.add_option("--smoothing", smoothing,
+                 "time constant over which a path's positions are smoothed [s]: 0 for not at all; without it, as much "
+                 "as their noise asks for")
+      ->group("Path");
+  app.add_option("--repeat", repeat, "repetitions")->capture_default_str()->group("Path");
+  app.add_flag("--loop", loop, "repeat until Ctrl+C")->group("Path");
+  app.add_option("--hold", hold, "rest at the end of a repetition [s]")->capture_default_str()->group("Path");
+  app.add_option("--approach-speed", approach_speed, "peak speed of the way to the start [m/s]")
+      ->capture_default_str()
+      ->group("Path");
+  app.add_option("--max-deviation", max_deviation, "distance from the path beyond which the session stops [m]")
+      ->capture_default_str()
+      ->group("Safety");
+}
+
+int PathArguments::repetitions() const {
+  if (loop) return 0;
+  if (repeat < 1) throw input_error(fmt::format("--repeat is {}; it must be at least 1, or use --loop", repeat));
+  return repeat;
+}
+
+}  // namespace haptrace::cli
