@@ -318,12 +318,14 @@ class ServoLoop::Session {
         asked = {*fault_force_, Vec3::Zero()};
         break;
     }
-    const ForceLimiter::Result limited = limiter_.limit(scale * asked.force, 1e-9 * static_cast<double>(period_ns_));
+    // Where there is no motor nothing is asked for: it would use up the limit of the others.
     for (int axis = 0; axis < 3; ++axis) {
       const auto i = static_cast<std::size_t>(axis);
-      wrench_.force[axis] = loop_.device_.info().force_axes[i] ? limited.force[axis] : 0;
+      if (!loop_.device_.info().force_axes[i]) asked.force[axis] = 0;
       wrench_.torque[axis] = loop_.device_.info().torque_axes[i] ? scale * asked.torque[axis] : 0;
     }
+    const ForceLimiter::Result limited = limiter_.limit(scale * asked.force, 1e-9 * static_cast<double>(period_ns_));
+    wrench_.force = limited.force;
     if (limited.verdict != ForceLimiter::Verdict::free) tell_of_limit(limited, state.time_ns);
     if (const auto event = budget_.update(limiter_, wrench_.force.stableNorm())) push_event(state.time_ns, *event);
 
