@@ -39,6 +39,12 @@ void GuidanceController::start(const State& first) noexcept {
   begin_approach(first.position);
 }
 
+void GuidanceController::resume(const State& first) noexcept {
+  guidance_.begin();
+  blend_ = Ramp(0);
+  begin_approach(first.position);
+}
+
 void GuidanceController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
@@ -119,8 +125,6 @@ Command GuidanceController::update(const State& state) noexcept {
     if (guides) held.velocity = state.velocity;  // it holds nobody back who moves on
     command.wrench.force += (1 - share) * pd_force(approach_gains_, state, held);
   }
-  for (int axis = 0; axis < 3; ++axis)
-    if (!options_.axes[static_cast<std::size_t>(axis)]) command.wrench.force[axis] = 0;
 
   if (monitor_) {
     // A place that follows the tool is no port of its own: what it takes is given to nobody. The walls stand still.

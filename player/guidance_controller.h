@@ -25,7 +25,6 @@ struct GuidanceOptions {
   double time_limit = 0;        ///< of a repetition [s]; 0: none
   double max_deviation = 0.1;   ///< from the path, beyond which the session stops [m]
   double rate_hz = 1000;
-  std::array<bool, 3> axes{true, true, true};  ///< that the device can drive
 };
 
 /// Throws Error(input) naming the option that is out of range.
@@ -52,6 +51,8 @@ class GuidanceController final : public Controller {
   void guard(const OscillationMonitorOptions& options) { monitor_.emplace(options); }
 
   void start(const State& first) noexcept override;
+  /// The repetition begins anew, with the way to its start.
+  void resume(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
 
   [[nodiscard]] const Guidance& guidance() const noexcept { return guidance_; }

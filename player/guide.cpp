@@ -241,7 +241,6 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.rate_hz;
-  guidance.axes = device.force_axes;
   GuidanceController controller(
       plan.path,
       Guidance(compose(plan, options), {.energy = options.energy, .delay = plan.delay, .rate_hz = guidance.rate_hz}),

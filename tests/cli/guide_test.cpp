@@ -54,6 +54,18 @@ TEST(GuideCommand, NamesTheOptionThatIsWrong) {
   EXPECT_THAT(haptrace("guide", folder / "none.h5", "--device", kFalcon).err, HasSubstr("none.h5"));
 }
 
+TEST(GuideCommand, GoesOnWithADeviceThatIsPluggedInAgain) {
+  const TempFolder folder;
+  const std::string path = expert(folder);
+  const Answer answer = haptrace("guide", path, "--radius", "0.02", "--wait-for-device", "30", "--device",
+                                 "sim:preset=falcon,hand=firm,intent=" + path + ",lost_at=1.5,lost_for=0.5",
+                                 "--time-limit", "5", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_EQ(answer.json()["stopped_by"], "finished");
+  EXPECT_EQ(answer.json()["returns"], 1);
+  EXPECT_LE(answer.json()["energy_given_j"], answer.json()["energy_budget_j"]);
+}
+
 TEST(GuideCommand, EndsARepetitionOfWhichNobodyComesToTheEnd) {
   const TempFolder folder;
   const Answer answer = haptrace("guide", expert(folder), "--time-limit", "0.5", "--device", kFalcon, "--json");

@@ -25,7 +25,18 @@ TEST(StabilityCommand, TriesAnEnsembleAndTellsFilesAndPeopleTheSame) {
   EXPECT_THAT(test::read_bytes(folder / "s.svg"), HasSubstr("</svg>"));
 }
 
+TEST(StabilityCommand, TriesGuidanceOnAnEnsemble) {
+  const Answer answer = haptrace("stability", "--ensemble", "1", "--guidance", "--seed", "3", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const nlohmann::json guidance = answer.json()["guidance"];
+  EXPECT_EQ(guidance["draws"], 1);
+  EXPECT_EQ(guidance["failed"], 0);
+  EXPECT_EQ(guidance["paths"].size(), 7U);
+  EXPECT_LT(guidance["energy_excess_j"]["max"], guidance["criteria"]["excess_j"]);
+}
+
 TEST(StabilityCommand, RefusesBeforeItWorks) {
+  EXPECT_THAT(haptrace("stability", "--guidance").err, HasSubstr("--ensemble N"));
   const TempFolder folder;
   EXPECT_THAT(haptrace("stability").err, HasSubstr("--ensemble N"));
   const std::string kept = folder.write("kept.json", "{}");
