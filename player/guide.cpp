@@ -114,7 +114,10 @@ GuideTerms compose(const GuidePlan& plan, const GuideOptions& options) {
 class GuideMetrics final : public SampleSink {
  public:
   GuideMetrics(const GuidePlan& plan, const GuideOptions& options)
-      : path_(plan.path), scale_(felt_scale(options)), forces_(plan.has_forces && options.force_scale > 0 && !options.free), sums_(1) {
+      : path_(plan.path),
+        scale_(felt_scale(options)),
+        forces_(plan.has_forces && options.force_scale > 0 && !options.free),
+        sums_(1) {
     sums_.reserve(static_cast<std::size_t>(std::max(options.guidance.repetitions, 1)) + 1);
   }
 
