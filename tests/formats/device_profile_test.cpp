@@ -97,10 +97,10 @@ TEST_F(DeviceProfiles, AreNotReplacedUnasked) {
 TEST_F(DeviceProfiles, SayWhenTheyAreCoarseAndAreReadWhenTheyAreOlderThanThat) {
   DeviceProfile profile = example();
   profile.coarse = true;
-  nlohmann::json json = to_json(profile);
-  EXPECT_TRUE(profile_from_json(json, "test").coarse);
-  json.erase("coarse");
-  EXPECT_FALSE(profile_from_json(json, "test").coarse);
+  nlohmann::json written = to_json(profile);
+  EXPECT_TRUE(profile_from_json(written, "test").coarse);
+  written.erase("coarse");
+  EXPECT_FALSE(profile_from_json(written, "test").coarse);
 }
 
 TEST(CheckProfile, AcceptsTheDeviceItWasMadeFor) {
