@@ -7,6 +7,7 @@
 #include "formats/path_file.h"
 #include "formats/suggest.h"
 
+#include <filesystem>
 #include <fmt/format.h>
 
 namespace haptrace::cli {
@@ -25,27 +26,33 @@ struct Arguments {
 
 const std::vector<std::string> kModes{"tunnel", "cursor", "free"};
 
-/// "0.005", "5mm" or "auto".
-void read_radius(Arguments& arguments) {
-  if (arguments.radius == "auto") {
+/// --radius: "0.005", "5mm", "auto" or a profile along the path.
+void set_radius(const Arguments& arguments, GuideOptions& options) {
+  const std::string& text = arguments.radius;
+  if (text == "auto") {
     if (arguments.spread.empty())
       throw input_error("--radius auto needs further recordings of the same task: --spread A.h5 B.h5");
-    arguments.guide.radius = 1e-3;
+    options.radius = 1e-3;
     return;
   }
   if (!arguments.spread.empty())
-    throw input_error("--spread goes with --radius auto; a radius that is given is the same everywhere");
+    throw input_error("--spread goes with --radius auto; a radius that is given does not depend on other experts");
+  if (std::filesystem::path(text).extension() == ".json") {
+    options.radius_profile = load_radius_profile(text);
+    return;
+  }
   std::size_t read = 0;
   double value = kNaN;
   try {
-    value = std::stod(arguments.radius, &read);
+    value = std::stod(text, &read);
   } catch (const std::exception&) {
   }
-  const std::string unit = arguments.radius.substr(std::min(read, arguments.radius.size()));
+  const std::string unit = text.substr(std::min(read, text.size()));
   if (read == 0 || (!unit.empty() && unit != "m" && unit != "mm"))
-    throw input_error(
-        fmt::format("--radius is '{}'; it must be a length such as 0.005, 5mm, or auto", arguments.radius));
-  arguments.guide.radius = unit == "mm" ? 1e-3 * value : value;
+    throw input_error(fmt::format(
+        "--radius is '{}'; it must be a length such as 0.005, 5mm, or auto, or a profile along the path: FILE.json",
+        text));
+  options.radius = unit == "mm" ? 1e-3 * value : value;
 }
 
 std::string percent(double share) {
@@ -92,8 +99,10 @@ Verb add_guide(CLI::App& app) {
   verb->add_option("--mode", arguments->mode,
                    "tunnel (the trainee chooses when) | cursor (the expert's time) | free (nothing is sent)")
       ->capture_default_str();
-  verb->add_option("--radius", arguments->radius,
-                   "where the walls begin, 0.005 or 5mm; or auto, as wide as the experts of --spread differ")
+  verb->add_option(
+          "--radius", arguments->radius,
+          "where the walls begin, 0.005 or 5mm; or auto, as wide as the experts of --spread differ; or along the "
+          "path, FILE.json: {\"s\": [0, 0.1], \"radius\": [0.008, 0.003]}")
       ->capture_default_str()
       ->group("Tunnel");
   verb->add_option("--spread", arguments->spread, "further recordings of the same task, for --radius auto")
@@ -164,8 +173,7 @@ Verb add_guide(CLI::App& app) {
         require(*verb, "expert");
         require(*verb, "--device");
         GuideOptions options = arguments->guide;
-        read_radius(*arguments);
-        options.radius = arguments->guide.radius;
+        set_radius(*arguments, options);
         const auto mode = std::find(kModes.begin(), kModes.end(), arguments->mode);
         if (mode == kModes.end())
           throw input_error(fmt::format("unknown mode '{}'{}", arguments->mode, suggestion(arguments->mode, kModes)));

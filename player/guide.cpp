@@ -53,7 +53,13 @@ ArcPath arc_path(const std::shared_ptr<const PathSource>& source, const GuideOpt
   ArcPath::Builder builder(ArcPath::spacing_for(bounds.size().norm()));
   walk(source, options.smoothing,
        [&](double t, const Vec3& position, const Vec3& force) { builder.add(t, position, force); });
-  return builder.finish(options.radius);
+  ArcPath path = builder.finish(options.radius);
+  if (options.radius_profile) {
+    std::vector<double> radius(path.knots());
+    for (std::size_t i = 0; i < radius.size(); ++i) radius[i] = options.radius_profile->at(path.knot_at(i));
+    path.set_radius(radius);
+  }
+  return path;
 }
 
 /// Where other experts left the path farther than the tunnel is wide, it becomes as wide, and smoothly so.

@@ -4,6 +4,7 @@
 #include "control/tracking_design.h"
 #include "control/trajectory.h"
 #include "formats/path_source.h"
+#include "formats/radius_profile.h"
 #include "player/guidance_controller.h"
 #include "player/session.h"
 #include "player/tracking_metrics.h"
@@ -26,7 +27,8 @@ Feel parse_feel(std::string_view name);  ///< throws Error(input) naming the kno
 
 struct GuideOptions {
   GuidanceOptions guidance;
-  double radius = 5e-3;  ///< of the tunnel [m]
+  double radius = 5e-3;                         ///< of the tunnel [m]
+  std::optional<RadiusProfile> radius_profile;  ///< along the path, in place of `radius`
   /// Further recordings of the same task: where these leave the path farther than `radius`, the tunnel is as wide.
   std::vector<std::shared_ptr<const PathSource>> spread;
   bool free = false;                ///< nothing is sent on the path: what follows here does not matter

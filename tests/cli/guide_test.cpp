@@ -1,4 +1,7 @@
+#include "formats/recording.h"
 #include "tests/cli/command.h"
+
+#include <algorithm>
 
 namespace haptrace {
 namespace {
@@ -33,6 +36,24 @@ TEST(GuideCommand, GuidesATraineeAndSaysHowItWent) {
   }
 }
 
+TEST(GuideCommand, TakesATunnelThatChangesAlongThePath) {
+  const TempFolder folder;
+  const std::string path = expert(folder), out = folder / "out.h5", csv = folder / "out.csv";
+  const std::string profile = folder.write("r.json", R"({"s": [0.05, 0.15], "radius": [0.008, 0.002]})");
+  const Answer answer = haptrace("guide", path, "--radius", profile, "--device",
+                                 "sim:preset=falcon,hand=firm,seed=4,intent=" + path, "--record", out);
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  int rows = 0;
+  const RecordingReader reader(out);
+  for (const Sample& sample : reader.read(0, reader.rows())) {
+    if (sample.phase != Phase::run) continue;
+    ++rows;
+    const double share = std::clamp((sample.progress - 0.05) / 0.1, 0.0, 1.0);
+    ASSERT_NEAR(sample.tunnel_radius, 0.008 - share * 0.006, 3e-5);
+  }
+  EXPECT_GT(rows, 500);
+}
+
 TEST(GuideCommand, NamesTheOptionThatIsWrong) {
   const TempFolder folder;
   const std::string path = expert(folder);
@@ -46,6 +67,7 @@ TEST(GuideCommand, NamesTheOptionThatIsWrong) {
   EXPECT_THAT(error({"--mode", "tunel"}), HasSubstr("tunnel"));
   EXPECT_THAT(error({"--radius", "wide"}), HasSubstr("--radius is 'wide'"));
   EXPECT_THAT(error({"--radius", "auto"}), HasSubstr("--spread"));
+  EXPECT_THAT(error({"--radius", "none.json"}), HasSubstr("none.json: cannot be read"));
   EXPECT_THAT(error({"--radius", "-1"}), HasSubstr("the radius of the tunnel is -1"));
   EXPECT_THAT(error({"--feel", "passive"}), HasSubstr("active"));
   EXPECT_THAT(error({"--repeat", "0"}), HasSubstr("--repeat is 0"));
