@@ -35,26 +35,42 @@ TrialKind kind_of(const RecordingHeader& header, const RecordingColumns& columns
   return configured<std::string>(header.config, "mode", "tunnel") == "cursor" ? TrialKind::cursor : TrialKind::guided;
 }
 
-bool same(const Vec3& a, const Vec3& b) {
-  return (a - b).squaredNorm() == 0;
+/// The curve through `points`, which has a finite one, with the forces there. An expert without forces has none, or
+/// zeros.
+TrialPath path_through(std::span<const Vec3> points, std::span<const Vec3> forces) {
+  TrialPath path{.curve = Polyline(points)};
+  const bool any = std::any_of(forces.begin(), forces.end(), [](const Vec3& f) { return f.squaredNorm() > 0; });
+  if (!any || !(path.curve.length() > 0)) return path;
+  std::vector<double> arc;
+  double length = 0;
+  Vec3 before = nan3();
+  for (const Vec3& point : points) {
+    if (point.allFinite()) {
+      if (before.allFinite()) length += (point - before).norm();
+      before = point;
+    }
+    arc.push_back(point.allFinite() ? length : kNaN);
+  }
+  path.expert = force_by_arc_length(arc, forces, path.curve.length(), path.spacing);
+  return path;
 }
 
-/// Points of `values` in the order of their progress, each place once.
-template <class Value>
-std::vector<Value> as_far_as_it_came(const RecordedTrial& trial, const std::vector<Value>& values) {
-  std::vector<Value> result;
-  double farthest = -1;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!(trial.progress[i] > farthest)) continue;
-    farthest = trial.progress[i];
-    result.push_back(values[i]);
-  }
-  return result;
+/// A way without the steps that are shorter than `spacing` [m]: a hand that rests trembles, and a device counts, which
+/// would make it longer than any band.
+Polyline without_noise(std::span<const Vec3> way, double spacing) {
+  std::vector<Vec3> points;
+  for (const Vec3& p : way)
+    if (p.allFinite() && (points.empty() || (p - points.back()).norm() >= spacing)) points.push_back(p);
+  return Polyline(points);
+}
+
+bool any_finite(std::span<const Vec3> points) {
+  return std::any_of(points.begin(), points.end(), [](const Vec3& p) { return p.allFinite(); });
 }
 
 /// Nothing where no component is known.
 void drop_unknown(std::vector<Vec3>& column) {
-  if (std::none_of(column.begin(), column.end(), [](const Vec3& v) { return v.allFinite(); })) column.clear();
+  if (!any_finite(column)) column.clear();
 }
 
 std::optional<double> rms_of(const std::optional<Deviation>& deviation) {
@@ -79,38 +95,67 @@ std::optional<double> of_force(const TrialFigures& figures) {
 
 constexpr TrialFigure kFigures[] = {
     {"contour_rms_m", "deviation from the path, rms", "mm", 1e3, 2, -1,
-     [](const TrialFigures& f) { return rms_of(f.contour); }},
+     [](const TrialFigures& f) { return rms_of(f.contour); },
+     "Root mean square over time of the distance from the path, wherever on it the hand was; lateness does not count."},
     {"contour_peak_m", "deviation from the path, largest", "mm", 1e3, 2, -1,
-     [](const TrialFigures& f) { return peak_of(f.contour); }},
+     [](const TrialFigures& f) { return peak_of(f.contour); }, "Largest distance from the path."},
     {"deviation_rms_m", "deviation at the same instant, rms", "mm", 1e3, 2, -1,
-     [](const TrialFigures& f) { return rms_of(f.deviation); }},
+     [](const TrialFigures& f) { return rms_of(f.deviation); },
+     "Root mean square over time of the distance from where the path was at the same instant; of repetitions in which "
+     "the path has its own time."},
     {"deviation_peak_m", "deviation at the same instant, largest", "mm", 1e3, 2, -1,
-     [](const TrialFigures& f) { return peak_of(f.deviation); }},
-    {"time_in_tunnel", "time in the tunnel", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.time_in_tunnel; }},
-    {"completion", "of the path walked", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; }},
+     [](const TrialFigures& f) { return peak_of(f.deviation); },
+     "Largest distance from where the path was at the same instant."},
+    {"time_in_tunnel", "time in the tunnel", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.time_in_tunnel; },
+     "Share of the time that was spent within the tunnel's radius of the path."},
+    {"completion", "path walked", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
+     "Share of the path's length that was walked."},
     {"shape_distance_m", "distance of the shapes (DTW)", "mm", 1e3, 2, -1,
-     [](const TrialFigures& f) { return f.shape_distance; }},
-    {"movement_time_s", "movement time", "s", 1, 2, -1, of_movement<&MovementFigures::movement_time>},
-    {"dwell_time_s", "of it, at rest", "s", 1, 2, -1, of_movement<&MovementFigures::dwell_time>},
-    {"path_length_m", "way of the hand", "mm", 1e3, 0, 0, of_movement<&MovementFigures::path_length>},
+     [](const TrialFigures& f) { return f.shape_distance; },
+     "Mean distance of what was walked from the whole path along their best alignment, whoever was faster where "
+     "(dynamic time warping, Sakoe and Chiba 1978); of repetitions that came to the end."},
+    {"movement_time_s", "movement time", "s", 1, 2, -1, of_movement<&MovementFigures::movement_time>,
+     "From where the speed first reaches 5 % of its peak to where it last falls below."},
+    {"dwell_time_s", "of it, at rest", "s", 1, 2, -1, of_movement<&MovementFigures::dwell_time>,
+     "Part of the movement time in which the hand was slower than 5 % of its peak speed."},
+    {"path_length_m", "way of the hand", "mm", 1e3, 0, 0, of_movement<&MovementFigures::path_length>,
+     "Length of what the hand walked in the movement time."},
     {"normalised_length", "way over the path's length", "", 1, 3, -1,
-     [](const TrialFigures& f) { return f.movement ? f.movement->normalised_length : std::nullopt; }},
-    {"mean_speed_m_per_s", "mean speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::mean_speed>},
-    {"peak_speed_m_per_s", "peak speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::peak_speed>},
-    {"speed_peaks", "peaks of the speed", "", 1, 0, -1, of_movement<&MovementFigures::speed_peaks>},
+     [](const TrialFigures& f) { return f.movement ? f.movement->normalised_length : std::nullopt; },
+     "The hand's way over the length of the path that it walked; 1 is straight along it."},
+    {"mean_speed_m_per_s", "mean speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::mean_speed>,
+     "The hand's way over the movement time."},
+    {"peak_speed_m_per_s", "peak speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::peak_speed>,
+     "Largest speed of the hand, low-passed at 10 Hz."},
+    {"speed_peaks", "peaks of the speed", "", 1, 0, -1, of_movement<&MovementFigures::speed_peaks>,
+     "Maxima of the speed that rise above their surroundings by 5 % of the largest; 1 is one single stroke."},
     {"sparc", "smoothness (SPARC)", "", 1, 2, 1,
-     [](const TrialFigures& f) { return f.movement ? f.movement->sparc : std::nullopt; }},
+     [](const TrialFigures& f) { return f.movement ? f.movement->sparc : std::nullopt; },
+     "Spectral arc length of the speed (Balasubramanian and others 2015): -1.4 for the smoothest reach, the more "
+     "negative the less smooth. It does not depend on amplitude or duration."},
     {"log_jerk", "smoothness (log dimensionless jerk)", "", 1, 2, 1,
-     [](const TrialFigures& f) { return f.movement ? f.movement->log_jerk : std::nullopt; }},
+     [](const TrialFigures& f) { return f.movement ? f.movement->log_jerk : std::nullopt; },
+     "Logarithm of the dimensionless jerk, with the sign turned (Hogan and Sternad 2009): -5.3 for the smoothest "
+     "reach, the more negative the less smooth."},
     {"force_error_rms_n", "felt force against the expert's, rms", "N", 1, 2, -1,
-     [](const TrialFigures& f) { return f.force_error ? std::optional(f.force_error->error.rms) : std::nullopt; }},
-    {"mean_force_n", "mean force of the device", "N", 1, 2, 0, of_force<&ForceFigures::mean>},
-    {"peak_force_n", "peak force of the device", "N", 1, 2, 0, of_force<&ForceFigures::peak>},
-    {"mean_force_across_n", "mean force across the movement", "N", 1, 2, 0, of_force<&ForceFigures::mean_across>},
-    {"assist_work_j", "work of the device on the hand", "mJ", 1e3, 1, 0, of_force<&ForceFigures::assist>},
-    {"resist_work_j", "work of the hand on the device", "mJ", 1e3, 1, 0, of_force<&ForceFigures::resist>},
+     [](const TrialFigures& f) { return f.force_error ? std::optional(f.force_error->error.rms) : std::nullopt; },
+     "Root mean square, place by place along the path, of the difference between the force that was felt and the "
+     "expert's."},
+    {"mean_force_n", "mean force of the device", "N", 1, 2, 0, of_force<&ForceFigures::mean>,
+     "Mean magnitude of the device's force on the hand."},
+    {"peak_force_n", "peak force of the device", "N", 1, 2, 0, of_force<&ForceFigures::peak>,
+     "Largest magnitude of the device's force on the hand."},
+    {"mean_force_across_n", "mean force across the movement", "N", 1, 2, 0, of_force<&ForceFigures::mean_across>,
+     "Mean magnitude of the part of that force that is perpendicular to the movement."},
+    {"assist_work_j", "work of the device on the hand", "mJ", 1e3, 1, 0, of_force<&ForceFigures::assist>,
+     "Work that the device did on the hand where it pushed along the movement."},
+    {"resist_work_j", "work of the hand on the device", "mJ", 1e3, 1, 0, of_force<&ForceFigures::resist>,
+     "Work that the device took from the hand where it pushed against the movement."},
     {"person_work_estimate_j", "work of the person, estimated", "mJ", 1e3, 1, 0,
-     [](const TrialFigures& f) { return f.movement ? f.movement->person_work_estimate : std::nullopt; }},
+     [](const TrialFigures& f) { return f.movement ? f.movement->person_work_estimate : std::nullopt; },
+     "What the person did on the device: the change of its kinetic energy and what its friction took, less the work of "
+     "weight and motors. An estimate, as good as the device's calibration; it does not see a hand that pushes against "
+     "a wall."},
 };
 
 }  // namespace
@@ -164,18 +209,26 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   return trials;
 }
 
+TrialPath path_of(const Path& path) {
+  return path_through(path.position, path.force);
+}
+
 std::optional<TrialPath> path_of(const RecordedTrial& trial) {
-  if (trial.reference.empty()) return std::nullopt;
-  if (trial.progress.empty()) return TrialPath{.curve = Polyline(trial.reference)};
-  const std::vector<Vec3> points = as_far_as_it_came(trial, trial.reference);
-  if (points.empty()) return std::nullopt;
-  TrialPath path{.curve = Polyline(points)};
-  // An expert without forces is recorded as zero.
-  const bool forces = std::any_of(trial.expert.begin(), trial.expert.end(),
-                                  [](const Vec3& f) { return f.allFinite() && !same(f, Vec3::Zero()); });
-  if (forces && path.curve.length() > 0)
-    path.expert = force_by_arc_length(as_far_as_it_came(trial, trial.progress), as_far_as_it_came(trial, trial.expert),
-                                      path.curve.length(), path.spacing);
+  if (!any_finite(trial.reference)) return std::nullopt;
+  TrialPath path = [&] {
+    if (trial.progress.empty()) return path_through(trial.reference, {});
+    // The place of a guided trial stands still, and may go back: every place once.
+    std::vector<Vec3> points, forces;
+    double farthest = -1;
+    for (std::size_t i = 0; i < trial.reference.size(); ++i) {
+      if (!(trial.progress[i] > farthest) || !trial.reference[i].allFinite()) continue;
+      farthest = trial.progress[i];
+      points.push_back(trial.reference[i]);
+      if (!trial.expert.empty()) forces.push_back(trial.expert[i]);
+    }
+    return points.empty() ? path_through(trial.reference, {}) : path_through(points, forces);
+  }();
+  path.whole = false;
   return path;
 }
 
@@ -200,19 +253,16 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
     double walked = 0;
     for (const double s : arc)
       if (s > walked) walked = s;
-    figures.completion = walked / length;
+    if (path->whole) figures.completion = std::min(1.0, walked / length);
     figures.contour = contour_deviation(trial.time, trial.position, path->curve, arc);
     if (walked > 0) movement.reference_length = walked;
 
-    constexpr double kCame = 0.95, kPoints = 2000;
-    if (*figures.completion >= kCame) {
-      const Polyline hand(trial.position);
-      // The hand's noise makes its way longer than any band: it is taken every few millimetres.
-      const double spacing = std::max(1e-3, length / kPoints);
-      const Polyline thinned(hand.resampled(spacing));
-      WarpingOptions warping{.spacing = spacing};
-      warping.band = std::max(warping.band, 1.1 * std::abs(thinned.length() - length));
-      figures.shape_distance = warping_distance(path->curve, thinned, warping);
+    constexpr double kCame = 0.95, kPoints = 2000, kLongestWay = 10;
+    if (figures.completion >= kCame) {
+      WarpingOptions warping{.spacing = std::max(1e-3, length / kPoints)};
+      const Polyline hand = without_noise(trial.position, warping.spacing);
+      warping.band = std::max(warping.band, 1.1 * std::abs(hand.length() - length));
+      if (hand.length() <= kLongestWay * length) figures.shape_distance = warping_distance(path->curve, hand, warping);
     }
     if (!path->expert.empty() && !trial.force.empty()) {
       std::vector<Vec3> expert = path->expert;

@@ -1,6 +1,7 @@
 // A trial as a recording keeps it, and its figures: what a programme goes by and a report shows.
 #pragma once
 
+#include "control/path.h"
 #include "figures/deviation.h"
 #include "figures/movement.h"
 #include "formats/recording.h"
@@ -47,9 +48,14 @@ struct TrialPath {
   Polyline curve;
   std::vector<Vec3> expert;  ///< force_by_arc_length() of the expert's, as recorded; empty without
   double spacing = 1e-3;     ///< of its cells [m]
+  bool whole = true;         ///< false: only as far as somebody came, the end is not known
 };
 
-/// The path of a trial from what the trial itself keeps: as far as the reference came. Nothing without a reference.
+/// The whole of a path. Throws Error(input) when it has no finite point.
+TrialPath path_of(const Path& path);
+
+/// The path of a trial from what the trial itself keeps: as far as the reference came, and so not known to be whole.
+/// Nothing without a reference.
 std::optional<TrialPath> path_of(const RecordedTrial& trial);
 
 /// The whole of a path that was to be followed; the noise of its positions is left aside, as a playback leaves it.
@@ -61,9 +67,9 @@ struct TrialFigures {
   std::optional<Deviation> deviation;         ///< from the reference at the same instant; of passive and cursor trials
   std::optional<Deviation> contour;           ///< from the path, wherever on it
   std::optional<double> time_in_tunnel;       ///< share of the time, 0 to 1
-  std::optional<double> completion;           ///< share of the path that was walked, 0 to 1
+  std::optional<double> completion;           ///< share of the path that was walked, 0 to 1; of a path that is whole
   std::optional<double> shape_distance;       ///< of the whole path to what was walked (dynamic time warping) [m]; of
-                                              ///< trials that came to the end
+                                              ///< trials that came to the end, by no more than ten times its length
   std::optional<ForceDeviation> force_error;  ///< the felt force against the expert's, by place
   std::optional<MovementFigures> movement;
 };
@@ -81,6 +87,7 @@ struct TrialFigure {
   int digits;         ///< after the point, for people
   int better;         ///< -1: less is better; 1: more is; 0: neither
   std::optional<double> (*value)(const TrialFigures& figures);
+  const char* meaning;  ///< how it is defined, and after whom: a sentence
 };
 
 /// Every figure, in the order of reports.
