@@ -54,6 +54,7 @@ Verb add_check(CLI::App& app);
 Verb add_convert(CLI::App& app);
 Verb add_recover(CLI::App& app);
 Verb add_plot(CLI::App& app);
+Verb add_report(CLI::App& app);
 Verb add_doctor(CLI::App& app);
 Verb add_stability(CLI::App& app);
 

@@ -86,13 +86,15 @@ function(haptrace_install)
   get_property(libraries GLOBAL PROPERTY HAPTRACE_LIBRARIES)
   install(TARGETS ${libraries} EXPORT haptraceTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
   install(EXPORT haptraceTargets NAMESPACE haptrace:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)
-  foreach(folder control figures formats devices recorder player)
+  foreach(folder control figures formats report devices recorder player)
     install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace FILES_MATCHING PATTERN "*.h"
       # What only the implementation of formats includes.
       PATTERN "csv.h" EXCLUDE PATTERN "hdf5_support.h" EXCLUDE PATTERN "output_file.h" EXCLUDE
       PATTERN "sample_text.h" EXCLUDE PATTERN "text_file.h" EXCLUDE
       PATTERN "recording_formats.h" EXCLUDE PATTERN "xdf_file.h" EXCLUDE
-      PATTERN "recording_layout.h" EXCLUDE)
+      PATTERN "recording_layout.h" EXCLUDE
+      # And that of report.
+      PATTERN "chart.h" EXCLUDE PATTERN "markup.h" EXCLUDE PATTERN "page_css.h" EXCLUDE PATTERN "thinning.h" EXCLUDE)
   endforeach()
   configure_package_config_file(cmake/haptraceConfig.cmake.in haptraceConfig.cmake
     INSTALL_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)

@@ -1,0 +1,88 @@
+#include "cli/read_progress.h"
+#include "control/error.h"
+#include "formats/text_file.h"
+#include "report/page.h"
+#include "report/report_table.h"
+
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace haptrace::cli {
+namespace {
+
+/// In a session's folder, or beside a recording.
+std::string page_beside(const std::string& input) {
+  const std::filesystem::path path(input);
+  if (!is_session(input)) return std::filesystem::path(path).replace_extension(".report.html").string();
+  return ((std::filesystem::is_directory(path) ? path : path.parent_path()) / "report.html").string();
+}
+
+/// "-": standard output, on which nothing else is then told.
+constexpr const char* kStandardOutput = "-";
+
+}  // namespace
+
+Verb add_report(CLI::App& app) {
+  struct Arguments {
+    std::vector<std::string> inputs;
+    std::string page, table;
+    bool no_page = false, overwrite = false;
+  };
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("report", "make a page for people of sessions and recordings");
+  verb->footer(
+      "One page without network: what was done, deviation and force along the path, every repetition, trends,\n"
+      "unguided tests compared, stops and warnings. --json and --csv have the numbers for statistics, in SI.\n"
+      "  haptrace report sessions/ada-monday sessions/ada-friday -o ada.html\n"
+      "  haptrace report trainee.h5 --no-page --csv -");
+  verb->add_option("session", arguments->inputs,
+                   "sessions of programmes (folders, or their session.json) and recordings (HDF5)")
+      ->type_name("SESSION...");
+  verb->add_option("-o,--output", arguments->page,
+                   "the page; without it, report.html in the first session's folder, or x.report.html beside x.h5")
+      ->type_name("FILE.html");
+  verb->add_option("--csv", arguments->table, "also a table, one row per repetition; - is standard output")
+      ->type_name("FILE.csv");
+  verb->add_flag("--no-page", arguments->no_page, "only the numbers, with --json or --csv");
+  verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
+  return {verb, [verb, arguments](const Output& output) {
+            require(*verb, "session");
+            const bool table_out = arguments->table == kStandardOutput;
+            if (table_out && output.json)
+              throw input_error("--csv - and --json both ask for standard output; give --csv a file");
+            if (arguments->no_page && !arguments->page.empty())
+              throw input_error("--no-page and --output exclude each other");
+            if (arguments->no_page && arguments->table.empty() && !output.json)
+              throw input_error("--no-page leaves nothing to do; add --json or --csv");
+            if (arguments->page.empty()) arguments->page = page_beside(arguments->inputs.front());
+
+            // A name that cannot be written is found before hours of recordings are read.
+            std::optional<TextWriter> page, table;
+            if (!arguments->no_page) page.emplace(arguments->page, arguments->overwrite);
+            if (!arguments->table.empty() && !table_out) table.emplace(arguments->table, arguments->overwrite);
+
+            const Report report =
+                gather_report(arguments->inputs, [&](const std::string& file) { ReadProgress(output, file).tell(0); });
+            nlohmann::json json = to_json(report);
+            std::string told;
+            if (page) {
+              page->text() = report_page(report);
+              page->commit();
+              json["file"] = arguments->page;
+              told += arguments->page + "\n";
+            }
+            if (table) {
+              table->text() = report_table(report);
+              table->commit();
+              json["csv"] = arguments->table;
+              told += arguments->table + "\n";
+            }
+            if (table_out)
+              fmt::print("{}", report_table(report));
+            else
+              output.tell(json, told);
+            return kDone;
+          }};
+}
+
+}  // namespace haptrace::cli

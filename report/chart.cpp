@@ -1,0 +1,481 @@
+#include "report/chart.h"
+
+#include "control/path.h"
+#include "formats/figure.h"
+#include "report/markup.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kMm = 1e3;
+constexpr double kLeft = 50, kRight = 14, kTop = 26, kBottom = 44;  // [px]
+constexpr double kWidth = 480, kHeight = 320, kWayHeight = 400;
+
+struct Span {
+  double low = std::numeric_limits<double>::infinity(), high = -std::numeric_limits<double>::infinity();
+
+  void include(double v) {
+    if (!std::isfinite(v)) return;
+    low = std::min(low, v);
+    high = std::max(high, v);
+  }
+  [[nodiscard]] bool empty() const { return !(low <= high); }
+  [[nodiscard]] double size() const { return high - low; }
+
+  /// With room at its ends; of a constant, around it.
+  [[nodiscard]] Span padded(double share) const {
+    const double room = size() > 1e-9 * std::abs(high) ? share * size() : std::max(0.1 * std::abs(high), 1e-3);
+    return {low - room, high + room};
+  }
+};
+
+/// An SVG with a pair of axes.
+class Plot {
+ public:
+  Plot(pugi::xml_node figure, const std::string& label, double height, const Span& x, const Span& y)
+      : height_(height), x_(x), y_(y) {
+    svg_ = figure.append_child("svg");
+    set(svg_, "class", "chart");
+    set(svg_, "viewBox", fmt::format("0 0 {} {}", kWidth, height));
+    set(svg_, "role", "img");
+    set(svg_, "aria-label", label);
+  }
+
+  [[nodiscard]] double px(double v) const { return kLeft + (v - x_.low) / x_.size() * (kWidth - kLeft - kRight); }
+  [[nodiscard]] double py(double v) const { return kTop + (1 - (v - y_.low) / y_.size()) * (height_ - kTop - kBottom); }
+  [[nodiscard]] double scale() const { return (kWidth - kLeft - kRight) / x_.size(); }  ///< [px] of one in x
+
+  void axes(const std::string& x_label, const std::string& y_label, bool whole_x = false) {
+    const double bottom = height_ - kBottom;
+    for (const double v : tick_values(y_.low, y_.high, 6)) {
+      line("grid", kLeft, py(v), kWidth - kRight, py(v));
+      text("tick", kLeft - 7, py(v) + 4, label_of(v, y_, 6), "end");
+    }
+    for (const double v : tick_values(x_.low, x_.high, 8)) {
+      if (whole_x && v != std::round(v)) continue;
+      line("grid", px(v), kTop, px(v), bottom);
+      text("tick", px(v), bottom + 17, label_of(v, x_, 8), "middle");
+    }
+    line("axis", kLeft, bottom, kWidth - kRight, bottom);
+    text("label", kWidth - kRight, height_ - 8, x_label, "end");
+    text("label", 4, 15, y_label, "start");
+  }
+
+  void line(const char* name, double x0, double y0, double x1, double y1) {
+    pugi::xml_node node = child("line", name);
+    const std::array<std::pair<const char*, double>, 4> ends{{{"x1", x0}, {"y1", y0}, {"x2", x1}, {"y2", y1}}};
+    for (const auto& [key, value] : ends) set(node, key, fmt::format("{:.1f}", value));
+  }
+
+  void text(const char* name, double x, double y, const std::string& what, const char* anchor) {
+    pugi::xml_node node = child("text", name);
+    set(node, "x", fmt::format("{:.1f}", x));
+    set(node, "y", fmt::format("{:.1f}", y));
+    set(node, "text-anchor", anchor);
+    add_text(node, what);
+  }
+
+  /// A line through points in the units of the axes; NaN breaks it.
+  pugi::xml_node curve(const std::string& name, const std::vector<double>& x, const std::vector<double>& y) {
+    std::string data;
+    bool pen_down = false;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      if (!std::isfinite(x[i]) || !std::isfinite(y[i])) {
+        pen_down = false;
+        continue;
+      }
+      data += fmt::format("{}{:.1f} {:.1f}", pen_down ? "L" : "M", px(x[i]), py(y[i]));
+      pen_down = true;
+    }
+    pugi::xml_node node = child("path", name);
+    set(node, "d", data);
+    return node;
+  }
+
+  /// The area between two lines over the same x, between breaks.
+  void band(const std::string& name, const std::vector<double>& x, const std::vector<double>& low,
+            const std::vector<double>& high) {
+    std::string data;
+    for (std::size_t from = 0; from < x.size();) {
+      std::size_t to = from;
+      while (to < x.size() && std::isfinite(low[to]) && std::isfinite(high[to])) ++to;
+      for (std::size_t i = from; i < to; ++i)
+        data += fmt::format("{}{:.1f} {:.1f}", i == from ? "M" : "L", px(x[i]), py(high[i]));
+      for (std::size_t i = to; i-- > from;) data += fmt::format("L{:.1f} {:.1f}", px(x[i]), py(low[i]));
+      if (to > from) data += "Z";
+      from = to + 1;
+    }
+    set(child("path", name), "d", data);
+  }
+
+  /// With a text that browsers show to who points at it.
+  void dot(const std::string& name, double x, double y, const std::string& what) {
+    pugi::xml_node node = child("circle", name);
+    set(node, "cx", fmt::format("{:.1f}", px(x)));
+    set(node, "cy", fmt::format("{:.1f}", py(y)));
+    set(node, "r", "4");
+    add(node, "title", what);
+  }
+
+  void cross(double x, const std::string& what) {
+    const double cx = px(x), cy = height_ - kBottom - 8;
+    pugi::xml_node node = child("path", "undefined");
+    set(node, "d",
+        fmt::format("M{0:.1f} {2:.1f}L{1:.1f} {3:.1f}M{0:.1f} {3:.1f}L{1:.1f} {2:.1f}", cx - 4, cx + 4, cy - 4,
+                    cy + 4));
+    add(node, "title", what);
+  }
+
+  pugi::xml_node child(const char* element, const std::string& name) {
+    pugi::xml_node node = svg_.append_child(element);
+    set(node, "class", name);
+    return node;
+  }
+
+ private:
+  static std::string label_of(double value, const Span& span, std::size_t most) {
+    const std::vector<double> ticks = tick_values(span.low, span.high, most);
+    const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : 1;
+    const int digits = std::clamp(static_cast<int>(-std::floor(std::log10(step) + 1e-6)), 0, 9);
+    return with_minus(fmt::format("{:.{}f}", std::abs(value) < 1e-9 * step ? 0.0 : value, digits));
+  }
+
+  pugi::xml_node svg_;
+  double height_;
+  Span x_, y_;
+};
+
+pugi::xml_node begin_figure(pugi::xml_node parent) {
+  pugi::xml_node figure = parent.append_child("figure");
+  return figure;
+}
+
+/// The title of a figure, what is in it, and the keys of its lines: class and words.
+void add_caption(pugi::xml_node figure, const std::string& title, const std::string& text,
+                 const std::vector<std::pair<std::string, std::string>>& keys = {}) {
+  pugi::xml_node caption = figure.append_child("figcaption");
+  add(caption, "strong", title);
+  if (!text.empty()) add_text(caption, " " + text);
+  if (keys.empty()) return;
+  pugi::xml_node list = caption.append_child("span");
+  set(list, "class", "keys");
+  for (const auto& [name, words] : keys) set(add(list, "span", words), "class", "key " + name);
+}
+
+std::vector<double> scaled(std::vector<double> values, double by) {
+  for (double& v : values) v *= by;
+  return values;
+}
+
+/// The class of a repetition's lines, by its place in the order.
+std::string class_of(const ReportExercise& exercise, std::size_t i) {
+  const std::size_t n = exercise.trials.size();
+  const std::size_t shade = n > 1 ? (4 * i + (n - 1) / 2) / (n - 1) : 4;
+  std::string name = fmt::format("trial t{}", shade);
+  if (i + 1 == n)
+    name += " last";
+  else if (i == 0)
+    name += " first";
+  if (!exercise.trials[i].finished()) name += " stopped";
+  return name;
+}
+
+/// Keys of the repetitions of which `drawn` says that they are there.
+template <class Drawn>
+std::vector<std::pair<std::string, std::string>> keys_of_trials(const ReportExercise& exercise, const Drawn& drawn) {
+  std::size_t count = 0;
+  bool stopped = false;
+  for (const ReportTrial& trial : exercise.trials)
+    if (drawn(trial)) {
+      ++count;
+      stopped = stopped || !trial.finished();
+    }
+  std::vector<std::pair<std::string, std::string>> keys;
+  if (count == 1) keys.emplace_back("line t4 last", "the repetition");
+  if (count > 1) keys.emplace_back("line t0 first", "first repetition");
+  if (count > 2) keys.emplace_back("line t2", "between");
+  if (count > 1) keys.emplace_back("line t4 last", "last repetition");
+  if (stopped) keys.emplace_back("line t2 stopped", "stopped before its end");
+  return keys;
+}
+
+constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
+
+/// Two axes of W, the first to the right, in which the points are largest.
+std::array<int, 2> plane_of(const Box& box) {
+  int least = 2;
+  for (const int axis : {1, 0})
+    if (box.size()[axis] < box.size()[least]) least = axis;
+  return {least == 0 ? 1 : 0, least == 2 ? 1 : 2};
+}
+
+std::vector<double> component(const std::vector<Vec3>& points, int axis) {
+  std::vector<double> values;
+  for (const Vec3& p : points) values.push_back(kMm * p[axis]);
+  return values;
+}
+
+/// The value of a line at an arc length.
+double at(const ReportLine& line, double arc) {
+  const auto after = std::lower_bound(line.arc.begin(), line.arc.end(), arc);
+  if (after == line.arc.begin()) return line.value.front();
+  if (after == line.arc.end()) return line.value.back();
+  const auto i = static_cast<std::size_t>(after - line.arc.begin());
+  const double share = (arc - line.arc[i - 1]) / (line.arc[i] - line.arc[i - 1]);
+  return line.value[i - 1] + share * (line.value[i] - line.value[i - 1]);
+}
+
+/// The tunnel as strokes as wide as it is.
+void draw_tunnel(Plot& plot, const ReportExercise& exercise, const std::array<int, 2>& plane) {
+  if (exercise.radius.arc.empty() || exercise.curve.size() < 2) return;
+  pugi::xml_node group = plot.child("g", "tunnel");
+  const auto stroke = [&](const std::vector<Vec3>& points, double radius) {
+    pugi::xml_node path = plot.curve("", component(points, plane[0]), component(points, plane[1]));
+    path.remove_attribute("class");
+    set(path, "stroke-width", fmt::format("{:.1f}", 2 * kMm * radius * plot.scale()));
+    group.append_move(path);
+  };
+  const auto [low, high] = std::minmax_element(exercise.radius.value.begin(), exercise.radius.value.end());
+  if (*high - *low < 0.01 * *high) return stroke(exercise.curve, *high);
+  constexpr int kPieces = 100;
+  const Polyline curve(exercise.curve);
+  const double piece = curve.length() / kPieces;
+  for (int i = 0; i < kPieces; ++i) {
+    std::vector<Vec3> points;
+    for (const double share : {0.0, 0.5, 1.0}) points.push_back(curve.at((i + share) * piece));
+    stroke(points, at(exercise.radius, (i + 0.5) * piece));
+  }
+}
+
+std::string repetitions(std::size_t n) {
+  return fmt::format("{} repetition{}", n, n == 1 ? "" : "s");
+}
+
+std::string name_of(const ReportTrial& trial) {
+  return trial.round > 1 ? fmt::format("repetition {}, round {}", trial.repetition, trial.round)
+                         : fmt::format("repetition {}", trial.repetition);
+}
+
+}  // namespace
+
+std::string shown(const TrialFigure& figure, double value, bool with_unit, bool sign) {
+  if (!std::isfinite(value)) return kUndefined;
+  std::string text = fmt::format("{:.{}f}", figure.scale * value, figure.digits);
+  if (text.find_first_not_of("-0.") == std::string::npos && text[0] == '-') text.erase(0, 1);
+  if (sign && text[0] != '-') text = "+" + text;
+  text = with_minus(text);
+  return with_unit && *figure.unit != '\0' ? text + kNarrowSpace + figure.unit : text;
+}
+
+std::string in_words(const ReportTrend& trend) {
+  if (!trend.line) return "";
+  const TrialFigure& figure = all_trial_figures()[trend.figure];
+  const double slope = trend.line->slope, half = trend.line->slope_half_width;
+  if (!(std::abs(slope) > half))
+    return fmt::format("no clear trend (95 % interval of the slope {} to {} a repetition)",
+                       shown(figure, slope - half, false, true), shown(figure, slope + half, true, true));
+  const bool falls = slope < 0;
+  const double low = std::abs(slope) - half, high = std::abs(slope) + half;
+  return fmt::format("{} by {} a repetition (95 % interval {} to {}){}", falls ? "falls" : "rises",
+                     shown(figure, std::abs(slope)), shown(figure, low, false), shown(figure, high),
+                     figure.better == 0             ? ""
+                     : (figure.better < 0) == falls ? ": better"
+                                                    : ": worse");
+}
+
+void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
+  Box box;
+  std::size_t ways = 0;
+  for (const Vec3& p : exercise.curve) box.include(p);
+  for (const ReportTrial& trial : exercise.trials) {
+    for (const Vec3& p : trial.way) box.include(p);
+    ways += trial.way.empty() ? 0 : 1;
+  }
+  if (!(box.min.x() <= box.max.x())) return;
+
+  const std::array<int, 2> plane = plane_of(box);
+  double room = 0;
+  for (const double radius : exercise.radius.value) room = std::max(room, radius);
+  room = std::min(room, box.size().maxCoeff());
+  // The same scale on both axes.
+  const double least = std::max(1e-3, 0.02 * box.size().maxCoeff());
+  const double wide = kWidth - kLeft - kRight, high = kWayHeight - kTop - kBottom;
+  const double metre = std::max((box.size()[plane[0]] + 2 * room + 2 * least) / wide,
+                                (box.size()[plane[1]] + 2 * room + 2 * least) / high);
+  const auto span = [&](int axis, double pixels) {
+    const double center = kMm * box.center()[axis], half = 0.5 * kMm * metre * pixels;
+    return Span{center - half, center + half};
+  };
+
+  pugi::xml_node figure = begin_figure(parent);
+  Plot plot(figure, fmt::format("The way of the hand in space, {}", repetitions(ways)), kWayHeight,
+            span(plane[0], wide), span(plane[1], high));
+  plot.axes(fmt::format("{} (mm)", kAxes[static_cast<std::size_t>(plane[0])]),
+            fmt::format("{} (mm)", kAxes[static_cast<std::size_t>(plane[1])]));
+  draw_tunnel(plot, exercise, plane);
+  if (!exercise.curve.empty())
+    plot.curve("path", component(exercise.curve, plane[0]), component(exercise.curve, plane[1]));
+  for (std::size_t i = 0; i < exercise.trials.size(); ++i) {
+    const std::vector<Vec3>& way = exercise.trials[i].way;
+    if (way.empty()) continue;
+    add(plot.curve(class_of(exercise, i), component(way, plane[0]), component(way, plane[1])), "title",
+        name_of(exercise.trials[i]));
+  }
+  if (!exercise.curve.empty()) {
+    const Vec3 start = kMm * exercise.curve.front();
+    plot.dot("start", start[plane[0]], start[plane[1]], "start of the path");
+  }
+
+  auto keys = keys_of_trials(exercise, [](const ReportTrial& trial) { return !trial.way.empty(); });
+  if (!exercise.curve.empty()) keys.insert(keys.begin(), {"line path", "path"});
+  if (!exercise.curve.empty()) keys.emplace_back("spot", "start");
+  if (!exercise.radius.arc.empty()) keys.emplace_back("area tunnel", "tunnel of the last repetition");
+  add_caption(figure, "In space,",
+              fmt::format("seen along {}.", kAxes[static_cast<std::size_t>(3 - plane[0] - plane[1])]), keys);
+}
+
+void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise) {
+  Span x{0, kMm * exercise.path_length}, y{0, 0};
+  std::size_t lines = 0;
+  for (const ReportTrial& trial : exercise.trials) {
+    for (const double v : trial.deviation.value) y.include(kMm * v);
+    lines += trial.deviation.arc.empty() ? 0 : 1;
+  }
+  if (lines == 0 || !(x.size() > 0)) return;
+  // A tunnel far wider than all deviations is not what the picture is about.
+  constexpr double kMostTunnel = 3;
+  const double largest = y.high;
+  for (const double v : exercise.radius.value)
+    if (kMm * v <= kMostTunnel * largest) y.include(kMm * v);
+  y.high = y.high > 0 ? 1.05 * y.high : 1;
+
+  pugi::xml_node figure = begin_figure(parent);
+  Plot plot(figure,
+            fmt::format("Deviation from the path over its length, {}, {:.1f} mm at most", repetitions(lines), largest),
+            kHeight, x, y);
+  std::vector<double> top = scaled(exercise.radius.value, kMm);
+  for (double& v : top) v = std::min(v, y.high);
+  if (!top.empty()) plot.band("tunnel-area", scaled(exercise.radius.arc, kMm), std::vector<double>(top.size(), 0), top);
+  plot.axes("along the path (mm)", "deviation (mm)");
+  for (std::size_t i = 0; i < exercise.trials.size(); ++i) {
+    const ReportLine& line = exercise.trials[i].deviation;
+    if (line.arc.empty()) continue;
+    add(plot.curve(class_of(exercise, i), scaled(line.arc, kMm), scaled(line.value, kMm)), "title",
+        name_of(exercise.trials[i]));
+  }
+  auto keys = keys_of_trials(exercise, [](const ReportTrial& trial) { return !trial.deviation.arc.empty(); });
+  if (!top.empty()) keys.emplace_back("area tunnel", "within the tunnel");
+  add_caption(figure, "Deviation", "from the path, place by place.", keys);
+}
+
+void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
+  std::size_t cells = exercise.expert_force.size(), felt = 0;
+  for (const ReportTrial& trial : exercise.trials)
+    if (trial.finished() && !trial.force.empty()) {
+      cells = std::max(cells, trial.force.size());
+      ++felt;
+    }
+  if (cells < 2 || (felt == 0 && exercise.expert_force.empty())) return;
+
+  std::vector<double> arc(cells), mean(cells, kNaN), low(cells, kNaN), high(cells, kNaN);
+  Span y{0, 0};
+  for (std::size_t i = 0; i < cells; ++i) {
+    arc[i] = kMm * exercise.cell * (static_cast<double>(i) + 0.5);
+    double n = 0, sum = 0, squares = 0;
+    for (const ReportTrial& trial : exercise.trials)
+      if (trial.finished() && i < trial.force.size() && std::isfinite(trial.force[i])) {
+        ++n;
+        sum += trial.force[i];
+        squares += trial.force[i] * trial.force[i];
+      }
+    if (n == 0) continue;
+    mean[i] = sum / n;
+    const double spread = n > 1 ? std::sqrt(std::max(0.0, (squares - n * mean[i] * mean[i]) / (n - 1))) : 0;
+    low[i] = std::max(0.0, mean[i] - spread);
+    high[i] = mean[i] + spread;
+    y.include(high[i]);
+  }
+  for (const double v : exercise.expert_force) y.include(v);
+  if (!(y.high > 0)) return;
+  y.high *= 1.05;
+
+  pugi::xml_node figure = begin_figure(parent);
+  Plot plot(figure,
+            fmt::format("Force of the device over the length of the path, {}, {:.1f} N at most", repetitions(felt),
+                        y.high / 1.05),
+            kHeight, {0, kMm * exercise.path_length}, y);
+  if (felt > 1) plot.band("spread-area", arc, low, high);
+  plot.axes("along the path (mm)", "force (N)");
+  if (felt > 0) plot.curve("felt", arc, mean);
+  std::vector<std::pair<std::string, std::string>> keys;
+  if (felt > 0) keys.emplace_back("line felt", felt > 1 ? "felt, mean" : "felt");
+  if (felt > 1) keys.emplace_back("area spread", "± standard deviation over repetitions");
+  if (!exercise.expert_force.empty()) {
+    plot.curve("expert", arc, exercise.expert_force);
+    keys.emplace_back("line expert", "the expert's");
+  }
+  add_caption(figure, "Force", "of the device on the hand, place by place.", keys);
+}
+
+void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, const ReportTrend& trend) {
+  const TrialFigure& figure_of = all_trial_figures()[trend.figure];
+  const std::size_t n = trend.values.size();
+  Span y;
+  for (const double v : trend.values) y.include(figure_of.scale * v);
+  if (y.empty() || n < 2) return;
+  std::vector<double> x_fit, y_fit;
+  constexpr int kSteps = 80;
+  for (int i = 0; (trend.curve || trend.line) && i <= kSteps; ++i) {
+    const double at = 1 + static_cast<double>(i) / kSteps * static_cast<double>(n - 1);
+    x_fit.push_back(at);
+    y_fit.push_back(figure_of.scale *
+                    (trend.curve ? trend.curve->at(at) : trend.line->first + trend.line->slope * (at - 1)));
+    y.include(y_fit.back());
+  }
+  // Near zero, zero is in the picture.
+  if (y.low > 0 && y.low < 0.6 * y.high) y.low = 0;
+  const bool from_zero = y.low == 0;
+  y = y.padded(0.08);
+  if (from_zero) y.low = 0;
+
+  const std::string unit = *figure_of.unit != '\0' ? fmt::format(" ({})", figure_of.unit) : "";
+  pugi::xml_node figure = begin_figure(parent);
+  std::string label = fmt::format("{} over {}", figure_of.title, repetitions(n));
+  if (const std::string words = in_words(trend); !words.empty()) label += ": " + words;
+  Plot plot(figure, label, kHeight, {0.5, static_cast<double>(n) + 0.5}, y);
+  plot.axes("repetition", figure_of.title + unit, true);
+  if (!x_fit.empty()) plot.curve("fit", x_fit, y_fit);
+  bool undefined = false;
+  for (std::size_t i = 0; i < n; ++i) {
+    const double number = static_cast<double>(i + 1);
+    const std::string name = name_of(exercise.trials[i]);
+    if (std::isfinite(trend.values[i])) {
+      plot.dot("point", number, figure_of.scale * trend.values[i],
+               fmt::format("{}: {}", name, shown(figure_of, trend.values[i])));
+    } else {
+      undefined = true;
+      plot.cross(number, fmt::format("{}: {}", name, exercise.trials[i].finished() ? "undefined" : "stopped"));
+    }
+  }
+
+  std::string text = in_words(trend);
+  if (trend.curve)
+    text += fmt::format("{}learning curve ({}): from {} towards {}, R² = {:.2f}", text.empty() ? "" : "; ",
+                        trend.curve->law == LearningLaw::power ? "power law" : "exponential",
+                        shown(figure_of, trend.curve->first), shown(figure_of, trend.curve->plateau),
+                        trend.curve->r_squared);
+  std::vector<std::pair<std::string, std::string>> keys;
+  if (!x_fit.empty()) keys.emplace_back("line fit", trend.curve ? "learning curve" : "straight line");
+  if (undefined) keys.emplace_back("cross", "undefined, or stopped");
+  std::string title = figure_of.title;
+  title[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(title[0])));
+  if (!text.empty()) text += ".";
+  add_caption(figure, title + (text.empty() ? "." : ":"), text, keys);
+}
+
+}  // namespace haptrace

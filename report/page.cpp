@@ -1,0 +1,567 @@
+#include "report/page.h"
+
+#include "formats/rfc3339.h"
+#include "report/chart.h"
+#include "report/markup.h"
+#include "report/page_css.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <ctime>
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <set>
+#include <sstream>
+
+namespace haptrace {
+namespace {
+
+using pugi::xml_node;
+
+std::string capitalised(std::string text) {
+  if (!text.empty()) text[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[0])));
+  return text;
+}
+
+std::string count(std::size_t n, const std::string& what) {
+  return fmt::format("{} {}{}", n, what, n == 1 ? "" : "s");
+}
+
+std::string date_of(const std::string& time) {
+  const auto point = parse_rfc3339(time);
+  if (!point) return time;
+  const std::time_t seconds = std::chrono::system_clock::to_time_t(*point);
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  return fmt::format("{:%d %B %Y, %H:%M} UTC", utc);
+}
+
+std::string lasting(double seconds) {
+  if (seconds < 100) return fmt::format("{:.{}f}{}s", seconds, seconds < 10 ? 1 : 0, kNarrowSpace);
+  const long minutes = std::lround(seconds / 60);
+  if (minutes < 100) return fmt::format("{}{}min", minutes, kNarrowSpace);
+  return fmt::format("{}{}h {}{}min", minutes / 60, kNarrowSpace, minutes % 60, kNarrowSpace);
+}
+
+/// What the device did, in words.
+std::string mode_in_words(const ReportExercise& exercise) {
+  static const std::map<std::string, std::string> kWords{{"passive", "moved the hand along the path"},
+                                                         {"assisted", "helped as much as was needed"},
+                                                         {"tunnel", "kept the hand in a tunnel round the path"},
+                                                         {"cursor", "pulled towards a place that moves along the path"},
+                                                         {"resist", "resisted along the path, within a tunnel"},
+                                                         {"free", "did nothing"},
+                                                         {"playback", "played the path back"},
+                                                         {"recording", "recorded"}};
+  const auto found = kWords.find(exercise.mode);
+  std::string text = found == kWords.end() ? exercise.mode : found->second;
+  if (!exercise.test.empty()) text += fmt::format(" (test, {})", exercise.test);
+  if (exercise.warm_up) text += " (warm-up)";
+  return text;
+}
+
+std::size_t finished(const ReportExercise& exercise) {
+  return static_cast<std::size_t>(std::count_if(exercise.trials.begin(), exercise.trials.end(),
+                                                [](const ReportTrial& trial) { return trial.finished(); }));
+}
+
+/// The trend of the figure by which an exercise is told.
+const ReportTrend* main_trend(const ReportExercise& exercise) {
+  for (const ReportTrend& trend : exercise.trends)
+    if (all_trial_figures()[trend.figure].name == exercise.figure) return &trend;
+  return nullptr;
+}
+
+/// First and last repetition in which a figure is defined.
+std::pair<double, double> ends_of(const ReportTrend& trend) {
+  double first = kNaN, last = kNaN;
+  for (const double v : trend.values)
+    if (std::isfinite(v)) {
+      if (!std::isfinite(first)) first = v;
+      last = v;
+    }
+  return {first, last};
+}
+
+std::size_t defined(const ReportTrend& trend) {
+  return static_cast<std::size_t>(
+      std::count_if(trend.values.begin(), trend.values.end(), [](double v) { return std::isfinite(v); }));
+}
+
+/// A table with a caption in a box that scrolls sideways, by keys as well.
+class Table {
+ public:
+  Table(xml_node parent, const std::string& caption) {
+    xml_node box = parent.append_child("div");
+    set(box, "class", "table");
+    set(box, "role", "region");
+    set(box, "aria-label", caption);
+    set(box, "tabindex", "0");
+    table_ = box.append_child("table");
+    add(table_, "caption", caption);
+    head_ = table_.append_child("thead").append_child("tr");
+    body_ = table_.append_child("tbody");
+  }
+
+  void column(const std::string& title, bool number = false) {
+    xml_node cell = add(head_, "th", title);
+    set(cell, "scope", "col");
+    if (number) set(cell, "class", "number");
+  }
+
+  xml_node row(const std::string& title) {
+    row_ = body_.append_child("tr");
+    xml_node cell = add(row_, "th", title);
+    set(cell, "scope", "row");
+    return row_;
+  }
+  /// The row's title.
+  [[nodiscard]] xml_node title() const { return row_.first_child(); }
+
+  xml_node text(const std::string& what) { return add(row_, "td", what); }
+  xml_node number(const std::string& what) {
+    xml_node cell = text(what);
+    set(cell, "class", "number");
+    return cell;
+  }
+
+ private:
+  xml_node table_, head_, body_, row_;
+};
+
+std::string with_unit(const TrialFigure& figure) {
+  return *figure.unit != '\0' ? fmt::format("{} ({})", figure.title, figure.unit) : figure.title;
+}
+
+class Page {
+ public:
+  explicit Page(const Report& report) : report_(report) {}
+
+  std::string build() {
+    document_.append_child(pugi::node_doctype).set_value("html");
+    xml_node html = document_.append_child("html");
+    set(html, "lang", "en");
+    add_head(html.append_child("head"));
+    xml_node main = html.append_child("body").append_child("main");
+    add_top(main);
+    add_summary(main);
+    for (const ReportComparison& comparison : report_.comparisons) add_comparison(main, comparison);
+    for (const ReportSession& session : report_.sessions) add_session(main, session);
+    add_meanings(main);
+    add_footer(main);
+    std::ostringstream text;
+    document_.save(text, "", pugi::format_raw | pugi::format_no_declaration, pugi::encoding_utf8);
+    return text.str() + "\n";
+  }
+
+ private:
+  [[nodiscard]] bool several() const { return report_.sessions.size() > 1; }
+
+  [[nodiscard]] std::string title() const {
+    if (several()) return fmt::format("{} and {} more", report_.sessions.front().title, report_.sessions.size() - 1);
+    return report_.sessions.empty() ? "Nothing" : report_.sessions.front().title;
+  }
+
+  void add_head(xml_node head) {
+    set(head.append_child("meta"), "charset", "utf-8");
+    // Nothing is fetched and nothing runs, whatever a title holds.
+    xml_node policy = head.append_child("meta");
+    set(policy, "http-equiv", "Content-Security-Policy");
+    set(policy, "content", "default-src 'none'; style-src 'unsafe-inline'");
+    xml_node view = head.append_child("meta");
+    set(view, "name", "viewport");
+    set(view, "content", "width=device-width, initial-scale=1");
+    add(head, "title", title() + " \u2013 report");
+    add(head, "style", kPageCss);
+  }
+
+  static void add_fact(xml_node list, const std::string& key, const std::string& value) {
+    if (value.empty()) return;
+    xml_node pair = list.append_child("div");
+    add(pair, "dt", key);
+    add(pair, "dd", value);
+  }
+
+  static void add_facts(xml_node parent, const ReportSession& session) {
+    xml_node list = parent.append_child("dl");
+    set(list, "class", "facts");
+    add_fact(list, "Person", session.subject);
+    add_fact(list, "Led by", session.operator_name);
+    add_fact(list, "Date", date_of(session.created));
+    add_fact(list, "Duration", session.duration > 0 ? lasting(session.duration) : "");
+    add_fact(list, "Device", session.device);
+    add_fact(list, "Notes", session.notes);
+  }
+
+  static void add_remarks(xml_node parent, const ReportSession& session) {
+    if (session.remarks.empty()) return;
+    xml_node box = parent.append_child("div");
+    set(box, "class", "remarks");
+    set(box, "role", "note");
+    for (const std::string& remark : session.remarks) add(box, "p", capitalised(remark) + ".");
+  }
+
+  void add_top(xml_node main) {
+    add(main, "h1", title());
+    if (!several())
+      for (const ReportSession& session : report_.sessions) add_facts(main, session);
+    set(add(main, "p", sentence()), "class", "lead");
+    if (!several())
+      for (const ReportSession& session : report_.sessions) add_remarks(main, session);
+  }
+
+  /// What was done and how it went.
+  [[nodiscard]] std::string sentence() const {
+    std::size_t exercises = 0, begun = 0, ended = 0;
+    double duration = 0;
+    std::set<std::string> people;
+    const ReportTrend* best = nullptr;
+    const ReportExercise* told = nullptr;
+    for (const ReportSession& session : report_.sessions) {
+      duration += session.duration;
+      people.insert(session.subject);
+      for (const ReportExercise& exercise : session.exercises) {
+        if (exercise.trials.empty()) continue;
+        ++exercises;
+        begun += exercise.trials.size();
+        ended += finished(exercise);
+        const ReportTrend* trend = main_trend(exercise);
+        if (exercise.test.empty() && !exercise.warm_up && trend != nullptr &&
+            (best == nullptr || defined(*trend) > defined(*best))) {
+          best = trend;
+          told = &exercise;
+        }
+      }
+    }
+    const std::string who = people.size() == 1 && !people.begin()->empty() ? *people.begin() : "The person";
+    std::string text = people.size() > 1 ? fmt::format("{} were made", capitalised(count(begun, "repetition")))
+                                         : fmt::format("{} did {}", who, count(begun, "repetition"));
+    text += fmt::format(" of {} in {}; ", count(exercises, "exercise"), lasting(duration));
+    text += begun == 0 ? "there is nothing to tell of."
+            : ended == begun
+                ? (begun == 1 ? "it came to its end." : "all came to their end.")
+                : fmt::format("{} did not come to {} end.", begun - ended, begun - ended == 1 ? "its" : "their");
+    if (best != nullptr && defined(*best) > 1) {
+      const TrialFigure& figure = all_trial_figures()[best->figure];
+      const auto [first, last] = ends_of(*best);
+      text += fmt::format(" In {}, {} went from {} to {}.", told->name, figure.title, shown(figure, first),
+                          shown(figure, last));
+    }
+    for (const ReportComparison& comparison : report_.comparisons) {
+      const std::size_t i = main_figure(comparison);
+      const ReportComparison::Group &from = comparison.groups.front(), &to = comparison.groups.back();
+      const TrialFigure& figure = all_trial_figures()[i];
+      if (std::isfinite(from.mean(i)) && std::isfinite(to.mean(i)))
+        text += fmt::format(" Without guidance it was {} in the test {} and {} in the test {}.",
+                            shown(figure, from.mean(i)), from.test, shown(figure, to.mean(i)), to.test);
+      break;
+    }
+    return text;
+  }
+
+  static std::size_t main_figure(const ReportComparison& comparison) {
+    for (std::size_t i = 0; i < all_trial_figures().size(); ++i)
+      if (std::all_of(comparison.groups.begin(), comparison.groups.end(),
+                      [&](const ReportComparison::Group& group) { return !group.values[i].empty(); }))
+        return i;
+    return 0;
+  }
+
+  static std::string anchor(std::size_t session, std::size_t exercise) {
+    return fmt::format("exercise-{}-{}", session + 1, exercise + 1);
+  }
+
+  void add_summary(xml_node main) {
+    add(main, "h2", "Summary");
+    Table table(main, "Every exercise, by what it is mainly told by: its first and last finished repetition.");
+    if (several()) table.column("Session");
+    table.column("Exercise");
+    table.column("The device");
+    table.column("Finished", true);
+    table.column("Figure");
+    table.column("First", true);
+    table.column("Last", true);
+    table.column("Trend");
+    for (std::size_t s = 0; s < report_.sessions.size(); ++s)
+      for (std::size_t e = 0; e < report_.sessions[s].exercises.size(); ++e) {
+        const ReportExercise& exercise = report_.sessions[s].exercises[e];
+        table.row(several() ? report_.sessions[s].title : "");
+        xml_node cell = several() ? table.text("") : table.title();
+        xml_node link = add(cell, "a", exercise.name);
+        set(link, "href", "#" + anchor(s, e));
+        table.text(mode_in_words(exercise));
+        table.number(fmt::format("{} of {}", finished(exercise), exercise.trials.size()));
+        const ReportTrend* trend = main_trend(exercise);
+        if (trend == nullptr) {
+          for (int i = 0; i < 4; ++i) table.text(kUndefined);
+          continue;
+        }
+        const TrialFigure& figure = all_trial_figures()[trend->figure];
+        const auto [first, last] = ends_of(*trend);
+        table.text(figure.title);
+        table.number(shown(figure, first));
+        table.number(shown(figure, last));
+        const std::string words = in_words(*trend);
+        table.text(words.empty() ? "fewer than four repetitions" : words);
+      }
+  }
+
+  void add_comparison(xml_node main, const ReportComparison& comparison) {
+    add(main, "h2",
+        comparison.subject.empty() || !several()
+            ? fmt::format("Without guidance: {}", comparison.task)
+            : fmt::format("Without guidance: {}, {}", comparison.subject, comparison.task));
+    add(main, "p",
+        "Repetitions without any guidance are compared with each other only. What looks better while it is guided need "
+        "not be learned, and much guidance can harm what is kept (guidance hypothesis: Salmoni, Schmidt and Walter "
+        "1984). So these are the figures to judge the practice by; that of the retention test tells most.");
+    Table table(main, "Mean ± standard deviation of the unguided tests, and the change of the mean from the first.");
+    table.column("Figure");
+    const ReportComparison::Group& first = comparison.groups.front();
+    for (const ReportComparison::Group& group : comparison.groups) {
+      table.column(capitalised(group.test), true);
+      if (&group != &first) table.column("Change", true);
+    }
+    for (std::size_t i = 0; i < all_trial_figures().size(); ++i) {
+      const TrialFigure& figure = all_trial_figures()[i];
+      if (std::all_of(comparison.groups.begin(), comparison.groups.end(),
+                      [&](const ReportComparison::Group& group) { return group.values[i].empty(); }))
+        continue;
+      table.row(with_unit(figure));
+      for (const ReportComparison::Group& group : comparison.groups) {
+        std::string text = shown(figure, group.mean(i), false);
+        if (const double spread = group.spread(i); std::isfinite(spread))
+          text += fmt::format(" ± {}", shown(figure, spread, false));
+        if (!group.values[i].empty()) text += fmt::format(" (n\u202f=\u202f{})", group.values[i].size());
+        table.number(text);
+        if (&group == &first) continue;
+        const double change = group.mean(i) - first.mean(i);
+        xml_node cell = table.number(shown(figure, change, false, true));
+        if (std::isfinite(change) && figure.better != 0 && change != 0) {
+          cell.remove_attribute("class");
+          set(cell, "class", (change < 0) == (figure.better < 0) ? "number better" : "number worse");
+        }
+      }
+    }
+  }
+
+  void add_session(xml_node main, const ReportSession& session) {
+    const auto s = static_cast<std::size_t>(&session - report_.sessions.data());
+    add(main, "h2", several() ? session.title : "Exercises");
+    if (several()) {
+      add_facts(main, session);
+      add_remarks(main, session);
+    }
+    for (std::size_t e = 0; e < session.exercises.size(); ++e) {
+      xml_node section = main.append_child("section");
+      set(section, "id", anchor(s, e));
+      add_exercise(section, session.exercises[e]);
+    }
+    add_events(main, session);
+    add_settings(main, session);
+  }
+
+  void add_exercise(xml_node section, const ReportExercise& exercise) {
+    add(section, "h3", exercise.name);
+    std::string about = fmt::format("The device {}.", mode_in_words(exercise));
+    if (!exercise.path.empty()) about += fmt::format(" Path: {}", exercise.path);
+    if (exercise.path_length > 0)
+      about += fmt::format("{}{:.0f}{}mm long", exercise.path.empty() ? " The path is " : ", ",
+                           1e3 * exercise.path_length, kNarrowSpace);
+    if (!exercise.path.empty() || exercise.path_length > 0) about += ".";
+    set(add(section, "p", about), "class", "about");
+    if (exercise.trials.empty()) {
+      add(section, "p", "No repetition was made.");
+      return;
+    }
+    xml_node charts = section.append_child("div");
+    set(charts, "class", "charts");
+    add_way_chart(charts, exercise);
+    add_deviation_chart(charts, exercise);
+    add_force_chart(charts, exercise);
+    for (const ReportTrend& trend : exercise.trends)
+      if (is_drawn(exercise, all_trial_figures()[trend.figure].name)) add_trend_chart(charts, exercise, trend);
+    if (!charts.first_child()) section.remove_child(charts);
+    if (changes(exercise))
+      set(add(section, "p",
+              "The settings changed from repetition to repetition, so that a trend here is not of skill alone."),
+          "class", "soft");
+    add_trials(section, exercise);
+  }
+
+  static bool is_drawn(const ReportExercise& exercise, std::string_view name) {
+    return name == exercise.figure || name == "movement_time_s" || name == "sparc";
+  }
+
+  /// Whether what assisted was not the same all the time.
+  static bool changes(const ReportExercise& exercise) {
+    const ReportTrial& first = exercise.trials.front();
+    const auto differs = [](const std::optional<double>& a, const std::optional<double>& b) {
+      return a.has_value() != b.has_value() || (a && std::abs(*a - *b) > 1e-3 * std::abs(*b));
+    };
+    return std::any_of(exercise.trials.begin(), exercise.trials.end(), [&](const ReportTrial& trial) {
+      return differs(trial.pace, first.pace) || differs(trial.radius, first.radius) ||
+             differs(trial.stiffness, first.stiffness) || differs(trial.assistance, first.assistance);
+    });
+  }
+
+  /// A setting as a column.
+  struct Setting {
+    const char* title;
+    std::optional<double> ReportTrial::*value;
+    double scale;
+    int digits;
+  };
+  static constexpr std::array<Setting, 5> kSettings{{{"radius (mm)", &ReportTrial::radius, 1e3, 1},
+                                                     {"stiffness (N/m)", &ReportTrial::stiffness, 1, 0},
+                                                     {"pace", &ReportTrial::pace, 1, 2},
+                                                     {"help (%)", &ReportTrial::assistance, 100, 0},
+                                                     {"level", &ReportTrial::level, 1, 2}}};
+
+  void add_trials(xml_node section, const ReportExercise& exercise) {
+    static const std::set<std::string_view> kFirst{
+        "contour_rms_m",   "contour_peak_m", "deviation_rms_m", "time_in_tunnel",    "completion",
+        "movement_time_s", "sparc",          "speed_peaks",     "force_error_rms_n", "mean_force_n"};
+    std::vector<std::size_t> first, others;
+    for (const ReportTrend& trend : exercise.trends)
+      (kFirst.contains(all_trial_figures()[trend.figure].name) ? first : others).push_back(trend.figure);
+    add_trial_table(section, exercise, first, true,
+                    fmt::format("{}, repetition by repetition. {} is undefined: see the end of the page.",
+                                exercise.name, kUndefined));
+    if (others.empty()) return;
+    xml_node details = section.append_child("details");
+    add(details, "summary", fmt::format("More figures of {}", exercise.name));
+    add_trial_table(details, exercise, others, false,
+                    fmt::format("More figures of {}, repetition by repetition.", exercise.name));
+  }
+
+  static void add_trial_table(xml_node parent, const ReportExercise& exercise, const std::vector<std::size_t>& figures,
+                              bool settings, const std::string& caption) {
+    const auto& trials = exercise.trials;
+    const bool rounds = std::any_of(trials.begin(), trials.end(), [](const ReportTrial& t) { return t.round > 1; });
+    std::vector<Setting> used;
+    for (const Setting& setting : kSettings)
+      if (settings && std::any_of(trials.begin(), trials.end(),
+                                  [&](const ReportTrial& t) { return (t.*setting.value).has_value(); }))
+        used.push_back(setting);
+
+    Table table(parent, caption);
+    table.column("repetition");
+    if (settings) table.column("duration (s)", true);
+    for (const Setting& setting : used) table.column(setting.title, true);
+    for (const std::size_t i : figures) table.column(with_unit(all_trial_figures()[i]), true);
+    if (settings) table.column("ended by");
+    for (const ReportTrial& trial : trials) {
+      std::string name =
+          rounds ? fmt::format("{}, round {}", trial.repetition, trial.round) : fmt::format("{}", trial.repetition);
+      if (trial.attempt > 1) name += fmt::format(", attempt {}", trial.attempt);
+      xml_node row = table.row(name);
+      if (!trial.finished()) set(row, "class", "stopped");
+      if (settings) table.number(fmt::format("{:.1f}", trial.duration));
+      for (const Setting& setting : used) {
+        const std::optional<double>& value = trial.*setting.value;
+        table.number(value ? fmt::format("{:.{}f}", setting.scale * *value, setting.digits) : kUndefined);
+      }
+      for (const std::size_t i : figures)
+        table.number(shown(all_trial_figures()[i], trial.figures[i].value_or(kNaN), false));
+      if (settings) table.text(end_in_words(trial));
+    }
+  }
+
+  static std::string end_in_words(const ReportTrial& trial) {
+    std::string text = trial.finished()                  ? "its end"
+                       : trial.stopped_by.empty()        ? "unknown"
+                       : trial.stopped_by == "time_over" ? "its time"
+                                                         : trial.stopped_by;
+    std::replace(text.begin(), text.end(), '_', ' ');
+    if (!trial.missing.empty()) text += ", recording missing";
+    return text;
+  }
+
+  static void add_events(xml_node main, const ReportSession& session) {
+    add(main, "h3", "Stops and warnings");
+    if (session.events.empty()) {
+      add(main, "p", "There were none.");
+      return;
+    }
+    Table table(main, "In the order of the repetitions; what came often in one of them is told once.");
+    table.column("What");
+    table.column("Where");
+    table.column("After", true);
+    table.column("Times", true);
+    table.column("In words");
+    for (const ReportEvent& event : session.events) {
+      const char* kind = event.kind == ReportEvent::Kind::stop   ? "stop"
+                         : event.kind == ReportEvent::Kind::mark ? "mark"
+                                                                 : "warning";
+      table.row(kind);
+      set(table.title(), "class", fmt::format("kind {}", kind));
+      table.text(event.where.empty() ? kUndefined : event.where);
+      table.number(event.time ? fmt::format("{:.2f}{}s", *event.time, kNarrowSpace) : kUndefined);
+      table.number(fmt::format("{}", event.times));
+      table.text(event.text);
+    }
+  }
+
+  static void add_settings(xml_node main, const ReportSession& session) {
+    add(main, "h3", "Settings");
+    if (!session.sittings.empty()) {
+      Table table(main, "From when somebody sat down until he got up.");
+      for (const char* title : {"Began", "Ended by"}) table.column(title);
+      table.column("Duration", true);
+      table.column("Force times time (N s)", true);
+      for (const Sitting& sitting : session.sittings) {
+        table.row(date_of(sitting.began));
+        table.text(sitting.ended_by.empty() ? "unknown" : sitting.ended_by);
+        table.number(lasting(sitting.duration));
+        table.number(fmt::format("{:.1f}", sitting.force_dose));
+      }
+    }
+    xml_node details = main.append_child("details");
+    add(details, "summary", "Everything that was set, as it was given");
+    add(details, "p",
+        fmt::format("{}{}", session.source, session.software.empty() ? "" : ", recorded by " + session.software));
+    add(details, "pre", session.settings.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
+  }
+
+  static void add_meanings(xml_node main) {
+    add(main, "h2", "How the figures are defined");
+    add(main, "p",
+        "All are of one repetition, from when the way to the start was over. The hand is low-passed at 10 Hz without "
+        "lag, so that they do not depend on how often the device was asked.");
+    add(main, "p",
+        fmt::format("{} stands for what is undefined, never for zero: nothing moved, there was no path or no force to "
+                    "compare with, the repetition was stopped, or its recording is missing.",
+                    kUndefined));
+    xml_node list = main.append_child("dl");
+    set(list, "class", "meanings");
+    for (const TrialFigure& figure : all_trial_figures()) {
+      add(list, "dt", with_unit(figure));
+      add(list, "dd", figure.meaning);
+    }
+    add(list, "dt", "Trend");
+    add(list, "dd",
+        "A straight line by least squares with the 95 % interval of its slope (Student's t), from four finished "
+        "repetitions on; \u201cno clear trend\u201d where that interval holds zero. The learning curve is a power law "
+        "(Newell and Rosenbloom 1981) or an exponential (Heathcote, Brown and Mewhort 2000), whichever leaves less.");
+  }
+
+  static void add_footer(xml_node main) {
+    set(add(main, "p",
+            "Made by haptrace. This page holds everything it shows; curves are thinned to what the eye can see, the "
+            "recordings keep every sample."),
+        "class", "soft");
+  }
+
+  const Report& report_;
+  pugi::xml_document document_;
+};
+
+}  // namespace
+
+std::string report_page(const Report& report) {
+  return Page(report).build();
+}
+
+}  // namespace haptrace

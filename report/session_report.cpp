@@ -1,0 +1,562 @@
+#include "report/session_report.h"
+
+#include "control/error.h"
+#include "formats/json_reader.h"
+#include "formats/path_file.h"
+#include "report/thinning.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fmt/format.h>
+#include <map>
+#include <numeric>
+
+namespace haptrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kWayPoints = 400, kLinePoints = 300;
+constexpr double kForceCells = 250;
+
+/// A path that repetitions are drawn against.
+struct DrawnPath {
+  TrialPath path;
+  double cell = 1e-3;  ///< [m]
+
+  explicit DrawnPath(TrialPath of)
+      : path(std::move(of)), cell(std::max(path.spacing, path.curve.length() / kForceCells)) {}
+};
+
+std::vector<double> magnitudes(const std::vector<Vec3>& forces, double scale = 1) {
+  std::vector<double> result;
+  for (const Vec3& force : forces) result.push_back(std::abs(scale) * force.norm());
+  return result;
+}
+
+/// Means of neighbouring cells of the path's own spacing.
+std::vector<double> expert_force(const DrawnPath& drawn, double scale) {
+  if (drawn.path.expert.empty() || scale == 0) return {};
+  std::vector<double> arc;
+  for (std::size_t i = 0; i < drawn.path.expert.size(); ++i)
+    arc.push_back((static_cast<double>(i) + 0.5) * drawn.path.spacing);
+  return magnitudes(force_by_arc_length(arc, drawn.path.expert, drawn.path.curve.length(), drawn.cell), scale);
+}
+
+/// What is drawn of a repetition.
+void add_curves(ReportTrial& trial, const RecordedTrial& recorded, const std::optional<DrawnPath>& drawn) {
+  trial.way = thinned(recorded.position, kWayPoints);
+  if (!drawn || !(drawn->path.curve.length() > 0)) return;
+  const Polyline& curve = drawn->path.curve;
+  const std::vector<double> arc = foot_points(curve, recorded.position);
+  std::vector<double> distance;
+  for (std::size_t i = 0; i < arc.size(); ++i) distance.push_back((recorded.position[i] - curve.at(arc[i])).norm());
+  trial.deviation = thinned(arc, distance, kLinePoints);
+  if (!recorded.force.empty())
+    trial.force = magnitudes(force_by_arc_length(arc, recorded.force, curve.length(), drawn->cell));
+}
+
+/// The tunnel by place, of a repetition that had one.
+ReportLine tunnel_of(const RecordedTrial& trial) {
+  if (trial.radius.empty() || trial.progress.empty()) return {};
+  ReportLine line;
+  double farthest = -1;
+  for (std::size_t i = 0; i < trial.progress.size(); ++i) {
+    if (!(trial.progress[i] > farthest) || !std::isfinite(trial.radius[i])) continue;
+    farthest = trial.progress[i];
+    line.arc.push_back(farthest);
+    line.value.push_back(trial.radius[i]);
+  }
+  return thinned(line.arc, line.value, kLinePoints);
+}
+
+void add_path(ReportExercise& exercise, const std::optional<DrawnPath>& drawn, double force_scale) {
+  if (!drawn) return;
+  exercise.path_length = drawn->path.curve.length();
+  exercise.cell = drawn->cell;
+  exercise.expert_force = expert_force(*drawn, force_scale);
+  const double length = exercise.path_length;
+  exercise.curve = thinned(drawn->path.curve.resampled(std::max(1e-4, length / 20'000)), 2 * kWayPoints);
+}
+
+std::vector<std::optional<double>> values_of(const TrialFigures& figures) {
+  std::vector<std::optional<double>> values;
+  for (const TrialFigure& figure : all_trial_figures()) values.push_back(figure.value(figures));
+  return values;
+}
+
+/// As a log has them.
+std::vector<std::optional<double>> values_of(const nlohmann::json& figures) {
+  std::vector<std::optional<double>> values;
+  for (const TrialFigure& figure : all_trial_figures()) {
+    const auto found = figures.is_object() ? figures.find(figure.name) : figures.end();
+    const bool known = figures.is_object() && found != figures.end() && found->is_number();
+    values.push_back(known ? std::optional(found->get<double>()) : std::nullopt);
+  }
+  return values;
+}
+
+std::string in_words(const std::string& a, const std::string& b) {
+  return a.empty() || b.empty() || a == b ? a + (a == b ? "" : b) : fmt::format("{} ({})", a, b);
+}
+
+// Events.
+
+bool is_stop(EventCode code) {
+  switch (code) {
+    case EventCode::interrupted:
+    case EventCode::velocity_limit:
+    case EventCode::deviation_limit:
+    case EventCode::oscillation_stays:
+    case EventCode::not_finite:
+    case EventCode::device_not_ready:
+    case EventCode::device_lost:
+    case EventCode::path_unreadable:
+    case EventCode::time_over:
+      return true;
+    default:
+      return false;
+  }
+}
+
+bool is_told(EventCode code) {
+  return code != EventCode::started && code != EventCode::finished && code != EventCode::repetition;
+}
+
+/// Adds the events of one recording, those that came often once. `place` says in words where one was.
+void add_events(std::vector<ReportEvent>& to, const std::vector<StoredEvent>& events,
+                const std::function<std::string(double time)>& place) {
+  std::map<std::pair<std::int32_t, std::string>, std::size_t> known;
+  for (const StoredEvent& event : events) {
+    const auto code = static_cast<EventCode>(event.code);
+    if (!is_told(code)) continue;
+    const std::string where = place(event.time);
+    const bool mark = code == EventCode::mark;
+    const auto [found, added] = mark ? std::pair{known.end(), true} : known.try_emplace({event.code, where}, to.size());
+    if (!added) {
+      ++to[found->second].times;
+      continue;
+    }
+    to.push_back({.kind = mark            ? ReportEvent::Kind::mark
+                          : is_stop(code) ? ReportEvent::Kind::stop
+                                          : ReportEvent::Kind::warning,
+                  .where = where,
+                  .time = event.time,
+                  .text = event.text});
+  }
+}
+
+// Trends, and the figure by which an exercise is told.
+
+std::vector<double> column(const ReportExercise& exercise, std::size_t figure) {
+  std::vector<double> values;
+  for (const ReportTrial& trial : exercise.trials)
+    values.push_back(trial.finished() ? trial.figures[figure].value_or(kNaN) : kNaN);
+  return values;
+}
+
+std::optional<LearningCurve> better_curve(const std::vector<double>& values) {
+  std::optional<LearningCurve> best;
+  for (const LearningLaw law : {LearningLaw::power, LearningLaw::exponential})
+    if (const auto curve = fit_learning_curve(values, law); curve && (!best || curve->r_squared > best->r_squared))
+      best = curve;
+  return best;
+}
+
+std::size_t index_of(std::string_view name) {
+  return static_cast<std::size_t>(&trial_figure(name) - all_trial_figures().data());
+}
+
+/// `asked`: the figure that a programme goes by; may be empty.
+void add_trends(ReportExercise& exercise, const std::string& asked) {
+  const std::span<const TrialFigure> figures = all_trial_figures();
+  const auto defined = [&](std::size_t figure) {
+    return std::any_of(exercise.trials.begin(), exercise.trials.end(),
+                       [&](const ReportTrial& trial) { return trial.finished() && trial.figures[figure].has_value(); });
+  };
+  for (std::size_t i = 0; i < figures.size(); ++i) {
+    if (!defined(i)) continue;
+    ReportTrend trend{.figure = i, .values = column(exercise, i), .curve = {}, .line = {}};
+    trend.line = fit_trend(trend.values);
+    if (figures[i].better < 0) trend.curve = better_curve(trend.values);
+    exercise.trends.push_back(std::move(trend));
+  }
+  const bool own_time = exercise.mode == "passive" || exercise.mode == "cursor" || exercise.mode == "playback";
+  for (const std::string& name :
+       {asked, std::string(own_time ? "deviation_rms_m" : "contour_rms_m"), std::string("movement_time_s")})
+    if (!name.empty() && defined(index_of(name))) {
+      exercise.figure = name;
+      break;
+    }
+}
+
+// A single recording.
+
+std::string device_in_words(const RecordingHeader& header) {
+  return in_words(header.device_name, header.device_model);
+}
+
+std::string mode_of(TrialKind kind) {
+  switch (kind) {
+    case TrialKind::passive:
+      return "playback";
+    case TrialKind::cursor:
+      return "cursor";
+    case TrialKind::guided:
+      return "tunnel";
+    case TrialKind::free:
+      break;
+  }
+  return "recording";
+}
+
+std::optional<double> configured_number(const nlohmann::json& config, const char* key) {
+  const auto found = config.is_object() ? config.find(key) : config.end();
+  if (!config.is_object() || found == config.end() || !found->is_number()) return std::nullopt;
+  return found->get<double>();
+}
+
+std::string configured_text(const nlohmann::json& config, const char* key) {
+  const auto found = config.is_object() ? config.find(key) : config.end();
+  return config.is_object() && found != config.end() && found->is_string() ? found->get<std::string>() : "";
+}
+
+std::optional<double> median(std::vector<double> values) {
+  std::erase_if(values, [](double v) { return !std::isfinite(v); });
+  if (values.empty()) return std::nullopt;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Says of every repetition of a recording whether it came to its end. Files without events are other programs'.
+void tell_ends(std::vector<ReportTrial>& trials, const std::vector<RecordedTrial>& recorded,
+               const std::vector<StoredEvent>& events, bool complete) {
+  if (trials.empty()) return;
+  const auto last_time = recorded.back().time.back();
+  bool finished = events.empty(), stopped = false;
+  for (const StoredEvent& event : events) {
+    const auto code = static_cast<EventCode>(event.code);
+    if (code == EventCode::finished) finished = true;
+    if (code == EventCode::time_over) {
+      for (std::size_t i = 0; i < trials.size(); ++i)
+        if (event.time >= recorded[i].time.front() - 1e-6 &&
+            (i + 1 == trials.size() || event.time < recorded[i + 1].time.front())) {
+          trials[i].stopped_by = "time_over";
+          trials[i].detail = event.text;
+        }
+    } else if (is_stop(code) && event.time >= recorded.back().time.front() && !stopped) {
+      stopped = true;
+      trials.back().stopped_by = code == EventCode::interrupted ? "interrupted" : "limit";
+      trials.back().detail = event.text;
+    }
+  }
+  if (finished && trials.back().stopped_by != "time_over") trials.back().stopped_by = "finished";
+  if (!complete && !finished && !stopped) {
+    trials.back().stopped_by = "";
+    trials.back().detail = fmt::format("the recording ends at {:.2f} s", last_time);
+  }
+}
+
+ReportSession session_of_recording(const std::string& file) {
+  const RecordingReader reader(file);
+  const RecordingHeader header = reader.header();
+  const std::vector<RecordedTrial> recorded = read_trials(reader, file);
+  const std::vector<StoredEvent> events = reader.events();
+  const std::string name = fs::path(file).filename().string();
+
+  ReportSession session{.source = file,
+                        .title = header.title.empty() ? name : header.title,
+                        .subject = header.subject,
+                        .operator_name = header.operator_name,
+                        .notes = header.notes,
+                        .created = header.created,
+                        .software = header.software,
+                        .device = device_in_words(header),
+                        .complete = header.complete,
+                        .settings = header.config};
+  if (!header.complete) session.remarks.push_back(name + " was not finished; what it keeps is shown");
+  if (reader.rows() == 0) session.remarks.push_back(name + " holds no samples");
+
+  const std::string expert = configured_text(header.config, "expert"),
+                    path_name = configured_text(header.config, "path");
+  ReportExercise exercise{.name = session.title,
+                          .mode = recorded.empty() ? "recording" : mode_of(recorded.front().kind),
+                          .path = expert.empty() ? path_name : expert};
+  exercise.task = exercise.path;
+  for (const RecordedTrial& one : recorded) {
+    const bool guided = one.kind == TrialKind::guided || one.kind == TrialKind::cursor;
+    exercise.trials.push_back({.repetition = one.repetition,
+                               .file = name,
+                               .pace = one.kind == TrialKind::passive || one.kind == TrialKind::cursor
+                                           ? configured_number(header.config, "speed")
+                                           : std::nullopt,
+                               .radius = median(one.radius),
+                               .stiffness = guided ? configured_number(header.config, "stiffness") : std::nullopt,
+                               .duration = one.time.back() - one.time.front()});
+  }
+  tell_ends(exercise.trials, recorded, events, header.complete);
+
+  // Its repetitions are about one path, which the one that came farthest knows best.
+  std::optional<DrawnPath> drawn;
+  for (const RecordedTrial& one : recorded)
+    if (std::optional<TrialPath> path = path_of(one);
+        path && (!drawn || path->curve.length() > drawn->path.curve.length()))
+      drawn.emplace(std::move(*path));
+  if (drawn)
+    drawn->path.whole = std::any_of(exercise.trials.begin(), exercise.trials.end(),
+                                    [](const ReportTrial& trial) { return trial.finished(); });
+  const double scale = recorded.empty() ? 1 : recorded.back().force_scale;
+  add_path(exercise, drawn, scale);
+  for (std::size_t i = 0; i < recorded.size(); ++i) {
+    ReportTrial& trial = exercise.trials[i];
+    trial.figures =
+        values_of(trial_figures(recorded[i], drawn ? std::optional(drawn->path) : std::optional<TrialPath>()));
+    add_curves(trial, recorded[i], drawn);
+    if (ReportLine tunnel = tunnel_of(recorded[i]); !tunnel.arc.empty()) exercise.radius = std::move(tunnel);
+    session.duration = recorded[i].time.back();
+  }
+  add_trends(exercise, "");
+  add_events(session.events, events, [&](double time) -> std::string {
+    for (std::size_t i = recorded.size(); i-- > 0;)
+      if (recorded.size() > 1 && time >= recorded[i].time.front()) return fmt::format("repetition {}", i + 1);
+    return "";
+  });
+  session.exercises.push_back(std::move(exercise));
+  return session;
+}
+
+// A session of a programme.
+
+/// What exercises have in common that are about the same path.
+std::string task_of(const Programme& programme, const Exercise& exercise) {
+  const auto change = [](const PathChange& c) { return fmt::format("{}x{}", c.mirror.value_or(-1), c.scale); };
+  return fmt::format("{}|{}|{}", exercise.shape ? exercise.shape->dump() : exercise.path, change(exercise.change),
+                     change(programme.person));
+}
+
+std::string path_in_words(const Programme& programme, const Exercise& exercise) {
+  std::string text = exercise.path;
+  if (exercise.shape) {
+    text = exercise.shape->value("kind", std::string("shape"));
+    if (const auto size = configured_number(*exercise.shape, "size")) text += fmt::format(", {:.4g} mm", 1e3 * *size);
+  }
+  for (const PathChange& change : {exercise.change, programme.person}) {
+    if (change.mirror) text += fmt::format(", mirrored in {}", "xyz"[*change.mirror]);
+    if (change.scale != 1) text += fmt::format(", scaled by {:.4g}", change.scale);
+  }
+  return text;
+}
+
+/// What a repetition was set to, of what its mode uses.
+void add_settings(ReportTrial& trial, const TrialSettings& settings, const Exercise& exercise) {
+  using enum ExerciseMode;
+  const ExerciseMode mode = exercise.mode;
+  if (mode == passive || mode == assisted || mode == cursor) trial.pace = settings.pace;
+  if (mode != passive && mode != free) trial.radius = settings.radius;
+  if (mode != passive && mode != free) trial.stiffness = settings.stiffness;
+  if (mode == assisted) trial.assistance = settings.assistance;
+  if (exercise.progression && exercise.progression->difficulty) trial.level = settings.level;
+}
+
+std::string place_of(const ReportSession& session, const LoggedTrial& trial) {
+  std::string text = fmt::format("{}, repetition {}", session.exercises[trial.exercise].name, trial.repetition);
+  if (trial.round > 1) text += fmt::format(", round {}", trial.round);
+  if (trial.attempt > 1) text += fmt::format(", attempt {}", trial.attempt);
+  return text;
+}
+
+/// The session of a programme that `where` names, while it is gathered.
+class SessionReading {
+ public:
+  explicit SessionReading(const std::string& where)
+      : folder_(fs::is_directory(where) ? fs::path(where) : fs::path(where).parent_path()),
+        log_(load_session_log(where)),
+        programme_(programme_from_json(log_.programme, where)),
+        paths_(programme_.size()),
+        scales_(programme_.size(), 1) {
+    session_.source = where;
+  }
+
+  ReportSession read(const std::function<void(const std::string&)>& progress) {
+    fill_head();
+    for (std::size_t i = 0; i < programme_.size(); ++i) add_exercise(i);
+    for (const LoggedTrial& trial : log_.trials) {
+      if (progress) progress(file(trial.file));
+      add_trial(trial);
+    }
+    for (std::size_t i = 0; i < programme_.size(); ++i) {
+      ReportExercise& exercise = session_.exercises[i];
+      const Exercise& asked = programme_.exercise(i);
+      add_path(exercise, paths_[i], scales_[i]);
+      add_trends(exercise, asked.progression ? asked.progression->figure : "");
+    }
+    return std::move(session_);
+  }
+
+ private:
+  [[nodiscard]] std::string file(const std::string& name) const { return (folder_ / name).string(); }
+
+  void fill_head() {
+    session_.title = programme_.title.empty() ? folder_.filename().string() : programme_.title;
+    session_.subject = log_.subject;
+    session_.operator_name = log_.operator_name;
+    session_.notes = log_.notes;
+    session_.created = log_.created;
+    session_.software = log_.software;
+    session_.device = in_words(log_.device.model, log_.device.serial);
+    session_.complete = log_.complete;
+    session_.sittings = log_.sittings;
+    session_.settings = log_.programme;
+    for (const Sitting& sitting : log_.sittings) {
+      session_.duration += sitting.duration;
+      if (sitting.ended_by == "complete") continue;
+      session_.events.push_back({.kind = ReportEvent::Kind::stop,
+                                 .where = fmt::format("sitting {}", &sitting - log_.sittings.data() + 1),
+                                 .text = sitting.ended_by.empty() ? "nobody wrote down how it ended"
+                                                                  : in_words(sitting.ended_by, sitting.detail)});
+    }
+    if (!log_.complete) session_.remarks.emplace_back("the programme was not gone through to its end");
+    if (log_.trials.empty()) session_.remarks.emplace_back("no repetition was begun");
+    const std::string profile = file(kSessionProfile);
+    if (!fs::exists(profile)) return;
+    try {
+      plant_ = load_profile(profile).plant;
+    } catch (const Error& error) {
+      session_.remarks.emplace_back(error.what());
+    }
+  }
+
+  void add_exercise(std::size_t i) {
+    const Exercise& exercise = programme_.exercise(i);
+    const bool test = exercise.test != TestLabel::none;
+    session_.exercises.push_back({.name = exercise.name,
+                                  .mode = to_string(exercise.mode),
+                                  .test = test ? to_string(exercise.test) : "",
+                                  .warm_up = i < programme_.warm_up.size(),
+                                  .path = path_in_words(programme_, exercise),
+                                  .task = task_of(programme_, exercise)});
+    // What the person was to feel.
+    const bool guided = exercise.mode != ExerciseMode::passive && exercise.mode != ExerciseMode::free;
+    scales_[i] = guided ? exercise.force_scale : 0;
+    try {
+      paths_[i].emplace(path_of(load_path(file(log_.paths[i]))));
+    } catch (const Error& error) {
+      session_.remarks.push_back(fmt::format("the path of {} cannot be shown: {}", exercise.name, error.what()));
+    }
+  }
+
+  void add_trial(const LoggedTrial& logged) {
+    ReportExercise& exercise = session_.exercises[logged.exercise];
+    ReportTrial trial{.round = logged.round,
+                      .repetition = logged.repetition,
+                      .attempt = logged.attempt,
+                      .began = logged.began,
+                      .file = logged.file,
+                      .stopped_by = logged.stopped_by,
+                      .detail = logged.detail,
+                      .duration = logged.duration,
+                      .figures = values_of(logged.figures)};
+    add_settings(trial, logged.settings, programme_.exercise(logged.exercise));
+    const std::string place = place_of(session_, logged);
+    if (!logged.finished())
+      session_.events.push_back({.kind = ReportEvent::Kind::stop,
+                                 .where = place,
+                                 .text = logged.stopped_by.empty() ? "nobody wrote down how it ended"
+                                                                   : in_words(logged.stopped_by, logged.detail)});
+    for (const std::string& notice : logged.notices) session_.events.push_back({.where = place, .text = notice});
+    try {
+      add_recording(trial, exercise, logged, place);
+    } catch (const Error& error) {
+      trial.missing = error.what();
+      session_.remarks.push_back(fmt::format("the recording of {} cannot be shown: {}", place, error.what()));
+    }
+    exercise.trials.push_back(std::move(trial));
+  }
+
+  void add_recording(ReportTrial& trial, ReportExercise& exercise, const LoggedTrial& logged,
+                     const std::string& place) {
+    const std::string name = file(logged.file);
+    const RecordingReader reader(name);
+    add_events(session_.events, reader.events(), [&](double) { return place; });
+    const std::vector<RecordedTrial> runs = read_trials(reader, name);
+    if (runs.empty()) throw input_error(name + ": holds no repetition");
+    const RecordedTrial& run = runs.back();
+    std::optional<DrawnPath>& path = paths_[logged.exercise];
+    if (!path)
+      if (std::optional<TrialPath> own = path_of(run)) path.emplace(std::move(*own));
+    // An old log, or one that was cut short.
+    if (logged.finished() && logged.figures.is_null())
+      trial.figures =
+          values_of(trial_figures(run, path ? std::optional(path->path) : std::optional<TrialPath>(), plant_));
+    add_curves(trial, run, path);
+    if (ReportLine tunnel = tunnel_of(run); !tunnel.arc.empty()) exercise.radius = std::move(tunnel);
+  }
+
+  fs::path folder_;
+  SessionLog log_;
+  Programme programme_;
+  std::vector<std::optional<DrawnPath>> paths_;  ///< by exercise
+  std::vector<double> scales_;                   ///< of the expert's force, by exercise
+  std::optional<PlantModel> plant_;
+  ReportSession session_;
+};
+
+// Tests.
+
+constexpr std::array kTests{"before", "after", "retention"};
+
+std::vector<ReportComparison> compare(const std::vector<ReportSession>& sessions) {
+  std::vector<ReportComparison> comparisons;
+  std::map<std::pair<std::string, std::string>, std::size_t> known;
+  for (const char* test : kTests)
+    for (const ReportSession& session : sessions)
+      for (const ReportExercise& exercise : session.exercises) {
+        if (exercise.test != test || exercise.warm_up) continue;
+        const auto [found, added] = known.try_emplace({session.subject, exercise.task}, comparisons.size());
+        if (added) comparisons.push_back({.subject = session.subject, .task = exercise.path, .groups = {}});
+        std::vector<ReportComparison::Group>& groups = comparisons[found->second].groups;
+        if (groups.empty() || groups.back().test != test)
+          groups.push_back({.test = test, .values = std::vector<std::vector<double>>(all_trial_figures().size())});
+        for (const ReportTrial& trial : exercise.trials)
+          for (std::size_t i = 0; trial.finished() && i < trial.figures.size(); ++i)
+            if (trial.figures[i]) groups.back().values[i].push_back(*trial.figures[i]);
+      }
+  std::erase_if(comparisons, [](const ReportComparison& comparison) { return comparison.groups.size() < 2; });
+  return comparisons;
+}
+
+}  // namespace
+
+double ReportComparison::Group::mean(std::size_t figure) const {
+  const std::vector<double>& of = values[figure];
+  return of.empty() ? kNaN : std::accumulate(of.begin(), of.end(), 0.0) / static_cast<double>(of.size());
+}
+
+double ReportComparison::Group::spread(std::size_t figure) const {
+  const std::vector<double>& of = values[figure];
+  if (of.size() < 2) return kNaN;
+  double squares = 0;
+  for (const double v : of) squares += (v - mean(figure)) * (v - mean(figure));
+  return std::sqrt(squares / static_cast<double>(of.size() - 1));
+}
+
+Report gather_report(std::span<const std::string> inputs,
+                     const std::function<void(const std::string& file)>& progress) {
+  Report report;
+  for (const std::string& input : inputs) {
+    if (progress) progress(input);
+    if (fs::is_directory(input) && !is_session(input))
+      throw input_error(
+          fmt::format("{}: holds no {}; a report is made of sessions and recordings (HDF5)", input, kSessionFile));
+    report.sessions.push_back(is_session(input) ? SessionReading(input).read(progress) : session_of_recording(input));
+  }
+  // Times are UTC, and so in the order of their texts.
+  std::stable_sort(report.sessions.begin(), report.sessions.end(),
+                   [](const ReportSession& a, const ReportSession& b) { return a.created < b.created; });
+  report.comparisons = compare(report.sessions);
+  return report;
+}
+
+}  // namespace haptrace
