@@ -59,7 +59,7 @@ class Plot {
     for (const double v : tick_values(x_.low, x_.high, 8)) {
       if (whole_x && v != std::round(v)) continue;
       line("grid", px(v), kTop, px(v), bottom);
-      text("tick", px(v), bottom + 17, label_of(v, x_, 8), "middle");
+      text("tick", px(v), bottom + 17, whole_x ? fmt::format("{:.0f}", v) : label_of(v, x_, 8), "middle");
     }
     line("axis", kLeft, bottom, kWidth - kRight, bottom);
     text("label", kWidth - kRight, height_ - 8, x_label, "end");
@@ -266,8 +266,9 @@ std::string name_of(const ReportTrial& trial) {
 std::string shown(const TrialFigure& figure, double value, bool with_unit, bool sign) {
   if (!std::isfinite(value)) return kUndefined;
   std::string text = fmt::format("{:.{}f}", figure.scale * value, figure.digits);
-  if (text.find_first_not_of("-0.") == std::string::npos && text[0] == '-') text.erase(0, 1);
-  if (sign && text[0] != '-') text = "+" + text;
+  const bool zero = text.find_first_not_of("-0.") == std::string::npos;
+  if (zero && text[0] == '-') text.erase(0, 1);
+  if (sign && !zero && text[0] != '-') text = "+" + text;
   text = with_minus(text);
   return with_unit && *figure.unit != '\0' ? text + kNarrowSpace + figure.unit : text;
 }
@@ -277,11 +278,11 @@ std::string in_words(const ReportTrend& trend) {
   const TrialFigure& figure = all_trial_figures()[trend.figure];
   const double slope = trend.line->slope, half = trend.line->slope_half_width;
   if (!(std::abs(slope) > half))
-    return fmt::format("no clear trend (95 % interval of the slope {} to {} a repetition)",
+    return fmt::format("no clear trend (95\u202f% interval of the slope {} to {} a repetition)",
                        shown(figure, slope - half, false, true), shown(figure, slope + half, true, true));
   const bool falls = slope < 0;
   const double low = std::abs(slope) - half, high = std::abs(slope) + half;
-  return fmt::format("{} by {} a repetition (95 % interval {} to {}){}", falls ? "falls" : "rises",
+  return fmt::format("{} by {} a repetition (95\u202f% interval {} to {}){}", falls ? "falls" : "rises",
                      shown(figure, std::abs(slope)), shown(figure, low, false), shown(figure, high),
                      figure.better == 0             ? ""
                      : (figure.better < 0) == falls ? ": better"
@@ -426,8 +427,13 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
   const TrialFigure& figure_of = all_trial_figures()[trend.figure];
   const std::size_t n = trend.values.size();
   Span y;
-  for (const double v : trend.values) y.include(figure_of.scale * v);
-  if (y.empty() || n < 2) return;
+  std::size_t defined = 0;
+  for (const double v : trend.values) {
+    y.include(figure_of.scale * v);
+    defined += std::isfinite(v) ? 1 : 0;
+  }
+  constexpr std::size_t kFewest = 4;  // points that a fit has; a table tells fewer better
+  if (defined < kFewest) return;
   std::vector<double> x_fit, y_fit;
   constexpr int kSteps = 80;
   for (int i = 0; (trend.curve || trend.line) && i <= kSteps; ++i) {

@@ -21,7 +21,7 @@ void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise);
 /// The felt force by place, mean and spread over the finished repetitions, and the expert's.
 void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise);
 
-/// A figure by repetition, and what was fitted to it.
+/// A figure by repetition, and what was fitted to it; nothing for fewer than four.
 void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, const ReportTrend& trend);
 
 /// "-1.40 mm" with a true minus sign and a narrow space; an en dash for what is undefined. `sign`: also plus.

@@ -51,7 +51,7 @@ std::string mode_in_words(const ReportExercise& exercise) {
                                                          {"tunnel", "kept the hand in a tunnel round the path"},
                                                          {"cursor", "pulled towards a place that moves along the path"},
                                                          {"resist", "resisted along the path, within a tunnel"},
-                                                         {"free", "did nothing"},
+                                                         {"free", "gave no guidance"},
                                                          {"playback", "played the path back"},
                                                          {"recording", "recorded"}};
   const auto found = kWords.find(exercise.mode);
@@ -92,9 +92,11 @@ std::size_t defined(const ReportTrend& trend) {
 /// A table with a caption in a box that scrolls sideways, by keys as well.
 class Table {
  public:
-  Table(xml_node parent, const std::string& caption) {
+  /// Of `rows`; on paper, few stay together.
+  Table(xml_node parent, const std::string& caption, std::size_t rows) {
+    constexpr std::size_t kFew = 16;
     xml_node box = parent.append_child("div");
-    set(box, "class", "table");
+    set(box, "class", rows <= kFew ? "table short" : "table");
     set(box, "role", "region");
     set(box, "aria-label", caption);
     set(box, "tabindex", "0");
@@ -260,6 +262,12 @@ class Page {
     return text;
   }
 
+  [[nodiscard]] std::size_t exercises() const {
+    std::size_t n = 0;
+    for (const ReportSession& session : report_.sessions) n += session.exercises.size();
+    return n;
+  }
+
   static std::size_t main_figure(const ReportComparison& comparison) {
     for (std::size_t i = 0; i < all_trial_figures().size(); ++i)
       if (std::all_of(comparison.groups.begin(), comparison.groups.end(),
@@ -274,7 +282,8 @@ class Page {
 
   void add_summary(xml_node main) {
     add(main, "h2", "Summary");
-    Table table(main, "Every exercise, by what it is mainly told by: its first and last finished repetition.");
+    Table table(main, "Every exercise, by what it is mainly told by: its first and last finished repetition.",
+                exercises());
     if (several()) table.column("Session");
     table.column("Exercise");
     table.column("The device");
@@ -307,6 +316,14 @@ class Page {
       }
   }
 
+  /// Whether a figure stands in the first table; the others are folded away.
+  static bool is_main(std::size_t figure) {
+    static const std::set<std::string_view> kMain{
+        "contour_rms_m",   "contour_peak_m", "deviation_rms_m", "time_in_tunnel",    "completion",
+        "movement_time_s", "sparc",          "speed_peaks",     "force_error_rms_n", "mean_force_n"};
+    return kMain.contains(all_trial_figures()[figure].name);
+  }
+
   void add_comparison(xml_node main, const ReportComparison& comparison) {
     add(main, "h2",
         comparison.subject.empty() || !several()
@@ -316,32 +333,51 @@ class Page {
         "Repetitions without any guidance are compared with each other only. What looks better while it is guided need "
         "not be learned, and much guidance can harm what is kept (guidance hypothesis: Salmoni, Schmidt and Walter "
         "1984). So these are the figures to judge the practice by; that of the retention test tells most.");
-    Table table(main, "Mean ± standard deviation of the unguided tests, and the change of the mean from the first.");
+    std::vector<std::size_t> first, others;
+    for (std::size_t i = 0; i < all_trial_figures().size(); ++i)
+      if (std::any_of(comparison.groups.begin(), comparison.groups.end(),
+                      [&](const ReportComparison::Group& group) { return !group.values[i].empty(); }))
+        (is_main(i) ? first : others).push_back(i);
+    const std::string caption = "Mean ± standard deviation over repetitions, and the change of the mean from the first";
+    add_comparison_table(main, comparison, first, caption + ".");
+    if (others.empty()) return;
+    xml_node details = main.append_child("details");
+    add(details, "summary", "More figures without guidance");
+    add_comparison_table(details, comparison, others, caption + ": more figures.");
+  }
+
+  static void add_comparison_table(xml_node parent, const ReportComparison& comparison,
+                                   const std::vector<std::size_t>& figures, const std::string& caption) {
+    Table table(parent, caption, figures.size());
     table.column("Figure");
     const ReportComparison::Group& first = comparison.groups.front();
+    // Repetitions in which nothing is undefined; where a figure has fewer, it says so.
+    const auto repetitions = [](const ReportComparison::Group& group) {
+      std::size_t most = 0;
+      for (const std::vector<double>& values : group.values) most = std::max(most, values.size());
+      return most;
+    };
     for (const ReportComparison::Group& group : comparison.groups) {
-      table.column(capitalised(group.test), true);
+      table.column(fmt::format("{} ({})", capitalised(group.test), repetitions(group)), true);
       if (&group != &first) table.column("Change", true);
     }
-    for (std::size_t i = 0; i < all_trial_figures().size(); ++i) {
+    for (const std::size_t i : figures) {
       const TrialFigure& figure = all_trial_figures()[i];
-      if (std::all_of(comparison.groups.begin(), comparison.groups.end(),
-                      [&](const ReportComparison::Group& group) { return group.values[i].empty(); }))
-        continue;
       table.row(with_unit(figure));
       for (const ReportComparison::Group& group : comparison.groups) {
         std::string text = shown(figure, group.mean(i), false);
         if (const double spread = group.spread(i); std::isfinite(spread))
           text += fmt::format(" ± {}", shown(figure, spread, false));
-        if (!group.values[i].empty()) text += fmt::format(" (n\u202f=\u202f{})", group.values[i].size());
+        if (const std::size_t n = group.values[i].size(); n > 0 && n < repetitions(group))
+          text += fmt::format(" ({} of {})", n, repetitions(group));
         table.number(text);
         if (&group == &first) continue;
         const double change = group.mean(i) - first.mean(i);
-        xml_node cell = table.number(shown(figure, change, false, true));
-        if (std::isfinite(change) && figure.better != 0 && change != 0) {
-          cell.remove_attribute("class");
-          set(cell, "class", (change < 0) == (figure.better < 0) ? "number better" : "number worse");
-        }
+        const std::string words = shown(figure, change, false, true);
+        xml_node cell = table.number(words);
+        const bool changed = words != shown(figure, 0, false);
+        if (std::isfinite(change) && figure.better != 0 && changed)
+          cell.attribute("class").set_value((change < 0) == (figure.better < 0) ? "number better" : "number worse");
       }
     }
   }
@@ -420,12 +456,8 @@ class Page {
                                                      {"level", &ReportTrial::level, 1, 2}}};
 
   void add_trials(xml_node section, const ReportExercise& exercise) {
-    static const std::set<std::string_view> kFirst{
-        "contour_rms_m",   "contour_peak_m", "deviation_rms_m", "time_in_tunnel",    "completion",
-        "movement_time_s", "sparc",          "speed_peaks",     "force_error_rms_n", "mean_force_n"};
     std::vector<std::size_t> first, others;
-    for (const ReportTrend& trend : exercise.trends)
-      (kFirst.contains(all_trial_figures()[trend.figure].name) ? first : others).push_back(trend.figure);
+    for (const ReportTrend& trend : exercise.trends) (is_main(trend.figure) ? first : others).push_back(trend.figure);
     add_trial_table(section, exercise, first, true,
                     fmt::format("{}, repetition by repetition. {} is undefined: see the end of the page.",
                                 exercise.name, kUndefined));
@@ -446,7 +478,7 @@ class Page {
                                   [&](const ReportTrial& t) { return (t.*setting.value).has_value(); }))
         used.push_back(setting);
 
-    Table table(parent, caption);
+    Table table(parent, caption, trials.size());
     table.column("repetition");
     if (settings) table.column("duration (s)", true);
     for (const Setting& setting : used) table.column(setting.title, true);
@@ -485,7 +517,8 @@ class Page {
       add(main, "p", "There were none.");
       return;
     }
-    Table table(main, "In the order of the repetitions; what came often in one of them is told once.");
+    Table table(main, "In the order of the repetitions; what came often in one of them is told once.",
+                session.events.size());
     table.column("What");
     table.column("Where");
     table.column("After", true);
@@ -507,7 +540,7 @@ class Page {
   static void add_settings(xml_node main, const ReportSession& session) {
     add(main, "h3", "Settings");
     if (!session.sittings.empty()) {
-      Table table(main, "From when somebody sat down until he got up.");
+      Table table(main, "From when somebody sat down until he got up.", session.sittings.size());
       for (const char* title : {"Began", "Ended by"}) table.column(title);
       table.column("Duration", true);
       table.column("Force times time (N s)", true);
