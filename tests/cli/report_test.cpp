@@ -1,0 +1,74 @@
+#include "tests/cli/command.h"
+
+#include <filesystem>
+
+namespace haptrace {
+namespace {
+
+using test::read_bytes;
+
+/// A square that was played twice on a held device.
+std::string played(const TempFolder& folder) {
+  const std::string path = folder / "square.csv", file = folder / "played.h5";
+  EXPECT_EQ(haptrace("shape", "square", "--duration", "2", "-o", path).exit_code, 0);
+  const Answer answer = haptrace("play", path, "--device", kFalcon, "--no-profile", "--repeat", "2", "--record", file);
+  EXPECT_EQ(answer.exit_code, 0) << answer.err;
+  return file;
+}
+
+TEST(ReportCommand, MakesAPageBesideTheRecordingAndReplacesNone) {
+  const TempFolder folder;
+  const std::string file = played(folder), page = folder / "played.report.html";
+  Answer answer = haptrace("report", file);
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_EQ(answer.out, page + "\n");
+  EXPECT_THAT(read_bytes(page), HasSubstr("played the path back"));
+  answer = haptrace("report", file);
+  EXPECT_EQ(answer.exit_code, 2);
+  EXPECT_THAT(answer.err, HasSubstr(page));
+  EXPECT_EQ(haptrace("report", file, "--overwrite").exit_code, 0);
+  EXPECT_EQ(haptrace("report", file, "-o", folder / "other.html").exit_code, 0);
+  EXPECT_TRUE(std::filesystem::exists(folder / "other.html"));
+}
+
+TEST(ReportCommand, HasTheNumbersForStatistics) {
+  const TempFolder folder;
+  const std::string file = played(folder);
+  Answer answer = haptrace("report", file, "--no-page", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const nlohmann::json trials = answer.json()["sessions"][0]["exercises"][0]["trials"];
+  ASSERT_EQ(trials.size(), 2);
+  EXPECT_EQ(trials[1]["repetition"], 2);
+  EXPECT_GT(trials[0]["figures"]["deviation_rms_m"].get<double>(), 1e-4);
+  EXPECT_TRUE(trials[0]["figures"]["time_in_tunnel"].is_null());
+  EXPECT_FALSE(std::filesystem::exists(folder / "played.report.html"));
+
+  answer = haptrace("report", file, "--no-page", "--csv", "-");
+  EXPECT_EQ(std::count(answer.out.begin(), answer.out.end(), '\n'), 3);
+  EXPECT_THAT(answer.out, HasSubstr("contour_rms_m"));
+  const Answer to_file = haptrace("report", file, "--csv", folder / "table.csv", "--json");
+  EXPECT_EQ(to_file.json()["csv"], folder / "table.csv");
+  EXPECT_EQ(to_file.json()["file"], folder / "played.report.html");
+  EXPECT_EQ(read_bytes(folder / "table.csv"), answer.out);
+}
+
+TEST(ReportCommand, SaysWhatIsWrong) {
+  const TempFolder folder;
+  const auto error = [&](const std::vector<std::string>& words) {
+    std::vector<std::string> all{"report"};
+    all.insert(all.end(), words.begin(), words.end());
+    const Answer answer = Command(all).wait();
+    EXPECT_EQ(answer.exit_code, 2) << answer.err;
+    return answer.err;
+  };
+  EXPECT_THAT(error({}), HasSubstr("session"));
+  EXPECT_THAT(error({folder / "none.h5"}), HasSubstr("none.h5"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "none.report.html")) << "nothing is left behind";
+  EXPECT_THAT(error({folder.path()}), HasSubstr("session.json"));
+  EXPECT_THAT(error({folder.path(), "--no-page"}), HasSubstr("--csv"));
+  EXPECT_THAT(error({folder.path(), "--json", "--csv", "-"}), HasSubstr("standard output"));
+  EXPECT_THAT(error({folder / "a.h5", "-o", folder / "no/where.html"}), HasSubstr("where.html"));
+}
+
+}  // namespace
+}  // namespace haptrace

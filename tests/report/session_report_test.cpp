@@ -1,0 +1,297 @@
+// Reports of sessions and recordings as data.
+#include "report/session_report.h"
+
+#include "report/report_table.h"
+#include "tests/report/support.h"
+#include "tests/support/errors.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sstream>
+
+namespace haptrace {
+namespace {
+
+using test::error_of;
+using test::Hand;
+using test::Reference;
+using test::rows_of;
+using test::SessionFolder;
+using test::TempFolder;
+using testing::AllOf;
+using testing::Contains;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+Report report_of(const std::string& input) {
+  return gather_report(std::vector{input});
+}
+
+std::size_t index_of_figure(const char* name) {
+  return static_cast<std::size_t>(&trial_figure(name) - all_trial_figures().data());
+}
+
+const ReportTrend& trend_of(const ReportExercise& exercise, const char* name) {
+  for (const ReportTrend& trend : exercise.trends)
+    if (trend.figure == index_of_figure(name)) return trend;
+  throw std::runtime_error("no trend");
+}
+
+/// The fields of the lines of a table without quotes.
+std::vector<std::vector<std::string>> fields_of(const std::string& table) {
+  std::vector<std::vector<std::string>> lines;
+  std::istringstream stream(table);
+  for (std::string line; std::getline(stream, line);) {
+    lines.emplace_back(1);
+    for (const char c : line.substr(0, line.size() - 1))
+      if (c == ',')
+        lines.back().emplace_back();
+      else
+        lines.back().back() += c;
+  }
+  return lines;
+}
+
+TEST(SessionReport, HasEveryRepetitionWithTheFiguresOfTheLog) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  write_lesson(lesson);
+  const Report report = report_of(lesson.path());
+  ASSERT_EQ(report.sessions.size(), 1);
+  const ReportSession& session = report.sessions[0];
+  EXPECT_EQ(session.subject, "Ada L.");
+  EXPECT_THAT(session.remarks, IsEmpty());
+  std::size_t trials = 0;
+  for (const ReportExercise& exercise : session.exercises) trials += exercise.trials.size();
+  EXPECT_EQ(trials, lesson.log.trials.size());
+  std::vector<std::size_t> next(session.exercises.size(), 0);
+  for (const LoggedTrial& logged : lesson.log.trials) {
+    const ReportTrial& trial = session.exercises[logged.exercise].trials[next[logged.exercise]++];
+    EXPECT_EQ(trial.finished(), logged.finished());
+    for (std::size_t i = 0; i < all_trial_figures().size(); ++i) {
+      const nlohmann::json value = logged.finished() ? logged.figures[all_trial_figures()[i].name] : nlohmann::json();
+      ASSERT_EQ(trial.figures[i].has_value(), value.is_number());
+      if (!value.is_number()) continue;
+      EXPECT_EQ(*trial.figures[i], value.get<double>());
+    }
+    EXPECT_FALSE(trial.way.empty());
+    EXPECT_FALSE(trial.deviation.arc.empty());
+  }
+  const ReportExercise& tunnel = session.exercises[2];
+  EXPECT_EQ(tunnel.figure, "contour_rms_m");
+  EXPECT_EQ(session.exercises[1].figure, "deviation_rms_m") << "the path of a passive exercise has its own time";
+  EXPECT_FALSE(tunnel.expert_force.empty());
+  EXPECT_FALSE(tunnel.radius.arc.empty());
+  EXPECT_EQ(tunnel.trials[0].radius, 5e-3);
+  EXPECT_FALSE(session.exercises[0].trials[0].radius) << "free: there is no tunnel";
+}
+
+TEST(SessionReport, FitsTrendsToFinishedRepetitionsOnly) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  write_lesson(lesson);
+  const Report report = report_of(lesson.path());
+  const ReportExercise& tunnel = report.sessions[0].exercises[2];
+  const ReportTrend& trend = trend_of(tunnel, "contour_rms_m");
+  EXPECT_TRUE(std::isnan(trend.values[4])) << "that one was stopped, and keeps its number";
+  ASSERT_TRUE(trend.curve && trend.line);
+  EXPECT_LT(trend.line->slope + trend.line->slope_half_width, 0) << "it got better";
+  EXPECT_GT(trend.curve->r_squared, 0.9);
+  EXPECT_FALSE(trend_of(tunnel, "sparc").curve) << "more is better, and it has no least";
+  EXPECT_FALSE(trend_of(report.sessions[0].exercises[0], "contour_rms_m").line) << "three are too few";
+}
+
+TEST(SessionReport, ComparesUnguidedTestsOfOnePersonOnOnePathAlsoAcrossSessions) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson"), later(folder / "later"), other(folder / "other");
+  write_lesson(lesson);
+  later.log.created = "2026-03-11T09:00:00Z";
+  const std::size_t retention = later.exercise("A week later", "free", {{"test", "retention"}});
+  later.trial(retention, {.error = 3.5e-3});
+  later.save();
+  other.log.subject = "Somebody else";
+  const std::size_t before = other.exercise("Hers", "free", {{"test", "before"}});
+  other.trial(before, {.error = 9e-3});
+  other.save();
+
+  const std::vector<std::string> inputs{later.path(), lesson.path(), other.path() + "/session.json"};
+  const Report report = gather_report(inputs);
+  EXPECT_EQ(report.sessions.back().created, later.log.created) << "by date, in whatever order they are given";
+  ASSERT_EQ(report.comparisons.size(), 1) << "who has one test only has nothing to compare";
+  const ReportComparison& comparison = report.comparisons[0];
+  ASSERT_EQ(comparison.groups.size(), 3);
+  EXPECT_EQ(comparison.subject, "Ada L.");
+  const std::size_t rms = index_of_figure("contour_rms_m");
+  EXPECT_EQ(comparison.groups[0].test, "before");
+  EXPECT_EQ(comparison.groups[0].values[rms].size(), 3);
+  EXPECT_EQ(comparison.groups[2].test, "retention");
+  EXPECT_LT(comparison.groups[1].mean(rms), comparison.groups[2].mean(rms));
+  EXPECT_LT(comparison.groups[2].mean(rms), comparison.groups[0].mean(rms));
+  EXPECT_TRUE(std::isnan(comparison.groups[2].spread(rms))) << "of one there is none";
+  const std::size_t tunnel = index_of_figure("time_in_tunnel");
+  EXPECT_TRUE(std::isnan(comparison.groups[0].mean(tunnel)));
+}
+
+TEST(SessionReport, NamesARecordingThatIsMissingOrDamagedAndKeepsItsFigures) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  write_lesson(lesson);
+  std::filesystem::remove(lesson.file(lesson.log.trials[5].file));
+  std::filesystem::resize_file(lesson.file(lesson.log.trials[6].file), 100);
+  std::filesystem::remove(lesson.file(lesson.log.paths[3]));
+  const Report report = report_of(lesson.path());
+  const ReportSession& session = report.sessions[0];
+  EXPECT_THAT(session.remarks, Contains(HasSubstr(lesson.log.trials[5].file)));
+  EXPECT_THAT(session.remarks, Contains(HasSubstr(lesson.log.trials[6].file)));
+  EXPECT_THAT(session.remarks, Contains(HasSubstr("the path of Circle alone, after")));
+  const ReportTrial& missing = session.exercises[2].trials[0];
+  EXPECT_THAT(missing.missing, HasSubstr(lesson.log.trials[5].file));
+  EXPECT_TRUE(missing.way.empty());
+  EXPECT_EQ(missing.figures[0], lesson.log.trials[5].figures["contour_rms_m"].get<double>());
+}
+
+TEST(SessionReport, TellsStopsWarningsAndMarks) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  write_lesson(lesson);
+  lesson.log.sittings.front().ended_by = "fatigue";
+  lesson.save();
+  const Report report = report_of(lesson.path());
+  std::vector<std::string> stops, warnings;
+  for (const ReportEvent& event : report.sessions[0].events)
+    (event.kind == ReportEvent::Kind::stop ? stops : warnings).push_back(event.where + ": " + event.text);
+  EXPECT_THAT(stops, Contains(AllOf(HasSubstr("Circle in the tunnel, repetition 5"), HasSubstr("0.104 m"))));
+  EXPECT_THAT(stops, Contains(HasSubstr("fatigue")));
+  EXPECT_THAT(warnings, Contains(AllOf(HasSubstr("repetition 3"), HasSubstr("warm"))));
+
+  // Of a recording: what came often in a repetition is told once, every mark by itself.
+  const std::string file = folder / "one.h5";
+  test::Recorded recorded;
+  recorded.events = {{0, 1, "started"}, {1, 10, "overrun"}, {2, 10, "overrun"},
+                     {2.5, 50, "a"},    {2.6, 50, "b"},     {3, 2, "finished"}};
+  test::write(file, rows_of(lesson.expert, {}, Reference::playback), Reference::playback, recorded);
+  const std::vector<ReportEvent> events = report_of(file).sessions[0].events;
+  ASSERT_EQ(events.size(), 3);
+  EXPECT_EQ(events[0].times, 2);
+  EXPECT_EQ(events[0].time, 1);
+  EXPECT_EQ(events[2].kind, ReportEvent::Kind::mark);
+}
+
+TEST(SessionReport, TakesRecordingsOfEveryKind) {
+  const TempFolder folder;
+  const Path path = test::expert_path();
+  const std::vector<std::pair<Reference, std::string>> kinds{
+      {Reference::none, "recording"}, {Reference::playback, "playback"}, {Reference::guidance, "tunnel"}};
+  for (const auto& [reference, mode] : kinds) {
+    const std::string file = folder / (mode + ".h5");
+    test::write(file, rows_of(path, {}, reference), reference);
+    const Report report = report_of(file);
+    const ReportExercise& exercise = report.sessions[0].exercises[0];
+    EXPECT_EQ(exercise.mode, mode);
+    ASSERT_EQ(exercise.trials.size(), 1);
+    EXPECT_TRUE(exercise.trials[0].finished());
+    EXPECT_EQ(exercise.path_length > 0, reference != Reference::none);
+    EXPECT_EQ(exercise.trials[0].figures[index_of_figure("completion")].has_value(), reference != Reference::none);
+    EXPECT_EQ(exercise.expert_force.empty(), reference != Reference::guidance);
+  }
+}
+
+TEST(SessionReport, TakesARecordingThatIsEmptyOrWasCutOff) {
+  const TempFolder folder;
+  const Path path = test::expert_path();
+  test::write(folder / "empty.h5", {}, Reference::none);
+  const Report empty = report_of(folder / "empty.h5");
+  EXPECT_TRUE(empty.sessions[0].exercises[0].trials.empty());
+  EXPECT_THAT(empty.sessions[0].remarks, Contains(HasSubstr("no samples")));
+
+  const test::Recorded killed{.header = {}, .events = {{0, 1, "started"}}, .finish = false};
+  test::write(folder / "killed.h5", rows_of(path, {.until = 0.6}, Reference::guidance), Reference::guidance, killed);
+  const Report cut = report_of(folder / "killed.h5");
+  const ReportSession& session = cut.sessions[0];
+  EXPECT_FALSE(session.complete);
+  EXPECT_THAT(session.remarks, Contains(HasSubstr("not finished")));
+  const ReportTrial& trial = session.exercises[0].trials.at(0);
+  EXPECT_FALSE(trial.finished());
+  EXPECT_FALSE(trial.figures[index_of_figure("completion")]) << "nobody knows where the path ends";
+  EXPECT_TRUE(session.exercises[0].trends.empty());
+}
+
+TEST(SessionReport, SaysWhichRepetitionRanOutOfTimeAndWhichWasStopped) {
+  const TempFolder folder;
+  const Path path = test::expert_path();
+  std::vector<Sample> rows = rows_of(path, {}, Reference::guidance);
+  const double second = 1e-9 * static_cast<double>(rows.back().time_ns) + 0.004;
+  for (const Sample& row :
+       rows_of(path, {.until = 0.3}, Reference::guidance, rows.back().time_ns + 4'000'000, rows.back().tick + 1))
+    rows.push_back(row);
+  test::Recorded recorded;
+  recorded.events = {{0, 1, "started"}, {second + 2, 63, "the time is over"}, {second + 3, 2, "finished"}};
+  test::write(folder / "time.h5", rows, Reference::guidance, recorded);
+  const Report report = report_of(folder / "time.h5");
+  const std::vector<ReportTrial>& trials = report.sessions[0].exercises[0].trials;
+  ASSERT_EQ(trials.size(), 2);
+  EXPECT_TRUE(trials[0].finished());
+  EXPECT_EQ(trials[1].stopped_by, "time_over");
+  EXPECT_NEAR(trials[1].figures[index_of_figure("completion")].value(), 0.16, 0.05) << "the first came to the end";
+
+  recorded.events = {{0, 1, "started"}, {second + 1, 23, "0.11 m from the path"}};
+  test::write(folder / "stopped.h5", rows, Reference::guidance, recorded);
+  const Report other = report_of(folder / "stopped.h5");
+  EXPECT_TRUE(other.sessions[0].exercises[0].trials[0].finished());
+  EXPECT_EQ(other.sessions[0].exercises[0].trials[1].stopped_by, "limit");
+  EXPECT_EQ(other.sessions[0].exercises[0].trials[1].detail, "0.11 m from the path");
+}
+
+TEST(SessionReport, IsTheSameInJsonAndInATable) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  write_lesson(lesson);
+  const Report report = report_of(lesson.path());
+  const nlohmann::json json = to_json(report);
+  const auto lines = fields_of(report_table(report));
+  ASSERT_EQ(lines.size(), 1 + lesson.log.trials.size());
+  const auto column = [&](std::string_view name) {
+    return static_cast<std::size_t>(std::find(lines[0].begin(), lines[0].end(), name) - lines[0].begin());
+  };
+  std::size_t line = 0;
+  for (const nlohmann::json& exercise : json["sessions"][0]["exercises"])
+    for (const nlohmann::json& trial : exercise["trials"]) {
+      // Names of this lesson hold commas, which quotes would shift: fields are counted from the end.
+      const std::vector<std::string>& fields = lines[++line];
+      const auto field = [&](std::string_view name) { return fields[fields.size() - lines[0].size() + column(name)]; };
+      for (const TrialFigure& figure : all_trial_figures()) {
+        const nlohmann::json& value = trial["figures"][figure.name];
+        if (value.is_null()) {
+          EXPECT_EQ(field(figure.name), "");
+        } else {
+          EXPECT_EQ(std::stod(field(figure.name)), value.get<double>()) << figure.name;
+        }
+      }
+      EXPECT_EQ(field("stopped_by"), trial["stopped_by"]);
+    }
+  EXPECT_NO_THROW((void)json.dump());
+  EXPECT_TRUE(json["comparisons"][0]["tests"]["before"]["contour_rms_m"]["mean"].is_number());
+  EXPECT_TRUE(json["comparisons"][0]["tests"]["before"]["time_in_tunnel"]["mean"].is_null());
+}
+
+TEST(SessionReport, QuotesTextsOfTheTable) {
+  Report report;
+  report.sessions.push_back({.source = "a,b", .subject = "say \"hi\"\nthere"});
+  report.sessions[0].exercises.push_back({.name = "plain"});
+  report.sessions[0].exercises[0].trials.push_back(
+      {.figures = std::vector<std::optional<double>>(all_trial_figures().size())});
+  EXPECT_THAT(report_table(report), HasSubstr("\r\n\"a,b\",\"say \"\"hi\"\"\nthere\",,plain,"));
+}
+
+TEST(SessionReport, RefusesWhatIsNeitherASessionNorARecording) {
+  const TempFolder folder;
+  EXPECT_THAT(error_of([&] { report_of(folder / "none.h5"); }), HasSubstr("none.h5"));
+  EXPECT_THAT(error_of([&] { report_of(folder.path()); }), HasSubstr("holds no session.json"));
+  const std::string text = folder.write("text.csv", "t,x\n");
+  EXPECT_THAT(error_of([&] { report_of(text); }), HasSubstr("text.csv"));
+  const std::string broken = folder.write("session.json", "{\"haptrace_session\": 1}");
+  EXPECT_THAT(error_of([&] { report_of(broken); }), HasSubstr("session.json"));
+}
+
+}  // namespace
+}  // namespace haptrace
