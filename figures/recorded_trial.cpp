@@ -140,7 +140,7 @@ constexpr TrialFigure kFigures[] = {
     {"force_error_rms_n", "rms difference from the expert's force", "N", 1, 2, -1,
      [](const TrialFigures& f) { return f.force_error ? std::optional(f.force_error->error.rms) : std::nullopt; },
      "Root mean square, place by place along the path, of the difference between the force that was felt and the "
-     "expert's."},
+     "expert's, where that was replayed."},
     {"mean_force_n", "mean force of the device", "N", 1, 2, 0, of_force<&ForceFigures::mean>,
      "Mean magnitude of the device's force on the hand."},
     {"peak_force_n", "peak force of the device", "N", 1, 2, 0, of_force<&ForceFigures::peak>,
@@ -264,7 +264,9 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
       warping.band = std::max(warping.band, 1.1 * std::abs(hand.length() - length));
       if (hand.length() <= kLongestWay * length) figures.shape_distance = warping_distance(path->curve, hand, warping);
     }
-    if (!path->expert.empty() && !trial.force.empty()) {
+    // Nobody else was to feel it.
+    const bool guided = trial.kind == TrialKind::guided || trial.kind == TrialKind::cursor;
+    if (guided && trial.force_scale != 0 && !path->expert.empty() && !trial.force.empty()) {
       std::vector<Vec3> expert = path->expert;
       for (Vec3& force : expert) force *= trial.force_scale;
       figures.force_error = force_deviation(force_by_arc_length(arc, trial.force, length, path->spacing), expert);

@@ -70,7 +70,7 @@ struct TrialFigures {
   std::optional<double> completion;           ///< share of the path that was walked, 0 to 1; of a path that is whole
   std::optional<double> shape_distance;       ///< of the whole path to what was walked (dynamic time warping) [m]; of
                                               ///< trials that came to the end, by no more than ten times its length
-  std::optional<ForceDeviation> force_error;  ///< the felt force against the expert's, by place
+  std::optional<ForceDeviation> force_error;  ///< the felt force against the expert's, by place; where it was replayed
   std::optional<MovementFigures> movement;
 };
 

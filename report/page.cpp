@@ -102,8 +102,8 @@ class Table {
     set(box, "tabindex", "0");
     table_ = box.append_child("table");
     add(table_, "caption", caption);
-    head_ = table_.append_child("thead").append_child("tr");
-    body_ = table_.append_child("tbody");
+    head_ = add(add(table_, "thead"), "tr");
+    body_ = add(table_, "tbody");
   }
 
   void column(const std::string& title, bool number = false) {

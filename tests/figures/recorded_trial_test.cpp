@@ -103,6 +103,7 @@ TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
   EXPECT_FALSE(rest.shape_distance);
   EXPECT_FALSE(rest.time_in_tunnel);
   EXPECT_NEAR(*rest.completion, 0, 1e-3);
+  EXPECT_FALSE(figures_of({}, Reference::none).force_error) << "nobody replayed the expert's forces";
   EXPECT_THAT(undefined(rest), testing::IsSupersetOf({"sparc", "movement_time_s", "mean_force_n", "log_jerk"}));
   EXPECT_TRUE(to_json(rest)["sparc"].is_null());
 
