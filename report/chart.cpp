@@ -252,6 +252,12 @@ void draw_tunnel(Plot& plot, const ReportExercise& exercise, const std::array<in
   }
 }
 
+bool tunnel_changes(const ReportExercise& exercise) {
+  return std::any_of(exercise.trials.begin(), exercise.trials.end(), [&](const ReportTrial& trial) {
+    return std::abs(trial.radius.value_or(0) - exercise.trials.front().radius.value_or(0)) > 1e-5;
+  });
+}
+
 std::string repetitions(std::size_t n) {
   return fmt::format("{} repetition{}", n, n == 1 ? "" : "s");
 }
@@ -335,7 +341,8 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   auto keys = keys_of_trials(exercise, [](const ReportTrial& trial) { return !trial.way.empty(); });
   if (!exercise.curve.empty()) keys.insert(keys.begin(), {"line path", "path"});
   if (!exercise.curve.empty()) keys.emplace_back("spot", "start");
-  if (!exercise.radius.arc.empty()) keys.emplace_back("area tunnel", "tunnel of the last repetition");
+  if (!exercise.radius.arc.empty())
+    keys.emplace_back("area tunnel", tunnel_changes(exercise) ? "tunnel, as it was last" : "tunnel");
   add_caption(figure, "In space,",
               fmt::format("seen along {}.", kAxes[static_cast<std::size_t>(3 - plane[0] - plane[1])]), keys);
 }
@@ -370,7 +377,7 @@ void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise) 
         name_of(exercise.trials[i]));
   }
   auto keys = keys_of_trials(exercise, [](const ReportTrial& trial) { return !trial.deviation.arc.empty(); });
-  if (!top.empty()) keys.emplace_back("area tunnel", "within the tunnel");
+  if (!top.empty()) keys.emplace_back("area tunnel", tunnel_changes(exercise) ? "tunnel, as it was last" : "tunnel");
   add_caption(figure, "Deviation", "from the path, place by place.", keys);
 }
 

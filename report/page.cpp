@@ -101,7 +101,7 @@ class Table {
     set(box, "aria-label", caption);
     set(box, "tabindex", "0");
     table_ = box.append_child("table");
-    add(table_, "caption", caption);
+    add(add(table_, "caption"), "span", caption);
     head_ = add(add(table_, "thead"), "tr");
     body_ = add(table_, "tbody");
   }
@@ -480,16 +480,19 @@ class Page {
 
     Table table(parent, caption, trials.size());
     table.column("repetition");
+    const bool ends = settings && std::any_of(trials.begin(), trials.end(),
+                                              [](const ReportTrial& t) { return !t.finished() || !t.missing.empty(); });
+    if (ends) table.column("ended by");
     if (settings) table.column("duration (s)", true);
     for (const Setting& setting : used) table.column(setting.title, true);
     for (const std::size_t i : figures) table.column(with_unit(all_trial_figures()[i]), true);
-    if (settings) table.column("ended by");
     for (const ReportTrial& trial : trials) {
       std::string name =
           rounds ? fmt::format("{}, round {}", trial.repetition, trial.round) : fmt::format("{}", trial.repetition);
       if (trial.attempt > 1) name += fmt::format(", attempt {}", trial.attempt);
       xml_node row = table.row(name);
       if (!trial.finished()) set(row, "class", "stopped");
+      if (ends) table.text(end_in_words(trial));
       if (settings) table.number(fmt::format("{:.1f}", trial.duration));
       for (const Setting& setting : used) {
         const std::optional<double>& value = trial.*setting.value;
@@ -497,14 +500,13 @@ class Page {
       }
       for (const std::size_t i : figures)
         table.number(shown(all_trial_figures()[i], trial.figures[i].value_or(kNaN), false));
-      if (settings) table.text(end_in_words(trial));
     }
   }
 
   static std::string end_in_words(const ReportTrial& trial) {
-    std::string text = trial.finished()                  ? "its end"
+    std::string text = trial.finished()                  ? "end"
                        : trial.stopped_by.empty()        ? "unknown"
-                       : trial.stopped_by == "time_over" ? "its time"
+                       : trial.stopped_by == "time_over" ? "time limit"
                                                          : trial.stopped_by;
     std::replace(text.begin(), text.end(), '_', ' ');
     if (!trial.missing.empty()) text += ", recording missing";

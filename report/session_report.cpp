@@ -57,9 +57,10 @@ void add_curves(ReportTrial& trial, const RecordedTrial& recorded, const std::op
     trial.force = magnitudes(force_by_arc_length(arc, recorded.force, curve.length(), drawn->cell));
 }
 
-/// The tunnel by place, of a repetition that had one.
-ReportLine tunnel_of(const RecordedTrial& trial) {
-  if (trial.radius.empty() || trial.progress.empty()) return {};
+/// The tunnel by place: of the last of those repetitions that came about as far as any.
+void add_tunnel(ReportExercise& exercise, const RecordedTrial& trial) {
+  if (trial.radius.empty() || trial.progress.empty()) return;
+  constexpr double kAboutAsFar = 0.95;
   ReportLine line;
   double farthest = -1;
   for (std::size_t i = 0; i < trial.progress.size(); ++i) {
@@ -68,7 +69,10 @@ ReportLine tunnel_of(const RecordedTrial& trial) {
     line.arc.push_back(farthest);
     line.value.push_back(trial.radius[i]);
   }
-  return thinned(line.arc, line.value, kLinePoints);
+  line = thinned(line.arc, line.value, kLinePoints);
+  if (line.arc.empty()) return;
+  if (exercise.radius.arc.empty() || line.arc.back() >= kAboutAsFar * exercise.radius.arc.back())
+    exercise.radius = std::move(line);
 }
 
 void add_path(ReportExercise& exercise, const std::optional<DrawnPath>& drawn, double force_scale) {
@@ -314,7 +318,7 @@ ReportSession session_of_recording(const std::string& file) {
     trial.figures =
         values_of(trial_figures(recorded[i], drawn ? std::optional(drawn->path) : std::optional<TrialPath>()));
     add_curves(trial, recorded[i], drawn);
-    if (ReportLine tunnel = tunnel_of(recorded[i]); !tunnel.arc.empty()) exercise.radius = std::move(tunnel);
+    add_tunnel(exercise, recorded[i]);
     session.duration = recorded[i].time.back();
   }
   add_trends(exercise, "");
@@ -491,7 +495,7 @@ class SessionReading {
       trial.figures =
           values_of(trial_figures(run, path ? std::optional(path->path) : std::optional<TrialPath>(), plant_));
     add_curves(trial, run, path);
-    if (ReportLine tunnel = tunnel_of(run); !tunnel.arc.empty()) exercise.radius = std::move(tunnel);
+    add_tunnel(exercise, run);
   }
 
   fs::path folder_;

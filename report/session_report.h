@@ -59,7 +59,7 @@ struct ReportExercise {
   std::string task;                  ///< the same for exercises that are about the same path
   double path_length = 0;            ///< [m]; 0 without a path
   std::vector<Vec3> curve;           ///< the path, thinned [m]
-  ReportLine radius;                 ///< of the tunnel of the last repetition that had one
+  ReportLine radius;                 ///< of the tunnel, as it was last
   double cell = 1e-3;                ///< of forces by place [m]
   std::vector<double> expert_force;  ///< magnitude by place, as it was to be felt [N]; empty without
   std::string figure;                ///< by which it is told in a sentence; empty when none is defined
