@@ -11,6 +11,7 @@
 #include <ctime>
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <map>
 #include <set>
 #include <sstream>
 

@@ -6,6 +6,7 @@
 #include "report/thinning.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fmt/format.h>

@@ -7,6 +7,7 @@
 #include <boost/geometry/geometries/linestring.hpp>
 #include <boost/geometry/geometries/point.hpp>
 #include <boost/geometry/strategies/strategies.hpp>
+#include <cmath>
 
 namespace haptrace {
 namespace {
