@@ -284,13 +284,17 @@ std::string in_words(const ReportTrend& trend) {
   if (!trend.line) return "";
   const TrialFigure& figure = all_trial_figures()[trend.figure];
   const double slope = trend.line->slope, half = trend.line->slope_half_width;
+  // A slope is smaller than what it is of: two digits of its interval are shown.
+  TrialFigure finer = figure;
+  const double shown_half = std::max(figure.scale * half, 1e-12);
+  finer.digits = std::clamp(1 - static_cast<int>(std::floor(std::log10(shown_half))), figure.digits, figure.digits + 4);
   if (!(std::abs(slope) > half))
     return fmt::format("no clear trend (95\u202f% interval of the slope {} to {} a repetition)",
-                       shown(figure, slope - half, false, true), shown(figure, slope + half, true, true));
+                       shown(finer, slope - half, false, true), shown(finer, slope + half, true, true));
   const bool falls = slope < 0;
   const double low = std::abs(slope) - half, high = std::abs(slope) + half;
   return fmt::format("{} by {} a repetition (95\u202f% interval {} to {}){}", falls ? "falls" : "rises",
-                     shown(figure, std::abs(slope)), shown(figure, low, false), shown(figure, high),
+                     shown(finer, std::abs(slope)), shown(finer, low, false), shown(finer, high),
                      figure.better == 0             ? ""
                      : (figure.better < 0) == falls ? ": better"
                                                     : ": worse");

@@ -38,6 +38,12 @@ std::string date_of(const std::string& time) {
   return fmt::format("{:%d %B %Y, %H:%M} UTC", utc);
 }
 
+/// A session among several: what is done again has the same title.
+std::string dated(const ReportSession& session) {
+  const std::string date = date_of(session.created);
+  return date.empty() ? session.title : fmt::format("{}, {}", session.title, date.substr(0, date.find(',')));
+}
+
 std::string lasting(double seconds) {
   if (seconds < 100) return fmt::format("{:.{}f}{}s", seconds, seconds < 10 ? 1 : 0, kNarrowSpace);
   const long minutes = std::lround(seconds / 60);
@@ -296,7 +302,7 @@ class Page {
     for (std::size_t s = 0; s < report_.sessions.size(); ++s)
       for (std::size_t e = 0; e < report_.sessions[s].exercises.size(); ++e) {
         const ReportExercise& exercise = report_.sessions[s].exercises[e];
-        table.row(several() ? report_.sessions[s].title : "");
+        table.row(several() ? dated(report_.sessions[s]) : "");
         xml_node cell = several() ? table.text("") : table.title();
         xml_node link = add(cell, "a", exercise.name);
         set(link, "href", "#" + anchor(s, e));
@@ -385,7 +391,7 @@ class Page {
 
   void add_session(xml_node main, const ReportSession& session) {
     const auto s = static_cast<std::size_t>(&session - report_.sessions.data());
-    add(main, "h2", several() ? session.title : "Exercises");
+    add(main, "h2", several() ? dated(session) : "Exercises");
     if (several()) {
       add_facts(main, session);
       add_remarks(main, session);

@@ -169,6 +169,18 @@ TEST(ReportPage, KeepsHostileTextsInert) {
   EXPECT_THAT(other, HasSubstr("\uFFFD")) << "bytes that are no text";
 }
 
+TEST(ReportPage, TellsASlopeInDigitsThatItHas) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  const std::size_t exercise = lesson.exercise("one", "tunnel");
+  for (int i = 0; i < 6; ++i)
+    lesson.trial(exercise, {}).figures = {{"contour_rms_m", 2e-3 - 2e-6 * i + (i % 2 == 0 ? 2e-7 : 0)}};
+  lesson.save();
+  const std::string page = report_page(gather_report(std::vector{lesson.path()}));
+  EXPECT_THAT(page, HasSubstr("falls by 0.0020"));
+  EXPECT_THAT(page, Not(HasSubstr("interval 0.00 to")));
+}
+
 TEST(ReportPage, StaysSmall) {
   const TempFolder folder;
   const std::string page = lesson_page(folder, 92);
