@@ -38,7 +38,7 @@ Verb add_report(CLI::App& app) {
       "  haptrace report trainee.h5 --no-page --csv -");
   verb->add_option("session", arguments->inputs,
                    "sessions of programmes (folders, or their session.json) and recordings (HDF5)")
-      ->type_name("SESSION...");
+      ->type_name("SESSION");
   verb->add_option("-o,--output", arguments->page,
                    "the page; without it, report.html in the first session's folder, or x.report.html beside x.h5")
       ->type_name("FILE.html");
