@@ -210,7 +210,7 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
 }
 
 TrialPath path_of(const Path& path) {
-  return path_through(path.position, path.force);
+  return path_through(smooth_positions(path, smoothing_time({&path, 1})), path.force);
 }
 
 std::optional<TrialPath> path_of(const RecordedTrial& trial) {
@@ -230,16 +230,6 @@ std::optional<TrialPath> path_of(const RecordedTrial& trial) {
   }();
   path.whole = false;
   return path;
-}
-
-TrialPath trial_path(const Path& path) {
-  const std::vector<Vec3> positions = smooth_positions(path, smoothing_time({&path, 1}));
-  TrialPath result{.curve = Polyline(positions)};
-  if (path.force.empty() || result.curve.length() == 0) return result;
-  std::vector<double> arc(positions.size(), 0.0);
-  for (std::size_t i = 1; i < arc.size(); ++i) arc[i] = arc[i - 1] + (positions[i] - positions[i - 1]).norm();
-  result.expert = force_by_arc_length(arc, path.force, result.curve.length(), result.spacing);
-  return result;
 }
 
 TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<TrialPath>& path,

@@ -51,15 +51,13 @@ struct TrialPath {
   bool whole = true;         ///< false: only as far as somebody came, the end is not known
 };
 
-/// The whole of a path. Throws Error(input) when it has no finite point.
+/// The whole of a path; the noise of its positions is left aside, as a playback leaves it. Throws Error(input) when it
+/// has no finite point.
 TrialPath path_of(const Path& path);
 
 /// The path of a trial from what the trial itself keeps: as far as the reference came, and so not known to be whole.
 /// Nothing without a reference.
 std::optional<TrialPath> path_of(const RecordedTrial& trial);
-
-/// The whole of a path that was to be followed; the noise of its positions is left aside, as a playback leaves it.
-TrialPath trial_path(const Path& path);
 
 /// What a trial was like. What is undefined stays so.
 struct TrialFigures {

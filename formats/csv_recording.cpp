@@ -73,8 +73,8 @@ class CsvSource final : public RecordingSource {
       if (!recording_) {
         if (rows_ == 0) start_ = cells_[0];
         cells_[0] -= start_;
-        if (!reader_.has(kTick)) cells_[text_columns()[kTick].first] = static_cast<double>(rows_);
-        if (!reader_.has(kPhase)) cells_[text_columns()[kPhase].first] = static_cast<double>(Phase::run);
+        if (!reader_.has(tick_)) cells_[text_columns()[tick_].first] = static_cast<double>(rows_);
+        if (!reader_.has(phase_)) cells_[text_columns()[phase_].first] = static_cast<double>(Phase::run);
       }
       if (!(std::abs(cells_[0]) < layout::kLongestTime))
         throw reader_.lines().error(fmt::format("column t: {} s is over 290 years. Is time in seconds?", cells_[0]));
@@ -85,9 +85,8 @@ class CsvSource final : public RecordingSource {
     if (!any_order_) check_order(block_, before_, reader_.lines().file());
   }
 
-  static constexpr std::size_t kPhase = 12, kTick = 14;  // of text_columns()
-
   bool any_order_;
+  std::size_t tick_ = text_column("tick"), phase_ = text_column("phase");
   CsvReader reader_;
   RecordingHeader header_;
   RecordingColumns columns_;

@@ -97,6 +97,13 @@ std::span<const TextColumn> text_columns() {
   return columns;
 }
 
+std::size_t text_column(std::string_view name) {
+  const auto columns = text_columns();
+  return static_cast<std::size_t>(
+      std::find_if(columns.begin(), columns.end(), [&](const TextColumn& c) { return c.column->name == name; }) -
+      columns.begin());
+}
+
 std::size_t cell_count() {
   return text_columns().back().first + text_columns().back().width();
 }

@@ -25,6 +25,8 @@ struct TextColumn {
 
 /// time, position, velocity, force, then the others. Cells 0 to 9 are t,x,y,z,vx,vy,vz,fx,fy,fz.
 std::span<const TextColumn> text_columns();
+/// Which of them is that of a dataset of the layout.
+std::size_t text_column(std::string_view name);
 inline constexpr std::size_t kPathColumns = 4, kPathCells = 10;
 
 /// Cells of a row.

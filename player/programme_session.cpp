@@ -121,7 +121,7 @@ class ProgrammeRun {
     for (std::size_t i = 0; i < programme_.size(); ++i) {
       states_.emplace_back(programme_.exercise(i));
       paths_.push_back(load_path(file(result_.log.paths[i])));
-      curves_.push_back(trial_path(paths_.back()));
+      curves_.push_back(path_of(paths_.back()));
     }
     for (const LoggedTrial& trial : result_.log.trials)
       if (trial.finished()) states_[trial.exercise].learn(trial.figures);
