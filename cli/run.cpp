@@ -110,32 +110,44 @@ class TrialDevices {
   explicit TrialDevices(const SessionArguments& session) : session_(session), mark_(session.device.find(kPathMark)) {}
 
   /// What the device is, which is the same with and without a path.
-  DeviceInfo info() {
-    if (mark_ == std::string::npos) return open("")->info();
-    SessionArguments own = session_;
-    const std::size_t begin = own.device.find_last_of(",:", mark_), end = own.device.find(',', mark_);
-    if (begin == std::string::npos)
-      throw input_error(fmt::format("--device {}: {} stands for the value of an option, as in intent={}", own.device,
-                                    kPathMark, kPathMark));
-    own.device.erase(begin, end == std::string::npos ? end : end - begin);
-    if (end != std::string::npos && session_.device[begin] == ':') own.device[begin] = ':';
-    return own.open()->info();
+  DeviceInfo info() { return mark_ == std::string::npos ? shared()->info() : open_with(without_path())->info(); }
+
+  /// A simulated person who is moved lets himself be moved, and else means to follow the path.
+  std::shared_ptr<Device> open(const Exercise& exercise, const std::string& path) {
+    if (mark_ == std::string::npos) return shared();
+    return open_with(exercise.mode == ExerciseMode::passive
+                         ? without_path()
+                         : std::string(session_.device).replace(mark_, kPathMark.size(), path));
   }
 
-  std::shared_ptr<Device> open(const std::string& path) {
-    if (mark_ == std::string::npos) {
-      if (!device_) device_ = session_.open();
-      return device_;
-    }
+ private:
+  std::shared_ptr<Device> shared() {
+    if (!device_) device_ = session_.open();
+    return device_;
+  }
+
+  std::shared_ptr<Device> open_with(const std::string& description) {
     SessionArguments own = session_;
-    own.device.replace(mark_, kPathMark.size(), path);
+    own.device = description;
     // A hand that did the same in every repetition would be nobody's.
     own.seed = own.seed.value_or(1) + opened_++;
     device_.reset();
     return device_ = own.open();
   }
 
- private:
+  /// The description without the option that the path is for.
+  [[nodiscard]] std::string without_path() const {
+    std::string description = session_.device;
+    const std::size_t begin = description.find_last_of(",:", mark_), end = description.find(',', mark_);
+    if (begin == std::string::npos)
+      throw input_error(fmt::format("--device {}: {} stands for the value of an option, as in intent={}", description,
+                                    kPathMark, kPathMark));
+    const bool first = description[begin] == ':';
+    description.erase(begin, end == std::string::npos ? end : end - begin);
+    if (first && end != std::string::npos) description[begin] = ':';
+    return description;
+  }
+
   const SessionArguments& session_;
   std::size_t mark_;  ///< where the path's place is in the description
   std::shared_ptr<Device> device_;
@@ -227,7 +239,7 @@ Verb add_run(CLI::App& app) {
             .folder = folder,
             .session = arguments->session.options((fs::path(folder) / "trial.h5").string(), effective_config(*verb)),
             .max_deviation = arguments->max_deviation,
-            .open = [&](const std::string& path) { return devices.open(path); }};
+            .open = [&](const Exercise& exercise, const std::string& path) { return devices.open(exercise, path); }};
         // What was found out about the device at the beginning holds for all of the session.
         const std::string kept = (fs::path(folder) / kSessionProfile).string();
         const std::string profile = resumes && fs::exists(kept) ? kept : arguments->profile;
@@ -266,7 +278,8 @@ Verb add_run(CLI::App& app) {
             fmt::print(stderr, "\r\033[Krest {:.0f} s", left);
         };
         const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
-        const ProgrammeResult result = run_programme(*log, options, signals.stop(), progress);
+        const ProgrammeResult result =
+            run_programme(*log, options, signals.stop(), output.quiet ? Progress{} : progress);
         clear_line();
 
         nlohmann::json answer = to_json(result);

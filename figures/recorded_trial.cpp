@@ -167,6 +167,7 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   for (const RecordingSummary& block : reader.overview()) runs += block.run_rows;
 
   double scale = configured(header.config, "force-scale", 1.0);
+  if (configured<std::string>(header.config, "mode", "") == "free") scale = 0;
   if (configured<std::string>(header.config, "feel", "active") == "resist") scale = -scale;
 
   // Who was left alone felt no force, and none is missing.

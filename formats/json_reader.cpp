@@ -148,7 +148,7 @@ std::string JsonReader::text(const std::string& key, const std::string& fallback
 
 std::string JsonReader::choice(const std::string& key, const std::string& fallback,
                                std::span<const std::string> known) {
-  const std::string word = text(key, fallback);
+  std::string word = text(key, fallback);
   if (std::find(known.begin(), known.end(), word) == known.end())
     throw input_error(fmt::format("{}{}: '{}' is not known{}", prefix_, key, word, suggestion(word, known)));
   return word;

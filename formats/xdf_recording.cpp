@@ -433,7 +433,7 @@ class XdfSource final : public RecordingSource {
   std::vector<StoredEvent> events_;
   SampleParser parser_;
   std::vector<double> cells_, unknown_ = unknown_cells();
-  std::size_t phase_ = text_columns()[12].first, tick_ = text_columns()[14].first;
+  std::size_t phase_ = text_columns()[text_column("phase")].first, tick_ = text_columns()[text_column("tick")].first;
   std::span<const Sample> block_;
   std::optional<std::int64_t> before_;
   double start_ = 0;  ///< stamp of the first row

@@ -12,13 +12,12 @@
 namespace haptrace {
 namespace {
 
-using namespace guidance_ensemble;
 using std::numbers::pi;
 
 constexpr double kStep = 1e-3;                         // of intents and movements [s]
 constexpr std::uint64_t kOther = 0x67756964'616e6365;  // tells these draws from those of the devices
 
-/// Slow and never the same: three sines for every axis, kWander rms.
+/// Slow and never the same: three sines for every axis, guidance_ensemble::kWander rms.
 class Wandering {
  public:
   explicit Wandering(std::uint64_t seed) {
@@ -34,7 +33,7 @@ class Wandering {
     for (std::size_t axis = 0; axis < 3; ++axis)
       for (const auto& [frequency, phase] : sines_[axis])
         sum[static_cast<Eigen::Index>(axis)] += std::sin(2 * pi * frequency * t + phase);
-    return kWander * std::sqrt(2.0 / 3) * sum;
+    return guidance_ensemble::kWander * std::sqrt(2.0 / 3) * sum;
   }
 
  private:
@@ -71,8 +70,10 @@ Vec3 corners(double u) {
   return kCorners[i] + (s - static_cast<double>(i)) * (kCorners[i + 1] - kCorners[i]);
 }
 
-Whim draw_whim(Lot& lot, const Range& way) {
-  return {.at = lot.in(kPlace), .lasts = lot.in(kWhile), .way = lot.in(way)*lot.direction()};
+Whim draw_whim(Lot& lot, const guidance_ensemble::Range& way) {
+  return {.at = lot.in(guidance_ensemble::kPlace),
+          .lasts = lot.in(guidance_ensemble::kWhile),
+          .way = lot.in(way)*lot.direction()};
 }
 
 }  // namespace
@@ -103,7 +104,7 @@ Path intent_of(const Trainee& trainee, const Path& expert) {
   const Wandering wandering(trainee.seed);
   Path intent{.name = "trainee"};
   double place = 0;  // time of the expert's [s]
-  std::array<double, 4> begun;
+  std::array<double, 4> begun{};
   begun.fill(kNaN);
   for (int i = 0; place < way.duration(); ++i) {
     const double t = kStep * i;
@@ -122,7 +123,8 @@ Path intent_of(const Trainee& trainee, const Path& expert) {
     const Vec3 away = aside(trainee.leaves, progress(2, trainee.leaves), 0.5) +
                       aside(trainee.pushes, progress(3, trainee.pushes), 0.3);
     intent.time.push_back(t);
-    intent.position.push_back(way.sample(place).position + std::min(t / kTraineeWaits, 1.0) * wandering.at(t) + away);
+    intent.position.push_back(way.sample(place).position +
+                              std::min(t / kTraineeWaits, 1.0) * wandering.at(t) + away);
     if (t < kTraineeWaits || !std::isnan(stops)) continue;
     place = std::max(place + (std::isnan(returns) ? 1 : -1) * trainee.speed * kStep, 0.0);
   }
@@ -133,25 +135,26 @@ GuidanceDraw draw_guidance(std::uint64_t seed, std::uint64_t index) {
   GuidanceDraw draw{.index = index, .device = draw_device(seed, index)};
   Lot lot(seed ^ kOther, index);
   SimSpec& spec = draw.device.spec;
-  spec.delay += lot.in(kFurtherDelay);
+  spec.delay += lot.in(guidance_ensemble::kFurtherDelay);
 
   GuideOptions& guide = draw.guide;
-  guide.session.rate_hz = lot.in_logarithm(kRate);
+  guide.session.rate_hz = lot.in_logarithm(guidance_ensemble::kRate);
   guide.session.limits.max_velocity = 1.5;  // as haptrace guide has it [m/s]
-  const double radius = lot.in(kRadius);
-  guide.radius = lot.happens(kNoRadius) ? 0 : radius;
-  guide.stiffness = lot.in_logarithm(kStiffness);
-  guide.onset = lot.in(kOnset);
-  guide.damping = lot.in(kWallDamping);
-  guide.force_scale = lot.in(kForceScale);
+  const double radius = lot.in(guidance_ensemble::kRadius);
+  guide.radius = lot.happens(guidance_ensemble::kNoRadius) ? 0 : radius;
+  guide.stiffness = lot.in_logarithm(guidance_ensemble::kStiffness);
+  guide.onset = lot.in(guidance_ensemble::kOnset);
+  guide.damping = lot.in(guidance_ensemble::kWallDamping);
+  guide.force_scale = lot.in(guidance_ensemble::kForceScale);
   guide.feel = lot.happens(0.5) ? Feel::active : Feel::resist;
-  guide.pace = PaceHelp::Options{.pace = lot.in(kPace), .max_force = lot.in(kPaceForce)};
-  guide.resistance = lot.in(kResistance);
-  guide.viscosity = lot.in(kViscosity);
-  guide.amplify = lot.in(kAmplify);
-  guide.amplify_force = lot.in(kAmplifyForce);
-  guide.guidance.cursor = lot.happens(kCursor);
-  guide.guidance.speed = lot.in(kCursorSpeed);
+  guide.pace =
+      PaceHelp::Options{.pace = lot.in(guidance_ensemble::kPace), .max_force = lot.in(guidance_ensemble::kPaceForce)};
+  guide.resistance = lot.in(guidance_ensemble::kResistance);
+  guide.viscosity = lot.in(guidance_ensemble::kViscosity);
+  guide.amplify = lot.in(guidance_ensemble::kAmplify);
+  guide.amplify_force = lot.in(guidance_ensemble::kAmplifyForce);
+  guide.guidance.cursor = lot.happens(guidance_ensemble::kCursor);
+  guide.guidance.speed = lot.in(guidance_ensemble::kCursorSpeed);
   guide.guidance.wait = lot.happens(0.5) ? 0 : 0.02;
   guide.guidance.max_deviation = 1;  // whoever leaves may come back
   guide.guidance.allow_back = lot.happens(0.5);
@@ -159,11 +162,12 @@ GuidanceDraw draw_guidance(std::uint64_t seed, std::uint64_t index) {
   guide.identified = IdentifiedDevice{.plant = {.mass = spec.mass,
                                                 .viscous = spec.viscous,
                                                 .coulomb = spec.coulomb,
-                                                .delay = lot.in(kKnownDelay) * (spec.delay + lag)}};
-  if (!lot.happens(kCalibrated)) guide.identified.reset();
+                                                .delay = lot.in(guidance_ensemble::kKnownDelay) * (spec.delay + lag)}};
+  if (!lot.happens(guidance_ensemble::kCalibrated)) guide.identified.reset();
 
   const double hand_mass = lot.in_logarithm(guidance_ensemble::kHandMass),
-               stiffness = lot.in_logarithm(kIntentStiffness), damping = lot.in(kIntentDamping),
+               stiffness = lot.in_logarithm(guidance_ensemble::kIntentStiffness),
+               damping = lot.in(guidance_ensemble::kIntentDamping),
                tremor = lot.in_logarithm(guidance_ensemble::kTremor);
   if (HandSpec* hand = spec.hand ? &*spec.hand : nullptr) {
     hand->mass = hand_mass;
@@ -171,13 +175,15 @@ GuidanceDraw draw_guidance(std::uint64_t seed, std::uint64_t index) {
     hand->intent_stiffness = stiffness;
     hand->intent_damping = 2 * damping * std::sqrt(stiffness * hand_mass);
   }
-  draw.trainee.speed = lot.in_logarithm(kSpeed);
+  draw.trainee.speed = lot.in_logarithm(guidance_ensemble::kSpeed);
   draw.trainee.stops = draw_whim(lot, {0, 0});
   draw.trainee.returns = draw_whim(lot, {0, 0});
-  draw.trainee.leaves = draw_whim(lot, {guide.radius + kLeaves.low, guide.radius + kLeaves.high});
-  draw.trainee.pushes = draw_whim(lot, {guide.radius + kPushes.low, guide.radius + kPushes.high});
-  const double lets_go = lot.in(kPlace);
-  if (lot.happens(kLetsGo)) draw.trainee.lets_go = lets_go;
+  draw.trainee.leaves =
+      draw_whim(lot, {guide.radius + guidance_ensemble::kLeaves.low, guide.radius + guidance_ensemble::kLeaves.high});
+  draw.trainee.pushes =
+      draw_whim(lot, {guide.radius + guidance_ensemble::kPushes.low, guide.radius + guidance_ensemble::kPushes.high});
+  const double lets_go = lot.in(guidance_ensemble::kPlace);
+  if (lot.happens(guidance_ensemble::kLetsGo)) draw.trainee.lets_go = lets_go;
   draw.trainee.seed = lot.seed();
   return draw;
 }

@@ -14,7 +14,6 @@
 namespace haptrace {
 namespace {
 
-using namespace guidance_ensemble;
 using nlohmann::json;
 
 constexpr double kLinger = 1;        // after a trainee's intent ended, for who is late [s]
@@ -27,8 +26,8 @@ class TrueRipple {
   TrueRipple(const SimDevice& device, double rate_hz)
       : device_(device),
         origin_(device.true_position()),
-        ticks_(std::max<std::int64_t>(std::llround(kRippleTime / kStretches * rate_hz), 1)),
-        ripple_(kRippleCutoff, rate_hz) {}
+        ticks_(std::max<std::int64_t>(std::llround(guidance_ensemble::kRippleTime / kStretches * rate_hz), 1)),
+        ripple_(guidance_ensemble::kRippleCutoff, rate_hz) {}
 
   /// At every tick; counted from the first that is `judged`.
   void update(bool judged) noexcept {
@@ -42,7 +41,7 @@ class TrueRipple {
     lasting2_ = std::max(lasting2_, *std::min_element(stretches_.begin(), stretches_.end()));
   }
 
-  /// The largest that lasted for kRippleTime, rms [m].
+  /// The largest that lasted for guidance_ensemble::kRippleTime, rms [m].
   [[nodiscard]] double lasting() const noexcept { return std::sqrt(lasting2_); }
 
  private:
@@ -71,7 +70,7 @@ class GuidanceJudge final : public SampleSink {
         blending_(std::llround(GuidanceController::kBlend * rate_hz_) + 2),
         end_(end),
         end_ns_(std::llround(1e9 * duration)),
-        rest_ns_(end_ns_ - std::llround(1e9 * kRestJudged)),
+        rest_ns_(end_ns_ - std::llround(1e9 * guidance_ensemble::kRestJudged)),
         ripple_(device, rate_hz_) {}
 
   void push(const Event& event) noexcept override {
@@ -140,9 +139,9 @@ class GuidanceJudge final : public SampleSink {
 };
 
 /// One draw on one path.
-class Trial {
+class GuidedTrial {
  public:
-  Trial(const GuidanceDraw& draw, const Path& expert) : draw_(draw), expert_(expert) {
+  GuidedTrial(const GuidanceDraw& draw, const Path& expert) : draw_(draw), expert_(expert) {
     const Path intent = intent_of(draw.trainee, expert);
     sim_.name = draw.device.spec.model;
     sim_.seed = draw.device.noise_seed;
@@ -184,7 +183,7 @@ class Trial {
 
  private:
   [[nodiscard]] double intended() const { return sim_.intent->duration(); }
-  [[nodiscard]] double duration() const { return intended() + kLinger + kHold; }
+  [[nodiscard]] double duration() const { return intended() + kLinger + guidance_ensemble::kHold; }
 
   const GuidanceDraw& draw_;
   const Path& expert_;
@@ -213,10 +212,11 @@ bool softened(const GuidanceRun& run) {
   return run.oscillations > 0;
 }
 
-json criteria() {
-  return {{"excess_j", kMostExcess},      {"jump_m", kMostJump},      {"ripple_above_hz", kRippleCutoff},
-          {"ripple_time_s", kRippleTime}, {"ripple_m", kMostRipple},  {"hold_s", kHold},
-          {"rest_judged_s", kRestJudged}, {"rest_m_per_s", kMostRest}};
+json guidance_criteria() {
+  return {{"excess_j", guidance_ensemble::kMostExcess},          {"jump_m", guidance_ensemble::kMostJump},
+          {"ripple_above_hz", guidance_ensemble::kRippleCutoff}, {"ripple_time_s", guidance_ensemble::kRippleTime},
+          {"ripple_m", guidance_ensemble::kMostRipple},          {"hold_s", guidance_ensemble::kHold},
+          {"rest_judged_s", guidance_ensemble::kRestJudged},     {"rest_m_per_s", guidance_ensemble::kMostRest}};
 }
 
 json to_json(const GuidanceRun& run) {
@@ -269,9 +269,9 @@ GuidanceMember run_guidance_member(const GuidanceDraw& draw, const std::vector<P
                         .calibrated = draw.guide.identified.has_value()};
   for (const Path& path : paths) {
     if (stop.count() > 0) break;
-    const Trial trial(draw, path);
+    const GuidedTrial trial(draw, path);
     GuidanceRun& run = member.runs.emplace_back(trial.guided(stop, member.stiffness));
-    if (run.ripple > kMostRipple) run.ripple_alone = trial.alone();
+    if (run.ripple > guidance_ensemble::kMostRipple) run.ripple_alone = trial.alone();
   }
   return member;
 }
@@ -317,7 +317,7 @@ json to_json(const GuidanceReport& report) {
           {"max_speed_m_per_s", to_json(distribution(report, &GuidanceRun::speed))},
           {"progress", to_json(distribution(report, &GuidanceRun::progress))},
           {"members", members},
-          {"criteria", criteria()}};
+          {"criteria", guidance_criteria()}};
 }
 
 std::string text_of(const GuidanceReport& report) {

@@ -256,7 +256,7 @@ class ProgrammeRun {
     log().trials.push_back(trial);
     save();
 
-    const std::shared_ptr<Device> device = options_.open(file(log().paths[i]));
+    const std::shared_ptr<Device> device = options_.open(exercise, file(log().paths[i]));
     check(device->info());
     virtual_ = device->info().virtual_time && options_.session.clock != ClockChoice::real;
     ForceDose dose;

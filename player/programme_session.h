@@ -50,8 +50,9 @@ struct ProgrammeOptions {
   std::optional<DeviceProfile> profile;  ///< of the device, where it was calibrated
   double max_deviation = 0.1;            ///< of what is guided, beyond which the session stops [m]
 
-  /// The device for a trial, whose path this is. Answers the same device again where it has nothing of its own to show.
-  std::function<std::shared_ptr<Device>(const std::string& path)> open;
+  /// The device for a trial of `exercise`, whose path this is. Answers the same device again where it has nothing of
+  /// its own to show.
+  std::function<std::shared_ptr<Device>(const Exercise& exercise, const std::string& path)> open;
   const std::atomic<bool>* pause = nullptr;  ///< while true, no trial begins
 
   std::function<void(const ScheduledTrial&, const TrialSettings&, std::size_t number, std::size_t of)> begins;

@@ -66,9 +66,9 @@ class Observer {
 };
 
 /// The closed loop of three pairs of gains round three equal axes, in virtual time.
-class Trial {
+class GainTrial {
  public:
-  Trial(const PlantModel& plant, const std::array<AxisGains, kAtOnce>& gains, const StabilityOptions& options)
+  GainTrial(const PlantModel& plant, const std::array<AxisGains, kAtOnce>& gains, const StabilityOptions& options)
       : period_(1 / options.rate_hz),
         device_(spec_of(plant, options), {.longest_step = integration_step(plant, options)}),
         gains_(law_of(gains)) {
@@ -361,7 +361,7 @@ std::array<bool, kAtOnce> simulate_stability(const PlantModel& plant, int axis,
     model.coulomb.setZero();
     model.position_resolution = 0;
   }
-  Trial trial(model, gains, options);
+  GainTrial trial(model, gains, options);
   // Without friction and quantum sizes mean nothing: the motion is to stay within foaw's band until it is judged.
   const double small = 1e-12 * (plant.position_resolution > 0 ? plant.position_resolution : 1e-5);
   const double mass = model.mass.x(), push = fully ? 0 : small * mass * options.rate_hz * options.rate_hz;

@@ -37,6 +37,14 @@ TEST(RunCommand, SaysWhatItWouldDoWithoutADevice) {
               HasSubstr("leaves the workspace"));
 }
 
+TEST(RunCommand, SaysNothingWhenItIsToBeQuiet) {
+  const TempFolder folder;
+  const Answer answer = haptrace("run", programme(folder), "--device", kTrainee, "-q");
+  EXPECT_EQ(answer.exit_code, 0);
+  EXPECT_EQ(answer.out + answer.err, "");
+  EXPECT_TRUE(load_session_log(folder / "circles-session").complete) << "beside the programme, by its name";
+}
+
 TEST(RunCommand, RunsTheSampleProgrammes) {
   const TempFolder folder;
   for (const char* name : {"reaching", "circles", "lesson"}) {
