@@ -112,12 +112,17 @@ class TrialDevices {
   /// What the device is, which is the same with and without a path.
   DeviceInfo info() { return mark_ == std::string::npos ? shared()->info() : open_with(without_path())->info(); }
 
-  /// A simulated person who is moved lets himself be moved, and else means to follow the path.
-  std::shared_ptr<Device> open(const Exercise& exercise, const std::string& path) {
+  /// A simulated person who is moved lets himself be moved. Else he means to follow the path, once he was led to its
+  /// start, and a cursor at its pace.
+  std::shared_ptr<Device> open(const Exercise& exercise, double pace, const std::string& path) {
     if (mark_ == std::string::npos) return shared();
-    return open_with(exercise.mode == ExerciseMode::passive
-                         ? without_path()
-                         : std::string(session_.device).replace(mark_, kPathMark.size(), path));
+    if (exercise.mode == ExerciseMode::passive) return open_with(without_path());
+    constexpr double kLed = 0.5;  // about what it takes from where he is [s]
+    std::string description = session_.device;
+    description.replace(mark_, kPathMark.size(), path);
+    add_option(description, "intent_after", kLed);
+    if (exercise.mode == ExerciseMode::cursor) add_option(description, "intent_speed", pace);
+    return open_with(std::move(description));
   }
 
  private:
@@ -126,11 +131,18 @@ class TrialDevices {
     return device_;
   }
 
-  std::shared_ptr<Device> open_with(const std::string& description) {
+  /// In words, so that the recording keeps it: what stands there already wins.
+  static void add_option(std::string& description, const char* key, double value) {
+    if (description.find(fmt::format("{}=", key)) == std::string::npos)
+      description += fmt::format(",{}={}", key, value);
+  }
+
+  std::shared_ptr<Device> open_with(std::string description) {
     SessionArguments own = session_;
-    own.device = description;
     // A hand that did the same in every repetition would be nobody's.
-    own.seed = own.seed.value_or(1) + opened_++;
+    add_option(description, "seed", static_cast<double>(session_.seed.value_or(1) + opened_++));
+    own.device = std::move(description);
+    own.seed.reset();
     device_.reset();
     return device_ = own.open();
   }
@@ -239,7 +251,9 @@ Verb add_run(CLI::App& app) {
             .folder = folder,
             .session = arguments->session.options((fs::path(folder) / "trial.h5").string(), effective_config(*verb)),
             .max_deviation = arguments->max_deviation,
-            .open = [&](const Exercise& exercise, const std::string& path) { return devices.open(exercise, path); }};
+            .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
+              return devices.open(exercise, settings.pace, path);
+            }};
         // What was found out about the device at the beginning holds for all of the session.
         const std::string kept = (fs::path(folder) / kSessionProfile).string();
         const std::string profile = resumes && fs::exists(kept) ? kept : arguments->profile;

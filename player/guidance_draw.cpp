@@ -123,8 +123,7 @@ Path intent_of(const Trainee& trainee, const Path& expert) {
     const Vec3 away = aside(trainee.leaves, progress(2, trainee.leaves), 0.5) +
                       aside(trainee.pushes, progress(3, trainee.pushes), 0.3);
     intent.time.push_back(t);
-    intent.position.push_back(way.sample(place).position +
-                              std::min(t / kTraineeWaits, 1.0) * wandering.at(t) + away);
+    intent.position.push_back(way.sample(place).position + std::min(t / kTraineeWaits, 1.0) * wandering.at(t) + away);
     if (t < kTraineeWaits || !std::isnan(stops)) continue;
     place = std::max(place + (std::isnan(returns) ? 1 : -1) * trainee.speed * kStep, 0.0);
   }

@@ -241,9 +241,9 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a place");
   if (!options.identified && !options.expert)
     plan.notes.push_back(
-        fmt::format("nobody knows yet how late {} is; its walls of {:.0f} N/m suit {:.0f} ms, and calibrated it bears "
-                    "stiffer ones: haptrace calibrate --device {}",
-                    device.model, plan.stiffness, 1e3 * kUnknownDelay, device.name));
+        fmt::format("nobody knows yet how late {} is; its walls of {:.0f} N/m suit {:.0f} ms, and calibrated (haptrace "
+                    "calibrate) it bears stiffer ones",
+                    device.model, plan.stiffness, 1e3 * kUnknownDelay));
   return plan;
 }
 

@@ -15,6 +15,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
+#include <set>
 #include <thread>
 
 namespace haptrace {
@@ -256,13 +257,15 @@ class ProgrammeRun {
     log().trials.push_back(trial);
     save();
 
-    const std::shared_ptr<Device> device = options_.open(exercise, file(log().paths[i]));
+    const std::shared_ptr<Device> device = options_.open(exercise, trial.settings, file(log().paths[i]));
     check(device->info());
     virtual_ = device->info().virtual_time && options_.session.clock != ClockChoice::real;
     ForceDose dose;
     TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, dose)
                                                           : guide_trial(*device, exercise, trial, dose);
-    trial.notices = std::move(run.notes);
+    // What is to be known of the device and not of the trial is told once.
+    for (std::string& note : run.notes)
+      if (told_.insert(note).second) trial.notices.push_back(std::move(note));
     trial.notices.insert(trial.notices.end(), run.session.notices.begin(), run.session.notices.end());
     trial.duration = run.session.servo.duration;
     trial.force_dose = dose.dose();
@@ -390,6 +393,7 @@ class ProgrammeRun {
   std::vector<Path> paths_;
   std::vector<TrialPath> curves_;
   std::optional<IdentifiedDevice> identified_;
+  std::set<std::string> told_;
   bool virtual_ = false;
 };
 

@@ -52,7 +52,9 @@ struct ProgrammeOptions {
 
   /// The device for a trial of `exercise`, whose path this is. Answers the same device again where it has nothing of
   /// its own to show.
-  std::function<std::shared_ptr<Device>(const Exercise& exercise, const std::string& path)> open;
+  std::function<std::shared_ptr<Device>(const Exercise& exercise, const TrialSettings& settings,
+                                        const std::string& path)>
+      open;
   const std::atomic<bool>* pause = nullptr;  ///< while true, no trial begins
 
   std::function<void(const ScheduledTrial&, const TrialSettings&, std::size_t number, std::size_t of)> begins;

@@ -254,7 +254,7 @@ class Page {
     if (best != nullptr && defined(*best) > 1) {
       const TrialFigure& figure = all_trial_figures()[best->figure];
       const auto [first, last] = ends_of(*best);
-      text += fmt::format(" In {}, {} went from {} to {}.", told->name, figure.title, shown(figure, first),
+      text += fmt::format(" In ‘{}’, {} went from {} to {}.", told->name, figure.title, shown(figure, first),
                           shown(figure, last));
     }
     for (const ReportComparison& comparison : report_.comparisons) {

@@ -167,13 +167,13 @@ bool read_flag(const DeviceSpec& device, const char* key) {
   throw input_error(fmt::format("{}: {}: expected true or false, found '{}'", where(device), key, text));
 }
 
-double read_time(const DeviceSpec& device, const char* key) {
+double read_number(const DeviceSpec& device, const char* key, double otherwise, const char* expected = "seconds") {
   const std::string text = option(device, key);
-  double time = SimOptions::kNever;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), time);
-  if (!text.empty() && (error != std::errc{} || end != text.data() + text.size() || !(time >= 0)))
-    throw input_error(fmt::format("{}: {}: expected seconds from 0, found '{}'", where(device), key, text));
-  return time;
+  double number = otherwise;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (!text.empty() && (error != std::errc{} || end != text.data() + text.size() || !(number >= 0)))
+    throw input_error(fmt::format("{}: {}: expected {} from 0, found '{}'", where(device), key, expected, text));
+  return number;
 }
 
 std::uint64_t read_seed(const DeviceSpec& device) {
@@ -211,6 +211,20 @@ std::string serial_number(json spec) {
   return fmt::format("{:08x}", hash);
 }
 
+/// The same path, begun `after` [s] from its start and followed `speed` times as fast.
+Path retimed(const Path& path, double after, double speed) {
+  Path result{.name = path.name};
+  if (after > 0 && path.size() > 0) {
+    result.time.push_back(0);
+    result.position.push_back(path.position.front());
+  }
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    result.time.push_back(after + (path.time[i] - path.time.front()) / speed);
+    result.position.push_back(path.position[i]);
+  }
+  return result;
+}
+
 /// Fills in what the hand intends and what a person should know of it.
 void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& options) {
   const bool fit = read_flag(device, "fit");
@@ -228,6 +242,11 @@ void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& opti
     options.notes.push_back(
         fmt::format("{}: fitted into the workspace of the {}: {}", path.name, spec.model, describe(change)));
   }
+  const double after = read_number(device, "intent_after", 0),
+               speed = read_number(device, "intent_speed", 1, "a number");
+  if (!(speed >= 0.01 && speed <= 100))
+    throw input_error(fmt::format("{}: intent_speed: expected 0.01 to 100, found {}", where(device), speed));
+  if (after > 0 || speed != 1) path = retimed(path, after, speed);
   options.intent = Trajectory(path, Interpolation::cubic);
 }
 
@@ -241,8 +260,8 @@ std::unique_ptr<Device> open_sim(const DeviceSpec& device) {
   if (!intent.empty()) spec.hand->intent = intent;
 
   SimOptions options{.name = device.text, .serial = serial_number(json_spec), .seed = read_seed(device), .intent = {}};
-  options.lost_at = read_time(device, "lost_at");
-  options.lost_for = read_time(device, "lost_for");
+  options.lost_at = read_number(device, "lost_at", SimOptions::kNever);
+  options.lost_for = read_number(device, "lost_for", SimOptions::kNever);
   if (options.lost_for < SimOptions::kNever && options.lost_at == SimOptions::kNever)
     throw input_error(where(device) + ": lost_for: says how long the cable is out; say when it slips out with lost_at");
   if (spec.hand && !spec.hand->intent.empty()) read_intent(device, spec, options);
@@ -258,6 +277,8 @@ DeviceBackend sim_backend() {
                       {"spec", "the device: a JSON file; with preset, what it changes"},
                       {"hand", fmt::format("who holds it: {}", fmt::join(hand_preset_names(), ", "))},
                       {"intent", "the path that the hand intends to follow: CSV or HDF5"},
+                      {"intent_after", "when it begins to, in the device's own time [s]"},
+                      {"intent_speed", "times as fast as the path"},
                       {"fit", "true: scale and move the intent into the workspace"},
                       {"seed", "of tremor and noise (default 1)"},
                       {"lost_at", "its cable slips out at this time of its own, to try that out [s]"},

@@ -155,6 +155,26 @@ TEST(SimOptions, LetTheHandFollowAFile) {
   EXPECT_THAT(open_error("sim:intent=/no/such.csv"), HasSubstr("/no/such.csv"));
 }
 
+TEST(SimOptions, LetTheHandBeginLaterAndMoveFasterThanItsPath) {
+  const TempFolder folder;
+  const std::string file = folder.write("reach.csv", csv(reach(), Vec3(0, 0.01, 0)));
+  const std::string spec = "sim:preset=omega3,hand=firm,seed=2,intent=" + file;
+  const auto plain = open_device(spec), later = open_device(spec + ",intent_after=0.5,intent_speed=2");
+  const auto place = [](Device& device, double seconds) {
+    Vec3 position = Vec3::Zero();
+    for (int k = 0; k < std::lround(1000 * seconds); ++k) position = exchange(device, Vec3::Zero(), 1e-3).position;
+    return position;
+  };
+  const Vec3 start = place(*plain, 0.001), before = place(*later, 0.49);
+  EXPECT_NEAR((before - start).norm(), 0, 1e-3) << "it rests until then";
+  const double half = 0.5 * reach().duration();
+  EXPECT_NEAR((place(*later, 0.01 + 0.5 * half) - place(*plain, half)).norm(), 0, 6e-3) << "half-way in half the time";
+  EXPECT_NEAR((place(*later, 0.5 * half + 1) - place(*plain, half + 1)).norm(), 0, 2e-3) << "both at the end";
+  EXPECT_THAT(open_error(spec + ",intent_after=soon"),
+              HasSubstr("intent_after: expected seconds from 0, found 'soon'"));
+  EXPECT_THAT(open_error(spec + ",intent_speed=0"), HasSubstr("intent_speed: expected 0.01 to 100, found 0"));
+}
+
 TEST(SimOptions, RefuseAnIntentOutsideTheWorkspaceUnlessItMayBeFitted) {
   const TempFolder folder;
   const std::string file = folder.write("far.csv", csv(reach(), Vec3(0.1, 0, 0)));

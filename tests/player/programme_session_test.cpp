@@ -41,7 +41,7 @@ class ProgrammeSession : public testing::Test {
   ProgrammeSession() {
     options_.folder = temp_ / "session";
     options_.session.recording.emplace();
-    options_.open = [this](const Exercise&, const std::string& path) -> std::shared_ptr<Device> {
+    options_.open = [this](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
       ++opened_;
       return open_device(fmt::format("sim:preset=omega3,hand={},seed={},intent={}", hand_, opened_, path));
     };
@@ -228,7 +228,7 @@ TEST_F(ProgrammeSession, MakesWallsAsSoftAsTheAssistanceIsLittle) {
 
 TEST_F(ProgrammeSession, LeavesWhoIsFreeAloneWhereverHeIs) {
   options_.max_deviation = 0.001;
-  options_.open = [this](const Exercise&, const std::string& path) -> std::shared_ptr<Device> {
+  options_.open = [this](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
     Path beside = load_path(path);
     for (Vec3& p : beside.position) p *= 0.5;
     save_path(beside, temp_ / "beside.csv", "beside", true);
@@ -281,7 +281,7 @@ TEST_F(ProgrammeSession, EndsASittingWhenTheForceWasEnough) {
 
 TEST_F(ProgrammeSession, EndsASittingWhenThePersonIsTired) {
   // The same path, and a hand that becomes slower and slower.
-  options_.open = [this](const Exercise&, const std::string& path) -> std::shared_ptr<Device> {
+  options_.open = [this](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
     ++opened_;
     Path slow = load_path(path);
     const double times = opened_ < 3 ? 1 : 2;
@@ -301,7 +301,7 @@ TEST_F(ProgrammeSession, EndsASittingWhenThePersonIsTired) {
 
 TEST_F(ProgrammeSession, StopsWithTheDataWhenADeviceIsLost) {
   std::shared_ptr<PointMass> device = std::make_shared<PointMass>(0.5, 2, PointMass::Faults{.lost_at = 2000});
-  options_.open = [&](const Exercise&, const std::string&) { return device; };
+  options_.open = [&](const Exercise&, const TrialSettings&, const std::string&) { return device; };
   const json programme = programme_of({R"("mode": "passive", "repetitions": 5)"});
   const Programme read = programme_from_json(programme, "p.json");
   const ProgrammePlan plan = plan_programme(read, temp_.path(), "p.json", &device->info(), false);
@@ -322,7 +322,9 @@ TEST_F(ProgrammeSession, RefusesToGoOnWithAnotherDevice) {
   options_.begins = [&](const ScheduledTrial&, const TrialSettings&, std::size_t, std::size_t) { (*stop_).raise(); };
   (void)run(programme_of({R"("mode": "tunnel")"}));
   options_.begins = nullptr;
-  options_.open = [](const Exercise&, const std::string&) { return std::make_shared<PointMass>(); };
+  options_.open = [](const Exercise&, const TrialSettings&, const std::string&) {
+    return std::make_shared<PointMass>();
+  };
   EXPECT_THAT(error_of([&] { (void)resume(); }), AllOf(HasSubstr("begun with sim"), HasSubstr("point mass")));
   EXPECT_EQ(load_session_log(options_.folder).sittings.back().ended_by, "stopped");
 }
