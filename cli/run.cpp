@@ -133,8 +133,8 @@ class TrialDevices {
 
   /// In words, so that the recording keeps it: what stands there already wins.
   static void add_option(std::string& description, const char* key, double value) {
-    if (description.find(fmt::format("{}=", key)) == std::string::npos)
-      description += fmt::format(",{}={}", key, value);
+    if (description.find(fmt::format("{}=", key)) != std::string::npos) return;
+    description += fmt::format("{}{}={}", description.find(':') == std::string::npos ? ':' : ',', key, value);
   }
 
   std::shared_ptr<Device> open_with(std::string description) {

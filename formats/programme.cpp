@@ -129,6 +129,10 @@ Path path_of_shape(JsonReader reader) {
   shape.angle = std::numbers::pi / 180 * reader.number("angle_deg", 0, -360, 360);
   shape.constant_speed = reader.boolean("constant_speed", shape.constant_speed);
   reader.finish();
+  constexpr double kLongest = 3600;  // [s]
+  if (shape.duration * shape.turns > kLongest)
+    throw input_error(fmt::format("{}: {} turns of {} s are {:.0f} s; an exercise takes an hour at most",
+                                  reader.where(), shape.turns, shape.duration, shape.duration * shape.turns));
   Path path = make_shape(kind, shape);
   path.name = kind;
   return path;

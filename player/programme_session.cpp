@@ -339,6 +339,7 @@ class ProgrammeRun {
     const TrialSettings& settings = trial.settings;
     const double assistance = exercise.mode == ExerciseMode::assisted ? settings.assistance : 1;
     const bool cursor = exercise.mode == ExerciseMode::cursor;
+    const double force_scale = paths_[trial.exercise].force.empty() ? 0 : exercise.force_scale;
     GuideOptions options{.guidance = {.cursor = cursor,
                                       .allow_back = exercise.allow_back,
                                       .speed = cursor ? settings.pace : 1,
@@ -350,7 +351,7 @@ class ProgrammeRun {
                          .radius = settings.radius,
                          .free = exercise.mode == ExerciseMode::free || assistance < kLeastAssistance,
                          .stiffness = settings.stiffness,
-                         .force_scale = exercise.force_scale,
+                         .force_scale = force_scale,
                          .feel = exercise.resist_forces ? Feel::resist : Feel::active,
                          .viscosity = exercise.viscosity,
                          .identified = identified_,
@@ -362,7 +363,7 @@ class ProgrammeRun {
                                                 : "tunnel"},
                           {"radius", settings.radius},
                           {"time-limit", options.guidance.time_limit},
-                          {"force-scale", exercise.force_scale},
+                          {"force-scale", force_scale},
                           {"feel", exercise.resist_forces ? "resist" : "active"},
                           {"viscosity", exercise.viscosity}};
     if (cursor) config.update({{"speed", settings.pace}, {"wait", exercise.wait}});

@@ -66,7 +66,7 @@ TEST(RunCommand, KeepsInEveryRecordingWhatRepeatsItsTrial) {
   const TempFolder folder;
   for (const char* mode : {"passive", "assisted", "tunnel", "cursor", "resist", "free"}) {
     const std::string session = folder / mode;
-    ASSERT_EQ(haptrace("run", programme(folder, mode, 1), "--device", kTrainee, "-o", session).exit_code, 0);
+    ASSERT_EQ(haptrace("run", programme(folder, mode, 1), "--device", "sim:intent={path}", "-o", session).exit_code, 0);
     const std::string trial = session + "/" + load_session_log(session).trials.at(0).file;
     const nlohmann::json config = haptrace("info", trial, "--json").json()["config"];
     const std::string verb = config["verb"];

@@ -79,6 +79,8 @@ TEST(Programme, NamesThePathOfTheKeyThatIsWrong) {
                  {"exercises: expected an array"});
   expect_refused(parse_json(R"({"haptrace_programme": 1, "exercises": [3]})", "p"),
                  {"exercises[0]: expected an object"});
+  expect_refused(programme_of(R"("mode": "free", "shape": {"kind": "circle", "duration": 60, "turns": 100})"),
+                 {"exercises[0].shape: 100 turns of 60 s are 6000 s; an exercise takes an hour at most"});
   expect_refused(programme_of(R"("name": "disc", "mode": "tunnel", "shape": {"kind": "disc"})"),
                  {"p.json: exercises[0].shape.kind: 'disc'", "circle"});
 }

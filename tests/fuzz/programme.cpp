@@ -1,0 +1,19 @@
+// A programme as JSON: what reads as one has exercises that can be followed.
+#include "formats/programme.h"
+
+#include "formats/json_reader.h"
+#include "tests/fuzz/fuzz.h"
+
+using namespace haptrace;
+
+int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  fuzz::answer([&] {
+    const Programme programme =
+        programme_from_json(parse_json(std::string(fuzz::text_of(data, size)), "input"), "input");
+    fuzz::require(!programme.exercises.empty());
+    for (std::size_t i = 0; i < programme.size(); ++i)
+      if (const Exercise& exercise = programme.exercise(i); exercise.shape)
+        fuzz::require(path_of(programme, exercise, ".").size() > 0);
+  });
+  return 0;
+}
