@@ -76,7 +76,7 @@ std::string plan_text(const Programme& programme, const ProgrammePlan& plan) {
   return text;
 }
 
-std::string result_text(const RunArguments& arguments, const ProgrammeResult& result, const std::string& folder) {
+std::string result_text(const ProgrammeResult& result, const std::string& folder) {
   const Sitting& sitting = result.log.sittings.back();
   std::size_t finished = 0;
   for (const LoggedTrial& trial : result.log.trials) finished += trial.finished() ? 1 : 0;
@@ -84,18 +84,36 @@ std::string result_text(const RunArguments& arguments, const ProgrammeResult& re
                                  finished, result.log.complete ? ", the programme is complete" : "",
                                  minutes(sitting.duration), sitting.force_dose);
   if (!result.log.complete)
-    text += fmt::format("  ended: {}{}{}; go on with: haptrace run --resume {} --device {}\n", sitting.ended_by,
-                        sitting.detail.empty() ? "" : ", ", sitting.detail, folder, arguments.session.device);
+    text += fmt::format("  ended: {}{}{}; go on with: haptrace run --resume '{}'\n", sitting.ended_by,
+                        sitting.detail.empty() ? "" : ", ", sitting.detail, folder);
   return text;
 }
 
 /// The programme with what the command line says of the person.
 nlohmann::json programme_for(const RunArguments& arguments) {
   nlohmann::json programme = load_json(arguments.programme);
-  if (!programme.is_object()) return programme;
+  if (!programme.is_object() || (programme.contains("person") && !programme["person"].is_object())) return programme;
   if (!arguments.mirror.empty()) programme["person"]["mirror"] = arguments.mirror;
   if (arguments.scale) programme["person"]["scale"] = *arguments.scale;
   return programme;
+}
+
+/// What a session is begun with: its configuration without what is about beginning it, and without what it keeps in
+/// other ways. A sitting that goes on later goes by it, and so does who repeats one of its trials.
+nlohmann::json shared_config(const CLI::App& verb) {
+  nlohmann::json config = effective_config(verb);
+  for (const char* key : {"verb", "programme", "output", "resume", "dry-run", "mirror", "scale", "fit", "profile",
+                          "no-profile", "overwrite"})
+    config.erase(key);
+  return config;
+}
+
+/// Refuses what would make a session of two kinds.
+void check_resume(const CLI::App& verb, const SessionLog& log, const std::string& folder) {
+  if (log.complete) throw input_error(folder + ": is complete; there is nothing to go on with");
+  for (const char* option : {"--mirror", "--scale", "--fit", "--output", "--profile", "--no-profile", "--dry-run"})
+    if (verb.get_option(option)->count() > 0)
+      throw input_error(fmt::format("{} says how a session begins; --resume goes on as {} was begun", option, folder));
 }
 
 /// Where files of the programme are looked for.
@@ -107,7 +125,13 @@ std::string folder_of(const std::string& programme) {
 /// Opens devices for trials: one for all, or one for each where its description has a place for the path.
 class TrialDevices {
  public:
-  explicit TrialDevices(const SessionArguments& session) : session_(session), mark_(session.device.find(kPathMark)) {}
+  /// `opened`: how many were opened in earlier sittings.
+  TrialDevices(const SessionArguments& session, std::size_t opened, const std::string& folder)
+      : session_(session), mark_(session.device.find(kPathMark)), opened_(opened) {
+    if (mark_ != std::string::npos && folder.find(',') != std::string::npos)
+      throw input_error(
+          fmt::format("{}: a simulated trainee's path must not hold a comma; choose another folder", folder));
+  }
 
   /// What the device is, which is the same with and without a path.
   DeviceInfo info() { return mark_ == std::string::npos ? shared()->info() : open_with(without_path())->info(); }
@@ -163,7 +187,7 @@ class TrialDevices {
   const SessionArguments& session_;
   std::size_t mark_;  ///< where the path's place is in the description
   std::shared_ptr<Device> device_;
-  std::uint64_t opened_ = 0;
+  std::uint64_t opened_;
 };
 
 }  // namespace
@@ -216,21 +240,28 @@ Verb add_run(CLI::App& app) {
         if (resumes == !arguments->programme.empty())
           throw input_error(resumes ? "--resume has the programme in the session; name no other"
                                     : "haptrace run needs PROGRAMME.json, or --resume FOLDER; see haptrace run --help");
-        if (resumes && (!arguments->mirror.empty() || arguments->scale || arguments->fit || !arguments->folder.empty()))
-          throw input_error("--resume goes on as the session was begun: without --mirror, --scale, --fit and -o");
-
+        if (arguments->no_profile && !arguments->profile.empty())
+          throw input_error("--profile and --no-profile exclude each other");
+        if (arguments->dry_run && arguments->fit && arguments->session.device.empty())
+          throw input_error("--fit needs to know the workspace: give --device too");
         const std::string folder = resumes ? arguments->resume
                                    : arguments->folder.empty()
                                        ? fs::path(arguments->programme).replace_extension().string() + "-session"
                                        : arguments->folder;
         std::optional<SessionLog> log;
-        if (resumes) log = load_session_log(folder);
+        if (resumes) {
+          log = load_session_log(folder);
+          check_resume(*verb, *log, folder);
+          const std::string asked = arguments->session.subject;
+          apply_config(*verb, log->config, folder);
+          if (!asked.empty() && asked != log->subject)
+            throw input_error(fmt::format("{}: is a session of '{}', not of '{}'", folder, log->subject, asked));
+        }
         const nlohmann::json json = resumes ? log->programme : programme_for(*arguments);
         const std::string where = resumes ? folder : arguments->programme;
         const Programme programme = programme_from_json(json, where);
-        if (log && log->complete) throw input_error(folder + ": is complete; there is nothing to go on with");
 
-        TrialDevices devices(arguments->session);
+        TrialDevices devices(arguments->session, resumes ? log->trials.size() : 0, folder);
         std::optional<DeviceInfo> device;
         if (!arguments->session.device.empty()) device = devices.info();
         std::optional<ProgrammePlan> plan;
@@ -240,7 +271,6 @@ Verb add_run(CLI::App& app) {
           for (const std::string& note : plan->notes) output.remark(note);
         }
         if (arguments->dry_run) {
-          if (!plan) throw input_error("--dry-run is for a programme that was not begun");
           output.tell(to_json(*plan, programme), plan_text(programme, *plan));
           return kDone;
         }
@@ -249,16 +279,17 @@ Verb add_run(CLI::App& app) {
 
         ProgrammeOptions options{
             .folder = folder,
-            .session = arguments->session.options((fs::path(folder) / "trial.h5").string(), effective_config(*verb)),
+            .session = arguments->session.options((fs::path(folder) / "trial.h5").string(), shared_config(*verb)),
             .max_deviation = arguments->max_deviation,
             .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
               return devices.open(exercise, settings.pace, path);
             }};
         // What was found out about the device at the beginning holds for all of the session.
         const std::string kept = (fs::path(folder) / kSessionProfile).string();
-        const std::string profile = resumes && fs::exists(kept) ? kept : arguments->profile;
-        if (!arguments->no_profile) options.profile = profile_for(*device, profile, arguments->session.rate_hz, output);
-        if (!log) log = begin_session(json, where, *plan, *device, options);
+        if (resumes ? fs::exists(kept) : !arguments->no_profile)
+          options.profile =
+              profile_for(*device, resumes ? kept : arguments->profile, arguments->session.rate_hz, output);
+        if (!resumes) log = begin_session(json, where, *plan, *device, options);
 
         const Signals signals;
         std::atomic<bool> pause{false};
@@ -292,15 +323,14 @@ Verb add_run(CLI::App& app) {
             fmt::print(stderr, "\r\033[Krest {:.0f} s", left);
         };
         const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
-        const ProgrammeResult result =
-            run_programme(*log, options, signals.stop(), output.quiet ? Progress{} : progress);
+        const ProgrammeResult result = run_programme(options, signals.stop(), output.quiet ? Progress{} : progress);
         clear_line();
 
         nlohmann::json answer = to_json(result);
         answer["folder"] = folder;
         int code = result.last ? conclude(output, *result.last) : kDone;
         if (code == kDone && signals.stop().count() > 0) code = kInterrupted;
-        output.tell(answer, result_text(*arguments, result, folder));
+        output.tell(answer, result_text(result, folder));
         return code;
       }};
 }

@@ -211,7 +211,10 @@ void require(const CLI::App& verb, const std::string& option) {
 }
 
 void apply_config(CLI::App& verb, const std::string& file) {
-  const nlohmann::json config = load_json(file);
+  apply_config(verb, load_json(file), file);
+}
+
+void apply_config(CLI::App& verb, const nlohmann::json& config, const std::string& file) {
   if (!config.is_object()) throw input_error(fmt::format("{}: a configuration is a JSON object of options", file));
   std::vector<std::string> known;
   for (const CLI::Option* option : verb.get_options())

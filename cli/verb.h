@@ -94,6 +94,8 @@ void require(const CLI::App& verb, const std::string& option);
 
 /// Reads --config FILE.json: every key is an option of the verb; what stands on the line wins.
 void apply_config(CLI::App& verb, const std::string& file);
+/// The same of a configuration that stands in `where`.
+void apply_config(CLI::App& verb, const nlohmann::json& config, const std::string& where);
 
 /// Every option of the verb with its value in force, as a --config file would hold them.
 nlohmann::json effective_config(const CLI::App& verb);

@@ -79,7 +79,8 @@ json load_json(const std::string& file) {
 
 void save_json(const json& json, const std::string& file, bool overwrite) {
   TextWriter writer(file, overwrite);
-  writer.text() = json.dump(2) + '\n';
+  // Texts that are not UTF-8 are kept as well as they can be.
+  writer.text() = json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
   writer.commit();
 }
 

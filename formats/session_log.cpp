@@ -3,8 +3,14 @@
 #include "control/error.h"
 #include "formats/json_reader.h"
 
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <fcntl.h>
 #include <filesystem>
 #include <fmt/format.h>
+#include <sys/file.h>
+#include <unistd.h>
 
 namespace haptrace {
 namespace {
@@ -107,6 +113,18 @@ std::filesystem::path log_file(const std::string& where) {
 
 }  // namespace
 
+SessionLock::SessionLock(const std::string& folder)
+    : folder_(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+  if (folder_ < 0) throw input_error(fmt::format("{}: cannot be opened: {}", folder, std::strerror(errno)));
+  if (flock(folder_, LOCK_EX | LOCK_NB) == 0) return;
+  close(folder_);
+  throw input_error(fmt::format("{}: another process runs this session; wait for it, or end it", folder));
+}
+
+SessionLock::~SessionLock() {
+  close(folder_);
+}
+
 void save_session_log(const SessionLog& log, const std::string& folder) {
   json result{{"haptrace_session", 1},
               {"created", log.created},
@@ -116,6 +134,8 @@ void save_session_log(const SessionLog& log, const std::string& folder) {
               {"notes", log.notes},
               {"device", {{"backend", log.device.backend}, {"model", log.device.model}, {"serial", log.device.serial}}},
               {"programme", log.programme},
+              {"config", log.config},
+              {"fit", log.fit},
               {"paths", log.paths},
               {"sittings", json::array()},
               {"trials", json::array()},
@@ -141,6 +161,9 @@ SessionLog load_session_log(const std::string& where) {
   }
   log.programme = reader.require("programme").value("programme");
   const Programme programme = programme_from_json(log.programme, file + ": programme");
+  log.config = reader.value("config");
+  if (!log.config.is_object()) log.config = json::object();
+  log.fit = reader.text("fit", "");
   log.paths = texts_from(reader, "paths");
   for (JsonReader& one : reader.objects("sittings")) log.sittings.push_back(sitting_from(one));
   for (JsonReader& one : reader.objects("trials")) {

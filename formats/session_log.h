@@ -34,12 +34,14 @@ struct LoggedTrial {
   std::string began;       ///< RFC 3339
   double duration = 0;     ///< of its session, way to the start included [s]
   double force_dose = 0;   ///< [N s]
-  std::string stopped_by;  ///< "finished", or what ended it; see to_string(StopCause)
+  std::string stopped_by;  ///< "finished", "time_over", or what else ended it (StopCause); empty while it runs
   std::string detail;      ///< in words, where there is more to say
   std::vector<std::string> notices;
   nlohmann::json figures;  ///< to_json(TrialFigures); null when it was stopped
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
+  /// It need not be done again: the person came to the end, or his time was over.
+  [[nodiscard]] bool done() const { return finished() || stopped_by == "time_over"; }
 };
 
 /// From when somebody sat down until he got up.
@@ -56,7 +58,9 @@ struct SessionLog {
   std::string created, software;
   std::string subject, operator_name, notes;
   DeviceIdentity device;
-  nlohmann::json programme;        ///< as it was read
+  nlohmann::json programme;                          ///< as it was read
+  nlohmann::json config = nlohmann::json::object();  ///< of the command that began it: every sitting goes by it
+  std::string fit;  ///< how the paths were moved and scaled into the workspace, in words; empty when they were not
   std::vector<std::string> paths;  ///< by exercise, from the session's folder
   std::vector<Sitting> sittings;
   std::vector<LoggedTrial> trials;  ///< in the order in which they were begun
@@ -65,6 +69,19 @@ struct SessionLog {
 
 inline constexpr const char* kSessionFile = "session.json";
 inline constexpr const char* kSessionProfile = "profile.json";  ///< a DeviceProfile; absent without calibration
+
+/// While it lives, no other process runs this session: one of two logs would be lost.
+class SessionLock {
+ public:
+  /// Throws Error(input): the folder is missing, or another process runs the session.
+  explicit SessionLock(const std::string& folder);
+  ~SessionLock();
+  SessionLock(const SessionLock&) = delete;
+  SessionLock& operator=(const SessionLock&) = delete;
+
+ private:
+  int folder_;
+};
 
 /// Replaces session.json in `folder`; what stood there stays until the new one is complete. Throws Error(fault) or
 /// Error(input): the folder is missing, the disk refuses.

@@ -48,8 +48,8 @@ std::string file_name(const std::string& name) {
   return result;
 }
 
-/// The integral of the force's magnitude.
-class ForceDose final : public SampleSink {
+/// The integral of the force's magnitude, and whether the time was over.
+class TrialWatch final : public SampleSink {
  public:
   void push(const Sample& sample) noexcept override {
     if (last_ns_) dose_ += 1e-9 * static_cast<double>(sample.time_ns - *last_ns_) * force_;
@@ -59,12 +59,15 @@ class ForceDose final : public SampleSink {
   void push(const Event& event) noexcept override {
     // While a device is away nothing acts.
     if (event.code == EventCode::device_lost) force_ = 0;
+    if (event.code == EventCode::time_over) time_over_ = true;
   }
   [[nodiscard]] double dose() const noexcept { return dose_; }  ///< [N s]
+  [[nodiscard]] bool time_over() const noexcept { return time_over_; }
 
  private:
   std::optional<std::int64_t> last_ns_;
   double force_ = 0, dose_ = 0;
+  bool time_over_ = false;
 };
 
 double length_of(const Path& path) {
@@ -109,23 +112,25 @@ std::optional<Fit> fit_together(std::vector<Path>& paths, const DeviceInfo& devi
 struct TrialRun {
   SessionResult session;
   std::vector<std::string> notes;
+  std::optional<double> stiffness;  ///< of the walls, as it was [N/m]
 };
 
 class ProgrammeRun {
  public:
-  ProgrammeRun(SessionLog log, const ProgrammeOptions& options, const StopRequest& stop, const Progress& progress)
-      : programme_(programme_from_json(log.programme, options.folder)),
+  ProgrammeRun(const ProgrammeOptions& options, const StopRequest& stop, const Progress& progress)
+      : lock_(options.folder),
+        result_{.log = load_session_log(options.folder), .last = {}},
+        programme_(programme_from_json(result_.log.programme, options.folder)),
         options_(options),
         stop_(stop),
-        progress_(progress),
-        result_{.log = std::move(log), .last = {}} {
+        progress_(progress) {
     for (std::size_t i = 0; i < programme_.size(); ++i) {
       states_.emplace_back(programme_.exercise(i));
       paths_.push_back(load_path(file(result_.log.paths[i])));
       curves_.push_back(path_of(paths_.back()));
     }
     for (const LoggedTrial& trial : result_.log.trials)
-      if (trial.finished()) states_[trial.exercise].learn(trial.figures);
+      if (trial.done()) states_[trial.exercise].learn(trial);
     if (options_.profile) identified_ = IdentifiedDevice{options_.profile->plant, options_.profile->design};
   }
 
@@ -134,8 +139,8 @@ class ProgrammeRun {
     save();
     try {
       go_through();
-    } catch (...) {
-      end("stopped", "");
+    } catch (const std::exception& error) {
+      note_failure(error.what());
       throw;
     }
     return std::move(result_);
@@ -145,7 +150,18 @@ class ProgrammeRun {
   [[nodiscard]] SessionLog& log() noexcept { return result_.log; }
   [[nodiscard]] Sitting& sitting() noexcept { return log().sittings.back(); }
   [[nodiscard]] std::string file(const std::string& name) const { return (fs::path(options_.folder) / name).string(); }
+  [[nodiscard]] std::string absolute(const std::string& name) const { return fs::absolute(file(name)).string(); }
   void save() { save_session_log(log(), options_.folder); }
+
+  /// A log that cannot be written either must not hide why.
+  void note_failure(const std::string& why) noexcept try {
+    if (log().trials.size() > sitting().first_trial && log().trials.back().stopped_by.empty()) {
+      log().trials.back().stopped_by = "fault";
+      log().trials.back().detail = why;
+    }
+    end("stopped", why);
+  } catch (...) {
+  }
 
   void end(const char* reason, std::string detail) {
     sitting().ended = now_text();
@@ -160,7 +176,7 @@ class ProgrammeRun {
     std::vector<ScheduledTrial> trials;
     for (ScheduledTrial trial : schedule(programme_)) {
       if (trial.exercise < programme_.warm_up.size()) trial.round = number;
-      if (attempts(trial, true) == 0) trials.push_back(trial);
+      if (!is_done(trial)) trials.push_back(trial);
     }
     const bool only_warm_up = std::all_of(trials.begin(), trials.end(), [&](const ScheduledTrial& trial) {
       return trial.exercise < programme_.warm_up.size();
@@ -168,44 +184,59 @@ class ProgrammeRun {
     return only_warm_up ? std::vector<ScheduledTrial>{} : trials;
   }
 
-  /// How often a repetition was begun, or came to its end.
-  [[nodiscard]] int attempts(const ScheduledTrial& trial, bool finished) const {
-    return static_cast<int>(
-        std::count_if(result_.log.trials.begin(), result_.log.trials.end(), [&](const LoggedTrial& logged) {
-          return logged.exercise == trial.exercise && logged.round == trial.round &&
-                 logged.repetition == trial.repetition && (!finished || logged.finished());
-        }));
+  static bool same(const LoggedTrial& logged, const ScheduledTrial& trial) {
+    return logged.exercise == trial.exercise && logged.round == trial.round && logged.repetition == trial.repetition;
+  }
+
+  [[nodiscard]] bool is_done(const ScheduledTrial& trial) const {
+    return std::any_of(result_.log.trials.begin(), result_.log.trials.end(),
+                       [&](const LoggedTrial& logged) { return same(logged, trial) && logged.done(); });
+  }
+
+  /// The next attempt at a repetition, in a file that nobody wrote yet.
+  void name_attempt(const ScheduledTrial& scheduled, LoggedTrial& trial) const {
+    trial.attempt =
+        1 + static_cast<int>(std::count_if(result_.log.trials.begin(), result_.log.trials.end(),
+                                           [&](const LoggedTrial& logged) { return same(logged, scheduled); }));
+    const std::string stem =
+        fmt::format("{:02}-{}-{:02}-{:03}", trial.exercise + 1, file_name(programme_.exercise(trial.exercise).name),
+                    trial.round, trial.repetition);
+    for (int again = trial.attempt - 1;; ++again) {
+      trial.file = again > 0 ? fmt::format("{}-again-{}.h5", stem, again) : stem + ".h5";
+      if (!fs::exists(file(trial.file))) return;
+    }
   }
 
   void go_through() {
     const std::vector<ScheduledTrial> trials = left();
     for (std::size_t i = 0; i < trials.size(); ++i) {
       if (!wait_while_paused()) return end("interrupted", "");
-      if (i > 0 && would_pass_time(trials[i])) return end("time", "the time of the sitting is over");
       if (options_.begins) options_.begins(trials[i], states_[trials[i].exercise].settings(), i + 1, trials.size());
       const SessionResult& session = run_trial(trials[i]);
       if (options_.ended) options_.ended(log().trials.back());
       if (session.servo.cause == StopCause::interrupted) return end("interrupted", "");
       if (session.servo.cause != StopCause::finished) return end("stopped", session.servo.detail);
       if (!session.recorded_all()) return end("stopped", "the recording could not be kept: " + session.recording_error);
+      if (i + 1 == trials.size()) break;
       if (programme_.limits.force_dose > 0 && sitting().force_dose >= programme_.limits.force_dose)
         return end("force_dose",
-                   fmt::format("{:.0f} N s of {:.0f}", sitting().force_dose, programme_.limits.force_dose));
+                   fmt::format("{:.4g} N s of {:.4g}", sitting().force_dose, programme_.limits.force_dose));
+      if (would_pass_time(trials[i].rest, trials[i + 1])) return end("time", "the time of the sitting is over");
       if (tired(trials[i].exercise))
         return end("fatigue",
                    fmt::format("the last {} repetitions of '{}' were worse than the best before them by more "
                                "than {:.0f} %",
                                programme_.limits.fatigue->repetitions, programme_.exercise(trials[i].exercise).name,
                                100 * programme_.limits.fatigue->worse));
-      if (i + 1 < trials.size() && !rest(trials[i].rest)) return end("interrupted", "");
+      if (!rest(trials[i].rest)) return end("interrupted", "");
     }
     log().complete = true;
     end("complete", "");
   }
 
-  [[nodiscard]] bool would_pass_time(const ScheduledTrial& trial) {
+  [[nodiscard]] bool would_pass_time(double rest, const ScheduledTrial& trial) {
     return programme_.limits.time > 0 &&
-           sitting().duration + expected_time(programme_.exercise(trial.exercise), paths_[trial.exercise]) >
+           sitting().duration + rest + expected_time(programme_.exercise(trial.exercise), paths_[trial.exercise]) >
                programme_.limits.time;
   }
 
@@ -213,33 +244,38 @@ class ProgrammeRun {
     if (!programme_.limits.fatigue || programme_.exercise(exercise).test != TestLabel::none) return false;
     std::vector<nlohmann::json> figures;
     for (std::size_t i = sitting().first_trial; i < log().trials.size(); ++i)
-      if (const LoggedTrial& trial = log().trials[i]; trial.exercise == exercise && trial.finished())
-        figures.push_back(trial.figures);
+      if (const LoggedTrial& trial = log().trials[i]; trial.exercise == exercise && trial.done())
+        figures.push_back(trial.finished() ? trial.figures : nlohmann::json());
     return is_tired(*programme_.limits.fatigue, figures);
   }
 
   /// False when somebody asked to stop meanwhile.
   bool wait_while_paused() {
-    while (options_.pause != nullptr && *options_.pause && stop_.count() == 0) idle(kNaN);
+    while (options_.pause != nullptr && *options_.pause && stop_.count() == 0) sitting().duration += idle(kNaN);
     return stop_.count() == 0;
   }
 
   bool rest(double seconds) {
-    sitting().duration += seconds;
-    if (virtual_) return stop_.count() == 0;
-    const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
-    for (;;) {
-      const double left = std::chrono::duration<double>(until - std::chrono::steady_clock::now()).count();
-      if (left <= 0 || stop_.count() > 0) return stop_.count() == 0;
-      idle(left);
+    if (virtual_) {
+      sitting().duration += seconds;
+      return stop_.count() == 0;
     }
+    for (double left = seconds; left > 0 && stop_.count() == 0;) {
+      const double passed = idle(left);
+      sitting().duration += passed;
+      left -= passed;
+    }
+    return stop_.count() == 0;
   }
 
-  void idle(double seconds_left) {
+  /// A moment, and how long it was [s].
+  double idle(double seconds_left) {
+    const auto before = std::chrono::steady_clock::now();
     if (options_.rests) options_.rests(seconds_left);
     constexpr double kStep = 0.1;  // [s]
     std::this_thread::sleep_for(
         std::chrono::duration<double>(std::isnan(seconds_left) ? kStep : std::min(kStep, seconds_left)));
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count();
   }
 
   /// Runs one repetition, keeps it in the log, and learns from it.
@@ -249,31 +285,31 @@ class ProgrammeRun {
     LoggedTrial trial{.exercise = i,
                       .round = scheduled.round,
                       .repetition = scheduled.repetition,
-                      .attempt = attempts(scheduled, false) + 1,
                       .settings = states_[i].settings(),
                       .began = now_text()};
-    trial.file = fmt::format("{:02}-{}-{:02}-{:03}{}.h5", i + 1, file_name(exercise.name), trial.round,
-                             trial.repetition, trial.attempt > 1 ? fmt::format("-again-{}", trial.attempt - 1) : "");
+    name_attempt(scheduled, trial);
+    const std::shared_ptr<Device> device = options_.open(exercise, trial.settings, file(log().paths[i]));
+    check(device->info());
     log().trials.push_back(trial);
     save();
 
-    const std::shared_ptr<Device> device = options_.open(exercise, trial.settings, file(log().paths[i]));
-    check(device->info());
     virtual_ = device->info().virtual_time && options_.session.clock != ClockChoice::real;
-    ForceDose dose;
-    TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, dose)
-                                                          : guide_trial(*device, exercise, trial, dose);
+    TrialWatch watch;
+    TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch)
+                                                          : guide_trial(*device, exercise, trial, watch);
     // What is to be known of the device and not of the trial is told once.
     for (std::string& note : run.notes)
       if (told_.insert(note).second) trial.notices.push_back(std::move(note));
     trial.notices.insert(trial.notices.end(), run.session.notices.begin(), run.session.notices.end());
     trial.duration = run.session.servo.duration;
-    trial.force_dose = dose.dose();
+    trial.force_dose = watch.dose();
     trial.stopped_by = to_string(run.session.servo.cause);
+    if (trial.finished() && watch.time_over()) trial.stopped_by = "time_over";
     trial.detail = run.session.servo.detail;
-    if (trial.finished()) {
+    if (exercise.mode != ExerciseMode::passive) trial.settings.stiffness = run.stiffness;
+    if (trial.done()) {
       trial.figures = figures_of(trial);
-      states_[i].learn(trial.figures);
+      states_[i].learn(trial);
     }
     sitting().duration += trial.duration;
     sitting().force_dose += trial.force_dose;
@@ -308,7 +344,9 @@ class ProgrammeRun {
     SessionOptions::Recording& recording = *session.recording;
     recording.file = file(trial.file);
     recording.options.tell_room = false;
-    recording.title = fmt::format("{}, {}: repetition {}", programme_.title, exercise.name, trial.repetition);
+    const std::string& title = recording.title.empty() ? programme_.title : recording.title;
+    recording.title =
+        fmt::format("{}{}{}: repetition {}", title, title.empty() ? "" : ", ", exercise.name, trial.repetition);
     recording.meta["exercise"] = exercise.name;
     recording.meta["mode"] = to_string(exercise.mode);
     recording.meta["round"] = std::to_string(trial.round);
@@ -316,11 +354,13 @@ class ProgrammeRun {
     if (exercise.test != TestLabel::none) recording.meta["test"] = to_string(exercise.test);
     config["device"] = device.name;
     config["hold"] = exercise.hold;
-    recording.config = std::move(config);
+    if (options_.profile) config["profile"] = absolute(kSessionProfile);
+    // What all verbs that run a session understand, and what is this trial's own.
+    recording.config.update(config);
     return session;
   }
 
-  TrialRun move(Device& device, const Exercise& exercise, const LoggedTrial& trial, ForceDose& dose) {
+  TrialRun move(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch) {
     const std::string path = file(log().paths[trial.exercise]);
     PlayOptions options{.identified = identified_,
                         .playback = {.speed = trial.settings.pace,
@@ -328,13 +368,16 @@ class ProgrammeRun {
                                      .approach_speed = kApproachSpeed,
                                      .max_deviation = options_.max_deviation},
                         .session = session_for(device.info(), exercise, trial,
-                                               {{"verb", "play"}, {"path", path}, {"speed", trial.settings.pace}}),
-                        .sinks = {&dose}};
+                                               {{"verb", "play"},
+                                                {"path", absolute(log().paths[trial.exercise])},
+                                                {"speed", trial.settings.pace},
+                                                {"max-deviation", options_.max_deviation}}),
+                        .sinks = {&watch}};
     const PlayPlan plan = plan_playback(device.info(), open_path(path), options);
-    return {play(device, plan, options, stop_, progress_).session, {}};
+    return {play(device, plan, options, stop_, progress_).session, {}, {}};
   }
 
-  TrialRun guide_trial(Device& device, const Exercise& exercise, const LoggedTrial& trial, ForceDose& dose) {
+  TrialRun guide_trial(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch) {
     const std::string path = file(log().paths[trial.exercise]);
     const TrialSettings& settings = trial.settings;
     const double assistance = exercise.mode == ExerciseMode::assisted ? settings.assistance : 1;
@@ -355,9 +398,9 @@ class ProgrammeRun {
                          .feel = exercise.resist_forces ? Feel::resist : Feel::active,
                          .viscosity = exercise.viscosity,
                          .identified = identified_,
-                         .sinks = {&dose}};
+                         .sinks = {&watch}};
     nlohmann::json config{{"verb", "guide"},
-                          {"expert", path},
+                          {"expert", absolute(log().paths[trial.exercise])},
                           {"mode", options.free ? "free"
                                    : cursor     ? "cursor"
                                                 : "tunnel"},
@@ -381,15 +424,19 @@ class ProgrammeRun {
     GuidePlan plan = plan_guidance(device.info(), open_path(path), options);
     plan.stiffness *= assistance;
     if (!options.free) config["stiffness"] = plan.stiffness;
+    config["max-deviation"] = options.guidance.max_deviation;
+    config["allow-back"] = exercise.allow_back;
     options.session = session_for(device.info(), exercise, trial, std::move(config));
-    return {guide(device, plan, options, stop_, progress_).session, plan.notes};
+    return {guide(device, plan, options, stop_, progress_).session, plan.notes,
+            options.free ? std::nullopt : std::optional(plan.stiffness)};
   }
 
+  SessionLock lock_;
+  ProgrammeResult result_;
   Programme programme_;
   const ProgrammeOptions& options_;
   const StopRequest& stop_;
   const Progress& progress_;
-  ProgrammeResult result_;
   std::vector<ProgressionState> states_;  ///< by exercise, as the next three
   std::vector<Path> paths_;
   std::vector<TrialPath> curves_;
@@ -433,11 +480,24 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
     if (exercise.path.empty() || first == plan.parts.end())
       for (const std::string& note : path.notes) plan.notes.push_back(fmt::format("{}: {}", path.name, note));
     if (device != nullptr) (void)path_for(*device, source_of(Path(path)), false);
+    if (length_of(path) == 0 && exercise.mode != ExerciseMode::passive)
+      throw input_error(fmt::format("{}: the path of '{}' has no length: there is nothing to follow in mode {}", where,
+                                    exercise.name, to_string(exercise.mode)));
     plan.parts.push_back({.path_length = length_of(path),
                           .path_duration = path.duration(),
                           .trial = expected_time(exercise, path),
                           .fit = fitted});
   }
+  double warm_up = 0;
+  for (std::size_t i = 0; i < programme.warm_up.size(); ++i)
+    warm_up += programme.warm_up[i].repetitions * (plan.parts[i].trial + programme.warm_up[i].rest);
+  if (const double least = warm_up + plan.parts[programme.warm_up.size()].trial;
+      programme.limits.time > 0 && least > programme.limits.time)
+    throw input_error(
+        fmt::format("{}: limits.time: {:g} s are not enough for the warm-up and one repetition, which take "
+                    "{:.0f} s: no sitting would come any farther",
+                    where, programme.limits.time, least));
+  if (fitted) plan.notes.push_back("all paths were moved and scaled into the workspace: " + describe(*fitted));
   for (const ScheduledTrial& trial : plan.trials) plan.duration += plan.parts[trial.exercise].trial + trial.rest;
   if (programme.limits.time > 0 && plan.duration > programme.limits.time)
     plan.notes.push_back(
@@ -455,33 +515,41 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
         fmt::format("{}: holds a session already; go on with it (haptrace run --resume {}), or choose "
                     "another folder",
                     options.folder, options.folder));
-  if (fs::exists(folder, failed) && !(fs::is_directory(folder, failed) && fs::is_empty(folder, failed)))
+  const bool existed = fs::exists(folder, failed);
+  if (existed && !(fs::is_directory(folder, failed) && fs::is_empty(folder, failed)))
     throw input_error(
         fmt::format("{}: exists and is not an empty folder; choose another for the session", options.folder));
-  fs::create_directories(folder / "paths", failed);
-  if (failed) throw input_error(fmt::format("{}: cannot be made: {}", options.folder, failed.message()));
 
   const Programme read = programme_from_json(programme, where);
   SessionLog log{
       .created = now_text(), .software = software_name(), .device = identity_of(device), .programme = programme};
+  if (!plan.parts.empty() && plan.parts.front().fit) log.fit = describe(*plan.parts.front().fit);
   if (const auto& recording = options.session.recording) {
     log.subject = recording->subject;
     log.operator_name = recording->operator_name;
     log.notes = recording->notes;
+    log.config = recording->config;
   }
-  for (std::size_t i = 0; i < plan.paths.size(); ++i) {
-    const std::string name = read.exercise(i).name;
-    log.paths.push_back(fmt::format("paths/{:02}-{}.h5", i + 1, file_name(name)));
-    save_path(plan.paths[i], (folder / log.paths.back()).string(), name, false);
+  fs::create_directories(folder / "paths", failed);
+  if (failed) throw input_error(fmt::format("{}: cannot be made: {}", options.folder, failed.message()));
+  try {
+    for (std::size_t i = 0; i < plan.paths.size(); ++i) {
+      const std::string name = read.exercise(i).name;
+      log.paths.push_back(fmt::format("paths/{:02}-{}.h5", i + 1, file_name(name)));
+      save_path(plan.paths[i], (folder / log.paths.back()).string(), name, false);
+    }
+    if (options.profile) save_profile(*options.profile, (folder / kSessionProfile).string(), false);
+    save_session_log(log, options.folder);
+  } catch (...) {
+    for (const auto& entry : fs::directory_iterator(folder, failed)) fs::remove_all(entry.path(), failed);
+    if (!existed) fs::remove(folder, failed);
+    throw;
   }
-  if (options.profile) save_profile(*options.profile, (folder / kSessionProfile).string(), false);
-  save_session_log(log, options.folder);
   return log;
 }
 
-ProgrammeResult run_programme(SessionLog log, const ProgrammeOptions& options, const StopRequest& stop,
-                              const Progress& progress) {
-  return ProgrammeRun(std::move(log), options, stop, progress).run();
+ProgrammeResult run_programme(const ProgrammeOptions& options, const StopRequest& stop, const Progress& progress) {
+  return ProgrammeRun(options, stop, progress).run();
 }
 
 nlohmann::json to_json(const ProgrammePlan& plan, const Programme& programme) {

@@ -47,7 +47,7 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
 struct ProgrammeOptions {
   std::string folder;                    ///< of the session
   SessionOptions session;                ///< its recording: what all have in common, without a file
-  std::optional<DeviceProfile> profile;  ///< of the device, where it was calibrated
+  std::optional<DeviceProfile> profile;  ///< of the device, where it was calibrated; of a session that goes on, its own
   double max_deviation = 0.1;            ///< of what is guided, beyond which the session stops [m]
 
   /// The device for a trial of `exercise`, whose path this is. Answers the same device again where it has nothing of
@@ -63,7 +63,7 @@ struct ProgrammeOptions {
 };
 
 /// Makes the folder of a session, with its paths, its profile and a log without trials. Throws Error(input) when the
-/// folder holds anything.
+/// folder holds anything; what was made of it is gone again when that fails.
 SessionLog begin_session(const nlohmann::json& programme, const std::string& where, const ProgrammePlan& plan,
                          const DeviceInfo& device, const ProgrammeOptions& options);
 
@@ -72,14 +72,13 @@ struct ProgrammeResult {
   std::optional<SessionResult> last;  ///< of the last trial that was begun; nothing when none was
 };
 
-/// Goes through what `log` has not done yet: from the first repetition that did not come to its end. Before and after
-/// each the log on the disk is brought up to date, so that a process that dies loses the repetition it was in and
-/// nothing else. Rests take no time in virtual time.
+/// Goes through what the session in options.folder has not done yet: from the first repetition that was not done.
+/// Before and after each the log on the disk is brought up to date, so that a process that dies loses the repetition it
+/// was in and nothing else. Rests take no time in virtual time.
 ///
 /// Throws what play, guide and run_session throw before a trial's first force, and Error(input) when the device is
-/// another than the session was begun with.
-ProgrammeResult run_programme(SessionLog log, const ProgrammeOptions& options, const StopRequest& stop,
-                              const Progress& progress = {});
+/// another than the session was begun with, or another process runs it. The log keeps why.
+ProgrammeResult run_programme(const ProgrammeOptions& options, const StopRequest& stop, const Progress& progress = {});
 
 nlohmann::json to_json(const ProgrammePlan& plan, const Programme& programme);
 nlohmann::json to_json(const ProgrammeResult& result);

@@ -57,10 +57,14 @@ TrialSettings ProgressionState::settings() const {
   return settings;
 }
 
-void ProgressionState::learn(const nlohmann::json& figures) {
+void ProgressionState::learn(const LoggedTrial& trial) {
   if (!exercise_->progression) return;
   const Progression& progression = *exercise_->progression;
-  const double e = shortfall(progression, measured(figures, progression.figure));
+  learn(trial.finished() ? shortfall(progression, measured(trial.figures, progression.figure)) : 1);
+}
+
+void ProgressionState::learn(double e) {
+  const Progression& progression = *exercise_->progression;
   if (const auto& law = progression.assistance)
     assistance_ = std::clamp(law->forget * assistance_ + law->gain * e, 0.0, 1.0);
   if (const auto& law = progression.difficulty) {

@@ -35,10 +35,13 @@ class ProgressionState {
   /// Of the next repetition.
   [[nodiscard]] TrialSettings settings() const;
 
-  /// A repetition came to its end; `figures` as to_json(TrialFigures) has them.
-  void learn(const nlohmann::json& figures);
+  /// A repetition was done. One that did not come to its end in time has failed, whatever its figures are: who does not
+  /// move is nowhere far from the path.
+  void learn(const LoggedTrial& trial);
 
  private:
+  void learn(double shortfall);
+
   const Exercise* exercise_;  ///< borrowed
   double assistance_ = 1, level_ = 0;
   std::deque<double> shortfalls_;  ///< at this level

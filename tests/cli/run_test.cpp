@@ -82,7 +82,8 @@ TEST(RunCommand, KeepsInEveryRecordingWhatRepeatsItsTrial) {
 TEST(RunCommand, IsInterruptedWithItsDataKeptAndGoesOn) {
   const TempFolder folder;
   const std::string session = folder / "monday";
-  Command command({"run", programme(folder, "free", 3), "--device", kTrainee, "-o", session, "--clock", "real"});
+  Command command({"run", programme(folder, "free", 3), "--device", kTrainee, "-o", session, "--clock", "real",
+                   "--subject", "P07", "--rate", "500"});
   ASSERT_TRUE(command.says("2 of 3"));
   kill(command.pid(), SIGINT);
   const Answer answer = command.wait();
@@ -90,13 +91,34 @@ TEST(RunCommand, IsInterruptedWithItsDataKeptAndGoesOn) {
   EXPECT_THAT(answer.out, HasSubstr("haptrace run --resume"));
   EXPECT_EQ(load_session_log(session).sittings.back().ended_by, "interrupted");
 
-  const Answer again = haptrace("run", "--resume", session, "--device", kTrainee, "--json");
+  const Answer other = haptrace("run", "--resume", session, "--subject", "P99");
+  EXPECT_EQ(other.exit_code, 2);
+  EXPECT_THAT(other.err, HasSubstr("a session of 'P07', not of 'P99'"));
+  EXPECT_THAT(haptrace("run", "--resume", session, "--scale", "2").err, HasSubstr("--scale says how a session begins"));
+  const Answer again = haptrace("run", "--resume", session, "--clock", "virtual", "--json");
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_TRUE(load_session_log(session).complete);
   EXPECT_EQ(again.json()["sitting"]["number"], 2);
-  const Answer done = haptrace("run", "--resume", session, "--device", kTrainee);
+  const std::string last = session + "/" + load_session_log(session).trials.back().file;
+  const nlohmann::json kept = haptrace("info", last, "--json").json();
+  EXPECT_EQ(kept["rate_hz"], 500) << "it goes on as it was begun";
+  EXPECT_EQ(kept["subject"], "P07");
+  const Answer done = haptrace("run", "--resume", session);
   EXPECT_EQ(done.exit_code, 2);
   EXPECT_THAT(done.err, HasSubstr("is complete"));
+}
+
+TEST(RunCommand, LetsNoSecondProcessIntoItsSession) {
+  const TempFolder folder;
+  const std::string session = folder / "s";
+  Command first({"run", programme(folder, "free", 2), "--device", kTrainee, "-o", session, "--clock", "real"});
+  ASSERT_TRUE(first.says("1 of 2"));
+  const Answer second = haptrace("run", "--resume", session, "--clock", "virtual");
+  EXPECT_EQ(second.exit_code, 2);
+  EXPECT_THAT(second.err, HasSubstr("another process runs this session"));
+  kill(first.pid(), SIGINT);
+  EXPECT_EQ(first.wait().exit_code, 130);
+  EXPECT_EQ(load_session_log(session).sittings.size(), 1U);
 }
 
 TEST(RunCommand, PausesAndGoesOnByAKey) {
@@ -130,8 +152,12 @@ TEST(RunCommand, NamesWhatIsWrongBeforeAnythingIsMade) {
   EXPECT_THAT(error({programme(folder, "tunel"), "--dry-run"}), HasSubstr("exercises[0].mode: 'tunel'"));
   EXPECT_THAT(error({file, "--mirror", "up", "--dry-run"}), HasSubstr("person.mirror: 'up'"));
   EXPECT_THAT(error({file, "--resume", folder.path()}), HasSubstr("name no other"));
-  EXPECT_THAT(error({"--resume", folder.path(), "--scale", "2"}), HasSubstr("without --mirror, --scale"));
   EXPECT_THAT(error({"--resume", folder.path(), "--device", kTrainee}), HasSubstr("session.json"));
+  EXPECT_THAT(error({file, "--device", kTrainee, "--profile", "a.json", "--no-profile"}),
+              HasSubstr("exclude each other"));
+  EXPECT_THAT(error({file, "--dry-run", "--fit"}), HasSubstr("give --device too"));
+  EXPECT_THAT(error({programme(folder), "--device", kTrainee, "-o", folder / "a,b"}), HasSubstr("comma"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "a,b"));
   EXPECT_FALSE(std::filesystem::exists(folder / "circles-session"));
 }
 

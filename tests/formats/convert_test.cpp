@@ -174,7 +174,7 @@ TEST(Convert, WritesCsvThatIsReadAsAPathWithoutANoteAboutItsOwnColumns) {
   convert(folder / "a.h5", folder / "b.csv");
   const std::string text = read_bytes(folder / "b.csv");
   EXPECT_NE(text.find("\nt,x,y,z,vx,vy,vz,fx,fy,fz,qw,qx,qy,qz,tx,ty,tz,mx,my,mz,rx,ry,rz,rvx,rvy,rvz,rfx,rfy,rfz,"
-                      "progress,buttons,phase,latency,tick\n0,"),
+                      "progress,tunnel_radius,buttons,phase,latency,tick\n0,"),
             std::string::npos)
       << text.substr(0, 2000);
   const Path path = load_path(folder / "b.csv");

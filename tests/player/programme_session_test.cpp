@@ -52,12 +52,13 @@ class ProgrammeSession : public testing::Test {
     const Programme read = programme_from_json(programme, "p.json");
     const auto device = open_device("sim:preset=omega3");
     const ProgrammePlan plan = plan_programme(read, temp_.path(), "p.json", &device->info(), false);
-    return run_programme(begin_session(programme, "p.json", plan, device->info(), options_), options_, stop_);
+    (void)begin_session(programme, "p.json", plan, device->info(), options_);
+    return run_programme(options_, stop_);
   }
 
   ProgrammeResult resume() {
     stop_ = std::make_unique<StopRequest>();
-    return run_programme(load_session_log(options_.folder), options_, *stop_);
+    return run_programme(options_, *stop_);
   }
 
   [[nodiscard]] std::string file(const std::string& name) const { return options_.folder + "/" + name; }
@@ -237,6 +238,55 @@ TEST_F(ProgrammeSession, LeavesWhoIsFreeAloneWhereverHeIs) {
   EXPECT_TRUE(run(programme_of({R"("mode": "free", "time_limit": 2)"})).log.complete);
 }
 
+TEST_F(ProgrammeSession, TakesARepetitionThatRanOutOfTimeForDoneAndFailed) {
+  options_.open = [](const Exercise&, const TrialSettings&, const std::string&) -> std::shared_ptr<Device> {
+    return open_device("sim:preset=omega3,hand=relaxed");  // that means to go nowhere
+  };
+  const ProgrammeResult result = run(programme_of({R"("mode": "assisted", "repetitions": 3, "assist_force": 0,
+      "time_limit": 1, "progression": {"target": 0.008, "assistance": {"start": 0.5, "forget": 0.8, "gain": 0.4}})"}));
+  EXPECT_TRUE(result.log.complete) << "what was not reached today is not asked for again";
+  ASSERT_EQ(result.log.trials.size(), 3U);
+  for (const LoggedTrial& trial : result.log.trials) {
+    EXPECT_EQ(trial.stopped_by, "time_over");
+    EXPECT_LT(trial.figures.at("contour_rms_m").get<double>(), 0.008) << "he is near the path, and nowhere on it";
+  }
+  EXPECT_NEAR(result.log.trials[1].settings.assistance, 0.8 * 0.5 + 0.4, 1e-12);
+  EXPECT_NEAR(result.log.trials[2].settings.assistance, 1, 1e-12);
+}
+
+TEST_F(ProgrammeSession, LogsTheStiffnessThatTheWallsHad) {
+  const ProgrammeResult result =
+      run(programme_of({R"("mode": "tunnel")", R"("mode": "free")", R"("mode": "passive")"}));
+  EXPECT_GT(result.log.trials.at(0).settings.stiffness.value_or(0), 50);
+  EXPECT_FALSE(result.log.trials.at(1).settings.stiffness);
+  EXPECT_FALSE(result.log.trials.at(2).settings.stiffness);
+}
+
+TEST_F(ProgrammeSession, KeepsInItsLogWhyItFailed) {
+  int begun = 0;
+  options_.open = [&](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
+    // The recording of the second repetition cannot be made where its folder is not.
+    if (++begun == 2) options_.session.recording->options.storage.deflate = 99;
+    return open_device("sim:preset=omega3,hand=relaxed,intent=" + path);
+  };
+  EXPECT_NE(error_of([&] { (void)run(programme_of({R"("mode": "tunnel", "repetitions": 3)"})); }), "no error");
+  const SessionLog log = load_session_log(options_.folder);
+  ASSERT_EQ(log.trials.size(), 2U);
+  EXPECT_EQ(log.trials[1].stopped_by, "fault");
+  EXPECT_NE(log.trials[1].detail, "");
+  EXPECT_EQ(log.sittings.back().detail, log.trials[1].detail);
+  EXPECT_EQ(log.sittings.back().ended_by, "stopped");
+}
+
+TEST_F(ProgrammeSession, LeavesNothingOfASessionThatCouldNotBegin) {
+  const json programme = programme_of({R"("mode": "free")"});
+  const auto device = open_device("sim:preset=omega3");
+  ProgrammePlan plan = plan_programme(programme_from_json(programme, "p.json"), ".", "p.json", &device->info(), false);
+  plan.paths[0].time.back() = 0;  // no path any more
+  EXPECT_NE(error_of([&] { (void)begin_session(programme, "p.json", plan, device->info(), options_); }), "no error");
+  EXPECT_FALSE(std::filesystem::exists(options_.folder));
+}
+
 TEST_F(ProgrammeSession, BeginsEverySittingWithTheWarmUp) {
   const json programme = programme_of({R"("mode": "tunnel", "repetitions": 2)"},
                                       fmt::format(R"("warm_up": [{{{}, "mode": "passive"}}],)", kShape));
@@ -305,8 +355,8 @@ TEST_F(ProgrammeSession, StopsWithTheDataWhenADeviceIsLost) {
   const json programme = programme_of({R"("mode": "passive", "repetitions": 5)"});
   const Programme read = programme_from_json(programme, "p.json");
   const ProgrammePlan plan = plan_programme(read, temp_.path(), "p.json", &device->info(), false);
-  const ProgrammeResult result =
-      run_programme(begin_session(programme, "p.json", plan, device->info(), options_), options_, stop_);
+  (void)begin_session(programme, "p.json", plan, device->info(), options_);
+  const ProgrammeResult result = run_programme(options_, stop_);
   EXPECT_EQ(result.last->servo.cause, StopCause::device_lost);
   EXPECT_EQ(result.log.sittings[0].ended_by, "stopped");
   ASSERT_EQ(result.log.trials.size(), 1U);
@@ -322,11 +372,13 @@ TEST_F(ProgrammeSession, RefusesToGoOnWithAnotherDevice) {
   options_.begins = [&](const ScheduledTrial&, const TrialSettings&, std::size_t, std::size_t) { (*stop_).raise(); };
   (void)run(programme_of({R"("mode": "tunnel")"}));
   options_.begins = nullptr;
+  const std::size_t before = load_session_log(options_.folder).trials.size();
   options_.open = [](const Exercise&, const TrialSettings&, const std::string&) {
     return std::make_shared<PointMass>();
   };
   EXPECT_THAT(error_of([&] { (void)resume(); }), AllOf(HasSubstr("begun with sim"), HasSubstr("point mass")));
   EXPECT_EQ(load_session_log(options_.folder).sittings.back().ended_by, "stopped");
+  EXPECT_EQ(load_session_log(options_.folder).trials.size(), before) << "nothing was begun";
 }
 
 TEST_F(ProgrammeSession, WaitsWhileItIsPaused) {
@@ -372,6 +424,22 @@ TEST(ProgrammePlan, CountsWhatWillBeDone) {
   // Each: 0.5 s to the start, 1.5 s, 0.5 s of hold; rests of 11 (1 + 1 + 8 + 1) a round and 2 after the warm-up,
   // without the last.
   EXPECT_NEAR(plan.duration, 9 * 2.5 + 2 * 11 + 2 - 1, 1e-6);
+}
+
+TEST(ProgrammePlan, RefusesWhatCouldNeverComeToItsEnd) {
+  const auto error = [](const json& programme) {
+    return error_of(
+        [&] { (void)plan_programme(programme_from_json(programme, "p.json"), ".", "p.json", nullptr, false); });
+  };
+  EXPECT_THAT(
+      error(programme_of({R"("mode": "free")"}, fmt::format(R"("limits": {{"time": 5}}, "warm_up": [{{{}, "mode":
+                                                                    "passive"}}],)",
+                                                            kShape))),
+      HasSubstr("p.json: limits.time: 5 s are not enough for the warm-up and one repetition"));
+  const TempFolder folder;
+  const std::string file = folder.write("point.csv", "t,x,y,z\n0,0,0,0\n");
+  const json point = {{"haptrace_programme", 1}, {"exercises", {{{"path", file}, {"mode", "tunnel"}}}}};
+  EXPECT_THAT(error(point), HasSubstr("has no length"));
 }
 
 TEST(ProgrammePlan, NamesThePathThatLeavesTheWorkspaceUnlessAllMayBeMoved) {

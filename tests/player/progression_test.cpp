@@ -15,8 +15,13 @@ using test::error_of;
 using testing::AllOf;
 using testing::HasSubstr;
 
-json error_of_mm(double mm) {
+json figures_of_mm(double mm) {
   return {{"contour_rms_m", 1e-3 * mm}};
+}
+
+/// A repetition that came to its end.
+LoggedTrial error_of_mm(double mm) {
+  return {.stopped_by = "finished", .figures = figures_of_mm(mm)};
 }
 
 Exercise assisted(double forget = 0.8, double gain = 0.5) {
@@ -67,8 +72,11 @@ TEST(Progression, TakesATrialWithoutAFigureForOneThatFailed) {
   const Exercise exercise = assisted(0.5, 0.5);
   ProgressionState state(exercise);
   for (int i = 0; i < 10; ++i) state.learn(error_of_mm(1));
-  state.learn({{"contour_rms_m", nullptr}});
+  state.learn({.stopped_by = "finished", .figures = {{"contour_rms_m", nullptr}}});
   EXPECT_GT(state.settings().assistance, 0.5);
+  for (int i = 0; i < 10; ++i) state.learn(error_of_mm(1));
+  state.learn({.stopped_by = "time_over", .figures = figures_of_mm(0.1)});
+  EXPECT_GT(state.settings().assistance, 0.5) << "who rests on the path has not followed it";
   EXPECT_EQ(shortfall(*exercise.progression, std::nullopt), 1);
 }
 
@@ -122,7 +130,7 @@ TEST(Fatigue, IsWhatStaysWorseThanTheBest) {
   const ProgrammeLimits::Fatigue law{.figure = "contour_rms_m", .worse = 0.5, .repetitions = 3};
   const auto tired = [&](std::initializer_list<double> errors) {
     std::vector<json> figures;
-    for (const double mm : errors) figures.push_back(error_of_mm(mm));
+    for (const double mm : errors) figures.push_back(figures_of_mm(mm));
     return is_tired(law, figures);
   };
   EXPECT_FALSE(tired({}));
@@ -131,7 +139,7 @@ TEST(Fatigue, IsWhatStaysWorseThanTheBest) {
   EXPECT_FALSE(tired({2, 4, 2.5, 4})) << "one of them was good";
   EXPECT_FALSE(tired({2, 2.9, 2.9, 2.9}));
   EXPECT_TRUE(tired({9, 2, 9, 3.1, 3.1, 3.1})) << "worse than the best, not than the first";
-  EXPECT_TRUE(is_tired(law, {error_of_mm(1), json::object(), json::object(), json::object()}))
+  EXPECT_TRUE(is_tired(law, {figures_of_mm(1), json::object(), json::object(), json::object()}))
       << "who does not move at all any more is tired";
 }
 
