@@ -15,13 +15,13 @@ namespace {
 
 struct Arguments {
   SessionArguments session;
-  std::string expert, record, profile, mode = "tunnel", feel = "active", radius = "5mm";
+  std::string expert, record, mode = "tunnel", feel = "active", radius = "5mm";
+  ProfileArguments profile;
   std::vector<std::string> spread;
   PathArguments along{GuidanceOptions{}.max_deviation};
   GuideOptions guide;
   std::optional<double> pace;
   double pace_margin = 0.2, pace_force = 1;
-  bool no_profile = false;
 };
 
 const std::vector<std::string> kModes{"tunnel", "cursor", "free"};
@@ -160,11 +160,7 @@ Verb add_guide(CLI::App& app) {
                    "that guidance may give to the hand beyond what the expert's path allows for [J]")
       ->capture_default_str()
       ->group("Safety");
-  verb->add_option("--profile", arguments->profile,
-                   "what calibration found out about the device; without it, the device's in the profile folder")
-      ->type_name("FILE.json")
-      ->group("Safety");
-  verb->add_flag("--no-profile", arguments->no_profile, "guide as if the device was not calibrated")->group("Safety");
+  arguments->profile.add_to(*verb, "Safety", "guide as if the device was not calibrated");
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
@@ -202,8 +198,7 @@ Verb add_guide(CLI::App& app) {
         std::vector<std::string> notes = device->info().notes;
         for (const std::string& note : expert->facts().notes)
           notes.push_back(fmt::format("{}: {}", arguments->expert, note));
-        options.identified = identified_device(device->info(), arguments->profile, arguments->no_profile,
-                                               arguments->session.rate_hz, output);
+        options.identified = identified(arguments->profile.find(device->info(), arguments->session.rate_hz, output));
         const GuidePlan plan = plan_guidance(device->info(), expert, options);
         notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
         for (const std::string& note : notes) output.remark(note);

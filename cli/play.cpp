@@ -18,9 +18,10 @@ namespace {
 struct PlayArguments {
   SessionArguments session;
   TuningArguments tuning;
-  std::string path, record, gains, profile, learned;
+  std::string path, record, gains, learned;
+  ProfileArguments profile;
   std::vector<std::string> without;
-  bool no_profile = false, forget = false;
+  bool forget = false;
   int learn = 0;
   std::optional<double> kp, kd;
   PathArguments along{0.03};
@@ -149,12 +150,7 @@ Verb add_play(CLI::App& app) {
   verb->add_option("--kp", arguments->kp, "proportional gain [N/m]; without any gains: cautious ones for the device")
       ->group("Control");
   verb->add_option("--kd", arguments->kd, "derivative gain [N s/m]")->group("Control");
-  verb->add_option("--profile", arguments->profile,
-                   "what calibration found out about the device; without it, the device's in the profile folder")
-      ->type_name("FILE.json")
-      ->group("Control");
-  verb->add_flag("--no-profile", arguments->no_profile, "play with a PD law alone, calibrated or not")
-      ->group("Control");
+  arguments->profile.add_to(*verb, "Control", "play with a PD law alone, calibrated or not");
   verb->add_option("--without", arguments->without,
                    "leave out of a calibrated playback: inertia, gravity, friction, observer, learning, all")
       ->delimiter(',')
@@ -205,8 +201,8 @@ Verb add_play(CLI::App& app) {
             for (const std::string& note : path->facts().notes)
               notes.push_back(fmt::format("{}: {}", arguments->path, note));
             for (const std::string& note : notes) output.remark(note);
-            options.identified = identified_device(device->info(), arguments->profile, arguments->no_profile,
-                                                   arguments->session.rate_hz, output);
+            options.identified =
+                identified(arguments->profile.find(device->info(), arguments->session.rate_hz, output));
             PlayPlan plan = plan_playback(device->info(), path, options);
             std::optional<LearnedMemory> memory;
             if (options.identified && options.compensations.learning) {

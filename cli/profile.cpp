@@ -24,13 +24,26 @@ std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::stri
   return std::nullopt;
 }
 
-std::optional<IdentifiedDevice> identified_device(const DeviceInfo& info, const std::string& file, bool no_profile,
-                                                  double rate_hz, const Output& output) {
-  if (no_profile && !file.empty()) throw input_error("--profile and --no-profile exclude each other");
-  if (no_profile) return std::nullopt;
-  const auto profile = profile_for(info, file, rate_hz, output);
-  if (!profile) return std::nullopt;
-  return IdentifiedDevice{profile->plant, profile->design};
+void ProfileArguments::add_to(CLI::App& verb, const char* group, const char* without) {
+  verb.add_option("--profile", file,
+                  "what calibration found out about the device; without it, the device's in the profile folder")
+      ->type_name("FILE.json")
+      ->group(group);
+  verb.add_flag("--no-profile", none, without)->group(group);
+}
+
+void ProfileArguments::check() const {
+  if (none && !file.empty()) throw input_error("--profile and --no-profile exclude each other");
+}
+
+std::optional<DeviceProfile> ProfileArguments::find(const DeviceInfo& info, double rate_hz,
+                                                    const Output& output) const {
+  check();
+  return none ? std::nullopt : profile_for(info, file, rate_hz, output);
+}
+
+std::optional<IdentifiedDevice> identified(const std::optional<DeviceProfile>& profile) {
+  return profile ? std::optional(IdentifiedDevice{profile->plant, profile->design}) : std::nullopt;
 }
 
 }  // namespace haptrace::cli

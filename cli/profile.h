@@ -17,9 +17,22 @@ namespace haptrace::cli {
 std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::string& file, double rate_hz,
                                          const Output& output);
 
-/// The same as what a session is designed for; nothing with `no_profile`. Throws Error(input) when a file is named
-/// nevertheless.
-std::optional<IdentifiedDevice> identified_device(const DeviceInfo& info, const std::string& file, bool no_profile,
-                                                  double rate_hz, const Output& output);
+/// --profile and --no-profile.
+struct ProfileArguments {
+  std::string file;
+  bool none = false;
+
+  /// `without`: what --no-profile means to the verb.
+  void add_to(CLI::App& verb, const char* group, const char* without);
+
+  /// Throws Error(input) when both were given.
+  void check() const;
+
+  /// profile_for() what was asked for. Throws what check() throws.
+  [[nodiscard]] std::optional<DeviceProfile> find(const DeviceInfo& info, double rate_hz, const Output& output) const;
+};
+
+/// As a session is designed for it.
+std::optional<IdentifiedDevice> identified(const std::optional<DeviceProfile>& profile);
 
 }  // namespace haptrace::cli

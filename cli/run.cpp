@@ -17,10 +17,11 @@ namespace fs = std::filesystem;
 
 struct RunArguments {
   SessionArguments session;
-  std::string programme, folder, resume, profile, mirror;
+  std::string programme, folder, resume, mirror;
+  ProfileArguments profile;
   std::optional<double> scale;
   double max_deviation = 0.1;
-  bool dry_run = false, fit = false, no_profile = false;
+  bool dry_run = false, fit = false;
 };
 
 constexpr std::string_view kPathMark = "{path}";
@@ -205,7 +206,7 @@ Verb add_run(CLI::App& app) {
       "--mark-texts, t a mark with a text, q end; --resume goes on where it ended, today or tomorrow.\n"
       "  haptrace run reaching.json --dry-run\n"
       "  haptrace run reaching.json --device falcon --subject P07 --mirror x -o p07-monday\n"
-      "  haptrace run --resume p07-monday --device falcon\n"
+      "  haptrace run --resume p07-monday\n"
       "  haptrace run lesson.json --device 'sim:preset=falcon,hand=relaxed,intent={path}' -o try  (a simulated "
       "trainee)");
   verb->add_option("programme", arguments->programme, "the programme")->type_name("PROGRAMME.json");
@@ -226,11 +227,7 @@ Verb add_run(CLI::App& app) {
   verb->add_option("--max-deviation", arguments->max_deviation, "from the path, beyond which the session stops [m]")
       ->capture_default_str()
       ->group("Safety");
-  verb->add_option("--profile", arguments->profile,
-                   "what calibration found out about the device; without it, the device's in the profile folder")
-      ->type_name("FILE.json")
-      ->group("Safety");
-  verb->add_flag("--no-profile", arguments->no_profile, "as if the device was not calibrated")->group("Safety");
+  arguments->profile.add_to(*verb, "Safety", "as if the device was not calibrated");
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
@@ -240,8 +237,7 @@ Verb add_run(CLI::App& app) {
         if (resumes == !arguments->programme.empty())
           throw input_error(resumes ? "--resume has the programme in the session; name no other"
                                     : "haptrace run needs PROGRAMME.json, or --resume FOLDER; see haptrace run --help");
-        if (arguments->no_profile && !arguments->profile.empty())
-          throw input_error("--profile and --no-profile exclude each other");
+        arguments->profile.check();
         if (arguments->dry_run && arguments->fit && arguments->session.device.empty())
           throw input_error("--fit needs to know the workspace: give --device too");
         const std::string folder = resumes ? arguments->resume
@@ -286,9 +282,10 @@ Verb add_run(CLI::App& app) {
             }};
         // What was found out about the device at the beginning holds for all of the session.
         const std::string kept = (fs::path(folder) / kSessionProfile).string();
-        if (resumes ? fs::exists(kept) : !arguments->no_profile)
-          options.profile =
-              profile_for(*device, resumes ? kept : arguments->profile, arguments->session.rate_hz, output);
+        if (!resumes)
+          options.profile = arguments->profile.find(*device, arguments->session.rate_hz, output);
+        else if (fs::exists(kept))
+          options.profile = profile_for(*device, kept, arguments->session.rate_hz, output);
         if (!resumes) log = begin_session(json, where, *plan, *device, options);
 
         const Signals signals;
