@@ -201,10 +201,10 @@ TEST(FalconProtocol, NeverTurnsALargeForceRound) {
 }
 
 TEST(FalconProtocol, ReportsButtonsAndWhatIsHomed) {
-  const FalconReport report = falcon_report({{-1, 2, -3}, 0x5 | 0x10 | 0x40});
+  const FalconReport report = falcon_report({{-1, 2, -3}, 0x5 | 0x10 | 0x20});
   EXPECT_THAT(report.encoders, ElementsAre(-1, 2, -3));
   EXPECT_EQ(report.buttons, FalconReport::kPlus | FalconReport::kCentre);
-  EXPECT_THAT(report.homed, ElementsAre(true, false, true));
+  EXPECT_THAT(report.homed, ElementsAre(true, true, false));
   EXPECT_FALSE(report.is_homed());
   for (unsigned flags = 0; flags < 128; ++flags)
     EXPECT_EQ(falcon_report({{}, static_cast<std::uint8_t>(flags)}).is_homed(), flags >= 0x70) << flags;
