@@ -152,6 +152,14 @@ TEST(FalconKinematics, PlacesTheHandleWhereTheSourceOfItsLengthsDoes) {
   EXPECT_NEAR(torques[0], torques[2], 1e-12);
 }
 
+TEST(FalconKinematics, NeedsTheTorquesThatWereFoundForItElsewhere) {
+  const auto pose = FalconKinematics().at_position(Vec3(0, 0, 0.12));
+  ASSERT_TRUE(pose);
+  EXPECT_NEAR(pose->torques(Vec3(10, 0, 0)).cwiseAbs().maxCoeff(), 0.58, 0.005);
+  EXPECT_NEAR(pose->torques(Vec3(0, 10, 0)).cwiseAbs().maxCoeff(), 0.57, 0.005);
+  EXPECT_NEAR(pose->torques(Vec3(0, 0, 10)).cwiseAbs().maxCoeff(), 0.25, 0.005);
+}
+
 TEST(FalconKinematics, MovesTheHandleAwayFromALegThatRisesAndOutOfTheDevice) {
   const auto pose = FalconKinematics().at_position(Vec3(0, 0, 0.12));
   ASSERT_TRUE(pose);
