@@ -32,7 +32,7 @@ FalconKinematics mechanism(const FalconGeometry& geometry, const std::string& wh
 }
 
 Vec3 read_signs(JsonReader& reader, const char* key, const Vec3& fallback) {
-  const Vec3 signs = reader.vector(key, fallback, -1, 1);
+  Vec3 signs = reader.vector(key, fallback, -1, 1);
   if (signs.cwiseAbs() != Vec3::Ones())
     throw input_error(fmt::format("{}: {}: a sign is 1 or -1", reader.where(), key));
   return signs;

@@ -30,7 +30,7 @@ struct FalconKinematics::Shins {
   Vec3 rise;                ///< n_z; positive where the handle is in front of the elbow
   Vec3 lever;               ///< k / a
   Eigen::Matrix3d inverse;  ///< N^-1
-  double volume;            ///< det N
+  double volume = 0;        ///< det N
 };
 
 FalconKinematics::FalconKinematics(const FalconGeometry& geometry) : geometry_(geometry) {
