@@ -12,7 +12,7 @@ constexpr double kLeastSpread = 0.1;   // of the legs: twice the area of the tri
 constexpr int kMostSteps = 20;         // of Newton; two or three are the rule
 constexpr double kLongestStep = 0.03;  // [m], so that none leaps past the elbows
 constexpr double kLastStep = 1e-8;     // [m]; what is left after it is of the order of its square
-// What a reached pose has at least; in a box of 80 mm round (0, 0, 0.12) it is 0.15, 0.31 and 0.71.
+// What a reached pose has at least; in a box of 80 mm round (0, 0, 0.12) it is 0.15, 0.31 and 0.82.
 constexpr double kLeastVolume = 0.02;  // |det N|
 constexpr double kLeastLever = 0.02;   // k / a
 constexpr double kLeastReach = 0.4;    // of the long sides of a shin seen along the motor's axis, where 1 is all of it
