@@ -107,7 +107,9 @@ constexpr TrialFigure kFigures[] = {
      [](const TrialFigures& f) { return peak_of(f.deviation); },
      "Largest distance from where the path was at the same instant."},
     {"time_in_tunnel", "time in the tunnel", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.time_in_tunnel; },
-     "Share of the time that was spent within the tunnel's radius of the path."},
+     "Share of the time that the hand was within the tunnel's radius of its place on the path; where a cursor was to "
+     "be "
+     "followed, within that radius of the cursor, and lateness counts."},
     {"completion", "path walked", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
      "Share of the path's length that was walked."},
     {"shape_distance_m", "distance of the shapes", "mm", 1e3, 2, -1,
@@ -122,7 +124,8 @@ constexpr TrialFigure kFigures[] = {
      "Length of what the hand walked in the movement time."},
     {"normalised_length", "way over path length", "", 1, 3, -1,
      [](const TrialFigures& f) { return f.movement ? f.movement->normalised_length : std::nullopt; },
-     "The hand's way over the length of the path that it walked; 1 is straight along it."},
+     "The hand's way over the length of the path that it walked; 1 is straight along it. Undefined when that is less "
+     "than 5 % of the path, or than 2 mm: a hand that rests trembles."},
     {"mean_speed_m_per_s", "mean speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::mean_speed>,
      "The hand's way over the movement time."},
     {"peak_speed_m_per_s", "peak speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::peak_speed>,
@@ -140,9 +143,10 @@ constexpr TrialFigure kFigures[] = {
     {"force_error_rms_n", "rms difference from the expert's force", "N", 1, 2, -1,
      [](const TrialFigures& f) { return f.force_error ? std::optional(f.force_error->error.rms) : std::nullopt; },
      "Root mean square, place by place along the path, of the difference between the force that was felt and the "
-     "expert's, where that was replayed."},
+     "expert's, where that was replayed and as much was walked."},
     {"mean_force_n", "mean force of the device", "N", 1, 2, 0, of_force<&ForceFigures::mean>,
-     "Mean magnitude of the device's force on the hand."},
+     "Mean magnitude of the device's force on the hand. What led the hand to the start fades within the first 0.3 s of "
+     "a repetition and counts, also where nothing else is sent (free)."},
     {"peak_force_n", "peak force of the device", "N", 1, 2, 0, of_force<&ForceFigures::peak>,
      "Largest magnitude of the device's force on the hand."},
     {"mean_force_across_n", "mean force across the movement", "N", 1, 2, 0, of_force<&ForceFigures::mean_across>,
@@ -246,10 +250,13 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
       if (s > walked) walked = s;
     if (path->whole) figures.completion = std::min(1.0, walked / length);
     figures.contour = contour_deviation(trial.time, trial.position, path->curve, arc);
-    if (walked > 0) movement.reference_length = walked;
+    // A hand that rests trembles along a path, but does not walk it.
+    constexpr double kLeastShare = 0.05, kLeastWalk = 2e-3;
+    const bool walks = walked >= std::max(kLeastWalk, kLeastShare * length);
+    if (walks) movement.reference_length = walked;
 
     constexpr double kCame = 0.95, kPoints = 2000, kLongestWay = 10;
-    if (figures.completion >= kCame) {
+    if (walks && figures.completion >= kCame) {
       WarpingOptions warping{.spacing = std::max(1e-3, length / kPoints)};
       const Polyline hand = without_noise(trial.position, warping.spacing);
       warping.band = std::max(warping.band, 1.1 * std::abs(hand.length() - length));
@@ -257,7 +264,7 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
     }
     // Nobody else was to feel it.
     const bool guided = trial.kind == TrialKind::guided || trial.kind == TrialKind::cursor;
-    if (guided && trial.force_scale != 0 && !path->expert.empty() && !trial.force.empty()) {
+    if (walks && guided && trial.force_scale != 0 && !path->expert.empty() && !trial.force.empty()) {
       std::vector<Vec3> expert = path->expert;
       for (Vec3& force : expert) force *= trial.force_scale;
       figures.force_error = force_deviation(force_by_arc_length(arc, trial.force, length, path->spacing), expert);

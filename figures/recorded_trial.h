@@ -64,7 +64,7 @@ struct TrialFigures {
   double duration = 0;                        ///< of the trial [s]
   std::optional<Deviation> deviation;         ///< from the reference at the same instant; of passive and cursor trials
   std::optional<Deviation> contour;           ///< from the path, wherever on it
-  std::optional<double> time_in_tunnel;       ///< share of the time, 0 to 1
+  std::optional<double> time_in_tunnel;       ///< share of the time, 0 to 1; of a cursor trial, round the cursor
   std::optional<double> completion;           ///< share of the path that was walked, 0 to 1; of a path that is whole
   std::optional<double> shape_distance;       ///< of the whole path to what was walked (dynamic time warping) [m]; of
                                               ///< trials that came to the end, by no more than ten times its length
@@ -72,7 +72,8 @@ struct TrialFigures {
   std::optional<MovementFigures> movement;
 };
 
-/// `plant`: for the estimate of the person's work. Lengths are those of the path that was walked.
+/// `plant`: for the estimate of the person's work. Lengths are those of the path that was walked. Of who walked less
+/// than 5 % of it, or 2 mm, those figures are undefined that compare his way or the forces along it.
 TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<TrialPath>& path,
                            const std::optional<PlantModel>& plant = std::nullopt);
 

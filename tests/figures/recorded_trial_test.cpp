@@ -129,6 +129,54 @@ TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
   EXPECT_TRUE(written({}, Reference::none).empty());
 }
 
+TEST(RecordedTrial, ComparesNoWayWithAPathThatWasHardlyWalked) {
+  // A hand that rests, and trembles across the path faster than a movement must be.
+  const Path path = test::expert_path();
+  std::vector<Sample> rows = rows_of(path, {}, Reference::guidance);
+  const TrialPath curve = path_of(path);
+  const Vec3 start = curve.curve.at(0), across = (curve.curve.at(0.01) - start).cross(Vec3::UnitZ()).normalized();
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    rows[i].position = start + 1e-3 * std::sin(0.1 * static_cast<double>(i)) * across;
+  const TrialFigures rest = trial_figures(written(rows, Reference::guidance).back(), curve);
+  ASSERT_TRUE(rest.movement);
+  EXPECT_FALSE(rest.movement->normalised_length);
+  EXPECT_FALSE(rest.force_error);
+  EXPECT_FALSE(rest.shape_distance);
+  EXPECT_NEAR(rest.contour->peak, 1e-3, 1e-4) << "where it was is known all the same";
+
+  // 3 % and 10 % of 0.25 m.
+  const auto walked = [](const TrialFigures& figures) { return figures.movement->normalised_length.has_value(); };
+  const TrialFigures little = figures_of({.error = 0, .until = 0.15}, Reference::guidance);
+  EXPECT_FALSE(walked(little) || little.force_error);
+  const TrialFigures more = figures_of({.error = 0, .until = 0.25}, Reference::guidance);
+  EXPECT_TRUE(walked(more) && more.force_error);
+
+  // 6.6 % of 25 mm are less than 2 mm.
+  Path small = path;
+  for (Vec3& p : small.position) p *= 0.1;
+  EXPECT_FALSE(walked(trial_figures(
+      written(rows_of(small, {.error = 0, .until = 0.21}, Reference::guidance), Reference::guidance).back(),
+      path_of(small))));
+}
+
+TEST(RecordedTrial, TakesTheTunnelOfACursorRoundTheCursor) {
+  const Path path = test::expert_path();
+  const TrialPath curve = path_of(path);
+  std::vector<Sample> rows = rows_of(path, {.error = 0}, Reference::guidance);
+  for (Sample& row : rows) row.reference_position = curve.curve.at(std::min(row.progress + 0.02, curve.curve.length()));
+  test::Recorded recorded;
+  recorded.header.config = {{"mode", "cursor"}};
+  const TrialFigures late = trial_figures(written(rows, Reference::guidance, recorded).back(), curve);
+  EXPECT_LT(late.contour->peak, 1e-5) << "it is on the path all the time";
+  EXPECT_LT(*late.time_in_tunnel, 0.2) << "20 mm behind the cursor, of 5 mm";
+  const std::string meaning = trial_figure("time_in_tunnel").meaning;
+  EXPECT_THAT(meaning, testing::AllOf(HasSubstr("its place on the path"), HasSubstr("cursor")));
+}
+
+TEST(RecordedTrial, SaysThatWhatLedTheHandToTheStartCountsAsForce) {
+  EXPECT_THAT(trial_figure("mean_force_n").meaning, testing::AllOf(HasSubstr("0.3 s"), HasSubstr("free")));
+}
+
 TEST(RecordedTrial, KnowsNoCompletionOfAPathWhoseEndNobodyReached) {
   const Path path = test::expert_path();
   for (const Reference reference : {Reference::playback, Reference::guidance}) {
