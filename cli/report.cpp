@@ -58,6 +58,10 @@ Verb add_report(CLI::App& app) {
             if (arguments->page.empty()) arguments->page = page_beside(arguments->inputs.front());
 
             // A name that cannot be written is found before hours of recordings are read.
+            std::vector<std::string> outputs;
+            if (!arguments->no_page) outputs.push_back(arguments->page);
+            if (!arguments->table.empty() && !table_out) outputs.push_back(arguments->table);
+            check_report_outputs(outputs, arguments->inputs);
             std::optional<TextWriter> page, table;
             if (!arguments->no_page) page.emplace(arguments->page, arguments->overwrite);
             if (!arguments->table.empty() && !table_out) table.emplace(arguments->table, arguments->overwrite);
@@ -66,14 +70,14 @@ Verb add_report(CLI::App& app) {
                 gather_report(arguments->inputs, [&](const std::string& file) { ReadProgress(output, file).tell(0); });
             nlohmann::json json = to_json(report);
             std::string told;
+            if (page) page->text() = report_page(report);
+            if (table) table->text() = report_table(report);
             if (page) {
-              page->text() = report_page(report);
               page->commit();
               json["file"] = arguments->page;
               told += arguments->page + "\n";
             }
             if (table) {
-              table->text() = report_table(report);
               table->commit();
               json["csv"] = arguments->table;
               told += arguments->table + "\n";

@@ -201,7 +201,7 @@ std::vector<std::pair<std::string, std::string>> keys_of_trials(const ReportExer
   if (count > 1) keys.emplace_back("line t0 first", "first repetition");
   if (count > 2) keys.emplace_back("line t2", "between");
   if (count > 1) keys.emplace_back("line t4 last", "last repetition");
-  if (stopped) keys.emplace_back("line t2 stopped", "stopped before its end");
+  if (stopped) keys.emplace_back("line t2 stopped", "did not come to its end");
   return keys;
 }
 
@@ -477,7 +477,11 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
                fmt::format("{}: {}", name, shown(figure_of, trend.values[i])));
     } else {
       undefined = true;
-      plot.cross(number, fmt::format("{}: {}", name, exercise.trials[i].finished() ? "undefined" : "stopped"));
+      const ReportTrial& trial = exercise.trials[i];
+      plot.cross(number, fmt::format("{}: {}", name,
+                                     trial.finished()      ? "undefined"
+                                     : trial.out_of_time() ? trial.end_in_words()
+                                                           : "stopped"));
     }
   }
 
@@ -489,7 +493,7 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
                         trend.curve->r_squared);
   std::vector<std::pair<std::string, std::string>> keys;
   if (!x_fit.empty()) keys.emplace_back("line fit", trend.curve ? "learning curve" : "straight line");
-  if (undefined) keys.emplace_back("cross", "undefined, or stopped");
+  if (undefined) keys.emplace_back("cross", "undefined, or not finished");
   std::string title = figure_of.title;
   title[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(title[0])));
   if (!text.empty()) text += ".";

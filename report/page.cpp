@@ -222,19 +222,21 @@ class Page {
 
   /// What was done and how it went.
   [[nodiscard]] std::string sentence() const {
-    std::size_t exercises = 0, begun = 0, ended = 0;
+    std::size_t exercises = 0, begun = 0, ended = 0, late = 0;
     double duration = 0;
     std::set<std::string> people;
     const ReportTrend* best = nullptr;
     const ReportExercise* told = nullptr;
     for (const ReportSession& session : report_.sessions) {
       duration += session.duration;
-      people.insert(session.subject);
+      people.insert(session.subject.empty() ? session.source : session.subject);  // nobody knows who has no name
       for (const ReportExercise& exercise : session.exercises) {
         if (exercise.trials.empty()) continue;
         ++exercises;
         begun += exercise.trials.size();
         ended += finished(exercise);
+        late += static_cast<std::size_t>(std::count_if(exercise.trials.begin(), exercise.trials.end(),
+                                                       [](const ReportTrial& trial) { return trial.out_of_time(); }));
         const ReportTrend* trend = main_trend(exercise);
         if (exercise.test.empty() && !exercise.warm_up && trend != nullptr &&
             (best == nullptr || defined(*trend) > defined(*best))) {
@@ -243,14 +245,17 @@ class Page {
         }
       }
     }
-    const std::string who = people.size() == 1 && !people.begin()->empty() ? *people.begin() : "The person";
+    const bool named = people.size() == 1 && !report_.sessions.front().subject.empty();
+    const std::string who = named ? *people.begin() : "The person";
     std::string text = people.size() > 1 ? fmt::format("{} were made", capitalised(count(begun, "repetition")))
                                          : fmt::format("{} did {}", who, count(begun, "repetition"));
     text += fmt::format(" of {} in {}; ", count(exercises, "exercise"), lasting(duration));
-    text += begun == 0 ? "there is nothing to tell of."
-            : ended == begun
-                ? (begun == 1 ? "it came to its end." : "all came to their end.")
-                : fmt::format("{} did not come to {} end.", begun - ended, begun - ended == 1 ? "its" : "their");
+    const std::size_t stopped = begun - ended - late;
+    if (late > 0) text += fmt::format("{} ran out of time{}", late, stopped > 0 ? ", " : ".");
+    text += begun == 0       ? "there is nothing to tell of."
+            : ended == begun ? (begun == 1 ? "it came to its end." : "all came to their end.")
+            : stopped > 0    ? fmt::format("{} did not come to {} end.", stopped, stopped == 1 ? "its" : "their")
+                             : "";
     if (best != nullptr && defined(*best) > 1) {
       const TrialFigure& figure = all_trial_figures()[best->figure];
       const auto [first, last] = ends_of(*best);
@@ -332,10 +337,10 @@ class Page {
   }
 
   void add_comparison(xml_node main, const ReportComparison& comparison) {
+    const std::string whose = comparison.session ? dated(report_.sessions[*comparison.session]) : comparison.subject;
     add(main, "h2",
-        comparison.subject.empty() || !several()
-            ? fmt::format("Without guidance: {}", comparison.task)
-            : fmt::format("Without guidance: {}, {}", comparison.subject, comparison.task));
+        several() ? fmt::format("Without guidance: {}, {}", whose, comparison.task)
+                  : fmt::format("Without guidance: {}", comparison.task));
     add(main, "p",
         "Repetitions without any guidance are compared with each other only. What looks better while it is guided need "
         "not be learned, and much guidance can harm what is kept (guidance hypothesis: Salmoni, Schmidt and Walter "
@@ -464,7 +469,10 @@ class Page {
 
   void add_trials(xml_node section, const ReportExercise& exercise) {
     std::vector<std::size_t> first, others;
-    for (const ReportTrend& trend : exercise.trends) (is_main(trend.figure) ? first : others).push_back(trend.figure);
+    for (std::size_t i = 0; i < all_trial_figures().size(); ++i)
+      if (std::any_of(exercise.trials.begin(), exercise.trials.end(),
+                      [&](const ReportTrial& trial) { return trial.figures[i].has_value(); }))
+        (is_main(i) ? first : others).push_back(i);
     add_trial_table(section, exercise, first, true,
                     fmt::format("{}, repetition by repetition. {} is undefined: see the end of the page.",
                                 exercise.name, kUndefined));
@@ -487,9 +495,9 @@ class Page {
 
     Table table(parent, caption, trials.size());
     table.column("repetition");
-    const bool ends = settings && std::any_of(trials.begin(), trials.end(),
-                                              [](const ReportTrial& t) { return !t.finished() || !t.missing.empty(); });
-    if (ends) table.column("ended by");
+    const bool ends = std::any_of(trials.begin(), trials.end(),
+                                  [](const ReportTrial& t) { return !t.finished() || !t.missing.empty(); });
+    if (ends) table.column("how it ended");
     if (settings) table.column("duration (s)", true);
     for (const Setting& setting : used) table.column(setting.title, true);
     for (const std::size_t i : figures) table.column(with_unit(all_trial_figures()[i]), true);
@@ -499,7 +507,7 @@ class Page {
       if (trial.attempt > 1) name += fmt::format(", attempt {}", trial.attempt);
       xml_node row = table.row(name);
       if (!trial.finished()) set(row, "class", "stopped");
-      if (ends) table.text(end_in_words(trial));
+      if (ends) table.text(trial.end_in_words() + (trial.missing.empty() ? "" : ", recording missing"));
       if (settings) table.number(fmt::format("{:.1f}", trial.duration));
       for (const Setting& setting : used) {
         const std::optional<double>& value = trial.*setting.value;
@@ -508,16 +516,6 @@ class Page {
       for (const std::size_t i : figures)
         table.number(shown(all_trial_figures()[i], trial.figures[i].value_or(kNaN), false));
     }
-  }
-
-  static std::string end_in_words(const ReportTrial& trial) {
-    std::string text = trial.finished()                  ? "end"
-                       : trial.stopped_by.empty()        ? "unknown"
-                       : trial.stopped_by == "time_over" ? "time limit"
-                                                         : trial.stopped_by;
-    std::replace(text.begin(), text.end(), '_', ' ');
-    if (!trial.missing.empty()) text += ", recording missing";
-    return text;
   }
 
   static void add_events(xml_node main, const ReportSession& session) {
@@ -576,6 +574,9 @@ class Page {
         fmt::format("{} stands for what is undefined, never for zero: nothing moved, there was no path or no force to "
                     "compare with, the repetition was stopped, or its recording is missing.",
                     kUndefined));
+    add(main, "p",
+        "A repetition that ran out of time has the figures of what was done until then. Like those that were stopped, "
+        "it counts in no trend, mean or comparison, and is neither first nor last.");
     xml_node list = main.append_child("dl");
     set(list, "class", "meanings");
     for (const TrialFigure& figure : all_trial_figures()) {

@@ -98,7 +98,7 @@ json json_of_session(const ReportSession& session) {
           {"events", std::move(events)},       {"remarks", session.remarks},      {"settings", session.settings}};
 }
 
-json json_of_comparison(const ReportComparison& comparison) {
+json json_of_comparison(const ReportComparison& comparison, const Report& report) {
   json groups = json::object();
   const std::span<const TrialFigure> known = all_trial_figures();
   for (const ReportComparison::Group& group : comparison.groups) {
@@ -109,7 +109,10 @@ json json_of_comparison(const ReportComparison& comparison) {
                                 {"standard_deviation", json_of_number(group.spread(i))}};
     groups[group.test] = std::move(figures);
   }
-  return {{"subject", comparison.subject}, {"path", comparison.task}, {"tests", std::move(groups)}};
+  return {{"subject", comparison.subject},
+          {"session", comparison.session ? json(report.sessions[*comparison.session].source) : json(nullptr)},
+          {"path", comparison.task},
+          {"tests", std::move(groups)}};
 }
 
 }  // namespace
@@ -117,7 +120,8 @@ json json_of_comparison(const ReportComparison& comparison) {
 json to_json(const Report& report) {
   json sessions = json::array(), comparisons = json::array();
   for (const ReportSession& session : report.sessions) sessions.push_back(json_of_session(session));
-  for (const ReportComparison& comparison : report.comparisons) comparisons.push_back(json_of_comparison(comparison));
+  for (const ReportComparison& comparison : report.comparisons)
+    comparisons.push_back(json_of_comparison(comparison, report));
   return {{"sessions", std::move(sessions)}, {"comparisons", std::move(comparisons)}};
 }
 

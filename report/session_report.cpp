@@ -12,6 +12,8 @@
 #include <fmt/format.h>
 #include <map>
 #include <numeric>
+#include <set>
+#include <tuple>
 
 namespace haptrace {
 namespace {
@@ -202,14 +204,19 @@ std::string device_in_words(const RecordingHeader& header) {
   return in_words(header.device_name, header.device_model);
 }
 
-std::string mode_of(TrialKind kind) {
+std::string configured_text(const nlohmann::json& config, const char* key) {
+  const auto found = config.is_object() ? config.find(key) : config.end();
+  return config.is_object() && found != config.end() && found->is_string() ? found->get<std::string>() : "";
+}
+
+std::string mode_of(TrialKind kind, const nlohmann::json& config) {
   switch (kind) {
     case TrialKind::passive:
       return "playback";
     case TrialKind::cursor:
       return "cursor";
     case TrialKind::guided:
-      return "tunnel";
+      return configured_text(config, "mode") == "free" ? "free" : "tunnel";
     case TrialKind::free:
       break;
   }
@@ -220,11 +227,6 @@ std::optional<double> configured_number(const nlohmann::json& config, const char
   const auto found = config.is_object() ? config.find(key) : config.end();
   if (!config.is_object() || found == config.end() || !found->is_number()) return std::nullopt;
   return found->get<double>();
-}
-
-std::string configured_text(const nlohmann::json& config, const char* key) {
-  const auto found = config.is_object() ? config.find(key) : config.end();
-  return config.is_object() && found != config.end() && found->is_string() ? found->get<std::string>() : "";
 }
 
 std::optional<double> median(std::vector<double> values) {
@@ -287,17 +289,17 @@ ReportSession session_of_recording(const std::string& file) {
   const std::string expert = configured_text(header.config, "expert"),
                     path_name = configured_text(header.config, "path");
   ReportExercise exercise{.name = session.title,
-                          .mode = recorded.empty() ? "recording" : mode_of(recorded.front().kind),
+                          .mode = recorded.empty() ? "recording" : mode_of(recorded.front().kind, header.config),
                           .path = expert.empty() ? path_name : expert};
-  exercise.task = exercise.path;
+  const bool alone = exercise.mode == "free";
   for (const RecordedTrial& one : recorded) {
-    const bool guided = one.kind == TrialKind::guided || one.kind == TrialKind::cursor;
+    const bool guided = (one.kind == TrialKind::guided || one.kind == TrialKind::cursor) && !alone;
     exercise.trials.push_back({.repetition = one.repetition,
                                .file = name,
                                .pace = one.kind == TrialKind::passive || one.kind == TrialKind::cursor
                                            ? configured_number(header.config, "speed")
                                            : std::nullopt,
-                               .radius = median(one.radius),
+                               .radius = alone ? std::nullopt : median(one.radius),
                                .stiffness = guided ? configured_number(header.config, "stiffness") : std::nullopt,
                                .duration = one.time.back() - one.time.front()});
   }
@@ -334,12 +336,28 @@ ReportSession session_of_recording(const std::string& file) {
 
 // A session of a programme.
 
-/// What exercises have in common that are about the same path.
-std::string task_of(const Programme& programme, const Exercise& exercise) {
-  const auto change = [](const PathChange& c) { return fmt::format("{}x{}", c.mirror.value_or(-1), c.scale); };
-  return fmt::format("{}|{}|{}", exercise.shape ? exercise.shape->dump() : exercise.path, change(exercise.change),
-                     change(programme.person));
-}
+/// Numbers for curves as they were followed: the same for the same, whatever their files are called.
+class Tasks {
+ public:
+  std::size_t number_of(const Path& path) {
+    const auto found = std::find_if(known_.begin(), known_.end(), [&](const Curve& curve) {
+      constexpr double kSamePlace = 1e-9, kSameTime = 1e-6;  // [m], [s]
+      return std::abs(curve.duration - path.duration()) <= kSameTime &&
+             std::equal(curve.position.begin(), curve.position.end(), path.position.begin(), path.position.end(),
+                        [](const Vec3& a, const Vec3& b) { return (a - b).norm() <= kSamePlace; });
+    });
+    const auto number = static_cast<std::size_t>(found - known_.begin());
+    if (found == known_.end()) known_.push_back({path.position, path.duration()});
+    return number;
+  }
+
+ private:
+  struct Curve {
+    std::vector<Vec3> position;
+    double duration = 0;  ///< [s]
+  };
+  std::vector<Curve> known_;
+};
 
 std::string path_in_words(const Programme& programme, const Exercise& exercise) {
   std::string text = exercise.path;
@@ -354,7 +372,7 @@ std::string path_in_words(const Programme& programme, const Exercise& exercise) 
   return text;
 }
 
-/// What a repetition was set to, of what its mode uses.
+/// What a repetition was set to, of what its mode uses, as it was logged.
 void add_settings(ReportTrial& trial, const TrialSettings& settings, const Exercise& exercise) {
   using enum ExerciseMode;
   const ExerciseMode mode = exercise.mode;
@@ -375,8 +393,9 @@ std::string place_of(const ReportSession& session, const LoggedTrial& trial) {
 /// The session of a programme that `where` names, while it is gathered.
 class SessionReading {
  public:
-  explicit SessionReading(const std::string& where)
-      : folder_(fs::is_directory(where) ? fs::path(where) : fs::path(where).parent_path()),
+  SessionReading(const std::string& where, Tasks& tasks)
+      : tasks_(tasks),
+        folder_(fs::is_directory(where) ? fs::path(where) : fs::path(where).parent_path()),
         log_(load_session_log(where)),
         programme_(programme_from_json(log_.programme, where)),
         paths_(programme_.size()),
@@ -440,15 +459,17 @@ class SessionReading {
                                   .mode = to_string(exercise.mode),
                                   .test = test ? to_string(exercise.test) : "",
                                   .warm_up = i < programme_.warm_up.size(),
-                                  .path = path_in_words(programme_, exercise),
-                                  .task = task_of(programme_, exercise)});
+                                  .path = path_in_words(programme_, exercise)});
     // What the person was to feel.
     const bool guided = exercise.mode != ExerciseMode::passive && exercise.mode != ExerciseMode::free;
     scales_[i] = guided ? exercise.force_scale : 0;
     try {
-      paths_[i].emplace(path_of(load_path(file(log_.paths[i]))));
+      const Path path = load_path(file(log_.paths[i]));
+      paths_[i].emplace(path_of(path));
+      if (test) session_.exercises.back().task = tasks_.number_of(path);
     } catch (const Error& error) {
-      session_.remarks.push_back(fmt::format("the path of {} cannot be shown: {}", exercise.name, error.what()));
+      session_.remarks.push_back(fmt::format("the path of {} cannot be shown{}: {}", exercise.name,
+                                             test ? ", nor its tests be compared" : "", error.what()));
     }
   }
 
@@ -469,7 +490,7 @@ class SessionReading {
       session_.events.push_back({.kind = ReportEvent::Kind::stop,
                                  .where = place,
                                  .text = logged.stopped_by.empty() ? "nobody wrote down how it ended"
-                                                                   : in_words(logged.stopped_by, logged.detail)});
+                                                                   : in_words(trial.end_in_words(), logged.detail)});
     for (const std::string& notice : logged.notices) session_.events.push_back({.where = place, .text = notice});
     try {
       add_recording(trial, exercise, logged, place);
@@ -484,7 +505,12 @@ class SessionReading {
                      const std::string& place) {
     const std::string name = file(logged.file);
     const RecordingReader reader(name);
-    add_events(session_.events, reader.events(), [&](double) { return place; });
+    std::vector<StoredEvent> events = reader.events();
+    // The log has told that already.
+    if (trial.out_of_time())
+      std::erase_if(events,
+                    [](const StoredEvent& e) { return static_cast<EventCode>(e.code) == EventCode::time_over; });
+    add_events(session_.events, events, [&](double) { return place; });
     const std::vector<RecordedTrial> runs = read_trials(reader, name);
     if (runs.empty()) throw input_error(name + ": holds no repetition");
     const RecordedTrial& run = runs.back();
@@ -492,13 +518,14 @@ class SessionReading {
     if (!path)
       if (std::optional<TrialPath> own = path_of(run)) path.emplace(std::move(*own));
     // An old log, or one that was cut short.
-    if (logged.finished() && logged.figures.is_null())
+    if ((trial.finished() || trial.out_of_time()) && logged.figures.is_null())
       trial.figures =
           values_of(trial_figures(run, path ? std::optional(path->path) : std::optional<TrialPath>(), plant_));
     add_curves(trial, run, path);
     add_tunnel(exercise, run);
   }
 
+  Tasks& tasks_;
   fs::path folder_;
   SessionLog log_;
   Programme programme_;
@@ -514,13 +541,16 @@ constexpr std::array kTests{"before", "after", "retention"};
 
 std::vector<ReportComparison> compare(const std::vector<ReportSession>& sessions) {
   std::vector<ReportComparison> comparisons;
-  std::map<std::pair<std::string, std::string>, std::size_t> known;
+  // Whoever has no name may be another in another session.
+  std::map<std::tuple<std::string, std::optional<std::size_t>, std::size_t>, std::size_t> known;
   for (const char* test : kTests)
-    for (const ReportSession& session : sessions)
-      for (const ReportExercise& exercise : session.exercises) {
-        if (exercise.test != test || exercise.warm_up) continue;
-        const auto [found, added] = known.try_emplace({session.subject, exercise.task}, comparisons.size());
-        if (added) comparisons.push_back({.subject = session.subject, .task = exercise.path, .groups = {}});
+    for (std::size_t s = 0; s < sessions.size(); ++s)
+      for (const ReportExercise& exercise : sessions[s].exercises) {
+        if (exercise.test != test || exercise.warm_up || !exercise.task) continue;
+        const std::string& subject = sessions[s].subject;
+        const std::optional<std::size_t> only = subject.empty() ? std::optional(s) : std::nullopt;
+        const auto [found, added] = known.try_emplace({subject, only, *exercise.task}, comparisons.size());
+        if (added) comparisons.push_back({.subject = subject, .task = exercise.path, .session = only, .groups = {}});
         std::vector<ReportComparison::Group>& groups = comparisons[found->second].groups;
         if (groups.empty() || groups.back().test != test)
           groups.push_back({.test = test, .values = std::vector<std::vector<double>>(all_trial_figures().size())});
@@ -532,7 +562,53 @@ std::vector<ReportComparison> compare(const std::vector<ReportSession>& sessions
   return comparisons;
 }
 
+// Files.
+
+/// Where a name leads to, through links; also of what is not there.
+std::string canonical_name(const fs::path& file) {
+  std::error_code failed;
+  const fs::path absolute = fs::absolute(file, failed), canonical = fs::weakly_canonical(absolute, failed);
+  return (failed ? absolute : canonical).string();
+}
+
+/// The file of an input by which it is told from others.
+fs::path main_file(const std::string& input) {
+  return is_session(input) && fs::is_directory(input) ? fs::path(input) / kSessionFile : fs::path(input);
+}
+
+void add_recording_files(std::set<std::string>& files, const fs::path& recording) {
+  files.insert(canonical_name(recording));
+  for (std::uint32_t part = 2; fs::exists(part_file(recording.string(), part)); ++part)
+    files.insert(canonical_name(part_file(recording.string(), part)));
+}
+
+/// All that a report is made of, whether it is there or not.
+std::set<std::string> files_of(std::span<const std::string> inputs) {
+  std::set<std::string> files;
+  for (const std::string& input : inputs) {
+    if (!is_session(input)) {
+      add_recording_files(files, input);
+      continue;
+    }
+    const fs::path log_file = main_file(input), folder = log_file.parent_path();
+    const SessionLog log = load_session_log(input);
+    for (const fs::path& file : {log_file, folder / kSessionProfile}) files.insert(canonical_name(file));
+    for (const std::string& path : log.paths) files.insert(canonical_name(folder / path));
+    for (const LoggedTrial& trial : log.trials) add_recording_files(files, folder / trial.file);
+  }
+  return files;
+}
+
 }  // namespace
+
+std::string ReportTrial::end_in_words() const {
+  if (finished()) return "end";
+  if (out_of_time()) return "ran out of time";
+  if (stopped_by.empty()) return "unknown";
+  std::string words = stopped_by;
+  std::replace(words.begin(), words.end(), '_', ' ');
+  return words;
+}
 
 double ReportComparison::Group::mean(std::size_t figure) const {
   const std::vector<double>& of = values[figure];
@@ -550,18 +626,34 @@ double ReportComparison::Group::spread(std::size_t figure) const {
 Report gather_report(std::span<const std::string> inputs,
                      const std::function<void(const std::string& file)>& progress) {
   Report report;
+  Tasks tasks;
+  std::set<std::string> known;
   for (const std::string& input : inputs) {
+    if (!known.insert(canonical_name(main_file(input))).second) continue;
     if (progress) progress(input);
     if (fs::is_directory(input) && !is_session(input))
       throw input_error(
           fmt::format("{}: holds no {}; a report is made of sessions and recordings (HDF5)", input, kSessionFile));
-    report.sessions.push_back(is_session(input) ? SessionReading(input).read(progress) : session_of_recording(input));
+    report.sessions.push_back(is_session(input) ? SessionReading(input, tasks).read(progress)
+                                                : session_of_recording(input));
   }
   // Times are UTC, and so in the order of their texts.
   std::stable_sort(report.sessions.begin(), report.sessions.end(),
                    [](const ReportSession& a, const ReportSession& b) { return a.created < b.created; });
   report.comparisons = compare(report.sessions);
   return report;
+}
+
+void check_report_outputs(std::span<const std::string> outputs, std::span<const std::string> inputs) {
+  const std::set<std::string> files = files_of(inputs);
+  std::set<std::string> known;
+  for (const std::string& output : outputs) {
+    const std::string name = canonical_name(output);
+    if (files.contains(name) || is_session(name))
+      throw input_error(output + ": belongs to what was recorded, which a report never replaces; choose another name");
+    if (!known.insert(name).second)
+      throw input_error(output + ": would be both the page and the table; choose another name for one of them");
+  }
 }
 
 }  // namespace haptrace

@@ -40,6 +40,9 @@ struct ReportTrial {
   std::vector<double> force;  ///< magnitude of the felt force by place, mean of each cell [N]; NaN where none was
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
+  /// Done, but not finished: its figures are of what was done until then, and count in nothing that is made of several.
+  [[nodiscard]] bool out_of_time() const { return stopped_by == "time_over"; }
+  [[nodiscard]] std::string end_in_words() const;
 };
 
 /// How a figure went over the repetitions of an exercise. Those that were not finished count as not measured.
@@ -56,7 +59,7 @@ struct ReportExercise {
   std::string test;  ///< "before", "after", "retention", or empty
   bool warm_up = false;
   std::string path;                  ///< where it comes from, in words
-  std::string task;                  ///< the same for exercises that are about the same path
+  std::optional<std::size_t> task;   ///< of tests: the same number for the same curve; none where it cannot be read
   double path_length = 0;            ///< [m]; 0 without a path
   std::vector<Vec3> curve;           ///< the path, thinned [m]
   ReportLine radius;                 ///< of the tunnel, as it was last
@@ -93,7 +96,7 @@ struct ReportSession {
   nlohmann::json settings;           ///< the programme, or the recording's configuration
 };
 
-/// The unguided tests of one person on one path.
+/// The unguided tests of one person on one curve, by whatever name; of somebody without a name, those of one session.
 struct ReportComparison {
   struct Group {
     std::string test;                         ///< before | after | retention
@@ -102,8 +105,9 @@ struct ReportComparison {
     [[nodiscard]] double mean(std::size_t figure) const;    ///< NaN without values
     [[nodiscard]] double spread(std::size_t figure) const;  ///< standard deviation; NaN of fewer than two
   };
-  std::string subject, task;  ///< in words
-  std::vector<Group> groups;  ///< in that order; those that there are
+  std::string subject, task;           ///< in words
+  std::optional<std::size_t> session;  ///< of Report::sessions, the only one, when the person has no name
+  std::vector<Group> groups;           ///< in that order; those that there are
 };
 
 struct Report {
@@ -114,12 +118,18 @@ struct Report {
 /// Reads sessions (their folders, or their session.json) and recordings, and takes their figures. Those of a session's
 /// repetitions are what its log says, so that both agree; of a recording, and where the log has none, they are taken
 /// from its rows. A recording of a session that is missing or damaged is named in `remarks` and leaves its repetition
-/// without curves. `progress` is told each input, then each recording of a session.
+/// without curves. An input that is given twice, by whatever name, counts once. `progress` is told each input, then
+/// each recording of a session.
 ///
 /// Memory is that of the longest recording. Throws Error(input) naming the file: an input that is neither, or cannot be
 /// read. Threads: free function without state.
 Report gather_report(std::span<const std::string> inputs,
                      const std::function<void(const std::string& file)>& progress = {});
+
+/// Throws Error(input) naming the output that would take the place of a file which such a report is made of (recordings
+/// with their further parts; of sessions log, profile, paths and recordings), of any session's log, or of another
+/// output. Links are followed. Throws like gather_report when a session's log cannot be read.
+void check_report_outputs(std::span<const std::string> outputs, std::span<const std::string> inputs);
 
 /// All numbers but curves, which are in the recordings. SI; null where something is undefined.
 nlohmann::json to_json(const Report& report);

@@ -52,6 +52,47 @@ TEST(ReportCommand, HasTheNumbersForStatistics) {
   EXPECT_EQ(read_bytes(folder / "table.csv"), answer.out);
 }
 
+TEST(ReportCommand, ReplacesNothingThatWasRecordedAndNoOutputByAnother) {
+  const TempFolder folder;
+  const std::string file = played(folder), session = folder / "lesson";
+  std::filesystem::create_directory(session);
+  const std::string programme = folder.write("one.json", R"({"haptrace_programme": 1, "title": "one", "exercises": [
+        {"name": "alone", "mode": "passive", "shape": {"kind": "circle", "duration": 1}}]})");
+  const Answer run = haptrace("run", programme, "--device", kFalcon, "--no-profile", "-o", session);
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  std::string trial, path;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(session))
+    if (entry.path().extension() == ".h5")
+      (entry.path().parent_path() == session ? trial : path) = entry.path().string();
+  const std::string log = session + "/session.json", link = folder / "link.html";
+  std::filesystem::create_symlink(file, link);
+
+  const auto refused = [](const std::vector<std::string>& words, const std::string& kept) {
+    std::vector<std::string> all{"report"};
+    all.insert(all.end(), words.begin(), words.end());
+    const std::string before = read_bytes(kept);
+    const Answer answer = Command(all).wait();
+    EXPECT_EQ(answer.exit_code, 2) << answer.err;
+    EXPECT_THAT(answer.err, HasSubstr("belongs to what was recorded"));
+    EXPECT_EQ(read_bytes(kept), before);
+  };
+  refused({file, "-o", file, "--overwrite"}, file);
+  refused({file, "-o", folder / "lesson/../played.h5", "--overwrite"}, file);
+  refused({file, "-o", link, "--overwrite"}, file);
+  refused({file, "--csv", file, "--overwrite"}, file);
+  refused({file, session, "-o", file, "--overwrite"}, file);
+  for (const std::string& kept : {log, trial, path}) refused({session, "-o", kept, "--overwrite"}, kept);
+  refused({log, "--csv", trial, "--no-page", "--overwrite"}, trial);
+  refused({file, "-o", log, "--overwrite"}, log);
+  EXPECT_FALSE(std::filesystem::exists(folder / "played.report.html"))
+      << "the table is refused before the page is made";
+
+  const Answer same = haptrace("report", file, "-o", folder / "x.html", "--csv", folder / "./x.html", "--overwrite");
+  EXPECT_EQ(same.exit_code, 2);
+  EXPECT_THAT(same.err, HasSubstr("both the page and the table"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "x.html"));
+}
+
 TEST(ReportCommand, SaysWhatIsWrong) {
   const TempFolder folder;
   const auto error = [&](const std::vector<std::string>& words) {

@@ -136,6 +136,48 @@ TEST(ReportPage, ShowsTheNumbersThatTheLogHas) {
       << "what is nowhere defined has no column";
 }
 
+TEST(ReportPage, MarksWhatRanOutOfTimeWhereverItsFiguresStand) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  const std::size_t exercise = lesson.exercise("one", "tunnel");
+  lesson.trial(exercise, {}).figures = {{"contour_rms_m", 1e-3}, {"log_jerk", -9}};
+  lesson.trial(exercise, {}, "time_over").figures = {{"contour_rms_m", 7.77e-3}, {"log_jerk", -8.88}, {"sparc", -6.66}};
+  lesson.trial(exercise, {}, "deviation");
+  lesson.save();
+  const pugi::xml_document page = parsed(report_page(gather_report(std::vector{lesson.path()})));
+  std::string figures;
+  const pugi::xpath_node_set tables = page.select_nodes("//section//tbody");
+  ASSERT_EQ(tables.size(), 2);
+  for (const pugi::xpath_node& table : tables) {
+    const pugi::xml_node row = table.node().select_node("tr[2]").node();
+    EXPECT_STREQ(row.attribute("class").value(), "stopped");
+    EXPECT_THAT(text_of(row), HasSubstr("ran out of time"));
+    figures += text_of(row);
+  }
+  EXPECT_THAT(figures, testing::AllOf(HasSubstr("7.77"), HasSubstr("8.88"), HasSubstr("6.66")))
+      << "also what is defined in no other";
+  EXPECT_THAT(text_of(page.select_node("//p[@class='lead']").node()),
+              HasSubstr("1 ran out of time, 1 did not come to its end."));
+  EXPECT_THAT(text_of(page.select_node("//tbody/tr").node()),
+              testing::AllOf(HasSubstr("1 of 3"), Not(HasSubstr("7.77"))));
+}
+
+TEST(ReportPage, TakesNobodyWithoutANameForTheSamePersonInAnotherSession) {
+  const TempFolder folder;
+  SessionFolder first(folder / "first"), second(folder / "second");
+  for (SessionFolder* session : {&first, &second}) {
+    session->log.subject = "";
+    session->log.created = session == &first ? "2026-03-04T09:00:00Z" : "2026-03-11T09:00:00Z";
+    write_lesson(*session, 1);
+  }
+  const pugi::xml_document page = parsed(report_page(gather_report(std::vector{first.path(), second.path()})));
+  EXPECT_THAT(text_of(page.select_node("//p[@class='lead']").node()), testing::StartsWith("18 repetitions were made"));
+  EXPECT_EQ(page.select_nodes("//h2[starts-with(text(), 'Without guidance: Circles, first lesson, 04 March')]").size(),
+            1);
+  EXPECT_EQ(page.select_nodes("//h2[starts-with(text(), 'Without guidance: Circles, first lesson, 11 March')]").size(),
+            1);
+}
+
 TEST(ReportPage, KeepsHostileTextsInert) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");

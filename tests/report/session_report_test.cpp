@@ -194,6 +194,19 @@ TEST(SessionReport, TakesRecordingsOfEveryKind) {
     EXPECT_EQ(exercise.trials[0].figures[index_of_figure("completion")].has_value(), reference != Reference::none);
     EXPECT_EQ(exercise.expert_force.empty(), reference != Reference::guidance);
   }
+
+  // What a guidance recorded that sent nothing has the columns of one that did.
+  for (const std::string mode : {"free", "tunnel"}) {
+    test::Recorded recorded;
+    recorded.header.config = {{"mode", mode}, {"stiffness", 700}};
+    const std::string file = folder / (mode + "-guided.h5");
+    test::write(file, rows_of(path, {}, Reference::guidance), Reference::guidance, recorded);
+    const Report report = report_of(file);
+    const ReportExercise& exercise = report.sessions[0].exercises[0];
+    EXPECT_EQ(exercise.mode, mode);
+    EXPECT_EQ(exercise.trials[0].stiffness.has_value(), mode == "tunnel");
+    EXPECT_EQ(exercise.trials[0].radius.has_value(), mode == "tunnel");
+  }
 }
 
 TEST(SessionReport, TakesARecordingThatIsEmptyOrWasCutOff) {
@@ -240,6 +253,152 @@ TEST(SessionReport, SaysWhichRepetitionRanOutOfTimeAndWhichWasStopped) {
   EXPECT_TRUE(other.sessions[0].exercises[0].trials[0].finished());
   EXPECT_EQ(other.sessions[0].exercises[0].trials[1].stopped_by, "limit");
   EXPECT_EQ(other.sessions[0].exercises[0].trials[1].detail, "0.11 m from the path");
+}
+
+TEST(SessionReport, CountsARepetitionThatRanOutOfTimeInNothingButItsOwnRow) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  const std::size_t before = lesson.exercise("before", "free", {{"test", "before"}}),
+                    tunnel = lesson.exercise("practice", "tunnel"),
+                    after = lesson.exercise("after", "free", {{"test", "after"}});
+  for (const std::size_t exercise : {before, tunnel, after}) {
+    for (int i = 0; i < 4; ++i) lesson.trial(exercise, {}).figures = {{"contour_rms_m", 2e-3}};
+    lesson.trial(exercise, {.until = 0.5}, "time_over").figures = {{"contour_rms_m", 0.5}};
+  }
+  // Its recording says so too; and one log has no figures.
+  const LoggedTrial& late = lesson.trial(tunnel, {.until = 0.5}, "time_over");
+  const test::Recorded recorded{.header = {}, .events = {{0, 1, "started"}, {1, 63, "over"}, {2, 2, "finished"}}};
+  std::filesystem::remove(lesson.file(late.file));
+  test::write(lesson.file(late.file), rows_of(lesson.expert, {.until = 0.5}, Reference::guidance), Reference::guidance,
+              recorded);
+  lesson.save();
+
+  const Report report = report_of(lesson.path());
+  const ReportExercise& exercise = report.sessions[0].exercises[tunnel];
+  const std::size_t rms = index_of_figure("contour_rms_m");
+  EXPECT_FALSE(exercise.trials[4].finished());
+  EXPECT_TRUE(exercise.trials[4].out_of_time());
+  EXPECT_EQ(exercise.trials[4].end_in_words(), "ran out of time");
+  EXPECT_EQ(exercise.trials[4].figures[rms], 0.5);
+  EXPECT_NEAR(exercise.trials[5].figures[index_of_figure("completion")].value(), 0.5, 0.05);
+  const ReportTrend& trend = trend_of(exercise, "contour_rms_m");
+  EXPECT_TRUE(std::isnan(trend.values[4]) && std::isnan(trend.values[5]));
+  EXPECT_NEAR(trend.line.value().slope, 0, 1e-9);
+  ASSERT_EQ(report.comparisons.size(), 1);
+  for (const ReportComparison::Group& group : report.comparisons[0].groups)
+    EXPECT_EQ(group.values[rms], std::vector<double>(4, 2e-3)) << group.test;
+  std::vector<std::string> stops;
+  for (const ReportEvent& event : report.sessions[0].events) stops.push_back(event.where + ": " + event.text);
+  EXPECT_THAT(stops, testing::UnorderedElementsAre(
+                         "before, repetition 5: ran out of time", "practice, repetition 5: ran out of time",
+                         "practice, repetition 6: ran out of time", "after, repetition 5: ran out of time"))
+      << "every one is told once";
+}
+
+TEST(SessionReport, ShowsTheStiffnessOfEveryRepetitionAsItWasLogged) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  const std::size_t assisted = lesson.exercise("helped", "assisted"), free = lesson.exercise("alone", "free");
+  lesson.trial(assisted, {}).settings = {.stiffness = 650, .assistance = 1};
+  lesson.trial(assisted, {}).settings = {.stiffness = 325, .assistance = 0.5};
+  lesson.trial(assisted, {}).settings = {.stiffness = std::nullopt, .assistance = 0};
+  lesson.trial(free, {}).settings = {.stiffness = std::nullopt};
+  lesson.save();
+  const Report report = report_of(lesson.path());
+  const std::vector<ReportTrial>& trials = report.sessions[0].exercises[assisted].trials;
+  EXPECT_EQ(trials[0].stiffness, 650);
+  EXPECT_EQ(trials[1].stiffness, 325) << "not times its assistance once more";
+  EXPECT_FALSE(trials[2].stiffness) << "there were no walls";
+  EXPECT_FALSE(report.sessions[0].exercises[free].trials[0].stiffness);
+}
+
+TEST(SessionReport, CountsAnInputOnceByWhateverNameItIsGiven) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  write_lesson(lesson);
+  const std::string file = folder / "one.h5", link = folder / "link.h5";
+  test::write(file, rows_of(lesson.expert, {}, Reference::playback), Reference::playback);
+  std::filesystem::create_symlink(file, link);
+  const std::vector<std::string> inputs{
+      lesson.path(),       lesson.path(), lesson.path() + "/session.json", lesson.path() + "/", file,
+      folder / "./one.h5", link};
+  const Report report = gather_report(inputs);
+  EXPECT_EQ(report.sessions.size(), 2);
+  EXPECT_EQ(report.comparisons.at(0).groups.at(0).values[index_of_figure("contour_rms_m")].size(), 3);
+}
+
+/// Begins a session with one test about a file.
+void write_test_about(SessionFolder& session, const std::string& test, const std::string& path) {
+  const std::size_t i = session.exercise("alone", "free", {{"test", test}});
+  nlohmann::json& exercise = session.log.programme["exercises"][i];
+  exercise.erase("shape");
+  exercise["path"] = path;
+  session.trial(i, {});
+  session.save();
+}
+
+TEST(SessionReport, ComparesTestsOfTheSameCurveWhateverItsFileIsCalled) {
+  const TempFolder folder;
+  SessionFolder first(folder / "first"), same(folder / "same"), larger(folder / "larger"), slower(folder / "slower");
+  for (Vec3& p : larger.expert.position) p *= 1 + 1e-6;
+  for (double& t : slower.expert.time) t *= 1.01;
+  write_test_about(first, "before", "st.csv");
+  write_test_about(same, "after", "lesson two/st again.csv");
+  write_test_about(larger, "after", "st.csv");
+  write_test_about(slower, "after", "st.csv");
+  const auto comparisons = [&](const SessionFolder& other) {
+    return gather_report(std::vector{first.path(), other.path()}).comparisons.size();
+  };
+  EXPECT_EQ(comparisons(same), 1);
+  EXPECT_EQ(comparisons(larger), 0) << "another curve of that name";
+  EXPECT_EQ(comparisons(slower), 0);
+
+  std::filesystem::remove(same.file(same.log.paths[0]));
+  const Report unknown = gather_report(std::vector{first.path(), same.path()});
+  EXPECT_THAT(unknown.comparisons, IsEmpty()) << "nobody knows which curve it was";
+  EXPECT_THAT(unknown.sessions[1].remarks, Contains(HasSubstr("nor its tests be compared")));
+}
+
+TEST(SessionReport, ComparesPersonsWithoutANameWithinOneSessionOnly) {
+  const TempFolder folder;
+  SessionFolder first(folder / "first"), second(folder / "second");
+  first.log.subject = second.log.subject = "";
+  second.log.created = "2026-03-11T09:00:00Z";
+  write_test_about(first, "before", "st.csv");
+  write_test_about(second, "after", "st.csv");
+  const std::vector<std::string> inputs{first.path(), second.path()};
+  EXPECT_THAT(gather_report(inputs).comparisons, IsEmpty());
+
+  write_test_about(second, "before", "st.csv");
+  const Report report = gather_report(inputs);
+  ASSERT_EQ(report.comparisons.size(), 1);
+  EXPECT_EQ(report.comparisons[0].session, 1);
+  EXPECT_EQ(report.comparisons[0].groups[0].values[index_of_figure("contour_rms_m")].size(), 1);
+  EXPECT_EQ(to_json(report)["comparisons"][0]["session"], second.path());
+}
+
+TEST(SessionReport, IsWrittenOverNothingThatItIsMadeOf) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson"), other(folder / "other");
+  const std::string recording = lesson.trial(lesson.exercise("one", "tunnel"), {}).file;
+  lesson.save();
+  other.save();
+  const std::string alone = folder.write("alone.h5", ""), part = folder.write("alone.part002.h5", "");
+  const std::string link = folder / "link.html", page = folder / "page.html";
+  std::filesystem::create_symlink(alone, link);
+  const std::vector<std::string> inputs{lesson.path(), alone};
+  for (const std::string& output :
+       {lesson.file("session.json"), lesson.file("profile.json"), lesson.file(lesson.log.paths[0]),
+        lesson.file(recording), folder / "lesson/../alone.h5", part, link, other.file("session.json")})
+    EXPECT_THAT(error_of([&] {
+                  check_report_outputs(std::vector{page, output}, inputs);
+                }),
+                AllOf(HasSubstr(output), HasSubstr("belongs to what was recorded")));
+  EXPECT_THAT(error_of([&] {
+                check_report_outputs(std::vector{page, folder / "./page.html"}, inputs);
+              }),
+              HasSubstr("both the page and the table"));
+  EXPECT_NO_THROW(check_report_outputs(std::vector{lesson.file("report.html"), lesson.file("table.csv")}, inputs));
 }
 
 TEST(SessionReport, IsTheSameInJsonAndInATable) {
