@@ -107,9 +107,8 @@ constexpr TrialFigure kFigures[] = {
      [](const TrialFigures& f) { return peak_of(f.deviation); },
      "Largest distance from where the path was at the same instant."},
     {"time_in_tunnel", "time in the tunnel", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.time_in_tunnel; },
-     "Share of the time that the hand was within the tunnel's radius of its place on the path; where a cursor was to "
-     "be "
-     "followed, within that radius of the cursor, and lateness counts."},
+     "Share of the time that the hand was within the tunnel's radius of its place on the path; in the mode cursor, "
+     "within that radius of the cursor, so that lateness counts."},
     {"completion", "path walked", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
      "Share of the path's length that was walked."},
     {"shape_distance_m", "distance of the shapes", "mm", 1e3, 2, -1,
