@@ -486,11 +486,8 @@ class SessionReading {
                       .figures = values_of(logged.figures)};
     add_settings(trial, logged.settings, programme_.exercise(logged.exercise));
     const std::string place = place_of(session_, logged);
-    if (!logged.finished())
-      session_.events.push_back({.kind = ReportEvent::Kind::stop,
-                                 .where = place,
-                                 .text = logged.stopped_by.empty() ? "nobody wrote down how it ended"
-                                                                   : in_words(trial.end_in_words(), logged.detail)});
+    const std::size_t first = session_.events.size();
+    if (!trial.finished() && !trial.out_of_time()) tell_end(trial, place);
     for (const std::string& notice : logged.notices) session_.events.push_back({.where = place, .text = notice});
     try {
       add_recording(trial, exercise, logged, place);
@@ -498,19 +495,26 @@ class SessionReading {
       trial.missing = error.what();
       session_.remarks.push_back(fmt::format("the recording of {} cannot be shown: {}", place, error.what()));
     }
+    // Its recording says where it was by then; one that is missing does not.
+    if (trial.out_of_time() &&
+        std::none_of(session_.events.begin() + static_cast<std::ptrdiff_t>(first), session_.events.end(),
+                     [](const ReportEvent& event) { return event.kind == ReportEvent::Kind::stop; }))
+      tell_end(trial, place);
     exercise.trials.push_back(std::move(trial));
+  }
+
+  void tell_end(const ReportTrial& trial, const std::string& place) {
+    session_.events.push_back({.kind = ReportEvent::Kind::stop,
+                               .where = place,
+                               .text = trial.stopped_by.empty() ? "nobody wrote down how it ended"
+                                                                : in_words(trial.end_in_words(), trial.detail)});
   }
 
   void add_recording(ReportTrial& trial, ReportExercise& exercise, const LoggedTrial& logged,
                      const std::string& place) {
     const std::string name = file(logged.file);
     const RecordingReader reader(name);
-    std::vector<StoredEvent> events = reader.events();
-    // The log has told that already.
-    if (trial.out_of_time())
-      std::erase_if(events,
-                    [](const StoredEvent& e) { return static_cast<EventCode>(e.code) == EventCode::time_over; });
-    add_events(session_.events, events, [&](double) { return place; });
+    add_events(session_.events, reader.events(), [&](double) { return place; });
     const std::vector<RecordedTrial> runs = read_trials(reader, name);
     if (runs.empty()) throw input_error(name + ": holds no repetition");
     const RecordedTrial& run = runs.back();

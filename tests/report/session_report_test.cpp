@@ -291,7 +291,7 @@ TEST(SessionReport, CountsARepetitionThatRanOutOfTimeInNothingButItsOwnRow) {
   for (const ReportEvent& event : report.sessions[0].events) stops.push_back(event.where + ": " + event.text);
   EXPECT_THAT(stops, testing::UnorderedElementsAre(
                          "before, repetition 5: ran out of time", "practice, repetition 5: ran out of time",
-                         "practice, repetition 6: ran out of time", "after, repetition 5: ran out of time"))
+                         "practice, repetition 6: over", "after, repetition 5: ran out of time"))
       << "every one is told once";
 }
 
