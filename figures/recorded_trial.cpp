@@ -170,11 +170,9 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   for (const RecordingSummary& block : reader.overview()) runs += block.run_rows;
 
   double scale = configured(header.config, "force-scale", 1.0);
+  // Who was left alone felt no force, and none is missing.
   if (configured<std::string>(header.config, "mode", "") == "free") scale = 0;
   if (configured<std::string>(header.config, "feel", "active") == "resist") scale = -scale;
-
-  // Who was left alone felt no force, and none is missing.
-  const bool alone = configured<std::string>(header.config, "mode", "") == "free";
 
   std::vector<RecordedTrial> trials;
   bool in_trial = false;
@@ -203,8 +201,10 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
       trial.force.push_back(sample.force);
       if (columns.force_measured) trial.measured.push_back(sample.force_measured);
       if (columns.reference) trial.reference.push_back(sample.reference_position);
-      if (columns.guidance) trial.progress.push_back(sample.progress);
-      if (columns.guidance && !alone) trial.expert.push_back(sample.reference_force);
+      if (columns.guidance) {
+        trial.expert.push_back(sample.reference_force);
+        trial.progress.push_back(sample.progress);
+      }
       if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
     }
   for (RecordedTrial& trial : trials)

@@ -148,24 +148,25 @@ TEST(Recorder, AbandonedKeepsItsRowsButIsNotComplete) {
 
 TEST(Recorder, CanBeReadWhileItRecords) {
   const TempFolder folder;
-  Recorder recorder(folder / "a.h5", {}, {});
-  for (std::uint64_t i = 0; i < 1000; ++i) recorder.push(row(i));
-  // Readers in other processes, as they would be; HDF5 keeps a file open in this one to itself.
-  for (int attempt = 0;; ++attempt) {
-    std::this_thread::sleep_for(50ms);
-    const pid_t child = fork();
-    if (child == 0) {
+  // A reader in another process, as it would be: HDF5 keeps a file open in this one to itself. It is there before the
+  // recorder's thread, whose locks it would else inherit as they are.
+  const pid_t reader = fork();
+  if (reader == 0) {
+    for (int attempt = 0; attempt < 200; ++attempt) {
+      std::this_thread::sleep_for(50ms);
       try {
-        _exit(RecordingReader(folder / "a.h5").rows() == 1000 ? 0 : 1);
+        if (RecordingReader(folder / "a.h5").rows() == 1000) _exit(0);
       } catch (...) {
-        _exit(2);
+        // It is not there yet.
       }
     }
-    int status = 0;
-    waitpid(child, &status, 0);
-    if (WEXITSTATUS(status) == 0) break;
-    ASSERT_LT(attempt, 100) << "exit " << WEXITSTATUS(status);
+    _exit(1);
   }
+  Recorder recorder(folder / "a.h5", {}, {});
+  for (std::uint64_t i = 0; i < 1000; ++i) recorder.push(row(i));
+  int status = 0;
+  ASSERT_EQ(waitpid(reader, &status, 0), reader);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << "the reader did not see every row";
   recorder.finish();
 }
 
