@@ -44,10 +44,10 @@ std::string settings_text(const Exercise& exercise, const TrialSettings& setting
 std::string figures_text(const nlohmann::json& figures) {
   std::string text;
   for (const char* name : {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc"}) {
-    const auto found = figures.is_object() ? figures.find(name) : figures.end();
-    if (found == figures.end() || !found->is_number()) continue;
+    const std::optional<double> value = figure_in(figures, name);
+    if (!value) continue;
     const TrialFigure& figure = trial_figure(name);
-    text += fmt::format("{}{} {:.{}f}{}{}", text.empty() ? "" : ", ", figure.title, figure.scale * found->get<double>(),
+    text += fmt::format("{}{} {:.{}f}{}{}", text.empty() ? "" : ", ", figure.title, figure.scale * *value,
                         figure.digits, *figure.unit != '\0' ? " " : "", figure.unit);
   }
   return text;

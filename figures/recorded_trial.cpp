@@ -310,4 +310,10 @@ nlohmann::json to_json(const TrialFigures& figures) {
   return json;
 }
 
+std::optional<double> figure_in(const nlohmann::json& figures, std::string_view name) {
+  if (!figures.is_object()) return std::nullopt;
+  const auto found = figures.find(name);
+  return found != figures.end() && found->is_number() ? std::optional(found->get<double>()) : std::nullopt;
+}
+
 }  // namespace haptrace

@@ -98,4 +98,7 @@ const TrialFigure& trial_figure(std::string_view name);
 /// Every figure by its name; null where it is undefined.
 nlohmann::json to_json(const TrialFigures& figures);
 
+/// The figure of this name in what to_json() made; nothing where it is undefined or missing, or `figures` is no object.
+std::optional<double> figure_in(const nlohmann::json& figures, std::string_view name);
+
 }  // namespace haptrace

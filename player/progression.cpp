@@ -9,11 +9,6 @@
 namespace haptrace {
 namespace {
 
-std::optional<double> measured(const nlohmann::json& figures, const std::string& name) {
-  const auto found = figures.is_object() ? figures.find(name) : figures.end();
-  return found != figures.end() && found->is_number() ? std::optional(found->get<double>()) : std::nullopt;
-}
-
 double median(std::vector<double> values) {
   std::sort(values.begin(), values.end());
   const std::size_t n = values.size();
@@ -60,7 +55,7 @@ TrialSettings ProgressionState::settings() const {
 void ProgressionState::learn(const LoggedTrial& trial) {
   if (!exercise_->progression) return;
   const Progression& progression = *exercise_->progression;
-  learn(trial.finished() ? shortfall(progression, measured(trial.figures, progression.figure)) : 1);
+  learn(trial.finished() ? shortfall(progression, figure_in(trial.figures, progression.figure)) : 1);
 }
 
 void ProgressionState::learn(double e) {
@@ -84,11 +79,11 @@ bool is_tired(const ProgrammeLimits::Fatigue& fatigue, const std::vector<nlohman
   const int better = trial_figure(fatigue.figure).better;
   std::optional<double> best;
   for (const nlohmann::json& one : figures)
-    if (const auto value = measured(one, fatigue.figure); value && (!best || better * (*value - *best) > 0))
+    if (const auto value = figure_in(one, fatigue.figure); value && (!best || better * (*value - *best) > 0))
       best = value;
   if (!best) return false;
   return std::all_of(figures.end() - fatigue.repetitions, figures.end(), [&](const nlohmann::json& one) {
-    const auto value = measured(one, fatigue.figure);
+    const auto value = figure_in(one, fatigue.figure);
     return !value || better * (*best - *value) > fatigue.worse * std::abs(*best);
   });
 }

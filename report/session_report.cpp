@@ -96,11 +96,7 @@ std::vector<std::optional<double>> values_of(const TrialFigures& figures) {
 /// As a log has them.
 std::vector<std::optional<double>> values_of(const nlohmann::json& figures) {
   std::vector<std::optional<double>> values;
-  for (const TrialFigure& figure : all_trial_figures()) {
-    const auto found = figures.is_object() ? figures.find(figure.name) : figures.end();
-    const bool known = figures.is_object() && found != figures.end() && found->is_number();
-    values.push_back(known ? std::optional(found->get<double>()) : std::nullopt);
-  }
+  for (const TrialFigure& figure : all_trial_figures()) values.push_back(figure_in(figures, figure.name));
   return values;
 }
 
