@@ -253,8 +253,7 @@ std::optional<DeviceProfile> find_profile(const DeviceIdentity& device) {
 std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& device, const DeviceFacts& facts,
                           double rate_hz, std::chrono::system_clock::time_point now) {
   constexpr const char* kAgain = "calibrate again (haptrace calibrate)";
-  if (profile.device.backend != device.backend || profile.device.model != device.model ||
-      profile.device.serial != device.serial)
+  if (profile.device != device)
     return fmt::format("the profile is of another device: of {}, and this is {}", name_of(profile.device),
                        name_of(device));
   if (!profile.fits) return fmt::format("the profile's model does not fit the device ({}); {}", profile.reason, kAgain);

@@ -15,6 +15,8 @@ namespace haptrace {
 /// Which device it is.
 struct DeviceIdentity {
   std::string backend, model, serial;
+
+  bool operator==(const DeviceIdentity&) const = default;
 };
 
 /// What a device said of itself when it was calibrated.

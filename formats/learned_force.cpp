@@ -123,8 +123,7 @@ std::optional<LearnedPath> load_learned(const std::string& file) {
 
 std::string check_learned(const LearnedPath& learned, const DeviceIdentity& device, const std::string& path_digest,
                           double speed, const Vec3& mass) {
-  if (learned.device.backend != device.backend || learned.device.model != device.model ||
-      learned.device.serial != device.serial)
+  if (learned.device != device)
     return fmt::format("it was learned on another device, {} {}", learned.device.model, learned.device.serial);
   if (learned.path_digest != path_digest) return "the path is another one now";
   if (std::abs(learned.speed - speed) > kSameSpeed * speed)

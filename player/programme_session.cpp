@@ -321,7 +321,7 @@ class ProgrammeRun {
 
   void check(const DeviceInfo& info) {
     const DeviceIdentity device = identity_of(info), begun = log().device;
-    if (device.backend == begun.backend && device.model == begun.model && device.serial == begun.serial) return;
+    if (device == begun) return;
     throw input_error(fmt::format(
         "{}: was begun with {} {} {}, and this is {} {} {}; figures of different devices "
         "cannot be compared: begin a session of its own",
