@@ -28,7 +28,7 @@ constexpr double kLargestRaise = 3;   // beyond which gains only hum
 constexpr double kMargin = 2;         // of the stable gains over the designed
 constexpr double kRippleCutoff = 25;  // [Hz]
 // Of a closed loop's ripple over the open one's, measured on simulated devices.
-constexpr double kRippleRise = 1.1, kPlainRippleRise = 1.29;
+constexpr double kRippleRise = 1.11, kPlainRippleRise = 1.29;
 // What a real device differs by from what was identified: it is lighter, and slower to answer.
 constexpr double kLighter = 0.8;
 constexpr double kLater = 0.5;  // ticks

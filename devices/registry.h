@@ -10,6 +10,16 @@
 
 namespace haptrace {
 
+/// A device that is plugged in, or offered by a program that runs here.
+struct FoundDevice {
+  std::string spec;      ///< what to say after --device to have it
+  std::string model;     ///< as far as it can be known without opening it
+  std::string serial;    ///< empty when unknown
+  std::string where;     ///< for example "usb 1-1.2"
+  std::string obstacle;  ///< why it cannot be opened; empty when nothing is known to be in the way
+  std::string remedy;    ///< the command that mends it, or what to do
+};
+
 /// One way to reach devices. A new one joins by being listed in device_backends().
 struct DeviceBackend {
   struct Option {
@@ -24,6 +34,10 @@ struct DeviceBackend {
 
   /// Throws Error(device) when the device is missing or refuses, Error(input) when an option is wrong.
   std::unique_ptr<Device> (*open)(const DeviceSpec& spec);
+
+  /// What is there to be opened, without opening it; null when there is nothing to look for. Does not throw: what
+  /// prevents it from looking is an obstacle of its own.
+  std::vector<FoundDevice> (*find)() = nullptr;
 };
 
 const std::vector<DeviceBackend>& device_backends();

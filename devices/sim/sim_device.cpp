@@ -250,7 +250,9 @@ void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& opti
   options.intent = Trajectory(path, Interpolation::cubic);
 }
 
-std::unique_ptr<Device> open_sim(const DeviceSpec& device) {
+}  // namespace
+
+std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device) {
   const std::string file = option(device, "spec"), intent = option(device, "intent");
   const json json_spec = merged_spec(device);
   SimSpec spec =
@@ -268,8 +270,6 @@ std::unique_ptr<Device> open_sim(const DeviceSpec& device) {
   return std::make_unique<SimDevice>(spec, options);
 }
 
-}  // namespace
-
 DeviceBackend sim_backend() {
   return {.name = "sim",
           .summary = "a simulated device in virtual time, held by a simulated hand",
@@ -284,7 +284,7 @@ DeviceBackend sim_backend() {
                       {"lost_at", "its cable slips out at this time of its own, to try that out [s]"},
                       {"lost_for", "and is in again after so long [s]; without it, when it is opened anew"}},
           .presets = device_preset_names(),
-          .open = open_sim};
+          .open = [](const DeviceSpec& device) -> std::unique_ptr<Device> { return open_sim_device(device); }};
 }
 
 }  // namespace haptrace

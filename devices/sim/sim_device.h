@@ -76,6 +76,9 @@ class SimDevice final : public Device {
   std::int64_t hand_tick_ = 0;  ///< when it is decided next [ns]
 };
 
+/// What `sim` makes of its options, for the plant of an emulated device too. Throws Error(input).
+std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device);
+
 /// `sim`, with the options preset, spec, hand, intent, fit and seed.
 DeviceBackend sim_backend();
 

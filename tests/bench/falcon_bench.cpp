@@ -1,5 +1,5 @@
 // What the mechanism and the packets of a Falcon cost a tick.
-#include "devices/falcon_calibration.h"
+#include "devices/falcon/calibration.h"
 
 #include <benchmark/benchmark.h>
 #include <cmath>

@@ -1,5 +1,5 @@
 // What a Falcon sends, or whatever else is on its line: a packet is found where one is, and nowhere else.
-#include "devices/falcon_protocol.h"
+#include "devices/falcon/protocol.h"
 #include "tests/fuzz/fuzz.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "devices/falcon_calibration.h"
+#include "devices/falcon/calibration.h"
 
 #include "formats/json_reader.h"
 #include "tests/devices/support.h"

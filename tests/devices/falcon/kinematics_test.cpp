@@ -1,4 +1,4 @@
-#include "devices/falcon_kinematics.h"
+#include "devices/falcon/kinematics.h"
 
 #include "tests/devices/support.h"
 #include "tests/support/allocations.h"

@@ -1,4 +1,4 @@
-#include "devices/falcon_protocol.h"
+#include "devices/falcon/protocol.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "devices/falcon_calibration.h"
+#include "devices/falcon/calibration.h"
 
 #include "control/error.h"
 #include "formats/json_reader.h"

@@ -1,72 +1,34 @@
-// What every device keeps, whatever it is. A device joins by being listed.
-#include "devices/plugin_device.h"
-#include "devices/recovering_device.h"
-#include "devices/replay_device.h"
-#include "devices/sim/presets.h"
+#include "tests/devices/device_laws.h"
+
 #include "tests/devices/support.h"
 #include "tests/support/allocations.h"
 
 #include <cstring>
-#include <functional>
 #include <gmock/gmock.h>
+#include <thread>
 
 namespace haptrace::test {
 namespace {
 
-struct Listed {
-  std::string name;
-  std::function<std::unique_ptr<Device>()> open;
-  bool obeys_force = true;  ///< moves when pushed
-  bool rests = true;        ///< nothing pulls at it when no force is sent
-};
-
-void PrintTo(const Listed& device, std::ostream* out) {
-  *out << device.name;
-}
-
-std::unique_ptr<Device> open_replay() {
-  ReplayDevice::Rows recording;
-  for (int k = 0; k < 3000; ++k) {
-    recording.time_ns.push_back(1'000'000LL * k);
-    recording.position.emplace_back(0.05 * std::cos(0.002 * k), 0.05 * std::sin(0.002 * k), 0);
-  }
-  return std::make_unique<ReplayDevice>(DeviceInfo{.max_force = 5}, recording);
-}
-
-std::unique_ptr<Device> open_spec(const char* json) {
-  return std::make_unique<SimDevice>(read_sim_spec(nlohmann::json::parse(json), "test"));
-}
-
-std::vector<Listed> listed() {
-  std::vector<Listed> devices;
-  for (const std::string& preset : device_preset_names()) {
-    const bool rests = preset != "reference";
-    devices.push_back({"sim_" + preset, [preset] { return open_device("sim:preset=" + preset); }, true, rests});
-    devices.push_back(
-        {"held_" + preset, [preset] { return open_device("sim:hand=firm,seed=3,preset=" + preset); }, true, false});
-  }
-  const auto spec = [&devices](const char* name, const char* json, bool rests = true) {
-    devices.push_back({name, [json] { return open_spec(json); }, true, rests});
-  };
-  spec("spec_minimal", R"({"mass": 1, "max_force": 10})");
-  spec("spec_rigid_friction", R"({"mass": 0.3, "max_force": 10, "coulomb": 1, "force_resolution": 0.1})");
-  spec("spec_structure", R"({"mass": 0.3, "max_force": 10, "coulomb": 0.5, "backlash": 1e-4,
-                             "structural_mode": {"frequency_hz": 40}, "hand": "tense"})",
-       false);
-  spec("spec_sensor", R"({"mass": 0.3, "max_force": 10, "force_sensor": true, "hand": "pinch",
-                          "noise": {"position": 1e-5, "force": 0.01}})",
-       false);
-  devices.push_back({"plugin_mass", [] { return open_device("plugin:path=" MASS_PLUGIN); }});
-  devices.push_back({"replay", open_replay, false, false});
-  devices.push_back(
-      {"recovering",
-       [] { return std::make_unique<RecoveringDevice>([] { return open_device("plugin:path=" MASS_PLUGIN); }); }});
-  return devices;
-}
-
 class DeviceLaws : public testing::TestWithParam<Listed> {
  protected:
   std::unique_ptr<Device> device_ = GetParam().open();
+
+  [[nodiscard]] bool is_virtual() const { return device_->info().virtual_time; }
+
+  /// An exchange, and on the monotonic clock the time until the next.
+  static DeviceState step(Device& device, const Vec3& force, double dt) {
+    const DeviceState state = exchange(device, force, dt);
+    if (!device.info().virtual_time) std::this_thread::sleep_for(std::chrono::duration<double>(dt));
+    return state;
+  }
+
+  /// Where it is once it has answered what it was sent last.
+  static Vec3 settled(Device& device) {
+    DeviceState state;
+    for (int k = 0; k < 5; ++k) state = step(device, Vec3::Zero(), 1e-3);
+    return state.position;
+  }
 };
 
 TEST_P(DeviceLaws, DescribesItselfCoherently) {
@@ -79,13 +41,12 @@ TEST_P(DeviceLaws, DescribesItselfCoherently) {
   EXPECT_GT(info.max_force, 0);
   EXPECT_LE(info.max_continuous_force, info.max_force);
   EXPECT_GT(info.nominal_rate, 0);
-  EXPECT_TRUE(info.virtual_time);
   EXPECT_TRUE(info.force_axes[0] || info.force_axes[1] || info.force_axes[2]);
 }
 
 TEST_P(DeviceLaws, MeasuresWhatItSaysItMeasures) {
-  exchange(*device_, Vec3::Zero(), 0);
-  const DeviceState state = exchange(*device_, Vec3::Zero(), 1e-3);
+  step(*device_, Vec3::Zero(), 0);
+  const DeviceState state = step(*device_, Vec3::Zero(), 1e-3);
   EXPECT_EQ(is_finite(state.force), device_->info().measures_force);
   EXPECT_EQ(is_finite(state.velocity), device_->info().measures_velocity);
   EXPECT_EQ(state.orientation.coeffs().allFinite(), device_->info().measures_orientation);
@@ -93,6 +54,7 @@ TEST_P(DeviceLaws, MeasuresWhatItSaysItMeasures) {
 }
 
 TEST_P(DeviceLaws, StandsStillWhileTimeDoes) {
+  if (!is_virtual()) GTEST_SKIP() << "time goes on by itself";
   // Two devices, since a measurement may be noisy: a force without time changes nothing that comes after.
   const auto twin = GetParam().open();
   exchange(*device_, Vec3::Zero(), 0);
@@ -104,6 +66,7 @@ TEST_P(DeviceLaws, StandsStillWhileTimeDoes) {
 }
 
 TEST_P(DeviceLaws, DoesNotGoBackInTime) {
+  if (!is_virtual()) GTEST_SKIP() << "time goes on by itself";
   const auto twin = GetParam().open();
   for (int k = 0; k < 50; ++k) {
     exchange(*device_, Vec3(1, 1, 1), k % 2 == 0 ? -1.0 : 0.0);
@@ -114,11 +77,11 @@ TEST_P(DeviceLaws, DoesNotGoBackInTime) {
 
 TEST_P(DeviceLaws, StaysFiniteUnderRandomForces) {
   RandomForce force(11, device_->info().max_force);
-  exchange(*device_, Vec3::Zero(), 0);
+  step(*device_, Vec3::Zero(), 0);
   double largest = 0;
   for (int k = 0; k < 2000; ++k) {
     const double dt = 1e-3 * (1 + 0.5 * std::sin(k));
-    const DeviceState state = exchange(*device_, force(dt), dt);
+    const DeviceState state = step(*device_, force(dt), dt);
     ASSERT_TRUE(is_finite(state.position)) << "tick " << k;
     largest = std::max(largest, state.position.norm());
   }
@@ -126,7 +89,7 @@ TEST_P(DeviceLaws, StaysFiniteUnderRandomForces) {
 }
 
 TEST_P(DeviceLaws, MovesAlongTheForce) {
-  if (!GetParam().obeys_force) return;
+  if (!GetParam().obeys_force || !is_virtual()) return;
   for (int axis = 0; axis < 3; ++axis) {
     for (const double sign : {-1.0, 1.0}) {
       const auto pushed = GetParam().open(), left = GetParam().open();
@@ -142,13 +105,46 @@ TEST_P(DeviceLaws, MovesAlongTheForce) {
   }
 }
 
+TEST_P(DeviceLaws, MovesAlongTheForceInRealTime) {
+  if (!GetParam().obeys_force || is_virtual()) return;
+  const DeviceInfo& info = device_->info();
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!info.force_axes[static_cast<std::size_t>(axis)]) continue;
+    // To and fro, so that it ends near to where it began.
+    for (const double sign : {-1.0, 1.0}) {
+      const Vec3 start = settled(*device_), force = sign * 0.6 * info.max_force * Vec3::Unit(axis);
+      Vec3 moved = Vec3::Zero();
+      for (int k = 0; k < 30; ++k) moved = step(*device_, force, 1e-3).position - start;
+      for (int k = 0; k < 30; ++k) step(*device_, -force, 1e-3);
+      EXPECT_GT(sign * moved[axis], 1e-4) << "axis " << axis;
+      EXPECT_GT(sign * moved[axis], 0.7 * moved.norm()) << "axis " << axis << ": " << moved.transpose();
+    }
+  }
+}
+
 TEST_P(DeviceLaws, RestsWhenNothingPulls) {
   if (!GetParam().rests) return;
-  const Vec3 start = exchange(*device_, Vec3::Zero(), 0).position;
-  for (int k = 0; k < 200; ++k) EXPECT_EQ(exchange(*device_, Vec3::Zero(), 1e-3).position, start);
+  const Vec3 start = step(*device_, Vec3::Zero(), 0).position;
+  for (int k = 0; k < 200; ++k) EXPECT_EQ(step(*device_, Vec3::Zero(), 1e-3).position, start);
+}
+
+TEST_P(DeviceLaws, AnswersFreshlyInRealTime) {
+  if (is_virtual()) return;
+  // A machine that is busy with other tests delays some; a driver that does not keep up delays most.
+  std::vector<double> ages;
+  for (int k = 0; k < 500; ++k) {
+    DeviceState state;
+    ASSERT_EQ(device_->exchange({}, 1e-3, state), Device::Status::ok) << device_->lost_reason();
+    ages.push_back(state.age);
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  std::nth_element(ages.begin(), ages.begin() + 250, ages.end());
+  EXPECT_GE(ages.front(), 0);
+  EXPECT_LT(ages[250], 0.01);
 }
 
 TEST_P(DeviceLaws, TakesAForceThatIsNotANumberForNone) {
+  if (!is_virtual()) GTEST_SKIP() << "time goes on by itself";
   const auto twin = GetParam().open();
   const double infinity = std::numeric_limits<double>::infinity();
   const Vec3 bad[] = {nan3(), Vec3(infinity, 0, 0), Vec3(0, -infinity, kNaN)};
@@ -161,6 +157,7 @@ TEST_P(DeviceLaws, TakesAForceThatIsNotANumberForNone) {
 }
 
 TEST_P(DeviceLaws, RunsTwiceTheSame) {
+  if (!is_virtual()) GTEST_SKIP() << "time goes on by itself";
   const auto twin = GetParam().open();
   RandomForce force(5, device_->info().max_force), same(5, device_->info().max_force);
   for (int k = 0; k < 1000; ++k) {
@@ -194,11 +191,16 @@ TEST_P(DeviceLaws, IsLostAfterClose) {
   EXPECT_EQ(device_->exchange({}, 1e-3, state), Device::Status::lost);
 }
 
-INSTANTIATE_TEST_SUITE_P(All, DeviceLaws, testing::ValuesIn(listed()), [](const auto& device) {
+INSTANTIATE_TEST_SUITE_P(All, DeviceLaws, testing::ValuesIn(listed_devices()), [](const auto& device) {
   std::string name = device.param.name;
   std::replace(name.begin(), name.end(), '.', '_');
   return name;
 });
 
 }  // namespace
+
+void PrintTo(const Listed& device, std::ostream* out) {
+  *out << device.name;
+}
+
 }  // namespace haptrace::test

@@ -1,8 +1,8 @@
 // What nobody verified of the Novint Falcon, and a user can measure on his own.
 #pragma once
 
-#include "devices/falcon_kinematics.h"
-#include "devices/falcon_protocol.h"
+#include "devices/falcon/kinematics.h"
+#include "devices/falcon/protocol.h"
 
 #include <nlohmann/json.hpp>
 #include <string>

@@ -1,0 +1,155 @@
+#include "devices/threaded_device.h"
+
+#include "control/error.h"
+#include "tests/devices/support.h"
+#include "tests/support/allocations.h"
+
+#include <gmock/gmock.h>
+#include <thread>
+
+namespace haptrace::test {
+namespace {
+
+using testing::HasSubstr;
+using namespace std::chrono_literals;
+
+/// What a driver was told, and how it answers. Outlives it.
+struct Hardware {
+  std::atomic<double> force{kNaN};  ///< along x, of the last round [N]
+  std::atomic<int> rounds{0}, releases{0};
+  std::atomic<bool> answers{true}, breaks{false};
+};
+
+class FakeDriver final : public DeviceDriver {
+ public:
+  explicit FakeDriver(Hardware& hardware) : hardware_(hardware) { info_.name = "fake"; }
+  ~FakeDriver() override { release(); }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+
+  bool round(const Wrench& wrench, DeviceState& state) override {
+    hardware_.force = wrench.force.x();
+    ++hardware_.rounds;
+    if (hardware_.breaks) throw device_error("its magic smoke escaped");
+    std::this_thread::sleep_for(200us);
+    state.position = Vec3(hardware_.rounds, 0, 0);
+    return hardware_.answers;
+  }
+
+  void release() noexcept override {
+    if (released_) return;
+    released_ = true;
+    ++hardware_.releases;
+    hardware_.force = 0;
+  }
+
+ private:
+  Hardware& hardware_;
+  DeviceInfo info_;
+  bool released_ = false;
+};
+
+class ThreadedDeviceTest : public testing::Test {
+ protected:
+  Hardware hardware_;
+
+  std::unique_ptr<ThreadedDevice> open() {
+    return std::make_unique<ThreadedDevice>(std::make_unique<FakeDriver>(hardware_));
+  }
+
+  /// Waits until it is so; a test that waits in vain fails by what it expects next.
+  template <class Condition>
+  static void wait_until(Condition condition) {
+    for (int k = 0; k < 5000 && !condition(); ++k) std::this_thread::sleep_for(1ms);
+  }
+};
+
+TEST_F(ThreadedDeviceTest, SendsTheNewestWrenchAndAnswersWithTheNewestState) {
+  const auto device = open();
+  double before = 0;
+  for (int k = 1; k <= 20; ++k) {
+    exchange(*device, Vec3(k, 0, 0), 1e-3);
+    wait_until([&] { return hardware_.force == k; });
+    EXPECT_EQ(hardware_.force, k);
+    wait_until([&] { return exchange(*device, Vec3(k, 0, 0), 1e-3).position.x() > before; });
+    const double newest = exchange(*device, Vec3(k, 0, 0), 1e-3).position.x();
+    EXPECT_GT(newest, before);
+    before = newest;
+  }
+}
+
+TEST_F(ThreadedDeviceTest, SendsZeroForceWhenNobodyExchangesAnyMore) {
+  const auto device = open();
+  exchange(*device, Vec3(3, 0, 0), 1e-3);
+  wait_until([&] { return hardware_.force == 3; });
+  EXPECT_EQ(hardware_.force, 3);
+  wait_until([&] { return hardware_.force == 0; });
+  EXPECT_EQ(hardware_.force, 0);
+  const int rounds = hardware_.rounds;
+  wait_until([&] { return hardware_.rounds > rounds; });
+  EXPECT_GT(hardware_.rounds, rounds) << "the connection is kept alive";
+}
+
+TEST_F(ThreadedDeviceTest, SendsNoForceThatIsNotANumber) {
+  const auto device = open();
+  exchange(*device, Vec3(kNaN, 1, 1), std::numeric_limits<double>::quiet_NaN());
+  const int rounds = hardware_.rounds;
+  wait_until([&] { return hardware_.rounds > rounds + 1; });
+  EXPECT_EQ(hardware_.force, 0);
+}
+
+TEST_F(ThreadedDeviceTest, SaysHowOldAStateIs) {
+  const auto device = open();
+  hardware_.answers = false;
+  std::this_thread::sleep_for(30ms);
+  EXPECT_GE(exchange(*device, Vec3::Zero(), 1e-3).age, 0.02);
+}
+
+TEST_F(ThreadedDeviceTest, IsLostWithTheDriversReasonAndReleasedOnce) {
+  const auto device = open();
+  hardware_.breaks = true;
+  DeviceState state;
+  wait_until([&] { return device->exchange({}, 1e-3, state) == Device::Status::lost; });
+  EXPECT_EQ(device->exchange({}, 1e-3, state), Device::Status::lost);
+  EXPECT_THAT(device->lost_reason(), HasSubstr("magic smoke"));
+  device->close();
+  EXPECT_EQ(hardware_.releases, 1);
+}
+
+TEST_F(ThreadedDeviceTest, IsLostWhenItDoesNotAnswerForLong) {
+  const auto device = open();
+  hardware_.answers = false;
+  DeviceState state;
+  wait_until([&] { return device->exchange({}, 1e-3, state) == Device::Status::lost; });
+  EXPECT_EQ(device->exchange({}, 1e-3, state), Device::Status::lost);
+  EXPECT_THAT(device->lost_reason(), HasSubstr("no answer"));
+  wait_until([&] { return hardware_.releases == 1; });
+  EXPECT_EQ(hardware_.releases, 1);
+}
+
+TEST_F(ThreadedDeviceTest, IsNotOpenedWhenItNeverAnswers) {
+  hardware_.answers = false;
+  EXPECT_THAT(error_of([&] { (void)open(); }, Error::Kind::device), HasSubstr("fake: it was opened, but"));
+  EXPECT_EQ(hardware_.releases, 1);
+}
+
+TEST_F(ThreadedDeviceTest, LetsGoWithZeroForceWhenItIsClosed) {
+  const auto device = open();
+  exchange(*device, Vec3(3, 0, 0), 1e-3);
+  device->close();
+  EXPECT_EQ(hardware_.force, 0);
+  EXPECT_EQ(hardware_.releases, 1);
+  DeviceState state;
+  EXPECT_EQ(device->exchange({}, 1e-3, state), Device::Status::lost);
+  EXPECT_THAT(device->lost_reason(), HasSubstr("closed"));
+}
+
+TEST_F(ThreadedDeviceTest, AllocatesNothingInExchange) {
+  const auto device = open();
+  DeviceState state;
+  const std::size_t before = allocations();
+  for (int k = 0; k < 1000; ++k) (void)device->exchange({Vec3(1, k, kNaN), Vec3::Zero()}, 1e-3, state);
+  EXPECT_EQ(allocations(), before);
+}
+
+}  // namespace
+}  // namespace haptrace::test
