@@ -42,9 +42,9 @@ class DeviceDriver {
 /// fetched: that of the exchange before, as long as a round is shorter than a tick. DeviceState::age says since when.
 ///
 /// The thread watches over both sides. Without an exchange for kWatchdog, or for kWatchedTicks where ticks are as long
-/// as that, it sends zero force, and goes on with rounds, so that the hardware is neither forgotten under force nor lets
-/// the connection drop. A device that gave no answer for kPatience is lost, and zero force is sent before it is let go
-/// of.
+/// as that, it sends zero force, and goes on with rounds, so that the hardware is neither forgotten under force nor
+/// lets the connection drop. A device that gave no answer for kPatience is lost, and zero force is sent before it is
+/// let go of.
 ///
 /// Threads: as every device. Real-time: exchange posts and takes by atomics alone, and wakes a thread.
 class ThreadedDevice final : public Device {

@@ -24,8 +24,7 @@ bool is_emulated(const DeviceSpec& device) {
   const std::string text = option != device.options.end() ? option->second : "false";
   if (text == "true") return true;
   if (text != "false")
-    throw input_error(
-        fmt::format("--device '{}': emulated: expected true or false, found '{}'", device.text, text));
+    throw input_error(fmt::format("--device '{}': emulated: expected true or false, found '{}'", device.text, text));
   for (const auto& of_plant : sim_backend().options)
     if (device.options.contains(of_plant.key))
       throw input_error(fmt::format("--device '{}': {}: is for an emulated device; add emulated=true, or leave it out",
