@@ -23,6 +23,7 @@ nlohmann::json to_json(const DeviceInfo& info) {
           {"position_resolution_m", info.position_resolution},
           {"max_force_n", info.max_force},
           {"max_continuous_force_n", info.max_continuous_force},
+          {"max_torque_n_m", info.max_torque},
           {"nominal_rate_hz", info.nominal_rate},
           {"natural_duration_s", info.natural_duration}};
 }
@@ -53,6 +54,7 @@ std::string describe(const DeviceInfo& info) {
   line("position resolution", known(info.position_resolution, 1e3, "mm"));
   line("force", known(info.max_force, 1, "N"));
   line("continuous force", known(info.max_continuous_force, 1, "N"));
+  if (info.takes_torque()) line("torque", known(info.max_torque, 1, "N m"));
   line("rate", known(info.nominal_rate, 1, "Hz"));
   line("measures", fmt::format("position{}{}{}", info.measures_velocity ? ", velocity" : "",
                                info.measures_orientation ? ", orientation" : "", info.measures_force ? ", force" : ""));

@@ -11,9 +11,12 @@
 
 #include <algorithm>
 #include <fmt/format.h>
+#include <numbers>
 
 namespace haptrace::cli {
 namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
 
 struct PlayArguments {
   SessionArguments session;
@@ -23,7 +26,9 @@ struct PlayArguments {
   std::vector<std::string> without;
   bool forget = false;
   int learn = 0;
-  std::optional<double> kp, kd;
+  std::optional<double> kp, kd, kp_rotation, kd_rotation;
+  double max_torque = 0;
+  TurnOptions turn;
   PathArguments along{0.03};
   double speed = 1;
   std::string on_deviation = "stop", interpolation = "cubic";
@@ -37,6 +42,13 @@ std::optional<PdGains> gains_from(const PlayArguments& arguments) {
   if (!arguments.kp && !arguments.kd) return std::nullopt;
   if (!arguments.kp || !arguments.kd) throw input_error("--kp and --kd go together: give both, or neither");
   return PdGains{Vec3::Constant(*arguments.kp), Vec3::Constant(*arguments.kd)};
+}
+
+std::optional<OrientationGains> orientation_gains_from(const PlayArguments& arguments) {
+  if (!arguments.kp_rotation && !arguments.kd_rotation) return std::nullopt;
+  if (!arguments.kp_rotation || !arguments.kd_rotation)
+    throw input_error("--kp-rotation and --kd-rotation go together: give both, or neither");
+  return OrientationGains{*arguments.kp_rotation, *arguments.kd_rotation};
 }
 
 Compensations compensations_from(const std::vector<std::string>& without) {
@@ -117,6 +129,9 @@ std::string summary(const PlayArguments& arguments, const PlayResult& result, co
                         result.repetitions.size() > 1 ? fmt::format("repetition {}: ", i + 1) : "",
                         1e3 * figures.rms_error, 1e3 * figures.peak_error, figures.force_ripple, figures.max_force);
   }
+  if (std::isfinite(result.last.rms_rotation_error))
+    text += fmt::format("  orientation: rms error {:.2f} degrees, peak {:.2f} degrees\n",
+                        kDegrees * result.last.rms_rotation_error, kDegrees * result.last.peak_rotation_error);
   for (std::size_t i = 0; i < result.lessons.size(); ++i)
     if (result.lessons[i].outcome != IterativeLearning::Outcome::learned)
       text += fmt::format("  repetition {}: {}\n", i + 1, lesson_text(result.lessons[i].outcome));
@@ -167,6 +182,20 @@ Verb add_play(CLI::App& app) {
                    "beyond the limit: stop | pause (the path waits) | soften (the force grows no further)")
       ->capture_default_str()
       ->group("Safety");
+  verb->add_option(
+          "--kp-rotation", arguments->kp_rotation,
+          "proportional gain of the orientation [N m/rad], on a device that takes torque; without it, cautious")
+      ->group("Control");
+  verb->add_option("--kd-rotation", arguments->kd_rotation, "derivative gain of the orientation [N m s/rad]")
+      ->group("Control");
+  verb->add_flag("--position-only", arguments->turn.off, "do not turn the tool as the path's did")->group("Path");
+  verb->add_option("--max-torque", arguments->max_torque,
+                   "torque limit [N m]; at most, and without it, the device's own")
+      ->group("Safety");
+  verb->add_option("--max-rotation", arguments->turn.max_deviation,
+                   "deviation of the orientation beyond which the session stops [rad]")
+      ->capture_default_str()
+      ->group("Safety");
   arguments->tuning.add_to(*verb);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
@@ -191,6 +220,9 @@ Verb add_play(CLI::App& app) {
               options.playback.repetitions = std::max(arguments->learn, arguments->along.repeat);
             options.compensations = compensations_from(arguments->without);
             options.session = arguments->session.options(arguments->record, effective_config(*verb));
+            options.session.limits.max_torque = arguments->max_torque;
+            options.turn = arguments->turn;
+            options.turn.gains = orientation_gains_from(*arguments);
 
             const auto path = [&] {
               ReadProgress progress(output, arguments->path);
@@ -204,6 +236,8 @@ Verb add_play(CLI::App& app) {
             options.identified =
                 identified(arguments->profile.find(device->info(), arguments->session.rate_hz, output));
             PlayPlan plan = plan_playback(device->info(), path, options);
+            for (const std::string& note : plan.notes) output.remark(note);
+            notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
             std::optional<LearnedMemory> memory;
             if (options.identified && options.compensations.learning) {
               memory.emplace(memory_of(*arguments, device->info(), options.identified->design.mass));

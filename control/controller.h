@@ -42,8 +42,9 @@ struct Command {
   Wrench wrench;
   Reference reference;            ///< NaN when there is none
   Vec3 reference_force = nan3();  ///< [N]
-  double progress = kNaN;         ///< [m]
-  double tunnel_radius = kNaN;    ///< at that place [m]
+  Quat reference_orientation = nan_quat();
+  double progress = kNaN;       ///< [m]
+  double tunnel_radius = kNaN;  ///< at that place [m]
   Phase phase = Phase::idle;
   Status status = Status::working;
   std::optional<Event> event;  ///< something to tell; the loop stamps its time

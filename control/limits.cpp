@@ -13,6 +13,7 @@ void validate(const SafetyLimits& limits) {
   };
   check("the force limit [N]", limits.max_force, false);
   check("the continuous force limit [N]", limits.max_continuous_force, false);
+  check("the torque limit [N m]", limits.max_torque, false);
   check("the time constant of the continuous force limit [s]", limits.continuous_time, true);
   check("the velocity limit [m/s]", limits.max_velocity, false);
   check("the soft start [s]", limits.soft_start, false);

@@ -12,6 +12,7 @@ struct SafetyLimits {
   double max_force = 0;             ///< magnitude [N]
   double max_continuous_force = 0;  ///< rms magnitude over continuous_time [N]
   double continuous_time = 10;      ///< time constant of the continuous limit [s]
+  double max_torque = 0;            ///< magnitude [N m]
   double max_velocity = 0;          ///< speed of the tool beyond which the session stops [m/s]
   double soft_start = 0.25;         ///< over which forces ramp from nothing at the start [s]
   double release = 0.25;            ///< over which forces ramp to nothing at the end [s]

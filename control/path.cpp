@@ -11,15 +11,25 @@ namespace {
 /// No device reaches this far; a path that does was written in millimetres.
 constexpr double kLargestExtent = 50;  // [m]
 
-void check_column(const Path& path, const std::vector<Vec3>& column, const char* name, std::uint64_t rows_before,
-                  bool required) {
-  if (column.empty() && !required) return;
+constexpr double kUnit = 1e-3;  // how far the norm of a quaternion may be from 1
+
+bool is_number(const Vec3& v) {
+  return is_finite(v);
+}
+
+bool is_unit(const Quat& q) {
+  return std::abs(q.norm() - 1) <= kUnit;
+}
+
+template <class Value>
+void check_column(const Path& path, const std::vector<Value>& column, const char* name, std::uint64_t rows_before,
+                  bool (*is_good)(const Value&), const char* what) {
   if (column.size() != path.size())
     throw input_error(fmt::format("{}: {} has {} rows but time has {}", path.name, name, column.size(), path.size()));
-  const auto bad = std::find_if_not(column.begin(), column.end(), is_finite);
+  const auto bad = std::find_if_not(column.begin(), column.end(), is_good);
   if (bad != column.end())
-    throw input_error(fmt::format("{}: row {}: {} is not a finite number", path.name,
-                                  rows_before + static_cast<std::uint64_t>(bad - column.begin()) + 1, name));
+    throw input_error(fmt::format("{}: row {}: {} is not a {}", path.name,
+                                  rows_before + static_cast<std::uint64_t>(bad - column.begin()) + 1, name, what));
 }
 
 }  // namespace
@@ -40,9 +50,11 @@ void validate(const Path& path, std::uint64_t rows_before) {
           fmt::format("{}: row {}: time {} s does not come after {} s of the row before; time stamps must increase",
                       path.name, rows_before + i + 1, path.time[i], path.time[i - 1]));
   }
-  check_column(path, path.position, "position", rows_before, true);
-  check_column(path, path.velocity, "velocity", rows_before, false);
-  check_column(path, path.force, "force", rows_before, false);
+  check_column(path, path.position, "position", rows_before, is_number, "finite number");
+  if (!path.velocity.empty()) check_column(path, path.velocity, "velocity", rows_before, is_number, "finite number");
+  if (!path.force.empty()) check_column(path, path.force, "force", rows_before, is_number, "finite number");
+  if (!path.orientation.empty())
+    check_column(path, path.orientation, "orientation", rows_before, is_unit, "unit quaternion");
   validate_size(path.name, path.bounds());
 }
 

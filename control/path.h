@@ -29,6 +29,7 @@ struct Path {
   std::vector<Vec3> position;      ///< p_WT [m]
   std::vector<Vec3> velocity;      ///< [m/s], or empty
   std::vector<Vec3> force;         ///< on the hand, [N], or empty
+  std::vector<Quat> orientation;   ///< of the tool, unit quaternions, or empty
   std::vector<std::string> notes;  ///< what a reader noticed and a person should know
 
   [[nodiscard]] std::size_t size() const noexcept { return time.size(); }
@@ -36,9 +37,9 @@ struct Path {
   [[nodiscard]] Box bounds() const;
 };
 
-/// Throws Error(input) naming the row unless the path has a sample, equal columns, finite values and strictly
-/// increasing time; or when its size can only be a unit mistake (wider or farther than 50 m). Rows count from 1, after
-/// the `rows_before` of a longer path.
+/// Throws Error(input) naming the row unless the path has a sample, equal columns, finite values, unit quaternions and
+/// strictly increasing time; or when its size can only be a unit mistake (wider or farther than 50 m). Rows count from
+/// 1, after the `rows_before` of a longer path.
 void validate(const Path& path, std::uint64_t rows_before = 0);
 
 /// Throws Error(input) when positions within `bounds` can only be a unit mistake.
@@ -66,7 +67,7 @@ inline Fit fit_into(const Path& path, const Box& workspace, double margin = 0.05
   return fit_into(path.bounds(), workspace, margin);
 }
 
-/// Applies a fit to positions and velocities. Forces stay as they were felt.
+/// Applies a fit to positions and velocities. Forces stay as they were felt, and the tool points as it did.
 void apply(const Fit& fit, Path& path);
 
 }  // namespace haptrace

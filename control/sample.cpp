@@ -2,8 +2,14 @@
 
 #include <cmath>
 #include <fmt/format.h>
+#include <numbers>
 
 namespace haptrace {
+namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
+
+}  // namespace
 
 std::string describe(const Event& event) {
   const auto& [a, b, c] = event.values;
@@ -70,6 +76,9 @@ std::string describe(const Event& event) {
       return fmt::format("stopped: the path cannot be played beyond {:.3f} s", a);
     case EventCode::time_over:
       return fmt::format("the time is over at {:.3f} m of {:.3f} m", a, b);
+    case EventCode::rotation_limit:
+      return fmt::format("stopped: the tool points {:.1f} degrees off, the limit is {:.1f}", kDegrees * a,
+                         kDegrees * b);
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

@@ -21,8 +21,9 @@ struct Sample {
   Vec3 reference_position = nan3();
   Vec3 reference_velocity = nan3();
   Vec3 reference_force = nan3();  ///< the expert's force at the present point of the path [N]
-  double progress = kNaN;         ///< arc length of the projection on the path [m]
-  double tunnel_radius = kNaN;    ///< of the tunnel at that place [m]
+  Quat reference_orientation = nan_quat();
+  double progress = kNaN;       ///< arc length of the projection on the path [m]
+  double tunnel_radius = kNaN;  ///< of the tunnel at that place [m]
   std::uint32_t buttons = 0;
   Phase phase = Phase::idle;
   float latency = 0;  ///< wake-up minus deadline [s]
@@ -59,6 +60,7 @@ enum class EventCode : std::int32_t {
   path_unreadable = 61,  ///< values: time of the path [s]
   device_found = 62,     ///< the device that was lost is back; values: how long it was away [s]
   time_over = 63,        ///< of a repetition; values: how far the trainee came [m], of what length [m]
+  rotation_limit = 64,   ///< values: deviation of the orientation [rad], limit [rad]
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().

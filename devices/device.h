@@ -29,6 +29,7 @@ struct DeviceInfo {
   double position_resolution = 0;           ///< [m]
   double max_force = 0;                     ///< magnitude [N]
   double max_continuous_force = 0;          ///< magnitude [N]
+  double max_torque = 0;                    ///< magnitude [N m]
   double nominal_rate = 1000;               ///< [Hz]
   double natural_duration = 0;              ///< of what it has to show, an intent or a recording [s]; 0: endless
   std::vector<std::string> notes;           ///< what a person should know before using it

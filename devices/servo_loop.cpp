@@ -11,11 +11,12 @@
 namespace haptrace {
 namespace {
 
-constexpr double kFlightRecord = 0.2;    // [s]
-constexpr double kFaultFade = 0.05;      // over which the last good force fades after a deviation stop [s]
-constexpr double kEventSpacing = 1.0;    // between two events of a limit that binds again and again [s]
-constexpr double kLongestWait = 86400;   // for a device that is away [s]
-constexpr double kReleasedForce = 1e-3;  // below which there is nothing left to fade [N]
+constexpr double kFlightRecord = 0.2;     // [s]
+constexpr double kFaultFade = 0.05;       // over which the last good force fades after a deviation stop [s]
+constexpr double kEventSpacing = 1.0;     // between two events of a limit that binds again and again [s]
+constexpr double kLongestWait = 86400;    // for a device that is away [s]
+constexpr double kReleasedForce = 1e-3;   // below which there is nothing left to fade [N]
+constexpr double kReleasedTorque = 1e-5;  // [N m]
 
 /// Keeps the last samples of a session in memory that is allocated at its start.
 class FlightRecorder {
@@ -105,6 +106,7 @@ ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& 
   };
   ceiling(options_.limits.max_force, device_.info().max_force);
   ceiling(options_.limits.max_continuous_force, device_.info().max_continuous_force);
+  ceiling(options_.limits.max_torque, device_.info().max_torque);
 }
 
 /// One run of the loop: the state that its ticks share.
@@ -310,29 +312,40 @@ class ServoLoop::Session {
         break;
       case Mode::fading:
         // What the controller asks for is no longer trusted; what was last sent is, and it fades.
-        if (!fault_force_) {
-          fault_force_ = wrench_.force;
+        if (!fault_wrench_) {
+          fault_wrench_ = wrench_;
           fade_ = Ramp(1);
         }
         scale = fade_.advance(0, dt, kFaultFade);
-        asked = {*fault_force_, Vec3::Zero()};
+        asked = *fault_wrench_;
         break;
     }
     // Where there is no motor nothing is asked for: it would use up the limit of the others.
     for (int axis = 0; axis < 3; ++axis) {
       const auto i = static_cast<std::size_t>(axis);
       if (!loop_.device_.info().force_axes[i]) asked.force[axis] = 0;
-      wrench_.torque[axis] = loop_.device_.info().torque_axes[i] ? scale * asked.torque[axis] : 0;
+      if (!loop_.device_.info().torque_axes[i]) asked.torque[axis] = 0;
     }
+    wrench_.torque = limited_torque(scale * asked.torque);
     const ForceLimiter::Result limited = limiter_.limit(scale * asked.force, 1e-9 * static_cast<double>(period_ns_));
     wrench_.force = limited.force;
     if (limited.verdict != ForceLimiter::Verdict::free) tell_of_limit(limited, state.time_ns);
     if (const auto event = budget_.update(limiter_, wrench_.force.stableNorm())) push_event(state.time_ns, *event);
 
-    if (mode_ != Mode::running && (scale == 0 || wrench_.force.stableNorm() < kReleasedForce)) {
+    if (mode_ != Mode::running && (scale == 0 || is_released(wrench_))) {
       wrench_ = {};
       ended_ = true;
     }
+  }
+
+  /// Its magnitude within the limit, its axis kept.
+  [[nodiscard]] Vec3 limited_torque(const Vec3& torque) const noexcept {
+    const double most = loop_.options_.limits.max_torque, asked = torque.stableNorm();
+    return most > 0 && asked > most ? Vec3(torque * (most / asked)) : torque;
+  }
+
+  static bool is_released(const Wrench& wrench) noexcept {
+    return wrench.force.stableNorm() < kReleasedForce && wrench.torque.stableNorm() < kReleasedTorque;
   }
 
   void tell_of_limit(const ForceLimiter::Result& limited, std::int64_t time_ns) noexcept {
@@ -369,6 +382,7 @@ class ServoLoop::Session {
     sample.reference_position = command.reference.position;
     sample.reference_velocity = command.reference.velocity;
     sample.reference_force = command.reference_force;
+    sample.reference_orientation = command.reference_orientation;
     sample.progress = command.progress;
     sample.tunnel_radius = command.tunnel_radius;
     sample.buttons = state.buttons;
@@ -439,7 +453,7 @@ class ServoLoop::Session {
   DeviceState device_state_;
   Wrench wrench_;  ///< to be sent at the next exchange
   Ramp fade_;
-  std::optional<Vec3> fault_force_;
+  std::optional<Wrench> fault_wrench_;  ///< the last that was sent before it
   bool limit_told_ = false;
   std::int64_t limit_told_ns_ = 0;
 };

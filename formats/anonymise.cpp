@@ -119,7 +119,8 @@ class Anonymised final : public AnonymisedSource {
         EventCode::deviation_over,    EventCode::not_finite,     EventCode::device_not_ready,
         EventCode::device_ready,      EventCode::device_lost,    EventCode::oscillation,
         EventCode::oscillation_stays, EventCode::warming,        EventCode::hand_resists,
-        EventCode::hand_let_go,       EventCode::device_found,   EventCode::time_over};
+        EventCode::hand_let_go,       EventCode::device_found,   EventCode::time_over,
+        EventCode::rotation_limit};
     if (is_one_of_codes(code, kOfNumbers)) return;
     std::string text = code == EventCode::repetition ? "repetition" : describe({0, code, {}});
     if (code == EventCode::repetition && event.text.starts_with("repetition ") &&

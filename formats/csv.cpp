@@ -1,6 +1,7 @@
 #include "formats/csv.h"
 
 #include "control/error.h"
+#include "control/rotation.h"
 
 #include <algorithm>
 #include <cmath>
@@ -41,8 +42,9 @@ const std::vector<std::string_view>& cell_names() {
 }
 
 /// A column that holds a number in every row stays; one that holds none goes; one in between goes with a note.
-void settle(std::vector<Vec3>& column, const char* name, std::vector<std::string>& notes) {
-  const auto known = std::count_if(column.begin(), column.end(), is_finite);
+template <class Value>
+void settle(std::vector<Value>& column, const char* name, std::vector<std::string>& notes) {
+  const auto known = std::count_if(column.begin(), column.end(), [](const Value& value) { return is_finite(value); });
   if (known == std::ssize(column)) return;
   if (known > 0)
     notes.push_back(
@@ -193,9 +195,11 @@ Path read_csv(const std::string& file) {
     path.position.emplace_back(cell[1], cell[2], cell[3]);
     if (reader.has(2)) path.velocity.emplace_back(cell[4], cell[5], cell[6]);
     if (reader.has(3)) path.force.emplace_back(cell[7], cell[8], cell[9]);
+    if (reader.has(4)) path.orientation.emplace_back(cell[10], cell[11], cell[12], cell[13]);
   }
   settle(path.velocity, "velocity", path.notes);
   settle(path.force, "force", path.notes);
+  settle(path.orientation, "orientation", path.notes);
   return path;
 }
 
@@ -205,12 +209,17 @@ void write_csv(const Path& path, const std::string& file, bool overwrite) {
   text = "t,x,y,z";
   if (!path.velocity.empty()) text += ",vx,vy,vz";
   if (!path.force.empty()) text += ",fx,fy,fz";
+  if (!path.orientation.empty()) text += ",qw,qx,qy,qz";
   text += '\n';
   const auto out = std::back_inserter(text);
   for (std::size_t i = 0; i < path.size(); ++i) {
     fmt::format_to(out, "{}", path.time[i]);
     for (const std::vector<Vec3>* column : {&path.position, &path.velocity, &path.force})
       if (!column->empty()) fmt::format_to(out, ",{},{},{}", (*column)[i].x(), (*column)[i].y(), (*column)[i].z());
+    if (!path.orientation.empty()) {
+      const Quat& q = path.orientation[i];
+      fmt::format_to(out, ",{},{},{},{}", q.w(), q.x(), q.y(), q.z());
+    }
     text += '\n';
     writer.save();
   }

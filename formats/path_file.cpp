@@ -56,10 +56,11 @@ void write_recording(const Path& path, const std::string& file, const std::strin
     sample.position = path.position[i];
     sample.velocity = path.velocity.empty() ? nan3() : path.velocity[i];
     sample.force = path.force.empty() ? nan3() : path.force[i];
+    if (!path.orientation.empty()) sample.orientation = path.orientation[i];
     sample.phase = Phase::run;
   }
   RecordingWriter writer(
-      file, header, {},
+      file, header, {.orientation = !path.orientation.empty()},
       {.overwrite = overwrite, .storage = {.rows_per_chunk = std::min<std::size_t>(path.size(), 2048)}});
   writer.append(samples);
   writer.finish();

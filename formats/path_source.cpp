@@ -1,6 +1,7 @@
 #include "formats/path_source.h"
 
 #include "control/error.h"
+#include "control/rotation.h"
 
 #include <algorithm>
 #include <array>
@@ -12,7 +13,7 @@ namespace {
 
 constexpr std::uint64_t kPathBlock = 8192;  // rows
 constexpr double kPathSpeedWindow = 0.01;   // [s]
-constexpr std::array<std::string_view, 4> kPathColumns{"time", "position", "velocity", "force"};
+constexpr std::array<std::string_view, 5> kRecordedColumns{"time", "position", "velocity", "force", "orientation"};
 constexpr std::array<std::string_view, 6> kFigureColumns{"time", "tick", "position", "velocity", "force", "phase"};
 constexpr std::array<std::string_view, 1> kPhase{"phase"};
 
@@ -59,6 +60,7 @@ class MemoryPath final : public PathSource {
     facts_.end = path_.time.back();
     facts_.velocity = !path_.velocity.empty();
     facts_.force = !path_.force.empty();
+    facts_.orientation = !path_.orientation.empty();
     facts_.notes = path_.notes;
     measure();
   }
@@ -75,7 +77,8 @@ class MemoryPath final : public PathSource {
             .time = part(path_.time),
             .position = part(path_.position),
             .velocity = part(path_.velocity),
-            .force = part(path_.force)};
+            .force = part(path_.force),
+            .orientation = part(path_.orientation)};
   }
 
   [[nodiscard]] std::uint64_t row_at(double time) const override {
@@ -98,6 +101,7 @@ class MemoryPath final : public PathSource {
     keep(path_.position);
     keep(path_.velocity);
     keep(path_.force);
+    keep(path_.orientation);
     keep(path_.time);
   }
 
@@ -153,12 +157,14 @@ class RecordedPath final : public PathSource {
     const std::uint64_t end = rows_.begin + first + std::min(count, rows_.size() - first);
     Path path{.name = facts_.name};
     for (std::uint64_t row = rows_.begin + first; row < end; row += kRowsAtOnce)
-      for (const Sample& sample : reader_.read(row, std::min(kRowsAtOnce, end - row), kPathColumns)) {
+      for (const Sample& sample : reader_.read(row, std::min(kRowsAtOnce, end - row), columns())) {
         path.time.push_back(seconds(sample.time_ns));
         path.position.push_back(sample.position);
         if (facts_.velocity) path.velocity.push_back(sample.velocity);
         if (facts_.force) path.force.push_back(sample.force);
+        if (facts_.orientation) path.orientation.push_back(sample.orientation);
       }
+    fill_gaps(path.orientation, rows_.begin + first);
     validate(path, rows_.begin + first);
     return path;
   }
@@ -176,7 +182,7 @@ class RecordedPath final : public PathSource {
   }
 
   [[nodiscard]] double time_of(std::uint64_t row) const {
-    return seconds(reader_.read(row, 1, std::span(kPathColumns).first(1)).front().time_ns);
+    return seconds(reader_.read(row, 1, std::span(kRecordedColumns).first(1)).front().time_ns);
   }
 
   [[nodiscard]] Rows choose(const std::vector<RecordingSummary>& overview, const RecordingSummary& whole,
@@ -273,6 +279,33 @@ class RecordedPath final : public PathSource {
     validate_size(facts_.name, facts_.bounds);
     facts_.velocity = usable(with_velocity, "velocity");
     facts_.force = usable(with_force, "force");
+    facts_.orientation = reader_.columns().orientation && is_finite(first_orientation());
+  }
+
+  /// What is read of every row.
+  [[nodiscard]] std::span<const std::string_view> columns() const {
+    return std::span(kRecordedColumns).first(facts_.orientation ? 5 : 4);
+  }
+
+  [[nodiscard]] Quat first_orientation() const {
+    return reader_.read(rows_.begin, 1, std::span(kRecordedColumns).last(1)).front().orientation;
+  }
+
+  /// An orientation that is not known is the last that is, or at the beginning of a piece the first.
+  void fill_gaps(std::vector<Quat>& orientation, std::uint64_t first_row) const {
+    if (orientation.empty()) return;
+    const auto known = [](const Quat& q) { return is_finite(q); };
+    const auto first = std::find_if(orientation.begin(), orientation.end(), known);
+    if (first == orientation.end())
+      throw input_error(
+          fmt::format("{}: from row {} on, {} rows do not know how the tool pointed; --position-only plays "
+                      "the path without orientation",
+                      facts_.name, first_row + 1, orientation.size()));
+    Quat last = *first;
+    for (Quat& q : orientation) {
+      if (!known(q)) q = last;
+      last = q;
+    }
   }
 
   [[nodiscard]] RecordingSummary summary_of(const Rows& rows) const {

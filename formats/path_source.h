@@ -24,6 +24,7 @@ struct PathFacts {
   double longest_interval = 0;     ///< between two rows [s]
   bool velocity = false;           ///< every row has a velocity, and pieces hold it
   bool force = false;              ///< every row has a force, and pieces hold it
+  bool orientation = false;        ///< pieces hold orientations
   std::vector<std::string> notes;  ///< what a person should know
 
   [[nodiscard]] double duration() const noexcept { return end - begin; }
@@ -75,6 +76,8 @@ using RowsDone = std::function<void(std::uint64_t)>;
 /// selected, and when a repetition is asked for: a path has none.
 std::unique_ptr<PathSource> source_of(Path path, const PathSelection& selection = {});
 
+/// Where a recording does not know how the tool pointed, it points as it did last.
+///
 /// A recording: the rows of phase run of one repetition, or all rows when none is of phase run. Opens in milliseconds
 /// at any length, since nothing is read but the recording's overview and the blocks in which the path begins and ends.
 /// Throws Error(input): no rows, none selected, a repetition that is not there, positions that are not numbers.

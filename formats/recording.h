@@ -50,6 +50,7 @@ struct RecordingColumns {
   bool reference = false;  ///< reference_position and reference_velocity
   bool guidance = false;   ///< reference_force and progress
   bool tunnel = false;     ///< tunnel_radius
+  bool reference_orientation = false;
 };
 
 /// Bytes of a row that is stored as it lies in memory.

@@ -296,13 +296,18 @@ class Laws {
       findings_.add_row(
           Severity::error, "/samples/force", row, "max",
           fmt::format("has the magnitude {:.6g} N, more than max_force_n = {:.6g} N", force, header_.max_force_n));
-    const double norm = s.orientation.norm();
-    if (!std::isnan(norm) && std::abs(norm - 1) > kQuaternionTolerance)
-      findings_.add_row(Severity::error, "/samples/orientation", row, "unit",
-                        fmt::format("is not a unit quaternion: its norm is {:.6g}", norm));
+    check_unit(row, "/samples/orientation", s.orientation);
+    check_unit(row, "/samples/reference_orientation", s.reference_orientation);
     if (s.latency < 0)
       findings_.add_row(Severity::warning, "/samples/latency", row, "negative",
                         fmt::format("is negative: {:.3g} s", s.latency));
+  }
+
+  void check_unit(std::uint64_t row, const char* where, const Quat& orientation) {
+    const double norm = orientation.norm();
+    if (!std::isnan(norm) && std::abs(norm - 1) > kQuaternionTolerance)
+      findings_.add_row(Severity::error, where, row, "unit",
+                        fmt::format("is not a unit quaternion: its norm is {:.6g}", norm));
   }
 
   void check_step(std::uint64_t row, const Sample& s) {

@@ -1,5 +1,6 @@
 #include "formats/recording_figure.h"
 
+#include "control/rotation.h"
 #include "formats/recording_summary.h"
 
 #include <algorithm>
@@ -7,6 +8,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <limits>
+#include <numbers>
 #include <string_view>
 
 namespace haptrace {
@@ -120,6 +122,7 @@ std::vector<std::pair<int, int>> planes_of(const Box& box) {
   return planes;
 }
 
+constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
 constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
 constexpr std::array<int, 3> kAxisColors{kBlue, kOrange, kGreen};
 
@@ -147,6 +150,62 @@ Panel time_panel(std::string title, std::string y_label, std::vector<TimeLine>& 
   return panel;
 }
 
+/// How the tool pointed: the angle to its reference, or, without one, its rotation vector from where it pointed first;
+/// and the torque that turned it.
+class TurningLines {
+ public:
+  TurningLines(const RecordingColumns& columns, std::uint64_t rows)
+      : pointed_(columns.orientation), tracked_(columns.orientation && columns.reference_orientation) {
+    if (tracked_) rotation_.emplace_back("deviation", kBlue, rows);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (pointed_ && !tracked_) rotation_.emplace_back(kAxes[axis], kAxisColors[axis], rows);
+      if (columns.torque) torque_.emplace_back(kAxes[axis], kAxisColors[axis], rows);
+    }
+  }
+
+  void name_columns(std::vector<std::string_view>& columns) const {
+    if (pointed_) columns.emplace_back("orientation");
+    if (tracked_) columns.emplace_back("reference_orientation");
+    if (!torque_.empty()) columns.emplace_back("torque");
+  }
+
+  void add(double t, const Sample& sample) {
+    for (std::size_t axis = 0; axis < torque_.size(); ++axis)
+      torque_[axis].add(t, sample.torque[static_cast<Eigen::Index>(axis)]);
+    if (tracked_) {
+      const double angle = rotation_between(sample.orientation, sample.reference_orientation).norm();
+      rotation_[0].add(t, sample.phase == Phase::run ? kDegrees * angle : kNaN);
+    } else if (pointed_) {
+      if (!is_finite(first_)) first_ = sample.orientation;
+      const Vec3 rotation = kDegrees * rotation_between(first_, sample.orientation);
+      for (int axis = 0; axis < 3; ++axis) rotation_[std::size_t(axis)].add(t, rotation[axis]);
+    }
+  }
+
+  void end_block() {
+    for (std::vector<TimeLine>* lines : {&rotation_, &torque_})
+      for (TimeLine& line : *lines) line.end_block();
+  }
+
+  /// A row for each that the recording knows.
+  void draw(Figure& figure, double duration) {
+    if (pointed_)
+      add_row(figure, tracked_ ? time_panel("deviation of the orientation", "deviation [degrees]", rotation_, duration)
+                               : time_panel("rotation of the tool", "rotation [degrees]", rotation_, duration));
+    if (!torque_.empty()) add_row(figure, time_panel("torque sent", "torque [N m]", torque_, duration));
+  }
+
+ private:
+  static void add_row(Figure& figure, Panel panel) {
+    figure.rows.push_back({std::move(panel)});
+    figure.height += 200;
+  }
+
+  bool pointed_, tracked_;
+  Quat first_ = nan_quat();
+  std::vector<TimeLine> rotation_, torque_;
+};
+
 }  // namespace
 
 Figure figure_of(const RecordingReader& reader, const std::string& title,
@@ -162,11 +221,13 @@ Figure figure_of(const RecordingReader& reader, const std::string& title,
   } else {
     for (std::size_t axis = 0; axis < 3; ++axis) upper.emplace_back(kAxes[axis], kAxisColors[axis], rows);
   }
+  TurningLines turning(reader.columns(), rows);
   const bool sensed = reader.columns().force_measured && summary.max_force == 0;
   for (std::size_t axis = 0; axis < 3; ++axis) force.emplace_back(kAxes[axis], kAxisColors[axis], rows);
 
   std::vector<std::string_view> columns{"time", "position", "phase", sensed ? "force_measured" : "force"};
   if (tracked) columns.emplace_back("reference_position");
+  turning.name_columns(columns);
   for (std::uint64_t first = 0; first < rows; first += kBlock) {
     for (const Sample& sample : reader.read(first, kBlock, columns)) {
       const double t = 1e-9 * static_cast<double>(sample.time_ns);
@@ -178,11 +239,13 @@ Figure figure_of(const RecordingReader& reader, const std::string& title,
       } else {
         for (int axis = 0; axis < 3; ++axis) upper[std::size_t(axis)].add(t, 1e3 * sample.position[axis]);
       }
+      turning.add(t, sample);
       const Vec3& shown = sensed ? sample.force_measured : sample.force;
       for (int axis = 0; axis < 3; ++axis) force[std::size_t(axis)].add(t, shown[axis]);
     }
     for (TimeLine& line : upper) line.end_block();
     for (TimeLine& line : force) line.end_block();
+    turning.end_block();
     if (progress) progress(std::min(first + kBlock, rows));
   }
   path.end_bin();
@@ -203,6 +266,7 @@ Figure figure_of(const RecordingReader& reader, const std::string& title,
   figure.rows.push_back({std::move(over_time)});
   figure.rows.push_back({time_panel(sensed ? "force measured" : "force sent", "force [N]", force, summary.duration())});
   figure.height = 900;
+  turning.draw(figure, summary.duration());
   return figure;
 }
 

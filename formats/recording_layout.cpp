@@ -58,15 +58,14 @@ struct Seconds {
   static Value get(const Sample& sample) { return static_cast<double>(sample.time_ns) * 1e-9; }
   static void set(Sample& sample, const Value& value) { sample.time_ns = std::llround(value * 1e9); }
 };
+template <auto Member>
 struct Orientation {
   using Value = std::array<double, 4>;
   static Value get(const Sample& sample) {
-    const Quat& q = sample.orientation;
+    const Quat& q = sample.*Member;
     return {q.w(), q.x(), q.y(), q.z()};
   }
-  static void set(Sample& sample, const Value& value) {
-    sample.orientation = Quat(value[0], value[1], value[2], value[3]);
-  }
+  static void set(Sample& sample, const Value& value) { sample.*Member = Quat(value[0], value[1], value[2], value[3]); }
 };
 
 template <class Field>
@@ -115,8 +114,9 @@ constexpr Column kColumns[] = {
                                       &Precision::velocity),
     column<Vector<&Sample::force>>("force", "N", "on the hand, as sent to the device after all limits: x, y, z",
                                    nullptr, &Precision::force),
-    column<Orientation>("orientation", "1", "of the tool in the device's base frame, unit quaternion: w, x, y, z",
-                        &RecordingColumns::orientation),
+    column<Orientation<&Sample::orientation>>("orientation", "1",
+                                              "of the tool in the device's base frame, unit quaternion: w, x, y, z",
+                                              &RecordingColumns::orientation),
     column<Vector<&Sample::torque>>("torque", "N m", "on the hand, as sent to the device: x, y, z",
                                     &RecordingColumns::torque, &Precision::torque),
     column<Vector<&Sample::force_measured>>("force_measured", "N", "by the device's own sensor: x, y, z",
@@ -125,6 +125,9 @@ constexpr Column kColumns[] = {
                                                 &RecordingColumns::reference, &Precision::position),
     column<Vector<&Sample::reference_velocity>>("reference_velocity", "m/s", "how the tool should move: x, y, z",
                                                 &RecordingColumns::reference, &Precision::velocity),
+    column<Orientation<&Sample::reference_orientation>>("reference_orientation", "1",
+                                                        "how the tool should point, unit quaternion: w, x, y, z",
+                                                        &RecordingColumns::reference_orientation),
     column<Vector<&Sample::reference_force>>("reference_force", "N",
                                              "the expert's force at the present point of the path: x, y, z",
                                              &RecordingColumns::guidance, &Precision::force),

@@ -17,6 +17,11 @@ Value lerp(const Value& a, const Value& b, double u) {
   return u == 0 ? a : Value(a + u * (b - a));
 }
 
+Quat slerp(const Quat& a, const Quat& b, double u) {
+  if (u == 0) return a;
+  return a.coeffs().allFinite() && b.coeffs().allFinite() ? Quat(a.slerp(u, b)) : nan_quat();
+}
+
 /// What lies between two samples, the position excepted.
 Sample between(const Sample& a, const Sample& b, double u) {
   Sample sample = a;
@@ -29,10 +34,8 @@ Sample between(const Sample& a, const Sample& b, double u) {
   sample.reference_force = lerp(a.reference_force, b.reference_force, u);
   sample.progress = lerp(a.progress, b.progress, u);
   sample.tunnel_radius = lerp(a.tunnel_radius, b.tunnel_radius, u);
-  if (u > 0) {
-    const bool known = a.orientation.coeffs().allFinite() && b.orientation.coeffs().allFinite();
-    sample.orientation = known ? Quat(a.orientation.slerp(u, b.orientation)) : nan_quat();
-  }
+  sample.orientation = slerp(a.orientation, b.orientation, u);
+  sample.reference_orientation = slerp(a.reference_orientation, b.reference_orientation, u);
   return sample;
 }
 

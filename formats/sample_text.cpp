@@ -27,6 +27,7 @@ std::vector<TextColumn> make_text_columns() {
                               {"force_measured", {"mx", "my", "mz"}},
                               {"reference_position", {"rx", "ry", "rz"}},
                               {"reference_velocity", {"rvx", "rvy", "rvz"}},
+                              {"reference_orientation", {"rqw", "rqx", "rqy", "rqz"}},
                               {"reference_force", {"rfx", "rfy", "rfz"}},
                               {"progress", {"progress"}},
                               {"tunnel_radius", {"tunnel_radius"}},

@@ -23,11 +23,12 @@ struct TextColumn {
   [[nodiscard]] std::size_t width() const { return column->width; }
 };
 
-/// time, position, velocity, force, then the others. Cells 0 to 9 are t,x,y,z,vx,vy,vz,fx,fy,fz.
+/// time, position, velocity, force, orientation, then the others. Cells 0 to 13 are
+/// t,x,y,z,vx,vy,vz,fx,fy,fz,qw,qx,qy,qz.
 std::span<const TextColumn> text_columns();
 /// Which of them is that of a dataset of the layout.
 std::size_t text_column(std::string_view name);
-inline constexpr std::size_t kPathColumns = 4, kPathCells = 10;
+inline constexpr std::size_t kPathColumns = 5;
 
 /// Cells of a row.
 std::size_t cell_count();

@@ -16,9 +16,11 @@ class Approach {
   static constexpr double kShortest = 0.3;  ///< [s]
 
   Approach() = default;
-  /// From and to [m], peak speed [m/s].
-  Approach(const Vec3& from, const Vec3& to, double peak_speed) noexcept
-      : from_(from), way_(to - from), duration_(std::max(kShortest, MinJerk::kPeakSpeed * way_.norm() / peak_speed)) {}
+  /// From and to [m], peak speed [m/s]; lasts at least `shortest` [s].
+  Approach(const Vec3& from, const Vec3& to, double peak_speed, double shortest = kShortest) noexcept
+      : from_(from),
+        way_(to - from),
+        duration_(std::max({kShortest, shortest, MinJerk::kPeakSpeed * way_.norm() / peak_speed})) {}
 
   [[nodiscard]] double duration() const noexcept { return duration_; }  ///< [s]
 

@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 #include <functional>
 #include <limits>
+#include <numbers>
 
 namespace haptrace {
 namespace {
@@ -180,7 +181,40 @@ nlohmann::json to_json(const Compensations& composed) {
   return names;
 }
 
+/// Whether and how the orientations of a path are followed. Says why not, where a user would expect it.
+void plan_turn(const DeviceInfo& device, const PathFacts& path, const PlayOptions& options, PlayPlan& plan) {
+  const TurnOptions& turn = options.turn;
+  check_range("the limit of the orientation's deviation", turn.max_deviation, 0.01, 3, "rad");
+  if (turn.gains) {
+    check_range("the gain of the orientation (kp-rotation)", turn.gains->kp, 0, kLargestKp, "N m/rad");
+    check_range("the gain of the orientation (kd-rotation)", turn.gains->kd, 0, kLargestKd, "N m s/rad");
+  }
+  if (turn.off || !path.orientation || !device.takes_torque()) return;
+  const auto refuse = [&](const std::string& why) {
+    plan.notes.push_back(fmt::format("the path's orientations are not followed: {}", why));
+  };
+  if (!device.measures_orientation) return refuse(fmt::format("{} does not measure its own", device.model));
+  if (std::find(device.torque_axes.begin(), device.torque_axes.end(), false) != device.torque_axes.end())
+    return refuse(fmt::format("{} has no motor about some of its axes", device.model));
+  const double own = device.max_torque, asked = options.session.limits.max_torque;
+  const double most = own > 0 && asked > 0 ? std::min(own, asked) : std::max(own, asked);
+  if (!(most > 0))
+    return refuse(fmt::format("{} does not say what torque it bears; --max-torque says it", device.model));
+  plan.turn = OrientationFollower::Options{.gains = turn.gains.value_or(cautious_orientation_gains(most)),
+                                           .max_deviation = turn.max_deviation,
+                                           .rate_hz = options.session.rate_hz};
+}
+
+bool follows_orientation(const DeviceInfo& device, const PlayOptions& options) {
+  return !options.turn.off && device.takes_torque() && device.measures_orientation;
+}
+
 }  // namespace
+
+OrientationGains cautious_orientation_gains(double max_torque) {
+  const double kp = max_torque / (20 * std::numbers::pi / 180);
+  return {.kp = kp, .kd = 0.02 * kp};
+}
 
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
   validate(options.playback);
@@ -210,10 +244,15 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   const DevicePath played = path_for(device, std::move(path), options.fit);
   const std::string name = played.source->facts().name;
 
-  PlayPlan plan{.path = TrajectoryPieces(played.source, options.interpolation, {.smoothing = options.smoothing}),
-                .fit = played.fit,
-                .tuning = tuning,
-                .composed = composed};
+  PlayPlan plan{
+      .path = TrajectoryPieces(played.source, options.interpolation,
+                               {.smoothing = options.smoothing, .orientation = follows_orientation(device, options)}),
+      .fit = played.fit,
+      .tuning = tuning,
+      .composed = composed,
+      .turn = {},
+      .notes = {}};
+  plan_turn(device, played.source->facts(), options, plan);
   const double limit = options.session.limits.max_velocity, speed = options.playback.speed;
   const double fastest = limit > 0 ? 0.9 * limit : std::numeric_limits<double>::infinity();
   const Excursion excursion = look_ahead(plan.path, options.interpolation, workspace, fastest / speed);
@@ -252,6 +291,8 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
 
   if (const auto guard = guard_of(device.info(), options)) controller.guard(*guard);
 
+  if (plan.turn) controller.turn(*plan.turn);
+
   TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(playback.repetitions));
   std::vector<SampleSink*> sinks = options.sinks;
   sinks.push_back(&metrics);
@@ -260,7 +301,9 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
     sinks.push_back(options.tuning);
     session_options.notices = [&] { return options.tuning->take_notices(); };
   }
-  SessionResult session = run_session(device, controller, {.reference = true}, sinks, session_options, stop, progress);
+  SessionResult session =
+      run_session(device, controller, {.reference = true, .reference_orientation = plan.turn.has_value()}, sinks,
+                  session_options, stop, progress);
   if (session.servo.cause == StopCause::no_path) session.servo.detail += ": " + controller.path().error();
   PlayResult result{
       .session = std::move(session), .plan = plan, .repetitions = metrics.repetitions(), .last = metrics.last()};
@@ -293,7 +336,13 @@ nlohmann::json to_json(const PlayResult& result) {
   json["force_ripple_n"] = result.last.force_ripple;
   json["repetitions"] = nlohmann::json::array();
   for (const TrackingFigures& figures : result.repetitions) json["repetitions"].push_back(to_json(figures));
+  if (std::isfinite(result.last.rms_rotation_error)) {
+    json["rms_rotation_error_rad"] = result.last.rms_rotation_error;
+    json["peak_rotation_error_rad"] = result.last.peak_rotation_error;
+  }
   json["gains"] = to_json(result.plan.tuning.gains);
+  if (result.plan.turn)
+    json["orientation_gains"] = {{"kp", result.plan.turn->gains.kp}, {"kd", result.plan.turn->gains.kd}};
   json["compensations"] = to_json(result.plan.composed);
   if (!result.lessons.empty()) {
     json["learning"] = nlohmann::json::array();

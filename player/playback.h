@@ -20,6 +20,16 @@ namespace haptrace {
 
 inline constexpr int kMostLearned = 1000;  ///< repetitions of one session
 
+/// How a path's orientations are followed, where the path has some and the device takes torque in every axis.
+struct TurnOptions {
+  bool off = false;
+  std::optional<OrientationGains> gains;  ///< when absent: cautious_orientation_gains
+  double max_deviation = 1;               ///< from the orientation of the reference [rad]
+};
+
+/// The torque limit [N m] is reached at 20 degrees, and kd = 20 ms * kp.
+OrientationGains cautious_orientation_gains(double max_torque);
+
 struct PlayOptions {
   std::optional<PdGains> gains;  ///< when absent: those of the identified device, or cautious_gains
   /// What calibration found. Without it, nothing but a PD law is sent.
@@ -33,6 +43,7 @@ struct PlayOptions {
   /// positions asks for; 0 passes through every sample.
   std::optional<double> smoothing;
   bool fit = false;  ///< move and scale the path into the workspace
+  TurnOptions turn;
   PlaybackOptions playback;
   SessionOptions session;
   std::vector<SampleSink*> sinks;  ///< borrowed: see every row and event too
@@ -48,6 +59,9 @@ struct PlayPlan {
   Tuning tuning;           ///< to begin with
   Compensations composed;  ///< what the law is made of, beside the PD law
   double peak_speed = 0;   ///< of the reference [m/s]
+  /// The tool is turned too.
+  std::optional<OrientationFollower::Options> turn;
+  std::vector<std::string> notes;  ///< what a person should know of the plan
 };
 
 /// Checks everything that can be checked before a force is sent: the path against the workspace (an error names the

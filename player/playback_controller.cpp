@@ -45,11 +45,13 @@ PlaybackController::PlaybackController(ReferenceStream path, ForceTerms terms, c
 
 void PlaybackController::start(const State& first) noexcept {
   for (const auto& term : terms_) term->start(first);
+  if (orientation_) orientation_->start(first);
   begin_repetition(first.position);
 }
 
 void PlaybackController::resume(const State& first) noexcept {
   for (const auto& term : terms_) term->start(first);
+  if (orientation_) orientation_->start(first);
   if (guard_) guard_->resume();
   feedforward_ = Vec3::Zero();
   if (phase_ != Phase::approach) {
@@ -68,7 +70,8 @@ void PlaybackController::begin_repetition(const Vec3& from) noexcept {
 void PlaybackController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
-  approach_ = Approach(from, reference_.position, options_.approach_speed);
+  const double turning = orientation_ ? orientation_->begin_approach(path_.orientation(path_time_).orientation) : 0;
+  approach_ = Approach(from, reference_.position, options_.approach_speed, turning);
 }
 
 void PlaybackController::between_ticks(bool may_wait) noexcept {
@@ -98,11 +101,33 @@ Command PlaybackController::update(const State& state) noexcept {
     if (!term->feeds_back()) feedforward += force;
   }
   command.wrench.force *= scale;
+  if (orientation_) turn_tool(state, scale, command);
   if (guard_) keep_guard(state, reference, scale * feedforward, command);
   command.reference = reference;
   command.phase = phase_;
   if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
   return command;
+}
+
+void PlaybackController::turn_tool(const State& state, double scale, Command& command) noexcept {
+  OrientationReference reference;
+  if (phase_ == Phase::approach) {
+    reference = orientation_->approach(elapsed_ / approach_.duration(), approach_.duration());
+  } else {
+    reference = path_.orientation(path_time_);
+    reference.angular_velocity *= pace();
+  }
+  command.wrench.torque = scale * orientation_->torque(state, reference);
+  command.reference_orientation = reference.orientation;
+
+  const double deviation = orientation_->deviation(), limit = orientation_->options().max_deviation;
+  if (deviation <= limit) return;
+  if (options_.on_deviation != DeviationPolicy::stop) {
+    command.wrench.torque *= limit / deviation;
+  } else if (command.status == Command::Status::working) {
+    command.status = Command::Status::deviation;
+    command.event = Event{.code = EventCode::rotation_limit, .values = {deviation, limit, kNaN}};
+  }
 }
 
 void PlaybackController::keep_guard(const State& state, const Reference& reference, const Vec3& feedforward,
@@ -167,7 +192,7 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
     }
   }
 
-  const double rate = phase_ == Phase::run ? options_.speed * pace_.value() : 0;
+  const double rate = pace();
   return {reference_.position, rate * reference_.velocity, rate * rate * reference_.acceleration, path_time_};
 }
 

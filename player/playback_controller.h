@@ -6,6 +6,7 @@
 #include "control/mailbox.h"
 #include "control/pd.h"
 #include "player/approach.h"
+#include "player/orientation_follower.h"
 #include "player/reference_stream.h"
 #include "player/tracking_guard.h"
 
@@ -57,6 +58,9 @@ class PlaybackController final : public Controller {
   /// From now on a guard softens the terms when the loop oscillates and tells of the hand. Before start.
   void guard(const TrackingGuard::Options& options) { guard_.emplace(options); }
 
+  /// From now on the tool is turned along the path's orientations as well. Before start.
+  void turn(const OrientationFollower::Options& options) { orientation_.emplace(options); }
+
   void start(const State& first) noexcept override;
   void resume(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
@@ -71,6 +75,9 @@ class PlaybackController final : public Controller {
   void begin_repetition(const Vec3& from) noexcept;
   /// To the reference, wherever on the path it stands.
   void begin_approach(const Vec3& from) noexcept;
+  /// How fast the path's time passes: times its own.
+  [[nodiscard]] double pace() const noexcept { return phase_ == Phase::run ? options_.speed * pace_.value() : 0; }
+  void turn_tool(const State& state, double scale, Command& command) noexcept;
   void keep_guard(const State& state, const Reference& reference, const Vec3& feedforward, Command& command) noexcept;
   /// The scale of the force under the policy; may end or pause the session.
   double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
@@ -80,6 +87,7 @@ class PlaybackController final : public Controller {
   Tuning tuning_;
   Mailbox<Tuning>* changes_;
   std::optional<TrackingGuard> guard_;
+  std::optional<OrientationFollower> orientation_;
   Vec3 feedforward_ = Vec3::Zero();  ///< of the last tick [N]
   PlaybackOptions options_;
 

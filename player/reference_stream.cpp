@@ -22,7 +22,9 @@ std::size_t pieces_ahead(const TrajectoryPieces& pieces, double speed) {
 
 TrajectoryPieces::TrajectoryPieces(std::shared_ptr<const PathSource> source, Interpolation interpolation,
                                    const Options& options)
-    : source_(std::move(source)), interpolation_(interpolation) {
+    : source_(std::move(source)),
+      interpolation_(interpolation),
+      with_orientation_(options.orientation && source_->facts().orientation) {
   if (options.smoothing) check_range("the smoothing", *options.smoothing, 0, 1, "s");
   const PathFacts& facts = source_->facts();
   rows_ = facts.rows <= options.undivided ? facts.rows : options.rows;
@@ -71,9 +73,12 @@ TrajectoryPiece TrajectoryPieces::through(std::uint64_t first, std::uint64_t las
   const Path path = source_->read(from, until - from);
   Trajectory::Whole whole = whole_;
   whole.rows_before = from;
-  return {.begin = path.time[first - from] - whole_.begin,
-          .end = path.time[last - from] - whole_.begin,
-          .trajectory = Trajectory(path, interpolation_, whole)};
+  TrajectoryPiece piece{.begin = path.time[first - from] - whole_.begin,
+                        .end = path.time[last - from] - whole_.begin,
+                        .trajectory = Trajectory(path, interpolation_, whole),
+                        .orientation = {}};
+  if (with_orientation_) piece.orientation = OrientationTrajectory(path, interpolation_, whole_.begin, whole_.end);
+  return piece;
 }
 
 ReferenceStream::ReferenceStream(const TrajectoryPieces& pieces, const Check& check, double speed)
@@ -89,7 +94,7 @@ ReferenceStream::ReferenceStream(const TrajectoryPieces& pieces, const Check& ch
       piece_(prefetcher_->get(0)) {}
 
 ReferenceStream::ReferenceStream(Trajectory trajectory) : duration_(trajectory.duration()) {
-  auto piece = std::make_shared<TrajectoryPiece>(TrajectoryPiece{0, duration_, std::move(trajectory)});
+  auto piece = std::make_shared<TrajectoryPiece>(TrajectoryPiece{0, duration_, std::move(trajectory), {}});
   prefetcher_ = std::make_unique<Prefetcher<TrajectoryPiece>>(std::move(piece), 1, 0, nullptr);
   piece_ = prefetcher_->get(0);
 }
@@ -101,7 +106,7 @@ ReferenceStream::Answer ReferenceStream::sample(double t, Reference& reference) 
     if (next == nullptr) return prefetcher_->failed(index_ + 1) ? Answer::unreadable : Answer::waiting;
     piece_ = next;
     ++index_;
-    cursor_ = {};
+    cursor_ = orientation_cursor_ = {};
   }
   reference = piece_->trajectory.sample(t, cursor_);
   return Answer::ready;

@@ -1,6 +1,7 @@
 // The reference of a playback, from a path of any length.
 #pragma once
 
+#include "control/orientation_trajectory.h"
 #include "control/trajectory.h"
 #include "devices/prefetcher.h"
 #include "formats/path_source.h"
@@ -18,6 +19,7 @@ namespace haptrace {
 struct TrajectoryPiece {
   double begin = 0, end = 0;  ///< it holds for [begin, end] of the whole trajectory's time [s]
   Trajectory trajectory;
+  OrientationTrajectory orientation;  ///< empty when the path has none
 };
 
 /// The trajectory through a path in pieces that are made when they are needed: the same as Trajectory of the whole path
@@ -32,6 +34,7 @@ class TrajectoryPieces {
     std::uint64_t undivided = 65'536;  ///< a path of up to so many rows is one piece
     /// Time constant of smoothing [s], for cubic and quintic: 0 for none; as much as its noise asks for when absent.
     std::optional<double> smoothing;
+    bool orientation = false;  ///< pieces hold the path's orientations, if it has any
   };
 
   /// Makes the first piece. Throws Error(input) like PathSource::read and Trajectory, and when
@@ -62,6 +65,7 @@ class TrajectoryPieces {
 
   std::shared_ptr<const PathSource> source_;
   Interpolation interpolation_;
+  bool with_orientation_;
   std::uint64_t rows_ = 0;  ///< of a piece
   std::size_t count_ = 1;
   Trajectory::Whole whole_;
@@ -91,6 +95,11 @@ class ReferenceStream {
   /// The reference at `t` [s], which goes forward, or to any time within the first piece. Sets `reference` when ready.
   Answer sample(double t, Reference& reference) noexcept;
 
+  /// How the tool points at the time that sample() was asked for last.
+  [[nodiscard]] OrientationReference orientation(double t) noexcept {
+    return piece_->orientation.sample(t, orientation_cursor_);
+  }
+
   /// Waits until sample() can answer at `t`, at most `ahead` pieces from the last question. Not for the tick.
   void wait(double t) noexcept;
 
@@ -107,7 +116,7 @@ class ReferenceStream {
   std::size_t count_ = 1;
   std::size_t index_ = 0;
   const TrajectoryPiece* piece_ = nullptr;
-  Trajectory::Cursor cursor_;
+  Trajectory::Cursor cursor_, orientation_cursor_;
 };
 
 }  // namespace haptrace

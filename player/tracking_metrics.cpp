@@ -1,5 +1,7 @@
 #include "player/tracking_metrics.h"
 
+#include "control/rotation.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -32,17 +34,26 @@ void TrackingMetrics::push(const Sample& sample) noexcept {
   sums.peak2 = std::max(sums.peak2, error2);
   sums.ripple2 += ripple2;
   sums.force2 = std::max(sums.force2, sample.force.squaredNorm());
+  if (is_finite(sample.reference_orientation) && is_finite(sample.orientation)) {
+    const double rotation2 = rotation_between(sample.orientation, sample.reference_orientation).squaredNorm();
+    ++sums.turned;
+    sums.rotation2 += rotation2;
+    sums.peak_rotation2 = std::max(sums.peak_rotation2, rotation2);
+  }
 }
 
 TrackingFigures TrackingMetrics::figures(const Sums& sums) {
   if (sums.samples == 0) return {};
   const auto n = static_cast<double>(sums.samples);
+  const bool turned = sums.turned > 0;
   return {.samples = sums.samples,
           .duration = 1e-9 * static_cast<double>(sums.run_ns),
           .rms_error = std::sqrt(sums.error2 / n),
           .peak_error = std::sqrt(sums.peak2),
           .force_ripple = std::sqrt(sums.ripple2 / n),
-          .max_force = std::sqrt(sums.force2)};
+          .max_force = std::sqrt(sums.force2),
+          .rms_rotation_error = turned ? std::sqrt(sums.rotation2 / static_cast<double>(sums.turned)) : kNaN,
+          .peak_rotation_error = turned ? std::sqrt(sums.peak_rotation2) : kNaN};
 }
 
 std::vector<TrackingFigures> TrackingMetrics::repetitions() const {
@@ -56,12 +67,17 @@ TrackingFigures TrackingMetrics::last() const {
 }
 
 nlohmann::json to_json(const TrackingFigures& figures) {
-  return {{"samples", figures.samples},
-          {"duration_s", figures.duration},
-          {"rms_error_m", figures.rms_error},
-          {"peak_error_m", figures.peak_error},
-          {"force_ripple_n", figures.force_ripple},
-          {"max_force_n", figures.max_force}};
+  nlohmann::json json{{"samples", figures.samples},
+                      {"duration_s", figures.duration},
+                      {"rms_error_m", figures.rms_error},
+                      {"peak_error_m", figures.peak_error},
+                      {"force_ripple_n", figures.force_ripple},
+                      {"max_force_n", figures.max_force}};
+  if (std::isfinite(figures.rms_rotation_error)) {
+    json["rms_rotation_error_rad"] = figures.rms_rotation_error;
+    json["peak_rotation_error_rad"] = figures.peak_rotation_error;
+  }
+  return json;
 }
 
 }  // namespace haptrace

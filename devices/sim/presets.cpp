@@ -93,6 +93,22 @@ constexpr Preset kDevices[] = {
        "workspace": {"min": [-0.055, -0.08, -0.08], "max": [0.055, 0.08, 0.08]},  // quoted: 160 mm wide, 110 mm deep
        "nominal_rate": 4000                        // quoted
      })"},
+    {"sigma7", R"({
+       "model": "Force Dimension sigma.7",
+       "mass": 0.3, "viscous": 1.0, "coulomb": 0.25,  // estimate
+       "presliding": {"distance": 4e-5},           // estimate
+       "position_resolution": 1e-5,                // estimate: that of the omega.3
+       "delay_s": 0.00025,                         // estimate: one exchange at the nominal rate
+       "actuator_bandwidth_hz": 400,               // estimate
+       "max_force": 12,                            // CHAI3D
+       "wrist": {
+         "inertia": 5e-4, "viscous": 2e-3, "coulomb": 0.01,  // estimate
+         "max_torque": 0.4,                        // estimate: 400 mN m
+         "resolution": 2e-4                        // estimate: 0.013 degrees
+       },
+       "workspace": {"min": [-0.05, -0.075, -0.05], "max": [0.05, 0.075, 0.05]},  // CHAI3D: a radius of 75 mm
+       "nominal_rate": 4000                        // quoted for the omega.3, taken over
+     })"},
     {"delta3", R"({
        "model": "Force Dimension delta.3",
        "mass": 0.35, "viscous": 1.2, "coulomb": 0.3,  // estimate
@@ -146,39 +162,46 @@ constexpr Preset kHands[] = {
     {"relaxed", R"({
        "mass": 0.15, "grip_stiffness": 800, "grip_damping": 4,
        "arm_stiffness": 40, "arm_relaxation_s": 0.5, "arm_damping": 2, "tremor": 0.04, "drift": 0.15,
-       "intent_stiffness": 800, "intent_damping": 25
+       "intent_stiffness": 800, "intent_damping": 25,
+       "turn_stiffness": 0.2, "turn_damping": 0.004
      })"},
     {"loose", R"({
        "mass": 0.05, "grip_stiffness": 200, "grip_damping": 2,
        "arm_stiffness": 5, "arm_relaxation_s": 0.3, "arm_damping": 1, "tremor": 0.04, "drift": 0.15,
-       "intent_stiffness": 400, "intent_damping": 10
+       "intent_stiffness": 400, "intent_damping": 10,
+       "turn_stiffness": 0.05, "turn_damping": 0.001
      })"},
     {"firm", R"({
        "mass": 0.3, "grip_stiffness": 2000, "grip_damping": 10,
        "arm_stiffness": 200, "arm_relaxation_s": 2, "arm_damping": 5, "tremor": 0.04, "drift": 0.15,
-       "intent_stiffness": 1000, "intent_damping": 40
+       "intent_stiffness": 1000, "intent_damping": 40,
+       "turn_stiffness": 1, "turn_damping": 0.02
      })"},
     {"tense", R"({
        // Co-contracted: the arm keeps its place.
        "mass": 0.3, "grip_stiffness": 2000, "grip_damping": 10,
        "arm_stiffness": 1000, "arm_damping": 40, "tremor": 0.08, "drift": 0.3,
-       "intent_stiffness": 1000, "intent_damping": 40
+       "intent_stiffness": 1000, "intent_damping": 40,
+       "turn_stiffness": 2, "turn_damping": 0.04
      })"},
     {"finger", R"({
        "mass": 0.007, "grip_stiffness": 400, "grip_damping": 3,
        "arm_stiffness": 40, "arm_relaxation_s": 0.5, "arm_damping": 2, "tremor": 0.02, "drift": 0.05,
-       "intent_stiffness": 300, "intent_damping": 3
+       "intent_stiffness": 300, "intent_damping": 3,
+       "turn_stiffness": 0.02, "turn_damping": 0.0005
      })"},
     {"pinch", R"({
        "mass": 0.08, "grip_stiffness": 500, "grip_damping": 4,
        "arm_stiffness": 40, "arm_relaxation_s": 0.5, "arm_damping": 2, "tremor": 0.04, "drift": 0.1,
-       "intent_stiffness": 600, "intent_damping": 15
+       "intent_stiffness": 600, "intent_damping": 15,
+       "turn_stiffness": 0.1, "turn_damping": 0.002
      })"},
     {"tremor", R"({
        // Pathological: the relaxed hand with a tremor of about a millimetre (estimate).
        "mass": 0.15, "grip_stiffness": 800, "grip_damping": 4,
        "arm_stiffness": 40, "arm_relaxation_s": 0.5, "arm_damping": 2, "tremor": 1.0, "drift": 0.3,
-       "intent_stiffness": 800, "intent_damping": 25
+       "intent_stiffness": 800, "intent_damping": 25,
+       "turn_stiffness": 0.2, "turn_damping": 0.004
      })"},
 };
 

@@ -40,6 +40,11 @@ DeviceInfo describe(const SimSpec& spec, const SimOptions& options) {
   info.max_force = spec.max_force;
   info.max_continuous_force = spec.max_continuous_force;
   info.nominal_rate = spec.nominal_rate;
+  if (spec.wrist) {
+    info.torque_axes = {true, true, true};
+    info.max_torque = spec.wrist->max_torque;
+    info.measures_orientation = true;
+  }
   return info;
 }
 
@@ -70,6 +75,19 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
     intent_ = *options.intent;
     info_.natural_duration = intent_.duration();
   }
+  if (spec.wrist) {
+    Trajectory::Cursor cursor;
+    const Quat start = options.intent_orientation.empty() || !follows_intent(spec, options)
+                           ? Quat(Quat::Identity())
+                           : options.intent_orientation.sample(0, cursor).orientation;
+    wrist_.emplace(TurningHandle{.body = {*spec.wrist, spec.hand ? &*spec.hand : nullptr, start},
+                                 .torque = DelayLine(std::llround(spec.delay * 1e9)),
+                                 .max_torque = spec.wrist->max_torque,
+                                 .resolution = spec.wrist->resolution,
+                                 .intent = options.intent_orientation,
+                                 .intent_cursor = {},
+                                 .intended = start});
+  }
   hand_acts_ = intent_.size() > 0 || (spec.hand && (spec.hand->tremor > 0 || spec.hand->drift > 0));
   if (hand_acts_) {
     next_intent_ = plant_.hand_position();
@@ -82,6 +100,7 @@ Device::Status SimDevice::exchange(const Wrench& wrench, double dt, DeviceState&
   const std::int64_t now = time_.ns();
   delay_line_.push(now, cable_is_out() ? Vec3::Zero() : motor_command(wrench));
   input_.command = delay_line_.output();
+  if (wrist_) wrist_->torque.push(now, cable_is_out() ? Vec3::Zero() : wrist_command(wrench));
   advance(now, time_.advance(dt));
   if (cable_is_out()) return lost_until_ == SimOptions::kNever ? Status::lost : Status::away;
   measure(state);
@@ -102,14 +121,25 @@ Vec3 SimDevice::motor_command(const Wrench& wrench) const noexcept {
   return force_resolution_ > 0 ? quantised(motor, force_resolution_) : motor;
 }
 
+/// What the wrist's motors are told: saturated.
+Vec3 SimDevice::wrist_command(const Wrench& wrench) const noexcept {
+  const Vec3 torque = sendable(wrench).torque;
+  const double magnitude = torque.stableNorm();
+  return magnitude > wrist_->max_torque ? Vec3(torque * (wrist_->max_torque / magnitude)) : torque;
+}
+
 /// Runs the plant over stretches in which the motor command is constant and the hand's own doing is straight.
 void SimDevice::advance(std::int64_t now, std::int64_t end) noexcept {
   while (now < end) {
-    if (now >= lets_go_) plant_.let_go();
+    if (now >= lets_go_) {
+      plant_.let_go();
+      if (wrist_) wrist_->body.let_go();
+    }
     const std::int64_t until = std::min({end, delay_line_.next(), hand_acts_ ? hand_tick_ : DelayLine::kNever,
                                          now < lets_go_ ? lets_go_ : DelayLine::kNever});
     const double span = 1e-9 * static_cast<double>(until - now);
     plant_.advance(span, input_);
+    if (wrist_) turn(now, span);
     now = until;
     delay_line_.arrive(now);
     input_.command = delay_line_.output();
@@ -121,6 +151,14 @@ void SimDevice::advance(std::int64_t now, std::int64_t end) noexcept {
       input_.intent += span * input_.intent_velocity;
     }
   }
+}
+
+/// Commands of force and of torque are as late, so that no torque arrives within a stretch.
+void SimDevice::turn(std::int64_t now, double span) noexcept {
+  wrist_->torque.arrive(now);
+  if (!wrist_->intent.empty())
+    wrist_->intended = wrist_->intent.sample(1e-9 * static_cast<double>(now), wrist_->intent_cursor).orientation;
+  wrist_->body.advance(span, wrist_->torque.output(), wrist_->intended);
 }
 
 void SimDevice::plan_hand() noexcept {
@@ -141,6 +179,11 @@ void SimDevice::measure(DeviceState& state) noexcept {
   if (position_noise_ > 0) position += position_noise_ * sensor_noise_.vector();
   if (info_.position_resolution > 0) position = quantised(position, info_.position_resolution);
   state.position = to_world(position);
+  if (wrist_) {
+    const Quat& orientation = wrist_->body.orientation();
+    const double quantum = wrist_->resolution;
+    state.orientation = quantum > 0 ? quaternion(quantised(rotation_vector(orientation), quantum)) : orientation;
+  }
   if (info_.measures_force) {
     state.force = to_world(plant_.contact_force());
     if (force_noise_ > 0) state.force += force_noise_ * sensor_noise_.vector();
@@ -217,10 +260,12 @@ Path retimed(const Path& path, double after, double speed) {
   if (after > 0 && path.size() > 0) {
     result.time.push_back(0);
     result.position.push_back(path.position.front());
+    if (!path.orientation.empty()) result.orientation.push_back(path.orientation.front());
   }
   for (std::size_t i = 0; i < path.size(); ++i) {
     result.time.push_back(after + (path.time[i] - path.time.front()) / speed);
     result.position.push_back(path.position[i]);
+    if (!path.orientation.empty()) result.orientation.push_back(path.orientation[i]);
   }
   return result;
 }
@@ -248,6 +293,8 @@ void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& opti
     throw input_error(fmt::format("{}: intent_speed: expected 0.01 to 100, found {}", where(device), speed));
   if (after > 0 || speed != 1) path = retimed(path, after, speed);
   options.intent = Trajectory(path, Interpolation::cubic);
+  if (spec.wrist && !path.orientation.empty())
+    options.intent_orientation = OrientationTrajectory(path, Interpolation::cubic, path.time.front(), path.time.back());
 }
 
 }  // namespace

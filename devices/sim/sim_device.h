@@ -1,6 +1,7 @@
 // The simulated device: an unknown mechanism in virtual time, held by a hand.
 #pragma once
 
+#include "control/orientation_trajectory.h"
 #include "control/trajectory.h"
 #include "devices/nano_time.h"
 #include "devices/registry.h"
@@ -8,6 +9,7 @@
 #include "devices/sim/noise.h"
 #include "devices/sim/plant.h"
 #include "devices/sim/spec.h"
+#include "devices/sim/wrist.h"
 
 namespace haptrace {
 
@@ -20,11 +22,12 @@ struct SimOptions {
   /// The path that the hand intends to follow from the first exchange on, inside the workspace. Without it, or without
   /// a hand, nobody intends anything.
   std::optional<Trajectory> intent;
-  std::vector<std::string> notes;  ///< for DeviceInfo::notes
-  double lost_at = kNever;         ///< when its cable slips out, in its own time [s]
-  double lost_for = kNever;        ///< after which that is in again [s]; kNever: the device is lost for good
-  double lets_go_at = kNever;      ///< when the hand lets go of it, in its own time [s]
-  double longest_step = 50e-6;     ///< of integration; another is for those who study the integration itself [s]
+  OrientationTrajectory intent_orientation;  ///< how it intends the tool to point; empty: as it does at zero
+  std::vector<std::string> notes;            ///< for DeviceInfo::notes
+  double lost_at = kNever;                   ///< when its cable slips out, in its own time [s]
+  double lost_for = kNever;                  ///< after which that is in again [s]; kNever: the device is lost for good
+  double lets_go_at = kNever;                ///< when the hand lets go of it, in its own time [s]
+  double longest_step = 50e-6;  ///< of integration; another is for those who study the integration itself [s]
 };
 
 /// Advances by exchange's dt and by nothing else. Equal specs, seeds and commands give bit-identical runs. A force that
@@ -45,6 +48,7 @@ class SimDevice final : public Device {
   [[nodiscard]] Vec3 true_position() const noexcept { return to_world(plant_.handle_position()); }
   [[nodiscard]] Vec3 true_velocity() const noexcept { return to_world(plant_.handle_velocity()); }
   [[nodiscard]] const Plant& plant() const noexcept { return plant_; }
+  [[nodiscard]] const Wrist* wrist() const noexcept { return wrist_ ? &wrist_->body : nullptr; }
 
  private:
   [[nodiscard]] Vec3 to_world(const Vec3& p) const noexcept { return plant_.rotation().transpose() * p; }
@@ -53,6 +57,8 @@ class SimDevice final : public Device {
   void advance(std::int64_t now, std::int64_t end) noexcept;
   void plan_hand() noexcept;
   void measure(DeviceState& state) noexcept;
+  [[nodiscard]] Vec3 wrist_command(const Wrench& wrench) const noexcept;
+  void turn(std::int64_t now, double span) noexcept;
 
   DeviceInfo info_;
   bool closed_ = false;
@@ -66,6 +72,17 @@ class SimDevice final : public Device {
   Plant plant_;
   PlantInput input_;
   Gaussian sensor_noise_, hand_noise_;
+
+  /// Of a device that has one.
+  struct TurningHandle {
+    Wrist body;
+    DelayLine torque;
+    double max_torque, resolution;  ///< [N m], [rad]
+    OrientationTrajectory intent;
+    Trajectory::Cursor intent_cursor;
+    Quat intended = Quat::Identity();
+  };
+  std::optional<TurningHandle> wrist_;
 
   // What the hand does by itself is decided every millisecond and runs straight in between.
   bool hand_acts_ = false;

@@ -15,6 +15,7 @@ using nlohmann::json;
 
 // Wide enough for anything a hand can hold; a number outside is a slip of units.
 constexpr double kMinMass = 1e-6, kMaxMass = 1e4;    // [kg]
+constexpr double kMinInertia = 1e-9;                 // [kg m^2]
 constexpr double kMaxForce = 1e5;                    // [N]
 constexpr double kMaxLength = 100;                   // [m]
 constexpr double kMaxStiffness = 1e9;                // [N/m]
@@ -42,6 +43,8 @@ HandSpec read_hand_parts(JsonReader reader, const std::string& folder) {
   hand.drift = reader.number("drift", 0, 0, kMaxForce);
   hand.intent_stiffness = reader.number("intent_stiffness", 0, 0, kMaxStiffness);
   hand.intent_damping = reader.number("intent_damping", 0, 0, kMaxDamping);
+  hand.turn_stiffness = reader.number("turn_stiffness", 0, 0, kMaxStiffness);
+  hand.turn_damping = reader.number("turn_damping", 0, 0, kMaxDamping);
   hand.intent = reader.text("intent", "");
   reader.finish();
   if (!hand.intent.empty()) hand.intent = (std::filesystem::path(folder) / hand.intent).string();
@@ -137,6 +140,19 @@ void read_structure(JsonReader& reader, SimSpec& spec) {
     throw spec_error(reader, "backlash: is play between motor and handle, so it needs a 'structural_mode' too");
 }
 
+void read_wrist(JsonReader& reader, SimSpec& spec) {
+  auto wrist = reader.object("wrist");
+  if (!wrist) return;
+  for (const char* key : {"inertia", "max_torque"})
+    if (!wrist->has(key)) throw spec_error(*wrist, fmt::format("'{}' is missing", key));
+  spec.wrist = WristSpec{.inertia = wrist->number("inertia", 0, kMinInertia, kMaxMass),
+                         .viscous = wrist->number("viscous", 0, 0, kMaxDamping),
+                         .coulomb = wrist->number("coulomb", 0, 0, kMaxForce),
+                         .max_torque = wrist->number("max_torque", 0, 1e-6, kMaxForce),
+                         .resolution = wrist->number("resolution", 0, 0, 1)};
+  wrist->finish();
+}
+
 /// An axis that is held at zero has to be an actuator's own and to have zero in its workspace.
 void check_held_axes(const JsonReader& reader, const SimSpec& spec) {
   for (int axis = 0; axis < 3; ++axis) {
@@ -181,6 +197,7 @@ SimSpec read_sim_spec(const json& spec, const std::string& where, const std::str
   }
   sim.workspace = read_workspace(reader, sim.workspace);
   read_structure(reader, sim);
+  read_wrist(reader, sim);
 
   sim.position_resolution = reader.number("position_resolution", 0, 0, kMaxLength);
   if (auto noise = reader.object("noise")) {

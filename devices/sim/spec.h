@@ -25,6 +25,8 @@ struct HandSpec {
   double drift = 0;             ///< force, below 1 Hz, rms per axis [N]
   double intent_stiffness = 0;  ///< what pulls the hand to where it intends to be [N/m]
   double intent_damping = 0;    ///< [N s/m]
+  double turn_stiffness = 0;    ///< what turns the handle to where it intends to point [N m/rad]
+  double turn_damping = 0;      ///< [N m s/rad]
   std::string intent;           ///< the file of the path that the hand intends to follow, or empty
 };
 
@@ -33,6 +35,15 @@ struct StructuralModeSpec {
   double frequency_hz = 0;  ///< of the free device
   double damping_ratio = 0;
   double handle_fraction = 0.5;  ///< of the mass
+};
+
+/// A handle that turns about every axis and is turned by motors.
+struct WristSpec {
+  double inertia = 0;     ///< about every axis [kg m^2], never zero
+  double viscous = 0;     ///< [N m s/rad]
+  double coulomb = 0;     ///< friction [N m]
+  double max_torque = 0;  ///< magnitude [N m]
+  double resolution = 0;  ///< of the orientation that is measured [rad]
 };
 
 /// A simulated device. Members stand in the order of the chain: command, motor, mechanism, sensors, hand. Vectors are
@@ -62,6 +73,7 @@ struct SimSpec {
   Box workspace{Vec3::Constant(-1), Vec3::Constant(1)};        ///< in W; stiff, damped walls stand round it [m]
   std::optional<StructuralModeSpec> structural_mode;
   double backlash = 0;  ///< play in the structural mode's spring [m]
+  std::optional<WristSpec> wrist;
 
   double position_resolution = 0;  ///< [m]
   double position_noise = 0;       ///< rms per axis [m]

@@ -45,7 +45,8 @@ inline std::vector<RecordingColumns> all_columns() {
                    .force_measured = (bits & 4U) != 0,
                    .reference = (bits & 8U) != 0,
                    .guidance = (bits & 16U) != 0,
-                   .tunnel = (bits & 32U) != 0});
+                   .tunnel = (bits & 32U) != 0,
+                   .reference_orientation = (bits & 9U) == 9});
   return all;
 }
 
@@ -67,6 +68,8 @@ inline std::vector<Sample> random_session(unsigned seed, std::size_t rows, const
     s.velocity = vector();
     s.force = vector();
     if (columns.orientation) s.orientation = Quat(number(random), number(random), number(random), 1.5).normalized();
+    if (columns.reference_orientation)
+      s.reference_orientation = Quat(1.5, number(random), number(random), number(random)).normalized();
     s.torque = vector(columns.torque);
     s.force_measured = vector(columns.force_measured);
     s.reference_position = vector(columns.reference);

@@ -1,0 +1,41 @@
+// The wrist of a simulated device that takes torque: how its handle points and turns.
+#pragma once
+
+#include "control/rotation.h"
+#include "devices/sim/spec.h"
+
+namespace haptrace {
+
+/// A handle of equal inertia about every axis, turned by motors, braked by friction, held by a hand:
+///
+///     J w' = tau - b w - c w / |w| + k_h e - b_h w
+///
+/// with e the rotation from the handle to where the hand means it to point, which is slow beside the handle. Friction
+/// sticks rigidly up to c. Steps are semi-implicit, dampers and friction implicit, so that no size of theirs can make
+/// one unstable.
+///
+/// Beside Plant it shares nothing: the handle's turning does not move it. Real-time: all but the constructor.
+class Wrist {
+ public:
+  /// At rest; `hand` may be null.
+  Wrist(const WristSpec& spec, const HandSpec* hand, const Quat& start);
+
+  /// Moves on by `span` [s] under `torque` on the hand, in W [N m]; the hand means to point to `intent`.
+  void advance(double span, const Vec3& torque, const Quat& intent) noexcept;
+
+  void let_go() noexcept { hand_stiffness_ = hand_damping_ = 0; }
+
+  [[nodiscard]] const Quat& orientation() const noexcept { return orientation_; }
+  [[nodiscard]] const Vec3& angular_velocity() const noexcept { return velocity_; }  ///< in W [rad/s]
+
+ private:
+  void step(double h, const Vec3& torque, const Quat& intent) noexcept;
+
+  double inertia_, viscous_, coulomb_;
+  double hand_stiffness_ = 0, hand_damping_ = 0;
+  double longest_step_;
+  Quat orientation_;
+  Vec3 velocity_ = Vec3::Zero();
+};
+
+}  // namespace haptrace
