@@ -214,12 +214,8 @@ Verb add_doctor(CLI::App& app) {
   return {verb, [arguments](const Output& output) {
             if (!arguments->udev_rules) return examine(*arguments, output);
             nlohmann::json list = nlohmann::json::array();
-            std::string text;
-            for (const KnownUsbDevice& device : known_usb_devices()) {
-              list.push_back(device.udev_rule());
-              text += fmt::format("# {}\n{}\n", device.name, device.udev_rule());
-            }
-            output.tell({{"udev_rules", std::move(list)}}, text);
+            for (const KnownUsbDevice& device : known_usb_devices()) list.push_back(device.udev_rule());
+            output.tell({{"udev_rules", std::move(list)}}, udev_rules_file());
             return static_cast<int>(kDone);
           }};
 }

@@ -219,10 +219,6 @@ std::vector<std::string> nodes_of(const Plugged& device) {
   return nodes;
 }
 
-std::string install_rule(const KnownUsbDevice& device) {
-  return fmt::format("echo '{}' | sudo tee -a {} && {}", device.udev_rule(), kRulesFile, kReloadRules);
-}
-
 std::vector<Diagnosis> examine_permissions(const fs::path& root, const Plugged& device) {
   const std::string check = "device " + device.ids;
   std::vector<Diagnosis> found;
@@ -235,7 +231,7 @@ std::vector<Diagnosis> examine_permissions(const fs::path& root, const Plugged& 
     else
       found.push_back(
           {Severity::problem, check, fmt::format("{}: {}", measured, std::strerror(refused)),
-           refused == EACCES ? install_rule(*device.known) : "sudo udevadm trigger   # or plug it in again"});
+           refused == EACCES ? device.known->install_rule() : "sudo udevadm trigger   # or plug it in again"});
   }
   if (found.empty())
     found.push_back(
@@ -299,14 +295,15 @@ bool has_rule(const std::string& rules, const KnownUsbDevice& device) {
 Diagnosis examine_rules(const fs::path& root, const std::vector<Plugged>& plugged) {
   constexpr const char* kCheck = "udev rules";
   std::string rules;
-  for (const char* folder : {"etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d"})
+  for (const char* folder : {"etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d", "usr/lib/udev/rules.d",
+                             "lib/udev/rules.d"})
     for (const fs::path& file : entries(root / folder))
       if (file.extension() == ".rules") rules += read_text(file).value_or("") + "\n";
 
   for (const Plugged& device : plugged)
     if (!has_rule(rules, *device.known))
       return {Severity::warning, kCheck, fmt::format("none names {} ({})", device.ids, device.known->name),
-              install_rule(*device.known)};
+              device.known->install_rule()};
   if (!plugged.empty()) return {Severity::ok, kCheck, "name every device that is plugged in", ""};
 
   std::vector<std::string> missing;
@@ -492,8 +489,18 @@ std::string KnownUsbDevice::udev_rule() const {
   return rule;
 }
 
+std::string KnownUsbDevice::install_rule() const {
+  return fmt::format("echo '{}' | sudo tee -a {} && {}", udev_rule(), kRulesFile, kReloadRules);
+}
+
 std::span<const KnownUsbDevice> known_usb_devices() {
   return kKnownDevices;
+}
+
+std::string udev_rules_file() {
+  std::string text;
+  for (const KnownUsbDevice& device : kKnownDevices) text += fmt::format("# {}\n{}\n", device.name, device.udev_rule());
+  return text;
 }
 
 std::vector<Diagnosis> examine_system(const std::string& root) {

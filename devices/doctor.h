@@ -46,9 +46,14 @@ struct KnownUsbDevice {
 
   /// The line of a udev rules file that lets whoever sits at the machine, or is in the group, open it.
   [[nodiscard]] std::string udev_rule() const;
+  /// The command that installs the rule.
+  [[nodiscard]] std::string install_rule() const;
 };
 
 std::span<const KnownUsbDevice> known_usb_devices();
+
+/// The rules of all of them, as a file for udev.
+std::string udev_rules_file();
 
 /// What the kernel says about itself and its devices: CPU governor, preemption, USB autosuspend, latency timers of USB
 /// serial ports, whether known devices that are plugged in may be opened, udev rules. Reads below `root` ("/"); what

@@ -1,6 +1,7 @@
 #include "devices/registry.h"
 
 #include "control/error.h"
+#include "devices/falcon/driver.h"
 #include "devices/plugin_device.h"
 #include "devices/replay_device.h"
 #include "devices/sim/sim_device.h"
@@ -22,7 +23,7 @@ std::vector<std::string> names_of(const Items& items, Name name) {
 }  // namespace
 
 const std::vector<DeviceBackend>& device_backends() {
-  static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend()};
+  static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend(), falcon_backend()};
   return backends;
 }
 

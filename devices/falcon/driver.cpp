@@ -1,0 +1,84 @@
+#include "devices/falcon/driver.h"
+
+#include "devices/clock.h"
+
+#include <exception>
+
+namespace haptrace {
+
+DeviceInfo falcon_info(const FalconCalibration& calibration) {
+  DeviceInfo info;
+  info.backend = "falcon";
+  info.model = "Novint Falcon";
+  info.workspace_min = -calibration.workspace;
+  info.workspace_max = calibration.workspace;
+  info.max_force = calibration.max_force;
+  if (const auto middle = FalconKinematics(calibration.geometry).at_position(calibration.origin)) {
+    const Vec3 metres_per_rad = middle->jacobian.colwise().norm().transpose();
+    info.position_resolution = metres_per_rad.cwiseQuotient(calibration.counts_per_rad).mean();
+  }
+  return info;
+}
+
+FalconDriver::FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibration& calibration, DeviceInfo info)
+    : calibration_(calibration),
+      info_(std::move(info)),
+      link_(std::move(link)),
+      dialogue_(*link_),
+      tracker_(calibration),
+      watch_(calibration.max_motor_counts) {
+  DeviceState state;
+  for (int rounds = 0; rounds < 2 * FalconTracker::kSettled && !state.ready; ++rounds) {
+    state.ready = false;
+    (void)round({}, state);
+  }
+  if (!state.ready)
+    info_.notes.emplace_back(
+        "the Falcon is not homed: pull its grip all the way out, then push it all the way in, until its logo turns from "
+        "red to green; there is no force before");
+}
+
+/// None unless the last report was believed.
+std::array<std::int16_t, 3> FalconDriver::motors(const Vec3& force) const noexcept {
+  if (verdict_ != FalconTracker::Verdict::believed) return {};
+  const double magnitude = force.norm();
+  const double scale = magnitude > calibration_.max_force ? calibration_.max_force / magnitude : 1;
+  return calibration_.motors(tracker_.pose()->torques(scale * force));
+}
+
+bool FalconDriver::round(const Wrench& wrench, DeviceState& state) {
+  const auto counts = motors(wrench.force);
+  const bool ready = verdict_ != FalconTracker::Verdict::unhomed;
+  const FalconLights lights{.red = !ready, .green = ready, .blue = counts != std::array<std::int16_t, 3>{}};
+  const std::int64_t sent_ns = monotonic_ns();
+  const auto report = dialogue_.ask({counts, calibration_.flags(lights, true)});
+  if (!report) return false;
+
+  verdict_ = tracker_.take(*report, sent_ns, monotonic_ns());
+  if (verdict_ == FalconTracker::Verdict::doubted) return false;
+  state = DeviceState{};
+  state.buttons = report->buttons;
+  state.ready = verdict_ == FalconTracker::Verdict::believed;
+  if (state.ready) {
+    watch_.take(report->encoders, counts, sent_ns);
+    position_ = tracker_.pose()->position - calibration_.origin;
+  } else {
+    watch_ = FalconEncoderWatch(calibration_.max_motor_counts);
+  }
+  state.position = position_;
+  return true;
+}
+
+void FalconDriver::release() noexcept {
+  if (link_ == nullptr) return;
+  constexpr int kFarewells = 3;  // should one get lost
+  try {
+    for (int farewells = 0; farewells < kFarewells; ++farewells) (void)dialogue_.ask({});
+  } catch (const std::exception&) {
+    // It is gone, and its motors with it.
+  }
+  link_->close();
+  link_.reset();
+}
+
+}  // namespace haptrace

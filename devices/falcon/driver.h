@@ -1,0 +1,44 @@
+// The Novint Falcon as a device.
+#pragma once
+
+#include "devices/falcon/dialogue.h"
+#include "devices/falcon/tracker.h"
+#include "devices/registry.h"
+#include "devices/threaded_device.h"
+
+namespace haptrace {
+
+/// What a Falcon of this calibration can do; its name and serial number are the caller's to add.
+DeviceInfo falcon_info(const FalconCalibration& calibration);
+
+/// A round is one packet and its answer. Until all three legs are homed no force is sent, the state is not ready, and
+/// its position stands still; then it is p = FK(encoders), and the motors bring up tau = J^T F.
+///
+/// Its logo is red while it is not ready, green once it is, and blue as well while it pushes.
+class FalconDriver final : public DeviceDriver {
+ public:
+  /// `link` is one to running firmware. Plays the first rounds, after which a Falcon that is homed is ready. `info` is
+  /// that of falcon_info, completed.
+  FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibration& calibration, DeviceInfo info);
+  ~FalconDriver() override { release(); }
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] bool round(const Wrench& wrench, DeviceState& state) override;
+  void release() noexcept override;
+
+ private:
+  [[nodiscard]] std::array<std::int16_t, 3> motors(const Vec3& force) const noexcept;
+
+  FalconCalibration calibration_;
+  DeviceInfo info_;
+  std::unique_ptr<FalconLink> link_;  ///< null once it is released
+  FalconDialogue dialogue_;
+  FalconTracker tracker_;
+  FalconEncoderWatch watch_;
+  FalconTracker::Verdict verdict_ = FalconTracker::Verdict::unhomed;
+  Vec3 position_ = Vec3::Zero();  ///< p_WT, the last that was believed [m]
+};
+
+DeviceBackend falcon_backend();  ///< in backend.cpp
+
+}  // namespace haptrace
