@@ -295,8 +295,8 @@ bool has_rule(const std::string& rules, const KnownUsbDevice& device) {
 Diagnosis examine_rules(const fs::path& root, const std::vector<Plugged>& plugged) {
   constexpr const char* kCheck = "udev rules";
   std::string rules;
-  for (const char* folder : {"etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d", "usr/lib/udev/rules.d",
-                             "lib/udev/rules.d"})
+  for (const char* folder : {"etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d",
+                             "usr/lib/udev/rules.d", "lib/udev/rules.d"})
     for (const fs::path& file : entries(root / folder))
       if (file.extension() == ".rules") rules += read_text(file).value_or("") + "\n";
 

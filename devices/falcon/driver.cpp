@@ -28,20 +28,19 @@ FalconDriver::FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibra
       tracker_(calibration),
       watch_(calibration.max_motor_counts) {
   DeviceState state;
-  for (int rounds = 0; rounds < 2 * FalconTracker::kSettled && !state.ready; ++rounds) {
-    state.ready = false;
-    (void)round({}, state);
-  }
+  state.ready = false;
+  for (int rounds = 0; rounds < 2 * FalconTracker::kSettled && !state.ready; ++rounds) (void)round({}, state);
   if (!state.ready)
     info_.notes.emplace_back(
-        "the Falcon is not homed: pull its grip all the way out, then push it all the way in, until its logo turns from "
+        "the Falcon is not homed: pull its grip all the way out, then push it all the way in, until its logo turns "
+        "from "
         "red to green; there is no force before");
 }
 
 /// None unless the last report was believed.
 std::array<std::int16_t, 3> FalconDriver::motors(const Vec3& force) const noexcept {
   if (verdict_ != FalconTracker::Verdict::believed) return {};
-  const double magnitude = force.norm();
+  const double magnitude = force.stableNorm();
   const double scale = magnitude > calibration_.max_force ? calibration_.max_force / magnitude : 1;
   return calibration_.motors(tracker_.pose()->torques(scale * force));
 }

@@ -30,10 +30,10 @@ constexpr std::array<std::uint8_t, 1> kBegin{0x41};
 constexpr std::size_t kChunk = 62;  // whose echo, with the chip's status, is one USB packet
 
 constexpr int kLoadingTries = 10, kGreetings = 50;
-constexpr int kProbes = 200;             // of firmware that may just have been started: for a second
-constexpr double kGreetingTime = 0.04;   // [s], as the next
+constexpr int kProbes = 200;            // of firmware that may just have been started: for a second
+constexpr double kGreetingTime = 0.04;  // [s], as the next
 constexpr double kEchoTime = 0.5;
-constexpr double kSilence = 0.03;        // after which nothing more comes
+constexpr double kSilence = 0.03;  // after which nothing more comes
 
 void falcon_send(FalconLink& link, FalconByteSpan bytes) {
   if (!link.write(bytes, kEchoTime)) throw device_error("its USB chip takes no data");
@@ -189,7 +189,8 @@ std::unique_ptr<FalconLink> start_falcon(const OpenFalconLink& open, const std::
   if (!firmware)
     throw device_error(
         "no firmware runs on the Falcon, as always after it was switched on, and none was named. Say "
-        "falcon:firmware=FILE; the folder firmware of libnifalcon's sources has one, nvent_firmware.bin, under a licence "
+        "falcon:firmware=FILE; the folder firmware of libnifalcon's sources has one, nvent_firmware.bin, under a "
+        "licence "
         "of Novint's that haptrace cannot pass on");
 
   FalconFailures failures;
@@ -205,9 +206,10 @@ std::unique_ptr<FalconLink> start_falcon(const OpenFalconLink& open, const std::
     }
     link.reset();
   }
-  throw device_error(fmt::format("{}: could not be loaded into the Falcon in {} tries ({}). Switch its power off and on; "
-                                 "then try another USB port, without a hub or with one that has its own power",
-                                 firmware->file, kLoadingTries, failures.text()));
+  throw device_error(
+      fmt::format("{}: could not be loaded into the Falcon in {} tries ({}). Switch its power off and on; "
+                  "then try another USB port, without a hub or with one that has its own power",
+                  firmware->file, kLoadingTries, failures.text()));
 }
 
 }  // namespace haptrace

@@ -36,20 +36,21 @@ FalconTracker::Verdict FalconTracker::take(const FalconReport& report, std::int6
   std::optional<FalconPose> pose;
   const Doubt doubt = examine(report, pose);
   if (doubt == Doubt::none) {
-    doubted_.reset();
+    doubt_ = Doubt::none;
     pose_ = pose;
     last_ = report;
     last_ns_ = sent_ns;
     return Verdict::believed;
   }
-  if (!doubted_) {
+  if (doubt_ == Doubt::none) {
+    doubt_ = doubt;
     doubted_ = report;
     doubted_ns_ = sent_ns;
   }
   if (falcon_seconds(doubted_ns_, sent_ns) < kPatience) return Verdict::doubted;
   if (doubt != Doubt::homing) lose(doubt, report);
   pose_.reset();
-  doubted_.reset();
+  doubt_ = Doubt::none;
   settled_ = 0;
   return Verdict::unhomed;
 }
@@ -65,7 +66,7 @@ FalconTracker::Doubt FalconTracker::examine(const FalconReport& report,
                                             std::optional<FalconPose>& pose) const noexcept {
   if (!report.is_homed()) return Doubt::homing;
   if (jumped(report)) return Doubt::jump;
-  if (doubted_ && largest_move(report, *doubted_) < largest_move(report, last_)) return Doubt::jump;
+  if (doubt_ == Doubt::jump && largest_move(report, doubted_) < largest_move(report, last_)) return Doubt::jump;
   pose = kinematics_.at_angles(calibration_.angles(report.encoders), pose_->position);
   return pose ? Doubt::none : Doubt::nowhere;
 }
@@ -85,10 +86,11 @@ void FalconTracker::lose(Doubt why, const FalconReport& report) const {
         "were lost; {}",
         fmt::join(last_.encoders, ", "), fmt::join(report.encoders, ", "), kHomeAgain));
   const Vec3 degrees = calibration_.angles(report.encoders) * (180 / std::numbers::pi);
-  throw device_error(fmt::format(
-      "its legs stand at {:.0f}, {:.0f} and {:.0f} degrees, where they hold the handle nowhere: its homing was lost, or "
-      "its calibration is not this device's (home_angle, encoder_sign, geometry); {}",
-      degrees[0], degrees[1], degrees[2], kHomeAgain));
+  throw device_error(
+      fmt::format("its legs stand at {:.0f}, {:.0f} and {:.0f} degrees, where they hold the handle nowhere: its homing "
+                  "was lost, or "
+                  "its calibration is not this device's (home_angle, encoder_sign, geometry); {}",
+                  degrees[0], degrees[1], degrees[2], kHomeAgain));
 }
 
 void FalconEncoderWatch::take(const std::array<std::int16_t, 3>& encoders, const std::array<std::int16_t, 3>& motors,

@@ -14,8 +14,8 @@ namespace haptrace {
 ///
 ///     a leg is not homed any more, or moved faster than a hand can move it, or the legs hold the handle nowhere.
 ///
-/// The doubt is over with the first report that is nearer to the last believed one than to what was doubted. What is
-/// doubted for kPatience is true: homing was lost, or the device is.
+/// Counts that jumped are doubted until they are nearer again to those believed last. What is doubted for kPatience is
+/// true: homing was lost, or the device is.
 ///
 /// Times are of any clock that does not go back.
 ///
@@ -30,10 +30,10 @@ class FalconTracker {
   explicit FalconTracker(const FalconCalibration& calibration)
       : calibration_(calibration), kinematics_(calibration.geometry) {}
 
-  enum class [[nodiscard]] Verdict : std::uint8_t {
-    unhomed,   ///< there is no pose
-    believed,  ///< the pose is that of the report
-    doubted,   ///< the pose is the last that was believed
+  enum class [[nodiscard]] Verdict : std::uint8_t{
+      unhomed,   ///< there is no pose
+      believed,  ///< the pose is that of the report
+      doubted,   ///< the pose is the last that was believed
   };
 
   /// `sent_ns` is when the packet was sent that the report answers. Throws Error(device) when the device is lost.
@@ -58,8 +58,9 @@ class FalconTracker {
   double elapsed_ = 0;        ///< between its sampling and that of the newest, at most [s]
   int settled_ = 0;           ///< reports
 
-  std::optional<FalconReport> doubted_;  ///< the first of those doubted now
-  std::int64_t doubted_ns_ = 0;          ///< when its packet was sent
+  Doubt doubt_ = Doubt::none;
+  FalconReport doubted_;         ///< the first, as long as there is doubt
+  std::int64_t doubted_ns_ = 0;  ///< when its packet was sent
 };
 
 /// Encoders that do not count although motors push: a plug inside that came off, or firmware that hangs. Noticed once
@@ -75,7 +76,8 @@ class FalconEncoderWatch {
   explicit FalconEncoderWatch(int max_motor_counts) : much_(max_motor_counts / 2) {}
 
   /// Throws Error(device) naming the leg.
-  void take(const std::array<std::int16_t, 3>& encoders, const std::array<std::int16_t, 3>& motors, std::int64_t now_ns);
+  void take(const std::array<std::int16_t, 3>& encoders, const std::array<std::int16_t, 3>& motors,
+            std::int64_t now_ns);
 
  private:
   struct Leg {

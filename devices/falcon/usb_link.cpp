@@ -19,7 +19,7 @@ constexpr int kFalconInterface = 0;
 constexpr std::uint8_t kFalconOut = 0x02, kFalconIn = 0x81;
 constexpr std::size_t kFtdiStatus = 2;  // bytes at the beginning of every packet
 constexpr std::size_t kLargestPacket = 512;
-constexpr std::size_t kReceivers = 4;       // transfers in flight
+constexpr std::size_t kReceivers = 4;        // transfers in flight
 constexpr std::size_t kMostReceived = 4096;  // bytes that wait for a reader
 constexpr unsigned kControlTimeout = 1000;   // [ms]
 constexpr double kCancelTime = 1;            // for the kernel to give a transfer back [s]
@@ -153,8 +153,7 @@ void UsbFalconLink::open(const FalconPort& port) {
     error = libusb_open(devices[i], &handle);
     handle_.reset(handle);
     const int largest = libusb_get_max_packet_size(devices[i], kFalconIn);
-    if (largest > static_cast<int>(kFtdiStatus))
-      packet_ = std::min(static_cast<std::size_t>(largest), kLargestPacket);
+    if (largest > static_cast<int>(kFtdiStatus)) packet_ = std::min(static_cast<std::size_t>(largest), kLargestPacket);
   }
   libusb_free_device_list(devices, 1);
   if (error == LIBUSB_ERROR_NO_DEVICE) throw lost("it was unplugged while it was opened; plug it in again");
@@ -251,8 +250,8 @@ void UsbFalconLink::control(Request request, std::uint16_t value) {
   gone_ = gone_ || error == LIBUSB_ERROR_NO_DEVICE;
   expect_here();
   if (error < 0)
-    throw lost(fmt::format("its USB chip refuses {} ({:#06x}): {}; plug it in again", falcon_request_text(request), value,
-                           libusb_strerror(error)));
+    throw lost(fmt::format("its USB chip refuses {} ({:#06x}): {}; plug it in again", falcon_request_text(request),
+                           value, libusb_strerror(error)));
 }
 
 bool UsbFalconLink::write(std::span<const std::uint8_t> bytes, double timeout) {

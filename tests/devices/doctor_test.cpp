@@ -309,6 +309,11 @@ TEST(Doctor, KeepsDevicesAwake) {
               finding(Severity::note, HasSubstr("after 2 s"), HasSubstr("usbcore/parameters/autosuspend")));
 }
 
+TEST(Doctor, WritesTheRulesThatThePackageInstalls) {
+  EXPECT_EQ(test::read_bytes(UDEV_RULES), udev_rules_file())
+      << "haptrace doctor --udev-rules > devices/udev/70-haptrace.rules";
+}
+
 TEST(Doctor, TellsRulesThatNameADeviceFromThoseThatDoNot) {
   const auto verdict = [](const std::string& folder, const std::string& rules) {
     FakeRoot root;
@@ -316,7 +321,8 @@ TEST(Doctor, TellsRulesThatNameADeviceFromThoseThatDoNot) {
     return system(root, "udev rules").severity;
   };
   const std::string rule = R"(SUBSYSTEM=="usb", ATTR{idVendor}=="0403", ATTR{idProduct}=="CB48", MODE="0666")";
-  for (const char* folder : {"etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d"})
+  for (const char* folder : {"etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d",
+                             "usr/lib/udev/rules.d", "lib/udev/rules.d"})
     EXPECT_EQ(verdict(folder, rule), Severity::ok) << folder;
   EXPECT_EQ(verdict("etc/udev/rules.d", R"(ATTRS{idVendor}=="0403", MODE="0666")"), Severity::ok);
   EXPECT_EQ(verdict("etc/udev/rules.d", "  # " + rule), Severity::warning);

@@ -9,6 +9,8 @@ endfunction()
 
 file(REMOVE_RECURSE ${OUT})
 step(${CMAKE_COMMAND} --install ${BUILD} --prefix ${OUT}/prefix)
+step(${CMAKE_COMMAND} -E compare_files ${SOURCE}/../../devices/udev/70-haptrace.rules
+     ${OUT}/prefix/lib/udev/rules.d/70-haptrace.rules)
 step(${CMAKE_COMMAND} -S ${SOURCE}/consumer -B ${OUT}/build -DCMAKE_PREFIX_PATH=${OUT}/prefix
      -G ${GENERATOR} -DCMAKE_CXX_COMPILER=${COMPILER} -DCMAKE_CXX_FLAGS=${FLAGS})
 step(${CMAKE_COMMAND} --build ${OUT}/build)
