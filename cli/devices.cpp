@@ -25,7 +25,8 @@ nlohmann::json to_json(const DeviceInfo& info) {
           {"max_continuous_force_n", info.max_continuous_force},
           {"max_torque_n_m", info.max_torque},
           {"nominal_rate_hz", info.nominal_rate},
-          {"natural_duration_s", info.natural_duration}};
+          {"natural_duration_s", info.natural_duration},
+          {"notes", info.notes}};
 }
 
 std::string axes(const std::array<bool, 3>& which) {
@@ -58,6 +59,7 @@ std::string describe(const DeviceInfo& info) {
   line("rate", known(info.nominal_rate, 1, "Hz"));
   line("measures", fmt::format("position{}{}{}", info.measures_velocity ? ", velocity" : "",
                                info.measures_orientation ? ", orientation" : "", info.measures_force ? ", force" : ""));
+  for (const std::string& note : info.notes) line("note", note);
   return text;
 }
 
