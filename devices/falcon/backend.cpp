@@ -1,6 +1,9 @@
+#include "control/error.h"
 #include "devices/falcon/driver.h"
+#include "devices/falcon/emulated_falcon.h"
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"
+#include "devices/sim/live_plant.h"
 #include "formats/json_reader.h"
 
 #include <fmt/format.h>
@@ -13,7 +16,21 @@ std::string falcon_option(const DeviceSpec& spec, const char* key) {
   return option != spec.options.end() ? option->second : "";
 }
 
+/// Whether `spec` means an emulated one. Throws Error(input) when it has options of the other kind.
+bool is_emulated_falcon(const DeviceSpec& spec) {
+  const bool emulated = is_emulated(spec);
+  const std::vector<std::string> others =
+      emulated ? std::vector<std::string>{"serial", "port"} : std::vector<std::string>{"fault"};
+  for (const std::string& key : others)
+    if (spec.options.contains(key))
+      throw input_error(fmt::format("--device '{}': {}: is for {}", spec.text, key,
+                                    emulated ? "a device that is plugged in; leave it out"
+                                             : "an emulated device; add emulated=true, or leave it out"));
+  return emulated;
+}
+
 std::unique_ptr<Device> open_falcon(const DeviceSpec& spec) {
+  const bool emulated = is_emulated_falcon(spec);
   FalconCalibration calibration;
   if (const std::string file = falcon_option(spec, "calibration"); !file.empty())
     calibration = read_falcon_calibration(load_json(file), file);
@@ -22,7 +39,9 @@ std::unique_ptr<Device> open_falcon(const DeviceSpec& spec) {
 
   DeviceInfo info = falcon_info(calibration);
   info.name = spec.text;
+  if (emulated) info.model += ", emulated";
   const auto open_link = [&] {
+    if (emulated) return open_emulated_falcon_link(spec, calibration);
     const FalconPort port =
         choose_falcon_port(find_falcon_ports(), falcon_option(spec, "serial"), falcon_option(spec, "port"));
     info.serial = port.serial;
@@ -35,15 +54,19 @@ std::unique_ptr<Device> open_falcon(const DeviceSpec& spec) {
 }  // namespace
 
 DeviceBackend falcon_backend() {
-  return {.name = "falcon",
-          .summary = "a Novint Falcon on USB (docs/devices/falcon.md)",
-          .options = {{"serial", "of several, the one with this serial number"},
-                      {"port", "of several, the one plugged in here, for example 1-1.2"},
-                      {"firmware", "Novint's firmware, loaded when none runs: a file of yours"},
-                      {"calibration", "what was measured of this device: a JSON file"}},
-          .presets = {},
-          .open = open_falcon,
-          .find = [] { return found_falcons(find_falcon_ports()); }};
+  DeviceBackend backend{.name = "falcon",
+                        .summary = "a Novint Falcon on USB (docs/devices/falcon.md)",
+                        .options = {{"serial", "of several, the one with this serial number"},
+                                    {"port", "of several, the one plugged in here, for example 1-1.2"},
+                                    {"firmware", "Novint's firmware, loaded when none runs: a file of yours"},
+                                    {"calibration", "what was measured of this device: a JSON file"}},
+                        .presets = {},
+                        .open = open_falcon,
+                        .find = [] { return found_falcons(find_falcon_ports()); }};
+  const auto emulated = emulated_options();
+  backend.options.insert(backend.options.end(), emulated.begin(), emulated.end());
+  backend.options.push_back({"fault", FalconFaults::help()});
+  return backend;
 }
 
 }  // namespace haptrace

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <gmock/gmock.h>
+#include <thread>
 
 namespace haptrace::test {
 namespace {
@@ -133,6 +134,23 @@ TEST(FalconBackend, RefusesWhatItCannotUseBeforeItTouchesADevice) {
   const TempFolder folder;
   EXPECT_THAT(open_error("falcon:calibration=" + folder.write("my.json", R"({"max_forse": 3})")),
               HasSubstr("did you mean 'max_force'?"));
+  EXPECT_THAT(open_error("falcon:emulated=true,serial=3"), HasSubstr("serial: is for a device that is plugged in"));
+  EXPECT_THAT(open_error("falcon:fault=silent"), HasSubstr("fault: is for an emulated device; add emulated=true"));
+  EXPECT_THAT(open_error("falcon:hand=relaxed"), HasSubstr("hand: is for an emulated device; add emulated=true"));
+}
+
+TEST(FalconBackend, OpensAnEmulatedOneThatIsReadyOnceItWasHomed) {
+  const auto device = open_device("falcon:emulated=true,hand=relaxed");
+  EXPECT_EQ(device->info().model, "Novint Falcon, emulated");
+  DeviceState state = exchange(*device, Vec3::Zero(), 0);
+  EXPECT_FALSE(state.ready);
+  for (int k = 0; k < 20'000 && !state.ready; ++k) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    state = exchange(*device, Vec3(1, 0, 0), 1e-3);
+    ASSERT_TRUE(state.ready || state.position == Vec3::Zero());
+  }
+  EXPECT_TRUE(state.ready);
+  EXPECT_LT(state.position.norm(), 0.02) << "where a relaxed hand holds it";
 }
 
 }  // namespace
