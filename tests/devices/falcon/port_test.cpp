@@ -149,8 +149,13 @@ TEST(FalconBackend, OpensAnEmulatedOneThatIsReadyOnceItWasHomed) {
     state = exchange(*device, Vec3(1, 0, 0), 1e-3);
     ASSERT_TRUE(state.ready || state.position == Vec3::Zero());
   }
-  EXPECT_TRUE(state.ready);
-  EXPECT_LT(state.position.norm(), 0.02) << "where a relaxed hand holds it";
+  ASSERT_TRUE(state.ready);
+  // Whoever homed it may still be on his way back.
+  for (int k = 0; k < 500; ++k) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    state = exchange(*device, Vec3::Zero(), 1e-3);
+  }
+  EXPECT_LT(state.position.norm(), 0.02);
 }
 
 }  // namespace
