@@ -33,8 +33,7 @@ FalconDriver::FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibra
   if (!state.ready)
     info_.notes.emplace_back(
         "the Falcon is not homed: pull its grip all the way out, then push it all the way in, until its logo turns "
-        "from "
-        "red to green; there is no force before");
+        "from red to green; there is no force before");
 }
 
 /// None unless the last report was believed.

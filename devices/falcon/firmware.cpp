@@ -189,9 +189,8 @@ std::unique_ptr<FalconLink> start_falcon(const OpenFalconLink& open, const std::
   if (!firmware)
     throw device_error(
         "no firmware runs on the Falcon, as always after it was switched on, and none was named. Say "
-        "falcon:firmware=FILE; the folder firmware of libnifalcon's sources has one, nvent_firmware.bin, under a "
-        "licence "
-        "of Novint's that haptrace cannot pass on");
+        "falcon:firmware=FILE; libnifalcon's sources have one, firmware/nvent_firmware.bin, under a licence of "
+        "Novint's that haptrace cannot pass on");
 
   FalconFailures failures;
   for (int tries = 0; tries < kLoadingTries; ++tries) {

@@ -88,8 +88,7 @@ void FalconTracker::lose(Doubt why, const FalconReport& report) const {
   const Vec3 degrees = calibration_.angles(report.encoders) * (180 / std::numbers::pi);
   throw device_error(
       fmt::format("its legs stand at {:.0f}, {:.0f} and {:.0f} degrees, where they hold the handle nowhere: its homing "
-                  "was lost, or "
-                  "its calibration is not this device's (home_angle, encoder_sign, geometry); {}",
+                  "was lost, or its calibration is not this device's (home_angle, encoder_sign, geometry); {}",
                   degrees[0], degrees[1], degrees[2], kHomeAgain));
 }
 
