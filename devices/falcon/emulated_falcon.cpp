@@ -359,7 +359,7 @@ class EmulatedFalcon::Board {
   }
 
   FalconCalibration calibration_;
-  FalconFaults faults_;
+  const FalconFaults& faults_;  ///< may change
   SplitMix64 random_;
   Stage stage_ = Stage::asleep;
   bool data_terminal_ready_ = false;
@@ -377,7 +377,7 @@ EmulatedFalcon::EmulatedFalcon(const FalconCalibration& calibration, LivePlant p
                                const FalconFaults& faults, std::uint64_t seed)
     : faults_(faults),
       mechanism_(std::make_unique<Mechanism>(calibration, std::move(plant))),
-      board_(std::make_unique<Board>(calibration, start, faults, seed, mechanism_->angles())),
+      board_(std::make_unique<Board>(calibration, start, faults_, seed, mechanism_->angles())),
       from_host_(std::make_unique<Line>()),
       to_host_(std::make_unique<Line>()) {
   reset_chip();

@@ -96,6 +96,9 @@ class EmulatedFalcon {
   /// The grip's buttons that are down from now on, FalconReport::Button.
   void press(std::uint8_t buttons) noexcept;
 
+  /// Whatever goes wrong from now on; what it says about the past is not made up for.
+  void set_faults(const FalconFaults& faults) noexcept { faults_ = faults; }
+
   /// Lets time pass that no transfer shows.
   void advance_to(std::int64_t now_ns);
 
