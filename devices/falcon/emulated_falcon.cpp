@@ -32,6 +32,7 @@ constexpr std::size_t kPayload = EmulatedFalcon::kPacket - EmulatedFalcon::kStat
 constexpr std::int64_t kLatencyAtFirst = 16'000'000;  // [ns]
 constexpr int kMostCounts = 2000;                     // of an encoder that is not homed
 constexpr double kHomingReach = 0.02;                 // to either side of the marks [m]
+constexpr int kHalvings = 20;                         // in search of how far the legs reach
 constexpr double kHomingPart = 0.15;                  // out, in, and back last so long each [s]
 
 bool is_speed(double baud, double expected) {
@@ -179,9 +180,10 @@ class EmulatedFalcon::Mechanism {
     plant_.advance_to(0);
     const auto marks = kinematics_.at_angles(calibration.home_angle);
     marks_ = marks ? Vec3(marks->position - calibration.origin) : Vec3::Zero();
-    const auto pose = kinematics_.at_position(calibration.origin + position());
-    if (!pose) throw input_error("the legs of the emulated Falcon do not reach where its plant starts");
-    pose_ = *pose;
+    const auto middle = kinematics_.at_position(calibration.origin);
+    if (!middle) throw input_error("the legs of the emulated Falcon do not reach the origin of its workspace");
+    pose_ = *middle;
+    hold(held_by());
   }
 
   void advance(std::int64_t step_ns, const std::array<std::int16_t, 3>& motors) {
@@ -193,14 +195,22 @@ class EmulatedFalcon::Mechanism {
       plant_ns_ += step_ns;
       plant_.advance_to(plant_ns_);
     }
-    if (const auto pose = kinematics_.at_position(calibration_.origin + position())) pose_ = *pose;
+    hold(held_by());
     force_ = pose_.jacobian.transpose().inverse() * torques(motors);
   }
 
   /// A user takes the handle, unless he has it.
   void ask_for_homing() noexcept { user_ns_ = std::max<std::int64_t>(user_ns_, 0); }
 
-  [[nodiscard]] Vec3 position() const noexcept {
+  [[nodiscard]] Vec3 position() const noexcept { return pose_.position - calibration_.origin; }
+  [[nodiscard]] const Vec3& angles() const noexcept { return pose_.angles; }
+  [[nodiscard]] const Vec3& force() const noexcept { return force_; }
+
+ private:
+  static constexpr std::int64_t kPart = static_cast<std::int64_t>(1e9 * kHomingPart);
+
+  /// Where plant or user would have the handle [m].
+  [[nodiscard]] Vec3 held_by() const noexcept {
     const Vec3 start = plant_.position();
     if (user_ns_ < 0) return start;
     const Vec3 reach(0, 0, kHomingReach);
@@ -209,11 +219,24 @@ class EmulatedFalcon::Mechanism {
     const double s = MinJerk::at(static_cast<double>(user_ns_ - part * kPart) / static_cast<double>(kPart)).s;
     return way[part] + s * (way[part + 1] - way[part]);
   }
-  [[nodiscard]] const Vec3& angles() const noexcept { return pose_.angles; }
-  [[nodiscard]] const Vec3& force() const noexcept { return force_; }
 
- private:
-  static constexpr std::int64_t kPart = static_cast<std::int64_t>(1e9 * kHomingPart);
+  /// The handle goes to `place`, or from the origin towards it as far as the legs let it.
+  void hold(const Vec3& place) noexcept {
+    double near = 0, far = 1;
+    if (const auto pose = kinematics_.at_position(calibration_.origin + place)) {
+      pose_ = *pose;
+      return;
+    }
+    for (int halving = 0; halving < kHalvings; ++halving) {
+      const double middle = 0.5 * (near + far);
+      if (const auto pose = kinematics_.at_position(calibration_.origin + middle * place)) {
+        pose_ = *pose;
+        near = middle;
+      } else {
+        far = middle;
+      }
+    }
+  }
 
   [[nodiscard]] Vec3 torques(const std::array<std::int16_t, 3>& motors) const noexcept {
     Vec3 counts(motors[0], motors[1], motors[2]);

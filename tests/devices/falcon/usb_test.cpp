@@ -173,7 +173,7 @@ TEST_F(FalconUsb, IsFreeOfForceWhenNobodyExchangesAnyMore) {
 /// To and fro, so that a hand yields; something happens after 0.2 s.
 class Shaking final : public Controller {
  public:
-  explicit Shaking(std::function<void()> happening, std::uint64_t ticks = 2000)
+  explicit Shaking(std::function<void()> happening, std::uint64_t ticks = 1200)
       : happening_(std::move(happening)), ticks_(ticks) {}
 
   void resume(const State& first) noexcept override { resumed_ = first.tick; }
