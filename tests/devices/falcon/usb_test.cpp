@@ -298,6 +298,17 @@ TEST_F(FalconUsb, DoesNotGoOnWithAnother) {
   EXPECT_FALSE(pushes());
 }
 
+TEST_F(FalconUsb, IsEmulatedWithoutUsbAsWell) {
+  bus().unplug();
+  RecoveringDevice device([] { return open_device("falcon:emulated=true,hand=relaxed,seed=3,fault=unplug:2:0.2"); });
+  DeviceState state;
+  EXPECT_TRUE(exchange_until(device, Vec3::Zero(), state, [&] { return state.ready; })) << "its user homes it";
+  Shaking controller(nullptr, 3000);
+  const ServoReport report = run_session(device, controller, 20);
+  EXPECT_EQ(report.cause, StopCause::finished) << report.detail;
+  EXPECT_EQ(report.returns, 1);
+}
+
 /// What a process has open and in use.
 struct Belongings {
   std::size_t files = 0, threads = 0, bytes = 0;
