@@ -32,8 +32,9 @@ constexpr std::size_t kPayload = EmulatedFalcon::kPacket - EmulatedFalcon::kStat
 constexpr std::int64_t kLatencyAtFirst = 16'000'000;  // [ns]
 constexpr int kMostCounts = 2000;                     // of an encoder that is not homed
 constexpr double kHomingReach = 0.02;                 // to either side of the marks [m]
-constexpr int kHalvings = 20;                         // in search of how far the legs reach
-constexpr double kHomingPart = 0.15;                  // out, in, and back last so long each [s]
+constexpr int kHalvings = 20;                         // in search of how far the handle goes
+constexpr double kStopMargin = 0.02;  // of the way from the origin to where the legs reach no more, stops are before it
+constexpr double kHomingPart = 0.15;  // out, in, and back last so long each [s]
 
 bool is_speed(double baud, double expected) {
   return std::abs(baud / expected - 1) < kSpeedTolerance;
@@ -220,21 +221,24 @@ class EmulatedFalcon::Mechanism {
     return way[part] + s * (way[part + 1] - way[part]);
   }
 
-  /// The handle goes to `place`, or from the origin towards it as far as the legs let it.
+  /// With the handle at `place` [m], when it is not beyond its stops.
+  [[nodiscard]] std::optional<FalconPose> pose_at(const Vec3& place) const noexcept {
+    if (!kinematics_.at_position(calibration_.origin + (1 + kStopMargin) * place)) return std::nullopt;
+    return kinematics_.at_position(calibration_.origin + place);
+  }
+
+  /// The handle goes to `place`, or from the origin towards it as far as its stops let it.
   void hold(const Vec3& place) noexcept {
     double near = 0, far = 1;
-    if (const auto pose = kinematics_.at_position(calibration_.origin + place)) {
+    if (const auto pose = pose_at(place)) {
       pose_ = *pose;
       return;
     }
     for (int halving = 0; halving < kHalvings; ++halving) {
       const double middle = 0.5 * (near + far);
-      if (const auto pose = kinematics_.at_position(calibration_.origin + middle * place)) {
-        pose_ = *pose;
-        near = middle;
-      } else {
-        far = middle;
-      }
+      const auto pose = pose_at(middle * place);
+      if (pose) pose_ = *pose;
+      (pose ? near : far) = middle;
     }
   }
 

@@ -55,10 +55,10 @@ struct FalconFaults {
 /// cable being out, which the firmware outlives on its own supply.
 ///
 /// The encoders are those of the legs that hold the plant's handle, in counts, from an arbitrary start until a leg is
-/// homed. Where the plant is out of the legs' reach, the handle stays behind at their end. Motor counts become torques,
-/// saturated, and by the transposed inverse of the true Jacobian a force on the plant. While homing is asked for and a
-/// leg is not homed, a user takes the handle, pulls it out beyond every mark, pushes it in and returns it to where he
-/// took it; meanwhile the plant's own time stands still.
+/// homed. Where the plant is out of the legs' reach, the handle stays behind, at stops a little inside. Motor counts
+/// become torques, saturated, and by the transposed inverse of the true Jacobian a force on the plant. While homing is
+/// asked for and a leg is not homed, a user takes the handle, pulls it out beyond every mark, pushes it in and returns
+/// it to where he took it; meanwhile the plant's own time stands still.
 ///
 /// Threads: one at a time. Not real-time.
 class EmulatedFalcon {
