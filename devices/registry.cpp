@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "devices/falcon/driver.h"
+#include "devices/haply/inverse3.h"
 #include "devices/plugin_device.h"
 #include "devices/replay_device.h"
 #include "devices/sim/sim_device.h"
@@ -24,6 +25,8 @@ std::vector<std::string> names_of(const Items& items, Name name) {
 
 const std::vector<DeviceBackend>& device_backends() {
   static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend(), falcon_backend()};
+  static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend(),
+                                                   inverse3_backend()};
   return backends;
 }
 

@@ -1,0 +1,489 @@
+#include "devices/haply/inverse3.h"
+
+#include "control/error.h"
+#include "devices/clock.h"
+#include "devices/haply/emulated_inverse.h"
+#include "devices/sim/live_plant.h"
+#include "formats/json_reader.h"
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core/buffers_to_string.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/websocket.hpp>
+#include <charconv>
+#include <chrono>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+namespace asio = boost::asio;
+namespace websocket = boost::beast::websocket;
+using asio::ip::tcp;
+using boost::system::error_code;
+
+constexpr double kInverseConnects = 0.5;            // [s], and as long again for the upgrade to a WebSocket
+constexpr double kInverseInventory = 1;             // [s]
+constexpr double kInverseReply = 0.01;              // of a round [s]
+constexpr double kInverseFirstReply = 0.8;          // [s]
+constexpr double kInverseSilence = 0.08;            // before ThreadedDevice knows less well what to say [s]
+constexpr double kInverseFarewell = 0.02;           // [s]
+constexpr double kInverseSearch = 0.05;             // of every step of a search [s]
+constexpr int kInverseUnlisted = 20;                // replies without the arm, after which it is gone
+constexpr std::size_t kInverseLongest = 1U << 20U;  // bytes of a message
+
+constexpr const char* kStartService =
+    "start Haply's Inverse Service (sudo systemctl start haply-inverse-service, or open the Haply Hub)";
+constexpr const char* kRestartService = "restart it: sudo systemctl restart haply-inverse-service";
+
+struct InverseUrl {
+  std::string text, host, path;
+  std::vector<asio::ip::address> addresses;  ///< to be tried in turn
+  std::uint16_t port = 80;
+};
+
+/// Asks no name server, which could not be given up in time.
+InverseUrl parse_inverse_url(const std::string& text, bool remote) {
+  const auto refuse = [&](const std::string& why) {
+    return input_error(fmt::format("url '{}': {}; it reads ws://localhost:10001", text, why));
+  };
+  constexpr std::string_view kScheme = "ws://";
+  if (!text.starts_with(kScheme)) throw refuse("does not begin with ws://");
+  const std::string rest = text.substr(kScheme.size());
+  const auto slash = rest.find('/');
+  const std::string authority = rest.substr(0, slash);
+  InverseUrl url{.text = text, .host = authority, .path = slash == std::string::npos ? "/" : rest.substr(slash)};
+
+  std::string name = authority;
+  const auto colon = authority.rfind(':');
+  if (colon != std::string::npos && authority.find(']', colon) == std::string::npos) {
+    name = authority.substr(0, colon);
+    const char* end = authority.data() + authority.size();
+    const auto [stop, error] = std::from_chars(authority.data() + colon + 1, end, url.port);
+    if (error != std::errc() || stop != end || url.port == 0) throw refuse("its port is not 1 to 65535");
+  }
+  if (name == "localhost") {
+    url.addresses = {asio::ip::address_v4::loopback(), asio::ip::address_v6::loopback()};
+    return url;
+  }
+  if (name.size() > 2 && name.front() == '[' && name.back() == ']') name = name.substr(1, name.size() - 2);
+  error_code error;
+  url.addresses = {asio::ip::make_address(name, error)};
+  if (error) throw refuse("its host is neither localhost nor an address in digits");
+  if (!remote && !url.addresses.front().is_loopback())
+    throw refuse(
+        "it leads to another machine, where a network that stalls lets go of the hand; add remote=true if "
+        "that is meant");
+  return url;
+}
+
+/// A connection that is never waited for longer than one says. Reads as long as it is open.
+class InverseConnection {
+ public:
+  /// Throws Error(device) when no service is there.
+  InverseConnection(const InverseUrl& url, double patience) : stream_(io_) {
+    std::optional<std::string> why;  // of the first address
+    for (const asio::ip::address& address : url.addresses) {
+      const std::string refused = connect({address, url.port}, patience);
+      if (!why || refused.empty()) why = refused;
+      if (refused.empty()) break;
+    }
+    if (!why->empty())
+      throw device_error(fmt::format("no Inverse Service at {}: {}; {}", url.text, *why, kStartService));
+    upgrade(url, patience);
+    read();
+  }
+  ~InverseConnection() { close(); }
+  InverseConnection(const InverseConnection&) = delete;
+  InverseConnection& operator=(const InverseConnection&) = delete;
+
+  /// Returns before the message is sent, but after the one before was. Throws Error(device) when the connection broke,
+  /// or the service takes nothing more.
+  void send(std::string message, double timeout) {
+    if (!wait(timeout, [this] { return !writing_ || failure_; }))
+      throw device_error(fmt::format("the Inverse Service takes no more messages; {}", kRestartService));
+    check();
+    outgoing_ = std::move(message);
+    writing_ = true;
+    stream_.async_write(asio::buffer(outgoing_), [this](error_code error, std::size_t) {
+      writing_ = false;
+      fail(error);
+    });
+  }
+
+  /// The next message; nothing when none came in time. Throws Error(device) when the connection broke.
+  std::optional<std::string> receive(double timeout) {
+    if (!wait(timeout, [this] { return received_ || failure_; })) return {};
+    if (!received_) check();
+    std::optional<std::string> message = std::move(received_);
+    received_.reset();
+    read();
+    return message;
+  }
+
+  /// Says good-bye, if there is somebody to say it to.
+  void close() noexcept {
+    if (closed_) return;
+    closed_ = true;
+    try {
+      if (!failure_ && stream_.is_open()) {
+        stream_.async_close(websocket::close_code::normal, [this](error_code error) { fail(error ? error : kGone); });
+        wait(kInverseFarewell, [this] { return failure_.has_value(); });
+      }
+    } catch (...) {
+      // The socket is closed all the same.
+    }
+    error_code ignored;
+    stream_.next_layer().close(ignored);
+  }
+
+ private:
+  static inline const error_code kGone = make_error_code(websocket::error::closed);
+
+  /// Runs what is under way until `done`, for `timeout` [s] at most.
+  template <class Done>
+  bool wait(double timeout, Done done) {
+    const auto deadline = std::chrono::steady_clock::now() + std::chrono::microseconds(std::lround(1e6 * timeout));
+    bool in_time = true;
+    while (!done() && in_time) {
+      io_.restart();
+      in_time = io_.run_one_until(deadline) > 0;
+    }
+    if (in_time) return true;
+    io_.restart();
+    io_.poll();  // what came while this thread was not given the processor
+    return done();
+  }
+
+  void fail(error_code error) {
+    if (error && !failure_) failure_ = error;
+  }
+  void check() const {
+    if (failure_)
+      throw device_error(
+          fmt::format("the Inverse Service closed the connection ({}); {}", failure_->message(), kStartService));
+  }
+
+  /// Why it failed; empty when it did not.
+  std::string connect(const tcp::endpoint& endpoint, double patience) {
+    std::optional<error_code> answer;
+    tcp::socket& socket = stream_.next_layer();
+    error_code ignored;
+    socket.close(ignored);
+    socket.async_connect(endpoint, [&answer](error_code error) { answer = error; });
+    if (!wait(patience, [&] { return answer.has_value(); })) {
+      socket.close(ignored);
+      wait(patience, [&] { return answer.has_value(); });  // the handler, which refers to what is here
+      return fmt::format("no answer within {:g} s", patience);
+    }
+    if (*answer) return answer->message();
+    socket.set_option(tcp::no_delay(true), ignored);
+    return "";
+  }
+
+  void upgrade(const InverseUrl& url, double patience) {
+    std::optional<error_code> answer;
+    stream_.read_message_max(kInverseLongest);
+    stream_.async_handshake(url.host, url.path, [&answer](error_code error) { answer = error; });
+    if (!wait(patience, [&] { return answer.has_value(); })) {
+      error_code ignored;
+      stream_.next_layer().close(ignored);
+      wait(patience, [&] { return answer.has_value(); });
+      answer = make_error_code(boost::system::errc::timed_out);
+    }
+    if (*answer)
+      throw device_error(fmt::format("what listens at {} is no Inverse Service ({}); look at url, or {}", url.text,
+                                     answer->message(), kRestartService));
+  }
+
+  void read() {
+    stream_.async_read(buffer_, [this](error_code error, std::size_t) {
+      if (error) return fail(error);
+      received_ = boost::beast::buffers_to_string(buffer_.data());
+      buffer_.clear();
+    });
+  }
+
+  boost::beast::flat_buffer buffer_;
+  std::string outgoing_;
+  std::optional<std::string> received_;
+  std::optional<error_code> failure_;
+  bool writing_ = false, closed_ = false;
+  asio::io_context io_{1};  ///< after what its handlers refer to
+  websocket::stream<tcp::socket> stream_;
+};
+
+/// The first message of a service. Throws Error(device).
+void await_inventory(InverseConnection& connection, const InverseUrl& url, double patience, InverseServiceView& view) {
+  const auto inventory = connection.receive(patience);
+  if (!inventory)
+    throw device_error(fmt::format("the Inverse Service at {} says nothing; {}", url.text, kRestartService));
+  view.take(*inventory);
+}
+
+std::string inverse_model(const std::string& type) {
+  if (type == "inverse3") return "Haply Inverse3";
+  if (type == "inverse3x") return "Haply Inverse3x";
+  if (type == "minverse") return "Haply Minverse";
+  return "Haply " + type;
+}
+
+constexpr const char* kNoArm = "look at its cable and its power, and whether the Haply Hub shows it";
+
+/// The arm that is asked for. Throws Error(device) when there is none or the choice is not clear.
+std::string chosen_arm(const InverseServiceView& view, const std::string& asked) {
+  const std::vector<std::string>& listed = view.listed();
+  if (listed.empty()) throw device_error(fmt::format("the Inverse Service lists no Inverse3; {}", kNoArm));
+  if (!asked.empty() && !view.lists(asked))
+    throw device_error(
+        fmt::format("the Inverse Service lists no Inverse3 '{}', but {}; {}", asked, fmt::join(listed, ", "), kNoArm));
+  if (asked.empty() && listed.size() > 1)
+    throw device_error(fmt::format("the Inverse Service lists {}; say which with device_id={}", fmt::join(listed, ", "),
+                                   listed.front()));
+  return asked.empty() ? listed.front() : asked;
+}
+
+void refuse_obstacle(const std::string& id, const InverseArm& arm, bool ours) {
+  const InverseObstacle obstacle = obstacle_of(arm, ours);
+  if (!obstacle.what.empty())
+    throw device_error(fmt::format("Inverse3 {}: {}; {}", id, obstacle.what, obstacle.remedy));
+}
+
+class Inverse3Driver final : public DeviceDriver {
+ public:
+  explicit Inverse3Driver(const Inverse3Options& options)
+      : Inverse3Driver(options, parse_inverse_url(options.url, options.remote)) {}
+  ~Inverse3Driver() override { release(); }
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+
+  bool round(const Wrench& wrench, DeviceState& state) override {
+    const Vec3 force = calibration_.command(wrench.force);
+    const bool zero = force.isZero(0);
+    // One message for every reply, but a zero is not held back by a service that owes one.
+    if (owed_ == 0 || (zero && !sent_zero_)) send(force, zero);
+    const auto reply = connection_.receive(kInverseReply);
+    if (!reply) {
+      if (1e-9 * static_cast<double>(monotonic_ns() - answered_ns_) >
+          (answered_ ? kInverseSilence : kInverseFirstReply))
+        throw device_error(
+            fmt::format("the Inverse Service gives no answer{}; {}", answered_ ? " any more" : "", kRestartService));
+      return false;
+    }
+    answered_ = true;
+    answered_ns_ = monotonic_ns();
+    owed_ = std::max(owed_ - 1, 0);
+    view_.take(*reply);
+    if (!accepted()) return false;
+    if (!view_.lists(id_)) {
+      if (++unlisted_ > kInverseUnlisted)
+        throw device_error(fmt::format("the Inverse Service no longer lists Inverse3 {}; {}", id_, kNoArm));
+      return false;
+    }
+    unlisted_ = 0;
+    read(state);
+    return true;
+  }
+
+  void release() noexcept override {
+    if (released_) return;
+    released_ = true;
+    try {
+      send(Vec3::Zero(), true);
+      // Until it was answered it may not have been read, and be lost with the connection.
+      for (bool answered = true; owed_ > 0 && answered; --owed_)
+        answered = connection_.receive(kInverseFarewell).has_value();
+    } catch (const std::exception&) {
+      // Nobody hears it any more: the service lets go by itself, as soon as commands stop.
+    }
+    connection_.close();
+  }
+
+ private:
+  Inverse3Driver(const Inverse3Options& options, const InverseUrl& url)
+      : calibration_(options.calibration.value_or(Inverse3Calibration{})), connection_(url, kInverseConnects) {
+    await_inventory(connection_, url, kInverseInventory, view_);
+    id_ = chosen_arm(view_, options.device_id);
+    const InverseArm arm = view_.arm(id_);
+    refuse_obstacle(id_, arm, false);
+    if (!arm.displaced.empty() && !options.calibration)
+      throw device_error(fmt::format(
+          "Inverse3 {}: its service was told to move its axes ({}), so that they are not those of the documentation; "
+          "choose the preset 'defaults' in the Haply Hub, or say where they are with calibration=FILE",
+          id_, fmt::join(arm.displaced, ", ")));
+    force_key_ = options.force_key.value_or(view_.force_key());
+    may_change_key_ = !options.force_key;
+
+    info_.name = options.name;
+    info_.backend = "inverse3";
+    info_.model = inverse_model(arm.type);
+    info_.serial = id_;
+    info_.measures_velocity = arm.velocity.has_value();
+    info_.measures_orientation = view_.grip().has_value();
+    info_.workspace_min = -calibration_.workspace;
+    info_.workspace_max = calibration_.workspace;
+    info_.max_force = calibration_.max_force;
+    info_.max_continuous_force = calibration_.max_continuous_force;
+  }
+
+  void send(const Vec3& force, bool zero) {
+    connection_.send(inverse_command(id_, force, force_key_, first_), kInverseReply);
+    ++owed_;
+    sent_zero_ = zero;
+    first_ = false;
+  }
+
+  /// Whether the command was taken. Which key a version wants is not known of all: before any command was taken, the
+  /// other one is tried once. Until then no force was sent.
+  bool accepted() {
+    if (view_.refusal().empty()) {
+      may_change_key_ = false;
+      return true;
+    }
+    if (!may_change_key_)
+      throw device_error(fmt::format(
+          "the Inverse Service refuses a force ('{:.200}'); try force_key={}", view_.refusal(),
+          to_string(force_key_ == InverseForceKey::vector ? InverseForceKey::values : InverseForceKey::vector)));
+    may_change_key_ = false;
+    force_key_ = force_key_ == InverseForceKey::vector ? InverseForceKey::values : InverseForceKey::vector;
+    return false;
+  }
+
+  void read(DeviceState& state) {
+    const InverseArm arm = view_.arm(id_);
+    refuse_obstacle(id_, arm, true);
+    state = {};
+    state.position = calibration_.position(arm.position);
+    if (info_.measures_velocity) state.velocity = calibration_.vector(arm.velocity.value_or(Vec3::Zero()));
+    const auto grip = view_.grip();
+    if (!grip) return;
+    state.buttons = grip->buttons;
+    if (info_.measures_orientation) state.orientation = calibration_.orientation(grip->orientation);
+  }
+
+  const Inverse3Calibration calibration_;
+  InverseConnection connection_;
+  InverseServiceView view_;
+  DeviceInfo info_;
+  std::string id_;
+  InverseForceKey force_key_ = InverseForceKey::vector;
+  bool may_change_key_ = true, first_ = true, sent_zero_ = false, released_ = false;
+  bool answered_ = false;
+  std::int64_t answered_ns_ = monotonic_ns();
+  int owed_ = 0;      ///< replies
+  int unlisted_ = 0;  ///< replies in a row
+};
+
+/// A driver together with the emulated service that it talks to.
+class EmulatedInverse3Driver final : public DeviceDriver {
+ public:
+  EmulatedInverse3Driver(LivePlant plant, Inverse3Options options)
+      : service_(std::move(plant), {}), driver_(open_at(service_.url(), options)), info_(driver_->info()) {
+    info_.model += " (emulated)";
+  }
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  bool round(const Wrench& wrench, DeviceState& state) override { return driver_->round(wrench, state); }
+  void release() noexcept override { driver_->release(); }
+
+ private:
+  static std::unique_ptr<DeviceDriver> open_at(const std::string& url, Inverse3Options& options) {
+    options.url = url;
+    return open_inverse3_driver(options);
+  }
+
+  EmulatedInverseService service_;
+  std::unique_ptr<DeviceDriver> driver_;
+  DeviceInfo info_;
+};
+
+Inverse3Options read_inverse3_options(const DeviceSpec& device) {
+  const auto option = [&](const char* key) {
+    const auto found = device.options.find(key);
+    return found != device.options.end() ? found->second : std::string();
+  };
+  const auto choice = [&](const char* key, const std::string& no, const std::string& yes) -> std::optional<bool> {
+    const std::string text = option(key);
+    if (!text.empty() && text != no && text != yes)
+      throw input_error(
+          fmt::format("--device '{}': {}: expected {} or {}, found '{}'", device.text, key, no, yes, text));
+    return text.empty() ? std::nullopt : std::optional(text == yes);
+  };
+  Inverse3Options options{.name = device.text, .force_key = {}, .calibration = {}};
+  if (!option("url").empty()) options.url = option("url");
+  options.device_id = option("device_id");
+  options.remote = choice("remote", "false", "true").value_or(false);
+  if (const auto values = choice("force_key", to_string(InverseForceKey::vector), to_string(InverseForceKey::values)))
+    options.force_key = *values ? InverseForceKey::values : InverseForceKey::vector;
+  if (const std::string file = option("calibration"); !file.empty())
+    options.calibration = read_inverse3_calibration(load_json(file), file);
+  return options;
+}
+
+std::unique_ptr<Device> open_inverse3(const DeviceSpec& device) {
+  Inverse3Options options = read_inverse3_options(device);
+  if (!is_emulated(device)) return std::make_unique<ThreadedDevice>(open_inverse3_driver(options));
+  LivePlant plant = open_live_plant(device, "inverse3");
+  if (!options.calibration) {
+    // It emulates the plant that was asked for: its workspace and forces, in the service's own axes.
+    options.calibration.emplace();
+    options.calibration->workspace = plant.info().workspace_max;
+    options.calibration->max_force = plant.info().max_force;
+    options.calibration->max_continuous_force = plant.info().max_continuous_force;
+  }
+  return std::make_unique<ThreadedDevice>(std::make_unique<EmulatedInverse3Driver>(std::move(plant), options));
+}
+
+}  // namespace
+
+std::unique_ptr<DeviceDriver> open_inverse3_driver(const Inverse3Options& options) {
+  return std::make_unique<Inverse3Driver>(options);
+}
+
+std::vector<FoundDevice> find_inverse3(const std::string& url_text) {
+  std::vector<FoundDevice> found;
+  try {
+    const InverseUrl url = parse_inverse_url(url_text, false);
+    InverseConnection connection(url, kInverseSearch);
+    InverseServiceView view;
+    await_inventory(connection, url, kInverseSearch, view);
+    for (const std::string& id : view.listed()) {
+      const InverseArm arm = view.arm(id);
+      const InverseObstacle obstacle = obstacle_of(arm, false);
+      found.push_back({.spec = view.listed().size() > 1 ? "inverse3:device_id=" + id : "inverse3",
+                       .model = inverse_model(arm.type),
+                       .serial = id,
+                       .where = url.text,
+                       .obstacle = obstacle.what,
+                       .remedy = obstacle.remedy});
+    }
+    if (found.empty())
+      found.push_back({.spec = "inverse3",
+                       .model = "Haply Inverse Service",
+                       .serial = "",
+                       .where = url.text,
+                       .obstacle = "it lists no Inverse3",
+                       .remedy = kNoArm});
+  } catch (const std::exception&) {
+    // No service, or another program's port: nothing that could be opened.
+  }
+  return found;
+}
+
+DeviceBackend inverse3_backend() {
+  DeviceBackend backend{.name = "inverse3",
+                        .summary = "Haply Inverse3, through Haply's Inverse Service (docs/devices/inverse3.md)",
+                        .options = {{"url", "of the service (default ws://localhost:10001)"},
+                                    {"device_id", "which of several, as haptrace devices shows it"},
+                                    {"remote", "true: the url may lead to another machine, by its address in digits"},
+                                    {"force_key", "vector (3.5) or values (3.1), if the service is not recognised"},
+                                    {"calibration", "a JSON file: where W lies, and what the arm bears"}},
+                        .presets = {},
+                        .open = open_inverse3,
+                        .find = [] { return find_inverse3(Inverse3Options{}.url); }};
+  for (DeviceBackend::Option& option : emulated_options()) backend.options.push_back(std::move(option));
+  return backend;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,207 @@
+#include "devices/haply/inverse3_messages.h"
+
+#include "control/error.h"
+#include "formats/json_reader.h"
+
+#include <algorithm>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* kInverseArms = "inverse3";
+constexpr std::array kInverseGrips{"wireless_verse_grip", "verse_grip"};
+
+Error inverse_wrong(const std::string& key, const json& found) {
+  return device_error(fmt::format(
+      "the Inverse Service says '{}: {:.40}', which is not what its versions 3.1 to 3.5 say; update it, or haptrace",
+      key, found.dump(-1, ' ', false, json::error_handler_t::replace)));
+}
+
+/// What `object` has under `key`; null when it has none.
+const json& inverse_field(const json& object, const char* key) {
+  static const json absent;
+  const auto found = object.find(key);
+  return found != object.end() ? *found : absent;
+}
+
+/// The object under `key`; an empty one when there is none.
+const json& inverse_object(const json& parent, const char* key) {
+  static const json empty = json::object();
+  const json& found = inverse_field(parent, key);
+  if (found.is_null()) return empty;
+  if (!found.is_object()) throw inverse_wrong(key, found);
+  return found;
+}
+
+double inverse_number(const json& object, const char* key, double otherwise = 0) {
+  const json& found = inverse_field(object, key);
+  if (found.is_null()) return otherwise;
+  if (!found.is_number()) throw inverse_wrong(key, found);
+  return found.get<double>();
+}
+
+bool inverse_flag(const json& object, const char* key) {
+  const json& found = inverse_field(object, key);
+  if (found.is_null()) return false;
+  if (!found.is_boolean()) throw inverse_wrong(key, found);
+  return found.get<bool>();
+}
+
+std::string inverse_text(const json& object, const char* key, const char* otherwise) {
+  const json& found = inverse_field(object, key);
+  if (found.is_null()) return otherwise;
+  if (!found.is_string()) throw inverse_wrong(key, found);
+  return found.get<std::string>();
+}
+
+Vec3 inverse_vector(const json& parent, const char* key, double otherwise = 0) {
+  const json& object = inverse_object(parent, key);
+  return {inverse_number(object, "x", otherwise), inverse_number(object, "y", otherwise),
+          inverse_number(object, "z", otherwise)};
+}
+
+Quat inverse_rotation(const json& parent, const char* key) {
+  const json& object = inverse_object(parent, key);
+  const Quat q(inverse_number(object, "w", 1), inverse_number(object, "x"), inverse_number(object, "y"),
+               inverse_number(object, "z"));
+  if (!(q.norm() > 0.5 && q.norm() < 2)) throw inverse_wrong(key, object);
+  return q.normalized();
+}
+
+/// Adds to `displaced` what `transform` does to positions and forces.
+void inverse_displacement(const json& transform, const std::string& name, std::vector<std::string>& displaced) {
+  constexpr double kNone = 1e-6;
+  if (!inverse_vector(transform, "position").isZero(kNone)) displaced.push_back(name + " position");
+  if (inverse_rotation(transform, "rotation").angularDistance(Quat::Identity()) > kNone)
+    displaced.push_back(name + " rotation");
+  if (!inverse_vector(transform, "scale", 1).isOnes(kNone)) displaced.push_back(name + " scale");
+}
+
+/// Puts into `known` what `told` tells; null tells nothing.
+void inverse_merge(json& known, const json& told) {
+  if (!told.is_object()) {
+    if (!told.is_null()) known = told;
+    return;
+  }
+  if (!known.is_object()) known = json::object();
+  for (const auto& [key, value] : told.items())
+    if (!value.is_null()) inverse_merge(known[key], value);
+}
+
+json inverse_parsed(const std::string& message) {
+  json parsed;
+  try {
+    parsed = parse_json(message, "its message");
+  } catch (const Error& error) {
+    throw device_error(fmt::format("what answers is not Haply's Inverse Service: {}; look at url", error.what()));
+  }
+  if (!parsed.is_object()) throw inverse_wrong("message", parsed);
+  return parsed;
+}
+
+}  // namespace
+
+const char* to_string(InverseForceKey key) noexcept {
+  return key == InverseForceKey::vector ? "vector" : "values";
+}
+
+InverseObstacle obstacle_of(const InverseArm& arm, bool ours) {
+  if (!arm.powered)
+    return {"it has no power supply, and USB alone moves no motor",
+            "plug its power supply in and switch it on, until the service says power_supply"};
+  if (arm.in_use && !ours)
+    return {"another program uses it", "close that one (a demo of the Haply Hub, another haptrace), then try again"};
+  if (!arm.calibrated)
+    return {"it is not calibrated, so that its positions mean nothing",
+            "put the grip into the inkwell and wait until the light says that it is calibrated"};
+  if (!arm.ready)
+    return {"its service says that it is not ready",
+            "wait until its light is steady; then pull the emergency stop out if it has one, or restart the service"};
+  return {};
+}
+
+void InverseServiceView::take(const std::string& message) {
+  const json told = inverse_parsed(message);
+  const json& refused = inverse_field(told, "error");
+  refusal_ = refused.is_null()     ? ""
+             : refused.is_string() ? refused.get<std::string>()
+                                   : refused.dump(-1, ' ', false, json::error_handler_t::replace);
+  listed_.clear();
+  for (const std::string kind : {kInverseArms, kInverseGrips[0], kInverseGrips[1]}) {
+    const json& devices = inverse_field(told, kind.c_str());
+    if (devices.is_null()) continue;
+    if (!devices.is_array()) throw inverse_wrong(kind, devices);
+    for (const json& device : devices) {
+      if (!device.is_object()) throw inverse_wrong(kind, device);
+      const std::string id = inverse_text(device, "device_id", "");
+      if (id.empty()) throw inverse_wrong(kind, device);
+      if (kind == kInverseArms) listed_.push_back(id);
+      inverse_merge(kinds_[kind][id], device);
+    }
+  }
+}
+
+bool InverseServiceView::lists(const std::string& id) const noexcept {
+  return std::find(listed_.begin(), listed_.end(), id) != listed_.end();
+}
+
+InverseArm InverseServiceView::arm(const std::string& id) const {
+  InverseArm arm;
+  const auto arms = kinds_.find(kInverseArms);
+  if (arms == kinds_.end() || !arms->second.contains(id)) return arm;
+  const json& told = arms->second.at(id);
+  const json &config = inverse_object(told, "config"), &state = inverse_object(told, "state"),
+             &status = inverse_object(told, "status");
+  arm.type = inverse_text(config, "type", kInverseArms);
+  arm.position = inverse_vector(state, "cursor_position");
+  if (state.contains("cursor_velocity")) arm.velocity = inverse_vector(state, "cursor_velocity");
+  arm.powered = inverse_flag(status, "power_supply");
+  arm.calibrated = inverse_flag(status, "calibrated");
+  arm.ready = inverse_flag(status, "ready");
+  arm.in_use = inverse_flag(status, "in_use");
+
+  const std::string basis = inverse_text(inverse_object(config, "basis"), "permutation", "XYZ");
+  if (basis != "XYZ" && basis != "+X+Y+Z") arm.displaced.push_back("basis " + basis);
+  // The documentation shows a mount with these fields, and with an object "transform" that has them.
+  const json& mount = inverse_object(config, "mount");
+  inverse_displacement(mount.contains("transform") ? inverse_object(mount, "transform") : mount, "mount",
+                       arm.displaced);
+  inverse_displacement(inverse_object(state, "transform"), "transform", arm.displaced);
+  return arm;
+}
+
+std::optional<InverseGrip> InverseServiceView::grip() const {
+  for (const char* kind : kInverseGrips) {
+    const auto grips = kinds_.find(kind);
+    if (grips == kinds_.end() || grips->second.empty()) continue;
+    const json& state = inverse_object(grips->second.begin()->second, "state");
+    const json& buttons = inverse_object(state, "buttons");
+    InverseGrip grip{.orientation = inverse_rotation(state, "orientation")};
+    for (const auto& [key, bit] : {std::pair{"a", 1U}, {"b", 2U}, {"c", 4U}})
+      if (inverse_flag(buttons, key)) grip.buttons |= bit;
+    return grip;
+  }
+  return {};
+}
+
+InverseForceKey InverseServiceView::force_key() const {
+  const auto arms = kinds_.find(kInverseArms);
+  if (arms != kinds_.end())
+    for (const auto& [id, arm] : arms->second)
+      for (const char* key : {"basis", "mount", "preset", "filters"})
+        if (inverse_object(arm, "config").contains(key)) return InverseForceKey::vector;
+  return InverseForceKey::values;
+}
+
+std::string inverse_command(const std::string& id, const Vec3& force, InverseForceKey key, bool first) {
+  const json vector{{"x", force.x()}, {"y", force.y()}, {"z", force.z()}};
+  json arm{{"device_id", id}, {"commands", {{"set_cursor_force", {{to_string(key), vector}}}}}};
+  json message{{kInverseArms, json::array({std::move(arm)})}};
+  if (first) message["session"] = {{"configure", {{"profile", {{"name", "haptrace"}}}}}};
+  return message.dump();
+}
+
+}  // namespace haptrace
