@@ -14,7 +14,8 @@ namespace haptrace::test {
 
 std::vector<Listed> listed_devices() {
   return {{"inverse3", [] { return open_device("inverse3:emulated=true"); }},
-          {"inverse3_held", [] { return open_device("inverse3:emulated=true,hand=firm,seed=3"); }, true, false}};
+          // Its hand, once pushed, pulls back as well: it does not obey a force alone.
+          {"inverse3_held", [] { return open_device("inverse3:emulated=true,hand=firm,seed=3"); }, false, false}};
 }
 
 namespace {
@@ -112,7 +113,7 @@ TEST(InverseMessages, AreNoneWhenTheyAreNotWhatAServiceSays) {
 TEST(InverseMessages, DamagedAnyhowGiveAStateOrAnError) {
   std::mt19937 random(5);
   const std::string whole = kInventory;
-  for (int round = 0; round < 3000; ++round) {
+  for (int round = 0; round < 1000; ++round) {
     std::string text = whole;
     for (auto n = 1 + random() % 4; n > 0; --n) {
       const auto at = random() % text.size();
