@@ -313,6 +313,24 @@ TEST_F(Inverse3, LetsGoWhenItIsClosed) {
   EXPECT_EQ(service_->sessions(), 0);
 }
 
+TEST_F(Inverse3, SendsOneForceForEveryAnswerButHoldsNoZeroBack) {
+  serve();
+  const auto driver = open_inverse3_driver({.url = service_->url(), .force_key = {}, .calibration = {}});
+  DeviceState state;
+  for (int k = 1; k <= 20; ++k) {
+    while (!driver->round({Vec3(1, 0, 0), Vec3::Zero()}, state)) {
+    }
+    EXPECT_EQ(service_->commands(), k);
+  }
+  service_->inject(InverseFault::silent);
+  EXPECT_FALSE(driver->round({Vec3(2, 0, 0), Vec3::Zero()}, state));
+  EXPECT_FALSE(driver->round({Vec3(3, 0, 0), Vec3::Zero()}, state));
+  EXPECT_EQ(service_->asked(), Vec3(2, 0, 0)) << "no third before the second was answered";
+  EXPECT_FALSE(driver->round({Vec3::Zero(), Vec3::Zero()}, state));
+  wait_until([&] { return service_->asked() == Vec3::Zero(); });
+  EXPECT_EQ(service_->asked(), Vec3::Zero());
+}
+
 struct FaultCase {
   InverseFault fault;
   const char* reason;
