@@ -2,6 +2,7 @@
 
 #include "cli/verb.h"
 #include "control/error.h"
+#include "devices/usb_devices.h"
 #include "player/playback.h"
 #include "recorder/recorder.h"
 

@@ -3,71 +3,31 @@
 #include "control/error.h"
 #include "control/velocity_estimator.h"
 #include "devices/registry.h"
+#include "devices/system_files.h"
+#include "devices/usb_devices.h"
 #include "formats/recording.h"
 
 #include <algorithm>
 #include <array>
 #include <cctype>
 #include <cerrno>
-#include <charconv>
 #include <cmath>
 #include <cstring>
-#include <fcntl.h>
 #include <filesystem>
 #include <fmt/format.h>
-#include <memory>
 #include <sstream>
 #include <string_view>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <thread>
 #include <unistd.h>
-#include <zlib.h>
 
 namespace haptrace {
 namespace {
 
 namespace fs = std::filesystem;
 using Severity = Diagnosis::Severity;
-
-constexpr const char* kRulesFile = "/etc/udev/rules.d/70-haptrace.rules";  // before 73-seat-late, which reads the tags
-constexpr const char* kReloadRules = "sudo udevadm control --reload && sudo udevadm trigger";
-
-// The ids of those with open protocols are from their drivers; Arduino Due is the board of a Haply 2DIY.
-constexpr std::array kKnownDevices{
-    KnownUsbDevice{"0403", "cb48", "Novint Falcon", "usb"},
-    KnownUsbDevice{"1451", "", "Force Dimension", "usb"},
-    KnownUsbDevice{"2988", "", "3D Systems Touch", "tty|hidraw"},
-    KnownUsbDevice{"16c0", "0486", "WoodenHaptics or Polhem (Teensy RawHID)", "hidraw"},
-    KnownUsbDevice{"2341", "003e", "Haply 2DIY (Arduino Due)", "tty"},
-};
-
-// ---- reading what may not be there ----
-
-/// A small file, plain or compressed by gzip, without the white space at its end. Nothing when it cannot be read.
-std::optional<std::string> read_text(const fs::path& file) {
-  const std::unique_ptr<gzFile_s, int (*)(gzFile)> stream(gzopen(file.c_str(), "rb"), gzclose);
-  if (!stream) return {};
-  constexpr std::size_t kMost = 16U << 20U;
-  std::string text;
-  std::array<char, 4096> buffer{};
-  int count = 0;
-  while ((count = gzread(stream.get(), buffer.data(), buffer.size())) > 0 && text.size() < kMost)
-    text.append(buffer.data(), static_cast<std::size_t>(count));
-  if (count < 0) return {};
-  while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back())) != 0) text.pop_back();
-  return text;
-}
-
-/// What a folder holds, by name; nothing when it cannot be read.
-std::vector<fs::path> entries(const fs::path& folder) {
-  std::vector<fs::path> found;
-  std::error_code error;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error))
-    found.push_back(entry->path());
-  std::sort(found.begin(), found.end());
-  return found;
-}
+using system_files::entries, system_files::number_of, system_files::read_text;
 
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;
@@ -81,14 +41,6 @@ std::vector<std::string> words_of(const std::string& line) {
   std::vector<std::string> words;
   for (std::string word; stream >> word;) words.push_back(word);
   return words;
-}
-
-template <class Number>
-std::optional<Number> number_of(std::string_view text, int base = 10) {
-  Number value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value, base);
-  if (error != std::errc() || end != text.data() + text.size()) return {};
-  return value;
 }
 
 Diagnosis unknown(const std::string& check, const std::string& why) {
@@ -178,76 +130,27 @@ Diagnosis examine_preemption(const fs::path& root) {
 
 // ---- devices ----
 
-/// A known device that is plugged in.
-struct Plugged {
-  const KnownUsbDevice* known;
-  fs::path sys;     ///< its folder below the root
-  std::string ids;  ///< "0403:cb48"
-};
-
-std::vector<Plugged> find_plugged(const fs::path& root) {
-  std::vector<Plugged> plugged;
-  for (const fs::path& sys : entries(root / "sys/bus/usb/devices")) {
-    const auto vendor = read_text(sys / "idVendor"), product = read_text(sys / "idProduct");
-    if (!vendor || !product) continue;
-    for (const KnownUsbDevice& known : kKnownDevices)
-      if (*vendor == known.vendor && (*known.product == '\0' || *product == known.product))
-        plugged.push_back({&known, sys, *vendor + ":" + *product});
-  }
-  return plugged;
-}
-
-/// The files below /dev by which a device is opened.
-std::vector<std::string> nodes_of(const Plugged& device) {
-  std::vector<std::string> nodes;
-  if (device.known->subsystem == std::string_view("usb")) {
-    const auto bus = number_of<int>(read_text(device.sys / "busnum").value_or("")),
-               address = number_of<int>(read_text(device.sys / "devnum").value_or(""));
-    if (bus && address) nodes.push_back(fmt::format("/dev/bus/usb/{:03}/{:03}", *bus, *address));
-    return nodes;
-  }
-  // .../1-1:1.0/0003:16C0:0486.0001/hidraw/hidraw0, .../1-1:1.0/tty/ttyACM0
-  std::error_code error;
-  for (fs::recursive_directory_iterator entry(device.sys, error), end; !error && entry != end; entry.increment(error)) {
-    const fs::path parent = entry->path().parent_path().filename();
-    if (parent == "hidraw" || parent == "tty") {
-      nodes.push_back("/dev/" + entry->path().filename().string());
-      entry.disable_recursion_pending();
-    }
-  }
-  std::sort(nodes.begin(), nodes.end());
-  return nodes;
-}
-
-std::vector<Diagnosis> examine_permissions(const fs::path& root, const Plugged& device) {
-  const std::string check = "device " + device.ids;
+std::vector<Diagnosis> examine_permissions(const PluggedUsbDevice& device) {
+  const std::string check = "device " + device.ids, name = fmt::format("{} at {}", device.known->name, device.port);
+  if (device.nodes.empty())
+    return {{Severity::problem, check, fmt::format("{}: {}", name, device.obstacle), device.remedy}};
   std::vector<Diagnosis> found;
-  for (const std::string& node : nodes_of(device)) {
-    const std::string measured = fmt::format("{} at {}: {}", device.known->name, device.sys.filename().string(), node);
-    // As the process would open it: with its effective user and the access control lists that udev's uaccess sets.
-    const int refused = faccessat(AT_FDCWD, (root / node.substr(1)).c_str(), R_OK | W_OK, AT_EACCESS) == 0 ? 0 : errno;
-    if (refused == 0)
-      found.push_back({Severity::ok, check, measured + " may be opened", ""});
+  for (const UsbNode& node : device.nodes)
+    if (node.obstacle.empty())
+      found.push_back({Severity::ok, check, fmt::format("{}: {} may be opened", name, node.path), ""});
     else
       found.push_back(
-          {Severity::problem, check, fmt::format("{}: {}", measured, std::strerror(refused)),
-           refused == EACCES ? device.known->install_rule() : "sudo udevadm trigger   # or plug it in again"});
-  }
-  if (found.empty())
-    found.push_back(
-        {Severity::problem, check,
-         fmt::format("{} at {}: no driver has made a node of it", device.known->name, device.sys.filename().string()),
-         "sudo udevadm trigger   # or plug it in again"});
+          {Severity::problem, check, fmt::format("{}: {}: {}", name, node.path, node.obstacle), node.remedy});
   return found;
 }
 
-Diagnosis examine_autosuspend(const Plugged& device) {
+Diagnosis examine_autosuspend(const fs::path& root, const PluggedUsbDevice& device) {
   const std::string check = "autosuspend " + device.ids;
-  const auto control = read_text(device.sys / "power/control");
+  const auto control = read_text(root / "sys/bus/usb/devices" / device.port / "power/control");
   if (!control) return unknown(check, "its power/control cannot be read");
   if (*control == "on") return {Severity::ok, check, "off", ""};
   return {Severity::warning, check, fmt::format("{} may fall asleep between two exchanges", device.known->name),
-          fmt::format("echo on | sudo tee /sys/bus/usb/devices/{}/power/control", device.sys.filename().string())};
+          fmt::format("echo on | sudo tee /sys/bus/usb/devices/{}/power/control", device.port)};
 }
 
 Diagnosis examine_autosuspend_default(const fs::path& root) {
@@ -292,7 +195,7 @@ bool has_rule(const std::string& rules, const KnownUsbDevice& device) {
   });
 }
 
-Diagnosis examine_rules(const fs::path& root, const std::vector<Plugged>& plugged) {
+Diagnosis examine_rules(const fs::path& root, const std::vector<PluggedUsbDevice>& plugged) {
   constexpr const char* kCheck = "udev rules";
   std::string rules;
   for (const char* folder : {"etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d",
@@ -300,19 +203,19 @@ Diagnosis examine_rules(const fs::path& root, const std::vector<Plugged>& plugge
     for (const fs::path& file : entries(root / folder))
       if (file.extension() == ".rules") rules += read_text(file).value_or("") + "\n";
 
-  for (const Plugged& device : plugged)
+  for (const PluggedUsbDevice& device : plugged)
     if (!has_rule(rules, *device.known))
       return {Severity::warning, kCheck, fmt::format("none names {} ({})", device.ids, device.known->name),
               device.known->install_rule()};
   if (!plugged.empty()) return {Severity::ok, kCheck, "name every device that is plugged in", ""};
 
   std::vector<std::string> missing;
-  for (const KnownUsbDevice& device : kKnownDevices)
+  for (const KnownUsbDevice& device : known_usb_devices())
     if (!has_rule(rules, device)) missing.emplace_back(device.name);
   if (missing.empty()) return {Severity::ok, kCheck, "name every known device; none is plugged in", ""};
   return {Severity::note, kCheck,
           fmt::format("no known device is plugged in; none names: {}", fmt::join(missing, ", ")),
-          fmt::format("haptrace doctor --udev-rules | sudo tee {} && {}", kRulesFile, kReloadRules)};
+          fmt::format("haptrace doctor --udev-rules | sudo tee {} && {}", kUdevRulesFile, kReloadUdevRules)};
 }
 
 // ---- limits ----
@@ -477,40 +380,14 @@ std::string quantiles_text(const DurationHistogram& durations) {
                      duration_text(durations.max()));
 }
 
-std::string KnownUsbDevice::udev_rule() const {
-  const bool usb = subsystem == std::string_view("usb");
-  // A serial port or HID node asks its USB parent (ATTRS) for the ids.
-  const char* attribute = usb ? "ATTR" : "ATTRS";
-  std::string rule = fmt::format("SUBSYSTEM==\"{}\", {}{{idVendor}}==\"{}\"", subsystem, attribute, vendor);
-  if (*product != '\0') rule += fmt::format(", {}{{idProduct}}==\"{}\"", attribute, product);
-  const bool serial = std::string_view(subsystem).find("tty") != std::string_view::npos;
-  rule += fmt::format(", MODE=\"0660\", GROUP=\"{}\", TAG+=\"uaccess\"", serial ? "dialout" : "plugdev");
-  if (usb) rule += ", ATTR{power/control}=\"on\"";
-  return rule;
-}
-
-std::string KnownUsbDevice::install_rule() const {
-  return fmt::format("echo '{}' | sudo tee -a {} && {}", udev_rule(), kRulesFile, kReloadRules);
-}
-
-std::span<const KnownUsbDevice> known_usb_devices() {
-  return kKnownDevices;
-}
-
-std::string udev_rules_file() {
-  std::string text;
-  for (const KnownUsbDevice& device : kKnownDevices) text += fmt::format("# {}\n{}\n", device.name, device.udev_rule());
-  return text;
-}
-
 std::vector<Diagnosis> examine_system(const std::string& root) {
   std::vector<Diagnosis> found{examine_governor(root), examine_preemption(root)};
   const auto add = [&](const std::vector<Diagnosis>& more) { found.insert(found.end(), more.begin(), more.end()); };
-  const std::vector<Plugged> plugged = find_plugged(root);
+  const std::vector<PluggedUsbDevice> plugged = plugged_usb_devices(root);
   if (plugged.empty()) found.push_back(examine_autosuspend_default(root));
-  for (const Plugged& device : plugged) {
-    add(examine_permissions(root, device));
-    found.push_back(examine_autosuspend(device));
+  for (const PluggedUsbDevice& device : plugged) {
+    add(examine_permissions(device));
+    found.push_back(examine_autosuspend(root, device));
   }
   found.push_back(examine_rules(root, plugged));
   add(examine_latency_timers(root));

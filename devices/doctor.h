@@ -11,7 +11,6 @@
 
 #include <cstdint>
 #include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -36,24 +35,6 @@ const char* to_string(Diagnosis::Severity severity) noexcept;
 
 /// "p50 12 us, p99 40 us, p99.9 88 us, max 12 ms".
 std::string quantiles_text(const DurationHistogram& durations);
-
-/// A force-feedback device that can be told by its USB ids, and by which nodes it is opened.
-struct KnownUsbDevice {
-  const char* vendor;     ///< four hexadecimal digits
-  const char* product;    ///< the same; empty: every product of this vendor
-  const char* name;       ///<
-  const char* subsystem;  ///< of udev: "usb", "hidraw", "tty" or several, as in "tty|hidraw"
-
-  /// The line of a udev rules file that lets whoever sits at the machine, or is in the group, open it.
-  [[nodiscard]] std::string udev_rule() const;
-  /// The command that installs the rule.
-  [[nodiscard]] std::string install_rule() const;
-};
-
-std::span<const KnownUsbDevice> known_usb_devices();
-
-/// The rules of all of them, as a file for udev.
-std::string udev_rules_file();
 
 /// What the kernel says about itself and its devices: CPU governor, preemption, USB autosuspend, latency timers of USB
 /// serial ports, whether known devices that are plugged in may be opened, udev rules. Reads below `root` ("/"); what

@@ -1,7 +1,7 @@
 #include "devices/falcon/usb_port.h"
 
 #include "control/error.h"
-#include "devices/doctor.h"
+#include "devices/usb_devices.h"
 
 #include <algorithm>
 #include <cerrno>

@@ -1,6 +1,7 @@
 #include "devices/doctor.h"
 
 #include "control/error.h"
+#include "devices/usb_devices.h"
 #include "tests/support/temp_folder.h"
 
 #include <cmath>
