@@ -1,8 +1,12 @@
 #include "cli/verb.h"
 #include "control/error.h"
+#include "devices/connected_devices.h"
 #include "formats/json_reader.h"
 
+#include <chrono>
+#include <cstdio>
 #include <fmt/format.h>
+#include <thread>
 
 namespace haptrace::cli {
 namespace {
@@ -63,8 +67,52 @@ std::string describe(const DeviceInfo& info) {
   return text;
 }
 
+nlohmann::json to_json(const FoundDevice& found) {
+  return {
+      {"spec", found.spec},         {"model", found.model},   {"serial", found.serial},          {"where", found.where},
+      {"obstacle", found.obstacle}, {"remedy", found.remedy}, {"usable", found.obstacle.empty()}};
+}
+
+/// What it is, and what keeps it from being opened.
+std::string describe(const FoundDevice& found) {
+  std::string text = fmt::format("{:<12} {}{}{} at {}\n", found.spec.empty() ? "-" : found.spec, found.model,
+                                 found.serial.empty() ? "" : " ", found.serial, found.where);
+  if (!found.obstacle.empty()) text += fmt::format("{:<12}   cannot be opened: {}\n", "", found.obstacle);
+  if (!found.remedy.empty()) text += fmt::format("{:<12}   -> {}\n", "", found.remedy);
+  return text;
+}
+
+std::string list_connected(const std::vector<FoundDevice>& connected) {
+  if (connected.empty()) return "connected: no device that haptrace knows\n\n";
+  std::string text = "connected:\n";
+  for (const FoundDevice& found : connected) text += describe(found);
+  return text + "\n";
+}
+
+/// Tells what comes and goes until it is asked to stop, or nobody listens any more.
+int watch(const Output& output) {
+  constexpr int kSlices = 10;
+  constexpr std::chrono::milliseconds kSlice{50};
+  const Signals signals;
+  output.remark("watching for devices; Ctrl+C ends");
+  std::vector<FoundDevice> before;
+  while (signals.stop().count() == 0) {
+    const std::vector<FoundDevice> after = connected_devices();
+    for (const auto& [kind, device] : device_changes(before, after)) {
+      nlohmann::json line = to_json(device);
+      line["change"] = to_string(kind);
+      const std::string text =
+          output.json ? line.dump() + "\n" : fmt::format("{:<8} {}", to_string(kind), describe(device));
+      if (std::fputs(text.c_str(), stdout) < 0 || std::fflush(stdout) != 0) return kDone;
+    }
+    before = after;
+    for (int k = 0; k < kSlices && signals.stop().count() == 0; ++k) std::this_thread::sleep_for(kSlice);
+  }
+  return kDone;
+}
+
 std::string list_backends() {
-  std::string text;
+  std::string text = "--device:\n";
   for (const DeviceBackend& backend : device_backends()) {
     text += fmt::format("{:<10} {}\n", backend.name, backend.summary);
     if (!backend.presets.empty()) text += fmt::format("{:<10}   presets: {}\n", "", fmt::join(backend.presets, ", "));
@@ -73,7 +121,7 @@ std::string list_backends() {
   return text + "\nhaptrace devices NAME[:key=value,...] opens one and says what it can do.\n";
 }
 
-nlohmann::json list_backends_json() {
+nlohmann::json json_of_backends() {
   nlohmann::json list = nlohmann::json::array();
   for (const DeviceBackend& backend : device_backends()) {
     nlohmann::json options = nlohmann::json::object();
@@ -83,24 +131,45 @@ nlohmann::json list_backends_json() {
                     {"presets", backend.presets},
                     {"options", std::move(options)}});
   }
-  return {{"devices", std::move(list)}};
+  return list;
+}
+
+nlohmann::json json_of_connected(const std::vector<FoundDevice>& connected) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const FoundDevice& found : connected) list.push_back(to_json(found));
+  return list;
 }
 
 }  // namespace
 
 Verb add_devices(CLI::App& app) {
-  const auto name = std::make_shared<std::string>();
-  CLI::App* verb = app.add_subcommand("devices", "list the devices, or say what one can do");
-  verb->footer("  haptrace devices\n  haptrace devices sim:preset=touch,hand=relaxed");
-  verb->add_option("name", *name, "open this device and describe it")->type_name("NAME[:...]");
-  return {verb, [name](const Output& output) {
-            if (name->empty()) {
-              output.tell(list_backends_json(), list_backends());
+  struct Arguments {
+    std::string name;
+    bool watch = false;
+  };
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("devices", "what is connected, and what --device can name");
+  verb->footer(
+      "Without a name: what is plugged in or offered by a program, why it cannot be opened and what mends that, then\n"
+      "every kind of device with its options. --watch tells what comes and goes until Ctrl+C; with --json a line "
+      "each.\n"
+      "  haptrace devices\n"
+      "  haptrace devices --watch\n"
+      "  haptrace devices sim:preset=touch,hand=relaxed");
+  CLI::Option* name = verb->add_option("name", arguments->name, "open this device and describe it");
+  name->type_name("NAME[:...]");
+  verb->add_flag("--watch", arguments->watch, "tell of devices that come and go")->excludes(name);
+  return {verb, [arguments](const Output& output) {
+            if (arguments->watch) return watch(output);
+            if (arguments->name.empty()) {
+              const std::vector<FoundDevice> connected = connected_devices();
+              output.tell({{"connected", json_of_connected(connected)}, {"devices", json_of_backends()}},
+                          list_connected(connected) + list_backends());
             } else {
-              const auto device = open_device(*name);
+              const auto device = open_device(arguments->name);
               output.tell(to_json(device->info()), describe(device->info()));
             }
-            return kDone;
+            return static_cast<int>(kDone);
           }};
 }
 
