@@ -379,8 +379,13 @@ class Inverse3Driver final : public DeviceDriver {
 class EmulatedInverse3Driver final : public DeviceDriver {
  public:
   EmulatedInverse3Driver(LivePlant plant, Inverse3Options options)
-      : service_(std::move(plant), {}), driver_(open_at(service_.url(), options)), info_(driver_->info()) {
+      : plant_(plant.info()),
+        service_(std::move(plant), {}),
+        driver_(open_at(service_.url(), options)),
+        info_(driver_->info()) {
     info_.model += " (emulated)";
+    info_.natural_duration = plant_.natural_duration;
+    info_.notes.insert(info_.notes.end(), plant_.notes.begin(), plant_.notes.end());
   }
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
@@ -393,6 +398,7 @@ class EmulatedInverse3Driver final : public DeviceDriver {
     return open_inverse3_driver(options);
   }
 
+  const DeviceInfo plant_;
   EmulatedInverseService service_;
   std::unique_ptr<DeviceDriver> driver_;
   DeviceInfo info_;
@@ -428,9 +434,10 @@ std::unique_ptr<Device> open_inverse3(const DeviceSpec& device) {
   if (!options.calibration) {
     // It emulates the plant that was asked for: its workspace and forces, in the service's own axes.
     options.calibration.emplace();
-    options.calibration->workspace = plant.info().workspace_max;
-    options.calibration->max_force = plant.info().max_force;
-    options.calibration->max_continuous_force = plant.info().max_continuous_force;
+    const DeviceInfo& info = plant.info();
+    options.calibration->workspace = info.workspace_max.cwiseMin(-info.workspace_min).cwiseMax(1e-3);
+    options.calibration->max_force = info.max_force;
+    options.calibration->max_continuous_force = info.max_continuous_force;
   }
   return std::make_unique<ThreadedDevice>(std::make_unique<EmulatedInverse3Driver>(std::move(plant), options));
 }

@@ -28,9 +28,9 @@ struct Inverse3Options {
 /// Throws Error(device), with what to do, when no service answers, none or several arms are there, or the arm cannot be
 /// used; Error(input) when the url cannot be read or leads to another machine.
 ///
-/// The driver's round lasts 10 ms at most. It throws when the service closes the connection, says what is no message of
-/// such a service, refuses a command, no longer lists the arm, or lists it without power, calibration or readiness.
-/// Releasing it sends zero force, and waits for that to be answered for 20 ms at most.
+/// The driver's round lasts some 10 ms at most. It throws when the service closes the connection, says what is no
+/// message of such a service, refuses a command, no longer lists the arm, or lists it without power, calibration or
+/// readiness. Releasing it sends zero force, and waits for that to be answered for 20 ms at most.
 std::unique_ptr<DeviceDriver> open_inverse3_driver(const Inverse3Options& options);
 
 /// The arms of the service at `url`, and what keeps them from being used. None when no service is there. Lasts 0.2 s at
