@@ -1,4 +1,4 @@
-#include "devices/doctor.h"
+#include "devices/usb_devices.h"
 #include "devices/falcon/usb_link.h"
 #include "tests/devices/support.h"
 
