@@ -146,6 +146,32 @@ constexpr Preset kDevices[] = {
        "workspace": {"min": [-0.45, -0.3, -0.005], "max": [0.45, 0.3, 0.005]},
        "nominal_rate": 1000                        // estimate
      })"},
+    {"haply2diy", R"({
+       "model": "Haply 2DIY",
+       "axes": "xy",
+       "mass": 0.06, "viscous": 0.15, "coulomb": 0.05,  // estimate
+       "presliding": {"distance": 1e-4},           // estimate
+       "position_resolution": 9e-5,                // 4880 counts a turn on arms of 70 mm
+       "delay_s": 0.001,                           // estimate: one exchange over USB
+       "actuator_bandwidth_hz": 300,               // estimate
+       "max_force": 1.6,                           // of 0.123 N m in every direction of this workspace
+       // Within reach and stops of the gen3. It cannot move in z; the 5 mm let flat paths in.
+       "workspace": {"min": [-0.035, -0.025, -0.005], "max": [0.035, 0.025, 0.005]},
+       "nominal_rate": 1000                        // estimate
+     })"},
+    {"hapkit", R"({
+       "model": "Hapkit",
+       "axes": "x",
+       "mass": 0.1, "viscous": 0.3, "coulomb": 0.1,  // estimate: at the handle
+       "presliding": {"distance": 1e-4},           // estimate
+       "position_resolution": 2.3e-5,              // 0.0148 degrees a count on 90 mm
+       "delay_s": 0.001,                           // estimate: one exchange over a serial line
+       "actuator_bandwidth_hz": 200,               // estimate
+       "max_force": 4.9,                           // of a motor of 0.03 N m
+       // It cannot move in y and z; the 5 mm let flat paths in.
+       "workspace": {"min": [-0.045, -0.005, -0.005], "max": [0.045, 0.005, 0.005]},
+       "nominal_rate": 1000                        // estimate
+     })"},
     {"ideal", R"({
        // A mass and nothing else.
        "model": "ideal mass",

@@ -1,0 +1,44 @@
+// A Hapkit-class board with its sketch, without either.
+#pragma once
+
+#include "devices/hapkit/calibration.h"
+#include "devices/serial/emulated_line.h"
+#include "devices/sim/live_plant.h"
+
+#include <atomic>
+#include <memory>
+
+namespace haptrace {
+
+/// Runs what the sketch runs, samples/hapkit/hapkit_board.h, between a plant and a line: sensor, packets, watchdog.
+/// It was switched on with its handle upright, and the handle was led to where the plant is.
+///
+/// Threads: the force may be asked from any.
+class EmulatedHapkit final : public EmulatedBoard {
+ public:
+  EmulatedHapkit(LivePlant plant, const HapkitCalibration& truth);
+  ~EmulatedHapkit() override;
+
+  void advance(std::int64_t now_ns) override;
+  void receive(std::uint8_t byte, std::vector<std::uint8_t>& answer) override;
+  void power_cycle() override;
+
+  /// What the motor brings up at the handle, along x [N].
+  [[nodiscard]] double force() const noexcept { return force_; }
+  /// The board says that it speaks another version.
+  void speak_version(int version) noexcept { version_ = version; }
+
+ private:
+  struct Sketch;
+
+  void read_sensor(double position);
+
+  LivePlant plant_;
+  HapkitCalibration truth_;
+  std::unique_ptr<Sketch> sketch_;
+  std::int64_t now_ns_ = 0;
+  std::atomic<double> force_{0};
+  std::atomic<int> version_;
+};
+
+}  // namespace haptrace

@@ -1,0 +1,117 @@
+#include "devices/serial/serial_ports.h"
+
+#include "control/error.h"
+#include "devices/doctor.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <fcntl.h>
+#include <filesystem>
+#include <fmt/format.h>
+#include <fstream>
+#include <unistd.h>
+
+namespace haptrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string first_line(const fs::path& file) {
+  std::string line;
+  std::getline(std::ifstream(file), line);
+  return line;
+}
+
+/// The USB device that a tty's folder of the system belongs to: the nearest above that has ids.
+fs::path usb_device_of(const fs::path& tty) {
+  std::error_code error;
+  for (fs::path folder = fs::canonical(tty / "device", error); !error && folder.has_relative_path();
+       folder = folder.parent_path())
+    if (fs::exists(folder / "idVendor", error)) return folder;
+  return {};
+}
+
+/// The command that lets this user open it.
+std::string permission_for(const UsbSerialPort& port) {
+  for (const KnownUsbDevice& known : known_usb_devices())
+    if (port.vendor == known.vendor && port.product == known.product)
+      return fmt::format("{}; its rule: {}", kSerialPermission, known.udev_rule());
+  return kSerialPermission;
+}
+
+}  // namespace
+
+std::vector<UsbSerialPort> usb_serial_ports(const std::string& root) {
+  std::vector<UsbSerialPort> ports;
+  std::error_code error;
+  for (fs::directory_iterator entry(fs::path(root) / "sys/class/tty", error), end; !error && entry != end;
+       entry.increment(error)) {
+    const fs::path usb = usb_device_of(entry->path());
+    if (usb.empty()) continue;
+    UsbSerialPort port{.path = "/dev/" + entry->path().filename().string(),
+                       .vendor = first_line(usb / "idVendor"),
+                       .product = first_line(usb / "idProduct"),
+                       .name = first_line(usb / "product"),
+                       .serial = first_line(usb / "serial"),
+                       .where = "usb " + usb.filename().string(),
+                       .obstacle = ""};
+    // As the process would open it: with its effective user and the access control lists that udev's uaccess sets.
+    if (faccessat(AT_FDCWD, (fs::path(root) / port.path.substr(1)).c_str(), R_OK | W_OK, AT_EACCESS) != 0)
+      port.obstacle = std::strerror(errno);
+    ports.push_back(std::move(port));
+  }
+  std::sort(ports.begin(), ports.end(), [](const auto& a, const auto& b) { return a.path < b.path; });
+  return ports;
+}
+
+std::string describe(const std::vector<UsbSerialPort>& ports) {
+  if (ports.empty()) return "there are no serial ports on USB";
+  std::vector<std::string> names;
+  for (const UsbSerialPort& port : ports) names.push_back(fmt::format("{} ({})", port.path, port.name));
+  return fmt::format("the serial ports on USB are {}", fmt::join(names, ", "));
+}
+
+std::vector<FoundDevice> found_on_serial_ports(const std::string& name, const std::string& model,
+                                               const std::function<bool(const UsbSerialPort&)>& is_ours,
+                                               const std::string& root) {
+  std::vector<FoundDevice> found;
+  for (const UsbSerialPort& port : usb_serial_ports(root)) {
+    if (!is_ours(port)) continue;
+    found.push_back({.spec = fmt::format("{}:port={}", name, port.path),
+                     .model = port.name.empty() ? model : fmt::format("{} ({})", model, port.name),
+                     .serial = port.serial,
+                     .where = port.where,
+                     .obstacle = port.obstacle.empty() ? "" : fmt::format("{}: {}", port.path, port.obstacle),
+                     .remedy = port.obstacle.empty() ? "" : permission_for(port)});
+  }
+  return found;
+}
+
+std::string chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>& found) {
+  if (const std::string port = option_or(device, "port"); !port.empty()) return port;
+  if (found.empty())
+    throw device_error(
+        fmt::format("--device '{}': no board of its kind is plugged in; {}. Name its port: {}:port=/dev/...",
+                    device.text, describe(usb_serial_ports()), device.name));
+  if (found.size() > 1) {
+    std::vector<std::string> specs;
+    for (const FoundDevice& one : found) specs.push_back(one.spec);
+    throw device_error(
+        fmt::format("--device '{}': there are several: say which, {}", device.text, fmt::join(specs, " or ")));
+  }
+  return found.front().spec.substr(found.front().spec.find('=') + 1);
+}
+
+void refuse_port_of_emulated(const DeviceSpec& device) {
+  if (device.options.contains("port"))
+    throw input_error(
+        fmt::format("--device '{}': port: an emulated device is on no port of yours; leave one out", device.text));
+}
+
+std::string option_or(const DeviceSpec& device, const std::string& key, const std::string& otherwise) {
+  const auto option = device.options.find(key);
+  return option != device.options.end() ? option->second : otherwise;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,246 @@
+#include "devices/serial/serial_port.h"
+
+#include "devices/serial/serial_ports.h"
+#include "tests/devices/serial/support.h"
+
+#include <csignal>
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <termios.h>
+#include <unistd.h>
+
+namespace haptrace::test {
+namespace {
+
+using testing::HasSubstr;
+
+/// Answers every byte with the next number.
+class Successor final : public EmulatedBoard {
+ public:
+  void advance(std::int64_t) override {}
+  void receive(std::uint8_t byte, std::vector<std::uint8_t>& answer) override {
+    answer.push_back(static_cast<std::uint8_t>(byte + 1));
+  }
+  void power_cycle() override {}
+};
+
+class SerialPortTest : public testing::Test {
+ protected:
+  EmulatedLine line_{std::make_unique<Successor>()};
+
+  static std::string error_of_opening(const std::string& path, int baud = 115200) {
+    return error_of([&] { const SerialPort port(path, baud); }, Error::Kind::device);
+  }
+};
+
+TEST_F(SerialPortTest, PassesEveryByteUnchanged) {
+  SerialPort port(line_.path(), 115200);
+  for (int value = 0; value < 256; ++value) {
+    const auto byte = static_cast<std::uint8_t>(value);
+    ASSERT_TRUE(port.write(std::span(&byte, 1), 1));
+    std::uint8_t answer = 0;
+    ASSERT_EQ(port.read(std::span(&answer, 1), 1), 1U) << value;
+    EXPECT_EQ(answer, static_cast<std::uint8_t>(value + 1));
+  }
+}
+
+TEST_F(SerialPortTest, WaitsForTheFirstByteAndNoLonger) {
+  SerialPort port(line_.path(), 115200);
+  std::uint8_t answer = 0;
+  EXPECT_EQ(port.read(std::span(&answer, 1), 0.01), 0U);
+  EXPECT_EQ(port.read(std::span(&answer, 1), 0), 0U);
+}
+
+TEST_F(SerialPortTest, BelongsToOneProgramAlone) {
+  const SerialPort port(line_.path(), 115200);
+  EXPECT_THAT(error_of_opening(line_.path()), HasSubstr(line_.path() + ": in use by another program"));
+  EXPECT_THAT(error_of_opening(line_.path()), HasSubstr("fuser"));
+}
+
+TEST_F(SerialPortTest, LeavesTheLineAsItWasFound) {
+  const auto settings = [this] {
+    const int fd = open(line_.path().c_str(), O_RDWR | O_NOCTTY);
+    termios found{};
+    tcgetattr(fd, &found);
+    close(fd);
+    return found;
+  };
+  const termios before = settings();
+  {
+    const SerialPort port(line_.path(), 9600);
+    termios raw{};
+    tcgetattr(port.descriptor(), &raw);
+    EXPECT_EQ(cfgetospeed(&raw), static_cast<speed_t>(B9600));
+    EXPECT_EQ(raw.c_lflag & static_cast<tcflag_t>(ICANON | ECHO | ISIG), 0U);
+  }
+  const termios after = settings();
+  EXPECT_EQ(cfgetospeed(&after), cfgetospeed(&before));
+  EXPECT_EQ(after.c_cflag, before.c_cflag);
+  EXPECT_EQ(after.c_lflag, before.c_lflag);
+}
+
+TEST_F(SerialPortTest, SaysWhenTheCableIsOut) {
+  SerialPort port(line_.path(), 115200);
+  line_.unplug();
+  const std::string error = error_of(
+      [&] {
+        std::uint8_t byte = 0;
+        for (int k = 0; k < 5000; ++k) (void)port.read(std::span(&byte, 1), 0.001);
+      },
+      Error::Kind::device);
+  EXPECT_THAT(error, HasSubstr(line_.path()));
+  EXPECT_THAT(error, HasSubstr("cable"));
+  const std::uint8_t byte = 1;
+  EXPECT_THAT(error_of([&] { (void)port.write(std::span(&byte, 1), 0.01); }, Error::Kind::device), HasSubstr("cable"));
+}
+
+TEST_F(SerialPortTest, NamesPathCauseAndRemedy) {
+  EXPECT_THAT(error_of_opening("/dev/ttyACM999"),
+              testing::AllOf(HasSubstr("/dev/ttyACM999: No such file"), HasSubstr("serial ports on USB"),
+                             HasSubstr("plugged in?")));
+  EXPECT_THAT(error_of_opening("/dev/null"), HasSubstr("/dev/null: Inappropriate ioctl for device; it is no serial"));
+  EXPECT_THAT(error_of_opening(line_.path(), 12345), HasSubstr("12345 baud is no speed"));
+}
+
+// A machine with an Arduino Due on ttyACM0 and a disk's tty that is none of USB's.
+TEST(UsbSerialPorts, AreFoundWithTheirIdsAndWhatIsInTheWay) {
+  const TempFolder root;
+  const auto usb = std::filesystem::path(root / "sys/devices/pci/usb1/1-2");
+  std::filesystem::create_directories(usb / "1-2:1.0/tty/ttyACM0");
+  std::filesystem::create_directories(root / "sys/class/tty/tty0");
+  std::filesystem::create_directory_symlink(usb / "1-2:1.0/tty/ttyACM0", root / "sys/class/tty/ttyACM0");
+  std::filesystem::create_directory_symlink(usb / "1-2:1.0", usb / "1-2:1.0/tty/ttyACM0/device");
+  const auto write = [&](const char* name, const char* text) { std::ofstream(usb / name) << text << "\n"; };
+  write("idVendor", "2341");
+  write("idProduct", "003e");
+  write("product", "Arduino Due");
+  write("serial", "75330303035351");
+
+  const auto any = [](const UsbSerialPort& port) { return port.vendor == "2341"; };
+  auto found = found_on_serial_ports("haply2diy", "Haply 2DIY", any, root.path());
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].spec, "haply2diy:port=/dev/ttyACM0");
+  EXPECT_EQ(found[0].model, "Haply 2DIY (Arduino Due)");
+  EXPECT_EQ(found[0].serial, "75330303035351");
+  EXPECT_EQ(found[0].where, "usb 1-2");
+  EXPECT_THAT(found[0].obstacle, HasSubstr("/dev/ttyACM0: No such file"));
+  EXPECT_THAT(found[0].remedy, testing::AllOf(HasSubstr("dialout"), HasSubstr("2341")));
+
+  std::filesystem::create_directories(root / "dev");
+  std::ofstream(root / "dev/ttyACM0") << "";
+  found = found_on_serial_ports("haply2diy", "Haply 2DIY", any, root.path());
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].obstacle + found[0].remedy, "");
+  EXPECT_TRUE(found_on_serial_ports(
+                  "hapkit", "Hapkit", [](const auto&) { return false; }, root.path())
+                  .empty());
+  EXPECT_EQ(describe(usb_serial_ports(root.path())), "the serial ports on USB are /dev/ttyACM0 (Arduino Due)");
+
+  const DeviceSpec bare = DeviceSpec::parse("haply2diy"), named = DeviceSpec::parse("haply2diy:port=/dev/ttyS9");
+  EXPECT_EQ(chosen_port(bare, found), "/dev/ttyACM0");
+  EXPECT_EQ(chosen_port(named, found), "/dev/ttyS9");
+  EXPECT_THAT(error_of([&] { chosen_port(bare, {}); }, Error::Kind::device), HasSubstr("haply2diy:port=/dev/..."));
+  EXPECT_THAT(error_of([&] { chosen_port(bare, {found[0], found[0]}); }, Error::Kind::device), HasSubstr("several"));
+}
+
+// ---- the guardian ----
+
+/// Keeps the bytes that it was sent.
+class Listener final : public EmulatedBoard {
+ public:
+  explicit Listener(std::atomic<int>& heard) : heard_(heard) {}
+  void advance(std::int64_t) override {}
+  void receive(std::uint8_t byte, std::vector<std::uint8_t>&) override { heard_ = 256 * heard_ + byte; }
+  void power_cycle() override {}
+
+ private:
+  std::atomic<int>& heard_;
+};
+
+class GuardianTest : public testing::Test {
+ protected:
+  std::atomic<int> heard_{0};
+  EmulatedLine line_{std::make_unique<Listener>(heard_)};
+  SerialPort port_{line_.path(), 115200};
+  Guardian guardian_{port_.descriptor(), LastWords{{7}, {8, 9}}};
+};
+
+TEST_F(GuardianTest, SpeaksWhenItsHostIsSilentAndAgainWhenItIsGone) {
+  wait_until([&] { return heard_ == 7; });
+  guardian_.speak_and_go();
+  wait_until([&] { return heard_ % 65536 == 256 * 8 + 9; });
+  EXPECT_EQ(heard_ % 65536, 256 * 8 + 9);
+}
+
+TEST_F(GuardianTest, GoesWithoutAWordWhenItIsDismissed) {
+  guardian_.beat();
+  guardian_.dismiss();
+  std::this_thread::sleep_for(20ms);
+  EXPECT_NE(heard_ % 256, 9);
+  EXPECT_NE(kill(guardian_.process(), 0), 0) << "and its process has ended";
+}
+
+TEST_F(GuardianTest, DoesNotListenToTheSignalsOfATerminal) {
+  for (const int signal : {SIGINT, SIGHUP, SIGTERM}) kill(guardian_.process(), signal);
+  std::this_thread::sleep_for(20ms);
+  EXPECT_EQ(kill(guardian_.process(), 0), 0);
+  EXPECT_NE(getsid(guardian_.process()), getsid(0));
+}
+
+TEST_F(GuardianTest, IsMissedByItsHost) {
+  kill(guardian_.process(), SIGKILL);
+  const std::string error = error_of(
+      [&] {
+        for (int k = 0; k < 5000; ++k) {
+          guardian_.beat();
+          std::this_thread::sleep_for(1ms);
+        }
+      },
+      Error::Kind::device);
+  EXPECT_THAT(error, HasSubstr("haptrace-guardian"));
+}
+
+// ---- a host that dies ----
+
+class HoldingHost : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string program = HOLDING_HOST, port = bench_.line->path();
+    char* const arguments[] = {program.data(), port.data(), nullptr};
+    ASSERT_EQ(posix_spawn(&host_, program.c_str(), nullptr, nullptr, arguments, environ), 0);
+    wait_until([&] { return bench_.board->torque() > 0.01; });
+    ASSERT_GT(bench_.board->torque(), 0.01);
+  }
+  void TearDown() override {
+    kill(host_, SIGKILL);
+    waitpid(host_, nullptr, 0);
+  }
+
+  TwoDiyBench bench_;
+  pid_t host_ = -1;
+};
+
+TEST_F(HoldingHost, LeavesNoTorqueBehindWhenItIsKilled) {
+  kill(host_, SIGKILL);
+  wait_until([&] { return bench_.board->torque() == 0; });
+  EXPECT_EQ(bench_.board->torque(), 0);
+  // And the port is free for the next.
+  std::this_thread::sleep_for(200ms);
+  DeviceState state;
+  answered(*bench_.driver(), Vec3::Zero(), state);
+}
+
+TEST_F(HoldingHost, LeavesNoTorqueBehindWhenItIsStoppedAndGoesOnAfterwards) {
+  kill(host_, SIGSTOP);
+  wait_until([&] { return bench_.board->torque() == 0; });
+  EXPECT_EQ(bench_.board->torque(), 0);
+  const int setups = bench_.board->setups();
+  kill(host_, SIGCONT);
+  wait_until([&] { return bench_.board->torque() > 0.01; });
+  EXPECT_GT(bench_.board->torque(), 0.01);
+  EXPECT_EQ(bench_.board->setups(), setups) << "its encoders were kept";
+}
+
+}  // namespace
+}  // namespace haptrace::test

@@ -1,0 +1,75 @@
+// What the tests of serial devices share.
+#pragma once
+
+#include "devices/hapkit/emulated_hapkit.h"
+#include "devices/hapkit/hapkit.h"
+#include "devices/haply/emulated_two_diy.h"
+#include "devices/haply/two_diy.h"
+#include "tests/devices/support.h"
+
+#include <filesystem>
+#include <gmock/gmock.h>
+#include <thread>
+
+namespace haptrace::test {
+
+using namespace std::chrono_literals;
+
+/// Waits until it is so; a test that waits in vain fails by what it expects next.
+template <class Condition>
+void wait_until(const Condition& condition) {
+  for (int k = 0; k < 5000 && !condition(); ++k) std::this_thread::sleep_for(1ms);
+}
+
+inline LivePlant plant_of(const char* preset) {
+  return open_live_plant(DeviceSpec::parse("emulated"), preset);
+}
+
+/// A board on a line of its own, which a test can see through.
+struct TwoDiyBench {
+  explicit TwoDiyBench(const TwoDiyCalibration& calibration = {two_diy_calibration("gen3", "test")})
+      : truth(calibration) {
+    auto made = std::make_unique<EmulatedTwoDiy>(plant_of("haply2diy"), truth);
+    board = made.get();
+    line = std::make_unique<EmulatedLine>(std::move(made));
+  }
+  /// Arms in their stops while it is opened, unless `homed` is false.
+  [[nodiscard]] std::unique_ptr<TwoDiyDriver> driver(bool homed = true) const {
+    return std::make_unique<TwoDiyDriver>(
+        truth, TwoDiyOptions{.name = "bench", .port = line->path(), .serial = "", .homed = homed});
+  }
+
+  TwoDiyCalibration truth;
+  EmulatedTwoDiy* board = nullptr;
+  std::unique_ptr<EmulatedLine> line;
+};
+
+struct HapkitBench {
+  HapkitBench() {
+    auto made = std::make_unique<EmulatedHapkit>(plant_of("hapkit"), truth);
+    board = made.get();
+    line = std::make_unique<EmulatedLine>(std::move(made));
+  }
+  [[nodiscard]] std::unique_ptr<HapkitDriver> driver() const {
+    return std::make_unique<HapkitDriver>(truth, HapkitOptions{.name = "bench", .port = line->path(), .serial = ""});
+  }
+
+  HapkitCalibration truth;
+  EmulatedHapkit* board = nullptr;
+  std::unique_ptr<EmulatedLine> line;
+};
+
+/// Rounds until one is answered, for a second at most; the number of those that were not.
+inline int answered(DeviceDriver& driver, const Vec3& force, DeviceState& state) {
+  int failed = 0;
+  while (!driver.round({force, Vec3::Zero()}, state) && failed < 200) ++failed;
+  EXPECT_LT(failed, 200) << "no answer";
+  return failed;
+}
+
+inline std::size_t open_files() {
+  return static_cast<std::size_t>(
+      std::distance(std::filesystem::directory_iterator("/proc/self/fd"), std::filesystem::directory_iterator()));
+}
+
+}  // namespace haptrace::test
