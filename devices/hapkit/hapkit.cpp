@@ -16,7 +16,6 @@
 namespace haptrace {
 namespace {
 
-constexpr double kGreetingPatience = 4;  // boot loaders take up to two [s]
 constexpr double kGreetingPeriod = 0.1;  // [s]
 constexpr double kStateWithin = 0.005;   // [s]
 constexpr double kGoodbyeWithin = 0.02;  // [s]
@@ -79,14 +78,14 @@ HapkitDriver::HapkitDriver(const HapkitCalibration& calibration, const HapkitOpt
       info_(describe_hapkit(calibration, options)),
       port_(options.port, HAPKIT_BAUD),
       line_(std::make_unique<Line>(port_)) {
-  greet();
+  greet(options.greeting_patience);
 }
 
 HapkitDriver::~HapkitDriver() {
   release();
 }
 
-void HapkitDriver::greet() {
+void HapkitDriver::greet(double patience) {
   const std::int64_t begin = monotonic_ns();
   while (true) {
     if (const auto welcome = line_->ask(HAPKIT_HELLO, 0, kGreetingPeriod)) {
@@ -96,7 +95,7 @@ void HapkitDriver::greet() {
                       "the sketch that came with it (samples/hapkit/hapkit.ino)",
                       port_.path(), welcome->version, HAPKIT_VERSION));
     }
-    if (1e-9 * static_cast<double>(monotonic_ns() - begin) > kGreetingPatience)
+    if (1e-9 * static_cast<double>(monotonic_ns() - begin) > patience)
       throw device_error(
           fmt::format("{}: no board answers there in the language of samples/hapkit/hapkit.ino: flash that sketch, or "
                       "name another port with port=; {}",

@@ -16,13 +16,14 @@ struct HapkitOptions {
   std::string name = "hapkit";
   std::string port;
   std::string serial;
+  double greeting_patience = 4;  ///< boot loaders take up to two [s]
 };
 
 /// A command goes out, the state with its number comes back; what is damaged or late is passed over. The board switches
 /// its motor off by itself when nobody talks to it. One that started anew counts from elsewhere, and is lost.
 class HapkitDriver final : public DeviceDriver {
  public:
-  /// Greets the board, for some seconds: opening a port starts many boards anew. `company` is let go of after the
+  /// Greets the board until it answers: opening a port starts many boards anew. `company` is let go of after the
   /// device. Throws Error(device): there is no answer, or one of another version.
   HapkitDriver(const HapkitCalibration& calibration, const HapkitOptions& options,
                std::shared_ptr<void> company = nullptr);
@@ -35,7 +36,7 @@ class HapkitDriver final : public DeviceDriver {
  private:
   struct Line;
 
-  void greet();
+  void greet(double patience);
 
   std::shared_ptr<void> company_;
   HapkitCalibration calibration_;

@@ -91,7 +91,6 @@ TEST_P(Pantograph, HasNoPoseWhereAMotionOrAForceIsLost) {
   EXPECT_FALSE(kinematics_.at_position(Vec2(0, reach + 1e-9)));
   EXPECT_FALSE(kinematics_.at_position(Vec2(0, reach - 1e-9))) << "an arm is stretched";
   EXPECT_FALSE(kinematics_.at_position(Vec2(0, 0))) << "on the motor";
-  EXPECT_FALSE(kinematics_.at_position(-device_.origin)) << "behind the elbows";
   EXPECT_FALSE(kinematics_.at_angles(Vec2(kNaN, 0)));
   EXPECT_FALSE(kinematics_.at_angles(Vec2(std::numbers::pi / 2, std::numbers::pi / 2)) && g.separation == 0)
       << "elbows in one place";
@@ -112,7 +111,8 @@ TEST(TwoDiyCalibration, HasXToTheRightAndYAway) {
   const TwoDiyCalibration device = two_diy_calibration("gen3", "test");
   EXPECT_LT(device.to_world(device.origin + Vec2(0.01, 0)).x(), 0);
   EXPECT_LT(device.to_world(device.origin + Vec2(0, 0.01)).y(), 0);
-  EXPECT_EQ(device.to_world(device.to_mechanism(Vec3(0.01, -0.02, 0))), Vec3(0.01, -0.02, 0));
+  const Vec3 place(0.01, -0.02, 0);
+  EXPECT_LT((device.to_world(device.to_mechanism(place)) - place).norm(), 1e-15);
 }
 
 TEST(TwoDiyCalibration, ReadsTheSampleAsTheDefaultsOfItsGeneration) {

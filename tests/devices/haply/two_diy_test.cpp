@@ -2,6 +2,8 @@
 
 #include "tests/devices/serial/support.h"
 
+#include <random>
+
 namespace haptrace::test {
 namespace {
 
@@ -165,24 +167,32 @@ class TwoDiy : public testing::Test {
   /// Pulling, and known to.
   std::unique_ptr<TwoDiyDriver> pulling() {
     auto driver = bench_.driver();
-    for (int k = 0; k < 3; ++k) answered(*driver, force_, state_);
+    pull(*driver);
     EXPECT_TRUE(state_.ready);
-    EXPECT_GT(bench_.board->torque(), 0.01);
     return driver;
+  }
+
+  /// Rounds until it pulls: one that came late is calmed, and a guardian speaks for a test that the machine held up.
+  void pull(TwoDiyDriver& driver) {
+    for (int k = 0; k < 200 && bench_.board->torque() < 0.01; ++k) answered(driver, force_, state_);
+    EXPECT_GT(bench_.board->torque(), 0.01);
   }
 
   /// A fault, then rounds under force. The torques were zero once before force came back, if it did.
   void suffer(TwoDiyDriver& driver, const std::function<void()>& fault) {
-    const Vec3 before = state_.position;
+    Vec3 before = state_.position;
     fault();
     int failed = 0;
     for (int k = 0; k < 40; ++k) {
-      if (driver.round({force_, Vec3::Zero()}, state_)) continue;
-      ++failed;
-      if (driver.round({force_, Vec3::Zero()}, state_)) EXPECT_EQ(bench_.board->torque(), 0) << "calmed first";
+      if (!driver.round({force_, Vec3::Zero()}, state_)) {
+        ++failed;
+        if (!driver.round({force_, Vec3::Zero()}, state_)) continue;
+        EXPECT_EQ(bench_.board->torque(), 0) << "calmed first";
+      }
+      EXPECT_LT((state_.position - before).norm(), 0.01) << "the position did not jump";
+      before = state_.position;
     }
     EXPECT_GT(failed, 0) << "the fault was noticed";
-    EXPECT_LT((state_.position - before).norm(), 0.03) << "the position did not jump";
   }
 };
 
@@ -204,7 +214,7 @@ TEST_F(TwoDiy, LosesAByteOfAnAnswerAndKeepsItsReference) {
     suffer(*driver, [&] { bench_.line->inject(Way::to_host, Fault::lose_byte, place); });
   EXPECT_EQ(bench_.board->setups(), setups);
   EXPECT_TRUE(state_.ready);
-  EXPECT_GT(bench_.board->torque(), 0.01) << "and pulls again";
+  pull(*driver);  // again
 }
 
 TEST_F(TwoDiy, LosesAByteOfATorqueAndKeepsItsReference) {
@@ -259,7 +269,7 @@ TEST_F(TwoDiy, WithholdsForceFromABoardThatStartedAnewUntilItsArmsWereInTheirSto
   const Vec2 inside = stops + Vec2(-0.3, 0.3);
   const auto truth = PantographKinematics(bench_.truth.geometry).at_angles(inside);
   EXPECT_LT((state_.position - bench_.truth.to_world(truth->position)).norm(), 1e-3);
-  EXPECT_GT(bench_.board->torque(), 0.01);
+  pull(*driver);
 }
 
 TEST_F(TwoDiy, IsNotReadyBeforeItsArmsWereInTheirStops) {
@@ -272,12 +282,14 @@ TEST_F(TwoDiy, IsNotReadyBeforeItsArmsWereInTheirStops) {
 
 TEST_F(TwoDiy, SaysThatItsArmsWereNotInTheirStops) {
   const auto driver = pulling();
-  const Vec2 stops = bench_.truth.stops();
+  const PantographKinematics kinematics(bench_.truth.geometry);
+  const Vec2 from = kinematics.at_position(bench_.truth.to_mechanism(state_.position))->angles,
+             to = bench_.truth.stops() + Vec2(0.2, 0);
   const std::string error = error_of(
       [&] {
-        for (int k = 0; k < 3000; ++k) {
-          bench_.board->hold_arms(stops + 0.01 * std::min(k, 20) * Vec2(1, 0));
-          (void)driver->round({force_, Vec3::Zero()}, state_);
+        for (int k = 0; k < 1000; ++k) {
+          bench_.board->hold_arms(from + (to - from) * std::min(k, 200) / 200);
+          (void)driver->round({Vec3::Zero(), Vec3::Zero()}, state_);
           std::this_thread::sleep_for(1ms);
         }
       },
