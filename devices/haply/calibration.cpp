@@ -28,7 +28,7 @@ void read_arm(JsonReader& reader, const char* key, TwoDiyArm& arm) {
 Vec2 read_plane(JsonReader& reader, const char* key, const Vec2& fallback, double min, double max) {
   auto own = reader.object(key);
   if (!own) return fallback;
-  const Vec2 plane(own->number("x", fallback.x(), min, max), own->number("y", fallback.y(), min, max));
+  Vec2 plane(own->number("x", fallback.x(), min, max), own->number("y", fallback.y(), min, max));
   own->finish();
   return plane;
 }

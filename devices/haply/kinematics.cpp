@@ -54,7 +54,7 @@ std::optional<PantographPose> PantographKinematics::at_position(const Vec2& posi
     if (!(std::abs(cosine) < 1)) return std::nullopt;
     angles[arm] = std::atan2(reach.y(), reach.x()) + (arm == 0 ? 1 : -1) * std::acos(cosine);
   }
-  const auto pose = at_angles(angles);
+  auto pose = at_angles(angles);
   // On the near side of the elbows the same arms hold the handle elsewhere.
   if (!pose || (pose->position - position).norm() > 1e-9) return std::nullopt;
   return pose;

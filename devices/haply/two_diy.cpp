@@ -23,6 +23,7 @@ constexpr double kCalmQuiet = 0.002;     // after which nothing more is coming [
 constexpr double kFastestArm = 60;       // a hand at 4 m/s [rad/s]
 constexpr double kArmSlack = 0.02;       // [rad]
 constexpr int kMostNonsense = 2;
+constexpr int kMostReads = 16;      // of what nobody asked for
 constexpr double kFarewell = 0.02;  // [s]
 
 DeviceInfo describe_two_diy(const TwoDiyCalibration& calibration, const PantographKinematics& kinematics,
@@ -73,7 +74,7 @@ void TwoDiyDriver::restart() {
   in_doubt_ = true;
   if (!port_.write(two_diy_restart(calibration_), kCalmWithin)) return;  // the next round calms it, and finds out
   std::array<std::uint8_t, 256> ignored{};
-  while (port_.read(ignored, kCalmWithin) > 0) {
+  for (int reads = 0; reads < kMostReads && port_.read(ignored, kCalmWithin) > 0; ++reads) {
   }
 }
 

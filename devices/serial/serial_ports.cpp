@@ -89,7 +89,7 @@ std::vector<FoundDevice> found_on_serial_ports(const std::string& name, const st
 }
 
 std::string chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>& found) {
-  if (const std::string port = option_or(device, "port"); !port.empty()) return port;
+  if (std::string port = option_or(device, "port"); !port.empty()) return port;
   if (found.empty())
     throw device_error(
         fmt::format("--device '{}': no board of its kind is plugged in; {}. Name its port: {}:port=/dev/...",

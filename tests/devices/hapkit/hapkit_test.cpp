@@ -38,6 +38,9 @@ TEST(HapkitPacket, IsTheSameInCAndInCpp) {
   Packet c{};
   EXPECT_EQ(hapkit_c_round_trip(HAPKIT_COMMAND, 0xfedc, -123456789, -32767, c.data()), unsigned{HAPKIT_PACKET_SIZE});
   EXPECT_EQ(c, packet_of(HAPKIT_COMMAND, 0xfedc, -32767, -123456789));
+  // The one in the manual.
+  EXPECT_EQ(packet_of(HAPKIT_COMMAND, 7, HapkitCalibration{}.duty(0.5)),
+            (Packet{0xa5, 3, 7, 0, 0, 0, 0, 0, 0xc0, 0x28, 0, 1, 0xbb, 0xa6}));
   const Packet spelled{0xa5, 3, 0xdc, 0xfe, 0xeb, 0x32, 0xa4, 0xf8, 0x01, 0x80, 0, 1, c[12], c[13]};
   EXPECT_EQ(c, spelled);
 }
