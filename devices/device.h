@@ -88,6 +88,9 @@ class Device {
 
   /// Why exchange returned `lost` or `away`, for people. Not for the tick.
   [[nodiscard]] virtual std::string lost_reason() const { return "the device stopped answering"; }
+
+  /// Why its states are not ready and what to do about it, for people; empty when it does not know. Not for the tick.
+  [[nodiscard]] virtual std::string not_ready_reason() const { return ""; }
 };
 
 }  // namespace haptrace

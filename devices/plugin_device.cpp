@@ -4,7 +4,6 @@
 #include "formats/json_reader.h"
 
 #include <array>
-#include <dlfcn.h>
 #include <filesystem>
 #include <fmt/format.h>
 #include <fstream>
@@ -13,18 +12,11 @@
 namespace haptrace {
 namespace {
 
+constexpr const char* kPluginRule =
+    "a plug-in defines the four functions of devices/plugin.h with C linkage and default visibility";
+
 Error refuse(const std::string& library, const std::string& why) {
   return device_error(fmt::format("plug-in {}: {}", library, why));
-}
-
-template <typename Function>
-Function* symbol(void* library, const std::string& file, const char* name) {
-  void* address = dlsym(library, name);
-  if (address == nullptr)
-    throw refuse(file, fmt::format("does not export '{}'; a plug-in defines the four functions of devices/plugin.h "
-                                   "with C linkage and default visibility",
-                                   name));
-  return reinterpret_cast<Function*>(address);
 }
 
 template <std::size_t size>
@@ -95,23 +87,16 @@ std::unique_ptr<Device> open_plugin(const DeviceSpec& spec) {
 
 }  // namespace
 
-void PluginDevice::Unload::operator()(void* library) const noexcept {
-  dlclose(library);
-}
-
-PluginDevice::PluginDevice(const std::string& library, const std::string& options, const std::string& name) {
-  // A name without a slash would be looked for in the system's folders.
-  library_.reset(dlopen(std::filesystem::absolute(library).c_str(), RTLD_NOW | RTLD_LOCAL));
-  if (library_ == nullptr) throw refuse(library, fmt::format("cannot be loaded: {}", dlerror()));
-
-  const auto abi = symbol<decltype(haptrace_plugin_abi)>(library_.get(), library, "haptrace_plugin_abi");
+PluginDevice::PluginDevice(const std::string& library, const std::string& options, const std::string& name)
+    : library_("plug-in", library, SharedLibrary::Unload::with_this) {
+  const decltype(&haptrace_plugin_abi) abi = library_.function("haptrace_plugin_abi", kPluginRule);
   if (const std::uint32_t version = abi(); version != HAPTRACE_PLUGIN_ABI)
     throw refuse(library, fmt::format("speaks version {} of the plug-in ABI, this haptrace speaks {}; rebuild it with "
                                       "this haptrace's devices/plugin.h",
                                       version, HAPTRACE_PLUGIN_ABI));
-  const auto open = symbol<decltype(haptrace_plugin_open)>(library_.get(), library, "haptrace_plugin_open");
-  exchange_ = symbol<decltype(haptrace_plugin_exchange)>(library_.get(), library, "haptrace_plugin_exchange");
-  close_ = symbol<decltype(haptrace_plugin_close)>(library_.get(), library, "haptrace_plugin_close");
+  const decltype(&haptrace_plugin_open) open = library_.function("haptrace_plugin_open", kPluginRule);
+  exchange_ = library_.function("haptrace_plugin_exchange", kPluginRule);
+  close_ = library_.function("haptrace_plugin_close", kPluginRule);
 
   haptrace_plugin_info raw{};
   raw.struct_size = sizeof(raw);

@@ -3,6 +3,7 @@
 
 #include "devices/plugin.h"
 #include "devices/registry.h"
+#include "devices/vendor/shared_library.h"
 
 namespace haptrace {
 
@@ -22,11 +23,7 @@ class PluginDevice final : public Device {
   [[nodiscard]] std::string lost_reason() const override;
 
  private:
-  struct Unload {
-    void operator()(void* library) const noexcept;
-  };
-
-  std::unique_ptr<void, Unload> library_;
+  SharedLibrary library_;
   DeviceInfo info_;
   void* device_ = nullptr;
   decltype(&haptrace_plugin_exchange) exchange_ = nullptr;

@@ -110,4 +110,9 @@ std::string RecoveringDevice::lost_reason() const {
   return found_not_.empty() ? lost_why_ : fmt::format("{}; {}", lost_why_, found_not_);
 }
 
+std::string RecoveringDevice::not_ready_reason() const {
+  const Place place = place_.load(std::memory_order_acquire);
+  return place != Place::sought && device_ != nullptr ? device_->not_ready_reason() : "";
+}
+
 }  // namespace haptrace

@@ -40,6 +40,7 @@ class RecoveringDevice final : public Device {
   void between_ticks(bool may_wait) noexcept override;
   void close() noexcept override;
   [[nodiscard]] std::string lost_reason() const override;
+  [[nodiscard]] std::string not_ready_reason() const override;
 
  private:
   /// Where the device is, and with it who may touch it: while it is sought the thread, else the caller.

@@ -8,6 +8,8 @@
 #include "devices/plugin_device.h"
 #include "devices/replay_device.h"
 #include "devices/sim/sim_device.h"
+#include "devices/vendor/force_dimension.h"
+#include "devices/vendor/open_haptics.h"
 #include "formats/suggest.h"
 
 #include <algorithm>
@@ -31,6 +33,8 @@ const std::vector<DeviceBackend>& device_backends() {
                                                    inverse3_backend()};
   static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend(), two_diy_backend(),
                                                    hapkit_backend()};
+  static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend(),
+                                                   force_dimension_backend(), open_haptics_backend()};
   return backends;
 }
 

@@ -143,7 +143,7 @@ class ServoLoop::Session {
   /// Why there is no device, in words.
   [[nodiscard]] std::string lost_reason() const {
     std::string reason = loop_.device_.lost_reason();
-    if (answers_) reason = "it answers again, but does not allow forces; is it homed?";
+    if (answers_) reason = "it answers again, but does not allow forces" + loop_.not_ready_hint();
     if (waited_in_vain_ > 0) reason += fmt::format("; it was waited for {:.3g} s", waited_in_vain_);
     return reason;
   }
@@ -458,6 +458,11 @@ class ServoLoop::Session {
   std::int64_t limit_told_ns_ = 0;
 };
 
+std::string ServoLoop::not_ready_hint() const {
+  const std::string reason = device_.not_ready_reason();
+  return reason.empty() ? "; is it homed?" : ": " + reason;
+}
+
 ServoReport ServoLoop::run(const StopRequest& stop) noexcept {
   ServoReport report;
   report.asked_rate = options_.rate_hz;
@@ -474,8 +479,11 @@ ServoReport ServoLoop::run(const StopRequest& stop) noexcept {
     report.flight_record = session.flight_record();
     if (session.fault()) report.detail = describe(*session.fault());
     if (report.cause == StopCause::device_lost) report.detail = "the device was lost: " + session.lost_reason();
-    if (report.cause == StopCause::device_not_ready && report.samples == 0)
-      report.detail = fmt::format("the device did not become ready within {} s; is it homed?", options_.ready_timeout);
+    if (report.cause == StopCause::device_not_ready)
+      report.detail =
+          (report.samples == 0 ? fmt::format("the device did not become ready within {} s", options_.ready_timeout)
+                               : "the device does not allow forces any more") +
+          not_ready_hint();
   } else if (report.cause == StopCause::interrupted) {
     report.detail = "interrupted";
   }

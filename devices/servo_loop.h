@@ -122,6 +122,8 @@ class ServoLoop {
  private:
   class Session;
 
+  [[nodiscard]] std::string not_ready_hint() const;  ///< the end of a sentence
+
   Device& device_;
   Controller& controller_;
   VelocityEstimator& estimator_;

@@ -49,10 +49,14 @@ void ThreadedDevice::first_answer() {
   answer_.post(answer);
 }
 
+std::int64_t ThreadedDevice::watched_ns(double dt) noexcept {
+  const double watched = std::max(kWatchdog, std::min(kWatchedTicks * dt, kLongestWatch));  // also when dt is NaN
+  return static_cast<std::int64_t>(1e9 * watched);
+}
+
 Device::Status ThreadedDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
   if (closed_ || lost_.load(std::memory_order_relaxed)) return Status::lost;
-  const double watched = std::max(kWatchdog, std::min(kWatchedTicks * dt, kLongestWatch));  // also when dt is NaN
-  order_.post({sendable(wrench), monotonic_ns() + static_cast<std::int64_t>(1e9 * watched)});
+  order_.post({sendable(wrench), monotonic_ns() + watched_ns(dt)});
   wake_.release();
   const Answer& newest = answer_.latest();
   state = newest.state;

@@ -34,6 +34,9 @@ class DeviceDriver {
   /// stands still.
   [[nodiscard]] virtual bool round(const Wrench& wrench, DeviceState& state) = 0;
 
+  /// As Device::not_ready_reason, but in any thread, also during a round.
+  [[nodiscard]] virtual std::string not_ready_reason() const { return ""; }
+
   /// Sends zero force as well as it still can and lets go of the hardware. Idempotent; its destructor calls it.
   virtual void release() noexcept = 0;
 };
@@ -61,6 +64,10 @@ class ThreadedDevice final : public Device {
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void close() noexcept override;
   [[nodiscard]] std::string lost_reason() const override;
+  [[nodiscard]] std::string not_ready_reason() const override { return driver_->not_ready_reason(); }
+
+  /// How long a wrench holds without another exchange, after one that came `dt` [s] after the one before [ns].
+  [[nodiscard]] static std::int64_t watched_ns(double dt) noexcept;
 
   /// Of the driver's thread.
   [[nodiscard]] const RealtimeStatus& realtime() const noexcept { return realtime_; }

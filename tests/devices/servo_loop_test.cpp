@@ -266,7 +266,7 @@ INSTANTIATE_TEST_SUITE_P(
                                }},
                     WayOut{.name = "DeviceNoLongerReady",
                            .cause = StopCause::device_not_ready,
-                           .detail = "does not allow forces",
+                           .detail = "does not allow forces any more: its lid is open",
                            .faults = {.ready_until = 600}},
                     WayOut{.name = "DeviceLost",
                            .cause = StopCause::device_lost,
@@ -333,7 +333,7 @@ TEST(ServoLoop, GivesUpOnADeviceThatNeverGetsReady) {
   Scripted controller = push_until(200, Vec3(1, 0, 0));
   const Outcome result = run(device, controller, {.virtual_time = true, .ready_timeout = 2});
   EXPECT_EQ(result.report.cause, StopCause::device_not_ready);
-  EXPECT_THAT(result.report.detail, HasSubstr("did not become ready within 2 s"));
+  EXPECT_THAT(result.report.detail, HasSubstr("did not become ready within 2 s: its lid is open"));
   EXPECT_EQ(result.report.samples, 0U);
 }
 

@@ -63,6 +63,7 @@ class PointMass final : public Device {
   }
 
   void close() noexcept override { closed_ = true; }
+  [[nodiscard]] std::string not_ready_reason() const override { return "its lid is open"; }
 
   DeviceInfo& mutable_info() { return info_; }
   void place(const Vec3& position) { position_ = position; }

@@ -1,0 +1,489 @@
+#include "devices/vendor/open_haptics.h"
+
+#include "control/error.h"
+#include "control/mailbox.h"
+#include "devices/clock.h"
+#include "devices/threaded_device.h"
+#include "devices/vendor/find_plugged.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <charconv>
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <fmt/format.h>
+#include <thread>
+#include <utility>
+
+namespace haptrace {
+namespace {
+
+constexpr const char* kOpenHaptics = "openhaptics";
+
+// ---- the vendor's C interface ----
+
+using HdHandle = unsigned;
+using HdEnum = unsigned;
+using HdSchedulerHandle = unsigned long;
+using HdCallback = unsigned (*)(void*);
+
+struct HdErrorInfo {
+  unsigned code;  ///< 0: none. The others differ from version to version: only their text is used
+  int internal;
+  HdHandle device;
+};
+
+constexpr HdHandle kHdInvalid = 0xffffffff;
+constexpr unsigned kHdGoOn = 1;  // what a callback returns to be called again
+constexpr unsigned short kHdHighestPriority = 0xffff;
+
+enum HdParameter : HdEnum {
+  kHdButtons = 0x2000,
+  kHdPosition = 0x2050,
+  kHdVelocity = 0x2051,
+  kHdTransform = 0x2052,
+  kHdVersion = 0x2500,
+  kHdModel = 0x2501,
+  kHdSerial = 0x2504,
+  kHdMaxWorkspace = 0x2550,
+  kHdUsableWorkspace = 0x2551,
+  kHdOutputDof = 0x2554,
+  kHdCalibrationStyle = 0x2555,
+  kHdMaxForce = 0x2603,
+  kHdMaxContinuousForce = 0x2604,
+  kHdVelocityLimit = 0x2606,
+  kHdImpulseLimit = 0x2607,
+  kHdRampingRate = 0x2608,
+  kHdForce = 0x2700,
+  kHdTorqueOut = 0x2701,
+  kHdForceOutput = 0x4000,
+  kHdMaxForceClamping = 0x4001,
+  kHdCalibrated = 0x5000,
+  kHdNeedsUpdate = 0x5001,
+};
+
+enum HdCalibrationStyle { kHdEncoderReset = 1, kHdAuto = 2, kHdInkwell = 4 };
+
+struct HdApi {
+  SharedLibrary library;
+
+  HdHandle (*init_device)(const char*) = library.function("hdInitDevice");
+  void (*disable_device)(HdHandle) = library.function("hdDisableDevice");
+  void (*make_current)(HdHandle) = library.function("hdMakeCurrentDevice");
+  void (*begin_frame)(HdHandle) = library.function("hdBeginFrame");
+  void (*end_frame)(HdHandle) = library.function("hdEndFrame");
+  HdErrorInfo (*get_error)() = library.function("hdGetError");
+  const char* (*error_string)(unsigned) = library.function("hdGetErrorString");
+  const char* (*get_string)(HdEnum) = library.function("hdGetString");
+  void (*get_integers)(HdEnum, int*) = library.function("hdGetIntegerv");
+  void (*get_doubles)(HdEnum, double*) = library.function("hdGetDoublev");
+  void (*set_doubles)(HdEnum, const double*) = library.function("hdSetDoublev");
+  void (*enable)(HdEnum) = library.function("hdEnable");
+  void (*disable)(HdEnum) = library.function("hdDisable");
+  unsigned (*check_calibration)() = library.function("hdCheckCalibration");
+  void (*update_calibration)(HdEnum) = library.function("hdUpdateCalibration");
+  void (*start_scheduler)() = library.function("hdStartScheduler");
+  void (*stop_scheduler)() = library.function("hdStopScheduler");
+  void (*set_scheduler_rate)(unsigned long) = library.function("hdSetSchedulerRate");
+  HdSchedulerHandle (*schedule)(HdCallback, void*, unsigned short) = library.function("hdScheduleAsynchronous");
+  void (*unschedule)(HdSchedulerHandle) = library.function("hdUnschedule");
+
+  /// The oldest error since the last call, in words; null when there was none.
+  [[nodiscard]] const char* error() const noexcept {
+    const char* first = nullptr;
+    for (int k = 0; k < 16; ++k) {
+      const HdErrorInfo info = get_error();
+      if (info.code == 0) break;
+      if (first == nullptr) first = error_string(info.code);
+      if (first == nullptr) first = "an error without a name";
+    }
+    return first;
+  }
+};
+
+// ---- the device ----
+
+struct HdOptions {
+  std::string text;  ///< of the whole --device
+  WantedLibrary library;
+  std::string name;        ///< as the vendor's set-up named the device; empty: the default
+  unsigned long rate = 0;  ///< [Hz]; 0: HD's own
+  bool reset_encoders = false;
+};
+
+std::atomic_flag hd_in_use;  // HD's scheduler belongs to one device at a time
+
+class OpenHapticsDevice final : public Device {
+ public:
+  explicit OpenHapticsDevice(const HdOptions& options);
+  ~OpenHapticsDevice() override { OpenHapticsDevice::close(); }
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
+  void close() noexcept override;
+  [[nodiscard]] std::string lost_reason() const override;
+  [[nodiscard]] std::string not_ready_reason() const override;
+
+ private:
+  static constexpr std::int64_t kCalmNs = static_cast<std::int64_t>(1e9 * kHdCalm);
+  static constexpr std::int64_t kLongestFaultNs = static_cast<std::int64_t>(1e9 * kHdLongestFault);
+  static constexpr std::int64_t kPatienceNs = static_cast<std::int64_t>(1e9 * ThreadedDevice::kPatience);
+  static constexpr int kFramesPerCheck = 100;  ///< of the calibration
+
+  enum class Loss : std::uint8_t {
+    none,
+    stalled,  ///< HD does not call any more
+    faulty,   ///< its errors do not end
+  };
+  struct Order {
+    Wrench wrench;
+    std::int64_t until_ns = 0;  ///< afterwards it is none
+  };
+  struct Answer {
+    DeviceState state;
+    std::int64_t taken_ns = 0;        ///< the state's
+    std::int64_t frame_ns = 0;        ///< of the last frame, with or without an error
+    std::int64_t fault_ns = 0;        ///< of the last error; 0: there was none
+    std::int64_t fault_since_ns = 0;  ///< of the first of those without calm between them
+    std::array<char, 128> fault{};    ///< its text
+    unsigned calibration = 0;
+  };
+
+  void init(const HdOptions& options);
+  void describe(const HdOptions& options);
+  void schedule(const HdOptions& options);
+  [[nodiscard]] Error refuse(const std::string& what, const std::string& remedy) const;
+
+  // In HD's thread.
+  static unsigned frame(void* device) noexcept;
+  void frame() noexcept;
+  void read(DeviceState& state) noexcept;
+  void send(const Wrench& wrench) noexcept;
+  void calibrate() noexcept;
+
+  HdApi api_;
+  DeviceInfo info_;
+  HdHandle handle_ = kHdInvalid;
+  HdSchedulerHandle scheduled_ = kHdInvalid;
+  bool holds_scheduler_ = false;
+  int styles_ = 0;  ///< of HdCalibrationStyle
+  bool takes_torque_ = false;
+
+  // The tick's.
+  bool closed_ = true;
+  Loss loss_ = Loss::none;
+  Answer newest_;
+
+  Mailbox<Order> order_;
+  Mailbox<Answer> answer_;
+  std::atomic<bool> ending_{false};
+  std::atomic<bool> ended_{false};  ///< zero force was sent, and nothing else will be
+
+  // HD's thread's.
+  Answer next_;
+  int until_check_ = 0;
+};
+
+OpenHapticsDevice::OpenHapticsDevice(const HdOptions& options)
+    : api_{SharedLibrary(options.library, SharedLibrary::Unload::never)} {
+  info_.name = options.text;
+  info_.backend = kOpenHaptics;
+  if (hd_in_use.test_and_set())
+    throw device_error(
+        fmt::format("{}: another OpenHaptics device is open in this process; close it first", info_.name));
+  holds_scheduler_ = true;
+  closed_ = false;
+  try {
+    init(options);
+    describe(options);
+    schedule(options);
+  } catch (...) {
+    close();
+    throw;
+  }
+}
+
+Error OpenHapticsDevice::refuse(const std::string& what, const std::string& remedy) const {
+  return device_error(fmt::format("{}: {}; {}", info_.name, what, remedy));
+}
+
+void OpenHapticsDevice::init(const HdOptions& options) {
+  (void)api_.error();  // what others left behind
+  handle_ = api_.init_device(options.name.empty() ? nullptr : options.name.c_str());
+  const char* error = api_.error();
+  if (error == nullptr && handle_ != kHdInvalid) {
+    api_.make_current(handle_);
+    return;
+  }
+  const std::string who = options.name.empty() ? "the default device" : "'" + options.name + "'";
+  if (handle_ != kHdInvalid) api_.disable_device(std::exchange(handle_, kHdInvalid));
+  throw refuse(
+      fmt::format("its library was found, but {} cannot be opened: {}", who, error != nullptr ? error : "no handle"),
+      "is it plugged in, switched on, and set up by the vendor's Touch_Setup under that name? haptrace doctor "
+      "says who may open it");
+}
+
+void OpenHapticsDevice::describe(const HdOptions& options) {
+  const auto text = [this](HdEnum what) {
+    const char* found = api_.get_string(what);
+    return std::string(found != nullptr ? found : "");
+  };
+  const auto number = [this](HdEnum what) {
+    double value = 0;
+    api_.get_doubles(what, &value);
+    return std::isfinite(value) ? value : 0;
+  };
+  const auto integer = [this](HdEnum what) {
+    int value = 0;
+    api_.get_integers(what, &value);
+    return value;
+  };
+  info_.model = text(kHdModel).empty() ? "OpenHaptics device" : text(kHdModel);
+  info_.serial = text(kHdSerial);
+  info_.measures_velocity = true;
+  info_.measures_orientation = true;
+  takes_torque_ = integer(kHdOutputDof) >= 6;
+  info_.torque_axes.fill(takes_torque_);
+  info_.max_force = number(kHdMaxForce);
+  if (info_.max_force <= 0)
+    throw refuse("its library does not say what force it bears", "set it up by the vendor's Touch_Setup");
+  info_.max_continuous_force = std::min(number(kHdMaxContinuousForce), info_.max_force);
+  if (options.rate > 0) info_.nominal_rate = static_cast<double>(options.rate);
+
+  info_.workspace_min = info_.workspace_max = Vec3::Zero();
+  for (const HdEnum which : {kHdUsableWorkspace, kHdMaxWorkspace}) {
+    double box[6] = {};
+    api_.get_doubles(which, box);
+    const Vec3 least = kHdLength * Vec3(box), most = kHdLength * Vec3(box + 3);
+    if (!is_finite(least) || !is_finite(most) || !(least.array() < most.array()).all()) continue;
+    info_.workspace_min = least;
+    info_.workspace_max = most;
+    break;
+  }
+  if (info_.workspace_min == info_.workspace_max)
+    throw refuse("its library does not say what its workspace is", "set it up by the vendor's Touch_Setup");
+
+  styles_ = integer(kHdCalibrationStyle);
+  info_.notes.push_back(fmt::format("driven by {} ({}); nobody tried haptrace with it on a device yet",
+                                    api_.library.file(), text(kHdVersion)));
+  info_.notes.push_back(
+      fmt::format("its library has limits of its own: forces fade in ({:.3g}/s), and it stops beyond {:.3g} m/s or "
+                  "sudden changes of "
+                  "{:.3g} N (0: unknown); a stiff playback of a fast path may trip them",
+                  number(kHdRampingRate), kHdLength * number(kHdVelocityLimit), number(kHdImpulseLimit)));
+  (void)api_.error();  // what this library does not know is unknown
+}
+
+void OpenHapticsDevice::schedule(const HdOptions& options) {
+  if (options.reset_encoders) api_.update_calibration(kHdEncoderReset);
+  if (options.rate > 0) {
+    api_.set_scheduler_rate(options.rate);
+    if (const char* error = api_.error())
+      info_.notes.push_back(fmt::format("its rate stays its own: {} ({} Hz were asked for)", error, options.rate));
+  }
+  api_.enable(kHdMaxForceClamping);
+  api_.enable(kHdForceOutput);
+  if (const char* error = api_.error())
+    throw refuse(fmt::format("its forces cannot be switched on: {}", error), "look at its power");
+
+  scheduled_ = api_.schedule(&OpenHapticsDevice::frame, this, kHdHighestPriority);
+  api_.start_scheduler();
+  if (const char* error = api_.error())
+    throw refuse(fmt::format("its servo loop cannot be started: {}", error), "end other programs that use it");
+
+  const std::int64_t begin = monotonic_ns();
+  while (newest_.frame_ns == 0) {
+    if (monotonic_ns() - begin > 1'000'000'000)
+      throw refuse("it was opened, but its servo loop does not run",
+                   "end other programs that use it, plug it in again");
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    newest_ = answer_.latest();
+  }
+  if (const std::string why = not_ready_reason(); !why.empty()) info_.notes.push_back(why);
+}
+
+// ---- in HD's thread ----
+
+unsigned OpenHapticsDevice::frame(void* device) noexcept {
+  static_cast<OpenHapticsDevice*>(device)->frame();
+  return kHdGoOn;
+}
+
+void OpenHapticsDevice::frame() noexcept {
+  const bool ending = ending_.load(std::memory_order_acquire);
+  const Order& order = order_.latest();
+  DeviceState state;
+
+  api_.begin_frame(handle_);
+  const std::int64_t now = monotonic_ns();
+  if (until_check_-- <= 0) calibrate();
+  const bool calm = next_.fault_ns == 0 || now - next_.fault_ns > kCalmNs;
+  const bool may_push = !ending && calm && next_.calibration == kHdCalibrated && now < order.until_ns;
+  read(state);
+  send(may_push ? order.wrench : Wrench{});
+  api_.end_frame(handle_);
+
+  next_.frame_ns = now;
+  if (const char* error = api_.error()) {
+    if (calm) next_.fault_since_ns = now;
+    next_.fault_ns = now;
+    std::strncpy(next_.fault.data(), error, next_.fault.size() - 1);
+  } else {
+    if (next_.calibration != kHdCalibrated) state.position = next_.state.position;
+    next_.state = state;
+    next_.taken_ns = now;
+  }
+  answer_.post(next_);
+  if (ending) ended_.store(true, std::memory_order_release);
+}
+
+void OpenHapticsDevice::read(DeviceState& state) noexcept {
+  double position[3] = {}, velocity[3] = {}, transform[16] = {};
+  int buttons = 0;
+  api_.get_doubles(kHdPosition, position);
+  api_.get_doubles(kHdVelocity, velocity);
+  api_.get_doubles(kHdTransform, transform);
+  api_.get_integers(kHdButtons, &buttons);
+  state.position = kHdLength * Vec3(position);
+  state.velocity = kHdLength * Vec3(velocity);
+  state.orientation = orientation_from_open_haptics(transform);
+  state.buttons = static_cast<std::uint32_t>(buttons);
+  state.ready = next_.calibration == kHdCalibrated;
+}
+
+void OpenHapticsDevice::send(const Wrench& wrench) noexcept {
+  api_.set_doubles(kHdForce, wrench.force.data());
+  if (!takes_torque_) return;
+  const Vec3 torque = wrench.torque / kHdTorque;
+  api_.set_doubles(kHdTorqueOut, torque.data());
+}
+
+/// Where a person is not needed, at once; in an inkwell, when the stylus is there.
+void OpenHapticsDevice::calibrate() noexcept {
+  until_check_ = kFramesPerCheck;
+  next_.calibration = api_.check_calibration();
+  if (next_.calibration != kHdNeedsUpdate) return;
+  if ((styles_ & kHdInkwell) != 0)
+    api_.update_calibration(kHdInkwell);
+  else if ((styles_ & kHdAuto) != 0)
+    api_.update_calibration(kHdAuto);
+  next_.calibration = api_.check_calibration();
+}
+
+// ---- in the tick's thread ----
+
+Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
+  if (closed_ || loss_ != Loss::none) return Status::lost;
+  const std::int64_t now = monotonic_ns();
+  order_.post({sendable(wrench), now + ThreadedDevice::watched_ns(dt)});
+  newest_ = answer_.latest();
+  if (now - newest_.frame_ns > kPatienceNs) {
+    loss_ = Loss::stalled;
+    return Status::lost;
+  }
+  if (newest_.fault_ns != 0 && now - newest_.fault_ns <= kCalmNs) {
+    if (newest_.fault_ns - newest_.fault_since_ns < kLongestFaultNs) return Status::away;
+    loss_ = Loss::faulty;
+    return Status::lost;
+  }
+  state = newest_.state;
+  state.age += 1e-9 * static_cast<double>(now - newest_.taken_ns);
+  return Status::ok;
+}
+
+void OpenHapticsDevice::close() noexcept {
+  closed_ = true;
+  if (handle_ != kHdInvalid) {
+    if (scheduled_ != kHdInvalid) {
+      ending_.store(true, std::memory_order_release);
+      // A servo loop that stands still sends nothing, and is not waited for.
+      for (int k = 0; k < 100 && !ended_.load(std::memory_order_acquire); ++k)
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      api_.unschedule(scheduled_);
+      api_.stop_scheduler();
+      scheduled_ = kHdInvalid;
+    }
+    api_.make_current(handle_);
+    api_.disable(kHdForceOutput);
+    api_.disable_device(handle_);
+    handle_ = kHdInvalid;
+  }
+  if (std::exchange(holds_scheduler_, false)) hd_in_use.clear();
+}
+
+std::string OpenHapticsDevice::lost_reason() const {
+  if (closed_ && loss_ == Loss::none) return "the device is closed";
+  if (loss_ == Loss::stalled) return "its library's servo loop stands still; look at its cable and its power";
+  return fmt::format("its library says: {}; hold it and move slowly, with softer gains, and let warm motors cool",
+                     newest_.fault.data());
+}
+
+std::string OpenHapticsDevice::not_ready_reason() const {
+  if (newest_.calibration == kHdCalibrated) return "";
+  if ((styles_ & kHdInkwell) != 0) return "it is not calibrated: put its stylus into the inkwell, until it stays ready";
+  if ((styles_ & kHdEncoderReset) != 0)
+    return "it is not calibrated: hold its arm in the reset position that its manual shows, and open it with "
+           "openhaptics:reset_encoders=true";
+  return "it is not calibrated: move it slowly through its workspace; else calibrate it by the vendor's "
+         "Touch_Diagnostic";
+}
+
+std::unique_ptr<Device> open_open_haptics(const DeviceSpec& spec) {
+  HdOptions options{.text = spec.text, .library = open_haptics_library()};
+  const auto option = [&spec](const char* key) {
+    const auto found = spec.options.find(key);
+    return found != spec.options.end() ? found->second : std::string();
+  };
+  if (const std::string file = option("library"); !file.empty()) options.library.places = {file};
+  options.name = option("name");
+  if (const std::string text = option("rate"); !text.empty()) {
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), options.rate);
+    if (error != std::errc() || end != text.data() + text.size() || options.rate < 100 || options.rate > 10'000)
+      throw input_error(fmt::format("--device '{}': rate: expected 100 to 10000 Hz, found '{}'", spec.text, text));
+  }
+  if (const std::string text = option("reset_encoders"); !text.empty()) {
+    if (text != "true" && text != "false")
+      throw input_error(
+          fmt::format("--device '{}': reset_encoders: expected true or false, found '{}'", spec.text, text));
+    options.reset_encoders = text == "true";
+  }
+  return std::make_unique<OpenHapticsDevice>(options);
+}
+
+}  // namespace
+
+Quat orientation_from_open_haptics(const double (&transform)[16]) {
+  const Eigen::Matrix3d r = Eigen::Map<const Eigen::Matrix4d>(transform).topLeftCorner<3, 3>();
+  return Quat(r).normalized();
+}
+
+WantedLibrary open_haptics_library() {
+  std::vector<std::string> folders;
+  if (const char* sdk = std::getenv("OH_SDK_BASE")) folders.push_back(fmt::format("{}/lib", sdk));
+  if (const char* home = std::getenv("HOME")) folders.push_back(fmt::format("{}/.local/lib", home));
+  for (const char* folder : {"/opt/OpenHaptics/Developer/3.4-0/lib", "/usr/local/lib", "/usr/lib64", "/usr/lib"})
+    folders.emplace_back(folder);
+  WantedLibrary wanted{.what = "OpenHaptics' library libHD",
+                       .places = library_files(folders, "libHD.so"),
+                       .remedy =
+                           "install 3D Systems' OpenHaptics and the Touch Device Driver (support.3dsystems.com), or "
+                           "say where it is: openhaptics:library=/path/libHD.so"};
+  wanted.places.emplace_back("libHD.so");
+  return wanted;
+}
+
+DeviceBackend open_haptics_backend() {
+  return {.name = kOpenHaptics,
+          .summary = "Touch and PHANTOM, through 3D Systems' OpenHaptics",
+          .options = {{"library", "the vendor's libHD.so, unless it is where it is looked for"},
+                      {"name", "as the vendor's Touch_Setup named it, unless it is the default device"},
+                      {"rate", "of the vendor's servo loop, unless its own [Hz]"},
+                      {"reset_encoders", "true: its arm is in its reset position now, for models without an inkwell"}},
+          .presets = {},
+          .open = open_open_haptics,
+          .find = [] { return find_plugged("3D Systems Touch", kOpenHaptics, open_haptics_library()); }};
+}
+
+}  // namespace haptrace

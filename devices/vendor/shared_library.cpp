@@ -1,0 +1,93 @@
+#include "devices/vendor/shared_library.h"
+
+#include "control/error.h"
+
+#include <algorithm>
+#include <dlfcn.h>
+#include <filesystem>
+#include <fmt/format.h>
+#include <string_view>
+
+namespace haptrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct LoadAttempt {
+  void* handle = nullptr;
+  std::string why_not;
+};
+
+LoadAttempt try_to_load(const std::string& place) {
+  std::error_code error;
+  const bool is_file = place.find('/') != std::string::npos;
+  if (is_file && !fs::exists(place, error)) return {nullptr, "there is no such file"};
+  // All of its symbols now, and not in the tick; none for other libraries to find.
+  if (void* handle = dlopen(place.c_str(), RTLD_NOW | RTLD_LOCAL)) return {handle, ""};
+  std::string why = dlerror();
+  // What another library lacks is named by its own name.
+  const bool is_missing = !is_file && why.starts_with(place + ":") && why.find("No such file") != std::string::npos;
+  if (is_missing) return {nullptr, "not in the system's folders"};
+  if (why.starts_with(place + ": ")) why.erase(0, place.size() + 2);
+  return {nullptr, why};
+}
+
+}  // namespace
+
+void SharedLibrary::Close::operator()(void* library) const noexcept {
+  if (unload == Unload::with_this) dlclose(library);
+}
+
+SharedLibrary::SharedLibrary(const std::string& what, const std::string& file, Unload unload)
+    : what_(what), file_(file), handle_(nullptr, Close{unload}) {
+  // A name without a slash would be looked for in the system's folders.
+  const LoadAttempt attempt = try_to_load(fs::absolute(file));
+  if (attempt.handle == nullptr)
+    throw device_error(fmt::format("{} {}: cannot be loaded: {}", what, file, attempt.why_not));
+  handle_.reset(attempt.handle);
+}
+
+SharedLibrary::SharedLibrary(const WantedLibrary& wanted, Unload unload)
+    : what_(wanted.what), handle_(nullptr, Close{unload}) {
+  std::vector<std::string> looked;
+  for (const std::string& place : wanted.places) {
+    const LoadAttempt attempt = try_to_load(place);
+    looked.push_back(fmt::format("{} ({})", place, attempt.why_not));
+    if (attempt.handle == nullptr) continue;
+    file_ = place;
+    handle_.reset(attempt.handle);
+    return;
+  }
+  throw device_error(fmt::format("{} is missing or cannot be loaded; looked for {}; {}", what_, fmt::join(looked, ", "),
+                                 wanted.remedy));
+}
+
+SharedLibrary::Symbol SharedLibrary::function(const char* name, const std::string& remedy) const {
+  void* address = dlsym(handle_.get(), name);
+  if (address == nullptr)
+    throw device_error(fmt::format("{} {}: does not export '{}'; {}", what_, file_, name, remedy));
+  return Symbol(address);
+}
+
+SharedLibrary::Symbol SharedLibrary::function_if_any(const char* name) const noexcept {
+  return Symbol(dlsym(handle_.get(), name));
+}
+
+std::vector<std::string> library_files(const std::vector<std::string>& folders, const std::string& name) {
+  std::vector<std::string> files;
+  for (const std::string& folder : folders) {
+    std::vector<std::string> here;
+    std::error_code error;
+    for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error))
+      if (entry->path().filename().string().starts_with(name)) here.push_back(entry->path());
+    if (here.empty()) here.push_back(fs::path(folder) / name);
+    // By length first: 3.10 comes after 3.9.
+    std::sort(here.begin(), here.end(), [](const std::string& a, const std::string& b) {
+      return a.size() != b.size() ? a.size() > b.size() : a > b;
+    });
+    files.insert(files.end(), here.begin(), here.end());
+  }
+  return files;
+}
+
+}  // namespace haptrace
