@@ -330,7 +330,8 @@ bool ForceDimensionDriver::round(const Wrench& wrench, DeviceState& state) {
     armed_ = true;
     if (has_watchdog_) (void)api_.set_watchdog(kWatchdog, id_);
   }
-  if (enabled_ && !send(ready_ ? wrench : Wrench{}) && ready_) return bear("dhdSetForce");
+  // After an error nothing is sent but bear's zero force, until a round went well.
+  if (enabled_ && !failing_since_ && !send(ready_ ? wrench : Wrench{}) && ready_) return bear("dhdSetForce");
   // Until it is ready its position stands still.
   if (ready_ && !fetch()) return bear("dhdGetPosition");
   failing_since_.reset();

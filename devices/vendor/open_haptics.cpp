@@ -270,8 +270,7 @@ void OpenHapticsDevice::describe(const HdOptions& options) {
                                     api_.library.file(), text(kHdVersion)));
   info_.notes.push_back(
       fmt::format("its library has limits of its own: forces fade in ({:.3g}/s), and it stops beyond {:.3g} m/s or "
-                  "sudden changes of "
-                  "{:.3g} N (0: unknown); a stiff playback of a fast path may trip them",
+                  "sudden changes of {:.3g} N (0: unknown); a stiff playback of a fast path may trip them",
                   number(kHdRampingRate), kHdLength * number(kHdVelocityLimit), number(kHdImpulseLimit)));
   (void)api_.error();  // what this library does not know is unknown
 }
@@ -313,15 +312,15 @@ unsigned OpenHapticsDevice::frame(void* device) noexcept {
 
 void OpenHapticsDevice::frame() noexcept {
   const bool ending = ending_.load(std::memory_order_acquire);
-  const Order& order = order_.latest();
   DeviceState state;
 
   api_.begin_frame(handle_);
   const std::int64_t now = monotonic_ns();
   if (until_check_-- <= 0) calibrate();
+  read(state);
+  const Order& order = order_.latest();
   const bool calm = next_.fault_ns == 0 || now - next_.fault_ns > kCalmNs;
   const bool may_push = !ending && calm && next_.calibration == kHdCalibrated && now < order.until_ns;
-  read(state);
   send(may_push ? order.wrench : Wrench{});
   api_.end_frame(handle_);
 

@@ -50,7 +50,10 @@ int set(double fx, double fy, double fz, double tx, double ty, double tz) {
 
 int get_position(double* x, double* y, double* z) {
   const int answer = fake.position_answer != 0 ? fake.position_answer : fake.answer;
-  if (answer < 0) return answer;
+  if (answer < 0) {
+    if (fake.pushes()) ++fake.blind_pushes;
+    return answer;
+  }
   const std::scoped_lock lock(plant_use);
   plant->advance_to(haptrace::monotonic_ns());
   plant->apply({fake.motor(0), fake.motor(1), fake.motor(2)});

@@ -26,6 +26,7 @@ struct FakeDrd {
   // What was done to it.
   std::atomic<int> opened{0}, opened_robotic{0}, closed{0}, auto_inits{0}, robotic_stops{0}, watchdog{0};
   std::atomic<int> gravity_compensation{-1}, emulated_button{0};
+  std::atomic<int> blind_pushes{0};  ///< positions that could not be read while its motors pushed
   std::atomic<bool> enabled{false}, braked{true};
   AtomicVector force{}, torque{};  ///< the last that was sent, in F [N], [N m]
 
