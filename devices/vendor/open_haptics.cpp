@@ -129,14 +129,9 @@ class OpenHapticsDevice final : public Device {
  private:
   static constexpr std::int64_t kCalmNs = static_cast<std::int64_t>(1e9 * kHdCalm);
   static constexpr std::int64_t kLongestFaultNs = static_cast<std::int64_t>(1e9 * kHdLongestFault);
-  static constexpr std::int64_t kPatienceNs = static_cast<std::int64_t>(1e9 * ThreadedDevice::kPatience);
+  static constexpr std::int64_t kPatienceNs = static_cast<std::int64_t>(1e9 * kHdPatience);
   static constexpr int kFramesPerCheck = 100;  ///< of the calibration
 
-  enum class Loss : std::uint8_t {
-    none,
-    stalled,  ///< HD does not call any more
-    faulty,   ///< its errors do not end
-  };
   struct Order {
     Wrench wrench;
     std::int64_t until_ns = 0;  ///< afterwards it is none
@@ -173,7 +168,7 @@ class OpenHapticsDevice final : public Device {
 
   // The tick's.
   bool closed_ = true;
-  Loss loss_ = Loss::none;
+  bool lost_ = false;
   Answer newest_;
 
   Mailbox<Order> order_;
@@ -374,17 +369,18 @@ void OpenHapticsDevice::calibrate() noexcept {
 // ---- in the tick's thread ----
 
 Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
-  if (closed_ || loss_ != Loss::none) return Status::lost;
+  if (closed_ || lost_) return Status::lost;
   const std::int64_t now = monotonic_ns();
   order_.post({sendable(wrench), now + ThreadedDevice::watched_ns(dt)});
   newest_ = answer_.latest();
-  if (now - newest_.frame_ns > kPatienceNs) {
-    loss_ = Loss::stalled;
+  if (const std::int64_t silence = now - newest_.frame_ns; silence > kPatienceNs) {
+    if (silence < kLongestFaultNs) return Status::away;
+    lost_ = true;
     return Status::lost;
   }
   if (newest_.fault_ns != 0 && now - newest_.fault_ns <= kCalmNs) {
     if (newest_.fault_ns - newest_.fault_since_ns < kLongestFaultNs) return Status::away;
-    loss_ = Loss::faulty;
+    lost_ = true;
     return Status::lost;
   }
   state = newest_.state;
@@ -413,8 +409,9 @@ void OpenHapticsDevice::close() noexcept {
 }
 
 std::string OpenHapticsDevice::lost_reason() const {
-  if (closed_ && loss_ == Loss::none) return "the device is closed";
-  if (loss_ == Loss::stalled) return "its library's servo loop stands still; look at its cable and its power";
+  if (closed_ && !lost_) return "the device is closed";
+  const bool is_faulty = newest_.fault_ns != 0 && newest_.frame_ns - newest_.fault_ns <= kCalmNs;
+  if (!is_faulty) return "its library's servo loop stands still; look at its cable and its power";
   return fmt::format("its library says: {}; hold it and move slowly, with softer gains, and let warm motors cool",
                      newest_.fault.data());
 }

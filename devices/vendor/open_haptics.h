@@ -23,11 +23,12 @@ WantedLibrary open_haptics_library();
 /// sent. Device::exchange passes states and forces to and fro by mailboxes, as ThreadedDevice does and under the same
 /// watchdog; DeviceState::age is measured. HD knows one scheduler for all: one device at a time is open in a process.
 ///
-/// After an error of a frame the device is away: no force is sent until kHdCalm without one. It is lost when errors
-/// last for kHdLongestFault, or when HD does not call for ThreadedDevice::kPatience.
+/// After an error of a frame the device is away: no force is sent until kHdCalm without one. So it is when HD does not
+/// call for kHdPatience, but then nothing can be sent. It is lost when either lasts for kHdLongestFault.
 DeviceBackend open_haptics_backend();
 
 inline constexpr double kHdCalm = 0.1;        ///< [s]
+inline constexpr double kHdPatience = 0.25;   ///< [s]
 inline constexpr double kHdLongestFault = 1;  ///< [s]
 
 }  // namespace haptrace

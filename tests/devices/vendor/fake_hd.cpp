@@ -1,5 +1,6 @@
 // A fake of OpenHaptics' HD API: its C interface and its servo thread before a simulated device.
 #include "devices/clock.h"
+#include "devices/realtime.h"
 #include "devices/sim/live_plant.h"
 #include "tests/devices/vendor/fake_libraries.h"
 
@@ -41,6 +42,7 @@ void rest() {
 }
 
 void serve() {
+  (void)haptrace::request_realtime();
   auto next = std::chrono::steady_clock::now();
   while (fake.running) {
     {

@@ -126,7 +126,9 @@ TEST_F(ForceDimension, IsLostWithTheLibrarysWordsWhenErrorsLast) {
     exchange_until(*device, {}, [&](auto, const auto&) { return fake_.closed == 1; });
     EXPECT_FALSE(fake_.pushes());
     EXPECT_EQ(fake_.closed, 1);
-    if (reads_only) EXPECT_EQ(fake_.blind_pushes, 1) << "the first error is not foreseen";
+    if (reads_only) {
+      EXPECT_EQ(fake_.blind_pushes, 1) << "the first error is not foreseen";
+    }
   }
 }
 
