@@ -1,3 +1,4 @@
+#include "cli/device_check.h"
 #include "cli/verb.h"
 #include "control/error.h"
 #include "devices/connected_devices.h"
@@ -155,11 +156,14 @@ Verb add_devices(CLI::App& app) {
       "each.\n"
       "  haptrace devices\n"
       "  haptrace devices --watch\n"
-      "  haptrace devices sim:preset=touch,hand=relaxed");
+      "  haptrace devices sim:preset=touch,hand=relaxed\n"
+      "  haptrace devices --test falcon");
   CLI::Option* name = verb->add_option("name", arguments->name, "open this device and describe it");
   name->type_name("NAME[:...]");
   verb->add_flag("--watch", arguments->watch, "tell of devices that come and go")->excludes(name);
-  return {verb, [arguments](const Output& output) {
+  const DeviceCheck check(*verb);
+  return {verb, [arguments, check](const Output& output) {
+            if (check.wanted()) return check.run(arguments->name, output);
             if (arguments->watch) return watch(output);
             if (arguments->name.empty()) {
               const std::vector<FoundDevice> connected = connected_devices();

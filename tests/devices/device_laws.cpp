@@ -1,5 +1,6 @@
 #include "tests/devices/device_laws.h"
 
+#include "tests/devices/conformance.h"
 #include "tests/devices/support.h"
 #include "tests/support/allocations.h"
 
@@ -199,6 +200,18 @@ TEST_P(DeviceLaws, IsLostAfterClose) {
   EXPECT_THAT(device_->lost_reason(), testing::HasSubstr("closed"));
   device_->close();
   EXPECT_EQ(device_->exchange({}, 1e-3, state), Device::Status::lost);
+}
+
+TEST_P(DeviceLaws, PassesTheConformanceTest) {
+  ConformanceOptions options = hasty_options();
+  // No hand is in danger here, and friction is to hide nothing.
+  options.max_force = std::min(0.6 * device_->info().max_force, 3.0);
+  ConsentingUser user;
+  // Where time is real, the other axes' directions are tried above.
+  if (!is_virtual()) user.refused = {"force along y", "force along z"};
+  device_->close();
+  const ConformanceReport report = test_conformance(GetParam().open, options, user, StopRequest());
+  EXPECT_TRUE(report.kept()) << describe(report);
 }
 
 INSTANTIATE_TEST_SUITE_P(All, DeviceLaws, testing::ValuesIn(listed_devices()), [](const auto& device) {

@@ -1,0 +1,679 @@
+#include "devices/conformance.h"
+
+#include "control/error.h"
+#include "devices/conformance_probe.h"
+
+#include <algorithm>
+#include <cstring>
+#include <fmt/format.h>
+#include <numbers>
+#include <utility>
+
+namespace haptrace {
+namespace {
+
+struct Law {
+  const char* id;
+  const char* sentence;
+};
+
+constexpr Law kLaws[] = {
+    {"description", "says coherently what it is"},
+    {"ready", "becomes ready for forces"},
+    {"measures", "measures what it says it measures, and nothing else"},
+    {"exchange", "exchanges within a tick"},
+    {"rate", "has a new state for nearly every tick"},
+    {"fresh", "answers with fresh states"},
+    {"noise", "is quiet at rest"},
+    {"gentle", "moves slowly and not far under small forces"},
+    {"force_x", "moves along a force along x"},
+    {"force_y", "moves along a force along y"},
+    {"force_z", "moves along a force along z"},
+    {"latency", "answers a force soon"},
+    {"resolution", "resolves as finely as it says"},
+    {"opposes", "opposes a hand when it is told to"},
+    {"stated_force", "bears the force that it states"},
+    {"nan_force", "takes a force that is not a number for none"},
+    {"host_pause", "lets go of its force when the host pauses"},
+    {"finite", "answers with positions that are numbers"},
+    {"stays", "stays there while it is used"},
+    {"closes", "is lost once it is closed"},
+    {"reopens", "opens again after it was closed"},
+    {"repeats", "answers equal commands equally, in virtual time"},
+};
+
+constexpr const char* kAxisLaws[] = {"force_x", "force_y", "force_z"};
+
+constexpr double kLate = 0.01, kLateBusy = 0.5;           // share of exchanges that may last longer than a tick
+constexpr double kNewStates = 0.8, kNewStatesBusy = 0.1;  // share of the ticks that have one
+constexpr double kStale = 0.01, kStaleBusy = 0.05;        // median age [s]
+constexpr double kLoud = 1e-4;                            // noise where no resolution is stated [m]
+constexpr double kLoudCounts = 3;                         // noise over the resolution that is stated
+constexpr double kCoarser = 3, kFiner = 10;               // than stated, before it is wrong
+constexpr std::size_t kLeastSteps = 10;                   // that show a resolution
+constexpr double kCreeps = 0.005;                         // without force, too fast to tell a small force's work [m/s]
+constexpr double kLeastResponse = 5e-4;                   // that tells a direction [m]
+constexpr double kLeastShare = 0.5;                       // of the whole motion that has to be the force's
+constexpr double kAligned = 0.7071;                       // cosine of the widest angle between force and motion
+constexpr double kSoon = 0.05;                            // [s]
+constexpr double kMargin = 0.005;                         // from the workspace's faces, for forces to be tried [m]
+constexpr double kHeldPath = 0.004;                       // that a force held for 0.1 s is to bring about [m]
+constexpr double kLeastHeldPath = 3e-4;                   // [m]
+constexpr double kLetGo = 0.75;    // of the way that the same force takes when it is not let go of. A mass whose force
+                                   // ended after 50 ms of 100 has gone 0.79 of it
+constexpr double kUnmoved = 1e-3;  // by a force that is none [m]
+constexpr double kFeelingTime = 10;  // [s]
+constexpr double kShortFade = 0.05;  // [s]
+
+std::string distance_text(double metres) {
+  return metres < 1e-5 ? fmt::format("{:.3g} um", 1e6 * metres) : fmt::format("{:.3g} mm", 1e3 * metres);
+}
+
+std::string span_text(double seconds) {
+  return seconds < 1e-3 ? fmt::format("{:.3g} us", 1e6 * seconds) : fmt::format("{:.3g} ms", 1e3 * seconds);
+}
+
+/// What a push along an axis showed.
+struct Push {
+  Vec3 response = Vec3::Zero();  ///< [m]
+  double moving_force = kNaN;    ///< at which it began to move [N]
+  double mass = kNaN;            ///< as if nothing but friction and mass were there [kg]
+  bool aligned = false;
+};
+
+/// A push that can be repeated.
+struct FirstPush {
+  int axis;
+  double max_force, least_motion;
+  std::vector<Exchanged> rows;
+  [[nodiscard]] PushController controller() const { return {axis, max_force, least_motion}; }
+};
+
+/// One device from its opening to the end of the report.
+class Examination {
+ public:
+  Examination(const std::function<std::unique_ptr<Device>()>& open, const ConformanceOptions& options,
+              ConformanceUser& user, const StopRequest& stop)
+      : open_(open),
+        options_(options),
+        user_(user),
+        stop_(stop),
+        device_(std::make_unique<ObservedDevice>(open())),
+        info_(device_->info()) {
+    report_.device = info_;
+    options_.max_force = info_.max_force > 0 ? std::min(options_.max_force, info_.max_force) : options_.max_force;
+  }
+
+  ConformanceReport run() {
+    describe_itself();
+    watch_at_rest();
+    try_forces();
+    judge_whole();
+    close_and_reopen();
+    return conclude();
+  }
+
+ private:
+  using Verdict = LawFinding::Verdict;
+
+  [[nodiscard]] bool is_real() const { return !info_.virtual_time; }
+
+  void tell(const std::string& id, Verdict verdict, const std::string& detail,
+            const std::vector<LawFinding::Figure>& figures = {}) {
+    const auto* const law = std::find_if(std::begin(kLaws), std::end(kLaws), [&](const Law& l) { return id == l.id; });
+    report_.findings.push_back({id, law->sentence, verdict, detail, figures});
+    user_.found(report_.findings.back());
+  }
+  void judge(const std::string& id, bool kept, const std::string& detail,
+             const std::vector<LawFinding::Figure>& figures = {}) {
+    tell(id, kept ? Verdict::passed : Verdict::failed, detail, figures);
+  }
+  void leave_out(const std::string& id, const std::string& why) { tell(id, Verdict::not_tested, why); }
+
+  [[nodiscard]] bool is_told(const std::string& id) const {
+    return std::any_of(report_.findings.begin(), report_.findings.end(),
+                       [&](const LawFinding& f) { return f.id == id; });
+  }
+
+  /// One session. Says whether it ran to its end; what ended it otherwise ends all that follows, too, except where the
+  /// device only withdrew its permission.
+  bool session(Controller& controller, double seconds, bool with_force) {
+    ServoLoop::Options options{.rate_hz = options_.rate_hz,
+                               .virtual_time = info_.virtual_time,
+                               .realtime = options_.realtime,
+                               .limits = {.max_force = options_.max_force,
+                                          .max_velocity = with_force ? options_.max_velocity : 0,
+                                          .soft_start = kShortFade,
+                                          .release = kShortFade},
+                               .ready_timeout = options_.ready_timeout};
+    const auto estimator = make_velocity_estimator("lowpass:100", options_.rate_hz, info_.position_resolution);
+    device_->observe(static_cast<std::size_t>(options_.rate_hz * (seconds + 0.5)));
+    ServoLoop loop(*device_, controller, *estimator, {}, options);
+    last_ = loop.run(stop_);
+    device_->spoil(false);
+    steps_.add(device_->rows());
+    for (const Exchanged& row : device_->rows()) {
+      not_finite_ = not_finite_ || !is_finite(row.state.position);
+      wrong_age_ = wrong_age_ || !(row.state.age >= 0 && std::isfinite(row.state.age));
+      ages_.record(static_cast<std::int64_t>(1e9 * std::clamp(row.state.age, 0.0, 1e3)));
+    }
+    switch (last_.cause) {
+      case StopCause::finished:
+        return true;
+      case StopCause::interrupted:
+        over_ = "it was stopped before";
+        report_.interrupted = true;
+        break;
+      case StopCause::device_lost:
+        lost_ = true;
+        over_ = "the device was lost before";
+        break;
+      case StopCause::not_finite:
+        over_ = "it gave a position that is not a number before";
+        break;
+      default:
+        break;
+    }
+    return false;
+  }
+
+  void describe_itself() {
+    std::vector<std::string> wrong;
+    const auto expect = [&wrong](bool right, const char* complaint) {
+      if (!right) wrong.emplace_back(complaint);
+    };
+    expect(!info_.backend.empty(), "backend is empty");
+    expect(!info_.model.empty() || info_.backend == "replay", "model is empty");
+    expect(is_finite(info_.workspace_min) && is_finite(info_.workspace_max), "workspace is not finite");
+    expect((info_.workspace_min.array() < info_.workspace_max.array()).all(),
+           "workspace_min does not lie below workspace_max in every axis");
+    expect(std::isfinite(info_.position_resolution) && info_.position_resolution >= 0,
+           "position_resolution is negative or not finite");
+    expect(std::isfinite(info_.max_force) && info_.max_force > 0, "max_force is not above 0");
+    expect(info_.max_continuous_force >= 0 && info_.max_continuous_force <= info_.max_force,
+           "max_continuous_force is not between 0 and max_force");
+    expect(std::isfinite(info_.nominal_rate) && info_.nominal_rate > 0, "nominal_rate is not above 0");
+    expect(info_.force_axes[0] || info_.force_axes[1] || info_.force_axes[2], "no axis takes a force");
+    judge("description", wrong.empty(),
+          wrong.empty() ? fmt::format("{}, {:.3g} N, {:.4g} Hz", info_.model, info_.max_force, info_.nominal_rate)
+                        : fmt::format("{}", fmt::join(wrong, "; ")));
+  }
+
+  void watch_at_rest() {
+    std::string request =
+        fmt::format("no force for {:.3g} s: hold the handle still, near the middle of its workspace", options_.rest);
+    DeviceState first;
+    if (device_->exchange({}, 0, first) == Device::Status::ok && !first.ready)
+      request =
+          fmt::format("it is not ready yet, and has {:.3g} s to become so; then {}", options_.ready_timeout, request);
+    for (const std::string& note : info_.notes) request += "\n  " + note;
+    if (is_real()) user_.does(request);
+
+    RestController rest(options_.rest);
+    const bool whole = session(rest, options_.rest, false);
+    const bool ready = last_.cause != StopCause::device_not_ready;
+    const auto& rows = rest_rows_ = device_->rows();
+    if (whole || !rows.empty())
+      judge("ready", ready,
+            ready ? "it allows forces" : "it withdrew its permission while no force was sent: " + last_.detail);
+    else if (!ready)
+      judge("ready", false, last_.detail);
+    if (!ready && over_.empty()) over_ = "it is not ready for forces";
+    if (rows.size() < 3) return;
+
+    measure_what_it_says(rows);
+    if (!whole) return;
+    const double span = rows.back().time - rows.front().time;
+    if (is_real()) {
+      std::size_t fresh = 0;
+      for (std::size_t k = 1; k < rows.size(); ++k)
+        if (rows[k].state.age == 0 || rows[k].taken_ns - rows[k - 1].taken_ns > 1000) ++fresh;
+      const double rate = static_cast<double>(fresh) / span, expected = std::min(options_.rate_hz, info_.nominal_rate),
+                   share = options_.busy_machine ? kNewStatesBusy : kNewStates;
+      judge("rate", rate >= share * expected,
+            fmt::format("{:.0f} new states per second of {:.0f}; {:.2g} % of the exchanges brought none", rate,
+                        expected, 100 * (1 - static_cast<double>(fresh) / static_cast<double>(rows.size() - 1))),
+            {{"rate", rate, "Hz"}});
+    } else {
+      leave_out("rate", "its time is that of the exchanges");
+    }
+    const double noise = noise_of(rows),
+                 limit = info_.position_resolution > 0 ? kLoudCounts * info_.position_resolution : kLoud;
+    noise_ = noise;
+    judge("noise", noise <= limit,
+          fmt::format("{} rms per axis; at most {}", distance_text(noise), distance_text(limit)),
+          {{"noise", noise, "m"}});
+    // The last fifth of a second: what it did at first may be a hand that settles.
+    const auto late = std::find_if(rows.begin(), rows.end(),
+                                   [&](const Exchanged& row) { return row.time >= rows.back().time - 0.2; });
+    creep_ = (rows.back().state.position - late->state.position).norm() / std::max(rows.back().time - late->time, 1e-3);
+  }
+
+  void measure_what_it_says(const std::vector<Exchanged>& rows) {
+    const auto all = [&rows](bool says, const auto& measured) {
+      return std::all_of(rows.begin(), rows.end(), [&](const Exchanged& row) { return measured(row.state) == says; });
+    };
+    std::vector<std::string> wrong;
+    const auto expect = [&](const char* what, bool says, const auto& measured) {
+      if (!all(says, measured))
+        wrong.push_back(
+            fmt::format("it says that it {} {}, and answers otherwise", says ? "measures" : "does not measure", what));
+    };
+    expect("velocity", info_.measures_velocity, [](const DeviceState& s) { return is_finite(s.velocity); });
+    expect("orientation", info_.measures_orientation,
+           [](const DeviceState& s) { return s.orientation.coeffs().allFinite(); });
+    expect("force", info_.measures_force, [](const DeviceState& s) { return is_finite(s.force); });
+    judge("measures", wrong.empty(),
+          wrong.empty()
+              ? fmt::format("position{}{}{}", info_.measures_velocity ? ", velocity" : "",
+                            info_.measures_orientation ? ", orientation" : "", info_.measures_force ? ", force" : "")
+              : fmt::format("{}", fmt::join(wrong, "; ")));
+  }
+
+  [[nodiscard]] std::string why_no_forces() {
+    if (!over_.empty()) return over_;
+    if (!options_.no_forces.empty()) return options_.no_forces;
+    if (creep_ > kCreeps)
+      return fmt::format("it moves by itself, {}/s, which hides what a small force does; hold it still",
+                         distance_text(creep_));
+    if (is_inside()) return "";
+    if (is_real() && user_.does("no force: move the handle into the middle of its workspace, and hold it there")) {
+      RestController rest(0.1);
+      if (!session(rest, 0.1, false)) return over_.empty() ? last_.detail : over_;
+    }
+    return is_inside() ? "" : "the handle is not inside the workspace, where there is room for a force to move it";
+  }
+
+  [[nodiscard]] bool is_inside() const {
+    if (device_->rows().empty()) return false;
+    const Vec3 margin = (0.25 * (info_.workspace_max - info_.workspace_min)).cwiseMin(kMargin),
+               position = device_->rows().back().state.position;
+    return (position.array() >= (info_.workspace_min + margin).array()).all() &&
+           (position.array() <= (info_.workspace_max - margin).array()).all();
+  }
+
+  void try_forces() {
+    no_more_forces_ = why_no_forces();
+    for (int axis = 0; axis < 3; ++axis) push(axis);
+    judge_gentleness();
+    judge_latency();
+    const std::string tried =
+        most_sent_ > 0 ? fmt::format("at most {:.3g} N was sent", most_sent_) : "nothing was sent";
+    leave_out("stated_force", fmt::format("it states {:.3g} N; {}", info_.max_force, tried));
+    send_no_number();
+    pause_while_it_pushes();
+    feel();
+  }
+
+  /// Leave for a force, or why it is not sent, in `why`.
+  bool may_send(const std::string& what, std::string& why) {
+    why = !over_.empty() ? over_ : no_more_forces_;
+    if (why.empty() && stop_.count() > 0) {
+      report_.interrupted = true;
+      why = over_ = "it was stopped before";
+    }
+    if (why.empty() && !user_.allows(what))
+      why = stop_.count() > 0 ? "it was stopped before" : "its force was not allowed";
+    return why.empty();
+  }
+
+  /// A session with force. Says in `why` what ended it early.
+  bool force_session(Controller& controller, double seconds, std::string& why) {
+    const bool whole = session(controller, seconds, true);
+    most_sent_ = std::max(most_sent_, last_.max_force);
+    if (!whole) why = over_.empty() ? last_.detail : over_;
+    if (last_.cause == StopCause::velocity) send_no_more(last_.detail);
+    return whole;
+  }
+
+  bool probe(ProbeController& controller, double seconds, std::string& why) {
+    const bool whole = force_session(controller, seconds, why);
+    farthest_ = std::max(farthest_, controller.farthest());
+    if (!controller.went_too_far()) return whole;
+    why = fmt::format("the handle went {} far under at most {:.2g} N", distance_text(controller.farthest()),
+                      last_.max_force);
+    send_no_more(why);
+    return false;
+  }
+
+  void send_no_more(const std::string& why) {
+    too_fast_ = why;
+    no_more_forces_ = why + "; no force was sent after that";
+  }
+
+  void push(int axis) {
+    const char* const id = kAxisLaws[axis];
+    const char name = "xyz"[axis];
+    if (!info_.force_axes[static_cast<std::size_t>(axis)]) return leave_out(id, "it has no motor there");
+    std::string why;
+    const std::string announcement = fmt::format(
+        "a force along {}, forth and back, that grows to at most {:.3g} N and turns round once the handle has "
+        "moved by {:.0f} mm{}",
+        name, options_.max_force, 1e3 * PushController::kReach, is_real() ? "; hold it loosely, and let it move" : "");
+    if (!may_send(announcement, why)) return leave_out(id, why);
+
+    FirstPush push{axis, options_.max_force, std::max({5e-5, 2 * info_.position_resolution, 5 * noise_}), {}};
+    PushController controller = push.controller();
+    if (!probe(controller, controller.duration(), why)) return leave_out(id, why);
+    if (!first_push_) {
+      first_push_ = push;
+      first_push_->rows = device_->rows();
+    }
+    judge_push(axis, controller);
+  }
+
+  void judge_push(int axis, const PushController& controller) {
+    const char* const id = kAxisLaws[axis];
+    const auto& strokes = controller.strokes();
+    Push push{.response = response(strokes)};
+    const double size = push.response.norm();
+    if (size < kLeastResponse)
+      return leave_out(id, fmt::format("{:.3g} N moved it by {}: friction hides where to; allow more with --max-force",
+                                       options_.max_force, distance_text(size)));
+    if ((strokes[0].path + strokes[1].path).norm() > 2 * kOwnMotion * size)
+      return leave_out(id, "it moved much the same whatever the force was: hold it more loosely, and still");
+
+    const double cosine = push.response[axis] / size;
+    push.aligned = cosine >= kAligned;
+    if (strokes[0].reached) {
+      const double moving = strokes[0].turned - strokes[0].moves;
+      push.moving_force = controller.growth() * (strokes[0].moves - strokes[0].begin);
+      push.mass = controller.growth() * moving * moving * moving / (6 * strokes[0].path.norm());
+    }
+    const double angle = std::acos(std::clamp(cosine, -1.0, 1.0));
+    for (std::size_t k = 0; k < strokes.size() && push.aligned; ++k)
+      if (const double delay = latency_of(device_->rows(), strokes[k], axis, info_.virtual_time); std::isfinite(delay))
+        delays_.push_back(delay);
+    std::string detail = fmt::format("it moved {:.0f} degrees away from the force, by {:.2g}, {:.2g}, {:.2g} mm",
+                                     angle * 180 / std::numbers::pi, 1e3 * push.response.x(), 1e3 * push.response.y(),
+                                     1e3 * push.response.z());
+    if (!push.aligned)
+      detail += cosine < -kAligned ? ": the sign of this axis is wrong, of its motor or of its encoder"
+                                   : ": axes are swapped or turned between its motors and its encoders";
+    judge(id, push.aligned, detail,
+          {{"angle", angle, "rad"}, {"motion", size, "m"}, {"moving_force", push.moving_force, "N"}});
+    pushes_[static_cast<std::size_t>(axis)] = push;
+  }
+
+  void judge_gentleness() {
+    if (!too_fast_.empty())
+      judge("gentle", false, too_fast_ + "; its forces are larger than it is told, or turn back on themselves");
+    else if (most_sent_ > 0)
+      judge("gentle", true, fmt::format("at most {} away under at most {:.2g} N", distance_text(farthest_), most_sent_),
+            {{"distance", farthest_, "m"}, {"force", most_sent_, "N"}});
+    else
+      leave_out("gentle", over_.empty() ? no_more_forces_.empty() ? "no force was sent" : no_more_forces_ : over_);
+  }
+
+  void judge_latency() {
+    if (delays_.empty()) return leave_out("latency", "no force moved it far enough to tell");
+    std::nth_element(delays_.begin(), delays_.begin() + static_cast<std::ptrdiff_t>(delays_.size() / 2), delays_.end());
+    const double median = delays_[delays_.size() / 2];
+    judge("latency", median <= kSoon,
+          fmt::format("{} from a force that is sent to the motion that is seen; median of {}",
+                      median < 1e-3 ? "below 1 ms" : "about " + span_text(median), delays_.size()),
+          {{"latency", median, "s"}});
+  }
+
+  /// A spring, only where no axis pushes the wrong way.
+  void feel() {
+    if (!is_real()) return leave_out("opposes", "nobody can feel it in virtual time");
+    if (!user_.is_there()) return leave_out("opposes", "nobody is there to feel it");
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      if (info_.force_axes[axis] && !(pushes_[axis] && pushes_[axis]->aligned))
+        return leave_out("opposes", "only where every axis was seen to move along its force");
+    std::string why;
+    if (!may_send(
+            fmt::format("a soft spring of at most {:.3g} N to where the handle is, for {:.0f} s: move it to and fro "
+                        "by a few millimetres, and feel whether it pulls back",
+                        options_.max_force, kFeelingTime),
+            why))
+      return leave_out("opposes", why);
+    SpringController spring(options_.max_force, kFeelingTime);
+    if (!force_session(spring, kFeelingTime, why)) return leave_out("opposes", why);
+    const auto felt = user_.answers("did it pull back to where it was?");
+    if (!felt) return leave_out("opposes", "nobody could tell");
+    judge("opposes", *felt, *felt ? "felt by hand" : "nothing like a spring was felt");
+  }
+
+  void send_no_number() {
+    std::string why;
+    if (!may_send(fmt::format("for {:.0f} ms a force that is not a number; the handle must not move",
+                              1e3 * RestController::kSpoilt),
+                  why))
+      return leave_out("nan_force", why);
+    constexpr double kBefore = 0.1;  // [s]
+    RestController controller(3 * kBefore, kBefore, *device_);
+    if (!force_session(controller, 3 * kBefore, why)) {
+      if (last_.cause == StopCause::velocity || last_.cause == StopCause::not_finite)
+        return judge("nan_force", false, last_.detail);
+      return leave_out("nan_force", why);
+    }
+    const auto& rows = device_->rows();
+    const Vec3 first = rows.front().state.position;
+    Vec3 spoilt = first;
+    double after = 0, before = 0;
+    for (const Exchanged& row : rows) {
+      if (row.time < kBefore) {
+        spoilt = row.state.position;
+        before = std::max(before, (row.state.position - first).norm());
+      } else {
+        after = std::max(after, (row.state.position - spoilt).norm());
+      }
+    }
+    const double allowed = kUnmoved + 3 * before;
+    judge("nan_force", after <= allowed,
+          fmt::format("it moved by {}; at most {}", distance_text(after), distance_text(allowed)),
+          {{"motion", after, "m"}});
+  }
+
+  void pause_while_it_pushes() {
+    if (!is_real()) return leave_out("host_pause", "its time stands still while the host pauses");
+    // Where it was moved most easily, by so much more than moves it that it goes kHeldPath while the force is held.
+    int axis = -1;
+    double force = 0;
+    for (int k = 0; k < 3; ++k) {
+      const auto& push = pushes_[static_cast<std::size_t>(k)];
+      if (!push || !push->aligned || !std::isfinite(push->mass)) continue;
+      const double needed =
+          push->moving_force + push->mass * 2 * kHeldPath / (HoldController::kHold * HoldController::kHold);
+      if (axis >= 0 && needed >= force) continue;
+      axis = k;
+      force = needed;
+    }
+    if (axis < 0)
+      return leave_out("host_pause", no_more_forces_.empty() && over_.empty() ? "no force moved it far enough to tell"
+                                     : over_.empty()                          ? no_more_forces_
+                                                                              : over_);
+    force = std::min(force, options_.max_force);
+    std::string why;
+    if (!may_send(
+            fmt::format("{:.2g} N along {} for {:.0f} ms, twice: the second time the host pauses meanwhile, and the "
+                        "device has to let go by itself; hold it loosely",
+                        force, "xyz"[axis], 1e3 * HoldController::kHold),
+            why))
+      return leave_out("host_pause", why);
+    std::array<double, 2> paths{};  // through the square of their time [m/s^2]
+    for (const bool pauses : {false, true}) {
+      HoldController controller(force * Vec3::Unit(axis), pauses);
+      if (!probe(controller, 1, why)) {
+        if (pauses && last_.cause == StopCause::device_lost) {
+          lost_ = false;
+          over_ = "it gave up when the host paused";
+          return judge("host_pause", true, "it gave up the connection, which is safe: " + last_.detail);
+        }
+        if (pauses && last_.cause == StopCause::device_not_ready)
+          return judge("host_pause", true, "it withdrew its permission for forces, which is safe");
+        if (pauses && (last_.cause == StopCause::velocity || controller.went_too_far()))
+          return judge("host_pause", false, why);
+        return leave_out("host_pause", why);
+      }
+      const double path = controller.path()[axis];
+      if (!pauses && path < std::max(kLeastHeldPath, 5 * info_.position_resolution))
+        return leave_out("host_pause",
+                         fmt::format("{:.2g} N moved it by {}: too little to tell; allow more with --max-force", force,
+                                     distance_text(path)));
+      paths[pauses ? 1 : 0] = path / (controller.held() * controller.held());
+    }
+    const double share = paths[1] / paths[0];
+    judge("host_pause", share <= kLetGo,
+          fmt::format("it went {:.0f} % of the way that it goes under a force that is held{}", 100 * share,
+                      share <= kLetGo ? ""
+                                      : ": it keeps its last force. Its driver needs a watchdog that sends zero "
+                                        "within 50 ms without an exchange"),
+          {{"share", share, "1"}});
+  }
+
+  /// What every session had its part in.
+  void judge_whole() {
+    if (const DurationHistogram& time = device_->exchange_time(); time.count() > 0) {
+      const double tick = 1 / options_.rate_hz, late = options_.busy_machine ? kLateBusy : kLate;
+      judge("exchange", time.quantile(1 - late) <= tick,
+            fmt::format("p50 {}, p99 {}, max {} of a tick of {}", span_text(time.quantile(0.5)),
+                        span_text(time.quantile(0.99)), span_text(time.max()), span_text(tick)),
+            {{"p50", time.quantile(0.5), "s"}, {"p99", time.quantile(0.99), "s"}, {"max", time.max(), "s"}});
+    }
+    if (ages_.count() > 0) {
+      const double median = ages_.quantile(0.5), most = options_.busy_machine ? kStaleBusy : kStale;
+      judge("fresh", !wrong_age_ && median <= most,
+            wrong_age_ ? "an age is negative or not a number"
+                       : fmt::format("age p50 {}, p99 {}; at most {} half of the time", span_text(median),
+                                     span_text(ages_.quantile(0.99)), span_text(most)),
+            {{"p50", median, "s"}, {"p99", ages_.quantile(0.99), "s"}});
+      judge("finite", !not_finite_,
+            not_finite_ ? "a position was not a number" : fmt::format("{} positions", ages_.count()));
+    }
+    judge("stays", !lost_, lost_ ? last_.detail : "it answered every exchange");
+    judge_resolution();
+  }
+
+  void judge_resolution() {
+    const double step = steps_.distance, stated = info_.position_resolution;
+    const std::vector<LawFinding::Figure> figures{{"smallest_step", step, "m"}, {"stated", stated, "m"}};
+    if (steps_.steps < kLeastSteps) return tell("resolution", Verdict::not_tested, "it hardly moved", figures);
+    const std::string seen = fmt::format("the smallest step of {} was {}", steps_.steps, distance_text(step));
+    if (stated <= 0) return tell("resolution", Verdict::not_tested, "it states none; " + seen, figures);
+    judge("resolution", step <= kCoarser * stated && stated <= kFiner * step,
+          fmt::format("{}; it states {}", seen, distance_text(stated)), figures);
+  }
+
+  void close_and_reopen() {
+    DeviceState state;
+    (void)device_->exchange({}, 0, state);
+    device_->close();
+    const bool lost = device_->exchange({}, 1e-3, state) == Device::Status::lost;
+    device_->close();
+    const bool still = device_->exchange({}, 1e-3, state) == Device::Status::lost;
+    judge("closes", lost && still,
+          !lost || !still ? "it answered after close" : "also when it is closed twice: " + device_->lost_reason());
+
+    if (lost_ || report_.interrupted) return leave_out("reopens", over_);
+    try {
+      device_ = std::make_unique<ObservedDevice>(open_());
+      const DeviceInfo& info = device_->info();
+      const bool same = info.backend == info_.backend && info.model == info_.model && info.serial == info_.serial;
+      const bool answers = device_->exchange({}, 0, state) == Device::Status::ok;
+      judge("reopens", same && answers,
+            !same     ? fmt::format("another one answers: {} {}", info.model, info.serial)
+            : answers ? "and is the same"
+                      : device_->lost_reason());
+      if (same && answers && !is_real()) repeat();
+    } catch (const Error& error) {
+      judge("reopens", false, error.what());
+    }
+    device_->close();
+  }
+
+  /// All that the first one was told, up to its first push.
+  void repeat() {
+    if (!over_.empty()) return;
+    const auto equal = [this](const std::vector<Exchanged>& before) {
+      const auto& rows = device_->rows();
+      return std::equal(before.begin(), before.end(), rows.begin(), rows.end(), [](const auto& a, const auto& b) {
+        return std::memcmp(a.state.position.data(), b.state.position.data(), sizeof(Vec3)) == 0;
+      });
+    };
+    RestController rest(options_.rest);
+    if (!session(rest, options_.rest, false)) return;
+    std::size_t exchanges = device_->rows().size();
+    bool same = equal(rest_rows_);
+    std::string why;
+    if (same && first_push_ &&
+        may_send("the first of these forces once more, which is to be answered as before", why)) {
+      PushController controller = first_push_->controller();
+      if (!probe(controller, controller.duration(), why)) return;
+      same = equal(first_push_->rows);
+      exchanges += device_->rows().size();
+    }
+    judge("repeats", same,
+          same ? fmt::format("{} answers were the same, bit by bit", exchanges)
+               : "opened again and told the same, it answered otherwise");
+  }
+
+  ConformanceReport conclude() {
+    for (const Law& law : kLaws) {
+      if (is_told(law.id)) continue;
+      const bool other_clock = std::string_view(law.id) == "repeats" && is_real();
+      leave_out(law.id, other_clock ? "it lives in real time" : over_.empty() ? "there was nothing to judge" : over_);
+    }
+    const auto place = [](const LawFinding& finding) {
+      return std::find_if(std::begin(kLaws), std::end(kLaws), [&](const Law& law) { return finding.id == law.id; });
+    };
+    std::sort(report_.findings.begin(), report_.findings.end(),
+              [&](const LawFinding& a, const LawFinding& b) { return place(a) < place(b); });
+    return std::move(report_);
+  }
+
+  const std::function<std::unique_ptr<Device>()>& open_;
+  ConformanceOptions options_;
+  ConformanceUser& user_;
+  const StopRequest& stop_;
+  std::unique_ptr<ObservedDevice> device_;
+  const DeviceInfo info_;
+  ConformanceReport report_;
+  ServoReport last_;
+
+  std::string over_;            ///< why nothing more is tried
+  std::string no_more_forces_;  ///< why no force is
+  std::string too_fast_;        ///< what a force did that it should not
+  bool lost_ = false, not_finite_ = false, wrong_age_ = false;
+  DurationHistogram ages_;
+  SmallestStep steps_;
+  double noise_ = 0;                     ///< at rest [m]
+  double creep_ = 0;                     ///< at rest [m/s]
+  double most_sent_ = 0, farthest_ = 0;  ///< [N], [m]
+  std::vector<Exchanged> rest_rows_;
+  std::optional<FirstPush> first_push_;
+  std::array<std::optional<Push>, 3> pushes_;  ///< those that tell a direction
+  std::vector<double> delays_;                 ///< [s]
+};
+
+}  // namespace
+
+const char* to_string(LawFinding::Verdict verdict) noexcept {
+  switch (verdict) {
+    case LawFinding::Verdict::passed:
+      return "passed";
+    case LawFinding::Verdict::failed:
+      return "failed";
+    case LawFinding::Verdict::not_tested:
+      return "not_tested";
+  }
+  return "unknown";
+}
+
+int ConformanceReport::count(LawFinding::Verdict verdict) const noexcept {
+  return static_cast<int>(
+      std::count_if(findings.begin(), findings.end(), [&](const LawFinding& f) { return f.verdict == verdict; }));
+}
+
+ConformanceReport test_conformance(const std::function<std::unique_ptr<Device>()>& open,
+                                   const ConformanceOptions& options, ConformanceUser& user, const StopRequest& stop) {
+  check_range("the rate", options.rate_hz, kLowestRate, kHighestRate, "Hz");
+  check_range("--max-force", options.max_force, 1e-3, 100, "N");
+  check_range("the largest velocity", options.max_velocity, 1e-3, 10, "m/s");
+  check_range("the time at rest", options.rest, 0.1, 3600, "s");
+  return Examination(open, options, user, stop).run();
+}
+
+}  // namespace haptrace
