@@ -27,23 +27,22 @@ class TerminalUser final : public ConformanceUser {
   [[nodiscard]] bool is_there() const override { return isatty(STDIN_FILENO) != 0 && !yes_; }
 
   bool allows(const std::string& force) override {
-    fmt::print(stderr, "next: {}\n", force);
+    const std::string line =
+        ask(fmt::format("next: {}\n", force), "      Enter sends it, s leaves it out, q ends the test: ");
     if (!is_there()) return yes_ && stop_.count() == 0;
-    const std::string line = ask("      Enter sends it, s leaves it out, q ends the test: ");
     if (line == "q") stop_.raise();
     return line.empty() && stop_.count() == 0;
   }
 
   bool does(const std::string& request) override {
-    fmt::print(stderr, "next: {}\n", request);
-    if (!is_there()) return false;
-    if (ask("      Enter goes on, q ends the test: ") == "q") stop_.raise();
-    return stop_.count() == 0;
+    const std::string line = ask(fmt::format("next: {}\n", request), "      Enter goes on, q ends the test: ");
+    if (line == "q") stop_.raise();
+    return is_there() && stop_.count() == 0;
   }
 
   std::optional<bool> answers(const std::string& question) override {
     if (!is_there()) return std::nullopt;
-    const std::string line = ask(fmt::format("      {} y or n: ", question));
+    const std::string line = ask("", fmt::format("      {} y or n: ", question));
     if (line == "y" || line == "n") return line == "y";
     return std::nullopt;
   }
@@ -57,11 +56,14 @@ class TerminalUser final : public ConformanceUser {
   }
 
  private:
-  /// The line that is typed; q at the end of the input. What was typed before it was asked for does not count.
-  [[nodiscard]] std::string ask(const std::string& prompt) const {
-    tcflush(STDIN_FILENO, TCIFLUSH);
-    fmt::print(stderr, "{}", prompt);
+  /// The line that is typed, where somebody is there; q at the end of the input. What was typed before it was asked for
+  /// does not count.
+  [[nodiscard]] std::string ask(const std::string& words, const std::string& prompt) const {
+    const bool waits = is_there();
+    if (waits) tcflush(STDIN_FILENO, TCIFLUSH);
+    fmt::print(stderr, "{}{}", words, waits ? prompt : "");
     std::fflush(stderr);
+    if (!waits) return "";
     std::string line;
     while (stop_.count() == 0) {
       pollfd input{STDIN_FILENO, POLLIN, 0};

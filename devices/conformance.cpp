@@ -46,6 +46,7 @@ constexpr const char* kAxisLaws[] = {"force_x", "force_y", "force_z"};
 
 constexpr double kLate = 0.01, kLateBusy = 0.5;           // share of exchanges that may last longer than a tick
 constexpr double kNewStates = 0.8, kNewStatesBusy = 0.1;  // share of the ticks that have one
+constexpr std::int64_t kOneState = 20000;                 // between what is measured of when a state was taken [ns]
 constexpr double kStale = 0.01, kStaleBusy = 0.05;        // median age [s]
 constexpr double kLoud = 1e-4;                            // noise where no resolution is stated [m]
 constexpr double kLoudCounts = 3;                         // noise over the resolution that is stated
@@ -53,16 +54,17 @@ constexpr double kCoarser = 3, kFiner = 10;               // than stated, before
 constexpr std::size_t kLeastSteps = 10;                   // that show a resolution
 constexpr double kCreeps = 0.005;                         // without force, too fast to tell a small force's work [m/s]
 constexpr double kLeastResponse = 5e-4;                   // that tells a direction [m]
-constexpr double kLeastShare = 0.5;                       // of the whole motion that has to be the force's
+constexpr double kOwnMotion = 0.35;                       // motion that is not the force's, over what is
 constexpr double kAligned = 0.7071;                       // cosine of the widest angle between force and motion
 constexpr double kSoon = 0.05;                            // [s]
-constexpr double kMargin = 0.005;                         // from the workspace's faces, for forces to be tried [m]
+constexpr double kMargin = 0.01;                          // from the workspace's faces, for forces to be tried [m]
 constexpr double kHeldPath = 0.004;                       // that a force held for 0.1 s is to bring about [m]
 constexpr double kLeastHeldPath = 3e-4;                   // [m]
-constexpr double kLetGo = 0.75;    // of the way that the same force takes when it is not let go of. A mass whose force
-                                   // ended after 50 ms of 100 has gone 0.79 of it
-constexpr double kUnmoved = 1e-3;  // by a force that is none [m]
-constexpr double kFeelingTime = 10;  // [s]
+constexpr double kLetGo = 0.75;  // of the way that the same force takes when it is not let go of. A mass whose force
+                                 // ended after 50 ms of 100 has gone 0.79 of it
+constexpr const char* kNoWatchdog =
+    ": it keeps its last force. Its driver needs a watchdog that sends zero within 50 ms without an exchange";
+constexpr double kUnmoved = 1e-3;    // by a force that is none [m]
 constexpr double kShortFade = 0.05;  // [s]
 
 std::string distance_text(double metres) {
@@ -86,7 +88,9 @@ struct FirstPush {
   int axis;
   double max_force, least_motion;
   std::vector<Exchanged> rows;
-  [[nodiscard]] PushController controller() const { return {axis, max_force, least_motion}; }
+  [[nodiscard]] PushController controller(const DeviceInfo& device) const {
+    return {device, axis, max_force, least_motion};
+  }
 };
 
 /// One device from its opening to the end of the report.
@@ -227,7 +231,7 @@ class Examination {
     if (is_real()) {
       std::size_t fresh = 0;
       for (std::size_t k = 1; k < rows.size(); ++k)
-        if (rows[k].state.age == 0 || rows[k].taken_ns - rows[k - 1].taken_ns > 1000) ++fresh;
+        if (rows[k].state.age == 0 || rows[k].taken_ns - rows[k - 1].taken_ns > kOneState) ++fresh;
       const double rate = static_cast<double>(fresh) / span, expected = std::min(options_.rate_hz, info_.nominal_rate),
                    share = options_.busy_machine ? kNewStatesBusy : kNewStates;
       judge("rate", rate >= share * expected,
@@ -330,8 +334,8 @@ class Examination {
     const bool whole = force_session(controller, seconds, why);
     farthest_ = std::max(farthest_, controller.farthest());
     if (!controller.went_too_far()) return whole;
-    why = fmt::format("the handle went {} far under at most {:.2g} N", distance_text(controller.farthest()),
-                      last_.max_force);
+    why = fmt::format("the handle went {} far, or out of its workspace, under at most {:.2g} N",
+                      distance_text(controller.farthest()), last_.max_force);
     send_no_more(why);
     return false;
   }
@@ -353,7 +357,7 @@ class Examination {
     if (!may_send(announcement, why)) return leave_out(id, why);
 
     FirstPush push{axis, options_.max_force, std::max({5e-5, 2 * info_.position_resolution, 5 * noise_}), {}};
-    PushController controller = push.controller();
+    PushController controller = push.controller(info_);
     if (!probe(controller, controller.duration(), why)) return leave_out(id, why);
     if (!first_push_) {
       first_push_ = push;
@@ -426,11 +430,11 @@ class Examination {
     if (!may_send(
             fmt::format("a soft spring of at most {:.3g} N to where the handle is, for {:.0f} s: move it to and fro "
                         "by a few millimetres, and feel whether it pulls back",
-                        options_.max_force, kFeelingTime),
+                        options_.max_force, options_.feel),
             why))
       return leave_out("opposes", why);
-    SpringController spring(options_.max_force, kFeelingTime);
-    if (!force_session(spring, kFeelingTime, why)) return leave_out("opposes", why);
+    SpringController spring(info_, options_.max_force, options_.feel);
+    if (!force_session(spring, options_.feel, why)) return leave_out("opposes", why);
     const auto felt = user_.answers("did it pull back to where it was?");
     if (!felt) return leave_out("opposes", "nobody could tell");
     judge("opposes", *felt, *felt ? "felt by hand" : "nothing like a spring was felt");
@@ -495,7 +499,7 @@ class Examination {
       return leave_out("host_pause", why);
     std::array<double, 2> paths{};  // through the square of their time [m/s^2]
     for (const bool pauses : {false, true}) {
-      HoldController controller(force * Vec3::Unit(axis), pauses);
+      HoldController controller(info_, force * Vec3::Unit(axis), pauses);
       if (!probe(controller, 1, why)) {
         if (pauses && last_.cause == StopCause::device_lost) {
           lost_ = false;
@@ -505,7 +509,7 @@ class Examination {
         if (pauses && last_.cause == StopCause::device_not_ready)
           return judge("host_pause", true, "it withdrew its permission for forces, which is safe");
         if (pauses && (last_.cause == StopCause::velocity || controller.went_too_far()))
-          return judge("host_pause", false, why);
+          return judge("host_pause", false, why + kNoWatchdog);
         return leave_out("host_pause", why);
       }
       const double path = controller.path()[axis];
@@ -518,9 +522,7 @@ class Examination {
     const double share = paths[1] / paths[0];
     judge("host_pause", share <= kLetGo,
           fmt::format("it went {:.0f} % of the way that it goes under a force that is held{}", 100 * share,
-                      share <= kLetGo ? ""
-                                      : ": it keeps its last force. Its driver needs a watchdog that sends zero "
-                                        "within 50 ms without an exchange"),
+                      share <= kLetGo ? "" : kNoWatchdog),
           {{"share", share, "1"}});
   }
 
@@ -600,7 +602,7 @@ class Examination {
     std::string why;
     if (same && first_push_ &&
         may_send("the first of these forces once more, which is to be answered as before", why)) {
-      PushController controller = first_push_->controller();
+      PushController controller = first_push_->controller(info_);
       if (!probe(controller, controller.duration(), why)) return;
       same = equal(first_push_->rows);
       exchanges += device_->rows().size();
@@ -673,6 +675,7 @@ ConformanceReport test_conformance(const std::function<std::unique_ptr<Device>()
   check_range("--max-force", options.max_force, 1e-3, 100, "N");
   check_range("the largest velocity", options.max_velocity, 1e-3, 10, "m/s");
   check_range("the time at rest", options.rest, 0.1, 3600, "s");
+  check_range("the time of the spring", options.feel, 0.1, 60, "s");
   return Examination(open, options, user, stop).run();
 }
 

@@ -49,6 +49,7 @@ class ConformanceUser {
 struct ConformanceOptions {
   double rate_hz = 1000;      ///< of the servo loop
   double rest = 2;            ///< how long it is watched without force [s]
+  double feel = 10;           ///< how long a spring is there to be felt [s]
   double max_force = 0.5;     ///< of every force that is tried; never more than the device's own [N]
   double max_velocity = 0.5;  ///< of the handle, at which every force ends [m/s]
   double ready_timeout = 30;  ///< [s]
@@ -70,9 +71,10 @@ struct ConformanceReport {
 ///
 /// Every measurement is a session of the servo loop. Forces are asked for one after the other. They grow slowly from
 /// nothing along one axis until the handle has moved by 2 mm, then undo that; they never pass `max_force`, end when the
-/// handle is faster than `max_velocity` or 20 mm away, fade in and out, and the first that ends so is the last. `stop`
-/// ends it at any moment, as it ends a session. Zero force is what is sent last. Two laws need a device to be wronged:
-/// a force that is not a number is sent for 20 ms, and the host pauses for 100 ms while a force acts.
+/// handle is faster than `max_velocity`, 20 mm away or outside its workspace, fade in and out, and the first that ends
+/// so is the last. `stop` ends it at any moment, as it ends a session. Zero force is what is sent last. Two laws need a
+/// device to be wronged: a force that is not a number is sent for 20 ms, and the host pauses for 100 ms while a force
+/// acts.
 ///
 /// Throws what `open` throws, and Error(input) when an option is out of range.
 ConformanceReport test_conformance(const std::function<std::unique_ptr<Device>()>& open,

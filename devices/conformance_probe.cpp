@@ -14,6 +14,7 @@ namespace {
 constexpr double kProbeSlew = 0.02;         // in which a probe reaches its largest force [s]
 constexpr double kNoStep = 1e-9;            // below which two positions are one [m]
 constexpr double kProbeWindow = 0.05;       // on both sides of a turn [s]
+constexpr double kProbeFit = 0.05;          // rms of what a fit leaves, over the motion
 constexpr double kLongestProbeDelay = 0.1;  // that is looked for [s]
 constexpr double kProbeDelayStep = 5e-4;    // [s]
 
@@ -35,7 +36,7 @@ void ObservedDevice::observe(std::size_t exchanges) {
 
 Device::Status ObservedDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
   const std::int64_t begin_ns = monotonic_ns();
-  const Status status = device_->exchange(spoilt_ ? Wrench{nan3(), nan3()} : wrench, dt, state);
+  const Status status = device_->exchange(spoilt_ && dt > 0 ? Wrench{nan3(), nan3()} : wrench, dt, state);
   const std::int64_t end_ns = monotonic_ns();
   if (status != Status::ok) return status;
   exchange_time_.record(end_ns - begin_ns);
@@ -63,7 +64,9 @@ Command RestController::update(const State& state) noexcept {
 
 Command ProbeController::update(const State& state) noexcept {
   farthest_ = std::max(farthest_, (state.position - start_).norm());
-  too_far_ = too_far_ || farthest_ > kTooFar;
+  const bool outside = (state.position.array() < workspace_min_.array()).any() ||
+                       (state.position.array() > workspace_max_.array()).any();
+  too_far_ = too_far_ || outside || farthest_ > kTooFar;
   const std::optional<Vec3> next = too_far_ ? std::nullopt : wanted(state);
   const double largest = max_force_ / kProbeSlew * state.dt;
   const Vec3 change = next.value_or(Vec3::Zero()) - force_;
@@ -180,7 +183,7 @@ double latency_of(std::span<const Exchanged> rows, const Stroke& stroke, int axi
     }
     return sum;
   };
-  double best = kNaN, least = std::numeric_limits<double>::infinity();
+  double best = kNaN, least = std::numeric_limits<double>::infinity(), range = 0;
   for (double delay = 0; delay <= kLongestProbeDelay; delay += kProbeDelayStep) {
     Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
     Eigen::Vector4d moment = Eigen::Vector4d::Zero();
@@ -191,14 +194,18 @@ double latency_of(std::span<const Exchanged> rows, const Stroke& stroke, int axi
       normal += terms * terms.transpose();
       moment += terms * x;
       square += x * x;
+      range = std::max(range, std::abs(x));
     }
     const Eigen::Vector4d fit = normal.ldlt().solve(moment);
-    const double residual = square - fit.dot(moment);
+    const double residual = (square - fit.dot(moment)) / static_cast<double>(end - begin);
     if (!(residual < least) || fit[3] <= 0) continue;
     least = residual;
     best = delay;
   }
-  return best;
+  // What is held by a stiff hand, or waits for friction, does not move as the integral of the force; then the best
+  // delay is none, and mostly the largest.
+  const bool fits = best + kProbeDelayStep < kLongestProbeDelay && std::sqrt(std::max(least, 0.0)) < kProbeFit * range;
+  return fits ? best : kNaN;
 }
 
 void SmallestStep::add(std::span<const Exchanged> rows) noexcept {

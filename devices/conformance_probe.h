@@ -43,7 +43,7 @@ class ObservedDevice final : public Device {
   /// Of all sessions, on the monotonic clock.
   [[nodiscard]] const DurationHistogram& exchange_time() const noexcept { return exchange_time_; }
 
-  /// While it is, every wrench that is sent is not a number.
+  /// While it is, every wrench that is sent is not a number, except for the zero that ends a session.
   void spoil(bool spoilt) noexcept { spoilt_ = spoilt; }
 
  private:
@@ -70,14 +70,16 @@ class RestController final : public Controller {
   ObservedDevice* device_ = nullptr;
 };
 
-/// A force that changes no faster than its limit, and ends when the handle is too far from where it was.
+/// A force that changes no faster than its limit, and ends when the handle is too far from where it was, or outside its
+/// workspace.
 class ProbeController : public Controller {
  public:
   static constexpr double kTooFar = 0.02;  ///< [m]
   static constexpr double kLead = 0.1;     ///< without force, before and after each [s]
 
   /// `max_force` [N] is reached in 20 ms at the fastest.
-  explicit ProbeController(double max_force) : max_force_(max_force) {}
+  ProbeController(const DeviceInfo& device, double max_force)
+      : max_force_(max_force), workspace_min_(device.workspace_min), workspace_max_(device.workspace_max) {}
 
   void start(const State& first) noexcept override { start_ = first.position; }
   [[nodiscard]] Command update(const State& state) noexcept final;
@@ -93,6 +95,7 @@ class ProbeController : public Controller {
   Vec3 start_ = Vec3::Zero();
 
  private:
+  Vec3 workspace_min_, workspace_max_;
   bool too_far_ = false;
   double farthest_ = 0;
   Vec3 force_ = Vec3::Zero();
@@ -116,8 +119,8 @@ class PushController final : public ProbeController {
   static constexpr double kReach = 0.002;  ///< [m]
 
   /// `least_motion` [m] is what cannot be noise.
-  PushController(int axis, double max_force, double least_motion)
-      : ProbeController(max_force),
+  PushController(const DeviceInfo& device, int axis, double max_force, double least_motion)
+      : ProbeController(device, max_force),
         axis_(axis),
         growth_(std::min(max_force / kGrowth, kFastestGrowth)),
         least_motion_(least_motion) {}
@@ -156,7 +159,8 @@ class HoldController final : public ProbeController {
  public:
   static constexpr double kHold = 0.1;  ///< [s]
 
-  HoldController(const Vec3& force, bool pauses) : ProbeController(force.norm()), hold_(force), pauses_(pauses) {}
+  HoldController(const DeviceInfo& device, const Vec3& force, bool pauses)
+      : ProbeController(device, force.norm()), hold_(force), pauses_(pauses) {}
   void between_ticks(bool may_wait) noexcept override;
 
   /// How far the handle went while the force was held [m], and how long that was [s].
@@ -175,7 +179,8 @@ class HoldController final : public ProbeController {
 /// A soft spring to where the handle was, with some damping.
 class SpringController final : public ProbeController {
  public:
-  SpringController(double max_force, double duration) : ProbeController(max_force), duration_(duration) {}
+  SpringController(const DeviceInfo& device, double max_force, double duration)
+      : ProbeController(device, max_force), duration_(duration) {}
 
  private:
   static constexpr double kStiffness = 100;  ///< [N/m]

@@ -4,7 +4,8 @@
  *
  * C and C++. SI units; positions are p_WT and forces are on the hand, both in the device's base frame W.
  * haptrace calls one function at a time. `exchange` is called from the servo loop: it must return well within a tick
- * and must not block; a device with slow I/O owns a thread and exchanges the newest values with it. */
+ * and must not block; a device with slow I/O owns a thread and exchanges the newest values with it.
+ * docs/plugins.md makes one step by step. */
 #ifndef HAPTRACE_DEVICES_PLUGIN_H
 #define HAPTRACE_DEVICES_PLUGIN_H
 
@@ -32,6 +33,7 @@ typedef struct haptrace_plugin_info {
   double   nominal_rate;           /* Hz */
 } haptrace_plugin_info;
 
+/* Before every exchange it is: not ready, nothing but zeros, NaN where that says "not measured". */
 typedef struct haptrace_plugin_state {
   double   position[3];            /* m */
   double   velocity[3];            /* m/s, NaN when not measured */

@@ -343,7 +343,10 @@ class Unwatched final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double, DeviceState& state) noexcept override {
     if (closed_) return Status::lost;
-    plant_.advance_to(monotonic_ns());
+    // A plant that stood for long stands still; this one is not to.
+    const std::int64_t now = monotonic_ns();
+    for (std::int64_t t = std::exchange(last_ns_, now); t > 0 && t < now; t += 50'000'000) plant_.advance_to(t);
+    plant_.advance_to(now);
     plant_.apply(sendable(wrench).force);
     state = DeviceState{};
     const double count = info_.position_resolution;
@@ -355,6 +358,7 @@ class Unwatched final : public Device {
  private:
   LivePlant plant_;
   DeviceInfo info_;
+  std::int64_t last_ns_ = 0;
   bool closed_ = false;
 };
 
@@ -388,6 +392,33 @@ TEST_F(Conformance, PassesADeviceThatLetsGoWhenTheHostPauses) {
                        options_, user_, stop_);
   EXPECT_THAT(broken(), IsEmpty()) << describe(report_);
   EXPECT_EQ(finding("host_pause").verdict, Verdict::passed) << describe(report_);
+}
+
+TEST_F(Conformance, FindsStatesThatAreSeldomNew) {
+  options_.busy_machine = false;
+  user_.consents = false;
+  std::int64_t taken = 0;
+  wrong_.info = [](DeviceInfo& info) { info.virtual_time = false; };
+  wrong_.answer = [&taken](int exchange, DeviceState& state) {
+    if (exchange % 5 == 0) taken = monotonic_ns();
+    state.age = 1e-9 * static_cast<double>(monotonic_ns() - taken) + 1e-6;
+    return Device::Status::ok;
+  };
+  test_mass();
+  EXPECT_THAT(broken(), Contains("rate")) << describe(report_);
+}
+
+TEST_F(Conformance, AsksWhetherAForceThatOpposesIsFelt) {
+  class Numb final : public ConsentingUser {
+   public:
+    [[nodiscard]] bool is_there() const override { return true; }
+    std::optional<bool> answers(const std::string& /*question*/) override { return false; }
+  } user;
+  options_.feel = 0.2;
+  report_ =
+      test_conformance([] { return std::make_unique<ThreadedDevice>(std::make_unique<UnwatchedDriver>(live_mass())); },
+                       options_, user, stop_);
+  EXPECT_THAT(broken(), ElementsAre("opposes")) << describe(report_);
 }
 
 }  // namespace
