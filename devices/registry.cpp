@@ -2,8 +2,8 @@
 
 #include "control/error.h"
 #include "devices/falcon/driver.h"
-#include "devices/haply/inverse3.h"
 #include "devices/hapkit/hapkit.h"
+#include "devices/haply/inverse3.h"
 #include "devices/haply/two_diy.h"
 #include "devices/plugin_device.h"
 #include "devices/replay_device.h"
@@ -28,13 +28,9 @@ std::vector<std::string> names_of(const Items& items, Name name) {
 }  // namespace
 
 const std::vector<DeviceBackend>& device_backends() {
-  static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend(), falcon_backend()};
-  static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend(),
-                                                   inverse3_backend()};
-  static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend(), two_diy_backend(),
-                                                   hapkit_backend()};
-  static const std::vector<DeviceBackend> backends{sim_backend(), replay_backend(), plugin_backend(),
-                                                   force_dimension_backend(), open_haptics_backend()};
+  static const std::vector<DeviceBackend> backends{
+      sim_backend(),          replay_backend(),   plugin_backend(),  falcon_backend(), force_dimension_backend(),
+      open_haptics_backend(), inverse3_backend(), two_diy_backend(), hapkit_backend()};
   return backends;
 }
 

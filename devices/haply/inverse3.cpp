@@ -30,7 +30,7 @@ constexpr double kInverseFirstReply = 0.8;          // [s]
 constexpr double kInverseSilence = 0.08;            // before ThreadedDevice knows less well what to say [s]
 constexpr double kInverseFarewell = 0.02;           // [s]
 constexpr double kInverseSearch = 0.05;             // of every step of a search [s]
-constexpr int kInverseUnlisted = 20;                // replies without the arm, after which it is gone
+constexpr double kInverseUnlisted = 0.05;           // after which an arm that the answers do not name is gone [s]
 constexpr std::size_t kInverseLongest = 1U << 20U;  // bytes of a message
 
 constexpr const char* kStartService =
@@ -265,8 +265,7 @@ class Inverse3Driver final : public DeviceDriver {
     if (owed_ == 0 || (zero && !sent_zero_)) send(force, zero);
     const auto reply = connection_.receive(kInverseReply);
     if (!reply) {
-      if (1e-9 * static_cast<double>(monotonic_ns() - answered_ns_) >
-          (answered_ ? kInverseSilence : kInverseFirstReply))
+      if (since(answered_ns_) > (answered_ ? kInverseSilence : kInverseFirstReply))
         throw device_error(
             fmt::format("the Inverse Service gives no answer{}; {}", answered_ ? " any more" : "", kRestartService));
       return false;
@@ -277,11 +276,11 @@ class Inverse3Driver final : public DeviceDriver {
     view_.take(*reply);
     if (!accepted()) return false;
     if (!view_.lists(id_)) {
-      if (++unlisted_ > kInverseUnlisted)
+      if (since(listed_ns_) > kInverseUnlisted)
         throw device_error(fmt::format("the Inverse Service no longer lists Inverse3 {}; {}", id_, kNoArm));
       return false;
     }
-    unlisted_ = 0;
+    listed_ns_ = answered_ns_;
     read(state);
     return true;
   }
@@ -327,6 +326,8 @@ class Inverse3Driver final : public DeviceDriver {
     info_.max_continuous_force = calibration_.max_continuous_force;
   }
 
+  static double since(std::int64_t ns) { return 1e-9 * static_cast<double>(monotonic_ns() - ns); }
+
   void send(const Vec3& force, bool zero) {
     connection_.send(inverse_command(id_, force, force_key_, first_), kInverseReply);
     ++owed_;
@@ -370,9 +371,8 @@ class Inverse3Driver final : public DeviceDriver {
   InverseForceKey force_key_ = InverseForceKey::vector;
   bool may_change_key_ = true, first_ = true, sent_zero_ = false, released_ = false;
   bool answered_ = false;
-  std::int64_t answered_ns_ = monotonic_ns();
-  int owed_ = 0;      ///< replies
-  int unlisted_ = 0;  ///< replies in a row
+  std::int64_t answered_ns_ = monotonic_ns(), listed_ns_ = answered_ns_;  ///< when it was last
+  int owed_ = 0;                                                          ///< replies
 };
 
 /// A driver together with the emulated service that it talks to.

@@ -234,6 +234,7 @@ void ForceDimensionDriver::describe(const FdOptions& options) {
   max_torque_ = known.max_torque;
   info_.measures_orientation = has_wrist_;
   info_.torque_axes.fill(has_active_wrist_ && max_torque_ > 0);
+  if (info_.takes_torque()) info_.max_torque = max_torque_;
   // A gripper has no place in a state but as a button, which the library makes of it.
   if (api_.emulate_button != nullptr && api_.has_gripper != nullptr && api_.has_gripper(id_))
     (void)api_.emulate_button(1, id_);

@@ -230,7 +230,9 @@ TEST(EmulatedFalcon, IsHomedByItsUserAndThenTellsWhereItIsToACount) {
     const auto truth = bench.kinematics.at_position(bench.calibration.origin + bench.falcon.position());
     ASSERT_TRUE(truth && report.is_homed());
     // The answer was taken up to 1 ms before it came, and the handle moves meanwhile.
-    if (k > 0 && k % 100 == 0) EXPECT_LT((bench.calibration.angles(report.encoders) - truth->angles).norm(), 0.02);
+    if (k > 0 && k % 100 == 0) {
+      EXPECT_LT((bench.calibration.angles(report.encoders) - truth->angles).norm(), 0.02);
+    }
   }
   for (int k = 0; k < 2000; ++k) (void)bench.exchange({});
   const FalconReport report = *bench.exchange({});
