@@ -401,7 +401,7 @@ class Examination {
 
   void judge_gentleness() {
     if (!too_fast_.empty())
-      judge("gentle", false, too_fast_ + "; its forces are larger than it is told, or turn back on themselves");
+      judge("gentle", false, too_fast_ + "; are its forces larger than it is told, or does something else push it?");
     else if (most_sent_ > 0)
       judge("gentle", true, fmt::format("at most {} away under at most {:.2g} N", distance_text(farthest_), most_sent_),
             {{"distance", farthest_, "m"}, {"force", most_sent_, "N"}});

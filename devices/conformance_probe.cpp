@@ -98,33 +98,31 @@ std::optional<Vec3> PushController::wanted(const State& state) noexcept {
     }
     stroke.reached = path.norm() >= kReach;
     if (!stroke.reached && t - stroke.begin < longest()) return sign * grown(t - stroke.begin) * Vec3::Unit(axis_);
-    stroke.turned = t;
-    stroke.path = path;
-    stroke.moves = onset(path.norm(), t);
-    stage_ = Stage::undo;
+    turn(path, t);
   }
-  // What did not move needs no undoing; what hardly did, hardly any.
-  const double moved = stroke.reached ? stroke.turned - stroke.moves : 0;
-  if (t - stroke.turned < 3 * moved) return sign * undoing(t - stroke.turned) * Vec3::Unit(axis_);
+  const double braked = t - stroke.turned, moving = stroke.turned - stroke.moves;
+  if (stroke.reached && braked < moving && state.velocity.dot(stroke.path) > 0)
+    return -sign * grown(stroke.turned - stroke.begin - braked) * Vec3::Unit(axis_);
+  stroke.stopped = since_ = t;
   stage_ = Stage::rest;
-  since_ = t;
   ++stroke_;
   return Vec3::Zero();
 }
 
-/// A mass under a force that grows linearly goes as the cube of the time since it began to move.
-double PushController::onset(double way, double now) const noexcept {
-  if (!(way > seen_)) return now;
-  const double ratio = std::cbrt(way / seen_);
-  return std::max((ratio * seen_at_ - now) / (ratio - 1), strokes_[stroke_].begin);
+void PushController::turn(const Vec3& path, double now) noexcept {
+  Stroke& stroke = strokes_[stroke_];
+  stroke.turned = now;
+  stroke.path = path;
+  stroke.moves = onset(path.norm(), now);
+  stage_ = Stage::brake;
 }
 
-double PushController::undoing(double since_turn) const noexcept {
-  const Stroke& stroke = strokes_[stroke_];
-  const double first = stroke.moves - stroke.begin, last = stroke.turned - stroke.begin, length = last - first;
-  if (since_turn < length) return -grown(last - since_turn);
-  if (since_turn < 2 * length) return -grown(first + (since_turn - length));
-  return grown(last - (since_turn - 2 * length));
+/// A mass under a force that grows linearly goes as the cube of the time since it began to move.
+double PushController::onset(double way, double now) const noexcept {
+  const double begin = strokes_[stroke_].begin;
+  if (std::isnan(seen_at_) || !(way > seen_)) return begin;
+  const double ratio = std::cbrt(way / seen_);
+  return std::max((ratio * seen_at_ - now) / (ratio - 1), begin);
 }
 
 std::optional<Vec3> HoldController::wanted(const State& state) noexcept {
@@ -170,7 +168,8 @@ double latency_of(std::span<const Exchanged> rows, const Stroke& stroke, int axi
     return std::lower_bound(rows.begin(), rows.end(), time,
                             [](const Exchanged& row, double t) { return row.time < t; });
   };
-  const auto pushed = row_at(stroke.begin), begin = row_at(stroke.turned - half), end = row_at(stroke.turned + half);
+  const auto pushed = row_at(stroke.begin), begin = row_at(stroke.turned - half),
+             end = row_at(std::min(stroke.turned + half, stroke.stopped));
   if (end - begin < 8) return kNaN;
 
   // In virtual time a force acts during its exchange, else from its exchange to the next; twice integrated at `time`.

@@ -106,14 +106,15 @@ struct Stroke {
   double begin = 0;          ///< of the force
   double moves = kNaN;       ///< when motion began, as told from when it showed
   double turned = kNaN;      ///< when the force was turned round
+  double stopped = kNaN;     ///< when that had stopped the motion, or should have
   Vec3 path = Vec3::Zero();  ///< from the beginning to the turn [m]
   bool reached = false;
 };
 
 /// Pushes forth and back along one axis. Each force grows linearly from nothing. Once the handle is kReach away, what
-/// was done since it began to move is undone without looking at where the handle goes, in three parts of that length:
-/// mirrored in time and against it, which stops a mass, and both once more with the opposite sign, which brings it
-/// back. So nothing becomes unstable when the device's forces have the wrong sign.
+/// was done since it began to move is done against it, mirrored in time, which stops a mass; it ends when the handle
+/// stops before that, as friction makes it. No force follows the motion, so nothing becomes unstable when the device's
+/// forces have the wrong sign.
 class PushController final : public ProbeController {
  public:
   static constexpr double kReach = 0.002;  ///< [m]
@@ -129,10 +130,10 @@ class PushController final : public ProbeController {
   /// How fast forces grow [N/s].
   [[nodiscard]] double growth() const noexcept { return growth_; }
   /// At most [s].
-  [[nodiscard]] double duration() const noexcept { return kLead + 2 * (4 * longest() + 2 * kLead); }
+  [[nodiscard]] double duration() const noexcept { return kLead + 2 * (2 * longest() + kLead); }
 
  private:
-  enum class Stage : std::uint8_t { rest, grow, undo };
+  enum class Stage : std::uint8_t { rest, grow, brake };
   static constexpr double kGrowth = 0.25;      ///< [s]
   static constexpr double kFastestGrowth = 4;  ///< [N/s]
   static constexpr double kHold = 0.1;         ///< at the largest force [s]
@@ -141,7 +142,7 @@ class PushController final : public ProbeController {
   [[nodiscard]] double longest() const noexcept { return max_force_ / growth_ + kHold; }
   [[nodiscard]] double grown(double time) const noexcept { return std::clamp(growth_ * time, 0.0, max_force_); }
   [[nodiscard]] double onset(double way, double now) const noexcept;
-  [[nodiscard]] double undoing(double since_turn) const noexcept;
+  void turn(const Vec3& path, double now) noexcept;
 
   int axis_;
   double growth_, least_motion_;
