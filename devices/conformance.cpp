@@ -55,6 +55,7 @@ constexpr std::size_t kLeastSteps = 10;                   // that show a resolut
 constexpr double kCreeps = 0.005;                         // without force, too fast to tell a small force's work [m/s]
 constexpr double kLeastResponse = 5e-4;                   // that tells a direction [m]
 constexpr double kOwnMotion = 0.35;                       // motion that is not the force's, over what is
+constexpr double kLightest = 0.01;                        // no handle with its mechanism is lighter [kg]
 constexpr double kAligned = 0.7071;                       // cosine of the widest angle between force and motion
 constexpr double kSoon = 0.05;                            // [s]
 constexpr double kMargin = 0.01;                          // from the workspace's faces, for forces to be tried [m]
@@ -379,10 +380,13 @@ class Examination {
 
     const double cosine = push.response[axis] / size;
     push.aligned = cosine >= kAligned;
-    if (strokes[0].reached) {
-      const double moving = strokes[0].turned - strokes[0].moves;
+    if (strokes[0].reached && strokes[1].reached) {
       push.moving_force = controller.growth() * (strokes[0].moves - strokes[0].begin);
-      push.mass = controller.growth() * moving * moving * moving / (6 * strokes[0].path.norm());
+      for (const Stroke& stroke : strokes) {
+        const double moving = stroke.turned - stroke.moves;
+        push.mass = std::fmax(push.mass, controller.growth() * moving * moving * moving / (6 * stroke.path.norm()));
+      }
+      lightest_ = std::min(lightest_, push.mass);
     }
     const double angle = std::acos(std::clamp(cosine, -1.0, 1.0));
     for (std::size_t k = 0; k < strokes.size() && push.aligned; ++k)
@@ -402,6 +406,10 @@ class Examination {
   void judge_gentleness() {
     if (!too_fast_.empty())
       judge("gentle", false, too_fast_ + "; are its forces larger than it is told, or does something else push it?");
+    else if (lightest_ < kLightest)
+      judge("gentle", false,
+            fmt::format("it moved as if it weighed {:.2g} g: its forces are larger than it is told", 1e3 * lightest_),
+            {{"mass", lightest_, "kg"}});
     else if (most_sent_ > 0)
       judge("gentle", true, fmt::format("at most {} away under at most {:.2g} N", distance_text(farthest_), most_sent_),
             {{"distance", farthest_, "m"}, {"force", most_sent_, "N"}});
@@ -414,8 +422,8 @@ class Examination {
     std::nth_element(delays_.begin(), delays_.begin() + static_cast<std::ptrdiff_t>(delays_.size() / 2), delays_.end());
     const double median = delays_[delays_.size() / 2];
     judge("latency", median <= kSoon,
-          fmt::format("{} from a force that is sent to the motion that is seen; median of {}",
-                      median < 1e-3 ? "below 1 ms" : "about " + span_text(median), delays_.size()),
+          fmt::format("{:.1f} ms, give or take 2, from a force that is sent to the motion that is seen; median of {}",
+                      1e3 * median, delays_.size()),
           {{"latency", median, "s"}});
   }
 
@@ -641,9 +649,10 @@ class Examination {
   bool lost_ = false, not_finite_ = false, wrong_age_ = false;
   DurationHistogram ages_;
   SmallestStep steps_;
-  double noise_ = 0;                     ///< at rest [m]
-  double creep_ = 0;                     ///< at rest [m/s]
-  double most_sent_ = 0, farthest_ = 0;  ///< [N], [m]
+  double noise_ = 0;                                           ///< at rest [m]
+  double creep_ = 0;                                           ///< at rest [m/s]
+  double most_sent_ = 0, farthest_ = 0;                        ///< [N], [m]
+  double lightest_ = std::numeric_limits<double>::infinity();  ///< it seemed in a push [kg]
   std::vector<Exchanged> rest_rows_;
   std::optional<FirstPush> first_push_;
   std::array<std::optional<Push>, 3> pushes_;  ///< those that tell a direction

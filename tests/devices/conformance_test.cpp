@@ -180,12 +180,20 @@ TEST_F(Conformance, FindsSwappedAxes) {
   EXPECT_THAT(finding("force_x").detail, HasSubstr("swapped"));
 }
 
-TEST_F(Conformance, StopsAtAForceThatIgnoresItsLimits) {
-  wrong_.force = [](const Vec3& f) { return Vec3(500 * f); };
+TEST_F(Conformance, StopsAtAForceThatIgnoresItsSize) {
+  wrong_.force = [](const Vec3& f) { return Vec3(20 * f.stableNormalized()); };
   test_mass();
   EXPECT_THAT(broken(), ElementsAre("gentle")) << describe(report_);
-  // Along x alone, since the first force that goes wrong is the last.
+  // The first force that goes wrong is the last.
+  EXPECT_THAT(finding("force_x").detail, HasSubstr("m/s is over the limit"));
   EXPECT_THAT(finding("force_y").detail, HasSubstr("no force was sent after that"));
+}
+
+TEST_F(Conformance, FindsForcesThatAreLargerThanTold) {
+  wrong_.force = [](const Vec3& f) { return Vec3(100 * f); };
+  test_mass();
+  EXPECT_THAT(broken(), ElementsAre("gentle")) << describe(report_);
+  EXPECT_THAT(finding("gentle").detail, HasSubstr("larger than it is told"));
 }
 
 TEST_F(Conformance, FindsAWrongResolution) {

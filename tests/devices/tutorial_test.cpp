@@ -60,6 +60,7 @@ TEST(Tutorial, SaysWhichFindingShowsWhichMistake) {
   const Mistake mistakes[] = {
       {"kCountsPerNewton *", "-kCountsPerNewton *", "force_x"},
       {"state->position[0] = kMetresPerCount", "state->position[0] = 1e3 * kMetresPerCount", "gentle"},
+      {"kCountsPerNewton = 200", "kCountsPerNewton = 20000", "gentle"},
       {"position_resolution = kMetresPerCount", "position_resolution = 1e-6", "resolution"},
       {"SLIDER_WATCHDOG_MS, 20", "SLIDER_WATCHDOG_MS, 0", "host_pause"},
       {"slider_write(board, SLIDER_HOME, 1);", "", "ready"},
