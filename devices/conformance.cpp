@@ -4,7 +4,6 @@
 #include "devices/conformance_probe.h"
 
 #include <algorithm>
-#include <cstring>
 #include <fmt/format.h>
 #include <numbers>
 #include <utility>
@@ -599,9 +598,8 @@ class Examination {
     if (!over_.empty()) return;
     const auto equal = [this](const std::vector<Exchanged>& before) {
       const auto& rows = device_->rows();
-      return std::equal(before.begin(), before.end(), rows.begin(), rows.end(), [](const auto& a, const auto& b) {
-        return std::memcmp(a.state.position.data(), b.state.position.data(), sizeof(Vec3)) == 0;
-      });
+      return std::equal(before.begin(), before.end(), rows.begin(), rows.end(),
+                        [](const auto& a, const auto& b) { return a.state.position == b.state.position; });
     };
     RestController rest(options_.rest);
     if (!session(rest, options_.rest, false)) return;
@@ -616,7 +614,7 @@ class Examination {
       exchanges += device_->rows().size();
     }
     judge("repeats", same,
-          same ? fmt::format("{} answers were the same, bit by bit", exchanges)
+          same ? fmt::format("{} answers were the same, to the last digit", exchanges)
                : "opened again and told the same, it answered otherwise");
   }
 

@@ -6,7 +6,8 @@ namespace {
 const std::string kMass = "plugin:path=" MASS_PLUGIN;
 
 nlohmann::json finding(const Answer& answer, const std::string& id) {
-  for (const auto& finding : answer.json()["findings"])
+  const nlohmann::json json = answer.json();
+  for (const auto& finding : json["findings"])
     if (finding["id"] == id) return finding;
   ADD_FAILURE() << "nothing was found about " << id;
   return {};

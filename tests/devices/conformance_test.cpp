@@ -32,8 +32,9 @@ struct Wrong {
   };
   bool stays_open = false;
 
-  Vec3 last = nan3();  ///< force that was sent [N]
-  double largest = 0;  ///< [N]
+  Vec3 last = nan3();            ///< force that was sent [N]
+  bool ended_with_none = false;  ///< a session did, with a force that is not a number
+  double largest = 0;            ///< [N]
 };
 
 /// Another device, except for what is wrong.
@@ -45,8 +46,9 @@ class WrongDevice final : public Device {
   }
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
-    wrong_.last = sendable(wrench).force;
-    wrong_.largest = std::max(wrong_.largest, wrong_.last.norm());
+    wrong_.last = wrench.force;
+    wrong_.largest = std::max(wrong_.largest, sendable(wrench).force.norm());
+    wrong_.ended_with_none = wrong_.ended_with_none || (dt == 0 && !is_finite(wrench.force));
     const Status status = device_->exchange({wrong_.force(wrench.force), Vec3::Zero()}, dt, state);
     return status == Status::ok ? wrong_.answer(count_++, state) : status;
   }
@@ -337,6 +339,19 @@ TEST_F(Conformance, StopsAtOnceWhenAsked) {
   EXPECT_EQ(finding("force_x").verdict, Verdict::passed);
   EXPECT_EQ(finding("force_z").verdict, Verdict::not_tested);
   EXPECT_EQ(wrong_.last, Vec3(0, 0, 0));
+}
+
+TEST_F(Conformance, EndsWithZeroForceEvenWhileItSendsNone) {
+  wrong_.force = [this](const Vec3& f) {
+    if (!is_finite(f) && stop_.count() == 0) {
+      stop_.raise();
+      stop_.raise();
+    }
+    return f;
+  };
+  test_mass();
+  EXPECT_TRUE(report_.interrupted);
+  EXPECT_FALSE(wrong_.ended_with_none);
 }
 
 TEST_F(Conformance, RefusesOptionsOutOfRange) {
