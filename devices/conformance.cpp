@@ -62,6 +62,7 @@ constexpr double kHeldPath = 0.004;                       // that a force held f
 constexpr double kLeastHeldPath = 3e-4;                   // [m]
 constexpr double kLetGo = 0.75;  // of the way that the same force takes when it is not let go of. A mass whose force
                                  // ended after 50 ms of 100 has gone 0.79 of it
+constexpr const char* kOutside = "the handle is not inside the workspace, with room for a force to move it";
 constexpr const char* kNoWatchdog =
     ": it keeps its last force. Its driver needs a watchdog that sends zero within 50 ms without an exchange";
 constexpr double kUnmoved = 1e-3;    // by a force that is none [m]
@@ -285,7 +286,7 @@ class Examination {
       RestController rest(0.1);
       if (!session(rest, 0.1, false)) return over_.empty() ? last_.detail : over_;
     }
-    return is_inside() ? "" : "the handle is not inside the workspace, where there is room for a force to move it";
+    return is_inside() ? "" : kOutside;
   }
 
   [[nodiscard]] bool is_inside() const {
@@ -330,7 +331,19 @@ class Examination {
     return whole;
   }
 
+  /// The handle may have been moved while leave was asked for.
+  bool is_still_inside(std::string& why) {
+    constexpr double kLook = 0.05;  // [s]
+    RestController rest(kLook);
+    if (!session(rest, kLook, false))
+      why = over_.empty() ? last_.detail : over_;
+    else if (!is_inside())
+      why = kOutside;
+    return why.empty();
+  }
+
   bool probe(ProbeController& controller, double seconds, std::string& why) {
+    if (is_real() && !is_still_inside(why)) return false;
     const bool whole = force_session(controller, seconds, why);
     farthest_ = std::max(farthest_, controller.farthest());
     if (!controller.went_too_far()) return whole;
