@@ -93,7 +93,8 @@ function(haptrace_install)
       PATTERN "sample_text.h" EXCLUDE PATTERN "text_file.h" EXCLUDE
       PATTERN "recording_formats.h" EXCLUDE PATTERN "xdf_file.h" EXCLUDE
       PATTERN "recording_layout.h" EXCLUDE
-      # And that of report.
+      # And those of devices and report.
+      PATTERN "conformance_probe.h" EXCLUDE
       PATTERN "chart.h" EXCLUDE PATTERN "markup.h" EXCLUDE PATTERN "page_css.h" EXCLUDE PATTERN "thinning.h" EXCLUDE)
   endforeach()
   configure_package_config_file(cmake/haptraceConfig.cmake.in haptraceConfig.cmake
