@@ -440,17 +440,17 @@ EmulatedFalcon::Handshake EmulatedFalcon::control(std::uint8_t request, std::uin
   return Handshake::stalled;
 }
 
-/// What both endpoints say before they look at data.
-EmulatedFalcon::Handshake EmulatedFalcon::endpoint(std::int64_t now_ns) {
+/// What an endpoint says before it looks at data.
+EmulatedFalcon::Handshake EmulatedFalcon::endpoint(bool& halted, std::int64_t now_ns) {
   advance_to(now_ns);
   if (!is_there()) return Handshake::gone;
   if (age() >= faults_.hangs) return Handshake::later;
-  if (age() >= faults_.stalls && !has_stalled_) halted_ = has_stalled_ = true;
-  return halted_ ? Handshake::stalled : Handshake::ok;
+  if (age() >= faults_.stalls && !has_stalled_) in_halted_ = out_halted_ = has_stalled_ = true;
+  return halted ? Handshake::stalled : Handshake::ok;
 }
 
 EmulatedFalcon::Handshake EmulatedFalcon::out(std::span<const std::uint8_t> bytes, std::int64_t now_ns) {
-  const Handshake handshake = endpoint(now_ns);
+  const Handshake handshake = endpoint(out_halted_, now_ns);
   if (handshake != Handshake::ok) return handshake;
   for (const std::uint8_t byte : bytes) from_host_->send(byte, now_ns);
   return Handshake::ok;
@@ -458,7 +458,7 @@ EmulatedFalcon::Handshake EmulatedFalcon::out(std::span<const std::uint8_t> byte
 
 EmulatedFalcon::Handshake EmulatedFalcon::in(std::array<std::uint8_t, kPacket>& packet, std::size_t& size,
                                              std::int64_t now_ns) {
-  const Handshake handshake = endpoint(now_ns);
+  const Handshake handshake = endpoint(in_halted_, now_ns);
   if (handshake != Handshake::ok) return handshake;
   if (to_host_->arrival_of(kPayload) > now_ns && now_ns < last_in_ns_ + latency_ns_) return Handshake::later;
   std::copy(kChipStatus.begin(), kChipStatus.end(), packet.begin());
@@ -544,7 +544,7 @@ void EmulatedFalcon::reset_chip() noexcept {
   to_host_->set_speed(baud_);
   eight_bits_ = true;
   latency_ns_ = kLatencyAtFirst;
-  halted_ = false;
+  in_halted_ = out_halted_ = false;
 }
 
 bool EmulatedFalcon::runs() const noexcept {

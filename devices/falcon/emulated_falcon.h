@@ -27,7 +27,7 @@ struct FalconFaults {
 
   Outage unplugged;                           ///< the USB cable slips out
   Outage unpowered;                           ///< the supply is off, and firmware and homing are forgotten
-  double stalls = kNever;                     ///< both endpoints stall, until the halt is cleared
+  double stalls = kNever;                     ///< both endpoints stall, until the halt of each is cleared
   double hangs = kNever;                      ///< the USB chip takes and gives nothing any more
   double silent = kNever;                     ///< the firmware answers no more
   double frozen = kNever;                     ///< encoders stand still while the handle moves
@@ -87,7 +87,8 @@ class EmulatedFalcon {
   /// When it is worth to ask `in` again [ns]: no packet is there before.
   [[nodiscard]] std::int64_t next_in() const noexcept;
 
-  void clear_halt() noexcept { halted_ = false; }
+  /// Of the endpoint of `in`, or that of `out`.
+  void clear_halt(bool of_in) noexcept { (of_in ? in_halted_ : out_halted_) = false; }
 
   /// The cable, by hand.
   void unplug(std::int64_t now_ns);
@@ -119,7 +120,7 @@ class EmulatedFalcon {
   class Line;
 
   [[nodiscard]] double age() const noexcept { return 1e-9 * static_cast<double>(now_ns_ - begin_ns_); }
-  [[nodiscard]] Handshake endpoint(std::int64_t now_ns);
+  Handshake endpoint(bool& halted, std::int64_t now_ns);
   void live_until(std::int64_t now_ns);
   void set_baud(std::uint16_t divisor) noexcept;
   void set_modem(std::uint16_t lines) noexcept;
@@ -134,8 +135,8 @@ class EmulatedFalcon {
   std::int64_t latency_ns_ = 0, last_in_ns_ = 0;
   double baud_ = 0;
   bool eight_bits_ = true;
-  bool pulled_ = false, slipped_ = false;      ///< the cable is out, by hand or by a fault
-  bool halted_ = false, has_stalled_ = false;  ///< the endpoints are, and were once
+  bool pulled_ = false, slipped_ = false;  ///< the cable is out, by hand or by a fault
+  bool in_halted_ = false, out_halted_ = false, has_stalled_ = false;
 };
 
 /// A link to an emulated Falcon in this process, without USB, on the monotonic clock. Of `device` it takes the options

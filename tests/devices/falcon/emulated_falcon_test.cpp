@@ -327,7 +327,9 @@ TEST(EmulatedFalcon, HasEveryFaultThatItIsAskedFor) {
     }
     EXPECT_EQ(bench.last, Handshake::stalled);
     EXPECT_FALSE(bench.exchange({}));
-    bench.falcon.clear_halt();
+    bench.falcon.clear_halt(false);
+    EXPECT_FALSE(bench.exchange({}));
+    bench.falcon.clear_halt(true);
     EXPECT_TRUE(bench.exchange({}));
   }
   {

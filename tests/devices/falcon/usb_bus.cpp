@@ -188,7 +188,7 @@ bool UsbBus::handle(int fd, unsigned long request, void* argument, int& result) 
       result = fails(ENODATA);
       break;
     case USBDEVFS_CLEAR_HALT:
-      falcon_->clear_halt();
+      falcon_->clear_halt(*static_cast<unsigned*>(argument) == kIn);
       break;
     case USBDEVFS_SUBMITURB:
       result = submit(fd, static_cast<usbdevfs_urb*>(argument));
