@@ -3,6 +3,7 @@
 
 #include "devices/falcon/emulated_falcon.h"
 
+#include <atomic>
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
@@ -53,7 +54,12 @@ class UsbBus {
   bool handle(int fd, unsigned long request, void* argument, int& result);
   void forget(int fd);
 
+  /// Without a lock: sanitizers close files in the middle of anything.
+  [[nodiscard]] bool knows(int fd) const noexcept { return fd >= 0 && fd < kMostFiles && known_[fd]; }
+
  private:
+  static constexpr int kMostFiles = 4096;
+
   struct Handle {
     bool is_there = true;
     bool claims = false;
@@ -91,6 +97,7 @@ class UsbBus {
   bool signalled_ = false;
   std::map<int, Handle> handles_;
   std::deque<Transfer> pending_, ended_;
+  std::atomic<bool> known_[kMostFiles]{};  ///< the keys of handles_
   bool ending_ = false;
   std::condition_variable wake_;
   std::thread thread_;  ///< ends transfers when it is time
