@@ -212,8 +212,8 @@ class EmulatedFalcon::Mechanism {
 
   /// Where plant or user would have the handle [m].
   [[nodiscard]] Vec3 held_by() const noexcept {
+    if (user_ns_ < 0) return plant_.position();
     const Vec3 start = plant_.position();
-    if (user_ns_ < 0) return start;
     const Vec3 reach(0, 0, kHomingReach);
     const Vec3 way[] = {start, marks_ + reach, marks_ - reach, start};
     const std::int64_t part = std::min<std::int64_t>(user_ns_ / kPart, 2);
