@@ -30,7 +30,7 @@ struct Inverse3Options {
 ///
 /// The driver's round lasts some 10 ms at most. It throws when the service closes the connection, says what is no
 /// message of such a service, refuses a command, no longer lists the arm, or lists it without power, calibration or
-/// readiness. Releasing it sends zero force, and waits for that to be answered for 20 ms at most.
+/// readiness. Releasing it sends zero force, and waits for that to be answered for 0.1 s at most.
 std::unique_ptr<DeviceDriver> open_inverse3_driver(const Inverse3Options& options);
 
 /// The arms of the service at `url`, and what keeps them from being used. None when no service is there. Lasts 0.2 s at

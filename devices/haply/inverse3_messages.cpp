@@ -87,8 +87,7 @@ void inverse_merge(json& known, const json& told) {
     return;
   }
   if (!known.is_object()) known = json::object();
-  for (const auto& [key, value] : told.items())
-    if (!value.is_null()) inverse_merge(known[key], value);
+  for (const auto& [key, value] : told.items()) inverse_merge(known[key], value);
 }
 
 json inverse_parsed(const std::string& message) {
