@@ -117,7 +117,7 @@ std::string list_backends() {
   for (const DeviceBackend& backend : device_backends()) {
     text += fmt::format("{:<10} {}\n", backend.name, backend.summary);
     if (!backend.presets.empty()) text += fmt::format("{:<10}   presets: {}\n", "", fmt::join(backend.presets, ", "));
-    for (const auto& option : backend.options) text += fmt::format("{:<10}   {:<10} {}\n", "", option.key, option.help);
+    for (const auto& option : backend.options) text += fmt::format("{:<10}   {:<12} {}\n", "", option.key, option.help);
   }
   return text + "\nhaptrace devices NAME[:key=value,...] opens one and says what it can do.\n";
 }

@@ -19,7 +19,7 @@ struct DeviceChange {
     changed,  ///< what is in its way, or how it is named
     gone,
   };
-  Kind kind;
+  Kind kind = Kind::found;
   FoundDevice device;
 };
 
