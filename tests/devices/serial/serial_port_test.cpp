@@ -168,6 +168,7 @@ class GuardianTest : public testing::Test {
 
 TEST_F(GuardianTest, SpeaksWhenItsHostIsSilentAndAgainWhenItIsGone) {
   wait_until([&] { return heard_ == 7; });
+  EXPECT_EQ(heard_ % 256, 7);
   guardian_.speak_and_go();
   wait_until([&] { return heard_ % 65536 == 256 * 8 + 9; });
   EXPECT_EQ(heard_ % 65536, 256 * 8 + 9);
