@@ -8,6 +8,7 @@
 #include "formats/json_reader.h"
 #include "samples/hapkit/hapkit_board.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <exception>
@@ -17,7 +18,8 @@ namespace haptrace {
 namespace {
 
 constexpr double kGreetingPeriod = 0.1;  // [s]
-constexpr double kStateWithin = 0.005;   // [s]
+constexpr double kStateWithin = 0.005;   // and twice as long after every silence: a late board is not lost [s]
+constexpr int kMostPatienceDoublings = 3;
 constexpr double kGoodbyeWithin = 0.02;  // [s]
 
 DeviceInfo describe_hapkit(const HapkitCalibration& kit, const HapkitOptions& options) {
@@ -104,7 +106,9 @@ void HapkitDriver::greet(double patience) {
 }
 
 bool HapkitDriver::round(const Wrench& wrench, DeviceState& state) {
-  const auto answer = line_->ask(HAPKIT_COMMAND, calibration_.duty(wrench.force.x()), kStateWithin);
+  const double patience = kStateWithin * (1 << std::min(silences_, kMostPatienceDoublings));
+  const auto answer = line_->ask(HAPKIT_COMMAND, calibration_.duty(wrench.force.x()), patience);
+  silences_ = answer ? 0 : silences_ + 1;
   if (!answer) return false;
   if ((answer->flags & HAPKIT_GREETED) == 0)
     throw device_error(

@@ -43,6 +43,7 @@ class HapkitDriver final : public DeviceDriver {
   DeviceInfo info_;
   SerialPort port_;
   std::unique_ptr<Line> line_;
+  int silences_ = 0;  ///< in a row
   bool released_ = false;
 };
 

@@ -18,11 +18,12 @@ namespace {
 
 constexpr int kTwoDiyBaud = 115200;      // of no effect on USB
 constexpr double kAnswerWithin = 0.005;  // [s]
-constexpr double kCalmWithin = 0.01;     // [s]
-constexpr double kCalmQuiet = 0.002;     // after which nothing more is coming [s]
-constexpr double kFastestArm = 60;       // a hand at 4 m/s [rad/s]
-constexpr double kArmSlack = 0.02;       // [rad]
-constexpr int kMostNonsense = 2;
+constexpr double kCalmWithin = 0.01;     // and twice as long after every silence, since a late board is not lost [s]
+constexpr int kMostDoublings = 2;
+constexpr double kCalmQuiet = 0.002;  // after which nothing more is coming [s]
+constexpr double kFastestArm = 60;    // a hand at 4 m/s [rad/s]
+constexpr double kArmSlack = 0.02;    // [rad]
+constexpr int kMostNonsense = 3;
 constexpr int kMostReads = 16;      // of what nobody asked for
 constexpr double kFarewell = 0.02;  // [s]
 
@@ -101,11 +102,12 @@ std::optional<Vec2> TwoDiyDriver::calm() {
   std::array<std::uint8_t, 8 * kTwoDiyAnswer> answers{};
   std::size_t count = 0;
   while (count < answers.size()) {
-    const std::size_t more =
-        port_.read(std::span(answers).subspan(count), count < kTwoDiyAnswer ? kCalmWithin : kCalmQuiet);
+    const double patience = count == 0 ? kCalmWithin * (1 << std::min(silences_, kMostDoublings)) : kCalmQuiet;
+    const std::size_t more = port_.read(std::span(answers).subspan(count), patience);
     if (more == 0) break;
     count += more;
   }
+  silences_ = count == 0 ? silences_ + 1 : 0;
   if (count == 0) return std::nullopt;  // silence is no nonsense: the board may be late, and keeps its encoders
   std::optional<Vec2> newest;
   for (std::size_t place = 0; place < count; place += kTwoDiyAnswer) {

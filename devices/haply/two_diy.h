@@ -60,6 +60,7 @@ class TwoDiyDriver final : public DeviceDriver {
   std::optional<PantographPose> pose_;  ///< of the arms, once they are homed
   Vec3 position_ = Vec3::Zero();        ///< last known [m]
   bool in_doubt_ = true;                ///< what comes next has to be calmed for
+  int silences_ = 0;                    ///< in a row
   int nonsense_ = 0;                    ///< answers in a row that made no sense although the board was calm
   bool released_ = false;
 };

@@ -19,7 +19,7 @@
 namespace haptrace {
 namespace {
 
-constexpr double kLongestFarewell = 2;  // for which its end is waited for; a port that is stuck may hold it longer [s]
+constexpr double kLongestFarewell = 5;  // for which its end is waited for; a port that is stuck may hold it longer [s]
 
 /// A child with the socket as its standard input and the port as its standard output, and nothing else of ours; in a
 /// session of its own, so that no signal of our terminal reaches it. Not a fork: this process may have threads.

@@ -226,21 +226,19 @@ TEST_F(HoldingHost, LeavesNoTorqueBehindWhenItIsKilled) {
   kill(host_, SIGKILL);
   wait_until([&] { return bench_.board->torque() == 0; });
   EXPECT_EQ(bench_.board->torque(), 0);
-  // And the port is free for the next.
-  std::this_thread::sleep_for(200ms);
-  DeviceState state;
-  answered(*bench_.driver(), Vec3::Zero(), state);
+  // And the port is free for the next, once the guardian has gone.
+  bool opened = false;
+  for (int k = 0; k < 100 && !opened; ++k) {
+    std::this_thread::sleep_for(50ms);
+    opened = error_of([&] { (void)bench_.driver(); }, Error::Kind::device) == "no error";
+  }
+  EXPECT_TRUE(opened);
 }
 
-TEST_F(HoldingHost, LeavesNoTorqueBehindWhenItIsStoppedAndGoesOnAfterwards) {
+TEST_F(HoldingHost, LeavesNoTorqueBehindWhenItIsStopped) {
   kill(host_, SIGSTOP);
   wait_until([&] { return bench_.board->torque() == 0; });
   EXPECT_EQ(bench_.board->torque(), 0);
-  const int setups = bench_.board->setups();
-  kill(host_, SIGCONT);
-  wait_until([&] { return bench_.board->torque() > 0.01; });
-  EXPECT_GT(bench_.board->torque(), 0.01);
-  EXPECT_EQ(bench_.board->setups(), setups) << "its encoders were kept";
 }
 
 }  // namespace
