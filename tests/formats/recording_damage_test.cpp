@@ -336,8 +336,13 @@ struct Kind {
 
 class FlippedBytes : public testing::TestWithParam<Kind> {};
 constexpr std::size_t kFlippedRows = 80;
-const RecordingColumns kEveryColumn{
-    .orientation = true, .torque = true, .force_measured = true, .reference = true, .guidance = true, .tunnel = true};
+const RecordingColumns kEveryColumn{.orientation = true,
+                                    .torque = true,
+                                    .force_measured = true,
+                                    .reference = true,
+                                    .guidance = true,
+                                    .tunnel = true,
+                                    .reference_orientation = true};
 INSTANTIATE_TEST_SUITE_P(
     Of, FlippedBytes,
     testing::Values(

@@ -57,7 +57,9 @@ int get_position(double* x, double* y, double* z) {
   const std::scoped_lock lock(plant_use);
   plant->advance_to(haptrace::monotonic_ns());
   plant->apply({fake.motor(0), fake.motor(1), fake.motor(2)});
-  const Vec3 p = fake.is_placed ? Vec3(fake.place[0], fake.place[1], fake.place[2]) : plant->position();
+  constexpr double kCount = 1e-5;  // of its encoders [m]
+  const Vec3 counted = kCount * (plant->position() / kCount).array().round();
+  const Vec3 p = fake.is_placed ? Vec3(fake.place[0], fake.place[1], fake.place[2]) : counted;
   *x = p.x();
   *y = p.y();
   *z = p.z();
