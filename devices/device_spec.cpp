@@ -2,7 +2,11 @@
 
 #include "control/error.h"
 
+#include <charconv>
+#include <cstdint>
 #include <fmt/format.h>
+#include <limits>
+#include <type_traits>
 
 namespace haptrace {
 
@@ -40,5 +44,41 @@ DeviceSpec DeviceSpec::parse(std::string_view text) {
   }
   return spec;
 }
+
+std::string DeviceSpec::where() const {
+  return fmt::format("--device '{}'", text);
+}
+
+std::string DeviceSpec::option(const std::string& key, const std::string& otherwise) const {
+  const auto found = options.find(key);
+  return found != options.end() ? found->second : otherwise;
+}
+
+bool DeviceSpec::flag(const std::string& key, bool otherwise) const {
+  const std::string value = option(key, otherwise ? "true" : "false");
+  if (value != "true" && value != "false")
+    throw input_error(fmt::format("{}: {}: expected true or false, found '{}'", where(), key, value));
+  return value == "true";
+}
+
+template <class Number>
+Number DeviceSpec::number(const std::string& key, Number least, Number most, Number otherwise,
+                          std::string_view unit) const {
+  const auto found = options.find(key);
+  if (found == options.end()) return otherwise;
+  const std::string& value = found->second;
+  Number number{};
+  const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
+  if (error == std::errc{} && end == value.data() + value.size() && number >= least && number <= most) return number;
+  const bool bounded = most < std::numeric_limits<Number>::max();
+  throw input_error(fmt::format("{}: {}: expected a {}number from {}{}{}{}, found '{}'", where(), key,
+                                std::is_integral_v<Number> ? "whole " : "", least,
+                                bounded ? fmt::format(" to {}", most) : "", unit.empty() ? "" : " ", unit, value));
+}
+
+template double DeviceSpec::number(const std::string&, double, double, double, std::string_view) const;
+template int DeviceSpec::number(const std::string&, int, int, int, std::string_view) const;
+template std::uint64_t DeviceSpec::number(const std::string&, std::uint64_t, std::uint64_t, std::uint64_t,
+                                          std::string_view) const;
 
 }  // namespace haptrace

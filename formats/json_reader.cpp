@@ -19,7 +19,7 @@ namespace {
 using nlohmann::json;
 
 /// A value as a person wrote it, short enough for one line.
-std::string shown(const json& value) {
+std::string shown_json(const json& value) {
   constexpr std::size_t kLongest = 40;
   std::string text = value.dump(-1, ' ', false, json::error_handler_t::replace);
   if (text.size() > kLongest) text = text.substr(0, kLongest) + "...";
@@ -27,7 +27,7 @@ std::string shown(const json& value) {
 }
 
 [[noreturn]] void wrong_type(const std::string& name, const char* expected, const json& value) {
-  throw input_error(fmt::format("{}: expected {}, found {}", name, expected, shown(value)));
+  throw input_error(fmt::format("{}: expected {}, found {}", name, expected, shown_json(value)));
 }
 
 double checked_number(const json& value, const std::string& name, const char* expected, double min, double max) {

@@ -11,11 +11,6 @@
 namespace haptrace {
 namespace {
 
-std::string falcon_option(const DeviceSpec& spec, const char* key) {
-  const auto option = spec.options.find(key);
-  return option != spec.options.end() ? option->second : "";
-}
-
 /// Whether `spec` means an emulated one. Throws Error(input) when it has options of the other kind.
 bool is_emulated_falcon(const DeviceSpec& spec) {
   const bool emulated = is_emulated(spec);
@@ -32,18 +27,17 @@ bool is_emulated_falcon(const DeviceSpec& spec) {
 std::unique_ptr<Device> open_falcon(const DeviceSpec& spec) {
   const bool emulated = is_emulated_falcon(spec);
   FalconCalibration calibration;
-  if (const std::string file = falcon_option(spec, "calibration"); !file.empty())
+  if (const std::string file = spec.option("calibration"); !file.empty())
     calibration = read_falcon_calibration(load_json(file), file);
   std::optional<FalconFirmware> firmware;
-  if (const std::string file = falcon_option(spec, "firmware"); !file.empty()) firmware = read_falcon_firmware(file);
+  if (const std::string file = spec.option("firmware"); !file.empty()) firmware = read_falcon_firmware(file);
 
   DeviceInfo info = falcon_info(calibration);
   info.name = spec.text;
   if (emulated) info.model += ", emulated";
   const auto open_link = [&] {
     if (emulated) return open_emulated_falcon_link(spec, calibration);
-    const FalconPort port =
-        choose_falcon_port(find_falcon_ports(), falcon_option(spec, "serial"), falcon_option(spec, "port"));
+    const FalconPort port = choose_falcon_port(find_falcon_ports(), spec.option("serial"), spec.option("port"));
     info.serial = port.serial;
     return open_usb_falcon_link(port);
   };

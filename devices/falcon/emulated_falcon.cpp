@@ -652,17 +652,10 @@ class EmulatedFalconLink final : public FalconLink {
   std::size_t first_ = 0, end_ = 0;  ///< what of packet_ was not read yet
 };
 
-std::string emulated_falcon_option(const DeviceSpec& device, const char* key) {
-  const auto found = device.options.find(key);
-  return found != device.options.end() ? found->second : std::string();
-}
-
 std::shared_ptr<EmulatedFalcon> make_emulated_falcon(const DeviceSpec& device, const FalconCalibration& calibration,
                                                      const FalconFaults& faults) {
   const bool loads = faults.bad_echoes > 0 || faults.bad_starts > 0;
-  std::uint64_t seed = 1;
-  const std::string text = emulated_falcon_option(device, "seed");
-  std::from_chars(text.data(), text.data() + text.size(), seed);  // the plant, which has it too, checks it
+  const auto seed = device.number<std::uint64_t>("seed", 0, std::numeric_limits<std::uint64_t>::max(), 1);
   return std::make_shared<EmulatedFalcon>(calibration, open_live_plant(device, "falcon"),
                                           loads ? EmulatedFalcon::Start::switched_on : EmulatedFalcon::Start::loaded,
                                           faults, seed);
@@ -679,7 +672,7 @@ std::shared_ptr<EmulatedFalcon>& lasting_falcon(const std::string& text) {
 }  // namespace
 
 std::unique_ptr<FalconLink> open_emulated_falcon_link(const DeviceSpec& device, const FalconCalibration& calibration) {
-  const std::string text = emulated_falcon_option(device, "fault");
+  const std::string text = device.option("fault");
   const FalconFaults faults =
       text.empty() ? FalconFaults() : FalconFaults::parse(text, fmt::format("--device '{}': fault", device.text));
   std::shared_ptr<EmulatedFalcon> falcon;

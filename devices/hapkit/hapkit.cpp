@@ -158,7 +158,7 @@ std::vector<FoundDevice> find_hapkits() {
 }
 
 std::unique_ptr<Device> open_hapkit(const DeviceSpec& device) {
-  const std::string file = option_or(device, "calibration");
+  const std::string file = device.option("calibration");
   const HapkitCalibration calibration =
       file.empty() ? HapkitCalibration{} : read_hapkit_calibration(load_json(file), file);
   HapkitOptions options{.name = device.text, .port = "", .serial = ""};

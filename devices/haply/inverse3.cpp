@@ -405,24 +405,18 @@ class EmulatedInverse3Driver final : public DeviceDriver {
 };
 
 Inverse3Options read_inverse3_options(const DeviceSpec& device) {
-  const auto option = [&](const char* key) {
-    const auto found = device.options.find(key);
-    return found != device.options.end() ? found->second : std::string();
-  };
-  const auto choice = [&](const char* key, const std::string& no, const std::string& yes) -> std::optional<bool> {
-    const std::string text = option(key);
-    if (!text.empty() && text != no && text != yes)
-      throw input_error(
-          fmt::format("--device '{}': {}: expected {} or {}, found '{}'", device.text, key, no, yes, text));
-    return text.empty() ? std::nullopt : std::optional(text == yes);
-  };
   Inverse3Options options{.name = device.text, .force_key = {}, .calibration = {}};
-  if (!option("url").empty()) options.url = option("url");
-  options.device_id = option("device_id");
-  options.remote = choice("remote", "false", "true").value_or(false);
-  if (const auto values = choice("force_key", to_string(InverseForceKey::vector), to_string(InverseForceKey::values)))
-    options.force_key = *values ? InverseForceKey::values : InverseForceKey::vector;
-  if (const std::string file = option("calibration"); !file.empty())
+  options.url = device.option("url", options.url);
+  options.device_id = device.option("device_id");
+  options.remote = device.flag("remote");
+  if (const std::string key = device.option("force_key"); !key.empty()) {
+    const std::string vector = to_string(InverseForceKey::vector), values = to_string(InverseForceKey::values);
+    if (key != vector && key != values)
+      throw input_error(
+          fmt::format("{}: force_key: expected {} or {}, found '{}'", device.where(), vector, values, key));
+    options.force_key = key == values ? InverseForceKey::values : InverseForceKey::vector;
+  }
+  if (const std::string file = device.option("calibration"); !file.empty())
     options.calibration = read_inverse3_calibration(load_json(file), file);
   return options;
 }

@@ -185,23 +185,15 @@ std::vector<FoundDevice> find_two_diys() {
 }
 
 TwoDiyCalibration calibration_of(const DeviceSpec& device) {
-  const std::string where = fmt::format("--device '{}'", device.text),
-                    generation = option_or(device, "generation", "gen3");
-  const std::string file = option_or(device, "calibration");
+  const std::string where = fmt::format("--device '{}'", device.text), generation = device.option("generation", "gen3");
+  const std::string file = device.option("calibration");
   if (file.empty()) return two_diy_calibration(generation, where);
   return read_two_diy_calibration(load_json(file), file, generation);
 }
 
-bool says_homed(const DeviceSpec& device) {
-  const std::string text = option_or(device, "homed", "false");
-  if (text != "true" && text != "false")
-    throw input_error(fmt::format("--device '{}': homed: expected true or false, found '{}'", device.text, text));
-  return text == "true";
-}
-
 std::unique_ptr<Device> open_two_diy(const DeviceSpec& device) {
   const TwoDiyCalibration calibration = calibration_of(device);
-  TwoDiyOptions options{.name = device.text, .port = "", .serial = "", .homed = says_homed(device)};
+  TwoDiyOptions options{.name = device.text, .port = "", .serial = "", .homed = device.flag("homed")};
   if (!is_emulated(device)) {
     const std::vector<FoundDevice> found = find_two_diys();
     options.port = chosen_port(device, found);

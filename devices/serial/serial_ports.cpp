@@ -89,7 +89,7 @@ std::vector<FoundDevice> found_on_serial_ports(const std::string& name, const st
 }
 
 std::string chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>& found) {
-  if (std::string port = option_or(device, "port"); !port.empty()) return port;
+  if (std::string port = device.option("port"); !port.empty()) return port;
   if (found.empty())
     throw device_error(
         fmt::format("--device '{}': no board of its kind is plugged in; {}. Name its port: {}:port=/dev/...",
@@ -107,11 +107,6 @@ void refuse_port_of_emulated(const DeviceSpec& device) {
   if (device.options.contains("port"))
     throw input_error(
         fmt::format("--device '{}': port: an emulated device is on no port of yours; leave one out", device.text));
-}
-
-std::string option_or(const DeviceSpec& device, const std::string& key, const std::string& otherwise) {
-  const auto option = device.options.find(key);
-  return option != device.options.end() ? option->second : otherwise;
 }
 
 }  // namespace haptrace

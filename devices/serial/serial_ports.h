@@ -42,7 +42,4 @@ std::string chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>
 /// Throws Error(input) when an emulated device is given a port of its own.
 void refuse_port_of_emulated(const DeviceSpec& device);
 
-/// The device's option, or `otherwise`.
-std::string option_or(const DeviceSpec& device, const std::string& key, const std::string& otherwise = "");
-
 }  // namespace haptrace

@@ -20,11 +20,7 @@ void LivePlant::advance_to(std::int64_t now_ns) noexcept {
 }
 
 bool is_emulated(const DeviceSpec& device) {
-  const auto option = device.options.find("emulated");
-  const std::string text = option != device.options.end() ? option->second : "false";
-  if (text == "true") return true;
-  if (text != "false")
-    throw input_error(fmt::format("--device '{}': emulated: expected true or false, found '{}'", device.text, text));
+  if (device.flag("emulated")) return true;
   for (const auto& of_plant : sim_backend().options)
     if (device.options.contains(of_plant.key))
       throw input_error(fmt::format("--device '{}': {}: is for an emulated device; add emulated=true, or leave it out",

@@ -6,7 +6,6 @@
 #include "formats/path_file.h"
 
 #include <algorithm>
-#include <charconv>
 #include <filesystem>
 #include <fmt/format.h>
 
@@ -194,55 +193,23 @@ namespace {
 
 using nlohmann::json;
 
-std::string option(const DeviceSpec& device, const char* key) {
-  const auto found = device.options.find(key);
-  return found != device.options.end() ? found->second : std::string();
-}
-
-std::string where(const DeviceSpec& device) {
-  return fmt::format("--device '{}'", device.text);
-}
-
-bool read_flag(const DeviceSpec& device, const char* key) {
-  const std::string text = option(device, key);
-  if (text.empty() || text == "false") return false;
-  if (text == "true") return true;
-  throw input_error(fmt::format("{}: {}: expected true or false, found '{}'", where(device), key, text));
-}
-
-double read_number(const DeviceSpec& device, const char* key, double otherwise, const char* expected = "seconds") {
-  const std::string text = option(device, key);
-  double number = otherwise;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  if (!text.empty() && (error != std::errc{} || end != text.data() + text.size() || !(number >= 0)))
-    throw input_error(fmt::format("{}: {}: expected {} from 0, found '{}'", where(device), key, expected, text));
-  return number;
-}
-
-std::uint64_t read_seed(const DeviceSpec& device) {
-  const std::string text = option(device, "seed");
-  std::uint64_t seed = SimOptions{}.seed;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seed);
-  if (!text.empty() && (error != std::errc{} || end != text.data() + text.size()))
-    throw input_error(fmt::format("{}: seed: expected a whole number from 0, found '{}'", where(device), text));
-  return seed;
-}
+constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 
 /// The preset, changed by the file, held by the hand: each option says more than the one before.
 json merged_spec(const DeviceSpec& device) {
-  const std::string file = option(device, "spec"), hand = option(device, "hand");
-  const std::string preset = option(device, "preset").empty() && file.empty() ? "reference" : option(device, "preset");
+  const std::string file = device.option("spec"), hand = device.option("hand");
+  const std::string preset = device.option("preset").empty() && file.empty() ? "reference" : device.option("preset");
 
   json spec = json::object();
-  if (!preset.empty()) spec = device_preset(preset, where(device) + ": preset");
+  if (!preset.empty()) spec = device_preset(preset, device.where() + ": preset");
   if (!file.empty()) spec.merge_patch(load_json(file));
   if (!hand.empty()) {
     // A hand from the command line follows the path that the file gives its own.
     const json own = spec.contains("hand") && spec["hand"].is_object() ? spec["hand"] : json::object();
-    spec["hand"] = hand == "none" ? json(hand) : hand_preset(hand, where(device) + ": hand");
+    spec["hand"] = hand == "none" ? json(hand) : hand_preset(hand, device.where() + ": hand");
     if (hand != "none" && own.contains("intent")) spec["hand"]["intent"] = own["intent"];
   }
-  if (!option(device, "intent").empty() && !spec.contains("hand")) spec["hand"] = "relaxed";
+  if (!device.option("intent").empty() && !spec.contains("hand")) spec["hand"] = "relaxed";
   return spec;
 }
 
@@ -272,7 +239,7 @@ Path retimed(const Path& path, double after, double speed) {
 
 /// Fills in what the hand intends and what a person should know of it.
 void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& options) {
-  const bool fit = read_flag(device, "fit");
+  const bool fit = device.flag("fit");
   Path path = load_path(spec.hand->intent);
   for (const std::string& note : path.notes) options.notes.push_back(fmt::format("{}: {}", path.name, note));
   const double outside = distance_outside(path, spec.workspace);
@@ -287,10 +254,8 @@ void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& opti
     options.notes.push_back(
         fmt::format("{}: fitted into the workspace of the {}: {}", path.name, spec.model, describe(change)));
   }
-  const double after = read_number(device, "intent_after", 0),
-               speed = read_number(device, "intent_speed", 1, "a number");
-  if (!(speed >= 0.01 && speed <= 100))
-    throw input_error(fmt::format("{}: intent_speed: expected 0.01 to 100, found {}", where(device), speed));
+  const double after = device.number("intent_after", 0.0, kNoLimit, 0.0, "s"),
+               speed = device.number("intent_speed", 0.01, 100.0, 1.0);
   if (after > 0 || speed != 1) path = retimed(path, after, speed);
   options.intent = Trajectory(path, Interpolation::cubic);
   if (spec.wrist && !path.orientation.empty())
@@ -300,19 +265,24 @@ void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& opti
 }  // namespace
 
 std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device) {
-  const std::string file = option(device, "spec"), intent = option(device, "intent");
+  const std::string file = device.option("spec"), intent = device.option("intent");
   const json json_spec = merged_spec(device);
-  SimSpec spec =
-      read_sim_spec(json_spec, file.empty() ? where(device) : file, std::filesystem::path(file).parent_path().string());
+  SimSpec spec = read_sim_spec(json_spec, file.empty() ? device.where() : file,
+                               std::filesystem::path(file).parent_path().string());
   if (!intent.empty() && !spec.hand)
-    throw input_error(where(device) + ": intent: nobody holds the device; hand=none cannot follow a path");
+    throw input_error(device.where() + ": intent: nobody holds the device; hand=none cannot follow a path");
   if (!intent.empty()) spec.hand->intent = intent;
 
-  SimOptions options{.name = device.text, .serial = serial_number(json_spec), .seed = read_seed(device), .intent = {}};
-  options.lost_at = read_number(device, "lost_at", SimOptions::kNever);
-  options.lost_for = read_number(device, "lost_for", SimOptions::kNever);
+  SimOptions options{
+      .name = device.text,
+      .serial = serial_number(json_spec),
+      .seed = device.number<std::uint64_t>("seed", 0, std::numeric_limits<std::uint64_t>::max(), SimOptions{}.seed),
+      .intent = {}};
+  options.lost_at = device.number("lost_at", 0.0, kNoLimit, SimOptions::kNever, "s");
+  options.lost_for = device.number("lost_for", 0.0, kNoLimit, SimOptions::kNever, "s");
   if (options.lost_for < SimOptions::kNever && options.lost_at == SimOptions::kNever)
-    throw input_error(where(device) + ": lost_for: says how long the cable is out; say when it slips out with lost_at");
+    throw input_error(device.where() +
+                      ": lost_for: says how long the cable is out; say when it slips out with lost_at");
   if (spec.hand && !spec.hand->intent.empty()) read_intent(device, spec, options);
   return std::make_unique<SimDevice>(spec, options);
 }

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <chrono>
 #include <cstdlib>
 #include <fmt/format.h>
@@ -363,43 +362,18 @@ void ForceDimensionDriver::release() noexcept {
   (void)(is_drd_ && api_.drd_close != nullptr ? api_.drd_close(id_) : api_.close(id_));
 }
 
-// ---- options ----
-
-template <class Number>
-Number fd_number(const DeviceSpec& spec, const std::string& key, Number least, Number most, Number otherwise) {
-  const auto option = spec.options.find(key);
-  if (option == spec.options.end()) return otherwise;
-  const std::string& text = option->second;
-  Number value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size() || !(value >= least && value <= most))
-    throw input_error(fmt::format("--device '{}': {}: expected a number from {} to {}, found '{}'", spec.text, key,
-                                  least, most, text));
-  return value;
-}
-
-bool fd_switch(const DeviceSpec& spec, const std::string& key, bool otherwise) {
-  const auto option = spec.options.find(key);
-  if (option == spec.options.end()) return otherwise;
-  if (option->second == "true") return true;
-  if (option->second == "false") return false;
-  throw input_error(
-      fmt::format("--device '{}': {}: expected true or false, found '{}'", spec.text, key, option->second));
-}
-
 std::unique_ptr<Device> open_force_dimension(const DeviceSpec& spec) {
   FdOptions options{.text = spec.text, .library = force_dimension_library(), .serial = {}};
-  if (const auto file = spec.options.find("library"); file != spec.options.end())
-    options.library.places = {file->second};
+  if (const std::string file = spec.option("library"); !file.empty()) options.library.places = {file};
   if (spec.options.contains("serial")) {
     if (spec.options.contains("index"))
       throw input_error(fmt::format("--device '{}': serial and index both say which device; leave one out", spec.text));
-    options.serial = fd_number(spec, "serial", 0, 65535, 0);
+    options.serial = spec.number("serial", 0, 65535, 0);
   }
-  options.index = fd_number(spec, "index", 0, 15, 0);
-  options.initialise = fd_switch(spec, "initialise", false);
-  options.gravity_compensation = fd_switch(spec, "gravity_compensation", true);
-  options.max_force = fd_number(spec, "max_force", 0.0, 100.0, 0.0);
+  options.index = spec.number("index", 0, 15, 0);
+  options.initialise = spec.flag("initialise");
+  options.gravity_compensation = spec.flag("gravity_compensation", true);
+  options.max_force = spec.number("max_force", 0.0, 100.0, 0.0, "N");
   return std::make_unique<ThreadedDevice>(std::make_unique<ForceDimensionDriver>(options));
 }
 

@@ -428,23 +428,10 @@ std::string OpenHapticsDevice::not_ready_reason() const {
 
 std::unique_ptr<Device> open_open_haptics(const DeviceSpec& spec) {
   HdOptions options{.text = spec.text, .library = open_haptics_library()};
-  const auto option = [&spec](const char* key) {
-    const auto found = spec.options.find(key);
-    return found != spec.options.end() ? found->second : std::string();
-  };
-  if (const std::string file = option("library"); !file.empty()) options.library.places = {file};
-  options.name = option("name");
-  if (const std::string text = option("rate"); !text.empty()) {
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), options.rate);
-    if (error != std::errc() || end != text.data() + text.size() || options.rate < 100 || options.rate > 10'000)
-      throw input_error(fmt::format("--device '{}': rate: expected 100 to 10000 Hz, found '{}'", spec.text, text));
-  }
-  if (const std::string text = option("reset_encoders"); !text.empty()) {
-    if (text != "true" && text != "false")
-      throw input_error(
-          fmt::format("--device '{}': reset_encoders: expected true or false, found '{}'", spec.text, text));
-    options.reset_encoders = text == "true";
-  }
+  if (const std::string file = spec.option("library"); !file.empty()) options.library.places = {file};
+  options.name = spec.option("name");
+  options.rate = spec.number<std::uint64_t>("rate", 100, 10'000, 0, "Hz");
+  options.reset_encoders = spec.flag("reset_encoders");
   return std::make_unique<OpenHapticsDevice>(options);
 }
 
