@@ -225,7 +225,7 @@ TEST_F(ForceDimension, TellsAMissingLibraryFromAMissingDevice) {
 }
 
 TEST_F(ForceDimension, RefusesOptionsThatCannotBe) {
-  EXPECT_THAT(refusal(",serial=x", Error::Kind::input), HasSubstr("serial: expected a number from 0 to 65535"));
+  EXPECT_THAT(refusal(",serial=x", Error::Kind::input), HasSubstr("serial: expected a whole number from 0 to 65535"));
   EXPECT_THAT(refusal(",serial=1,index=1", Error::Kind::input), HasSubstr("leave one out"));
   EXPECT_THAT(refusal(",initialise=yes", Error::Kind::input), HasSubstr("initialise: expected true or false"));
   EXPECT_THAT(refusal(",max_force=30", Error::Kind::input), HasSubstr("max_force is 30 N; it must be from 0 to 12 N"));

@@ -191,7 +191,8 @@ TEST_F(OpenHaptics, TellsAMissingLibraryFromAMissingDevice) {
       AllOf(HasSubstr("its library was found, but 'Right Device' cannot be opened: the fake's device is missing"),
             HasSubstr("Touch_Setup")));
   EXPECT_EQ(open(",name=Left Device")->info().model, "Touch");
-  EXPECT_THAT(refusal(",rate=fast", Error::Kind::input), HasSubstr("rate: expected 100 to 10000 Hz"));
+  EXPECT_THAT(refusal(",rate=fast", Error::Kind::input),
+              HasSubstr("rate: expected a whole number from 100 to 10000 Hz"));
   EXPECT_THAT(refusal(",reset_encoders=1", Error::Kind::input), HasSubstr("expected true or false"));
 }
 
