@@ -1,15 +1,14 @@
 #include "devices/falcon/usb_port.h"
 
 #include "control/error.h"
+#include "devices/system_files.h"
 #include "devices/usb_devices.h"
 
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <filesystem>
 #include <fmt/format.h>
-#include <fstream>
 #include <unistd.h>
 
 namespace haptrace {
@@ -22,17 +21,11 @@ constexpr const char* kFalconProduct = "cb48";
 constexpr const char* kUserDriver = "usbfs";  // another program, through libusb
 
 std::string falcon_attribute(const fs::path& file) {
-  std::ifstream stream(file);
-  std::string line;
-  std::getline(stream, line);
-  return line;
+  return system_files::read_text(file).value_or("");
 }
 
 int falcon_number(const fs::path& file) {
-  const std::string text = falcon_attribute(file);
-  int number = 0;
-  std::from_chars(text.data(), text.data() + text.size(), number);
-  return number;
+  return system_files::number_of<int>(falcon_attribute(file)).value_or(0);
 }
 
 std::string falcon_driver(const fs::path& device) {

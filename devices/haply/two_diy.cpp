@@ -185,7 +185,7 @@ std::vector<FoundDevice> find_two_diys() {
 }
 
 TwoDiyCalibration calibration_of(const DeviceSpec& device) {
-  const std::string where = fmt::format("--device '{}'", device.text), generation = device.option("generation", "gen3");
+  const std::string where = device.where(), generation = device.option("generation", "gen3");
   const std::string file = device.option("calibration");
   if (file.empty()) return two_diy_calibration(generation, where);
   return read_two_diy_calibration(load_json(file), file, generation);
