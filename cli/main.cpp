@@ -67,9 +67,10 @@ int run(int argc, char** argv) {
 
   Output output;
   std::string config;
-  std::vector<Verb> verbs{add_devices(app), add_shape(app),     add_record(app), add_play(app),   add_guide(app),
-                          add_run(app),     add_calibrate(app), add_info(app),   add_check(app),  add_recover(app),
-                          add_convert(app), add_plot(app),      add_report(app), add_doctor(app), add_stability(app)};
+  std::vector<Verb> verbs{add_devices(app), add_shape(app),   add_record(app),    add_play(app),
+                          add_guide(app),   add_run(app),     add_calibrate(app), add_info(app),
+                          add_check(app),   add_recover(app), add_convert(app),   add_plot(app),
+                          add_report(app),  add_doctor(app),  add_stability(app), add_tradeoff(app)};
   std::vector<std::string> names;
   for (const Verb& verb : verbs) {
     verb.app->allow_extras();

@@ -31,6 +31,7 @@ struct PlayArguments {
   TurnOptions turn;
   PathArguments along{0.03};
   double speed = 1;
+  int thin = 1;
   std::string on_deviation = "stop", interpolation = "cubic";
 };
 
@@ -159,6 +160,9 @@ Verb add_play(CLI::App& app) {
   verb->add_option("--interpolation", arguments->interpolation, "between samples: hold | linear | cubic | quintic")
       ->capture_default_str()
       ->group("Path");
+  verb->add_option("--thin", arguments->thin, "keep every so many-th sample of the path; 1: all")
+      ->capture_default_str()
+      ->group("Path");
   verb->add_option("--gains", arguments->gains, R"(gains from a file: {"kp": 1500, "kd": [15, 15, 10]})")
       ->type_name("FILE.json")
       ->group("Control");
@@ -207,6 +211,7 @@ Verb add_play(CLI::App& app) {
             options.gains = gains_from(*arguments);
             options.interpolation = parse_interpolation(arguments->interpolation);
             options.smoothing = arguments->along.smoothing;
+            options.thin = arguments->thin;
             options.fit = arguments->along.fit;
             options.playback = {.speed = arguments->speed,
                                 .repetitions = arguments->along.repetitions(),

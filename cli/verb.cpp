@@ -66,6 +66,11 @@ std::map<std::string, std::string> metadata(const std::string& file, const std::
   return meta;
 }
 
+bool is_verb(const CLI::App& app, const std::string& name) {
+  const auto verbs = app.get_subcommands([&](const CLI::App* verb) { return verb->get_name() == name; });
+  return !verbs.empty();
+}
+
 std::string microseconds(double seconds) {
   return fmt::format("{:.0f} us", 1e6 * seconds);
 }
@@ -224,6 +229,10 @@ void apply_config(CLI::App& verb, const nlohmann::json& config, const std::strin
     if (key == "verb") {
       if (value != verb.get_name())
         throw input_error(fmt::format("{}: is a configuration of haptrace {}", file, text_of(value)));
+      continue;
+    }
+    if (value.is_object() && is_verb(*verb.get_parent(), key)) {
+      if (key == verb.get_name()) apply_config(verb, value, fmt::format("{}: {}", file, key));
       continue;
     }
     const auto found = std::find(known.begin(), known.end(), key);

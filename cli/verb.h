@@ -57,6 +57,7 @@ Verb add_plot(CLI::App& app);
 Verb add_report(CLI::App& app);
 Verb add_doctor(CLI::App& app);
 Verb add_stability(CLI::App& app);
+Verb add_tradeoff(CLI::App& app);
 
 /// The options of every verb that runs a session.
 struct SessionArguments {
@@ -92,7 +93,8 @@ struct SessionArguments {
 /// Throws Error(input) unless an option that the verb cannot do without was given, on the line or in --config.
 void require(const CLI::App& verb, const std::string& option);
 
-/// Reads --config FILE.json: every key is an option of the verb; what stands on the line wins.
+/// Reads --config FILE.json: every key is an option of the verb; what stands on the line wins. A key that names a verb
+/// holds what is for that verb alone.
 void apply_config(CLI::App& verb, const std::string& file);
 /// The same of a configuration that stands in `where`.
 void apply_config(CLI::App& verb, const nlohmann::json& config, const std::string& where);

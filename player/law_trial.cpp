@@ -1,6 +1,7 @@
 #include "player/law_trial.h"
 
 #include "control/min_jerk.h"
+#include "player/oscillation_count.h"
 #include "player/playback.h"
 
 #include <algorithm>
@@ -14,20 +15,6 @@ namespace {
 constexpr double kTwoTurns = 4 * std::numbers::pi;
 constexpr double kMostTrialRipple = 0.04;  // of the largest force
 constexpr double kMostTrialError = 0.3;    // of the radius
-
-/// Counts what the oscillation monitor says.
-class OscillationCount final : public SampleSink {
- public:
-  using SampleSink::push;
-  void push(const Sample&) noexcept override {}
-  void push(const Event& event) noexcept override {
-    if (event.code == EventCode::oscillation || event.code == EventCode::oscillation_stays) ++count_;
-  }
-  [[nodiscard]] int count() const noexcept { return count_; }
-
- private:
-  int count_ = 0;
-};
 
 /// From rest to rest; all of it where the device can be, also along axes that it does not drive.
 Path trial_path(const DeviceInfo& info, const LawTrialOptions& options) {

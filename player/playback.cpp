@@ -4,6 +4,7 @@
 #include "control/feedforward.h"
 #include "control/observer_pd.h"
 #include "formats/json_reader.h"
+#include "formats/path_thinning.h"
 #include "player/device_path.h"
 
 #include <algorithm>
@@ -209,6 +210,19 @@ bool follows_orientation(const DeviceInfo& device, const PlayOptions& options) {
   return !options.turn.off && device.takes_torque() && device.measures_orientation;
 }
 
+PlaybackController controller_of(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options,
+                                 LearningTerm*& learning) {
+  PlaybackOptions playback = options.playback;
+  playback.rate_hz = options.session.rate_hz;
+  playback.axes = device.force_axes;
+  PlaybackController controller({plan.path, check_of(device, plan, options), playback.speed},
+                                compose(device, plan, options, learning), plan.tuning, playback,
+                                options.tuning != nullptr ? &options.tuning->mailbox() : nullptr);
+  if (const auto guard = guard_of(device, options)) controller.guard(*guard);
+  if (plan.turn) controller.turn(*plan.turn);
+  return controller;
+}
+
 }  // namespace
 
 OrientationGains cautious_orientation_gains(double max_torque) {
@@ -241,7 +255,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   validate(tuning.gains);
 
   const Box workspace = workspace_of(device);
-  const DevicePath played = path_for(device, std::move(path), options.fit);
+  const DevicePath played = path_for(device, thinned(std::move(path), options.thin), options.fit);
   const std::string name = played.source->facts().name;
 
   PlayPlan plan{
@@ -275,25 +289,20 @@ PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& o
   return plan_playback(device, source_of(std::move(path)), options);
 }
 
+PlaybackController playback_controller(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options) {
+  LearningTerm* learning = nullptr;
+  return controller_of(device, plan, options, learning);
+}
+
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress) {
   ServoLoop::validate(device.info(), {.rate_hz = options.session.rate_hz,
                                       .limits = options.session.limits,
                                       .away_timeout = options.session.away_timeout});
-  PlaybackOptions playback = options.playback;
-  playback.rate_hz = options.session.rate_hz;
-  playback.axes = device.info().force_axes;
-
   LearningTerm* learning = nullptr;
-  PlaybackController controller({plan.path, check_of(device.info(), plan, options), playback.speed},
-                                compose(device.info(), plan, options, learning), plan.tuning, playback,
-                                options.tuning != nullptr ? &options.tuning->mailbox() : nullptr);
+  PlaybackController controller = controller_of(device.info(), plan, options, learning);
 
-  if (const auto guard = guard_of(device.info(), options)) controller.guard(*guard);
-
-  if (plan.turn) controller.turn(*plan.turn);
-
-  TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(playback.repetitions));
+  TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(options.playback.repetitions));
   std::vector<SampleSink*> sinks = options.sinks;
   sinks.push_back(&metrics);
   SessionOptions session_options = options.session;

@@ -42,6 +42,7 @@ struct PlayOptions {
   /// Time constant of the path's smoothing [s], see smooth_positions(): when absent, as much as the noise in its
   /// positions asks for; 0 passes through every sample.
   std::optional<double> smoothing;
+  int thin = 1;      ///< of the path every so many-th sample is kept, see thinned()
   bool fit = false;  ///< move and scale the path into the workspace
   TurnOptions turn;
   PlaybackOptions playback;
@@ -79,6 +80,10 @@ struct PlayResult {
   std::vector<LearningTerm::Lesson> lessons;  ///< of the repetitions that were to be learned from
   ForceTable learned;                         ///< empty without learning
 };
+
+/// The controller that play() runs, for sessions of another kind. It does not learn: what of `options` is learned is
+/// what was learned before.
+PlaybackController playback_controller(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options);
 
 /// Plays `plan` on `device`. Its path is read by a thread of the session meanwhile.
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,

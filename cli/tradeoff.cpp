@@ -1,0 +1,300 @@
+#include "cli/profile.h"
+#include "cli/read_progress.h"
+#include "control/error.h"
+#include "devices/sim/presets.h"
+#include "devices/sim/sim_device.h"
+#include "formats/json_reader.h"
+#include "formats/path_file.h"
+#include "formats/rfc3339.h"
+#include "player/calibration.h"
+#include "trade/trade_report.h"
+
+#include <chrono>
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace haptrace::cli {
+namespace {
+
+constexpr double kLongestTried = 30;  // of a path [s]
+
+struct TradeoffArguments {
+  std::string path, device, budget, output, figure, save;
+  ProfileArguments profile;
+  PathSelection selection;
+  Configuration base;
+  std::string interpolation = "cubic";
+  int learn = 5;
+  bool fit = false, explain = false, overwrite = false;
+  std::optional<double> smoothing;
+  double max_deviation = 0.03;
+  std::size_t runs = 3, jobs = 0;
+  std::uint64_t seed = 1;
+  std::vector<double> rates;
+};
+
+/// Files that the verb makes.
+struct TradeFiles {
+  std::string json, figure, config, profile;
+};
+
+std::string beside(const std::string& file, const std::string& ending) {
+  std::filesystem::path path(file);
+  return path.replace_filename(path.stem().string() + ending).string();
+}
+
+TradeFiles files_of(const TradeoffArguments& arguments) {
+  TradeFiles files{.json = arguments.output, .figure = arguments.figure, .config = arguments.save, .profile = ""};
+  if (files.figure.empty() && !files.json.empty()) files.figure = beside(files.json, ".png");
+  if (!arguments.budget.empty() && files.config.empty())
+    files.config = beside(files.json.empty() ? std::filesystem::path(arguments.path).filename().string() : files.json,
+                          "-config.json");
+  if (!files.config.empty()) files.profile = beside(files.config, "-profile.json");
+  if (!files.figure.empty()) check_figure_name(files.figure);
+  for (const std::string& file : {files.json, files.figure, files.config, files.profile})
+    if (std::error_code ignored; !file.empty() && !arguments.overwrite && std::filesystem::exists(file, ignored))
+      throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
+  return files;
+}
+
+/// The stretch of at most kLongestTried in which the most happens.
+std::shared_ptr<const PathSource> busiest(std::shared_ptr<const PathSource> source, const Output& output) {
+  if (source->facts().duration() <= kLongestTried) return source;
+  Path path = source->read(0, source->facts().rows);
+  path.name = source->facts().name;
+  double moved = 0, most = -1;
+  std::size_t first = 0, best = 0;
+  for (std::size_t i = 1; i < path.size(); ++i) {
+    moved += (path.position[i] - path.position[i - 1]).norm();
+    for (; path.time[i] - path.time[first] > kLongestTried; ++first)
+      moved -= (path.position[first + 1] - path.position[first]).norm();
+    if (moved > most) {
+      most = moved;
+      best = first;
+    }
+  }
+  const double from = path.time[best];
+  output.remark(fmt::format("{} lasts {:.0f} s; the {:.0f} s from {:.2f} s on, in which it moves most, stand for it",
+                            path.name, source->facts().duration(), kLongestTried, from));
+  return source_of(std::move(path), {.from = from, .to = from + kLongestTried});
+}
+
+/// A device that was calibrated, as it can be tried without moving it.
+std::unique_ptr<Device> stand_in(const DeviceInfo& info, const DeviceProfile& profile, std::uint64_t seed) {
+  SimSpec spec = sim_spec_of(profile.plant, profile.facts.max_force);
+  spec.model = info.model;
+  spec.axes = info.force_axes;
+  spec.workspace = {info.workspace_min, info.workspace_max};
+  spec.hand =
+      read_sim_spec({{"mass", 1}, {"hand", hand_preset("relaxed", "the stand-in's hand")}}, "the stand-in").hand;
+  return std::make_unique<SimDevice>(spec, SimOptions{.name = info.name, .seed = seed});
+}
+
+/// What a virtual device is like, found out as `calibrate` does.
+std::optional<DeviceProfile> calibrated_here(Device& device, const Output& output, const StopRequest& stop) {
+  const DeviceInfo& info = device.info();
+  output.remark(fmt::format("{} was not calibrated; it is now, in virtual time", info.name));
+  const CalibrationOptions options{.session = {.limits = {.max_velocity = 1.5}}};
+  const CalibrationResult result = calibrate(device, options, stop);
+  if (!result.succeeded()) {
+    output.remark(result.reason + "; only a PD law is tried");
+    return std::nullopt;
+  }
+  return DeviceProfile{.device = identity_of(info),
+                       .facts = facts_of(info),
+                       .created = rfc3339(std::chrono::system_clock::now()),
+                       .software = software_name(),
+                       .rate_hz = options.session.rate_hz,
+                       .plant = result.identification.plant,
+                       .half_width = result.identification.half_width,
+                       .line_residual = result.identification.line_residual,
+                       .sweep_residual = result.identification.sweep_residual,
+                       .fits = result.identification.fits,
+                       .coarse = result.identification.coarse,
+                       .reason = result.doubt,
+                       .design = *result.design};
+}
+
+Workplace workplace(const TradeoffArguments& arguments, const Output& output, const StopRequest& stop) {
+  DeviceSpec spec = DeviceSpec::parse(arguments.device);
+  const bool seeded = spec.name == "sim" && !spec.options.contains("seed");
+  const auto open = [spec, seeded](std::uint64_t seed) {
+    DeviceSpec one = spec;
+    if (seeded) one.options["seed"] = std::to_string(seed);
+    return open_device(one);
+  };
+  Workplace place{.open = open, .path = {}, .profile = {}, .play = {}, .seed = arguments.seed};
+  const auto device = open(arguments.seed);
+  const DeviceInfo info = device->info();
+  for (const std::string& note : info.notes) output.remark(note);
+  place.profile = arguments.profile.find(info, arguments.base.rate_hz, output);
+  if (!place.profile && !arguments.profile.none && info.virtual_time)
+    place.profile = calibrated_here(*device, output, stop);
+  if (!info.virtual_time) {
+    if (!place.profile)
+      throw input_error(fmt::format("nobody knows yet what {} is like; calibrate it: haptrace calibrate --device {}",
+                                    info.model, info.name));
+    output.remark(fmt::format("{} does not move: what calibration found out about it is played on, in a relaxed hand",
+                              info.model));
+    place.device_in_tick = false;
+    place.open = [info, profile = *place.profile](std::uint64_t seed) { return stand_in(info, profile, seed); };
+  }
+  {
+    ReadProgress progress(output, arguments.path);
+    place.path = busiest(open_path(arguments.path, arguments.selection, progress.callback()), output);
+  }
+  place.play.fit = arguments.fit;
+  place.play.smoothing = arguments.smoothing;
+  place.play.playback.max_deviation = arguments.max_deviation;
+  place.play.session.limits.max_velocity = 1.5;
+  return place;
+}
+
+Configuration base_of(const TradeoffArguments& arguments, bool calibrated) {
+  Configuration base = arguments.base;
+  base.interpolation = parse_interpolation(arguments.interpolation);
+  if (!calibrated) return base;
+  base.with = {.inertia = true, .gravity = true, .friction = true, .observer = true};
+  base.learn = arguments.learn;
+  return base;
+}
+
+/// Those that were asked for, or those of `all` that the device can be asked for; and the base's.
+std::vector<double> rates_of(const TradeoffArguments& arguments, const Workbench& bench,
+                             const std::vector<double>& all) {
+  std::vector<double> rates = arguments.rates;
+  for (const double rate : rates) check_range("--rates", rate, kLowestRate, kHighestRate, "Hz");
+  const double own = bench.device().nominal_rate;
+  if (rates.empty())
+    std::copy_if(all.begin(), all.end(), std::back_inserter(rates),
+                 [&](double rate) { return bench.place().device_in_tick || !(own > 0) || rate <= own; });
+  rates.push_back(arguments.base.rate_hz);
+  std::sort(rates.begin(), rates.end());
+  rates.erase(std::unique(rates.begin(), rates.end()), rates.end());
+  return rates;
+}
+
+}  // namespace
+
+Verb add_tradeoff(CLI::App& app) {
+  const auto arguments = std::make_shared<TradeoffArguments>();
+  CLI::App* verb =
+      app.add_subcommand("tradeoff", "what speed costs in accuracy, and the cheapest session that is exact enough");
+  verb->footer(
+      "Plays the path on the device in virtual time, with every knob that buys speed with accuracy turned by itself,\n"
+      "then in combinations; a device that is no simulation does not move, what its calibration found out is played "
+      "on.\n"
+      "With --budget, the configuration that keeps it goes into a file for --config of play, guide and record.\n"
+      "Bounds: error, peak [mm]; force, ripple [N]; margin (>=); tick [us]; instructions; load [MIPS]; start [ms];\n"
+      "bytes [MB/h].\n"
+      "  haptrace tradeoff circle.h5 --device sim:preset=falcon,hand=relaxed -o tradeoff.json\n"
+      "  haptrace tradeoff circle.h5 --device falcon --budget 'error<=0.1mm, ripple<=0.3N' --explain -o tradeoff.json\n"
+      "  haptrace play circle.h5 --device falcon --config tradeoff-config.json");
+  verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
+  verb->add_option("-d,--device", arguments->device, "device, NAME[:key=value,...]")->type_name("NAME[:...]");
+  verb->add_option("--budget", arguments->budget, "what must be kept, as in 'error<=0.1mm, tick<=2us'")
+      ->type_name("BOUNDS");
+  verb->add_flag("--explain", arguments->explain, "leave out each term in turn: what changes, and what is saved");
+  verb->add_option("-o,--output", arguments->output, "where the JSON goes; a picture goes beside it")
+      ->type_name("FILE.json");
+  verb->add_option("--figure", arguments->figure, "picture, .png .svg or .pdf")->type_name("FILE");
+  verb->add_option("--save", arguments->save, "the configuration for a budget; without it, beside the JSON")
+      ->type_name("FILE.json");
+  verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
+  verb->add_option("--runs", arguments->runs, "of every configuration, each with other noise, 1 to 100")
+      ->capture_default_str();
+  verb->add_option("--rates", arguments->rates,
+                   "servo rates to try [Hz]; without it, 100 Hz to 20 kHz, of a device that "
+                   "is no simulation up to its own")
+      ->delimiter(',');
+  verb->add_option("--seed", arguments->seed, "of the first run")->capture_default_str();
+  verb->add_option("--jobs", arguments->jobs, "threads; 0: one for every core. Results do not depend on it")
+      ->capture_default_str();
+  arguments->profile.add_to(*verb, "Base", "try a PD law alone");
+  verb->add_option("--rate", arguments->base.rate_hz, "servo rate [Hz]")->capture_default_str()->group("Base");
+  verb->add_option("--velocity", arguments->base.velocity, "velocity estimator")->capture_default_str()->group("Base");
+  verb->add_option("--interpolation", arguments->interpolation, "between samples")
+      ->capture_default_str()
+      ->group("Base");
+  verb->add_option("--learn", arguments->learn, "repetitions to learn from, of a calibrated device; 0: none")
+      ->capture_default_str()
+      ->group("Base");
+  verb->add_option("--speed", arguments->base.speed, "times the path's own")->capture_default_str()->group("Path");
+  verb->add_flag("--fit", arguments->fit, "move and scale the path into the workspace")->group("Path");
+  verb->add_option("--from", arguments->selection.from, "begin at this time of the recording [s]")->group("Path");
+  verb->add_option("--to", arguments->selection.to, "end at this time of the recording [s]")->group("Path");
+  verb->add_option("--smoothing", arguments->smoothing, "of the path's positions, as for play [s]")->group("Path");
+  verb->add_option("--max-deviation", arguments->max_deviation, "as for play [m]")
+      ->capture_default_str()
+      ->group("Path");
+
+  return {verb, [verb, arguments](const Output& output) {
+            require(*verb, "path");
+            require(*verb, "--device");
+            check_range("--runs", static_cast<double>(arguments->runs), 1, 100);
+            check_range("--learn", arguments->learn, 0, 20);
+            const Budget budget = arguments->budget.empty() ? Budget{} : parse_budget(arguments->budget);
+            const TradeFiles files = files_of(*arguments);
+            const Signals signals;
+            Workbench bench(workplace(*arguments, output, signals.stop()));
+            TradeOptions options{
+                .base = base_of(*arguments, bench.calibrated()), .runs = arguments->runs, .threads = arguments->jobs};
+            options.rates = rates_of(*arguments, bench, options.rates);
+            bool drawn = arguments->overwrite;
+            const auto draw = [&](const TradeReport& report, const Choice* choice) {
+              if (files.figure.empty()) return;
+              save_figure(figure_of(report, choice), files.figure, drawn);
+              drawn = true;
+            };
+            const TradeReport report = [&] {
+              ReadProgress progress(output, "");
+              return measure_trade(
+                  bench, options, signals.stop(),
+                  [&](const std::string& stage, double done) { progress.tell_share(done, stage); },
+                  [&](const TradeReport& so_far) { draw(so_far, nullptr); });
+            }();
+            nlohmann::json json = to_json(report);
+            std::string text = text_of(report);
+
+            const std::optional<Choice> choice = budget.empty() ? std::nullopt : choose(report, budget);
+            if (choice) {
+              const Configuration& chosen = choice->outcome.configuration;
+              const std::optional<DeviceProfile> profile = bench.profile_at(chosen.rate_hz);
+              if (profile) save_profile(*profile, files.profile, arguments->overwrite);
+              save_json(config_file(chosen, profile ? std::filesystem::absolute(files.profile).string() : "", nullptr),
+                        files.config, arguments->overwrite);
+              json["choice"] = to_json(*choice, budget);
+              json["config_file"] = files.config;
+              json["predicted"] = predicted_by(choice->outcome);
+              text += text_of(*choice, budget);
+              text += fmt::format("  in {}: haptrace play {} --device {} --config {}\n", files.config, arguments->path,
+                                  arguments->device, files.config);
+            }
+            if (arguments->explain && report.complete) {
+              ReadProgress progress(output, "leaving out each term");
+              std::vector<Configuration> explained{options.base};
+              // What is learned takes the place of what the model knows of the load.
+              if (options.base.learn > 0) {
+                explained.push_back(options.base);
+                explained.back().learn = 0;
+              }
+              json["explanations"] = nlohmann::json::array();
+              for (const Configuration& configuration : explained) {
+                const Explanation explanation = explain(bench, configuration, budget, options.runs, signals.stop());
+                json["explanations"].push_back(to_json(explanation));
+                text += text_of(explanation, budget);
+              }
+            }
+            draw(report, choice ? &*choice : nullptr);
+            if (!files.json.empty()) save_json(json, files.json, arguments->overwrite);
+            if (!files.figure.empty()) text += fmt::format("  picture: {}\n", files.figure);
+            output.tell(json, text);
+            if (!report.complete) {
+              output.remark("interrupted; what was finished is told");
+              return static_cast<int>(kInterrupted);
+            }
+            return static_cast<int>(choice && !choice->kept ? kStopped : kDone);
+          }};
+}
+
+}  // namespace haptrace::cli

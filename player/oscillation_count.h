@@ -1,0 +1,22 @@
+// How often the oscillation monitor spoke in a session.
+#pragma once
+
+#include "control/sample.h"
+
+namespace haptrace {
+
+/// Real-time: push.
+class OscillationCount final : public SampleSink {
+ public:
+  using SampleSink::push;
+  void push(const Sample&) noexcept override {}
+  void push(const Event& event) noexcept override {
+    if (event.code == EventCode::oscillation || event.code == EventCode::oscillation_stays) ++count_;
+  }
+  [[nodiscard]] int count() const noexcept { return count_; }
+
+ private:
+  int count_ = 0;
+};
+
+}  // namespace haptrace

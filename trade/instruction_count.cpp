@@ -1,0 +1,105 @@
+#include "trade/instruction_count.h"
+
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <linux/perf_event.h>
+#include <sys/ioctl.h>
+#include <sys/ptrace.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace haptrace {
+namespace {
+
+constexpr std::uint64_t kMostSteps = 5'000'000;
+
+/// The processor's own counter, of this thread.
+class PerformanceCounter {
+ public:
+  PerformanceCounter() {
+    perf_event_attr attributes{};
+    attributes.size = sizeof attributes;
+    attributes.type = PERF_TYPE_HARDWARE;
+    attributes.config = PERF_COUNT_HW_INSTRUCTIONS;
+    attributes.exclude_kernel = 1;
+    attributes.exclude_hv = 1;
+    file_ = static_cast<int>(syscall(SYS_perf_event_open, &attributes, 0, -1, -1, 0));
+  }
+  ~PerformanceCounter() {
+    if (file_ >= 0) ::close(file_);
+  }
+  PerformanceCounter(const PerformanceCounter&) = delete;
+  PerformanceCounter& operator=(const PerformanceCounter&) = delete;
+
+  [[nodiscard]] bool works() const { return file_ >= 0 && read().has_value(); }
+  [[nodiscard]] std::optional<std::uint64_t> read() const {
+    std::uint64_t value = 0;
+    return ::read(file_, &value, sizeof value) == sizeof value ? std::optional(value) : std::nullopt;
+  }
+
+ private:
+  int file_;
+};
+
+/// The next stop of the child; its signal, or nothing when it ended.
+std::optional<int> next_stop(pid_t child) {
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0)
+    if (errno != EINTR) return std::nullopt;
+  return WIFSTOPPED(status) ? std::optional(WSTOPSIG(status)) : std::nullopt;
+}
+
+/// Lets the child run on to its next mark.
+bool run_to_mark(pid_t child) {
+  while (const std::optional<int> signal = next_stop(child)) {
+    if (*signal == SIGSTOP) return true;
+    if (ptrace(PTRACE_CONT, child, nullptr, *signal) != 0) break;
+  }
+  return false;
+}
+
+std::optional<std::uint64_t> steps_to_mark(pid_t child) {
+  for (std::uint64_t steps = 1; steps <= kMostSteps; ++steps) {
+    if (ptrace(PTRACE_SINGLESTEP, child, nullptr, nullptr) != 0) return std::nullopt;
+    const std::optional<int> signal = next_stop(child);
+    if (!signal) return std::nullopt;
+    if (*signal == SIGSTOP) return steps;
+    if (*signal != SIGTRAP) return std::nullopt;  // a fault of the work itself
+  }
+  return std::nullopt;
+}
+
+std::optional<std::uint64_t> single_step(const std::function<void(const std::function<void()>&)>& work) {
+  const pid_t child = fork();
+  if (child < 0) return std::nullopt;
+  if (child == 0) {
+    // Without a tracer a mark would stop this copy for ever.
+    if (ptrace(PTRACE_TRACEME, 0, nullptr, nullptr) == 0) work([] { (void)raise(SIGSTOP); });
+    _exit(0);
+  }
+  std::optional<std::uint64_t> steps;
+  if (run_to_mark(child)) steps = steps_to_mark(child);
+  (void)kill(child, SIGKILL);
+  int ignored = 0;
+  while (waitpid(child, &ignored, 0) < 0 && errno == EINTR) {
+  }
+  return steps;
+}
+
+}  // namespace
+
+std::optional<std::uint64_t> count_instructions(const std::function<void(const std::function<void()>&)>& work) {
+  const PerformanceCounter counter;
+  if (!counter.works()) return single_step(work);
+  std::array<std::optional<std::uint64_t>, 2> marks;
+  std::size_t marked = 0;
+  work([&] {
+    if (marked < marks.size()) marks[marked++] = counter.read();
+  });
+  if (!marks[0] || !marks[1]) return std::nullopt;
+  return *marks[1] - *marks[0];
+}
+
+}  // namespace haptrace

@@ -1,0 +1,237 @@
+#include "trade/trade_report.h"
+
+#include "formats/json_reader.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+std::string number_or(double value, const char* format, const char* otherwise = "-") {
+  return std::isfinite(value) ? fmt::format(fmt::runtime(format), value) : otherwise;
+}
+
+std::string table_row(const std::string& name, const Outcome& o, const char* mark = " ") {
+  if (!o.ran()) return fmt::format("  {}{:<22} refused: {}\n", mark, name, o.refused);
+  return fmt::format(
+      "  {}{:<22} {:>7.4f} +-{:<7.4f} {:>7.3f}  {:>6} {:>7.3f}  {:>5}  {:>7}  {:>7}  {:>6}  {:>6}\n", mark, name,
+      1e3 * o.error.mean, 1e3 * o.error.half_width, 1e3 * o.peak.mean, number_or(o.force.mean, "{:.3f}"), o.ripple.mean,
+      number_or(o.margin, o.margin >= 4 ? ">={:.0f}" : "{:.2f}"), number_or(1e9 * o.control, "{:.0f}"),
+      number_or(o.instructions, "{:.0f}"), number_or(1e6 * o.tick, "{:.2f}"), number_or(1e3 * o.start, "{:.2f}"));
+}
+
+std::string table_head(const char* name) {
+  return fmt::format("   {:<22} {:>7}   {:<7} {:>7}  {:>6} {:>7}  {:>5}  {:>7}  {:>7}  {:>6}  {:>6}\n", name, "rms mm",
+                     "95 %", "peak mm", "force", "ripple", "gain", "ns/tick", "instr.", "us", "ms");
+}
+
+double log10_of(double value, double scale) {
+  return value > 0 ? std::log10(value / scale) : kNaN;
+}
+
+constexpr double kNoError = std::numeric_limits<double>::infinity();
+
+/// How many of a front are told to people.
+constexpr std::size_t kMostTold = 24;
+
+Panel knob_panel(const KnobSweep& sweep, const char* x_label) {
+  Panel panel{.title = sweep.what, .x_label = x_label, .y_label = "log10 of mm, N and us"};
+  Series error{.label = "error, rms", .color = 0, .width = 1.6}, peak{.label = "peak", .color = 4},
+      ripple{.label = "ripple of the force", .color = 1}, tick{.label = "tick", .color = 2, .dashed = true};
+  for (const KnobLevel& level : sweep.levels) {
+    const double x = std::log10(std::strtod(level.level.c_str(), nullptr));
+    if (!level.outcome.ran() || !std::isfinite(x)) continue;
+    for (const auto& [series, value] : {std::pair{&error, log10_of(level.outcome.error.mean, 1e-3)},
+                                        {&peak, log10_of(level.outcome.peak.mean, 1e-3)},
+                                        {&ripple, log10_of(level.outcome.ripple.mean, 1)},
+                                        {&tick, log10_of(level.outcome.control, 1e-6)}}) {
+      series->x.push_back(x);
+      series->y.push_back(value);
+    }
+  }
+  panel.series = {error, peak, ripple, tick};
+  return panel;
+}
+
+Panel front_panel(const TradeReport& report, const Choice* choice) {
+  const bool counted = std::any_of(report.tried.begin(), report.tried.end(),
+                                   [](const Outcome& o) { return std::isfinite(o.instructions); });
+  Panel panel{.title = "every configuration, and the front",
+              .x_label = counted ? "log10 of a million instructions a second" : "log10 of ms of control a second",
+              .y_label = "log10 of mm, rms error"};
+  const double scale = 1e6;
+  const auto dot = [&](const Outcome& o, int color, double width, const char* label) {
+    panel.series.push_back({.label = label,
+                            .x = {log10_of(o.load(), scale)},
+                            .y = {log10_of(o.error.mean, 1e-3)},
+                            .color = color,
+                            .width = width});
+  };
+  bool told_plain = false, told_learned = false;
+  for (const Outcome& o : report.tried) {
+    if (!o.ran() || !(o.load() > 0)) continue;
+    const bool learned = o.configuration.learn > 0;
+    bool& told = learned ? told_learned : told_plain;
+    dot(o, learned ? 5 : 4, 1, told ? "" : learned ? "learned" : "tried");
+    told = true;
+  }
+  // Of the front what is worth its load by its error; the others are for their ripple.
+  Series front{.label = "front", .color = 0, .width = 1.6},
+      learned{.label = "front, learned", .color = 1, .width = 1.6};
+  double least = kNoError, least_learned = kNoError;
+  for (const Outcome& o : report.front) {
+    const bool is_learned = o.configuration.learn > 0;
+    double& best = is_learned ? least_learned : least;
+    if (!(o.load() > 0) || o.error.mean >= best) continue;
+    best = o.error.mean;
+    Series& line = is_learned ? learned : front;
+    line.x.push_back(log10_of(o.load(), scale));
+    line.y.push_back(log10_of(o.error.mean, 1e-3));
+  }
+  for (Series* line : {&front, &learned})
+    if (!line->x.empty()) panel.series.push_back(*line);
+  if (choice != nullptr) dot(choice->outcome, 7, 3, "chosen");
+  return panel;
+}
+
+}  // namespace
+
+nlohmann::json predicted_by(const Outcome& outcome) {
+  return {{"rms_error_m", json_of_number(outcome.rms_error.mean)},
+          {"peak_error_m", json_of_number(outcome.peak_error.mean)},
+          {"force_ripple_n", json_of_number(outcome.ripple.mean)},
+          {"max_force_n", json_of_number(outcome.max_force.mean)},
+          {"tick_s", {{"p50", json_of_number(outcome.tick)}}},
+          {"duration_s", outcome.duration}};
+}
+
+nlohmann::json to_json(const TermPrice& price) {
+  return {{"term", price.term},
+          {"without", to_json(price.without)},
+          {"error_change_m", json_of_number(price.error_change)},
+          {"ripple_change_n", json_of_number(price.ripple_change)},
+          {"instructions_saved", json_of_number(price.instructions)},
+          {"control_saved_s", json_of_number(price.control)},
+          {"dispensable", price.dispensable}};
+}
+
+nlohmann::json to_json(const Explanation& explanation) {
+  nlohmann::json terms = nlohmann::json::array();
+  for (const TermPrice& price : explanation.terms) terms.push_back(to_json(price));
+  return {{"of", to_json(explanation.of)}, {"terms", terms}};
+}
+
+nlohmann::json to_json(const Choice& choice, const Budget& budget) {
+  nlohmann::json json{{"budget", to_string(budget)}, {"kept", choice.kept}, {"outcome", to_json(choice.outcome)}};
+  if (!choice.binding.empty()) {
+    json["binding"] = choice.binding;
+    json["binding_ratio"] = json_of_number(choice.binding_ratio);
+  }
+  if (choice.cheaper) json["cheaper"] = to_json(*choice.cheaper);
+  if (choice.dearer) json["dearer"] = to_json(*choice.dearer);
+  return json;
+}
+
+nlohmann::json to_json(const TradeReport& report) {
+  nlohmann::json sweeps = nlohmann::json::array();
+  for (const KnobSweep& sweep : report.sweeps) {
+    nlohmann::json levels = nlohmann::json::array();
+    for (const KnobLevel& level : sweep.levels) {
+      nlohmann::json one = to_json(level.outcome);
+      one["level"] = level.level;
+      one["base"] = level.is_base;
+      levels.push_back(std::move(one));
+    }
+    sweeps.push_back({{"knob", sweep.knob}, {"what", sweep.what}, {"levels", levels}});
+  }
+  nlohmann::json front = nlohmann::json::array();
+  for (const Outcome& outcome : report.front) front.push_back(to_json(outcome));
+  return {{"device", report.device},
+          {"path", report.path},
+          {"path_duration_s", report.path_duration},
+          {"calibrated", report.calibrated},
+          {"complete", report.complete},
+          {"runs", report.options.runs},
+          {"configurations_tried", report.tried.size()},
+          {"base", to_json(report.base)},
+          {"knobs", sweeps},
+          {"front", front}};
+}
+
+std::string text_of(const TradeReport& report) {
+  std::string text =
+      fmt::format("{} on {}, {} configurations, {} runs of each\n  base: {}\n", report.path, report.device,
+                  report.tried.size(), report.options.runs, describe(report.base.configuration));
+  for (const KnobSweep& sweep : report.sweeps) {
+    text += fmt::format("\n{}\n{}", sweep.what, table_head(sweep.knob.c_str()));
+    for (const KnobLevel& level : sweep.levels)
+      text += table_row(level.level, level.outcome, level.is_base ? "*" : " ");
+  }
+  text += fmt::format("\nthe front, cheapest first\n{}", table_head(""));
+  const std::size_t told = std::min(report.front.size(), kMostTold);
+  for (std::size_t i = 0; i < told; ++i) {
+    const Outcome& outcome = report.front[told < 2 ? 0 : i * (report.front.size() - 1) / (told - 1)];
+    text += fmt::format("  {}, load {}\n", describe(outcome.configuration), text_of(Measure::load, outcome.load()));
+    text += table_row("", outcome);
+  }
+  return text;
+}
+
+std::string text_of(const Choice& choice, const Budget& budget) {
+  const Outcome& o = choice.outcome;
+  std::string text = fmt::format("\n{} {}:\n  {}\n", choice.kept ? "the cheapest that keeps" : "nothing keeps",
+                                 to_string(budget), describe(o.configuration));
+  if (!choice.kept)
+    text = fmt::format("\nnothing keeps {}; the nearest is\n  {}\n", to_string(budget), describe(o.configuration));
+  text += fmt::format("  predicted: rms {:.4f} mm, peak {:.4f} mm, ripple {:.3f} N, tick {}\n", 1e3 * o.rms_error.mean,
+                      1e3 * o.peak_error.mean, o.ripple.mean, text_of(Measure::tick, o.tick));
+  if (!choice.binding.empty())
+    text += fmt::format("  {} binds: {:.0f} % of it {}\n", choice.binding, 100 * choice.binding_ratio,
+                        choice.kept ? "is used" : "would be used");
+  const auto step = [&](const char* which, const Outcome& other) {
+    const double load = other.load() / o.load() - 1, error = other.error.mean / o.error.mean - 1;
+    text += fmt::format("  the next {}: load {:+.0f} %, error {:+.0f} %: {}\n", which, 100 * load, 100 * error,
+                        describe(other.configuration));
+  };
+  if (choice.cheaper) step("cheaper", *choice.cheaper);
+  if (choice.dearer) step("dearer", *choice.dearer);
+  return text;
+}
+
+std::string text_of(const Explanation& explanation, const Budget& budget) {
+  std::string text = fmt::format("\n{}\n  without each term in turn: what changes, and what is saved\n",
+                                 describe(explanation.of.configuration));
+  for (const TermPrice& price : explanation.terms) {
+    if (!price.without.ran()) {
+      text += fmt::format("  {:<12} refused: {}\n", price.term, price.without.refused);
+      continue;
+    }
+    text += fmt::format("  {:<12} error {:+.4f} mm, ripple {:+.3f} N; saves {} instructions and {} ns a tick{}\n",
+                        price.term, 1e3 * price.error_change, price.ripple_change,
+                        number_or(price.instructions, "{:.0f}"), number_or(1e9 * price.control, "{:.0f}"),
+                        price.dispensable ? fmt::format(": can be dropped, {} is kept", to_string(budget)) : "");
+  }
+  return text;
+}
+
+Figure figure_of(const TradeReport& report, const Choice* choice) {
+  Figure figure{.title = "speed against accuracy",
+                .caption = fmt::format("{} on {}. Base: {}. {} runs of each configuration{}.", report.path,
+                                       report.device, describe(report.base.configuration), report.options.runs,
+                                       report.complete ? "" : "; not complete"),
+                .rows = {{front_panel(report, choice)}, {}},
+                .width = 1100,
+                .height = 900};
+  for (const KnobSweep& sweep : report.sweeps) {
+    if (sweep.knob == "rate") figure.rows[1].push_back(knob_panel(sweep, "log10 of Hz"));
+    if (sweep.knob == "thin") figure.rows[1].push_back(knob_panel(sweep, "log10 of samples for each that is kept"));
+    if (sweep.knob == "speed") figure.rows[1].push_back(knob_panel(sweep, "log10 of times the path's own speed"));
+  }
+  if (figure.rows[1].empty()) figure.rows.pop_back();
+  return figure;
+}
+
+}  // namespace haptrace
