@@ -113,6 +113,10 @@ Verb add_guide(CLI::App& app) {
       ->group("Tunnel");
   verb->add_flag("--expert", guide_options.expert, "do not clamp the stiffness to what device and rate bear")
       ->group("Tunnel");
+  verb->add_option("--spacing", guide_options.spacing,
+                   "of the knots of the path on which the place of the trainee is looked for [m]; without it, 0.25 mm "
+                   "for a desktop's")
+      ->group("Path");
   verb->add_option("--onset", guide_options.onset, "over which the stiffness rises [m]")
       ->capture_default_str()
       ->group("Tunnel");

@@ -25,7 +25,7 @@ struct TradeoffArguments {
   Configuration base;
   std::string interpolation = "cubic";
   int learn = 5;
-  bool fit = false, explain = false, overwrite = false;
+  bool fit = false, explain = false, overwrite = false, no_instructions = false;
   std::optional<double> smoothing;
   double max_deviation = 0.03;
   std::size_t runs = 3, jobs = 0;
@@ -174,6 +174,20 @@ std::vector<double> rates_of(const TradeoffArguments& arguments, const Workbench
   return rates;
 }
 
+void add_sides(const TradeoffArguments& arguments, const Workbench& bench, TradeReport& report, const Output& output) {
+  ReadProgress progress(output, "storing, guiding, simulating");
+  report.sides.push_back(trade_of_storage(bench, report.base.configuration));
+  report.sides.push_back(trade_of_projection(bench));
+  const DeviceSpec spec = DeviceSpec::parse(arguments.device);
+  if (spec.name != "sim") return;
+  report.sides.push_back(trade_of_simulation(bench, report.base.configuration,
+                                             [&](const std::vector<std::pair<std::string, std::string>>& options) {
+                                               DeviceSpec one = spec;
+                                               for (const auto& [key, value] : options) one.options[key] = value;
+                                               return open_device(one);
+                                             }));
+}
+
 }  // namespace
 
 Verb add_tradeoff(CLI::App& app) {
@@ -200,6 +214,8 @@ Verb add_tradeoff(CLI::App& app) {
   verb->add_option("--figure", arguments->figure, "picture, .png .svg or .pdf")->type_name("FILE");
   verb->add_option("--save", arguments->save, "the configuration for a budget; without it, beside the JSON")
       ->type_name("FILE.json");
+  verb->add_flag("--no-instructions", arguments->no_instructions,
+                 "do not count instructions, which takes a while where only single steps can be counted: load is time");
   verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
   verb->add_option("--runs", arguments->runs, "of every configuration, each with other noise, 1 to 100")
       ->capture_default_str();
@@ -246,13 +262,14 @@ Verb add_tradeoff(CLI::App& app) {
               save_figure(figure_of(report, choice), files.figure, drawn);
               drawn = true;
             };
-            const TradeReport report = [&] {
+            TradeReport report = [&] {
               ReadProgress progress(output, "");
               return measure_trade(
                   bench, options, signals.stop(),
                   [&](const std::string& stage, double done) { progress.tell_share(done, stage); },
                   [&](const TradeReport& so_far) { draw(so_far, nullptr); });
             }();
+            if (report.complete) add_sides(*arguments, bench, report, output);
             nlohmann::json json = to_json(report);
             std::string text = text_of(report);
 
@@ -261,7 +278,8 @@ Verb add_tradeoff(CLI::App& app) {
               const Configuration& chosen = choice->outcome.configuration;
               const std::optional<DeviceProfile> profile = bench.profile_at(chosen.rate_hz);
               if (profile) save_profile(*profile, files.profile, arguments->overwrite);
-              save_json(config_file(chosen, profile ? std::filesystem::absolute(files.profile).string() : "", nullptr),
+              save_json(config_file(chosen, profile ? std::filesystem::absolute(files.profile).string() : "",
+                                    choice->storage ? &choice->storage->storage : nullptr),
                         files.config, arguments->overwrite);
               json["choice"] = to_json(*choice, budget);
               json["config_file"] = files.config;
@@ -280,7 +298,7 @@ Verb add_tradeoff(CLI::App& app) {
               }
               json["explanations"] = nlohmann::json::array();
               for (const Configuration& configuration : explained) {
-                const Explanation explanation = explain(bench, configuration, budget, options.runs, signals.stop());
+                const Explanation explanation = explain(bench, configuration, budget, options, signals.stop());
                 json["explanations"].push_back(to_json(explanation));
                 text += text_of(explanation, budget);
               }

@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "control/rotation.h"
+#include "formats/path_blocks.h"
 
 #include <algorithm>
 #include <array>
@@ -11,8 +12,6 @@
 namespace haptrace {
 namespace {
 
-constexpr std::uint64_t kPathBlock = 8192;  // rows
-constexpr double kPathSpeedWindow = 0.01;   // [s]
 constexpr std::array<std::string_view, 5> kRecordedColumns{"time", "position", "velocity", "force", "orientation"};
 constexpr std::array<std::string_view, 6> kFigureColumns{"time", "tick", "position", "velocity", "force", "phase"};
 constexpr std::array<std::string_view, 1> kPhase{"phase"};
@@ -25,15 +24,6 @@ struct Rows {
 
 double seconds(std::int64_t ns) {
   return 1e-9 * static_cast<double>(ns);
-}
-
-/// What blocks tell of the whole: all but names, stamps and columns.
-void join(PathFacts& facts, const PathBlock& block) {
-  facts.rows += block.rows;
-  facts.bounds.include(block.bounds.min);
-  facts.bounds.include(block.bounds.max);
-  facts.peak_speed = std::max(facts.peak_speed, block.peak_speed);
-  facts.longest_interval = std::max(facts.longest_interval, block.longest_interval);
 }
 
 void check(const PathSelection& selection, const std::string& name) {
@@ -106,22 +96,10 @@ class MemoryPath final : public PathSource {
   }
 
   void measure() {
-    std::size_t window = 0;  // where the present one began
-    for (std::size_t first = 0; first < path_.size(); first += kPathBlock) {
-      PathBlock block{.first = first, .rows = std::min<std::uint64_t>(kPathBlock, path_.size() - first)};
-      for (std::size_t i = first; i < first + block.rows; ++i) {
-        block.bounds.include(path_.position[i]);
-        if (i + 1 < path_.size())
-          block.longest_interval = std::max(block.longest_interval, path_.time[i + 1] - path_.time[i]);
-        const double elapsed = path_.time[i] - path_.time[window];
-        // A millionth less: stamps are rounded.
-        if (elapsed < (1 - 1e-6) * kPathSpeedWindow) continue;
-        block.peak_speed = std::max(block.peak_speed, (path_.position[i] - path_.position[window]).norm() / elapsed);
-        window = i;
-      }
-      join(facts_, block);
-      blocks_.push_back(block);
-    }
+    PathBlocks blocks;
+    for (std::size_t i = 0; i < path_.size(); ++i) blocks.add(path_.time[i], path_.position[i]);
+    blocks_ = blocks.blocks();
+    for (const PathBlock& block : blocks_) join_block(facts_, block);
   }
 
   Path path_;
@@ -272,7 +250,7 @@ class RecordedPath final : public PathSource {
                          .peak_speed = of_runs ? figures.run_peak_speed : figures.peak_speed,
                          .longest_interval = figures.longest_interval});
     }
-    for (const PathBlock& block : blocks_) join(facts_, block);
+    for (const PathBlock& block : blocks_) join_block(facts_, block);
     facts_.end = seconds(last_ns.value_or(0));
     // Reading them says which row it is.
     for (const Rows& rows : without_position) (void)read(rows.begin - rows_.begin, rows.size());

@@ -1,6 +1,7 @@
 #include "formats/path_thinning.h"
 
 #include "control/error.h"
+#include "formats/path_blocks.h"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -11,40 +12,27 @@ namespace {
 class ThinnedPath final : public PathSource {
  public:
   ThinnedPath(std::shared_ptr<const PathSource> path, std::uint64_t every) : path_(std::move(path)), every_(every) {
-    facts_ = path_->facts();
-    facts_.rows = whole_steps() + 1 + (last_is_extra() ? 1 : 0);
-    facts_.longest_interval = std::min(facts_.longest_interval * static_cast<double>(every), facts_.duration());
-    for (const PathBlock& block : path_->blocks()) {
-      // Rows that stay and lie in the block; the one after it belongs to the last of its intervals.
-      const std::uint64_t first = (block.first + every_ - 1) / every_;
-      const std::uint64_t end = std::min((block.first + block.rows + every_ - 1) / every_, facts_.rows);
-      if (end <= first) {
-        if (!blocks_.empty()) join(blocks_.back(), block);
-        continue;
-      }
-      blocks_.push_back(block);
-      blocks_.back().first = first;
-      blocks_.back().rows = end - first;
-      blocks_.back().longest_interval = facts_.longest_interval;
+    const PathFacts& facts = path_->facts();
+    facts_ = {.name = facts.name,
+              .begin = facts.begin,
+              .end = facts.end,
+              .velocity = facts.velocity,
+              .force = facts.force,
+              .orientation = facts.orientation,
+              .notes = facts.notes};
+    PathBlocks blocks;
+    const std::uint64_t rows = whole_steps() + 1 + (last_is_extra() ? 1 : 0);
+    for (std::uint64_t row = 0; row < rows; row += PathBlocks::kRows) {
+      const Path part = pick(row, std::min(PathBlocks::kRows, rows - row));
+      for (std::size_t i = 0; i < part.size(); ++i) blocks.add(part.time[i], part.position[i]);
     }
-    blocks_.back().rows = facts_.rows - blocks_.back().first;
+    blocks_ = blocks.blocks();
+    for (const PathBlock& block : blocks_) join_block(facts_, block);
   }
 
   [[nodiscard]] Path read(std::uint64_t first, std::uint64_t count) const override {
     first = std::min(first, facts_.rows - 1);
-    count = std::min(count, facts_.rows - first);
-    Path result{.name = facts_.name};
-    // In stretches, so that a path of any length is never in memory at once.
-    constexpr std::uint64_t kStretch = 65'536;
-    std::uint64_t row = first;
-    while (row < first + count) {
-      const std::uint64_t from = original(row);
-      std::uint64_t end = row + 1;
-      while (end < first + count && original(end) - from < kStretch) ++end;
-      const Path stretch = path_->read(from, original(end - 1) - from + 1);
-      for (; row < end; ++row) take(stretch, static_cast<std::size_t>(original(row) - from), result);
-    }
-    return result;
+    return pick(first, std::min(count, facts_.rows - first));
   }
 
   [[nodiscard]] std::uint64_t row_at(double time) const override {
@@ -53,10 +41,18 @@ class ThinnedPath final : public PathSource {
   }
 
  private:
-  static void join(PathBlock& into, const PathBlock& block) {
-    into.bounds.include(block.bounds.min);
-    into.bounds.include(block.bounds.max);
-    into.peak_speed = std::max(into.peak_speed, block.peak_speed);
+  /// In stretches, so that no more than is asked for is in memory at once.
+  [[nodiscard]] Path pick(std::uint64_t first, std::uint64_t count) const {
+    constexpr std::uint64_t kStretch = 65'536;
+    Path result{.name = facts_.name};
+    for (std::uint64_t row = first; row < first + count;) {
+      const std::uint64_t from = original(row);
+      std::uint64_t end = row + 1;
+      while (end < first + count && original(end) - from < kStretch) ++end;
+      const Path stretch = path_->read(from, original(end - 1) - from + 1);
+      for (; row < end; ++row) take(stretch, static_cast<std::size_t>(original(row) - from), result);
+    }
+    return result;
   }
 
   static void take(const Path& from, std::size_t row, Path& into) {

@@ -50,7 +50,7 @@ void walk(const std::shared_ptr<const PathSource>& source, std::optional<double>
 
 ArcPath arc_path(const std::shared_ptr<const PathSource>& source, const GuideOptions& options) {
   const Box& bounds = source->facts().bounds;
-  ArcPath::Builder builder(ArcPath::spacing_for(bounds.size().norm()));
+  ArcPath::Builder builder(options.spacing.value_or(ArcPath::spacing_for(bounds.size().norm())));
   walk(source, options.smoothing,
        [&](double t, const Vec3& position, const Vec3& force) { builder.add(t, position, force); });
   ArcPath path = builder.finish(options.radius);
@@ -200,6 +200,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   check_range("the viscosity", options.viscosity, 0, 1000, "N s/m");
   check_range("the amplification of errors", options.amplify, 0, 1e4, "N/m");
   check_range("the largest force of amplification", options.amplify_force, 0, 100, "N");
+  if (options.spacing) check_range("the spacing of the path", *options.spacing, 1e-6, 0.1, "m");
   if (options.stiffness) check_range("the stiffness of the walls", *options.stiffness, 1, 1e6, "N/m");
   if (options.pace) {
     check_range("the pace", options.pace->pace, 0.01, 100, "");

@@ -46,6 +46,7 @@ struct GuideOptions {
   bool guard = true;                     ///< soften when the loop oscillates
   bool fit = false;                      ///< move and scale the path into the workspace
   std::optional<double> smoothing;       ///< as for PlayOptions
+  std::optional<double> spacing;         ///< of the path's knots [m]; ArcPath::spacing_for when absent
   std::optional<IdentifiedDevice> identified;
   SessionOptions session;
   std::vector<SampleSink*> sinks;  ///< borrowed

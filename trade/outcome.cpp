@@ -55,7 +55,8 @@ const std::vector<MeasureFacts>& measures() {
       {Measure::margin, "margin", "", 1, false, true, "times the gains may be raised before the loop oscillates"},
       {Measure::tick, "tick", "us", 1e-6, true, false, "median time of a tick"},
       {Measure::instructions, "instructions", "", 1, true, false, "instructions of a tick"},
-      {Measure::load, "load", "MIPS", 1e6, true, false, "instructions a second"},
+      {Measure::load, "load", "MIPS", 1e6, true, false,
+       "instructions a second, or where they cannot be counted nanoseconds"},
       {Measure::start, "start", "ms", 1e-3, true, false, "from the path's file to the first tick"},
       {Measure::bytes, "bytes", "MB/h", 1e6, true, false, "size of a recording"}};
   return all;

@@ -36,18 +36,18 @@ struct Outcome {
   double margin = kNaN;  ///< times the gains may be raised before the loop oscillates, up to 4
 
   // What it costs.
-  double tick = kNaN;            ///< median of a tick on this machine, with the device's exchange [s]
-  double control = kNaN;         ///< the same on a device that costs nothing [s]
-  double instructions = kNaN;    ///< of that tick
+  double tick = kNaN;          ///< median of a tick on this machine, with the device's exchange [s]
+  double control = kNaN;       ///< the same on a device that costs nothing [s]
+  double instructions = kNaN;  ///< of that tick
+  /// Of that tick, summed from what each part of it costs: instructions, or where they cannot be counted nanoseconds.
+  double price = kNaN;
   double start = kNaN;           ///< from the path's file to the first tick [s]
   double duration = 0;           ///< of a session, with its repetitions [s]
   double bytes_per_hour = kNaN;  ///< of a recording of it
 
   [[nodiscard]] bool ran() const noexcept { return refused.empty() && runs > 0; }
-  /// Instructions a second; where they cannot be counted, nanoseconds of control a second.
-  [[nodiscard]] double load() const noexcept {
-    return configuration.rate_hz * (std::isfinite(instructions) ? instructions : 1e9 * control);
-  }
+  /// Its price a second.
+  [[nodiscard]] double load() const noexcept { return configuration.rate_hz * price; }
 };
 
 /// What a budget can bound.

@@ -60,7 +60,7 @@ Panel front_panel(const TradeReport& report, const Choice* choice) {
   const bool counted = std::any_of(report.tried.begin(), report.tried.end(),
                                    [](const Outcome& o) { return std::isfinite(o.instructions); });
   Panel panel{.title = "every configuration, and the front",
-              .x_label = counted ? "log10 of a million instructions a second" : "log10 of ms of control a second",
+              .x_label = counted ? "log10 of a million instructions a second" : "log10 of ms a second",
               .y_label = "log10 of mm, rms error"};
   const double scale = 1e6;
   const auto dot = [&](const Outcome& o, int color, double width, const char* label) {
@@ -130,6 +130,7 @@ nlohmann::json to_json(const Choice& choice, const Budget& budget) {
     json["binding"] = choice.binding;
     json["binding_ratio"] = json_of_number(choice.binding_ratio);
   }
+  if (choice.storage) json["storage"] = choice.storage->name;
   if (choice.cheaper) json["cheaper"] = to_json(*choice.cheaper);
   if (choice.dearer) json["dearer"] = to_json(*choice.dearer);
   return json;
@@ -147,6 +148,8 @@ nlohmann::json to_json(const TradeReport& report) {
     }
     sweeps.push_back({{"knob", sweep.knob}, {"what", sweep.what}, {"levels", levels}});
   }
+  nlohmann::json sides = nlohmann::json::array();
+  for (const SideTrade& side : report.sides) sides.push_back(to_json(side));
   nlohmann::json front = nlohmann::json::array();
   for (const Outcome& outcome : report.front) front.push_back(to_json(outcome));
   return {{"device", report.device},
@@ -158,6 +161,7 @@ nlohmann::json to_json(const TradeReport& report) {
           {"configurations_tried", report.tried.size()},
           {"base", to_json(report.base)},
           {"knobs", sweeps},
+          {"sides", sides},
           {"front", front}};
 }
 
@@ -170,6 +174,7 @@ std::string text_of(const TradeReport& report) {
     for (const KnobLevel& level : sweep.levels)
       text += table_row(level.level, level.outcome, level.is_base ? "*" : " ");
   }
+  for (const SideTrade& side : report.sides) text += text_of(side);
   text += fmt::format("\nthe front, cheapest first\n{}", table_head(""));
   const std::size_t told = std::min(report.front.size(), kMostTold);
   for (std::size_t i = 0; i < told; ++i) {
@@ -188,6 +193,7 @@ std::string text_of(const Choice& choice, const Budget& budget) {
     text = fmt::format("\nnothing keeps {}; the nearest is\n  {}\n", to_string(budget), describe(o.configuration));
   text += fmt::format("  predicted: rms {:.4f} mm, peak {:.4f} mm, ripple {:.3f} N, tick {}\n", 1e3 * o.rms_error.mean,
                       1e3 * o.peak_error.mean, o.ripple.mean, text_of(Measure::tick, o.tick));
+  if (choice.storage) text += fmt::format("  recordings are stored {}\n", choice.storage->name);
   if (!choice.binding.empty())
     text += fmt::format("  {} binds: {:.0f} % of it {}\n", choice.binding, 100 * choice.binding_ratio,
                         choice.kept ? "is used" : "would be used");

@@ -171,21 +171,20 @@ class Trials {
   std::vector<std::string> order_;
 };
 
-/// What a tick costs in instructions, from the base and what each choice adds to it: choices add up, since each is a
-/// term of its own or takes another's place.
-class InstructionPrices {
+/// What a tick costs, from the base and what each choice adds to it: choices add up, since each is a term of its own or
+/// takes another's place. In instructions, or in nanoseconds where they cannot be counted.
+class TickPrices {
  public:
-  InstructionPrices(const Workbench& bench, const Configuration& base, const StopRequest& stop,
-                    const std::function<void(double)>& told)
-      : base_(base) {
-    base_.with = {};
-    base_.learn = 0;
-    base_.interpolation = Interpolation::cubic;
-    base_.velocity = "lowpass:100";
-    base_.thin = 1;
-    base_.speed = 1;
-    total_ = bench.count_ticks(base_);
-    if (!std::isfinite(total_)) return;
+  TickPrices(const Workbench& bench, const TradeOptions& options, const StopRequest& stop,
+             const std::function<void(double)>& told)
+      : bench_(bench) {
+    base_.rate_hz = options.base.rate_hz;
+    counted_ = options.instructions;
+    if (counted_) {
+      total_ = price_of(base_);
+      counted_ = std::isfinite(total_);
+    }
+    if (!counted_) total_ = price_of(base_);
     std::vector<std::pair<std::string, Configuration>> changed;
     const auto add = [&](const std::string& name, const auto& change) {
       Configuration configuration = base_;
@@ -195,7 +194,9 @@ class InstructionPrices {
     for (const Interpolation interpolation : kInterpolations)
       add(to_string(interpolation), [&](Configuration& c) { c.interpolation = interpolation; });
     for (const char* velocity : kEstimators) add(velocity, [&](Configuration& c) { c.velocity = velocity; });
-    if (base.velocity != base_.velocity) add(base.velocity, [&](Configuration& c) { c.velocity = base.velocity; });
+    const std::string& velocity = options.base.velocity;
+    if (std::find(kEstimators.begin(), kEstimators.end(), velocity) == kEstimators.end())
+      add(velocity, [&](Configuration& c) { c.velocity = velocity; });
     if (bench.calibrated()) {
       add("inertia", [](Configuration& c) { c.with.inertia = true; });
       add("gravity", [](Configuration& c) { c.with.gravity = true; });
@@ -205,31 +206,43 @@ class InstructionPrices {
     }
     for (std::size_t i = 0; i < changed.size() && stop.count() == 0; ++i) {
       const auto& [name, configuration] = changed[i];
-      prices_[name] = configuration == base_ ? 0 : bench.count_ticks(configuration) - total_;
+      added_[name] = configuration == base_ ? 0 : price_of(configuration) - total_;
       told(static_cast<double>(i + 1) / static_cast<double>(changed.size()));
     }
   }
 
-  [[nodiscard]] double of(const Configuration& configuration) const {
-    double sum = total_ + price(to_string(configuration.interpolation)) + price(configuration.velocity);
-    const Compensations& with = configuration.with;
-    if (with.inertia) sum += price("inertia");
-    if (with.observer) sum += price("observer");
-    if (configuration.learn > 0) return sum + price("learning");
-    if (with.gravity) sum += price("gravity");
-    if (with.friction) sum += price("friction");
-    return sum;
+  void put_on(Outcome& outcome) const {
+    const Configuration& c = outcome.configuration;
+    double sum = total_ + added(to_string(c.interpolation)) + added(c.velocity);
+    if (c.with.inertia) sum += added("inertia");
+    if (c.with.observer) sum += added("observer");
+    if (c.learn > 0) {
+      sum += added("learning");
+    } else {
+      if (c.with.gravity) sum += added("gravity");
+      if (c.with.friction) sum += added("friction");
+    }
+    outcome.price = sum;
+    if (counted_) outcome.instructions = sum;
   }
 
  private:
-  [[nodiscard]] double price(const std::string& name) const {
-    const auto found = prices_.find(name);
-    return found != prices_.end() ? found->second : kNaN;
+  [[nodiscard]] double price_of(const Configuration& configuration) const {
+    if (counted_) return bench_.count_ticks(configuration);
+    Outcome outcome{.configuration = configuration, .runs = 1};
+    bench_.time_ticks(outcome);
+    return 1e9 * outcome.control;
+  }
+  [[nodiscard]] double added(const std::string& name) const {
+    const auto found = added_.find(name);
+    return found != added_.end() ? found->second : kNaN;
   }
 
+  const Workbench& bench_;
   Configuration base_;
+  bool counted_ = false;
   double total_ = kNaN;
-  std::map<std::string, double> prices_;
+  std::map<std::string, double> added_;
 };
 
 /// Servo rates x compensations x learning.
@@ -374,16 +387,14 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
     report.tried = trials.all();
     report.front = front_of(report.tried, options.base.speed);
   };
+  // Until the parts of a tick are priced, the load is the time of the whole.
+  trials.each([](Outcome& outcome) { outcome.price = 1e9 * outcome.control; });
   gather_sweeps();
   gather_front();
   if (draw) draw(report);
 
-  std::optional<InstructionPrices> prices;
-  if (options.instructions && stop.count() == 0)
-    prices.emplace(bench, options.base, stop, stage("counting instructions", 0.2, 0.4));
-  const auto price_all = [&] {
-    if (prices) trials.each([&](Outcome& outcome) { outcome.instructions = prices->of(outcome.configuration); });
-  };
+  const TickPrices prices(bench, options, stop, stage("pricing the parts of a tick", 0.2, 0.4));
+  const auto price_all = [&] { trials.each([&](Outcome& outcome) { prices.put_on(outcome); }); };
   price_all();
   gather_sweeps();
   if (options.search && stop.count() == 0) {
@@ -414,9 +425,9 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
   return report;
 }
 
-std::optional<Choice> choose(const TradeReport& report, const Budget& budget) {
-  const std::vector<Outcome>& front = report.front;
-  if (front.empty()) return std::nullopt;
+namespace {
+
+Choice choose_from(const std::vector<Outcome>& front, const Budget& budget) {
   std::size_t chosen = front.size();
   for (std::size_t i = 0; i < front.size(); ++i) {
     if (!budget.kept(front[i])) continue;
@@ -442,13 +453,35 @@ std::optional<Choice> choose(const TradeReport& report, const Budget& budget) {
   return choice;
 }
 
-Explanation explain(const Workbench& bench, const Configuration& configuration, const Budget& budget, std::size_t runs,
-                    const StopRequest& stop) {
+}  // namespace
+
+std::optional<Choice> choose(const TradeReport& report, const Budget& budget) {
+  if (report.front.empty()) return std::nullopt;
+  if (!budget.limits(Measure::bytes)) return choose_from(report.front, budget);
+  const auto stored = std::find_if(report.sides.begin(), report.sides.end(),
+                                   [](const SideTrade& side) { return side.knob == kStorageKnob; });
+  if (stored == report.sides.end()) return choose_from(report.front, budget);
+  // Rows are as many as ticks.
+  std::optional<Choice> choice;
+  for (std::size_t i = 0; i < stored->levels.size() && !(choice && choice->kept); ++i) {
+    if (!stored->levels[i].refused.empty()) continue;
+    std::vector<Outcome> front = report.front;
+    for (Outcome& outcome : front)
+      outcome.bytes_per_hour =
+          stored->levels[i].values.front() * outcome.configuration.rate_hz / report.base.configuration.rate_hz;
+    choice = choose_from(front, budget);
+    choice->storage = storage_levels()[i];
+  }
+  return choice;
+}
+
+Explanation explain(const Workbench& bench, const Configuration& configuration, const Budget& budget,
+                    const TradeOptions& options, const StopRequest& stop) {
   const auto measured = [&](const Configuration& one) {
-    Outcome outcome = bench.judge(one, runs);
+    Outcome outcome = bench.judge(one, options.runs);
     bench.find_margin(outcome);
     bench.time_ticks(outcome);
-    if (outcome.ran()) outcome.instructions = bench.count_ticks(one);
+    if (outcome.ran() && options.instructions) outcome.instructions = bench.count_ticks(one);
     return outcome;
   };
   Explanation explanation{.of = measured(configuration), .terms = {}};

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "trade/budget.h"
+#include "trade/side_trades.h"
 #include "trade/workbench.h"
 
 #include <functional>
@@ -55,9 +56,11 @@ struct Explanation {
 /// A configuration that was chosen for a budget.
 struct Choice {
   Outcome outcome;
-  bool kept = false;               ///< else it is the nearest that can be had
-  std::string binding;             ///< the bound that binds, as in "error<=0.1mm"; empty without one
-  double binding_ratio = 0;        ///< of the value that is expected to the bound
+  bool kept = false;         ///< else it is the nearest that can be had
+  std::string binding;       ///< the bound that binds, as in "error<=0.1mm"; empty without one
+  double binding_ratio = 0;  ///< of the value that is expected to the bound
+  std::optional<StorageLevel>
+      storage;                     ///< of recordings, when the budget bounds their size: the quickest that keeps it
   std::optional<Outcome> cheaper;  ///< the next on the front that costs less, if there is one
   std::optional<Outcome> dearer;   ///< the next that costs more
 };
@@ -69,6 +72,7 @@ struct TradeReport {
   bool calibrated = false;
   Outcome base;
   std::vector<KnobSweep> sweeps;
+  std::vector<SideTrade> sides;
   std::vector<Outcome> tried;  ///< every combination, in the order of trying
   std::vector<Outcome> front;  ///< ascending in load, descending in error
   bool complete = true;        ///< false when it was stopped before its end
@@ -88,11 +92,12 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
                           const TradeProgress& progress = {}, const std::function<void(const TradeReport&)>& draw = {});
 
 /// From the front: the cheapest that keeps the budget, or if that bounds nothing but costs the most exact that does;
-/// where none does, the one whose worst bound is exceeded by the least factor. Nothing when the front is empty.
+/// where none does, the one whose worst bound is exceeded by the least factor. Nothing when the front is empty. A bound
+/// on the bytes of a recording needs the trade of storage among the report's sides.
 std::optional<Choice> choose(const TradeReport& report, const Budget& budget);
 
-/// Over `runs` runs, as far as it comes until it is stopped.
-Explanation explain(const Workbench& bench, const Configuration& configuration, const Budget& budget, std::size_t runs,
-                    const StopRequest& stop);
+/// As the options say of runs and instructions, as far as it comes until it is stopped.
+Explanation explain(const Workbench& bench, const Configuration& configuration, const Budget& budget,
+                    const TradeOptions& options, const StopRequest& stop);
 
 }  // namespace haptrace

@@ -55,7 +55,7 @@ class Workbench {
   /// Instructions of a tick, on a device that costs nothing, counted over kCountedTicks ticks of phase run. NaN where
   /// they cannot be counted.
   [[nodiscard]] double count_ticks(const Configuration& configuration) const;
-  static constexpr int kCountedTicks = 16;
+  static constexpr int kCountedTicks = 8;
 
   /// Bytes that an hour of recording weighs, as it is stored, and the largest error of a position [m] and a force [N]
   /// that storing makes. Makes a file in the folder for temporary ones and removes it.
@@ -64,6 +64,9 @@ class Workbench {
     double row_time = kNaN;  ///< CPU time of a row, beyond the session's own [s]
   };
   [[nodiscard]] Stored record(const Configuration& configuration, const Storage& storage) const;
+
+  /// As `configuration` is played. Throws Error(input) when it cannot be.
+  [[nodiscard]] PlayOptions options_for(const Configuration& configuration) const;
 
   [[nodiscard]] bool calibrated() const noexcept { return place_.profile.has_value(); }
   [[nodiscard]] const Workplace& place() const noexcept { return place_; }
@@ -82,8 +85,6 @@ class Workbench {
   /// Rms; NaN when there is nothing to compare.
   static double force_difference(const std::vector<Vec3>& forces, const std::vector<Vec3>& finest);
 
-  /// Throws Error(input) when it cannot be run.
-  [[nodiscard]] PlayOptions options_for(const Configuration& configuration) const;
   [[nodiscard]] PlayOptions tick_options(const Configuration& configuration) const;
 
   Workplace place_;

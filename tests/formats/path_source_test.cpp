@@ -1,6 +1,7 @@
 #include "formats/path_source.h"
 
 #include "formats/path_file.h"
+#include "formats/path_thinning.h"
 #include "formats/recording_figure.h"
 #include "tests/formats/support.h"
 
@@ -115,6 +116,32 @@ TEST(PathSource, KeepsItsLawsInMemoryAndFromRecordingsWhateverIsChosen) {
       EXPECT_EQ(memory->facts().rows, recorded->facts().rows);
       EXPECT_EQ(memory->facts().begin, recorded->facts().begin);
     }
+  }
+}
+
+TEST(PathSource, KeepsItsLawsWhenItIsThinnedAndKeepsEveryNthRowAndTheLast) {
+  const TempFolder folder;
+  for (const std::size_t rows : {1U, 2U, 10U, 8193U, 30'000U}) {
+    const std::string file = folder / std::to_string(rows) + ".h5";
+    write_recording(file, free_session(2, rows));
+    const std::shared_ptr<const PathSource> whole = source_of(RecordingReader(file), file);
+    const Path all = whole->read(0, rows);
+    EXPECT_EQ(thinned(whole, 1), whole);
+    for (const int every : {2, 3, 7, 10'000, 1'000'000}) {
+      SCOPED_TRACE(testing::Message() << rows << " rows, every " << every);
+      const auto thin = thinned(whole, every);
+      expect_laws(*thin);
+      const Path kept = thin->read(0, rows);
+      for (std::size_t i = 0; i < kept.size(); ++i) {
+        const std::size_t row = std::min(i * static_cast<std::size_t>(every), rows - 1);
+        ASSERT_EQ(kept.time[i], all.time[row]) << i;
+        ASSERT_EQ(kept.position[i], all.position[row]) << i;
+        ASSERT_EQ(kept.velocity[i], all.velocity[row]) << i;
+      }
+      EXPECT_EQ(kept.size(), (rows - 1) / static_cast<std::size_t>(every) + 1 +
+                                 ((rows - 1) % static_cast<std::size_t>(every) != 0 ? 1 : 0));
+    }
+    EXPECT_THROW((void)thinned(whole, 0), Error);
   }
 }
 
