@@ -2,6 +2,7 @@
 
 #include "cli/verb.h"
 #include "control/error.h"
+#include "scene/scene_file.h"
 
 #include <fmt/format.h>
 
@@ -10,11 +11,47 @@ namespace {
 
 struct RecordArguments {
   SessionArguments session;
-  std::string file, trigger;
+  std::string file, trigger, scene, prediction;
   double duration = 0, pre = 0, pause = 0;
+  double scene_rate = 0;
   int count = 1;
   bool fit = false;
 };
+
+/// Puts the scene into the options, and what a person should know of it into `notes`.
+void add_scene(const RecordArguments& arguments, RecordOptions& options, std::vector<std::string>& notes) {
+  if (arguments.scene.empty()) {
+    if (arguments.scene_rate != 0 || !arguments.prediction.empty())
+      throw input_error("--scene-rate and --prediction say how a scene is served; give a --scene as well");
+    return;
+  }
+  options.scene = load_scene(arguments.scene);
+  if (arguments.scene_rate == 0) {
+    if (!arguments.prediction.empty())
+      throw input_error(
+          "--prediction says what the force is between the answers of a slow scene; give its --scene-rate as well");
+    return;
+  }
+  const double servo_rate = options.session.rate_hz;
+  const int ticks = SlowScene::ticks_between(arguments.scene_rate, servo_rate);
+  options.slow_scene.emplace(SlowSceneOptions{.rate_hz = arguments.scene_rate});
+  if (arguments.prediction.empty())
+    notes.emplace_back("between two answers of the scene the last force is held (--prediction hold, linear or model)");
+  else
+    options.slow_scene->prediction = parse_prediction(arguments.prediction);
+  if (const double rate = servo_rate / ticks; std::abs(rate - arguments.scene_rate) > 1e-6 * rate)
+    notes.push_back(fmt::format("the scene is asked at {:.4g} Hz, every {} ticks: {:g} Hz are no whole number of them",
+                                rate, ticks, arguments.scene_rate));
+}
+
+/// Of each object that the device cannot reach.
+std::vector<std::string> notes_on_reach(const Scene* scene, const DeviceInfo& info) {
+  std::vector<std::string> notes;
+  if (scene != nullptr)
+    for (const std::string& name : scene->out_of({info.workspace_min, info.workspace_max}))
+      notes.push_back(fmt::format("'{}' lies outside the workspace of {}: it cannot be touched", name, info.name));
+  return notes;
+}
 
 RecordOptions options_of(const RecordArguments& arguments, const CLI::App& verb) {
   RecordOptions options{.duration = arguments.duration,
@@ -59,11 +96,13 @@ Verb add_record(CLI::App& app) {
   const auto arguments = std::make_shared<RecordArguments>();
   CLI::App* verb = app.add_subcommand("record", "record what the hand does with a device");
   verb->footer(
-      "The hand moves freely: no force is sent. Ctrl+C ends the recording and keeps every sample.\n"
+      "The hand moves freely: no force is sent, unless there is a --scene to touch. Ctrl+C ends the recording and "
+      "keeps every sample.\n"
       "Keys while it runs: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text to type, p\n"
       "pause and resume, q end.\n"
       "  haptrace record out.h5 --device falcon --duration 10\n"
       "  haptrace record out.h5 --device sim:preset=omega3,hand=firm,intent=stroke.csv --fit\n"
+      "  haptrace record felt.h5 --device falcon --scene samples/scenes/sphere.json --duration 20\n"
       "  haptrace record reach.h5 --device falcon --trigger 'speed>0.02|button' --pre 2 --duration 5 --count 20 "
       "--pause 3");
   verb->add_option("file", arguments->file, "recording to make (HDF5)")->type_name("OUT.h5");
@@ -81,15 +120,27 @@ Verb add_record(CLI::App& app) {
       ->capture_default_str()
       ->group("Capture");
   verb->add_option("--pause", arguments->pause, "between two trials [s]")->capture_default_str()->group("Capture");
+  verb->add_option("--scene", arguments->scene, "what the hand can touch (docs/scene.md)")
+      ->type_name("FILE.json")
+      ->group("Scene");
+  verb->add_option(
+          "--scene-rate", arguments->scene_rate,
+          "the scene is computed at this rate beside the servo loop, for one that is too slow for it [Hz]; 0: in it")
+      ->capture_default_str()
+      ->group("Scene");
+  verb->add_option("--prediction", arguments->prediction,
+                   "the force between two answers of a slow scene: hold | linear | model")
+      ->group("Scene");
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
             require(*verb, "--device");
-            const RecordOptions options = options_of(*arguments, *verb);
+            RecordOptions options = options_of(*arguments, *verb);
 
-            std::vector<std::string> notes;
+            std::vector<std::string> scene_notes, notes;
+            add_scene(*arguments, options, scene_notes);
             Trials trials{.count = arguments->count, .pause = arguments->pause, .open = [&](int trial) {
                             return open_for(*arguments, trial);
                           }};
@@ -97,6 +148,9 @@ Verb add_record(CLI::App& app) {
             trials.begin = [&](int trial, const Device& device, const std::string& file) {
               expected = options.duration > 0 ? options.duration : device.info().natural_duration;
               notes = device.info().notes;
+              notes.insert(notes.end(), scene_notes.begin(), scene_notes.end());
+              for (std::string& note : notes_on_reach(options.scene.get(), device.info()))
+                notes.push_back(std::move(note));
               if (trial == 1)
                 for (const std::string& note : notes) output.remark(note);
               if (arguments->count > 1) output.remark(fmt::format("trial {} of {}: {}", trial, arguments->count, file));

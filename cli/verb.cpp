@@ -338,6 +338,7 @@ Progress progress_bar(const Output& output, double duration, const Keys* keys, c
 
 int conclude(const Output& output, const SessionResult& result) {
   if (!output.quiet && isatty(STDERR_FILENO) != 0) fmt::print(stderr, "\r\033[K");
+  for (const std::string& remark : result.remarks) output.remark(remark);
   if (!result.recording_error.empty()) output.remark(result.recording_error);
   if (result.ended_by_disk) output.remark("the session ended because the disk is almost full");
   if (result.servo.stopped_by_fault())
@@ -368,6 +369,11 @@ std::string session_summary(const SessionResult& result) {
   if (servo.returns > 0)
     text += fmt::format("  {:.3f} s of it without the device, which was lost and found again{}\n", servo.away,
                         servo.returns > 1 ? fmt::format(" {} times", servo.returns) : "");
+  for (const TouchFigures& touch : result.touches)
+    text += touch.times == 0
+                ? fmt::format("  {}: not touched\n", touch.name)
+                : fmt::format("  {}: touched {} times, {:.3f} s, up to {:.2f} N and {:.2f} mm deep\n", touch.name,
+                              touch.times, touch.seconds, touch.max_force, 1e3 * touch.max_depth);
   if (result.recording && result.recording->parts > 1) text += fmt::format("  in {} files\n", result.recording->parts);
   if (result.recording && result.recording->lost > 0)
     text += fmt::format("  {} samples LOST: the disk could not keep up\n", result.recording->lost);

@@ -100,7 +100,7 @@ function(haptrace_install)
   get_property(libraries GLOBAL PROPERTY HAPTRACE_LIBRARIES)
   install(TARGETS ${libraries} EXPORT haptraceTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
   install(EXPORT haptraceTargets NAMESPACE haptrace:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)
-  foreach(folder control figures formats report devices recorder player trade)
+  foreach(folder control figures formats scene report devices recorder player trade)
     install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace FILES_MATCHING PATTERN "*.h"
       # What only the implementation of formats includes.
       PATTERN "csv.h" EXCLUDE PATTERN "hdf5_support.h" EXCLUDE PATTERN "output_file.h" EXCLUDE

@@ -79,6 +79,10 @@ std::string describe(const Event& event) {
     case EventCode::rotation_limit:
       return fmt::format("stopped: the tool points {:.1f} degrees off, the limit is {:.1f}", kDegrees * a,
                          kDegrees * b);
+    case EventCode::touched:
+      return fmt::format("object {:.0f} touched: {:.2g} N", a + 1, b);
+    case EventCode::left:
+      return fmt::format("object {:.0f} left: {:.2f} mm deep at most, {:.2f} s", a + 1, 1e3 * b, c);
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

@@ -61,6 +61,8 @@ enum class EventCode : std::int32_t {
   device_found = 62,     ///< the device that was lost is back; values: how long it was away [s]
   time_over = 63,        ///< of a repetition; values: how far the trainee came [m], of what length [m]
   rotation_limit = 64,   ///< values: deviation of the orientation [rad], limit [rad]
+  touched = 65,          ///< values: index of the scene's object from 0, its force [N]
+  left = 66,  ///< by the tool; values: index of the object, largest depth [m], for how long it was touched [s]
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().

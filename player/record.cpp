@@ -25,11 +25,13 @@ void check(const Trials& trials, const RecordOptions& options) {
 
 }  // namespace
 
-Command PassiveController::update(const State& state) noexcept {
-  Command command;
+Command TimedController::update(const State& state) noexcept {
+  Command command = inner_.update(state);
+  if (kept_) std::swap(kept_, command.event);
   if (trigger_) {
-    command.event = trigger_->check(state);
-    if (!command.event) return command;
+    const auto fired = trigger_->check(state);
+    if (!fired) return command;
+    kept_ = std::exchange(command.event, fired);
     trigger_.reset();
     begin_ns_ = state.time_ns;
   }
@@ -52,10 +54,19 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
     throw input_error(
         fmt::format("{} has no force sensor, which the trigger asks for; use speed or button, or a device with one",
                     device.info().name));
+  if (options.scene) {
+    const auto touching = make_scene_controller(options.scene, options.session.rate_hz, options.slow_scene);
+    TimedController controller(*touching, duration, options.trigger);
+    SessionResult result = run_session(device, controller, {}, {}, options.session, stop, progress);
+    result.touches = touching->figures();
+    result.remarks = touching->remarks();
+    return result;
+  }
   // Zero force is all that is ever sent, so that no speed of the hand is too fast to be recorded.
   RecordOptions free = options;
   free.session.limits.max_velocity = 0;
-  PassiveController controller(duration, options.trigger);
+  PassiveController passive;
+  TimedController controller(passive, duration, options.trigger);
   return run_session(device, controller, {}, {}, free.session, stop, progress);
 }
 

@@ -3,8 +3,10 @@
 
 #include "control/trigger.h"
 #include "player/session.h"
+#include "scene/scene_controller.h"
 
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -14,27 +16,41 @@ namespace haptrace {
 /// Sends no force: the hand moves freely, and the loop records it.
 class PassiveController final : public Controller {
  public:
-  /// Ends `duration` [s] after the start or, with one, after the trigger, which it tells as an event; 0: never.
-  explicit PassiveController(double duration, std::optional<Trigger> trigger = std::nullopt)
-      : duration_(duration), trigger_(std::move(trigger)) {}
+  [[nodiscard]] Command update(const State&) noexcept override { return {}; }
+};
 
+/// Ends what another controller does in time, and tells when its trigger fires.
+class TimedController final : public Controller {
+ public:
+  /// Ends `duration` [s] after the start or, with one, after the trigger, which it tells as an event; 0: never. `inner`
+  /// must outlive it.
+  TimedController(Controller& inner, double duration, std::optional<Trigger> trigger = std::nullopt)
+      : inner_(inner), duration_(duration), trigger_(std::move(trigger)) {}
+
+  void start(const State& first) noexcept override { inner_.start(first); }
+  void resume(const State& first) noexcept override { inner_.resume(first); }
   [[nodiscard]] Command update(const State& state) noexcept override;
+  void between_ticks(bool may_wait) noexcept override { inner_.between_ticks(may_wait); }
 
  private:
+  Controller& inner_;
   double duration_;
   std::optional<Trigger> trigger_;  ///< that has not fired
   std::int64_t begin_ns_ = 0;
+  std::optional<Event> kept_;  ///< of the inner one, that had to wait for the trigger's
 };
 
 struct RecordOptions {
   double duration =
       0;  ///< [s], from the trigger where there is one; 0: the device's natural duration, or until stopped
-  std::optional<Trigger> trigger;  ///< needs session.recording->options.capture.pre, 0 at least
+  std::optional<Trigger> trigger;              ///< needs session.recording->options.capture.pre, 0 at least
+  std::shared_ptr<Scene> scene;                ///< what the hand can touch; null: nothing, and no force is sent
+  std::optional<SlowSceneOptions> slow_scene;  ///< it is slower than the loop
   SessionOptions session;
 };
 
-/// Lets the hand move freely and records it. Throws Error(input) when a session in virtual time would never end, or
-/// when the trigger asks for a sensor that the device does not have.
+/// Lets the hand move freely, or touch the scene, and records it. Throws Error(input) when a session in virtual time
+/// would never end, when the trigger asks for a sensor that the device does not have, or as make_scene_controller does.
 SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop,
                      const Progress& progress = {});
 

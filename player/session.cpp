@@ -220,7 +220,14 @@ nlohmann::json to_json(const SessionResult& result) {
     json["parts"] = result.recording->parts;
     if (result.recording->disk_seconds > 0) json["disk_lasts_s"] = result.recording->disk_seconds;
   }
+  for (const TouchFigures& touch : result.touches)
+    json["touches"].push_back({{"object", touch.name},
+                               {"times", touch.times},
+                               {"seconds", touch.seconds},
+                               {"max_force_n", touch.max_force},
+                               {"max_depth_m", touch.max_depth}});
   if (!result.notices.empty()) json["notices"] = result.notices;
+  for (const std::string& remark : result.remarks) json["notices"].push_back(remark);
   if (!result.recording_error.empty()) json["recording_error"] = result.recording_error;
   return json;
 }

@@ -4,6 +4,7 @@
 #include "devices/servo_loop.h"
 #include "player/live_monitor.h"
 #include "recorder/recorder.h"
+#include "scene/scene_controller.h"
 
 #include <functional>
 #include <optional>
@@ -55,9 +56,11 @@ struct SessionResult {
   ServoReport servo;
   bool virtual_time = false;
   std::optional<Recorder::Status> recording;
-  std::string recording_error;       ///< what the disk refused, in words; empty when all is on it
-  std::vector<std::string> notices;  ///< everything that the views told, in order
-  bool ended_by_disk = false;        ///< see end_when_disk_is_low
+  std::string recording_error;        ///< what the disk refused, in words; empty when all is on it
+  std::vector<std::string> notices;   ///< everything that the views told, in order
+  bool ended_by_disk = false;         ///< see end_when_disk_is_low
+  std::vector<TouchFigures> touches;  ///< of each object of the scene that could be touched
+  std::vector<std::string> remarks;   ///< what a person should know and was not told while it ran
 
   /// False when something of the session is not on the disk.
   [[nodiscard]] bool recorded_all() const noexcept {

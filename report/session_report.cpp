@@ -125,7 +125,8 @@ bool is_stop(EventCode code) {
 }
 
 bool is_told(EventCode code) {
-  return code != EventCode::started && code != EventCode::finished && code != EventCode::repetition;
+  return code != EventCode::started && code != EventCode::finished && code != EventCode::repetition &&
+         code != EventCode::touched && code != EventCode::left;
 }
 
 /// Adds the events of one recording, those that came often once. `place` says in words where one was.

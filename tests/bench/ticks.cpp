@@ -26,7 +26,8 @@ int main(int argc, char** argv) {
                                     .feedforward = has("feedforward"),
                                     .learned = has("learned"),
                                     .guard = has("guard")});
-  PassiveController passive(seconds);
+  PassiveController free_hand;
+  TimedController passive(free_hand, seconds);
 
   /// Ends a playback after N ticks.
   struct Until final : Controller {

@@ -87,7 +87,8 @@ int run(const std::string& file, const std::map<std::string, std::string>& given
 
   KnownMovement device;
   const double duration = number("duration", "0");
-  PassiveController controller(duration > 0 ? duration : 1e9);
+  PassiveController passive;
+  TimedController controller(passive, duration > 0 ? duration : 1e9);
   std::vector<SampleSink*> sinks;
   std::optional<SharedCounter> counter;
   if (given.count("counter") != 0) sinks.push_back(&counter.emplace(given.at("counter")));

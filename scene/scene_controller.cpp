@@ -1,0 +1,72 @@
+#include "scene/scene_controller.h"
+
+#include <algorithm>
+
+namespace haptrace {
+
+SceneController::SceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names)
+    : touchable_(std::move(touchable)), episodes_(names.size()) {
+  for (std::string& name : names) figures_.push_back({.name = std::move(name)});
+}
+
+void SceneController::start(const State&) noexcept {
+  touchable_->reset();
+  // What was touched before a gap is not told as left: nobody knows when it was.
+  std::fill(episodes_.begin(), episodes_.end(), Episode{});
+}
+
+Command SceneController::update(const State& state) noexcept {
+  const SceneAnswer answer =
+      touchable_->answer({.position = state.position, .velocity = state.velocity, .dt = state.dt});
+  for (std::size_t i = 0; i < episodes_.size(); ++i) follow(i, answer.contacts[i], state.dt);
+  Command command;
+  command.wrench.force = supervised(state, answer);
+  command.event = tell();
+  return command;
+}
+
+void SceneController::follow(std::size_t object, const Contact& contact, double dt) noexcept {
+  Episode& episode = episodes_[object];
+  TouchFigures& figures = figures_[object];
+  if (!contact.touched()) {
+    episode.since += dt;
+    return;
+  }
+  episode.begun = true;
+  episode.since = 0;
+  episode.force = contact.force.stableNorm();
+  episode.depth = std::max(episode.depth, contact.depth);
+  episode.seconds += dt;
+  figures.seconds += dt;
+  figures.max_force = std::max(figures.max_force, episode.force);
+  figures.max_depth = std::max(figures.max_depth, contact.depth);
+}
+
+/// One at a tick: what else there is to tell waits for the next.
+std::optional<Event> SceneController::tell() noexcept {
+  for (std::size_t i = 0; i < episodes_.size(); ++i) {
+    Episode& episode = episodes_[i];
+    const auto index = static_cast<double>(i);
+    if (episode.begun && !episode.told) {
+      episode.told = true;
+      ++figures_[i].times;
+      return Event{.code = EventCode::touched, .values = {index, episode.force, kNaN}};
+    }
+    if (episode.told && episode.since >= kLeft) {
+      const Event event{.code = EventCode::left, .values = {index, episode.depth, episode.seconds}};
+      episode = {};
+      return event;
+    }
+  }
+  return std::nullopt;
+}
+
+std::unique_ptr<SceneController> make_scene_controller(const std::shared_ptr<Scene>& scene, double rate_hz,
+                                                       const std::optional<SlowSceneOptions>& slow) {
+  if (slow)
+    return std::make_unique<SceneController>(std::make_shared<SlowScene>(scene, *slow, rate_hz), scene->names());
+  scene->prepare({.rate_hz = rate_hz});
+  return std::make_unique<SceneController>(scene, scene->names());
+}
+
+}  // namespace haptrace

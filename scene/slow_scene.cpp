@@ -1,0 +1,193 @@
+#include "scene/slow_scene.h"
+
+#include "control/error.h"
+#include "formats/suggest.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr std::array kPredictions{"hold", "linear", "model"};
+constexpr double kFurthest = 2;  // that a line is followed, in times of the distance between its points
+constexpr double kMostOver = 2;  // what it may come to, times the last force
+
+double penetration(const Vec3& velocity, const Vec3& normal) {
+  return std::max(0.0, -velocity.dot(normal));
+}
+
+}  // namespace
+
+Prediction parse_prediction(std::string_view name) {
+  const auto found = std::find(kPredictions.begin(), kPredictions.end(), name);
+  if (found != kPredictions.end()) return static_cast<Prediction>(found - kPredictions.begin());
+  const std::vector<std::string> known(kPredictions.begin(), kPredictions.end());
+  throw input_error(fmt::format("unknown prediction '{}'{}", name, suggestion(name, known)));
+}
+
+const char* to_string(Prediction prediction) noexcept {
+  return kPredictions[static_cast<std::size_t>(prediction)];
+}
+
+int SlowScene::ticks_between(double rate_hz, double servo_rate_hz) {
+  check_range("the rate of the scene", rate_hz, 0.1, servo_rate_hz, "Hz");
+  return std::max(1, static_cast<int>(std::lround(servo_rate_hz / rate_hz)));
+}
+
+SlowScene::SlowScene(std::shared_ptr<Scene> scene, const SlowSceneOptions& options, double servo_rate_hz)
+    : scene_(std::move(scene)),
+      prediction_(options.prediction),
+      servo_rate_hz_(servo_rate_hz),
+      period_(ticks_between(options.rate_hz, servo_rate_hz)),
+      newest_{.contacts = std::vector<Contact>(scene_->size())},
+      before_(newest_),
+      predicted_(scene_->size()),
+      answers_(newest_) {
+  scene_->prepare({.rate_hz = servo_rate_hz / period_});
+  thread_ = std::thread([this] { serve(); });
+}
+
+SlowScene::~SlowScene() {
+  ending_ = true;
+  asked_.fetch_add(1);
+  asked_.notify_one();
+  thread_.join();
+}
+
+void SlowScene::serve() noexcept {
+  Answer answer = newest_;
+  Question& last = answer.question;
+  for (std::uint32_t seen = 0;; seen = asked_.load()) {
+    if (seen == last.number) asked_.wait(seen);
+    if (ending_) return;
+    Question question = questions_.latest();
+    if (question.number == last.number) continue;
+    if (question.session != last.session) {
+      scene_->reset();
+      question.touch.dt = 0;
+    } else {
+      question.touch.dt = static_cast<double>(question.time - last.time) / servo_rate_hz_;
+    }
+    const SceneAnswer now = scene_->answer(question.touch);
+    last = question;
+    answer.force = now.force;
+    answer.stored = now.stored;
+    std::copy(now.contacts.begin(), now.contacts.end(), answer.contacts.begin());
+    answers_.post(answer);
+    answered_ = question.number;
+    answered_.notify_one();
+  }
+}
+
+void SlowScene::between_ticks(bool may_wait) noexcept {
+  virtual_ = may_wait;
+  if (!may_wait) return;
+  for (std::uint32_t done = answered_; done != asked_; done = answered_) answered_.wait(done);
+}
+
+void SlowScene::reset() noexcept {
+  ++session_;
+  time_ = next_ = 0;
+  first_ = true;
+  for (Answer* answer : {&newest_, &before_}) {
+    answer->question = {};
+    std::fill(answer->contacts.begin(), answer->contacts.end(), Contact{});
+  }
+}
+
+SceneAnswer SlowScene::answer(const Touch& touch) noexcept {
+  // Ticks that were missed have passed all the same.
+  if (!std::exchange(first_, false)) time_ += std::max<std::int64_t>(1, std::llround(touch.dt * servo_rate_hz_));
+  take();
+  if (time_ >= next_) ask(touch);
+
+  SceneAnswer sum{.contacts = predicted_};
+  const bool stale = time_ - newest_.question.time > static_cast<std::int64_t>(kStale) * period_;
+  stale_ += stale ? 1 : 0;
+  for (std::size_t i = 0; i < predicted_.size(); ++i) {
+    Contact& contact = predicted_[i];
+    contact = stale || !touch.valid() ? Contact{} : predicted(i, touch);
+    sum.force += contact.force;
+    sum.stored += contact.stored;
+  }
+  return sum;
+}
+
+void SlowScene::take() noexcept {
+  const Answer& arrived = answers_.latest();
+  const Question& question = arrived.question;
+  if (question.session != session_ || question.number == 0 || question.number == newest_.question.number) return;
+  if (virtual_ && time_ < question.time + period_) return;
+  late_ += time_ > question.time + period_ ? 1 : 0;
+  std::swap(before_, newest_);
+  newest_ = arrived;
+}
+
+void SlowScene::ask(const Touch& touch) noexcept {
+  next_ = time_ + period_;
+  const std::uint32_t number = asked_.load(std::memory_order_relaxed) + 1;
+  questions_.post({.number = number, .session = session_, .time = time_, .touch = touch});
+  asked_.store(number);
+  asked_.notify_one();
+}
+
+Contact SlowScene::predicted(std::size_t object, const Touch& touch) const noexcept {
+  switch (prediction_) {
+    case Prediction::linear:
+      return extrapolated(object);
+    case Prediction::model:
+      return modelled(object, touch);
+    case Prediction::hold:
+      break;
+  }
+  return newest_.contacts[object];
+}
+
+Contact SlowScene::extrapolated(std::size_t object) const noexcept {
+  Contact contact = newest_.contacts[object];
+  if (before_.question.number == 0 || !contact.touched()) return contact;
+  const double apart = static_cast<double>(newest_.question.time - before_.question.time);
+  const double ahead = std::min(static_cast<double>(time_ - newest_.question.time) / apart, kFurthest);
+  const double most = kMostOver * contact.force.stableNorm();
+  contact.force += ahead * (contact.force - before_.contacts[object].force);
+  contact.force -= std::min(0.0, contact.force.dot(contact.normal)) * contact.normal;
+  if (const double size = contact.force.stableNorm(); size > most) contact.force *= most / size;
+  return contact;
+}
+
+/// What pushes along the normal follows its plane; what does not is held while the plane is touched.
+Contact SlowScene::modelled(std::size_t object, const Touch& touch) const noexcept {
+  Contact contact = newest_.contacts[object];
+  if (contact.normal.isZero(0)) return contact;
+  const double before = std::max(0.0, contact.depth), damped_before = contact.touched() ? contact.damping : 0;
+  contact.depth -= contact.normal.dot(touch.position - contact.place);
+  contact.place = touch.position;
+  const double deeper = std::max(0.0, contact.depth) - before;
+  const double pushed = contact.force.dot(contact.normal);
+  const double push = pushed + contact.stiffness * deeper +
+                      contact.damping * penetration(touch.velocity, contact.normal) -
+                      damped_before * penetration(newest_.question.touch.velocity, contact.normal);
+  if (contact.touched()) {
+    contact.force += (std::max(0.0, push) - pushed) * contact.normal;
+    contact.stored = std::max(0.0, contact.stored + 0.5 * contact.stiffness * deeper * (2 * before + deeper));
+  } else {
+    contact.force.setZero();
+    contact.stored = 0;
+  }
+  return contact;
+}
+
+std::vector<std::string> SlowScene::remarks() const {
+  std::vector<std::string> remarks;
+  if (late_ > 0)
+    remarks.push_back(fmt::format("the scene answered {} times later than after its {} ticks", late_, period_));
+  if (stale_ > 0)
+    remarks.push_back(
+        fmt::format("for {} ticks its last answer was more than {} periods old: nothing was touched", stale_, kStale));
+  return remarks;
+}
+
+}  // namespace haptrace

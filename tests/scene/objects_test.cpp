@@ -1,0 +1,405 @@
+// Laws of everything that a hand can touch, then what is special about each.
+#include "formats/json_reader.h"
+#include "scene/scene_file.h"
+#include "scene/sphere.h"
+#include "scene/wall.h"
+#include "tests/support/allocations.h"
+#include "tests/support/errors.h"
+
+#include <functional>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <numbers>
+#include <random>
+
+namespace haptrace {
+namespace {
+
+using test::error_of;
+using testing::AllOf;
+using testing::HasSubstr;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kTick = 1e-3;  // [s]
+
+/// One object with one of its knobs turned, and what is known of its surface from elsewhere.
+struct ObjectCase {
+  std::string name;
+  std::string json;
+  std::string knob;  ///< empty: as it is
+  double level = 0;
+  std::function<double(const Vec3&)> depth;
+  Vec3 surface, normal;  ///< a place of it, and how it faces there
+};
+
+void PrintTo(const ObjectCase& object, std::ostream* out) {
+  *out << object.name << ' ' << object.knob << ' ' << object.level;
+}
+
+std::shared_ptr<Scene> scene_with(const std::string& object) {
+  return read_scene(parse_json(R"({"objects": [)" + object + "]}", "test"), "test");
+}
+
+/// Every object, as it is and with every level of every knob.
+std::vector<ObjectCase> every_object() {
+  const auto ball = [](const Vec3& p) { return 0.03 - (p - Vec3(0.01, 0, -0.02)).norm(); };
+  const auto slope = [](const Vec3& p) { return -Vec3(0.6, 0, 0.8).dot(p - Vec3(0, 0, 0.01)); };
+  const std::string sphere = R"("kind": "sphere", "centre": [0.01, 0, -0.02], "radius": 0.03, "stiffness": 900)";
+  const std::string wall = R"("kind": "wall", "point": [0, 0, 0.01], "normal": [3, 0, 4], "stiffness": 1200)";
+  const Vec3 top(0.01, 0, 0.01), up(0, 0, 1), on(0, 0, 0.01), out(0.6, 0, 0.8);
+  const std::vector<ObjectCase> objects{
+      {"Sphere", "{" + sphere + "}", "", 0, ball, top, up},
+      {"DampedSphere", "{" + sphere + R"(, "damping": 5})", "", 0, ball, top, up},
+      {"Wall", "{" + wall + "}", "", 0, slope, on, out},
+      {"DampedWall", "{" + wall + R"(, "damping": 5})", "", 0, slope, on, out},
+  };
+  std::vector<ObjectCase> cases;
+  for (const ObjectCase& object : objects) {
+    cases.push_back(object);
+    for (const Knob& knob : scene_with(object.json)->object(0).knobs())
+      for (const double level : knob.levels) {
+        cases.push_back(object);
+        cases.back().knob = knob.name;
+        cases.back().level = level;
+      }
+  }
+  return cases;
+}
+
+class SceneObjectLaws : public testing::TestWithParam<ObjectCase> {
+ protected:
+  [[nodiscard]] static std::shared_ptr<Scene> made_of(const ObjectCase& object) {
+    auto scene = scene_with(object.json);
+    if (!object.knob.empty()) scene->set(scene->object(0).name() + "." + object.knob, object.level);
+    scene->prepare({.rate_hz = 1 / kTick});
+    scene->reset();
+    return scene;
+  }
+  [[nodiscard]] static std::shared_ptr<Scene> make() { return made_of(GetParam()); }
+  static Contact ask(Scene& scene, const Touch& touch) { return scene.answer(touch).contacts[0]; }
+
+  /// How far outside a coarser level may be felt: sphere.h.
+  [[nodiscard]] static double slack() { return GetParam().knob == "renew" ? std::pow(GetParam().level, 2) / 0.03 : 0; }
+
+  /// A hand that wanders round a place of the surface, in and out.
+  [[nodiscard]] static std::vector<Touch> walk(unsigned seed, int ticks) {
+    std::mt19937 random(seed);
+    std::normal_distribution<double> push(0, 1);
+    std::vector<Touch> touches;
+    Touch touch{.position = GetParam().surface};
+    for (int i = 0; i < ticks; ++i) {
+      const Vec3 noise(push(random), push(random), push(random));
+      touch.velocity += kTick * (8 * noise - 40 * (touch.position - GetParam().surface)) - 0.01 * touch.velocity;
+      touch.position += kTick * touch.velocity;
+      touches.push_back(touch);
+      touch.dt = kTick;
+    }
+    return touches;
+  }
+};
+
+TEST_P(SceneObjectLaws, PushesNobodyWhoIsOutside) {
+  const auto scene = make();
+  int outside = 0, inside = 0;
+  for (Touch touch : walk(1, 4000)) {
+    touch.velocity.setZero();
+    const Contact contact = ask(*scene, touch);
+    const double depth = GetParam().depth(touch.position);
+    if (depth < -slack() - 1e-12) {
+      ++outside;
+      ASSERT_FALSE(contact.touched());
+      ASSERT_EQ(contact.force, Vec3::Zero());
+      ASSERT_EQ(contact.stored, 0);
+    } else if (depth > 1e-12) {
+      ++inside;
+      ASSERT_TRUE(contact.touched());
+      ASSERT_GT(contact.force.norm(), 0);
+    }
+  }
+  EXPECT_GT(outside, 500);
+  EXPECT_GT(inside, 500);
+}
+
+TEST_P(SceneObjectLaws, PushesAlongItsNormalAndNeverPulls) {
+  const auto scene = make();
+  for (const Touch& touch : walk(2, 4000)) {
+    const Contact contact = ask(*scene, touch);
+    ASSERT_NEAR(contact.normal.norm(), 1, 1e-12);
+    const double along = contact.force.dot(contact.normal);
+    ASSERT_GE(along, 0);
+    ASSERT_LE((contact.force - along * contact.normal).norm(), 1e-12 * (1 + along));
+    ASSERT_GE(along, contact.stiffness * std::max(0.0, contact.depth) * (1 - 1e-12));
+  }
+}
+
+TEST_P(SceneObjectLaws, GivesNoEnergyToAHandThatMovesSlowlyRoundAClosedPath) {
+  const auto scene = make();
+  const ObjectCase& object = GetParam();
+  const Vec3 across = object.normal.unitOrthogonal(), along = object.normal.cross(across);
+  double given = 0, work = 0;
+  Contact before;
+  Vec3 last = Vec3::Zero();
+  constexpr int kSteps = 40'000;
+  for (int i = 0; i <= kSteps; ++i) {
+    const double a = 2 * std::numbers::pi * i / kSteps;
+    const Vec3 place =
+        object.surface + 4e-3 * (std::cos(3 * a) * object.normal + 2 * std::sin(a) * across + std::sin(2 * a) * along);
+    const Contact contact = ask(*scene, {place, i == 0 ? Vec3::Zero() : Vec3((place - last) / kTick), kTick});
+    if (i > 0) {
+      const double done = 0.5 * (before.force + contact.force).dot(place - last);
+      given += done;
+      work += std::abs(done);
+    }
+    before = contact;
+    last = place;
+  }
+  EXPECT_GT(work, 5e-3) << "it was touched";
+  EXPECT_LT(given, 1e-4 * work);
+  const bool elastic = object.knob.empty() && object.json.find("damping") == std::string::npos;
+  if (elastic) {
+    EXPECT_GT(given, -1e-4 * work);
+  }
+}
+
+TEST_P(SceneObjectLaws, StoresWhatWasSpentOnPressingIt) {
+  const auto scene = make();
+  double spent = 0;
+  Contact contact, before;
+  for (int i = -100; i <= 5000; ++i) {
+    const Vec3 step = -1e-6 * GetParam().normal;
+    contact = ask(*scene, {GetParam().surface + i * step, step, 1});
+    spent -= 0.5 * (contact.force + before.force).dot(step);
+    before = contact;
+  }
+  ASSERT_GT(contact.stored, 5e-3);
+  EXPECT_NEAR(spent, contact.stored, 2e-3 * contact.stored);
+}
+
+TEST_P(SceneObjectLaws, AnswersWithoutAllocating) {
+  const auto scene = make();
+  const auto touches = walk(3, 1000);
+  const std::size_t before = test::allocations();
+  Vec3 sum = Vec3::Zero();
+  for (const Touch& touch : touches) sum += scene->answer(touch).force;
+  scene->reset();
+  EXPECT_EQ(test::allocations(), before);
+  EXPECT_GT(sum.norm(), 0);
+}
+
+TEST_P(SceneObjectLaws, TakesNonsenseForNoContactAndRemembersNothingOfIt) {
+  const auto scene = make(), spared = make();
+  const std::vector<Touch> nonsense{{.position = nan3()},
+                                    {.velocity = Vec3(0, kNaN, 0)},
+                                    {.position = Vec3(0, -kInfinity, 0)},
+                                    {.velocity = Vec3::Constant(kInfinity)},
+                                    {.position = Vec3::Constant(1e300)},
+                                    {.velocity = Vec3::Constant(-1e308)}};
+  for (const Touch& touch : walk(4, 1000)) {
+    for (const Touch& none : nonsense) {
+      const SceneAnswer answer = scene->answer(none);
+      ASSERT_EQ(answer.force, Vec3::Zero());
+      ASSERT_FALSE(answer.contacts[0].touched());
+    }
+    ASSERT_EQ(ask(*scene, touch).force, ask(*spared, touch).force);
+  }
+}
+
+TEST_P(SceneObjectLaws, ForgetsWhatWasWhenItIsReset) {
+  const auto scene = make();
+  for (const Touch& touch : walk(5, 500)) (void)scene->answer(touch);
+  scene->reset();
+  const auto fresh = make();
+  for (const Touch& touch : walk(6, 500)) {
+    const Contact a = ask(*scene, touch), b = ask(*fresh, touch);
+    ASSERT_EQ(a.force, b.force);
+    ASSERT_EQ(a.normal, b.normal);
+    ASSERT_EQ(a.depth, b.depth);
+  }
+}
+
+TEST_P(SceneObjectLaws, BearsTheEndsOfItsRange) {
+  const ObjectCase& object = GetParam();
+  for (const char* stiffness : {"0", "1e9"}) {
+    ObjectCase extreme = object;
+    nlohmann::json json = nlohmann::json::parse(object.json);
+    json["stiffness"] = nlohmann::json::parse(stiffness);
+    extreme.json = json.dump();
+    const auto scene = made_of(extreme);
+    for (const Touch& touch : walk(7, 500)) ASSERT_TRUE(is_finite(scene->answer(touch).force));
+    for (const double far : {0.03, 0.06, 1.0, 1e3, 1e8}) {
+      const SceneAnswer answer = scene->answer({object.surface - far * object.normal, Vec3::Zero(), kTick});
+      ASSERT_TRUE(is_finite(answer.force));
+      ASSERT_TRUE(std::isfinite(answer.stored));
+    }
+  }
+}
+
+/// The rms difference to what the object would do in continuous time, on a hand that presses on it and slides.
+double error_of_level(ObjectCase object, const std::string& knob, double level) {
+  auto exact = scene_with(object.json), held = scene_with(object.json);
+  held->set(held->object(0).name() + "." + knob, level);
+  for (Scene* scene : {exact.get(), held.get()}) scene->prepare({.rate_hz = 1 / kTick});
+  const Vec3 across = object.normal.unitOrthogonal();
+  const Vec3 velocity = -0.03 * object.normal + 0.1 * across;
+  double sum = 0;
+  int n = 0;
+  for (int i = 0; i < 100; ++i) {
+    const Vec3 place = object.surface - 5e-4 * object.normal + i * kTick * velocity;
+    const Vec3 force = held->answer({place, velocity, kTick}).force;
+    for (int j = 0; j < 20; ++j, ++n) {
+      const Vec3 now = place + (j + 0.5) / 20 * kTick * velocity;
+      sum += (exact->answer({now, Vec3::Zero(), kTick}).force - force).squaredNorm();
+    }
+  }
+  return std::sqrt(sum / n);
+}
+
+TEST_P(SceneObjectLaws, ErrsLessWithEveryLevelOfAKnobTowardsTheMostExact) {
+  const ObjectCase& object = GetParam();
+  if (!object.knob.empty() || object.name.starts_with("Damped")) return;
+  for (const Knob& knob : scene_with(object.json)->object(0).knobs()) {
+    ASSERT_GE(knob.levels.size(), 2U);
+    double before = kInfinity;
+    for (const double level : knob.levels) {
+      const double error = error_of_level(object, knob.name, level);
+      EXPECT_LT(error, 0.99 * before) << knob.name << ' ' << level;
+      before = error;
+    }
+  }
+}
+
+TEST_P(SceneObjectLaws, NamesItselfAndTheRangeWhenAKnobIsTurnedTooFar) {
+  const auto scene = make();
+  const std::string& name = scene->object(0).name();
+  for (const Knob& knob : scene->knobs()) {
+    EXPECT_THAT(error_of([&] { scene->set(knob.name, -1); }), AllOf(HasSubstr(name + ": "), HasSubstr("from 0 to")));
+    EXPECT_THAT(error_of([&] { scene->set(knob.name, kNaN); }), HasSubstr("from 0 to"));
+  }
+  EXPECT_THAT(error_of([&] { scene->set(name + ".laed", 0); }), HasSubstr("did you mean 'lead'?"));
+  EXPECT_THAT(error_of([&] { scene->set("nobody.lead", 0); }), HasSubstr(name + ".lead"));
+}
+
+INSTANTIATE_TEST_SUITE_P(All, SceneObjectLaws, testing::ValuesIn(every_object()));
+
+TEST(Sphere, PushesWithStiffnessTimesDepthAlongTheRadius) {
+  Sphere sphere("ball", {.centre = Vec3(0.01, 0, 0), .radius = 0.03, .surface = {.stiffness = 700}});
+  const Contact contact = sphere.answer({.position = Vec3(0.01, 0.025, 0)});
+  EXPECT_LT((contact.force - Vec3(0, 700 * 0.005, 0)).norm(), 1e-12);
+  EXPECT_NEAR(contact.depth, 0.005, 1e-15);
+  EXPECT_NEAR(contact.stored, 0.5 * 700 * 0.005 * 0.005, 1e-15);
+  const Contact outside = sphere.answer({.position = Vec3(0.01, 0, 0.05)});
+  EXPECT_NEAR(outside.depth, -0.02, 1e-15) << "minus the distance";
+  EXPECT_EQ(outside.normal, Vec3::UnitZ());
+}
+
+TEST(Sphere, AnswersInItsCentreAsItDidBeforeIt) {
+  Sphere sphere("ball", {.radius = 0.03, .surface = {.stiffness = 1000}});
+  EXPECT_EQ(sphere.answer({}).force, Vec3(0, 0, 30)) << "z, where there was nothing before";
+  (void)sphere.answer({.position = Vec3(0.01, 0, 0)});
+  for (const double nothing : {0.0, 1e-13, 1e-160, 5e-324})
+    EXPECT_LT((sphere.answer({.position = Vec3(0, nothing, 0)}).force - Vec3(30, 0, 0)).norm(), 1e-9) << nothing;
+  EXPECT_LT((sphere.answer({.position = Vec3(0, -1e-3, 0)}).force - Vec3(0, -29, 0)).norm(), 1e-12);
+  sphere.reset();
+  EXPECT_EQ(sphere.answer({}).force, Vec3(0, 0, 30));
+}
+
+TEST(Sphere, DampsTheWayInAndNotTheWayOut) {
+  Sphere sphere("ball", {.radius = 0.03, .surface = {.stiffness = 100, .damping = 4}});
+  const Vec3 inside(0, 0, 0.02);
+  EXPECT_NEAR(sphere.answer({inside, Vec3(0.3, 0, -0.5)}).force.z(), 1 + 2, 1e-12);
+  EXPECT_NEAR(sphere.answer({inside, Vec3(0.3, 0, 0.5)}).force.z(), 1, 1e-12);
+}
+
+TEST(Sphere, IsItsPlaneWithinTheStatedErrorUntilItIsRenewed) {
+  constexpr double kRadius = 0.03, kRenew = 0.006;
+  Sphere coarse("coarse", {.radius = kRadius, .surface = {.stiffness = 1000}, .renew = kRenew});
+  Sphere exact("exact", {.radius = kRadius, .surface = {.stiffness = 1000}});
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> side(-1, 1);
+  double worst = 0, worst_angle = 0;
+  for (int i = 0; i < 20'000; ++i) {
+    coarse.reset();
+    const double r = kRadius + 0.01 * side(random);
+    (void)coarse.answer({.position = Vec3(0, 0, r)});
+    const double e = std::min(kRenew, r / 2);
+    const Vec3 place = Vec3(0, 0, r) + e * Vec3(side(random), side(random), side(random));
+    const Contact plane = coarse.answer({.position = place}), truth = exact.answer({.position = place});
+    const double share = (plane.depth - truth.depth) / (e * e / (2 * r));
+    ASSERT_GE(share, -1e-9) << "never less deep";
+    ASSERT_LE(share, 1 + 1e-9);
+    const double angle = std::acos(std::min(1.0, plane.normal.dot(truth.normal))) / std::asin(e / r);
+    ASSERT_LE(angle, 1 + 1e-9);
+    worst = std::max(worst, share);
+    worst_angle = std::max(worst_angle, angle);
+  }
+  EXPECT_GT(worst, 0.95) << "the bound is what happens";
+  EXPECT_GT(worst_angle, 0.95);
+}
+
+TEST(Sphere, LosesEnergyWhenItsPlaneIsRenewedAndGainsNone) {
+  Sphere sphere("ball", {.radius = 0.03, .surface = {.stiffness = 1000}, .renew = 0.004});
+  double stored = 0, last_normal_z = 2;
+  int renewed = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const double a = 1e-3 * i;
+    const Contact contact = sphere.answer({.position = 0.025 * Vec3(std::sin(a), 0, std::cos(a))});
+    if (contact.normal.z() != last_normal_z && i > 0) {
+      EXPECT_LT(contact.stored, stored);
+      ++renewed;
+    }
+    stored = contact.stored;
+    last_normal_z = contact.normal.z();
+  }
+  EXPECT_GT(renewed, 10);
+}
+
+TEST(Lead, RemovesTheEnergyThatASampledSpringCreatesAsStated) {
+  constexpr double kStiffness = 2000, kSpeed = 0.05, kStep = kSpeed * kTick;
+  constexpr int kTicks = 100;
+  for (const double lead : {0.0, 0.25, 0.5, 1.0}) {
+    Wall wall("wall", {.surface = {.stiffness = kStiffness, .lead = lead}});
+    wall.prepare({.rate_hz = 1 / kTick});
+    double given = 0;
+    for (int i = -2; i < 2 * kTicks + 2; ++i) {
+      const bool in = i < kTicks;
+      const double z = -kStep * (in ? i : 2 * kTicks - i), v = in ? -kSpeed : kSpeed;
+      given += wall.answer({Vec3(0, 0, z), Vec3(0, 0, v), kTick}).force.z() * v * kTick;
+    }
+    const double stated = kStiffness * kSpeed * kTick * (1 - 2 * lead) * kTicks * kStep;
+    EXPECT_NEAR(given, stated, 1e-12) << lead;
+  }
+}
+
+TEST(Lead, ErrsAsMuchAsStated) {
+  constexpr double kStiffness = 1000, kSpeed = 0.1, kUnit = kStiffness * kSpeed * kTick;
+  for (const double lead : {0.0, 0.25, 0.5, 1.0, 2.0}) {
+    Wall wall("wall", {.surface = {.stiffness = kStiffness, .lead = lead}});
+    wall.prepare({.rate_hz = 1 / kTick});
+    double most = 0, sum = 0;
+    constexpr int kParts = 1000;
+    const double held = wall.answer({Vec3(0, 0, -0.01), Vec3(0, 0, -kSpeed), kTick}).force.z();
+    for (int j = 0; j < kParts; ++j) {
+      const double error = held - kStiffness * (0.01 + kSpeed * kTick * (j + 0.5) / kParts);
+      most = std::max(most, std::abs(error));
+      sum += error * error;
+    }
+    EXPECT_LE(most, kUnit * std::max(lead, std::abs(1 - lead)));
+    EXPECT_NEAR(std::sqrt(sum / kParts), kUnit * std::sqrt(1.0 / 12 + (lead - 0.5) * (lead - 0.5)), 1e-6 * kUnit);
+  }
+}
+
+TEST(Wall, KnowsWhatOfItIsInAWorkspace) {
+  const Box box{Vec3::Constant(-0.1), Vec3::Constant(0.1)};
+  const auto wall = [](const Vec3& point, const Vec3& normal) { return Wall("wall", {point, normal, {}}); };
+  EXPECT_TRUE(wall({0, 0, -0.05}, {0, 0, 1}).meets(box));
+  EXPECT_FALSE(wall({0, 0, -0.11}, {0, 0, 1}).meets(box));
+  EXPECT_TRUE(wall({0, 0, -0.11}, {0, 0, -1}).meets(box)) << "all of it is wall";
+  EXPECT_TRUE(wall({0.05, 0.05, 0.05}, {-1, -1, -1}).meets(box));
+  EXPECT_FALSE(wall({0.11, 0.11, 0.11}, {-1, -1, -1}).meets(box));
+  const auto ball = [](const Vec3& centre) { return Sphere("ball", {.centre = centre, .radius = 0.05}); };
+  EXPECT_TRUE(ball({0.14, 0, 0}).meets(box));
+  EXPECT_FALSE(ball({0.14, 0.14, 0}).meets(box)) << "its box would";
+}
+
+}  // namespace
+}  // namespace haptrace
