@@ -12,8 +12,8 @@ namespace haptrace {
 namespace {
 
 constexpr std::array kPredictions{"hold", "linear", "model"};
-constexpr double kFurthest = 2;  // that a line is followed, in times of the distance between its points
-constexpr double kMostOver = 2;  // what it may come to, times the last force
+constexpr double kFurthest = 1;    // that a line is followed, in times of the distance between its points: 2 oscillate
+constexpr double kMostOver = 1.5;  // what it may come to, times the last force
 
 double penetration(const Vec3& velocity, const Vec3& normal) {
   return std::max(0.0, -velocity.dot(normal));
@@ -121,13 +121,13 @@ void SlowScene::take() noexcept {
   const Question& question = arrived.question;
   if (question.session != session_ || question.number == 0 || question.number == newest_.question.number) return;
   if (virtual_ && time_ < question.time + period_) return;
-  late_ += time_ > question.time + period_ ? 1 : 0;
   std::swap(before_, newest_);
   newest_ = arrived;
 }
 
 void SlowScene::ask(const Touch& touch) noexcept {
   next_ = time_ + period_;
+  late_ += answered_ != asked_ ? 1 : 0;
   const std::uint32_t number = asked_.load(std::memory_order_relaxed) + 1;
   questions_.post({.number = number, .session = session_, .time = time_, .touch = touch});
   asked_.store(number);
@@ -183,7 +183,8 @@ Contact SlowScene::modelled(std::size_t object, const Touch& touch) const noexce
 std::vector<std::string> SlowScene::remarks() const {
   std::vector<std::string> remarks;
   if (late_ > 0)
-    remarks.push_back(fmt::format("the scene answered {} times later than after its {} ticks", late_, period_));
+    remarks.push_back(
+        fmt::format("the scene did not keep its rate: {} times it had no answer when the next was due", late_));
   if (stale_ > 0)
     remarks.push_back(
         fmt::format("for {} ticks its last answer was more than {} periods old: nothing was touched", stale_, kStale));

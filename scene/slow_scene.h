@@ -17,7 +17,7 @@ namespace haptrace {
 /// What is sent between two answers of a slow scene (Ellis, Sarkar and Jenkins 1996; Basdogan 2000).
 enum class Prediction : std::uint8_t {
   hold,    ///< the last answer
-  linear,  ///< the line through the last two, in time; never pulls, never more than twice the last
+  linear,  ///< the line through the last two, in time, for a period; never pulls, never over 1.5 times the last
   model,   ///< the last contact's plane and stiffness, at the tool's present place (Adachi, Kumano and Ogino 1995)
 };
 

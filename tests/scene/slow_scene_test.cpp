@@ -97,7 +97,7 @@ TEST(SlowScene, NeverPullsAndNeverRunsAwayWhateverIsPredicted) {
       ASSERT_GE(contact.force.dot(contact.normal), -1e-12);
       const int asked = tick / 20 * 20 - 20;
       const double held = asked < 0 ? 0 : scene->answer(touch_at(asked)).force.norm();
-      if (prediction == Prediction::linear) ASSERT_LE(contact.force.norm(), 2 * held + 1e-12);
+      ASSERT_TRUE(prediction != Prediction::linear || contact.force.norm() <= 1.5 * held + 1e-12);
       more_than_held += contact.force.norm() > held + 1e-9 ? 1 : 0;
       most = std::max(most, contact.force.norm());
     }
@@ -163,7 +163,8 @@ TEST(SlowScene, LetsGoOfAnAnswerThatIsStaleAndSaysSo) {
   EXPECT_EQ(force(), 0);
   *stalls = false;
   while (force() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  EXPECT_THAT(testing::PrintToString(slow.remarks()), AllOf(HasSubstr("later than"), HasSubstr("10 periods old")));
+  EXPECT_THAT(testing::PrintToString(slow.remarks()),
+              AllOf(HasSubstr("did not keep its rate"), HasSubstr("10 periods old")));
 }
 
 TEST(SlowScene, RefusesRatesAndPredictionsThatDoNotExist) {

@@ -1,0 +1,62 @@
+// record --scene: a hand touches what a file names.
+#include "formats/recording.h"
+#include "tests/cli/command.h"
+
+#include <filesystem>
+
+namespace haptrace {
+namespace {
+
+TEST(RecordScene, LetsAHandTouchWhatTheFileNamesAndTellsWhatItFelt) {
+  const TempFolder folder;
+  const std::string scenes = std::string(HAPTRACE_SAMPLES) + "/scenes/";
+  const std::string device = "sim:preset=omega3,hand=firm,seed=1,intent=" +
+                             folder.write("press.csv", "t,x,y,z\n0,0,0,0.04\n1,0,0,0.024\n2,0.01,0,0.024\n");
+  const Answer felt =
+      haptrace("record", folder / "a.h5", "--device", device, "--scene", scenes + "sphere.json", "--json");
+  ASSERT_EQ(felt.exit_code, 0) << felt.err;
+  const nlohmann::json touch = felt.json()["touches"][0];
+  EXPECT_EQ(touch["object"], "ball");
+  EXPECT_EQ(touch["times"], 1);
+  EXPECT_NEAR(touch["max_force_n"].get<double>(), 800 * touch["max_depth_m"].get<double>(), 1e-9);
+  const RecordingReader reader(folder / "a.h5");
+  EXPECT_EQ(reader.header().config["scene"], scenes + "sphere.json");
+  for (const Sample& row : reader.read(1000, 900)) EXPECT_GT(row.force.norm(), 1);
+  EXPECT_EQ(haptrace("check", folder / "a.h5").exit_code, 0);
+
+  const Answer slow = haptrace("record", folder / "b.h5", "--device", device, "--scene", scenes + "sphere_on_wall.json",
+                               "--scene-rate", "300", "--json");
+  ASSERT_EQ(slow.exit_code, 0) << slow.err;
+  EXPECT_THAT(slow.err, AllOf(HasSubstr("the last force is held"), HasSubstr("333.3 Hz, every 3 ticks")));
+  EXPECT_EQ(slow.json()["touches"].size(), 2U);
+  EXPECT_EQ(slow.json()["notes"].size(), 2U);
+}
+
+TEST(RecordScene, SaysWhatIsWrongBeforeAnyFileIsThere) {
+  const TempFolder folder;
+  const auto refused = [&](const std::vector<std::string>& words) {
+    std::vector<std::string> all{"record", folder / "a.h5", "--device", kFalcon, "--duration", "0.1"};
+    all.insert(all.end(), words.begin(), words.end());
+    const Answer answer = Command(all).wait();
+    EXPECT_EQ(answer.exit_code, 2);
+    EXPECT_FALSE(std::filesystem::exists(folder / "a.h5"));
+    return answer.err;
+  };
+  const std::string far =
+      folder.write("far.json", R"({"objects": [{"kind": "sphere", "name": "moon", "centre": [1, 0, 0], "radius": 0.1,
+                                   "stiffness": 100}]})");
+  EXPECT_THAT(refused({"--prediction", "model"}), HasSubstr("give a --scene as well"));
+  EXPECT_THAT(refused({"--scene", far, "--prediction", "model"}), HasSubstr("give its --scene-rate as well"));
+  EXPECT_THAT(refused({"--scene", far, "--scene-rate", "2000"}), HasSubstr("from 0.1 to 1000 Hz"));
+  EXPECT_THAT(refused({"--scene", far, "--scene-rate", "100", "--prediction", "lines"}), HasSubstr("'linear'"));
+  EXPECT_THAT(refused({"--scene", folder.write("bad.json", R"({"objects": [{"kind": "bal"}]})")}),
+              AllOf(HasSubstr("bad.json: objects[0].kind"), HasSubstr("sphere, wall")));
+
+  const Answer moon = haptrace("record", folder / "a.h5", "--device", kFalcon, "--duration", "0.1", "--scene", far);
+  EXPECT_EQ(moon.exit_code, 0);
+  EXPECT_THAT(moon.err, HasSubstr("'moon' lies outside the workspace"));
+  EXPECT_THAT(moon.out, HasSubstr("moon: not touched"));
+}
+
+}  // namespace
+}  // namespace haptrace
