@@ -7,6 +7,7 @@
 #include "formats/path_file.h"
 #include "formats/rfc3339.h"
 #include "player/calibration.h"
+#include "scene/scene_file.h"
 #include "trade/trade_report.h"
 
 #include <chrono>
@@ -19,7 +20,7 @@ namespace {
 constexpr double kLongestTried = 30;  // of a path [s]
 
 struct TradeoffArguments {
-  std::string path, device, budget, output, figure, save;
+  std::string path, device, budget, output, figure, save, scene;
   ProfileArguments profile;
   PathSelection selection;
   Configuration base;
@@ -178,6 +179,11 @@ void add_sides(const TradeoffArguments& arguments, const Workbench& bench, Trade
   ReadProgress progress(output, "storing, guiding, simulating");
   report.sides.push_back(trade_of_storage(bench, report.base.configuration));
   report.sides.push_back(trade_of_projection(bench));
+  if (!arguments.scene.empty()) {
+    report.sides.push_back(trade_of_scene(bench, arguments.base.rate_hz, [&] { return load_scene(arguments.scene); }));
+    if (report.sides.back().levels.empty())
+      output.remark(fmt::format("{}: {} touches nothing of it", arguments.scene, arguments.path));
+  }
   const DeviceSpec spec = DeviceSpec::parse(arguments.device);
   if (spec.name != "sim") return;
   report.sides.push_back(trade_of_simulation(bench, report.base.configuration,
@@ -208,6 +214,8 @@ Verb add_tradeoff(CLI::App& app) {
   verb->add_option("-d,--device", arguments->device, "device, NAME[:key=value,...]")->type_name("NAME[:...]");
   verb->add_option("--budget", arguments->budget, "what must be kept, as in 'error<=0.1mm, tick<=2us'")
       ->type_name("BOUNDS");
+  verb->add_option("--scene", arguments->scene, "whose objects' knobs are turned, with the tool on the path")
+      ->type_name("FILE.json");
   verb->add_flag("--explain", arguments->explain, "leave out each term in turn: what changes, and what is saved");
   verb->add_option("-o,--output", arguments->output, "where the JSON goes; a picture goes beside it")
       ->type_name("FILE.json");
@@ -251,6 +259,7 @@ Verb add_tradeoff(CLI::App& app) {
             check_range("--learn", arguments->learn, 0, 20);
             const Budget budget = arguments->budget.empty() ? Budget{} : parse_budget(arguments->budget);
             const TradeFiles files = files_of(*arguments);
+            if (!arguments->scene.empty()) (void)load_scene(arguments->scene);
             const Signals signals;
             Workbench bench(workplace(*arguments, output, signals.stop()));
             TradeOptions options{

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "formats/storage.h"
+#include "scene/scene.h"
 #include "trade/workbench.h"
 
 #include <nlohmann/json.hpp>
@@ -54,6 +55,12 @@ SideTrade trade_of_projection(const Workbench& bench);
 SideTrade trade_of_simulation(
     const Workbench& bench, const Configuration& configuration,
     const std::function<std::unique_ptr<Device>(const std::vector<std::pair<std::string, std::string>>&)>& open);
+
+/// Every knob of a scene's objects, and a scene that is served at a tenth and a twentieth of the rate with each
+/// prediction, while the tool goes along the path: how far the force that is held over a tick is from that of the
+/// continuous scene in the middle of the tick, where something is touched, and the energy that is created. No levels
+/// when the path touches nothing. `load` makes the scene as it was described. Throws what it throws.
+SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::function<std::shared_ptr<Scene>()>& load);
 
 nlohmann::json to_json(const SideTrade& trade);
 std::string text_of(const SideTrade& trade);

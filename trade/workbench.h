@@ -71,6 +71,7 @@ class Workbench {
   [[nodiscard]] bool calibrated() const noexcept { return place_.profile.has_value(); }
   [[nodiscard]] const Workplace& place() const noexcept { return place_; }
   [[nodiscard]] const DeviceInfo& device() const noexcept { return info_; }
+  [[nodiscard]] const Trajectory& exact() const noexcept { return exact_; }     ///< the path as it was given
   [[nodiscard]] double duration() const noexcept { return exact_.duration(); }  ///< of the path [s]
   [[nodiscard]] std::uint64_t rows() const noexcept { return place_.path->facts().rows; }
 
