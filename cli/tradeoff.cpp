@@ -262,8 +262,10 @@ Verb add_tradeoff(CLI::App& app) {
             if (!arguments->scene.empty()) (void)load_scene(arguments->scene);
             const Signals signals;
             Workbench bench(workplace(*arguments, output, signals.stop()));
-            TradeOptions options{
-                .base = base_of(*arguments, bench.calibrated()), .runs = arguments->runs, .threads = arguments->jobs};
+            TradeOptions options{.base = base_of(*arguments, bench.calibrated()),
+                                 .runs = arguments->runs,
+                                 .threads = arguments->jobs,
+                                 .instructions = !arguments->no_instructions};
             options.rates = rates_of(*arguments, bench, options.rates);
             bool drawn = arguments->overwrite;
             const auto draw = [&](const TradeReport& report, const Choice* choice) {
@@ -309,7 +311,7 @@ Verb add_tradeoff(CLI::App& app) {
               for (const Configuration& configuration : explained) {
                 const Explanation explanation = explain(bench, configuration, budget, options, signals.stop());
                 json["explanations"].push_back(to_json(explanation));
-                text += text_of(explanation, budget);
+                text += text_of(explanation, budget, "term");
               }
             }
             draw(report, choice ? &*choice : nullptr);

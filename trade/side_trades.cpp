@@ -258,7 +258,7 @@ SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::func
 
   const auto try_out = [&](const std::string& name, bool is_default, Touchable& scene) {
     SideTrade::Level row{.level = name, .is_default = is_default, .values = {}, .refused = {}};
-    double squares = 0, peak = 0, work = 0, seconds = 0;
+    double squares = 0, peak = 0, work = 0, stored = 0, seconds = 0;
     std::size_t count = 0;
     scene.reset();
     SceneAnswer answer;
@@ -267,6 +267,7 @@ SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::func
       answer = scene.answer(touches[i]);
       seconds += seconds_now() - begin;
       scene.between_ticks(true);
+      if (i == 0) stored = answer.stored;
       if (i + 1 < ticks) work += answer.force.dot(touches[i + 1].position - touches[i].position);
       if (!touched[i]) continue;
       ++count;
@@ -274,7 +275,7 @@ SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::func
       squares += off * off;
       peak = std::max(peak, off);
     }
-    row.values = {std::sqrt(squares / static_cast<double>(count)), peak, work + answer.stored,
+    row.values = {std::sqrt(squares / static_cast<double>(count)), peak, work + answer.stored - stored,
                   seconds / static_cast<double>(ticks), kNaN};
     constexpr std::size_t kCounted = 25;
     if (dynamic_cast<Scene*>(&scene) != nullptr && first_touch + kCounted < ticks) {

@@ -207,17 +207,19 @@ std::string text_of(const Choice& choice, const Budget& budget) {
   return text;
 }
 
-std::string text_of(const Explanation& explanation, const Budget& budget) {
-  std::string text = fmt::format("\n{}\n  without each term in turn: what changes, and what is saved\n",
-                                 describe(explanation.of.configuration));
+std::string text_of(const Explanation& explanation, const Budget& budget, const char* what) {
+  std::string text = fmt::format("\n{}\n  without each {} in turn: what changes, and what is saved\n",
+                                 describe(explanation.of.configuration), what);
   for (const TermPrice& price : explanation.terms) {
     if (!price.without.ran()) {
-      text += fmt::format("  {:<12} refused: {}\n", price.term, price.without.refused);
+      text += fmt::format("  {:<20} refused: {}\n", price.term, price.without.refused);
       continue;
     }
-    text += fmt::format("  {:<12} error {:+.4f} mm, ripple {:+.3f} N; saves {} instructions and {} ns a tick{}\n",
-                        price.term, 1e3 * price.error_change, price.ripple_change,
-                        number_or(price.instructions, "{:.0f}"), number_or(1e9 * price.control, "{:.0f}"),
+    const std::string instructions =
+        std::isfinite(price.instructions) ? fmt::format("{:.0f} instructions and ", price.instructions) : "";
+    text += fmt::format("  {:<20} error {:+.4f} mm, ripple {:+.3f} N; saves {}{} ns a tick{}\n", price.term,
+                        1e3 * price.error_change, price.ripple_change, instructions,
+                        number_or(1e9 * price.control, "{:.0f}"),
                         price.dispensable ? fmt::format(": can be dropped, {} is kept", to_string(budget)) : "");
   }
   return text;

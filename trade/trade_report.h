@@ -18,7 +18,8 @@ nlohmann::json predicted_by(const Outcome& outcome);
 /// Tables for people: every knob with its levels, then the front.
 std::string text_of(const TradeReport& report);
 std::string text_of(const Choice& choice, const Budget& budget);
-std::string text_of(const Explanation& explanation, const Budget& budget);
+/// `what` each of the explanation's terms is, as in "term".
+std::string text_of(const Explanation& explanation, const Budget& budget, const char* what);
 
 /// Error against load with the front, and error, ripple and tick time over the levels of the knobs that have an order.
 /// `choice` may be null.

@@ -475,6 +475,19 @@ std::optional<Choice> choose(const TradeReport& report, const Budget& budget) {
   return choice;
 }
 
+void weigh(const Outcome& outcome, const Budget& budget, TermPrice& price) {
+  const Outcome& without = price.without;
+  price.error_change = without.error.mean - outcome.error.mean;
+  price.ripple_change = without.ripple.mean - outcome.ripple.mean;
+  price.instructions = outcome.instructions - without.instructions;
+  price.control = outcome.control - without.control;
+  price.dispensable =
+      !budget.empty() && budget.kept(without) &&
+      std::all_of(budget.bounds.begin(), budget.bounds.end(), [&](const Bound& bound) {
+        return std::abs(mean_of(without, bound.measure) - mean_of(outcome, bound.measure)) < bound.limit;
+      });
+}
+
 Explanation explain(const Workbench& bench, const Configuration& configuration, const Budget& budget,
                     const TradeOptions& options, const StopRequest& stop) {
   const auto measured = [&](const Configuration& one) {
@@ -489,16 +502,7 @@ Explanation explain(const Workbench& bench, const Configuration& configuration, 
   for (const LevelOfKnob& level : without_each_term(configuration)) {
     if (stop.count() > 0) break;
     TermPrice price{.term = level.level, .without = measured(level.configuration)};
-    Outcome& without = price.without;
-    price.error_change = without.error.mean - outcome.error.mean;
-    price.ripple_change = without.ripple.mean - outcome.ripple.mean;
-    price.instructions = outcome.instructions - without.instructions;
-    price.control = outcome.control - without.control;
-    price.dispensable =
-        !budget.empty() && budget.kept(without) &&
-        std::all_of(budget.bounds.begin(), budget.bounds.end(), [&](const Bound& bound) {
-          return std::abs(mean_of(without, bound.measure) - mean_of(outcome, bound.measure)) < bound.limit;
-        });
+    weigh(outcome, budget, price);
     explanation.terms.push_back(std::move(price));
   }
   return explanation;

@@ -96,6 +96,9 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
 /// on the bytes of a recording needs the trade of storage among the report's sides.
 std::optional<Choice> choose(const TradeReport& report, const Budget& budget);
 
+/// Fills in what `price.without` changes of `outcome`, and whether the budget allows it.
+void weigh(const Outcome& outcome, const Budget& budget, TermPrice& price);
+
 /// As the options say of runs and instructions, as far as it comes until it is stopped.
 Explanation explain(const Workbench& bench, const Configuration& configuration, const Budget& budget,
                     const TradeOptions& options, const StopRequest& stop);
