@@ -1,0 +1,61 @@
+#include "tests/cli/command.h"
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+namespace haptrace {
+namespace {
+
+TEST(TradeoffCommand, ChoosesAConfigurationThatHoldsWhenItIsUsed) {
+  const TempFolder folder;
+  const std::string path = folder / "circle.h5", played = folder / "played.h5";
+  ASSERT_EQ(haptrace("shape", "circle", "--size", "0.04", "--duration", "2", "-o", path).exit_code, 0);
+  const auto scene = folder.write(
+      "scene.json", R"({"objects": [{"kind": "sphere", "name": "ball", "radius": 0.03, "stiffness": 500}]})");
+  const Answer answer =
+      haptrace("tradeoff", path, "--device", kFalcon, "--budget", "error<=0.3mm, bytes<=300MB/h", "--rates", "500,1000",
+               "--learn", "0", "--runs", "2", "--no-instructions", "--scene", scene, "-o", folder / "t.json", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const nlohmann::json json = answer.json();
+  EXPECT_EQ(json, nlohmann::json::parse(std::ifstream(folder / "t.json")));
+  EXPECT_EQ(json["choice"]["kept"], true);
+  EXPECT_EQ(json["config_file"], folder / "t-config.json");
+  EXPECT_GT(std::filesystem::file_size(folder / "t.png"), 10'000U);
+  std::vector<std::string> sides;
+  for (const nlohmann::json& side : json["sides"]) sides.push_back(side["knob"]);
+  EXPECT_THAT(sides, testing::ElementsAre("storage", "spacing", "scene", "simulation"));
+
+  const Answer used = haptrace("play", path, "--device", "sim:preset=falcon,hand=relaxed,seed=77", "--config",
+                               folder / "t-config.json", "--record", played, "--json");
+  ASSERT_EQ(used.exit_code, 0) << used.err;
+  for (const char* figure : {"rms_error_m", "force_ripple_n"}) {
+    const double predicted = json["predicted"][figure], measured = used.json()[figure];
+    EXPECT_NEAR(measured, predicted, 0.2 * predicted) << figure;
+  }
+  // One file configures the other verbs too.
+  EXPECT_EQ(haptrace("record", folder / "r.h5", "--device", kFalcon, "--duration", "0.5", "--config",
+                     folder / "t-config.json")
+                .exit_code,
+            0);
+  EXPECT_EQ(haptrace("guide", path, "--device", "sim:preset=falcon,hand=relaxed,intent=" + path, "--config",
+                     folder / "t-config.json", "--time-limit", "3", "-q")
+                .exit_code,
+            0);
+}
+
+TEST(TradeoffCommand, RefusesBeforeItWorks) {
+  const TempFolder folder;
+  EXPECT_THAT(haptrace("tradeoff").err, HasSubstr("needs path"));
+  EXPECT_THAT(haptrace("tradeoff", "no.csv", "--device", kFalcon, "--budget", "error<=1").err, HasSubstr("its unit"));
+  const std::string kept = folder.write("kept.json", "{}");
+  const Answer answer = haptrace("tradeoff", "no.csv", "--device", kFalcon, "-o", kept);
+  EXPECT_EQ(answer.exit_code, 2);
+  EXPECT_THAT(answer.err, AllOf(HasSubstr("kept.json"), HasSubstr("--overwrite")));
+  const auto config = folder.write("c.json", R"({"play": {"sped": 2}, "record": {"rate": 500}})");
+  EXPECT_THAT(haptrace("play", "no.csv", "--device", kFalcon, "--config", config).err,
+              AllOf(HasSubstr("play: unknown key 'sped'"), HasSubstr("speed")));
+}
+
+}  // namespace
+}  // namespace haptrace
