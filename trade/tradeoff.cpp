@@ -353,23 +353,31 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
   for (const KnobOfPlay& knob : knobs)
     for (const LevelOfKnob& level : knob.levels) swept.push_back(level.configuration);
   report.complete = trials.run(swept, options.runs, stage("turning every knob", 0.02, 0.12));
-  // Margins on every core, then ticks on one, while the others are quiet.
-  const auto price = [&](const std::vector<Configuration>& configurations, const auto& told) {
+  const auto without_a = [&](const std::vector<Configuration>& configurations, double Outcome::*figure) {
     std::vector<Outcome*> open;
     for (const Configuration& configuration : configurations)
       if (Outcome* outcome = trials.find(configuration);
-          outcome != nullptr && outcome->ran() && !std::isfinite(outcome->margin))
+          outcome != nullptr && outcome->ran() && !std::isfinite(outcome->*figure))
         if (std::find(open.begin(), open.end(), outcome) == open.end()) open.push_back(outcome);
-    const auto part = 0.5 / static_cast<double>(std::max<std::size_t>(open.size(), 1));
-    (void)run_parallel(
-        open.size(), options.threads, stop, [&](std::size_t i) { bench.find_margin(*open[i]); },
-        [&](std::size_t n) { told(part * static_cast<double>(n)); });
+    return open;
+  };
+  // Ticks are timed on one core, while the others are quiet.
+  const auto time_ticks = [&](const std::vector<Configuration>& configurations, const auto& told) {
+    const std::vector<Outcome*> open = without_a(configurations, &Outcome::control);
     for (std::size_t i = 0; i < open.size() && stop.count() == 0; ++i) {
       bench.time_ticks(*open[i]);
-      told(0.5 + part * static_cast<double>(i + 1));
+      told(static_cast<double>(i + 1) / static_cast<double>(open.size()));
     }
   };
-  price(swept, stage("finding margins and timing ticks", 0.12, 0.2));
+  const auto find_margins = [&](const std::vector<Configuration>& configurations, const auto& told) {
+    const std::vector<Outcome*> open = without_a(configurations, &Outcome::margin);
+    (void)run_parallel(
+        open.size(), options.threads, stop, [&](std::size_t i) { bench.find_margin(*open[i]); },
+        [&](std::size_t n) {
+          if (!open.empty()) told(static_cast<double>(n) / static_cast<double>(open.size()));
+        });
+  };
+  time_ticks(swept, stage("timing ticks", 0.12, 0.16));
 
   // Levels of a knob are told as they were measured together, over as many runs each.
   const auto gather_sweeps = [&] {
@@ -393,6 +401,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
   gather_front();
   if (draw) draw(report);
 
+  find_margins(swept, stage("finding margins", 0.16, 0.2));
   const TickPrices prices(bench, options, stop, stage("pricing the parts of a tick", 0.2, 0.4));
   const auto price_all = [&] { trials.each([&](Outcome& outcome) { prices.put_on(outcome); }); };
   price_all();
@@ -415,7 +424,8 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
     report.complete =
         trials.run(on_front, options.runs * kFrontRuns, stage("making sure", 0.88, 0.96)) && report.complete;
     price_all();
-    price(on_front, stage("timing the best", 0.96, 1));
+    time_ticks(on_front, stage("timing the best", 0.96, 0.98));
+    find_margins(on_front, stage("finding their margins", 0.98, 1));
   }
   gather_front();
   // Only what was tried often enough to be believed.
