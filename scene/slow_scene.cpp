@@ -45,6 +45,7 @@ SlowScene::SlowScene(std::shared_ptr<Scene> scene, const SlowSceneOptions& optio
       newest_{.contacts = std::vector<Contact>(scene_->size())},
       before_(newest_),
       predicted_(scene_->size()),
+      served_(newest_),
       answers_(newest_) {
   scene_->prepare({.rate_hz = servo_rate_hz / period_});
   thread_ = std::thread([this] { serve(); });
@@ -58,34 +59,42 @@ SlowScene::~SlowScene() {
 }
 
 void SlowScene::serve() noexcept {
-  Answer answer = newest_;
-  Question& last = answer.question;
-  for (std::uint32_t seen = 0;; seen = asked_.load()) {
-    if (seen == last.number) asked_.wait(seen);
+  for (std::uint32_t done = 0;;) {
+    asked_.wait(done);
     if (ending_) return;
-    Question question = questions_.latest();
-    if (question.number == last.number) continue;
-    if (question.session != last.session) {
-      scene_->reset();
-      question.touch.dt = 0;
-    } else {
-      question.touch.dt = static_cast<double>(question.time - last.time) / servo_rate_hz_;
-    }
-    const SceneAnswer now = scene_->answer(question.touch);
-    last = question;
-    answer.force = now.force;
-    answer.stored = now.stored;
-    std::copy(now.contacts.begin(), now.contacts.end(), answer.contacts.begin());
-    answers_.post(answer);
-    answered_ = question.number;
-    answered_.notify_one();
+    const Question question = questions_.latest();
+    if (question.number != done) serve(question);
+    done = question.number;
   }
+}
+
+void SlowScene::serve(Question question) noexcept {
+  const Question& last = served_.question;
+  if (question.session != last.session) {
+    scene_->reset();
+    question.touch.dt = 0;
+  } else {
+    question.touch.dt = static_cast<double>(question.time - last.time) / servo_rate_hz_;
+  }
+  const SceneAnswer now = scene_->answer(question.touch);
+  served_.question = question;
+  served_.force = now.force;
+  served_.stored = now.stored;
+  std::copy(now.contacts.begin(), now.contacts.end(), served_.contacts.begin());
+  answers_.post(served_);
+  answered_ = question.number;
 }
 
 void SlowScene::between_ticks(bool may_wait) noexcept {
   virtual_ = may_wait;
-  if (!may_wait) return;
-  for (std::uint32_t done = answered_; done != asked_; done = answered_) answered_.wait(done);
+  if (!std::exchange(unsent_, false)) return;
+  if (may_wait) {
+    serve(question_);
+  } else {
+    questions_.post(question_);
+    asked_ = question_.number;
+    asked_.notify_one();
+  }
 }
 
 void SlowScene::reset() noexcept {
@@ -127,11 +136,9 @@ void SlowScene::take() noexcept {
 
 void SlowScene::ask(const Touch& touch) noexcept {
   next_ = time_ + period_;
-  late_ += answered_ != asked_ ? 1 : 0;
-  const std::uint32_t number = asked_.load(std::memory_order_relaxed) + 1;
-  questions_.post({.number = number, .session = session_, .time = time_, .touch = touch});
-  asked_.store(number);
-  asked_.notify_one();
+  late_ += answered_ != question_.number ? 1 : 0;
+  question_ = {.number = question_.number + 1, .session = session_, .time = time_, .touch = touch};
+  unsent_ = true;
 }
 
 Contact SlowScene::predicted(std::size_t object, const Touch& touch) const noexcept {

@@ -29,14 +29,14 @@ struct SlowSceneOptions {
   Prediction prediction = Prediction::hold;
 };
 
-/// Asks a scene in a thread of its own at every n-th tick, and predicts its force at every tick from what has arrived.
+/// Asks a scene at every n-th tick, in a thread of its own, and predicts its force at every tick from what has arrived.
 ///
 /// The scene is asked about where the tool was; its answer is used when it is there, on a virtual clock exactly n ticks
 /// later, so that an answer is n to 2n - 1 ticks old when it is used. One that is older than kStale periods is no
 /// longer used: nothing is touched until there is another.
 ///
-/// Threads: the servo loop's, and its own, in which the scene is answered and reset. Real-time: reset and answer; they
-/// wake the other thread once a period.
+/// Threads: the servo loop's, and its own, in which the scene is answered and reset. Where time stands still between
+/// ticks, the loop's does that too. Real-time: reset and answer.
 class SlowScene final : public Touchable {
  public:
   static constexpr int kStale = 10;  ///< periods
@@ -70,7 +70,8 @@ class SlowScene final : public Touchable {
     std::vector<Contact> contacts;
   };
 
-  void serve() noexcept;
+  void serve() noexcept;  ///< until the end, in its own thread
+  void serve(Question question) noexcept;
   void take() noexcept;
   void ask(const Touch& touch) noexcept;
   [[nodiscard]] Contact predicted(std::size_t object, const Touch& touch) const noexcept;
@@ -87,12 +88,15 @@ class SlowScene final : public Touchable {
   std::uint32_t session_ = 0;
   bool first_ = true, virtual_ = true;  ///< the clock, until the loop says which it is
   Answer newest_, before_;              ///< number 0: none
+  Question question_;                   ///< the newest
+  bool unsent_ = false;                 ///< it was not handed over
   std::vector<Contact> predicted_;
   std::uint64_t late_ = 0, stale_ = 0;  ///< answers, ticks
 
+  Answer served_;  ///< the last, of whoever answers
   Mailbox<Question> questions_;
   Mailbox<Answer> answers_;
-  std::atomic<std::uint32_t> asked_{0}, answered_{0};  ///< the newest question's number
+  std::atomic<std::uint32_t> asked_{0}, answered_{0};  ///< numbers of questions
   std::atomic<bool> ending_{false};
   std::thread thread_;
 };
