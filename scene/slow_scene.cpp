@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -76,11 +77,9 @@ void SlowScene::serve(Question question) noexcept {
   } else {
     question.touch.dt = static_cast<double>(question.time - last.time) / servo_rate_hz_;
   }
-  const SceneAnswer now = scene_->answer(question.touch);
+  const std::span<const Contact> contacts = scene_->answer(question.touch).contacts;
   served_.question = question;
-  served_.force = now.force;
-  served_.stored = now.stored;
-  std::copy(now.contacts.begin(), now.contacts.end(), served_.contacts.begin());
+  std::copy(contacts.begin(), contacts.end(), served_.contacts.begin());
   answers_.post(served_);
   answered_ = question.number;
 }

@@ -65,8 +65,6 @@ class SlowScene final : public Touchable {
   };
   struct Answer {
     Question question;
-    Vec3 force = Vec3::Zero();
-    double stored = 0;
     std::vector<Contact> contacts;
   };
 
@@ -86,10 +84,11 @@ class SlowScene final : public Touchable {
   // Of the servo loop.
   std::int64_t time_ = 0, next_ = 0;
   std::uint32_t session_ = 0;
-  bool first_ = true, virtual_ = true;  ///< the clock, until the loop says which it is
-  Answer newest_, before_;              ///< number 0: none
-  Question question_;                   ///< the newest
-  bool unsent_ = false;                 ///< it was not handed over
+  bool first_ = true;       ///< the next tick
+  bool virtual_ = true;     ///< the clock, until the loop says which it is
+  Answer newest_, before_;  ///< number 0: none
+  Question question_;       ///< the newest
+  bool unsent_ = false;     ///< it was not handed over
   std::vector<Contact> predicted_;
   std::uint64_t late_ = 0, stale_ = 0;  ///< answers, ticks
 
