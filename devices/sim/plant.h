@@ -1,7 +1,10 @@
 // The mechanism of a simulated device and the hand that holds it: equations of motion.
 #pragma once
 
+#include "control/linear_step.h"
 #include "devices/sim/spec.h"
+
+#include <array>
 
 namespace haptrace {
 
@@ -28,13 +31,25 @@ struct PlantInput {
 /// else it sticks rigidly up to g(0). Steps are semi-implicit Euler; friction, viscous damping and walls are implicit
 /// in the velocity, so that no stiffness of theirs can make the step unstable.
 ///
+/// Any other integrator moves the linear part of every axis, which is its bodies with their springs, dampers and b, by
+/// its own matrices (linear_step; those of bodies that the link does not connect while they are within the play). All
+/// else is a force that is held over the step: cogging, gravity's gradient and the arm's spring where the body would be
+/// half-way if it went on at its speed, tremor and intent half-way, the motor's mean. With that, smooth movements keep
+/// the integrator's order up to 2, and all of it where nothing but the linear part and the bias acts. Friction is the
+/// held force that makes it hold with the velocity at the step's end, and walls follow it: order 1 where friction turns
+/// or sticks, where play ends and at walls, whatever the integrator.
+///
 /// Everything here is expressed in actuator axes: p_A = R p_W. Only what a spec names is computed.
 /// Real-time: advance, let_go.
 class Plant {
  public:
   /// At rest with every body at `start` (W). Without `follows_intent` the hand's intent springs are left out.
-  /// `longest_step` [s] bounds a step; stiff springs and dampers may ask for a shorter one.
-  Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double longest_step);
+  /// `longest_step` [s] bounds a step; stiff springs and dampers may ask for a shorter one: semi_implicit for an
+  /// accurate one, euler, verlet and rk4 for four fifths of their limit, exact for as much of verlet's, so that friction
+  /// still brakes within a step; implicit only for cogging, gravity and the arm. Throws Error(input) when none is stable:
+  /// euler without a damper.
+  Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double longest_step,
+        Integrator integrator = Integrator::semi_implicit);
 
   /// Moves on by `span` [s] in equal steps.
   void advance(double span, const PlantInput& input) noexcept { (this->*advance_)(span, input); }
@@ -56,7 +71,10 @@ class Plant {
   [[nodiscard]] double motor_work() const noexcept { return motor_work_; }
 
   /// The hand lets go, and holds nothing from now on.
-  void let_go() noexcept { grip_stiffness_ = grip_damping_ = 0; }
+  void let_go() noexcept {
+    grip_stiffness_ = grip_damping_ = 0;
+    for (Step& step : prepared_) step.h = 0;
+  }
 
   [[nodiscard]] double longest_step() const noexcept { return longest_step_; }
 
@@ -73,7 +91,8 @@ class Plant {
     double h = 0;
     double lag_decay = 0, lag_mean = 0;  ///< of the motor force over a step
     double arm_decay = 1, arm_gain = 0;
-    Vec3 theta = Vec3::Zero();  ///< how implicit the bristle's spring is
+    Vec3 theta = Vec3::Zero();     ///< how implicit the bristle's spring is
+    Vec3 mobility = Vec3::Zero();  ///< speed at the step's end by a force on the motor held over it [m/(N s)]
   };
 
   using Advance = void (Plant::*)(double, const PlantInput&) noexcept;
