@@ -18,7 +18,7 @@ namespace {
 
 constexpr std::array kIntegrators{"semi-implicit", "euler", "verlet", "rk4", "implicit", "exact"};
 
-using State = decltype(LinearStep::phi);
+using Square = decltype(LinearStep::phi);
 constexpr int kMostRows = 3 * LinearBodies::kMost;
 /// Of q, v and the held f together.
 using Augmented = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostRows, kMostRows>;
@@ -68,7 +68,7 @@ LinearStep by_series(const LinearBodies& bodies, double h, const Series& series)
   e.middleRows(n, n) *= unit;
   e.middleCols(n, n) /= unit;
   LinearStep step;
-  step.phi = State::Identity(2 * n, 2 * n) + e.topLeftCorner(2 * n, 2 * n);
+  step.phi = Square::Identity(2 * n, 2 * n) + e.topLeftCorner(2 * n, 2 * n);
   step.gamma = e.topRightCorner(2 * n, n);
   return step;
 }
@@ -107,10 +107,10 @@ LinearStep by_kicks(Integrator integrator, const LinearBodies& bodies, double h)
 }
 
 /// [0 1; sign W K, sign W B], in units of velocity in which it is balanced.
-State companion(const LinearBodies& bodies, double sign) {
+Square companion(const LinearBodies& bodies, double sign) {
   const int n = bodies.size();
   const double frequency = frequency_scale(bodies), unit = frequency > 0 ? frequency : 1;
-  State matrix = State::Zero(2 * n, 2 * n);
+  Square matrix = Square::Zero(2 * n, 2 * n);
   matrix.topRightCorner(n, n).diagonal().setConstant(unit);
   matrix.bottomLeftCorner(n, n) = sign / unit * over_mass(bodies, bodies.stiffness);
   matrix.bottomRightCorner(n, n) = sign * over_mass(bodies, bodies.damping);
@@ -219,7 +219,7 @@ double spectral_radius(const LinearStep& step) {
   const double of_v = step.phi.bottomLeftCorner(n, n).cwiseAbs().maxCoeff(),
                of_q = step.phi.topRightCorner(n, n).cwiseAbs().maxCoeff();
   const double unit = of_v > 0 && of_q > 0 ? std::sqrt(of_v / of_q) : 1;
-  State phi = step.phi;
+  Square phi = step.phi;
   phi.topRightCorner(n, n) *= unit;
   phi.bottomLeftCorner(n, n) /= unit;
   return phi.eigenvalues().cwiseAbs().maxCoeff();

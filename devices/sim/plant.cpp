@@ -1,7 +1,10 @@
 #include "devices/sim/plant.h"
 
+#include "control/error.h"
+
 #include <algorithm>
 #include <cmath>
+#include <fmt/format.h>
 #include <numbers>
 
 namespace haptrace {
@@ -11,6 +14,13 @@ constexpr double kWallStiffness = 2e4;  // [N/m]
 
 // Largest step times natural frequency, or times damping over mass: keeps a spring's period within half a per cent.
 constexpr double kFinest = 0.3;
+
+// Of the limit of an integrator by matrices. There a force held over the step still moves a body along itself: of the
+// fastest mode, less than half a period is in a step.
+constexpr double kPartOfLimit = 0.8;
+
+constexpr double kShortestStep = 1e-9;  // [s]
+constexpr std::size_t kStepsKnown = 4;  // a period is cut up by a delay and by what the hand decides
 
 Eigen::Matrix3d rotation_matrix(const Vec3& vector) {
   const double angle = vector.norm();
@@ -25,8 +35,8 @@ Vec3 beyond_play(const Vec3& stretch, double half) {
 
 }  // namespace
 
-Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double longest_step)
-    : rotation_(rotation_matrix(spec.rotation)), structure_(spec.structural_mode.has_value()) {
+Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double longest_step, Integrator integrator)
+    : rotation_(rotation_matrix(spec.rotation)), integrator_(integrator), structure_(spec.structural_mode.has_value()) {
   Vec3 moving = Vec3::Zero();
   for (int axis = 0; axis < 3; ++axis) moving[axis] = spec.axes[static_cast<std::size_t>(axis)] ? 1 : 0;
   const Vec3 start_a = rotation_ * start.cwiseProduct(moving);
@@ -79,16 +89,29 @@ Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double
     }
   }
 
-  longest_step_ = std::min(longest_step, stable_step());
+  const bool by_matrices = integrator != Integrator::semi_implicit;
+  const double stable = by_matrices ? stable_step() : accurate_step();
+  if (by_matrices && !(stable >= kShortestStep))
+    throw input_error(
+        fmt::format("integrator {}: no step is stable for the {}: springs of it have next to no damping; "
+                    "give it some, or take another integrator",
+                    to_string(integrator), spec.model));
+  longest_step_ = std::min(longest_step, stable);
+  if (by_matrices) linear_.resize(kStepsKnown);
   const Friction friction = spec.coulomb.isZero(0)                ? Friction::none
                             : spec.presliding_stiffness.isZero(0) ? Friction::rigid
                                                                   : Friction::lugre;
-  advance_ = choose(friction, structure_, spec.hand.has_value());
+  advance_ = choose(friction, structure_, spec.hand.has_value(), by_matrices);
 }
 
-double Plant::stable_step() const {
+/// No less than the stiffness of what acts by position [N/m].
+Vec3 Plant::field_stiffness() const {
+  return Vec3::Constant(gradient_.cwiseAbs().rowwise().sum().maxCoeff()) + cogging_ * cogging_wave_number_;
+}
+
+double Plant::accurate_step() const {
   const Vec3 grip_k = Vec3::Constant(grip_stiffness_), grip_b = Vec3::Constant(grip_damping_);
-  const Vec3 fields = Vec3::Constant(gradient_.cwiseAbs().rowwise().sum().maxCoeff()) + cogging_ * cogging_wave_number_;
+  const Vec3 fields = field_stiffness();
   const Vec3 arm_k = Vec3::Constant(arm_stiffness_ + intent_stiffness_);
   const Vec3 arm_b = Vec3::Constant(arm_damping_ + intent_damping_);
 
@@ -104,6 +127,63 @@ double Plant::stable_step() const {
                    step(hand_.inverse_mass, grip_k + arm_k, grip_b + arm_b)});
 }
 
+/// Of every state the chain can be in, what is held over a step reckoned among its springs.
+double Plant::stable_step() const {
+  const Vec3 fields = field_stiffness();
+  if (integrator_ == Integrator::implicit) {
+    const double fastest =
+        std::max(motor_.inverse_mass.cwiseProduct(fields).maxCoeff(), hand_.inverse_mass.maxCoeff() * arm_stiffness_);
+    return kFinest / std::max(std::sqrt(2 * fastest), 1e-9);
+  }
+  // By verlet's own limit its first half-kick may turn a damped velocity round, which friction and walls do not bear.
+  const Integrator bounding = integrator_ == Integrator::verlet  ? Integrator::semi_implicit
+                              : integrator_ == Integrator::exact ? Integrator::verlet
+                                                                 : integrator_;
+  double limit = std::numeric_limits<double>::infinity();
+  for (int axis = 0; axis < 3; ++axis)
+    for (const bool linked : {true, false})
+      for (const bool held : {true, false}) {
+        LinearBodies chain = bodies(axis, linked || half_backlash_ == 0, held);
+        chain.tie(0, fields[axis], 0);
+        chain.tie(chain.size() - 1, arm_stiffness_, 0);
+        limit = std::min(limit, stability_limit(bounding, chain));
+      }
+  return kPartOfLimit * limit;
+}
+
+/// Motors, handle and hand along an axis, as many as there are.
+LinearBodies Plant::bodies(int axis, bool linked, bool held) const noexcept {
+  const bool hand = hand_.inverse_mass[axis] > 0;
+  const int handle = structure_ ? 1 : 0, last = handle + (hand ? 1 : 0);
+  LinearBodies chain(last + 1);
+  chain.inverse_mass[0] = motor_.inverse_mass[axis];
+  chain.tie(0, 0, viscous_[axis]);
+  if (structure_) {
+    chain.inverse_mass[handle] = handle_.inverse_mass[axis];
+    if (linked) chain.connect(0, handle, link_stiffness_[axis], link_damping_[axis]);
+  }
+  if (hand) {
+    chain.inverse_mass[last] = hand_.inverse_mass[axis];
+    chain.tie(last, intent_stiffness_, intent_damping_ + arm_damping_);
+    if (held) chain.connect(handle, last, grip_stiffness_, grip_damping_);
+  }
+  return chain;
+}
+
+const Plant::LinearSteps& Plant::linear_steps(double h) noexcept {
+  for (const LinearSteps& known : linear_)
+    if (known.h == h) return known;
+  LinearSteps& steps = linear_[oldest_linear_];
+  oldest_linear_ = (oldest_linear_ + 1) % linear_.size();
+  steps.h = h;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto at = static_cast<std::size_t>(axis);
+    steps.linked[at] = linear_step(integrator_, bodies(axis, true, true), h);
+    steps.apart[at] = half_backlash_ > 0 ? linear_step(integrator_, bodies(axis, false, true), h) : steps.linked[at];
+  }
+  return steps;
+}
+
 void Plant::prepare(double h) noexcept {
   if (h == step_.h) return;
   step_.h = h;
@@ -113,6 +193,8 @@ void Plant::prepare(double h) noexcept {
   }
   step_.arm_decay = arm_relaxation_ > 0 ? std::exp(-h / arm_relaxation_) : 1;
   step_.arm_gain = arm_stiffness_ * (arm_relaxation_ > 0 ? (1 - step_.arm_decay) * arm_relaxation_ : h);
+  step_.arm_half_decay = std::sqrt(step_.arm_decay);
+  step_.arm_half_gain = arm_stiffness_ * (arm_relaxation_ > 0 ? (1 - step_.arm_half_decay) * arm_relaxation_ : 0.5 * h);
   // A soft bristle is a spring as any other, without numerical damping; a stiff one is as implicit as it has to be.
   step_.theta = (h * h * motor_.inverse_mass.cwiseProduct(bristle_stiffness_)).cwiseMin(1.0);
 }
@@ -131,46 +213,38 @@ Vec3 Plant::position_force(const Vec3& x) const noexcept {
   return force;
 }
 
-/// The new velocity under `force` and friction, which are solved for together:
-/// v' = v + h / m (force - b v' - F_friction(v')).
+/// The velocity that friction and a viscous damper of `viscous` - 1 over w leave of `free`, to which all other forces
+/// bring the motor from `before` within a step. It is solved for together with the friction, a force held over the step
+/// that changes it by w: v = free - w (b v + F_friction(v)).
 template <Plant::Friction friction>
-void Plant::move_motor(const Vec3& force) noexcept {
-  const double h = step_.h;
-  for (int axis = 0; axis < 3; ++axis) {
-    const double w = h * motor_.inverse_mass[axis];
-    const double free = motor_.v[axis] + w * force[axis];
-    const double viscous = 1 + w * viscous_[axis];
-    double& v = motor_.v[axis];
-
-    if (friction == Friction::none || coulomb_[axis] == 0) {
-      v = free / viscous;
-    } else if constexpr (friction == Friction::rigid) {
-      const double slip = std::abs(free) - w * sliding_force(axis, std::abs(v));
-      v = slip > 0 ? std::copysign(slip, free) / viscous : 0.0;
-    } else {
-      // The bristle relaxes at the rate of a speed known beforehand (exactly, by an exponential) and stretches with the
-      // speed to be found, which makes the friction linear in it. The speed beforehand is the larger of the old one and
-      // the one that rigid friction would leave: a push that breaks it loose is not held back for a step.
-      const double sigma0 = bristle_stiffness_[axis], theta = step_.theta[axis];
-      const double g = sliding_force(axis, std::abs(v));
-      const double rate = sigma0 * std::max(std::abs(v), std::abs(free) - w * g) / g;
-      const double decay = std::exp(-rate * h);
-      const double stretch = rate * h > 1e-6 ? (1 - decay) / rate : h;
-      const double held = sigma0 * (1 - theta + theta * decay) - bristle_damping_ * (1 - decay) / h;
-      const double slope = stretch * (theta * sigma0 + bristle_damping_ / h);
-      v = (free - w * held * bristle_[axis]) / (viscous + w * slope);
-      bristle_[axis] = decay * bristle_[axis] + stretch * v;
-    }
+double Plant::braked(int axis, double before, double free, double w, double viscous) noexcept {
+  if (friction == Friction::none || coulomb_[axis] == 0) return free / viscous;
+  if constexpr (friction == Friction::rigid) {
+    const double slip = std::abs(free) - w * sliding_force(axis, std::abs(before));
+    return slip > 0 ? std::copysign(slip, free) / viscous : 0.0;
+  } else {
+    // The bristle relaxes at the rate of a speed known beforehand (exactly, by an exponential) and stretches with the
+    // speed to be found, which makes the friction linear in it. The speed beforehand is the larger of the old one and
+    // the one that rigid friction would leave: a push that breaks it loose is not held back for a step.
+    const double h = step_.h, sigma0 = bristle_stiffness_[axis], theta = step_.theta[axis];
+    const double g = sliding_force(axis, std::abs(before));
+    const double rate = sigma0 * std::max(std::abs(before), std::abs(free) - w * g) / g;
+    const double decay = std::exp(-rate * h);
+    const double stretch = rate * h > 1e-6 ? (1 - decay) / rate : h;
+    const double held = sigma0 * (1 - theta + theta * decay) - bristle_damping_ * (1 - decay) / h;
+    const double slope = stretch * (theta * sigma0 + bristle_damping_ / h);
+    const double v = (free - w * held * bristle_[axis]) / (viscous + w * slope);
+    bristle_[axis] = decay * bristle_[axis] + stretch * v;
+    return v;
   }
 }
 
-/// A stiff, damped wall beyond each side of the workspace, implicit in the velocity.
-void Plant::push_back_from_walls() noexcept {
+/// A stiff, damped wall beyond each side of the workspace, implicit in the velocity, which a force changes by w.
+void Plant::push_back_from_walls(double w) noexcept {
   if (motor_.x.squaredNorm() < safe_radius_squared_) return;
   const Vec3 p = rotation_.transpose() * motor_.x;
   const Vec3 depth = p - p.cwiseMax(workspace_.min).cwiseMin(workspace_.max);
   if (depth.isZero(0)) return;
-  const double w = step_.h / wall_mass_;
   const double resistance = 1 + w * 2 * std::sqrt(kWallStiffness * wall_mass_) + w * step_.h * kWallStiffness;
   Vec3 v = rotation_.transpose() * motor_.v;
   for (int axis = 0; axis < 3; ++axis)
@@ -178,21 +252,28 @@ void Plant::push_back_from_walls() noexcept {
   motor_.v = rotation_ * v;
 }
 
+double Plant::steps_in(double span) const noexcept {
+  return std::max(1.0, std::ceil(span / longest_step_ * (1 - 1e-9)));
+}
+
+/// The mean of what reaches the mechanism while the motors lag behind their command.
+Vec3 Plant::motor_force_over_step(const Vec3& command) noexcept {
+  if (lag_time_constant_ == 0) return command;
+  const Vec3 lacking = motor_force_ - command;
+  motor_force_ = command + step_.lag_decay * lacking;
+  return command + step_.lag_mean * lacking;
+}
+
 template <Plant::Friction friction, bool structure, bool hand>
 void Plant::advance_as(double span, const PlantInput& input) noexcept {
-  const double steps = std::max(1.0, std::ceil(span / longest_step_ * (1 - 1e-9)));
+  const double steps = steps_in(span);
   prepare(span / steps);
   const double h = step_.h;
   Vec3 hand_force = input.hand_force, intent = input.intent;
 
   for (double left = steps; left > 0; --left) {
-    Vec3 force = input.command;
-    if (lag_time_constant_ > 0) {
-      const Vec3 lacking = motor_force_ - input.command;
-      force += step_.lag_mean * lacking;
-      motor_force_ = input.command + step_.lag_decay * lacking;
-    }
-    const Vec3 of_motors = force;
+    const Vec3 of_motors = motor_force_over_step(input.command);
+    Vec3 force = of_motors;
     force += position_force(motor_.x);
 
     Vec3 on_handle = Vec3::Zero();
@@ -222,8 +303,12 @@ void Plant::advance_as(double span, const PlantInput& input) noexcept {
       hand_force += h * input.hand_force_rate;
     }
 
-    move_motor<friction>(force);
-    push_back_from_walls();
+    for (int axis = 0; axis < 3; ++axis) {
+      const double w = h * motor_.inverse_mass[axis];
+      double& v = motor_.v[axis];
+      v = braked<friction>(axis, v, v + w * force[axis], w, 1 + w * viscous_[axis]);
+    }
+    push_back_from_walls(h / wall_mass_);
     motor_.x += h * motor_.v;
     motor_work_ += h * of_motors.dot(motor_.v);
     if constexpr (structure) {
@@ -233,10 +318,94 @@ void Plant::advance_as(double span, const PlantInput& input) noexcept {
   }
 }
 
-Plant::Advance Plant::choose(Friction friction, bool structure, bool hand) {
+template <Plant::Friction friction, bool structure, bool hand>
+void Plant::advance_by_matrices(double span, const PlantInput& input) noexcept {
+  constexpr int kBodies = 1 + structure + hand, kMotor = 0, kHandle = structure ? 1 : 0, kHand = kBodies - 1;
+  using Chain = Eigen::Matrix<double, 2 * kBodies, 1>;
+  using Forces = Eigen::Matrix<double, kBodies, 1>;
+  using Phi = Eigen::Map<const Eigen::Matrix<double, 2 * kBodies, 2 * kBodies>>;
+  using Gamma = Eigen::Map<const Eigen::Matrix<double, 2 * kBodies, kBodies>>;
+
+  const double steps = steps_in(span);
+  prepare(span / steps);
+  const double h = step_.h;
+  const LinearSteps& linear = linear_steps(h);
+  Vec3 mobility;  // what a force on the motor, held over the step, changes its velocity at the end by
+  for (int axis = 0; axis < 3; ++axis) mobility[axis] = linear.linked[static_cast<std::size_t>(axis)].gamma(kBodies, 0);
+  Vec3 hand_force = input.hand_force, intent = input.intent;
+
+  for (double left = steps; left > 0; --left) {
+    const Vec3 of_motors = motor_force_over_step(input.command);
+    const Vec3 on_motor = of_motors + position_force(motor_.x + 0.5 * h * motor_.v);
+    Vec3 play = Vec3::Zero(), on_hand = Vec3::Zero();
+    if constexpr (structure) play = beyond_play(motor_.x - handle_.x, half_backlash_);
+    if constexpr (hand) {
+      const Vec3 arm = step_.arm_half_decay * arm_force_ + step_.arm_half_gain * (input.intent_velocity - hand_.v);
+      on_hand = arm + (arm_damping_ + intent_damping_) * input.intent_velocity +
+                intent_stiffness_ * (intent + 0.5 * h * input.intent_velocity) + hand_force +
+                0.5 * h * input.hand_force_rate;
+      intent += h * input.intent_velocity;
+      hand_force += h * input.hand_force_rate;
+    }
+
+    std::array<Chain, 3> next;
+    std::array<const LinearStep*, 3> of_axis{};
+    Vec3 free;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto at = static_cast<std::size_t>(axis);
+      const bool linked = !structure || half_backlash_ == 0 || play[axis] != 0;
+      of_axis[at] = linked ? &linear.linked[at] : &linear.apart[at];
+      Chain x = Chain::Zero();
+      Forces f = Forces::Zero();
+      x[kMotor] = motor_.x[axis], x[kBodies + kMotor] = motor_.v[axis];
+      f[kMotor] = on_motor[axis];
+      if constexpr (structure) {
+        x[kHandle] = handle_.x[axis], x[kBodies + kHandle] = handle_.v[axis];
+        // The spring of the matrices begins without play.
+        const double too_much = linked ? link_stiffness_[axis] * (x[kMotor] - x[kHandle] - play[axis]) : 0;
+        f[kMotor] += too_much;
+        f[kHandle] -= too_much;
+      }
+      if constexpr (hand) {
+        x[kHand] = hand_.x[axis], x[kBodies + kHand] = hand_.v[axis];
+        f[kHand] = on_hand[axis];
+      }
+      next[at] = Phi(of_axis[at]->phi.data()) * x + Gamma(of_axis[at]->gamma.data()) * f;
+      free[axis] = next[at][kBodies + kMotor];
+      motor_.v[axis] = braked<friction>(axis, motor_.v[axis], free[axis], of_axis[at]->gamma(kBodies, 0), 1);
+    }
+    push_back_from_walls(mobility.maxCoeff());
+
+    // Friction and walls as the force that, held over the step, leaves this velocity.
+    const Vec3 motor_before = motor_.x, hand_before = hand_.x;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto at = static_cast<std::size_t>(axis);
+      const double by_force = of_axis[at]->gamma(kBodies, 0), change = motor_.v[axis] - free[axis];
+      if (change != 0 && by_force != 0) next[at] += Gamma(of_axis[at]->gamma.data()).col(kMotor) * (change / by_force);
+      motor_.x[axis] = next[at][kMotor];
+      if constexpr (structure) handle_.x[axis] = next[at][kHandle], handle_.v[axis] = next[at][kBodies + kHandle];
+      if constexpr (hand) hand_.x[axis] = next[at][kHand], hand_.v[axis] = next[at][kBodies + kHand];
+    }
+    motor_work_ += of_motors.dot(motor_.x - motor_before);
+    if constexpr (hand)
+      arm_force_ =
+          step_.arm_decay * arm_force_ + step_.arm_gain * (input.intent_velocity - (hand_.x - hand_before) / h);
+  }
+  if constexpr (hand) {
+    const Body& held = structure ? handle_ : motor_;
+    contact_force_ = grip_stiffness_ * (held.x - hand_.x) + grip_damping_ * (held.v - hand_.v);
+  }
+}
+
+Plant::Advance Plant::choose(Friction friction, bool structure, bool hand, bool by_matrices) {
   const auto with = [&]<Friction kind>() -> Advance {
-    if (structure) return hand ? &Plant::advance_as<kind, true, true> : &Plant::advance_as<kind, true, false>;
-    return hand ? &Plant::advance_as<kind, false, true> : &Plant::advance_as<kind, false, false>;
+    const auto moved_by = [&]<bool has_structure, bool has_hand>() -> Advance {
+      return by_matrices ? &Plant::advance_by_matrices<kind, has_structure, has_hand>
+                         : &Plant::advance_as<kind, has_structure, has_hand>;
+    };
+    if (structure)
+      return hand ? moved_by.template operator()<true, true>() : moved_by.template operator()<true, false>();
+    return hand ? moved_by.template operator()<false, true>() : moved_by.template operator()<false, false>();
   };
   switch (friction) {
     case Friction::rigid:

@@ -5,6 +5,7 @@
 #include "devices/sim/spec.h"
 
 #include <array>
+#include <vector>
 
 namespace haptrace {
 
@@ -45,9 +46,9 @@ class Plant {
  public:
   /// At rest with every body at `start` (W). Without `follows_intent` the hand's intent springs are left out.
   /// `longest_step` [s] bounds a step; stiff springs and dampers may ask for a shorter one: semi_implicit for an
-  /// accurate one, euler, verlet and rk4 for four fifths of their limit, exact for as much of verlet's, so that friction
-  /// still brakes within a step; implicit only for cogging, gravity and the arm. Throws Error(input) when none is stable:
-  /// euler without a damper.
+  /// accurate one; euler and rk4 for four fifths of their limits, verlet for as much of semi_implicit's and exact of
+  /// verlet's, so that friction and walls brake within a step; implicit for cogging, gravity and the arm only. Throws
+  /// Error(input) when no step is stable: euler where a spring has no damper.
   Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double longest_step,
         Integrator integrator = Integrator::semi_implicit);
 
@@ -73,7 +74,7 @@ class Plant {
   /// The hand lets go, and holds nothing from now on.
   void let_go() noexcept {
     grip_stiffness_ = grip_damping_ = 0;
-    for (Step& step : prepared_) step.h = 0;
+    for (LinearSteps& known : linear_) known.h = 0;
   }
 
   [[nodiscard]] double longest_step() const noexcept { return longest_step_; }
@@ -90,29 +91,46 @@ class Plant {
   struct Step {
     double h = 0;
     double lag_decay = 0, lag_mean = 0;  ///< of the motor force over a step
-    double arm_decay = 1, arm_gain = 0;
-    Vec3 theta = Vec3::Zero();     ///< how implicit the bristle's spring is
-    Vec3 mobility = Vec3::Zero();  ///< speed at the step's end by a force on the motor held over it [m/(N s)]
+    double arm_decay = 1, arm_gain = 0, arm_half_decay = 1, arm_half_gain = 0;
+    Vec3 theta = Vec3::Zero();  ///< how implicit the bristle's spring is
+  };
+
+  /// The matrices of every axis for one length of step: of bodies that the link connects, and of bodies within its
+  /// play.
+  struct LinearSteps {
+    double h = 0;
+    std::array<LinearStep, 3> linked, apart;
   };
 
   using Advance = void (Plant::*)(double, const PlantInput&) noexcept;
-  static Advance choose(Friction friction, bool structure, bool hand);
+  static Advance choose(Friction friction, bool structure, bool hand, bool by_matrices);
   template <Friction friction, bool structure, bool hand>
   void advance_as(double span, const PlantInput& input) noexcept;
+  template <Friction friction, bool structure, bool hand>
+  void advance_by_matrices(double span, const PlantInput& input) noexcept;
 
+  double steps_in(double span) const noexcept;
+  Vec3 motor_force_over_step(const Vec3& command) noexcept;
   template <Friction friction>
-  void move_motor(const Vec3& force) noexcept;
+  double braked(int axis, double before, double free, double w, double viscous) noexcept;
   double sliding_force(int axis, double speed) const noexcept;
   Vec3 position_force(const Vec3& x) const noexcept;
-  void push_back_from_walls() noexcept;
+  void push_back_from_walls(double w) noexcept;
   void prepare(double h) noexcept;
+  const LinearSteps& linear_steps(double h) noexcept;
+  LinearBodies bodies(int axis, bool linked, bool held) const noexcept;
+  double accurate_step() const;
   double stable_step() const;
+  Vec3 field_stiffness() const;
 
   Advance advance_ = nullptr;
   Eigen::Matrix3d rotation_ = Eigen::Matrix3d::Identity();
+  Integrator integrator_;
   bool structure_ = false;
   double longest_step_;
   Step step_;
+  std::vector<LinearSteps> linear_;  ///< of the lengths met last; none for semi_implicit
+  std::size_t oldest_linear_ = 0;
 
   Body motor_, handle_, hand_;
 

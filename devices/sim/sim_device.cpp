@@ -12,9 +12,10 @@
 namespace haptrace {
 namespace {
 
-constexpr double kHandRate = 1000;               // [Hz]
-constexpr std::int64_t kHandPeriod = 1'000'000;  // [ns]
-constexpr double kLongestHold = 1e9;             // after which a hand that lets go never does [s]
+constexpr double kHandRate = 1000;                               // [Hz]
+constexpr std::int64_t kHandPeriod = 1'000'000;                  // [ns]
+constexpr double kLongestHold = 1e9;                             // after which a hand that lets go never does [s]
+constexpr double kShortestOption = 1e-7, kLongestOption = 1e-2;  // what a step of integration can be asked to be [s]
 
 double quantised(double value, double quantum) {
   return quantum * std::floor(value / quantum + 0.5);
@@ -63,13 +64,18 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
       force_noise_(spec.force_noise),
       delay_line_(std::llround(spec.delay * 1e9)),
       plant_(spec, follows_intent(spec, options) ? options.intent->sample(0).position : Vec3::Zero(),
-             follows_intent(spec, options), options.longest_step),
+             follows_intent(spec, options), options.longest_step, options.integrator),
       sensor_noise_(options.seed, 1),
       hand_noise_(options.seed, 2),
       tremor_(ColouredNoise::band_pass(spec.hand ? spec.hand->tremor : 0, 6, 12, kHandRate)),
       drift_(ColouredNoise::low_pass(spec.hand ? spec.hand->drift : 0, 1, kHandRate)) {
   for (int axis = 0; axis < 3; ++axis) force_axes_[axis] = spec.axes[static_cast<std::size_t>(axis)] ? 1 : 0;
   info_.notes = options.notes;
+  if (plant_.longest_step() < options.longest_step && options.longest_step != SimOptions{}.longest_step)
+    info_.notes.push_back(fmt::format(
+        "integrated in steps of {:.3g} s at most, not of {:.3g} s: {}", plant_.longest_step(), options.longest_step,
+        options.integrator == Integrator::semi_implicit ? "springs of it ask for that"
+                                                        : "longer ones would not be stable"));
   if (follows_intent(spec, options)) {
     intent_ = *options.intent;
     info_.natural_duration = intent_.duration();
@@ -283,6 +289,8 @@ std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device) {
   if (options.lost_for < SimOptions::kNever && options.lost_at == SimOptions::kNever)
     throw input_error(device.where() +
                       ": lost_for: says how long the cable is out; say when it slips out with lost_at");
+  options.longest_step = device.number("step", kShortestOption, kLongestOption, options.longest_step, "s");
+  options.integrator = parse_integrator(device.option("integrator", to_string(options.integrator)));
   if (spec.hand && !spec.hand->intent.empty()) read_intent(device, spec, options);
   return std::make_unique<SimDevice>(spec, options);
 }
@@ -298,6 +306,8 @@ DeviceBackend sim_backend() {
                       {"intent_speed", "times as fast as the path"},
                       {"fit", "true: scale and move the intent into the workspace"},
                       {"seed", "of tremor and noise (default 1)"},
+                      {"integrator", "semi-implicit (default), euler, verlet, rk4, implicit, exact"},
+                      {"step", "of integration, at most; stiff parts shorten it (default 5e-5) [s]"},
                       {"lost_at", "its cable slips out at this time of its own, to try that out [s]"},
                       {"lost_for", "and is in again after so long [s]; without it, when it is opened anew"}},
           .presets = device_preset_names(),

@@ -28,6 +28,7 @@ struct SimOptions {
   double lost_for = kNever;                  ///< after which that is in again [s]; kNever: the device is lost for good
   double lets_go_at = kNever;                ///< when the hand lets go of it, in its own time [s]
   double longest_step = 50e-6;  ///< of integration; another is for those who study the integration itself [s]
+  Integrator integrator = Integrator::semi_implicit;  ///< so is another than this, see Plant
 };
 
 /// Advances by exchange's dt and by nothing else. Equal specs, seeds and commands give bit-identical runs. A force that

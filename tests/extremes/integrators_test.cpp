@@ -97,7 +97,7 @@ double theory(Integrator method, double m, double b, double k) {
   }
 }
 
-TEST(IntegratorExtremes, TheMeasuredLimitIsThatOfTheoryWithinAPerCent) {
+TEST(Integrators, TheMeasuredLimitIsThatOfTheoryWithinAPerCent) {
   for (const double m : kMasses)
     for (const double k : kStiffnesses)
       for (const double ratio : {0.0, 0.05, 0.5, 1.1, 5.0})
@@ -117,7 +117,7 @@ TEST(IntegratorExtremes, TheMeasuredLimitIsThatOfTheoryWithinAPerCent) {
         }
 }
 
-TEST(IntegratorExtremes, SoItIsOfADamperAloneAndOfNothingAtAll) {
+TEST(Integrators, SoItIsOfADamperAloneAndOfNothingAtAll) {
   for (const double m : kMasses) {
     for (const Integrator method : {Integrator::semi_implicit, Integrator::euler, Integrator::rk4}) {
       const double limit = stability_limit(method, body(m, 3, 0));
@@ -131,7 +131,7 @@ TEST(IntegratorExtremes, SoItIsOfADamperAloneAndOfNothingAtAll) {
   }
 }
 
-TEST(IntegratorExtremes, TheLimitOfCoupledBodiesIsMeasuredToo) {
+TEST(Integrators, TheLimitOfCoupledBodiesIsMeasuredToo) {
   for (const double w : {1.0, 1e3, 3e7})
     for (const End end : {End::tied, End::held, End::free})
       for (const Integrator method : kLimited) {
@@ -145,7 +145,7 @@ TEST(IntegratorExtremes, TheLimitOfCoupledBodiesIsMeasuredToo) {
       }
 }
 
-TEST(IntegratorExtremes, ImplicitAndExactStepsGrowAtNoStep) {
+TEST(Integrators, ImplicitAndExactStepsGrowAtNoStep) {
   for (const Integrator method : {Integrator::implicit, Integrator::exact}) {
     for (const double m : kMasses)
       for (const double k : kStiffnesses)
@@ -174,7 +174,7 @@ Eigen::Vector2d closed_form(double m, double b, double k, double f, double x0, d
           static_cast<double>((slow * grown_slow + fast * grown_fast).real())};
 }
 
-TEST(IntegratorExtremes, OrdersOfAccuracyAreThoseOfTheory) {
+TEST(Integrators, OrdersOfAccuracyAreThoseOfTheory) {
   const double m = 0.25, b = 3, k = 3000, f = 5, t = 0.1;
   const Eigen::Vector2d truth = closed_form(m, b, k, f, 1e-3, 0.2, t);
   const auto error = [&](Integrator method, int steps) {
@@ -194,7 +194,7 @@ TEST(IntegratorExtremes, OrdersOfAccuracyAreThoseOfTheory) {
   for (const int steps : {1, 3, 1000}) EXPECT_LT(error(Integrator::exact, steps), 1e-15 * std::sqrt(steps) * 10);
 }
 
-TEST(IntegratorExtremes, TheExactStepHasNoErrorAtAnyStep) {
+TEST(Integrators, TheExactStepHasNoErrorAtAnyStep) {
   for (const double m : kMasses)
     for (const double k : kStiffnesses)
       for (const double ratio : {0.0, 0.01, 0.7, 3.0, 1e3})
@@ -210,7 +210,7 @@ TEST(IntegratorExtremes, TheExactStepHasNoErrorAtAnyStep) {
         }
 }
 
-TEST(IntegratorExtremes, OneExactStepOfAChainIsAnyNumberOfThem) {
+TEST(Integrators, OneExactStepOfAChainIsAnyNumberOfThem) {
   const LinearBodies bodies = chain(1e3);
   const LinearStep once = linear_step(Integrator::exact, bodies, 8e-3),
                    often = linear_step(Integrator::exact, bodies, 8e-3 / 64),
@@ -227,7 +227,7 @@ TEST(IntegratorExtremes, OneExactStepOfAChainIsAnyNumberOfThem) {
   EXPECT_LT((end - c).norm(), 1e-9 * end.norm());  // a method of its own
 }
 
-TEST(IntegratorExtremes, WhatIsInEquilibriumStaysThere) {
+TEST(Integrators, WhatIsInEquilibriumStaysThere) {
   for (const Integrator method : kMethods)
     for (const double h : {1e-6, 1e-3}) {
       const LinearBodies bodies = chain(300);
@@ -239,7 +239,7 @@ TEST(IntegratorExtremes, WhatIsInEquilibriumStaysThere) {
     }
 }
 
-TEST(IntegratorExtremes, WhatNothingHoldsKeepsItsMomentum) {
+TEST(Integrators, WhatNothingHoldsKeepsItsMomentum) {
   const LinearBodies bodies = chain(300, End::free);
   const Eigen::Vector3d mass = bodies.inverse_mass.cwiseInverse(), f(4, -1, 2);
   Eigen::VectorXd x(6);
@@ -251,7 +251,7 @@ TEST(IntegratorExtremes, WhatNothingHoldsKeepsItsMomentum) {
   }
 }
 
-TEST(IntegratorExtremes, ABodyOfHardlyAnyMassFollowsItsSpringAndDamper) {
+TEST(Integrators, ABodyOfHardlyAnyMassFollowsItsSpringAndDamper) {
   // x' = (f - k x) / b in the limit; what implicit steps make of that, and finite whatever the method.
   const double k = 1000, b = 5, h = 2e-3, f = 3, x0 = 0.01, rest = f / k;
   for (const double m : {1e-6, 1e-9, 1e-12}) {
@@ -267,7 +267,7 @@ TEST(IntegratorExtremes, ABodyOfHardlyAnyMassFollowsItsSpringAndDamper) {
   }
 }
 
-TEST(IntegratorExtremes, WithoutADamperSymplecticStepsKeepTheirEnergyForEver) {
+TEST(Integrators, WithoutADamperSymplecticStepsKeepTheirEnergyForEver) {
   const double m = 0.01, k = 1e6, w = std::sqrt(k / m), h = 0.2 / w;
   const auto amplitude = [&](Integrator method) {
     const LinearStep step = linear_step(method, body(m, 0, k), h);
@@ -286,7 +286,7 @@ TEST(IntegratorExtremes, WithoutADamperSymplecticStepsKeepTheirEnergyForEver) {
   EXPECT_LT(amplitude(Integrator::implicit), 1e-100);
 }
 
-TEST(IntegratorExtremes, HaveNames) {
+TEST(Integrators, AreKnownByName) {
   for (const Integrator method : kMethods) EXPECT_EQ(parse_integrator(to_string(method)), method);
   EXPECT_THAT(error_of([] { (void)parse_integrator("leapfrog"); }),
               testing::AllOf(testing::HasSubstr("'leapfrog'"), testing::HasSubstr("semi-implicit, euler, verlet")));
