@@ -8,6 +8,7 @@
 #include "formats/rfc3339.h"
 #include "player/calibration.h"
 #include "scene/scene_file.h"
+#include "trade/physics.h"
 #include "trade/trade_report.h"
 
 #include <chrono>
@@ -175,6 +176,24 @@ std::vector<double> rates_of(const TradeoffArguments& arguments, const Workbench
   return rates;
 }
 
+/// Each part of a simulated device's physics left out in turn; nothing of another device.
+std::optional<Explanation> explain_simulation(const TradeoffArguments& arguments, const Workbench& bench,
+                                              const Budget& budget, const TradeOptions& options,
+                                              const StopRequest& stop) {
+  const DeviceSpec device = DeviceSpec::parse(arguments.device);
+  if (device.name != "sim") return std::nullopt;
+  const SimParts parts = read_sim_device(device);
+  const auto make = [&](const SimSpec& spec, std::uint64_t seed) -> std::unique_ptr<Device> {
+    SimOptions one = parts.options;
+    if (!device.options.contains("seed")) one.seed = seed;
+    return std::make_unique<SimDevice>(spec, one);
+  };
+  // Learning would learn what is left out.
+  Configuration configuration = options.base;
+  configuration.learn = 0;
+  return explain_physics(bench.place(), parts.spec, make, configuration, budget, options, stop);
+}
+
 void add_sides(const TradeoffArguments& arguments, const Workbench& bench, TradeReport& report, const Output& output) {
   ReadProgress progress(output, "storing, guiding, simulating");
   report.sides.push_back(trade_of_storage(bench, report.base.configuration));
@@ -312,6 +331,10 @@ Verb add_tradeoff(CLI::App& app) {
                 const Explanation explanation = explain(bench, configuration, budget, options, signals.stop());
                 json["explanations"].push_back(to_json(explanation));
                 text += text_of(explanation, budget, "term");
+              }
+              if (const auto physics = explain_simulation(*arguments, bench, budget, options, signals.stop())) {
+                json["physics"] = to_json(*physics);
+                text += text_of(*physics, budget, "part of the simulated device");
               }
             }
             draw(report, choice ? &*choice : nullptr);

@@ -180,10 +180,14 @@ SideTrade trade_of_simulation(
     const std::function<std::unique_ptr<Device>(const std::vector<std::pair<std::string, std::string>>&)>& open) {
   SideTrade trade{.knob = "simulation",
                   .what = "integrator and longest step of the simulated device",
-                  .columns = {{"way_difference_m", "rms mm", 1e-3, 5}, {"millisecond_s", "us/ms", 1e-6, 2}},
+                  .columns = {{"way_difference_m", "way mm", 1e-3, 4},
+                              {"error_change_m", "error mm", 1e-3, 4},
+                              {"ripple_change_n", "ripple N", 1, 4},
+                              {"millisecond_s", "us/ms", 1e-6, 2}},
                   .levels = {}};
   struct Run {
     std::vector<Vec3> way;
+    double error = 0, ripple = 0;
     double millisecond = kNaN;
   };
   // Without learning, which would learn the integration's errors as well.
@@ -199,7 +203,8 @@ SideTrade trade_of_simulation(
     const double begin = seconds_now();
     const PlayResult result =
         play(*device, plan_playback(device->info(), bench.place().path, options), options, StopRequest{});
-    return Run{way.way(), 1e-3 * (seconds_now() - begin) / std::max(result.session.servo.duration, 1e-9)};
+    return Run{way.way(), result.last.rms_error, result.last.force_ripple,
+               1e-3 * (seconds_now() - begin) / std::max(result.session.servo.duration, 1e-9)};
   };
   if (dynamic_cast<const SimDevice*>(open({}).get()) == nullptr) return trade;
   const Run finest = run("exact", kFinestStep);
@@ -211,7 +216,8 @@ SideTrade trade_of_simulation(
                            .refused = {}};
       try {
         const Run tried = run(integrator, step);
-        row.values = {rms_between(tried.way, finest.way), tried.millisecond};
+        row.values = {rms_between(tried.way, finest.way), tried.error - finest.error, tried.ripple - finest.ripple,
+                      tried.millisecond};
       } catch (const Error& error) {
         row.refused = error.what();
       }

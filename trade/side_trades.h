@@ -50,8 +50,10 @@ SideTrade trade_of_storage(const Workbench& bench, const Configuration& configur
 SideTrade trade_of_projection(const Workbench& bench);
 
 /// Integrator and longest step of the simulated device, with the configuration played on it: how far the tool's true
-/// way is from that of the finest, and what simulating a millisecond costs. `open` makes the device with further
-/// options of `sim`. No levels unless the device is one of `sim`.
+/// way and the session's figures are from those of the finest, and what simulating a millisecond costs. Friction and
+/// counts make two ways that began to differ by nothing part by a fraction of a count: below that a step says nothing
+/// by its way, only by the figures. `open` makes the device with further options of `sim`. No levels unless the device
+/// is one of `sim`.
 SideTrade trade_of_simulation(
     const Workbench& bench, const Configuration& configuration,
     const std::function<std::unique_ptr<Device>(const std::vector<std::pair<std::string, std::string>>&)>& open);

@@ -217,10 +217,10 @@ std::string text_of(const Explanation& explanation, const Budget& budget, const 
     }
     const std::string instructions =
         std::isfinite(price.instructions) ? fmt::format("{:.0f} instructions and ", price.instructions) : "";
-    text += fmt::format("  {:<20} error {:+.4f} mm, ripple {:+.3f} N; saves {}{} ns a tick{}\n", price.term,
-                        1e3 * price.error_change, price.ripple_change, instructions,
-                        number_or(1e9 * price.control, "{:.0f}"),
-                        price.dispensable ? fmt::format(": can be dropped, {} is kept", to_string(budget)) : "");
+    text += fmt::format(
+        "  {:<20} error {:+.4f} mm, ripple {:+.3f} N; saves {}{} ns a tick{}\n", price.term, 1e3 * price.error_change,
+        price.ripple_change, instructions, number_or(1e9 * price.control, "{:.0f}"),
+        price.dispensable ? fmt::format(": can be dropped, it changes less than {}", to_string(budget)) : "");
   }
   return text;
 }

@@ -492,7 +492,7 @@ void weigh(const Outcome& outcome, const Budget& budget, TermPrice& price) {
   price.instructions = outcome.instructions - without.instructions;
   price.control = outcome.control - without.control;
   price.dispensable =
-      !budget.empty() && budget.kept(without) &&
+      !budget.empty() && without.ran() && (budget.kept(without) || !budget.kept(outcome)) &&
       std::all_of(budget.bounds.begin(), budget.bounds.end(), [&](const Bound& bound) {
         return std::abs(mean_of(without, bound.measure) - mean_of(outcome, bound.measure)) < bound.limit;
       });

@@ -44,7 +44,8 @@ struct TermPrice {
   double ripple_change = 0;    ///< [N]
   double instructions = kNaN;  ///< that are saved, of a tick
   double control = kNaN;       ///< time that is saved, of a tick [s]
-  bool dispensable = false;    ///< without it every bound of the budget is kept, and none changes by more than itself
+  /// Its absence changes nothing that the budget bounds by as much as the bound, and breaks no bound that is kept.
+  bool dispensable = false;
 };
 
 /// A configuration, and each of its terms left out in turn.

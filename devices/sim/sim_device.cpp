@@ -270,7 +270,7 @@ void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& opti
 
 }  // namespace
 
-std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device) {
+SimParts read_sim_device(const DeviceSpec& device) {
   const std::string file = device.option("spec"), intent = device.option("intent");
   const json json_spec = merged_spec(device);
   SimSpec spec = read_sim_spec(json_spec, file.empty() ? device.where() : file,
@@ -292,7 +292,12 @@ std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device) {
   options.longest_step = device.number("step", kShortestOption, kLongestOption, options.longest_step, "s");
   options.integrator = parse_integrator(device.option("integrator", to_string(options.integrator)));
   if (spec.hand && !spec.hand->intent.empty()) read_intent(device, spec, options);
-  return std::make_unique<SimDevice>(spec, options);
+  return {std::move(spec), std::move(options)};
+}
+
+std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device) {
+  const SimParts parts = read_sim_device(device);
+  return std::make_unique<SimDevice>(parts.spec, parts.options);
 }
 
 DeviceBackend sim_backend() {

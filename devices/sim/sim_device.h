@@ -94,7 +94,14 @@ class SimDevice final : public Device {
   std::int64_t hand_tick_ = 0;  ///< when it is decided next [ns]
 };
 
-/// What `sim` makes of its options, for the plant of an emulated device too. Throws Error(input).
+/// What `sim` reads from its options. Throws Error(input).
+struct SimParts {
+  SimSpec spec;
+  SimOptions options;
+};
+SimParts read_sim_device(const DeviceSpec& device);
+
+/// The device that it makes of them, for the plant of an emulated device too. Throws Error(input).
 std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device);
 
 /// `sim`, with the options preset, spec, hand, intent, fit and seed.
