@@ -13,6 +13,15 @@ double depth(const PathProjection::Foot& foot) {
   return foot.distance - foot.place.radius;
 }
 
+const Guidance::Options& checked_guidance(const Guidance::Options& options) {
+  check_range("the energy of guidance", options.energy, 1e-3, 100, "J");
+  check_range("the width of the gate", options.gate_width, 1e-6, 1, "m");
+  check_range("the delay", options.delay, 0, 0.1, "s");
+  check_range("the rate", options.rate_hz, 10, 20000, "Hz");
+  check_range("the damping of guidance", options.max_damping, 0, 1e4, "N s/m");
+  return options;
+}
+
 }  // namespace
 
 Vec3 TunnelWall::force(const GuideInput& input) noexcept {
@@ -75,26 +84,14 @@ double largest_wall_stiffness(double rate_hz, double delay, double damping) {
 }
 
 Guidance::Guidance(GuideTerms terms, const Options& options)
-    : terms_(std::move(terms)), options_(options), tank_(options.energy), budget_(options.energy) {
-  check_range("the energy of guidance", options.energy, 1e-3, 100, "J");
-  check_range("the width of the gate", options.gate_width, 1e-6, 1, "m");
-  check_range("the delay", options.delay, 0, 0.1, "s");
-  check_range("the rate", options.rate_hz, 10, 20000, "Hz");
-  check_range("the damping of guidance", options.max_damping, 0, 1e4, "N s/m");
+    : terms_(std::move(terms)),
+      options_(checked_guidance(options)),
+      tank_(options.energy),
+      account_(options.delay, options.rate_hz),
+      budget_(options.energy) {
   const auto restores = [](const auto& term) { return term->kind() == GuideTerm::Kind::restoring; };
   if (!terms_.empty() && std::none_of(terms_.begin(), terms_.end(), restores))
     throw input_error("guidance without walls would let replayed forces drift away; give the tunnel a stiffness");
-  const double ticks = options.delay * options.rate_hz, whole = std::floor(ticks);
-  rest_ = ticks - whole;
-  sent_.assign(static_cast<std::size_t>(whole) + 2, Vec3::Zero());
-}
-
-// What a tick sent acts until the next, so over a delay of a fraction of a tick two of them share the time.
-Vec3 Guidance::acted(const Vec3& sent) noexcept {
-  newest_ = (newest_ + 1) % sent_.size();
-  sent_[newest_] = sent;
-  const Vec3 &oldest = sent_[(newest_ + 1) % sent_.size()], &next = sent_[(newest_ + 2) % sent_.size()];
-  return rest_ * oldest + (1 - rest_) * next;
 }
 
 double Guidance::gate(const PathProjection::Foot& foot) const noexcept {
@@ -109,22 +106,16 @@ void Guidance::account(const State& state, const PathProjection::Foot& foot, boo
     stored += term->stored(foot);
     allowance += term->allowance(foot);
   }
-  // What was sent after all limits, as late as it acts.
-  const Vec3 force = acted(state.force_applied);
-  if (begun_) {
-    const double given = force.dot(state.position - position_) + stored - stored_;
-    given_ += given;
-    tank_.charge(given);
+  if (const std::optional<double> given = account_.update(state, stored)) {
+    given_ += *given;
+    tank_.charge(*given);
     double credit = 0;
     if (foot.s > farthest_) credit += allowance * (foot.s - farthest_);
     if (cursor) credit += std::max(spring_.dot(foot.place.position - place_), 0.0);
     budget_ += credit;
     tank_.credit(credit);
   }
-  begun_ = true;
-  position_ = state.position;
   place_ = foot.place.position;
-  stored_ = stored;
   farthest_ = std::max(farthest_, foot.s);
 }
 
@@ -141,9 +132,9 @@ Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool
   spring_ = spring;
   Vec3 force = spring + passive + tank_.share() * active;
   // Overdrawn: as much damping as takes it back within a tick, but no more than the device bears.
-  const double speed2 = state.velocity.squaredNorm();
-  if (tank_.level() < 0 && speed2 > 0)
-    force -= std::min(-tank_.level() * options_.rate_hz / speed2, options_.max_damping) * state.velocity;
+  if (const double damping = recovering_damping(-tank_.level(), state.velocity, options_.rate_hz, options_.max_damping);
+      damping > 0)
+    force -= damping * state.velocity;
   return force;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control/controller.h"
+#include "control/energy_account.h"
 #include "control/energy_tank.h"
 #include "control/path_projection.h"
 
@@ -158,11 +159,10 @@ double largest_wall_stiffness(double rate_hz, double delay, double damping = 1);
 
 /// The sum of its terms, with what the active ones may give kept by an energy tank.
 ///
-/// The account, every tick: with u the force that acted (sent after all limits, `delay` ago) and dx what the hand moved
-/// meanwhile, u . dx plus the change of what the springs hold is what was given. A spring that is sampled and late
-/// gives more than it held: that is charged like everything else, and when the tank is overdrawn, damping takes it
-/// back. Credited is what the path allows for (GuideTerm::allowance) where it is walked for the first time, and in
-/// cursor mode what the cursor drags. So over any session
+/// What was given is told by an EnergyAccount. A spring that is sampled and late gives more than it held: that is
+/// charged like everything else, and when the tank is overdrawn, damping takes it back. Credited is what the path
+/// allows for (GuideTerm::allowance) where it is walked for the first time, and in cursor mode what the cursor drags.
+/// So over any session
 ///
 ///     given to the hand  <=  energy + allowances of the path + what the cursor dragged.
 ///
@@ -183,7 +183,7 @@ class Guidance {
 
   /// Begins at the start of the path anew: what was walked may be walked again, the tank stays as it is.
   void begin() noexcept {
-    begun_ = false;
+    account_.begin();
     farthest_ = 0;
   }
 
@@ -198,23 +198,16 @@ class Guidance {
 
  private:
   [[nodiscard]] double gate(const PathProjection::Foot& foot) const noexcept;
-  /// The mean force that acted since the tick before.
-  [[nodiscard]] Vec3 acted(const Vec3& sent) noexcept;
   void account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
 
   GuideTerms terms_;
   Options options_;
   EnergyTank tank_;
+  EnergyAccount account_;
   double given_ = 0, budget_ = 0;
-  bool begun_ = false;
-  Vec3 position_ = Vec3::Zero();  ///< at the tick before [m]
-  Vec3 place_ = Vec3::Zero();     ///< the foot then [m]
-  double stored_ = 0;             ///< then [J]
-  double farthest_ = 0;           ///< arc length [m]
-  Vec3 spring_ = Vec3::Zero();    ///< of the restoring terms, at the tick before [N]
-  std::vector<Vec3> sent_;        ///< a ring, newest at newest_ [N]
-  std::size_t newest_ = 0;
-  double rest_ = 0;  ///< of the delay beyond whole ticks, in ticks
+  Vec3 place_ = Vec3::Zero();   ///< the foot at the tick before [m]
+  double farthest_ = 0;         ///< arc length [m]
+  Vec3 spring_ = Vec3::Zero();  ///< of the restoring terms, at the tick before [N]
 };
 
 }  // namespace haptrace

@@ -1,0 +1,78 @@
+// What a device gave to a hand, and how to take it back.
+#pragma once
+
+#include "control/controller.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <vector>
+
+namespace haptrace {
+
+/// The account of a port, every tick: with u the force that acted (sent after all limits, `delay` ago) and dx what the
+/// hand moved meanwhile, u . dx plus the change of what springs hold is what was given. It is exact while the delay is
+/// whole ticks, for u is constant then; a part of a tick counts as if the hand moved evenly within one.
+///
+/// Real-time: all but the constructor.
+class EnergyAccount {
+ public:
+  /// `delay` [s] from a force's sending to its effect, at least 0; `rate_hz` positive.
+  EnergyAccount(double delay, double rate_hz) {
+    const double ticks = delay * rate_hz, whole = std::floor(ticks);
+    rest_ = ticks - whole;
+    sent_.assign(static_cast<std::size_t>(whole) + 2, Vec3::Zero());
+  }
+
+  /// Forgets where the hand was; what was sent goes on acting.
+  void begin() noexcept { begun_ = false; }
+  /// Forgets what was sent, too: no force acts.
+  void reset() noexcept {
+    begin();
+    force_.setZero();
+    std::fill(sent_.begin(), sent_.end(), Vec3::Zero());
+  }
+
+  /// Given to the hand since the tick before [J], with `stored` [J] held by springs at this tick's position. Nothing at
+  /// the first tick since begin().
+  [[nodiscard]] std::optional<double> update(const State& state, double stored) noexcept {
+    force_ = acted(state.force_applied);
+    std::optional<double> given;
+    if (begun_) given = force_.dot(state.position - position_) + stored - stored_;
+    begun_ = true;
+    position_ = state.position;
+    stored_ = stored;
+    return given;
+  }
+
+  /// The mean force that acted between the last two ticks [N].
+  [[nodiscard]] const Vec3& force() const noexcept { return force_; }
+
+ private:
+  // What a tick sent acts until the next, so over a delay of a fraction of a tick two of them share the time.
+  [[nodiscard]] Vec3 acted(const Vec3& sent) noexcept {
+    newest_ = (newest_ + 1) % sent_.size();
+    sent_[newest_] = sent;
+    const Vec3 &oldest = sent_[(newest_ + 1) % sent_.size()], &next = sent_[(newest_ + 2) % sent_.size()];
+    return rest_ * oldest + (1 - rest_) * next;
+  }
+
+  std::vector<Vec3> sent_;  ///< a ring, newest at newest_ [N]
+  std::size_t newest_ = 0;
+  double rest_ = 0;  ///< of the delay beyond whole ticks, in ticks
+  Vec3 force_ = Vec3::Zero();
+  bool begun_ = false;
+  Vec3 position_ = Vec3::Zero();  ///< at the tick before [m]
+  double stored_ = 0;             ///< then [J]
+};
+
+/// Damping [N s/m] that takes `overdrawn` [J] back within a tick from a hand that moves at `velocity`, and no more than
+/// `most`: alpha = E / (T v^2) (Hannaford and Ryu, IEEE Trans. Robotics and Automation 18(1), 2002). None when nothing
+/// is overdrawn or nothing moves.
+inline double recovering_damping(double overdrawn, const Vec3& velocity, double rate_hz, double most) noexcept {
+  const double speed2 = velocity.squaredNorm();
+  if (!(overdrawn > 0) || !(speed2 > 0)) return 0;
+  return std::min(overdrawn * rate_hz / speed2, most);
+}
+
+}  // namespace haptrace
