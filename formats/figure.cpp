@@ -86,7 +86,38 @@ struct Axis {
   int exponent = 0;
 };
 
-Axis make_axis(const Range& range, std::size_t most) {
+std::string superscript(int n) {
+  constexpr std::array kDigits{"\u2070", "\u00b9", "\u00b2", "\u00b3", "\u2074",
+                               "\u2075", "\u2076", "\u2077", "\u2078", "\u2079"};
+  std::string text = n < 0 ? "\u207b" : "";
+  for (const char c : std::to_string(std::abs(n))) text += kDigits[static_cast<std::size_t>(c - '0')];
+  return text;
+}
+
+/// Of a range of decimal logarithms: decades, and 2 and 5 times them where there is room.
+Axis make_log_axis(const Range& range, std::size_t most) {
+  constexpr double kBetween[] = {1, 2, 5};
+  Axis axis{range, {}, {}, 0};
+  const int first = static_cast<int>(std::floor(range.low)), last = static_cast<int>(std::ceil(range.high));
+  const auto decades = static_cast<std::size_t>(last - first + 1);
+  const bool all = 3 * decades <= most;
+  const int step = static_cast<int>((decades + most - 1) / most);
+  for (int decade = first; decade <= last; decade += all ? 1 : step)
+    for (const double factor : kBetween) {
+      const double tick = decade + std::log10(factor);
+      if (tick < range.low - 1e-9 || tick > range.high + 1e-9 || (factor > 1 && !all)) continue;
+      axis.ticks.push_back(tick);
+      const std::string power = "10" + superscript(decade);
+      axis.labels.push_back(decade > -4 && decade < 6 ? fmt::format("{:g}", factor * std::pow(10, decade))
+                            : factor == 1             ? power
+                                                      : fmt::format("{:g}\u00d7{}", factor, power));
+    }
+  return axis;
+}
+
+/// `log`: of a range of decimal logarithms.
+Axis make_axis(const Range& range, std::size_t most, bool log) {
+  if (log) return make_log_axis(range, most);
   Axis axis{range, tick_values(range.low, range.high, most), {}, 0};
   if (axis.ticks.empty()) return axis;
   const double largest = std::max(std::abs(axis.ticks.front()), std::abs(axis.ticks.back()));
@@ -101,14 +132,6 @@ Axis make_axis(const Range& range, std::size_t most) {
     axis.labels.push_back(std::move(label));
   }
   return axis;
-}
-
-std::string superscript(int n) {
-  constexpr std::array kDigits{"\u2070", "\u00b9", "\u00b2", "\u00b3", "\u2074",
-                               "\u2075", "\u2076", "\u2077", "\u2078", "\u2079"};
-  std::string text = n < 0 ? "\u207b" : "";
-  for (const char c : std::to_string(std::abs(n))) text += kDigits[static_cast<std::size_t>(c - '0')];
-  return text;
 }
 
 std::string with_exponent(const std::string& label, const Axis& axis) {
@@ -379,12 +402,12 @@ double widest(Canvas& canvas, const std::vector<std::string>& labels) {
 }
 
 /// As many ticks as have room for their labels.
-Axis horizontal_axis(Canvas& canvas, const Range& range, double pixels) {
+Axis horizontal_axis(Canvas& canvas, const Range& range, double pixels, bool log) {
   for (std::size_t most = ticks_for(pixels, 50); most > 2; --most) {
-    Axis axis = make_axis(range, most);
+    Axis axis = make_axis(range, most, log);
     if ((widest(canvas, axis.labels) + 14) * static_cast<double>(axis.labels.size()) < pixels) return axis;
   }
-  return make_axis(range, 2);
+  return make_axis(range, 2, log);
 }
 
 struct Margins {
@@ -393,7 +416,7 @@ struct Margins {
 
 Margins margins_of(Canvas& canvas, const Panel& panel, double height) {
   canvas.font(kText);
-  const Axis y = make_axis(ranges_of(panel).y, ticks_for(height, kTickSpacing));
+  const Axis y = make_axis(ranges_of(panel).y, ticks_for(height, kTickSpacing), panel.log_y);
   return {widest(canvas, y.labels) + kTick + 4 + (panel.y_label.empty() ? 0 : kText + 9),
           panel.title.empty() && !has_legend(panel) ? 8 : kPanelTitle + 10, 12,
           kTick + kText + 3 + (panel.x_label.empty() ? 0 : kText + 7)};
@@ -431,8 +454,8 @@ void draw_panel(Canvas& canvas, const Panel& panel, const Rect& cell, const Marg
   Ranges ranges = ranges_of(panel);
   if (panel.equal_scale) equalise(ranges, a);
   canvas.font(kText);
-  plot.x = horizontal_axis(canvas, ranges.x, a.w);
-  plot.y = make_axis(ranges.y, ticks_for(a.h, kTickSpacing));
+  plot.x = horizontal_axis(canvas, ranges.x, a.w, panel.log_x);
+  plot.y = make_axis(ranges.y, ticks_for(a.h, kTickSpacing), panel.log_y);
   if (!ranges.data) plot.x.ticks.clear(), plot.y.ticks.clear();
 
   draw_axes(canvas, panel, plot, cell.x);
@@ -466,7 +489,26 @@ std::vector<std::string> wrapped(Canvas& canvas, const std::string& text, double
   return lines;
 }
 
-void draw(Canvas& canvas, const Figure& figure) {
+/// With decimal logarithms on its logarithmic axes.
+Panel in_logarithms(Panel panel) {
+  const auto take = [](std::vector<double>& values) {
+    for (double& v : values) v = v > 0 ? std::log10(v) : std::numeric_limits<double>::quiet_NaN();
+  };
+  const auto take_range = [](std::optional<std::pair<double, double>>& range) {
+    if (range) range = std::pair(std::log10(range->first), std::log10(range->second));
+  };
+  for (Series& s : panel.series) {
+    if (panel.log_x) take(s.x);
+    if (panel.log_y) take(s.y);
+  }
+  if (panel.log_x) take_range(panel.x_range);
+  if (panel.log_y) take_range(panel.y_range);
+  return panel;
+}
+
+void draw(Canvas& canvas, Figure figure) {
+  for (auto& row : figure.rows)
+    for (Panel& panel : row) panel = in_logarithms(std::move(panel));
   canvas.color({1, 1, 1});
   canvas.fill({0, 0, figure.width, figure.height});
 

@@ -24,6 +24,7 @@ struct Panel {
   std::vector<Series> series;
   bool equal_scale = false;                                   ///< the same metre on both axes, for paths in space
   std::optional<std::pair<double, double>> x_range, y_range;  ///< else from the data
+  bool log_x = false, log_y = false;                          ///< logarithmic axes; what is not positive breaks a line
 };
 
 /// A grid of panels: rows of columns. Rows may have different numbers of columns; those with a panel of equal scale are

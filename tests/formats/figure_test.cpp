@@ -158,6 +158,7 @@ TEST(Figure, DrawsWhateverItIsGiven) {
     for (const bool equal : {false, true}) {
       Figure figure = figure_with(series);
       figure.rows[0][0].equal_scale = equal;
+      figure.rows[0][0].log_x = figure.rows[0][0].log_y = !equal;
       all.rows.push_back(figure.rows[0]);
       EXPECT_NO_THROW(save_figure(figure, folder / "a.png", true));
       EXPECT_NO_THROW(save_figure(figure, folder / "a.svg", true));
@@ -169,6 +170,42 @@ TEST(Figure, DrawsWhateverItIsGiven) {
   ranges.rows[0][0].x_range = {5, 5};
   ranges.rows[0][0].y_range = {-1e-9, 1e-9};
   EXPECT_NO_THROW(save_figure(ranges, folder / "a.png", true));
+}
+
+TEST(Figure, OnLogarithmicAxesIsTheFigureOfTheLogarithms) {
+  // Without labels both have the same margins, so that the lines are drawn alike.
+  const auto drawn = [](bool log) {
+    const TempFolder folder;
+    Figure figure = figure_with({.x = {}, .y = {}});
+    Panel& panel = figure.rows[0][0];
+    for (int i = 0; i <= 8; ++i) {
+      panel.series[0].x.push_back(log ? std::pow(10, i) : i);
+      panel.series[0].y.push_back(log ? std::pow(10, std::sin(i)) : std::sin(i));
+    }
+    panel.log_x = panel.log_y = log;
+    panel.x_range = log ? std::pair{1.0, 1e8} : std::pair{0.0, 8.0};
+    panel.y_range = log ? std::pair{0.1, 10.0} : std::pair{-1.0, 1.0};
+    save_figure(figure, folder / "a.svg", false);
+    const std::string svg = read_bytes(folder / "a.svg");
+    // The line is the only path in the palette's first colour.
+    const std::size_t line = svg.find("rgb(0%,44");
+    EXPECT_NE(line, std::string::npos);
+    const std::size_t path = svg.find(" d=\"", line);
+    std::vector<double> heights;
+    const char* at = svg.c_str() + path + 4;
+    for (int i = 0; i <= 8; ++i) {
+      char* end = nullptr;
+      while (*at == 'M' || *at == 'L' || *at == ' ') ++at;
+      (void)std::strtod(at, &end);
+      at = end;
+      heights.push_back(std::strtod(at, &end));
+      at = end;
+    }
+    return heights;
+  };
+  const std::vector<double> logarithmic = drawn(true), linear = drawn(false);
+  for (std::size_t i = 0; i < linear.size(); ++i) EXPECT_NEAR(logarithmic[i], linear[i], 1e-3) << i;
+  EXPECT_GT(linear[5] - linear[2], 10);
 }
 
 TEST(Figure, OfManyPointsStaysSmall) {
