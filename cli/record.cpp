@@ -1,5 +1,6 @@
 #include "player/record.h"
 
+#include "cli/profile.h"
 #include "cli/verb.h"
 #include "control/error.h"
 #include "scene/scene_file.h"
@@ -141,6 +142,10 @@ Verb add_record(CLI::App& app) {
 
             std::vector<std::string> scene_notes, notes;
             add_scene(*arguments, options, scene_notes);
+            options.identified = [&output, &options](const DeviceInfo& info) -> std::optional<PlantModel> {
+              const auto profile = profile_for(info, "", options.session.rate_hz, output);
+              return profile ? std::optional(profile->plant) : std::nullopt;
+            };
             Trials trials{.count = arguments->count, .pause = arguments->pause, .open = [&](int trial) {
                             return open_for(*arguments, trial);
                           }};

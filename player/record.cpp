@@ -1,6 +1,7 @@
 #include "player/record.h"
 
 #include "control/error.h"
+#include "player/guide.h"
 
 #include <filesystem>
 #include <fmt/format.h>
@@ -41,6 +42,16 @@ Command TimedController::update(const State& state) noexcept {
   return command;
 }
 
+PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz) {
+  LoopModel loop{.mass = kUnknownMass, .delay = kUnknownDelay, .rate_hz = rate_hz};
+  if (plant) {
+    loop.mass = plant->mass.minCoeff() > 0 ? plant->mass.minCoeff() : kUnknownMass;
+    loop.viscous = std::max(plant->viscous.minCoeff(), 0.0);
+    loop.delay = plant->delay;
+  }
+  return {.delay = loop.delay, .rate_hz = rate_hz, .max_damping = bearable_damping(loop)};
+}
+
 SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop, const Progress& progress) {
   double duration = options.duration;
   if (!(duration >= 0 && duration <= 1e7))
@@ -56,7 +67,11 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
         fmt::format("{} has no force sensor, which the trigger asks for; use speed or button, or a device with one",
                     device.info().name));
   if (options.scene) {
-    const auto touching = make_scene_controller(options.scene, options.session.rate_hz, options.slow_scene);
+    std::optional<PassivityLayer::Options> passivity;
+    if (options.scene->passivity())
+      passivity =
+          passivity_for(options.identified ? options.identified(device.info()) : std::nullopt, options.session.rate_hz);
+    const auto touching = make_scene_controller(options.scene, options.session.rate_hz, options.slow_scene, passivity);
     TimedController controller(*touching, duration, options.trigger);
     SessionResult result = run_session(device, controller, {}, {}, options.session, stop, progress);
     result.touches = touching->figures();

@@ -1,6 +1,7 @@
 // Recording what a hand does.
 #pragma once
 
+#include "control/plant_model.h"
 #include "control/trigger.h"
 #include "player/session.h"
 #include "scene/scene_controller.h"
@@ -46,8 +47,17 @@ struct RecordOptions {
   std::optional<Trigger> trigger;              ///< needs session.recording->options.capture.pre, 0 at least
   std::shared_ptr<Scene> scene;                ///< what the hand can touch; null: nothing, and no force is sent
   std::optional<SlowSceneOptions> slow_scene;  ///< it is slower than the loop
+  /// What calibration found out about the device, for a scene with a passivity layer; without it, nothing.
+  std::function<std::optional<PlantModel>(const DeviceInfo&)> identified;
   SessionOptions session;
 };
+
+/// The passivity layer of a scene on this device, of which calibration found out `plant`. A device that nobody
+/// calibrated is taken to be as late as guidance takes it to be, and light: kUnknownDelay, kUnknownMass. That is safe:
+/// who takes forces to be later than they are believes that more was created.
+PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz);
+
+inline constexpr double kUnknownMass = 0.1;  ///< [kg]
 
 /// Lets the hand move freely, or touch the scene, and records it. Throws Error(input) when a session in virtual time
 /// would never end, when the trigger asks for a sensor that the device does not have, or as make_scene_controller does.

@@ -62,11 +62,15 @@ std::optional<Event> SceneController::tell() noexcept {
 }
 
 std::unique_ptr<SceneController> make_scene_controller(const std::shared_ptr<Scene>& scene, double rate_hz,
-                                                       const std::optional<SlowSceneOptions>& slow) {
+                                                       const std::optional<SlowSceneOptions>& slow,
+                                                       const std::optional<PassivityLayer::Options>& passivity) {
+  std::shared_ptr<Touchable> touchable = scene;
   if (slow)
-    return std::make_unique<SceneController>(std::make_shared<SlowScene>(scene, *slow, rate_hz), scene->names());
-  scene->prepare({.rate_hz = rate_hz});
-  return std::make_unique<SceneController>(scene, scene->names());
+    touchable = std::make_shared<SlowScene>(scene, *slow, rate_hz);
+  else
+    scene->prepare({.rate_hz = rate_hz});
+  if (passivity) return std::make_unique<PassiveSceneController>(std::move(touchable), scene->names(), *passivity);
+  return std::make_unique<SceneController>(std::move(touchable), scene->names());
 }
 
 }  // namespace haptrace

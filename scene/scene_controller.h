@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control/controller.h"
+#include "control/passivity_layer.h"
 #include "scene/scene.h"
 #include "scene/slow_scene.h"
 
@@ -23,7 +24,7 @@ struct TouchFigures {
 
 /// Sends the force of what is touched, and tells the events `touched` and `left`.
 ///
-/// What supervises the sum (a passivity layer) derives from this and overrides supervised().
+/// What supervises the sum derives from this and overrides supervised(): see PassiveSceneController.
 class SceneController : public Controller {
  public:
   static constexpr double kLeft = 0.02;  ///< without contact, after which an object is left [s]
@@ -62,9 +63,34 @@ class SceneController : public Controller {
   std::vector<Episode> episodes_;
 };
 
+/// Adds to the force of what is touched what takes back the energy that sampling created in it.
+class PassiveSceneController final : public SceneController {
+ public:
+  PassiveSceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names,
+                         const PassivityLayer::Options& options)
+      : SceneController(std::move(touchable), std::move(names)), layer_(options) {}
+
+  void start(const State& first) noexcept override {
+    SceneController::start(first);
+    layer_.reset();
+  }
+
+  [[nodiscard]] const PassivityLayer& layer() const noexcept { return layer_; }
+
+ protected:
+  [[nodiscard]] Vec3 supervised(const State& state, const SceneAnswer& answer) noexcept override {
+    return answer.force + layer_.update(state, answer.stored);
+  }
+
+ private:
+  PassivityLayer layer_;
+};
+
 /// The controller that lets a hand touch `scene`, which it prepares: for this servo rate or, when `slow` says so, for a
-/// rate of its own. Throws as Scene::prepare and SlowScene do.
-std::unique_ptr<SceneController> make_scene_controller(const std::shared_ptr<Scene>& scene, double rate_hz,
-                                                       const std::optional<SlowSceneOptions>& slow = std::nullopt);
+/// rate of its own. With `passivity` a layer supervises it, whatever the scene says. Throws as Scene::prepare,
+/// SlowScene and PassivityLayer do.
+std::unique_ptr<SceneController> make_scene_controller(
+    const std::shared_ptr<Scene>& scene, double rate_hz, const std::optional<SlowSceneOptions>& slow = std::nullopt,
+    const std::optional<PassivityLayer::Options>& passivity = std::nullopt);
 
 }  // namespace haptrace
