@@ -1,11 +1,13 @@
 #include "cli/profile.h"
 #include "cli/read_progress.h"
 #include "control/error.h"
+#include "devices/sim/sim_device.h"
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
 #include "player/ensemble_report.h"
 #include "player/guidance_ensemble.h"
 #include "player/stability_map.h"
+#include "player/staircase.h"
 
 #include <filesystem>
 #include <fmt/format.h>
@@ -23,8 +25,8 @@ struct StabilityArguments {
   std::uint64_t seed = 1, first = 0;
   int learn = 5;
   std::vector<std::string> paths;
-  std::string output, figure;
-  bool guidance = false, overwrite = false;
+  std::string scene, output, figure;
+  bool guidance = false, staircase = false, overwrite = false;
 };
 
 /// What the verb finds out, part by part.
@@ -140,12 +142,51 @@ void try_guidance(const StabilityArguments& arguments, const Output& output, con
   findings.text += text_of(report);
 }
 
+void climb_staircase(const StabilityArguments& arguments, const Output& output, const StopRequest& stop,
+                     Findings& findings) {
+  StaircaseOptions options{.seed = arguments.seed, .threads = arguments.jobs};
+  if (!arguments.scene.empty()) {
+    options.scene = load_json(arguments.scene);
+    options.scene_name = arguments.scene;
+  }
+  if (!arguments.device.empty()) {
+    const DeviceSpec device = DeviceSpec::parse(arguments.device);
+    if (device.name != "sim")
+      throw input_error(device.where() + ": --staircase taps walls with a simulated device; give sim, or none");
+    options.device = read_sim_device(device).spec;
+  }
+  ReadProgress progress(output, "");
+  const StaircaseReport report = staircase(options, stop, progress.share_callback());
+  findings.complete = report.complete;
+  if (!report.complete) return;
+  findings.json["staircase"] = to_json(report);
+  findings.text += text_of(report);
+  findings.draw(figure_of(report));
+}
+
+/// Throws Error(input) when the options do not fit each other.
+void check_parts(const StabilityArguments& arguments) {
+  if (arguments.staircase) {
+    if (arguments.ensemble > 0 || arguments.guidance)
+      throw input_error("--staircase is a measurement of its own; leave out --ensemble and --guidance");
+    return;
+  }
+  if (!arguments.scene.empty()) throw input_error("--scene is what --staircase presses; give --staircase, too");
+  if (arguments.device.empty() && arguments.ensemble == 0)
+    throw input_error("nothing to do: give --device for a map of its gains, --ensemble N, or both; or --staircase");
+  if (arguments.guidance && arguments.ensemble == 0)
+    throw input_error("--guidance says what the ensemble is of; give --ensemble N, too");
+  if (arguments.guidance && !arguments.figure.empty() && arguments.device.empty())
+    throw input_error("--guidance draws no figure; its runs are in the JSON, see --output");
+}
+
 }  // namespace
 
 Verb add_stability(CLI::App& app) {
   const auto arguments = std::make_shared<StabilityArguments>();
   CLI::App* verb = app.add_subcommand(
-      "stability", "which gains a device bears, and how exact and stable playback is on many random devices");
+      "stability",
+      "which gains a device bears, how exact and stable playback is on many random devices, and which walls bounce");
   verb->footer(
       "With --device: a map of the gains of a PD law, for the device as it was calibrated: where it is passive, "
       "stable\n"
@@ -161,8 +202,15 @@ Verb add_stability(CLI::App& app) {
       "  haptrace stability --device falcon --figure map.png\n"
       "  haptrace stability --ensemble 200 -o stability.json --figure stability.png\n"
       "  haptrace stability --ensemble 1000 --guidance -o guidance.json\n"
-      "  haptrace stability --ensemble 1 --first 137            the draw that stood out");
-  verb->add_option("--device", arguments->device, "whose gains to map, NAME[:key=value,...]")->type_name("D");
+      "  haptrace stability --ensemble 1 --first 137            the draw that stood out\n"
+      "With --staircase: what energy a sampled wall creates when it is pressed, against rate and stiffness, beside the "
+      "closed\n"
+      "form; and on which walls a simulated device that falls on them comes to rest, without and with a passivity "
+      "layer.\n"
+      "  haptrace stability --staircase --figure staircase.png");
+  verb->add_option("--device", arguments->device,
+                   "whose gains to map, or what taps the wall (sim), NAME[:key=value,...]")
+      ->type_name("D");
   verb->add_option("--profile", arguments->profile, "what calibration found out; without it, the device's own")
       ->type_name("FILE.json")
       ->group("Map");
@@ -177,6 +225,11 @@ Verb add_stability(CLI::App& app) {
       ->type_name("N")
       ->capture_default_str();
   verb->add_flag("--guidance", arguments->guidance, "try guidance on the ensemble, instead of playback");
+  verb->add_flag("--staircase", arguments->staircase, "press a sampled wall, instead; needs no device")
+      ->group("Staircase");
+  verb->add_option("--scene", arguments->scene, "what to press; without it, walls of 100 N/m to 100 kN/m")
+      ->type_name("FILE.json")
+      ->group("Staircase");
   verb->add_option("--seed", arguments->seed, "of the ensemble")->capture_default_str();
   verb->add_option("--first", arguments->first, "index of the first draw")->capture_default_str();
   verb->add_option("--paths", arguments->paths, "further paths (CSV, HDF5), fitted into the workspace")
@@ -189,16 +242,14 @@ Verb add_stability(CLI::App& app) {
   verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
 
   return {verb, [arguments](const Output& output) {
-            if (arguments->device.empty() && arguments->ensemble == 0)
-              throw input_error("nothing to do: give --device for a map of its gains, --ensemble N, or both");
-            if (arguments->guidance && arguments->ensemble == 0)
-              throw input_error("--guidance says what the ensemble is of; give --ensemble N, too");
-            if (arguments->guidance && !arguments->figure.empty() && arguments->device.empty())
-              throw input_error("--guidance draws no figure; its runs are in the JSON, see --output");
+            check_parts(*arguments);
             check_names(*arguments);
             const Signals signals;
             Findings findings;
-            if (!arguments->device.empty()) map_gains(*arguments, output, signals.stop(), findings);
+            if (arguments->staircase)
+              climb_staircase(*arguments, output, signals.stop(), findings);
+            else if (!arguments->device.empty())
+              map_gains(*arguments, output, signals.stop(), findings);
             if (arguments->ensemble > 0 && findings.complete)
               (arguments->guidance ? try_guidance : try_ensemble)(*arguments, output, signals.stop(), findings);
 

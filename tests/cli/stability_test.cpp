@@ -35,6 +35,22 @@ TEST(StabilityCommand, TriesGuidanceOnAnEnsemble) {
   EXPECT_LT(guidance["energy_excess_j"]["max"], guidance["criteria"]["excess_j"]);
 }
 
+TEST(StabilityCommand, ClimbsTheStaircase) {
+  const TempFolder folder;
+  const std::string wall = folder.write("wall.json", R"({"objects": [{"kind": "wall", "point": [0, 0, -0.01],
+      "normal": [0, 0, 1], "stiffness": 2500}]})");
+  const Answer answer = haptrace("stability", "--staircase", "--scene", wall, "--device", "sim:preset=omega3",
+                                 "--figure", folder / "s.svg", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const nlohmann::json staircase = answer.json()["staircase"], first = staircase["press"]["runs"][0];
+  EXPECT_EQ(first["stiffness"], 2500);
+  EXPECT_NEAR(first["created_j"]["mean"], first["expected_j"], 0.01 * first["expected_j"].get<double>());
+  EXPECT_EQ(staircase["tap"]["runs"].size(), 8U * 4);
+  EXPECT_THAT(test::read_bytes(folder / "s.svg"), HasSubstr("</svg>"));
+  EXPECT_THAT(haptrace("stability", "--staircase", "--device", "falcon").err, HasSubstr("give sim, or none"));
+  EXPECT_THAT(haptrace("stability", "--scene", wall, "--ensemble", "1").err, HasSubstr("--staircase"));
+}
+
 TEST(StabilityCommand, RefusesBeforeItWorks) {
   EXPECT_THAT(haptrace("stability", "--guidance").err, HasSubstr("--ensemble N"));
   const TempFolder folder;
