@@ -197,6 +197,7 @@ std::optional<Explanation> explain_simulation(const TradeoffArguments& arguments
 void add_sides(const TradeoffArguments& arguments, const Workbench& bench, TradeReport& report, const Output& output) {
   ReadProgress progress(output, "storing, guiding, simulating");
   report.sides.push_back(trade_of_storage(bench, report.base.configuration));
+  weigh_recordings(report);
   report.sides.push_back(trade_of_projection(bench));
   if (!arguments.scene.empty()) {
     report.sides.push_back(trade_of_scene(bench, arguments.base.rate_hz, [&] { return load_scene(arguments.scene); }));

@@ -17,19 +17,16 @@ std::string number_or(double value, const char* format, const char* otherwise = 
 std::string table_row(const std::string& name, const Outcome& o, const char* mark = " ") {
   if (!o.ran()) return fmt::format("  {}{:<22} refused: {}\n", mark, name, o.refused);
   return fmt::format(
-      "  {}{:<22} {:>7.4f} +-{:<7.4f} {:>7.3f}  {:>6} {:>7.3f}  {:>5}  {:>7}  {:>7}  {:>6}  {:>6}\n", mark, name,
+      "  {}{:<22} {:>7.4f} +-{:<7.4f} {:>7.3f}  {:>6} {:>7.3f}  {:>5}  {:>7}  {:>7}  {:>6}  {:>6}  {:>5}\n", mark, name,
       1e3 * o.error.mean, 1e3 * o.error.half_width, 1e3 * o.peak.mean, number_or(o.force.mean, "{:.3f}"), o.ripple.mean,
       number_or(o.margin, o.margin >= 4 ? ">={:.0f}" : "{:.2f}"), number_or(1e9 * o.control, "{:.0f}"),
-      number_or(o.instructions, "{:.0f}"), number_or(1e6 * o.tick, "{:.2f}"), number_or(1e3 * o.start, "{:.2f}"));
+      number_or(o.instructions, "{:.0f}"), number_or(1e6 * o.tick, "{:.2f}"), number_or(1e3 * o.start, "{:.2f}"),
+      number_or(1e-6 * o.bytes_per_hour, "{:.0f}"));
 }
 
 std::string table_head(const char* name) {
-  return fmt::format("   {:<22} {:>7}   {:<7} {:>7}  {:>6} {:>7}  {:>5}  {:>7}  {:>7}  {:>6}  {:>6}\n", name, "rms mm",
-                     "95 %", "peak mm", "force", "ripple", "gain", "ns/tick", "instr.", "us", "ms");
-}
-
-double log10_of(double value, double scale) {
-  return value > 0 ? std::log10(value / scale) : kNaN;
+  return fmt::format("   {:<22} {:>7}   {:<7} {:>7}  {:>6} {:>7}  {:>5}  {:>7}  {:>7}  {:>6}  {:>6}  {:>5}\n", name,
+                     "rms mm", "95 %", "peak mm", "force", "ripple", "gain", "ns/tick", "instr.", "us", "ms", "MB/h");
 }
 
 constexpr double kNoError = std::numeric_limits<double>::infinity();
@@ -38,16 +35,16 @@ constexpr double kNoError = std::numeric_limits<double>::infinity();
 constexpr std::size_t kMostTold = 24;
 
 Panel knob_panel(const KnobSweep& sweep, const char* x_label) {
-  Panel panel{.title = sweep.what, .x_label = x_label, .y_label = "log10 of mm, N and us"};
+  Panel panel{.title = sweep.what, .x_label = x_label, .y_label = "mm, N, us", .log_x = true, .log_y = true};
   Series error{.label = "error, rms", .color = 0, .width = 1.6}, peak{.label = "peak", .color = 4},
       ripple{.label = "ripple of the force", .color = 1}, tick{.label = "tick", .color = 2, .dashed = true};
   for (const KnobLevel& level : sweep.levels) {
-    const double x = std::log10(std::strtod(level.level.c_str(), nullptr));
-    if (!level.outcome.ran() || !std::isfinite(x)) continue;
-    for (const auto& [series, value] : {std::pair{&error, log10_of(level.outcome.error.mean, 1e-3)},
-                                        {&peak, log10_of(level.outcome.peak.mean, 1e-3)},
-                                        {&ripple, log10_of(level.outcome.ripple.mean, 1)},
-                                        {&tick, log10_of(level.outcome.control, 1e-6)}}) {
+    const double x = std::strtod(level.level.c_str(), nullptr);
+    if (!level.outcome.ran()) continue;
+    for (const auto& [series, value] : {std::pair{&error, level.outcome.error.mean / 1e-3},
+                                        {&peak, level.outcome.peak.mean / 1e-3},
+                                        {&ripple, level.outcome.ripple.mean / 1},
+                                        {&tick, level.outcome.control / 1e-6}}) {
       series->x.push_back(x);
       series->y.push_back(value);
     }
@@ -60,15 +57,14 @@ Panel front_panel(const TradeReport& report, const Choice* choice) {
   const bool counted = std::any_of(report.tried.begin(), report.tried.end(),
                                    [](const Outcome& o) { return std::isfinite(o.instructions); });
   Panel panel{.title = "every configuration, and the front",
-              .x_label = counted ? "log10 of a million instructions a second" : "log10 of ms a second",
-              .y_label = "log10 of mm, rms error"};
+              .x_label = counted ? "load, million instructions a second" : "load, ms a second",
+              .y_label = "error, rms, mm",
+              .log_x = true,
+              .log_y = true};
   const double scale = 1e6;
   const auto dot = [&](const Outcome& o, int color, double width, const char* label) {
-    panel.series.push_back({.label = label,
-                            .x = {log10_of(o.load(), scale)},
-                            .y = {log10_of(o.error.mean, 1e-3)},
-                            .color = color,
-                            .width = width});
+    panel.series.push_back(
+        {.label = label, .x = {o.load() / scale}, .y = {o.error.mean / 1e-3}, .color = color, .width = width});
   };
   bool told_plain = false, told_learned = false;
   for (const Outcome& o : report.tried) {
@@ -88,8 +84,8 @@ Panel front_panel(const TradeReport& report, const Choice* choice) {
     if (!(o.load() > 0) || o.error.mean >= best) continue;
     best = o.error.mean;
     Series& line = is_learned ? learned : front;
-    line.x.push_back(log10_of(o.load(), scale));
-    line.y.push_back(log10_of(o.error.mean, 1e-3));
+    line.x.push_back(o.load() / scale);
+    line.y.push_back(o.error.mean / 1e-3);
   }
   for (Series* line : {&front, &learned})
     if (!line->x.empty()) panel.series.push_back(*line);
@@ -234,9 +230,9 @@ Figure figure_of(const TradeReport& report, const Choice* choice) {
                 .width = 1100,
                 .height = 900};
   for (const KnobSweep& sweep : report.sweeps) {
-    if (sweep.knob == "rate") figure.rows[1].push_back(knob_panel(sweep, "log10 of Hz"));
-    if (sweep.knob == "thin") figure.rows[1].push_back(knob_panel(sweep, "log10 of samples for each that is kept"));
-    if (sweep.knob == "speed") figure.rows[1].push_back(knob_panel(sweep, "log10 of times the path's own speed"));
+    if (sweep.knob == "rate") figure.rows[1].push_back(knob_panel(sweep, "Hz"));
+    if (sweep.knob == "thin") figure.rows[1].push_back(knob_panel(sweep, "samples for each that is kept"));
+    if (sweep.knob == "speed") figure.rows[1].push_back(knob_panel(sweep, "times the path's own speed"));
   }
   if (figure.rows[1].empty()) figure.rows.pop_back();
   return figure;

@@ -465,20 +465,44 @@ Choice choose_from(const std::vector<Outcome>& front, const Budget& budget) {
 
 }  // namespace
 
+namespace {
+
+const SideTrade* storage_of(const TradeReport& report) {
+  const auto found = std::find_if(report.sides.begin(), report.sides.end(),
+                                  [](const SideTrade& side) { return side.knob == kStorageKnob; });
+  return found != report.sides.end() ? &*found : nullptr;
+}
+
+/// Rows are as many as ticks.
+double bytes_of(const SideTrade::Level& stored, const Outcome& outcome, const TradeReport& report) {
+  if (!stored.refused.empty()) return kNaN;
+  return stored.values.front() * outcome.configuration.rate_hz / report.base.configuration.rate_hz;
+}
+
+}  // namespace
+
+void weigh_recordings(TradeReport& report) {
+  const SideTrade* storage = storage_of(report);
+  if (storage == nullptr) return;
+  const auto weigh_one = [&](Outcome& outcome) {
+    outcome.bytes_per_hour = bytes_of(storage->levels.front(), outcome, report);
+  };
+  for (KnobSweep& sweep : report.sweeps)
+    for (KnobLevel& level : sweep.levels) weigh_one(level.outcome);
+  for (Outcome& outcome : report.tried) weigh_one(outcome);
+  for (Outcome& outcome : report.front) weigh_one(outcome);
+  weigh_one(report.base);
+}
+
 std::optional<Choice> choose(const TradeReport& report, const Budget& budget) {
   if (report.front.empty()) return std::nullopt;
-  if (!budget.limits(Measure::bytes)) return choose_from(report.front, budget);
-  const auto stored = std::find_if(report.sides.begin(), report.sides.end(),
-                                   [](const SideTrade& side) { return side.knob == kStorageKnob; });
-  if (stored == report.sides.end()) return choose_from(report.front, budget);
-  // Rows are as many as ticks.
+  const SideTrade* storage = storage_of(report);
+  if (!budget.limits(Measure::bytes) || storage == nullptr) return choose_from(report.front, budget);
   std::optional<Choice> choice;
-  for (std::size_t i = 0; i < stored->levels.size() && !(choice && choice->kept); ++i) {
-    if (!stored->levels[i].refused.empty()) continue;
+  for (std::size_t i = 0; i < storage->levels.size() && !(choice && choice->kept); ++i) {
+    if (!storage->levels[i].refused.empty()) continue;
     std::vector<Outcome> front = report.front;
-    for (Outcome& outcome : front)
-      outcome.bytes_per_hour =
-          stored->levels[i].values.front() * outcome.configuration.rate_hz / report.base.configuration.rate_hz;
+    for (Outcome& outcome : front) outcome.bytes_per_hour = bytes_of(storage->levels[i], outcome, report);
     choice = choose_from(front, budget);
     choice->storage = storage_levels()[i];
   }

@@ -92,6 +92,10 @@ using TradeProgress = std::function<void(const std::string& stage, double done)>
 TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const StopRequest& stop,
                           const TradeProgress& progress = {}, const std::function<void(const TradeReport&)>& draw = {});
 
+/// Fills in what an hour of recording weighs, of every outcome, from the trade of storage among the report's sides, as
+/// it is stored without being asked.
+void weigh_recordings(TradeReport& report);
+
 /// From the front: the cheapest that keeps the budget, or if that bounds nothing but costs the most exact that does;
 /// where none does, the one whose worst bound is exceeded by the least factor. Nothing when the front is empty. A bound
 /// on the bytes of a recording needs the trade of storage among the report's sides.
