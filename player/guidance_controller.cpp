@@ -63,7 +63,8 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
     case Phase::approach:
       if (elapsed_ < approach_.duration()) return;
       phase_ = Phase::run;
-      elapsed_ = cursor_time_ = 0;
+      elapsed_ = 0;
+      cursor_time_ = RunningTime();
       projection_.start();
       guidance_.begin();
       command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
@@ -90,8 +91,8 @@ const PathProjection::Foot& GuidanceController::follow(const State& state) noexc
   if (!options_.cursor) return projection_.update(state.position, state.dt);
   const bool waits = options_.wait > 0 && projection_.foot().distance > options_.wait;
   const double pace = pace_.advance(waits ? 0 : 1, state.dt, kCursorPause);
-  cursor_time_ += pace * options_.speed * std::min(state.dt, kLongestCursorStep / options_.rate_hz);
-  return projection_.move_to(path_->place_at(cursor_time_), state.position, state.dt);
+  cursor_time_ = cursor_time_.after(pace * options_.speed * std::min(state.dt, kLongestCursorStep / options_.rate_hz));
+  return projection_.move_to(path_->place_at(cursor_time_.seconds()), state.position, state.dt);
 }
 
 Command GuidanceController::update(const State& state) noexcept {

@@ -7,6 +7,7 @@
 #include "control/limits.h"
 #include "control/oscillation_monitor.h"
 #include "control/pd.h"
+#include "control/running_time.h"
 #include "player/approach.h"
 
 #include <memory>
@@ -78,9 +79,9 @@ class GuidanceController final : public Controller {
   int repetition_ = 0;
   double elapsed_ = 0;  ///< in the phase [s]
   Approach approach_;
-  double cursor_time_ = 0;  ///< of the expert [s]
-  Ramp pace_{1};            ///< of the cursor: 0 while it waits
-  Ramp blend_{0};           ///< 0 the PD law, 1 guidance
+  RunningTime cursor_time_;  ///< of the expert
+  Ramp pace_{1};             ///< of the cursor: 0 while it waits
+  Ramp blend_{0};            ///< 0 the PD law, 1 guidance
 };
 
 }  // namespace haptrace

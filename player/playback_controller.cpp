@@ -62,7 +62,7 @@ void PlaybackController::resume(const State& first) noexcept {
 }
 
 void PlaybackController::begin_repetition(const Vec3& from) noexcept {
-  path_time_ = 0;
+  path_time_ = RunningTime();
   (void)path_.sample(0, reference_);  // the first piece is always there
   begin_approach(from);
 }
@@ -70,14 +70,16 @@ void PlaybackController::begin_repetition(const Vec3& from) noexcept {
 void PlaybackController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
-  const double turning = orientation_ ? orientation_->begin_approach(path_.orientation(path_time_).orientation) : 0;
+  const double turning =
+      orientation_ ? orientation_->begin_approach(path_.orientation(path_time_.seconds()).orientation) : 0;
   approach_ = Approach(from, reference_.position, options_.approach_speed, turning);
 }
 
 void PlaybackController::between_ticks(bool may_wait) noexcept {
   for (const auto& term : terms_) term->between_ticks(may_wait);
   // The farthest that the next tick can ask for.
-  if (may_wait && phase_ == Phase::run) path_.wait(path_time_ + options_.speed * kLongestStep / options_.rate_hz);
+  if (may_wait && phase_ == Phase::run)
+    path_.wait(path_time_.seconds() + options_.speed * kLongestStep / options_.rate_hz);
 }
 
 Command PlaybackController::update(const State& state) noexcept {
@@ -114,7 +116,7 @@ void PlaybackController::turn_tool(const State& state, double scale, Command& co
   if (phase_ == Phase::approach) {
     reference = orientation_->approach(elapsed_ / approach_.duration(), approach_.duration());
   } else {
-    reference = path_.orientation(path_time_);
+    reference = path_.orientation(path_time_.seconds());
     reference.angular_velocity *= pace();
   }
   command.wrench.torque = scale * orientation_->torque(state, reference);
@@ -140,18 +142,18 @@ void PlaybackController::keep_guard(const State& state, const Reference& referen
     command.status = Command::Status::oscillation;
 }
 
-void PlaybackController::follow(double time, Command& command) noexcept {
-  switch (path_.sample(time, reference_)) {
+void PlaybackController::follow(const RunningTime& time, Command& command) noexcept {
+  switch (path_.sample(time.seconds(), reference_)) {
     case ReferenceStream::Answer::ready:
       path_time_ = time;
       waiting_ = false;
       return;
     case ReferenceStream::Answer::waiting:
-      if (!waiting_) command.event = Event{.code = EventCode::path_waits, .values = {path_time_, kNaN, kNaN}};
+      if (!waiting_) command.event = Event{.code = EventCode::path_waits, .values = {path_time_.seconds(), kNaN, kNaN}};
       break;
     case ReferenceStream::Answer::unreadable:
       command.status = Command::Status::no_path;
-      command.event = Event{.code = EventCode::path_unreadable, .values = {path_time_, kNaN, kNaN}};
+      command.event = Event{.code = EventCode::path_unreadable, .values = {path_time_.seconds(), kNaN, kNaN}};
       break;
   }
   waiting_ = true;
@@ -164,19 +166,20 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
     elapsed_ += step;
     if (elapsed_ < approach_.duration()) {
       Reference way = approach_.at(elapsed_);
-      if (interrupted_) way.time = path_time_;
+      if (interrupted_) way.time = path_time_.seconds();
       return way;
     }
     if (!interrupted_)
       command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
     phase_ = std::exchange(interrupted_, std::nullopt).value_or(Phase::run);
   } else if (phase_ == Phase::run) {
-    if (path_time_ >= path_.duration()) {
+    if (path_time_.seconds() >= path_.duration()) {
       phase_ = Phase::hold;
       held_ = 0;
     } else {
       pace_.advance(beyond_ && options_.on_deviation == DeviationPolicy::pause ? 0 : 1, step, kPauseTime);
-      follow(std::min(path_time_ + options_.speed * pace_.value() * step, path_.duration()), command);
+      const RunningTime next = path_time_.after(options_.speed * pace_.value() * step);
+      follow(next.seconds() < path_.duration() ? next : RunningTime(path_.duration()), command);
     }
   } else {
     held_ += step;
@@ -193,7 +196,7 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
   }
 
   const double rate = pace();
-  return {reference_.position, rate * reference_.velocity, rate * rate * reference_.acceleration, path_time_};
+  return {reference_.position, rate * reference_.velocity, rate * rate * reference_.acceleration, path_time_.seconds()};
 }
 
 double PlaybackController::watch_deviation(const State& state, const Reference& reference, Command& command) noexcept {

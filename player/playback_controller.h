@@ -5,6 +5,7 @@
 #include "control/limits.h"
 #include "control/mailbox.h"
 #include "control/pd.h"
+#include "control/running_time.h"
 #include "player/approach.h"
 #include "player/orientation_follower.h"
 #include "player/reference_stream.h"
@@ -70,7 +71,7 @@ class PlaybackController final : public Controller {
 
  private:
   /// Moves reference_ along the path to `time`, or leaves it where it is.
-  void follow(double time, Command& command) noexcept;
+  void follow(const RunningTime& time, Command& command) noexcept;
   Reference advance(double step, Command& command) noexcept;
   void begin_repetition(const Vec3& from) noexcept;
   /// To the reference, wherever on the path it stands.
@@ -98,7 +99,7 @@ class PlaybackController final : public Controller {
   double held_ = 0;                   ///< in hold [s]
   std::optional<Phase> interrupted_;  ///< that goes on after an approach; else a repetition begins
   Approach approach_;
-  double path_time_ = 0;  ///< [s]
+  RunningTime path_time_;
   Reference reference_;   ///< of the path at path_time_, at its own speed
   bool waiting_ = false;  ///< for the path to be read
   Ramp pace_{1};          ///< 1 running, 0 paused
