@@ -12,7 +12,7 @@ namespace haptrace {
 struct State {
   std::uint64_t tick = 0;
   std::int64_t time_ns = 0;      ///< since the session's first tick
-  double dt = 0;                 ///< since the previous update [s]; 0 at the first, and at the first after a gap
+  double dt = 0;                 ///< since the previous update [s], never negative; 0 at the first, also after a gap
   Vec3 position = Vec3::Zero();  ///< p_WT [m]
   Vec3 velocity = Vec3::Zero();  ///< estimated from position, in W [m/s]
   Quat orientation = nan_quat();

@@ -14,7 +14,8 @@ namespace {
 constexpr double kFlightRecord = 0.2;     // [s]
 constexpr double kFaultFade = 0.05;       // over which the last good force fades after a deviation stop [s]
 constexpr double kEventSpacing = 1.0;     // between two events of a limit that binds again and again [s]
-constexpr double kLongestWait = 86400;    // for a device that is away [s]
+constexpr double kLongestWait = 86400;    // for a device that is away or not ready [s]
+constexpr std::int64_t kTicksApart = 10;  // a tick follows another no sooner than this part of the period
 constexpr double kReleasedForce = 1e-3;   // below which there is nothing left to fade [N]
 constexpr double kReleasedTorque = 1e-5;  // [N m]
 
@@ -37,6 +38,14 @@ class FlightRecorder {
   std::vector<Sample> rows_;
   std::size_t count_ = 0;
 };
+
+/// What is not finite was not measured.
+Vec3 as_measured(const Vec3& v) noexcept {
+  return v.array().isFinite().select(v, nan3());
+}
+Quat as_measured(const Quat& q) noexcept {
+  return q.coeffs().allFinite() ? q : nan_quat();
+}
 
 /// What a controller's answer ends the session with, if it does.
 std::optional<StopCause> fault_of(Command::Status status) noexcept {
@@ -86,6 +95,7 @@ void ServoLoop::validate(const DeviceInfo& device, const Options& options) {
         fmt::format("the rate is {} Hz; it must be from {} to {} Hz", options.rate_hz, kLowestRate, kHighestRate));
   if (options.virtual_time && !device.virtual_time)
     throw input_error(fmt::format("the device {} lives in real time; use --clock real", device.name));
+  check_range("the time to wait until a device is ready", options.ready_timeout, 0, kLongestWait, "s");
   if (!(options.away_timeout >= 0 && options.away_timeout <= kLongestWait))
     throw input_error(fmt::format("the time to wait for a lost device is {} s; it must be from 0 (not at all) to {} s",
                                   options.away_timeout, kLongestWait));
@@ -123,11 +133,12 @@ class ServoLoop::Session {
   void run(const StopRequest& stop) noexcept {
     loop_.estimator_.reset();
     start_ns_ = clock_.now();
-    deadline_ns_ = start_ns_;
+    deadline_ns_ = last_ns_ = start_ns_;
     if (wait_until_ready(stop)) {
       while (!ended_) {
         clock_.wait_until(deadline_ns_);
-        const std::int64_t woke_ns = clock_.now();
+        // Time never goes back, whatever the clock does.
+        const std::int64_t woke_ns = last_ns_ = std::max(last_ns_, clock_.now());
         // The session's time begins at its first tick, not while a device was homing.
         if (first_) start_ns_ = woke_ns;
         tick(woke_ns, stop);
@@ -198,8 +209,8 @@ class ServoLoop::Session {
       return;
     }
     state.position = device_state_.position;
-    state.orientation = device_state_.orientation;
-    state.force_measured = device_state_.force;
+    state.orientation = as_measured(device_state_.orientation);
+    state.force_measured = as_measured(device_state_.force);
     state.buttons = device_state_.buttons;
 
     if (!is_finite(state.position)) {
@@ -399,14 +410,14 @@ class ServoLoop::Session {
     first_ = false;
   }
 
-  /// The first deadline that is still to come. Those that passed are missed: a burst of ticks would see a device that
-  /// had no time to move.
+  /// The first deadline that is still to come. Those that passed are missed, and one that follows a late tick at its
+  /// heels: they would see a device that had no time to move, and differentiate the position over microseconds.
   void schedule_next(std::int64_t woke_ns) noexcept {
     loop_.device_.between_ticks(loop_.options_.virtual_time);
     loop_.controller_.between_ticks(loop_.options_.virtual_time);
     for (SampleSink* sink : loop_.sinks_) sink->between_ticks(loop_.options_.virtual_time);
-    const std::int64_t now_ns = clock_.now();
-    const std::int64_t late = std::max<std::int64_t>(now_ns - (deadline_ns_ + period_ns_), 0);
+    const std::int64_t earliest_ns = std::max(clock_.now(), woke_ns + period_ns_ / kTicksApart);
+    const std::int64_t late = std::max<std::int64_t>(earliest_ns - (deadline_ns_ + period_ns_), 0);
     const std::int64_t missed = (late + period_ns_ - 1) / period_ns_;
     tick_ += 1 + static_cast<std::uint64_t>(missed);
     deadline_ns_ += (1 + missed) * period_ns_;
@@ -444,6 +455,7 @@ class ServoLoop::Session {
   bool first_ = true;
   std::uint64_t tick_ = 0;
   std::int64_t start_ns_ = 0, deadline_ns_ = 0;
+  std::int64_t last_ns_ = 0;                   ///< when the last tick woke
   std::optional<std::int64_t> exchanged_ns_;   ///< the tick of the last exchange
   std::optional<std::int64_t> away_since_ns_;  ///< the first tick without the device
   double waited_in_vain_ = 0;                  ///< for a device that is away [s]
@@ -471,7 +483,8 @@ ServoReport ServoLoop::run(const StopRequest& stop) noexcept {
 
   MonotonicClock monotonic;
   VirtualClock virtual_time;
-  ServoClock& clock = options_.virtual_time ? static_cast<ServoClock&>(virtual_time) : monotonic;
+  ServoClock& own = options_.virtual_time ? static_cast<ServoClock&>(virtual_time) : monotonic;
+  ServoClock& clock = options_.clock != nullptr ? *options_.clock : own;
   Session session(*this, clock, report);
   session.run(stop);
 

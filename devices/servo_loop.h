@@ -100,11 +100,12 @@ class ServoLoop {
  public:
   struct Options {
     double rate_hz = 1000;
-    bool virtual_time = false;  ///< advance as fast as the machine allows; else the monotonic clock
-    bool realtime = true;       ///< ask for a real-time thread (monotonic clock only)
-    SafetyLimits limits;        ///< forces: never more than the device's own, which 0 takes
-    double ready_timeout = 30;  ///< how long to wait for a device that is not ready yet [s]
-    double away_timeout = 0;    ///< how long to wait for a device that is away [s]; 0: it is lost at once
+    bool virtual_time = false;    ///< advance as fast as the machine allows; else the monotonic clock
+    bool realtime = true;         ///< ask for a real-time thread (monotonic clock only)
+    SafetyLimits limits;          ///< forces: never more than the device's own, which 0 takes
+    double ready_timeout = 30;    ///< how long to wait for a device that is not ready yet [s]
+    double away_timeout = 0;      ///< how long to wait for a device that is away [s]; 0: it is lost at once
+    ServoClock* clock = nullptr;  ///< borrowed, in place of either; for those who study time itself
   };
 
   /// Throws Error(input) when an option is out of range, or when virtual time is asked of a device that lives in real
