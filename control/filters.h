@@ -19,6 +19,7 @@ class Butterworth2 {
   Butterworth2(Kind kind, double cutoff_hz, double rate_hz) {
     const double k = std::tan(std::numbers::pi * std::clamp(cutoff_hz / rate_hz, 1e-9, 0.49));
     const double scale = 1 / (1 + std::numbers::sqrt2 * k + k * k);
+    passes_constants_ = kind == Kind::low_pass;
     b0_ = (kind == Kind::low_pass ? k * k : 1) * scale;
     b1_ = (kind == Kind::low_pass ? 2 : -2) * b0_;
     a1_ = 2 * (k * k - 1) * scale;
@@ -35,13 +36,14 @@ class Butterworth2 {
 
   /// Forgets everything, as if `x` had always been the input.
   void reset(double x = 0) noexcept {
-    y_ = x * (b0_ + b1_ + b0_) / (1 + a1_ + a2_);
+    y_ = passes_constants_ ? x : 0;
     z2_ = b0_ * x - a2_ * y_;
     z1_ = b1_ * x - a1_ * y_ + z2_;
   }
 
  private:
   double b0_, b1_, a1_, a2_;
+  bool passes_constants_;
   double z1_ = 0, z2_ = 0, y_ = 0;
 };
 

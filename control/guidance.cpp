@@ -35,7 +35,7 @@ Vec3 TunnelWall::force(const GuideInput& input) noexcept {
 double TunnelWall::stored(const PathProjection::Foot& foot) const noexcept {
   const auto& [k, w, most] = options_;
   const double d = depth(foot);
-  if (!(d > 0)) return 0;
+  if (!(d > 0) || !(k > 0)) return 0;
   // Where the force stops growing, in the onset or beyond it.
   const double full = most < 0.5 * k * w ? std::sqrt(2 * most * w / k) : most / k + 0.5 * w;
   const double sprung = std::min(d, full);
@@ -120,6 +120,10 @@ void Guidance::account(const State& state, const PathProjection::Foot& foot, boo
 }
 
 Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
+  if (!is_finite(state.position) || !is_finite(state.velocity) || !is_finite(state.force_applied)) {
+    begun_ = false;
+    return Vec3::Zero();
+  }
   account(state, foot, cursor);
   const GuideInput input{state, foot, gate(foot)};
   Vec3 spring = Vec3::Zero(), passive = Vec3::Zero(), active = Vec3::Zero();

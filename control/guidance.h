@@ -188,6 +188,7 @@ class Guidance {
   }
 
   /// `cursor`: the foot moves by itself.
+  /// A state that is not finite is answered by no force, and nothing is charged for it.
   [[nodiscard]] Vec3 update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
 
   [[nodiscard]] const EnergyTank& tank() const noexcept { return tank_; }

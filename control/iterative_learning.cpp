@@ -78,6 +78,11 @@ void RepetitionLog::clear() noexcept {
 
 IterativeLearning::IterativeLearning(const Options& options, ForceTable known, int repetitions)
     : options_(options), table_(std::move(known)), repetitions_(repetitions) {
+  check_range("learning: the rate", options_.rate_hz, 1, 1e6, "Hz");
+  check_range("learning: the speed factor", options_.speed, 1e-3, 1e3);
+  check_range("learning: the cut-off", options_.cutoff_hz, 1e-3, 1e6, "Hz");
+  check_range("learning: the delay", options_.delay, 0, 1, "s");
+  for (const double mass : options_.mass) check_range("learning: the mass", mass, 0, 1e4, "kg");
   const double session = options_.duration / options_.speed;
   if (!(session > 0 && session <= kLongest))
     throw input_error(fmt::format(

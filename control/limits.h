@@ -4,6 +4,7 @@
 #include "control/types.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace haptrace {
 
@@ -56,8 +57,8 @@ class ForceLimiter {
       result.verdict = allowed < peak_ ? Verdict::continuous : Verdict::peak;
     }
     if (std::isfinite(continuous_)) {
-      const double blend = -std::expm1(-dt / tau_);
-      mean_square_ += blend * (result.force.squaredNorm() - mean_square_);
+      const double blend = -std::expm1(-dt / tau_), sent = std::min({asked, allowed, kLargest});
+      mean_square_ += blend * (sent * sent - mean_square_);
     }
     return result;
   }
@@ -69,7 +70,7 @@ class ForceLimiter {
 
   /// How long a force of this magnitude [N] can last until the peak limit begins to fall [s]; infinity if for ever.
   [[nodiscard]] double time_left(double force) const noexcept {
-    const double knee = kKnee * continuous_ * continuous_, demand = force * force;
+    const double knee = kKnee * continuous_ * continuous_, demand = std::pow(std::min(force, kLargest), 2);
     if (!(demand > knee)) return std::numeric_limits<double>::infinity();
     return std::max(0.0, tau_ * std::log((demand - mean_square_) / (demand - knee)));
   }
@@ -80,11 +81,12 @@ class ForceLimiter {
     const double full = continuous_ * continuous_, knee = kKnee * full;
     const double peak = std::isfinite(peak_) ? peak_ : 10 * continuous_;
     const double u = std::clamp((mean_square_ - knee) / (full - knee), 0.0, 1.0);
-    return u > 0 ? peak + u * (continuous_ - peak) : peak_;
+    return u > 0 ? continuous_ + (1 - u) * (peak - continuous_) : peak_;
   }
 
  private:
-  static constexpr double kKnee = 0.64;  ///< of F_c^2
+  static constexpr double kKnee = 0.64;      ///< of F_c^2
+  static constexpr double kLargest = 1e150;  ///< whose square is still a number [N]
 
   double peak_, continuous_, tau_;
   double mean_square_ = 0;  ///< [N^2]
@@ -97,9 +99,10 @@ class Ramp {
  public:
   explicit Ramp(double value = 0) : value_(value) {}
 
-  /// Moves towards `target` (0 or 1) by dt / duration and answers where it is. A duration of 0 jumps.
+  /// Moves towards `target` (0 or 1) by dt / duration and answers where it is. A duration of 0 jumps; a dt
+  /// that is not above 0 does not move.
   double advance(double target, double dt, double duration) noexcept {
-    const double step = duration > 0 ? dt / duration : 1;
+    const double step = duration > 0 ? std::max(0.0, dt) / duration : 1;
     value_ += std::clamp(target - value_, -step, step);
     return value_;
   }

@@ -23,6 +23,7 @@ void PathProjection::start(double s) noexcept {
 }
 
 const PathProjection::Foot& PathProjection::update(const Vec3& position, double dt) noexcept {
+  if (!is_finite(position)) return foot_;
   // However long a tick is, no farther beyond what the tool moved than kLeap: round a corner the place would jump.
   const double moved = (position - foot_.place.position - foot_.offset).norm();
   const double reach = std::min({options_.max_speed * dt, moved + kLeap, kMostSegments * path_->spacing()});

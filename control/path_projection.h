@@ -40,7 +40,8 @@ class PathProjection {
   /// Begins at `s` [m].
   void start(double s = 0) noexcept;
 
-  /// The tool is at `position` [m], `dt` [s] after the last update (0 at the first).
+  /// The tool is at `position` [m], `dt` [s] after the last update (0 at the first). A position that is not finite
+  /// changes nothing.
   const Foot& update(const Vec3& position, double dt) noexcept;
 
   /// The place is at `s`, wherever the tool is: for a cursor that moves by itself.

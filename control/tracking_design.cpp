@@ -142,6 +142,12 @@ PdGains plain_gains(const PlantModel& plant, const PdGains& designed, double rat
 }  // namespace
 
 TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& options) {
+  for (const double mass : plant.mass) check_range("tracking design: the mass", mass, 0, 1e6, "kg");
+  check_range("tracking design: the delay", plant.delay, 0, 1e6, "s");
+  check_range("tracking design: the position resolution", plant.position_resolution, 0, 1, "m");
+  check_range("tracking design: the position noise", plant.position_noise, 0, 1, "m");
+  check_range("tracking design: the rate", options.rate_hz, 1, 1e6, "Hz");
+  check_range("tracking design: the largest force", options.max_force, 0, 1e9, "N");
   if (!(plant.mass.maxCoeff() > 0)) throw input_error("a tracking law cannot be designed: the plant has no mass");
   const double rate_hz = options.rate_hz;
   if (const double ticks = plant.delay * rate_hz; !(ticks <= LoopAnalysis::kLongestDelay))

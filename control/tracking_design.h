@@ -41,8 +41,8 @@ struct DesignOptions {
 ///
 /// with w lowered until a lighter (0.8) and slower (half a tick) free device bears twice the gains, and the position
 /// quantum makes no more ripple than allowed, and then to its `bandwidth` share. The observer's mass is 1.1 times the
-/// identified: a hand goes along. Throws Error(input) when the plant has no mass, or is later than
-/// LoopAnalysis::kLongestDelay periods.
+/// identified: a hand goes along. Throws Error(input) when the plant has no mass, is later than
+/// LoopAnalysis::kLongestDelay periods, or has a number that none can be.
 TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& options);
 
 }  // namespace haptrace

@@ -3,6 +3,7 @@
 
 #include "control/types.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace haptrace {
@@ -31,12 +32,13 @@ struct Tuning {
   double observer_hz = 12;  ///< its bandwidth [Hz]
   double learning = 1;      ///< what was learned in earlier repetitions
 
-  /// Moves towards `target`, by all but 2 % of the way in 0.2 s, so that a change is no step in the force.
+  /// Moves towards `target`, by all but 2 % of the way in 0.2 s, so that a change is no step in the force; not
+  /// at all where dt is not above 0.
   ///
   /// Real-time.
   void approach(const Tuning& target, double dt) noexcept {
     constexpr double kTimeConstant = 0.05;  // [s]
-    const double blend = -std::expm1(-dt / kTimeConstant);
+    const double blend = -std::expm1(-std::max(0.0, dt) / kTimeConstant);
     gains.kp += blend * (target.gains.kp - gains.kp);
     gains.kd += blend * (target.gains.kd - gains.kd);
     for (const auto share : {&Tuning::inertia, &Tuning::gravity, &Tuning::friction, &Tuning::observer,
