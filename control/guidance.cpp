@@ -121,7 +121,7 @@ void Guidance::account(const State& state, const PathProjection::Foot& foot, boo
 
 Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
   if (!is_finite(state.position) || !is_finite(state.velocity) || !is_finite(state.force_applied)) {
-    begun_ = false;
+    account_.begin();
     return Vec3::Zero();
   }
   account(state, foot, cursor);

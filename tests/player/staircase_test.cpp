@@ -163,6 +163,25 @@ TEST(SceneSession, IsSupervisedWhenTheSceneSaysSo) {
   EXPECT_EQ(known.delay, 1e-3);
   EXPECT_GT(known.max_damping, 3 * unknown.max_damping);
   EXPECT_NEAR(known.max_damping, bearable_damping({.mass = 0.3, .viscous = 1, .delay = 1e-3, .rate_hz = 1000}), 1e-12);
+
+  // Gravity presses a device onto a wall that asks for five times its damping: with the layer it stays there.
+  SimSpec spec = bare_device(0.5);
+  spec.gravity_bias = Vec3(0, 0, -1);
+  const auto touched = [&](const char* scene) {
+    SimDevice device(spec);
+    RecordOptions options{.duration = 4};
+    options.scene = read_scene(nlohmann::json::parse(scene), "a scene");
+    options.identified = [&](const DeviceInfo&) {
+      return std::optional(PlantModel{.mass = spec.mass, .viscous = spec.viscous});
+    };
+    return record(device, options, {}).touches.at(0).seconds;
+  };
+  EXPECT_GT(touched(R"({"objects": [{"kind": "wall", "point": [0, 0, -0.005], "normal": [0, 0, 1], "stiffness": 5000}],
+                        "passivity": true})"),
+            3);
+  EXPECT_LT(
+      touched(R"({"objects": [{"kind": "wall", "point": [0, 0, -0.005], "normal": [0, 0, 1], "stiffness": 5000}]})"),
+      2);
 }
 
 }  // namespace
