@@ -4,6 +4,7 @@
 #include "formats/suggest.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <utility>
@@ -41,6 +42,21 @@ PlaybackController::PlaybackController(ReferenceStream path, ForceTerms terms, c
                                        const PlaybackOptions& options, Mailbox<Tuning>* changes)
     : path_(std::move(path)), terms_(std::move(terms)), tuning_(tuning), changes_(changes), options_(options) {
   validate(options_);
+  compose();
+}
+
+void PlaybackController::compose() noexcept {
+  constexpr auto kUpdates = []<unsigned... parts>(std::integer_sequence<unsigned, parts...>) {
+    return std::array{&PlaybackController::update_with<parts>...};
+  }
+  (std::make_integer_sequence<unsigned, kEveryPart + 1>{});
+  const auto& axes = options_.axes;
+  unsigned parts = 0;
+  if (std::find(axes.begin(), axes.end(), false) != axes.end()) parts |= kUndrivenAxes;
+  if (changes_ != nullptr) parts |= kLiveTuning;
+  if (orientation_) parts |= kOrientation;
+  if (guard_) parts |= kGuard;
+  update_ = kUpdates[parts];
 }
 
 void PlaybackController::start(const State& first) noexcept {
@@ -82,29 +98,33 @@ void PlaybackController::between_ticks(bool may_wait) noexcept {
     path_.wait(path_time_.seconds() + options_.speed * kLongestStep / options_.rate_hz);
 }
 
-Command PlaybackController::update(const State& state) noexcept {
-  Command command;
-  Reference reference = advance(std::min(state.dt, kLongestStep / options_.rate_hz), command);
-
-  // Where there is no motor there is no error: the reference follows the hand.
+void PlaybackController::follow_hand(const State& state, Reference& reference) const noexcept {
   for (int axis = 0; axis < 3; ++axis) {
     if (options_.axes[static_cast<std::size_t>(axis)]) continue;
     reference.position[axis] = state.position[axis];
     reference.velocity[axis] = state.velocity[axis];
     reference.acceleration[axis] = 0;
   }
+}
+
+template <unsigned parts>
+Command PlaybackController::update_with(const State& state) noexcept {
+  Command command;
+  Reference reference = advance(std::min(state.dt, kLongestStep / options_.rate_hz), command);
+  if constexpr ((parts & kUndrivenAxes) != 0) follow_hand(state, reference);
 
   const double scale = command.status == Command::Status::working ? watch_deviation(state, reference, command) : 1;
-  if (changes_ != nullptr) tuning_.approach(changes_->latest(), state.dt);
-  Vec3 feedforward = Vec3::Zero();
+  if constexpr ((parts & kLiveTuning) != 0) tuning_.approach(changes_->latest(), state.dt);
+  Vec3 feedforward = Vec3::Zero();  // which the guard leaves alone
   for (const auto& term : terms_) {
     const Vec3 force = term->force({state, reference, tuning_, command.wrench.force});
     command.wrench.force += force;
-    if (!term->feeds_back()) feedforward += force;
+    if constexpr ((parts & kGuard) != 0)
+      if (!term->feeds_back()) feedforward += force;
   }
   command.wrench.force *= scale;
-  if (orientation_) turn_tool(state, scale, command);
-  if (guard_) keep_guard(state, reference, scale * feedforward, command);
+  if constexpr ((parts & kOrientation) != 0) turn_tool(state, scale, command);
+  if constexpr ((parts & kGuard) != 0) keep_guard(state, reference, scale * feedforward, command);
   command.reference = reference;
   command.phase = phase_;
   if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;

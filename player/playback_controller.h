@@ -57,19 +57,36 @@ class PlaybackController final : public Controller {
                      Mailbox<Tuning>* changes = nullptr);
 
   /// From now on a guard softens the terms when the loop oscillates and tells of the hand. Before start.
-  void guard(const TrackingGuard::Options& options) { guard_.emplace(options); }
+  void guard(const TrackingGuard::Options& options) {
+    guard_.emplace(options);
+    compose();
+  }
 
   /// From now on the tool is turned along the path's orientations as well. Before start.
-  void turn(const OrientationFollower::Options& options) { orientation_.emplace(options); }
+  void turn(const OrientationFollower::Options& options) {
+    orientation_.emplace(options);
+    compose();
+  }
 
   void start(const State& first) noexcept override;
   void resume(const State& first) noexcept override;
-  [[nodiscard]] Command update(const State& state) noexcept override;
+  [[nodiscard]] Command update(const State& state) noexcept override { return (this->*update_)(state); }
   void between_ticks(bool may_wait) noexcept override;
 
   [[nodiscard]] const ReferenceStream& path() const noexcept { return path_; }
 
  private:
+  /// What a session may have besides its path and its terms, as bits.
+  enum Part : unsigned { kUndrivenAxes = 1, kLiveTuning = 2, kOrientation = 4, kGuard = 8, kEveryPart = 15 };
+
+  /// The tick of a session that has these parts: what it does not have is not in its code.
+  template <unsigned parts>
+  Command update_with(const State& state) noexcept;
+  /// Chooses update_ by the parts that there are.
+  void compose() noexcept;
+
+  /// Where there is no motor there is no error: the reference follows the hand.
+  void follow_hand(const State& state, Reference& reference) const noexcept;
   /// Moves reference_ along the path to `time`, or leaves it where it is.
   void follow(const RunningTime& time, Command& command) noexcept;
   Reference advance(double step, Command& command) noexcept;
@@ -83,6 +100,7 @@ class PlaybackController final : public Controller {
   /// The scale of the force under the policy; may end or pause the session.
   double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
 
+  Command (PlaybackController::*update_)(const State&) noexcept = nullptr;
   ReferenceStream path_;
   ForceTerms terms_;
   Tuning tuning_;

@@ -16,16 +16,22 @@ namespace haptrace::bench {
 /// A device that costs nothing, so that what is left is the tick's own cost: it stands where it is.
 class Still final : public Device {
  public:
-  Still() {
+  explicit Still(bool turns = false, const std::array<bool, 3>& axes = {true, true, true}) {
     info_.name = "still";
     info_.virtual_time = true;
     info_.max_force = 8;
     info_.max_continuous_force = 4;
     info_.position_resolution = 5e-5;
+    info_.force_axes = axes;
+    if (!turns) return;
+    info_.torque_axes = {true, true, true};
+    info_.max_torque = 0.4;
+    info_.measures_orientation = true;
   }
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench&, double, DeviceState& state) noexcept override {
     state.position = Vec3::Zero();
+    state.orientation = orientation_;
     state.ready = true;
     return Status::ok;
   }
@@ -33,11 +39,18 @@ class Still final : public Device {
 
  private:
   DeviceInfo info_;
+  Quat orientation_ = info_.measures_orientation ? Quat(Quat::Identity()) : nan_quat();
 };
 
 /// What a playback is made of, beside the PD law.
 struct Made {
-  bool observer = false, feedforward = false, learned = false, guard = false;
+  bool observer = false, gravity = false, friction = false, inertia = false, learned = false, guard = false;
+  bool orientation = false, tuning = false;
+  Interpolation interpolation = Interpolation::cubic;
+
+  static Made every_compensation() {
+    return {.observer = true, .gravity = true, .friction = true, .inertia = true, .learned = true, .guard = true};
+  }
 };
 
 inline PlaybackController playback(double duration, const PlaybackOptions& options, const Made& made = {}) {
@@ -50,10 +63,8 @@ inline PlaybackController playback(double duration, const PlaybackOptions& optio
   plant.position_resolution = 5e-5;
   const TrackingDesign design = design_tracking(plant, {.max_force = 8});
   ForceTerms terms;
-  if (made.feedforward) {
-    terms.push_back(std::make_unique<GravityFeedforward>(plant));
-    terms.push_back(std::make_unique<FrictionFeedforward>(plant));
-  }
+  if (made.gravity) terms.push_back(std::make_unique<GravityFeedforward>(plant));
+  if (made.friction) terms.push_back(std::make_unique<FrictionFeedforward>(plant));
   if (made.learned) {
     auto learned = std::make_unique<LearnedForce>(duration, 0);
     learned->use(&table);
@@ -63,10 +74,17 @@ inline PlaybackController playback(double duration, const PlaybackOptions& optio
     terms.push_back(std::make_unique<ObserverPd>(ObserverPd::Options{.design = design, .position_resolution = 5e-5}));
   else
     terms.push_back(std::make_unique<PdLaw>());
-  if (made.feedforward) terms.push_back(std::make_unique<InertiaFeedforward>(design.mass));
-  const Path path = make_shape("circle", {.size = 0.02, .duration = duration});
-  PlaybackController controller(Trajectory(path, Interpolation::cubic), std::move(terms),
-                                {.gains = {Vec3::Constant(500), Vec3::Constant(6)}}, options);
+  if (made.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(design.mass));
+  Path path = make_shape("circle", {.size = 0.02, .duration = duration});
+  if (made.orientation) path.orientation.assign(path.size(), Quat::Identity());
+  const std::uint64_t rows = path.size();
+  const TrajectoryPieces pieces(source_of(std::move(path)), made.interpolation,
+                                {.undivided = rows, .smoothing = 0, .orientation = made.orientation});
+  const Tuning tuning{.gains = {Vec3::Constant(500), Vec3::Constant(6)}};
+  static Mailbox<Tuning> changes(tuning);
+  PlaybackController controller(ReferenceStream(pieces, {}), std::move(terms), tuning, options,
+                                made.tuning ? &changes : nullptr);
+  if (made.orientation) controller.turn({});
   if (made.guard) controller.guard({.oscillation = {.max_force = 8, .delay = plant.delay, .mass = 0.4}, .hand = {}});
   return controller;
 }

@@ -35,8 +35,7 @@ void tick(benchmark::State& state, bool recording, const Made& made = {}) {
 }
 BENCHMARK_CAPTURE(tick, control_and_limits, false)->Unit(benchmark::kMillisecond)->UseRealTime();
 BENCHMARK_CAPTURE(tick, control_limits_and_recording, true)->Unit(benchmark::kMillisecond)->UseRealTime();
-BENCHMARK_CAPTURE(tick, every_compensation_and_recording, true,
-                  {.observer = true, .feedforward = true, .learned = true, .guard = true})
+BENCHMARK_CAPTURE(tick, every_compensation_and_recording, true, Made::every_compensation())
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 

@@ -1,49 +1,121 @@
-// haptrace_ticks N [term...]: one session of N ticks on a device that costs nothing, made of the named terms. Under
+// haptrace_ticks N [part...]: one session of N ticks on a device that costs nothing, made of the named parts. Under
 // callgrind the difference between two sessions divided by the difference of their ticks is what one tick costs.
+//
+// Sessions: none of them (a free hand), playback, guidance. Parts of every session: metrics, record,
+// velocity=ESTIMATOR, torque, plane (no motor in z). Of a playback: gravity, friction, inertia, learned, observer,
+// guard, tuning, orientation, interpolation=NAME. Of guidance: wall-damping, expert-force, pace-help, viscosity,
+// resistance, amplification, guard.
+#include "control/guidance.h"
+#include "player/guidance_controller.h"
+#include "recorder/recorder.h"
 #include "tests/bench/session.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <unistd.h>
 
-int main(int argc, char** argv) {
-  using namespace haptrace;
-  const double seconds = argc > 1 ? 1e-3 * std::atof(argv[1]) : 1;
-  const auto has = [&](const char* term) {
-    for (int i = 2; i < argc; ++i)
-      if (std::strcmp(argv[i], term) == 0) return true;
-    return false;
-  };
+namespace haptrace {
+namespace {
 
-  bench::Still device;
-  const auto estimator = make_velocity_estimator("lowpass:100", 1000, 5e-5);
+class Parts {
+ public:
+  Parts(char** begin, char** end) : words_(begin, end) {}
+  [[nodiscard]] bool has(const std::string& part) const {
+    return std::find(words_.begin(), words_.end(), part) != words_.end();
+  }
+  /// What follows `key`=.
+  [[nodiscard]] std::string value(const std::string& key, const std::string& otherwise) const {
+    for (const std::string& word : words_)
+      if (word.starts_with(key + "=")) return word.substr(key.size() + 1);
+    return otherwise;
+  }
+
+ private:
+  std::vector<std::string> words_;
+};
+
+/// Ends what another controller does after so many seconds.
+struct Until final : Controller {
+  Until(Controller& inner_, double seconds) : inner(inner_), end(seconds) {}
+  void start(const State& first) noexcept override { inner.start(first); }
+  Command update(const State& state) noexcept override {
+    Command command = inner.update(state);
+    if (1e-9 * static_cast<double>(state.time_ns) >= end) command.status = Command::Status::finished;
+    return command;
+  }
+  Controller& inner;
+  double end;
+};
+
+/// Along a circle in whose tunnel's wall the tool stands.
+GuidanceController guided(const Parts& parts) {
+  ArcPath::Builder builder(ArcPath::spacing_for(0.02));
+  for (int i = 0; i < 4000; ++i) {
+    const double t = 1e-3 * i;
+    builder.add(t, 0.01 * Vec3(std::cos(t), std::sin(t), 0), Vec3(1, 0.5, 0));
+  }
+  GuideTerms terms;
+  terms.push_back(std::make_unique<TunnelWall>(TunnelWall::Options{}));
+  if (parts.has("wall-damping")) terms.push_back(std::make_unique<WallDamping>(3, 1e-3));
+  if (parts.has("expert-force")) terms.push_back(std::make_unique<ExpertForce>(1));
+  if (parts.has("pace-help")) terms.push_back(std::make_unique<PaceHelp>(PaceHelp::Options{}));
+  if (parts.has("viscosity")) terms.push_back(std::make_unique<Viscosity>(1));
+  if (parts.has("resistance")) terms.push_back(std::make_unique<Resistance>(1));
+  if (parts.has("amplification")) terms.push_back(std::make_unique<ErrorAmplification>(100, 1));
+  GuidanceController controller(std::make_shared<const ArcPath>(builder.finish(0.009)), Guidance(std::move(terms), {}),
+                                {Vec3::Constant(500), Vec3::Constant(6)}, {});
+  if (parts.has("guard")) controller.guard({.max_force = 8});
+  return controller;
+}
+
+std::uint64_t run(double seconds, const Parts& parts) {
+  bench::Still device(parts.has("torque") || parts.has("orientation"), {true, true, !parts.has("plane")});
+  const auto estimator = make_velocity_estimator(parts.value("velocity", "lowpass:100"), 1000, 5e-5);
+
   TrackingMetrics metrics(1000, 1);
+  std::optional<Recorder> recorder;
+  const std::string file =
+      (std::filesystem::temp_directory_path() / ("haptrace-ticks-" + std::to_string(getpid()) + ".h5")).string();
   std::vector<SampleSink*> sinks;
-  if (has("metrics")) sinks.push_back(&metrics);
+  if (parts.has("metrics")) sinks.push_back(&metrics);
+  if (parts.has("record")) sinks.push_back(&recorder.emplace(file, RecordingHeader{}, RecordingColumns{}));
+
   // A path of a thousand seconds whatever N is, so that its making costs the same in every run.
-  auto following = bench::playback(1000, {},
-                                   {.observer = has("observer"),
-                                    .feedforward = has("feedforward"),
-                                    .learned = has("learned"),
-                                    .guard = has("guard")});
-  PassiveController free_hand;
-  TimedController passive(free_hand, seconds);
-
-  /// Ends a playback after N ticks.
-  struct Until final : Controller {
-    Until(Controller& inner_, double seconds_) : inner(inner_), end(seconds_) {}
-    void start(const State& first) noexcept override { inner.start(first); }
-    Command update(const State& state) noexcept override {
-      Command command = inner.update(state);
-      if (1e-9 * static_cast<double>(state.time_ns) >= end) command.status = Command::Status::finished;
-      return command;
-    }
-    Controller& inner;
-    double end;
-  } until(following, seconds);
-
-  Controller& controller = has("playback") ? static_cast<Controller&>(until) : passive;
+  std::optional<PlaybackController> following;
+  std::optional<GuidanceController> guidance;
+  PassiveController passive;
+  if (parts.has("playback"))
+    following.emplace(bench::playback(1000, {.axes = device.info().force_axes},
+                                      {.observer = parts.has("observer"),
+                                       .gravity = parts.has("gravity"),
+                                       .friction = parts.has("friction"),
+                                       .inertia = parts.has("inertia"),
+                                       .learned = parts.has("learned"),
+                                       .guard = parts.has("guard"),
+                                       .orientation = parts.has("orientation"),
+                                       .tuning = parts.has("tuning"),
+                                       .interpolation = parse_interpolation(parts.value("interpolation", "cubic"))}));
+  if (parts.has("guidance")) guidance.emplace(guided(parts));
+  Controller* inner = &passive;
+  if (following) inner = &*following;
+  if (guidance) inner = &*guidance;
+  Until controller(*inner, seconds);
   const ServoReport report =
       ServoLoop(device, controller, *estimator, sinks, {.virtual_time = true}).run(StopRequest{});
-  std::printf("%llu\n", static_cast<unsigned long long>(report.samples));
+  recorder.reset();
+  std::filesystem::remove(file);
+  return report.samples;
+}
+
+}  // namespace
+}  // namespace haptrace
+
+int main(int argc, char** argv) {
+  const double seconds = argc > 1 ? 1e-3 * std::atof(argv[1]) : 1;
+  std::printf("%llu\n",
+              static_cast<unsigned long long>(haptrace::run(seconds, {argv + std::min(argc, 2), argv + argc})));
 }
