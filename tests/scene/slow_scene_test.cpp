@@ -108,7 +108,9 @@ TEST(SlowScene, NeverPullsAndNeverRunsAwayWhateverIsPredicted) {
 
 TEST(SlowScene, AllocatesNothingInTheTickAndForgetsWhatWasBeforeAReset) {
   for (const Prediction prediction : {Prediction::hold, Prediction::linear, Prediction::model}) {
-    SlowScene slow(slow_test_scene(kBallOnly), {.rate_hz = 100, .prediction = prediction}, 1000);
+    const auto scene = slow_test_scene(kBallOnly);
+    scene->set("sphere.renew", 0.003);  // so that there is something to forget
+    SlowScene slow(scene, {.rate_hz = 100, .prediction = prediction}, 1000);
     std::vector<Vec3> first, second;
     first.reserve(300);
     second.reserve(300);
@@ -163,6 +165,8 @@ TEST(SlowScene, LetsGoOfAnAnswerThatIsStaleAndSaysSo) {
   EXPECT_EQ(force(), 0);
   *stalls = false;
   while (force() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  slow.reset();
+  EXPECT_EQ(force(), 0) << "what was answered before a reset is not used after it";
   EXPECT_THAT(testing::PrintToString(slow.remarks()),
               AllOf(HasSubstr("did not keep its rate"), HasSubstr("10 periods old")));
 }
