@@ -30,6 +30,7 @@ Vec3 with(double bad, int axis, Vec3 v = Vec3(0.01, 0.02, 0.03)) {
 Command spring(const State& state) {
   Command command;
   command.wrench.force = 200 * (Vec3(0.02, 0, 0) - state.position) - 5 * state.velocity;
+  if (state.tick > 2000) command.status = Command::Status::finished;
   return command;
 }
 
