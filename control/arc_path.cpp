@@ -20,7 +20,7 @@ double ArcPath::spacing_for(double extent) {
 
 ArcPath::Builder::Builder(double spacing) : spacing_(spacing) {
   if (!(spacing > 0 && std::isfinite(spacing)))
-    throw input_error(fmt::format("the spacing of a path is {} m; it must be finite and greater than 0", spacing));
+    throw input_error(fmt::format("the spacing of a path is {} m; it must be greater than 0, and finite", spacing));
 }
 
 void ArcPath::Builder::close_segment() {

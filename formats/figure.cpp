@@ -99,7 +99,7 @@ Axis make_log_axis(const Range& range, std::size_t most) {
   constexpr double kBetween[] = {1, 2, 5};
   Axis axis{range, {}, {}, 0};
   const int first = static_cast<int>(std::floor(range.low)), last = static_cast<int>(std::ceil(range.high));
-  const auto decades = static_cast<std::size_t>(last - first + 1);
+  const std::size_t decades = static_cast<std::size_t>(last - first) + 1;
   const bool all = 3 * decades <= most;
   const int step = static_cast<int>((decades + most - 1) / most);
   for (int decade = first; decade <= last; decade += all ? 1 : step)
