@@ -53,9 +53,15 @@ TradeFiles files_of(const TradeoffArguments& arguments) {
                           "-config.json");
   if (!files.config.empty()) files.profile = beside(files.config, "-profile.json");
   if (!files.figure.empty()) check_figure_name(files.figure);
-  for (const std::string& file : {files.json, files.figure, files.config, files.profile})
-    if (std::error_code ignored; !file.empty() && !arguments.overwrite && std::filesystem::exists(file, ignored))
+  std::vector<std::string> names;
+  for (const std::string& file : {files.json, files.figure, files.config, files.profile}) {
+    if (file.empty()) continue;
+    if (std::find(names.begin(), names.end(), file) != names.end())
+      throw input_error(file + ": is to be two files at once; give --output, --figure and --save names of their own");
+    names.push_back(file);
+    if (std::error_code ignored; !arguments.overwrite && std::filesystem::exists(file, ignored))
       throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
+  }
   return files;
 }
 
@@ -129,6 +135,9 @@ Workplace workplace(const TradeoffArguments& arguments, const Output& output, co
   const auto device = open(arguments.seed);
   const DeviceInfo info = device->info();
   for (const std::string& note : info.notes) output.remark(note);
+  place.varies = seeded || !info.virtual_time;
+  if (!place.varies && arguments.runs > 1)
+    output.remark("every run of this device is the same: one of each configuration is enough");
   place.profile = arguments.profile.find(info, arguments.base.rate_hz, output);
   if (!place.profile && !arguments.profile.none && info.virtual_time)
     place.profile = calibrated_here(*device, output, stop);
@@ -194,24 +203,28 @@ std::optional<Explanation> explain_simulation(const TradeoffArguments& arguments
   return explain_physics(bench.place(), parts.spec, make, configuration, budget, options, stop);
 }
 
-void add_sides(const TradeoffArguments& arguments, const Workbench& bench, TradeReport& report, const Output& output) {
+void add_sides(const TradeoffArguments& arguments, const Workbench& bench, TradeReport& report, const Output& output,
+               const StopRequest& stop) {
   ReadProgress progress(output, "storing, guiding, simulating");
-  report.sides.push_back(trade_of_storage(bench, report.base.configuration));
+  report.sides.push_back(trade_of_storage(bench, report.base.configuration, stop));
   weigh_recordings(report);
-  report.sides.push_back(trade_of_projection(bench));
+  report.sides.push_back(trade_of_projection(bench, !arguments.no_instructions, stop));
   if (!arguments.scene.empty()) {
-    report.sides.push_back(trade_of_scene(bench, arguments.base.rate_hz, [&] { return load_scene(arguments.scene); }));
+    report.sides.push_back(trade_of_scene(
+        bench, arguments.base.rate_hz, [&] { return load_scene(arguments.scene); }, !arguments.no_instructions));
     if (report.sides.back().levels.empty())
       output.remark(fmt::format("{}: {} touches nothing of it", arguments.scene, arguments.path));
   }
   const DeviceSpec spec = DeviceSpec::parse(arguments.device);
-  if (spec.name != "sim") return;
-  report.sides.push_back(trade_of_simulation(bench, report.base.configuration,
-                                             [&](const std::vector<std::pair<std::string, std::string>>& options) {
-                                               DeviceSpec one = spec;
-                                               for (const auto& [key, value] : options) one.options[key] = value;
-                                               return open_device(one);
-                                             }));
+  if (spec.name != "sim" || stop.count() > 0) return;
+  report.sides.push_back(trade_of_simulation(
+      bench, report.base.configuration,
+      [&](const std::vector<std::pair<std::string, std::string>>& options) {
+        DeviceSpec one = spec;
+        for (const auto& [key, value] : options) one.options[key] = value;
+        return open_device(one);
+      },
+      stop));
 }
 
 }  // namespace
@@ -277,13 +290,14 @@ Verb add_tradeoff(CLI::App& app) {
             require(*verb, "--device");
             check_range("--runs", static_cast<double>(arguments->runs), 1, 100);
             check_range("--learn", arguments->learn, 0, 20);
+            check_range("--speed", arguments->base.speed, 0.001, 100);
             const Budget budget = arguments->budget.empty() ? Budget{} : parse_budget(arguments->budget);
             const TradeFiles files = files_of(*arguments);
             if (!arguments->scene.empty()) (void)load_scene(arguments->scene);
             const Signals signals;
             Workbench bench(workplace(*arguments, output, signals.stop()));
             TradeOptions options{.base = base_of(*arguments, bench.calibrated()),
-                                 .runs = arguments->runs,
+                                 .runs = bench.place().varies ? arguments->runs : 1,
                                  .threads = arguments->jobs,
                                  .instructions = !arguments->no_instructions};
             options.rates = rates_of(*arguments, bench, options.rates);
@@ -300,18 +314,25 @@ Verb add_tradeoff(CLI::App& app) {
                   [&](const std::string& stage, double done) { progress.tell_share(done, stage); },
                   [&](const TradeReport& so_far) { draw(so_far, nullptr); });
             }();
-            if (report.complete) add_sides(*arguments, bench, report, output);
+            if (report.complete) add_sides(*arguments, bench, report, output, signals.stop());
+            report.complete = report.complete && signals.stop().count() == 0;
             nlohmann::json json = to_json(report);
             std::string text = text_of(report);
 
             const std::optional<Choice> choice = budget.empty() ? std::nullopt : choose(report, budget);
+            if (!budget.empty() && report.complete && !choice)
+              output.remark("nothing could be chosen: no configuration was played to its end");
             if (choice) {
               const Configuration& chosen = choice->outcome.configuration;
               const std::optional<DeviceProfile> profile = bench.profile_at(chosen.rate_hz);
               if (profile) save_profile(*profile, files.profile, arguments->overwrite);
-              save_json(config_file(chosen, profile ? std::filesystem::absolute(files.profile).string() : "",
-                                    choice->storage ? &choice->storage->storage : nullptr),
-                        files.config, arguments->overwrite);
+              nlohmann::json config = config_file(chosen, bench.place().play,
+                                                  profile ? std::filesystem::absolute(files.profile).string() : "",
+                                                  choice->storage ? &choice->storage->storage : nullptr);
+              for (const auto& [key, time] :
+                   {std::pair{"from", arguments->selection.from}, {"to", arguments->selection.to}})
+                if (std::isfinite(time)) config["play"][key] = config["guide"][key] = time;
+              save_json(config, files.config, arguments->overwrite);
               json["choice"] = to_json(*choice, budget);
               json["config_file"] = files.config;
               json["predicted"] = predicted_by(choice->outcome);
@@ -338,6 +359,8 @@ Verb add_tradeoff(CLI::App& app) {
                 text += text_of(*physics, budget, "part of the simulated device");
               }
             }
+            report.complete = report.complete && signals.stop().count() == 0;
+            json["complete"] = report.complete;
             draw(report, choice ? &*choice : nullptr);
             if (!files.json.empty()) save_json(json, files.json, arguments->overwrite);
             if (!files.figure.empty()) text += fmt::format("  picture: {}\n", files.figure);
@@ -346,7 +369,7 @@ Verb add_tradeoff(CLI::App& app) {
               output.remark("interrupted; what was finished is told");
               return static_cast<int>(kInterrupted);
             }
-            return static_cast<int>(choice && !choice->kept ? kStopped : kDone);
+            return static_cast<int>(!budget.empty() && !(choice && choice->kept) ? kStopped : kDone);
           }};
 }
 

@@ -225,16 +225,16 @@ void apply_config(CLI::App& verb, const nlohmann::json& config, const std::strin
   for (const CLI::Option* option : verb.get_options())
     known.push_back(option->get_lnames().empty() ? option->get_name() : option->get_lnames().front());
 
+  // What is for this verb alone goes before what is for all.
+  if (const auto own = config.find(verb.get_name()); own != config.end() && own->is_object())
+    apply_config(verb, *own, fmt::format("{}: {}", file, verb.get_name()));
   for (const auto& [key, value] : config.items()) {
     if (key == "verb") {
       if (value != verb.get_name())
         throw input_error(fmt::format("{}: is a configuration of haptrace {}", file, text_of(value)));
       continue;
     }
-    if (value.is_object() && is_verb(*verb.get_parent(), key)) {
-      if (key == verb.get_name()) apply_config(verb, value, fmt::format("{}: {}", file, key));
-      continue;
-    }
+    if (value.is_object() && is_verb(*verb.get_parent(), key)) continue;
     const auto found = std::find(known.begin(), known.end(), key);
     if (found == known.end())
       throw input_error(fmt::format("{}: unknown key '{}'{}", file, key, suggestion(key, known)));

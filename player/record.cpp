@@ -3,6 +3,8 @@
 #include "control/error.h"
 #include "player/guide.h"
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
 #include <utility>
@@ -45,11 +47,23 @@ Command TimedController::update(const State& state) noexcept {
 PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz) {
   LoopModel loop{.mass = kUnknownMass, .delay = kUnknownDelay, .rate_hz = rate_hz};
   if (plant) {
-    loop.mass = plant->mass.minCoeff() > 0 ? plant->mass.minCoeff() : kUnknownMass;
-    loop.viscous = std::max(plant->viscous.minCoeff(), 0.0);
     loop.delay = plant->delay;
+    // Of the axes that have a motor: of the others nothing was identified.
+    double mass = std::numeric_limits<double>::infinity(), viscous = mass;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!(plant->mass[axis] > 0)) continue;
+      mass = std::min(mass, plant->mass[axis]);
+      viscous = std::min(viscous, std::max(plant->viscous[axis], 0.0));
+    }
+    if (std::isfinite(mass)) {
+      loop.mass = mass;
+      loop.viscous = viscous;
+    }
   }
-  return {.delay = loop.delay, .rate_hz = rate_hz, .max_damping = bearable_damping(loop)};
+  const double delay = loop.delay;
+  // A loop that is later than the analysis goes bears next to nothing in any case.
+  loop.delay = std::min(delay, LoopAnalysis::kLongestDelay / rate_hz);
+  return {.delay = delay, .rate_hz = rate_hz, .max_damping = bearable_damping(loop)};
 }
 
 SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop, const Progress& progress) {

@@ -250,6 +250,7 @@ SimSpec default_tapped_device() {
 
 /// What nothing holds or pulls aside, in a space without end.
 SimSpec freed(SimSpec spec) {
+  spec.hand.reset();
   spec.gravity_bias.setZero();
   spec.gravity_gradient.setZero();
   spec.cogging.setZero();
@@ -301,6 +302,13 @@ class StaircaseJobs {
   StaircaseJobs(StaircaseReport& report, const StopRequest& stop)
       : report_(report), spec_(freed(*report.options.device)), stop_(stop) {
     const StaircaseOptions& options = report.options;
+    const Vec3 normal = surface_of(*pressed_scene(options, options.pressed.front()), options.scene_name).normal;
+    for (int axis = 0; axis < 3; ++axis)
+      if (std::abs(normal[axis]) > 1e-9 && !spec_.axes[static_cast<std::size_t>(axis)])
+        throw input_error(
+            fmt::format("{}: has no motor along {}, in which the wall stands; give a scene whose wall does "
+                        "not need one (--scene)",
+                        spec_.model, "xyz"[axis]));
     for (const double rate : options.rates) {
       LoopModel loop = loop_of_tapped(spec_, rate);
       layers_.push_back({.delay = loop.delay + loop.lag, .rate_hz = rate, .max_damping = bearable_damping(loop)});

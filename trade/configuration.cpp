@@ -52,13 +52,19 @@ PlayOptions play_options(const Configuration& configuration, const PlayOptions& 
   return options;
 }
 
-nlohmann::json config_file(const Configuration& configuration, const std::string& profile, const Storage* storage) {
+nlohmann::json config_file(const Configuration& configuration, const PlayOptions& base, const std::string& profile,
+                           const Storage* storage) {
   const nlohmann::json loop{{"rate", configuration.rate_hz}, {"velocity", configuration.velocity}};
   nlohmann::json play = loop, guide = loop, record = loop;
   play["interpolation"] = to_string(configuration.interpolation);
   play["speed"] = configuration.speed;
   play["thin"] = configuration.thin;
   play["learn"] = configuration.learn;
+  play["max-deviation"] = base.playback.max_deviation;
+  for (nlohmann::json* verb : {&play, &guide}) {
+    if (base.fit) (*verb)["fit"] = true;
+    if (base.smoothing) (*verb)["smoothing"] = *base.smoothing;
+  }
   if (profile.empty()) {
     play["no-profile"] = true;
   } else {

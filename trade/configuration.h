@@ -32,9 +32,11 @@ std::string describe(const Compensations& with);
 /// identified.
 PlayOptions play_options(const Configuration& configuration, const PlayOptions& base);
 
-/// The same as a file for --config, with a section for each of play, guide and record. `profile`: the file of the
-/// device's profile, or empty. `storage` may be null: recordings are stored as they are.
-nlohmann::json config_file(const Configuration& configuration, const std::string& profile, const Storage* storage);
+/// The same as a file for --config, with a section for each of play, guide and record, and what `base` says of the
+/// path. `profile`: the file of the device's profile, or empty. `storage` may be null: recordings are stored as they
+/// are.
+nlohmann::json config_file(const Configuration& configuration, const PlayOptions& base, const std::string& profile,
+                           const Storage* storage);
 
 nlohmann::json to_json(const Configuration& configuration);
 

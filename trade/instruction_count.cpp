@@ -51,22 +51,29 @@ std::optional<int> next_stop(pid_t child) {
   return WIFSTOPPED(status) ? std::optional(WSTOPSIG(status)) : std::nullopt;
 }
 
-/// Lets the child run on to its next mark.
-bool run_to_mark(pid_t child) {
+/// Lets the child run on to its first mark.
+bool run_to_mark(pid_t child, bool& ended) {
   while (const std::optional<int> signal = next_stop(child)) {
-    if (*signal == SIGSTOP) return true;
-    if (ptrace(PTRACE_CONT, child, nullptr, *signal) != 0) break;
+    // Should this process be killed, the child must not wait at a mark for ever.
+    if (*signal == SIGSTOP) return ptrace(PTRACE_SETOPTIONS, child, nullptr, PTRACE_O_EXITKILL) == 0;
+    if (ptrace(PTRACE_CONT, child, nullptr, static_cast<long>(*signal)) != 0) return false;
   }
+  ended = true;
   return false;
 }
 
-std::optional<std::uint64_t> steps_to_mark(pid_t child) {
+/// Any other signal is handed on to the child: one that it does not survive ends the count.
+std::optional<std::uint64_t> steps_to_mark(pid_t child, bool& ended) {
+  long hand_on = 0;
   for (std::uint64_t steps = 1; steps <= kMostSteps; ++steps) {
-    if (ptrace(PTRACE_SINGLESTEP, child, nullptr, nullptr) != 0) return std::nullopt;
+    if (ptrace(PTRACE_SINGLESTEP, child, nullptr, hand_on) != 0) return std::nullopt;
     const std::optional<int> signal = next_stop(child);
-    if (!signal) return std::nullopt;
+    if (!signal) {
+      ended = true;
+      return std::nullopt;
+    }
     if (*signal == SIGSTOP) return steps;
-    if (*signal != SIGTRAP) return std::nullopt;  // a fault of the work itself
+    hand_on = *signal == SIGTRAP ? 0 : *signal;
   }
   return std::nullopt;
 }
@@ -80,7 +87,9 @@ std::optional<std::uint64_t> single_step(const std::function<void(const std::fun
     _exit(0);
   }
   std::optional<std::uint64_t> steps;
-  if (run_to_mark(child)) steps = steps_to_mark(child);
+  bool ended = false;
+  if (run_to_mark(child, ended)) steps = steps_to_mark(child, ended);
+  if (ended) return steps;
   (void)kill(child, SIGKILL);
   int ignored = 0;
   while (waitpid(child, &ignored, 0) < 0 && errno == EINTR) {

@@ -57,7 +57,7 @@ const std::vector<MeasureFacts>& measures() {
       {Measure::instructions, "instructions", "", 1, true, false, "instructions of a tick"},
       {Measure::load, "load", "MIPS", 1e6, true, false,
        "instructions a second, or where they cannot be counted nanoseconds"},
-      {Measure::start, "start", "ms", 1e-3, true, false, "from the path's file to the first tick"},
+      {Measure::start, "start", "ms", 1e-3, true, false, "from a path in memory to the first tick"},
       {Measure::bytes, "bytes", "MB/h", 1e6, true, false, "size of a recording"}};
   return all;
 }

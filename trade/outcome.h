@@ -41,7 +41,7 @@ struct Outcome {
   double instructions = kNaN;  ///< of that tick
   /// Of that tick, summed from what each part of it costs: instructions, or where they cannot be counted nanoseconds.
   double price = kNaN;
-  double start = kNaN;           ///< from the path's file to the first tick [s]
+  double start = kNaN;           ///< from a path in memory to the first tick [s]
   double duration = 0;           ///< of a session, with its repetitions [s]
   double bytes_per_hour = kNaN;  ///< of a recording of it
 

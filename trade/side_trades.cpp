@@ -92,7 +92,7 @@ const std::vector<StorageLevel>& storage_levels() {
   return levels;
 }
 
-SideTrade trade_of_storage(const Workbench& bench, const Configuration& configuration) {
+SideTrade trade_of_storage(const Workbench& bench, const Configuration& configuration, const StopRequest& stop) {
   SideTrade trade{.knob = std::string(kStorageKnob),
                   .what = "how a recording of it is stored",
                   .columns = {{"bytes_per_hour", "MB/h", 1e6, 0},
@@ -101,6 +101,7 @@ SideTrade trade_of_storage(const Workbench& bench, const Configuration& configur
                               {"row_cpu_s", "us/row", 1e-6, 2}},
                   .levels = {}};
   for (const StorageLevel& level : storage_levels()) {
+    if (stop.count() > 0) break;
     SideTrade::Level row{.level = level.name, .is_default = level.name == "plain", .values = {}, .refused = {}};
     try {
       const Workbench::Stored stored = bench.record(configuration, level.storage);
@@ -113,7 +114,7 @@ SideTrade trade_of_storage(const Workbench& bench, const Configuration& configur
   return trade;
 }
 
-SideTrade trade_of_projection(const Workbench& bench) {
+SideTrade trade_of_projection(const Workbench& bench, bool instructions, const StopRequest& stop) {
   SideTrade trade{.knob = "spacing",
                   .what = "spacing of the path on which guidance looks for the place of the trainee",
                   .columns = {{"place_error_m", "rms mm", 1e-3, 4},
@@ -122,7 +123,8 @@ SideTrade trade_of_projection(const Workbench& bench) {
                               {"update_s", "ns", 1e-9, 0},
                               {"instructions", "instr.", 1, 0}},
                   .levels = {}};
-  const PathSource& source = *bench.place().path;
+  const DevicePath played = path_for(bench.device(), bench.place().path, bench.place().play.fit);
+  const PathSource& source = *played.source;
   const Path path = source.read(0, source.facts().rows);
   const std::vector<Vec3> trainee = wandering(path, bench.place().seed);
   const ArcPath finest = arc_path_of(path, kFinestSpacing);
@@ -135,6 +137,7 @@ SideTrade trade_of_projection(const Workbench& bench) {
 
   const double usual = ArcPath::spacing_for(path.bounds().size().norm());
   for (const double spacing : kSpacings) {
+    if (stop.count() > 0) break;
     SideTrade::Level row{.level = fmt::format("{:g} mm", 1e3 * spacing),
                          .is_default = std::abs(spacing - usual) < 1e-9,
                          .values = {},
@@ -161,7 +164,7 @@ SideTrade trade_of_projection(const Workbench& bench) {
     constexpr std::size_t kCounted = 25;
     projection.start();
     std::optional<std::uint64_t> counted;
-    if (trainee.size() > 3 * kCounted)
+    if (instructions && trainee.size() > 3 * kCounted)
       counted = count_instructions([&](const std::function<void()>& mark) {
         walk(0, kCounted);
         mark();
@@ -177,7 +180,8 @@ SideTrade trade_of_projection(const Workbench& bench) {
 
 SideTrade trade_of_simulation(
     const Workbench& bench, const Configuration& configuration,
-    const std::function<std::unique_ptr<Device>(const std::vector<std::pair<std::string, std::string>>&)>& open) {
+    const std::function<std::unique_ptr<Device>(const std::vector<std::pair<std::string, std::string>>&)>& open,
+    const StopRequest& stop) {
   SideTrade trade{.knob = "simulation",
                   .what = "integrator and longest step of the simulated device",
                   .columns = {{"way_difference_m", "way mm", 1e-3, 4},
@@ -203,6 +207,7 @@ SideTrade trade_of_simulation(
     const double begin = seconds_now();
     const PlayResult result =
         play(*device, plan_playback(device->info(), bench.place().path, options), options, StopRequest{});
+    if (result.session.servo.cause != StopCause::finished) throw input_error(result.session.servo.detail);
     return Run{way.way(), result.last.rms_error, result.last.force_ripple,
                1e-3 * (seconds_now() - begin) / std::max(result.session.servo.duration, 1e-9)};
   };
@@ -210,6 +215,7 @@ SideTrade trade_of_simulation(
   const Run finest = run("exact", kFinestStep);
   for (const char* integrator : kIntegrators) {
     for (const double step : kSteps) {
+      if (stop.count() > 0) return trade;
       SideTrade::Level row{.level = fmt::format("{} {:g} us", integrator, 1e6 * step),
                            .is_default = std::string_view(integrator) == "semi-implicit" && step == 5e-5,
                            .values = {},
@@ -227,7 +233,8 @@ SideTrade trade_of_simulation(
   return trade;
 }
 
-SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::function<std::shared_ptr<Scene>()>& load) {
+SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::function<std::shared_ptr<Scene>()>& load,
+                         bool instructions) {
   SideTrade trade{.knob = "scene",
                   .what = "a scene's knobs, and its service at a slower rate, with the tool on the path",
                   .columns = {{"force_error_n", "rms N", 1, 4},
@@ -243,8 +250,7 @@ SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::func
   std::vector<Vec3> truth;
   std::vector<bool> touched;
   const std::shared_ptr<Scene> exact = load();
-  for (const Knob& knob : exact->knobs())
-    if (knob.name.ends_with(".renew")) exact->set(knob.name, 0);
+  for (const Knob& knob : exact->knobs()) exact->set(knob.name, knob.name.ends_with(".lead") ? 0 : knob.levels.back());
   exact->prepare({.rate_hz = rate_hz});
   exact->reset();
   Trajectory::Cursor cursor;
@@ -253,8 +259,7 @@ SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::func
     const Reference here = path.sample(static_cast<double>(i) * period, cursor);
     const Reference middle = path.sample((static_cast<double>(i) + 0.5) * period, cursor);
     touches.push_back({here.position, here.velocity, i > 0 ? period : 0});
-    // At rest there, so that no lead moves it.
-    const SceneAnswer answer = exact->answer({middle.position, Vec3::Zero(), i > 0 ? period : 0});
+    const SceneAnswer answer = exact->answer({middle.position, middle.velocity, i > 0 ? period : 0});
     truth.push_back(answer.force);
     touched.push_back(std::any_of(answer.contacts.begin(), answer.contacts.end(),
                                   [](const Contact& contact) { return contact.touched(); }));
@@ -284,7 +289,7 @@ SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::func
     row.values = {std::sqrt(squares / static_cast<double>(count)), peak, work + answer.stored - stored,
                   seconds / static_cast<double>(ticks), kNaN};
     constexpr std::size_t kCounted = 25;
-    if (dynamic_cast<Scene*>(&scene) != nullptr && first_touch + kCounted < ticks) {
+    if (instructions && dynamic_cast<Scene*>(&scene) != nullptr && first_touch + kCounted < ticks) {
       const auto counted = count_instructions([&](const std::function<void()>& mark) {
         mark();
         for (std::size_t i = 0; i < kCounted; ++i) (void)scene.answer(touches[first_touch + i]);

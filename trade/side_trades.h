@@ -43,11 +43,11 @@ const std::vector<StorageLevel>& storage_levels();
 inline constexpr std::string_view kStorageKnob = "storage";
 
 /// Stored precision and compression: size, the largest error that storing makes, CPU time of a row.
-SideTrade trade_of_storage(const Workbench& bench, const Configuration& configuration);
+SideTrade trade_of_storage(const Workbench& bench, const Configuration& configuration, const StopRequest& stop);
 
 /// The spacing of the path that guidance follows: how far the place of a trainee is off, who wanders round the path by
 /// 2 mm at a third to three times its speed, and by how much the expert's force there, from those on the finest path.
-SideTrade trade_of_projection(const Workbench& bench);
+SideTrade trade_of_projection(const Workbench& bench, bool instructions, const StopRequest& stop);
 
 /// Integrator and longest step of the simulated device, with the configuration played on it: how far the tool's true
 /// way and the session's figures are from those of the finest, and what simulating a millisecond costs. Friction and
@@ -56,13 +56,15 @@ SideTrade trade_of_projection(const Workbench& bench);
 /// is one of `sim`.
 SideTrade trade_of_simulation(
     const Workbench& bench, const Configuration& configuration,
-    const std::function<std::unique_ptr<Device>(const std::vector<std::pair<std::string, std::string>>&)>& open);
+    const std::function<std::unique_ptr<Device>(const std::vector<std::pair<std::string, std::string>>&)>& open,
+    const StopRequest& stop);
 
 /// Every knob of a scene's objects, and a scene that is served at a tenth and a twentieth of the rate with each
 /// prediction, while the tool goes along the path: how far the force that is held over a tick is from that of the
 /// continuous scene in the middle of the tick, where something is touched, and the energy that is created. No levels
 /// when the path touches nothing. `load` makes the scene as it was described. Throws what it throws.
-SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::function<std::shared_ptr<Scene>()>& load);
+SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::function<std::shared_ptr<Scene>()>& load,
+                         bool instructions);
 
 nlohmann::json to_json(const SideTrade& trade);
 std::string text_of(const SideTrade& trade);

@@ -183,7 +183,8 @@ std::string text_of(const TradeReport& report) {
 
 std::string text_of(const Choice& choice, const Budget& budget) {
   const Outcome& o = choice.outcome;
-  std::string text = fmt::format("\n{} {}:\n  {}\n", choice.kept ? "the cheapest that keeps" : "nothing keeps",
+  std::string text = fmt::format("\n{} {}:\n  {}\n",
+                                 budget.bounds_accuracy() ? "the cheapest that keeps" : "the most exact that keeps",
                                  to_string(budget), describe(o.configuration));
   if (!choice.kept)
     text = fmt::format("\nnothing keeps {}; the nearest is\n  {}\n", to_string(budget), describe(o.configuration));

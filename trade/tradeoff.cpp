@@ -21,7 +21,7 @@ constexpr std::array kThinnings{1, 2, 5, 10, 20, 50, 100};
 constexpr std::array kSpeeds{0.25, 0.5, 1.0, 2.0, 4.0};
 constexpr double kFinestRate = 4000;  // [Hz]
 constexpr double kWorth = 0.01;       // of the error, that a dearer configuration must be better
-constexpr std::size_t kRefined = 12;  // best combinations whose finer knobs are turned, at most
+constexpr std::size_t kRefined = 8;   // best combinations whose finer knobs are turned, at most
 
 /// What makes two ticks cost the same.
 std::string tick_key(const Configuration& c) {
@@ -284,7 +284,7 @@ bool beats(const Outcome& b, const Outcome& a) {
 std::vector<Outcome> front_of(const std::vector<Outcome>& all, double speed) {
   std::vector<Outcome> ran;
   for (const Outcome& outcome : all)
-    if (outcome.ran() && outcome.configuration.speed == speed) ran.push_back(outcome);
+    if (outcome.ran() && outcome.configuration.speed == speed && std::isfinite(outcome.load())) ran.push_back(outcome);
   std::stable_sort(ran.begin(), ran.end(), [](const Outcome& a, const Outcome& b) {
     return std::tuple(a.load(), a.error.mean) < std::tuple(b.load(), b.error.mean);
   });
@@ -345,7 +345,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
   finest.interpolation = Interpolation::quintic;
   finest.thin = 1;
   if (bench.profile_at(kFinestRate) || !bench.calibrated()) finest.rate_hz = std::max(kFinestRate, finest.rate_hz);
-  bench.measure_forces_against(finest, options.runs * kFrontRuns);
+  bench.measure_forces_against(finest, options.runs * kFrontRuns, stop);
 
   Trials trials(bench, options.threads, stop);
   const std::vector<KnobOfPlay> knobs = knobs_of_play(bench, options);
@@ -495,7 +495,7 @@ void weigh_recordings(TradeReport& report) {
 }
 
 std::optional<Choice> choose(const TradeReport& report, const Budget& budget) {
-  if (report.front.empty()) return std::nullopt;
+  if (!report.complete || report.front.empty()) return std::nullopt;
   const SideTrade* storage = storage_of(report);
   if (!budget.limits(Measure::bytes) || storage == nullptr) return choose_from(report.front, budget);
   std::optional<Choice> choice;
@@ -503,8 +503,10 @@ std::optional<Choice> choose(const TradeReport& report, const Budget& budget) {
     if (!storage->levels[i].refused.empty()) continue;
     std::vector<Outcome> front = report.front;
     for (Outcome& outcome : front) outcome.bytes_per_hour = bytes_of(storage->levels[i], outcome, report);
-    choice = choose_from(front, budget);
-    choice->storage = storage_levels()[i];
+    Choice with = choose_from(front, budget);
+    with.storage = storage_levels()[i];
+    // What a coarser way to store does not bring nearer is stored as it was.
+    if (!choice || budget.tightest(with.outcome)->ratio < budget.tightest(choice->outcome)->ratio) choice = with;
   }
   return choice;
 }
@@ -515,9 +517,12 @@ void weigh(const Outcome& outcome, const Budget& budget, TermPrice& price) {
   price.ripple_change = without.ripple.mean - outcome.ripple.mean;
   price.instructions = outcome.instructions - without.instructions;
   price.control = outcome.control - without.control;
+  Budget measured;
+  std::copy_if(budget.bounds.begin(), budget.bounds.end(), std::back_inserter(measured.bounds),
+               [&](const Bound& bound) { return std::isfinite(mean_of(outcome, bound.measure)); });
   price.dispensable =
-      !budget.empty() && without.ran() && (budget.kept(without) || !budget.kept(outcome)) &&
-      std::all_of(budget.bounds.begin(), budget.bounds.end(), [&](const Bound& bound) {
+      !measured.bounds.empty() && without.ran() && (measured.kept(without) || !measured.kept(outcome)) &&
+      std::all_of(measured.bounds.begin(), measured.bounds.end(), [&](const Bound& bound) {
         return std::abs(mean_of(without, bound.measure) - mean_of(outcome, bound.measure)) < bound.limit;
       });
 }
@@ -529,6 +534,7 @@ Explanation explain(const Workbench& bench, const Configuration& configuration, 
     bench.find_margin(outcome);
     bench.time_ticks(outcome);
     if (outcome.ran() && options.instructions) outcome.instructions = bench.count_ticks(one);
+    outcome.price = std::isfinite(outcome.instructions) ? outcome.instructions : 1e9 * outcome.control;
     return outcome;
   };
   Explanation explanation{.of = measured(configuration), .terms = {}};

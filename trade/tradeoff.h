@@ -97,8 +97,9 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
 void weigh_recordings(TradeReport& report);
 
 /// From the front: the cheapest that keeps the budget, or if that bounds nothing but costs the most exact that does;
-/// where none does, the one whose worst bound is exceeded by the least factor. Nothing when the front is empty. A bound
-/// on the bytes of a recording needs the trade of storage among the report's sides.
+/// where none does, the one whose worst bound is exceeded by the least factor. Nothing of a report that is not
+/// complete, or whose front is empty. A bound on the bytes of a recording needs the trade of storage among the report's
+/// sides.
 std::optional<Choice> choose(const TradeReport& report, const Budget& budget);
 
 /// Fills in what `price.without` changes of `outcome`, and whether the budget allows it.

@@ -192,7 +192,11 @@ std::optional<DeviceProfile> Workbench::profile_at(double rate_hz) const {
   DeviceProfile profile = *place_.profile;
   if (std::abs(rate_hz - profile.rate_hz) <= kProfileRateTolerance * profile.rate_hz) return profile;
   if (profile.coarse) return std::nullopt;
-  profile.design = design_tracking(profile.plant, {.rate_hz = rate_hz, .max_force = profile.facts.max_force});
+  try {
+    profile.design = design_tracking(profile.plant, {.rate_hz = rate_hz, .max_force = profile.facts.max_force});
+  } catch (const Error&) {
+    return std::nullopt;  // later than so many periods
+  }
   profile.rate_hz = rate_hz;
   return profile;
 }
@@ -203,8 +207,8 @@ PlayOptions Workbench::options_for(const Configuration& configuration) const {
   if (place_.profile) {
     const std::optional<DeviceProfile> profile = profile_at(configuration.rate_hz);
     if (!profile)
-      throw input_error(
-          fmt::format("the device has only a coarse model, which holds at {:g} Hz", place_.profile->rate_hz));
+      throw input_error(fmt::format("what calibration found at {:g} Hz makes no law for {:g} Hz",
+                                    place_.profile->rate_hz, configuration.rate_hz));
     options.identified = IdentifiedDevice{profile->plant, profile->design};
   }
   return options;
@@ -265,9 +269,9 @@ double Workbench::force_difference(const std::vector<Vec3>& forces, const std::v
   return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : kNaN;
 }
 
-void Workbench::measure_forces_against(const Configuration& finest, std::size_t runs) {
+void Workbench::measure_forces_against(const Configuration& finest, std::size_t runs, const StopRequest& stop) {
   finest_force_.clear();
-  for (std::size_t run = 0; run < runs; ++run) {
+  for (std::size_t run = 0; run < runs && stop.count() == 0; ++run) {
     const std::uint64_t seed = place_.seed + run;
     const auto device = place_.open(seed);
     PlayOptions options = options_for(finest);
@@ -354,6 +358,8 @@ double Workbench::count_ticks(const Configuration& configuration) const {
   PlayOptions options = tick_options(configuration);
   const auto device = place_.open(place_.seed);
   const PlayPlan plan = plan_playback(info_, place_.path, options);
+  // A path of several pieces is read by a thread, which a copy of this process would not have.
+  if (plan.path.count() > 1) return kNaN;
   const double seconds = duration() / options.playback.speed + options.playback.hold + 60;
   Trace trace(static_cast<std::size_t>(seconds * options.session.rate_hz));
   options.sinks.push_back(&trace);
@@ -389,6 +395,7 @@ Workbench::Stored Workbench::record(const Configuration& configuration, const St
     const double begin = cpu_seconds();
     const PlayResult result = play(*device, plan, options, StopRequest{});
     if (!result.session.recording_error.empty()) throw Error(Error::Kind::fault, result.session.recording_error);
+    if (result.session.servo.cause != StopCause::finished) throw Error(Error::Kind::fault, result.session.servo.detail);
     return (cpu_seconds() - begin) / static_cast<double>(std::max<std::uint64_t>(result.session.servo.samples, 1));
   };
   const ScratchFile original("original"), stored("stored");

@@ -24,6 +24,7 @@ struct Workplace {
   std::optional<DeviceProfile> profile;    ///< of the device: without it there is nothing but a PD law
   PlayOptions play;                        ///< limits, fit, smoothing; without recording, sinks and tuning
   std::uint64_t seed = 1;                  ///< of the first run; further runs count up
+  bool varies = true;                      ///< runs of different seeds differ
   bool device_in_tick = true;              ///< ticks are told with the device's exchange; else without
 };
 
@@ -43,7 +44,7 @@ class Workbench {
 
   /// The forces that force errors are measured against: those of `finest`, for the seeds of so many runs. Without it
   /// they are not measured.
-  void measure_forces_against(const Configuration& finest, std::size_t runs);
+  void measure_forces_against(const Configuration& finest, std::size_t runs, const StopRequest& stop);
 
   /// Fills in the margin: by how much the gains can be raised, in steps of a quarter octave up to 4, before the
   /// oscillation monitor speaks or a limit ends the session.
@@ -76,7 +77,7 @@ class Workbench {
   [[nodiscard]] std::uint64_t rows() const noexcept { return place_.path->facts().rows; }
 
   /// The profile with its design made for another servo rate; nothing when that cannot be done: a coarse model's design
-  /// was tried out at its rate and holds for no other.
+  /// was tried out at its rate and holds for no other, and a late device bears none at high rates.
   [[nodiscard]] std::optional<DeviceProfile> profile_at(double rate_hz) const;
 
  private:

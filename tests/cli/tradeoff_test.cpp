@@ -52,6 +52,14 @@ TEST(TradeoffCommand, RefusesBeforeItWorks) {
   const Answer answer = haptrace("tradeoff", "no.csv", "--device", kFalcon, "-o", kept);
   EXPECT_EQ(answer.exit_code, 2);
   EXPECT_THAT(answer.err, AllOf(HasSubstr("kept.json"), HasSubstr("--overwrite")));
+  EXPECT_THAT(
+      haptrace("tradeoff", "no.csv", "--device", kFalcon, "-o", folder / "t.json", "--save", folder / "t.json").err,
+      HasSubstr("two files at once"));
+  EXPECT_THAT(haptrace("tradeoff", "no.csv", "--device", kFalcon, "--speed", "0").err, HasSubstr("--speed"));
+  // What is for the verb wins over what is for all.
+  const auto sections = folder.write("s.json", R"({"duration": 5, "record": {"duration": 0.2}, "play": {"speed": 2}})");
+  EXPECT_EQ(haptrace("record", folder / "s.h5", "--device", kFalcon, "--config", sections, "--json").json()["samples"],
+            201);
   const auto config = folder.write("c.json", R"({"play": {"sped": 2}, "record": {"rate": 500}})");
   EXPECT_THAT(haptrace("play", "no.csv", "--device", kFalcon, "--config", config).err,
               AllOf(HasSubstr("play: unknown key 'sped'"), HasSubstr("speed")));

@@ -1,5 +1,6 @@
 #include "trade/workbench.h"
 
+#include "scene/scene_file.h"
 #include "tests/trade/support.h"
 #include "trade/instruction_count.h"
 #include "trade/side_trades.h"
@@ -41,7 +42,7 @@ TEST(InstructionCount, AnswersNothingWhenThereIsNothingBetweenMarks) {
 
 TEST(Workbench, GivesTheSameToTheLastBitWhateverTheThread) {
   Workbench bench(small_workplace());
-  bench.measure_forces_against(full_configuration(), 2);
+  bench.measure_forces_against(full_configuration(), 2, StopRequest{});
   const Configuration plain{.rate_hz = 500};
   const Outcome here = bench.judge(plain, 2);
   ASSERT_TRUE(here.ran()) << here.refused;
@@ -143,7 +144,7 @@ TEST(Workbench, ChargesATermWhatItCostsAndNothingForWhatIsOff) {
 
 TEST(SideTrades, StoreLessForMoreTimeAndKeepTheirBounds) {
   const Workbench bench(small_workplace());
-  const SideTrade trade = trade_of_storage(bench, full_configuration());
+  const SideTrade trade = trade_of_storage(bench, full_configuration(), StopRequest{});
   ASSERT_EQ(trade.levels.size(), storage_levels().size());
   const double plain = trade.levels[0].values[0];
   for (std::size_t i = 0; i < trade.levels.size(); ++i) {
@@ -158,9 +159,54 @@ TEST(SideTrades, StoreLessForMoreTimeAndKeepTheirBounds) {
   }
 }
 
+TEST(SideTrades, HoldASceneAgainstItselfInContinuousTimeWithItsDamping) {
+  const Workbench bench(small_workplace());
+  const auto load = [] {
+    return read_scene({{"objects",
+                        {{{"kind", "wall"},
+                          {"name", "floor"},
+                          {"point", {0, 0.005, 0}},
+                          {"normal", {0, 1, 0}},
+                          {"stiffness", 800},
+                          {"damping", 3}}}}},
+                      "the test's scene");
+  };
+  const SideTrade trade = trade_of_scene(bench, 1000, load, false);
+  const auto error_of_level = [&](const std::string& name) {
+    for (const SideTrade::Level& level : trade.levels)
+      if (level.level.starts_with(name)) return level.values[0];
+    ADD_FAILURE() << name;
+    return kNaN;
+  };
+  // Half a tick of 0.1 m/s is 0.04 N of the spring: the damper's 0.3 N are in the truth as well.
+  EXPECT_LT(error_of_level("as it is"), 0.04);
+  EXPECT_LT(error_of_level("floor.lead 0.5"), 0.2 * error_of_level("floor.lead 0 "));
+  EXPECT_LT(error_of_level("at 100 Hz, model"), error_of_level("at 100 Hz, hold"));
+  EXPECT_LT(error_of_level("at 100 Hz, hold"), error_of_level("at 50 Hz, hold"));
+
+  const auto away = [] {
+    return read_scene({{"objects", {{{"kind", "sphere"}, {"centre", {1, 1, 1}}, {"radius", 0.01}, {"stiffness", 1}}}}},
+                      "far away");
+  };
+  EXPECT_TRUE(trade_of_scene(bench, 1000, away, false).levels.empty());
+}
+
+TEST(Workbench, CountsNoTicksOfAPathThatAThreadReads) {
+  Workplace place = small_workplace();
+  Path dense = make_shape("circle", {.size = 0.02, .duration = 1});
+  const Trajectory smooth(dense, Interpolation::cubic);
+  Path long_path{.name = "dense"};
+  for (int i = 0; i < 70'000; ++i) {
+    long_path.time.push_back(i / 70'000.0);
+    long_path.position.push_back(smooth.sample(long_path.time.back()).position);
+  }
+  place.path = source_of(std::move(long_path));
+  EXPECT_TRUE(std::isnan(Workbench(place).count_ticks({})));
+}
+
 TEST(SideTrades, FindThePlaceLessExactlyOnACoarserPath) {
   const Workbench bench(small_workplace());
-  const SideTrade trade = trade_of_projection(bench);
+  const SideTrade trade = trade_of_projection(bench, true, StopRequest{});
   ASSERT_GE(trade.levels.size(), 3U);
   EXPECT_LT(trade.levels.front().values[0], 1e-4);
   EXPECT_GT(trade.levels.back().values[0], 3 * trade.levels.front().values[0]);
