@@ -1,6 +1,5 @@
 #include "trade/instruction_count.h"
 
-#include <array>
 #include <cerrno>
 #include <csignal>
 #include <linux/perf_event.h>
@@ -63,32 +62,37 @@ bool run_to_mark(pid_t child, bool& ended) {
 }
 
 /// Any other signal is handed on to the child: one that it does not survive ends the count.
-std::optional<std::uint64_t> steps_to_mark(pid_t child, bool& ended) {
+std::vector<std::uint64_t> steps_between_marks(pid_t child, std::size_t intervals, bool& ended) {
+  std::vector<std::uint64_t> steps(1, 0);
   long hand_on = 0;
-  for (std::uint64_t steps = 1; steps <= kMostSteps; ++steps) {
-    if (ptrace(PTRACE_SINGLESTEP, child, nullptr, hand_on) != 0) return std::nullopt;
+  for (std::uint64_t all = 0; all < kMostSteps; ++all) {
+    if (ptrace(PTRACE_SINGLESTEP, child, nullptr, hand_on) != 0) return {};
     const std::optional<int> signal = next_stop(child);
     if (!signal) {
       ended = true;
-      return std::nullopt;
+      return {};
     }
-    if (*signal == SIGSTOP) return steps;
-    hand_on = *signal == SIGTRAP ? 0 : *signal;
+    ++steps.back();
+    hand_on = *signal == SIGTRAP || *signal == SIGSTOP ? 0 : *signal;
+    if (*signal != SIGSTOP) continue;
+    if (steps.size() == intervals) return steps;
+    steps.push_back(0);
   }
-  return std::nullopt;
+  return {};
 }
 
-std::optional<std::uint64_t> single_step(const std::function<void(const std::function<void()>&)>& work) {
+std::vector<std::uint64_t> single_step(const std::function<void(const std::function<void()>&)>& work,
+                                       std::size_t intervals) {
   const pid_t child = fork();
-  if (child < 0) return std::nullopt;
+  if (child < 0) return {};
   if (child == 0) {
     // Without a tracer a mark would stop this copy for ever.
     if (ptrace(PTRACE_TRACEME, 0, nullptr, nullptr) == 0) work([] { (void)raise(SIGSTOP); });
     _exit(0);
   }
-  std::optional<std::uint64_t> steps;
+  std::vector<std::uint64_t> steps;
   bool ended = false;
-  if (run_to_mark(child, ended)) steps = steps_to_mark(child, ended);
+  if (run_to_mark(child, ended)) steps = steps_between_marks(child, intervals, ended);
   if (ended) return steps;
   (void)kill(child, SIGKILL);
   int ignored = 0;
@@ -99,16 +103,19 @@ std::optional<std::uint64_t> single_step(const std::function<void(const std::fun
 
 }  // namespace
 
-std::optional<std::uint64_t> count_instructions(const std::function<void(const std::function<void()>&)>& work) {
+std::vector<std::uint64_t> count_instructions(const std::function<void(const std::function<void()>&)>& work,
+                                              std::size_t intervals) {
   const PerformanceCounter counter;
-  if (!counter.works()) return single_step(work);
-  std::array<std::optional<std::uint64_t>, 2> marks;
-  std::size_t marked = 0;
+  if (!counter.works()) return single_step(work, intervals);
+  std::vector<std::uint64_t> marks;
+  marks.reserve(intervals + 1);
   work([&] {
-    if (marked < marks.size()) marks[marked++] = counter.read();
+    if (marks.size() <= intervals) marks.push_back(counter.read().value_or(0));
   });
-  if (!marks[0] || !marks[1]) return std::nullopt;
-  return *marks[1] - *marks[0];
+  if (marks.size() <= intervals) return {};
+  for (std::size_t i = 0; i < intervals; ++i) marks[i] = marks[i + 1] - marks[i];
+  marks.pop_back();
+  return marks;
 }
 
 }  // namespace haptrace

@@ -163,7 +163,7 @@ SideTrade trade_of_projection(const Workbench& bench, bool instructions, const S
     const double elapsed = seconds_now() - begin;
     constexpr std::size_t kCounted = 25;
     projection.start();
-    std::optional<std::uint64_t> counted;
+    std::vector<std::uint64_t> counted;
     if (instructions && trainee.size() > 3 * kCounted)
       counted = count_instructions([&](const std::function<void()>& mark) {
         walk(0, kCounted);
@@ -172,7 +172,7 @@ SideTrade trade_of_projection(const Workbench& bench, bool instructions, const S
         mark();
       });
     row.values = {std::sqrt(squares / n), std::sqrt(peak), source.facts().force ? std::sqrt(forces / n) : kNaN,
-                  elapsed / n, counted ? static_cast<double>(*counted) / kCounted : kNaN};
+                  elapsed / n, counted.empty() ? kNaN : static_cast<double>(counted.front()) / kCounted};
     trade.levels.push_back(std::move(row));
   }
   return trade;
@@ -295,7 +295,7 @@ SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::func
         for (std::size_t i = 0; i < kCounted; ++i) (void)scene.answer(touches[first_touch + i]);
         mark();
       });
-      if (counted) row.values.back() = static_cast<double>(*counted) / kCounted;
+      if (!counted.empty()) row.values.back() = static_cast<double>(counted.front()) / kCounted;
     }
     trade.levels.push_back(std::move(row));
   };

@@ -53,10 +53,10 @@ class Workbench {
   /// Fills in what a tick and a start cost, in time.
   void time_ticks(Outcome& outcome) const;
 
-  /// Instructions of a tick, on a device that costs nothing, counted over kCountedTicks ticks of phase run. NaN where
+  /// Instructions of a tick, on a device that costs nothing: the median of kCountedTicks ticks of phase run. NaN where
   /// they cannot be counted.
   [[nodiscard]] double count_ticks(const Configuration& configuration) const;
-  static constexpr int kCountedTicks = 8;
+  static constexpr int kCountedTicks = 9;
 
   /// Bytes that an hour of recording weighs, as it is stored, and the largest error of a position [m] and a force [N]
   /// that storing makes. Makes a file in the folder for temporary ones and removes it.
