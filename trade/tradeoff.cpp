@@ -437,12 +437,12 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
 
 namespace {
 
-Choice choose_from(const std::vector<Outcome>& front, const Budget& budget) {
+/// `exactly`: the most exact of what keeps the budget; else the cheapest.
+Choice choose_from(const std::vector<Outcome>& front, const Budget& budget, bool exactly) {
   std::size_t chosen = front.size();
   for (std::size_t i = 0; i < front.size(); ++i) {
     if (!budget.kept(front[i])) continue;
-    if (chosen == front.size() || (!budget.bounds_accuracy() && front[i].error.mean < front[chosen].error.mean))
-      chosen = i;
+    if (chosen == front.size() || (exactly && front[i].error.mean < front[chosen].error.mean)) chosen = i;
   }
   Choice choice{.kept = chosen < front.size()};
   if (!choice.kept) {
@@ -454,18 +454,13 @@ Choice choose_from(const std::vector<Outcome>& front, const Budget& budget) {
   choice.outcome = front[chosen];
   if (chosen > 0) choice.cheaper = front[chosen - 1];
   if (chosen + 1 < front.size()) choice.dearer = front[chosen + 1];
-  if (budget.empty()) return choice;
   // The bound that binds is the one that what is cheaper (or, where costs bind, dearer) would exceed the most.
-  const std::optional<Outcome>& next = budget.bounds_accuracy() ? choice.cheaper : choice.dearer;
+  const std::optional<Outcome>& next = exactly ? choice.dearer : choice.cheaper;
   const auto tightest = *budget.tightest(choice.kept && next && !budget.kept(*next) ? *next : choice.outcome);
   choice.binding = to_string(*tightest.bound);
   choice.binding_ratio = tightest.bound->ratio(choice.outcome);
   return choice;
 }
-
-}  // namespace
-
-namespace {
 
 const SideTrade* storage_of(const TradeReport& report) {
   const auto found = std::find_if(report.sides.begin(), report.sides.end(),
@@ -494,16 +489,19 @@ void weigh_recordings(TradeReport& report) {
   weigh_one(report.base);
 }
 
-std::optional<Choice> choose(const TradeReport& report, const Budget& budget) {
+std::optional<Choice> choose(const TradeReport& report, const Budget& asked) {
   if (!report.complete || report.front.empty()) return std::nullopt;
+  Budget budget = asked;
+  if (!budget.limits(Measure::margin)) budget.bounds.push_back({Measure::margin, kLeastMargin});
+  const bool exactly = !asked.bounds_accuracy();
   const SideTrade* storage = storage_of(report);
-  if (!budget.limits(Measure::bytes) || storage == nullptr) return choose_from(report.front, budget);
+  if (!budget.limits(Measure::bytes) || storage == nullptr) return choose_from(report.front, budget, exactly);
   std::optional<Choice> choice;
   for (std::size_t i = 0; i < storage->levels.size() && !(choice && choice->kept); ++i) {
     if (!storage->levels[i].refused.empty()) continue;
     std::vector<Outcome> front = report.front;
     for (Outcome& outcome : front) outcome.bytes_per_hour = bytes_of(storage->levels[i], outcome, report);
-    Choice with = choose_from(front, budget);
+    Choice with = choose_from(front, budget, exactly);
     with.storage = storage_levels()[i];
     // What a coarser way to store does not bring nearer is stored as it was.
     if (!choice || budget.tightest(with.outcome)->ratio < budget.tightest(choice->outcome)->ratio) choice = with;

@@ -96,6 +96,10 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
 /// it is stored without being asked.
 void weigh_recordings(TradeReport& report);
 
+/// Whoever holds the motor is not asked what he bears: a configuration with less margin is never chosen, unless the
+/// budget itself bounds the margin.
+inline constexpr double kLeastMargin = 1.4;
+
 /// From the front: the cheapest that keeps the budget, or if that bounds nothing but costs the most exact that does;
 /// where none does, the one whose worst bound is exceeded by the least factor. Nothing of a report that is not
 /// complete, or whose front is empty. A bound on the bytes of a recording needs the trade of storage among the report's

@@ -105,7 +105,8 @@ TEST_P(MeasuredTrade, GivesTheSameToTheLastBitWithOtherThreads) {
 }
 
 TEST_P(MeasuredTrade, ChoosesTheCheapestThatKeepsTheBudget) {
-  const Outcome& middle = report_->front[report_->front.size() / 2];
+  const Outcome& middle = *std::find_if(report_->front.begin() + static_cast<std::ptrdiff_t>(report_->front.size() / 2),
+                                        report_->front.end(), [](const Outcome& o) { return o.margin >= 2; });
   const Budget budget{{{Measure::error, 1.01 * value_of(middle, Measure::error)}}};
   const auto choice = choose(*report_, budget);
   ASSERT_TRUE(choice);
@@ -113,7 +114,7 @@ TEST_P(MeasuredTrade, ChoosesTheCheapestThatKeepsTheBudget) {
   EXPECT_TRUE(budget.kept(choice->outcome));
   for (const Outcome& cheaper : report_->front)
     if (cheaper.load() < choice->outcome.load()) {
-      EXPECT_FALSE(budget.kept(cheaper));
+      EXPECT_FALSE(budget.kept(cheaper) && cheaper.margin >= kLeastMargin);
     }
   EXPECT_EQ(choice->binding, to_string(budget.bounds[0]));
   EXPECT_LE(choice->binding_ratio, 1);
@@ -129,7 +130,22 @@ TEST_P(MeasuredTrade, ChoosesTheMostExactWhenOnlyCostsAreBounded) {
   const Budget budget = parse_budget("load<=1000000MIPS");
   const auto choice = choose(*report_, budget);
   ASSERT_TRUE(choice && choice->kept);
-  for (const Outcome& other : report_->front) EXPECT_GE(other.error.mean, choice->outcome.error.mean);
+  for (const Outcome& other : report_->front) {
+    if (other.margin < kLeastMargin) continue;
+    EXPECT_GE(other.error.mean, choice->outcome.error.mean);
+  }
+}
+
+TEST_P(MeasuredTrade, NeverChoosesWhatBearsNoStifferGainsUnlessTheBudgetSaysSo) {
+  TradeReport report = *report_;
+  for (Outcome& outcome : report.front) outcome.margin = 1.2;
+  report.front.back().margin = 2;
+  const auto choice = choose(report, parse_budget("error<=10mm"));
+  ASSERT_TRUE(choice && choice->kept);
+  EXPECT_EQ(choice->outcome.configuration, report.front.back().configuration);
+  const auto daring = choose(report, parse_budget("error<=10mm, margin>=1.1"));
+  ASSERT_TRUE(daring && daring->kept);
+  EXPECT_EQ(daring->outcome.configuration, report.front.front().configuration);
 }
 
 TEST_P(MeasuredTrade, AnswersABudgetThatNothingKeepsWithTheNearest) {
@@ -137,8 +153,10 @@ TEST_P(MeasuredTrade, AnswersABudgetThatNothingKeepsWithTheNearest) {
   const auto choice = choose(*report_, budget);
   ASSERT_TRUE(choice);
   EXPECT_FALSE(choice->kept);
-  for (const Outcome& other : report_->front)
+  for (const Outcome& other : report_->front) {
+    if (other.margin < kLeastMargin) continue;
     EXPECT_GE(budget.tightest(other)->ratio, budget.tightest(choice->outcome)->ratio);
+  }
   EXPECT_THAT(text_of(*choice, budget), testing::HasSubstr("nothing keeps"));
 }
 
