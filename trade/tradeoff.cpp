@@ -98,8 +98,7 @@ std::vector<KnobOfPlay> knobs_of_play(const Workbench& bench, const TradeOptions
     knobs.push_back(without);
     // The observer answers what the estimator would: without it, the estimator counts.
     if (base.with.observer) {
-      Configuration pd = plain;
-      knobs.push_back(knob("velocity of PD", "the same where nothing is compensated", pd, &Configuration::velocity,
+      knobs.push_back(knob("velocity of PD", "the same where nothing is compensated", plain, &Configuration::velocity,
                            kEstimators, [](const std::string& v) { return v; }));
     }
     std::set<int> lessons{0, 2, 5};

@@ -200,6 +200,7 @@ TEST(Playback, HoldsItsReferenceWhileThePathIsNotReadAndGoesOnWithoutAJump) {
     ASSERT_TRUE(is_finite(command.reference.position));
     const double step = (command.reference.position - before).norm();
     if (command.event && command.event->code == EventCode::path_waits) {
+      EXPECT_FALSE(waits) << "once for every time it waits";
       ++told;
       waits = true;
     }
@@ -218,7 +219,6 @@ TEST(Playback, HoldsItsReferenceWhileThePathIsNotReadAndGoesOnWithoutAJump) {
   }
   EXPECT_GE(held, 500);
   EXPECT_GE(told, 1);
-  EXPECT_LE(told, 10) << "once for every time it waits";
   EXPECT_EQ(command.status, Command::Status::finished);
   EXPECT_LE((before - path.position.back()).norm(), 1e-12);
 }
