@@ -294,7 +294,8 @@ TEST_F(FalconUsb, DoesNotGoOnWithAnother) {
   const ServoReport report = run_session(device, controller, 20);
   somebody.join();
   EXPECT_EQ(report.cause, StopCause::device_lost);
-  EXPECT_THAT(report.detail, HasSubstr("F2"));
+  // The emulated bus may show it before its serial number can be read: then it is another all the same.
+  EXPECT_THAT(report.detail, AllOf(HasSubstr("another device answers in its place"), HasSubstr("serial number F1")));
   EXPECT_FALSE(pushes());
 }
 
