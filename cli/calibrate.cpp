@@ -1,6 +1,5 @@
 #include "cli/profile.h"
 #include "control/error.h"
-#include "formats/rfc3339.h"
 #include "player/calibration.h"
 
 #include <chrono>
@@ -151,20 +150,7 @@ Verb add_calibrate(CLI::App& app) {
           output.tell(json, session_summary(result.session));
           return code;
         }
-        const Identification& identified = result.identification;
-        const DeviceProfile profile{.device = identity_of(info),
-                                    .facts = facts_of(info),
-                                    .created = rfc3339(std::chrono::system_clock::now()),
-                                    .software = software_name(),
-                                    .rate_hz = options.session.rate_hz,
-                                    .plant = identified.plant,
-                                    .half_width = identified.half_width,
-                                    .line_residual = identified.line_residual,
-                                    .sweep_residual = identified.sweep_residual,
-                                    .fits = identified.fits,
-                                    .coarse = identified.coarse,
-                                    .reason = result.doubt,
-                                    .design = *result.design};
+        const DeviceProfile profile = profile_of(info, result, options.session.rate_hz);
         save_profile(profile, file, overwrite);
         json["profile_file"] = file;
         json["profile"] = to_json(profile);

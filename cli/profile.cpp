@@ -1,7 +1,9 @@
 #include "cli/profile.h"
 
 #include "control/error.h"
+#include "formats/rfc3339.h"
 
+#include <chrono>
 #include <fmt/format.h>
 
 namespace haptrace::cli {
@@ -22,6 +24,22 @@ std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::stri
   if (asked) throw input_error(fmt::format("{}: {}", file, reason));
   output.remark(fmt::format("{} is not used: {}", profile_file(identity_of(info)), reason));
   return std::nullopt;
+}
+
+DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result, double rate_hz) {
+  return {.device = identity_of(info),
+          .facts = facts_of(info),
+          .created = rfc3339(std::chrono::system_clock::now()),
+          .software = software_name(),
+          .rate_hz = rate_hz,
+          .plant = result.identification.plant,
+          .half_width = result.identification.half_width,
+          .line_residual = result.identification.line_residual,
+          .sweep_residual = result.identification.sweep_residual,
+          .fits = result.identification.fits,
+          .coarse = result.identification.coarse,
+          .reason = result.doubt,
+          .design = *result.design};
 }
 
 void ProfileArguments::add_to(CLI::App& verb, const char* group, const char* without) {

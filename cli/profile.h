@@ -4,6 +4,7 @@
 #include "cli/verb.h"
 #include "control/tracking_design.h"
 #include "formats/device_profile.h"
+#include "player/calibration.h"
 #include "player/device_identity.h"
 
 #include <optional>
@@ -16,6 +17,9 @@ namespace haptrace::cli {
 /// it was found.
 std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::string& file, double rate_hz,
                                          const Output& output);
+
+/// What a calibration that succeeded found out about the device, at this servo rate.
+DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result, double rate_hz);
 
 /// --profile and --no-profile.
 struct ProfileArguments {

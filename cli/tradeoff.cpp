@@ -5,13 +5,11 @@
 #include "devices/sim/sim_device.h"
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
-#include "formats/rfc3339.h"
 #include "player/calibration.h"
 #include "scene/scene_file.h"
 #include "trade/physics.h"
 #include "trade/trade_report.h"
 
-#include <chrono>
 #include <filesystem>
 #include <fmt/format.h>
 
@@ -108,19 +106,7 @@ std::optional<DeviceProfile> calibrated_here(Device& device, const Output& outpu
     output.remark(result.reason + "; only a PD law is tried");
     return std::nullopt;
   }
-  return DeviceProfile{.device = identity_of(info),
-                       .facts = facts_of(info),
-                       .created = rfc3339(std::chrono::system_clock::now()),
-                       .software = software_name(),
-                       .rate_hz = options.session.rate_hz,
-                       .plant = result.identification.plant,
-                       .half_width = result.identification.half_width,
-                       .line_residual = result.identification.line_residual,
-                       .sweep_residual = result.identification.sweep_residual,
-                       .fits = result.identification.fits,
-                       .coarse = result.identification.coarse,
-                       .reason = result.doubt,
-                       .design = *result.design};
+  return profile_of(info, result, options.session.rate_hz);
 }
 
 Workplace workplace(const TradeoffArguments& arguments, const Output& output, const StopRequest& stop) {

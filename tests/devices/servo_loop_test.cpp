@@ -4,6 +4,7 @@
 #include "control/pd.h"
 #include "tests/support/allocations.h"
 #include "tests/support/point_mass.h"
+#include "tests/support/scripted.h"
 
 #include <chrono>
 #include <functional>
@@ -16,17 +17,8 @@ namespace {
 
 using test::Log;
 using test::PointMass;
+using test::Scripted;
 using testing::HasSubstr;
-
-/// Whatever a test wants to do in a tick.
-class Scripted final : public Controller {
- public:
-  explicit Scripted(std::function<Command(const State&)> script) : script_(std::move(script)) {}
-  [[nodiscard]] Command update(const State& state) noexcept override { return script_(state); }
-
- private:
-  std::function<Command(const State&)> script_;
-};
 
 /// A constant force until a tick, then finished.
 Scripted push_until(std::uint64_t tick, const Vec3& force) {

@@ -10,6 +10,7 @@
 #include "player/playback_controller.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
+#include "tests/support/scripted.h"
 
 #include <functional>
 #include <gtest/gtest.h>
@@ -54,16 +55,6 @@ class Watched final : public Device {
   bool finite_ = true;
   double largest_ = 0;
   std::uint64_t count_ = 0;
-};
-
-/// A controller in one expression.
-class Scripted final : public Controller {
- public:
-  explicit Scripted(std::function<Command(const State&)> script) : script_(std::move(script)) {}
-  [[nodiscard]] Command update(const State& state) noexcept override { return script_(state); }
-
- private:
-  std::function<Command(const State&)> script_;
 };
 
 /// One session in virtual time, whose forces must be safe and whose rows finite.

@@ -1,0 +1,21 @@
+// A controller in one expression.
+#pragma once
+
+#include "control/controller.h"
+
+#include <functional>
+#include <utility>
+
+namespace haptrace::test {
+
+/// Whatever a test wants to do in a tick.
+class Scripted final : public Controller {
+ public:
+  explicit Scripted(std::function<Command(const State&)> script) : script_(std::move(script)) {}
+  [[nodiscard]] Command update(const State& state) noexcept override { return script_(state); }
+
+ private:
+  std::function<Command(const State&)> script_;
+};
+
+}  // namespace haptrace::test
