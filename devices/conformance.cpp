@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <fmt/format.h>
+#include <limits>
 #include <numbers>
 #include <utility>
 
@@ -58,10 +59,14 @@ constexpr double kLightest = 0.01;                        // no handle with its 
 constexpr double kAligned = 0.7071;                       // cosine of the widest angle between force and motion
 constexpr double kSoon = 0.05;                            // [s]
 constexpr double kMargin = 0.01;                          // from the workspace's faces, for forces to be tried [m]
-constexpr double kHeldPath = 0.004;                       // that a force held for 0.1 s is to bring about [m]
-constexpr double kLeastHeldPath = 3e-4;                   // [m]
-constexpr double kLetGo = 0.75;  // of the way that the same force takes when it is not let go of. A mass whose force
-                                 // ended after 50 ms of 100 has gone 0.79 of it
+constexpr double kHeldPath = 0.002;                       // that a force brings about while it is held, at least [m]
+constexpr double kLeastHeld = 0.02;                       // of the largest force, to begin with
+constexpr double kHarder = 1.2;                           // than a force that brought about less
+constexpr int kLouder = 2;                                // rounds with a larger force, where a hand hides its work
+constexpr double kLouderBy = 1.5;
+constexpr double kShortestHold = 0.1;  // twice what a watchdog may take [s]
+constexpr double kLetGo = 0.6;  // of the way that the same force takes when it is not let go of. A mass whose force
+                                // ended after 50 ms of 200 has gone half of it; friction and a hand leave less
 constexpr const char* kOutside = "the handle is not inside the workspace, with room for a force to move it";
 constexpr const char* kNoWatchdog =
     ": it keeps its last force. Its driver needs a watchdog that sends zero within 50 ms without an exchange";
@@ -78,9 +83,10 @@ std::string span_text(double seconds) {
 
 /// What a push along an axis showed.
 struct Push {
-  Vec3 response = Vec3::Zero();  ///< [m]
-  double moving_force = kNaN;    ///< at which it began to move [N]
-  double mass = kNaN;            ///< as if nothing but friction and mass were there [kg]
+  Vec3 response = Vec3::Zero();           ///< [m]
+  double moving_force = kNaN;             ///< at which it began to move [N]
+  double reaching_force = kNaN;           ///< at which it had gone PushController::kReach, the smaller of two [N]
+  double mass = kNaN, least_mass = kNaN;  ///< as if nothing but friction and mass were there, of two strokes [kg]
   bool aligned = false;
 };
 
@@ -396,7 +402,10 @@ class Examination {
       push.moving_force = controller.growth() * (strokes[0].moves - strokes[0].begin);
       for (const Stroke& stroke : strokes) {
         const double moving = stroke.turned - stroke.moves;
-        push.mass = std::fmax(push.mass, controller.growth() * moving * moving * moving / (6 * stroke.path.norm()));
+        const double mass = controller.growth() * moving * moving * moving / (6 * stroke.path.norm());
+        push.mass = std::fmax(push.mass, mass);
+        push.reaching_force = std::fmin(push.reaching_force, controller.growth() * (stroke.turned - stroke.begin));
+        push.least_mass = std::fmin(push.least_mass, mass);
       }
       lightest_ = std::min(lightest_, push.mass);
     }
@@ -493,57 +502,100 @@ class Examination {
 
   void pause_while_it_pushes() {
     if (!is_real()) return leave_out("host_pause", "its time stands still while the host pauses");
-    // Where it was moved most easily, by so much more than moves it that it goes kHeldPath while the force is held.
-    int axis = -1;
-    double force = 0;
-    for (int k = 0; k < 3; ++k) {
-      const auto& push = pushes_[static_cast<std::size_t>(k)];
-      if (!push || !push->aligned || !std::isfinite(push->mass)) continue;
-      const double needed =
-          push->moving_force + push->mass * 2 * kHeldPath / (HoldController::kHold * HoldController::kHold);
-      if (axis >= 0 && needed >= force) continue;
-      axis = k;
-      force = needed;
-    }
-    if (axis < 0)
+    const auto easiest = easiest_push();
+    if (!easiest)
       return leave_out("host_pause", no_more_forces_.empty() && over_.empty() ? "no force moved it far enough to tell"
                                      : over_.empty()                          ? no_more_forces_
                                                                               : over_);
-    force = std::min(force, options_.max_force);
+    const auto [axis, force] = *easiest;
     std::string why;
-    if (!may_send(
-            fmt::format("{:.2g} N along {} for {:.0f} ms, twice: the second time the host pauses meanwhile, and the "
-                        "device has to let go by itself; hold it loosely",
-                        force, "xyz"[axis], 1e3 * HoldController::kHold),
-            why))
+    if (!may_send(fmt::format("{:.2g} N along {} for {:.0f} ms, and then more, until it moves by {:.0f} mm, at most "
+                              "{:.3g} N. Then once more the same, while the host pauses, and the device has to let go "
+                              "by itself; hold it loosely",
+                              force, "xyz"[axis], 1e3 * HoldController::kLongest, 1e3 * kHeldPath, options_.max_force),
+                  why))
       return leave_out("host_pause", why);
-    std::array<double, 2> paths{};  // through the square of their time [m/s^2]
-    for (const bool pauses : {false, true}) {
-      HoldController controller(info_, force * Vec3::Unit(axis), pauses);
-      if (!probe(controller, 1, why)) {
-        if (pauses && last_.cause == StopCause::device_lost) {
-          lost_ = false;
-          over_ = "it gave up when the host paused";
-          return judge("host_pause", true, "it gave up the connection, which is safe: " + last_.detail);
-        }
-        if (pauses && last_.cause == StopCause::device_not_ready)
-          return judge("host_pause", true, "it withdrew its permission for forces, which is safe");
-        if (pauses && (last_.cause == StopCause::velocity || controller.went_too_far()))
-          return judge("host_pause", false, why + kNoWatchdog);
-        return leave_out("host_pause", why);
-      }
-      const double path = controller.path()[axis];
-      if (!pauses && path < std::max(kLeastHeldPath, 5 * info_.position_resolution))
+    auto before = hold_until_it_moves(axis, force);
+    for (int round = 0; before; ++round) {
+      const auto paused = hold(axis, before->force, before->seconds, HoldController::Host::pauses);
+      if (!paused) return;
+      const auto after = hold(axis, before->force, before->seconds, HoldController::Host::goes_on);
+      if (!after) return;
+      const double share = paused->way / before->way;
+      const bool kept = share <= kLetGo, alike = after->way > 0.5 * before->way;
+      if (alike && kept == (paused->way <= kLetGo * after->way))
+        return judge("host_pause", kept,
+                     fmt::format("it went {:.0f} % of the way that it goes under a force that is held{}",
+                                 100 * std::max(share, 0.0), kept ? "" : kNoWatchdog),
+                     {{"share", share, "1"}});
+      // A hand moves by itself, and does not hold equally tight each time, which a larger force outweighs.
+      if (round == kLouder || before->force >= options_.max_force || before->seconds < HoldController::kLongest)
         return leave_out("host_pause",
-                         fmt::format("{:.2g} N moved it by {}: too little to tell; allow more with --max-force", force,
-                                     distance_text(path)));
-      paths[pauses ? 1 : 0] = path / (controller.held() * controller.held());
+                         "the same force moved it differently each time: hold it more loosely, and still");
+      before = hold(axis, std::min(kLouderBy * before->force, options_.max_force), HoldController::kLongest,
+                    HoldController::Host::goes_on);
     }
-    const double share = paths[1] / paths[0];
-    judge("host_pause", share <= kLetGo,
-          fmt::format("it went {:.0f} % of the way that it goes under a force that is held{}", 100 * share,
-                      share <= kLetGo ? "" : kNoWatchdog),
-          {{"share", share, "1"}});
+  }
+
+  /// Where it moved most easily: that axis, and a force that moves it, if at all, slowly [N].
+  [[nodiscard]] std::optional<std::pair<int, double>> easiest_push() const {
+    constexpr double kTime = HoldController::kLongest;
+    std::optional<std::pair<int, double>> easiest;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto& push = pushes_[static_cast<std::size_t>(axis)];
+      if (!push || !push->aligned || !std::isfinite(push->reaching_force)) continue;
+      // A mass by itself, or what friction and dampers hold back: whatever is less.
+      const double force =
+          std::min(push->least_mass * 2 * HoldController::kFar / (kTime * kTime), 0.5 * push->reaching_force);
+      if (!easiest || force < easiest->second) easiest = {axis, force};
+    }
+    if (easiest) easiest->second = std::clamp(easiest->second, kLeastHeld * options_.max_force, options_.max_force);
+    return easiest;
+  }
+
+  struct Hold {
+    double force, seconds, way;  ///< way: through the square of its time, for durations that differ a little [m/s^2]
+  };
+
+  /// Harder and harder. Nothing when it never moved far enough, or something was found out meanwhile, which is told.
+  std::optional<Hold> hold_until_it_moves(int axis, double force) {
+    const double enough = std::max(kHeldPath, 5 * info_.position_resolution);
+    for (;;) {
+      const auto held = hold(axis, force, HoldController::kLongest, HoldController::Host::goes_on);
+      if (!held) return std::nullopt;
+      const double path = held->way * held->seconds * held->seconds;
+      if (path >= enough && held->seconds >= kShortestHold) return held;
+      if (path >= enough || force >= options_.max_force) {
+        leave_out("host_pause", path >= enough
+                                    ? fmt::format("{:.2g} N moved it too fast, and a little less not at all", force)
+                                    : fmt::format("{:.2g} N moved it by {}: too little to tell; allow more with "
+                                                  "--max-force",
+                                                  force, distance_text(std::max(path, 0.0))));
+        return std::nullopt;
+      }
+      force = std::min(kHarder * force, options_.max_force);
+    }
+  }
+
+  /// Nothing when it was ended, which is told.
+  std::optional<Hold> hold(int axis, double force, double seconds, HoldController::Host host) {
+    const bool pauses = host == HoldController::Host::pauses;
+    HoldController controller(info_, force * Vec3::Unit(axis), seconds, host);
+    std::string why;
+    const bool whole = probe(controller, 1, why);
+    if (whole) return Hold{force, controller.held(), controller.path() / (controller.held() * controller.held())};
+    if (pauses && last_.cause == StopCause::device_lost) {
+      lost_ = false;
+      over_ = "it gave up when the host paused";
+      judge("host_pause", true, "it gave up the connection, which is safe: " + last_.detail);
+    } else if (pauses && last_.cause == StopCause::device_not_ready) {
+      judge("host_pause", true, "it withdrew its permission for forces, which is safe");
+    } else if (pauses && (last_.cause == StopCause::velocity || controller.went_too_far())) {
+      judge("host_pause", false, why + kNoWatchdog);
+    } else {
+      leave_out("host_pause", why);
+    }
+    return std::nullopt;
   }
 
   /// What every session had its part in.

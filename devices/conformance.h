@@ -73,7 +73,7 @@ struct ConformanceReport {
 /// nothing along one axis until the handle has moved by 2 mm, then stop it; they never pass `max_force`, end when the
 /// handle is faster than `max_velocity`, 20 mm away or outside its workspace, fade in and out, and the first that ends
 /// so is the last. `stop` ends it at any moment, as it ends a session. Zero force is what is sent last. Two laws need a
-/// device to be wronged: a force that is not a number is sent for 20 ms, and the host pauses for 100 ms while a force
+/// device to be wronged: a force that is not a number is sent for 20 ms, and the host pauses for 200 ms while a force
 /// acts.
 ///
 /// Throws what `open` throws, and Error(input) when an option is out of range.

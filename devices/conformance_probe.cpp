@@ -134,20 +134,24 @@ std::optional<Vec3> HoldController::wanted(const State& state) noexcept {
     full_since_ = t;
     from_ = state.position;
   }
-  if (std::isnan(held_)) {
-    if (t - full_since_ < kHold) return hold_;
+  if (std::isnan(turned_)) {
+    const double path = (state.position - from_).dot(hold_.normalized());
+    if (t - full_since_ < seconds_ && path < kFar) return hold_;
+    turned_ = t;
     held_ = t - full_since_;
-    path_ = state.position - from_;
+    path_ = path;
   }
-  const double stopped = full_since_ + 2 * held_ + kProbeSlew;
-  if (!pauses_ && t < stopped) return -hold_;
-  if (t < stopped + kLead) return Vec3::Zero();
+  if (std::isnan(stopped_)) {
+    if (t < turned_ + held_ && state.velocity.dot(hold_) > 0) return -hold_;
+    stopped_ = t;
+  }
+  if (t < stopped_ + kLead) return Vec3::Zero();
   return std::nullopt;
 }
 
 void HoldController::between_ticks(bool /*may_wait*/) noexcept {
-  if (pauses_ && !std::isnan(full_since_) && std::isnan(held_))
-    std::this_thread::sleep_for(std::chrono::duration<double>(kHold));
+  if (host_ == Host::pauses && !std::isnan(full_since_) && std::isnan(turned_))
+    std::this_thread::sleep_for(std::chrono::duration<double>(seconds_));
 }
 
 std::optional<Vec3> SpringController::wanted(const State& state) noexcept {

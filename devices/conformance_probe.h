@@ -154,27 +154,35 @@ class PushController final : public ProbeController {
   Vec3 from_ = Vec3::Zero();
 };
 
-/// A constant force for as long as kHold, and then either as long against it, which stops a mass, or nothing. May
-/// pause the host while the force acts.
+/// A constant force for as long as told, or until the handle has gone kFar, and then the force against it until the
+/// handle stops, for at most as long. May pause the host while the force acts, for all the time that it is told.
 class HoldController final : public ProbeController {
  public:
-  static constexpr double kHold = 0.1;  ///< [s]
+  /// Many times as long as a watchdog may take: what was moving when it let go, in a hand that damps, has come to rest
+  /// long before.
+  static constexpr double kLongest = 0.2;  ///< [s]
+  static constexpr double kFar = 0.005;    ///< [m]
+  enum class Host : std::uint8_t { goes_on, pauses };
 
-  HoldController(const DeviceInfo& device, const Vec3& force, bool pauses)
-      : ProbeController(device, force.norm()), hold_(force), pauses_(pauses) {}
+  HoldController(const DeviceInfo& device, const Vec3& force, double seconds, Host host)
+      : ProbeController(device, force.norm()), hold_(force), seconds_(seconds), host_(host) {}
   void between_ticks(bool may_wait) noexcept override;
 
-  /// How far the handle went while the force was held [m], and how long that was [s].
-  [[nodiscard]] Vec3 path() const noexcept { return path_; }
+  /// How far the handle went along the force while it was held [m], and how long that was [s]; NaN when it did not come
+  /// so far.
+  [[nodiscard]] double path() const noexcept { return path_; }
   [[nodiscard]] double held() const noexcept { return held_; }
 
  private:
   std::optional<Vec3> wanted(const State& state) noexcept override;
 
   Vec3 hold_;
-  bool pauses_;
-  double full_since_ = kNaN, held_ = kNaN;
-  Vec3 from_ = Vec3::Zero(), path_ = nan3();
+  double seconds_;
+  Host host_;
+  /// When the whole force was there, when it was turned round and when the handle stood still [s].
+  double full_since_ = kNaN, turned_ = kNaN, stopped_ = kNaN;
+  Vec3 from_ = Vec3::Zero();
+  double path_ = kNaN, held_ = kNaN;
 };
 
 /// A soft spring to where the handle was, with some damping.
