@@ -21,7 +21,7 @@ using testing::HasSubstr;
 constexpr double kRadius = 0.005;
 
 /// 0.2 m along x in 2 s, pushed to the side and along.
-ArcPath line(double radius = kRadius) {
+ArcPath straight(double radius = kRadius) {
   ArcPath::Builder builder(2.5e-4);
   for (int i = 0; i <= 2000; ++i) builder.add(1e-3 * i, Vec3(1e-4 * i, 0, 0), Vec3(0.5, 1.5, -0.3));
   return builder.finish(radius);
@@ -64,7 +64,7 @@ State moving(const Vec3& position, const Vec3& velocity = Vec3::Zero()) {
 }
 
 TEST(TunnelWall, BeginsSmoothlyAndIsTheSlopeOfWhatItStores) {
-  const ArcPath path = line();
+  const ArcPath path = straight();
   TunnelWall wall({.stiffness = 1000, .onset = 1e-3, .max_force = 12});
   const auto force = [&](double y) {
     const State state = moving(Vec3(0.1, y, 0));
@@ -82,7 +82,7 @@ TEST(TunnelWall, BeginsSmoothlyAndIsTheSlopeOfWhatItStores) {
 }
 
 TEST(TunnelWall, PullsNoHarderThanItMayAndStoresWhatItTook) {
-  const ArcPath path = line();
+  const ArcPath path = straight();
   for (const double most : {0.2, 3.0}) {
     TunnelWall wall({.stiffness = 1000, .onset = 1e-3, .max_force = most});
     double work = 0;
@@ -97,7 +97,7 @@ TEST(TunnelWall, PullsNoHarderThanItMayAndStoresWhatItTook) {
 }
 
 TEST(WallDamping, TakesFromWhatMovesOutwardsOnly) {
-  const ArcPath path = line();
+  const ArcPath path = straight();
   WallDamping damping(5, 1e-3);
   const auto force = [&](double y, double v) {
     const State state = moving(Vec3(0.1, y, 0), Vec3(0.2, v, 0));
@@ -113,7 +113,7 @@ TEST(WallDamping, TakesFromWhatMovesOutwardsOnly) {
 TEST(GuideTerms, ThatDissipateNeverGive) {
   std::mt19937 random(1);
   std::normal_distribution<double> normal;
-  const ArcPath path = line();
+  const ArcPath path = straight();
   const GuideTerms terms = everything();
   for (int i = 0; i < 10000; ++i) {
     const State state = moving(Vec3(0.1, 0.01 * normal(random), 0.01 * normal(random)),
@@ -125,7 +125,7 @@ TEST(GuideTerms, ThatDissipateNeverGive) {
 }
 
 TEST(PaceHelp, HelpsWhoIsTooSlowAndNobodyElse) {
-  const ArcPath path = line();  // at 0.1 m/s
+  const ArcPath path = straight();  // at 0.1 m/s
   PaceHelp help({.pace = 1, .margin = 0.2, .gain = 20, .max_force = 1});
   const auto force = [&](double speed, double gate) {
     auto foot = foot_at(path, Vec3(0.1, 0, 0));
@@ -141,7 +141,7 @@ TEST(PaceHelp, HelpsWhoIsTooSlowAndNobodyElse) {
 }
 
 TEST(ErrorAmplification, PushesAwayWithinTheTunnelAndIsGoneWhereTheWallBegins) {
-  const ArcPath path = line();
+  const ArcPath path = straight();
   ErrorAmplification amplification(200, 0.3);
   const auto force = [&](double y) {
     const State state = moving(Vec3(0.1, y, 0));
@@ -154,7 +154,7 @@ TEST(ErrorAmplification, PushesAwayWithinTheTunnelAndIsGoneWhereTheWallBegins) {
 }
 
 TEST(Guidance, LetsAFaithfulTraineeFeelTheExpertAlone) {
-  const ArcPath path = line();
+  const ArcPath path = straight();
   Guidance guidance(everything(), {});
   GuideTerms walls_and_force = walls();
   walls_and_force.push_back(std::make_unique<ExpertForce>(1));
@@ -169,7 +169,7 @@ TEST(Guidance, LetsAFaithfulTraineeFeelTheExpertAlone) {
 }
 
 TEST(Guidance, FadesTheExpertsForceWithDistanceAndBringsItBackSlowly) {
-  const ArcPath path = line();
+  const ArcPath path = straight();
   GuideTerms terms = walls(1e-9);
   terms.push_back(std::make_unique<ExpertForce>(2));
   Guidance guidance(std::move(terms), {});
@@ -188,7 +188,7 @@ TEST(Guidance, FadesTheExpertsForceWithDistanceAndBringsItBackSlowly) {
 
 TEST(Guidance, ChargesAForceWhenItActs) {
   // Sent once, for a tick of 1 ms, and 1.25 ms late: most of it acts in the second tick, the rest in the third.
-  const ArcPath path = line();
+  const ArcPath path = straight();
   Guidance guidance(walls(), {.delay = 1.25e-3});
   std::vector<double> given;
   for (int i = 0; i < 6; ++i) {
@@ -210,7 +210,7 @@ TEST(Guidance, RefusesToReplayForcesWithoutAWall) {
 }
 
 TEST(Guidance, AllocatesNothing) {
-  const ArcPath path = line();
+  const ArcPath path = straight();
   Guidance guidance(everything(), {});
   PathProjection projection(path, {});
   const std::size_t before = test::allocations();
@@ -224,7 +224,7 @@ TEST(Guidance, AllocatesNothing) {
 TEST(Guidance, GivesAForceThatIsPushedAgainstNoMoreThanTheTankHolds) {
   // Somebody is shaken to and fro in one place by a force that follows him: a source of energy without end, but for
   // the tank.
-  const ArcPath path = line(0.1);
+  const ArcPath path = straight(0.1);
   GuideTerms terms = walls();
   terms.push_back(std::make_unique<ErrorAmplification>(1000, 2));
   Guidance guidance(std::move(terms), {.energy = 0.2, .delay = 0});

@@ -13,18 +13,13 @@
 namespace haptrace {
 namespace {
 
-using Outcome = IterativeLearning::Outcome;
+using test::DelayedMass;
+using test::kNone;
+using test::kPeriod;
+using test::late_plant;
+using Learned = IterativeLearning::Outcome;
 
-constexpr double kPeriod = 1e-3;
 constexpr double kDuration = 2;  // of the path [s]
-const Vec3 kNone = Vec3::Zero();
-
-PlantModel plant_of() {
-  PlantModel plant;
-  plant.mass = Vec3(0.4, 0.4, 0.3);
-  plant.delay = 2e-3;
-  return plant;
-}
 
 /// There and back along x and y, from rest to rest.
 Reference reference_at(double time, double speed) {
@@ -49,11 +44,11 @@ Vec3 friction_load(double, const Vec3&, const Vec3& v) {
 class Session {
  public:
   explicit Session(double speed = 1, bool jitter = false)
-      : design(design_tracking(plant_of(), {.max_force = 20})),
-        learning({.mass = plant_of().mass, .delay = plant_of().delay, .speed = speed, .duration = kDuration}),
+      : design(design_tracking(late_plant(), {.max_force = 20})),
+        learning({.mass = late_plant().mass, .delay = late_plant().delay, .speed = speed, .duration = kDuration}),
         learned(kDuration, 10000),
         law_({.design = design}),
-        plant_(plant_of().mass, plant_of().delay / kPeriod),
+        plant_(late_plant().mass, late_plant().delay / kPeriod),
         speed_(speed),
         jitter_(jitter) {
     log.reserve(10000);
@@ -87,7 +82,7 @@ class Session {
     return taken;
   }
 
-  Outcome learn(const Load& load) {
+  Learned learn(const Load& load) {
     EXPECT_TRUE(repeat(load));
     return learning.learn(log);
   }
@@ -112,7 +107,7 @@ class Session {
     worst_step = std::max(worst_step, (feedforward - last_).norm());
     last_ = feedforward;
     sent_ = feedforward + law_.force({state, reference, tuning, feedforward}) +
-            plant_of().mass.cwiseProduct(reference.acceleration);
+            late_plant().mass.cwiseProduct(reference.acceleration);
     double at = on_path;
     plant_.advance(sent_, [&](const Vec3& x, const Vec3& v) {
       const Vec3 force = load(at, x, v);
@@ -122,7 +117,7 @@ class Session {
   }
 
   ObserverPd law_;
-  test::DelayedMass plant_;
+  DelayedMass plant_;
   double speed_;
   bool jitter_;
   Vec3 sent_ = kNone, last_ = kNone;
@@ -131,7 +126,7 @@ class Session {
 TEST(IterativeLearning, MakesARepeatableLoadsErrorFiveTimesSmallerInThreeRepetitions) {
   for (const double speed : {0.5, 1.0, 2.0}) {
     Session session(speed);
-    ASSERT_EQ(session.learn(sine_load), Outcome::learned);
+    ASSERT_EQ(session.learn(sine_load), Learned::learned);
     const double first = session.learning.rms_error();
     for (int i = 0; i < 3; ++i) session.learn(sine_load);
     EXPECT_LT(session.learning.rms_error(), first / 5) << "at speed " << speed;
@@ -151,7 +146,7 @@ TEST(IterativeLearning, LearnsTheTrueLoadAtTheTrueTimeWhateverDelayAndSpeed) {
     Session session(speed);
     for (int i = 0; i < 6; ++i) session.learn(sine_load);
     // The load meets the force that was sent the delay and half a tick before.
-    const double early = speed * (plant_of().delay + 0.5 * kPeriod);
+    const double early = speed * (late_plant().delay + 0.5 * kPeriod);
     double worst = 0, worst_late = 0;
     for (double t = 0.3; t < 1.7; t += 0.01) {
       worst = std::max(worst, (session.learning.table().at(t) + sine_load(t + early, kNone, kNone)).norm());
@@ -167,7 +162,7 @@ TEST(IterativeLearning, IsNotMisledByTicksThatComeUnevenly) {
   Session session(1, true);
   session.learn(sine_load);
   const double first = session.learning.rms_error();
-  for (int i = 0; i < 3; ++i) EXPECT_EQ(session.learn(sine_load), Outcome::learned);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(session.learn(sine_load), Learned::learned);
   EXPECT_LT(session.learning.rms_error(), first / 4);
 }
 
@@ -186,8 +181,8 @@ TEST(IterativeLearning, StopsWhereNothingRepeatsAndDoesNotGrow) {
   bool converged = false;
   double largest = 0;
   for (int i = 0; i < 12; ++i) {
-    const Outcome outcome = session.learn(noise);
-    converged = converged || outcome == Outcome::converged;
+    const Learned outcome = session.learn(noise);
+    converged = converged || outcome == Learned::converged;
     if (i > 2) largest = std::max(largest, session.learning.rms_error());
   }
   EXPECT_TRUE(converged);
@@ -204,9 +199,9 @@ TEST(IterativeLearning, StopsWhenWhatIsLeftDoesNotRepeat) {
   };
   session.learn(load);
   const double first = session.learning.rms_error();
-  std::vector<Outcome> outcomes;
+  std::vector<Learned> outcomes;
   for (int i = 0; i < 9; ++i) outcomes.push_back(session.learn(load));
-  EXPECT_THAT(outcomes, testing::Contains(Outcome::converged));
+  EXPECT_THAT(outcomes, testing::Contains(Learned::converged));
   EXPECT_LT(session.learning.rms_error(), first / 3);
 }
 
@@ -222,30 +217,30 @@ TEST(IterativeLearning, TakesTheTableBackThatAWorseRepetitionCameFrom) {
   }
   ASSERT_NE(session.learning.table().force, best);
   const Load other = [](double time, const Vec3&, const Vec3&) -> Vec3 { return Vec3(4 * std::sin(20 * time), 0, 0); };
-  EXPECT_EQ(session.learn(other), Outcome::undone);
+  EXPECT_EQ(session.learn(other), Learned::undone);
   EXPECT_TRUE(session.learning.table().force == best) << "the one that was driven by in the best repetition";
   const int learned = session.learning.repetitions();
-  EXPECT_EQ(session.learn(other), Outcome::undone);
+  EXPECT_EQ(session.learn(other), Learned::undone);
   EXPECT_EQ(session.learning.repetitions(), learned);
-  EXPECT_EQ(session.learn(sine_load), Outcome::learned) << "and goes on when things are as they were";
+  EXPECT_EQ(session.learn(sine_load), Learned::learned) << "and goes on when things are as they were";
 }
 
 TEST(IterativeLearning, SkipsARepetitionThatWasInterruptedPausedOrShort) {
   Session session;
   ASSERT_TRUE(session.repeat(sine_load, 0.5));
   const std::vector<Vec3> before = session.learning.table().force;
-  EXPECT_EQ(session.learning.learn(session.log), Outcome::skipped) << "paused";
+  EXPECT_EQ(session.learning.learn(session.log), Learned::skipped) << "paused";
 
   ASSERT_TRUE(session.repeat(sine_load));
   RepetitionLog cut = session.log;
   const std::size_t half = cut.size() / 2;
   cut.time.resize(half);
   for (auto* column : {&cut.position, &cut.reference, &cut.acceleration, &cut.known, &cut.sent}) column->resize(half);
-  EXPECT_EQ(session.learning.learn(cut), Outcome::skipped) << "interrupted";
-  EXPECT_EQ(session.learning.learn({}), Outcome::skipped) << "nothing";
+  EXPECT_EQ(session.learning.learn(cut), Learned::skipped) << "interrupted";
+  EXPECT_EQ(session.learning.learn({}), Learned::skipped) << "nothing";
   EXPECT_EQ(session.learning.table().force, before);
   EXPECT_EQ(session.learning.repetitions(), 0);
-  EXPECT_EQ(session.learning.learn(session.log), Outcome::learned) << "and the whole one is not";
+  EXPECT_EQ(session.learning.learn(session.log), Learned::learned) << "and the whole one is not";
 }
 
 TEST(IterativeLearning, LeavesWhatOtherTermsCancelToThem) {
@@ -275,7 +270,7 @@ double invented(double delay, const Position& position, const Force& force) {
     log.known.push_back(kNone);
     log.sent.emplace_back(force(t + delay + 0.5 * kPeriod), 0, 0);
   }
-  EXPECT_EQ(learning.learn(log), Outcome::learned);
+  EXPECT_EQ(learning.learn(log), Learned::learned);
   double largest = 0;
   for (const Vec3& row : learning.table().force) largest = std::max(largest, row.norm());
   return largest;
@@ -320,7 +315,7 @@ TEST(IterativeLearning, GoesOnFromWhatWasKnown) {
   for (int i = 0; i < 4; ++i) first.learn(sine_load);
   Session second;
   second.learning =
-      IterativeLearning({.mass = plant_of().mass, .delay = 2e-3, .duration = kDuration}, first.learning.table(), 1);
+      IterativeLearning({.mass = late_plant().mass, .delay = 2e-3, .duration = kDuration}, first.learning.table(), 1);
   EXPECT_EQ(second.learning.table().force, first.learning.table().force);
   second.learn(sine_load);
   EXPECT_LT(second.learning.rms_error(), 1.5 * first.learning.rms_error());

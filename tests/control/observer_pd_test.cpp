@@ -9,25 +9,19 @@
 namespace haptrace {
 namespace {
 
-constexpr double kPeriod = 1e-3;
-const Vec3 kNone = Vec3::Zero();
-
-PlantModel plant_of(double resolution = 0) {
-  PlantModel plant;
-  plant.mass = Vec3(0.4, 0.4, 0.3);
-  plant.delay = 2e-3;
-  plant.position_resolution = resolution;
-  return plant;
-}
+using test::DelayedMass;
+using test::kNone;
+using test::kPeriod;
+using test::late_plant;
 
 Reference resting_at(const Vec3& position) {
   return {position, kNone, kNone, 0};
 }
 
 /// The law in a loop with the plant it was designed for.
-class Loop {
+class ObservedLoop {
  public:
-  explicit Loop(const PlantModel& model = plant_of(), double max_force = 8)
+  explicit ObservedLoop(const PlantModel& model = late_plant(), double max_force = 8)
       : design(design_tracking(model, {.max_force = max_force})),
         law({.design = design, .position_resolution = model.position_resolution}),
         plant(model.mass, model.delay / kPeriod),
@@ -64,7 +58,7 @@ class Loop {
 
   TrackingDesign design;
   ObserverPd law;
-  test::DelayedMass plant;
+  DelayedMass plant;
   Tuning tuning;
   Vec3 force = kNone;  ///< of the law
   Vec3 sent = kNone;
@@ -77,14 +71,14 @@ class Loop {
 };
 
 TEST(ObserverPd, CancelsAConstantLoadCompletely) {
-  Loop loop;
+  ObservedLoop loop;
   loop.run(3, resting_at(kNone), Vec3(2, -1, -3));
   EXPECT_LT(loop.plant.x.norm(), 1e-8);
   EXPECT_TRUE(loop.force.isApprox(-Vec3(2, -1, -3), 1e-6));
 }
 
 TEST(ObserverPd, CancelsWhatTheTermsBeforeItMissAndNoMore) {
-  Loop loop;
+  ObservedLoop loop;
   const Vec3 load(2, 0, -3), known(-1.5, 0, 3);
   for (int i = 0; i < 3000; ++i) loop.tick(resting_at(kNone), load, known);
   EXPECT_LT(loop.plant.x.norm(), 1e-8);
@@ -92,7 +86,7 @@ TEST(ObserverPd, CancelsWhatTheTermsBeforeItMissAndNoMore) {
 }
 
 TEST(ObserverPd, FollowsAMovementWhoseInertiaIsFedForwardButForWhatTheDelayCosts) {
-  Loop loop;
+  ObservedLoop loop;
   double worst = 0;
   const double w = 6, radius = 0.03;
   for (int i = 0; i < 4000; ++i) {
@@ -100,7 +94,7 @@ TEST(ObserverPd, FollowsAMovementWhoseInertiaIsFedForwardButForWhatTheDelayCosts
     const Vec3 x(radius * std::sin(a), radius * (1 - std::cos(a)), 0);
     const Vec3 v(radius * w * std::cos(a), radius * w * std::sin(a), 0);
     const Vec3 acceleration(-radius * w * w * std::sin(a), radius * w * w * std::cos(a), 0);
-    loop.after = plant_of().mass.cwiseProduct(acceleration);
+    loop.after = late_plant().mass.cwiseProduct(acceleration);
     if (i > 2000) worst = std::max(worst, (x - loop.plant.x).norm());
     loop.tick({x, v, acceleration, 0});
   }
@@ -111,7 +105,7 @@ TEST(ObserverPd, FollowsAMovementWhoseInertiaIsFedForwardButForWhatTheDelayCosts
 }
 
 TEST(ObserverPd, SendsNoMoreThanItsAuthorityAgainstALoad) {
-  Loop loop(plant_of(), 8);
+  ObservedLoop loop(late_plant(), 8);
   loop.held = true;
   loop.run(1, resting_at(Vec3(0.03, 0, 0)));  // by a hand, against all the device has
   loop.tuning.gains = {};
@@ -121,7 +115,7 @@ TEST(ObserverPd, SendsNoMoreThanItsAuthorityAgainstALoad) {
 
 /// How far it shoots beyond a place 30 mm away, having been held fast before that for some time [m].
 double overshoot(double max_force, double held, double observer = 1) {
-  Loop loop(plant_of(), max_force);
+  ObservedLoop loop(late_plant(), max_force);
   loop.tuning.observer = observer;
   const Reference there = resting_at(Vec3(0.03, 0, 0));
   loop.held = true;
@@ -152,7 +146,7 @@ TEST(ObserverPd, DoesNotWindUpWhileTheDeviceSaturates) {
 
 TEST(ObserverPd, HasSofterGainsAtRestAndKeepsTheLoad) {
   constexpr double kQuantum = 5e-5;
-  Loop loop(plant_of(kQuantum));
+  ObservedLoop loop(late_plant(kQuantum));
   const Vec3 load(1, 0, -2);
   loop.run(2, resting_at(kNone), load);
   loop.held = true;
@@ -171,7 +165,7 @@ TEST(ObserverPd, HasSofterGainsAtRestAndKeepsTheLoad) {
 
 TEST(ObserverPd, IsAsBeforeOnceTheReferenceMovesOrTheDeviceIsFarther) {
   constexpr double kQuantum = 5e-5;
-  Loop loop(plant_of(kQuantum));
+  ObservedLoop loop(late_plant(kQuantum));
   loop.run(1, resting_at(kNone));
   loop.held = true;
   loop.plant.x = Vec3(20 * kQuantum, 0, 0);
@@ -181,7 +175,7 @@ TEST(ObserverPd, IsAsBeforeOnceTheReferenceMovesOrTheDeviceIsFarther) {
 
 TEST(ObserverPd, BeginsAndEndsRestWithoutAStepInTheForce) {
   constexpr double kQuantum = 5e-5;
-  Loop loop(plant_of(kQuantum));
+  ObservedLoop loop(late_plant(kQuantum));
   // A count makes this much of a step in every tick, at rest or not.
   const double count =
       3 * kQuantum * (loop.design.gains.kp.norm() + loop.design.gains.kd.norm() * 2 * M_PI * loop.design.observer_hz);
@@ -202,7 +196,7 @@ TEST(ObserverPd, BeginsAndEndsRestWithoutAStepInTheForce) {
 
 TEST(ObserverPd, GoesOverFromTheLoadItKeptToTheOneItMeets) {
   constexpr double kQuantum = 5e-5;
-  Loop loop(plant_of(kQuantum));
+  ObservedLoop loop(late_plant(kQuantum));
   loop.held = true;
   loop.run(0.5, resting_at(kNone));
   loop.plant.x = Vec3(kQuantum, 0, 0);
@@ -217,7 +211,7 @@ TEST(ObserverPd, GoesOverFromTheLoadItKeptToTheOneItMeets) {
 }
 
 TEST(ObserverPd, DoesNotHuntAtRestWithStictionAndAQuantum) {
-  PlantModel model = plant_of(5e-5);
+  PlantModel model = late_plant(5e-5);
   model.coulomb = Vec3::Constant(0.7);
   model.viscous = Vec3::Constant(2);
   SimDevice device(sim_spec_of(model, 8));
@@ -245,7 +239,7 @@ TEST(ObserverPd, DoesNotHuntAtRestWithStictionAndAQuantum) {
 TEST(ObserverPd, CalmsADeviceThatRestsOnTheBristlesOfItsFriction) {
   constexpr double kQuantum = 5e-5, kDamping = 2;
   for (const double bristles : {0.0, 4000.0, 8000.0, 12000.0, 16000.0}) {
-    Loop loop(plant_of(kQuantum));
+    ObservedLoop loop(late_plant(kQuantum));
     const auto friction = [&](const Vec3& x, const Vec3& v) { return Vec3(-bristles * x - kDamping * v); };
     for (int i = 0; i < 1500; ++i) loop.tick(resting_at(kNone), friction);
     // Within the bounds of rest, but over a few counts.
@@ -260,7 +254,7 @@ TEST(ObserverPd, CalmsADeviceThatRestsOnTheBristlesOfItsFriction) {
 }
 
 TEST(ObserverPd, DoesNotDriveAnAxisWithoutMassWhateverItsGains) {
-  PlantModel model = plant_of(5e-5);
+  PlantModel model = late_plant(5e-5);
   model.mass.z() = 0;
   const TrackingDesign design = design_tracking(model, {.max_force = 8});
   ObserverPd law({.design = design, .position_resolution = 5e-5});
@@ -281,7 +275,7 @@ TEST(ObserverPd, DoesNotDriveAnAxisWithoutMassWhateverItsGains) {
 }
 
 TEST(ObserverPd, IsItsSharesOfWhatItWouldBe) {
-  Loop all, none;
+  ObservedLoop all, none;
   none.tuning.observer = 0;
   const Vec3 load(1, 0, 0);
   all.run(3, resting_at(kNone), load);
@@ -291,7 +285,7 @@ TEST(ObserverPd, IsItsSharesOfWhatItWouldBe) {
 }
 
 TEST(ObserverPd, ForgetsEverythingWhenItStarts) {
-  Loop used(plant_of(5e-5)), fresh(plant_of(5e-5));
+  ObservedLoop used(late_plant(5e-5)), fresh(late_plant(5e-5));
   used.run(2, resting_at(Vec3(0.01, 0, 0)), Vec3(2, 1, 0));  // until it rests
   State state;
   state.position = Vec3(0.1, 0, 0);
@@ -308,7 +302,7 @@ TEST(ObserverPd, ForgetsEverythingWhenItStarts) {
 }
 
 TEST(ObserverPd, AllocatesNothing) {
-  Loop loop(plant_of(5e-5));
+  ObservedLoop loop(late_plant(5e-5));
   State state;
   const Reference reference = resting_at(Vec3(1e-5, 0, 0));
   const std::size_t before = test::allocations();

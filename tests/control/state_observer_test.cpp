@@ -10,10 +10,10 @@ namespace haptrace {
 namespace {
 
 using test::DelayedMass;
+using test::kNone;
+using test::kPeriod;
 
 const Vec3 kMass(0.4, 0.2, 0.3);
-const Vec3 kNone = Vec3::Zero();
-constexpr double kPeriod = 1e-3;
 
 struct Forces {
   std::mt19937 engine{1};

@@ -20,8 +20,8 @@ PlantModel plant_of(double mass, double delay, double resolution = 0) {
 }
 
 /// A device in a loop with the law that was designed for its plant.
-struct Loop {
-  Loop(const SimSpec& spec, const PlantModel& plant, const TrackingDesign& design, double rate_hz)
+struct DesignedLoop {
+  DesignedLoop(const SimSpec& spec, const PlantModel& plant, const TrackingDesign& design, double rate_hz)
       : device(spec),
         law({.design = design, .rate_hz = rate_hz, .position_resolution = plant.position_resolution}),
         period(1 / rate_hz) {
@@ -95,7 +95,7 @@ TEST(TrackingDesign, IsValidAndCalmsALighterAndLaterDeviceAtEveryExtreme) {
     EXPECT_GT(design.observer_hz, 0);
 
     // A push, and time to calm down in units of the law's own.
-    Loop loop(real_device(plant, extreme.rate_hz), plant, design, extreme.rate_hz);
+    DesignedLoop loop(real_device(plant, extreme.rate_hz), plant, design, extreme.rate_hz);
     const double w = std::sqrt(design.gains.kp.x() / plant.mass.x());
     const auto ticks =
         static_cast<int>(std::ceil(40 / w * extreme.rate_hz)) + 4 * static_cast<int>(extreme.delay_ticks);
@@ -123,7 +123,7 @@ TEST(TrackingDesign, CalmsALightDeviceInAHeavyHandOnAStiffGrip) {
   spec.position_resolution = 0;
   spec.hand = HandSpec{.mass = 0.3, .grip_stiffness = 1500, .grip_damping = 3};
   plant.position_resolution = 0;
-  Loop loop(spec, plant, design, 1000);
+  DesignedLoop loop(spec, plant, design, 1000);
   // Slowly on, so that it does not come to rest.
   const Reference reference{Vec3::Zero(), Vec3(2e-4, 0, 0), Vec3::Zero(), 0};
   double early = 0, late = 0;
@@ -162,7 +162,7 @@ TEST(TrackingDesign, FollowsItsFormulaWhereNothingLimitsIt) {
 
 /// rms of the command above 25 Hz along a slow circle, whose positions run through many quanta [N].
 double measured_ripple(const PlantModel& plant, const TrackingDesign& design, double rate_hz) {
-  Loop loop(sim_spec_of(plant, 1e6), plant, design, rate_hz);
+  DesignedLoop loop(sim_spec_of(plant, 1e6), plant, design, rate_hz);
   std::vector<Butterworth2> filters(6, Butterworth2(Butterworth2::Kind::high_pass, 25, rate_hz));
   const double radius = 0.03, w = 1.3;
   double sum = 0;

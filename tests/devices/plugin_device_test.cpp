@@ -15,7 +15,7 @@ std::string faulty(const std::string& fault, int tick = 0) {
   return fmt::format(R"(plugin:path={},options={{"fault":"{}","tick":{}}})", FAULTY_PLUGIN, fault, tick);
 }
 
-std::string refusal(const std::string& spec) {
+std::string refused_plugin(const std::string& spec) {
   return open_error(spec, Error::Kind::device);
 }
 
@@ -52,23 +52,26 @@ TEST(PluginDevice, RefusesOptionsThatAreNotAnObject) {
 }
 
 TEST(PluginDevice, ShowsWhatThePluginSaysWhenItRefuses) {
-  EXPECT_THAT(refusal("plugin:path=" MASS_PLUGIN R"(,options={"mass":-1})"), HasSubstr("mass must be greater than 0"));
-  EXPECT_THAT(refusal(faulty("open")), AllOf(HasSubstr(FAULTY_PLUGIN), HasSubstr("the cable is not plugged in")));
-  EXPECT_THAT(refusal(faulty("silent")), HasSubstr("refuses to open (-3) and does not say why"));
+  EXPECT_THAT(refused_plugin("plugin:path=" MASS_PLUGIN R"(,options={"mass":-1})"),
+              HasSubstr("mass must be greater than 0"));
+  EXPECT_THAT(refused_plugin(faulty("open")),
+              AllOf(HasSubstr(FAULTY_PLUGIN), HasSubstr("the cable is not plugged in")));
+  EXPECT_THAT(refused_plugin(faulty("silent")), HasSubstr("refuses to open (-3) and does not say why"));
 }
 
 TEST(PluginDevice, RefusesALibraryThatIsNoPlugin) {
   const TempFolder folder;
   EXPECT_THAT(open_error("plugin"), HasSubstr("plugin:path=./libmine.so"));
-  EXPECT_THAT(refusal("plugin:path=./nowhere.so"), HasSubstr("path: there is no file './nowhere.so'"));
-  EXPECT_THAT(refusal("plugin:path=" + folder.write("text.so", "not a library")), HasSubstr("cannot be loaded"));
-  EXPECT_THAT(refusal("plugin:path=" WRONG_ABI_PLUGIN), HasSubstr("speaks version 2 of the plug-in ABI"));
-  EXPECT_THAT(refusal("plugin:path=" MISSING_SYMBOL_PLUGIN), HasSubstr("does not export 'haptrace_plugin_exchange'"));
+  EXPECT_THAT(refused_plugin("plugin:path=./nowhere.so"), HasSubstr("path: there is no file './nowhere.so'"));
+  EXPECT_THAT(refused_plugin("plugin:path=" + folder.write("text.so", "not a library")), HasSubstr("cannot be loaded"));
+  EXPECT_THAT(refused_plugin("plugin:path=" WRONG_ABI_PLUGIN), HasSubstr("speaks version 2 of the plug-in ABI"));
+  EXPECT_THAT(refused_plugin("plugin:path=" MISSING_SYMBOL_PLUGIN),
+              HasSubstr("does not export 'haptrace_plugin_exchange'"));
 }
 
 TEST(PluginDevice, RefusesADescriptionThatCannotBe) {
-  EXPECT_THAT(refusal(faulty("info")), HasSubstr("workspace_min must lie below workspace_max"));
-  EXPECT_THAT(refusal(faulty("force")), HasSubstr("max_force must be finite and greater than 0"));
+  EXPECT_THAT(refused_plugin(faulty("info")), HasSubstr("workspace_min must lie below workspace_max"));
+  EXPECT_THAT(refused_plugin(faulty("force")), HasSubstr("max_force must be finite and greater than 0"));
 }
 
 TEST(PluginDevice, EndsStringsThatThePluginDoesNot) {
@@ -92,7 +95,7 @@ TEST(PluginDevice, StaysLostOnceThePluginIsGone) {
   EXPECT_EQ(device->exchange({}, 1e-3, state), Device::Status::lost);
   EXPECT_EQ(device->exchange({}, 1e-3, state), Device::Status::lost);
   EXPECT_THAT(device->lost_reason(), HasSubstr("exchange returned -5"));
-  EXPECT_THAT(refusal(faulty("lost", 0)), HasSubstr("exchange returned -5"));
+  EXPECT_THAT(refused_plugin(faulty("lost", 0)), HasSubstr("exchange returned -5"));
 }
 
 TEST(PluginDevice, PassesOnWhatThePluginAnswers) {

@@ -13,7 +13,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 
 /// What reading a device of 1 kg and 10 N with these changes complains about.
-std::string refusal(const char* changes) {
+std::string refused_spec(const char* changes) {
   json spec = json::parse(R"({"mass": 1, "max_force": 10})");
   spec.merge_patch(json::parse(changes));
   return error_of([&] { (void)read_sim_spec(spec, "my.json"); });
@@ -31,34 +31,36 @@ TEST(SimSpec, LeavesOutWhatIsNotNamed) {
 }
 
 TEST(SimSpec, RefusesAKeyItDoesNotKnowWithTheNearest) {
-  EXPECT_THAT(refusal(R"({"colomb": 1})"), AllOf(HasSubstr("my.json"), HasSubstr("did you mean 'coulomb'?")));
-  EXPECT_THAT(refusal(R"({"hand": {"mass": 1, "tremr": 1}})"), HasSubstr("did you mean 'tremor'?"));
-  EXPECT_THAT(refusal(R"({"coulomb": 1, "presliding": {"distnce": 1}})"), HasSubstr("presliding"));
+  EXPECT_THAT(refused_spec(R"({"colomb": 1})"), AllOf(HasSubstr("my.json"), HasSubstr("did you mean 'coulomb'?")));
+  EXPECT_THAT(refused_spec(R"({"hand": {"mass": 1, "tremr": 1}})"), HasSubstr("did you mean 'tremor'?"));
+  EXPECT_THAT(refused_spec(R"({"coulomb": 1, "presliding": {"distnce": 1}})"), HasSubstr("presliding"));
 }
 
 TEST(SimSpec, RefusesADeviceWithoutMassOrForce) {
-  EXPECT_THAT(refusal(R"({"mass": 0})"), HasSubstr("mass: 0 is too small"));
-  EXPECT_THAT(refusal(R"({"mass": [1, 1, -1]})"), HasSubstr("mass[2]: -1 is too small"));
-  EXPECT_THAT(refusal(R"({"mass": null})"), HasSubstr("'mass' is missing"));
-  EXPECT_THAT(refusal(R"({"max_force": null})"), HasSubstr("'max_force' is missing"));
-  EXPECT_THAT(refusal(R"({"max_force": 0})"), HasSubstr("max_force: 0 is too small"));
+  EXPECT_THAT(refused_spec(R"({"mass": 0})"), HasSubstr("mass: 0 is too small"));
+  EXPECT_THAT(refused_spec(R"({"mass": [1, 1, -1]})"), HasSubstr("mass[2]: -1 is too small"));
+  EXPECT_THAT(refused_spec(R"({"mass": null})"), HasSubstr("'mass' is missing"));
+  EXPECT_THAT(refused_spec(R"({"max_force": null})"), HasSubstr("'max_force' is missing"));
+  EXPECT_THAT(refused_spec(R"({"max_force": 0})"), HasSubstr("max_force: 0 is too small"));
 }
 
 TEST(SimSpec, RefusesWhatCannotBe) {
-  EXPECT_THAT(refusal(R"({"delay_s": -0.001})"), HasSubstr("delay_s: -0.001 is too small"));
-  EXPECT_THAT(refusal(R"({"stribeck": {"static_ratio": 1.2}})"), HasSubstr("shapes 'coulomb', which is missing"));
-  EXPECT_THAT(refusal(R"({"presliding": {"distance": 1e-4}})"), HasSubstr("shapes 'coulomb', which is missing"));
-  EXPECT_THAT(refusal(R"({"coulomb": 1, "presliding": {}})"), HasSubstr("either 'distance' (m) or 'stiffness' (N/m)"));
-  EXPECT_THAT(refusal(R"({"coulomb": 1, "presliding": {"distance": 1e-4, "stiffness": 1e4}})"), HasSubstr("either"));
-  EXPECT_THAT(refusal(R"({"backlash": 1e-4})"), HasSubstr("needs a 'structural_mode'"));
-  EXPECT_THAT(refusal(R"({"structural_mode": {}})"), HasSubstr("'frequency_hz' is missing"));
-  EXPECT_THAT(refusal(R"({"workspace": {"min": 0.1, "max": -0.1}})"), HasSubstr("'min' must lie below 'max'"));
-  EXPECT_THAT(refusal(R"({"gravity_gradient": {"x": [0, 1, 0]}})"), HasSubstr("not symmetric"));
-  EXPECT_THAT(refusal(R"({"max_continuous_force": 11})"), HasSubstr("max_continuous_force: 11 is too large"));
-  EXPECT_THAT(refusal(R"({"axes": "xyy"})"), HasSubstr("'xyy' is not a choice of x, y and z"));
-  EXPECT_THAT(refusal(R"({"axes": ""})"), HasSubstr("needs an axis"));
-  EXPECT_THAT(refusal(R"({"axes": "xy", "actuator_rotation": [0.1, 0, 1]})"), HasSubstr("can only turn about it"));
-  EXPECT_THAT(refusal(R"({"axes": "xy", "workspace": {"min": 0.1, "max": 0.2}})"), HasSubstr("z is held at 0"));
+  EXPECT_THAT(refused_spec(R"({"delay_s": -0.001})"), HasSubstr("delay_s: -0.001 is too small"));
+  EXPECT_THAT(refused_spec(R"({"stribeck": {"static_ratio": 1.2}})"), HasSubstr("shapes 'coulomb', which is missing"));
+  EXPECT_THAT(refused_spec(R"({"presliding": {"distance": 1e-4}})"), HasSubstr("shapes 'coulomb', which is missing"));
+  EXPECT_THAT(refused_spec(R"({"coulomb": 1, "presliding": {}})"),
+              HasSubstr("either 'distance' (m) or 'stiffness' (N/m)"));
+  EXPECT_THAT(refused_spec(R"({"coulomb": 1, "presliding": {"distance": 1e-4, "stiffness": 1e4}})"),
+              HasSubstr("either"));
+  EXPECT_THAT(refused_spec(R"({"backlash": 1e-4})"), HasSubstr("needs a 'structural_mode'"));
+  EXPECT_THAT(refused_spec(R"({"structural_mode": {}})"), HasSubstr("'frequency_hz' is missing"));
+  EXPECT_THAT(refused_spec(R"({"workspace": {"min": 0.1, "max": -0.1}})"), HasSubstr("'min' must lie below 'max'"));
+  EXPECT_THAT(refused_spec(R"({"gravity_gradient": {"x": [0, 1, 0]}})"), HasSubstr("not symmetric"));
+  EXPECT_THAT(refused_spec(R"({"max_continuous_force": 11})"), HasSubstr("max_continuous_force: 11 is too large"));
+  EXPECT_THAT(refused_spec(R"({"axes": "xyy"})"), HasSubstr("'xyy' is not a choice of x, y and z"));
+  EXPECT_THAT(refused_spec(R"({"axes": ""})"), HasSubstr("needs an axis"));
+  EXPECT_THAT(refused_spec(R"({"axes": "xy", "actuator_rotation": [0.1, 0, 1]})"), HasSubstr("can only turn about it"));
+  EXPECT_THAT(refused_spec(R"({"axes": "xy", "workspace": {"min": 0.1, "max": 0.2}})"), HasSubstr("z is held at 0"));
 }
 
 TEST(SimSpec, TakesAHandByNameOrInParts) {
@@ -72,11 +74,11 @@ TEST(SimSpec, TakesAHandByNameOrInParts) {
   spec["hand"] = "none";
   EXPECT_FALSE(read_sim_spec(spec, "my.json").hand);
 
-  EXPECT_THAT(refusal(R"({"hand": "frim"})"),
+  EXPECT_THAT(refused_spec(R"({"hand": "frim"})"),
               HasSubstr("my.json: hand: there is no hand preset 'frim'; did you mean 'firm'?"));
-  EXPECT_THAT(refusal(R"({"hand": {"preset": "frim"}})"), HasSubstr("did you mean 'firm'?"));
-  EXPECT_THAT(refusal(R"({"hand": {"tremor": 1}})"), HasSubstr("'mass' is missing"));
-  EXPECT_THAT(refusal(R"({"hand": 3})"), HasSubstr("hand"));
+  EXPECT_THAT(refused_spec(R"({"hand": {"preset": "frim"}})"), HasSubstr("did you mean 'firm'?"));
+  EXPECT_THAT(refused_spec(R"({"hand": {"tremor": 1}})"), HasSubstr("'mass' is missing"));
+  EXPECT_THAT(refused_spec(R"({"hand": 3})"), HasSubstr("hand"));
 }
 
 TEST(SimSpec, FindsAnIntentBesideTheFile) {

@@ -22,7 +22,7 @@ std::vector<Vec3> points_of(int count, const std::function<Vec3(double)>& curve)
   return points;
 }
 
-Vec3 circle(double u) {
+Vec3 ring(double u) {
   const double angle = 2 * std::numbers::pi * u;
   return {0.05 * std::cos(angle), 0.05 * std::sin(angle), 0};
 }
@@ -46,7 +46,7 @@ Vec3 square(double u) {
 }
 
 TEST(Polyline, HasTheLengthOfItsCurve) {
-  EXPECT_NEAR(Polyline(points_of(5000, circle)).length(), 0.1 * std::numbers::pi, 1e-7);
+  EXPECT_NEAR(Polyline(points_of(5000, ring)).length(), 0.1 * std::numbers::pi, 1e-7);
   EXPECT_NEAR(Polyline(points_of(4, square)).length(), 0.4, 1e-15);
 }
 
@@ -78,7 +78,7 @@ TEST(Polyline, TheNearestPointIsLookedForOnlyWhereItWasAsked) {
 }
 
 TEST(Polyline, IsCutEvenly) {
-  const Polyline curve(points_of(1000, circle));
+  const Polyline curve(points_of(1000, ring));
   const auto points = curve.resampled(1e-3);
   ASSERT_EQ(points.size(), 315U);
   for (std::size_t i = 1; i < points.size(); ++i) EXPECT_NEAR((points[i] - points[i - 1]).norm(), 1e-3, 1e-5) << i;
@@ -97,7 +97,7 @@ TEST(Polyline, OnePointIsACurveWithoutLength) {
 TEST(Polyline, SaysWhatIsWrong) {
   EXPECT_THAT(error_of([] { return Polyline({}); }), testing::HasSubstr("finite point"));
   EXPECT_THAT(error_of([] { return Polyline(std::vector<Vec3>{nan3()}); }), testing::HasSubstr("finite point"));
-  const Polyline curve(points_of(1000, circle));
+  const Polyline curve(points_of(1000, ring));
   for (const double spacing : {0.0, -1.0, kNaN, 1e-9})
     EXPECT_THAT(error_of([&] { return curve.resampled(spacing); }), testing::HasSubstr("cannot be cut")) << spacing;
   EXPECT_THAT(error_of([&] { return foot_points(curve, {}, {.ahead = 0}); }), testing::HasSubstr("ahead"));
@@ -137,7 +137,7 @@ TEST_P(FootPoints, LieAtTheHandThatIsOnTheCurve) {
 }
 
 INSTANTIATE_TEST_SUITE_P(All, FootPoints,
-                         testing::Values(Track{"circle", circle}, Track{"figure_eight", figure_eight},
+                         testing::Values(Track{"circle", ring}, Track{"figure_eight", figure_eight},
                                          Track{"to_and_fro", to_and_fro}, Track{"square", square}),
                          [](const auto& tested) { return tested.param.name; });
 

@@ -46,7 +46,7 @@ class WriterProcess {
 
   /// Waits until `rows` rows are safe.
   void wait_for(std::uint64_t rows) {
-    while (safe_ < rows && read(told_, &safe_, sizeof safe_) == sizeof safe_) {
+    while (safe_ < rows && ::read(told_, &safe_, sizeof safe_) == sizeof safe_) {
     }
   }
 
@@ -60,7 +60,7 @@ class WriterProcess {
   /// The rows that were safe when it died.
   std::uint64_t safe_at_death() {
     kill();
-    while (read(told_, &safe_, sizeof safe_) == sizeof safe_) {
+    while (::read(told_, &safe_, sizeof safe_) == sizeof safe_) {
     }
     return safe_;
   }

@@ -11,33 +11,33 @@
 namespace haptrace {
 namespace {
 
-struct Kind {
+struct ForeignKind {
   std::string name;
   nlohmann::json options;
   double better;  ///< calibrated, fifth repetition, over stiff PD: at least, in rms error
   double ripple;  ///< the same, in force ripple: at most
 };
 
-void PrintTo(const Kind& kind, std::ostream* out) {
+void PrintTo(const ForeignKind& kind, std::ostream* out) {
   *out << kind.name;
 }
 
 constexpr auto kHeld =
     R"({"quantum": 5e-5, "gravity": 1, "hand_mass": 0.15, "hand_stiffness": 150, "hand_damping": 5})";
 
-Kind free_of_hands(const std::string& name, const std::string& options, double better, double ripple) {
+ForeignKind free_of_hands(const std::string& name, const std::string& options, double better, double ripple) {
   nlohmann::json all{{"quantum", 5e-5}, {"gravity", 1}};
   all.update(nlohmann::json::parse(options));
   return {name, all, better, ripple};
 }
 
-Kind held(const std::string& name, const std::string& options, double better, double ripple) {
+ForeignKind held(const std::string& name, const std::string& options, double better, double ripple) {
   nlohmann::json all = nlohmann::json::parse(kHeld);
   all.update(nlohmann::json::parse(options));
   return {name, all, better, ripple};
 }
 
-class ForeignDevice : public testing::TestWithParam<Kind> {
+class ForeignDevice : public testing::TestWithParam<ForeignKind> {
  protected:
   static std::unique_ptr<Device> open() {
     return open_device(fmt::format("plugin:path={},options={}", AWKWARD_PLUGIN, GetParam().options.dump()));

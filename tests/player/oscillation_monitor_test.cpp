@@ -90,7 +90,7 @@ struct Session {
   std::uint64_t seed = 1;
 };
 
-struct Outcome {
+struct Watching {
   double found = kNaN;  ///< time of the first verdict [s]
   OscillationVerdict verdict;
   double onset = kNaN;   ///< of a real oscillation [s]
@@ -129,7 +129,7 @@ class Watched final : public Controller {
     return command;
   }
 
-  Outcome outcome;
+  Watching outcome;
   Ripple position, force;
 
  private:
@@ -160,7 +160,7 @@ double onset(const Ripple& position, const Ripple& force, double quantum, double
   return kNaN;
 }
 
-Outcome play(const Session& session) {
+Watching play(const Session& session) {
   json spec_json = session.device;
   spec_json["max_force"] = 200;  // the session's limit is kMaxForce; a push may be more
   const SimSpec spec = read_sim_spec(spec_json, "test");
@@ -238,7 +238,7 @@ void expect_found(std::uint64_t seed, int sessions, const Gains& choose, int at_
   for (int i = 0; i < sessions; ++i) {
     Session session{.device = draw.device(), .seed = static_cast<std::uint64_t>(i) + 1};
     choose(session, draw);
-    const Outcome outcome = play(session);
+    const Watching outcome = play(session);
     if (std::isnan(outcome.onset)) continue;
     ++real;
     EXPECT_LE(outcome.found - outcome.onset, 0.3)
@@ -306,7 +306,7 @@ TEST_P(CalmLoops, AreNeverSuspected) {
     // Falls with its weight while the force fades in.
     session.device["gravity_bias"] = {draw(-1, 1), draw(-1, 1), draw(-1, 1)};
     GetParam().happens(session, draw);
-    const Outcome outcome = play(session);
+    const Watching outcome = play(session);
     EXPECT_TRUE(std::isnan(outcome.found))
         << "session " << i << " at " << outcome.found << " s: " << outcome.verdict.frequency_hz << " Hz, "
         << 1e3 * outcome.verdict.amplitude << " mm, " << 1e3 * outcome.verdict.energy << " mJ, by detector "
@@ -361,7 +361,7 @@ TEST(GainSoftenerInTheLoop, EndsTheOscillationsThatTheMonitorFinds) {
                     .kp = draw.logarithmic(15e3, 30e3),
                     .softens = true,
                     .seed = static_cast<std::uint64_t>(i) + 1};
-    const Outcome outcome = play(session);
+    const Watching outcome = play(session);
     EXPECT_LT(outcome.last_rms, 8e-5) << "session " << i << " with " << outcome.share << " of its gains";
     if (outcome.share < 1) ++softened;
   }

@@ -21,7 +21,7 @@ using test::Log;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-Path circle(double duration = 1) {
+Path small_circle(double duration = 1) {
   return make_shape("circle", {.size = 0.04, .duration = duration});
 }
 
@@ -29,16 +29,16 @@ DeviceInfo info() {
   return SimDevice(test::true_device()).info();
 }
 
-PlayResult played(Device& device, PlayOptions options, Log* log = nullptr) {
+PlayResult played_circle(Device& device, PlayOptions options, Log* log = nullptr) {
   if (log != nullptr) options.sinks.push_back(log);
-  return play(device, plan_playback(device.info(), circle(), options), options, StopRequest{});
+  return play(device, plan_playback(device.info(), small_circle(), options), options, StopRequest{});
 }
 
 /// The forces of a session with the device as it is in truth.
 std::vector<Vec3> forces(const PlayOptions& options) {
   SimDevice device(test::true_device());
   Log log;
-  EXPECT_EQ(played(device, options, &log).session.servo.cause, StopCause::finished);
+  EXPECT_EQ(played_circle(device, options, &log).session.servo.cause, StopCause::finished);
   std::vector<Vec3> all;
   for (const Sample& sample : log.samples) all.push_back(sample.force);
   return all;
@@ -46,7 +46,7 @@ std::vector<Vec3> forces(const PlayOptions& options) {
 
 std::vector<std::string> composed(const PlayOptions& options) {
   SimDevice device(test::true_device());
-  return to_json(played(device, options)).at("compensations").get<std::vector<std::string>>();
+  return to_json(played_circle(device, options)).at("compensations").get<std::vector<std::string>>();
 }
 
 TEST(PlayPlan, ComposesEverythingForAnIdentifiedDeviceAndSaysSo) {
@@ -63,28 +63,29 @@ TEST(PlayPlan, ComposesEverythingForAnIdentifiedDeviceAndSaysSo) {
 TEST(PlayPlan, ComposesAPdLawAloneForADeviceThatIsNot) {
   PlayOptions options;
   EXPECT_THAT(composed(options), ElementsAre());
-  const PlayPlan plan = plan_playback(info(), circle(), options);
+  const PlayPlan plan = plan_playback(info(), small_circle(), options);
   EXPECT_EQ(plan.tuning.gains.kp, cautious_gains(8, 1000).kp);
 }
 
 TEST(PlayPlan, TakesGainsAndBandwidthOfTheDesignUnlessGainsAreGiven) {
   PlayOptions options = everything();
   const TrackingDesign& design = options.identified->design;
-  EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kp, design.gains.kp);
-  EXPECT_EQ(plan_playback(info(), circle(), options).tuning.observer_hz, design.load_hz);
+  EXPECT_EQ(plan_playback(info(), small_circle(), options).tuning.gains.kp, design.gains.kp);
+  EXPECT_EQ(plan_playback(info(), small_circle(), options).tuning.observer_hz, design.load_hz);
   options.compensations.observer = false;
   options.identified->design.plain = {Vec3::Constant(300), Vec3::Constant(3)};
-  EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kp, Vec3::Constant(300));
+  EXPECT_EQ(plan_playback(info(), small_circle(), options).tuning.gains.kp, Vec3::Constant(300));
   options.gains = PdGains{Vec3(1, 2, 3), Vec3(4, 5, 6)};
-  EXPECT_EQ(plan_playback(info(), circle(), options).tuning.gains.kd, Vec3(4, 5, 6));
+  EXPECT_EQ(plan_playback(info(), small_circle(), options).tuning.gains.kd, Vec3(4, 5, 6));
   options.gains->kp.x() = -1;
-  EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), circle(), options); }), HasSubstr("kp of the x axis"));
+  EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }),
+              HasSubstr("kp of the x axis"));
 }
 
 TEST(PlayPlan, RefusesToLearnWithoutCalibrationAndSaysWhatToDo) {
   PlayOptions options;
   options.learn = 3;
-  const auto error = [&] { return test::error_of([&] { (void)plan_playback(info(), circle(), options); }); };
+  const auto error = [&] { return test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }); };
   EXPECT_THAT(error(), HasSubstr("must be calibrated before anything can be learned"));
   EXPECT_THAT(error(), HasSubstr("haptrace calibrate --device sim"));
   options.identified = test::identified(test::known_plant());
@@ -96,7 +97,7 @@ TEST(PlayPlan, RefusesToLearnWithoutCalibrationAndSaysWhatToDo) {
 TEST(PlayPlan, RefusesToLearnWhatLastsTooLong) {
   PlayOptions options = everything();
   options.playback.speed = 0.001;
-  EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), circle(), options); }),
+  EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }),
               HasSubstr("a repetition lasts 1000.0 s"));
 }
 
@@ -104,7 +105,7 @@ TEST(Play, RefusesToLearnFromANumberOfRepetitionsThatIsNone) {
   for (const int learn : {-1, kMostLearned + 1}) {
     PlayOptions options = everything();
     options.learn = learn;
-    EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), circle(), options); }), HasSubstr("(learn)"));
+    EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }), HasSubstr("(learn)"));
   }
 }
 
@@ -133,12 +134,12 @@ TEST(Play, FollowsCloserWithWhatIsKnownThanWithoutIt) {
   PlayOptions unknown;
   unknown.playback.repetitions = 3;
   SimDevice one(test::true_device()), other(test::true_device());
-  const PlayResult with = played(one, everything()), without = played(other, unknown);
+  const PlayResult with = played_circle(one, everything()), without = played_circle(other, unknown);
   EXPECT_LT(with.repetitions[0].rms_error, 0.1 * without.repetitions[0].rms_error);
 }
 
 TEST(Play, FollowsARecordingInCountsAsWellAsTheMovementItself) {
-  Path movement = circle(2), recording = movement;
+  Path movement = small_circle(2), recording = movement;
   recording.velocity.clear();
   for (Vec3& p : recording.position) p = 5e-5 * (p / 5e-5).array().round().matrix();
   const auto followed = [](const Path& path, const PlayOptions& options) {
@@ -162,8 +163,8 @@ TEST(Play, SendsBitForBitTheSameToADeviceOfWhichNothingButItsAnswersIsSeen) {
   SimDevice seen(test::true_device()), hidden(test::true_device());
   test::BlindDevice blind(hidden);
   Log one, other;
-  played(seen, everything(), &one);
-  played(blind, everything(), &other);
+  played_circle(seen, everything(), &one);
+  played_circle(blind, everything(), &other);
   ASSERT_GT(one.samples.size(), 3000U);
   ASSERT_EQ(one.samples.size(), other.samples.size());
   for (std::size_t i = 0; i < one.samples.size(); ++i) ASSERT_EQ(one.samples[i].force, other.samples[i].force) << i;
@@ -199,7 +200,7 @@ TEST(Play, AllocatesNothingInATickWithEveryCompensationOn) {
   Counting counting(device);
   PlayOptions options = everything();
   options.sinks = {&counting};
-  const PlayResult result = played(counting, options);
+  const PlayResult result = played_circle(counting, options);
   EXPECT_EQ(result.lessons.size(), 2U);
   EXPECT_GT(counting.ticks, 3000U);
   EXPECT_EQ(counting.allocated, 0U);
@@ -216,7 +217,7 @@ TEST(Play, DoesNotDriveAnAxisWithoutMotorWhateverItsGains) {
   options.gains = PdGains{Vec3::Constant(2000), Vec3::Constant(20)};
   SimDevice device(spec);
   Log log;
-  EXPECT_EQ(played(device, options, &log).session.servo.cause, StopCause::finished);
+  EXPECT_EQ(played_circle(device, options, &log).session.servo.cause, StopCause::finished);
   for (const Sample& sample : log.samples) ASSERT_EQ(sample.force.z(), 0);
 }
 

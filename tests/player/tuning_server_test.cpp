@@ -19,7 +19,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::StartsWith;
 
-const Tuning kStart{.gains = {Vec3::Constant(1000), Vec3::Constant(10)}};
+const Tuning kServed{.gains = {Vec3::Constant(1000), Vec3::Constant(10)}};
 
 /// A client that waits for what it asks.
 class Client {
@@ -55,7 +55,7 @@ class Client {
 
 class TuningServerTest : public testing::Test {
  protected:
-  LiveTuning tuning{kStart,
+  LiveTuning tuning{kServed,
                     {.limits = {.largest = {Vec3::Constant(5200), Vec3::Constant(60)}, .because = "the device bears"}}};
   TuningServer server{tuning, 0};
 };
@@ -113,7 +113,7 @@ TEST_F(TuningServerTest, TakesNoCommandWhoseLineDidNotEnd) {
   client.socket().shutdown(tcp::socket::shutdown_send);
   EXPECT_EQ(client.line(), "ok kd 5 5 5") << "what came whole before the end is answered";
   EXPECT_EQ(client.line(), "closed");
-  EXPECT_EQ(tuning.wanted().gains.kp, kStart.gains.kp);
+  EXPECT_EQ(tuning.wanted().gains.kp, kServed.gains.kp);
 }
 
 TEST_F(TuningServerTest, RefusesGarbageAndGoesOn) {
@@ -143,7 +143,7 @@ TEST_F(TuningServerTest, TurnsAWebBrowserAwayBeforeItsBodyIsRead) {
   client.send("POST / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nkp 5000\r\n");
   EXPECT_THAT(client.line(), StartsWith("error "));
   EXPECT_EQ(client.line(), "closed");
-  EXPECT_EQ(tuning.wanted().gains.kp, kStart.gains.kp);
+  EXPECT_EQ(tuning.wanted().gains.kp, kServed.gains.kp);
 }
 
 TEST_F(TuningServerTest, IsNotHeldUpByClientsThatNeverReadOrVanish) {
@@ -182,7 +182,7 @@ TEST_F(TuningServerTest, TakesSixteenClientsAndTheNextWhenOneLeaves) {
 }
 
 TEST(TuningServer, EndsWithItsObjectWhileClientsAreConnected) {
-  LiveTuning tuning(kStart, {});
+  LiveTuning tuning(kServed, {});
   auto server = std::make_unique<TuningServer>(tuning, 0);
   const std::uint16_t port = server->port();
   Client idle(port), waiting(port);
@@ -195,7 +195,7 @@ TEST(TuningServer, EndsWithItsObjectWhileClientsAreConnected) {
 }
 
 TEST(TuningServer, SaysThatAPortIsTaken) {
-  LiveTuning tuning(kStart, {});
+  LiveTuning tuning(kServed, {});
   const TuningServer first(tuning, 0);
   EXPECT_THAT(error_of([&] { TuningServer second(tuning, first.port()); }),
               AllOf(HasSubstr(std::to_string(first.port())), HasSubstr("0 for any free one")));

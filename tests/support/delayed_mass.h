@@ -1,12 +1,25 @@
 // The plant that the tracking law reckons with, in the open: tests see its truth.
 #pragma once
 
+#include "control/plant_model.h"
 #include "control/types.h"
 
 #include <cmath>
 #include <deque>
 
 namespace haptrace::test {
+
+inline constexpr double kPeriod = 1e-3;  ///< of the loops that these tests close [s]
+const Vec3 kNone = Vec3::Zero();
+
+/// Two ticks late.
+inline PlantModel late_plant(double resolution = 0) {
+  PlantModel plant;
+  plant.mass = Vec3(0.4, 0.4, 0.3);
+  plant.delay = 2 * kPeriod;
+  plant.position_resolution = resolution;
+  return plant;
+}
 
 /// m x'' = u(t - delay) + load per axis, where u is held from its tick to the next. Closed form over each twentieth of
 /// a tick, to which the delay is rounded: exact for loads that are constant in it.

@@ -16,7 +16,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 using Counts = std::array<std::int16_t, 3>;
-using Verdict = FalconTracker::Verdict;
+using Belief = FalconTracker::Verdict;
 
 constexpr std::uint8_t kAllHomed = 0x70;
 constexpr Counts kNoForce{};
@@ -302,18 +302,18 @@ class FalconTrackerTest : public testing::Test {
   FalconTracker tracker_{FalconCalibration()};
   std::int64_t now_ns_ = 5'000'000'000;
 
-  Verdict take(const Counts& encoders, std::uint8_t flags = kAllHomed, double later = 1e-3) {
+  Belief take(const Counts& encoders, std::uint8_t flags = kAllHomed, double later = 1e-3) {
     now_ns_ += static_cast<std::int64_t>(1e9 * later);
     return tracker_.take(falcon_report({encoders, flags}), now_ns_ - 500'000, now_ns_);
   }
   void home(const Counts& encoders = {}) {
     for (int k = 0; k < FalconTracker::kSettled; ++k) (void)take(encoders);
-    ASSERT_EQ(take(encoders), Verdict::believed);
+    ASSERT_EQ(take(encoders), Belief::believed);
   }
   std::string lost(const Counts& encoders, std::uint8_t flags = kAllHomed) {
     return error_of(
         [&] {
-          for (int k = 0; k < 100; ++k) EXPECT_EQ(take(encoders, flags), Verdict::doubted);
+          for (int k = 0; k < 100; ++k) EXPECT_EQ(take(encoders, flags), Belief::doubted);
         },
         Error::Kind::device);
   }
@@ -325,7 +325,7 @@ TEST_F(FalconTrackerTest, FollowsAHandThatMovesAsFastAsHandsDo) {
   for (const double step : {1e-3, 2e-3, 10e-3}) {
     for (int k = 0; k < 200; ++k) {
       const auto count = static_cast<std::int16_t>(600 * std::sin(2 * std::numbers::pi * 12 * k * step));
-      ASSERT_EQ(take({count, count, count}, kAllHomed, step), Verdict::believed) << count;
+      ASSERT_EQ(take({count, count, count}, kAllHomed, step), Belief::believed) << count;
     }
     (void)take({}, kAllHomed, 0.1);
   }
@@ -337,13 +337,13 @@ TEST_F(FalconTrackerTest, DoubtsEveryFlipOfABitThatIsMoreThanAHandCanDo) {
     for (unsigned bit = 9; bit < 16; ++bit) {
       Counts flipped{};
       flipped[static_cast<std::size_t>(leg)] = static_cast<std::int16_t>(1U << bit);
-      ASSERT_EQ(take(flipped), Verdict::doubted) << "leg " << leg << ", bit " << bit;
-      ASSERT_EQ(take({}), Verdict::believed);
+      ASSERT_EQ(take(flipped), Belief::doubted) << "leg " << leg << ", bit " << bit;
+      ASSERT_EQ(take({}), Belief::believed);
     }
   }
   for (const unsigned flags : {0x60U, 0x50U, 0x30U, 0x0U}) {
-    ASSERT_EQ(take({}, static_cast<std::uint8_t>(flags)), Verdict::doubted);
-    ASSERT_EQ(take({}), Verdict::believed);
+    ASSERT_EQ(take({}, static_cast<std::uint8_t>(flags)), Belief::doubted);
+    ASSERT_EQ(take({}), Belief::believed);
   }
 }
 
@@ -363,7 +363,7 @@ TEST_F(FalconTrackerTest, IsLostWhereTheLegsHoldTheHandleNowhere) {
   for (int step = 0; step < 80 && why.empty(); ++step) {
     const auto count = static_cast<std::int16_t>(50 * step);
     const Counts counts{count, static_cast<std::int16_t>(-count), 0};
-    if (take(counts) == Verdict::doubted) why = lost(counts);
+    if (take(counts) == Belief::doubted) why = lost(counts);
   }
   EXPECT_THAT(why, AllOf(HasSubstr("degrees, where they hold the handle nowhere"), HasSubstr("home_angle")));
 }
@@ -371,16 +371,16 @@ TEST_F(FalconTrackerTest, IsLostWhereTheLegsHoldTheHandleNowhere) {
 TEST_F(FalconTrackerTest, IsNotHomedAnyMoreWhenTheReportsGoOnSayingSo) {
   home({40, 50, 60});
   double doubted = 0;
-  while (take({40, 50, 60}, 0x30) == Verdict::doubted) doubted += 1e-3;
+  while (take({40, 50, 60}, 0x30) == Belief::doubted) doubted += 1e-3;
   EXPECT_NEAR(doubted, FalconTracker::kPatience, 2e-3);
   EXPECT_EQ(tracker_.pose(), nullptr);
-  EXPECT_EQ(take({40, 50, 60}, 0x30), Verdict::unhomed);
+  EXPECT_EQ(take({40, 50, 60}, 0x30), Belief::unhomed);
   home({1, 2, 3});
 }
 
 TEST_F(FalconTrackerTest, WaitsUntilTheCountsOfHomedLegsHaveSettled) {
   for (int k = 0; k < 100; ++k)
-    ASSERT_EQ(take({static_cast<std::int16_t>(k % 5 == 0 ? 2000 : 0), 0, 0}), Verdict::unhomed);
+    ASSERT_EQ(take({static_cast<std::int16_t>(k % 5 == 0 ? 2000 : 0), 0, 0}), Belief::unhomed);
   EXPECT_EQ(tracker_.pose(), nullptr);
   home();
 }
