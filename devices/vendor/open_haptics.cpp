@@ -370,9 +370,9 @@ void OpenHapticsDevice::calibrate() noexcept {
 
 Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
   if (closed_ || lost_) return Status::lost;
-  const std::int64_t now = monotonic_ns();
-  order_.post({sendable(wrench), now + ThreadedDevice::watched_ns(dt)});
+  order_.post({sendable(wrench), monotonic_ns() + ThreadedDevice::watched_ns(dt)});
   newest_ = answer_.latest();
+  const std::int64_t now = monotonic_ns();  // after the frame that is looked at, or its age were negative
   if (const std::int64_t silence = now - newest_.frame_ns; silence > kPatienceNs) {
     if (silence < kLongestFaultNs) return Status::away;
     lost_ = true;
