@@ -1,9 +1,9 @@
 #include "cli/profile.h"
 #include "control/error.h"
+#include "formats/output_file.h"
 #include "player/calibration.h"
 
 #include <chrono>
-#include <filesystem>
 #include <fmt/format.h>
 #include <thread>
 
@@ -111,53 +111,51 @@ Verb add_calibrate(CLI::App& app) {
   verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
   arguments->session.add_to(*verb);
 
-  return {
-      verb, [verb, arguments](const Output& output) {
-        require(*verb, "--device");
-        if (arguments->quick && arguments->full)
-          throw input_error("--quick and --full both say how long; use one of them");
-        const CalibrationOptions options{
-            .full = arguments->full,
-            .force_share = arguments->force_share,
-            .session = arguments->session.options(arguments->record, effective_config(*verb))};
-        const auto device = arguments->session.open();
-        const DeviceInfo& info = device->info();
-        const std::string file = arguments->output.empty() ? profile_file(identity_of(info)) : arguments->output;
-        const bool overwrite = arguments->output.empty() || arguments->session.overwrite;
-        if (!overwrite && std::filesystem::exists(file))
-          throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
-        const CalibrationPlan plan = plan_calibration(info, options);
-        for (const std::string& note : info.notes) output.remark(note);
-        output.remark(announcement(plan, info));
+  return {verb, [verb, arguments](const Output& output) {
+            require(*verb, "--device");
+            if (arguments->quick && arguments->full)
+              throw input_error("--quick and --full both say how long; use one of them");
+            const CalibrationOptions options{
+                .full = arguments->full,
+                .force_share = arguments->force_share,
+                .session = arguments->session.options(arguments->record, effective_config(*verb))};
+            const auto device = arguments->session.open();
+            const DeviceInfo& info = device->info();
+            const std::string file = arguments->output.empty() ? profile_file(identity_of(info)) : arguments->output;
+            const bool overwrite = arguments->output.empty() || arguments->session.overwrite;
+            if (!arguments->output.empty()) check_output(file, arguments->session.overwrite);
+            const CalibrationPlan plan = plan_calibration(info, options);
+            for (const std::string& note : info.notes) output.remark(note);
+            output.remark(announcement(plan, info));
 
-        const Signals signals;
-        const bool real = options.session.clock == ClockChoice::real ||
-                          (options.session.clock == ClockChoice::automatic && !info.virtual_time);
-        if (real && !arguments->yes && !count_down(output, signals.stop())) {
-          output.remark("interrupted before anything moved");
-          return static_cast<int>(kInterrupted);
-        }
-        const CalibrationResult result =
-            calibrate(*device, options, signals.stop(), progress_bar(output, plan.duration + 1));
-        int code = conclude(output, result.session);
-        nlohmann::json json = to_json(result.session);
-        json["notes"] = info.notes;
-        if (!arguments->record.empty()) json["file"] = arguments->record;
-        if (!result.succeeded()) {
-          json["error"] = result.reason;
-          if (code == kDone) code = kStopped;
-          output.remark(result.reason + "; no profile was written");
-          output.tell(json, session_summary(result.session));
-          return code;
-        }
-        const DeviceProfile profile = profile_of(info, result, options.session.rate_hz);
-        save_profile(profile, file, overwrite);
-        json["profile_file"] = file;
-        json["profile"] = to_json(profile);
-        output.tell(json, fmt::format("{}: calibrated\n{}{}  the profile is in {}\n", info.name, table(plan, result),
-                                      session_summary(result.session), file));
-        return code;
-      }};
+            const Signals signals;
+            const bool real = options.session.clock == ClockChoice::real ||
+                              (options.session.clock == ClockChoice::automatic && !info.virtual_time);
+            if (real && !arguments->yes && !count_down(output, signals.stop())) {
+              output.remark("interrupted before anything moved");
+              return static_cast<int>(kInterrupted);
+            }
+            const CalibrationResult result =
+                calibrate(*device, options, signals.stop(), progress_bar(output, plan.duration + 1));
+            int code = conclude(output, result.session);
+            nlohmann::json json = to_json(result.session);
+            json["notes"] = info.notes;
+            if (!arguments->record.empty()) json["file"] = arguments->record;
+            if (!result.succeeded()) {
+              json["error"] = result.reason;
+              if (code == kDone) code = kStopped;
+              output.remark(result.reason + "; no profile was written");
+              output.tell(json, session_summary(result.session));
+              return code;
+            }
+            const DeviceProfile profile = profile_of(info, result, options.session.rate_hz);
+            save_profile(profile, file, overwrite);
+            json["profile_file"] = file;
+            json["profile"] = to_json(profile);
+            output.tell(json, fmt::format("{}: calibrated\n{}{}  the profile is in {}\n", info.name,
+                                          table(plan, result), session_summary(result.session), file));
+            return code;
+          }};
 }
 
 }  // namespace haptrace::cli

@@ -3,13 +3,13 @@
 #include "control/error.h"
 #include "devices/sim/sim_device.h"
 #include "formats/json_reader.h"
+#include "formats/output_file.h"
 #include "formats/path_file.h"
 #include "player/ensemble_report.h"
 #include "player/guidance_ensemble.h"
 #include "player/stability_map.h"
 #include "player/staircase.h"
 
-#include <filesystem>
 #include <fmt/format.h>
 #include <numbers>
 #include <optional>
@@ -51,9 +51,7 @@ struct Findings {
 /// What would be refused in the end is refused before the work.
 void check_names(const StabilityArguments& arguments) {
   if (!arguments.figure.empty()) check_figure_name(arguments.figure);
-  for (const std::string& file : {arguments.output, arguments.figure})
-    if (std::error_code ignored; !file.empty() && !arguments.overwrite && std::filesystem::exists(file, ignored))
-      throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
+  for (const std::string& file : {arguments.output, arguments.figure}) check_output(file, arguments.overwrite);
 }
 
 std::string time_left(double seconds) {

@@ -4,6 +4,7 @@
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
 #include "formats/json_reader.h"
+#include "formats/output_file.h"
 #include "formats/path_file.h"
 #include "player/calibration.h"
 #include "scene/scene_file.h"
@@ -57,8 +58,7 @@ TradeFiles files_of(const TradeoffArguments& arguments) {
     if (std::find(names.begin(), names.end(), file) != names.end())
       throw input_error(file + ": is to be two files at once; give --output, --figure and --save names of their own");
     names.push_back(file);
-    if (std::error_code ignored; !arguments.overwrite && std::filesystem::exists(file, ignored))
-      throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
+    check_output(file, arguments.overwrite);
   }
   return files;
 }

@@ -107,7 +107,7 @@ function(haptrace_install)
   foreach(folder control figures formats scene report devices recorder player trade)
     install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace FILES_MATCHING PATTERN "*.h"
       # What only the implementation of formats includes.
-      PATTERN "csv.h" EXCLUDE PATTERN "hdf5_support.h" EXCLUDE PATTERN "output_file.h" EXCLUDE
+      PATTERN "csv.h" EXCLUDE PATTERN "hdf5_support.h" EXCLUDE
       PATTERN "sample_text.h" EXCLUDE PATTERN "text_file.h" EXCLUDE
       PATTERN "recording_formats.h" EXCLUDE PATTERN "xdf_file.h" EXCLUDE
       PATTERN "recording_layout.h" EXCLUDE

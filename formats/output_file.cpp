@@ -27,6 +27,10 @@ OutputFile::OutputFile(const std::string& file, bool overwrite) : target_(file),
   path_ = fmt::format("{}.{:08x}", target_, std::random_device{}());
 }
 
+void check_output(const std::string& file, bool overwrite) {
+  if (!file.empty()) (void)OutputFile(file, overwrite);
+}
+
 OutputFile::~OutputFile() {
   std::error_code ignored;
   if (created_) fs::remove(path_, ignored);

@@ -1,4 +1,4 @@
-// Making a file without harming another. Private to formats.
+// Making a file without harming another.
 #pragma once
 
 #include <string>
@@ -28,5 +28,8 @@ class OutputFile {
   std::string target_, path_;
   bool replaces_ = false, created_ = false;
 };
+
+/// Before the work whose result the file is to hold. Throws what OutputFile would; an empty name is no file.
+void check_output(const std::string& file, bool overwrite);
 
 }  // namespace haptrace

@@ -151,19 +151,43 @@ class Workbench::RunLog final : public SampleSink {
   std::vector<int> count_;
 };
 
-/// Every position of a session.
-class Workbench::Trace final : public SampleSink {
+/// A session that was played once, to be run again on a device that costs nothing and answers what was seen then.
+class Workbench::Rehearsal final : SampleSink {
  public:
-  explicit Trace(std::size_t expected) { seen_.reserve(expected); }
+  Rehearsal(Device& device, PlayPlan plan, const PlayOptions& options, double path_duration)
+      : info_(device.info()), plan_(std::move(plan)), options_(options) {
+    const double seconds = path_duration / options.playback.speed + options.playback.hold + 60;
+    seen_.reserve(static_cast<std::size_t>(seconds * options.session.rate_hz));
+    PlayOptions watched = options;
+    watched.sinks.push_back(this);
+    played_ = play(device, plan_, watched, StopRequest{}).session.servo;
+  }
+
+  [[nodiscard]] std::uint64_t ticks() const noexcept { return seen_.size(); }
+  [[nodiscard]] std::uint64_t ticks_of_the_path() const noexcept { return running_; }
+  [[nodiscard]] const ServoReport& played() const noexcept { return played_; }
+  [[nodiscard]] PlaybackController controller() const { return playback_controller(info_, plan_, options_); }
+
+  ServoReport again(Controller& controller) const {
+    SeenDevice seen(info_, seen_);
+    const SessionOptions& session = options_.session;
+    const auto estimator = make_velocity_estimator(session.velocity, session.rate_hz, info_.position_resolution);
+    return ServoLoop(seen, controller, *estimator, {},
+                     {.rate_hz = session.rate_hz, .virtual_time = true, .limits = session.limits})
+        .run(StopRequest{});
+  }
+
+ private:
   using SampleSink::push;
   void push(const Sample& sample) noexcept override {
     if (seen_.size() < seen_.capacity()) seen_.push_back(sample.position);
     if (sample.phase == Phase::run) ++running_;
   }
-  [[nodiscard]] const std::vector<Vec3>& seen() const noexcept { return seen_; }
-  [[nodiscard]] std::uint64_t running() const noexcept { return running_; }
 
- private:
+  DeviceInfo info_;
+  PlayPlan plan_;
+  PlayOptions options_;
+  ServoReport played_;
   std::vector<Vec3> seen_;
   std::uint64_t running_ = 0;
 };
@@ -323,7 +347,7 @@ PlayOptions Workbench::tick_options(const Configuration& configuration) const {
 
 void Workbench::time_ticks(Outcome& outcome) const {
   if (!outcome.ran()) return;
-  PlayOptions options = tick_options(outcome.configuration);
+  const PlayOptions options = tick_options(outcome.configuration);
   const auto device = place_.open(place_.seed);
   std::vector<double> starts;
   for (int i = 0; i < 3; ++i) {
@@ -335,48 +359,28 @@ void Workbench::time_ticks(Outcome& outcome) const {
   std::sort(starts.begin(), starts.end());
   outcome.start = starts[1];
 
-  const PlayPlan plan = plan_playback(info_, place_.path, options);
-  const double seconds = duration() / options.playback.speed + options.playback.hold + 60;
-  Trace trace(static_cast<std::size_t>(seconds * options.session.rate_hz));
-  options.sinks.push_back(&trace);
-  const PlayResult result = play(*device, plan, options, StopRequest{});
-  if (trace.seen().empty()) return;
-
-  SeenDevice seen(info_, trace.seen());
-  PlaybackController controller = playback_controller(info_, plan, options);
-  const auto estimator =
-      make_velocity_estimator(options.session.velocity, options.session.rate_hz, info_.position_resolution);
-  const ServoReport report =
-      ServoLoop(seen, controller, *estimator, {},
-                {.rate_hz = options.session.rate_hz, .virtual_time = true, .limits = options.session.limits})
-          .run(StopRequest{});
-  outcome.control = report.tick_time.quantile(0.5);
-  outcome.tick = place_.device_in_tick ? result.session.servo.tick_time.quantile(0.5) : outcome.control;
+  const Rehearsal session(*device, plan_playback(info_, place_.path, options), options, duration());
+  if (session.ticks() == 0) return;
+  PlaybackController controller = session.controller();
+  outcome.control = session.again(controller).tick_time.quantile(0.5);
+  outcome.tick = place_.device_in_tick ? session.played().tick_time.quantile(0.5) : outcome.control;
 }
 
 double Workbench::count_ticks(const Configuration& configuration) const {
-  PlayOptions options = tick_options(configuration);
-  const auto device = place_.open(place_.seed);
-  const PlayPlan plan = plan_playback(info_, place_.path, options);
+  const PlayOptions options = tick_options(configuration);
+  PlayPlan plan = plan_playback(info_, place_.path, options);
   // A path of several pieces is read by a thread, which a copy of this process would not have.
   if (plan.path.count() > 1) return kNaN;
-  const double seconds = duration() / options.playback.speed + options.playback.hold + 60;
-  Trace trace(static_cast<std::size_t>(seconds * options.session.rate_hz));
-  options.sinks.push_back(&trace);
-  (void)play(*device, plan, options, StopRequest{});
-  if (trace.running() < 2 * kCountedTicks) return kNaN;
+  const auto device = place_.open(place_.seed);
+  const Rehearsal session(*device, std::move(plan), options, duration());
+  if (session.ticks_of_the_path() < 2 * kCountedTicks) return kNaN;
 
-  SeenDevice seen(info_, trace.seen());
-  PlaybackController controller = playback_controller(info_, plan, options);
-  MarkedController marked(controller, trace.running() / 4, kCountedTicks);
-  const auto estimator =
-      make_velocity_estimator(options.session.velocity, options.session.rate_hz, info_.position_resolution);
-  ServoLoop loop(seen, marked, *estimator, {},
-                 {.rate_hz = options.session.rate_hz, .virtual_time = true, .limits = options.session.limits});
+  PlaybackController controller = session.controller();
+  MarkedController marked(controller, session.ticks_of_the_path() / 4, kCountedTicks);
   std::vector<std::uint64_t> counted = count_instructions(
       [&](const std::function<void()>& mark) {
         marked.use(mark);
-        (void)loop.run(StopRequest{});
+        (void)session.again(marked);
       },
       kCountedTicks);
   if (counted.empty()) return kNaN;

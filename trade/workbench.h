@@ -82,7 +82,7 @@ class Workbench {
 
  private:
   class RunLog;
-  class Trace;
+  class Rehearsal;
 
   /// Rms; NaN when there is nothing to compare.
   static double force_difference(const std::vector<Vec3>& forces, const std::vector<Vec3>& finest);

@@ -69,6 +69,12 @@ TEST(Calibrate, RefusesWhatItCannotDoAndWritesNothing) {
   const TempFolder folder;
   EXPECT_THAT(calibrate_into(folder, {"--device", kFalcon, "--quick", "--full"}).err, HasSubstr("--full"));
   EXPECT_EQ(calibrate_into(folder, {}).exit_code, 2);
+  const std::string kept = folder.write("kept.json", "{}");
+  EXPECT_THAT(calibrate_into(folder, {"--device", kFalcon, "-o", kept}).err, HasSubstr("--overwrite"));
+  const Answer nowhere = calibrate_into(folder, {"--device", kFalcon, "-o", folder / "none/p.json"});
+  EXPECT_EQ(nowhere.exit_code, 2);
+  EXPECT_THAT(nowhere.err, AllOf(HasSubstr("create it first"), Not(HasSubstr("at most 20 mm"))));
+  EXPECT_EQ(test::read_bytes(kept), "{}");
   const Answer slow = calibrate_into(folder, {"--device", kFalcon, "--max-velocity", "0.01"});
   EXPECT_EQ(slow.exit_code, 1);
   EXPECT_THAT(slow.err, HasSubstr("no profile was written"));

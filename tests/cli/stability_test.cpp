@@ -61,6 +61,8 @@ TEST(StabilityCommand, RefusesBeforeItWorks) {
   EXPECT_THAT(answer.err, AllOf(HasSubstr("kept.json"), HasSubstr("--overwrite")));
   EXPECT_EQ(test::read_bytes(kept), "{}");
   EXPECT_THAT(haptrace("stability", "--ensemble", "1000000", "--figure", folder / "f.jpg").err, HasSubstr(".png"));
+  EXPECT_THAT(haptrace("stability", "--ensemble", "1000000", "-o", folder / "none/s.json").err,
+              HasSubstr("none does not exist; create it first"));
 }
 
 }  // namespace

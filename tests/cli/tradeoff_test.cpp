@@ -52,6 +52,8 @@ TEST(TradeoffCommand, RefusesBeforeItWorks) {
   const Answer answer = haptrace("tradeoff", "no.csv", "--device", kFalcon, "-o", kept);
   EXPECT_EQ(answer.exit_code, 2);
   EXPECT_THAT(answer.err, AllOf(HasSubstr("kept.json"), HasSubstr("--overwrite")));
+  EXPECT_THAT(haptrace("tradeoff", "no.csv", "--device", kFalcon, "-o", folder / "none/t.json").err,
+              HasSubstr("none does not exist; create it first"));
   EXPECT_THAT(
       haptrace("tradeoff", "no.csv", "--device", kFalcon, "-o", folder / "t.json", "--save", folder / "t.json").err,
       HasSubstr("two files at once"));
