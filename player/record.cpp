@@ -44,8 +44,8 @@ Command TimedController::update(const State& state) noexcept {
   return command;
 }
 
-PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz) {
-  LoopModel loop{.mass = kUnknownMass, .delay = kUnknownDelay, .rate_hz = rate_hz};
+PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz, double resolution) {
+  LoopModel loop{.mass = kUnknownMass, .delay = kUnknownDelay, .rate_hz = rate_hz, .resolution = resolution};
   if (plant) {
     loop.delay = plant->delay;
     // Of the axes that have a motor: of the others nothing was identified.
@@ -63,7 +63,7 @@ PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, do
   const double delay = loop.delay;
   // A loop that is later than the analysis goes bears next to nothing in any case.
   loop.delay = std::min(delay, LoopAnalysis::kLongestDelay / rate_hz);
-  return {.delay = delay, .rate_hz = rate_hz, .max_damping = bearable_damping(loop)};
+  return {.delay = delay, .rate_hz = rate_hz, .max_damping = bearable_damping(loop), .resolution = resolution};
 }
 
 SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop, const Progress& progress) {
@@ -83,8 +83,8 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
   if (options.scene) {
     std::optional<PassivityLayer::Options> passivity;
     if (options.scene->passivity())
-      passivity =
-          passivity_for(options.identified ? options.identified(device.info()) : std::nullopt, options.session.rate_hz);
+      passivity = passivity_for(options.identified ? options.identified(device.info()) : std::nullopt,
+                                options.session.rate_hz, device.info().position_resolution);
     const auto touching = make_scene_controller(options.scene, options.session.rate_hz, options.slow_scene, passivity);
     TimedController controller(*touching, duration, options.trigger);
     SessionResult result = run_session(device, controller, {}, {}, options.session, stop, progress);

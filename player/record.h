@@ -52,10 +52,10 @@ struct RecordOptions {
   SessionOptions session;
 };
 
-/// The passivity layer of a scene on this device, of which calibration found out `plant`. A device that nobody
-/// calibrated is taken to be as late as guidance takes it to be, and light: kUnknownDelay, kUnknownMass. That is safe:
-/// who takes forces to be later than they are believes that more was created.
-PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz);
+/// The passivity layer of a scene on a device of this resolution [m], of which calibration found out `plant`. A device
+/// that nobody calibrated is taken to be as late as guidance takes it to be, and light: kUnknownDelay, kUnknownMass.
+/// That is safe: who takes forces to be later than they are believes that more was created.
+PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz, double resolution);
 
 inline constexpr double kUnknownMass = 0.1;  ///< [kg]
 

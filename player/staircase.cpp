@@ -276,7 +276,8 @@ LoopModel loop_of_tapped(const SimSpec& spec, double rate_hz) {
           .delay = spec.delay,
           .lag = motor_lag(spec),
           .rate_hz = rate_hz,
-          .velocity = "difference"};
+          .velocity = "difference",
+          .resolution = spec.position_resolution};
 }
 
 double pushing(const StaircaseOptions& options, const SimSpec& spec) {
@@ -311,7 +312,10 @@ class StaircaseJobs {
                         spec_.model, "xyz"[axis]));
     for (const double rate : options.rates) {
       LoopModel loop = loop_of_tapped(spec_, rate);
-      layers_.push_back({.delay = loop.delay + loop.lag, .rate_hz = rate, .max_damping = bearable_damping(loop)});
+      layers_.push_back({.delay = loop.delay + loop.lag,
+                         .rate_hz = rate,
+                         .max_damping = bearable_damping(loop),
+                         .resolution = loop.resolution});
       const LoopAnalysis analysis(loop);
       for (const double k : options.pressed) report_.presses.push_back({.rate_hz = rate, .stiffness = k});
       for (const double k : options.tapped)

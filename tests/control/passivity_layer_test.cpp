@@ -1,6 +1,7 @@
 #include "control/passivity_layer.h"
 
 #include "tests/support/allocations.h"
+#include "tests/support/delayed_mass.h"
 #include "tests/support/errors.h"
 
 #include <array>
@@ -34,22 +35,27 @@ class PressedMass {
     double mass, viscous, push, rate_hz, delay, wall;
     bool layer;
     double max_damping;
+    double resolution = 0, told_resolution = 0;  ///< of the positions, and what the layer is told of it [m]
   };
 
   explicit PressedMass(const Setup& setup)
       : setup_(setup),
         wall_{setup.wall},
-        layer_({.delay = setup.delay, .rate_hz = setup.rate_hz, .max_damping = setup.max_damping}),
+        layer_({.delay = setup.delay,
+                .rate_hz = setup.rate_hz,
+                .max_damping = setup.max_damping,
+                .resolution = setup.told_resolution}),
         sent_(static_cast<std::size_t>(setup.delay * setup.rate_hz) + 2, 0.0) {}
 
   void run(double duration) {
     const double period = 1 / setup_.rate_hz;
     State state;
     for (int tick = 0; tick * period < duration; ++tick) {
-      state.position = Vec3(0, 0, z_);
+      state.position = test::quantised(Vec3(0, 0, z_), setup_.resolution);
       state.force_applied = Vec3(0, 0, sent_.front());
-      double force = wall_.force(z_);
-      const Vec3 added = layer_.update(state, wall_.stored(z_));
+      const double seen = state.position.z();
+      double force = wall_.force(seen);
+      const Vec3 added = layer_.update(state, wall_.stored(seen));
       if (setup_.layer) force += added.z();
       state.dt = period;
       std::rotate(sent_.begin(), sent_.end() - 1, sent_.end());
@@ -214,6 +220,48 @@ TEST(PassivityLayer, ThrownAtAWallAMassThatWouldBounceForEverComesToRest) {
     EXPECT_LT(kept.swing(), 1e-8) << "it rests";
     EXPECT_GT(bare.swing(), 1e-5) << "without the layer it does not";
   }
+}
+
+/// The stiffest of walls up to which each lets a device come to rest that is late and has quanta, of which the layer is
+/// told something [N/m].
+double stiffest_kept(double rate_hz, double delay, double resolution, double told) {
+  const LoopModel device{.mass = 0.4, .viscous = 1.8, .delay = delay, .rate_hz = rate_hz, .resolution = told};
+  double stiffest = 0;
+  for (double wall = 500; wall < 1e5; wall *= std::pow(10, 0.1)) {
+    PressedMass mass({.mass = 0.4,
+                      .viscous = 1.8,
+                      .push = 2.6,
+                      .rate_hz = rate_hz,
+                      .delay = delay,
+                      .wall = wall,
+                      .layer = true,
+                      .max_damping = bearable_damping(device),
+                      .resolution = resolution,
+                      .told_resolution = told});
+    mass.run(3);
+    if (!(mass.swing() < 3 * std::max(resolution, 1e-5))) break;
+    stiffest = wall;
+  }
+  return stiffest;
+}
+
+TEST(PassivityLayer, CountsOnWhatIsOnItsWayToALateDevice) {
+  // 30 ticks late, the damping of 30 ticks would be asked for what one takes back. What friction dissipates alone keeps
+  // 1.8 N s/m / 1.5 ms = 1200 N/m.
+  for (const double rate : {1000.0, 2000.0, 5000.0, 10000.0, 20000.0})
+    EXPECT_GT(stiffest_kept(rate, 1.5e-3, 0, 0), 2e4) << rate << " Hz";
+}
+
+TEST(PassivityLayer, DampsLongerThanATickWhereAQuantumIsLongerThanTheWayOfOne) {
+  // At 0.05 m/s a quantum of 60 um lasts 24 ticks of 20 kHz. Who takes the leap of one tick for the speed of the hand
+  // damps in one of 24, and asks for ever more.
+  constexpr double kQuantum = 6e-5;
+  for (const double rate : {2000.0, 5000.0, 10000.0, 20000.0})
+    EXPECT_GT(stiffest_kept(rate, 5e-4, kQuantum, kQuantum), 1.1 * stiffest_kept(rate, 5e-4, kQuantum, 0))
+        << rate << " Hz";
+  EXPECT_EQ(PassivityLayer::held_ticks(1000, 0), 1);
+  EXPECT_EQ(PassivityLayer::held_ticks(1000, 1e-4), 1);
+  EXPECT_EQ(PassivityLayer::held_ticks(20000, kQuantum), 12);
 }
 
 TEST(PassivityLayer, DampsAlongTheForceAndNotWhoSlides) {

@@ -156,17 +156,17 @@ TEST(Staircase, IsTheSameOnAnyNumberOfThreadsAndEndsWhenAskedTo) {
 
 TEST(SceneSession, IsSupervisedWhenTheSceneSaysSo) {
   // What nobody calibrated is light and late; what was, is what it is.
-  const PassivityLayer::Options unknown = passivity_for(std::nullopt, 1000);
+  const PassivityLayer::Options unknown = passivity_for(std::nullopt, 1000, 0);
   EXPECT_EQ(unknown.delay, 5e-3);
   PlantModel plant{.mass = Vec3(0.4, 0.3, 0.5), .viscous = Vec3::Constant(1), .delay = 1e-3};
-  const PassivityLayer::Options known = passivity_for(plant, 1000);
+  const PassivityLayer::Options known = passivity_for(plant, 1000, 0);
   EXPECT_EQ(known.delay, 1e-3);
   EXPECT_GT(known.max_damping, 3 * unknown.max_damping);
   // Of an axis without a motor nothing was identified; and a fast loop is later than any analysis goes.
   const PlantModel planar{.mass = Vec3(0.06, 0.06, 0), .viscous = Vec3(1, 1, 0), .delay = 1e-3};
-  EXPECT_NEAR(passivity_for(planar, 1000).max_damping,
+  EXPECT_NEAR(passivity_for(planar, 1000, 0).max_damping,
               bearable_damping({.mass = 0.06, .viscous = 1, .delay = 1e-3, .rate_hz = 1000}), 1e-12);
-  EXPECT_EQ(passivity_for(std::nullopt, 20000).delay, 5e-3);
+  EXPECT_EQ(passivity_for(std::nullopt, 20000, 0).delay, 5e-3);
   EXPECT_NEAR(known.max_damping, bearable_damping({.mass = 0.3, .viscous = 1, .delay = 1e-3, .rate_hz = 1000}), 1e-12);
 
   // Gravity presses a device onto a wall that asks for five times its damping: with the layer it stays there.
