@@ -52,12 +52,12 @@ void PassivityLayer::begin_at(const Vec3& position) noexcept {
 Vec3 PassivityLayer::update(const State& state, double stored) noexcept {
   if (!is_finite(state.position) || !is_finite(state.force_applied) || !std::isfinite(stored)) {
     damping_ = 0;
-    return Vec3::Zero();
+    return send(Vec3::Zero());
   }
   const std::optional<double> given = account_.update(state, stored);
   if (!given || !(state.dt > 0)) {
     begin_at(state.position);
-    return Vec3::Zero();
+    return send(force_);
   }
 
   energy_ += *given;
