@@ -123,7 +123,7 @@ Verb add_calibrate(CLI::App& app) {
             const DeviceInfo& info = device->info();
             const std::string file = arguments->output.empty() ? profile_file(identity_of(info)) : arguments->output;
             const bool overwrite = arguments->output.empty() || arguments->session.overwrite;
-            if (!arguments->output.empty()) check_output(file, arguments->session.overwrite);
+            check_output(arguments->output, arguments->session.overwrite);
             const CalibrationPlan plan = plan_calibration(info, options);
             for (const std::string& note : info.notes) output.remark(note);
             output.remark(announcement(plan, info));

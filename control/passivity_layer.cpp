@@ -88,4 +88,13 @@ double bearable_damping(LoopModel device) {
   return 0.5 * LoopAnalysis(device).most_damped(slack);
 }
 
+PassivityLayer::Options passivity_layer_for(LoopModel device) {
+  const double delay = device.delay + device.lag;
+  device.delay = std::min(device.delay, LoopAnalysis::kLongestDelay / device.rate_hz);
+  return {.delay = delay,
+          .rate_hz = device.rate_hz,
+          .max_damping = bearable_damping(device),
+          .resolution = device.resolution};
+}
+
 }  // namespace haptrace

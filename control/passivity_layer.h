@@ -83,4 +83,9 @@ class PassivityLayer {
 /// LoopAnalysis throws.
 double bearable_damping(LoopModel device);
 
+/// The layer for a device: as late as its delay and motor lag together, and damping what it bears. A device later than
+/// LoopAnalysis goes counts there as late as that goes: it bears next to nothing in any case. Throws what LoopAnalysis
+/// throws.
+PassivityLayer::Options passivity_layer_for(LoopModel device);
+
 }  // namespace haptrace

@@ -521,9 +521,9 @@ class Examination {
       if (!paused) return;
       const auto after = hold(axis, before->force, before->seconds, HoldController::Host::goes_on);
       if (!after) return;
-      const double share = paused->way / before->way;
-      const bool kept = share <= kLetGo, alike = after->way > 0.5 * before->way;
-      if (alike && kept == (paused->way <= kLetGo * after->way))
+      const double share = paused->way() / before->way();
+      const bool kept = share <= kLetGo, alike = after->way() > 0.5 * before->way();
+      if (alike && kept == (paused->way() <= kLetGo * after->way()))
         return judge("host_pause", kept,
                      fmt::format("it went {:.0f} % of the way that it goes under a force that is held{}",
                                  100 * std::max(share, 0.0), kept ? "" : kNoWatchdog),
@@ -554,7 +554,9 @@ class Examination {
   }
 
   struct Hold {
-    double force, seconds, way;  ///< way: through the square of its time, for durations that differ a little [m/s^2]
+    double force, seconds, path;  ///< [N, s, m]
+    /// Through the square of its time [m/s^2], for durations that differ a little.
+    [[nodiscard]] double way() const { return path / (seconds * seconds); }
   };
 
   /// Harder and harder. Nothing when it never moved far enough, or something was found out meanwhile, which is told.
@@ -563,7 +565,7 @@ class Examination {
     for (;;) {
       const auto held = hold(axis, force, HoldController::kLongest, HoldController::Host::goes_on);
       if (!held) return std::nullopt;
-      const double path = held->way * held->seconds * held->seconds;
+      const double path = held->path;
       if (path >= enough && held->seconds >= kShortestHold) return held;
       if (path >= enough || force >= options_.max_force) {
         leave_out("host_pause", path >= enough
@@ -583,7 +585,7 @@ class Examination {
     HoldController controller(info_, force * Vec3::Unit(axis), seconds, host);
     std::string why;
     const bool whole = probe(controller, 1, why);
-    if (whole) return Hold{force, controller.held(), controller.path() / (controller.held() * controller.held())};
+    if (whole) return Hold{force, controller.held(), controller.path()};
     if (pauses && last_.cause == StopCause::device_lost) {
       lost_ = false;
       over_ = "it gave up when the host paused";

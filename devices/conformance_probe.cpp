@@ -138,11 +138,10 @@ std::optional<Vec3> HoldController::wanted(const State& state) noexcept {
     const double path = (state.position - from_).dot(hold_.normalized());
     if (t - full_since_ < seconds_ && path < kFar) return hold_;
     turned_ = t;
-    held_ = t - full_since_;
     path_ = path;
   }
   if (std::isnan(stopped_)) {
-    if (t < turned_ + held_ && state.velocity.dot(hold_) > 0) return -hold_;
+    if (t < turned_ + held() && state.velocity.dot(hold_) > 0) return -hold_;
     stopped_ = t;
   }
   if (t < stopped_ + kLead) return Vec3::Zero();

@@ -171,7 +171,7 @@ class HoldController final : public ProbeController {
   /// How far the handle went along the force while it was held [m], and how long that was [s]; NaN when it did not come
   /// so far.
   [[nodiscard]] double path() const noexcept { return path_; }
-  [[nodiscard]] double held() const noexcept { return held_; }
+  [[nodiscard]] double held() const noexcept { return turned_ - full_since_; }
 
  private:
   std::optional<Vec3> wanted(const State& state) noexcept override;
@@ -182,7 +182,7 @@ class HoldController final : public ProbeController {
   /// When the whole force was there, when it was turned round and when the handle stood still [s].
   double full_since_ = kNaN, turned_ = kNaN, stopped_ = kNaN;
   Vec3 from_ = Vec3::Zero();
-  double path_ = kNaN, held_ = kNaN;
+  double path_ = kNaN;
 };
 
 /// A soft spring to where the handle was, with some damping.

@@ -60,10 +60,7 @@ PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, do
       loop.viscous = viscous;
     }
   }
-  const double delay = loop.delay;
-  // A loop that is later than the analysis goes bears next to nothing in any case.
-  loop.delay = std::min(delay, LoopAnalysis::kLongestDelay / rate_hz);
-  return {.delay = delay, .rate_hz = rate_hz, .max_damping = bearable_damping(loop), .resolution = resolution};
+  return passivity_layer_for(loop);
 }
 
 SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop, const Progress& progress) {

@@ -311,11 +311,8 @@ class StaircaseJobs {
                         "not need one (--scene)",
                         spec_.model, "xyz"[axis]));
     for (const double rate : options.rates) {
-      LoopModel loop = loop_of_tapped(spec_, rate);
-      layers_.push_back({.delay = loop.delay + loop.lag,
-                         .rate_hz = rate,
-                         .max_damping = bearable_damping(loop),
-                         .resolution = loop.resolution});
+      const LoopModel loop = loop_of_tapped(spec_, rate);
+      layers_.push_back(passivity_layer_for(loop));
       const LoopAnalysis analysis(loop);
       for (const double k : options.pressed) report_.presses.push_back({.rate_hz = rate, .stiffness = k});
       for (const double k : options.tapped)
