@@ -6,6 +6,7 @@
 #include <atomic>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
 #include <boost/beast/core/buffers_to_string.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/websocket.hpp>
@@ -102,6 +103,7 @@ class EmulatedArm {
       ++commands;
     }
     json told{{"device_id", options_.device_id}, {"state", state()}, {"status", status(true)}};
+    if (is_reconfigured()) told["config"] = config();
     if (fault == InverseFault::partial) {
       json changes = changes_of(told, known);
       changes["device_id"] = options_.device_id;
@@ -113,8 +115,9 @@ class EmulatedArm {
     return reply;
   }
 
-  void command(const Vec3& force) {
+  void command(const Vec3& asked) {
     advance();
+    const Vec3 force = mirrored(asked);
     const Vec3 in_world = from_service(force);
     plant_.apply(in_world);
     const std::scoped_lock lock(mutex_);
@@ -144,8 +147,8 @@ class EmulatedArm {
     Vec3 position = plant_.position();
     const double resolution = plant_.info().position_resolution;
     if (resolution > 0) position = resolution * (position / resolution).array().round().matrix();
-    return {{"cursor_position", service_json(in_service(position) + inverse_base())},
-            {"cursor_velocity", service_json(in_service(plant_.velocity()))},
+    return {{"cursor_position", service_json(mirrored(in_service(position)) + inverse_base())},
+            {"cursor_velocity", service_json(mirrored(in_service(plant_.velocity())))},
             {"current_cursor_force", service_json(in_service(force()))},
             {"control_mode", "cursor_force"}};
   }
@@ -162,9 +165,21 @@ class EmulatedArm {
     json config{{"type", "inverse3"}, {"handedness", "right"}, {"gravity_compensation", {{"enabled", true}}}};
     if (options_.tells_version && options_.force_key == InverseForceKey::vector) {
       config["preset"] = "defaults";
-      config["basis"] = {{"permutation", options_.basis}};
+      config["basis"] = {{"permutation", fault == InverseFault::mirrored ? "-X+Y+Z" : options_.basis}};
+      config["mount"] = {{"position", {{"x", 0.0}, {"y", 0.0}, {"z", fault == InverseFault::moved ? 0.02 : 0.0}}}};
+      config["filters"] = {{"velocity_hz", fault == InverseFault::filtered ? 20 : 200}};
     }
     return config;
+  }
+
+  [[nodiscard]] bool is_reconfigured() const {
+    const InverseFault now = fault;
+    return now == InverseFault::mirrored || now == InverseFault::moved || now == InverseFault::filtered;
+  }
+
+  /// Of a service whose basis was mirrored.
+  [[nodiscard]] Vec3 mirrored(const Vec3& v) const {
+    return fault == InverseFault::mirrored ? Vec3(-v.x(), v.y(), v.z()) : v;
   }
 
   void add_grip(json& message) const {
@@ -255,16 +270,60 @@ class InverseSession : public std::enable_shared_from_this<InverseSession> {
   bool commands_ = false;
 };
 
+/// A client of the event channel.
+class InverseListener : public std::enable_shared_from_this<InverseListener> {
+ public:
+  InverseListener(tcp::socket socket, std::atomic<int>& count) : stream_(std::move(socket)), count_(count) {}
+  ~InverseListener() {
+    if (listens_) --count_;
+  }
+  InverseListener(const InverseListener&) = delete;
+  InverseListener& operator=(const InverseListener&) = delete;
+
+  void start() {
+    stream_.async_accept([self = shared_from_this()](error_code error) {
+      if (error) return;
+      self->listens_ = true;
+      ++self->count_;
+      self->wait_for_end();
+    });
+  }
+  void say(const std::string& event) {
+    if (!listens_) return;
+    error_code ignored;
+    stream_.write(asio::buffer(event), ignored);
+  }
+
+ private:
+  void wait_for_end() {
+    stream_.async_read(buffer_, [self = shared_from_this()](error_code error, std::size_t) {
+      if (!error) self->wait_for_end();
+    });
+  }
+
+  websocket::stream<tcp::socket> stream_;
+  std::atomic<int>& count_;
+  boost::beast::flat_buffer buffer_;
+  bool listens_ = false;
+};
+
+/// Opens `acceptor` on a free port of this machine and returns the port. Throws boost::system::system_error.
+std::uint16_t listen_on_free_port(tcp::acceptor& acceptor) {
+  const tcp::endpoint endpoint(asio::ip::address_v4::loopback(), 0);
+  acceptor.open(endpoint.protocol());
+  acceptor.bind(endpoint);
+  acceptor.listen();
+  return acceptor.local_endpoint().port();
+}
+
 }  // namespace
 
 class EmulatedInverseService::Server {
  public:
   Server(LivePlant plant, const EmulatedInverseOptions& options) : arm(std::move(plant), options) {
     try {
-      const tcp::endpoint endpoint(asio::ip::address_v4::loopback(), 0);
-      acceptor_.open(endpoint.protocol());
-      acceptor_.bind(endpoint);
-      acceptor_.listen();
+      port_ = listen_on_free_port(acceptor_);
+      events_port_ = listen_on_free_port(events_acceptor_);
     } catch (const boost::system::system_error& error) {
       throw device_error(
           fmt::format("the emulated Inverse Service gets no port of this machine: {}; close programs "
@@ -272,6 +331,7 @@ class EmulatedInverseService::Server {
                       error.code().message()));
     }
     accept();
+    accept_listeners();
     thread_ = std::jthread([this] { io_.run(); });
   }
   ~Server() { io_.stop(); }
@@ -279,12 +339,31 @@ class EmulatedInverseService::Server {
   Server& operator=(const Server&) = delete;
 
   [[nodiscard]] std::uint16_t port() const { return port_; }
+  [[nodiscard]] std::uint16_t events_port() const { return events_port_; }
+
+  void report(const std::string& event) {
+    asio::post(io_, [this, event] {
+      std::erase_if(listeners_, [](const auto& listener) { return listener.expired(); });
+      for (const auto& listener : listeners_)
+        if (const auto alive = listener.lock()) alive->say(event);
+    });
+  }
 
   EmulatedArm arm;  ///< before io_, whose end is that of its sessions
+  std::atomic<int> listening{0};
 
  private:
+  void accept_listeners() {
+    events_acceptor_.async_accept([this](error_code error, tcp::socket socket) {
+      if (error) return;
+      const auto listener = std::make_shared<InverseListener>(std::move(socket), listening);
+      listeners_.push_back(listener);
+      listener->start();
+      accept_listeners();
+    });
+  }
+
   void accept() {
-    if (port_ == 0) port_ = acceptor_.local_endpoint().port();
     acceptor_.async_accept([this](error_code error, tcp::socket socket) {
       if (error) return;
       std::make_shared<InverseSession>(std::move(socket), arm)->start();
@@ -292,9 +371,10 @@ class EmulatedInverseService::Server {
     });
   }
 
+  std::vector<std::weak_ptr<InverseListener>> listeners_;
   asio::io_context io_{1};
-  tcp::acceptor acceptor_{io_};
-  std::uint16_t port_ = 0;
+  tcp::acceptor acceptor_{io_}, events_acceptor_{io_};
+  std::uint16_t port_ = 0, events_port_ = 0;
   std::jthread thread_;
 };
 
@@ -305,6 +385,18 @@ EmulatedInverseService::~EmulatedInverseService() = default;
 
 std::string EmulatedInverseService::url() const {
   return fmt::format("ws://127.0.0.1:{}", server_->port());
+}
+
+std::string EmulatedInverseService::events_url() const {
+  return fmt::format("ws://127.0.0.1:{}", server_->events_port());
+}
+
+void EmulatedInverseService::report(const std::string& event) {
+  server_->report(event);
+}
+
+int EmulatedInverseService::listeners() const noexcept {
+  return server_->listening;
 }
 
 void EmulatedInverseService::inject(InverseFault fault) noexcept {

@@ -23,6 +23,9 @@ enum class InverseFault : std::uint8_t {
   not_ready,     //
   in_use,        ///< by another program
   unplugged,     ///< lists no arm
+  mirrored,      ///< states another basis from the next answer on, and obeys it
+  moved,         ///< states another mount
+  filtered,      ///< states another filter
 };
 
 struct EmulatedInverseOptions {
@@ -49,6 +52,11 @@ class EmulatedInverseService {
   EmulatedInverseService& operator=(const EmulatedInverseService&) = delete;
 
   [[nodiscard]] std::string url() const;
+  [[nodiscard]] std::string events_url() const;
+
+  /// Sends an event to every client of the event channel.
+  void report(const std::string& event);
+  [[nodiscard]] int listeners() const noexcept;  ///< clients of the event channel
 
   void inject(InverseFault fault) noexcept;
 

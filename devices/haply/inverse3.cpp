@@ -78,6 +78,19 @@ InverseUrl parse_inverse_url(const std::string& text, bool remote) {
   return url;
 }
 
+/// The event channel's default address, on the service's host.
+InverseUrl events_of(const InverseUrl& service) {
+  InverseUrl events = service;
+  constexpr std::uint16_t kEventsPort = 10020;
+  const auto colon = service.host.rfind(':');
+  const bool has_port = colon != std::string::npos && service.host.find(']', colon) == std::string::npos;
+  events.host = fmt::format("{}:{}", has_port ? service.host.substr(0, colon) : service.host, kEventsPort);
+  events.port = kEventsPort;
+  events.path = "/";
+  events.text = "ws://" + events.host;
+  return events;
+}
+
 /// A connection that is never waited for longer than one says. Reads as long as it is open.
 class InverseConnection {
  public:
@@ -282,6 +295,7 @@ class Inverse3Driver final : public DeviceDriver {
     }
     listed_ns_ = answered_ns_;
     read(state);
+    heed_events();
     return true;
   }
 
@@ -311,6 +325,8 @@ class Inverse3Driver final : public DeviceDriver {
           "Inverse3 {}: its service was told to move its axes ({}), so that they are not those of the documentation; "
           "choose the preset 'defaults' in the Haply Hub, or say where they are with calibration=FILE",
           id_, fmt::join(arm.displaced, ", ")));
+    opened_as_ = arm;
+    listen_to_events(options, url);
     force_key_ = options.force_key.value_or(view_.force_key());
     may_change_key_ = !options.force_key;
 
@@ -324,6 +340,42 @@ class Inverse3Driver final : public DeviceDriver {
     info_.workspace_max = calibration_.workspace;
     info_.max_force = calibration_.max_force;
     info_.max_continuous_force = calibration_.max_continuous_force;
+  }
+
+  /// The safety events have a channel of their own since version 3.5; without it, `info_` says what is not seen.
+  void listen_to_events(const Inverse3Options& options, const InverseUrl& url) {
+    if (options.events == "off") return;
+    const InverseUrl events =
+        options.events.empty() ? events_of(url) : parse_inverse_url(options.events, options.remote);
+    try {
+      events_.emplace(events, kInverseConnects);
+    } catch (const Error&) {
+      info_.notes.push_back(fmt::format(
+          "the Inverse Service has no event channel at {}: haptrace does not see its safety events (emergency brake, "
+          "stalled motor); update the service to version 3.5 or set events=URL",
+          events.text));
+    }
+  }
+
+  /// Throws Error(device) when the service reports that the arm no longer does what it is told.
+  void heed_events() {
+    while (events_) {
+      std::optional<std::string> message;
+      try {
+        message = events_->receive(0);
+      } catch (const Error&) {
+        events_.reset();  // a service that ended closes the other connection as well
+        return;
+      }
+      if (!message) return;
+      const auto event = inverse_event(*message);
+      if (!event || !event->ends_control()) continue;
+      if (event->device == id_ || (event->device.empty() && !event->type.empty()))
+        throw device_error(fmt::format(
+            "Inverse3 {}: its service reports {} ({:.120}); release the emergency brake, free the handle, then start "
+            "the session again",
+            id_, event->type.empty() ? event->name : event->type, event->message));
+    }
   }
 
   static double since(std::int64_t ns) { return 1e-9 * static_cast<double>(monotonic_ns() - ns); }
@@ -354,6 +406,13 @@ class Inverse3Driver final : public DeviceDriver {
   void read(DeviceState& state) {
     const InverseArm arm = view_.arm(id_);
     refuse_obstacle(id_, arm, true);
+    // A force that was computed in the old axes would act in the new ones.
+    if (const std::string changed = changed_setting(opened_as_, arm); !changed.empty())
+      throw device_error(fmt::format(
+          "Inverse3 {}: its service changed a setting while the device was open ({}); choose the preset 'defaults' in "
+          "the Haply Hub, close other programs that configure the service, then start the session again",
+          id_, changed));
+    opened_as_.complete(arm);
     state = {};
     state.position = calibration_.position(arm.position);
     if (info_.measures_velocity) state.velocity = calibration_.vector(arm.velocity.value_or(Vec3::Zero()));
@@ -365,7 +424,9 @@ class Inverse3Driver final : public DeviceDriver {
 
   const Inverse3Calibration calibration_;
   InverseConnection connection_;
+  std::optional<InverseConnection> events_;
   InverseServiceView view_;
+  InverseArm opened_as_;  ///< its settings when it was opened
   DeviceInfo info_;
   std::string id_;
   InverseForceKey force_key_ = InverseForceKey::vector;
@@ -381,7 +442,7 @@ class EmulatedInverse3Driver final : public DeviceDriver {
   EmulatedInverse3Driver(LivePlant plant, Inverse3Options options)
       : plant_(plant.info()),
         service_(std::move(plant), {}),
-        driver_(open_at(service_.url(), options)),
+        driver_(open_at(service_, options)),
         info_(driver_->info()) {
     info_.model += " (emulated)";
     info_.natural_duration = plant_.natural_duration;
@@ -393,8 +454,9 @@ class EmulatedInverse3Driver final : public DeviceDriver {
   void release() noexcept override { driver_->release(); }
 
  private:
-  static std::unique_ptr<DeviceDriver> open_at(const std::string& url, Inverse3Options& options) {
-    options.url = url;
+  static std::unique_ptr<DeviceDriver> open_at(const EmulatedInverseService& service, Inverse3Options& options) {
+    options.url = service.url();
+    options.events = service.events_url();
     return open_inverse3_driver(options);
   }
 
@@ -409,6 +471,7 @@ Inverse3Options read_inverse3_options(const DeviceSpec& device) {
   options.url = device.option("url", options.url);
   options.device_id = device.option("device_id");
   options.remote = device.flag("remote");
+  options.events = device.option("events");
   if (const std::string key = device.option("force_key"); !key.empty()) {
     const std::string vector = to_string(InverseForceKey::vector), values = to_string(InverseForceKey::values);
     if (key != vector && key != values)
@@ -478,6 +541,7 @@ DeviceBackend inverse3_backend() {
                         .options = {{"url", "of the service (default ws://localhost:10001)"},
                                     {"device_id", "which of several, as haptrace devices shows it"},
                                     {"remote", "true: the url may lead to another machine, by its address in digits"},
+                                    {"events", "of the service's event channel (default: its host, port 10020); off"},
                                     {"force_key", "vector (3.5) or values (3.1), if the service is not recognised"},
                                     {"calibration", "a JSON file: where W lies, and what the arm bears"}},
                         .presets = {},

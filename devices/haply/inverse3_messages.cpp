@@ -4,7 +4,9 @@
 #include "formats/json_reader.h"
 
 #include <algorithm>
+#include <cmath>
 #include <fmt/format.h>
+#include <span>
 
 namespace haptrace {
 namespace {
@@ -71,13 +73,36 @@ Quat inverse_rotation(const json& parent, const char* key) {
   return q.normalized();
 }
 
-/// Adds to `displaced` what `transform` does to positions and forces.
-void inverse_displacement(const json& transform, const std::string& name, std::vector<std::string>& displaced) {
-  constexpr double kNone = 1e-6;
-  if (!inverse_vector(transform, "position").isZero(kNone)) displaced.push_back(name + " position");
-  if (inverse_rotation(transform, "rotation").angularDistance(Quat::Identity()) > kNone)
-    displaced.push_back(name + " rotation");
-  if (!inverse_vector(transform, "scale", 1).isOnes(kNone)) displaced.push_back(name + " scale");
+constexpr double kSamePlacement = 1e-6;
+
+/// Settings without a known default.
+constexpr std::array kInverseTexts{std::pair{"handedness", &InverseArm::handedness},
+                                   std::pair{"preset", &InverseArm::preset},
+                                   std::pair{"filters", &InverseArm::filters}};
+
+/// Adds to `displaced` what `transform` does to positions and forces, and its ten numbers to `placement`.
+void inverse_displacement(const json& transform, const std::string& name, std::vector<std::string>& displaced,
+                          std::span<double, 10> placement) {
+  const Vec3 position = inverse_vector(transform, "position"), scale = inverse_vector(transform, "scale", 1);
+  const Quat rotation = inverse_rotation(transform, "rotation");
+  if (!position.isZero(kSamePlacement)) displaced.push_back(name + " position");
+  if (rotation.angularDistance(Quat::Identity()) > kSamePlacement) displaced.push_back(name + " rotation");
+  if (!scale.isOnes(kSamePlacement)) displaced.push_back(name + " scale");
+  const double sign = rotation.w() < 0 ? -1 : 1;  // q and -q are the same rotation
+  const std::array numbers{
+      position.x(),        position.y(),        position.z(), sign * rotation.w(), sign * rotation.x(),
+      sign * rotation.y(), sign * rotation.z(), scale.x(),    scale.y(),           scale.z()};
+  std::copy(numbers.begin(), numbers.end(), placement.begin());
+}
+
+/// "XYZ" and "+X+Y+Z" are the same.
+std::string inverse_basis(const std::string& permutation) {
+  std::string basis;
+  for (const char c : permutation) {
+    if (c != '+' && c != '-' && (basis.empty() || (basis.back() != '+' && basis.back() != '-'))) basis += '+';
+    basis += c;
+  }
+  return basis;
 }
 
 /// Puts into `known` what `told` tells; null tells nothing.
@@ -162,14 +187,62 @@ InverseArm InverseServiceView::arm(const std::string& id) const {
   arm.ready = inverse_flag(status, "ready");
   arm.in_use = inverse_flag(status, "in_use");
 
-  const std::string basis = inverse_text(inverse_object(config, "basis"), "permutation", "XYZ");
-  if (basis != "XYZ" && basis != "+X+Y+Z") arm.displaced.push_back("basis " + basis);
+  const std::string permutation = inverse_text(inverse_object(config, "basis"), "permutation", "XYZ");
+  arm.basis = inverse_basis(permutation);
+  if (arm.basis != "+X+Y+Z") arm.displaced.push_back("basis " + permutation);
   // The documentation shows a mount with these fields, and with an object "transform" that has them.
   const json& mount = inverse_object(config, "mount");
-  inverse_displacement(mount.contains("transform") ? inverse_object(mount, "transform") : mount, "mount",
-                       arm.displaced);
-  inverse_displacement(inverse_object(state, "transform"), "transform", arm.displaced);
+  const std::span<double, 20> placement(arm.placement);
+  inverse_displacement(mount.contains("transform") ? inverse_object(mount, "transform") : mount, "mount", arm.displaced,
+                       placement.first<10>());
+  inverse_displacement(inverse_object(state, "transform"), "transform", arm.displaced, placement.last<10>());
+  arm.handedness = inverse_text(config, "handedness", "");
+  arm.preset = inverse_text(config, "preset", "");
+  if (const json& filters = inverse_field(config, "filters"); !filters.is_null())
+    arm.filters = filters.dump(-1, ' ', false, json::error_handler_t::replace);
   return arm;
+}
+
+void InverseArm::complete(const InverseArm& now) {
+  for (const auto& [name, text] : kInverseTexts)
+    if ((this->*text).empty()) this->*text = now.*text;
+}
+
+std::string changed_setting(const InverseArm& before, const InverseArm& now) {
+  if (before.basis != now.basis) return fmt::format("basis {} became {}", before.basis, now.basis);
+  constexpr std::array kParts{"position", "position", "position", "rotation", "rotation",
+                              "rotation", "rotation", "scale",    "scale",    "scale"};
+  for (std::size_t i = 0; i < before.placement.size(); ++i)
+    if (!(std::abs(before.placement[i] - now.placement[i]) <= kSamePlacement))
+      return fmt::format("{} {} changed", i < kParts.size() ? "mount" : "transform", kParts[i % kParts.size()]);
+  for (const auto& [name, text] : kInverseTexts)
+    if (!(before.*text).empty() && before.*text != now.*text)
+      return fmt::format("{} {:.60} became {:.60}", name, before.*text, now.*text);
+  return "";
+}
+
+bool InverseEvent::ends_control() const noexcept {
+  if (name == "device-disconnected") return true;
+  return name == "device-safety-triggered" && level != "info" && level != "notice";
+}
+
+std::optional<InverseEvent> inverse_event(const std::string& message) {
+  const json parsed = json::parse(message, nullptr, false);
+  if (!parsed.is_object()) return std::nullopt;
+  const auto text = [](const json& object, const char* key) {
+    const json& found = inverse_field(object, key);
+    return found.is_string() ? found.get<std::string>() : std::string();
+  };
+  const json none = json::object();
+  const json& told = inverse_field(parsed, "data");
+  const json& data = told.is_object() ? told : none;
+  InverseEvent event{.name = text(parsed, "name"),
+                     .type = text(data, "safety_type"),
+                     .device = text(data, "device_id"),
+                     .level = text(parsed, "level"),
+                     .message = text(parsed, "message")};
+  if (event.name.empty()) return std::nullopt;
+  return event;
 }
 
 std::optional<InverseGrip> InverseServiceView::grip() const {

@@ -6,6 +6,7 @@
 
 #include "control/types.h"
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -30,7 +31,37 @@ struct InverseArm {
   bool ready = false;                  ///< in the service's own judgement
   bool in_use = false;                 ///< by some program, perhaps this one
   std::vector<std::string> displaced;  ///< settings that turn, scale or move the service's axes, as "basis XZY"
+
+  /// Placement of the service's axes: position [m], rotation (w, x, y, z) and scale of the mount, then of the
+  /// transform.
+  std::array<double, 20> placement{};
+  std::string basis;               ///< permutation and signs of the axes, as "+X+Y+Z"
+  std::string handedness, preset;  ///< empty: never stated
+  std::string filters;             ///< JSON text; empty: never stated
+
+  /// Takes from `now` the settings that were not stated before.
+  void complete(const InverseArm& now);
 };
+
+/// The first setting of `now` that differs from `before` and changes what a position or a force means, as "basis +X+Y+Z
+/// became -X+Y+Z"; empty when none does. A setting that was never stated before counts as unchanged, except for the
+/// basis, the mount and the transform, whose defaults are known.
+std::string changed_setting(const InverseArm& before, const InverseArm& now);
+
+/// An event of the service's event channel (Inverse SDK 3.5, "Events & Monitoring").
+struct InverseEvent {
+  std::string name;     ///< "device-safety-triggered", ...
+  std::string type;     ///< safety_type of a safety event: "ebrake_triggered", ...
+  std::string device;   ///< device_id; empty: not stated
+  std::string level;    ///< "info", "notice", "warning", "error", "critical", "panic"
+  std::string message;  ///< for people
+
+  /// True when the arm no longer does what it is told: a safety event above the level "notice", or an arm that is gone.
+  [[nodiscard]] bool ends_control() const noexcept;
+};
+
+/// Nothing when the message is no event. Does not throw.
+std::optional<InverseEvent> inverse_event(const std::string& message);
 
 /// The pen at the arm's end, wired or wireless.
 struct InverseGrip {

@@ -154,6 +154,34 @@ TEST(InverseMessages, ShowWhatMovesTheServicesAxes) {
     EXPECT_THAT(view_of(inventory_with(pointer, value)).arm("049D").displaced, ElementsAre(displaced));
 }
 
+TEST(InverseMessages, ShowWhichSettingChangedWhatAPositionMeans) {
+  const InverseArm before = view_of(kInventory).arm("049D");
+  EXPECT_EQ(changed_setting(before, before), "");
+  for (const auto& [pointer, value, what] : std::vector<std::tuple<const char*, json, const char*>>{
+           {"/inverse3/0/config/basis/permutation", "-XYZ", "basis +X+Y+Z became -X+Y+Z"},
+           {"/inverse3/0/config/mount/rotation", {{"w", 0.0}, {"z", 1.0}}, "mount rotation changed"},
+           {"/inverse3/0/config/mount/scale/y", 2, "mount scale changed"},
+           {"/inverse3/0/state/transform", {{"position", {{"x", 0.01}}}}, "transform position changed"},
+           {"/inverse3/0/config/handedness", "right", "handedness left became right"},
+           {"/inverse3/0/config/preset", "custom", "preset defaults became custom"}})
+    EXPECT_EQ(changed_setting(before, view_of(inventory_with(pointer, value)).arm("049D")), what);
+  EXPECT_EQ(
+      changed_setting(before, view_of(inventory_with("/inverse3/0/config/basis/permutation", "+X+Y+Z")).arm("049D")),
+      "")
+      << "the same in other letters";
+  EXPECT_EQ(changed_setting(before, view_of(inventory_with("/inverse3/0/config/mount/rotation/w", -1.0)).arm("049D")),
+            "")
+      << "the same rotation";
+  // Filters that the inventory did not state are no change; those that it did are.
+  const InverseArm filtered = view_of(inventory_with("/inverse3/0/config/filters", {{"hz", 20}})).arm("049D");
+  EXPECT_EQ(changed_setting(before, filtered), "");
+  InverseArm completed = before;
+  completed.complete(filtered);
+  EXPECT_EQ(changed_setting(completed, filtered), "");
+  EXPECT_NE(changed_setting(completed, view_of(inventory_with("/inverse3/0/config/filters", {{"hz", 30}})).arm("049D")),
+            "");
+}
+
 TEST(InverseMessages, ShowWhichKeyAForceGoesUnder) {
   EXPECT_EQ(view_of(kInventory).force_key(), InverseForceKey::vector);
   EXPECT_EQ(view_of(R"({"inverse3": [{"device_id": "1", "config": {"handedness": "left"}}]})").force_key(),
@@ -339,6 +367,52 @@ TEST_F(Inverse3, SendsOneForceForEveryAnswerButHoldsNoZeroBack) {
   EXPECT_EQ(service_->asked(), Vec3::Zero());
 }
 
+TEST_F(Inverse3, IsLostWithoutForceWhenItsServiceReportsASafetyEvent) {
+  const auto event = [](const char* type, const char* level, const char* id) {
+    return json{{"name", "device-safety-triggered"},
+                {"category", "device"},
+                {"level", level},
+                {"data", {{"device_family", "inverse"}, {"device_id", id}, {"safety_type", type}}},
+                {"message", "for people"}}
+        .dump();
+  };
+  for (const auto& [type, level] : {std::pair{"ebrake_triggered", "error"},
+                                    {"stall_detected", "warning"},
+                                    {"stability_ceiling", "warning"},
+                                    {"fod_stage_changed", "warning"}}) {
+    serve();
+    const auto device = open(",events=" + service_->events_url());
+    EXPECT_THAT(device->info().notes, IsEmpty());
+    push(*device, Vec3(0, 0, 4));
+    wait_until([&] { return service_->listeners() == 1; });
+    // Neither another arm's events nor good news end anything, nor does a message that is no event.
+    for (const std::string& harmless : {event(type, level, "0500"), event("ebrake_released", "notice", "049D"),
+                                        event("fod_stage_changed", "info", "049D"), std::string("{]"),
+                                        std::string("[1]"), std::string(R"({"name": 1, "data": null})")})
+      service_->report(harmless);
+    for (int k = 0; k < 50; ++k) {
+      exchange(*device, Vec3(0, 0, 4), 1e-3);
+      std::this_thread::sleep_for(1ms);
+    }
+    service_->report(event(type, level, "049D"));
+    DeviceState state;
+    wait_until([&] {
+      std::this_thread::sleep_for(1ms);
+      return device->exchange({Vec3(0, 0, 4), Vec3::Zero()}, 1e-3, state) == Device::Status::lost;
+    });
+    EXPECT_THAT(device->lost_reason(), AllOf(HasSubstr(type), HasSubstr("for people"), HasSubstr("emergency brake")));
+    wait_until([&] { return service_->sessions() == 0; });
+    EXPECT_EQ(service_->asked(), Vec3::Zero()) << type;
+  }
+}
+
+TEST_F(Inverse3, SaysThatItSeesNoSafetyEventsOfAServiceWithoutTheirChannel) {
+  serve();
+  EXPECT_THAT(open(",events=ws://127.0.0.1:1")->info().notes, ElementsAre(HasSubstr("no event channel")));
+  EXPECT_THAT(open(",events=off")->info().notes, IsEmpty());
+  EXPECT_THAT(open_error("inverse3:url=" + service_->url() + ",events=ws://192.0.2.1:10020"), HasSubstr("remote=true"));
+}
+
 struct FaultCase {
   InverseFault fault;
   const char* reason;
@@ -353,7 +427,10 @@ TEST_F(Inverse3, IsLostWithoutForceWhenItsServiceFails) {
                              {InverseFault::unpowered, "no power supply", "plug its power supply in"},
                              {InverseFault::uncalibrated, "not calibrated", "inkwell"},
                              {InverseFault::not_ready, "not ready", "wait"},
-                             {InverseFault::unplugged, "no longer lists Inverse3 049D", "cable"}}) {
+                             {InverseFault::unplugged, "no longer lists Inverse3 049D", "cable"},
+                             {InverseFault::mirrored, "basis +X+Y+Z became -X+Y+Z", "preset 'defaults'"},
+                             {InverseFault::moved, "mount position changed", "preset 'defaults'"},
+                             {InverseFault::filtered, "filters", "preset 'defaults'"}}) {
     serve();
     const auto device = open();
     push(*device, Vec3(0, 0, 4));
