@@ -15,6 +15,7 @@ namespace {
 constexpr double kDegreeOfArm = std::numbers::pi / 180;  // [rad]
 constexpr double kBoardTorque = 0.123;                   // MAX_TORQUE of the firmware [N m]
 constexpr double kTorqueSteps = 4095;                    // of the M3 board's outputs
+constexpr double kNominalPeriod = 1e-3;                  // between two answers [s]
 constexpr std::size_t kBoardHead = 2;                    // a command and an id
 
 std::size_t ports_in(unsigned mask) {
@@ -27,10 +28,16 @@ float float_at(const std::vector<std::uint8_t>& bytes, std::size_t place) {
   return value;
 }
 
+void append_float_to(std::vector<std::uint8_t>& bytes, float value) {
+  std::array<std::uint8_t, sizeof value> raw{};
+  std::memcpy(raw.data(), &value, raw.size());
+  bytes.insert(bytes.end(), raw.begin(), raw.end());
+}
+
 }  // namespace
 
-EmulatedTwoDiy::EmulatedTwoDiy(LivePlant plant, TwoDiyCalibration truth)
-    : plant_(std::move(plant)), truth_(std::move(truth)), kinematics_(truth_.geometry) {
+EmulatedTwoDiy::EmulatedTwoDiy(LivePlant plant, TwoDiyCalibration truth, bool velocities)
+    : plant_(std::move(plant)), truth_(std::move(truth)), velocities_(velocities), kinematics_(truth_.geometry) {
   const DeviceInfo& info = plant_.info();
   for (int corner = 0; corner < 4; ++corner) {
     const Vec3 place((corner & 1) != 0 ? info.workspace_max.x() : info.workspace_min.x(),
@@ -161,17 +168,21 @@ void EmulatedTwoDiy::exchange(std::vector<std::uint8_t>& answer) {
   for (std::size_t port = 0; port < encoders_.size(); ++port) {
     const Wheel& encoder = encoders_[port];
     if (!encoder.known) continue;
-    double turned = 0;  // [counts]
-    for (std::size_t arm = 0; arm < 2; ++arm)
-      if (truth_.arms[arm].port == static_cast<int>(port) + 1)
-        turned = (encoder.ccw == truth_.arms[arm].encoder_ccw ? 1 : -1) *
-                 std::round((angles[static_cast<int>(arm)] - encoder.zero) / (2 * std::numbers::pi) *
-                            truth_.arms[arm].counts_per_turn);
+    double turned = 0;    // [counts]
+    double velocity = 0;  // of a nominal millisecond [deg/s]
+    for (std::size_t arm = 0; arm < 2; ++arm) {
+      if (truth_.arms[arm].port != static_cast<int>(port) + 1) continue;
+      const int i = static_cast<int>(arm);
+      velocity = (angles[i] - last_angles_[i]) / kDegreeOfArm / kNominalPeriod;
+      turned = (encoder.ccw == truth_.arms[arm].encoder_ccw ? 1 : -1) *
+               std::round((angles[static_cast<int>(arm)] - encoder.zero) / (2 * std::numbers::pi) *
+                          truth_.arms[arm].counts_per_turn);
+    }
     const auto degrees = static_cast<float>(encoder.offset + 360 * turned / encoder.counts_per_turn);
-    std::array<std::uint8_t, sizeof degrees> raw{};
-    std::memcpy(raw.data(), &degrees, raw.size());
-    answer.insert(answer.end(), raw.begin(), raw.end());
+    append_float_to(answer, degrees);
+    if (velocities_) append_float_to(answer, static_cast<float>(velocity));
   }
+  last_angles_ = angles;
 }
 
 }  // namespace haptrace

@@ -21,7 +21,8 @@ namespace haptrace {
 class EmulatedTwoDiy final : public EmulatedBoard {
  public:
   /// Built and wired as `truth` says. Throws Error(input) when the arms do not reach the plant's workspace.
-  EmulatedTwoDiy(LivePlant plant, TwoDiyCalibration truth);
+  /// Its firmware also answers with the velocity of every encoder if `velocities`.
+  EmulatedTwoDiy(LivePlant plant, TwoDiyCalibration truth, bool velocities = false);
 
   void advance(std::int64_t now_ns) override;
   void receive(std::uint8_t byte, std::vector<std::uint8_t>& answer) override;
@@ -49,6 +50,8 @@ class EmulatedTwoDiy final : public EmulatedBoard {
 
   LivePlant plant_;
   TwoDiyCalibration truth_;
+  const bool velocities_;
+  Vec2 last_angles_ = Vec2::Zero();  ///< at the last answer [rad]
   PantographKinematics kinematics_;
   PantographPose pose_;
   std::array<Wheel, 4> motors_, encoders_;

@@ -12,6 +12,7 @@ static_assert(std::endian::native == std::endian::little, "floats of the protoco
 constexpr std::uint8_t kNoCommand = 5;
 constexpr std::size_t kLongestSetup = 64;  // that we or a torn message of ours can leave unfinished [bytes]
 constexpr double kMostDegrees = 1e4;
+constexpr double kMostDegreesPerSecond = 1e6;
 constexpr double kDegreeAngle = std::numbers::pi / 180;  // [rad]
 
 /// The arms in the order of their ports.
@@ -47,7 +48,8 @@ TwoDiyTorques two_diy_exchange(const TwoDiyCalibration& device, const Vec2& torq
 }
 
 std::optional<Vec2> two_diy_angles(const TwoDiyCalibration& device, std::span<const std::uint8_t> answer) noexcept {
-  if (answer.size() != kTwoDiyAnswer || answer[0] != device.device_id) return std::nullopt;
+  const bool has_velocities = answer.size() == kTwoDiyVelocities;
+  if ((answer.size() != kTwoDiyAngles && !has_velocities) || answer[0] != device.device_id) return std::nullopt;
   Vec2 angles;
   std::size_t place = 1;
   for (const std::size_t arm : by_port(device)) {
@@ -56,6 +58,11 @@ std::optional<Vec2> two_diy_angles(const TwoDiyCalibration& device, std::span<co
     if (!(std::abs(degrees) < kMostDegrees)) return std::nullopt;
     angles[static_cast<int>(arm)] = kDegreeAngle * static_cast<double>(degrees);
     place += sizeof degrees;
+    if (!has_velocities) continue;
+    float velocity = 0;  // [deg/s]
+    std::memcpy(&velocity, &answer[place], sizeof velocity);
+    if (!(std::abs(velocity) < kMostDegreesPerSecond)) return std::nullopt;
+    place += sizeof velocity;
   }
   return angles;
 }

@@ -18,17 +18,20 @@ namespace haptrace {
 ///     0 id                                              forget motors and encoders
 ///     1 id motors senses.. encoders senses.. 0 0 (offset [deg], counts per turn)..      know them; ports are bits
 ///     2 id torques.. [N m]                              answered by: id angles.. [deg]
+///                                   or, by newer firmware, by: id (angle [deg], velocity [deg/s])..
 ///
 /// No other command is answered.
 enum class TwoDiyCommand : std::uint8_t { reset = 0, setup = 1, exchange = 2 };
 
-using TwoDiyTorques = std::array<std::uint8_t, 10>;  ///< a message `exchange` for two motors
-inline constexpr std::size_t kTwoDiyAnswer = 9;      ///< bytes
+using TwoDiyTorques = std::array<std::uint8_t, 10>;   ///< a message `exchange` for two motors
+inline constexpr std::size_t kTwoDiyAngles = 9;       ///< bytes of an answer with two angles
+inline constexpr std::size_t kTwoDiyVelocities = 17;  ///< and of one that has their velocities as well
 
 /// Torques of the arms [N m].
 TwoDiyTorques two_diy_exchange(const TwoDiyCalibration& device, const Vec2& torques) noexcept;
 
 /// The angles of the arms [rad]; none when that is no answer: its length, its id, or a number that no encoder has.
+/// Velocities are checked and not returned: haptrace estimates its own.
 std::optional<Vec2> two_diy_angles(const TwoDiyCalibration& device, std::span<const std::uint8_t> answer) noexcept;
 
 std::vector<std::uint8_t> two_diy_setup(const TwoDiyCalibration& device);

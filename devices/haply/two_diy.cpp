@@ -72,6 +72,7 @@ void TwoDiyDriver::restart() {
   counted_.reset();
   pose_.reset();
   nonsense_ = 0;
+  answer_bytes_ = 0;
   in_doubt_ = true;
   if (!port_.write(two_diy_restart(calibration_), kCalmWithin)) return;  // the next round calms it, and finds out
   std::array<std::uint8_t, 256> ignored{};
@@ -82,13 +83,15 @@ void TwoDiyDriver::restart() {
 /// One exchange. Nothing when the answer is late, or is none.
 std::optional<Vec2> TwoDiyDriver::ask(const Vec2& torques) {
   std::array<std::uint8_t, 256> late{};
+  if (answer_bytes_ == 0) return std::nullopt;
   // Answers that came late, or to what the guardian said, are whole ones.
-  if (port_.read(late, 0) % kTwoDiyAnswer != 0) return std::nullopt;
+  if (port_.read(late, 0) % answer_bytes_ != 0) return std::nullopt;
   if (!port_.write(two_diy_exchange(calibration_, torques), kAnswerWithin)) return std::nullopt;
-  std::array<std::uint8_t, kTwoDiyAnswer> answer{};
+  std::array<std::uint8_t, kTwoDiyVelocities> bytes{};
+  const std::span answer = std::span(bytes).first(answer_bytes_);
   std::size_t count = 0;
   while (count < answer.size()) {
-    const std::size_t more = port_.read(std::span(answer).subspan(count), kAnswerWithin);
+    const std::size_t more = port_.read(answer.subspan(count), kAnswerWithin);
     if (more == 0) return std::nullopt;
     count += more;
   }
@@ -99,7 +102,7 @@ std::optional<Vec2> TwoDiyDriver::ask(const Vec2& torques) {
 std::optional<Vec2> TwoDiyDriver::calm() {
   port_.discard_input();
   if (!port_.write(two_diy_calm(calibration_), kCalmWithin)) return std::nullopt;
-  std::array<std::uint8_t, 8 * kTwoDiyAnswer> answers{};
+  std::array<std::uint8_t, 8 * kTwoDiyVelocities> answers{};
   std::size_t count = 0;
   while (count < answers.size()) {
     const double patience = count == 0 ? kCalmWithin * (1 << std::min(silences_, kMostDoublings)) : kCalmQuiet;
@@ -109,12 +112,20 @@ std::optional<Vec2> TwoDiyDriver::calm() {
   }
   silences_ = count == 0 ? silences_ + 1 : 0;
   if (count == 0) return std::nullopt;  // silence is no nonsense: the board may be late, and keeps its encoders
+  const std::optional<Vec2> newest = newest_of(std::span(answers).first(count));
+  if (!newest) ++nonsense_;
+  return newest;
+}
+
+std::optional<Vec2> TwoDiyDriver::newest_of(std::span<const std::uint8_t> answers) {
+  // The board was asked once after its input had been discarded, so what comes alone shows how its firmware answers.
+  if (answer_bytes_ == 0 && two_diy_angles(calibration_, answers)) answer_bytes_ = answers.size();
+  if (answer_bytes_ == 0) return std::nullopt;
   std::optional<Vec2> newest;
-  for (std::size_t place = 0; place < count; place += kTwoDiyAnswer) {
-    newest = two_diy_angles(calibration_, std::span(answers).subspan(place, std::min(kTwoDiyAnswer, count - place)));
+  for (std::size_t place = 0; place < answers.size(); place += answer_bytes_) {
+    newest = two_diy_angles(calibration_, answers.subspan(place, std::min(answer_bytes_, answers.size() - place)));
     if (!newest) break;
   }
-  if (!newest) ++nonsense_;
   return newest;
 }
 

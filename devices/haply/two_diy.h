@@ -43,6 +43,8 @@ class TwoDiyDriver final : public DeviceDriver {
  private:
   [[nodiscard]] std::optional<Vec2> ask(const Vec2& torques);
   [[nodiscard]] std::optional<Vec2> calm();
+  /// The newest of answers that are all whole.
+  [[nodiscard]] std::optional<Vec2> newest_of(std::span<const std::uint8_t> answers);
   void restart();
   [[nodiscard]] bool is_plausible(const Vec2& counted, std::int64_t now_ns) const noexcept;
   void believe(const Vec2& counted, std::int64_t now_ns);
@@ -55,7 +57,8 @@ class TwoDiyDriver final : public DeviceDriver {
   std::optional<Guardian> guardian_;
 
   StopHoming homing_;
-  std::optional<Vec2> counted_;  ///< the arms as last believed [rad]
+  std::size_t answer_bytes_ = 0;  ///< of this board's answers; 0: not known yet
+  std::optional<Vec2> counted_;   ///< the arms as last believed [rad]
   std::int64_t counted_ns_ = 0;
   std::optional<PantographPose> pose_;  ///< of the arms, once they are homed
   Vec3 position_ = Vec3::Zero();        ///< last known [m]

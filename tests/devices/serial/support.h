@@ -27,9 +27,10 @@ inline LivePlant plant_of(const char* preset) {
 
 /// A board on a line of its own, which a test can see through.
 struct TwoDiyBench {
-  explicit TwoDiyBench(const TwoDiyCalibration& calibration = {two_diy_calibration("gen3", "test")})
+  explicit TwoDiyBench(const TwoDiyCalibration& calibration = {two_diy_calibration("gen3", "test")},
+                       bool velocities = false)
       : truth(calibration) {
-    auto made = std::make_unique<EmulatedTwoDiy>(plant_of("haply2diy"), truth);
+    auto made = std::make_unique<EmulatedTwoDiy>(plant_of("haply2diy"), truth, velocities);
     board = made.get();
     line = std::make_unique<EmulatedLine>(std::move(made));
   }
