@@ -131,6 +131,7 @@ class OpenHapticsDevice final : public Device {
   static constexpr std::int64_t kLongestFaultNs = static_cast<std::int64_t>(1e9 * kHdLongestFault);
   static constexpr std::int64_t kPatienceNs = static_cast<std::int64_t>(1e9 * kHdPatience);
   static constexpr int kFramesPerCheck = 100;  ///< of the calibration
+  static constexpr std::chrono::milliseconds kCalibratorRest{20};
 
   struct Order {
     Wrench wrench;
@@ -156,7 +157,10 @@ class OpenHapticsDevice final : public Device {
   void frame() noexcept;
   void read(DeviceState& state) noexcept;
   void send(const Wrench& wrench) noexcept;
-  void calibrate() noexcept;
+  void check_calibration() noexcept;
+
+  // In a thread of its own.
+  void calibrate_when_asked() noexcept;
 
   HdApi api_;
   DeviceInfo info_;
@@ -179,6 +183,10 @@ class OpenHapticsDevice final : public Device {
   // HD's thread's.
   Answer next_;
   int until_check_ = 0;
+
+  std::atomic<bool> calibration_due_{false};  ///< set by HD's thread, cleared by the calibrator's
+  std::atomic<bool> calibrator_ends_{false};
+  std::thread calibrator_;
 };
 
 OpenHapticsDevice::OpenHapticsDevice(const HdOptions& options)
@@ -205,15 +213,26 @@ Error OpenHapticsDevice::refuse(const std::string& what, const std::string& reme
 }
 
 void OpenHapticsDevice::init(const HdOptions& options) {
-  (void)api_.error();  // what others left behind
-  handle_ = api_.init_device(options.name.empty() ? nullptr : options.name.c_str());
-  const char* error = api_.error();
-  if (error == nullptr && handle_ != kHdInvalid) {
-    api_.make_current(handle_);
-    return;
+  // Without a name the library should choose the default device. Some installations only know it by its name, which
+  // differs from version to version.
+  const std::vector<const char*> names = options.name.empty()
+                                             ? std::vector<const char*>{nullptr, "Default Device", "Default PHANToM"}
+                                             : std::vector<const char*>{options.name.c_str()};
+  (void)api_.error();           // left behind by others
+  const char* error = nullptr;  // of the first attempt
+  for (const char* name : names) {
+    handle_ = api_.init_device(name);
+    const char* refused = api_.error();
+    if (refused == nullptr && handle_ != kHdInvalid) {
+      api_.make_current(handle_);
+      return;
+    }
+    if (error == nullptr) error = refused;
+    if (handle_ != kHdInvalid) api_.disable_device(std::exchange(handle_, kHdInvalid));
   }
-  const std::string who = options.name.empty() ? "the default device" : "'" + options.name + "'";
-  if (handle_ != kHdInvalid) api_.disable_device(std::exchange(handle_, kHdInvalid));
+  const std::string who = options.name.empty()
+                              ? "the default device (also tried as 'Default Device' and 'Default PHANToM')"
+                              : "'" + options.name + "'";
   throw refuse(
       fmt::format("its library was found, but {} cannot be opened: {}", who, error != nullptr ? error : "no handle"),
       "is it plugged in, switched on, and set up by the vendor's Touch_Setup under that name? haptrace doctor "
@@ -282,6 +301,7 @@ void OpenHapticsDevice::schedule(const HdOptions& options) {
   if (const char* error = api_.error())
     throw refuse(fmt::format("its forces cannot be switched on: {}", error), "look at its power");
 
+  if ((styles_ & (kHdInkwell | kHdAuto)) != 0) calibrator_ = std::thread([this] { calibrate_when_asked(); });
   scheduled_ = api_.schedule(&OpenHapticsDevice::frame, this, kHdHighestPriority);
   api_.start_scheduler();
   if (const char* error = api_.error())
@@ -311,7 +331,7 @@ void OpenHapticsDevice::frame() noexcept {
 
   api_.begin_frame(handle_);
   const std::int64_t now = monotonic_ns();
-  if (until_check_-- <= 0) calibrate();
+  if (until_check_-- <= 0) check_calibration();
   read(state);
   const Order& order = order_.latest();
   const bool calm = next_.fault_ns == 0 || now - next_.fault_ns > kCalmNs;
@@ -354,16 +374,26 @@ void OpenHapticsDevice::send(const Wrench& wrench) noexcept {
   api_.set_doubles(kHdTorqueOut, torque.data());
 }
 
-/// Where a person is not needed, at once; in an inkwell, when the stylus is there.
-void OpenHapticsDevice::calibrate() noexcept {
+void OpenHapticsDevice::check_calibration() noexcept {
   until_check_ = kFramesPerCheck;
   next_.calibration = api_.check_calibration();
-  if (next_.calibration != kHdNeedsUpdate) return;
-  if ((styles_ & kHdInkwell) != 0)
-    api_.update_calibration(kHdInkwell);
-  else if ((styles_ & kHdAuto) != 0)
-    api_.update_calibration(kHdAuto);
-  next_.calibration = api_.check_calibration();
+  if (next_.calibration == kHdNeedsUpdate) calibration_due_.store(true, std::memory_order_relaxed);
+}
+
+// ---- in the calibrator's thread ----
+
+/// The library updates a calibration outside its servo loop: the call may take longer than a frame. Where nobody is
+/// needed it happens at once; in an inkwell, when the stylus is there.
+void OpenHapticsDevice::calibrate_when_asked() noexcept {
+  const HdEnum style = (styles_ & kHdInkwell) != 0 ? kHdInkwell : kHdAuto;
+  while (!calibrator_ends_.load(std::memory_order_relaxed)) {
+    if (calibration_due_.exchange(false, std::memory_order_relaxed)) {
+      api_.make_current(handle_);
+      api_.update_calibration(style);
+      (void)api_.error();  // the next check of the calibration shows whether it worked
+    }
+    std::this_thread::sleep_for(kCalibratorRest);
+  }
 }
 
 // ---- in the tick's thread ----
@@ -390,6 +420,8 @@ Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, Devi
 
 void OpenHapticsDevice::close() noexcept {
   closed_ = true;
+  calibrator_ends_.store(true, std::memory_order_relaxed);
+  if (calibrator_.joinable()) calibrator_.join();
   if (handle_ != kHdInvalid) {
     if (scheduled_ != kHdInvalid) {
       ending_.store(true, std::memory_order_release);

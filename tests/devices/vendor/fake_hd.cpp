@@ -80,7 +80,9 @@ FakeHd* fake_hd() {
 }
 
 unsigned hdInitDevice(const char* name) {
-  if (!fake.is_there || (name != nullptr && std::string(name) != "Left Device")) {
+  const char* expected = fake.default_name;
+  const bool is_default = name == nullptr || expected == nullptr ? name == expected : std::string(name) == expected;
+  if (!fake.is_there || (!is_default && std::string(name == nullptr ? "" : name) != "Left Device")) {
     error = kNoDevice;
     return kNoHandle;
   }
@@ -177,6 +179,7 @@ unsigned hdCheckCalibration() {
   return fake.calibration;
 }
 void hdUpdateCalibration(unsigned style) {
+  if (std::this_thread::get_id() == servo.get_id()) ++fake.misused;
   ++fake.updates;
   fake.updated_style = static_cast<int>(style);
   fake.calibration = FakeHd::kCalibrated;

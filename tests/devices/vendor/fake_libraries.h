@@ -42,6 +42,7 @@ struct FakeHd {
   static constexpr unsigned kCalibrated = 0x5000, kNeedsUpdate = 0x5001, kNeedsManualInput = 0x5002;
 
   std::atomic<bool> is_there{true}, takes_rate{true};
+  std::atomic<const char*> default_name{nullptr};  ///< by which alone the default device is known; null: by no name
   std::atomic<unsigned> calibration{kCalibrated};
   std::atomic<int> styles{4};
   std::atomic<int> output_dof{3};
@@ -53,7 +54,7 @@ struct FakeHd {
   AtomicVector place{};  ///< [mm]
 
   std::atomic<int> opened{0}, closed{0}, frames{0}, updates{0}, updated_style{0};
-  std::atomic<int> misused{0};  ///< calls outside of a frame that belong inside
+  std::atomic<int> misused{0};  ///< calls outside of a frame that belong inside, and the other way round
   std::atomic<bool> running{false}, output{false}, scheduled{false};
   AtomicVector force{}, torque{};  ///< of its motors [N], [mN m]
 

@@ -43,6 +43,17 @@ TEST_F(OpenHaptics, TellsWhatItIs) {
   EXPECT_THAT(info.notes, Contains(AllOf(HasSubstr("beyond 1.2 m/s"), HasSubstr("4 N"))));
 }
 
+TEST_F(OpenHaptics, FindsTheDefaultDeviceByTheNameThatItsVersionKnows) {
+  for (const char* name : {"Default Device", "Default PHANToM"}) {
+    fake_.default_name = name;
+    EXPECT_EQ(open()->info().model, "Touch") << name;
+  }
+  fake_.default_name = "Something else";
+  EXPECT_THAT(refusal(),
+              AllOf(HasSubstr("'Default Device'"), HasSubstr("'Default PHANToM'"), HasSubstr("Touch_Setup")));
+  EXPECT_EQ(open(",name=Left Device")->info().model, "Touch");
+}
+
 TEST_F(OpenHaptics, TurnsMillimetresIntoMetresAndKeepsTheAxes) {
   fake_.is_placed = true;
   for (std::size_t i = 0; i < 3; ++i) fake_.place[i] = 10.0 * static_cast<double>(i + 1);
@@ -92,6 +103,7 @@ TEST_F(OpenHaptics, WaitsForItsStylusInTheInkwell) {
   fake_.calibration = FakeHd::kNeedsUpdate;  // it is there now
   EXPECT_TRUE(exchange_until(*device, {}, is_ready).ready);
   EXPECT_EQ(fake_.updated_style, 4);
+  EXPECT_EQ(fake_.misused, 0) << "the servo loop does not wait for a calibration";
   EXPECT_EQ(device->not_ready_reason(), "");
 }
 
