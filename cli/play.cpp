@@ -259,9 +259,7 @@ Verb add_play(CLI::App& app) {
             LiveTuning tuning = tuning_of(*arguments, plan, options, device->info());
             options.tuning = &tuning;
             const TuningInputs inputs(arguments->tuning, tuning);
-            if (inputs.port())
-              output.remark(fmt::format(
-                  "tune on port {0} of this machine: printf 'kp 800\\nquit\\n' | nc 127.0.0.1 {0}", *inputs.port()));
+            for (const std::string& hint : inputs.hints()) output.remark(hint);
 
             const Signals signals;
             const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,

@@ -1,16 +1,30 @@
 #include "cli/tuning.h"
 
 #include "control/error.h"
+#include "player/private_socket.h"
 
+#include <filesystem>
 #include <fmt/format.h>
 
 namespace haptrace::cli {
 
 void TuningArguments::add_to(CLI::App& app) {
+  socket_option =
+      app.add_option("--tune-socket", socket,
+                     "take commands such as 'kp 2000' on a Unix socket that only this user can open; without a path: "
+                     "$XDG_RUNTIME_DIR/haptrace/tune.sock; see docs/tuning.md")
+          ->type_name("[PATH]")
+          ->expected(0, 1)
+          ->group("Tuning");
   app.add_option("--tune-port", port,
-                 "take commands such as 'kp 2000' on this TCP port of this machine alone; 0: any free one, which is "
-                 "told; see docs/tuning.md")
+                 "take the same commands on a TCP port of this machine alone, from clients whose first line is the "
+                 "session's token; 0: any free port, which is printed")
       ->type_name("PORT")
+      ->group("Tuning");
+  app.add_option("--tune-token-file", token_file,
+                 "token of --tune-port: read from this file, or made and written to it if there is none; without "
+                 "the option, a new token for every session")
+      ->type_name("FILE")
       ->group("Tuning");
   app.add_option("--tune-file", file, "obey the same commands in this file, a line each, whenever it changes")
       ->type_name("FILE")
@@ -19,18 +33,55 @@ void TuningArguments::add_to(CLI::App& app) {
 }
 
 TuningInputs::TuningInputs(const TuningArguments& arguments, LiveTuning& tuning) {
+  if (!arguments.token_file.empty() && arguments.port.empty())
+    throw input_error("--tune-token-file holds the token of --tune-port; give that too");
   // The file first: what it holds is in force before the session starts.
   if (!arguments.file.empty()) file_.emplace(tuning, arguments.file);
-  if (arguments.port.empty()) return;
+  const bool on_socket = arguments.socket_option != nullptr && arguments.socket_option->count() > 0;
+  if (!on_socket && arguments.port.empty()) return;
   try {
-    server_.emplace(tuning, parse_tuning_port(arguments.port));
+    if (on_socket) socket_ = arguments.socket.empty() ? runtime_folder() + "/tune.sock" : arguments.socket;
+    listen(arguments, tuning);
   } catch (const Error& error) {
-    throw Error(error.kind(), fmt::format("--tune-port: {}", error.what()));
+    throw Error(error.kind(), fmt::format("{}{}{}: {}", on_socket ? "--tune-socket" : "",
+                                          on_socket && !arguments.port.empty() ? " and " : "",
+                                          arguments.port.empty() ? "" : "--tune-port", error.what()));
   }
 }
 
-std::optional<std::uint16_t> TuningInputs::port() const noexcept {
-  return server_ ? std::optional(server_->port()) : std::nullopt;
+void TuningInputs::listen(const TuningArguments& arguments, LiveTuning& tuning) {
+  TuningServer::Options options{.socket = socket_};
+  if (!arguments.port.empty()) {
+    options.port = parse_tuning_port(arguments.port);
+    token_file_ = arguments.token_file;
+    const bool kept = !token_file_.empty() && std::filesystem::exists(std::filesystem::symlink_status(token_file_));
+    options.token = token_ = kept ? read_tuning_token(token_file_) : new_tuning_token();
+    if (!kept && !token_file_.empty()) write_tuning_token(token_, token_file_);
+  }
+  server_.emplace(tuning, std::move(options));
+  if (arguments.port.empty() || !token_file_.empty()) return;
+  // A server has its port for itself: a token that lies there is of a session that died.
+  token_file_ = fmt::format("{}/tune-{}.token", runtime_folder(), server_->port());
+  std::filesystem::remove(token_file_);
+  write_tuning_token(token_, token_file_);
+  token_is_temporary_ = true;
+}
+
+TuningInputs::~TuningInputs() {
+  std::error_code ignored;
+  if (token_is_temporary_) std::filesystem::remove(token_file_, ignored);
+}
+
+std::vector<std::string> TuningInputs::hints() const {
+  std::vector<std::string> hints;
+  if (!socket_.empty())
+    hints.push_back(fmt::format("tune on socket {0} : printf 'kp 800\\nquit\\n' | nc -U {0}", socket_));
+  if (!token_.empty())
+    hints.push_back(
+        fmt::format("tune on port {0} of this machine, token in {1} : printf 'token {2}\\nkp 800\\nquit\\n' | "
+                    "nc 127.0.0.1 {0}",
+                    server_->port(), token_file_, token_));
+  return hints;
 }
 
 }  // namespace haptrace::cli

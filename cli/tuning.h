@@ -6,29 +6,37 @@
 #include "player/tuning_server.h"
 
 #include <CLI/CLI.hpp>
-#include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace haptrace::cli {
 
 struct TuningArguments {
-  std::string port, file;
+  std::string socket, port, token_file, file;
   bool expert = false;
+  const CLI::Option* socket_option = nullptr;  ///< may be given without a path
 
   void add_to(CLI::App& app);
 };
 
-/// The socket and the file that were asked for, from construction to the end of the object.
+/// The sockets and the file that were asked for, from construction to the end of the object.
 class TuningInputs {
  public:
   /// Throws Error(input) naming the option. `tuning` is borrowed.
   TuningInputs(const TuningArguments& arguments, LiveTuning& tuning);
+  ~TuningInputs();
+  TuningInputs(const TuningInputs&) = delete;
+  TuningInputs& operator=(const TuningInputs&) = delete;
 
-  /// Of the socket, if there is one.
-  [[nodiscard]] std::optional<std::uint16_t> port() const noexcept;
+  /// How each socket is reached, a sentence with an example for each.
+  [[nodiscard]] std::vector<std::string> hints() const;
 
  private:
+  void listen(const TuningArguments& arguments, LiveTuning& tuning);
+
+  std::string socket_, token_, token_file_;
+  bool token_is_temporary_ = false;  ///< the file with the token is removed at the end
   std::optional<TuningServer> server_;
   std::optional<TuningFile> file_;
 };

@@ -3,6 +3,7 @@
 #include "tests/cli/command.h"
 
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/local/stream_protocol.hpp>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -46,9 +47,10 @@ class Tuning : public testing::Test {
 };
 
 TEST_F(Tuning, ThroughTheSocketChangesTheSessionAndStaysInItsRecording) {
-  Command command(endless({"--tune-port", "0", "--record", folder / "a.h5"}), Command::Input::pipe);
-  ASSERT_TRUE(command.says(" of this machine"));
-  tcp::iostream client("127.0.0.1", command.word_after("tune on port "));
+  const std::string socket = folder / "tune.sock";
+  Command command(endless({"--tune-socket", socket, "--record", folder / "a.h5"}), Command::Input::pipe);
+  ASSERT_TRUE(command.says("tune on socket " + socket));
+  boost::asio::local::stream_protocol::iostream client{boost::asio::local::stream_protocol::endpoint(socket)};
   ASSERT_TRUE(client);
   std::string answer;
   client << "kp 1500\nkd 9000\nobserver off\nget\n" << std::flush;
@@ -73,6 +75,73 @@ TEST_F(Tuning, ThroughTheSocketChangesTheSessionAndStaysInItsRecording) {
   EXPECT_EQ(texts_of_changes(json).front(), "kp 1500");
   EXPECT_THAT(marks_of(folder / "a.h5"), AllOf(Contains("tuned: kp 1500"), Contains("tuned: reset to kp 500 kd 6")));
   EXPECT_EQ(haptrace("check", folder / "a.h5").exit_code, 0);
+  EXPECT_FALSE(std::filesystem::exists(socket));
+}
+
+TEST_F(Tuning, ThroughTheSocketWithoutAPathIsInTheRuntimeFolderOfThisUser) {
+  const std::vector<std::string> runtime{"XDG_RUNTIME_DIR=" + folder.path()};
+  Command command(endless({"--tune-socket"}), Command::Input::pipe, runtime);
+  const std::string socket = folder / "haptrace/tune.sock";
+  ASSERT_TRUE(command.says("tune on socket " + socket));
+  EXPECT_EQ(std::filesystem::status(folder / "haptrace").permissions(), std::filesystem::perms::owner_all);
+  const Answer second = Command(endless({"--tune-socket"}), Command::Input::pipe, runtime).wait();
+  EXPECT_EQ(second.exit_code, 2);
+  EXPECT_THAT(second.err, AllOf(HasSubstr("--tune-socket"), HasSubstr("another session listens")));
+  kill(command.pid(), SIGINT);
+  EXPECT_EQ(command.wait().exit_code, 130);
+}
+
+TEST_F(Tuning, ThroughThePortWantsTheTokenThatTheSessionPrints) {
+  const std::vector<std::string> runtime{"XDG_RUNTIME_DIR=" + folder.path()};
+  Command command(endless({"--tune-port", "0"}), Command::Input::pipe, runtime);
+  ASSERT_TRUE(command.says("| nc"));
+  const std::string port = command.word_after("tune on port "), file = command.word_after("token in ");
+  EXPECT_EQ(test::read_bytes(file).substr(0, 6), "token ");
+  EXPECT_THAT(command.word_after("printf '"), "token");
+
+  tcp::iostream client("127.0.0.1", port);
+  client << test::read_bytes(file) << "kp\nquit\n" << std::flush;
+  std::string answer;
+  std::getline(client, answer);
+  EXPECT_EQ(answer, "ok kp 500 500 500");
+  kill(command.pid(), SIGINT);
+  EXPECT_EQ(command.wait().json()["tuning"]["changed"], 0);
+  EXPECT_FALSE(std::filesystem::exists(file)) << "a token ends with its session";
+}
+
+TEST_F(Tuning, ThroughThePortIsClosedToWhatAPageMakesABrowserSend) {
+  if (!std::filesystem::exists(CURL)) GTEST_SKIP() << "needs curl, a web client that is not ours";
+  Command command(endless({"--tune-port", "0"}), Command::Input::pipe, {"XDG_RUNTIME_DIR=" + folder.path()});
+  ASSERT_TRUE(command.says("| nc"));
+  const std::string url = "http://127.0.0.1:" + command.word_after("tune on port ") + "/";
+  // Bodies that are commands, behind first lines short and long.
+  for (const std::string& path : {std::string(), std::string(300, 'a'), std::string(6000, 'a')}) {
+    const Answer page = Command({"--silent", "--http0.9", "--max-time", "20", "--data-binary", "kp 1500\nkp 1500\n", url + path},
+                                Command::Input::none, {}, CURL)
+                            .wait();
+    EXPECT_NE(page.exit_code, 0);
+    EXPECT_EQ(page.out, "");
+  }
+  kill(command.pid(), SIGINT);
+  EXPECT_EQ(command.wait().json()["tuning"]["changed"], 0);
+}
+
+TEST_F(Tuning, ThroughThePortTakesATokenThatWasKept) {
+  const std::string file = folder / "token";
+  std::string first;
+  for (int session = 0; session < 2; ++session) {
+    Command command(endless({"--tune-port", "0", "--tune-token-file", file}), Command::Input::pipe);
+    ASSERT_TRUE(command.says("token in " + file));
+    if (first.empty()) first = test::read_bytes(file);
+    EXPECT_EQ(test::read_bytes(file), first);
+    kill(command.pid(), SIGINT);
+    EXPECT_EQ(command.wait().exit_code, 130);
+  }
+  std::filesystem::permissions(file, std::filesystem::perms(0644));
+  const Answer open = haptrace("play", circle, "--device", kFalcon, "--tune-port", "0", "--tune-token-file", file);
+  EXPECT_EQ(open.exit_code, 2);
+  EXPECT_THAT(open.err, HasSubstr("chmod 600"));
+  EXPECT_THAT(haptrace("play", circle, "--device", kFalcon, "--tune-token-file", file).err, HasSubstr("--tune-port"));
 }
 
 TEST_F(Tuning, ThroughAFileThatIsThereAppliesBeforeTheSessionStarts) {
