@@ -195,11 +195,82 @@ std::vector<std::string> attribute_names(hid_t object) {
   return names;
 }
 
-bool exists(hid_t file, const std::string& path) {
+namespace {
+
+constexpr int kMostSoftLinks = 16;          // one behind the other
+constexpr std::size_t kLongestLink = 4096;  // bytes
+
+/// The path without soft links; empty when it leads nowhere. `outside` says why, when it leads out of the file.
+std::string resolved(hid_t file, const std::string& path, std::string& outside, int soft_links = 0) {
   for (std::size_t slash = path.find('/', 1);; slash = path.find('/', slash + 1)) {
-    if (H5Lexists(file, path.substr(0, slash).c_str(), H5P_DEFAULT) <= 0) return false;
-    if (slash == std::string::npos) return H5Oexists_by_name(file, path.c_str(), H5P_DEFAULT) > 0;
+    const std::string part = path.substr(0, slash);
+    if (H5Lexists(file, part.c_str(), H5P_DEFAULT) <= 0) return {};
+    H5L_info_t link{};
+    if (H5Lget_info(file, part.c_str(), &link, H5P_DEFAULT) < 0) return {};
+    if (link.type == H5L_TYPE_SOFT) {
+      std::string target(std::min(link.u.val_size, kLongestLink), '\0');
+      if (soft_links == kMostSoftLinks || H5Lget_val(file, part.c_str(), target.data(), target.size(), H5P_DEFAULT) < 0)
+        return {};
+      target.resize(std::min(target.size(), target.find('\0')));
+      if (!target.starts_with('/')) target = part.substr(0, part.rfind('/') + 1) + target;
+      return resolved(file, slash == std::string::npos ? target : target + path.substr(slash), outside, soft_links + 1);
+    }
+    if (link.type != H5L_TYPE_HARD) {
+      outside = fmt::format("{} is a link to another file", part);
+      return {};
+    }
+    if (slash == std::string::npos) return H5Oexists_by_name(file, path.c_str(), H5P_DEFAULT) > 0 ? path : "";
   }
+}
+
+std::string why_outside(hid_t dataset) {
+  const Properties creation(H5Dget_create_plist(dataset));
+  if (H5Pget_external_count(creation.get()) > 0) return "its rows lie in another file (external storage)";
+  if (H5Pget_layout(creation.get()) == H5D_VIRTUAL) return "its rows lie in other datasets (a virtual dataset)";
+  return {};
+}
+
+void require_inside(hid_t file, const std::string& path, const std::string& outside) {
+  if (outside.empty()) return;
+  std::array<char, 4096> name{};
+  H5Fget_name(file, name.data(), name.size());
+  throw input_error(fmt::format("{}: {}: {}; haptrace reads no other file for it", name.data(), path, outside));
+}
+
+/// Resolves the path, which must not lead out.
+std::string resolved_inside(hid_t file, const std::string& path) {
+  std::string outside;
+  std::string inside = resolved(file, path, outside);
+  require_inside(file, path, outside);
+  return inside;
+}
+
+}  // namespace
+
+std::string why_outside(hid_t file, const std::string& path) {
+  std::string outside;
+  const std::string inside = resolved(file, path, outside);
+  if (inside.empty()) return outside;
+  const Object object(H5Oopen(file, inside.c_str(), H5P_DEFAULT));
+  return object && H5Iget_type(object.get()) == H5I_DATASET ? why_outside(object.get()) : "";
+}
+
+bool exists(hid_t file, const std::string& path) {
+  return !resolved_inside(file, path).empty();
+}
+
+Dataset open_dataset(hid_t file, const std::string& path) {
+  const std::string inside = resolved_inside(file, path);
+  if (inside.empty()) return {};
+  Dataset dataset(H5Dopen2(file, inside.c_str(), H5P_DEFAULT));
+  if (!dataset) return {};
+  require_inside(file, path, why_outside(dataset.get()));
+  return dataset;
+}
+
+Object open_object(hid_t file, const std::string& path) {
+  const std::string inside = resolved_inside(file, path);
+  return inside.empty() ? Object{} : Object(H5Oopen(file, inside.c_str(), H5P_DEFAULT));
 }
 
 RecordingColumns present_columns(hid_t file) {

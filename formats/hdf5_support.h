@@ -98,8 +98,18 @@ bool read_attribute(hid_t object, const char* name, double& value);
 bool read_attribute(hid_t object, const char* name, bool& value);
 bool read_attribute(hid_t object, const char* name, std::uint32_t& value);
 
-/// True when the path leads to an object of `file`, all its groups included.
+/// Says why what `path` leads to is not in `file` itself; empty when it is, or when there is nothing. HDF5 would follow
+/// an external link, or read the rows of a dataset with external storage or of a virtual one, out of any file that this
+/// user can read: out of /etc/passwd into a recording that is then shared.
+std::string why_outside(hid_t file, const std::string& path);
+
+/// True when the path leads to an object of `file`, all its groups included. Throws Error(input) when it leads out.
 bool exists(hid_t file, const std::string& path);
+
+/// Open what the path leads to; nothing when there is no such thing. Every reader opens by these. Throw Error(input)
+/// when it is not in the file itself.
+Dataset open_dataset(hid_t file, const std::string& path);
+Object open_object(hid_t file, const std::string& path);
 
 /// The options of which `file` has a column. Where it has one, it must have all of them.
 RecordingColumns present_columns(hid_t file);

@@ -119,12 +119,22 @@ void check_attribute(hid_t root, const layout::Attribute& attribute, Findings& f
   }
 }
 
+/// False when something of the recording lies in another file: nothing of it is looked at.
+bool check_inside(hid_t file, Findings& findings) {
+  std::vector<std::string> paths{layout::kMeta, layout::kEvents, layout::kOverview};
+  for (const layout::Column& column : layout::columns()) paths.push_back(column.path());
+  for (const std::string& path : paths)
+    if (std::string outside = hdf5::why_outside(file, path); !outside.empty())
+      findings.add(Severity::error, path, std::move(outside));
+  return !findings.any_error();
+}
+
 void check_root(hid_t root, Findings& findings) {
   std::string format;
   if (!hdf5::read_attribute(root, "format", format) || format != layout::kFormat)
     findings.add(Severity::error, "/@format", fmt::format("is not '{}'", layout::kFormat));
   for (const layout::Attribute& attribute : layout::attributes()) check_attribute(root, attribute, findings);
-  if (H5Lexists(root, layout::kMeta, H5P_DEFAULT) > 0 && !hdf5::Object(H5Oopen(root, layout::kMeta, H5P_DEFAULT)))
+  if (H5Lexists(root, layout::kMeta, H5P_DEFAULT) > 0 && !hdf5::open_object(root, layout::kMeta))
     findings.add(Severity::error, layout::kMeta, "is damaged: the metadata cannot be read");
 }
 
@@ -158,14 +168,10 @@ void check_fill_value(hid_t dataset, const std::string& path, Findings& findings
     findings.add(Severity::error, path, fmt::format("its fill value is {} instead of NaN", fill));
 }
 
-hdf5::Dataset open_dataset(hid_t file, const std::string& path) {
-  return hdf5::exists(file, path) ? hdf5::Dataset(H5Dopen2(file, path.c_str(), H5P_DEFAULT)) : hdf5::Dataset{};
-}
-
 /// The number of rows, if the dataset is one.
 std::optional<hsize_t> check_column(hid_t file, const layout::Column& column, Findings& findings) {
   const std::string path = column.path();
-  const hdf5::Dataset dataset = open_dataset(file, path);
+  const hdf5::Dataset dataset = hdf5::open_dataset(file, path);
   if (!dataset) {
     findings.add(Severity::error, path, "is missing");
     return std::nullopt;
@@ -204,7 +210,7 @@ void check_columns(hid_t file, bool complete, Findings& findings) {
 }
 
 void check_events_dataset(hid_t file, Findings& findings) {
-  const hdf5::Dataset dataset = open_dataset(file, layout::kEvents);
+  const hdf5::Dataset dataset = hdf5::open_dataset(file, layout::kEvents);
   if (!dataset) return findings.add(Severity::error, layout::kEvents, "is missing");
   const hdf5::Type type(H5Dget_type(dataset.get()));
   const auto member_class = [&](const char* name) {
@@ -235,7 +241,7 @@ void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows,
   const std::string name = column.name;
   const bool never_nan = name == "time" || name == "position" || name == "latency";
   const bool all_or_none = name == "velocity" || name == "force";
-  const hdf5::Dataset dataset(H5Dopen2(file, path.c_str(), H5P_DEFAULT));
+  const hdf5::Dataset dataset = hdf5::open_dataset(file, path);
   std::vector<double> block;
   std::uint64_t nans = 0, first_nan = 0;
   for (std::uint64_t first = 0; first < rows; first += kCheckedBlock) {
@@ -446,6 +452,7 @@ void check_values(hid_t file, const std::string& name, const std::function<void(
 std::vector<Finding> check_file(const std::string& file, const std::function<void(double)>& progress) {
   const hdf5::File opened = hdf5::open_to_read(file);
   Findings findings;
+  if (!check_inside(opened.get(), findings)) return findings.take();
   check_root(opened.get(), findings);
   bool complete = false;
   hdf5::read_attribute(opened.get(), "complete", complete);

@@ -30,7 +30,7 @@ void check_version(const std::string& file, const std::string& version) {
 std::map<std::string, std::string> read_meta(hid_t file) {
   std::map<std::string, std::string> meta;
   if (!hdf5::exists(file, layout::kMeta)) return meta;
-  const hdf5::Object group(H5Oopen(file, layout::kMeta, H5P_DEFAULT));
+  const hdf5::Object group = hdf5::open_object(file, layout::kMeta);
   for (const std::string& key : hdf5::attribute_names(group.get()))
     if (std::string value; hdf5::read_attribute(group.get(), key.c_str(), value)) meta.emplace(key, value);
   return meta;
@@ -208,10 +208,7 @@ class RecordingReader::Part {
       overview_ = hdf5::Dataset{};
   }
 
-  [[nodiscard]] hdf5::Dataset open(const std::string& path) const {
-    return hdf5::exists(file_.get(), path) ? hdf5::Dataset(H5Dopen2(file_.get(), path.c_str(), H5P_DEFAULT))
-                                           : hdf5::Dataset{};
-  }
+  [[nodiscard]] hdf5::Dataset open(const std::string& path) const { return hdf5::open_dataset(file_.get(), path); }
 
   [[nodiscard]] H5T_cset_t characters_of_events() const {
     const hdf5::Type row(H5Dget_type(events_.get()));

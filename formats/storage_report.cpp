@@ -58,7 +58,7 @@ std::vector<StoredColumn> report_storage(const std::string& file, RecordingSourc
   const double hours = 1e-9 * static_cast<double>(last_ns - first_ns) / 3600;
   std::vector<StoredColumn> report;
   for (std::size_t i = 0; i < columns.size(); ++i) {
-    const hdf5::Dataset dataset(H5Dopen2(opened.get(), columns[i]->path().c_str(), H5P_DEFAULT));
+    const hdf5::Dataset dataset = hdf5::open_dataset(opened.get(), columns[i]->path());
     StoredColumn& stored = report.emplace_back();
     stored.name = columns[i]->name;
     stored.units = columns[i]->units;
