@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "devices/conformance.h"
+#include "formats/printable.h"
 
 #include <cstdio>
 #include <fmt/format.h>
@@ -50,8 +51,8 @@ class TerminalUser final : public ConformanceUser {
   void found(const LawFinding& finding) override {
     if (!shown_) return;
     const char* const verdicts[] = {"passed", "FAILED", "not tested"};
-    fmt::print("{:<10}  {:<12}  {}: {}\n", verdicts[static_cast<std::size_t>(finding.verdict)], finding.id, finding.law,
-               finding.detail);
+    fmt::print("{:<10}  {:<12}  {}: {}\n", verdicts[static_cast<std::size_t>(finding.verdict)], printable(finding.id),
+               printable(finding.law), printable(finding.detail));
     std::fflush(stdout);
   }
 

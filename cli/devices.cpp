@@ -3,6 +3,7 @@
 #include "control/error.h"
 #include "devices/connected_devices.h"
 #include "formats/json_reader.h"
+#include "formats/printable.h"
 
 #include <chrono>
 #include <cstdio>
@@ -47,9 +48,9 @@ std::string known(double value, double factor, const char* unit) {
 
 std::string describe(const DeviceInfo& info) {
   const Vec3 size = 1e3 * (info.workspace_max - info.workspace_min);
-  std::string text = fmt::format("{}\n", info.name);
+  std::string text = printable(info.name) + "\n";
   const auto line = [&](const char* key, const std::string& value) {
-    text += fmt::format("  {:<20} {}\n", key, value);
+    text += fmt::format("  {:<20} {}\n", key, printable(value));
   };
   line("model", info.model);
   if (!info.serial.empty()) line("serial", info.serial);
@@ -76,8 +77,8 @@ nlohmann::json to_json(const FoundDevice& found) {
 
 /// What it is, and what keeps it from being opened.
 std::string describe(const FoundDevice& found) {
-  std::string text = fmt::format("{:<12} {}{}{} at {}\n", found.spec.empty() ? "-" : found.spec, found.model,
-                                 found.serial.empty() ? "" : " ", found.serial, found.where);
+  std::string text = fmt::format("{:<12} {}{}{} at {}\n", found.spec.empty() ? "-" : found.spec, printable(found.model),
+                                 found.serial.empty() ? "" : " ", printable(found.serial), found.where);
   if (!found.obstacle.empty()) text += fmt::format("{:<12}   cannot be opened: {}\n", "", found.obstacle);
   if (!found.remedy.empty()) text += fmt::format("{:<12}   -> {}\n", "", found.remedy);
   return text;
@@ -102,8 +103,9 @@ int watch(const Output& output) {
     for (const auto& [kind, device] : device_changes(before, after)) {
       nlohmann::json line = to_json(device);
       line["change"] = to_string(kind);
-      const std::string text =
-          output.json ? line.dump() + "\n" : fmt::format("{:<8} {}", to_string(kind), describe(device));
+      const std::string text = output.json
+                                   ? printable_json(line, -1) + "\n"
+                                   : fmt::format("{:<8} {}", to_string(kind), printable_lines(describe(device)));
       if (std::fputs(text.c_str(), stdout) < 0 || std::fflush(stdout) != 0) return kDone;
     }
     before = after;

@@ -1,6 +1,7 @@
 #include "cli/read_progress.h"
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
+#include "formats/printable.h"
 #include "formats/recording_summary.h"
 
 #include <cmath>
@@ -25,7 +26,7 @@ int tell_of_path(const std::string& file, const Output& output) {
                   "samples", path.rows, "duration", path.duration(), "rate", rate, "size", millimetres(box));
   text += fmt::format("  {:<20} {}{}\n", "columns", path.velocity ? "position, velocity" : "position",
                       path.force ? ", force" : "");
-  for (const std::string& note : path.notes) text += fmt::format("  {:<20} {}\n", "note", note);
+  for (const std::string& note : path.notes) text += fmt::format("  {:<20} {}\n", "note", printable(note));
   output.tell({{"file", file},
                {"kind", "path"},
                {"samples", path.rows},
@@ -51,7 +52,7 @@ int tell_of_recording(const std::string& file, const Output& output) {
 
   std::string text = fmt::format("{}: a recording{}\n", file, header.complete ? "" : ", not finished");
   const auto line = [&](const char* key, const std::string& value) {
-    if (!value.empty()) text += fmt::format("  {:<20} {}\n", key, value);
+    if (!value.empty()) text += fmt::format("  {:<20} {}\n", printable(key), printable(value));
   };
   line("title", header.title);
   line("subject", header.subject);

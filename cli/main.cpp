@@ -1,6 +1,7 @@
 // haptrace: records what a hand does with a force-feedback device, and plays it back.
 #include "cli/verb.h"
 #include "control/error.h"
+#include "formats/printable.h"
 #include "formats/suggest.h"
 
 #include <cstdio>
@@ -33,8 +34,8 @@ int exit_code(Error::Kind kind) {
 }
 
 int report(const Output& output, int code, const std::string& message) {
-  if (output.json) fmt::print("{}\n", nlohmann::json{{"error", message}, {"exit_code", code}}.dump(2));
-  fmt::print(stderr, "haptrace: {}\n", message);
+  if (output.json) fmt::print("{}\n", printable_json({{"error", message}, {"exit_code", code}}));
+  fmt::print(stderr, "haptrace: {}\n", printable_lines(message));
   return code;
 }
 
@@ -55,6 +56,17 @@ void refuse_extras(const CLI::App& verb) {
     }
     throw input_error(fmt::format("'{}' is one word too many; see haptrace {} --help", word, verb.get_name()));
   }
+}
+
+/// Texts go into recordings, JSON and reports, all of which are UTF-8; names of files do too.
+void refuse_invalid_texts(const CLI::App& verb) {
+  for (const CLI::Option* option : verb.get_options())
+    for (const std::string& text : option->results())
+      if (const std::size_t at = find_invalid_utf8(text); at != std::string::npos)
+        throw input_error(
+            fmt::format("{}: '{}' is not UTF-8 from byte {} on; type it in a terminal of that encoding, or rename the "
+                        "file",
+                        option->get_name(), printable(text), at + 1));
 }
 
 int run(int argc, char** argv) {
@@ -90,6 +102,7 @@ int run(int argc, char** argv) {
     for (const Verb& verb : verbs) {
       if (!verb.app->parsed()) continue;
       refuse_extras(*verb.app);
+      refuse_invalid_texts(*verb.app);
       if (!config.empty()) apply_config(*verb.app, config);
       return verb.run(output);
     }

@@ -1,5 +1,7 @@
 #include "cli/read_progress.h"
 
+#include "formats/printable.h"
+
 #include <cstdio>
 #include <fmt/format.h>
 #include <unistd.h>
@@ -34,13 +36,14 @@ void ReadProgress::tell(std::uint64_t rows_done) {
   if (!due()) return;
   const std::string share =
       rows_ > 0 ? fmt::format(" ({:.0f} %)", 100 * static_cast<double>(rows_done) / static_cast<double>(rows_)) : "";
-  fmt::print(stderr, "\r\033[K{}: {:.1f} million samples read{}", file_, 1e-6 * static_cast<double>(rows_done), share);
+  fmt::print(stderr, "\r\033[K{}: {:.1f} million samples read{}", printable(file_),
+             1e-6 * static_cast<double>(rows_done), share);
   std::fflush(stderr);
 }
 
 void ReadProgress::tell_share(double done, const std::string& note) {
   if (!due()) return;
-  fmt::print(stderr, "\r\033[K{} {:3.0f} % {}{}", meter(done), 100 * done, file_, note);
+  fmt::print(stderr, "\r\033[K{} {:3.0f} % {}{}", meter(done), 100 * done, printable(file_), note);
   std::fflush(stderr);
 }
 

@@ -1,5 +1,6 @@
 #include "cli/read_progress.h"
 #include "control/error.h"
+#include "formats/printable.h"
 #include "formats/text_file.h"
 #include "report/page.h"
 #include "report/report_table.h"
@@ -83,7 +84,7 @@ Verb add_report(CLI::App& app) {
               told += arguments->table + "\n";
             }
             if (table_out)
-              fmt::print("{}", report_table(report));
+              fmt::print("{}", printable_lines(report_table(report)));
             else
               output.tell(json, told);
             return kDone;

@@ -3,6 +3,7 @@
 #include "control/error.h"
 #include "devices/recovering_device.h"
 #include "formats/json_reader.h"
+#include "formats/printable.h"
 #include "formats/suggest.h"
 
 #include <algorithm>
@@ -79,13 +80,13 @@ std::string microseconds(double seconds) {
 
 void Output::tell(const nlohmann::json& json_result, const std::string& text) const {
   if (json)
-    fmt::print("{}\n", json_result.dump(2));
+    fmt::print("{}\n", printable_json(json_result));
   else if (!quiet)
-    fmt::print("{}", text);
+    fmt::print("{}", printable_lines(text));
 }
 
 void Output::remark(const std::string& text) const {
-  if (!quiet) fmt::print(stderr, "haptrace: {}\n", text);
+  if (!quiet) fmt::print(stderr, "haptrace: {}\n", printable_lines(text));
 }
 
 void SessionArguments::add_to(CLI::App& app) {
@@ -323,7 +324,7 @@ Progress progress_bar(const Output& output, double duration, const Keys* keys, c
   const bool terminal = isatty(STDERR_FILENO) != 0;
   return [duration, terminal, keys, tuning](const SessionView& view) {
     for (const std::string& notice : view.notices)
-      fmt::print(stderr, "{}haptrace: {}\n", terminal ? "\r\033[K" : "", notice);
+      fmt::print(stderr, "{}haptrace: {}\n", terminal ? "\r\033[K" : "", printable_lines(notice));
     const std::string typing = keys != nullptr ? keys->typing() : std::string();
     if (terminal && typing.empty()) {
       std::string bar = bar_of(view, duration);

@@ -1,33 +1,18 @@
 #include "report/markup.h"
 
-#include <array>
-#include <cstdint>
+#include "formats/printable.h"
 
 namespace haptrace {
 namespace {
 
 constexpr std::string_view kReplacement = "\uFFFD";
 
-/// Bytes of the UTF-8 character that `text` begins with; 0 when it is none that a document may hold.
+/// Bytes of the character that `text` begins with; 0 when it is none that a document may hold.
 std::size_t character(std::string_view text) {
-  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-  const unsigned char first = byte(0);
-  if (first < 0x20) return first == '\t' || first == '\n' || first == '\r' ? 1 : 0;
-  if (first < 0x7f) return 1;
-  const std::size_t length = first >= 0xf0 && first < 0xf5   ? 4
-                             : first >= 0xe0 && first < 0xf0 ? 3
-                             : first >= 0xc2 && first < 0xe0 ? 2
-                                                             : 0;
-  if (length == 0 || text.size() < length) return 0;
-  std::uint32_t code = first & (0x7fU >> length);
-  for (std::size_t i = 1; i < length; ++i) {
-    if ((byte(i) & 0xc0U) != 0x80U) return 0;
-    code = (code << 6U) | (byte(i) & 0x3fU);
-  }
-  constexpr std::array<std::uint32_t, 5> kLeast{0, 0, 0x80, 0x800, 0x10000};
-  const bool surrogate = code >= 0xd800 && code < 0xe000;
-  const bool none = (code & 0xfffeU) == 0xfffeU || (code >= 0x7f && code < 0xa0);
-  return code < kLeast[length] || code > 0x10ffff || surrogate || none ? 0 : length;
+  const auto [bytes, code] = first_character(text);
+  const bool blank = code == '\t' || code == '\n' || code == '\r';
+  const bool none = (code & 0xfffeU) == 0xfffeU || (code >= 0x7f && code < 0xa0) || (code < 0x20 && !blank);
+  return none ? 0 : bytes;
 }
 
 std::string clean(std::string_view text) {
