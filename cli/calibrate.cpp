@@ -123,7 +123,7 @@ Verb add_calibrate(CLI::App& app) {
             const DeviceInfo& info = device->info();
             const std::string file = arguments->output.empty() ? profile_file(identity_of(info)) : arguments->output;
             const bool overwrite = arguments->output.empty() || arguments->session.overwrite;
-            check_output(arguments->output, arguments->session.overwrite);
+            check_profile_output(file, overwrite);
             const CalibrationPlan plan = plan_calibration(info, options);
             for (const std::string& note : info.notes) output.remark(note);
             output.remark(announcement(plan, info));
@@ -149,11 +149,19 @@ Verb add_calibrate(CLI::App& app) {
               return code;
             }
             const DeviceProfile profile = profile_of(info, result, options.session.rate_hz);
-            save_profile(profile, file, overwrite);
-            json["profile_file"] = file;
             json["profile"] = to_json(profile);
-            output.tell(json, fmt::format("{}: calibrated\n{}{}  the profile is in {}\n", info.name,
-                                          table(plan, result), session_summary(result.session), file));
+            std::string place;
+            try {
+              save_profile(profile, file, overwrite);
+              json["profile_file"] = file;
+              place = fmt::format("  the profile is in {}\n", file);
+            } catch (const Error& error) {  // the calibration was worth its results all the same
+              json["error"] = error.what();
+              output.remark(fmt::format("{}; the profile is not kept", error.what()));
+              if (code == kDone) code = kStopped;
+            }
+            output.tell(json, fmt::format("{}: calibrated\n{}{}{}", info.name, table(plan, result),
+                                          session_summary(result.session), place));
             return code;
           }};
 }

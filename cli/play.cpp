@@ -251,6 +251,7 @@ Verb add_play(CLI::App& app) {
                 if (!refused.empty()) output.remark(refused);
                 options.learned = std::move(table);
               }
+              if (options.learn > 0) check_learned_output(memory->file());
               if (!options.learned.force.empty()) plan = plan_playback(device->info(), path, options);
             }
             if (arguments->along.loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
@@ -269,14 +270,20 @@ Verb add_play(CLI::App& app) {
                 play(*device, plan, options, signals.stop(), progress_bar(output, expected, &keys, &tuning));
 
             nlohmann::json json = to_json(result);
-            if (memory && !result.lessons.empty()) {
-              memory->keep(result);
-              json["learned_file"] = memory->file();
-            }
             json["tuning"] = tuning.history();
             json["notes"] = notes;
             if (!arguments->record.empty()) json["file"] = arguments->record;
-            const int code = conclude(output, result.session);
+            int code = conclude(output, result.session);
+            if (memory && !result.lessons.empty()) {
+              try {
+                memory->keep(result);
+                json["learned_file"] = memory->file();
+              } catch (const Error& error) {  // the session was worth its results all the same
+                json["learned_error"] = error.what();
+                output.remark(fmt::format("{}; what was learned is not kept", error.what()));
+                if (code == kDone) code = kStopped;
+              }
+            }
             output.tell(json, summary(*arguments, result, device->info()));
             return code;
           }};

@@ -5,13 +5,13 @@
 #include "formats/output_file.h"
 #include "formats/rfc3339.h"
 
+#include <array>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <filesystem>
 #include <fmt/format.h>
-#include <fstream>
+#include <pwd.h>
+#include <unistd.h>
 
 namespace haptrace {
 namespace {
@@ -127,6 +127,15 @@ std::uint32_t hash(const DeviceIdentity& device) {
   return value;
 }
 
+/// What the system's list of users says of this one's home; empty when it says nothing.
+std::string home_of_user() {
+  std::array<char, 4096> buffer{};
+  passwd entry{};
+  passwd* found = nullptr;
+  if (getpwuid_r(getuid(), &entry, buffer.data(), buffer.size(), &found) != 0 || found == nullptr) return {};
+  return entry.pw_dir != nullptr ? entry.pw_dir : "";
+}
+
 std::string environment(const char* name) {
   const char* value = std::getenv(name);
   return value != nullptr ? value : "";
@@ -215,32 +224,44 @@ DeviceProfile load_profile(const std::string& file) {
 
 void save_profile(const DeviceProfile& profile, const std::string& file, bool overwrite) {
   const fs::path parent = fs::path(file).parent_path();
-  std::error_code error;
   if (!parent.empty() && parent == fs::path(profile_folder())) {
+    std::error_code error;
     fs::create_directories(parent, error);
     if (error) throw input_error(fmt::format("{}: cannot be created: {}", parent.string(), error.message()));
   }
-  OutputFile output(file, overwrite);
-  std::ofstream stream(output.path(), std::ios::binary);
-  if (stream) output.created();
-  stream << to_json(profile).dump(2) << '\n';
-  stream.close();
-  if (!stream) throw input_error(fmt::format("{}: cannot be written: {}", file, std::strerror(errno)));
-  output.commit();
+  save_json(to_json(profile), file, overwrite);
+}
+
+void check_profile_output(const std::string& file, bool overwrite) {
+  const fs::path parent = fs::path(file).parent_path();
+  if (!parent.empty() && parent == fs::path(profile_folder()))
+    check_output_in_new_folders(file, overwrite);
+  else
+    check_output(file, overwrite);
 }
 
 std::string profile_folder() {
   if (const std::string own = environment("HAPTRACE_PROFILES"); !own.empty())
     return fs::path(own).lexically_normal().string();
-  const std::string data = environment("XDG_DATA_HOME");
-  const fs::path base = !data.empty() ? fs::path(data) : fs::path(environment("HOME")) / ".local/share";
-  return (base / "haptrace" / "profiles").string();
+  // The specification of base directories has relative paths ignored.
+  if (const fs::path data = environment("XDG_DATA_HOME"); data.is_absolute())
+    return (data / "haptrace" / "profiles").string();
+  fs::path home = environment("HOME");
+  if (!home.is_absolute()) home = home_of_user();
+  if (!home.is_absolute())
+    throw input_error(
+        "there is no place for device profiles, because neither HOME nor the system's list of users names a folder of "
+        "this user; set HOME or HAPTRACE_PROFILES");
+  return (home / ".local/share/haptrace/profiles").string();
+}
+
+std::string profile_name(const DeviceIdentity& device) {
+  return fmt::format("{}-{}-{}-{:08x}.json", safe(device.backend), safe(device.model), safe(device.serial),
+                     hash(device));
 }
 
 std::string profile_file(const DeviceIdentity& device) {
-  const std::string name =
-      fmt::format("{}-{}-{}-{:08x}.json", safe(device.backend), safe(device.model), safe(device.serial), hash(device));
-  return (fs::path(profile_folder()) / name).string();
+  return (fs::path(profile_folder()) / profile_name(device)).string();
 }
 
 std::optional<DeviceProfile> find_profile(const DeviceIdentity& device) {

@@ -59,11 +59,20 @@ DeviceProfile load_profile(const std::string& file);
 /// refuses.
 void save_profile(const DeviceProfile& profile, const std::string& file, bool overwrite);
 
-/// $HAPTRACE_PROFILES, else $XDG_DATA_HOME/haptrace/profiles, else ~/.local/share/haptrace/profiles.
+/// Before the work whose result the profile is. Throws what save_profile() would, as far as that shows beforehand.
+void check_profile_output(const std::string& file, bool overwrite);
+
+/// Returns $HAPTRACE_PROFILES, else $XDG_DATA_HOME/haptrace/profiles, else ~/.local/share/haptrace/profiles, where the
+/// home is $HOME or, without that, what the system's list of users names. Throws Error(input) when there is none: the
+/// folder a process happens to run in is no place for profiles.
 std::string profile_folder();
 
-/// The file in the profile folder that belongs to a device, whether it exists or not. Its name is made of what every
-/// file system takes; devices of like names have files of their own.
+/// Returns the name of a device's profile, which is made of what every file system takes; devices of like names have
+/// names of their own.
+std::string profile_name(const DeviceIdentity& device);
+
+/// The file in the profile folder that belongs to a device, whether it exists or not. Throws what profile_folder()
+/// throws.
 std::string profile_file(const DeviceIdentity& device);
 
 /// The device's profile in the profile folder, if there is one. Throws what load_profile throws.

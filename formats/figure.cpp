@@ -660,15 +660,11 @@ void save_figure(const Figure& figure, const std::string& file, bool overwrite) 
 
   OutputFile output(file, overwrite);
   const std::string bytes = rendered(figure, file, ending);
-  const std::string partial = output.path() + ".part";
-  std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
+  output.create();
+  std::ofstream stream(output.path(), std::ios::binary | std::ios::trunc);
   stream.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   stream.close();
-  if (!stream || std::rename(partial.c_str(), output.path().c_str()) != 0) {
-    std::remove(partial.c_str());
-    throw input_error(fmt::format("{}: cannot be written: is the disk full, or the folder read-only?", file));
-  }
-  output.created();
+  if (!stream) throw input_error(fmt::format("{}: cannot be written: is the disk full?", file));
   output.commit();
 }
 

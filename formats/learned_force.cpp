@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "formats/json_reader.h"
+#include "formats/output_file.h"
 
 #include <cstring>
 #include <filesystem>
@@ -68,7 +69,11 @@ std::string digest_of(const PathSource& path) {
 }
 
 std::string learned_file(const std::string& path, const DeviceIdentity& device) {
-  return (fs::path(path + ".learned") / fs::path(profile_file(device)).filename()).string();
+  return (fs::path(path + ".learned") / profile_name(device)).string();
+}
+
+void check_learned_output(const std::string& file) {
+  check_output_in_new_folders(file, true);
 }
 
 void save_learned(const LearnedPath& learned, const std::string& file) {
@@ -76,7 +81,7 @@ void save_learned(const LearnedPath& learned, const std::string& file) {
   const fs::path folder = fs::path(file).parent_path();
   if (!folder.empty()) fs::create_directories(folder, error);  // a name alone is in the folder that there is
   if (error)
-    throw input_error(fmt::format("{}: the folder cannot be made ({}); what was learned is kept beside the path",
+    throw input_error(fmt::format("{}: the folder cannot be made ({}); --learned FILE.json chooses another place",
                                   folder.string(), error.message()));
   json rows = json::array();
   for (const Vec3& force : learned.table.force) rows.push_back(rounded(force));

@@ -28,6 +28,10 @@ std::string digest_of(const PathSource& path);
 /// Beside the path, in a folder of its name with ".learned" behind it, a file for each device.
 std::string learned_file(const std::string& path, const DeviceIdentity& device);
 
+/// Before the session whose lesson the file is to hold. Throws what save_learned() would, as far as that shows
+/// beforehand.
+void check_learned_output(const std::string& file);
+
 /// Throws Error(input): the folder cannot be made, the disk refuses. An older file is replaced.
 void save_learned(const LearnedPath& learned, const std::string& file);
 

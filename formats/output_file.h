@@ -5,8 +5,11 @@
 
 namespace haptrace {
 
-/// Where a new file is made, and what becomes of it. It is made under a name of its own beside the final one: whatever
-/// happens before commit(), a file that is to be replaced stays as it was, and a new one is not there by half.
+/// A new file, made under a name of its own beside the final one: whatever happens before commit(), a file that is to
+/// be replaced stays as it was, and a new one is not there by half.
+///
+/// A file that replaces another has its permissions from the first byte on. A new file in a folder that is closed to
+/// others (as a session's is) is closed to them too; any other is as the process makes files.
 class OutputFile {
  public:
   /// Throws Error(input): the folder is missing, the file exists (unless `overwrite`) or is not a regular file.
@@ -15,21 +18,33 @@ class OutputFile {
   OutputFile(const OutputFile&) = delete;
   OutputFile& operator=(const OutputFile&) = delete;
 
-  /// Where to create it, exclusively.
+  /// Makes the empty file at path(). Throws Error(input): the system refuses.
+  void create();
+
+  /// Where the file is until commit().
   [[nodiscard]] const std::string& path() const noexcept { return path_; }
 
-  /// The file at path() is ours from now on.
-  void created() noexcept { created_ = true; }
-
-  /// Gives the file its final name. Throws Error(input).
+  /// Gives the file its final name. Its content is on the disk before it replaces another, and its name after, so that
+  /// a power cut leaves the old file or the new one. Throws Error(input).
   void commit();
 
+  /// Gives the file its final name, whose content is yet to come: nothing is forced to the disk. Throws Error(input).
+  void commit_without_waiting();
+
  private:
-  std::string target_, path_;
+  std::string name_, target_, path_, folder_;
   bool replaces_ = false, created_ = false;
+  unsigned mode_ = 0666;
 };
 
-/// Before the work whose result the file is to hold. Throws what OutputFile would; an empty name is no file.
+/// Creates folders that nobody but this user can enter, as far as they are missing. Throws Error(input).
+void create_private_folders(const std::string& folder);
+
+/// Before the work whose result the file is to hold: makes a file beside it and removes that again. Throws what
+/// OutputFile would; an empty name is no file.
 void check_output(const std::string& file, bool overwrite);
+
+/// The same for a file whose folders are made when it is: tries the nearest folder that is there, and makes none.
+void check_output_in_new_folders(const std::string& file, bool overwrite);
 
 }  // namespace haptrace

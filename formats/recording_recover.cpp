@@ -7,12 +7,8 @@
 #include "formats/recording_lock.h"
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
-#include <fcntl.h>
 #include <filesystem>
 #include <fmt/format.h>
-#include <unistd.h>
 
 namespace haptrace {
 namespace {
@@ -51,14 +47,6 @@ std::vector<Sample> read_what_can_be(const RecordingReader& reader, std::uint64_
   }
 }
 
-void force_to_disk(const std::string& file) {
-  const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
-  const bool failed = descriptor < 0 || fsync(descriptor) != 0;
-  const int reason = errno;
-  if (descriptor >= 0) ::close(descriptor);
-  if (failed) throw input_error(fmt::format("{}: cannot be forced to the disk: {}", file, std::strerror(reason)));
-}
-
 std::vector<StoredEvent> events_of(const RecordingReader& reader, Recovery& recovery) {
   try {
     return reader.events();
@@ -89,7 +77,7 @@ class Salvage {
   std::uint64_t unreadable_ = 0;
 };
 
-/// Writes what can be read of `reader` into the new file `copy`, and proves that it is there.
+/// Writes what can be read of `reader` into the empty file `copy`, and proves that it is there.
 void copy_part(const RecordingReader& reader, const std::string& copy, const std::function<void(double)>& progress,
                Recovery& recovery) {
   Salvage salvage(reader);
@@ -99,7 +87,7 @@ void copy_part(const RecordingReader& reader, const std::string& copy, const std
     };
   };
   RecordingWriter writer(copy, reader.header(), reader.columns(),
-                         {.storage = {.deflate = reader.deflate()}, .keep_part = true});
+                         {.overwrite = true, .storage = {.deflate = reader.deflate()}, .keep_part = true});
   double end = 0;
   salvage.for_each(
       [&](const std::vector<Sample>& samples) {
@@ -113,7 +101,6 @@ void copy_part(const RecordingReader& reader, const std::string& copy, const std
       .values = {static_cast<double>(writer.rows()), static_cast<double>(salvage.unreadable()), kNaN}};
   writer.append(StoredEvent{.time = end, .code = static_cast<int>(recovered.code), .text = describe(recovered)});
   writer.finish();
-  force_to_disk(copy);
 
   const RecordingReader written(copy, RecordingReader::Parts::this_file);
   std::uint64_t row = 0;
@@ -157,14 +144,14 @@ Recovery recover_recording(const std::string& file, const std::string& output, b
     }
     recovery.needed = true;
     OutputFile target(output.empty() ? source : part_file(output, part), output.empty() || overwrite);
-    target.created();
+    target.create();
+    std::filesystem::permissions(target.path(), std::filesystem::status(source).permissions());
     copy_part(
         reader, target.path(),
         [&](double done) {
           if (progress) progress((part - 1 + done) / parts);
         },
         recovery);
-    std::filesystem::permissions(target.path(), std::filesystem::status(source).permissions());
     target.commit();
     recovery.files.push_back(output.empty() ? source : part_file(output, part));
   }

@@ -57,8 +57,7 @@ class Hdf5Sink final : public RecordingSink {
  public:
   Hdf5Sink(const std::string& file, const RecordingHeader& header, const RecordingColumns& columns,
            const std::vector<StoredEvent>& events, const RecordingWriter::Options& options)
-      : output_(file, options.overwrite), writer_(output_.path(), header, columns, options) {
-    output_.created();
+      : output_(file, options.overwrite), writer_(create(output_), header, columns, replacing(options)) {
     for (const StoredEvent& event : events) writer_.append(event);
   }
 
@@ -69,6 +68,16 @@ class Hdf5Sink final : public RecordingSink {
   }
 
  private:
+  /// The writer replaces an empty file and keeps its permissions.
+  static const std::string& create(OutputFile& output) {
+    output.create();
+    return output.path();
+  }
+  static RecordingWriter::Options replacing(RecordingWriter::Options options) {
+    options.overwrite = true;
+    return options;
+  }
+
   OutputFile output_;
   RecordingWriter writer_;
 };

@@ -4,6 +4,7 @@
 #include "formats/recording_layout.h"
 #include "formats/recording_lock.h"
 #include "formats/rfc3339.h"
+#include "formats/sample_text.h"
 
 #include <algorithm>
 #include <boost/uuid/uuid_generators.hpp>
@@ -220,7 +221,7 @@ void check_texts(const RecordingHeader& header) {
     if (const auto* text = std::get_if<std::string RecordingHeader::*>(&attribute.member))
       bytes = (header.**text).size();
     if (const auto* json = std::get_if<nlohmann::json RecordingHeader::*>(&attribute.member))
-      bytes = (header.**json).dump().size();
+      bytes = dump(header.**json).size();
     check_length(attribute.name, bytes);
   }
   for (const auto& [key, value] : header.meta) {
@@ -237,7 +238,7 @@ void create_attributes(hid_t file, const RecordingHeader& header) {
     std::visit(
         [&](auto member) {
           if constexpr (std::is_same_v<decltype(member), nlohmann::json RecordingHeader::*>)
-            hdf5::create_attribute(file, attribute.name, (header.*member).dump());
+            hdf5::create_attribute(file, attribute.name, dump(header.*member));
           else
             hdf5::create_attribute(file, attribute.name, header.*member);
         },
@@ -251,6 +252,7 @@ void create_attributes(hid_t file, const RecordingHeader& header) {
   for (const auto& [key, value] : header.meta) hdf5::create_attribute(meta.get(), key.c_str(), value);
 }
 
+/// In the place of an empty file.
 hdf5::File create_file(const std::string& file, bool for_hdf5_1_8) {
   const hdf5::Properties creation(H5Pcreate(H5P_FILE_CREATE)), access(H5Pcreate(H5P_FILE_ACCESS));
   // Attributes in the object header have fixed places, so that `complete` may change while others read.
@@ -258,12 +260,9 @@ hdf5::File create_file(const std::string& file, bool for_hdf5_1_8) {
   const H5F_libver_t version = for_hdf5_1_8 ? H5F_LIBVER_V18 : H5F_LIBVER_V110;
   H5Pset_libver_bounds(access.get(), version, version);
   H5Pset_fclose_degree(access.get(), H5F_CLOSE_STRONG);
-  const hid_t id = H5Fcreate(file.c_str(), H5F_ACC_EXCL, creation.get(), access.get());
-  if (id >= 0) return hdf5::File(id);
-  const std::string reason = hdf5::last_error();
-  std::error_code ignored;
-  if (reason != std::strerror(EEXIST)) fs::remove(file, ignored);
-  throw input_error("cannot be created: " + reason);
+  const hid_t id = H5Fcreate(file.c_str(), H5F_ACC_TRUNC, creation.get(), access.get());
+  if (id < 0) throw input_error("cannot be created: " + hdf5::last_error());
+  return hdf5::File(id);
 }
 
 /// Where to put a recording whose file was removed: its own name if that is free, else a name beside it, in the nearest
@@ -306,17 +305,17 @@ class RecordingWriter::File {
       : name_(name), filtered_(options.storage.filtered()) {
     const hdf5::Silence silence;
     OutputFile output(name, options.overwrite);
+    output.create();
     try {
       if (const std::string refusal = Reserve::process_limit(Reserve::kBookkeeping); !refusal.empty())
         throw input_error(refusal);
       file_ = create_file(output.path(), options.for_hdf5_1_8);
-      output.created();
       create(header, columns, options);
     } catch (const Error& error) {
       close_broken();
       throw input_error(fmt::format("{}: {}", name, error.what()));
     }
-    output.commit();
+    output.commit_without_waiting();
   }
 
   /// Runs something that writes. After its first failure nothing is written any more.

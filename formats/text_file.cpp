@@ -1,5 +1,7 @@
 #include "formats/text_file.h"
 
+#include "formats/printable.h"
+
 #include <algorithm>
 #include <cctype>
 #include <cerrno>
@@ -25,9 +27,7 @@ std::string file_ending(const std::string& file) {
 
 std::string shown(std::string_view text) {
   constexpr std::size_t kLongest = 40;
-  std::string result(text.substr(0, kLongest));
-  for (char& c : result)
-    if (static_cast<unsigned char>(c) < ' ') c = '?';
+  const std::string result = printable(text.substr(0, kLongest));
   return text.size() > kLongest ? result + "..." : result;
 }
 
@@ -89,9 +89,10 @@ bool LineReader::refill() {
 }
 
 TextWriter::TextWriter(const std::string& file, bool overwrite)
-    : file_(file), output_(file, overwrite), stream_(std::fopen(output_.path().c_str(), "wbx"), &std::fclose) {
+    : file_(file), output_(file, overwrite), stream_(nullptr, &std::fclose) {
+  output_.create();
+  stream_.reset(std::fopen(output_.path().c_str(), "wb"));
   if (!stream_) throw refused();
-  output_.created();
 }
 
 Error TextWriter::refused() const {

@@ -3,6 +3,7 @@
 #include "control/error.h"
 #include "control/min_jerk.h"
 #include "figures/recorded_trial.h"
+#include "formats/output_file.h"
 #include "formats/path_file.h"
 #include "formats/rfc3339.h"
 #include "player/device_identity.h"
@@ -530,8 +531,8 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
     log.notes = recording->notes;
     log.config = recording->config;
   }
-  fs::create_directories(folder / "paths", failed);
-  if (failed) throw input_error(fmt::format("{}: cannot be made: {}", options.folder, failed.message()));
+  // A session is its participant's: nobody else opens it. Its files take after their folder.
+  create_private_folders((folder / "paths").string());
   try {
     for (std::size_t i = 0; i < plan.paths.size(); ++i) {
       const std::string name = read.exercise(i).name;

@@ -81,6 +81,22 @@ TEST(Calibrate, RefusesWhatItCannotDoAndWritesNothing) {
   EXPECT_FALSE(std::filesystem::exists(folder / "profiles"));
 }
 
+TEST(Calibrate, RefusesAPlaceForTheProfileBeforeAnythingMoves) {
+  const TempFolder folder;
+  const Answer answer =
+      calibrate_into(folder, {"--device", kFalcon, "-o", "/proc/profile.json", "--record", folder / "c.h5"});
+  EXPECT_EQ(answer.exit_code, 2);
+  EXPECT_THAT(answer.err, AllOf(HasSubstr("/proc/profile.json"), HasSubstr("cannot be created")));
+  EXPECT_FALSE(std::filesystem::exists(folder / "c.h5"));
+
+  const Answer found = Command({"calibrate", "--device", kFalcon, "--record", folder / "c.h5"}, Command::Input::none,
+                               {"HAPTRACE_PROFILES=/proc/profiles"})
+                           .wait();
+  EXPECT_EQ(found.exit_code, 2);
+  EXPECT_THAT(found.err, HasSubstr("/proc/profiles"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "c.h5"));
+}
+
 TEST(Calibrate, CountsDownOnTheRealClockAndCanBeStoppedThere) {
   const TempFolder folder;
   Command command({"calibrate", "--device", kFalcon, "--clock", "real"}, Command::Input::none,

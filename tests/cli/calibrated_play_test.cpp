@@ -1,7 +1,10 @@
 // From calibration to learned playback, as its user runs it.
 #include "tests/cli/command.h"
 
+#include <chrono>
+#include <csignal>
 #include <filesystem>
+#include <thread>
 
 namespace haptrace {
 namespace {
@@ -63,6 +66,32 @@ TEST_F(CalibratedPlay, KeepsWhatItLearnedForThisDeviceAndPathAndForgetsWhenAsked
   const Answer broken = play({"--learned", folder_.write("broken.json", "{\"format\": 1")});
   EXPECT_EQ(broken.exit_code, 0) << "what was learned is a help, not a need";
   EXPECT_THAT(broken.err, HasSubstr("is not used"));
+}
+
+TEST_F(CalibratedPlay, RefusesAPlaceForWhatItLearnsBeforeItMoves) {
+  const std::string file = folder_.write("file", "");
+  for (const std::string& place : {std::string("/proc/learned.json"), file + "/learned.json", folder_.path()}) {
+    const Answer answer = play({"--learn", "2", "--learned", place, "--record", folder_ / "a.h5"});
+    EXPECT_EQ(answer.exit_code, 2) << place;
+    EXPECT_THAT(answer.err, HasSubstr(place));
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "a.h5")) << "nothing moved";
+  }
+}
+
+TEST_F(CalibratedPlay, AnswersAlsoWhenWhatItLearnedCannotBeKept) {
+  std::filesystem::create_directory(folder_ / "place");
+  Command command({"play", path_, "--device", kFalcon, "--json", "--learn", "2", "--clock", "real", "--speed", "2",
+                   "--learned", folder_ / "place/learned.json", "--record", folder_ / "a.h5"},
+                  Command::Input::none, {"HAPTRACE_PROFILES=" + folder_.path() + "/profiles"});
+  while (!std::filesystem::exists(folder_ / "a.h5") && kill(command.pid(), 0) == 0)
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  std::filesystem::remove_all(folder_ / "place");
+  (void)folder_.write("place", "");
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 1) << answer.err;
+  EXPECT_EQ(answer.json()["repetitions"].size(), 2U) << "what was measured is told";
+  EXPECT_THAT(answer.json()["learned_error"].get<std::string>(), HasSubstr("place"));
+  EXPECT_THAT(answer.err, HasSubstr("what was learned is not kept"));
 }
 
 TEST_F(CalibratedPlay, RefusesAForeignProfileThatWasAskedForAndDoesWithoutOneThatWasFound) {

@@ -83,8 +83,31 @@ TEST_F(DeviceProfiles, LieWhereTheEnvironmentSays) {
   unsetenv("HAPTRACE_PROFILES");
   setenv("XDG_DATA_HOME", "/data", 1);
   EXPECT_EQ(profile_folder(), "/data/haptrace/profiles");
+  setenv("XDG_DATA_HOME", "data", 1);
+  EXPECT_EQ(profile_folder().find("data"), std::string::npos) << "a folder of wherever the process runs";
   unsetenv("XDG_DATA_HOME");
   EXPECT_NE(profile_folder().find("/.local/share/haptrace/profiles"), std::string::npos);
+}
+
+TEST_F(DeviceProfiles, DoNotLieInTheFolderTheProcessRunsIn) {
+  const std::string home = getenv("HOME") != nullptr ? getenv("HOME") : "";
+  unsetenv("HAPTRACE_PROFILES");
+  unsetenv("XDG_DATA_HOME");
+  for (const char* given : {static_cast<const char*>(nullptr), "", "relative"}) {
+    if (given == nullptr)
+      unsetenv("HOME");
+    else
+      setenv("HOME", given, 1);
+    try {
+      EXPECT_TRUE(std::filesystem::path(profile_folder()).is_absolute());
+    } catch (const Error& error) {  // where the system knows no home either
+      EXPECT_NE(std::string_view(error.what()).find("set HOME or HAPTRACE_PROFILES"), std::string_view::npos);
+    }
+  }
+  if (home.empty())
+    unsetenv("HOME");
+  else
+    setenv("HOME", home.c_str(), 1);
 }
 
 TEST_F(DeviceProfiles, AreNotReplacedUnasked) {

@@ -103,7 +103,7 @@ TEST(Csv, NamesTheFileLineAndColumnOfEveryFault) {
   expect_refused("t;x;y;z\n0;0,25;2;3\n", ":2", "column x: '0,25' has a decimal comma; write 0.25 with a point");
   expect_refused(header + "0,0,0,25,0,3,0,1\n", ":2",
                  "numbers need a decimal point, or semicolons between the columns");
-  expect_refused(std::string("t,x,y,z\n0,1,2,\0\n", 16), ":2", "column z: '?' is not a number");
+  expect_refused(std::string("t,x,y,z\n0,1,2,\0\n", 16), ":2", "column z: '\\x00' is not a number");
   expect_refused(header + std::string(3 << 20, 'x'), ":2", "no line ends here; is this CSV?");
 }
 
