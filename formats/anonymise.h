@@ -12,8 +12,10 @@ struct AnonymiseReport {
 };
 
 /// Drops subject, operator, notes, device_serial and all metadata; from the configuration every text that is not the
-/// name of a choice (file names, titles, serials); the free texts of events. Gives a new uuid. Measured values stay: a
-/// movement can be as personal as a handwriting.
+/// name of a choice (file names, titles, serials) and what people choose themselves, number or not; from the device's
+/// description its options, unless they name a choice or describe a simulated device; the texts of events, unless they
+/// are haptrace's own words and numbers. Gives a new uuid. Title, time, kind and model of the device stay, and are
+/// reported. Measured values stay: a movement can be as personal as a handwriting.
 class AnonymisedSource : public RecordingSource {
  public:
   [[nodiscard]] virtual const AnonymiseReport& report() const = 0;
