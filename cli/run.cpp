@@ -77,7 +77,52 @@ std::string plan_text(const Programme& programme, const ProgrammePlan& plan) {
   return text;
 }
 
-std::string result_text(const ProgrammeResult& result, const std::string& folder) {
+/// As a shell takes it for one word.
+std::string quoted(const std::string& word) {
+  constexpr const char* kPlain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_./";
+  if (!word.empty() && word.find_first_not_of(kPlain) == std::string::npos) return word;
+  std::string result = "'";
+  for (const char c : word) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return result + "'";
+}
+
+/// The options of `config` that a folder must not set by itself, since it may come from anywhere: the device, which may
+/// be a library that is loaded, and safety limits that are not the usual ones. Each as it stands on the line.
+std::vector<std::pair<const CLI::Option*, std::string>> options_to_confirm(const CLI::App& verb,
+                                                                           const nlohmann::json& config) {
+  std::vector<std::pair<const CLI::Option*, std::string>> options;
+  for (const CLI::Option* option : verb.get_options()) {
+    const std::string name = option->get_lnames().empty() ? "" : option->get_lnames().front();
+    if (name != "device" && option->get_group() != "Safety") continue;
+    const auto found = config.find(name);
+    if (found == config.end() || found->is_null()) continue;
+    const std::string value = found->is_string() ? found->get<std::string>() : found->dump();
+    const std::string usual = option->get_default_str();
+    if (value != usual && !(nlohmann::json::parse(usual, nullptr, false) == *found))
+      options.emplace_back(option, fmt::format("--{} {}", name, quoted(value)));
+  }
+  return options;
+}
+
+/// The command that goes on with a session that was begun with `config`.
+std::string resume_command(const CLI::App& verb, const nlohmann::json& config, const std::string& folder) {
+  std::string command = "haptrace run --resume " + quoted(folder);
+  for (const auto& [option, words] : options_to_confirm(verb, config)) command += " " + words;
+  return command;
+}
+
+/// Throws Error(input), with the command in words, unless the line confirms what the folder must not set by itself.
+void require_confirmed(const CLI::App& verb, const nlohmann::json& config, const std::string& folder) {
+  for (const auto& [option, words] : options_to_confirm(verb, config))
+    if (option->count() == 0)
+      throw input_error(fmt::format(
+          "{}: no session takes its device and its safety limits from a folder. This one was begun with those of this "
+          "command; check and repeat them: {}",
+          folder, resume_command(verb, config, folder)));
+}
+
+/// `resume` is the command that goes on.
+std::string result_text(const ProgrammeResult& result, const std::string& folder, const std::string& resume) {
   const Sitting& sitting = result.log.sittings.back();
   std::size_t finished = 0;
   for (const LoggedTrial& trial : result.log.trials) finished += trial.finished() ? 1 : 0;
@@ -85,8 +130,8 @@ std::string result_text(const ProgrammeResult& result, const std::string& folder
                                  finished, result.log.complete ? ", the programme is complete" : "",
                                  minutes(sitting.duration), sitting.force_dose);
   if (!result.log.complete)
-    text += fmt::format("  ended: {}{}{}; go on with: haptrace run --resume '{}'\n", sitting.ended_by,
-                        sitting.detail.empty() ? "" : ", ", sitting.detail, folder);
+    text += fmt::format("  ended: {}{}{}; go on with: {}\n", sitting.ended_by, sitting.detail.empty() ? "" : ", ",
+                        sitting.detail, resume);
   return text;
 }
 
@@ -206,14 +251,17 @@ Verb add_run(CLI::App& app) {
       "--mark-texts, t a mark with a text, q end; --resume goes on where it ended, today or tomorrow.\n"
       "  haptrace run reaching.json --dry-run\n"
       "  haptrace run reaching.json --device falcon --subject P07 --mirror x -o p07-monday\n"
-      "  haptrace run --resume p07-monday\n"
+      "  haptrace run --resume p07-monday --device falcon\n"
       "  haptrace run lesson.json --device 'sim:preset=falcon,hand=relaxed,intent={path}' -o try  (a simulated "
       "trainee)");
   verb->add_option("programme", arguments->programme, "the programme")->type_name("PROGRAMME.json");
   verb->add_option("-o,--output", arguments->folder,
                    "the session's folder; without it, beside the programme by its name")
       ->type_name("FOLDER");
-  verb->add_option("--resume", arguments->resume, "go on with a session that did not come to its end")
+  verb->add_option(
+          "--resume", arguments->resume,
+          "go on with a session that did not come to its end; the device, and limits that are not the usual ones, "
+          "are given again")
       ->type_name("FOLDER");
   verb->add_flag("--dry-run", arguments->dry_run,
                  "say what would be done and how long it takes; with --device, check it");
@@ -248,10 +296,10 @@ Verb add_run(CLI::App& app) {
         if (resumes) {
           log = load_session_log(folder);
           check_resume(*verb, *log, folder);
-          const std::string asked = arguments->session.subject;
-          apply_config(*verb, log->config, folder);
-          if (!asked.empty() && asked != log->subject)
+          if (const std::string& asked = arguments->session.subject; !asked.empty() && asked != log->subject)
             throw input_error(fmt::format("{}: is a session of '{}', not of '{}'", folder, log->subject, asked));
+          require_confirmed(*verb, log->config, folder);
+          apply_config(*verb, log->config, folder);
         }
         const nlohmann::json json = resumes ? log->programme : programme_for(*arguments);
         const std::string where = resumes ? folder : arguments->programme;
@@ -327,7 +375,7 @@ Verb add_run(CLI::App& app) {
         answer["folder"] = folder;
         int code = result.last ? conclude(output, *result.last) : kDone;
         if (code == kDone && signals.stop().count() > 0) code = kInterrupted;
-        output.tell(answer, result_text(result, folder));
+        output.tell(answer, result_text(result, folder, resume_command(*verb, shared_config(*verb), folder)));
         return code;
       }};
 }

@@ -95,7 +95,7 @@ TEST(RunCommand, IsInterruptedWithItsDataKeptAndGoesOn) {
   EXPECT_EQ(other.exit_code, 2);
   EXPECT_THAT(other.err, HasSubstr("a session of 'P07', not of 'P99'"));
   EXPECT_THAT(haptrace("run", "--resume", session, "--scale", "2").err, HasSubstr("--scale says how a session begins"));
-  const Answer again = haptrace("run", "--resume", session, "--clock", "virtual", "--json");
+  const Answer again = haptrace("run", "--resume", session, "--device", kTrainee, "--clock", "virtual", "--json");
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_TRUE(load_session_log(session).complete);
   EXPECT_EQ(again.json()["sitting"]["number"], 2);
@@ -108,12 +108,59 @@ TEST(RunCommand, IsInterruptedWithItsDataKeptAndGoesOn) {
   EXPECT_THAT(done.err, HasSubstr("is complete"));
 }
 
+TEST(RunCommand, TakesNoDeviceAndNoLimitsFromAFolder) {
+  const TempFolder folder;
+  const std::string session = folder / "it's monday";
+  Command command({"run", programme(folder, "free", 3), "--device", kTrainee, "-o", session, "--clock", "real",
+                   "--max-velocity", "3", "--max-force", "2.5"});
+  ASSERT_TRUE(command.says("2 of 3"));
+  kill(command.pid(), SIGINT);
+  const std::string resume = "haptrace run --resume '" + folder.path() + "/it'\\''s monday' --device '" +
+                             std::string(kTrainee) + "' --max-force 2.5 --max-velocity 3";
+  EXPECT_THAT(command.wait().out, HasSubstr("go on with: " + resume));
+
+  // Somebody hands the folder on, with another device in it: a library, and without a limit of the speed.
+  nlohmann::json log = nlohmann::json::parse(test::read_bytes(session + "/session.json"));
+  log["config"]["device"] = "plugin:path=" MASS_PLUGIN;
+  log["config"]["max-velocity"] = 0;
+  (void)folder.write("it's monday/session.json", log.dump());
+  for (const std::vector<std::string>& given : {std::vector<std::string>{},
+                                                {"--device", kTrainee},
+                                                {"--device", kTrainee, "--max-force", "2.5"},
+                                                {"--max-force", "2.5", "--max-velocity", "3"}}) {
+    std::vector<std::string> words{"run", "--resume", session, "--clock", "virtual"};
+    words.insert(words.end(), given.begin(), given.end());
+    const Answer answer = Command(words).wait();
+    EXPECT_EQ(answer.exit_code, 2);
+    EXPECT_THAT(answer.err, AllOf(HasSubstr("no session takes its device"), HasSubstr("--max-velocity 0"),
+                                  HasSubstr("--device 'plugin:path=" MASS_PLUGIN "'")));
+  }
+  EXPECT_EQ(load_session_log(session).sittings.size(), 1U);
+  const Answer again = haptrace("run", "--resume", session, "--clock", "virtual", "--device", kTrainee, "--max-force",
+                                "2", "--max-velocity", "1.5");
+  EXPECT_EQ(again.exit_code, 0) << again.err;
+  const std::string last = session + "/" + load_session_log(session).trials.back().file;
+  EXPECT_EQ(haptrace("info", last, "--json").json()["config"]["max-force"], 2) << "the line decides";
+}
+
+TEST(RunCommand, MakesASessionThatNobodyElseCanOpen) {
+  const TempFolder folder;
+  const mode_t before = umask(022);
+  std::filesystem::permissions(folder.path(), std::filesystem::perms(0755));
+  const std::string session = folder / "s";
+  EXPECT_EQ(haptrace("run", programme(folder, "free", 1), "--device", kTrainee, "-o", session).exit_code, 0);
+  umask(before);
+  EXPECT_EQ(std::filesystem::status(session).permissions(), std::filesystem::perms(0700));
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(session))
+    EXPECT_EQ(entry.status().permissions(), std::filesystem::perms(entry.is_directory() ? 0700 : 0600)) << entry.path();
+}
+
 TEST(RunCommand, LetsNoSecondProcessIntoItsSession) {
   const TempFolder folder;
   const std::string session = folder / "s";
   Command first({"run", programme(folder, "free", 2), "--device", kTrainee, "-o", session, "--clock", "real"});
   ASSERT_TRUE(first.says("1 of 2"));
-  const Answer second = haptrace("run", "--resume", session, "--clock", "virtual");
+  const Answer second = haptrace("run", "--resume", session, "--device", kTrainee, "--clock", "virtual");
   EXPECT_EQ(second.exit_code, 2);
   EXPECT_THAT(second.err, HasSubstr("another process runs this session"));
   kill(first.pid(), SIGINT);
