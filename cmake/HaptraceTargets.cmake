@@ -9,6 +9,19 @@ target_compile_options(haptrace_build_flags INTERFACE
     -Wno-subobject-linkage>
   $<$<COMPILE_LANGUAGE:C>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion>
   $<$<BOOL:${HAPTRACE_WERROR}>:-Werror>)
+# Of what is installed and of plug-ins: files and packets are read there that others wrote. Tests and benchmarks replace
+# functions of the C library, which FORTIFY does too; sanitizers check more than it does.
+add_library(haptrace_hardening INTERFACE)
+if(HAPTRACE_HARDEN)
+  target_compile_options(haptrace_hardening INTERFACE -fstack-protector-strong)
+  if(NOT HAPTRACE_SANITIZE AND NOT HAPTRACE_FUZZ AND NOT HAPTRACE_RTSAN)
+    # Without optimisation it is a warning and no help. Some compilers define it themselves.
+    target_compile_options(haptrace_hardening INTERFACE $<$<NOT:$<CONFIG:Debug>>:-U_FORTIFY_SOURCE -D_FORTIFY_SOURCE=2>)
+  endif()
+  # Everything is bound before main(): nothing is looked up within a tick, and the tables of addresses are read-only.
+  target_link_options(haptrace_hardening INTERFACE -Wl,-z,relro -Wl,-z,now -Wl,-z,noexecstack)
+endif()
+
 if(HAPTRACE_SANITIZE)
   add_compile_options(-fsanitize=${HAPTRACE_SANITIZE} -fno-omit-frame-pointer)
   # g++ 12 sees uninitialised values in the standard library's own code once it is instrumented.
@@ -59,7 +72,7 @@ function(haptrace_library folder)
     $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/haptrace>)
   target_compile_features(haptrace_${folder} PUBLIC cxx_std_20)
   target_link_libraries(haptrace_${folder}
-    PUBLIC ${ARG_PUBLIC} PRIVATE ${ARG_PRIVATE} $<BUILD_INTERFACE:haptrace_build_flags>)
+    PUBLIC ${ARG_PUBLIC} PRIVATE ${ARG_PRIVATE} $<BUILD_INTERFACE:haptrace_build_flags> $<BUILD_INTERFACE:haptrace_hardening>)
   target_precompile_headers(haptrace_${folder} PRIVATE ${ARG_PRECOMPILED})
   haptrace_together(haptrace_${folder})
   set_property(GLOBAL APPEND PROPERTY HAPTRACE_LIBRARIES haptrace_${folder})

@@ -1,5 +1,6 @@
 # Installs the build into a folder of its own, then configures, builds and runs the consumer against it.
-#   cmake -DBUILD=... -DSOURCE=... -DOUT=... -DGENERATOR=... -DCOMPILER=... -DFLAGS=... -P run.cmake
+#   cmake -DBUILD=... -DSOURCE=... -DOUT=... -DGENERATOR=... -DCOMPILER=... -DFLAGS=...
+#   -DREADELF=... -DHARDENED=ON|OFF -DCHECKED=ON|OFF -DPLUGINS=A,B -P run.cmake
 function(step)
   execute_process(COMMAND ${ARGV} RESULT_VARIABLE failed OUTPUT_VARIABLE output ERROR_VARIABLE output)
   if(failed)
@@ -7,8 +8,42 @@ function(step)
   endif()
 endfunction()
 
+# Fails unless what readelf says of the file matches.
+function(expect file options pattern what)
+  execute_process(COMMAND ${READELF} ${options} -W ${file} RESULT_VARIABLE failed OUTPUT_VARIABLE output)
+  if(failed OR NOT output MATCHES "${pattern}")
+    message(FATAL_ERROR "${file}: ${what}\n${output}")
+  endif()
+endfunction()
+
+# Programs and plug-ins: what a mistake in memory must not reach is out of reach.
+function(expect_hardened file)
+  expect(${file} -l "GNU_RELRO" "its tables of addresses are not made read-only (-z relro)")
+  expect(${file} -d "BIND_NOW|FLAGS_1.* NOW" "its symbols are bound late (-z now)")
+  expect(${file} -l "GNU_STACK[^\n]* RW +0x" "its stack can be executed")
+endfunction()
+
 file(REMOVE_RECURSE ${OUT})
 step(${CMAKE_COMMAND} --install ${BUILD} --prefix ${OUT}/prefix)
+if(HARDENED)
+  file(GLOB programs ${OUT}/prefix/bin/* ${OUT}/prefix/libexec/*/*)
+  foreach(program ${programs})
+    expect_hardened(${program})
+    expect(${program} -h "Type: +DYN" "is not position independent")
+  endforeach()
+  set(command ${OUT}/prefix/bin/haptrace)  # the others are too small to need either
+  expect(${command} --dyn-syms "__stack_chk_fail" "has no stack protector")
+  if(CHECKED)
+    expect(${command} --dyn-syms "__(mem|str|read|pread|recv|v?snprintf|fdelt|realpath|getcwd)[a-z]*_chk"
+           "calls no checked functions (FORTIFY)")
+  endif()
+  string(REPLACE "," ";" PLUGINS ${PLUGINS})
+  foreach(plugin ${PLUGINS})
+    expect_hardened(${plugin})
+  endforeach()
+else()
+  message("HAPTRACE_HARDEN is off: the programs are not looked at")
+endif()
 step(${CMAKE_COMMAND} -E compare_files ${SOURCE}/../../devices/udev/70-haptrace.rules
      ${OUT}/prefix/lib/udev/rules.d/70-haptrace.rules)
 step(${CMAKE_COMMAND} -S ${SOURCE}/consumer -B ${OUT}/build -DCMAKE_PREFIX_PATH=${OUT}/prefix
