@@ -157,14 +157,16 @@ class Anonymised final : public AnonymisedSource {
  private:
   /// Numbers and truths stay, texts only where they name a choice. A value that goes becomes null and its key with it.
   void clean(json& value, const std::string& where, const std::string& key) {
-    if (!value.is_null() && (is_one_of(key, kPersonal) || is_identifier(key)) && !value.is_object()) {
-      value = nullptr;
-      dropped(where);
-    } else if (value.is_object()) {
+    const bool own = is_one_of(key, kPersonal) || is_identifier(key);
+    const bool free_text = value.is_string() && key != "device" && !is_one_of(key, kChoices);
+    if (value.is_object()) {
       for (auto item = value.begin(); item != value.end();) {
         clean(item.value(), where + "." + item.key(), item.key());
         item = item.value().is_null() ? value.erase(item) : std::next(item);
       }
+    } else if (!value.is_null() && (own || free_text)) {
+      value = nullptr;
+      dropped(where);
     } else if (value.is_array()) {
       for (json& item : value) clean(item, where, key);
       std::erase_if(value.get_ref<json::array_t&>(), [](const json& item) { return item.is_null(); });
@@ -172,9 +174,6 @@ class Anonymised final : public AnonymisedSource {
       bool complete = true;
       value = device_choices(value.get<std::string>(), complete);
       if (!complete) dropped(where);
-    } else if (value.is_string() && !is_one_of(key, kChoices)) {
-      value = nullptr;
-      dropped(where);
     }
   }
 

@@ -212,7 +212,7 @@ std::string resolved(hid_t file, const std::string& path, std::string& outside, 
       if (soft_links == kMostSoftLinks || H5Lget_val(file, part.c_str(), target.data(), target.size(), H5P_DEFAULT) < 0)
         return {};
       target.resize(std::min(target.size(), target.find('\0')));
-      if (!target.starts_with('/')) target = part.substr(0, part.rfind('/') + 1) + target;
+      if (!target.starts_with('/')) target.insert(0, part, 0, part.rfind('/') + 1);
       return resolved(file, slash == std::string::npos ? target : target + path.substr(slash), outside, soft_links + 1);
     }
     if (link.type != H5L_TYPE_HARD) {

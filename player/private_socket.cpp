@@ -65,8 +65,8 @@ void make_room(const std::string& path, const sockaddr_un& address) {
 
 std::string runtime_folder() {
   const char* runtime = std::getenv("XDG_RUNTIME_DIR");
-  const std::string folder = runtime != nullptr && runtime[0] == '/' ? fmt::format("{}/haptrace", runtime)
-                                                                     : fmt::format("/tmp/haptrace-{}", geteuid());
+  std::string folder = runtime != nullptr && runtime[0] == '/' ? fmt::format("{}/haptrace", runtime)
+                                                               : fmt::format("/tmp/haptrace-{}", geteuid());
   if (mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST)
     throw input_error(fmt::format("{}: cannot be created: {}", folder, std::strerror(errno)));
   struct stat status {};
@@ -105,9 +105,10 @@ void PrivateSocket::bind_and_listen() {
   device_ = status.st_dev;
   inode_ = status.st_ino;
   if ((status.st_mode & 0077U) != 0 || listen(descriptor_, SOMAXCONN) != 0) {
-    const Error error = refused(path_);
+    const int reason = errno;
     unlink(path_.c_str());
-    throw error;
+    errno = reason;
+    throw refused(path_);
   }
 }
 
