@@ -94,11 +94,13 @@ void ChunkWalk::note(std::string text) {
 
 /// Goes behind the next boundary chunk's content. False when there is none.
 bool ChunkWalk::find_boundary() {
-  constexpr std::size_t kBlock = 1 << 20, kMark = sizeof kBoundary;
+  // Blocks that grow: a file may be damaged in many places, with a boundary close behind each.
+  constexpr std::size_t kFirst = 1 << 10, kLargest = 1 << 20, kMark = sizeof kBoundary;
   const std::string_view mark(reinterpret_cast<const char*>(kBoundary), kMark);
   std::string block;
-  for (std::uint64_t at = position_ + 1; at < size_; at += kBlock) {
-    block.resize(kBlock + kMark);
+  std::size_t step = kFirst;
+  for (std::uint64_t at = position_ + 1; at < size_; at += step, step = std::min(2 * step, kLargest)) {
+    block.resize(step + kMark);
     stream_of_bytes_.clear();
     stream_of_bytes_.seekg(static_cast<std::streamoff>(at));
     stream_of_bytes_.read(block.data(), static_cast<std::streamsize>(block.size()));
