@@ -10,6 +10,11 @@ constexpr std::uint8_t kPacketBegin = '<', kPacketEnd = '>', kZeroLetter = 'A';
 constexpr std::size_t kNibbles = 4;  // of a word
 constexpr std::size_t kFlagsPlace = 13;
 
+/// Returns the letter that stands for `bits`.
+std::uint8_t letter(unsigned bits) noexcept {
+  return static_cast<std::uint8_t>(kZeroLetter + bits);
+}
+
 }  // namespace
 
 FalconBytes encode(const FalconPacket& packet) noexcept {
@@ -20,8 +25,8 @@ FalconBytes encode(const FalconPacket& packet) noexcept {
   std::size_t place = 1;
   for (const std::int16_t word : packet.words)
     for (std::size_t nibble = 0; nibble < kNibbles; ++nibble)
-      bytes[place++] += static_cast<std::uint16_t>(word) >> (4 * nibble) & 0xf;
-  bytes[kFlagsPlace] += packet.flags & FalconPacket::kAllFlags;
+      bytes[place++] = letter(static_cast<std::uint16_t>(word) >> (4 * nibble) & 0xfU);
+  bytes[kFlagsPlace] = letter(packet.flags & FalconPacket::kAllFlags);
   return bytes;
 }
 
