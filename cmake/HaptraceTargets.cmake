@@ -84,7 +84,7 @@ endfunction()
 function(haptrace_test name)
   cmake_parse_arguments(ARG "REAL_TIME" "LAWS" "SOURCES;LIBS" ${ARGN})
   add_executable(test_${name} ${ARG_SOURCES})
-  target_link_libraries(test_${name} PRIVATE ${ARG_LIBS} GTest::gtest_main GTest::gmock haptrace_build_flags)
+  target_link_libraries(test_${name} PRIVATE ${ARG_LIBS} haptrace_test_main haptrace_build_flags)
   target_include_directories(test_${name} PRIVATE ${PROJECT_SOURCE_DIR})
   haptrace_together(test_${name})
   # Replaces new and delete, which a compiler that sees them takes for a mistake.

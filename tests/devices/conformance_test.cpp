@@ -5,6 +5,7 @@
 #include "devices/threaded_device.h"
 #include "tests/devices/conformance.h"
 #include "tests/devices/support.h"
+#include "tests/support/real_time.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -232,6 +233,7 @@ TEST_F(Conformance, FindsADeviceThatNeverBecomesReady) {
 }
 
 TEST_F(Conformance, FindsAnExchangeThatIsTooSlow) {
+  in_real_time();
   options_.rate_hz = 2000;
   options_.busy_machine = false;
   user_.consents = false;  // to be quicker
@@ -404,12 +406,14 @@ LivePlant live_mass() {
 }
 
 TEST_F(Conformance, FindsADeviceThatKeepsItsForceWhenTheHostPauses) {
+  in_real_time();
   report_ = test_conformance([] { return std::make_unique<Unwatched>(live_mass()); }, options_, user_, stop_);
   EXPECT_THAT(broken(), ElementsAre("host_pause")) << describe(report_);
   EXPECT_THAT(finding("host_pause").detail, HasSubstr("watchdog"));
 }
 
 TEST_F(Conformance, PassesADeviceThatLetsGoWhenTheHostPauses) {
+  in_real_time();
   report_ =
       test_conformance([] { return std::make_unique<ThreadedDevice>(std::make_unique<UnwatchedDriver>(live_mass())); },
                        options_, user_, stop_);
@@ -418,6 +422,7 @@ TEST_F(Conformance, PassesADeviceThatLetsGoWhenTheHostPauses) {
 }
 
 TEST_F(Conformance, FindsStatesThatAreSeldomNew) {
+  in_real_time();
   options_.busy_machine = false;
   user_.consents = false;
   std::int64_t taken = 0;
@@ -432,6 +437,7 @@ TEST_F(Conformance, FindsStatesThatAreSeldomNew) {
 }
 
 TEST_F(Conformance, AsksWhetherAForceThatOpposesIsFelt) {
+  in_real_time();
   class Numb final : public ConsentingUser {
    public:
     [[nodiscard]] bool is_there() const override { return true; }

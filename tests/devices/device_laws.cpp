@@ -3,6 +3,7 @@
 #include "tests/devices/conformance.h"
 #include "tests/devices/support.h"
 #include "tests/support/allocations.h"
+#include "tests/support/real_time.h"
 
 #include <cstring>
 #include <gmock/gmock.h>
@@ -13,9 +14,12 @@ namespace {
 
 class DeviceLaws : public testing::TestWithParam<Listed> {
  protected:
-  std::unique_ptr<Device> device_ = GetParam().open();
+  DeviceLaws() {
+    if (!GetParam().virtual_time) in_real_time();
+    device_ = GetParam().open();
+  }
 
-  [[nodiscard]] bool is_virtual() const { return device_->info().virtual_time; }
+  std::unique_ptr<Device> device_;
 
   /// An exchange, and on the monotonic clock the time until the next.
   static DeviceState step(Device& device, const Vec3& force, double dt) {
@@ -38,8 +42,16 @@ class DeviceLaws : public testing::TestWithParam<Listed> {
   }
 };
 
+// Laws of some devices only.
+class VirtualDeviceLaws : public DeviceLaws {};
+class RealTimeDeviceLaws : public DeviceLaws {};
+class VirtualForceLaws : public DeviceLaws {};
+class RealTimeForceLaws : public DeviceLaws {};
+class RestLaws : public DeviceLaws {};
+
 TEST_P(DeviceLaws, DescribesItselfCoherently) {
   const DeviceInfo& info = device_->info();
+  EXPECT_EQ(info.virtual_time, GetParam().virtual_time) << "else it is listed for the wrong laws";
   EXPECT_FALSE(info.backend.empty());
   EXPECT_FALSE(info.model.empty() && info.backend != "replay");
   EXPECT_TRUE(is_finite(info.workspace_min) && is_finite(info.workspace_max));
@@ -60,8 +72,7 @@ TEST_P(DeviceLaws, MeasuresWhatItSaysItMeasures) {
   EXPECT_TRUE(state.ready);
 }
 
-TEST_P(DeviceLaws, StandsStillWhileTimeDoes) {
-  if (!is_virtual()) GTEST_SKIP() << "time goes on by itself";
+TEST_P(VirtualDeviceLaws, StandsStillWhileTimeDoes) {
   // Two devices, since a measurement may be noisy: a force without time changes nothing that comes after.
   const auto twin = GetParam().open();
   exchange(*device_, Vec3::Zero(), 0);
@@ -72,8 +83,7 @@ TEST_P(DeviceLaws, StandsStillWhileTimeDoes) {
     EXPECT_EQ(exchange(*device_, Vec3::Zero(), 1e-3).position, exchange(*twin, Vec3::Zero(), 1e-3).position);
 }
 
-TEST_P(DeviceLaws, DoesNotGoBackInTime) {
-  if (!is_virtual()) GTEST_SKIP() << "time goes on by itself";
+TEST_P(VirtualDeviceLaws, DoesNotGoBackInTime) {
   const auto twin = GetParam().open();
   for (int k = 0; k < 50; ++k) {
     exchange(*device_, Vec3(1, 1, 1), k % 2 == 0 ? -1.0 : 0.0);
@@ -82,21 +92,23 @@ TEST_P(DeviceLaws, DoesNotGoBackInTime) {
   }
 }
 
-TEST_P(DeviceLaws, StaysFiniteUnderRandomForces) {
+TEST_P(DeviceLaws, StaysWithinItsReachUnderRandomForces) {
   RandomForce force(11, device_->info().max_force);
   step(*device_, Vec3::Zero(), 0);
   double largest = 0;
-  for (int k = 0; k < 2000; ++k) {
+  const int ticks = GetParam().virtual_time ? 2000 : 500;
+  for (int k = 0; k < ticks; ++k) {
     const double dt = 1e-3 * (1 + 0.5 * std::sin(k));
     const DeviceState state = step(*device_, force(dt), dt);
     ASSERT_TRUE(is_finite(state.position)) << "tick " << k;
     largest = std::max(largest, state.position.norm());
   }
-  EXPECT_LT(largest, 20);
+  const DeviceInfo& info = device_->info();
+  const double corner = info.workspace_min.cwiseAbs().cwiseMax(info.workspace_max.cwiseAbs()).norm();
+  EXPECT_LT(largest, GetParam().reach * corner);
 }
 
-TEST_P(DeviceLaws, MovesAlongTheForce) {
-  if (!GetParam().obeys_force || !is_virtual()) return;
+TEST_P(VirtualForceLaws, MovesAlongTheForce) {
   for (int axis = 0; axis < 3; ++axis) {
     for (const double sign : {-1.0, 1.0}) {
       const auto pushed = GetParam().open(), left = GetParam().open();
@@ -112,8 +124,7 @@ TEST_P(DeviceLaws, MovesAlongTheForce) {
   }
 }
 
-TEST_P(DeviceLaws, MovesAlongTheForceInRealTime) {
-  if (!GetParam().obeys_force || is_virtual()) return;
+TEST_P(RealTimeForceLaws, MovesAlongTheForce) {
   const DeviceInfo info = device_->info();
   for (int axis = 0; axis < 3; ++axis) {
     if (!info.force_axes[static_cast<std::size_t>(axis)]) continue;
@@ -130,14 +141,12 @@ TEST_P(DeviceLaws, MovesAlongTheForceInRealTime) {
   }
 }
 
-TEST_P(DeviceLaws, RestsWhenNothingPulls) {
-  if (!GetParam().rests) return;
+TEST_P(RestLaws, RestsWhenNothingPulls) {
   const Vec3 start = step(*device_, Vec3::Zero(), 0).position;
   for (int k = 0; k < 200; ++k) EXPECT_EQ(step(*device_, Vec3::Zero(), 1e-3).position, start);
 }
 
-TEST_P(DeviceLaws, AnswersFreshlyInRealTime) {
-  if (is_virtual()) return;
+TEST_P(RealTimeDeviceLaws, AnswersFreshly) {
   // A machine that is busy with other tests delays some; a driver that does not keep up delays most.
   std::vector<double> ages;
   for (int k = 0; k < 500; ++k) {
@@ -151,8 +160,7 @@ TEST_P(DeviceLaws, AnswersFreshlyInRealTime) {
   EXPECT_LT(ages[250], 0.01);
 }
 
-TEST_P(DeviceLaws, TakesAForceThatIsNotANumberForNone) {
-  if (!is_virtual()) GTEST_SKIP() << "time goes on by itself";
+TEST_P(VirtualDeviceLaws, TakesAForceThatIsNotANumberForNone) {
   const auto twin = GetParam().open();
   const double infinity = std::numeric_limits<double>::infinity();
   const Vec3 bad[] = {nan3(), Vec3(infinity, 0, 0), Vec3(0, -infinity, kNaN)};
@@ -164,8 +172,7 @@ TEST_P(DeviceLaws, TakesAForceThatIsNotANumberForNone) {
   }
 }
 
-TEST_P(DeviceLaws, RunsTwiceTheSame) {
-  if (!is_virtual()) GTEST_SKIP() << "time goes on by itself";
+TEST_P(VirtualDeviceLaws, RunsTwiceTheSame) {
   const auto twin = GetParam().open();
   RandomForce force(5, device_->info().max_force), same(5, device_->info().max_force);
   for (int k = 0; k < 1000; ++k) {
@@ -205,17 +212,43 @@ TEST_P(DeviceLaws, PassesTheConformanceTest) {
   options.max_force = std::min(0.6 * device_->info().max_force, 3.0);
   ConsentingUser user;
   // Where time is real, the other axes' directions are tried above.
-  if (!is_virtual()) user.refused = {"force along y", "force along z"};
+  if (!GetParam().virtual_time) user.refused = {"force along y", "force along z"};
   device_->close();
   const ConformanceReport report = test_conformance(GetParam().open, options, user, StopRequest());
   EXPECT_TRUE(report.kept()) << describe(report);
 }
 
-INSTANTIATE_TEST_SUITE_P(All, DeviceLaws, testing::ValuesIn(listed_devices()), [](const auto& device) {
+std::string name_of_device(const testing::TestParamInfo<Listed>& device) {
   std::string name = device.param.name;
   std::replace(name.begin(), name.end(), '.', '_');
   return name;
-});
+}
+
+template <class Applies>
+auto devices_that(Applies applies) {
+  std::vector<Listed> devices = listed_devices();
+  devices.erase(std::remove_if(devices.begin(), devices.end(), [&](const Listed& d) { return !applies(d); }),
+                devices.end());
+  return testing::ValuesIn(devices);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, DeviceLaws, testing::ValuesIn(listed_devices()), name_of_device);
+INSTANTIATE_TEST_SUITE_P(All, VirtualDeviceLaws, devices_that([](const Listed& d) { return d.virtual_time; }),
+                         name_of_device);
+INSTANTIATE_TEST_SUITE_P(All, RealTimeDeviceLaws, devices_that([](const Listed& d) { return !d.virtual_time; }),
+                         name_of_device);
+INSTANTIATE_TEST_SUITE_P(All, VirtualForceLaws,
+                         devices_that([](const Listed& d) { return d.virtual_time && d.obeys_force; }), name_of_device);
+INSTANTIATE_TEST_SUITE_P(All, RealTimeForceLaws,
+                         devices_that([](const Listed& d) { return !d.virtual_time && d.obeys_force; }),
+                         name_of_device);
+INSTANTIATE_TEST_SUITE_P(All, RestLaws, devices_that([](const Listed& d) { return d.rests; }), name_of_device);
+
+// A program may list devices of one kind alone.
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(VirtualDeviceLaws);
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(RealTimeDeviceLaws);
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(VirtualForceLaws);
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(RealTimeForceLaws);
 
 }  // namespace
 

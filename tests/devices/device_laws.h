@@ -16,6 +16,8 @@ struct Listed {
   std::function<std::unique_ptr<Device>()> open;
   bool obeys_force = true;  ///< moves when pushed
   bool rests = true;        ///< nothing pulls at it when no force is sent
+  bool virtual_time = true;
+  double reach = 1.2;  ///< how far random forces move it at most, as a multiple of the workspace's farthest corner
 };
 
 void PrintTo(const Listed& device, std::ostream* out);

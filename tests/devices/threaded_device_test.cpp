@@ -3,6 +3,7 @@
 #include "control/error.h"
 #include "tests/devices/support.h"
 #include "tests/support/allocations.h"
+#include "tests/support/real_time.h"
 
 #include <gmock/gmock.h>
 #include <thread>
@@ -50,6 +51,8 @@ class FakeDriver final : public DeviceDriver {
 
 class ThreadedDeviceTest : public testing::Test {
  protected:
+  ThreadedDeviceTest() { in_real_time(); }
+
   Hardware hardware_;
 
   std::unique_ptr<ThreadedDevice> open() {
@@ -61,15 +64,23 @@ class ThreadedDeviceTest : public testing::Test {
   static void wait_until(Condition condition) {
     for (int k = 0; k < 5000 && !condition(); ++k) std::this_thread::sleep_for(1ms);
   }
+
+  /// Exchanges until the hardware has this force: one that waits for its driver too long is taken back.
+  void push(Device& device, double force) {
+    bool pushed = false;
+    wait_until([&] {
+      exchange(device, Vec3(force, 0, 0), 1e-3);
+      return pushed = hardware_.force == force;
+    });
+    EXPECT_TRUE(pushed) << force << " N";
+  }
 };
 
 TEST_F(ThreadedDeviceTest, SendsTheNewestWrenchAndAnswersWithTheNewestState) {
   const auto device = open();
   double before = 0;
   for (int k = 1; k <= 20; ++k) {
-    exchange(*device, Vec3(k, 0, 0), 1e-3);
-    wait_until([&] { return hardware_.force == k; });
-    EXPECT_EQ(hardware_.force, k);
+    push(*device, k);
     wait_until([&] { return exchange(*device, Vec3(k, 0, 0), 1e-3).position.x() > before; });
     const double newest = exchange(*device, Vec3(k, 0, 0), 1e-3).position.x();
     EXPECT_GT(newest, before);
@@ -79,9 +90,7 @@ TEST_F(ThreadedDeviceTest, SendsTheNewestWrenchAndAnswersWithTheNewestState) {
 
 TEST_F(ThreadedDeviceTest, SendsZeroForceWhenNobodyExchangesAnyMore) {
   const auto device = open();
-  exchange(*device, Vec3(3, 0, 0), 1e-3);
-  wait_until([&] { return hardware_.force == 3; });
-  EXPECT_EQ(hardware_.force, 3);
+  push(*device, 3);
   wait_until([&] { return hardware_.force == 0; });
   EXPECT_EQ(hardware_.force, 0);
   const int rounds = hardware_.rounds;
@@ -100,8 +109,9 @@ TEST_F(ThreadedDeviceTest, SendsNoForceThatIsNotANumber) {
 TEST_F(ThreadedDeviceTest, SaysHowOldAStateIs) {
   const auto device = open();
   hardware_.answers = false;
-  std::this_thread::sleep_for(30ms);
-  EXPECT_GE(exchange(*device, Vec3::Zero(), 1e-3).age, 0.02);
+  double age = 0;
+  wait_until([&] { return (age = exchange(*device, Vec3::Zero(), 1e-3).age) >= 0.02; });
+  EXPECT_GE(age, 0.02);
 }
 
 TEST_F(ThreadedDeviceTest, IsLostWithTheDriversReasonAndReleasedOnce) {

@@ -3,6 +3,7 @@
 #include "devices/clock.h"
 #include "devices/falcon/kinematics.h"
 #include "tests/devices/support.h"
+#include "tests/support/real_time.h"
 
 #include <gmock/gmock.h>
 #include <numeric>
@@ -433,6 +434,7 @@ bool answers(FalconLink& link) {
 }
 
 TEST(EmulatedFalconLink, ExchangesPacketsInRealTime) {
+  in_real_time();
   const auto link = open_link(",hand=relaxed,seed=3");
   link->control(Request::latency_timer, 1);
   link->control(Request::baud, 0x0002);
@@ -446,6 +448,7 @@ TEST(EmulatedFalconLink, ExchangesPacketsInRealTime) {
 }
 
 TEST(EmulatedFalconLink, IsTheSameDeviceAgainAfterItsCableWasOut) {
+  in_real_time();
   const std::string fault = ",fault=unplug:0.05:0.1";
   auto link = open_link(fault);
   EXPECT_THAT(error_of([&] { (void)open_link(fault); }, Error::Kind::device), HasSubstr("open already"));

@@ -1,6 +1,7 @@
 #include "devices/falcon/usb_link.h"
 #include "devices/usb_devices.h"
 #include "tests/devices/support.h"
+#include "tests/support/real_time.h"
 
 #include <cerrno>
 #include <filesystem>
@@ -140,6 +141,7 @@ TEST(FalconBackend, RefusesWhatItCannotUseBeforeItTouchesADevice) {
 }
 
 TEST(FalconBackend, OpensAnEmulatedOneThatIsReadyOnceItWasHomed) {
+  in_real_time();
   const auto device = open_device("falcon:emulated=true,hand=relaxed");
   EXPECT_EQ(device->info().model, "Novint Falcon, emulated");
   DeviceState state = exchange(*device, Vec3::Zero(), 0);

@@ -6,6 +6,7 @@
 #include "tests/devices/device_laws.h"
 #include "tests/devices/falcon/usb_bus.h"
 #include "tests/devices/support.h"
+#include "tests/support/real_time.h"
 
 #include <filesystem>
 #include <fmt/format.h>
@@ -59,6 +60,8 @@ bool exchange_until(Device& device, const Vec3& force, DeviceState& state, Condi
 
 class FalconUsb : public testing::Test {
  protected:
+  FalconUsb() { in_real_time(); }
+
   TempFolder folder_;
 
   /// A device whose `--device` names firmware of the right size.
@@ -347,16 +350,19 @@ TEST_F(FalconUsb, KeepsNothingWhenItIsClosed) {
 }  // namespace
 
 std::vector<Listed> listed_devices() {
-  return {{"falcon_usb", [] {
+  return {{"falcon_usb",
+           [] {
              plug_in(Start::homed, nullptr, "seed=1");
              return open_device("falcon");
-           }}};
+           },
+           true, true, false}};
 }
 
 }  // namespace haptrace::test
 
 int main(int argc, char** argv) {
-  testing::InitGoogleMock(&argc, argv);
-  const haptrace::test::UsbBus bus;
-  return RUN_ALL_TESTS();
+  return haptrace::test::run_tests(argc, argv, [](const std::function<int()>& run) {
+    const haptrace::test::UsbBus bus;
+    return run();
+  });
 }

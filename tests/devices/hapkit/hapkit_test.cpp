@@ -3,6 +3,7 @@
 #include "formats/json_reader.h"
 #include "samples/hapkit/hapkit_board.h"
 #include "tests/devices/serial/support.h"
+#include "tests/support/real_time.h"
 
 #include <random>
 
@@ -167,13 +168,17 @@ TEST(HapkitCalibration, ReadsTheSampleAsItsDefaultsAndRefusesWhatCannotBe) {
 
 class Hapkit : public testing::Test {
  protected:
+  Hapkit() { in_real_time(); }
+
   HapkitBench bench_;
   DeviceState state_;
 
   std::unique_ptr<HapkitDriver> pulling() {
     auto driver = bench_.driver();
-    for (int k = 0; k < 200 && bench_.board->force() == 0; ++k) answered(*driver, Vec3(2, 0, 0), state_);
-    EXPECT_NEAR(bench_.board->force(), 2, 0.01);
+    // Its board lets go when the machine holds this thread up, also between a round and a look at its motor.
+    double force = 0;
+    for (int k = 0; k < 200 && (force = bench_.board->force()) == 0; ++k) answered(*driver, Vec3(2, 0, 0), state_);
+    EXPECT_NEAR(force, 2, 0.01);
     return driver;
   }
 };

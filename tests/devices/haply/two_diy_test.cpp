@@ -1,6 +1,7 @@
 #include "devices/haply/two_diy.h"
 
 #include "tests/devices/serial/support.h"
+#include "tests/support/real_time.h"
 
 #include <random>
 
@@ -172,6 +173,8 @@ TEST_F(Homing, FindsOutThatItWasDeceived) {
 
 class TwoDiy : public testing::Test {
  protected:
+  TwoDiy() { in_real_time(); }
+
   TwoDiyBench bench_;
   DeviceState state_;
   const Vec3 force_{0.5, 1, 0};

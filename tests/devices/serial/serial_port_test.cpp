@@ -2,6 +2,7 @@
 
 #include "devices/serial/serial_ports.h"
 #include "tests/devices/serial/support.h"
+#include "tests/support/real_time.h"
 
 #include <csignal>
 #include <fcntl.h>
@@ -27,6 +28,8 @@ class Successor final : public EmulatedBoard {
 
 class SerialPortTest : public testing::Test {
  protected:
+  SerialPortTest() { in_real_time(); }
+
   EmulatedLine line_{std::make_unique<Successor>()};
 
   static std::string error_of_opening(const std::string& path, int baud = 115200) {
@@ -160,6 +163,8 @@ class Listener final : public EmulatedBoard {
 
 class GuardianTest : public testing::Test {
  protected:
+  GuardianTest() { in_real_time(); }
+
   std::atomic<int> heard_{0};
   EmulatedLine line_{std::make_unique<Listener>(heard_)};
   SerialPort port_{line_.path(), 115200};
@@ -207,6 +212,7 @@ TEST_F(GuardianTest, IsMissedByItsHost) {
 class HoldingHost : public testing::Test {
  protected:
   void SetUp() override {
+    in_real_time();
     std::string program = HOLDING_HOST, port = bench_.line->path();
     char* const arguments[] = {program.data(), port.data(), nullptr};
     ASSERT_EQ(posix_spawn(&host_, program.c_str(), nullptr, nullptr, arguments, environ), 0);

@@ -2,6 +2,7 @@
 
 #include "devices/threaded_device.h"
 #include "tests/devices/vendor/support.h"
+#include "tests/support/real_time.h"
 
 #include <gmock/gmock.h>
 
@@ -15,6 +16,8 @@ using testing::Not;
 
 class ForceDimension : public testing::Test {
  protected:
+  ForceDimension() { in_real_time(); }
+
   static std::unique_ptr<Device> open(const std::string& options = "") {
     return open_device("forcedimension:library=" FAKE_DRD + options);
   }

@@ -2,6 +2,7 @@
 
 #include "devices/threaded_device.h"
 #include "tests/devices/vendor/support.h"
+#include "tests/support/real_time.h"
 
 #include <gmock/gmock.h>
 
@@ -14,6 +15,8 @@ using testing::HasSubstr;
 
 class OpenHaptics : public testing::Test {
  protected:
+  OpenHaptics() { in_real_time(); }
+
   static std::unique_ptr<Device> open(const std::string& options = "") {
     return open_device("openhaptics:library=" FAKE_HD + options);
   }

@@ -21,7 +21,9 @@ std::vector<Listed> listed_devices() {
       return open_device("openhaptics:library=" FAKE_HD);
     };
   };
-  return {{"omega3", drd(33)}, {"sigma7", drd(104)}, {"touch", hd(3)}};
+  return {{"omega3", drd(33), true, true, false},
+          {"sigma7", drd(104), true, true, false},
+          {"touch", hd(3), true, true, false}};
 }
 
 namespace {
