@@ -1,6 +1,7 @@
 // Recording the way experimenters work: triggers, trials, marks, metadata, parts, and what is left of a killed session.
 #include "formats/recording.h"
 #include "tests/cli/command.h"
+#include "tests/cli/live_recording.h"
 
 #include <chrono>
 #include <csignal>
@@ -94,8 +95,8 @@ TEST(Capture, RefusesTrialsOfWhichOneIsThereAlready) {
 TEST(Capture, EndsTheTrialsWhenOneIsInterrupted) {
   const TempFolder folder;
   Command command(
-      {"record", folder / "a.h5", "--device", kFalcon, "--clock", "real", "--duration", "1", "--count", "5"});
-  sleep(0.5);
+      {"record", folder / "a.h5", "--device", kFalcon, "--clock", "real", "--duration", "60", "--count", "5"});
+  ASSERT_TRUE(test::wait_for_rows(folder / "a-001.h5", 100));
   kill(command.pid(), SIGTERM);
   EXPECT_EQ(command.wait().exit_code, 130);
   EXPECT_TRUE(RecordingReader(folder / "a-001.h5").header().complete);
@@ -130,15 +131,14 @@ TEST(Capture, TakesMarksPausesAndTheEndFromKeys) {
   const TempFolder folder;
   Command command({"record", folder / "a.h5", "--device", kFalcon, "--clock", "real", "--mark-texts", "rest,reach"},
                   Command::Input::terminal);
-  sleep(0.4);
+  ASSERT_TRUE(test::wait_for_rows(folder / "a.h5", 100));
   command.type("m2");
-  sleep(0.1);
   command.type("thello\x7f there\n");
-  sleep(0.1);
   command.type("p");
+  ASSERT_TRUE(test::wait_for_event(folder / "a.h5", EventCode::paused));
   sleep(0.3);
   command.type("p");
-  sleep(0.2);
+  ASSERT_TRUE(test::wait_for_event(folder / "a.h5", EventCode::resumed));
   command.type("q");
   EXPECT_EQ(command.wait().exit_code, 130);
   EXPECT_EQ(texts_of_events(folder / "a.h5", EventCode::mark),
@@ -146,7 +146,7 @@ TEST(Capture, TakesMarksPausesAndTheEndFromKeys) {
   EXPECT_EQ(texts_of_events(folder / "a.h5", EventCode::paused).size(), 1U);
   EXPECT_EQ(texts_of_events(folder / "a.h5", EventCode::resumed).size(), 1U);
   const RecordingReader reader(folder / "a.h5");
-  EXPECT_NEAR(summarise(reader).longest_interval, 0.3, 0.2);
+  EXPECT_GE(summarise(reader).longest_interval, 0.3);
   EXPECT_EQ(haptrace("check", folder / "a.h5").exit_code, 0);
 }
 
@@ -157,7 +157,6 @@ TEST(Capture, TakesKeysFromAPipeOnlyWhenAsked) {
                                    "real",   "--duration",    "0.6",      "--overwrite"};
     if (asked) words.emplace_back("--keys");
     Command command(words, Command::Input::pipe);
-    sleep(0.3);
     command.type("m");
     EXPECT_EQ(command.wait().exit_code, 0);
     EXPECT_EQ(texts_of_events(folder / "a.h5", EventCode::mark).size(), asked ? 1U : 0U);
@@ -205,7 +204,7 @@ TEST(Capture, PacksAndRoundsWhileItRecords) {
 TEST(Recover, MakesTheRecordingOfAKilledSessionWhole) {
   const TempFolder folder;
   Command command({"record", folder / "a.h5", "--device", kFalcon, "--clock", "real", "--duration", "60"});
-  sleep(1);
+  ASSERT_TRUE(test::wait_for_rows(folder / "a.h5", 300));
   const Answer refused = haptrace("recover", folder / "a.h5");
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("being written by a running session"));
@@ -213,7 +212,7 @@ TEST(Recover, MakesTheRecordingOfAKilledSessionWhole) {
   command.wait();
 
   const std::uint64_t rows = RecordingReader(folder / "a.h5").rows();
-  EXPECT_GT(rows, 300U);
+  EXPECT_GE(rows, 300U);
   const Answer recovered = haptrace("recover", folder / "a.h5", "--json");
   EXPECT_EQ(recovered.exit_code, 0) << recovered.err;
   EXPECT_EQ(recovered.json()["samples"], rows);

@@ -1,13 +1,12 @@
 #include "tests/cli/command.h"
 
 #include "formats/recording.h"
+#include "tests/cli/live_recording.h"
 
-#include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <sys/resource.h>
 #include <sys/stat.h>
-#include <thread>
 #include <unistd.h>
 
 namespace haptrace {
@@ -234,7 +233,7 @@ TEST(TheCommand, ReplacesAFileOnlyWhenToldTo) {
 struct Interruption {
   const char* name;
   int signal;
-  int after_ms;
+  Phase phase;
 };
 
 class Interruptions : public testing::TestWithParam<Interruption> {};
@@ -242,9 +241,9 @@ class Interruptions : public testing::TestWithParam<Interruption> {};
 TEST_P(Interruptions, KeepEverySampleAndEndWithZeroForce) {
   const TempFolder folder;
   const std::string path = square(folder);
-  test::Command command({"play", path, "--device", kFalcon, "--clock", "real", "--repeat", "3", "--hold", "1",
-                         "--record", folder / "out.h5", "--json"});
-  std::this_thread::sleep_for(std::chrono::milliseconds(GetParam().after_ms));
+  test::Command command(
+      {"play", path, "--device", kFalcon, "--clock", "real", "--hold", "60", "--record", folder / "out.h5", "--json"});
+  ASSERT_TRUE(test::wait_for_phase(folder / "out.h5", GetParam().phase));
   kill(command.pid(), GetParam().signal);
   const Answer answer = command.wait();
   EXPECT_EQ(answer.exit_code, 130) << answer.err;
@@ -254,17 +253,17 @@ TEST_P(Interruptions, KeepEverySampleAndEndWithZeroForce) {
 }
 
 INSTANTIATE_TEST_SUITE_P(InEveryPhase, Interruptions,
-                         testing::Values(Interruption{"SigintWhileApproaching", SIGINT, 250},
-                                         Interruption{"SigintWhileRunning", SIGINT, 1200},
-                                         Interruption{"SigtermWhileRunning", SIGTERM, 1200},
-                                         Interruption{"SigtermWhileHolding", SIGTERM, 2200},
-                                         Interruption{"HangupWhileRunning", SIGHUP, 1200}),
+                         testing::Values(Interruption{"SigintWhileApproaching", SIGINT, Phase::approach},
+                                         Interruption{"SigintWhileRunning", SIGINT, Phase::run},
+                                         Interruption{"SigtermWhileRunning", SIGTERM, Phase::run},
+                                         Interruption{"SigtermWhileHolding", SIGTERM, Phase::hold},
+                                         Interruption{"HangupWhileRunning", SIGHUP, Phase::run}),
                          [](const auto& instance) { return instance.param.name; });
 
 TEST(TheCommand, EndsAnEndlessRecordingOnAnInterrupt) {
   const TempFolder folder;
   test::Command command({"record", folder / "out.h5", "--device", kFalcon, "--clock", "real", "--json"});
-  std::this_thread::sleep_for(std::chrono::milliseconds(600));
+  ASSERT_TRUE(test::wait_for_rows(folder / "out.h5", 200));
   kill(command.pid(), SIGINT);
   const Answer answer = command.wait();
   EXPECT_EQ(answer.exit_code, 130) << answer.err;

@@ -175,9 +175,11 @@ TEST(RunCommand, PausesAndGoesOnByAKey) {
       Command::Input::pipe);
   ASSERT_TRUE(command.says("1 of 2"));
   command.type("p");
-  // A pause shows by what does not happen: two seconds are more than what is left of the first and its rest.
-  std::this_thread::sleep_for(std::chrono::seconds(5));
-  EXPECT_EQ(load_session_log(folder / "s").trials.size(), 1U);
+  const auto trials = [&] { return load_session_log(folder / "s").trials.size(); };
+  for (int k = 0; k < 3000 && trials() == 0; ++k) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  // A pause shows by what does not happen: this is more than the rest before the second trial and that itself.
+  std::this_thread::sleep_for(std::chrono::seconds(4));
+  EXPECT_EQ(trials(), 1U);
   command.type("p");
   EXPECT_EQ(command.wait().exit_code, 0);
   EXPECT_EQ(load_session_log(folder / "s").trials.size(), 2U);

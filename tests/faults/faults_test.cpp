@@ -159,7 +159,7 @@ class Endless {
 
   /// Waits until some of it is on the disk.
   void wait_for_rows() const {
-    for (int i = 0; i < 400 && !(fs::exists(file) && fs::file_size(file) > 50'000); ++i)
+    for (int i = 0; i < 2400 && !(fs::exists(file) && fs::file_size(file) > 50'000); ++i)
       std::this_thread::sleep_for(25ms);
   }
 
@@ -229,7 +229,8 @@ TEST(Recording, OutlastsAStallOfFiveSecondsAndEndsGentlyInIt) {
 
 TEST(Recording, KeepsUpWithASlowNetworkMount) {
   Endless session({"FAULT_DELAY_MS=20"});
-  std::this_thread::sleep_for(3s);
+  session.wait_for_rows();
+  std::this_thread::sleep_for(2s);
   expect_whole(session.file, session.end(130, SIGHUP));
 }
 

@@ -246,7 +246,8 @@ TEST(Recorder, CutsPartsAboutAtTheirSize) {
   Recorder recorder(folder / "a.h5", {}, {}, {.split = {.bytes = 1'000'000}});
   for (std::uint64_t i = 0; i < 6; ++i) {
     push_rows(recorder, i * 5000, 5000);
-    // Sizes are looked at when the file is flushed.
+    // Sizes are looked at when the file is flushed, which is soon after.
+    wait_until([&] { return recorder.status().written == (i + 1) * 5000; });
     std::this_thread::sleep_for(150ms);
   }
   recorder.finish();
