@@ -26,6 +26,33 @@ constexpr double kMassLeftOut = 0.04;
 constexpr double kFrictionLeftOut = 0.1;
 constexpr double kDelayLeftOut = 0.1e-3;  // [s]
 
+// ------------------------------------------------------------------------------------------------ linear algebra
+
+// Of one type each, since Eigen is compiled anew for every other: written out below, these took most of a minute.
+
+MatrixXd product(const MatrixXd& a, const MatrixXd& b) {
+  return a * b;
+}
+
+MatrixXd transposed_product(const MatrixXd& a, const MatrixXd& b) {
+  return a.transpose() * b;
+}
+
+/// Solves A X = B for a symmetric A without negative eigenvalues.
+MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b) {
+  return a.ldlt().solve(b);
+}
+
+/// Computes the X for which A X is nearest to B.
+MatrixXd least_squares(const MatrixXd& a, const MatrixXd& b) {
+  return a.colPivHouseholderQr().solve(b);
+}
+
+/// Computes what A X lacks of B with that X.
+MatrixXd least_squares_rest(const MatrixXd& a, const MatrixXd& b) {
+  return b - product(a, least_squares(a, b));
+}
+
 // ---------------------------------------------------------------------------------------------------- the lines
 
 /// Position and force at one line, coherent over every window.
@@ -83,7 +110,7 @@ class SpectrumEstimator {
     const auto lines = static_cast<Eigen::Index>(frequencies_.size());
     const Eigen::Index first_line = kTrend + 2 * harmonics;
     MatrixXd basis(n, first_line + 2 * lines);
-    Eigen::Matrix<double, Eigen::Dynamic, 6> data(n, 6);
+    MatrixXd data(n, 6);
     const auto put = [&](Eigen::Index row, Eigen::Index column, double angle) {
       basis(row, column) = std::cos(angle);
       basis(row, column + 1) = std::sin(angle);
@@ -95,9 +122,12 @@ class SpectrumEstimator {
       for (int h = 0; h < harmonics; ++h) put(k, kTrend + 2 * h, kTwoPi * 2 * (h + 1) / period_ * row.time);
       for (Eigen::Index i = 0; i < lines; ++i)
         put(k, first_line + 2 * i, kTwoPi * frequencies_[static_cast<std::size_t>(i)] * row.time);
-      data.row(k) << (row.position - rows.front().position).transpose(), row.force.transpose();
+      for (int axis = 0; axis < 3; ++axis) {
+        data(k, axis) = row.position[axis] - rows.front().position[axis];
+        data(k, axis + 3) = row.force[axis];
+      }
     }
-    const MatrixXd amplitudes = (basis.transpose() * basis).ldlt().solve(basis.transpose() * data);
+    const MatrixXd amplitudes = solve_symmetric(transposed_product(basis, basis), transposed_product(basis, data));
     for (Eigen::Index i = 0; i < lines; ++i)
       for (Eigen::Index axis = 0; axis < 3; ++axis) {
         // A cos + B sin is the real part of (A - jB) e^{jwt}.
@@ -106,7 +136,7 @@ class SpectrumEstimator {
         line.position[axis] += Complex(amplitudes(c, axis), -amplitudes(c + 1, axis));
         line.force[axis] += Complex(amplitudes(c, axis + 3), -amplitudes(c + 1, axis + 3));
       }
-    residual_ += (data.leftCols(3) - basis * amplitudes.leftCols(3)).squaredNorm();
+    residual_ += (data - product(basis, amplitudes)).leftCols(3).squaredNorm();
     samples_ += static_cast<double>(n);
     ++windows_;
   }
@@ -198,7 +228,7 @@ class MobilityFit {
     VectorXd response;
     for (Eigen::Index i = 0; i < axes(); ++i) {
       equations(theta, axes_[static_cast<std::size_t>(i)], regressors, response);
-      all.segment(i * rows(), rows()) = response - regressors * regressors.colPivHouseholderQr().solve(response);
+      all.segment(i * rows(), rows()) = least_squares_rest(regressors, response);
     }
     all[all.size() - 1] = (theta.y() - kLag) / kLagSpread;
     return all;
@@ -224,9 +254,9 @@ class MobilityFit {
     for (int iteration = 0; iteration < 30 && damping < 1e6; ++iteration) {
       const VectorXd r = residuals(theta);
       const MatrixXd j = slopes(theta);
-      Eigen::Matrix2d normal = j.transpose() * j;
+      MatrixXd normal = transposed_product(j, j);
       normal.diagonal() *= 1 + damping;
-      Eigen::Vector2d next = theta - normal.ldlt().solve(j.transpose() * r);
+      Eigen::Vector2d next = theta - solve_symmetric(normal, transposed_product(j, r));
       next.y() = std::clamp(next.y(), 0.0, 5 * kLag);
       const double c = cost(next);
       if (c < least) {
@@ -247,7 +277,7 @@ class MobilityFit {
     const double dof = static_cast<double>(r.size() - axes() * columns() - 2);
     const double variance = std::max(dof > 0 ? r.squaredNorm() / dof : 1.0, 1e-12);
     const MatrixXd j = slopes(theta);
-    const Eigen::Matrix2d spread = variance * (j.transpose() * j).inverse();
+    const Eigen::Matrix2d spread = variance * Eigen::Matrix2d(transposed_product(j, j)).inverse();
     result.delay = std::max(theta.sum(), 0.0);
     result.delay_half = std::hypot(kInterval * std::sqrt(std::max(spread.sum(), 0.0)), kDelayLeftOut);
 
@@ -258,7 +288,7 @@ class MobilityFit {
       const int axis = axes_[static_cast<std::size_t>(i)];
       const auto solve = [&](const Eigen::Vector2d& at) -> VectorXd {
         equations(at, axis, regressors, response);
-        return regressors.colPivHouseholderQr().solve(response);
+        return least_squares(regressors, response);
       };
       // How the mobility moves with delay and lag, whose uncertainty it shares.
       Eigen::Vector2d leaning;
@@ -267,13 +297,13 @@ class MobilityFit {
         leaning[t] = (solve(theta + kStep * Eigen::Vector2d::Unit(t))[i] - solve(theta)[i]) / kStep;
       const VectorXd solution = solve(theta);
       const MatrixXd covariance =
-          (regressors.transpose() * regressors).ldlt().solve(MatrixXd::Identity(columns(), columns()));
+          solve_symmetric(transposed_product(regressors, regressors), MatrixXd::Identity(columns(), columns()));
       const double mobility = solution[i];
       const double deviation = std::sqrt(variance * covariance(i, i) + leaning.dot(spread * leaning));
       for (Eigen::Index k = 0; k < axes(); ++k) result.mobility(axis, axes_[static_cast<std::size_t>(k)]) = solution[k];
       result.mass[axis] = mobility > 0 ? 1 / mobility : 0;
       result.mass_half[axis] = mobility > 0 ? std::hypot(kInterval * deviation / mobility, kMassLeftOut) / mobility : 0;
-      const VectorXd rest = response - regressors * solution;
+      const VectorXd rest = response - product(regressors, solution);
       for (std::size_t l = 0; l < spectrum_.lines.size(); ++l) {
         const Line& line = spectrum_.lines[l];
         const double scale = line.w * sigma(line, axis);
@@ -355,12 +385,13 @@ struct NormalEquations {
   Column h = Column::Zero();
 
   [[nodiscard]] Column solve() const {
-    Square scaled = g;
     Column scale;
     for (int i = 0; i < columns; ++i) scale[i] = g(i, i) > 0 ? 1 / std::sqrt(g(i, i)) : 0;
-    scaled = scale.asDiagonal() * scaled * scale.asDiagonal();
-    scaled.diagonal().array() += 1e-9;
-    return scale.asDiagonal() * scaled.ldlt().solve(scale.asDiagonal() * h);
+    MatrixXd scaled(columns, columns);
+    for (int i = 0; i < columns; ++i)
+      for (int k = 0; k < columns; ++k) scaled(i, k) = scale[i] * g(i, k) * scale[k] + (i == k ? 1e-9 : 0);
+    const Column solution = solve_symmetric(scaled, scale.cwiseProduct(h));
+    return scale.cwiseProduct(solution);
   }
 };
 using Normal = NormalEquations<kColumns>;
@@ -372,6 +403,13 @@ struct SweepFit {
   double unexplained = 1;  ///< share of the force, rms
   std::size_t blocks = 0;  ///< that the intervals rest on
 };
+
+/// What kColumns columns lack of the force, which is the last one.
+VectorXd rest_of(const MatrixXd& columns, const Normal::Column& beta) {
+  Eigen::Matrix<double, kColumns + 1, 1> weights;
+  weights << -beta, 1;
+  return product(columns, weights);
+}
 
 SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   struct Block {
@@ -418,11 +456,12 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
     for (Eigen::Index i = 0; i < n; ++i) {
       const std::size_t k = kept[static_cast<std::size_t>(i)];
       const Filtered& row = rows[k];
-      columns.row(i) << (row.v > 0 ? 1.0 : -1.0), row.v, row.a, row.x, integral[k], row.jerk, row.snap, row.u;
+      const double values[] = {row.v > 0 ? 1.0 : -1.0, row.v, row.a, row.x, integral[k], row.jerk, row.snap, row.u};
+      for (int c = 0; c <= kColumns; ++c) columns(i, c) = values[c];
       const double s = (row.time - rows.front().time) / duration;
       for (Eigen::Index d = 0; d < drifts; ++d) drift(i, d) = std::cos(std::numbers::pi * static_cast<double>(d) * s);
     }
-    const MatrixXd without = columns - drift * drift.colPivHouseholderQr().solve(columns);
+    const MatrixXd without = least_squares_rest(drift, columns);
     parts.push_back({columns, drift});
     const auto pieces = static_cast<Eigen::Index>(std::max(1.0, std::floor(cycles)));
     for (Eigen::Index p = 0; p < pieces; ++p) {
@@ -437,9 +476,9 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   Normal all;
   std::vector<Normal> own(blocks.size());
   for (std::size_t b = 0; b < blocks.size(); ++b) {
-    const auto c = blocks[b].columns.leftCols(kColumns);
-    own[b].g = c.transpose() * c;
-    own[b].h = c.transpose() * blocks[b].columns.col(kColumns);
+    const MatrixXd all_products = transposed_product(blocks[b].columns, blocks[b].columns);
+    own[b].g = all_products.topLeftCorner<kColumns, kColumns>();
+    own[b].h = all_products.topRightCorner<kColumns, 1>();
     all.g += own[b].g;
     all.h += own[b].h;
   }
@@ -452,7 +491,7 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
     others.g -= own[b].g;
     others.h -= own[b].h;
     variance += (others.solve() - beta).cwiseAbs2() * (count - 1) / count;
-    squares += (blocks[b].columns.col(kColumns) - blocks[b].columns.leftCols(kColumns) * beta).squaredNorm();
+    squares += rest_of(blocks[b].columns, beta).squaredNorm();
     forces += blocks[b].columns.col(kColumns).squaredNorm();
     rows += static_cast<double>(blocks[b].columns.rows());
   }
@@ -468,8 +507,7 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   // The mean that the drift took along, stretch by stretch.
   double sum = 0, sum_of_squares = 0;
   for (const Part& part : parts) {
-    const VectorXd rest = part.columns.col(kColumns) - part.columns.leftCols(kColumns) * beta;
-    const double mean = part.drift.colPivHouseholderQr().solve(rest)[0];
+    const double mean = least_squares(part.drift, rest_of(part.columns, beta))(0, 0);
     sum += mean;
     sum_of_squares += mean * mean;
   }
@@ -576,13 +614,13 @@ class CoarseFit {
         }
         columns(i, kAll) = row.u;
       }
-      columns.rowwise() -= columns.colwise().mean().eval();  // the offset
+      for (Eigen::Index column = 0; column <= kAll; ++column)  // the offset
+        columns.col(column).array() -= columns.col(column).mean();
       for (Eigen::Index piece = 0; piece < pieces; ++piece) {
         const Eigen::Index begin = n * piece / pieces, end = n * (piece + 1) / pieces;
-        const auto part = columns.middleRows(begin, end - begin);
-        const auto c = part.leftCols(kAll);
-        const auto u = part.col(kAll);
-        result.push_back({.normal = {.g = c.transpose() * c, .h = c.transpose() * u}, .force = u.squaredNorm()});
+        const MatrixXd part = columns.middleRows(begin, end - begin), all = transposed_product(part, part);
+        result.push_back({.normal = {.g = all.topLeftCorner<kAll, kAll>(), .h = all.topRightCorner<kAll, 1>()},
+                          .force = all(kAll, kAll)});
       }
     };
     for (const Stretch& stretch : experiment.dithered) add(stretch);

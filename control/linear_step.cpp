@@ -23,6 +23,11 @@ constexpr int kMostRows = 3 * LinearBodies::kMost;
 /// Of q, v and the held f together.
 using Augmented = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostRows, kMostRows>;
 
+/// Of one type for all, since Eigen's solver is compiled anew for every other, for 16 s each.
+auto eigenvalues_of(const Square& matrix) {
+  return matrix.eigenvalues().eval();
+}
+
 LinearBodies::Matrix over_mass(const LinearBodies& bodies, const LinearBodies::Matrix& m) {
   return bodies.inverse_mass.asDiagonal() * m;
 }
@@ -127,7 +132,7 @@ std::vector<std::complex<double>> decay_rates(const LinearBodies& bodies) {
     const double fast = a + std::sqrt(a * a - w2);
     return {-fast, fast > 0 ? -w2 / fast : 0};
   }
-  const auto found = companion(bodies, -1).eigenvalues().eval();
+  const auto found = eigenvalues_of(companion(bodies, -1));
   return {found.begin(), found.end()};
 }
 
@@ -222,15 +227,16 @@ double spectral_radius(const LinearStep& step) {
   Square phi = step.phi;
   phi.topRightCorner(n, n) *= unit;
   phi.bottomLeftCorner(n, n) /= unit;
-  return phi.eigenvalues().cwiseAbs().maxCoeff();
+  return eigenvalues_of(phi).cwiseAbs().maxCoeff();
 }
 
 double stability_limit(Integrator integrator, const LinearBodies& bodies) {
   switch (integrator) {
     case Integrator::semi_implicit:
-      return time_of(2, companion(bodies, 1).eigenvalues().real().maxCoeff());
+      return time_of(2, eigenvalues_of(companion(bodies, 1)).real().maxCoeff());
     case Integrator::verlet:
-      return time_of(2, std::sqrt(std::max(0.0, over_mass(bodies, bodies.stiffness).eigenvalues().real().maxCoeff())));
+      return time_of(2,
+                     std::sqrt(std::max(0.0, eigenvalues_of(over_mass(bodies, bodies.stiffness)).real().maxCoeff())));
     case Integrator::euler:
       return least_limit(bodies, euler_limit);
     case Integrator::rk4:
