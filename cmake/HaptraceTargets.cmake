@@ -50,10 +50,16 @@ if(HAPTRACE_RTSAN)
   link_libraries(dl pthread m)
 endif()
 
-# What nearly every source reads, and what takes long to read, is read once. It includes what it uses all the same: the
-# preset dev builds without.
+# What nearly every source reads, and what takes long to read, is read once, for all libraries together. A source
+# includes what it uses all the same: the preset dev builds without.
 set(HAPTRACE_PRECOMPILED <Eigen/Geometry> <algorithm> <array> <cmath> <filesystem> <functional> <map> <memory>
-  <optional> <span> <string> <string_view> <vector>)
+  <optional> <span> <string> <string_view> <vector> <nlohmann/json.hpp>)
+file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/precompiled.cpp CONTENT "")
+add_library(haptrace_precompiled OBJECT EXCLUDE_FROM_ALL ${CMAKE_BINARY_DIR}/precompiled.cpp)
+target_compile_features(haptrace_precompiled PUBLIC cxx_std_20)
+target_link_libraries(haptrace_precompiled PRIVATE Eigen3::Eigen fmt::fmt nlohmann_json::nlohmann_json
+  haptrace_build_flags haptrace_hardening)
+target_precompile_headers(haptrace_precompiled PRIVATE ${HAPTRACE_PRECOMPILED} <fmt/format.h>)
 
 # Compiles the sources of a target several at a time, with HAPTRACE_UNITY: a third less to compile for libraries, two
 # thirds for tests. Names in the unnamed namespaces of a folder differ; the tests of style see to it for libraries.
@@ -61,9 +67,9 @@ function(haptrace_together target)
   set_target_properties(${target} PROPERTIES UNITY_BUILD ${HAPTRACE_UNITY} UNITY_BUILD_BATCH_SIZE 7)
 endfunction()
 
-# haptrace_library(<folder> SOURCES <file>... [PUBLIC <target>...] [PRIVATE <target>...] [PRECOMPILED <header>...])
+# haptrace_library(<folder> SOURCES <file>... [PUBLIC <target>...] [PRIVATE <target>...])
 function(haptrace_library folder)
-  cmake_parse_arguments(ARG "" "" "SOURCES;PUBLIC;PRIVATE;PRECOMPILED" ${ARGN})
+  cmake_parse_arguments(ARG "" "" "SOURCES;PUBLIC;PRIVATE" ${ARGN})
   add_library(haptrace_${folder} STATIC ${ARG_SOURCES})
   add_library(haptrace::${folder} ALIAS haptrace_${folder})
   set_target_properties(haptrace_${folder} PROPERTIES EXPORT_NAME ${folder})
@@ -73,7 +79,7 @@ function(haptrace_library folder)
   target_compile_features(haptrace_${folder} PUBLIC cxx_std_20)
   target_link_libraries(haptrace_${folder}
     PUBLIC ${ARG_PUBLIC} PRIVATE ${ARG_PRIVATE} $<BUILD_INTERFACE:haptrace_build_flags> $<BUILD_INTERFACE:haptrace_hardening>)
-  target_precompile_headers(haptrace_${folder} PRIVATE ${ARG_PRECOMPILED})
+  target_precompile_headers(haptrace_${folder} REUSE_FROM haptrace_precompiled)
   haptrace_together(haptrace_${folder})
   set_property(GLOBAL APPEND PROPERTY HAPTRACE_LIBRARIES haptrace_${folder})
 endfunction()
@@ -96,8 +102,7 @@ function(haptrace_test name)
   if(first)
     target_precompile_headers(test_${name} REUSE_FROM ${first})
   else()
-    target_precompile_headers(test_${name} PRIVATE ${HAPTRACE_PRECOMPILED} <nlohmann/json.hpp> <gmock/gmock.h>
-      <gtest/gtest.h>)
+    target_precompile_headers(test_${name} PRIVATE ${HAPTRACE_PRECOMPILED} <gmock/gmock.h> <gtest/gtest.h>)
     set_property(GLOBAL PROPERTY HAPTRACE_FIRST_TEST test_${name})
   endif()
   # Suites of laws (All/...) hold hundreds of short tests: one process runs them together, each of the others its own.
