@@ -120,7 +120,9 @@ class Anonymised final : public AnonymisedSource {
         EventCode::device_ready,      EventCode::device_lost,    EventCode::oscillation,
         EventCode::oscillation_stays, EventCode::warming,        EventCode::hand_resists,
         EventCode::hand_let_go,       EventCode::device_found,   EventCode::time_over,
-        EventCode::rotation_limit,    EventCode::touched,        EventCode::left};
+        EventCode::rotation_limit,    EventCode::touched,        EventCode::left,
+        EventCode::reference_waits,   EventCode::states_stopped, EventCode::states_resumed,
+        EventCode::outside_workspace};
     if (is_one_of_codes(code, kOfNumbers)) return;
     std::string text = code == EventCode::repetition ? "repetition" : describe({0, code, {}});
     if (code == EventCode::repetition && event.text.starts_with("repetition ") &&
