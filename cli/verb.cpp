@@ -367,6 +367,11 @@ std::string session_summary(const SessionResult& result) {
                         servo.realtime.memory_locked ? ", memory locked" : "",
                         microseconds(servo.latency.quantile(0.5)), microseconds(servo.latency.quantile(0.99)),
                         microseconds(servo.latency.quantile(0.999)), microseconds(servo.latency.max()));
+  if (servo.stale > 0)
+    text +=
+        fmt::format("  {} of {} ticks found no new sample of the device\n", servo.stale, servo.samples + servo.stale);
+  if (servo.gaps > 0)
+    text += fmt::format("  {} gaps without a new sample; the force faded to zero and in again\n", servo.gaps);
   if (servo.returns > 0)
     text += fmt::format("  {:.3f} s of it without the device, which was lost and found again{}\n", servo.away,
                         servo.returns > 1 ? fmt::format(" {} times", servo.returns) : "");

@@ -60,8 +60,8 @@ class Controller {
   /// The first state of a session, before the first update.
   virtual void start(const State& first) noexcept { (void)first; }
 
-  /// The device was lost and is found again: the first state after the gap, before its update. The tool may be
-  /// somewhere else, and forces fade in from zero as at the start.
+  /// The first state after a gap, before its update: the device was lost and is found again, took no new samples for a
+  /// while, or no ticks ran. The tool may be somewhere else, and forces fade in from zero as at the start.
   virtual void resume(const State& first) noexcept { start(first); }
 
   /// The force for the coming tick. Goes on being called while the loop fades the force out.

@@ -83,6 +83,20 @@ std::string describe(const Event& event) {
       return fmt::format("object {:.0f} touched: {:.2g} N", a + 1, b);
     case EventCode::left:
       return fmt::format("object {:.0f} left: {:.2f} mm deep at most, {:.2f} s", a + 1, 1e3 * b, c);
+    case EventCode::reference_waits:
+      return fmt::format("the reference waits for the hand: {:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a,
+                         1e3 * b);
+    case EventCode::reference_goes_on:
+      return "the hand is back: the reference goes on";
+    case EventCode::states_stopped:
+      return fmt::format("no fresh state from the device for {:.0f} ms: the force fades to zero", 1e3 * a);
+    case EventCode::states_resumed:
+      return fmt::format("fresh states again after {:.0f} ms: the force fades in", 1e3 * a);
+    case EventCode::outside_workspace:
+      return fmt::format(
+          "stopped: the device's position is {:.3g} m from the centre of its workspace, no hand reaches beyond {:.3g} "
+          "m",
+          a, b);
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

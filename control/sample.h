@@ -55,14 +55,20 @@ enum class EventCode : std::int32_t {
   mark = 50,
   paused = 51,
   resumed = 52,
-  triggered = 53,        ///< values: 0 force, 1 speed, 2 button; how much [N, m/s, bits]; over what
-  path_waits = 60,       ///< values: time of the path [s]; it stands still until what follows was read
-  path_unreadable = 61,  ///< values: time of the path [s]
-  device_found = 62,     ///< the device that was lost is back; values: how long it was away [s]
-  time_over = 63,        ///< of a repetition; values: how far the trainee came [m], of what length [m]
-  rotation_limit = 64,   ///< values: deviation of the orientation [rad], limit [rad]
-  touched = 65,          ///< values: index of the scene's object from 0, its force [N]
-  left = 66,  ///< by the tool; values: index of the object, largest depth [m], for how long it was touched [s]
+  triggered = 53,          ///< values: 0 force, 1 speed, 2 button; how much [N, m/s, bits]; over what
+  path_waits = 60,         ///< values: time of the path [s]; it stands still until what follows was read
+  path_unreadable = 61,    ///< values: time of the path [s]
+  device_found = 62,       ///< the device that was lost is back; values: how long it was away [s]
+  time_over = 63,          ///< of a repetition; values: how far the trainee came [m], of what length [m]
+  rotation_limit = 64,     ///< values: deviation of the orientation [rad], limit [rad]
+  touched = 65,            ///< values: index of the scene's object from 0, its force [N]
+  left = 66,               ///< by the tool; values: index of the object, largest depth [m], how long it was touched [s]
+  reference_waits = 67,    ///< a playback's reference waits for the hand; values: deviation [m], limit [m]
+  reference_goes_on = 68,  ///< the hand is back
+  states_stopped = 69,     ///< no fresh state of the device; values: for how long so far [s]. Force fades to zero
+  states_resumed = 70,     ///< values: how long there was no fresh state, or no tick [s]. Forces fade in again
+  outside_workspace =
+      71,  ///< a position that no hand can reach; values: distance from the workspace's centre [m], bound [m]
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().

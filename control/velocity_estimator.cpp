@@ -16,7 +16,6 @@ namespace {
 using std::numbers::pi;
 using std::numbers::sqrt2;
 
-constexpr double kFarthest = 1e6;       // [m]
 constexpr double kShortestTick = 1e-9;  // [s]
 constexpr double kLongestStep = 1e6;    // [s]
 
@@ -35,7 +34,7 @@ class Estimator final : public VelocityEstimator {
   explicit Estimator(Filter filter) : filter_(std::move(filter)) {}
 
   Vec3 update(const Vec3& position, double dt) noexcept override {
-    if (!(position.cwiseAbs().maxCoeff<Eigen::PropagateNaN>() <= kFarthest)) return velocity_;
+    if (!(position.cwiseAbs().maxCoeff<Eigen::PropagateNaN>() <= kFarthestPosition)) return velocity_;
     if (started_) {
       if (!(dt >= kShortestTick && dt <= kLongestStep)) return velocity_;
       velocity_ = filter_.step(flushed(position - previous_), dt);

@@ -10,15 +10,18 @@
 
 namespace haptrace {
 
+/// Beyond this, in any axis, a position is no measurement [m]. The servo loop ends a session there.
+inline constexpr double kFarthestPosition = 1e6;
+
 /// One estimator with its memory. Axes are independent. It works on steps of position and time, never on their sums, so
 /// that it is as good after a day and metres away as in the first second at the origin.
 ///
 /// Laws that every member keeps (tests/control): a constant position gives exactly zero in the end; a ramp gives its
 /// slope in the end, whatever the steps of time; estimates scale with the positions (foaw: and its resolution); dt <= 0
 /// or a position that is not finite changes nothing and answers the previous estimate; the estimate is always finite;
-/// after reset it has forgotten everything. To that end a position farther than 1e6 m and a dt outside 1 ns to 1e6 s
-/// are no measurements either, and steps and memories below 1e-100 are zero, long before they would cost denormal
-/// arithmetic.
+/// after reset it has forgotten everything. To that end a position farther than kFarthestPosition and a dt outside 1 ns
+/// to 1e6 s are no measurements either, and steps and memories below 1e-100 are zero, long before they would cost
+/// denormal arithmetic.
 ///
 /// Real-time: update and reset. Threads: one at a time.
 class VelocityEstimator {

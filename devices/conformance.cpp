@@ -238,7 +238,7 @@ class Examination {
     if (is_real()) {
       std::size_t fresh = 0;
       for (std::size_t k = 1; k < rows.size(); ++k)
-        if (rows[k].state.age == 0 || rows[k].taken_ns - rows[k - 1].taken_ns > kOneState) ++fresh;
+        if (is_new(rows[k - 1], rows[k])) ++fresh;
       const double rate = static_cast<double>(fresh) / span, expected = std::min(options_.rate_hz, info_.nominal_rate),
                    share = options_.busy_machine ? kNewStatesBusy : kNewStates;
       judge("rate", rate >= share * expected,
@@ -258,6 +258,12 @@ class Examination {
     const auto late = std::find_if(rows.begin(), rows.end(),
                                    [&](const Exchanged& row) { return row.time >= rows.back().time - 0.2; });
     creep_ = (rows.back().state.position - late->state.position).norm() / std::max(rows.back().time - late->time, 1e-3);
+  }
+
+  /// Whether two exchanges brought two samples: by their numbers, else by when they were taken.
+  static bool is_new(const Exchanged& before, const Exchanged& now) {
+    if (now.state.sequence != 0) return now.state.sequence != before.state.sequence;
+    return now.state.age == 0 || now.taken_ns - before.taken_ns > kOneState;
   }
 
   void measure_what_it_says(const std::vector<Exchanged>& rows) {

@@ -45,7 +45,10 @@ struct DeviceState {
   Vec3 force = nan3();  ///< measured contact force on the hand [N]
   std::uint32_t buttons = 0;
   bool ready = true;  ///< homed, and forces are allowed
-  double age = 0;     ///< of this state, for drivers whose I/O has a thread of its own [s]
+  double age = 0;     ///< of this state when it is returned, for drivers whose I/O has a thread of its own [s]
+  /// Changes with every sample that the device takes: an exchange that returns the same number as the one before
+  /// repeats a state. 0: the device does not say, and every exchange counts as a new sample.
+  std::uint64_t sequence = 0;
 };
 
 /// What may leave for a motor: a force or torque that is not finite is none.

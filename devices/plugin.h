@@ -54,6 +54,21 @@ int haptrace_plugin_open(const char* options_json, void** device, haptrace_plugi
  * newest state. The first exchange of a session has dt = 0. Returns 0, or a negative number when the device is lost. */
 int haptrace_plugin_exchange(void* device, double dt, const double wrench[6], haptrace_plugin_state* state);
 
+/* Optional: which sample the state of the last exchange is. A plug-in that exports haptrace_plugin_sample is asked right
+ * after every exchange that returned 0, from the same thread, under the same rules. haptrace then knows a new sample from
+ * a repeated one: a repeated state is not recorded and not controlled, velocities use the samples' own times, and
+ * force fades to zero when no new sample comes for 20 ms (three ticks where they are longer). Without it every
+ * exchange counts as a new sample, taken at that moment. */
+typedef struct haptrace_plugin_sample_info {
+  uint32_t struct_size;            /* set by the caller: sizeof of its own declaration */
+  uint32_t reserved;
+  uint64_t sequence;               /* changes with every new sample, never 0; 0: not stated */
+  double   age;                    /* s since the sample was taken, 0 when not known */
+} haptrace_plugin_sample_info;
+
+/* Fills *sample, which is all zeros but for struct_size. */
+void haptrace_plugin_sample(void* device, haptrace_plugin_sample_info* sample);
+
 /* Zero force, hardware released, memory freed. */
 void haptrace_plugin_close(void* device);
 

@@ -97,6 +97,7 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& option
   const decltype(&haptrace_plugin_open) open = library_.function("haptrace_plugin_open", kPluginRule);
   exchange_ = library_.function("haptrace_plugin_exchange", kPluginRule);
   close_ = library_.function("haptrace_plugin_close", kPluginRule);
+  sample_ = library_.function_if_any("haptrace_plugin_sample");
 
   haptrace_plugin_info raw{};
   raw.struct_size = sizeof(raw);
@@ -145,6 +146,12 @@ Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceSta
   state.force = Vec3(raw.force);
   state.buttons = raw.buttons;
   state.ready = raw.ready != 0;
+  if (sample_ == nullptr) return Status::ok;
+  haptrace_plugin_sample_info sample{};
+  sample.struct_size = sizeof sample;
+  sample_(device_, &sample);
+  state.sequence = sample.sequence;
+  state.age = sample.age > 0 ? sample.age : 0;  // also when it is not a number
   return Status::ok;
 }
 

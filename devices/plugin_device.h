@@ -27,6 +27,7 @@ class PluginDevice final : public Device {
   DeviceInfo info_;
   void* device_ = nullptr;
   decltype(&haptrace_plugin_exchange) exchange_ = nullptr;
+  decltype(&haptrace_plugin_sample) sample_ = nullptr;  ///< null: it does not say
   decltype(&haptrace_plugin_close) close_ = nullptr;
   int failure_ = 0;  ///< what exchange returned when the device was lost
 };

@@ -39,6 +39,12 @@ class FlightRecorder {
   std::size_t count_ = 0;
 };
 
+/// No hand reaches farther than this from the workspace's centre [m]; nor does a velocity estimator look farther.
+double farthest_reach(const DeviceInfo& info, const Vec3& centre) noexcept {
+  const double reach = 10 * (info.workspace_max - info.workspace_min).stableNorm() + 1;
+  return std::min(reach, kFarthestPosition - centre.cwiseAbs().maxCoeff());
+}
+
 /// What is not finite was not measured.
 Vec3 as_measured(const Vec3& v) noexcept {
   return v.array().isFinite().select(v, nan3());
@@ -81,12 +87,19 @@ const char* to_string(StopCause cause) noexcept {
       return "velocity";
     case StopCause::not_finite:
       return "not_finite";
+    case StopCause::outside_workspace:
+      return "outside_workspace";
     case StopCause::device_not_ready:
       return "device_not_ready";
     case StopCause::device_lost:
       return "device_lost";
   }
   return "unknown";
+}
+
+std::int64_t stale_after_ns(double rate_hz) noexcept {
+  constexpr double kAge = 0.02, kPeriods = 3, kLongest = 1;
+  return static_cast<std::int64_t>(1e9 * std::max(kAge, std::min(kPeriods / rate_hz, kLongest)));
 }
 
 void ServoLoop::validate(const DeviceInfo& device, const Options& options) {
@@ -127,6 +140,9 @@ class ServoLoop::Session {
         clock_(clock),
         report_(report),
         period_ns_(std::llround(1e9 / loop.options_.rate_hz)),
+        stale_after_ns_(stale_after_ns(loop.options_.rate_hz)),
+        centre_(0.5 * (loop.device_.info().workspace_min + loop.device_.info().workspace_max)),
+        farthest_(farthest_reach(loop.device_.info(), centre_)),
         limiter_(loop.options_.limits),
         flight_(static_cast<std::size_t>(std::ceil(kFlightRecord * loop.options_.rate_hz))) {}
 
@@ -154,6 +170,7 @@ class ServoLoop::Session {
   /// Why there is no device, in words.
   [[nodiscard]] std::string lost_reason() const {
     std::string reason = loop_.device_.lost_reason();
+    if (silent_) reason = "it answers, but takes no new sample";
     if (answers_) reason = "it answers again, but does not allow forces" + loop_.not_ready_hint();
     if (waited_in_vain_ > 0) reason += fmt::format("; it was waited for {:.3g} s", waited_in_vain_);
     return reason;
@@ -198,16 +215,34 @@ class ServoLoop::Session {
     State state;
     state.tick = tick_;
     state.time_ns = woke_ns - start_ns_;
-    state.dt = exchanged_ns_ ? 1e-9 * static_cast<double>(woke_ns - *exchanged_ns_) : 0;
+    const double dt = exchanged_ns_ ? 1e-9 * static_cast<double>(woke_ns - *exchanged_ns_) : 0;
+    if (!exchanged_ns_) begun_ns_ = woke_ns;
+    // After a time without ticks the hand may be anywhere: the last force does not fit it any more.
+    if (woke_ns - exchanged_ns_.value_or(woke_ns) > stale_after_ns_) wrench_ = {};
     state.force_applied = wrench_.force;
 
-    const Device::Status status = loop_.device_.exchange(wrench_, state.dt, device_state_);
+    const Device::Status status = loop_.device_.exchange(wrench_, dt, device_state_);
     exchanged_ns_ = woke_ns;
     // One that was away and is not homed yet still is.
     if (status != Device::Status::ok || (away_since_ns_ && !device_state_.ready)) {
+      silent_ = false;
+      sequence_ = 0;  // of another device, perhaps
       do_without(status, woke_ns, state.time_ns, stop);
       return;
     }
+    if (!device_state_.ready) {
+      // It promises nothing of its position.
+      stop_now(StopCause::device_not_ready, {.code = EventCode::device_not_ready}, state.time_ns);
+      return;
+    }
+    const std::int64_t age_ns = this->age_ns();
+    if (!is_fresh(age_ns)) {
+      endure_stale(woke_ns, dt, state.time_ns, stop);
+      report_.latency.record(woke_ns - deadline_ns_);
+      report_.tick_time.record(monotonic_ns() - began_ns);
+      return;
+    }
+    state.dt = updated_ns_ ? 1e-9 * static_cast<double>(woke_ns - *updated_ns_) : 0;
     state.position = device_state_.position;
     state.orientation = as_measured(device_state_.orientation);
     state.force_measured = as_measured(device_state_.force);
@@ -218,10 +253,95 @@ class ServoLoop::Session {
       stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {0, kNaN, kNaN}}, state.time_ns);
       return;
     }
-    if (away_since_ns_) come_back(state, woke_ns);
-    state.velocity = loop_.estimator_.update(state.position, state.dt);
+    if (const double distance = (state.position - centre_).stableNorm(); !(distance <= farthest_)) {
+      stop_now(StopCause::outside_workspace,
+               {.code = EventCode::outside_workspace, .values = {distance, farthest_, kNaN}}, state.time_ns);
+      return;
+    }
+    if (away_since_ns_) {
+      come_back(state, woke_ns);
+    } else if (updated_ns_ && woke_ns - *updated_ns_ > stale_after_ns_) {
+      if (ends_in_gap()) return;
+      catch_up_after_gap(state);
+    }
+    state.velocity = loop_.estimator_.update(state.position, sample_dt(woke_ns - age_ns));
+    updated_ns_ = woke_ns;
+    sequence_ = device_state_.sequence;
+    stale_ = false;
+    silence_ = 0;
     keep(state, decide(state, stop), woke_ns);
     report_.tick_time.record(monotonic_ns() - began_ns);
+  }
+
+  /// Of the state that was just exchanged. An age that is negative or not a number counts as none.
+  [[nodiscard]] std::int64_t age_ns() const noexcept {
+    constexpr double kLongest = 3600;  // [s]
+    return device_state_.age > 0 ? static_cast<std::int64_t>(1e9 * std::min(device_state_.age, kLongest)) : 0;
+  }
+
+  /// Whether the state is another sample than the last, and young enough to be one.
+  [[nodiscard]] bool is_fresh(std::int64_t age_ns) const noexcept {
+    return (device_state_.sequence == 0 || device_state_.sequence != sequence_) && age_ns <= stale_after_ns_;
+  }
+
+  /// The time between the sample taken at `taken_ns` and the last [s]. Samples whose arrival tells their time were not
+  /// taken within less than half a period, although they may arrive so: then this one counts as taken later, and the
+  /// next interval is shorter by that.
+  [[nodiscard]] double sample_dt(std::int64_t taken_ns) noexcept {
+    if (device_state_.sequence != 0 && updated_ns_) taken_ns = std::max(taken_ns, taken_ns_ + period_ns_ / 2);
+    return 1e-9 * static_cast<double>(taken_ns - std::exchange(taken_ns_, taken_ns));
+  }
+
+  /// A tick without a fresh state: the last force is held for a while, then fades.
+  void endure_stale(std::int64_t woke_ns, double dt, std::int64_t time_ns, const StopRequest& stop) noexcept {
+    ++report_.stale;
+    const std::int64_t silent_ns = woke_ns - updated_ns_.value_or(begun_ns_);
+    const double stale_after = 1e-9 * static_cast<double>(stale_after_ns_);
+    silence_ += std::min(dt, stale_after);  // while nobody asked, it could not answer
+    if (silent_ns > stale_after_ns_) {
+      if (!std::exchange(stale_, true)) {
+        stale_wrench_ = wrench_;
+        stale_fade_ = Ramp(1);
+        if (!away_since_ns_)
+          push_event(time_ns, {.code = EventCode::states_stopped,
+                               .values = {1e-9 * static_cast<double>(silent_ns), kNaN, kNaN}});
+      }
+      const double share = stale_fade_.advance(0, dt, kStaleFade);
+      wrench_ = {share * stale_wrench_.force, share * stale_wrench_.torque};
+    }
+    if (stop.count() > 1 || (stop.count() > 0 && mode_ == Mode::running && is_released(wrench_))) {
+      stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, time_ns);
+    } else if (is_released(wrench_) && ends_in_gap()) {
+      return;
+    } else if (silence_ > std::max(kSilence, 1e-9 * static_cast<double>(kSilentPeriods * period_ns_))) {
+      silent_ = true;
+      do_without(Device::Status::away, woke_ns, time_ns, stop);
+    }
+  }
+
+  /// Whether a time without states ends the session: where forces were on their way out, they are gone by then.
+  bool ends_in_gap() noexcept {
+    if (mode_ == Mode::running) return false;
+    wrench_ = {};
+    return ended_ = true;
+  }
+
+  /// Fresh states again, after a time without them or without ticks.
+  void catch_up_after_gap(State& state) noexcept {
+    push_event(state.time_ns, {.code = EventCode::states_resumed, .values = {state.dt, kNaN, kNaN}});
+    ++report_.gaps;
+    report_.away += state.dt;
+    start_anew(state);
+  }
+
+  /// The hand may have moved meanwhile: nothing may be computed from what was before, and forces fade in from zero.
+  void start_anew(State& state) noexcept {
+    resumes_ = true;
+    wrench_ = {};
+    fade_ = Ramp();
+    state.dt = 0;
+    state.force_applied = Vec3::Zero();
+    loop_.estimator_.reset();
   }
 
   /// Whether a device that answers `status` is no longer waited for.
@@ -238,7 +358,6 @@ class ServoLoop::Session {
   void do_without(Device::Status status, std::int64_t woke_ns, std::int64_t time_ns, const StopRequest& stop) noexcept {
     const bool just_lost = !away_since_ns_;
     wrench_ = {};
-    fade_ = Ramp();
     // Where forces were on their way out, there is nothing to go on with.
     if (is_given_up(status, woke_ns) || mode_ != Mode::running) {
       const double waited = waited_in_vain_ > 0 ? waited_in_vain_ : kNaN;
@@ -249,7 +368,6 @@ class ServoLoop::Session {
     }
   }
 
-  /// It may have been moved meanwhile: nothing may be computed from what was before.
   void come_back(State& state, std::int64_t woke_ns) noexcept {
     const double gap = 1e-9 * static_cast<double>(woke_ns - *away_since_ns_);
     away_since_ns_.reset();
@@ -257,9 +375,7 @@ class ServoLoop::Session {
     ++report_.returns;
     if (first_) return;
     report_.away += gap;
-    resumes_ = true;
-    state.dt = 0;
-    loop_.estimator_.reset();
+    start_anew(state);
   }
 
   /// The controller's answer, with everything that can end the session looked at. Sets wrench_.
@@ -270,26 +386,20 @@ class ServoLoop::Session {
     } else if (std::exchange(resumes_, false)) {
       loop_.controller_.resume(state);
     }
-    const double speed = state.velocity.stableNorm();
-    const SafetyLimits& limits = loop_.options_.limits;
-
-    Command command = loop_.controller_.update(state);
+    stop_before_the_controller(state, stop);
+    // Once a limit tripped, the controller is not asked.
+    Command command = ended_ || mode_ == Mode::fading ? stopped_ : loop_.controller_.update(state);
     if (command.event) push_event(state.time_ns, *command.event);
 
-    if (!device_state_.ready) {
-      stop_now(StopCause::device_not_ready, {.code = EventCode::device_not_ready}, state.time_ns);
-    } else if (limits.max_velocity > 0 && speed > limits.max_velocity) {
-      stop_now(StopCause::velocity, {.code = EventCode::velocity_limit, .values = {speed, limits.max_velocity, kNaN}},
-               state.time_ns);
-    } else if (!is_finite(command.wrench.force) || !is_finite(command.wrench.torque)) {
+    if (!is_finite(command.wrench.force) || !is_finite(command.wrench.torque)) {
       stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {1, kNaN, kNaN}}, state.time_ns);
-    } else if (stop.count() > 1) {
-      stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, state.time_ns);
-    } else if (mode_ == Mode::running) {
+    } else if (mode_ == Mode::running && !ended_) {
       if (const auto fault = fault_of(command.status)) {
         mode_ = Mode::fading;
         report_.cause = *fault;
         fault_ = command.event;
+        stopped_ = command;
+        stopped_.event.reset();
       } else if (stop.count() > 0) {
         begin_release(StopCause::interrupted, EventCode::interrupted, state.time_ns);
       } else if (command.status == Command::Status::finished) {
@@ -300,6 +410,16 @@ class ServoLoop::Session {
     if (mode_ == Mode::releasing) command.phase = Phase::release;
     if (mode_ == Mode::fading || report_.stopped_by_fault()) command.phase = Phase::stopped;
     return command;
+  }
+
+  /// Ends the session for what the state and the caller say, whatever the controller would answer.
+  void stop_before_the_controller(const State& state, const StopRequest& stop) noexcept {
+    const double speed = state.velocity.stableNorm(), fastest = loop_.options_.limits.max_velocity;
+    if (fastest > 0 && speed > fastest)
+      stop_now(StopCause::velocity, {.code = EventCode::velocity_limit, .values = {speed, fastest, kNaN}},
+               state.time_ns);
+    else if (stop.count() > 1)
+      stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, state.time_ns);
   }
 
   void begin_release(StopCause cause, EventCode code, std::int64_t time_ns) noexcept {
@@ -370,11 +490,14 @@ class ServoLoop::Session {
       push_event(time_ns, {.code = EventCode::continuous_limit, .values = {limited.allowed, kNaN, kNaN}});
   }
 
-  /// Ends the session at this tick with zero force.
+  /// Ends the session at this tick with zero force. A session that ends already for this cause, or for a limit, says
+  /// so once; only the loss of the device comes on top.
   void stop_now(StopCause cause, const Event& event, std::int64_t time_ns) noexcept {
-    report_.cause = cause;
     wrench_ = {};
     ended_ = true;
+    const bool ends_already = mode_ == Mode::fading || (mode_ == Mode::releasing && report_.cause == cause);
+    if (ends_already && cause != StopCause::device_lost) return;
+    report_.cause = cause;
     push_event(time_ns, event);
   }
 
@@ -445,7 +568,11 @@ class ServoLoop::Session {
   ServoLoop& loop_;
   ServoClock& clock_;
   ServoReport& report_;
-  const std::int64_t period_ns_;
+  static constexpr std::int64_t kSilentPeriods = 5;
+
+  const std::int64_t period_ns_, stale_after_ns_;
+  const Vec3 centre_;      ///< of the workspace [m]
+  const double farthest_;  ///< from there that a position can be [m]
   ForceLimiter limiter_;
   MotorBudget budget_;
   FlightRecorder flight_;
@@ -455,17 +582,27 @@ class ServoLoop::Session {
   bool first_ = true;
   std::uint64_t tick_ = 0;
   std::int64_t start_ns_ = 0, deadline_ns_ = 0;
-  std::int64_t last_ns_ = 0;                   ///< when the last tick woke
-  std::optional<std::int64_t> exchanged_ns_;   ///< the tick of the last exchange
+  std::int64_t last_ns_ = 0;                  ///< when the last tick woke
+  std::optional<std::int64_t> exchanged_ns_;  ///< the tick of the last exchange
+  std::optional<std::int64_t> updated_ns_;    ///< the tick of the last fresh state
+  std::int64_t begun_ns_ = 0;                 ///< the first tick
+  std::int64_t taken_ns_ = 0;                 ///< when that state was taken
+  std::uint64_t sequence_ = 0;                ///< of that state
+  double silence_ = 0;                        ///< without a fresh state, as far as ticks ran [s]
+  bool stale_ = false;                        ///< for so long that the force fades
+  Wrench stale_wrench_;                       ///< from which it fades
+  Ramp stale_fade_{1};
   std::optional<std::int64_t> away_since_ns_;  ///< the first tick without the device
   double waited_in_vain_ = 0;                  ///< for a device that is away [s]
   bool answers_ = false;                       ///< although it is away: it is not ready
+  bool silent_ = false;                        ///< it answers, but with the same state
   bool resumes_ = false;                       ///< at this tick
   std::optional<Event> fault_;
   DeviceState device_state_;
   Wrench wrench_;  ///< to be sent at the next exchange
   Ramp fade_;
   std::optional<Wrench> fault_wrench_;  ///< the last that was sent before it
+  Command stopped_;                     ///< the controller's last answer, once it stopped the session
   bool limit_told_ = false;
   std::int64_t limit_told_ns_ = 0;
 };

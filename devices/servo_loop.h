@@ -45,14 +45,15 @@ class StopRequest {
 
 /// Why a session ended.
 enum class StopCause {
-  finished,          ///< the controller was done
-  interrupted,       ///< StopRequest
-  deviation,         ///< the tracking error passed its limit
-  oscillation,       ///< the loop oscillated and softening it did not help
-  no_path,           ///< the rest of the path could not be had
-  velocity,          ///< the tool was faster than its limit, or its position jumped
-  not_finite,        ///< the device's position or the controller's force was not a number
-  device_not_ready,  ///< the device did not allow forces, or stopped allowing them
+  finished,           ///< the controller was done
+  interrupted,        ///< StopRequest
+  deviation,          ///< the tracking error passed its limit
+  oscillation,        ///< the loop oscillated and softening it did not help
+  no_path,            ///< the rest of the path could not be had
+  velocity,           ///< the tool was faster than its limit, or its position jumped
+  not_finite,         ///< the device's position or the controller's force was not a number
+  outside_workspace,  ///< the device stated a position that no hand can reach
+  device_not_ready,   ///< the device did not allow forces, or stopped allowing them
   device_lost,
 };
 
@@ -62,12 +63,14 @@ const char* to_string(StopCause cause) noexcept;
 struct ServoReport {
   StopCause cause = StopCause::finished;
   std::string detail;           ///< what stopped it, in words; empty when finished
-  std::uint64_t samples = 0;    ///< ticks that ran
+  std::uint64_t samples = 0;    ///< fresh states that the controller answered: the rows of a recording
+  std::uint64_t stale = 0;      ///< ticks at which the device had no new state; they are no samples
+  std::uint64_t gaps = 0;       ///< how often there was no fresh state for longer than stale_after_ns()
   std::uint64_t missed = 0;     ///< ticks that did not, because one before them was late
   std::uint64_t overruns = 0;   ///< how many times that happened
   std::uint64_t returns = 0;    ///< how often the device was lost and found again
   double duration = 0;          ///< first to last sample, by the session's clock [s]
-  double away = 0;              ///< how much of it the device was away [s]
+  double away = 0;              ///< how much of it the device was away, or gaps [s]
   double asked_rate = 0;        ///< [Hz]
   double max_force = 0;         ///< largest magnitude sent [N]
   DurationHistogram latency;    ///< wake-up minus deadline
@@ -75,15 +78,25 @@ struct ServoReport {
   RealtimeStatus realtime;
   std::vector<Sample> flight_record;  ///< the last 200 ms before a limit or a fault stopped it; empty otherwise
 
-  /// Ticks per second of the session's clock, while the device was there [Hz].
-  [[nodiscard]] double achieved_rate() const noexcept {
-    return duration > away ? static_cast<double>(samples - 1) / (duration - away) : 0;
-  }
+  /// Fresh states per second of the session's clock, while the device was there [Hz].
+  [[nodiscard]] double achieved_rate() const noexcept { return rate_of(samples); }
+  /// Exchanges per second in the same time, with a new state or without [Hz].
+  [[nodiscard]] double exchange_rate() const noexcept { return rate_of(samples + stale); }
+  /// True when the device delivers fewer new states than the loop asks for: below 0.9 of the exchanges.
+  [[nodiscard]] bool lacks_states() const noexcept { return samples > 0 && stale > (samples + stale) / 10; }
   /// True when a limit or a fault ended the session, rather than its end or a request.
   [[nodiscard]] bool stopped_by_fault() const noexcept {
     return cause != StopCause::finished && cause != StopCause::interrupted;
   }
+
+ private:
+  [[nodiscard]] double rate_of(std::uint64_t count) const noexcept {
+    return duration > away && count > 0 ? static_cast<double>(count - 1) / (duration - away) : 0;
+  }
 };
+
+/// The age from which a state counts as none [ns]: 20 ms, or three periods where they are longer, at most 1 s.
+[[nodiscard]] std::int64_t stale_after_ns(double rate_hz) noexcept;
 
 /// Drives one device with one controller at a fixed rate.
 ///
@@ -92,12 +105,25 @@ struct ServoReport {
 /// way out. Ticks that come too late are missed and counted, never caught up with: a gap in tick and time, and an
 /// event.
 ///
+/// A state that the device only repeats (DeviceState::sequence) is no sample: no row, no velocity, and the controller
+/// is not asked; the last force is held. The velocity is estimated over the time between the samples, not between the
+/// ticks that saw them. After stale_after_ns() without a fresh state the force fades to zero within kStaleFade, and
+/// after kSilence the device counts as away. When fresh states return, or when no tick ran for as long (a process that
+/// was stopped), it is as after a device's return: nothing is computed from before, and forces fade in from zero.
+///
+/// A position farther from the centre of the workspace than ten of its diagonals and one metre ends the session: no
+/// hand reaches there. Once a limit or a fault stops a session, the controller is not asked again, and one event says
+/// so.
+///
 /// A device that is away (Device::Status) may be waited for. Ticks and time go on, without rows: a position that was
 /// not taken is not invented. It is sent zero force until it is back and ready; then the velocity is estimated anew,
 /// the controller resumes, and forces fade in from zero. The motors are not credited with having cooled meanwhile:
 /// nobody saw what force acted.
 class ServoLoop {
  public:
+  static constexpr double kStaleFade = 0.01;  ///< [s]
+  static constexpr double kSilence = 0.25;    ///< without a fresh state, and at least five periods [s]
+
   struct Options {
     double rate_hz = 1000;
     bool virtual_time = false;    ///< advance as fast as the machine allows; else the monotonic clock

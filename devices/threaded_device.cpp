@@ -14,6 +14,7 @@ namespace {
 constexpr double kFirstAnswer = 1;                   // how long to wait for it [s]
 constexpr double kLongestWatch = 1;                  // [s]
 constexpr std::chrono::milliseconds kOwnRounds{10};  // apart, while nobody exchanges
+constexpr double kLongestRound = 0.04;               // what lasts longer is a process that stood still [s]
 
 double since(std::int64_t ns) {
   return 1e-9 * static_cast<double>(monotonic_ns() - ns);
@@ -45,8 +46,15 @@ void ThreadedDevice::first_answer() {
     driver_->release();
     throw device_error(fmt::format("{}: it was opened, but does not answer", info_.name));
   }
+  post(answer);
+}
+
+void ThreadedDevice::post(Answer& answer) {
   answer.taken_ns = monotonic_ns();
-  answer_.post(answer);
+  Answer numbered = answer;
+  ++answers_;
+  if (numbered.state.sequence == 0) numbered.state.sequence = answers_;
+  answer_.post(numbered);
 }
 
 std::int64_t ThreadedDevice::watched_ns(double dt) noexcept {
@@ -67,7 +75,8 @@ Device::Status ThreadedDevice::exchange(const Wrench& wrench, double dt, DeviceS
 void ThreadedDevice::run() noexcept {
   const FlushDenormals flush;
   Answer answer;
-  std::int64_t answered_ns = monotonic_ns();
+  double silence = 0;  // without an answer [s]
+  std::int64_t round_ns = monotonic_ns();
   try {
     while (!ending_) {
       (void)wake_.try_acquire_for(kOwnRounds);
@@ -76,12 +85,15 @@ void ThreadedDevice::run() noexcept {
       }
       const Order& order = order_.latest();
       if (driver_->round(monotonic_ns() < order.until_ns ? order.wrench : Wrench{}, answer.state)) {
-        answered_ns = answer.taken_ns = monotonic_ns();
-        answer_.post(answer);
-      } else if (since(answered_ns) > kPatience) {
-        throw device_error(
-            fmt::format("it gave no answer for {:.0f} ms; look at its cable and its power", 1e3 * since(answered_ns)));
+        post(answer);
+        silence = 0;
+      } else {
+        silence += std::min(since(round_ns), kLongestRound);
+        if (silence > kPatience)
+          throw device_error(
+              fmt::format("it gave no answer for {:.0f} ms; look at its cable and its power", 1e3 * silence));
       }
+      round_ns = monotonic_ns();
     }
   } catch (const std::exception& error) {
     lose(error.what());

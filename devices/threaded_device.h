@@ -42,7 +42,8 @@ class DeviceDriver {
 };
 
 /// Every exchange hands its wrench to the driver's thread, wakes it, and takes the newest state that the driver has
-/// fetched: that of the exchange before, as long as a round is shorter than a tick. DeviceState::age says since when.
+/// fetched: that of the exchange before, as long as a round is shorter than a tick. DeviceState::age says since when,
+/// and DeviceState::sequence counts the answers, unless the driver numbers its samples itself.
 ///
 /// The thread watches over both sides. Without an exchange for kWatchdog, or for kWatchedTicks where ticks are as long
 /// as that, it sends zero force, and goes on with rounds, so that the hardware is neither forgotten under force nor
@@ -82,6 +83,7 @@ class ThreadedDevice final : public Device {
     std::int64_t taken_ns = 0;  ///< when it came, on the monotonic clock
   };
 
+  void post(Answer& answer);
   void first_answer();
   void run() noexcept;
   void lose(const std::string& why) noexcept;
@@ -97,6 +99,7 @@ class ThreadedDevice final : public Device {
   std::atomic<bool> ending_{false}, lost_{false};
   mutable std::mutex reason_;  ///< guards why_; never taken in exchange
   std::string why_ = "the device stopped answering";
+  std::uint64_t answers_ = 0;
   std::thread thread_;
 };
 

@@ -19,7 +19,9 @@ constexpr std::uint64_t kCheckedBlock = 8192;      // rows
 constexpr double kQuaternionTolerance = 1e-3;      // of the norm
 constexpr double kForceTolerance = 1e-6;           // of max_force_n
 constexpr std::int64_t kEventSlack = 100'000'000;  // [ns] between a missed tick and the event that tells of it
-constexpr double kGridSlack = 1e-3;                // [s] between time and tick / rate
+constexpr std::int64_t kRepeats = 20'000'000;  // [ns] for which a device may repeat a state before an event tells so
+constexpr double kRepeatedTicks = 3;           // for which it may, where they are longer
+constexpr double kGridSlack = 1e-3;            // [s] between time and tick / rate
 
 /// What is found, in order. Of the same complaint about many rows only the first is kept, with their number.
 class Findings {
@@ -266,7 +268,8 @@ void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows,
 
 bool tells_of_gap(EventCode code) {
   return code == EventCode::overrun || code == EventCode::samples_lost || code == EventCode::paused ||
-         code == EventCode::resumed || code == EventCode::device_lost || code == EventCode::device_found;
+         code == EventCode::resumed || code == EventCode::device_lost || code == EventCode::device_found ||
+         code == EventCode::states_stopped || code == EventCode::states_resumed;
 }
 
 /// The laws that rows and events keep among each other. Fed with every sample in order.
@@ -324,7 +327,10 @@ class Laws {
     if (s.tick <= previous_.tick)
       return findings_.add_row(Severity::error, "/samples/tick", row, "order",
                                fmt::format("{} does not come after {} of the row before", s.tick, previous_.tick));
-    if (s.tick > previous_.tick + 1) {
+    // Ticks that find no new sample of the device leave no row, and for so short a time no event.
+    const bool repeats =
+        paced_ && s.time_ns - previous_.time_ns <= kRepeats + std::llround(kRepeatedTicks * 1e9 / header_.rate_hz);
+    if (s.tick > previous_.tick + 1 && !repeats) {
       const auto told = losses_.lower_bound(previous_.time_ns - kEventSlack);
       if (told == losses_.end() || *told > s.time_ns + kEventSlack)
         findings_.add_row(

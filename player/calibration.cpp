@@ -433,8 +433,10 @@ class CalibrationLog final : public SampleSink {
 
   using SampleSink::push;
   void push(const Sample& sample) noexcept override {
+    const TickRow row{1e-9 * static_cast<double>(sample.time_ns), sample.position, sample.force};
+    bridge(row, sample.tick - std::exchange(tick_, sample.tick));
     if (rows_.size() == rows_.capacity()) return;
-    rows_.push_back({1e-9 * static_cast<double>(sample.time_ns), sample.position, sample.force});
+    rows_.push_back(row);
     const bool measures = controller_.measures();
     const int axis = controller_.stage() == CalibrationController::Stage::sweep ? controller_.axis() : -1;
     if (!measures) {
@@ -471,7 +473,22 @@ class CalibrationLog final : public SampleSink {
   }
 
  private:
+  static constexpr std::uint64_t kBridged = 4;  ///< ticks from one row to the next, at most
+
+  /// Rows for the few ticks before `next` that found no new sample, or were missed: the last force was held, and the
+  /// tool moved evenly.
+  void bridge(const TickRow& next, std::uint64_t ticks) {
+    if (rows_.empty() || ticks > kBridged) return;
+    const TickRow last = rows_.back();
+    for (std::uint64_t k = 1; k < ticks && rows_.size() < rows_.capacity(); ++k) {
+      const double share = static_cast<double>(k) / static_cast<double>(ticks);
+      rows_.push_back({last.time + share * (next.time - last.time),
+                       last.position + share * (next.position - last.position), last.force});
+    }
+  }
+
   const CalibrationController& controller_;
+  std::uint64_t tick_ = 0;  ///< of the last row
   std::vector<TickRow> rows_;
   std::vector<Stretch> dithered_;
   std::array<std::vector<Stretch>, 3> sweeps_;

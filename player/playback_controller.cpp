@@ -226,7 +226,7 @@ double PlaybackController::watch_deviation(const State& state, const Reference& 
   beyond_ = deviation > (was_beyond ? 0.5 * limit : limit);
   if (!beyond_) {
     if (was_beyond && options_.on_deviation == DeviationPolicy::pause)
-      command.event = Event{.code = EventCode::resumed};
+      command.event = Event{.code = EventCode::reference_goes_on};
     return 1;
   }
   if (options_.on_deviation == DeviationPolicy::stop) {
@@ -236,8 +236,8 @@ double PlaybackController::watch_deviation(const State& state, const Reference& 
   }
   if (!was_beyond) {
     const bool pauses = options_.on_deviation == DeviationPolicy::pause;
-    command.event =
-        Event{.code = pauses ? EventCode::paused : EventCode::deviation_over, .values = {deviation, limit, kNaN}};
+    command.event = Event{.code = pauses ? EventCode::reference_waits : EventCode::deviation_over,
+                          .values = {deviation, limit, kNaN}};
   }
   return options_.on_deviation == DeviationPolicy::soften ? std::min(1.0, limit / deviation) : 1;
 }

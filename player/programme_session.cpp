@@ -58,8 +58,8 @@ class TrialWatch final : public SampleSink {
     force_ = sample.force.stableNorm();
   }
   void push(const Event& event) noexcept override {
-    // While a device is away nothing acts.
-    if (event.code == EventCode::device_lost) force_ = 0;
+    // While a device is away or silent nothing acts.
+    if (event.code == EventCode::device_lost || event.code == EventCode::states_stopped) force_ = 0;
     if (event.code == EventCode::time_over) time_over_ = true;
   }
   [[nodiscard]] double dose() const noexcept { return dose_; }  ///< [N s]

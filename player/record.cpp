@@ -86,7 +86,7 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
     TimedController controller(*touching, duration, options.trigger);
     SessionResult result = run_session(device, controller, {}, {}, options.session, stop, progress);
     result.touches = touching->figures();
-    result.remarks = touching->remarks();
+    for (std::string& remark : touching->remarks()) result.remarks.push_back(std::move(remark));
     return result;
   }
   // Zero force is all that is ever sent, so that no speed of the hand is too fast to be recorded.

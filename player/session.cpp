@@ -173,6 +173,11 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   }
   result.servo = report.get();
   servo.join();
+  if (result.servo.lacks_states())
+    result.remarks.push_back(fmt::format(
+        "the device took only {:.0f} samples per second, the loop asked for {:g}; look at its cable and, on "
+        "a serial port, at the latency timer (haptrace doctor), or ask for a lower --rate",
+        result.servo.achieved_rate(), result.servo.asked_rate));
 
   if (recorder) {
     try {
@@ -196,13 +201,16 @@ nlohmann::json to_json(const DurationHistogram& durations) {
 nlohmann::json to_json(const SessionResult& result) {
   const ServoReport& servo = result.servo;
   nlohmann::json json{{"samples", servo.samples},
+                      {"ticks", servo.samples + servo.stale},
                       {"missed", servo.missed},
                       {"overruns", servo.overruns},
                       {"returns", servo.returns},
+                      {"gaps", servo.gaps},
                       {"duration_s", servo.duration},
                       {"away_s", servo.away},
                       {"asked_rate_hz", servo.asked_rate},
                       {"achieved_rate_hz", servo.achieved_rate()},
+                      {"tick_rate_hz", servo.exchange_rate()},
                       {"max_force_n", servo.max_force},
                       {"latency_s", to_json(servo.latency)},
                       {"tick_s", to_json(servo.tick_time)},

@@ -147,7 +147,8 @@ class ForceDimensionDriver final : public DeviceDriver {
   bool has_watchdog_ = false, armed_ = false;
   std::int64_t look_ns_ = 0;                   ///< when it is due
   std::optional<std::int64_t> failing_since_;  ///< [ns]
-  DeviceState last_;
+  static constexpr int kTimeGuard = 1;         ///< a result: too soon after the last call, whose answer comes again
+  DeviceState last_{.sequence = 1};
   mutable std::mutex reason_;  ///< guards not_ready_
   std::string not_ready_;
 };
@@ -319,6 +320,7 @@ bool ForceDimensionDriver::fetch() {
   const int result = has_wrist_ ? api_.pose(&p_f.x(), &p_f.y(), &p_f.z(), rotation, id_)
                                 : api_.position(&p_f.x(), &p_f.y(), &p_f.z(), id_);
   if (result < 0) return false;
+  if (result != kTimeGuard) ++last_.sequence;
   last_.position = from_force_dimension(p_f);
   if (has_wrist_) last_.orientation = orientation_from_force_dimension(rotation);
   return true;

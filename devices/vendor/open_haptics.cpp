@@ -414,6 +414,7 @@ Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, Devi
     return Status::lost;
   }
   state = newest_.state;
+  state.sequence = static_cast<std::uint64_t>(newest_.taken_ns);
   state.age += 1e-9 * static_cast<double>(now - newest_.taken_ns);
   return Status::ok;
 }

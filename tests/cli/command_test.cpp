@@ -319,6 +319,9 @@ INSTANTIATE_TEST_SUITE_P(MidSession, MisbehavingPlugins,
                          testing::Values(Misbehaviour{"ReturnsNaN", R"({"fault":"nan","tick":900})", 1, "not_finite"},
                                          Misbehaviour{"Jumps", R"({"fault":"jump","tick":900})", 1, "velocity"},
                                          Misbehaviour{"GoesBackwards", R"({"fault":"backwards"})", 1, "velocity"},
+                                         Misbehaviour{"Leaps", R"({"fault":"leaps","tick":900})", 1,
+                                                      "outside_workspace"},
+                                         Misbehaviour{"FallsMute", R"({"fault":"mute","tick":900})", 3, "device_lost"},
                                          Misbehaviour{"HangsUp", R"({"fault":"lost","tick":900})", 3, "device_lost"}),
                          [](const auto& instance) { return instance.param.name; });
 

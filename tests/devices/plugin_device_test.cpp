@@ -112,6 +112,20 @@ TEST(PluginDevice, PassesOnWhatThePluginAnswers) {
   EXPECT_LT(exchange(*backwards, Vec3(1, 0, 0), 1e-3).position.x(), 0);
 }
 
+TEST(PluginDevice, PassesOnWhichSampleAStateIs) {
+  const auto device = open_device(faulty("repeats", 4));
+  std::vector<std::uint64_t> numbers;
+  for (int k = 0; k < 8; ++k) {
+    const DeviceState state = exchange(*device, Vec3(1, 0, 0), 1e-3);
+    numbers.push_back(state.sequence);
+    EXPECT_NEAR(state.age, 1e-3 * ((k + 1) % 4), 1e-12);
+  }
+  EXPECT_EQ(numbers, (std::vector<std::uint64_t>{1, 1, 1, 5, 5, 5, 5, 9}));
+  const DeviceState silent = exchange(*open_device("plugin:path=" MASS_PLUGIN), Vec3::Zero(), 0);
+  EXPECT_EQ(silent.sequence, 0U) << "a plug-in without the function: every exchange is a new sample";
+  EXPECT_EQ(silent.age, 0);
+}
+
 TEST(PluginDevice, KnowsAPluginThatLivesInRealTime) {
   EXPECT_FALSE(open_device(faulty("clock"))->info().virtual_time);
 }

@@ -624,6 +624,389 @@ TEST(ServoLoop, AllocatesNothingWhileTheDeviceIsAwayAndWhenItComesBack) {
   EXPECT_EQ(after, counting.before);
 }
 
+// ------------------------------------------------------------------------------------------------- states that are
+// not fresh
+
+/// Glides at a constant velocity whatever the force is, and takes a new sample at those exchanges that `is_taken` says.
+/// What it is asked for in between repeats the last one.
+class Gliding final : public Device {
+ public:
+  explicit Gliding(std::function<bool(std::uint64_t)> is_taken) : is_taken_(std::move(is_taken)) {
+    info_.virtual_time = true;
+    info_.workspace_min = Vec3::Constant(-0.2);
+    info_.workspace_max = Vec3::Constant(0.2);
+    info_.max_force = 10;
+    forces.reserve(1 << 16);
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+    if (forces.size() < forces.capacity()) forces.push_back(wrench.force);
+    time_ += dt;
+    if (is_taken_(calls_++)) {
+      taken_ = time_ - late;
+      ++sequence_;
+    }
+    state.position = taken_ * velocity;
+    state.age = states_age ? time_ - taken_ : 0;
+    state.sequence = sequence_;
+    return Status::ok;
+  }
+  void close() noexcept override {}
+
+  Vec3 velocity{0.02, 0, 0};  ///< [m/s]
+  double late = 0;            ///< of a sample when it is first seen [s]
+  bool states_age = true;
+  std::vector<Vec3> forces;
+
+ private:
+  DeviceInfo info_;
+  std::function<bool(std::uint64_t)> is_taken_;
+  double time_ = 0, taken_ = 0;
+  std::uint64_t calls_ = 0, sequence_ = 0;
+};
+
+TEST(ServoLoop, TakesARepeatedStateForNoSample) {
+  Gliding device([](std::uint64_t call) { return call % 16 == 0; });
+  Resuming controller(1600);
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::finished);
+  EXPECT_NEAR(result.report.achieved_rate(), 62.5, 1);
+  EXPECT_NEAR(result.report.exchange_rate(), 1000, 10);
+  EXPECT_TRUE(result.report.lacks_states());
+  EXPECT_EQ(result.report.gaps, 0U);
+  EXPECT_EQ(result.log.samples.size(), result.report.samples);
+  for (std::size_t i = 2; i < result.log.samples.size(); ++i) {
+    const Sample &row = result.log.samples[i], &before = result.log.samples[i - 1];
+    EXPECT_EQ(row.tick - before.tick, 16U);
+    EXPECT_NEAR(row.velocity.x(), 0.02, 1e-9) << "over the time between the samples";
+    EXPECT_NEAR(controller.states[i].dt, 0.016, 1e-12);
+  }
+  // The force of the last sample is held between two.
+  for (std::size_t k = 801; k < 816; ++k) EXPECT_EQ(device.forces[k].x(), 2);
+}
+
+TEST(ServoLoop, EstimatesTheVelocityOverTheSamplesOwnTimes) {
+  // Every fourth sample is seen half a millisecond later than the others.
+  std::uint64_t call = 0;
+  Gliding device([&](std::uint64_t now) {
+    call = now;
+    return true;
+  });
+  struct Late final : Device {
+    Late(Gliding& inner, std::uint64_t& call) : inner_(inner), call_(call) {}
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner_.info(); }
+    Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+      inner_.late = (call_ + 1) % 4 == 0 ? 0.5e-3 : 0;
+      return inner_.exchange(wrench, dt, state);
+    }
+    void close() noexcept override {}
+    Gliding& inner_;
+    std::uint64_t& call_;
+  } late(device, call);
+  Resuming controller(400);
+  const Outcome result = run(late, controller, kVirtual);
+  ASSERT_EQ(result.report.cause, StopCause::finished);
+  EXPECT_EQ(result.report.stale, 0U);
+  for (std::size_t i = 2; i < result.log.samples.size(); ++i)
+    EXPECT_NEAR(result.log.samples[i].velocity.x(), 0.02, 1e-6) << i;
+}
+
+TEST(ServoLoop, MakesNoSpeedOfASilenceAndFadesItsForce) {
+  Gliding device([](std::uint64_t call) { return call < 601 || call >= 691; });
+  device.velocity.x() = 0.1;
+  Resuming controller(1500);
+  ServoLoop::Options options = kVirtual;
+  options.limits = {.max_velocity = 0.2, .soft_start = 0.1};
+  const Outcome result = run(device, controller, options);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+  const auto& rows = result.log.samples;
+  ASSERT_EQ(rows[599].tick, 599U);
+  ASSERT_EQ(rows[600].tick, 690U) << "no sample is invented";
+  EXPECT_EQ(device.forces[620].x(), 2) << "held for 20 ms";
+  EXPECT_EQ(device.forces[635], Vec3::Zero()) << "faded over 10 ms";
+  EXPECT_EQ(device.forces[691], Vec3::Zero());
+  EXPECT_EQ(rows[600].velocity, Vec3::Zero()) << "estimated anew";
+  for (std::size_t i = 601; i < 700; ++i) EXPECT_LE(rows[i].force.x() - rows[i - 1].force.x(), 2 / 100.0 + 1e-12);
+  EXPECT_NEAR(rows[701].force.x(), 2, 1e-9);
+  EXPECT_EQ(controller.resumes, 1);
+  EXPECT_EQ(result.report.gaps, 1U);
+  EXPECT_NEAR(result.report.away, 0.091, 1e-9);
+  EXPECT_TRUE(result.log.has(EventCode::states_stopped));
+  EXPECT_TRUE(result.log.has(EventCode::states_resumed));
+  EXPECT_FALSE(result.report.lacks_states());
+}
+
+TEST(ServoLoop, EndsOrWaitsWhenADeviceStaysSilent) {
+  for (const double patience : {0.0, 1.0}) {
+    Gliding device([](std::uint64_t call) { return call < 601; });
+    Resuming controller(5000);
+    ServoLoop::Options options = kVirtual;
+    options.away_timeout = patience;
+    const Outcome result = run(device, controller, options);
+    EXPECT_EQ(result.report.cause, StopCause::device_lost);
+    EXPECT_EQ(result.log.samples.size(), 600U);
+    EXPECT_EQ(device.forces.back(), Vec3::Zero());
+    EXPECT_NEAR(1e-9 * static_cast<double>(result.log.events.back().time_ns), 0.6 + ServoLoop::kSilence + patience,
+                0.01);
+  }
+}
+
+TEST(ServoLoop, EndsSoonWhenAskedToWhileStatesAreStale) {
+  for (const int raised : {1, 2}) {
+    StopRequest stop;
+    Gliding device([&](std::uint64_t call) {
+      if (call == 605)
+        for (int k = 0; k < raised; ++k) stop.raise();
+      return call < 601;
+    });
+    Resuming controller(5000);
+    const Outcome result = run(device, controller, kVirtual, stop);
+    EXPECT_EQ(result.report.cause, StopCause::interrupted);
+    EXPECT_EQ(device.forces.back(), Vec3::Zero());
+    EXPECT_LE(device.forces.size(), raised > 1 ? 608U : 640U);
+  }
+}
+
+/// Stands still for a second at a tick, as a process that was stopped does.
+class Stalling final : public ServoClock {
+ public:
+  explicit Stalling(std::int64_t at_ns) : at_ns_(at_ns) {}
+  [[nodiscard]] std::int64_t now() noexcept override { return now_; }
+  void wait_until(std::int64_t time_ns) noexcept override {
+    now_ = std::max(now_, time_ns);
+    if (now_ < at_ns_ || stalled_) return;
+    stalled_ = true;
+    now_ += 1'000'000'000;
+  }
+
+ private:
+  std::int64_t at_ns_, now_ = 0;
+  bool stalled_ = false;
+};
+
+TEST(ServoLoop, StartsAnewAfterATimeWithoutTicks) {
+  Gliding device([](std::uint64_t) { return true; });
+  device.velocity.x() = 0.025;  // 25 mm while it is stopped
+  Stalling clock(600'000'000);
+  Resuming controller(2500);
+  ServoLoop::Options options = kVirtual;
+  options.clock = &clock;
+  options.limits = {.max_velocity = 0.05, .soft_start = 0.1};
+  const Outcome result = run(device, controller, options);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+  EXPECT_EQ(device.forces[600].x(), 2);
+  EXPECT_EQ(device.forces[601], Vec3::Zero()) << "no force from before";
+  for (std::size_t k = 602; k < 700; ++k)
+    EXPECT_LE(device.forces[k].x() - device.forces[k - 1].x(), 2 / 100.0 + 1e-12) << k;
+  EXPECT_EQ(controller.resumes, 1);
+  EXPECT_EQ(controller.resumed_at.force_applied, Vec3::Zero());
+  EXPECT_EQ(result.report.gaps, 1U);
+}
+
+TEST(ServoLoop, DoesNotLoseADeviceWhoseNewestStateIsFromBeforeATimeWithoutTicks) {
+  // As a driver's thread has it, that was stopped with the process.
+  Gliding device([](std::uint64_t call) { return call < 601 || call >= 604; });
+  Stalling clock(600'000'000);
+  Resuming controller(2500);
+  ServoLoop::Options options = kVirtual;
+  options.clock = &clock;
+  const Outcome result = run(device, controller, options);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+  EXPECT_EQ(result.report.gaps, 1U);
+  EXPECT_EQ(result.report.stale, 3U);
+  EXPECT_EQ(controller.resumes, 1);
+}
+
+TEST(ServoLoop, StaysLostWithTheDeviceThatRepeatsItsState) {
+  // Waited for, and back with the same sample again and again: that is no return.
+  Gliding device([](std::uint64_t call) { return call < 601 || call >= 1300; });
+  Resuming controller(2500);
+  ServoLoop::Options options = kVirtual;
+  options.away_timeout = 2;
+  const Outcome result = run(device, controller, options);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+  EXPECT_EQ(result.report.returns, 1U);
+  EXPECT_EQ(controller.resumes, 1);
+  ASSERT_GT(result.log.samples.size(), 601U);
+  EXPECT_EQ(result.log.samples[600].tick, 1299U);
+}
+
+TEST(ServoLoop, LeavesNoForceToAReleaseThatATimeWithoutTicksInterrupted) {
+  PointMass device(0.5, 20);
+  Stalling clock(600'000'000);
+  Resuming controller(550);
+  ServoLoop::Options options = kVirtual;
+  options.clock = &clock;
+  options.limits = {.release = 0.25};
+  const Outcome result = run(device, controller, options);
+  EXPECT_EQ(result.report.cause, StopCause::finished);
+  EXPECT_GT(device.forces()[600].x(), 1);
+  for (std::size_t k = 601; k < device.forces().size(); ++k) EXPECT_EQ(device.forces()[k], Vec3::Zero()) << k;
+}
+
+TEST(ServoLoop, MakesNoFalseSpeedOfSamplesThatArriveUnevenly) {
+  // Taken every millisecond at 0.02 m/s; every other one arrives 0.9 ms late, and arrives is what its age tells.
+  Gliding device([](std::uint64_t) { return true; });
+  struct Uneven final : Device {
+    explicit Uneven(Gliding& inner) : inner_(inner) {}
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner_.info(); }
+    Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+      const Status status = inner_.exchange(wrench, dt, state);
+      state.age = ++calls_ % 2 == 0 ? 0.9e-3 : 0;
+      return status;
+    }
+    void close() noexcept override {}
+    Gliding& inner_;
+    int calls_ = 0;
+  } uneven(device);
+  Resuming controller(400);
+  const Outcome result = run(uneven, controller, kVirtual);
+  ASSERT_EQ(result.report.cause, StopCause::finished);
+  double mean = 0;
+  for (std::size_t i = 2; i < 400; ++i) {
+    EXPECT_LE(result.log.samples[i].velocity.x(), 2 * 0.02 * (1 + 1e-9)) << "not ten times as much";
+    mean += result.log.samples[i].velocity.x() / 398;
+  }
+  EXPECT_NEAR(mean, 0.02, 0.01);
+}
+
+TEST(ServoLoop, LosesADeviceWhoseFirstStateIsOldAndStaysSo) {
+  Gliding device([](std::uint64_t call) { return call == 0; });
+  device.late = 5;
+  Resuming controller(5000);
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::device_lost);
+  EXPECT_THAT(result.report.detail, HasSubstr("it answers, but takes no new sample"));
+  EXPECT_EQ(result.report.samples, 0U);
+  EXPECT_TRUE(controller.states.empty());
+}
+
+TEST(ServoLoop, DoesNotAskTheControllerAboutAStateThatStopsTheSession) {
+  struct Stop {
+    PointMass::Faults faults;
+    EventCode code;
+  };
+  for (const Stop& stop :
+       {Stop{{.jump_at = 601}, EventCode::velocity_limit}, Stop{{.nan_at = 601}, EventCode::not_finite},
+        Stop{{.ready_until = 601}, EventCode::device_not_ready}}) {
+    PointMass device(0.5, 20, stop.faults);
+    Resuming controller(1500);
+    ServoLoop::Options options = kVirtual;
+    options.limits = {.max_velocity = 5};
+    const Outcome result = run(device, controller, options);
+    EXPECT_TRUE(result.report.stopped_by_fault());
+    EXPECT_EQ(controller.states.size(), 600U) << static_cast<int>(stop.code);
+    EXPECT_EQ(result.log.events.size(), 2U) << "started, and why it stopped";
+    EXPECT_EQ(result.log.events.back().code, stop.code);
+  }
+}
+
+TEST(ServoLoop, SaysOnceWhyItStopsAlsoWhenMoreGoesWrongMeanwhile) {
+  // The position jumps, is none, or is not allowed any more while the force fades after a deviation.
+  for (const PointMass::Faults& faults :
+       {PointMass::Faults{.jump_at = 511}, PointMass::Faults{.nan_at = 511}, PointMass::Faults{.ready_until = 511}}) {
+    PointMass device(0.5, 20, faults);
+    Scripted controller([](const State& state) {
+      Command command = pushing(state.tick < 500 ? Command::Status::working : Command::Status::deviation);
+      if (state.tick >= 500) command.event = Event{.code = EventCode::deviation_limit, .values = {0.05, 0.03, kNaN}};
+      return command;
+    });
+    ServoLoop::Options options = kVirtual;
+    options.limits = {.max_velocity = 5};
+    const Outcome result = run(device, controller, options);
+    EXPECT_EQ(result.report.cause, StopCause::deviation) << to_string(result.report.cause);
+    EXPECT_EQ(result.log.events.size(), 2U);
+    EXPECT_EQ(device.forces().back(), Vec3::Zero());
+    EXPECT_LT(device.forces().size(), 520U) << "cut to zero at once";
+  }
+  StopRequest stop;
+  PointMass device(0.5, 20);
+  Scripted controller([&](const State& state) {
+    if (state.tick == 500 || state.tick == 510) stop.raise();
+    return pushing();
+  });
+  const Outcome result = run(device, controller, kVirtual, stop);
+  EXPECT_EQ(result.report.cause, StopCause::interrupted);
+  EXPECT_EQ(result.log.events.size(), 2U) << "the second request adds no second event";
+}
+
+TEST(ServoLoop, RefusesAPositionThatNoHandCanReach) {
+  for (const double leap : {-2e6, 12.0, 1e300}) {
+    struct Leaping final : Device {
+      Leaping(Device& inner, double leap) : inner_(inner), leap_(leap) {}
+      [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner_.info(); }
+      Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+        const Status status = inner_.exchange(wrench, dt, state);
+        if (calls_++ > 600) state.position.x() = leap_;
+        return status;
+      }
+      void close() noexcept override {}
+      Device& inner_;
+      double leap_;
+      int calls_ = 0;
+    };
+    PointMass device(0.5, 20);
+    Leaping leaping(device, leap);
+    Resuming controller(1500);
+    const Outcome result = run(leaping, controller, kVirtual);
+    EXPECT_EQ(result.report.cause, StopCause::outside_workspace) << leap;
+    EXPECT_THAT(result.report.detail, HasSubstr("from the centre of its workspace"));
+    EXPECT_EQ(result.log.samples.size(), 600U);
+    EXPECT_EQ(controller.states.size(), 600U) << "the controller never sees it";
+    EXPECT_EQ(device.forces().back(), Vec3::Zero());
+  }
+}
+
+TEST(ServoLoop, AsksNobodyAfterALimitTripsAndTellsOfOneStopOnce) {
+  using Status = Command::Status;
+  for (const auto& [status, code] : {std::pair{Status::deviation, EventCode::deviation_limit},
+                                     {Status::oscillation, EventCode::oscillation_stays},
+                                     {Status::no_path, EventCode::path_unreadable}}) {
+    PointMass device(0.5, 20);
+    int asked_after = 0;
+    bool stopped = false;
+    Scripted controller([&](const State& state) {
+      Command command;
+      command.wrench.force = Vec3(2, 0, 0);
+      if (stopped) ++asked_after;
+      if (state.tick < 500) return command;
+      stopped = true;
+      command.status = status;
+      command.event = Event{.code = code, .values = {0.1, 0.05, 0.05}};
+      return command;
+    });
+    const Outcome result = run(device, controller, kVirtual);
+    EXPECT_TRUE(result.report.stopped_by_fault());
+    EXPECT_EQ(asked_after, 0);
+    EXPECT_EQ(std::count_if(result.log.events.begin(), result.log.events.end(),
+                            [&](const Event& event) { return event.code == code; }),
+              1);
+    EXPECT_GT(result.log.samples.size(), 540U) << "the force faded over 50 ms";
+    EXPECT_EQ(result.log.samples.back().phase, Phase::stopped);
+  }
+}
+
+TEST(ServoLoop, AllocatesNothingWhileStatesAreStale) {
+  std::size_t before = 0, after = 0;
+  Gliding device([&](std::uint64_t call) {
+    if (call == 600) before = test::allocations();
+    if (call == 750) after = test::allocations();
+    return call < 601 || call >= 691;
+  });
+  struct Counting final : SampleSink {
+    using SampleSink::push;
+    void push(const Sample&) noexcept override {}
+  } counting;
+  Scripted controller([](const State& state) {
+    return pushing(state.tick > 900 ? Command::Status::finished : Command::Status::working);
+  });
+  SampleSink* const sinks[] = {&counting};
+  const auto estimator = make_velocity_estimator("lowpass:100", 1000, 0);
+  EXPECT_EQ(ServoLoop(device, controller, *estimator, sinks, kVirtual).run(StopRequest{}).cause, StopCause::finished);
+  EXPECT_GT(before, 0U);
+  EXPECT_EQ(after, before);
+}
+
 TEST(ServoLoop, RefusesAPatienceThatIsNone) {
   PointMass device;
   Scripted controller = push_until(0, Vec3::Zero());

@@ -18,7 +18,7 @@ using namespace std::chrono_literals;
 struct Hardware {
   std::atomic<double> force{kNaN};  ///< along x, of the last round [N]
   std::atomic<int> rounds{0}, releases{0};
-  std::atomic<bool> answers{true}, breaks{false};
+  std::atomic<bool> answers{true}, breaks{false}, stands_still{false};
 };
 
 class FakeDriver final : public DeviceDriver {
@@ -31,6 +31,11 @@ class FakeDriver final : public DeviceDriver {
     hardware_.force = wrench.force.x();
     ++hardware_.rounds;
     if (hardware_.breaks) throw device_error("its magic smoke escaped");
+    if (hardware_.stands_still) {
+      std::this_thread::sleep_for(200ms);
+      hardware_.stands_still = false;
+      return false;
+    }
     std::this_thread::sleep_for(200us);
     state.position = Vec3(hardware_.rounds, 0, 0);
     return hardware_.answers;
@@ -112,6 +117,36 @@ TEST_F(ThreadedDeviceTest, SaysHowOldAStateIs) {
   double age = 0;
   wait_until([&] { return (age = exchange(*device, Vec3::Zero(), 1e-3).age) >= 0.02; });
   EXPECT_GE(age, 0.02);
+}
+
+TEST_F(ThreadedDeviceTest, NumbersItsAnswersSoThatARepeatedStateDoesNotLookNew) {
+  const auto device = open();
+  DeviceState state = exchange(*device, Vec3::Zero(), 1e-3);
+  EXPECT_GT(state.sequence, 0U);
+  for (double position = state.position.x(); position < 20; position = state.position.x()) {
+    const DeviceState before = state;
+    state = exchange(*device, Vec3::Zero(), 1e-3);
+    EXPECT_EQ(state.sequence != before.sequence, state.position != before.position);
+  }
+  hardware_.answers = false;
+  const int rounds = hardware_.rounds;
+  wait_until([&] { return hardware_.rounds > rounds + 1; });
+  const std::uint64_t last = exchange(*device, Vec3::Zero(), 1e-3).sequence;
+  const int later = hardware_.rounds;
+  wait_until([&] { return hardware_.rounds > later + 1; });
+  DeviceState silent;
+  if (device->exchange({}, 1e-3, silent) == Device::Status::ok) {
+    EXPECT_EQ(silent.sequence, last) << "rounds without an answer make no sample";
+  }
+}
+
+TEST_F(ThreadedDeviceTest, IsNotLostForAProcessThatStoodStill) {
+  const auto device = open();
+  hardware_.stands_still = true;  // for longer than its patience, and that round is in vain
+  wait_until([&] { return !hardware_.stands_still; });
+  const int rounds = hardware_.rounds;
+  wait_until([&] { return hardware_.rounds > rounds + 1; });
+  exchange(*device, Vec3::Zero(), 1e-3);
 }
 
 TEST_F(ThreadedDeviceTest, IsLostWithTheDriversReasonAndReleasedOnce) {

@@ -76,6 +76,37 @@ TEST(Calibration, FindsAFalconThatAHandHolds) {
   EXPECT_GT(result.design->gains.kp.minCoeff(), 0);
 }
 
+TEST(Calibration, FindsADeviceThatNowAndThenRepeatsAState) {
+  class Repeating final : public Device {
+   public:
+    explicit Repeating(Device& device) : device_(device) {}
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_.info(); }
+    Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+      DeviceState newest;
+      const Status status = device_.exchange(wrench, dt, newest);
+      if (++calls_ % 25 != 0) {
+        last_ = newest;
+        last_.sequence = calls_;
+      }
+      state = last_;
+      return status;
+    }
+    void close() noexcept override { device_.close(); }
+
+   private:
+    Device& device_;
+    DeviceState last_;
+    std::uint64_t calls_ = 0;
+  };
+  SimDevice device(preset("falcon", "relaxed"));
+  Repeating repeating(device);
+  const CalibrationResult result = calibrated(repeating);
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  EXPECT_GT(result.session.servo.stale, 300U);
+  for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(result.identification.plant.mass[axis], 0.4, 0.06);
+  EXPECT_NEAR(result.identification.plant.delay, 1.5e-3, 0.5e-3);
+}
+
 TEST(Calibration, FindsAnIdealMassExactly) {
   SimDevice device(preset("ideal", "none"));
   const CalibrationResult result = calibrated(device);

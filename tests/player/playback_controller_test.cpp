@@ -182,7 +182,7 @@ TEST(Playback, PausesBeyondTheDeviationLimitAndResumesWithoutAJump) {
   std::vector<EventCode> told;
   for (const Command& c : answers)
     if (c.event) told.push_back(c.event->code);
-  EXPECT_EQ(told, (std::vector{EventCode::repetition, EventCode::paused, EventCode::resumed}));
+  EXPECT_EQ(told, (std::vector{EventCode::repetition, EventCode::reference_waits, EventCode::reference_goes_on}));
 }
 
 TEST(Playback, SoftensBeyondTheDeviationLimit) {

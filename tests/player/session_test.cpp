@@ -275,8 +275,9 @@ TEST(SessionJson, HasTheNamesOfTheContract) {
   const Path path = make_shape("circle", {.duration = 1});
   const nlohmann::json json =
       to_json(play(device, plan_playback(device.info(), path, options), options, StopRequest{}));
-  for (const char* key : {"samples", "duration_s", "rms_error_m", "peak_error_m", "force_ripple_n", "max_force_n",
-                          "overruns", "latency_s", "tick_s", "stopped_by", "repetitions"})
+  for (const char* key :
+       {"samples", "duration_s", "rms_error_m", "peak_error_m", "force_ripple_n", "max_force_n", "overruns",
+        "latency_s", "tick_s", "stopped_by", "repetitions", "ticks", "gaps", "tick_rate_hz", "achieved_rate_hz"})
     EXPECT_TRUE(json.contains(key)) << key;
   for (const char* key : {"p50", "p99", "p999", "max"}) EXPECT_TRUE(json["latency_s"].contains(key)) << key;
   EXPECT_EQ(json["repetitions"].size(), 2U);

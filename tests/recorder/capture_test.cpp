@@ -220,6 +220,15 @@ TEST(Capture, ActsOnAnEventThatComesLateBeforeTheNextSample) {
   EXPECT_EQ(list.items[3].time_ns, kMs);
 }
 
+TEST(Capture, KeepsEveryRowWhileThePathOfAPlaybackWaitsForTheHand) {
+  List list;
+  Capture capture({}, list);
+  capture.feed(std::vector{at(0), at(1), at(2), at(3), at(4)},
+               {{1 * kMs, EventCode::reference_waits, "waits"}, {3 * kMs, EventCode::reference_goes_on, "goes on"}});
+  EXPECT_FALSE(capture.paused());
+  EXPECT_EQ(std::count_if(list.items.begin(), list.items.end(), [](const Kept& item) { return item.tick >= 0; }), 5);
+}
+
 TEST(Capture, RefusesATimeBeforeTheTriggerThatMakesNoSense) {
   for (const double pre : {-0.1, 601.0, std::nan(""), std::numeric_limits<double>::infinity()})
     EXPECT_THAT(test::error_of([&] { validate(CaptureOptions{.pre = pre}); }), HasSubstr("must be from 0 to 600 s"));

@@ -7,6 +7,8 @@
  *     swapped    likewise, and another one every time that it is opened
  *     not_ready  allows no force before tick N         clock     moves by the monotonic clock, not by dt
  *     names      leaves its strings unterminated       measures  measures velocity, orientation and force
+ *     leaps      stands at -2e6 m from tick N on       repeats   takes a new sample at every Nth tick only, and says so
+ *     mute       takes no new sample from tick N on, and says so
  * WRONG_ABI and MISSING_SYMBOL, when defined, make a library that cannot be used at all. */
 #include "devices/plugin.h"
 
@@ -18,8 +20,8 @@
 
 typedef struct faulty_device {
   char fault[32];
-  long fault_tick, tick;
-  double position[3], velocity[3];
+  long fault_tick, tick, sampled;
+  double position[3], velocity[3], sample[3];
   struct timespec last;
 } faulty_device;
 
@@ -99,7 +101,21 @@ int haptrace_plugin_exchange(void* opaque, double dt, const double wrench[6], ha
   state->ready = !has(device, "not_ready") || due;
   if (has(device, "nan") && device->tick == device->fault_tick) state->position[1] = NAN;
   if (has(device, "jump") && due) state->position[0] += 0.03;
+  if (has(device, "leaps") && due) state->position[0] = -2e6;
+  const int repeats = (has(device, "repeats") && device->tick % device->fault_tick != 0) || (has(device, "mute") && due);
+  if (!repeats) {
+    device->sampled = device->tick;
+    memcpy(device->sample, state->position, sizeof device->sample);
+  }
+  memcpy(state->position, device->sample, sizeof device->sample);
   return 0;
+}
+
+void haptrace_plugin_sample(void* opaque, haptrace_plugin_sample_info* sample) {
+  const faulty_device* device = opaque;
+  if (!has(device, "repeats") && !has(device, "mute")) return;
+  sample->sequence = 1 + (uint64_t)device->sampled;
+  sample->age = 1e-3 * (double)(device->tick - device->sampled); /* at 1000 Hz */
 }
 #endif
 
