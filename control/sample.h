@@ -38,7 +38,7 @@ enum class EventCode : std::int32_t {
   samples_lost = 11,       ///< values: samples that found the ring full
   recovered = 12,          ///< by haptrace recover; values: samples kept, samples that could not be read
   force_limit = 20,        ///< values: asked [N], allowed [N]
-  continuous_limit = 21,   ///< values: allowed [N]
+  continuous_limit = 21,   ///< values: allowed [N, N m]; continuous force that was assumed [N]; 1 for torque
   velocity_limit = 22,     ///< values: speed [m/s], limit [m/s]
   deviation_limit = 23,    ///< values: deviation [m], limit [m]
   deviation_over = 24,     ///< values: deviation [m]; the session goes on
@@ -63,6 +63,8 @@ enum class EventCode : std::int32_t {
   rotation_limit = 64,   ///< values: deviation of the orientation [rad], limit [rad]
   touched = 65,          ///< values: index of the scene's object from 0, its force [N]
   left = 66,  ///< by the tool; values: index of the object, largest depth [m], for how long it was touched [s]
+  force_resisted = 70,    ///< longer than force can be held; values: allowed force [N], time until the end [s]
+  resistance_limit = 71,  ///< values: for how long the force was resisted [s]
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().
