@@ -97,7 +97,8 @@ Verb add_guide(CLI::App& app) {
       ->type_name("EXPERT");
   verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
   verb->add_option("--mode", arguments->mode,
-                   "tunnel (the trainee chooses when) | cursor (the expert's time) | free (nothing is sent)")
+                   "tunnel (the trainee chooses when) | cursor (the expert's time) | free (nothing is sent, not even "
+                   "on the way to the start)")
       ->capture_default_str();
   verb->add_option(
           "--radius", arguments->radius,
@@ -179,6 +180,7 @@ Verb add_guide(CLI::App& app) {
           throw input_error(fmt::format("unknown mode '{}'{}", arguments->mode, suggestion(arguments->mode, kModes)));
         options.guidance.cursor = *mode == "cursor";
         options.free = *mode == "free";
+        options.guidance.led = !options.free;
         options.feel = parse_feel(arguments->feel);
         if (arguments->pace)
           options.pace = PaceHelp::Options{

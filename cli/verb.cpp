@@ -108,8 +108,9 @@ void SessionArguments::add_to(CLI::App& app) {
   app.add_option("--max-force", limits.max_force, "force limit [N]; 0: the device's own")
       ->capture_default_str()
       ->group("Safety");
-  app.add_option("--max-continuous-force", limits.max_continuous_force,
-                 "limit of the force over 10 s [N]; 0: the device's own")
+  app.add_option(
+         "--max-continuous-force", limits.max_continuous_force,
+         "limit of the force over 10 s [N]; 0: the device's own, or 0.3 of its peak over 20 s if it states none")
       ->capture_default_str()
       ->group("Safety");
   app.add_option("--max-velocity", limits.max_velocity, "speed of the tool at which the session stops [m/s]; 0: off")

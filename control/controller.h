@@ -47,6 +47,8 @@ struct Command {
   double tunnel_radius = kNaN;  ///< at that place [m]
   Phase phase = Phase::idle;
   Status status = Status::working;
+  /// How long a hand may resist more than the force limits allow before the loop ends the session [s]; 0: for ever.
+  double patience = 0;
   std::optional<Event> event;  ///< something to tell; the loop stamps its time
 };
 

@@ -29,6 +29,10 @@ std::string describe(const Event& event) {
     case EventCode::force_limit:
       return fmt::format("force limited: {:.3g} N asked, {:.3g} N allowed", a, b);
     case EventCode::continuous_limit:
+      if (c == 1) return fmt::format("continuous torque limited to {:.3g} N m", a);
+      if (b > 0)
+        return fmt::format(
+            "continuous force limited to {:.3g} N: the device states no continuous force, {:.3g} N are assumed", a, b);
       return fmt::format("continuous force limited to {:.3g} N", a);
     case EventCode::velocity_limit:
       return fmt::format("stopped: {:.3g} m/s is over the limit of {:.3g} m/s", a, b);
@@ -97,6 +101,10 @@ std::string describe(const Event& event) {
           "stopped: the device's position is {:.3g} m from the centre of its workspace, no hand reaches beyond {:.3g} "
           "m",
           a, b);
+    case EventCode::force_resisted:
+      return fmt::format("the hand resists the force: it falls to {:.1f} N, and the session ends in {:.0f} s", a, b);
+    case EventCode::resistance_limit:
+      return fmt::format("stopped: the hand resisted the force for {:.0f} s", a);
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

@@ -38,7 +38,7 @@ enum class EventCode : std::int32_t {
   samples_lost = 11,       ///< values: samples that found the ring full
   recovered = 12,          ///< by haptrace recover; values: samples kept, samples that could not be read
   force_limit = 20,        ///< values: asked [N], allowed [N]
-  continuous_limit = 21,   ///< values: allowed [N]
+  continuous_limit = 21,   ///< values: allowed [N, N m]; continuous force that was assumed [N]; 1 for torque
   velocity_limit = 22,     ///< values: speed [m/s], limit [m/s]
   deviation_limit = 23,    ///< values: deviation [m], limit [m]
   deviation_over = 24,     ///< values: deviation [m]; the session goes on
@@ -69,6 +69,8 @@ enum class EventCode : std::int32_t {
   states_resumed = 70,     ///< values: how long there was no fresh state, or no tick [s]. Forces fade in again
   outside_workspace =
       71,  ///< a position that no hand can reach; values: distance from the workspace's centre [m], bound [m]
+  force_resisted = 75,    ///< longer than force can be held; values: allowed force [N], time until the end [s]
+  resistance_limit = 76,  ///< values: for how long the force was resisted [s]
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().

@@ -25,6 +25,7 @@ constexpr Law kLaws[] = {
     {"rate", "has a new state for nearly every tick"},
     {"fresh", "answers with fresh states"},
     {"noise", "is quiet at rest"},
+    {"follows", "measures where its handle is"},
     {"gentle", "moves slowly and not far under small forces"},
     {"force_x", "moves along a force along x"},
     {"force_y", "moves along a force along y"},
@@ -58,6 +59,12 @@ constexpr double kOwnMotion = 0.35;                       // motion that is not 
 constexpr double kLightest = 0.01;                        // no handle with its mechanism is lighter [kg]
 constexpr double kAligned = 0.7071;                       // cosine of the widest angle between force and motion
 constexpr double kSoon = 0.05;                            // [s]
+constexpr double kStrongest = 1000;                       // force of a device that a hand can hold [N]
+constexpr double kStrongestTurn = 100;                    // [N m]
+constexpr double kWidest = 10;                            // of a workspace, from the origin [m]
+constexpr double kCoarsest = 0.01;                        // position resolution [m]
+constexpr double kFastestRate = 1e6;                      // [Hz]
+constexpr double kStiction = 3;                           // no friction of a haptic device hides more [N]
 constexpr double kMargin = 0.01;                          // from the workspace's faces, for forces to be tried [m]
 constexpr double kHeldPath = 0.002;                       // that a force brings about while it is held, at least [m]
 constexpr double kLeastHeld = 0.02;                       // of the largest force, to begin with
@@ -165,6 +172,8 @@ class Examination {
     steps_.add(device_->rows());
     for (const Exchanged& row : device_->rows()) {
       not_finite_ = not_finite_ || !is_finite(row.state.position);
+      if (!first_position_) first_position_ = row.state.position;
+      moved_ = moved_ || row.state.position != *first_position_;
       wrong_age_ = wrong_age_ || !(row.state.age >= 0 && std::isfinite(row.state.age));
       ages_.record(static_cast<std::int64_t>(1e9 * std::clamp(row.state.age, 0.0, 1e3)));
     }
@@ -190,20 +199,31 @@ class Examination {
 
   void describe_itself() {
     std::vector<std::string> wrong;
-    const auto expect = [&wrong](bool right, const char* complaint) {
-      if (!right) wrong.emplace_back(complaint);
+    const auto expect = [&wrong](bool right, std::string complaint) {
+      if (!right) wrong.push_back(std::move(complaint));
     };
     expect(!info_.backend.empty(), "backend is empty");
     expect(!info_.model.empty() || info_.backend == "replay", "model is empty");
     expect(is_finite(info_.workspace_min) && is_finite(info_.workspace_max), "workspace is not finite");
     expect((info_.workspace_min.array() < info_.workspace_max.array()).all(),
            "workspace_min does not lie below workspace_max in every axis");
+    expect(info_.workspace_min.cwiseAbs().maxCoeff() <= kWidest && info_.workspace_max.cwiseAbs().maxCoeff() <= kWidest,
+           fmt::format("the workspace reaches farther than {} m; it is stated in metres", kWidest));
     expect(std::isfinite(info_.position_resolution) && info_.position_resolution >= 0,
            "position_resolution is negative or not finite");
+    expect(!(info_.position_resolution > kCoarsest),
+           fmt::format("position_resolution is {} m, which no encoder has", info_.position_resolution));
     expect(std::isfinite(info_.max_force) && info_.max_force > 0, "max_force is not above 0");
+    expect(!(info_.max_force > kStrongest),
+           fmt::format("max_force is {:.3g} N; no device that a hand holds has more than {} N, and every limit of a "
+                       "session follows from it",
+                       info_.max_force, kStrongest));
+    expect(info_.max_torque >= 0 && info_.max_torque <= kStrongestTurn,
+           fmt::format("max_torque is {:.3g} N m; it has to be between 0 and {}", info_.max_torque, kStrongestTurn));
     expect(info_.max_continuous_force >= 0 && info_.max_continuous_force <= info_.max_force,
            "max_continuous_force is not between 0 and max_force");
     expect(std::isfinite(info_.nominal_rate) && info_.nominal_rate > 0, "nominal_rate is not above 0");
+    expect(!(info_.nominal_rate > kFastestRate), fmt::format("nominal_rate is {:.3g} Hz", info_.nominal_rate));
     expect(info_.force_axes[0] || info_.force_axes[1] || info_.force_axes[2], "no axis takes a force");
     judge("description", wrong.empty(),
           wrong.empty() ? fmt::format("{}, {:.3g} N, {:.4g} Hz", info_.model, info_.max_force, info_.nominal_rate)
@@ -626,7 +646,28 @@ class Examination {
             not_finite_ ? "a position was not a number" : fmt::format("{} positions", ages_.count()));
     }
     judge("stays", !lost_, lost_ ? last_.detail : "it answered every exchange");
+    judge_whether_it_follows();
     judge_resolution();
+  }
+
+  /// A position that never changes is that of a handle that nothing moved, or of encoders that do not count. Only a
+  /// hand that moves the handle tells them apart, or a force that no friction holds.
+  void judge_whether_it_follows() {
+    if (moved_) return judge("follows", true, "its position changed");
+    if (!first_position_) return leave_out("follows", over_.empty() ? "there was nothing to judge" : over_);
+    constexpr const char* kFrozen =
+        "its position stood still, to the last digit, {}: are its encoders connected, and is each state a new one?";
+    const std::string pushed = fmt::format("under forces of up to {:.3g} N", most_sent_);
+    if (most_sent_ >= kStiction) return judge("follows", false, fmt::format(kFrozen, pushed));
+    const bool asked =
+        over_.empty() && is_real() && user_.does("no force: move the handle by some centimetres, and leave it there");
+    constexpr double kLook = 0.1;  // [s]
+    RestController rest(kLook);
+    if (asked && session(rest, kLook, false))
+      return judge("follows", moved_, moved_ ? "its position changed" : fmt::format(kFrozen, "although it was moved"));
+    leave_out("follows", fmt::format("its position never changed{}: its friction or a firm hand holds it, or it does "
+                                     "not measure. Run the test at a terminal and move the handle when asked",
+                                     most_sent_ > 0 ? " " + pushed : ""));
   }
 
   void judge_resolution() {
@@ -717,6 +758,8 @@ class Examination {
   std::string over_;            ///< why nothing more is tried
   std::string no_more_forces_;  ///< why no force is
   std::string too_fast_;        ///< what a force did that it should not
+  std::optional<Vec3> first_position_;
+  bool moved_ = false;  ///< its position differed from the first
   bool lost_ = false, not_finite_ = false, wrong_age_ = false;
   DurationHistogram ages_;
   SmallestStep steps_;

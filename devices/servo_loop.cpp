@@ -2,6 +2,8 @@
 
 #include "control/budgets.h"
 #include "control/error.h"
+#include "control/resistance_timer.h"
+#include "devices/rest_watch.h"
 
 #include <algorithm>
 #include <cmath>
@@ -18,6 +20,7 @@ constexpr double kLongestWait = 86400;    // for a device that is away or not re
 constexpr std::int64_t kTicksApart = 10;  // a tick follows another no sooner than this part of the period
 constexpr double kReleasedForce = 1e-3;   // below which there is nothing left to fade [N]
 constexpr double kReleasedTorque = 1e-5;  // [N m]
+constexpr const char* kMoves = "its handle does not come to rest: hold it still, or let go of it";
 
 /// Keeps the last samples of a session in memory that is allocated at its start.
 class FlightRecorder {
@@ -79,6 +82,8 @@ const char* to_string(StopCause cause) noexcept {
       return "interrupted";
     case StopCause::deviation:
       return "deviation";
+    case StopCause::resistance:
+      return "resistance";
     case StopCause::oscillation:
       return "oscillation";
     case StopCause::no_path:
@@ -130,6 +135,11 @@ ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& 
   ceiling(options_.limits.max_force, device_.info().max_force);
   ceiling(options_.limits.max_continuous_force, device_.info().max_continuous_force);
   ceiling(options_.limits.max_torque, device_.info().max_torque);
+  const double peak = device_.info().max_force > 0 ? device_.info().max_force : options_.limits.max_force;
+  if (options_.limits.max_continuous_force == 0 && peak > 0) {
+    options_.limits.max_continuous_force = assumed_continuous_force_ = kCautiousShare * peak;
+    options_.limits.continuous_time = kCautiousTime;
+  }
 }
 
 /// One run of the loop: the state that its ticks share.
@@ -144,6 +154,8 @@ class ServoLoop::Session {
         centre_(0.5 * (loop.device_.info().workspace_min + loop.device_.info().workspace_max)),
         farthest_(farthest_reach(loop.device_.info(), centre_)),
         limiter_(loop.options_.limits),
+        torque_limiter_(loop.options_.limits.max_torque, kCautiousShare * loop.options_.limits.max_torque,
+                        kCautiousTime),
         flight_(static_cast<std::size_t>(std::ceil(kFlightRecord * loop.options_.rate_hz))) {}
 
   void run(const StopRequest& stop) noexcept {
@@ -171,10 +183,14 @@ class ServoLoop::Session {
   [[nodiscard]] std::string lost_reason() const {
     std::string reason = loop_.device_.lost_reason();
     if (silent_) reason = "it answers, but takes no new sample";
-    if (answers_) reason = "it answers again, but does not allow forces" + loop_.not_ready_hint();
+    if (answers_ && moves_) reason = fmt::format("it answers again, but {}", kMoves);
+    if (answers_ && !moves_) reason = "it answers again, but does not allow forces" + loop_.not_ready_hint();
     if (waited_in_vain_ > 0) reason += fmt::format("; it was waited for {:.3g} s", waited_in_vain_);
     return reason;
   }
+
+  /// Whether the device allows forces, but its handle has not come to rest.
+  [[nodiscard]] bool moves() const noexcept { return moves_; }
 
   /// The event that says what stopped the session, if a limit or a fault did.
   [[nodiscard]] const std::optional<Event>& fault() const noexcept { return fault_; }
@@ -188,7 +204,7 @@ class ServoLoop::Session {
     for (double dt = 0;; dt = 1e-9 * static_cast<double>(period_ns_)) {
       const Device::Status status = loop_.device_.exchange({}, dt, device_state_);
       const bool answers = status == Device::Status::ok;
-      if (answers && device_state_.ready) {
+      if (answers && is_settled(deadline_ns_)) {
         away_since_ns_.reset();
         return true;
       }
@@ -200,6 +216,13 @@ class ServoLoop::Session {
       deadline_ns_ += period_ns_;
       clock_.wait_until(deadline_ns_);
     }
+  }
+
+  /// Whether the device allows forces, and its handle rests if it did not before.
+  bool is_settled(std::int64_t now_ns) noexcept {
+    if (!device_state_.ready) rest_.begin();
+    moves_ = device_state_.ready && !rest_.update(device_state_.position, now_ns);
+    return device_state_.ready && !moves_;
   }
 
   bool fail(StopCause cause) noexcept {
@@ -221,10 +244,16 @@ class ServoLoop::Session {
     if (woke_ns - exchanged_ns_.value_or(woke_ns) > stale_after_ns_) wrench_ = {};
     state.force_applied = wrench_.force;
 
+    // Nobody sees what force acts on a device that is away: its motors are not credited with having cooled.
+    if (!away_since_ns_) {
+      limiter_.acted(acting_.force, dt);
+      torque_limiter_.acted(acting_.torque, dt);
+    }
     const Device::Status status = loop_.device_.exchange(wrench_, dt, device_state_);
+    acting_ = wrench_;
     exchanged_ns_ = woke_ns;
-    // One that was away and is not homed yet still is.
-    if (status != Device::Status::ok || (away_since_ns_ && !device_state_.ready)) {
+    // One that was away and is not homed yet, or is still pushed home, still is.
+    if (status != Device::Status::ok || (away_since_ns_ && !is_settled(woke_ns))) {
       silent_ = false;
       sequence_ = 0;  // of another device, perhaps
       do_without(status, woke_ns, state.time_ns, stop);
@@ -457,11 +486,16 @@ class ServoLoop::Session {
       if (!loop_.device_.info().force_axes[i]) asked.force[axis] = 0;
       if (!loop_.device_.info().torque_axes[i]) asked.torque[axis] = 0;
     }
-    wrench_.torque = limited_torque(scale * asked.torque);
-    const ForceLimiter::Result limited = limiter_.limit(scale * asked.force, 1e-9 * static_cast<double>(period_ns_));
-    wrench_.force = limited.force;
-    if (limited.verdict != ForceLimiter::Verdict::free) tell_of_limit(limited, state.time_ns);
+    const ForceLimiter::Result torque = torque_limiter_.limit(scale * asked.torque);
+    const ForceLimiter::Result force = limiter_.limit(scale * asked.force);
+    wrench_ = {force.force, torque.force};
+    if (force.verdict != ForceLimiter::Verdict::free) tell_of_limit(force, state.time_ns);
+    if (torque.verdict == ForceLimiter::Verdict::continuous) tell_of_torque(torque, state.time_ns);
     if (const auto event = budget_.update(limiter_, wrench_.force.stableNorm())) push_event(state.time_ns, *event);
+    if (mode_ == Mode::running) {
+      const bool held_back = limiter_.holds_back(force) || torque_limiter_.holds_back(torque);
+      watch_resistance(resistance_.update(held_back, command.patience, dt), command.patience, state.time_ns);
+    }
 
     if (mode_ != Mode::running && (scale == 0 || is_released(wrench_))) {
       wrench_ = {};
@@ -469,10 +503,18 @@ class ServoLoop::Session {
     }
   }
 
-  /// Its magnitude within the limit, its axis kept.
-  [[nodiscard]] Vec3 limited_torque(const Vec3& torque) const noexcept {
-    const double most = loop_.options_.limits.max_torque, asked = torque.stableNorm();
-    return most > 0 && asked > most ? Vec3(torque * (most / asked)) : torque;
+  /// The hand does not yield, and the controller does not want to push it for ever.
+  void watch_resistance(ResistanceTimer::Verdict verdict, double patience, std::int64_t time_ns) noexcept {
+    if (verdict == ResistanceTimer::Verdict::none) return;
+    if (verdict == ResistanceTimer::Verdict::begins) {
+      const double settles = std::min(limiter_.allowed(), loop_.options_.limits.max_continuous_force);
+      push_event(time_ns,
+                 {.code = EventCode::force_resisted, .values = {settles, patience - resistance_.count(), kNaN}});
+      return;
+    }
+    mode_ = Mode::fading;
+    report_.cause = StopCause::resistance;
+    push_event(time_ns, {.code = EventCode::resistance_limit, .values = {resistance_.count(), kNaN, kNaN}});
   }
 
   static bool is_released(const Wrench& wrench) noexcept {
@@ -480,14 +522,26 @@ class ServoLoop::Session {
   }
 
   void tell_of_limit(const ForceLimiter::Result& limited, std::int64_t time_ns) noexcept {
-    const bool bound_before = time_ns - limit_told_ns_ < static_cast<std::int64_t>(1e9 * kEventSpacing);
-    if (bound_before && limit_told_) return;
-    limit_told_ = true;
-    limit_told_ns_ = time_ns;
-    if (limited.verdict == ForceLimiter::Verdict::peak)
+    if (!is_time_to_tell(force_told_ns_, time_ns)) return;
+    if (limited.verdict == ForceLimiter::Verdict::peak) {
       push_event(time_ns, {.code = EventCode::force_limit, .values = {limited.asked, limited.allowed, kNaN}});
-    else
-      push_event(time_ns, {.code = EventCode::continuous_limit, .values = {limited.allowed, kNaN, kNaN}});
+    } else {
+      // Where the figure comes from is said once.
+      const double assumed = std::exchange(assumed_continuous_force_, kNaN);
+      push_event(time_ns, {.code = EventCode::continuous_limit, .values = {limited.allowed, assumed, kNaN}});
+    }
+  }
+
+  void tell_of_torque(const ForceLimiter::Result& limited, std::int64_t time_ns) noexcept {
+    if (is_time_to_tell(torque_told_ns_, time_ns))
+      push_event(time_ns, {.code = EventCode::continuous_limit, .values = {limited.allowed, kNaN, 1}});
+  }
+
+  /// Whether a limit that binds at this tick was not reported for long enough; takes it as reported then.
+  static bool is_time_to_tell(std::optional<std::int64_t>& told_ns, std::int64_t time_ns) noexcept {
+    if (told_ns && time_ns - *told_ns < static_cast<std::int64_t>(1e9 * kEventSpacing)) return false;
+    told_ns = time_ns;
+    return true;
   }
 
   /// Ends the session at this tick with zero force. A session that ends already for this cause, or for a limit, says
@@ -573,8 +627,9 @@ class ServoLoop::Session {
   const std::int64_t period_ns_, stale_after_ns_;
   const Vec3 centre_;      ///< of the workspace [m]
   const double farthest_;  ///< from there that a position can be [m]
-  ForceLimiter limiter_;
+  ForceLimiter limiter_, torque_limiter_;
   MotorBudget budget_;
+  ResistanceTimer resistance_;
   FlightRecorder flight_;
 
   Mode mode_ = Mode::running;
@@ -596,15 +651,18 @@ class ServoLoop::Session {
   double waited_in_vain_ = 0;                  ///< for a device that is away [s]
   bool answers_ = false;                       ///< although it is away: it is not ready
   bool silent_ = false;                        ///< it answers, but with the same state
-  bool resumes_ = false;                       ///< at this tick
+  RestWatch rest_;
+  bool moves_ = false;    ///< although it is ready
+  bool resumes_ = false;  ///< at this tick
   std::optional<Event> fault_;
   DeviceState device_state_;
   Wrench wrench_;  ///< to be sent at the next exchange
+  Wrench acting_;  ///< that was sent at the last one
   Ramp fade_;
   std::optional<Wrench> fault_wrench_;  ///< the last that was sent before it
   Command stopped_;                     ///< the controller's last answer, once it stopped the session
-  bool limit_told_ = false;
-  std::int64_t limit_told_ns_ = 0;
+  std::optional<std::int64_t> force_told_ns_, torque_told_ns_;  ///< when a limit that binds was last reported
+  double assumed_continuous_force_ = loop_.assumed_continuous_force_ > 0 ? loop_.assumed_continuous_force_ : kNaN;
 };
 
 std::string ServoLoop::not_ready_hint() const {
@@ -630,10 +688,10 @@ ServoReport ServoLoop::run(const StopRequest& stop) noexcept {
     if (session.fault()) report.detail = describe(*session.fault());
     if (report.cause == StopCause::device_lost) report.detail = "the device was lost: " + session.lost_reason();
     if (report.cause == StopCause::device_not_ready)
-      report.detail =
-          (report.samples == 0 ? fmt::format("the device did not become ready within {} s", options_.ready_timeout)
-                               : "the device does not allow forces any more") +
-          not_ready_hint();
+      report.detail = report.samples > 0
+                          ? "the device does not allow forces any more" + not_ready_hint()
+                          : fmt::format("the device did not become ready within {} s{}", options_.ready_timeout,
+                                        session.moves() ? fmt::format("; {}", kMoves) : not_ready_hint());
   } else if (report.cause == StopCause::interrupted) {
     report.detail = "interrupted";
   }

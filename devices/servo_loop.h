@@ -48,6 +48,7 @@ enum class StopCause {
   finished,           ///< the controller was done
   interrupted,        ///< StopRequest
   deviation,          ///< the tracking error passed its limit
+  resistance,         ///< the hand resisted more than the force limits allow, for longer than the controller bears
   oscillation,        ///< the loop oscillated and softening it did not help
   no_path,            ///< the rest of the path could not be had
   velocity,           ///< the tool was faster than its limit, or its position jumped
@@ -102,8 +103,10 @@ struct ServoReport {
 ///
 /// Every session, whatever its controller: positions and forces are checked to be finite, forces are limited in
 /// magnitude and for long, the tool's speed is limited, forces fade in and fade out, and zero force is sent on every
-/// way out. Ticks that come too late are missed and counted, never caught up with: a gap in tick and time, and an
-/// event.
+/// way out. The limit for long is the device's, or a cautious one (kCautiousShare) where neither the device nor the
+/// session states any; it counts the time for which forces really acted. Where a hand resists more than it allows, the
+/// session ends after Command::patience. Ticks that come too late are missed and counted, never caught up with: a gap
+/// in tick and time, and an event.
 ///
 /// A state that the device only repeats (DeviceState::sequence) is no sample: no row, no velocity, and the controller
 /// is not asked; the last force is held. The velocity is estimated over the time between the samples, not between the
@@ -128,8 +131,8 @@ class ServoLoop {
     double rate_hz = 1000;
     bool virtual_time = false;    ///< advance as fast as the machine allows; else the monotonic clock
     bool realtime = true;         ///< ask for a real-time thread (monotonic clock only)
-    SafetyLimits limits;          ///< forces: never more than the device's own, which 0 takes
-    double ready_timeout = 30;    ///< how long to wait for a device that is not ready yet [s]
+    SafetyLimits limits;          ///< forces: never more than the device's own, which 0 takes; see the class
+    double ready_timeout = 30;    ///< how long to wait for a device that is not ready, or not at rest after that [s]
     double away_timeout = 0;      ///< how long to wait for a device that is away [s]; 0: it is lost at once
     ServoClock* clock = nullptr;  ///< borrowed, in place of either; for those who study time itself
   };
@@ -156,6 +159,7 @@ class ServoLoop {
   VelocityEstimator& estimator_;
   std::vector<SampleSink*> sinks_;
   Options options_;
+  double assumed_continuous_force_ = 0;  ///< where nobody stated one [N]
 };
 
 }  // namespace haptrace

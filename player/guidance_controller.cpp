@@ -1,6 +1,7 @@
 #include "player/guidance_controller.h"
 
 #include "control/error.h"
+#include "control/resistance_timer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,6 +13,10 @@ namespace {
 constexpr double kLongestCursorStep = 5;  // ticks that a cursor may advance at once
 constexpr double kCursorPause = 0.2;      // over which a cursor stops and comes back to speed [s]
 
+double approach_limit(const GuidanceOptions& options) noexcept {
+  return options.max_approach_deviation.value_or(options.max_deviation);
+}
+
 }  // namespace
 
 void validate(const GuidanceOptions& options) {
@@ -22,6 +27,8 @@ void validate(const GuidanceOptions& options) {
   check_range("the approach speed", options.approach_speed, 1e-3, 2, "m/s");
   check_range("the time limit", options.time_limit, 0, 1e6, "s");
   check_range("the deviation limit", options.max_deviation, 1e-5, 10, "m");
+  check_range("the deviation limit on the way to the start", approach_limit(options), 1e-5, 10, "m");
+  check_range("the patience with a hand that resists", options.patience, 0, 3600, "s");
 }
 
 GuidanceController::GuidanceController(std::shared_ptr<const ArcPath> path, Guidance guidance, const PdGains& approach,
@@ -57,11 +64,23 @@ bool GuidanceController::arrived() const noexcept {
   return options_.cursor ? left <= 0 : left <= std::min(kArrived, 0.05 * path_->length());
 }
 
+bool GuidanceController::may_begin(const Vec3& position) const noexcept {
+  const bool is_there = (position - path_->position_at(0)).stableNorm() <= options_.max_deviation;
+  return options_.led || is_there || (options_.time_limit > 0 && elapsed_ >= options_.time_limit);
+}
+
+void GuidanceController::watch_deviation(double deviation, Command& command) const noexcept {
+  const double limit = phase_ == Phase::approach ? approach_limit(options_) : options_.max_deviation;
+  if (deviation <= limit) return;
+  command.status = Command::Status::deviation;
+  command.event = Event{.code = EventCode::deviation_limit, .values = {deviation, limit, kNaN}};
+}
+
 void GuidanceController::advance(const State& state, Command& command) noexcept {
   elapsed_ += std::min(state.dt, kLongestCursorStep / options_.rate_hz);
   switch (phase_) {
     case Phase::approach:
-      if (elapsed_ < approach_.duration()) return;
+      if (elapsed_ < approach_.duration() || !may_begin(state.position)) return;
       phase_ = Phase::run;
       elapsed_ = 0;
       cursor_time_ = RunningTime();
@@ -113,15 +132,13 @@ Command GuidanceController::update(const State& state) noexcept {
       command.reference_force = foot.place.force;
       command.progress = foot.s;
       command.tunnel_radius = foot.place.radius;
-      if (phase_ == Phase::run && foot.distance > options_.max_deviation) {
-        command.status = Command::Status::deviation;
-        command.event =
-            Event{.code = EventCode::deviation_limit, .values = {foot.distance, options_.max_deviation, kNaN}};
-      }
+      if (!finished_) watch_deviation(foot.distance, command);
     }
   }
+  if (!guides && options_.led) watch_deviation((way.position - state.position).stableNorm(), command);
   command.reference = way;
-  if (share < 1) {
+  command.patience = guides ? options_.patience : kPatience;
+  if (share < 1 && options_.led) {
     Reference held = way;
     if (guides) held.velocity = state.velocity;  // it holds nobody back who moves on
     command.wrench.force += (1 - share) * pd_force(approach_gains_, state, held);

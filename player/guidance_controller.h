@@ -25,6 +25,10 @@ struct GuidanceOptions {
   double approach_speed = 0.1;  ///< peak speed of the movement to the start [m/s]
   double time_limit = 0;        ///< of a repetition [s]; 0: none
   double max_deviation = 0.1;   ///< from the path, beyond which the session stops [m]
+  /// From the reference on the way to the start, beyond which the session stops; as max_deviation when absent [m].
+  std::optional<double> max_approach_deviation;
+  bool led = true;      ///< a force leads the hand to the start; else nothing is sent until it is there
+  double patience = 0;  ///< with a hand that resists on the path [s], see Command; the approach has kPatience
   double rate_hz = 1000;
 };
 
@@ -33,10 +37,11 @@ void validate(const GuidanceOptions& options);
 
 /// Guides a trainee along a path: approach, run, hold, again.
 ///
-/// approach: minimum jerk from where the tool is to the start, on a PD law; run: Guidance alone, until the end of the
-/// path is reached (within 2 mm of its length), the cursor is there, or the time is over; hold: at the end. Between the
-/// PD law and Guidance the forces blend over kBlend. Its reference is the trainee's place on the path (or the cursor),
-/// with the expert's velocity and force there.
+/// approach: minimum jerk from where the tool is to the start, on a PD law, or without any force until the trainee is
+/// within the deviation limit of the start (or the time of a repetition is over); run: Guidance alone, until the end of
+/// the path is reached (within 2 mm of its length), the cursor is there, or the time is over; hold: at the end. Between
+/// the PD law and Guidance the forces blend over kBlend. Its reference is the trainee's place on the path (or the
+/// cursor), with the expert's velocity and force there.
 ///
 /// Walls that make the loop oscillate are softened, as a playback's gains are; when that does not help the session
 /// ends.
@@ -65,6 +70,10 @@ class GuidanceController final : public Controller {
   /// Where the trainee, or the cursor, is on the path now.
   const PathProjection::Foot& follow(const State& state) noexcept;
   [[nodiscard]] bool arrived() const noexcept;
+  /// Whether the trainee may begin: always when he was led.
+  [[nodiscard]] bool may_begin(const Vec3& position) const noexcept;
+  /// Ends the session when the hand is too far from where it is led or kept.
+  void watch_deviation(double deviation, Command& command) const noexcept;
 
   std::shared_ptr<const ArcPath> path_;
   Guidance guidance_;

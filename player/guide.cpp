@@ -1,6 +1,7 @@
 #include "player/guide.h"
 
 #include "control/error.h"
+#include "control/resistance_timer.h"
 #include "formats/json_reader.h"
 #include "formats/suggest.h"
 #include "player/device_path.h"
@@ -251,6 +252,8 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.rate_hz;
+  // Walls are touched for as long as the trainee likes; what moves by itself has to end some time.
+  if (guidance.cursor || options.pace) guidance.patience = kPatience;
   GuidanceController controller(
       plan.path,
       Guidance(compose(plan, options), {.energy = options.energy, .delay = plan.delay, .rate_hz = guidance.rate_hz}),

@@ -1,6 +1,7 @@
 #include "player/playback_controller.h"
 
 #include "control/error.h"
+#include "control/resistance_timer.h"
 #include "formats/suggest.h"
 
 #include <algorithm>
@@ -86,6 +87,7 @@ void PlaybackController::begin_repetition(const Vec3& from) noexcept {
 void PlaybackController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
+  approach_pace_ = Ramp(1);
   const double turning =
       orientation_ ? orientation_->begin_approach(path_.orientation(path_time_.seconds()).orientation) : 0;
   approach_ = Approach(from, reference_.position, options_.approach_speed, turning);
@@ -127,6 +129,7 @@ Command PlaybackController::update_with(const State& state) noexcept {
   if constexpr ((parts & kGuard) != 0) keep_guard(state, reference, scale * feedforward, command);
   command.reference = reference;
   command.phase = phase_;
+  command.patience = options_.on_deviation == DeviationPolicy::pause ? kPatienceOfPause : kPatience;
   if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
   return command;
 }
@@ -135,6 +138,7 @@ void PlaybackController::turn_tool(const State& state, double scale, Command& co
   OrientationReference reference;
   if (phase_ == Phase::approach) {
     reference = orientation_->approach(elapsed_ / approach_.duration(), approach_.duration());
+    reference.angular_velocity *= approach_pace_.value();
   } else {
     reference = path_.orientation(path_time_.seconds());
     reference.angular_velocity *= pace();
@@ -183,9 +187,12 @@ void PlaybackController::follow(const RunningTime& time, Command& command) noexc
 
 Reference PlaybackController::advance(double step, Command& command) noexcept {
   if (phase_ == Phase::approach) {
-    elapsed_ += step;
+    const double rate = approach_pace_.advance(wanted_pace(), step, kPauseTime);
+    elapsed_ += rate * step;
     if (elapsed_ < approach_.duration()) {
       Reference way = approach_.at(elapsed_);
+      way.velocity *= rate;
+      way.acceleration *= rate * rate;
       if (interrupted_) way.time = path_time_.seconds();
       return way;
     }
@@ -197,7 +204,7 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
       phase_ = Phase::hold;
       held_ = 0;
     } else {
-      pace_.advance(beyond_ && options_.on_deviation == DeviationPolicy::pause ? 0 : 1, step, kPauseTime);
+      pace_.advance(wanted_pace(), step, kPauseTime);
       const RunningTime next = path_time_.after(options_.speed * pace_.value() * step);
       follow(next.seconds() < path_.duration() ? next : RunningTime(path_.duration()), command);
     }

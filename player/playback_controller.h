@@ -21,7 +21,7 @@ namespace haptrace {
 /// What a playback does when the hand is farther from the reference than allowed.
 enum class DeviationPolicy {
   stop,    ///< the session ends and the force fades
-  pause,   ///< the reference waits until the hand is back within half the limit
+  pause,   ///< the reference waits, also on the way to the start, until the hand is back within half the limit
   soften,  ///< the reference goes on; the force grows no further than it was at the limit
 };
 
@@ -93,6 +93,10 @@ class PlaybackController final : public Controller {
   void begin_repetition(const Vec3& from) noexcept;
   /// To the reference, wherever on the path it stands.
   void begin_approach(const Vec3& from) noexcept;
+  /// 0 while the reference waits for the hand, else 1.
+  [[nodiscard]] double wanted_pace() const noexcept {
+    return beyond_ && options_.on_deviation == DeviationPolicy::pause ? 0 : 1;
+  }
   /// How fast the path's time passes: times its own.
   [[nodiscard]] double pace() const noexcept { return phase_ == Phase::run ? options_.speed * pace_.value() : 0; }
   void turn_tool(const State& state, double scale, Command& command) noexcept;
@@ -114,6 +118,7 @@ class PlaybackController final : public Controller {
   bool finished_ = false;
   int repetition_ = 0;
   double elapsed_ = 0;                ///< in approach [s]
+  Ramp approach_pace_{1};             ///< 1 approaching, 0 paused
   double held_ = 0;                   ///< in hold [s]
   std::optional<Phase> interrupted_;  ///< that goes on after an approach; else a repetition begins
   Approach approach_;

@@ -419,8 +419,11 @@ class ProgrammeRun {
       options.resistance = exercise.resistance;
       config["resistance"] = exercise.resistance;
     }
-    // Who is left alone may be anywhere.
-    if (options.free) options.guidance.max_deviation = 10;
+    // On the path nothing is sent, and the hand may be anywhere; on the way to its start a force leads it.
+    if (options.free) {
+      options.guidance.max_approach_deviation = options_.max_deviation;
+      options.guidance.max_deviation = 10;
+    }
 
     GuidePlan plan = plan_guidance(device.info(), open_path(path), options);
     plan.stiffness *= assistance;

@@ -241,7 +241,7 @@ class TappingDevice final : public Device, public SampleSink {
 SimSpec default_tapped_device() {
   SimSpec spec;
   spec.model = "a simulated device of 0.2 kg";
-  spec.max_force = 1000;
+  spec.max_force = spec.max_continuous_force = 1000;
   spec.mass.setConstant(0.2);
   spec.viscous.setConstant(1);
   spec.coulomb.setConstant(0.3);

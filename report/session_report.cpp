@@ -112,6 +112,7 @@ bool is_stop(EventCode code) {
     case EventCode::velocity_limit:
     case EventCode::deviation_limit:
     case EventCode::rotation_limit:
+    case EventCode::resistance_limit:
     case EventCode::oscillation_stays:
     case EventCode::not_finite:
     case EventCode::outside_workspace:

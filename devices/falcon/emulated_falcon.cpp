@@ -188,20 +188,21 @@ class EmulatedFalcon::Mechanism {
   }
 
   void advance(std::int64_t step_ns, const std::array<std::int16_t, 3>& motors) {
-    if (user_ns_ >= 0) {
-      user_ns_ += step_ns;
-      if (user_ns_ >= 3 * kPart) user_ns_ = -1;
-    } else {
-      plant_.apply(force_);
-      plant_ns_ += step_ns;
-      plant_.advance_to(plant_ns_);
-    }
+    if (user_ns_ >= 0) user_ns_ += step_ns;
+    if (user_ns_ >= 3 * kPart) user_ns_ = -1;
+    plant_.apply(force_);
+    plant_ns_ += step_ns;
+    plant_.advance_to(plant_ns_);
     hold(held_by());
     force_ = pose_.jacobian.transpose().inverse() * torques(motors);
   }
 
   /// A user takes the handle, unless he has it.
-  void ask_for_homing() noexcept { user_ns_ = std::max<std::int64_t>(user_ns_, 0); }
+  void ask_for_homing() noexcept {
+    if (user_ns_ >= 0) return;
+    user_ns_ = 0;
+    taken_at_ = plant_.position();
+  }
 
   [[nodiscard]] Vec3 position() const noexcept { return pose_.position - calibration_.origin; }
   [[nodiscard]] const Vec3& angles() const noexcept { return pose_.angles; }
@@ -213,12 +214,11 @@ class EmulatedFalcon::Mechanism {
   /// Where plant or user would have the handle [m].
   [[nodiscard]] Vec3 held_by() const noexcept {
     if (user_ns_ < 0) return plant_.position();
-    const Vec3 start = plant_.position();
-    const Vec3 reach(0, 0, kHomingReach);
-    const Vec3 way[] = {start, marks_ + reach, marks_ - reach, start};
+    const Vec3 reach(0, 0, kHomingReach), marks = marks_ - taken_at_;
+    const Vec3 way[] = {Vec3::Zero(), marks + reach, marks - reach, Vec3::Zero()};
     const std::int64_t part = std::min<std::int64_t>(user_ns_ / kPart, 2);
     const double s = MinJerk::at(static_cast<double>(user_ns_ - part * kPart) / static_cast<double>(kPart)).s;
-    return way[part] + s * (way[part + 1] - way[part]);
+    return plant_.position() + way[part] + s * (way[part + 1] - way[part]);
   }
 
   /// With the handle at `place` [m], when it is not beyond its stops.
@@ -251,9 +251,10 @@ class EmulatedFalcon::Mechanism {
   FalconCalibration calibration_;
   FalconKinematics kinematics_;
   LivePlant plant_;
-  std::int64_t plant_ns_ = 0;  ///< its own time
+  std::int64_t plant_ns_ = 0;
   Vec3 marks_;                 ///< where all legs pass theirs, in W [m]
   std::int64_t user_ns_ = -1;  ///< since he took the handle; negative: he has not
+  Vec3 taken_at_ = Vec3::Zero();
   FalconPose pose_;
   Vec3 force_ = Vec3::Zero();
 };

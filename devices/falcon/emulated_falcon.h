@@ -58,7 +58,7 @@ struct FalconFaults {
 /// homed. Where the plant is out of the legs' reach, the handle stays behind, at stops a little inside. Motor counts
 /// become torques, saturated, and by the transposed inverse of the true Jacobian a force on the plant. While homing is
 /// asked for and a leg is not homed, a user takes the handle, pulls it out beyond every mark, pushes it in and returns
-/// it to where he took it; meanwhile the plant's own time stands still.
+/// it to where he took it; this movement adds to that of the plant.
 ///
 /// Threads: one at a time. Not real-time.
 class EmulatedFalcon {

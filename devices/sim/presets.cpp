@@ -15,6 +15,9 @@ struct Preset {
   const char* json;  ///< with comments
 };
 
+// No source gives the continuous force of the others: a session limits it with the caution of control/limits.h, as it
+// does that of the devices themselves.
+//
 // Where a figure comes from stands beside it:
 //   CHAI3D     the device table of CHAI3D 3.3.0
 //   H3D        the Falcon page of the H3DAPI wiki
@@ -175,7 +178,7 @@ constexpr Preset kDevices[] = {
     {"ideal", R"({
        // A mass and nothing else.
        "model": "ideal mass",
-       "mass": 0.1, "max_force": 50,
+       "mass": 0.1, "max_force": 50, "max_continuous_force": 50,
        "workspace": {"min": -0.25, "max": 0.25}
      })"},
 };

@@ -223,7 +223,7 @@ SimSpec sim_spec_of(const PlantModel& plant, double max_force, double lag) {
     throw input_error(
         fmt::format("plant model: the motor's lag of {} s is a part of the delay, which is {} s", lag, plant.delay));
   SimSpec sim;
-  sim.max_force = max_force;
+  sim.max_force = sim.max_continuous_force = max_force;  // the model knows of no heat
   sim.delay = plant.delay - lag;
   sim.actuator_bandwidth_hz = lag > 0 ? 1 / (2 * std::numbers::pi * lag) : 0;
   sim.mass = plant.mass;

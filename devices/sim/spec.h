@@ -54,7 +54,7 @@ struct SimSpec {
   std::array<bool, 3> axes{true, true, true};  ///< that move and take force; the others are held at zero, in W
 
   double max_force = 0;             ///< magnitude; the motors saturate here [N]
-  double max_continuous_force = 0;  ///< magnitude, stated only [N]
+  double max_continuous_force = 0;  ///< magnitude, stated only; 0: unknown, see ServoLoop [N]
   double force_resolution = 0;      ///< [N]
   double delay = 0;                 ///< from exchange to the motor [s]
   double actuator_bandwidth_hz = 0;

@@ -1,6 +1,7 @@
 #include "control/limits.h"
 
 #include "control/budgets.h"
+#include "control/resistance_timer.h"
 #include "tests/support/errors.h"
 
 #include <gmock/gmock.h>
@@ -10,13 +11,20 @@
 namespace haptrace {
 namespace {
 
+/// What is sent when `force` is asked for, and acts for `dt` [s].
+ForceLimiter::Result sent(ForceLimiter& limiter, const Vec3& force, double dt = 1e-3) {
+  const ForceLimiter::Result result = limiter.limit(force);
+  limiter.acted(result.force, dt);
+  return result;
+}
+
 TEST(ForceLimiter, NeverExceedsThePeakAndKeepsTheDirection) {
   ForceLimiter limiter({.max_force = 5});
   std::mt19937_64 random(1);
   std::uniform_real_distribution<double> exponent(-300, 300), sign(-1, 1);
   for (int i = 0; i < 10000; ++i) {
     const Vec3 asked = std::pow(10, exponent(random)) * Vec3(sign(random), sign(random), sign(random));
-    const auto result = limiter.limit(asked, 1e-3);
+    const auto result = limiter.limit(asked);
     EXPECT_LE(result.force.norm(), 5 * (1 + 1e-12));
     EXPECT_GE(result.force.stableNormalized().dot(asked.stableNormalized()), 1 - 1e-9);
   }
@@ -24,16 +32,16 @@ TEST(ForceLimiter, NeverExceedsThePeakAndKeepsTheDirection) {
 
 TEST(ForceLimiter, LeavesSmallForcesAlone) {
   ForceLimiter limiter({.max_force = 5, .max_continuous_force = 2});
-  const auto result = limiter.limit(Vec3(1, -1, 0.5), 1e-3);
+  const auto result = limiter.limit(Vec3(1, -1, 0.5));
   EXPECT_EQ(result.force, Vec3(1, -1, 0.5));
   EXPECT_EQ(result.verdict, ForceLimiter::Verdict::free);
 }
 
 TEST(ForceLimiter, SettlesAtTheContinuousForceUnderADemandThatStays) {
   ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});
-  EXPECT_NEAR(limiter.limit(Vec3(8, 0, 0), 1e-3).force.norm(), 8, 1e-12);
+  EXPECT_NEAR(sent(limiter, Vec3(8, 0, 0)).force.norm(), 8, 1e-12);
   ForceLimiter::Result result{};
-  for (int i = 0; i < 100000; ++i) result = limiter.limit(Vec3(8, 0, 0), 1e-3);
+  for (int i = 0; i < 100000; ++i) result = sent(limiter, Vec3(8, 0, 0));
   EXPECT_LE(result.force.norm(), 3.05);
   EXPECT_GE(result.force.norm(), 2.4);
   EXPECT_EQ(result.verdict, ForceLimiter::Verdict::continuous);
@@ -41,14 +49,76 @@ TEST(ForceLimiter, SettlesAtTheContinuousForceUnderADemandThatStays) {
 
 TEST(ForceLimiter, BearsShortPeaksFarAboveTheContinuousForce) {
   ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});
-  for (int i = 0; i < 500; ++i) EXPECT_NEAR(limiter.limit(Vec3(0, 8, 0), 1e-3).force.norm(), 8, 1e-12);
+  for (int i = 0; i < 500; ++i) EXPECT_NEAR(sent(limiter, Vec3(0, 8, 0)).force.norm(), 8, 1e-12);
 }
 
 TEST(ForceLimiter, RecoversAtRest) {
   ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 1});
-  for (int i = 0; i < 20000; ++i) (void)limiter.limit(Vec3(8, 0, 0), 1e-3);
-  for (int i = 0; i < 10000; ++i) (void)limiter.limit(Vec3::Zero(), 1e-3);
+  for (int i = 0; i < 20000; ++i) (void)sent(limiter, Vec3(8, 0, 0));
+  for (int i = 0; i < 10000; ++i) (void)sent(limiter, Vec3::Zero());
   EXPECT_EQ(limiter.allowed(), 8);
+}
+
+TEST(ForceLimiter, CountsTheTimeForWhichAForceActedNotHowOftenItWasAsked) {
+  for (const double dt : {1e-4, 1e-3, 3e-3, 0.05}) {
+    ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});
+    double full = 0;
+    while (sent(limiter, Vec3(8, 0, 0), dt).force.norm() > 7.99) full += dt;
+    EXPECT_NEAR(full, 10 * std::log(1 / (1 - 0.64 * 9 / 64)), dt + 0.02) << dt;
+  }
+}
+
+TEST(ForceLimiter, LetsThePeakLastForASecondUnderTheCautiousLimitAndIsNearItAfterFive) {
+  ForceLimiter limiter(
+      {.max_force = 10, .max_continuous_force = 10 * kCautiousShare, .continuous_time = kCautiousTime});
+  double t = 0;
+  const auto force_at = [&](double until) {
+    double force = 0;
+    for (; t < until; t += 1e-3) force = sent(limiter, Vec3(10, 0, 0)).force.norm();
+    return force;
+  };
+  EXPECT_NEAR(force_at(1.1), 10, 1e-9);
+  EXPECT_LT(force_at(2.6), 1.5 * 3.05);
+  EXPECT_LT(force_at(4.7), 1.1 * 3.05);
+}
+
+TEST(ForceLimiter, SaysWhenItHoldsBackWhatIsAskedForLong) {
+  ForceLimiter both({.max_force = 8, .max_continuous_force = 3}), peak({.max_force = 8});
+  EXPECT_FALSE(both.holds_back(both.limit(Vec3(9, 0, 0)))) << "the peak is allowed for a moment";
+  both.acted(Vec3(8, 0, 0), 100);
+  EXPECT_TRUE(both.holds_back(both.limit(Vec3(9, 0, 0))));
+  EXPECT_FALSE(both.holds_back(both.limit(Vec3(1, 0, 0))));
+  EXPECT_TRUE(peak.holds_back(peak.limit(Vec3(9, 0, 0))));
+}
+
+TEST(ResistanceTimer, IsOverOnceTheLimitsBoundForSoLong) {
+  ResistanceTimer timer;
+  using Verdict = ResistanceTimer::Verdict;
+  int begins = 0;
+  double t = 0;
+  for (Verdict verdict = Verdict::none; verdict != Verdict::over && t < 60; t += 1e-3) {
+    verdict = timer.update(true, 15, 1e-3);
+    begins += verdict == Verdict::begins ? 1 : 0;
+  }
+  EXPECT_NEAR(t, 15, 0.01);
+  EXPECT_EQ(begins, 1);
+}
+
+TEST(ResistanceTimer, IsNotResetByShaking) {
+  ResistanceTimer timer;
+  double t = 0;
+  // Half of the time it is held back.
+  while (t < 200 && timer.update(std::fmod(t, 0.2) < 0.1, 15, 1e-3) != ResistanceTimer::Verdict::over) t += 1e-3;
+  EXPECT_NEAR(t, 60, 1);
+  ResistanceTimer seldom;
+  for (int k = 0; k < 200'000; ++k) ASSERT_NE(seldom.update(k % 100 < 30, 15, 1e-3), ResistanceTimer::Verdict::over);
+}
+
+TEST(ResistanceTimer, CountsNothingWithoutPatienceAndLittleOfAStall) {
+  ResistanceTimer timer;
+  for (int k = 0; k < 100'000; ++k) ASSERT_EQ(timer.update(true, 0, 1e-3), ResistanceTimer::Verdict::none);
+  (void)timer.update(true, 15, 3600);
+  EXPECT_LE(timer.count(), ResistanceTimer::kLongestStep);
 }
 
 TEST(MotorBudget, WarnsOnceBeforeForceIsTakenAndAgainAfterCooling) {
@@ -58,7 +128,7 @@ TEST(MotorBudget, WarnsOnceBeforeForceIsTakenAndAgainAfterCooling) {
   const auto run = [&](double force, double duration) {
     int events = 0;
     for (int k = 0; k < std::lround(1000 * duration); ++k) {
-      const auto result = limiter.limit(Vec3(force, 0, 0), 1e-3);
+      const auto result = sent(limiter, Vec3(force, 0, 0));
       if (result.verdict == ForceLimiter::Verdict::continuous && std::isnan(limited)) limited = 1e-3 * k;
       const auto event = budget.update(limiter, result.force.norm());
       if (!event) continue;
@@ -84,7 +154,7 @@ TEST(MotorBudget, HasNothingToTellWithoutAContinuousLimit) {
   ForceLimiter limiter({.max_force = 8});
   MotorBudget budget;
   for (int k = 0; k < 100000; ++k) {
-    (void)limiter.limit(Vec3(8, 0, 0), 1e-3);
+    (void)sent(limiter, Vec3(8, 0, 0));
     ASSERT_FALSE(budget.update(limiter, 8));
   }
   EXPECT_EQ(limiter.time_left(8), std::numeric_limits<double>::infinity());

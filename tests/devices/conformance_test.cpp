@@ -107,7 +107,7 @@ TEST_F(Conformance, FindsSomethingAboutEveryLawOnceAndAtOnce) {
   }
   EXPECT_EQ(told, ids);
   EXPECT_EQ(user_.told.size(), report_.findings.size());
-  EXPECT_EQ(ids.size(), 22U);
+  EXPECT_EQ(ids.size(), 23U);
 }
 
 TEST_F(Conformance, PassesAMass) {
@@ -212,6 +212,80 @@ TEST_F(Conformance, FindsADescriptionThatCannotBe) {
   test_mass();
   EXPECT_THAT(broken(), ElementsAre("description"));
   EXPECT_THAT(finding("description").detail, HasSubstr("max_continuous_force"));
+}
+
+TEST_F(Conformance, FindsAnAbsurdDescription) {
+  const std::pair<const char*, std::function<void(DeviceInfo&)>> absurd[] = {
+      {"max_force is 1e+09 N", [](DeviceInfo& info) { info.max_force = 1e9; }},
+      {"max_force is not above 0", [](DeviceInfo& info) { info.max_force = -8; }},
+      {"max_continuous_force", [](DeviceInfo& info) { info.max_continuous_force = kNaN; }},
+      {"max_torque", [](DeviceInfo& info) { info.max_torque = 1e9; }},
+      {"max_torque", [](DeviceInfo& info) { info.max_torque = kNaN; }},
+      {"the workspace reaches farther than 10 m", [](DeviceInfo& info) { info.workspace_max.x() = 1e6; }},
+      {"position_resolution", [](DeviceInfo& info) { info.position_resolution = 1; }},
+      {"nominal_rate", [](DeviceInfo& info) { info.nominal_rate = 1e12; }},
+  };
+  user_.consents = false;
+  for (const auto& [words, info] : absurd) {
+    wrong_.info = info;
+    test_mass();
+    EXPECT_THAT(broken(), Contains("description")) << words;
+    EXPECT_THAT(finding("description").detail, HasSubstr(words));
+  }
+}
+
+/// A device whose encoders stand still, and a user who can move its handle.
+class Frozen final : public ConsentingUser {
+ public:
+  explicit Frozen(bool is_there) : is_there_(is_there) {}
+  bool does(const std::string& request) override {
+    if (request.find("move the handle by some centimetres") != std::string::npos) ++moved;
+    return is_there_;
+  }
+  int moved = 0;
+
+ private:
+  bool is_there_;
+};
+
+TEST_F(Conformance, FindsAPositionThatStandsStillAlthoughItsHandleIsMoved) {
+  Frozen user(true);
+  bool frozen = true;
+  wrong_.info = [](DeviceInfo& info) { info.virtual_time = false; };
+  wrong_.answer = [&](int, DeviceState& state) {
+    state.position = Vec3(frozen ? 0.0 : 0.03 * user.moved, 0, 0);
+    return Device::Status::ok;
+  };
+  const auto open = [&] { return std::make_unique<WrongDevice>(open_device("plugin:path=" MASS_PLUGIN), wrong_); };
+  report_ = test_conformance(open, options_, user, stop_);
+  EXPECT_THAT(broken(), ElementsAre("follows")) << describe(report_);
+  EXPECT_THAT(finding("follows").detail, HasSubstr("although it was moved"));
+  EXPECT_EQ(user.moved, 1);
+  frozen = false;
+  user.moved = 0;
+  report_ = test_conformance(open, options_, user, stop_);
+  EXPECT_EQ(finding("follows").verdict, Verdict::passed) << "it was only held: " << describe(report_);
+}
+
+TEST_F(Conformance, DoesNotJudgeAPositionThatFrictionMayHold) {
+  wrong_.answer = [](int, DeviceState& state) {
+    state.position = Vec3::Zero();
+    return Device::Status::ok;
+  };
+  test_mass();
+  EXPECT_THAT(broken(), IsEmpty());
+  EXPECT_EQ(finding("follows").verdict, Verdict::not_tested);
+  EXPECT_THAT(finding("follows").detail, HasSubstr("its position never changed under forces of up to 0.5 N"));
+}
+
+TEST_F(Conformance, FindsAPositionThatStandsStillUnderAForceThatNoFrictionHolds) {
+  options_.max_force = 4;
+  wrong_.answer = [](int, DeviceState& state) {
+    state.position = Vec3::Zero();
+    return Device::Status::ok;
+  };
+  test_mass();
+  EXPECT_THAT(broken(), ElementsAre("follows")) << describe(report_);
 }
 
 TEST_F(Conformance, FindsWhatIsNotMeasured) {

@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "control/pd.h"
+#include "control/resistance_timer.h"
 #include "tests/support/allocations.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/scripted.h"
@@ -128,6 +129,7 @@ TEST(ServoLoop, NeverSendsMoreThanTheDeviceBearsWhateverIsAsked) {
 
 TEST(ServoLoop, TellsOfALimitOnceASecondNotEveryTick) {
   PointMass device(1000);
+  device.mutable_info().max_continuous_force = 10;
   Scripted controller = push_until(2500, Vec3(1e6, 0, 0));
   const Outcome result = run(device, controller, kVirtual);
   const auto told = std::count_if(result.log.events.begin(), result.log.events.end(),
@@ -344,6 +346,178 @@ TEST(ServoLoop, AllocatesNothingInATick) {
   });
   run(device, controller, {.virtual_time = true, .limits = {.max_force = 1, .max_continuous_force = 0.5}});
   EXPECT_EQ(last, first);
+}
+
+// ---- forces that hold ----
+
+/// Virtual time in which every tick lasts so many periods.
+class SlowClock final : public ServoClock {
+ public:
+  explicit SlowClock(std::int64_t periods) : periods_(periods) {}
+  [[nodiscard]] std::int64_t now() noexcept override { return now_; }
+  void wait_until(std::int64_t time_ns) noexcept override { now_ = std::max(time_ns, now_ + periods_ * 1'000'000); }
+
+ private:
+  std::int64_t periods_, now_ = 0;
+};
+
+double seconds(const Sample& sample) {
+  return 1e-9 * static_cast<double>(sample.time_ns);
+}
+
+/// A demand of 20 N for so long, from a controller of this patience.
+Scripted demand(double duration, double patience = 0) {
+  return Scripted([=](const State& state) {
+    Command command;
+    command.wrench.force = Vec3(20, 0, 0);
+    command.patience = patience;
+    command.phase = Phase::run;
+    if (1e-9 * static_cast<double>(state.time_ns) >= duration) command.status = Command::Status::finished;
+    return command;
+  });
+}
+
+TEST(ServoLoop, LimitsForcesByTheTimeForWhichTheyActWhateverTheTicksDo) {
+  for (const std::int64_t periods : {1, 3, 40}) {
+    PointMass device(1000);
+    Scripted controller = demand(3);
+    SlowClock clock(periods);
+    ServoLoop::Options options{.virtual_time = true, .clock = &clock};
+    options.limits = {.max_continuous_force = 3, .soft_start = 0};
+    const Outcome result = run(device, controller, options);
+    const auto& rows = result.log.samples;
+    const auto limited =
+        std::find_if(rows.begin() + 5, rows.end(), [](const Sample& row) { return row.force.norm() < 9.99; });
+    ASSERT_NE(limited, rows.end());
+    EXPECT_NEAR(seconds(*limited), 10 * std::log(1 / (1 - 0.64 * 0.09)), 0.005 + 2e-3 * static_cast<double>(periods))
+        << periods << " periods a tick";
+  }
+}
+
+TEST(ServoLoop, LimitsADeviceThatStatesNoContinuousForceWithCautionAndSaysSoOnce) {
+  PointMass device(1000);
+  Scripted controller = demand(12);
+  const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.soft_start = 0}});
+  EXPECT_EQ(result.report.cause, StopCause::finished);
+  for (const Sample& row : result.log.samples) {
+    if (seconds(row) > 0.1 && seconds(row) < 1.1) EXPECT_NEAR(row.force.norm(), 10, 1e-9);
+    if (seconds(row) > 4.7) EXPECT_LT(row.force.norm(), 1.1 * 3.05);
+  }
+  std::vector<std::string> words;
+  for (const Event& event : result.log.events)
+    if (event.code == EventCode::continuous_limit) words.push_back(describe(event));
+  ASSERT_GT(words.size(), 5U);
+  EXPECT_THAT(words.front(), HasSubstr("the device states no continuous force, 3 N are assumed"));
+  for (const std::string& text : words) EXPECT_LE(text.size(), 127U);
+  EXPECT_THAT(words.back(), testing::Not(HasSubstr("assumed")));
+}
+
+TEST(ServoLoop, TakesTheContinuousForceThatDeviceOrSessionState) {
+  const auto settles_at = [](double of_device, double of_session) {
+    PointMass device(1000);
+    device.mutable_info().max_continuous_force = of_device;
+    Scripted controller = demand(60);
+    const Outcome result =
+        run(device, controller, {.virtual_time = true, .limits = {.max_continuous_force = of_session}});
+    for (const Event& event : result.log.events) EXPECT_THAT(describe(event), testing::Not(HasSubstr("assumed")));
+    return result.log.samples[50'000].force.norm();
+  };
+  EXPECT_NEAR(settles_at(5, 0), 5, 0.1);
+  EXPECT_NEAR(settles_at(5, 2), 2, 0.1);
+  EXPECT_NEAR(settles_at(0, 6), 6, 0.2);
+  EXPECT_NEAR(settles_at(10, 0), 10, 1e-9) << "it bears its peak for ever";
+}
+
+TEST(ServoLoop, EndsWhatAHandResistsForLongerThanItsControllerBears) {
+  for (const double continuous : {0.0, 4.0, 10.0}) {
+    SCOPED_TRACE(continuous);
+    PointMass device(1000);
+    device.mutable_info().max_continuous_force = continuous;
+    Scripted controller = demand(60, kPatience);
+    const Outcome result = run(device, controller, kVirtual);
+    EXPECT_EQ(result.report.cause, StopCause::resistance);
+    EXPECT_EQ(result.report.detail, "stopped: the hand resisted the force for 15 s");
+    EXPECT_NEAR(result.report.duration, 15.8, 1.3);
+    const auto count = [&](EventCode code) {
+      return std::count_if(result.log.events.begin(), result.log.events.end(),
+                           [&](const Event& event) { return event.code == code; });
+    };
+    EXPECT_EQ(count(EventCode::force_resisted), 1);
+    EXPECT_EQ(count(EventCode::resistance_limit), 1);
+    EXPECT_EQ(result.log.samples.back().phase, Phase::stopped);
+    EXPECT_EQ(device.forces().back(), Vec3::Zero());
+  }
+}
+
+TEST(ServoLoop, GoesOnAgainstAHandForEverWhereItsControllerWantsIt) {
+  PointMass device(1000);
+  Scripted controller = demand(40);
+  EXPECT_EQ(run(device, controller, kVirtual).report.cause, StopCause::finished);
+}
+
+TEST(ServoLoop, LimitsTorquesThatLastAsItDoesForces) {
+  PointMass device(1000);
+  device.mutable_info().torque_axes = {true, true, true};
+  device.mutable_info().max_torque = 0.4;
+  Scripted controller([](const State& state) {
+    Command command;
+    command.wrench.torque = Vec3(0, 1, 0);
+    if (state.tick >= 10'000) command.status = Command::Status::finished;
+    return command;
+  });
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_NEAR(result.log.samples[1000].torque.norm(), 0.4, 1e-9);
+  EXPECT_LT(result.log.samples[9000].torque.norm(), 1.1 * 0.12);
+  EXPECT_TRUE(result.log.has(EventCode::continuous_limit));
+}
+
+// ---- rest after homing ----
+
+/// Becomes ready in the middle of a push that goes on for half a second.
+class PushedHome final : public Device {
+ public:
+  PushedHome() {
+    info_.name = "pushed home";
+    info_.virtual_time = true;
+    info_.max_force = 10;
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+    time_ += dt;
+    state = DeviceState{};
+    state.ready = time_ > 0.2;
+    state.position.x() = 0.1 * std::min(time_, still_at);
+    pushed_while_moving = pushed_while_moving || (time_ < still_at && !wrench.force.isZero(0));
+    return Status::ok;
+  }
+  void close() noexcept override {}
+
+  double still_at = 0.7;  ///< [s]
+  bool pushed_while_moving = false;
+
+ private:
+  DeviceInfo info_;
+  double time_ = 0;
+};
+
+TEST(ServoLoop, WaitsUntilTheHandleRestsThatIsStillPushedHome) {
+  PushedHome device;
+  Scripted controller = push_until(500, Vec3(5, 0, 0));
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::finished);
+  EXPECT_FALSE(device.pushed_while_moving);
+  EXPECT_NEAR(result.log.samples.front().position.x(), 0.07, 1e-9);
+  EXPECT_NEAR(result.report.max_force, 5, 1e-9);
+}
+
+TEST(ServoLoop, SaysThatAHandleDoesNotComeToRest) {
+  PushedHome device;
+  device.still_at = 1e9;
+  Scripted controller = push_until(500, Vec3(5, 0, 0));
+  const Outcome result = run(device, controller, {.virtual_time = true, .ready_timeout = 2});
+  EXPECT_EQ(result.report.cause, StopCause::device_not_ready);
+  EXPECT_THAT(result.report.detail, HasSubstr("its handle does not come to rest: hold it still"));
+  EXPECT_FALSE(device.pushed_while_moving);
 }
 
 TEST(ServoLoop, IsTheSameToTheBitInVirtualTime) {

@@ -243,6 +243,19 @@ TEST(EmulatedFalcon, IsHomedByItsUserAndThenTellsWhereItIsToACount) {
   EXPECT_LE(counts.cwiseAbs().maxCoeff(), 3) << "the hand trembles";
 }
 
+TEST(EmulatedFalcon, LetsItsMotorsMoveTheHandleWhileItIsHomed) {
+  const TempFolder folder;
+  const std::string bare =
+      folder.write("bare.json", R"({"mass": 0.5, "max_force": 10, "workspace": {"min": -0.04, "max": 0.04}})");
+  const auto place = [&](std::int16_t counts) {
+    Bench bench(Start::loaded, fault("unhomed:2"), falcon_plant("spec=" + bare));
+    bench.begin_running();
+    for (int k = 0; k < 100; ++k) (void)bench.exchange({{counts, counts, counts}, bench.calibration.homing_flag});
+    return bench.falcon.position();
+  };
+  EXPECT_GT((place(500) - place(0)).norm(), 1e-3);
+}
+
 TEST(EmulatedFalcon, PushesTheWayItsMotorsAreTold) {
   const TempFolder folder;
   const std::string slow = folder.write(
