@@ -42,7 +42,7 @@ enum class EventCode : std::int32_t {
   velocity_limit = 22,     ///< values: speed [m/s], limit [m/s]
   deviation_limit = 23,    ///< values: deviation [m], limit [m]
   deviation_over = 24,     ///< values: deviation [m]; the session goes on
-  oscillation = 25,        ///< values: amplitude [m], frequency [Hz], share of the gains that is left
+  oscillation = 25,        ///< values: amplitude [m], frequency [Hz], share of the gains; NaN: not softened
   warming = 26,            ///< values: heat of the motors over that from which they are limited, time until then [s]
   hand_resists = 27,       ///< values: opposing force [N], for how long [s]
   hand_let_go = 28,        ///< values: how much the load fell [N], from what [N]
@@ -63,6 +63,13 @@ enum class EventCode : std::int32_t {
   rotation_limit = 64,   ///< values: deviation of the orientation [rad], limit [rad]
   touched = 65,          ///< values: index of the scene's object from 0, its force [N]
   left = 66,  ///< by the tool; values: index of the object, largest depth [m], for how long it was touched [s]
+  // Each is a step of ReactionLadder; values: vibrating force [N], frequency [Hz], share of the feedback that is left.
+  vibrates = 70,            ///< by the energy rule of VibrationMonitor
+  vibrates_regularly = 71,  ///< by its rule of half cycles
+  bounces = 72,             ///< by its contact rule
+  sways = 73,               ///< by its slow hint
+  vibration_stays = 74,     ///< with the least share: the session ends
+  torque_vibrates = 75,     ///< by the energy rule on the torque; values: [N m], [Hz], share
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().
@@ -71,6 +78,12 @@ struct Event {
   EventCode code = EventCode::mark;
   std::array<double, 3> values{kNaN, kNaN, kNaN};  ///< meaning by code, see EventCode
 };
+
+/// Returns true for the events that say that the loop oscillates. The slow hint is not one: a hand may do the same.
+constexpr bool is_oscillation(EventCode code) noexcept {
+  return code == EventCode::oscillation || code == EventCode::oscillation_stays ||
+         (code >= EventCode::vibrates && code <= EventCode::torque_vibrates && code != EventCode::sways);
+}
 
 /// One line for people, at most 127 bytes of UTF-8. Not for the tick: it allocates.
 std::string describe(const Event& event);
