@@ -104,7 +104,7 @@ std::optional<VibrationAlarm> VibrationMonitor::update(const Vec3& sent, const V
   band_ = band;
 
   if (energy_.update(force, std::max(energy_limit_, vibration), dt_))
-    alarm = VibrationAlarm{.rule = VibrationRule::energy, .frequency_hz = energy_.frequency(), .ripple = energy_.rms()};
+    alarm = VibrationAlarm{.rule = VibrationRule::energy, .frequency_hz = frequency(), .ripple = energy_.rms()};
   return alarm;
 }
 
@@ -149,6 +149,22 @@ void VibrationMonitor::complete(Axis& axis, float length, float peak, float decl
   const float frequency = (count - 1) / axis.period_sum;
   if (frequency < 4.5F || frequency > 16 || axis.run < (frequency < 10 ? 5 : 7)) return;
   alarm = VibrationAlarm{.rule = VibrationRule::slow, .frequency_hz = frequency, .ripple = 0.5 * axis.peak_sum / count};
+}
+
+double VibrationMonitor::frequency() const noexcept {
+  float largest = 0, duration = 1;
+  for (const Axis& axis : axes_) {
+    float peaks = 0, lengths = 0;
+    for (unsigned i = 0; i < kHalfCycles; ++i) {
+      peaks += axis.peak[i];
+      lengths += axis.length[i];
+    }
+    if (peaks > largest && lengths > 0) {
+      largest = peaks;
+      duration = lengths;
+    }
+  }
+  return 0.5 * kHalfCycles / duration;
 }
 
 std::optional<double> VibrationMonitor::regular(const Axis& axis) const noexcept {

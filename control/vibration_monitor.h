@@ -146,6 +146,8 @@ class VibrationMonitor {
   };
 
   void complete(Axis& axis, float length, float peak, float declared, std::optional<VibrationAlarm>& alarm) noexcept;
+  /// Returns the frequency of the last half cycles, of the axis that has the largest [Hz].
+  [[nodiscard]] double frequency() const noexcept;
   [[nodiscard]] std::optional<double> regular(const Axis& axis) const noexcept;
   void watch_contact(const Eigen::Array4f& force, bool touches, std::optional<VibrationAlarm>& alarm) noexcept;
   void judge_contact(std::optional<VibrationAlarm>& alarm) noexcept;

@@ -128,6 +128,7 @@ class ServoLoop::Session {
         report_(report),
         period_ns_(std::llround(1e9 / loop.options_.rate_hz)),
         limiter_(loop.options_.limits),
+        guard_(guard_of(loop)),
         flight_(static_cast<std::size_t>(std::ceil(kFlightRecord * loop.options_.rate_hz))) {}
 
   void run(const StopRequest& stop) noexcept {
@@ -146,6 +147,7 @@ class ServoLoop::Session {
       }
     }
     send_zero();
+    if (guard_) report_.vibration = guard_->summary();
   }
 
   /// The last samples before the end, oldest first.
@@ -164,6 +166,17 @@ class ServoLoop::Session {
 
  private:
   enum class Mode { running, releasing, fading };
+
+  /// None where there is no force limit: what is a large force there?
+  static std::optional<ForceGuard> guard_of(const ServoLoop& loop) {
+    const Options& options = loop.options_;
+    if (!options.watch_vibration || !(options.limits.max_force > 0)) return std::nullopt;
+    const double resolution = loop.device_.info().position_resolution;
+    return ForceGuard({.monitor = {.rate_hz = options.rate_hz,
+                                   .max_force = options.limits.max_force,
+                                   .position_resolution = resolution > 0 && resolution < 1 ? resolution : 0},
+                       .max_torque = loop.device_.info().takes_torque() ? options.limits.max_torque : 0});
+  }
 
   /// Exchanges zero force until the device allows forces.
   bool wait_until_ready(const StopRequest& stop) noexcept {
@@ -312,7 +325,7 @@ class ServoLoop::Session {
   void shape(const Command& command, const State& state) noexcept {
     const SafetyLimits& limits = loop_.options_.limits;
     const double dt = first_ ? 0 : state.dt;
-    Wrench asked = command.wrench;
+    Wrench asked = guard_ ? guard_->soften(command.wrench, command.feedforward) : command.wrench;
     double scale = 1;
     switch (mode_) {
       case Mode::running:
@@ -342,11 +355,28 @@ class ServoLoop::Session {
     wrench_.force = limited.force;
     if (limited.verdict != ForceLimiter::Verdict::free) tell_of_limit(limited, state.time_ns);
     if (const auto event = budget_.update(limiter_, wrench_.force.stableNorm())) push_event(state.time_ns, *event);
+    if (guard_ && mode_ != Mode::fading) watch_vibration(command, scale * asked.force, scale, state);
 
     if (mode_ != Mode::running && (scale == 0 || is_released(wrench_))) {
       wrench_ = {};
       ended_ = true;
     }
+  }
+
+  /// Lets the guard see what is sent. A limit cuts feedforward and feedback alike.
+  void watch_vibration(const Command& command, const Vec3& asked, double scale, const State& state) noexcept {
+    Wrench feedback = wrench_;
+    if (!command.feedforward.isZero(0)) {
+      const double norm = asked.stableNorm();
+      if (norm > 0) feedback.force -= wrench_.force.stableNorm() / norm * scale * command.feedforward;
+    }
+    const auto event = guard_->watch(feedback, state.position, command.vibration, state.dt);
+    if (!event) return;
+    if (guard_->beyond_help() && mode_ == Mode::running) {
+      mode_ = Mode::fading;
+      report_.cause = StopCause::oscillation;
+    }
+    push_event(state.time_ns, *event);
   }
 
   /// Its magnitude within the limit, its axis kept.
@@ -448,6 +478,7 @@ class ServoLoop::Session {
   const std::int64_t period_ns_;
   ForceLimiter limiter_;
   MotorBudget budget_;
+  std::optional<ForceGuard> guard_;
   FlightRecorder flight_;
 
   Mode mode_ = Mode::running;

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "control/controller.h"
+#include "control/force_guard.h"
 #include "control/histogram.h"
 #include "control/limits.h"
 #include "control/sample.h"
@@ -73,6 +74,7 @@ struct ServoReport {
   DurationHistogram latency;    ///< wake-up minus deadline
   DurationHistogram tick_time;  ///< wake-up to end of tick, on the monotonic clock whichever clock drives the loop
   RealtimeStatus realtime;
+  VibrationSummary vibration;         ///< what ForceGuard saw and did
   std::vector<Sample> flight_record;  ///< the last 200 ms before a limit or a fault stopped it; empty otherwise
 
   /// Ticks per second of the session's clock, while the device was there [Hz].
@@ -88,9 +90,9 @@ struct ServoReport {
 /// Drives one device with one controller at a fixed rate.
 ///
 /// Every session, whatever its controller: positions and forces are checked to be finite, forces are limited in
-/// magnitude and for long, the tool's speed is limited, forces fade in and fade out, and zero force is sent on every
-/// way out. Ticks that come too late are missed and counted, never caught up with: a gap in tick and time, and an
-/// event.
+/// magnitude and for long, the tool's speed is limited, a force that vibrates is softened and, if it stays, ends the
+/// session (ForceGuard), forces fade in and fade out, and zero force is sent on every way out. Ticks that come too late
+/// are missed and counted, never caught up with: a gap in tick and time, and an event.
 ///
 /// A device that is away (Device::Status) may be waited for. Ticks and time go on, without rows: a position that was
 /// not taken is not invented. It is sent zero force until it is back and ready; then the velocity is estimated anew,
@@ -103,6 +105,7 @@ class ServoLoop {
     bool virtual_time = false;    ///< advance as fast as the machine allows; else the monotonic clock
     bool realtime = true;         ///< ask for a real-time thread (monotonic clock only)
     SafetyLimits limits;          ///< forces: never more than the device's own, which 0 takes
+    bool watch_vibration = true;  ///< ForceGuard, for devices with a force limit; false: for experiments only
     double ready_timeout = 30;    ///< how long to wait for a device that is not ready yet [s]
     double away_timeout = 0;      ///< how long to wait for a device that is away [s]; 0: it is lost at once
     ServoClock* clock = nullptr;  ///< borrowed, in place of either; for those who study time itself

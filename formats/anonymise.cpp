@@ -113,14 +113,33 @@ class Anonymised final : public AnonymisedSource {
   /// Texts that haptrace makes of numbers stay; all others become the name of their kind.
   void clean(StoredEvent& event) {
     const auto code = static_cast<EventCode>(event.code);
-    constexpr std::array kOfNumbers{
-        EventCode::overrun,           EventCode::samples_lost,   EventCode::force_limit,
-        EventCode::continuous_limit,  EventCode::velocity_limit, EventCode::deviation_limit,
-        EventCode::deviation_over,    EventCode::not_finite,     EventCode::device_not_ready,
-        EventCode::device_ready,      EventCode::device_lost,    EventCode::oscillation,
-        EventCode::oscillation_stays, EventCode::warming,        EventCode::hand_resists,
-        EventCode::hand_let_go,       EventCode::device_found,   EventCode::time_over,
-        EventCode::rotation_limit,    EventCode::touched,        EventCode::left};
+    constexpr std::array kOfNumbers{EventCode::overrun,
+                                    EventCode::samples_lost,
+                                    EventCode::force_limit,
+                                    EventCode::continuous_limit,
+                                    EventCode::velocity_limit,
+                                    EventCode::deviation_limit,
+                                    EventCode::deviation_over,
+                                    EventCode::not_finite,
+                                    EventCode::device_not_ready,
+                                    EventCode::device_ready,
+                                    EventCode::device_lost,
+                                    EventCode::oscillation,
+                                    EventCode::oscillation_stays,
+                                    EventCode::warming,
+                                    EventCode::hand_resists,
+                                    EventCode::hand_let_go,
+                                    EventCode::device_found,
+                                    EventCode::time_over,
+                                    EventCode::rotation_limit,
+                                    EventCode::touched,
+                                    EventCode::left,
+                                    EventCode::vibrates,
+                                    EventCode::vibrates_regularly,
+                                    EventCode::bounces,
+                                    EventCode::sways,
+                                    EventCode::vibration_stays,
+                                    EventCode::torque_vibrates};
     if (is_one_of_codes(code, kOfNumbers)) return;
     std::string text = code == EventCode::repetition ? "repetition" : describe({0, code, {}});
     if (code == EventCode::repetition && event.text.starts_with("repetition ") &&

@@ -113,6 +113,7 @@ bool is_stop(EventCode code) {
     case EventCode::deviation_limit:
     case EventCode::rotation_limit:
     case EventCode::oscillation_stays:
+    case EventCode::vibration_stays:
     case EventCode::not_finite:
     case EventCode::device_not_ready:
     case EventCode::device_lost:
