@@ -35,13 +35,15 @@ struct Command {
     working,
     finished,     ///< the task is done: the loop fades the force out and ends
     deviation,    ///< the tracking error passed its limit: the loop stops; `event` holds the figures
-    oscillation,  ///< the loop oscillates and softening it did not help: the loop stops; `event` holds the figures
+    oscillation,  ///< the loop oscillates: the loop stops; `event` holds the figures
     no_path,      ///< what is to be followed next cannot be had: the loop stops; `event` says where
   };
 
   Wrench wrench;
-  Reference reference;            ///< NaN when there is none
-  Vec3 reference_force = nan3();  ///< [N]
+  Vec3 feedforward = Vec3::Zero();  ///< part of wrench.force that is known beforehand: the loop never softens it [N]
+  double vibration = 0;             ///< amplitude of an effect in wrench.force that vibrates on purpose [N]
+  Reference reference;              ///< NaN when there is none
+  Vec3 reference_force = nan3();    ///< [N]
   Quat reference_orientation = nan_quat();
   double progress = kNaN;       ///< [m]
   double tunnel_radius = kNaN;  ///< at that place [m]

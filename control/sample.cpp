@@ -41,6 +41,7 @@ std::string describe(const Event& event) {
     case EventCode::deviation_over:
       return fmt::format("{:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
     case EventCode::oscillation:
+      if (!std::isfinite(c)) return fmt::format("oscillates at {:.0f} Hz, {:.2f} mm", b, 1e3 * a);
       return fmt::format("oscillates at {:.0f} Hz, {:.2f} mm: gains softened to {:.0f} %", b, 1e3 * a, 100 * c);
     case EventCode::oscillation_stays:
       return fmt::format("still oscillates at {:.0f} Hz, {:.2f} mm with {:.0f} % of its gains", b, 1e3 * a, 100 * c);
@@ -105,6 +106,21 @@ std::string describe(const Event& event) {
       return fmt::format("the hand resists the force: it falls to {:.1f} N, and the session ends in {:.0f} s", a, b);
     case EventCode::resistance_limit:
       return fmt::format("stopped: the hand resisted the force for {:.0f} s", a);
+    case EventCode::vibrates:
+      return fmt::format("the force vibrates at {:.0f} Hz, {:.2g} N rms: feedback softened to {:.0f} %", b, a, 100 * c);
+    case EventCode::vibrates_regularly:
+      return fmt::format("the force alternates at {:.0f} Hz, {:.2g} N rms: feedback softened to {:.0f} %", b, a,
+                         100 * c);
+    case EventCode::bounces:
+      return fmt::format("the tool bounces at {:.1f} Hz, {:.2g} N: feedback softened to {:.0f} %", b, a, 100 * c);
+    case EventCode::sways:
+      return fmt::format("loop or hand sways at {:.1f} Hz, {:.2g} N: feedback at {:.0f} % for now", b, a, 100 * c);
+    case EventCode::vibration_stays:
+      return fmt::format("stopped: the force still vibrates at {:.0f} Hz, {:.2g} N rms with {:.0f} % of the feedback",
+                         b, a, 100 * c);
+    case EventCode::torque_vibrates:
+      return fmt::format("the torque vibrates at {:.0f} Hz, {:.2g} N m rms: feedback softened to {:.0f} %", b, a,
+                         100 * c);
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

@@ -42,7 +42,7 @@ enum class EventCode : std::int32_t {
   velocity_limit = 22,     ///< values: speed [m/s], limit [m/s]
   deviation_limit = 23,    ///< values: deviation [m], limit [m]
   deviation_over = 24,     ///< values: deviation [m]; the session goes on
-  oscillation = 25,        ///< values: amplitude [m], frequency [Hz], share of the gains that is left
+  oscillation = 25,        ///< values: amplitude [m], frequency [Hz], share of the gains; NaN: not softened
   warming = 26,            ///< values: heat of the motors over that from which they are limited, time until then [s]
   hand_resists = 27,       ///< values: opposing force [N], for how long [s]
   hand_let_go = 28,        ///< values: how much the load fell [N], from what [N]
@@ -69,8 +69,15 @@ enum class EventCode : std::int32_t {
   states_resumed = 70,     ///< values: how long there was no fresh state, or no tick [s]. Forces fade in again
   outside_workspace =
       71,  ///< a position that no hand can reach; values: distance from the workspace's centre [m], bound [m]
-  force_resisted = 75,    ///< longer than force can be held; values: allowed force [N], time until the end [s]
-  resistance_limit = 76,  ///< values: for how long the force was resisted [s]
+  force_resisted = 72,    ///< longer than force can be held; values: allowed force [N], time until the end [s]
+  resistance_limit = 73,  ///< values: for how long the force was resisted [s]
+  // Each is a step of ReactionLadder; values: vibrating force [N], frequency [Hz], share of the feedback that is left.
+  vibrates = 74,            ///< by the energy rule of VibrationMonitor
+  vibrates_regularly = 75,  ///< by its rule of half cycles
+  bounces = 76,             ///< by its contact rule
+  sways = 77,               ///< by its slow hint
+  vibration_stays = 78,     ///< with the least share: the session ends
+  torque_vibrates = 79,     ///< by the energy rule on the torque; values: [N m], [Hz], share
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().
@@ -79,6 +86,12 @@ struct Event {
   EventCode code = EventCode::mark;
   std::array<double, 3> values{kNaN, kNaN, kNaN};  ///< meaning by code, see EventCode
 };
+
+/// Returns true for the events that say that the loop oscillates. The slow hint is not one: a hand may do the same.
+constexpr bool is_oscillation(EventCode code) noexcept {
+  return code == EventCode::oscillation || code == EventCode::oscillation_stays ||
+         (code >= EventCode::vibrates && code <= EventCode::torque_vibrates && code != EventCode::sways);
+}
 
 /// One line for people, at most 127 bytes of UTF-8. Not for the tick: it allocates.
 std::string describe(const Event& event);

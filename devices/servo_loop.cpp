@@ -156,6 +156,7 @@ class ServoLoop::Session {
         limiter_(loop.options_.limits),
         torque_limiter_(loop.options_.limits.max_torque, kCautiousShare * loop.options_.limits.max_torque,
                         kCautiousTime),
+        guard_(guard_of(loop)),
         flight_(static_cast<std::size_t>(std::ceil(kFlightRecord * loop.options_.rate_hz))) {}
 
   void run(const StopRequest& stop) noexcept {
@@ -174,6 +175,7 @@ class ServoLoop::Session {
       }
     }
     send_zero();
+    if (guard_) report_.vibration = guard_->summary();
   }
 
   /// The last samples before the end, oldest first.
@@ -197,6 +199,17 @@ class ServoLoop::Session {
 
  private:
   enum class Mode { running, releasing, fading };
+
+  /// None where there is no force limit: what is a large force there?
+  static std::optional<ForceGuard> guard_of(const ServoLoop& loop) {
+    const Options& options = loop.options_;
+    if (!options.watch_vibration || !(options.limits.max_force > 0)) return std::nullopt;
+    const double resolution = loop.device_.info().position_resolution;
+    return ForceGuard({.monitor = {.rate_hz = options.rate_hz,
+                                   .max_force = options.limits.max_force,
+                                   .position_resolution = resolution > 0 && resolution < 1 ? resolution : 0},
+                       .max_torque = loop.device_.info().takes_torque() ? options.limits.max_torque : 0});
+  }
 
   /// Exchanges zero force until the device allows forces.
   bool wait_until_ready(const StopRequest& stop) noexcept {
@@ -461,7 +474,7 @@ class ServoLoop::Session {
   void shape(const Command& command, const State& state) noexcept {
     const SafetyLimits& limits = loop_.options_.limits;
     const double dt = first_ ? 0 : state.dt;
-    Wrench asked = command.wrench;
+    Wrench asked = guard_ ? guard_->soften(command.wrench, command.feedforward) : command.wrench;
     double scale = 1;
     switch (mode_) {
       case Mode::running:
@@ -494,8 +507,9 @@ class ServoLoop::Session {
     if (const auto event = budget_.update(limiter_, wrench_.force.stableNorm())) push_event(state.time_ns, *event);
     if (mode_ == Mode::running) {
       const bool held_back = limiter_.holds_back(force) || torque_limiter_.holds_back(torque);
-      watch_resistance(resistance_.update(held_back, command.patience, dt), command.patience, state.time_ns);
+      watch_resistance(resistance_.update(held_back, command.patience, dt), command, state.time_ns);
     }
+    if (guard_ && mode_ != Mode::fading) watch_vibration(command, scale * asked.force, scale, state);
 
     if (mode_ != Mode::running && (scale == 0 || is_released(wrench_))) {
       wrench_ = {};
@@ -503,18 +517,38 @@ class ServoLoop::Session {
     }
   }
 
+  /// A fault that the loop itself finds: the last force fades, and the controller is not asked again.
+  void begin_fading(StopCause cause, const Command& command) noexcept {
+    mode_ = Mode::fading;
+    report_.cause = cause;
+    stopped_ = command;
+    stopped_.event.reset();
+  }
+
   /// The hand does not yield, and the controller does not want to push it for ever.
-  void watch_resistance(ResistanceTimer::Verdict verdict, double patience, std::int64_t time_ns) noexcept {
+  void watch_resistance(ResistanceTimer::Verdict verdict, const Command& command, std::int64_t time_ns) noexcept {
     if (verdict == ResistanceTimer::Verdict::none) return;
     if (verdict == ResistanceTimer::Verdict::begins) {
       const double settles = std::min(limiter_.allowed(), loop_.options_.limits.max_continuous_force);
-      push_event(time_ns,
-                 {.code = EventCode::force_resisted, .values = {settles, patience - resistance_.count(), kNaN}});
+      push_event(time_ns, {.code = EventCode::force_resisted,
+                           .values = {settles, command.patience - resistance_.count(), kNaN}});
       return;
     }
-    mode_ = Mode::fading;
-    report_.cause = StopCause::resistance;
+    begin_fading(StopCause::resistance, command);
     push_event(time_ns, {.code = EventCode::resistance_limit, .values = {resistance_.count(), kNaN, kNaN}});
+  }
+
+  /// Lets the guard see what is sent. A limit cuts feedforward and feedback alike.
+  void watch_vibration(const Command& command, const Vec3& asked, double scale, const State& state) noexcept {
+    Wrench feedback = wrench_;
+    if (!command.feedforward.isZero(0)) {
+      const double norm = asked.stableNorm();
+      if (norm > 0) feedback.force -= wrench_.force.stableNorm() / norm * scale * command.feedforward;
+    }
+    const auto event = guard_->watch(feedback, state.position, command.vibration, state.dt);
+    if (!event) return;
+    if (guard_->beyond_help() && mode_ == Mode::running) begin_fading(StopCause::oscillation, command);
+    push_event(state.time_ns, *event);
   }
 
   static bool is_released(const Wrench& wrench) noexcept {
@@ -630,6 +664,7 @@ class ServoLoop::Session {
   ForceLimiter limiter_, torque_limiter_;
   MotorBudget budget_;
   ResistanceTimer resistance_;
+  std::optional<ForceGuard> guard_;
   FlightRecorder flight_;
 
   Mode mode_ = Mode::running;

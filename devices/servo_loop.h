@@ -5,6 +5,7 @@
 #pragma once
 
 #include "control/controller.h"
+#include "control/force_guard.h"
 #include "control/histogram.h"
 #include "control/limits.h"
 #include "control/sample.h"
@@ -77,6 +78,7 @@ struct ServoReport {
   DurationHistogram latency;    ///< wake-up minus deadline
   DurationHistogram tick_time;  ///< wake-up to end of tick, on the monotonic clock whichever clock drives the loop
   RealtimeStatus realtime;
+  VibrationSummary vibration;         ///< what ForceGuard saw and did
   std::vector<Sample> flight_record;  ///< the last 200 ms before a limit or a fault stopped it; empty otherwise
 
   /// Fresh states per second of the session's clock, while the device was there [Hz].
@@ -102,11 +104,12 @@ struct ServoReport {
 /// Drives one device with one controller at a fixed rate.
 ///
 /// Every session, whatever its controller: positions and forces are checked to be finite, forces are limited in
-/// magnitude and for long, the tool's speed is limited, forces fade in and fade out, and zero force is sent on every
-/// way out. The limit for long is the device's, or a cautious one (kCautiousShare) where neither the device nor the
-/// session states any; it counts the time for which forces really acted. Where a hand resists more than it allows, the
-/// session ends after Command::patience. Ticks that come too late are missed and counted, never caught up with: a gap
-/// in tick and time, and an event.
+/// magnitude and for long, the tool's speed is limited, a force that vibrates is softened and, if it stays, ends the
+/// session (ForceGuard), forces fade in and fade out, and zero force is sent on every way out. The limit for long is
+/// the device's, or a cautious one (kCautiousShare) where neither the device nor the session states any; it counts the
+/// time for which forces really acted. Where a hand resists more than it allows, the session ends after
+/// Command::patience. Ticks that come too late are missed and counted, never caught up with: a gap in tick and time,
+/// and an event.
 ///
 /// A state that the device only repeats (DeviceState::sequence) is no sample: no row, no velocity, and the controller
 /// is not asked; the last force is held. The velocity is estimated over the time between the samples, not between the
@@ -132,6 +135,7 @@ class ServoLoop {
     bool virtual_time = false;    ///< advance as fast as the machine allows; else the monotonic clock
     bool realtime = true;         ///< ask for a real-time thread (monotonic clock only)
     SafetyLimits limits;          ///< forces: never more than the device's own, which 0 takes; see the class
+    bool watch_vibration = true;  ///< ForceGuard, for devices with a force limit; false: for experiments only
     double ready_timeout = 30;    ///< how long to wait for a device that is not ready, or not at rest after that [s]
     double away_timeout = 0;      ///< how long to wait for a device that is away [s]; 0: it is lost at once
     ServoClock* clock = nullptr;  ///< borrowed, in place of either; for those who study time itself

@@ -51,7 +51,7 @@ class TruthSink : public SampleSink {
 
   void push(const Event& event) noexcept override {
     if (event.code == EventCode::repetition) begin_repetition();
-    if (event.code != EventCode::oscillation && event.code != EventCode::oscillation_stays) return;
+    if (!is_oscillation(event.code)) return;
     if (oscillations_++ == 0) first_oscillation_ = 1e-9 * static_cast<double>(event.time_ns);
   }
 
@@ -263,6 +263,7 @@ class PathTrials {
 
 PlayOptions plain(const PdGains& pd) {
   PlayOptions options;
+  options.find_oscillations = true;
   options.gains = pd;
   options.fit = true;
   options.session.velocity = "lowpass:100";

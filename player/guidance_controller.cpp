@@ -55,7 +55,6 @@ void GuidanceController::resume(const State& first) noexcept {
 void GuidanceController::begin_approach(const Vec3& from) noexcept {
   phase_ = Phase::approach;
   elapsed_ = 0;
-  if (monitor_) monitor_->reset();
   approach_ = Approach(from, path_->position_at(0), options_.approach_speed);
 }
 
@@ -144,16 +143,6 @@ Command GuidanceController::update(const State& state) noexcept {
     command.wrench.force += (1 - share) * pd_force(approach_gains_, state, held);
   }
 
-  if (monitor_) {
-    // A place that follows the tool is no port of its own: what it takes is given to nobody. The walls stand still.
-    Reference watched = way;
-    if (guides && !options_.cursor) watched.position = path_->position_at(0);
-    if (const auto event = softener_.update(monitor_->update(state, watched), state.dt); event && !command.event)
-      command.event = event;
-    command.wrench.force *= softener_.share();
-    if (softener_.exhausted() && command.status == Command::Status::working)
-      command.status = Command::Status::oscillation;
-  }
   command.phase = phase_;
   if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
   return command;

@@ -2,16 +2,13 @@
 #pragma once
 
 #include "control/controller.h"
-#include "control/gain_softener.h"
 #include "control/guidance.h"
 #include "control/limits.h"
-#include "control/oscillation_monitor.h"
 #include "control/pd.h"
 #include "control/running_time.h"
 #include "player/approach.h"
 
 #include <memory>
-#include <optional>
 
 namespace haptrace {
 
@@ -43,8 +40,7 @@ void validate(const GuidanceOptions& options);
 /// the PD law and Guidance the forces blend over kBlend. Its reference is the trainee's place on the path (or the
 /// cursor), with the expert's velocity and force there.
 ///
-/// Walls that make the loop oscillate are softened, as a playback's gains are; when that does not help the session
-/// ends.
+/// The servo loop softens walls that make it vibrate (ForceGuard).
 class GuidanceController final : public Controller {
  public:
   static constexpr double kBlend = 0.3;     ///< [s]
@@ -52,9 +48,6 @@ class GuidanceController final : public Controller {
 
   GuidanceController(std::shared_ptr<const ArcPath> path, Guidance guidance, const PdGains& approach,
                      const GuidanceOptions& options);
-
-  /// From now on walls that oscillate are softened. Before start.
-  void guard(const OscillationMonitorOptions& options) { monitor_.emplace(options); }
 
   void start(const State& first) noexcept override;
   /// The repetition begins anew, with the way to its start.
@@ -80,8 +73,6 @@ class GuidanceController final : public Controller {
   PdGains approach_gains_;
   GuidanceOptions options_;
   PathProjection projection_;
-  std::optional<OscillationMonitor> monitor_;
-  GainSoftener softener_;
 
   Phase phase_ = Phase::approach;
   bool finished_ = false;

@@ -74,7 +74,7 @@ class GuidanceJudge final : public SampleSink {
         ripple_(device, rate_hz_) {}
 
   void push(const Event& event) noexcept override {
-    if (event.code == EventCode::oscillation || event.code == EventCode::oscillation_stays) ++run_.oscillations;
+    if (is_oscillation(event.code)) ++run_.oscillations;
   }
 
   void push(const Sample& sample) noexcept override {
@@ -155,6 +155,7 @@ class GuidedTrial {
     GuideOptions options = draw_.guide;
     options.guidance.time_limit = intended() + kLinger;
     options.guidance.hold = kHoldLimit;
+    options.session.watch_vibration = options.guard;
     const GuidePlan plan = plan_guidance(device.info(), source_of(expert_), options);
     stiffness = plan.stiffness;
     GuidanceController controller = guidance_controller(device.info(), plan, options);

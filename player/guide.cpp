@@ -254,26 +254,16 @@ GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan
   guidance.rate_hz = options.session.rate_hz;
   // Walls are touched for as long as the trainee likes; what moves by itself has to end some time.
   if (guidance.cursor || options.pace) guidance.patience = kPatience;
-  GuidanceController controller(
+  return GuidanceController(
       plan.path,
       Guidance(compose(plan, options), {.energy = options.energy, .delay = plan.delay, .rate_hz = guidance.rate_hz}),
       cautious_gains(device.max_force, guidance.rate_hz), guidance);
-  if (options.guard && device.max_force > 0) {
-    OscillationMonitorOptions monitor{.rate_hz = guidance.rate_hz,
-                                      .max_force = device.max_force,
-                                      .delay = plan.delay,
-                                      .position_resolution = device.position_resolution};
-    if (options.identified)
-      monitor.position_resolution =
-          std::max(monitor.position_resolution, options.identified->plant.position_resolution);
-    controller.guard(monitor);
-  }
-  return controller;
 }
 
 GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& asked, const StopRequest& stop,
                   const Progress& progress) {
   GuideOptions options = asked;
+  options.session.watch_vibration &= options.guard;
   // Nobody may be there to come to the end, and virtual time would go on as fast as the machine can.
   if (options.guidance.time_limit == 0 && device.info().virtual_time && options.session.clock != ClockChoice::real)
     options.guidance.time_limit = 10 * plan.duration + 10;

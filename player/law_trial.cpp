@@ -45,6 +45,7 @@ LawTrial try_out(Device& device, const IdentifiedDevice& identified, const LawTr
   play_options.learn = play_options.playback.repetitions = 2;
   play_options.playback.max_deviation = options.max_deviation;
   play_options.smoothing = 0;
+  play_options.find_oscillations = true;
   play_options.session = options.session;
   play_options.session.recording.reset();
   OscillationCount oscillations;

@@ -11,7 +11,7 @@ class OscillationCount final : public SampleSink {
   using SampleSink::push;
   void push(const Sample&) noexcept override {}
   void push(const Event& event) noexcept override {
-    if (event.code == EventCode::oscillation || event.code == EventCode::oscillation_stays) ++count_;
+    if (is_oscillation(event.code)) ++count_;
   }
   [[nodiscard]] int count() const noexcept { return count_; }
 

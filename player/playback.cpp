@@ -99,22 +99,23 @@ IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& 
 /// None for a device that does not say how much it bears: what is a large force there?
 std::optional<TrackingGuard::Options> guard_of(const DeviceInfo& device, const PlayOptions& options) {
   if (!options.guard || !(device.max_force > 0)) return std::nullopt;
-  TrackingGuard::Options guard{.oscillation = {.rate_hz = options.session.rate_hz,
-                                               .max_force = device.max_force,
-                                               .delay = 1 / options.session.rate_hz,
-                                               .position_resolution = device.position_resolution},
-                               .hand = {.needed = 0.25 * device.max_force}};
+  TrackingGuard::Options guard{.oscillation = std::nullopt, .hand = {.needed = 0.25 * device.max_force}};
   guard.hand.resisting = std::max(guard.hand.resisting, 0.25 * device.max_force);
+  OscillationMonitorOptions oscillation{.rate_hz = options.session.rate_hz,
+                                        .max_force = device.max_force,
+                                        .delay = 1 / options.session.rate_hz,
+                                        .position_resolution = device.position_resolution};
   if (options.identified) {
     const PlantModel& plant = options.identified->plant;
-    guard.oscillation.delay = plant.delay;
-    guard.oscillation.position_resolution = std::max(plant.position_resolution, device.position_resolution);
+    oscillation.delay = plant.delay;
+    oscillation.position_resolution = std::max(plant.position_resolution, device.position_resolution);
     double lightest = std::numeric_limits<double>::infinity();
     for (const double mass : plant.mass)
       if (mass > 0) lightest = std::min(lightest, mass);
-    guard.oscillation.mass = lightest;
+    oscillation.mass = lightest;
     guard.hand.needed = plant.coulomb.norm() + plant.gravity.norm();
   }
+  if (options.find_oscillations) guard.oscillation = oscillation;
   return guard;
 }
 
@@ -306,6 +307,7 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   std::vector<SampleSink*> sinks = options.sinks;
   sinks.push_back(&metrics);
   SessionOptions session_options = options.session;
+  session_options.watch_vibration &= options.guard;
   if (options.tuning != nullptr) {
     sinks.push_back(options.tuning);
     session_options.notices = [&] { return options.tuning->take_notices(); };

@@ -37,7 +37,8 @@ struct PlayOptions {
   Compensations compensations{true, true, true, true, true};  ///< of an identified device
   int learn = 0;                                              ///< repetitions to learn from, up to kMostLearned
   ForceTable learned;                                         ///< in earlier sessions, or empty
-  bool guard = true;  ///< soften when the loop oscillates, tell of a hand that resists or lets go
+  bool guard = true;               ///< soften when the loop vibrates, tell of a hand that resists or lets go
+  bool find_oscillations = false;  ///< small ones as well, by OscillationMonitor, which needs the delay; for studies
   Interpolation interpolation = Interpolation::cubic;
   /// Time constant of the path's smoothing [s], see smooth_positions(): when absent, as much as the noise in its
   /// positions asks for; 0 passes through every sample.

@@ -117,16 +117,15 @@ Command PlaybackController::update_with(const State& state) noexcept {
 
   const double scale = command.status == Command::Status::working ? watch_deviation(state, reference, command) : 1;
   if constexpr ((parts & kLiveTuning) != 0) tuning_.approach(changes_->latest(), state.dt);
-  Vec3 feedforward = Vec3::Zero();  // which the guard leaves alone
   for (const auto& term : terms_) {
     const Vec3 force = term->force({state, reference, tuning_, command.wrench.force});
     command.wrench.force += force;
-    if constexpr ((parts & kGuard) != 0)
-      if (!term->feeds_back()) feedforward += force;
+    if (!term->feeds_back()) command.feedforward += force;
   }
   command.wrench.force *= scale;
+  command.feedforward *= scale;
   if constexpr ((parts & kOrientation) != 0) turn_tool(state, scale, command);
-  if constexpr ((parts & kGuard) != 0) keep_guard(state, reference, scale * feedforward, command);
+  if constexpr ((parts & kGuard) != 0) keep_guard(state, reference, command);
   command.reference = reference;
   command.phase = phase_;
   command.patience = options_.on_deviation == DeviationPolicy::pause ? kPatienceOfPause : kPatience;
@@ -156,14 +155,10 @@ void PlaybackController::turn_tool(const State& state, double scale, Command& co
   }
 }
 
-void PlaybackController::keep_guard(const State& state, const Reference& reference, const Vec3& feedforward,
-                                    Command& command) noexcept {
+void PlaybackController::keep_guard(const State& state, const Reference& reference, Command& command) noexcept {
   guard_->watch(state, reference, state.force_applied - feedforward_);
-  command.wrench.force = feedforward + guard_->share() * (command.wrench.force - feedforward);
-  feedforward_ = feedforward;
+  feedforward_ = command.feedforward;
   if (!command.event) command.event = guard_->take_event();
-  if (guard_->beyond_help() && command.status == Command::Status::working)
-    command.status = Command::Status::oscillation;
 }
 
 void PlaybackController::follow(const RunningTime& time, Command& command) noexcept {

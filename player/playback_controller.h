@@ -56,7 +56,7 @@ class PlaybackController final : public Controller {
   PlaybackController(ReferenceStream path, ForceTerms terms, const Tuning& tuning, const PlaybackOptions& options,
                      Mailbox<Tuning>* changes = nullptr);
 
-  /// From now on a guard softens the terms when the loop oscillates and tells of the hand. Before start.
+  /// From now on a guard tells of the hand. Before start.
   void guard(const TrackingGuard::Options& options) {
     guard_.emplace(options);
     compose();
@@ -100,7 +100,7 @@ class PlaybackController final : public Controller {
   /// How fast the path's time passes: times its own.
   [[nodiscard]] double pace() const noexcept { return phase_ == Phase::run ? options_.speed * pace_.value() : 0; }
   void turn_tool(const State& state, double scale, Command& command) noexcept;
-  void keep_guard(const State& state, const Reference& reference, const Vec3& feedforward, Command& command) noexcept;
+  void keep_guard(const State& state, const Reference& reference, Command& command) noexcept;
   /// The scale of the force under the policy; may end or pause the session.
   double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
 

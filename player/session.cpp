@@ -4,6 +4,7 @@
 #include "formats/json_reader.h"
 #include "formats/suggest.h"
 
+#include <array>
 #include <chrono>
 #include <fmt/format.h>
 #include <future>
@@ -141,6 +142,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
                                         .virtual_time = result.virtual_time,
                                         .realtime = options.realtime,
                                         .limits = options.limits,
+                                        .watch_vibration = options.watch_vibration,
                                         .away_timeout = options.away_timeout};
   // Before the recorder is there, so that a wrong option leaves no file behind.
   ServoLoop::validate(info, loop_options);
@@ -198,6 +200,17 @@ nlohmann::json to_json(const DurationHistogram& durations) {
           {"max", durations.max()}};
 }
 
+nlohmann::json to_json(const VibrationSummary& vibration) {
+  constexpr std::array kRules{"energy", "half_cycles", "contacts", "slow", "torque"};
+  static_assert(kRules.size() == kVibrationRules);
+  nlohmann::json json{{"share", vibration.share},
+                      {"worst_ripple_n", vibration.worst_ripple},
+                      {"frequency_hz", vibration.frequency_hz},
+                      {"ended", vibration.ended}};
+  for (std::size_t i = 0; i < kRules.size(); ++i) json["steps"][kRules[i]] = vibration.steps[i];
+  return json;
+}
+
 nlohmann::json to_json(const SessionResult& result) {
   const ServoReport& servo = result.servo;
   nlohmann::json json{{"samples", servo.samples},
@@ -219,6 +232,7 @@ nlohmann::json to_json(const SessionResult& result) {
                       {"realtime",
                        {{"scheduler", result.virtual_time ? "none (virtual time)" : servo.realtime.scheduler},
                         {"memory_locked", servo.realtime.memory_locked}}}};
+  if (servo.vibration.watched) json["vibration"] = to_json(servo.vibration);
   if (!servo.detail.empty()) json["stopped_because"] = servo.detail;
   if (!servo.realtime.reason.empty()) json["realtime"]["reason"] = servo.realtime.reason;
   if (!servo.flight_record.empty()) json["flight_record"] = flight_record(servo.flight_record);

@@ -29,7 +29,8 @@ struct SessionOptions {
   std::string velocity = "lowpass:100";  ///< see make_velocity_estimator
   SafetyLimits limits;
   bool realtime = true;
-  double away_timeout = 0;  ///< how long to wait for a device that is away (RecoveringDevice) [s]
+  double away_timeout = 0;      ///< how long to wait for a device that is away (RecoveringDevice) [s]
+  bool watch_vibration = true;  ///< see ServoLoop::Options
   std::function<std::vector<std::string>()> notices;  ///< further ones for the views; asked as often as they are made
 
   struct Recording {
@@ -81,6 +82,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
 
 /// The JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by and what else there is to tell.
 nlohmann::json to_json(const SessionResult& result);
+nlohmann::json to_json(const VibrationSummary& vibration);
 nlohmann::json to_json(const DurationHistogram& durations);  ///< p50, p99, p999, max [s]
 
 /// `software` of recordings: name and version.

@@ -5,9 +5,15 @@
 namespace haptrace {
 
 void TrackingGuard::watch(const State& state, const Reference& reference, const Vec3& feedback) noexcept {
-  State loop = state;
-  loop.force_applied = feedback;
-  if (const auto event = softener_.update(monitor_.update(loop, reference), state.dt)) oscillation_ = event;
+  if (monitor_) {
+    State loop = state;
+    loop.force_applied = feedback;
+    since_told_ += state.dt;
+    if (const auto verdict = monitor_->update(loop, reference); verdict && since_told_ >= kSpacing) {
+      since_told_ = 0;
+      oscillation_ = Event{.code = EventCode::oscillation, .values = {verdict->amplitude, verdict->frequency_hz, kNaN}};
+    }
+  }
   const Vec3 error = reference.position - state.position;
   if (const auto event = hand_.update(state.force_applied, error, nan3(), state.dt)) hand_event_ = event;
 }

@@ -114,6 +114,7 @@ bool is_stop(EventCode code) {
     case EventCode::rotation_limit:
     case EventCode::resistance_limit:
     case EventCode::oscillation_stays:
+    case EventCode::vibration_stays:
     case EventCode::not_finite:
     case EventCode::outside_workspace:
     case EventCode::device_not_ready:

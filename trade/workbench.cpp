@@ -228,6 +228,7 @@ std::optional<DeviceProfile> Workbench::profile_at(double rate_hz) const {
 PlayOptions Workbench::options_for(const Configuration& configuration) const {
   PlayOptions options = play_options(configuration, place_.play);
   options.identified.reset();
+  options.find_oscillations = true;
   if (place_.profile) {
     const std::optional<DeviceProfile> profile = profile_at(configuration.rate_hz);
     if (!profile)

@@ -85,7 +85,7 @@ inline PlaybackController playback(double duration, const PlaybackOptions& optio
   PlaybackController controller(ReferenceStream(pieces, {}), std::move(terms), tuning, options,
                                 made.tuning ? &changes : nullptr);
   if (made.orientation) controller.turn({});
-  if (made.guard) controller.guard({.oscillation = {.max_force = 8, .delay = plant.delay, .mass = 0.4}, .hand = {}});
+  if (made.guard) controller.guard({});
   return controller;
 }
 

@@ -4,7 +4,7 @@
 // Sessions: none of them (a free hand), playback, guidance. Parts of every session: metrics, record,
 // velocity=ESTIMATOR, torque, plane (no motor in z). Of a playback: gravity, friction, inertia, learned, observer,
 // guard, tuning, orientation, interpolation=NAME. Of guidance: wall-damping, expert-force, pace-help, viscosity,
-// resistance, amplification, guard.
+// resistance, amplification. Of every session: watch (for a vibrating force).
 #include "control/guidance.h"
 #include "player/guidance_controller.h"
 #include "recorder/recorder.h"
@@ -68,7 +68,6 @@ GuidanceController guided(const Parts& parts) {
   if (parts.has("amplification")) terms.push_back(std::make_unique<ErrorAmplification>(100, 1));
   GuidanceController controller(std::make_shared<const ArcPath>(builder.finish(0.009)), Guidance(std::move(terms), {}),
                                 {Vec3::Constant(500), Vec3::Constant(6)}, {});
-  if (parts.has("guard")) controller.guard({.max_force = 8});
   return controller;
 }
 
@@ -105,7 +104,8 @@ std::uint64_t run(double seconds, const Parts& parts) {
   if (guidance) inner = &*guidance;
   Until controller(*inner, seconds);
   const ServoReport report =
-      ServoLoop(device, controller, *estimator, sinks, {.virtual_time = true}).run(StopRequest{});
+      ServoLoop(device, controller, *estimator, sinks, {.virtual_time = true, .watch_vibration = parts.has("watch")})
+          .run(StopRequest{});
   recorder.reset();
   std::filesystem::remove(file);
   return report.samples;

@@ -7,11 +7,15 @@
 #include "tests/support/point_mass.h"
 #include "tests/support/scripted.h"
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <functional>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <numbers>
 #include <thread>
+#include <tuple>
 
 namespace haptrace {
 namespace {
@@ -282,6 +286,59 @@ TEST(ServoLoop, FadesTheLastTrustedForceAfterADeviation) {
     EXPECT_EQ(result.log.samples[i].phase, Phase::stopped);
   }
   EXPECT_NEAR(static_cast<double>(result.log.samples.size()), 550, 2);
+}
+
+/// A controller whose force alternates whatever it is told, for two seconds.
+Scripted shaking(double hz, const Vec3& amplitude, const Vec3& feedforward, double declared) {
+  return Scripted([=](const State& state) {
+    Command command;
+    const double sine = std::sin(2 * std::numbers::pi * hz * 1e-9 * static_cast<double>(state.time_ns));
+    command.feedforward = sine * feedforward;
+    command.wrench.force = sine * amplitude + command.feedforward;
+    command.vibration = declared;
+    if (state.tick >= 2000) command.status = Command::Status::finished;
+    return command;
+  });
+}
+
+TEST(ServoLoop, SoftensAForceThatVibratesInEverySessionAndSaysSo) {
+  PointMass device(100);
+  Scripted controller = shaking(60, Vec3(4, 0, 0), Vec3::Zero(), 0);
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::finished);
+  EXPECT_TRUE(result.report.vibration.watched);
+  EXPECT_LE(result.report.vibration.share, 0.3);
+  EXPECT_NEAR(result.report.vibration.frequency_hz, 60, 2);
+  EXPECT_GT(result.report.vibration.worst_ripple, 2);
+  const auto steps = std::count_if(result.log.events.begin(), result.log.events.end(),
+                                   [](const Event& event) { return is_oscillation(event.code); });
+  EXPECT_GE(steps, 1);
+  for (std::size_t i = 900; i < result.log.samples.size(); ++i)
+    EXPECT_LE(result.log.samples[i].force.norm(), 4 * result.report.vibration.share + 1e-9);
+}
+
+TEST(ServoLoop, EndsASessionWhoseForceGoesOnVibrating) {
+  PointMass device(100);
+  Scripted controller = shaking(60, Vec3(4000, 0, 0), Vec3::Zero(), 0);
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::oscillation);
+  EXPECT_LT(result.report.duration, 1.2);
+  EXPECT_TRUE(result.report.vibration.ended);
+  EXPECT_THAT(result.report.detail, HasSubstr("still vibrates at 60 Hz"));
+  EXPECT_EQ(result.log.samples.back().phase, Phase::stopped);
+}
+
+TEST(ServoLoop, LeavesFeedforwardDeclaredVibrationAndExperimentsAlone) {
+  for (const auto& [feedforward, declared, watch] :
+       {std::tuple{Vec3(4, 0, 0), 0.0, true}, {Vec3(0, 0, 0), 4.0, true}, {Vec3(0, 0, 0), 0.0, false}}) {
+    PointMass device(100);
+    Scripted controller = shaking(60, Vec3(4, 0, 0) - feedforward, feedforward, declared);
+    const Outcome result = run(device, controller, {.virtual_time = true, .watch_vibration = watch});
+    EXPECT_EQ(result.report.vibration.share, 1);
+    double largest = 0;
+    for (std::size_t i = 1500; i < 2000; ++i) largest = std::max(largest, result.log.samples[i].force.norm());
+    EXPECT_NEAR(largest, 4, 0.1);
+  }
 }
 
 TEST(ServoLoop, MissesTicksThatComeTooLateAndNeverCatchesUp) {

@@ -1,6 +1,6 @@
 // Control laws, limits, monitors, learning and guidance at the ends of their numbers.
 #include "control/feedforward.h"
-#include "control/gain_softener.h"
+#include "control/force_guard.h"
 #include "control/guidance.h"
 #include "control/iterative_learning.h"
 #include "control/observer_pd.h"
@@ -72,14 +72,14 @@ TEST(Laws, LimitAnyForceAndForgetIt) {
       }
 }
 
-TEST(Laws, OfMonitorAndSoftenerBearAnyAmplitudeRateAndDevice) {
+TEST(Laws, OfMonitorsAndGuardBearAnyAmplitudeRateAndDevice) {
   for (const double rate : {10., 1e3, 2e4})
     for (const double amplitude : {0., 1e-300, 1e-12, 1e-3, 10.})
       for (const double force : {1e-6, 10., 1e9})
         for (const double delay : {0., 1.5e-3, 0.1}) {
           SCOPED_TRACE(fmt::format("{} Hz, {} m, {} N, {} s", rate, amplitude, force, delay));
           OscillationMonitor monitor({.rate_hz = rate, .max_force = force, .delay = delay, .mass = 1e3});
-          GainSoftener softener;
+          ForceGuard guard({.monitor = {.rate_hz = rate, .max_force = force}, .max_torque = force});
           State state;
           state.dt = 1 / rate;
           const Reference reference{Vec3::Zero(), Vec3::Zero(), Vec3::Zero(), 0};
@@ -92,9 +92,10 @@ TEST(Laws, OfMonitorAndSoftenerBearAnyAmplitudeRateAndDevice) {
               ASSERT_TRUE(std::isfinite(verdict->energy) && std::isfinite(verdict->frequency_hz) &&
                           std::isfinite(verdict->amplitude));
             }
-            (void)softener.update(verdict, state.dt);
-            ASSERT_GE(softener.share(), 0);
-            ASSERT_LE(softener.share(), 1);
+            (void)guard.watch({state.force_applied, state.force_applied}, state.position, 0, state.dt);
+            ASSERT_TRUE(std::isfinite(guard.summary().worst_ripple));
+            ASSERT_GE(guard.summary().share, 0.01);
+            ASSERT_LE(guard.summary().share, 1);
           }
         }
 }

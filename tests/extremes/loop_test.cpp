@@ -31,10 +31,10 @@ PlantModel model_of(const SimSpec& spec) {
 }
 
 TrackingGuard::Options guard_of(const SimSpec& spec, double rate_hz) {
-  return {.oscillation = {.rate_hz = rate_hz,
-                          .max_force = spec.max_force,
-                          .delay = std::min(spec.delay, 0.1),
-                          .position_resolution = spec.position_resolution},
+  return {.oscillation = OscillationMonitorOptions{.rate_hz = rate_hz,
+                                                   .max_force = spec.max_force,
+                                                   .delay = std::min(spec.delay, 0.1),
+                                                   .position_resolution = spec.position_resolution},
           .hand = {}};
 }
 

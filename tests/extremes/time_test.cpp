@@ -1,9 +1,9 @@
 // A day, a week, an uptime of years: integer nanoseconds and tick indices do not drift, and steps of no time do
 // nothing.
-#include "control/gain_softener.h"
 #include "control/guidance.h"
 #include "control/hand_watch.h"
 #include "control/observer_pd.h"
+#include "control/reaction_ladder.h"
 #include "devices/nano_time.h"
 #include "recorder/recorder.h"
 #include "tests/extremes/support.h"
@@ -174,9 +174,9 @@ TEST(Time, StepsOfNoTimeMoveNothing) {
     Tuning tuning;
     tuning.approach({.gains = {Vec3::Constant(100), Vec3::Zero()}}, none);
     EXPECT_EQ(tuning.gains.kp, Vec3::Zero());
-    GainSoftener softener;
-    (void)softener.update(OscillationVerdict{}, none);
-    EXPECT_EQ(softener.share(), 1);
+    ReactionLadder ladder;
+    (void)ladder.update(VibrationAlarm{}, none);
+    EXPECT_EQ(ladder.share(), 1);
 
     SimDevice device(test::sim_spec(R"({"mass": 0.4, "max_force": 8, "hand": "relaxed"})"));
     DeviceState state;

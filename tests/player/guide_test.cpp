@@ -317,7 +317,6 @@ TEST(GuidanceController, AllocatesNothing) {
   terms.push_back(std::make_unique<TunnelWall>(TunnelWall::Options{}));
   terms.push_back(std::make_unique<ExpertForce>(1));
   GuidanceController controller(plan.path, Guidance(std::move(terms), {}), cautious_gains(8, 1000), {});
-  controller.guard({.max_force = 8});
   State state;
   state.position = plan.path->at(0).position;
   controller.start(state);

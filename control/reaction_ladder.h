@@ -1,0 +1,69 @@
+// Softens the feedback of a control loop that vibrates, step by step.
+#pragma once
+
+#include "control/sample.h"
+#include "control/vibration_monitor.h"
+
+#include <array>
+#include <optional>
+
+namespace haptrace {
+
+/// Computes the share of the feedback that may act, from the alarms of VibrationMonitor.
+///
+/// Scaling the whole law takes down stiffness and damping alike. That is right for both ways in which a loop becomes
+/// unstable: a stiffness too high for its damping, and a damping too high for its delay.
+///
+/// A fast alarm (energy, half_cycles, contacts) takes the share down to 0.3 of itself within 20 ms, and again after
+/// 120 ms for as long as alarms arrive, to no less than 0.05. An alarm at 0.05 is beyond help, and only the end of the
+/// session is left; contacts alone do not end one. This share does not recover within the session: gains that vibrated
+/// once will do so again.
+///
+/// The slow hint halves a share of its own, which never ends a session, waits for max(0.25 s, 2 periods), and stops at
+/// 0.2. After 2 s without a hint it recovers over 5 s; after three returns of the hint it stays. The hand may have done
+/// it, hence all of this can be undone.
+///
+/// Real-time. Threads: one at a time.
+class ReactionLadder {
+ public:
+  /// Takes the alarm of this tick, `dt` [s] after the one before. Returns the event of a step, one for each.
+  std::optional<Event> update(const std::optional<VibrationAlarm>& alarm, double dt) noexcept;
+
+  /// Softens from the beginning, for gains that vibrated in a session before.
+  void begin_with(double share) noexcept;
+
+  /// The factor of the feedback.
+  [[nodiscard]] double share() const noexcept { return fast_.share * slow_.share; }
+  /// The share that a running ramp leads to.
+  [[nodiscard]] double target() const noexcept { return fast_.target * slow_.target; }
+  /// True when the loop vibrates although next to nothing of the feedback is left.
+  [[nodiscard]] bool beyond_help() const noexcept { return beyond_help_; }
+  /// Steps by VibrationRule.
+  [[nodiscard]] const std::array<int, kVibrationRules>& steps() const noexcept { return steps_; }
+
+ private:
+  struct Share {
+    double share = 1, target = 1;
+    double slope = 0;    ///< of a step down [1/s]
+    double since = 1e9;  ///< the last step [s]
+    /// Returns true when this was a step.
+    bool step_down(double factor, double least) noexcept;
+    void advance(double dt) noexcept;
+  };
+
+  std::optional<Event> react_to_fast(const VibrationAlarm& alarm) noexcept;
+  std::optional<Event> react_to_hint(const VibrationAlarm& alarm) noexcept;
+  void recover(double dt) noexcept;
+  [[nodiscard]] std::optional<Event> event_of(const VibrationAlarm& alarm) noexcept;
+
+  Share fast_, slow_;
+  double slow_wait_ = 0;       ///< until the next step of the hint [s]
+  double quiet_ = 0;           ///< since the last hint [s]
+  double recovery_slope_ = 0;  ///< [1/s]
+  int returns_ = 0;
+  bool recovering_ = false;
+  bool beyond_help_ = false;
+  std::array<int, kVibrationRules> steps_{};
+};
+
+}  // namespace haptrace

@@ -1,0 +1,358 @@
+// What ForceGuard finds, misses, and takes for a vibration by mistake: random plants, hands and laws on one axis.
+//   haptrace_vibration [DRAWS] [HOURS] [SEED]        default 4000 draws, 2 hours, seed 1
+//
+// Truth: all inputs (hand, tremor, path) are frozen where they are; an oscillation is real if it still stands 1.3 s
+// later with more than half of the ripple that made it a case. See docs/monitor.md.
+#include "control/filters.h"
+#include "control/force_guard.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <numbers>
+#include <random>
+#include <vector>
+
+using namespace haptrace;
+
+namespace {
+
+using std::numbers::pi;
+
+enum class Law { pd, wall };
+enum class Activity { rest, tremor, writing, tapping, knocks, pushing, letting_go, steps, count };
+
+struct Draw {
+  explicit Draw(std::uint64_t seed) : random(seed) {}
+  double operator()(double from, double to) { return std::uniform_real_distribution<double>(from, to)(random); }
+  double log(double from, double to) { return from * std::pow(to / from, (*this)(0, 1)); }
+  std::mt19937_64 random;
+};
+
+/// One plant, one hand, one law.
+struct Setting {
+  double rate = 1000, force = 8;                                // [Hz], [N]
+  double mass = 0.3, viscous = 1, coulomb = 0.2, count = 3e-5;  // [kg], [N s/m], [N], [m]
+  double delay = 1e-3, lag = 5e-4;                              // [s]
+  double velocity_hz = 100;                                     // of the velocity's low pass
+  double resonance = 0;                                         // [Hz]; 0: none
+  double hand_mass = 0, grip = 0, grip_damping = 0;             // [kg], [N/m], [N s/m]
+  Law law = Law::pd;
+  double kp = 500, kd = 6;
+  Activity activity = Activity::rest;
+  double tremor = 0, tremor_hz = 8;     // [N], [Hz]
+  double texture = 0, texture_hz = 80;  // [N], declared
+};
+
+Setting draw_setting(Draw& draw, double least_factor, double most_factor, double most_tremor, bool any_rate) {
+  Setting s;
+  constexpr std::array kRates{250.0, 500.0, 1000.0, 2000.0, 4000.0, 10000.0};
+  if (any_rate) s.rate = kRates[static_cast<std::size_t>(draw(0, 5.999))];
+  s.force = draw(3, 12);
+  s.mass = draw.log(0.05, 2);
+  s.viscous = draw.log(0.2, 4);
+  s.coulomb = draw.log(0.03, std::min(1.2, 0.3 * s.force));
+  s.count = draw.log(1e-5, 1e-4);
+  s.delay = draw(0, 6e-3);
+  s.lag = draw.log(1e-4, 2e-3);
+  if (draw(0, 1) < 0.2) s.resonance = draw.log(15, 200);
+  if (draw(0, 1) > 0.1) {
+    const double firm = draw(0, 1);
+    s.hand_mass = 0.03 + 0.25 * firm;
+    s.grip = 20 * std::pow(60, firm);
+    s.grip_damping = 0.5 + 10 * firm;
+  }
+  if (draw(0, 1) < 0.25) {  // a fast device, whose loop is unstable at high frequencies
+    s.velocity_hz = std::min(500.0, 0.3 * s.rate);
+    s.delay *= 0.1;
+    s.lag = std::min(s.lag, 3e-4);
+  }
+  const double late = 0.5 / s.rate + s.delay + s.lag + 0.23 / s.velocity_hz, moved = s.mass + s.hand_mass;
+  s.law = draw(0, 1) < 0.6 ? Law::pd : Law::wall;
+  s.kd = draw.log(least_factor, most_factor) * 0.5 * moved / late;
+  s.kp = draw.log(least_factor, most_factor) * 0.2 * moved / (late * late);
+  if (s.law == Law::wall) {
+    s.kp = std::clamp(s.kp, 200.0, 20e3);
+    s.kd = draw(0, 1) < 0.5 ? 0 : 0.1 * s.kd;
+  }
+  s.activity = static_cast<Activity>(static_cast<int>(draw(0, static_cast<double>(Activity::count) - 1e-9)));
+  s.tremor = draw(0.05, most_tremor);
+  s.tremor_hz = draw(4, 12);
+  return s;
+}
+
+/// The simulated world; a copy of it goes on from where it was.
+class World {
+ public:
+  World(const Setting& s, bool softens)
+      : s_(s),
+        substeps_(std::max(4, static_cast<int>(8000 / s.rate))),
+        step_(1 / (s.rate * substeps_)),
+        delayed_(static_cast<std::size_t>(s.delay / step_) + 2, 0.0),
+        velocity_(Butterworth2::Kind::low_pass, s.velocity_hz, s.rate),
+        high_(Butterworth2::Kind::high_pass, 5, s.rate),
+        guard_({.monitor = {.rate_hz = s.rate, .max_force = s.force, .position_resolution = s.count}}),
+        softens_(softens) {
+    if (s.law == Law::wall) x_ = 0.01;
+  }
+
+  void tick(bool frozen) {
+    if (!frozen) time_ += 1 / s_.rate;
+    ++ticks_;
+    const double measured = s_.count * std::round(x_ / s_.count);
+    const double v = velocity_.update((measured - last_) * s_.rate);
+    last_ = measured;
+    double asked = 0;
+    if (s_.law == Law::pd) asked = s_.kp * (reference() - measured) - s_.kd * v;
+    if (s_.law == Law::wall && measured < 0) asked = std::max(0.0, -s_.kp * measured - s_.kd * v);
+    asked += s_.texture * std::sin(2 * pi * s_.texture_hz * time_);
+    if (softens_) asked = guard_.soften({.force = Vec3(asked, 0, 0), .torque = Vec3::Zero()}, Vec3::Zero()).force.x();
+    if (ended_at_ < ticks_) asked *= std::max(0.0, 1 - static_cast<double>(ticks_ - ended_at_) / (0.05 * s_.rate));
+    force_ = std::clamp(asked, -s_.force, s_.force);
+    event_ = guard_.watch({.force = Vec3(force_, 0, 0), .torque = Vec3::Zero()}, Vec3(measured, 0, 0), s_.texture,
+                          1 / s_.rate);
+    if (softens_ && guard_.beyond_help()) ended_at_ = std::min(ended_at_, ticks_);
+    const double band = high_.update(force_);
+    energy_ += -std::expm1(-1 / (0.05 * s_.rate)) * (band * band - energy_);
+    crossings_ += (band > 0) != positive_;
+    positive_ = band > 0;
+    for (int i = 0; i < substeps_; ++i) move();
+  }
+
+  [[nodiscard]] double ripple() const { return std::sqrt(energy_); }  // above 5 Hz [N rms]
+  [[nodiscard]] const std::optional<Event>& event() const { return event_; }
+  [[nodiscard]] bool ended() const { return ended_at_ <= ticks_; }
+  [[nodiscard]] double share() { return guard_.summary().share; }
+  [[nodiscard]] long crossings() const { return crossings_; }
+  [[nodiscard]] double time() const { return static_cast<double>(ticks_) / s_.rate; }
+
+ private:
+  [[nodiscard]] double reference() const {
+    const double along = 0.03 * std::sin(2 * pi * 0.3 * time_);
+    return s_.activity == Activity::steps ? along + (std::fmod(time_, 1) < 0.5 ? 0.004 : 0) : along;
+  }
+
+  /// Where the hand wants to be.
+  [[nodiscard]] double aim() const {
+    const double base = s_.law == Law::wall ? (time_ > 0.5 ? -0.004 : 0.01) : 0.03 * std::sin(2 * pi * 0.3 * time_);
+    switch (s_.activity) {
+      case Activity::writing:
+        return base + 0.003 * std::sin(2 * pi * 8 * time_);
+      case Activity::tapping:
+        return base + 0.01 * std::sin(2 * pi * (2 + 4.5 * std::fmod(s_.tremor_hz, 1)) * time_);
+      case Activity::pushing:
+        return std::fmod(time_, 2) > 1 ? base - 0.01 : base;
+      default:
+        return base;
+    }
+  }
+
+  void move() {
+    delayed_[at_] = force_;
+    at_ = (at_ + 1) % delayed_.size();
+    actuated_ += step_ / s_.lag * (delayed_[at_] - actuated_);
+    double pushed = actuated_;
+    if (s_.resonance > 0) {  // a lightly damped mode of a tenth of the mass beside the rigid body
+      const double w = 2 * pi * s_.resonance;
+      mode_v_ += step_ * (actuated_ / (0.3 * s_.mass) * 0.1 - 2 * 0.03 * w * mode_v_ - w * w * mode_);
+      mode_ += step_ * mode_v_;
+    }
+    const bool held = s_.grip > 0 && !(s_.activity == Activity::letting_go && std::fmod(time_, 3) > 1.5);
+    if (held) pushed += s_.grip * (aim() - body_) - s_.grip_damping * v_;
+    if (s_.grip == 0 && s_.law == Law::wall) pushed -= 1;  // its weight
+    pushed += s_.tremor * (s_.activity == Activity::tremor && held ? std::sin(2 * pi * s_.tremor_hz * time_) : 0);
+    if (s_.activity == Activity::knocks && std::fmod(time_, 1) < 0.01) pushed += 6;
+    pushed -= s_.viscous * v_ + s_.coulomb * std::tanh(v_ / 1e-3);
+    v_ += step_ * pushed / (s_.mass + (held ? s_.hand_mass : 0));
+    body_ += step_ * v_;
+    // The ends of the workspace.
+    if (std::abs(body_) > 0.1) {
+      body_ = std::copysign(0.1, body_);
+      v_ = 0;
+    }
+    x_ = body_ + mode_;
+  }
+
+  Setting s_;
+  int substeps_;
+  double step_;
+  std::vector<double> delayed_;
+  std::size_t at_ = 0;
+  Butterworth2 velocity_, high_;
+  ForceGuard guard_;
+  bool softens_;
+  double time_ = 0;  // of the inputs [s]
+  long ticks_ = 0, ended_at_ = 1L << 40;
+  double x_ = 0, body_ = 0, v_ = 0, mode_ = 0, mode_v_ = 0, last_ = 0;
+  double force_ = 0, actuated_ = 0, energy_ = 0;
+  bool positive_ = false;
+  long crossings_ = 0;
+  std::optional<Event> event_;
+};
+
+/// The frequency [Hz] of an oscillation that stands by itself; 0: none.
+double standing(World world, const Setting& s) {
+  const double ripple = world.ripple();
+  const long wait = std::lround(0.8 * s.rate), count = std::lround(0.5 * s.rate);
+  for (long i = 0; i < wait; ++i) world.tick(true);
+  const long before = world.crossings();
+  for (long i = 0; i < count; ++i) world.tick(true);
+  return world.ripple() > 0.5 * ripple ? static_cast<double>(world.crossings() - before) : 0;  // two in 0.5 s: 2 Hz
+}
+
+bool is_fast(const Event& event) {
+  return is_oscillation(event.code);
+}
+
+struct Band {
+  double from, to;
+  int cases = 0, found = 0, ever = 0, calm = 0;
+};
+
+struct Detection {
+  std::vector<Band> bands{{3, 8}, {8, 15}, {15, 30}, {30, 60}, {60, 120}, {120, 5000}};
+  std::vector<double> delays;
+  int uncertain = 0;
+
+  void run(const Setting& s) {
+    World open(s, false);
+    double onset = -1, frequency = 0, alarm = -1;
+    for (long i = 0; i < std::lround(4 * s.rate); ++i) {
+      open.tick(false);
+      if (onset < 0 && open.ripple() > s.force / 4 && i % std::lround(0.04 * s.rate) == 0) {
+        frequency = standing(open, s);
+        if (frequency > 0) onset = open.time();
+      }
+      if (alarm < 0 && open.event() && is_fast(*open.event())) alarm = open.time();
+      if (onset >= 0 && (alarm >= 0 || open.time() > onset + 1.5)) break;
+    }
+    if (onset < 0 || frequency > 0.45 * s.rate) return;
+    const auto band = std::find_if(bands.begin(), bands.end(),
+                                   [&](const Band& b) { return frequency >= b.from && frequency < b.to; });
+    if (band == bands.end()) return;
+    ++band->cases;
+    if (alarm < 0) return;
+    ++band->ever;
+    if (alarm <= onset + 0.5) ++band->found;
+    delays.push_back(alarm - onset);
+
+    World closed(s, true);
+    double first = -1;
+    while (!closed.ended() && (first < 0 ? closed.time() < alarm + 1 : closed.time() < first + 1)) {
+      closed.tick(false);
+      if (first < 0 && closed.event() && is_fast(*closed.event())) first = closed.time();
+    }
+    const bool calm = closed.ended() || closed.ripple() < 0.12 * s.force || standing(closed, s) == 0;
+    if (std::getenv("VERBOSE") != nullptr && !calm)
+      std::printf("    not calm: %.1f Hz, now %.1f Hz, ripple %.2f F, share %.3f, law %d kp %.0f kd %.1f rate %.0f\n",
+                  frequency, standing(closed, s), closed.ripple() / s.force, closed.share(), static_cast<int>(s.law),
+                  s.kp, s.kd, s.rate);
+    if (calm) ++band->calm;
+  }
+};
+
+struct Silence {
+  double hours = 0;
+  int alarms = 0, softened = 0, ends = 0, hints = 0, unstable = 0;
+  double hinted = 0;  // [h]
+
+  void run(const Setting& s, double seconds) {
+    World open(s, false);
+    double alarm = -1;
+    for (long i = 0; i < std::lround(seconds * s.rate) && alarm < 0; ++i) {
+      open.tick(false);
+      if (open.event() && is_fast(*open.event())) {
+        if (standing(open, s) > 0) {
+          ++unstable;
+          return;
+        }
+        alarm = open.time();
+      }
+      if (open.ripple() > s.force / 8 && i % std::lround(0.5 * s.rate) == 0 && standing(open, s) > 0) {
+        ++unstable;
+        return;
+      }
+    }
+    hours += seconds / 3600;
+    alarms += alarm >= 0;
+    World closed(s, true);
+    bool was_softened = false;
+    for (long i = 0; i < std::lround(seconds * s.rate) && !closed.ended(); ++i) {
+      closed.tick(false);
+      if (closed.event()) (is_fast(*closed.event()) ? was_softened = true : (++hints, false));
+      if (closed.share() < 1 && !was_softened) hinted += 1 / s.rate / 3600;
+    }
+    softened += was_softened;
+    ends += closed.ended();
+  }
+
+  void print(const char* what) const {
+    std::printf(
+        "%-34s %5.2f h (%d draws unstable): fast alarms %d (%.2f/h, 95%% below %.2f/h), softened %d, ended %d (95%% "
+        "below %.2f/h), hints %d, softened by them %.2f %%\n",
+        what, hours, unstable, alarms, alarms / hours, bound(alarms) / hours, softened, ends, bound(ends) / hours,
+        hints, 100 * hinted / hours);
+  }
+
+  /// Upper 95 % bound of a Poisson mean (one sided), by bisection.
+  static double bound(int count) {
+    double low = count, high = count + 10 + 4 * std::sqrt(count);
+    for (int i = 0; i < 60; ++i) {
+      const double mean = 0.5 * (low + high);
+      double term = std::exp(-mean), sum = term;
+      for (int k = 1; k <= count; ++k) sum += term *= mean / k;
+      (sum > 0.05 ? low : high) = mean;
+    }
+    return low;
+  }
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const int draws = argc > 1 ? std::atoi(argv[1]) : 4000;
+  const double hours = argc > 2 ? std::atof(argv[2]) : 2;
+  const std::uint64_t seed = argc > 3 ? std::strtoull(argv[3], nullptr, 10) : 1;
+
+  for (const bool any_rate : {false, true}) {
+    Draw draw(seed + (any_rate ? 100 : 0));
+    Detection detection;
+    for (int i = 0; i < draws / (any_rate ? 4 : 1); ++i)
+      detection.run(draw_setting(draw, 0.3, 8, i % 2 == 0 ? 0.3 : 1.0, any_rate));
+    std::printf("%s: ripple above F/4, found within 0.5 s / ever, calm or ended within 1 s of the alarm\n",
+                any_rate ? "250 Hz to 10 kHz" : "1 kHz");
+    for (const Band& b : detection.bands)
+      if (b.cases > 0)
+        std::printf("  %4.0f to %4.0f Hz: %4d cases  %5.1f / %5.1f %%  calm %5.1f %%\n", b.from, b.to, b.cases,
+                    100.0 * b.found / b.cases, 100.0 * b.ever / b.cases, 100.0 * b.calm / std::max(1, b.ever));
+    std::sort(detection.delays.begin(), detection.delays.end());
+    if (!detection.delays.empty())
+      std::printf("  time to the alarm: median %.2f s, 95 %% %.2f s\n", detection.delays[detection.delays.size() / 2],
+                  detection.delays[detection.delays.size() * 95 / 100]);
+    std::fflush(stdout);
+  }
+
+  constexpr double kRun = 10;  // [s]
+  struct Set {
+    const char* what;
+    double tremor, share;
+    bool texture;
+  };
+  for (const Set& set : {Set{"tremor up to 0.3 N", 0.3, 1, false}, Set{"tremor up to 1 N", 1, 0.5, false},
+                         Set{"declared textures", 0.3, 0.25, true}}) {
+    Draw draw(seed + 1000);
+    Silence silence;
+    while (silence.hours < hours * set.share) {
+      Setting s = draw_setting(draw, 0.02, 0.5, set.tremor, false);
+      if (set.texture) {
+        s.texture = draw(0.1, 0.5) * s.force;
+        s.texture_hz = draw.log(25, 250);
+      }
+      silence.run(s, kRun);
+    }
+    silence.print(set.what);
+    std::fflush(stdout);
+  }
+}
