@@ -2,6 +2,7 @@
 
 #include "formats/recording_formats.h"
 #include "formats/text_file.h"
+#include "formats/warning_json.h"
 
 #include <algorithm>
 #include <array>
@@ -67,6 +68,7 @@ class Anonymised final : public AnonymisedSource {
     if (header_.config.is_null()) header_.config = json::object();
     header_.uuid = new_uuid();
     for (StoredEvent& event : events_) clean(event);
+    clean_warnings();
     const auto keep = [&](const std::string& text, const char* name) {
       if (!text.empty()) report_.kept.emplace_back(name);
     };
@@ -129,6 +131,17 @@ class Anonymised final : public AnonymisedSource {
     if (text == event.text) return;
     event.text = std::move(text);
     ++report_.texts;
+  }
+
+  /// Those of events are made of numbers; the others may name files and people.
+  void clean_warnings() {
+    std::vector<Warning> warnings = warnings_from(header_.warnings);
+    for (Warning& warning : warnings) {
+      if (is_of_event(warning.code)) continue;
+      warning.text = warning.code;
+      ++report_.texts;
+    }
+    header_.warnings = json_of(warnings);
   }
 
   template <class Codes>
