@@ -115,7 +115,7 @@ Verb add_calibrate(CLI::App& app) {
             require(*verb, "--device");
             if (arguments->quick && arguments->full)
               throw input_error("--quick and --full both say how long; use one of them");
-            const CalibrationOptions options{
+            CalibrationOptions options{
                 .full = arguments->full,
                 .force_share = arguments->force_share,
                 .session = arguments->session.options(arguments->record, effective_config(*verb))};
@@ -125,7 +125,7 @@ Verb add_calibrate(CLI::App& app) {
             const bool overwrite = arguments->output.empty() || arguments->session.overwrite;
             check_profile_output(file, overwrite);
             const CalibrationPlan plan = plan_calibration(info, options);
-            for (const std::string& note : info.notes) output.remark(note);
+            note_before(output, options.session, "device", info.notes);
             output.remark(announcement(plan, info));
 
             const Signals signals;
@@ -144,7 +144,7 @@ Verb add_calibrate(CLI::App& app) {
             if (!result.succeeded()) {
               json["error"] = result.reason;
               if (code == kDone) code = kStopped;
-              output.remark(result.reason + "; no profile was written");
+              output.fault(result.reason + "; no profile was written");
               output.tell(json, session_summary(result.session));
               return code;
             }

@@ -6,22 +6,6 @@
 #include <fmt/format.h>
 
 namespace haptrace::cli {
-namespace {
-
-const char* to_string(Finding::Severity severity) {
-  switch (severity) {
-    case Finding::Severity::note:
-      return "note";
-    case Finding::Severity::warning:
-      return "warning";
-    case Finding::Severity::error:
-      return "error";
-  }
-  return "error";
-}
-
-}  // namespace
-
 Verb add_check(CLI::App& app) {
   const auto file = std::make_shared<std::string>();
   CLI::App* verb = app.add_subcommand("check", "validate a recording against the file format");

@@ -1,5 +1,6 @@
 #include "devices/doctor.h"
 
+#include "cli/terminal.h"
 #include "cli/verb.h"
 #include "control/error.h"
 #include "devices/usb_devices.h"
@@ -31,9 +32,7 @@ class Stage {
   Stage(const Stage&) = delete;
   Stage& operator=(const Stage&) = delete;
   void show(const std::string& text) const {
-    if (!shown_) return;
-    fmt::print(stderr, "\r\033[K{}", text);
-    std::fflush(stderr);
+    if (shown_) show_line(text);
   }
 
  private:

@@ -9,6 +9,7 @@
 
 #include <filesystem>
 #include <fmt/format.h>
+#include <span>
 
 namespace haptrace::cli {
 namespace {
@@ -204,10 +205,14 @@ Verb add_guide(CLI::App& app) {
         std::vector<std::string> notes = device->info().notes;
         for (const std::string& note : expert->facts().notes)
           notes.push_back(fmt::format("{}: {}", arguments->expert, note));
-        options.identified = identified(arguments->profile.find(device->info(), arguments->session.rate_hz, output));
+        options.identified = identified(
+            arguments->profile.find(device->info(), arguments->session.rate_hz, output, &options.session.known));
         const GuidePlan plan = plan_guidance(device->info(), expert, options);
+        const std::size_t of_device = device->info().notes.size();
+        note_before(output, options.session, "device", device->info().notes);
+        note_before(output, options.session, "path", std::span(notes).subspan(of_device), Warning::Severity::warning);
+        note_before(output, options.session, "plan", plan.notes);
         notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
-        for (const std::string& note : notes) output.remark(note);
 
         const Signals signals;
         const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,

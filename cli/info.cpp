@@ -3,6 +3,7 @@
 #include "formats/path_file.h"
 #include "formats/printable.h"
 #include "formats/recording_summary.h"
+#include "formats/warning_json.h"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -73,6 +74,7 @@ int tell_of_recording(const std::string& file, const Output& output) {
   if (summary.tracked > 0)
     line("tracking error", fmt::format("rms {:.3f} mm, peak {:.3f} mm over {} samples", 1e3 * summary.rms_error(),
                                        1e3 * summary.peak_error(), summary.tracked));
+  for (const Warning& warning : warnings_from(header.warnings)) line(to_string(warning.severity), warning.text);
   for (const StoredEvent& event : events) line("event", fmt::format("{:.3f} s  {}", event.time, event.text));
 
   nlohmann::json list = nlohmann::json::array();
@@ -105,6 +107,7 @@ int tell_of_recording(const std::string& file, const Output& output) {
                       {"longest_interval_s", summary.longest_interval},
                       {"max_force_n", summary.max_force},
                       {"events", std::move(list)},
+                      {"warnings", json_of(warnings_from(header.warnings))},
                       {"config", header.config}};
   if (summary.rows > 0) {
     json["position_min_m"] = json_of(summary.bounds.min);

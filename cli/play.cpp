@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <fmt/format.h>
 #include <numbers>
+#include <span>
 
 namespace haptrace::cli {
 namespace {
@@ -121,7 +122,30 @@ const char* lesson_text(IterativeLearning::Outcome outcome) {
   return "";
 }
 
-std::string summary(const PlayArguments& arguments, const PlayResult& result, const DeviceInfo& device) {
+std::string text_of(const PdGains& gains) {
+  const auto one = [](const Vec3& gain) {
+    return gain.x() == gain.y() && gain.y() == gain.z()
+               ? fmt::format("{:.4g}", gain.x())
+               : fmt::format("{:.4g}, {:.4g}, {:.4g}", gain.x(), gain.y(), gain.z());
+  };
+  return fmt::format("kp {} N/m, kd {} N s/m", one(gains.kp), one(gains.kd));
+}
+
+/// The law that was in force, as the session left it.
+std::string law_text(const PlayArguments& arguments, const PlayResult& result, const DeviceInfo& device,
+                     const std::optional<DeviceProfile>& profile) {
+  const std::vector<std::string> terms = names_of(result.plan.composed);
+  std::string text = fmt::format("  law: {}; {}\n", text_of(result.tuning.gains),
+                                 terms.empty() ? "PD alone" : fmt::format("PD with {}", fmt::join(terms, ", ")));
+  if (const double share = result.session.gain_share; share < 1)
+    text +=
+        fmt::format("  softened to {:.0f} %: {} in force at the end\n", 100 * share, text_of(result.gains_in_force()));
+  return text + (profile ? fmt::format("  profile: {}, of {}\n", arguments.profile.used(device), profile->created)
+                         : std::string("  profile: none\n"));
+}
+
+std::string summary(const PlayArguments& arguments, const PlayResult& result, const DeviceInfo& device,
+                    const std::optional<DeviceProfile>& profile) {
   std::string text = fmt::format("{}: played on {}\n", arguments.path, device.name);
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
@@ -136,6 +160,7 @@ std::string summary(const PlayArguments& arguments, const PlayResult& result, co
   for (std::size_t i = 0; i < result.lessons.size(); ++i)
     if (result.lessons[i].outcome != IterativeLearning::Outcome::learned)
       text += fmt::format("  repetition {}: {}\n", i + 1, lesson_text(result.lessons[i].outcome));
+  text += law_text(arguments, result, device, profile);
   text += session_summary(result.session);
   if (!arguments.record.empty()) text += fmt::format("  recorded in {}\n", arguments.record);
   return text;
@@ -237,18 +262,27 @@ Verb add_play(CLI::App& app) {
             std::vector<std::string> notes = device->info().notes;
             for (const std::string& note : path->facts().notes)
               notes.push_back(fmt::format("{}: {}", arguments->path, note));
-            for (const std::string& note : notes) output.remark(note);
-            options.identified =
-                identified(arguments->profile.find(device->info(), arguments->session.rate_hz, output));
+            note_before(output, options.session, "device", device->info().notes);
+            note_before(output, options.session, "path", std::span(notes).subspan(device->info().notes.size()),
+                        Warning::Severity::warning);
+            const auto profile =
+                arguments->profile.find(device->info(), arguments->session.rate_hz, output, &options.session.known);
+            options.identified = identified(profile);
             PlayPlan plan = plan_playback(device->info(), path, options);
-            for (const std::string& note : plan.notes) output.remark(note);
+            if (!profile && !arguments->profile.none)
+              plan.notes.push_back(fmt::format(
+                  "{} is not calibrated: a PD law alone follows the path, as a rule millimetres off; calibrate it with "
+                  "haptrace calibrate --device {}",
+                  device->info().model, device->info().name));
+            note_before(output, options.session, "plan", plan.notes);
             notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
             std::optional<LearnedMemory> memory;
             if (options.identified && options.compensations.learning) {
               memory.emplace(memory_of(*arguments, device->info(), options.identified->design.mass));
               if (!arguments->forget) {
                 auto [table, refused] = memory->recall(plan.path.source());
-                if (!refused.empty()) output.remark(refused);
+                if (!refused.empty())
+                  note_before(output, options.session, "learned", std::span(&refused, 1), Warning::Severity::warning);
                 options.learned = std::move(table);
               }
               if (options.learn > 0) check_learned_output(memory->file());
@@ -272,6 +306,9 @@ Verb add_play(CLI::App& app) {
             nlohmann::json json = to_json(result);
             json["tuning"] = tuning.history();
             json["notes"] = notes;
+            json["profile"] = profile ? nlohmann::json{{"file", arguments->profile.used(device->info())},
+                                                       {"created", profile->created}}
+                                      : nlohmann::json();
             if (!arguments->record.empty()) json["file"] = arguments->record;
             int code = conclude(output, result.session);
             if (memory && !result.lessons.empty()) {
@@ -284,7 +321,7 @@ Verb add_play(CLI::App& app) {
                 if (code == kDone) code = kStopped;
               }
             }
-            output.tell(json, summary(*arguments, result, device->info()));
+            output.tell(json, summary(*arguments, result, device->info(), profile));
             return code;
           }};
 }

@@ -9,20 +9,25 @@
 namespace haptrace::cli {
 
 std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::string& file, double rate_hz,
-                                         const Output& output) {
+                                         const Output& output, std::vector<Warning>* warnings) {
   const bool asked = !file.empty();
+  const auto warn = [&](std::string text) {
+    Warning warning{.code = "profile", .text = std::move(text)};
+    output.warn(warning);
+    if (warnings != nullptr) warnings->push_back(std::move(warning));
+  };
   std::optional<DeviceProfile> profile;
   try {
     profile = asked ? load_profile(file) : find_profile(identity_of(info));
   } catch (const Error& error) {
     if (asked) throw;
-    output.remark(fmt::format("{}; it is not used", error.what()));
+    warn(fmt::format("{}; it is not used", error.what()));
   }
   if (!profile) return std::nullopt;
   const std::string reason = check_profile(*profile, identity_of(info), facts_of(info), rate_hz);
   if (reason.empty()) return profile;
   if (asked) throw input_error(fmt::format("{}: {}", file, reason));
-  output.remark(fmt::format("{} is not used: {}", profile_file(identity_of(info)), reason));
+  warn(fmt::format("{} is not used: {}", profile_file(identity_of(info)), reason));
   return std::nullopt;
 }
 
@@ -54,10 +59,14 @@ void ProfileArguments::check() const {
   if (none && !file.empty()) throw input_error("--profile and --no-profile exclude each other");
 }
 
-std::optional<DeviceProfile> ProfileArguments::find(const DeviceInfo& info, double rate_hz,
-                                                    const Output& output) const {
+std::optional<DeviceProfile> ProfileArguments::find(const DeviceInfo& info, double rate_hz, const Output& output,
+                                                    std::vector<Warning>* warnings) const {
   check();
-  return none ? std::nullopt : profile_for(info, file, rate_hz, output);
+  return none ? std::nullopt : profile_for(info, file, rate_hz, output, warnings);
+}
+
+std::string ProfileArguments::used(const DeviceInfo& info) const {
+  return file.empty() ? profile_file(identity_of(info)) : file;
 }
 
 std::optional<IdentifiedDevice> identified(const std::optional<DeviceProfile>& profile) {

@@ -14,9 +14,9 @@ namespace haptrace::cli {
 
 /// What calibration found out about the device: from `file` if that is not empty, else from the profile folder, where
 /// there may be none. A profile that does not hold here is an error when it was asked for, and told and left alone when
-/// it was found.
+/// it was found: the warning then also goes into `warnings`, where there is such a list.
 std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::string& file, double rate_hz,
-                                         const Output& output);
+                                         const Output& output, std::vector<Warning>* warnings = nullptr);
 
 /// What a calibration that succeeded found out about the device, at this servo rate.
 DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result, double rate_hz);
@@ -33,7 +33,11 @@ struct ProfileArguments {
   void check() const;
 
   /// profile_for() what was asked for. Throws what check() throws.
-  [[nodiscard]] std::optional<DeviceProfile> find(const DeviceInfo& info, double rate_hz, const Output& output) const;
+  [[nodiscard]] std::optional<DeviceProfile> find(const DeviceInfo& info, double rate_hz, const Output& output,
+                                                  std::vector<Warning>* warnings = nullptr) const;
+
+  /// The file in which find() looks.
+  [[nodiscard]] std::string used(const DeviceInfo& info) const;
 };
 
 /// As a session is designed for it.

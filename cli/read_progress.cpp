@@ -1,5 +1,6 @@
 #include "cli/read_progress.h"
 
+#include "cli/terminal.h"
 #include "formats/printable.h"
 
 #include <cstdio>
@@ -21,7 +22,7 @@ ReadProgress::ReadProgress(const Output& output, std::string file, std::uint64_t
       next_(std::chrono::steady_clock::now() + kPatience) {}
 
 ReadProgress::~ReadProgress() {
-  if (told_) fmt::print(stderr, "\r\033[K");
+  if (told_) clear_line();
 }
 
 bool ReadProgress::due() {
@@ -36,15 +37,13 @@ void ReadProgress::tell(std::uint64_t rows_done) {
   if (!due()) return;
   const std::string share =
       rows_ > 0 ? fmt::format(" ({:.0f} %)", 100 * static_cast<double>(rows_done) / static_cast<double>(rows_)) : "";
-  fmt::print(stderr, "\r\033[K{}: {:.1f} million samples read{}", printable(file_),
-             1e-6 * static_cast<double>(rows_done), share);
-  std::fflush(stderr);
+  show_line({{1, printable(file_) + ":"},
+             {0, fmt::format("{:.1f} million samples read{}", 1e-6 * static_cast<double>(rows_done), share)}});
 }
 
 void ReadProgress::tell_share(double done, const std::string& note) {
   if (!due()) return;
-  fmt::print(stderr, "\r\033[K{} {:3.0f} % {}{}", meter(done), 100 * done, printable(file_), note);
-  std::fflush(stderr);
+  show_line({{3, meter(done)}, {0, fmt::format("{:3.0f} %", 100 * done)}, {1, printable(file_)}, {2, note}});
 }
 
 }  // namespace haptrace::cli

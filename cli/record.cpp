@@ -143,7 +143,7 @@ Verb add_record(CLI::App& app) {
             std::vector<std::string> scene_notes, notes;
             add_scene(*arguments, options, scene_notes);
             options.identified = [&output, &options](const DeviceInfo& info) -> std::optional<PlantModel> {
-              const auto profile = profile_for(info, "", options.session.rate_hz, output);
+              const auto profile = profile_for(info, "", options.session.rate_hz, output, &options.session.known);
               return profile ? std::optional(profile->plant) : std::nullopt;
             };
             Trials trials{.count = arguments->count, .pause = arguments->pause, .open = [&](int trial) {
@@ -156,8 +156,7 @@ Verb add_record(CLI::App& app) {
               notes.insert(notes.end(), scene_notes.begin(), scene_notes.end());
               for (std::string& note : notes_on_reach(options.scene.get(), device.info()))
                 notes.push_back(std::move(note));
-              if (trial == 1)
-                for (const std::string& note : notes) output.remark(note);
+              if (trial == 1) note_before(output, options.session, "plan", notes);
               if (arguments->count > 1) output.remark(fmt::format("trial {} of {}: {}", trial, arguments->count, file));
             };
             const Signals signals;
@@ -165,8 +164,7 @@ Verb add_record(CLI::App& app) {
                             Keys::recording_pause(options.session.recording->options.annotations),
                             arguments->session.keys);
             const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
-            const std::vector<SessionResult> results =
-                record_trials(trials, options, signals.stop(), output.quiet ? Progress{} : progress);
+            const std::vector<SessionResult> results = record_trials(trials, options, signals.stop(), progress);
 
             nlohmann::json json = json_of_trials(results, *arguments);
             json["notes"] = notes;

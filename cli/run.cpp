@@ -1,4 +1,5 @@
 #include "cli/profile.h"
+#include "cli/terminal.h"
 #include "control/error.h"
 #include "figures/recorded_trial.h"
 #include "formats/json_reader.h"
@@ -344,7 +345,7 @@ Verb add_run(CLI::App& app) {
             [&](bool paused) { pause = paused; }, arguments->session.keys);
         const bool live = !output.quiet && isatty(STDERR_FILENO) != 0;
         const auto clear_line = [&] {
-          if (live) fmt::print(stderr, "\r\033[K");
+          if (live) cli::clear_line();
         };
         double expected = 0;
         options.begins = [&](const ScheduledTrial& trial, const TrialSettings& settings, std::size_t number,
@@ -363,12 +364,12 @@ Verb add_run(CLI::App& app) {
         options.rests = [&](double left) {
           if (!live) return;
           if (std::isnan(left))
-            fmt::print(stderr, "\r\033[Kpaused; p goes on");
+            show_line("paused; p goes on");
           else
-            fmt::print(stderr, "\r\033[Krest {:.0f} s", left);
+            show_line(fmt::format("rest {:.0f} s", left));
         };
         const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
-        const ProgrammeResult result = run_programme(options, signals.stop(), output.quiet ? Progress{} : progress);
+        const ProgrammeResult result = run_programme(options, signals.stop(), progress);
         clear_line();
 
         nlohmann::json answer = to_json(result);

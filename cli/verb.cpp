@@ -1,5 +1,6 @@
 #include "cli/verb.h"
 
+#include "cli/terminal.h"
 #include "control/error.h"
 #include "devices/recovering_device.h"
 #include "formats/json_reader.h"
@@ -87,6 +88,17 @@ void Output::tell(const nlohmann::json& json_result, const std::string& text) co
 
 void Output::remark(const std::string& text) const {
   if (!quiet) fmt::print(stderr, "haptrace: {}\n", printable_lines(text));
+}
+
+void Output::fault(const std::string& text) const {
+  fmt::print(stderr, "haptrace: {}\n", printable_lines(text));
+}
+
+void Output::warn(const Warning& warning) const {
+  if (warning.severity == Warning::Severity::error)
+    fault(warning.text);
+  else
+    remark(warning.text);
 }
 
 void SessionArguments::add_to(CLI::App& app) {
@@ -289,25 +301,25 @@ const StopRequest& Signals::stop() const noexcept {
 
 namespace {
 
-std::string bar_of(const SessionView& view, double duration) {
+/// The parts of a progress line, in order. What a person acts on stays longest.
+std::vector<LinePart> bar_of(const SessionView& view, double duration) {
   const LiveStatus& live = view.live;
-  std::string bar;
-  if (duration > 0) {
-    bar = meter(live.time / duration);
-    bar += fmt::format(" {:5.1f}/{:.1f} s", live.time, duration);
-  } else {
-    bar = fmt::format("{:8.1f} s", live.time);
-  }
+  std::vector<LinePart> parts;
+  if (duration > 0) parts.push_back({5, meter(live.time / duration)});
+  parts.push_back(
+      {0, duration > 0 ? fmt::format("{:5.1f}/{:.1f} s", live.time, duration) : fmt::format("{:8.1f} s", live.time)});
   std::string state = to_string(live.phase);
   if (view.recording && view.recording->armed) state = "armed";
   if (view.recording && view.recording->paused) state = "paused";
   if (live.away) state = "LOST";
-  bar += fmt::format("  {:<8}  {:6.1f} Hz  jitter {:5.0f} us  force {:5.2f} N", state, live.rate, 1e6 * live.jitter,
-                     live.force);
-  if (std::isfinite(live.deviation)) bar += fmt::format("  off {:6.2f} mm", 1e3 * live.deviation);
-  if (live.overruns > 0) bar += fmt::format("  {} overruns", live.overruns);
-  if (view.recording && view.recording->lost > 0) bar += fmt::format("  {} LOST", view.recording->lost);
-  return bar;
+  parts.push_back({0, fmt::format("{:<8}", state)});
+  parts.push_back({4, fmt::format("{:6.1f} Hz", live.rate)});
+  parts.push_back({7, fmt::format("jitter {:5.0f} us", 1e6 * live.jitter)});
+  parts.push_back({1, fmt::format("force {:5.2f} N", live.force)});
+  if (std::isfinite(live.deviation)) parts.push_back({2, fmt::format("off {:6.2f} mm", 1e3 * live.deviation)});
+  if (live.overruns > 0) parts.push_back({3, fmt::format("{} overruns", live.overruns)});
+  if (view.recording && view.recording->lost > 0) parts.push_back({1, fmt::format("{} LOST", view.recording->lost)});
+  return parts;
 }
 
 }  // namespace
@@ -321,33 +333,37 @@ std::string meter(double share) {
 }
 
 Progress progress_bar(const Output& output, double duration, const Keys* keys, const LiveTuning* tuning) {
-  if (output.quiet) return {};
-  const bool terminal = isatty(STDERR_FILENO) != 0;
-  return [duration, terminal, keys, tuning](const SessionView& view) {
-    for (const std::string& notice : view.notices)
-      fmt::print(stderr, "{}haptrace: {}\n", terminal ? "\r\033[K" : "", printable_lines(notice));
-    const std::string typing = keys != nullptr ? keys->typing() : std::string();
-    if (terminal && typing.empty()) {
-      std::string bar = bar_of(view, duration);
-      if (tuning != nullptr) bar += "  " + tuning->summary() + (keys != nullptr && keys->active() ? " [+-olfr]" : "");
-      fmt::print(stderr, "\r\033[K{}", bar);
-    } else if (terminal) {
-      fmt::print(stderr, "\r\033[K{}", typing);
+  const bool terminal = !output.quiet && isatty(STDERR_FILENO) != 0;
+  return [output, duration, terminal, keys, tuning](const SessionView& view) {
+    if (terminal && !view.warnings.empty()) clear_line();
+    for (const Warning& warning : view.warnings) output.warn(warning);
+    if (!terminal) return;
+    if (const std::string typing = keys != nullptr ? keys->typing() : std::string(); !typing.empty())
+      return show_line(typing);
+    std::vector<LinePart> parts = bar_of(view, duration);
+    if (tuning != nullptr) {
+      parts.push_back({6, tuning->summary()});
+      if (keys != nullptr && keys->active()) parts.push_back({8, "[+-olfr]"});
     }
-    std::fflush(stderr);
+    show_line(std::move(parts));
   };
 }
 
+void note_before(const Output& output, SessionOptions& session, const char* code, std::span<const std::string> texts,
+                 Warning::Severity severity) {
+  for (Warning& warning : known_warnings(severity, code, texts)) {
+    output.warn(warning);
+    session.known.push_back(std::move(warning));
+  }
+}
+
 int conclude(const Output& output, const SessionResult& result) {
-  if (!output.quiet && isatty(STDERR_FILENO) != 0) fmt::print(stderr, "\r\033[K");
-  for (const std::string& remark : result.remarks) output.remark(remark);
-  if (!result.recording_error.empty()) output.remark(result.recording_error);
-  if (result.ended_by_disk) output.remark("the session ended because the disk is almost full");
+  if (!output.quiet && isatty(STDERR_FILENO) != 0) clear_line();
+  if (!result.recording_error.empty()) output.fault(result.recording_error);
+  if (result.ended_by_disk) output.fault("the session ended because the disk is almost full");
   if (result.servo.stopped_by_fault())
-    output.remark(fmt::format("{}the force is zero{}", result.servo.detail.empty() ? "" : result.servo.detail + "; ",
-                              result.recording ? ", the recording keeps what happened" : ""));
-  if (!result.virtual_time && !result.servo.realtime.reason.empty() && result.servo.overruns > 0)
-    output.remark(result.servo.realtime.reason);
+    output.fault(fmt::format("{}the force is zero{}", result.servo.detail.empty() ? "" : result.servo.detail + "; ",
+                             result.recording ? ", the recording keeps what happened" : ""));
 
   if (result.servo.cause == StopCause::device_lost) return kNoDevice;
   if (result.servo.stopped_by_fault() || !result.recorded_all()) return kStopped;
@@ -384,6 +400,9 @@ std::string session_summary(const SessionResult& result) {
   if (result.recording && result.recording->parts > 1) text += fmt::format("  in {} files\n", result.recording->parts);
   if (result.recording && result.recording->lost > 0)
     text += fmt::format("  {} samples LOST: the disk could not keep up\n", result.recording->lost);
+  for (const Warning& warning : result.warnings)
+    if (warning.severity != Warning::Severity::note)
+      text += fmt::format("  {}: {}\n", to_string(warning.severity), warning.text);
   return text;
 }
 

@@ -11,6 +11,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -28,12 +29,16 @@ enum ExitCode : int {
 /// Where results go: people or programs.
 struct Output {
   bool json = false;   ///< one JSON object on standard output
-  bool quiet = false;  ///< no summary, no progress
+  bool quiet = false;  ///< no summary, no progress, no warnings but errors
 
   /// Prints `json` or, unless quiet, `text`.
   void tell(const nlohmann::json& json_result, const std::string& text) const;
-  /// A remark for people, on standard error; not with --quiet.
+  /// Prints a remark for people on standard error; not with --quiet.
   void remark(const std::string& text) const;
+  /// Prints what stopped a session or cost data on standard error, with --quiet too.
+  void fault(const std::string& text) const;
+  /// Prints a warning: an error as a fault, others as a remark.
+  void warn(const Warning& warning) const;
 };
 
 /// One verb: a subcommand of `app` and what to run once its options are read.
@@ -113,18 +118,22 @@ class Signals {
   [[nodiscard]] const StopRequest& stop() const noexcept;
 };
 
+/// Prints notes that were made before the session and makes them the session's first warnings.
+void note_before(const Output& output, SessionOptions& session, const char* code, std::span<const std::string> texts,
+                 Warning::Severity severity = Warning::Severity::note);
+
 /// 24 characters wide, of which the part `share`, 0 to 1, is full.
 std::string meter(double share);
 
-/// What a person should know at once, on standard error, and a progress bar with live figures if that is a terminal.
+/// Prints warnings at once, on standard error, and a progress bar with live figures if that is a terminal.
 /// `duration` [s] of the session; 0: unknown. `keys` and `tuning` may be null; else they must outlive the result.
 Progress progress_bar(const Output& output, double duration, const Keys* keys = nullptr,
                       const LiveTuning* tuning = nullptr);
 
-/// The exit code of a session, and the remarks it deserves on standard error.
+/// Returns the exit code of a session, and says what ended it on standard error.
 int conclude(const Output& output, const SessionResult& result);
 
-/// Rate, latency and losses of a session, a few lines for people.
+/// Returns rate, latency, losses and warnings of a session, a few lines for people.
 std::string session_summary(const SessionResult& result);
 
 }  // namespace haptrace::cli

@@ -1,5 +1,8 @@
 #include "control/sample.h"
 
+#include "control/warning.h"
+
+#include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 #include <numbers>
@@ -9,7 +12,95 @@ namespace {
 
 constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
 
+constexpr std::optional<Warning::Severity> kSilent;
+constexpr Warning::Severity kNote = Warning::Severity::note, kWarning = Warning::Severity::warning;
+
+/// Every EventCode has a row. Events that end a session are silent here: the session's end is a warning itself.
+constexpr EventWords kEventWords[] = {
+    {EventCode::started, "started", kSilent},
+    {EventCode::finished, "finished", kSilent},
+    {EventCode::interrupted, "interrupted", kSilent, "", true},
+    {EventCode::overrun, "overrun", kSilent},            // few are normal; see overruns_of in player/session.cpp
+    {EventCode::samples_lost, "samples_lost", kSilent},  // the recorder makes them and warns
+    {EventCode::recovered, "recovered", kSilent},
+    {EventCode::force_limit, "force_limit", kWarning, "the force was limited"},
+    {EventCode::continuous_limit, "continuous_limit", kWarning, "the continuous force was limited"},
+    {EventCode::velocity_limit, "velocity_limit", kSilent, "", true},
+    {EventCode::deviation_limit, "deviation_limit", kSilent, "", true},
+    {EventCode::deviation_over, "deviation_over", kWarning, "the hand was too far off the path"},
+    {EventCode::oscillation, "oscillation", kWarning, "the loop oscillated", false, 2},
+    {EventCode::warming, "warming", kNote, "the motors warmed up"},
+    {EventCode::hand_resists, "hand_resists", kWarning, "the hand resisted"},
+    {EventCode::hand_let_go, "hand_let_go", kNote, "the hand let go"},
+    {EventCode::oscillation_stays, "oscillation_stays", kSilent, "", true, 2},
+    {EventCode::not_finite, "not_finite", kSilent, "", true},
+    {EventCode::device_not_ready, "device_not_ready", kWarning, "the device did not allow forces", true},
+    {EventCode::device_ready, "device_ready", kSilent},
+    {EventCode::device_lost, "device_lost", kSilent, "", true},  // also warned of while it is waited for
+    {EventCode::repetition, "repetition", kSilent},
+    {EventCode::mark, "mark", kSilent},
+    {EventCode::paused, "paused", kWarning, "the path waited for the hand"},
+    {EventCode::resumed, "resumed", kSilent},
+    {EventCode::triggered, "triggered", kSilent},
+    {EventCode::path_waits, "path_waits", kWarning, "the path waited until it was read"},
+    {EventCode::path_unreadable, "path_unreadable", kSilent, "", true},
+    {EventCode::device_found, "device_found", kNote, "the device came back"},
+    {EventCode::time_over, "time_over", kNote, "the time was over", true},
+    {EventCode::rotation_limit, "rotation_limit", kSilent, "", true},
+    {EventCode::touched, "touched", kSilent},
+    {EventCode::left, "left", kSilent},
+};
+static_assert(std::size(kEventWords) <= kMostEventKinds);
+
 }  // namespace
+
+const char* to_string(Warning::Severity severity) noexcept {
+  switch (severity) {
+    case Warning::Severity::note:
+      return "note";
+    case Warning::Severity::warning:
+      return "warning";
+    case Warning::Severity::error:
+      break;
+  }
+  return "error";
+}
+
+std::span<const EventWords> event_words() noexcept {
+  return kEventWords;
+}
+
+const EventWords* words_of(EventCode code) noexcept {
+  const auto* found = std::find_if(std::begin(kEventWords), std::end(kEventWords),
+                                   [code](const EventWords& words) { return words.code == code; });
+  return found == std::end(kEventWords) ? nullptr : found;
+}
+
+bool is_of_event(std::string_view warning_code) noexcept {
+  return std::any_of(std::begin(kEventWords), std::end(kEventWords),
+                     [warning_code](const EventWords& words) { return words.severity && warning_code == words.name; });
+}
+
+Warning warning_of(const EventWords& words, const EventCount& events) {
+  const double time = 1e-9 * static_cast<double>(events.first.time_ns);
+  Warning warning{words.severity.value_or(Warning::Severity::note), words.name, time, {}};
+  if (events.count < 2) {
+    warning.text = fmt::format("{}, at {:.1f} s", describe(events.first), time);
+    return warning;
+  }
+  warning.text = fmt::format("{} {} times, first at {:.1f} s", words.repeated, events.count, time);
+  if (words.share >= 0) warning.text += "; last: " + describe(events.last);
+  return warning;
+}
+
+void EventTally::push(const Event& event) noexcept {
+  const EventWords* words = words_of(event.code);
+  if (words == nullptr || !words->severity) return;
+  EventCount& kind = counts_[static_cast<std::size_t>(words - std::begin(kEventWords))];
+  if (kind.count++ == 0) kind.first = event;
+  kind.last = event;
+  mailbox_.post(counts_);
+}
 
 std::string describe(const Event& event) {
   const auto& [a, b, c] = event.values;

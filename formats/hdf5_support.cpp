@@ -120,8 +120,14 @@ Type overview_type() {
 }
 
 void create_attribute(hid_t object, const char* name, const std::string& text) {
-  const Type type = text_type(text.size() + 1);
-  write(new_attribute(object, name, type.get()), name, type.get(), text.c_str());
+  create_attribute(object, name, text, text.size() + 1);
+}
+
+void create_attribute(hid_t object, const char* name, const std::string& text, std::size_t bytes) {
+  const Type type = text_type(bytes);
+  std::string padded = text;
+  padded.resize(bytes, '\0');
+  write(new_attribute(object, name, type.get()), name, type.get(), padded.c_str());
 }
 
 void create_attribute(hid_t object, const char* name, double value) {
@@ -142,6 +148,15 @@ void update_attribute(hid_t object, const char* name, bool value) {
   const Attribute attribute(
       checked(H5Aopen(object, name, H5P_DEFAULT), fmt::format("attribute {} cannot be opened", name)));
   write(attribute, name, H5T_NATIVE_UINT8, &byte);
+}
+
+void update_attribute(hid_t object, const char* name, const std::string& text) {
+  const Attribute attribute(
+      checked(H5Aopen(object, name, H5P_DEFAULT), fmt::format("attribute {} cannot be opened", name)));
+  const Type type(H5Aget_type(attribute.get()));
+  std::string padded = text;
+  padded.resize(H5Tget_size(type.get()), '\0');
+  write(attribute, name, type.get(), padded.c_str());
 }
 
 bool read_attribute(hid_t object, const char* name, std::string& text) {

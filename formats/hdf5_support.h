@@ -88,6 +88,9 @@ void create_attribute(hid_t object, const char* name, double value);
 void create_attribute(hid_t object, const char* name, bool value);
 void create_attribute(hid_t object, const char* name, std::uint32_t value);
 void update_attribute(hid_t object, const char* name, bool value);
+/// Text with room for more: `bytes` in all, a final zero included. Updating one keeps its room.
+void create_attribute(hid_t object, const char* name, const std::string& text, std::size_t bytes);
+void update_attribute(hid_t object, const char* name, const std::string& text);
 
 /// The names of an object's attributes, in alphabetical order.
 std::vector<std::string> attribute_names(hid_t object);

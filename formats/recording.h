@@ -1,7 +1,7 @@
 // The recording file: HDF5, format_version "1.0". Its layout is in docs/file-format.md and nowhere else.
 #pragma once
 
-#include "control/sample.h"
+#include "control/warning.h"
 #include "formats/recording_summary.h"
 #include "formats/storage.h"
 
@@ -31,6 +31,9 @@ struct RecordingHeader {
   std::string device_name, device_model, device_serial, device_backend;
   double position_resolution_m = 0;
   double max_force_n = 0;
+
+  /// The session's warnings, known once it ended: see json_of(warnings) in formats/warning_json.h.
+  nlohmann::json warnings = nlohmann::json::array();
 
   std::map<std::string, std::string> meta;  ///< what else the experimenter wants to keep, by key
 
@@ -104,6 +107,9 @@ class RecordingWriter {
   /// Finishes this file and goes on in the next part. Throws like append; also Error(input) unless `in_parts`.
   void start_part();
 
+  /// Replaces the header's warnings; what does not fit into kWarningBytes is left out, notes first. Throws like append.
+  void warn(const nlohmann::json& warnings);
+
   /// Flushes, marks the recording complete and closes it. Throws like append.
   void finish();
 
@@ -147,7 +153,7 @@ class RecordingReader {
   RecordingReader(RecordingReader&&) noexcept;
   RecordingReader& operator=(RecordingReader&&) noexcept;
 
-  [[nodiscard]] RecordingHeader header() const;  ///< of the first part; complete when the last one is
+  [[nodiscard]] RecordingHeader header() const;  ///< of the first part; complete and warnings are the last one's
   [[nodiscard]] const RecordingColumns& columns() const noexcept;
 
   /// Rows that every dataset has (after a crash, the shortest), up to the last that has a time; of all parts.
@@ -189,7 +195,7 @@ void for_each_block(const RecordingReader& reader, const std::function<void(std:
 
 /// One thing that a recording does not keep of docs/file-format.md.
 struct Finding {
-  enum class Severity { note, warning, error };
+  using Severity = Warning::Severity;
   Severity severity = Severity::error;
   std::string where;  ///< the object or row, for example "/samples/time[120]"
   std::string what;

@@ -85,7 +85,7 @@ void check_number(const std::string& name, double value, Findings& findings) {
 void check_attribute(hid_t root, const layout::Attribute& attribute, Findings& findings) {
   const std::string where = std::string("/@") + attribute.name;
   if (H5Aexists(root, attribute.name) <= 0) {
-    if (!attribute.of_parts) findings.add(Severity::error, where, "is missing");
+    if (!attribute.of_parts && !attribute.optional) findings.add(Severity::error, where, "is missing");
     return;
   }
   const auto wrong_type = [&](const char* expected) {

@@ -1,5 +1,6 @@
 #include "formats/recording_layout.h"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -23,6 +24,7 @@ constexpr Attribute kAttributes[] = {
     {"clock", &RecordingHeader::clock},
     {"complete", &RecordingHeader::complete},
     {"config", &RecordingHeader::config},
+    {kWarnings, &RecordingHeader::warnings, false, true},
     {"device_name", &RecordingHeader::device_name},
     {"device_model", &RecordingHeader::device_model},
     {"device_serial", &RecordingHeader::device_serial},
@@ -214,6 +216,20 @@ namespace layout {
 
 std::span<const OverviewField> overview_fields() {
   return kOverviewFields;
+}
+
+std::string warnings_text(const nlohmann::json& warnings) {
+  nlohmann::json kept = warnings.is_array() ? warnings : nlohmann::json::array();
+  const auto text = [&] { return kept.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace); };
+  const auto is_note = [](const nlohmann::json& warning) {
+    return warning.is_object() && warning.value("severity", "") == to_string(Warning::Severity::note);
+  };
+  while (text().size() >= kWarningBytes) {
+    auto& list = kept.get_ref<nlohmann::json::array_t&>();
+    const auto note = std::find_if(list.rbegin(), list.rend(), is_note);
+    list.erase(note != list.rend() ? std::prev(note.base()) : std::prev(list.end()));
+  }
+  return text();
 }
 
 std::span<const Attribute> attributes() {

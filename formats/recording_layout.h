@@ -28,8 +28,16 @@ struct Attribute {
                std::uint32_t RecordingHeader::*, nlohmann::json RecordingHeader::*>
       member;
   bool of_parts = false;  ///< only a recording in parts has it
+  bool optional = false;  ///< files of earlier versions lack it
 };
 std::span<const Attribute> attributes();
+
+/// Room for the attribute `warnings`, which gets its text when the session has ended [bytes].
+inline constexpr const char* kWarnings = "warnings";
+inline constexpr std::size_t kWarningBytes = 8192;
+
+/// JSON of as many of `warnings` as fit into kWarningBytes with a final zero: notes are left out first, then the last.
+std::string warnings_text(const nlohmann::json& warnings);
 
 /// The types of a dataset's elements; little-endian in the file.
 enum class Element { float64, float32, uint64, uint32, uint8 };

@@ -295,6 +295,7 @@ void RecordingReader::open_further_parts() {
 RecordingHeader RecordingReader::header() const {
   RecordingHeader header = parts_.front()->header();
   header.complete = parts_.back()->header().complete;
+  header.warnings = parts_.back()->header().warnings;
   return header;
 }
 

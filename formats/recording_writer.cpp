@@ -237,7 +237,9 @@ void create_attributes(hid_t file, const RecordingHeader& header) {
     if (attribute.of_parts && header.part == 0) continue;
     std::visit(
         [&](auto member) {
-          if constexpr (std::is_same_v<decltype(member), nlohmann::json RecordingHeader::*>)
+          if (std::string_view(attribute.name) == layout::kWarnings)
+            hdf5::create_attribute(file, attribute.name, layout::warnings_text(header.warnings), layout::kWarningBytes);
+          else if constexpr (std::is_same_v<decltype(member), nlohmann::json RecordingHeader::*>)
             hdf5::create_attribute(file, attribute.name, dump(header.*member));
           else
             hdf5::create_attribute(file, attribute.name, header.*member);
@@ -369,6 +371,10 @@ class RecordingWriter::File {
     flush();
     while (fdatasync(reserve_->descriptor()) != 0)
       if (errno != EINTR) throw input_error(fmt::format("cannot be forced to the disk: {}", std::strerror(errno)));
+  }
+
+  void warn(const nlohmann::json& warnings) {
+    hdf5::update_attribute(file_.get(), layout::kWarnings, layout::warnings_text(warnings));
   }
 
   void finish() {
@@ -578,6 +584,10 @@ void RecordingWriter::start_part() {
   } catch (const Error& error) {
     throw Error(Error::Kind::fault, fmt::format("the recording ends with part {}: {}", header_.part - 1, error.what()));
   }
+}
+
+void RecordingWriter::warn(const nlohmann::json& warnings) {
+  file_->guarded([&] { file_->warn(warnings); });
 }
 
 void RecordingWriter::finish() {

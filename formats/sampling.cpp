@@ -113,6 +113,18 @@ void SamplingReport::add_values(const Sample& sample, double dt) {
     if (changed[c]) {
       ++channel.changes;
       ++channel.steps;
+      const double change = component(sample, c) - component(before_, c);
+      if (channel.run > 0 && channel.run_start == channel.longest_start)
+        channel.longest_jump = std::max(channel.longest_jump, std::abs(change));
+      if (std::isfinite(change)) {
+        // Rounding makes turns too, of next to nothing.
+        const double smaller = std::min(std::abs(change), std::abs(channel.last_change));
+        if (change * channel.last_change < 0 &&
+            smaller * smaller * static_cast<double>(channel.changes) > 1e-6 * channel.change_sum)
+          ++channel.turns;
+        channel.last_change = change;
+        channel.change_sum += change * change;
+      }
       channel.run = 0;
       continue;
     }
@@ -124,6 +136,7 @@ void SamplingReport::add_values(const Sample& sample, double dt) {
       channel.longest_run = channel.run;
       channel.longest_start = channel.run_start;
       channel.longest_end = sample.time_ns;
+      channel.longest_jump = std::abs(channel.last_change);
     }
   }
 
@@ -255,6 +268,12 @@ Sampling SamplingReport::result() const {
     }
     const double stuck = 1e-9 * static_cast<double>(channel.longest_end - channel.longest_start);
     const std::uint64_t elsewhere = channel.steps - channel.longest_run;
+    // A planned movement comes to rest in an axis and starts again without a jump; noise does not rest.
+    constexpr double kJump = 5;  // times the rms change
+    const bool noisy = 4 * channel.turns > channel.changes;
+    const bool jumps =
+        channel.longest_jump > kJump * std::sqrt(channel.change_sum / static_cast<double>(channel.changes));
+    if (!noisy && !jumps) continue;
     if (stuck >= kLongEnough && channel.longest_run >= kFew && 2 * channel.changes > elsewhere &&
         elsewhere > channel.longest_run / 10)
       result.stuck.push_back(

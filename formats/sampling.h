@@ -48,7 +48,8 @@ struct Sampling {
 
   std::vector<std::string> constant;  ///< channels that never change while others do, by their CSV names
 
-  /// A channel that changes with most rows, but not for a while in which others do.
+  /// A channel that changes with most rows, but not for a while in which others do, and that does not come to rest and
+  /// start again as a movement along another axis makes it: it is noisy, or jumps where the while begins or ends.
   struct Stuck {
     std::string name;
     double from = 0, duration = 0;
@@ -94,6 +95,9 @@ class SamplingReport {
     std::uint64_t changes = 0, steps = 0;  ///< steps in which others changed
     std::uint64_t run = 0, longest_run = 0;
     std::int64_t run_start = 0, longest_start = 0, longest_end = 0;  // [ns]
+    double last_change = 0, change_sum = 0;                          ///< signed; of squares
+    std::uint64_t turns = 0;                                         ///< changes against the one before
+    double longest_jump = 0;  ///< the larger change at the two ends of the longest run
     bool finite = false;
   };
 

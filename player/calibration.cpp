@@ -32,10 +32,11 @@ constexpr double kLook = 0.75;            // of the first look [s]
 constexpr double kSettle = 0.4;           // from a change of the dither to the first window [s]
 constexpr double kLookDither = 0.08;      // share of the largest force, rms per axis
 constexpr double kMostDither = 0.12;
-constexpr double kLargestDither = 2;   // rms per axis [N]
-constexpr double kLargestForce = 15;   // however strong the device [N]
-constexpr double kDitherSpeed = 0.25;  // rms of the dither's velocity, share of the sweeps'
-constexpr double kLeastMotion = 0.25;  // of the speed asked for, below which a device counts as blocked
+constexpr double kDitherOfForce = kMostDither / 0.7;  // of the force it may use; peaks of three axes are six times rms
+constexpr double kLargestDither = 2;                  // rms per axis [N]
+constexpr double kLargestForce = 15;                  // however strong the device [N]
+constexpr double kDitherSpeed = 0.25;                 // rms of the dither's velocity, share of the sweeps'
+constexpr double kLeastMotion = 0.25;                 // of the speed asked for, below which a device counts as blocked
 
 // A second, gentler session with a device that the first could not shake, although it moves where it is pushed.
 constexpr double kMostUnseen = 0.4;      // share of the force that its movement until then leaves unexplained
@@ -92,16 +93,19 @@ class FirstLook {
     for (auto& axis : sums_)
       for (Sum& sum : axis) sum = Sum{.w = sum.w};
     speed_ = asked_ = Vec3::Zero();
+    windows_ = 0;
   }
 
-  /// `share` 0 to 1 of the window has passed at `time`.
-  void add(const State& state, double time, double share, const Vec3& speed_asked) noexcept {
+  /// `share` 0 to 1 of the window has passed at `time`; `hum` is the excitation at `time` for 1 N rms per axis.
+  void add(const State& state, double time, double share, const Vec3& speed_asked, const Vec3& hum) noexcept {
     const double window = 0.5 * (1 - std::cos(kTwoPi * share));
+    windows_ += window;
     for (int axis = 0; axis < 3; ++axis) {
       if (!axes_[static_cast<std::size_t>(axis)]) continue;
       for (Sum& sum : sums_[static_cast<std::size_t>(axis)]) {
         const std::complex<double> turn = std::polar(window, -sum.w * time);
         sum.force += turn * std::polar(1.0, sum.w * state.dt) * state.force_applied[axis];
+        sum.hum += turn * hum[axis];
         for (int i = 0; i < 3; ++i) sum.position[static_cast<std::size_t>(i)] += turn * state.position[i];
       }
       speed_[axis] += std::abs(state.velocity[axis]);
@@ -159,6 +163,38 @@ class FirstLook {
     return against < with + kClearly && across < straight;
   }
 
+  /// Whether the answers to the excitation along `axis` were the same in `other`, an earlier look: those of a device
+  /// are, whatever its axes; those that a hand's tremor or the encoder's steps make are not. They are compared with the
+  /// excitation and not with the force, of which feedback makes a part out of every movement.
+  [[nodiscard]] bool repeats(const FirstLook& other, int axis) const noexcept {
+    constexpr double kAlike = 0.25;  // of |a - b| / (|a| + |b|), 0.7 in the median between independent ones
+    std::array<double, kLines> differences{};
+    for (std::size_t line = 0; line < kLines; ++line) {
+      const Sum &a = sums_[static_cast<std::size_t>(axis)][line],
+                &b = other.sums_[static_cast<std::size_t>(axis)][line];
+      double largest = 0;
+      for (std::size_t i = 0; i < 3; ++i) {
+        const std::complex<double> in_a = a.position[i] / a.hum, in_b = b.position[i] / b.hum;
+        const double both = std::abs(in_a) + std::abs(in_b);
+        if (!(both > largest)) continue;
+        largest = both;
+        differences[line] = std::abs(in_a - in_b) / both;
+      }
+    }
+    std::sort(differences.begin(), differences.end());
+    return differences[kLines / 2] < kAlike;
+  }
+
+  /// Amplitude of the movement along `axis` at a line, the median over the lines [m].
+  [[nodiscard]] double amplitude(int axis) const noexcept {
+    std::array<double, kLines> all{};
+    for (std::size_t line = 0; line < kLines; ++line)
+      all[line] = 2 * std::abs(sums_[static_cast<std::size_t>(axis)][line].position[static_cast<std::size_t>(axis)]) /
+                  std::max(windows_, 1.0);
+    std::sort(all.begin(), all.end());
+    return all[kLines / 2];
+  }
+
   /// Mean speed over the mean speed asked for.
   [[nodiscard]] double motion(int axis) const noexcept { return asked_[axis] > 0 ? speed_[axis] / asked_[axis] : 1; }
 
@@ -168,24 +204,26 @@ class FirstLook {
 
   struct Sum {
     double w = 0;
-    std::complex<double> force{};
+    std::complex<double> force{}, hum{};
     std::array<std::complex<double>, 3> position{};
   };
 
   std::array<bool, 3> axes_;
   std::array<std::array<Sum, kLines>, 3> sums_;
   Vec3 speed_ = Vec3::Zero(), asked_ = Vec3::Zero();
+  double windows_ = 0;
 };
 
 /// Drives the device along the plan.
 class CalibrationController final : public Controller {
  public:
-  enum class Verdict { none, blocked, wrong_way, deviation };
+  enum class Verdict { none, blocked, wrong_way, unclear, deviation };
   enum class Stage { approach, look, swing, sweep, done };
 
   explicit CalibrationController(const CalibrationPlan& plan)
       : plan_(plan),
         look_(plan),
+        before_(plan),
         sizes_(sweep_sizes(plan.full)),
         gains_(cautious_gains(std::min(plan.device_force, kLargestForce), plan.rate_hz)),
         swing_size_(swing_size(plan)),
@@ -222,6 +260,7 @@ class CalibrationController final : public Controller {
     command.phase = stage_ == Stage::approach ? Phase::approach : stage_ == Stage::done ? Phase::hold : Phase::run;
     Vec3 hum = Vec3::Zero();
     if (stage_ == Stage::look || stage_ == Stage::swing) hum = dither_.cwiseProduct(plan_.dither.value(now));
+    if (const double size = hum.norm(); size > plan_.max_force) hum *= plan_.max_force / size;
     Vec3 pull = gains_.kp.cwiseProduct(reference.position - state.position) +
                 gains_.kd.cwiseProduct(reference.velocity - state.velocity);
     for (int axis = 0; axis < 3; ++axis)
@@ -245,6 +284,9 @@ class CalibrationController final : public Controller {
   [[nodiscard]] Verdict verdict() const noexcept { return verdict_; }
   [[nodiscard]] Stage stage() const noexcept { return stage_; }
   [[nodiscard]] int axis() const noexcept { return axis_; }  ///< that the verdict, or the sweep, is about
+
+  /// Of the movement that the look saw along the axis of the verdict [m].
+  [[nodiscard]] double amplitude() const noexcept { return look_.amplitude(axis_); }
 
   /// Whether what is recorded now belongs to a measurement.
   [[nodiscard]] bool measures() const noexcept { return measures_; }
@@ -289,7 +331,7 @@ class CalibrationController final : public Controller {
         break;
       case Stage::look:
         if (since >= look_begin_ && since < look_begin_ + kLook)
-          look_.add(state, now, (since - look_begin_) / kLook, reference(since).velocity);
+          look_.add(state, now, (since - look_begin_) / kLook, reference(since).velocity, plan_.dither.value(now));
         else if (since >= look_begin_ + kLook)
           judge(now);
         break;
@@ -321,11 +363,16 @@ class CalibrationController final : public Controller {
       if (!driven(axis)) continue;
       const bool moves = look_.motion(axis) >= kLeastMotion;
       if (!moves || !look_.follows(axis)) {
-        if (stronger_) return stop(moves ? Verdict::wrong_way : Verdict::blocked, axis);
+        if (stronger_)
+          return stop(!moves                         ? Verdict::blocked
+                      : look_.repeats(before_, axis) ? Verdict::wrong_way
+                                                     : Verdict::unclear,
+                      axis);
         // Once more, with twice the gains.
         stronger_ = true;
         gains_.kp *= 2;
         gains_.kd *= 1.5;
+        before_ = look_;
         look_.reset();
         look_begin_ += kLook + kSettle;
         return;
@@ -344,8 +391,8 @@ class CalibrationController final : public Controller {
       double response = 0;  // mean square speed of 1 kg under a dither of 1 N rms
       for (const SpectralLine& line : plan_.dither.lines(axis))
         response += 0.5 * std::pow(line.amplitude / (kTwoPi * line.frequency_hz), 2);
-      dither[axis] = std::clamp(kDitherSpeed * plan_.max_speed * mass / std::sqrt(response), 0.02 * plan_.device_force,
-                                plan_.max_dither);
+      dither[axis] = std::clamp(kDitherSpeed * plan_.max_speed * mass / std::sqrt(response),
+                                std::min(0.02 * plan_.device_force, plan_.max_dither), plan_.max_dither);
     }
     begin_swing(now, dither);
   }
@@ -407,7 +454,7 @@ class CalibrationController final : public Controller {
   static constexpr double kSweepLead = 0.5;  // cycles before a sweep is measured
 
   const CalibrationPlan& plan_;
-  FirstLook look_;
+  FirstLook look_, before_;  ///< the present one, and one that was not conclusive
   std::span<const double> sizes_;
   PdGains gains_;
   double swing_size_;
@@ -496,7 +543,8 @@ class CalibrationLog final : public SampleSink {
   int axis_ = -1;
 };
 
-std::string reason_of(const CalibrationController& controller, const SessionResult& session) {
+/// `step` [m]: of the positions, as position_quantum() finds it.
+std::string reason_of(const CalibrationController& controller, const SessionResult& session, double step) {
   const char axis = "xyz"[controller.axis()];
   switch (controller.verdict()) {
     case CalibrationController::Verdict::blocked:
@@ -510,6 +558,20 @@ std::string reason_of(const CalibrationController& controller, const SessionResu
           "order or signs, or the hand holds too firmly for so light a device, or its mechanism swings below 50 Hz; "
           "check the axes, and calibrate while nobody holds it",
           axis, axis);
+    case CalibrationController::Verdict::unclear:
+      if (const double seen = controller.amplitude(); seen < step)
+        return fmt::format(
+            "the encoders are too coarse for the excitation: in {} it moves the device by {:.3f} mm, and positions "
+            "come "
+            "in steps of {:.3f} mm; allow more force (--force-share, --max-force), or use gains of your own (play "
+            "--kp, "
+            "--kd)",
+            axis, 1e3 * seen, 1e3 * step);
+      return fmt::format(
+          "the hand moved the device in {} more than the excitation did, so that the device's answer cannot be seen: a "
+          "tremor or voluntary movement; calibrate while nobody, or a hand at rest, holds the device, or allow more "
+          "force (--force-share, --max-force)",
+          axis);
     case CalibrationController::Verdict::deviation:
       return "the device was not where it was driven to (" + session.servo.detail +
              "): hold it loosely and let it move; if nobody held it, check the signs of the driver's axes";
@@ -574,13 +636,14 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
     throw input_error(fmt::format("{} does not say how much force it bears; say it with --max-force", device.name));
 
   const double highest = std::min(kHighestLine, rate / 6);
+  const double most = std::min(options.force_share * force, kLargestForce);
   CalibrationPlan plan{
       .full = options.full,
       .rate_hz = rate,
       .axes = device.force_axes,
-      .max_force = std::min(options.force_share * force, kLargestForce),
+      .max_force = most,
       .device_force = force,
-      .max_dither = std::min(kMostDither * force, kLargestDither),
+      .max_dither = std::min({kMostDither * force, kDitherOfForce * most, kLargestDither}),
       .dither = Multisine(kLowestLine, highest, highest < kHighestLine ? kLongPeriod : kPeriod, device.force_axes)};
   int axes = 0;
   double smallest = kLargestReach;
@@ -614,8 +677,9 @@ CalibrationResult calibrate(Device& device, const CalibrationOptions& options, c
   const auto run = [&](CalibrationController& controller, CalibrationLog& log, const SessionOptions& session) {
     SampleSink* const sinks[] = {&log};
     result.session = run_session(device, controller, {.reference = true}, sinks, session, stop, progress);
-    result.reason =
-        result.session.servo.cause != StopCause::finished ? reason_of(controller, result.session) : std::string();
+    result.reason = result.session.servo.cause != StopCause::finished
+                        ? reason_of(controller, result.session, position_quantum(log.whole(plan).rows))
+                        : std::string();
     return result.reason.empty();
   };
 

@@ -172,17 +172,6 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
   return terms;
 }
 
-nlohmann::json to_json(const Compensations& composed) {
-  nlohmann::json names = nlohmann::json::array();
-  for (const auto& [on, name] : {std::pair{composed.inertia, "inertia"},
-                                 {composed.gravity, "gravity"},
-                                 {composed.friction, "friction"},
-                                 {composed.observer, "observer"},
-                                 {composed.learning, "learning"}})
-    if (on) names.push_back(name);
-  return names;
-}
-
 /// Whether and how the orientations of a path are followed. Says why not, where a user would expect it.
 void plan_turn(const DeviceInfo& device, const PathFacts& path, const PlayOptions& options, PlayPlan& plan) {
   const TurnOptions& turn = options.turn;
@@ -229,6 +218,17 @@ PlaybackController controller_of(const DeviceInfo& device, const PlayPlan& plan,
 OrientationGains cautious_orientation_gains(double max_torque) {
   const double kp = max_torque / (20 * std::numbers::pi / 180);
   return {.kp = kp, .kd = 0.02 * kp};
+}
+
+std::vector<std::string> names_of(const Compensations& composed) {
+  std::vector<std::string> names;
+  for (const auto& [on, name] : {std::pair{composed.inertia, "inertia"},
+                                 {composed.gravity, "gravity"},
+                                 {composed.friction, "friction"},
+                                 {composed.observer, "observer"},
+                                 {composed.learning, "learning"}})
+    if (on) names.emplace_back(name);
+  return names;
 }
 
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
@@ -310,14 +310,19 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   session_options.watch_vibration &= options.guard;
   if (options.tuning != nullptr) {
     sinks.push_back(options.tuning);
-    session_options.notices = [&] { return options.tuning->take_notices(); };
+    session_options.warnings = [&] {
+      return known_warnings(Warning::Severity::note, "tuning", options.tuning->take_notices());
+    };
   }
   SessionResult session =
       run_session(device, controller, {.reference = true, .reference_orientation = plan.turn.has_value()}, sinks,
                   session_options, stop, progress);
   if (session.servo.cause == StopCause::no_path) session.servo.detail += ": " + controller.path().error();
-  PlayResult result{
-      .session = std::move(session), .plan = plan, .repetitions = metrics.repetitions(), .last = metrics.last()};
+  PlayResult result{.session = std::move(session),
+                    .plan = plan,
+                    .repetitions = metrics.repetitions(),
+                    .last = metrics.last(),
+                    .tuning = options.tuning != nullptr ? options.tuning->wanted() : plan.tuning};
   if (learning != nullptr) {
     learning->finish();
     result.lessons = learning->lessons();
@@ -354,7 +359,8 @@ nlohmann::json to_json(const PlayResult& result) {
   json["gains"] = to_json(result.plan.tuning.gains);
   if (result.plan.turn)
     json["orientation_gains"] = {{"kp", result.plan.turn->gains.kp}, {"kd", result.plan.turn->gains.kd}};
-  json["compensations"] = to_json(result.plan.composed);
+  json["gains_in_force"] = to_json(result.gains_in_force());
+  json["compensations"] = names_of(result.plan.composed);
   if (!result.lessons.empty()) {
     json["learning"] = nlohmann::json::array();
     for (const LearningTerm::Lesson& lesson : result.lessons)

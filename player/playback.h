@@ -80,7 +80,16 @@ struct PlayResult {
   TrackingFigures last;
   std::vector<LearningTerm::Lesson> lessons;  ///< of the repetitions that were to be learned from
   ForceTable learned;                         ///< empty without learning
+  Tuning tuning;                              ///< at the end, as it was wanted
+
+  /// What of its gains was in force at the end: a loop that oscillated has softer ones.
+  [[nodiscard]] PdGains gains_in_force() const {
+    return {session.gain_share * tuning.gains.kp, session.gain_share * tuning.gains.kd};
+  }
 };
+
+/// The names of what a law is composed of beside PD.
+std::vector<std::string> names_of(const Compensations& composed);
 
 /// The controller that play() runs, for sessions of another kind. It does not learn: what of `options` is learned is
 /// what was learned before.

@@ -301,7 +301,9 @@ class ProgrammeRun {
     // What is to be known of the device and not of the trial is told once.
     for (std::string& note : run.notes)
       if (told_.insert(note).second) trial.notices.push_back(std::move(note));
-    trial.notices.insert(trial.notices.end(), run.session.notices.begin(), run.session.notices.end());
+    // Its recording keeps events, and the log its end.
+    for (const Warning& warning : run.session.warnings)
+      if (!is_of_event(warning.code) && warning.code != "stopped") trial.notices.push_back(warning.text);
     trial.duration = run.session.servo.duration;
     trial.force_dose = watch.dose();
     trial.stopped_by = to_string(run.session.servo.cause);

@@ -84,9 +84,10 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
                                 options.session.rate_hz, device.info().position_resolution);
     const auto touching = make_scene_controller(options.scene, options.session.rate_hz, options.slow_scene, passivity);
     TimedController controller(*touching, duration, options.trigger);
-    SessionResult result = run_session(device, controller, {}, {}, options.session, stop, progress);
+    SessionOptions session = options.session;
+    session.conclusions = [&] { return known_warnings(Warning::Severity::warning, "scene_rate", touching->remarks()); };
+    SessionResult result = run_session(device, controller, {}, {}, session, stop, progress);
     result.touches = touching->figures();
-    for (std::string& remark : touching->remarks()) result.remarks.push_back(std::move(remark));
     return result;
   }
   // Zero force is all that is ever sent, so that no speed of the hand is too fast to be recorded.
@@ -120,14 +121,15 @@ std::vector<SessionResult> record_trials(const Trials& trials, const RecordOptio
       device.reset();
       device = trials.open(trial);
     }
+    const std::string file = trial_file(options.session.recording->file, trial, trials.count);
+    if (trials.begin) trials.begin(trial, *device, file);
     RecordOptions one = options;
     SessionOptions::Recording& recording = *one.session.recording;
-    recording.file = trial_file(recording.file, trial, trials.count);
+    recording.file = file;
     if (trials.count > 1) {
       recording.meta["trial"] = std::to_string(trial);
       recording.meta["trials"] = std::to_string(trials.count);
     }
-    if (trials.begin) trials.begin(trial, *device, recording.file);
     results.push_back(record(*device, one, stop, progress));
     const SessionResult& result = results.back();
     if (result.servo.cause != StopCause::finished || !result.recording_error.empty() || result.ended_by_disk) break;

@@ -3,12 +3,14 @@
 #include "control/error.h"
 #include "formats/json_reader.h"
 #include "formats/suggest.h"
+#include "formats/warning_json.h"
 
 #include <array>
 #include <chrono>
 #include <fmt/format.h>
 #include <future>
 #include <thread>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -51,72 +53,144 @@ nlohmann::json flight_record(const std::vector<Sample>& samples) {
   return rows;
 }
 
-/// Looks at a running session for a person.
+/// Collects the warnings of a running session and shows it to a person.
 class Watch {
  public:
-  Watch(Recorder* recorder, LiveMonitor& monitor, const SessionOptions& options, const Progress& progress,
-        SessionResult& result)
-      : recorder_(recorder), monitor_(monitor), options_(options), progress_(progress), result_(result) {}
+  Watch(Recorder* recorder, LiveMonitor& monitor, EventTally& tally, const SessionOptions& options,
+        const Progress& progress, SessionResult& result)
+      : recorder_(recorder),
+        monitor_(monitor),
+        tally_(tally),
+        options_(options),
+        progress_(progress),
+        result_(result) {}
 
   void look() {
     SessionView view{.live = monitor_.latest()};
+    take_events(view);
     if (recorder_ != nullptr) {
       view.recording = recorder_->status();
-      view.notices = recorder_->take_notices();
-      tell_of_losses(view);
+      add(view, recorder_->take_warnings());
+      warn_of_losses(view);
       disk_is_low_ = view.recording->disk_low;
     }
-    tell_of_device(view);
-    if (options_.notices)
-      for (std::string& notice : options_.notices()) view.notices.push_back(std::move(notice));
-    result_.notices.insert(result_.notices.end(), view.notices.begin(), view.notices.end());
+    warn_of_device(view);
+    if (options_.warnings) add(view, options_.warnings());
+    add(view, std::exchange(late_, {}));
     if (progress_) progress_(view);
   }
+
+  /// Adds to the next view.
+  void warn(Warning warning) { late_.push_back(std::move(warning)); }
 
   [[nodiscard]] bool disk_is_low() const noexcept { return disk_is_low_; }
 
  private:
-  /// Of a device that is waited for, and of its return.
-  void tell_of_device(SessionView& view) {
-    if (options_.away_timeout > 0 && view.live.losses > losses_told_) {
-      view.notices.push_back(
-          fmt::format("the device was lost; it is waited for, up to {:g} s, without force", options_.away_timeout));
-      away_told_ = true;
-    }
-    losses_told_ = view.live.losses;
-    if (away_told_ && !view.live.away) {
-      view.notices.emplace_back("the device is back; the session goes on");
-      away_told_ = false;
+  using Clock = std::chrono::steady_clock;
+
+  struct Kind {
+    std::uint64_t count = 0;  ///< that the list accounts for
+    std::size_t entry = 0;    ///< in the list
+    Clock::time_point shown;
+  };
+
+  void add(SessionView& view, std::vector<Warning> warnings) {
+    for (Warning& warning : warnings) {
+      result_.warnings.push_back(warning);
+      view.warnings.push_back(std::move(warning));
     }
   }
 
-  /// The writer cannot tell them itself while it waits for the disk. Once a second.
-  void tell_of_losses(SessionView& view) {
-    const auto now = std::chrono::steady_clock::now();
+  /// Events of a kind are one warning. It is shown when the first occurs; one that changes the gains in force also
+  /// later, at most once a second.
+  void take_events(SessionView& view) {
+    const EventTally::Counts& counts = tally_.latest();
+    const auto now = Clock::now();
+    for (std::size_t row = 0; row < event_words().size(); ++row) {
+      const EventCount& events = counts[row];
+      Kind& kind = kinds_[row];
+      if (events.count == kind.count) continue;
+      const EventWords& words = event_words()[row];
+      const Warning warning = warning_of(words, events);
+      const bool first = kind.count == 0;
+      kind.count = events.count;
+      if (first) {
+        kind.entry = result_.warnings.size();
+        result_.warnings.push_back(warning);
+      } else {
+        result_.warnings[kind.entry] = warning;
+      }
+      if (words.share >= 0) result_.gain_share = events.last.values[static_cast<std::size_t>(words.share)];
+      if (!first && (words.share < 0 || now - kind.shown < std::chrono::seconds(1))) continue;
+      kind.shown = now;
+      view.warnings.push_back(warning);
+    }
+  }
+
+  /// When the loop waits for a device that was lost. That it came back is an event.
+  void warn_of_device(SessionView& view) {
+    if (options_.away_timeout > 0 && view.live.losses > losses_told_)
+      add(view,
+          {{Warning::Severity::warning, "device_lost", view.live.time,
+            fmt::format("the device was lost; it is waited for, up to {:g} s, without force", options_.away_timeout)}});
+    losses_told_ = view.live.losses;
+  }
+
+  /// The writer cannot warn itself while it waits for the disk. Once a second.
+  void warn_of_losses(SessionView& view) {
+    const auto now = Clock::now();
     if (now - told_ < std::chrono::seconds(1)) return;
     const Recorder::Status& status = *view.recording;
     if (status.lost > lost_told_ && !status.failed) {
-      view.notices.push_back(
-          fmt::format("{}: {} samples lost so far: the disk does not keep up", recorder_->file(), status.lost));
+      add(view,
+          {{Warning::Severity::warning, "samples_lost", view.live.time,
+            fmt::format("{}: {} samples lost so far: the disk does not keep up", recorder_->file(), status.lost)}});
       lost_told_ = status.lost;
       told_ = now;
     } else if (status.stalled > 1) {
-      view.notices.push_back(fmt::format("{}: the disk has not answered for {:.0f} s; samples wait in memory",
-                                         recorder_->file(), status.stalled));
+      add(view, {{Warning::Severity::warning, "disk_stalled", view.live.time,
+                  fmt::format("{}: the disk has not answered for {:.0f} s; samples wait in memory", recorder_->file(),
+                              status.stalled)}});
       told_ = now;
     }
   }
 
   Recorder* recorder_;
   LiveMonitor& monitor_;
+  EventTally& tally_;
   const SessionOptions& options_;
   const Progress& progress_;
   SessionResult& result_;
-  std::chrono::steady_clock::time_point told_;
+  std::array<Kind, kMostEventKinds> kinds_{};  ///< by row of event_words()
+  std::vector<Warning> late_;
+  Clock::time_point told_;
   std::uint64_t lost_told_ = 0, losses_told_ = 0;
-  bool away_told_ = false;
   bool disk_is_low_ = false;
 };
+
+/// On the real clock, what the machine cost the loop. A thousandth of the ticks is what `doctor` allows.
+std::optional<Warning> overruns_of(const SessionResult& result) {
+  constexpr double kMostMissed = 1e-3;  // of all ticks
+  const ServoReport& servo = result.servo;
+  if (result.virtual_time || servo.overruns == 0) return std::nullopt;
+  const bool many = static_cast<double>(servo.missed) > kMostMissed * static_cast<double>(servo.samples + servo.missed);
+  if (!many && servo.realtime.reason.empty()) return std::nullopt;
+  return Warning{many ? Warning::Severity::warning : Warning::Severity::note, "overruns", kNaN,
+                 fmt::format("{} of {} ticks were missed in {} overruns; {}", servo.missed,
+                             servo.samples + servo.missed, servo.overruns,
+                             servo.realtime.reason.empty() ? "haptrace doctor finds out why" : servo.realtime.reason)};
+}
+
+/// Warns of what ended the session. conclude() says it to a person.
+void warn_of_end(SessionResult& result) {
+  const ServoReport& servo = result.servo;
+  if (result.ended_by_disk)
+    result.warn(Warning::Severity::error, "disk_full", "the session ended because the disk is almost full");
+  if (servo.stopped_by_fault())
+    result.warnings.push_back(
+        {Warning::Severity::error, "stopped", servo.duration,
+         servo.detail.empty() ? std::string("stopped: ") + to_string(servo.cause) : servo.detail});
+}
 
 }  // namespace
 
@@ -147,9 +221,12 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   // Before the recorder is there, so that a wrong option leaves no file behind.
   ServoLoop::validate(info, loop_options);
   const auto estimator = make_velocity_estimator(options.velocity, options.rate_hz, info.position_resolution);
+  result.warnings = options.known;
   LiveMonitor monitor;
+  EventTally tally;
   std::vector<SampleSink*> sinks(extra_sinks.begin(), extra_sinks.end());
   sinks.push_back(&monitor);
+  sinks.push_back(&tally);
 
   std::optional<Recorder> recorder;
   if (options.recording) {
@@ -163,7 +240,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   ServoLoop loop(device, controller, *estimator, sinks, loop_options);
 
   StopRequest ours(&stop);
-  Watch watch(recorder ? &*recorder : nullptr, monitor, options, progress, result);
+  Watch watch(recorder ? &*recorder : nullptr, monitor, tally, options, progress, result);
   std::promise<ServoReport> promise;
   std::future<ServoReport> report = promise.get_future();
   std::jthread servo([&] { promise.set_value(loop.run(ours)); });
@@ -181,16 +258,28 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
         "a serial port, at the latency timer (haptrace doctor), or ask for a lower --rate",
         result.servo.achieved_rate(), result.servo.asked_rate));
 
+  if (auto overruns = overruns_of(result)) watch.warn(std::move(*overruns));
+  if (options.conclusions)
+    for (Warning& warning : options.conclusions()) watch.warn(std::move(warning));
+  watch.look();
+  warn_of_end(result);
   if (recorder) {
     try {
-      recorder->finish();
+      recorder->finish(json_of(result.warnings));
     } catch (const Error& error) {
       result.recording_error = error.what();
+      result.warn(Warning::Severity::error, "recording_failed", error.what());
     }
     result.recording = recorder->status();
+    watch.look();
   }
-  watch.look();
   return result;
+}
+
+std::vector<Warning> known_warnings(Warning::Severity severity, const char* code, std::span<const std::string> texts) {
+  std::vector<Warning> warnings;
+  for (const std::string& text : texts) warnings.push_back({severity, code, kNaN, text});
+  return warnings;
 }
 
 nlohmann::json to_json(const DurationHistogram& durations) {
@@ -248,8 +337,9 @@ nlohmann::json to_json(const SessionResult& result) {
                                {"seconds", touch.seconds},
                                {"max_force_n", touch.max_force},
                                {"max_depth_m", touch.max_depth}});
-  if (!result.notices.empty()) json["notices"] = result.notices;
-  for (const std::string& remark : result.remarks) json["notices"].push_back(remark);
+  json["warnings"] = json_of(result.warnings);
+  for (const Warning& warning : result.warnings) json["notices"].push_back(warning.text);
+  json["gain_share"] = result.gain_share;
   if (!result.recording_error.empty()) json["recording_error"] = result.recording_error;
   return json;
 }

@@ -1,6 +1,7 @@
 // One session: a device, a controller, the loop that joins them, and the recording of it.
 #pragma once
 
+#include "control/warning.h"
 #include "devices/servo_loop.h"
 #include "player/live_monitor.h"
 #include "recorder/recorder.h"
@@ -31,7 +32,9 @@ struct SessionOptions {
   bool realtime = true;
   double away_timeout = 0;      ///< how long to wait for a device that is away (RecoveringDevice) [s]
   bool watch_vibration = true;  ///< see ServoLoop::Options
-  std::function<std::vector<std::string>()> notices;  ///< further ones for the views; asked as often as they are made
+  std::vector<Warning> known;   ///< before the session, and shown by then: the first of its warnings
+  std::function<std::vector<Warning>()> warnings;     ///< further ones; asked whenever a view is made
+  std::function<std::vector<Warning>()> conclusions;  ///< further ones; asked once, when the loop has ended
 
   struct Recording {
     std::string file;
@@ -49,7 +52,7 @@ struct SessionOptions {
 struct SessionView {
   LiveStatus live;
   std::optional<Recorder::Status> recording;
-  std::vector<std::string> notices;  ///< what a person should know at once, since the last view
+  std::vector<Warning> warnings;  ///< since the last view, to be shown at once
 };
 
 /// What a session was like, and what of it is on the disk.
@@ -58,10 +61,15 @@ struct SessionResult {
   bool virtual_time = false;
   std::optional<Recorder::Status> recording;
   std::string recording_error;        ///< what the disk refused, in words; empty when all is on it
-  std::vector<std::string> notices;   ///< everything that the views told, in order
   bool ended_by_disk = false;         ///< see end_when_disk_is_low
   std::vector<TouchFigures> touches;  ///< of each object of the scene that could be touched
-  std::vector<std::string> remarks;   ///< what a person should know and was not told while it ran
+  std::vector<Warning> warnings;      ///< all of them; events of a kind are one
+  double gain_share = 1;              ///< of the feedback gains that was in force at the end, after softening
+
+  /// Adds a warning that is known only now.
+  void warn(Warning::Severity severity, const char* code, std::string text) {
+    warnings.push_back({severity, code, kNaN, std::move(text)});
+  }
 
   /// False when something of the session is not on the disk.
   [[nodiscard]] bool recorded_all() const noexcept {
@@ -80,7 +88,11 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
                           std::span<SampleSink* const> sinks, const SessionOptions& options, const StopRequest& stop,
                           const Progress& progress = {});
 
-/// The JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by and what else there is to tell.
+/// The texts of notes that were made before a session, as its first warnings.
+std::vector<Warning> known_warnings(Warning::Severity severity, const char* code, std::span<const std::string> texts);
+
+/// The JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by, warnings and what else there is
+/// to report. "notices" holds the texts of the warnings for programs of before there were any.
 nlohmann::json to_json(const SessionResult& result);
 nlohmann::json to_json(const VibrationSummary& vibration);
 nlohmann::json to_json(const DurationHistogram& durations);  ///< p50, p99, p999, max [s]

@@ -117,7 +117,8 @@ class Recorder::Writer final : private Capture::Output {
         capture_(options.capture, *this) {
     look_at_disk();
     if (const double seconds = disk_seconds_.load(); options.tell_room && seconds > 0 && warnings_told_ == 0)
-      notice(fmt::format("{}: the disk has room for {}", output_.part(), for_people(seconds)));
+      warn(Warning::Severity::note, "disk_space",
+           fmt::format("{}: the disk has room for {}", output_.part(), for_people(seconds)));
     thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
   }
 
@@ -146,12 +147,13 @@ class Recorder::Writer final : private Capture::Output {
     thread_.join();
   }
 
-  void finish() {
+  void finish(const nlohmann::json& warnings) {
     stop();
     if (error_) {
       output_.abandon();
       std::rethrow_exception(std::exchange(error_, nullptr));
     }
+    output_.warn(warnings);
     output_.finish();
   }
 
@@ -175,9 +177,9 @@ class Recorder::Writer final : private Capture::Output {
     return status;
   }
 
-  std::vector<std::string> take_notices() {
-    const std::lock_guard lock(notices_mutex_);
-    return std::exchange(notices_, {});
+  std::vector<Warning> take_warnings() {
+    const std::lock_guard lock(warnings_mutex_);
+    return std::exchange(warnings_, {});
   }
 
   const std::string file;
@@ -217,9 +219,11 @@ class Recorder::Writer final : private Capture::Output {
         if (!wrote && !last) std::this_thread::sleep_for(kPoll);
       }
       capture_.finish();
-      if (capture_.armed()) notice(file + ": the trigger did not fire; nothing was recorded");
+      if (capture_.armed())
+        warn(Warning::Severity::warning, "no_trigger", file + ": the trigger did not fire; nothing was recorded");
     } catch (const std::exception& error) {
-      notice(std::string(error.what()) + "; the session goes on without it");
+      warn(Warning::Severity::error, "recording_failed",
+           std::string(error.what()) + "; the session goes on without it");
       error_ = std::current_exception();
       failed_.store(true, std::memory_order_release);
     }
@@ -294,7 +298,7 @@ class Recorder::Writer final : private Capture::Output {
 
   void look_at_file() {
     const std::string misplaced = output_.misplaced();
-    if (!misplaced.empty() && misplaced != misplaced_told_) notice(misplaced);
+    if (!misplaced.empty() && misplaced != misplaced_told_) warn(Warning::Severity::warning, "file_moved", misplaced);
     misplaced_told_ = misplaced;
   }
 
@@ -306,16 +310,18 @@ class Recorder::Writer final : private Capture::Output {
     const std::size_t told_before = warnings_told_;
     while (warnings_told_ < kDiskWarnings.size() && seconds <= kDiskWarnings[warnings_told_]) ++warnings_told_;
     if (warnings_told_ > told_before)
-      notice(fmt::format("{}: the disk has room for {} more", output_.part(), for_people(seconds)));
+      warn(Warning::Severity::warning, "disk_space",
+           fmt::format("{}: the disk has room for {} more", output_.part(), for_people(seconds)));
     if (disk_low_.load(std::memory_order_relaxed) || space.free > std::min(kDiskFloor, space.total / 100)) return;
-    notice(fmt::format("{}: the disk is almost full, {:.1f} MB are left; end the session or make room", output_.part(),
-                       1e-6 * static_cast<double>(space.free)));
+    warn(Warning::Severity::warning, "disk_space",
+         fmt::format("{}: the disk is almost full, {:.1f} MB are left; end the session or make room", output_.part(),
+                     1e-6 * static_cast<double>(space.free)));
     disk_low_.store(true, std::memory_order_relaxed);
   }
 
-  void notice(std::string text) noexcept {
-    const std::lock_guard lock(notices_mutex_);
-    notices_.push_back(std::move(text));
+  void warn(Warning::Severity severity, const char* code, std::string text) noexcept {
+    const std::lock_guard lock(warnings_mutex_);
+    warnings_.push_back({severity, code, kNaN, std::move(text)});
   }
 
   const Options options_;
@@ -326,8 +332,8 @@ class Recorder::Writer final : private Capture::Output {
   std::atomic<bool> failed_{false}, armed_{false}, paused_{false}, disk_low_{false};
   std::atomic<double> disk_seconds_{0};
   std::atomic<Clock::rep> alive_{Clock::now().time_since_epoch().count()};
-  std::mutex notices_mutex_;
-  std::vector<std::string> notices_;
+  std::mutex warnings_mutex_;
+  std::vector<Warning> warnings_;
 
   // The writer thread's own.
   RecordingWriter output_;
@@ -367,8 +373,8 @@ void Recorder::between_ticks(bool may_wait) noexcept {
   if (may_wait) writer_->wait_for_room();
 }
 
-void Recorder::finish() {
-  writer_->finish();
+void Recorder::finish(const nlohmann::json& warnings) {
+  writer_->finish(warnings);
 }
 
 void Recorder::abandon() noexcept {
@@ -379,8 +385,8 @@ Recorder::Status Recorder::status() const noexcept {
   return writer_->status();
 }
 
-std::vector<std::string> Recorder::take_notices() {
-  return writer_->take_notices();
+std::vector<Warning> Recorder::take_warnings() {
+  return writer_->take_warnings();
 }
 
 const std::string& Recorder::file() const noexcept {

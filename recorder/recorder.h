@@ -1,7 +1,7 @@
 // From the servo loop to the disk: a ring, a thread, a file.
 #pragma once
 
-#include "control/sample.h"
+#include "control/warning.h"
 #include "formats/recording.h"
 #include "recorder/annotations.h"
 #include "recorder/capture.h"
@@ -56,9 +56,10 @@ class Recorder final : public SampleSink {
   void push(const Event& event) noexcept override;
   void between_ticks(bool may_wait) noexcept override;
 
-  /// Writes what is left, marks the recording complete and closes it. Call after the last push. Throws Error(fault)
-  /// with the disk's reason when anything could not be written; what was written before stays.
-  void finish();
+  /// Writes what is left and the session's `warnings` (see json_of), marks the recording complete and closes it. Call
+  /// after the last push. Throws Error(fault) with the disk's reason when anything could not be written; what was
+  /// written before stays.
+  void finish(const nlohmann::json& warnings = nlohmann::json::array());
 
   /// Stops writing and closes without marking the recording complete.
   void abandon() noexcept;
@@ -77,8 +78,8 @@ class Recorder final : public SampleSink {
   /// From any thread.
   [[nodiscard]] Status status() const noexcept;
 
-  /// What a person should know, in the order in which it happened, since the last call. From any thread.
-  [[nodiscard]] std::vector<std::string> take_notices();
+  /// The warnings since the last call, in the order in which they arose. From any thread.
+  [[nodiscard]] std::vector<Warning> take_warnings();
 
   [[nodiscard]] const std::string& file() const noexcept;
 

@@ -3,6 +3,7 @@
 #include "control/error.h"
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
+#include "formats/warning_json.h"
 #include "report/thinning.h"
 
 #include <algorithm>
@@ -107,29 +108,19 @@ std::string in_words(const std::string& a, const std::string& b) {
 // Events.
 
 bool is_stop(EventCode code) {
-  switch (code) {
-    case EventCode::interrupted:
-    case EventCode::velocity_limit:
-    case EventCode::deviation_limit:
-    case EventCode::rotation_limit:
-    case EventCode::resistance_limit:
-    case EventCode::oscillation_stays:
-    case EventCode::vibration_stays:
-    case EventCode::not_finite:
-    case EventCode::outside_workspace:
-    case EventCode::device_not_ready:
-    case EventCode::device_lost:
-    case EventCode::path_unreadable:
-    case EventCode::time_over:
-      return true;
-    default:
-      return false;
-  }
+  const EventWords* words = words_of(code);
+  return words != nullptr && words->stops;
 }
 
 bool is_told(EventCode code) {
   return code != EventCode::started && code != EventCode::finished && code != EventCode::repetition &&
          code != EventCode::touched && code != EventCode::left;
+}
+
+/// Adds the warnings of one recording that are not among its events.
+void add_warnings(std::vector<ReportEvent>& to, const RecordingHeader& header, const std::string& place) {
+  for (const Warning& warning : warnings_from(header.warnings))
+    if (!is_of_event(warning.code) && warning.code != "stopped") to.push_back({.where = place, .text = warning.text});
 }
 
 /// Adds the events of one recording, those that came often once. `place` says in words where one was.
@@ -331,6 +322,7 @@ ReportSession session_of_recording(const std::string& file) {
       if (recorded.size() > 1 && time >= recorded[i].time.front()) return fmt::format("repetition {}", i + 1);
     return "";
   });
+  add_warnings(session.events, header, "");
   session.exercises.push_back(std::move(exercise));
   return session;
 }

@@ -93,7 +93,7 @@ int run(const std::string& file, const std::map<std::string, std::string>& given
   std::optional<SharedCounter> counter;
   if (given.count("counter") != 0) sinks.push_back(&counter.emplace(given.at("counter")));
   const SessionResult result = run_session(device, controller, {}, sinks, options, stop, [](const SessionView& view) {
-    for (const std::string& notice : view.notices) std::cerr << notice << std::endl;
+    for (const Warning& warning : view.warnings) std::cerr << warning.text << std::endl;
   });
   std::cout << to_json(result).dump(2) << std::endl;
   return result.recorded_all() ? 0 : 1;

@@ -169,6 +169,56 @@ TEST(Sampling, TellsChannelsThatNeverChangeFromOnesThatStop) {
   EXPECT_NE(all_notes(found).find("fy does not change for 2 s from 2.000 s on"), std::string::npos);
 }
 
+TEST(Sampling, DoesNotTakeASideOfASquareForAStuckSensor) {
+  for (const char* shape : {"square", "rectangle"}) {
+    SCOPED_TRACE(shape);
+    for (const double repeated : {1, 3}) {
+      SamplingReport report;
+      const double side = 0.08, seconds = 2;
+      for (int i = 0; i < 8000 * static_cast<int>(repeated); ++i) {
+        const double t = std::fmod(1e-3 * i, 4 * seconds), s = std::fmod(t, seconds) / seconds;
+        const double along = s * s * s * (10 + s * (-15 + 6 * s));
+        const double speed = 30 * s * s * (1 - s) * (1 - s) / seconds;
+        const int leg = static_cast<int>(t / seconds);
+        const Vec3 corners[]{{0, 0, 0},
+                             {side, 0, 0},
+                             {side, shape[0] == 's' ? side : 0.5 * side, 0},
+                             {0, shape[0] == 's' ? side : 0.5 * side, 0},
+                             {0, 0, 0}};
+        Sample sample;
+        sample.time_ns = std::int64_t{1'000'000} * i;
+        sample.position = corners[leg] + along * (corners[leg + 1] - corners[leg]);
+        sample.velocity = speed * (corners[leg + 1] - corners[leg]);
+        report.add(sample);
+      }
+      EXPECT_TRUE(report.result().stuck.empty()) << all_notes(report.result());
+    }
+  }
+}
+
+TEST(Sampling, FindsAPositionThatFreezesAndThenJumps) {
+  SamplingReport report;
+  for (int i = 0; i < 6000; ++i) {
+    Sample sample = at(1e-3 * i);
+    if (i >= 2000 && i < 2700) sample.position.x() = at(1.999).position.x();
+    report.add(sample);
+  }
+  ASSERT_EQ(report.result().stuck.size(), 1U) << all_notes(report.result());
+  EXPECT_EQ(report.result().stuck[0].name, "x");
+}
+
+TEST(Sampling, FindsANoisyChannelThatStopsForGood) {
+  SamplingReport report;
+  for (int i = 0; i < 6000; ++i) {
+    Sample sample = at(1e-3 * i);
+    const int noise = i * 7919 % 13;
+    sample.force.y() = i < 3000 ? 0.01 * noise : 0.01 * (2999 * 7919 % 13);
+    report.add(sample);
+  }
+  ASSERT_EQ(report.result().stuck.size(), 1U) << all_notes(report.result());
+  EXPECT_EQ(report.result().stuck[0].name, "fy");
+}
+
 TEST(Sampling, TakesNoNoticeOfADeviceThatRests) {
   SamplingReport report;
   for (int i = 0; i < 4000; ++i) {

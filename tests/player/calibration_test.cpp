@@ -219,6 +219,71 @@ TEST(Calibration, EndsWhenTheDeviceMovesAgainstItsForce) {
   EXPECT_EQ(device.forces().back(), Vec3::Zero());
 }
 
+TEST(Calibration, SaysThatTheEncoderIsTooCoarseAndNotThatTheAxesAreWrong) {
+  for (const double step : {1e-3, 2e-3}) {
+    SimSpec spec = preset("falcon", "relaxed");
+    spec.position_resolution = step;
+    SimDevice device(spec);
+    const CalibrationResult result = calibrated(device);
+    if (result.succeeded()) continue;
+    EXPECT_THAT(result.reason, testing::Not(HasSubstr("the driver's axes have the wrong order"))) << step;
+    EXPECT_THAT(result.reason, HasSubstr("coarse")) << step;
+  }
+}
+
+TEST(Calibration, SaysThatATremorHidesTheDeviceAndNotThatTheAxesAreWrong) {
+  for (const double tremor : {2.0, 4.0}) {
+    SimSpec spec = preset("falcon", "relaxed");
+    spec.hand->tremor = tremor;
+    SimDevice device(spec);
+    const CalibrationResult result = calibrated(device);
+    if (result.succeeded()) continue;
+    EXPECT_THAT(result.reason, testing::Not(HasSubstr("the driver's axes have the wrong order"))) << tremor;
+  }
+}
+
+TEST(Calibration, SaysThatTwoAxesAreSwapped) {
+  class Swapped final : public Device {
+   public:
+    explicit Swapped(Device& device) : device_(device) {}
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_.info(); }
+    Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+      Wrench swapped = wrench;
+      std::swap(swapped.force.x(), swapped.force.y());
+      return device_.exchange(swapped, dt, state);
+    }
+    void close() noexcept override { device_.close(); }
+
+   private:
+    Device& device_;
+  };
+  PointMass mass(0.3, 5);
+  Swapped device(mass);
+  const CalibrationResult result = calibrated(device);
+  EXPECT_FALSE(result.succeeded());
+  EXPECT_THAT(result.reason, testing::AnyOf(HasSubstr("axes have the wrong order or signs"),
+                                            HasSubstr("check the signs of the driver's axes")));
+}
+
+TEST(Calibration, ExcitesTheDeviceWithinTheShareOfTheForceThatItMayUse) {
+  PointMass device;
+  const CalibrationPlan usual = plan_calibration(device.info(), options());
+  for (const double share : {0.1, 0.3, 0.7, 1.0}) {
+    CalibrationOptions chosen = options();
+    chosen.force_share = share;
+    const CalibrationPlan plan = plan_calibration(device.info(), chosen);
+    EXPECT_LE(plan.max_dither, 0.18 * plan.max_force) << share;
+    if (share >= 0.7) {
+      EXPECT_DOUBLE_EQ(plan.max_dither, usual.max_dither) << share;
+    }
+    PointMass pushed;
+    (void)calibrate(pushed, chosen, StopRequest{});
+    double most = 0;
+    for (const Vec3& force : pushed.forces()) most = std::max(most, force.norm());
+    EXPECT_LE(most, plan.max_force * (1 + 1e-9)) << share;
+  }
+}
+
 TEST(Calibration, StopsWhenAskedAtAnyMomentAndFindsNothing) {
   for (const int at : {0, 300, 1500, 5000, 9000}) {
     SimDevice device(preset("falcon", "relaxed"));

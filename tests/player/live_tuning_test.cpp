@@ -260,7 +260,7 @@ TEST(LiveTuning, ChangesAPlaybackThatRunsAndIsKeptInItsRecording) {
 
   const PlayResult result = play(handled, plan, options, StopRequest{});
   EXPECT_EQ(result.session.servo.cause, StopCause::finished);
-  EXPECT_THAT(result.session.notices, testing::Contains("tuned: kp 2000 kd 60"));
+  EXPECT_THAT(result.session.warnings, testing::Contains(testing::Field(&Warning::text, "tuned: kp 2000 kd 60")));
 
   const RecordingReader reader(folder / "played.h5");
   const auto rows = reader.read(0, reader.rows());

@@ -8,6 +8,7 @@
 #include "tests/support/point_mass.h"
 #include "tests/support/temp_folder.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -19,6 +20,21 @@ using test::error_of;
 using test::PointMass;
 using test::TempFolder;
 using testing::HasSubstr;
+
+std::vector<std::string> texts_of(const std::vector<Warning>& warnings) {
+  std::vector<std::string> texts;
+  for (const Warning& warning : warnings) texts.push_back(warning.text);
+  return texts;
+}
+
+/// The warning of this kind; fails the test when there is none, or more than one.
+Warning warning_in(const SessionResult& result, const std::string& code) {
+  std::vector<Warning> found;
+  for (const Warning& warning : result.warnings)
+    if (warning.code == code) found.push_back(warning);
+  EXPECT_EQ(found.size(), 1U) << code << " among " << testing::PrintToString(texts_of(result.warnings));
+  return found.empty() ? Warning{} : found.front();
+}
 
 PlayOptions options_for(const std::string& file) {
   PlayOptions options;
@@ -233,8 +249,66 @@ TEST(Session, TellsAPersonThatTheDeviceIsAwayAndBackOnTheRealClock) {
   EXPECT_EQ(result.servo.cause, StopCause::finished) << result.servo.detail;
   EXPECT_EQ(result.servo.returns, 1U);
   EXPECT_GE(result.servo.away, 0.49);
-  EXPECT_THAT(result.notices, testing::Contains(HasSubstr("the device was lost; it is waited for, up to 60 s")));
-  EXPECT_EQ(result.notices.back(), "the device is back; the session goes on");
+  EXPECT_THAT(texts_of(result.warnings),
+              testing::IsSupersetOf({HasSubstr("the device was lost; it is waited for, up to 60 s"),
+                                     HasSubstr("the device is back after 0.")}));
+}
+
+TEST(Session, WarnsOfForcesThatWereLimitedAtOnceInItsResultAndInTheRecording) {
+  const TempFolder folder;
+  PointMass device;
+  PlayOptions options = options_for(folder / "played.h5");
+  options.session.limits.max_force = 0.05;
+  options.playback.max_deviation = 0.2;
+  std::vector<std::string> shown;
+  const PlayResult result = play(device, plan_playback(device.info(), make_shape("square", {}), options), options,
+                                 StopRequest{}, [&](const SessionView& view) {
+                                   for (const Warning& warning : view.warnings) shown.push_back(warning.code);
+                                 });
+  const Warning limited = warning_in(result.session, "force_limit");
+  EXPECT_THAT(limited.text, testing::AnyOf(HasSubstr("the force was limited"), HasSubstr("force limited")));
+  EXPECT_EQ(std::count(shown.begin(), shown.end(), "force_limit"), 1) << "once, however often it was limited";
+  const nlohmann::json json = to_json(result);
+  EXPECT_EQ(json["warnings"].size(), result.session.warnings.size());
+  EXPECT_THAT(json["notices"].dump(), HasSubstr(limited.text));
+  EXPECT_EQ(RecordingReader(folder / "played.h5").header().warnings, json["warnings"]);
+  EXPECT_TRUE(check_recording(folder / "played.h5").empty());
+}
+
+TEST(Session, WarnsOfOscillationsAsOneAndKeepsTheShareOfTheGainsThatIsLeft) {
+  /// Finds its loop oscillating twice.
+  class Oscillating final : public Controller {
+   public:
+    [[nodiscard]] Command update(const State&) noexcept override {
+      Command command;
+      ++tick_;
+      if (tick_ == 100) command.event = Event{.code = EventCode::oscillation, .values = {3e-4, 59, 0.5}};
+      if (tick_ == 200) command.event = Event{.code = EventCode::oscillation, .values = {3e-4, 59, 0.25}};
+      if (tick_ == 300) command.status = Command::Status::finished;
+      return command;
+    }
+
+   private:
+    int tick_ = 0;
+  } controller;
+  PointMass device;
+  const SessionResult session = run_session(device, controller, {}, {}, options_for("").session, StopRequest{});
+  const Warning warning = warning_in(session, "oscillation");
+  EXPECT_THAT(warning.text, HasSubstr("the loop oscillated 2 times, first at 0.1 s; last: oscillates at 59 Hz"));
+  EXPECT_NEAR(warning.time, 0.1, 0.002);
+  EXPECT_EQ(session.gain_share, 0.25);
+}
+
+TEST(Session, WarnsOfTheLimitThatEndedIt) {
+  PointMass device;
+  PlayOptions options = options_for("");
+  options.playback.max_deviation = 1e-4;
+  const PlayResult result =
+      play(device, plan_playback(device.info(), make_shape("square", {}), options), options, StopRequest{});
+  ASSERT_EQ(result.session.servo.cause, StopCause::deviation);
+  const Warning stopped = warning_in(result.session, "stopped");
+  EXPECT_EQ(stopped.severity, Warning::Severity::error);
+  EXPECT_EQ(stopped.text, result.session.servo.detail);
 }
 
 TEST(Session, StopsInEveryPhaseWhenAsked) {

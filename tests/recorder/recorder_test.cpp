@@ -358,8 +358,9 @@ TEST(Recorder, SaysThatTheTriggerDidNotFire) {
   recorder.finish();
   EXPECT_TRUE(recorder.status().armed);
   EXPECT_EQ(recorder.status().written, 0U);
-  EXPECT_THAT(recorder.take_notices(), testing::Contains(HasSubstr("a.h5: the trigger did not fire")));
-  EXPECT_TRUE(recorder.take_notices().empty()) << "told once";
+  const std::vector<Warning> warnings = recorder.take_warnings();
+  EXPECT_THAT(warnings, testing::Contains(testing::Field(&Warning::text, HasSubstr("a.h5: the trigger did not fire"))));
+  EXPECT_TRUE(recorder.take_warnings().empty()) << "warned once";
   const RecordingReader reader(folder / "a.h5");
   EXPECT_EQ(reader.rows(), 0U);
   EXPECT_TRUE(reader.header().complete);

@@ -1,0 +1,114 @@
+#include "cli/terminal.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <fmt/format.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+#include <utility>
+
+namespace haptrace::cli {
+namespace {
+
+constexpr const char* kReplaceLine = "\r\033[K";
+
+struct CodeRange {
+  std::uint32_t first, last;
+};
+// East Asian Width W and F (Unicode 15, UAX #11), joined where only rare scripts lie between.
+constexpr std::array<CodeRange, 10> kWide{{{0x1100, 0x115F},
+                                           {0x2E80, 0x303E},
+                                           {0x3041, 0xA4CF},
+                                           {0xAC00, 0xD7A3},
+                                           {0xF900, 0xFAFF},
+                                           {0xFE30, 0xFE6F},
+                                           {0xFF00, 0xFF60},
+                                           {0xFFE0, 0xFFE6},
+                                           {0x1F300, 0x1FAFF},
+                                           {0x20000, 0x3FFFD}}};
+constexpr std::array<CodeRange, 4> kNoWidth{{{0x0300, 0x036F}, {0x200B, 0x200F}, {0x20D0, 0x20FF}, {0xFE00, 0xFE0F}}};
+
+template <class Ranges>
+bool in_one_of(std::uint32_t code, const Ranges& ranges) {
+  return std::any_of(ranges.begin(), ranges.end(),
+                     [code](const CodeRange& range) { return range.first <= code && code <= range.last; });
+}
+
+/// Bytes of the character that begins a text, and the columns it takes.
+std::pair<std::size_t, int> first_character(std::string_view text) {
+  const auto lead = static_cast<unsigned char>(text.front());
+  const std::size_t bytes = lead < 0xC0 ? 1 : lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 4;
+  std::uint32_t code = bytes == 1 ? lead : lead & (0xFFU >> (bytes + 1));
+  for (std::size_t i = 1; i < std::min(bytes, text.size()); ++i)
+    code = code << 6U | (static_cast<unsigned char>(text[i]) & 0x3FU);
+  return {std::min(bytes, text.size()), in_one_of(code, kNoWidth) ? 0 : in_one_of(code, kWide) ? 2 : 1};
+}
+
+std::string joined(const std::vector<LinePart>& parts) {
+  std::string line;
+  for (const LinePart& part : parts) line += (line.empty() ? "" : "  ") + part.text;
+  return line;
+}
+
+std::string cut(std::string_view text, int columns) {
+  std::size_t end = 0;
+  while (end < text.size()) {
+    const auto [bytes, width] = first_character(text.substr(end));
+    if ((columns -= width) < 0) break;
+    end += bytes;
+  }
+  return std::string(text.substr(0, end));
+}
+
+}  // namespace
+
+int terminal_width() {
+  winsize size{};
+  if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0) return size.ws_col;
+  const char* columns = std::getenv("COLUMNS");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+  const int asked = columns != nullptr ? std::atoi(columns) : 0;
+  return asked > 0 ? asked : 80;
+}
+
+int display_width(std::string_view utf8) {
+  int width = 0;
+  while (!utf8.empty()) {
+    const auto [bytes, columns] = first_character(utf8);
+    width += columns;
+    utf8.remove_prefix(bytes);
+  }
+  return width;
+}
+
+std::string fitted_line(std::vector<LinePart> parts, int columns) {
+  std::erase_if(parts, [](const LinePart& part) { return part.text.empty(); });
+  std::string line = joined(parts);
+  while (display_width(line) > columns) {
+    // Of equal ranks the last goes first.
+    const auto least = std::max_element(parts.rbegin(), parts.rend(),
+                                        [](const LinePart& a, const LinePart& b) { return a.rank < b.rank; });
+    if (least == parts.rend() || least->rank == 0) return cut(line, columns);
+    parts.erase(std::prev(least.base()));
+    line = joined(parts);
+  }
+  return line;
+}
+
+void show_line(std::vector<LinePart> parts) {
+  // A line that fills the last column makes some terminals wrap.
+  fmt::print(stderr, "{}{}", kReplaceLine, fitted_line(std::move(parts), terminal_width() - 1));
+  std::fflush(stderr);
+}
+
+void show_line(const std::string& text) {
+  show_line({{0, text}});
+}
+
+void clear_line() {
+  fmt::print(stderr, "{}", kReplaceLine);
+}
+
+}  // namespace haptrace::cli

@@ -1,0 +1,18 @@
+// Warnings as JSON: the key "warnings" of a session's --json, and the attribute `warnings` of a recording.
+#pragma once
+
+#include "control/warning.h"
+
+#include <nlohmann/json.hpp>
+#include <span>
+#include <vector>
+
+namespace haptrace {
+
+/// A list of {"severity": "note" | "warning" | "error", "code", "time_s" (null when not of a moment), "text"}.
+nlohmann::json json_of(std::span<const Warning> warnings);
+
+/// Reads what json_of made. Passes over entries that are not warnings, since files come from anywhere.
+std::vector<Warning> warnings_from(const nlohmann::json& list);
+
+}  // namespace haptrace

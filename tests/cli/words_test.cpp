@@ -1,0 +1,209 @@
+// What a session says, to whom, and when.
+#include "formats/recording.h"
+#include "tests/cli/command.h"
+
+#include <algorithm>
+#include <fstream>
+#include <iomanip>
+#include <regex>
+#include <sstream>
+
+namespace haptrace {
+namespace {
+
+std::string square(const TempFolder& folder) {
+  std::string path = folder / "square.h5";
+  EXPECT_EQ(haptrace("shape", "square", "--size", "0.05", "--duration", "1", "-o", path).exit_code, 0);
+  return path;
+}
+
+/// Columns of a text that has narrow characters only.
+std::size_t columns_of(const std::string& text) {
+  return static_cast<std::size_t>(
+      std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; }));
+}
+
+/// What a terminal got between two returns to the beginning of a line.
+std::vector<std::string> lines_of(const std::string& printed) {
+  std::vector<std::string> lines{""};
+  for (const char c : printed) {
+    if (c == '\r' || c == '\n')
+      lines.emplace_back();
+    else
+      lines.back() += c;
+  }
+  for (std::string& line : lines)
+    if (line.starts_with("\033[K")) line.erase(0, 3);
+  std::erase(lines, "");
+  return lines;
+}
+
+TEST(ProgressLine, FitsTheTerminal) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  struct Case {
+    unsigned short terminal;
+    std::vector<std::string> environment;
+    std::size_t columns;
+  };
+  for (const Case& each : {Case{80, {}, 80}, Case{40, {}, 40}, Case{20, {}, 20}, Case{0, {"COLUMNS=60"}, 60},
+                           Case{80, {"COLUMNS=200"}, 80}}) {
+    SCOPED_TRACE(testing::Message() << each.terminal << " columns");
+    const std::string resize = each.terminal > 0 ? "stty cols " + std::to_string(each.terminal) + " && " : "";
+    Command command({"-c", resize + R"(exec "$@")", "sh", HAPTRACE_COMMAND, "play", path, "--device", kFalcon,
+                     "--clock", "real", "--no-realtime", "--no-profile", "--record", folder / "out.h5", "--overwrite"},
+                    Command::Input::terminal, each.environment, "/bin/sh");
+    const Answer answer = command.wait();
+    EXPECT_EQ(answer.exit_code, 0) << answer.err;
+    int progress = 0;
+    for (const std::string& line : lines_of(answer.err)) {
+      if (line.starts_with("haptrace: ")) continue;  // warnings may be long; they are there to stay
+      ++progress;
+      EXPECT_LT(columns_of(line), each.columns) << line;
+      EXPECT_THAT(line, HasSubstr(" s")) << "the time is what goes last";
+      if (each.columns >= 40) {
+        EXPECT_THAT(line, HasSubstr("force")) << line;
+      }
+    }
+    EXPECT_GT(progress, 2) << answer.err;
+  }
+}
+
+TEST(Quiet, StillSaysWhyALimitStopped) {
+  const TempFolder folder;
+  const Answer answer =
+      haptrace("play", square(folder), "--device", kFalcon, "--no-profile", "--max-deviation", "0.0001", "-q");
+  EXPECT_EQ(answer.exit_code, 1);
+  EXPECT_EQ(answer.out, "");
+  EXPECT_THAT(answer.err, HasSubstr("mm off the path, the limit is 0.1 mm"));
+}
+
+TEST(Quiet, HidesWarningsOfASessionThatGoesOn) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  const std::vector<std::string> words{"play",        path,  "--device",        kFalcon, "--no-profile",
+                                       "--max-force", "0.5", "--max-deviation", "0.2"};
+  std::vector<std::string> quiet = words;
+  quiet.emplace_back("-q");
+  const Answer loud = Command(words).wait();
+  EXPECT_THAT(loud.err, HasSubstr("force limited: "));
+  EXPECT_THAT(loud.out, HasSubstr("  warning: "));
+  EXPECT_EQ(loud.exit_code, 0);
+  const Answer silent = Command(quiet).wait();
+  EXPECT_EQ(silent.exit_code, 0);
+  EXPECT_EQ(silent.err, "");
+  EXPECT_EQ(silent.out, "");
+}
+
+TEST(Warnings, ReachTheTerminalTheSummaryTheJsonTheFileAndTheReport) {
+  const TempFolder folder;
+  const std::string path = square(folder), file = folder / "played.h5", page = folder / "report.html";
+  const std::vector<std::string> words{"play",         path,          "--device", kFalcon,
+                                       "--no-profile", "--max-force", "0.5",      "--max-deviation",
+                                       "0.2",          "--record",    file,       "--overwrite"};
+  EXPECT_THAT(Command(words).wait().out, HasSubstr("  warning: "));
+  std::vector<std::string> as_json = words;
+  as_json.emplace_back("--json");
+  const Answer answer = Command(as_json).wait();
+  const nlohmann::json json = answer.json();
+  ASSERT_FALSE(json["warnings"].empty());
+  std::string text;
+  for (const nlohmann::json& warning : json["warnings"]) {
+    EXPECT_TRUE(warning.contains("severity") && warning.contains("time_s"));
+    EXPECT_THAT(json["notices"], testing::Contains(warning["text"]));
+    if (warning["code"] == "force_limit") text = warning["text"];
+  }
+  ASSERT_NE(text, "");
+  EXPECT_THAT(answer.err, HasSubstr("haptrace: force limited: "));
+  EXPECT_EQ(RecordingReader(file).header().warnings, json["warnings"]);
+  EXPECT_THAT(haptrace("info", file).out, HasSubstr(text));
+  EXPECT_EQ(haptrace("info", file, "--json").json()["warnings"], json["warnings"]);
+  EXPECT_EQ(haptrace("check", file).exit_code, 0);
+  EXPECT_EQ(haptrace("report", file, "-o", page).exit_code, 0);
+  std::ifstream html(page);
+  const std::string shown(std::istreambuf_iterator<char>(html), {});
+  EXPECT_THAT(shown, HasSubstr("orce limited"));
+}
+
+TEST(Play, SaysWhichLawAndProfileItUsed) {
+  const TempFolder folder;
+  const std::string path = square(folder), profile = folder / "falcon.json";
+  const Answer before = haptrace("play", path, "--device", kFalcon);
+  EXPECT_THAT(before.err, HasSubstr("haptrace calibrate --device sim:preset=falcon"));
+  EXPECT_THAT(before.out, HasSubstr("PD alone"));
+  EXPECT_THAT(before.out, HasSubstr("profile: none"));
+  EXPECT_THAT(haptrace("play", path, "--device", kFalcon, "--no-profile").err, Not(HasSubstr("haptrace calibrate")));
+
+  ASSERT_EQ(haptrace("calibrate", "--device", kFalcon, "-o", profile).exit_code, 0);
+  const Answer after = haptrace("play", path, "--device", kFalcon, "--profile", profile);
+  EXPECT_EQ(after.exit_code, 0) << after.err;
+  EXPECT_THAT(after.out, HasSubstr("PD with inertia, gravity, friction, observer"));
+  EXPECT_THAT(after.out, HasSubstr("profile: " + profile));
+  EXPECT_THAT(after.err, Not(HasSubstr("haptrace calibrate")));
+}
+
+TEST(Play, RefusesToLoopAndToCountRepetitionsAtOnce) {
+  const TempFolder folder;
+  const Answer answer = haptrace("play", square(folder), "--device", kFalcon, "--loop", "--repeat", "3");
+  EXPECT_EQ(answer.exit_code, 2);
+  EXPECT_THAT(answer.err, HasSubstr("--loop repeats until Ctrl+C and --repeat 3 does not"));
+}
+
+/// The commands of the README's first session, in order, without their comments.
+std::vector<std::vector<std::string>> first_session() {
+  std::ifstream readme(HAPTRACE_README);
+  std::vector<std::vector<std::string>> commands;
+  bool inside = false;
+  for (std::string line; std::getline(readme, line);) {
+    if (line.starts_with("## ")) inside = line == "## A first session";
+    if (!inside || !line.starts_with("    haptrace ")) continue;
+    std::istringstream parts(std::regex_replace(line.substr(4), std::regex("   +.*"), ""));  // a comment is set off
+    std::vector<std::string> words;
+    for (std::string word; parts >> std::quoted(word, '\'');) {
+      if (word == "haptrace") {
+        commands.emplace_back();
+      } else if (word != ";") {
+        commands.back().push_back(word);
+      }
+    }
+  }
+  return commands;
+}
+
+TEST(Readme, ItsFirstSessionRunsWithoutAWarning) {
+  const TempFolder folder;
+  const std::vector<std::vector<std::string>> commands = first_session();
+  ASSERT_GT(commands.size(), 10U) << HAPTRACE_README;
+  // A plug-in of the reader's own becomes a simulated device in the hand that the command is for; both are in virtual
+  // time, so that the machine's speed does not matter.
+  const auto stand_in = [](const std::string& verb) {
+    if (verb == "play") return "sim:preset=falcon,hand=relaxed,seed=3";
+    return verb == "guide" ? "sim:preset=falcon,hand=firm,seed=4,intent=mine.h5"
+                           : "sim:preset=falcon,hand=firm,seed=4,intent=square.h5";
+  };
+  for (std::vector<std::string> words : commands) {
+    const std::string verb = words.front();
+    SCOPED_TRACE(testing::PrintToString(words));
+    for (std::string& word : words) {
+      if (word.starts_with("plugin:")) word = stand_in(verb);
+      if (word.starts_with("samples/")) word = std::string(HAPTRACE_SAMPLES) + word.substr(7);
+    }
+    // Shortened: what lasts until Ctrl+C is played once, and what runs for minutes of machine time answers its --help.
+    if (const auto loop = std::find(words.begin(), words.end(), "--loop"); loop != words.end()) words.erase(loop);
+    if (verb == "doctor" || verb == "stability" || verb == "tradeoff" || verb == "run" || verb == "report")
+      words = {verb, "--help"};
+    words.insert(words.begin(), HAPTRACE_COMMAND);
+    const std::string script = R"(cd "$1" && shift && exec "$@")";
+    std::vector<std::string> arguments{"-c", script, "sh", folder.path()};
+    arguments.insert(arguments.end(), words.begin(), words.end());
+    const Answer answer =
+        Command(arguments, Command::Input::none, {"HAPTRACE_PROFILES=" + (folder / "profiles")}, "/bin/sh").wait();
+    EXPECT_EQ(answer.exit_code, 0) << answer.err;
+    EXPECT_THAT(answer.err, Not(HasSubstr("stuck"))) << answer.err;
+    EXPECT_THAT(answer.out, Not(HasSubstr("  warning: "))) << answer.out;
+    EXPECT_THAT(answer.out, Not(HasSubstr("  error: "))) << answer.out;
+  }
+}
+
+}  // namespace
+}  // namespace haptrace

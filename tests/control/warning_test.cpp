@@ -1,0 +1,62 @@
+#include "control/warning.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <set>
+#include <string>
+
+namespace haptrace {
+namespace {
+
+using testing::HasSubstr;
+
+TEST(Warning, EveryEventCodeHasARowOfWords) {
+  // describe() has a line for every code, which the compiler sees to.
+  std::set<std::string> names;
+  std::size_t codes = 0;
+  for (int number = 0; number < 1000; ++number) {
+    const auto code = static_cast<EventCode>(number);
+    if (describe({.code = code}) == "event " + std::to_string(number)) continue;
+    ++codes;
+    const EventWords* words = words_of(code);
+    ASSERT_NE(words, nullptr) << "EventCode " << number << " (" << describe({.code = code})
+                              << ") has no row in kEventWords";
+    EXPECT_TRUE(names.insert(words->name).second) << words->name << " names two codes";
+    EXPECT_EQ(words->severity.has_value(), std::string(words->repeated) != "") << words->name;
+    EXPECT_LT(words->share, 3) << words->name;
+  }
+  EXPECT_EQ(event_words().size(), codes) << "a code has two rows";
+}
+
+TEST(Warning, ReportsSeveralEventsOfAKindAsOne) {
+  EventTally tally;
+  for (int i = 0; i < 14; ++i)
+    tally.push({.time_ns = 3'200'000'000 + i, .code = EventCode::force_limit, .values = {12, 8.9, kNaN}});
+  tally.push({.time_ns = 1, .code = EventCode::mark});
+  const EventTally::Counts& counts = tally.latest();
+  std::size_t kinds = 0;
+  for (std::size_t row = 0; row < event_words().size(); ++row) {
+    if (counts[row].count == 0) continue;
+    ++kinds;
+    const Warning warning = warning_of(event_words()[row], counts[row]);
+    EXPECT_EQ(warning.code, "force_limit");
+    EXPECT_EQ(warning.text, "the force was limited 14 times, first at 3.2 s");
+    EXPECT_DOUBLE_EQ(warning.time, 3.2);
+    EXPECT_EQ(warning.severity, Warning::Severity::warning);
+  }
+  EXPECT_EQ(kinds, 1U);
+}
+
+TEST(Warning, OfOneEventIsItsOwnLine) {
+  const EventWords* words = words_of(EventCode::oscillation);
+  ASSERT_NE(words, nullptr);
+  EventCount events{1, {.time_ns = 450'000'000, .code = EventCode::oscillation, .values = {3e-4, 59, 0.5}}, {}};
+  EXPECT_EQ(warning_of(*words, events).text, "oscillates at 59 Hz, 0.30 mm: gains softened to 50 %, at 0.5 s");
+  events.count = 3;
+  events.last = {.time_ns = 900'000'000, .code = EventCode::oscillation, .values = {3e-4, 59, 0.125}};
+  EXPECT_THAT(warning_of(*words, events).text, HasSubstr("3 times, first at 0.5 s; last: "));
+  EXPECT_THAT(warning_of(*words, events).text, HasSubstr("softened to 12 %"));
+}
+
+}  // namespace
+}  // namespace haptrace
