@@ -1,7 +1,6 @@
 #include "cli/profile.h"
 #include "cli/read_progress.h"
 #include "control/error.h"
-#include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
 #include "formats/json_reader.h"
 #include "formats/output_file.h"
@@ -9,6 +8,7 @@
 #include "player/calibration.h"
 #include "scene/scene_file.h"
 #include "trade/physics.h"
+#include "trade/stand_in.h"
 #include "trade/trade_report.h"
 
 #include <filesystem>
@@ -18,6 +18,7 @@ namespace haptrace::cli {
 namespace {
 
 constexpr double kLongestTried = 30;  // of a path [s]
+constexpr double kUnseenError = 0.2;  // share of a figure, where runs cannot differ
 
 struct TradeoffArguments {
   std::string path, device, budget, output, figure, save, scene;
@@ -85,17 +86,6 @@ std::shared_ptr<const PathSource> busiest(std::shared_ptr<const PathSource> sour
   return source_of(std::move(path), {.from = from, .to = from + kLongestTried});
 }
 
-/// A device that was calibrated, as it can be tried without moving it.
-std::unique_ptr<Device> stand_in(const DeviceInfo& info, const DeviceProfile& profile, std::uint64_t seed) {
-  SimSpec spec = sim_spec_of(profile.plant, profile.facts.max_force);
-  spec.model = info.model;
-  spec.axes = info.force_axes;
-  spec.workspace = {info.workspace_min, info.workspace_max};
-  spec.hand =
-      read_sim_spec({{"mass", 1}, {"hand", hand_preset("relaxed", "the stand-in's hand")}}, "the stand-in").hand;
-  return std::make_unique<SimDevice>(spec, SimOptions{.name = info.name, .seed = seed});
-}
-
 /// What a virtual device is like, found out as `calibrate` does.
 std::optional<DeviceProfile> calibrated_here(Device& device, const Output& output, const StopRequest& stop) {
   const DeviceInfo& info = device.info();
@@ -109,12 +99,19 @@ std::optional<DeviceProfile> calibrated_here(Device& device, const Output& outpu
   return profile_of(info, result, options.session.rate_hz);
 }
 
+/// What the seed of each run is added to.
+std::uint64_t read_own_seed(const DeviceSpec& spec) {
+  return spec.name == "sim" && spec.options.contains("seed") ? read_sim_device(spec).options.seed : 0;
+}
+
 Workplace workplace(const TradeoffArguments& arguments, const Output& output, const StopRequest& stop) {
   DeviceSpec spec = DeviceSpec::parse(arguments.device);
-  const bool seeded = spec.name == "sim" && !spec.options.contains("seed");
-  const auto open = [spec, seeded](std::uint64_t seed) {
+  // The seed of the device is that of the first run: a budget that one hand keeps says nothing of the next.
+  const bool seeded = spec.name == "sim";
+  const std::uint64_t own_seed = read_own_seed(spec);
+  const auto open = [spec, seeded, own_seed](std::uint64_t seed) {
     DeviceSpec one = spec;
-    if (seeded) one.options["seed"] = std::to_string(seed);
+    if (seeded) one.options["seed"] = std::to_string(own_seed + seed);
     return open_device(one);
   };
   Workplace place{.open = open, .path = {}, .profile = {}, .play = {}, .seed = arguments.seed};
@@ -122,8 +119,13 @@ Workplace workplace(const TradeoffArguments& arguments, const Output& output, co
   const DeviceInfo info = device->info();
   for (const std::string& note : info.notes) output.remark(note);
   place.varies = seeded || !info.virtual_time;
-  if (!place.varies && arguments.runs > 1)
-    output.remark("every run of this device is the same: one of each configuration is enough");
+  if (!place.varies) {
+    place.model_error = kUnseenError;
+    output.remark(
+        fmt::format("every run of this device is the same, so its runs show no interval: {:.0f} % either way "
+                    "is assumed",
+                    100 * kUnseenError));
+  }
   place.profile = arguments.profile.find(info, arguments.base.rate_hz, output);
   if (!place.profile && !arguments.profile.none && info.virtual_time)
     place.profile = calibrated_here(*device, output, stop);
@@ -131,9 +133,14 @@ Workplace workplace(const TradeoffArguments& arguments, const Output& output, co
     if (!place.profile)
       throw input_error(fmt::format("nobody knows yet what {} is like; calibrate it: haptrace calibrate --device {}",
                                     info.model, info.name));
-    output.remark(fmt::format("{} does not move: what calibration found out about it is played on, in a relaxed hand",
-                              info.model));
+    output.remark(
+        fmt::format("{} does not move: what calibration found out about it is played on, in a relaxed hand; "
+                    "the intervals count {:.0f} % either way for what the model leaves out",
+                    info.model, 100 * kStandInError));
+    if (!(info.max_force > 0))
+      output.remark(fmt::format("{} states no largest force: {:g} N are assumed", info.model, kUnstatedForce));
     place.device_in_tick = false;
+    place.model_error = kStandInError;
     place.open = [info, profile = *place.profile](std::uint64_t seed) { return stand_in(info, profile, seed); };
   }
   {
@@ -180,7 +187,7 @@ std::optional<Explanation> explain_simulation(const TradeoffArguments& arguments
   const SimParts parts = read_sim_device(device);
   const auto make = [&](const SimSpec& spec, std::uint64_t seed) -> std::unique_ptr<Device> {
     SimOptions one = parts.options;
-    if (!device.options.contains("seed")) one.seed = seed;
+    one.seed = read_own_seed(device) + seed;
     return std::make_unique<SimDevice>(spec, one);
   };
   // Learning would learn what is left out.

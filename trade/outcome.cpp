@@ -6,6 +6,7 @@
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <fmt/format.h>
+#include <limits>
 
 namespace haptrace {
 namespace {
@@ -38,7 +39,10 @@ Estimate Estimate::of(const std::vector<double>& values) {
   for (const double value : values) sum += value;
   Estimate estimate{.mean = sum / n};
   if (!std::isfinite(sum)) return {.mean = std::numeric_limits<double>::infinity()};
-  if (values.size() < 2) return estimate;
+  if (values.size() < 2) {
+    estimate.half_width = std::numeric_limits<double>::infinity();
+    return estimate;
+  }
   double squares = 0;
   for (const double value : values) squares += (value - estimate.mean) * (value - estimate.mean);
   const boost::math::students_t distribution(n - 1);

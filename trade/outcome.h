@@ -11,7 +11,7 @@
 
 namespace haptrace {
 
-/// A mean over runs, and half of its 95 % interval (Student's t); 0 for fewer than two runs.
+/// A mean over runs, and half of its 95 % interval (Student's t): infinite for one run, which says nothing of others.
 struct Estimate {
   double mean = kNaN, half_width = 0;
 

@@ -16,12 +16,12 @@ std::string number_or(double value, const char* format, const char* otherwise = 
 
 std::string table_row(const std::string& name, const Outcome& o, const char* mark = " ") {
   if (!o.ran()) return fmt::format("  {}{:<22} refused: {}\n", mark, name, o.refused);
-  return fmt::format(
-      "  {}{:<22} {:>7.4f} +-{:<7.4f} {:>7.3f}  {:>6} {:>7.3f}  {:>5}  {:>7}  {:>7}  {:>6}  {:>6}  {:>5}\n", mark, name,
-      1e3 * o.error.mean, 1e3 * o.error.half_width, 1e3 * o.peak.mean, number_or(o.force.mean, "{:.3f}"), o.ripple.mean,
-      number_or(o.margin, o.margin >= 4 ? ">={:.0f}" : "{:.2f}"), number_or(1e9 * o.control, "{:.0f}"),
-      number_or(o.instructions, "{:.0f}"), number_or(1e6 * o.tick, "{:.2f}"), number_or(1e3 * o.start, "{:.2f}"),
-      number_or(1e-6 * o.bytes_per_hour, "{:.0f}"));
+  return fmt::format("  {}{:<22} {:>7.4f} +-{:<7} {:>7.3f}  {:>6} {:>7.3f}  {:>5}  {:>7}  {:>7}  {:>6}  {:>6}  {:>5}\n",
+                     mark, name, 1e3 * o.error.mean, number_or(1e3 * o.error.half_width, "{:.4f}", "?"),
+                     1e3 * o.peak.mean, number_or(o.force.mean, "{:.3f}"), o.ripple.mean,
+                     number_or(o.margin, o.margin >= 4 ? ">={:.0f}" : "{:.2f}"), number_or(1e9 * o.control, "{:.0f}"),
+                     number_or(o.instructions, "{:.0f}"), number_or(1e6 * o.tick, "{:.2f}"),
+                     number_or(1e3 * o.start, "{:.2f}"), number_or(1e-6 * o.bytes_per_hour, "{:.0f}"));
 }
 
 std::string table_head(const char* name) {
@@ -101,7 +101,12 @@ nlohmann::json predicted_by(const Outcome& outcome) {
           {"force_ripple_n", json_of_number(outcome.ripple.mean)},
           {"max_force_n", json_of_number(outcome.max_force.mean)},
           {"tick_s", {{"p50", json_of_number(outcome.tick)}}},
-          {"duration_s", outcome.duration}};
+          {"duration_s", outcome.duration},
+          {"confidence", 0.95},
+          {"half_width",
+           {{"rms_error_m", json_of_number(outcome.rms_error.half_width)},
+            {"peak_error_m", json_of_number(outcome.peak_error.half_width)},
+            {"force_ripple_n", json_of_number(outcome.ripple.half_width)}}}};
 }
 
 nlohmann::json to_json(const TermPrice& price) {
@@ -125,6 +130,8 @@ nlohmann::json to_json(const Choice& choice, const Budget& budget) {
   if (!choice.binding.empty()) {
     json["binding"] = choice.binding;
     json["binding_ratio"] = json_of_number(choice.binding_ratio);
+    if (!choice.excludes.empty()) json["excludes"] = choice.excludes;
+    json["implied"] = choice.implied;
   }
   if (choice.storage) json["storage"] = choice.storage->name;
   if (choice.cheaper) json["cheaper"] = to_json(*choice.cheaper);
@@ -181,6 +188,16 @@ std::string text_of(const TradeReport& report) {
   return text;
 }
 
+namespace {
+
+/// How much of its tightest bound the choice uses.
+std::string used(const Choice& choice) {
+  if (!std::isfinite(choice.binding_ratio)) return "its value is not known";
+  return fmt::format("{:.0f} % of it {} used", 100 * choice.binding_ratio, choice.kept ? "is" : "would be");
+}
+
+}  // namespace
+
 std::string text_of(const Choice& choice, const Budget& budget) {
   const Outcome& o = choice.outcome;
   std::string text = fmt::format("\n{} {}:\n  {}\n",
@@ -188,17 +205,26 @@ std::string text_of(const Choice& choice, const Budget& budget) {
                                  to_string(budget), describe(o.configuration));
   if (!choice.kept)
     text = fmt::format("\nnothing keeps {}; the nearest is\n  {}\n", to_string(budget), describe(o.configuration));
-  text += fmt::format("  predicted: rms {:.4f} mm, peak {:.4f} mm, ripple {:.3f} N, tick {}\n", 1e3 * o.rms_error.mean,
-                      1e3 * o.peak_error.mean, o.ripple.mean, text_of(Measure::tick, o.tick));
+  const auto interval = [](const Estimate& estimate, double scale, int digits) {
+    return fmt::format("{:.{}f} +-{}", estimate.mean / scale, digits,
+                       number_or(estimate.half_width / scale, digits == 3 ? "{:.3f}" : "{:.4f}", "?"));
+  };
+  text += fmt::format("  predicted: rms {} mm, peak {} mm, ripple {} N (95 % intervals, {} runs), tick {}\n",
+                      interval(o.rms_error, 1e-3, 4), interval(o.peak_error, 1e-3, 4), interval(o.ripple, 1, 3), o.runs,
+                      text_of(Measure::tick, o.tick));
+  for (const std::string& bound : choice.implied)
+    text += fmt::format("  {} was kept as well: {}\n", bound,
+                        bound.starts_with("ripple") ? "the ripple of the plain law, since the budget does not bound it"
+                                                    : "gains need a reserve for other hands");
   if (choice.storage) text += fmt::format("  recordings are stored {}\n", choice.storage->name);
-  if (!choice.binding.empty())
-    text += fmt::format("  {} binds: {:.0f} % of it {}\n", choice.binding, 100 * choice.binding_ratio,
-                        choice.kept ? "is used" : "would be used");
+  if (!choice.binding.empty()) text += fmt::format("  the tightest bound is {}: {}\n", choice.binding, used(choice));
   const auto step = [&](const char* which, const Outcome& other) {
     const double load = other.load() / o.load() - 1, error = other.error.mean / o.error.mean - 1;
     text += fmt::format("  the next {}: load {:+.0f} %, error {:+.0f} %: {}\n", which, 100 * load, 100 * error,
                         describe(other.configuration));
   };
+  if (!choice.excludes.empty())
+    text += fmt::format("  the next {} breaks {}\n", budget.bounds_accuracy() ? "cheaper" : "dearer", choice.excludes);
   if (choice.cheaper) step("cheaper", *choice.cheaper);
   if (choice.dearer) step("dearer", *choice.dearer);
   return text;

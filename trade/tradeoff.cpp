@@ -32,6 +32,13 @@ std::string key_of(const Configuration& c) {
   return fmt::format("{} {} {} {} {}", c.rate_hz, tick_key(c), c.learn, c.thin, c.speed);
 }
 
+/// The PD law alone.
+Configuration plain_of(Configuration base) {
+  base.with = {};
+  base.learn = 0;
+  return base;
+}
+
 struct LevelOfKnob {
   std::string level;
   Configuration configuration;
@@ -91,9 +98,7 @@ std::vector<KnobOfPlay> knobs_of_play(const Workbench& bench, const TradeOptions
   if (bench.calibrated()) {
     KnobOfPlay without{.name = "without", .what = "a compensation left out", .levels = without_each_term(base)};
     without.levels.insert(without.levels.begin(), {"nothing", base});
-    Configuration plain = base;
-    plain.with = {};
-    plain.learn = 0;
+    const Configuration plain = plain_of(base);
     without.levels.push_back({"all", plain});
     knobs.push_back(without);
     // The observer answers what the estimator would: without it, the estimator counts.
@@ -300,6 +305,13 @@ std::vector<Outcome> front_of(const std::vector<Outcome>& all, double speed) {
   return front;
 }
 
+/// Whether more runs would say little more about the error and the ripple.
+bool interval_known(const Outcome& outcome, double model_error) {
+  const double most = std::hypot(kKnownInterval, model_error);
+  return outcome.error.half_width <= most * outcome.error.mean &&
+         outcome.ripple.half_width <= most * outcome.ripple.mean;
+}
+
 /// The knobs that change what a combination costs by little, turned one at a time.
 std::vector<Configuration> refinements(const Configuration& base, const Workbench& bench) {
   std::vector<Configuration> all;
@@ -344,7 +356,9 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
   finest.interpolation = Interpolation::quintic;
   finest.thin = 1;
   if (bench.profile_at(kFinestRate) || !bench.calibrated()) finest.rate_hz = std::max(kFinestRate, finest.rate_hz);
-  bench.measure_forces_against(finest, options.runs * kFrontRuns, stop);
+  const bool varies = bench.place().varies;
+  const std::size_t least_runs = varies ? std::max(options.runs * kFrontRuns, kLeastRuns) : 1;
+  bench.measure_forces_against(finest, least_runs, stop);
 
   Trials trials(bench, options.threads, stop);
   const std::vector<KnobOfPlay> knobs = knobs_of_play(bench, options);
@@ -389,6 +403,8 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
       report.sweeps.push_back(std::move(sweep));
     }
     if (const Outcome* base = trials.find(options.base)) report.base = *base;
+    if (const Outcome* plain = trials.find(plain_of(options.base)); plain != nullptr && plain->ran())
+      report.plain = *plain;
   };
   const auto gather_front = [&] {
     report.tried = trials.all();
@@ -420,8 +436,15 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
     price_all();
     std::vector<Configuration> on_front;
     for (const Outcome& outcome : front_of(trials.all(), options.base.speed)) on_front.push_back(outcome.configuration);
-    report.complete =
-        trials.run(on_front, options.runs * kFrontRuns, stage("making sure", 0.88, 0.96)) && report.complete;
+    std::vector<Configuration> unsure = on_front;
+    unsure.push_back(plain_of(options.base));
+    for (std::size_t times = 1; times <= kMostRepeats && !unsure.empty() && stop.count() == 0; times *= 2) {
+      report.complete = trials.run(unsure, times * least_runs, stage("making sure", 0.88, 0.96)) && report.complete;
+      std::erase_if(unsure, [&](const Configuration& configuration) {
+        const Outcome* outcome = trials.find(configuration);
+        return outcome == nullptr || !outcome->ran() || !varies || interval_known(*outcome, bench.place().model_error);
+      });
+    }
     price_all();
     time_ticks(on_front, stage("timing the best", 0.96, 0.98));
     find_margins(on_front, stage("finding their margins", 0.98, 1));
@@ -429,7 +452,9 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
   gather_front();
   // Only what was tried often enough to be believed.
   if (options.search && report.complete)
-    std::erase_if(report.front, [&](const Outcome& outcome) { return outcome.runs < options.runs * kFrontRuns; });
+    std::erase_if(report.front, [&](const Outcome& outcome) { return outcome.runs < least_runs; });
+  if (const Outcome* plain = trials.find(plain_of(options.base)); plain != nullptr && plain->ran())
+    report.plain = *plain;
   report.complete = report.complete && stop.count() == 0;
   return report;
 }
@@ -453,11 +478,11 @@ Choice choose_from(const std::vector<Outcome>& front, const Budget& budget, bool
   choice.outcome = front[chosen];
   if (chosen > 0) choice.cheaper = front[chosen - 1];
   if (chosen + 1 < front.size()) choice.dearer = front[chosen + 1];
-  // The bound that binds is the one that what is cheaper (or, where costs bind, dearer) would exceed the most.
-  const std::optional<Outcome>& next = exactly ? choice.dearer : choice.cheaper;
-  const auto tightest = *budget.tightest(choice.kept && next && !budget.kept(*next) ? *next : choice.outcome);
+  const auto tightest = *budget.tightest(choice.outcome);
   choice.binding = to_string(*tightest.bound);
-  choice.binding_ratio = tightest.bound->ratio(choice.outcome);
+  choice.binding_ratio = tightest.ratio;
+  const std::optional<Outcome>& next = exactly ? choice.dearer : choice.cheaper;
+  if (choice.kept && next && !budget.kept(*next)) choice.excludes = to_string(*budget.tightest(*next)->bound);
   return choice;
 }
 
@@ -488,11 +513,19 @@ void weigh_recordings(TradeReport& report) {
   weigh_one(report.base);
 }
 
-std::optional<Choice> choose(const TradeReport& report, const Budget& asked) {
-  if (!report.complete || report.front.empty()) return std::nullopt;
-  Budget budget = asked;
-  if (!budget.limits(Measure::margin)) budget.bounds.push_back({Measure::margin, kLeastMargin});
-  const bool exactly = !asked.bounds_accuracy();
+namespace {
+
+/// The bounds that `asked` does not name and every choice keeps.
+Budget implied_bounds(const TradeReport& report, const Budget& asked) {
+  Budget implied;
+  if (!asked.limits(Measure::margin)) implied.bounds.push_back({Measure::margin, kLeastMargin});
+  if (asked.limits(Measure::ripple) || !report.plain) return implied;
+  const double ripple = value_of(*report.plain, Measure::ripple);
+  if (std::isfinite(ripple) && ripple > 0) implied.bounds.push_back({Measure::ripple, ripple});
+  return implied;
+}
+
+std::optional<Choice> choose_within(const TradeReport& report, const Budget& budget, bool exactly) {
   const SideTrade* storage = storage_of(report);
   if (!budget.limits(Measure::bytes) || storage == nullptr) return choose_from(report.front, budget, exactly);
   std::optional<Choice> choice;
@@ -505,6 +538,19 @@ std::optional<Choice> choose(const TradeReport& report, const Budget& asked) {
     // What a coarser way to store does not bring nearer is stored as it was.
     if (!choice || budget.tightest(with.outcome)->ratio < budget.tightest(choice->outcome)->ratio) choice = with;
   }
+  return choice;
+}
+
+}  // namespace
+
+std::optional<Choice> choose(const TradeReport& report, const Budget& asked) {
+  if (!report.complete || report.front.empty()) return std::nullopt;
+  const Budget implied = implied_bounds(report, asked);
+  Budget budget = asked;
+  budget.bounds.insert(budget.bounds.end(), implied.bounds.begin(), implied.bounds.end());
+  std::optional<Choice> choice = choose_within(report, budget, !asked.bounds_accuracy());
+  if (choice)
+    for (const Bound& bound : implied.bounds) choice->implied.push_back(to_string(bound));
   return choice;
 }
 

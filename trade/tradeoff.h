@@ -23,6 +23,11 @@ struct TradeOptions {
 
 inline constexpr std::size_t kFrontRuns = 2;
 
+/// Configurations on the front are run until half of the interval of error and ripple is at most this share of them, at
+/// least kLeastRuns and at most kMostRepeats times kFrontRuns as often as was asked.
+inline constexpr double kKnownInterval = 0.1;
+inline constexpr std::size_t kLeastRuns = 4, kMostRepeats = 4;
+
 /// One level of a knob. Its outcome is that of the base with this level.
 struct KnobLevel {
   std::string level;
@@ -58,8 +63,10 @@ struct Explanation {
 struct Choice {
   Outcome outcome;
   bool kept = false;         ///< else it is the nearest that can be had
-  std::string binding;       ///< the bound that binds, as in "error<=0.1mm"; empty without one
+  std::string binding;       ///< the tightest bound, as in "error<=0.1mm"; empty without one
   double binding_ratio = 0;  ///< of the value that is expected to the bound
+  std::string excludes;  ///< the bound that the next cheaper (where only costs are bounded, dearer) one breaks, or ""
+  std::vector<std::string> implied;  ///< bounds that the budget does not name
   std::optional<StorageLevel>
       storage;                     ///< of recordings, when the budget bounds their size: the quickest that keeps it
   std::optional<Outcome> cheaper;  ///< the next on the front that costs less, if there is one
@@ -72,6 +79,7 @@ struct TradeReport {
   double path_duration = 0;  ///< [s]
   bool calibrated = false;
   Outcome base;
+  std::optional<Outcome> plain;  ///< the PD law alone at the base's rate, when it could be played
   std::vector<KnobSweep> sweeps;
   std::vector<SideTrade> sides;
   std::vector<Outcome> tried;  ///< every combination, in the order of trying
@@ -100,6 +108,9 @@ void weigh_recordings(TradeReport& report);
 /// budget itself bounds the margin.
 inline constexpr double kLeastMargin = 1.4;
 
+/// A budget that does not bound the ripple keeps that of the plain law at the base's rate, as far as that was played: a
+/// small error alone can be had by forces that buzz.
+///
 /// From the front: the cheapest that keeps the budget, or if that bounds nothing but costs the most exact that does;
 /// where none does, the one whose worst bound is exceeded by the least factor. Nothing of a report that is not
 /// complete, or whose front is empty. A bound on the bytes of a recording needs the trade of storage among the report's

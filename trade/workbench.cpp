@@ -272,13 +272,19 @@ Outcome Workbench::judge(const Configuration& configuration, std::size_t runs) c
     outcome.refused = refused.what();
     return outcome;
   }
-  outcome.error = Estimate::of(error);
-  outcome.peak = Estimate::of(peak);
-  outcome.rms_error = Estimate::of(rms);
-  outcome.peak_error = Estimate::of(measured_peak);
-  if (!force.empty()) outcome.force = Estimate::of(force);
-  outcome.ripple = Estimate::of(ripple);
-  outcome.max_force = Estimate::of(max_force);
+  const auto estimate = [&](const std::vector<double>& values) {
+    Estimate of = Estimate::of(values);
+    if (!place_.varies) of.half_width = 0;
+    of.half_width = std::hypot(of.half_width, place_.model_error * of.mean);
+    return of;
+  };
+  outcome.error = estimate(error);
+  outcome.peak = estimate(peak);
+  outcome.rms_error = estimate(rms);
+  outcome.peak_error = estimate(measured_peak);
+  if (!force.empty()) outcome.force = estimate(force);
+  outcome.ripple = estimate(ripple);
+  outcome.max_force = estimate(max_force);
   return outcome;
 }
 

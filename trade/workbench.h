@@ -24,7 +24,8 @@ struct Workplace {
   std::optional<DeviceProfile> profile;    ///< of the device: without it there is nothing but a PD law
   PlayOptions play;                        ///< limits, fit, smoothing; without recording, sinks and tuning
   std::uint64_t seed = 1;                  ///< of the first run; further runs count up
-  bool varies = true;                      ///< runs of different seeds differ
+  bool varies = true;                      ///< runs of different seeds differ; else one run is all there is
+  double model_error = 0;                  ///< share by which `open` may miss the device, which widens every interval
   bool device_in_tick = true;              ///< ticks are told with the device's exchange; else without
 };
 

@@ -1,5 +1,10 @@
+#include "control/tracking_design.h"
+#include "devices/registry.h"
+#include "formats/device_profile.h"
+#include "formats/rfc3339.h"
 #include "tests/cli/command.h"
 
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -42,6 +47,67 @@ TEST(TradeoffCommand, ChoosesAConfigurationThatHoldsWhenItIsUsed) {
                      folder / "t-config.json", "--time-limit", "3", "-q")
                 .exit_code,
             0);
+}
+
+/// As calibration would leave a profile of a device that is not virtual.
+std::string write_profile(const std::string& device, const PlantModel& plant, const std::string& file) {
+  const auto opened = open_device(device);
+  const DeviceInfo& info = opened->info();
+  EXPECT_FALSE(info.virtual_time);
+  save_profile({.device = {.backend = info.backend, .model = info.model, .serial = info.serial},
+                .facts = {.max_force = info.max_force,
+                          .position_resolution = info.position_resolution,
+                          .workspace = {info.workspace_min, info.workspace_max}},
+                .created = rfc3339(std::chrono::system_clock::now()),
+                .software = "test",
+                .plant = plant,
+                .half_width = {},
+                .reason = {},
+                .design = design_tracking(plant, {.max_force = info.max_force})},
+               file, true);
+  return file;
+}
+
+PlantModel falcon_like_plant() {
+  PlantModel plant;
+  plant.mass = Vec3::Constant(0.4);
+  plant.viscous = Vec3::Constant(1.8);
+  plant.coulomb = Vec3::Constant(0.7);
+  plant.delay = 1.5e-3;
+  plant.position_resolution = 5e-5;
+  return plant;
+}
+
+void expect_a_choice(const std::string& device, const PlantModel& plant, const char* shape) {
+  const TempFolder folder;
+  const std::string path = folder / "path.h5";
+  ASSERT_EQ(haptrace("shape", shape, "--size", "0.02", "--duration", "1", "-o", path).exit_code, 0);
+  const std::string profile = write_profile(device, plant, folder / "profile.json");
+  const Answer answer = haptrace("tradeoff", path, "--device", device, "--profile", profile, "--budget",
+                                 "error<=5mm, margin>=0.5", "--rates", "1000", "--learn", "0", "--runs", "1",
+                                 "--no-instructions", "-o", folder / "t.json", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const nlohmann::json json = answer.json(), outcome = json["choice"]["outcome"];
+  EXPECT_EQ(json["choice"]["kept"], true);
+  // Nothing was measured on the device: the interval counts what a model leaves out, also of one run.
+  ASSERT_TRUE(outcome["error_m"]["half_width"].is_number());
+  EXPECT_GT(outcome["error_m"]["half_width"], 0.2 * outcome["error_m"]["mean"].get<double>());
+  EXPECT_GE(outcome["runs"], 4);
+  EXPECT_EQ(json["predicted"]["confidence"], 0.95);
+  EXPECT_EQ(json["predicted"]["half_width"]["rms_error_m"], outcome["rms_error_m"]["half_width"]);
+  EXPECT_THAT(answer.err, HasSubstr("for what the model leaves out"));
+}
+
+TEST(TradeoffCommand, TriesWhatCalibrationFoundOutAboutADeviceThatIsNotVirtual) {
+  expect_a_choice("falcon:emulated=true,hand=relaxed", falcon_like_plant(), "circle");
+}
+
+TEST(TradeoffCommand, TriesADeviceOfOneAxis) {
+  PlantModel plant = falcon_like_plant();
+  plant.mass = Vec3(0.2, 0, 0);
+  plant.viscous = Vec3(1, 0, 0);
+  plant.coulomb = Vec3(0.1, 0, 0);
+  expect_a_choice("plugin:path=" SLIDE_PLUGIN, plant, "line");
 }
 
 TEST(TradeoffCommand, RefusesBeforeItWorks) {

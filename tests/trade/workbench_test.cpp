@@ -87,6 +87,21 @@ TEST(Workbench, GivesWhatPlayTells) {
   EXPECT_NEAR(outcome.error.mean, played.last.rms_error, 1e-9);
 }
 
+TEST(Workbench, WidensIntervalsByWhatAModelMayMissAndKnowsNoneOfOneRun) {
+  Workplace place = small_workplace();
+  const Outcome sure = Workbench(place).judge(full_configuration(), 2);
+  EXPECT_EQ(Workbench(place).judge(full_configuration(), 1).error.half_width, std::numeric_limits<double>::infinity());
+  place.model_error = 0.3;
+  const Outcome unsure = Workbench(place).judge(full_configuration(), 2);
+  ASSERT_TRUE(unsure.ran());
+  EXPECT_EQ(unsure.error.mean, sure.error.mean);
+  EXPECT_DOUBLE_EQ(unsure.error.half_width, std::hypot(sure.error.half_width, 0.3 * sure.error.mean));
+  // Where every run is the same, the model's error is all there is.
+  place.varies = false;
+  const Outcome one = Workbench(place).judge(full_configuration(), 1);
+  EXPECT_DOUBLE_EQ(one.error.half_width, 0.3 * one.error.mean);
+}
+
 TEST(Workbench, JudgesByThePathThatWasGivenAndNotByTheReferenceThatIsFollowed) {
   const Workbench bench(small_workplace());
   Configuration coarse = full_configuration();
