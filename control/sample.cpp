@@ -39,7 +39,7 @@ constexpr EventWords kEventWords[] = {
     {EventCode::device_lost, "device_lost", kSilent, "", true},  // also warned of while it is waited for
     {EventCode::repetition, "repetition", kSilent},
     {EventCode::mark, "mark", kSilent},
-    {EventCode::paused, "paused", kWarning, "the path waited for the hand"},
+    {EventCode::paused, "paused", kSilent},  // a person asked for it
     {EventCode::resumed, "resumed", kSilent},
     {EventCode::triggered, "triggered", kSilent},
     {EventCode::path_waits, "path_waits", kWarning, "the path waited until it was read"},
@@ -49,6 +49,20 @@ constexpr EventWords kEventWords[] = {
     {EventCode::rotation_limit, "rotation_limit", kSilent, "", true},
     {EventCode::touched, "touched", kSilent},
     {EventCode::left, "left", kSilent},
+    {EventCode::reference_waits, "reference_waits", kWarning, "the reference waited for the hand"},
+    {EventCode::reference_goes_on, "reference_goes_on", kSilent},
+    {EventCode::states_stopped, "states_stopped", kWarning, "the device sent no fresh state, and the force faded out"},
+    {EventCode::states_resumed, "states_resumed", kNote, "fresh states came again"},
+    {EventCode::outside_workspace, "outside_workspace", kSilent, "", true},
+    {EventCode::force_resisted, "force_resisted", kWarning,
+     "the hand resisted the force for longer than it can be held"},
+    {EventCode::resistance_limit, "resistance_limit", kSilent, "", true},
+    {EventCode::vibrates, "vibrates", kWarning, "the force vibrated", false, 2},
+    {EventCode::vibrates_regularly, "vibrates_regularly", kWarning, "the force alternated", false, 2},
+    {EventCode::bounces, "bounces", kWarning, "the tool bounced", false, 2},
+    {EventCode::sways, "sways", kNote, "loop or hand swayed", false, 2},
+    {EventCode::vibration_stays, "vibration_stays", kSilent, "", true, 2},
+    {EventCode::torque_vibrates, "torque_vibrates", kWarning, "the torque vibrated", false, 2},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 

@@ -252,11 +252,13 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   }
   result.servo = report.get();
   servo.join();
+  if (result.servo.vibration.watched) result.gain_share = result.servo.vibration.share;
   if (result.servo.lacks_states())
-    result.remarks.push_back(fmt::format(
-        "the device took only {:.0f} samples per second, the loop asked for {:g}; look at its cable and, on "
-        "a serial port, at the latency timer (haptrace doctor), or ask for a lower --rate",
-        result.servo.achieved_rate(), result.servo.asked_rate));
+    watch.warn(
+        {Warning::Severity::warning, "few_states", kNaN,
+         fmt::format("the device took only {:.0f} samples per second, the loop asked for {:g}; look at its cable "
+                     "and, on a serial port, at the latency timer (haptrace doctor), or ask for a lower --rate",
+                     result.servo.achieved_rate(), result.servo.asked_rate)});
 
   if (auto overruns = overruns_of(result)) watch.warn(std::move(*overruns));
   if (options.conclusions)
