@@ -119,6 +119,7 @@ Verb add_calibrate(CLI::App& app) {
                 .full = arguments->full,
                 .force_share = arguments->force_share,
                 .session = arguments->session.options(arguments->record, effective_config(*verb))};
+            const Signals signals;
             const auto device = arguments->session.open();
             const DeviceInfo& info = device->info();
             const std::string file = arguments->output.empty() ? profile_file(identity_of(info)) : arguments->output;
@@ -128,7 +129,6 @@ Verb add_calibrate(CLI::App& app) {
             note_before(output, options.session, "device", info.notes);
             output.remark(announcement(plan, info));
 
-            const Signals signals;
             const bool real = options.session.clock == ClockChoice::real ||
                               (options.session.clock == ClockChoice::automatic && !info.virtual_time);
             if (real && !arguments->yes && !count_down(output, signals.stop())) {

@@ -1,5 +1,6 @@
 #include "cli/device_check.h"
 
+#include "cli/terminal.h"
 #include "control/error.h"
 #include "devices/conformance.h"
 #include "formats/printable.h"
@@ -51,9 +52,8 @@ class TerminalUser final : public ConformanceUser {
   void found(const LawFinding& finding) override {
     if (!shown_) return;
     const char* const verdicts[] = {"passed", "FAILED", "not tested"};
-    fmt::print("{:<10}  {:<12}  {}: {}\n", verdicts[static_cast<std::size_t>(finding.verdict)], printable(finding.id),
-               printable(finding.law), printable(finding.detail));
-    std::fflush(stdout);
+    write_out(stdout, fmt::format("{:<10}  {:<12}  {}: {}\n", verdicts[static_cast<std::size_t>(finding.verdict)],
+                                  printable(finding.id), printable(finding.law), printable(finding.detail)));
   }
 
  private:
@@ -62,8 +62,7 @@ class TerminalUser final : public ConformanceUser {
   [[nodiscard]] std::string ask(const std::string& words, const std::string& prompt) const {
     const bool waits = is_there();
     if (waits) tcflush(STDIN_FILENO, TCIFLUSH);
-    fmt::print(stderr, "{}{}", words, waits ? prompt : "");
-    std::fflush(stderr);
+    write_out(stderr, words + (waits ? prompt : ""));
     if (!waits) return "";
     std::string line;
     while (stop_.count() == 0) {

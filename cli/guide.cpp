@@ -201,6 +201,7 @@ Verb add_guide(CLI::App& app) {
         };
         const std::shared_ptr<const PathSource> expert = open(arguments->expert);
         for (const std::string& file : arguments->spread) options.spread.push_back(open(file));
+        const Signals signals;
         const auto device = arguments->session.open();
         std::vector<std::string> notes = device->info().notes;
         for (const std::string& note : expert->facts().notes)
@@ -214,7 +215,6 @@ Verb add_guide(CLI::App& app) {
         note_before(output, options.session, "plan", plan.notes);
         notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
 
-        const Signals signals;
         const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
                         arguments->session.mark_texts, nullptr, arguments->session.keys);
         const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);

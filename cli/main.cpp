@@ -1,11 +1,14 @@
 // haptrace: records what a hand does with a force-feedback device, and plays it back.
+#include "cli/terminal.h"
 #include "cli/verb.h"
 #include "control/error.h"
 #include "formats/printable.h"
 #include "formats/suggest.h"
 
 #include <cstdio>
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 namespace haptrace::cli {
 namespace {
@@ -34,8 +37,8 @@ int exit_code(Error::Kind kind) {
 }
 
 int report(const Output& output, int code, const std::string& message) {
-  if (output.json) fmt::print("{}\n", printable_json({{"error", message}, {"exit_code", code}}));
-  fmt::print(stderr, "haptrace: {}\n", printable_lines(message));
+  if (output.json) write_out(stdout, printable_json({{"error", message}, {"exit_code", code}}) + "\n");
+  write_out(stderr, fmt::format("haptrace: {}\n", printable_lines(message)));
   return code;
 }
 
@@ -106,7 +109,7 @@ int run(int argc, char** argv) {
       if (!config.empty()) apply_config(*verb.app, config);
       return verb.run(output);
     }
-    fmt::print("{}", app.help());
+    write_out(stdout, app.help());
     return kBadInput;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);
@@ -122,5 +125,8 @@ int run(int argc, char** argv) {
 }  // namespace haptrace::cli
 
 int main(int argc, char** argv) {
+  // A file that took the number of a stream that was closed would be written to by every message.
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
+    if (::fcntl(stream, F_GETFD) < 0 && ::open("/dev/null", O_RDWR) < 0) return 1;
   return haptrace::cli::run(argc, argv);
 }

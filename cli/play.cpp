@@ -258,6 +258,7 @@ Verb add_play(CLI::App& app) {
               ReadProgress progress(output, arguments->path);
               return open_path(arguments->path, arguments->along.selection, progress.callback());
             }();
+            const Signals signals;
             const auto device = arguments->session.open();
             std::vector<std::string> notes = device->info().notes;
             for (const std::string& note : path->facts().notes)
@@ -296,7 +297,6 @@ Verb add_play(CLI::App& app) {
             const TuningInputs inputs(arguments->tuning, tuning);
             for (const std::string& hint : inputs.hints()) output.remark(hint);
 
-            const Signals signals;
             const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
                             arguments->session.mark_texts, nullptr, arguments->session.keys, &tuning);
             const double expected = expected_duration(plan, options.playback);

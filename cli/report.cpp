@@ -1,4 +1,5 @@
 #include "cli/read_progress.h"
+#include "cli/terminal.h"
 #include "control/error.h"
 #include "formats/printable.h"
 #include "formats/text_file.h"
@@ -84,7 +85,7 @@ Verb add_report(CLI::App& app) {
               told += arguments->table + "\n";
             }
             if (table_out)
-              fmt::print("{}", printable_lines(report_table(report)));
+              write_out(stdout, printable_lines(report_table(report)));
             else
               output.tell(json, told);
             return kDone;

@@ -306,6 +306,7 @@ Verb add_run(CLI::App& app) {
         const std::string where = resumes ? folder : arguments->programme;
         const Programme programme = programme_from_json(json, where);
 
+        const Signals signals;
         TrialDevices devices(arguments->session, resumes ? log->trials.size() : 0, folder);
         std::optional<DeviceInfo> device;
         if (!arguments->session.device.empty()) device = devices.info();
@@ -337,7 +338,6 @@ Verb add_run(CLI::App& app) {
           options.profile = profile_for(*device, kept, arguments->session.rate_hz, output);
         if (!resumes) log = begin_session(json, where, *plan, *device, options);
 
-        const Signals signals;
         std::atomic<bool> pause{false};
         options.pause = &pause;
         const Keys keys(

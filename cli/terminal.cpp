@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
@@ -65,6 +66,15 @@ std::string cut(std::string_view text, int columns) {
 
 }  // namespace
 
+void write_out(std::FILE* stream, const std::string& text) noexcept {
+  if (std::fwrite(text.data(), 1, text.size(), stream) == text.size() && std::fflush(stream) == 0) return;
+  std::clearerr(stream);
+  const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  if (nowhere < 0) return;
+  (void)::dup2(nowhere, fileno(stream));
+  ::close(nowhere);
+}
+
 int terminal_width() {
   winsize size{};
   if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0) return size.ws_col;
@@ -99,8 +109,7 @@ std::string fitted_line(std::vector<LinePart> parts, int columns) {
 
 void show_line(std::vector<LinePart> parts) {
   // A line that fills the last column makes some terminals wrap.
-  fmt::print(stderr, "{}{}", kReplaceLine, fitted_line(std::move(parts), terminal_width() - 1));
-  std::fflush(stderr);
+  write_out(stderr, kReplaceLine + fitted_line(std::move(parts), terminal_width() - 1));
 }
 
 void show_line(const std::string& text) {
@@ -108,7 +117,7 @@ void show_line(const std::string& text) {
 }
 
 void clear_line() {
-  fmt::print(stderr, "{}", kReplaceLine);
+  write_out(stderr, kReplaceLine);
 }
 
 }  // namespace haptrace::cli

@@ -1,12 +1,17 @@
-// Lines that fit a terminal.
+// What the command writes: to a terminal, a pipe, or nowhere.
 #pragma once
 
+#include <cstdio>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace haptrace::cli {
+
+/// Writes to stdout or stderr. A stream that does not take it (a closed terminal, a pipe without a reader, a full disk)
+/// is silent from then on: it neither throws, nor ends a session with a force in the motors.
+void write_out(std::FILE* stream, const std::string& text) noexcept;
 
 /// Columns of the terminal on standard error, as it is now; without an answer COLUMNS, else 80.
 int terminal_width();

@@ -81,17 +81,17 @@ std::string microseconds(double seconds) {
 
 void Output::tell(const nlohmann::json& json_result, const std::string& text) const {
   if (json)
-    fmt::print("{}\n", printable_json(json_result));
+    write_out(stdout, printable_json(json_result) + "\n");
   else if (!quiet)
-    fmt::print("{}", printable_lines(text));
+    write_out(stdout, printable_lines(text));
 }
 
 void Output::remark(const std::string& text) const {
-  if (!quiet) fmt::print(stderr, "haptrace: {}\n", printable_lines(text));
+  if (!quiet) fault(text);
 }
 
 void Output::fault(const std::string& text) const {
-  fmt::print(stderr, "haptrace: {}\n", printable_lines(text));
+  write_out(stderr, fmt::format("haptrace: {}\n", printable_lines(text)));
 }
 
 void Output::warn(const Warning& warning) const {
@@ -284,15 +284,23 @@ nlohmann::json effective_config(const CLI::App& verb) {
 Signals::Signals() {
   static StopRequest request;
   raised_by_signals = &request;
-  struct sigaction action {};
-  action.sa_handler = on_signal;
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGTSTP}) sigaction(signal, &action, nullptr);
-  // A file size limit and a closed pipe are errors to be told, not reasons to die with a force in the motors.
-  for (const int signal : {SIGXFSZ, SIGPIPE}) ::signal(signal, SIG_IGN);
+  const auto set = [this](int signal, void (*handler)(int)) {
+    struct sigaction action {};
+    action.sa_handler = handler;
+    struct sigaction old {};
+    if (sigaction(signal, &action, &old) == 0) before_.emplace_back(signal, old);
+  };
+  // By default each of these ends the process, or stops it: a process that sleeps leaves its force in the motors.
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF,
+                           SIGXCPU, SIGPOLL, SIGPWR, SIGSTKFLT})
+    set(signal, on_signal);
+  for (int signal = SIGRTMIN; signal <= SIGRTMAX; ++signal) set(signal, on_signal);
+  // A file size limit, a closed pipe and a terminal that refuses a background process are errors of a call.
+  for (const int signal : {SIGXFSZ, SIGPIPE, SIGTTOU, SIGTTIN}) set(signal, SIG_IGN);
 }
 
 Signals::~Signals() {
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGTSTP}) ::signal(signal, SIG_DFL);
+  for (const auto& [signal, old] : before_) sigaction(signal, &old, nullptr);
 }
 
 const StopRequest& Signals::stop() const noexcept {

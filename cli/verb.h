@@ -8,6 +8,7 @@
 #include "player/session.h"
 
 #include <CLI/CLI.hpp>
+#include <csignal>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -107,8 +108,10 @@ void apply_config(CLI::App& verb, const nlohmann::json& config, const std::strin
 /// Every option of the verb with its value in force, as a --config file would hold them.
 nlohmann::json effective_config(const CLI::App& verb);
 
-/// Raised by SIGINT, SIGTERM, SIGHUP and SIGTSTP (a process that sleeps would leave its force in the motors) from its
-/// construction on; one at a time.
+/// From its construction to its end, no signal that can be caught ends or stops the process with a force in the motors:
+/// those that would do so raise a stop request (SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGUSR1, SIGALRM, ...), and
+/// those of a dead pipe, a full quota or a terminal that does not take output are ignored. To be made before a device
+/// is opened, since opening one may move it. One at a time. SIGKILL and SIGSTOP cannot be caught.
 class Signals {
  public:
   Signals();
@@ -116,6 +119,9 @@ class Signals {
   Signals(const Signals&) = delete;
   Signals& operator=(const Signals&) = delete;
   [[nodiscard]] const StopRequest& stop() const noexcept;
+
+ private:
+  std::vector<std::pair<int, struct sigaction>> before_;  ///< to restore
 };
 
 /// Prints notes that were made before the session and makes them the session's first warnings.
