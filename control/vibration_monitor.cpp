@@ -16,7 +16,7 @@ constexpr double kEnergyTime = 0.05;                    // [s]
 constexpr double kLargestForceThatCounts = 12;          // 0.2 of it is felt whatever the device can do [N]
 constexpr double kLargest = 1e12;                       // that single precision can square [N, m]
 constexpr float kLongestHalfCycle = 0.15F;              // [s]
-constexpr float kLongestStep = 5;                       // ticks that a gap counts for
+constexpr float kLongestGapTicks = 5;                   // ticks that a gap counts for
 constexpr float kIdle = 1;                              // without force until nothing is left in the filters [s]
 
 Array single(const Vec3& v) noexcept {
@@ -78,7 +78,7 @@ std::optional<VibrationAlarm> VibrationMonitor::update(const Vec3& sent, const V
   std::optional<VibrationAlarm> alarm;
   if (!std::isfinite(sent.sum() + position.sum() + declared + dt)) return alarm;
   known_ = dt > 1.5F * period_ ? 0 : known_ + 1;
-  dt_ = std::min(static_cast<float>(dt), kLongestStep * period_);
+  dt_ = std::min(static_cast<float>(dt), kLongestGapTicks * period_);
   newest_ = (newest_ + 1) % kPositions;
   positions_[newest_] = single(position);
 

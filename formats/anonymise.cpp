@@ -3,6 +3,7 @@
 #include "formats/printable.h"
 #include "formats/recording_formats.h"
 #include "formats/text_file.h"
+#include "formats/warning_json.h"
 
 #include <algorithm>
 #include <array>
@@ -76,7 +77,7 @@ std::string device_choices(std::string_view text, bool& complete) {
   return kept;
 }
 
-/// The words that describe() uses, in lower case or not, as they come.
+/// The words that describe() and warning_of() use, in lower case or not, as they come.
 const std::set<std::string>& words_of_events() {
   static const std::set<std::string> kWords = [] {
     std::set<std::string> words{"inf", "nan", "e"};
@@ -85,12 +86,17 @@ const std::set<std::string>& words_of_events() {
         const std::string text = describe({0, static_cast<EventCode>(code), {value, value, value}});
         for_each_word(text, [&](std::string_view word) { words.emplace(word); });
       }
+    for (const EventWords& event : event_words())
+      for (const std::uint64_t count : {1, 2}) {
+        const Event one{0, event.code, {1, 1, 1}};
+        for_each_word(warning_of(event, {count, one, one}).text, [&](std::string_view word) { words.emplace(word); });
+      }
     return words;
   }();
   return kWords;
 }
 
-/// True when a text holds numbers and the words of describe() alone: haptrace made it.
+/// True when a text holds numbers and the words of events alone: haptrace made it.
 bool is_made_of_numbers(std::string_view text) {
   bool known = find_invalid_utf8(text) == std::string_view::npos;
   for_each_word(text, [&](std::string_view word) { known = known && words_of_events().contains(std::string(word)); });
@@ -135,6 +141,7 @@ class Anonymised final : public AnonymisedSource {
     if (header_.config.is_null()) header_.config = json::object();
     header_.uuid = new_uuid();
     for (StoredEvent& event : events_) clean(event);
+    clean_warnings();
     const auto keep = [&](const std::string& text, const char* name) {
       if (!text.empty()) report_.kept.emplace_back(name);
     };
@@ -189,6 +196,20 @@ class Anonymised final : public AnonymisedSource {
     if (event.text == plain || (!free && is_made_of_numbers(event.text))) return;
     event.text = plain;
     ++report_.texts;
+  }
+
+  /// Those of events are made of numbers; the others may name files and people.
+  void clean_warnings() {
+    std::vector<Warning> warnings = warnings_from(header_.warnings);
+    for (Warning& warning : warnings) {
+      if ((is_of_event(warning.code) || warning.code == "stopped") && is_made_of_numbers(warning.text)) continue;
+      const bool is_kind = warning.code.size() <= 32 &&
+                           warning.code.find_first_not_of("abcdefghijklmnopqrstuvwxyz_") == std::string::npos;
+      if (!is_kind) warning.code = "other";
+      warning.text = warning.code;
+      ++report_.texts;
+    }
+    header_.warnings = json_of(warnings);
   }
 
   std::unique_ptr<RecordingSource> source_;

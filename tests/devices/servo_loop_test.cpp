@@ -457,8 +457,12 @@ TEST(ServoLoop, LimitsADeviceThatStatesNoContinuousForceWithCautionAndSaysSoOnce
   const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.soft_start = 0}});
   EXPECT_EQ(result.report.cause, StopCause::finished);
   for (const Sample& row : result.log.samples) {
-    if (seconds(row) > 0.1 && seconds(row) < 1.1) EXPECT_NEAR(row.force.norm(), 10, 1e-9);
-    if (seconds(row) > 4.7) EXPECT_LT(row.force.norm(), 1.1 * 3.05);
+    if (seconds(row) > 0.1 && seconds(row) < 1.1) {
+      EXPECT_NEAR(row.force.norm(), 10, 1e-9);
+    }
+    if (seconds(row) > 4.7) {
+      EXPECT_LT(row.force.norm(), 1.1 * 3.05);
+    }
   }
   std::vector<std::string> words;
   for (const Event& event : result.log.events)

@@ -294,7 +294,7 @@ TEST(RecordingWriter, KeepsItsAttributesInTheObjectHeader) {
   H5O_info_t info{};
   ASSERT_GE(H5Oget_info2(file, &info, H5O_INFO_NUM_ATTRS | H5O_INFO_META_SIZE), 0);
   H5Fclose(file);
-  EXPECT_EQ(info.num_attrs, 19U);
+  EXPECT_EQ(info.num_attrs, 20U);
   EXPECT_EQ(info.meta_size.attr.index_size, 0U);
   EXPECT_EQ(info.meta_size.attr.heap_size, 0U);
 }

@@ -68,7 +68,9 @@ TEST(HoldingForce, DecaysWithinSecondsAndThenEndsAPlaybackThatPausesOrSoftens) {
     EXPECT_GT(result.servo.duration, patience);
     EXPECT_LT(result.servo.duration, patience + 10);
     for (const Sample& sample : log.samples)
-      if (seconds_of(sample) > 8) ASSERT_LT(sample.force.norm(), 1.15 * kContinuous) << seconds_of(sample);
+      if (seconds_of(sample) > 8) {
+        ASSERT_LT(sample.force.norm(), 1.15 * kContinuous) << seconds_of(sample);
+      }
   }
 }
 
