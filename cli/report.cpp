@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <optional>
+#include <unistd.h>
 
 namespace haptrace::cli {
 namespace {
@@ -84,10 +85,13 @@ Verb add_report(CLI::App& app) {
               json["csv"] = arguments->table;
               told += arguments->table + "\n";
             }
-            if (table_out)
-              write_out(stdout, printable_lines(report_table(report)));
-            else
+            if (table_out) {
+              // A terminal gets no control characters; a program gets the table as it stands in a file.
+              const std::string rows = report_table(report);
+              write_out(stdout, isatty(STDOUT_FILENO) != 0 ? printable_lines(rows) : rows);
+            } else {
               output.tell(json, told);
+            }
             return kDone;
           }};
 }

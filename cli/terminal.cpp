@@ -79,8 +79,8 @@ int terminal_width() {
   winsize size{};
   if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0) return size.ws_col;
   const char* columns = std::getenv("COLUMNS");  // NOLINT(concurrency-mt-unsafe): nobody sets it
-  const int asked = columns != nullptr ? std::atoi(columns) : 0;
-  return asked > 0 ? asked : 80;
+  const long asked = columns != nullptr ? std::strtol(columns, nullptr, 10) : 0;
+  return asked > 0 && asked < 10'000 ? static_cast<int>(asked) : 80;
 }
 
 int display_width(std::string_view utf8) {

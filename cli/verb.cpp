@@ -19,8 +19,15 @@ namespace {
 
 StopRequest* raised_by_signals = nullptr;
 
-void on_signal(int) {
-  if (raised_by_signals != nullptr) raised_by_signals->raise();
+/// The first request fades the force out, the second ends the session at its next tick. Where no tick comes any more,
+/// in a driver that does not return, the third ends the process: what the device does then is its own, or its
+/// guardian's.
+void on_signal(int signal) {
+  if (raised_by_signals == nullptr) return;
+  raised_by_signals->raise();
+  if (raised_by_signals->count() < 3) return;
+  ::signal(signal, SIG_DFL);
+  ::raise(signal);
 }
 
 std::string text_of(const nlohmann::json& value) {

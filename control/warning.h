@@ -29,8 +29,8 @@ const char* to_string(Warning::Severity severity) noexcept;
 
 /// How the warnings list reports an event of this kind. A new EventCode gets a row in the table beside describe().
 struct EventWords {
-  EventCode code;
-  const char* name;                           ///< Warning::code
+  EventCode code = EventCode::mark;
+  const char* name = "";                      ///< Warning::code
   std::optional<Warning::Severity> severity;  ///< absent: the event is no warning
   const char* repeated = "";  ///< what happens several times, as in "the force was limited"; needed with a severity
   bool stops = false;         ///< the event ends a session; SessionResult warns of the end, whatever its cause

@@ -8,14 +8,14 @@
 namespace haptrace {
 
 /// Homing is done by a hand that pushes the handle, and a device becomes ready in the middle of that push. This watch
-/// answers when the handle has come to rest since: when it has stayed within kRadius for kTime, which tremor does and a
+/// answers when the handle has come to rest since: when it has stayed within kRadius for kRestNs, which tremor does and a
 /// push does not.
 ///
 /// Real-time.
 class RestWatch {
  public:
-  static constexpr double kRadius = 5e-3;                ///< [m]
-  static constexpr std::int64_t kTime_ns = 300'000'000;  ///< [ns]
+  static constexpr double kRadius = 5e-3;               ///< [m]
+  static constexpr std::int64_t kRestNs = 300'000'000;  ///< [ns]
 
   /// The device is not ready: the handle has to come to rest once it is.
   void begin() noexcept {
@@ -30,7 +30,7 @@ class RestWatch {
       place_ = position;
       since_ns_ = now_ns;
     }
-    is_moving_ = now_ns - since_ns_ < kTime_ns;
+    is_moving_ = now_ns - since_ns_ < kRestNs;
     return !is_moving_;
   }
 

@@ -16,6 +16,7 @@ namespace {
 constexpr double kFlightRecord = 0.2;     // [s]
 constexpr double kFaultFade = 0.05;       // over which the last good force fades after a deviation stop [s]
 constexpr double kEventSpacing = 1.0;     // between two events of a limit that binds again and again [s]
+constexpr double kLongestRelease = 2;     // after a request to stop [s]
 constexpr double kLongestWait = 86400;    // for a device that is away or not ready [s]
 constexpr std::int64_t kTicksApart = 10;  // a tick follows another no sooner than this part of the period
 constexpr double kReleasedForce = 1e-3;   // below which there is nothing left to fade [N]
@@ -481,7 +482,10 @@ class ServoLoop::Session {
         scale = fade_.advance(1, dt, limits.soft_start);
         break;
       case Mode::releasing:
-        scale = fade_.advance(0, dt, limits.release);
+        // Who asks for the end gets it, whatever the session's own fade is.
+        scale = fade_.advance(
+            0, dt,
+            report_.cause == StopCause::interrupted ? std::min(limits.release, kLongestRelease) : limits.release);
         break;
       case Mode::fading:
         // What the controller asks for is no longer trusted; what was last sent is, and it fades.

@@ -87,7 +87,7 @@ const std::set<std::string>& words_of_events() {
         for_each_word(text, [&](std::string_view word) { words.emplace(word); });
       }
     for (const EventWords& event : event_words())
-      for (const std::uint64_t count : {1, 2}) {
+      for (const std::uint64_t count : {1U, 2U}) {
         const Event one{0, event.code, {1, 1, 1}};
         for_each_word(warning_of(event, {count, one, one}).text, [&](std::string_view word) { words.emplace(word); });
       }

@@ -268,6 +268,7 @@ class CalibrationController final : public Controller {
     const double most = std::max(plan_.max_force - hum.norm(), 0.0), asked = pull.norm();
     if (asked > most) pull *= most / asked;
     command.wrench.force = pull + hum;
+    command.feedforward = hum;
 
     const double deviation = driven_part(reference.position - state.position).norm();
     if (deviation > plan_.max_deviation && verdict_ == Verdict::none) {

@@ -112,7 +112,7 @@ std::optional<Vec2> TwoDiyDriver::calm() {
   }
   silences_ = count == 0 ? silences_ + 1 : 0;
   if (count == 0) return std::nullopt;  // silence is no nonsense: the board may be late, and keeps its encoders
-  const std::optional<Vec2> newest = newest_of(std::span(answers).first(count));
+  std::optional<Vec2> newest = newest_of(std::span(answers).first(count));
   if (!newest) ++nonsense_;
   return newest;
 }

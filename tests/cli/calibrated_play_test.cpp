@@ -112,7 +112,7 @@ TEST_F(CalibratedPlay, SoftensGainsThatTheDeviceDoesNotBearAndSaysSo) {
            "sim:preset=falcon,hand=none");
   const Answer events = haptrace("info", folder_ / "over.h5", "--json");
   ASSERT_EQ(events.exit_code, 0) << events.err;
-  EXPECT_THAT(events.out + answer.out, HasSubstr("oscillat")) << answer.err;
+  EXPECT_THAT(events.out + answer.out, HasSubstr("feedback softened to")) << answer.err;
 }
 
 TEST_F(CalibratedPlay, MapsTheGainsThatTheDeviceBears) {

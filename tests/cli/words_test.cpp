@@ -86,7 +86,7 @@ TEST(Quiet, HidesWarningsOfASessionThatGoesOn) {
   std::vector<std::string> quiet = words;
   quiet.emplace_back("-q");
   const Answer loud = Command(words).wait();
-  EXPECT_THAT(loud.err, HasSubstr("force limited: "));
+  EXPECT_THAT(loud.err, HasSubstr("the force was limited"));
   EXPECT_THAT(loud.out, HasSubstr("  warning: "));
   EXPECT_EQ(loud.exit_code, 0);
   const Answer silent = Command(quiet).wait();
@@ -114,7 +114,7 @@ TEST(Warnings, ReachTheTerminalTheSummaryTheJsonTheFileAndTheReport) {
     if (warning["code"] == "force_limit") text = warning["text"];
   }
   ASSERT_NE(text, "");
-  EXPECT_THAT(answer.err, HasSubstr("haptrace: force limited: "));
+  EXPECT_THAT(answer.err, HasSubstr("haptrace: the force was limited"));
   EXPECT_EQ(RecordingReader(file).header().warnings, json["warnings"]);
   EXPECT_THAT(haptrace("info", file).out, HasSubstr(text));
   EXPECT_EQ(haptrace("info", file, "--json").json()["warnings"], json["warnings"]);

@@ -105,8 +105,8 @@ TEST(Plant, WithAFieldThatThrowsItOutEndsTheSession) {
     command.wrench.force = -100 * state.position;
     return command;
   });
-  EXPECT_EQ(test::run(device, controller, log).cause, StopCause::not_finite);
-  EXPECT_TRUE(log.has(EventCode::not_finite));
+  EXPECT_EQ(test::run(device, controller, log).cause, StopCause::outside_workspace);
+  EXPECT_TRUE(log.has(EventCode::outside_workspace));
 }
 
 TEST(Friction, IsStableAndPassiveAtAnyStiffness) {

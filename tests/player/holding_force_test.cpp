@@ -81,7 +81,7 @@ TEST(HoldingForce, IsNotRaisedOnTheWayToTheStartWhileItWaitsForTheHand) {
   options.playback.max_deviation = 0.005;
   const SessionResult result = played(circle(0.02), options, log);
   EXPECT_EQ(result.servo.cause, StopCause::resistance);
-  EXPECT_TRUE(log.has(EventCode::paused));
+  EXPECT_TRUE(log.has(EventCode::reference_waits));
   for (const Sample& sample : log.samples) {
     ASSERT_EQ(sample.phase == Phase::stopped ? Phase::approach : sample.phase, Phase::approach);
     // It slows down for a tenth of a second.

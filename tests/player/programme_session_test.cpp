@@ -228,7 +228,7 @@ TEST_F(ProgrammeSession, MakesWallsAsSoftAsTheAssistanceIsLittle) {
 }
 
 TEST_F(ProgrammeSession, LeavesWhoIsFreeAloneWhereverHeIs) {
-  options_.max_deviation = 0.001;
+  options_.max_deviation = 0.1;  // of the way to the start alone
   options_.open = [this](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
     Path beside = load_path(path);
     for (Vec3& p : beside.position) p *= 0.5;

@@ -247,6 +247,7 @@ TEST(Playback, StopsSafelyWhereThePathCannotBeRead) {
   const Path path = wandering(kPlain, 6, 200'000);
   const auto source = std::make_shared<Gated>(path, 100'000, true);
   test::PointMass device;
+  device.mutable_info().max_continuous_force = device.info().max_force;
   PlayOptions options;
   options.gains = PdGains{Vec3::Constant(800), Vec3::Constant(12)};
   options.playback.max_deviation = 1;
@@ -286,6 +287,7 @@ TEST(Playback, StopsBeforeAPieceThatLeavesTheWorkspaceOrIsTooFast) {
     const auto source = std::make_shared<Turning>(path);
     source->scale = scale;
     test::PointMass device;
+    device.mutable_info().max_continuous_force = device.info().max_force;
     PlayOptions options;
     options.gains = PdGains{Vec3::Constant(800), Vec3::Constant(12)};
     options.playback.max_deviation = 1;

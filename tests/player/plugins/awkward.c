@@ -83,6 +83,7 @@ int haptrace_plugin_open(const char* options_json, void** device, haptrace_plugi
   }
   info->position_resolution = option(options_json, "told_quantum", 0);
   info->max_force = 10;
+  info->max_continuous_force = 10;
   info->nominal_rate = 1000;
   return 0;
 }
