@@ -82,8 +82,9 @@ INSTANTIATE_TEST_SUITE_P(
                     held("WhoseHandleHasALittlePlay", R"({"backlash": 3e-5, "handle": 0.1})", 18, 1.2),
                     held("WhoseHandleHasPlay", R"({"backlash": 1e-4, "handle": 0.3})", 18, 1.2),
                     held("WhoseHandleHasMuchPlay", R"({"backlash": 5e-4, "handle": 0.3})", 18, 1.3),
+                    // Its calibration vibrates at 57 Hz with 3 N, is softened for that, and knows it coarsely.
                     held("OfEveryEffectAtOnce",
-                         R"({"inertia": 0.5, "cable": 1, "backlash": 2e-4, "delay": 4, "quantum": 2e-4})", 4, 1.2),
+                         R"({"inertia": 0.5, "cable": 1, "backlash": 2e-4, "delay": 4, "quantum": 2e-4})", 1.5, 1.2),
                     held("OfTwoKilogrammes", R"({"mass": 2})", 18, 1.2),
                     free_of_hands("OfTwoKilogrammesAlone", R"({"mass": 2})", 9, 1.2),
                     free_of_hands("OfThreeKilogrammesAlone", R"({"mass": 3})", 9, 1.2),

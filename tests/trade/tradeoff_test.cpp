@@ -85,9 +85,10 @@ TEST_P(MeasuredTrade, HasAFrontThatNothingBeats) {
                    other.load() < one.load() && other.configuration.learn <= one.configuration.learn)
           << describe(other.configuration) << " beats " << describe(one.configuration);
   }
-  const Outcome& exact = *std::min_element(
+  // Which is the cheapest depends on the machine where times are measured; which errors there are does not.
+  const auto [exact, coarse] = std::minmax_element(
       front.begin(), front.end(), [](const Outcome& a, const Outcome& b) { return a.error.mean < b.error.mean; });
-  EXPECT_LT(exact.error.mean, 0.3 * front.front().error.mean);
+  EXPECT_LT(exact->error.mean, 0.3 * coarse->error.mean);
 }
 
 TEST_P(MeasuredTrade, GivesTheSameToTheLastBitWithOtherThreads) {
@@ -185,6 +186,7 @@ TEST_P(MeasuredTrade, NamesTheBoundOfWhichTheChoiceUsesMost) {
   TradeReport report = *report_;
   report.front.resize(2);
   report.front[0].margin = 1.2;  // the margin rules out what is cheaper
+  report.front[0].error = {.mean = 0.5e-3};
   report.front[1].margin = 4;
   report.front[1].error = {.mean = 0.9e-3};
   const Budget budget = parse_budget("error<=1mm, ripple<=100N");
@@ -256,7 +258,7 @@ TEST_P(MeasuredTrade, TellsJsonAndPeopleAndDrawsAPicture) {
 TEST(Trade, ExplainsWhatEachTermIsGoodFor) {
   const Workbench bench(small_workplace());
   const Explanation explanation =
-      explain(bench, full_configuration(), parse_budget("error<=1mm"), small_options(false, 1), StopRequest{});
+      explain(bench, full_configuration(), parse_budget("error<=1mm"), small_options(true, 1), StopRequest{});
   ASSERT_EQ(explanation.terms.size(), 4U);
   for (const TermPrice& price : explanation.terms) {
     EXPECT_TRUE(price.without.ran()) << price.term;
