@@ -167,16 +167,16 @@ TEST_F(Tuning, ThroughAFileThatComesLaterAndChanges) {
 }
 
 TEST_F(Tuning, ByKeysLivesWithMarksAndIsShown) {
-  Command command(endless({"--record", folder / "a.h5"}), Command::Input::terminal);
-  ASSERT_TRUE(command.says("kp 500 kd 6 [+-olfr]"));
+  Command command(endless({"--record", folder / "a.h5"}), Command::Input::terminal, {"COLUMNS=200"});
+  ASSERT_TRUE(command.says("kp 500 kd 6  [+-olfr]"));
   command.type("+");
-  ASSERT_TRUE(command.says("kp 550 kd 6.6 [+-olfr]"));
+  ASSERT_TRUE(command.says("kp 550 kd 6.6  [+-olfr]"));
   command.type("m]tr+o\n--");
   ASSERT_TRUE(command.says("tuned: kp 500 kd 6"));
   command.type("o");
   ASSERT_TRUE(command.says("key o: error observer"));
   command.type("-");
-  ASSERT_TRUE(command.says("kp 454.545 kd 5.45455 [+-olfr]"));
+  ASSERT_TRUE(command.says("kp 454.545 kd 5.45455  [+-olfr]"));
   command.type("r");
   ASSERT_TRUE(command.says("tuned: reset to kp 500 kd 6"));
   command.type("q");
@@ -188,10 +188,10 @@ TEST_F(Tuning, ByKeysLivesWithMarksAndIsShown) {
 }
 
 TEST_F(Tuning, ByKeysAlsoWithoutARecording) {
-  Command command(endless({}), Command::Input::terminal);
-  ASSERT_TRUE(command.says("kp 500 kd 6 [+-olfr]"));
+  Command command(endless({}), Command::Input::terminal, {"COLUMNS=200"});
+  ASSERT_TRUE(command.says("kp 500 kd 6  [+-olfr]"));
   command.type("m1tp+");
-  ASSERT_TRUE(command.says("kp 550 kd 6.6 [+-olfr]")) << "marks have no place, so that t begins no text";
+  ASSERT_TRUE(command.says("kp 550 kd 6.6  [+-olfr]")) << "marks have no place, so that t begins no text";
   command.type("q");
   EXPECT_EQ(command.wait().exit_code, 130);
 }
