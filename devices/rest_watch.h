@@ -8,8 +8,8 @@
 namespace haptrace {
 
 /// Homing is done by a hand that pushes the handle, and a device becomes ready in the middle of that push. This watch
-/// answers when the handle has come to rest since: when it has stayed within kRadius for kRestNs, which tremor does and a
-/// push does not.
+/// answers when the handle has come to rest since: when it has stayed within kRadius for kRestNs, which tremor does and
+/// a push does not.
 ///
 /// Real-time.
 class RestWatch {

@@ -116,9 +116,10 @@ TEST_F(Tuning, ThroughThePortIsClosedToWhatAPageMakesABrowserSend) {
   const std::string url = "http://127.0.0.1:" + command.word_after("tune on port ") + "/";
   // Bodies that are commands, behind first lines short and long.
   for (const std::string& path : {std::string(), std::string(300, 'a'), std::string(6000, 'a')}) {
-    const Answer page = Command({"--silent", "--http0.9", "--max-time", "20", "--data-binary", "kp 1500\nkp 1500\n", url + path},
-                                Command::Input::none, {}, CURL)
-                            .wait();
+    const Answer page =
+        Command({"--silent", "--http0.9", "--max-time", "20", "--data-binary", "kp 1500\nkp 1500\n", url + path},
+                Command::Input::none, {}, CURL)
+            .wait();
     EXPECT_NE(page.exit_code, 0);
     EXPECT_EQ(page.out, "");
   }
