@@ -102,7 +102,8 @@ int haptrace_plugin_exchange(void* opaque, double dt, const double wrench[6], ha
   if (has(device, "nan") && device->tick == device->fault_tick) state->position[1] = NAN;
   if (has(device, "jump") && due) state->position[0] += 0.03;
   if (has(device, "leaps") && due) state->position[0] = -2e6;
-  const int repeats = (has(device, "repeats") && device->tick % device->fault_tick != 0) || (has(device, "mute") && due);
+  const int repeats =
+      (has(device, "repeats") && device->tick % device->fault_tick != 0) || (has(device, "mute") && due);
   if (!repeats) {
     device->sampled = device->tick;
     memcpy(device->sample, state->position, sizeof device->sample);

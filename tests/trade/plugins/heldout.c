@@ -48,8 +48,7 @@ static double noise(heldout* d) {
 static void invert(heldout* d) {
   const double c = d->coupling, m = d->mass;
   for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j)
-      d->inverse[i][j] = ((i == j ? 1.0 : 0.0) - c / (1 + 2 * c)) / (m * (1 - c));
+    for (int j = 0; j < 3; ++j) d->inverse[i][j] = ((i == j ? 1.0 : 0.0) - c / (1 + 2 * c)) / (m * (1 - c));
 }
 
 uint32_t haptrace_plugin_abi(void) {
@@ -122,8 +121,8 @@ static void step(heldout* d, double h) {
     if (d->hand > 0) {
       /* A resonator driven by white noise: tremor; a slow first-order one: drift. */
       const double w = 6.283185307179586 * d->band, z = 0.15;
-      d->shake[i][1] += h * (-2 * z * w * d->shake[i][1] - w * w * d->shake[i][0]) +
-                        2 * w * sqrt(z * w * h) * d->tremor * noise(d);
+      d->shake[i][1] +=
+          h * (-2 * z * w * d->shake[i][1] - w * w * d->shake[i][0]) + 2 * w * sqrt(z * w * h) * d->tremor * noise(d);
       d->shake[i][0] += h * d->shake[i][1];
       d->wander[i] += -h * 3 * d->wander[i] + sqrt(6 * h) * d->drift * noise(d);
       const double contact = d->grip * (d->x[i] - d->hx[i]) + 4 * (d->v[i] - d->hv[i]);
