@@ -264,7 +264,7 @@ TEST(Trade, ExplainsWhatEachTermIsGoodFor) {
     EXPECT_TRUE(price.without.ran()) << price.term;
     if (price.term != "observer") continue;
     EXPECT_GT(price.error_change, 0);
-    EXPECT_GT(price.control, 0);
+    EXPECT_GT(price.instructions, 0);
   }
   // What is far below the budget can be dropped; nothing can where it is kept by a hair.
   EXPECT_TRUE(std::any_of(explanation.terms.begin(), explanation.terms.end(),
