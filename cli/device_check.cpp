@@ -97,6 +97,7 @@ nlohmann::json to_json(const ConformanceReport& report) {
           {"serial", report.device.serial},
           {"kept", report.kept()},
           {"interrupted", report.interrupted},
+          {"zero_force", to_string(report.zero_force)},
           {"passed", report.count(LawFinding::Verdict::passed)},
           {"failed", report.count(LawFinding::Verdict::failed)},
           {"not_tested", report.count(LawFinding::Verdict::not_tested)},
@@ -139,10 +140,14 @@ int DeviceCheck::run(const std::string& device, const Output& output) const {
   const int failed = report.count(LawFinding::Verdict::failed);
   output.tell(to_json(report), fmt::format("{}: {}; {} passed, {} failed, {} not tested\n", report.device.name,
                                            failed > 0           ? "breaks a law"
-                                           : report.interrupted ? "interrupted; the force is zero"
+                                           : report.interrupted ? "interrupted"
                                                                 : "keeps every law that was tested",
                                            report.count(LawFinding::Verdict::passed), failed,
                                            report.count(LawFinding::Verdict::not_tested)));
+  if (report.zero_force == ZeroForce::failed) {
+    output.fault(describe(report.zero_force));
+    return kNoDevice;
+  }
   if (report.interrupted) return kInterrupted;
   return failed > 0 ? kStopped : kDone;
 }

@@ -2,10 +2,12 @@
 #include "cli/terminal.h"
 #include "cli/verb.h"
 #include "control/error.h"
+#include "devices/loose_thread.h"
 #include "formats/printable.h"
 #include "formats/suggest.h"
 
 #include <cstdio>
+#include <cstdlib>
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
@@ -107,6 +109,7 @@ int run(int argc, char** argv) {
       refuse_extras(*verb.app);
       refuse_invalid_texts(*verb.app);
       if (!config.empty()) apply_config(*verb.app, config);
+      tell_last_words_with([&output](const std::string& words, int code) { (void)report(output, code, words); });
       return verb.run(output);
     }
     write_out(stdout, app.help());
@@ -128,5 +131,8 @@ int main(int argc, char** argv) {
   // A file that took the number of a stream that was closed would be written to by every message.
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
     if (::fcntl(stream, F_GETFD) < 0 && ::open("/dev/null", O_RDWR) < 0) return 1;
-  return haptrace::cli::run(argc, argv);
+  const int code = haptrace::cli::run(argc, argv);
+  if (!haptrace::LooseThread::any_given_up()) return code;
+  std::fflush(nullptr);
+  std::_Exit(code);
 }

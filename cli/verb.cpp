@@ -377,10 +377,13 @@ int conclude(const Output& output, const SessionResult& result) {
   if (!result.recording_error.empty()) output.fault(result.recording_error);
   if (result.ended_by_disk) output.fault("the session ended because the disk is almost full");
   if (result.servo.stopped_by_fault())
-    output.fault(fmt::format("{}the force is zero{}", result.servo.detail.empty() ? "" : result.servo.detail + "; ",
-                             result.recording ? ", the recording keeps what happened" : ""));
+    output.fault(fmt::format("{}{}{}", result.servo.detail.empty() ? "" : result.servo.detail + "; ",
+                             describe(result.zero_force),
+                             result.recording ? "; the recording keeps what happened" : ""));
+  else if (result.zero_force == ZeroForce::failed)
+    output.fault(describe(result.zero_force));
 
-  if (result.servo.cause == StopCause::device_lost) return kNoDevice;
+  if (result.servo.cause == StopCause::device_lost || result.zero_force == ZeroForce::failed) return kNoDevice;
   if (result.servo.stopped_by_fault() || !result.recorded_all()) return kStopped;
   if (result.servo.cause == StopCause::interrupted) return kInterrupted;
   return kDone;

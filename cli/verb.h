@@ -4,6 +4,7 @@
 #include "cli/keys.h"
 #include "control/limits.h"
 #include "devices/registry.h"
+#include "devices/watchdog.h"
 #include "player/live_tuning.h"
 #include "player/session.h"
 
@@ -111,7 +112,8 @@ nlohmann::json effective_config(const CLI::App& verb);
 /// From its construction to its end, no signal that can be caught ends or stops the process with a force in the motors:
 /// those that would do so raise a stop request (SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGUSR1, SIGALRM, ...), and
 /// those of a dead pipe, a full quota or a terminal that does not take output are ignored. To be made before a device
-/// is opened, since opening one may move it. One at a time. SIGKILL and SIGSTOP cannot be caught.
+/// is opened, since opening one may move it. A crash during a session is left to its Watchdog. One at a time. SIGKILL
+/// and SIGSTOP cannot be caught.
 class Signals {
  public:
   Signals();
@@ -121,6 +123,7 @@ class Signals {
   [[nodiscard]] const StopRequest& stop() const noexcept;
 
  private:
+  CrashWatch crashes_;
   std::vector<std::pair<int, struct sigaction>> before_;  ///< to restore
 };
 

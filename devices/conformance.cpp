@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "devices/conformance_probe.h"
+#include "devices/watchdog.h"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -167,7 +168,13 @@ class Examination {
     const auto estimator = make_velocity_estimator("lowpass:100", options_.rate_hz, info_.position_resolution);
     device_->observe(static_cast<std::size_t>(options_.rate_hz * (seconds + 0.5)));
     ServoLoop loop(*device_, controller, *estimator, {}, options);
-    last_ = loop.run(stop_);
+    StopRequest stop(&stop_);
+    const Watchdog watchdog({.pulse = device_->pulse(),
+                             .device = *device_,
+                             .stop = stop,
+                             .keep = {},
+                             .realtime = options.realtime && !options.virtual_time});
+    last_ = loop.run(stop);
     device_->spoil(false);
     steps_.add(device_->rows());
     for (const Exchanged& row : device_->rows()) {
@@ -683,6 +690,7 @@ class Examination {
   void close_and_reopen() {
     DeviceState state;
     (void)device_->exchange({}, 0, state);
+    report_.zero_force = device_->zero_force();
     device_->close();
     const bool lost = device_->exchange({}, 1e-3, state) == Device::Status::lost;
     device_->close();
@@ -705,6 +713,7 @@ class Examination {
       judge("reopens", false, error.what());
     }
     device_->close();
+    report_.zero_force = std::max(report_.zero_force, device_->zero_force());
   }
 
   /// All that the first one was told, up to its first push.

@@ -62,6 +62,7 @@ struct ConformanceReport {
   DeviceInfo device;
   std::vector<LawFinding> findings;  ///< one for every law, in a fixed order
   bool interrupted = false;
+  ZeroForce zero_force = ZeroForce::confirmed;  ///< the worst that is known after its last force and its closes
 
   [[nodiscard]] int count(LawFinding::Verdict verdict) const noexcept;
   [[nodiscard]] bool kept() const noexcept { return count(LawFinding::Verdict::failed) == 0; }

@@ -36,7 +36,9 @@ void ObservedDevice::observe(std::size_t exchanges) {
 
 Device::Status ObservedDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
   const std::int64_t begin_ns = monotonic_ns();
+  pulse_.at(TickPulse::Place::device);
   const Status status = device_->exchange(spoilt_ && dt > 0 ? Wrench{nan3(), nan3()} : wrench, dt, state);
+  pulse_.at(TickPulse::Place::outside);
   const std::int64_t end_ns = monotonic_ns();
   if (status != Status::ok) return status;
   exchange_time_.record(end_ns - begin_ns);

@@ -4,6 +4,7 @@
 #include "control/controller.h"
 #include "control/histogram.h"
 #include "devices/device.h"
+#include "devices/tick_pulse.h"
 
 #include <algorithm>
 #include <array>
@@ -34,6 +35,8 @@ class ObservedDevice final : public Device {
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void between_ticks(bool may_wait) noexcept override { device_->between_ticks(may_wait); }
   void close() noexcept override { device_->close(); }
+  [[nodiscard]] ZeroForce zero_force() noexcept override { return device_->zero_force(); }
+  [[nodiscard]] ZeroForce emergency_stop() noexcept override { return device_->emergency_stop(); }
   [[nodiscard]] std::string lost_reason() const override { return device_->lost_reason(); }
 
   /// Before a session: forgets the one before and has room for `exchanges`; what comes beyond is not kept.
@@ -43,6 +46,9 @@ class ObservedDevice final : public Device {
   /// Of all sessions, on the monotonic clock.
   [[nodiscard]] const DurationHistogram& exchange_time() const noexcept { return exchange_time_; }
 
+  /// Of its exchanges, in sessions and without.
+  [[nodiscard]] const TickPulse& pulse() const noexcept { return pulse_; }
+
   /// While it is, every wrench that is sent is not a number, except for the zero that ends a session.
   void spoil(bool spoilt) noexcept { spoilt_ = spoilt; }
 
@@ -51,6 +57,7 @@ class ObservedDevice final : public Device {
   std::vector<Exchanged> rows_;
   double time_ = 0;
   DurationHistogram exchange_time_;
+  TickPulse pulse_;
   bool spoilt_ = false;
 };
 

@@ -51,6 +51,26 @@ struct DeviceState {
   std::uint64_t sequence = 0;
 };
 
+/// What is known of a device's motors after zero force was asked for.
+enum class ZeroForce : std::uint8_t {
+  confirmed,  ///< the device answered to it
+  sent,       ///< it was handed over; whether it arrived nobody says
+  failed,     ///< it could not be sent, or was not answered: the motors may hold their last force
+};
+
+/// For programs: "confirmed" | "sent" | "failed".
+constexpr const char* to_string(ZeroForce zero) noexcept {
+  constexpr std::array kNames{"confirmed", "sent", "failed"};
+  return kNames[static_cast<std::size_t>(zero)];
+}
+
+/// For people: a sentence's part.
+constexpr const char* describe(ZeroForce zero) noexcept {
+  constexpr std::array kWords{"the force is zero", "zero force was sent, but the device does not say whether it came",
+                              "the force could not be set to zero: switch the device off"};
+  return kWords[static_cast<std::size_t>(zero)];
+}
+
 /// What may leave for a motor: a force or torque that is not finite is none.
 inline Wrench sendable(const Wrench& wrench) noexcept {
   return {is_finite(wrench.force) ? wrench.force : Vec3::Zero(),
@@ -65,6 +85,8 @@ inline Wrench sendable(const Wrench& wrench) noexcept {
 /// a thread.
 class Device {
  public:
+  static constexpr double kLongestClose = 3;  ///< [s]
+
   enum class [[nodiscard]] Status : std::uint8_t{
       ok,
       away,  ///< it does not answer now and may again: ask on, with zero force
@@ -86,8 +108,21 @@ class Device {
   /// As for SampleSink: after every tick, outside of it; may wait only where time stands still meanwhile.
   virtual void between_ticks(bool may_wait) noexcept { (void)may_wait; }
 
-  /// Sends zero force and lets go of the hardware. Idempotent; the destructor of every device calls it.
+  /// Sends zero force and lets go of the hardware; lasts kLongestClose at most, whatever the hardware does. Idempotent;
+  /// the destructor of every device calls it.
   virtual void close() noexcept = 0;
+
+  /// What became of the zero force that was sent last, by an exchange, or by its close. May wait for the device to
+  /// answer. Called when no exchange is under way; not for the tick.
+  [[nodiscard]] virtual ZeroForce zero_force() noexcept {
+    return info().virtual_time ? ZeroForce::confirmed : ZeroForce::sent;
+  }
+
+  /// Takes the force away while an exchange does not return. From another thread than exchange's, and once: the process
+  /// is about to end. It may hang as well, so its caller does not wait for it.
+  [[nodiscard]] virtual ZeroForce emergency_stop() noexcept {
+    return info().virtual_time ? ZeroForce::confirmed : ZeroForce::failed;
+  }
 
   /// Why exchange returned `lost` or `away`, for people. Not for the tick.
   [[nodiscard]] virtual std::string lost_reason() const { return "the device stopped answering"; }

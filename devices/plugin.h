@@ -69,6 +69,11 @@ typedef struct haptrace_plugin_sample_info {
 /* Fills *sample, which is all zeros but for struct_size. */
 void haptrace_plugin_sample(void* device, haptrace_plugin_sample_info* sample);
 
+/* Optional: takes the force away at once. Called when an exchange has not returned for half a second, from another
+ * thread, while that exchange still runs; the process ends soon after. Returns 0 when the motors are known to have no
+ * force, else a negative number. Without it the user is told to switch the device off. */
+int haptrace_plugin_stop(void* device);
+
 /* Zero force, hardware released, memory freed. */
 void haptrace_plugin_close(void* device);
 

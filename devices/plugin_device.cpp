@@ -1,17 +1,24 @@
 #include "devices/plugin_device.h"
 
 #include "control/error.h"
+#include "devices/loose_thread.h"
+#include "devices/watchdog.h"
 #include "formats/json_reader.h"
 
+#include <algorithm>
 #include <array>
+#include <cstring>
+#include <exception>
 #include <filesystem>
 #include <fmt/format.h>
 #include <fstream>
 #include <iterator>
+#include <utility>
 
 namespace haptrace {
 namespace {
 
+constexpr double kLongestPluginClose = 2;  // [s]
 constexpr const char* kPluginRule =
     "a plug-in defines the four functions of devices/plugin.h with C linkage and default visibility";
 
@@ -82,28 +89,59 @@ std::unique_ptr<Device> open_plugin(const DeviceSpec& spec) {
   const std::string options = read_options(spec);
   if (!std::filesystem::is_regular_file(path->second))
     throw device_error(fmt::format("--device '{}': path: there is no file '{}'", spec.text, path->second));
-  return std::make_unique<PluginDevice>(path->second, options, spec.text);
+  return std::make_unique<PluginDevice>(
+      path->second, options, spec.text,
+      spec.flag("global") ? SharedLibrary::Symbols::global : SharedLibrary::Symbols::local);
+}
+
+/// Whatever `call` throws is said of the plug-in.
+template <class Call>
+auto calling(const std::string& library, const std::string& words, Call call) {
+  const ForeignCall foreign(words.c_str());
+  try {
+    return call();
+  } catch (const std::exception& error) {
+    throw refuse(library, fmt::format("threw an exception while it was opened: {}", error.what()));
+  }
+}
+
+/// Loading it runs its initialisers.
+std::shared_ptr<SharedLibrary> loaded(const std::string& library, SharedLibrary::Symbols symbols,
+                                      const std::string& words) {
+  const ForeignCall foreign(words.c_str());
+  return std::make_shared<SharedLibrary>("plug-in", library, SharedLibrary::Unload::with_this, symbols);
 }
 
 }  // namespace
 
-PluginDevice::PluginDevice(const std::string& library, const std::string& options, const std::string& name)
-    : library_("plug-in", library, SharedLibrary::Unload::with_this) {
-  const decltype(&haptrace_plugin_abi) abi = library_.function("haptrace_plugin_abi", kPluginRule);
-  if (const std::uint32_t version = abi(); version != HAPTRACE_PLUGIN_ABI)
+PluginDevice::PluginDevice(const std::string& library, const std::string& options, const std::string& name,
+                           SharedLibrary::Symbols symbols)
+    : words_("the plug-in " + library) {
+  library_ = loaded(library, symbols, words_);
+  const decltype(&haptrace_plugin_abi) abi = library_->function("haptrace_plugin_abi", kPluginRule);
+  const std::uint32_t version = calling(library, words_, [&] { return abi(); });
+  if (version == 0 && symbols == SharedLibrary::Symbols::local)
+    throw refuse(
+        library,
+        "says that it speaks version 0 of the plug-in ABI, as one made with Python does when its interpreter "
+        "does not start; if modules of it lack symbols, let them see the plug-in's: plugin:path=...,global=true");
+  if (version != HAPTRACE_PLUGIN_ABI)
     throw refuse(library, fmt::format("speaks version {} of the plug-in ABI, this haptrace speaks {}; rebuild it with "
                                       "this haptrace's devices/plugin.h",
                                       version, HAPTRACE_PLUGIN_ABI));
-  const decltype(&haptrace_plugin_open) open = library_.function("haptrace_plugin_open", kPluginRule);
-  exchange_ = library_.function("haptrace_plugin_exchange", kPluginRule);
-  close_ = library_.function("haptrace_plugin_close", kPluginRule);
-  sample_ = library_.function_if_any("haptrace_plugin_sample");
+  const decltype(&haptrace_plugin_open) open = library_->function("haptrace_plugin_open", kPluginRule);
+  exchange_ = library_->function("haptrace_plugin_exchange", kPluginRule);
+  close_ = library_->function("haptrace_plugin_close", kPluginRule);
+  sample_ = library_->function_if_any("haptrace_plugin_sample");
+  stop_ = library_->function_if_any("haptrace_plugin_stop");
 
   haptrace_plugin_info raw{};
   raw.struct_size = sizeof(raw);
   char error[512] = {};
   void* device = nullptr;
-  if (const int result = open(options.c_str(), &device, &raw, error, sizeof(error)); result < 0) {
+  const int result =
+      calling(library, words_, [&] { return open(options.c_str(), &device, &raw, error, sizeof(error)); });
+  if (result < 0) {
     const std::string why = terminated(error);
     throw refuse(library, why.empty() ? fmt::format("refuses to open ({}) and does not say why", result) : why);
   }
@@ -135,10 +173,20 @@ Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceSta
   for (double& v : raw.velocity) v = kNaN;
   for (double& q : raw.orientation) q = kNaN;
   for (double& f : raw.force) f = kNaN;
-  if (const int result = exchange_(device_, dt > 0 ? dt : 0, sent.data(), &raw); result < 0) {
-    failure_ = result;
-    return Status::lost;
+  zero_ = ZeroForce::failed;
+  haptrace_plugin_sample_info sample{};
+  sample.struct_size = sizeof sample;
+  const ForeignCall foreign(words_.c_str());
+  try {
+    failure_ = std::min(exchange_(device_, dt > 0 ? dt : 0, sent.data(), &raw), 0);
+    if (failure_ == 0 && sample_ != nullptr) sample_(device_, &sample);
+  } catch (const std::exception& error) {
+    remember_thrown(error.what());
+  } catch (...) {
+    remember_thrown("something that is no std::exception");
   }
+  if (failure_ < 0) return Status::lost;
+  if (force.isZero(0) && torque.isZero(0)) zero_ = ZeroForce::confirmed;
   state = DeviceState{};
   state.position = Vec3(raw.position);
   state.velocity = Vec3(raw.velocity);
@@ -146,22 +194,43 @@ Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceSta
   state.force = Vec3(raw.force);
   state.buttons = raw.buttons;
   state.ready = raw.ready != 0;
-  if (sample_ == nullptr) return Status::ok;
-  haptrace_plugin_sample_info sample{};
-  sample.struct_size = sizeof sample;
-  sample_(device_, &sample);
   state.sequence = sample.sequence;
   state.age = sample.age > 0 ? sample.age : 0;  // also when it is not a number
   return Status::ok;
 }
 
+/// In the tick: no allocation.
+void PluginDevice::remember_thrown(const char* what) noexcept {
+  failure_ = -1;
+  std::strncpy(thrown_.data(), what, thrown_.size() - 1);
+}
+
 void PluginDevice::close() noexcept {
   if (close_ == nullptr) return;
-  close_(device_);
-  close_ = nullptr;
+  const bool closed = call_within(kLongestPluginClose, [library = library_, close = std::exchange(close_, nullptr),
+                                                        device = device_, words = words_] {
+    const ForeignCall foreign(words.c_str());
+    try {
+      close(device);
+    } catch (const std::exception&) {
+      // It is closed as far as it can be.
+    }
+  });
+  if (!closed) zero_ = ZeroForce::failed;
+}
+
+ZeroForce PluginDevice::zero_force() noexcept {
+  return zero_;
+}
+
+ZeroForce PluginDevice::emergency_stop() noexcept {
+  if (stop_ == nullptr) return ZeroForce::failed;
+  const ForeignCall foreign(words_.c_str());
+  return stop_(device_) == 0 ? ZeroForce::confirmed : ZeroForce::failed;
 }
 
 std::string PluginDevice::lost_reason() const {
+  if (thrown_[0] != '\0') return fmt::format("the plug-in threw an exception in exchange: {}", thrown_.data());
   if (failure_ < 0) return fmt::format("the plug-in lost its device (exchange returned {})", failure_);
   return "the plug-in is closed";
 }
@@ -170,6 +239,7 @@ DeviceBackend plugin_backend() {
   return {.name = "plugin",
           .summary = "a device in a shared library of your own (devices/plugin.h)",
           .options = {{"path", "the library, for example ./libmine.so"},
+                      {"global", "true: other libraries see its symbols, as modules of an embedded Python need"},
                       {"options", "a JSON object for it, or @FILE; stands last"}},
           .presets = {},
           .open = open_plugin};

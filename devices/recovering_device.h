@@ -2,13 +2,11 @@
 #pragma once
 
 #include "devices/device.h"
+#include "devices/loose_thread.h"
 
-#include <atomic>
 #include <functional>
-#include <mutex>
-#include <semaphore>
+#include <memory>
 #include <string>
-#include <thread>
 
 namespace haptrace {
 
@@ -21,7 +19,8 @@ namespace haptrace {
 /// may move it. So is one that has something of its own to show (a natural duration) and would begin anew.
 ///
 /// `open` is called at most every kRetry, counted in exchange's time, and in virtual time waited for between ticks, so
-/// that a session is the same every time. On the monotonic clock it may last as long as it likes; close waits for it.
+/// that a session is the same every time. On the monotonic clock it may last as long as it likes; close waits for it,
+/// but gives up one that does not return (LooseThread), so `open` owns what it uses.
 ///
 /// Threads: as every device. `open` is called in another thread than exchange, never at the same time as anything of
 /// its device. Real-time: exchange as far as the device's own is; it takes the device over by an atomic alone.
@@ -39,36 +38,19 @@ class RecoveringDevice final : public Device {
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void between_ticks(bool may_wait) noexcept override;
   void close() noexcept override;
+  [[nodiscard]] ZeroForce zero_force() noexcept override;
+  [[nodiscard]] ZeroForce emergency_stop() noexcept override;
   [[nodiscard]] std::string lost_reason() const override;
   [[nodiscard]] std::string not_ready_reason() const override;
 
  private:
-  /// Where the device is, and with it who may touch it: while it is sought the thread, else the caller.
-  enum class Place : std::uint8_t {
-    here,
-    gone,     ///< to be sought
-    sought,   ///< by the thread
-    found,    ///< nothing was exchanged with it yet
-    replaced  ///< by another one
-  };
+  class Search;
 
-  void seek_when_asked() noexcept;
-  [[nodiscard]] Place seek() noexcept;
-
-  Open open_;
-  std::unique_ptr<Device> device_;  ///< may be null while gone or sought
+  const std::shared_ptr<Search> search_;  ///< shared with the thread
   const DeviceInfo info_;
   double until_retry_ = 0;  ///< [s]
   bool closed_ = false;
-
-  std::atomic<Place> place_{Place::here};
-  static_assert(std::atomic<Place>::is_always_lock_free);
-  std::counting_semaphore<> wake_{0};
-  std::atomic<bool> ending_{false};
-  mutable std::mutex reasons_;  ///< guards the two that follow; never taken in exchange
-  std::string lost_why_ = "it stopped answering";
-  std::string found_not_;  ///< why the last opening failed
-  std::thread thread_;
+  LooseThread thread_;
 };
 
 }  // namespace haptrace

@@ -5,6 +5,7 @@
 #include "devices/hapkit/hapkit.h"
 #include "devices/haply/inverse3.h"
 #include "devices/haply/two_diy.h"
+#include "devices/loose_thread.h"
 #include "devices/plugin_device.h"
 #include "devices/replay_device.h"
 #include "devices/sim/sim_device.h"
@@ -13,16 +14,27 @@
 #include "formats/suggest.h"
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <fmt/format.h>
+#include <thread>
 
 namespace haptrace {
 namespace {
+
+constexpr std::chrono::milliseconds kZeroingRetry{100};
 
 template <typename Items, typename Name>
 std::vector<std::string> names_of(const Items& items, Name name) {
   std::vector<std::string> names;
   for (const auto& item : items) names.push_back(item.*name);
   return names;
+}
+
+const DeviceBackend* find_backend(const std::string& name) {
+  const auto& backends = device_backends();
+  const auto found = std::find_if(backends.begin(), backends.end(), [&](const auto& b) { return b.name == name; });
+  return found != backends.end() ? &*found : nullptr;
 }
 
 }  // namespace
@@ -35,12 +47,10 @@ const std::vector<DeviceBackend>& device_backends() {
 }
 
 std::unique_ptr<Device> open_device(const DeviceSpec& spec) {
-  const auto& backends = device_backends();
-  const auto backend =
-      std::find_if(backends.begin(), backends.end(), [&](const DeviceBackend& b) { return b.name == spec.name; });
-  if (backend == backends.end())
+  const DeviceBackend* const backend = find_backend(spec.name);
+  if (backend == nullptr)
     throw input_error(fmt::format("--device '{}': there is no device '{}'{}", spec.text, spec.name,
-                                  suggestion(spec.name, names_of(backends, &DeviceBackend::name))));
+                                  suggestion(spec.name, names_of(device_backends(), &DeviceBackend::name))));
 
   const auto keys = names_of(backend->options, &DeviceBackend::Option::key);
   for (const auto& [key, value] : spec.options)
@@ -52,6 +62,35 @@ std::unique_ptr<Device> open_device(const DeviceSpec& spec) {
 
 std::unique_ptr<Device> open_device(std::string_view spec) {
   return open_device(DeviceSpec::parse(spec));
+}
+
+bool can_be_zeroed_again(const DeviceInfo& lost) {
+  try {
+    const DeviceSpec spec = DeviceSpec::parse(lost.name);
+    const DeviceBackend* const backend = find_backend(spec.name);
+    // An emulated one that is opened again is another.
+    return backend != nullptr && backend->opens_still && !spec.flag("emulated") && !spec.flag("initialise");
+  } catch (const Error&) {
+    return false;  // not opened by a text
+  }
+}
+
+ZeroForce zero_when_back(const DeviceInfo& lost) {
+  const auto zero = std::make_shared<std::atomic<ZeroForce>>(ZeroForce::failed);
+  (void)call_within(2 * kZeroingWindow, [zero, name = lost.name] {
+    const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(kZeroingWindow);
+    do {
+      try {
+        const std::unique_ptr<Device> device = open_device(name);
+        device->close();
+        *zero = device->zero_force();
+        return;
+      } catch (const Error&) {
+        std::this_thread::sleep_for(kZeroingRetry);  // it is not back yet
+      }
+    } while (std::chrono::steady_clock::now() < until);
+  });
+  return *zero;
 }
 
 }  // namespace haptrace

@@ -38,6 +38,10 @@ struct DeviceBackend {
   /// What is there to be opened, without opening it; null when there is nothing to look for. Does not throw: what
   /// prevents it from looking is an obstacle of its own.
   std::vector<FoundDevice> (*find)() = nullptr;
+
+  /// Opening it moves nothing, needs no homing and sends zero force first: one that was lost with a force in its motors
+  /// can be opened for that alone. Not said of its option initialise=true.
+  bool opens_still = false;
 };
 
 const std::vector<DeviceBackend>& device_backends();
@@ -45,5 +49,14 @@ const std::vector<DeviceBackend>& device_backends();
 /// Opens what `spec` names. Errors suggest the nearest name or key.
 std::unique_ptr<Device> open_device(const DeviceSpec& spec);
 std::unique_ptr<Device> open_device(std::string_view spec);
+
+inline constexpr double kZeroingWindow = 2;  ///< how long a lost device is looked for, to take its force away [s]
+
+/// Whether a device that was lost may be opened again for nothing but zero force.
+bool can_be_zeroed_again(const DeviceInfo& lost);
+
+/// Looks for it for kZeroingWindow; when it is back, opens it, which sends zero force, and closes it. Waits for an
+/// opening that hangs twice as long. The one that was lost must have been closed.
+ZeroForce zero_when_back(const DeviceInfo& lost);
 
 }  // namespace haptrace

@@ -212,11 +212,18 @@ class ServoLoop::Session {
                        .max_torque = loop.device_.info().takes_torque() ? options.limits.max_torque : 0});
   }
 
+  Device::Status exchange(const Wrench& wrench, double dt) noexcept {
+    loop_.pulse_.at(TickPulse::Place::device);
+    const Device::Status status = loop_.device_.exchange(wrench, dt, device_state_);
+    loop_.pulse_.at(TickPulse::Place::outside);
+    return status;
+  }
+
   /// Exchanges zero force until the device allows forces.
   bool wait_until_ready(const StopRequest& stop) noexcept {
     const auto patience_ns = static_cast<std::int64_t>(1e9 * loop_.options_.ready_timeout);
     for (double dt = 0;; dt = 1e-9 * static_cast<double>(period_ns_)) {
-      const Device::Status status = loop_.device_.exchange({}, dt, device_state_);
+      const Device::Status status = exchange({}, dt);
       const bool answers = status == Device::Status::ok;
       if (answers && is_settled(deadline_ns_)) {
         away_since_ns_.reset();
@@ -263,7 +270,7 @@ class ServoLoop::Session {
       limiter_.acted(acting_.force, dt);
       torque_limiter_.acted(acting_.torque, dt);
     }
-    const Device::Status status = loop_.device_.exchange(wrench_, dt, device_state_);
+    const Device::Status status = exchange(wrench_, dt);
     acting_ = wrench_;
     exchanged_ns_ = woke_ns;
     // One that was away and is not homed yet, or is still pushed home, still is.
@@ -423,6 +430,7 @@ class ServoLoop::Session {
 
   /// The controller's answer, with everything that can end the session looked at. Sets wrench_.
   Command decide(const State& state, const StopRequest& stop) noexcept {
+    loop_.pulse_.at(TickPulse::Place::controller);
     if (first_) {
       loop_.controller_.start(state);
       push_event(state.time_ns, {.code = EventCode::started});
@@ -438,17 +446,15 @@ class ServoLoop::Session {
       stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {1, kNaN, kNaN}}, state.time_ns);
     } else if (mode_ == Mode::running && !ended_) {
       if (const auto fault = fault_of(command.status)) {
-        mode_ = Mode::fading;
-        report_.cause = *fault;
+        begin_fading(*fault, command);
         fault_ = command.event;
-        stopped_ = command;
-        stopped_.event.reset();
       } else if (stop.count() > 0) {
         begin_release(StopCause::interrupted, EventCode::interrupted, state.time_ns);
       } else if (command.status == Command::Status::finished) {
         begin_release(StopCause::finished, EventCode::finished, state.time_ns);
       }
     }
+    hurries_ = stop.count() > 0;
     if (!ended_) shape(command, state);
     if (mode_ == Mode::releasing) command.phase = Phase::release;
     if (mode_ == Mode::fading || report_.stopped_by_fault()) command.phase = Phase::stopped;
@@ -483,9 +489,7 @@ class ServoLoop::Session {
         break;
       case Mode::releasing:
         // Who asks for the end gets it, whatever the session's own fade is.
-        scale = fade_.advance(
-            0, dt,
-            report_.cause == StopCause::interrupted ? std::min(limits.release, kLongestRelease) : limits.release);
+        scale = fade_.advance(0, dt, hurries_ ? std::min(limits.release, kLongestRelease) : limits.release);
         break;
       case Mode::fading:
         // What the controller asks for is no longer trusted; what was last sent is, and it fades.
@@ -615,7 +619,9 @@ class ServoLoop::Session {
     sample.phase = ended_ && report_.stopped_by_fault() ? Phase::stopped : command.phase;
     sample.latency = 1e-9F * static_cast<float>(latency_ns);
 
+    loop_.pulse_.at(TickPulse::Place::sinks);
     for (SampleSink* sink : loop_.sinks_) sink->push(sample);
+    loop_.pulse_.at(TickPulse::Place::outside);
     flight_.push(sample);
 
     report_.latency.record(latency_ns);
@@ -654,7 +660,7 @@ class ServoLoop::Session {
   /// The force that leaves last. A device that is lost cannot be told; its own watchdog has to.
   void send_zero() noexcept {
     wrench_ = {};
-    (void)loop_.device_.exchange(wrench_, 0, device_state_);
+    (void)exchange(wrench_, 0);
   }
 
   ServoLoop& loop_;
@@ -693,6 +699,7 @@ class ServoLoop::Session {
   RestWatch rest_;
   bool moves_ = false;    ///< although it is ready
   bool resumes_ = false;  ///< at this tick
+  bool hurries_ = false;  ///< who asked for the end, before it or while the force fades
   std::optional<Event> fault_;
   DeviceState device_state_;
   Wrench wrench_;  ///< to be sent at the next exchange

@@ -13,6 +13,7 @@
 #include "devices/clock.h"
 #include "devices/device.h"
 #include "devices/realtime.h"
+#include "devices/tick_pulse.h"
 
 #include <atomic>
 #include <optional>
@@ -153,6 +154,9 @@ class ServoLoop {
   /// Sends zero force before it returns. Does not throw.
   ServoReport run(const StopRequest& stop) noexcept;
 
+  /// Where the thread is that runs it, for a Watchdog.
+  [[nodiscard]] const TickPulse& pulse() const noexcept { return pulse_; }
+
  private:
   class Session;
 
@@ -163,6 +167,7 @@ class ServoLoop {
   VelocityEstimator& estimator_;
   std::vector<SampleSink*> sinks_;
   Options options_;
+  TickPulse pulse_;
   double assumed_continuous_force_ = 0;  ///< where nobody stated one [N]
 };
 

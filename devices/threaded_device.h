@@ -1,17 +1,13 @@
 // A device whose driver waits for its hardware, in a thread of its own.
 #pragma once
 
-#include "control/mailbox.h"
 #include "devices/device.h"
+#include "devices/loose_thread.h"
 #include "devices/realtime.h"
 
-#include <atomic>
 #include <cstdint>
 #include <memory>
-#include <mutex>
-#include <semaphore>
 #include <string>
-#include <thread>
 
 namespace haptrace {
 
@@ -37,8 +33,12 @@ class DeviceDriver {
   /// As Device::not_ready_reason, but in any thread, also during a round.
   [[nodiscard]] virtual std::string not_ready_reason() const { return ""; }
 
-  /// Sends zero force as well as it still can and lets go of the hardware. Idempotent; its destructor calls it.
-  virtual void release() noexcept = 0;
+  /// Sends zero force as well as it still can, lets go of the hardware, and says what it knows of the motors since.
+  /// Once more does nothing and returns the same; its destructor calls it.
+  virtual ZeroForce release() noexcept = 0;
+
+  /// As Device::emergency_stop, while a round does not return.
+  [[nodiscard]] virtual ZeroForce emergency_stop() noexcept { return ZeroForce::failed; }
 };
 
 /// Every exchange hands its wrench to the driver's thread, wakes it, and takes the newest state that the driver has
@@ -48,7 +48,8 @@ class DeviceDriver {
 /// The thread watches over both sides. Without an exchange for kWatchdog, or for kWatchedTicks where ticks are as long
 /// as that, it sends zero force, and goes on with rounds, so that the hardware is neither forgotten under force nor
 /// lets the connection drop. A device that gave no answer for kPatience is lost, and zero force is sent before it is
-/// let go of.
+/// let go of. A driver that does not return from a round or from its release is given up by the close: its thread and
+/// all that this uses stay behind (LooseThread).
 ///
 /// Threads: as every device. Real-time: exchange posts and takes by atomics alone, and wakes a thread.
 class ThreadedDevice final : public Device {
@@ -64,43 +65,25 @@ class ThreadedDevice final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void close() noexcept override;
+  /// Confirmed once a round that began after this call was answered, and took zero force along.
+  [[nodiscard]] ZeroForce zero_force() noexcept override;
+  [[nodiscard]] ZeroForce emergency_stop() noexcept override;
   [[nodiscard]] std::string lost_reason() const override;
-  [[nodiscard]] std::string not_ready_reason() const override { return driver_->not_ready_reason(); }
+  [[nodiscard]] std::string not_ready_reason() const override;
 
   /// How long a wrench holds without another exchange, after one that came `dt` [s] after the one before [ns].
   [[nodiscard]] static std::int64_t watched_ns(double dt) noexcept;
 
   /// Of the driver's thread.
-  [[nodiscard]] const RealtimeStatus& realtime() const noexcept { return realtime_; }
+  [[nodiscard]] const RealtimeStatus& realtime() const noexcept;
 
  private:
-  struct Order {
-    Wrench wrench;
-    std::int64_t until_ns = 0;  ///< afterwards it is none
-  };
-  struct Answer {
-    DeviceState state;
-    std::int64_t taken_ns = 0;  ///< when it came, on the monotonic clock
-  };
+  class Rounds;
 
-  void post(Answer& answer);
-  void first_answer();
-  void run() noexcept;
-  void lose(const std::string& why) noexcept;
-
-  std::unique_ptr<DeviceDriver> driver_;  ///< the thread's, while it runs
+  const std::shared_ptr<Rounds> rounds_;  ///< shared with the thread
   const DeviceInfo info_;
   bool closed_ = false;
-  RealtimeStatus realtime_;
-
-  Mailbox<Order> order_;
-  Mailbox<Answer> answer_;
-  std::counting_semaphore<> wake_{0};  ///< released by every exchange
-  std::atomic<bool> ending_{false}, lost_{false};
-  mutable std::mutex reason_;  ///< guards why_; never taken in exchange
-  std::string why_ = "the device stopped answering";
-  std::uint64_t answers_ = 0;
-  std::thread thread_;
+  LooseThread thread_;
 };
 
 }  // namespace haptrace

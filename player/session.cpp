@@ -1,6 +1,8 @@
 #include "player/session.h"
 
 #include "control/error.h"
+#include "devices/registry.h"
+#include "devices/watchdog.h"
 #include "formats/json_reader.h"
 #include "formats/suggest.h"
 #include "formats/warning_json.h"
@@ -9,6 +11,7 @@
 #include <chrono>
 #include <fmt/format.h>
 #include <future>
+#include <mutex>
 #include <thread>
 #include <utility>
 
@@ -190,6 +193,34 @@ void warn_of_end(SessionResult& result) {
     result.warnings.push_back(
         {Warning::Severity::error, "stopped", servo.duration,
          servo.detail.empty() ? std::string("stopped: ") + to_string(servo.cause) : servo.detail});
+  if (result.zero_force == ZeroForce::failed)
+    result.warn(Warning::Severity::error, "force_not_zero", describe(result.zero_force));
+}
+
+/// Makes the recording whole when the session cannot end by itself. Who looks after the session may hang as well: then
+/// its warnings are left out.
+std::function<void(const std::string&)> keep_when_ended(Recorder& recorder, const SessionResult& result,
+                                                        std::timed_mutex& looking) {
+  return [&recorder, &result, &looking](const std::string& words) {
+    const std::unique_lock lock(looking, std::chrono::seconds(1));
+    std::vector<Warning> warnings = lock ? result.warnings : std::vector<Warning>();
+    warnings.push_back({Warning::Severity::error, "process_ended", kNaN, words});
+    recorder.finish(json_of(warnings));
+  };
+}
+
+/// What is known of the motors. A device that was lost with a force in them is looked for, to take it away.
+ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
+  const ZeroForce zero = device.zero_force();
+  if (zero != ZeroForce::failed || servo.cause != StopCause::device_lost) return zero;
+  device.close();
+  if (!can_be_zeroed_again(device.info())) return zero;
+  watch.warn({Warning::Severity::warning, "device_lost", servo.duration,
+              fmt::format("the device was lost, perhaps with a force in its motors; should it return within {:g} s, it "
+                          "is opened only to take that away",
+                          kZeroingWindow)});
+  watch.look();
+  return zero_when_back(device.info());
 }
 
 }  // namespace
@@ -241,17 +272,34 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
 
   StopRequest ours(&stop);
   Watch watch(recorder ? &*recorder : nullptr, monitor, tally, options, progress, result);
+  std::timed_mutex looking;  // guards the list of warnings from the watchdog
+  const auto look = [&] {
+    const std::scoped_lock lock(looking);
+    watch.look();
+  };
   std::promise<ServoReport> promise;
   std::future<ServoReport> report = promise.get_future();
-  std::jthread servo([&] { promise.set_value(loop.run(ours)); });
+  std::jthread servo([&] {
+    const SignalStack stack;
+    promise.set_value(loop.run(ours));
+  });
+  std::optional<Watchdog> watchdog;
+  watchdog.emplace(Watchdog::Session{
+      .pulse = loop.pulse(),
+      .device = device,
+      .stop = ours,
+      .keep = recorder ? keep_when_ended(*recorder, result, looking) : std::function<void(const std::string&)>(),
+      .realtime = options.realtime && !result.virtual_time});
   while (report.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
-    watch.look();
+    look();
     if (!watch.disk_is_low() || !options.recording->end_when_disk_is_low || result.ended_by_disk) continue;
     result.ended_by_disk = true;
     ours.raise();
   }
   result.servo = report.get();
   servo.join();
+  watchdog.reset();
+  result.zero_force = zero_after(device, result.servo, watch);
   if (result.servo.vibration.watched) result.gain_share = result.servo.vibration.share;
   if (result.servo.lacks_states())
     watch.warn(
@@ -263,7 +311,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   if (auto overruns = overruns_of(result)) watch.warn(std::move(*overruns));
   if (options.conclusions)
     for (Warning& warning : options.conclusions()) watch.warn(std::move(warning));
-  watch.look();
+  look();
   warn_of_end(result);
   if (recorder) {
     try {
@@ -319,6 +367,7 @@ nlohmann::json to_json(const SessionResult& result) {
                       {"latency_s", to_json(servo.latency)},
                       {"tick_s", to_json(servo.tick_time)},
                       {"stopped_by", to_string(servo.cause)},
+                      {"zero_force", to_string(result.zero_force)},
                       {"clock", result.virtual_time ? "virtual" : "monotonic"},
                       {"realtime",
                        {{"scheduler", result.virtual_time ? "none (virtual time)" : servo.realtime.scheduler},

@@ -60,11 +60,12 @@ struct SessionResult {
   ServoReport servo;
   bool virtual_time = false;
   std::optional<Recorder::Status> recording;
-  std::string recording_error;        ///< what the disk refused, in words; empty when all is on it
-  bool ended_by_disk = false;         ///< see end_when_disk_is_low
-  std::vector<TouchFigures> touches;  ///< of each object of the scene that could be touched
-  std::vector<Warning> warnings;      ///< all of them; events of a kind are one
-  double gain_share = 1;              ///< of the feedback gains that was in force at the end, after softening
+  std::string recording_error;                  ///< what the disk refused, in words; empty when all is on it
+  bool ended_by_disk = false;                   ///< see end_when_disk_is_low
+  ZeroForce zero_force = ZeroForce::confirmed;  ///< what is known of the motors since
+  std::vector<TouchFigures> touches;            ///< of each object of the scene that could be touched
+  std::vector<Warning> warnings;                ///< all of them; events of a kind are one
+  double gain_share = 1;                        ///< of the feedback gains that was in force at the end, after softening
 
   /// Adds a warning that is known only now.
   void warn(Warning::Severity severity, const char* code, std::string text) {

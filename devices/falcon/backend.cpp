@@ -56,7 +56,8 @@ DeviceBackend falcon_backend() {
                                     {"calibration", "what was measured of this device: a JSON file"}},
                         .presets = {},
                         .open = open_falcon,
-                        .find = [] { return found_falcons(find_falcon_ports()); }};
+                        .find = [] { return found_falcons(find_falcon_ports()); },
+                        .opens_still = true};
   const auto emulated = emulated_options();
   backend.options.insert(backend.options.end(), emulated.begin(), emulated.end());
   backend.options.push_back({"fault", FalconFaults::help()});

@@ -67,16 +67,18 @@ bool FalconDriver::round(const Wrench& wrench, DeviceState& state) {
   return true;
 }
 
-void FalconDriver::release() noexcept {
-  if (link_ == nullptr) return;
+ZeroForce FalconDriver::release() noexcept {
+  if (link_ == nullptr) return farewell_;
   constexpr int kFarewells = 3;  // should one get lost
   try {
-    for (int farewells = 0; farewells < kFarewells; ++farewells) (void)dialogue_.ask({});
+    for (int farewells = 0; farewells < kFarewells; ++farewells)
+      if (dialogue_.ask({})) farewell_ = ZeroForce::confirmed;
   } catch (const std::exception&) {
-    // It is gone, and its motors with it.
+    // It is gone. Its amplifier has a supply of its own, so its motors need not be.
   }
   link_->close();
   link_.reset();
+  return farewell_;
 }
 
 }  // namespace haptrace

@@ -20,11 +20,11 @@ class FalconDriver final : public DeviceDriver {
   /// `link` is one to running firmware. Plays the first rounds, after which a Falcon that is homed is ready. `info` is
   /// that of falcon_info, completed.
   FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibration& calibration, DeviceInfo info);
-  ~FalconDriver() override { release(); }
+  ~FalconDriver() override { (void)release(); }
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] bool round(const Wrench& wrench, DeviceState& state) override;
-  void release() noexcept override;
+  ZeroForce release() noexcept override;
 
  private:
   [[nodiscard]] std::array<std::int16_t, 3> motors(const Vec3& force) const noexcept;
@@ -32,6 +32,7 @@ class FalconDriver final : public DeviceDriver {
   FalconCalibration calibration_;
   DeviceInfo info_;
   std::unique_ptr<FalconLink> link_;  ///< null once it is released
+  ZeroForce farewell_ = ZeroForce::failed;
   FalconDialogue dialogue_;
   FalconTracker tracker_;
   FalconEncoderWatch watch_;

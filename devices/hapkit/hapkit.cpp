@@ -84,7 +84,7 @@ HapkitDriver::HapkitDriver(const HapkitCalibration& calibration, const HapkitOpt
 }
 
 HapkitDriver::~HapkitDriver() {
-  release();
+  (void)release();
 }
 
 void HapkitDriver::greet(double patience) {
@@ -125,17 +125,17 @@ bool HapkitDriver::round(const Wrench& wrench, DeviceState& state) {
   return true;
 }
 
-void HapkitDriver::release() noexcept {
-  if (released_) return;
-  released_ = true;
+ZeroForce HapkitDriver::release() noexcept {
+  if (released_) return *released_;
+  released_ = ZeroForce::failed;
   try {
-    bool heard = false;
-    for (int attempts = 0; attempts < 3 && !heard; ++attempts)
-      heard = line_->ask(HAPKIT_COMMAND, 0, kGoodbyeWithin).has_value();
+    for (int attempts = 0; attempts < 3 && released_ != ZeroForce::confirmed; ++attempts)
+      if (line_->ask(HAPKIT_COMMAND, 0, kGoodbyeWithin)) released_ = ZeroForce::confirmed;
   } catch (const std::exception&) {
-    // Its watchdog says the rest.
+    // Its sketch has a watchdog, which nobody hears from.
   }
   port_.close();
+  return *released_;
 }
 
 namespace {
@@ -186,7 +186,8 @@ DeviceBackend hapkit_backend() {
                                     {"calibration", "a JSON file of what was measured on this one"}},
                         .presets = {},
                         .open = open_hapkit,
-                        .find = find_hapkits};
+                        .find = find_hapkits,
+                        .opens_still = true};
   for (auto& option : emulated_options()) backend.options.push_back(std::move(option));
   return backend;
 }

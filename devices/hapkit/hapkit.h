@@ -31,7 +31,7 @@ class HapkitDriver final : public DeviceDriver {
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] bool round(const Wrench& wrench, DeviceState& state) override;
-  void release() noexcept override;
+  ZeroForce release() noexcept override;
 
  private:
   struct Line;
@@ -44,7 +44,7 @@ class HapkitDriver final : public DeviceDriver {
   SerialPort port_;
   std::unique_ptr<Line> line_;
   int silences_ = 0;  ///< in a row
-  bool released_ = false;
+  std::optional<ZeroForce> released_;
 };
 
 /// `hapkit`, with the options port, calibration and emulated.

@@ -267,7 +267,7 @@ class Inverse3Driver final : public DeviceDriver {
  public:
   explicit Inverse3Driver(const Inverse3Options& options)
       : Inverse3Driver(options, parse_inverse_url(options.url, options.remote)) {}
-  ~Inverse3Driver() override { release(); }
+  ~Inverse3Driver() override { (void)release(); }
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
 
@@ -299,18 +299,21 @@ class Inverse3Driver final : public DeviceDriver {
     return true;
   }
 
-  void release() noexcept override {
-    if (released_) return;
-    released_ = true;
+  ZeroForce release() noexcept override {
+    if (released_) return *released_;
+    released_ = ZeroForce::failed;
     try {
       send(Vec3::Zero(), true);
+      released_ = ZeroForce::sent;
       // Until it was answered it may not have been read, and be lost with the connection.
-      for (bool answered = true; owed_ > 0 && answered; --owed_)
-        answered = connection_.receive(kInverseFarewell).has_value();
+      bool answered = true;
+      for (; owed_ > 0 && answered; --owed_) answered = connection_.receive(kInverseFarewell).has_value();
+      if (answered) released_ = ZeroForce::confirmed;
     } catch (const std::exception&) {
       // Nobody hears it any more: the service lets go by itself, as soon as commands stop.
     }
     connection_.close();
+    return *released_;
   }
 
  private:
@@ -430,7 +433,8 @@ class Inverse3Driver final : public DeviceDriver {
   DeviceInfo info_;
   std::string id_;
   InverseForceKey force_key_ = InverseForceKey::vector;
-  bool may_change_key_ = true, first_ = true, sent_zero_ = false, released_ = false;
+  bool may_change_key_ = true, first_ = true, sent_zero_ = false;
+  std::optional<ZeroForce> released_;
   bool answered_ = false;
   std::int64_t answered_ns_ = monotonic_ns(), listed_ns_ = answered_ns_;  ///< when it was last
   int owed_ = 0;                                                          ///< replies
@@ -451,7 +455,7 @@ class EmulatedInverse3Driver final : public DeviceDriver {
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   bool round(const Wrench& wrench, DeviceState& state) override { return driver_->round(wrench, state); }
-  void release() noexcept override { driver_->release(); }
+  ZeroForce release() noexcept override { return driver_->release(); }
 
  private:
   static std::unique_ptr<DeviceDriver> open_at(const EmulatedInverseService& service, Inverse3Options& options) {
@@ -546,7 +550,8 @@ DeviceBackend inverse3_backend() {
                                     {"calibration", "a JSON file: where W lies, and what the arm bears"}},
                         .presets = {},
                         .open = open_inverse3,
-                        .find = [] { return find_inverse3(Inverse3Options{}.url); }};
+                        .find = [] { return find_inverse3(Inverse3Options{}.url); },
+                        .opens_still = true};
   for (DeviceBackend::Option& option : emulated_options()) backend.options.push_back(std::move(option));
   return backend;
 }

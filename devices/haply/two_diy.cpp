@@ -168,21 +168,22 @@ void TwoDiyDriver::believe(const Vec2& counted, std::int64_t now_ns) {
   if (pose_) position_ = calibration_.to_world(pose_->position);
 }
 
-void TwoDiyDriver::release() noexcept {
-  if (released_) return;
-  released_ = true;
-  bool calmed = false;
+ZeroForce TwoDiyDriver::release() noexcept {
+  if (released_) return *released_;
+  released_ = ZeroForce::failed;
   try {
-    for (int attempts = 0; attempts < 3 && !calmed; ++attempts) calmed = calm().has_value();
-    if (!calmed) (void)port_.write(two_diy_restart(calibration_), kFarewell);
+    for (int attempts = 0; attempts < 3 && released_ != ZeroForce::confirmed; ++attempts)
+      if (calm()) released_ = ZeroForce::confirmed;
+    if (released_ != ZeroForce::confirmed) (void)port_.write(two_diy_restart(calibration_), kFarewell);
   } catch (const std::exception&) {
-    // The port is gone: who holds the board's cable holds its power too.
+    // The port is gone.
   }
-  if (calmed)
+  if (released_ == ZeroForce::confirmed)
     guardian_->dismiss();
   else
     guardian_->speak_and_go();
   port_.close();
+  return *released_;
 }
 
 namespace {
@@ -232,7 +233,8 @@ DeviceBackend two_diy_backend() {
                                     {"homed", "true: both arms are in their stops now, and it is ready at once"}},
                         .presets = {},
                         .open = open_two_diy,
-                        .find = find_two_diys};
+                        .find = find_two_diys,
+                        .opens_still = true};
   for (auto& option : emulated_options()) backend.options.push_back(std::move(option));
   return backend;
 }

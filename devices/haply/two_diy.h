@@ -34,11 +34,11 @@ class TwoDiyDriver final : public DeviceDriver {
   /// `company` is let go of after the device. Throws Error(device).
   TwoDiyDriver(const TwoDiyCalibration& calibration, const TwoDiyOptions& options,
                std::shared_ptr<void> company = nullptr);
-  ~TwoDiyDriver() override { release(); }
+  ~TwoDiyDriver() override { (void)release(); }
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] bool round(const Wrench& wrench, DeviceState& state) override;
-  void release() noexcept override;
+  ZeroForce release() noexcept override;
 
  private:
   [[nodiscard]] std::optional<Vec2> ask(const Vec2& torques);
@@ -65,7 +65,7 @@ class TwoDiyDriver final : public DeviceDriver {
   bool in_doubt_ = true;                ///< what comes next has to be calmed for
   int silences_ = 0;                    ///< in a row
   int nonsense_ = 0;                    ///< answers in a row that made no sense although the board was calm
-  bool released_ = false;
+  std::optional<ZeroForce> released_;
 };
 
 /// `haply2diy`, with the options port, generation, calibration, homed and emulated.

@@ -109,11 +109,12 @@ struct FdOptions {
 class ForceDimensionDriver final : public DeviceDriver {
  public:
   explicit ForceDimensionDriver(const FdOptions& options);
-  ~ForceDimensionDriver() override { release(); }
+  ~ForceDimensionDriver() override { (void)release(); }
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] bool round(const Wrench& wrench, DeviceState& state) override;
-  void release() noexcept override;
+  ZeroForce release() noexcept override;
+  [[nodiscard]] ZeroForce emergency_stop() noexcept override;
 
   [[nodiscard]] std::string not_ready_reason() const override {
     const std::scoped_lock lock(reason_);
@@ -134,12 +135,14 @@ class ForceDimensionDriver final : public DeviceDriver {
   [[nodiscard]] bool send(const Wrench& wrench) const;
   [[nodiscard]] bool fetch();
   bool bear(const char* call);
+  [[nodiscard]] ZeroForce switch_off() const noexcept;
   [[nodiscard]] Error refuse(const std::string& why, const std::string& remedy) const;
 
   DhdApi api_;
   DeviceInfo info_;
   char id_ = 0;
   bool is_open_ = false, is_drd_ = false;
+  ZeroForce released_ = ZeroForce::failed;
   bool has_wrist_ = false, has_active_wrist_ = false;
   double max_torque_ = 0;
 
@@ -170,7 +173,7 @@ ForceDimensionDriver::ForceDimensionDriver(const FdOptions& options)
     }
     if (!ready_) info_.notes.push_back(not_ready_);
   } catch (...) {
-    release();
+    (void)release();
     throw;
   }
 }
@@ -355,13 +358,24 @@ bool ForceDimensionDriver::bear(const char* call) {
   return false;
 }
 
-void ForceDimensionDriver::release() noexcept {
-  if (!is_open_) return;
+/// Forces off, and the brakes on. The library says whether the device took it.
+ZeroForce ForceDimensionDriver::switch_off() const noexcept {
+  const bool off = api_.enable_force(0, id_) >= 0;
+  const bool stopped = api_.stop(id_) >= 0;
+  return off || stopped ? ZeroForce::confirmed : ZeroForce::failed;
+}
+
+ZeroForce ForceDimensionDriver::emergency_stop() noexcept {
+  return switch_off();
+}
+
+ZeroForce ForceDimensionDriver::release() noexcept {
+  if (!is_open_) return released_;
   is_open_ = false;
-  if (enabled_) (void)send({});
-  (void)api_.enable_force(0, id_);
-  (void)api_.stop(id_);
+  if (enabled_ && send({})) released_ = ZeroForce::confirmed;
+  if (switch_off() == ZeroForce::confirmed || !enabled_) released_ = ZeroForce::confirmed;
   (void)(is_drd_ && api_.drd_close != nullptr ? api_.drd_close(id_) : api_.close(id_));
+  return released_;
 }
 
 std::unique_ptr<Device> open_force_dimension(const DeviceSpec& spec) {
@@ -426,7 +440,8 @@ DeviceBackend force_dimension_backend() {
                       {"max_force", "less than the model bears [N]"}},
           .presets = {},
           .open = open_force_dimension,
-          .find = [] { return find_plugged("Force Dimension", kForceDimension, force_dimension_library()); }};
+          .find = [] { return find_plugged("Force Dimension", kForceDimension, force_dimension_library()); },
+          .opens_still = true};
 }
 
 }  // namespace haptrace

@@ -123,6 +123,8 @@ class OpenHapticsDevice final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void close() noexcept override;
+  [[nodiscard]] ZeroForce zero_force() noexcept override;
+  [[nodiscard]] ZeroForce emergency_stop() noexcept override;
   [[nodiscard]] std::string lost_reason() const override;
   [[nodiscard]] std::string not_ready_reason() const override;
 
@@ -159,6 +161,8 @@ class OpenHapticsDevice final : public Device {
   void send(const Wrench& wrench) noexcept;
   void check_calibration() noexcept;
 
+  [[nodiscard]] bool end_frames() noexcept;
+
   // In a thread of its own.
   void calibrate_when_asked() noexcept;
 
@@ -173,6 +177,7 @@ class OpenHapticsDevice final : public Device {
   // The tick's.
   bool closed_ = true;
   bool lost_ = false;
+  ZeroForce farewell_ = ZeroForce::confirmed;  ///< of the close; no force before there were frames
   Answer newest_;
 
   Mailbox<Order> order_;
@@ -419,16 +424,36 @@ Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, Devi
   return Status::ok;
 }
 
+/// Asks for a last frame, with zero force. A servo loop that stands still sends nothing, and is not waited for long.
+bool OpenHapticsDevice::end_frames() noexcept {
+  ending_.store(true, std::memory_order_release);
+  for (int k = 0; k < 100 && !ended_.load(std::memory_order_acquire); ++k)
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  return ended_.load(std::memory_order_acquire);
+}
+
+ZeroForce OpenHapticsDevice::zero_force() noexcept {
+  if (closed_) return farewell_;
+  const std::int64_t begin = monotonic_ns();
+  for (int k = 0; k < 100; ++k) {
+    const Answer& answer = answer_.latest();
+    if (answer.frame_ns > begin && answer.fault_ns != answer.frame_ns) return ZeroForce::confirmed;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return ZeroForce::failed;
+}
+
+ZeroForce OpenHapticsDevice::emergency_stop() noexcept {
+  return end_frames() ? ZeroForce::confirmed : ZeroForce::failed;
+}
+
 void OpenHapticsDevice::close() noexcept {
   closed_ = true;
   calibrator_ends_.store(true, std::memory_order_relaxed);
   if (calibrator_.joinable()) calibrator_.join();
   if (handle_ != kHdInvalid) {
     if (scheduled_ != kHdInvalid) {
-      ending_.store(true, std::memory_order_release);
-      // A servo loop that stands still sends nothing, and is not waited for.
-      for (int k = 0; k < 100 && !ended_.load(std::memory_order_acquire); ++k)
-        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      farewell_ = end_frames() ? ZeroForce::confirmed : ZeroForce::failed;
       api_.unschedule(scheduled_);
       api_.stop_scheduler();
       scheduled_ = kHdInvalid;

@@ -18,12 +18,13 @@ struct LoadAttempt {
   std::string why_not;
 };
 
-LoadAttempt try_to_load(const std::string& place) {
+LoadAttempt try_to_load(const std::string& place, SharedLibrary::Symbols symbols) {
   std::error_code error;
   const bool is_file = place.find('/') != std::string::npos;
   if (is_file && !fs::exists(place, error)) return {nullptr, "there is no such file"};
-  // All of its symbols now, and not in the tick; none for other libraries to find.
-  if (void* handle = dlopen(place.c_str(), RTLD_NOW | RTLD_LOCAL)) return {handle, ""};
+  // All of its symbols now, and not in the tick.
+  const int visible = symbols == SharedLibrary::Symbols::global ? RTLD_GLOBAL : RTLD_LOCAL;
+  if (void* handle = dlopen(place.c_str(), RTLD_NOW | visible)) return {handle, ""};
   std::string why = dlerror();
   // What another library lacks is named by its own name.
   const bool is_missing = !is_file && why.starts_with(place + ":") && why.find("No such file") != std::string::npos;
@@ -38,10 +39,10 @@ void SharedLibrary::Close::operator()(void* library) const noexcept {
   if (unload == Unload::with_this) dlclose(library);
 }
 
-SharedLibrary::SharedLibrary(const std::string& what, const std::string& file, Unload unload)
+SharedLibrary::SharedLibrary(const std::string& what, const std::string& file, Unload unload, Symbols symbols)
     : what_(what), file_(file), handle_(nullptr, Close{unload}) {
   // A name without a slash would be looked for in the system's folders.
-  const LoadAttempt attempt = try_to_load(fs::absolute(file));
+  const LoadAttempt attempt = try_to_load(fs::absolute(file), symbols);
   if (attempt.handle == nullptr)
     throw device_error(fmt::format("{} {}: cannot be loaded: {}", what, file, attempt.why_not));
   handle_.reset(attempt.handle);
@@ -51,7 +52,7 @@ SharedLibrary::SharedLibrary(const WantedLibrary& wanted, Unload unload)
     : what_(wanted.what), handle_(nullptr, Close{unload}) {
   std::vector<std::string> looked;
   for (const std::string& place : wanted.places) {
-    const LoadAttempt attempt = try_to_load(place);
+    const LoadAttempt attempt = try_to_load(place, Symbols::local);
     looked.push_back(fmt::format("{} ({})", place, attempt.why_not));
     if (attempt.handle == nullptr) continue;
     file_ = place;

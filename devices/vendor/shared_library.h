@@ -23,6 +23,10 @@ class SharedLibrary {
     with_this,  ///< once this object is gone
     never,      ///< with the program: for libraries that may leave threads behind
   };
+  enum class Symbols {
+    local,   ///< not for other libraries
+    global,  ///< for those that are loaded later, too
+  };
 
   /// A function, of the type that it is assigned to: `int (*f)(double) = library.function("f")`.
   class Symbol {
@@ -40,7 +44,7 @@ class SharedLibrary {
 
   /// Loads a file, whatever folder the system looks into. `what` it is begins every message about it.
   /// Throws Error(device) when it cannot be loaded.
-  SharedLibrary(const std::string& what, const std::string& file, Unload unload);
+  SharedLibrary(const std::string& what, const std::string& file, Unload unload, Symbols symbols = Symbols::local);
 
   /// Loads it from the first of its places where it can be. Throws Error(device) naming every place, with why it was
   /// not that, and the remedy.

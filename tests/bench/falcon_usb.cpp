@@ -28,7 +28,7 @@ class RoundWatch final : public DeviceDriver {
     if (rounds_.size() < rounds_.capacity()) rounds_.push_back(1e-9 * static_cast<double>(monotonic_ns() - begin));
     return answered;
   }
-  void release() noexcept override { driver_->release(); }
+  ZeroForce release() noexcept override { return driver_->release(); }
 
  private:
   std::unique_ptr<DeviceDriver> driver_;

@@ -469,7 +469,10 @@ class UnwatchedDriver final : public DeviceDriver {
   bool round(const Wrench& wrench, DeviceState& state) override {
     return device_.exchange(wrench, 0, state) == Device::Status::ok;
   }
-  void release() noexcept override { device_.close(); }
+  ZeroForce release() noexcept override {
+    device_.close();
+    return ZeroForce::confirmed;
+  }
 
  private:
   Unwatched device_;

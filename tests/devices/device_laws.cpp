@@ -196,6 +196,15 @@ TEST_P(DeviceLaws, AllocatesNothingInExchange) {
   EXPECT_TRUE(ok);
 }
 
+TEST_P(DeviceLaws, ConfirmsThatItsForceIsZeroAfterTheLastExchangeAndAfterItsClose) {
+  step(*device_, Vec3::Zero(), 0);
+  for (int k = 0; k < 20; ++k) step(*device_, Vec3(0.3, 0.2, 0.1), 1e-3);
+  step(*device_, Vec3::Zero(), 1e-3);
+  EXPECT_EQ(device_->zero_force(), ZeroForce::confirmed);
+  device_->close();
+  EXPECT_EQ(device_->zero_force(), ZeroForce::confirmed);
+}
+
 TEST_P(DeviceLaws, IsLostAfterClose) {
   DeviceState state;
   exchange(*device_, Vec3::Zero(), 0);

@@ -123,6 +123,24 @@ TEST(ServoLoop, FadesForcesInAndOut) {
   EXPECT_NEAR(static_cast<double>(samples.size()), 1200, 2);
 }
 
+TEST(ServoLoop, EndsSoonForWhoAsksForItWhileTheForceFades) {
+  PointMass device;
+  StopRequest stop;
+  Scripted controller([&](const State& state) {
+    Command command;
+    command.wrench.force = Vec3(1, 2, 2);
+    command.phase = Phase::run;
+    if (state.tick == 500) command.status = Command::Status::finished;
+    if (state.tick == 1000) stop.raise();
+    return command;
+  });
+  const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.release = 1e9}}, stop);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << "it was, before it was asked to";
+  EXPECT_GT(result.log.samples[990].force.norm(), 2.9) << "its own fade lasts";
+  EXPECT_NEAR(static_cast<double>(result.log.samples.size()), 3000, 3) << "two seconds from then on";
+  EXPECT_EQ(device.forces().back(), Vec3::Zero());
+}
+
 TEST(ServoLoop, NeverSendsMoreThanTheDeviceBearsWhateverIsAsked) {
   PointMass device(1000);
   Scripted controller = push_until(500, Vec3(1e6, 0, 0));

@@ -19,15 +19,23 @@ struct Hardware {
   std::atomic<double> force{kNaN};  ///< along x, of the last round [N]
   std::atomic<int> rounds{0}, releases{0};
   std::atomic<bool> answers{true}, breaks{false}, stands_still{false};
+  std::atomic<bool> hangs{false}, hung{false}, stopped{false};  ///< in a round, as long as it is so; it is; meanwhile
+  std::atomic<ZeroForce> farewell{ZeroForce::confirmed};
 };
 
 class FakeDriver final : public DeviceDriver {
  public:
-  explicit FakeDriver(Hardware& hardware) : hardware_(hardware) { info_.name = "fake"; }
-  ~FakeDriver() override { release(); }
+  explicit FakeDriver(std::shared_ptr<Hardware> hardware) : kept_(std::move(hardware)), hardware_(*kept_) {
+    info_.name = "fake";
+  }
+  ~FakeDriver() override { (void)release(); }
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
 
   bool round(const Wrench& wrench, DeviceState& state) override {
+    while (hardware_.hangs) {
+      hardware_.hung = true;
+      std::this_thread::sleep_for(1ms);
+    }
     hardware_.force = wrench.force.x();
     ++hardware_.rounds;
     if (hardware_.breaks) throw device_error("its magic smoke escaped");
@@ -41,14 +49,21 @@ class FakeDriver final : public DeviceDriver {
     return hardware_.answers;
   }
 
-  void release() noexcept override {
-    if (released_) return;
+  ZeroForce release() noexcept override {
+    if (released_) return hardware_.farewell;
     released_ = true;
     ++hardware_.releases;
     hardware_.force = 0;
+    return hardware_.farewell;
+  }
+
+  ZeroForce emergency_stop() noexcept override {
+    hardware_.stopped = true;
+    return ZeroForce::confirmed;
   }
 
  private:
+  std::shared_ptr<Hardware> kept_;  ///< also by a thread that was given up
   Hardware& hardware_;
   DeviceInfo info_;
   bool released_ = false;
@@ -58,10 +73,11 @@ class ThreadedDeviceTest : public testing::Test {
  protected:
   ThreadedDeviceTest() { in_real_time(); }
 
-  Hardware hardware_;
+  const std::shared_ptr<Hardware> kept_ = std::make_shared<Hardware>();
+  Hardware& hardware_ = *kept_;
 
   std::unique_ptr<ThreadedDevice> open() {
-    return std::make_unique<ThreadedDevice>(std::make_unique<FakeDriver>(hardware_));
+    return std::make_unique<ThreadedDevice>(std::make_unique<FakeDriver>(kept_));
   }
 
   /// Waits until it is so; a test that waits in vain fails by what it expects next.
@@ -186,6 +202,62 @@ TEST_F(ThreadedDeviceTest, LetsGoWithZeroForceWhenItIsClosed) {
   DeviceState state;
   EXPECT_EQ(device->exchange({}, 1e-3, state), Device::Status::lost);
   EXPECT_THAT(device->lost_reason(), HasSubstr("closed"));
+}
+
+TEST_F(ThreadedDeviceTest, ConfirmsZeroForceOnceARoundWithItWasAnswered) {
+  const auto device = open();
+  push(*device, 3);
+  exchange(*device, Vec3::Zero(), 1e-3);
+  EXPECT_EQ(device->zero_force(), ZeroForce::confirmed);
+  EXPECT_EQ(hardware_.force, 0);
+  device->close();
+  EXPECT_EQ(device->zero_force(), ZeroForce::confirmed) << "its release says so";
+}
+
+TEST_F(ThreadedDeviceTest, SaysWhatItsDriverKnowsOfTheForceOnceItIsLostOrClosed) {
+  for (const ZeroForce farewell : {ZeroForce::confirmed, ZeroForce::sent, ZeroForce::failed}) {
+    hardware_.farewell = farewell;
+    hardware_.breaks = false;
+    const auto lost = open();
+    hardware_.breaks = true;
+    EXPECT_EQ(lost->zero_force(), farewell) << "it broke while it was asked";
+    hardware_.breaks = false;
+    const auto closed = open();
+    closed->close();
+    EXPECT_EQ(closed->zero_force(), farewell);
+  }
+}
+
+TEST_F(ThreadedDeviceTest, DoesNotTakeSilenceForZeroForce) {
+  hardware_.farewell = ZeroForce::failed;
+  const auto device = open();
+  push(*device, 3);
+  hardware_.answers = false;
+  EXPECT_EQ(device->zero_force(), ZeroForce::failed);
+}
+
+TEST_F(ThreadedDeviceTest, IsClosedEvenWhenItsDriverNeverReturns) {
+  const auto device = open();
+  push(*device, 3);
+  hardware_.hangs = true;
+  wait_until([&] { return hardware_.hung.load(); });
+  EXPECT_EQ(device->emergency_stop(), ZeroForce::confirmed);
+  EXPECT_TRUE(hardware_.stopped) << "from outside, since the driver is in its round";
+  device->close();
+  EXPECT_EQ(hardware_.releases, 0) << "still in its round";
+  EXPECT_EQ(device->zero_force(), ZeroForce::failed);
+  EXPECT_TRUE(LooseThread::any_given_up());
+  hardware_.hangs = false;
+  wait_until([&] { return hardware_.releases == 1; });
+  EXPECT_EQ(hardware_.releases, 1) << "and once it returns, it lets go all the same";
+}
+
+TEST_F(ThreadedDeviceTest, StopsByItsRoundsWhileThoseGoOn) {
+  const auto device = open();
+  push(*device, 3);
+  EXPECT_EQ(device->emergency_stop(), ZeroForce::confirmed);
+  EXPECT_FALSE(hardware_.stopped);
+  EXPECT_EQ(hardware_.force, 0);
 }
 
 TEST_F(ThreadedDeviceTest, AllocatesNothingInExchange) {

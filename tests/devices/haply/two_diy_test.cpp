@@ -3,6 +3,7 @@
 #include "tests/devices/serial/support.h"
 #include "tests/support/real_time.h"
 
+#include <fmt/format.h>
 #include <random>
 
 namespace haptrace::test {
@@ -345,7 +346,7 @@ TEST_F(TwoDiy, SaysThatItsArmsWereNotInTheirStops) {
 }
 
 TEST_F(TwoDiy, EndsWithZeroTorqueOnEveryWayOut) {
-  pulling()->release();
+  EXPECT_EQ(pulling()->release(), ZeroForce::confirmed);
   EXPECT_EQ(bench_.board->torque(), 0);
   pulling().reset();
   wait_until([&] { return bench_.board->torque() == 0; });
@@ -355,7 +356,7 @@ TEST_F(TwoDiy, EndsWithZeroTorqueOnEveryWayOut) {
   for (const int place : {0, 3, 11, 15}) {
     bench_.line->inject(Way::to_board, Fault::lose_byte, place);
     bench_.line->inject(Way::to_board, Fault::lose_byte, place);
-    driver->release();
+    EXPECT_EQ(driver->release(), ZeroForce::confirmed) << place;
     EXPECT_EQ(bench_.board->torque(), 0) << place;
     driver.reset();
     driver = pulling();
@@ -375,7 +376,33 @@ TEST_F(TwoDiy, IsLostWithCauseAndRemedyWhenItsCableIsOutOrItFallsSilent) {
     wait_until([&] { return device.exchange({force_, Vec3::Zero()}, 1e-3, state_) == Device::Status::lost; });
     EXPECT_EQ(device.exchange({force_, Vec3::Zero()}, 1e-3, state_), Device::Status::lost);
     EXPECT_THAT(device.lost_reason(), HasSubstr("cable")) << unplugged;
+    EXPECT_EQ(device.zero_force(), ZeroForce::failed) << "nobody heard that the torques are zero";
   }
+}
+
+TEST_F(TwoDiy, ThatWasLostUnderForceIsOpenedAgainToTakeItAway) {
+  const std::string text = fmt::format("haply2diy:port={},homed=true", bench_.line->path());
+  auto device = open_device(text);
+  EXPECT_TRUE(can_be_zeroed_again(device->info()));
+  wait_until([&] {
+    (void)device->exchange({force_, Vec3::Zero()}, 1e-3, state_);
+    return state_.ready;
+  });
+  bench_.line->fall_silent(true);
+  wait_until([&] { return device->exchange({force_, Vec3::Zero()}, 1e-3, state_) == Device::Status::lost; });
+  EXPECT_EQ(device->zero_force(), ZeroForce::failed);
+  device->close();
+  bench_.line->fall_silent(false);
+  EXPECT_EQ(zero_when_back(device->info()), ZeroForce::confirmed);
+  EXPECT_EQ(bench_.board->torque(), 0);
+}
+
+TEST_F(TwoDiy, ThatDoesNotComeBackIsSaidToHoldItsForce) {
+  const auto device = open_device("haply2diy:port=" + bench_.line->path());
+  bench_.line->unplug();
+  wait_until([&] { return device->exchange({force_, Vec3::Zero()}, 1e-3, state_) == Device::Status::lost; });
+  device->close();
+  EXPECT_EQ(zero_when_back(device->info()), ZeroForce::failed);
 }
 
 TEST_F(TwoDiy, IsLeftWithoutTorqueWhenItsHostStopsExchanging) {

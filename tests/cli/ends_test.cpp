@@ -1,0 +1,126 @@
+// Sessions that cannot end by themselves: plug-ins that hang, crash, exit or throw, on the real command.
+#include "formats/recording.h"
+#include "tests/cli/command.h"
+#include "tests/support/real_time.h"
+
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fmt/format.h>
+#include <thread>
+
+namespace haptrace {
+namespace {
+
+std::string deadly(const std::string& fault, int tick = 300) {
+  return fmt::format(R"(plugin:path={},options={{"fault":"{}","tick":{}}})", DEADLY_PLUGIN, fault, tick);
+}
+
+struct Death {
+  const char* fault;
+  const char* words;
+  const char* force;
+};
+
+class DeadlyPlugin : public testing::TestWithParam<Death> {};
+
+TEST_P(DeadlyPlugin, EndsTheSessionWithWordsAndAWholeFile) {
+  const TempFolder folder;
+  const std::string file = folder / "out.h5";
+  const Answer answer = test::haptrace("record", file, "--device", deadly(GetParam().fault), "--no-realtime",
+                                       "--duration", "60", "--json");
+  EXPECT_EQ(answer.exit_code, 3) << answer.err;
+  EXPECT_THAT(answer.err, AllOf(HasSubstr(GetParam().words), HasSubstr(GetParam().force)));
+  EXPECT_THAT(answer.err, HasSubstr("recording keeps what"));
+  EXPECT_TRUE(answer.json().is_object());
+  const Answer checked = test::haptrace("check", file);
+  EXPECT_EQ(checked.exit_code, 0) << checked.out << checked.err;
+  EXPECT_EQ(RecordingReader(file).rows(), 299U + 1) << "all that came before, and the first state";
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    OfEveryKind, DeadlyPlugin,
+    testing::Values(Death{"hangs", "has not returned from an exchange for 0.5 s", "switch the device off"},
+                    Death{"stoppable", "has not returned from an exchange for 0.5 s", "the force is zero"},
+                    Death{"crashes", "crashed (SIGSEGV)", "switch the device off"},
+                    Death{"overflows", "crashed (SIGSEGV)", "switch the device off"},
+                    Death{"aborts", "was aborted (SIGABRT)", "switch the device off"},
+                    Death{"exits", "called exit()", "switch the device off"},
+                    Death{"throws", "the plug-in threw an exception in exchange: the bus is on fire",
+                          "switch the device off"},
+                    Death{"throws_number", "the plug-in threw an exception in exchange", "switch the device off"}),
+    [](const auto& tested) { return std::string(tested.param.fault); });
+
+TEST(DeadlyPlugins, SayWhoTheyAreWhenTheyDieWhileTheyAreOpened) {
+  const TempFolder folder;
+  const auto record = [&](const char* fault) {
+    return test::haptrace("record", folder / "out.h5", "--device", deadly(fault), "--duration", "1");
+  };
+  const Answer thrown = record("open_throws");
+  EXPECT_EQ(thrown.exit_code, 3);
+  EXPECT_THAT(thrown.err, AllOf(HasSubstr(DEADLY_PLUGIN), HasSubstr("there is no interpreter")));
+  const Answer left = record("open_exits");
+  EXPECT_EQ(left.exit_code, 3);
+  EXPECT_THAT(left.err, AllOf(HasSubstr(DEADLY_PLUGIN), HasSubstr("called exit()")));
+  const Answer crashed = record("open_crashes");
+  EXPECT_EQ(crashed.exit_code, -SIGSEGV);
+  EXPECT_THAT(crashed.err, AllOf(HasSubstr(DEADLY_PLUGIN), HasSubstr("crashed (SIGSEGV)")));
+}
+
+TEST(DeadlyPlugins, ThatDoNotCloseKeepNoSessionFromItsEnd) {
+  const TempFolder folder;
+  for (const char* fault : {"close_hangs", "close_throws"}) {
+    const std::string file = folder / fmt::format("{}.h5", fault);
+    const Answer answer =
+        test::haptrace("record", file, "--device", deadly(fault), "--duration", "0.2", "--no-realtime");
+    EXPECT_EQ(answer.exit_code, 0) << answer.err;
+    EXPECT_EQ(test::haptrace("check", file).exit_code, 0);
+  }
+}
+
+TEST(DeadlyPlugins, AreNotMistakenForAProcessThatWasStopped) {
+  const TempFolder folder;
+  const std::string file = folder / "out.h5";
+  test::Command command({"record", file, "--device", deadly("none"), "--no-realtime", "--json"});
+  for (int k = 0; k < 6000 && !std::filesystem::exists(file); ++k)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  // Stopped wherever it is, in a tick or between two, for longer than the watchdog's patience.
+  for (int times = 0; times < 3; ++times) {
+    kill(command.pid(), SIGSTOP);
+    std::this_thread::sleep_for(std::chrono::milliseconds(800));
+    kill(command.pid(), SIGCONT);
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
+  kill(command.pid(), SIGINT);
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 130) << answer.err;
+  EXPECT_GE(answer.json()["gaps"], 3) << "a stall is a gap";
+}
+
+TEST(LostDevices, AreToldToBeSwitchedOffWhenTheirForceMayStay) {
+  test::in_real_time();
+  const TempFolder folder;
+  for (const char* fault : {"silent:0.5", "hang:0.5", "unplug:0.5"}) {
+    const std::string file = folder / fmt::format("{}.h5", std::string(fault).substr(0, 4));
+    const Answer answer =
+        test::haptrace("record", file, "--device", fmt::format("falcon:emulated=true,hand=relaxed,fault={}", fault),
+                       "--duration", "5", "--no-realtime", "--json");
+    EXPECT_EQ(answer.exit_code, 3) << answer.err;
+    EXPECT_THAT(answer.err, AllOf(HasSubstr("the force could not be set to zero: switch the device off"),
+                                  Not(HasSubstr("the force is zero"))));
+    EXPECT_EQ(answer.json()["zero_force"], "failed") << fault;
+    EXPECT_THAT(test::haptrace("info", file).out, HasSubstr("switch the device off")) << "the file keeps it as well";
+  }
+}
+
+TEST(LostDevices, ThatConfirmTheirZeroForceAreSaidToHaveNone) {
+  test::in_real_time();
+  const TempFolder folder;
+  const Answer answer = test::haptrace("record", folder / "out.h5", "--device", "falcon:emulated=true,hand=relaxed",
+                                       "--duration", "0.5", "--no-realtime", "--json");
+  EXPECT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_EQ(answer.json()["zero_force"], "confirmed");
+}
+
+}  // namespace
+}  // namespace haptrace
