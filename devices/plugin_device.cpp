@@ -173,7 +173,8 @@ Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceSta
   for (double& v : raw.velocity) v = kNaN;
   for (double& q : raw.orientation) q = kNaN;
   for (double& f : raw.force) f = kNaN;
-  zero_ = ZeroForce::failed;
+  const bool zero = force.isZero(0) && torque.isZero(0);
+  if (!zero) zero_ = ZeroForce::failed;
   haptrace_plugin_sample_info sample{};
   sample.struct_size = sizeof sample;
   const ForeignCall foreign(words_.c_str());
@@ -186,7 +187,7 @@ Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceSta
     remember_thrown("something that is no std::exception");
   }
   if (failure_ < 0) return Status::lost;
-  if (force.isZero(0) && torque.isZero(0)) zero_ = ZeroForce::confirmed;
+  if (zero) zero_ = ZeroForce::confirmed;
   state = DeviceState{};
   state.position = Vec3(raw.position);
   state.velocity = Vec3(raw.velocity);
@@ -224,7 +225,7 @@ ZeroForce PluginDevice::zero_force() noexcept {
 }
 
 ZeroForce PluginDevice::emergency_stop() noexcept {
-  if (stop_ == nullptr) return ZeroForce::failed;
+  if (stop_ == nullptr || zero_ == ZeroForce::confirmed) return zero_;
   const ForeignCall foreign(words_.c_str());
   return stop_(device_) == 0 ? ZeroForce::confirmed : ZeroForce::failed;
 }

@@ -6,6 +6,7 @@
 #include "devices/vendor/shared_library.h"
 
 #include <array>
+#include <atomic>
 #include <memory>
 #include <string>
 
@@ -26,7 +27,7 @@ class PluginDevice final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void close() noexcept override;
-  /// Confirmed when the last exchange took zero force: the plug-in's word.
+  /// Confirmed when the last exchange that took a force took zero: the plug-in's word.
   [[nodiscard]] ZeroForce zero_force() noexcept override;
   [[nodiscard]] ZeroForce emergency_stop() noexcept override;
   [[nodiscard]] std::string lost_reason() const override;
@@ -42,9 +43,9 @@ class PluginDevice final : public Device {
   decltype(&haptrace_plugin_sample) sample_ = nullptr;  ///< null: it does not say
   decltype(&haptrace_plugin_stop) stop_ = nullptr;      ///< null: it cannot
   decltype(&haptrace_plugin_close) close_ = nullptr;
-  ZeroForce zero_ = ZeroForce::confirmed;  ///< no force before there was an exchange
-  int failure_ = 0;                        ///< what exchange returned when the device was lost
-  std::array<char, 256> thrown_{};         ///< what it threw, instead
+  std::atomic<ZeroForce> zero_{ZeroForce::confirmed};  ///< no force before there was an exchange
+  int failure_ = 0;                                    ///< what exchange returned when the device was lost
+  std::array<char, 256> thrown_{};                     ///< what it threw, instead
 };
 
 /// `plugin`, with the options path and options.

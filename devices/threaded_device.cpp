@@ -81,6 +81,7 @@ class ThreadedDevice::Rounds {
   Mailbox<Answer> answer_;
   std::counting_semaphore<> wake_{0};  ///< released by every exchange
   std::atomic<bool> ending_{false}, lost_{false}, released_{false};
+  std::atomic<bool> holds_{false};          ///< a force that was sent, and no answer to zero force since
   std::atomic<std::int64_t> zeroed_ns_{0};  ///< when the last round with zero force began that was answered
   ZeroForce release_ = ZeroForce::failed;   ///< written before released_
   mutable std::mutex reason_;               ///< guards why_; never taken in exchange
@@ -132,10 +133,15 @@ void ThreadedDevice::Rounds::run() noexcept {
       const Order& order = order_.latest();
       const std::int64_t began_ns = monotonic_ns();
       const Wrench wrench = began_ns < order.until_ns ? order.wrench : Wrench{};
+      const bool zero = wrench.force.isZero(0) && wrench.torque.isZero(0);
+      if (!zero) holds_ = true;
       if (driver_->round(wrench, answer.state)) {
         post(answer);
         silence = 0;
-        if (wrench.force.isZero(0) && wrench.torque.isZero(0)) zeroed_ns_ = began_ns;
+        if (zero) {
+          holds_ = false;
+          zeroed_ns_ = began_ns;
+        }
       } else {
         silence += std::min(since(round_ns), kLongestRound);
         if (silence > kPatience)
@@ -148,6 +154,7 @@ void ThreadedDevice::Rounds::run() noexcept {
     lose(error.what());
   }
   release_ = driver_->release();
+  if (!holds_) release_ = ZeroForce::confirmed;
   released_.store(true, std::memory_order_release);
 }
 
@@ -175,7 +182,8 @@ ZeroForce ThreadedDevice::Rounds::await_zero() noexcept {
     wake_.release();
     std::this_thread::sleep_for(kLook);
   }
-  return (is_lost() ? await_release(kLongestRelease) : released()).value_or(ZeroForce::failed);
+  const auto released = is_lost() ? await_release(kLongestRelease) : this->released();
+  return released.value_or(holds_ ? ZeroForce::failed : ZeroForce::confirmed);
 }
 
 ThreadedDevice::ThreadedDevice(std::unique_ptr<DeviceDriver> driver)

@@ -65,7 +65,8 @@ class ThreadedDevice final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void close() noexcept override;
-  /// Confirmed once a round that began after this call was answered, and took zero force along.
+  /// Confirmed once a round that began after this call was answered, and took zero force along; and where no other
+  /// force was sent since such an answer.
   [[nodiscard]] ZeroForce zero_force() noexcept override;
   [[nodiscard]] ZeroForce emergency_stop() noexcept override;
   [[nodiscard]] std::string lost_reason() const override;

@@ -69,6 +69,11 @@ void Command::type(const std::string& text) const {
   EXPECT_EQ(write(in_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
 }
 
+void Command::hang_up() {
+  for (int* descriptor : {&in_, &err_})
+    if (*descriptor >= 0) close(std::exchange(*descriptor, -1));
+}
+
 Command::~Command() {
   if (pid_ > 0) {
     kill(pid_, SIGKILL);

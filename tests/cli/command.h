@@ -39,6 +39,9 @@ class Command {
   [[nodiscard]] pid_t pid() const { return pid_; }
   void type(const std::string& text) const;
 
+  /// Its terminal is gone, as when a person closes the window.
+  void hang_up();
+
   /// Waits until it has said `part` on standard error; false when it ended without.
   bool says(std::string_view part);
 

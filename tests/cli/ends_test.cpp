@@ -26,9 +26,10 @@ class DeadlyPlugin : public testing::TestWithParam<Death> {};
 
 TEST_P(DeadlyPlugin, EndsTheSessionWithWordsAndAWholeFile) {
   const TempFolder folder;
-  const std::string file = folder / "out.h5";
-  const Answer answer = test::haptrace("record", file, "--device", deadly(GetParam().fault), "--no-realtime",
-                                       "--duration", "60", "--json");
+  const std::string path = folder / "square.h5", file = folder / "out.h5";
+  ASSERT_EQ(test::haptrace("shape", "square", "--duration", "60", "-o", path).exit_code, 0);
+  const Answer answer = test::haptrace("play", path, "--record", file, "--device", deadly(GetParam().fault),
+                                       "--no-profile", "--no-realtime", "--json");
   EXPECT_EQ(answer.exit_code, 3) << answer.err;
   EXPECT_THAT(answer.err, AllOf(HasSubstr(GetParam().words), HasSubstr(GetParam().force)));
   EXPECT_THAT(answer.err, HasSubstr("recording keeps what"));
@@ -50,6 +51,16 @@ INSTANTIATE_TEST_SUITE_P(
                           "switch the device off"},
                     Death{"throws_number", "the plug-in threw an exception in exchange", "switch the device off"}),
     [](const auto& tested) { return std::string(tested.param.fault); });
+
+TEST(DeadlyPlugins, ThatWereSentNoForceHaveNone) {
+  const TempFolder folder;
+  for (const char* fault : {"hangs", "crashes", "throws"}) {
+    const Answer answer = test::haptrace("record", folder / fmt::format("{}.h5", fault), "--device", deadly(fault),
+                                         "--no-realtime", "--duration", "60");
+    EXPECT_EQ(answer.exit_code, 3);
+    EXPECT_THAT(answer.err, AllOf(HasSubstr("the force is zero"), Not(HasSubstr("switch the device off"))));
+  }
+}
 
 TEST(DeadlyPlugins, SayWhoTheyAreWhenTheyDieWhileTheyAreOpened) {
   const TempFolder folder;
@@ -100,11 +111,13 @@ TEST(DeadlyPlugins, AreNotMistakenForAProcessThatWasStopped) {
 TEST(LostDevices, AreToldToBeSwitchedOffWhenTheirForceMayStay) {
   test::in_real_time();
   const TempFolder folder;
-  for (const char* fault : {"silent:0.5", "hang:0.5", "unplug:0.5"}) {
-    const std::string file = folder / fmt::format("{}.h5", std::string(fault).substr(0, 4));
-    const Answer answer =
-        test::haptrace("record", file, "--device", fmt::format("falcon:emulated=true,hand=relaxed,fault={}", fault),
-                       "--duration", "5", "--no-realtime", "--json");
+  const std::string path = folder / "square.h5";
+  ASSERT_EQ(test::haptrace("shape", "square", "--duration", "10", "-o", path).exit_code, 0);
+  for (const std::string fault : {"silent", "hang", "unplug"}) {
+    const std::string file = folder / (fault + ".h5");
+    const Answer answer = test::haptrace("play", path, "--record", file, "--device",
+                                         fmt::format("falcon:emulated=true,hand=relaxed,fault={}:2.5", fault),
+                                         "--no-profile", "--no-realtime", "--json");
     EXPECT_EQ(answer.exit_code, 3) << answer.err;
     EXPECT_THAT(answer.err, AllOf(HasSubstr("the force could not be set to zero: switch the device off"),
                                   Not(HasSubstr("the force is zero"))));

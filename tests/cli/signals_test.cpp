@@ -1,12 +1,15 @@
 // Signals and dead streams, on the real command.
 #include "formats/recording.h"
+#include "formats/session_log.h"
 #include "tests/cli/command.h"
 
+#include <array>
 #include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <fmt/format.h>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <thread>
 
 namespace haptrace {
@@ -54,21 +57,63 @@ TEST(IgnoredSignals, NeitherStopNorEndASession) {
   EXPECT_EQ(command.wait().exit_code, 130);
 }
 
-/// The exit code of a session whose output goes where `redirection` of bash says.
-int code_with(const std::string& redirection, const std::string& file, const std::string& more = "") {
-  const std::string line = fmt::format("'{}' record '{}' --device {} --clock real --no-realtime --duration 0.5 {} {}",
-                                       HAPTRACE_COMMAND, file, kFalcon, more, redirection);
+/// The exit code of the command with its output where `redirection` of bash says.
+int code_with(const std::string& redirection, const std::string& arguments) {
+  const std::string line = fmt::format("'{}' {} {}", HAPTRACE_COMMAND, arguments, redirection);
   return test::Command({"-c", line}, test::Command::Input::none, {}, "/bin/bash").wait().exit_code;
+}
+
+constexpr std::array kDeadStreams{"2> >(true)", "> >(true)", ">/dev/full",  "2>/dev/full",
+                                  "2>&-",       ">&-",       ">&- 2>&- <&-"};
+
+TEST(DeadStreams, EndNoProgrammeBeforeItsTime) {
+  const TempFolder folder;
+  const nlohmann::json programme{{"haptrace_programme", 1},
+                                 {"title", "two circles"},
+                                 {"exercises",
+                                  {{{"name", "round"},
+                                    {"shape", {{"kind", "circle"}, {"size", 0.04}, {"duration", 1}}},
+                                    {"mode", "tunnel"},
+                                    {"repetitions", 2}}}}};
+  const std::string file = folder.write("circles.json", programme.dump());
+  int number = 0;
+  for (const char* more : {"", "--json"})
+    for (const char* redirection : kDeadStreams) {
+      const std::string session = folder / fmt::format("session-{}", ++number);
+      EXPECT_EQ(code_with(redirection,
+                          fmt::format("run '{}' --device 'sim:preset=omega3,hand=relaxed,intent={{path}}' -o '{}' {}",
+                                      file, session, more)),
+                0)
+          << more << " " << redirection;
+      EXPECT_TRUE(load_session_log(session).complete) << more << " " << redirection;
+    }
+}
+
+TEST(ATerminalThatIsClosed, EndsASessionInGoodOrder) {
+  const TempFolder folder;
+  const std::string file = folder / "out.h5";
+  test::Command command({"record", file, "--device", kFalcon, "--clock", "real", "--no-realtime", "--json"},
+                        test::Command::Input::terminal);
+  wait_for(file);
+  ASSERT_TRUE(command.says("Hz")) << "its progress is on the terminal";
+  command.hang_up();
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 130);
+  EXPECT_EQ(answer.json()["stopped_by"], "interrupted");
+  EXPECT_EQ(test::haptrace("check", file).exit_code, 0);
 }
 
 TEST(DeadStreams, EndNoSessionBeforeItsTime) {
   const TempFolder folder;
   int number = 0;
   for (const char* more : {"", "--json"})
-    for (const char* redirection :
-         {"2> >(true)", "> >(true)", ">/dev/full", "2>/dev/full", "2>&-", ">&-", ">&- 2>&- <&-"}) {
+    for (const char* redirection : kDeadStreams) {
       const std::string file = folder / fmt::format("{}.h5", ++number);
-      EXPECT_EQ(code_with(redirection, file, more), 0) << more << " " << redirection;
+      EXPECT_EQ(
+          code_with(redirection, fmt::format("record '{}' --device {} --clock real --no-realtime --duration 0.5 {}",
+                                             file, kFalcon, more)),
+          0)
+          << more << " " << redirection;
       const Answer checked = test::haptrace("check", file);
       EXPECT_EQ(checked.exit_code, 0) << redirection << ": " << checked.out << checked.err;
       EXPECT_GT(RecordingReader(file).rows(), 100U) << redirection;

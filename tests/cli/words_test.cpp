@@ -190,8 +190,7 @@ TEST(Readme, ItsFirstSessionRunsWithoutAWarning) {
     }
     // Shortened: what lasts until Ctrl+C is played once, and what runs for minutes of machine time answers its --help.
     if (const auto loop = std::find(words.begin(), words.end(), "--loop"); loop != words.end()) words.erase(loop);
-    if (verb == "doctor" || verb == "stability" || verb == "tradeoff" || verb == "run" || verb == "report")
-      words = {verb, "--help"};
+    if (verb == "doctor" || verb == "stability" || verb == "tradeoff") words = {verb, "--help"};
     words.insert(words.begin(), HAPTRACE_COMMAND);
     const std::string script = R"(cd "$1" && shift && exec "$@")";
     std::vector<std::string> arguments{"-c", script, "sh", folder.path()};

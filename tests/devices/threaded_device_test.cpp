@@ -219,12 +219,17 @@ TEST_F(ThreadedDeviceTest, SaysWhatItsDriverKnowsOfTheForceOnceItIsLostOrClosed)
     hardware_.farewell = farewell;
     hardware_.breaks = false;
     const auto lost = open();
+    push(*lost, 3);
     hardware_.breaks = true;
     EXPECT_EQ(lost->zero_force(), farewell) << "it broke while it was asked";
     hardware_.breaks = false;
     const auto closed = open();
+    push(*closed, 3);
     closed->close();
     EXPECT_EQ(closed->zero_force(), farewell);
+    const auto idle = open();
+    idle->close();
+    EXPECT_EQ(idle->zero_force(), ZeroForce::confirmed) << "it never had a force";
   }
 }
 
