@@ -1057,6 +1057,23 @@ TEST(ServoLoop, StartsAnewAfterATimeWithoutTicks) {
   EXPECT_EQ(result.report.gaps, 1U);
 }
 
+TEST(ServoLoop, KeepsTheZeroForceThatATimeWithoutTicksEndsAFadeWith) {
+  Gliding device([](std::uint64_t) { return true; });
+  Stalling clock(600'000'000);
+  Resuming controller(500);
+  ServoLoop::Options options = kVirtual;
+  options.clock = &clock;
+  options.limits = {.release = 1};
+  const Outcome result = run(device, controller, options);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+  const auto& rows = result.log.samples;
+  ASSERT_EQ(rows.size(), 601U);
+  EXPECT_GT(rows[599].force.norm(), 1);
+  EXPECT_EQ(rows.back().force, Vec3::Zero());
+  EXPECT_EQ(rows.back().phase, Phase::release);
+  EXPECT_EQ(result.report.gaps, 1U);
+}
+
 TEST(ServoLoop, DoesNotLoseADeviceWhoseNewestStateIsFromBeforeATimeWithoutTicks) {
   // As a driver's thread has it, that was stopped with the process.
   Gliding device([](std::uint64_t call) { return call < 601 || call >= 604; });
