@@ -20,6 +20,7 @@ constexpr double kFirstAnswer = 1;                   // how long to wait for it 
 constexpr double kLongestWatch = 1;                  // [s]
 constexpr std::chrono::milliseconds kOwnRounds{10};  // apart, while nobody exchanges
 constexpr double kLongestRound = 0.04;               // what lasts longer is a process that stood still [s]
+constexpr int kDoubtful = 2;                         // answers after it: they may have been on their way before
 constexpr double kLongestRelease = 2;                // of a driver [s]
 constexpr double kZeroAnswer = 0.2;                  // how long to wait for the answer to zero force [s]
 constexpr double kEmergencyRelease = 0.1;            // where a driver still does its rounds, it ends within that [s]
@@ -123,6 +124,7 @@ void ThreadedDevice::Rounds::run() noexcept {
   const FlushDenormals flush;
   Answer answer;
   double silence = 0;  // without an answer [s]
+  int doubtful = 0;    // answers that are still to come and are not taken
   std::int64_t round_ns = monotonic_ns();
   try {
     while (!ending_) {
@@ -135,8 +137,14 @@ void ThreadedDevice::Rounds::run() noexcept {
       const Wrench wrench = began_ns < order.until_ns ? order.wrench : Wrench{};
       const bool zero = wrench.force.isZero(0) && wrench.torque.isZero(0);
       if (!zero) holds_ = true;
-      if (driver_->round(wrench, answer.state)) {
-        post(answer);
+      const bool answered = driver_->round(wrench, answer.state);
+      if (since(began_ns) > kLongestRound || 1e-9 * static_cast<double>(began_ns - round_ns) > kLongestRound)
+        doubtful = kDoubtful;
+      if (answered) {
+        if (doubtful > 0)
+          --doubtful;
+        else
+          post(answer);
         silence = 0;
         if (zero) {
           holds_ = false;

@@ -144,13 +144,15 @@ class Watch {
     const auto now = Clock::now();
     if (now - told_ < std::chrono::seconds(1)) return;
     const Recorder::Status& status = *view.recording;
+    // A process that was stopped as a whole goes on with a writer that soon answers.
+    const bool still_stalled = std::exchange(stalled_, status.stalled > 1) && stalled_;
     if (status.lost > lost_told_ && !status.failed) {
       add(view,
           {{Warning::Severity::warning, "samples_lost", view.live.time,
             fmt::format("{}: {} samples lost so far: the disk does not keep up", recorder_->file(), status.lost)}});
       lost_told_ = status.lost;
       told_ = now;
-    } else if (status.stalled > 1) {
+    } else if (still_stalled) {
       add(view, {{Warning::Severity::warning, "disk_stalled", view.live.time,
                   fmt::format("{}: the disk has not answered for {:.0f} s; samples wait in memory", recorder_->file(),
                               status.stalled)}});
@@ -168,7 +170,7 @@ class Watch {
   std::vector<Warning> late_;
   Clock::time_point told_;
   std::uint64_t lost_told_ = 0, losses_told_ = 0;
-  bool disk_is_low_ = false;
+  bool disk_is_low_ = false, stalled_ = false;
 };
 
 /// On the real clock, what the machine cost the loop. A thousandth of the ticks is what `doctor` allows.

@@ -276,15 +276,17 @@ class Inverse3Driver final : public DeviceDriver {
     const bool zero = force.isZero(0);
     // One message for every reply, but a zero is not held back by a service that owes one.
     if (owed_ == 0 || (zero && !sent_zero_)) send(force, zero);
+    const std::int64_t asked_ns = monotonic_ns();
     const auto reply = connection_.receive(kInverseReply);
     if (!reply) {
-      if (since(answered_ns_) > (answered_ ? kInverseSilence : kInverseFirstReply))
+      silence_ += std::min(since(asked_ns), 2 * kInverseReply);  // more was a process that stood still
+      if (silence_ > (answered_ ? kInverseSilence : kInverseFirstReply))
         throw device_error(
             fmt::format("the Inverse Service gives no answer{}; {}", answered_ ? " any more" : "", kRestartService));
       return false;
     }
     answered_ = true;
-    answered_ns_ = monotonic_ns();
+    silence_ = 0;
     owed_ = std::max(owed_ - 1, 0);
     view_.take(*reply);
     if (!accepted()) return false;
@@ -293,7 +295,7 @@ class Inverse3Driver final : public DeviceDriver {
         throw device_error(fmt::format("the Inverse Service no longer lists Inverse3 {}; {}", id_, kNoArm));
       return false;
     }
-    listed_ns_ = answered_ns_;
+    listed_ns_ = monotonic_ns();
     read(state);
     heed_events();
     return true;
@@ -436,8 +438,9 @@ class Inverse3Driver final : public DeviceDriver {
   bool may_change_key_ = true, first_ = true, sent_zero_ = false;
   std::optional<ZeroForce> released_;
   bool answered_ = false;
-  std::int64_t answered_ns_ = monotonic_ns(), listed_ns_ = answered_ns_;  ///< when it was last
-  int owed_ = 0;                                                          ///< replies
+  double silence_ = 0;                       ///< without an answer [s]
+  std::int64_t listed_ns_ = monotonic_ns();  ///< when it was last
+  int owed_ = 0;                             ///< replies
 };
 
 /// A driver together with the emulated service that it talks to.

@@ -2,6 +2,8 @@
 #include "formats/recording.h"
 #include "formats/session_log.h"
 #include "tests/cli/command.h"
+#include "tests/cli/live_recording.h"
+#include "tests/support/real_time.h"
 
 #include <array>
 #include <chrono>
@@ -56,6 +58,39 @@ TEST(IgnoredSignals, NeitherStopNorEndASession) {
   kill(command.pid(), SIGINT);
   EXPECT_EQ(command.wait().exit_code, 130);
 }
+
+class StoppedProcesses : public testing::TestWithParam<const char*> {};
+
+TEST_P(StoppedProcesses, GoOnAsAfterAGapOfTheDevice) {
+  test::in_real_time();
+  const TempFolder folder;
+  const std::string path = folder / "circle.h5", file = folder / "out.h5";
+  ASSERT_EQ(test::haptrace("shape", "circle", "--duration", "4", "-o", path).exit_code, 0);
+  test::Command command({"play", path, "--fit", "--device", fmt::format("{}:emulated=true,hand=relaxed", GetParam()),
+                         "--no-profile", "--hold", "60", "--record", file, "--no-realtime", "--json"});
+  ASSERT_TRUE(test::wait_for_phase(file, Phase::run));
+  kill(command.pid(), SIGSTOP);
+  std::this_thread::sleep_for(std::chrono::seconds(1));
+  kill(command.pid(), SIGCONT);
+  std::this_thread::sleep_for(std::chrono::seconds(1));
+  kill(command.pid(), SIGINT);
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 130) << answer.err;
+  EXPECT_EQ(answer.json()["stopped_by"], "interrupted");
+  EXPECT_GE(answer.json()["gaps"], 1);
+  EXPECT_THAT(answer.err, testing::Not(testing::HasSubstr("has not answered")));
+  const RecordingReader reader(file);
+  const std::vector<Sample> rows = reader.read(0, reader.rows());
+  for (std::size_t k = 1; k < rows.size(); ++k) {
+    EXPECT_LT(rows[k].velocity.norm(), 1) << "at " << rows[k].time_ns << " ns: the path is slower";
+    if (rows[k].time_ns - rows[k - 1].time_ns > 500'000'000) {
+      EXPECT_LT(rows[k].force.norm(), 0.05) << "it fades in";
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(OnEveryDevice, StoppedProcesses, testing::Values("falcon", "haply2diy", "hapkit", "inverse3"),
+                         [](const auto& tested) { return std::string(tested.param); });
 
 /// The exit code of the command with its output where `redirection` of bash says.
 int code_with(const std::string& redirection, const std::string& arguments) {

@@ -18,7 +18,8 @@ using namespace std::chrono_literals;
 struct Hardware {
   std::atomic<double> force{kNaN};  ///< along x, of the last round [N]
   std::atomic<int> rounds{0}, releases{0};
-  std::atomic<bool> answers{true}, breaks{false}, stands_still{false};
+  std::atomic<bool> answers{true}, breaks{false}, stands_still{false}, answers_then{false};
+  std::atomic<int> stood_still{0};                              ///< the round in which it did
   std::atomic<bool> hangs{false}, hung{false}, stopped{false};  ///< in a round, as long as it is so; it is; meanwhile
   std::atomic<ZeroForce> farewell{ZeroForce::confirmed};
 };
@@ -42,7 +43,8 @@ class FakeDriver final : public DeviceDriver {
     if (hardware_.stands_still) {
       std::this_thread::sleep_for(200ms);
       hardware_.stands_still = false;
-      return false;
+      hardware_.stood_still = hardware_.rounds.load();
+      return hardware_.answers_then;
     }
     std::this_thread::sleep_for(200us);
     state.position = Vec3(hardware_.rounds, 0, 0);
@@ -163,6 +165,18 @@ TEST_F(ThreadedDeviceTest, IsNotLostForAProcessThatStoodStill) {
   const int rounds = hardware_.rounds;
   wait_until([&] { return hardware_.rounds > rounds + 1; });
   exchange(*device, Vec3::Zero(), 1e-3);
+}
+
+TEST_F(ThreadedDeviceTest, TakesNoAnswerThatMayBeFromBeforeItStoodStill) {
+  const auto device = open();
+  hardware_.answers_then = true;
+  hardware_.stands_still = true;
+  double first = 0;
+  wait_until([&] {
+    first = exchange(*device, Vec3::Zero(), 1e-3).position.x();
+    return hardware_.stood_still > 0 && first >= hardware_.stood_still;
+  });
+  EXPECT_GE(first, hardware_.stood_still + 2);
 }
 
 TEST_F(ThreadedDeviceTest, IsLostWithTheDriversReasonAndReleasedOnce) {
