@@ -1,6 +1,7 @@
 #include "control/hand_watch.h"
 
 #include "control/error.h"
+#include "control/norm.h"
 
 #include <algorithm>
 #include <cmath>
@@ -45,7 +46,7 @@ std::optional<Event> HandWatch::update(const Vec3& force, const Vec3& error, con
   low_pass(slow_, load, dt, kSlowTime);
 
   // Only what acts against the way to the reference is resistance.
-  const double distance = error.stableNorm();
+  const double distance = norm_of(error);
   opposing_ = distance > kSmallestError ? std::max(0.0, load_.dot(error) / distance - options_.needed) : 0;
   std::optional<Event> event;
   if (opposing_ < 0.5 * options_.resisting) resists_ = false;

@@ -1,6 +1,7 @@
 // The limits that no force leaves the loop without.
 #pragma once
 
+#include "control/norm.h"
 #include "control/types.h"
 
 #include <algorithm>
@@ -58,7 +59,7 @@ class ForceLimiter {
 
   /// Returns what of `force` may be sent now.
   [[nodiscard]] Result limit(const Vec3& force) const noexcept {
-    const double asked = force.stableNorm();
+    const double asked = norm_of(force);
     const double allowed = this->allowed();
     Result result{force, asked, allowed, Verdict::free};
     if (asked > allowed) {

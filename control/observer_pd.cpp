@@ -1,5 +1,7 @@
 #include "control/observer_pd.h"
 
+#include "control/norm.h"
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -43,8 +45,8 @@ void ObserverPd::start(const State& first) noexcept {
 }
 
 bool ObserverPd::rests(const State& state, const Reference& reference) noexcept {
-  const double distance = driven_.cwiseProduct(reference.position - state.position).stableNorm();
-  const bool still = driven_.cwiseProduct(reference.velocity).stableNorm() < kRestSpeed;
+  const double distance = norm_of(driven_.cwiseProduct(reference.position - state.position));
+  const bool still = norm_of(driven_.cwiseProduct(reference.velocity)) < kRestSpeed;
   const double radius = patience_ * kRestCounts * quantum_;
   stood_ = still && distance <= kNearCounts * quantum_ ? stood_ + state.dt : 0;
   if (!still) patience_ = 1;
@@ -55,7 +57,7 @@ bool ObserverPd::rests(const State& state, const Reference& reference) noexcept 
   }
   if (resting_) return true;
   // It must not only be near, but stay where it is: kept forces would carry on what moves.
-  if (driven_.cwiseProduct(state.position - anchor_).stableNorm() > patience_ * kStillCounts * quantum_) {
+  if (norm_of(driven_.cwiseProduct(state.position - anchor_)) > patience_ * kStillCounts * quantum_) {
     if (rested_ > 0) patience_ = std::min(patience_ * kPatienceGrowth, kMostPatience);
     rested_ = 0;
     anchor_ = state.position;
@@ -102,7 +104,7 @@ Vec3 ObserverPd::force(const TermInput& input) noexcept {
                                                                        gain_share_);
   // As much noise as under full gains, and half the time to notice how a device swings on the bristles.
   observer_.set_bandwidth(observer_hz_ / gain_share_);
-  if (const double magnitude = load.stableNorm(); magnitude > authority_) load *= authority_ / magnitude;
+  if (const double magnitude = norm_of(load); magnitude > authority_) load *= authority_ / magnitude;
 
   // What the spring loses as its gain is lowered is kept too, so that the device stays where it rests.
   const Vec3 feedback = gain_share_ * (spring + damping) + (rest_share_ - gain_share_) * spring_;

@@ -1,5 +1,7 @@
 #include "control/path_projection.h"
 
+#include "control/norm.h"
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -71,7 +73,7 @@ const PathProjection::Foot& PathProjection::stand_at(double s, const Vec3& posit
     foot_.expert_speed += blend * (foot_.place.speed - foot_.expert_speed);
   }
   foot_.offset = position - foot_.place.position;
-  foot_.distance = foot_.offset.stableNorm();
+  foot_.distance = norm_of(foot_.offset);
   foot_.outwards = foot_.distance > 0 ? Vec3(foot_.offset / foot_.distance) : Vec3::Zero();
   return foot_;
 }

@@ -2,6 +2,7 @@
 
 #include "control/budgets.h"
 #include "control/error.h"
+#include "control/norm.h"
 #include "control/resistance_timer.h"
 #include "devices/rest_watch.h"
 
@@ -45,7 +46,7 @@ class FlightRecorder {
 
 /// No hand reaches farther than this from the workspace's centre [m]; nor does a velocity estimator look farther.
 double farthest_reach(const DeviceInfo& info, const Vec3& centre) noexcept {
-  const double reach = 10 * (info.workspace_max - info.workspace_min).stableNorm() + 1;
+  const double reach = 10 * norm_of(info.workspace_max - info.workspace_min) + 1;
   return std::min(reach, kFarthestPosition - centre.cwiseAbs().maxCoeff());
 }
 
@@ -303,7 +304,7 @@ class ServoLoop::Session {
       stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {0, kNaN, kNaN}}, state.time_ns);
       return;
     }
-    if (const double distance = (state.position - centre_).stableNorm(); !(distance <= farthest_)) {
+    if (const double distance = norm_of(state.position - centre_); !(distance <= farthest_)) {
       stop_now(StopCause::outside_workspace,
                {.code = EventCode::outside_workspace, .values = {distance, farthest_, kNaN}}, state.time_ns);
       return;
@@ -463,7 +464,7 @@ class ServoLoop::Session {
 
   /// Ends the session for what the state and the caller say, whatever the controller would answer.
   void stop_before_the_controller(const State& state, const StopRequest& stop) noexcept {
-    const double speed = state.velocity.stableNorm(), fastest = loop_.options_.limits.max_velocity;
+    const double speed = norm_of(state.velocity), fastest = loop_.options_.limits.max_velocity;
     if (fastest > 0 && speed > fastest)
       stop_now(StopCause::velocity, {.code = EventCode::velocity_limit, .values = {speed, fastest, kNaN}},
                state.time_ns);
@@ -512,7 +513,7 @@ class ServoLoop::Session {
     wrench_ = {force.force, torque.force};
     if (force.verdict != ForceLimiter::Verdict::free) tell_of_limit(force, state.time_ns);
     if (torque.verdict == ForceLimiter::Verdict::continuous) tell_of_torque(torque, state.time_ns);
-    if (const auto event = budget_.update(limiter_, wrench_.force.stableNorm())) push_event(state.time_ns, *event);
+    if (const auto event = budget_.update(limiter_, norm_of(wrench_.force))) push_event(state.time_ns, *event);
     if (mode_ == Mode::running) {
       const bool held_back = limiter_.holds_back(force) || torque_limiter_.holds_back(torque);
       watch_resistance(resistance_.update(held_back, command.patience, dt), command, state.time_ns);
@@ -550,8 +551,8 @@ class ServoLoop::Session {
   void watch_vibration(const Command& command, const Vec3& asked, double scale, const State& state) noexcept {
     Wrench feedback = wrench_;
     if (!command.feedforward.isZero(0)) {
-      const double norm = asked.stableNorm();
-      if (norm > 0) feedback.force -= wrench_.force.stableNorm() / norm * scale * command.feedforward;
+      const double norm = norm_of(asked);
+      if (norm > 0) feedback.force -= norm_of(wrench_.force) / norm * scale * command.feedforward;
     }
     const auto event = guard_->watch(feedback, state.position, command.vibration, state.dt);
     if (!event) return;
@@ -560,7 +561,7 @@ class ServoLoop::Session {
   }
 
   static bool is_released(const Wrench& wrench) noexcept {
-    return wrench.force.stableNorm() < kReleasedForce && wrench.torque.stableNorm() < kReleasedTorque;
+    return norm_of(wrench.force) < kReleasedForce && norm_of(wrench.torque) < kReleasedTorque;
   }
 
   void tell_of_limit(const ForceLimiter::Result& limited, std::int64_t time_ns) noexcept {
@@ -625,7 +626,7 @@ class ServoLoop::Session {
     flight_.push(sample);
 
     report_.latency.record(latency_ns);
-    report_.max_force = std::max(report_.max_force, wrench_.force.stableNorm());
+    report_.max_force = std::max(report_.max_force, norm_of(wrench_.force));
     ++report_.samples;
     report_.duration = 1e-9 * static_cast<double>(state.time_ns);
     first_ = false;

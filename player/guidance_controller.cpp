@@ -1,6 +1,7 @@
 #include "player/guidance_controller.h"
 
 #include "control/error.h"
+#include "control/norm.h"
 #include "control/resistance_timer.h"
 
 #include <algorithm>
@@ -64,7 +65,7 @@ bool GuidanceController::arrived() const noexcept {
 }
 
 bool GuidanceController::may_begin(const Vec3& position) const noexcept {
-  const bool is_there = (position - path_->position_at(0)).stableNorm() <= options_.max_deviation;
+  const bool is_there = norm_of(position - path_->position_at(0)) <= options_.max_deviation;
   return options_.led || is_there || (options_.time_limit > 0 && elapsed_ >= options_.time_limit);
 }
 
@@ -134,7 +135,7 @@ Command GuidanceController::update(const State& state) noexcept {
       if (!finished_) watch_deviation(foot.distance, command);
     }
   }
-  if (!guides && options_.led) watch_deviation((way.position - state.position).stableNorm(), command);
+  if (!guides && options_.led) watch_deviation(norm_of(way.position - state.position), command);
   command.reference = way;
   command.patience = guides ? options_.patience : kPatience;
   if (share < 1 && options_.led) {

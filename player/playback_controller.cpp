@@ -1,6 +1,7 @@
 #include "player/playback_controller.h"
 
 #include "control/error.h"
+#include "control/norm.h"
 #include "control/resistance_timer.h"
 #include "formats/suggest.h"
 
@@ -222,7 +223,7 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
 }
 
 double PlaybackController::watch_deviation(const State& state, const Reference& reference, Command& command) noexcept {
-  const double deviation = (reference.position - state.position).stableNorm();
+  const double deviation = norm_of(reference.position - state.position);
   const double limit = options_.max_deviation;
   const bool was_beyond = beyond_;
   beyond_ = deviation > (was_beyond ? 0.5 * limit : limit);

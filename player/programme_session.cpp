@@ -2,6 +2,7 @@
 
 #include "control/error.h"
 #include "control/min_jerk.h"
+#include "control/norm.h"
 #include "figures/recorded_trial.h"
 #include "formats/output_file.h"
 #include "formats/path_file.h"
@@ -55,7 +56,7 @@ class TrialWatch final : public SampleSink {
   void push(const Sample& sample) noexcept override {
     if (last_ns_) dose_ += 1e-9 * static_cast<double>(sample.time_ns - *last_ns_) * force_;
     last_ns_ = sample.time_ns;
-    force_ = sample.force.stableNorm();
+    force_ = norm_of(sample.force);
   }
   void push(const Event& event) noexcept override {
     // While a device is away or silent nothing acts.

@@ -1,5 +1,7 @@
 #include "scene/scene_controller.h"
 
+#include "control/norm.h"
+
 #include <algorithm>
 
 namespace haptrace {
@@ -34,7 +36,7 @@ void SceneController::follow(std::size_t object, const Contact& contact, double 
   }
   episode.begun = true;
   episode.since = 0;
-  episode.force = contact.force.stableNorm();
+  episode.force = norm_of(contact.force);
   episode.depth = std::max(episode.depth, contact.depth);
   episode.seconds += dt;
   figures.seconds += dt;

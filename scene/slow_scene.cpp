@@ -1,6 +1,7 @@
 #include "scene/slow_scene.h"
 
 #include "control/error.h"
+#include "control/norm.h"
 #include "formats/suggest.h"
 
 #include <algorithm>
@@ -157,10 +158,10 @@ Contact SlowScene::extrapolated(std::size_t object) const noexcept {
   if (before_.question.number == 0 || !contact.touched()) return contact;
   const double apart = static_cast<double>(newest_.question.time - before_.question.time);
   const double ahead = std::min(static_cast<double>(time_ - newest_.question.time) / apart, kFurthest);
-  const double most = kMostOver * contact.force.stableNorm();
+  const double most = kMostOver * norm_of(contact.force);
   contact.force += ahead * (contact.force - before_.contacts[object].force);
   contact.force -= std::min(0.0, contact.force.dot(contact.normal)) * contact.normal;
-  if (const double size = contact.force.stableNorm(); size > most) contact.force *= most / size;
+  if (const double size = norm_of(contact.force); size > most) contact.force *= most / size;
   return contact;
 }
 

@@ -1,5 +1,6 @@
 #include "devices/falcon/driver.h"
 
+#include "control/norm.h"
 #include "devices/clock.h"
 
 #include <exception>
@@ -39,7 +40,7 @@ FalconDriver::FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibra
 /// None unless the last report was believed.
 std::array<std::int16_t, 3> FalconDriver::motors(const Vec3& force) const noexcept {
   if (verdict_ != FalconTracker::Verdict::believed) return {};
-  const double magnitude = force.stableNorm();
+  const double magnitude = norm_of(force);
   const double scale = magnitude > calibration_.max_force ? calibration_.max_force / magnitude : 1;
   return calibration_.motors(tracker_.pose()->torques(scale * force));
 }

@@ -1,6 +1,7 @@
 #include "devices/haply/inverse3_calibration.h"
 
 #include "control/error.h"
+#include "control/norm.h"
 #include "formats/json_reader.h"
 
 #include <fmt/format.h>
@@ -8,7 +9,7 @@
 namespace haptrace {
 
 Vec3 Inverse3Calibration::command(const Vec3& force) const noexcept {
-  const double magnitude = force.stableNorm();
+  const double magnitude = norm_of(force);
   return axes.transpose() * (magnitude > max_force ? Vec3(max_force / magnitude * force) : force);
 }
 

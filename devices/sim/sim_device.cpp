@@ -1,6 +1,7 @@
 #include "devices/sim/sim_device.h"
 
 #include "control/error.h"
+#include "control/norm.h"
 #include "devices/sim/presets.h"
 #include "formats/json_reader.h"
 #include "formats/path_file.h"
@@ -120,7 +121,7 @@ bool SimDevice::cable_is_out() const noexcept {
 /// What the motors are told: saturated and quantised, in actuator axes.
 Vec3 SimDevice::motor_command(const Wrench& wrench) const noexcept {
   Vec3 force = sendable(wrench).force.cwiseProduct(force_axes_);
-  const double magnitude = force.stableNorm();
+  const double magnitude = norm_of(force);
   if (magnitude > info_.max_force) force *= info_.max_force / magnitude;
   const Vec3 motor = plant_.rotation() * force;
   return force_resolution_ > 0 ? quantised(motor, force_resolution_) : motor;
@@ -129,7 +130,7 @@ Vec3 SimDevice::motor_command(const Wrench& wrench) const noexcept {
 /// What the wrist's motors are told: saturated.
 Vec3 SimDevice::wrist_command(const Wrench& wrench) const noexcept {
   const Vec3 torque = sendable(wrench).torque;
-  const double magnitude = torque.stableNorm();
+  const double magnitude = norm_of(torque);
   return magnitude > wrist_->max_torque ? Vec3(torque * (wrist_->max_torque / magnitude)) : torque;
 }
 
