@@ -13,7 +13,7 @@ namespace haptrace {
   constexpr double kSmallest = 1e-280, kLargest = 1e280;  // between them the sum of squares keeps all of its digits
   const double square = v.squaredNorm();
   if (square > kSmallest && square < kLargest) return std::sqrt(square);
-  return v.isZero(0) ? 0 : v.stableNorm();
+  return v.x() == 0 && v.y() == 0 && v.z() == 0 ? 0 : v.stableNorm();
 }
 
 }  // namespace haptrace

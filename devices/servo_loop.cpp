@@ -155,6 +155,7 @@ class ServoLoop::Session {
         stale_after_ns_(stale_after_ns(loop.options_.rate_hz)),
         centre_(0.5 * (loop.device_.info().workspace_min + loop.device_.info().workspace_max)),
         farthest_(farthest_reach(loop.device_.info(), centre_)),
+        takes_torque_(loop.device_.info().takes_torque()),
         limiter_(loop.options_.limits),
         torque_limiter_(loop.options_.limits.max_torque, kCautiousShare * loop.options_.limits.max_torque,
                         kCautiousTime),
@@ -269,7 +270,7 @@ class ServoLoop::Session {
     // Nobody sees what force acts on a device that is away: its motors are not credited with having cooled.
     if (!away_since_ns_) {
       limiter_.acted(acting_.force, dt);
-      torque_limiter_.acted(acting_.torque, dt);
+      if (takes_torque_) torque_limiter_.acted(acting_.torque, dt);
     }
     const Device::Status status = exchange(wrench_, dt);
     acting_ = wrench_;
@@ -503,12 +504,14 @@ class ServoLoop::Session {
         break;
     }
     // Where there is no motor nothing is asked for: it would use up the limit of the others.
+    const DeviceInfo& device = loop_.device_.info();
     for (int axis = 0; axis < 3; ++axis) {
       const auto i = static_cast<std::size_t>(axis);
-      if (!loop_.device_.info().force_axes[i]) asked.force[axis] = 0;
-      if (!loop_.device_.info().torque_axes[i]) asked.torque[axis] = 0;
+      if (!device.force_axes[i]) asked.force[axis] = 0;
+      if (!device.torque_axes[i]) asked.torque[axis] = 0;
     }
-    const ForceLimiter::Result torque = torque_limiter_.limit(scale * asked.torque);
+    ForceLimiter::Result torque{Vec3::Zero(), 0, 0, ForceLimiter::Verdict::free};
+    if (takes_torque_) torque = torque_limiter_.limit(scale * asked.torque);
     const ForceLimiter::Result force = limiter_.limit(scale * asked.force);
     wrench_ = {force.force, torque.force};
     if (force.verdict != ForceLimiter::Verdict::free) tell_of_limit(force, state.time_ns);
@@ -608,7 +611,7 @@ class ServoLoop::Session {
     sample.velocity = state.velocity;
     sample.force = wrench_.force;
     sample.orientation = state.orientation;
-    if (loop_.device_.info().takes_torque()) sample.torque = wrench_.torque;
+    if (takes_torque_) sample.torque = wrench_.torque;
     sample.force_measured = state.force_measured;
     sample.reference_position = command.reference.position;
     sample.reference_velocity = command.reference.velocity;
@@ -672,6 +675,7 @@ class ServoLoop::Session {
   const std::int64_t period_ns_, stale_after_ns_;
   const Vec3 centre_;      ///< of the workspace [m]
   const double farthest_;  ///< from there that a position can be [m]
+  bool takes_torque_;      ///< the device, about some axis
   ForceLimiter limiter_, torque_limiter_;
   MotorBudget budget_;
   ResistanceTimer resistance_;
