@@ -19,13 +19,18 @@ std::optional<Event> ForceGuard::watch(const Wrench& sent, const Vec3& position,
     const Vec3 torque = sent.torque.cwiseMax(-kLargestTorque).cwiseMin(kLargestTorque);
     const Eigen::Array4f x(static_cast<float>(torque.x()), static_cast<float>(torque.y()),
                            static_cast<float>(torque.z()), 0.0F);
-    const bool vibrates = torque_->update(x, torque_limit_, static_cast<float>(dt));
-    if (vibrates && (!alarm || alarm->rule == VibrationRule::slow))
-      alarm =
-          VibrationAlarm{.rule = VibrationRule::torque, .frequency_hz = torque_->frequency(), .ripple = torque_->rms()};
+    const bool vibrates = torque_->update(x, torque_limit_, 0.5F * torque_limit_, static_cast<float>(dt));
+    const bool remains = !vibrates && ladder_.softened() && torque_->remains();
+    if ((vibrates || remains) && (!alarm || alarm->rule == VibrationRule::slow))
+      alarm = VibrationAlarm{.rule = VibrationRule::torque,
+                             .frequency_hz = torque_->frequency(),
+                             .ripple = torque_->rms(),
+                             .remains = remains};
   }
+  if (ladder_.softened() && (!alarm || alarm->rule == VibrationRule::slow))
+    if (const auto rest = monitor_.remaining()) alarm = rest;
   const std::optional<Event> event = ladder_.update(alarm, dt);
-  if (event) {
+  if (event && event->code != EventCode::sway_over) {
     summary_.ripple = event->values[0];
     summary_.frequency_hz = event->values[1];
   }

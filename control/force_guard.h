@@ -41,7 +41,7 @@ class ForceGuard {
 
   /// Takes the wrench that is sent at this tick after all limits, without its feedforward, the position that it
   /// answers, the declared amplitude [N] of an effect that vibrates on purpose, and the time since the tick before.
-  /// Returns the event of a step.
+  /// Returns the event of a step or of a recovery.
   std::optional<Event> watch(const Wrench& sent, const Vec3& position, double declared, double dt) noexcept;
 
   [[nodiscard]] bool beyond_help() const noexcept { return ladder_.beyond_help(); }

@@ -7,7 +7,8 @@ namespace {
 
 constexpr double kRamp = 0.02;  // of a step [s]
 constexpr double kFastFactor = 0.3, kFastLeast = 0.05;
-constexpr double kFastWait = 0.12;  // [s]
+constexpr double kFastWait = 0.12;     // [s]
+constexpr double kRemainsWait = 0.25;  // [s]: as long as the monitor looks at what remains
 constexpr double kSlowFactor = 0.5, kSlowLeast = 0.2;
 constexpr double kSlowWait = 0.25, kSlowPeriods = 2;  // [s], periods
 constexpr double kQuiet = 2, kRecovery = 5;           // [s]
@@ -51,9 +52,9 @@ std::optional<Event> ReactionLadder::event_of(const VibrationAlarm& alarm) noexc
 }
 
 std::optional<Event> ReactionLadder::react_to_fast(const VibrationAlarm& alarm) noexcept {
-  if (fast_.since < kFastWait || beyond_help_) return std::nullopt;
+  if (fast_.since < (alarm.remains ? kRemainsWait : kFastWait) || beyond_help_) return std::nullopt;
   if (fast_.step_down(kFastFactor, kFastLeast)) return event_of(alarm);
-  if (alarm.rule == VibrationRule::contacts) return std::nullopt;
+  if (alarm.remains || alarm.rule == VibrationRule::contacts) return std::nullopt;
   beyond_help_ = true;
   return Event{.code = EventCode::vibration_stays, .values = {alarm.ripple, alarm.frequency_hz, target()}};
 }
@@ -69,26 +70,21 @@ std::optional<Event> ReactionLadder::react_to_hint(const VibrationAlarm& alarm) 
   return event_of(alarm);
 }
 
-void ReactionLadder::recover(double dt) noexcept {
+std::optional<Event> ReactionLadder::recover(double dt) noexcept {
   quiet_ += dt;
-  if (!(slow_.target < 1) || quiet_ < kQuiet || returns_ >= kReturns) return;
+  if (!(slow_.target < 1) || quiet_ < kQuiet || returns_ >= kReturns) return std::nullopt;
   if (!recovering_) recovery_slope_ = (1 - slow_.target) / kRecovery;
   recovering_ = true;
   slow_.share = slow_.target = std::min(1.0, slow_.target + recovery_slope_ * dt);
+  if (slow_.target < 1) return std::nullopt;
+  return Event{.code = EventCode::sway_over, .values = {slow_.since, quiet_, target()}};
 }
 
 std::optional<Event> ReactionLadder::update(const std::optional<VibrationAlarm>& alarm, double dt) noexcept {
   fast_.advance(dt);
   slow_.advance(dt);
-  if (!alarm) {
-    recover(dt);
-    return std::nullopt;
-  }
+  if (!alarm) return recover(dt);
   return alarm->rule == VibrationRule::slow ? react_to_hint(*alarm) : react_to_fast(*alarm);
-}
-
-void ReactionLadder::begin_with(double share) noexcept {
-  fast_.share = fast_.target = std::clamp(share, kFastLeast, 1.0);
 }
 
 }  // namespace haptrace

@@ -16,7 +16,8 @@ namespace haptrace {
 ///
 /// A fast alarm (energy, half_cycles, contacts) takes the share down to 0.3 of itself within 20 ms, and again after
 /// 120 ms for as long as alarms arrive, to no less than 0.05. An alarm at 0.05 is beyond help, and only the end of the
-/// session is left; contacts alone do not end one. This share does not recover within the session: gains that vibrated
+/// session is left; contacts alone do not end one. What remains of a vibration 0.25 s after a step takes the share down
+/// as well, and does not end the session either. This share does not recover within the session: gains that vibrated
 /// once will do so again.
 ///
 /// The slow hint halves a share of its own, which never ends a session, waits for max(0.25 s, 2 periods), and stops at
@@ -26,16 +27,16 @@ namespace haptrace {
 /// Real-time. Threads: one at a time.
 class ReactionLadder {
  public:
-  /// Takes the alarm of this tick, `dt` [s] after the one before. Returns the event of a step, one for each.
+  /// Takes the alarm of this tick, `dt` [s] after the one before. Returns the event of a step, one for each, and of the
+  /// end of a recovery.
   std::optional<Event> update(const std::optional<VibrationAlarm>& alarm, double dt) noexcept;
-
-  /// Softens from the beginning, for gains that vibrated in a session before.
-  void begin_with(double share) noexcept;
 
   /// The factor of the feedback.
   [[nodiscard]] double share() const noexcept { return fast_.share * slow_.share; }
   /// The share that a running ramp leads to.
   [[nodiscard]] double target() const noexcept { return fast_.target * slow_.target; }
+  /// True after the first step for a fast alarm.
+  [[nodiscard]] bool softened() const noexcept { return fast_.target < 1; }
   /// True when the loop vibrates although next to nothing of the feedback is left.
   [[nodiscard]] bool beyond_help() const noexcept { return beyond_help_; }
   /// Steps by VibrationRule.
@@ -53,7 +54,7 @@ class ReactionLadder {
 
   std::optional<Event> react_to_fast(const VibrationAlarm& alarm) noexcept;
   std::optional<Event> react_to_hint(const VibrationAlarm& alarm) noexcept;
-  void recover(double dt) noexcept;
+  std::optional<Event> recover(double dt) noexcept;
   [[nodiscard]] std::optional<Event> event_of(const VibrationAlarm& alarm) noexcept;
 
   Share fast_, slow_;

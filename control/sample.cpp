@@ -63,6 +63,7 @@ constexpr EventWords kEventWords[] = {
     {EventCode::sways, "sways", kNote, "loop or hand swayed", false, 2},
     {EventCode::vibration_stays, "vibration_stays", kSilent, "", true, 2},
     {EventCode::torque_vibrates, "torque_vibrates", kWarning, "the torque vibrated", false, 2},
+    {EventCode::sway_over, "sway_over", kNote, "loop and hand were calm again", false, 2},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
@@ -226,6 +227,8 @@ std::string describe(const Event& event) {
     case EventCode::torque_vibrates:
       return fmt::format("the torque vibrates at {:.0f} Hz, {:.2g} N m rms: feedback softened to {:.0f} %", b, a,
                          100 * c);
+    case EventCode::sway_over:
+      return fmt::format("loop and hand are calm again: feedback back at {:.0f} %", 100 * c);
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

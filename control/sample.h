@@ -78,6 +78,7 @@ enum class EventCode : std::int32_t {
   sways = 77,               ///< by its slow hint
   vibration_stays = 78,     ///< with the least share: the session ends
   torque_vibrates = 79,     ///< by the energy rule on the torque; values: [N m], [Hz], share
+  sway_over = 84,  ///< the share that the slow hint took is back; values: since its last step [s], quiet [s], share
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().

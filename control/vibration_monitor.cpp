@@ -18,6 +18,7 @@ constexpr double kLargest = 1e12;                       // that single precision
 constexpr float kLongestHalfCycle = 0.15F;              // [s]
 constexpr float kLongestGapTicks = 5;                   // ticks that a gap counts for
 constexpr float kIdle = 1;                              // without force until nothing is left in the filters [s]
+constexpr float kDeclaredMargin = std::numbers::sqrt2_v<float>;  // of a declared amplitude
 
 Array single(const Vec3& v) noexcept {
   const Vec3 bounded = v.cwiseMax(-kLargest).cwiseMin(kLargest);
@@ -103,9 +104,15 @@ std::optional<VibrationAlarm> VibrationMonitor::update(const Vec3& sent, const V
   peak_ = peak_.max(band.abs());
   band_ = band;
 
-  if (energy_.update(force, std::max(energy_limit_, vibration), dt_))
+  if (energy_.update(force, std::max(energy_limit_, vibration), std::max(0.5F * energy_limit_, vibration), dt_))
     alarm = VibrationAlarm{.rule = VibrationRule::energy, .frequency_hz = frequency(), .ripple = energy_.rms()};
   return alarm;
+}
+
+std::optional<VibrationAlarm> VibrationMonitor::remaining() const noexcept {
+  if (!energy_.remains()) return std::nullopt;
+  return VibrationAlarm{
+      .rule = VibrationRule::energy, .frequency_hz = frequency(), .ripple = energy_.rms(), .remains = true};
 }
 
 void VibrationMonitor::complete(Axis& axis, float length, float peak, float declared,
@@ -114,7 +121,7 @@ void VibrationMonitor::complete(Axis& axis, float length, float peak, float decl
   axis.length[axis.next] = length;
   axis.peak[axis.next] = peak;
   axis.next = (axis.next + 1) % kHalfCycles;
-  const float threshold = std::max(peak_limit_, 1.2F * declared);
+  const float threshold = std::max(peak_limit_, kDeclaredMargin * declared);
   axis.strong = length <= kLongestHalfCycle && peak > threshold ? std::min(axis.strong + 1, kHalfCycles) : 0;
   if (axis.strong == kHalfCycles)
     if (const auto frequency = regular(axis)) {
@@ -145,7 +152,7 @@ void VibrationMonitor::complete(Axis& axis, float length, float peak, float decl
   axis.least_peak = std::min(axis.least_peak, peak);
   axis.largest_peak = std::max(axis.largest_peak, peak);
   const auto count = static_cast<float>(axis.run);
-  if (axis.run < 5 || axis.peak_sum <= count * std::max(slow_limit_, 1.2F * declared) || alarm) return;
+  if (axis.run < 5 || axis.peak_sum <= count * std::max(slow_limit_, kDeclaredMargin * declared) || alarm) return;
   const float frequency = (count - 1) / axis.period_sum;
   if (frequency < 4.5F || frequency > 16 || axis.run < (frequency < 10 ? 5 : 7)) return;
   alarm = VibrationAlarm{.rule = VibrationRule::slow, .frequency_hz = frequency, .ripple = 0.5 * axis.peak_sum / count};
@@ -201,7 +208,7 @@ void VibrationMonitor::watch_contact(const Array& force, bool touches, std::opti
     touching_ = true;
     interval_ = touched_;
     touched_ = duration_ = largest_ = 0;
-    if (interval_ > 0.135F) bounces_ = 0;
+    if (interval_ > 0.115F) bounces_ = 0;
     if (interval_ > 0.35F) slow_bounces_ = 0;
     sum_.setZero();
     entry_ = velocity();

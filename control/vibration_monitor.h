@@ -25,6 +25,7 @@ struct VibrationAlarm {
   VibrationRule rule = VibrationRule::energy;
   double frequency_hz = 0;
   double ripple = 0;  ///< rms of the vibrating force; of contacts and slow half the largest force; of torque [N m] [N]
+  bool remains = false;  ///< what an earlier alarm left: less than makes an alarm, more than half of it
 };
 
 struct VibrationMonitorOptions {
@@ -44,8 +45,9 @@ class RippleEnergy {
  public:
   RippleEnergy(double cutoff_hz, double rate_hz) noexcept;
 
-  /// Returns true while sqrt(E) has been above `threshold` for 0.25 s without a break.
-  bool update(const Eigen::Array4f& x, float threshold, float dt) noexcept {
+  /// Returns true while sqrt(E) has been above `threshold` for 0.25 s without a break. `rest` is the level above which
+  /// something is left of a vibration.
+  bool update(const Eigen::Array4f& x, float threshold, float rest, float dt) noexcept {
     const Eigen::Array4f y = second_.update(first_.update(x));
     const Eigen::Array4f step = y - last_;
     last_ = y;
@@ -53,8 +55,12 @@ class RippleEnergy {
     step_energy_ += smoothing_ * (step.square().sum() - step_energy_);
     worst_ = std::max(worst_, energy_);
     above_ = energy_ > threshold * threshold ? above_ + dt : 0;
+    above_rest_ = energy_ > rest * rest ? above_rest_ + dt : 0;
     return above_ > kPersistence;
   }
+
+  /// Returns true while sqrt(E) has been above `rest` for 0.25 s without a break.
+  [[nodiscard]] bool remains() const noexcept { return above_rest_ > kPersistence; }
 
   [[nodiscard]] double rms() const noexcept { return std::sqrt(energy_); }
   /// Returns the largest rms so far.
@@ -91,7 +97,7 @@ class RippleEnergy {
   double rate_hz_;
   float smoothing_;
   float energy_ = 0, step_energy_ = 0, worst_ = 0;
-  float above_ = 0;  ///< for how long [s]
+  float above_ = 0, above_rest_ = 0;  ///< for how long [s]
 };
 
 /// Tells a loop that vibrates from a hand that moves, without a delay, a mass or a gain.
@@ -103,15 +109,20 @@ class RippleEnergy {
 ///  - energy: sqrt(E) of RippleEnergy is above max(0.2 F, A) for 0.25 s.
 ///  - half_cycles: per axis, high-passed at 5 Hz, the last eight half cycles. Their seven full periods (sums of
 ///    neighbours) vary by less than 20 % (standard deviation over mean), the last four peaks sum to more than 0.8 of
-///    the first four, the smallest is above max(0.3 F, 1.2 A), the frequency is above 15 Hz, and no half cycle lasts
+///    the first four, the smallest is above max(0.3 F, sqrt(2) A), the frequency is above 15 Hz, and no half cycle lasts
 ///    longer than 150 ms.
 ///  - contacts: the force is exactly zero outside of them. e is the speed 6 ms after a contact over the speed at its
 ///    beginning, both along the mean force and over 4 ms. A contact shorter than 120 ms with more than 0.15 F that
 ///    began faster than 10 mm/s and than 1.5 counts in 4 ms adds 1 to a score if e >= 0.85, otherwise it takes 2. An
-///    interval above 135 ms from one contact to the next clears the score: hands tap more slowly. Alarm at 4.
+///    interval above 115 ms from one contact to the next clears the score: a hand that writes at 8 Hz touches a wall
+///    every 125 ms. Alarm at 4.
 ///  - slow: half cycles of 4.5 to 16 Hz, each full period within 25 % of their running mean, each peak above 0.6 of the
-///    largest, five of them below 10 Hz and seven above, the mean peak above max(0.25 F, 1.2 A). Or four contacts as
-///    above with intervals of up to 350 ms.
+///    largest, five of them below 10 Hz and seven above, the mean peak above max(0.25 F, sqrt(2) A). Or four contacts
+///    as above with intervals of up to 350 ms.
+/// The energy rule asks for A rms, which is sqrt(2) of the effect's own: all rules leave the effect that margin.
+///
+/// After an alarm was acted upon, half of the energy rule's force is a remainder: see remaining().
+///
 /// docs/monitor.md says what it finds and what it misses.
 ///
 /// A gap in the ticks holds all windows: an oscillation does not end because a tick was late. Real-time: all but the
@@ -126,6 +137,10 @@ class VibrationMonitor {
   /// that are not finite.
   [[nodiscard]] std::optional<VibrationAlarm> update(const Vec3& force, const Vec3& position, double declared,
                                                      double dt) noexcept;
+
+  /// Returns what is left of a vibration that was acted upon: sqrt(E) above max(0.1 F, A) for 0.25 s. A force that was
+  /// no alarm before is below that once 0.3 of the feedback is left, unless it does not follow the feedback down.
+  [[nodiscard]] std::optional<VibrationAlarm> remaining() const noexcept;
 
   /// The largest E so far, as rms [N].
   [[nodiscard]] double worst_ripple() const noexcept { return energy_.worst(); }

@@ -60,6 +60,18 @@ TEST(ReactionLadder, EndsWhatThreeStepsDoNotCalmWithinASecond) {
   EXPECT_EQ(ladder.steps()[static_cast<std::size_t>(VibrationRule::energy)], 3);
 }
 
+TEST(ReactionLadder, TakesDownWhatRemainsOfAVibrationMoreSlowlyAndNeverEndsForIt) {
+  VibrationAlarm rest = kFast;
+  rest.remains = true;
+  ReactionLadder ladder;
+  EXPECT_TRUE(ladder.update(kFast, kTick));
+  EXPECT_TRUE(run(ladder, rest, 0.24).empty()) << "what the filters still hold of the time before the step";
+  const auto events = run(ladder, rest, 30);
+  EXPECT_FALSE(ladder.beyond_help());
+  ASSERT_EQ(events.size(), 2U);
+  EXPECT_DOUBLE_EQ(events[1].values[2], 0.05);
+}
+
 TEST(ReactionLadder, NeverEndsASessionForBouncesOrHints) {
   for (const VibrationAlarm& alarm : {kBounce, kHint}) {
     ReactionLadder ladder;
@@ -76,8 +88,11 @@ TEST(ReactionLadder, GivesBackWhatAHintTookUntilTheHintCameBackThreeTimes) {
     EXPECT_EQ(run(ladder, kHint, 0.3).size(), 1U);
     EXPECT_TRUE(run(ladder, std::nullopt, 1.9).empty());
     EXPECT_NEAR(ladder.share(), 0.5, 1e-9) << "it waits for 2 s of quiet";
-    run(ladder, std::nullopt, 5.2);
+    const auto events = run(ladder, std::nullopt, 5.2);
     EXPECT_EQ(ladder.share(), 1);
+    ASSERT_EQ(events.size(), 1U) << "of its end";
+    EXPECT_EQ(events[0].code, EventCode::sway_over);
+    EXPECT_EQ(describe(events[0]), "loop and hand are calm again: feedback back at 100 %");
   }
   run(ladder, kHint, 0.3);
   run(ladder, std::nullopt, 60);
@@ -110,6 +125,21 @@ TEST(ForceGuard, SoftensTheFeedbackAndLeavesTheFeedforward) {
   for (int k = 0; k < 20; ++k) (void)guard.watch({}, Vec3::Zero(), 0, kTick);
   EXPECT_TRUE(guard.soften(asked, known).force.isApprox(Vec3(4 * guard.summary().share, 0, 2), 1e-9));
   EXPECT_NEAR(guard.soften(asked, known).torque.x(), 0.05 * guard.summary().share, 1e-9);
+}
+
+TEST(ForceGuard, SoftensWhatIsLeftOfAVibrationThatIsNoAlarmByItself) {
+  for (const bool before : {false, true}) {
+    ForceGuard guard({.monitor = {.max_force = 8}});
+    double share = 1;
+    for (int k = 0; k < 3000; ++k) {
+      const double amplitude = before && k < 100 ? 6 : 0.15 * 8 * std::numbers::sqrt2;
+      const Vec3 shaking(amplitude * std::sin(2 * std::numbers::pi * 160 * k * kTick), 0, 0);
+      (void)guard.watch({.force = shaking, .torque = Vec3::Zero()}, Vec3::Zero(), 0, kTick);
+      share = guard.summary().share;
+    }
+    EXPECT_DOUBLE_EQ(share, before ? 0.05 : 1.0);
+    EXPECT_FALSE(guard.beyond_help());
+  }
 }
 
 TEST(ForceGuard, WatchesTheTorqueAsWell) {

@@ -129,6 +129,20 @@ TEST(VibrationMonitor, LeavesADeclaredTextureAloneAndFindsMoreThanThat) {
   }
 }
 
+TEST(VibrationMonitor, LeavesADeclaredTextureTheSameMarginInEveryRule) {
+  for (const double hz : {12.0, 30.0, 80.0, 240.0}) {
+    for (const double size : {1.35, 1.6}) {
+      Watched watched;
+      bool found = false;
+      while (watched.time() < 10 && !found) {
+        const Vec3 force(size * 0.5 * kForce * sine(hz, watched.time()), 0, 0);
+        found = watched.tick(force, Vec3::Zero(), 0.5 * kForce).has_value();
+      }
+      EXPECT_EQ(found, size > 1.5) << size << " times at " << hz << " Hz";
+    }
+  }
+}
+
 TEST(VibrationMonitor, HoldsItsWindowsOverAGap) {
   Watched watched;
   const auto force = [](double t) { return Vec3(Vec3::Constant(0.25 * kForce * sine(60, t))); };
@@ -164,6 +178,11 @@ TEST(VibrationMonitor, FindsAToolThatBouncesOffAWallByItself) {
   ASSERT_TRUE(fast_bounces);
   EXPECT_EQ(fast_bounces->rule, VibrationRule::contacts);
   EXPECT_NEAR(fast_bounces->frequency_hz, 10, 0.5);
+  for (const double interval : {0.125, 0.15}) {
+    const auto writing = bounce(1, interval, 0.1, 3);
+    ASSERT_TRUE(writing) << interval;
+    EXPECT_EQ(writing->rule, VibrationRule::slow) << "a hand that writes at 8 Hz touches as often";
+  }
   const auto slow_bounces = bounce(1, 0.25, 0.1, 3);
   ASSERT_TRUE(slow_bounces);
   EXPECT_EQ(slow_bounces->rule, VibrationRule::slow);
