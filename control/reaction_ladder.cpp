@@ -47,6 +47,7 @@ void ReactionLadder::Share::advance(double dt) noexcept {
 }
 
 std::optional<Event> ReactionLadder::event_of(const VibrationAlarm& alarm) noexcept {
+  stepped_ = true;
   ++steps_[static_cast<std::size_t>(alarm.rule)];
   return Event{.code = code_of(alarm.rule), .values = {alarm.ripple, alarm.frequency_hz, target()}};
 }
@@ -80,7 +81,7 @@ std::optional<Event> ReactionLadder::recover(double dt) noexcept {
   return Event{.code = EventCode::sway_over, .values = {slow_.since, quiet_, target()}};
 }
 
-std::optional<Event> ReactionLadder::update(const std::optional<VibrationAlarm>& alarm, double dt) noexcept {
+std::optional<Event> ReactionLadder::advance(const std::optional<VibrationAlarm>& alarm, double dt) noexcept {
   fast_.advance(dt);
   slow_.advance(dt);
   if (!alarm) return recover(dt);

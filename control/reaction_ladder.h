@@ -29,7 +29,10 @@ class ReactionLadder {
  public:
   /// Takes the alarm of this tick, `dt` [s] after the one before. Returns the event of a step, one for each, and of the
   /// end of a recovery.
-  std::optional<Event> update(const std::optional<VibrationAlarm>& alarm, double dt) noexcept;
+  std::optional<Event> update(const std::optional<VibrationAlarm>& alarm, double dt) noexcept {
+    if (!alarm && !stepped_) return std::nullopt;
+    return advance(alarm, dt);
+  }
 
   /// The factor of the feedback.
   [[nodiscard]] double share() const noexcept { return fast_.share * slow_.share; }
@@ -52,6 +55,7 @@ class ReactionLadder {
     void advance(double dt) noexcept;
   };
 
+  std::optional<Event> advance(const std::optional<VibrationAlarm>& alarm, double dt) noexcept;
   std::optional<Event> react_to_fast(const VibrationAlarm& alarm) noexcept;
   std::optional<Event> react_to_hint(const VibrationAlarm& alarm) noexcept;
   std::optional<Event> recover(double dt) noexcept;
@@ -62,6 +66,7 @@ class ReactionLadder {
   double quiet_ = 0;           ///< since the last hint [s]
   double recovery_slope_ = 0;  ///< [1/s]
   int returns_ = 0;
+  bool stepped_ = false;  ///< ever
   bool recovering_ = false;
   bool beyond_help_ = false;
   std::array<int, kVibrationRules> steps_{};

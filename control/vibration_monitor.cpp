@@ -14,15 +14,15 @@ using Array = Eigen::Array4f;
 constexpr double kEnergyCutoff = 20, kCycleCutoff = 5;  // [Hz]
 constexpr double kEnergyTime = 0.05;                    // [s]
 constexpr double kLargestForceThatCounts = 12;          // 0.2 of it is felt whatever the device can do [N]
-constexpr double kLargest = 1e12;                       // that single precision can square [N, m]
+constexpr float kLargest = 1e12F;                       // that single precision can square [N, m]
 constexpr float kLongestHalfCycle = 0.15F;              // [s]
 constexpr float kLongestGapTicks = 5;                   // ticks that a gap counts for
 constexpr float kIdle = 1;                              // without force until nothing is left in the filters [s]
 constexpr float kDeclaredMargin = std::numbers::sqrt2_v<float>;  // of a declared amplitude
 
-Array single(const Vec3& v) noexcept {
-  const Vec3 bounded = v.cwiseMax(-kLargest).cwiseMin(kLargest);
-  return {static_cast<float>(bounded.x()), static_cast<float>(bounded.y()), static_cast<float>(bounded.z()), 0.0F};
+[[gnu::always_inline]] inline Array single(const Vec3& v) noexcept {
+  const Array x(static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z()), 0.0F);
+  return x.max(-kLargest).min(kLargest);
 }
 
 double cutoff(double hz, double rate_hz) noexcept {
@@ -40,9 +40,9 @@ void validate(const VibrationMonitorOptions& options) {
 RippleEnergy::HighPass::HighPass(double cutoff_hz, double rate_hz) noexcept {
   const double g = std::tan(std::numbers::pi * cutoff_hz / rate_hz);
   const double a1 = 1 / (1 + g * (g + std::numbers::sqrt2));
-  a1_ = static_cast<float>(a1);
-  a2_ = static_cast<float>(g * a1);
-  a3_ = static_cast<float>(g * g * a1);
+  a1_.setConstant(static_cast<float>(a1));
+  a2_.setConstant(static_cast<float>(g * a1));
+  a3_.setConstant(static_cast<float>(g * g * a1));
 }
 
 RippleEnergy::RippleEnergy(double cutoff_hz, double rate_hz) noexcept

@@ -74,7 +74,7 @@ class RippleEnergy {
   class HighPass {
    public:
     HighPass(double cutoff_hz, double rate_hz) noexcept;
-    Eigen::Array4f update(const Eigen::Array4f& x) noexcept {
+    [[gnu::always_inline]] Eigen::Array4f update(const Eigen::Array4f& x) noexcept {
       const Eigen::Array4f v3 = x - z2_;
       const Eigen::Array4f v1 = a1_ * z1_ + a2_ * v3;
       const Eigen::Array4f v2 = z2_ + a2_ * z1_ + a3_ * v3;
@@ -85,7 +85,7 @@ class RippleEnergy {
 
    private:
     static constexpr float kDamping = 1.41421356F;
-    float a1_, a2_, a3_;
+    Eigen::Array4f a1_, a2_, a3_;  ///< each the same for all axes
     Eigen::Array4f z1_ = Eigen::Array4f::Zero(), z2_ = Eigen::Array4f::Zero();
   };
 
@@ -109,8 +109,8 @@ class RippleEnergy {
 ///  - energy: sqrt(E) of RippleEnergy is above max(0.2 F, A) for 0.25 s.
 ///  - half_cycles: per axis, high-passed at 5 Hz, the last eight half cycles. Their seven full periods (sums of
 ///    neighbours) vary by less than 20 % (standard deviation over mean), the last four peaks sum to more than 0.8 of
-///    the first four, the smallest is above max(0.3 F, sqrt(2) A), the frequency is above 15 Hz, and no half cycle lasts
-///    longer than 150 ms.
+///    the first four, the smallest is above max(0.3 F, sqrt(2) A), the frequency is above 15 Hz, and no half cycle
+///    lasts longer than 150 ms.
 ///  - contacts: the force is exactly zero outside of them. e is the speed 6 ms after a contact over the speed at its
 ///    beginning, both along the mean force and over 4 ms. A contact shorter than 120 ms with more than 0.15 F that
 ///    began faster than 10 mm/s and than 1.5 counts in 4 ms adds 1 to a score if e >= 0.85, otherwise it takes 2. An

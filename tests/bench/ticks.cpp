@@ -1,10 +1,10 @@
 // haptrace_ticks N [part...]: one session of N ticks on a device that costs nothing, made of the named parts. Under
 // callgrind the difference between two sessions divided by the difference of their ticks is what one tick costs.
 //
-// Sessions: none of them (a free hand), playback, guidance. Parts of every session: metrics, record,
-// velocity=ESTIMATOR, torque, plane (no motor in z). Of a playback: gravity, friction, inertia, learned, observer,
-// guard, tuning, orientation, interpolation=NAME. Of guidance: wall-damping, expert-force, pace-help, viscosity,
-// resistance, amplification. Of every session: watch (for a vibrating force).
+// Sessions: none of them (a free hand), playback, guidance, noise (a force of noise in three axes). Parts of every
+// session: metrics, record, velocity=ESTIMATOR, torque, plane (no motor in z). Of a playback: gravity, friction,
+// inertia, learned, observer, guard, tuning, orientation, interpolation=NAME. Of guidance: wall-damping, expert-force,
+// pace-help, viscosity, resistance, amplification. Of every session: watch (for a vibrating force).
 #include "control/guidance.h"
 #include "player/guidance_controller.h"
 #include "recorder/recorder.h"
@@ -49,6 +49,19 @@ struct Until final : Controller {
   }
   Controller& inner;
   double end;
+};
+
+/// A force of noise, just below what is an alarm: many half cycles for what watches it.
+struct Noise final : Controller {
+  Command update(const State&) noexcept override {
+    Command command;
+    for (double& force : command.wrench.force) {
+      random = 1664525 * random + 1013904223;  // Numerical Recipes, 3rd edition, 7.1.4
+      force = 1.2 * (2 * random / 4294967296.0 - 1);
+    }
+    return command;
+  }
+  std::uint32_t random = 1;
 };
 
 /// Along a circle in whose tunnel's wall the tool stands.
@@ -99,7 +112,9 @@ std::uint64_t run(double seconds, const Parts& parts) {
                                        .tuning = parts.has("tuning"),
                                        .interpolation = parse_interpolation(parts.value("interpolation", "cubic"))}));
   if (parts.has("guidance")) guidance.emplace(guided(parts));
+  Noise noise;
   Controller* inner = &passive;
+  if (parts.has("noise")) inner = &noise;
   if (following) inner = &*following;
   if (guidance) inner = &*guidance;
   Until controller(*inner, seconds);

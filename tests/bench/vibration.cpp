@@ -51,8 +51,8 @@ struct Setting {
   [[nodiscard]] double late() const { return 0.5 / rate + delay + lag + 0.23 / velocity_hz; }
 
   /// Stiffness through the delay is negative damping. True when what is left, without Coulomb friction, is below a
-  /// tenth of critical damping, or when one encoder count moves the force by more than F/4: nobody has chosen such
-  /// gains for the device, and a knock makes it ring.
+  /// tenth of critical damping, or when one encoder count moves the force by more than about F/4: a knock makes such a
+  /// loop ring, and a calibration does not choose its gains.
   [[nodiscard]] bool rings() const {
     const double moved = mass + hand_mass, damping = kd + viscous + grip_damping - kp * late();
     return damping < 0.1 * 2 * std::sqrt(kp * moved) || kd * count * 2 * pi * velocity_hz > 0.25 * force;
