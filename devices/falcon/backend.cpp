@@ -42,6 +42,10 @@ std::unique_ptr<Device> open_falcon(const DeviceSpec& spec) {
     return open_usb_falcon_link(port);
   };
   std::unique_ptr<FalconLink> link = start_falcon(open_link, firmware);
+  if (!emulated && !link->guarded_port())
+    info.notes.emplace_back(
+        "no guardian watches: libusb does not show the device's file; a program that is killed leaves its last force "
+        "in the motors");
   return std::make_unique<ThreadedDevice>(std::make_unique<FalconDriver>(std::move(link), calibration, info));
 }
 

@@ -8,7 +8,9 @@
 namespace haptrace {
 namespace {
 
-constexpr int kStaleReads = 16;  // at most; a line that is never silent holds nobody up
+constexpr std::int64_t kStoodStill = 50'000'000;  // longer than this program leaves between two packets [ns]
+constexpr double kQuiet = 0.005;                  // after which nothing more is coming [s]
+constexpr int kStaleReads = 16;                   // at most; a line that is never silent holds nobody up
 
 std::int64_t falcon_answer_deadline() {
   return monotonic_ns() + static_cast<std::int64_t>(1e9 * FalconDialogue::kAnswerTime);
@@ -30,8 +32,12 @@ bool FalconDialogue::listen(std::optional<FalconPacket>& newest, double timeout)
 
 std::optional<FalconReport> FalconDialogue::ask(const FalconPacket& packet) {
   std::optional<FalconPacket> newest;
-  for (int reads = 0; reads < kStaleReads && listen(newest, 0); ++reads) {
+  const std::int64_t begin = monotonic_ns();
+  const bool stood_still = asked_ns_ > 0 && begin - asked_ns_ > kStoodStill;
+  asked_ns_ = begin;
+  for (int reads = 0; reads < kStaleReads && listen(newest, stood_still ? kQuiet : 0); ++reads) {
   }
+  if (stood_still) owed_ = 0;
   newest.reset();
 
   ++owed_;  // also when the packet was sent in part
@@ -43,7 +49,7 @@ std::optional<FalconReport> FalconDialogue::ask(const FalconPacket& packet) {
     if (!listen(newest, std::max(left, 0.0)) || left <= 0) break;
     if (had_none && newest) deadline = falcon_answer_deadline();  // for what may come after it
   }
-  if (!newest) return std::nullopt;
+  if (!newest || monotonic_ns() - begin > kStoodStill) return std::nullopt;
   owed_ = 0;
   return falcon_report(*newest);
 }

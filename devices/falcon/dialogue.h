@@ -12,6 +12,9 @@ namespace haptrace {
 /// next packet, and every later one with it. So the answers still owed are counted, and as long as some are, the
 /// newest that comes is waited for; what came unasked is thrown away before the next packet.
 ///
+/// A process that was stopped finds answers that came before or meanwhile, among them those to its guardian's packets:
+/// they show where the handle was. None of them is taken for one, and the next packet waits until the line is quiet.
+///
 /// Threads: one at a time. Not real-time: it waits.
 class FalconDialogue {
  public:
@@ -28,7 +31,8 @@ class FalconDialogue {
 
   FalconLink& link_;
   FalconDecoder decoder_;
-  unsigned owed_ = 0;  ///< answers
+  unsigned owed_ = 0;          ///< answers
+  std::int64_t asked_ns_ = 0;  ///< when ask() was called last; 0: never
 };
 
 }  // namespace haptrace

@@ -7,6 +7,17 @@
 
 namespace haptrace {
 
+LastWords falcon_last_words(const FalconCalibration& calibration) {
+  constexpr int kPackets = 3;
+  LastWords words;
+  const auto say = [](std::vector<std::uint8_t>& bytes, const FalconBytes& packet) {
+    for (int packets = 0; packets < kPackets; ++packets) bytes.insert(bytes.end(), packet.begin(), packet.end());
+  };
+  say(words.when_silent, encode({{}, calibration.flags(FalconLights{}, true)}));
+  say(words.when_dead, encode({}));
+  return words;
+}
+
 DeviceInfo falcon_info(const FalconCalibration& calibration) {
   DeviceInfo info;
   info.backend = "falcon";
@@ -28,6 +39,7 @@ FalconDriver::FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibra
       dialogue_(*link_),
       tracker_(calibration),
       watch_(calibration.max_motor_counts) {
+  if (const auto port = link_->guarded_port()) guardian_.emplace(*port, falcon_last_words(calibration));
   DeviceState state;
   state.ready = false;
   for (int rounds = 0; rounds < 2 * FalconTracker::kSettled && !state.ready; ++rounds) (void)round({}, state);
@@ -46,6 +58,7 @@ std::array<std::int16_t, 3> FalconDriver::motors(const Vec3& force) const noexce
 }
 
 bool FalconDriver::round(const Wrench& wrench, DeviceState& state) {
+  if (guardian_) guardian_->beat();
   const auto counts = motors(wrench.force);
   const bool ready = verdict_ != FalconTracker::Verdict::unhomed;
   const FalconLights lights{.red = !ready, .green = ready, .blue = counts != std::array<std::int16_t, 3>{}};
@@ -75,11 +88,19 @@ ZeroForce FalconDriver::release() noexcept {
     for (int farewells = 0; farewells < kFarewells; ++farewells)
       if (dialogue_.ask({})) farewell_ = ZeroForce::confirmed;
   } catch (const std::exception&) {
-    // It is gone. Its amplifier has a supply of its own, so its motors need not be.
+    // The link fails; the guardian has a way of its own. A Falcon that is unplugged has a supply of its own, so its
+    // motors may hold their force.
   }
+  if (guardian_ && farewell_ == ZeroForce::confirmed) guardian_->dismiss();
+  if (guardian_ && farewell_ != ZeroForce::confirmed && guardian_->speak_and_go()) farewell_ = ZeroForce::sent;
   link_->close();
   link_.reset();
   return farewell_;
+}
+
+/// Not by the link, in which the driver's thread hangs.
+ZeroForce FalconDriver::emergency_stop() noexcept {
+  return guardian_ && guardian_->speak() ? ZeroForce::sent : ZeroForce::failed;
 }
 
 }  // namespace haptrace

@@ -588,6 +588,7 @@ int libusb_pollfds_handle_timeouts(libusb_context*) {
 const libusb_pollfd** libusb_get_pollfds(libusb_context*) {
   return nullptr;
 }
+void libusb_free_pollfds(const libusb_pollfd**) {}
 int libusb_hotplug_register_callback(libusb_context*, int, int, int, int, int, libusb_hotplug_callback_fn, void*,
                                      libusb_hotplug_callback_handle*) {
   return LIBUSB_ERROR_NOT_SUPPORTED;

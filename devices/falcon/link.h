@@ -1,7 +1,10 @@
 // The way to a Falcon's firmware: an FTDI chip that turns USB into a serial line.
 #pragma once
 
+#include "devices/guardian/guardian.h"
+
 #include <cstdint>
+#include <optional>
 #include <span>
 
 namespace haptrace {
@@ -29,6 +32,9 @@ class FalconLink {
   /// Takes what has come of the serial line, without the chip's own status bytes, and waits for the first byte at most
   /// `timeout` [s]. Returns how many there are: 0 when none came. Throws Error(device) when the device is gone.
   [[nodiscard]] virtual std::size_t read(std::span<std::uint8_t> bytes, double timeout) = 0;
+
+  /// Where a guardian reaches the firmware, until close(); nothing where no other process can.
+  [[nodiscard]] virtual std::optional<GuardedPort> guarded_port() const noexcept { return std::nullopt; }
 
   /// Idempotent; the destructor calls it.
   virtual void close() noexcept = 0;

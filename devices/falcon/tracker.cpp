@@ -94,10 +94,12 @@ void FalconTracker::lose(Doubt why, const FalconReport& report) const {
 
 void FalconEncoderWatch::take(const std::array<std::int16_t, 3>& encoders, const std::array<std::int16_t, 3>& motors,
                               std::int64_t now_ns) {
+  const bool anew = falcon_seconds(last_ns_, now_ns) > kPatience / 5;
+  last_ns_ = now_ns;
   for (std::size_t i = 0; i < legs_.size(); ++i) {
     Leg& leg = legs_[i];
     const int motor = motors[i];
-    if (encoders[i] != leg.encoder) leg = {encoders[i], motor, motor, -1};
+    if (anew || encoders[i] != leg.encoder) leg = {encoders[i], motor, motor, -1};
     leg.least = std::min(leg.least, motor);
     leg.most = std::max(leg.most, motor);
     if (leg.pushed_ns < 0 && leg.most - leg.least > much_) leg.pushed_ns = now_ns;

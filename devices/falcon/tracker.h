@@ -66,7 +66,8 @@ class FalconTracker {
 /// Encoders that do not count although motors push: a plug inside that came off, or firmware that hangs. Noticed once
 /// the counts that a motor is sent have changed by half of the largest while its encoder has stood still, and it goes
 /// on standing still for kPatience. Under a force that is small or does not change, nobody can tell it from a hand that
-/// holds still.
+/// holds still. After a gap of reports it begins anew, since nobody knows what the motors were sent meanwhile: a
+/// guardian may have spoken.
 ///
 /// Threads: one at a time. Real-time: all but what throws.
 class FalconEncoderWatch {
@@ -86,6 +87,7 @@ class FalconEncoderWatch {
   };
 
   int much_;
+  std::int64_t last_ns_ = 0;
   std::array<Leg, 3> legs_;
 };
 

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <fstream>
 #include <libusb.h>
+#include <poll.h>
 #include <unistd.h>
 #include <vector>
 
@@ -78,6 +79,7 @@ std::string usb_holder_remedy(const std::string& node) {
       if (fs::read_symlink(file->path(), gone) != node || process->path().filename() == own) continue;
       std::string name;
       std::getline(std::ifstream(process->path() / "comm"), name);
+      if (name.starts_with("haptrace-guardi")) continue;  // cut off by the kernel; it goes when its host does
       return fmt::format("end {} (process {})", name, process->path().filename().string());
     }
   }
@@ -92,6 +94,7 @@ class UsbFalconLink final : public FalconLink {
   void control(Request request, std::uint16_t value) override;
   bool write(std::span<const std::uint8_t> bytes, double timeout) override;
   std::size_t read(std::span<std::uint8_t> bytes, double timeout) override;
+  std::optional<GuardedPort> guarded_port() const noexcept override;
   void close() noexcept override;
 
  private:
@@ -300,6 +303,17 @@ std::size_t UsbFalconLink::read(std::span<std::uint8_t> bytes, double timeout) {
   received_.erase(received_.begin(), end);
   if (count == 0) expect_here();
   return count;
+}
+
+/// The file that libusb has the device by: the only one of its context that it waits to be able to write to.
+std::optional<GuardedPort> UsbFalconLink::guarded_port() const noexcept {
+  if (handle_ == nullptr) return std::nullopt;
+  std::optional<GuardedPort> port;
+  const libusb_pollfd** files = libusb_get_pollfds(context_.get());
+  for (const libusb_pollfd** file = files; file != nullptr && *file != nullptr; ++file)
+    if (((*file)->events & POLLOUT) != 0) port = GuardedPort{.descriptor = (*file)->fd, .endpoint = kFalconOut};
+  libusb_free_pollfds(files);
+  return port;
 }
 
 void UsbFalconLink::close() noexcept {

@@ -61,7 +61,8 @@ TwoDiyDriver::TwoDiyDriver(const TwoDiyCalibration& calibration, const TwoDiyOpt
       info_(describe_two_diy(calibration, kinematics_, options)),
       port_(options.port, kTwoDiyBaud),
       homing_(calibration.stops()) {
-  guardian_.emplace(port_.descriptor(), LastWords{two_diy_calm(calibration_), two_diy_restart(calibration_)});
+  guardian_.emplace(GuardedPort{.descriptor = port_.descriptor()},
+                    LastWords{two_diy_calm(calibration_), two_diy_restart(calibration_)});
   restart();
   if (options.homed) homing_.trust();
 }
@@ -181,9 +182,13 @@ ZeroForce TwoDiyDriver::release() noexcept {
   if (released_ == ZeroForce::confirmed)
     guardian_->dismiss();
   else
-    guardian_->speak_and_go();
+    (void)guardian_->speak_and_go();
   port_.close();
   return *released_;
+}
+
+ZeroForce TwoDiyDriver::emergency_stop() noexcept {
+  return guardian_->speak() ? ZeroForce::sent : ZeroForce::failed;
 }
 
 namespace {

@@ -1,11 +1,11 @@
 // The Haply 2DIY and its kin: planar devices of two motors on a board that speaks hAPI's serial protocol.
 #pragma once
 
+#include "devices/guardian/guardian.h"
 #include "devices/haply/calibration.h"
 #include "devices/haply/homing.h"
 #include "devices/haply/protocol.h"
 #include "devices/registry.h"
-#include "devices/serial/guardian.h"
 #include "devices/serial/serial_port.h"
 #include "devices/threaded_device.h"
 
@@ -39,6 +39,7 @@ class TwoDiyDriver final : public DeviceDriver {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] bool round(const Wrench& wrench, DeviceState& state) override;
   ZeroForce release() noexcept override;
+  [[nodiscard]] ZeroForce emergency_stop() noexcept override;
 
  private:
   [[nodiscard]] std::optional<Vec2> ask(const Vec2& torques);

@@ -3,9 +3,11 @@
 #include "devices/clock.h"
 #include "tests/devices/falcon/scripted_link.h"
 #include "tests/devices/support.h"
+#include "tests/support/real_time.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
+#include <thread>
 
 namespace haptrace::test {
 namespace {
@@ -37,6 +39,7 @@ class FalconDriverTest : public testing::Test {
   FalconPacket says_{{0, 0, 0}, kAllHomed};  ///< in every answer
 
   FalconDriverTest() {
+    in_real_time();  // answers of a process that stood still are not believed
     script_.on_write = [this](const Bytes&) { script_.say(encode(says_)); };
   }
 
@@ -212,6 +215,7 @@ class FalconDialogueTest : public testing::Test {
   FalconDialogue dialogue_{*link_};
 
   FalconDialogueTest() {
+    in_real_time();
     script_.on_write = [this](const Bytes& bytes) { script_.say(answer(bytes)); };
   }
   static FalconBytes answer(const Bytes& question) { return encode({packet_of(question).words, 0}); }
@@ -270,6 +274,44 @@ TEST_F(FalconDialogueTest, IgnoresWhatCameUnasked) {
   script_.say(encode({{998, 0, 0}, 0}));
   script_.say(encode({{997, 0, 0}, 0}));
   expect_in_step(10);
+}
+
+TEST_F(FalconDialogueTest, BelievesNoAnswerFromBeforeItsProcessStoodStill) {
+  const auto answers = script_.on_write;
+  script_.on_write = [&](const Bytes& bytes) {
+    answers(bytes);
+    std::this_thread::sleep_for(std::chrono::milliseconds(60));
+    for (std::int16_t late = 900; late < 909; ++late)
+      script_.say(encode({{late, 0, 0}, 0}));  // to a guardian's packets
+  };
+  EXPECT_EQ(ask(1), std::nullopt);
+  script_.on_write = answers;
+  expect_in_step(10);
+}
+
+// Firmware may look for a packet in other ways than ours does; none of these may be left with the host's force.
+TEST(FalconLastWords, TakeTheForceAwayWhereverTheHostsLastPacketBrokeOff) {
+  const FalconBytes push = encode({{4095, -4095, 1234}, 0x7f});
+  const auto words = falcon_last_words({});
+  for (const auto& last : {words.when_silent, words.when_dead})
+    for (std::size_t sent = 0; sent <= push.size(); ++sent) {
+      Bytes line(push.begin(), push.begin() + static_cast<std::ptrdiff_t>(sent));
+      line.insert(line.end(), last.begin(), last.end());
+      std::optional<FalconPacket> by_end, by_count;
+      FalconDecoder decoder;
+      for (const std::uint8_t byte : line)
+        if (const auto packet = decoder.push(byte)) by_end = packet;
+      for (std::size_t i = 0; i + push.size() <= line.size(); ++i) {
+        if (line[i] != '<') continue;
+        FalconDecoder whole;
+        for (std::size_t k = 0; k < push.size(); ++k)
+          if (const auto packet = whole.push(line[i + k])) by_count = packet;
+        i += push.size() - 1;
+      }
+      ASSERT_TRUE(by_end && by_count) << sent;
+      EXPECT_EQ(by_end->words, (std::array<std::int16_t, 3>{})) << sent;
+      EXPECT_EQ(by_count->words, (std::array<std::int16_t, 3>{})) << sent;
+    }
 }
 
 TEST_F(FalconDialogueTest, LosesOneRoundForADamagedAnswer) {
@@ -403,6 +445,20 @@ TEST(FalconEncoderWatchTest, NoticesAnEncoderThatStandsStillWhileItsMotorPushes)
   EXPECT_EQ(watch(still, [](int) { return std::int16_t{0}; }), "no error") << "a hand that holds still";
   EXPECT_EQ(watch(still, [](int k) { return static_cast<std::int16_t>(500 * std::sin(0.01 * k)); }), "no error")
       << "friction holds it";
+}
+
+TEST(FalconEncoderWatchTest, DoesNotCountTheTimeForWhichItsProcessStoodStill) {
+  FalconEncoderWatch watched(4000);
+  std::int64_t now_ns = 0;
+  EXPECT_EQ(error_of(
+                [&] {
+                  for (int k = 0; k < 1000; ++k) {
+                    now_ns += k == 500 ? 2'000'000'000 : 1'000'000;
+                    watched.take({}, {static_cast<std::int16_t>(k % 500 < 100 ? 0 : 4000), 0, 0}, now_ns);
+                  }
+                },
+                Error::Kind::device),
+            "no error");
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 #include "tests/devices/falcon/usb_bus.h"
 
 #include "devices/clock.h"
+#include "tests/devices/falcon/usb_client.h"
+#include "tests/devices/falcon/usb_server.h"
 
 #include <atomic>
 #include <cerrno>
@@ -11,10 +13,14 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <linux/ioctl.h>
+#include <linux/kcmp.h>
 #include <linux/usbdevice_fs.h>
+#include <span>
+#include <spawn.h>
 #include <stdexcept>
 #include <sys/prctl.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <umockdev.h>
 #include <unistd.h>
 
@@ -40,6 +46,12 @@ int real_close(int fd) {
   return function(fd);
 }
 
+/// For a process that a test has started.
+UsbClient& bus_of_parent() {
+  static auto* const client = new UsbClient;  // files are closed after everything else has gone
+  return *client;
+}
+
 int fails(int error) {
   errno = error;
   return -1;
@@ -61,10 +73,13 @@ UsbBus::UsbBus() : testbed_(umockdev_testbed_new()) {
   std::filesystem::create_directories(root_ + "/dev/bus/usb/001");
   std::filesystem::create_directories(root_ + "/sys/bus/usb/devices");
   the_bus = this;
+  server_ = std::make_unique<UsbServer>(*this, root_ + "/usb");
+  setenv(kUsbBusSocket, server_->path().c_str(), 1);
   thread_ = std::thread([this] { run(); });
 }
 
 UsbBus::~UsbBus() {
+  server_.reset();
   unplug();
   {
     const std::scoped_lock lock(mutex_);
@@ -85,14 +100,21 @@ std::int64_t UsbBus::now() {
 }
 
 void UsbBus::plug_in(std::unique_ptr<EmulatedFalcon> falcon, const std::string& serial) {
-  unplug();
+  bool unseen = false;  // umockdev withstands some fifty devices, and then ends the program
+  {
+    const std::scoped_lock lock(mutex_);
+    unseen = fifo_ >= 0 && handles_.empty() && serial == serial_;
+  }
+  if (!unseen) unplug();
   {
     const std::scoped_lock lock(mutex_);
     falcon_ = std::move(falcon);
     falcon_->advance_to(now());
     serial_ = serial;
+    heard_from_guardians_.clear();
+    signal();
   }
-  appear();
+  if (!unseen) appear();
 }
 
 void UsbBus::plug_in_again() {
@@ -131,7 +153,7 @@ void UsbBus::unplug() {
     const std::scoped_lock lock(mutex_);
     if (fifo_ < 0) return;
     falcon_->unplug(now());
-    for (auto& [fd, handle] : handles_) handle.is_there = false;
+    for (auto& [fd, handle] : handles_) handle->is_there = false;
     serve();
     node_number_ = 0;
   }
@@ -148,22 +170,30 @@ std::size_t UsbBus::open_handles() {
   return handles_.size();
 }
 
-UsbBus::Handle* UsbBus::find(int fd) {
+std::vector<std::uint8_t> UsbBus::heard_from_guardians() {
+  const std::scoped_lock lock(mutex_);
+  return heard_from_guardians_;
+}
+
+/// The handle of an open file, by whichever descriptor.
+std::shared_ptr<UsbBus::Handle> UsbBus::find(int fd) {
   const auto known = handles_.find(fd);
-  if (known != handles_.end()) return &known->second;
+  if (known != handles_.end()) return known->second;
   struct stat status {};
   if (node_number_ == 0 || fstat(fd, &status) != 0 || status.st_ino != node_number_ || fd >= kMostFiles) return nullptr;
   known_[fd] = true;
-  return &handles_[fd];
+  for (const auto& [other, handle] : handles_)
+    if (syscall(SYS_kcmp, getpid(), getpid(), KCMP_FILE, fd, other) == 0) return handles_[fd] = handle;
+  return handles_[fd] = std::make_shared<Handle>();
 }
 
 bool UsbBus::handle(int fd, unsigned long request, void* argument, int& result) {
   if (_IOC_TYPE(request) != 'U') return false;
-  const std::scoped_lock lock(mutex_);
-  Handle* handle = find(fd);
+  std::unique_lock lock(mutex_);
+  const std::shared_ptr<Handle> handle = find(fd);
   if (handle == nullptr) return false;
   if (request == USBDEVFS_REAPURBNDELAY) {
-    result = reap(fd, *handle, static_cast<usbdevfs_urb**>(argument));
+    result = reap(*handle, static_cast<usbdevfs_urb**>(argument));
     return true;
   }
   if (!handle->is_there) {
@@ -192,10 +222,13 @@ bool UsbBus::handle(int fd, unsigned long request, void* argument, int& result) 
       falcon_->clear_halt(*static_cast<unsigned*>(argument) == kIn);
       break;
     case USBDEVFS_SUBMITURB:
-      result = submit(fd, static_cast<usbdevfs_urb*>(argument));
+      result = submit(*handle, static_cast<usbdevfs_urb*>(argument));
       break;
     case USBDEVFS_DISCARDURB:
       result = discard(static_cast<usbdevfs_urb*>(argument));
+      break;
+    case USBDEVFS_BULK:
+      result = send(*handle, *static_cast<usbdevfs_bulktransfer*>(argument), lock);
       break;
     default:
       result = fails(ENOTTY);
@@ -205,17 +238,17 @@ bool UsbBus::handle(int fd, unsigned long request, void* argument, int& result) 
 
 int UsbBus::claim(Handle& handle) {
   for (const auto& [fd, other] : handles_)
-    if (&other != &handle && other.claims) return fails(EBUSY);
+    if (other.get() != &handle && other->claims) return fails(EBUSY);
   handle.claims = true;
   return 0;
 }
 
 /// What goes to the device is taken now, what comes from it is written at the reaping.
-int UsbBus::submit(int fd, usbdevfs_urb* urb) {
+int UsbBus::submit(const Handle& handle, usbdevfs_urb* urb) {
   const bool is_control = urb->type == USBDEVFS_URB_TYPE_CONTROL;
   if (!is_control && (urb->type != USBDEVFS_URB_TYPE_BULK || (urb->endpoint != kIn && urb->endpoint != kOut)))
     return fails(EINVAL);
-  Transfer transfer{.fd = fd, .urb = urb, .data = {}};
+  Transfer transfer{.handle = &handle, .urb = urb, .data = {}};
   if (is_control || urb->endpoint == kOut) {
     const auto* bytes = static_cast<const std::uint8_t*>(urb->buffer);
     transfer.data.assign(bytes, bytes + urb->buffer_length);
@@ -238,9 +271,9 @@ int UsbBus::discard(usbdevfs_urb* urb) {
   return fails(EINVAL);
 }
 
-int UsbBus::reap(int fd, const Handle& handle, usbdevfs_urb** urb) {
+int UsbBus::reap(const Handle& handle, usbdevfs_urb** urb) {
   for (auto transfer = ended_.begin(); transfer != ended_.end(); ++transfer) {
-    if (transfer->fd != fd) continue;
+    if (transfer->handle != &handle) continue;
     usbdevfs_urb& ended = *transfer->urb;
     ended.status = transfer->status;
     ended.actual_length = static_cast<int>(transfer->data.size());
@@ -252,6 +285,27 @@ int UsbBus::reap(int fd, const Handle& handle, usbdevfs_urb** urb) {
     return 0;
   }
   return fails(handle.is_there ? EAGAIN : ENODEV);
+}
+
+/// Claims the interface where nobody has, as usbfs does.
+int UsbBus::send(Handle& handle, const usbdevfs_bulktransfer& transfer, std::unique_lock<std::mutex>& lock) {
+  if (transfer.ep != kOut) return fails(EINVAL);
+  if (!handle.claims && claim(handle) != 0) return -1;
+  const auto* data = static_cast<const std::uint8_t*>(transfer.data);
+  const std::span bytes(data, transfer.len);
+  const std::int64_t end = now() + 1'000'000LL * transfer.timeout;
+  const auto waits_before = [](const Transfer& other) { return other.urb->endpoint == kOut; };
+  while (true) {
+    serve();
+    auto handshake = EmulatedFalcon::Handshake::later;
+    if (std::none_of(pending_.begin(), pending_.end(), waits_before)) handshake = falcon_->out(bytes, now());
+    if (const int error = error_of(handshake); error != 0) return fails(-error);
+    if (handshake == EmulatedFalcon::Handshake::ok) break;
+    if (now() >= end) return fails(ETIMEDOUT);
+    wake_.wait_for(lock, std::chrono::milliseconds(1));
+  }
+  heard_from_guardians_.insert(heard_from_guardians_.end(), bytes.begin(), bytes.end());
+  return static_cast<int>(transfer.len);
 }
 
 /// Whether it has ended.
@@ -326,8 +380,12 @@ void UsbBus::signal() {
 void UsbBus::forget(int fd) {
   const std::scoped_lock lock(mutex_);
   known_[fd] = false;
-  handles_.erase(fd);
-  const auto is_of = [fd](const Transfer& transfer) { return transfer.fd == fd; };
+  const auto known = handles_.find(fd);
+  if (known == handles_.end()) return;
+  const std::shared_ptr<Handle> handle = known->second;
+  handles_.erase(known);
+  if (std::any_of(handles_.begin(), handles_.end(), [&](const auto& other) { return other.second == handle; })) return;
+  const auto is_of = [&](const Transfer& transfer) { return transfer.handle == handle.get(); };
   std::erase_if(pending_, is_of);
   std::erase_if(ended_, is_of);
   signal();
@@ -358,14 +416,31 @@ int ioctl(int fd, unsigned long request, ...) noexcept {
   va_end(arguments);
   int result = 0;
   haptrace::test::UsbBus* bus = haptrace::test::the_bus;
-  if (bus != nullptr && bus->handle(fd, request, argument, result)) return result;
+  if (bus != nullptr ? bus->handle(fd, request, argument, result)
+                     : haptrace::test::bus_of_parent().handle(fd, request, argument, result))
+    return result;
   static const auto next = reinterpret_cast<int (*)(int, unsigned long, void*)>(dlsym(RTLD_NEXT, "ioctl"));
   return next(fd, request, argument);
 }
 
 int close(int fd) {
   haptrace::test::UsbBus* bus = haptrace::test::the_bus;
-  if (bus != nullptr && bus->knows(fd)) bus->forget(fd);
+  if (bus == nullptr)
+    haptrace::test::bus_of_parent().forget(fd);
+  else if (bus->knows(fd))
+    bus->forget(fd);
   return haptrace::test::real_close(fd);
+}
+
+/// Gives guardians, which have no environment, the bus. Those are told by having none.
+int posix_spawn(pid_t* child, const char* path, const posix_spawn_file_actions_t* files,
+                const posix_spawnattr_t* attributes, char* const arguments[], char* const environment[]) {
+  static const auto next = reinterpret_cast<decltype(&posix_spawn)>(dlsym(RTLD_NEXT, "posix_spawn"));
+  const char* socket = std::getenv(haptrace::test::kUsbBusSocket);
+  if (environment[0] != nullptr || socket == nullptr)
+    return next(child, path, files, attributes, arguments, environment);
+  std::string preload = "LD_PRELOAD=" USB_PRELOAD, bus = fmt::format("{}={}", haptrace::test::kUsbBusSocket, socket);
+  char* const given[] = {preload.data(), bus.data(), nullptr};
+  return next(child, path, files, attributes, arguments, given);
 }
 }

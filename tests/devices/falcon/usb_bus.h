@@ -15,16 +15,22 @@
 #include <vector>
 
 struct usbdevfs_urb;
+struct usbdevfs_bulktransfer;
 struct _UMockdevTestbed;
 
 namespace haptrace::test {
+
+class UsbServer;
 
 /// What the kernel would be. The tree below /sys and the messages of udev are umockdev's, under whose preloaded library
 /// the program has to run; what is asked of the device's node, the functions ioctl() and close() of this program answer
 /// instead of the kernel, as its usbfs does (linux/usbdevice_fs.h). The node is a FIFO that can hold one byte: as long
 /// as one is in it, it cannot be written to, which for usbfs says that no transfer has ended.
 ///
-/// One for each process, made before any thread. Threads: any, except for the making.
+/// Other processes reach it through a socket, as usb_client.h has it; the same program answers their ioctl() when it is
+/// run by this one, and guardians are given a library to preload.
+///
+/// One for each test program, made before any thread. Threads: any, except for the making.
 class UsbBus {
  public:
   UsbBus();
@@ -50,9 +56,18 @@ class UsbBus {
 
   [[nodiscard]] std::size_t open_handles();
 
+  /// What came by USBDEVFS_BULK, which only a guardian uses, since the last plug_in().
+  [[nodiscard]] std::vector<std::uint8_t> heard_from_guardians();
+
   // For ioctl() and close(). The first is false when `fd` is not of this bus.
   bool handle(int fd, unsigned long request, void* argument, int& result);
   void forget(int fd);
+
+  /// A file of another process.
+  void adopt(int fd) {
+    const std::scoped_lock lock(mutex_);
+    (void)find(fd);
+  }
 
   /// Without a lock: sanitizers close files in the middle of anything.
   [[nodiscard]] bool knows(int fd) const noexcept { return fd >= 0 && fd < kMostFiles && known_[fd]; }
@@ -60,12 +75,13 @@ class UsbBus {
  private:
   static constexpr int kMostFiles = 4096;
 
+  /// An open file, which may have several descriptors in several processes.
   struct Handle {
     bool is_there = true;
     bool claims = false;
   };
   struct Transfer {
-    int fd;
+    const Handle* handle;
     usbdevfs_urb* urb;
     std::vector<std::uint8_t> data;  ///< for the host
     int status = 0;                  ///< an errno, negative
@@ -73,11 +89,12 @@ class UsbBus {
 
   [[nodiscard]] static std::int64_t now();
   void appear();
-  [[nodiscard]] Handle* find(int fd);
+  [[nodiscard]] std::shared_ptr<Handle> find(int fd);
   int claim(Handle& handle);
-  int submit(int fd, usbdevfs_urb* urb);
+  int submit(const Handle& handle, usbdevfs_urb* urb);
   int discard(usbdevfs_urb* urb);
-  int reap(int fd, const Handle& handle, usbdevfs_urb** urb);
+  int reap(const Handle& handle, usbdevfs_urb** urb);
+  int send(Handle& handle, const usbdevfs_bulktransfer& transfer, std::unique_lock<std::mutex>& lock);
   [[nodiscard]] bool progress(Transfer& transfer);
   [[nodiscard]] bool receive(Transfer& transfer);
   void serve();
@@ -95,12 +112,14 @@ class UsbBus {
   int fifo_ = -1;
   std::uint64_t node_number_ = 0;  ///< inode of the FIFO
   bool signalled_ = false;
-  std::map<int, Handle> handles_;
+  std::map<int, std::shared_ptr<Handle>> handles_;
+  std::vector<std::uint8_t> heard_from_guardians_;
   std::deque<Transfer> pending_, ended_;
   std::atomic<bool> known_[kMostFiles]{};  ///< the keys of handles_
   bool ending_ = false;
   std::condition_variable wake_;
-  std::thread thread_;  ///< ends transfers when it is time
+  std::thread thread_;                 ///< ends transfers when it is time
+  std::unique_ptr<UsbServer> server_;  ///< for other processes
 };
 
 }  // namespace haptrace::test

@@ -4,7 +4,8 @@
 #include "devices/recovering_device.h"
 #include "devices/servo_loop.h"
 #include "tests/devices/device_laws.h"
-#include "tests/devices/falcon/usb_bus.h"
+#include "tests/devices/falcon/usb_support.h"
+#include "tests/devices/guardian_laws.h"
 #include "tests/devices/support.h"
 #include "tests/support/real_time.h"
 
@@ -20,32 +21,7 @@ namespace {
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
-using Start = EmulatedFalcon::Start;
 using namespace std::chrono_literals;
-
-UsbBus& bus() {
-  return UsbBus::instance();
-}
-
-void plug_in(Start start, const char* faults = nullptr, const std::string& plant = "hand=relaxed,seed=3",
-             const std::string& serial = "F1") {
-  bus().plug_in(std::make_unique<EmulatedFalcon>(
-                    FalconCalibration(), open_live_plant(DeviceSpec::parse("falcon:" + plant), "falcon"), start,
-                    faults != nullptr ? FalconFaults::parse(faults, "test") : FalconFaults()),
-                serial);
-}
-
-void set_faults(const char* faults) {
-  bus().falcon([&](EmulatedFalcon& falcon) { falcon.set_faults(FalconFaults::parse(faults, "test")); });
-}
-
-std::array<std::int16_t, 3> motors() {
-  return bus().falcon([](const EmulatedFalcon& falcon) { return falcon.motors(); });
-}
-
-bool pushes() {
-  return motors() != std::array<std::int16_t, 3>{};
-}
 
 /// Exchanges at 1 kHz until it is so, for 10 s at most.
 template <class Condition>
@@ -358,9 +334,32 @@ std::vector<Listed> listed_devices() {
            true, true, false}};
 }
 
+namespace {
+
+class UsbBench final : public GuardedBench {
+ public:
+  GuardedPort port() override { return *link_->guarded_port(); }
+  std::vector<std::uint8_t> heard() override { return bus().heard_from_guardians(); }
+
+ private:
+  static std::unique_ptr<FalconLink> open() {
+    plug_in(Start::homed);
+    return open_usb_falcon_link(choose_falcon_port(find_falcon_ports(), "", ""));
+  }
+
+  std::unique_ptr<FalconLink> link_ = open();
+};
+
+}  // namespace
+
+std::vector<ListedPort> listed_ports() {
+  return {{"usb", [] { return std::make_unique<UsbBench>(); }}};
+}
+
 }  // namespace haptrace::test
 
 int main(int argc, char** argv) {
+  if (argc > 1 && argv[1] == haptrace::test::kHoldForce) return haptrace::test::hold_force();
   return haptrace::test::run_tests(argc, argv, [](const std::function<int()>& run) {
     const haptrace::test::UsbBus bus;
     return run();

@@ -345,6 +345,13 @@ TEST_F(TwoDiy, SaysThatItsArmsWereNotInTheirStops) {
   EXPECT_THAT(error, testing::AllOf(HasSubstr("beyond its stop"), HasSubstr("press them into their stops")));
 }
 
+TEST_F(TwoDiy, IsStoppedByItsGuardianWhileARoundDoesNotReturn) {
+  const auto driver = pulling();
+  EXPECT_EQ(driver->emergency_stop(), ZeroForce::sent);
+  wait_until([&] { return bench_.board->torque() == 0; });
+  EXPECT_EQ(bench_.board->torque(), 0);
+}
+
 TEST_F(TwoDiy, EndsWithZeroTorqueOnEveryWayOut) {
   EXPECT_EQ(pulling()->release(), ZeroForce::confirmed);
   EXPECT_EQ(bench_.board->torque(), 0);

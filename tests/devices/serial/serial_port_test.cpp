@@ -147,64 +147,22 @@ TEST(UsbSerialPorts, AreFoundWithTheirIdsAndWhatIsInTheWay) {
   EXPECT_THAT(error_of([&] { chosen_port(bare, {found[0], found[0]}); }, Error::Kind::device), HasSubstr("several"));
 }
 
-// ---- the guardian ----
+// ---- where the guardian is ----
 
-/// Keeps the bytes that it was sent.
-class Listener final : public EmulatedBoard {
- public:
-  explicit Listener(std::atomic<int>& heard) : heard_(heard) {}
-  void advance(std::int64_t) override {}
-  void receive(std::uint8_t byte, std::vector<std::uint8_t>&) override { heard_ = 256 * heard_ + byte; }
-  void power_cycle() override {}
-
- private:
-  std::atomic<int>& heard_;
-};
-
-class GuardianTest : public testing::Test {
- protected:
-  GuardianTest() { in_real_time(); }
-
-  std::atomic<int> heard_{0};
-  EmulatedLine line_{std::make_unique<Listener>(heard_)};
-  SerialPort port_{line_.path(), 115200};
-  Guardian guardian_{port_.descriptor(), LastWords{{7}, {8, 9}}};
-};
-
-TEST_F(GuardianTest, SpeaksWhenItsHostIsSilentAndAgainWhenItIsGone) {
-  wait_until([&] { return heard_ == 7; });
-  EXPECT_EQ(heard_ % 256, 7);
-  guardian_.speak_and_go();
-  wait_until([&] { return heard_ % 65536 == 256 * 8 + 9; });
-  EXPECT_EQ(heard_ % 65536, 256 * 8 + 9);
+TEST(GuardianProgram, IsLookedForBesideTheProgramThenWhereItWasInstalled) {
+  const auto places = guardian_places("/opt/haptrace/bin/haptrace");
+  ASSERT_EQ(places.size(), 2U);
+  EXPECT_THAT(places[0], testing::MatchesRegex("/opt/haptrace/lib.*/haptrace/haptrace-guardian"));
+  EXPECT_THAT(places[1], testing::EndsWith("/haptrace/haptrace-guardian"));
 }
 
-TEST_F(GuardianTest, GoesWithoutAWordWhenItIsDismissed) {
-  guardian_.beat();
-  guardian_.dismiss();
-  std::this_thread::sleep_for(20ms);
-  EXPECT_NE(heard_ % 256, 9);
-  EXPECT_NE(kill(guardian_.process(), 0), 0) << "and its process has ended";
-}
-
-TEST_F(GuardianTest, DoesNotListenToTheSignalsOfATerminal) {
-  for (const int signal : {SIGINT, SIGHUP, SIGTERM}) kill(guardian_.process(), signal);
-  std::this_thread::sleep_for(20ms);
-  EXPECT_EQ(kill(guardian_.process(), 0), 0);
-  EXPECT_NE(getsid(guardian_.process()), getsid(0));
-}
-
-TEST_F(GuardianTest, IsMissedByItsHost) {
-  kill(guardian_.process(), SIGKILL);
-  const std::string error = error_of(
-      [&] {
-        for (int k = 0; k < 5000; ++k) {
-          guardian_.beat();
-          std::this_thread::sleep_for(1ms);
-        }
-      },
-      Error::Kind::device);
-  EXPECT_THAT(error, HasSubstr("haptrace-guardian"));
+TEST(GuardianProgram, IsThatOfTheBuildFolderForAProgramOfTheBuildFolderAlone) {
+  const std::string self = std::filesystem::read_symlink("/proc/self/exe");
+  const auto places = guardian_places(self);
+  ASSERT_EQ(places.size(), 3U);
+  EXPECT_EQ(places[1], guardian_program());
+  EXPECT_TRUE(std::filesystem::exists(places[1]));
+  EXPECT_THAT(guardian_places("/elsewhere" + self), testing::Not(testing::Contains(places[1])));
 }
 
 // ---- a host that dies ----
