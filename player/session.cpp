@@ -7,6 +7,7 @@
 #include "formats/suggest.h"
 #include "formats/warning_json.h"
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <fmt/format.h>
@@ -211,10 +212,10 @@ std::function<void(const std::string&)> keep_when_ended(Recorder& recorder, cons
   };
 }
 
-/// What is known of the motors. A device that was lost with a force in them is looked for, to take it away.
+/// What is known of the motors. A device that was lost, perhaps with a force in them, is looked for, to take it away.
 ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
   const ZeroForce zero = device.zero_force();
-  if (zero != ZeroForce::failed || servo.cause != StopCause::device_lost) return zero;
+  if (zero == ZeroForce::confirmed || servo.cause != StopCause::device_lost) return zero;
   device.close();
   if (!can_be_zeroed_again(device.info())) return zero;
   watch.warn({Warning::Severity::warning, "device_lost", servo.duration,
@@ -222,7 +223,7 @@ ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
                           "is opened only to take that away",
                           kZeroingWindow)});
   watch.look();
-  return zero_when_back(device.info());
+  return std::min(zero, zero_when_back(device.info()));
 }
 
 }  // namespace
