@@ -46,6 +46,16 @@ else()
 endif()
 step(${CMAKE_COMMAND} -E compare_files ${SOURCE}/../../devices/udev/70-haptrace.rules
      ${OUT}/prefix/lib/udev/rules.d/70-haptrace.rules)
+# The installed command takes the guardian beside itself, also where that of the build folder could be run.
+file(GLOB guardian ${OUT}/prefix/libexec/haptrace/haptrace-guardian)
+file(RENAME ${guardian} ${guardian}.watches)
+file(WRITE ${guardian} "#!/bin/sh\n: >'${OUT}/guardian-ran'\nexec '${guardian}.watches'\n")
+file(CHMOD ${guardian} PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE)
+step(${OUT}/prefix/bin/haptrace record ${OUT}/guarded.h5 --device haply2diy:emulated=true --duration 0.2 --no-realtime)
+file(RENAME ${guardian}.watches ${guardian})
+if(NOT EXISTS ${OUT}/guardian-ran)
+  message(FATAL_ERROR "the installed command did not run ${guardian}")
+endif()
 step(${CMAKE_COMMAND} -S ${SOURCE}/consumer -B ${OUT}/build -DCMAKE_PREFIX_PATH=${OUT}/prefix
      -G ${GENERATOR} -DCMAKE_CXX_COMPILER=${COMPILER} -DCMAKE_CXX_FLAGS=${FLAGS})
 step(${CMAKE_COMMAND} --build ${OUT}/build)
