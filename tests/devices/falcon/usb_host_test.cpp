@@ -194,7 +194,7 @@ TEST_F(GuardedFalcon, LetsItsGuardianSpeakWhenNothingAnswers) {
   set_faults("silent:0");
   EXPECT_TRUE(comes_true([&] { return device->exchange({}, 1e-3, state) == Device::Status::lost; }));
   device->close();
-  EXPECT_EQ(device->zero_force(), ZeroForce::sent) << "its chip took it, and its firmware says nothing";
+  EXPECT_EQ(device->zero_force(), ZeroForce::failed) << "its chip took it, but its firmware says nothing";
   EXPECT_FALSE(pushes());
   const LastWords words = falcon_last_words({});
   const auto heard = bus().heard_from_guardians();

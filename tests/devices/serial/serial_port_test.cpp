@@ -173,8 +173,16 @@ class HoldingHost : public testing::Test {
     in_real_time();
     std::string program = HOLDING_HOST, port = bench_.line->path();
     char* const arguments[] = {program.data(), port.data(), nullptr};
-    ASSERT_EQ(posix_spawn(&host_, program.c_str(), nullptr, nullptr, arguments, environ), 0);
-    wait_until([&] { return bench_.board->torque() > 0.01; });
+    // On a busy machine the board may answer so late that its host takes it for lost, and ends.
+    bool ended = true;
+    for (int hosts = 0; ended && hosts < 10; ++hosts) {
+      ASSERT_EQ(posix_spawn(&host_, program.c_str(), nullptr, nullptr, arguments, environ), 0);
+      ended = false;
+      wait_until([&] {
+        ended = waitpid(host_, nullptr, WNOHANG) == host_;
+        return ended || bench_.board->torque() > 0.01;
+      });
+    }
     ASSERT_GT(bench_.board->torque(), 0.01);
   }
   void TearDown() override {
