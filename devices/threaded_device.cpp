@@ -21,7 +21,7 @@ constexpr double kLongestWatch = 1;                  // [s]
 constexpr std::chrono::milliseconds kOwnRounds{10};  // apart, while nobody exchanges
 constexpr double kLongestRound = 0.04;               // what lasts longer is a process that stood still [s]
 constexpr int kDoubtful = 2;                         // answers after it: they may have been on their way before
-constexpr double kLongestRelease = 2;                // of a driver [s]
+constexpr double kLongestGoodbye = 2;                // of a driver [s]
 constexpr double kZeroAnswer = 0.2;                  // how long to wait for the answer to zero force [s]
 constexpr double kEmergencyRelease = 0.1;            // where a driver still does its rounds, it ends within that [s]
 constexpr std::chrono::milliseconds kLook{1};        // between two looks at what another thread does
@@ -190,7 +190,7 @@ ZeroForce ThreadedDevice::Rounds::await_zero() noexcept {
     wake_.release();
     std::this_thread::sleep_for(kLook);
   }
-  const auto released = is_lost() ? await_release(kLongestRelease) : this->released();
+  const auto released = is_lost() ? await_release(kLongestGoodbye) : this->released();
   return released.value_or(holds_ ? ZeroForce::failed : ZeroForce::confirmed);
 }
 
@@ -224,7 +224,7 @@ Device::Status ThreadedDevice::exchange(const Wrench& wrench, double dt, DeviceS
 void ThreadedDevice::close() noexcept {
   closed_ = true;
   rounds_->end();
-  (void)thread_.join_within(kLongestRelease);
+  (void)thread_.join_within(kLongestGoodbye);
 }
 
 ZeroForce ThreadedDevice::zero_force() noexcept {
