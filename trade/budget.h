@@ -11,7 +11,7 @@
 namespace haptrace {
 
 struct Bound {
-  Measure measure;
+  Measure measure = Measure::error;
   double limit = 0;  ///< SI: at most, or of a measure of which more is better at least
 
   /// The outcome's value over the limit, or the limit over it: at most 1 when the bound is kept. Infinite for an

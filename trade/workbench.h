@@ -54,8 +54,8 @@ class Workbench {
   /// Fills in what a tick and a start cost, in time.
   void time_ticks(Outcome& outcome) const;
 
-  /// Instructions of a tick, on a device that costs nothing: the median of kCountedTicks ticks of phase run. NaN where
-  /// they cannot be counted.
+  /// Instructions of a tick, on a device that costs nothing: the lower quartile of kCountedTicks ticks of phase run.
+  /// NaN where they cannot be counted.
   [[nodiscard]] double count_ticks(const Configuration& configuration) const;
   static constexpr int kCountedTicks = 9;
 
