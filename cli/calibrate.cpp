@@ -1,7 +1,7 @@
+#include "base/error.h"
+#include "base/output_file.h"
 #include "cli/profile.h"
-#include "control/error.h"
-#include "formats/output_file.h"
-#include "player/calibration.h"
+#include "player/calibration/calibration.h"
 
 #include <chrono>
 #include <fmt/format.h>

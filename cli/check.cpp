@@ -1,6 +1,7 @@
+#include "cli/input_options.h"
 #include "cli/read_progress.h"
 #include "cli/verb.h"
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -8,27 +9,32 @@
 namespace haptrace::cli {
 Verb add_check(CLI::App& app) {
   const auto file = std::make_shared<std::string>();
+  const auto partial = std::make_shared<bool>(false);
   CLI::App* verb = app.add_subcommand("check", "validate a recording against the file format");
   verb->footer("Says what is wrong, and where. Exit code 2 when anything is an error.");
   verb->add_option("file", *file, "recording (HDF5)")->type_name("FILE.h5");
+  add_partial(*verb, *partial);
   return {
-      verb, [verb, file](const Output& output) {
+      verb, [verb, file, partial](const Output& output) {
         require(*verb, "file");
         std::vector<Finding> findings;
+        const InputFile input(*file, {});
         {
-          ReadProgress progress(output, *file);
-          findings = check_recording(*file, progress.share_callback());
+          ReadProgress progress(output, input.name());
+          findings = check_recording(input.path(), progress.share_callback(), *partial);
         }
         nlohmann::json list = nlohmann::json::array();
         std::string text;
         for (const Finding& finding : findings) {
           list.push_back({{"severity", to_string(finding.severity)}, {"where", finding.where}, {"what", finding.what}});
-          text += fmt::format("{}: {}: {}: {}\n", *file, to_string(finding.severity), finding.where, finding.what);
+          text +=
+              fmt::format("{}: {}: {}: {}\n", input.name(), to_string(finding.severity), finding.where, finding.what);
         }
         const auto errors = std::count_if(findings.begin(), findings.end(), [](const Finding& finding) {
           return finding.severity == Finding::Severity::error;
         });
-        text += errors > 0 ? fmt::format("{}: {} errors\n", *file, errors) : fmt::format("{}: valid\n", *file);
+        text += errors > 0 ? fmt::format("{}: {} errors\n", input.name(), errors)
+                           : fmt::format("{}: valid\n", input.name());
         output.tell({{"file", *file}, {"valid", errors == 0}, {"findings", std::move(list)}}, text);
         return errors > 0 ? kBadInput : kDone;
       }};

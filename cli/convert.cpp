@@ -1,17 +1,19 @@
+#include "base/error.h"
+#include "cli/input_options.h"
 #include "cli/read_progress.h"
 #include "cli/verb.h"
-#include "control/error.h"
-#include "formats/anonymise.h"
-#include "formats/recording_stream.h"
-#include "formats/resample.h"
-#include "formats/sampling.h"
-#include "formats/storage_report.h"
+#include "formats/convert/anonymise.h"
+#include "formats/convert/resample.h"
+#include "formats/recording/recording_stream.h"
+#include "formats/recording/sampling.h"
+#include "formats/recording/storage_report.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <fmt/format.h>
+#include <optional>
 
 namespace haptrace::cli {
 namespace {
@@ -25,11 +27,15 @@ struct ConvertArguments {
   bool overwrite = false;
   double from = -std::numeric_limits<double>::infinity(), to = std::numeric_limits<double>::infinity();
   double resample_hz = 0, max_gap = 0;
+  std::optional<double> low_pass_hz;
   std::string method = "cubic";
-  bool anonymise = false, dejitter = false;
+  bool anonymise = false, dejitter = false, partial = false;
   int digits = 0, compress = 0;
   std::string libver = "1.10", precision;
   std::vector<std::string> streams, map;
+  CsvOptions csv;
+
+  [[nodiscard]] bool to_standard_output() const { return file == "-"; }
 };
 
 /// The way of the samples, and where those who report on it sit.
@@ -40,9 +46,11 @@ struct Pipeline {
   const AnonymisedSource* anonymised = nullptr;
 };
 
-SourceOptions source_options(const ConvertArguments& arguments) {
+SourceOptions source_options(const ConvertArguments& arguments, const CsvOptions& csv) {
   SourceOptions options;
+  options.csv = csv;
   options.any_order = arguments.resample_hz != 0;
+  options.parts = parts_of(arguments.partial);
   options.streams = arguments.streams;
   options.dejitter = arguments.dejitter;
   for (const std::string& entry : arguments.map) {
@@ -54,9 +62,9 @@ SourceOptions source_options(const ConvertArguments& arguments) {
   return options;
 }
 
-Pipeline open_pipeline(const ConvertArguments& arguments) {
+Pipeline open_pipeline(const ConvertArguments& arguments, const InputFile& input) {
   Pipeline pipeline;
-  pipeline.source = open_source(arguments.input, source_options(arguments));
+  pipeline.source = open_source(input.path(), source_options(arguments, input.csv()));
   if (std::isfinite(arguments.from) || std::isfinite(arguments.to))
     pipeline.source = cut(std::move(pipeline.source), arguments.from, arguments.to);
   pipeline.source = observe(std::move(pipeline.source), [sampling = pipeline.sampling](std::span<const Sample> block) {
@@ -65,7 +73,8 @@ Pipeline open_pipeline(const ConvertArguments& arguments) {
   if (arguments.resample_hz != 0) {
     auto resampled = resample(std::move(pipeline.source), {.rate_hz = arguments.resample_hz,
                                                            .method = parse_interpolation(arguments.method),
-                                                           .max_gap = arguments.max_gap});
+                                                           .max_gap = arguments.max_gap,
+                                                           .low_pass_hz = arguments.low_pass_hz});
     pipeline.resampled = resampled.get();
     pipeline.source = std::move(resampled);
   }
@@ -103,6 +112,7 @@ nlohmann::json to_json(const ResampleReport& report) {
           {"gaps", report.gaps},
           {"longest_gap_s", report.longest_gap},
           {"max_gap_s", report.max_gap},
+          {"low_pass_hz", report.low_pass_hz},
           {"rms_difference_m", report.rms_difference},
           {"max_difference_m", report.max_difference},
           {"compared", report.compared}};
@@ -146,20 +156,24 @@ std::string text_of(const std::vector<StoredColumn>& columns) {
   return text;
 }
 
-int convert(const ConvertArguments& arguments, const Output& output) {
-  const SinkOptions options = sink_options(arguments);
+int convert(const ConvertArguments& arguments, const InputFile& input, const Output& output) {
+  SinkOptions options = sink_options(arguments);
+  if (arguments.to_standard_output() && output.json)
+    throw input_error("-o - writes rows to standard output, and so does --json; leave one of them out");
   const Signals signals;
   const auto stopped = [&] { return signals.stop().count() > 0; };
   const auto interrupted = [&] {
-    output.remark("interrupted; nothing was written");
+    output.remark(arguments.to_standard_output() ? "interrupted; the rows that are out are not all"
+                                                 : "interrupted; nothing was written");
     return kInterrupted;
   };
 
-  Pipeline pipeline = open_pipeline(arguments);
+  Pipeline pipeline = open_pipeline(arguments, input);
   RecordingSource& source = *pipeline.source;
   std::uint64_t rows = 0;
   {
     ReadProgress progress(output, arguments.file + ", read back");
+    options.clocks = source.clocks();
     const auto sink = create_sink(arguments.file, source.header(), source.columns(), source.events(), options);
     rows = copy(source, *sink, {.report = progress.share_callback(), .stopped = stopped});
     if (stopped()) return interrupted();
@@ -167,31 +181,33 @@ int convert(const ConvertArguments& arguments, const Output& output) {
   }
 
   std::error_code ignored;
-  const auto bytes_in = fs::file_size(arguments.input, ignored), bytes_out = fs::file_size(arguments.file, ignored);
+  const auto bytes_in = fs::file_size(input.path(), ignored);
+  const auto bytes_out = arguments.to_standard_output() ? 0 : fs::file_size(arguments.file, ignored);
   const Sampling sampling = pipeline.sampling->result();
   std::vector<std::string> remarks = source.notes();
   for (std::string& note : notes(sampling, pipeline.resampled == nullptr)) remarks.push_back(std::move(note));
 
   nlohmann::json json{{"input", arguments.input}, {"file", arguments.file}, {"samples", rows},
                       {"bytes_in", bytes_in},     {"bytes", bytes_out},     {"sampling", json_of(sampling)}};
-  std::string text = fmt::format("{}: {} samples, {:.3f} MB of {:.3f} MB\n", arguments.file, rows,
-                                 1e-6 * static_cast<double>(bytes_out), 1e-6 * static_cast<double>(bytes_in));
+  std::string text = arguments.to_standard_output()
+                         ? fmt::format("{} samples\n", rows)
+                         : fmt::format("{}: {} samples, {:.3f} MB of {:.3f} MB\n", arguments.file, rows,
+                                       1e-6 * static_cast<double>(bytes_out), 1e-6 * static_cast<double>(bytes_in));
   if (pipeline.resampled != nullptr) {
     const ResampleReport& report = pipeline.resampled->report();
     json["resample"] = to_json(report);
-    text += fmt::format(
-        "  {} rows at {:g} Hz made of {}; they differ from the samples between them by {:.3g} mm rms, {:.3g} "
-        "mm at most\n",
-        report.rows_out, arguments.resample_hz, report.rows_in, 1e3 * report.rms_difference,
-        1e3 * report.max_difference);
+    text += fmt::format("  {} rows at {:g} Hz made of {}; they differ from {} by {:.3g} mm rms, {:.3g} mm at most\n",
+                        report.rows_out, arguments.resample_hz, report.rows_in,
+                        report.low_pass_hz > 0 ? "what they would be without the low pass" : "the samples between them",
+                        1e3 * report.rms_difference, 1e3 * report.max_difference);
   }
   if (pipeline.anonymised != nullptr) {
     json["anonymised"] = to_json(pipeline.anonymised->report());
     text += text_of(pipeline.anonymised->report());
   }
-  if (options.hdf5.storage.filtered() && is_hdf5(arguments.file)) {
+  if (options.hdf5.storage.filtered() && !arguments.to_standard_output() && is_hdf5(arguments.file)) {
     ReadProgress progress(output, arguments.file + ", read back");
-    Pipeline again = open_pipeline(arguments);
+    Pipeline again = open_pipeline(arguments, input);
     const RecordingSource& original = *again.source;
     again.source =
         observe(std::move(again.source), [&](std::span<const Sample>) { progress.tell_share(original.fraction()); });
@@ -201,7 +217,10 @@ int convert(const ConvertArguments& arguments, const Output& output) {
   }
   json["notes"] = remarks;
   for (const std::string& remark : remarks) output.remark(remark);
-  output.tell(json, text);
+  if (arguments.to_standard_output())
+    output.remark(text.substr(0, text.size() - 1));  // standard output has the rows
+  else
+    output.tell(json, text);
   return kDone;
 }
 
@@ -213,14 +232,23 @@ Verb add_convert(CLI::App& app) {
   CLI::App* verb = app.add_subcommand("convert", "change the format, the size or the time base of a recording");
   verb->footer(
       "Reads HDF5, CSV, JSON lines (.jsonl) and XDF (Lab Streaming Layer); writes .h5, .csv and .jsonl. Nothing is\n"
-      "changed that was not asked for, and what is odd about the time stamps and channels is told.\n"
+      "changed that was not asked for, but a lower rate is low-passed first; what is odd about the time stamps and\n"
+      "channels is told. Headers, units and time stamps of other programs' CSV files are recognised, and what was\n"
+      "assumed is printed. - is standard input, and as -o standard output (CSV).\n"
       "  haptrace convert a.h5 -o a.csv\n"
+      "  haptrace convert excel.csv -o excel.h5 --columns t=Zeit,x=Weg --units mm,ms\n"
+      "  haptrace convert - -o - < motive.csv > path.csv\n"
       "  haptrace convert log.csv -o log.h5 --resample 1000 --method cubic\n"
       "  haptrace convert lab.xdf -o lab.h5 --stream Hand --stream Force --map x=PosX,y=PosY,z=PosZ\n"
       "  haptrace convert a.h5 -o shared.h5 --anonymise --precision 1um,1mN --compress 6");
-  verb->add_option("file", a.input, "recording or path")->type_name("FILE");
-  verb->add_option("-o,--output", a.file, "what to write; else the input's name with .h5, or with .csv if it is HDF5");
+  verb->add_option("file", a.input, "recording or path; - is standard input")->type_name("FILE");
+  verb->add_option(
+      "-o,--output", a.file,
+      "what to write; else the input's name with .h5, or with .csv if it is HDF5; - writes CSV to standard "
+      "output");
   verb->add_flag("--overwrite", a.overwrite, "replace a file that exists");
+  add_partial(*verb, a.partial);
+  add_input_options(*verb, a.csv);
   verb->add_option("--from", a.from, "leave out what comes before [s]")->group("Samples");
   verb->add_option("--to", a.to, "leave out what comes after [s]")->group("Samples");
   verb->add_option("--resample", a.resample_hz, "make an even time base of this rate [Hz]; gaps stay gaps")
@@ -230,6 +258,9 @@ Verb add_convert(CLI::App& app) {
       ->group("Samples");
   verb->add_option("--max-gap", a.max_gap, "with --resample: longest step that is bridged [s]; 0: 20 median steps")
       ->capture_default_str()
+      ->group("Samples");
+  verb->add_option("--low-pass", a.low_pass_hz,
+                   "with --resample: cut-off before it [Hz]; 0: none; else the rate / 2.4 when it becomes lower")
       ->group("Samples");
   verb->add_flag("--anonymise", a.anonymise,
                  "drop subject, operator, notes, serials, metadata, file names and marks' texts, and say so")
@@ -258,11 +289,19 @@ Verb add_convert(CLI::App& app) {
             require(*verb, "file");
             if (const auto& level = verb->get_option("--compress")->results(); level.size() == 1 && level[0].empty())
               arguments->compress = kCompress;
+            const InputFile input(arguments->input, arguments->csv);
+            if (input.passed_through() && arguments->file.empty())
+              throw input_error(
+                  fmt::format("haptrace convert {} needs -o: there is no name that the output could have; "
+                              "-o - writes CSV to standard output",
+                              arguments->input));
             if (arguments->file.empty()) {
-              const bool hdf5 = is_hdf5(arguments->input);
+              const bool hdf5 = is_hdf5(input.path());
               arguments->file = fs::path(arguments->input).replace_extension(hdf5 ? ".csv" : ".h5").string();
             }
-            return convert(*arguments, output);
+            keep_inputs(arguments->file, std::span(&arguments->input, 1));
+            clean_up(output, arguments->file);
+            return convert(*arguments, input, output);
           }};
 }
 

@@ -1,9 +1,9 @@
 #include "cli/device_check.h"
 
+#include "base/error.h"
+#include "base/printable.h"
 #include "cli/terminal.h"
-#include "control/error.h"
-#include "devices/conformance.h"
-#include "formats/printable.h"
+#include "devices/check/conformance.h"
 
 #include <cstdio>
 #include <fmt/format.h>

@@ -1,9 +1,9 @@
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/printable.h"
 #include "cli/device_check.h"
 #include "cli/verb.h"
-#include "control/error.h"
-#include "devices/connected_devices.h"
-#include "formats/json_reader.h"
-#include "formats/printable.h"
+#include "devices/check/connected_devices.h"
 
 #include <chrono>
 #include <cstdio>

@@ -1,10 +1,11 @@
-#include "devices/doctor.h"
+#include "devices/check/doctor.h"
 
+#include "base/error.h"
 #include "cli/terminal.h"
 #include "cli/verb.h"
-#include "control/error.h"
-#include "devices/usb_devices.h"
-#include "player/playback.h"
+#include "devices/check/usb_devices.h"
+#include "player/playback/playback.h"
+#include "recorder/disk_check.h"
 #include "recorder/recorder.h"
 
 #include <algorithm>

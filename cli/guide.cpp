@@ -1,11 +1,12 @@
-#include "player/guide.h"
+#include "player/guidance/guide.h"
 
+#include "base/error.h"
+#include "base/suggest.h"
+#include "cli/input_options.h"
 #include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
-#include "control/error.h"
-#include "formats/path_file.h"
-#include "formats/suggest.h"
+#include "formats/path/path_file.h"
 
 #include <filesystem>
 #include <fmt/format.h>
@@ -17,6 +18,7 @@ namespace {
 struct Arguments {
   SessionArguments session;
   std::string expert, record, mode = "tunnel", feel = "active", radius = "5mm";
+  CsvOptions csv;
   ProfileArguments profile;
   std::vector<std::string> spread;
   PathArguments along{GuidanceOptions{}.max_deviation};
@@ -60,8 +62,9 @@ std::string percent(double share) {
   return std::isfinite(share) ? fmt::format("{:.0f} %", 100 * share) : "undefined";
 }
 
-std::string summary(const Arguments& arguments, const GuideResult& result, const DeviceInfo& device) {
-  std::string text = fmt::format("{}: guided on {}\n", arguments.expert, device.name);
+std::string summary(const Arguments& arguments, const GuideResult& result, const DeviceInfo& device,
+                    const std::string& expert) {
+  std::string text = fmt::format("{}: guided on {}\n", expert, device.name);
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
     const GuideFigures& figures = result.repetitions[i];
@@ -94,7 +97,8 @@ Verb add_guide(CLI::App& app) {
       "  haptrace guide expert.h5 --device falcon --radius auto --spread second.h5 third.h5\n"
       "  haptrace guide expert.h5 --device falcon --mode cursor --wait 0.02 --speed 0.5\n"
       "  haptrace guide expert.h5 --device sim:preset=falcon,hand=relaxed,intent=expert.h5 --feel resist");
-  verb->add_option("expert", arguments->expert, "the expert's recording (HDF5) or path (HDF5, CSV with t,x,y,z)")
+  verb->add_option("expert", arguments->expert,
+                   "the expert's recording (HDF5) or path (HDF5, CSV with t,x,y,z); - is standard input")
       ->type_name("EXPERT");
   verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
   verb->add_option("--mode", arguments->mode,
@@ -158,6 +162,7 @@ Verb add_guide(CLI::App& app) {
       ->capture_default_str()
       ->group("Cursor");
   arguments->along.add_to(*verb);
+  add_input_options(*verb, arguments->csv);
   verb->add_option("--time-limit", guidance.time_limit,
                    "of a repetition [s]; 0: none, in virtual time ten times the expert's and 10 s")
       ->capture_default_str()
@@ -193,19 +198,27 @@ Verb add_guide(CLI::App& app) {
         options.guidance.hold = along.hold;
         options.guidance.approach_speed = along.approach_speed;
         options.guidance.max_deviation = along.max_deviation;
+        std::vector<std::string> inputs = arguments->spread;
+        inputs.push_back(arguments->expert);
+        keep_inputs(arguments->record, inputs);
         options.session = arguments->session.options(arguments->record, effective_config(*verb));
 
-        const auto open = [&](const std::string& file) {
-          ReadProgress progress(output, file);
-          return open_path(file, file == arguments->expert ? along.selection : PathSelection{}, progress.callback());
+        const auto open = [&](const std::string& file, const PathSelection& selection, const CsvOptions& csv) {
+          ReadProgress progress(output, csv.name);
+          return open_path(file, selection, progress.callback(), csv);
         };
-        const std::shared_ptr<const PathSource> expert = open(arguments->expert);
-        for (const std::string& file : arguments->spread) options.spread.push_back(open(file));
+        const InputFile input(arguments->expert, arguments->csv);
+        const std::shared_ptr<const PathSource> expert = open(input.path(), along.selection, input.csv());
+        for (const std::string& file : arguments->spread) {
+          CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments->csv;
+          csv.name = file;
+          options.spread.push_back(open(file, file == arguments->expert ? along.selection : PathSelection{}, csv));
+        }
         const Signals signals;
         const auto device = arguments->session.open();
         std::vector<std::string> notes = device->info().notes;
         for (const std::string& note : expert->facts().notes)
-          notes.push_back(fmt::format("{}: {}", arguments->expert, note));
+          notes.push_back(fmt::format("{}: {}", input.name(), note));
         options.identified = identified(
             arguments->profile.find(device->info(), arguments->session.rate_hz, output, &options.session.known));
         const GuidePlan plan = plan_guidance(device->info(), expert, options);
@@ -226,7 +239,7 @@ Verb add_guide(CLI::App& app) {
         json["notes"] = notes;
         if (!arguments->record.empty()) json["file"] = arguments->record;
         const int code = conclude(output, result.session);
-        output.tell(json, summary(*arguments, result, device->info()));
+        output.tell(json, summary(*arguments, result, device->info(), input.name()));
         return code;
       }};
 }

@@ -1,9 +1,11 @@
+#include "base/json_reader.h"
+#include "base/printable.h"
+#include "base/rfc3339.h"
+#include "cli/input_options.h"
 #include "cli/read_progress.h"
-#include "formats/json_reader.h"
-#include "formats/path_file.h"
-#include "formats/printable.h"
-#include "formats/recording_summary.h"
-#include "formats/warning_json.h"
+#include "formats/documents/warning_json.h"
+#include "formats/path/path_file.h"
+#include "formats/recording/recording_summary.h"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -17,8 +19,9 @@ std::string millimetres(const Box& box) {
                      center.x(), center.y(), center.z());
 }
 
-int tell_of_path(const std::string& file, const Output& output) {
-  const auto source = open_path(file);
+int tell_of_path(const InputFile& input, const Output& output) {
+  const auto source = open_path(input.path(), {}, {}, input.csv());
+  const std::string& file = input.name();
   const PathFacts& path = source->facts();
   const Box& box = path.bounds;
   const double rate = path.duration() > 0 ? static_cast<double>(path.rows - 1) / path.duration() : 0;
@@ -42,14 +45,32 @@ int tell_of_path(const std::string& file, const Output& output) {
   return kDone;
 }
 
-int tell_of_recording(const std::string& file, const Output& output) {
-  const RecordingReader reader(file);
+/// When the first sample was taken, by the wall clock, and how far that clock can be trusted; null without readings.
+nlohmann::json clocks_of(const RecordingReader& reader) {
+  const std::vector<ClockReading> clocks = reader.clocks();
+  if (clocks.empty()) return nullptr;
+  const ClockReading& first = clocks.front();
+  const std::int64_t at_zero = first.realtime_ns - first.time_ns;
+  nlohmann::json json{{"time_0", rfc3339_nanoseconds(at_zero)},
+                      {"time_0_realtime_ns", at_zero},
+                      {"time_0_monotonic_ns", first.monotonic_ns - first.time_ns},
+                      {"uncertainty_s", 1e-9 * static_cast<double>(first.uncertainty_ns)},
+                      {"readings", clocks.size()}};
+  if (const double drift = clock_drift(clocks); std::isfinite(drift)) json["drift"] = drift;
+  return json;
+}
+
+int tell_of_recording(const InputFile& input, bool partial, const Output& output) {
+  const std::string& file = input.name();
+  if (!input.csv().empty()) (void)open_path(input.path(), {}, {}, input.csv());  // says why it refuses them
+  const RecordingReader reader(input.path(), parts_of(partial));
   const RecordingHeader header = reader.header();
   const RecordingSummary summary = [&] {
     ReadProgress progress(output, file, reader.rows());
     return summarise(reader, progress.callback());
   }();
   const std::vector<StoredEvent> events = reader.events();
+  const nlohmann::json clocks = clocks_of(reader);
 
   std::string text = fmt::format("{}: a recording{}\n", file, header.complete ? "" : ", not finished");
   const auto line = [&](const char* key, const std::string& value) {
@@ -61,11 +82,19 @@ int tell_of_recording(const std::string& file, const Output& output) {
   line("notes", header.notes);
   for (const auto& [key, value] : header.meta) line(key.c_str(), value);
   line("created", header.created);
+  if (!clocks.is_null())
+    line("time 0",
+         fmt::format("{}, within {:.3g} us{}", clocks["time_0"].get<std::string>(),
+                     1e6 * clocks["uncertainty_s"].get<double>(),
+                     clocks.contains("drift") ? fmt::format("; the wall clock ran {:+.3g} ppm off the monotonic one",
+                                                            1e6 * clocks["drift"].get<double>())
+                                              : std::string()));
   line("device", fmt::format("{} ({})", header.device_name, header.device_model));
   line("samples", fmt::format("{} in {:.3f} s", summary.rows, summary.duration()));
   line("rate", fmt::format("{:.2f} Hz in the mean, {:g} Hz asked, {} clock", summary.mean_rate(), header.rate_hz,
                            header.clock));
   if (header.part == 1 && reader.parts() > 1) line("parts", fmt::format("{} files", reader.parts()));
+  for (const std::string& missing : reader.missing_parts()) line("missing", missing);
   if (header.part > 1) line("part", fmt::format("{} of the recording {}", header.part, header.part_of));
   line("gaps", fmt::format("{} ({} ticks missed), longest interval {:.3f} ms", summary.gaps, summary.missed,
                            1e3 * summary.longest_interval));
@@ -109,6 +138,8 @@ int tell_of_recording(const std::string& file, const Output& output) {
                       {"events", std::move(list)},
                       {"warnings", json_of(warnings_from(header.warnings))},
                       {"config", header.config}};
+  if (!reader.missing_parts().empty()) json["missing_parts"] = reader.missing_parts();
+  if (!clocks.is_null()) json["clocks"] = clocks;
   if (summary.rows > 0) {
     json["position_min_m"] = json_of(summary.bounds.min);
     json["position_max_m"] = json_of(summary.bounds.max);
@@ -126,12 +157,17 @@ int tell_of_recording(const std::string& file, const Output& output) {
 
 Verb add_info(CLI::App& app) {
   const auto file = std::make_shared<std::string>();
+  const auto partial = std::make_shared<bool>(false);
+  const auto csv = std::make_shared<CsvOptions>();
   CLI::App* verb = app.add_subcommand("info", "say what is in a recording or a path");
-  verb->footer("Reads unfinished recordings too, and never changes a file.");
+  verb->footer("Reads unfinished recordings too, and never changes a file. FILE may be - for standard input.");
   verb->add_option("file", *file, "recording (HDF5) or path (CSV)")->type_name("FILE");
-  return {verb, [verb, file](const Output& output) {
+  add_partial(*verb, *partial);
+  add_input_options(*verb, *csv);
+  return {verb, [verb, file, partial, csv](const Output& output) {
             require(*verb, "file");
-            return is_hdf5(*file) ? tell_of_recording(*file, output) : tell_of_path(*file, output);
+            const InputFile input(*file, *csv);
+            return is_hdf5(input.path()) ? tell_of_recording(input, *partial, output) : tell_of_path(input, output);
           }};
 }
 

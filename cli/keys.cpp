@@ -1,5 +1,9 @@
 #include "cli/keys.h"
 
+#include "base/printable.h"
+#include "formats/recording/recording.h"
+
+#include <algorithm>
 #include <array>
 #include <csignal>
 #include <fmt/format.h>
@@ -107,6 +111,9 @@ void Keys::type(char key) {
   const std::lock_guard lock(mutex_);
   if (key == '\n' || key == '\r') {
     typing_ = false;
+    // Where room ended within a character, what there is of it goes; a terminal of another encoding is not that.
+    if (const std::size_t at = find_invalid_utf8(text_); text_.size() > kLongestEventText - 3 && at + 3 >= text_.size())
+      text_.resize(std::min(text_.size(), at));
     annotations_->mark(text_, typed_at_ns_);
   } else if (key == kEscape) {
     typing_ = false;
@@ -114,7 +121,7 @@ void Keys::type(char key) {
     // Bytes 10xxxxxx continue a character of UTF-8.
     while (!text_.empty() && (static_cast<unsigned char>(text_.back()) & 0xC0U) == 0x80U) text_.pop_back();
     if (!text_.empty()) text_.pop_back();
-  } else {
+  } else if (text_.size() < kLongestEventText) {  // what is shown is what is kept
     text_ += key;
   }
 }

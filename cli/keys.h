@@ -1,7 +1,7 @@
 // Keys that annotate and tune a running session.
 #pragma once
 
-#include "player/live_tuning.h"
+#include "player/tuning/live_tuning.h"
 #include "recorder/annotations.h"
 
 #include <atomic>

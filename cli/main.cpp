@@ -1,10 +1,14 @@
 // haptrace: records what a hand does with a force-feedback device, and plays it back.
+#include "base/error.h"
+#include "base/printable.h"
+#include "base/suggest.h"
+#include "cli/input_options.h"
 #include "cli/terminal.h"
 #include "cli/verb.h"
-#include "control/error.h"
-#include "devices/loose_thread.h"
-#include "formats/printable.h"
-#include "formats/suggest.h"
+#include "devices/loop/loose_thread.h"
+#include "devices/loop/watchdog.h"
+#include "formats/documents/warning_json.h"
+#include "recorder/recorded_devices.h"
 
 #include <cstdio>
 #include <cstdlib>
@@ -38,8 +42,11 @@ int exit_code(Error::Kind kind) {
   return kBadInput;
 }
 
-int report(const Output& output, int code, const std::string& message) {
-  if (output.json) write_out(stdout, printable_json({{"error", message}, {"exit_code", code}}) + "\n");
+int report(const Output& output, int code, const std::string& text, const nlohmann::json& more = {}) {
+  const std::string message = with_input_names(text);
+  nlohmann::json json{{"error", message}, {"exit_code", code}};
+  if (!more.is_null()) json.update(more);
+  if (output.json) write_out(stdout, printable_json(json) + "\n");
   write_out(stderr, fmt::format("haptrace: {}\n", printable_lines(message)));
   return code;
 }
@@ -72,6 +79,32 @@ void refuse_invalid_texts(const CLI::App& verb) {
             fmt::format("{}: '{}' is not UTF-8 from byte {} on; type it in a terminal of that encoding, or rename the "
                         "file",
                         option->get_name(), printable(text), at + 1));
+}
+
+/// An empty name is as a rule a variable of the shell that is not set. What is said about a recording may be empty, and
+/// so may what goes without a value.
+void refuse_empty_values(const CLI::App& verb) {
+  static const std::vector<std::string> may_be_empty{"--title", "--subject", "--operator", "--notes"};
+  for (const CLI::Option* option : verb.get_options()) {
+    if (option->get_expected_min() == 0) continue;
+    const std::string name = option->get_name();
+    if (std::find(may_be_empty.begin(), may_be_empty.end(), name) != may_be_empty.end()) continue;
+    for (const std::string& text : option->results())
+      if (text.find_first_not_of(" \t\n") == std::string::npos)
+        throw input_error(
+            fmt::format("{}: is empty; give it a value, or leave it out (is a variable of the shell not "
+                        "set?)",
+                        name));
+  }
+}
+
+/// A disk that is full has lost the results; a reader that has gone away did not want them. A session's are in its
+/// file.
+int with_results(int code, const CLI::App& verb) {
+  const bool session = verb.get_option_no_throw("--device") != nullptr;
+  if (!results_lost() || session || code != kDone) return code;
+  write_out(stderr, "haptrace: the results could not be written to standard output: no room is left there\n");
+  return kBadInput;
 }
 
 int run(int argc, char** argv) {
@@ -107,10 +140,16 @@ int run(int argc, char** argv) {
     for (const Verb& verb : verbs) {
       if (!verb.app->parsed()) continue;
       refuse_extras(*verb.app);
+      refuse_empty_values(*verb.app);
       refuse_invalid_texts(*verb.app);
       if (!config.empty()) apply_config(*verb.app, config);
-      tell_last_words_with([&output](const std::string& words, int code) { (void)report(output, code, words); });
-      return verb.run(output);
+      tell_last_words_with([&output](const std::string& words, ZeroForce zero, int code) {
+        std::vector<Warning> warnings{{Warning::Severity::error, "stopped", kNaN, words}};
+        if (zero == ZeroForce::failed)
+          warnings.push_back({Warning::Severity::error, "force_not_zero", kNaN, describe(zero)});
+        (void)report(output, code, words, {{"zero_force", to_string(zero)}, {"warnings", json_of(warnings)}});
+      });
+      return with_results(verb.run(output), *verb.app);
     }
     write_out(stdout, app.help());
     return kBadInput;
@@ -131,6 +170,7 @@ int main(int argc, char** argv) {
   // A file that took the number of a stream that was closed would be written to by every message.
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
     if (::fcntl(stream, F_GETFD) < 0 && ::open("/dev/null", O_RDWR) < 0) return 1;
+  haptrace::use_recorded_devices();
   const int code = haptrace::cli::run(argc, argv);
   if (!haptrace::LooseThread::any_given_up()) return code;
   std::fflush(nullptr);

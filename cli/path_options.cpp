@@ -1,6 +1,6 @@
 #include "cli/path_options.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <fmt/format.h>
 

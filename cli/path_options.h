@@ -2,7 +2,7 @@
 #pragma once
 
 #include "cli/verb.h"
-#include "formats/path_source.h"
+#include "formats/path/path_source.h"
 
 #include <optional>
 

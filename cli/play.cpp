@@ -1,13 +1,14 @@
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/suggest.h"
+#include "cli/input_options.h"
 #include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
 #include "cli/tuning.h"
-#include "control/error.h"
-#include "formats/json_reader.h"
-#include "formats/path_file.h"
-#include "formats/suggest.h"
-#include "player/learned_memory.h"
-#include "player/playback.h"
+#include "formats/path/path_file.h"
+#include "player/playback/learned_memory.h"
+#include "player/playback/playback.h"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -23,6 +24,7 @@ struct PlayArguments {
   SessionArguments session;
   TuningArguments tuning;
   std::string path, record, gains, learned;
+  CsvOptions csv;
   ProfileArguments profile;
   std::vector<std::string> without;
   bool forget = false;
@@ -145,8 +147,8 @@ std::string law_text(const PlayArguments& arguments, const PlayResult& result, c
 }
 
 std::string summary(const PlayArguments& arguments, const PlayResult& result, const DeviceInfo& device,
-                    const std::optional<DeviceProfile>& profile) {
-  std::string text = fmt::format("{}: played on {}\n", arguments.path, device.name);
+                    const std::optional<DeviceProfile>& profile, const std::string& path) {
+  std::string text = fmt::format("{}: played on {}\n", path, device.name);
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
     const TrackingFigures& figures = result.repetitions[i];
@@ -178,9 +180,11 @@ Verb add_play(CLI::App& app) {
       "while it is recorded: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text.\n"
       "  haptrace play square.h5 --device sim:preset=falcon,hand=relaxed --kp 1500 --kd 15 --record played.h5\n"
       "  haptrace play stroke.csv --device sim:preset=touch --fit --speed 0.5 --repeat 3");
-  verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
+  verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z); - is standard input")
+      ->type_name("PATH");
   verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
   arguments->along.add_to(*verb);
+  add_input_options(*verb, arguments->csv);
   verb->add_option("--speed", arguments->speed, "times the path's own speed")->capture_default_str()->group("Path");
   verb->add_option("--interpolation", arguments->interpolation, "between samples: hold | linear | cubic | quintic")
       ->capture_default_str()
@@ -249,20 +253,27 @@ Verb add_play(CLI::App& app) {
             if (arguments->learn > 0 && !arguments->along.loop)
               options.playback.repetitions = std::max(arguments->learn, arguments->along.repeat);
             options.compensations = compensations_from(arguments->without);
+            keep_inputs(arguments->record, std::span(&arguments->path, 1));
             options.session = arguments->session.options(arguments->record, effective_config(*verb));
             options.session.limits.max_torque = arguments->max_torque;
             options.turn = arguments->turn;
             options.turn.gains = orientation_gains_from(*arguments);
 
+            const InputFile input(arguments->path, arguments->csv);
+            if (input.passed_through() && arguments->learn > 0 && arguments->learned.empty())
+              throw input_error(
+                  fmt::format("--learn of {} needs --learned: there is no path beside which what is "
+                              "learned could be kept",
+                              input.name()));
             const auto path = [&] {
-              ReadProgress progress(output, arguments->path);
-              return open_path(arguments->path, arguments->along.selection, progress.callback());
+              ReadProgress progress(output, input.name());
+              return open_path(input.path(), arguments->along.selection, progress.callback(), input.csv());
             }();
             const Signals signals;
             const auto device = arguments->session.open();
             std::vector<std::string> notes = device->info().notes;
             for (const std::string& note : path->facts().notes)
-              notes.push_back(fmt::format("{}: {}", arguments->path, note));
+              notes.push_back(fmt::format("{}: {}", input.name(), note));
             note_before(output, options.session, "device", device->info().notes);
             note_before(output, options.session, "path", std::span(notes).subspan(device->info().notes.size()),
                         Warning::Severity::warning);
@@ -278,7 +289,8 @@ Verb add_play(CLI::App& app) {
             note_before(output, options.session, "plan", plan.notes);
             notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
             std::optional<LearnedMemory> memory;
-            if (options.identified && options.compensations.learning) {
+            if (options.identified && options.compensations.learning &&
+                !(input.passed_through() && arguments->learned.empty())) {
               memory.emplace(memory_of(*arguments, device->info(), options.identified->design.mass));
               if (!arguments->forget) {
                 auto [table, refused] = memory->recall(plan.path.source());
@@ -321,7 +333,7 @@ Verb add_play(CLI::App& app) {
                 if (code == kDone) code = kStopped;
               }
             }
-            output.tell(json, summary(*arguments, result, device->info(), profile));
+            output.tell(json, summary(*arguments, result, device->info(), profile, input.name()));
             return code;
           }};
 }

@@ -1,6 +1,8 @@
+#include "base/error.h"
+#include "cli/input_options.h"
 #include "cli/read_progress.h"
-#include "formats/path_file.h"
-#include "formats/recording_figure.h"
+#include "formats/path/path_file.h"
+#include "report/recording_figure.h"
 
 #include <filesystem>
 #include <fmt/format.h>
@@ -11,6 +13,7 @@ Verb add_plot(CLI::App& app) {
   struct Arguments {
     std::string input, file;
     bool overwrite = false;
+    CsvOptions csv;
   };
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = app.add_subcommand("plot", "draw a recording or a path: in space, deviation and force over time");
@@ -18,17 +21,28 @@ Verb add_plot(CLI::App& app) {
   verb->add_option("file", arguments->input, "recording (HDF5) or path (CSV)")->type_name("FILE");
   verb->add_option("-o,--output", arguments->file, "picture, .png .svg or .pdf; else FILE.png beside the input");
   verb->add_flag("--overwrite", arguments->overwrite, "replace a file that exists");
+  add_input_options(*verb, arguments->csv);
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
-            const std::filesystem::path input = arguments->input;
+            const InputFile input(arguments->input, arguments->csv);
+            if (input.passed_through() && arguments->file.empty())
+              throw input_error(fmt::format("haptrace plot {} needs -o: there is no name that the picture could have",
+                                            arguments->input));
+            const std::filesystem::path name = input.name();
             const std::string file = arguments->file.empty()
-                                         ? std::filesystem::path(input).replace_extension(".png").string()
+                                         ? std::filesystem::path(name).replace_extension(".png").string()
                                          : arguments->file;
+            keep_inputs(file, std::span(&arguments->input, 1));
+            clean_up(output, file);
             const Figure figure = [&] {
-              if (!is_hdf5(arguments->input)) return figure_of(load_path(arguments->input));
-              const RecordingReader reader(arguments->input);
-              ReadProgress progress(output, arguments->input, reader.rows());
-              return figure_of(reader, input.filename().string(), progress.callback());
+              if (!is_hdf5(input.path()) || !arguments->csv.empty()) {
+                const Path path = load_path(input.path(), input.csv());
+                for (const std::string& note : path.notes) output.remark(note);
+                return figure_of(path);
+              }
+              const RecordingReader reader(input.path());
+              ReadProgress progress(output, input.name(), reader.rows());
+              return figure_of(reader, name.filename().string(), progress.callback());
             }();
             save_figure(figure, file, arguments->overwrite);
             output.tell({{"file", file}}, fmt::format("{}\n", file));

@@ -1,7 +1,7 @@
 #include "cli/profile.h"
 
-#include "control/error.h"
-#include "formats/rfc3339.h"
+#include "base/error.h"
+#include "base/rfc3339.h"
 
 #include <chrono>
 #include <fmt/format.h>

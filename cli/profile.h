@@ -2,10 +2,10 @@
 #pragma once
 
 #include "cli/verb.h"
-#include "control/tracking_design.h"
-#include "formats/device_profile.h"
-#include "player/calibration.h"
-#include "player/device_identity.h"
+#include "control/design/tracking_design.h"
+#include "formats/documents/device_profile.h"
+#include "player/calibration/calibration.h"
+#include "player/calibration/device_identity.h"
 
 #include <optional>
 #include <string>

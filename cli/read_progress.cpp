@@ -1,7 +1,7 @@
 #include "cli/read_progress.h"
 
+#include "base/printable.h"
 #include "cli/terminal.h"
-#include "formats/printable.h"
 
 #include <cstdio>
 #include <fmt/format.h>

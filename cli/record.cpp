@@ -1,8 +1,8 @@
 #include "player/record.h"
 
+#include "base/error.h"
 #include "cli/profile.h"
 #include "cli/verb.h"
-#include "control/error.h"
 #include "scene/scene_file.h"
 
 #include <fmt/format.h>

@@ -1,6 +1,6 @@
 #include "cli/read_progress.h"
 #include "cli/verb.h"
-#include "formats/recording_recover.h"
+#include "formats/recording/recording_recover.h"
 
 #include <fmt/format.h>
 
@@ -23,6 +23,8 @@ Verb add_recover(CLI::App& app) {
   verb->add_flag("--overwrite", arguments->overwrite, "replace OUT.h5 if it exists");
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
+            keep_inputs(arguments->output, std::span(&arguments->file, 1));
+            clean_up(output, arguments->output.empty() ? arguments->file : arguments->output);
             Recovery recovery;
             {
               ReadProgress progress(output, arguments->file);
@@ -40,10 +42,11 @@ Verb add_recover(CLI::App& app) {
                          {"needed", recovery.needed},
                          {"samples", recovery.samples},
                          {"unreadable", recovery.unreadable},
+                         {"damaged", recovery.damaged},
                          {"files", recovery.files},
                          {"notes", recovery.notes}},
                         text);
-            return recovery.unreadable > 0 ? kStopped : kDone;
+            return recovery.unreadable > 0 || recovery.damaged ? kStopped : kDone;
           }};
 }
 

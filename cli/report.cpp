@@ -1,8 +1,8 @@
+#include "base/error.h"
+#include "base/printable.h"
+#include "base/text_file.h"
 #include "cli/read_progress.h"
 #include "cli/terminal.h"
-#include "control/error.h"
-#include "formats/printable.h"
-#include "formats/text_file.h"
 #include "report/page.h"
 #include "report/report_table.h"
 

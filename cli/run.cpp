@@ -1,10 +1,10 @@
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "cli/profile.h"
 #include "cli/terminal.h"
-#include "control/error.h"
-#include "figures/recorded_trial.h"
-#include "formats/json_reader.h"
-#include "player/device_identity.h"
-#include "player/programme_session.h"
+#include "metrics/recorded_trial.h"
+#include "player/calibration/device_identity.h"
+#include "player/programme/programme_session.h"
 
 #include <atomic>
 #include <filesystem>

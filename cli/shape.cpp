@@ -1,7 +1,7 @@
+#include "base/error.h"
 #include "cli/verb.h"
-#include "control/error.h"
-#include "control/shapes.h"
-#include "formats/path_file.h"
+#include "control/path/shapes.h"
+#include "formats/path/path_file.h"
 
 #include <fmt/format.h>
 

@@ -1,14 +1,14 @@
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/output_file.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
-#include "control/error.h"
 #include "devices/sim/sim_device.h"
-#include "formats/json_reader.h"
-#include "formats/output_file.h"
-#include "formats/path_file.h"
-#include "player/ensemble_report.h"
-#include "player/guidance_ensemble.h"
-#include "player/stability_map.h"
-#include "player/staircase.h"
+#include "formats/path/path_file.h"
+#include "studies/ensemble_report.h"
+#include "studies/guidance_ensemble.h"
+#include "studies/stability_map.h"
+#include "studies/staircase.h"
 
 #include <fmt/format.h>
 #include <numbers>

@@ -2,17 +2,22 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <cerrno>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <poll.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 #include <utility>
 
 namespace haptrace::cli {
 namespace {
+
+std::atomic<bool> no_room{false};  // on standard output
 
 constexpr const char* kReplaceLine = "\r\033[K";
 
@@ -64,15 +69,29 @@ std::string cut(std::string_view text, int columns) {
   return std::string(text.substr(0, end));
 }
 
+/// Whether a stream takes something within `patience_ms`. One that cannot be asked does.
+bool takes(std::FILE* stream, int patience_ms) noexcept {
+  pollfd asked{.fd = fileno(stream), .events = POLLOUT, .revents = 0};
+  return ::poll(&asked, 1, patience_ms) != 0;
+}
+
 }  // namespace
 
 void write_out(std::FILE* stream, const std::string& text) noexcept {
+  constexpr int kPatience = 1000;  // [ms] with a terminal that stands still
+  if (stream == stderr && isatty(fileno(stream)) != 0 && !takes(stream, kPatience)) return;
   if (std::fwrite(text.data(), 1, text.size(), stream) == text.size() && std::fflush(stream) == 0) return;
+  const int reason = errno;
+  if (stream == stdout && (reason == ENOSPC || reason == EDQUOT || reason == EFBIG)) no_room = true;
   std::clearerr(stream);
   const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
   if (nowhere < 0) return;
   (void)::dup2(nowhere, fileno(stream));
   ::close(nowhere);
+}
+
+bool results_lost() noexcept {
+  return no_room;
 }
 
 int terminal_width() {
@@ -108,6 +127,8 @@ std::string fitted_line(std::vector<LinePart> parts, int columns) {
 }
 
 void show_line(std::vector<LinePart> parts) {
+  // After Ctrl+S a terminal takes nothing; a session's end must not wait for the reader.
+  if (!takes(stderr, 0)) return;
   // A line that fills the last column makes some terminals wrap.
   write_out(stderr, kReplaceLine + fitted_line(std::move(parts), terminal_width() - 1));
 }
@@ -117,6 +138,7 @@ void show_line(const std::string& text) {
 }
 
 void clear_line() {
+  if (!takes(stderr, 0)) return;
   write_out(stderr, kReplaceLine);
 }
 

@@ -1,15 +1,16 @@
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/output_file.h"
+#include "cli/input_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
-#include "control/error.h"
 #include "devices/sim/sim_device.h"
-#include "formats/json_reader.h"
-#include "formats/output_file.h"
-#include "formats/path_file.h"
-#include "player/calibration.h"
+#include "formats/path/path_file.h"
+#include "player/calibration/calibration.h"
 #include "scene/scene_file.h"
-#include "trade/physics.h"
-#include "trade/stand_in.h"
-#include "trade/trade_report.h"
+#include "studies/trade/physics.h"
+#include "studies/trade/stand_in.h"
+#include "studies/trade/trade_report.h"
 
 #include <filesystem>
 #include <fmt/format.h>
@@ -24,6 +25,7 @@ struct TradeoffArguments {
   std::string path, device, budget, output, figure, save, scene;
   ProfileArguments profile;
   PathSelection selection;
+  CsvOptions csv;
   Configuration base;
   std::string interpolation = "cubic";
   int learn = 5;
@@ -145,7 +147,7 @@ Workplace workplace(const TradeoffArguments& arguments, const Output& output, co
   }
   {
     ReadProgress progress(output, arguments.path);
-    place.path = busiest(open_path(arguments.path, arguments.selection, progress.callback()), output);
+    place.path = busiest(open_path(arguments.path, arguments.selection, progress.callback(), arguments.csv), output);
   }
   place.play.fit = arguments.fit;
   place.play.smoothing = arguments.smoothing;
@@ -271,6 +273,7 @@ Verb add_tradeoff(CLI::App& app) {
       ->group("Base");
   verb->add_option("--speed", arguments->base.speed, "times the path's own")->capture_default_str()->group("Path");
   verb->add_flag("--fit", arguments->fit, "move and scale the path into the workspace")->group("Path");
+  add_input_options(*verb, arguments->csv);
   verb->add_option("--from", arguments->selection.from, "begin at this time of the recording [s]")->group("Path");
   verb->add_option("--to", arguments->selection.to, "end at this time of the recording [s]")->group("Path");
   verb->add_option("--smoothing", arguments->smoothing, "of the path's positions, as for play [s]")->group("Path");
@@ -325,6 +328,11 @@ Verb add_tradeoff(CLI::App& app) {
               for (const auto& [key, time] :
                    {std::pair{"from", arguments->selection.from}, {"to", arguments->selection.to}})
                 if (std::isfinite(time)) config["play"][key] = config["guide"][key] = time;
+              for (const auto& [column, name] : arguments->csv.columns)
+                for (const char* key : {"play", "guide"})
+                  config[key]["columns"].push_back(fmt::format("{}={}", column, name));
+              if (!arguments->csv.units.empty())
+                config["play"]["units"] = config["guide"]["units"] = arguments->csv.units;
               save_json(config, files.config, arguments->overwrite);
               json["choice"] = to_json(*choice, budget);
               json["config_file"] = files.config;

@@ -1,7 +1,7 @@
 #include "cli/tuning.h"
 
-#include "control/error.h"
-#include "player/private_socket.h"
+#include "base/error.h"
+#include "player/tuning/private_socket.h"
 
 #include <filesystem>
 #include <fmt/format.h>

@@ -1,9 +1,9 @@
 // How a session is tuned from outside while it runs: the options, and what they open.
 #pragma once
 
-#include "player/live_tuning.h"
-#include "player/tuning_file.h"
-#include "player/tuning_server.h"
+#include "player/tuning/live_tuning.h"
+#include "player/tuning/tuning_file.h"
+#include "player/tuning/tuning_server.h"
 
 #include <CLI/CLI.hpp>
 #include <optional>

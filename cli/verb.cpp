@@ -1,16 +1,20 @@
 #include "cli/verb.h"
 
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/output_file.h"
+#include "base/printable.h"
+#include "base/suggest.h"
+#include "base/text_file.h"
+#include "cli/input_options.h"
 #include "cli/terminal.h"
-#include "control/error.h"
-#include "devices/recovering_device.h"
-#include "formats/json_reader.h"
-#include "formats/printable.h"
-#include "formats/suggest.h"
+#include "devices/loop/recovering_device.h"
 
 #include <algorithm>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <filesystem>
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -88,9 +92,9 @@ std::string microseconds(double seconds) {
 
 void Output::tell(const nlohmann::json& json_result, const std::string& text) const {
   if (json)
-    write_out(stdout, printable_json(json_result) + "\n");
+    write_out(stdout, with_input_names(printable_json(json_result), true) + "\n");
   else if (!quiet)
-    write_out(stdout, printable_lines(text));
+    write_out(stdout, printable_lines(with_input_names(text)));
 }
 
 void Output::remark(const std::string& text) const {
@@ -98,7 +102,7 @@ void Output::remark(const std::string& text) const {
 }
 
 void Output::fault(const std::string& text) const {
-  write_out(stderr, fmt::format("haptrace: {}\n", printable_lines(text)));
+  write_out(stderr, fmt::format("haptrace: {}\n", printable_lines(with_input_names(text))));
 }
 
 void Output::warn(const Warning& warning) const {
@@ -210,6 +214,22 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   options.away_timeout = wait_for_device;
   if (file.empty()) return options;
 
+  // Those of other programs that would not read it.
+  constexpr std::string_view kOthers[] = {".csv", ".tsv", ".txt", ".json", ".jsonl", ".xdf", ".mat", ".png", ".svg"};
+  if (std::find(std::begin(kOthers), std::end(kOthers), file_ending(file)) != std::end(kOthers))
+    throw input_error(
+        fmt::format("{}: a session is recorded as HDF5; name it {}, and haptrace convert makes others of it", file,
+                    std::filesystem::path(file).replace_extension(".h5").string()));
+  // What the simulated hand intends, and what a device plays.
+  std::vector<std::string> of_device;
+  for (std::size_t at = device.find('='); at != std::string::npos; at = device.find('=', at + 1))
+    of_device.push_back(device.substr(at + 1, device.find(',', at) - at - 1));
+  keep_inputs(file, of_device);
+  for (const std::string& text : mark_texts)
+    if (text.size() > kLongestEventText)
+      throw input_error(
+          fmt::format("--mark-texts: '{}' has {} bytes; a text may have {}", text, text.size(), kLongestEventText));
+
   SessionOptions::Recording recording{.file = file, .config = config};
   recording.options.overwrite = overwrite;
   recording.options.sync_period = sync;
@@ -234,6 +254,19 @@ void require(const CLI::App& verb, const std::string& option) {
   if (verb.get_option(option)->count() == 0)
     throw input_error(
         fmt::format("haptrace {} needs {}; see haptrace {} --help", verb.get_name(), option, verb.get_name()));
+}
+
+void keep_inputs(const std::string& output, std::span<const std::string> inputs) {
+  std::error_code none;
+  for (const std::string& input : inputs)
+    if (!output.empty() && !input.empty() && std::filesystem::equivalent(output, input, none))
+      throw input_error(
+          fmt::format("{}: is what is read, and would be replaced by what is written; choose another name", output));
+}
+
+void clean_up(const Output& output, const std::string& file) {
+  for (const std::string& left : remove_leftovers(file))
+    output.remark(fmt::format("removed {}, which was left unfinished by a process that is gone", printable(left)));
 }
 
 void apply_config(CLI::App& verb, const std::string& file) {
@@ -326,6 +359,7 @@ std::vector<LinePart> bar_of(const SessionView& view, double duration) {
   std::string state = to_string(live.phase);
   if (view.recording && view.recording->armed) state = "armed";
   if (view.recording && view.recording->paused) state = "paused";
+  if (view.recording && view.recording->interrupted) state = "NOT RECORDING";
   if (live.away) state = "LOST";
   parts.push_back({0, fmt::format("{:<8}", state)});
   parts.push_back({4, fmt::format("{:6.1f} Hz", live.rate)});
@@ -389,6 +423,14 @@ int conclude(const Output& output, const SessionResult& result) {
   return kDone;
 }
 
+void add_partial(CLI::App& verb, bool& partial) {
+  verb.add_flag("--partial", partial, "read what there is of a split recording that lacks parts");
+}
+
+RecordingReader::Parts parts_of(bool partial) {
+  return partial ? RecordingReader::Parts::present : RecordingReader::Parts::all;
+}
+
 std::string session_summary(const SessionResult& result) {
   const ServoReport& servo = result.servo;
   std::string text =
@@ -406,7 +448,7 @@ std::string session_summary(const SessionResult& result) {
     text +=
         fmt::format("  {} of {} ticks found no new sample of the device\n", servo.stale, servo.samples + servo.stale);
   if (servo.gaps > 0)
-    text += fmt::format("  {} gaps without a new sample; the force faded to zero and in again\n", servo.gaps);
+    text += fmt::format("  {} gaps without a new sample; after each the force faded in from zero\n", servo.gaps);
   if (servo.returns > 0)
     text += fmt::format("  {:.3f} s of it without the device, which was lost and found again{}\n", servo.away,
                         servo.returns > 1 ? fmt::format(" {} times", servo.returns) : "");
@@ -415,9 +457,12 @@ std::string session_summary(const SessionResult& result) {
                 ? fmt::format("  {}: not touched\n", touch.name)
                 : fmt::format("  {}: touched {} times, {:.3f} s, up to {:.2f} N and {:.2f} mm deep\n", touch.name,
                               touch.times, touch.seconds, touch.max_force, 1e3 * touch.max_depth);
+  if (result.recording && result.recording->written != servo.samples)
+    text += fmt::format("  {} of these samples are in the recording\n", result.recording->written);
   if (result.recording && result.recording->parts > 1) text += fmt::format("  in {} files\n", result.recording->parts);
   if (result.recording && result.recording->lost > 0)
-    text += fmt::format("  {} samples LOST: the disk could not keep up\n", result.recording->lost);
+    text += fmt::format("  {} samples LOST: the disk {}\n", result.recording->lost,
+                        result.recording->failed ? "refused them" : "could not keep up");
   for (const Warning& warning : result.warnings)
     if (warning.severity != Warning::Severity::note)
       text += fmt::format("  {}: {}\n", to_string(warning.severity), warning.text);

@@ -3,10 +3,10 @@
 
 #include "cli/keys.h"
 #include "control/limits.h"
+#include "devices/loop/watchdog.h"
 #include "devices/registry.h"
-#include "devices/watchdog.h"
-#include "player/live_tuning.h"
 #include "player/session.h"
+#include "player/tuning/live_tuning.h"
 
 #include <CLI/CLI.hpp>
 #include <csignal>
@@ -48,6 +48,11 @@ struct Verb {
   CLI::App* app = nullptr;
   std::function<int(const Output&)> run;
 };
+
+/// Adds --partial, for verbs that read recordings in parts.
+void add_partial(CLI::App& verb, bool& partial);
+/// Which files such a verb reads.
+RecordingReader::Parts parts_of(bool partial);
 
 Verb add_devices(CLI::App& app);
 Verb add_shape(CLI::App& app);
@@ -99,6 +104,12 @@ struct SessionArguments {
 
 /// Throws Error(input) unless an option that the verb cannot do without was given, on the line or in --config.
 void require(const CLI::App& verb, const std::string& option);
+
+/// Throws Error(input) when `output` is one of the files that the verb reads; an empty name is no file.
+void keep_inputs(const std::string& output, std::span<const std::string> inputs);
+
+/// Removes what killed processes left of `file`, and says so.
+void clean_up(const Output& output, const std::string& file);
 
 /// Reads --config FILE.json: every key is an option of the verb; what stands on the line wins. A key that names a verb
 /// holds what is for that verb alone.

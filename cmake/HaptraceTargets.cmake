@@ -71,10 +71,10 @@ target_link_libraries(haptrace_precompiled PRIVATE Eigen3::Eigen fmt::fmt nlohma
   haptrace_build_flags haptrace_hardening)
 target_precompile_headers(haptrace_precompiled PRIVATE ${HAPTRACE_PRECOMPILED} <fmt/format.h>)
 
-# Compiles the sources of a target several at a time, with HAPTRACE_UNITY: a third less to compile for libraries, two
+# Compiles the sources of a target sixteen at a time, with HAPTRACE_UNITY: a third less to compile for libraries, two
 # thirds for tests. Names in the unnamed namespaces of a folder differ; the tests of style see to it for libraries.
 function(haptrace_together target)
-  set_target_properties(${target} PROPERTIES UNITY_BUILD ${HAPTRACE_UNITY} UNITY_BUILD_BATCH_SIZE 7)
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ${HAPTRACE_UNITY} UNITY_BUILD_BATCH_SIZE 16)
 endfunction()
 
 # haptrace_library(<folder> SOURCES <file>... [PUBLIC <target>...] [PRIVATE <target>...])
@@ -83,7 +83,7 @@ function(haptrace_library folder)
   add_library(haptrace_${folder} STATIC ${ARG_SOURCES})
   add_library(haptrace::${folder} ALIAS haptrace_${folder})
   set_target_properties(haptrace_${folder} PROPERTIES EXPORT_NAME ${folder})
-  # In the tree and installed, a header is included by the same words: "control/path.h".
+  # In the tree and installed, a header is included by the same words: "control/path/path.h".
   target_include_directories(haptrace_${folder} PUBLIC
     $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/haptrace>)
   target_compile_features(haptrace_${folder} PUBLIC cxx_std_20)
@@ -141,10 +141,12 @@ function(haptrace_install)
   get_property(libraries GLOBAL PROPERTY HAPTRACE_LIBRARIES)
   install(TARGETS ${libraries} EXPORT haptraceTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
   install(EXPORT haptraceTargets NAMESPACE haptrace:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)
-  foreach(folder control figures formats scene report devices recorder player trade)
+  foreach(folder base plot control formats scene metrics devices recorder player studies report)
     install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace FILES_MATCHING PATTERN "*.h"
       # What only the implementation of formats includes.
       PATTERN "csv.h" EXCLUDE PATTERN "hdf5_support.h" EXCLUDE
+      PATTERN "csv_header.h" EXCLUDE PATTERN "csv_names.h" EXCLUDE
+      PATTERN "csv_stamp.h" EXCLUDE PATTERN "units.h" EXCLUDE
       PATTERN "sample_text.h" EXCLUDE PATTERN "text_file.h" EXCLUDE
       PATTERN "recording_formats.h" EXCLUDE PATTERN "xdf_file.h" EXCLUDE
       PATTERN "recording_layout.h" EXCLUDE
@@ -161,5 +163,5 @@ function(haptrace_install)
   install(TARGETS haptrace RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
   install(FILES LICENSE README.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
   install(FILES devices/udev/70-haptrace.rules DESTINATION lib/udev/rules.d)
-  install(FILES formats/programme.schema.json DESTINATION ${CMAKE_INSTALL_DATADIR}/haptrace)
+  install(FILES formats/documents/programme.schema.json DESTINATION ${CMAKE_INSTALL_DATADIR}/haptrace)
 endfunction()

@@ -1,8 +1,8 @@
 // The controller: what force to send next.
 #pragma once
 
+#include "base/types.h"
 #include "control/sample.h"
-#include "control/types.h"
 
 #include <optional>
 
@@ -49,8 +49,12 @@ struct Command {
   double tunnel_radius = kNaN;  ///< at that place [m]
   Phase phase = Phase::idle;
   Status status = Status::working;
-  /// How long a hand may resist more than the force limits allow before the loop ends the session [s]; 0: for ever.
+  /// How long a hand may resist before the loop ends the session [s]; 0: for ever. It resists when it makes the force
+  /// more than the limits allow for long, or when `resisted` says so.
   double patience = 0;
+  /// The hand does not yield: the controller sees it resist, or waits or softens because it is off the reference.
+  /// Counts against `patience` as what the limits hold back does, also where the force itself may be held for ever.
+  bool resisted = false;
   std::optional<Event> event;  ///< something to tell; the loop stamps its time
 };
 

@@ -1,8 +1,8 @@
 // Forces that are known before they are needed, from the reference alone.
 #pragma once
 
+#include "control/design/plant_model.h"
 #include "control/pd.h"
-#include "control/plant_model.h"
 
 namespace haptrace {
 

@@ -1,6 +1,6 @@
 #include "control/guidance.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <algorithm>
 #include <cmath>

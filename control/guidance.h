@@ -4,7 +4,7 @@
 #include "control/controller.h"
 #include "control/energy_account.h"
 #include "control/energy_tank.h"
-#include "control/path_projection.h"
+#include "control/path/path_projection.h"
 
 #include <memory>
 #include <vector>

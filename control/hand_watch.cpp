@@ -1,6 +1,6 @@
 #include "control/hand_watch.h"
 
-#include "control/error.h"
+#include "base/error.h"
 #include "control/norm.h"
 
 #include <algorithm>
@@ -18,6 +18,12 @@ void low_pass(Vec3& state, const Vec3& input, double dt, double time_constant) n
 }
 
 }  // namespace
+
+HandWatchOptions hand_watch_of(double max_force) {
+  HandWatchOptions options{.needed = 0.25 * max_force};
+  options.resisting = std::max(options.resisting, 0.25 * max_force);
+  return options;
+}
 
 void validate(const HandWatchOptions& options) {
   check_range("hand watch: the needed force [N]", options.needed, 0, 1e3);

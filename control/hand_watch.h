@@ -17,6 +17,10 @@ struct HandWatchOptions {
   double held_time = 0.3;    ///< for which that load must have been there [s]
 };
 
+/// Options for a device whose peak force is `max_force` [N] and whose friction and weight are unknown: the hand resists
+/// from half the peak force on.
+HandWatchOptions hand_watch_of(double max_force);
+
 /// Throws Error(input) naming the option that is out of its range.
 void validate(const HandWatchOptions& options);
 

@@ -1,6 +1,6 @@
 #include "control/iterative_learning.h"
 
-#include "control/error.h"
+#include "base/error.h"
 #include "control/filters.h"
 
 #include <algorithm>

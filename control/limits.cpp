@@ -1,6 +1,6 @@
 #include "control/limits.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <fmt/format.h>
 

@@ -1,8 +1,8 @@
 // The limits that no force leaves the loop without.
 #pragma once
 
+#include "base/types.h"
 #include "control/norm.h"
-#include "control/types.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // The length of a vector, at the price of a square root.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <cmath>
 

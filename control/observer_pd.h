@@ -1,9 +1,9 @@
 // The PD law on an observer's estimates, and the disturbance observer that comes with it.
 #pragma once
 
+#include "control/design/tracking_design.h"
 #include "control/pd.h"
 #include "control/state_observer.h"
-#include "control/tracking_design.h"
 
 namespace haptrace {
 

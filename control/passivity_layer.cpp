@@ -1,6 +1,6 @@
 #include "control/passivity_layer.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 namespace haptrace {
 namespace {

@@ -1,8 +1,8 @@
 // What sampling creates in virtual objects, taken back.
 #pragma once
 
+#include "control/design/loop_analysis.h"
 #include "control/energy_account.h"
-#include "control/loop_analysis.h"
 
 #include <vector>
 

@@ -1,6 +1,6 @@
 #include "control/pd.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <fmt/format.h>
 

@@ -1,8 +1,8 @@
 // What of a signal in space is faster than a cut-off.
 #pragma once
 
+#include "base/types.h"
 #include "control/filters.h"
-#include "control/types.h"
 
 #include <array>
 

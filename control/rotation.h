@@ -1,8 +1,8 @@
 // Rotations of a tool: rotation vectors and quaternions, and the law that turns it to where it should point.
 #pragma once
 
+#include "base/types.h"
 #include "control/filters.h"
-#include "control/types.h"
 
 #include <array>
 

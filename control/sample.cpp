@@ -54,8 +54,8 @@ constexpr EventWords kEventWords[] = {
     {EventCode::states_stopped, "states_stopped", kWarning, "the device sent no fresh state, and the force faded out"},
     {EventCode::states_resumed, "states_resumed", kNote, "fresh states came again"},
     {EventCode::outside_workspace, "outside_workspace", kSilent, "", true},
-    {EventCode::force_resisted, "force_resisted", kWarning,
-     "the hand resisted the force for longer than it can be held"},
+    {EventCode::force_resisted, "force_resisted", kWarning, "the hand resisted the force for long"},
+    {EventCode::force_held, "force_held", kWarning, "the motors kept a force because none could be sent"},
     {EventCode::resistance_limit, "resistance_limit", kSilent, "", true},
     {EventCode::vibrates, "vibrates", kWarning, "the force vibrated", false, 2},
     {EventCode::vibrates_regularly, "vibrates_regularly", kWarning, "the force alternated", false, 2},
@@ -64,6 +64,9 @@ constexpr EventWords kEventWords[] = {
     {EventCode::vibration_stays, "vibration_stays", kSilent, "", true, 2},
     {EventCode::torque_vibrates, "torque_vibrates", kWarning, "the torque vibrated", false, 2},
     {EventCode::sway_over, "sway_over", kNote, "loop and hand were calm again", false, 2},
+    {EventCode::recording_resumed, "recording_resumed", kSilent},  // the recorder makes these two and warns
+    {EventCode::recording_ended, "recording_ended", kSilent},
+    {EventCode::values_lost, "values_lost", kSilent},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
@@ -127,6 +130,8 @@ std::string describe(const Event& event) {
     case EventCode::interrupted:
       return "interrupted: releasing";
     case EventCode::overrun:
+      if (std::isfinite(c))
+        return fmt::format("overrun: {:.0f} ticks missed, the exchange with the device took {:.1f} ms", a, 1e3 * c);
       return fmt::format("overrun: {:.0f} ticks missed, woke {:.3f} ms late", a, 1e3 * b);
     case EventCode::samples_lost:
       return fmt::format("{:.0f} samples lost: the writer could not keep up", a);
@@ -209,6 +214,7 @@ std::string describe(const Event& event) {
           "m",
           a, b);
     case EventCode::force_resisted:
+      if (std::isnan(a)) return fmt::format("the hand does not yield: the session ends in {:.0f} s", b);
       return fmt::format("the hand resists the force: it falls to {:.1f} N, and the session ends in {:.0f} s", a, b);
     case EventCode::resistance_limit:
       return fmt::format("stopped: the hand resisted the force for {:.0f} s", a);
@@ -229,6 +235,15 @@ std::string describe(const Event& event) {
                          100 * c);
     case EventCode::sway_over:
       return fmt::format("loop and hand are calm again: feedback back at {:.0f} %", 100 * c);
+    case EventCode::recording_resumed:
+      return fmt::format(
+          "recording goes on in a further file: the disk refused for {:.2f} s, {:.0f} samples are missing", a, b);
+    case EventCode::recording_ended:
+      return "the recording ends here: there is no room left for it";
+    case EventCode::values_lost:
+      return "values could not be recovered";
+    case EventCode::force_held:
+      return fmt::format("no force could be sent for {:.0f} ms: the motors kept {:.1f} N", 1e3 * a, b);
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

@@ -1,7 +1,7 @@
 // What one tick leaves behind: the row that a recording keeps and the events beside it.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <array>
 #include <string>
@@ -34,7 +34,7 @@ enum class EventCode : std::int32_t {
   started = 1,
   finished = 2,
   interrupted = 3,         ///< SIGINT, SIGTERM or the caller asked to stop
-  overrun = 10,            ///< values: missed ticks, lateness [s]
+  overrun = 10,            ///< values: missed ticks, lateness [s], time of the exchange [s] where that is why
   samples_lost = 11,       ///< values: samples that found the ring full
   recovered = 12,          ///< by haptrace recover; values: samples kept, samples that could not be read
   force_limit = 20,        ///< values: asked [N], allowed [N]
@@ -69,7 +69,7 @@ enum class EventCode : std::int32_t {
   states_resumed = 70,     ///< values: how long there was no fresh state, or no tick [s]. Forces fade in again
   outside_workspace =
       71,  ///< a position that no hand can reach; values: distance from the workspace's centre [m], bound [m]
-  force_resisted = 72,    ///< longer than force can be held; values: allowed force [N], time until the end [s]
+  force_resisted = 72,    ///< for a while; values: allowed force [N] if limits bind, time until the end [s]
   resistance_limit = 73,  ///< values: for how long the force was resisted [s]
   // Each is a step of ReactionLadder; values: vibrating force [N], frequency [Hz], share of the feedback that is left.
   vibrates = 74,            ///< by the energy rule of VibrationMonitor
@@ -79,6 +79,10 @@ enum class EventCode : std::int32_t {
   vibration_stays = 78,     ///< with the least share: the session ends
   torque_vibrates = 79,     ///< by the energy rule on the torque; values: [N m], [Hz], share
   sway_over = 84,  ///< the share that the slow hint took is back; values: since its last step [s], quiet [s], share
+  recording_resumed = 85,  ///< in a further file; values: how long the disk refused [s], samples that are missing
+  recording_ended = 86,    ///< before the session did: no room is left for the file
+  values_lost = 87,        ///< by haptrace recover; its text says of which rows and columns
+  force_held = 88,         ///< the loop or the device stood still; values: for how long [s], with which force [N]
 };
 
 /// Something that happened at a tick. Plain data: its text is made outside the tick by describe().
@@ -103,6 +107,9 @@ std::string describe(const Event& event);
 class SampleSink {
  public:
   virtual ~SampleSink() = default;
+
+  /// Called before the first push of a session in real time: what CLOCK_MONOTONIC said at the session's time 0 [ns].
+  virtual void start(std::int64_t monotonic_ns) noexcept { (void)monotonic_ns; }
   virtual void push(const Sample& sample) noexcept = 0;
   virtual void push(const Event& event) noexcept { (void)event; }
 

@@ -1,7 +1,7 @@
 // Where the device is, how fast it moves and what loads it, as far as its mass and the forces sent to it tell.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <array>
 

@@ -1,6 +1,6 @@
 #include "control/trigger.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <algorithm>
 #include <charconv>
@@ -12,16 +12,16 @@ namespace {
 
 Error not_understood(std::string_view text) {
   return input_error("trigger '" + std::string(text) +
-                     "' is not understood; write force>0.5N, speed>0.02m/s, button or button2, or several of them with "
-                     "| in between");
+                     "' is not understood; write force>0.5N, speed>0.02m/s (thresholds of at least 0), button or "
+                     "button2, or several of them with | in between");
 }
 
-/// A positive number and, if there is one, `unit` with or without a prefix m.
+/// A number of at least zero and, if there is one, `unit` with or without a prefix m.
 std::optional<double> parse_quantity(std::string_view text, std::string_view unit) {
   double value = 0;
   const char* end = text.data() + text.size();
   const auto [rest, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc{} || !(value > 0) || !std::isfinite(value)) return std::nullopt;
+  if (error != std::errc{} || !(value >= 0) || !std::isfinite(value)) return std::nullopt;
   const std::string_view suffix(rest, static_cast<std::size_t>(end - rest));
   if (suffix.empty() || suffix == unit) return value;
   if (suffix == "m" + std::string(unit)) return 1e-3 * value;

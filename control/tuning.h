@@ -1,7 +1,7 @@
 // What of a tracking law can be changed while it runs.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // Velocity from quantised positions: a family, because each trades noise against delay.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <memory>
 #include <string>

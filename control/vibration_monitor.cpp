@@ -1,6 +1,6 @@
 #include "control/vibration_monitor.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // Detects a control loop that vibrates, from the sent force and the measured position alone.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <algorithm>
 #include <array>

@@ -2,7 +2,7 @@
 // SessionResult::warnings, which reaches the terminal, the summary, --json, the recording and the report.
 #pragma once
 
-#include "control/mailbox.h"
+#include "base/mailbox.h"
 #include "control/sample.h"
 
 #include <array>

@@ -1,7 +1,7 @@
 // Everything that has a position and takes a force.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <array>
 #include <memory>

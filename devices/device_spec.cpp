@@ -1,6 +1,6 @@
 #include "devices/device_spec.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <charconv>
 #include <cstdint>

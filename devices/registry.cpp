@@ -1,17 +1,16 @@
 #include "devices/registry.h"
 
-#include "control/error.h"
+#include "base/error.h"
+#include "base/suggest.h"
 #include "devices/falcon/driver.h"
 #include "devices/hapkit/hapkit.h"
 #include "devices/haply/inverse3.h"
 #include "devices/haply/two_diy.h"
-#include "devices/loose_thread.h"
-#include "devices/plugin_device.h"
-#include "devices/replay_device.h"
+#include "devices/loop/loose_thread.h"
+#include "devices/plugin/plugin_device.h"
 #include "devices/sim/sim_device.h"
 #include "devices/vendor/force_dimension.h"
 #include "devices/vendor/open_haptics.h"
-#include "formats/suggest.h"
 
 #include <algorithm>
 #include <atomic>
@@ -31,6 +30,13 @@ std::vector<std::string> names_of(const Items& items, Name name) {
   return names;
 }
 
+std::vector<DeviceBackend>& all_backends() {
+  static std::vector<DeviceBackend> backends{
+      sim_backend(),          plugin_backend(),   falcon_backend(),  force_dimension_backend(),
+      open_haptics_backend(), inverse3_backend(), two_diy_backend(), hapkit_backend()};
+  return backends;
+}
+
 const DeviceBackend* find_backend(const std::string& name) {
   const auto& backends = device_backends();
   const auto found = std::find_if(backends.begin(), backends.end(), [&](const auto& b) { return b.name == name; });
@@ -40,10 +46,11 @@ const DeviceBackend* find_backend(const std::string& name) {
 }  // namespace
 
 const std::vector<DeviceBackend>& device_backends() {
-  static const std::vector<DeviceBackend> backends{
-      sim_backend(),          replay_backend(),   plugin_backend(),  falcon_backend(), force_dimension_backend(),
-      open_haptics_backend(), inverse3_backend(), two_diy_backend(), hapkit_backend()};
-  return backends;
+  return all_backends();
+}
+
+void add_device_backend(DeviceBackend backend) {
+  if (find_backend(backend.name) == nullptr) all_backends().push_back(std::move(backend));
 }
 
 std::unique_ptr<Device> open_device(const DeviceSpec& spec) {

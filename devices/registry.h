@@ -46,6 +46,9 @@ struct DeviceBackend {
 
 const std::vector<DeviceBackend>& device_backends();
 
+/// Adds a way to reach devices, unless its name is taken. Before the first device is opened; not thread-safe.
+void add_device_backend(DeviceBackend backend);
+
 /// Opens what `spec` names. Errors suggest the nearest name or key.
 std::unique_ptr<Device> open_device(const DeviceSpec& spec);
 std::unique_ptr<Device> open_device(std::string_view spec);

@@ -1,7 +1,7 @@
 // Is the handle at rest after its homing?
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <cstdint>
 

@@ -1,6 +1,6 @@
 #include "player/device_path.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <algorithm>
 #include <fmt/format.h>

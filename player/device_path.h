@@ -2,7 +2,7 @@
 #pragma once
 
 #include "devices/device.h"
-#include "formats/path_source.h"
+#include "formats/path/path_source.h"
 
 #include <memory>
 #include <optional>

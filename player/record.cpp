@@ -1,7 +1,7 @@
 #include "player/record.h"
 
-#include "control/error.h"
-#include "player/guide.h"
+#include "base/error.h"
+#include "player/guidance/guide.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // Recording what a hand does.
 #pragma once
 
-#include "control/plant_model.h"
+#include "control/design/plant_model.h"
 #include "control/trigger.h"
 #include "player/session.h"
 #include "scene/scene_controller.h"

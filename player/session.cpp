@@ -1,11 +1,11 @@
 #include "player/session.h"
 
-#include "control/error.h"
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/suggest.h"
+#include "devices/loop/watchdog.h"
 #include "devices/registry.h"
-#include "devices/watchdog.h"
-#include "formats/json_reader.h"
-#include "formats/suggest.h"
-#include "formats/warning_json.h"
+#include "formats/documents/warning_json.h"
 
 #include <algorithm>
 #include <array>
@@ -355,7 +355,9 @@ nlohmann::json to_json(const VibrationSummary& vibration) {
 
 nlohmann::json to_json(const SessionResult& result) {
   const ServoReport& servo = result.servo;
-  nlohmann::json json{{"samples", servo.samples},
+  // What is said of samples is what the file has, where there is one.
+  nlohmann::json json{{"samples", result.recording ? result.recording->written : servo.samples},
+                      {"session_samples", servo.samples},
                       {"ticks", servo.samples + servo.stale},
                       {"missed", servo.missed},
                       {"overruns", servo.overruns},

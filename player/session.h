@@ -2,8 +2,8 @@
 #pragma once
 
 #include "control/warning.h"
-#include "devices/servo_loop.h"
-#include "player/live_monitor.h"
+#include "devices/loop/servo_loop.h"
+#include "player/tuning/live_monitor.h"
 #include "recorder/recorder.h"
 #include "scene/scene_controller.h"
 

@@ -1,6 +1,6 @@
 #include "recorder/capture.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <algorithm>
 #include <bit>

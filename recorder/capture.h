@@ -1,7 +1,7 @@
 // What of a session is kept.
 #pragma once
 
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "recorder/annotations.h"
 
 #include <deque>

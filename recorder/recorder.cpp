@@ -1,7 +1,8 @@
 #include "recorder/recorder.h"
 
-#include "control/error.h"
-#include "formats/disk_space.h"
+#include "base/disk_space.h"
+#include "base/error.h"
+#include "formats/documents/warning_json.h"
 
 #include <algorithm>
 #include <array>
@@ -10,9 +11,12 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <ctime>
 #include <exception>
 #include <fmt/format.h>
+#include <limits>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <utility>
 
@@ -26,8 +30,15 @@ constexpr double kChunkSpan = 2;  // of the session's time in a chunk at most: s
 constexpr std::size_t kLargestChunk = 2048;  // rows
 constexpr std::size_t kSmallestPacked = 32;  // rows of a chunk below which packing makes a file larger, not smaller
 constexpr std::size_t kLargestBatch = 1024;  // rows
-constexpr auto kPoll = std::chrono::milliseconds(5);
+// Between two looks at the ring. Waking costs more than what is then done, and at real speed the ring holds seconds.
+constexpr auto kPoll = std::chrono::milliseconds(25), kPollInVirtualTime = std::chrono::milliseconds(5);
 constexpr double kRestPerFlush = 4;
+constexpr auto kRetry = std::chrono::milliseconds(50);   // between two attempts on a disk that refuses
+constexpr double kVirtualPatience = 2;                   // with it, where the session waits for the disk [s]
+constexpr std::size_t kSplitStep = 256;                  // rows between two looks at the size of a file
+constexpr double kClockPeriod = 60;                      // between two readings of the clocks [s]
+constexpr double kShortestDrift = 1;                     // [s] that tell of it: a recording's end is read as well
+constexpr int kClockReadings = 16;                       // of which the most certain is kept
 constexpr double kLookAround = 1;                        // between two looks at the file and its disk [s]
 constexpr std::array<double, 2> kDiskWarnings{600, 60};  // told when the disk lasts no longer than that [s]
 constexpr std::uint64_t kDiskFloor = 64U << 20U;         // free below which it is time to end [bytes]
@@ -44,6 +55,24 @@ std::string for_people(double seconds) {
   if (seconds >= 7200) return fmt::format("{:.0f} h", seconds / 3600);
   if (seconds >= 120) return fmt::format("{:.0f} min", seconds / 60);
   return fmt::format("{:.0f} s", seconds);
+}
+
+std::int64_t read_clock(clockid_t clock) {
+  timespec now{};
+  clock_gettime(clock, &now);
+  return std::int64_t{1'000'000'000} * now.tv_sec + now.tv_nsec;
+}
+
+/// What the clocks say now, as nearly at once as can be had. The time of the recording is left open.
+ClockReading read_clocks() {
+  ClockReading best{.uncertainty_ns = std::numeric_limits<std::int64_t>::max()};
+  for (int i = 0; i < kClockReadings; ++i) {
+    const std::int64_t before = read_clock(CLOCK_MONOTONIC), wall = read_clock(CLOCK_REALTIME),
+                       after = read_clock(CLOCK_MONOTONIC);
+    if (after - before < best.uncertainty_ns)
+      best = {.realtime_ns = wall, .monotonic_ns = before + (after - before) / 2, .uncertainty_ns = after - before};
+  }
+  return best;
 }
 
 RecordingWriter::Options writer_options(const Recorder::Options& options, double rate_hz) {
@@ -122,6 +151,8 @@ class Recorder::Writer final : private Capture::Output {
     thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
   }
 
+  void start(std::int64_t monotonic_ns) noexcept { start_ns_.store(monotonic_ns, std::memory_order_release); }
+
   void push(const Sample& sample) noexcept {
     if (options_.annotations) options_.annotations->tick(sample.time_ns);
     if (!samples.push(sample)) lose();
@@ -131,10 +162,7 @@ class Recorder::Writer final : private Capture::Output {
     if (!events.push(event)) lose();
   }
 
-  /// After a failure nothing is kept any more: that is told as such, and not counted.
-  void lose() noexcept {
-    if (!failed_.load(std::memory_order_relaxed)) lost_.fetch_add(1, std::memory_order_relaxed);
-  }
+  void lose() noexcept { lost_.fetch_add(1, std::memory_order_relaxed); }
 
   void wait_for_room() noexcept {
     while (samples.write_available() == 0 && !failed_.load(std::memory_order_acquire))
@@ -151,20 +179,38 @@ class Recorder::Writer final : private Capture::Output {
     stop();
     if (error_) {
       output_.abandon();
+      lost_.fetch_add(samples.read_available(), std::memory_order_relaxed);
       std::rethrow_exception(std::exchange(error_, nullptr));
     }
-    output_.warn(warnings);
-    output_.finish();
+    const auto end = [&](const nlohmann::json& all) {
+      output_.warn(all);
+      output_.finish();
+    };
+    try {
+      end(warnings);
+    } catch (const Error& error) {
+      interrupt(error);
+      if (!resumed()) {
+        count_failure();
+        throw;
+      }
+      nlohmann::json all = warnings;
+      for (const nlohmann::json& late : json_of(warnings_)) all.push_back(late);
+      end(all);
+    }
+    written_.store(output_.rows(), std::memory_order_relaxed);
   }
 
   void abandon() noexcept {
     stop();
     output_.abandon();
+    written_.store(output_.rows(), std::memory_order_relaxed);
   }
 
   [[nodiscard]] Status status() const noexcept {
     Status status{.written = written_.load(std::memory_order_relaxed),
                   .lost = lost_.load(std::memory_order_relaxed),
+                  .interrupted = interrupted_.load(std::memory_order_relaxed),
                   .failed = failed_.load(std::memory_order_acquire),
                   .armed = armed_.load(std::memory_order_relaxed),
                   .paused = paused_.load(std::memory_order_relaxed),
@@ -194,6 +240,15 @@ class Recorder::Writer final : private Capture::Output {
       double cost = 0;  // of the last flush [s]
       for (bool last = false; !last;) {
         const bool stopping = stop.stop_requested();
+        const auto begun = Clock::now();
+        alive_.store(begun.time_since_epoch().count(), std::memory_order_relaxed);
+        if (interrupted_.load(std::memory_order_relaxed) && !resumed()) {
+          // The ring keeps what comes.
+          if (stopping || (loop_waits_ && seconds_between(refused_since_, begun) > kVirtualPatience))
+            throw Error(Error::Kind::fault, refusal_);
+          std::this_thread::sleep_for(kRetry);
+          continue;
+        }
         const bool wrote = drain();
         last = stopping && !wrote;
         const auto now = Clock::now();
@@ -202,31 +257,87 @@ class Recorder::Writer final : private Capture::Output {
         const bool sync =
             options_.sync_period > 0 && seconds_between(synced, now) >= std::max(options_.sync_period, rest);
         if (sync || seconds_between(flushed, now) >= std::max(options_.flush_period, rest)) {
-          if (sync)
-            output_.sync();
-          else
-            output_.flush();
+          on_disk([&] { output_.flush(); });
+          // A disk that cannot be waited for would not keep what is promised, in no further part either.
+          if (sync && !interrupted_.load(std::memory_order_relaxed)) output_.sync();
           flushed = Clock::now();
           if (sync) synced = flushed;
           cost = seconds_between(now, flushed);
-          split_by_size();
           look_at_disk();
         }
         if (seconds_between(looked, now) >= kLookAround) {
           look_at_file();
           looked = now;
         }
-        if (!wrote && !last) std::this_thread::sleep_for(kPoll);
+        if (!last && !(wrote && (loop_waits_ || stopping || samples.read_available() >= kLargestBatch)))
+          std::this_thread::sleep_for(loop_waits_ ? kPollInVirtualTime : kPoll);
       }
       capture_.finish();
+      on_disk([&] { read_last_clocks(); });
+      if (interrupted_.load(std::memory_order_relaxed) && !resumed()) throw Error(Error::Kind::fault, refusal_);
       if (capture_.armed())
         warn(Warning::Severity::warning, "no_trigger", file + ": the trigger did not fire; nothing was recorded");
     } catch (const std::exception& error) {
       warn(Warning::Severity::error, "recording_failed",
            std::string(error.what()) + "; the session goes on without it");
       error_ = std::current_exception();
-      failed_.store(true, std::memory_order_release);
+      count_failure();
     }
+  }
+
+  /// What the files do not have is lost.
+  void count_failure() {
+    const std::uint64_t written = output_.rows();
+    written_.store(written, std::memory_order_relaxed);
+    lost_.fetch_add(appended_ - std::min(appended_, written + missing_), std::memory_order_relaxed);
+    interrupted_.store(false, std::memory_order_relaxed);
+    failed_.store(true, std::memory_order_release);
+  }
+
+  /// Does what writes. A disk that refuses interrupts the recording, and what is to be written waits.
+  template <class Action>
+  void on_disk(const Action& action) {
+    if (interrupted_.load(std::memory_order_relaxed)) return;
+    try {
+      action();
+    } catch (const Error& error) {
+      interrupt(error);
+    }
+  }
+
+  void interrupt(const Error& error) {
+    refusal_ = error.what();
+    refused_since_ = Clock::now();
+    warn(Warning::Severity::warning, "recording_interrupted", refusal_ + "; it is tried to go on in a further file");
+    interrupted_.store(true, std::memory_order_relaxed);
+  }
+
+  /// True when the recording went on in a further part.
+  bool resumed() {
+    std::uint64_t missing = 0;
+    try {
+      missing = output_.resume();
+    } catch (const Error&) {
+      return false;
+    }
+    interrupted_.store(false, std::memory_order_relaxed);
+    parts_.fetch_add(1, std::memory_order_relaxed);
+    lost_.fetch_add(missing, std::memory_order_relaxed);
+    missing_ += missing;
+    lost_told_ += missing;  // here, and not as lost by the ring
+    part_begin_ns_ = last_time_ns_;
+    const Event resumed{.time_ns = last_time_ns_,
+                        .code = EventCode::recording_resumed,
+                        .values = {seconds_between(refused_since_, Clock::now()), static_cast<double>(missing), kNaN}};
+    warn(Warning::Severity::warning, "recording_resumed", fmt::format("{}: {}", output_.part(), describe(resumed)));
+    append(StoredEvent{.time = 1e-9 * static_cast<double>(resumed.time_ns),
+                       .code = static_cast<int>(resumed.code),
+                       .text = describe(resumed)});
+    for (const StoredEvent& event : std::exchange(waiting_events_, {})) append(event);
+    put(std::exchange(waiting_, {}));
+    on_disk([&] { read_clocks_at(std::nullopt); });
+    written_.store(output_.rows(), std::memory_order_relaxed);
+    return !interrupted_.load(std::memory_order_relaxed);
   }
 
   /// How long to leave the file alone after a flush of this cost. On a disk so slow that samples wait meanwhile, to
@@ -268,32 +379,83 @@ class Recorder::Writer final : private Capture::Output {
   }
 
   void append(std::span<const Sample> kept) override {
-    const auto span_ns = std::llround(1e9 * options_.split.seconds);
-    while (!kept.empty()) {
-      std::size_t count = kept.size();
-      if (span_ns > 0) {
-        const auto next = std::find_if(kept.begin(), kept.end(),
-                                       [&](const Sample& s) { return s.time_ns - part_begin_ns_ >= span_ns; });
-        count = static_cast<std::size_t>(next - kept.begin());
-      }
-      output_.append(kept.first(count));
-      written_.fetch_add(count, std::memory_order_relaxed);
-      kept = kept.subspan(count);
-      if (kept.empty()) break;
-      start_part(kept.front().time_ns);
-    }
+    appended_ += kept.size();
+    put(kept);
   }
 
-  void append(const StoredEvent& event) override { output_.append(event); }
+  void put(std::span<const Sample> kept) {
+    on_disk([&] {
+      if (!kept.empty()) read_due_clocks(kept.front().time_ns);
+      while (!kept.empty()) {
+        const std::size_t count = rows_of_this_part(kept);
+        const std::span<const Sample> here = kept.first(count);
+        if (count == 0) {
+          start_part(kept.front().time_ns);
+          continue;
+        }
+        kept = kept.subspan(count);  // the writer has the others, whatever the disk says
+        output_.append(here);
+        written_.store(output_.rows(), std::memory_order_relaxed);
+      }
+    });
+    waiting_.insert(waiting_.end(), kept.begin(), kept.end());
+  }
 
-  void split_by_size() {
-    if (options_.split.bytes > 0 && output_.part_bytes() >= options_.split.bytes) start_part(last_time_ns_);
+  /// How many of these rows the present part takes at once; 0: it is full.
+  [[nodiscard]] std::size_t rows_of_this_part(std::span<const Sample> rows) const {
+    std::size_t count = rows.size();
+    if (const auto span_ns = std::llround(1e9 * options_.split.seconds); span_ns > 0) {
+      const auto next = std::find_if(rows.begin(), rows.end(),
+                                     [&](const Sample& s) { return s.time_ns - part_begin_ns_ >= span_ns; });
+      count = static_cast<std::size_t>(next - rows.begin());
+    }
+    if (options_.split.bytes == 0) return count;
+    count = std::min(count, kSplitStep);
+    return output_.part_rows() > 0 && output_.part_bytes(count) > options_.split.bytes ? 0 : count;
+  }
+
+  void append(const StoredEvent& event) override {
+    bool waits = interrupted_.load(std::memory_order_relaxed);
+    on_disk([&] { output_.append(event); });
+    if (waits) waiting_events_.push_back(event);
   }
 
   void start_part(std::int64_t begin_ns) {
     output_.start_part();
+    read_clocks_at(std::nullopt);  // each part can be aligned by itself
     part_begin_ns_ = begin_ns;
     parts_.fetch_add(1, std::memory_order_relaxed);
+  }
+
+  /// At the first row and every kClockPeriod.
+  void read_due_clocks(std::int64_t row_ns) {
+    if (!clocks_read_)
+      read_clocks_at(row_ns);
+    else if (row_ns - clocks_read_ns_ >= std::llround(1e9 * kClockPeriod))
+      read_clocks_at(std::nullopt);
+  }
+
+  void read_last_clocks() {
+    if (clocks_read_ && last_time_ns_ - clocks_read_ns_ >= std::llround(1e9 * kShortestDrift))
+      read_clocks_at(std::nullopt);
+  }
+
+  /// What the clocks say now, or said at a time of the session that has just been.
+  void read_clocks_at(std::optional<std::int64_t> time_ns) {
+    const std::int64_t start_ns = start_ns_.load(std::memory_order_acquire);
+    if (start_ns == kNoStart) return;  // virtual time is no time of the computer's
+    ClockReading reading = read_clocks();
+    reading.time_ns = reading.monotonic_ns - start_ns;
+    if (time_ns) {
+      const std::int64_t back = reading.time_ns - *time_ns;
+      reading.time_ns -= back;
+      reading.monotonic_ns -= back;
+      reading.realtime_ns -= back;
+    }
+    if (clocks_read_ && reading.time_ns <= clocks_read_ns_) return;
+    output_.append(reading);
+    clocks_read_ = true;
+    clocks_read_ns_ = reading.time_ns;
   }
 
   void look_at_file() {
@@ -329,7 +491,9 @@ class Recorder::Writer final : private Capture::Output {
   const bool loop_waits_;          ///< in virtual time it can wait for the disk, see between_ticks
   std::atomic<std::uint64_t> written_{0}, lost_{0};
   std::atomic<std::uint32_t> parts_{1};
-  std::atomic<bool> failed_{false}, armed_{false}, paused_{false}, disk_low_{false};
+  static constexpr std::int64_t kNoStart = std::numeric_limits<std::int64_t>::min();
+  std::atomic<std::int64_t> start_ns_{kNoStart};  ///< of the session, on CLOCK_MONOTONIC
+  std::atomic<bool> failed_{false}, interrupted_{false}, armed_{false}, paused_{false}, disk_low_{false};
   std::atomic<double> disk_seconds_{0};
   std::atomic<Clock::rep> alive_{Clock::now().time_since_epoch().count()};
   std::mutex warnings_mutex_;
@@ -343,7 +507,14 @@ class Recorder::Writer final : private Capture::Output {
   std::int64_t last_time_ns_ = 0, part_begin_ns_ = 0;
   std::string misplaced_told_;
   std::size_t warnings_told_ = 0;
-  std::exception_ptr error_;  ///< read after join
+  std::exception_ptr error_;                  ///< read after join
+  std::uint64_t appended_ = 0, missing_ = 0;  ///< rows for the files; those of them that a broken file took along
+  std::string refusal_;                       ///< of the disk, while interrupted
+  Clock::time_point refused_since_;
+  std::vector<Sample> waiting_;  ///< for the disk, of the block that was interrupted
+  std::vector<StoredEvent> waiting_events_;
+  bool clocks_read_ = false;
+  std::int64_t clocks_read_ns_ = 0;  ///< time of the last reading
 
   std::jthread thread_;  ///< last: it ends before what it uses
 };
@@ -359,6 +530,10 @@ Recorder::Recorder(const std::string& file, const RecordingHeader& header, const
 
 Recorder::~Recorder() {
   abandon();
+}
+
+void Recorder::start(std::int64_t monotonic_ns) noexcept {
+  writer_->start(monotonic_ns);
 }
 
 void Recorder::push(const Sample& sample) noexcept {

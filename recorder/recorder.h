@@ -2,7 +2,7 @@
 #pragma once
 
 #include "control/warning.h"
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "recorder/annotations.h"
 #include "recorder/capture.h"
 
@@ -16,7 +16,7 @@ namespace haptrace {
 /// When a recording goes on in another file; 0: never.
 struct Split {
   double seconds = 0;       ///< of the session's time [s]
-  std::uint64_t bytes = 0;  ///< of a file, about
+  std::uint64_t bytes = 0;  ///< of a file, at most
 
   [[nodiscard]] bool any() const noexcept { return seconds > 0 || bytes > 0; }
 };
@@ -28,7 +28,8 @@ Split parse_split(std::string_view text);
 /// slow disk costs samples (counted, and told in the recording) but never a tick.
 ///
 /// Threads: push from one thread (the servo loop); everything else from another one.
-/// Real-time: push. A failure of the disk never reaches the servo loop: recording stops, the session goes on.
+/// Real-time: push and start. A failure of the disk never reaches the servo loop: the session goes on, and so does the
+/// recording, in a further part, as soon as the disk takes one; what the ring holds until then is not lost.
 class Recorder final : public SampleSink {
  public:
   struct Options {
@@ -52,6 +53,7 @@ class Recorder final : public SampleSink {
   /// Abandons the recording unless it was finished.
   ~Recorder() override;
 
+  void start(std::int64_t monotonic_ns) noexcept override;
   void push(const Sample& sample) noexcept override;
   void push(const Event& event) noexcept override;
   void between_ticks(bool may_wait) noexcept override;
@@ -65,9 +67,10 @@ class Recorder final : public SampleSink {
   void abandon() noexcept;
 
   struct Status {
-    std::uint64_t written = 0;  ///< rows handed to the file
-    std::uint64_t lost = 0;     ///< samples and events that found the ring full
-    bool failed = false;        ///< the disk refused; see finish()
+    std::uint64_t written = 0;  ///< rows handed to the file; after finish(), abandon() or a failure, those in it
+    std::uint64_t lost = 0;     ///< samples and events that found the ring full, or went with a file that broke
+    bool interrupted = false;   ///< the disk refuses; it is tried again
+    bool failed = false;        ///< the disk refused for good; see finish()
     bool armed = false;         ///< waiting for the trigger
     bool paused = false;
     bool disk_low = false;  ///< less than a hundredth of the disk, or 64 MiB, is free: it is time to end

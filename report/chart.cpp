@@ -1,7 +1,7 @@
 #include "report/chart.h"
 
-#include "control/path.h"
-#include "formats/figure.h"
+#include "control/path/path.h"
+#include "plot/figure.h"
 #include "report/markup.h"
 
 #include <algorithm>
@@ -205,8 +205,6 @@ std::vector<std::pair<std::string, std::string>> keys_of_trials(const ReportExer
   return keys;
 }
 
-constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
-
 /// Two axes of W, the first to the right, in which the points are largest.
 std::array<int, 2> plane_of(const Box& box) {
   int least = 2;
@@ -327,8 +325,8 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   pugi::xml_node figure = begin_figure(parent);
   Plot plot(figure, fmt::format("The way of the hand in space, {}", repetitions(ways)), kWayHeight,
             span(plane[0], wide), span(plane[1], high));
-  plot.axes(fmt::format("{} (mm)", kAxes[static_cast<std::size_t>(plane[0])]),
-            fmt::format("{} (mm)", kAxes[static_cast<std::size_t>(plane[1])]));
+  plot.axes(fmt::format("{} (mm)", kAxisNames[static_cast<std::size_t>(plane[0])]),
+            fmt::format("{} (mm)", kAxisNames[static_cast<std::size_t>(plane[1])]));
   draw_tunnel(plot, exercise, plane);
   if (!exercise.curve.empty())
     plot.curve("path", component(exercise.curve, plane[0]), component(exercise.curve, plane[1]));
@@ -349,7 +347,7 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   if (!exercise.radius.arc.empty())
     keys.emplace_back("area tunnel", tunnel_changes(exercise) ? "tunnel, as it was last" : "tunnel");
   add_caption(figure, "In space,",
-              fmt::format("seen along {}.", kAxes[static_cast<std::size_t>(3 - plane[0] - plane[1])]), keys);
+              fmt::format("seen along {}.", kAxisNames[static_cast<std::size_t>(3 - plane[0] - plane[1])]), keys);
 }
 
 void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise) {

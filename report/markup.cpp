@@ -1,6 +1,6 @@
 #include "report/markup.h"
 
-#include "formats/printable.h"
+#include "base/printable.h"
 
 namespace haptrace {
 namespace {

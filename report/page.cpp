@@ -1,6 +1,6 @@
 #include "report/page.h"
 
-#include "formats/rfc3339.h"
+#include "base/rfc3339.h"
 #include "report/chart.h"
 #include "report/markup.h"
 #include "report/page_css.h"

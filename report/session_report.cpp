@@ -1,9 +1,9 @@
 #include "report/session_report.h"
 
-#include "control/error.h"
-#include "formats/json_reader.h"
-#include "formats/path_file.h"
-#include "formats/warning_json.h"
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "formats/documents/warning_json.h"
+#include "formats/path/path_file.h"
 #include "report/thinning.h"
 
 #include <algorithm>

@@ -2,10 +2,10 @@
 // page, a table and a JSON object show.
 #pragma once
 
-#include "figures/learning_curve.h"
-#include "figures/recorded_trial.h"
-#include "formats/programme.h"
-#include "formats/session_log.h"
+#include "formats/documents/programme.h"
+#include "formats/documents/session_log.h"
+#include "metrics/learning_curve.h"
+#include "metrics/recorded_trial.h"
 
 #include <functional>
 #include <nlohmann/json.hpp>

@@ -1,6 +1,6 @@
 #include "report/thinning.h"
 
-#include "control/path.h"
+#include "control/path/path.h"
 
 #include <algorithm>
 #include <boost/geometry/algorithms/simplify.hpp>

@@ -1,7 +1,7 @@
 // Curves for drawing. Private to report.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 #include "report/session_report.h"
 
 #include <span>

@@ -1,6 +1,6 @@
 #include "scene/object.h"
 
-#include "formats/suggest.h"
+#include "base/suggest.h"
 
 #include <fmt/format.h>
 

@@ -1,9 +1,9 @@
 // Something the hand can touch.
 #pragma once
 
-#include "control/error.h"
-#include "control/path.h"
-#include "control/types.h"
+#include "base/error.h"
+#include "base/types.h"
+#include "control/path/path.h"
 
 #include <string>
 #include <vector>

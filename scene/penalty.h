@@ -1,7 +1,7 @@
 // The spring and damper of a surface that the tool may enter.
 #pragma once
 
-#include "formats/json_reader.h"
+#include "base/json_reader.h"
 #include "scene/object.h"
 
 #include <algorithm>

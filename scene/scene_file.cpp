@@ -1,7 +1,7 @@
 #include "scene/scene_file.h"
 
-#include "control/error.h"
-#include "formats/json_reader.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "scene/sphere.h"
 #include "scene/wall.h"
 

@@ -1,8 +1,8 @@
 #include "scene/slow_scene.h"
 
-#include "control/error.h"
+#include "base/error.h"
+#include "base/suggest.h"
 #include "control/norm.h"
-#include "formats/suggest.h"
 
 #include <algorithm>
 #include <array>

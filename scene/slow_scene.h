@@ -1,7 +1,7 @@
 // A scene that is slower than the servo loop, and what its forces are in between.
 #pragma once
 
-#include "control/mailbox.h"
+#include "base/mailbox.h"
 #include "scene/scene.h"
 
 #include <atomic>

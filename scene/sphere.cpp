@@ -1,6 +1,6 @@
 #include "scene/sphere.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <cmath>
 

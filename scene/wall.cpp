@@ -1,6 +1,6 @@
 #include "scene/wall.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 namespace haptrace {
 namespace {

@@ -1,10 +1,10 @@
-#include "control/error.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "devices/falcon/driver.h"
 #include "devices/falcon/emulated_falcon.h"
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"
 #include "devices/sim/live_plant.h"
-#include "formats/json_reader.h"
 
 #include <fmt/format.h>
 

@@ -1,7 +1,7 @@
 #include "devices/falcon/calibration.h"
 
-#include "control/error.h"
-#include "formats/json_reader.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 
 #include <bit>
 #include <fmt/format.h>

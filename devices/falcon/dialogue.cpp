@@ -1,6 +1,6 @@
 #include "devices/falcon/dialogue.h"
 
-#include "devices/clock.h"
+#include "devices/loop/clock.h"
 
 #include <algorithm>
 #include <array>

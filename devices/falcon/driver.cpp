@@ -1,7 +1,7 @@
 #include "devices/falcon/driver.h"
 
 #include "control/norm.h"
-#include "devices/clock.h"
+#include "devices/loop/clock.h"
 
 #include <exception>
 

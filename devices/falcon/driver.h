@@ -4,8 +4,8 @@
 #include "devices/falcon/dialogue.h"
 #include "devices/falcon/tracker.h"
 #include "devices/guardian/guardian.h"
+#include "devices/loop/threaded_device.h"
 #include "devices/registry.h"
-#include "devices/threaded_device.h"
 
 namespace haptrace {
 

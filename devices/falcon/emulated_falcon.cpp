@@ -1,12 +1,12 @@
 #include "devices/falcon/emulated_falcon.h"
 
-#include "control/error.h"
-#include "control/min_jerk.h"
-#include "devices/clock.h"
+#include "base/error.h"
+#include "base/suggest.h"
+#include "control/path/min_jerk.h"
 #include "devices/falcon/kinematics.h"
 #include "devices/falcon/protocol.h"
+#include "devices/loop/clock.h"
 #include "devices/sim/noise.h"
-#include "formats/suggest.h"
 
 #include <algorithm>
 #include <charconv>

@@ -8,10 +8,10 @@
 //
 // Threads: any, as libusb's. Callbacks run in the thread that handles events, without a lock.
 
-#include "control/error.h"
-#include "devices/clock.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "devices/falcon/emulated_falcon.h"
-#include "formats/json_reader.h"
+#include "devices/loop/clock.h"
 
 #include <algorithm>
 #include <chrono>

@@ -1,8 +1,8 @@
 #include "devices/falcon/firmware.h"
 
-#include "control/error.h"
-#include "devices/clock.h"
+#include "base/error.h"
 #include "devices/falcon/dialogue.h"
+#include "devices/loop/clock.h"
 
 #include <algorithm>
 #include <array>

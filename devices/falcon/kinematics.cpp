@@ -1,6 +1,6 @@
 #include "devices/falcon/kinematics.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <cmath>
 

@@ -1,7 +1,7 @@
 // The mechanism of the Novint Falcon: where its handle is, and what its motors do to it.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <numbers>
 #include <optional>

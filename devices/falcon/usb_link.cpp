@@ -1,7 +1,7 @@
 #include "devices/falcon/usb_link.h"
 
-#include "control/error.h"
-#include "devices/clock.h"
+#include "base/error.h"
+#include "devices/loop/clock.h"
 
 #include <algorithm>
 #include <array>

@@ -1,8 +1,8 @@
 #include "devices/falcon/usb_port.h"
 
-#include "control/error.h"
-#include "devices/system_files.h"
-#include "devices/usb_devices.h"
+#include "base/error.h"
+#include "base/system_files.h"
+#include "devices/check/usb_devices.h"
 
 #include <algorithm>
 #include <cerrno>

@@ -1,8 +1,8 @@
 #include "devices/hapkit/calibration.h"
 
-#include "control/error.h"
-#include "formats/json_reader.h"
-#include "samples/hapkit/hapkit_board.h"
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "devices/hapkit/hapkit_board.h"
 
 #include <algorithm>
 #include <cmath>

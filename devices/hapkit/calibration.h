@@ -1,7 +1,7 @@
 // What differs from one Hapkit to the next, and its owner measures.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <nlohmann/json.hpp>
 #include <numbers>

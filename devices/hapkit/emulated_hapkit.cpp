@@ -1,6 +1,6 @@
 #include "devices/hapkit/emulated_hapkit.h"
 
-#include "samples/hapkit/hapkit_board.h"
+#include "devices/hapkit/hapkit_board.h"
 
 #include <array>
 #include <cmath>

@@ -10,7 +10,7 @@
 
 namespace haptrace {
 
-/// Runs what the sketch runs, samples/hapkit/hapkit_board.h, between a plant and a line: sensor, packets, watchdog.
+/// Runs what the sketch runs, devices/hapkit/hapkit_board.h, between a plant and a line: sensor, packets, watchdog.
 /// It was switched on with its handle upright, and the handle was led to where the plant is.
 ///
 /// Threads: the force may be asked from any.

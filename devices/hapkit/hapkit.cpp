@@ -1,12 +1,12 @@
 #include "devices/hapkit/hapkit.h"
 
-#include "control/error.h"
-#include "devices/clock.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "devices/hapkit/emulated_hapkit.h"
+#include "devices/hapkit/hapkit_board.h"
+#include "devices/loop/clock.h"
 #include "devices/serial/serial_ports.h"
 #include "devices/sim/live_plant.h"
-#include "formats/json_reader.h"
-#include "samples/hapkit/hapkit_board.h"
 
 #include <algorithm>
 #include <array>

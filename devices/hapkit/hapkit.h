@@ -2,9 +2,9 @@
 #pragma once
 
 #include "devices/hapkit/calibration.h"
+#include "devices/loop/threaded_device.h"
 #include "devices/registry.h"
 #include "devices/serial/serial_port.h"
-#include "devices/threaded_device.h"
 
 #include <memory>
 #include <optional>

@@ -1,7 +1,7 @@
 #include "devices/haply/calibration.h"
 
-#include "control/error.h"
-#include "formats/json_reader.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 
 #include <array>
 #include <fmt/format.h>

@@ -1,7 +1,7 @@
 #include "devices/haply/emulated_inverse.h"
 
-#include "control/error.h"
-#include "devices/clock.h"
+#include "base/error.h"
+#include "devices/loop/clock.h"
 
 #include <atomic>
 #include <boost/asio/io_context.hpp>

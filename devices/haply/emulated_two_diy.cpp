@@ -1,6 +1,6 @@
 #include "devices/haply/emulated_two_diy.h"
 
-#include "control/error.h"
+#include "base/error.h"
 #include "devices/haply/protocol.h"
 
 #include <algorithm>

@@ -1,10 +1,10 @@
 #include "devices/haply/inverse3.h"
 
-#include "control/error.h"
-#include "devices/clock.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "devices/haply/emulated_inverse.h"
+#include "devices/loop/clock.h"
 #include "devices/sim/live_plant.h"
-#include "formats/json_reader.h"
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>

@@ -5,8 +5,8 @@
 
 #include "devices/haply/inverse3_calibration.h"
 #include "devices/haply/inverse3_messages.h"
+#include "devices/loop/threaded_device.h"
 #include "devices/registry.h"
-#include "devices/threaded_device.h"
 
 #include <memory>
 #include <optional>

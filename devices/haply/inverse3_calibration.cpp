@@ -1,8 +1,8 @@
 #include "devices/haply/inverse3_calibration.h"
 
-#include "control/error.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "control/norm.h"
-#include "formats/json_reader.h"
 
 #include <fmt/format.h>
 

@@ -1,7 +1,7 @@
 // What nobody verified of the Haply Inverse3, and a user can measure on his own.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <nlohmann/json.hpp>
 #include <string>

@@ -1,7 +1,7 @@
 #include "devices/haply/inverse3_messages.h"
 
-#include "control/error.h"
-#include "formats/json_reader.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 
 #include <algorithm>
 #include <cmath>

@@ -4,7 +4,7 @@
 // programs that talk to 3.1. Vectors stand in the service's own axes: x right, y forward, z up; m, m/s, N.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <array>
 #include <cstdint>

@@ -1,7 +1,7 @@
 // The mechanism of the Haply 2DIY: a pantograph, two arms that hold one handle in the plane.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <optional>
 

@@ -1,11 +1,11 @@
 #include "devices/haply/two_diy.h"
 
-#include "control/error.h"
-#include "devices/clock.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "devices/haply/emulated_two_diy.h"
+#include "devices/loop/clock.h"
 #include "devices/serial/serial_ports.h"
 #include "devices/sim/live_plant.h"
-#include "formats/json_reader.h"
 
 #include <algorithm>
 #include <array>

@@ -5,9 +5,9 @@
 #include "devices/haply/calibration.h"
 #include "devices/haply/homing.h"
 #include "devices/haply/protocol.h"
+#include "devices/loop/threaded_device.h"
 #include "devices/registry.h"
 #include "devices/serial/serial_port.h"
-#include "devices/threaded_device.h"
 
 #include <memory>
 #include <optional>

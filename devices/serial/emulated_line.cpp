@@ -1,8 +1,8 @@
 #include "devices/serial/emulated_line.h"
 
-#include "control/error.h"
-#include "devices/clock.h"
-#include "devices/realtime.h"
+#include "base/error.h"
+#include "devices/loop/clock.h"
+#include "devices/loop/realtime.h"
 
 #include <array>
 #include <cerrno>

@@ -1,7 +1,7 @@
 #include "devices/serial/serial_port.h"
 
-#include "control/error.h"
-#include "devices/clock.h"
+#include "base/error.h"
+#include "devices/loop/clock.h"
 #include "devices/serial/serial_ports.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 #include "devices/serial/serial_ports.h"
 
-#include "control/error.h"
-#include "devices/usb_devices.h"
+#include "base/error.h"
+#include "devices/check/usb_devices.h"
 
 #include <algorithm>
 #include <cerrno>

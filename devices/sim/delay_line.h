@@ -1,7 +1,7 @@
 // Commands on their way to the motors.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <cstdint>
 #include <limits>

@@ -1,7 +1,7 @@
 // Random numbers that do not depend on the standard library's distributions.
 #pragma once
 
-#include "control/types.h"
+#include "base/types.h"
 
 #include <cmath>
 #include <cstdint>

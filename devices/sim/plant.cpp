@@ -1,6 +1,6 @@
 #include "devices/sim/plant.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // The mechanism of a simulated device and the hand that holds it: equations of motion.
 #pragma once
 
-#include "control/linear_step.h"
+#include "devices/sim/linear_step.h"
 #include "devices/sim/spec.h"
 
 #include <array>

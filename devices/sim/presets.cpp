@@ -1,7 +1,7 @@
 #include "devices/sim/presets.h"
 
-#include "control/error.h"
-#include "formats/suggest.h"
+#include "base/error.h"
+#include "base/suggest.h"
 
 #include <algorithm>
 #include <fmt/format.h>

@@ -1,10 +1,9 @@
 #include "devices/sim/sim_device.h"
 
-#include "control/error.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "control/norm.h"
 #include "devices/sim/presets.h"
-#include "formats/json_reader.h"
-#include "formats/path_file.h"
 
 #include <algorithm>
 #include <filesystem>
@@ -244,10 +243,14 @@ Path retimed(const Path& path, double after, double speed) {
   return result;
 }
 
+SimPathReader path_reader = nullptr;
+
 /// Fills in what the hand intends and what a person should know of it.
 void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& options) {
   const bool fit = device.flag("fit");
-  Path path = load_path(spec.hand->intent);
+  if (path_reader == nullptr)
+    throw input_error(device.where() + ": intent: this program reads no paths; call use_recorded_devices() first");
+  Path path = path_reader(spec.hand->intent);
   for (const std::string& note : path.notes) options.notes.push_back(fmt::format("{}: {}", path.name, note));
   const double outside = distance_outside(path, spec.workspace);
   if (outside > 0) {
@@ -270,6 +273,10 @@ void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& opti
 }
 
 }  // namespace
+
+void set_sim_path_reader(SimPathReader reader) noexcept {
+  path_reader = reader;
+}
 
 SimParts read_sim_device(const DeviceSpec& device) {
   const std::string file = device.option("spec"), intent = device.option("intent");

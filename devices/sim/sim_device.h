@@ -1,9 +1,9 @@
 // The simulated device: an unknown mechanism in virtual time, held by a hand.
 #pragma once
 
-#include "control/orientation_trajectory.h"
-#include "control/trajectory.h"
-#include "devices/nano_time.h"
+#include "base/nano_time.h"
+#include "control/path/orientation_trajectory.h"
+#include "control/path/trajectory.h"
 #include "devices/registry.h"
 #include "devices/sim/delay_line.h"
 #include "devices/sim/noise.h"
@@ -106,5 +106,11 @@ std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device);
 
 /// `sim`, with the options preset, spec, hand, intent, fit and seed.
 DeviceBackend sim_backend();
+
+/// Reads the path that the option `intent` names. Throws Error(input).
+using SimPathReader = Path (*)(const std::string& file);
+
+/// Sets how paths are read; without it, `intent` is refused. Before the first device is opened; not thread-safe.
+void set_sim_path_reader(SimPathReader reader) noexcept;
 
 }  // namespace haptrace

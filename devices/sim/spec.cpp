@@ -1,8 +1,8 @@
 #include "devices/sim/spec.h"
 
-#include "control/error.h"
+#include "base/error.h"
+#include "base/json_reader.h"
 #include "devices/sim/presets.h"
-#include "formats/json_reader.h"
 
 #include <filesystem>
 #include <fmt/format.h>

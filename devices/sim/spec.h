@@ -1,8 +1,8 @@
 // What a simulated device is made of.
 #pragma once
 
-#include "control/path.h"
-#include "control/plant_model.h"
+#include "control/design/plant_model.h"
+#include "control/path/path.h"
 
 #include <array>
 #include <nlohmann/json.hpp>

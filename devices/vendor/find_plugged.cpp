@@ -1,7 +1,7 @@
 #include "devices/vendor/find_plugged.h"
 
-#include "control/error.h"
-#include "devices/usb_devices.h"
+#include "base/error.h"
+#include "devices/check/usb_devices.h"
 
 namespace haptrace {
 

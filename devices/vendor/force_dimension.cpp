@@ -1,8 +1,8 @@
 #include "devices/vendor/force_dimension.h"
 
-#include "control/error.h"
-#include "devices/clock.h"
-#include "devices/threaded_device.h"
+#include "base/error.h"
+#include "devices/loop/clock.h"
+#include "devices/loop/threaded_device.h"
 #include "devices/vendor/find_plugged.h"
 
 #include <algorithm>

@@ -1,9 +1,9 @@
 #include "devices/vendor/open_haptics.h"
 
-#include "control/error.h"
-#include "control/mailbox.h"
-#include "devices/clock.h"
-#include "devices/threaded_device.h"
+#include "base/error.h"
+#include "base/mailbox.h"
+#include "devices/loop/clock.h"
+#include "devices/loop/threaded_device.h"
 #include "devices/vendor/find_plugged.h"
 
 #include <algorithm>

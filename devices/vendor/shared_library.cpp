@@ -1,6 +1,6 @@
 #include "devices/vendor/shared_library.h"
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <algorithm>
 #include <dlfcn.h>

@@ -7,9 +7,9 @@
 //   packed    deflate, in chunks of 100 rows as they are written at 1 kHz
 //   rounded   scale-offset to 1 um, 1 mN, 1 mm/s as well
 // With `reader`, another process follows the recording 10 times a second.
-#include "control/error.h"
-#include "formats/recording.h"
-#include "formats/recording_layout.h"
+#include "base/error.h"
+#include "formats/recording/recording.h"
+#include "formats/recording/recording_layout.h"
 
 #include <chrono>
 #include <cmath>

@@ -1,9 +1,9 @@
 // How long an exchange with a Falcon takes over USB, with an emulated chip at the other end (tests/bench/falcon_usb).
-#include "devices/clock.h"
 #include "devices/falcon/driver.h"
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"
-#include "devices/servo_loop.h"
+#include "devices/loop/clock.h"
+#include "devices/loop/servo_loop.h"
 #include "tests/devices/falcon/usb_bus.h"
 
 #include <algorithm>

@@ -1,6 +1,6 @@
 // What guidance costs a tick, and that the length of the path has no say in it.
 #include "control/guidance.h"
-#include "control/path_projection.h"
+#include "control/path/path_projection.h"
 
 #include <benchmark/benchmark.h>
 #include <cmath>

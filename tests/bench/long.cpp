@@ -1,8 +1,8 @@
 // What the length of a recording costs: makes one of 10 hours, once, and measures what opening it takes.
 //   haptrace_long FILE.h5 [ROWS]
 #include "devices/registry.h"
-#include "formats/path_file.h"
-#include "player/playback.h"
+#include "formats/path/path_file.h"
+#include "player/playback/playback.h"
 
 #include <algorithm>
 #include <chrono>

@@ -3,9 +3,9 @@
 
 #include "control/feedforward.h"
 #include "control/observer_pd.h"
-#include "control/shapes.h"
-#include "devices/servo_loop.h"
-#include "player/playback.h"
+#include "control/path/shapes.h"
+#include "devices/loop/servo_loop.h"
+#include "player/playback/playback.h"
 #include "player/record.h"
 
 #include <memory>

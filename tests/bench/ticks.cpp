@@ -6,7 +6,7 @@
 // inertia, learned, observer, guard, tuning, orientation, interpolation=NAME. Of guidance: wall-damping, expert-force,
 // pace-help, viscosity, resistance, amplification. Of every session: watch (for a vibrating force).
 #include "control/guidance.h"
-#include "player/guidance_controller.h"
+#include "player/guidance/guidance_controller.h"
 #include "recorder/recorder.h"
 #include "tests/bench/session.h"
 

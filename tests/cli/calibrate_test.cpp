@@ -1,5 +1,5 @@
-#include "formats/device_profile.h"
-#include "formats/recording.h"
+#include "formats/documents/device_profile.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 
 #include <csignal>

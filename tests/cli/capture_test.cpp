@@ -1,5 +1,5 @@
 // Recording the way experimenters work: triggers, trials, marks, metadata, parts, and what is left of a killed session.
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 #include "tests/cli/live_recording.h"
 

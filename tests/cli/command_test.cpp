@@ -1,6 +1,6 @@
 #include "tests/cli/command.h"
 
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/live_recording.h"
 
 #include <csignal>
@@ -139,6 +139,7 @@ const std::vector<std::pair<std::string, std::string>> kBadFiles{
     {"something.h5", "this is not HDF5"},
     {"negative.json", R"({"kp": -5, "kd": 1})"},
     {"absurd.json", R"({"kp": 1e12, "kd": 1})"},
+    {"there.h5", "of another session"},
 };
 
 class Mistakes : public testing::TestWithParam<Mistake> {};
@@ -199,9 +200,13 @@ INSTANTIATE_TEST_SUITE_P(
         Mistake{"UnknownClock", {"play", "SQUARE", "--device", "sim", "--clock", "vrtual"}, 2, {"'virtual'"}},
         Mistake{"UnknownPolicy", {"play", "SQUARE", "--device", "sim", "--on-deviation", "stpo"}, 2, {"'stop'"}},
         Mistake{"OutputExists",
+                {"play", "SQUARE", "--device", "sim", "--record", "FOLDER/there.h5"},
+                2,
+                {"there.h5", "--overwrite"}},
+        Mistake{"OutputIsInput",
                 {"play", "SQUARE", "--device", "sim", "--record", "SQUARE"},
                 2,
-                {"square.h5", "--overwrite"}},
+                {"square.h5", "choose another name"}},
         Mistake{
             "OutputFolderMissing", {"record", "FOLDER/no/out.h5", "--device", "sim", "--duration", "1"}, 2, {"out.h5"}},
         Mistake{"EndlessRecording", {"record", "FOLDER/out.h5", "--device", "sim"}, 2, {"--duration"}},
@@ -270,7 +275,7 @@ TEST(TheCommand, EndsAnEndlessRecordingOnAnInterrupt) {
   expect_sound(folder / "out.h5");
 }
 
-TEST(TheCommand, GoesOnWithoutTheDiskAndSaysWhatTheDiskRefused) {
+TEST(TheCommand, RecordsInFurtherFilesWhereOneMayNotBecomeLongerAndSaysSo) {
   const TempFolder folder;
   const std::string path = square(folder);
   rlimit before{};
@@ -281,13 +286,15 @@ TEST(TheCommand, GoesOnWithoutTheDiskAndSaysWhatTheDiskRefused) {
   const Answer answer =
       haptrace("play", path, "--device", kFalcon, "--rate", "20000", "--record", folder / "out.h5", "--json");
   setrlimit(RLIMIT_FSIZE, &before);
-  EXPECT_EQ(answer.exit_code, 1) << answer.err;
-  EXPECT_THAT(answer.err, HasSubstr("out.h5"));
-  EXPECT_EQ(answer.json()["stopped_by"], "finished") << "the session itself goes on";
-  EXPECT_TRUE(answer.json().contains("recording_error"));
+  EXPECT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_THAT(answer.err, AllOf(HasSubstr("out.h5"), HasSubstr("ulimit -f"), HasSubstr("out.part002.h5")));
+  const nlohmann::json json = answer.json();
+  EXPECT_EQ(json["stopped_by"], "finished");
+  EXPECT_EQ(json["samples"], json["session_samples"]);
   const RecordingReader reader(folder / "out.h5");
-  EXPECT_GT(reader.rows(), 5000U);
-  EXPECT_FALSE(reader.header().complete);
+  EXPECT_EQ(reader.rows(), json["samples"]);
+  EXPECT_GE(reader.files().size(), 2U);
+  EXPECT_TRUE(reader.header().complete);
 }
 
 // ------------------------------------------------------------------------------------------------- misbehaving devices

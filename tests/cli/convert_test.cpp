@@ -1,4 +1,4 @@
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 
 #include <cmath>
@@ -18,7 +18,7 @@ std::string log_of(const TempFolder& folder, std::size_t rows = 2000) {
   for (std::size_t i = 0, ms = 0; i < rows; ms += static_cast<std::size_t>(steps[i % 7]), ++i) {
     const double t = 1e-3 * static_cast<double>(ms), felt = static_cast<double>(ms / 4) * 4e-3;
     text += std::to_string(t) + "," + std::to_string(0.1 * std::sin(t)) + "," + std::to_string(0.1 * std::cos(t)) +
-            "," + std::to_string(0.01 * t) + "," + std::to_string(1 + felt) + ",0," +
+            "," + std::to_string(0.001 * t) + "," + std::to_string(1 + felt) + ",0," +
             std::to_string(std::cos(9 * felt)) + "\n";
   }
   return folder.write("log.csv", text);

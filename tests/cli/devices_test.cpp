@@ -1,5 +1,5 @@
-#include "devices/connected_devices.h"
-#include "devices/usb_devices.h"
+#include "devices/check/connected_devices.h"
+#include "devices/check/usb_devices.h"
 #include "tests/cli/command.h"
 
 #include <csignal>

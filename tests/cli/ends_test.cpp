@@ -1,5 +1,5 @@
 // Sessions that cannot end by themselves: plug-ins that hang, crash, exit or throw, on the real command.
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 #include "tests/support/real_time.h"
 
@@ -7,6 +7,7 @@
 #include <csignal>
 #include <filesystem>
 #include <fmt/format.h>
+#include <sys/wait.h>
 #include <thread>
 
 namespace haptrace {
@@ -33,7 +34,8 @@ TEST_P(DeadlyPlugin, EndsTheSessionWithWordsAndAWholeFile) {
   EXPECT_EQ(answer.exit_code, 3) << answer.err;
   EXPECT_THAT(answer.err, AllOf(HasSubstr(GetParam().words), HasSubstr(GetParam().force)));
   EXPECT_THAT(answer.err, HasSubstr("recording keeps what"));
-  EXPECT_TRUE(answer.json().is_object());
+  EXPECT_EQ(answer.json()["zero_force"] == "failed", std::string_view(GetParam().force) == "switch the device off");
+  EXPECT_FALSE(answer.json()["warnings"].empty());
   const Answer checked = test::haptrace("check", file);
   EXPECT_EQ(checked.exit_code, 0) << checked.out << checked.err;
   EXPECT_EQ(RecordingReader(file).rows(), 299U + 1) << "all that came before, and the first state";
@@ -47,6 +49,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Death{"overflows", "crashed (SIGSEGV)", "switch the device off"},
                     Death{"aborts", "was aborted (SIGABRT)", "switch the device off"},
                     Death{"exits", "called exit()", "switch the device off"},
+                    Death{"leaves", "called exit()", "switch the device off"},
                     Death{"throws", "the plug-in threw an exception in exchange: the bus is on fire",
                           "switch the device off"},
                     Death{"throws_number", "the plug-in threw an exception in exchange", "switch the device off"}),
@@ -106,6 +109,26 @@ TEST(DeadlyPlugins, AreNotMistakenForAProcessThatWasStopped) {
   const Answer answer = command.wait();
   EXPECT_EQ(answer.exit_code, 130) << answer.err;
   EXPECT_GE(answer.json()["gaps"], 3) << "a stall is a gap";
+}
+
+TEST(Terminals, ThatStandStillKeepNoSessionFromItsEnd) {
+  const TempFolder folder;
+  test::Command command({"record", folder / "out.h5", "--device", kFalcon, "--clock", "real", "--no-realtime"},
+                        test::Command::Input::terminal);
+  ASSERT_TRUE(command.says("force"));
+  command.type("\x13");  // Ctrl+S
+  std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  kill(command.pid(), SIGINT);
+  bool ended = false;
+  for (int k = 0; k < 3000 && !ended; ++k) {
+    siginfo_t info{};
+    waitid(P_PID, static_cast<id_t>(command.pid()), &info, WEXITED | WNOHANG | WNOWAIT);
+    ended = info.si_pid != 0;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  EXPECT_TRUE(ended);
+  command.type("\x11");  // or it would be waited for, for ever
+  EXPECT_EQ(command.wait().exit_code, 130);
 }
 
 TEST(LostDevices, AreToldToBeSwitchedOffWhenTheirForceMayStay) {

@@ -1,4 +1,4 @@
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 
 #include <algorithm>

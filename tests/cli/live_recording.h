@@ -1,8 +1,8 @@
 // Waits for what a session that runs writes to its recording, so that no test has to know how fast the machine is.
 #pragma once
 
-#include "control/error.h"
-#include "formats/recording.h"
+#include "base/error.h"
+#include "formats/recording/recording.h"
 
 #include <algorithm>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "formats/session_log.h"
+#include "formats/documents/session_log.h"
 #include "tests/cli/command.h"
 
 #include <csignal>

@@ -1,5 +1,5 @@
 // record --scene: a hand touches what a file names.
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 
 #include <filesystem>

@@ -1,6 +1,6 @@
 // Signals and dead streams, on the real command.
-#include "formats/recording.h"
-#include "formats/session_log.h"
+#include "formats/documents/session_log.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 #include "tests/cli/live_recording.h"
 #include "tests/support/real_time.h"

@@ -1,7 +1,7 @@
 // Texts that people, files and devices give: what is no text is refused by name, and nothing reaches the terminal that
 // it would obey.
-#include "formats/printable.h"
-#include "formats/recording.h"
+#include "base/printable.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 
 #include <filesystem>

@@ -1,7 +1,7 @@
-#include "control/tracking_design.h"
+#include "base/rfc3339.h"
+#include "control/design/tracking_design.h"
 #include "devices/registry.h"
-#include "formats/device_profile.h"
-#include "formats/rfc3339.h"
+#include "formats/documents/device_profile.h"
 #include "tests/cli/command.h"
 
 #include <chrono>

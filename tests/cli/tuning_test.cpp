@@ -1,5 +1,5 @@
 // A playback that is tuned while it runs: through its socket, its file, and keys.
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 
 #include <boost/asio/ip/tcp.hpp>

@@ -1,5 +1,5 @@
 // What a session says, to whom, and when.
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 
 #include <algorithm>

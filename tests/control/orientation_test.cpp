@@ -1,4 +1,4 @@
-#include "control/orientation_trajectory.h"
+#include "control/path/orientation_trajectory.h"
 #include "control/rotation.h"
 #include "tests/support/errors.h"
 

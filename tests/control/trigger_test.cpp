@@ -1,6 +1,6 @@
 #include "control/trigger.h"
 
-#include "control/error.h"
+#include "base/error.h"
 #include "tests/support/errors.h"
 
 #include <gmock/gmock.h>
@@ -71,9 +71,20 @@ TEST(Trigger, TakesTheFirstOfItsAlternativesThatIsFulfilled) {
   EXPECT_EQ(trigger.check(state)->values[0], 1);
 }
 
+TEST(Trigger, OfAThresholdOfZeroWaitsForTheLeastMovement) {
+  for (const char* text : {"speed>0", "speed>0.0", "speed>0m/s"}) {
+    const Trigger trigger = Trigger::parse(text);
+    State state = still();
+    state.velocity = Vec3::Zero();
+    EXPECT_FALSE(trigger.check(state)) << text;
+    state.velocity = Vec3(1e-9, 0, 0);
+    EXPECT_TRUE(trigger.check(state)) << text;
+  }
+}
+
 TEST(Trigger, ThatIsNotUnderstoodIsRefusedByName) {
-  for (const char* text : {"", "force", "force>", "force>-1", "force>0", "force>1m/s", "speed>1N", "speed>nan",
-                           "button0", "button33", "buttons", "force<1N", "force>1N|", "force>1N|spd>2"})
+  for (const char* text : {"", "force", "force>", "force>-1", "force>1m/s", "speed>1N", "speed>nan", "button0",
+                           "button33", "buttons", "force<1N", "force>1N|", "force>1N|spd>2"})
     EXPECT_THAT(error_of([&] { (void)Trigger::parse(text); }),
                 AllOf(HasSubstr("not understood"), HasSubstr("force>0.5N")))
         << text;

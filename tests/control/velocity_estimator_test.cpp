@@ -1,6 +1,6 @@
 #include "control/velocity_estimator.h"
 
-#include "control/error.h"
+#include "base/error.h"
 #include "tests/support/allocations.h"
 
 #include <deque>

@@ -1,7 +1,7 @@
 // What the tests that test a device's conformance share.
 #pragma once
 
-#include "devices/conformance.h"
+#include "devices/check/conformance.h"
 
 #include <algorithm>
 #include <string>

@@ -1,7 +1,7 @@
-#include "devices/plugin_device.h"
-#include "devices/recovering_device.h"
-#include "devices/replay_device.h"
+#include "devices/loop/recovering_device.h"
+#include "devices/plugin/plugin_device.h"
 #include "devices/sim/presets.h"
+#include "recorder/replay_device.h"
 #include "tests/devices/device_laws.h"
 #include "tests/devices/support.h"
 

@@ -1,5 +1,5 @@
 // How far each method of integration carries: limits, orders, and bodies that are hardly there.
-#include "control/linear_step.h"
+#include "devices/sim/linear_step.h"
 #include "tests/support/errors.h"
 
 #include <Eigen/LU>

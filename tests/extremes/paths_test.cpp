@@ -1,7 +1,7 @@
 // Paths without length, of one point and of ten million, of a nanometre and of ten metres.
 #include "control/guidance.h"
-#include "control/path_smoothing.h"
-#include "player/guidance_controller.h"
+#include "control/path/path_smoothing.h"
+#include "player/guidance/guidance_controller.h"
 #include "tests/extremes/support.h"
 
 #include <fmt/format.h>

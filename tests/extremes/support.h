@@ -1,13 +1,13 @@
 // What the rows share.
 #pragma once
 
-#include "control/shapes.h"
-#include "control/tracking_design.h"
-#include "devices/servo_loop.h"
+#include "control/design/tracking_design.h"
+#include "control/path/shapes.h"
+#include "devices/loop/servo_loop.h"
 #include "devices/sim/noise.h"
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
-#include "player/playback_controller.h"
+#include "player/playback/playback_controller.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/scripted.h"

@@ -1,10 +1,10 @@
 // A day, a week, an uptime of years: integer nanoseconds and tick indices do not drift, and steps of no time do
 // nothing.
+#include "base/nano_time.h"
 #include "control/guidance.h"
 #include "control/hand_watch.h"
 #include "control/observer_pd.h"
 #include "control/reaction_ladder.h"
-#include "devices/nano_time.h"
 #include "recorder/recorder.h"
 #include "tests/extremes/support.h"
 #include "tests/support/temp_folder.h"

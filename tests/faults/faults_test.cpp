@@ -1,7 +1,7 @@
 // What a session does when its disk misbehaves: the real command, on a C library that fails beneath HDF5 (preload.cpp).
 // Always: the session goes on, what went wrong is said at once, what could be kept is kept and right, the exit code
 // tells.
-#include "formats/recording_layout.h"
+#include "formats/recording/recording_layout.h"
 #include "tests/cli/command.h"
 #include "tests/formats/support.h"
 
@@ -106,8 +106,9 @@ TEST_P(FaultsInVirtualTime, CostNoRowThatCouldBeKept) {
   const Answer answer = Command(play.words("out.h5"), kNoInput, disk(split(GetParam().disk))).wait();
   const std::vector<Sample> rows = rows_of(play / "out.h5");
   EXPECT_EQ(answer.json()["stopped_by"], "finished") << "the session goes on";
-  EXPECT_EQ(answer.json()["samples"], whole.size());
-  EXPECT_EQ(answer.json()["lost"], 0);
+  EXPECT_EQ(answer.json()["session_samples"], whole.size());
+  EXPECT_EQ(answer.json()["samples"], rows.size()) << "what is said is what is in the file";
+  EXPECT_EQ(answer.json()["lost"], whole.size() - rows.size());
   expect_same(rows, std::span(whole).first(std::min(rows.size(), whole.size())));
   if (GetParam().says == nullptr) {
     EXPECT_EQ(answer.exit_code, 0) << answer.err;
@@ -208,7 +209,8 @@ TEST_P(FaultsInRealTime, AreToldAtOnceAndTheSessionGoesOn) {
   EXPECT_THAT(answer.err, HasSubstr(session.file));
   const std::vector<Sample> rows = rows_of(session.file);
   EXPECT_GT(rows.size(), 500U);
-  EXPECT_LT(rows.size(), answer.json()["samples"]);
+  EXPECT_EQ(rows.size(), answer.json()["samples"]);
+  EXPECT_EQ(rows.size() + answer.json()["lost"].get<std::size_t>(), answer.json()["session_samples"]);
   EXPECT_FALSE(complete(session.file));
 }
 
@@ -220,6 +222,64 @@ INSTANTIATE_TEST_SUITE_P(
                               "No space left", "5000"},
                     LiveFault{"ABrokenDisk", "FAULT_AFTER=3000000", "Input/output error", "1000"}),
     [](const auto& instance) { return instance.param.name; });
+
+class PassingFaults : public testing::TestWithParam<LiveFault> {};
+
+TEST_P(PassingFaults, CostNoSampleAndAreEventsOfTheNextPart) {
+  Endless session(split(GetParam().disk), GetParam().rate);
+  ASSERT_TRUE(session.says(GetParam().says));
+  ASSERT_TRUE(session.says("recording goes on in a further file"));
+  std::this_thread::sleep_for(300ms);
+  const Answer answer = session.end(130);
+  EXPECT_EQ(answer.json()["lost"], 0);
+  EXPECT_EQ(answer.json()["parts"], 2);
+  EXPECT_EQ(answer.json()["samples"], answer.json()["session_samples"]);
+  EXPECT_EQ(rows_of(session.file).size(), answer.json()["samples"]);
+  EXPECT_TRUE(complete(session.file));
+  std::vector<std::string> told;
+  for (const StoredEvent& event : RecordingReader(session.file).events())
+    if (event.code == static_cast<int>(EventCode::recording_resumed)) told.push_back(event.text);
+  ASSERT_EQ(told.size(), 1U);
+  EXPECT_THAT(told.front(), HasSubstr("0 samples are missing"));
+  std::vector<std::string> codes;
+  const nlohmann::json json = answer.json();
+  for (const nlohmann::json& warning : json["warnings"]) codes.push_back(warning["code"]);
+  EXPECT_THAT(codes, testing::IsSupersetOf({"recording_interrupted", "recording_resumed"}));
+}
+
+INSTANTIATE_TEST_SUITE_P(Of, PassingFaults,
+                         testing::Values(LiveFault{"ADiskThatIsBackAfterHalfASecond",
+                                                   "FAULT_AFTER=400000|FAULT_BACK_MS=500", "Input/output error",
+                                                   "1000"},
+                                         LiveFault{"RoomThatIsMade", "FAULT_BACK_MS=1500|" + full(3'300'000),
+                                                   "No space left on device", "20000"}),
+                         [](const auto& instance) { return instance.param.name; });
+
+TEST(Recording, GivesUpOnADiskThatIsNotBackWhenTheSessionEnds) {
+  Endless session({"FAULT_AFTER=400000"});
+  ASSERT_TRUE(session.says("it is tried to go on in a further file"));
+  std::this_thread::sleep_for(500ms);
+  const Answer answer = session.end(1);
+  EXPECT_EQ(answer.json()["samples"], rows_of(session.file).size());
+  EXPECT_GT(answer.json()["lost"], 300);
+  EXPECT_EQ(fs::exists(part_file(session.file, 2)), false);
+}
+
+TEST(Recording, OverWhichAnotherFileIsCopiedGoesOnInAFurtherPart) {
+  const TempFolder folder;
+  const std::string other = folder / "other.h5";
+  ASSERT_EQ(test::haptrace("record", other, "--device", kFalcon, "--duration", "1").exit_code, 0);
+  const std::string bytes = read_bytes(other);
+  Endless session({"FAULT_COPY=" + other, "FAULT_COPY_AFTER=2000000"}, "10000");  // memory holds less
+  ASSERT_TRUE(session.says("another program wrote over it"));
+  ASSERT_TRUE(session.says("recording goes on in a further file"));
+  const Answer answer = session.end(1);  // what was in the file alone is gone
+  EXPECT_EQ(read_bytes(session.file), bytes) << "nothing of ours is written into it";
+  const std::string part = part_file(session.file, 2);
+  const RecordingReader reader(part);
+  EXPECT_EQ(reader.rows() + answer.json()["lost"].get<std::size_t>(), answer.json()["session_samples"]);
+  for (const Finding& finding : check_recording(part)) EXPECT_NE(finding.severity, Finding::Severity::error);
+}
 
 TEST(Recording, OutlastsAStallOfFiveSecondsAndEndsGentlyInIt) {
   Endless session({"FAULT_STALL_MS=5000", "FAULT_STALL_AFTER=200000"});
@@ -275,14 +335,16 @@ TEST(Recording, DoesNotMindThatItsPermissionsAreTakenAway) {
   expect_whole(session.file, answer);
 }
 
-TEST(Recording, StopsAtALimitOnTheSizeOfFilesThatComesInBetween) {
+TEST(Recording, GoesOnInAFurtherFileAtALimitOnTheSizeOfFilesThatComesInBetween) {
   Endless session({}, "20000");
   session.wait_for_rows();
-  const rlimit limit{fs::file_size(session.file) + 1'000'000, RLIM_INFINITY};
+  const rlimit limit{fs::file_size(session.file) + 3'000'000, RLIM_INFINITY};
   ASSERT_EQ(prlimit(session.pid(), RLIMIT_FSIZE, &limit, nullptr), 0);
-  ASSERT_TRUE(session.says("recording stopped after"));
-  const Answer answer = session.end(1);
-  EXPECT_GT(rows_of(session.file).size(), 500U);
+  ASSERT_TRUE(session.says("recording goes on in a further file"));
+  const Answer answer = session.end(130);
+  EXPECT_EQ(answer.json()["lost"], 0);
+  EXPECT_GE(answer.json()["parts"], 2);
+  EXPECT_EQ(rows_of(session.file).size(), answer.json()["session_samples"]);
 }
 
 /// Processes that keep every core busy.
@@ -352,7 +414,7 @@ TEST(Recording, ThatOverflowsAfterAllCountsEveryLossAndShowsTheGap) {
   kill(session.pid(), SIGINT);
   const Answer answer = session.wait();
   EXPECT_EQ(answer.exit_code, 1);
-  const std::uint64_t ran = answer.json()["samples"], lost = answer.json()["lost"];
+  const std::uint64_t ran = answer.json()["session_samples"], lost = answer.json()["lost"];
   const std::vector<Sample> rows = rows_of(file);
   EXPECT_GT(lost, 1000U);
   EXPECT_EQ(rows.size() + lost, ran);

@@ -2,9 +2,9 @@
 // whose path holds FAULT_PATH, and does what these variables say:
 //   FAULT_ERRNO=E        the error of calls that fail (a number)
 //   FAULT_ROOM=BYTES     the disk is full: nothing reaches beyond this offset, written or claimed; a write up to there
-//   is
-//                        cut short
+//                        is cut short. Once a file has met that, there is no room for any other
 //   FAULT_AFTER=BYTES    the disk is broken: once so many bytes were written, every call fails
+//   FAULT_BACK_MS=MS     these two are over so long after they were first met
 //   FAULT_SYNC=1         it cannot be waited for: fsync and fdatasync fail
 //   FAULT_CREATE=1       files cannot be created
 //   FAULT_NO_CLAIM=1     room cannot be claimed (fallocate: EOPNOTSUPP)
@@ -12,6 +12,8 @@
 //   FAULT_INTERRUPT=1    every other write, claim and sync is interrupted (EINTR)
 //   FAULT_DELAY_MS=MS    every write takes this long
 //   FAULT_STALL_MS=MS    one write takes this long: the first after FAULT_STALL_AFTER bytes
+//   FAULT_COPY=FILE      another program copies FILE over it, as cp does: before the first read after FAULT_COPY_AFTER
+//                        bytes. A writer reads before a series of writes, not within
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
@@ -23,6 +25,7 @@
 #include <ctime>
 #include <dlfcn.h>
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 namespace {
@@ -36,12 +39,16 @@ const char* const kPath = std::getenv("FAULT_PATH");
 const int kError = static_cast<int>(number("FAULT_ERRNO", EIO));
 const std::int64_t kRoom = number("FAULT_ROOM", INT64_MAX), kAfter = number("FAULT_AFTER", INT64_MAX),
                    kShort = number("FAULT_SHORT", INT64_MAX), kDelay = number("FAULT_DELAY_MS", 0),
-                   kStall = number("FAULT_STALL_MS", 0), kStallAfter = number("FAULT_STALL_AFTER", 0);
+                   kBack = number("FAULT_BACK_MS", INT64_MAX), kStall = number("FAULT_STALL_MS", 0),
+                   kStallAfter = number("FAULT_STALL_AFTER", 0), kCopyAfter = number("FAULT_COPY_AFTER", 0);
+const char* const kCopy = std::getenv("FAULT_COPY");
 const bool kSync = number("FAULT_SYNC", 0) != 0, kCreate = number("FAULT_CREATE", 0) != 0,
            kNoClaim = number("FAULT_NO_CLAIM", 0) != 0, kInterrupt = number("FAULT_INTERRUPT", 0) != 0;
 
 std::atomic<std::int64_t> written{0}, calls{0};
-std::atomic<bool> stalled{false};
+std::atomic<bool> stalled{false}, copied{false};
+std::atomic<ino_t> full{0};        ///< the file that met the end of the room
+std::atomic<std::int64_t> met{0};  ///< when a fault that may be over was first met [ms]
 
 template <class Function>
 Function* next(const char* name) {
@@ -68,13 +75,35 @@ void wait(std::int64_t milliseconds) {
   }
 }
 
+/// Whether a fault of the disk, met now at the latest, goes on.
+bool goes_on() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  const std::int64_t ms = std::int64_t{1000} * now.tv_sec + now.tv_nsec / 1'000'000;
+  std::int64_t none = 0;
+  met.compare_exchange_strong(none, ms);
+  return ms - met.load() < kBack;
+}
+
+/// How far this file may reach.
+std::int64_t room_of(int descriptor, std::int64_t end) {
+  if (kRoom == INT64_MAX) return kRoom;
+  struct stat status {};
+  if (fstat(descriptor, &status) != 0) return kRoom;
+  ino_t none = 0;
+  if (end > kRoom) full.compare_exchange_strong(none, status.st_ino);
+  const ino_t met_by = full.load();
+  if (met_by == 0 || !goes_on()) return met_by == 0 ? kRoom : INT64_MAX;
+  return met_by == status.st_ino ? kRoom : 0;
+}
+
 /// True when the call fails; errno says why.
 bool fails(bool fault, bool may_be_interrupted = true) {
   if (kInterrupt && may_be_interrupted && calls.fetch_add(1) % 2 == 0) {
     errno = EINTR;
     return true;
   }
-  if (fault || written.load() >= kAfter) {
+  if (fault || (written.load() >= kAfter && goes_on())) {
     errno = kError;
     return true;
   }
@@ -82,11 +111,12 @@ bool fails(bool fault, bool may_be_interrupted = true) {
 }
 
 /// How much of a write of `count` bytes at `offset` may be done; -1: none, errno says why.
-ssize_t allowed(std::int64_t count, std::int64_t offset) {
+ssize_t allowed(int descriptor, std::int64_t count, std::int64_t offset) {
   if (kDelay > 0) wait(kDelay);
   if (kStall > 0 && written.load() >= kStallAfter && !stalled.exchange(true)) wait(kStall);
-  if (fails(count > 0 && offset >= kRoom)) return -1;
-  return std::min({count, kShort, kRoom - offset});
+  const std::int64_t room = room_of(descriptor, offset + count);
+  if (fails(count > 0 && offset >= room)) return -1;
+  return std::min({count, kShort, room - offset});
 }
 
 int claim(const char* call, int descriptor, int mode, off_t offset, off_t length) {
@@ -95,7 +125,7 @@ int claim(const char* call, int descriptor, int mode, off_t offset, off_t length
       errno = EOPNOTSUPP;
       return -1;
     }
-    if (fails(offset + length > kRoom)) return -1;
+    if (fails(offset + length > room_of(descriptor, offset + length))) return -1;
   }
   return next<int(int, int, off_t, off_t)>(call)(descriptor, mode, offset, length);
 }
@@ -115,12 +145,29 @@ int open_at(const char* call, const char* path, int flags, mode_t mode) {
 
 ssize_t write_at(const char* call, int descriptor, const void* bytes, size_t count, off_t offset) {
   if (ours(descriptor)) {
-    const ssize_t some = allowed(static_cast<std::int64_t>(count), offset);
+    const ssize_t some = allowed(descriptor, static_cast<std::int64_t>(count), offset);
     if (some < 0) return -1;
     written += some;
     count = static_cast<size_t>(some);
   }
   return next<ssize_t(int, const void*, size_t, off_t)>(call)(descriptor, bytes, count, offset);
+}
+
+void copy_over(int descriptor) {
+  char link[64], bytes[4096];
+  std::snprintf(link, sizeof link, "/proc/self/fd/%d", descriptor);
+  const int to = next<int(const char*, int, ...)>("open")(link, O_WRONLY | O_TRUNC);
+  const int from = next<int(const char*, int, ...)>("open")(kCopy, O_RDONLY);
+  for (ssize_t count; (count = read(from, bytes, sizeof bytes)) > 0;)
+    if (next<ssize_t(int, const void*, size_t)>("write")(to, bytes, static_cast<size_t>(count)) != count) std::abort();
+  close(from);
+  close(to);
+}
+
+ssize_t read_at(const char* call, int descriptor, void* bytes, size_t count, off_t offset) {
+  if (kCopy != nullptr && written.load() >= kCopyAfter && ours(descriptor) && !copied.exchange(true))
+    copy_over(descriptor);
+  return next<ssize_t(int, void*, size_t, off_t)>(call)(descriptor, bytes, count, offset);
 }
 
 mode_t mode_of(int flags, va_list arguments) {
@@ -139,9 +186,17 @@ ssize_t pwrite64(int descriptor, const void* bytes, size_t count, off_t offset) 
   return write_at("pwrite64", descriptor, bytes, count, offset);
 }
 
+ssize_t pread(int descriptor, void* bytes, size_t count, off_t offset) {
+  return read_at("pread", descriptor, bytes, count, offset);
+}
+
+ssize_t pread64(int descriptor, void* bytes, size_t count, off_t offset) {
+  return read_at("pread64", descriptor, bytes, count, offset);
+}
+
 ssize_t write(int descriptor, const void* bytes, size_t count) {
   if (ours(descriptor)) {
-    const ssize_t some = allowed(static_cast<std::int64_t>(count), lseek(descriptor, 0, SEEK_CUR));
+    const ssize_t some = allowed(descriptor, static_cast<std::int64_t>(count), lseek(descriptor, 0, SEEK_CUR));
     if (some < 0) return -1;
     written += some;
     count = static_cast<size_t>(some);
@@ -158,7 +213,7 @@ int fallocate64(int descriptor, int mode, off_t offset, off_t length) {
 }
 
 int ftruncate(int descriptor, off_t length) noexcept {
-  if (ours(descriptor) && fails(length > kRoom, false)) return -1;
+  if (ours(descriptor) && fails(length > room_of(descriptor, length), false)) return -1;
   return next<int(int, off_t)>("ftruncate")(descriptor, length);
 }
 

@@ -4,7 +4,7 @@
 //   ring=8 flush=0.1 sync=0 split= deflate=0 precision=
 //   counter=FILE    16 bytes, shared: how many samples were pushed, and the time of the newest [ns]
 // Row i has the position x = 1e-6 |i mod 100000 - 50000| m.
-#include "player/playback.h"
+#include "player/playback/playback.h"
 #include "player/record.h"
 
 #include <csignal>

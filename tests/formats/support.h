@@ -1,8 +1,8 @@
 // What the tests of formats share: a folder of their own, sessions from a seed, and errors checked by their text.
 #pragma once
 
-#include "control/error.h"
-#include "formats/recording_layout.h"
+#include "base/error.h"
+#include "formats/recording/recording_layout.h"
 #include "tests/support/temp_folder.h"
 
 #include <cstring>

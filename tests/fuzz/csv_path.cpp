@@ -1,5 +1,5 @@
 // A path as CSV.
-#include "formats/path_file.h"
+#include "formats/path/path_file.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace haptrace;

@@ -2,7 +2,7 @@
 // with an Error, and nothing else.
 #pragma once
 
-#include "control/error.h"
+#include "base/error.h"
 #include "tests/support/temp_folder.h"
 
 #include <cstddef>

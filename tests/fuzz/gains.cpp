@@ -1,7 +1,7 @@
 // Gains as JSON.
-#include "control/types.h"
-#include "formats/json_reader.h"
-#include "player/playback.h"
+#include "base/json_reader.h"
+#include "base/types.h"
+#include "player/playback/playback.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace haptrace;

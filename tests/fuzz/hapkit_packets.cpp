@@ -1,6 +1,6 @@
 // What comes on a Hapkit's line, either way: a packet is found where a whole one is, and nowhere else; the board's
 // motor is off unless it was greeted.
-#include "samples/hapkit/hapkit_board.h"
+#include "devices/hapkit/hapkit_board.h"
 #include "tests/fuzz/fuzz.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // Writes the recordings of the corpus, as small as they can be: a finished one, one of every column, one whose writer
 // died, a first part, one that was packed and one that was rounded.
 //   fuzz_make_recordings FOLDER
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 
 #include <cstdio>
 

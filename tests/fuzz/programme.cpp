@@ -1,7 +1,7 @@
 // A programme as JSON: what reads as one has exercises that can be followed.
-#include "formats/programme.h"
+#include "formats/documents/programme.h"
 
-#include "formats/json_reader.h"
+#include "base/json_reader.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace haptrace;

@@ -1,7 +1,7 @@
 // A recording: what plays it reads it, and what checks it checks it.
-#include "formats/recording.h"
+#include "formats/recording/recording.h"
 
-#include "formats/path_file.h"
+#include "formats/path/path_file.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace haptrace;

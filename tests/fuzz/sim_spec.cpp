@@ -1,7 +1,7 @@
 // A simulated device as JSON: what reads as one can be built and moved.
+#include "base/json_reader.h"
 #include "devices/sim/sim_device.h"
 #include "devices/sim/spec.h"
-#include "formats/json_reader.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace haptrace;

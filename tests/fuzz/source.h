@@ -1,7 +1,7 @@
 // What every reader of recordings promises, whatever the file.
 #pragma once
 
-#include "formats/recording_formats.h"
+#include "formats/recording/recording_formats.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace haptrace::fuzz {
@@ -13,7 +13,7 @@ void read_to_end(const std::uint8_t* data, std::size_t size, const Open& open) {
   for (const bool any_order : {false, true})
     answer([&] {
       const auto source = open(file, any_order);
-      std::optional<std::int64_t> before;
+      std::optional<Sample> before;
       for (auto block = source->next(); !block.empty(); block = source->next())
         if (!any_order) check_order(block, before, file);
       require(source->fraction() >= 0 && source->fraction() <= 1);

@@ -1,5 +1,5 @@
 // Commands that tune a session, a line each.
-#include "player/live_tuning.h"
+#include "player/tuning/live_tuning.h"
 #include "tests/fuzz/fuzz.h"
 
 #include <algorithm>

@@ -1,10 +1,10 @@
 // The guard against vibration in sessions on simulated devices, in virtual time: loops that vibrate by themselves are
 // noticed and calm or ended in time, and what hands do is left alone. docs/monitor.md has the figures of many more.
 #include "control/filters.h"
-#include "control/shapes.h"
-#include "devices/servo_loop.h"
+#include "control/path/shapes.h"
+#include "devices/loop/servo_loop.h"
 #include "devices/sim/sim_device.h"
-#include "player/playback.h"
+#include "player/playback/playback.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/scripted.h"
 

@@ -1,8 +1,8 @@
 // Calibrated playback on devices that are not our simulator's: a plug-in with physics of its own, behind the ABI.
-#include "control/shapes.h"
+#include "control/path/shapes.h"
 #include "devices/registry.h"
-#include "player/calibration.h"
-#include "player/playback.h"
+#include "player/calibration/calibration.h"
+#include "player/playback/playback.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>

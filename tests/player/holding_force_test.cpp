@@ -1,10 +1,10 @@
 // Forces that meet a hand that does not yield, on the way to the start, along the path and at its end.
+#include "control/path/shapes.h"
 #include "control/resistance_timer.h"
-#include "control/shapes.h"
 #include "devices/registry.h"
-#include "formats/path_source.h"
-#include "player/guide.h"
-#include "player/playback.h"
+#include "formats/path/path_source.h"
+#include "player/guidance/guide.h"
+#include "player/playback/playback.h"
 #include "tests/support/point_mass.h"
 
 #include <gmock/gmock.h>
@@ -71,6 +71,23 @@ TEST(HoldingForce, DecaysWithinSecondsAndThenEndsAPlaybackThatPausesOrSoftens) {
       if (seconds_of(sample) > 8) {
         ASSERT_LT(sample.force.norm(), 1.15 * kContinuous) << seconds_of(sample);
       }
+  }
+}
+
+TEST(HoldingForce, EndsAPlaybackAlsoWhereTheDeviceMayHoldItsPeakForEver) {
+  for (const DeviationPolicy policy : {DeviationPolicy::pause, DeviationPolicy::soften, DeviationPolicy::stop}) {
+    SCOPED_TRACE(to_string(policy));
+    Log log;
+    PlayOptions options;
+    options.playback.on_deviation = policy;
+    options.playback.max_deviation = policy == DeviationPolicy::stop ? 0.1 : 0.01;
+    options.playback.repetitions = 100;
+    options.playback.hold = 60;
+    options.session.limits.max_continuous_force = kPeak;
+    const SessionResult result = played(circle(0.02), options, log);
+    EXPECT_EQ(result.servo.cause, StopCause::resistance);
+    EXPECT_TRUE(log.has(EventCode::force_resisted));
+    EXPECT_LT(result.servo.duration, kPatienceOfPause + 15);
   }
 }
 

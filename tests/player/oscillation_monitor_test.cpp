@@ -3,10 +3,10 @@
 #include "control/oscillation_monitor.h"
 
 #include "control/filters.h"
-#include "control/shapes.h"
-#include "devices/servo_loop.h"
+#include "control/path/shapes.h"
+#include "devices/loop/servo_loop.h"
 #include "devices/sim/sim_device.h"
-#include "player/playback_controller.h"
+#include "player/playback/playback_controller.h"
 
 #include <algorithm>
 #include <functional>

@@ -1,12 +1,12 @@
 // Sessions that the tests of reports read: recordings written as a session writes them, of hands that are known.
 #pragma once
 
-#include "control/min_jerk.h"
-#include "control/shapes.h"
-#include "figures/recorded_trial.h"
-#include "formats/path_file.h"
-#include "formats/recording.h"
-#include "formats/session_log.h"
+#include "control/path/min_jerk.h"
+#include "control/path/shapes.h"
+#include "formats/documents/session_log.h"
+#include "formats/path/path_file.h"
+#include "formats/recording/recording.h"
+#include "metrics/recorded_trial.h"
 #include "tests/support/temp_folder.h"
 
 #include <cmath>

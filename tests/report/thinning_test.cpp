@@ -1,6 +1,6 @@
 #include "report/thinning.h"
 
-#include "figures/polyline.h"
+#include "metrics/polyline.h"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // Laws of everything that a hand can touch, then what is special about each.
-#include "formats/json_reader.h"
+#include "base/json_reader.h"
 #include "scene/scene_file.h"
 #include "scene/sphere.h"
 #include "scene/wall.h"

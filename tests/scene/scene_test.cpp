@@ -1,6 +1,6 @@
 // Scene files, scenes, and sessions in which a hand touches them.
-#include "formats/json_reader.h"
-#include "formats/recording.h"
+#include "base/json_reader.h"
+#include "formats/recording/recording.h"
 #include "player/record.h"
 #include "scene/scene_file.h"
 #include "tests/support/allocations.h"

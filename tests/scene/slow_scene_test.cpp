@@ -1,10 +1,10 @@
 // A scene at a rate of its own: what is sent in between, how wrong that is, and whose threads do what.
 #include "scene/slow_scene.h"
 
-#include "control/path.h"
+#include "base/json_reader.h"
+#include "control/path/path.h"
 #include "devices/registry.h"
-#include "formats/json_reader.h"
-#include "formats/path_file.h"
+#include "formats/path/path_file.h"
 #include "player/record.h"
 #include "scene/scene_file.h"
 #include "tests/support/allocations.h"

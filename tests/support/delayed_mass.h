@@ -1,8 +1,8 @@
 // The plant that the tracking law reckons with, in the open: tests see its truth.
 #pragma once
 
-#include "control/plant_model.h"
-#include "control/types.h"
+#include "base/types.h"
+#include "control/design/plant_model.h"
 
 #include <cmath>
 #include <deque>

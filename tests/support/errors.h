@@ -1,7 +1,7 @@
 // Errors checked by their text.
 #pragma once
 
-#include "control/error.h"
+#include "base/error.h"
 
 #include <gtest/gtest.h>
 #include <string>

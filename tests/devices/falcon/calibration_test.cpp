@@ -1,6 +1,6 @@
 #include "devices/falcon/calibration.h"
 
-#include "formats/json_reader.h"
+#include "base/json_reader.h"
 #include "tests/devices/support.h"
 #include "tests/support/allocations.h"
 

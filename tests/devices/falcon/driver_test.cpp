@@ -1,6 +1,6 @@
 #include "devices/falcon/driver.h"
 
-#include "devices/clock.h"
+#include "devices/loop/clock.h"
 #include "tests/devices/falcon/scripted_link.h"
 #include "tests/devices/support.h"
 #include "tests/support/real_time.h"

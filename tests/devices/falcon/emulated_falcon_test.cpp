@@ -1,7 +1,7 @@
 #include "devices/falcon/emulated_falcon.h"
 
-#include "devices/clock.h"
 #include "devices/falcon/kinematics.h"
+#include "devices/loop/clock.h"
 #include "tests/devices/support.h"
 #include "tests/support/real_time.h"
 

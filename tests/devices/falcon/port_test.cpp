@@ -1,5 +1,5 @@
+#include "devices/check/usb_devices.h"
 #include "devices/falcon/usb_link.h"
-#include "devices/usb_devices.h"
 #include "tests/devices/support.h"
 #include "tests/support/real_time.h"
 

@@ -1,12 +1,12 @@
 // Programs of others on an emulated Falcon: every test here runs under LD_PRELOAD of libhaptrace-falcon-usb.so, and
 // calls libusb as such programs do. The system's libusb is not asked.
-#include "devices/clock.h"
 #include "devices/falcon/calibration.h"
 #include "devices/falcon/driver.h"
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/protocol.h"
 #include "devices/falcon/usb_link.h"
-#include "devices/threaded_device.h"
+#include "devices/loop/clock.h"
+#include "devices/loop/threaded_device.h"
 #include "tests/devices/support.h"
 
 #include <gmock/gmock.h>

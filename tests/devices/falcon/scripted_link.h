@@ -1,7 +1,7 @@
 // A Falcon's link whose other end is a few lines of a test.
 #pragma once
 
-#include "control/error.h"
+#include "base/error.h"
 #include "devices/falcon/link.h"
 #include "devices/falcon/protocol.h"
 

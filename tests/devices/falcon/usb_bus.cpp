@@ -1,6 +1,6 @@
 #include "tests/devices/falcon/usb_bus.h"
 
-#include "devices/clock.h"
+#include "devices/loop/clock.h"
 #include "tests/devices/falcon/usb_client.h"
 #include "tests/devices/falcon/usb_server.h"
 

@@ -1,8 +1,8 @@
 // Hosts of a Falcon that die or stand still: what remains in the motors.
-#include "devices/clock.h"
 #include "devices/falcon/driver.h"
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"
+#include "devices/loop/clock.h"
 #include "devices/registry.h"
 #include "tests/devices/falcon/usb_support.h"
 #include "tests/devices/support.h"

@@ -1,8 +1,8 @@
 // The Novint Falcon over an unmodified libusb, down to an emulated chip.
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"
-#include "devices/recovering_device.h"
-#include "devices/servo_loop.h"
+#include "devices/loop/recovering_device.h"
+#include "devices/loop/servo_loop.h"
 #include "tests/devices/device_laws.h"
 #include "tests/devices/falcon/usb_support.h"
 #include "tests/devices/guardian_laws.h"

@@ -1,7 +1,7 @@
 #include "devices/hapkit/hapkit.h"
 
-#include "formats/json_reader.h"
-#include "samples/hapkit/hapkit_board.h"
+#include "base/json_reader.h"
+#include "devices/hapkit/hapkit_board.h"
 #include "tests/devices/serial/support.h"
 #include "tests/support/real_time.h"
 

@@ -1,5 +1,5 @@
 /* The sketch's header as C reads it, for hapkit_test.cpp to compare with C++. */
-#include "samples/hapkit/hapkit_board.h"
+#include "devices/hapkit/hapkit_board.h"
 
 unsigned hapkit_c_round_trip(unsigned char kind, unsigned sequence, long position, int duty, unsigned char* bytes);
 

@@ -1,7 +1,7 @@
 #include "devices/haply/inverse3.h"
 
+#include "base/json_reader.h"
 #include "devices/haply/emulated_inverse.h"
-#include "formats/json_reader.h"
 #include "tests/devices/device_laws.h"
 #include "tests/devices/support.h"
 #include "tests/support/real_time.h"

@@ -1,7 +1,7 @@
 #include "devices/haply/kinematics.h"
 
+#include "base/json_reader.h"
 #include "devices/haply/calibration.h"
-#include "formats/json_reader.h"
 #include "tests/devices/support.h"
 
 #include <gmock/gmock.h>

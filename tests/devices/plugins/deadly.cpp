@@ -2,6 +2,7 @@
 //   {"fault":NAME,"tick":N}, at exchange N:
 //     throws, throws_number   an exception          crashes   a null pointer      aborts   abort()
 //     overflows               its stack is used up  exits     exit(0)             hangs    does not return
+//     leaves                  _exit(0)
 //     stoppable               does not return, but can be stopped
 //   and at other times:
 //     open_throws, open_exits, open_crashes         close_hangs, close_throws
@@ -15,6 +16,7 @@
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <unistd.h>
 
 namespace {
 
@@ -36,7 +38,8 @@ int overflow(volatile char* caller) {
   return has_room ? overflow(room) + room[0] : 0;
 }
 
-void crash() {
+// The sanitizer of undefined behaviour would say so instead.
+[[gnu::no_sanitize("undefined")]] void crash() {
   int* volatile nowhere = nullptr;
   *nowhere = 1;
 }
@@ -47,6 +50,7 @@ void fail(const std::string& fault) {
   if (fault == "crashes") crash();
   if (fault == "aborts") std::abort();
   if (fault == "exits") std::exit(0);
+  if (fault == "leaves") _exit(0);
   if (fault == "hangs" || fault == "stoppable") hang();
   if (fault == "overflows") {
     volatile char begin = 0;

@@ -1,5 +1,5 @@
 // A fake of Force Dimension's library: its C interface before a simulated device.
-#include "devices/clock.h"
+#include "devices/loop/clock.h"
 #include "devices/sim/live_plant.h"
 #include "tests/devices/vendor/fake_libraries.h"
 

@@ -1,6 +1,6 @@
 // A fake of OpenHaptics' HD API: its C interface and its servo thread before a simulated device.
-#include "devices/clock.h"
-#include "devices/realtime.h"
+#include "devices/loop/clock.h"
+#include "devices/loop/realtime.h"
 #include "devices/sim/live_plant.h"
 #include "tests/devices/vendor/fake_libraries.h"
 

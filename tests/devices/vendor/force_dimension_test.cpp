@@ -1,6 +1,6 @@
 #include "devices/vendor/force_dimension.h"
 
-#include "devices/threaded_device.h"
+#include "devices/loop/threaded_device.h"
 #include "tests/devices/vendor/support.h"
 #include "tests/support/real_time.h"
 

@@ -1,0 +1,187 @@
+#include "base/json_reader.h"
+
+#include "base/error.h"
+#include "base/suggest.h"
+#include "base/text_file.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fmt/format.h>
+#include <fstream>
+#include <iterator>
+#include <vector>
+
+namespace haptrace {
+namespace {
+
+using nlohmann::json;
+
+/// A value as a person wrote it, short enough for one line.
+std::string shown_json(const json& value) {
+  constexpr std::size_t kLongest = 40;
+  std::string text = value.dump(-1, ' ', false, json::error_handler_t::replace);
+  if (text.size() > kLongest) text = text.substr(0, kLongest) + "...";
+  return text;
+}
+
+[[noreturn]] void wrong_type(const std::string& name, const char* expected, const json& value) {
+  throw input_error(fmt::format("{}: expected {}, found {}", name, expected, shown_json(value)));
+}
+
+double checked_number(const json& value, const std::string& name, const char* expected, double min, double max) {
+  if (!value.is_number()) wrong_type(name, expected, value);
+  const double number = value.get<double>();
+  if (!std::isfinite(number)) throw input_error(fmt::format("{}: {} is not a finite number", name, number));
+  if (number < min) throw input_error(fmt::format("{}: {} is too small; the least is {}", name, number, min));
+  if (number > max) throw input_error(fmt::format("{}: {} is too large; the most is {}", name, number, max));
+  return number;
+}
+
+/// nlohmann's message without its class of exception: "line 3, column 7: syntax error ...".
+std::string reason(const json::exception& error) {
+  const std::string_view what = error.what();
+  for (const std::string_view prefix : {"parse error at ", "] "})
+    if (const auto at = what.find(prefix); at != std::string_view::npos)
+      return std::string(what.substr(at + prefix.size()));
+  return std::string(what);
+}
+
+}  // namespace
+
+json parse_json(const std::string& text, const std::string& where) {
+  constexpr int kDeepest = 100;             // nlohmann's values copy and print themselves by recursion
+  std::vector<std::set<std::string>> keys;  // of the objects that are open
+  const auto refuse = [&](int depth, json::parse_event_t event, const json& parsed) {
+    if (depth > kDeepest) throw input_error(fmt::format("{}: is nested deeper than {} levels", where, kDeepest));
+    if (event == json::parse_event_t::object_start) keys.emplace_back();
+    if (event == json::parse_event_t::object_end) keys.pop_back();
+    if (event == json::parse_event_t::key && !keys.back().insert(parsed.get<std::string>()).second)
+      throw input_error(fmt::format("{}: key '{}' stands twice in one object", where, parsed.get<std::string>()));
+    return true;
+  };
+  try {
+    return json::parse(text, refuse, true, true);
+  } catch (const json::exception& error) {
+    throw input_error(fmt::format("{}: {}", where, reason(error)));
+  }
+}
+
+json load_json(const std::string& file) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(file, ignored)) throw input_error(file + ": is a folder, not a JSON file");
+  std::ifstream stream(file, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(stream), {}};
+  if (!stream) throw input_error(fmt::format("{}: cannot be read: {}", file, std::strerror(errno)));
+  return parse_json(text, file);
+}
+
+void save_json(const json& json, const std::string& file, bool overwrite) {
+  TextWriter writer(file, overwrite);
+  // Texts that are not UTF-8 are kept as well as they can be.
+  writer.text() = json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
+  writer.commit();
+}
+
+JsonReader::JsonReader(const json& object, std::string where) : JsonReader(object, std::move(where), ": ") {}
+
+JsonReader::JsonReader(const json& object, std::string where, const char* separator)
+    : object_(&object), where_(std::move(where)), prefix_(where_ + separator) {
+  if (!object.is_object()) wrong_type(where_, "an object", object);
+}
+
+bool JsonReader::has(const std::string& key) const {
+  return object_->contains(key);
+}
+
+JsonReader& JsonReader::require(const std::string& key) {
+  if (!has(key)) throw input_error(fmt::format("{}: '{}' is missing", where_, key));
+  return *this;
+}
+
+const json* JsonReader::find(const std::string& key) {
+  asked_.insert(key);
+  const auto found = object_->find(key);
+  return found != object_->end() ? &*found : nullptr;
+}
+
+double JsonReader::number(const std::string& key, double fallback, double min, double max) {
+  const json* value = find(key);
+  return value != nullptr ? checked_number(*value, prefix_ + key, "a number", min, max) : fallback;
+}
+
+Vec3 JsonReader::vector(const std::string& key, const Vec3& fallback, double min, double max) {
+  constexpr const char* kExpected = "a number or an array of three numbers";
+  const json* value = find(key);
+  if (value == nullptr) return fallback;
+  const std::string name = prefix_ + key;
+  if (!value->is_array()) return Vec3::Constant(checked_number(*value, name, kExpected, min, max));
+  if (value->size() != 3) wrong_type(name, kExpected, *value);
+  Vec3 result;
+  for (int axis = 0; axis < 3; ++axis)
+    result[axis] = checked_number((*value)[static_cast<std::size_t>(axis)], fmt::format("{}[{}]", name, axis),
+                                  "a number", min, max);
+  return result;
+}
+
+int JsonReader::integer(const std::string& key, int fallback, int min, int max) {
+  const json* value = find(key);
+  if (value == nullptr) return fallback;
+  const double number = checked_number(*value, prefix_ + key, "a whole number", min, max);
+  if (number != std::floor(number)) wrong_type(prefix_ + key, "a whole number", *value);
+  return static_cast<int>(number);
+}
+
+bool JsonReader::boolean(const std::string& key, bool fallback) {
+  const json* value = find(key);
+  if (value == nullptr) return fallback;
+  if (!value->is_boolean()) wrong_type(prefix_ + key, "true or false", *value);
+  return value->get<bool>();
+}
+
+std::string JsonReader::text(const std::string& key, const std::string& fallback) {
+  const json* value = find(key);
+  if (value == nullptr) return fallback;
+  if (!value->is_string()) wrong_type(prefix_ + key, "text in quotes", *value);
+  return value->get<std::string>();
+}
+
+std::string JsonReader::choice(const std::string& key, const std::string& fallback,
+                               std::span<const std::string> known) {
+  std::string word = text(key, fallback);
+  if (std::find(known.begin(), known.end(), word) == known.end())
+    throw input_error(fmt::format("{}{}: '{}' is not known{}", prefix_, key, word, suggestion(word, known)));
+  return word;
+}
+
+json JsonReader::value(const std::string& key) {
+  const json* value = find(key);
+  return value != nullptr ? *value : json(nullptr);
+}
+
+std::optional<JsonReader> JsonReader::object(const std::string& key) {
+  const json* value = find(key);
+  if (value == nullptr) return std::nullopt;
+  return JsonReader(*value, prefix_ + key, ".");
+}
+
+std::vector<JsonReader> JsonReader::objects(const std::string& key) {
+  const json* value = find(key);
+  if (value == nullptr) return {};
+  if (!value->is_array()) wrong_type(prefix_ + key, "an array of objects", *value);
+  std::vector<JsonReader> readers;
+  for (std::size_t i = 0; i < value->size(); ++i)
+    readers.push_back(JsonReader((*value)[i], fmt::format("{}{}[{}]", prefix_, key, i), "."));
+  return readers;
+}
+
+void JsonReader::finish() const {
+  for (const auto& item : object_->items()) {
+    if (asked_.contains(item.key())) continue;
+    const std::vector<std::string> known(asked_.begin(), asked_.end());
+    throw input_error(fmt::format("{}: key '{}' is not known{}", where_, item.key(), suggestion(item.key(), known)));
+  }
+}
+
+}  // namespace haptrace

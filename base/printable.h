@@ -1,0 +1,36 @@
+// Text from files, devices and people, made fit for a terminal.
+#pragma once
+
+#include <cstddef>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <string_view>
+
+namespace haptrace {
+
+/// The character that a text begins with.
+struct Character {
+  std::size_t bytes = 0;  ///< 0: the text begins with none, as far as UTF-8 goes
+  char32_t code = 0;
+};
+Character first_character(std::string_view text);
+
+/// Returns where the first byte stands that is not UTF-8; npos when there is none.
+std::size_t find_invalid_utf8(std::string_view text);
+
+/// Returns `text` with U+FFFD in place of every byte that is not UTF-8, as the texts of a recording must be.
+std::string utf8_text(std::string_view text);
+
+/// Returns `text` with everything that a terminal obeys instead of showing written out: control characters and bytes
+/// that are not UTF-8 as \x1b, characters that turn the direction of writing as \u{202e}. Line feeds too, so that a
+/// title cannot look like a line of ours.
+std::string printable(std::string_view text);
+
+/// Does the same for text of several lines: line feeds and tabs stay.
+std::string printable_lines(std::string_view text);
+
+/// Returns a JSON text in which the same characters are escaped as JSON does. Bytes that are not UTF-8 become U+FFFD.
+/// `indent` below 0: on one line.
+std::string printable_json(const nlohmann::json& json, int indent = 2);
+
+}  // namespace haptrace

@@ -1,0 +1,114 @@
+#include "base/units.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+
+namespace haptrace {
+namespace {
+
+constexpr auto kKnownUnits = std::to_array<Unit>({
+    {"s", "s", 1},
+    {"sec", "s", 1},
+    {"secs", "s", 1},
+    {"second", "s", 1},
+    {"seconds", "s", 1},
+    {"sek", "s", 1},
+    {"ms", "s", 1e3},
+    {"msec", "s", 1e3},
+    {"msecs", "s", 1e3},
+    {"millis", "s", 1e3},
+    {"millisecond", "s", 1e3},
+    {"milliseconds", "s", 1e3},
+    {"us", "s", 1e6},
+    {"usec", "s", 1e6},
+    {"usecs", "s", 1e6},
+    {"micros", "s", 1e6},
+    {"microsecond", "s", 1e6},
+    {"microseconds", "s", 1e6},
+    {"ns", "s", 1e9},
+    {"nsec", "s", 1e9},
+    {"nsecs", "s", 1e9},
+    {"nanosecond", "s", 1e9},
+    {"nanoseconds", "s", 1e9},
+    {"min", "s", 1.0 / 60},
+    {"minutes", "s", 1.0 / 60},
+    {"m", "m", 1},
+    {"meter", "m", 1},
+    {"meters", "m", 1},
+    {"metre", "m", 1},
+    {"metres", "m", 1},
+    {"mm", "m", 1e3},
+    {"millimeter", "m", 1e3},
+    {"millimeters", "m", 1e3},
+    {"millimetre", "m", 1e3},
+    {"millimetres", "m", 1e3},
+    {"cm", "m", 1e2},
+    {"centimeter", "m", 1e2},
+    {"centimeters", "m", 1e2},
+    {"centimetre", "m", 1e2},
+    {"centimetres", "m", 1e2},
+    {"um", "m", 1e6},
+    {"micron", "m", 1e6},
+    {"microns", "m", 1e6},
+    {"micrometer", "m", 1e6},
+    {"micrometers", "m", 1e6},
+    {"micrometre", "m", 1e6},
+    {"micrometres", "m", 1e6},
+    {"in", "m", 1 / 0.0254},
+    {"inch", "m", 1 / 0.0254},
+    {"inches", "m", 1 / 0.0254},
+    {"m/s", "m/s", 1},
+    {"mps", "m/s", 1},
+    {"mm/s", "m/s", 1e3},
+    {"cm/s", "m/s", 1e2},
+    {"um/s", "m/s", 1e6},
+    {"in/s", "m/s", 1 / 0.0254},
+    {"n", "N", 1},
+    {"newton", "N", 1},
+    {"newtons", "N", 1},
+    {"mn", "N", 1e3},
+    {"millinewton", "N", 1e3},
+    {"millinewtons", "N", 1e3},
+    {"nm", "N m", 1},
+    {"mnm", "N m", 1e3},
+    {"nmm", "N m", 1e3},
+});
+
+}  // namespace
+
+std::span<const Unit> units() {
+  return kKnownUnits;
+}
+
+std::string lower_case(std::string_view text) {
+  std::string result;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto c = static_cast<unsigned char>(text[i]);
+    const auto next = i + 1 < text.size() ? static_cast<unsigned char>(text[i + 1]) : 0U;
+    if ((c == 0xC2 && next == 0xB5) || (c == 0xCE && next == 0xBC)) {  // U+00B5, U+03BC
+      result += 'u';
+      ++i;
+    } else {
+      result += c == 0xB5 ? 'u' : static_cast<char>(c < 0x80 ? std::tolower(c) : c);
+    }
+  }
+  return result;
+}
+
+const Unit* find_unit(std::string_view text, std::string_view si) {
+  std::string name = lower_case(text);
+  for (const char* dot : {"\xC2\xB7", "\xE2\x8B\x85"})  // between N and m
+    if (const std::size_t at = name.find(dot); at != std::string::npos) name.erase(at, std::string_view(dot).size());
+  std::erase_if(name, [](char c) { return std::string_view(" \t.*[](){}\"'").find(c) != std::string_view::npos; });
+  if (name == "ms^-1" || name == "ms-1") name = "m/s";
+  const auto fits = [&](const Unit& unit) {
+    return unit.name == name && (si.empty() ? unit.name != "nm" : unit.si == si);
+  };
+  const auto* const found = std::find_if(kKnownUnits.begin(), kKnownUnits.end(), fits);
+  if (found == kKnownUnits.end()) return nullptr;
+  return std::find_if(kKnownUnits.begin(), kKnownUnits.end(),
+                      [&](const Unit& unit) { return unit.si == found->si && unit.per_si == found->per_si; });
+}
+
+}  // namespace haptrace

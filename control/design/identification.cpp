@@ -1,0 +1,807 @@
+#include "control/design/identification.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/QR>
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <fmt/format.h>
+#include <limits>
+#include <numbers>
+
+namespace haptrace {
+namespace {
+
+using Complex = std::complex<double>;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double kTwoPi = 2 * std::numbers::pi;
+constexpr double kInterval = 1.96;  // standard deviations of a 95 % interval
+
+// What the model leaves out, friction that changes sides under the dither and actuators that hardly move, is no noise
+// that a fit could see: twice the standard deviation of what it cost over random simulated devices, as shares.
+constexpr double kMassLeftOut = 0.04;
+constexpr double kFrictionLeftOut = 0.1;
+constexpr double kDelayLeftOut = 0.1e-3;  // [s]
+
+// ------------------------------------------------------------------------------------------------ linear algebra
+
+// Of one type each, since Eigen is compiled anew for every other: written out below, these took most of a minute.
+
+MatrixXd product(const MatrixXd& a, const MatrixXd& b) {
+  return a * b;
+}
+
+MatrixXd transposed_product(const MatrixXd& a, const MatrixXd& b) {
+  return a.transpose() * b;
+}
+
+/// Solves A X = B for a symmetric A without negative eigenvalues.
+MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b) {
+  return a.ldlt().solve(b);
+}
+
+/// Computes the X for which A X is nearest to B.
+MatrixXd least_squares(const MatrixXd& a, const MatrixXd& b) {
+  return a.colPivHouseholderQr().solve(b);
+}
+
+/// Computes what A X lacks of B with that X.
+MatrixXd least_squares_rest(const MatrixXd& a, const MatrixXd& b) {
+  return b - product(a, least_squares(a, b));
+}
+
+// ---------------------------------------------------------------------------------------------------- the lines
+
+/// Position and force at one line, coherent over every window.
+struct Line {
+  double w = 0;  ///< [rad/s]
+  Eigen::Vector3cd position = Eigen::Vector3cd::Zero(), force = Eigen::Vector3cd::Zero();
+};
+
+struct Spectrum {
+  std::vector<Line> lines;
+  double noise = 0;  ///< standard deviation of a position amplitude, per component [m]
+};
+
+/// Amplitudes in windows of one period by least squares rather than by correlation, so that missed ticks do no harm.
+class SpectrumEstimator {
+ public:
+  SpectrumEstimator(const Multisine& dither, double rate_hz) : period_(dither.period()), rate_hz_(rate_hz) {
+    for (int axis = 0; axis < 3; ++axis)
+      for (const SpectralLine& line : dither.lines(axis)) frequencies_.push_back(line.frequency_hz);
+    std::sort(frequencies_.begin(), frequencies_.end());
+    sums_.resize(frequencies_.size());
+    for (std::size_t i = 0; i < frequencies_.size(); ++i) sums_[i].w = kTwoPi * frequencies_[i];
+  }
+
+  void add(std::span<const TickRow> rows) {
+    for (std::size_t begin = 0; begin < rows.size();) {
+      std::size_t end = begin;
+      while (end < rows.size() && rows[end].time < rows[begin].time + period_ - 0.25 / rate_hz_) ++end;
+      add_window(rows.subspan(begin, end - begin));
+      begin = end;
+    }
+  }
+
+  [[nodiscard]] Spectrum spectrum() const {
+    Spectrum result;
+    if (windows_ == 0) return result;
+    result.lines = sums_;
+    for (Line& line : result.lines) {
+      line.position /= windows_;
+      line.force /= windows_;
+    }
+    result.noise = std::sqrt(2 * residual_ / (3 * samples_) / samples_);
+    return result;
+  }
+
+ private:
+  static constexpr int kTrend = 4;           // powers of time
+  static constexpr double kSlowest = 40;     // up to which the slow movement's harmonics are taken along [Hz]
+  static constexpr double kCoverage = 0.95;  // of a window, that must have been sampled
+
+  void add_window(std::span<const TickRow> rows) {
+    if (static_cast<double>(rows.size()) < kCoverage * period_ * rate_hz_) return;
+    const auto harmonics = static_cast<int>(kSlowest * period_ / 2);
+    const auto n = static_cast<Eigen::Index>(rows.size());
+    const auto lines = static_cast<Eigen::Index>(frequencies_.size());
+    const Eigen::Index first_line = kTrend + 2 * harmonics;
+    MatrixXd basis(n, first_line + 2 * lines);
+    MatrixXd data(n, 6);
+    const auto put = [&](Eigen::Index row, Eigen::Index column, double angle) {
+      basis(row, column) = std::cos(angle);
+      basis(row, column + 1) = std::sin(angle);
+    };
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const TickRow& row = rows[static_cast<std::size_t>(k)];
+      const double s = 2 * (row.time - rows.front().time) / period_ - 1;
+      for (int power = 0; power < kTrend; ++power) basis(k, power) = std::pow(s, power);
+      for (int h = 0; h < harmonics; ++h) put(k, kTrend + 2 * h, kTwoPi * 2 * (h + 1) / period_ * row.time);
+      for (Eigen::Index i = 0; i < lines; ++i)
+        put(k, first_line + 2 * i, kTwoPi * frequencies_[static_cast<std::size_t>(i)] * row.time);
+      for (int axis = 0; axis < 3; ++axis) {
+        data(k, axis) = row.position[axis] - rows.front().position[axis];
+        data(k, axis + 3) = row.force[axis];
+      }
+    }
+    const MatrixXd amplitudes = solve_symmetric(transposed_product(basis, basis), transposed_product(basis, data));
+    for (Eigen::Index i = 0; i < lines; ++i)
+      for (Eigen::Index axis = 0; axis < 3; ++axis) {
+        // A cos + B sin is the real part of (A - jB) e^{jwt}.
+        const Eigen::Index c = first_line + 2 * i;
+        Line& line = sums_[static_cast<std::size_t>(i)];
+        line.position[axis] += Complex(amplitudes(c, axis), -amplitudes(c + 1, axis));
+        line.force[axis] += Complex(amplitudes(c, axis + 3), -amplitudes(c + 1, axis + 3));
+      }
+    residual_ += (data - product(basis, amplitudes)).leftCols(3).squaredNorm();
+    samples_ += static_cast<double>(n);
+    ++windows_;
+  }
+
+  double period_, rate_hz_;
+  std::vector<double> frequencies_;
+  std::vector<Line> sums_;
+  double residual_ = 0, samples_ = 0;
+  double windows_ = 0;
+};
+
+/// The response at the lines as the header states it.
+class MobilityFit {
+ public:
+  struct Result {
+    Vec3 mass = Vec3::Zero(), mass_half = Vec3::Zero();
+    double delay = 0, delay_half = 0;
+    double residual = 0;
+    Eigen::Matrix3d mobility = Eigen::Matrix3d::Zero();
+  };
+
+  MobilityFit(Spectrum spectrum, const std::array<bool, 3>& axes, double rate_hz)
+      : spectrum_(std::move(spectrum)), period_(1 / rate_hz) {
+    for (int axis = 0; axis < 3; ++axis)
+      if (axes[static_cast<std::size_t>(axis)]) axes_.push_back(axis);
+  }
+
+  [[nodiscard]] Result run() const {
+    Eigen::Vector2d best(0, kLag);
+    double least = cost(best);
+    for (double delay = 0; delay <= kLongestDelay + 8 * period_; delay += kDelayStep)
+      if (const double c = cost({delay, kLag}); c < least) {
+        least = c;
+        best.x() = delay;
+      }
+    refine(best, least);
+    return conclude(best);
+  }
+
+ private:
+  static constexpr int kPowers = 4;               // of 1 / s that stand for what holds the device
+  static constexpr double kModelError = 0.02;     // share of a response that the model is not trusted with
+  static constexpr double kLag = 0.5e-3;          // of an actuator and its amplifier, expected [s]
+  static constexpr double kLagSpread = 0.3e-3;    // [s]
+  static constexpr double kLongestDelay = 10e-3;  // [s]
+  static constexpr double kDelayStep = 0.1e-3;    // [s]
+  static constexpr double kScale = kTwoPi * 50;   // of frequencies, for the condition of the least squares [rad/s]
+
+  [[nodiscard]] Eigen::Index axes() const { return static_cast<Eigen::Index>(axes_.size()); }
+  [[nodiscard]] Eigen::Index columns() const { return axes() * (1 + kPowers); }
+  [[nodiscard]] Eigen::Index rows() const { return 2 * static_cast<Eigen::Index>(spectrum_.lines.size()); }
+
+  [[nodiscard]] double sigma(const Line& line, int axis) const {
+    return std::hypot(spectrum_.noise, kModelError * std::abs(line.position[axis]), 1e-12);
+  }
+
+  /// Weighted regressors and response of one axis; complex equations as two real ones.
+  void equations(const Eigen::Vector2d& theta, int axis, MatrixXd& regressors, VectorXd& response) const {
+    regressors.resize(rows(), columns());
+    response.resize(rows());
+    for (Eigen::Index l = 0; l < rows() / 2; ++l) {
+      const Line& line = spectrum_.lines[static_cast<std::size_t>(l)];
+      const double weight = 1 / sigma(line, axis);
+      const double half = 0.5 * line.w * period_;
+      const Complex held =
+          std::polar(std::sin(half) / half, -half - line.w * theta.x()) / Complex(1, line.w * theta.y());
+      const auto put = [&](Eigen::Index column, Complex value) {
+        regressors(2 * l, column) = weight * value.real();
+        regressors(2 * l + 1, column) = weight * value.imag();
+      };
+      for (Eigen::Index i = 0; i < axes(); ++i) {
+        const int other = axes_[static_cast<std::size_t>(i)];
+        put(i, -held * line.force[other] / (line.w * line.w));
+        Complex power = 1;
+        for (Eigen::Index p = 1; p <= kPowers; ++p) {
+          power /= Complex(0, line.w / kScale);
+          put(p * axes() + i, line.position[other] * power);
+        }
+      }
+      response[2 * l] = weight * line.position[axis].real();
+      response[2 * l + 1] = weight * line.position[axis].imag();
+    }
+  }
+
+  /// Of every axis, with the best mobility for this delay and lag; last what is expected of the lag.
+  [[nodiscard]] VectorXd residuals(const Eigen::Vector2d& theta) const {
+    VectorXd all(axes() * rows() + 1);
+    MatrixXd regressors;
+    VectorXd response;
+    for (Eigen::Index i = 0; i < axes(); ++i) {
+      equations(theta, axes_[static_cast<std::size_t>(i)], regressors, response);
+      all.segment(i * rows(), rows()) = least_squares_rest(regressors, response);
+    }
+    all[all.size() - 1] = (theta.y() - kLag) / kLagSpread;
+    return all;
+  }
+
+  [[nodiscard]] double cost(const Eigen::Vector2d& theta) const { return residuals(theta).squaredNorm(); }
+
+  /// Columns: d residual / d delay, d residual / d lag.
+  [[nodiscard]] MatrixXd slopes(const Eigen::Vector2d& theta) const {
+    constexpr double kStep = 1e-6;  // [s]
+    MatrixXd result(axes() * rows() + 1, 2);
+    for (int i = 0; i < 2; ++i) {
+      Eigen::Vector2d more = theta, less = theta;
+      more[i] += kStep;
+      less[i] -= kStep;
+      result.col(i) = (residuals(more) - residuals(less)) / (2 * kStep);
+    }
+    return result;
+  }
+
+  void refine(Eigen::Vector2d& theta, double least) const {
+    double damping = 1e-3;
+    for (int iteration = 0; iteration < 30 && damping < 1e6; ++iteration) {
+      const VectorXd r = residuals(theta);
+      const MatrixXd j = slopes(theta);
+      MatrixXd normal = transposed_product(j, j);
+      normal.diagonal() *= 1 + damping;
+      Eigen::Vector2d next = theta - solve_symmetric(normal, transposed_product(j, r));
+      next.y() = std::clamp(next.y(), 0.0, 5 * kLag);
+      const double c = cost(next);
+      if (c < least) {
+        const bool settled = least - c < 1e-9 * least;
+        theta = next;
+        least = c;
+        damping *= 0.1;
+        if (settled) return;
+      } else {
+        damping *= 10;
+      }
+    }
+  }
+
+  [[nodiscard]] Result conclude(const Eigen::Vector2d& theta) const {
+    Result result;
+    const VectorXd r = residuals(theta);
+    const double dof = static_cast<double>(r.size() - axes() * columns() - 2);
+    const double variance = std::max(dof > 0 ? r.squaredNorm() / dof : 1.0, 1e-12);
+    const MatrixXd j = slopes(theta);
+    const Eigen::Matrix2d spread = variance * Eigen::Matrix2d(transposed_product(j, j)).inverse();
+    result.delay = std::max(theta.sum(), 0.0);
+    result.delay_half = std::hypot(kInterval * std::sqrt(std::max(spread.sum(), 0.0)), kDelayLeftOut);
+
+    MatrixXd regressors;
+    VectorXd response;
+    double unexplained = 0, seen = 0;
+    for (Eigen::Index i = 0; i < axes(); ++i) {
+      const int axis = axes_[static_cast<std::size_t>(i)];
+      const auto solve = [&](const Eigen::Vector2d& at) -> VectorXd {
+        equations(at, axis, regressors, response);
+        return least_squares(regressors, response);
+      };
+      // How the mobility moves with delay and lag, whose uncertainty it shares.
+      Eigen::Vector2d leaning;
+      constexpr double kStep = 1e-6;
+      for (int t = 0; t < 2; ++t)
+        leaning[t] = (solve(theta + kStep * Eigen::Vector2d::Unit(t))[i] - solve(theta)[i]) / kStep;
+      const VectorXd solution = solve(theta);
+      const MatrixXd covariance =
+          solve_symmetric(transposed_product(regressors, regressors), MatrixXd::Identity(columns(), columns()));
+      const double mobility = solution[i];
+      const double deviation = std::sqrt(variance * covariance(i, i) + leaning.dot(spread * leaning));
+      for (Eigen::Index k = 0; k < axes(); ++k) result.mobility(axis, axes_[static_cast<std::size_t>(k)]) = solution[k];
+      result.mass[axis] = mobility > 0 ? 1 / mobility : 0;
+      result.mass_half[axis] = mobility > 0 ? std::hypot(kInterval * deviation / mobility, kMassLeftOut) / mobility : 0;
+      const VectorXd rest = response - product(regressors, solution);
+      for (std::size_t l = 0; l < spectrum_.lines.size(); ++l) {
+        const Line& line = spectrum_.lines[l];
+        const double scale = line.w * sigma(line, axis);
+        unexplained += scale * scale * rest.segment<2>(2 * static_cast<Eigen::Index>(l)).squaredNorm();
+        seen += line.w * line.w * std::norm(line.position[axis]);
+      }
+    }
+    result.residual = seen > 0 ? std::sqrt(unexplained / seen) : 1;
+    return result;
+  }
+
+  Spectrum spectrum_;
+  double period_;
+  std::vector<int> axes_;
+};
+
+// --------------------------------------------------------------------------------------------------- the sweeps
+
+constexpr double kKernel = 8e-3;      // standard deviation of the Gaussian kernel [s]
+constexpr double kKernelReach = 4;    // standard deviations
+constexpr double kKernelStep = 4e-3;  // between filtered rows [s]
+constexpr int kColumns = 7;
+/// What the force of a sweep is made of. Beyond friction: whatever is linear in the movement, as powers of frequency
+/// from -1 to 4, of which jerk and snap stand for a hand that swings on its grip.
+enum Column { kSign, kSpeed, kAcceleration, kPlace, kIntegral, kJerk, kSnap };
+
+/// One axis of a stretch through the kernel.
+struct Filtered {
+  double time = 0, x = 0, v = 0, a = 0, jerk = 0, snap = 0, u = 0;
+};
+
+/// Position and its derivatives, and the force as the motors had it, through the same Gaussian; nothing where ticks
+/// were missed within its reach.
+std::vector<Filtered> filter(std::span<const TickRow> rows, int axis, double delay, double period) {
+  std::vector<Filtered> result;
+  if (rows.empty()) return result;
+  const double reach = kKernelReach * kKernel;
+  const double until = rows.back().time - reach - delay - period;
+  std::size_t first = 0;
+  for (double t = rows.front().time + reach + delay + period; t < until; t += kKernelStep) {
+    while (rows[first].time < t - reach - delay - period) ++first;
+    Filtered row{.time = t};
+    double ones = 0, forces = 0;
+    bool whole = true;
+    const double origin = rows[first].position[axis];
+    for (std::size_t k = first; k < rows.size() && rows[k].time <= t + reach; ++k) {
+      const double gap = k + 1 < rows.size() ? rows[k + 1].time - rows[k].time : period;
+      whole = whole && gap < 1.5 * period;
+      const double s = (t - rows[k].time) / kKernel, g = std::exp(-0.5 * s * s);
+      const double x = rows[k].position[axis] - origin;
+      ones += g;
+      row.x += g * x;
+      row.v += -s / kKernel * g * x;
+      row.a += (s * s - 1) / (kKernel * kKernel) * g * x;
+      row.jerk += -s * (s * s - 3) / std::pow(kKernel, 3) * g * x;
+      row.snap += (s * s * (s * s - 6) + 3) / std::pow(kKernel, 4) * g * x;
+      const double su = (t - rows[k].time - 0.5 * period - delay) / kKernel, gu = std::exp(-0.5 * su * su);
+      forces += gu;
+      row.u += gu * rows[k].force[axis];
+    }
+    if (!whole || ones == 0 || forces == 0) continue;
+    row.x = row.x / ones + origin;
+    row.v /= ones;
+    row.a /= ones;
+    row.jerk /= ones;
+    row.snap /= ones;
+    row.u /= forces;
+    result.push_back(row);
+  }
+  return result;
+}
+
+/// Least squares that can forget a part of its rows.
+template <int columns>
+struct NormalEquations {
+  using Square = Eigen::Matrix<double, columns, columns>;
+  using Column = Eigen::Matrix<double, columns, 1>;
+  Square g = Square::Zero();
+  Column h = Column::Zero();
+
+  [[nodiscard]] Column solve() const {
+    Column scale;
+    for (int i = 0; i < columns; ++i) scale[i] = g(i, i) > 0 ? 1 / std::sqrt(g(i, i)) : 0;
+    MatrixXd scaled(columns, columns);
+    for (int i = 0; i < columns; ++i)
+      for (int k = 0; k < columns; ++k) scaled(i, k) = scale[i] * g(i, k) * scale[k] + (i == k ? 1e-9 : 0);
+    const Column solution = solve_symmetric(scaled, scale.cwiseProduct(h));
+    return scale.cwiseProduct(solution);
+  }
+};
+using Normal = NormalEquations<kColumns>;
+
+struct SweepFit {
+  double coulomb = 0, viscous = 0, gravity = 0, gradient = 0;
+  double coulomb_half = 0, viscous_half = 0, gravity_half = 0, gradient_half = 0;
+  double residual = 0;     ///< [N]
+  double unexplained = 1;  ///< share of the force, rms
+  std::size_t blocks = 0;  ///< that the intervals rest on
+};
+
+/// What kColumns columns lack of the force, which is the last one.
+VectorXd rest_of(const MatrixXd& columns, const Normal::Column& beta) {
+  Eigen::Matrix<double, kColumns + 1, 1> weights;
+  weights << -beta, 1;
+  return product(columns, weights);
+}
+
+SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
+  struct Block {
+    MatrixXd columns;  ///< kColumns and the force
+  };
+  struct Part {
+    MatrixXd columns, drift;  ///< before the drift was taken out
+  };
+  const double period = 1 / experiment.rate_hz;
+  std::vector<Block> blocks;
+  std::vector<Part> parts;
+  for (const Stretch& stretch : experiment.sweeps[static_cast<std::size_t>(axis)]) {
+    const std::vector<Filtered> rows =
+        filter(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin), axis, delay, period);
+    if (rows.size() < 50) continue;
+    double fastest = 0;
+    int reversals = 0;
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+      fastest = std::max(fastest, std::abs(rows[k].v));
+      if (k > 0 && rows[k].v * rows[k - 1].v < 0) ++reversals;
+    }
+    const double duration = rows.back().time - rows.front().time;
+    const double cycles = std::max(0.5 * reversals, 1.0);
+
+    // What stays: sliding, and not just begun.
+    constexpr std::size_t kAround = 5;
+    std::vector<std::size_t> kept;
+    std::vector<double> integral(rows.size(), 0.0);
+    double mean = 0;
+    for (const Filtered& row : rows) mean += row.x / static_cast<double>(rows.size());
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+      if (k > 0) integral[k] = integral[k - 1] + (rows[k].x - mean) * (rows[k].time - rows[k - 1].time);
+      if (k < kAround || k + kAround >= rows.size()) continue;
+      const auto slides = [&](const Filtered& row) {
+        return std::abs(row.v) > std::max(0.15 * fastest, 0.01) && row.v * rows[k].v > 0;
+      };
+      if (slides(rows[k]) && slides(rows[k - kAround]) && slides(rows[k + kAround])) kept.push_back(k);
+    }
+    if (kept.size() < 30) continue;
+
+    const auto n = static_cast<Eigen::Index>(kept.size());
+    const auto drifts = static_cast<Eigen::Index>(1 + std::floor(cycles));
+    MatrixXd columns(n, kColumns + 1), drift(n, drifts);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const std::size_t k = kept[static_cast<std::size_t>(i)];
+      const Filtered& row = rows[k];
+      const double values[] = {row.v > 0 ? 1.0 : -1.0, row.v, row.a, row.x, integral[k], row.jerk, row.snap, row.u};
+      for (int c = 0; c <= kColumns; ++c) columns(i, c) = values[c];
+      const double s = (row.time - rows.front().time) / duration;
+      for (Eigen::Index d = 0; d < drifts; ++d) drift(i, d) = std::cos(std::numbers::pi * static_cast<double>(d) * s);
+    }
+    const MatrixXd without = least_squares_rest(drift, columns);
+    parts.push_back({columns, drift});
+    const auto pieces = static_cast<Eigen::Index>(std::max(1.0, std::floor(cycles)));
+    for (Eigen::Index p = 0; p < pieces; ++p) {
+      const Eigen::Index begin = n * p / pieces, end = n * (p + 1) / pieces;
+      blocks.push_back({without.middleRows(begin, end - begin)});
+    }
+  }
+
+  SweepFit fit;
+  fit.blocks = blocks.size();
+  if (blocks.size() < 2) return fit;
+  Normal all;
+  std::vector<Normal> own(blocks.size());
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    const MatrixXd all_products = transposed_product(blocks[b].columns, blocks[b].columns);
+    own[b].g = all_products.topLeftCorner<kColumns, kColumns>();
+    own[b].h = all_products.topRightCorner<kColumns, 1>();
+    all.g += own[b].g;
+    all.h += own[b].h;
+  }
+  const Eigen::Matrix<double, kColumns, 1> beta = all.solve();
+  Eigen::Matrix<double, kColumns, 1> variance = Eigen::Matrix<double, kColumns, 1>::Zero();
+  const auto count = static_cast<double>(blocks.size());
+  double squares = 0, forces = 0, rows = 0;
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    Normal others = all;
+    others.g -= own[b].g;
+    others.h -= own[b].h;
+    variance += (others.solve() - beta).cwiseAbs2() * (count - 1) / count;
+    squares += rest_of(blocks[b].columns, beta).squaredNorm();
+    forces += blocks[b].columns.col(kColumns).squaredNorm();
+    rows += static_cast<double>(blocks[b].columns.rows());
+  }
+  const Eigen::Matrix<double, kColumns, 1> half = kInterval * variance.cwiseSqrt();
+  fit.residual = std::sqrt(squares / rows);
+  fit.unexplained = forces > 0 ? std::sqrt(squares / forces) : 1;
+  fit.coulomb = std::max(beta[kSign], 0.0);
+  fit.coulomb_half = std::hypot(half[kSign], kFrictionLeftOut * fit.coulomb);
+  fit.viscous = std::max(beta[kSpeed], 0.0);
+  fit.viscous_half = half[kSpeed];
+  fit.gradient = -beta[kPlace];
+  fit.gradient_half = half[kPlace];
+  // The mean that the drift took along, stretch by stretch.
+  double sum = 0, sum_of_squares = 0;
+  for (const Part& part : parts) {
+    const double mean = least_squares(part.drift, rest_of(part.columns, beta))(0, 0);
+    sum += mean;
+    sum_of_squares += mean * mean;
+  }
+  const auto stretches = static_cast<double>(parts.size());
+  fit.gravity = -sum / stretches;
+  fit.gravity_half = stretches > 1
+                         ? kInterval * std::sqrt(std::max(0.0, sum_of_squares / stretches - fit.gravity * fit.gravity) /
+                                                 (stretches - 1))
+                         : fit.residual;
+  return fit;
+}
+
+// --------------------------------------------------------------------------------------------- the coarse model
+
+/// All movement along the axes at low frequencies, as the header states it.
+class CoarseFit {
+ public:
+  struct Result {
+    Vec3 mass = Vec3::Zero(), mass_half = Vec3::Zero();
+    Vec3 coulomb = Vec3::Zero(), coulomb_half = Vec3::Zero();
+    double delay = 0, delay_half = 0;
+    double residual = 1;  ///< share of the force that is not explained, rms
+  };
+
+  explicit CoarseFit(const Experiment& experiment) : period_(1 / experiment.rate_hz) {
+    for (double delay = 0; delay <= kLongestDelay; delay += kDelayStep) late_.push_back({delay, {}});
+    for (Late& late : late_)
+      for (int axis = 0; axis < 3; ++axis)
+        if (experiment.axes[static_cast<std::size_t>(axis)])
+          late.blocks[static_cast<std::size_t>(axis)] = blocks(experiment, axis, late.delay);
+  }
+
+  [[nodiscard]] Result run() const {
+    Result result;
+    result.delay = delay(kNone);
+    const Late& best = *std::min_element(late_.begin(), late_.end(), [&](const Late& a, const Late& b) {
+      return std::abs(a.delay - result.delay) < std::abs(b.delay - result.delay);
+    });
+    std::size_t most = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::vector<Block>& own = best.blocks[axis];
+      if (own.size() < 2) continue;
+      const Beta beta = sum(own, kNone).normal.solve();
+      Beta variance = Beta::Zero();
+      const auto count = static_cast<double>(own.size());
+      for (std::size_t left = 0; left < own.size(); ++left)
+        variance += (sum(own, left).normal.solve() - beta).cwiseAbs2() * (count - 1) / count;
+      const Beta half = kInterval * variance.cwiseSqrt();
+      const auto i = static_cast<Eigen::Index>(axis);
+      result.mass[i] = std::max(beta[kAcceleration], 0.0);
+      result.mass_half[i] = std::hypot(half[kAcceleration], kCoarseMassLeftOut * result.mass[i]);
+      result.coulomb[i] = std::max(beta[kSign], 0.0);
+      result.coulomb_half[i] = std::hypot(half[kSign], kFrictionLeftOut * result.coulomb[i]);
+      most = std::max(most, own.size());
+    }
+    double variance = 0;
+    for (std::size_t left = 0; left < most; ++left)
+      variance += std::pow(delay(left) - result.delay, 2) * static_cast<double>(most - 1) / static_cast<double>(most);
+    result.delay_half = std::hypot(kInterval * std::sqrt(variance), 0.5 * kDelayStep);
+    result.residual = std::sqrt(unexplained(best, kNone));
+    return result;
+  }
+
+ private:
+  /// Beside kSign to kPlace: the harmonics of the place, from a period of kPlacePeriod on, for whatever pulls by place.
+  static constexpr int kHarmonics = 5, kOwn = kPlace + 1, kAll = kOwn + 2 * kHarmonics;
+  static constexpr double kPlacePeriod = 0.05;  // [m]
+  using Beta = NormalEquations<kAll>::Column;
+  struct Block {
+    NormalEquations<kAll> normal;
+    double force = 0;  ///< sum of squares [N^2]
+  };
+  struct Late {
+    double delay = 0;  ///< [s]
+    std::array<std::vector<Block>, 3> blocks;
+  };
+
+  static constexpr double kLongestDelay = 20e-3;      // [s]
+  static constexpr double kDelayStep = 1e-3;          // [s]
+  static constexpr double kBlock = 0.33;              // [s]
+  static constexpr double kCoarseMassLeftOut = 0.15;  // of a mass, by what a handle with play adds or does not
+  static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
+
+  [[nodiscard]] std::vector<Block> blocks(const Experiment& experiment, int axis, double delay) const {
+    std::vector<Block> result;
+    const auto add = [&](const Stretch& stretch) {
+      const std::vector<Filtered> rows =
+          filter(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin), axis, delay, period_);
+      const auto n = static_cast<Eigen::Index>(rows.size());
+      const auto pieces =
+          static_cast<Eigen::Index>(std::max(1.0, std::round(static_cast<double>(n) * kKernelStep / kBlock)));
+      if (n < 50) return;
+      MatrixXd columns = MatrixXd::Zero(n, kAll + 1);
+      for (Eigen::Index i = 0; i < n; ++i) {
+        const Filtered& row = rows[static_cast<std::size_t>(i)];
+        columns(i, kSign) = std::tanh(row.v / kSlides);
+        columns(i, kSpeed) = row.v;
+        columns(i, kAcceleration) = row.a;
+        columns(i, kPlace) = row.x;
+        for (int h = 0; h < kHarmonics; ++h) {
+          const double angle = kTwoPi * (h + 1) * row.x / kPlacePeriod;
+          columns(i, kOwn + 2 * h) = std::cos(angle);
+          columns(i, kOwn + 2 * h + 1) = std::sin(angle);
+        }
+        columns(i, kAll) = row.u;
+      }
+      for (Eigen::Index column = 0; column <= kAll; ++column)  // the offset
+        columns.col(column).array() -= columns.col(column).mean();
+      for (Eigen::Index piece = 0; piece < pieces; ++piece) {
+        const Eigen::Index begin = n * piece / pieces, end = n * (piece + 1) / pieces;
+        const MatrixXd part = columns.middleRows(begin, end - begin), all = transposed_product(part, part);
+        result.push_back({.normal = {.g = all.topLeftCorner<kAll, kAll>(), .h = all.topRightCorner<kAll, 1>()},
+                          .force = all(kAll, kAll)});
+      }
+    };
+    for (const Stretch& stretch : experiment.dithered) add(stretch);
+    for (const Stretch& stretch : experiment.sweeps[static_cast<std::size_t>(axis)]) add(stretch);
+    return result;
+  }
+
+  static Block sum(const std::vector<Block>& blocks, std::size_t without) {
+    Block all;
+    for (std::size_t b = 0; b < blocks.size(); ++b) {
+      if (b == without) continue;
+      all.normal.g += blocks[b].normal.g;
+      all.normal.h += blocks[b].normal.h;
+      all.force += blocks[b].force;
+    }
+    return all;
+  }
+
+  /// Mean over the axes of the share of the squared force.
+  [[nodiscard]] static double unexplained(const Late& late, std::size_t without) {
+    double shares = 0, axes = 0;
+    for (const std::vector<Block>& own : late.blocks) {
+      if (own.size() < 2) continue;
+      const Block all = sum(own, without);
+      if (all.force > 0) shares += std::max(1 - all.normal.solve().dot(all.normal.h) / all.force, 0.0);
+      ++axes;
+    }
+    return axes > 0 ? shares / axes : 1;
+  }
+
+  /// That leaves least unexplained, by the parabola through the best three [s].
+  [[nodiscard]] double delay(std::size_t without) const {
+    std::vector<double> shares;
+    for (const Late& late : late_) shares.push_back(unexplained(late, without));
+    const auto best = static_cast<std::size_t>(std::min_element(shares.begin(), shares.end()) - shares.begin());
+    if (best == 0 || best + 1 == shares.size()) return late_[best].delay;
+    const double before = shares[best - 1], after = shares[best + 1];
+    const double curvature = before - 2 * shares[best] + after;
+    return late_[best].delay + (curvature > 0 ? 0.5 * (before - after) / curvature * kDelayStep : 0);
+  }
+
+  static constexpr double kSlides = 0.01;  // [m/s]
+  double period_;
+  std::vector<Late> late_;
+};
+
+/// rms per axis of what is white in the positions, beside the quantum's share [m]: a third difference of white noise
+/// has 20 times its variance, and hardly anything of a movement.
+double white_noise(std::span<const TickRow> rows, const std::array<bool, 3>& axes, double quantum) {
+  std::vector<double> squares;
+  for (std::size_t k = 3; k < rows.size(); ++k) {
+    const Vec3 d = rows[k].position - 3 * rows[k - 1].position + 3 * rows[k - 2].position - rows[k - 3].position;
+    for (int axis = 0; axis < 3; ++axis)
+      if (axes[static_cast<std::size_t>(axis)]) squares.push_back(d[axis] * d[axis] / 20);
+  }
+  if (squares.empty()) return 0;
+  double sum = 0;
+  for (const double s : squares) sum += s;
+  const double beyond = sum / static_cast<double>(squares.size()) - quantum * quantum / 12;
+  return std::sqrt(std::max(beyond, 0.0));
+}
+
+constexpr double kMostUnexplained = 0.5;  // share of a response or a force, beyond which a model does not fit
+constexpr double kLeastCertain = 0.35;    // half width of a mass' interval, as a share of it, beyond which it is none
+constexpr double kLeastCertainCoarse = 0.75;  // the same of a coarse model
+
+/// Why not to believe what was found of an axis; empty when there is no reason.
+std::string doubt_about(int axis, const Identification& found, const SweepFit& sweeps) {
+  const char name = "xyz"[axis];
+  const double mass = found.plant.mass[axis], half = found.half_width.mass[axis];
+  if (!(mass > 0))
+    return fmt::format("the response in {} from 15 to 120 Hz is not that of a mass: its mechanism swings, or has play",
+                       name);
+  if (!(half < kLeastCertain * mass))
+    return fmt::format("the mass in {} is uncertain: {:.3f} +- {:.3f} kg", name, mass, half);
+  if (sweeps.blocks < 2) return fmt::format("too little of the sweeps in {} was sliding, or ticks were missed", name);
+  if (sweeps.unexplained > kMostUnexplained)
+    return fmt::format("the model does not explain {:.0f} % of the force of the sweeps in {}", 100 * sweeps.unexplained,
+                       name);
+  return "";
+}
+
+void take(const SweepFit& fit, int axis, Identification& result) {
+  PlantModel &plant = result.plant, &half = result.half_width;
+  plant.coulomb[axis] = fit.coulomb;
+  plant.viscous[axis] = fit.viscous;
+  plant.gravity[axis] = fit.gravity;
+  plant.gravity_gradient(axis, axis) = fit.gradient;
+  half.coulomb[axis] = fit.coulomb_half;
+  half.viscous[axis] = fit.viscous_half;
+  half.gravity[axis] = fit.gravity_half;
+  half.gravity_gradient(axis, axis) = fit.gradient_half;
+  result.sweep_residual = std::max(result.sweep_residual, fit.residual);
+}
+
+void take_noise(const Experiment& experiment, int axis, PlantModel& plant) {
+  for (const Stretch& stretch : experiment.sweeps[static_cast<std::size_t>(axis)])
+    plant.position_noise =
+        std::max(plant.position_noise, white_noise(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin),
+                                                   experiment.axes, plant.position_resolution));
+}
+
+}  // namespace
+
+double position_quantum(std::span<const TickRow> rows) {
+  std::vector<double> steps;
+  for (std::size_t k = 1; k < rows.size(); ++k) {
+    const double step = (rows[k].position - rows[k - 1].position).norm();
+    if (step > 1e-9) steps.push_back(step);
+  }
+  if (steps.size() < 10) return 0;
+  std::sort(steps.begin(), steps.end());
+  // Steps of a lattice repeat to the last digits; those of a continuum do not.
+  constexpr double kSame = 1e-4;
+  const auto again = static_cast<std::size_t>(
+      std::upper_bound(steps.begin(), steps.end(), steps.front() * (1 + kSame)) - steps.begin());
+  return again >= 5 ? steps[again / 2] : 0;
+}
+
+Identification identify_coarsely(const Experiment& experiment) {
+  Identification result;
+  result.coarse = true;
+  PlantModel& plant = result.plant;
+  plant.position_resolution = position_quantum(experiment.rows);
+  const CoarseFit::Result fit = CoarseFit(experiment).run();
+  plant.mass = fit.mass;
+  plant.coulomb = fit.coulomb;
+  plant.delay = fit.delay;
+  result.half_width.mass = fit.mass_half;
+  result.half_width.coulomb = fit.coulomb_half;
+  result.half_width.delay = fit.delay_half;
+  result.line_residual = fit.residual;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!experiment.axes[static_cast<std::size_t>(axis)]) continue;
+    if (const SweepFit sweeps = fit_sweeps(experiment, axis, plant.delay);
+        sweeps.blocks >= 2 && sweeps.unexplained <= kMostUnexplained)
+      take(sweeps, axis, result);
+    take_noise(experiment, axis, plant);
+    const double mass = plant.mass[axis], half = result.half_width.mass[axis];
+    if (result.reason.empty() && !(mass > 0 && half < kLeastCertainCoarse * mass))
+      result.reason =
+          fmt::format("not even a coarse model fits: the mass in {} is {:.3f} +- {:.3f} kg", "xyz"[axis], mass, half);
+  }
+  result.fits = result.reason.empty();
+  return result;
+}
+
+Identification identify(const Experiment& experiment) {
+  Identification result;
+  PlantModel& plant = result.plant;
+  plant.position_resolution = position_quantum(experiment.rows);
+
+  if (experiment.dither != nullptr) {
+    SpectrumEstimator estimator(*experiment.dither, experiment.rate_hz);
+    for (const Stretch& stretch : experiment.dithered)
+      estimator.add(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin));
+    const Spectrum spectrum = estimator.spectrum();
+    if (spectrum.lines.empty()) {
+      result.reason = "no whole period of the dither was recorded without missing ticks";
+      return result;
+    }
+    const MobilityFit::Result lines = MobilityFit(spectrum, experiment.axes, experiment.rate_hz).run();
+    plant.mass = lines.mass;
+    result.half_width.mass = lines.mass_half;
+    plant.delay = lines.delay;
+    result.half_width.delay = lines.delay_half;
+    result.line_residual = lines.residual;
+  }
+
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!experiment.axes[static_cast<std::size_t>(axis)]) continue;
+    const SweepFit fit = fit_sweeps(experiment, axis, plant.delay);
+    take(fit, axis, result);
+    if (result.reason.empty()) result.reason = doubt_about(axis, result, fit);
+    take_noise(experiment, axis, plant);
+  }
+  if (result.reason.empty() && result.line_residual > kMostUnexplained)
+    result.reason =
+        fmt::format("the model does not explain {:.0f} % of the response to the dither", 100 * result.line_residual);
+  result.fits = result.reason.empty();
+  return result;
+}
+
+}  // namespace haptrace

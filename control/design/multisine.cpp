@@ -1,0 +1,48 @@
+#include "control/design/multisine.h"
+
+#include "base/error.h"
+
+#include <cmath>
+#include <fmt/format.h>
+#include <numbers>
+
+namespace haptrace {
+
+Multisine::Multisine(double low_hz, double high_hz, double period, const std::array<bool, 3>& axes) : period_(period) {
+  std::vector<std::size_t> driven;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    if (axes[axis]) driven.push_back(axis);
+
+  constexpr int kSpacing = 4;
+  const auto first = static_cast<int>(std::ceil(low_hz * period)) | 1;
+  for (int multiple = first, dealt = 0; multiple <= high_hz * period && !driven.empty(); multiple += kSpacing, ++dealt)
+    lines_[driven[static_cast<std::size_t>(dealt) % driven.size()]].push_back(
+        {.frequency_hz = multiple / period, .amplitude = std::sqrt(multiple)});
+
+  for (const std::size_t axis : driven) {
+    std::vector<SpectralLine>& lines = lines_[axis];
+    if (lines.size() < 4)
+      throw input_error(fmt::format("{} to {} Hz hold only {} lines of a period of {} s for an axis; four are needed",
+                                    low_hz, high_hz, lines.size(), period));
+    double power = 0;
+    for (const SpectralLine& line : lines) power += line.amplitude * line.amplitude;
+    // Schroeder: the phase turns by 2 pi times the share of the power that lies below, line after line.
+    double below = 0, phase = 0;
+    for (SpectralLine& line : lines) {
+      line.phase = -phase;
+      line.amplitude *= std::sqrt(2 / power);
+      below += 0.5 * line.amplitude * line.amplitude;
+      phase += 2 * std::numbers::pi * below;
+    }
+  }
+}
+
+Vec3 Multisine::value(double time) const noexcept {
+  Vec3 force = Vec3::Zero();
+  for (int axis = 0; axis < 3; ++axis)
+    for (const SpectralLine& line : lines_[static_cast<std::size_t>(axis)])
+      force[axis] += line.amplitude * std::cos(2 * std::numbers::pi * line.frequency_hz * time + line.phase);
+  return force;
+}
+
+}  // namespace haptrace

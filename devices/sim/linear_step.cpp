@@ -1,0 +1,251 @@
+#include "devices/sim/linear_step.h"
+
+#include "base/error.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <fmt/format.h>
+#include <limits>
+#include <vector>
+
+namespace haptrace {
+namespace {
+
+constexpr std::array kIntegrators{"semi-implicit", "euler", "verlet", "rk4", "implicit", "exact"};
+
+using Square = decltype(LinearStep::phi);
+constexpr int kMostRows = 3 * LinearBodies::kMost;
+/// Of q, v and the held f together.
+using Augmented = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostRows, kMostRows>;
+
+/// Of one type for all, since Eigen's solver is compiled anew for every other, for 16 s each.
+auto eigenvalues_of(const Square& matrix) {
+  return matrix.eigenvalues().eval();
+}
+
+LinearBodies::Matrix over_mass(const LinearBodies& bodies, const LinearBodies::Matrix& m) {
+  return bodies.inverse_mass.asDiagonal() * m;
+}
+
+/// About the fastest natural frequency; 0: there is no spring [rad/s].
+double frequency_scale(const LinearBodies& bodies) {
+  return std::sqrt(over_mass(bodies, bodies.stiffness).cwiseAbs().rowwise().sum().maxCoeff());
+}
+
+/// sum over k = 1 ... terms of X^k / k!
+Augmented exponential_series(const Augmented& x, int terms) {
+  const Augmented one = Augmented::Identity(x.rows(), x.cols());
+  Augmented sum = one;
+  for (int k = terms; k > 1; --k) sum = Augmented(one + x * sum / k);
+  return x * sum;
+}
+
+/// exp(X) - 1. Squared as what it lacks of 1, (1 + E)^2 = 1 + (2 E + E^2): the slow mode of a stiff body, all of it in
+/// E, would drown in 1 + E, and Eigen's exp() lets it.
+Augmented exponential_less_one(Augmented x) {
+  constexpr double kSmall = 0.25;
+  constexpr int kTerms = 12;  // 0.25^13 / 13! is below a double's last digit
+  const double norm = x.cwiseAbs().rowwise().sum().maxCoeff();
+  const int squarings = norm > kSmall ? static_cast<int>(std::ceil(std::log2(norm / kSmall))) : 0;
+  x *= std::ldexp(1.0, -squarings);
+  Augmented e = exponential_series(x, kTerms);
+  for (int i = 0; i < squarings; ++i) e = Augmented(2 * e + e * e);
+  return e;
+}
+
+/// The methods that are a part of the exponential's series: Euler, Runge-Kutta, exact.
+template <class Series>
+LinearStep by_series(const LinearBodies& bodies, double h, const Series& series) {
+  // In units of velocity in which the matrix is balanced.
+  const int n = bodies.size();
+  const double frequency = frequency_scale(bodies), unit = frequency > 0 ? frequency : 1 / h;
+  Augmented x = Augmented::Zero(3 * n, 3 * n);
+  x.block(0, n, n, n).diagonal().setConstant(h * unit);
+  x.block(n, 0, n, n) = -h / unit * over_mass(bodies, bodies.stiffness);
+  x.block(n, n, n, n) = -h * over_mass(bodies, bodies.damping);
+  x.block(n, 2 * n, n, n).diagonal() = h / unit * bodies.inverse_mass;
+  Augmented e = series(x);
+  e.middleRows(n, n) *= unit;
+  e.middleCols(n, n) /= unit;
+  LinearStep step;
+  step.phi = Square::Identity(2 * n, 2 * n) + e.topLeftCorner(2 * n, 2 * n);
+  step.gamma = e.topRightCorner(2 * n, n);
+  return step;
+}
+
+/// The methods that move the positions with the new velocity or with the one half-way: v' from x, v and f in rows of
+/// [q v f], and x' = x + h (of what `drift` says).
+LinearStep by_kicks(Integrator integrator, const LinearBodies& bodies, double h) {
+  using Row = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, LinearBodies::kMost, kMostRows>;
+  const int n = bodies.size();
+  const LinearBodies::Matrix one = LinearBodies::Matrix::Identity(n, n), k = over_mass(bodies, bodies.stiffness),
+                             b = over_mass(bodies, bodies.damping), w = bodies.inverse_mass.asDiagonal();
+  Row q = Row::Zero(n, 3 * n), v = Row::Zero(n, 3 * n), f = Row::Zero(n, 3 * n);  // of the state before
+  q.leftCols(n) = one;
+  v.middleCols(n, n) = one;
+  f.rightCols(n) = w;
+  Row q_new, v_new;
+  if (integrator == Integrator::verlet) {
+    const Row half_way = v + 0.5 * h * (f - b * v - k * q);
+    q_new = q + h * half_way;
+    const LinearBodies::Matrix damped = one + 0.5 * h * b;
+    v_new = damped.partialPivLu().solve(Row(half_way + 0.5 * h * (f - k * q_new)));
+  } else if (integrator == Integrator::implicit) {
+    const LinearBodies::Matrix held = one + h * b + h * h * k;
+    v_new = held.partialPivLu().solve(Row(v + h * (f - k * q)));
+    q_new = q + h * v_new;
+  } else {
+    v_new = v + h * (f - b * v - k * q);
+    q_new = q + h * v_new;
+  }
+  LinearStep step;
+  step.phi.resize(2 * n, 2 * n);
+  step.phi << q_new.leftCols(2 * n), v_new.leftCols(2 * n);
+  step.gamma.resize(2 * n, n);
+  step.gamma << q_new.rightCols(n), v_new.rightCols(n);
+  return step;
+}
+
+/// [0 1; sign W K, sign W B], in units of velocity in which it is balanced.
+Square companion(const LinearBodies& bodies, double sign) {
+  const int n = bodies.size();
+  const double frequency = frequency_scale(bodies), unit = frequency > 0 ? frequency : 1;
+  Square matrix = Square::Zero(2 * n, 2 * n);
+  matrix.topRightCorner(n, n).diagonal().setConstant(unit);
+  matrix.bottomLeftCorner(n, n) = sign / unit * over_mass(bodies, bodies.stiffness);
+  matrix.bottomRightCorner(n, n) = sign * over_mass(bodies, bodies.damping);
+  return matrix;
+}
+
+/// The eigenvalues of q'' = -W (B q' + K q) [1/s].
+std::vector<std::complex<double>> decay_rates(const LinearBodies& bodies) {
+  const int n = bodies.size();
+  if (n == 1) {
+    const double a = 0.5 * bodies.inverse_mass[0] * bodies.damping(0, 0),
+                 w2 = bodies.inverse_mass[0] * bodies.stiffness(0, 0);
+    if (a * a < w2) return {{-a, std::sqrt(w2 - a * a)}};
+    const double fast = a + std::sqrt(a * a - w2);
+    return {-fast, fast > 0 ? -w2 / fast : 0};
+  }
+  const auto found = eigenvalues_of(companion(bodies, -1));
+  return {found.begin(), found.end()};
+}
+
+/// The largest h at which |1 + z + ... + z^4 / 24| <= 1 for z = h `rate`.
+double runge_kutta_limit(const std::complex<double>& rate) {
+  const std::complex<double> direction = rate / std::abs(rate);
+  const auto grows = [&](double r) {
+    const std::complex<double> z = r * direction;
+    return std::abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0)))) > 1;
+  };
+  // Every ray of the left half-plane leaves the region of stability once, between these.
+  double stable = 2.5, unstable = 4;
+  while (unstable - stable > 1e-14 * unstable) {
+    const double middle = 0.5 * (stable + unstable);
+    if (middle <= stable || middle >= unstable) break;
+    (grows(middle) ? unstable : stable) = middle;
+  }
+  return stable / std::abs(rate);
+}
+
+double euler_limit(const std::complex<double>& rate) {
+  return std::max(0.0, -2 * rate.real() / std::norm(rate));
+}
+
+/// `reach` / `rate` [s]; infinity for what has no rate.
+double time_of(double reach, double rate) {
+  return rate > 0 ? reach / rate : std::numeric_limits<double>::infinity();
+}
+
+/// Of the methods that are functions of the eigenvalues.
+template <class Limit>
+double least_limit(const LinearBodies& bodies, const Limit& limit) {
+  // Of the largest. What is held or rolls freely has two rates of none, to the root of a double's last digit.
+  constexpr double kRounding = 1e-6;
+  const auto rates = decay_rates(bodies);
+  double largest = 0, least = std::numeric_limits<double>::infinity();
+  for (const auto& rate : rates) largest = std::max(largest, std::abs(rate));
+  const double none = rates.size() > 2 ? kRounding * largest : 0;
+  for (const auto& rate : rates)
+    if (std::abs(rate) > none) least = std::min(least, limit(rate));
+  return least;
+}
+
+}  // namespace
+
+Integrator parse_integrator(std::string_view name) {
+  const auto found = std::find(kIntegrators.begin(), kIntegrators.end(), name);
+  if (found == kIntegrators.end())
+    throw input_error(fmt::format("integrator '{}' is not known; known: {}", name, fmt::join(kIntegrators, ", ")));
+  return static_cast<Integrator>(found - kIntegrators.begin());
+}
+
+std::string to_string(Integrator integrator) {
+  return kIntegrators.at(static_cast<std::size_t>(integrator));
+}
+
+LinearBodies::LinearBodies(int n)
+    : inverse_mass(Vector::Zero(n)), damping(Matrix::Zero(n, n)), stiffness(Matrix::Zero(n, n)) {}
+
+void LinearBodies::connect(int i, int j, double k, double b) {
+  tie(i, k, b);
+  tie(j, k, b);
+  stiffness(i, j) -= k, stiffness(j, i) -= k;
+  damping(i, j) -= b, damping(j, i) -= b;
+}
+
+void LinearBodies::tie(int i, double k, double b) {
+  stiffness(i, i) += k;
+  damping(i, i) += b;
+}
+
+LinearStep linear_step(Integrator integrator, const LinearBodies& bodies, double h) {
+  constexpr int kRungeKuttaOrder = 4;
+  switch (integrator) {
+    case Integrator::euler:
+      return by_series(bodies, h, [](const Augmented& x) { return x; });
+    case Integrator::rk4:
+      return by_series(bodies, h, [](const Augmented& x) { return exponential_series(x, kRungeKuttaOrder); });
+    case Integrator::exact:
+      return by_series(bodies, h, exponential_less_one);
+    default:
+      return by_kicks(integrator, bodies, h);
+  }
+}
+
+double spectral_radius(const LinearStep& step) {
+  // Balanced: in units of velocity in which both are as large in the other's equations.
+  const Eigen::Index n = step.phi.rows() / 2;
+  const double of_v = step.phi.bottomLeftCorner(n, n).cwiseAbs().maxCoeff(),
+               of_q = step.phi.topRightCorner(n, n).cwiseAbs().maxCoeff();
+  const double unit = of_v > 0 && of_q > 0 ? std::sqrt(of_v / of_q) : 1;
+  Square phi = step.phi;
+  phi.topRightCorner(n, n) *= unit;
+  phi.bottomLeftCorner(n, n) /= unit;
+  return eigenvalues_of(phi).cwiseAbs().maxCoeff();
+}
+
+double stability_limit(Integrator integrator, const LinearBodies& bodies) {
+  switch (integrator) {
+    case Integrator::semi_implicit:
+      return time_of(2, eigenvalues_of(companion(bodies, 1)).real().maxCoeff());
+    case Integrator::verlet:
+      return time_of(2,
+                     std::sqrt(std::max(0.0, eigenvalues_of(over_mass(bodies, bodies.stiffness)).real().maxCoeff())));
+    case Integrator::euler:
+      return least_limit(bodies, euler_limit);
+    case Integrator::rk4:
+      return least_limit(bodies, runge_kutta_limit);
+    case Integrator::implicit:
+    case Integrator::exact:
+      break;
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+}  // namespace haptrace

@@ -1,0 +1,300 @@
+#include "formats/documents/device_profile.h"
+
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/output_file.h"
+#include "base/rfc3339.h"
+
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fmt/format.h>
+#include <pwd.h>
+#include <unistd.h>
+
+namespace haptrace {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr const char* kProfileFormat = "haptrace-device-profile";
+constexpr const char* kProfileVersion = "1.0";
+constexpr double kSameFact = 1e-6;  // share by which facts may differ and still be the same
+
+json json_of(const PlantModel& plant) {
+  return {{"mass_kg", haptrace::json_of(plant.mass)},
+          {"viscous_n_s_per_m", haptrace::json_of(plant.viscous)},
+          {"coulomb_n", haptrace::json_of(plant.coulomb)},
+          {"gravity_n", haptrace::json_of(plant.gravity)},
+          {"gravity_gradient_n_per_m",
+           {{"x", haptrace::json_of(plant.gravity_gradient.row(0))},
+            {"y", haptrace::json_of(plant.gravity_gradient.row(1))},
+            {"z", haptrace::json_of(plant.gravity_gradient.row(2))}}},
+          {"delay_s", plant.delay},
+          {"position_resolution_m", plant.position_resolution},
+          {"position_noise_m", plant.position_noise}};
+}
+
+json json_of(const TrackingDesign& design) {
+  return {{"kp", haptrace::json_of(design.gains.kp)},
+          {"kd", haptrace::json_of(design.gains.kd)},
+          {"largest_kp", haptrace::json_of(design.largest.kp)},
+          {"largest_kd", haptrace::json_of(design.largest.kd)},
+          {"plain_kp", haptrace::json_of(design.plain.kp)},
+          {"plain_kd", haptrace::json_of(design.plain.kd)},
+          {"mass_kg", haptrace::json_of(design.mass)},
+          {"delay_s", design.delay},
+          {"observer_hz", design.observer_hz},
+          {"load_hz", design.load_hz},
+          {"authority_n", design.authority},
+          {"ripple_n", design.ripple}};
+}
+
+/// A JsonReader whose every key must be there.
+class Required {
+ public:
+  explicit Required(JsonReader& reader) : reader_(reader) {}
+
+  double number(const char* key, double min, double max) { return need(key).number(key, 0, min, max); }
+  Vec3 vector(const char* key, double min, double max) { return need(key).vector(key, Vec3::Zero(), min, max); }
+  std::string text(const char* key) { return need(key).text(key, ""); }
+  bool boolean(const char* key) { return need(key).boolean(key, false); }
+  JsonReader object(const char* key) { return *need(key).object(key); }
+
+ private:
+  JsonReader& need(const char* key) { return reader_.require(key); }
+  JsonReader& reader_;
+};
+
+// Far beyond every device that a hand can hold.
+constexpr double kLargest = 1e6;
+
+PlantModel plant_from(JsonReader reader) {
+  Required required(reader);
+  PlantModel plant;
+  plant.mass = required.vector("mass_kg", 0, kLargest);
+  plant.viscous = required.vector("viscous_n_s_per_m", 0, kLargest);
+  plant.coulomb = required.vector("coulomb_n", 0, kLargest);
+  plant.gravity = required.vector("gravity_n", -kLargest, kLargest);
+  JsonReader gradient = required.object("gravity_gradient_n_per_m");
+  Required rows(gradient);
+  plant.gravity_gradient.row(0) = rows.vector("x", -kLargest, kLargest).transpose();
+  plant.gravity_gradient.row(1) = rows.vector("y", -kLargest, kLargest).transpose();
+  plant.gravity_gradient.row(2) = rows.vector("z", -kLargest, kLargest).transpose();
+  gradient.finish();
+  plant.delay = required.number("delay_s", -1, 1);
+  plant.position_resolution = required.number("position_resolution_m", 0, 1);
+  plant.position_noise = required.number("position_noise_m", 0, 1);
+  reader.finish();
+  return plant;
+}
+
+TrackingDesign design_from(JsonReader reader) {
+  Required required(reader);
+  TrackingDesign design;
+  design.gains = {required.vector("kp", 0, kLargestKp), required.vector("kd", 0, kLargestKd)};
+  design.largest = {required.vector("largest_kp", 0, kLargestKp), required.vector("largest_kd", 0, kLargestKd)};
+  design.plain = {required.vector("plain_kp", 0, kLargestKp), required.vector("plain_kd", 0, kLargestKd)};
+  design.mass = required.vector("mass_kg", 0, kLargest);
+  design.delay = required.number("delay_s", -1, 1);
+  design.observer_hz = required.number("observer_hz", 0, kLargest);
+  design.load_hz = required.number("load_hz", 0, kLargest);
+  design.authority = required.number("authority_n", 0, kLargest);
+  design.ripple = required.number("ripple_n", 0, kLargest);
+  reader.finish();
+  return design;
+}
+
+/// What is left of a name that every file system takes.
+std::string safe(const std::string& name) {
+  std::string result;
+  for (const char c : name.substr(0, 40)) {
+    const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-';
+    result += plain ? c : '_';
+  }
+  return result;
+}
+
+/// FNV-1a over the parts and where they end.
+std::uint32_t hash(const DeviceIdentity& device) {
+  std::uint32_t value = 2166136261;
+  for (const std::string* part : {&device.backend, &device.model, &device.serial}) {
+    for (const char c : *part) value = (value ^ static_cast<unsigned char>(c)) * 16777619;
+    value = (value ^ 0x100U) * 16777619;
+  }
+  return value;
+}
+
+/// What the system's list of users says of this one's home; empty when it says nothing.
+std::string home_of_user() {
+  std::array<char, 4096> buffer{};
+  passwd entry{};
+  passwd* found = nullptr;
+  if (getpwuid_r(getuid(), &entry, buffer.data(), buffer.size(), &found) != 0 || found == nullptr) return {};
+  return entry.pw_dir != nullptr ? entry.pw_dir : "";
+}
+
+std::string environment(const char* name) {
+  const char* value = std::getenv(name);
+  return value != nullptr ? value : "";
+}
+
+bool same(double a, double b) {
+  return std::abs(a - b) <= kSameFact * std::max(std::abs(a), std::abs(b));
+}
+
+bool same(const Vec3& a, const Vec3& b) {
+  return same(a.x(), b.x()) && same(a.y(), b.y()) && same(a.z(), b.z());
+}
+
+std::string name_of(const DeviceIdentity& device) {
+  return fmt::format("{} {}{}", device.backend, device.model.empty() ? "device" : device.model,
+                     device.serial.empty() ? "" : ", serial " + device.serial);
+}
+
+}  // namespace
+
+json to_json(const DeviceProfile& profile) {
+  json object{{"format", kProfileFormat},
+              {"format_version", kProfileVersion},
+              {"created", profile.created},
+              {"software", profile.software},
+              {"device",
+               {{"backend", profile.device.backend},
+                {"model", profile.device.model},
+                {"serial", profile.device.serial},
+                {"max_force_n", profile.facts.max_force},
+                {"position_resolution_m", profile.facts.position_resolution},
+                {"workspace_min_m", haptrace::json_of(profile.facts.workspace.min)},
+                {"workspace_max_m", haptrace::json_of(profile.facts.workspace.max)}}},
+              {"rate_hz", profile.rate_hz},
+              {"plant", json_of(profile.plant)},
+              {"half_width", json_of(profile.half_width)},
+              {"line_residual", profile.line_residual},
+              {"sweep_residual_n", profile.sweep_residual},
+              {"fits", profile.fits},
+              {"reason", profile.reason},
+              {"design", json_of(profile.design)}};
+  if (profile.coarse) object["coarse"] = true;
+  return object;
+}
+
+DeviceProfile profile_from_json(const json& object, const std::string& where) {
+  JsonReader reader(object, where);
+  Required required(reader);
+  if (const std::string format = required.text("format"); format != kProfileFormat)
+    throw input_error(
+        fmt::format("{}: is no device profile: its format is '{}', not '{}'", where, format, kProfileFormat));
+  if (const std::string version = required.text("format_version"); version != kProfileVersion)
+    throw input_error(
+        fmt::format("{}: is of format version '{}', and this program reads {}; calibrate again (haptrace calibrate)",
+                    where, version, kProfileVersion));
+  DeviceProfile profile;
+  profile.created = required.text("created");
+  if (!parse_rfc3339(profile.created))
+    throw input_error(
+        fmt::format("{}: created: expected a time as 2026-01-31T12:00:00Z, found '{}'", where, profile.created));
+  profile.software = required.text("software");
+  JsonReader device = required.object("device");
+  Required facts(device);
+  profile.device = {facts.text("backend"), facts.text("model"), facts.text("serial")};
+  profile.facts = {.max_force = facts.number("max_force_n", 0, kLargest),
+                   .position_resolution = facts.number("position_resolution_m", 0, 1),
+                   .workspace = {facts.vector("workspace_min_m", -kLargest, kLargest),
+                                 facts.vector("workspace_max_m", -kLargest, kLargest)}};
+  device.finish();
+  profile.rate_hz = required.number("rate_hz", 1, kLargest);
+  profile.plant = plant_from(required.object("plant"));
+  profile.half_width = plant_from(required.object("half_width"));
+  profile.line_residual = required.number("line_residual", 0, kLargest);
+  profile.sweep_residual = required.number("sweep_residual_n", 0, kLargest);
+  profile.fits = required.boolean("fits");
+  profile.coarse = reader.boolean("coarse", false);
+  profile.reason = required.text("reason");
+  profile.design = design_from(required.object("design"));
+  reader.finish();
+  return profile;
+}
+
+DeviceProfile load_profile(const std::string& file) {
+  return profile_from_json(load_json(file), file);
+}
+
+void save_profile(const DeviceProfile& profile, const std::string& file, bool overwrite) {
+  const fs::path parent = fs::path(file).parent_path();
+  if (!parent.empty() && parent == fs::path(profile_folder())) {
+    std::error_code error;
+    fs::create_directories(parent, error);
+    if (error) throw input_error(fmt::format("{}: cannot be created: {}", parent.string(), error.message()));
+  }
+  save_json(to_json(profile), file, overwrite);
+}
+
+void check_profile_output(const std::string& file, bool overwrite) {
+  const fs::path parent = fs::path(file).parent_path();
+  if (!parent.empty() && parent == fs::path(profile_folder()))
+    check_output_in_new_folders(file, overwrite);
+  else
+    check_output(file, overwrite);
+}
+
+std::string profile_folder() {
+  if (const std::string own = environment("HAPTRACE_PROFILES"); !own.empty())
+    return fs::path(own).lexically_normal().string();
+  // The specification of base directories has relative paths ignored.
+  if (const fs::path data = environment("XDG_DATA_HOME"); data.is_absolute())
+    return (data / "haptrace" / "profiles").string();
+  fs::path home = environment("HOME");
+  if (!home.is_absolute()) home = home_of_user();
+  if (!home.is_absolute())
+    throw input_error(
+        "there is no place for device profiles, because neither HOME nor the system's list of users names a folder of "
+        "this user; set HOME or HAPTRACE_PROFILES");
+  return (home / ".local/share/haptrace/profiles").string();
+}
+
+std::string profile_name(const DeviceIdentity& device) {
+  return fmt::format("{}-{}-{}-{:08x}.json", safe(device.backend), safe(device.model), safe(device.serial),
+                     hash(device));
+}
+
+std::string profile_file(const DeviceIdentity& device) {
+  return (fs::path(profile_folder()) / profile_name(device)).string();
+}
+
+std::optional<DeviceProfile> find_profile(const DeviceIdentity& device) {
+  const std::string file = profile_file(device);
+  std::error_code error;
+  if (!fs::exists(file, error)) return std::nullopt;
+  return load_profile(file);
+}
+
+std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& device, const DeviceFacts& facts,
+                          double rate_hz, std::chrono::system_clock::time_point now) {
+  constexpr const char* kAgain = "calibrate again (haptrace calibrate)";
+  if (profile.device != device)
+    return fmt::format("the profile is of another device: of {}, and this is {}", name_of(profile.device),
+                       name_of(device));
+  if (!profile.fits) return fmt::format("the profile's model does not fit the device ({}); {}", profile.reason, kAgain);
+  if (std::abs(rate_hz - profile.rate_hz) > kProfileRateTolerance * profile.rate_hz)
+    return fmt::format("the profile is for a servo rate of {:g} Hz, and this is {:g} Hz; {} at this rate",
+                       profile.rate_hz, rate_hz, kAgain);
+  const auto changed = [&](const char* what) {
+    return fmt::format("the device's {} changed since the profile was made; {}", what, kAgain);
+  };
+  if (!same(profile.facts.max_force, facts.max_force)) return changed("largest force");
+  if (!same(profile.facts.position_resolution, facts.position_resolution)) return changed("position resolution");
+  if (!same(profile.facts.workspace.min, facts.workspace.min) ||
+      !same(profile.facts.workspace.max, facts.workspace.max))
+    return changed("workspace");
+  const auto made = parse_rfc3339(profile.created);
+  const double age = made ? std::chrono::duration<double>(now - *made).count() : kNaN;
+  if (!(age <= kProfileLifetime))
+    return fmt::format("the profile is {:.0f} days old, and after {:.0f} it is stale; {}", age / 86400,
+                       kProfileLifetime / 86400, kAgain);
+  return "";
+}
+
+}  // namespace haptrace

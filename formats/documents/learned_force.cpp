@@ -1,0 +1,141 @@
+#include "formats/documents/learned_force.h"
+
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/output_file.h"
+
+#include <cstring>
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr const char* kLearnedFormat = "haptrace-learned-force";
+constexpr const char* kLearnedVersion = "1.0";
+constexpr double kMostRows = 1e6;
+constexpr double kSameMass = 0.1;    // share by which masses may differ
+constexpr double kSameSpeed = 1e-9;  // and speeds
+
+std::vector<Vec3> rows_from_json(const json& rows, const std::string& where) {
+  if (!rows.is_array() || rows.empty() || static_cast<double>(rows.size()) > kMostRows)
+    throw input_error(fmt::format("{}: force_n: expected 1 to {:.0f} rows", where, kMostRows));
+  std::vector<Vec3> result;
+  result.reserve(rows.size());
+  for (const json& row : rows) {
+    Vec3 force = nan3();
+    if (row.is_array() && row.size() == 3)
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        if (row[axis].is_number()) force[static_cast<Eigen::Index>(axis)] = row[axis].get<double>();
+    if (!is_finite(force))
+      throw input_error(fmt::format("{}: force_n[{}]: expected three numbers", where, result.size()));
+    result.push_back(force);
+  }
+  return result;
+}
+
+/// Forces to 0.1 mN, which is far below what any device can do.
+json rounded(const Vec3& force) {
+  json row = json::array();
+  for (const double newtons : force) row.push_back(std::round(1e4 * newtons) / 1e4);
+  return row;
+}
+
+}  // namespace
+
+std::string digest_of(const PathSource& path) {
+  std::uint64_t hash = 14695981039346656037U;
+  const auto add = [&](double value) {
+    std::uint64_t bits = 0;
+    std::memcpy(&bits, &value, sizeof bits);
+    for (int byte = 0; byte < 8; ++byte) {
+      hash = (hash ^ (bits & 0xff)) * 1099511628211U;
+      bits >>= 8;
+    }
+  };
+  constexpr std::uint64_t kRows = 65'536;
+  const double begin = path.facts().begin;
+  for (std::uint64_t first = 0; first < path.facts().rows; first += kRows) {
+    const Path rows = path.read(first, kRows);
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      add(rows.time[i] - begin);
+      for (const double x : rows.position[i]) add(x);
+    }
+  }
+  return fmt::format("{:016x}", hash);
+}
+
+std::string learned_file(const std::string& path, const DeviceIdentity& device) {
+  return (fs::path(path + ".learned") / profile_name(device)).string();
+}
+
+void check_learned_output(const std::string& file) {
+  check_output_in_new_folders(file, true);
+}
+
+void save_learned(const LearnedPath& learned, const std::string& file) {
+  std::error_code error;
+  const fs::path folder = fs::path(file).parent_path();
+  if (!folder.empty()) fs::create_directories(folder, error);  // a name alone is in the folder that there is
+  if (error)
+    throw input_error(fmt::format("{}: the folder cannot be made ({}); --learned FILE.json chooses another place",
+                                  folder.string(), error.message()));
+  json rows = json::array();
+  for (const Vec3& force : learned.table.force) rows.push_back(rounded(force));
+  save_json({{"format", kLearnedFormat},
+             {"format_version", kLearnedVersion},
+             {"created", learned.created},
+             {"software", learned.software},
+             {"backend", learned.device.backend},
+             {"model", learned.device.model},
+             {"serial", learned.device.serial},
+             {"path_digest", learned.path_digest},
+             {"speed", learned.speed},
+             {"mass_kg", json_of(learned.mass)},
+             {"repetitions", learned.repetitions},
+             {"rms_error_m", learned.rms_error},
+             {"step_s", learned.table.step},
+             {"force_n", std::move(rows)}},
+            file, true);
+}
+
+std::optional<LearnedPath> load_learned(const std::string& file) {
+  if (!fs::exists(file)) return std::nullopt;
+  const json root = load_json(file);
+  JsonReader reader(root, file);
+  if (const std::string format = reader.text("format", ""); format != kLearnedFormat)
+    throw input_error(fmt::format("{}: format is '{}', not {}", file, format, kLearnedFormat));
+  if (const std::string version = reader.text("format_version", ""); version != kLearnedVersion)
+    throw input_error(fmt::format("{}: format_version is '{}'; this software knows {}; learn anew (--forget)", file,
+                                  version, kLearnedVersion));
+  LearnedPath learned;
+  learned.created = reader.text("created", "");
+  learned.software = reader.text("software", "");
+  learned.device = {reader.text("backend", ""), reader.text("model", ""), reader.text("serial", "")};
+  learned.path_digest = reader.text("path_digest", "");
+  learned.speed = reader.number("speed", 0, 1e-6, 1e6);
+  learned.mass = reader.vector("mass_kg", Vec3::Zero(), 0, 1e3);
+  learned.repetitions = static_cast<int>(reader.number("repetitions", 0, 0, 1e6));
+  learned.rms_error = reader.number("rms_error_m", 0, 0, 1e3);
+  learned.table.step = reader.number("step_s", 0, 1e-6, 1e3);
+  if (learned.table.step == 0) throw input_error(file + ": step_s is missing; learn anew (--forget)");
+  learned.table.force = rows_from_json(root.value("force_n", json()), file);
+  return learned;
+}
+
+std::string check_learned(const LearnedPath& learned, const DeviceIdentity& device, const std::string& path_digest,
+                          double speed, const Vec3& mass) {
+  if (learned.device != device)
+    return fmt::format("it was learned on another device, {} {}", learned.device.model, learned.device.serial);
+  if (learned.path_digest != path_digest) return "the path is another one now";
+  if (std::abs(learned.speed - speed) > kSameSpeed * speed)
+    return fmt::format("it was learned at {} times the path's speed", learned.speed);
+  if ((learned.mass - mass).norm() > kSameMass * mass.norm())
+    return "the device was calibrated anew since, and found of another mass";
+  return {};
+}
+
+}  // namespace haptrace

@@ -1,0 +1,256 @@
+#include "formats/documents/programme.h"
+
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/suggest.h"
+#include "control/path/shapes.h"
+#include "formats/path/path_file.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fmt/format.h>
+#include <numbers>
+#include <set>
+
+namespace haptrace {
+namespace {
+
+const std::vector<std::string> kModeNames{"passive", "assisted", "tunnel", "cursor", "resist", "free"};
+const std::vector<std::string> kTestNames{"none", "before", "after", "retention"};
+const std::vector<std::string> kMirrorNames{"none", "x", "y", "z"};
+const std::vector<std::string> kFeelNames{"active", "resist"};
+
+using Modes = std::set<ExerciseMode>;
+constexpr auto kPassive = ExerciseMode::passive, kAssisted = ExerciseMode::assisted, kTunnel = ExerciseMode::tunnel,
+               kCursor = ExerciseMode::cursor, kResist = ExerciseMode::resist, kFree = ExerciseMode::free;
+
+/// The modes in which a key means something; the others are for all.
+const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
+  static const std::vector<std::pair<std::string, Modes>> keys{
+      {"pace", {kPassive, kAssisted, kCursor}},
+      {"time_limit", {kAssisted, kTunnel, kCursor, kResist, kFree}},
+      {"radius", {kAssisted, kTunnel, kCursor, kResist, kFree}},
+      {"stiffness", {kAssisted, kTunnel, kCursor, kResist}},
+      {"assist_force", {kAssisted}},
+      {"resistance", {kResist}},
+      {"viscosity", {kAssisted, kTunnel, kCursor, kResist}},
+      {"force_scale", {kAssisted, kTunnel, kCursor, kResist}},
+      {"feel", {kAssisted, kTunnel, kCursor, kResist}},
+      {"wait", {kCursor}},
+      {"allow_back", {kAssisted, kTunnel, kResist, kFree}}};
+  return keys;
+}
+
+void check_meaning(const JsonReader& reader, const char* prefix, const std::string& key, ExerciseMode mode) {
+  for (const auto& [name, modes] : keys_of_modes()) {
+    if (name != key || modes.contains(mode)) continue;
+    std::string others;
+    for (const ExerciseMode other : modes) others += (others.empty() ? "" : ", ") + std::string(to_string(other));
+    throw input_error(fmt::format("{}.{}{}: means nothing in mode {}; it is for {}", reader.where(), prefix, key,
+                                  to_string(mode), others));
+  }
+}
+
+template <class Enum>
+Enum choose(JsonReader& reader, const char* key, const std::vector<std::string>& names, Enum otherwise) {
+  const std::string word = reader.choice(key, names[static_cast<std::size_t>(otherwise)], names);
+  return static_cast<Enum>(std::find(names.begin(), names.end(), word) - names.begin());
+}
+
+PathChange read_change(JsonReader& reader) {
+  PathChange change{.scale = reader.number("scale", 1, 0.01, 100)};
+  if (const int plane = choose(reader, "mirror", kMirrorNames, 0); plane > 0) change.mirror = plane - 1;
+  return change;
+}
+
+std::optional<DifficultyRange> read_range(JsonReader& difficulty, const char* key, double least, double most) {
+  std::optional<JsonReader> reader = difficulty.object(key);
+  if (!reader) return std::nullopt;
+  const DifficultyRange range{.easy = reader->require("easy").number("easy", 0, least, most),
+                              .hard = reader->require("hard").number("hard", 0, least, most)};
+  reader->finish();
+  return range;
+}
+
+constexpr double kLeastRadius = 1e-4, kMostRadius = 0.5;     // [m]
+constexpr double kLeastStiffness = 1, kMostStiffness = 1e5;  // [N/m]
+constexpr double kLeastPace = 0.05, kMostPace = 20;          // times the path's own
+
+Progression read_progression(JsonReader reader, ExerciseMode mode) {
+  Progression progression;
+  progression.figure = reader.text("figure", progression.figure);
+  progression.target = reader.require("target").number("target", 0, -1e6, 1e6);
+  if (progression.target == 0) throw input_error(reader.where() + ".target: 0 cannot be reached; what is good enough?");
+  progression.tolerance = reader.number("tolerance", progression.tolerance, 0, 100);
+  progression.window = reader.integer("window", progression.window, 1, 100);
+  if (std::optional<JsonReader> assistance = reader.object("assistance")) {
+    if (mode != kAssisted)
+      throw input_error(
+          fmt::format("{}: means nothing in mode {}; it is for assisted", assistance->where(), to_string(mode)));
+    Progression::Assistance law;
+    law.start = assistance->number("start", law.start, 0, 1);
+    law.forget = assistance->number("forget", law.forget, 0, 0.999);
+    law.gain = assistance->number("gain", law.gain, 0, 100);
+    assistance->finish();
+    progression.assistance = law;
+  }
+  if (std::optional<JsonReader> difficulty = reader.object("difficulty")) {
+    Progression::Difficulty law;
+    law.start = difficulty->number("start", law.start, 0, 1);
+    law.step = difficulty->number("step", law.step, 0.001, 1);
+    for (const char* key : {"radius", "stiffness", "pace"})
+      if (difficulty->has(key)) check_meaning(*difficulty, "", key, mode);
+    law.radius = read_range(*difficulty, "radius", kLeastRadius, kMostRadius);
+    law.stiffness = read_range(*difficulty, "stiffness", kLeastStiffness, kMostStiffness);
+    law.pace = read_range(*difficulty, "pace", kLeastPace, kMostPace);
+    if (!law.radius && !law.stiffness && !law.pace)
+      throw input_error(difficulty->where() + ": what is to change? Give radius, stiffness or pace from easy to hard");
+    difficulty->finish();
+    progression.difficulty = law;
+  }
+  if (!progression.assistance && !progression.difficulty)
+    throw input_error(reader.where() + ": nothing adapts; give assistance or difficulty");
+  reader.finish();
+  return progression;
+}
+
+Path path_of_shape(JsonReader reader) {
+  ShapeOptions shape;
+  const std::vector<std::string> names = shape_names();
+  reader.require("kind");
+  const std::string kind = reader.choice("kind", names.front(), names);
+  shape.size = reader.number("size", shape.size, 1e-3, 10);
+  shape.duration = reader.number("duration", shape.duration, 0.05, 3600);
+  shape.blend = reader.number("blend", shape.blend, 0, 5);
+  shape.turns = reader.integer("turns", shape.turns, 1, 1000);
+  shape.center = reader.vector("center", shape.center, -10, 10);
+  shape.plane = reader.choice("plane", shape.plane, std::vector<std::string>{"xy", "yz", "zx"});
+  shape.angle = std::numbers::pi / 180 * reader.number("angle_deg", 0, -360, 360);
+  shape.constant_speed = reader.boolean("constant_speed", shape.constant_speed);
+  reader.finish();
+  constexpr double kLongest = 3600;  // [s]
+  if (shape.duration * shape.turns > kLongest)
+    throw input_error(fmt::format("{}: {} turns of {} s are {:.0f} s; an exercise takes an hour at most",
+                                  reader.where(), shape.turns, shape.duration, shape.duration * shape.turns));
+  Path path = make_shape(kind, shape);
+  path.name = kind;
+  return path;
+}
+
+Exercise read_exercise(JsonReader reader, const std::string& name) {
+  Exercise exercise;
+  exercise.name = reader.text("name", name);
+  exercise.path = reader.text("path", "");
+  // A shape that cannot be made is found before the person sits down.
+  if (std::optional<JsonReader> shape = reader.object("shape")) {
+    (void)path_of_shape(*shape);
+    exercise.shape = reader.value("shape");
+  }
+  if (exercise.path.empty() == !exercise.shape)
+    throw input_error(reader.where() + ": needs a path (a file) or a shape, one of them");
+  exercise.change = read_change(reader);
+  reader.require("mode");
+  exercise.mode = choose(reader, "mode", kModeNames, kTunnel);
+  exercise.test = choose(reader, "test", kTestNames, TestLabel::none);
+  for (const auto& [key, modes] : keys_of_modes())
+    if (reader.has(key)) check_meaning(reader, "", key, exercise.mode);
+
+  exercise.repetitions = reader.integer("repetitions", exercise.repetitions, 1, 10'000);
+  exercise.rest = reader.number("rest", exercise.rest, 0, 3600);
+  exercise.rest_after = reader.number("rest_after", exercise.rest_after, 0, 3600);
+  exercise.hold = reader.number("hold", exercise.hold, 0, 3600);
+  exercise.pace = reader.number("pace", exercise.pace, kLeastPace, kMostPace);
+  exercise.time_limit = reader.number("time_limit", exercise.time_limit, 0, 1e5);
+  exercise.radius = reader.number("radius", exercise.radius, 0, kMostRadius);
+  if (reader.has("stiffness")) exercise.stiffness = reader.number("stiffness", 0, kLeastStiffness, kMostStiffness);
+  exercise.assist_force = reader.number("assist_force", exercise.assist_force, 0, 100);
+  exercise.resistance = reader.number("resistance", exercise.resistance, 0, 1000);
+  exercise.viscosity = reader.number("viscosity", exercise.viscosity, 0, 1000);
+  exercise.force_scale = reader.number("force_scale", exercise.force_scale, 0, 10);
+  exercise.resist_forces = choose(reader, "feel", kFeelNames, 0) == 1;
+  exercise.wait = reader.number("wait", exercise.wait, 0, 10);
+  exercise.allow_back = reader.boolean("allow_back", exercise.allow_back);
+  if (std::optional<JsonReader> progression = reader.object("progression"))
+    exercise.progression = read_progression(*progression, exercise.mode);
+  if (exercise.progression && (exercise.mode == kFree || exercise.test != TestLabel::none))
+    throw input_error(reader.where() + ".progression: what is not guided, or compared, must stay the same");
+  if (exercise.test != TestLabel::none && exercise.mode != kFree)
+    throw input_error(fmt::format("{}.test: a test is without guidance, in mode free; the mode is {}", reader.where(),
+                                  to_string(exercise.mode)));
+  reader.finish();
+  return exercise;
+}
+
+std::vector<Exercise> read_exercises(JsonReader& reader, const char* key, const char* name) {
+  std::vector<Exercise> exercises;
+  for (JsonReader& one : reader.objects(key))
+    exercises.push_back(read_exercise(one, fmt::format("{} {}", name, exercises.size() + 1)));
+  return exercises;
+}
+
+ProgrammeLimits read_limits(JsonReader reader) {
+  ProgrammeLimits limits;
+  limits.time = reader.number("time", 0, 0, 1e5);
+  limits.force_dose = reader.number("force_dose", 0, 0, 1e9);
+  if (std::optional<JsonReader> fatigue = reader.object("fatigue")) {
+    ProgrammeLimits::Fatigue law;
+    law.figure = fatigue->text("figure", law.figure);
+    law.worse = fatigue->number("worse", law.worse, 0.01, 100);
+    law.repetitions = fatigue->integer("repetitions", law.repetitions, 1, 100);
+    fatigue->finish();
+    limits.fatigue = law;
+  }
+  reader.finish();
+  return limits;
+}
+
+}  // namespace
+
+const char* to_string(ExerciseMode mode) {
+  return kModeNames[static_cast<std::size_t>(mode)].c_str();
+}
+
+const char* to_string(TestLabel label) {
+  return kTestNames[static_cast<std::size_t>(label)].c_str();
+}
+
+double DifficultyRange::at(double level) const {
+  return easy * std::pow(hard / easy, level);
+}
+
+void PathChange::apply(Path& path) const {
+  Vec3 sign = Vec3::Ones();
+  if (mirror) sign[*mirror] = -1;
+  for (std::vector<Vec3>* column : {&path.position, &path.velocity})
+    for (Vec3& v : *column) v = scale * v.cwiseProduct(sign);
+  for (Vec3& f : path.force) f = f.cwiseProduct(sign);
+}
+
+Programme programme_from_json(const nlohmann::json& json, const std::string& where) {
+  JsonReader reader(json, where);
+  reader.require("haptrace_programme").integer("haptrace_programme", 1, 1, 1);
+  (void)reader.text("$schema", "");
+  Programme programme{.title = reader.text("title", ""), .description = reader.text("description", "")};
+  if (std::optional<JsonReader> person = reader.object("person")) {
+    programme.person = read_change(*person);
+    person->finish();
+  }
+  if (std::optional<JsonReader> limits = reader.object("limits")) programme.limits = read_limits(*limits);
+  programme.rounds = reader.integer("rounds", 1, 1, 1000);
+  programme.warm_up = read_exercises(reader, "warm_up", "warm-up");
+  programme.exercises = read_exercises(reader, "exercises", "exercise");
+  reader.finish();
+  if (programme.exercises.empty()) throw input_error(where + ": exercises: a programme has at least one");
+  return programme;
+}
+
+Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder) {
+  Path path = exercise.shape ? path_of_shape(JsonReader(*exercise.shape, "shape of '" + exercise.name + "'"))
+                             : load_path((std::filesystem::path(folder) / exercise.path).string());
+  exercise.change.apply(path);
+  programme.person.apply(path);
+  return path;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,23 @@
+// Time stamps of a CSV file, exact to the nanosecond. Private to formats.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace haptrace {
+
+/// Reads a decimal number of which `per_second` are a second, as in 1700000000123.5 for milliseconds. Nothing when
+/// `text` is no such number or is over 290 years.
+std::optional<std::int64_t> parse_decimal_stamp(std::string_view text, double per_second);
+
+/// Reads a date and time in [ns] since 1970: ISO 8601 or RFC 3339 (2026-01-31T12:00:00.123+01:00, 20260131T120000), a
+/// blank in place of the T, / in place of -, or day and month first with points (31.01.2026 12:00:00,123). Without a
+/// zone it is in UTC.
+std::optional<std::int64_t> parse_date_stamp(std::string_view text);
+
+/// Reads a time of day, 12:00:00.123, in [ns] since midnight.
+std::optional<std::int64_t> parse_clock_stamp(std::string_view text);
+
+}  // namespace haptrace

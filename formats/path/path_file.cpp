@@ -1,0 +1,110 @@
+#include "formats/path/path_file.h"
+
+#include "base/error.h"
+#include "base/text_file.h"
+#include "formats/path/csv.h"
+#include "formats/recording/recording.h"
+#include "formats/recording/recording_formats.h"
+#include "formats/recording/sampling.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr std::uint64_t kNotedRows = 16'384;  // of a recording, which is told of by its first ones
+
+bool ends_like_hdf5(const std::string& file) {
+  const std::string text = file_ending(file);
+  return text == ".h5" || text == ".hdf5";
+}
+
+/// What is odd about the sampling of a path.
+std::vector<std::string> sampling_notes(const Path& path) {
+  constexpr double kLongest = 9.2e18;  // [ns]
+  SamplingReport report;
+  Sample sample;
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    sample.time_ns = std::llround(std::min((path.time[i] - path.time.front()) * 1e9, kLongest));
+    sample.position = path.position[i];
+    sample.velocity = path.velocity.empty() ? nan3() : path.velocity[i];
+    sample.force = path.force.empty() ? nan3() : path.force[i];
+    report.add(sample);
+  }
+  return notes(report.result());
+}
+
+void write_recording(const Path& path, const std::string& file, const std::string& title, bool overwrite) {
+  RecordingHeader header;
+  header.software = "haptrace";
+  header.title = title;
+  header.clock = "virtual";
+  if (path.size() > 1) header.rate_hz = static_cast<double>(path.size() - 1) / path.duration();
+
+  std::vector<Sample> samples(path.size());
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    Sample& sample = samples[i];
+    sample.tick = i;
+    sample.time_ns = std::llround((path.time[i] - path.time.front()) * 1e9);
+    if (i > 0 && sample.time_ns <= samples[i - 1].time_ns)
+      throw input_error(
+          fmt::format("{}: sample {} comes less than 1 ns after the one before; a recording keeps "
+                      "nanoseconds. Is time in seconds?",
+                      path.name, i + 1));
+    sample.position = path.position[i];
+    sample.velocity = path.velocity.empty() ? nan3() : path.velocity[i];
+    sample.force = path.force.empty() ? nan3() : path.force[i];
+    if (!path.orientation.empty()) sample.orientation = path.orientation[i];
+    sample.phase = Phase::run;
+  }
+  RecordingWriter writer(
+      file, header, {.orientation = !path.orientation.empty()},
+      {.overwrite = overwrite, .storage = {.rows_per_chunk = std::min<std::size_t>(path.size(), 2048)}});
+  writer.append(samples);
+  writer.finish();
+}
+
+}  // namespace
+
+std::shared_ptr<const PathSource> open_path(const std::string& file, const PathSelection& selection,
+                                            const RowsDone& progress, const CsvOptions& csv) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  const fs::file_status status = fs::status(file, error);
+  if (!fs::exists(status)) throw input_error(file + ": no such file");
+  if (fs::is_directory(status)) throw input_error(file + ": is a folder, not a path");
+
+  check(csv);
+  const bool recorded = is_hdf5(file) || ends_like_hdf5(file);
+  if (recorded) refuse_csv_options(csv, file, "a recording (HDF5)");
+  const std::string& name = csv.name.empty() ? file : csv.name;
+  std::shared_ptr<PathSource> source = recorded ? source_of(RecordingReader(file), name, selection, progress)
+                                                : source_of(read_csv(file, csv), selection);
+  const bool whole = !recorded || source->facts().rows <= kNotedRows;
+  const Path noted = source->read(0, whole ? source->facts().rows : kNotedRows);
+  for (const std::string& note : sampling_notes(noted))
+    source->note(whole ? note : fmt::format("the first {} samples: {}", kNotedRows, note));
+  if (const double longest = source->facts().longest_interval;
+      !whole && longest > 5 * noted.duration() / static_cast<double>(noted.size()))
+    source->note(fmt::format("the longest interval between two samples is {:.4g} s", longest));
+  return source;
+}
+
+Path load_path(const std::string& file, const CsvOptions& csv) {
+  const auto source = open_path(file, {}, {}, csv);
+  Path path = source->read(0, source->facts().rows);
+  path.notes = source->facts().notes;
+  return path;
+}
+
+void save_path(const Path& path, const std::string& file, const std::string& title, bool overwrite) {
+  validate(path);
+  if (ends_like_hdf5(file)) return write_recording(path, file, title, overwrite);
+  if (file_ending(file) == ".csv") return write_csv(path, file, overwrite);
+  throw input_error(fmt::format("{}: a path is written as .csv or .h5", file));
+}
+
+}  // namespace haptrace

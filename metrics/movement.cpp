@@ -1,0 +1,303 @@
+#include "metrics/movement.h"
+
+#include "base/error.h"
+#include "control/filters.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <vector>
+
+namespace haptrace {
+namespace {
+
+constexpr double kStepsPerCutoff = 100;  // of the even samples
+constexpr double kMostSteps = 1e8;
+
+/// Forwards and backwards, a second-order Butterworth filter has its gain of 1 / sqrt(2) at (sqrt(2) - 1)^(1/4) of its
+/// cut-off (Winter, Biomechanics and Motor Control of Human Movement, 2.2.4).
+constexpr double kTwoPasses = 0.80225;
+
+/// Even instants.
+struct Grid {
+  double begin = 0, step = 0;  ///< [s]
+  std::size_t size = 0;
+
+  [[nodiscard]] double at(std::size_t k) const { return begin + static_cast<double>(k) * step; }
+  [[nodiscard]] double end() const { return at(size - 1); }
+};
+
+/// The rows of a column that were measured.
+struct Column {
+  std::vector<double> time;
+  std::vector<Vec3> value;
+
+  Column(std::span<const double> times, std::span<const Vec3> values) {
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      if (!is_finite(values[i])) continue;
+      time.push_back(times[i]);
+      value.push_back(values[i]);
+    }
+  }
+
+  /// Whether no instant from `begin` to `end` is farther than `gap` between two rows.
+  [[nodiscard]] bool covers(double begin, double end, double gap) const {
+    if (time.empty() || time.front() - begin > gap || end - time.back() > gap) return false;
+    return std::adjacent_find(time.begin(), time.end(), [gap](double a, double b) { return b - a > gap; }) ==
+           time.end();
+  }
+};
+
+/// Straight lines between the rows of a column, constant before and after, and their integral.
+class Lines {
+ public:
+  explicit Lines(const Column& column) : column_(column), integral_(column.time.size(), Vec3::Zero()) {
+    for (std::size_t i = 0; i + 1 < integral_.size(); ++i)
+      integral_[i + 1] = integral_[i] + area(i, column.time[i + 1]);
+  }
+
+  /// Up to t, from the first row. Questions come in order; `row` remembers the last.
+  [[nodiscard]] Vec3 integral(double t, std::size_t& row) const {
+    if (t <= column_.time.front()) return (t - column_.time.front()) * column_.value.front();
+    if (t >= column_.time.back()) return integral_.back() + (t - column_.time.back()) * column_.value.back();
+    while (column_.time[row + 1] < t) ++row;
+    return integral_[row] + area(row, t);
+  }
+
+  [[nodiscard]] Vec3 value(double t) const {
+    const auto after = std::upper_bound(column_.time.begin(), column_.time.end(), t);
+    if (after == column_.time.begin()) return column_.value.front();
+    if (after == column_.time.end()) return column_.value.back();
+    const auto i = static_cast<std::size_t>(after - column_.time.begin()) - 1;
+    return column_.value[i] + (t - column_.time[i]) * slope(i);
+  }
+
+ private:
+  [[nodiscard]] Vec3 slope(std::size_t i) const {
+    return (column_.value[i + 1] - column_.value[i]) / (column_.time[i + 1] - column_.time[i]);
+  }
+  [[nodiscard]] Vec3 area(std::size_t i, double t) const {
+    const double dt = t - column_.time[i];
+    return dt * (column_.value[i] + 0.5 * dt * slope(i));
+  }
+
+  const Column& column_;
+  std::vector<Vec3> integral_;
+};
+
+std::vector<Vec3> resampled(const Column& column, const Grid& grid) {
+  const Lines lines(column);
+  std::vector<Vec3> even(grid.size);
+  std::size_t lower = 0, upper = 0;
+  for (std::size_t k = 0; k < grid.size; ++k) {
+    // At the ends the mean is over no time at all: it must not be over one side.
+    const double t = grid.at(k), half = k == 0 || k + 1 == grid.size ? 0 : grid.step / 2;
+    even[k] = half == 0 ? lines.value(t)
+                        : Vec3((lines.integral(t + half, upper) - lines.integral(t - half, lower)) / (2 * half));
+  }
+  return even;
+}
+
+/// Second-order Butterworth, forwards and backwards. Less the straight line between its ends, the signal goes on beyond
+/// both as its point reflection, and so for ever: an odd function of period 2 (n - 1).
+void low_pass(std::vector<Vec3>& x, double cutoff_hz, double rate_hz) {
+  const std::size_t last = x.size() - 1, period = 2 * last;
+  const auto settling = static_cast<std::size_t>(3 * rate_hz / cutoff_hz);
+  const Vec3 begin = x.front(), slope = (x.back() - x.front()) / static_cast<double>(last);
+  for (std::size_t i = 0; i <= last; ++i) x[i] -= begin + static_cast<double>(i) * slope;
+  std::vector<double> line(x.size() + 2 * settling);
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    for (std::size_t i = 0; i < line.size(); ++i) {
+      const std::size_t k = (i + (settling / period + 1) * period - settling) % period;
+      line[i] = k <= last ? x[k][axis] : -x[period - k][axis];
+    }
+    Butterworth2 filter(Butterworth2::Kind::low_pass, cutoff_hz / kTwoPasses, rate_hz);
+    for (double& y : line) y = filter.update(y);
+    filter.reset();
+    for (auto y = line.rbegin(); y != line.rend(); ++y) *y = filter.update(*y);
+    for (std::size_t i = 0; i <= last; ++i) x[i][axis] = line[i + settling];
+  }
+  for (std::size_t i = 0; i <= last; ++i) x[i] += begin + static_cast<double>(i) * slope;
+}
+
+std::vector<Vec3> central_differences(const std::vector<Vec3>& x, double step) {
+  std::vector<Vec3> v(x.size());
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const std::size_t before = i == 0 ? 0 : i - 1, after = std::min(i + 1, x.size() - 1);
+    v[i] = (x[after] - x[before]) / (static_cast<double>(after - before) * step);
+  }
+  return v;
+}
+
+/// Maxima that rise above both valleys beside them by `prominence`.
+int count_peaks(std::span<const double> speed, double prominence) {
+  int peaks = 0;
+  bool rising = false;  // above the last valley, by enough
+  double lowest = speed.front(), highest = speed.front();
+  for (const double v : speed) {
+    if (rising) {
+      highest = std::max(highest, v);
+      if (v > highest - prominence) continue;
+      ++peaks;
+      rising = false;
+      lowest = v;
+    } else {
+      lowest = std::min(lowest, v);
+      if (v < lowest + prominence) continue;
+      rising = true;
+      highest = v;
+    }
+  }
+  return peaks;
+}
+
+/// The low-passed trial from onset to end, at even steps.
+struct Movement {
+  std::size_t first = 0, last = 0;  ///< of the grid
+  double step = 0;                  // [s]
+  double slow = 0;                  ///< speed below which it dwells [m/s]
+  std::vector<Vec3> position, velocity;
+  std::vector<double> speed;
+
+  /// The integral over the movement of what `rate` says at a row, by the trapezoidal rule.
+  template <class Rate>
+  [[nodiscard]] double integral(const Rate& rate) const {
+    double sum = 0;
+    for (std::size_t i = first; i <= last; ++i) sum += (i == first || i == last ? 0.5 : 1) * rate(i);
+    return sum * step;
+  }
+};
+
+/// Time slower than the threshold, the speed a straight line from row to row.
+double dwell_time(const Movement& movement) {
+  double steps = 0;
+  for (std::size_t i = movement.first; i < movement.last; ++i) {
+    const auto [least, most] = std::minmax({movement.speed[i] - movement.slow, movement.speed[i + 1] - movement.slow});
+    if (least < 0) steps += most < 0 ? 1 : -least / (most - least);
+  }
+  return steps * movement.step;
+}
+
+ForceFigures force_figures(const Movement& movement, const std::vector<Vec3>& force) {
+  ForceFigures figures;
+  const auto moves = [&](std::size_t i) { return movement.speed[i] >= movement.slow; };
+  const auto across = [&](std::size_t i) {
+    const Vec3 along = movement.velocity[i] / movement.speed[i];
+    return (force[i] - along.dot(force[i]) * along).norm();
+  };
+  const auto power = [&](std::size_t i) { return force[i].dot(movement.velocity[i]); };
+  const double time = movement.integral([](std::size_t) { return 1; });
+  const double moving = movement.integral([&](std::size_t i) { return moves(i) ? 1 : 0; });
+  figures.mean = movement.integral([&](std::size_t i) { return force[i].norm(); }) / time;
+  figures.mean_across = movement.integral([&](std::size_t i) { return moves(i) ? across(i) : 0; }) / moving;
+  figures.assist = movement.integral([&](std::size_t i) { return std::max(power(i), 0.0); });
+  figures.resist = movement.integral([&](std::size_t i) { return std::max(-power(i), 0.0); });
+  for (std::size_t i = movement.first; i <= movement.last; ++i) figures.peak = std::max(figures.peak, force[i].norm());
+  return figures;
+}
+
+double person_work(const Movement& movement, const PlantModel& plant, const ForceFigures& device) {
+  const auto kinetic = [&](std::size_t i) { return 0.5 * plant.mass.dot(movement.velocity[i].cwiseAbs2()); };
+  const double friction = movement.integral([&](std::size_t i) {
+    const Vec3& v = movement.velocity[i];
+    return plant.viscous.dot(v.cwiseAbs2()) + plant.coulomb.dot(v.cwiseAbs());
+  });
+  const double gravity = movement.integral([&](std::size_t i) {
+    return (plant.gravity + plant.gravity_gradient * movement.position[i]).dot(movement.velocity[i]);
+  });
+  return kinetic(movement.last) - kinetic(movement.first) + friction - gravity - (device.assist - device.resist);
+}
+
+void validate(const Trial& trial) {
+  const std::size_t rows = trial.time.size();
+  const auto equal = [&](std::span<const Vec3> column) { return column.empty() || column.size() == rows; };
+  if (trial.position.size() != rows || !equal(trial.force) || !equal(trial.measured))
+    throw input_error(
+        fmt::format("a trial of {} times has {} positions, {} forces and {} measured forces: columns "
+                    "have to be equally long, or empty for forces",
+                    rows, trial.position.size(), trial.force.size(), trial.measured.size()));
+  for (std::size_t i = 0; i < rows; ++i)
+    if (!std::isfinite(trial.time[i]) || (i > 0 && !(trial.time[i] > trial.time[i - 1])))
+      throw input_error(fmt::format("row {} of a trial: time {} s does not come after {} s; time has to increase",
+                                    i + 1, trial.time[i], i > 0 ? trial.time[i - 1] : kNaN));
+}
+
+void validate(const MovementOptions& options) {
+  const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
+  const auto share = [](double x) { return x > 0 && x < 1; };
+  if (!positive(options.cutoff_hz) || !positive(options.least_speed) || !positive(options.max_gap) ||
+      !share(options.threshold) || !share(options.prominence) ||
+      (options.reference_length && !positive(*options.reference_length)))
+    throw input_error(
+        "movement figures: the cut-off, the least speed, the longest gap and the reference length have to be positive, "
+        "the threshold and the prominence between 0 and 1");
+}
+
+}  // namespace
+
+std::optional<MovementFigures> movement_figures(const Trial& trial, const MovementOptions& options) {
+  validate(options);
+  validate(trial);
+  const Column positions(trial.time, trial.position);
+  if (positions.time.size() < 3) return std::nullopt;
+  const double begin = positions.time.front(), end = positions.time.back();
+  if (!positions.covers(begin, end, options.max_gap)) return std::nullopt;
+
+  const double rate = kStepsPerCutoff * options.cutoff_hz;
+  if ((end - begin) * rate > kMostSteps)
+    throw input_error(fmt::format("a trial lasts {} s: more than can be low-passed at {} Hz; are its times in seconds?",
+                                  end - begin, options.cutoff_hz));
+  const auto steps = std::max(std::round((end - begin) * rate), 2.0);
+  const Grid grid{.begin = begin, .step = (end - begin) / steps, .size = static_cast<std::size_t>(steps) + 1};
+  const auto even = [&](const Column& column) {
+    std::vector<Vec3> x = resampled(column, grid);
+    low_pass(x, options.cutoff_hz, 1 / grid.step);
+    return x;
+  };
+
+  Movement movement{.step = grid.step, .position = even(positions)};
+  movement.velocity = central_differences(movement.position, grid.step);
+  std::vector<double>& speed = movement.speed;
+  for (const Vec3& v : movement.velocity) speed.push_back(v.norm());
+  const double peak = *std::max_element(speed.begin(), speed.end());
+  if (peak < options.least_speed) return std::nullopt;
+
+  movement.slow = options.threshold * peak;
+  const auto moves = [&](double v) { return v >= movement.slow; };
+  movement.first = static_cast<std::size_t>(std::find_if(speed.begin(), speed.end(), moves) - speed.begin());
+  movement.last = static_cast<std::size_t>(speed.rend() - std::find_if(speed.rbegin(), speed.rend(), moves)) - 1;
+  // Between this row, which is slower, and the next towards the movement.
+  const auto crossing = [&](std::size_t slow, std::size_t fast) {
+    const double u = (movement.slow - speed[slow]) / (speed[fast] - speed[slow]);
+    return grid.at(slow) - begin + u * (grid.at(fast) - grid.at(slow));
+  };
+
+  MovementFigures figures;
+  figures.duration = end - begin;
+  figures.onset = movement.first == 0 ? 0 : crossing(movement.first - 1, movement.first);
+  figures.end = movement.last + 1 == grid.size ? figures.duration : crossing(movement.last + 1, movement.last);
+  figures.movement_time = figures.end - figures.onset;
+  figures.dwell_time = dwell_time(movement);
+  figures.path_length = movement.integral([&](std::size_t i) { return speed[i]; });
+  figures.mean_speed = figures.path_length / figures.movement_time;
+  figures.peak_speed = peak;
+  figures.speed_peaks = count_peaks(speed, std::max(options.prominence * peak, options.least_speed));
+  if (options.reference_length) figures.normalised_length = figures.path_length / *options.reference_length;
+
+  const std::span<const double> moving(speed.data() + movement.first, movement.last - movement.first + 1);
+  figures.sparc = sparc(moving, 1 / grid.step, options.sparc);
+  figures.log_jerk = log_dimensionless_jerk(moving, 1 / grid.step);
+
+  const auto figures_of = [&](std::span<const Vec3> values) -> std::optional<ForceFigures> {
+    const Column column(trial.time, values);
+    if (!column.covers(begin, end, options.max_gap)) return std::nullopt;
+    return force_figures(movement, even(column));
+  };
+  figures.force = figures_of(trial.force);
+  figures.measured = figures_of(trial.measured);
+  if (options.plant && figures.force)
+    figures.person_work_estimate = person_work(movement, *options.plant, *figures.force);
+  return figures;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,88 @@
+#include "metrics/polyline.h"
+
+#include "base/error.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+
+Polyline::Polyline(std::span<const Vec3> points) {
+  for (const Vec3& p : points) {
+    if (!is_finite(p)) continue;
+    const double s = arc_.empty() ? 0 : arc_.back() + (p - points_.back()).norm();
+    if (!arc_.empty() && !(s > arc_.back())) continue;
+    points_.push_back(p);
+    arc_.push_back(s);
+  }
+  if (points_.empty()) throw input_error("a curve without a single finite point: it needs one");
+}
+
+std::size_t Polyline::segment_at(double s) const noexcept {
+  const auto after = std::upper_bound(arc_.begin(), arc_.end(), s);
+  const auto last = static_cast<std::ptrdiff_t>(arc_.size()) - 2;
+  return static_cast<std::size_t>(
+      std::clamp<std::ptrdiff_t>(after - arc_.begin() - 1, 0, std::max<std::ptrdiff_t>(last, 0)));
+}
+
+Vec3 Polyline::at(double s) const noexcept {
+  if (!(s > 0)) return points_.front();
+  if (s >= length()) return points_.back();
+  const std::size_t i = segment_at(s);
+  const double u = (s - arc_[i]) / (arc_[i + 1] - arc_[i]);
+  return points_[i] + u * (points_[i + 1] - points_[i]);
+}
+
+double Polyline::nearest(const Vec3& point, double from, double to) const noexcept {
+  from = std::clamp(from, 0.0, length());
+  to = std::clamp(to, from, length());
+  double best = from, least = (at(from) - point).squaredNorm();
+  for (std::size_t i = segment_at(from); i + 1 < arc_.size() && arc_[i] <= to; ++i) {
+    const double size = arc_[i + 1] - arc_[i];
+    const Vec3 along = (points_[i + 1] - points_[i]) / size;
+    const double s =
+        std::clamp(arc_[i] + along.dot(point - points_[i]), std::max(arc_[i], from), std::min(arc_[i + 1], to));
+    const double distance = (points_[i] + (s - arc_[i]) * along - point).squaredNorm();
+    if (distance < least) {
+      least = distance;
+      best = s;
+    }
+  }
+  return best;
+}
+
+std::vector<Vec3> Polyline::resampled(double spacing) const {
+  constexpr double kMostPoints = 1e7;
+  const double steps = std::round(length() / spacing);
+  if (!(spacing > 0) || !(steps < kMostPoints))
+    throw input_error(fmt::format("a curve of {} m cannot be cut into steps of {} m", length(), spacing));
+  if (length() == 0) return {points_.front()};
+  const auto size = static_cast<std::size_t>(std::max(steps, 1.0)) + 1;
+  std::vector<Vec3> points(size);
+  for (std::size_t k = 0; k < size; ++k)
+    points[k] = at(length() * static_cast<double>(k) / static_cast<double>(size - 1));
+  return points;
+}
+
+std::vector<double> foot_points(const Polyline& curve, std::span<const Vec3> position, const FootSearch& search) {
+  if (!(search.ahead > 0) || !(search.back >= 0) || !std::isfinite(search.start))
+    throw input_error(
+        fmt::format("foot points looked for from {} m, {} m back and {} m ahead: ahead has to be positive "
+                    "and back not negative",
+                    search.start, search.back, search.ahead));
+  std::vector<double> feet(position.size(), kNaN);
+  double s = search.start, farthest = s;
+  const Vec3* before = nullptr;
+  for (std::size_t i = 0; i < position.size(); ++i) {
+    if (!is_finite(position[i])) continue;
+    const double moved = before != nullptr ? (position[i] - *before).norm() : 0;
+    s = curve.nearest(position[i], farthest - search.back, s + search.ahead + 2 * moved);
+    farthest = std::max(farthest, s);
+    feet[i] = s;
+    before = &position[i];
+  }
+  return feet;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,319 @@
+#include "metrics/recorded_trial.h"
+
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/suggest.h"
+#include "control/path/path_smoothing.h"
+#include "metrics/time_warping.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr std::array<std::string_view, 10> kTrialColumns{
+    "time",          "position", "force", "force_measured", "reference_position", "reference_force", "progress",
+    "tunnel_radius", "phase",    "tick"};
+
+/// A text or number of a recording's configuration.
+template <class Value>
+Value configured(const nlohmann::json& config, const char* key, Value otherwise) {
+  const auto found = config.is_object() ? config.find(key) : config.end();
+  if (found == config.end()) return otherwise;
+  if constexpr (std::is_same_v<Value, std::string>)
+    return found->is_string() ? found->template get<std::string>() : otherwise;
+  else
+    return found->is_number() ? found->template get<Value>() : otherwise;
+}
+
+TrialKind kind_of(const RecordingHeader& header, const RecordingColumns& columns) {
+  if (!columns.reference) return TrialKind::free;
+  if (!columns.guidance) return TrialKind::passive;
+  return configured<std::string>(header.config, "mode", "tunnel") == "cursor" ? TrialKind::cursor : TrialKind::guided;
+}
+
+/// The curve through `points`, which has a finite one, with the forces there. An expert without forces has none, or
+/// zeros.
+TrialPath path_through(std::span<const Vec3> points, std::span<const Vec3> forces) {
+  TrialPath path{.curve = Polyline(points)};
+  const bool any = std::any_of(forces.begin(), forces.end(), [](const Vec3& f) { return f.squaredNorm() > 0; });
+  if (!any || !(path.curve.length() > 0)) return path;
+  std::vector<double> arc;
+  double length = 0;
+  Vec3 before = nan3();
+  for (const Vec3& point : points) {
+    if (point.allFinite()) {
+      if (before.allFinite()) length += (point - before).norm();
+      before = point;
+    }
+    arc.push_back(point.allFinite() ? length : kNaN);
+  }
+  path.expert = force_by_arc_length(arc, forces, path.curve.length(), path.spacing);
+  return path;
+}
+
+/// A way without the steps that are shorter than `spacing` [m]: a hand that rests trembles, and a device counts, which
+/// would make it longer than any band.
+Polyline without_noise(std::span<const Vec3> way, double spacing) {
+  std::vector<Vec3> points;
+  for (const Vec3& p : way)
+    if (p.allFinite() && (points.empty() || (p - points.back()).norm() >= spacing)) points.push_back(p);
+  return Polyline(points);
+}
+
+bool any_finite(std::span<const Vec3> points) {
+  return std::any_of(points.begin(), points.end(), [](const Vec3& p) { return p.allFinite(); });
+}
+
+/// Nothing where no component is known.
+void drop_unknown(std::vector<Vec3>& column) {
+  if (!any_finite(column)) column.clear();
+}
+
+std::optional<double> rms_of(const std::optional<Deviation>& deviation) {
+  return deviation ? std::optional(deviation->rms) : std::nullopt;
+}
+
+std::optional<double> peak_of(const std::optional<Deviation>& deviation) {
+  return deviation ? std::optional(deviation->peak) : std::nullopt;
+}
+
+template <auto Member>
+std::optional<double> of_movement(const TrialFigures& figures) {
+  if (!figures.movement) return std::nullopt;
+  return (*figures.movement).*Member;
+}
+
+template <auto Member>
+std::optional<double> of_force(const TrialFigures& figures) {
+  if (!figures.movement || !figures.movement->force) return std::nullopt;
+  return (*figures.movement->force).*Member;
+}
+
+constexpr TrialFigure kFigures[] = {
+    {"contour_rms_m", "rms deviation from the path", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return rms_of(f.contour); },
+     "Root mean square over time of the distance from the path, wherever on it the hand was; lateness does not count."},
+    {"contour_peak_m", "largest deviation from the path", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return peak_of(f.contour); }, "Largest distance from the path."},
+    {"deviation_rms_m", "rms deviation at the same instant", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return rms_of(f.deviation); },
+     "Root mean square over time of the distance from where the path was at the same instant; of repetitions in which "
+     "the path has its own time."},
+    {"deviation_peak_m", "largest deviation at the same instant", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return peak_of(f.deviation); },
+     "Largest distance from where the path was at the same instant."},
+    {"time_in_tunnel", "time in the tunnel", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.time_in_tunnel; },
+     "Share of the time that the hand was within the tunnel's radius of its place on the path; in the mode cursor, "
+     "within that radius of the cursor, so that lateness counts."},
+    {"completion", "path walked", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
+     "Share of the path's length that was walked."},
+    {"shape_distance_m", "distance of the shapes", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return f.shape_distance; },
+     "Mean distance of what was walked from the whole path along their best alignment, whoever was faster where "
+     "(dynamic time warping, Sakoe and Chiba 1978); of repetitions that came to the end."},
+    {"movement_time_s", "movement time", "s", 1, 2, -1, of_movement<&MovementFigures::movement_time>,
+     "From where the speed first reaches 5 % of its peak to where it last falls below."},
+    {"dwell_time_s", "time at rest", "s", 1, 2, -1, of_movement<&MovementFigures::dwell_time>,
+     "Part of the movement time in which the hand was slower than 5 % of its peak speed."},
+    {"path_length_m", "way of the hand", "mm", 1e3, 0, 0, of_movement<&MovementFigures::path_length>,
+     "Length of what the hand walked in the movement time."},
+    {"normalised_length", "way over path length", "", 1, 3, -1,
+     [](const TrialFigures& f) { return f.movement ? f.movement->normalised_length : std::nullopt; },
+     "The hand's way over the length of the path that it walked; 1 is straight along it. Undefined when that is less "
+     "than 5 % of the path, or than 2 mm: a hand that rests trembles."},
+    {"mean_speed_m_per_s", "mean speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::mean_speed>,
+     "The hand's way over the movement time."},
+    {"peak_speed_m_per_s", "peak speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::peak_speed>,
+     "Largest speed of the hand, low-passed at 10 Hz."},
+    {"speed_peaks", "peaks of the speed", "", 1, 0, -1, of_movement<&MovementFigures::speed_peaks>,
+     "Maxima of the speed that rise above their surroundings by 5 % of the largest; 1 is one single stroke."},
+    {"sparc", "smoothness (SPARC)", "", 1, 2, 1,
+     [](const TrialFigures& f) { return f.movement ? f.movement->sparc : std::nullopt; },
+     "Spectral arc length of the speed (Balasubramanian and others 2015): -1.4 for the smoothest reach, the more "
+     "negative the less smooth. It does not depend on amplitude or duration."},
+    {"log_jerk", "smoothness (log jerk)", "", 1, 2, 1,
+     [](const TrialFigures& f) { return f.movement ? f.movement->log_jerk : std::nullopt; },
+     "Logarithm of the dimensionless jerk, with the sign turned (Hogan and Sternad 2009): -5.3 for the smoothest "
+     "reach, the more negative the less smooth."},
+    {"force_error_rms_n", "rms difference from the expert's force", "N", 1, 2, -1,
+     [](const TrialFigures& f) { return f.force_error ? std::optional(f.force_error->error.rms) : std::nullopt; },
+     "Root mean square, place by place along the path, of the difference between the force that was felt and the "
+     "expert's, where that was replayed and as much was walked."},
+    {"mean_force_n", "mean force of the device", "N", 1, 2, 0, of_force<&ForceFigures::mean>,
+     "Mean magnitude of the device's force on the hand. What led the hand to the start fades within the first 0.3 s of "
+     "a repetition and counts, also where nothing else is sent (free)."},
+    {"peak_force_n", "peak force of the device", "N", 1, 2, 0, of_force<&ForceFigures::peak>,
+     "Largest magnitude of the device's force on the hand."},
+    {"mean_force_across_n", "mean force across the movement", "N", 1, 2, 0, of_force<&ForceFigures::mean_across>,
+     "Mean magnitude of the part of that force that is perpendicular to the movement."},
+    {"assist_work_j", "work of the device on the hand", "mJ", 1e3, 1, 0, of_force<&ForceFigures::assist>,
+     "Work that the device did on the hand where it pushed along the movement."},
+    {"resist_work_j", "work of the hand on the device", "mJ", 1e3, 1, 0, of_force<&ForceFigures::resist>,
+     "Work that the device took from the hand where it pushed against the movement."},
+    {"person_work_estimate_j", "work of the person, estimated", "mJ", 1e3, 1, 0,
+     [](const TrialFigures& f) { return f.movement ? f.movement->person_work_estimate : std::nullopt; },
+     "What the person did on the device: the change of its kinetic energy and what its friction took, less the work of "
+     "weight and motors. An estimate, as good as the device's calibration; it does not see a hand that pushes against "
+     "a wall."},
+};
+
+}  // namespace
+
+std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std::string& file) {
+  const RecordingHeader header = reader.header();
+  const RecordingColumns columns = reader.columns();
+  std::uint64_t runs = 0;
+  for (const RecordingSummary& block : reader.overview()) runs += block.run_rows;
+
+  double scale = configured(header.config, "force-scale", 1.0);
+  // Who was left alone felt no force, and none is missing.
+  if (configured<std::string>(header.config, "mode", "") == "free") scale = 0;
+  if (configured<std::string>(header.config, "feel", "active") == "resist") scale = -scale;
+
+  std::vector<RecordedTrial> trials;
+  bool in_trial = false;
+  constexpr std::uint64_t kRowsAtOnce = 65'536;
+  for (std::uint64_t row = 0; row < reader.rows(); row += kRowsAtOnce)
+    for (const Sample& sample : reader.read(row, kRowsAtOnce, kTrialColumns)) {
+      if (runs > 0 && sample.phase != Phase::run) {
+        in_trial = false;
+        continue;
+      }
+      if (!in_trial) {
+        trials.push_back({.kind = kind_of(header, columns),
+                          .repetition = static_cast<int>(trials.size()) + 1,
+                          .force_scale = scale});
+        in_trial = true;
+      }
+      RecordedTrial& trial = trials.back();
+      if (trial.time.size() >= kLongestTrial)
+        throw input_error(
+            fmt::format("{}: repetition {} has more than {} million rows, more than a report is made of; take a part "
+                        "of it: haptrace "
+                        "convert {} --from 0 --to 3600 -o part.h5",
+                        file, trial.repetition, kLongestTrial / 1'000'000, file));
+      trial.time.push_back(1e-9 * static_cast<double>(sample.time_ns));
+      trial.position.push_back(sample.position);
+      trial.force.push_back(sample.force);
+      if (columns.force_measured) trial.measured.push_back(sample.force_measured);
+      if (columns.reference) trial.reference.push_back(sample.reference_position);
+      if (columns.guidance) {
+        trial.expert.push_back(sample.reference_force);
+        trial.progress.push_back(sample.progress);
+      }
+      if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
+    }
+  for (RecordedTrial& trial : trials)
+    for (std::vector<Vec3>* column : {&trial.force, &trial.measured, &trial.reference, &trial.expert})
+      drop_unknown(*column);
+  return trials;
+}
+
+TrialPath path_of(const Path& path) {
+  return path_through(smooth_positions(path, smoothing_time({&path, 1})), path.force);
+}
+
+std::optional<TrialPath> path_of(const RecordedTrial& trial) {
+  if (!any_finite(trial.reference)) return std::nullopt;
+  TrialPath path = [&] {
+    if (trial.progress.empty()) return path_through(trial.reference, {});
+    // The place of a guided trial stands still, and may go back: every place once.
+    std::vector<Vec3> points, forces;
+    double farthest = -1;
+    for (std::size_t i = 0; i < trial.reference.size(); ++i) {
+      if (!(trial.progress[i] > farthest) || !trial.reference[i].allFinite()) continue;
+      farthest = trial.progress[i];
+      points.push_back(trial.reference[i]);
+      if (!trial.expert.empty()) forces.push_back(trial.expert[i]);
+    }
+    return points.empty() ? path_through(trial.reference, {}) : path_through(points, forces);
+  }();
+  path.whole = false;
+  return path;
+}
+
+TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<TrialPath>& path,
+                           const std::optional<PlantModel>& plant) {
+  TrialFigures figures{.duration = trial.time.empty() ? 0 : trial.time.back() - trial.time.front()};
+  MovementOptions movement{.plant = plant};
+  std::vector<double> arc;
+  if (path && path->curve.length() > 0) {
+    const double length = path->curve.length();
+    arc = foot_points(path->curve, trial.position);
+    double walked = 0;
+    for (const double s : arc)
+      if (s > walked) walked = s;
+    if (path->whole) figures.completion = std::min(1.0, walked / length);
+    figures.contour = contour_deviation(trial.time, trial.position, path->curve, arc);
+    // A hand that rests trembles along a path, but does not walk it.
+    constexpr double kLeastShare = 0.05, kLeastWalk = 2e-3;
+    const bool walks = walked >= std::max(kLeastWalk, kLeastShare * length);
+    if (walks) movement.reference_length = walked;
+
+    constexpr double kCame = 0.95, kPoints = 2000, kLongestWay = 10;
+    if (walks && figures.completion >= kCame) {
+      WarpingOptions warping{.spacing = std::max(1e-3, length / kPoints)};
+      const Polyline hand = without_noise(trial.position, warping.spacing);
+      warping.band = std::max(warping.band, 1.1 * std::abs(hand.length() - length));
+      if (hand.length() <= kLongestWay * length) figures.shape_distance = warping_distance(path->curve, hand, warping);
+    }
+    // Nobody else was to feel it.
+    const bool guided = trial.kind == TrialKind::guided || trial.kind == TrialKind::cursor;
+    if (walks && guided && trial.force_scale != 0 && !path->expert.empty() && !trial.force.empty()) {
+      std::vector<Vec3> expert = path->expert;
+      for (Vec3& force : expert) force *= trial.force_scale;
+      figures.force_error = force_deviation(force_by_arc_length(arc, trial.force, length, path->spacing), expert);
+    }
+  }
+  if (!trial.radius.empty() && !trial.reference.empty()) {
+    // The radius and the place that the session itself went by.
+    double inside = 0, known = 0;
+    for (std::size_t i = 0; i + 1 < trial.time.size(); ++i) {
+      const double distance = (trial.position[i] - trial.reference[i]).norm();
+      if (!std::isfinite(distance) || !std::isfinite(trial.radius[i])) continue;
+      const double step = trial.time[i + 1] - trial.time[i];
+      known += step;
+      if (distance <= trial.radius[i]) inside += step;
+    }
+    if (known > 0) figures.time_in_tunnel = inside / known;
+  }
+  if (trial.kind == TrialKind::passive || trial.kind == TrialKind::cursor)
+    figures.deviation = deviation(trial.time, trial.position, trial.reference);
+  figures.movement = movement_figures(
+      {.time = trial.time, .position = trial.position, .force = trial.force, .measured = trial.measured}, movement);
+  return figures;
+}
+
+std::span<const TrialFigure> all_trial_figures() {
+  return kFigures;
+}
+
+const TrialFigure& trial_figure(std::string_view name) {
+  const auto found = std::find_if(std::begin(kFigures), std::end(kFigures),
+                                  [&](const TrialFigure& figure) { return name == figure.name; });
+  if (found != std::end(kFigures)) return *found;
+  std::vector<std::string> known;
+  for (const TrialFigure& figure : kFigures) known.emplace_back(figure.name);
+  throw input_error(fmt::format("there is no figure '{}'{}", name, suggestion(name, known)));
+}
+
+nlohmann::json to_json(const TrialFigures& figures) {
+  nlohmann::json json{{"duration_s", figures.duration}};
+  for (const TrialFigure& figure : kFigures) {
+    const std::optional<double> value = figure.value(figures);
+    json[figure.name] = value ? json_of_number(*value) : nlohmann::json(nullptr);
+  }
+  return json;
+}
+
+std::optional<double> figure_in(const nlohmann::json& figures, std::string_view name) {
+  if (!figures.is_object()) return std::nullopt;
+  const auto found = figures.find(name);
+  return found != figures.end() && found->is_number() ? std::optional(found->get<double>()) : std::nullopt;
+}
+
+}  // namespace haptrace

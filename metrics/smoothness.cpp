@@ -1,0 +1,97 @@
+#include "metrics/smoothness.h"
+
+#include "base/error.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <complex>
+#include <fmt/format.h>
+#include <numbers>
+#include <unsupported/Eigen/FFT>
+#include <vector>
+
+namespace haptrace {
+namespace {
+
+/// Whether there is anything to tell of this speed; throws when it is none.
+bool is_movement(std::span<const double> speed, double rate_hz) {
+  if (!(rate_hz > 0) || !std::isfinite(rate_hz))
+    throw input_error(fmt::format("a speed at {} Hz: the rate has to be positive", rate_hz));
+  if (speed.size() < 3 || !std::all_of(speed.begin(), speed.end(), [](double v) { return std::isfinite(v); }))
+    return false;
+  if (const auto negative = std::find_if(speed.begin(), speed.end(), [](double v) { return v < 0; });
+      negative != speed.end())
+    throw input_error(
+        fmt::format("sample {} of the speed is {} m/s: a speed is never negative; give the magnitude of "
+                    "the velocity, not a component",
+                    negative - speed.begin() + 1, *negative));
+  return *std::max_element(speed.begin(), speed.end()) > 0;
+}
+
+/// Magnitudes of the lines 0 to `last` of the transform of x, padded with zeros to 2^pad_level times `length`.
+///
+/// Line R k + r of the padded transform, R = 2^pad_level, is line k of the transform of x[i] exp(-2 pi j r i / (R
+/// length)): R transforms of what x has, instead of one of mostly zeros, which for an hour at 1 kHz would take a
+/// gigabyte. x is real: lines n - k are lines k, so that half of the r are enough.
+std::vector<double> padded_spectrum(std::span<const double> x, std::size_t length, int pad_level, std::size_t last) {
+  using Complex = std::complex<double>;
+  const std::size_t repeats = std::size_t{1} << pad_level, lines = length * repeats;
+  std::vector<double> magnitude(last + 1);
+  std::vector<Complex> turned(length), spectrum(length);
+  Eigen::FFT<double> fft;
+  for (std::size_t r = 0; r <= repeats / 2; ++r) {
+    const double turn = -2 * std::numbers::pi * static_cast<double>(r) / static_cast<double>(lines);
+    for (std::size_t i = 0; i < x.size(); ++i) turned[i] = std::polar(x[i], turn * static_cast<double>(i));
+    fft.fwd(spectrum, turned);
+    for (std::size_t k = 0; k < length; ++k)
+      for (const std::size_t line : {repeats * k + r, lines - repeats * k - r})
+        if (line <= last) magnitude[line] = std::abs(spectrum[k]);
+  }
+  return magnitude;
+}
+
+}  // namespace
+
+std::optional<double> sparc(std::span<const double> speed, double rate_hz, const SparcOptions& options) {
+  if (options.pad_level < 0 || options.pad_level > 16 || !(options.cutoff_hz > 0) || !(options.threshold >= 0))
+    throw input_error(fmt::format(
+        "SPARC with pad level {}, cut-off {} Hz and threshold {}: the pad level has to be from 0 to 16, the "
+        "cut-off positive and the threshold not negative",
+        options.pad_level, options.cutoff_hz, options.threshold));
+  if (!is_movement(speed, rate_hz)) return std::nullopt;
+
+  const std::size_t length = std::bit_ceil(speed.size());
+  const double lines = std::ldexp(static_cast<double>(length), options.pad_level);
+  const auto last = static_cast<std::size_t>(std::min(options.cutoff_hz / rate_hz, 0.5) * lines);
+  std::vector<double> spectrum = padded_spectrum(speed, length, options.pad_level, last);
+  const double largest = spectrum.front();
+  for (double& line : spectrum) line /= largest;
+  while (!spectrum.empty() && spectrum.back() < options.threshold) spectrum.pop_back();
+  if (spectrum.size() < 2) return std::nullopt;
+
+  const double step = 1 / static_cast<double>(spectrum.size() - 1);
+  double arc = 0;
+  for (std::size_t k = 1; k < spectrum.size(); ++k) arc += std::hypot(step, spectrum[k] - spectrum[k - 1]);
+  return -arc;
+}
+
+std::optional<double> dimensionless_jerk(std::span<const double> speed, double rate_hz) {
+  if (!is_movement(speed, rate_hz)) return std::nullopt;
+  // With durations in samples and speeds in shares of the peak, the rate and the peak cancel out.
+  const double peak = *std::max_element(speed.begin(), speed.end());
+  double sum = 0;
+  for (std::size_t i = 2; i < speed.size(); ++i) {
+    const double bend = speed[i] / peak - 2 * (speed[i - 1] / peak) + speed[i - 2] / peak;
+    sum += bend * bend;
+  }
+  return -std::pow(static_cast<double>(speed.size()), 3) * sum;
+}
+
+std::optional<double> log_dimensionless_jerk(std::span<const double> speed, double rate_hz) {
+  const std::optional<double> jerk = dimensionless_jerk(speed, rate_hz);
+  if (!jerk || *jerk == 0) return std::nullopt;
+  return -std::log(-*jerk);
+}
+
+}  // namespace haptrace

@@ -1,0 +1,723 @@
+#include "player/calibration/calibration.h"
+
+#include "base/error.h"
+#include "control/path/min_jerk.h"
+#include "control/pd.h"
+#include "player/calibration/law_trial.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <fmt/format.h>
+#include <numbers>
+
+namespace haptrace {
+namespace {
+
+constexpr double kTwoPi = 2 * std::numbers::pi;
+
+constexpr double kPeriod = 1.5;    // of the dither [s]
+constexpr double kLongPeriod = 2;  // where the loop's rate leaves fewer lines to a period [s]
+// Of the reach: as a hand is dragged along all of it, hardly a force is left in firm hands for friction and the dither,
+// the device sticks, and its mass seems two or three times what it is.
+constexpr double kSwingSize = 0.5;
+constexpr double kSweepHz = 2.5;
+constexpr double kLowestLine = 15;        // above what a hand does of its own accord, and most grips [Hz]
+constexpr double kHighestLine = 120;      // [Hz]
+constexpr double kLargestReach = 0.02;    // [m]
+constexpr double kSmallestReach = 0.003;  // [m]
+constexpr double kBlend = 0.3;            // in which a movement grows from nothing, or shrinks to it [s]
+constexpr double kLook = 0.75;            // of the first look [s]
+constexpr double kSettle = 0.4;           // from a change of the dither to the first window [s]
+constexpr double kLookDither = 0.08;      // share of the largest force, rms per axis
+constexpr double kMostDither = 0.12;
+constexpr double kDitherOfForce = kMostDither / 0.7;  // of the force it may use; peaks of three axes are six times rms
+constexpr double kLargestDither = 2;                  // rms per axis [N]
+constexpr double kLargestForce = 15;                  // however strong the device [N]
+constexpr double kDitherSpeed = 0.25;                 // rms of the dither's velocity, share of the sweeps'
+constexpr double kLeastMotion = 0.25;                 // of the speed asked for, below which a device counts as blocked
+
+// A second, gentler session with a device that the first could not shake, although it moves where it is pushed.
+constexpr double kMostUnseen = 0.4;      // share of the force that its movement until then leaves unexplained
+constexpr double kHeavy = 1;             // from which on its velocity is low-passed further [kg]
+constexpr double kGentleBandwidth = 25;  // of its gains: slow enough for any delay of a few samples [rad/s]
+constexpr const char* kGentleVelocity = "lowpass:30";
+constexpr double kInertiaShare = 0.4;  // of the force, for accelerations
+
+constexpr std::array<double, 3> kQuickSizes{1, 0.5, 1};
+constexpr std::array<double, 16> kFullSizes{1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35,
+                                            1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35};
+
+std::span<const double> sweep_sizes(bool full) {
+  return full ? std::span<const double>(kFullSizes) : std::span<const double>(kQuickSizes);
+}
+
+double dither_windows(bool full) {
+  return full ? 8 : 2;
+}
+
+/// So that the dither leaves its harmonics free.
+double swing_hz(const CalibrationPlan& plan) {
+  return 2 / plan.dither.period();
+}
+
+/// A triangle of period 1 and height 1 with rounded corners, and its slope.
+struct RoundedTriangle {
+  double value, slope;
+
+  static RoundedTriangle at(double turns) noexcept {
+    constexpr double kSharpness = 0.97;
+    const double height = std::asin(kSharpness), s = kSharpness * std::sin(kTwoPi * turns);
+    return {std::asin(s) / height, kTwoPi * kSharpness * std::cos(kTwoPi * turns) / (std::sqrt(1 - s * s) * height)};
+  }
+};
+
+/// Answers of the device at a few lines of the dither while the session runs, through a Hann window.
+class FirstLook {
+ public:
+  explicit FirstLook(const CalibrationPlan& plan) : axes_(plan.axes) {
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!axes_[static_cast<std::size_t>(axis)]) continue;
+      const std::vector<SpectralLine>& lines = plan.dither.lines(axis);
+      for (std::size_t i = 0; i < kLines; ++i) {
+        const auto nearest = std::min_element(lines.begin(), lines.end(), [&](const auto& a, const auto& b) {
+          return std::abs(a.frequency_hz - kWanted[i]) < std::abs(b.frequency_hz - kWanted[i]);
+        });
+        sums_[static_cast<std::size_t>(axis)][i].w = kTwoPi * nearest->frequency_hz;
+      }
+    }
+  }
+
+  void reset() noexcept {
+    for (auto& axis : sums_)
+      for (Sum& sum : axis) sum = Sum{.w = sum.w};
+    speed_ = asked_ = Vec3::Zero();
+    windows_ = 0;
+  }
+
+  /// `share` 0 to 1 of the window has passed at `time`; `hum` is the excitation at `time` for 1 N rms per axis.
+  void add(const State& state, double time, double share, const Vec3& speed_asked, const Vec3& hum) noexcept {
+    const double window = 0.5 * (1 - std::cos(kTwoPi * share));
+    windows_ += window;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!axes_[static_cast<std::size_t>(axis)]) continue;
+      for (Sum& sum : sums_[static_cast<std::size_t>(axis)]) {
+        const std::complex<double> turn = std::polar(window, -sum.w * time);
+        sum.force += turn * std::polar(1.0, sum.w * state.dt) * state.force_applied[axis];
+        sum.hum += turn * hum[axis];
+        for (int i = 0; i < 3; ++i) sum.position[static_cast<std::size_t>(i)] += turn * state.position[i];
+      }
+      speed_[axis] += std::abs(state.velocity[axis]);
+      asked_[axis] += std::abs(speed_asked[axis]);
+    }
+  }
+
+  /// Apparent mass, the median over the lines [kg].
+  [[nodiscard]] double mass(int axis) const noexcept {
+    std::array<double, kLines> masses{};
+    for (std::size_t i = 0; i < kLines; ++i) {
+      const Sum& sum = sums_[static_cast<std::size_t>(axis)][i];
+      masses[i] = std::abs(sum.force) /
+                  (sum.w * sum.w * std::max(std::abs(sum.position[static_cast<std::size_t>(axis)]), 1e-9));
+    }
+    std::sort(masses.begin(), masses.end());
+    return masses[kLines / 2];
+  }
+
+  /// By which the answer lags behind a mass's, the median over the lines; a hand's damping shows as a little more [s].
+  [[nodiscard]] double lag(int axis) const noexcept {
+    std::array<double, kLines> lags{};
+    for (std::size_t i = 0; i < kLines; ++i) {
+      const Sum& sum = sums_[static_cast<std::size_t>(axis)][i];
+      lags[i] = -std::arg(-sum.position[static_cast<std::size_t>(axis)] / sum.force) / sum.w;
+    }
+    std::sort(lags.begin(), lags.end());
+    return std::max(lags[kLines / 2], 0.0);
+  }
+
+  /// Whether a push along `axis` moves the device that way: at these frequencies a mass moves against the force, late
+  /// by a delay that is not known yet, so that the answer is compared with a mass's of either sign at every delay.
+  /// A hand that is stiff for the device's mass, or a link that swings, answers as a mass of the wrong sign too.
+  [[nodiscard]] bool follows(int axis) const noexcept {
+    constexpr double kLongest = 10e-3, kStep = 0.5e-3;  // [s]
+    constexpr double kClearly = 1;                      // of kLines
+    const auto& sums = sums_[static_cast<std::size_t>(axis)];
+    double with = -kLines, against = -kLines;
+    for (double delay = 0; delay <= kLongest; delay += kStep) {
+      double along = 0;
+      for (const Sum& sum : sums)
+        along += std::cos(std::arg(-sum.position[static_cast<std::size_t>(axis)] / sum.force) + sum.w * delay);
+      with = std::max(with, along);
+      against = std::max(against, -along);
+    }
+    double straight = 0, across = 0;
+    for (const Sum& sum : sums)
+      for (int i = 0; i < 3; ++i) {
+        const double gain = std::abs(sum.position[static_cast<std::size_t>(i)]) * sum.w * sum.w / std::abs(sum.force);
+        if (i == axis)
+          straight += gain;
+        else
+          across = std::max(across, gain);
+      }
+    return against < with + kClearly && across < straight;
+  }
+
+  /// Whether the answers to the excitation along `axis` were the same in `other`, an earlier look: those of a device
+  /// are, whatever its axes; those that a hand's tremor or the encoder's steps make are not. They are compared with the
+  /// excitation and not with the force, of which feedback makes a part out of every movement.
+  [[nodiscard]] bool repeats(const FirstLook& other, int axis) const noexcept {
+    constexpr double kAlike = 0.25;  // of |a - b| / (|a| + |b|), 0.7 in the median between independent ones
+    std::array<double, kLines> differences{};
+    for (std::size_t line = 0; line < kLines; ++line) {
+      const Sum &a = sums_[static_cast<std::size_t>(axis)][line],
+                &b = other.sums_[static_cast<std::size_t>(axis)][line];
+      double largest = 0;
+      for (std::size_t i = 0; i < 3; ++i) {
+        const std::complex<double> in_a = a.position[i] / a.hum, in_b = b.position[i] / b.hum;
+        const double both = std::abs(in_a) + std::abs(in_b);
+        if (!(both > largest)) continue;
+        largest = both;
+        differences[line] = std::abs(in_a - in_b) / both;
+      }
+    }
+    std::sort(differences.begin(), differences.end());
+    return differences[kLines / 2] < kAlike;
+  }
+
+  /// Amplitude of the movement along `axis` at a line, the median over the lines [m].
+  [[nodiscard]] double amplitude(int axis) const noexcept {
+    std::array<double, kLines> all{};
+    for (std::size_t line = 0; line < kLines; ++line)
+      all[line] = 2 * std::abs(sums_[static_cast<std::size_t>(axis)][line].position[static_cast<std::size_t>(axis)]) /
+                  std::max(windows_, 1.0);
+    std::sort(all.begin(), all.end());
+    return all[kLines / 2];
+  }
+
+  /// Mean speed over the mean speed asked for.
+  [[nodiscard]] double motion(int axis) const noexcept { return asked_[axis] > 0 ? speed_[axis] / asked_[axis] : 1; }
+
+ private:
+  static constexpr int kLines = 3;
+  static constexpr std::array<double, kLines> kWanted{19, 29, 43};  // [Hz]
+
+  struct Sum {
+    double w = 0;
+    std::complex<double> force{}, hum{};
+    std::array<std::complex<double>, 3> position{};
+  };
+
+  std::array<bool, 3> axes_;
+  std::array<std::array<Sum, kLines>, 3> sums_;
+  Vec3 speed_ = Vec3::Zero(), asked_ = Vec3::Zero();
+  double windows_ = 0;
+};
+
+/// Drives the device along the plan.
+class CalibrationController final : public Controller {
+ public:
+  enum class Verdict { none, blocked, wrong_way, unclear, deviation };
+  enum class Stage { approach, look, swing, sweep, done };
+
+  explicit CalibrationController(const CalibrationPlan& plan)
+      : plan_(plan),
+        look_(plan),
+        before_(plan),
+        sizes_(sweep_sizes(plan.full)),
+        gains_(cautious_gains(std::min(plan.device_force, kLargestForce), plan.rate_hz)),
+        swing_size_(swing_size(plan)),
+        sweep_size_(plan.reach.cwiseMin(plan.max_speed / (4 * kSweepHz))) {}
+
+  /// For a device of about `mass` [kg], by which it is damped and moved no faster than the force allows. It is not
+  /// judged again: the dither of the look hardly moves a heavy one.
+  CalibrationController(const CalibrationPlan& plan, const Vec3& mass) : CalibrationController(plan) {
+    gentle_ = true;
+    gains_ = {gains_.kp.cwiseMax(kGentleBandwidth * kGentleBandwidth * mass),
+              (2 * gains_.kd).cwiseMax(1.4 * kGentleBandwidth * mass)};
+    const double acceleration = kInertiaShare * plan.max_force / mass.maxCoeff();  // [m/s^2]
+    // Of the swing's place, with its rise and fall at twice the frequency; of a triangle's first harmonic.
+    swing_size_ = std::min(swing_size_, acceleration / (std::sqrt(5.0) * std::pow(kTwoPi * swing_hz(plan), 2)));
+    sweep_size_ = sweep_size_.cwiseMin(acceleration / (0.81 * std::pow(kTwoPi * kSweepHz, 2)));
+  }
+
+  void start(const State& first) noexcept override {
+    home_ = plan_.centre;
+    from_ = first.position;
+    for (int axis = 0; axis < 3; ++axis)
+      if (!driven(axis)) home_[axis] = from_[axis];
+    approach_time_ = std::max(0.5, MinJerk::kPeakSpeed * (home_ - from_).norm() / plan_.approach_speed);
+  }
+
+  [[nodiscard]] Command update(const State& state) noexcept override {
+    const double now = 1e-9 * static_cast<double>(state.time_ns);
+    advance(state, now);
+    const Reference reference = this->reference(now - began_);
+    dither_ += std::clamp(state.dt / kBlend, 0.0, 1.0) * (dither_wanted_ - dither_);
+
+    Command command;
+    command.reference = reference;
+    command.phase = stage_ == Stage::approach ? Phase::approach : stage_ == Stage::done ? Phase::hold : Phase::run;
+    Vec3 hum = Vec3::Zero();
+    if (stage_ == Stage::look || stage_ == Stage::swing) hum = dither_.cwiseProduct(plan_.dither.value(now));
+    if (const double size = hum.norm(); size > plan_.max_force) hum *= plan_.max_force / size;
+    Vec3 pull = gains_.kp.cwiseProduct(reference.position - state.position) +
+                gains_.kd.cwiseProduct(reference.velocity - state.velocity);
+    for (int axis = 0; axis < 3; ++axis)
+      if (!driven(axis)) pull[axis] = 0;
+    const double most = std::max(plan_.max_force - hum.norm(), 0.0), asked = pull.norm();
+    if (asked > most) pull *= most / asked;
+    command.wrench.force = pull + hum;
+    command.feedforward = hum;
+
+    const double deviation = driven_part(reference.position - state.position).norm();
+    if (deviation > plan_.max_deviation && verdict_ == Verdict::none) {
+      verdict_ = Verdict::deviation;
+      command.event = Event{.code = EventCode::deviation_limit, .values = {deviation, plan_.max_deviation, kNaN}};
+    }
+    if (verdict_ != Verdict::none)
+      command.status = Command::Status::deviation;
+    else if (stage_ == Stage::done && now - began_ > kBlend)
+      command.status = Command::Status::finished;
+    return command;
+  }
+
+  [[nodiscard]] Verdict verdict() const noexcept { return verdict_; }
+  [[nodiscard]] Stage stage() const noexcept { return stage_; }
+  [[nodiscard]] int axis() const noexcept { return axis_; }  ///< that the verdict, or the sweep, is about
+
+  /// Of the movement that the look saw along the axis of the verdict [m].
+  [[nodiscard]] double amplitude() const noexcept { return look_.amplitude(axis_); }
+
+  /// Whether what is recorded now belongs to a measurement.
+  [[nodiscard]] bool measures() const noexcept { return measures_; }
+
+ private:
+  [[nodiscard]] bool driven(int axis) const noexcept { return plan_.axes[static_cast<std::size_t>(axis)]; }
+
+  [[nodiscard]] Vec3 driven_part(Vec3 v) const noexcept {
+    for (int axis = 0; axis < 3; ++axis)
+      if (!driven(axis)) v[axis] = 0;
+    return v;
+  }
+
+  /// Radius of the swing.
+  static double swing_size(const CalibrationPlan& plan) {
+    double size = kLargestReach;
+    for (int axis = 0; axis < 3; ++axis)
+      if (plan.axes[static_cast<std::size_t>(axis)]) size = std::min(size, plan.reach[axis]);
+    return kSwingSize * size;
+  }
+
+  void enter(Stage stage, double now) noexcept {
+    stage_ = stage;
+    began_ = now;
+    measures_ = false;
+  }
+
+  void next_sweep(double now) noexcept {
+    int axis = stage_ == Stage::sweep ? axis_ + 1 : 0;
+    while (axis < 3 && !driven(axis)) ++axis;
+    enter(axis < 3 ? Stage::sweep : Stage::done, now);
+    if (axis < 3) axis_ = axis;
+  }
+
+  void advance(const State& state, double now) noexcept {
+    const double since = now - began_;
+    switch (stage_) {
+      case Stage::approach:
+        if (since < approach_time_ + kBlend) break;
+        enter(Stage::look, now);
+        dither_wanted_ = driven_part(Vec3::Constant(kLookDither / kMostDither * plan_.max_dither));
+        break;
+      case Stage::look:
+        if (since >= look_begin_ && since < look_begin_ + kLook)
+          look_.add(state, now, (since - look_begin_) / kLook, reference(since).velocity, plan_.dither.value(now));
+        else if (since >= look_begin_ + kLook)
+          judge(now);
+        break;
+      case Stage::swing:
+        // The reference goes on where the look left it.
+        measures_ = since >= swing_begin_ && since < swing_begin_ + swing_time();
+        if (since >= swing_begin_ + swing_time()) dither_wanted_ = Vec3::Zero();
+        if (since >= swing_begin_ + swing_time() + kBlend) next_sweep(now);
+        break;
+      case Stage::sweep:
+        measures_ = since >= kSweepLead / kSweepHz && since < sweep_time();
+        if (since >= sweep_time()) next_sweep(now);
+        break;
+      case Stage::done:
+        break;
+    }
+  }
+
+  [[nodiscard]] double swing_time() const noexcept { return dither_windows(plan_.full) * plan_.dither.period(); }
+  [[nodiscard]] double sweep_time() const noexcept {
+    return (kSweepLead + static_cast<double>(sizes_.size())) / kSweepHz;
+  }
+
+  /// At the end of the look: does the device do as it is told, and what is it like?
+  void judge(double now) noexcept {
+    if (gentle_) return begin_swing(now, driven_part(Vec3::Constant(plan_.max_dither)));
+    Vec3 dither = Vec3::Zero();
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!driven(axis)) continue;
+      const bool moves = look_.motion(axis) >= kLeastMotion;
+      if (!moves || !look_.follows(axis)) {
+        if (stronger_)
+          return stop(!moves                         ? Verdict::blocked
+                      : look_.repeats(before_, axis) ? Verdict::wrong_way
+                                                     : Verdict::unclear,
+                      axis);
+        // Once more, with twice the gains.
+        stronger_ = true;
+        gains_.kp *= 2;
+        gains_.kd *= 1.5;
+        before_ = look_;
+        look_.reset();
+        look_begin_ += kLook + kSettle;
+        return;
+      }
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!driven(axis)) continue;
+      const double mass = look_.mass(axis);
+      // Stiff enough that the device goes where it is swept, and not where its friction is least.
+      constexpr double kStiffest = kTwoPi * 12;  // [rad/s]
+      constexpr double kFilterLag = 2.5e-3;      // of a usual velocity estimate [s]
+      const double bandwidth = std::min(kStiffest, 0.45 / (look_.lag(axis) + kFilterLag));
+      gains_.kp[axis] = std::max(gains_.kp[axis], mass * bandwidth * bandwidth);
+      gains_.kd[axis] = std::max(gains_.kd[axis], 1.2 * mass * bandwidth);
+
+      double response = 0;  // mean square speed of 1 kg under a dither of 1 N rms
+      for (const SpectralLine& line : plan_.dither.lines(axis))
+        response += 0.5 * std::pow(line.amplitude / (kTwoPi * line.frequency_hz), 2);
+      dither[axis] = std::clamp(kDitherSpeed * plan_.max_speed * mass / std::sqrt(response),
+                                std::min(0.02 * plan_.device_force, plan_.max_dither), plan_.max_dither);
+    }
+    begin_swing(now, dither);
+  }
+
+  void begin_swing(double now, const Vec3& dither) noexcept {
+    dither_wanted_ = dither;
+    swing_begin_ = now - began_ + kSettle;
+    stage_ = Stage::swing;
+  }
+
+  void stop(Verdict verdict, int axis) noexcept {
+    verdict_ = verdict;
+    axis_ = axis;
+  }
+
+  /// `since` the stage began [s]. Look and swing are one movement.
+  [[nodiscard]] Reference reference(double since) const noexcept {
+    Reference r{.position = home_, .velocity = Vec3::Zero(), .acceleration = nan3()};
+    switch (stage_) {
+      case Stage::approach: {
+        const MinJerk blend = MinJerk::at(since / approach_time_);
+        r.position = from_ + blend.s * (home_ - from_);
+        r.velocity = blend.ds / approach_time_ * (home_ - from_);
+        break;
+      }
+      case Stage::look:
+      case Stage::swing: {
+        // Round in x and y, up and down twice a round: no direction rests for long.
+        const double w = kTwoPi * swing_hz(plan_), angle = w * since;
+        const Vec3 place(std::cos(angle), std::sin(angle), 0.5 * std::sin(2 * angle));
+        const Vec3 slope(-std::sin(angle), std::cos(angle), std::cos(2 * angle));
+        const MinJerk in = MinJerk::at(since / kBlend);
+        double size = in.s, growth = in.ds / kBlend;
+        if (stage_ == Stage::swing) {
+          const MinJerk out = MinJerk::at((since - swing_begin_ - swing_time()) / kBlend);
+          size *= 1 - out.s;
+          growth = -out.ds / kBlend;
+        }
+        r.position += driven_part(swing_size_ * size * place);
+        r.velocity = driven_part(swing_size_ * (size * w * slope + growth * place));
+        break;
+      }
+      case Stage::sweep: {
+        const double turns = since * kSweepHz;
+        const auto cycle = static_cast<std::ptrdiff_t>(std::floor(turns - kSweepLead));
+        const double size =
+            sizes_[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(cycle, 0, std::ssize(sizes_) - 1))];
+        const RoundedTriangle triangle = RoundedTriangle::at(turns);
+        r.position[axis_] += sweep_size_[axis_] * size * triangle.value;
+        r.velocity[axis_] = sweep_size_[axis_] * size * kSweepHz * triangle.slope;
+        break;
+      }
+      case Stage::done:
+        break;
+    }
+    return r;
+  }
+
+  static constexpr double kSweepLead = 0.5;  // cycles before a sweep is measured
+
+  const CalibrationPlan& plan_;
+  FirstLook look_, before_;  ///< the present one, and one that was not conclusive
+  std::span<const double> sizes_;
+  PdGains gains_;
+  double swing_size_;
+  Vec3 sweep_size_;
+
+  Stage stage_ = Stage::approach;
+  Verdict verdict_ = Verdict::none;
+  int axis_ = 0;
+  bool measures_ = false, stronger_ = false, gentle_ = false;
+  Vec3 home_ = Vec3::Zero(), from_ = Vec3::Zero();
+  double approach_time_ = 0, began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
+  Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
+};
+
+/// Keeps the rows of a session, and which of them belong to what.
+class CalibrationLog final : public SampleSink {
+ public:
+  CalibrationLog(const CalibrationController& controller, std::size_t rows) : controller_(controller) {
+    rows_.reserve(rows);
+    dithered_.reserve(4);
+    for (auto& axis : sweeps_) axis.reserve(4);
+  }
+
+  using SampleSink::push;
+  void push(const Sample& sample) noexcept override {
+    const TickRow row{1e-9 * static_cast<double>(sample.time_ns), sample.position, sample.force};
+    bridge(row, sample.tick - std::exchange(tick_, sample.tick));
+    if (rows_.size() == rows_.capacity()) return;
+    rows_.push_back(row);
+    const bool measures = controller_.measures();
+    const int axis = controller_.stage() == CalibrationController::Stage::sweep ? controller_.axis() : -1;
+    if (!measures) {
+      open_ = nullptr;
+      return;
+    }
+    if (open_ == nullptr || axis != axis_) {
+      std::vector<Stretch>& list = axis < 0 ? dithered_ : sweeps_[static_cast<std::size_t>(axis)];
+      if (list.size() == list.capacity()) return;
+      list.push_back({rows_.size() - 1, rows_.size()});
+      open_ = &list.back();
+      axis_ = axis;
+    }
+    open_->end = rows_.size();
+  }
+
+  [[nodiscard]] Experiment experiment(const CalibrationPlan& plan) const {
+    return {.rows = rows_,
+            .rate_hz = plan.rate_hz,
+            .axes = plan.axes,
+            .dither = &plan.dither,
+            .dithered = dithered_,
+            .sweeps = sweeps_};
+  }
+
+  /// Of everything that was recorded, for a session that ended early.
+  [[nodiscard]] Experiment whole(const CalibrationPlan& plan) const {
+    return {.rows = rows_,
+            .rate_hz = plan.rate_hz,
+            .axes = plan.axes,
+            .dither = nullptr,
+            .dithered = {{0, rows_.size()}},
+            .sweeps = {}};
+  }
+
+ private:
+  static constexpr std::uint64_t kBridged = 4;  ///< ticks from one row to the next, at most
+
+  /// Rows for the few ticks before `next` that found no new sample, or were missed: the last force was held, and the
+  /// tool moved evenly.
+  void bridge(const TickRow& next, std::uint64_t ticks) {
+    if (rows_.empty() || ticks > kBridged) return;
+    const TickRow last = rows_.back();
+    for (std::uint64_t k = 1; k < ticks && rows_.size() < rows_.capacity(); ++k) {
+      const double share = static_cast<double>(k) / static_cast<double>(ticks);
+      rows_.push_back({last.time + share * (next.time - last.time),
+                       last.position + share * (next.position - last.position), last.force});
+    }
+  }
+
+  const CalibrationController& controller_;
+  std::uint64_t tick_ = 0;  ///< of the last row
+  std::vector<TickRow> rows_;
+  std::vector<Stretch> dithered_;
+  std::array<std::vector<Stretch>, 3> sweeps_;
+  Stretch* open_ = nullptr;
+  int axis_ = -1;
+};
+
+/// `step` [m]: of the positions, as position_quantum() finds it.
+std::string reason_of(const CalibrationController& controller, const SessionResult& session, double step) {
+  const char axis = "xyz"[controller.axis()];
+  switch (controller.verdict()) {
+    case CalibrationController::Verdict::blocked:
+      return fmt::format(
+          "the device hardly moves in {}: something blocks it, or its friction is more than the force it "
+          "may use; hold it loosely, or allow more force",
+          axis);
+    case CalibrationController::Verdict::wrong_way:
+      return fmt::format(
+          "a push in {} does not move the device in {} as it would a mass: either the driver's axes have the wrong "
+          "order or signs, or the hand holds too firmly for so light a device, or its mechanism swings below 50 Hz; "
+          "check the axes, and calibrate while nobody holds it",
+          axis, axis);
+    case CalibrationController::Verdict::unclear:
+      if (const double seen = controller.amplitude(); seen < step)
+        return fmt::format(
+            "the encoders are too coarse for the excitation: in {} it moves the device by {:.3f} mm, and positions "
+            "come "
+            "in steps of {:.3f} mm; allow more force (--force-share, --max-force), or use gains of your own (play "
+            "--kp, "
+            "--kd)",
+            axis, 1e3 * seen, 1e3 * step);
+      return fmt::format(
+          "the hand moved the device in {} more than the excitation did, so that the device's answer cannot be seen: a "
+          "tremor or voluntary movement; calibrate while nobody, or a hand at rest, holds the device, or allow more "
+          "force (--force-share, --max-force)",
+          axis);
+    case CalibrationController::Verdict::deviation:
+      return "the device was not where it was driven to (" + session.servo.detail +
+             "): hold it loosely and let it move; if nobody held it, check the signs of the driver's axes";
+    case CalibrationController::Verdict::none:
+      break;
+  }
+  return session.servo.detail;
+}
+
+/// Finds the design for a coarse model that the device bears.
+void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptions& session, const StopRequest& stop,
+                 const Progress& progress, CalibrationResult& result) {
+  constexpr std::array kBandwidths{1.0, 0.7, 0.5, 0.35};
+  LawTrialOptions options{.centre = plan.centre,
+                          .radius = kSwingSize * kLargestReach,
+                          .speed = plan.max_speed,
+                          .max_deviation = plan.max_deviation,
+                          .session = session};
+  for (int axis = 0; axis < 3; ++axis)
+    if (plan.axes[static_cast<std::size_t>(axis)])
+      options.radius = std::min(options.radius, kSwingSize * plan.reach[axis]);
+  // Round the circle, with its rise and fall at twice the frequency, no faster than the force allows.
+  const double acceleration = kInertiaShare * plan.max_force / result.identification.plant.mass.maxCoeff();
+  options.speed = std::min(options.speed, std::sqrt(acceleration * options.radius / std::sqrt(5.0)));
+  options.session.limits.max_force = plan.max_force;
+  for (const double bandwidth : kBandwidths) {
+    TrackingDesign design = design_tracking(
+        result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force, .bandwidth = bandwidth});
+    // Nothing is known of what it bears beyond a trial.
+    design.largest = {(kTrialRaise * design.gains.kp).cwiseMin(kLargestKp),
+                      (kTrialRaise * design.gains.kd).cwiseMin(kLargestKd)};
+    const LawTrial trial = try_out(device, {result.identification.plant, design}, options, stop, progress);
+    ++result.trials;
+    if (trial.passed()) {
+      result.design = design;
+      result.bandwidth = bandwidth;
+      result.reason.clear();
+      return;
+    }
+    result.reason = fmt::format("{}; a law for a coarse model was tried out, and {}", result.doubt, trial.reason);
+    const StopCause cause = trial.session.servo.cause;
+    if (cause == StopCause::interrupted || cause == StopCause::device_lost) {
+      result.session.servo.cause = cause;
+      result.session.servo.detail = trial.session.servo.detail;
+      return;
+    }
+  }
+}
+
+}  // namespace
+
+CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOptions& options) {
+  const double rate = options.session.rate_hz;
+  if (!(options.force_share >= 0.1 && options.force_share <= 1))
+    throw input_error(fmt::format("the share of the force is {}; it must be from 0.1 to 1", options.force_share));
+  if (!device.force_axes[0] && !device.force_axes[1] && !device.force_axes[2])
+    throw input_error(device.name + " takes no force: there is nothing to calibrate");
+  const double asked = options.session.limits.max_force;
+  double force = device.max_force;
+  if (asked > 0) force = force > 0 ? std::min(force, asked) : asked;
+  if (!(force > 0))
+    throw input_error(fmt::format("{} does not say how much force it bears; say it with --max-force", device.name));
+
+  const double highest = std::min(kHighestLine, rate / 6);
+  const double most = std::min(options.force_share * force, kLargestForce);
+  CalibrationPlan plan{
+      .full = options.full,
+      .rate_hz = rate,
+      .axes = device.force_axes,
+      .max_force = most,
+      .device_force = force,
+      .max_dither = std::min({kMostDither * force, kDitherOfForce * most, kLargestDither}),
+      .dither = Multisine(kLowestLine, highest, highest < kHighestLine ? kLongPeriod : kPeriod, device.force_axes)};
+  int axes = 0;
+  double smallest = kLargestReach;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!plan.axes[static_cast<std::size_t>(axis)]) continue;
+    ++axes;
+    const double room = 0.5 * (device.workspace_max[axis] - device.workspace_min[axis]);
+    plan.centre[axis] = 0.5 * (device.workspace_max[axis] + device.workspace_min[axis]);
+    plan.reach[axis] = std::min(kLargestReach, 0.4 * room);
+    if (!(plan.reach[axis] >= kSmallestReach))
+      throw input_error(
+          fmt::format("the workspace of {} is {:.1f} mm wide in {}: too little to calibrate in, {:.0f} mm "
+                      "are needed",
+                      device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
+    smallest = std::min(smallest, room);
+  }
+  plan.max_speed = kTwoPi * plan.reach.maxCoeff();  // round the reach in a second
+  plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
+  const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
+  plan.duration =
+      3 * kBlend + 2 * kSettle + kLook + dither_windows(plan.full) * plan.dither.period() + axes * sweep / kSweepHz;
+  return plan;
+}
+
+CalibrationResult calibrate(Device& device, const CalibrationOptions& options, const StopRequest& stop,
+                            const Progress& progress) {
+  const CalibrationPlan plan = plan_calibration(device.info(), options);
+  constexpr double kSpare = 20;  // for the way to the centre and a second look [s]
+  const auto rows = static_cast<std::size_t>((plan.duration + kSpare) * plan.rate_hz);
+  CalibrationResult result;
+  const auto run = [&](CalibrationController& controller, CalibrationLog& log, const SessionOptions& session) {
+    SampleSink* const sinks[] = {&log};
+    result.session = run_session(device, controller, {.reference = true}, sinks, session, stop, progress);
+    result.reason = result.session.servo.cause != StopCause::finished
+                        ? reason_of(controller, result.session, position_quantum(log.whole(plan).rows))
+                        : std::string();
+    return result.reason.empty();
+  };
+
+  CalibrationController controller(plan);
+  CalibrationLog log(controller, rows);
+  if (run(controller, log, options.session)) {
+    result.identification = identify(log.experiment(plan));
+    if (result.identification.fits) {
+      result.design =
+          design_tracking(result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force});
+      return result;
+    }
+    result.doubt = result.identification.reason;
+    result.identification = identify_coarsely(log.experiment(plan));
+  } else {
+    if (controller.verdict() == CalibrationController::Verdict::none) return result;
+    const Identification seen = identify_coarsely(log.whole(plan));
+    if (!seen.fits || seen.line_residual > kMostUnseen) return result;
+    result.doubt = fmt::format("with a mass of about {:.2f} kg it could not be shaken: {}", seen.plant.mass.maxCoeff(),
+                               result.reason);
+    SessionOptions gentle = options.session;
+    if (seen.plant.mass.maxCoeff() > kHeavy) gentle.velocity = kGentleVelocity;
+    gentle.recording.reset();
+    const SessionResult first = result.session;
+    CalibrationController again(plan, seen.plant.mass);
+    CalibrationLog second(again, rows);
+    const bool finished = run(again, second, gentle);
+    result.session.recording = first.recording;
+    result.session.recording_error = first.recording_error;
+    if (!finished) return result;
+    result.identification = identify_coarsely(second.experiment(plan));
+  }
+  if (result.identification.fits)
+    try_designs(device, plan, options.session, stop, progress, result);
+  else
+    result.reason = result.doubt + "; " + result.identification.reason;
+  return result;
+}
+
+}  // namespace haptrace

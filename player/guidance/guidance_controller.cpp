@@ -1,0 +1,157 @@
+#include "player/guidance/guidance_controller.h"
+
+#include "base/error.h"
+#include "control/norm.h"
+#include "control/resistance_timer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kLongestCursorStep = 5;  // ticks that a cursor may advance at once
+constexpr double kCursorPause = 0.2;      // over which a cursor stops and comes back to speed [s]
+
+double approach_limit(const GuidanceOptions& options) noexcept {
+  return options.max_approach_deviation.value_or(options.max_deviation);
+}
+
+}  // namespace
+
+void validate(const GuidanceOptions& options) {
+  check_range("the speed factor", options.speed, 0.001, 100, "");
+  check_range("the distance at which the cursor waits", options.wait, 0, 10, "m");
+  check_range("the number of repetitions", options.repetitions, 0, 1e6, "");
+  check_range("the hold", options.hold, 0, 3600, "s");
+  check_range("the approach speed", options.approach_speed, 1e-3, 2, "m/s");
+  check_range("the time limit", options.time_limit, 0, 1e6, "s");
+  check_range("the deviation limit", options.max_deviation, 1e-5, 10, "m");
+  check_range("the deviation limit on the way to the start", approach_limit(options), 1e-5, 10, "m");
+  check_range("the patience with a hand that resists", options.patience, 0, 3600, "s");
+}
+
+GuidanceController::GuidanceController(std::shared_ptr<const ArcPath> path, Guidance guidance, const PdGains& approach,
+                                       const GuidanceOptions& options)
+    : path_(std::move(path)),
+      guidance_(std::move(guidance)),
+      approach_gains_(approach),
+      options_(options),
+      projection_(*path_, {.allow_back = options.allow_back}) {
+  validate(options);
+  haptrace::validate(approach);
+}
+
+void GuidanceController::start(const State& first) noexcept {
+  begin_approach(first.position);
+}
+
+void GuidanceController::resume(const State& first) noexcept {
+  guidance_.begin();
+  blend_ = Ramp(0);
+  hand_.reset();
+  begin_approach(first.position);
+}
+
+void GuidanceController::begin_approach(const Vec3& from) noexcept {
+  phase_ = Phase::approach;
+  elapsed_ = 0;
+  approach_ = Approach(from, path_->position_at(0), options_.approach_speed);
+}
+
+bool GuidanceController::arrived() const noexcept {
+  const double left = path_->length() - projection_.foot().s;
+  return options_.cursor ? left <= 0 : left <= std::min(kArrived, 0.05 * path_->length());
+}
+
+bool GuidanceController::may_begin(const Vec3& position) const noexcept {
+  const bool is_there = norm_of(position - path_->position_at(0)) <= options_.max_deviation;
+  return options_.led || is_there || (options_.time_limit > 0 && elapsed_ >= options_.time_limit);
+}
+
+void GuidanceController::watch_deviation(double deviation, Command& command) const noexcept {
+  const double limit = phase_ == Phase::approach ? approach_limit(options_) : options_.max_deviation;
+  if (deviation <= limit) return;
+  command.status = Command::Status::deviation;
+  command.event = Event{.code = EventCode::deviation_limit, .values = {deviation, limit, kNaN}};
+}
+
+void GuidanceController::advance(const State& state, Command& command) noexcept {
+  elapsed_ += std::min(state.dt, kLongestCursorStep / options_.rate_hz);
+  switch (phase_) {
+    case Phase::approach:
+      if (elapsed_ < approach_.duration() || !may_begin(state.position)) return;
+      phase_ = Phase::run;
+      elapsed_ = 0;
+      cursor_time_ = RunningTime();
+      projection_.start();
+      guidance_.begin();
+      command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
+      return;
+    case Phase::run: {
+      const bool over = options_.time_limit > 0 && elapsed_ >= options_.time_limit;
+      if (!over && !arrived()) return;
+      if (!arrived())
+        command.event = Event{.code = EventCode::time_over, .values = {projection_.foot().s, path_->length(), kNaN}};
+      phase_ = Phase::hold;
+      elapsed_ = 0;
+      return;
+    }
+    default:
+      if (elapsed_ < options_.hold || finished_) return;
+      ++repetition_;
+      finished_ = options_.repetitions > 0 && repetition_ >= options_.repetitions;
+      if (!finished_) begin_approach(state.position);
+  }
+}
+
+const PathProjection::Foot& GuidanceController::follow(const State& state) noexcept {
+  if (phase_ != Phase::run) return projection_.move_to(projection_.foot().s, state.position, state.dt);
+  if (!options_.cursor) return projection_.update(state.position, state.dt);
+  const bool waits = options_.wait > 0 && projection_.foot().distance > options_.wait;
+  const double pace = pace_.advance(waits ? 0 : 1, state.dt, kCursorPause);
+  cursor_time_ = cursor_time_.after(pace * options_.speed * std::min(state.dt, kLongestCursorStep / options_.rate_hz));
+  return projection_.move_to(path_->place_at(cursor_time_.seconds()), state.position, state.dt);
+}
+
+Command GuidanceController::update(const State& state) noexcept {
+  Command command;
+  advance(state, command);
+
+  const bool guides = phase_ != Phase::approach;
+  const double share = blend_.advance(guides ? 1 : 0, state.dt, kBlend);
+  Reference way = approach_.at(elapsed_);
+  if (guides || share > 0) {
+    const PathProjection::Foot& foot = follow(state);
+    // While the PD law still pulls, what it does to the hand is not guidance's.
+    if (share < 1) guidance_.begin();
+    command.wrench.force = share * guidance_.update(state, foot, options_.cursor);
+    if (guides) {
+      way = {.position = foot.place.position, .velocity = foot.place.speed * foot.place.tangent, .acceleration = {}};
+      way.acceleration.setZero();
+      command.reference_force = foot.place.force;
+      command.progress = foot.s;
+      command.tunnel_radius = foot.place.radius;
+      if (!finished_) watch_deviation(foot.distance, command);
+    }
+  }
+  if (!guides && options_.led) watch_deviation(norm_of(way.position - state.position), command);
+  command.reference = way;
+  command.patience = guides ? options_.patience : kPatience;
+  if (command.patience > 0) {
+    (void)hand_.update(state.force_applied, way.position - state.position, nan3(), state.dt);
+    command.resisted = hand_.resists();
+  }
+  if (share < 1 && options_.led) {
+    Reference held = way;
+    if (guides) held.velocity = state.velocity;  // it holds nobody back who moves on
+    command.wrench.force += (1 - share) * pd_force(approach_gains_, state, held);
+  }
+
+  command.phase = phase_;
+  if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
+  return command;
+}
+
+}  // namespace haptrace

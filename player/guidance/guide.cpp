@@ -1,0 +1,304 @@
+#include "player/guidance/guide.h"
+
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/suggest.h"
+#include "control/resistance_timer.h"
+#include "player/device_path.h"
+#include "player/playback/reference_stream.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <numeric>
+
+namespace haptrace {
+namespace {
+
+const std::vector<std::string> kFeels{"active", "resist"};
+
+/// Every millisecond of a path, smoothed as a playback's reference is, and its end.
+template <class Visit>
+void walk(const std::shared_ptr<const PathSource>& source, std::optional<double> smoothing, const Visit& visit) {
+  constexpr double kStep = 1e-3;  // [s]
+  const TrajectoryPieces pieces(source, Interpolation::cubic, {.smoothing = smoothing});
+  const bool forces = source->facts().force;
+  double t = 0;
+  std::uint64_t row = 0;
+  for (std::size_t i = 0; i < pieces.count(); ++i) {
+    const TrajectoryPiece piece = pieces.make(i);
+    Path rows;
+    std::size_t at = 0;
+    if (forces) {
+      const std::uint64_t last = source->row_at(source->facts().begin + piece.end);
+      rows = source->read(row, last + 2 - row);
+      row = last;
+    }
+    const auto force_at = [&](double when) -> Vec3 {
+      if (!forces) return Vec3::Zero();
+      const double stamp = when + source->facts().begin;
+      while (at + 2 < rows.size() && rows.time[at + 1] <= stamp) ++at;
+      if (at + 1 >= rows.size()) return rows.force.back();
+      const double share = (stamp - rows.time[at]) / (rows.time[at + 1] - rows.time[at]);
+      return rows.force[at] + std::clamp(share, 0.0, 1.0) * (rows.force[at + 1] - rows.force[at]);
+    };
+    Trajectory::Cursor cursor;
+    const bool last = i + 1 == pieces.count();
+    for (; t < piece.end; t += kStep) visit(t, piece.trajectory.sample(t, cursor).position, force_at(t));
+    if (last) visit(piece.end, piece.trajectory.sample(piece.end, cursor).position, force_at(piece.end));
+  }
+}
+
+ArcPath arc_path(const std::shared_ptr<const PathSource>& source, const GuideOptions& options) {
+  const Box& bounds = source->facts().bounds;
+  ArcPath::Builder builder(options.spacing.value_or(ArcPath::spacing_for(bounds.size().norm())));
+  walk(source, options.smoothing,
+       [&](double t, const Vec3& position, const Vec3& force) { builder.add(t, position, force); });
+  ArcPath path = builder.finish(options.radius);
+  if (options.radius_profile) {
+    std::vector<double> radius(path.knots());
+    for (std::size_t i = 0; i < radius.size(); ++i) radius[i] = options.radius_profile->at(path.knot_at(i));
+    path.set_radius(radius);
+  }
+  return path;
+}
+
+/// Where other experts left the path farther than the tunnel is wide, it becomes as wide, and smoothly so.
+void widen(ArcPath& path, const DeviceInfo& device, const GuideOptions& options) {
+  constexpr double kSmooth = 5e-3;  // of the path, over which the radius is smoothed [m]
+  std::vector<double> radius(path.knots(), options.radius);
+  for (const auto& other : options.spread) {
+    const DevicePath played = path_for(device, other, options.fit);
+    PathProjection projection(path, {});
+    projection.start();
+    double before = 0;
+    walk(played.source, options.smoothing, [&](double t, const Vec3& position, const Vec3&) {
+      const auto& foot = projection.update(position, t - before);
+      before = t;
+      const std::size_t knot = std::min(path.segment_at(foot.s) + 1, path.knots() - 1);
+      for (std::size_t i : {knot - std::min<std::size_t>(knot, 1), knot})
+        radius[i] = std::max(radius[i], foot.distance);
+    });
+  }
+  // The widest nearby, then the mean of that: never narrower than what was seen.
+  const auto window = static_cast<std::ptrdiff_t>(std::max(kSmooth / path.spacing(), 1.0));
+  const auto n = static_cast<std::ptrdiff_t>(radius.size());
+  const auto filtered = [&](const std::vector<double>& values, auto&& combine) {
+    std::vector<double> result(values.size());
+    for (std::ptrdiff_t i = 0; i < n; ++i)
+      result[static_cast<std::size_t>(i)] = combine(values.begin() + std::max<std::ptrdiff_t>(i - window, 0),
+                                                    values.begin() + std::min(i + window + 1, n));
+    return result;
+  };
+  const std::vector<double> widest =
+      filtered(radius, [](auto begin, auto end) { return *std::max_element(begin, end); });
+  path.set_radius(filtered(widest, [](auto begin, auto end) {
+    return std::accumulate(begin, end, 0.0) / static_cast<double>(end - begin);
+  }));
+}
+
+/// Of the expert's forces, negative where the trainee is to overcome them.
+double felt_scale(const GuideOptions& options) {
+  return options.feel == Feel::active ? options.force_scale : -options.force_scale;
+}
+
+GuideTerms compose(const GuidePlan& plan, const GuideOptions& options) {
+  GuideTerms terms;
+  if (options.free) return terms;
+  terms.push_back(std::make_unique<TunnelWall>(
+      TunnelWall::Options{.stiffness = plan.stiffness, .onset = options.onset, .max_force = plan.wall_force}));
+  if (options.damping > 0) terms.push_back(std::make_unique<WallDamping>(options.damping, options.onset));
+  if (options.force_scale > 0 && plan.has_forces) terms.push_back(std::make_unique<ExpertForce>(felt_scale(options)));
+  if (options.pace) terms.push_back(std::make_unique<PaceHelp>(*options.pace));
+  if (options.resistance > 0) terms.push_back(std::make_unique<Resistance>(options.resistance));
+  if (options.viscosity > 0) terms.push_back(std::make_unique<Viscosity>(options.viscosity));
+  if (options.amplify > 0)
+    terms.push_back(std::make_unique<ErrorAmplification>(options.amplify, options.amplify_force));
+  return terms;
+}
+
+/// The figures of each repetition that tracking does not have.
+class GuideMetrics final : public SampleSink {
+ public:
+  GuideMetrics(const GuidePlan& plan, const GuideOptions& options)
+      : path_(plan.path),
+        scale_(felt_scale(options)),
+        forces_(plan.has_forces && options.force_scale > 0 && !options.free),
+        sums_(1) {
+    sums_.reserve(static_cast<std::size_t>(std::max(options.guidance.repetitions, 1)) + 1);
+  }
+
+  void push(const Sample& sample) noexcept override {
+    if (sample.phase != Phase::run || std::isnan(sample.progress)) return;
+    Sums& sums = sums_.back();
+    const double distance = (sample.position - sample.reference_position).norm();
+    ++sums.samples;
+    sums.progress = std::max(sums.progress, sample.progress);
+    if (distance > path_->at(sample.progress).radius) return;
+    ++sums.inside;
+    sums.force_error2 += (sample.force - scale_ * sample.reference_force).squaredNorm();
+  }
+
+  void push(const Event& event) noexcept override {
+    if (event.code != EventCode::repetition) return;
+    if (sums_.back().samples > 0 && sums_.size() < sums_.capacity())
+      sums_.emplace_back();
+    else
+      sums_.back() = {};
+  }
+
+  [[nodiscard]] std::vector<GuideFigures> figures(const std::vector<TrackingFigures>& tracking) const {
+    std::vector<GuideFigures> all;
+    for (std::size_t i = 0; i < tracking.size() && i < sums_.size(); ++i) {
+      const Sums& sums = sums_[i];
+      GuideFigures figures{.tracking = tracking[i], .progress = sums.progress};
+      if (sums.samples > 0)
+        figures.time_in_tunnel = static_cast<double>(sums.inside) / static_cast<double>(sums.samples);
+      if (forces_ && sums.inside > 0)
+        figures.force_error = std::sqrt(sums.force_error2 / static_cast<double>(sums.inside));
+      all.push_back(figures);
+    }
+    return all;
+  }
+
+ private:
+  struct Sums {
+    std::uint64_t samples = 0, inside = 0;
+    double progress = 0, force_error2 = 0;
+  };
+
+  std::shared_ptr<const ArcPath> path_;
+  double scale_;
+  bool forces_;
+  std::vector<Sums> sums_;
+};
+
+nlohmann::json to_json(const GuideFigures& figures) {
+  nlohmann::json json = to_json(figures.tracking);
+  json["time_in_tunnel"] = json_of_number(figures.time_in_tunnel);
+  json["progress_m"] = figures.progress;
+  json["force_error_n"] = json_of_number(figures.force_error);
+  return json;
+}
+
+}  // namespace
+
+Feel parse_feel(std::string_view name) {
+  const auto found = std::find(kFeels.begin(), kFeels.end(), name);
+  if (found == kFeels.end())
+    throw input_error(fmt::format("the expert's force cannot be felt as '{}'{}", name, suggestion(name, kFeels)));
+  return static_cast<Feel>(found - kFeels.begin());
+}
+
+GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSource> expert,
+                        const GuideOptions& options) {
+  validate(options.guidance);
+  check_range("the radius of the tunnel", options.radius, 0, 1, "m");
+  check_range("the onset of the walls", options.onset, 1e-5, 0.1, "m");
+  check_range("the damping of the walls", options.damping, 0, 1000, "N s/m");
+  check_range("the scale of the expert's forces", options.force_scale, 0, 100, "");
+  check_range("the resistance", options.resistance, 0, 1000, "N s/m");
+  check_range("the viscosity", options.viscosity, 0, 1000, "N s/m");
+  check_range("the amplification of errors", options.amplify, 0, 1e4, "N/m");
+  check_range("the largest force of amplification", options.amplify_force, 0, 100, "N");
+  if (options.spacing) check_range("the spacing of the path", *options.spacing, 1e-6, 0.1, "m");
+  if (options.stiffness) check_range("the stiffness of the walls", *options.stiffness, 1, 1e6, "N/m");
+  if (options.pace) {
+    check_range("the pace", options.pace->pace, 0.01, 100, "");
+    check_range("the margin of the pace", options.pace->margin, 0, 0.99, "");
+    check_range("the force of the pace", options.pace->max_force, 0, 100, "N");
+  }
+  if (!(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
+    throw input_error(fmt::format("{} has no motors; nothing can be guided with it", device.model));
+
+  const DevicePath played = path_for(device, std::move(expert), options.fit);
+  GuidePlan plan{.fit = played.fit,
+                 .duration = played.source->facts().duration(),
+                 .delay = options.identified ? options.identified->plant.delay : kUnknownDelay,
+                 .has_forces = played.source->facts().force};
+  ArcPath path = arc_path(played.source, options);
+  if (!options.spread.empty()) widen(path, device, options);
+  plan.path = std::make_shared<const ArcPath>(std::move(path));
+
+  // What the device can do is not known to every device's driver; a wall has to stay below it.
+  plan.wall_force = device.max_force > 0 ? 0.8 * device.max_force : 5;
+  if (options.session.limits.max_force > 0)
+    plan.wall_force = std::min(plan.wall_force, 0.8 * options.session.limits.max_force);
+  double damping = 1;
+  if (options.identified)
+    for (int axis = 0; axis < 3; ++axis)
+      if (options.identified->plant.mass[axis] > 0)
+        damping = std::min(damping, std::max(options.identified->plant.viscous[axis], 0.2));
+  const double bears = largest_wall_stiffness(options.session.rate_hz, plan.delay, damping);
+  plan.stiffness = options.stiffness.value_or(std::min(bears, 1000.0));
+  if (plan.stiffness > bears && !options.expert) {
+    plan.notes.push_back(
+        fmt::format("walls of {:.0f} N/m are more than the device bears at {:.0f} Hz; they have {:.0f} N/m",
+                    plan.stiffness, options.session.rate_hz, bears));
+    plan.stiffness = bears;
+  }
+  if (options.force_scale > 0 && !plan.has_forces && !options.free)
+    plan.notes.push_back(
+        fmt::format("{} holds no forces: the trainee feels the walls alone", played.source->facts().name));
+  if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a place");
+  if (!options.identified && !options.expert)
+    plan.notes.push_back(
+        fmt::format("nobody knows yet how late {} is; its walls of {:.0f} N/m suit {:.0f} ms, and calibrated (haptrace "
+                    "calibrate) it bears stiffer ones",
+                    device.model, plan.stiffness, 1e3 * kUnknownDelay));
+  return plan;
+}
+
+GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
+  GuidanceOptions guidance = options.guidance;
+  guidance.rate_hz = options.session.rate_hz;
+  guidance.hand = hand_watch_of(device.max_force);
+  // Walls are touched for as long as the trainee likes; what moves by itself has to end some time.
+  if (guidance.cursor || options.pace) guidance.patience = kPatience;
+  return GuidanceController(
+      plan.path,
+      Guidance(compose(plan, options), {.energy = options.energy, .delay = plan.delay, .rate_hz = guidance.rate_hz}),
+      cautious_gains(device.max_force, guidance.rate_hz), guidance);
+}
+
+GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& asked, const StopRequest& stop,
+                  const Progress& progress) {
+  GuideOptions options = asked;
+  options.session.watch_vibration &= options.guard;
+  // Nobody may be there to come to the end, and virtual time would go on as fast as the machine can.
+  if (options.guidance.time_limit == 0 && device.info().virtual_time && options.session.clock != ClockChoice::real)
+    options.guidance.time_limit = 10 * plan.duration + 10;
+  GuidanceController controller = guidance_controller(device.info(), plan, options);
+
+  TrackingMetrics tracking(options.session.rate_hz, static_cast<std::size_t>(options.guidance.repetitions));
+  GuideMetrics metrics(plan, options);
+  options.sinks.push_back(&tracking);
+  options.sinks.push_back(&metrics);
+  GuideResult result{.plan = plan};
+  result.session = run_session(device, controller, {.reference = true, .guidance = true, .tunnel = true}, options.sinks,
+                               options.session, stop, progress);
+  result.repetitions = metrics.figures(tracking.repetitions());
+  if (!result.repetitions.empty()) result.last = result.repetitions.back();
+  result.energy_given = controller.guidance().given();
+  result.energy_budget = controller.guidance().budget();
+  return result;
+}
+
+nlohmann::json to_json(const GuideResult& result) {
+  nlohmann::json json = to_json(result.session);
+  const nlohmann::json last = to_json(result.last);
+  for (const char* key :
+       {"rms_error_m", "peak_error_m", "force_ripple_n", "time_in_tunnel", "progress_m", "force_error_n"})
+    json[key] = last.at(key);
+  json["repetitions"] = nlohmann::json::array();
+  for (const GuideFigures& figures : result.repetitions) json["repetitions"].push_back(to_json(figures));
+  json["path_length_m"] = result.plan.path->length();
+  json["stiffness_n_per_m"] = result.plan.stiffness;
+  json["energy_given_j"] = result.energy_given;
+  json["energy_budget_j"] = result.energy_budget;
+  if (result.plan.fit)
+    json["fit"] = {{"scale", result.plan.fit->scale}, {"offset_m", json_of(result.plan.fit->offset)}};
+  return json;
+}
+
+}  // namespace haptrace

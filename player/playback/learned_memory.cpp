@@ -1,0 +1,46 @@
+#include "player/playback/learned_memory.h"
+
+#include "base/error.h"
+#include "base/rfc3339.h"
+
+#include <chrono>
+#include <fmt/format.h>
+#include <optional>
+#include <utility>
+
+namespace haptrace {
+
+LearnedMemory::LearnedMemory(std::string file, DeviceIdentity device, double speed, const Vec3& mass)
+    : file_(std::move(file)), device_(std::move(device)), speed_(speed), mass_(mass) {}
+
+LearnedMemory::Recalled LearnedMemory::recall(const PathSource& path) {
+  std::optional<LearnedPath> learned;
+  try {
+    learned = load_learned(file_);
+  } catch (const Error& error) {
+    return {{}, fmt::format("{} is not used", error.what())};
+  }
+  if (!learned) return {};
+  if (const std::string reason = check_learned(*learned, device_, digest_of(path), speed_, mass_); !reason.empty())
+    return {{}, fmt::format("{} is not used: {}", file_, reason)};
+  repetitions_ = learned->repetitions;
+  return {std::move(learned->table), ""};
+}
+
+void LearnedMemory::keep(const PlayResult& result) const {
+  int repetitions = repetitions_;
+  for (const LearningTerm::Lesson& lesson : result.lessons)
+    if (lesson.outcome == IterativeLearning::Outcome::learned) ++repetitions;
+  save_learned({.device = device_,
+                .path_digest = digest_of(result.plan.path.source()),
+                .speed = speed_,
+                .mass = mass_,
+                .repetitions = repetitions,
+                .rms_error = result.lessons.back().rms_error,
+                .created = rfc3339(std::chrono::system_clock::now()),
+                .software = software_name(),
+                .table = result.learned},
+               file_);
+}
+
+}  // namespace haptrace

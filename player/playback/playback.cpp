@@ -1,0 +1,375 @@
+#include "player/playback/playback.h"
+
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "control/feedforward.h"
+#include "control/observer_pd.h"
+#include "formats/path/path_thinning.h"
+#include "player/device_path.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <functional>
+#include <limits>
+#include <numbers>
+
+namespace haptrace {
+namespace {
+
+constexpr double kWindow = 0.01;  // over which speeds are told: what a hand would feel, not what one noisy row says [s]
+
+/// What a trajectory does between the samples of its path.
+struct Excursion {
+  double peak_speed = 0;  ///< [m/s]
+  double outside = 0;     ///< farthest from the workspace [m]
+
+  void include(const Excursion& other) {
+    peak_speed = std::max(peak_speed, other.peak_speed);
+    outside = std::max(outside, other.outside);
+  }
+};
+
+Excursion look_ahead(const TrajectoryPiece& piece, const Box& workspace) {
+  Trajectory::Cursor cursor;
+  Excursion excursion;
+  Vec3 before = piece.trajectory.sample(piece.begin, cursor).position;
+  for (double t = piece.begin + kWindow; t < piece.end + kWindow; t += kWindow) {
+    const Vec3 now = piece.trajectory.sample(t, cursor).position;
+    excursion.peak_speed = std::max(excursion.peak_speed, (now - before).norm() / kWindow);
+    excursion.outside = std::max(excursion.outside, distance_outside(now, workspace));
+    before = now;
+  }
+  return excursion;
+}
+
+/// Whether the figures of a block alone say that the curve through it stays in the workspace and below `limit` [m/s].
+/// A spline's slopes are at most three times its steepest chord (they solve a system that is diagonally dominant), so
+/// that it leaves a chord by no more than the chord's length; rows closer than the window are judged by a window's.
+bool cleared(const PathBlock& block, Interpolation interpolation, const Box& workspace, double limit) {
+  double reach = 0, faster = 1;
+  if (interpolation == Interpolation::hold) {
+    faster = std::max(1.0, block.longest_interval / kWindow);
+  } else if (interpolation != Interpolation::linear) {
+    reach = std::max(block.longest_interval, kWindow) * block.peak_speed;
+    if (block.longest_interval > 1.5 * kWindow) faster = 3;
+  }
+  return (block.bounds.min.array() - reach >= workspace.min.array()).all() &&
+         (block.bounds.max.array() + reach <= workspace.max.array()).all() && faster * block.peak_speed <= limit;
+}
+
+/// Of the whole path: by its figures where they clear it, by its curve where they do not.
+Excursion look_ahead(const TrajectoryPieces& pieces, Interpolation interpolation, const Box& workspace, double limit) {
+  Excursion excursion = look_ahead(*pieces.first(), workspace);
+  if (pieces.count() == 1) return excursion;
+  for (const PathBlock& block : pieces.source().blocks()) {
+    if (cleared(block, interpolation, workspace, limit)) {
+      excursion.include({.peak_speed = block.peak_speed});
+    } else {
+      const std::uint64_t last = std::min(block.first + block.rows, pieces.source().facts().rows - 1);
+      if (last > block.first) excursion.include(look_ahead(pieces.through(block.first, last), workspace));
+    }
+  }
+  return excursion;
+}
+
+/// What is found in a piece that the plan did not look into.
+ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options) {
+  const double limit = options.session.limits.max_velocity;
+  return [name = plan.path.source().facts().name, model = device.model, workspace = workspace_of(device), limit,
+          speed = options.playback.speed](const TrajectoryPiece& piece) {
+    const Excursion excursion = look_ahead(piece, workspace);
+    if (excursion.outside > 0)
+      throw Error(Error::Kind::fault, fmt::format("{} leaves the workspace of {} by {:.1f} mm between its samples",
+                                                  name, model, 1e3 * excursion.outside));
+    if (limit > 0 && speed * excursion.peak_speed > limit)
+      throw Error(Error::Kind::fault, fmt::format("{} moves at up to {:.2f} m/s, over the velocity limit of {:.2f} m/s",
+                                                  name, speed * excursion.peak_speed, limit));
+  };
+}
+
+IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& options) {
+  return {.mass = options.identified->design.mass,
+          .delay = options.identified->design.delay,
+          .rate_hz = options.session.rate_hz,
+          .speed = options.playback.speed,
+          .duration = plan.path.duration()};
+}
+
+/// None for a device that does not say how much it bears: what is a large force there?
+std::optional<TrackingGuard::Options> guard_of(const DeviceInfo& device, const PlayOptions& options) {
+  if (!options.guard || !(device.max_force > 0)) return std::nullopt;
+  TrackingGuard::Options guard{.oscillation = std::nullopt, .hand = hand_watch_of(device.max_force)};
+  OscillationMonitorOptions oscillation{.rate_hz = options.session.rate_hz,
+                                        .max_force = device.max_force,
+                                        .delay = 1 / options.session.rate_hz,
+                                        .position_resolution = device.position_resolution};
+  if (options.identified) {
+    const PlantModel& plant = options.identified->plant;
+    oscillation.delay = plant.delay;
+    oscillation.position_resolution = std::max(plant.position_resolution, device.position_resolution);
+    double lightest = std::numeric_limits<double>::infinity();
+    for (const double mass : plant.mass)
+      if (mass > 0) lightest = std::min(lightest, mass);
+    oscillation.mass = lightest;
+    guard.hand.needed = plant.coulomb.norm() + plant.gravity.norm();
+  }
+  if (options.find_oscillations) guard.oscillation = oscillation;
+  return guard;
+}
+
+/// What the model knows of the load along the path, for learning to begin with.
+ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
+  GravityFeedforward gravity(options.identified->plant);
+  FrictionFeedforward friction(options.identified->plant);
+  const double speed = options.playback.speed, step = 0.004 * speed;
+  const Tuning tuning{.gravity = options.compensations.gravity ? 1.0 : 0.0,
+                      .friction = options.compensations.friction ? 1.0 : 0.0};
+  const State state;
+  ForceTable table{.step = step, .force = {}};
+  double t = 0;
+  for (std::size_t i = 0; i < plan.path.count(); ++i) {
+    const TrajectoryPiece piece = plan.path.make(i);
+    Trajectory::Cursor cursor;
+    const bool last = i + 1 == plan.path.count();
+    for (; last ? t < piece.end + step : t < piece.end; t = step * static_cast<double>(table.force.size())) {
+      Reference reference = piece.trajectory.sample(t, cursor);
+      reference.velocity *= speed;
+      const TermInput input{state, reference, tuning};
+      table.force.push_back(gravity.force(input) + friction.force(input));
+    }
+  }
+  return table;
+}
+
+/// The terms in the order in which each knows those before it: what is known of the load, feedback, inertia. What is
+/// not composed is not there.
+ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options,
+                   LearningTerm*& learning) {
+  const Compensations& with = plan.composed;
+  ForceTerms terms;
+  if (with.gravity) terms.push_back(std::make_unique<GravityFeedforward>(options.identified->plant));
+  if (with.friction) terms.push_back(std::make_unique<FrictionFeedforward>(options.identified->plant));
+  if (with.learning) {
+    const bool from_before = !options.learned.force.empty();
+    auto term = std::make_unique<LearningTerm>(
+        LearningTerm::Options{.law = learning_of(plan, options),
+                              .known = from_before ? options.learned : load_along(plan, options),
+                              .known_counts = from_before ? 1 : 0,
+                              .repetitions = options.learn});
+    learning = term.get();
+    terms.push_back(std::move(term));
+  }
+  if (with.observer)
+    terms.push_back(std::make_unique<ObserverPd>(ObserverPd::Options{
+        .design = options.identified->design,
+        .rate_hz = options.session.rate_hz,
+        .position_resolution = std::max(options.identified->plant.position_resolution, device.position_resolution)}));
+  else
+    terms.push_back(std::make_unique<PdLaw>());
+  if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->design.mass));
+  return terms;
+}
+
+/// Whether and how the orientations of a path are followed. Says why not, where a user would expect it.
+void plan_turn(const DeviceInfo& device, const PathFacts& path, const PlayOptions& options, PlayPlan& plan) {
+  const TurnOptions& turn = options.turn;
+  check_range("the limit of the orientation's deviation", turn.max_deviation, 0.01, 3, "rad");
+  if (turn.gains) {
+    check_range("the gain of the orientation (kp-rotation)", turn.gains->kp, 0, kLargestKp, "N m/rad");
+    check_range("the gain of the orientation (kd-rotation)", turn.gains->kd, 0, kLargestKd, "N m s/rad");
+  }
+  if (turn.off || !path.orientation || !device.takes_torque()) return;
+  const auto refuse = [&](const std::string& why) {
+    plan.notes.push_back(fmt::format("the path's orientations are not followed: {}", why));
+  };
+  if (!device.measures_orientation) return refuse(fmt::format("{} does not measure its own", device.model));
+  if (std::find(device.torque_axes.begin(), device.torque_axes.end(), false) != device.torque_axes.end())
+    return refuse(fmt::format("{} has no motor about some of its axes", device.model));
+  const double own = device.max_torque, asked = options.session.limits.max_torque;
+  const double most = own > 0 && asked > 0 ? std::min(own, asked) : std::max(own, asked);
+  if (!(most > 0))
+    return refuse(fmt::format("{} does not say what torque it bears; --max-torque says it", device.model));
+  plan.turn = OrientationFollower::Options{.gains = turn.gains.value_or(cautious_orientation_gains(most)),
+                                           .max_deviation = turn.max_deviation,
+                                           .rate_hz = options.session.rate_hz};
+}
+
+bool follows_orientation(const DeviceInfo& device, const PlayOptions& options) {
+  return !options.turn.off && device.takes_torque() && device.measures_orientation;
+}
+
+PlaybackController controller_of(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options,
+                                 LearningTerm*& learning) {
+  PlaybackOptions playback = options.playback;
+  playback.rate_hz = options.session.rate_hz;
+  playback.axes = device.force_axes;
+  PlaybackController controller({plan.path, check_of(device, plan, options), playback.speed},
+                                compose(device, plan, options, learning), plan.tuning, playback,
+                                options.tuning != nullptr ? &options.tuning->mailbox() : nullptr);
+  if (const auto guard = guard_of(device, options)) controller.guard(*guard);
+  if (plan.turn) controller.turn(*plan.turn);
+  return controller;
+}
+
+}  // namespace
+
+OrientationGains cautious_orientation_gains(double max_torque) {
+  const double kp = max_torque / (20 * std::numbers::pi / 180);
+  return {.kp = kp, .kd = 0.02 * kp};
+}
+
+std::vector<std::string> names_of(const Compensations& composed) {
+  std::vector<std::string> names;
+  for (const auto& [on, name] : {std::pair{composed.inertia, "inertia"},
+                                 {composed.gravity, "gravity"},
+                                 {composed.friction, "friction"},
+                                 {composed.observer, "observer"},
+                                 {composed.learning, "learning"}})
+    if (on) names.emplace_back(name);
+  return names;
+}
+
+PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
+  validate(options.playback);
+  Tuning tuning;
+  Compensations composed;
+  if (options.identified) {
+    tuning.gains = options.identified->design.gains;
+    tuning.observer_hz = options.identified->design.load_hz;
+    composed = options.compensations;
+    composed.learning = composed.learning && (options.learn > 0 || !options.learned.force.empty());
+    // What is learned is all of the load; it begins with what the model knows of it.
+    if (composed.learning) composed.gravity = composed.friction = false;
+    if (!composed.observer) tuning.gains = options.identified->design.plain;
+  } else {
+    tuning.gains = cautious_gains(device.max_force, options.session.rate_hz);
+  }
+  check_range("the number of repetitions to learn from (learn)", options.learn, 0, kMostLearned);
+  if (options.learn > 0 && !composed.learning)
+    throw input_error(options.identified ? "learning was asked for and switched off at once"
+                                         : fmt::format("{} must be calibrated before anything can be learned: haptrace "
+                                                       "calibrate --device {}",
+                                                       device.model, device.name));
+  if (options.gains) tuning.gains = *options.gains;
+  validate(tuning.gains);
+
+  const Box workspace = workspace_of(device);
+  const DevicePath played = path_for(device, thinned(std::move(path), options.thin), options.fit);
+  const std::string name = played.source->facts().name;
+
+  PlayPlan plan{
+      .path = TrajectoryPieces(played.source, options.interpolation,
+                               {.smoothing = options.smoothing, .orientation = follows_orientation(device, options)}),
+      .fit = played.fit,
+      .tuning = tuning,
+      .composed = composed,
+      .turn = {},
+      .notes = {}};
+  plan_turn(device, played.source->facts(), options, plan);
+  const double limit = options.session.limits.max_velocity, speed = options.playback.speed;
+  const double fastest = limit > 0 ? 0.9 * limit : std::numeric_limits<double>::infinity();
+  const Excursion excursion = look_ahead(plan.path, options.interpolation, workspace, fastest / speed);
+  if (excursion.outside > 0)
+    throw input_error(fmt::format(
+        "{} leaves the workspace of {} by {:.1f} mm between its samples, where they are far apart; use --interpolation "
+        "linear",
+        name, device.model, 1e3 * excursion.outside));
+  plan.peak_speed = speed * excursion.peak_speed;
+  if (composed.learning) (void)IterativeLearning(learning_of(plan, options));  // it may be too long
+  if (plan.peak_speed > fastest)
+    throw input_error(
+        fmt::format("{} moves at up to {:.2f} m/s, too near the velocity limit of {:.2f} m/s; play it slower (--speed "
+                    "{:.2f}) or raise --max-velocity",
+                    name, plan.peak_speed, limit, std::floor(100 * speed * fastest / plan.peak_speed) / 100));
+  return plan;
+}
+
+PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& options) {
+  return plan_playback(device, source_of(std::move(path)), options);
+}
+
+PlaybackController playback_controller(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options) {
+  LearningTerm* learning = nullptr;
+  return controller_of(device, plan, options, learning);
+}
+
+PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
+                const Progress& progress) {
+  ServoLoop::validate(device.info(), {.rate_hz = options.session.rate_hz,
+                                      .limits = options.session.limits,
+                                      .away_timeout = options.session.away_timeout});
+  LearningTerm* learning = nullptr;
+  PlaybackController controller = controller_of(device.info(), plan, options, learning);
+
+  TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(options.playback.repetitions));
+  std::vector<SampleSink*> sinks = options.sinks;
+  sinks.push_back(&metrics);
+  SessionOptions session_options = options.session;
+  session_options.watch_vibration &= options.guard;
+  if (options.tuning != nullptr) {
+    sinks.push_back(options.tuning);
+    session_options.warnings = [&] {
+      return known_warnings(Warning::Severity::note, "tuning", options.tuning->take_notices());
+    };
+  }
+  SessionResult session =
+      run_session(device, controller, {.reference = true, .reference_orientation = plan.turn.has_value()}, sinks,
+                  session_options, stop, progress);
+  if (session.servo.cause == StopCause::no_path) session.servo.detail += ": " + controller.path().error();
+  PlayResult result{.session = std::move(session),
+                    .plan = plan,
+                    .repetitions = metrics.repetitions(),
+                    .last = metrics.last(),
+                    .tuning = options.tuning != nullptr ? options.tuning->wanted() : plan.tuning};
+  if (learning != nullptr) {
+    learning->finish();
+    result.lessons = learning->lessons();
+    result.learned = learning->table();
+  }
+  return result;
+}
+
+nlohmann::json to_json(const PdGains& gains) {
+  return {{"kp", json_of(gains.kp)}, {"kd", json_of(gains.kd)}};
+}
+
+PdGains gains_from_json(const nlohmann::json& json, const std::string& where) {
+  JsonReader reader(json, where);
+  for (const char* key : {"kp", "kd"})
+    if (!reader.has(key)) throw input_error(fmt::format("{}: gains need '{}'", where, key));
+  PdGains gains{reader.vector("kp", Vec3::Zero(), 0, kLargestKp), reader.vector("kd", Vec3::Zero(), 0, kLargestKd)};
+  reader.finish();
+  return gains;
+}
+
+nlohmann::json to_json(const PlayResult& result) {
+  nlohmann::json json = to_json(result.session);
+  // One set of figures for the last repetition at the top, each repetition below; max_force_n is the session's.
+  json["rms_error_m"] = result.last.rms_error;
+  json["peak_error_m"] = result.last.peak_error;
+  json["force_ripple_n"] = result.last.force_ripple;
+  json["repetitions"] = nlohmann::json::array();
+  for (const TrackingFigures& figures : result.repetitions) json["repetitions"].push_back(to_json(figures));
+  if (std::isfinite(result.last.rms_rotation_error)) {
+    json["rms_rotation_error_rad"] = result.last.rms_rotation_error;
+    json["peak_rotation_error_rad"] = result.last.peak_rotation_error;
+  }
+  json["gains"] = to_json(result.plan.tuning.gains);
+  if (result.plan.turn)
+    json["orientation_gains"] = {{"kp", result.plan.turn->gains.kp}, {"kd", result.plan.turn->gains.kd}};
+  json["gains_in_force"] = to_json(result.gains_in_force());
+  json["compensations"] = names_of(result.plan.composed);
+  if (!result.lessons.empty()) {
+    json["learning"] = nlohmann::json::array();
+    for (const LearningTerm::Lesson& lesson : result.lessons)
+      json["learning"].push_back({{"outcome", to_string(lesson.outcome)}, {"rms_error_m", lesson.rms_error}});
+  }
+  json["path_smoothing_s"] = result.plan.path.smoothing();
+  json["peak_speed_m_per_s"] = result.plan.peak_speed;
+  if (result.plan.fit)
+    json["fit"] = {{"scale", result.plan.fit->scale}, {"offset_m", json_of(result.plan.fit->offset)}};
+  return json;
+}
+
+}  // namespace haptrace

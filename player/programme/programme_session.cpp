@@ -1,0 +1,611 @@
+#include "player/programme/programme_session.h"
+
+#include "base/error.h"
+#include "base/output_file.h"
+#include "base/rfc3339.h"
+#include "control/norm.h"
+#include "control/path/min_jerk.h"
+#include "formats/path/path_file.h"
+#include "metrics/recorded_trial.h"
+#include "player/calibration/device_identity.h"
+#include "player/device_path.h"
+#include "player/guidance/guide.h"
+#include "player/playback/playback.h"
+#include "player/programme/progression.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fmt/format.h>
+#include <set>
+#include <thread>
+
+namespace haptrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kApproachSpeed = 0.1;     // peak, of the way to the start [m/s]
+constexpr double kGuidedTimes = 5;         // the path's own time, after which a repetition is over ...
+constexpr double kGuidedGrace = 10;        // ... and this [s]
+constexpr double kLeastAssistance = 0.01;  // below which there is none
+
+std::string now_text() {
+  return rfc3339(std::chrono::system_clock::now());
+}
+
+/// A name that every file system takes.
+std::string file_name(const std::string& name) {
+  std::string result;
+  for (const char c : name) {
+    const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
+    if (plain)
+      result += c;
+    else if (!result.empty() && result.back() != '-')
+      result += '-';
+  }
+  constexpr std::size_t kLongest = 40;
+  result = result.substr(0, kLongest);
+  while (!result.empty() && result.back() == '-') result.pop_back();
+  return result;
+}
+
+/// The integral of the force's magnitude, and whether the time was over.
+class TrialWatch final : public SampleSink {
+ public:
+  void push(const Sample& sample) noexcept override {
+    if (last_ns_) dose_ += 1e-9 * static_cast<double>(sample.time_ns - *last_ns_) * force_;
+    last_ns_ = sample.time_ns;
+    force_ = norm_of(sample.force);
+  }
+  void push(const Event& event) noexcept override {
+    // While a device is away or silent nothing acts.
+    if (event.code == EventCode::device_lost || event.code == EventCode::states_stopped) force_ = 0;
+    if (event.code == EventCode::time_over) time_over_ = true;
+  }
+  [[nodiscard]] double dose() const noexcept { return dose_; }  ///< [N s]
+  [[nodiscard]] bool time_over() const noexcept { return time_over_; }
+
+ private:
+  std::optional<std::int64_t> last_ns_;
+  double force_ = 0, dose_ = 0;
+  bool time_over_ = false;
+};
+
+double length_of(const Path& path) {
+  double length = 0;
+  for (std::size_t i = 1; i < path.size(); ++i) length += (path.position[i] - path.position[i - 1]).norm();
+  return length;
+}
+
+double time_limit_of(const Exercise& exercise, double path_duration) {
+  return exercise.time_limit > 0 ? exercise.time_limit : kGuidedTimes * path_duration + kGuidedGrace;
+}
+
+/// What a person takes who does as he is asked [s].
+double expected_time(const Exercise& exercise, const Path& path) {
+  const bool has_pace = exercise.mode == ExerciseMode::passive || exercise.mode == ExerciseMode::assisted ||
+                        exercise.mode == ExerciseMode::cursor;
+  const double way_back = (path.position.front() - path.position.back()).norm();
+  constexpr double kShortest = 0.5;  // [s]
+  return std::max(kShortest, MinJerk::kPeakSpeed * way_back / kApproachSpeed) +
+         path.duration() / (has_pace ? exercise.pace : 1) + exercise.hold;
+}
+
+/// All paths by one change, so that they stay where they are to each other.
+std::optional<Fit> fit_together(std::vector<Path>& paths, const DeviceInfo& device) {
+  const Box workspace = workspace_of(device);
+  Box bounds;
+  for (const Path& path : paths) {
+    const Box own = path.bounds();
+    bounds.include(own.min);
+    bounds.include(own.max);
+  }
+  for (int axis = 0; axis < 3; ++axis)
+    if (!device.force_axes[static_cast<std::size_t>(axis)])
+      bounds.min[axis] = bounds.max[axis] = workspace.center()[axis];
+  if (distance_outside(bounds.min, workspace) == 0 && distance_outside(bounds.max, workspace) == 0) return std::nullopt;
+  const Fit fit = fit_into(bounds, workspace);
+  for (Path& path : paths) apply(fit, path);
+  return fit;
+}
+
+/// One repetition as it was asked for and as it went.
+struct TrialRun {
+  SessionResult session;
+  std::vector<std::string> notes;
+  std::optional<double> stiffness;  ///< of the walls, as it was [N/m]
+};
+
+class ProgrammeRun {
+ public:
+  ProgrammeRun(const ProgrammeOptions& options, const StopRequest& stop, const Progress& progress)
+      : lock_(options.folder),
+        result_{.log = load_session_log(options.folder), .last = {}},
+        programme_(programme_from_json(result_.log.programme, options.folder)),
+        options_(options),
+        stop_(stop),
+        progress_(progress) {
+    for (std::size_t i = 0; i < programme_.size(); ++i) {
+      states_.emplace_back(programme_.exercise(i));
+      paths_.push_back(load_path(file(result_.log.paths[i])));
+      curves_.push_back(path_of(paths_.back()));
+    }
+    for (const LoggedTrial& trial : result_.log.trials)
+      if (trial.done()) states_[trial.exercise].learn(trial);
+    if (options_.profile) identified_ = IdentifiedDevice{options_.profile->plant, options_.profile->design};
+  }
+
+  ProgrammeResult run() {
+    log().sittings.push_back({.began = now_text(), .first_trial = log().trials.size()});
+    save();
+    try {
+      go_through();
+    } catch (const std::exception& error) {
+      note_failure(error.what());
+      throw;
+    }
+    return std::move(result_);
+  }
+
+ private:
+  [[nodiscard]] SessionLog& log() noexcept { return result_.log; }
+  [[nodiscard]] Sitting& sitting() noexcept { return log().sittings.back(); }
+  [[nodiscard]] std::string file(const std::string& name) const { return (fs::path(options_.folder) / name).string(); }
+  [[nodiscard]] std::string absolute(const std::string& name) const { return fs::absolute(file(name)).string(); }
+  void save() { save_session_log(log(), options_.folder); }
+
+  /// A log that cannot be written either must not hide why.
+  void note_failure(const std::string& why) noexcept try {
+    if (log().trials.size() > sitting().first_trial && log().trials.back().stopped_by.empty()) {
+      log().trials.back().stopped_by = "fault";
+      log().trials.back().detail = why;
+    }
+    end("stopped", why);
+  } catch (...) {
+  }
+
+  void end(const char* reason, std::string detail) {
+    sitting().ended = now_text();
+    sitting().ended_by = reason;
+    sitting().detail = std::move(detail);
+    save();
+  }
+
+  /// What is left. A sitting that goes on after another begins with the warm-up again.
+  [[nodiscard]] std::vector<ScheduledTrial> left() {
+    const int number = static_cast<int>(log().sittings.size());
+    std::vector<ScheduledTrial> trials;
+    for (ScheduledTrial trial : schedule(programme_)) {
+      if (trial.exercise < programme_.warm_up.size()) trial.round = number;
+      if (!is_done(trial)) trials.push_back(trial);
+    }
+    const bool only_warm_up = std::all_of(trials.begin(), trials.end(), [&](const ScheduledTrial& trial) {
+      return trial.exercise < programme_.warm_up.size();
+    });
+    return only_warm_up ? std::vector<ScheduledTrial>{} : trials;
+  }
+
+  static bool same(const LoggedTrial& logged, const ScheduledTrial& trial) {
+    return logged.exercise == trial.exercise && logged.round == trial.round && logged.repetition == trial.repetition;
+  }
+
+  [[nodiscard]] bool is_done(const ScheduledTrial& trial) const {
+    return std::any_of(result_.log.trials.begin(), result_.log.trials.end(),
+                       [&](const LoggedTrial& logged) { return same(logged, trial) && logged.done(); });
+  }
+
+  /// The next attempt at a repetition, in a file that nobody wrote yet.
+  void name_attempt(const ScheduledTrial& scheduled, LoggedTrial& trial) const {
+    trial.attempt =
+        1 + static_cast<int>(std::count_if(result_.log.trials.begin(), result_.log.trials.end(),
+                                           [&](const LoggedTrial& logged) { return same(logged, scheduled); }));
+    const std::string stem =
+        fmt::format("{:02}-{}-{:02}-{:03}", trial.exercise + 1, file_name(programme_.exercise(trial.exercise).name),
+                    trial.round, trial.repetition);
+    for (int again = trial.attempt - 1;; ++again) {
+      trial.file = again > 0 ? fmt::format("{}-again-{}.h5", stem, again) : stem + ".h5";
+      if (!fs::exists(file(trial.file))) return;
+    }
+  }
+
+  void go_through() {
+    const std::vector<ScheduledTrial> trials = left();
+    for (std::size_t i = 0; i < trials.size(); ++i) {
+      if (!wait_while_paused()) return end("interrupted", "");
+      if (options_.begins) options_.begins(trials[i], states_[trials[i].exercise].settings(), i + 1, trials.size());
+      const SessionResult& session = run_trial(trials[i]);
+      if (options_.ended) options_.ended(log().trials.back());
+      if (session.servo.cause == StopCause::interrupted) return end("interrupted", "");
+      if (session.servo.cause != StopCause::finished) return end("stopped", session.servo.detail);
+      if (!session.recorded_all()) return end("stopped", "the recording could not be kept: " + session.recording_error);
+      if (i + 1 == trials.size()) break;
+      if (programme_.limits.force_dose > 0 && sitting().force_dose >= programme_.limits.force_dose)
+        return end("force_dose",
+                   fmt::format("{:.4g} N s of {:.4g}", sitting().force_dose, programme_.limits.force_dose));
+      if (would_pass_time(trials[i].rest, trials[i + 1])) return end("time", "the time of the sitting is over");
+      if (tired(trials[i].exercise))
+        return end("fatigue",
+                   fmt::format("the last {} repetitions of '{}' were worse than the best before them by more "
+                               "than {:.0f} %",
+                               programme_.limits.fatigue->repetitions, programme_.exercise(trials[i].exercise).name,
+                               100 * programme_.limits.fatigue->worse));
+      if (!rest(trials[i].rest)) return end("interrupted", "");
+    }
+    log().complete = true;
+    end("complete", "");
+  }
+
+  [[nodiscard]] bool would_pass_time(double rest, const ScheduledTrial& trial) {
+    return programme_.limits.time > 0 &&
+           sitting().duration + rest + expected_time(programme_.exercise(trial.exercise), paths_[trial.exercise]) >
+               programme_.limits.time;
+  }
+
+  [[nodiscard]] bool tired(std::size_t exercise) {
+    if (!programme_.limits.fatigue || programme_.exercise(exercise).test != TestLabel::none) return false;
+    std::vector<nlohmann::json> figures;
+    for (std::size_t i = sitting().first_trial; i < log().trials.size(); ++i)
+      if (const LoggedTrial& trial = log().trials[i]; trial.exercise == exercise && trial.done())
+        figures.push_back(trial.finished() ? trial.figures : nlohmann::json());
+    return is_tired(*programme_.limits.fatigue, figures);
+  }
+
+  /// False when somebody asked to stop meanwhile.
+  bool wait_while_paused() {
+    while (options_.pause != nullptr && *options_.pause && stop_.count() == 0) sitting().duration += idle(kNaN);
+    return stop_.count() == 0;
+  }
+
+  bool rest(double seconds) {
+    if (virtual_) {
+      sitting().duration += seconds;
+      return stop_.count() == 0;
+    }
+    for (double left = seconds; left > 0 && stop_.count() == 0;) {
+      const double passed = idle(left);
+      sitting().duration += passed;
+      left -= passed;
+    }
+    return stop_.count() == 0;
+  }
+
+  /// A moment, and how long it was [s].
+  double idle(double seconds_left) {
+    const auto before = std::chrono::steady_clock::now();
+    if (options_.rests) options_.rests(seconds_left);
+    constexpr double kStep = 0.1;  // [s]
+    std::this_thread::sleep_for(
+        std::chrono::duration<double>(std::isnan(seconds_left) ? kStep : std::min(kStep, seconds_left)));
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count();
+  }
+
+  /// Runs one repetition, keeps it in the log, and learns from it.
+  const SessionResult& run_trial(const ScheduledTrial& scheduled) {
+    const std::size_t i = scheduled.exercise;
+    const Exercise& exercise = programme_.exercise(i);
+    LoggedTrial trial{.exercise = i,
+                      .round = scheduled.round,
+                      .repetition = scheduled.repetition,
+                      .settings = states_[i].settings(),
+                      .began = now_text()};
+    name_attempt(scheduled, trial);
+    const std::shared_ptr<Device> device = options_.open(exercise, trial.settings, file(log().paths[i]));
+    check(device->info());
+    log().trials.push_back(trial);
+    save();
+
+    virtual_ = device->info().virtual_time && options_.session.clock != ClockChoice::real;
+    TrialWatch watch;
+    TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch)
+                                                          : guide_trial(*device, exercise, trial, watch);
+    // What is to be known of the device and not of the trial is told once.
+    for (std::string& note : run.notes)
+      if (told_.insert(note).second) trial.notices.push_back(std::move(note));
+    // Its recording keeps events, and the log its end.
+    for (const Warning& warning : run.session.warnings)
+      if (!is_of_event(warning.code) && warning.code != "stopped") trial.notices.push_back(warning.text);
+    trial.duration = run.session.servo.duration;
+    trial.force_dose = watch.dose();
+    trial.stopped_by = to_string(run.session.servo.cause);
+    if (trial.finished() && watch.time_over()) trial.stopped_by = "time_over";
+    trial.detail = run.session.servo.detail;
+    if (exercise.mode != ExerciseMode::passive) trial.settings.stiffness = run.stiffness;
+    if (trial.done()) {
+      trial.figures = figures_of(trial);
+      states_[i].learn(trial);
+    }
+    sitting().duration += trial.duration;
+    sitting().force_dose += trial.force_dose;
+    log().trials.back() = std::move(trial);
+    save();
+    result_.last = std::move(run.session);
+    return *result_.last;
+  }
+
+  void check(const DeviceInfo& info) {
+    const DeviceIdentity device = identity_of(info), begun = log().device;
+    if (device == begun) return;
+    throw input_error(fmt::format(
+        "{}: was begun with {} {} {}, and this is {} {} {}; figures of different devices "
+        "cannot be compared: begin a session of its own",
+        options_.folder, begun.backend, begun.model, begun.serial, device.backend, device.model, device.serial));
+  }
+
+  [[nodiscard]] nlohmann::json figures_of(const LoggedTrial& trial) const {
+    const std::string recording = file(trial.file);
+    const std::vector<RecordedTrial> runs = read_trials(RecordingReader(recording), recording);
+    if (runs.empty()) return nullptr;
+    std::optional<PlantModel> plant;
+    if (identified_) plant = identified_->plant;
+    return to_json(trial_figures(runs.back(), curves_[trial.exercise], plant));
+  }
+
+  /// `config`: what makes of the verb that it names the same as this trial.
+  [[nodiscard]] SessionOptions session_for(const DeviceInfo& device, const Exercise& exercise, const LoggedTrial& trial,
+                                           nlohmann::json config) const {
+    SessionOptions session = options_.session;
+    SessionOptions::Recording& recording = *session.recording;
+    recording.file = file(trial.file);
+    recording.options.tell_room = false;
+    const std::string& title = recording.title.empty() ? programme_.title : recording.title;
+    recording.title =
+        fmt::format("{}{}{}: repetition {}", title, title.empty() ? "" : ", ", exercise.name, trial.repetition);
+    recording.meta["exercise"] = exercise.name;
+    recording.meta["mode"] = to_string(exercise.mode);
+    recording.meta["round"] = std::to_string(trial.round);
+    recording.meta["repetition"] = std::to_string(trial.repetition);
+    if (exercise.test != TestLabel::none) recording.meta["test"] = to_string(exercise.test);
+    config["device"] = device.name;
+    config["hold"] = exercise.hold;
+    if (options_.profile) config["profile"] = absolute(kSessionProfile);
+    // What all verbs that run a session understand, and what is this trial's own.
+    recording.config.update(config);
+    return session;
+  }
+
+  TrialRun move(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch) {
+    const std::string path = file(log().paths[trial.exercise]);
+    PlayOptions options{.identified = identified_,
+                        .playback = {.speed = trial.settings.pace,
+                                     .hold = exercise.hold,
+                                     .approach_speed = kApproachSpeed,
+                                     .max_deviation = options_.max_deviation},
+                        .session = session_for(device.info(), exercise, trial,
+                                               {{"verb", "play"},
+                                                {"path", absolute(log().paths[trial.exercise])},
+                                                {"speed", trial.settings.pace},
+                                                {"max-deviation", options_.max_deviation}}),
+                        .sinks = {&watch}};
+    const PlayPlan plan = plan_playback(device.info(), open_path(path), options);
+    return {play(device, plan, options, stop_, progress_).session, {}, {}};
+  }
+
+  TrialRun guide_trial(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch) {
+    const std::string path = file(log().paths[trial.exercise]);
+    const TrialSettings& settings = trial.settings;
+    const double assistance = exercise.mode == ExerciseMode::assisted ? settings.assistance : 1;
+    const bool cursor = exercise.mode == ExerciseMode::cursor;
+    const double force_scale = paths_[trial.exercise].force.empty() ? 0 : exercise.force_scale;
+    GuideOptions options{.guidance = {.cursor = cursor,
+                                      .allow_back = exercise.allow_back,
+                                      .speed = cursor ? settings.pace : 1,
+                                      .wait = exercise.wait,
+                                      .hold = exercise.hold,
+                                      .approach_speed = kApproachSpeed,
+                                      .time_limit = time_limit_of(exercise, paths_[trial.exercise].duration()),
+                                      .max_deviation = options_.max_deviation},
+                         .radius = settings.radius,
+                         .free = exercise.mode == ExerciseMode::free || assistance < kLeastAssistance,
+                         .stiffness = settings.stiffness,
+                         .force_scale = force_scale,
+                         .feel = exercise.resist_forces ? Feel::resist : Feel::active,
+                         .viscosity = exercise.viscosity,
+                         .identified = identified_,
+                         .sinks = {&watch}};
+    nlohmann::json config{{"verb", "guide"},
+                          {"expert", absolute(log().paths[trial.exercise])},
+                          {"mode", options.free ? "free"
+                                   : cursor     ? "cursor"
+                                                : "tunnel"},
+                          {"radius", settings.radius},
+                          {"time-limit", options.guidance.time_limit},
+                          {"force-scale", force_scale},
+                          {"feel", exercise.resist_forces ? "resist" : "active"},
+                          {"viscosity", exercise.viscosity}};
+    if (cursor) config.update({{"speed", settings.pace}, {"wait", exercise.wait}});
+    if (exercise.mode == ExerciseMode::assisted) {
+      options.pace = PaceHelp::Options{.pace = settings.pace, .max_force = assistance * exercise.assist_force};
+      config.update({{"pace", settings.pace}, {"pace-force", options.pace->max_force}});
+    }
+    if (exercise.mode == ExerciseMode::resist) {
+      options.resistance = exercise.resistance;
+      config["resistance"] = exercise.resistance;
+    }
+    // On the path nothing is sent, and the hand may be anywhere; on the way to its start a force leads it.
+    if (options.free) {
+      options.guidance.max_approach_deviation = options_.max_deviation;
+      options.guidance.max_deviation = 10;
+    }
+
+    GuidePlan plan = plan_guidance(device.info(), open_path(path), options);
+    plan.stiffness *= assistance;
+    if (!options.free) config["stiffness"] = plan.stiffness;
+    config["max-deviation"] = options.guidance.max_deviation;
+    config["allow-back"] = exercise.allow_back;
+    options.session = session_for(device.info(), exercise, trial, std::move(config));
+    return {guide(device, plan, options, stop_, progress_).session, plan.notes,
+            options.free ? std::nullopt : std::optional(plan.stiffness)};
+  }
+
+  SessionLock lock_;
+  ProgrammeResult result_;
+  Programme programme_;
+  const ProgrammeOptions& options_;
+  const StopRequest& stop_;
+  const Progress& progress_;
+  std::vector<ProgressionState> states_;  ///< by exercise, as the next three
+  std::vector<Path> paths_;
+  std::vector<TrialPath> curves_;
+  std::optional<IdentifiedDevice> identified_;
+  std::set<std::string> told_;
+  bool virtual_ = false;
+};
+
+}  // namespace
+
+std::vector<ScheduledTrial> schedule(const Programme& programme) {
+  std::vector<ScheduledTrial> trials;
+  const auto add = [&](std::size_t i, int round) {
+    const Exercise& exercise = programme.exercise(i);
+    for (int repetition = 1; repetition <= exercise.repetitions; ++repetition)
+      trials.push_back(
+          {i, round, repetition, exercise.rest + (repetition == exercise.repetitions ? exercise.rest_after : 0)});
+  };
+  for (std::size_t i = 0; i < programme.warm_up.size(); ++i) add(i, 1);
+  for (int round = 1; round <= programme.rounds; ++round)
+    for (std::size_t i = programme.warm_up.size(); i < programme.size(); ++i) add(i, round);
+  if (!trials.empty()) trials.back().rest = 0;
+  return trials;
+}
+
+ProgrammePlan plan_programme(const Programme& programme, const std::string& folder, const std::string& where,
+                             const DeviceInfo* device, bool fit) {
+  check_figures(programme, where);
+  ProgrammePlan plan{.trials = schedule(programme)};
+  for (std::size_t i = 0; i < programme.size(); ++i)
+    plan.paths.push_back(path_of(programme, programme.exercise(i), folder));
+  std::optional<Fit> fitted;
+  if (fit && device != nullptr) fitted = fit_together(plan.paths, *device);
+  for (std::size_t i = 0; i < programme.size(); ++i) {
+    const Exercise& exercise = programme.exercise(i);
+    const Path& path = plan.paths[i];
+    // A path that several exercises share is told of once.
+    const auto first = std::find_if(plan.parts.begin(), plan.parts.end(), [&](const ProgrammePlan::Part& other) {
+      return programme.exercise(static_cast<std::size_t>(&other - plan.parts.data())).path == exercise.path;
+    });
+    if (exercise.path.empty() || first == plan.parts.end())
+      for (const std::string& note : path.notes) plan.notes.push_back(fmt::format("{}: {}", path.name, note));
+    if (device != nullptr) (void)path_for(*device, source_of(Path(path)), false);
+    if (length_of(path) == 0 && exercise.mode != ExerciseMode::passive)
+      throw input_error(fmt::format("{}: the path of '{}' has no length: there is nothing to follow in mode {}", where,
+                                    exercise.name, to_string(exercise.mode)));
+    plan.parts.push_back({.path_length = length_of(path),
+                          .path_duration = path.duration(),
+                          .trial = expected_time(exercise, path),
+                          .fit = fitted});
+  }
+  double warm_up = 0;
+  for (std::size_t i = 0; i < programme.warm_up.size(); ++i)
+    warm_up += programme.warm_up[i].repetitions * (plan.parts[i].trial + programme.warm_up[i].rest);
+  if (const double least = warm_up + plan.parts[programme.warm_up.size()].trial;
+      programme.limits.time > 0 && least > programme.limits.time)
+    throw input_error(
+        fmt::format("{}: limits.time: {:g} s are not enough for the warm-up and one repetition, which take "
+                    "{:.0f} s: no sitting would come any farther",
+                    where, programme.limits.time, least));
+  if (fitted) plan.notes.push_back("all paths were moved and scaled into the workspace: " + describe(*fitted));
+  for (const ScheduledTrial& trial : plan.trials) plan.duration += plan.parts[trial.exercise].trial + trial.rest;
+  if (programme.limits.time > 0 && plan.duration > programme.limits.time)
+    plan.notes.push_back(
+        fmt::format("takes about {:.0f} min, and a sitting {:.0f} min at most: it goes on in another, with --resume",
+                    plan.duration / 60, programme.limits.time / 60));
+  return plan;
+}
+
+SessionLog begin_session(const nlohmann::json& programme, const std::string& where, const ProgrammePlan& plan,
+                         const DeviceInfo& device, const ProgrammeOptions& options) {
+  const fs::path folder(options.folder);
+  std::error_code failed;
+  if (is_session(options.folder))
+    throw input_error(
+        fmt::format("{}: holds a session already; go on with it (haptrace run --resume {}), or choose "
+                    "another folder",
+                    options.folder, options.folder));
+  const bool existed = fs::exists(folder, failed);
+  if (existed && !(fs::is_directory(folder, failed) && fs::is_empty(folder, failed)))
+    throw input_error(
+        fmt::format("{}: exists and is not an empty folder; choose another for the session", options.folder));
+
+  const Programme read = programme_from_json(programme, where);
+  SessionLog log{
+      .created = now_text(), .software = software_name(), .device = identity_of(device), .programme = programme};
+  if (!plan.parts.empty() && plan.parts.front().fit) log.fit = describe(*plan.parts.front().fit);
+  if (const auto& recording = options.session.recording) {
+    log.subject = recording->subject;
+    log.operator_name = recording->operator_name;
+    log.notes = recording->notes;
+    log.config = recording->config;
+  }
+  // A session is its participant's: nobody else opens it. Its files take after their folder.
+  create_private_folders((folder / "paths").string());
+  try {
+    for (std::size_t i = 0; i < plan.paths.size(); ++i) {
+      const std::string name = read.exercise(i).name;
+      log.paths.push_back(fmt::format("paths/{:02}-{}.h5", i + 1, file_name(name)));
+      save_path(plan.paths[i], (folder / log.paths.back()).string(), name, false);
+    }
+    if (options.profile) save_profile(*options.profile, (folder / kSessionProfile).string(), false);
+    save_session_log(log, options.folder);
+  } catch (...) {
+    for (const auto& entry : fs::directory_iterator(folder, failed)) fs::remove_all(entry.path(), failed);
+    if (!existed) fs::remove(folder, failed);
+    throw;
+  }
+  return log;
+}
+
+ProgrammeResult run_programme(const ProgrammeOptions& options, const StopRequest& stop, const Progress& progress) {
+  return ProgrammeRun(options, stop, progress).run();
+}
+
+nlohmann::json to_json(const ProgrammePlan& plan, const Programme& programme) {
+  nlohmann::json json{{"title", programme.title},
+                      {"duration_s", plan.duration},
+                      {"trials", plan.trials.size()},
+                      {"notes", plan.notes},
+                      {"exercises", nlohmann::json::array()}};
+  for (std::size_t i = 0; i < plan.parts.size(); ++i) {
+    const Exercise& exercise = programme.exercise(i);
+    const bool warm_up = i < programme.warm_up.size();
+    json["exercises"].push_back({{"name", exercise.name},
+                                 {"warm_up", warm_up},
+                                 {"mode", to_string(exercise.mode)},
+                                 {"test", to_string(exercise.test)},
+                                 {"repetitions", exercise.repetitions * (warm_up ? 1 : programme.rounds)},
+                                 {"path_length_m", plan.parts[i].path_length},
+                                 {"path_duration_s", plan.parts[i].path_duration},
+                                 {"repetition_s", plan.parts[i].trial},
+                                 {"rest_s", exercise.rest}});
+  }
+  return json;
+}
+
+nlohmann::json to_json(const ProgrammeResult& result) {
+  const SessionLog& log = result.log;
+  nlohmann::json json{{"complete", log.complete}, {"trials", nlohmann::json::array()}};
+  const Programme programme = programme_from_json(log.programme, "programme");
+  for (const LoggedTrial& trial : log.trials)
+    json["trials"].push_back({{"exercise", programme.exercise(trial.exercise).name},
+                              {"mode", to_string(programme.exercise(trial.exercise).mode)},
+                              {"round", trial.round},
+                              {"repetition", trial.repetition},
+                              {"attempt", trial.attempt},
+                              {"file", trial.file},
+                              {"assistance", trial.settings.assistance},
+                              {"radius_m", trial.settings.radius},
+                              {"pace", trial.settings.pace},
+                              {"stopped_by", trial.stopped_by},
+                              {"figures", trial.figures}});
+  if (!log.sittings.empty()) {
+    const Sitting& sitting = log.sittings.back();
+    json["sitting"] = {{"number", log.sittings.size()},
+                       {"ended_by", sitting.ended_by},
+                       {"detail", sitting.detail},
+                       {"duration_s", sitting.duration},
+                       {"force_dose_n_s", sitting.force_dose}};
+  }
+  return json;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,325 @@
+#include "player/tuning/live_tuning.h"
+
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "base/suggest.h"
+#include "control/pd.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <fmt/format.h>
+#include <utility>
+
+namespace haptrace {
+namespace {
+
+constexpr std::size_t kLongestHistory = 1000;  // changes
+constexpr std::size_t kMostNotices = 1000;
+constexpr double kLowestBandwidth = 0.01;  // [Hz]
+
+/// A share of a compensation, by its name in commands.
+struct Share {
+  const char* name;
+  double Tuning::*value;
+  bool Compensations::*composed;
+  bool feedforward;
+};
+constexpr std::array<Share, 5> kShares{{{"inertia", &Tuning::inertia, &Compensations::inertia, true},
+                                        {"gravity", &Tuning::gravity, &Compensations::gravity, true},
+                                        {"friction", &Tuning::friction, &Compensations::friction, true},
+                                        {"observer", &Tuning::observer, &Compensations::observer, false},
+                                        {"learning", &Tuning::learning, &Compensations::learning, false}}};
+
+const std::vector<std::string> kQuantities{"kp",       "kd",       "gains",    "inertia",     "gravity",
+                                           "friction", "observer", "learning", "feedforward", "observer_hz"};
+const std::vector<std::string> kCommands{"kp",       "kd",       "gains",    "inertia",     "gravity",
+                                         "friction", "observer", "learning", "feedforward", "observer_hz",
+                                         "get",      "reset",    "help",     "quit"};
+constexpr const char* kHelp =
+    "ok kp X | kp X Y Z | kd X | kd X Y Z [SI] ; gains * F | gains / F ; "
+    "inertia, gravity, friction, feedforward, observer, learning: SHARE 0 to 1 | on | off | toggle ; "
+    "observer_hz HZ ; get | get NAME ; reset ; help ; quit";
+
+bool known(const std::string& name, const std::vector<std::string>& names) {
+  return std::find(names.begin(), names.end(), name) != names.end();
+}
+
+/// The shares that a name stands for; none for a name of something else.
+std::vector<Share> shares_of(std::string_view name) {
+  std::vector<Share> shares;
+  for (const Share& share : kShares)
+    if (name == share.name || (name == "feedforward" && share.feedforward)) shares.push_back(share);
+  return shares;
+}
+
+/// Words between blanks; * and / are words wherever they stand. Whatever is not printable ASCII is refused, since
+/// commands find their way back to terminals.
+std::vector<std::string> words_of(std::string_view line) {
+  std::vector<std::string> words;
+  bool within = false;
+  for (const char c : line) {
+    const bool blank = c == ' ' || c == '\t' || c == '\r', sign = c == '*' || c == '/';
+    if (!blank && (c < ' ' || c > '~')) throw input_error("a command is one line of printable ASCII; help lists them");
+    if (!blank && (sign || !within)) words.emplace_back();
+    if (!blank) words.back() += c;
+    within = !blank && !sign;
+  }
+  if (words.empty()) throw input_error("no command; help lists them");
+  return words;
+}
+
+double number_of(const std::string& name, const std::string& text) {
+  double value = 0;
+  const char* end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc{} || rest != end || !std::isfinite(value))
+    throw input_error(fmt::format("{}: '{}' is not a number", name, text));
+  return value;
+}
+
+std::string gain_text(const Vec3& v, bool brief) {
+  return brief && (v.array() == v[0]).all() ? fmt::format("{:.6g}", v[0])
+                                            : fmt::format("{:.6g} {:.6g} {:.6g}", v[0], v[1], v[2]);
+}
+
+std::string gain_text(const PdGains& gains, bool brief) {
+  return fmt::format("kp {} kd {}", gain_text(gains.kp, brief), gain_text(gains.kd, brief));
+}
+
+/// The largest factor that no gain's limit is below, at least 1: scaling up never scales down.
+double largest_factor(const PdGains& gains, const PdGains& largest) {
+  double factor = std::numeric_limits<double>::infinity();
+  for (const auto& [gain, limit] : {std::pair{&gains.kp, &largest.kp}, std::pair{&gains.kd, &largest.kd}})
+    for (int axis = 0; axis < 3; ++axis)
+      if ((*gain)[axis] > 0) factor = std::min(factor, (*limit)[axis] / (*gain)[axis]);
+  return std::max(1.0, factor);
+}
+
+}  // namespace
+
+TuningLimits limits_of_unidentified(double max_force, double rate_hz) {
+  constexpr double kTimes = 10;
+  const PdGains cautious = cautious_gains(max_force, rate_hz);
+  return {.largest = {(kTimes * cautious.kp).cwiseMin(kLargestKp), (kTimes * cautious.kd).cwiseMin(kLargestKd)},
+          .because = "without --expert a device of unknown dynamics is trusted with"};
+}
+
+LiveTuning::LiveTuning(const Tuning& start, Options options)
+    : start_(start),
+      options_([&] {
+        validate(start.gains);
+        options.limits.largest.kp = options.limits.largest.kp.cwiseMax(start.gains.kp).cwiseMin(kLargestKp);
+        options.limits.largest.kd = options.limits.largest.kd.cwiseMax(start.gains.kd).cwiseMin(kLargestKd);
+        options.limits.observer_hz = std::max(options.limits.observer_hz, start.observer_hz);
+        return std::move(options);
+      }()),
+      wanted_(start),
+      mailbox_(start) {}
+
+std::string LiveTuning::obey(std::string_view command) {
+  try {
+    const std::vector<std::string> words = words_of(command);
+    const std::lock_guard lock(mutex_);
+    return answer(words);
+  } catch (const Error& error) {
+    return std::string("error ") + error.what();
+  }
+}
+
+std::string LiveTuning::answer(Words words) {
+  const std::string& name = words.front();
+  const Words values = words.subspan(1);
+  if (!known(name, kCommands))
+    throw input_error(fmt::format("unknown command '{}'{}", name, suggestion(name, kCommands)));
+
+  const bool alone = name == "help" || name == "quit" || name == "reset";
+  if (alone && !values.empty()) throw input_error(fmt::format("{} stands alone", name));
+  if (name == "help") return kHelp;
+  if (name == "quit") return "ok bye";
+  if (name == "get") {
+    if (values.empty()) return state(wanted_).dump();
+    if (values.size() > 1) throw input_error("get stands alone or before one name, as in get kp");
+    if (!known(values[0], kQuantities))
+      throw input_error(fmt::format("unknown name '{}'{}", values[0], suggestion(values[0], kQuantities)));
+    return "ok " + text_of(values[0], wanted_, false);
+  }
+  if (name == "reset") {
+    const std::string text = text_of("gains", start_, false);
+    put_in_force(start_, name, "reset to " + text_of("gains", start_, true));
+    return "ok reset to " + text;
+  }
+  if (values.empty()) return "ok " + text_of(name, wanted_, false);
+
+  Tuning tuning = wanted_;
+  std::string clamped;
+  if (name == "kp" || name == "kd")
+    clamped = set_gain(name, values, tuning);
+  else if (name == "gains")
+    clamped = scale_gains(values, tuning);
+  else if (name == "observer_hz")
+    clamped = set_bandwidth(values, tuning);
+  else
+    set_shares(name, values, tuning);
+  put_in_force(tuning, name, text_of(name, tuning, true));
+  return "ok " + text_of(name, tuning, false) + clamped;
+}
+
+std::string LiveTuning::set_gain(const std::string& name, Words values, Tuning& tuning) const {
+  if (values.size() != 1 && values.size() != 3)
+    throw input_error(fmt::format("{} takes one number for all axes or three, x y z", name));
+  Vec3 asked;
+  for (int axis = 0; axis < 3; ++axis)
+    asked[axis] = number_of(name, values[values.size() == 3 ? static_cast<std::size_t>(axis) : 0]);
+  if ((asked.array() < 0).any()) throw input_error(fmt::format("{} is negative; it must be at least 0", name));
+
+  const Vec3 PdGains::*gain = name == "kp" ? &PdGains::kp : &PdGains::kd;
+  const Vec3& largest = options_.limits.largest.*gain;
+  const Vec3 borne = asked.cwiseMin(largest);
+  (name == "kp" ? tuning.gains.kp : tuning.gains.kd) = borne;
+  if (borne == asked) return {};
+  return fmt::format(" clamped from {}: {} {}", gain_text(asked, true), options_.limits.because,
+                     gain_text(largest, true));
+}
+
+std::string LiveTuning::scale_gains(Words values, Tuning& tuning) const {
+  const bool divides = !values.empty() && values[0] == "/";
+  if (values.size() != 2 || (values[0] != "*" && !divides))
+    throw input_error("gains take a factor, as in gains * 1.1 or gains / 1.1; kp and kd take values");
+  const double number = number_of("gains", values[1]);
+  const double asked = divides ? 1 / number : number;
+  if (!(number > 0 && asked > 0 && std::isfinite(asked))) throw input_error("gains: the factor must be above 0");
+
+  // All gains by the same factor: what was balanced stays so.
+  const double factor = std::min(asked, largest_factor(tuning.gains, options_.limits.largest));
+  tuning.gains.kp = (factor * tuning.gains.kp).cwiseMin(options_.limits.largest.kp);
+  tuning.gains.kd = (factor * tuning.gains.kd).cwiseMin(options_.limits.largest.kd);
+  if (factor == asked) return {};
+  return fmt::format(" clamped from * {:.6g}: {} {}", asked, options_.limits.because,
+                     gain_text(options_.limits.largest, true));
+}
+
+std::string LiveTuning::set_bandwidth(Words values, Tuning& tuning) const {
+  require_composed("observer");
+  if (values.size() != 1) throw input_error("observer_hz takes one number [Hz]");
+  const double asked = number_of("observer_hz", values[0]);
+  if (asked < kLowestBandwidth)
+    throw input_error(fmt::format("observer_hz must be at least {} Hz; observer off takes it away", kLowestBandwidth));
+  tuning.observer_hz = std::min(asked, options_.limits.observer_hz);
+  if (tuning.observer_hz == asked) return {};
+  return fmt::format(" clamped from {:.6g}: {} {:.6g}", asked, options_.limits.because, options_.limits.observer_hz);
+}
+
+void LiveTuning::set_shares(const std::string& name, Words values, Tuning& tuning) const {
+  require_composed(name);
+  if (values.size() != 1) throw input_error(fmt::format("{} takes a share from 0 to 1, on, off or toggle", name));
+  std::vector<Share> shares = shares_of(name);
+  std::erase_if(shares, [&](const Share& share) { return !(options_.composed.*share.composed); });
+  const bool acts = std::any_of(shares.begin(), shares.end(), [&](const Share& s) { return tuning.*s.value > 0; });
+  for (const Share& share : shares) {
+    const double full = start_.*share.value > 0 ? start_.*share.value : 1;
+    if (values[0] == "on" || (values[0] == "toggle" && !acts)) {
+      tuning.*share.value = full;
+    } else if (values[0] == "off" || values[0] == "toggle") {
+      tuning.*share.value = 0;
+    } else {
+      const double asked = number_of(name, values[0]);
+      if (!(asked >= 0 && asked <= 1))
+        throw input_error(fmt::format("{} {} is not a share from 0, none, to 1, all", name, values[0]));
+      tuning.*share.value = asked;
+    }
+  }
+}
+
+void LiveTuning::require_composed(const std::string& name) const {
+  for (const Share& share : shares_of(name))
+    if (options_.composed.*share.composed) return;
+  throw input_error(fmt::format("{}: this session has none; {}", name, options_.remedy));
+}
+
+std::string LiveTuning::text_of(const std::string& name, const Tuning& tuning, bool brief) const {
+  if (name == "kp") return "kp " + gain_text(tuning.gains.kp, brief);
+  if (name == "kd") return "kd " + gain_text(tuning.gains.kd, brief);
+  if (name == "gains") return gain_text(tuning.gains, brief);
+  if (name == "observer_hz") {
+    require_composed("observer");
+    return fmt::format("observer_hz {:.6g}", tuning.observer_hz);
+  }
+  require_composed(name);
+  std::string text;
+  for (const Share& share : shares_of(name))
+    if (options_.composed.*share.composed)
+      text += fmt::format("{}{} {:.6g}", text.empty() ? "" : " ", share.name, tuning.*share.value);
+  return text;
+}
+
+nlohmann::json LiveTuning::state(const Tuning& tuning) const {
+  nlohmann::json json{{"kp", json_of(tuning.gains.kp)}, {"kd", json_of(tuning.gains.kd)}};
+  json["limits"] = {{"kp", json_of(options_.limits.largest.kp)}, {"kd", json_of(options_.limits.largest.kd)}};
+  for (const Share& share : kShares)
+    if (options_.composed.*share.composed) json[share.name] = tuning.*share.value;
+  if (options_.composed.observer) {
+    json["observer_hz"] = tuning.observer_hz;
+    json["limits"]["observer_hz"] = options_.limits.observer_hz;
+  }
+  return json;
+}
+
+void LiveTuning::put_in_force(const Tuning& tuning, const std::string& subject, const std::string& text) {
+  if (state(tuning) == state(wanted_)) return;
+  wanted_ = tuning;
+  mailbox_.post(tuning);
+
+  const std::int64_t now_ns = now_ns_.load(std::memory_order_relaxed);
+  if (options_.annotations) options_.annotations->mark("tuned: " + text);
+  add_notice({"tuned: " + text, subject});
+  changes_.push_back({now_ns, text});
+  if (changes_.size() > kLongestHistory) changes_.pop_front();
+  ++changed_;
+}
+
+void LiveTuning::add_notice(Notice notice) {
+  if (!notices_.empty() && !notice.subject.empty() && notices_.back().subject == notice.subject) notices_.pop_back();
+  notices_.push_back(std::move(notice));
+  if (notices_.size() > kMostNotices) notices_.pop_front();
+}
+
+Tuning LiveTuning::wanted() const {
+  const std::lock_guard lock(mutex_);
+  return wanted_;
+}
+
+std::string LiveTuning::summary() const {
+  const std::lock_guard lock(mutex_);
+  std::string text = text_of("gains", wanted_, true);
+  for (const Share& share : kShares)
+    if (const double value = wanted_.*share.value; options_.composed.*share.composed && value != 1)
+      text += value == 0 ? fmt::format(" {} off", share.name) : fmt::format(" {} {:.3g}", share.name, value);
+  return text;
+}
+
+std::vector<std::string> LiveTuning::take_notices() {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::string> texts;
+  for (Notice& notice : notices_) texts.push_back(std::move(notice.text));
+  notices_.clear();
+  return texts;
+}
+
+void LiveTuning::tell(std::string notice) {
+  const std::lock_guard lock(mutex_);
+  add_notice({std::move(notice), {}});
+}
+
+nlohmann::json LiveTuning::history() const {
+  const std::lock_guard lock(mutex_);
+  nlohmann::json json = state(wanted_);
+  json["changed"] = changed_;
+  json["changes"] = nlohmann::json::array();
+  for (const Change& change : changes_)
+    json["changes"].push_back({{"time_s", 1e-9 * static_cast<double>(change.time_ns)}, {"text", change.text}});
+  return json;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,121 @@
+// Changing how a session tracks while it runs: what is wanted, what a device bears, and a line of text for every
+// change.
+#pragma once
+
+#include "base/mailbox.h"
+#include "control/sample.h"
+#include "control/tuning.h"
+#include "recorder/annotations.h"
+
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace haptrace {
+
+/// What a device bears. What is asked beyond it is clamped to it. The default knows of no device.
+struct TuningLimits {
+  PdGains largest{Vec3::Constant(kLargestKp), Vec3::Constant(kLargestKd)};
+  double observer_hz = 100;                           ///< the observer's largest bandwidth
+  std::string because = "no device bears more than";  ///< what is said before the limit when something is clamped
+};
+
+/// For a device of which only the maximum force [N] is known: ten times its cautious_gains, so that the force limit is
+/// reached at 1.6 mm of deviation.
+TuningLimits limits_of_unidentified(double max_force, double rate_hz);
+
+/// Which compensations a session was composed of: only those can be tuned.
+struct Compensations {
+  bool inertia = false, gravity = false, friction = false, observer = false, learning = false;
+
+  bool operator==(const Compensations&) const = default;
+};
+
+/// The tuning of a running session, changed by commands of one line each (docs/tuning.md):
+///
+///     kp 2000              kp 2000 2000 1500     kd 20        gains * 1.1     gains / 1.1
+///     observer 0.5         observer on|off|toggle             observer_hz 12
+///     inertia, gravity, friction, learning as observer; feedforward: the first three at once
+///     get                  get kp                reset        help            quit
+///
+/// Every change that is one leaves a notice, a line in the history and, where there are annotations, a mark in the
+/// recording: "tuned: kp 2000". As a sink it only learns the session's time.
+///
+/// Threads: everything from any, but the mailbox is read by one (the servo loop), which also pushes.
+/// Real-time: push, and latest() of the mailbox.
+class LiveTuning final : public SampleSink {
+ public:
+  struct Options {
+    TuningLimits limits;
+    Compensations composed;
+    std::string remedy = "compose the session with it";  ///< what an error says of a compensation that is not there
+    std::shared_ptr<Annotations> annotations;            ///< where changes leave a mark; may be null
+  };
+
+  /// `start` is not clamped: what a session was started with, it bears. Throws Error(input) when its gains are invalid.
+  LiveTuning(const Tuning& start, Options options);
+
+  /// Obeys one command and answers one line, both without the line's end: "ok kp 2000 2000 2000", with the value in
+  /// force; "ok kp 5200 5200 5200 clamped from 9000: the device bears 5200"; "error ..." (nothing was changed); for
+  /// get alone a JSON object. Answers are printable ASCII whatever the command. Does not throw for any command.
+  std::string obey(std::string_view command);
+
+  /// What is wanted now, and for the tick the newest of it.
+  [[nodiscard]] Tuning wanted() const;
+  [[nodiscard]] Mailbox<Tuning>& mailbox() noexcept { return mailbox_; }
+
+  /// Present gains and shares for a progress line: "kp 2000 kd 20 observer 0.5". Shares of 1 go without saying.
+  [[nodiscard]] std::string summary() const;
+
+  /// What a person should know since the last call: changes, the last of several in a row to the same, and what was
+  /// told. `tell` is for whoever hands commands on without anybody who reads the answers.
+  [[nodiscard]] std::vector<std::string> take_notices();
+  void tell(std::string notice);
+
+  /// The object that get answers, with "changes": [{"time_s": 1.5, "text": "kp 2000"}, ...], the newest 1000, and
+  /// "changed", how many there were.
+  [[nodiscard]] nlohmann::json history() const;
+
+  using SampleSink::push;
+  void push(const Sample& sample) noexcept override { now_ns_.store(sample.time_ns, std::memory_order_relaxed); }
+
+ private:
+  struct Change {
+    std::int64_t time_ns = 0;
+    std::string text;
+  };
+  struct Notice {
+    std::string text, subject;  ///< a notice replaces one before it on the same subject; empty: on none
+  };
+  using Words = std::span<const std::string>;
+
+  std::string answer(Words words);
+  std::string set_gain(const std::string& name, Words values, Tuning& tuning) const;
+  std::string scale_gains(Words values, Tuning& tuning) const;
+  std::string set_bandwidth(Words values, Tuning& tuning) const;
+  void set_shares(const std::string& name, Words values, Tuning& tuning) const;
+  void require_composed(const std::string& name) const;
+  [[nodiscard]] std::string text_of(const std::string& name, const Tuning& tuning, bool brief) const;
+  [[nodiscard]] nlohmann::json state(const Tuning& tuning) const;
+  void put_in_force(const Tuning& tuning, const std::string& subject, const std::string& text);
+  void add_notice(Notice notice);
+
+  const Tuning start_;
+  const Options options_;
+  std::atomic<std::int64_t> now_ns_{0};
+  mutable std::mutex mutex_;  ///< over what follows; the mailbox: over posting
+  Tuning wanted_;
+  Mailbox<Tuning> mailbox_;
+  std::deque<Change> changes_;
+  std::size_t changed_ = 0;
+  std::deque<Notice> notices_;
+};
+
+}  // namespace haptrace

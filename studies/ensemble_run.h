@@ -1,0 +1,46 @@
+// The draws of an ensemble, on all cores.
+#pragma once
+
+#include "base/parallel.h"
+
+#include <chrono>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <vector>
+
+namespace haptrace {
+
+struct EnsembleProgress {
+  std::size_t done = 0, draws = 0;
+  double remaining = std::numeric_limits<double>::quiet_NaN();  ///< by the pace so far [s]
+};
+
+/// What `run(draw)` makes of draws 0 to draws - 1, in order, whatever the threads (0: one for every core). When `stop`
+/// was raised the draws that were finished before. `progress` is called in the calling thread about ten times a second.
+/// Throws the first exception of a draw.
+template <class Member, class Run>
+std::vector<Member> run_draws(std::size_t draws, std::size_t threads, const StopRequest& stop, const Run& run,
+                              const std::function<void(const EnsembleProgress&)>& progress) {
+  std::vector<std::optional<Member>> finished(draws);
+  const auto began = std::chrono::steady_clock::now();
+  run_parallel(
+      draws, threads, stop,
+      [&](std::size_t draw) {
+        Member member = run(draw);
+        if (stop.count() == 0) finished[draw] = std::move(member);
+      },
+      [&](std::size_t done) {
+        if (!progress) return;
+        EnsembleProgress told{done, draws};
+        const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+        if (done > 0) told.remaining = elapsed / static_cast<double>(done) * static_cast<double>(draws - done);
+        progress(told);
+      });
+  std::vector<Member> members;
+  for (std::optional<Member>& member : finished)
+    if (member) members.push_back(std::move(*member));
+  return members;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,94 @@
+#include "studies/trade/configuration.h"
+
+#include <fmt/format.h>
+#include <vector>
+
+namespace haptrace {
+namespace {
+
+struct NamedTerm {
+  const char* name;
+  bool Compensations::*member;
+};
+constexpr NamedTerm kTerms[] = {{"inertia", &Compensations::inertia},
+                                {"gravity", &Compensations::gravity},
+                                {"friction", &Compensations::friction},
+                                {"observer", &Compensations::observer}};
+
+std::vector<std::string> names_of(const Compensations& with, bool present) {
+  std::vector<std::string> names;
+  for (const NamedTerm& term : kTerms)
+    if (with.*term.member == present) names.emplace_back(term.name);
+  return names;
+}
+
+}  // namespace
+
+std::string describe(const Compensations& with) {
+  const std::vector<std::string> names = names_of(with, true);
+  return names.empty() ? "PD alone" : fmt::format("{}", fmt::join(names, " + "));
+}
+
+std::string describe(const Configuration& configuration) {
+  std::string text = fmt::format("{:g} Hz, {}, {}, {}", configuration.rate_hz, to_string(configuration.interpolation),
+                                 configuration.velocity, describe(configuration.with));
+  if (configuration.learn > 0) text += fmt::format(", {} repetitions learned", configuration.learn);
+  if (configuration.thin > 1) text += fmt::format(", every {}th sample", configuration.thin);
+  if (configuration.speed != 1) text += fmt::format(", {:g} times the speed", configuration.speed);
+  return text;
+}
+
+PlayOptions play_options(const Configuration& configuration, const PlayOptions& base) {
+  PlayOptions options = base;
+  options.session.rate_hz = configuration.rate_hz;
+  options.session.velocity = configuration.velocity;
+  options.interpolation = configuration.interpolation;
+  options.compensations = configuration.with;
+  options.compensations.learning = configuration.learn > 0;
+  options.learn = configuration.learn;
+  options.thin = configuration.thin;
+  options.playback.speed = configuration.speed;
+  options.playback.repetitions = std::max(1, configuration.learn);
+  return options;
+}
+
+nlohmann::json config_file(const Configuration& configuration, const PlayOptions& base, const std::string& profile,
+                           const Storage* storage) {
+  const nlohmann::json loop{{"rate", configuration.rate_hz}, {"velocity", configuration.velocity}};
+  nlohmann::json play = loop, guide = loop, record = loop;
+  play["interpolation"] = to_string(configuration.interpolation);
+  play["speed"] = configuration.speed;
+  play["thin"] = configuration.thin;
+  play["learn"] = configuration.learn;
+  play["max-deviation"] = base.playback.max_deviation;
+  for (nlohmann::json* verb : {&play, &guide}) {
+    if (base.fit) (*verb)["fit"] = true;
+    if (base.smoothing) (*verb)["smoothing"] = *base.smoothing;
+  }
+  if (profile.empty()) {
+    play["no-profile"] = true;
+  } else {
+    play["profile"] = guide["profile"] = profile;
+    std::vector<std::string> without = names_of(configuration.with, false);
+    if (configuration.learn == 0) without.emplace_back("learning");
+    if (!without.empty()) play["without"] = without;
+  }
+  if (storage != nullptr) {
+    for (nlohmann::json* verb : {&play, &guide, &record}) {
+      (*verb)["compress"] = storage->deflate;
+      (*verb)["precision"] = to_string(storage->precision);
+    }
+  }
+  return {{"play", play}, {"guide", guide}, {"record", record}};
+}
+
+nlohmann::json to_json(const Configuration& configuration) {
+  nlohmann::json with = nlohmann::json::array();
+  for (const std::string& name : names_of(configuration.with, true)) with.push_back(name);
+  return {{"rate_hz", configuration.rate_hz},   {"interpolation", to_string(configuration.interpolation)},
+          {"velocity", configuration.velocity}, {"compensations", with},
+          {"learn", configuration.learn},       {"thin", configuration.thin},
+          {"speed", configuration.speed}};
+}
+
+}  // namespace haptrace

@@ -1,0 +1,68 @@
+#include "studies/trade/stand_in.h"
+
+#include "devices/sim/noise.h"
+#include "devices/sim/presets.h"
+#include "devices/sim/sim_device.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+namespace haptrace {
+namespace {
+
+constexpr std::uint64_t kStandInStream = 77;  // of the draws, apart from the device's own noise
+constexpr double kIntervalDeviations = 1.96;  // in half of a 95 % interval
+constexpr double kFarthestDraw = 2;           // deviations
+constexpr double kLeastShare = 0.5;           // of a parameter, that is left of it
+constexpr double kBristle = 8e-5;             // presliding distance of the mechanisms that were measured [m]
+
+/// A value within its interval, at most kLeastShare of it away.
+double drawn(double value, double half_width, Gaussian& noise) {
+  const double deviations = std::clamp(noise(), -kFarthestDraw, kFarthestDraw);
+  if (!(half_width > 0 && value > 0)) return value;
+  return std::clamp(value + deviations * half_width / kIntervalDeviations, kLeastShare * value,
+                    (2 - kLeastShare) * value);
+}
+
+HandSpec relaxed_hand() {
+  return *read_sim_spec({{"mass", 1}, {"max_force", 1}, {"hand", hand_preset("relaxed", "the stand-in's hand")}},
+                        "the stand-in")
+              .hand;
+}
+
+}  // namespace
+
+SimSpec stand_in_spec(const DeviceInfo& info, const DeviceProfile& profile, std::uint64_t seed) {
+  HandSpec hand = relaxed_hand();
+  hand.arm_stiffness = hand.arm_relaxation = hand.arm_damping = 0;
+  Gaussian noise(seed, kStandInStream);
+  PlantModel plant = profile.plant;
+  for (int axis = 0; axis < 3; ++axis) {
+    const PlantModel& half = profile.half_width;
+    plant.mass[axis] = drawn(plant.mass[axis], half.mass[axis], noise);
+    plant.viscous[axis] = std::max(drawn(plant.viscous[axis], half.viscous[axis], noise), 0.0);
+    plant.coulomb[axis] = std::max(drawn(plant.coulomb[axis], half.coulomb[axis], noise), 0.0);
+    if (profile.coarse) plant.mass[axis] = std::max(plant.mass[axis] - hand.mass, kLeastShare * plant.mass[axis]);
+    // An axis that is held may have any mass; calibration knows none of it.
+    if (!info.force_axes[static_cast<std::size_t>(axis)]) plant.mass[axis] = 1;
+  }
+  plant.delay = drawn(plant.delay, profile.half_width.delay, noise);
+  plant.gravity_gradient = (0.5 * (plant.gravity_gradient + plant.gravity_gradient.transpose())).eval();
+  const double stated = profile.facts.max_force > 0 ? profile.facts.max_force : info.max_force;
+  SimSpec spec = sim_spec_of(plant, stated > 0 ? stated : kUnstatedForce);
+  spec.model = info.model;
+  spec.axes = info.force_axes;
+  spec.max_continuous_force = info.max_continuous_force;
+  spec.nominal_rate = info.nominal_rate;
+  spec.presliding_stiffness = spec.coulomb / kBristle;
+  if ((info.workspace_min.array() < info.workspace_max.array()).all())
+    spec.workspace = {info.workspace_min, info.workspace_max};
+  spec.hand = hand;
+  return spec;
+}
+
+std::unique_ptr<Device> stand_in(const DeviceInfo& info, const DeviceProfile& profile, std::uint64_t seed) {
+  return std::make_unique<SimDevice>(stand_in_spec(info, profile, seed), SimOptions{.name = info.name, .seed = seed});
+}
+
+}  // namespace haptrace

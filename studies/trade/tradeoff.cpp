@@ -1,0 +1,605 @@
+#include "studies/trade/tradeoff.h"
+
+#include "base/error.h"
+#include "base/parallel.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fmt/format.h>
+#include <map>
+#include <set>
+
+namespace haptrace {
+namespace {
+
+constexpr std::array kInterpolations{Interpolation::hold, Interpolation::linear, Interpolation::cubic,
+                                     Interpolation::quintic};
+constexpr std::array kEstimators{"difference", "lowpass:50", "lowpass:100",     "lowpass:200",
+                                 "foaw:8",     "foaw:15",    "least-squares:8", "alpha-beta-gamma:60"};
+constexpr std::array kThinnings{1, 2, 5, 10, 20, 50, 100};
+constexpr std::array kSpeeds{0.25, 0.5, 1.0, 2.0, 4.0};
+constexpr double kFinestRate = 4000;  // [Hz]
+constexpr double kWorth = 0.01;       // of the error, that a dearer configuration must be better
+constexpr std::size_t kRefined = 8;   // best combinations whose finer knobs are turned, at most
+
+/// What makes two ticks cost the same.
+std::string tick_key(const Configuration& c) {
+  return fmt::format("{} {} {} {}", to_string(c.interpolation), c.velocity, describe(c.with), c.learn > 0);
+}
+
+std::string key_of(const Configuration& c) {
+  return fmt::format("{} {} {} {} {}", c.rate_hz, tick_key(c), c.learn, c.thin, c.speed);
+}
+
+/// The PD law alone.
+Configuration plain_of(Configuration base) {
+  base.with = {};
+  base.learn = 0;
+  return base;
+}
+
+struct LevelOfKnob {
+  std::string level;
+  Configuration configuration;
+};
+
+struct KnobOfPlay {
+  std::string name, what;
+  std::vector<LevelOfKnob> levels;
+};
+
+/// The terms that can be left out of a configuration one by one.
+std::vector<LevelOfKnob> without_each_term(const Configuration& base) {
+  std::vector<LevelOfKnob> levels;
+  const auto leave_out = [&](const char* name, bool Compensations::*member) {
+    if (!(base.with.*member)) return;
+    Configuration configuration = base;
+    configuration.with.*member = false;
+    levels.push_back({name, configuration});
+  };
+  leave_out("inertia", &Compensations::inertia);
+  // What is learned is all of the load: the model's share of it is not there.
+  if (base.learn == 0) {
+    leave_out("gravity", &Compensations::gravity);
+    leave_out("friction", &Compensations::friction);
+  }
+  leave_out("observer", &Compensations::observer);
+  if (base.learn > 0) {
+    Configuration configuration = base;
+    configuration.learn = 0;
+    levels.push_back({"learning", configuration});
+  }
+  return levels;
+}
+
+/// Turns a member of the base through its levels.
+template <class Value, class Levels, class Text>
+KnobOfPlay knob(const char* name, const char* what, const Configuration& base, Value Configuration::*member,
+                const Levels& levels, const Text& text) {
+  KnobOfPlay knob{.name = name, .what = what, .levels = {}};
+  for (const auto& level : levels) {
+    Configuration configuration = base;
+    configuration.*member = level;
+    knob.levels.push_back({text(configuration.*member), configuration});
+  }
+  return knob;
+}
+
+std::vector<KnobOfPlay> knobs_of_play(const Workbench& bench, const TradeOptions& options) {
+  const Configuration& base = options.base;
+  const auto number = [](auto value) { return fmt::format("{:g}", static_cast<double>(value)); };
+  std::vector<KnobOfPlay> knobs;
+  knobs.push_back(knob("rate", "servo rate [Hz]", base, &Configuration::rate_hz, options.rates, number));
+  knobs.push_back(knob("interpolation", "between the samples of the path", base, &Configuration::interpolation,
+                       kInterpolations, [](Interpolation i) { return to_string(i); }));
+  knobs.push_back(knob("velocity", "estimator of the tool's velocity", base, &Configuration::velocity, kEstimators,
+                       [](const std::string& v) { return v; }));
+  if (bench.calibrated()) {
+    KnobOfPlay without{.name = "without", .what = "a compensation left out", .levels = without_each_term(base)};
+    without.levels.insert(without.levels.begin(), {"nothing", base});
+    const Configuration plain = plain_of(base);
+    without.levels.push_back({"all", plain});
+    knobs.push_back(without);
+    // The observer answers what the estimator would: without it, the estimator counts.
+    if (base.with.observer) {
+      knobs.push_back(knob("velocity of PD", "the same where nothing is compensated", plain, &Configuration::velocity,
+                           kEstimators, [](const std::string& v) { return v; }));
+    }
+    std::set<int> lessons{0, 2, 5};
+    lessons.insert(base.learn);
+    knobs.push_back(knob("learn", "repetitions to learn from", base, &Configuration::learn, lessons, number));
+  }
+  std::vector<int> thinnings;
+  for (const int every : kThinnings)
+    if (bench.rows() / static_cast<std::uint64_t>(every) >= 4) thinnings.push_back(every);
+  knobs.push_back(
+      knob("thin", "every so many-th sample of the path is kept", base, &Configuration::thin, thinnings, number));
+  std::set<double> speeds(kSpeeds.begin(), kSpeeds.end());
+  speeds.insert(base.speed);
+  knobs.push_back(knob("speed", "times the path's own", base, &Configuration::speed, speeds, number));
+  return knobs;
+}
+
+/// Outcomes by configuration: nothing is tried twice.
+class Trials {
+ public:
+  Trials(const Workbench& bench, std::size_t threads, const StopRequest& stop)
+      : bench_(bench), threads_(threads), stop_(stop) {}
+
+  /// Tries what was not tried with so many runs; false when it was stopped.
+  bool run(const std::vector<Configuration>& configurations, std::size_t runs,
+           const std::function<void(double)>& told) {
+    std::vector<Configuration> open;
+    std::set<std::string> seen;
+    for (const Configuration& configuration : configurations) {
+      const std::string key = key_of(configuration);
+      const auto found = outcomes_.find(key);
+      if (found != outcomes_.end() && (found->second.runs >= runs || !found->second.ran())) continue;
+      if (seen.insert(key).second) open.push_back(configuration);
+    }
+    std::vector<Outcome> outcomes(open.size());
+    const bool done = run_parallel(
+        open.size(), threads_, stop_, [&](std::size_t i) { outcomes[i] = bench_.judge(open[i], runs); },
+        [&](std::size_t n) {
+          if (told && !open.empty()) told(static_cast<double>(n) / static_cast<double>(open.size()));
+        });
+    for (Outcome& outcome : outcomes) {
+      if (outcome.runs == 0 && outcome.refused.empty()) continue;  // it was stopped before
+      const std::string key = key_of(outcome.configuration);
+      if (const auto found = outcomes_.find(key); found == outcomes_.end()) order_.push_back(key);
+      outcomes_[key] = std::move(outcome);
+    }
+    return done;
+  }
+
+  [[nodiscard]] Outcome* find(const Configuration& configuration) {
+    const auto found = outcomes_.find(key_of(configuration));
+    return found != outcomes_.end() ? &found->second : nullptr;
+  }
+  [[nodiscard]] std::vector<Outcome> all() const {
+    std::vector<Outcome> all;
+    for (const std::string& key : order_) all.push_back(outcomes_.at(key));
+    return all;
+  }
+  template <class Change>
+  void each(const Change& change) {
+    for (const std::string& key : order_) change(outcomes_.at(key));
+  }
+
+ private:
+  const Workbench& bench_;
+  std::size_t threads_;
+  const StopRequest& stop_;
+  std::map<std::string, Outcome> outcomes_;
+  std::vector<std::string> order_;
+};
+
+/// What a tick costs, from the base and what each choice adds to it: choices add up, since each is a term of its own or
+/// takes another's place. In instructions, or in nanoseconds where they cannot be counted.
+class TickPrices {
+ public:
+  TickPrices(const Workbench& bench, const TradeOptions& options, const StopRequest& stop,
+             const std::function<void(double)>& told)
+      : bench_(bench) {
+    base_.rate_hz = options.base.rate_hz;
+    counted_ = options.instructions;
+    if (counted_) {
+      total_ = price_of(base_);
+      counted_ = std::isfinite(total_);
+    }
+    if (!counted_) total_ = price_of(base_);
+    std::vector<std::pair<std::string, Configuration>> changed;
+    const auto add = [&](const std::string& name, const auto& change) {
+      Configuration configuration = base_;
+      change(configuration);
+      changed.emplace_back(name, configuration);
+    };
+    for (const Interpolation interpolation : kInterpolations)
+      add(to_string(interpolation), [&](Configuration& c) { c.interpolation = interpolation; });
+    for (const char* velocity : kEstimators) add(velocity, [&](Configuration& c) { c.velocity = velocity; });
+    const std::string& velocity = options.base.velocity;
+    if (std::find(kEstimators.begin(), kEstimators.end(), velocity) == kEstimators.end())
+      add(velocity, [&](Configuration& c) { c.velocity = velocity; });
+    if (bench.calibrated()) {
+      add("inertia", [](Configuration& c) { c.with.inertia = true; });
+      add("gravity", [](Configuration& c) { c.with.gravity = true; });
+      add("friction", [](Configuration& c) { c.with.friction = true; });
+      add("observer", [](Configuration& c) { c.with.observer = true; });
+      add("learning", [](Configuration& c) { c.learn = 1; });
+    }
+    for (std::size_t i = 0; i < changed.size() && stop.count() == 0; ++i) {
+      const auto& [name, configuration] = changed[i];
+      added_[name] = configuration == base_ ? 0 : price_of(configuration) - total_;
+      told(static_cast<double>(i + 1) / static_cast<double>(changed.size()));
+    }
+  }
+
+  void put_on(Outcome& outcome) const {
+    const Configuration& c = outcome.configuration;
+    double sum = total_ + added(to_string(c.interpolation)) + added(c.velocity);
+    if (c.with.inertia) sum += added("inertia");
+    if (c.with.observer) sum += added("observer");
+    if (c.learn > 0) {
+      sum += added("learning");
+    } else {
+      if (c.with.gravity) sum += added("gravity");
+      if (c.with.friction) sum += added("friction");
+    }
+    outcome.price = sum;
+    if (counted_) outcome.instructions = sum;
+  }
+
+ private:
+  [[nodiscard]] double price_of(const Configuration& configuration) const {
+    if (counted_) return bench_.count_ticks(configuration);
+    Outcome outcome{.configuration = configuration, .runs = 1};
+    bench_.time_ticks(outcome);
+    return 1e9 * outcome.control;
+  }
+  [[nodiscard]] double added(const std::string& name) const {
+    const auto found = added_.find(name);
+    return found != added_.end() ? found->second : kNaN;
+  }
+
+  const Workbench& bench_;
+  Configuration base_;
+  bool counted_ = false;
+  double total_ = kNaN;
+  std::map<std::string, double> added_;
+};
+
+/// Servo rates x compensations x learning.
+std::vector<Configuration> combinations(const Workbench& bench, const TradeOptions& options) {
+  std::vector<Configuration> all;
+  for (const double rate : options.rates) {
+    Configuration configuration = options.base;
+    configuration.rate_hz = rate;
+    if (!bench.calibrated()) {
+      all.push_back(configuration);
+      continue;
+    }
+    for (unsigned terms = 0; terms < 16; ++terms) {
+      configuration.with = {.inertia = (terms & 1) != 0,
+                            .gravity = (terms & 2) != 0,
+                            .friction = (terms & 4) != 0,
+                            .observer = (terms & 8) != 0};
+      configuration.learn = 0;
+      all.push_back(configuration);
+      if (options.base.learn == 0 || configuration.with.gravity || configuration.with.friction) continue;
+      configuration.learn = options.base.learn;
+      // Whatever the base has of them is not there once the load is learned.
+      all.push_back(configuration);
+    }
+  }
+  return all;
+}
+
+/// Whether `b` is as good as `a` in everything, and better in something.
+bool beats(const Outcome& b, const Outcome& a) {
+  const std::array better{b.error.mean - a.error.mean, b.ripple.mean - a.ripple.mean, b.load() - a.load(),
+                          static_cast<double>(b.configuration.learn - a.configuration.learn)};
+  return std::all_of(better.begin(), better.end(), [](double d) { return d <= 0; }) &&
+         std::any_of(better.begin(), better.end(), [](double d) { return d < 0; });
+}
+
+/// The Pareto front, ascending in load. Of configurations at one count of repetitions each must be worth its load: less
+/// error by kWorth, or less ripple by as much, than what is cheaper.
+std::vector<Outcome> front_of(const std::vector<Outcome>& all, double speed) {
+  std::vector<Outcome> ran;
+  for (const Outcome& outcome : all)
+    if (outcome.ran() && outcome.configuration.speed == speed && std::isfinite(outcome.load())) ran.push_back(outcome);
+  std::stable_sort(ran.begin(), ran.end(), [](const Outcome& a, const Outcome& b) {
+    return std::tuple(a.load(), a.error.mean) < std::tuple(b.load(), b.error.mean);
+  });
+  std::vector<Outcome> front;
+  for (const Outcome& outcome : ran) {
+    if (std::any_of(ran.begin(), ran.end(), [&](const Outcome& other) { return beats(other, outcome); })) continue;
+    const bool worth = std::all_of(front.begin(), front.end(), [&](const Outcome& cheaper) {
+      return cheaper.configuration.learn > outcome.configuration.learn ||
+             outcome.error.mean < (1 - kWorth) * cheaper.error.mean ||
+             outcome.ripple.mean < (1 - kWorth) * cheaper.ripple.mean;
+    });
+    if (worth) front.push_back(outcome);
+  }
+  return front;
+}
+
+/// Whether more runs would say little more about the error and the ripple.
+bool interval_known(const Outcome& outcome, double model_error) {
+  const double most = std::hypot(kKnownInterval, model_error);
+  return outcome.error.half_width <= most * outcome.error.mean &&
+         outcome.ripple.half_width <= most * outcome.ripple.mean;
+}
+
+/// The knobs that change what a combination costs by little, turned one at a time.
+std::vector<Configuration> refinements(const Configuration& base, const Workbench& bench) {
+  std::vector<Configuration> all;
+  for (const Interpolation interpolation : kInterpolations) {
+    all.push_back(base);
+    all.back().interpolation = interpolation;
+  }
+  for (const char* velocity : kEstimators) {
+    all.push_back(base);
+    all.back().velocity = velocity;
+  }
+  // Cheapest of both: what changes nothing by itself changes nothing together.
+  for (const Interpolation interpolation : {Interpolation::hold, Interpolation::linear}) {
+    all.push_back(base);
+    all.back().interpolation = interpolation;
+    all.back().velocity = "difference";
+  }
+  for (const int every : {10, 50}) {
+    if (bench.rows() / static_cast<std::uint64_t>(every) < 4) continue;
+    all.push_back(base);
+    all.back().thin = every;
+  }
+  return all;
+}
+
+}  // namespace
+
+TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const StopRequest& stop,
+                          const TradeProgress& progress, const std::function<void(const TradeReport&)>& draw) {
+  TradeReport report{.options = options,
+                     .device = bench.device().name,
+                     .path = bench.place().path->facts().name,
+                     .path_duration = bench.duration(),
+                     .calibrated = bench.calibrated()};
+  const auto stage = [&](const char* name, double from, double to) {
+    return [&progress, name, from, to](double done) {
+      if (progress) progress(name, from + done * (to - from));
+    };
+  };
+
+  Configuration finest = options.base;
+  finest.interpolation = Interpolation::quintic;
+  finest.thin = 1;
+  if (bench.profile_at(kFinestRate) || !bench.calibrated()) finest.rate_hz = std::max(kFinestRate, finest.rate_hz);
+  const bool varies = bench.place().varies;
+  const std::size_t least_runs = varies ? std::max(options.runs * kFrontRuns, kLeastRuns) : 1;
+  bench.measure_forces_against(finest, least_runs, stop);
+
+  Trials trials(bench, options.threads, stop);
+  const std::vector<KnobOfPlay> knobs = knobs_of_play(bench, options);
+  std::vector<Configuration> swept{options.base};
+  for (const KnobOfPlay& knob : knobs)
+    for (const LevelOfKnob& level : knob.levels) swept.push_back(level.configuration);
+  report.complete = trials.run(swept, options.runs, stage("turning every knob", 0.02, 0.12));
+  const auto without_a = [&](const std::vector<Configuration>& configurations, double Outcome::*figure) {
+    std::vector<Outcome*> open;
+    for (const Configuration& configuration : configurations)
+      if (Outcome* outcome = trials.find(configuration);
+          outcome != nullptr && outcome->ran() && !std::isfinite(outcome->*figure))
+        if (std::find(open.begin(), open.end(), outcome) == open.end()) open.push_back(outcome);
+    return open;
+  };
+  // Ticks are timed on one core, while the others are quiet.
+  const auto time_ticks = [&](const std::vector<Configuration>& configurations, const auto& told) {
+    const std::vector<Outcome*> open = without_a(configurations, &Outcome::control);
+    for (std::size_t i = 0; i < open.size() && stop.count() == 0; ++i) {
+      bench.time_ticks(*open[i]);
+      told(static_cast<double>(i + 1) / static_cast<double>(open.size()));
+    }
+  };
+  const auto find_margins = [&](const std::vector<Configuration>& configurations, const auto& told) {
+    const std::vector<Outcome*> open = without_a(configurations, &Outcome::margin);
+    (void)run_parallel(
+        open.size(), options.threads, stop, [&](std::size_t i) { bench.find_margin(*open[i]); },
+        [&](std::size_t n) {
+          if (!open.empty()) told(static_cast<double>(n) / static_cast<double>(open.size()));
+        });
+  };
+  time_ticks(swept, stage("timing ticks", 0.12, 0.16));
+
+  // Levels of a knob are told as they were measured together, over as many runs each.
+  const auto gather_sweeps = [&] {
+    report.sweeps.clear();
+    for (const KnobOfPlay& knob : knobs) {
+      KnobSweep sweep{.knob = knob.name, .what = knob.what, .levels = {}};
+      for (const LevelOfKnob& level : knob.levels)
+        if (const Outcome* outcome = trials.find(level.configuration))
+          sweep.levels.push_back({level.level, level.configuration == options.base, *outcome});
+      report.sweeps.push_back(std::move(sweep));
+    }
+    if (const Outcome* base = trials.find(options.base)) report.base = *base;
+    if (const Outcome* plain = trials.find(plain_of(options.base)); plain != nullptr && plain->ran())
+      report.plain = *plain;
+  };
+  const auto gather_front = [&] {
+    report.tried = trials.all();
+    report.front = front_of(report.tried, options.base.speed);
+  };
+  // Until the parts of a tick are priced, the load is the time of the whole.
+  trials.each([](Outcome& outcome) { outcome.price = 1e9 * outcome.control; });
+  gather_sweeps();
+  gather_front();
+  if (draw) draw(report);
+
+  find_margins(swept, stage("finding margins", 0.16, 0.2));
+  const TickPrices prices(bench, options, stop, stage("pricing the parts of a tick", 0.2, 0.4));
+  const auto price_all = [&] { trials.each([&](Outcome& outcome) { prices.put_on(outcome); }); };
+  price_all();
+  gather_sweeps();
+  if (options.search && stop.count() == 0) {
+    report.complete = trials.run(combinations(bench, options), options.runs, stage("trying combinations", 0.4, 0.75));
+    price_all();
+    std::vector<Outcome> best = front_of(trials.all(), options.base.speed);
+    std::vector<Configuration> finer;
+    // Spread over the front, from its cheap to its exact end.
+    for (std::size_t i = 0; i < std::min(best.size(), kRefined); ++i) {
+      const std::size_t at = best.size() <= kRefined ? i : i * (best.size() - 1) / (kRefined - 1);
+      for (const Configuration& configuration : refinements(best[at].configuration, bench))
+        finer.push_back(configuration);
+    }
+    report.complete = trials.run(finer, options.runs, stage("refining the best", 0.75, 0.88)) && report.complete;
+    price_all();
+    std::vector<Configuration> on_front;
+    for (const Outcome& outcome : front_of(trials.all(), options.base.speed)) on_front.push_back(outcome.configuration);
+    std::vector<Configuration> unsure = on_front;
+    unsure.push_back(plain_of(options.base));
+    for (std::size_t times = 1; times <= kMostRepeats && !unsure.empty() && stop.count() == 0; times *= 2) {
+      report.complete = trials.run(unsure, times * least_runs, stage("making sure", 0.88, 0.96)) && report.complete;
+      std::erase_if(unsure, [&](const Configuration& configuration) {
+        const Outcome* outcome = trials.find(configuration);
+        return outcome == nullptr || !outcome->ran() || !varies || interval_known(*outcome, bench.place().model_error);
+      });
+    }
+    price_all();
+    on_front.push_back(plain_of(options.base));  // its ripple may become a bound, which it then keeps
+    time_ticks(on_front, stage("timing the best", 0.96, 0.98));
+    find_margins(on_front, stage("finding their margins", 0.98, 1));
+  }
+  gather_front();
+  // The front of what was tried often enough to be believed: one lucky run must not push out what is known.
+  if (options.search && report.complete) {
+    std::vector<Outcome> believed = report.tried;
+    std::erase_if(believed, [&](const Outcome& outcome) { return outcome.runs < least_runs; });
+    report.front = front_of(believed, options.base.speed);
+  }
+  if (const Outcome* plain = trials.find(plain_of(options.base)); plain != nullptr && plain->ran())
+    report.plain = *plain;
+  report.complete = report.complete && stop.count() == 0;
+  return report;
+}
+
+namespace {
+
+/// `exactly`: the most exact of what keeps the budget; else the cheapest.
+Choice choose_from(const std::vector<Outcome>& front, const Budget& budget, bool exactly) {
+  std::size_t chosen = front.size();
+  for (std::size_t i = 0; i < front.size(); ++i) {
+    if (!budget.kept(front[i])) continue;
+    if (chosen == front.size() || (exactly && front[i].error.mean < front[chosen].error.mean)) chosen = i;
+  }
+  Choice choice{.kept = chosen < front.size()};
+  if (!choice.kept) {
+    chosen = 0;
+    const auto exceeds = [&](std::size_t i) { return budget.tightest(front[i])->ratio; };
+    for (std::size_t i = 1; i < front.size(); ++i)
+      if (exceeds(i) < exceeds(chosen)) chosen = i;
+  }
+  choice.outcome = front[chosen];
+  if (chosen > 0) choice.cheaper = front[chosen - 1];
+  if (chosen + 1 < front.size()) choice.dearer = front[chosen + 1];
+  const auto tightest = *budget.tightest(choice.outcome);
+  choice.binding = to_string(*tightest.bound);
+  choice.binding_ratio = tightest.ratio;
+  const std::optional<Outcome>& next = exactly ? choice.dearer : choice.cheaper;
+  if (choice.kept && next && !budget.kept(*next)) choice.excludes = to_string(*budget.tightest(*next)->bound);
+  return choice;
+}
+
+const SideTrade* storage_of(const TradeReport& report) {
+  const auto found = std::find_if(report.sides.begin(), report.sides.end(),
+                                  [](const SideTrade& side) { return side.knob == kStorageKnob; });
+  return found != report.sides.end() ? &*found : nullptr;
+}
+
+/// Rows are as many as ticks.
+double bytes_of(const SideTrade::Level& stored, const Outcome& outcome, const TradeReport& report) {
+  if (!stored.refused.empty()) return kNaN;
+  return stored.values.front() * outcome.configuration.rate_hz / report.base.configuration.rate_hz;
+}
+
+}  // namespace
+
+void weigh_recordings(TradeReport& report) {
+  const SideTrade* storage = storage_of(report);
+  if (storage == nullptr) return;
+  const auto weigh_one = [&](Outcome& outcome) {
+    outcome.bytes_per_hour = bytes_of(storage->levels.front(), outcome, report);
+  };
+  for (KnobSweep& sweep : report.sweeps)
+    for (KnobLevel& level : sweep.levels) weigh_one(level.outcome);
+  for (Outcome& outcome : report.tried) weigh_one(outcome);
+  for (Outcome& outcome : report.front) weigh_one(outcome);
+  weigh_one(report.base);
+  if (report.plain) weigh_one(*report.plain);
+}
+
+namespace {
+
+/// The bounds that `asked` does not name and every choice keeps.
+Budget implied_bounds(const TradeReport& report, const Budget& asked) {
+  Budget implied;
+  if (!asked.limits(Measure::margin)) implied.bounds.push_back({Measure::margin, kLeastMargin});
+  if (asked.limits(Measure::ripple) || !report.plain) return implied;
+  const double ripple = value_of(*report.plain, Measure::ripple);
+  if (std::isfinite(ripple) && ripple > 0) implied.bounds.push_back({Measure::ripple, ripple});
+  return implied;
+}
+
+std::optional<Choice> choose_within(const TradeReport& report, const Budget& budget, bool exactly) {
+  const SideTrade* storage = storage_of(report);
+  if (!budget.limits(Measure::bytes) || storage == nullptr) return choose_from(report.front, budget, exactly);
+  std::optional<Choice> choice;
+  for (std::size_t i = 0; i < storage->levels.size() && !(choice && choice->kept); ++i) {
+    if (!storage->levels[i].refused.empty()) continue;
+    std::vector<Outcome> front = report.front;
+    for (Outcome& outcome : front) outcome.bytes_per_hour = bytes_of(storage->levels[i], outcome, report);
+    Choice with = choose_from(front, budget, exactly);
+    with.storage = storage_levels()[i];
+    // What a coarser way to store does not bring nearer is stored as it was.
+    if (!choice || budget.tightest(with.outcome)->ratio < budget.tightest(choice->outcome)->ratio) choice = with;
+  }
+  return choice;
+}
+
+}  // namespace
+
+std::optional<Choice> choose(const TradeReport& report, const Budget& asked) {
+  if (!report.complete || report.front.empty()) return std::nullopt;
+  const Budget implied = implied_bounds(report, asked);
+  Budget budget = asked;
+  budget.bounds.insert(budget.bounds.end(), implied.bounds.begin(), implied.bounds.end());
+  std::optional<Choice> choice = choose_within(report, budget, !asked.bounds_accuracy());
+  if (choice && !choice->kept && report.plain) {
+    // What costs as much may have pushed the plain law off the front, with more of the ripple that it bounds.
+    TradeReport plain = report;
+    plain.front = {*report.plain};
+    if (auto kept = choose_within(plain, budget, false); kept->kept) choice = std::move(kept);
+  }
+  if (choice)
+    for (const Bound& bound : implied.bounds) choice->implied.push_back(to_string(bound));
+  return choice;
+}
+
+void weigh(const Outcome& outcome, const Budget& budget, TermPrice& price) {
+  const Outcome& without = price.without;
+  price.error_change = without.error.mean - outcome.error.mean;
+  price.ripple_change = without.ripple.mean - outcome.ripple.mean;
+  price.instructions = outcome.instructions - without.instructions;
+  price.control = outcome.control - without.control;
+  Budget measured;
+  std::copy_if(budget.bounds.begin(), budget.bounds.end(), std::back_inserter(measured.bounds),
+               [&](const Bound& bound) { return std::isfinite(mean_of(outcome, bound.measure)); });
+  price.dispensable =
+      !measured.bounds.empty() && without.ran() && (measured.kept(without) || !measured.kept(outcome)) &&
+      std::all_of(measured.bounds.begin(), measured.bounds.end(), [&](const Bound& bound) {
+        return std::abs(mean_of(without, bound.measure) - mean_of(outcome, bound.measure)) < bound.limit;
+      });
+}
+
+Explanation explain(const Workbench& bench, const Configuration& configuration, const Budget& budget,
+                    const TradeOptions& options, const StopRequest& stop) {
+  const auto measured = [&](const Configuration& one) {
+    Outcome outcome = bench.judge(one, options.runs);
+    bench.find_margin(outcome);
+    bench.time_ticks(outcome);
+    if (outcome.ran() && options.instructions) outcome.instructions = bench.count_ticks(one);
+    outcome.price = std::isfinite(outcome.instructions) ? outcome.instructions : 1e9 * outcome.control;
+    return outcome;
+  };
+  Explanation explanation{.of = measured(configuration), .terms = {}};
+  const Outcome& outcome = explanation.of;
+  for (const LevelOfKnob& level : without_each_term(configuration)) {
+    if (stop.count() > 0) break;
+    TermPrice price{.term = level.level, .without = measured(level.configuration)};
+    weigh(outcome, budget, price);
+    explanation.terms.push_back(std::move(price));
+  }
+  return explanation;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,104 @@
+#include "base/json_reader.h"
+
+#include "tests/formats/support.h"
+
+#include <limits>
+
+namespace haptrace {
+namespace {
+
+using nlohmann::json;
+
+TEST(ParseJson, AllowsComments) {
+  EXPECT_EQ(parse_json("{ /* block */ \"a\": 1 // line\n}", "x")["a"], 1);
+}
+
+TEST(ParseJson, NamesLineAndColumn) {
+  expect_error([] { parse_json("{\n  \"a\": 1,\n  b: 2\n}", "my.json"); }, Error::Kind::input,
+               {"my.json: line 3, column 3: ", "syntax error"});
+  expect_error([] { parse_json("", "option --gains"); }, Error::Kind::input, {"option --gains: line 1, column 1: "});
+  expect_error([] { parse_json("[1e999]", "my.json"); }, Error::Kind::input, {"my.json: number overflow", "1e999"});
+}
+
+TEST(ParseJson, RefusesAKeyThatStandsTwice) {
+  expect_error([] { parse_json(R"({"a": {"b": 1, "c": 2, "b": 3}})", "my.json"); }, Error::Kind::input,
+               {"my.json: key 'b' stands twice"});
+  EXPECT_NO_THROW(parse_json(R"({"a": {"b": 1}, "b": {"a": 1}})", "my.json"));
+}
+
+TEST(ParseJson, RefusesWhatIsNestedTooDeeplyToBeShownOrCopied) {
+  const auto nested = [](std::size_t levels) { return std::string(levels, '[') + std::string(levels, ']'); };
+  EXPECT_NO_THROW(parse_json(nested(100), "my.json"));
+  expect_error([&] { parse_json(nested(1'000'000), "my.json"); }, Error::Kind::input,
+               {"my.json: is nested deeper than 100 levels"});
+}
+
+TEST(LoadJson, SaysWhyAFileCannotBeRead) {
+  const TempFolder folder;
+  expect_error([&] { load_json(folder / "absent.json"); }, Error::Kind::input,
+               {"absent.json: cannot be read: No such file"});
+  expect_error([&] { load_json(folder.path()); }, Error::Kind::input, {"is a folder"});
+  const std::string file = folder.write("bad.json", "{\"a\": }");
+  expect_error([&] { load_json(file); }, Error::Kind::input, {file + ": line 1, column 7: "});
+}
+
+TEST(JsonReader, AnswersWithTheValueOrTheFallback) {
+  const json object =
+      parse_json(R"({"n": 2, "v": [1, 2, 3], "s": 0.5, "b": true, "t": "x", "o": {"n": 7}})", "my.json");
+  JsonReader reader(object, "my.json");
+  EXPECT_EQ(reader.number("n", 0), 2);
+  EXPECT_EQ(reader.number("absent", 4), 4);
+  EXPECT_EQ(reader.vector("v", Vec3::Zero()), Vec3(1, 2, 3));
+  EXPECT_EQ(reader.vector("s", Vec3::Zero()), Vec3(0.5, 0.5, 0.5));
+  EXPECT_EQ(reader.vector("absent", Vec3(7, 8, 9)), Vec3(7, 8, 9));
+  EXPECT_TRUE(reader.boolean("b", false));
+  EXPECT_EQ(reader.text("t", ""), "x");
+  EXPECT_EQ(reader.text("absent", "y"), "y");
+  EXPECT_FALSE(reader.object("absent").has_value());
+  EXPECT_EQ(reader.object("o")->number("n", 0), 7);
+  EXPECT_TRUE(reader.has("n"));
+  EXPECT_FALSE(reader.has("absent"));
+  EXPECT_NO_THROW(reader.finish());
+}
+
+TEST(JsonReader, NamesThePathOfAKeyThatIsWrong) {
+  const json object = parse_json(R"({"hand": {"mass": [1, "two", 3], "arm": {"stiffness": -4, "grip": "x"}, "n": null},
+                                     "v": [1, 2], "b": 1, "t": 2, "n": "3"})",
+                                 "my.json");
+  JsonReader reader(object, "my.json");
+  auto hand = reader.object("hand");
+  EXPECT_EQ(hand->where(), "my.json: hand");
+  const auto bad = [](const auto& ask, const std::string& message) {
+    expect_error(ask, Error::Kind::input, {message});
+  };
+  bad([&] { hand->vector("mass", Vec3::Zero()); }, "my.json: hand.mass[1]: expected a number, found \"two\"");
+  bad([&] { hand->object("arm")->number("stiffness", 0, 0); },
+      "my.json: hand.arm.stiffness: -4 is too small; the least is 0");
+  bad([&] { hand->object("arm")->number("stiffness", 0, -9, -5); }, "-4 is too large; the most is -5");
+  bad([&] { hand->number("n", 0); }, "my.json: hand.n: expected a number, found null");
+  bad([&] { reader.vector("v", Vec3::Zero()); },
+      "my.json: v: expected a number or an array of three numbers, found [1,2]");
+  bad([&] { reader.boolean("b", false); }, "my.json: b: expected true or false, found 1");
+  bad([&] { reader.text("t", ""); }, "my.json: t: expected text in quotes, found 2");
+  bad([&] { reader.number("n", 0); }, "my.json: n: expected a number, found \"3\"");
+  bad([&] { reader.object("v"); }, "my.json: v: expected an object, found [1,2]");
+  bad([&] { JsonReader(object["v"], "my.json"); }, "my.json: expected an object, found [1,2]");
+}
+
+TEST(JsonReader, RefusesNumbersThatAreNotFinite) {
+  const json object{{"n", std::numeric_limits<double>::infinity()}};
+  expect_error([&] { JsonReader(object, "options").number("n", 0); }, Error::Kind::input,
+               {"options: n: inf is not a finite number"});
+}
+
+TEST(JsonReader, RefusesAKeyThatNobodyAskedForWithTheNearestThatWas) {
+  const json object{{"stifness", 3}};
+  JsonReader reader(object, "my.json");
+  reader.number("stiffness", 0);
+  reader.number("damping", 0);
+  expect_error([&] { reader.finish(); }, Error::Kind::input,
+               {"my.json: key 'stifness' is not known; did you mean 'stiffness'?"});
+}
+
+}  // namespace
+}  // namespace haptrace

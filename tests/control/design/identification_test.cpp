@@ -1,0 +1,315 @@
+#include "control/design/identification.h"
+
+#include <cmath>
+#include <deque>
+#include <gtest/gtest.h>
+#include <numbers>
+#include <random>
+
+namespace haptrace {
+namespace {
+
+constexpr double kRate = 1000;
+constexpr double kTwoPi = 2 * std::numbers::pi;
+
+/// A device of known parameters in closed loop, and the experiment that was made with it.
+struct Bench {
+  Vec3 mass{0.3, 0.5, 0.4}, viscous{1, 2, 1.5}, coulomb{0.5, 0.8, 0.3}, gravity{0.4, -1.2, 0.8};
+  double gradient = -20;  ///< of every axis by itself [N/m]
+  double delay = 1.3e-3;
+  double quantum = 0;
+  double cable = 0;  ///< amplitude of a force that depends on the place, with a period of 12 mm [N]
+  std::array<bool, 3> axes{true, true, true};
+
+  Multisine dither{15, 120, 2, {true, true, true}};
+  std::vector<TickRow> rows;
+  std::vector<Stretch> dithered;
+  std::array<std::vector<Stretch>, 3> sweeps;
+
+  Bench& run() {
+    dithered.push_back(move(
+        0.5, 4,
+        [&](double t) {
+          const double a = kTwoPi * t;
+          return Vec3(0.02 * std::cos(a), 0.02 * std::sin(a), 0.01 * std::sin(2 * a));
+        },
+        true));
+    for (int axis = 0; axis < 3; ++axis)
+      sweeps[static_cast<std::size_t>(axis)].push_back(move(
+          0.5, 2,
+          [&](double t) {
+            const double size = std::fmod(t, 1) < 0.5 ? 0.015 : 0.0075;
+            return Vec3(size * std::asin(0.97 * std::sin(2 * kTwoPi * t)) / 1.32 * Vec3::Unit(axis));
+          },
+          false));
+    return *this;
+  }
+
+  [[nodiscard]] Identification identified() const { return identify(experiment()); }
+
+  [[nodiscard]] Experiment experiment() const {
+    return {.rows = rows, .rate_hz = kRate, .axes = axes, .dither = &dither, .dithered = dithered, .sweeps = sweeps};
+  }
+
+ private:
+  /// The rows after `lead` seconds of `lead + duration`.
+  template <class Place>
+  Stretch move(double lead, double duration, const Place& place, bool hum) {
+    const std::size_t begin = rows.size() + static_cast<std::size_t>(lead * kRate);
+    for (double t = 0; t < lead + duration; t += 1 / kRate) tick(place(t), hum);
+    return {begin, rows.size()};
+  }
+
+  void tick(const Vec3& wanted, bool hum) {
+    const double time = static_cast<double>(rows.size()) / kRate;
+    Vec3 seen = x_;
+    if (quantum > 0)
+      for (double& value : seen) value = quantum * std::round(value / quantum);
+    Vec3 force = 800 * (wanted - seen) - 12 * v_;
+    if (hum) force += 0.8 * dither.value(time);
+    for (int axis = 0; axis < 3; ++axis)
+      if (!axes[static_cast<std::size_t>(axis)]) force[axis] = 0;
+    rows.push_back({time, seen, force});
+    sent_.push_back(force);
+    if (sent_.size() > 20) sent_.pop_front();
+    constexpr int kSteps = 100;
+    const double h = 1 / kRate / kSteps;
+    for (int step = 0; step < kSteps; ++step) {
+      const auto late = static_cast<std::size_t>(std::ceil((delay - (step + 0.5) * h) * kRate));
+      const Vec3 u = late < sent_.size() ? sent_[sent_.size() - 1 - late] : Vec3(Vec3::Zero());
+      for (int axis = 0; axis < 3; ++axis) {
+        const double w = h / mass[axis];
+        const double free = v_[axis] + w * (u[axis] + gravity[axis] + gradient * x_[axis] +
+                                            cable * std::sin(kTwoPi * x_[axis] / 0.012) - viscous[axis] * v_[axis]);
+        const double next = std::copysign(std::max(std::abs(free) - w * coulomb[axis], 0.0), free);
+        x_[axis] += 0.5 * h * (v_[axis] + next);
+        v_[axis] = next;
+      }
+    }
+  }
+
+  Vec3 x_ = Vec3::Zero(), v_ = Vec3::Zero();
+  std::deque<Vec3> sent_;
+};
+
+const Bench& bench() {
+  static const Bench made = Bench().run();
+  return made;
+}
+
+void expect_near(const Vec3& found, const Vec3& truth, double share, const char* what) {
+  for (int axis = 0; axis < 3; ++axis)
+    EXPECT_NEAR(found[axis], truth[axis], share * std::abs(truth[axis])) << what << ' ' << "xyz"[axis];
+}
+
+void expect_alike(const Identification& a, const Identification& b, double share) {
+  expect_near(a.plant.mass, b.plant.mass, share, "mass");
+  expect_near(a.plant.coulomb, b.plant.coulomb, share, "coulomb");
+  expect_near(a.plant.viscous, b.plant.viscous, share, "viscous");
+  EXPECT_NEAR(a.plant.delay, b.plant.delay, share * 1e-3);
+}
+
+TEST(IdentificationLaw, FindsWhatWasPutIn) {
+  const Identification found = bench().identified();
+  EXPECT_TRUE(found.fits) << found.reason;
+  expect_near(found.plant.mass, bench().mass, 0.06, "mass");  // the dither turns the friction of a sine round at times
+  expect_near(found.plant.coulomb, bench().coulomb, 0.05, "coulomb");
+  expect_near(found.plant.viscous, bench().viscous, 0.25, "viscous");
+  expect_near(found.plant.gravity, bench().gravity, 0.1, "gravity");
+  EXPECT_NEAR(found.plant.delay, bench().delay, 0.1e-3);
+  EXPECT_EQ(found.plant.position_resolution, 0);
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_LT(std::abs(found.plant.mass[axis] - bench().mass[axis]), found.half_width.mass[axis]);
+    EXPECT_LT(std::abs(found.plant.coulomb[axis] - bench().coulomb[axis]), found.half_width.coulomb[axis]);
+  }
+}
+
+TEST(IdentificationLaw, FindsAMassWithoutFrictionAlmostExactly) {
+  Bench smooth;
+  smooth.coulomb.setZero();
+  const Identification found = smooth.run().identified();
+  expect_near(found.plant.mass, smooth.mass, 0.005, "mass");
+  EXPECT_LT(found.plant.coulomb.maxCoeff(), 0.02);
+  EXPECT_NEAR(found.plant.delay, smooth.delay, 0.05e-3);
+}
+
+TEST(IdentificationLaw, ForcesInAnotherUnitScaleEveryParameterOfForceAndNoOther) {
+  Bench scaled = bench();
+  for (TickRow& row : scaled.rows) row.force *= 3;
+  Identification expected = bench().identified();
+  expected.plant.mass *= 3;
+  expected.plant.coulomb *= 3;
+  expected.plant.viscous *= 3;
+  expect_alike(scaled.identified(), expected, 1e-4);
+}
+
+TEST(IdentificationLaw, LengthsInAnotherUnitScaleMassInverselyAndLeaveFriction) {
+  Bench scaled = bench();
+  for (TickRow& row : scaled.rows) row.position *= 1.5;
+  Identification expected = bench().identified();
+  expected.plant.mass /= 1.5;
+  expected.plant.viscous /= 1.5;
+  expect_alike(scaled.identified(), expected, 0.02);
+}
+
+TEST(IdentificationLaw, NeitherTheClockNorTheOriginMatters) {
+  Bench moved = bench();
+  for (TickRow& row : moved.rows) {
+    row.time += 1234.5;
+    row.position += Vec3(0.1, -0.3, 0.2);
+  }
+  expect_alike(moved.identified(), bench().identified(), 1e-3);
+}
+
+TEST(IdentificationLaw, TheOrderOfTheAxesDoesNotMatter) {
+  Bench turned = bench();
+  const auto turn = [](const Vec3& v) { return Vec3(v.y(), v.z(), v.x()); };
+  for (TickRow& row : turned.rows) row = {row.time, turn(row.position), turn(row.force)};
+  turned.sweeps = {bench().sweeps[1], bench().sweeps[2], bench().sweeps[0]};
+  Identification expected = bench().identified();
+  expected.plant.mass = turn(expected.plant.mass);
+  expected.plant.coulomb = turn(expected.plant.coulomb);
+  expected.plant.viscous = turn(expected.plant.viscous);
+  expect_alike(turned.identified(), expected, 1e-6);
+}
+
+TEST(Identification, SeesMassesThroughAQuantumOfATwentiethMillimetre) {
+  Bench coarse;
+  coarse.quantum = 5e-5;
+  coarse.run();
+  const Identification found = coarse.identified();
+  EXPECT_TRUE(found.fits) << found.reason;
+  expect_near(found.plant.mass, coarse.mass, 0.15, "mass");
+  expect_near(found.plant.coulomb, coarse.coulomb, 0.08, "coulomb");
+  EXPECT_NEAR(found.plant.delay, coarse.delay, 0.3e-3);
+  EXPECT_NEAR(found.plant.position_resolution, 5e-5, 1e-9);
+}
+
+TEST(Identification, FindsDelaysOfSeveralSamples) {
+  for (const double delay : {0.0, 2.5e-3, 6e-3}) {
+    Bench late;
+    late.delay = delay;
+    late.run();
+    const Identification found = late.identified();
+    EXPECT_NEAR(found.plant.delay, delay, 0.2e-3);
+    expect_near(found.plant.mass, late.mass, 0.05, "mass");
+  }
+}
+
+TEST(Identification, TakesMissedTicksAsGaps) {
+  Bench gappy = bench();
+  gappy.rows.clear();
+  std::mt19937 random(1);
+  std::vector<std::size_t> kept(bench().rows.size() + 1, 0);
+  for (std::size_t k = 0; k < bench().rows.size(); ++k) {
+    kept[k] = gappy.rows.size();
+    if (random() % 250 != 0) gappy.rows.push_back(bench().rows[k]);
+  }
+  kept.back() = gappy.rows.size();
+  const auto place = [&](Stretch& stretch) { stretch = {kept[stretch.begin], kept[stretch.end]}; };
+  for (Stretch& stretch : gappy.dithered) place(stretch);
+  for (auto& axis : gappy.sweeps)
+    for (Stretch& stretch : axis) place(stretch);
+  const Identification found = gappy.identified();
+  expect_near(found.plant.mass, bench().mass, 0.06, "mass");
+  expect_near(found.plant.coulomb, bench().coulomb, 0.1, "coulomb");
+}
+
+TEST(Identification, LeavesAxesWithoutAMotorOut) {
+  Bench planar;
+  planar.axes = {true, true, false};
+  planar.gravity.z() = 0;
+  planar.coulomb = Vec3::Constant(0.2);
+  planar.dither = Multisine(15, 120, 2, planar.axes);
+  const Identification found = planar.run().identified();
+  EXPECT_TRUE(found.fits) << found.reason;
+  EXPECT_EQ(found.plant.mass.z(), 0);
+  EXPECT_EQ(found.plant.coulomb.z(), 0);
+  for (int axis = 0; axis < 2; ++axis) EXPECT_NEAR(found.plant.mass[axis], planar.mass[axis], 0.1 * planar.mass[axis]);
+}
+
+TEST(Identification, SaysWhenThereIsNothingToFindAnythingIn) {
+  Experiment nothing{.dither = &bench().dither};
+  EXPECT_FALSE(identify(nothing).fits);
+  EXPECT_NE(identify(nothing).reason, "");
+
+  Bench still = bench();
+  for (TickRow& row : still.rows) row.position = Vec3::Zero();
+  EXPECT_FALSE(still.identified().fits);
+
+  Bench noise = bench();
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal(0, 1e-3);
+  for (TickRow& row : noise.rows) row.position = Vec3(normal(random), normal(random), normal(random));
+  EXPECT_FALSE(noise.identified().fits);
+}
+
+TEST(CoarseIdentification, FindsMassAndDelayWithoutTheLines) {
+  struct Case {
+    double quantum, cable, delay;
+  };
+  for (const auto& [quantum, cable, delay] :
+       {Case{0, 0, 0.3e-3}, Case{2e-4, 0, 6e-3}, Case{0, 0.6, 3e-3}, Case{2e-4, 0.6, 1.3e-3}}) {
+    Bench made;
+    made.quantum = quantum;
+    made.cable = cable;
+    made.delay = delay;
+    const Identification found = identify_coarsely(made.run().experiment());
+    SCOPED_TRACE(testing::Message() << quantum << " m, " << cable << " N, " << delay << " s");
+    EXPECT_TRUE(found.fits) << found.reason;
+    EXPECT_TRUE(found.coarse);
+    expect_near(found.plant.mass, made.mass, 0.12, "mass");
+    if (quantum == 0 && cable == 0) expect_near(found.plant.coulomb, made.coulomb, 0.1, "coulomb");
+    EXPECT_NEAR(found.plant.delay, delay, 1e-3);
+    for (int axis = 0; axis < 3; ++axis)
+      EXPECT_LT(std::abs(found.plant.mass[axis] - made.mass[axis]), found.half_width.mass[axis]);
+  }
+}
+
+TEST(CoarseIdentification, BelievesNothingOfWhatDoesNotAnswerTheForce) {
+  EXPECT_FALSE(identify_coarsely(Experiment{}).fits);
+  EXPECT_NE(identify_coarsely(Experiment{}).reason, "");
+
+  Bench still = bench(), noise = bench(), against = bench();
+  for (TickRow& row : still.rows) row.position = Vec3::Zero();
+  EXPECT_FALSE(identify_coarsely(still.experiment()).fits);
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal(0, 1e-3);
+  for (TickRow& row : noise.rows) row.position = Vec3(normal(random), normal(random), normal(random));
+  EXPECT_FALSE(identify_coarsely(noise.experiment()).fits);
+  for (TickRow& row : against.rows) row.force *= -1;
+  EXPECT_FALSE(identify_coarsely(against.experiment()).fits);
+}
+
+TEST(PositionQuantum, IsTheStepOfALatticeHoweverItIsTurned) {
+  const Eigen::Matrix3d turn = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix();
+  std::vector<TickRow> rows;
+  for (int k = 0; k < 3000; ++k) {
+    const Vec3 p(0.01 * std::sin(0.003 * k), 0.02 * std::cos(0.002 * k), 0.01 * std::sin(0.005 * k));
+    rows.push_back({1e-3 * k, turn * (2e-5 * (p / 2e-5).array().round()).matrix(), Vec3::Zero()});
+  }
+  EXPECT_NEAR(position_quantum(rows), 2e-5, 1e-9);
+  for (TickRow& row : rows) row.position = Vec3(std::sin(row.time), std::cos(1.7 * row.time), row.time * row.time);
+  EXPECT_EQ(position_quantum(rows), 0);
+}
+
+TEST(Multisine, HasAnRmsOfOneALowCrestAndNoLineOfTheSlowMovement) {
+  const Multisine dither(15, 120, 2, {true, true, true});
+  for (int axis = 0; axis < 3; ++axis) {
+    double squares = 0, peak = 0;
+    for (int k = 0; k < 8000; ++k) {
+      const double value = dither.value(k * 0.25e-3)[axis];
+      squares += value * value / 8000;
+      peak = std::max(peak, std::abs(value));
+    }
+    EXPECT_NEAR(squares, 1, 1e-9);
+    EXPECT_LT(peak, 2.6);
+    for (const SpectralLine& line : dither.lines(axis))
+      EXPECT_EQ(std::lround(line.frequency_hz * 2) % 2, 1) << line.frequency_hz;
+  }
+  EXPECT_TRUE(Multisine(15, 120, 2, {true, false, true}).lines(1).empty());
+  EXPECT_THROW(Multisine(15, 18, 2, {true, true, true}), std::exception);
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -1,0 +1,205 @@
+#include "formats/documents/device_profile.h"
+
+#include "base/rfc3339.h"
+#include "tests/formats/support.h"
+
+#include <cstdlib>
+
+namespace haptrace {
+namespace {
+
+using nlohmann::json;
+
+const std::chrono::system_clock::time_point kMade = std::chrono::system_clock::from_time_t(1'770'000'000);
+
+DeviceProfile example() {
+  DeviceProfile profile;
+  profile.device = {"sim", "Novint Falcon", "0a1b"};
+  profile.facts = {8.9, 5e-5, {Vec3(-0.1, -0.1, -0.05), Vec3(0.1, 0.1, 0.05)}};
+  profile.created = rfc3339(kMade);
+  profile.software = "haptrace 0.1";
+  profile.plant = {Vec3(0.4, 0.41, 0.1 + 0.2),
+                   Vec3(1, 2, 3),
+                   Vec3(0.7, 0.8, 0.9),
+                   Vec3(-1, 0.5, 1),
+                   Eigen::Matrix3d::Identity() * -7,
+                   1.0 / 3000,
+                   5e-5,
+                   1e-7};
+  profile.plant.gravity_gradient(0, 2) = 4;
+  profile.half_width.mass = Vec3(0.01, 0.02, 0.03);
+  profile.line_residual = 0.12;
+  profile.sweep_residual = 0.09;
+  profile.design.gains = {Vec3(3000, 3100, 3200), Vec3(25, 26, 27)};
+  profile.design.largest = {Vec3(6000, 6100, 6200), Vec3(50, 51, 52)};
+  profile.design.mass = Vec3(0.44, 0.45, 0.46);
+  profile.design.observer_hz = 40;
+  return profile;
+}
+
+std::string verdict(const DeviceProfile& profile, double rate = 1000, double days = 1) {
+  const auto later = kMade + std::chrono::seconds(std::llround(86400 * days));
+  return check_profile(profile, example().device, example().facts, rate, later);
+}
+
+class DeviceProfiles : public testing::Test {
+ protected:
+  DeviceProfiles() { setenv("HAPTRACE_PROFILES", (folder_ / "own/profiles").c_str(), 1); }
+  ~DeviceProfiles() override { unsetenv("HAPTRACE_PROFILES"); }
+  TempFolder folder_;
+};
+
+TEST_F(DeviceProfiles, AreReadBackToTheBit) {
+  save_profile(example(), folder_ / "p.json", false);
+  const DeviceProfile read = load_profile(folder_ / "p.json");
+  EXPECT_EQ(to_json(read), to_json(example()));
+  EXPECT_EQ(read.plant.mass, example().plant.mass);
+  EXPECT_EQ(read.plant.gravity_gradient, example().plant.gravity_gradient);
+  EXPECT_EQ(read.plant.delay, example().plant.delay);
+  EXPECT_EQ(read.facts.workspace.min, example().facts.workspace.min);
+  EXPECT_EQ(read.design.largest.kd, example().design.largest.kd);
+}
+
+TEST_F(DeviceProfiles, AreFoundByTheIdentityOfTheirDeviceAndNoOther) {
+  EXPECT_FALSE(find_profile(example().device));
+  save_profile(example(), profile_file(example().device), true);
+  ASSERT_TRUE(find_profile(example().device));
+  EXPECT_EQ(find_profile(example().device)->plant.mass, example().plant.mass);
+  EXPECT_FALSE(find_profile({"sim", "Novint Falcon", "0a1c"}));
+  EXPECT_FALSE(find_profile({"sim", "Novint_Falcon", "0a1b"}));
+}
+
+TEST_F(DeviceProfiles, HaveFileNamesThatEveryFileSystemTakes) {
+  const DeviceIdentity wild{"../../etc", std::string(300, 'x') + "/\n", "a b:\xC3\xA9"};
+  const std::string name = std::filesystem::path(profile_file(wild)).filename().string();
+  EXPECT_EQ(std::filesystem::path(profile_file(wild)).parent_path(), profile_folder());
+  EXPECT_LT(name.size(), 200U);
+  EXPECT_EQ(name.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_."),
+            std::string::npos);
+  EXPECT_NE(profile_file({"a", "b-c", ""}), profile_file({"a-b", "c", ""}));
+}
+
+TEST_F(DeviceProfiles, LieWhereTheEnvironmentSays) {
+  unsetenv("HAPTRACE_PROFILES");
+  setenv("XDG_DATA_HOME", "/data", 1);
+  EXPECT_EQ(profile_folder(), "/data/haptrace/profiles");
+  setenv("XDG_DATA_HOME", "data", 1);
+  EXPECT_EQ(profile_folder().find("data"), std::string::npos) << "a folder of wherever the process runs";
+  unsetenv("XDG_DATA_HOME");
+  EXPECT_NE(profile_folder().find("/.local/share/haptrace/profiles"), std::string::npos);
+}
+
+TEST_F(DeviceProfiles, DoNotLieInTheFolderTheProcessRunsIn) {
+  const std::string home = getenv("HOME") != nullptr ? getenv("HOME") : "";
+  unsetenv("HAPTRACE_PROFILES");
+  unsetenv("XDG_DATA_HOME");
+  for (const char* given : {static_cast<const char*>(nullptr), "", "relative"}) {
+    if (given == nullptr)
+      unsetenv("HOME");
+    else
+      setenv("HOME", given, 1);
+    try {
+      EXPECT_TRUE(std::filesystem::path(profile_folder()).is_absolute());
+    } catch (const Error& error) {  // where the system knows no home either
+      EXPECT_NE(std::string_view(error.what()).find("set HOME or HAPTRACE_PROFILES"), std::string_view::npos);
+    }
+  }
+  if (home.empty())
+    unsetenv("HOME");
+  else
+    setenv("HOME", home.c_str(), 1);
+}
+
+TEST_F(DeviceProfiles, AreNotReplacedUnasked) {
+  save_profile(example(), folder_ / "p.json", false);
+  expect_error([&] { save_profile(example(), folder_ / "p.json", false); }, Error::Kind::input, {"exists already"});
+  EXPECT_NO_THROW(save_profile(example(), folder_ / "p.json", true));
+  expect_error([&] { save_profile(example(), folder_ / "no/p.json", false); }, Error::Kind::input, {"folder"});
+}
+
+TEST_F(DeviceProfiles, SayWhenTheyAreCoarseAndAreReadWhenTheyAreOlderThanThat) {
+  DeviceProfile profile = example();
+  profile.coarse = true;
+  nlohmann::json written = to_json(profile);
+  EXPECT_TRUE(profile_from_json(written, "test").coarse);
+  written.erase("coarse");
+  EXPECT_FALSE(profile_from_json(written, "test").coarse);
+}
+
+TEST(CheckProfile, AcceptsTheDeviceItWasMadeFor) {
+  EXPECT_EQ(verdict(example()), "");
+  EXPECT_EQ(verdict(example(), 1090), "");
+  EXPECT_EQ(verdict(example(), 1000, 179), "");
+}
+
+TEST(CheckProfile, SaysWhyAProfileMustNotBeUsed) {
+  const auto expect = [](const std::string& found, const std::string& part) {
+    EXPECT_NE(found.find(part), std::string::npos) << found;
+  };
+  DeviceProfile profile = example();
+  profile.device.serial = "other";
+  expect(verdict(profile), "of another device");
+  profile = example();
+  profile.device.model = "omega.3";
+  expect(verdict(profile), "omega.3");
+  profile = example();
+  profile.fits = false;
+  profile.reason = "it rattles";
+  expect(verdict(profile), "does not fit the device (it rattles)");
+  profile = example();
+  profile.facts.max_force = 4;
+  expect(verdict(profile), "largest force changed");
+  profile = example();
+  profile.facts.position_resolution = 1e-5;
+  expect(verdict(profile), "position resolution changed");
+  profile = example();
+  profile.facts.workspace.max.y() = 0.2;
+  expect(verdict(profile), "workspace changed");
+  expect(verdict(example(), 1150), "servo rate of 1000 Hz, and this is 1150 Hz");
+  expect(verdict(example(), 850), "850 Hz");
+  expect(verdict(example(), 1000, 181), "stale");
+  profile = example();
+  profile.created = "yesterday";
+  EXPECT_NE(verdict(profile), "");
+}
+
+TEST(ProfileFromJson, NamesWhatIsMissingUnknownOrWrong) {
+  const auto refused = [](const std::function<void(json&)>& change, const std::string& part) {
+    json object = to_json(example());
+    change(object);
+    expect_error([&] { (void)profile_from_json(object, "p.json"); }, Error::Kind::input, {"p.json", part});
+  };
+  const json whole = to_json(example());
+  for (const auto& [key, value] : whole.items())
+    refused([&key = key](json& object) { object.erase(key); }, "'" + key + "' is missing");
+  for (const char* part : {"device", "plant", "half_width", "design"}) {
+    const json inner = to_json(example())[part];
+    for (const auto& [key, value] : inner.items()) {
+      refused([&, &key = key](json& object) { object[part].erase(key); }, "'" + key + "' is missing");
+      refused([&, &key = key](json& object) { object[part][key] = nullptr; }, key);
+    }
+    refused([&](json& object) { object[part]["surplus"] = 1; }, "surplus");
+  }
+  refused([](json& object) { object["format"] = "haptrace-recording"; }, "is no device profile");
+  refused([](json& object) { object["format_version"] = "2.0"; }, "format version '2.0'");
+  refused([](json& object) { object["surplus"] = 1; }, "surplus");
+  refused([](json& object) { object["created"] = "2026-31-31"; }, "created");
+  refused([](json& object) { object["plant"]["mass_kg"][1] = -0.1; }, "mass_kg");
+  refused([](json& object) { object["plant"]["delay_s"] = "soon"; }, "delay_s");
+  refused([](json& object) { object["plant"]["gravity_gradient_n_per_m"]["y"] = {1, 2}; }, "y");
+  refused([](json& object) { object["design"]["kp"] = {1, 2, 1e9}; }, "kp");
+  expect_error([] { (void)profile_from_json(json::array(), "p.json"); }, Error::Kind::input, {"p.json"});
+}
+
+TEST_F(DeviceProfiles, ThatAreGarbageAreRefusedByNameWhateverByteIsBroken) {
+  save_profile(example(), folder_ / "p.json", false);
+  const std::string text = read_bytes(folder_ / "p.json");
+  for (std::size_t cut = 0; cut + 2 < text.size(); cut += 97) {
+    std::ofstream(folder_ / "cut.json", std::ios::trunc) << text.substr(0, cut);
+    expect_error([&] { (void)load_profile(folder_ / "cut.json"); }, Error::Kind::input, {"cut.json"});
+  }
+  expect_error([&] { (void)load_profile(folder_ / "none.json"); }, Error::Kind::input, {"none.json"});
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -1,0 +1,98 @@
+// The schema that editors and other programs go by says what our reader says.
+#include "base/json_reader.h"
+#include "formats/documents/programme.h"
+#include "tests/formats/support.h"
+
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+using nlohmann::json;
+
+bool is_read(const json& programme) {
+  try {
+    (void)programme_from_json(programme, "p.json");
+    return true;
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+/// What the schema says of each.
+std::vector<bool> by_schema(const std::vector<json>& programmes) {
+  const TempFolder folder;
+  std::string lines;
+  for (const json& programme : programmes) lines += programme.dump() + "\n";
+  const std::string file = folder.write("programmes.jsonl", lines);
+  const std::string script = folder.write("check.py", R"(
+import json, sys, jsonschema
+schema = json.load(open(sys.argv[1]))
+jsonschema.Draft7Validator.check_schema(schema)
+validator = jsonschema.Draft7Validator(schema)
+print("".join("1" if validator.is_valid(json.loads(line)) else "0" for line in open(sys.argv[2])))
+)");
+  const std::string answer = folder / "answer.txt";
+  const std::string command =
+      fmt::format("{} {} {}/programme.schema.json {} > {}", HAPTRACE_PYTHON, script, HAPTRACE_FORMATS, file, answer);
+  EXPECT_EQ(std::system(command.c_str()), 0);
+  std::vector<bool> valid;
+  for (const char c : read_bytes(answer))
+    if (c == '0' || c == '1') valid.push_back(c == '1');
+  return valid;
+}
+
+/// The programme with one thing changed, every thing in turn: a key taken away, a key too many, a value of another type
+/// or out of every range, another mode.
+void change_everything(const json& whole, const json& part, const json::json_pointer& at, std::vector<json>& changed) {
+  const auto with = [&](const json& value) {
+    json copy = whole;
+    copy[at] = value;
+    changed.push_back(std::move(copy));
+  };
+  if (part.is_object()) {
+    json more = part;
+    more["zzz"] = 1;
+    with(more);
+    for (const auto& [key, value] : part.items()) {
+      json less = part;
+      less.erase(key);
+      with(less);
+      change_everything(whole, value, at / key, changed);
+    }
+  } else if (part.is_array()) {
+    with(json::object());
+    for (std::size_t i = 0; i < part.size(); ++i) change_everything(whole, part[i], at / i, changed);
+  } else if (at.back() == "mode") {
+    for (const char* mode : {"passive", "assisted", "tunnel", "cursor", "resist", "free", "other"}) with(mode);
+  } else {
+    for (const json& value :
+         {json(-1), json(0), json(1), json(0.5), json(1e12), json("text"), json(nullptr), json(true)}) {
+      // Which figures there are is known above formats.
+      if (at.back() == "figure" && value.is_string()) continue;
+      with(value);
+    }
+  }
+}
+
+TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
+  std::vector<json> programmes;
+  for (const char* name : {"reaching", "circles", "lesson"}) {
+    const json sample = load_json(fmt::format("{}/programmes/{}.json", HAPTRACE_SAMPLES, name));
+    EXPECT_TRUE(is_read(sample));
+    json few = sample;
+    // Eight directions are one exercise eight times.
+    while (few["exercises"].size() > 5) few["exercises"].erase(few["exercises"].size() - 1);
+    programmes.push_back(sample);
+    change_everything(few, few, json::json_pointer(), programmes);
+  }
+  ASSERT_GT(programmes.size(), 1000U);
+  const std::vector<bool> valid = by_schema(programmes);
+  ASSERT_EQ(valid.size(), programmes.size());
+  for (std::size_t i = 0; i < valid.size(); ++i)
+    EXPECT_EQ(is_read(programmes[i]), valid[i])
+        << (valid[i] ? "only the schema takes " : "only the reader takes ") << programmes[i].dump();
+}
+
+}  // namespace
+}  // namespace haptrace

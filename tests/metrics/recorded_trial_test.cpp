@@ -1,0 +1,273 @@
+// The figures of trials that were written as recordings and read again.
+#include "metrics/recorded_trial.h"
+
+#include "tests/report/support.h"
+#include "tests/support/errors.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::error_of;
+using test::Hand;
+using test::Reference;
+using test::rows_of;
+using test::TempFolder;
+using testing::HasSubstr;
+
+std::vector<RecordedTrial> written(const std::vector<Sample>& rows, Reference reference,
+                                   const test::Recorded& recorded = {}) {
+  const TempFolder folder;
+  const std::string file = folder / "trial.h5";
+  test::write(file, rows, reference, recorded);
+  return read_trials(RecordingReader(file), file);
+}
+
+/// The figures against the path that the hand was to follow.
+TrialFigures figures_of(const Hand& hand, Reference reference) {
+  const Path path = test::expert_path();
+  return trial_figures(written(rows_of(path, hand, reference), reference).back(), path_of(path));
+}
+
+std::vector<std::string> undefined(const TrialFigures& figures) {
+  std::vector<std::string> names;
+  for (const TrialFigure& figure : all_trial_figures())
+    if (!figure.value(figures)) names.emplace_back(figure.name);
+  return names;
+}
+
+TEST(RecordedTrial, HasTheSameFiguresFrom250HzTo4kHz) {
+  for (const Reference reference : {Reference::none, Reference::playback, Reference::guidance}) {
+    const TrialFigures usual = figures_of({.rate_hz = 1000}, reference);
+    for (const double rate : {250.0, 4000.0}) {
+      const TrialFigures other = figures_of({.rate_hz = rate}, reference);
+      for (const TrialFigure& figure : all_trial_figures()) {
+        const std::optional<double> a = figure.value(usual), b = figure.value(other);
+        ASSERT_EQ(a.has_value(), b.has_value()) << figure.name << " at " << rate;
+        if (!a) continue;
+        EXPECT_NEAR(*a, *b, 0.02 * std::abs(*a) + 1e-9) << figure.name << " at " << rate;
+      }
+    }
+  }
+}
+
+TEST(RecordedTrial, IsOnThePathWhenTheHandIs) {
+  for (const Reference reference : {Reference::none, Reference::playback, Reference::guidance}) {
+    const TrialFigures figures = figures_of({.error = 0}, reference);
+    EXPECT_LT(figures.contour->peak, 1e-5);
+    EXPECT_GT(*figures.completion, 0.99);
+    EXPECT_LT(*figures.shape_distance, 5e-4);
+    EXPECT_NEAR(*figures.movement->normalised_length, 1, 0.01);
+  }
+}
+
+TEST(RecordedTrial, MeasuresAKnownDistanceFromThePath) {
+  const Path path = test::expert_path();
+  std::vector<Sample> rows = rows_of(path, {.error = 0}, Reference::guidance);
+  for (Sample& row : rows) row.position.z() += 3e-3;  // the circle lies in xy
+  const TrialFigures figures = trial_figures(written(rows, Reference::guidance).back(), path_of(path));
+  EXPECT_NEAR(figures.contour->rms, 3e-3, 1e-5);
+  EXPECT_NEAR(figures.contour->peak, 3e-3, 1e-5);
+  EXPECT_NEAR(*figures.shape_distance, 3e-3, 3e-4);
+  EXPECT_EQ(figures.time_in_tunnel, 1);
+  for (Sample& row : rows) row.tunnel_radius = 2e-3;
+  EXPECT_EQ(trial_figures(written(rows, Reference::guidance).back(), path_of(path)).time_in_tunnel, 0);
+}
+
+TEST(RecordedTrial, ComparesTheFeltForceWithTheExpertsByPlaceWhateverTheSpeed) {
+  const Path path = test::expert_path();
+  for (const double speed : {0.5, 2.0}) {
+    std::vector<Sample> rows = rows_of(path, {.error = 0, .speed = speed, .rate_hz = 1000}, Reference::guidance);
+    for (Sample& row : rows) row.force = row.reference_force + Vec3(0, 0, 0.25);
+    const TrialFigures figures = trial_figures(written(rows, Reference::guidance).back(), path_of(path));
+    ASSERT_TRUE(figures.force_error);
+    EXPECT_NEAR(figures.force_error->error.rms, 0.25, 0.01) << speed;
+    // By scale and sign as it was to be felt.
+    for (Sample& row : rows) row.force = -0.5 * row.reference_force;
+    test::Recorded resisting;
+    resisting.header.config = {{"force-scale", 0.5}, {"feel", "resist"}};
+    EXPECT_LT(trial_figures(written(rows, Reference::guidance, resisting).back(), path_of(path)).force_error->error.rms,
+              0.02);
+  }
+}
+
+TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
+  const Path path = test::expert_path();
+  // Nobody moved.
+  std::vector<Sample> rows = rows_of(path, {}, Reference::none);
+  for (Sample& row : rows) row.position = path.position.front();
+  const TrialFigures rest = trial_figures(written(rows, Reference::none).back(), path_of(path));
+  EXPECT_FALSE(rest.movement);
+  EXPECT_FALSE(rest.shape_distance);
+  EXPECT_FALSE(rest.time_in_tunnel);
+  EXPECT_NEAR(*rest.completion, 0, 1e-3);
+  EXPECT_FALSE(figures_of({}, Reference::none).force_error) << "nobody replayed the expert's forces";
+  EXPECT_THAT(undefined(rest), testing::IsSupersetOf({"sparc", "movement_time_s", "mean_force_n", "log_jerk"}));
+  EXPECT_TRUE(to_json(rest)["sparc"].is_null());
+
+  // There was no path.
+  const TrialFigures free =
+      trial_figures(written(rows_of(path, {}, Reference::none), Reference::none).back(), std::nullopt);
+  EXPECT_TRUE(free.movement->sparc);
+  EXPECT_THAT(undefined(free),
+              testing::IsSupersetOf({"contour_rms_m", "contour_peak_m", "deviation_rms_m", "completion",
+                                     "shape_distance_m", "normalised_length", "force_error_rms_n", "time_in_tunnel"}));
+
+  // An expert without forces; a trial that ended half-way.
+  Path silent = path;
+  silent.force.clear();
+  EXPECT_FALSE(
+      trial_figures(written(rows_of(silent, {}, Reference::guidance), Reference::guidance).back(), path_of(silent))
+          .force_error);
+  const TrialFigures half = figures_of({.until = 0.5}, Reference::guidance);
+  EXPECT_FALSE(half.shape_distance);
+  EXPECT_NEAR(*half.completion, 0.5, 0.05);
+
+  // Nothing was recorded.
+  EXPECT_TRUE(written({}, Reference::none).empty());
+}
+
+TEST(RecordedTrial, ComparesNoWayWithAPathThatWasHardlyWalked) {
+  // A hand that rests, and trembles across the path faster than a movement must be.
+  const Path path = test::expert_path();
+  std::vector<Sample> rows = rows_of(path, {}, Reference::guidance);
+  const TrialPath curve = path_of(path);
+  const Vec3 start = curve.curve.at(0), across = (curve.curve.at(0.01) - start).cross(Vec3::UnitZ()).normalized();
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    rows[i].position = start + 1e-3 * std::sin(0.1 * static_cast<double>(i)) * across;
+  const TrialFigures rest = trial_figures(written(rows, Reference::guidance).back(), curve);
+  ASSERT_TRUE(rest.movement);
+  EXPECT_FALSE(rest.movement->normalised_length);
+  EXPECT_FALSE(rest.force_error);
+  EXPECT_FALSE(rest.shape_distance);
+  EXPECT_NEAR(rest.contour->peak, 1e-3, 1e-4) << "where it was is known all the same";
+
+  // 3 % and 10 % of 0.25 m.
+  const auto walked = [](const TrialFigures& figures) { return figures.movement->normalised_length.has_value(); };
+  const TrialFigures little = figures_of({.error = 0, .until = 0.15}, Reference::guidance);
+  EXPECT_FALSE(walked(little) || little.force_error);
+  const TrialFigures more = figures_of({.error = 0, .until = 0.25}, Reference::guidance);
+  EXPECT_TRUE(walked(more) && more.force_error);
+
+  // 6.6 % of 25 mm are less than 2 mm.
+  Path small = path;
+  for (Vec3& p : small.position) p *= 0.1;
+  EXPECT_FALSE(walked(trial_figures(
+      written(rows_of(small, {.error = 0, .until = 0.21}, Reference::guidance), Reference::guidance).back(),
+      path_of(small))));
+}
+
+TEST(RecordedTrial, TakesTheTunnelOfACursorRoundTheCursor) {
+  const Path path = test::expert_path();
+  const TrialPath curve = path_of(path);
+  std::vector<Sample> rows = rows_of(path, {.error = 0}, Reference::guidance);
+  for (Sample& row : rows) row.reference_position = curve.curve.at(std::min(row.progress + 0.02, curve.curve.length()));
+  test::Recorded recorded;
+  recorded.header.config = {{"mode", "cursor"}};
+  const TrialFigures late = trial_figures(written(rows, Reference::guidance, recorded).back(), curve);
+  EXPECT_LT(late.contour->peak, 1e-5) << "it is on the path all the time";
+  EXPECT_LT(*late.time_in_tunnel, 0.2) << "20 mm behind the cursor, of 5 mm";
+  const std::string meaning = trial_figure("time_in_tunnel").meaning;
+  EXPECT_THAT(meaning, testing::AllOf(HasSubstr("its place on the path"), HasSubstr("cursor")));
+}
+
+TEST(RecordedTrial, SaysThatWhatLedTheHandToTheStartCountsAsForce) {
+  EXPECT_THAT(trial_figure("mean_force_n").meaning, testing::AllOf(HasSubstr("0.3 s"), HasSubstr("free")));
+}
+
+TEST(RecordedTrial, KnowsNoCompletionOfAPathWhoseEndNobodyReached) {
+  const Path path = test::expert_path();
+  for (const Reference reference : {Reference::playback, Reference::guidance}) {
+    const RecordedTrial trial = written(rows_of(path, {.until = 0.5}, reference), reference).back();
+    const std::optional<TrialPath> own = path_of(trial);
+    ASSERT_TRUE(own);
+    EXPECT_NEAR(own->curve.length(), 0.5 * path_of(path).curve.length(), 2e-3);
+    const TrialFigures figures = trial_figures(trial, own);
+    EXPECT_FALSE(figures.completion);
+    EXPECT_FALSE(figures.shape_distance);
+    EXPECT_TRUE(figures.contour);
+  }
+  EXPECT_FALSE(path_of(written(rows_of(path, {}, Reference::none), Reference::none).back()));
+}
+
+TEST(RecordedTrial, KeepsInItsOwnPathTheForcesWhereTheyWere) {
+  const Path path = test::expert_path();
+  std::vector<Sample> rows = rows_of(path, {.error = 0, .rate_hz = 1000}, Reference::guidance);
+  // The trainee begins a little along the path, and once goes back.
+  std::erase_if(rows, [](const Sample& row) { return row.phase == Phase::run && row.progress < 0.02; });
+  const std::vector<Sample> whole = rows;
+  for (std::size_t i = whole.size(); i-- > whole.size() - 300;) rows.push_back(whole[i]);
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    rows[i].tick = i, rows[i].time_ns = static_cast<std::int64_t>(i) * 1'000'000;
+  const std::optional<TrialPath> own = path_of(written(rows, Reference::guidance).back());
+  ASSERT_TRUE(own);
+  const TrialPath full = path_of(path);
+  EXPECT_NEAR(own->curve.length(), full.curve.length() - 0.02, 1e-3);
+  ASSERT_EQ(own->expert.empty(), false);
+  for (std::size_t i = 5; i < own->expert.size() - 5; ++i)
+    EXPECT_LT((own->expert[i] - full.expert[i + 20]).norm(), 0.05) << i;
+}
+
+TEST(RecordedTrial, StaysOnItsBranchWhereAPathCrossesOrRetracesItself) {
+  for (const char* kind : {"eight", "stroke"}) {
+    Path path;
+    for (int i = 0; i <= 4000; ++i) {
+      const double s = MinJerk::at(i / 4000.0).s;
+      path.time.push_back(1e-3 * i);
+      path.position.push_back(kind == std::string_view("eight") ? Vec3(0.04 * std::sin(2 * std::numbers::pi * s),
+                                                                       0.04 * std::sin(4 * std::numbers::pi * s), 0)
+                                                                : Vec3(0.1 * (1 - std::abs(2 * s - 1)), 0, 0));
+    }
+    const TrialFigures figures =
+        trial_figures(written(rows_of(path, {.error = 0}, Reference::none), Reference::none).back(), path_of(path));
+    EXPECT_GT(*figures.completion, 0.99) << kind;
+    EXPECT_LT(figures.contour->peak, 1e-4) << kind;
+    EXPECT_LT(*figures.shape_distance, 6e-4) << kind;
+
+    // Who turns back after a third did not walk it all, though the nearest point of the whole path is never far.
+    std::vector<Sample> rows = rows_of(path, {.error = 0, .until = 0.4}, Reference::none);
+    EXPECT_LT(*trial_figures(written(rows, Reference::none).back(), path_of(path)).completion, 0.5) << kind;
+  }
+}
+
+TEST(RecordedTrial, DoesNotTakeAHandThatTremblesForALongWay) {
+  // Counts of 0.05 mm to and fro every millisecond, for forty seconds: 4 m of way on 0.25 m of path.
+  const Path path = test::expert_path();
+  std::vector<Sample> rows = rows_of(path, {.error = 0, .speed = 0.1, .rate_hz = 1000}, Reference::none);
+  for (std::size_t i = 0; i < rows.size(); ++i) rows[i].position.z() += i % 2 == 0 ? 5e-5 : -5e-5;
+  const TrialFigures figures = trial_figures(written(rows, Reference::none).back(), path_of(path));
+  ASSERT_TRUE(figures.shape_distance);
+  EXPECT_LT(*figures.shape_distance, 6e-4);
+}
+
+TEST(RecordedTrial, IsOnePerStretchOfPhaseRun) {
+  const Path path = test::expert_path();
+  std::vector<Sample> rows = rows_of(path, {}, Reference::playback);
+  const std::vector<Sample> more =
+      rows_of(path, {.speed = 2}, Reference::playback, rows.back().time_ns + 4'000'000, rows.back().tick + 1);
+  rows.insert(rows.end(), more.begin(), more.end());
+  const std::vector<RecordedTrial> trials = written(rows, Reference::playback);
+  ASSERT_EQ(trials.size(), 2);
+  EXPECT_EQ(trials[0].kind, TrialKind::passive);
+  EXPECT_EQ(trials[1].repetition, 2);
+  EXPECT_NEAR(trials[0].time.back() - trials[0].time.front(), 4, 0.01);
+  EXPECT_NEAR(trials[1].time.back() - trials[1].time.front(), 2, 0.01);
+  // Without any, all of it is one.
+  for (Sample& row : rows) row.phase = Phase::idle;
+  EXPECT_EQ(written(rows, Reference::playback).size(), 1);
+}
+
+TEST(RecordedTrial, TellsEveryFigureByItsNameAndRefusesOthers) {
+  const nlohmann::json json = to_json(figures_of({}, Reference::guidance));
+  for (const TrialFigure& figure : all_trial_figures()) {
+    EXPECT_TRUE(json.contains(figure.name));
+    EXPECT_EQ(&trial_figure(figure.name), &figure);
+    EXPECT_GT(std::string(figure.meaning).size(), 20U) << figure.name;
+  }
+  EXPECT_THAT(error_of([] { (void)trial_figure("contour_rms"); }), HasSubstr("contour_rms_m"));
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -1,0 +1,345 @@
+#include "player/calibration/calibration.h"
+
+#include "devices/sim/presets.h"
+#include "devices/sim/sim_device.h"
+#include "studies/ensemble_draw.h"
+#include "tests/support/allocations.h"
+#include "tests/support/blind_device.h"
+#include "tests/support/errors.h"
+#include "tests/support/point_mass.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::error_of;
+using test::PointMass;
+using testing::HasSubstr;
+
+SimSpec preset(const std::string& device, const std::string& hand) {
+  nlohmann::json json = device_preset(device, "test");
+  json["hand"] = hand == "none" ? nlohmann::json(hand) : hand_preset(hand, "test");
+  return read_sim_spec(json, "test");
+}
+
+CalibrationOptions options() {
+  CalibrationOptions result;
+  result.session.limits.max_velocity = 1.5;
+  return result;
+}
+
+CalibrationResult calibrated(Device& device, const CalibrationOptions& chosen = options()) {
+  return calibrate(device, chosen, StopRequest{});
+}
+
+/// Stands where it stands, whatever the force, and counts what it was sent last.
+class Rock final : public Device {
+ public:
+  Rock() {
+    info_.name = "rock";
+    info_.virtual_time = true;
+    info_.max_force = 8;
+    info_.workspace_min = Vec3::Constant(-0.1);
+    info_.workspace_max = Vec3::Constant(0.1);
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  Status exchange(const Wrench& wrench, double, DeviceState& state) noexcept override {
+    last = wrench.force;
+    state = {};
+    return Status::ok;
+  }
+  void close() noexcept override {}
+  Vec3 last = Vec3::Constant(kNaN);
+
+ private:
+  DeviceInfo info_;
+};
+
+TEST(Calibration, FindsAFalconThatAHandHolds) {
+  SimDevice device(preset("falcon", "relaxed"));
+  const CalibrationResult result = calibrated(device);
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  const PlantModel& plant = result.identification.plant;
+  const SimSpec spec = preset("falcon", "relaxed");
+  const Eigen::Matrix3d turn = device.plant().rotation();
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(plant.mass[axis], 0.4, 0.06);
+    const double felt = turn.col(axis).cwiseAbs().dot(spec.coulomb);
+    EXPECT_NEAR(plant.coulomb[axis], felt, 0.2 * felt);
+    EXPECT_GT(result.identification.half_width.mass[axis], 0);
+    EXPECT_GT(result.identification.half_width.coulomb[axis], 0);
+  }
+  EXPECT_NEAR(plant.delay, 1.5e-3, 0.5e-3);  // transport and a lag of 0.5 ms
+  EXPECT_NEAR(plant.position_resolution, 5e-5, 1e-6);
+  EXPECT_GT(result.design->gains.kp.minCoeff(), 0);
+}
+
+TEST(Calibration, FindsADeviceThatNowAndThenRepeatsAState) {
+  class Repeating final : public Device {
+   public:
+    explicit Repeating(Device& device) : device_(device) {}
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_.info(); }
+    Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+      DeviceState newest;
+      const Status status = device_.exchange(wrench, dt, newest);
+      if (++calls_ % 25 != 0) {
+        last_ = newest;
+        last_.sequence = calls_;
+      }
+      state = last_;
+      return status;
+    }
+    void close() noexcept override { device_.close(); }
+
+   private:
+    Device& device_;
+    DeviceState last_;
+    std::uint64_t calls_ = 0;
+  };
+  SimDevice device(preset("falcon", "relaxed"));
+  Repeating repeating(device);
+  const CalibrationResult result = calibrated(repeating);
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  EXPECT_GT(result.session.servo.stale, 300U);
+  for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(result.identification.plant.mass[axis], 0.4, 0.06);
+  EXPECT_NEAR(result.identification.plant.delay, 1.5e-3, 0.5e-3);
+}
+
+TEST(Calibration, FindsAnIdealMassExactly) {
+  SimDevice device(preset("ideal", "none"));
+  const CalibrationResult result = calibrated(device);
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(result.identification.plant.mass[axis], 0.1, 0.002);
+  EXPECT_LT(result.identification.plant.coulomb.maxCoeff(), 0.01);
+  EXPECT_LT(result.identification.plant.delay, 0.1e-3);
+}
+
+TEST(Calibration, FindsMassesInAnArmThatTakesMostOfTheForceToDragAlong) {
+  // The draws of an ensemble's first thousand that were the worst while the device swung as far as it may.
+  for (const std::uint64_t index : {271U, 417U, 612U}) {
+    const EnsembleDraw draw = draw_device(1, index);
+    SimDevice device(draw.spec, {.seed = draw.noise_seed});
+    const CalibrationResult result = calibrated(device);
+    ASSERT_TRUE(result.succeeded()) << index << ": " << result.reason;
+    const Eigen::Matrix3d turn = device.plant().rotation();
+    const Eigen::Matrix3d mobility = turn.transpose() * draw.spec.mass.cwiseInverse().asDiagonal() * turn;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double mass = 1 / mobility(axis, axis);
+      EXPECT_NEAR(result.identification.plant.mass[axis], mass, 0.25 * mass) << index << ", "
+                                                                             << "xyz"[axis];
+    }
+  }
+}
+
+TEST(Calibration, LastsTenSecondsOrHalfAMinute) {
+  SimDevice device(preset("falcon", "none"));
+  CalibrationOptions chosen = options();
+  EXPECT_NEAR(plan_calibration(device.info(), chosen).duration, 10, 0.5);
+  chosen.full = true;
+  EXPECT_NEAR(plan_calibration(device.info(), chosen).duration, 33, 3);
+}
+
+TEST(Calibration, KnowsNothingOfASimulatedDeviceButWhatItMeasures) {
+  const SimSpec spec = preset("falcon", "firm");
+  SimDevice known(spec), same(spec);
+  test::BlindDevice unknown(same);
+  const CalibrationResult a = calibrated(known), b = calibrated(unknown);
+  ASSERT_TRUE(a.succeeded()) << a.reason;
+  ASSERT_TRUE(b.succeeded()) << b.reason;
+  const PlantModel &p = a.identification.plant, &q = b.identification.plant;
+  EXPECT_EQ(p.mass, q.mass);
+  EXPECT_EQ(p.viscous, q.viscous);
+  EXPECT_EQ(p.coulomb, q.coulomb);
+  EXPECT_EQ(p.gravity, q.gravity);
+  EXPECT_EQ(p.gravity_gradient, q.gravity_gradient);
+  EXPECT_EQ(p.delay, q.delay);
+  EXPECT_EQ(p.position_resolution, q.position_resolution);
+  EXPECT_EQ(p.position_noise, q.position_noise);
+  EXPECT_EQ(a.design->gains.kp, b.design->gains.kp);
+}
+
+TEST(Calibration, LeavesTheAxisOfAPlanarRobotThatHasNoMotorOut) {
+  SimDevice device(preset("planar", "relaxed"));
+  const CalibrationResult result = calibrated(device);
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  EXPECT_NEAR(result.identification.plant.mass.x(), 1, 0.15);
+  EXPECT_NEAR(result.identification.plant.mass.y(), 1, 0.15);
+  EXPECT_EQ(result.identification.plant.mass.z(), 0);
+}
+
+TEST(Calibration, StaysInsideWhatItAnnounced) {
+  class Watch final : public Device {
+   public:
+    explicit Watch(Device& device) : device_(device) {}
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_.info(); }
+    Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+      force = std::max(force, wrench.force.norm());
+      last = wrench.force;
+      const Status status = device_.exchange(wrench, dt, state);
+      far = far.cwiseMax(state.position.cwiseAbs());
+      return status;
+    }
+    void close() noexcept override { device_.close(); }
+    double force = 0;
+    Vec3 far = Vec3::Zero(), last = nan3();
+
+   private:
+    Device& device_;
+  };
+  for (const char* name : {"falcon", "premium1.5", "omega3", "inverse3"}) {
+    SimDevice device(preset(name, "relaxed"));
+    Watch watch(device);
+    const CalibrationPlan plan = plan_calibration(watch.info(), options());
+    const CalibrationResult result = calibrated(watch);
+    EXPECT_EQ(result.session.servo.cause, StopCause::finished) << name << ": " << result.reason;
+    EXPECT_LE(watch.force, plan.max_force * (1 + 1e-9)) << name;
+    for (int axis = 0; axis < 3; ++axis) EXPECT_LE(watch.far[axis], 1.6 * plan.reach[axis]) << name;
+    EXPECT_EQ(watch.last, Vec3::Zero()) << name;
+  }
+}
+
+TEST(Calibration, EndsWithoutAModelWhenNothingMoves) {
+  Rock rock;
+  const CalibrationResult result = calibrated(rock);
+  EXPECT_FALSE(result.succeeded());
+  EXPECT_EQ(result.session.servo.cause, StopCause::deviation);
+  EXPECT_THAT(result.reason, HasSubstr("blocks"));
+  EXPECT_EQ(rock.last, Vec3::Zero());
+}
+
+TEST(Calibration, EndsWhenTheDeviceMovesAgainstItsForce) {
+  PointMass device(0.5, 2, {.pushes_back = true});
+  device.place(Vec3(0.01, 0, 0));
+  const CalibrationResult result = calibrated(device);
+  EXPECT_FALSE(result.succeeded());
+  EXPECT_NE(result.session.servo.cause, StopCause::finished);
+  EXPECT_THAT(result.reason, HasSubstr("sign"));
+  EXPECT_EQ(device.forces().back(), Vec3::Zero());
+}
+
+TEST(Calibration, SaysThatTheEncoderIsTooCoarseAndNotThatTheAxesAreWrong) {
+  for (const double step : {1e-3, 2e-3}) {
+    SimSpec spec = preset("falcon", "relaxed");
+    spec.position_resolution = step;
+    SimDevice device(spec);
+    const CalibrationResult result = calibrated(device);
+    if (result.succeeded()) continue;
+    EXPECT_THAT(result.reason, testing::Not(HasSubstr("the driver's axes have the wrong order"))) << step;
+    EXPECT_THAT(result.reason, HasSubstr("coarse")) << step;
+  }
+}
+
+TEST(Calibration, SaysThatATremorHidesTheDeviceAndNotThatTheAxesAreWrong) {
+  for (const double tremor : {2.0, 4.0}) {
+    SimSpec spec = preset("falcon", "relaxed");
+    spec.hand->tremor = tremor;
+    SimDevice device(spec);
+    const CalibrationResult result = calibrated(device);
+    if (result.succeeded()) continue;
+    EXPECT_THAT(result.reason, testing::Not(HasSubstr("the driver's axes have the wrong order"))) << tremor;
+  }
+}
+
+TEST(Calibration, SaysThatTwoAxesAreSwapped) {
+  class Swapped final : public Device {
+   public:
+    explicit Swapped(Device& device) : device_(device) {}
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_.info(); }
+    Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+      Wrench swapped = wrench;
+      std::swap(swapped.force.x(), swapped.force.y());
+      return device_.exchange(swapped, dt, state);
+    }
+    void close() noexcept override { device_.close(); }
+
+   private:
+    Device& device_;
+  };
+  PointMass mass(0.3, 5);
+  Swapped device(mass);
+  const CalibrationResult result = calibrated(device);
+  EXPECT_FALSE(result.succeeded());
+  EXPECT_THAT(result.reason, testing::AnyOf(HasSubstr("axes have the wrong order or signs"),
+                                            HasSubstr("check the signs of the driver's axes")));
+}
+
+TEST(Calibration, ExcitesTheDeviceWithinTheShareOfTheForceThatItMayUse) {
+  PointMass device;
+  const CalibrationPlan usual = plan_calibration(device.info(), options());
+  for (const double share : {0.1, 0.3, 0.7, 1.0}) {
+    CalibrationOptions chosen = options();
+    chosen.force_share = share;
+    const CalibrationPlan plan = plan_calibration(device.info(), chosen);
+    EXPECT_LE(plan.max_dither, 0.18 * plan.max_force) << share;
+    if (share >= 0.7) {
+      EXPECT_DOUBLE_EQ(plan.max_dither, usual.max_dither) << share;
+    }
+    PointMass pushed;
+    (void)calibrate(pushed, chosen, StopRequest{});
+    double most = 0;
+    for (const Vec3& force : pushed.forces()) most = std::max(most, force.norm());
+    EXPECT_LE(most, plan.max_force * (1 + 1e-9)) << share;
+  }
+}
+
+TEST(Calibration, StopsWhenAskedAtAnyMomentAndFindsNothing) {
+  for (const int at : {0, 300, 1500, 5000, 9000}) {
+    SimDevice device(preset("falcon", "relaxed"));
+    /// Raises the request at an exchange, as a signal would.
+    class Raiser final : public Device {
+     public:
+      Raiser(Device& device, int left) : device_(device), left_(left) {}
+      [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_.info(); }
+      Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+        if (left_-- == 0) stop.raise();
+        last = wrench.force;
+        return device_.exchange(wrench, dt, state);
+      }
+      void close() noexcept override { device_.close(); }
+      StopRequest stop;
+      Vec3 last = nan3();
+
+     private:
+      Device& device_;
+      int left_;
+    } raiser(device, at);
+    const CalibrationResult result = calibrate(raiser, options(), raiser.stop);
+    EXPECT_FALSE(result.succeeded()) << at;
+    EXPECT_EQ(result.session.servo.cause, StopCause::interrupted) << at;
+    EXPECT_LE(result.session.servo.samples, static_cast<std::uint64_t>(at) + 260) << at;
+    EXPECT_EQ(raiser.last, Vec3::Zero()) << at;
+  }
+}
+
+TEST(Calibration, RefusesWhatItCannotCalibrateBeforeAnyForce) {
+  PointMass device;
+  device.mutable_info().force_axes = {false, false, false};
+  EXPECT_THAT(error_of([&] { (void)calibrated(device); }), HasSubstr("takes no force"));
+  device.mutable_info().force_axes = {true, true, true};
+  device.mutable_info().max_force = 0;
+  EXPECT_THAT(error_of([&] { (void)calibrated(device); }), HasSubstr("--max-force"));
+  device.mutable_info().max_force = 10;
+  device.mutable_info().workspace_max.y() = -0.195;
+  EXPECT_THAT(error_of([&] { (void)calibrated(device); }), HasSubstr("5.0 mm wide in y"));
+  device.mutable_info().workspace_max.y() = 0.2;
+  CalibrationOptions slow = options();
+  slow.session.rate_hz = 100;
+  EXPECT_THAT(error_of([&] { (void)calibrated(device, slow); }), HasSubstr("lines"));
+  slow = options();
+  slow.force_share = 2;
+  EXPECT_THAT(error_of([&] { (void)calibrated(device, slow); }), HasSubstr("0.1 to 1"));
+  EXPECT_TRUE(device.forces().empty());
+}
+
+TEST(Calibration, TellsADeviceThatIsLost) {
+  PointMass device(0.5, 2, {.lost_at = 3000});
+  const CalibrationResult result = calibrated(device);
+  EXPECT_FALSE(result.succeeded());
+  EXPECT_EQ(result.session.servo.cause, StopCause::device_lost);
+  EXPECT_THAT(result.reason, HasSubstr("lost"));
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -1,0 +1,48 @@
+// A device whose dynamics are known, as calibration leaves it.
+#pragma once
+
+#include "control/design/tracking_design.h"
+#include "devices/sim/sim_device.h"
+#include "player/playback/playback.h"
+
+namespace haptrace::test {
+
+inline PlantModel known_plant() {
+  PlantModel plant;
+  plant.mass = Vec3(0.4, 0.4, 0.3);
+  plant.viscous = Vec3::Constant(1.8);
+  plant.coulomb = Vec3::Constant(0.7);
+  plant.gravity = Vec3(0, 0.3, -1.5);
+  plant.delay = 1.5e-3;
+  plant.position_resolution = 5e-5;
+  return plant;
+}
+
+inline IdentifiedDevice identified(const PlantModel& plant, double max_force = 8) {
+  return {plant, design_tracking(plant, {.max_force = max_force})};
+}
+
+/// What it is in truth: a tenth lighter, with a third more friction and gravity, and motors that cog.
+inline SimSpec true_device() {
+  PlantModel plant = known_plant();
+  plant.mass *= 0.9;
+  plant.coulomb *= 1.3;
+  plant.gravity *= 1.3;
+  SimSpec spec = sim_spec_of(plant, 8);
+  spec.cogging = Vec3::Constant(0.6);
+  spec.cogging_period = 0.008;
+  spec.workspace = {Vec3::Constant(-0.2), Vec3::Constant(0.2)};
+  return spec;
+}
+
+/// Every compensation on, in virtual time.
+inline PlayOptions everything() {
+  PlayOptions options;
+  options.identified = identified(known_plant());
+  options.learn = 2;
+  options.playback.repetitions = 3;
+  options.playback.hold = 0.2;
+  return options;
+}
+
+}  // namespace haptrace::test

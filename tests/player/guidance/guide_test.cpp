@@ -1,0 +1,333 @@
+// Guidance on the simulated device, held by hands that mean to go their own way.
+#include "player/guidance/guide.h"
+
+#include "control/path/shapes.h"
+#include "devices/registry.h"
+#include "formats/path/path_file.h"
+#include "formats/recording/recording.h"
+#include "studies/guidance_draw.h"
+#include "tests/player/calibration/identified_device.h"
+#include "tests/support/allocations.h"
+#include "tests/support/errors.h"
+#include "tests/support/point_mass.h"
+#include "tests/support/temp_folder.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::error_of;
+using test::Log;
+using test::TempFolder;
+using testing::HasSubstr;
+
+/// Twice round a circle of 80 mm in 16 s, pushed to and fro.
+Path expert() {
+  Path path = make_shape("circle", {.duration = 8, .turns = 2});
+  path.name = "expert";
+  for (const double t : path.time) path.force.emplace_back(std::cos(2 * t), 1.2, 0.5 * std::sin(t));
+  return path;
+}
+
+std::shared_ptr<const PathSource> source(Path path = expert()) {
+  return source_of(std::move(path));
+}
+
+/// A hand that means to go along `path`, so many times as fast.
+std::unique_ptr<Device> trainee(const TempFolder& folder, Path path, double speed, const std::string& hand = "firm",
+                                const std::string& preset = "omega3") {
+  for (double& t : path.time) t = t / speed;
+  for (Vec3& v : path.velocity) v *= speed;
+  const std::string file = folder / fmt::format("intent-{}.csv", speed);
+  save_path(path, file, "intent", true);
+  return open_device(fmt::format("sim:preset={},hand={},seed=3,intent={}", preset, hand, file));
+}
+
+GuideResult guided(Device& device, const GuideOptions& options, Log* log = nullptr,
+                   const std::shared_ptr<const PathSource>& path = source()) {
+  GuideOptions all = options;
+  if (log != nullptr) all.sinks.push_back(log);
+  return guide(device, plan_guidance(device.info(), path, all), all, StopRequest{});
+}
+
+/// What the expert's recording says at a place of the path.
+Vec3 recorded_force(const Path& recording, const ArcPath& path, double s) {
+  const double t = recording.time.front() + path.time_at(s);
+  const auto after = std::upper_bound(recording.time.begin() + 1, recording.time.end() - 1, t);
+  const auto i = static_cast<std::size_t>(after - recording.time.begin());
+  const double share = (t - recording.time[i - 1]) / (recording.time[i] - recording.time[i - 1]);
+  return recording.force[i - 1] + share * (recording.force[i] - recording.force[i - 1]);
+}
+
+/// What he feels while guidance alone acts, at `visit(sample)`, when he waits at the start until it does.
+template <class Visit>
+GuideResult felt(const TempFolder& folder, const Path& recording, double speed, const GuideOptions& options,
+                 const Visit& visit) {
+  Path waiting = recording;
+  waiting.velocity.clear();
+  waiting.force.clear();
+  for (double& t : waiting.time) t += 1.5 * speed;
+  waiting.time.insert(waiting.time.begin(), 0);
+  waiting.position.insert(waiting.position.begin(), waiting.position.front());
+  const auto device = trainee(folder, waiting, speed, "firm", "reference");
+  Log log;
+  const GuideResult result = guided(*device, options, &log, source(recording));
+  EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
+  for (const Sample& sample : log.samples)
+    if (sample.phase == Phase::run && sample.time_ns > 1'300'000'000) visit(sample);
+  return result;
+}
+
+TEST(Guide, ReplaysTheExpertsForceAtItsPlaceWhateverTheTraineesSpeed) {
+  const TempFolder folder;
+  for (const Path& recording : guidance_paths())
+    for (const double speed : {0.25, 1.0, 4.0}) {
+      SCOPED_TRACE(fmt::format("{} {} times as fast", recording.name, speed));
+      const ArcPath path = *plan_guidance(test::PointMass().info(), source(recording), {}).path;
+      double error = 0, expected = 0;
+      int samples = 0;
+      const GuideResult result = felt(folder, recording, speed, {.radius = 0.02}, [&](const Sample& sample) {
+        // Where he rested, the expert felt many forces in one place: their mean is replayed.
+        if (std::min(sample.progress, path.length() - sample.progress) < 1e-3) return;
+        const Vec3 force = recorded_force(recording, path, sample.progress);
+        error += (sample.force - force).squaredNorm();
+        expected += force.squaredNorm();
+        ++samples;
+      });
+      EXPECT_GT(samples, 500);
+      EXPECT_LT(std::sqrt(error / expected), 0.05);
+      EXPECT_EQ(result.last.time_in_tunnel, 1);
+      EXPECT_LE(result.energy_given, result.energy_budget);
+    }
+}
+
+TEST(Guide, LetsATraineeWhoFollowsAtTheExpertsPaceFeelNoWallAndNoHelp) {
+  const TempFolder folder;
+  // The smoothest paths: who cuts a bend is not at the expert's pace there.
+  for (const Path& recording : {guidance_paths()[0], guidance_paths()[5]}) {
+    const double length = plan_guidance(test::PointMass().info(), source(recording), {}).path->length();
+    double most = 0;
+    int samples = 0;
+    felt(folder, recording, 1, {.radius = 0.02, .force_scale = 0, .pace = PaceHelp::Options{}},
+         [&](const Sample& sample) {
+           // He sets out and arrives more slowly than the expert: friction holds him.
+           if (std::abs(sample.progress / length - 0.5) > 0.45) return;
+           most = std::max(most, sample.force.norm());
+           ++samples;
+         });
+    EXPECT_GT(samples, 2000);
+    EXPECT_EQ(most, 0) << recording.name;
+  }
+}
+
+TEST(Guide, LetsTheTraineeOvercomeTheExpertsForceWhenItIsToResist) {
+  const TempFolder folder;
+  const auto active_device = trainee(folder, expert(), 1), resisting_device = trainee(folder, expert(), 1);
+  Log active, resisting;
+  guided(*active_device, {}, &active);
+  guided(*resisting_device, {.force_scale = 0.5, .feel = Feel::resist}, &resisting);
+  const auto mean_y = [](const Log& log) {
+    double sum = 0;
+    int n = 0;
+    for (const Sample& sample : log.samples)
+      if (sample.phase == Phase::run && sample.progress > 0.1) sum += sample.force.y(), ++n;
+    return sum / n;
+  };
+  EXPECT_NEAR(mean_y(active), 1.2, 0.15);
+  EXPECT_NEAR(mean_y(resisting), -0.6, 0.15);
+}
+
+TEST(Guide, KeepsAWanderingTraineeNearerThePathThanHeWouldBe) {
+  const TempFolder folder;
+  Path wandering = expert();
+  wandering.velocity.clear();
+  for (std::size_t i = 0; i < wandering.size(); ++i)
+    wandering.position[i] += 0.012 * Vec3(0, 0, std::sin(3 * wandering.time[i]));
+  const auto peak = [&](GuideOptions options) {
+    options.identified = test::identified(test::known_plant());
+    const auto device = trainee(folder, wandering, 1, "relaxed");
+    const GuideResult result = guided(*device, options);
+    EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
+    return result.last.tracking.peak_error;
+  };
+  EXPECT_LT(peak({.radius = 0.002, .force_scale = 0}), 0.75 * peak({.radius = 0.05, .force_scale = 0}));
+}
+
+TEST(Guide, RecordsWhereTheTraineeWasAndWhatTheExpertFeltThere) {
+  const TempFolder folder;
+  const auto device = trainee(folder, expert(), 2);
+  GuideOptions options;
+  options.guidance.repetitions = 2;  // in the second of which the hand stays where it is
+  options.session.recording = SessionOptions::Recording{.file = folder / "guided.h5"};
+  const GuideResult result = guided(*device, options);
+  ASSERT_EQ(result.repetitions.size(), 2U);
+  EXPECT_TRUE(check_recording(folder / "guided.h5").empty());
+  const RecordingReader reader(folder / "guided.h5");
+  EXPECT_TRUE(reader.columns().reference);
+  EXPECT_TRUE(reader.columns().guidance);
+  double farthest = 0;
+  for (const Sample& row : reader.read(0, reader.rows())) {
+    if (row.phase == Phase::approach) {
+      ASSERT_TRUE(std::isnan(row.progress));
+      ASSERT_FALSE(is_finite(row.reference_force));
+    }
+    if (row.phase != Phase::run) continue;
+    ASSERT_TRUE(is_finite(row.reference_force));
+    ASSERT_LT((row.reference_position - result.plan.path->at(row.progress).position).norm(), 1e-12);
+    farthest = std::max(farthest, row.progress);
+  }
+  EXPECT_NEAR(farthest, result.plan.path->length(), 3e-3);
+  EXPECT_NEAR(result.last.tracking.duration, 10 * 16 + 10, 0.01) << "in virtual time nobody is waited for without end";
+  const nlohmann::json json = to_json(result);
+  for (const char* key : {"samples", "duration_s", "rms_error_m", "peak_error_m", "force_ripple_n", "max_force_n",
+                          "overruns", "latency_s", "tick_s", "stopped_by", "repetitions", "time_in_tunnel"})
+    EXPECT_TRUE(json.contains(key)) << key;
+}
+
+TEST(Guide, DragsNobodyAlongWithACursorThatWaits) {
+  const TempFolder folder;
+  Path staying = expert();
+  staying.velocity.clear();
+  std::fill(staying.position.begin(), staying.position.end(), expert().position.front());
+  for (const double wait : {0.0, 0.01}) {
+    const auto device = trainee(folder, staying, 1, "tense");
+    GuideOptions options{.force_scale = 0};
+    options.guidance.cursor = true;
+    options.guidance.wait = wait;
+    options.guidance.time_limit = 3;
+    options.guidance.max_deviation = 1;
+    Log log;
+    const GuideResult result = guided(*device, options, &log);
+    EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
+    EXPECT_EQ(result.last.progress > 0.02, wait == 0) << result.last.progress;
+    const bool told = std::any_of(log.events.begin(), log.events.end(),
+                                  [](const Event& event) { return event.code == EventCode::time_over; });
+    EXPECT_TRUE(told);
+  }
+}
+
+TEST(Guide, EndsFarFromThePath) {
+  const TempFolder folder;
+  Path away = expert();
+  away.velocity.clear();
+  for (std::size_t i = 0; i < away.size(); ++i) away.position[i].z() += 0.003 * away.time[i];
+  const auto device = trainee(folder, away, 1);
+  GuideOptions options;
+  options.guidance.max_deviation = 0.02;
+  const GuideResult result = guided(*device, options);
+  EXPECT_EQ(result.session.servo.cause, StopCause::deviation);
+  EXPECT_THAT(result.session.servo.detail, HasSubstr("off the path"));
+}
+
+TEST(PlanGuidance, WidensTheTunnelWhereExpertsDiffer) {
+  const test::PointMass device;
+  Path other = expert();
+  other.velocity.clear();
+  for (std::size_t i = 0; i < other.size(); ++i)
+    other.position[i].z() += 0.008 * std::exp(-std::pow((other.time[i] - 4) / 0.5, 2));
+  GuideOptions options{.radius = 1e-3, .spread = {source(other)}};
+  const GuidePlan plan = plan_guidance(device.info(), source(), options);
+  const double middle = plan.path->place_at(4);
+  EXPECT_NEAR(plan.path->at(middle).radius, 0.008, 1e-3);
+  EXPECT_NEAR(plan.path->at(0.5 * plan.path->length()).radius, 1e-3, 2e-4);
+}
+
+TEST(PlanGuidance, NamesWhatIsWrong) {
+  const test::PointMass device;
+  const auto error = [&](const GuideOptions& options, const Path& path = expert()) {
+    return error_of([&] { (void)plan_guidance(device.info(), source(path), options); });
+  };
+  EXPECT_THAT(error({.radius = -1}), HasSubstr("the radius of the tunnel is -1"));
+  EXPECT_THAT(error({.stiffness = 0}), HasSubstr("the stiffness of the walls is 0"));
+  EXPECT_THAT(error({.force_scale = -2}), HasSubstr("the scale of the expert's forces"));
+  GuideOptions options;
+  options.guidance.speed = 0;
+  EXPECT_THAT(error(options), HasSubstr("the speed factor is 0"));
+  EXPECT_THAT(error({}, make_shape("circle", {.size = 0.9})), HasSubstr("leaves the workspace"));
+  EXPECT_THAT(error_of([] { (void)parse_feel("activ"); }), HasSubstr("active"));
+  test::PointMass motorless;
+  motorless.mutable_info().force_axes = {false, false, false};
+  EXPECT_THAT(error_of([&] { (void)plan_guidance(motorless.info(), source(), {}); }), HasSubstr("has no motors"));
+}
+
+TEST(PlanGuidance, ClampsWallsToWhatDeviceAndRateBearUnlessAnExpertAsks) {
+  const test::PointMass device;
+  GuideOptions options{.stiffness = 50000};
+  const GuidePlan plan = plan_guidance(device.info(), source(), options);
+  EXPECT_LT(plan.stiffness, 1000);
+  ASSERT_FALSE(plan.notes.empty());
+  EXPECT_THAT(plan.notes.front(), HasSubstr("more than the device bears at 1000 Hz"));
+  options.expert = true;
+  EXPECT_EQ(plan_guidance(device.info(), source(), options).stiffness, 50000);
+}
+
+TEST(PlanGuidance, ReckonsWithTheDelayAndTheDampingOfACalibratedDevice) {
+  const test::PointMass device;
+  const auto plan = [&](double delay, double viscous) {
+    PlantModel plant = test::known_plant();
+    plant.delay = delay;
+    plant.viscous = Vec3::Constant(viscous);
+    GuideOptions options;
+    options.identified = test::identified(plant);
+    return plan_guidance(device.info(), source(), options);
+  };
+  const GuidePlan known = plan(2e-3, 1.8);
+  EXPECT_EQ(known.delay, 2e-3);
+  EXPECT_NEAR(known.stiffness, 1 / (0.5e-3 + 2e-3), 1e-9) << "1 N s/m is all that is counted on";
+  EXPECT_TRUE(known.notes.empty());
+  EXPECT_NEAR(plan(4e-3, 1.8).stiffness, 1 / (0.5e-3 + 4e-3), 1e-9);
+  EXPECT_NEAR(plan(2e-3, 0.5).stiffness, 0.5 / (0.5e-3 + 2e-3), 1e-9);
+
+  const GuidePlan unknown = plan_guidance(device.info(), source(), {});
+  EXPECT_EQ(unknown.delay, kUnknownDelay);
+  EXPECT_LT(unknown.stiffness, known.stiffness);
+  ASSERT_FALSE(unknown.notes.empty());
+  EXPECT_THAT(unknown.notes.back(), HasSubstr("haptrace calibrate"));
+}
+
+TEST(PlanGuidance, SaysWhenTheExpertsForcesAreMissing) {
+  const test::PointMass device;
+  const GuidePlan plan = plan_guidance(device.info(), source(make_shape("circle", {})), {});
+  ASSERT_FALSE(plan.notes.empty());
+  EXPECT_THAT(plan.notes.front(), HasSubstr("holds no forces"));
+}
+
+TEST(Guide, StaysAtAPathOfOnePlace) {
+  Path place;
+  place.name = "place";
+  place.time = {0};
+  place.position = {Vec3(0.01, 0, 0)};
+  test::PointMass device;
+  GuideOptions options;
+  options.guidance.hold = 0.2;
+  const GuideResult result = guided(device, options, nullptr, source(place));
+  EXPECT_EQ(result.session.servo.cause, StopCause::finished);
+}
+
+TEST(GuidanceController, AllocatesNothing) {
+  test::PointMass device;
+  const GuideOptions options;
+  const GuidePlan plan = plan_guidance(device.info(), source(), options);
+  GuideTerms terms;
+  terms.push_back(std::make_unique<TunnelWall>(TunnelWall::Options{}));
+  terms.push_back(std::make_unique<ExpertForce>(1));
+  GuidanceController controller(plan.path, Guidance(std::move(terms), {}), cautious_gains(8, 1000), {});
+  State state;
+  state.position = plan.path->at(0).position;
+  controller.start(state);
+  state.dt = 1e-3;
+  const std::size_t before = test::allocations();
+  for (int i = 0; i < 5000; ++i) {
+    state.position = plan.path->position_at(1e-4 * i);
+    (void)controller.update(state);
+  }
+  EXPECT_EQ(test::allocations(), before);
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -1,0 +1,84 @@
+#include "player/playback/learned_memory.h"
+
+#include "control/path/shapes.h"
+#include "tests/player/calibration/identified_device.h"
+#include "tests/support/temp_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::TempFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+
+const DeviceIdentity kDevice{"sim", "a device", "7"};
+const Vec3 kMass(0.4, 0.4, 0.3);
+
+PlayResult learned_session(const ForceTable& known = {}, double size = 0.04) {
+  SimDevice device(test::true_device());
+  PlayOptions options = test::everything();
+  options.learned = known;
+  const Path circle = make_shape("circle", {.size = size, .duration = 1});
+  return play(device, plan_playback(device.info(), circle, options), options, StopRequest{});
+}
+
+TEST(LearnedMemory, HandsWhatASessionLearnedToTheNext) {
+  const TempFolder folder;
+  const std::string file = folder / "learned.json";
+  const PlayResult first = learned_session();
+  ASSERT_EQ(first.lessons.size(), 2U);
+  const PathSource& path = first.plan.path.source();
+  LearnedMemory memory(file, kDevice, 1, kMass);
+  EXPECT_TRUE(memory.recall(path).table.force.empty()) << "nothing was kept yet";
+  EXPECT_EQ(memory.recall(path).refused, "");
+  memory.keep(first);
+  EXPECT_EQ(load_learned(file)->repetitions, 2);
+
+  LearnedMemory later(file, kDevice, 1, kMass);
+  const LearnedMemory::Recalled recalled = later.recall(path);
+  EXPECT_EQ(recalled.refused, "");
+  ASSERT_EQ(recalled.table.force.size(), first.learned.force.size());
+  const PlayResult second = learned_session(recalled.table);
+  EXPECT_LT(second.repetitions.front().rms_error, 0.8 * first.repetitions.front().rms_error);
+  later.keep(second);
+  EXPECT_GT(load_learned(file)->repetitions, 2) << "on top of those before";
+}
+
+TEST(LearnedMemory, ForgetsWhatItDoesNotRecall) {
+  const TempFolder folder;
+  const PlayResult session = learned_session();
+  for (int i = 0; i < 2; ++i) LearnedMemory(folder / "learned.json", kDevice, 1, kMass).keep(session);
+  EXPECT_EQ(load_learned(folder / "learned.json")->repetitions, 2);
+}
+
+TEST(LearnedMemory, RefusesWhatDoesNotHoldHereAndBeginsAnew) {
+  const TempFolder folder;
+  const std::string file = folder / "learned.json";
+  const PlayResult session = learned_session(), other = learned_session({}, 0.05);
+  LearnedMemory(file, kDevice, 1, kMass).keep(session);
+  const auto refused = [&](const DeviceIdentity& device, double speed, const Vec3& mass, const PlayResult& played) {
+    LearnedMemory memory(file, device, speed, mass);
+    const LearnedMemory::Recalled recalled = memory.recall(played.plan.path.source());
+    EXPECT_TRUE(recalled.table.force.empty());
+    EXPECT_THAT(recalled.refused, HasSubstr(file));
+    return recalled.refused;
+  };
+  EXPECT_THAT(refused({"sim", "a device", "8"}, 1, kMass, session), HasSubstr("another device"));
+  EXPECT_THAT(refused(kDevice, 0.5, kMass, session), HasSubstr("speed"));
+  EXPECT_THAT(refused(kDevice, 1, 2 * kMass, session), HasSubstr("calibrated anew"));
+  EXPECT_THAT(refused(kDevice, 1, kMass, other), HasSubstr("the path is another one now"));
+
+  LearnedMemory memory(file, kDevice, 0.5, kMass);
+  (void)memory.recall(session.plan.path.source());
+  memory.keep(session);
+  EXPECT_EQ(load_learned(file)->repetitions, 2) << "what was refused does not count";
+
+  (void)folder.write("learned.json", "{\"format\": 1");
+  EXPECT_THAT(refused(kDevice, 1, kMass, session), HasSubstr("is not used"));
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -1,0 +1,281 @@
+// Playing with a device whose dynamics are known: what the law is composed of, and that nothing else gets into it.
+#include "player/playback/playback.h"
+
+#include "control/feedforward.h"
+#include "control/observer_pd.h"
+#include "control/path/shapes.h"
+#include "tests/player/calibration/identified_device.h"
+#include "tests/support/allocations.h"
+#include "tests/support/blind_device.h"
+#include "tests/support/errors.h"
+#include "tests/support/point_mass.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::everything;
+using test::Log;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+Path small_circle(double duration = 1) {
+  return make_shape("circle", {.size = 0.04, .duration = duration});
+}
+
+DeviceInfo info() {
+  return SimDevice(test::true_device()).info();
+}
+
+PlayResult played_circle(Device& device, PlayOptions options, Log* log = nullptr) {
+  if (log != nullptr) options.sinks.push_back(log);
+  return play(device, plan_playback(device.info(), small_circle(), options), options, StopRequest{});
+}
+
+/// The forces of a session with the device as it is in truth.
+std::vector<Vec3> forces(const PlayOptions& options) {
+  SimDevice device(test::true_device());
+  Log log;
+  EXPECT_EQ(played_circle(device, options, &log).session.servo.cause, StopCause::finished);
+  std::vector<Vec3> all;
+  for (const Sample& sample : log.samples) all.push_back(sample.force);
+  return all;
+}
+
+std::vector<std::string> composed(const PlayOptions& options) {
+  SimDevice device(test::true_device());
+  return to_json(played_circle(device, options)).at("compensations").get<std::vector<std::string>>();
+}
+
+TEST(PlayPlan, ComposesEverythingForAnIdentifiedDeviceAndSaysSo) {
+  EXPECT_THAT(composed(everything()), ElementsAre("inertia", "observer", "learning"))
+      << "what is learned begins with what the model knows of gravity and friction";
+  PlayOptions options = everything();
+  options.learn = 0;
+  EXPECT_THAT(composed(options), ElementsAre("inertia", "gravity", "friction", "observer"))
+      << "there is nothing learned";
+  options.compensations = {.gravity = true};
+  EXPECT_THAT(composed(options), ElementsAre("gravity"));
+}
+
+TEST(PlayPlan, ComposesAPdLawAloneForADeviceThatIsNot) {
+  PlayOptions options;
+  EXPECT_THAT(composed(options), ElementsAre());
+  const PlayPlan plan = plan_playback(info(), small_circle(), options);
+  EXPECT_EQ(plan.tuning.gains.kp, cautious_gains(8, 1000).kp);
+}
+
+TEST(PlayPlan, TakesGainsAndBandwidthOfTheDesignUnlessGainsAreGiven) {
+  PlayOptions options = everything();
+  const TrackingDesign& design = options.identified->design;
+  EXPECT_EQ(plan_playback(info(), small_circle(), options).tuning.gains.kp, design.gains.kp);
+  EXPECT_EQ(plan_playback(info(), small_circle(), options).tuning.observer_hz, design.load_hz);
+  options.compensations.observer = false;
+  options.identified->design.plain = {Vec3::Constant(300), Vec3::Constant(3)};
+  EXPECT_EQ(plan_playback(info(), small_circle(), options).tuning.gains.kp, Vec3::Constant(300));
+  options.gains = PdGains{Vec3(1, 2, 3), Vec3(4, 5, 6)};
+  EXPECT_EQ(plan_playback(info(), small_circle(), options).tuning.gains.kd, Vec3(4, 5, 6));
+  options.gains->kp.x() = -1;
+  EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }),
+              HasSubstr("kp of the x axis"));
+}
+
+TEST(PlayPlan, RefusesToLearnWithoutCalibrationAndSaysWhatToDo) {
+  PlayOptions options;
+  options.learn = 3;
+  const auto error = [&] { return test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }); };
+  EXPECT_THAT(error(), HasSubstr("must be calibrated before anything can be learned"));
+  EXPECT_THAT(error(), HasSubstr("haptrace calibrate --device sim"));
+  options.identified = test::identified(test::known_plant());
+  EXPECT_EQ(error(), "no error");
+  options.compensations.learning = false;
+  EXPECT_THAT(error(), HasSubstr("learning was asked for and switched off"));
+}
+
+TEST(PlayPlan, RefusesToLearnWhatLastsTooLong) {
+  PlayOptions options = everything();
+  options.playback.speed = 0.001;
+  EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }),
+              HasSubstr("a repetition lasts 1000.0 s"));
+}
+
+TEST(Play, RefusesToLearnFromANumberOfRepetitionsThatIsNone) {
+  for (const int learn : {-1, kMostLearned + 1}) {
+    PlayOptions options = everything();
+    options.learn = learn;
+    EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }), HasSubstr("(learn)"));
+  }
+}
+
+TEST(Play, SendsWhatAPdLawWouldWhenEverythingIsOff) {
+  PlayOptions known = everything();
+  known.learn = 0;
+  known.compensations = {};
+  known.gains = PdGains{Vec3::Constant(500), Vec3::Constant(6)};
+  PlayOptions unknown;
+  unknown.gains = known.gains;
+  unknown.playback = known.playback;
+  EXPECT_TRUE(forces(known) == forces(unknown)) << "to the last bit";
+}
+
+TEST(Play, LacksWhatIsOffNotOnlyItsShare) {
+  const auto with = forces(everything());
+  for (bool Compensations::*off :
+       {&Compensations::inertia, &Compensations::gravity, &Compensations::friction, &Compensations::observer}) {
+    PlayOptions options = everything();
+    options.compensations.*off = false;
+    EXPECT_FALSE(forces(options) == with);
+  }
+}
+
+TEST(Play, FollowsCloserWithWhatIsKnownThanWithoutIt) {
+  PlayOptions unknown;
+  unknown.playback.repetitions = 3;
+  SimDevice one(test::true_device()), other(test::true_device());
+  const PlayResult with = played_circle(one, everything()), without = played_circle(other, unknown);
+  EXPECT_LT(with.repetitions[0].rms_error, 0.1 * without.repetitions[0].rms_error);
+}
+
+TEST(Play, FollowsARecordingInCountsAsWellAsTheMovementItself) {
+  Path movement = small_circle(2), recording = movement;
+  recording.velocity.clear();
+  for (Vec3& p : recording.position) p = 5e-5 * (p / 5e-5).array().round().matrix();
+  const auto followed = [](const Path& path, const PlayOptions& options) {
+    SimDevice device(test::true_device());
+    return play(device, plan_playback(device.info(), path, options), options, StopRequest{});
+  };
+  const PlayResult exact = followed(movement, everything()), counted = followed(recording, everything());
+  EXPECT_EQ(exact.plan.path.smoothing(), 0);
+  EXPECT_GT(counted.plan.path.smoothing(), 1e-3);
+  EXPECT_LT(counted.last.rms_error, 1.3 * exact.last.rms_error);
+  EXPECT_LT(counted.last.force_ripple, 1.3 * exact.last.force_ripple);
+
+  PlayOptions as_it_is = everything();
+  as_it_is.smoothing = 0;
+  EXPECT_GT(followed(recording, as_it_is).last.force_ripple, 5 * counted.last.force_ripple) << "what it spares a hand";
+  as_it_is.smoothing = -1;
+  EXPECT_THAT(test::error_of([&] { (void)followed(recording, as_it_is); }), HasSubstr("the smoothing is -1 s"));
+}
+
+TEST(Play, SendsBitForBitTheSameToADeviceOfWhichNothingButItsAnswersIsSeen) {
+  SimDevice seen(test::true_device()), hidden(test::true_device());
+  test::BlindDevice blind(hidden);
+  Log one, other;
+  played_circle(seen, everything(), &one);
+  played_circle(blind, everything(), &other);
+  ASSERT_GT(one.samples.size(), 3000U);
+  ASSERT_EQ(one.samples.size(), other.samples.size());
+  for (std::size_t i = 0; i < one.samples.size(); ++i) ASSERT_EQ(one.samples[i].force, other.samples[i].force) << i;
+}
+
+/// Counts what a tick allocates, from the device's answer to the row that is pushed.
+class Counting final : public Device, public SampleSink {
+ public:
+  explicit Counting(Device& device) : device_(device) {}
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_.info(); }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+    const Status status = device_.exchange(wrench, dt, state);
+    before_ = test::allocations();
+    return status;
+  }
+  void close() noexcept override { device_.close(); }
+  using SampleSink::push;
+  void push(const Sample&) noexcept override {
+    allocated += test::allocations() - before_;
+    ++ticks;
+  }
+  void between_ticks(bool) noexcept override {}
+
+  std::size_t allocated = 0, ticks = 0;
+
+ private:
+  Device& device_;
+  std::size_t before_ = 0;
+};
+
+TEST(Play, AllocatesNothingInATickWithEveryCompensationOn) {
+  SimDevice device(test::true_device());
+  Counting counting(device);
+  PlayOptions options = everything();
+  options.sinks = {&counting};
+  const PlayResult result = played_circle(counting, options);
+  EXPECT_EQ(result.lessons.size(), 2U);
+  EXPECT_GT(counting.ticks, 3000U);
+  EXPECT_EQ(counting.allocated, 0U);
+}
+
+TEST(Play, DoesNotDriveAnAxisWithoutMotorWhateverItsGains) {
+  SimSpec spec = test::true_device();
+  spec.axes = {true, true, false};
+  spec.gravity_bias.z() = 0;
+  PlantModel plant = test::known_plant();
+  plant.mass.z() = plant.viscous.z() = plant.coulomb.z() = plant.gravity.z() = 0;
+  PlayOptions options = everything();
+  options.identified = test::identified(plant);
+  options.gains = PdGains{Vec3::Constant(2000), Vec3::Constant(20)};
+  SimDevice device(spec);
+  Log log;
+  EXPECT_EQ(played_circle(device, options, &log).session.servo.cause, StopCause::finished);
+  for (const Sample& sample : log.samples) ASSERT_EQ(sample.force.z(), 0);
+}
+
+TEST(Play, TakesAChangeOfTuningWithoutAStepInTheForce) {
+  // A hand holds the tool 2 mm beside a path that rests: every force is one of the gains, the shares and the field.
+  Path point;
+  point.name = "point";
+  point.time = {0};
+  point.position = {Vec3::Zero()};
+  const IdentifiedDevice known = test::identified(test::known_plant());
+  ForceTerms terms;
+  terms.push_back(std::make_unique<GravityFeedforward>(known.plant));
+  terms.push_back(
+      std::make_unique<ObserverPd>(ObserverPd::Options{.design = known.design, .position_resolution = 5e-5}));
+  Tuning tuning{.gains = {Vec3::Constant(1000), Vec3::Constant(10)}};
+  Mailbox<Tuning> mailbox(tuning);
+  PlaybackController controller(Trajectory(point, Interpolation::linear), std::move(terms), tuning, {.hold = 1000},
+                                &mailbox);
+  State state;
+  state.position = Vec3(2e-3, 0, 0);
+  controller.start(state);
+  state.dt = 1e-3;
+  Vec3 before = Vec3::Zero();
+  double largest = 0, stiff = 0;
+  for (int i = 0; i < 6000; ++i) {
+    if (i == 2000) mailbox.post(tuning = {.gains = {Vec3::Constant(4000), Vec3::Constant(40)}});
+    if (i == 3000) mailbox.post(tuning = {.gains = tuning.gains, .gravity = 0, .observer = 0});
+    if (i == 4000) mailbox.post(tuning = {.gains = {Vec3::Constant(10), Vec3::Zero()}, .observer_hz = 100});
+    const Vec3 force = controller.update(state).wrench.force;
+    state.force_applied = force;
+    if (i > 1900) largest = std::max(largest, (force - before).norm());
+    before = force;
+    if (i == 2999) stiff = force.x();
+  }
+  EXPECT_LT(stiff, -0.9 * 8) << "it is taken";
+  // 6 N of stiffness, 6 N of load and 1.5 N of gravity, by a fiftieth of the way in a tick.
+  EXPECT_LT(largest, 0.02 * 14);
+}
+
+TEST(Tuning, IsApproachedByAllButTwoPerCentInAFifthOfASecond) {
+  Tuning tuning{.gains = {Vec3::Constant(1000), Vec3::Constant(10)}, .observer_hz = 6};
+  const Tuning target{.gains = {Vec3::Constant(2000), Vec3::Constant(30)},
+                      .inertia = 0,
+                      .gravity = 0,
+                      .friction = 0,
+                      .observer = 0,
+                      .observer_hz = 26,
+                      .learning = 0};
+  for (int i = 0; i < 200; ++i) tuning.approach(target, 1e-3);
+  EXPECT_NEAR(tuning.gains.kp.x(), 2000 - 18.3, 0.1);
+  EXPECT_NEAR(tuning.gains.kd.z(), 30 - 0.366, 0.01);
+  for (const double share : {tuning.inertia, tuning.gravity, tuning.friction, tuning.observer, tuning.learning})
+    EXPECT_NEAR(share, 0.0183, 1e-4);
+  EXPECT_NEAR(tuning.observer_hz, 26 - 0.366, 0.01);
+  const Tuning before = tuning;
+  tuning.approach(target, 0);
+  EXPECT_EQ(tuning.gains.kp, before.gains.kp);
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -1,0 +1,247 @@
+#include "studies/trade/workbench.h"
+
+#include "scene/scene_file.h"
+#include "studies/trade/instruction_count.h"
+#include "studies/trade/side_trades.h"
+#include "tests/studies/trade/support.h"
+
+#include <csignal>
+#include <gmock/gmock.h>
+#include <thread>
+
+namespace haptrace {
+namespace {
+
+using test::full_configuration;
+using test::small_workplace;
+using testing::HasSubstr;
+
+TEST(InstructionCount, CountsALoopToSomeTens) {
+  volatile double sink = 0;
+  const std::vector<std::uint64_t> counted = count_instructions(
+      [&](const std::function<void()>& mark) {
+        mark();
+        for (const int times : {0, 1000, 3000}) {
+          for (int i = 0; i < times; ++i) sink = sink + 1;
+          mark();
+        }
+      },
+      3);
+  if (counted.empty()) GTEST_SKIP() << "neither a counter nor single steps are allowed here";
+  ASSERT_EQ(counted.size(), 3U);
+  EXPECT_LT(counted[0], 2000U);
+  // As many for every time round.
+  const double one = static_cast<double>(counted[2] - counted[1]) / 2000;
+  EXPECT_GE(one, 3);
+  EXPECT_LE(one, 20);
+  EXPECT_NEAR(static_cast<double>(counted[1] - counted[0]), 1000 * one, 100);
+}
+
+TEST(InstructionCount, AnswersNothingWhenThereAreTooFewMarks) {
+  EXPECT_TRUE(count_instructions([](const std::function<void()>& mark) { mark(); }).empty());
+  EXPECT_TRUE(count_instructions([](const std::function<void()>&) {}).empty());
+}
+
+TEST(InstructionCount, GoesOnThroughSignalsThatTheWorkIgnores) {
+  const auto before = std::signal(SIGWINCH, SIG_IGN);
+  const auto counted = count_instructions([](const std::function<void()>& mark) {
+    mark();
+    (void)raise(SIGWINCH);
+    mark();
+  });
+  std::signal(SIGWINCH, before);
+  if (count_instructions([](const std::function<void()>& mark) { mark(), mark(); }).empty())
+    GTEST_SKIP() << "neither a counter nor single steps are allowed here";
+  EXPECT_EQ(counted.size(), 1U);
+}
+
+TEST(Workbench, GivesTheSameToTheLastBitWhateverTheThread) {
+  Workbench bench(small_workplace());
+  bench.measure_forces_against(full_configuration(), 2, StopRequest{});
+  const Configuration plain{.rate_hz = 500};
+  const Outcome here = bench.judge(plain, 2);
+  ASSERT_TRUE(here.ran()) << here.refused;
+  Outcome there;
+  std::jthread([&] { there = Workbench(small_workplace()).judge(plain, 2); }).join();
+  EXPECT_EQ(here.error.mean, there.error.mean);
+  EXPECT_EQ(here.error.half_width, there.error.half_width);
+  EXPECT_EQ(here.peak.mean, there.peak.mean);
+  EXPECT_EQ(here.ripple.mean, there.ripple.mean);
+  EXPECT_GT(here.error.half_width, 0);  // hands differ by the seed
+  EXPECT_GT(here.force.mean, 0);
+  EXPECT_NEAR(bench.judge(full_configuration(), 2).force.mean, 0, 1e-12);
+}
+
+TEST(Workbench, GivesWhatPlayTells) {
+  Workplace place = small_workplace();
+  Workbench bench(place);
+  const Configuration configuration = full_configuration();
+  const Outcome outcome = bench.judge(configuration, 1);
+  const auto device = place.open(place.seed);
+  const PlayOptions options = bench.options_for(configuration);
+  const PlayResult played = play(*device, plan_playback(device->info(), place.path, options), options, StopRequest{});
+  EXPECT_EQ(outcome.rms_error.mean, played.last.rms_error);
+  EXPECT_EQ(outcome.peak_error.mean, played.last.peak_error);
+  EXPECT_EQ(outcome.ripple.mean, played.last.force_ripple);
+  // Of a path without noise the reference is the path.
+  EXPECT_NEAR(outcome.error.mean, played.last.rms_error, 1e-9);
+}
+
+TEST(Workbench, WidensIntervalsByWhatAModelMayMissAndKnowsNoneOfOneRun) {
+  Workplace place = small_workplace();
+  const Outcome sure = Workbench(place).judge(full_configuration(), 2);
+  EXPECT_EQ(Workbench(place).judge(full_configuration(), 1).error.half_width, std::numeric_limits<double>::infinity());
+  place.model_error = 0.3;
+  const Outcome unsure = Workbench(place).judge(full_configuration(), 2);
+  ASSERT_TRUE(unsure.ran());
+  EXPECT_EQ(unsure.error.mean, sure.error.mean);
+  EXPECT_DOUBLE_EQ(unsure.error.half_width, std::hypot(sure.error.half_width, 0.3 * sure.error.mean));
+  // Where every run is the same, the model's error is all there is.
+  place.varies = false;
+  const Outcome one = Workbench(place).judge(full_configuration(), 1);
+  EXPECT_DOUBLE_EQ(one.error.half_width, 0.3 * one.error.mean);
+}
+
+TEST(Workbench, JudgesByThePathThatWasGivenAndNotByTheReferenceThatIsFollowed) {
+  const Workbench bench(small_workplace());
+  Configuration coarse = full_configuration();
+  coarse.thin = 100;
+  coarse.interpolation = Interpolation::linear;  // a polygon of ten sides
+  const Outcome exact = bench.judge(full_configuration(), 1), polygon = bench.judge(coarse, 1);
+  ASSERT_TRUE(polygon.ran()) << polygon.refused;
+  EXPECT_GT(polygon.error.mean, 1.5 * polygon.rms_error.mean);
+  EXPECT_GT(polygon.error.mean, 3 * exact.error.mean);
+}
+
+TEST(Workbench, RefusesInWordsWhatCannotBeRun) {
+  const Workbench bench(small_workplace());
+  Configuration fast = full_configuration();
+  fast.speed = 100;
+  const Outcome refused = bench.judge(fast, 1);
+  EXPECT_FALSE(refused.ran());
+  EXPECT_THAT(refused.refused, HasSubstr("off the path"));
+
+  Workplace coarse = small_workplace();
+  coarse.profile->coarse = true;
+  const Workbench held(coarse);
+  EXPECT_TRUE(held.judge(full_configuration(), 1).ran());
+  Configuration other = full_configuration();
+  other.rate_hz = 500;
+  EXPECT_THAT(held.judge(other, 1).refused, HasSubstr("1000 Hz"));
+}
+
+TEST(Workbench, FindsLessMarginForStifferGains) {
+  Workplace place = small_workplace();
+  place.profile.reset();
+  place.play.gains = PdGains{Vec3::Constant(500), Vec3::Constant(6)};
+  const auto margin_of = [&](double kp, double kd) {
+    Workplace one = place;
+    one.play.gains = PdGains{Vec3::Constant(kp), Vec3::Constant(kd)};
+    const Workbench bench(one);
+    Outcome outcome = bench.judge({}, 1);
+    bench.find_margin(outcome);
+    return outcome.margin;
+  };
+  EXPECT_EQ(margin_of(500, 6), 4);
+  EXPECT_LT(margin_of(9000, 30), 4);
+}
+
+TEST(Workbench, ChargesATermWhatItCostsAndNothingForWhatIsOff) {
+  const Workbench bench(small_workplace());
+  const Configuration plain;
+  const double base = bench.count_ticks(plain);
+  if (!std::isfinite(base)) GTEST_SKIP() << "instructions cannot be counted here";
+  EXPECT_NEAR(bench.count_ticks(plain), base, 0.02 * base);  // reading a clock again takes 1.4 %
+  const auto with = [&](bool Compensations::*member) {
+    Configuration configuration;
+    configuration.with.*member = true;
+    return bench.count_ticks(configuration) - base;
+  };
+  const double inertia = with(&Compensations::inertia), observer = with(&Compensations::observer);
+  EXPECT_GT(inertia, 20);
+  EXPECT_GT(observer, inertia);
+  // Terms add up: what is not there costs nothing in the others' company. The guard against vibration takes a quarter
+  // more for a force that is noisy, which these make it by themselves.
+  Configuration both;
+  both.with.inertia = both.with.observer = true;
+  EXPECT_NEAR(bench.count_ticks(both), base + inertia + observer, 0.05 * base);
+
+  Outcome outcome = bench.judge(plain, 1);
+  bench.time_ticks(outcome);
+  EXPECT_GT(outcome.control, 0);
+  EXPECT_GE(outcome.tick, outcome.control);
+  EXPECT_GT(outcome.start, 0);
+}
+
+TEST(SideTrades, StoreLessForMoreTimeAndKeepTheirBounds) {
+  const Workbench bench(small_workplace());
+  const SideTrade trade = trade_of_storage(bench, full_configuration(), StopRequest{});
+  ASSERT_EQ(trade.levels.size(), storage_levels().size());
+  const double plain = trade.levels[0].values[0];
+  for (std::size_t i = 0; i < trade.levels.size(); ++i) {
+    const SideTrade::Level& level = trade.levels[i];
+    ASSERT_EQ(level.refused, "");
+    const Precision& precision = storage_levels()[i].storage.precision;
+    EXPECT_LE(level.values[1], precision.position) << level.level;
+    EXPECT_LE(level.values[2], precision.force) << level.level;
+    if (i > 0) {
+      EXPECT_LT(level.values[0], plain) << level.level;
+    }
+  }
+}
+
+TEST(SideTrades, HoldASceneAgainstItselfInContinuousTimeWithItsDamping) {
+  const Workbench bench(small_workplace());
+  const auto load = [] {
+    return read_scene({{"objects",
+                        {{{"kind", "wall"},
+                          {"name", "floor"},
+                          {"point", {0, 0.005, 0}},
+                          {"normal", {0, 1, 0}},
+                          {"stiffness", 800},
+                          {"damping", 3}}}}},
+                      "the test's scene");
+  };
+  const SideTrade trade = trade_of_scene(bench, 1000, load, false);
+  const auto error_of_level = [&](const std::string& name) {
+    for (const SideTrade::Level& level : trade.levels)
+      if (level.level.starts_with(name)) return level.values[0];
+    ADD_FAILURE() << name;
+    return kNaN;
+  };
+  // Half a tick of 0.1 m/s is 0.04 N of the spring: the damper's 0.3 N are in the truth as well.
+  EXPECT_LT(error_of_level("as it is"), 0.04);
+  EXPECT_LT(error_of_level("floor.lead 0.5"), 0.2 * error_of_level("floor.lead 0 "));
+  EXPECT_LT(error_of_level("at 100 Hz, model"), error_of_level("at 100 Hz, hold"));
+  EXPECT_LT(error_of_level("at 100 Hz, hold"), error_of_level("at 50 Hz, hold"));
+
+  const auto away = [] {
+    return read_scene({{"objects", {{{"kind", "sphere"}, {"centre", {1, 1, 1}}, {"radius", 0.01}, {"stiffness", 1}}}}},
+                      "far away");
+  };
+  EXPECT_TRUE(trade_of_scene(bench, 1000, away, false).levels.empty());
+}
+
+TEST(Workbench, CountsNoTicksOfAPathThatAThreadReads) {
+  Workplace place = small_workplace();
+  Path dense = make_shape("circle", {.size = 0.02, .duration = 1});
+  const Trajectory smooth(dense, Interpolation::cubic);
+  Path long_path{.name = "dense"};
+  for (int i = 0; i < 70'000; ++i) {
+    long_path.time.push_back(i / 70'000.0);
+    long_path.position.push_back(smooth.sample(long_path.time.back()).position);
+  }
+  place.path = source_of(std::move(long_path));
+  EXPECT_TRUE(std::isnan(Workbench(place).count_ticks({})));
+}
+
+TEST(SideTrades, FindThePlaceLessExactlyOnACoarserPath) {
+  const Workbench bench(small_workplace());
+  const SideTrade trade = trade_of_projection(bench, true, StopRequest{});
+  ASSERT_GE(trade.levels.size(), 3U);
+  EXPECT_LT(trade.levels.front().values[0], 1e-4);
+  EXPECT_GT(trade.levels.back().values[0], 3 * trade.levels.front().values[0]);
+}
+
+}  // namespace
+}  // namespace haptrace
