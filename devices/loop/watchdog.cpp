@@ -33,6 +33,7 @@ std::atomic<int> sessions{0};  // that are watched
 std::atomic<bool> watches_crashes{false};
 std::atomic<pid_t> watched_process{0};
 thread_local const char* foreign_code = nullptr;
+thread_local bool can_be_left = false;  // the thread, where it is
 thread_local bool is_watchdog = false;
 
 TellLastWords& last_words() {
@@ -74,9 +75,15 @@ void say_of_foreign_code(int what) noexcept {
     if (::write(STDERR_FILENO, part, std::strlen(part)) < 0) return;
 }
 
+/// Holds a thread for which nobody waits for ever: the session ends as if the call had not returned.
+void leave_thread() noexcept {
+  while (can_be_left) ::pause();
+}
+
 void on_crash(int signal) {
   hold_for_watchdog(signal);
   say_of_foreign_code(signal);
+  leave_thread();
   ::signal(signal, SIG_DFL);
   ::raise(signal);
 }
@@ -86,6 +93,7 @@ void on_exit_call() {
   hold_for_watchdog(kExited);
   if (foreign_code == nullptr) return;
   say_of_foreign_code(kExited);
+  leave_thread();
   foreign_code = nullptr;
   std::_Exit(kExitNoDevice);
 }
@@ -239,12 +247,14 @@ SignalStack::~SignalStack() {
   sigaltstack(&stack, nullptr);
 }
 
-ForeignCall::ForeignCall(const char* name) noexcept {
+ForeignCall::ForeignCall(const char* name, Thread thread) noexcept {
   foreign_code = name;
+  can_be_left = thread == Thread::loose;
 }
 
 ForeignCall::~ForeignCall() {
   foreign_code = nullptr;
+  can_be_left = false;
 }
 
 }  // namespace haptrace

@@ -81,10 +81,14 @@ class SignalStack {
 
 /// While it is, this thread runs code that is not ours: `name`, which outlives it, stands in the words about a crash.
 ///
-/// Real-time: two stores.
+/// Real-time: four stores.
 class ForeignCall {
  public:
-  explicit ForeignCall(const char* name) noexcept;
+  /// A loose thread (LooseThread) is waited for with a bound. A crash or exit() in it outside a session is reported,
+  /// and the thread is held; it does not end the process.
+  enum class Thread { waited_for, loose };
+
+  explicit ForeignCall(const char* name, Thread thread = Thread::waited_for) noexcept;
   ~ForeignCall();
   ForeignCall(const ForeignCall&) = delete;
   ForeignCall& operator=(const ForeignCall&) = delete;

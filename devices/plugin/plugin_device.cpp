@@ -210,7 +210,7 @@ void PluginDevice::close() noexcept {
   if (close_ == nullptr) return;
   const bool closed = call_within(kLongestPluginClose, [library = library_, close = std::exchange(close_, nullptr),
                                                         device = device_, words = words_] {
-    const ForeignCall foreign(words.c_str());
+    const ForeignCall foreign(words.c_str(), ForeignCall::Thread::loose);
     try {
       close(device);
     } catch (const std::exception&) {

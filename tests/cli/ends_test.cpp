@@ -83,11 +83,16 @@ TEST(DeadlyPlugins, SayWhoTheyAreWhenTheyDieWhileTheyAreOpened) {
 
 TEST(DeadlyPlugins, ThatDoNotCloseKeepNoSessionFromItsEnd) {
   const TempFolder folder;
-  for (const char* fault : {"close_hangs", "close_throws"}) {
+  const std::pair<const char*, const char*> faults[] = {{"close_hangs", ""},
+                                                        {"close_throws", ""},
+                                                        {"close_crashes", "crashed (SIGSEGV)"},
+                                                        {"close_exits", "called exit()"}};
+  for (const auto& [fault, words] : faults) {
     const std::string file = folder / fmt::format("{}.h5", fault);
     const Answer answer =
         test::haptrace("record", file, "--device", deadly(fault), "--duration", "0.2", "--no-realtime");
-    EXPECT_EQ(answer.exit_code, 0) << answer.err;
+    EXPECT_EQ(answer.exit_code, 0) << fault << ": " << answer.err;
+    EXPECT_THAT(answer.err, HasSubstr(words)) << fault;
     EXPECT_EQ(test::haptrace("check", file).exit_code, 0);
   }
 }

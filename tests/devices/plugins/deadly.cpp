@@ -5,7 +5,7 @@
 //     leaves                  _exit(0)
 //     stoppable               does not return, but can be stopped
 //   and at other times:
-//     open_throws, open_exits, open_crashes         close_hangs, close_throws
+//     open_throws, open_exits, open_crashes         close_hangs, close_throws, close_crashes, close_exits
 #include "devices/plugin.h"
 
 #include <chrono>
@@ -108,6 +108,8 @@ int haptrace_plugin_stop(void* opaque) {
 void haptrace_plugin_close(void* opaque) {
   const std::unique_ptr<Deadly> deadly(static_cast<Deadly*>(opaque));
   if (deadly->fault == "close_hangs") hang();
+  if (deadly->fault == "close_crashes") crash();
+  if (deadly->fault == "close_exits") std::exit(0);
   if (deadly->fault == "close_throws") throw std::runtime_error("it does not close");
 }
 }
