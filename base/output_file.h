@@ -9,8 +9,8 @@ namespace haptrace {
 /// A new file, made under a name of its own beside the final one: whatever happens before commit(), a file that is to
 /// be replaced stays as it was, and a new one is not there by half.
 ///
-/// A recording that is being written is not replaced. What a process that was killed left behind stays under a name
-/// like FILE.1a2b3c4d-1234-5e6f.unfinished until remove_leftovers().
+/// A recording that is being written is not replaced. The unfinished file of a process that was killed stays under a
+/// name like FILE.1a2b3c4d-1234-5e6f.unfinished until remove_leftovers().
 ///
 /// A file that replaces another has its permissions from the first byte on. A new file in a folder that is closed to
 /// others (as a session's is) is closed to them too; any other is as the process makes files.

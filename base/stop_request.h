@@ -9,7 +9,7 @@ namespace haptrace {
 class StopRequest {
  public:
   StopRequest() noexcept : StopRequest(nullptr) {}
-  /// What is raised of `also` counts as well; it must outlive this.
+  /// Counts the requests to `also` as well; `also` must outlive this.
   explicit StopRequest(const StopRequest* also) noexcept : also_(also) {}
 
   /// Once: the force fades out and the session ends. Twice: it ends at this tick.

@@ -20,7 +20,7 @@ std::string_view trim(std::string_view text);
 /// A text of a file, fit for one line of a message.
 std::string shown(std::string_view text);
 
-/// Of a file's name, with its point, in lower case.
+/// Returns the ending of a file's name with its point, in lower case.
 std::string file_ending(const std::string& file);
 
 /// A number as a text writes it: all of `field`, with a point, perhaps with an exponent or a sign. False when it is
@@ -30,15 +30,15 @@ bool parse_number(std::string_view field, double& value);
 /// The lines of a file, read in blocks.
 class LineReader {
  public:
-  /// Throws Error(input) when the file cannot be read. `what` is what a file without line ends is told not to be;
-  /// `name`, unless it is empty, what messages call the file.
+  /// Throws Error(input) when the file cannot be read. `what` names the expected content in the
+  /// error about a file without line ends; `name`, unless it is empty, is the file's name in messages.
   LineReader(const std::string& file, std::string what, const std::string& name = "");
 
   /// False at the end. `line` stays valid until the next call. Throws Error(input) on a line of more than 1 MiB.
   bool next(std::string_view& line);
 
   [[nodiscard]] std::size_t number() const noexcept { return number_; }
-  /// What messages call it.
+  /// The file's name in messages.
   [[nodiscard]] const std::string& file() const noexcept { return file_; }
 
   /// How much of the file's bytes has been read, 0 to 1.
@@ -67,7 +67,7 @@ class TextWriter {
   /// Writes to standard output, where what is out stays out.
   static std::unique_ptr<TextWriter> to_standard_output();
 
-  /// What is put here is written by the next save().
+  /// The text that the next save() writes.
   [[nodiscard]] std::string& text() noexcept { return text_; }
 
   /// Writes what has gathered, if it is much. Throws Error(input) when the disk refuses.

@@ -231,10 +231,12 @@ Verb add_convert(CLI::App& app) {
   ConvertArguments& a = *arguments;
   CLI::App* verb = app.add_subcommand("convert", "change the format, the size or the time base of a recording");
   verb->footer(
-      "Reads HDF5, CSV, JSON lines (.jsonl) and XDF (Lab Streaming Layer); writes .h5, .csv and .jsonl. Nothing is\n"
-      "changed that was not asked for, but a lower rate is low-passed first; what is odd about the time stamps and\n"
-      "channels is told. Headers, units and time stamps of other programs' CSV files are recognised, and what was\n"
-      "assumed is printed. - is standard input, and as -o standard output (CSV).\n"
+      "Reads HDF5, CSV, JSON lines (.jsonl) and XDF (Lab Streaming Layer); writes .h5, .csv and .jsonl. convert "
+      "changes\n"
+      "nothing unasked, except that it low-passes the data before it lowers the rate. It reports irregular time "
+      "stamps\n"
+      "and channels, recognises the headers, units and time stamps of other programs' CSV files, and prints its\n"
+      "assumptions. - is standard input, and as -o standard output (CSV).\n"
       "  haptrace convert a.h5 -o a.csv\n"
       "  haptrace convert excel.csv -o excel.h5 --columns t=Zeit,x=Weg --units mm,ms\n"
       "  haptrace convert - -o - < motive.csv > path.csv\n"

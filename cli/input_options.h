@@ -25,9 +25,9 @@ class InputFile {
   InputFile(const InputFile&) = delete;
   InputFile& operator=(const InputFile&) = delete;
 
-  /// What to open.
+  /// The path to open.
   [[nodiscard]] const std::string& path() const noexcept { return path_; }
-  /// What people call it.
+  /// The name for messages.
   [[nodiscard]] const std::string& name() const noexcept { return csv_.name; }
   /// It was standard input or a pipe.
   [[nodiscard]] bool passed_through() const noexcept { return static_cast<bool>(descriptor_); }

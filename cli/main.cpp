@@ -81,8 +81,8 @@ void refuse_invalid_texts(const CLI::App& verb) {
                         option->get_name(), printable(text), at + 1));
 }
 
-/// An empty name is as a rule a variable of the shell that is not set. What is said about a recording may be empty, and
-/// so may what goes without a value.
+/// Refuses empty names: an empty name is usually a shell variable that is not set. The texts that describe a recording
+/// may be empty, and so may options that take no value.
 void refuse_empty_values(const CLI::App& verb) {
   static const std::vector<std::string> may_be_empty{"--title", "--subject", "--operator", "--notes"};
   for (const CLI::Option* option : verb.get_options()) {

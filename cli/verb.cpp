@@ -220,7 +220,7 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
     throw input_error(
         fmt::format("{}: a session is recorded as HDF5; name it {}, and haptrace convert makes others of it", file,
                     std::filesystem::path(file).replace_extension(".h5").string()));
-  // What the simulated hand intends, and what a device plays.
+  // The path that the simulated hand intends, and the recording that a replay device plays.
   std::vector<std::string> of_device;
   for (std::size_t at = device.find('='); at != std::string::npos; at = device.find('=', at + 1))
     of_device.push_back(device.substr(at + 1, device.find(',', at) - at - 1));

@@ -44,8 +44,8 @@ class Watchdog {
   std::unique_ptr<Thread> thread_;
 };
 
-/// How the words before such an end are told, what became of the force, and with which of the command's exit codes it
-/// ends; by default as a line on standard error. Called once, in a thread of its own.
+/// Prints the last words of the process before such an end, given the state of the force and the exit code of the
+/// command. The default prints a line on standard error. Called once, in a thread of its own.
 using TellLastWords = std::function<void(const std::string& words, ZeroForce zero, int exit_code)>;
 void tell_last_words_with(TellLastWords tell);
 

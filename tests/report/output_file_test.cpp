@@ -37,6 +37,16 @@ struct Maker {
   const char* name;
   void (*make)(const std::string& folder, const std::string& file);
 };
+
+void convert_to(const std::string& folder, const std::string& file) {
+  write_recording(folder + "/source.h5", random_session(1, 10, {}));
+  const auto source = open_source(folder + "/source.h5");
+  const auto sink = create_sink(file, source->header(), source->columns(), {}, {.overwrite = true});
+  copy(*source, *sink);
+  sink->finish();
+  fs::remove(folder + "/source.h5");
+}
+
 const Maker kMakers[] = {
     {"a.json",
      [](const std::string&, const std::string& file) {
@@ -48,24 +58,8 @@ const Maker kMakers[] = {
        writer.append(random_session(1, 10, {}));
        writer.finish();
      }},
-    {"b.h5",
-     [](const std::string& folder, const std::string& file) {
-       write_recording(folder + "/source.h5", random_session(1, 10, {}));
-       const auto source = open_source(folder + "/source.h5");
-       const auto sink = create_sink(file, source->header(), source->columns(), {}, {.overwrite = true});
-       copy(*source, *sink);
-       sink->finish();
-       fs::remove(folder + "/source.h5");
-     }},
-    {"a.csv",
-     [](const std::string& folder, const std::string& file) {
-       write_recording(folder + "/source.h5", random_session(1, 10, {}));
-       const auto source = open_source(folder + "/source.h5");
-       const auto sink = create_sink(file, source->header(), source->columns(), {}, {.overwrite = true});
-       copy(*source, *sink);
-       sink->finish();
-       fs::remove(folder + "/source.h5");
-     }},
+    {"b.h5", convert_to},
+    {"a.csv", convert_to},
     {"a.svg", [](const std::string&, const std::string& file) { save_figure({}, file, true); }},
 };
 
