@@ -21,6 +21,7 @@ constexpr double kLongestRelease = 2;     // after a request to stop [s]
 constexpr double kLongestWait = 86400;    // for a device that is away or not ready [s]
 constexpr std::int64_t kTicksApart = 10;  // a tick follows another no sooner than this part of the period
 constexpr double kSteadyTime = 0.3, kSteadyShare = 0.5;  // of a force that a hand resists: low pass [s], of its norm
+constexpr double kSparse = 1;                            // of time in gaps beyond that between them [s]
 constexpr double kReleasedForce = 1e-3;                  // below which there is nothing left to fade [N]
 constexpr double kReleasedTorque = 1e-5;                 // [N m]
 constexpr const char* kMoves = "its handle does not come to rest: hold it still, or let go of it";
@@ -189,6 +190,9 @@ class ServoLoop::Session {
   [[nodiscard]] std::string lost_reason() const {
     std::string reason = loop_.device_.lost_reason();
     if (silent_) reason = "it answers, but takes no new sample";
+    if (sparse_gap_)
+      reason = fmt::format("its samples come {:.0f} ms apart; a force needs one every {:.0f} ms", 1e3 * *sparse_gap_,
+                           1e-6 * static_cast<double>(stale_after_ns_));
     if (answers_ && moves_) reason = fmt::format("it answers again, but {}", kMoves);
     if (answers_ && !moves_) reason = "it answers again, but does not allow forces" + loop_.not_ready_hint();
     if (waited_in_vain_ > 0) reason += fmt::format("; it was waited for {:.3g} s", waited_in_vain_);
@@ -330,6 +334,8 @@ class ServoLoop::Session {
     } else if (updated_ns_ && woke_ns - *updated_ns_ > stale_after_ns_) {
       (void)ends_in_gap();  // with a row: what was sent last is in it
       catch_up_after_gap(state);
+    } else {
+      sparse_ = std::max(sparse_ - state.dt, 0.0);
     }
     if (blocked && age_ns == 0) age_ns = likely_age_ns(state.position, asked_ns, woke_ns);
     state.velocity = velocity_ = loop_.estimator_.update(state.position, sample_dt(woke_ns - age_ns));
@@ -416,6 +422,8 @@ class ServoLoop::Session {
     push_event(state.time_ns, {.code = EventCode::states_resumed, .values = {state.dt, kNaN, kNaN}});
     ++report_.gaps;
     report_.away += state.dt;
+    // A single gap, however long, says nothing of the samples that will follow.
+    sparse_ += std::min(last_gap_ = state.dt, kSilence);
     start_anew(state);
   }
 
@@ -490,6 +498,11 @@ class ServoLoop::Session {
       } else if (command.status == Command::Status::finished) {
         begin_release(StopCause::finished, EventCode::finished, state.time_ns);
       }
+    }
+    // The force would fade in after every gap, never arrive, and the session would seem to play.
+    if (sparse_ > kSparse && mode_ == Mode::running && !ended_ && !is_released(command.wrench)) {
+      sparse_gap_ = last_gap_;
+      stop_now(StopCause::device_lost, {.code = EventCode::device_lost}, state.time_ns);
     }
     hurries_ = stop.count() > 0;
     if (!ended_) shape(command, state);
@@ -737,6 +750,8 @@ class ServoLoop::Session {
   std::int64_t taken_ns_ = 0;                 ///< when that state was taken
   std::uint64_t sequence_ = 0;                ///< of that state
   double silence_ = 0;                        ///< without a fresh state, as far as ticks ran [s]
+  double sparse_ = 0, last_gap_ = 0;          ///< time in gaps beyond that between them, and the last gap [s]
+  std::optional<double> sparse_gap_;          ///< between samples, where that ended the session [s]
   bool stale_ = false;                        ///< for so long that the force fades
   Wrench stale_wrench_;                       ///< from which it fades
   Ramp stale_fade_{1};

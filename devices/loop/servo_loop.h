@@ -98,6 +98,8 @@ struct ServoReport {
 /// ticks that saw them. After stale_after_ns() without a fresh state the force fades to zero within kStaleFade, and
 /// after kSilence the device counts as away. When fresh states return, or when no tick ran for as long (a process that
 /// was stopped), it is as after a device's return: nothing is computed from before, and forces fade in from zero.
+/// Where more time passes in such gaps than between them, no force would ever arrive: a session that asks for one
+/// ends after a second of that; one that asks for none goes on.
 ///
 /// A position farther from the centre of the workspace than ten of its diagonals and one metre ends the session: no
 /// hand reaches there. Once a limit or a fault stops a session, the controller is not asked again, and one event says

@@ -113,7 +113,7 @@ TEST(DeadlyPlugins, AreNotMistakenForAProcessThatWasStopped) {
   kill(command.pid(), SIGINT);
   const Answer answer = command.wait();
   EXPECT_EQ(answer.exit_code, 130) << answer.err;
-  EXPECT_GE(answer.json()["gaps"], 3) << "a stall is a gap";
+  EXPECT_GE(answer.json()["gaps"], 2) << "a stall is a gap; the first may have come before the first tick";
 }
 
 TEST(Terminals, ThatStandStillKeepNoSessionFromItsEnd) {

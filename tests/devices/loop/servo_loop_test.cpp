@@ -123,6 +123,21 @@ TEST(ServoLoop, FadesForcesInAndOut) {
   EXPECT_NEAR(static_cast<double>(samples.size()), 1200, 2);
 }
 
+TEST(ServoLoop, DoesNotSayThatAHandLetGoWhereItTookTheForceAwayItself) {
+  for (const std::uint64_t let_go : {500U, 1050U}) {
+    PointMass device;
+    Scripted controller([&](const State& state) {
+      Command command;
+      command.wrench.force = Vec3(1, 2, 2);
+      if (state.tick == let_go) command.event = Event{.code = EventCode::hand_let_go};
+      if (state.tick == 1000) command.status = Command::Status::finished;
+      return command;
+    });
+    const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.release = 0.2}});
+    EXPECT_EQ(result.log.has(EventCode::hand_let_go), let_go < 1000) << let_go;
+  }
+}
+
 TEST(ServoLoop, EndsSoonForWhoAsksForItWhileTheForceFades) {
   PointMass device;
   StopRequest stop;
@@ -1006,6 +1021,38 @@ TEST(ServoLoop, MakesNoSpeedOfASilenceAndFadesItsForce) {
   EXPECT_TRUE(result.log.has(EventCode::states_stopped));
   EXPECT_TRUE(result.log.has(EventCode::states_resumed));
   EXPECT_FALSE(result.report.lacks_states());
+}
+
+/// A sample every 21 ms: each comes after a gap, and the force that fades in after each gap never arrives.
+Gliding sparse_device() {
+  return Gliding([](std::uint64_t call) { return call % 21 == 0; });
+}
+
+TEST(ServoLoop, EndsWhenSamplesComeTooSeldomForAForce) {
+  Gliding device = sparse_device();
+  Resuming controller(20000);
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::device_lost);
+  EXPECT_THAT(result.report.detail, HasSubstr("its samples come 21 ms apart; a force needs one every 20 ms"));
+  EXPECT_NEAR(result.report.duration, 1, 0.1);
+  EXPECT_EQ(device.forces.back(), Vec3::Zero());
+}
+
+TEST(ServoLoop, RecordsSparseSamplesWithoutAForceToTheEnd) {
+  Gliding device = sparse_device();
+  Scripted controller = push_until(5000, Vec3::Zero());
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+  EXPECT_GT(result.report.gaps, 200U);
+}
+
+TEST(ServoLoop, PlaysOnThroughSingleGapsHoweverManyThereAre) {
+  // Five gaps of 30 ms a second, for ten seconds.
+  Gliding device([](std::uint64_t call) { return call % 200 >= 30; });
+  Resuming controller(10000);
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
+  EXPECT_GT(result.report.gaps, 40U);
 }
 
 TEST(ServoLoop, EndsOrWaitsWhenADeviceStaysSilent) {

@@ -185,6 +185,25 @@ TEST(Playback, PausesBeyondTheDeviationLimitAndResumesWithoutAJump) {
   EXPECT_EQ(told, (std::vector{EventCode::repetition, EventCode::reference_waits, EventCode::reference_goes_on}));
 }
 
+TEST(Playback, DoesNotSayThatAHandCameBackWhereOnlyTheSamplesDid) {
+  auto controller = follower(timed_circle(2), {.max_deviation = 0.03, .on_deviation = DeviationPolicy::pause});
+  State state{.position = timed_circle(2).position.front()};
+  controller.start(state);
+  state.dt = 1e-3;
+  Command command;
+  const auto update = [&](const Vec3& position) {
+    state.position = position;
+    command = controller.update(state);
+    return command.event ? std::optional(command.event->code) : std::nullopt;
+  };
+  (void)update(state.position);
+  while (command.phase != Phase::run) (void)update(command.reference.position);
+  EXPECT_EQ(update(command.reference.position + Vec3(0, 0.05, 0)), EventCode::reference_waits);
+  state.position = command.reference.position;
+  controller.resume(state);
+  for (int i = 0; i < 500; ++i) EXPECT_EQ(update(command.reference.position), std::nullopt) << i;
+}
+
 TEST(Playback, SoftensBeyondTheDeviationLimit) {
   auto controller = follower(timed_circle(2), {.max_deviation = 0.03, .on_deviation = DeviationPolicy::soften}, 100);
   const auto answers = drive(controller, resisting);
