@@ -1,11 +1,11 @@
 #include "base/output_file.h"
 
 #include "base/error.h"
+#include "base/number.h"
 #include "base/writer_mark.h"
 
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <csignal>
 #include <cstdint>
 #include <cstdio>
@@ -59,11 +59,11 @@ bool is_leftover(std::string_view rest) {
   unsigned space = 0, number = 0;
   int process = 0;
   const auto read = [&rest](auto& value, int base, std::string_view end) {
-    const auto [at, error] = std::from_chars(rest.data(), rest.data() + rest.size(), value, base);
-    rest.remove_prefix(static_cast<std::size_t>(at - rest.data()));
-    const bool follows = error == std::errc{} && rest.starts_with(end);
-    if (follows) rest.remove_prefix(end.size());
-    return follows;
+    const auto found = take_number<std::remove_reference_t<decltype(value)>>(rest, base);
+    if (!found || !rest.starts_with(end)) return false;
+    rest.remove_prefix(end.size());
+    value = *found;
+    return true;
   };
   return rest.starts_with('.') && (rest.remove_prefix(1), read(space, 16, "-")) && read(process, 10, "-") &&
          read(number, 16, kUnfinished) && (rest.empty() || is_leftover(rest)) && space == process_space() &&

@@ -1,8 +1,13 @@
 #include "base/units.h"
 
+#include "base/number.h"
+
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <cmath>
+#include <fmt/format.h>
+#include <numbers>
 
 namespace haptrace {
 namespace {
@@ -75,10 +80,58 @@ constexpr auto kKnownUnits = std::to_array<Unit>({
     {"nmm", "N m", 1e3},
 });
 
+/// Units of options that no file's header names.
+constexpr auto kOptionUnits = std::to_array<Unit>({
+    {"h", "s", 1.0 / 3600},
+    {"hz", "Hz", 1},
+    {"khz", "Hz", 1e-3},
+    {"n/m", "N/m", 1},
+    {"kn/m", "N/m", 1e-3},
+    {"n/mm", "N/m", 1e-3},
+    {"ns/m", "N s/m", 1},
+    {"rad", "rad", 1},
+    {"deg", "rad", 180 / std::numbers::pi},
+    {"kg", "kg", 1},
+    {"g", "kg", 1e3},
+    {"j", "J", 1},
+    {"mj", "J", 1e3},
+    {"nm/rad", "N m/rad", 1},
+    {"nms/rad", "N m s/rad", 1},
+});
+
 }  // namespace
+
+std::string bracketed_unit(std::string_view description) {
+  for (std::size_t at = 0; (at = description.find('[', at)) != std::string_view::npos; ++at) {
+    const std::size_t end = description.find(']', at);
+    if (end == std::string_view::npos) break;
+    const std::string_view unit = description.substr(at + 1, end - at - 1);
+    for (const std::span<const Unit> known : {std::span<const Unit>(kKnownUnits), std::span<const Unit>(kOptionUnits)})
+      for (const Unit& candidate : known)
+        if (candidate.si == unit) return std::string(unit);
+  }
+  return "";
+}
+
+std::optional<double> parse_quantity(std::string_view text, std::string_view si) {
+  const std::optional<double> number = take_number<double>(text);
+  if (!number || !std::isfinite(*number)) return std::nullopt;
+  if (text.find_first_not_of(' ') == std::string_view::npos) return number;
+  if (const Unit* unit = find_unit(text, si)) return *number / unit->per_si;
+  std::string name = lower_case(text);
+  std::erase(name, ' ');
+  for (const Unit& unit : kOptionUnits)
+    if (unit.si == si && unit.name == name) return *number / unit.per_si;
+  return std::nullopt;
+}
 
 std::span<const Unit> units() {
   return kKnownUnits;
+}
+
+std::string duration_text(double seconds) {
+  if (seconds < 1e-3) return fmt::format("{:.3g} us", 1e6 * seconds);
+  return seconds < 1 ? fmt::format("{:.3g} ms", 1e3 * seconds) : fmt::format("{:.3g} s", seconds);
 }
 
 std::string lower_case(std::string_view text) {

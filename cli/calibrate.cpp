@@ -94,21 +94,22 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
 
 Verb add_calibrate(CLI::App& app) {
   const auto arguments = std::make_shared<CalibrateArguments>();
-  CLI::App* verb = app.add_subcommand("calibrate", "find out what a device is like, and the gains that suit it");
+  CLI::App* verb = app.add_subcommand("calibrate", "identify a device's dynamics and compute gains for it");
   verb->footer(
-      "The device moves by itself. What it is like goes into a profile, in the profile folder without -o\n"
+      "The device moves by itself. The result is a profile, without -o in the profile folder\n"
       "($HAPTRACE_PROFILES, $XDG_DATA_HOME/haptrace/profiles or ~/.local/share/haptrace/profiles).\n"
-      "  haptrace calibrate --device falcon\n"
-      "  haptrace calibrate --device sim:preset=omega3,hand=relaxed --full -o omega3.json --record calibration.h5");
-  verb->add_option("-o,--output", arguments->output, "profile to make; without it, the device's in the profile folder")
+      "  haptrace calibrate -d falcon\n"
+      "  haptrace calibrate -d sim:preset=omega3,hand=relaxed --full -o omega3.json --record calibration.h5");
+  verb->add_option("-o,--output", arguments->output, "profile to write (default: in the profile folder)")
       ->type_name("FILE.json");
-  verb->add_flag("--quick", arguments->quick, "about ten seconds (the default)");
-  verb->add_flag("--full", arguments->full, "about half a minute, four times the data");
-  verb->add_option("--force-share", arguments->force_share, "of the largest force, never to be passed, 0.1 to 1")
+  verb->add_flag("--quick", arguments->quick, "measure for about ten seconds (the default)");
+  verb->add_flag("--full", arguments->full, "measure for about half a minute");
+  verb->add_option("--force-share", arguments->force_share,
+                   "share of the largest force that is never exceeded, 0.1 to 1")
       ->capture_default_str()
       ->group("Safety");
-  verb->add_flag("-y,--yes", arguments->yes, "begin at once, without counting down")->group("Safety");
-  verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
+  verb->add_flag("-y,--yes", arguments->yes, "start at once, without a countdown")->group("Safety");
+  verb->add_option("--record", arguments->record, "write a recording of the session")->type_name("OUT.h5");
   arguments->session.add_to(*verb);
 
   return {verb, [verb, arguments](const Output& output) {

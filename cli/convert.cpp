@@ -229,7 +229,7 @@ int convert(const ConvertArguments& arguments, const InputFile& input, const Out
 Verb add_convert(CLI::App& app) {
   const auto arguments = std::make_shared<ConvertArguments>();
   ConvertArguments& a = *arguments;
-  CLI::App* verb = app.add_subcommand("convert", "change the format, the size or the time base of a recording");
+  CLI::App* verb = app.add_subcommand("convert", "convert the format, size or time base of a recording");
   verb->footer(
       "Reads HDF5, CSV, JSON lines (.jsonl) and XDF (Lab Streaming Layer); writes .h5, .csv and .jsonl. convert "
       "changes\n"
@@ -246,47 +246,46 @@ Verb add_convert(CLI::App& app) {
   verb->add_option("file", a.input, "recording or path; - is standard input")->type_name("FILE");
   verb->add_option(
       "-o,--output", a.file,
-      "what to write; else the input's name with .h5, or with .csv if it is HDF5; - writes CSV to standard "
-      "output");
-  verb->add_flag("--overwrite", a.overwrite, "replace a file that exists");
+      "file to write (-: CSV on standard output; default: the input's name with .h5, or .csv if it is HDF5)");
+  verb->add_flag("--overwrite", a.overwrite, "replace an existing file");
   add_partial(*verb, a.partial);
   add_input_options(*verb, a.csv);
-  verb->add_option("--from", a.from, "leave out what comes before [s]")->group("Samples");
-  verb->add_option("--to", a.to, "leave out what comes after [s]")->group("Samples");
-  verb->add_option("--resample", a.resample_hz, "make an even time base of this rate [Hz]; gaps stay gaps")
-      ->group("Samples");
-  verb->add_option("--method", a.method, "with --resample: hold | linear | cubic | quintic")
+  verb->add_option("--from", a.from, "drop samples before this time [s]")->group("Samples");
+  verb->add_option("--to", a.to, "drop samples after this time [s]")->group("Samples");
+  verb->add_option("--resample", a.resample_hz, "resample to this rate [Hz]; gaps stay gaps")->group("Samples");
+  verb->add_option("--method", a.method, "interpolation of --resample: hold | linear | cubic | quintic")
       ->capture_default_str()
       ->group("Samples");
-  verb->add_option("--max-gap", a.max_gap, "with --resample: longest step that is bridged [s]; 0: 20 median steps")
+  verb->add_option("--max-gap", a.max_gap, "longest step that --resample bridges [s] (0: 20 median steps)")
       ->capture_default_str()
       ->group("Samples");
   verb->add_option("--low-pass", a.low_pass_hz,
-                   "with --resample: cut-off before it [Hz]; 0: none; else the rate / 2.4 when it becomes lower")
+                   "low-pass before --resample [Hz] (0: none; default: rate / 2.4 when the rate falls)")
       ->group("Samples");
   verb->add_flag("--anonymise", a.anonymise,
-                 "drop subject, operator, notes, serials, metadata, file names and marks' texts, and say so")
+                 "remove subject, operator, notes, serial numbers, metadata, file names and mark texts")
       ->group("Samples");
-  verb->add_option("--digits", a.digits, "CSV, JSON lines: significant digits; 0: as many as bring every number back")
+  verb->add_option("--digits", a.digits,
+                   "significant digits in CSV and JSON lines (0: as many as restore every number)")
       ->capture_default_str()
       ->group("Storage");
   verb->add_option("--compress", a.compress, "HDF5: deflate, 0 (none) to 9; without a number 6")
       ->expected(0, 1)
       ->group("Storage");
-  verb->add_option("--precision", a.precision,
-                   "HDF5: largest errors that values may have, as in 1um,1mN; losses are told")
+  verb->add_option("--precision", a.precision, "HDF5: largest rounding errors, as in 1um,1mN; the losses are reported")
       ->group("Storage");
   verb->add_option("--libver", a.libver, "HDF5: 1.10, or 1.8 for older readers (MATLAB before R2021b)")
       ->capture_default_str()
       ->group("Storage");
-  verb->add_option("--stream", a.streams, "XDF: name or type of a stream; the first gives the rows")
+  verb->add_option("--stream", a.streams, "XDF: name or type of a stream; the first one gives the rows")
       ->take_all()
       ->expected(1)
       ->group("XDF");
-  verb->add_option("--map", a.map, "XDF: columns by the labels of channels, as in x=PosX,fz=Fz")
+  verb->add_option("--map", a.map, "XDF: channel labels of the columns, as in x=PosX,fz=Fz")
       ->delimiter(',')
       ->group("XDF");
-  verb->add_flag("--dejitter", a.dejitter, "XDF: replace the stamps by an even clock fitted to them")->group("XDF");
+  verb->add_flag("--dejitter", a.dejitter, "XDF: replace the time stamps by an even clock fitted to them")
+      ->group("XDF");
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
             if (const auto& level = verb->get_option("--compress")->results(); level.size() == 1 && level[0].empty())

@@ -109,16 +109,13 @@ nlohmann::json to_json(const ConformanceReport& report) {
 DeviceCheck::DeviceCheck(CLI::App& devices) : arguments_(std::make_shared<Arguments>()) {
   Arguments& arguments = *arguments_;
   CLI::Option* const test =
-      devices.add_flag("--test", arguments.wanted, "try on the device whether it keeps the laws of every device")
-          ->group("Test");
-  devices.add_option("--max-force", arguments.max_force, "largest force that is tried [N]")
+      devices.add_flag("--test", arguments.wanted, "test the device against the rules of every driver")->group("Test");
+  devices.add_option("--max-force", arguments.max_force, "largest force of the test [N]")
       ->capture_default_str()
       ->needs(test)
       ->group("Test");
   devices.add_option("--rate", arguments.rate_hz, "servo rate [Hz]")->capture_default_str()->needs(test)->group("Test");
-  devices
-      .add_flag("-y,--yes", arguments.yes,
-                "send every force without asking; where there is no terminal to ask at, none is sent without")
+  devices.add_flag("-y,--yes", arguments.yes, "send test forces without asking; needed where there is no terminal")
       ->needs(test)
       ->group("Test");
 }

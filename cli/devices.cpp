@@ -151,7 +151,7 @@ Verb add_devices(CLI::App& app) {
     bool watch = false;
   };
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("devices", "what is connected, and what --device can name");
+  CLI::App* verb = app.add_subcommand("devices", "list connected devices and every name that --device takes");
   verb->footer(
       "Without a name: what is plugged in or offered by a program, why it cannot be opened and what mends that, then\n"
       "every kind of device with its options. --watch tells what comes and goes until Ctrl+C; with --json a line "
@@ -160,9 +160,9 @@ Verb add_devices(CLI::App& app) {
       "  haptrace devices --watch\n"
       "  haptrace devices sim:preset=touch,hand=relaxed\n"
       "  haptrace devices --test falcon");
-  CLI::Option* name = verb->add_option("name", arguments->name, "open this device and describe it");
+  CLI::Option* name = verb->add_option("name", arguments->name, "device to open and describe");
   name->type_name("NAME[:...]");
-  verb->add_flag("--watch", arguments->watch, "tell of devices that come and go")->excludes(name);
+  verb->add_flag("--watch", arguments->watch, "report devices as they are connected and removed")->excludes(name);
   const DeviceCheck check(*verb);
   return {verb, [arguments, check](const Output& output) {
             if (check.wanted()) return check.run(arguments->name, output);

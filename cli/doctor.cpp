@@ -1,6 +1,7 @@
 #include "devices/check/doctor.h"
 
 #include "base/error.h"
+#include "base/statistics.h"
 #include "cli/terminal.h"
 #include "cli/verb.h"
 #include "devices/check/usb_devices.h"
@@ -46,13 +47,6 @@ struct Comparison {
   std::vector<double> p999_of_turns;  ///< [s]
   std::string refusal;                ///< empty: it ran
 };
-
-/// The turn in the middle: what the machine does to a few of them does not show. Of one turn at least.
-double median(std::vector<double> turns) {
-  const auto middle = turns.begin() + static_cast<std::ptrdiff_t>(turns.size() / 2);
-  std::nth_element(turns.begin(), middle, turns.end());
-  return *middle;
-}
 
 /// Turns of a second, at least four. With cyclictest they are taken in turns, and who begins changes, so that neither
 /// has the quiet half of the machine's time.
@@ -159,6 +153,7 @@ int examine(const DoctorArguments& arguments, const Output& output) {
   if (arguments.cyclictest) {
     Diagnosis compared{Diagnosis::Severity::note, "cyclictest", comparison.refusal, ""};
     if (comparison.refusal.empty()) {
+      // What the machine does to a few turns does not show in the median.
       const double ours = median(loop.p999_of_turns), theirs = median(comparison.p999_of_turns);
       const double ratio = ours / std::max(theirs, 1e-9);
       compared.measured = fmt::format("{}; the servo loop's p99.9 is {:.2f} times as long (medians of {} turns)",
@@ -194,7 +189,8 @@ int examine(const DoctorArguments& arguments, const Output& output) {
 
 Verb add_doctor(CLI::App& app) {
   const auto arguments = std::make_shared<DoctorArguments>();
-  CLI::App* verb = app.add_subcommand("doctor", "can this machine hold the servo rate? what to mend if not");
+  CLI::App* verb =
+      app.add_subcommand("doctor", "check whether this machine can sustain the servo rate, and how to fix it if not");
   verb->footer(fmt::format(
       "Runs the servo loop on a simulated device in real time, writes to the disk as the recorder does, and looks at\n"
       "what the system allows. Every finding is ok, a note, a warning or a problem, with the command that mends it.\n"
@@ -204,14 +200,14 @@ Verb add_doctor(CLI::App& app) {
       "  haptrace doctor\n"
       "  haptrace doctor --cyclictest --duration 60",
       100 * kMostMissed, kLatestWakeUp));
-  verb->add_option("--rate", arguments->rate_hz, "servo rate to hold [Hz], 10 to 20000")->capture_default_str();
-  verb->add_option("--duration", arguments->duration, "of the loop's measurement [s]")->capture_default_str();
-  verb->add_option("--folder", arguments->folder, "where recordings go: its disk is measured")
+  verb->add_option("--rate", arguments->rate_hz, "servo rate to sustain [Hz], 10 to 20000")->capture_default_str();
+  verb->add_option("--duration", arguments->duration, "time of the loop's measurement [s]")->capture_default_str();
+  verb->add_option("--folder", arguments->folder, "folder of recordings, whose disk is measured")
       ->type_name("DIR")
       ->capture_default_str();
   verb->add_flag("--cyclictest", arguments->cyclictest,
                  "run Debian's cyclictest (package rt-tests) in turns with the loop, and compare");
-  verb->add_flag("--udev-rules", arguments->udev_rules, "only print the udev rules of every known device");
+  verb->add_flag("--udev-rules", arguments->udev_rules, "print the udev rules of every known device, and nothing else");
   return {verb, [arguments](const Output& output) {
             if (!arguments->udev_rules) return examine(*arguments, output);
             nlohmann::json list = nlohmann::json::array();

@@ -90,88 +90,85 @@ Verb add_guide(CLI::App& app) {
   GuidanceOptions& guidance = guide_options.guidance;
   CLI::App* verb = app.add_subcommand("guide", "guide a trainee along an expert's recording");
   verb->footer(
-      "The trainee moves; the device keeps him in a tunnel round the expert's path and lets him feel the expert's "
-      "forces\n"
-      "at the place where he is (--mode tunnel), or round a cursor that moves as the expert did (--mode cursor).\n"
-      "  haptrace guide expert.h5 --device falcon --radius 5mm --record trainee.h5\n"
-      "  haptrace guide expert.h5 --device falcon --radius auto --spread second.h5 third.h5\n"
-      "  haptrace guide expert.h5 --device falcon --mode cursor --wait 0.02 --speed 0.5\n"
-      "  haptrace guide expert.h5 --device sim:preset=falcon,hand=relaxed,intent=expert.h5 --feel resist");
+      "The trainee moves; the device keeps them in a tunnel around the expert's path and renders the expert's forces\n"
+      "at their place on the path (--mode tunnel), or around a cursor that moves as the expert did (--mode cursor).\n"
+      "  haptrace guide expert.h5 -d falcon --radius 5mm --record trainee.h5\n"
+      "  haptrace guide expert.h5 -d falcon --radius auto --spread second.h5 third.h5\n"
+      "  haptrace guide expert.h5 -d falcon --mode cursor --wait 0.02 --speed 0.5\n"
+      "  haptrace guide expert.h5 -d sim:preset=falcon,hand=relaxed,intent=expert.h5 --feel resist");
   verb->add_option("expert", arguments->expert,
-                   "the expert's recording (HDF5) or path (HDF5, CSV with t,x,y,z); - is standard input")
+                   "expert's recording (HDF5) or path (HDF5, CSV with t,x,y,z; -: standard input)")
       ->type_name("EXPERT");
-  verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
+  verb->add_option("--record", arguments->record, "write a recording of the session")->type_name("OUT.h5");
   verb->add_option("--mode", arguments->mode,
-                   "tunnel (the trainee chooses when) | cursor (the expert's time) | free (nothing is sent, not even "
-                   "on the way to the start)")
+                   "guidance: tunnel (the trainee sets the pace) | cursor (the expert's time) | free (no force at all)")
       ->capture_default_str();
-  verb->add_option(
-          "--radius", arguments->radius,
-          "where the walls begin, 0.005 or 5mm; or auto, as wide as the experts of --spread differ; or along the "
-          "path, FILE.json: {\"s\": [0, 0.1], \"radius\": [0.008, 0.003]}")
+  verb->add_option("--radius", arguments->radius,
+                   "tunnel radius: a length, such as 5mm; auto, from the experts of --spread; or a profile along the "
+                   "path, FILE.json")
       ->capture_default_str()
       ->group("Tunnel");
-  verb->add_option("--spread", arguments->spread, "further recordings of the same task, for --radius auto")
+  verb->add_option("--spread", arguments->spread, "further experts' recordings, for --radius auto")
       ->type_name("FILE...")
       ->group("Tunnel");
   verb->add_option("--stiffness", guide_options.stiffness,
-                   "of the walls [N/m]; without it, what device and rate bear, at most 1000")
+                   "stiffness of the walls [N/m] (default: the largest stable one, at most 1000)")
       ->group("Tunnel");
-  verb->add_flag("--expert", guide_options.expert, "do not clamp the stiffness to what device and rate bear")
+  verb->add_flag("--expert", guide_options.expert, "do not limit the stiffness to the stable range of the device")
       ->group("Tunnel");
-  verb->add_option("--spacing", guide_options.spacing,
-                   "of the knots of the path on which the place of the trainee is looked for [m]; without it, 0.25 mm "
-                   "for a desktop's")
-      ->group("Path");
-  verb->add_option("--onset", guide_options.onset, "over which the stiffness rises [m]")
-      ->capture_default_str()
-      ->group("Tunnel");
-  verb->add_option("--damping", guide_options.damping, "of what moves outwards in the wall [N s/m]")
-      ->capture_default_str()
-      ->group("Tunnel");
-  verb->add_flag("--allow-back", guidance.allow_back, "the trainee's place on the path may go back")->group("Tunnel");
-  verb->add_option("--force-scale", guide_options.force_scale, "of the expert's forces; 0: none")
-      ->capture_default_str()
-      ->group("Forces");
   verb->add_option(
-          "--feel", arguments->feel,
-          "active: the recorded force as it is, what pushed the expert's hand pushes the trainee's | resist: its\n"
-          "opposite, the trainee has to bring up the recorded force himself")
+          "--spacing", guide_options.spacing,
+          "spacing of the path's knots, along which the trainee is located [m] (default: 0.25 mm on a desktop device)")
+      ->group("Path");
+  verb->add_option("--onset", guide_options.onset, "distance over which the stiffness rises [m]")
+      ->capture_default_str()
+      ->group("Tunnel");
+  verb->add_option("--damping", guide_options.damping, "damping of outward movement in the wall [N s/m]")
+      ->capture_default_str()
+      ->group("Tunnel");
+  verb->add_flag("--allow-back", guidance.allow_back, "let the trainee move backwards along the path")->group("Tunnel");
+  verb->add_option("--force-scale", guide_options.force_scale, "factor of the expert's forces (0: no force)")
       ->capture_default_str()
       ->group("Forces");
-  verb->add_option("--pace", arguments->pace, "help along the path when slower than so many times the expert's speed")
-      ->group("Forces");
-  verb->add_option("--pace-margin", arguments->pace_margin, "slower by less than this share is not helped")
+  verb->add_option("--feel", arguments->feel,
+                   "recorded force: active (pushes the trainee as it pushed the expert) | resist (its opposite, which "
+                   "the trainee "
+                   "has to overcome)")
       ->capture_default_str()
       ->group("Forces");
-  verb->add_option("--pace-force", arguments->pace_force, "most that helps along [N]")
+  verb->add_option("--pace", arguments->pace, "help along the path when slower than this share of the expert's speed")
+      ->group("Forces");
+  verb->add_option("--pace-margin", arguments->pace_margin, "share of speed below the pace that gets no help yet")
       ->capture_default_str()
       ->group("Forces");
-  verb->add_option("--resistance", guide_options.resistance, "against movement along the path [N s/m]")
-      ->group("Forces");
-  verb->add_option("--viscosity", guide_options.viscosity, "against all movement [N s/m]")->group("Forces");
-  verb->add_option("--amplify", guide_options.amplify, "of errors within the tunnel, away from the path [N/m]")
-      ->group("Forces");
-  verb->add_option("--amplify-force", guide_options.amplify_force, "most that pushes away [N]")
+  verb->add_option("--pace-force", arguments->pace_force, "largest helping force [N]")
       ->capture_default_str()
       ->group("Forces");
-  verb->add_option("--speed", guidance.speed, "of the cursor, times the expert's")
+  verb->add_option("--resistance", guide_options.resistance, "resistance to movement along the path [N s/m]")
+      ->group("Forces");
+  verb->add_option("--viscosity", guide_options.viscosity, "resistance to all movement [N s/m]")->group("Forces");
+  verb->add_option("--amplify", guide_options.amplify, "force away from the path, by the error within the tunnel [N/m]")
+      ->group("Forces");
+  verb->add_option("--amplify-force", guide_options.amplify_force, "largest force away from the path [N]")
+      ->capture_default_str()
+      ->group("Forces");
+  verb->add_option("--speed", guidance.speed, "speed of the cursor as a multiple of the expert's")
       ->capture_default_str()
       ->group("Cursor");
-  verb->add_option("--wait", guidance.wait, "the cursor waits when the trainee is farther from it [m]; 0: it does not")
+  verb->add_option("--wait", guidance.wait,
+                   "distance to the trainee from which the cursor waits [m] (0: it never waits)")
       ->capture_default_str()
       ->group("Cursor");
   arguments->along.add_to(*verb);
   add_input_options(*verb, arguments->csv);
   verb->add_option("--time-limit", guidance.time_limit,
-                   "of a repetition [s]; 0: none, in virtual time ten times the expert's and 10 s")
+                   "longest repetition [s] (0: none; in virtual time, ten times the expert's time and 10 s)")
       ->capture_default_str()
       ->group("Path");
-  verb->add_option("--energy", guide_options.energy,
-                   "that guidance may give to the hand beyond what the expert's path allows for [J]")
+  verb->add_option("--energy", guide_options.energy, "energy that guidance may add beyond the expert's [J]")
       ->capture_default_str()
       ->group("Safety");
-  arguments->profile.add_to(*verb, "Safety", "guide as if the device was not calibrated");
+  arguments->profile.add_to(*verb, "Safety", "guide without a device profile");
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 

@@ -159,8 +159,11 @@ Verb add_info(CLI::App& app) {
   const auto file = std::make_shared<std::string>();
   const auto partial = std::make_shared<bool>(false);
   const auto csv = std::make_shared<CsvOptions>();
-  CLI::App* verb = app.add_subcommand("info", "say what is in a recording or a path");
-  verb->footer("Reads unfinished recordings too, and never changes a file. FILE may be - for standard input.");
+  CLI::App* verb = app.add_subcommand("info", "print the contents of a recording or a path");
+  verb->footer(
+      "Reads unfinished recordings, too, and never changes a file. FILE may be - for standard input.\n"
+      "  haptrace info played.h5\n"
+      "  haptrace info played.h5 --json");
   verb->add_option("file", *file, "recording (HDF5) or path (CSV)")->type_name("FILE");
   add_partial(*verb, *partial);
   add_input_options(*verb, *csv);

@@ -50,13 +50,12 @@ void add_input_options(CLI::App& app, CsvOptions& options) {
            options.columns.clear();
            for (const std::string& text : given) add_columns(options.columns, text);
          },
-         "CSV: what the file calls haptrace's columns, as in t=time,x=Pos X; else they are recognised")
+         "CSV: the file's names of haptrace's columns, as in t=time,x=Pos X (default: recognised)")
       ->take_all()
       ->expected(1)
       ->type_name("COLUMN=NAME,...")
       ->group("CSV of other programs");
-  app.add_option("--units", options.units,
-                 "CSV: units of the file, as in mm,ms; else those that its header names, or m and s")
+  app.add_option("--units", options.units, "CSV: units of the file, as in mm,ms (default: from its header, or m and s)")
       ->type_name("UNIT,...")
       ->group("CSV of other programs");
 }

@@ -2,6 +2,7 @@
 #include "base/error.h"
 #include "base/printable.h"
 #include "base/suggest.h"
+#include "cli/help.h"
 #include "cli/input_options.h"
 #include "cli/terminal.h"
 #include "cli/verb.h"
@@ -20,15 +21,21 @@ namespace haptrace::cli {
 namespace {
 
 constexpr const char* kDescription =
-    "Records what a hand does with a force-feedback device, plays it back, and teaches it.\n\n"
-    "A first session, without hardware:\n"
-    "  haptrace shape square --size 0.08 --duration 8 -o square.h5\n"
-    "  haptrace play square.h5 --device sim:preset=falcon,hand=relaxed --record played.h5\n"
-    "  haptrace plot played.h5 -o played.png";
+    "Records what a hand does with a force-feedback device, plays it back, and teaches it.";
 
 constexpr const char* kFooter =
-    "Units are SI. Exit codes: 0 done; 1 a limit or fault stopped the session (data kept); 2 bad usage or input; "
-    "3 device missing or lost; 130 interrupted (data kept).";
+    "  haptrace shape square --size 80mm --duration 8 -o square.h5\n"
+    "  haptrace play square.h5 -d sim:preset=falcon,hand=relaxed --record played.h5\n"
+    "  haptrace plot played.h5 -o played.png\n"
+    "Exit codes: 0 done; 1 a limit or a fault stopped the session (data kept); 2 bad usage or input; 3 device missing "
+    "or lost; 130 interrupted (data kept).";
+
+/// Old options of `stability` and the sub-commands that do the same.
+constexpr std::pair<std::string_view, const char*> kMovedOptions[]{{"--staircase", "staircase"},
+                                                                   {"--guidance", "guidance"},
+                                                                   {"--ensemble", "ensemble --draws N"},
+                                                                   {"--device", "map --device NAME"},
+                                                                   {"-d", "map --device NAME"}};
 
 int exit_code(Error::Kind kind) {
   switch (kind) {
@@ -63,10 +70,10 @@ void refuse_extras(const CLI::App& verb) {
   for (const std::string& word : verb.remaining()) {
     if (word.size() > 1 && word[0] == '-') {
       const std::string name = word.substr(0, word.find('='));
-      throw input_error(fmt::format("unknown option '{}' of haptrace {}{}", name, verb.get_name(),
+      throw input_error(fmt::format("unknown option '{}' of haptrace {}{}", name, full_name(verb),
                                     suggestion(name, option_names(verb))));
     }
-    throw input_error(fmt::format("'{}' is one word too many; see haptrace {} --help", word, verb.get_name()));
+    throw input_error(fmt::format("'{}' is one word too many; see haptrace {} --help", word, full_name(verb)));
   }
 }
 
@@ -107,50 +114,99 @@ int with_results(int code, const CLI::App& verb) {
   return kBadInput;
 }
 
+/// A verb whose sub-commands do the work was given none of them.
+Error lacks_experiment(const CLI::App& verb) {
+  for (const std::string& word : verb.remaining())
+    for (const auto& [option, experiment] : kMovedOptions)
+      if (word.substr(0, word.find('=')) == option)
+        return input_error(fmt::format("{} is a sub-command now: haptrace {} {}; haptrace help {} lists all of them",
+                                       option, full_name(verb), experiment, full_name(verb)));
+  std::vector<std::string> names;
+  for (const CLI::App* inner : verb.get_subcommands([](const CLI::App*) { return true; }))
+    names.push_back(inner->get_name());
+  const std::string word = verb.remaining().empty() ? "" : verb.remaining().front();
+  return input_error(fmt::format("haptrace {} needs one of: {}{}", full_name(verb), fmt::join(names, ", "),
+                                 word.empty() ? "" : suggestion(word, names)));
+}
+
+/// Declares every verb, in the order of the help page.
+std::vector<Verb> add_verbs(CLI::App& app) {
+  std::vector<Verb> verbs;
+  const auto group = [&](const char* name, const std::vector<Verb>& added) {
+    for (const Verb& verb : added) {
+      CLI::App* top = verb.app;
+      while (top->get_parent() != &app) top = top->get_parent();
+      top->group(name);
+      verbs.push_back(verb);
+    }
+  };
+  group("Sessions", {add_record(app), add_play(app), add_guide(app), add_run(app), add_calibrate(app)});
+  group("Recordings",
+        {add_info(app), add_check(app), add_plot(app), add_report(app), add_convert(app), add_recover(app)});
+  group("Paths and devices", {add_shape(app), add_devices(app), add_doctor(app)});
+  group("Experiments on simulated devices", {add_tradeoff(app)});
+  group("Experiments on simulated devices", add_stability(app));
+  group("The command", add_completion(app));
+  return verbs;
+}
+
+/// The words of the command line; `help VERB` is `VERB --help`.
+std::vector<std::string> words_of(int argc, char** argv) {
+  std::vector<std::string> words(argv + 1, argv + argc);
+  if (words.empty() || words.front() != "help") return words;
+  words.erase(words.begin());
+  words.emplace_back("--help");
+  return words;
+}
+
 int run(int argc, char** argv) {
   CLI::App app(kDescription, "haptrace");
+  app.formatter(std::make_shared<HelpPage>());
   app.footer(kFooter);
-  app.set_version_flag("--version", software_name());
-  app.set_help_flag("-h,--help", "this page; haptrace VERB --help has each verb's own");
+  app.set_version_flag("--version", software_name(), "print the version");
+  app.set_help_flag("-h,--help", "print this page");
+  app.set_help_all_flag("--help-all", "print every option");
   app.require_subcommand(0, 1);
-  app.get_formatter()->column_width(34);
 
   Output output;
   std::string config;
-  std::vector<Verb> verbs{add_devices(app), add_shape(app),   add_record(app),    add_play(app),
-                          add_guide(app),   add_run(app),     add_calibrate(app), add_info(app),
-                          add_check(app),   add_recover(app), add_convert(app),   add_plot(app),
-                          add_report(app),  add_doctor(app),  add_stability(app), add_tradeoff(app)};
+  const std::vector<Verb> verbs = add_verbs(app);
   std::vector<std::string> names;
+  for (CLI::App* top : app.get_subcommands([](const CLI::App*) { return true; })) {
+    top->allow_extras();
+    names.push_back(top->get_name());
+  }
   for (const Verb& verb : verbs) {
     verb.app->allow_extras();
-    verb.app->get_formatter()->column_width(34);
-    verb.app->add_flag("--json", output.json, "one JSON object on standard output, numbers in SI")->group("Output");
-    verb.app->add_flag("-q,--quiet", output.quiet, "no summary and no progress")->group("Output");
-    verb.app->add_option("--config", config, "JSON file that may hold any option of this verb; the command line wins")
+    accept_units(*verb.app);
+    verb.app->add_flag("--json", output.json, "print one JSON object, numbers in SI")->group("Output");
+    verb.app->add_flag("-q,--quiet", output.quiet, "print no summary and no progress")->group("Output");
+    verb.app->add_option("--config", config, "read options from this JSON file; the command line wins")
         ->type_name("FILE.json")
         ->group("Output");
-    names.push_back(verb.app->get_name());
   }
 
   try {
-    if (argc > 1 && argv[1][0] != '-' && std::find(names.begin(), names.end(), argv[1]) == names.end())
-      throw input_error(fmt::format("unknown verb '{}'{}", argv[1], suggestion(argv[1], names)));
-    app.parse(argc, argv);
+    std::vector<std::string> words = words_of(argc, argv);
+    if (!words.empty() && words[0][0] != '-' && std::find(names.begin(), names.end(), words[0]) == names.end())
+      throw input_error(fmt::format("unknown verb '{}'{}", words[0], suggestion(words[0], names)));
+    std::reverse(words.begin(), words.end());
+    app.parse(words);
     for (const Verb& verb : verbs) {
       if (!verb.app->parsed()) continue;
       refuse_extras(*verb.app);
       refuse_empty_values(*verb.app);
       refuse_invalid_texts(*verb.app);
       if (!config.empty()) apply_config(*verb.app, config);
-      tell_last_words_with([&output](const std::string& words, ZeroForce zero, int code) {
-        std::vector<Warning> warnings{{Warning::Severity::error, "stopped", kNaN, words}};
+      tell_last_words_with([&output](const std::string& last_words, ZeroForce zero, int code) {
+        std::vector<Warning> warnings{{Warning::Severity::error, "stopped", kNaN, last_words}};
         if (zero == ZeroForce::failed)
           warnings.push_back({Warning::Severity::error, "force_not_zero", kNaN, describe(zero)});
-        (void)report(output, code, words, {{"zero_force", to_string(zero)}, {"warnings", json_of(warnings)}});
+        (void)report(output, code, last_words, {{"zero_force", to_string(zero)}, {"warnings", json_of(warnings)}});
       });
       return with_results(verb.run(output), *verb.app);
     }
+    for (const CLI::App* top : app.get_subcommands()) throw lacks_experiment(*top);
     write_out(stdout, app.help());
     return kBadInput;
   } catch (const CLI::ParseError& error) {

@@ -178,55 +178,56 @@ Verb add_play(CLI::App& app) {
       "Keys: + or ] stiffer and - or [ softer by 10 %, o the observer, l what was learned, f feedforward on and off, "
       "r back to the start's, q end;\n"
       "while it is recorded: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text.\n"
-      "  haptrace play square.h5 --device sim:preset=falcon,hand=relaxed --kp 1500 --kd 15 --record played.h5\n"
-      "  haptrace play stroke.csv --device sim:preset=touch --fit --speed 0.5 --repeat 3");
-  verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z); - is standard input")
+      "  haptrace play square.h5 -d sim:preset=falcon,hand=relaxed --kp 1500 --kd 15 --record played.h5\n"
+      "  haptrace play stroke.csv -d sim:preset=touch --fit --speed 0.5 --repeat 3");
+  verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z; -: standard input)")
       ->type_name("PATH");
-  verb->add_option("--record", arguments->record, "keep the session as a recording")->type_name("OUT.h5");
+  verb->add_option("--record", arguments->record, "write a recording of the session")->type_name("OUT.h5");
   arguments->along.add_to(*verb);
   add_input_options(*verb, arguments->csv);
-  verb->add_option("--speed", arguments->speed, "times the path's own speed")->capture_default_str()->group("Path");
-  verb->add_option("--interpolation", arguments->interpolation, "between samples: hold | linear | cubic | quintic")
+  verb->add_option("--speed", arguments->speed, "speed as a multiple of the path's own")
       ->capture_default_str()
       ->group("Path");
-  verb->add_option("--thin", arguments->thin, "keep every so many-th sample of the path; 1: all")
+  verb->add_option("--interpolation", arguments->interpolation,
+                   "interpolation between samples: hold | linear | cubic | quintic")
+      ->capture_default_str()
+      ->group("Path");
+  verb->add_option("--thin", arguments->thin, "keep every N-th sample of the path (1: keep all)")
       ->capture_default_str()
       ->group("Path");
   verb->add_option("--gains", arguments->gains, R"(gains from a file: {"kp": 1500, "kd": [15, 15, 10]})")
       ->type_name("FILE.json")
       ->group("Control");
-  verb->add_option("--kp", arguments->kp, "proportional gain [N/m]; without any gains: cautious ones for the device")
+  verb->add_option("--kp", arguments->kp, "proportional gain [N/m] (default: from the profile, else cautious)")
       ->group("Control");
   verb->add_option("--kd", arguments->kd, "derivative gain [N s/m]")->group("Control");
-  arguments->profile.add_to(*verb, "Control", "play with a PD law alone, calibrated or not");
-  verb->add_option("--without", arguments->without,
-                   "leave out of a calibrated playback: inertia, gravity, friction, observer, learning, all")
+  arguments->profile.add_to(*verb, "Control", "play with PD control alone, without the device's profile");
+  verb->add_option(
+          "--without", arguments->without,
+          "leave force terms out of a calibrated playback: inertia, gravity, friction, observer, learning, all")
       ->delimiter(',')
       ->group("Control");
   verb->add_option("--learn", arguments->learn,
-                   "learn over so many repetitions, and keep what was learned for this "
-                   "path on this device")
+                   "learn over this many repetitions; the learned force is stored for this path on this device")
       ->group("Learning");
-  verb->add_option("--learned", arguments->learned, "where it is kept; without it, in a folder beside the path")
+  verb->add_option("--learned", arguments->learned, "file of the learned force (default: in a folder beside the path)")
       ->type_name("FILE.json")
       ->group("Learning");
-  verb->add_flag("--forget", arguments->forget, "take no notice of what was learned before")->group("Learning");
+  verb->add_flag("--forget", arguments->forget, "ignore the learned force that is stored")->group("Learning");
   verb->add_option("--on-deviation", arguments->on_deviation,
-                   "beyond the limit: stop | pause (the path waits) | soften (the force grows no further)")
+                   "policy beyond it: stop | pause (the path waits) | soften (the force grows no further)")
       ->capture_default_str()
       ->group("Safety");
-  verb->add_option(
-          "--kp-rotation", arguments->kp_rotation,
-          "proportional gain of the orientation [N m/rad], on a device that takes torque; without it, cautious")
+  verb->add_option("--kp-rotation", arguments->kp_rotation,
+                   "proportional gain of the orientation [N m/rad] (default: cautious)")
       ->group("Control");
   verb->add_option("--kd-rotation", arguments->kd_rotation, "derivative gain of the orientation [N m s/rad]")
       ->group("Control");
-  verb->add_flag("--position-only", arguments->turn.off, "do not turn the tool as the path's did")->group("Path");
-  verb->add_option("--max-torque", arguments->max_torque,
-                   "torque limit [N m]; at most, and without it, the device's own")
+  verb->add_flag("--position-only", arguments->turn.off, "follow positions only, not orientations")->group("Path");
+  verb->add_option("--max-torque", arguments->max_torque, "torque limit [N m] (default and maximum: the device's)")
       ->group("Safety");
   verb->add_option("--max-rotation", arguments->turn.max_deviation,
-                   "deviation of the orientation beyond which the session stops [rad]")
+                   "largest rotation off the path before the session stops [rad]")
       ->capture_default_str()
       ->group("Safety");
   arguments->tuning.add_to(*verb);

@@ -16,11 +16,12 @@ Verb add_plot(CLI::App& app) {
     CsvOptions csv;
   };
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("plot", "draw a recording or a path: in space, deviation and force over time");
+  CLI::App* verb = app.add_subcommand("plot", "plot a recording or a path: in space, deviation and force over time");
   verb->footer("  haptrace plot played.h5\n  haptrace plot played.h5 -o played.pdf");
   verb->add_option("file", arguments->input, "recording (HDF5) or path (CSV)")->type_name("FILE");
-  verb->add_option("-o,--output", arguments->file, "picture, .png .svg or .pdf; else FILE.png beside the input");
-  verb->add_flag("--overwrite", arguments->overwrite, "replace a file that exists");
+  verb->add_option("-o,--output", arguments->file,
+                   "figure to write: .png, .svg or .pdf (default: FILE.png beside the input)");
+  verb->add_flag("--overwrite", arguments->overwrite, "replace an existing file");
   add_input_options(*verb, arguments->csv);
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");

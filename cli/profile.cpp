@@ -48,8 +48,7 @@ DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result
 }
 
 void ProfileArguments::add_to(CLI::App& verb, const char* group, const char* without) {
-  verb.add_option("--profile", file,
-                  "what calibration found out about the device; without it, the device's in the profile folder")
+  verb.add_option("--profile", file, "device profile from calibrate (default: the profile stored for this device)")
       ->type_name("FILE.json")
       ->group(group);
   verb.add_flag("--no-profile", none, without)->group(group);

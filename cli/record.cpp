@@ -95,42 +95,41 @@ nlohmann::json json_of_trials(const std::vector<SessionResult>& results, const R
 
 Verb add_record(CLI::App& app) {
   const auto arguments = std::make_shared<RecordArguments>();
-  CLI::App* verb = app.add_subcommand("record", "record what the hand does with a device");
+  CLI::App* verb = app.add_subcommand("record", "record the hand's movement and force");
   verb->footer(
       "The hand moves freely: no force is sent, unless there is a --scene to touch. Ctrl+C ends the recording and "
       "keeps every sample.\n"
       "Keys while it runs: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text to type, p\n"
       "pause and resume, q end.\n"
-      "  haptrace record out.h5 --device falcon --duration 10\n"
-      "  haptrace record out.h5 --device sim:preset=omega3,hand=firm,intent=stroke.csv --fit\n"
-      "  haptrace record felt.h5 --device falcon --scene samples/scenes/sphere.json --duration 20\n"
-      "  haptrace record reach.h5 --device falcon --trigger 'speed>0.02|button' --pre 2 --duration 5 --count 20 "
+      "  haptrace record out.h5 -d falcon --duration 10\n"
+      "  haptrace record out.h5 -d sim:preset=omega3,hand=firm,intent=stroke.csv --fit\n"
+      "  haptrace record felt.h5 -d falcon --scene samples/scenes/sphere.json --duration 20\n"
+      "  haptrace record reach.h5 -d falcon --trigger 'speed>0.02|button' --pre 2 --duration 5 --count 20 "
       "--pause 3");
-  verb->add_option("file", arguments->file, "recording to make (HDF5)")->type_name("OUT.h5");
+  verb->add_option("file", arguments->file, "recording to write (HDF5)")->type_name("OUT.h5");
   verb->add_option("--duration", arguments->duration,
-                   "[s], from the trigger if there is one; 0: what the device has to show, or until Ctrl+C")
+                   "time from the start or the trigger [s] (0: until the device has nothing more to play, or Ctrl+C)")
       ->capture_default_str();
-  verb->add_flag("--fit", arguments->fit, "move and scale what the simulated hand intends into the workspace");
+  verb->add_flag("--fit", arguments->fit, "move and scale the simulated hand's path into the workspace");
   verb->add_option("--trigger", arguments->trigger,
-                   "keep nothing before force>0.5N, speed>0.02m/s, button or button2; several with | in between")
+                   "start at this condition: force>0.5N, speed>0.02m/s, button or button2; join several with |")
       ->group("Capture");
-  verb->add_option("--pre", arguments->pre, "but keep this much of what came before the trigger [s]")
+  verb->add_option("--pre", arguments->pre, "time to keep from before the trigger [s]")
       ->capture_default_str()
       ->group("Capture");
-  verb->add_option("--count", arguments->count, "trials, in OUT-001.h5, OUT-002.h5 and so on")
+  verb->add_option("--count", arguments->count, "number of trials, written to OUT-001.h5, OUT-002.h5, ...")
       ->capture_default_str()
       ->group("Capture");
-  verb->add_option("--pause", arguments->pause, "between two trials [s]")->capture_default_str()->group("Capture");
-  verb->add_option("--scene", arguments->scene, "what the hand can touch (docs/scene.md)")
+  verb->add_option("--pause", arguments->pause, "time between two trials [s]")->capture_default_str()->group("Capture");
+  verb->add_option("--scene", arguments->scene, "scene that the hand can touch (docs/scene.md)")
       ->type_name("FILE.json")
       ->group("Scene");
-  verb->add_option(
-          "--scene-rate", arguments->scene_rate,
-          "the scene is computed at this rate beside the servo loop, for one that is too slow for it [Hz]; 0: in it")
+  verb->add_option("--scene-rate", arguments->scene_rate,
+                   "compute a slow scene beside the servo loop, at this rate [Hz] (0: in the loop)")
       ->capture_default_str()
       ->group("Scene");
   verb->add_option("--prediction", arguments->prediction,
-                   "the force between two answers of a slow scene: hold | linear | model")
+                   "force between two results of a slow scene: hold | linear | model")
       ->group("Scene");
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);

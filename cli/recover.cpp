@@ -12,15 +12,15 @@ Verb add_recover(CLI::App& app) {
     bool overwrite = false;
   };
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("recover", "make a recording whole again whose writer was killed");
+  CLI::App* verb = app.add_subcommand("recover", "repair a recording whose writer was killed or whose file is damaged");
   verb->footer(
-      "Writes what can be read into a new file, proves that it is there, and only then puts it in the old one's "
-      "place.\n"
-      "Every verb reads an unfinished recording as it is; programs other than haptrace may not.\n"
+      "Writes the readable data into a new file, verifies it, and only then replaces the old file.\n"
+      "Every verb reads an unfinished recording as it is; other programs may not.\n"
       "  haptrace recover session.h5");
   verb->add_option("file", arguments->file, "recording (HDF5)")->type_name("FILE.h5");
-  verb->add_option("-o,--output", arguments->output, "leave FILE.h5 as it is and write this file")->type_name("OUT.h5");
-  verb->add_flag("--overwrite", arguments->overwrite, "replace OUT.h5 if it exists");
+  verb->add_option("-o,--output", arguments->output, "write this file and leave FILE.h5 unchanged")
+      ->type_name("OUT.h5");
+  verb->add_flag("--overwrite", arguments->overwrite, "replace an existing OUT.h5");
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
             keep_inputs(arguments->output, std::span(&arguments->file, 1));

@@ -33,7 +33,7 @@ Verb add_report(CLI::App& app) {
     bool no_page = false, overwrite = false;
   };
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("report", "make a page for people of sessions and recordings");
+  CLI::App* verb = app.add_subcommand("report", "write an HTML report of sessions and recordings");
   verb->footer(
       "One page without network: what was done, deviation and force along the path, every repetition, trends,\n"
       "unguided tests compared, stops and warnings. --json and --csv have the numbers for statistics, in SI.\n"
@@ -43,12 +43,12 @@ Verb add_report(CLI::App& app) {
                    "sessions of programmes (folders, or their session.json) and recordings (HDF5)")
       ->type_name("SESSION");
   verb->add_option("-o,--output", arguments->page,
-                   "the page; without it, report.html in the first session's folder, or x.report.html beside x.h5")
+                   "page to write (default: report.html in the first session's folder, or x.report.html beside x.h5)")
       ->type_name("FILE.html");
-  verb->add_option("--csv", arguments->table, "also a table, one row per repetition; - is standard output")
+  verb->add_option("--csv", arguments->table, "also write a table, one row per repetition (-: standard output)")
       ->type_name("FILE.csv");
-  verb->add_flag("--no-page", arguments->no_page, "only the numbers, with --json or --csv");
-  verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
+  verb->add_flag("--no-page", arguments->no_page, "write the numbers only, with --json or --csv");
+  verb->add_flag("--overwrite", arguments->overwrite, "replace existing files");
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "session");
             const bool table_out = arguments->table == kStandardOutput;

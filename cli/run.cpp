@@ -241,7 +241,7 @@ class TrialDevices {
 
 Verb add_run(CLI::App& app) {
   const auto arguments = std::make_shared<RunArguments>();
-  CLI::App* verb = app.add_subcommand("run", "run a programme of exercises, one recording per repetition");
+  CLI::App* verb = app.add_subcommand("run", "run a programme of exercises; one recording per repetition");
   verb->footer(
       "A programme is a JSON file: docs/programmes.md, and three of them in samples/programmes. The session is a "
       "folder "
@@ -251,32 +251,27 @@ Verb add_run(CLI::App& app) {
       "of\n"
       "--mark-texts, t a mark with a text, q end; --resume goes on where it ended, today or tomorrow.\n"
       "  haptrace run reaching.json --dry-run\n"
-      "  haptrace run reaching.json --device falcon --subject P07 --mirror x -o p07-monday\n"
-      "  haptrace run --resume p07-monday --device falcon\n"
-      "  haptrace run lesson.json --device 'sim:preset=falcon,hand=relaxed,intent={path}' -o try  (a simulated "
-      "trainee)");
-  verb->add_option("programme", arguments->programme, "the programme")->type_name("PROGRAMME.json");
-  verb->add_option("-o,--output", arguments->folder,
-                   "the session's folder; without it, beside the programme by its name")
+      "  haptrace run reaching.json -d falcon --subject P07 --mirror x -o p07-monday\n"
+      "  haptrace run --resume p07-monday -d falcon\n"
+      "  haptrace run lesson.json -d 'sim:preset=falcon,hand=relaxed,intent={path}' -o try");
+  verb->add_option("programme", arguments->programme, "programme to run")->type_name("PROGRAMME.json");
+  verb->add_option("-o,--output", arguments->folder, "folder of the session (default: beside the programme)")
       ->type_name("FOLDER");
-  verb->add_option(
-          "--resume", arguments->resume,
-          "go on with a session that did not come to its end; the device, and limits that are not the usual ones, "
-          "are given again")
+  verb->add_option("--resume", arguments->resume,
+                   "resume an unfinished session; give the device and unusual limits again")
       ->type_name("FOLDER");
-  verb->add_flag("--dry-run", arguments->dry_run,
-                 "say what would be done and how long it takes; with --device, check it");
+  verb->add_flag("--dry-run", arguments->dry_run, "print the plan and its duration; with --device, also check it");
   verb->add_option("--mirror", arguments->mirror,
-                   "paths are mirrored for this person: none | x | y | z, the axis whose "
-                   "sign changes; without it, as the programme says")
+                   "mirror the paths along an axis: none | x | y | z (default: the programme's)")
       ->group("Person");
-  verb->add_option("--scale", arguments->scale, "paths are scaled for this person; without it, as the programme says")
+  verb->add_option("--scale", arguments->scale, "scale the paths by this factor (default: the programme's)")
       ->group("Person");
   verb->add_flag("--fit", arguments->fit, "move and scale all paths together into the workspace")->group("Person");
-  verb->add_option("--max-deviation", arguments->max_deviation, "from the path, beyond which the session stops [m]")
+  verb->add_option("--max-deviation", arguments->max_deviation,
+                   "largest distance from the path before the session stops [m]")
       ->capture_default_str()
       ->group("Safety");
-  arguments->profile.add_to(*verb, "Safety", "as if the device was not calibrated");
+  arguments->profile.add_to(*verb, "Safety", "run without a device profile");
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 

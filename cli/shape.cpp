@@ -11,33 +11,33 @@ Verb add_shape(CLI::App& app) {
   struct Arguments {
     std::string name, file;
     ShapeOptions shape;
-    std::vector<double> center;
+    std::vector<double> centre;
     bool overwrite = false;
   };
   const auto arguments = std::make_shared<Arguments>();
   ShapeOptions& shape = arguments->shape;
-  CLI::App* verb = app.add_subcommand("shape", "make a path: square, circle, line, figure8, reach, spiral, script");
+  CLI::App* verb = app.add_subcommand("shape", "make a path: square, circle, line, figure8, reach, spiral or script");
   verb->footer(
       "The whole path is one minimum-jerk movement along its arc; script is written evenly.\n"
       "  haptrace shape square --size 0.1 --duration 8 -o square.h5\n"
       "  haptrace shape circle --turns 3 --plane yz -o circle.csv");
   verb->add_option("name", arguments->name, fmt::format("{}", fmt::join(shape_names(), " | ")))->type_name("SHAPE");
-  verb->add_option("-o,--output", arguments->file, "path to make, HDF5 or CSV by its ending")->type_name("FILE");
-  verb->add_option("--size", shape.size, "side or diameter or length [m]")->capture_default_str();
-  verb->add_option("--duration", shape.duration, "of one turn [s]")->capture_default_str();
-  verb->add_option("--turns", shape.turns, "times round")->capture_default_str();
-  verb->add_option("--blend", shape.blend, "corner radius of the square [m]; 0: sharp")->capture_default_str();
-  verb->add_option("--center", arguments->center, "x y z [m]")->expected(3);
+  verb->add_option("-o,--output", arguments->file, "path to write, HDF5 or CSV by its ending")->type_name("FILE");
+  verb->add_option("--size", shape.size, "side, diameter or length [m]")->capture_default_str();
+  verb->add_option("--duration", shape.duration, "time of one turn [s]")->capture_default_str();
+  verb->add_option("--turns", shape.turns, "number of turns")->capture_default_str();
+  verb->add_option("--blend", shape.blend, "corner radius of the square [m] (0: sharp)")->capture_default_str();
+  verb->add_option("--centre,--center", arguments->centre, "centre of the shape: x y z [m]")->expected(3);
   verb->add_option("--plane", shape.plane, "xy | yz | zx")->capture_default_str();
-  verb->add_option("--angle", shape.angle, "of line and reach in the plane [rad]")->capture_default_str();
-  verb->add_option("--sample-rate", shape.rate_hz, "samples per second of the path [Hz]")->capture_default_str();
-  verb->add_flag("--constant-speed", shape.constant_speed, "instead of minimum jerk");
-  verb->add_flag("--overwrite", arguments->overwrite, "replace a file that exists");
+  verb->add_option("--angle", shape.angle, "direction of line and reach in the plane [rad]")->capture_default_str();
+  verb->add_option("--sample-rate", shape.rate_hz, "sample rate of the path [Hz]")->capture_default_str();
+  verb->add_flag("--constant-speed", shape.constant_speed, "move at constant speed instead of minimum jerk");
+  verb->add_flag("--overwrite", arguments->overwrite, "replace an existing file");
 
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "name");
             require(*verb, "--output");
-            if (!arguments->center.empty()) arguments->shape.center = Vec3(arguments->center.data());
+            if (!arguments->centre.empty()) arguments->shape.center = Vec3(arguments->centre.data());
             const Path path = make_shape(arguments->name, arguments->shape);
             save_path(path, arguments->file, arguments->name, arguments->overwrite);
             const Vec3 size = path.bounds().size();

@@ -17,42 +17,26 @@
 namespace haptrace::cli {
 namespace {
 
+/// The options of all four experiments; each declares those that concern it.
 struct StabilityArguments {
   std::string device, profile, velocity = "lowpass:100";
   double rate_hz = 1000;
   std::optional<double> kp, kd;
-  std::size_t ensemble = 0, jobs = 0;
+  std::size_t draws = 100, jobs = 0;
   std::uint64_t seed = 1, first = 0;
   int learn = 5;
   std::vector<std::string> paths;
   std::string scene, output, figure;
-  bool guidance = false, staircase = false, overwrite = false;
+  bool overwrite = false;
 };
 
-/// What the verb finds out, part by part.
+/// The result of an experiment.
 struct Findings {
   nlohmann::json json = nlohmann::json::object();
   std::string text;
   Figure figure;
   bool complete = true, failed = false;
-
-  void draw(const Figure& part) {
-    if (figure.rows.empty()) {
-      figure = part;
-      return;
-    }
-    figure.rows.insert(figure.rows.end(), part.rows.begin(), part.rows.end());
-    figure.caption += figure.caption.empty() ? part.caption : "  " + part.caption;
-    figure.width = std::max(figure.width, part.width);
-    figure.height += part.height;
-  }
 };
-
-/// What would be refused in the end is refused before the work.
-void check_names(const StabilityArguments& arguments) {
-  if (!arguments.figure.empty()) check_figure_name(arguments.figure);
-  for (const std::string& file : {arguments.output, arguments.figure}) check_output(file, arguments.overwrite);
-}
 
 std::string time_left(double seconds) {
   if (!std::isfinite(seconds)) return "";
@@ -75,14 +59,15 @@ std::string text_of(const StabilityMap& map, const std::string& device) {
   return text;
 }
 
-/// The map of what calibration found out about the device; nothing moves.
+/// Maps the gains of a device from its profile; nothing moves.
 void map_gains(const StabilityArguments& arguments, const Output& output, const StopRequest& stop, Findings& findings) {
   const auto device = open_device(arguments.device);
   const DeviceInfo& info = device->info();
   const auto profile = profile_for(info, arguments.profile, arguments.rate_hz, output);
   if (!profile)
-    throw input_error(fmt::format("nobody knows yet what {} bears; calibrate it: haptrace calibrate --device {}",
-                                  info.model, info.name));
+    throw input_error(fmt::format(
+        "{} is not calibrated yet, so that its stable gains are unknown; run haptrace calibrate --device {}",
+        info.model, info.name));
   PdGains gains = profile->design.plain;
   if (arguments.kp) gains.kp = Vec3::Constant(*arguments.kp);
   if (arguments.kd) gains.kd = Vec3::Constant(*arguments.kd);
@@ -97,7 +82,7 @@ void map_gains(const StabilityArguments& arguments, const Output& output, const 
   findings.json["device"] = info.name;
   findings.json["map"] = to_json(*map);
   findings.text += text_of(*map, info.name);
-  findings.draw(figure_of(*map));
+  findings.figure = figure_of(*map);
 }
 
 std::function<void(const EnsembleProgress&)> telling(ReadProgress& progress) {
@@ -111,7 +96,7 @@ void try_ensemble(const StabilityArguments& arguments, const Output& output, con
                   Findings& findings) {
   EnsembleOptions options{.seed = arguments.seed,
                           .first = arguments.first,
-                          .draws = arguments.ensemble,
+                          .draws = arguments.draws,
                           .learn = arguments.learn,
                           .threads = arguments.jobs};
   if (!arguments.paths.empty()) options.paths = ensemble_paths();
@@ -122,13 +107,13 @@ void try_ensemble(const StabilityArguments& arguments, const Output& output, con
   findings.complete = report.members.size() == report.draws;
   findings.json["ensemble"] = to_json(report);
   findings.text += text_of(report);
-  findings.draw(figure_of(report));
+  findings.figure = figure_of(report);
 }
 
 void try_guidance(const StabilityArguments& arguments, const Output& output, const StopRequest& stop,
                   Findings& findings) {
   GuidanceEnsembleOptions options{
-      .seed = arguments.seed, .first = arguments.first, .draws = arguments.ensemble, .threads = arguments.jobs};
+      .seed = arguments.seed, .first = arguments.first, .draws = arguments.draws, .threads = arguments.jobs};
   if (!arguments.paths.empty()) options.paths = guidance_paths();
   for (const std::string& file : arguments.paths) options.paths.push_back(load_path(file));
 
@@ -150,7 +135,7 @@ void climb_staircase(const StabilityArguments& arguments, const Output& output, 
   if (!arguments.device.empty()) {
     const DeviceSpec device = DeviceSpec::parse(arguments.device);
     if (device.name != "sim")
-      throw input_error(device.where() + ": --staircase taps walls with a simulated device; give sim, or none");
+      throw input_error(device.where() + ": the staircase taps walls with a simulated device; give sim, or no device");
     options.device = read_sim_device(device).spec;
   }
   ReadProgress progress(output, "");
@@ -159,105 +144,134 @@ void climb_staircase(const StabilityArguments& arguments, const Output& output, 
   if (!report.complete) return;
   findings.json["staircase"] = to_json(report);
   findings.text += text_of(report);
-  findings.draw(figure_of(report));
+  findings.figure = figure_of(report);
 }
 
-/// Throws Error(input) when the options do not fit each other.
-void check_parts(const StabilityArguments& arguments) {
-  if (arguments.staircase) {
-    if (arguments.ensemble > 0 || arguments.guidance)
-      throw input_error("--staircase is a measurement of its own; leave out --ensemble and --guidance");
-    return;
-  }
-  if (!arguments.scene.empty()) throw input_error("--scene is what --staircase presses; give --staircase, too");
-  if (arguments.device.empty() && arguments.ensemble == 0)
-    throw input_error("nothing to do: give --device for a map of its gains, --ensemble N, or both; or --staircase");
-  if (arguments.guidance && arguments.ensemble == 0)
-    throw input_error("--guidance says what the ensemble is of; give --ensemble N, too");
-  if (arguments.guidance && !arguments.figure.empty() && arguments.device.empty())
-    throw input_error("--guidance draws no figure; its runs are in the JSON, see --output");
+using Experiment = void (*)(const StabilityArguments&, const Output&, const StopRequest&, Findings&);
+
+int run_experiment(Experiment experiment, const StabilityArguments& arguments, const Output& output) {
+  // An output that is refused in the end is refused before the work.
+  if (!arguments.figure.empty()) check_figure_name(arguments.figure);
+  for (const std::string& file : {arguments.output, arguments.figure}) check_output(file, arguments.overwrite);
+  const Signals signals;
+  Findings findings;
+  experiment(arguments, output, signals.stop(), findings);
+  if (!findings.complete) output.remark("interrupted; the results are of the part that was finished");
+  if (!arguments.output.empty()) save_json(findings.json, arguments.output, arguments.overwrite);
+  if (!arguments.figure.empty() && !findings.figure.rows.empty())
+    save_figure(findings.figure, arguments.figure, arguments.overwrite);
+  output.tell(findings.json, findings.text);
+  if (!findings.complete) return kInterrupted;
+  return findings.failed ? kStopped : kDone;
+}
+
+using Arguments = std::shared_ptr<StabilityArguments>;
+
+/// Adds an experiment with the options that all of them have.
+Verb add_experiment(CLI::App& parent, const char* name, const char* description, const char* footer, bool draws_figure,
+                    const Arguments& arguments, Experiment experiment) {
+  CLI::App* verb = parent.add_subcommand(name, description);
+  verb->footer(footer);
+  verb->add_option("-o,--output", arguments->output, "also write the JSON to this file")->type_name("FILE.json");
+  if (draws_figure)
+    verb->add_option("--figure", arguments->figure, "draw the result: .png, .svg or .pdf")->type_name("FILE");
+  verb->add_flag("--overwrite", arguments->overwrite, "replace existing files");
+  verb->add_option("--jobs", arguments->jobs, "threads (0: one for every core); results do not depend on it")
+      ->capture_default_str();
+  return {verb, [=](const Output& output) { return run_experiment(experiment, *arguments, output); }};
+}
+
+void add_draws(CLI::App& verb, const Arguments& arguments) {
+  verb.add_option("--draws", arguments->draws, "number of random devices and hands")
+      ->type_name("N")
+      ->capture_default_str();
+  verb.add_option("--first", arguments->first, "index of the first draw")->capture_default_str();
+  verb.add_option("--paths", arguments->paths, "further paths (CSV, HDF5), fitted into the workspace")
+      ->type_name("FILE...");
+}
+
+void add_seed(CLI::App& verb, const Arguments& arguments) {
+  verb.add_option("--seed", arguments->seed, "seed of the random draws")->capture_default_str();
+}
+
+Verb add_map(CLI::App& parent) {
+  const auto arguments = std::make_shared<StabilityArguments>();
+  Verb verb = add_experiment(
+      parent, "map", "map the gains for which a calibrated device is passive and stable",
+      "  haptrace stability map -d falcon --figure map.png\n"
+      "The map is that of a PD law on the device's profile: where it is passive, stable by analysis with delay and "
+      "zero-order hold, and stable in simulation. Nothing moves.",
+      true, arguments, map_gains);
+  verb.app->add_option("-d,--device", arguments->device, "calibrated device")->type_name("NAME[:...]");
+  verb.app->add_option("--profile", arguments->profile, "device profile from calibrate (default: the stored one)")
+      ->type_name("FILE.json");
+  verb.app->add_option("--rate", arguments->rate_hz, "servo rate [Hz]")->capture_default_str();
+  verb.app->add_option("--velocity", arguments->velocity, "velocity estimator of the PD law")->capture_default_str();
+  verb.app->add_option("--kp", arguments->kp, "proportional gain to judge [N/m] (default: the profile's)");
+  verb.app->add_option("--kd", arguments->kd, "derivative gain to judge [N s/m] (default: the profile's)");
+  const auto run = std::move(verb.run);
+  verb.run = [run, app = verb.app](const Output& output) {
+    require(*app, "--device");
+    return run(output);
+  };
+  return verb;
+}
+
+Verb add_ensemble(CLI::App& parent) {
+  const auto arguments = std::make_shared<StabilityArguments>();
+  const Verb verb = add_experiment(
+      parent, "ensemble", "measure playback on many random devices and hands",
+      "  haptrace stability ensemble --draws 200 -o stability.json --figure stability.png\n"
+      "  haptrace stability ensemble --draws 1 --first 137     one draw again\n"
+      "Each random device, with the hand that holds it, is calibrated blind. Then circle, square, script and further "
+      "paths are played with plain PD, stiff and cautious, and by the calibrated player; then the device is held, and "
+      "driven with gains beyond its stable range. Virtual time; the seed determines every result.",
+      true, arguments, try_ensemble);
+  add_draws(*verb.app, arguments);
+  add_seed(*verb.app, arguments);
+  verb.app->add_option("--learn", arguments->learn, "learning repetitions of the calibrated player")
+      ->capture_default_str();
+  return verb;
+}
+
+Verb add_guidance(CLI::App& parent) {
+  const auto arguments = std::make_shared<StabilityArguments>();
+  const Verb verb = add_experiment(
+      parent, "guidance", "measure the safety of guidance on many random trainees",
+      "  haptrace stability guidance --draws 1000 -o guidance.json\n"
+      "Random hands that wander, stop, turn back, leave the tunnel, push against its walls and let go are guided along "
+      "seven paths, at 250 Hz to 10 kHz, with up to 5 ms more delay. The experiment fails (exit code 1) when a hand "
+      "is given more energy than the budget allows, or oscillates.",
+      false, arguments, try_guidance);
+  add_draws(*verb.app, arguments);
+  add_seed(*verb.app, arguments);
+  return verb;
+}
+
+Verb add_staircase(CLI::App& parent) {
+  const auto arguments = std::make_shared<StabilityArguments>();
+  const Verb verb = add_experiment(
+      parent, "staircase", "measure the energy that sampled walls create",
+      "  haptrace stability staircase --figure staircase.png\n"
+      "Presses a sampled wall and compares the energy that it creates, against rate and stiffness, with the closed "
+      "form. Then lets a simulated device fall on walls, without and with a passivity layer, and reports on which it "
+      "comes to rest.",
+      true, arguments, climb_staircase);
+  verb.app->add_option("-d,--device", arguments->device, "simulated device that taps the wall")->type_name("sim[:...]");
+  verb.app->add_option("--scene", arguments->scene, "scene to press (default: walls of 100 N/m to 100 kN/m)")
+      ->type_name("FILE.json");
+  add_seed(*verb.app, arguments);
+  return verb;
 }
 
 }  // namespace
 
-Verb add_stability(CLI::App& app) {
-  const auto arguments = std::make_shared<StabilityArguments>();
-  CLI::App* verb = app.add_subcommand(
-      "stability",
-      "which gains a device bears, how exact and stable playback is on many random devices, and which walls bounce");
-  verb->footer(
-      "With --device: a map of the gains of a PD law, for the device as it was calibrated: where it is passive, "
-      "stable\n"
-      "by analysis with delay and zero-order hold, and stable in simulation. Nothing moves.\n"
-      "With --guidance the ensemble is one of trainees: random hands that wander, stop, turn back, leave the tunnel, "
-      "push\n"
-      "against its walls and let go are guided along seven paths, at 250 Hz to 10 kHz, with up to 5 ms more delay. It\n"
-      "fails (exit code 1) when one of them is given more energy than the budget allows, or oscillates.\n"
-      "The ensemble: each random device, with the hand that holds it, is calibrated blind; then circle, square, "
-      "script\n"
-      "and further paths are played with plain PD, stiff and cautious, and by the calibrated player; then it is held,\n"
-      "and driven with gains beyond what it bears. Everything in virtual time, reproducible from the seed.\n"
-      "  haptrace stability --device falcon --figure map.png\n"
-      "  haptrace stability --ensemble 200 -o stability.json --figure stability.png\n"
-      "  haptrace stability --ensemble 1000 --guidance -o guidance.json\n"
-      "  haptrace stability --ensemble 1 --first 137            the draw that stood out\n"
-      "With --staircase: what energy a sampled wall creates when it is pressed, against rate and stiffness, beside the "
-      "closed\n"
-      "form; and on which walls a simulated device that falls on them comes to rest, without and with a passivity "
-      "layer.\n"
-      "  haptrace stability --staircase --figure staircase.png");
-  verb->add_option("--device", arguments->device,
-                   "whose gains to map, or what taps the wall (sim), NAME[:key=value,...]")
-      ->type_name("D");
-  verb->add_option("--profile", arguments->profile, "what calibration found out; without it, the device's own")
-      ->type_name("FILE.json")
-      ->group("Map");
-  verb->add_option("--rate", arguments->rate_hz, "servo rate [Hz]")->capture_default_str()->group("Map");
-  verb->add_option("--velocity", arguments->velocity, "velocity estimator of the PD law")
-      ->capture_default_str()
-      ->group("Map");
-  verb->add_option("--kp", arguments->kp, "proportional gain to judge [N/m]; without it, the profile's for a PD law")
-      ->group("Map");
-  verb->add_option("--kd", arguments->kd, "derivative gain to judge [N s/m]")->group("Map");
-  verb->add_option("--ensemble", arguments->ensemble, "random devices and hands to try")
-      ->type_name("N")
-      ->capture_default_str();
-  verb->add_flag("--guidance", arguments->guidance, "try guidance on the ensemble, instead of playback");
-  verb->add_flag("--staircase", arguments->staircase, "press a sampled wall, instead; needs no device")
-      ->group("Staircase");
-  verb->add_option("--scene", arguments->scene, "what to press; without it, walls of 100 N/m to 100 kN/m")
-      ->type_name("FILE.json")
-      ->group("Staircase");
-  verb->add_option("--seed", arguments->seed, "of the ensemble")->capture_default_str();
-  verb->add_option("--first", arguments->first, "index of the first draw")->capture_default_str();
-  verb->add_option("--paths", arguments->paths, "further paths (CSV, HDF5), fitted into the workspace")
-      ->type_name("FILE...");
-  verb->add_option("--learn", arguments->learn, "learning repetitions of the calibrated player")->capture_default_str();
-  verb->add_option("--jobs", arguments->jobs, "threads; 0: one for every core. Results do not depend on it")
-      ->capture_default_str();
-  verb->add_option("-o,--output", arguments->output, "where the JSON goes, too")->type_name("FILE.json");
-  verb->add_option("--figure", arguments->figure, "picture, .png .svg or .pdf")->type_name("FILE");
-  verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
-
-  return {verb, [arguments](const Output& output) {
-            check_parts(*arguments);
-            check_names(*arguments);
-            const Signals signals;
-            Findings findings;
-            if (arguments->staircase)
-              climb_staircase(*arguments, output, signals.stop(), findings);
-            else if (!arguments->device.empty())
-              map_gains(*arguments, output, signals.stop(), findings);
-            if (arguments->ensemble > 0 && findings.complete)
-              (arguments->guidance ? try_guidance : try_ensemble)(*arguments, output, signals.stop(), findings);
-
-            if (!findings.complete) output.remark("interrupted; what was finished is told");
-            if (!arguments->output.empty()) save_json(findings.json, arguments->output, arguments->overwrite);
-            if (!arguments->figure.empty()) save_figure(findings.figure, arguments->figure, arguments->overwrite);
-            output.tell(findings.json, findings.text);
-            if (!findings.complete) return kInterrupted;
-            return findings.failed ? kStopped : kDone;
-          }};
+std::vector<Verb> add_stability(CLI::App& app) {
+  CLI::App* verb = app.add_subcommand("stability", "measure stability and accuracy: gains, many devices, walls");
+  verb->footer("");
+  std::vector<Verb> verbs{add_map(*verb), add_ensemble(*verb), add_guidance(*verb), add_staircase(*verb)};
+  for (const Verb& experiment : verbs) experiment.app->group("Experiments");
+  return verbs;
 }
 
 }  // namespace haptrace::cli

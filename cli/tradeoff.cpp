@@ -227,57 +227,59 @@ void add_sides(const TradeoffArguments& arguments, const Workbench& bench, Trade
 Verb add_tradeoff(CLI::App& app) {
   const auto arguments = std::make_shared<TradeoffArguments>();
   CLI::App* verb =
-      app.add_subcommand("tradeoff", "what speed costs in accuracy, and the cheapest session that is exact enough");
+      app.add_subcommand("tradeoff", "measure what speed costs in accuracy, and find the cheapest settings");
   verb->footer(
-      "Plays the path on the device in virtual time, with every knob that buys speed with accuracy turned by itself,\n"
-      "then in combinations; a device that is no simulation does not move, what its calibration found out is played "
-      "on.\n"
-      "With --budget, the configuration that keeps it goes into a file for --config of play, guide and record.\n"
+      "Plays the path on the device in virtual time with every accuracy setting varied by itself, then in "
+      "combinations. A real device does not move: its profile is simulated. With --budget, the configuration that "
+      "keeps it goes into a file for --config of play, guide and record.\n"
       "Bounds: error, peak [mm]; force, ripple [N]; margin (>=); tick [us]; instructions; load [MIPS]; start [ms];\n"
       "bytes [MB/h].\n"
-      "  haptrace tradeoff circle.h5 --device sim:preset=falcon,hand=relaxed -o tradeoff.json\n"
-      "  haptrace tradeoff circle.h5 --device falcon --budget 'error<=0.1mm, ripple<=0.3N' --explain -o tradeoff.json\n"
-      "  haptrace play circle.h5 --device falcon --config tradeoff-config.json");
+      "  haptrace tradeoff circle.h5 -d sim:preset=falcon,hand=relaxed -o tradeoff.json\n"
+      "  haptrace tradeoff circle.h5 -d falcon --budget 'error<=0.1mm, ripple<=0.3N' --explain -o tradeoff.json\n"
+      "  haptrace play circle.h5 -d falcon --config tradeoff-config.json");
   verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
   verb->add_option("-d,--device", arguments->device, "device, NAME[:key=value,...]")->type_name("NAME[:...]");
-  verb->add_option("--budget", arguments->budget, "what must be kept, as in 'error<=0.1mm, tick<=2us'")
+  verb->add_option("--budget", arguments->budget, "bounds to keep, as in 'error<=0.1mm, tick<=2us'")
       ->type_name("BOUNDS");
-  verb->add_option("--scene", arguments->scene, "whose objects' knobs are turned, with the tool on the path")
+  verb->add_option("--scene", arguments->scene, "scene whose accuracy settings are varied, with the tool on the path")
       ->type_name("FILE.json");
-  verb->add_flag("--explain", arguments->explain, "leave out each term in turn: what changes, and what is saved");
-  verb->add_option("-o,--output", arguments->output, "where the JSON goes; a picture goes beside it")
+  verb->add_flag("--explain", arguments->explain, "leave out each term in turn, and report the change and the saving");
+  verb->add_option("-o,--output", arguments->output, "JSON to write; the picture goes beside it")
       ->type_name("FILE.json");
   verb->add_option("--figure", arguments->figure, "picture, .png .svg or .pdf")->type_name("FILE");
-  verb->add_option("--save", arguments->save, "the configuration for a budget; without it, beside the JSON")
+  verb->add_option("--save", arguments->save, "configuration that keeps the budget (default: beside the JSON)")
       ->type_name("FILE.json");
   verb->add_flag("--no-instructions", arguments->no_instructions,
-                 "do not count instructions, which takes a while where only single steps can be counted: load is time");
-  verb->add_flag("--overwrite", arguments->overwrite, "replace files that exist");
-  verb->add_option("--runs", arguments->runs, "of every configuration, each with other noise, 1 to 100")
+                 "measure load in time only, without counting instructions");
+  verb->add_flag("--overwrite", arguments->overwrite, "replace existing files");
+  verb->add_option("--runs", arguments->runs, "runs of every configuration, each with other noise, 1 to 100")
       ->capture_default_str();
   verb->add_option("--rates", arguments->rates,
                    "servo rates to try [Hz]; without it, 100 Hz to 20 kHz, of a device that "
                    "is no simulation up to its own")
       ->delimiter(',');
-  verb->add_option("--seed", arguments->seed, "of the first run")->capture_default_str();
-  verb->add_option("--jobs", arguments->jobs, "threads; 0: one for every core. Results do not depend on it")
+  verb->add_option("--seed", arguments->seed, "seed of the first run")->capture_default_str();
+  verb->add_option("--jobs", arguments->jobs, "threads (0: one for every core); results do not depend on it")
       ->capture_default_str();
-  arguments->profile.add_to(*verb, "Base", "try a PD law alone");
+  arguments->profile.add_to(*verb, "Base", "compare PD control alone, without the device's profile");
   verb->add_option("--rate", arguments->base.rate_hz, "servo rate [Hz]")->capture_default_str()->group("Base");
   verb->add_option("--velocity", arguments->base.velocity, "velocity estimator")->capture_default_str()->group("Base");
   verb->add_option("--interpolation", arguments->interpolation, "between samples")
       ->capture_default_str()
       ->group("Base");
-  verb->add_option("--learn", arguments->learn, "repetitions to learn from, of a calibrated device; 0: none")
+  verb->add_option("--learn", arguments->learn, "learning repetitions of a calibrated device (0: none)")
       ->capture_default_str()
       ->group("Base");
-  verb->add_option("--speed", arguments->base.speed, "times the path's own")->capture_default_str()->group("Path");
+  verb->add_option("--speed", arguments->base.speed, "speed as a multiple of the path's own")
+      ->capture_default_str()
+      ->group("Path");
   verb->add_flag("--fit", arguments->fit, "move and scale the path into the workspace")->group("Path");
   add_input_options(*verb, arguments->csv);
-  verb->add_option("--from", arguments->selection.from, "begin at this time of the recording [s]")->group("Path");
+  verb->add_option("--from", arguments->selection.from, "start at this time of the recording [s]")->group("Path");
   verb->add_option("--to", arguments->selection.to, "end at this time of the recording [s]")->group("Path");
-  verb->add_option("--smoothing", arguments->smoothing, "of the path's positions, as for play [s]")->group("Path");
-  verb->add_option("--max-deviation", arguments->max_deviation, "as for play [m]")
+  verb->add_option("--smoothing", arguments->smoothing, "smoothing of the path's positions, as in play [s]")
+      ->group("Path");
+  verb->add_option("--max-deviation", arguments->max_deviation, "largest deviation, as in play [m]")
       ->capture_default_str()
       ->group("Path");
 

@@ -9,27 +9,26 @@
 namespace haptrace::cli {
 
 void TuningArguments::add_to(CLI::App& app) {
-  socket_option =
-      app.add_option("--tune-socket", socket,
-                     "take commands such as 'kp 2000' on a Unix socket that only this user can open; without a path: "
-                     "$XDG_RUNTIME_DIR/haptrace/tune.sock; see docs/tuning.md")
-          ->type_name("[PATH]")
-          ->expected(0, 1)
-          ->group("Tuning");
+  socket_option = app.add_option("--tune-socket", socket,
+                                 "read commands such as 'kp 2000' from a Unix socket that only this user can open "
+                                 "(default path: $XDG_RUNTIME_DIR/haptrace/tune.sock)")
+                      ->type_name("[PATH]")
+                      ->expected(0, 1)
+                      ->group("Tuning");
   app.add_option("--tune-port", port,
-                 "take the same commands on a TCP port of this machine alone, from clients whose first line is the "
-                 "session's token; 0: any free port, which is printed")
+                 "read the same commands from a TCP port of this machine alone; a client's first line is the session's "
+                 "token (0: any free port, which is printed)")
       ->type_name("PORT")
       ->group("Tuning");
-  app.add_option("--tune-token-file", token_file,
-                 "token of --tune-port: read from this file, or made and written to it if there is none; without "
-                 "the option, a new token for every session")
+  app.add_option(
+         "--tune-token-file", token_file,
+         "file of the token of --tune-port, written if it does not exist (default: a new token for every session)")
       ->type_name("FILE")
       ->group("Tuning");
-  app.add_option("--tune-file", file, "obey the same commands in this file, a line each, whenever it changes")
+  app.add_option("--tune-file", file, "read the same commands from this file, one a line, whenever it changes")
       ->type_name("FILE")
       ->group("Tuning");
-  app.add_flag("--expert", expert, "while tuning, trust the device with any gains")->group("Tuning");
+  app.add_flag("--expert", expert, "allow any gains while tuning")->group("Tuning");
 }
 
 TuningInputs::TuningInputs(const TuningArguments& arguments, LiveTuning& tuning) {

@@ -6,6 +6,8 @@
 #include "base/printable.h"
 #include "base/suggest.h"
 #include "base/text_file.h"
+#include "base/units.h"
+#include "cli/help.h"
 #include "cli/input_options.h"
 #include "cli/terminal.h"
 #include "devices/loop/recovering_device.h"
@@ -84,10 +86,6 @@ bool is_verb(const CLI::App& app, const std::string& name) {
   return !verbs.empty();
 }
 
-std::string microseconds(double seconds) {
-  return fmt::format("{:.0f} us", 1e6 * seconds);
-}
-
 }  // namespace
 
 void Output::tell(const nlohmann::json& json_result, const std::string& text) const {
@@ -113,12 +111,12 @@ void Output::warn(const Warning& warning) const {
 }
 
 void SessionArguments::add_to(CLI::App& app) {
-  app.add_option("-d,--device", device, "device, NAME[:key=value,...]; haptrace devices lists them")
+  app.add_option("-d,--device", device, "device, with options as key=value,...; `haptrace devices` lists all")
       ->type_name("NAME[:...]");
   app.add_option("--rate", rate_hz, "servo rate [Hz], 10 to 20000")->capture_default_str()->group("Loop");
   app.add_option("--clock", clock,
-                 "real | virtual | auto; virtual time runs as fast as the machine allows and is reproducible; auto: "
-                 "virtual for simulated devices")
+                 "clock of the loop: real | virtual (reproducible, as fast as the machine allows) | auto (virtual for "
+                 "simulated devices)")
       ->capture_default_str()
       ->group("Loop");
   app.add_option("--velocity", velocity,
@@ -126,17 +124,16 @@ void SessionArguments::add_to(CLI::App& app) {
                  "alpha-beta-gamma:HZ")
       ->capture_default_str()
       ->group("Loop");
-  app.add_option("--seed", seed, "seed of everything random in a simulated device")->group("Loop");
-  app.add_flag("--no-realtime", no_realtime, "do not ask for real-time scheduling and locked memory")->group("Loop");
-  app.add_option("--max-force", limits.max_force, "force limit [N]; 0: the device's own")
+  app.add_option("--seed", seed, "seed of a simulated device")->group("Loop");
+  app.add_flag("--no-realtime", no_realtime, "do not request real-time scheduling and locked memory")->group("Loop");
+  app.add_option("--max-force", limits.max_force, "force limit [N] (0: the device's)")
       ->capture_default_str()
       ->group("Safety");
-  app.add_option(
-         "--max-continuous-force", limits.max_continuous_force,
-         "limit of the force over 10 s [N]; 0: the device's own, or 0.3 of its peak over 20 s if it states none")
+  app.add_option("--max-continuous-force", limits.max_continuous_force,
+                 "limit of the force over 10 s [N] (0: the device's, or 0.3 of its peak over 20 s)")
       ->capture_default_str()
       ->group("Safety");
-  app.add_option("--max-velocity", limits.max_velocity, "speed of the tool at which the session stops [m/s]; 0: off")
+  app.add_option("--max-velocity", limits.max_velocity, "largest tool speed before the session stops [m/s] (0: off)")
       ->capture_default_str()
       ->group("Safety");
   app.add_option("--soft-start", limits.soft_start, "time over which forces fade in [s]")
@@ -145,44 +142,40 @@ void SessionArguments::add_to(CLI::App& app) {
   app.add_option("--release", limits.release, "time over which forces fade out [s]")
       ->capture_default_str()
       ->group("Safety");
-  app.add_option("--title", title, "kept in the recording")->group("Recording");
-  app.add_option("--subject", subject, "kept in the recording")->group("Recording");
-  app.add_option("--operator", operator_name, "kept in the recording")->group("Recording");
-  app.add_option("--notes", notes, "kept in the recording")->group("Recording");
-  app.add_option("--meta", meta, "anything else to keep, KEY=VALUE; may be repeated")
-      ->type_name("KEY=VALUE")
-      ->group("Recording");
+  app.add_option("--title", title, "stored in the recording")->group("Recording");
+  app.add_option("--subject", subject, "stored in the recording")->group("Recording");
+  app.add_option("--operator", operator_name, "stored in the recording")->group("Recording");
+  app.add_option("--notes", notes, "stored in the recording")->group("Recording");
+  app.add_option("--meta", meta, "further metadata; may be repeated")->type_name("KEY=VALUE")->group("Recording");
   app.add_option("--meta-file", meta_file,
                  "template of what to keep: a JSON object; a key that is null must be given with --meta")
       ->type_name("FILE.json")
       ->group("Recording");
-  app.add_option("--split", split, "go on in another file every 30min, 2h, 1GiB; the parts read as one recording")
+  app.add_option("--split", split, "start another file every 30min, 2h or 1GiB; the parts read as one recording")
       ->type_name("TIME|SIZE")
       ->group("Recording");
-  app.add_option("--sync", sync, "force data to the disk that often, against power cuts [s]; 0: the system decides")
+  app.add_option("--sync", sync,
+                 "interval of writes through to the disk, against power cuts [s] (0: the system decides)")
       ->capture_default_str()
       ->group("Recording");
   app.add_option("--precision", precision,
-                 "round what is stored: largest error by quantity, as in 1um,1mN (m, m/s, N, Nm); else every bit")
+                 "round stored values to these errors, as in 1um,1mN (m, m/s, N, Nm) (default: exact)")
       ->type_name("BOUNDS")
       ->group("Recording");
-  app.add_option("--compress", compress, "pack what is stored, 1 to 9; 0: as it is")
+  app.add_option("--compress", compress, "compression level, 1 to 9 (0: none)")
       ->capture_default_str()
       ->group("Recording");
-  app.add_flag("--mark-buttons", mark_buttons, "a button of the device that is pressed leaves a mark")
-      ->group("Recording");
-  app.add_option("--mark-texts", mark_texts, "texts of the keys 1 to 9, separated by commas")
+  app.add_flag("--mark-buttons", mark_buttons, "set a mark when a button of the device is pressed")->group("Recording");
+  app.add_option("--mark-texts", mark_texts, "texts of the mark keys 1 to 9, separated by commas")
       ->delimiter(',')
       ->group("Recording");
-  app.add_flag("--keys", keys, "read keys even when standard input is no terminal")->group("Recording");
-  app.add_flag("--overwrite", overwrite, "replace a file that exists")->group("Recording");
+  app.add_flag("--keys", keys, "read keys also when standard input is not a terminal")->group("Recording");
+  app.add_flag("--overwrite", overwrite, "replace an existing file")->group("Recording");
 }
 
 void SessionArguments::add_wait_to(CLI::App& app) {
-  app.add_option(
-         "--wait-for-device", wait_for_device,
-         "how long a session waits for a device that was lost, without force, before it ends [s]; 0: not at "
-         "all, since whoever pushes a plug in does not expect motors to start; 30 is enough to do it and to home")
+  app.add_option("--wait-for-device", wait_for_device,
+                 "wait this long for a lost device to return, with zero force [s] (0: end the session at once)")
       ->capture_default_str()
       ->group("Safety");
 }
@@ -253,7 +246,7 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
 void require(const CLI::App& verb, const std::string& option) {
   if (verb.get_option(option)->count() == 0)
     throw input_error(
-        fmt::format("haptrace {} needs {}; see haptrace {} --help", verb.get_name(), option, verb.get_name()));
+        fmt::format("haptrace {} needs {}; see haptrace {} --help", full_name(verb), option, full_name(verb)));
 }
 
 void keep_inputs(const std::string& output, std::span<const std::string> inputs) {
@@ -276,23 +269,28 @@ void apply_config(CLI::App& verb, const std::string& file) {
 void apply_config(CLI::App& verb, const nlohmann::json& config, const std::string& file) {
   if (!config.is_object()) throw input_error(fmt::format("{}: a configuration is a JSON object of options", file));
   std::vector<std::string> known;
-  for (const CLI::Option* option : verb.get_options())
-    known.push_back(option->get_lnames().empty() ? option->get_name() : option->get_lnames().front());
+  std::vector<CLI::Option*> options;  // of each name
+  for (CLI::Option* option : verb.get_options()) {
+    std::vector<std::string> spellings = option->get_lnames();
+    if (spellings.empty()) spellings.push_back(option->get_name());
+    known.insert(known.end(), spellings.begin(), spellings.end());
+    options.insert(options.end(), spellings.size(), option);
+  }
 
   // What is for this verb alone goes before what is for all.
-  if (const auto own = config.find(verb.get_name()); own != config.end() && own->is_object())
-    apply_config(verb, *own, fmt::format("{}: {}", file, verb.get_name()));
+  const std::string name = full_name(verb);
+  if (const auto own = config.find(name); own != config.end() && own->is_object())
+    apply_config(verb, *own, fmt::format("{}: {}", file, name));
   for (const auto& [key, value] : config.items()) {
     if (key == "verb") {
-      if (value != verb.get_name())
-        throw input_error(fmt::format("{}: is a configuration of haptrace {}", file, text_of(value)));
+      if (value != name) throw input_error(fmt::format("{}: is a configuration of haptrace {}", file, text_of(value)));
       continue;
     }
-    if (value.is_object() && is_verb(*verb.get_parent(), key)) continue;
+    if (value.is_object() && is_verb(root_of(verb), key)) continue;
     const auto found = std::find(known.begin(), known.end(), key);
     if (found == known.end())
       throw input_error(fmt::format("{}: unknown key '{}'{}", file, key, suggestion(key, known)));
-    CLI::Option* option = verb.get_options()[static_cast<std::size_t>(found - known.begin())];
+    CLI::Option* option = options[static_cast<std::size_t>(found - known.begin())];
     if (option->count() > 0) continue;
     try {
       if (value.is_array())
@@ -307,7 +305,7 @@ void apply_config(CLI::App& verb, const nlohmann::json& config, const std::strin
 }
 
 nlohmann::json effective_config(const CLI::App& verb) {
-  nlohmann::json config{{"verb", verb.get_name()}};
+  nlohmann::json config{{"verb", full_name(verb)}};
   for (const CLI::Option* option : verb.get_options()) {
     const std::string name = option->get_lnames().empty() ? option->get_name() : option->get_lnames().front();
     if (name == "help" || name == "config" || name == "json" || name == "quiet") continue;
@@ -424,7 +422,7 @@ int conclude(const Output& output, const SessionResult& result) {
 }
 
 void add_partial(CLI::App& verb, bool& partial) {
-  verb.add_flag("--partial", partial, "read what there is of a split recording that lacks parts");
+  verb.add_flag("--partial", partial, "read a split recording although parts are missing");
 }
 
 RecordingReader::Parts parts_of(bool partial) {
@@ -437,13 +435,13 @@ std::string session_summary(const SessionResult& result) {
       fmt::format("  {} samples in {:.3f} s, {:.1f} Hz achieved of {:g} Hz asked, {} missed in {} overruns\n",
                   servo.samples, servo.duration, servo.achieved_rate(), servo.asked_rate, servo.missed, servo.overruns);
   if (result.virtual_time)
-    text += fmt::format("  virtual time; tick p50 {}, p99 {}\n", microseconds(servo.tick_time.quantile(0.5)),
-                        microseconds(servo.tick_time.quantile(0.99)));
+    text += fmt::format("  virtual time; tick p50 {}, p99 {}\n", duration_text(servo.tick_time.quantile(0.5)),
+                        duration_text(servo.tick_time.quantile(0.99)));
   else
     text += fmt::format("  {}{}; wake-up latency p50 {}, p99 {}, p99.9 {}, max {}\n", servo.realtime.scheduler,
                         servo.realtime.memory_locked ? ", memory locked" : "",
-                        microseconds(servo.latency.quantile(0.5)), microseconds(servo.latency.quantile(0.99)),
-                        microseconds(servo.latency.quantile(0.999)), microseconds(servo.latency.max()));
+                        duration_text(servo.latency.quantile(0.5)), duration_text(servo.latency.quantile(0.99)),
+                        duration_text(servo.latency.quantile(0.999)), duration_text(servo.latency.max()));
   if (servo.stale > 0)
     text +=
         fmt::format("  {} of {} ticks found no new sample of the device\n", servo.stale, servo.samples + servo.stale);

@@ -68,8 +68,9 @@ Verb add_recover(CLI::App& app);
 Verb add_plot(CLI::App& app);
 Verb add_report(CLI::App& app);
 Verb add_doctor(CLI::App& app);
-Verb add_stability(CLI::App& app);
+std::vector<Verb> add_stability(CLI::App& app);
 Verb add_tradeoff(CLI::App& app);
+std::vector<Verb> add_completion(CLI::App& app);
 
 /// The options of every verb that runs a session.
 struct SessionArguments {

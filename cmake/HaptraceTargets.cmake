@@ -161,6 +161,20 @@ function(haptrace_install)
           ${PROJECT_SOURCE_DIR}/cmake/HaptraceDependencies.cmake
           DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)
   install(TARGETS haptrace RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+  # Completions and manual pages: the command prints them from its own options.
+  set(generated ${PROJECT_BINARY_DIR}/completion)
+  add_custom_command(OUTPUT ${generated}/made
+    COMMAND haptrace completion bash -o ${generated}/bash
+    COMMAND haptrace completion zsh -o ${generated}/zsh
+    COMMAND haptrace completion fish -o ${generated}/fish
+    COMMAND haptrace completion man -o ${generated}/man
+    COMMAND ${CMAKE_COMMAND} -E touch ${generated}/made
+    DEPENDS haptrace VERBATIM)
+  add_custom_target(haptrace_completion ALL DEPENDS ${generated}/made)
+  install(DIRECTORY ${generated}/bash/ DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
+  install(DIRECTORY ${generated}/zsh/ DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)
+  install(DIRECTORY ${generated}/fish/ DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d)
+  install(DIRECTORY ${generated}/man/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
   install(FILES LICENSE README.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
   install(FILES devices/udev/70-haptrace.rules DESTINATION lib/udev/rules.d)
   install(FILES formats/documents/programme.schema.json DESTINATION ${CMAKE_INSTALL_DATADIR}/haptrace)

@@ -1,9 +1,9 @@
 #include "control/trigger.h"
 
 #include "base/error.h"
+#include "base/number.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <string>
 
@@ -18,13 +18,10 @@ Error not_understood(std::string_view text) {
 
 /// A number of at least zero and, if there is one, `unit` with or without a prefix m.
 std::optional<double> parse_quantity(std::string_view text, std::string_view unit) {
-  double value = 0;
-  const char* end = text.data() + text.size();
-  const auto [rest, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc{} || !(value >= 0) || !std::isfinite(value)) return std::nullopt;
-  const std::string_view suffix(rest, static_cast<std::size_t>(end - rest));
-  if (suffix.empty() || suffix == unit) return value;
-  if (suffix == "m" + std::string(unit)) return 1e-3 * value;
+  const auto value = take_number<double>(text);
+  if (!value || !(*value >= 0) || !std::isfinite(*value)) return std::nullopt;
+  if (text.empty() || text == unit) return value;
+  if (text == "m" + std::string(unit)) return 1e-3 * *value;
   return std::nullopt;
 }
 
@@ -43,11 +40,9 @@ Trigger Trigger::parse(std::string_view text) {
 Trigger::Condition Trigger::parse_condition(std::string_view text) {
   if (text == "button") return {Quantity::button, 0, ~0U};
   if (text.starts_with("button")) {
-    unsigned number = 0;
-    const char* end = text.data() + text.size();
-    const auto [rest, error] = std::from_chars(text.data() + 6, end, number);
-    if (error != std::errc{} || rest != end || number < 1 || number > 32) throw not_understood(text);
-    return {Quantity::button, 0, 1U << (number - 1)};
+    const auto number = number_of<unsigned>(text.substr(6));
+    if (!number || *number < 1 || *number > 32) throw not_understood(text);
+    return {Quantity::button, 0, 1U << (*number - 1)};
   }
   const std::size_t above = text.find('>');
   if (above == std::string_view::npos) throw not_understood(text);

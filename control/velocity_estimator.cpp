@@ -1,10 +1,10 @@
 #include "control/velocity_estimator.h"
 
 #include "base/error.h"
+#include "base/number.h"
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <fmt/format.h>
 #include <numbers>
@@ -272,13 +272,11 @@ double parse_parameter(std::string_view spec, const Kind& kind, std::string_view
   if (!kind.parameter)
     throw input_error(fmt::format("velocity estimator '{}': {} takes no parameter", spec, kind.name));
   const Parameter& p = *kind.parameter;
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  const bool number = error == std::errc() && end == text.data() + text.size();
-  if (!number || !(value >= p.least && value <= p.most) || (p.whole && value != std::floor(value)))
+  const auto value = number_of<double>(text);
+  if (!value || !(*value >= p.least && *value <= p.most) || (p.whole && *value != std::floor(*value)))
     throw input_error(fmt::format("velocity estimator '{}': the {} must be a {}number from {} to {}{}, as in '{}:{}'",
                                   spec, p.name, p.whole ? "whole " : "", p.least, p.most, p.unit, kind.name, p.usual));
-  return value;
+  return *value;
 }
 
 }  // namespace

@@ -1,8 +1,8 @@
 #include "devices/device_spec.h"
 
 #include "base/error.h"
+#include "base/number.h"
 
-#include <charconv>
 #include <cstdint>
 #include <fmt/format.h>
 #include <limits>
@@ -67,9 +67,8 @@ Number DeviceSpec::number(const std::string& key, Number least, Number most, Num
   const auto found = options.find(key);
   if (found == options.end()) return otherwise;
   const std::string& value = found->second;
-  Number number{};
-  const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
-  if (error == std::errc{} && end == value.data() + value.size() && number >= least && number <= most) return number;
+  const auto number = number_of<Number>(value);
+  if (number && *number >= least && *number <= most) return *number;
   const bool bounded = most < std::numeric_limits<Number>::max();
   throw input_error(fmt::format("{}: {}: expected a {}number from {}{}{}{}, found '{}'", where(), key,
                                 std::is_integral_v<Number> ? "whole " : "", least,

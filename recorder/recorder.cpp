@@ -2,13 +2,13 @@
 
 #include "base/disk_space.h"
 #include "base/error.h"
+#include "base/number.h"
 #include "formats/documents/warning_json.h"
 
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <boost/lockfree/spsc_queue.hpp>
-#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <ctime>
@@ -115,13 +115,11 @@ Split parse_split(std::string_view text) {
                                                {"MiB", 0x1p20, false},
                                                {"GiB", 0x1p30, false},
                                                {"TiB", 0x1p40, false}}};
-  double number = 0;
-  const char* end = text.data() + text.size();
-  const auto [rest, error] = std::from_chars(text.data(), end, number);
-  const std::string_view suffix(rest, static_cast<std::size_t>(end - rest));
+  std::string_view suffix = text;
+  const auto number = take_number<double>(suffix);
   for (const Unit& unit : kUnits) {
-    if (error != std::errc{} || suffix != unit.name) continue;
-    const double value = number * unit.factor;
+    if (!number || suffix != unit.name) continue;
+    const double value = *number * unit.factor;
     if (unit.time && value >= 1 && value <= 1e7) return {.seconds = value};
     if (!unit.time && value >= 1e6 && value <= 0x1p50) return {.bytes = static_cast<std::uint64_t>(value)};
   }

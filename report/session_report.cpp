@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/statistics.h"
 #include "formats/documents/warning_json.h"
 #include "formats/path/path_file.h"
 #include "report/thinning.h"
@@ -221,12 +222,9 @@ std::optional<double> configured_number(const nlohmann::json& config, const char
   return found->get<double>();
 }
 
-std::optional<double> median(std::vector<double> values) {
+std::optional<double> typical(std::vector<double> values) {
   std::erase_if(values, [](double v) { return !std::isfinite(v); });
-  if (values.empty()) return std::nullopt;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return values.empty() ? std::nullopt : std::optional(median(std::move(values)));
 }
 
 /// Says of every repetition of a recording whether it came to its end. Files without events are other programs'.
@@ -291,7 +289,7 @@ ReportSession session_of_recording(const std::string& file) {
                                .pace = one.kind == TrialKind::passive || one.kind == TrialKind::cursor
                                            ? configured_number(header.config, "speed")
                                            : std::nullopt,
-                               .radius = alone ? std::nullopt : median(one.radius),
+                               .radius = alone ? std::nullopt : typical(one.radius),
                                .stiffness = guided ? configured_number(header.config, "stiffness") : std::nullopt,
                                .duration = one.time.back() - one.time.front()});
   }

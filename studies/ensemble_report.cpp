@@ -1,5 +1,7 @@
 #include "studies/ensemble_report.h"
 
+#include "base/statistics.h"
+
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
@@ -256,14 +258,7 @@ std::string millimetres(const Distribution& d) {
 Distribution Distribution::of(std::vector<double> values) {
   std::erase_if(values, [](double value) { return !std::isfinite(value); });
   if (values.empty()) return {};
-  std::sort(values.begin(), values.end());
-  const auto quantile = [&](double q) {
-    const double at = q * static_cast<double>(values.size() - 1);
-    const auto below = static_cast<std::size_t>(at);
-    const std::size_t above = std::min(below + 1, values.size() - 1);
-    return std::lerp(values[below], values[above], at - static_cast<double>(below));
-  };
-  return {values.size(), quantile(0.5), quantile(0.05), quantile(0.95), values.back()};
+  return {values.size(), haptrace::median(values), quantile(values, 0.05), quantile(values, 0.95), quantile(values, 1)};
 }
 
 json to_json(const Distribution& d) {

@@ -1,5 +1,7 @@
 #include "control/path/path_smoothing.h"
 
+#include "base/statistics.h"
+
 #include <Eigen/SparseCholesky>
 
 #include <algorithm>
@@ -106,13 +108,6 @@ Vec3 miss(const Path& path, std::size_t middle) {
   return off / std::sqrt(squares);
 }
 
-double quantile(std::vector<double>& values, double fraction) {
-  if (values.empty()) return 0;
-  const auto nth = values.begin() + static_cast<std::ptrdiff_t>(fraction * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), nth, values.end());
-  return *nth;
-}
-
 /// The step of which every difference is a multiple, 0 when there is none.
 double quantum(std::span<const Path> stretches, int axis) {
   constexpr double kTolerance = 0.02;  // of a count: digits of a text file
@@ -154,7 +149,7 @@ Vec3 position_noise(std::span<const Path> stretches) {
     }
   }
   // Where most of it is farther apart, these are waypoints.
-  if (2 * misses[0].size() < rows) return Vec3::Zero();
+  if (misses[0].empty() || 2 * misses[0].size() < rows) return Vec3::Zero();
   constexpr double kQuantile = 0.95, kSigmas = 1.96;  // of a normal distribution
   Vec3 noise;
   for (int axis = 0; axis < 3; ++axis) {

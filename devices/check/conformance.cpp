@@ -1,6 +1,8 @@
 #include "devices/check/conformance.h"
 
 #include "base/error.h"
+#include "base/statistics.h"
+#include "base/units.h"
 #include "devices/check/conformance_probe.h"
 #include "devices/loop/watchdog.h"
 
@@ -83,10 +85,6 @@ constexpr double kShortFade = 0.05;  // [s]
 
 std::string distance_text(double metres) {
   return metres < 1e-5 ? fmt::format("{:.3g} um", 1e6 * metres) : fmt::format("{:.3g} mm", 1e3 * metres);
-}
-
-std::string span_text(double seconds) {
-  return seconds < 1e-3 ? fmt::format("{:.3g} us", 1e6 * seconds) : fmt::format("{:.3g} ms", 1e3 * seconds);
 }
 
 /// What a push along an axis showed.
@@ -473,12 +471,11 @@ class Examination {
 
   void judge_latency() {
     if (delays_.empty()) return leave_out("latency", "no force moved it far enough to tell");
-    std::nth_element(delays_.begin(), delays_.begin() + static_cast<std::ptrdiff_t>(delays_.size() / 2), delays_.end());
-    const double median = delays_[delays_.size() / 2];
-    judge("latency", median <= kSoon,
+    const double typical = median(delays_);
+    judge("latency", typical <= kSoon,
           fmt::format("{:.1f} ms, give or take 2, from a force that is sent to the motion that is seen; median of {}",
-                      1e3 * median, delays_.size()),
-          {{"latency", median, "s"}});
+                      1e3 * typical, delays_.size()),
+          {{"latency", typical, "s"}});
   }
 
   /// A spring, only where no axis pushes the wrong way.
@@ -638,16 +635,16 @@ class Examination {
     if (const DurationHistogram& time = device_->exchange_time(); time.count() > 0) {
       const double tick = 1 / options_.rate_hz, late = options_.busy_machine ? kLateBusy : kLate;
       judge("exchange", time.quantile(1 - late) <= tick,
-            fmt::format("p50 {}, p99 {}, max {} of a tick of {}", span_text(time.quantile(0.5)),
-                        span_text(time.quantile(0.99)), span_text(time.max()), span_text(tick)),
+            fmt::format("p50 {}, p99 {}, max {} of a tick of {}", duration_text(time.quantile(0.5)),
+                        duration_text(time.quantile(0.99)), duration_text(time.max()), duration_text(tick)),
             {{"p50", time.quantile(0.5), "s"}, {"p99", time.quantile(0.99), "s"}, {"max", time.max(), "s"}});
     }
     if (ages_.count() > 0) {
       const double median = ages_.quantile(0.5), most = options_.busy_machine ? kStaleBusy : kStale;
       judge("fresh", !wrong_age_ && median <= most,
             wrong_age_ ? "an age is negative or not a number"
-                       : fmt::format("age p50 {}, p99 {}; at most {} half of the time", span_text(median),
-                                     span_text(ages_.quantile(0.99)), span_text(most)),
+                       : fmt::format("age p50 {}, p99 {}; at most {} half of the time", duration_text(median),
+                                     duration_text(ages_.quantile(0.99)), duration_text(most)),
             {{"p50", median, "s"}, {"p99", ages_.quantile(0.99), "s"}});
       judge("finite", !not_finite_,
             not_finite_ ? "a position was not a number" : fmt::format("{} positions", ages_.count()));

@@ -1,7 +1,9 @@
 #include "devices/check/doctor.h"
 
 #include "base/error.h"
+#include "base/number.h"
 #include "base/system_files.h"
+#include "base/units.h"
 #include "control/velocity_estimator.h"
 #include "devices/check/usb_devices.h"
 #include "devices/registry.h"
@@ -26,7 +28,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using Severity = Diagnosis::Severity;
-using system_files::entries, system_files::number_of, system_files::read_text;
+using system_files::entries, system_files::read_text;
 
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;
@@ -44,10 +46,6 @@ std::vector<std::string> words_of(const std::string& line) {
 
 Diagnosis unknown(const std::string& check, const std::string& why) {
   return {Severity::note, check, "unknown: " + why, ""};
-}
-
-std::string duration_text(double seconds) {
-  return seconds < 0.01 ? fmt::format("{:.0f} us", 1e6 * seconds) : fmt::format("{:.0f} ms", 1e3 * seconds);
 }
 
 // ---- the kernel ----

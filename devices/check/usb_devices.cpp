@@ -1,5 +1,6 @@
 #include "devices/check/usb_devices.h"
 
+#include "base/number.h"
 #include "base/system_files.h"
 
 #include <algorithm>
@@ -31,7 +32,7 @@ constexpr const char* kMakeUsbNodes = "sudo udevadm trigger   # or plug it in ag
 
 /// The files below /dev by which the device in the folder `sys` is opened.
 std::vector<std::string> usb_node_paths(const KnownUsbDevice& known, const fs::path& sys) {
-  using system_files::number_of, system_files::read_text;
+  using system_files::read_text;
   std::vector<std::string> nodes;
   if (known.subsystem == std::string_view("usb")) {
     const auto bus = number_of<int>(read_text(sys / "busnum").value_or("")),

@@ -1,6 +1,7 @@
 #include "devices/falcon/emulated_falcon.h"
 
 #include "base/error.h"
+#include "base/number.h"
 #include "base/suggest.h"
 #include "control/path/min_jerk.h"
 #include "devices/falcon/kinematics.h"
@@ -9,7 +10,6 @@
 #include "devices/sim/noise.h"
 
 #include <algorithm>
-#include <charconv>
 #include <deque>
 #include <fmt/format.h>
 #include <map>
@@ -105,11 +105,10 @@ void read_falcon_fault(std::string_view text, const std::string& where, FalconFa
   bool right = text.back() != ':';
   for (; right && !rest.empty(); ++count) {
     const std::string_view part = take_part(rest, ':');
-    double number = 0;
-    const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), number);
+    const auto number = number_of<double>(part);
     const double low = count == 0 ? kind.least : 0, high = count == 0 ? kind.most : kLongestFaultTime;
-    right = count < most && error == std::errc{} && end == part.data() + part.size() && number >= low && number <= high;
-    if (right) numbers[count] = number;
+    right = count < most && number && *number >= low && *number <= high;
+    if (right) numbers[count] = *number;
   }
   if (!right || std::isnan(numbers[0]))
     throw input_error(

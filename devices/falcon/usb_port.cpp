@@ -1,6 +1,7 @@
 #include "devices/falcon/usb_port.h"
 
 #include "base/error.h"
+#include "base/number.h"
 #include "base/system_files.h"
 #include "devices/check/usb_devices.h"
 
@@ -25,7 +26,7 @@ std::string falcon_attribute(const fs::path& file) {
 }
 
 int falcon_number(const fs::path& file) {
-  return system_files::number_of<int>(falcon_attribute(file)).value_or(0);
+  return number_of<int>(falcon_attribute(file)).value_or(0);
 }
 
 std::string falcon_driver(const fs::path& device) {

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/number.h"
 #include "devices/haply/emulated_inverse.h"
 #include "devices/loop/clock.h"
 #include "devices/sim/live_plant.h"
@@ -11,7 +12,6 @@
 #include <boost/beast/core/buffers_to_string.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/websocket.hpp>
-#include <charconv>
 #include <chrono>
 #include <fmt/format.h>
 
@@ -59,9 +59,8 @@ InverseUrl parse_inverse_url(const std::string& text, bool remote) {
   const auto colon = authority.rfind(':');
   if (colon != std::string::npos && authority.find(']', colon) == std::string::npos) {
     name = authority.substr(0, colon);
-    const char* end = authority.data() + authority.size();
-    const auto [stop, error] = std::from_chars(authority.data() + colon + 1, end, url.port);
-    if (error != std::errc() || stop != end || url.port == 0) throw refuse("its port is not 1 to 65535");
+    url.port = number_of<std::uint16_t>(std::string_view(authority).substr(colon + 1)).value_or(0);
+    if (url.port == 0) throw refuse("its port is not 1 to 65535");
   }
   if (name == "localhost") {
     url.addresses = {asio::ip::address_v4::loopback(), asio::ip::address_v6::loopback()};

@@ -422,8 +422,10 @@ class ServoLoop::Session {
     push_event(state.time_ns, {.code = EventCode::states_resumed, .values = {state.dt, kNaN, kNaN}});
     ++report_.gaps;
     report_.away += state.dt;
-    // A single gap, however long, says nothing of the samples that will follow.
-    sparse_ += std::min(last_gap_ = state.dt, kSilence);
+    // The device's part of the gap: it was asked, or kept an exchange waiting. A single one, however long, says nothing
+    // of the samples that will follow.
+    last_gap_ = state.dt;
+    sparse_ += std::min(std::isfinite(took_) ? took_ : silence_, kSilence);
     start_anew(state);
   }
 

@@ -1,6 +1,7 @@
 #include "formats/convert/resample.h"
 
 #include "base/error.h"
+#include "base/statistics.h"
 #include "formats/convert/low_pass.h"
 #include "formats/recording/recording_formats.h"
 
@@ -116,13 +117,11 @@ class Resampled final : public ResampledSource {
 
  private:
   static double median_step(std::span<const Sample> samples) {
-    std::vector<std::int64_t> steps;
+    std::vector<double> steps;
     for (std::size_t i = 1; i < samples.size(); ++i)
-      if (samples[i].time_ns > samples[i - 1].time_ns) steps.push_back(samples[i].time_ns - samples[i - 1].time_ns);
-    if (steps.empty()) return 0;
-    const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-    std::nth_element(steps.begin(), middle, steps.end());
-    return 1e-9 * static_cast<double>(*middle);
+      if (samples[i].time_ns > samples[i - 1].time_ns)
+        steps.push_back(1e-9 * static_cast<double>(samples[i].time_ns - samples[i - 1].time_ns));
+    return steps.empty() ? 0 : median(std::move(steps));
   }
 
   [[nodiscard]] std::int64_t grid_ns(std::uint64_t k) const {

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/printable.h"
 #include "base/rfc3339.h"
+#include "base/statistics.h"
 #include "base/suggest.h"
 #include "base/text_file.h"
 #include "formats/path/csv_names.h"
@@ -730,11 +731,6 @@ class HeadReader {
       before = cells;
     }
     if (steps.size() < kEnough) return;
-    const auto median = [](std::vector<double>& values) {
-      const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-      std::nth_element(values.begin(), middle, values.end());
-      return *middle;
-    };
     const double step = median(steps), speed = median(speeds);
     const double moved = std::max({most[1] - least[1], most[2] - least[2], most[3] - least[3]});
     if (!(step >= kNoMovement) && !(step >= kSlow && speed < kCreeping && moved > kMoved)) return;

@@ -1,8 +1,9 @@
 #include "formats/recording/recording_layout.h"
 
+#include "base/number.h"
+
 #include <algorithm>
 #include <bit>
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <xxhash.h>
@@ -300,11 +301,10 @@ std::vector<std::string> paths() {
 }
 
 bool has_grid(std::string_view format_version) {
-  int minor = 0;
   const std::size_t point = format_version.find('.');
   if (point == std::string_view::npos) return false;
-  const char* end = format_version.data() + format_version.size();
-  return std::from_chars(format_version.data() + point + 1, end, minor).ec == std::errc{} && minor >= 1;
+  std::string_view minor = format_version.substr(point + 1);
+  return take_number<int>(minor).value_or(0) >= 1;
 }
 
 DecimalGrid::DecimalGrid(int digits) : digits_(digits), scale_(std::pow(10.0, digits)) {}

@@ -1,5 +1,6 @@
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/number.h"
 #include "formats/recording/cut_file.h"
 #include "formats/recording/hdf5_support.h"
 #include "formats/recording/recording_layout.h"
@@ -7,7 +8,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <charconv>
 #include <cstdlib>
 #include <filesystem>
 #include <fmt/format.h>
@@ -46,13 +46,12 @@ void tolerate(Lost lost, const Read& read) {
 
 /// A file whose version is damaged may be read as if it had ours; one that is newer than this program may not.
 void check_version(const std::string& file, const std::string& version, Lost lost) {
-  int major = 0;
-  const char* end = version.data() + version.size();
-  const auto parsed = std::from_chars(version.data(), end, major);
-  if (parsed.ec != std::errc{} || parsed.ptr == end || *parsed.ptr != '.')
+  std::string_view rest = version;
+  const auto major = take_number<int>(rest);
+  if (!major || !rest.starts_with('.'))
     return tolerate(
         lost, [&] { throw input_error(fmt::format("{}: format_version '{}' is not of the form 1.0", file, version)); });
-  if (major > layout::kMajorVersion)
+  if (*major > layout::kMajorVersion)
     throw input_error(fmt::format("{}: format_version {} is newer than this program knows ({}.x); use a newer haptrace",
                                   file, version, layout::kMajorVersion));
 }
@@ -620,10 +619,10 @@ bool RecordingReader::later_part(std::uint32_t number, const std::string& origin
   for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
     const std::string name = entry.path().filename().string();
     if (!name.starts_with(stem) || !name.ends_with(ending) || name.size() <= stem.size() + ending.size()) continue;
-    std::uint32_t found = 0;
-    const char* const end = name.data() + name.size() - ending.size();
-    const auto [rest, refused] = std::from_chars(name.data() + stem.size(), end, found);
-    if (refused != std::errc{} || rest != end || found <= number || !is_hdf5(entry.path().string())) continue;
+    const std::string_view digits =
+        std::string_view(name).substr(stem.size(), name.size() - stem.size() - ending.size());
+    const std::uint32_t found = number_of<std::uint32_t>(digits).value_or(0);
+    if (found <= number || !is_hdf5(entry.path().string())) continue;
     try {
       const hdf5::File file = hdf5::open_to_read(entry.path().string());
       const RecordingHeader header = read_header(file.get(), name, nullptr);

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/printable.h"
+#include "base/statistics.h"
 #include "base/writer_mark.h"
 #include "formats/recording/hdf5_support.h"
 #include "formats/recording/recording_layout.h"
@@ -172,9 +173,9 @@ class Salvage {
       if ((marks[i] & (Marks::time | Marks::tick)) == 0) known.push_back(ahead(samples[i]));
     if (known.empty() && previous_) known.push_back(ahead(*previous_));
     if (known.empty()) known.push_back(0);
-    const double middle = median_of(known);
+    const double middle = median(known);
     for (double& value : known) value = std::abs(value - middle);
-    const double most = std::max(kTickApart, kSpreads * median_of(known));
+    const double most = std::max(kTickApart, kSpreads * median(known));
     for (std::size_t i = 0; i < samples.size(); ++i) {
       Sample& sample = samples[i];
       const bool apart = std::abs(ahead(sample) - middle) > most;
@@ -188,12 +189,6 @@ class Salvage {
         sample.tick = static_cast<std::uint64_t>(
             std::max(0.0, std::round((1e-9 * static_cast<double>(sample.time_ns) - late) * rate_hz_ - middle)));
     }
-  }
-
-  static double median_of(std::vector<double>& values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
   }
 
   /// In a damaged block any bits may stand where a number was.

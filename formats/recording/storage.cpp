@@ -1,9 +1,9 @@
 #include "formats/recording/storage.h"
 
 #include "base/error.h"
+#include "base/number.h"
 
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <fmt/format.h>
 #include <vector>
@@ -27,14 +27,12 @@ constexpr std::array<Prefix, 5> kPrefixes{{{"", 1}, {"m", 1e-3}, {"u", 1e-6}, {"
 
 /// Sets the quantity that `part` names; false when it names none.
 bool read_part(std::string_view part, Precision& precision) {
-  double number = 0;
-  const auto [rest, error] = std::from_chars(part.data(), part.data() + part.size(), number);
-  if (error != std::errc{} || !(number > 0) || !std::isfinite(number)) return false;
-  const std::string_view suffix(rest, static_cast<std::size_t>(part.data() + part.size() - rest));
+  const auto number = take_number<double>(part);
+  if (!number || !(*number > 0) || !std::isfinite(*number)) return false;
   for (const PrecisionUnit& unit : kPrecisionUnits) {
     for (const Prefix& prefix : kPrefixes) {
-      if (suffix != std::string(prefix.name) + std::string(unit.name)) continue;
-      precision.*unit.quantity = number * prefix.factor;
+      if (part != std::string(prefix.name) + std::string(unit.name)) continue;
+      precision.*unit.quantity = *number * prefix.factor;
       return true;
     }
   }

@@ -1,6 +1,7 @@
 #include "player/programme/progression.h"
 
 #include "base/error.h"
+#include "base/statistics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,12 +9,6 @@
 
 namespace haptrace {
 namespace {
-
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const std::size_t n = values.size();
-  return n % 2 == 1 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
-}
 
 void check_figure(const std::string& name, const std::string& where) {
   try {

@@ -2,12 +2,12 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/number.h"
 #include "base/suggest.h"
 #include "control/pd.h"
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <fmt/format.h>
 #include <utility>
@@ -70,13 +70,10 @@ std::vector<std::string> words_of(std::string_view line) {
   return words;
 }
 
-double number_of(const std::string& name, const std::string& text) {
-  double value = 0;
-  const char* end = text.data() + text.size();
-  const auto [rest, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc{} || rest != end || !std::isfinite(value))
-    throw input_error(fmt::format("{}: '{}' is not a number", name, text));
-  return value;
+double finite_number(const std::string& name, const std::string& text) {
+  const auto value = number_of<double>(text);
+  if (!value || !std::isfinite(*value)) throw input_error(fmt::format("{}: '{}' is not a number", name, text));
+  return *value;
 }
 
 std::string gain_text(const Vec3& v, bool brief) {
@@ -171,7 +168,7 @@ std::string LiveTuning::set_gain(const std::string& name, Words values, Tuning& 
     throw input_error(fmt::format("{} takes one number for all axes or three, x y z", name));
   Vec3 asked;
   for (int axis = 0; axis < 3; ++axis)
-    asked[axis] = number_of(name, values[values.size() == 3 ? static_cast<std::size_t>(axis) : 0]);
+    asked[axis] = finite_number(name, values[values.size() == 3 ? static_cast<std::size_t>(axis) : 0]);
   if ((asked.array() < 0).any()) throw input_error(fmt::format("{} is negative; it must be at least 0", name));
 
   const Vec3 PdGains::*gain = name == "kp" ? &PdGains::kp : &PdGains::kd;
@@ -187,7 +184,7 @@ std::string LiveTuning::scale_gains(Words values, Tuning& tuning) const {
   const bool divides = !values.empty() && values[0] == "/";
   if (values.size() != 2 || (values[0] != "*" && !divides))
     throw input_error("gains take a factor, as in gains * 1.1 or gains / 1.1; kp and kd take values");
-  const double number = number_of("gains", values[1]);
+  const double number = finite_number("gains", values[1]);
   const double asked = divides ? 1 / number : number;
   if (!(number > 0 && asked > 0 && std::isfinite(asked))) throw input_error("gains: the factor must be above 0");
 
@@ -203,7 +200,7 @@ std::string LiveTuning::scale_gains(Words values, Tuning& tuning) const {
 std::string LiveTuning::set_bandwidth(Words values, Tuning& tuning) const {
   require_composed("observer");
   if (values.size() != 1) throw input_error("observer_hz takes one number [Hz]");
-  const double asked = number_of("observer_hz", values[0]);
+  const double asked = finite_number("observer_hz", values[0]);
   if (asked < kLowestBandwidth)
     throw input_error(fmt::format("observer_hz must be at least {} Hz; observer off takes it away", kLowestBandwidth));
   tuning.observer_hz = std::min(asked, options_.limits.observer_hz);
@@ -224,7 +221,7 @@ void LiveTuning::set_shares(const std::string& name, Words values, Tuning& tunin
     } else if (values[0] == "off" || values[0] == "toggle") {
       tuning.*share.value = 0;
     } else {
-      const double asked = number_of(name, values[0]);
+      const double asked = finite_number(name, values[0]);
       if (!(asked >= 0 && asked <= 1))
         throw input_error(fmt::format("{} {} is not a share from 0, none, to 1, all", name, values[0]));
       tuning.*share.value = asked;

@@ -1,13 +1,13 @@
 #include "player/tuning/tuning_server.h"
 
 #include "base/error.h"
+#include "base/number.h"
 #include "player/tuning/private_socket.h"
 
 #include <algorithm>
 #include <array>
 #include <boost/asio.hpp>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -319,15 +319,13 @@ std::uint16_t parse_tuning_port(std::string_view text) {
   std::string_view digits = text;
   for (const std::string_view host : {"127.0.0.1:", "localhost:", "[::1]:"})
     if (text.starts_with(host)) digits = text.substr(host.size());
-  std::uint16_t port = 0;
-  const char* end = digits.data() + digits.size();
-  const auto [rest, error] = std::from_chars(digits.data(), end, port);
-  if (error != std::errc{} || rest != end)
+  const auto port = number_of<std::uint16_t>(digits);
+  if (!port)
     throw input_error(
         fmt::format("tuning port '{}' is not 0 to 65535; the control socket is for this machine alone, so "
                     "that no other address can be given; over a network use ssh -L",
                     text));
-  return port;
+  return *port;
 }
 
 }  // namespace haptrace

@@ -1,6 +1,7 @@
 #include "studies/trade/budget.h"
 
 #include "base/error.h"
+#include "base/number.h"
 #include "base/suggest.h"
 
 #include <algorithm>
@@ -54,15 +55,15 @@ Bound parse_bound(const std::string& text) {
     throw wrong(fmt::format("{} is bounded by {}", name, facts.at_most ? "<=" : ">="));
 
   const std::string rest = trimmed(std::string_view(text).substr(sign + 2));
-  char* end = nullptr;
-  const double number = std::strtod(rest.c_str(), &end);
-  if (end == rest.c_str() || !std::isfinite(number) || number <= 0) throw wrong("its limit is a positive number");
+  std::string_view end = rest;
+  const auto number = take_number<double>(end);
+  if (!number || !std::isfinite(*number) || *number <= 0) throw wrong("its limit is a positive number");
   const std::string unit = trimmed(end);
   const std::string base = base_unit(facts);
   std::vector<std::string> possible;
   for (const UnitOfBudget& candidate : kUnits) {
     if (candidate.base != base) continue;
-    if (unit == candidate.name) return {facts.measure, number * candidate.scale};
+    if (unit == candidate.name) return {facts.measure, *number * candidate.scale};
     possible.emplace_back(candidate.name);
   }
   throw wrong(

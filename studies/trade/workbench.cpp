@@ -1,6 +1,7 @@
 #include "studies/trade/workbench.h"
 
 #include "base/error.h"
+#include "base/statistics.h"
 #include "control/oscillation_count.h"
 #include "formats/recording/recording_stream.h"
 #include "formats/recording/storage_report.h"
@@ -393,8 +394,7 @@ double Workbench::count_ticks(const Configuration& configuration) const {
   if (counted.empty()) return kNaN;
   // The lower quartile: single steps are so slow that the kernel's clock often changes while it is read, which is then
   // read again; on a busy machine so in more than half of the ticks.
-  std::nth_element(counted.begin(), counted.begin() + kCountedTicks / 4, counted.end());
-  return static_cast<double>(counted[kCountedTicks / 4]);
+  return quantile({counted.begin(), counted.end()}, 0.25);
 }
 
 Workbench::Stored Workbench::record(const Configuration& configuration, const Storage& storage) const {

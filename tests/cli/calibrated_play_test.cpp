@@ -116,11 +116,11 @@ TEST_F(CalibratedPlay, SoftensGainsThatTheDeviceDoesNotBearAndSaysSo) {
 }
 
 TEST_F(CalibratedPlay, MapsTheGainsThatTheDeviceBears) {
-  const Answer map = run({"stability", "--device", kFalcon, "--json", "--figure", folder_ / "map.svg"});
+  const Answer map = run({"stability", "map", "--device", kFalcon, "--json", "--figure", folder_ / "map.svg"});
   ASSERT_EQ(map.exit_code, 0) << map.err;
   EXPECT_TRUE(map.json()["map"]["present"]["stable"].get<bool>()) << map.json()["map"]["present"];
   EXPECT_THAT(test::read_bytes(folder_ / "map.svg"), HasSubstr("</svg>"));
-  const Answer unknown = run({"stability", "--device", "sim:preset=omega3"});
+  const Answer unknown = run({"stability", "map", "--device", "sim:preset=omega3"});
   EXPECT_EQ(unknown.exit_code, 2);
   EXPECT_THAT(unknown.err, HasSubstr("haptrace calibrate --device sim:preset=omega3"));
 }

@@ -9,8 +9,8 @@ TEST(StabilityCommand, TriesAnEnsembleAndTellsFilesAndPeopleTheSame) {
   const TempFolder folder;
   const std::string path = folder / "reach.csv";
   ASSERT_EQ(haptrace("shape", "reach", "--size", "0.05", "--duration", "1", "-o", path).exit_code, 0);
-  const Answer answer = haptrace("stability", "--ensemble", "1", "--learn", "1", "--seed", "3", "--paths", path, "-o",
-                                 folder / "s.json", "--figure", folder / "s.svg", "--json");
+  const Answer answer = haptrace("stability", "ensemble", "--draws", "1", "--learn", "1", "--seed", "3", "--paths",
+                                 path, "-o", folder / "s.json", "--figure", folder / "s.svg", "--json");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   const nlohmann::json json = answer.json();
   EXPECT_EQ(json, nlohmann::json::parse(std::ifstream(folder / "s.json")));
@@ -26,7 +26,7 @@ TEST(StabilityCommand, TriesAnEnsembleAndTellsFilesAndPeopleTheSame) {
 }
 
 TEST(StabilityCommand, TriesGuidanceOnAnEnsemble) {
-  const Answer answer = haptrace("stability", "--ensemble", "1", "--guidance", "--seed", "3", "--json");
+  const Answer answer = haptrace("stability", "guidance", "--draws", "1", "--seed", "3", "--json");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   const nlohmann::json guidance = answer.json()["guidance"];
   EXPECT_EQ(guidance["draws"], 1);
@@ -39,30 +39,48 @@ TEST(StabilityCommand, ClimbsTheStaircase) {
   const TempFolder folder;
   const std::string wall = folder.write("wall.json", R"({"objects": [{"kind": "wall", "point": [0, 0, -0.01],
       "normal": [0, 0, 1], "stiffness": 2500}]})");
-  const Answer answer = haptrace("stability", "--staircase", "--scene", wall, "--device", "sim:preset=omega3",
-                                 "--figure", folder / "s.svg", "--json");
+  const Answer answer = haptrace("stability", "staircase", "--scene", wall, "--device", "sim:preset=omega3", "--figure",
+                                 folder / "s.svg", "--json");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   const nlohmann::json staircase = answer.json()["staircase"], first = staircase["press"]["runs"][0];
   EXPECT_EQ(first["stiffness"], 2500);
   EXPECT_NEAR(first["created_j"]["mean"], first["expected_j"], 0.01 * first["expected_j"].get<double>());
   EXPECT_EQ(staircase["tap"]["runs"].size(), 8U * 4);
   EXPECT_THAT(test::read_bytes(folder / "s.svg"), HasSubstr("</svg>"));
-  EXPECT_THAT(haptrace("stability", "--staircase", "--device", "falcon").err, HasSubstr("give sim, or none"));
-  EXPECT_THAT(haptrace("stability", "--scene", wall, "--ensemble", "1").err, HasSubstr("--staircase"));
+  EXPECT_THAT(haptrace("stability", "staircase", "--device", "falcon").err, HasSubstr("give sim, or no device"));
 }
 
 TEST(StabilityCommand, RefusesBeforeItWorks) {
-  EXPECT_THAT(haptrace("stability", "--guidance").err, HasSubstr("--ensemble N"));
   const TempFolder folder;
-  EXPECT_THAT(haptrace("stability").err, HasSubstr("--ensemble N"));
+  EXPECT_THAT(haptrace("stability", "map").err, HasSubstr("haptrace stability map needs --device"));
   const std::string kept = folder.write("kept.json", "{}");
-  const Answer answer = haptrace("stability", "--ensemble", "1000000", "-o", kept);
+  const Answer answer = haptrace("stability", "ensemble", "--draws", "1000000", "-o", kept);
   EXPECT_EQ(answer.exit_code, 2);
   EXPECT_THAT(answer.err, AllOf(HasSubstr("kept.json"), HasSubstr("--overwrite")));
   EXPECT_EQ(test::read_bytes(kept), "{}");
-  EXPECT_THAT(haptrace("stability", "--ensemble", "1000000", "--figure", folder / "f.jpg").err, HasSubstr(".png"));
-  EXPECT_THAT(haptrace("stability", "--ensemble", "1000000", "-o", folder / "none/s.json").err,
+  EXPECT_THAT(haptrace("stability", "ensemble", "--draws", "1000000", "--figure", folder / "f.jpg").err,
+              HasSubstr(".png"));
+  EXPECT_THAT(haptrace("stability", "ensemble", "--draws", "1000000", "-o", folder / "none/s.json").err,
               HasSubstr("none does not exist; create it first"));
+}
+
+TEST(StabilityCommand, AnswersItsOldOptionsWithTheNewForm) {
+  const std::pair<std::vector<std::string>, const char*> old[] = {
+      {{"--staircase"}, "haptrace stability staircase"},
+      {{"--ensemble", "200"}, "haptrace stability ensemble --draws N"},
+      {{"--guidance", "--ensemble=3"}, "haptrace stability guidance"},
+      {{"--device", "falcon"}, "haptrace stability map --device NAME"}};
+  for (const auto& [options, form] : old) {
+    std::vector<std::string> words{"stability"};
+    words.insert(words.end(), options.begin(), options.end());
+    const Answer answer = test::Command(words).wait();
+    EXPECT_EQ(answer.exit_code, 2);
+    EXPECT_THAT(answer.err, HasSubstr(form));
+  }
+  const Answer none = haptrace("stability");
+  EXPECT_EQ(none.exit_code, 2);
+  EXPECT_THAT(none.err, HasSubstr("needs one of: map, ensemble, guidance, staircase"));
+  EXPECT_THAT(haptrace("stability", "mapp").err, HasSubstr("map"));
 }
 
 }  // namespace

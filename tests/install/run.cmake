@@ -46,6 +46,12 @@ else()
 endif()
 step(${CMAKE_COMMAND} -E compare_files ${SOURCE}/../../devices/udev/70-haptrace.rules
      ${OUT}/prefix/lib/udev/rules.d/70-haptrace.rules)
+foreach(file bash-completion/completions/haptrace zsh/site-functions/_haptrace fish/vendor_completions.d/haptrace.fish
+        man/man1/haptrace.1 man/man1/haptrace-play.1 man/man1/haptrace-stability-map.1)
+  if(NOT EXISTS ${OUT}/prefix/share/${file})
+    message(FATAL_ERROR "share/${file} is not installed")
+  endif()
+endforeach()
 # The installed command takes the guardian beside itself, also where that of the build folder could be run.
 file(GLOB guardian ${OUT}/prefix/libexec/haptrace/haptrace-guardian)
 file(RENAME ${guardian} ${guardian}.watches)

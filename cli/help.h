@@ -1,0 +1,40 @@
+// The help pages of the command, and completions and manual pages made from the same options.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace haptrace::cli {
+
+/// Returns the words that call `verb`, without "haptrace": "stability map".
+std::string full_name(const CLI::App& verb);
+
+/// Returns the whole command that `verb` belongs to.
+const CLI::App& root_of(const CLI::App& verb);
+
+/// Returns the long name of an option with its dashes, its short name where it has no other, or a positional's name.
+std::string shown_name(const CLI::Option& option);
+
+/// Returns the choices that an option's description lists as "a | b | c"; empty where it lists none.
+std::vector<std::string> choices_of(const CLI::Option& option);
+
+/// Whether an option takes the name of a file or folder.
+bool takes_file(const CLI::Option& option);
+
+/// Breaks a text at blanks into lines of at most `width` columns, where it can.
+std::vector<std::string> wrapped(std::string_view text, std::size_t width);
+
+/// Prints help in 80 columns: what a verb does, its usage and examples, then its common options; with --help-all,
+/// every option. The examples are those lines of a verb's footer that begin with two blanks.
+class HelpPage final : public CLI::Formatter {
+ public:
+  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override;
+};
+
+/// Lets every option of `verb` whose description states an SI unit in brackets, as in "[m/s]", take a value with a
+/// unit, such as 20mm. Without a unit, a value is SI.
+void accept_units(CLI::App& verb);
+
+}  // namespace haptrace::cli
