@@ -32,11 +32,11 @@ void check(const Trials& trials, const RecordOptions& options) {
 Command TimedController::update(const State& state) noexcept {
   Command command = inner_.update(state);
   if (kept_) std::swap(kept_, command.event);
-  if (trigger_) {
+  if (waits_) {
     const auto fired = trigger_->check(state);
     if (!fired) return command;
     kept_ = std::exchange(command.event, fired);
-    trigger_.reset();
+    waits_ = false;  // the trigger stays: to free it is no work for a tick
     begin_ns_ = state.time_ns;
   }
   if (duration_ > 0 && 1e-9 * static_cast<double>(state.time_ns - begin_ns_) >= duration_)

@@ -26,7 +26,7 @@ class TimedController final : public Controller {
   /// Ends `duration` [s] after the start or, with one, after the trigger, which it tells as an event; 0: never. `inner`
   /// must outlive it.
   TimedController(Controller& inner, double duration, std::optional<Trigger> trigger = std::nullopt)
-      : inner_(inner), duration_(duration), trigger_(std::move(trigger)) {}
+      : inner_(inner), duration_(duration), trigger_(std::move(trigger)), waits_(trigger_.has_value()) {}
 
   void start(const State& first) noexcept override { inner_.start(first); }
   void resume(const State& first) noexcept override { inner_.resume(first); }
@@ -36,7 +36,8 @@ class TimedController final : public Controller {
  private:
   Controller& inner_;
   double duration_;
-  std::optional<Trigger> trigger_;  ///< that has not fired
+  std::optional<Trigger> trigger_;
+  bool waits_;  ///< for the trigger
   std::int64_t begin_ns_ = 0;
   std::optional<Event> kept_;  ///< of the inner one, that had to wait for the trigger's
 };

@@ -138,7 +138,12 @@ class PressedTool final : public Device, public SampleSink {
     if (time_ >= end_time_) end_now(end_);
   }
 
-  void keep(Stairs& stairs) { keep_ = &stairs; }
+  /// Writes the stairs of the next run into `stairs`, which must outlive it.
+  void keep(Stairs& stairs) {
+    keep_ = &stairs;
+    const auto ticks = static_cast<std::size_t>(std::ceil(end_time_ * info_.nominal_rate)) + 8;
+    for (std::vector<double>* column : {&stairs.depth, &stairs.force}) column->reserve(2 * ticks);
+  }
   void run(double rate_hz) { run_loop(*this, touched_.controller(), *this, rate_hz, end_); }
 
   [[nodiscard]] double created() const { return created_; }  ///< in the end [J]

@@ -49,6 +49,8 @@ class Pushed final : public Device {
 class Ripple {
  public:
   explicit Ripple(double rate_hz) : ticks_(std::max<std::size_t>(1, static_cast<std::size_t>(0.05 * rate_hz))) {
+    squares_.reserve(1 << 18);  // a tick allocates nothing
+    rms.reserve(1 << 18);
     for (int axis = 0; axis < 3; ++axis) {
       high_.emplace_back(Butterworth2::Kind::high_pass, 8, rate_hz);
       low_.emplace_back(Butterworth2::Kind::low_pass, std::min(120.0, 0.4 * rate_hz), rate_hz);

@@ -4,6 +4,7 @@
 #include "player/playback/playback.h"
 #include "player/record.h"
 #include "tests/player/calibration/identified_device.h"
+#include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/temp_folder.h"
@@ -367,6 +368,23 @@ TEST(Gains, AreReadFromJsonStrictly) {
   EXPECT_THAT(error_of([] { (void)gains_from_json({{"kp", 1}}, "g.json"); }), HasSubstr("g.json: gains need 'kd'"));
   EXPECT_THAT(error_of([] { (void)gains_from_json({{"kp", -1}, {"kd", 1}}, "g.json"); }), HasSubstr("kp"));
   EXPECT_THAT(error_of([] { (void)gains_from_json({{"kp", 1}, {"kd", 1}, {"kdd", 1}}, "g.json"); }), HasSubstr("kdd"));
+}
+
+TEST(TimedController, FreesNothingWhenItsTriggerFires) {
+  struct Still final : Controller {
+    void start(const State&) noexcept override {}
+    [[nodiscard]] Command update(const State&) noexcept override { return {}; }
+  } still;
+  TimedController controller(still, 0.5, Trigger::parse("speed>0.1|button"));
+  State state{.dt = 1e-3};
+  controller.start(state);
+  const std::size_t before = test::allocations();
+  (void)controller.update(state);
+  state.velocity.x() = 0.2;
+  EXPECT_TRUE(controller.update(state).event);
+  state.time_ns = 600'000'000;
+  EXPECT_EQ(controller.update(state).status, Command::Status::finished);
+  EXPECT_EQ(test::allocations(), before);
 }
 
 }  // namespace

@@ -11,6 +11,11 @@ void* counted(std::size_t size) {
   if (void* memory = std::malloc(size == 0 ? 1 : size)) return memory;
   throw std::bad_alloc();
 }
+
+void released(void* memory) noexcept {
+  if (memory != nullptr) ++count;
+  std::free(memory);
+}
 }  // namespace
 
 namespace haptrace::test {
@@ -30,14 +35,14 @@ void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
   return std::malloc(size == 0 ? 1 : size);
 }
 void operator delete(void* memory) noexcept {
-  std::free(memory);
+  released(memory);
 }
 void operator delete[](void* memory) noexcept {
-  std::free(memory);
+  released(memory);
 }
 void operator delete(void* memory, std::size_t) noexcept {
-  std::free(memory);
+  released(memory);
 }
 void operator delete[](void* memory, std::size_t) noexcept {
-  std::free(memory);
+  released(memory);
 }

@@ -1,11 +1,11 @@
-// Counts what a piece of code allocates: the proof that a real-time function allocates nothing.
+// Counts uses of the heap: the proof that a real-time function allocates nothing, and frees nothing.
 #pragma once
 
 #include <cstddef>
 
 namespace haptrace::test {
 
-/// Calls of operator new in this thread since the program started.
+/// Returns how often this thread called operator new, or operator delete with memory, since the program started.
 std::size_t allocations() noexcept;
 
 }  // namespace haptrace::test

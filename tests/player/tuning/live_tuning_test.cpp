@@ -249,8 +249,11 @@ TEST(LiveTuning, ChangesAPlaybackThatRunsAndIsKeptInItsRecording) {
     Handled(Device& device, LiveTuning& live) : inner(device), tuning(live) {}
     [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner.info(); }
     Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
-      if (++calls == 2500) tuning.obey("gains * 5");
       return inner.exchange(wrench, dt, state);
+    }
+    void between_ticks(bool may_wait) noexcept override {
+      if (++calls == 2500) tuning.obey("gains * 5");
+      inner.between_ticks(may_wait);
     }
     void close() noexcept override { inner.close(); }
     Device& inner;
