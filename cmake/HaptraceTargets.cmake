@@ -136,23 +136,35 @@ function(haptrace_test name)
   endif()
 endfunction()
 
+# Sets `result` to the headers that `header` reaches through its includes, itself among them: the public ones.
+function(haptrace_public_headers result header)
+  set(found)
+  set(left ${header})
+  while(left)
+    list(POP_FRONT left next)
+    list(APPEND found ${next})
+    file(STRINGS ${PROJECT_SOURCE_DIR}/${next} includes REGEX "^#include \"")
+    foreach(line ${includes})
+      string(REGEX REPLACE "^#include \"([^\"]+)\".*" "\\1" include "${line}")
+      if(NOT include IN_LIST found AND NOT include IN_LIST left)
+        list(APPEND left ${include})
+      endif()
+    endforeach()
+    # A header that comes to include another is public with it at the next build.
+    set_property(DIRECTORY ${PROJECT_SOURCE_DIR} APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${next})
+  endwhile()
+  set(${result} ${found} PARENT_SCOPE)
+endfunction()
+
 function(haptrace_install)
   include(CMakePackageConfigHelpers)
   get_property(libraries GLOBAL PROPERTY HAPTRACE_LIBRARIES)
   install(TARGETS ${libraries} EXPORT haptraceTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
   install(EXPORT haptraceTargets NAMESPACE haptrace:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)
-  foreach(folder base plot control formats scene metrics devices recorder player studies report)
-    install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace FILES_MATCHING PATTERN "*.h"
-      # What only the implementation of formats includes.
-      PATTERN "csv.h" EXCLUDE PATTERN "hdf5_support.h" EXCLUDE
-      PATTERN "csv_header.h" EXCLUDE PATTERN "csv_names.h" EXCLUDE
-      PATTERN "csv_stamp.h" EXCLUDE PATTERN "units.h" EXCLUDE
-      PATTERN "sample_text.h" EXCLUDE PATTERN "text_file.h" EXCLUDE
-      PATTERN "recording_formats.h" EXCLUDE PATTERN "xdf_file.h" EXCLUDE
-      PATTERN "recording_layout.h" EXCLUDE
-      # And those of devices and report.
-      PATTERN "conformance_probe.h" EXCLUDE
-      PATTERN "chart.h" EXCLUDE PATTERN "markup.h" EXCLUDE PATTERN "page_css.h" EXCLUDE PATTERN "thinning.h" EXCLUDE)
+  haptrace_public_headers(headers haptrace.h)
+  foreach(header ${headers})
+    get_filename_component(folder ${header} DIRECTORY)
+    install(FILES ${header} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haptrace/${folder})
   endforeach()
   configure_package_config_file(cmake/haptraceConfig.cmake.in haptraceConfig.cmake
     INSTALL_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haptrace)

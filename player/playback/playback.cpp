@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <functional>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <numbers>
 
 namespace haptrace {

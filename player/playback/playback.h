@@ -12,7 +12,7 @@
 #include "player/session.h"
 #include "player/tuning/live_tuning.h"
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <vector>
 

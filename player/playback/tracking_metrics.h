@@ -4,7 +4,7 @@
 #include "control/ripple.h"
 #include "control/sample.h"
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <vector>
 

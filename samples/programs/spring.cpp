@@ -1,9 +1,7 @@
 // A controller of your own in thirty lines: a spring to the centre that grows stiffer with every push of a button,
 // recorded. Everything that makes a session safe (limits, fades, zero force on every way out) is the loop's.
 //   sample_spring out.h5 [DEVICE]
-#include "base/error.h"
-#include "devices/registry.h"
-#include "player/session.h"
+#include "haptrace.h"
 
 #include <cstdio>
 

@@ -149,13 +149,12 @@ TEST(Play, RefusesToLoopAndToCountRepetitionsAtOnce) {
   EXPECT_THAT(answer.err, HasSubstr("--loop repeats until Ctrl+C and --repeat 3 does not"));
 }
 
-/// The commands of the README's first session, in order, without their comments.
-std::vector<std::vector<std::string>> first_session() {
-  std::ifstream readme(HAPTRACE_README);
-  std::vector<std::vector<std::string>> commands;
+/// Appends the commands of a page's first session, in order, without their comments.
+void add_first_session(const std::string& page, std::vector<std::vector<std::string>>& commands) {
+  std::ifstream readme(page);
   bool inside = false;
   for (std::string line; std::getline(readme, line);) {
-    if (line.starts_with("## ")) inside = line == "## A first session";
+    if (line.starts_with("## ")) inside = line.starts_with("## A first session");
     if (!inside || !line.starts_with("    haptrace ")) continue;
     std::istringstream parts(std::regex_replace(line.substr(4), std::regex("   +.*"), ""));  // a comment is set off
     std::vector<std::string> words;
@@ -167,30 +166,24 @@ std::vector<std::vector<std::string>> first_session() {
       }
     }
   }
-  return commands;
 }
 
 TEST(Readme, ItsFirstSessionRunsWithoutAWarning) {
   const TempFolder folder;
-  const std::vector<std::vector<std::string>> commands = first_session();
-  ASSERT_GT(commands.size(), 10U) << HAPTRACE_README;
-  // A plug-in of the reader's own becomes a simulated device in the hand that the command is for; both are in virtual
-  // time, so that the machine's speed does not matter.
-  const auto stand_in = [](const std::string& verb) {
-    if (verb == "play") return "sim:preset=falcon,hand=relaxed,seed=3";
-    return verb == "guide" ? "sim:preset=falcon,hand=firm,seed=4,intent=mine.h5"
-                           : "sim:preset=falcon,hand=firm,seed=4,intent=square.h5";
-  };
+  std::vector<std::vector<std::string>> commands;
+  for (const char* page : {"/README.md", "/docs/tour.md"}) {
+    const std::size_t before = commands.size();
+    add_first_session(std::string(HAPTRACE_SOURCE_FOLDER) + page, commands);
+    ASSERT_GT(commands.size(), before + 4) << page;
+  }
   for (std::vector<std::string> words : commands) {
     const std::string verb = words.front();
     SCOPED_TRACE(testing::PrintToString(words));
-    for (std::string& word : words) {
-      if (word.starts_with("plugin:")) word = stand_in(verb);
+    for (std::string& word : words)
       if (word.starts_with("samples/")) word = std::string(HAPTRACE_SAMPLES) + word.substr(7);
-    }
     // Shortened: what lasts until Ctrl+C is played once, and what runs for minutes of machine time answers its --help.
     if (const auto loop = std::find(words.begin(), words.end(), "--loop"); loop != words.end()) words.erase(loop);
-    if (verb == "doctor" || verb == "stability" || verb == "tradeoff") words = {verb, "--help"};
+    if (verb == "doctor" || verb == "stability" || verb == "tradeoff") words.emplace_back("--help");
     words.insert(words.begin(), HAPTRACE_COMMAND);
     const std::string script = R"(cd "$1" && shift && exec "$@")";
     std::vector<std::string> arguments{"-c", script, "sh", folder.path()};

@@ -1,8 +1,5 @@
 // Plays a circle on a simulated device, and checks that what the library promises reaches a program outside its tree.
-#include "control/path/shapes.h"
-#include "devices/plugin.h"
-#include "devices/registry.h"
-#include "player/playback/playback.h"
+#include "haptrace.h"
 
 #include <cstdio>
 

@@ -1,0 +1,30 @@
+// haptrace in one header: sessions that record, play, guide and calibrate on any device, and their recordings.
+//
+//     const auto device = haptrace::open_device("sim:preset=falcon,hand=relaxed");
+//     const haptrace::Path path = haptrace::make_shape("circle", {.size = 0.04, .duration = 2});
+//     haptrace::PlayOptions options;
+//     options.session.recording = haptrace::SessionOptions::Recording{.file = "played.h5"};
+//     const auto plan = haptrace::plan_playback(device->info(), path, options);
+//     const haptrace::PlayResult result = haptrace::play(*device, plan, options, haptrace::StopRequest{});
+//
+// The headers that this one reaches are the public ones, and those that are installed.
+#pragma once
+
+#include "base/error.h"                      // Error: the one exception
+#include "base/stop_request.h"               // StopRequest: ends a session from any thread
+#include "control/controller.h"              // Controller: from state to force
+#include "control/path/shapes.h"             // make_shape(): squares, circles and the like
+#include "control/pd.h"                      // PD control
+#include "devices/device.h"                  // Device: what every driver implements
+#include "devices/loop/servo_loop.h"         // ServoLoop: the loop of every session
+#include "devices/plugin.h"                  // the C interface of plug-ins
+#include "devices/registry.h"                // open_device()
+#include "formats/path/path_file.h"          // load_path(), save_path()
+#include "formats/recording/recording.h"     // RecordingReader and RecordingWriter
+#include "metrics/movement.h"                // metrics of a movement
+#include "player/calibration/calibration.h"  // calibrate()
+#include "player/guidance/guide.h"           // guide()
+#include "player/playback/playback.h"        // play()
+#include "player/record.h"                   // record()
+#include "recorder/recorded_devices.h"       // use_recorded_devices()
+#include "scene/scene.h"                     // Scene: objects that a hand can touch
