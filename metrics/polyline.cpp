@@ -38,7 +38,17 @@ double Polyline::nearest(const Vec3& point, double from, double to) const noexce
   from = std::clamp(from, 0.0, length());
   to = std::clamp(to, from, length());
   double best = from, least = (at(from) - point).squaredNorm();
-  for (std::size_t i = segment_at(from); i + 1 < arc_.size() && arc_[i] <= to; ++i) {
+  const std::size_t first = segment_at(from);
+  // An upper bound of the distance, from a few points of the curve. Lengths along the curve are no shorter than those
+  // across, so that no point of the curve nearer than (distance of a vertex - bound) to that vertex, along the curve,
+  // can be the nearest one: most segments are passed over.
+  constexpr std::size_t kStride = 16;
+  constexpr double kRounding = 1 + 1e-9;
+  double bound = least;
+  for (std::size_t i = first + kStride; i < arc_.size() && arc_[i] <= to; i += kStride)
+    bound = std::min(bound, (points_[i] - point).squaredNorm());
+  bound = std::sqrt(bound) * kRounding;
+  for (std::size_t i = first; i + 1 < arc_.size() && arc_[i] <= to; ++i) {
     const double size = arc_[i + 1] - arc_[i];
     const Vec3 along = (points_[i + 1] - points_[i]) / size;
     const double s =
@@ -47,7 +57,12 @@ double Polyline::nearest(const Vec3& point, double from, double to) const noexce
     if (distance < least) {
       least = distance;
       best = s;
+      bound = std::min(bound, std::sqrt(least) * kRounding);
     }
+    const double passed = arc_[i + 1] + (points_[i + 1] - point).norm() - bound;
+    if (const auto next = std::lower_bound(arc_.begin() + static_cast<std::ptrdiff_t>(i + 1), arc_.end(), passed);
+        next - arc_.begin() > static_cast<std::ptrdiff_t>(i + 2))
+      i = static_cast<std::size_t>(next - arc_.begin()) - 2;
   }
   return best;
 }

@@ -24,7 +24,7 @@ class Polyline {
   [[nodiscard]] Vec3 at(double s) const noexcept;
 
   /// The arc length of the point nearest to `point` among those from arc length `from` to `to` [m]; of equally near
-  /// ones the first. O(log n + segments between).
+  /// ones the first. O(segments between) at worst; of a smooth curve, most segments are passed over.
   [[nodiscard]] double nearest(const Vec3& point, double from, double to) const noexcept;
 
   /// Points `spacing` apart, or a little nearer or farther so that they are evenly apart and both ends are among them;

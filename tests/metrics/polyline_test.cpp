@@ -159,5 +159,51 @@ TEST(FootPoint, FollowsAFastHandThatIsSampledSlowly) {
   EXPECT_NEAR(foot_points(curve, hand).back(), 2, 1e-12);
 }
 
+/// Of every segment, in order.
+double nearest_of_all(std::span<const Vec3> points, const Vec3& point, double from, double to) {
+  double best = from, least = std::numeric_limits<double>::infinity(), begin = 0;
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    const double size = (points[i + 1] - points[i]).norm();
+    if (begin + size >= from && begin <= to) {
+      const Vec3 along = (points[i + 1] - points[i]) / size;
+      const double s =
+          std::clamp(begin + along.dot(point - points[i]), std::max(begin, from), std::min(begin + size, to));
+      const double distance = (points[i] + (s - begin) * along - point).norm();
+      if (distance < least) {
+        least = distance;
+        best = s;
+      }
+    }
+    begin += size;
+  }
+  return best;
+}
+
+TEST(Polyline, FindsTheNearestOfAllSegmentsThoughItLooksAtFew) {
+  std::mt19937_64 random(7);
+  const auto between = [&](double a, double b) { return std::uniform_real_distribution(a, b)(random); };
+  for (int curve_number = 0; curve_number < 40; ++curve_number) {
+    // A walk that turns, crosses itself and has segments from a micrometre to centimetres.
+    std::vector<Vec3> points{Vec3::Zero()};
+    const double scale = std::pow(10, between(-6, -2));
+    Vec3 direction = Vec3::UnitX();
+    for (int i = 0; i < 400; ++i) {
+      direction += 0.6 * Vec3(between(-1, 1), between(-1, 1), between(-1, 1));
+      direction.normalize();
+      points.push_back(points.back() + scale * std::pow(10, between(-1, 0.5)) * direction);
+    }
+    const Polyline curve(points);
+    for (int i = 0; i < 200; ++i) {
+      double from = between(0, curve.length()), to = between(0, curve.length());
+      if (from > to) std::swap(from, to);
+      const Vec3 off = scale * between(0, 20) * Vec3(between(-1, 1), between(-1, 1), 0);
+      const Vec3 point = curve.at(between(0, curve.length())) + off;
+      const double found = curve.nearest(point, from, to), all = nearest_of_all(points, point, from, to);
+      EXPECT_NEAR((curve.at(found) - point).norm(), (curve.at(all) - point).norm(), 1e-9 * scale) << curve_number;
+      EXPECT_NEAR(found, all, 1e-6 * scale) << curve_number;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace haptrace
