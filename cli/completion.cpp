@@ -165,15 +165,12 @@ std::string fish_text(std::string text) {
 
 /// The condition under which the words that call `app` were typed, and none of its sub-commands.
 std::string fish_condition(const CLI::App& app) {
-  std::string condition;
+  std::vector<std::string> conditions, inner;
   for (const CLI::App* at = &app; at->get_parent() != nullptr; at = at->get_parent())
-    condition = "__fish_seen_subcommand_from " + at->get_name() + (condition.empty() ? "" : "; and " + condition);
-  std::vector<std::string> inner;
+    conditions.insert(conditions.begin(), "__fish_seen_subcommand_from " + at->get_name());
   for (const CLI::App* verb : children_of(app)) inner.push_back(verb->get_name());
-  if (!inner.empty())
-    condition +=
-        fmt::format("{}not __fish_seen_subcommand_from {}", condition.empty() ? "" : "; and ", fmt::join(inner, " "));
-  return condition;
+  if (!inner.empty()) conditions.push_back(fmt::format("not __fish_seen_subcommand_from {}", fmt::join(inner, " ")));
+  return fmt::format("{}", fmt::join(conditions, "; and "));
 }
 
 std::string fish_completion(const CLI::App& app) {

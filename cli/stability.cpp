@@ -165,11 +165,11 @@ int run_experiment(Experiment experiment, const StabilityArguments& arguments, c
   return findings.failed ? kStopped : kDone;
 }
 
-using Arguments = std::shared_ptr<StabilityArguments>;
+using SharedArguments = std::shared_ptr<StabilityArguments>;
 
 /// Adds an experiment with the options that all of them have.
 Verb add_experiment(CLI::App& parent, const char* name, const char* description, const char* footer, bool draws_figure,
-                    const Arguments& arguments, Experiment experiment) {
+                    const SharedArguments& arguments, Experiment experiment) {
   CLI::App* verb = parent.add_subcommand(name, description);
   verb->footer(footer);
   verb->add_option("-o,--output", arguments->output, "also write the JSON to this file")->type_name("FILE.json");
@@ -181,7 +181,7 @@ Verb add_experiment(CLI::App& parent, const char* name, const char* description,
   return {verb, [=](const Output& output) { return run_experiment(experiment, *arguments, output); }};
 }
 
-void add_draws(CLI::App& verb, const Arguments& arguments) {
+void add_draws(CLI::App& verb, const SharedArguments& arguments) {
   verb.add_option("--draws", arguments->draws, "number of random devices and hands")
       ->type_name("N")
       ->capture_default_str();
@@ -190,7 +190,7 @@ void add_draws(CLI::App& verb, const Arguments& arguments) {
       ->type_name("FILE...");
 }
 
-void add_seed(CLI::App& verb, const Arguments& arguments) {
+void add_seed(CLI::App& verb, const SharedArguments& arguments) {
   verb.add_option("--seed", arguments->seed, "seed of the random draws")->capture_default_str();
 }
 
@@ -219,7 +219,7 @@ Verb add_map(CLI::App& parent) {
 
 Verb add_ensemble(CLI::App& parent) {
   const auto arguments = std::make_shared<StabilityArguments>();
-  const Verb verb = add_experiment(
+  Verb verb = add_experiment(
       parent, "ensemble", "measure playback on many random devices and hands",
       "  haptrace stability ensemble --draws 200 -o stability.json --figure stability.png\n"
       "  haptrace stability ensemble --draws 1 --first 137     one draw again\n"
@@ -236,7 +236,7 @@ Verb add_ensemble(CLI::App& parent) {
 
 Verb add_guidance(CLI::App& parent) {
   const auto arguments = std::make_shared<StabilityArguments>();
-  const Verb verb = add_experiment(
+  Verb verb = add_experiment(
       parent, "guidance", "measure the safety of guidance on many random trainees",
       "  haptrace stability guidance --draws 1000 -o guidance.json\n"
       "Random hands that wander, stop, turn back, leave the tunnel, push against its walls and let go are guided along "
@@ -250,7 +250,7 @@ Verb add_guidance(CLI::App& parent) {
 
 Verb add_staircase(CLI::App& parent) {
   const auto arguments = std::make_shared<StabilityArguments>();
-  const Verb verb = add_experiment(
+  Verb verb = add_experiment(
       parent, "staircase", "measure the energy that sampled walls create",
       "  haptrace stability staircase --figure staircase.png\n"
       "Presses a sampled wall and compares the energy that it creates, against rate and stiffness, with the closed "

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/number.h"
+#include "base/units.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,15 +15,6 @@ Error not_understood(std::string_view text) {
   return input_error("trigger '" + std::string(text) +
                      "' is not understood; write force>0.5N, speed>0.02m/s (thresholds of at least 0), button or "
                      "button2, or several of them with | in between");
-}
-
-/// A number of at least zero and, if there is one, `unit` with or without a prefix m.
-std::optional<double> parse_quantity(std::string_view text, std::string_view unit) {
-  const auto value = take_number<double>(text);
-  if (!value || !(*value >= 0) || !std::isfinite(*value)) return std::nullopt;
-  if (text.empty() || text == unit) return value;
-  if (text == "m" + std::string(unit)) return 1e-3 * *value;
-  return std::nullopt;
 }
 
 }  // namespace
@@ -50,7 +42,7 @@ Trigger::Condition Trigger::parse_condition(std::string_view text) {
   const bool force = name == "force";
   if (!force && name != "speed") throw not_understood(text);
   const std::optional<double> threshold = parse_quantity(text.substr(above + 1), force ? "N" : "m/s");
-  if (!threshold) throw not_understood(text);
+  if (!threshold || !(*threshold >= 0)) throw not_understood(text);
   return {force ? Quantity::force : Quantity::speed, *threshold, 0};
 }
 
