@@ -28,12 +28,12 @@ std::string axes_of(const CalibrationPlan& plan) {
 
 std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
   return fmt::format(
-      "calibrating {} for about {:.0f} s: it moves to the middle of its workspace, swings round, then sweeps along "
-      "each of {}\n"
-      "  at most {:.0f} mm from the middle and {:.2f} m/s, with up to {:.1f} N, of which a hum of up to {:.1f} N rms "
-      "per axis\n"
-      "  if it does not answer as a mass does, it then follows a small circle for up to half a minute\n"
-      "  hold it as you will in use, loosely, and let it move; Ctrl+C ends it at any moment",
+      "calibrating {} for about {:.0f} s: it moves to the centre of its workspace, swings around, "
+      "then sweeps along each of {}\n"
+      "  at most {:.0f} mm from the middle and {:.2f} m/s, with up to {:.1f} N, of which up to {:.1f} N rms per "
+      "axis are the excitation signal\n"
+      "  if it does not respond like a mass, it then follows a small circle for up to half a minute\n"
+      "  hold it loosely, as in later use, and let it move; Ctrl+C ends the calibration at any moment",
       info.name, plan.duration + 1, axes_of(plan), 1e3 * plan.reach.maxCoeff(), plan.max_speed, plan.max_force,
       plan.max_dither);
 }
@@ -68,11 +68,11 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
   text += row("viscous damping", "N s/m", plan, plant.viscous, half.viscous, 2);
   text += row("gravity", "N", plan, plant.gravity, half.gravity, 2);
   text += row("its gradient", "N/m", plan, plant.gravity_gradient.diagonal(), half.gravity_gradient.diagonal(), 1);
-  text += fmt::format("  delay {:.2f} +- {:.2f} ms; position quantum {:.4f} mm, noise {:.4f} mm\n", 1e3 * plant.delay,
-                      1e3 * half.delay, 1e3 * plant.position_resolution, 1e3 * plant.position_noise);
+  text += fmt::format("  delay {:.2f} +- {:.2f} ms; position resolution {:.4f} mm, noise {:.4f} mm\n",
+                      1e3 * plant.delay, 1e3 * half.delay, 1e3 * plant.position_resolution, 1e3 * plant.position_noise);
   text += fmt::format(
       "  not explained: {:.0f} % of the {}, {:.3f} N rms of the sweeps\n", 100 * result.identification.line_residual,
-      result.identification.coarse ? "force" : "response to the hum", result.identification.sweep_residual);
+      result.identification.coarse ? "force" : "response to the excitation", result.identification.sweep_residual);
   if (!result.design) return text;
   const TrackingDesign& design = *result.design;
   const auto gains = [](const char* name, const Vec3& kp, const Vec3& kd) {
@@ -81,12 +81,11 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
   };
   if (result.identification.coarse)
     text += fmt::format(
-        "  coarse: {}. So only its slow movement was modelled (to 20 Hz), and the law tried out on a small circle,\n"
-        "  where it held with a margin at {:.0f} % of its bandwidth; it follows, less closely than on a device that "
-        "fits\n",
+        "  coarse: {}. The model therefore covers slow movement only (to 20 Hz). A trial on a small circle was "
+        "stable,\n  with a margin, at {:.0f} % of its bandwidth; playback follows less closely than usual\n",
         result.doubt, 100 * result.bandwidth);
   text += gains("gains", design.gains.kp, design.gains.kd);
-  text += gains("the largest it bears", design.largest.kp, design.largest.kd);
+  text += gains("largest stable gains", design.largest.kp, design.largest.kd);
   return text;
 }
 

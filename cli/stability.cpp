@@ -47,7 +47,7 @@ std::string text_of(const StabilityMap& map, const std::string& device) {
   const auto verdict = [](bool yes) { return yes ? "yes" : "no"; };
   std::string text = fmt::format(
       "{}: a PD law of {:.0f} N/m and {:.1f} N s/m along {}, where it has least margin\n"
-      "  passive {}, stable by analysis {}, in simulation {}, with friction and quantum {}\n",
+      "  passive {}, stable by analysis {}, in simulation {}, with friction and resolution {}\n",
       device, map.present.kp, map.present.kd, "xyz"[map.axis], verdict(map.at_present.passive),
       verdict(map.at_present.stable), verdict(map.at_present.simulated), verdict(map.at_present.simulated_fully));
   text += fmt::format("  margins: gain {:.1f} times, phase {:.0f} degrees, delay {:.2f} ms, modulus {:.2f}\n",

@@ -634,7 +634,7 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
   double force = device.max_force;
   if (asked > 0) force = force > 0 ? std::min(force, asked) : asked;
   if (!(force > 0))
-    throw input_error(fmt::format("{} does not say how much force it bears; say it with --max-force", device.name));
+    throw input_error(fmt::format("{} does not state its largest force; give it with --max-force", device.name));
 
   const double highest = std::min(kHighestLine, rate / 6);
   const double most = std::min(options.force_share * force, kLargestForce);

@@ -405,8 +405,7 @@ TEST(Doctor, BlamesTheHypervisorForWhatItTook) {
   EXPECT_THAT(hypervisor(0), finding(Severity::ok, "none", IsEmpty()));
   root.put("proc/cpuinfo", "flags\t\t: fpu sse2 hypervisor lahf_lm\n");
   EXPECT_THAT(hypervisor(0), finding(Severity::note, HasSubstr("a virtual machine"), IsEmpty()));
-  EXPECT_THAT(hypervisor(0.001),
-              finding(Severity::note, HasSubstr("took 1 ms of the 1 s"), HasSubstr("on the host")));
+  EXPECT_THAT(hypervisor(0.001), finding(Severity::note, HasSubstr("took 1 ms of the 1 s"), HasSubstr("on the host")));
   EXPECT_THAT(hypervisor(0.03),
               finding(Severity::warning, HasSubstr("took 30 ms of the 1 s"), HasSubstr("on the host")));
 }
