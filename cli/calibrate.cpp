@@ -81,8 +81,9 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
   };
   if (result.identification.coarse)
     text += fmt::format(
-        "  coarse: {}. The model therefore covers slow movement only (to 20 Hz). A trial on a small circle was "
-        "stable,\n  with a margin, at {:.0f} % of its bandwidth; playback follows less closely than usual\n",
+        "  coarse: {}. The model therefore covers slow movement only (to 20 Hz).\n"
+        "  A trial on a small circle was stable, with a margin, at {:.0f} % of its bandwidth;\n"
+        "  playback follows less closely than usual\n",
         result.doubt, 100 * result.bandwidth);
   text += gains("gains", design.gains.kp, design.gains.kd);
   text += gains("largest stable gains", design.largest.kp, design.largest.kd);

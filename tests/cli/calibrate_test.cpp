@@ -55,7 +55,8 @@ TEST(Calibrate, KnowsADeviceWithPlayCoarselyAndSaysSo) {
       "plugin:path=" AWKWARD_PLUGIN R"(,options={"backlash":1e-4,"handle":0.3,"quantum":5e-5,"gravity":1})";
   const Answer answer = calibrate_into(folder, {"--device", device, "-o", folder / "play.json"});
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
-  EXPECT_THAT(answer.out, AllOf(HasSubstr("coarse: "), HasSubstr("tried out"), HasSubstr("100 % of its bandwidth")));
+  EXPECT_THAT(answer.out, AllOf(HasSubstr("coarse: "), HasSubstr("trial on a small circle was stable"),
+                                HasSubstr("100 % of its bandwidth")));
   EXPECT_THAT(answer.err, HasSubstr("small circle"));
   const DeviceProfile profile = load_profile(folder / "play.json");
   EXPECT_TRUE(profile.coarse);
