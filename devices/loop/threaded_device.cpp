@@ -10,6 +10,7 @@
 #include <exception>
 #include <fmt/format.h>
 #include <mutex>
+#include <optional>
 #include <semaphore>
 #include <thread>
 

@@ -42,7 +42,7 @@ inline constexpr const char* kContinued = "continued";
 
 /// Room for the attribute `warnings`, which gets its text when the session has ended [bytes].
 inline constexpr const char* kWarnings = "warnings";
-inline constexpr std::size_t kWarningBytes = 8192;
+inline constexpr std::size_t kWarningBytes = 3840;  ///< which change while others read: with their header, one page
 
 /// JSON of as many of `warnings` as fit into kWarningBytes with a final zero: notes are left out first, then the last.
 std::string warnings_text(const nlohmann::json& warnings);

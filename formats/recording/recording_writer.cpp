@@ -35,6 +35,7 @@ constexpr std::size_t kClocksPerChunk = 64;
 constexpr std::size_t kPlainRows = 2048;   // of a chunk as it lies in memory: costs at most 1.2 raw writes of its bytes
 constexpr std::size_t kRowsInCache = 128;  // that go through all columns together
 constexpr std::size_t kFilteredRows = 8192;  // of a chunk with filters
+constexpr hsize_t kPage = 4096;              // of memory, on every machine that we know of
 
 /// One row of values that were never written.
 std::vector<std::byte> fill_row(const layout::Column& column) {
@@ -310,11 +311,17 @@ void create_attributes(hid_t file, const RecordingHeader& header) {
   for (const auto& [key, value] : header.meta) hdf5::create_attribute(meta.get(), key.c_str(), value);
 }
 
-/// In the place of an empty file.
-hdf5::File create_file(const std::string& file, bool for_hdf5_1_8) {
+/// In the place of an empty file. `in_pages`: nothing that is shorter than a page lies in two.
+hdf5::File create_file(const std::string& file, bool for_hdf5_1_8, bool in_pages) {
   const hdf5::Properties creation(H5Pcreate(H5P_FILE_CREATE)), access(H5Pcreate(H5P_FILE_ACCESS));
   // Attributes in the object header have fixed places, so that `complete` may change while others read.
   H5Pset_attr_phase_change(creation.get(), 64, 0);
+  if (in_pages) {
+    // The kernel copies a write page by page, and SIGKILL ends it between two: a node of an index that lies in two
+    // pages would be half old and half new, which no checksum forgives.
+    H5Pset_file_space_strategy(creation.get(), H5F_FSPACE_STRATEGY_PAGE, /*persist=*/false, /*threshold=*/1);
+    H5Pset_file_space_page_size(creation.get(), kPage);
+  }
   const H5F_libver_t version = for_hdf5_1_8 ? H5F_LIBVER_V18 : H5F_LIBVER_V110;
   H5Pset_libver_bounds(access.get(), version, version);
   H5Pset_fclose_degree(access.get(), H5F_CLOSE_STRONG);
@@ -367,7 +374,7 @@ class RecordingWriter::File {
     try {
       if (const std::string refusal = Reserve::process_limit(Reserve::kBookkeeping); !refusal.empty())
         throw input_error(refusal);
-      file_ = create_file(output.path(), options.for_hdf5_1_8);
+      file_ = create_file(output.path(), options.for_hdf5_1_8, in_pages(options));
       create(header, columns, options);
       if (!options.for_hdf5_1_8) open_to_readers(output.path());
       begin(header.uuid);
@@ -505,6 +512,12 @@ class RecordingWriter::File {
   }
 
  private:
+  /// Small chunks with filters would waste half a page each; conversions have them, which nobody reads half-written.
+  [[nodiscard]] static bool in_pages(const Options& options) {
+    const std::size_t rows = options.storage.rows_per_chunk;
+    return !options.for_hdf5_1_8 && (!options.storage.filtered() || rows == 0 || rows >= kFilteredRows);
+  }
+
   static constexpr std::uint64_t kIndexes = 64U
                                             << 10U;  ///< by which HDF5's indexes of the datasets grow at most [bytes]
 

@@ -128,8 +128,9 @@ Command GuidanceController::update(const State& state) noexcept {
     if (share < 1) guidance_.begin();
     command.wrench.force = share * guidance_.update(state, foot, options_.cursor);
     if (guides) {
-      way = {.position = foot.place.position, .velocity = foot.place.speed * foot.place.tangent, .acceleration = {}};
-      way.acceleration.setZero();
+      way = {.position = foot.place.position,
+             .velocity = foot.place.speed * foot.place.tangent,
+             .acceleration = Vec3::Zero()};
       command.reference_force = foot.place.force;
       command.progress = foot.s;
       command.tunnel_radius = foot.place.radius;

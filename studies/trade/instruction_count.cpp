@@ -3,6 +3,7 @@
 #include <cerrno>
 #include <csignal>
 #include <linux/perf_event.h>
+#include <optional>
 #include <sys/ioctl.h>
 #include <sys/ptrace.h>
 #include <sys/syscall.h>

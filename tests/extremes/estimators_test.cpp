@@ -137,7 +137,7 @@ TEST(Denormals, AreFlushedInTheServoThreadAtRest) {
   test::Scripted controller([&](const State& state) {
     Command command;
     if (state.tick == 0) law.start(state);
-    command.wrench.force = law.force({state, reference, {.gains = design.gains, .observer_hz = design.load_hz}, {}});
+    command.wrench.force = law.force({state, reference, {.gains = design.gains, .observer_hz = design.load_hz}});
     (void)monitor.update(state, reference);
     const double y = slow.update(state.tick < 100 ? 1 : 0), high = ripple.update(fading *= 0.9);
     denormal = denormal || is_subnormal(y) || is_subnormal(high) || is_subnormal(fading) ||

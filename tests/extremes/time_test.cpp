@@ -205,7 +205,7 @@ TEST(Time, PausesOfAnyLengthLeaveEveryFilterFinite) {
     for (int i = 0; i < 300; ++i) {
       state.dt = i % 100 == 99 ? pause : 1e-3;
       state.force_applied = Vec3(i % 7, 0, 0);
-      ASSERT_TRUE(is_finite(law.force({state, reference, {.gains = {Vec3::Constant(1e3), Vec3::Constant(10)}}, {}})));
+      ASSERT_TRUE(is_finite(law.force({state, reference, {.gains = {Vec3::Constant(1e3), Vec3::Constant(10)}}})));
       (void)monitor.update(state, reference);
       (void)hand.update(state.force_applied, Vec3(0.01, 0, 0), nan3(), state.dt);
     }

@@ -82,8 +82,8 @@ void PrintTo(const Fault& fault, std::ostream* out) {
 /// The play of a path in virtual time, which is the same to the bit whenever it is run.
 class Play {
  public:
-  Play() {
-    EXPECT_EQ(test::haptrace("shape", "square", "--size", "0.04", "--duration", "12", "-o", path_).exit_code, 0);
+  explicit Play(const std::string& duration = "12") {
+    EXPECT_EQ(test::haptrace("shape", "square", "--size", "0.04", "--duration", duration, "-o", path_).exit_code, 0);
   }
 
   [[nodiscard]] Words words(const std::string& name) const {
@@ -97,6 +97,29 @@ class Play {
 };
 
 class FaultsInVirtualTime : public testing::TestWithParam<Fault> {};
+
+TEST(KilledWithinAWrite, AFileCanBeReadWhereverTheWriteEnds) {
+  // A kill ends a write between two pages. Long texts fill the headers, so that as much as may lie in two pages does.
+  const Play play("1");
+  Words words = play.words("out.h5");
+  words.insert(words.end(), {"--title", std::string(3000, 't'), "--kp", "900", "--kd", "30"});
+  int readable = 0;
+  for (int killed_at = 1;; ++killed_at) {
+    std::error_code ignored;
+    fs::remove(play / "out.h5", ignored);
+    const Answer answer = Command(words, kNoInput, disk({fmt::format("FAULT_TORN={}", killed_at)})).wait();
+    if (answer.exit_code != 128 + SIGKILL && answer.exit_code != -SIGKILL) {
+      EXPECT_TRUE(complete(play / "out.h5")) << answer.exit_code << answer.err;
+      break;
+    }
+    ASSERT_LT(killed_at, 2000);
+    if (!fs::exists(play / "out.h5")) continue;  // before it had its name
+    ++readable;
+    rows_of(play / "out.h5");
+    EXPECT_FALSE(complete(play / "out.h5"));
+  }
+  EXPECT_GT(readable, 20);
+}
 
 TEST_P(FaultsInVirtualTime, CostNoRowThatCouldBeKept) {
   const Play play;

@@ -12,11 +12,15 @@
 //   FAULT_INTERRUPT=1    every other write, claim and sync is interrupted (EINTR)
 //   FAULT_DELAY_MS=MS    every write takes this long
 //   FAULT_STALL_MS=MS    one write takes this long: the first after FAULT_STALL_AFTER bytes
+//   FAULT_TORN=N         the process is killed (SIGKILL) while it writes, as the kernel does it: the N-th write that
+//   lies
+//                        in two pages of memory ends where the first does
 //   FAULT_COPY=FILE      another program copies FILE over it, as cp does: before the first read after FAULT_COPY_AFTER
 //                        bytes. A writer reads before a series of writes, not within
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <cstdarg>
 #include <cstdint>
 #include <cstdio>
@@ -30,6 +34,8 @@
 
 namespace {
 
+constexpr size_t kPage = 4096;
+
 std::int64_t number(const char* variable, std::int64_t otherwise) {
   const char* text = std::getenv(variable);
   return text == nullptr ? otherwise : std::atoll(text);
@@ -41,11 +47,12 @@ const std::int64_t kRoom = number("FAULT_ROOM", INT64_MAX), kAfter = number("FAU
                    kShort = number("FAULT_SHORT", INT64_MAX), kDelay = number("FAULT_DELAY_MS", 0),
                    kBack = number("FAULT_BACK_MS", INT64_MAX), kStall = number("FAULT_STALL_MS", 0),
                    kStallAfter = number("FAULT_STALL_AFTER", 0), kCopyAfter = number("FAULT_COPY_AFTER", 0);
+const std::int64_t kTorn = number("FAULT_TORN", 0);
 const char* const kCopy = std::getenv("FAULT_COPY");
 const bool kSync = number("FAULT_SYNC", 0) != 0, kCreate = number("FAULT_CREATE", 0) != 0,
            kNoClaim = number("FAULT_NO_CLAIM", 0) != 0, kInterrupt = number("FAULT_INTERRUPT", 0) != 0;
 
-std::atomic<std::int64_t> written{0}, calls{0};
+std::atomic<std::int64_t> written{0}, calls{0}, in_two_pages{0};
 std::atomic<bool> stalled{false}, copied{false};
 std::atomic<ino_t> full{0};        ///< the file that met the end of the room
 std::atomic<std::int64_t> met{0};  ///< when a fault that may be over was first met [ms]
@@ -149,6 +156,11 @@ ssize_t write_at(const char* call, int descriptor, const void* bytes, size_t cou
     if (some < 0) return -1;
     written += some;
     count = static_cast<size_t>(some);
+    const size_t first = kPage - static_cast<size_t>(offset) % kPage;
+    if (kTorn > 0 && count > first && in_two_pages.fetch_add(1) + 1 == kTorn) {
+      if (next<ssize_t(int, const void*, size_t, off_t)>(call)(descriptor, bytes, first, offset) >= 0)
+        std::raise(SIGKILL);
+    }
   }
   return next<ssize_t(int, const void*, size_t, off_t)>(call)(descriptor, bytes, count, offset);
 }

@@ -1,5 +1,6 @@
 #include "tests/formats/support.h"
 
+#include <fmt/format.h>
 #include <sys/stat.h>
 
 namespace haptrace {
