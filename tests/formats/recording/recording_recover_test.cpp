@@ -3,6 +3,7 @@
 #include "tests/formats/support.h"
 
 #include <csignal>
+#include <gmock/gmock.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
