@@ -1,8 +1,9 @@
 #include "base/printable.h"
 
-#include <array>
 #include <fmt/format.h>
+#include <iterator>
 #include <nlohmann/json.hpp>
+#include <utf8.h>
 
 namespace haptrace {
 namespace {
@@ -40,43 +41,30 @@ std::string written_out(std::string_view text, bool lines) {
 }  // namespace
 
 Character first_character(std::string_view text) {
-  if (text.empty()) return {};
-  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-  const unsigned char first = byte(0);
-  if (first < 0x80) return {1, first};
-  const std::size_t bytes = first >= 0xf0 && first < 0xf5   ? 4
-                            : first >= 0xe0 && first < 0xf0 ? 3
-                            : first >= 0xc2 && first < 0xe0 ? 2
-                                                            : 0;
-  if (bytes == 0 || text.size() < bytes) return {};
-  char32_t code = first & (0x7fU >> bytes);
-  for (std::size_t i = 1; i < bytes; ++i) {
-    if ((byte(i) & 0xc0U) != 0x80U) return {};
-    code = (code << 6U) | (byte(i) & 0x3fU);
+  const char* end = text.data();
+  try {
+    const char32_t code = utf8::next(end, text.data() + text.size());
+    return {static_cast<std::size_t>(end - text.data()), code};
+  } catch (const utf8::exception&) {
+    return {};
   }
-  constexpr std::array<char32_t, 5> kLeast{0, 0, 0x80, 0x800, 0x10000};
-  const bool surrogate = code >= 0xd800 && code < 0xe000;
-  if (code < kLeast[bytes] || code > 0x10ffff || surrogate) return {};
-  return {bytes, code};
 }
 
 std::size_t find_invalid_utf8(std::string_view text) {
-  for (std::size_t i = 0; i < text.size();) {
-    const std::size_t bytes = first_character(text.substr(i)).bytes;
-    if (bytes == 0) return i;
-    i += bytes;
-  }
-  return std::string_view::npos;
+  return utf8::find_invalid(text);
 }
 
 std::string utf8_text(std::string_view text) {
   std::string result;
-  for (std::size_t at = find_invalid_utf8(text); at != std::string_view::npos; at = find_invalid_utf8(text)) {
-    result += text.substr(0, at);
-    result += "\uFFFD";
-    text.remove_prefix(at + 1);
-  }
-  return result.append(text);
+  utf8::replace_invalid(text.begin(), text.end(), std::back_inserter(result), U'\uFFFD');
+  return result;
+}
+
+std::string_view utf8_prefix(std::string_view text, std::size_t bytes) {
+  if (text.size() <= bytes) return text;
+  const char* end = text.data() + bytes;
+  while (end > text.data() && (static_cast<unsigned char>(*end) & 0xC0U) == 0x80U) --end;
+  return text.substr(0, static_cast<std::size_t>(end - text.data()));
 }
 
 std::string printable(std::string_view text) {

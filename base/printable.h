@@ -21,6 +21,9 @@ std::size_t find_invalid_utf8(std::string_view text);
 /// Returns `text` with U+FFFD in place of every byte that is not UTF-8, as the texts of a recording must be.
 std::string utf8_text(std::string_view text);
 
+/// Returns the longest beginning of `text` of at most `bytes` bytes that does not cut a character.
+std::string_view utf8_prefix(std::string_view text, std::size_t bytes);
+
 /// Returns `text` with everything that a terminal obeys instead of showing written out: control characters and bytes
 /// that are not UTF-8 as \x1b, characters that turn the direction of writing as \u{202e}. Line feeds too, so that a
 /// title cannot look like a line of ours.

@@ -51,4 +51,10 @@ std::string suggestion(std::string_view word, std::span<const std::string> candi
   return fmt::format("; known: {}", fmt::join(candidates, ", "));
 }
 
+std::size_t index_of_name(std::string_view kind, std::string_view name, std::span<const std::string> names) {
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found == names.end()) throw input_error(fmt::format("unknown {} '{}'{}", kind, name, suggestion(name, names)));
+  return static_cast<std::size_t>(found - names.begin());
+}
+
 }  // namespace haptrace

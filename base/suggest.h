@@ -14,4 +14,7 @@ std::string nearest(std::string_view word, std::span<const std::string> candidat
 /// `; did you mean 'x'?` or, with nothing near, `; known: a, b, c`. For the end of an error message.
 std::string suggestion(std::string_view word, std::span<const std::string> candidates);
 
+/// Returns the index of `name` among `names`. Throws Error(input) `unknown KIND 'NAME'` with a suggestion.
+std::size_t index_of_name(std::string_view kind, std::string_view name, std::span<const std::string> names);
+
 }  // namespace haptrace

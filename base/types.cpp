@@ -1,23 +1,12 @@
 #include "base/types.h"
 
+#include "base/enum_names.h"
+
 namespace haptrace {
 
 const char* to_string(Phase phase) noexcept {
-  switch (phase) {
-    case Phase::idle:
-      return "idle";
-    case Phase::approach:
-      return "approach";
-    case Phase::run:
-      return "run";
-    case Phase::hold:
-      return "hold";
-    case Phase::release:
-      return "release";
-    case Phase::stopped:
-      return "stopped";
-  }
-  return "unknown";
+  static constexpr EnumNames<Phase, 6> kPhases{"phase", {"idle", "approach", "run", "hold", "release", "stopped"}};
+  return kPhases.name(phase);
 }
 
 }  // namespace haptrace

@@ -149,7 +149,7 @@ Verb add_calibrate(CLI::App& app) {
               output.tell(json, session_summary(result.session));
               return code;
             }
-            const DeviceProfile profile = profile_of(info, result, options.session.rate_hz);
+            const DeviceProfile profile = profile_of(info, result, options.session.loop.rate_hz);
             json["profile"] = to_json(profile);
             std::string place;
             try {

@@ -4,6 +4,7 @@
 #include "cli/device_check.h"
 #include "cli/verb.h"
 #include "devices/check/connected_devices.h"
+#include "devices/sim/live_plant.h"
 
 #include <chrono>
 #include <cstdio>
@@ -114,12 +115,22 @@ int watch(const Output& output) {
   return kDone;
 }
 
+/// Returns the options of a backend; an emulated device also has those of `sim`, which are listed once.
+std::vector<DeviceBackend::Option> own_options(const DeviceBackend& backend) {
+  std::vector<DeviceBackend::Option> own = backend.options;
+  if (std::none_of(own.begin(), own.end(), [](const auto& option) { return option.key == "emulated"; })) return own;
+  for (const DeviceBackend::Option& shared : emulated_options())
+    if (shared.key != "emulated") std::erase_if(own, [&](const auto& option) { return option.key == shared.key; });
+  return own;
+}
+
 std::string list_backends() {
   std::string text = "--device:\n";
   for (const DeviceBackend& backend : device_backends()) {
     text += fmt::format("{:<10} {}\n", backend.name, backend.summary);
     if (!backend.presets.empty()) text += fmt::format("{:<10}   presets: {}\n", "", fmt::join(backend.presets, ", "));
-    for (const auto& option : backend.options) text += fmt::format("{:<10}   {:<12} {}\n", "", option.key, option.help);
+    for (const auto& option : own_options(backend))
+      text += fmt::format("{:<10}   {:<12} {}\n", "", option.key, option.help);
   }
   return text + "\nhaptrace devices NAME[:key=value,...] opens one and says what it can do.\n";
 }

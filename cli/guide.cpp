@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/suggest.h"
+#include "base/units.h"
 #include "cli/input_options.h"
 #include "cli/path_options.h"
 #include "cli/profile.h"
@@ -44,18 +45,12 @@ void set_radius(const Arguments& arguments, GuideOptions& options) {
     options.radius_profile = load_radius_profile(text);
     return;
   }
-  std::size_t read = 0;
-  double value = kNaN;
-  try {
-    value = std::stod(text, &read);
-  } catch (const std::exception&) {
-  }
-  const std::string unit = text.substr(std::min(read, text.size()));
-  if (read == 0 || (!unit.empty() && unit != "m" && unit != "mm"))
+  const std::optional<double> radius = parse_quantity(text, "m");
+  if (!radius)
     throw input_error(fmt::format(
         "--radius is '{}'; it must be a length such as 0.005, 5mm, or auto, or a profile along the path: FILE.json",
         text));
-  options.radius = unit == "mm" ? 1e-3 * value : value;
+  options.radius = *radius;
 }
 
 std::string percent(double share) {

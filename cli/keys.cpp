@@ -118,9 +118,7 @@ void Keys::type(char key) {
   } else if (key == kEscape) {
     typing_ = false;
   } else if (key == kDelete || key == '\b') {
-    // Bytes 10xxxxxx continue a character of UTF-8.
-    while (!text_.empty() && (static_cast<unsigned char>(text_.back()) & 0xC0U) == 0x80U) text_.pop_back();
-    if (!text_.empty()) text_.pop_back();
+    if (!text_.empty()) text_.resize(utf8_prefix(text_, text_.size() - 1).size());
   } else if (text_.size() < kLongestEventText) {  // what is shown is what is kept
     text_ += key;
   }

@@ -57,24 +57,14 @@ std::optional<OrientationGains> orientation_gains_from(const PlayArguments& argu
 
 Compensations compensations_from(const std::vector<std::string>& without) {
   Compensations with{true, true, true, true, true};
-  static const std::vector<std::pair<std::string, bool Compensations::*>> kNames{
-      {"inertia", &Compensations::inertia},
-      {"gravity", &Compensations::gravity},
-      {"friction", &Compensations::friction},
-      {"observer", &Compensations::observer},
-      {"learning", &Compensations::learning}};
   std::vector<std::string> known{"all"};
-  for (const auto& [name, member] : kNames) known.push_back(name);
+  for (const CompensationTerm& term : kCompensationTerms) known.emplace_back(term.name);
   for (const std::string& name : without) {
-    if (name == "all") {
+    const std::size_t index = index_of_name("compensation", name, known);
+    if (index == 0)
       with = {};
-      continue;
-    }
-    const auto found =
-        std::find_if(kNames.begin(), kNames.end(), [&](const auto& entry) { return entry.first == name; });
-    if (found == kNames.end())
-      throw input_error(fmt::format("--without: there is no compensation '{}'{}", name, suggestion(name, known)));
-    with.*found->second = false;
+    else
+      with.*kCompensationTerms[index - 1].composed = false;
   }
   return with;
 }
@@ -99,7 +89,7 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
                     ? "begin the session without --without, or with --learn"
                     : fmt::format("calibrate the device first: haptrace calibrate --device {}", device.name)};
   if (!arguments.tuning.expert) {
-    options.limits = limits_of_unidentified(device.max_force, session.rate_hz);
+    options.limits = limits_of_unidentified(device.max_force, session.loop.rate_hz);
     if (play.identified) {
       options.limits.largest = plan.composed.observer ? play.identified->design.largest : play.identified->design.plain;
       options.limits.observer_hz = 2 * play.identified->design.load_hz;
@@ -256,7 +246,7 @@ Verb add_play(CLI::App& app) {
             options.compensations = compensations_from(arguments->without);
             keep_inputs(arguments->record, std::span(&arguments->path, 1));
             options.session = arguments->session.options(arguments->record, effective_config(*verb));
-            options.session.limits.max_torque = arguments->max_torque;
+            options.session.loop.limits.max_torque = arguments->max_torque;
             options.turn = arguments->turn;
             options.turn.gains = orientation_gains_from(*arguments);
 

@@ -33,7 +33,7 @@ void add_scene(const RecordArguments& arguments, RecordOptions& options, std::ve
           "--prediction says what the force is between the answers of a slow scene; give its --scene-rate as well");
     return;
   }
-  const double servo_rate = options.session.rate_hz;
+  const double servo_rate = options.session.loop.rate_hz;
   const int ticks = SlowScene::ticks_between(arguments.scene_rate, servo_rate);
   options.slow_scene.emplace(SlowSceneOptions{.rate_hz = arguments.scene_rate});
   if (arguments.prediction.empty())
@@ -142,7 +142,7 @@ Verb add_record(CLI::App& app) {
             std::vector<std::string> scene_notes, notes;
             add_scene(*arguments, options, scene_notes);
             options.identified = [&output, &options](const DeviceInfo& info) -> std::optional<PlantModel> {
-              const auto profile = profile_for(info, "", options.session.rate_hz, output, &options.session.known);
+              const auto profile = profile_for(info, "", options.session.loop.rate_hz, output, &options.session.known);
               return profile ? std::optional(profile->plant) : std::nullopt;
             };
             Trials trials{.count = arguments->count, .pause = arguments->pause, .open = [&](int trial) {

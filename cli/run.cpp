@@ -204,7 +204,7 @@ class TrialDevices {
 
   /// In words, so that the recording keeps it: what stands there already wins.
   static void add_option(std::string& description, const char* key, double value) {
-    if (description.find(fmt::format("{}=", key)) != std::string::npos) return;
+    if (DeviceSpec::parse(description).options.contains(key)) return;
     description += fmt::format("{}{}={}", description.find(':') == std::string::npos ? ':' : ',', key, value);
   }
 

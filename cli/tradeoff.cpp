@@ -92,13 +92,13 @@ std::shared_ptr<const PathSource> busiest(std::shared_ptr<const PathSource> sour
 std::optional<DeviceProfile> calibrated_here(Device& device, const Output& output, const StopRequest& stop) {
   const DeviceInfo& info = device.info();
   output.remark(fmt::format("{} was not calibrated; it is now, in virtual time", info.name));
-  const CalibrationOptions options{.session = {.limits = {.max_velocity = 1.5}}};
+  const CalibrationOptions options{.session = {.loop = {.limits = {.max_velocity = 1.5}}}};
   const CalibrationResult result = calibrate(device, options, stop);
   if (!result.succeeded()) {
     output.remark(result.reason + "; only a PD law is tried");
     return std::nullopt;
   }
-  return profile_of(info, result, options.session.rate_hz);
+  return profile_of(info, result, options.session.loop.rate_hz);
 }
 
 /// What the seed of each run is added to.
@@ -152,7 +152,7 @@ Workplace workplace(const TradeoffArguments& arguments, const Output& output, co
   place.play.fit = arguments.fit;
   place.play.smoothing = arguments.smoothing;
   place.play.playback.max_deviation = arguments.max_deviation;
-  place.play.session.limits.max_velocity = 1.5;
+  place.play.session.loop.limits.max_velocity = 1.5;
   return place;
 }
 

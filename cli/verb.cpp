@@ -199,12 +199,12 @@ std::unique_ptr<Device> SessionArguments::open(const std::vector<std::pair<std::
 
 SessionOptions SessionArguments::options(const std::string& file, const nlohmann::json& config) const {
   SessionOptions options;
-  options.rate_hz = rate_hz;
+  options.loop.rate_hz = rate_hz;
   options.clock = parse_clock(clock);
   options.velocity = velocity;
-  options.limits = limits;
-  options.realtime = !no_realtime;
-  options.away_timeout = wait_for_device;
+  options.loop.limits = limits;
+  options.loop.realtime = !no_realtime;
+  options.loop.away_timeout = wait_for_device;
   if (file.empty()) return options;
 
   // Those of other programs that would not read it.

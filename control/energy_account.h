@@ -2,11 +2,10 @@
 #pragma once
 
 #include "control/controller.h"
+#include "control/sent_forces.h"
 
 #include <algorithm>
-#include <cmath>
 #include <optional>
-#include <vector>
 
 namespace haptrace {
 
@@ -18,11 +17,7 @@ namespace haptrace {
 class EnergyAccount {
  public:
   /// `delay` [s] from a force's sending to its effect, at least 0; `rate_hz` positive.
-  EnergyAccount(double delay, double rate_hz) {
-    const double ticks = delay * rate_hz, whole = std::floor(ticks);
-    rest_ = ticks - whole;
-    sent_.assign(static_cast<std::size_t>(whole) + 2, Vec3::Zero());
-  }
+  EnergyAccount(double delay, double rate_hz) : delay_(delay * rate_hz), sent_(delay_) {}
 
   /// Forgets where the hand was; what was sent goes on acting.
   void begin() noexcept { begun_ = false; }
@@ -30,13 +25,14 @@ class EnergyAccount {
   void reset() noexcept {
     begin();
     force_.setZero();
-    std::fill(sent_.begin(), sent_.end(), Vec3::Zero());
+    sent_.fill(Vec3::Zero());
   }
 
   /// Given to the hand since the tick before [J], with `stored` [J] held by springs at this tick's position. Nothing at
   /// the first tick since begin().
   [[nodiscard]] std::optional<double> update(const State& state, double stored) noexcept {
-    force_ = acted(state.force_applied);
+    sent_.push(state.force_applied);
+    force_ = sent_.acted(delay_);
     std::optional<double> given;
     if (begun_) given = force_.dot(state.position - position_) + stored - stored_;
     begun_ = true;
@@ -49,17 +45,8 @@ class EnergyAccount {
   [[nodiscard]] const Vec3& force() const noexcept { return force_; }
 
  private:
-  // What a tick sent acts until the next, so over a delay of a fraction of a tick two of them share the time.
-  [[nodiscard]] Vec3 acted(const Vec3& sent) noexcept {
-    newest_ = (newest_ + 1) % sent_.size();
-    sent_[newest_] = sent;
-    const Vec3 &oldest = sent_[(newest_ + 1) % sent_.size()], &next = sent_[(newest_ + 2) % sent_.size()];
-    return rest_ * oldest + (1 - rest_) * next;
-  }
-
-  std::vector<Vec3> sent_;  ///< a ring, newest at newest_ [N]
-  std::size_t newest_ = 0;
-  double rest_ = 0;  ///< of the delay beyond whole ticks, in ticks
+  double delay_;  ///< [ticks]
+  SentForces sent_;
   Vec3 force_ = Vec3::Zero();
   bool begun_ = false;
   Vec3 position_ = Vec3::Zero();  ///< at the tick before [m]

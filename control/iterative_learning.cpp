@@ -1,7 +1,7 @@
 #include "control/iterative_learning.h"
 
 #include "base/error.h"
-#include "control/filters.h"
+#include "control/zero_phase.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,26 +15,6 @@ constexpr double kFirst = 0.25;      // what the first repetition, along another
 constexpr int kFewest = 3;           // repetitions before learning may stop: their mean is less noisy than one
 constexpr double kUnsteady = 0.05;   // share of ticks at which the path's time may have stood or crept
 constexpr double kSteadyStep = 0.5;  // of a tick's usual step of the path's time, below which it crept
-
-/// Forwards and backwards, mirrored through its ends so that it neither starts nor stops there.
-void zero_phase_low_pass(std::vector<Vec3>& rows, double cutoff_hz, double rate_hz) {
-  const std::size_t n = rows.size();
-  const std::size_t pad = std::min(n - 1, static_cast<std::size_t>(6 * rate_hz / cutoff_hz));
-  std::vector<Vec3> padded;
-  padded.reserve(n + 2 * pad);
-  for (std::size_t i = pad; i > 0; --i) padded.push_back(2 * rows.front() - rows[i]);
-  padded.insert(padded.end(), rows.begin(), rows.end());
-  for (std::size_t i = 1; i <= pad; ++i) padded.push_back(2 * rows.back() - rows[n - 1 - i]);
-  for (int pass = 0; pass < 2; ++pass) {
-    for (int axis = 0; axis < 3; ++axis) {
-      Butterworth2 filter(Butterworth2::Kind::low_pass, cutoff_hz, rate_hz);
-      filter.reset(padded.front()[axis]);
-      for (Vec3& row : padded) row[axis] = filter.update(row[axis]);
-    }
-    std::reverse(padded.begin(), padded.end());
-  }
-  std::copy_n(padded.begin() + static_cast<std::ptrdiff_t>(pad), n, rows.begin());
-}
 
 Vec3 interpolated(const std::vector<Vec3>& rows, double index) {
   const double last = static_cast<double>(rows.size() - 1), i = std::clamp(index, 0.0, last);
@@ -102,7 +82,7 @@ std::vector<Vec3> IterativeLearning::met_load(const RepetitionLog& log) const {
   std::vector<Vec3> error = resampled(log.time, log.position, tick, rows);
   const std::vector<Vec3> reference = resampled(log.time, log.reference, tick, rows);
   for (std::size_t k = 0; k < rows; ++k) error[k] -= reference[k];
-  zero_phase_low_pass(error, options_.cutoff_hz, options_.rate_hz);
+  zero_phase_low_pass(error, kTwoPasses * options_.cutoff_hz, options_.rate_hz);
   const double rate2 = options_.rate_hz * options_.rate_hz;
   std::vector<Vec3> lacking(rows, Vec3::Zero());  // of the acceleration
   for (std::size_t k = 1; k + 1 < rows; ++k) lacking[k] = rate2 * (error[k + 1] - 2 * error[k] + error[k - 1]);
@@ -116,7 +96,7 @@ std::vector<Vec3> IterativeLearning::met_load(const RepetitionLog& log) const {
   std::vector<Vec3> met(static_cast<std::size_t>(std::max(std::floor(static_cast<double>(rows) - 1 - lag), 2.0)));
   for (std::size_t k = 0; k < met.size(); ++k)
     met[k] = sent[k] - known[k] - options_.mass.cwiseProduct(interpolated(acceleration, static_cast<double>(k) + lag));
-  zero_phase_low_pass(met, options_.cutoff_hz, options_.rate_hz);
+  zero_phase_low_pass(met, kTwoPasses * options_.cutoff_hz, options_.rate_hz);
   for (std::size_t k = 0; k < met.size(); ++k)
     met[k] -= options_.mass.cwiseProduct(interpolated(lacking, static_cast<double>(k) + lag));
 

@@ -62,7 +62,7 @@ class IterativeLearning {
     double delay = 0;          ///< [s]
     double rate_hz = 1000;     ///< of the servo loop
     double speed = 1;          ///< of the path's time
-    double cutoff_hz = 15;     ///< of Q
+    double cutoff_hz = 15;     ///< of each pass of Q
     double duration = 0;       ///< of the path [s]
   };
 

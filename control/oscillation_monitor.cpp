@@ -59,50 +59,19 @@ double OscillationMonitor::Sums::given() const noexcept {
   return position > 0 ? 0.5 * elastic / position * swing - energy : 0;
 }
 
-OscillationMonitor::BandPass::Section::Section(bool high, double cutoff_hz, double rate_hz) {
-  const double k = std::tan(pi * std::min(cutoff_hz / rate_hz, kHighestOfRate));
-  const double scale = 1 / (1 + sqrt2 * k + k * k);
-  b0 = (high ? 1 : k * k) * scale;
-  b1 = (high ? -2 : 2) * b0;
-  a1 = 2 * (k * k - 1) * scale;
-  a2 = (1 - sqrt2 * k + k * k) * scale;
-}
-
 OscillationMonitor::BandPass::BandPass(double rate_hz)
-    : high_(true, kLowest, rate_hz), low_(false, kHighest, rate_hz) {}
-
-Vec3 OscillationMonitor::BandPass::Section::update(const Vec3& x) noexcept {
-  Vec3 y = b0 * x + z1;
-  z1 = b1 * x - a1 * y + z2;
-  z2 = b0 * x - a2 * y;
-  return y;
-}
-
-Vec3 OscillationMonitor::BandPass::update(const Vec3& x) noexcept {
-  return low_.update(high_.update(x));
-}
-
-void OscillationMonitor::BandPass::reset(const Vec3& x) noexcept {
-  high_.z1 = -high_.b0 * x;  // so that y is zero
-  high_.z2 = high_.b0 * x;
-  low_.z1 = low_.z2 = Vec3::Zero();
-}
+    : high_(FilterKind::high_pass, kLowest, rate_hz),
+      low_(FilterKind::low_pass, std::min(kHighest, kHighestOfRate * rate_hz), rate_hz) {}
 
 OscillationMonitor::OscillationMonitor(const OscillationMonitorOptions& options)
     : options_(options),
       quantum_(std::max(options.position_resolution, kSmallestQuantum)),
       stretch_ticks_(std::max(1, static_cast<int>(std::lround(kWindow / kStretches * options.rate_hz)))),
       longest_step_(kLongestGap / options.rate_hz),
-      whole_ticks_(0),
-      rest_(0),
+      delay_((validate(options), options.delay * options.rate_hz)),
+      sent_(delay_),
       error_band_(options.rate_hz),
-      force_band_(options.rate_hz) {
-  validate(options);
-  const double ticks = options.delay * options.rate_hz;
-  whole_ticks_ = static_cast<std::size_t>(ticks);
-  rest_ = ticks - std::floor(ticks);
-  sent_.resize(whole_ticks_ + 2);
-}
+      force_band_(options.rate_hz) {}
 
 std::optional<OscillationVerdict> OscillationMonitor::update(const State& state, const Reference& reference) noexcept {
   const Vec3 error = reference.position - state.position;
@@ -114,7 +83,8 @@ std::optional<OscillationVerdict> OscillationMonitor::update(const State& state,
     begin(state, error);
     return std::nullopt;
   }
-  const Vec3 force = force_band_.update(delayed(state.force_applied));
+  sent_.push(state.force_applied);
+  const Vec3 force = force_band_.update(sent_.acted(delay_));
   const Vec3 previous = error_;
   error_ = error_band_.update(error);
   const Vec3 step = error_ - previous;
@@ -133,22 +103,13 @@ std::optional<OscillationVerdict> OscillationMonitor::update(const State& state,
 
 void OscillationMonitor::begin(const State& state, const Vec3& error) noexcept {
   begun_ = true;
-  std::fill(sent_.begin(), sent_.end(), state.force_applied);
+  sent_.fill(state.force_applied);
   force_band_.reset(state.force_applied);
   error_band_.reset(error);
   error_.setZero();
   current_ = {};
   ticks_ = complete_ = 0;
   found_ = 0;
-}
-
-// What a tick sent acts until the next, so over a delay of a fraction of a tick two of them share the time.
-Vec3 OscillationMonitor::delayed(const Vec3& sent) noexcept {
-  const std::size_t size = sent_.size();
-  newest_ = newest_ + 1 < size ? newest_ + 1 : 0;
-  sent_[newest_] = sent;
-  const auto before = [&](std::size_t ticks) { return newest_ >= ticks ? newest_ - ticks : newest_ + size - ticks; };
-  return (1 - rest_) * sent_[before(whole_ticks_)] + rest_ * sent_[before(whole_ticks_ + 1)];
 }
 
 std::optional<OscillationVerdict> OscillationMonitor::judge() noexcept {

@@ -2,10 +2,11 @@
 #pragma once
 
 #include "control/controller.h"
+#include "control/filters.h"
+#include "control/sent_forces.h"
 
 #include <array>
 #include <optional>
-#include <vector>
 
 namespace haptrace {
 
@@ -89,26 +90,21 @@ class OscillationMonitor {
     Sums& operator+=(const Sums& other) noexcept;
   };
 
-  /// A second-order Butterworth high pass, then a low pass (control/filters.h), of three axes at once.
+  /// A second-order Butterworth high pass, then a low pass, of three axes at once.
   class BandPass {
    public:
     explicit BandPass(double rate_hz);
-    Vec3 update(const Vec3& x) noexcept;
+    Vec3 update(const Vec3& x) noexcept { return low_.update(high_.update(x)); }
     /// As if `x` had always been the input.
-    void reset(const Vec3& x) noexcept;
+    void reset(const Vec3& x) noexcept {
+      high_.reset(x);
+      low_.reset();
+    }
 
    private:
-    struct Section {
-      Section(bool high, double cutoff_hz, double rate_hz);
-      Vec3 update(const Vec3& x) noexcept;
-      double b0, b1, a1, a2;
-      Vec3 z1 = Vec3::Zero(), z2 = Vec3::Zero();
-    };
-    Section high_, low_;
+    BasicButterworth2<Vec3> high_, low_;
   };
 
-  /// The force that acted since the previous tick.
-  Vec3 delayed(const Vec3& sent) noexcept;
   void begin(const State& state, const Vec3& error) noexcept;
   std::optional<OscillationVerdict> judge() noexcept;
   /// Which detector fires on the window's halves.
@@ -123,10 +119,8 @@ class OscillationMonitor {
   double longest_step_;  ///< between ticks [s]
 
   bool begun_ = false;
-  std::vector<Vec3> sent_;  ///< a ring of the last forces [N]
-  std::size_t newest_ = 0;
-  std::size_t whole_ticks_;  ///< of the delay
-  double rest_;              ///< of the delay, in ticks
+  double delay_;  ///< [ticks]
+  SentForces sent_;
 
   BandPass error_band_, force_band_;
   Vec3 error_ = Vec3::Zero();  ///< e through its band pass, at the previous tick [m]

@@ -16,6 +16,13 @@ void check(const char* name, const Vec3& gain, double largest, const char* unit)
 
 }  // namespace
 
+std::vector<std::string> names_of(const Compensations& composed, bool present) {
+  std::vector<std::string> names;
+  for (const CompensationTerm& term : kCompensationTerms)
+    if (composed.*term.composed == present) names.emplace_back(term.name);
+  return names;
+}
+
 void validate(const PdGains& gains) {
   check("proportional gain kp", gains.kp, kLargestKp, "N/m");
   check("derivative gain kd", gains.kd, kLargestKd, "N s/m");

@@ -43,14 +43,13 @@ struct OrientationReference {
 /// between them, low-passed as positions are by default (two poles at 100 Hz).
 class AngularVelocity {
  public:
-  explicit AngularVelocity(double rate_hz) : filters_{make(rate_hz), make(rate_hz), make(rate_hz)} {}
+  explicit AngularVelocity(double rate_hz) : filter_(FilterKind::low_pass, 100, rate_hz) {}
 
   /// In W [rad/s]. Zero at the first orientation, and as it was while none is known or no time passes.
   Vec3 update(const Quat& orientation, double dt) noexcept {
     if (!haptrace::is_finite(orientation)) return velocity_;
     if (dt > 0 && haptrace::is_finite(before_)) {
-      const Vec3 raw = rotation_between(before_, orientation) / dt;
-      for (int axis = 0; axis < 3; ++axis) velocity_[axis] = filters_[static_cast<std::size_t>(axis)].update(raw[axis]);
+      velocity_ = filter_.update(rotation_between(before_, orientation) / dt);
     }
     before_ = orientation;
     return velocity_;
@@ -59,13 +58,11 @@ class AngularVelocity {
   void reset() noexcept {
     before_ = nan_quat();
     velocity_.setZero();
-    for (Butterworth2& filter : filters_) filter.reset();
+    filter_.reset();
   }
 
  private:
-  static Butterworth2 make(double rate_hz) { return {Butterworth2::Kind::low_pass, 100, rate_hz}; }
-
-  std::array<Butterworth2, 3> filters_;
+  BasicButterworth2<Vec3> filter_;
   Quat before_ = nan_quat();
   Vec3 velocity_ = Vec3::Zero();
 };

@@ -29,22 +29,16 @@ void StateObserver::start(const Vec3& position) noexcept {
   v_ = d_ = Vec3::Zero();
 }
 
-Vec3 StateObserver::net_force(double back) const noexcept {
-  const double whole = std::floor(back), part = back - whole;
-  const std::size_t i = newest_ + kRing - static_cast<std::size_t>(whole);
-  return (1 - part) * forces_[i % kRing] + part * forces_[(i + kRing - 1) % kRing];
-}
-
 void StateObserver::update(const Vec3& position, double dt, const Vec3& sent, const Vec3& known) noexcept {
   const bool passes = dt > 0, anew = dt > kLongestGap * period_;
   // While ticks are missed the force is held.
-  const int ticks = passes ? std::max(1, static_cast<int>(std::lround(std::min<double>(dt / period_, kRing)))) : 1;
+  const int ticks =
+      passes ? std::max(1, static_cast<int>(std::lround(std::min<double>(dt / period_, kLongestDelay)))) : 1;
   const double step = dt / ticks;
   for (int tick = 0; tick < ticks; ++tick) {
-    newest_ = (newest_ + 1) % kRing;
-    forces_[newest_] = sent - known;
+    forces_.push(sent - known);
     if (!passes || anew) continue;
-    const Vec3 a = net_force(delay_ticks_).cwiseProduct(inverse_mass_) - d_;
+    const Vec3 a = forces_.acted(delay_ticks_).cwiseProduct(inverse_mass_) - d_;
     x_ += step * v_ + 0.5 * step * step * a;
     v_ += step * a;
   }
@@ -73,7 +67,7 @@ StateObserver::Estimate StateObserver::now() const noexcept {
 StateObserver::Estimate StateObserver::ahead() const noexcept {
   Vec3 x = x_, v = v_;
   for (int tick = 0; tick < lead_ticks_; ++tick) {
-    const Vec3 a = net_force(std::max(delay_ticks_ - tick - 1, 0.0)).cwiseProduct(inverse_mass_) - d_;
+    const Vec3 a = forces_.acted(std::max(delay_ticks_ - tick - 1, 0.0)).cwiseProduct(inverse_mass_) - d_;
     x += period_ * v + 0.5 * period_ * period_ * a;
     v += period_ * a;
   }

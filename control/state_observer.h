@@ -1,9 +1,7 @@
 // Where the device is, how fast it moves and what loads it, as far as its mass and the forces sent to it tell.
 #pragma once
 
-#include "base/types.h"
-
-#include <array>
+#include "control/sent_forces.h"
 
 namespace haptrace {
 
@@ -60,18 +58,11 @@ class StateObserver {
   [[nodiscard]] double lead() const noexcept { return lead_ticks_ * period_; }  ///< [s]
 
  private:
-  /// What acted in the interval that lies `back` ticks before the last one [N].
-  [[nodiscard]] Vec3 net_force(double back) const noexcept;
-
-  static constexpr std::size_t kRing = 32;
-  static_assert(kRing >= kLongestDelay + 2);
-
   Vec3 mass_, inverse_mass_;
   double period_, delay_ticks_;
   int lead_ticks_;
   double l1_ = 0, l2_ = 0, l3_ = 0;
-  std::array<Vec3, kRing> forces_;  ///< sent minus known
-  std::size_t newest_ = 0;
+  SentForces forces_{kLongestDelay};  ///< sent minus known
   Vec3 x_ = Vec3::Zero(), v_ = Vec3::Zero(), d_ = Vec3::Zero();
 };
 

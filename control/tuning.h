@@ -4,7 +4,10 @@
 #include "base/types.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <string>
+#include <vector>
 
 namespace haptrace {
 
@@ -46,5 +49,29 @@ struct Tuning {
       this->*share += blend * (target.*share - this->*share);
   }
 };
+
+/// The compensations that a session is composed of. Only those can be tuned.
+struct Compensations {
+  bool inertia = false, gravity = false, friction = false, observer = false, learning = false;
+
+  bool operator==(const Compensations&) const = default;
+};
+
+/// A compensation by its name in options, commands and reports.
+struct CompensationTerm {
+  const char* name;
+  bool Compensations::*composed;
+  double Tuning::*share;
+  bool feedforward;
+};
+inline constexpr std::array<CompensationTerm, 5> kCompensationTerms{
+    {{"inertia", &Compensations::inertia, &Tuning::inertia, true},
+     {"gravity", &Compensations::gravity, &Tuning::gravity, true},
+     {"friction", &Compensations::friction, &Tuning::friction, true},
+     {"observer", &Compensations::observer, &Tuning::observer, false},
+     {"learning", &Compensations::learning, &Tuning::learning, false}}};
+
+/// Returns the names of the compensations that `composed` has, or that it lacks.
+std::vector<std::string> names_of(const Compensations& composed, bool present = true);
 
 }  // namespace haptrace

@@ -1,7 +1,7 @@
 #include "metrics/movement.h"
 
 #include "base/error.h"
-#include "control/filters.h"
+#include "control/zero_phase.h"
 
 #include <algorithm>
 #include <cmath>
@@ -13,10 +13,6 @@ namespace {
 
 constexpr double kStepsPerCutoff = 100;  // of the even samples
 constexpr double kMostSteps = 1e8;
-
-/// Forwards and backwards, a second-order Butterworth filter has its gain of 1 / sqrt(2) at (sqrt(2) - 1)^(1/4) of its
-/// cut-off (Winter, Biomechanics and Motor Control of Human Movement, 2.2.4).
-constexpr double kTwoPasses = 0.80225;
 
 /// Even instants.
 struct Grid {
@@ -96,28 +92,6 @@ std::vector<Vec3> resampled(const Column& column, const Grid& grid) {
                         : Vec3((lines.integral(t + half, upper) - lines.integral(t - half, lower)) / (2 * half));
   }
   return even;
-}
-
-/// Second-order Butterworth, forwards and backwards. Less the straight line between its ends, the signal goes on beyond
-/// both as its point reflection, and so for ever: an odd function of period 2 (n - 1).
-void low_pass(std::vector<Vec3>& x, double cutoff_hz, double rate_hz) {
-  const std::size_t last = x.size() - 1, period = 2 * last;
-  const auto settling = static_cast<std::size_t>(3 * rate_hz / cutoff_hz);
-  const Vec3 begin = x.front(), slope = (x.back() - x.front()) / static_cast<double>(last);
-  for (std::size_t i = 0; i <= last; ++i) x[i] -= begin + static_cast<double>(i) * slope;
-  std::vector<double> line(x.size() + 2 * settling);
-  for (Eigen::Index axis = 0; axis < 3; ++axis) {
-    for (std::size_t i = 0; i < line.size(); ++i) {
-      const std::size_t k = (i + (settling / period + 1) * period - settling) % period;
-      line[i] = k <= last ? x[k][axis] : -x[period - k][axis];
-    }
-    Butterworth2 filter(Butterworth2::Kind::low_pass, cutoff_hz / kTwoPasses, rate_hz);
-    for (double& y : line) y = filter.update(y);
-    filter.reset();
-    for (auto y = line.rbegin(); y != line.rend(); ++y) *y = filter.update(*y);
-    for (std::size_t i = 0; i <= last; ++i) x[i][axis] = line[i + settling];
-  }
-  for (std::size_t i = 0; i <= last; ++i) x[i] += begin + static_cast<double>(i) * slope;
 }
 
 std::vector<Vec3> central_differences(const std::vector<Vec3>& x, double step) {
@@ -251,7 +225,7 @@ std::optional<MovementFigures> movement_figures(const Trial& trial, const Moveme
   const Grid grid{.begin = begin, .step = (end - begin) / steps, .size = static_cast<std::size_t>(steps) + 1};
   const auto even = [&](const Column& column) {
     std::vector<Vec3> x = resampled(column, grid);
-    low_pass(x, options.cutoff_hz, 1 / grid.step);
+    zero_phase_low_pass(x, options.cutoff_hz, 1 / grid.step);
     return x;
   };
 

@@ -81,8 +81,9 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
     std::optional<PassivityLayer::Options> passivity;
     if (options.scene->passivity())
       passivity = passivity_for(options.identified ? options.identified(device.info()) : std::nullopt,
-                                options.session.rate_hz, device.info().position_resolution);
-    const auto touching = make_scene_controller(options.scene, options.session.rate_hz, options.slow_scene, passivity);
+                                options.session.loop.rate_hz, device.info().position_resolution);
+    const auto touching =
+        make_scene_controller(options.scene, options.session.loop.rate_hz, options.slow_scene, passivity);
     TimedController controller(*touching, duration, options.trigger);
     SessionOptions session = options.session;
     session.conclusions = [&] { return known_warnings(Warning::Severity::warning, "scene_rate", touching->remarks()); };
@@ -92,7 +93,7 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
   }
   // Zero force is all that is ever sent, so that no speed of the hand is too fast to be recorded.
   RecordOptions free = options;
-  free.session.limits.max_velocity = 0;
+  free.session.loop.limits.max_velocity = 0;
   PassiveController passive;
   TimedController controller(passive, duration, options.trigger);
   return run_session(device, controller, {}, {}, free.session, stop, progress);

@@ -1,5 +1,6 @@
 #include "player/session.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
@@ -32,7 +33,7 @@ RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info
   header.operator_name = recording.operator_name;
   header.notes = recording.notes;
   header.meta = recording.meta;
-  header.rate_hz = options.rate_hz;
+  header.rate_hz = options.loop.rate_hz;
   header.clock = virtual_time ? "virtual" : "monotonic";
   header.config = recording.config;
   header.device_name = info.name;
@@ -133,10 +134,10 @@ class Watch {
 
   /// When the loop waits for a device that was lost. That it came back is an event.
   void warn_of_device(SessionView& view) {
-    if (options_.away_timeout > 0 && view.live.losses > losses_told_)
-      add(view,
-          {{Warning::Severity::warning, "device_lost", view.live.time,
-            fmt::format("the device was lost; it is waited for, up to {:g} s, without force", options_.away_timeout)}});
+    if (options_.loop.away_timeout > 0 && view.live.losses > losses_told_)
+      add(view, {{Warning::Severity::warning, "device_lost", view.live.time,
+                  fmt::format("the device was lost; it is waited for, up to {:g} s, without force",
+                              options_.loop.away_timeout)}});
     losses_told_ = view.live.losses;
   }
 
@@ -229,10 +230,8 @@ ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
 }  // namespace
 
 ClockChoice parse_clock(std::string_view name) {
-  static const std::vector<std::string> names{"auto", "real", "virtual"};
-  const auto found = std::find(names.begin(), names.end(), name);
-  if (found == names.end()) throw input_error(fmt::format("unknown clock '{}'{}", name, suggestion(name, names)));
-  return static_cast<ClockChoice>(found - names.begin());
+  static constexpr EnumNames<ClockChoice, 3> kClocks{"clock", {"auto", "real", "virtual"}};
+  return kClocks.parse(name);
 }
 
 const char* software_name() noexcept {
@@ -246,15 +245,11 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   SessionResult result;
   result.virtual_time = choose_virtual(options.clock, info);
 
-  const ServoLoop::Options loop_options{.rate_hz = options.rate_hz,
-                                        .virtual_time = result.virtual_time,
-                                        .realtime = options.realtime,
-                                        .limits = options.limits,
-                                        .watch_vibration = options.watch_vibration,
-                                        .away_timeout = options.away_timeout};
+  ServoLoop::Options loop_options = options.loop;
+  loop_options.virtual_time = result.virtual_time;
   // Before the recorder is there, so that a wrong option leaves no file behind.
   ServoLoop::validate(info, loop_options);
-  const auto estimator = make_velocity_estimator(options.velocity, options.rate_hz, info.position_resolution);
+  const auto estimator = make_velocity_estimator(options.velocity, options.loop.rate_hz, info.position_resolution);
   result.warnings = options.known;
   LiveMonitor monitor;
   EventTally tally;
@@ -292,7 +287,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
       .device = device,
       .stop = ours,
       .keep = recorder ? keep_when_ended(*recorder, result, looking) : std::function<void(const std::string&)>(),
-      .realtime = options.realtime && !result.virtual_time});
+      .realtime = options.loop.realtime && !result.virtual_time});
   while (report.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
     look();
     if (!watch.disk_is_low() || !options.recording->end_when_disk_is_low || result.ended_by_disk) continue;

@@ -25,15 +25,11 @@ enum class ClockChoice {
 ClockChoice parse_clock(std::string_view name);  ///< "real" | "virtual" | "auto"; throws Error(input)
 
 struct SessionOptions {
-  double rate_hz = 1000;
+  ServoLoop::Options loop;  ///< `clock` decides about its virtual time
   ClockChoice clock = ClockChoice::automatic;
-  std::string velocity = "lowpass:100";  ///< see make_velocity_estimator
-  SafetyLimits limits;
-  bool realtime = true;
-  double away_timeout = 0;      ///< how long to wait for a device that is away (RecoveringDevice) [s]
-  bool watch_vibration = true;  ///< see ServoLoop::Options
-  std::vector<Warning> known;   ///< before the session, and shown by then: the first of its warnings
-  std::function<std::vector<Warning>()> warnings;     ///< further ones; asked whenever a view is made
+  std::string velocity = "lowpass:100";            ///< see make_velocity_estimator
+  std::vector<Warning> known;                      ///< before the session, and shown by then: the first of its warnings
+  std::function<std::vector<Warning>()> warnings;  ///< further ones; asked whenever a view is made
   std::function<std::vector<Warning>()> conclusions;  ///< further ones; asked once, when the loop has ended
 
   struct Recording {

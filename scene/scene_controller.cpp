@@ -6,8 +6,10 @@
 
 namespace haptrace {
 
-SceneController::SceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names)
+SceneController::SceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names,
+                                 const std::optional<PassivityLayer::Options>& passivity)
     : touchable_(std::move(touchable)), episodes_(names.size()) {
+  if (passivity) layer_.emplace(*passivity);
   for (std::string& name : names) figures_.push_back({.name = std::move(name)});
 }
 
@@ -15,6 +17,7 @@ void SceneController::start(const State&) noexcept {
   touchable_->reset();
   // What was touched before a gap is not told as left: nobody knows when it was.
   std::fill(episodes_.begin(), episodes_.end(), Episode{});
+  if (layer_) layer_->reset();
 }
 
 Command SceneController::update(const State& state) noexcept {
@@ -22,7 +25,8 @@ Command SceneController::update(const State& state) noexcept {
       touchable_->answer({.position = state.position, .velocity = state.velocity, .dt = state.dt});
   for (std::size_t i = 0; i < episodes_.size(); ++i) follow(i, answer.contacts[i], state.dt);
   Command command;
-  command.wrench.force = supervised(state, answer);
+  command.wrench.force = answer.force;
+  if (layer_) command.wrench.force += layer_->update(state, answer.stored);
   command.event = tell();
   return command;
 }
@@ -71,8 +75,7 @@ std::unique_ptr<SceneController> make_scene_controller(const std::shared_ptr<Sce
     touchable = std::make_shared<SlowScene>(scene, *slow, rate_hz);
   else
     scene->prepare({.rate_hz = rate_hz});
-  if (passivity) return std::make_unique<PassiveSceneController>(std::move(touchable), scene->names(), *passivity);
-  return std::make_unique<SceneController>(std::move(touchable), scene->names());
+  return std::make_unique<SceneController>(std::move(touchable), scene->names(), passivity);
 }
 
 }  // namespace haptrace

@@ -24,13 +24,14 @@ struct TouchFigures {
 
 /// Sends the force of what is touched, and tells the events `touched` and `left`.
 ///
-/// What supervises the sum derives from this and overrides supervised(): see PassiveSceneController.
-class SceneController : public Controller {
+/// With a passivity layer, it adds the force that takes back the energy that sampling created in the contacts.
+class SceneController final : public Controller {
  public:
   static constexpr double kLeft = 0.02;  ///< without contact, after which an object is left [s]
 
   /// `names` of the objects, as many as `touchable` answers contacts.
-  SceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names);
+  SceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names,
+                  const std::optional<PassivityLayer::Options>& passivity = std::nullopt);
 
   void start(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
@@ -39,13 +40,8 @@ class SceneController : public Controller {
   /// Since the construction. Not for the tick.
   [[nodiscard]] std::vector<TouchFigures> figures() const { return figures_; }
   [[nodiscard]] std::vector<std::string> remarks() const { return touchable_->remarks(); }
-
- protected:
-  /// The force to send [N], from what the scene answered at this state. Real-time.
-  [[nodiscard]] virtual Vec3 supervised(const State& state, const SceneAnswer& answer) noexcept {
-    (void)state;
-    return answer.force;
-  }
+  /// The passivity layer, or null without one.
+  [[nodiscard]] const PassivityLayer* layer() const noexcept { return layer_ ? &*layer_ : nullptr; }
 
  private:
   /// The contact with one object.
@@ -61,29 +57,7 @@ class SceneController : public Controller {
   std::shared_ptr<Touchable> touchable_;
   std::vector<TouchFigures> figures_;
   std::vector<Episode> episodes_;
-};
-
-/// Adds to the force of what is touched what takes back the energy that sampling created in it.
-class PassiveSceneController final : public SceneController {
- public:
-  PassiveSceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names,
-                         const PassivityLayer::Options& options)
-      : SceneController(std::move(touchable), std::move(names)), layer_(options) {}
-
-  void start(const State& first) noexcept override {
-    SceneController::start(first);
-    layer_.reset();
-  }
-
-  [[nodiscard]] const PassivityLayer& layer() const noexcept { return layer_; }
-
- protected:
-  [[nodiscard]] Vec3 supervised(const State& state, const SceneAnswer& answer) noexcept override {
-    return answer.force + layer_.update(state, answer.stored);
-  }
-
- private:
-  PassivityLayer layer_;
+  std::optional<PassivityLayer> layer_;
 };
 
 /// The controller that lets a hand touch `scene`, which it prepares: for this servo rate or, when `slow` says so, for a

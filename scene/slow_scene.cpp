@@ -1,5 +1,6 @@
 #include "scene/slow_scene.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "base/suggest.h"
 #include "control/norm.h"
@@ -13,7 +14,7 @@
 namespace haptrace {
 namespace {
 
-constexpr std::array kPredictions{"hold", "linear", "model"};
+constexpr EnumNames<Prediction, 3> kPredictions{"prediction", {"hold", "linear", "model"}};
 constexpr double kFurthest = 1;    // that a line is followed, in times of the distance between its points: 2 oscillate
 constexpr double kMostOver = 1.5;  // what it may come to, times the last force
 
@@ -24,14 +25,11 @@ double penetration(const Vec3& velocity, const Vec3& normal) {
 }  // namespace
 
 Prediction parse_prediction(std::string_view name) {
-  const auto found = std::find(kPredictions.begin(), kPredictions.end(), name);
-  if (found != kPredictions.end()) return static_cast<Prediction>(found - kPredictions.begin());
-  const std::vector<std::string> known(kPredictions.begin(), kPredictions.end());
-  throw input_error(fmt::format("unknown prediction '{}'{}", name, suggestion(name, known)));
+  return kPredictions.parse(name);
 }
 
 const char* to_string(Prediction prediction) noexcept {
-  return kPredictions[static_cast<std::size_t>(prediction)];
+  return kPredictions.name(prediction);
 }
 
 int SlowScene::ticks_between(double rate_hz, double servo_rate_hz) {

@@ -1,5 +1,6 @@
 #include "studies/ensemble.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "control/path/shapes.h"
 #include "control/ripple.h"
@@ -199,7 +200,7 @@ class PathTrials {
   [[nodiscard]] CalibrationResult calibrate() const {
     SimDevice device(draw_.spec, sim_options());
     CalibrationOptions options;
-    options.session.limits.max_velocity = kMaxVelocity;
+    options.session.loop.limits.max_velocity = kMaxVelocity;
     return haptrace::calibrate(device, options, stop_);
   }
 
@@ -237,7 +238,7 @@ class PathTrials {
   template <class Sink, class Result>
   PlayResult play_on(const SimSpec& spec, const Path& path, PlayOptions options, Result& result) const {
     SimDevice device(spec, sim_options());
-    Sink sink({device, spec, options.session.rate_hz});
+    Sink sink({device, spec, options.session.loop.rate_hz});
     options.sinks.push_back(&sink);
     PlayResult played = play(device, plan_playback(device.info(), path, options), options, stop_);
     result.cause = played.session.servo.cause;
@@ -267,7 +268,7 @@ PlayOptions plain(const PdGains& pd) {
   options.gains = pd;
   options.fit = true;
   options.session.velocity = "lowpass:100";
-  options.session.limits.max_velocity = kMaxVelocity;
+  options.session.loop.limits.max_velocity = kMaxVelocity;
   return options;
 }
 
@@ -286,15 +287,8 @@ EnsembleOptions completed(EnsembleOptions options) {
 }  // namespace
 
 const char* to_string(EnsembleController controller) noexcept {
-  switch (controller) {
-    case EnsembleController::stiff:
-      return "stiff";
-    case EnsembleController::cautious:
-      return "cautious";
-    case EnsembleController::calibrated:
-      return "calibrated";
-  }
-  return "unknown";
+  static constexpr EnumNames<EnsembleController, 3> kNames{"controller", {"stiff", "cautious", "calibrated"}};
+  return kNames.name(controller);
 }
 
 std::vector<Path> ensemble_paths() {

@@ -137,8 +137,8 @@ GuidanceDraw draw_guidance(std::uint64_t seed, std::uint64_t index) {
   spec.delay += lot.in(guidance_ensemble::kFurtherDelay);
 
   GuideOptions& guide = draw.guide;
-  guide.session.rate_hz = lot.in_logarithm(guidance_ensemble::kRate);
-  guide.session.limits.max_velocity = 1.5;  // as haptrace guide has it [m/s]
+  guide.session.loop.rate_hz = lot.in_logarithm(guidance_ensemble::kRate);
+  guide.session.loop.limits.max_velocity = 1.5;  // as haptrace guide has it [m/s]
   const double radius = lot.in(guidance_ensemble::kRadius);
   guide.radius = lot.happens(guidance_ensemble::kNoRadius) ? 0 : radius;
   guide.stiffness = lot.in_logarithm(guidance_ensemble::kStiffness);

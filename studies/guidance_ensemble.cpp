@@ -66,7 +66,7 @@ class GuidanceJudge final : public SampleSink {
         path_(*plan.path),
         wall_({.stiffness = plan.stiffness, .onset = options.onset, .max_force = plan.wall_force}),
         cursor_(options.guidance.cursor),
-        rate_hz_(options.session.rate_hz),
+        rate_hz_(options.session.loop.rate_hz),
         blending_(std::llround(GuidanceController::kBlend * rate_hz_) + 2),
         end_(end),
         end_ns_(std::llround(1e9 * duration)),
@@ -156,7 +156,7 @@ class GuidedTrial {
     GuideOptions options = draw_.guide;
     options.guidance.time_limit = intended() + kLinger;
     options.guidance.hold = kHoldLimit;
-    options.session.watch_vibration = options.guard;
+    options.session.loop.watch_vibration = options.guard;
     const GuidePlan plan = plan_guidance(device.info(), source_of(expert_), options);
     stiffness = plan.stiffness;
     GuidanceController controller = guidance_controller(device.info(), plan, options);
@@ -173,7 +173,7 @@ class GuidedTrial {
   /// Ripple of the same hand on the same device without any force [m].
   double alone() const {
     SimDevice device(draw_.device.spec, sim_);
-    const double rate_hz = draw_.guide.session.rate_hz;
+    const double rate_hz = draw_.guide.session.loop.rate_hz;
     TrueRipple ripple(device, rate_hz);
     DeviceState state;
     for (auto ticks = std::llround(duration() * rate_hz); ticks > 0; --ticks) {
@@ -263,7 +263,7 @@ std::size_t GuidanceReport::failures() const noexcept {
 GuidanceMember run_guidance_member(const GuidanceDraw& draw, const std::vector<Path>& paths, const StopRequest& stop) {
   const SimSpec& spec = draw.device.spec;
   GuidanceMember member{.index = draw.index,
-                        .rate_hz = draw.guide.session.rate_hz,
+                        .rate_hz = draw.guide.session.loop.rate_hz,
                         .delay = spec.delay + 1 / (2 * std::numbers::pi * spec.actuator_bandwidth_hz),
                         .radius = draw.guide.radius,
                         .cursor = draw.guide.guidance.cursor,

@@ -1,5 +1,6 @@
 #include "control/path/trajectory.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "control/path/min_jerk.h"
 #include "control/path/path_smoothing.h"
@@ -11,7 +12,7 @@
 namespace haptrace {
 namespace {
 
-constexpr std::array kNames{"hold", "linear", "cubic", "quintic"};
+constexpr EnumNames<Interpolation, 4> kNames{"interpolation", {"hold", "linear", "cubic", "quintic"}};
 
 constexpr double kShortestStep = 1e-9;  // [s]
 constexpr double kLongestPath = 1e9;    // [s]
@@ -121,14 +122,11 @@ Reference rest(const Vec3& position) {
 }  // namespace
 
 Interpolation parse_interpolation(std::string_view name) {
-  const auto found = std::find(kNames.begin(), kNames.end(), name);
-  if (found == kNames.end())
-    throw input_error(fmt::format("interpolation '{}' is not known; known: {}", name, fmt::join(kNames, ", ")));
-  return static_cast<Interpolation>(found - kNames.begin());
+  return kNames.parse(name);
 }
 
-std::string to_string(Interpolation interpolation) {
-  return kNames.at(static_cast<std::size_t>(interpolation));
+const char* to_string(Interpolation interpolation) noexcept {
+  return kNames.name(interpolation);
 }
 
 bool Trajectory::agree(std::span<const Path> stretches) {

@@ -22,7 +22,7 @@ enum class Interpolation {
 };
 
 Interpolation parse_interpolation(std::string_view name);  ///< throws Error(input) naming the known ones
-std::string to_string(Interpolation interpolation);
+const char* to_string(Interpolation interpolation) noexcept;
 
 /// A path that can be asked at any time. Immutable after construction; time starts at 0 = the path's first stamp.
 /// Before its start and after its end it rests at the first and last position with zero velocity and acceleration.

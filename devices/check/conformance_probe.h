@@ -38,6 +38,7 @@ class ObservedDevice final : public Device {
   [[nodiscard]] ZeroForce zero_force() noexcept override { return device_->zero_force(); }
   [[nodiscard]] ZeroForce emergency_stop() noexcept override { return device_->emergency_stop(); }
   [[nodiscard]] std::string lost_reason() const override { return device_->lost_reason(); }
+  [[nodiscard]] std::string not_ready_reason() const override { return device_->not_ready_reason(); }
 
   /// Before a session: forgets the one before and has room for `exchanges`; what comes beyond is not kept.
   void observe(std::size_t exchanges);

@@ -1,5 +1,6 @@
 #include "devices/loop/servo_loop.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "control/budgets.h"
 #include "control/norm.h"
@@ -79,31 +80,11 @@ std::optional<StopCause> fault_of(Command::Status status) noexcept {
 }  // namespace
 
 const char* to_string(StopCause cause) noexcept {
-  switch (cause) {
-    case StopCause::finished:
-      return "finished";
-    case StopCause::interrupted:
-      return "interrupted";
-    case StopCause::deviation:
-      return "deviation";
-    case StopCause::resistance:
-      return "resistance";
-    case StopCause::oscillation:
-      return "oscillation";
-    case StopCause::no_path:
-      return "no_path";
-    case StopCause::velocity:
-      return "velocity";
-    case StopCause::not_finite:
-      return "not_finite";
-    case StopCause::outside_workspace:
-      return "outside_workspace";
-    case StopCause::device_not_ready:
-      return "device_not_ready";
-    case StopCause::device_lost:
-      return "device_lost";
-  }
-  return "unknown";
+  static constexpr EnumNames<StopCause, 11> kCauses{
+      "cause",
+      {"finished", "interrupted", "deviation", "resistance", "oscillation", "no_path", "velocity", "not_finite",
+       "outside_workspace", "device_not_ready", "device_lost"}};
+  return kCauses.name(cause);
 }
 
 std::int64_t stale_after_ns(double rate_hz) noexcept {

@@ -1,5 +1,6 @@
 #include "devices/sim/linear_step.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 
 #include <Eigen/Eigenvalues>
@@ -16,7 +17,8 @@
 namespace haptrace {
 namespace {
 
-constexpr std::array kIntegrators{"semi-implicit", "euler", "verlet", "rk4", "implicit", "exact"};
+constexpr EnumNames<Integrator, 6> kIntegrators{"integrator",
+                                                {"semi-implicit", "euler", "verlet", "rk4", "implicit", "exact"}};
 
 using Square = decltype(LinearStep::phi);
 constexpr int kMostRows = 3 * LinearBodies::kMost;
@@ -179,14 +181,11 @@ double least_limit(const LinearBodies& bodies, const Limit& limit) {
 }  // namespace
 
 Integrator parse_integrator(std::string_view name) {
-  const auto found = std::find(kIntegrators.begin(), kIntegrators.end(), name);
-  if (found == kIntegrators.end())
-    throw input_error(fmt::format("integrator '{}' is not known; known: {}", name, fmt::join(kIntegrators, ", ")));
-  return static_cast<Integrator>(found - kIntegrators.begin());
+  return kIntegrators.parse(name);
 }
 
-std::string to_string(Integrator integrator) {
-  return kIntegrators.at(static_cast<std::size_t>(integrator));
+const char* to_string(Integrator integrator) noexcept {
+  return kIntegrators.name(integrator);
 }
 
 LinearBodies::LinearBodies(int n)

@@ -21,7 +21,8 @@ enum class Integrator {
 };
 
 Integrator parse_integrator(std::string_view name);  ///< throws Error(input) naming the known ones
-std::string to_string(Integrator integrator);        ///< "semi-implicit", "euler", "verlet", "rk4", "implicit", "exact"
+const char* to_string(
+    Integrator integrator) noexcept;  ///< "semi-implicit", "euler", "verlet", "rk4", "implicit", "exact"
 
 /// Up to three bodies along one axis, q'' = W (f - B q' - K q). Passive: masses positive, B and K symmetric and without
 /// negative eigenvalues.

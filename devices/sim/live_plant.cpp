@@ -38,7 +38,7 @@ LivePlant open_live_plant(const DeviceSpec& device, const std::string& preset) {
 
 std::vector<DeviceBackend::Option> emulated_options() {
   std::vector<DeviceBackend::Option> options{
-      {"emulated", "true: no hardware, but an emulated device on a simulated mechanism, for which are:"}};
+      {"emulated", "true: emulate the device on a simulated mechanism; takes the options of sim too"}};
   for (const auto& option : sim_backend().options) options.push_back(option);
   return options;
 }

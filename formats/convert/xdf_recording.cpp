@@ -6,6 +6,7 @@
 #include "base/units.h"
 #include "formats/convert/sample_text.h"
 #include "formats/convert/xdf_file.h"
+#include "formats/path/csv_stamp.h"
 #include "formats/recording/recording_formats.h"
 #include "formats/recording/recording_layout.h"
 
@@ -231,8 +232,9 @@ class XdfSource final : public RecordingSource {
         clocks[walk.stream()].add(numbers[0], numbers[1]);
       } else if (walk.tag() == xdf::Tag::file_header) {
         const std::string written = xdf::file_header_text(walk.content(), "datetime");
-        if (const auto created = utc_rfc3339(written))
-          header_.created = *created;
+        if (const auto created = parse_date_stamp(written, true))
+          header_.created = rfc3339(std::chrono::system_clock::time_point(
+              std::chrono::floor<std::chrono::seconds>(std::chrono::nanoseconds(*created))));
         else if (!written.empty())
           notes_.push_back(
               fmt::format("its date '{}' was left out: it is not a time with a zone, as in "

@@ -1,5 +1,6 @@
 #include "formats/documents/programme.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
@@ -16,10 +17,10 @@
 namespace haptrace {
 namespace {
 
-const std::vector<std::string> kModeNames{"passive", "assisted", "tunnel", "cursor", "resist", "free"};
-const std::vector<std::string> kTestNames{"none", "before", "after", "retention"};
-const std::vector<std::string> kMirrorNames{"none", "x", "y", "z"};
-const std::vector<std::string> kFeelNames{"active", "resist"};
+constexpr EnumNames<ExerciseMode, 6> kModeNames{"mode", {"passive", "assisted", "tunnel", "cursor", "resist", "free"}};
+constexpr EnumNames<TestLabel, 4> kTestNames{"test", {"none", "before", "after", "retention"}};
+constexpr EnumNames<int, 4> kMirrorNames{"plane", {"none", "x", "y", "z"}};
+constexpr EnumNames<int, 2> kFeelNames{"feel", {"active", "resist"}};
 
 using Modes = std::set<ExerciseMode>;
 constexpr auto kPassive = ExerciseMode::passive, kAssisted = ExerciseMode::assisted, kTunnel = ExerciseMode::tunnel,
@@ -52,10 +53,9 @@ void check_meaning(const JsonReader& reader, const char* prefix, const std::stri
   }
 }
 
-template <class Enum>
-Enum choose(JsonReader& reader, const char* key, const std::vector<std::string>& names, Enum otherwise) {
-  const std::string word = reader.choice(key, names[static_cast<std::size_t>(otherwise)], names);
-  return static_cast<Enum>(std::find(names.begin(), names.end(), word) - names.begin());
+template <class Enum, std::size_t n>
+Enum choose(JsonReader& reader, const char* key, const EnumNames<Enum, n>& names, Enum otherwise) {
+  return names.parse(reader.choice(key, names.name(otherwise), names.list()));
 }
 
 PathChange read_change(JsonReader& reader) {
@@ -208,11 +208,11 @@ ProgrammeLimits read_limits(JsonReader reader) {
 }  // namespace
 
 const char* to_string(ExerciseMode mode) {
-  return kModeNames[static_cast<std::size_t>(mode)].c_str();
+  return kModeNames.name(mode);
 }
 
 const char* to_string(TestLabel label) {
-  return kTestNames[static_cast<std::size_t>(label)].c_str();
+  return kTestNames.name(label);
 }
 
 double DifficultyRange::at(double level) const {

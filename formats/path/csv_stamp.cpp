@@ -137,7 +137,7 @@ std::optional<std::int64_t> parse_decimal_stamp(std::string_view text, double pe
   return negative ? -ns : ns;
 }
 
-std::optional<std::int64_t> parse_date_stamp(std::string_view text) {
+std::optional<std::int64_t> parse_date_stamp(std::string_view text, bool needs_zone) {
   Taker taker(text);
   std::int64_t date = 0, clock = 0, ahead = 0;
   if (!take_date(taker, date)) return std::nullopt;
@@ -145,7 +145,9 @@ std::optional<std::int64_t> parse_date_stamp(std::string_view text) {
     if (!taker.take(" \t")) return std::nullopt;
     taker.skip_blanks();
   }
-  if (!take_clock(taker, clock) || !take_zone(taker, ahead) || !taker.rest().empty()) return std::nullopt;
+  if (!take_clock(taker, clock) || (needs_zone && taker.rest().empty()) || !take_zone(taker, ahead) ||
+      !taker.rest().empty())
+    return std::nullopt;
   return date + clock - ahead;
 }
 

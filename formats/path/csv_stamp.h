@@ -14,8 +14,8 @@ std::optional<std::int64_t> parse_decimal_stamp(std::string_view text, double pe
 
 /// Reads a date and time in [ns] since 1970: ISO 8601 or RFC 3339 (2026-01-31T12:00:00.123+01:00, 20260131T120000), a
 /// blank in place of the T, / in place of -, or day and month first with points (31.01.2026 12:00:00,123). Without a
-/// zone it is in UTC.
-std::optional<std::int64_t> parse_date_stamp(std::string_view text);
+/// zone it is in UTC, unless it `needs_zone`: then it is no stamp.
+std::optional<std::int64_t> parse_date_stamp(std::string_view text, bool needs_zone = false);
 
 /// Reads a time of day, 12:00:00.123, in [ns] since midnight.
 std::optional<std::int64_t> parse_clock_stamp(std::string_view text);

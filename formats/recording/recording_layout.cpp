@@ -1,5 +1,6 @@
 #include "formats/recording/recording_layout.h"
 
+#include "base/enum_names.h"
 #include "base/number.h"
 
 #include <algorithm>
@@ -278,19 +279,8 @@ std::size_t size_of(Element element) {
 }
 
 const char* to_string(Element element) {
-  switch (element) {
-    case Element::float64:
-      return "float64";
-    case Element::float32:
-      return "float32";
-    case Element::uint64:
-      return "uint64";
-    case Element::uint32:
-      return "uint32";
-    case Element::uint8:
-      return "uint8";
-  }
-  return "unknown";
+  static constexpr EnumNames<Element, 5> kElements{"element", {"float64", "float32", "uint64", "uint32", "uint8"}};
+  return kElements.name(element);
 }
 
 std::vector<std::string> paths() {
@@ -363,13 +353,6 @@ ClockRow pack(const ClockReading& reading) {
 std::optional<ClockReading> unpack(const ClockRow& row) {
   if (static_cast<std::int64_t>(checksum(std::as_bytes(std::span(row).first(4)))) != row.back()) return std::nullopt;
   return ClockReading{row[0], row[1], row[2], row[3]};
-}
-
-std::string_view utf8_prefix(std::string_view text, std::size_t bytes) {
-  if (text.size() <= bytes) return text;
-  // Bytes 10xxxxxx continue a character: the one that follows the cut must begin one.
-  while (bytes > 0 && (static_cast<unsigned char>(text[bytes]) & 0xC0U) == 0x80U) --bytes;
-  return text.substr(0, bytes);
 }
 
 }  // namespace layout

@@ -185,7 +185,4 @@ inline constexpr const char* kMeta = "/meta";
 inline constexpr const char* kEventDescription =
     "what happened: time since the first sample, code (10 overrun, 11 samples lost, 20 to 24 limits, 50 mark), text";
 
-/// The longest beginning of `text` of at most `bytes` bytes that does not cut a UTF-8 character.
-std::string_view utf8_prefix(std::string_view text, std::size_t bytes);
-
 }  // namespace haptrace::layout

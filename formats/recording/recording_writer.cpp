@@ -66,7 +66,7 @@ std::vector<std::byte> event_row(const StoredEvent& event) {
   constexpr std::string_view kCut = "...";
   const std::string whole = utf8_text(event.text);
   const bool cut = whole.size() > kLongestEventText;
-  std::string text(layout::utf8_prefix(whole, kLongestEventText - (cut ? kCut.size() : 0)));
+  std::string text(utf8_prefix(whole, kLongestEventText - (cut ? kCut.size() : 0)));
   if (cut) text += kCut;
   std::memcpy(row.data() + layout::EventRow::kText, text.data(), text.size());
   return row;

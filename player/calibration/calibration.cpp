@@ -4,6 +4,7 @@
 #include "control/path/min_jerk.h"
 #include "control/pd.h"
 #include "player/calibration/law_trial.h"
+#include "player/playback/approach.h"
 
 #include <algorithm>
 #include <array>
@@ -23,14 +24,15 @@ constexpr double kLongPeriod = 2;  // where the loop's rate leaves fewer lines t
 // the device sticks, and its mass seems two or three times what it is.
 constexpr double kSwingSize = 0.5;
 constexpr double kSweepHz = 2.5;
-constexpr double kLowestLine = 15;        // above what a hand does of its own accord, and most grips [Hz]
-constexpr double kHighestLine = 120;      // [Hz]
-constexpr double kLargestReach = 0.02;    // [m]
-constexpr double kSmallestReach = 0.003;  // [m]
-constexpr double kBlend = 0.3;            // in which a movement grows from nothing, or shrinks to it [s]
-constexpr double kLook = 0.75;            // of the first look [s]
-constexpr double kSettle = 0.4;           // from a change of the dither to the first window [s]
-constexpr double kLookDither = 0.08;      // share of the largest force, rms per axis
+constexpr double kLowestLine = 15;         // above what a hand does of its own accord, and most grips [Hz]
+constexpr double kHighestLine = 120;       // [Hz]
+constexpr double kLargestReach = 0.02;     // [m]
+constexpr double kSmallestReach = 0.003;   // [m]
+constexpr double kBlend = 0.3;             // in which a movement grows from nothing, or shrinks to it [s]
+constexpr double kShortestApproach = 0.5;  // [s]
+constexpr double kLook = 0.75;             // of the first look [s]
+constexpr double kSettle = 0.4;            // from a change of the dither to the first window [s]
+constexpr double kLookDither = 0.08;       // share of the largest force, rms per axis
 constexpr double kMostDither = 0.12;
 constexpr double kDitherOfForce = kMostDither / 0.7;  // of the force it may use; peaks of three axes are six times rms
 constexpr double kLargestDither = 2;                  // rms per axis [N]
@@ -243,10 +245,9 @@ class CalibrationController final : public Controller {
 
   void start(const State& first) noexcept override {
     home_ = plan_.centre;
-    from_ = first.position;
     for (int axis = 0; axis < 3; ++axis)
-      if (!driven(axis)) home_[axis] = from_[axis];
-    approach_time_ = std::max(0.5, MinJerk::kPeakSpeed * (home_ - from_).norm() / plan_.approach_speed);
+      if (!driven(axis)) home_[axis] = first.position[axis];
+    approach_ = Approach(first.position, home_, plan_.approach_speed, kShortestApproach);
   }
 
   [[nodiscard]] Command update(const State& state) noexcept override {
@@ -261,10 +262,7 @@ class CalibrationController final : public Controller {
     Vec3 hum = Vec3::Zero();
     if (stage_ == Stage::look || stage_ == Stage::swing) hum = dither_.cwiseProduct(plan_.dither.value(now));
     if (const double size = hum.norm(); size > plan_.max_force) hum *= plan_.max_force / size;
-    Vec3 pull = gains_.kp.cwiseProduct(reference.position - state.position) +
-                gains_.kd.cwiseProduct(reference.velocity - state.velocity);
-    for (int axis = 0; axis < 3; ++axis)
-      if (!driven(axis)) pull[axis] = 0;
+    Vec3 pull = driven_part(pd_force(gains_, state, reference));
     const double most = std::max(plan_.max_force - hum.norm(), 0.0), asked = pull.norm();
     if (asked > most) pull *= most / asked;
     command.wrench.force = pull + hum;
@@ -326,7 +324,7 @@ class CalibrationController final : public Controller {
     const double since = now - began_;
     switch (stage_) {
       case Stage::approach:
-        if (since < approach_time_ + kBlend) break;
+        if (since < approach_.duration() + kBlend) break;
         enter(Stage::look, now);
         dither_wanted_ = driven_part(Vec3::Constant(kLookDither / kMostDither * plan_.max_dither));
         break;
@@ -413,12 +411,8 @@ class CalibrationController final : public Controller {
   [[nodiscard]] Reference reference(double since) const noexcept {
     Reference r{.position = home_, .velocity = Vec3::Zero(), .acceleration = nan3()};
     switch (stage_) {
-      case Stage::approach: {
-        const MinJerk blend = MinJerk::at(since / approach_time_);
-        r.position = from_ + blend.s * (home_ - from_);
-        r.velocity = blend.ds / approach_time_ * (home_ - from_);
-        break;
-      }
+      case Stage::approach:
+        return approach_.at(since);
       case Stage::look:
       case Stage::swing: {
         // Round in x and y, up and down twice a round: no direction rests for long.
@@ -465,8 +459,9 @@ class CalibrationController final : public Controller {
   Verdict verdict_ = Verdict::none;
   int axis_ = 0;
   bool measures_ = false, stronger_ = false, gentle_ = false;
-  Vec3 home_ = Vec3::Zero(), from_ = Vec3::Zero();
-  double approach_time_ = 0, began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
+  Vec3 home_ = Vec3::Zero();
+  Approach approach_;
+  double began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
   Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
 };
 
@@ -597,7 +592,7 @@ void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptio
   // Round the circle, with its rise and fall at twice the frequency, no faster than the force allows.
   const double acceleration = kInertiaShare * plan.max_force / result.identification.plant.mass.maxCoeff();
   options.speed = std::min(options.speed, std::sqrt(acceleration * options.radius / std::sqrt(5.0)));
-  options.session.limits.max_force = plan.max_force;
+  options.session.loop.limits.max_force = plan.max_force;
   for (const double bandwidth : kBandwidths) {
     TrackingDesign design = design_tracking(
         result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force, .bandwidth = bandwidth});
@@ -625,12 +620,12 @@ void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptio
 }  // namespace
 
 CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOptions& options) {
-  const double rate = options.session.rate_hz;
+  const double rate = options.session.loop.rate_hz;
   if (!(options.force_share >= 0.1 && options.force_share <= 1))
     throw input_error(fmt::format("the share of the force is {}; it must be from 0.1 to 1", options.force_share));
   if (!device.force_axes[0] && !device.force_axes[1] && !device.force_axes[2])
     throw input_error(device.name + " takes no force: there is nothing to calibrate");
-  const double asked = options.session.limits.max_force;
+  const double asked = options.session.loop.limits.max_force;
   double force = device.max_force;
   if (asked > 0) force = force > 0 ? std::min(force, asked) : asked;
   if (!(force > 0))
@@ -704,12 +699,14 @@ CalibrationResult calibrate(Device& device, const CalibrationOptions& options, c
     SessionOptions gentle = options.session;
     if (seen.plant.mass.maxCoeff() > kHeavy) gentle.velocity = kGentleVelocity;
     gentle.recording.reset();
-    const SessionResult first = result.session;
+    SessionResult first = std::move(result.session);
     CalibrationController again(plan, seen.plant.mass);
     CalibrationLog second(again, rows);
     const bool finished = run(again, second, gentle);
-    result.session.recording = first.recording;
-    result.session.recording_error = first.recording_error;
+    result.session.recording = std::move(first.recording);
+    result.session.recording_error = std::move(first.recording_error);
+    std::vector<Warning>& warnings = result.session.warnings;
+    warnings.insert(warnings.begin(), first.warnings.begin(), first.warnings.end());
     if (!finished) return result;
     result.identification = identify_coarsely(second.experiment(plan));
   }

@@ -55,9 +55,7 @@ void GuidanceController::resume(const State& first) noexcept {
 }
 
 void GuidanceController::begin_approach(const Vec3& from) noexcept {
-  phase_ = Phase::approach;
-  elapsed_ = 0;
-  approach_ = Approach(from, path_->position_at(0), options_.approach_speed);
+  phases_.begin_approach(from, path_->position_at(0));
 }
 
 bool GuidanceController::arrived() const noexcept {
@@ -67,47 +65,42 @@ bool GuidanceController::arrived() const noexcept {
 
 bool GuidanceController::may_begin(const Vec3& position) const noexcept {
   const bool is_there = norm_of(position - path_->position_at(0)) <= options_.max_deviation;
-  return options_.led || is_there || (options_.time_limit > 0 && elapsed_ >= options_.time_limit);
+  return options_.led || is_there || (options_.time_limit > 0 && phases_.elapsed() >= options_.time_limit);
 }
 
 void GuidanceController::watch_deviation(double deviation, Command& command) const noexcept {
-  const double limit = phase_ == Phase::approach ? approach_limit(options_) : options_.max_deviation;
+  const double limit = phases_.phase() == Phase::approach ? approach_limit(options_) : options_.max_deviation;
   if (deviation <= limit) return;
   command.status = Command::Status::deviation;
   command.event = Event{.code = EventCode::deviation_limit, .values = {deviation, limit, kNaN}};
 }
 
 void GuidanceController::advance(const State& state, Command& command) noexcept {
-  elapsed_ += std::min(state.dt, kLongestCursorStep / options_.rate_hz);
-  switch (phase_) {
+  phases_.pass(std::min(state.dt, kLongestCursorStep / options_.rate_hz));
+  switch (phases_.phase()) {
     case Phase::approach:
-      if (elapsed_ < approach_.duration() || !may_begin(state.position)) return;
-      phase_ = Phase::run;
-      elapsed_ = 0;
+      if (!phases_.approached() || !may_begin(state.position)) return;
+      phases_.end_approach();
       cursor_time_ = RunningTime();
       projection_.start();
       guidance_.begin();
-      command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
+      command.event = phases_.repetition_event();
       return;
     case Phase::run: {
-      const bool over = options_.time_limit > 0 && elapsed_ >= options_.time_limit;
+      const bool over = options_.time_limit > 0 && phases_.elapsed() >= options_.time_limit;
       if (!over && !arrived()) return;
       if (!arrived())
         command.event = Event{.code = EventCode::time_over, .values = {projection_.foot().s, path_->length(), kNaN}};
-      phase_ = Phase::hold;
-      elapsed_ = 0;
+      phases_.begin_hold();
       return;
     }
     default:
-      if (elapsed_ < options_.hold || finished_) return;
-      ++repetition_;
-      finished_ = options_.repetitions > 0 && repetition_ >= options_.repetitions;
-      if (!finished_) begin_approach(state.position);
+      if (phases_.next_repetition()) begin_approach(state.position);
   }
 }
 
 const PathProjection::Foot& GuidanceController::follow(const State& state) noexcept {
-  if (phase_ != Phase::run) return projection_.move_to(projection_.foot().s, state.position, state.dt);
+  if (phases_.phase() != Phase::run) return projection_.move_to(projection_.foot().s, state.position, state.dt);
   if (!options_.cursor) return projection_.update(state.position, state.dt);
   const bool waits = options_.wait > 0 && projection_.foot().distance > options_.wait;
   const double pace = pace_.advance(waits ? 0 : 1, state.dt, kCursorPause);
@@ -119,9 +112,9 @@ Command GuidanceController::update(const State& state) noexcept {
   Command command;
   advance(state, command);
 
-  const bool guides = phase_ != Phase::approach;
+  const bool guides = phases_.phase() != Phase::approach;
   const double share = blend_.advance(guides ? 1 : 0, state.dt, kBlend);
-  Reference way = approach_.at(elapsed_);
+  Reference way = phases_.approach().at(phases_.elapsed());
   if (guides || share > 0) {
     const PathProjection::Foot& foot = follow(state);
     // While the PD law still pulls, what it does to the hand is not guidance's.
@@ -134,7 +127,7 @@ Command GuidanceController::update(const State& state) noexcept {
       command.reference_force = foot.place.force;
       command.progress = foot.s;
       command.tunnel_radius = foot.place.radius;
-      if (!finished_) watch_deviation(foot.distance, command);
+      if (!phases_.finished()) watch_deviation(foot.distance, command);
     }
   }
   if (!guides && options_.led) watch_deviation(norm_of(way.position - state.position), command);
@@ -150,8 +143,8 @@ Command GuidanceController::update(const State& state) noexcept {
     command.wrench.force += (1 - share) * pd_force(approach_gains_, state, held);
   }
 
-  command.phase = phase_;
-  if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
+  command.phase = phases_.phase();
+  if (phases_.finished() && command.status == Command::Status::working) command.status = Command::Status::finished;
   return command;
 }
 

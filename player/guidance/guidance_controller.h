@@ -7,7 +7,7 @@
 #include "control/hand_watch.h"
 #include "control/limits.h"
 #include "control/pd.h"
-#include "player/playback/approach.h"
+#include "player/repetition_phases.h"
 
 #include <memory>
 
@@ -76,11 +76,7 @@ class GuidanceController final : public Controller {
   GuidanceOptions options_;
   PathProjection projection_;
 
-  Phase phase_ = Phase::approach;
-  bool finished_ = false;
-  int repetition_ = 0;
-  double elapsed_ = 0;  ///< in the phase [s]
-  Approach approach_;
+  RepetitionPhases phases_{options_.repetitions, options_.hold, options_.approach_speed};
   RunningTime cursor_time_;  ///< of the expert
   Ramp pace_{1};             ///< of the cursor: 0 while it waits
   HandWatch hand_{options_.hand};

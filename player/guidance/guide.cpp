@@ -1,5 +1,6 @@
 #include "player/guidance/guide.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
@@ -16,7 +17,7 @@
 namespace haptrace {
 namespace {
 
-const std::vector<std::string> kFeels{"active", "resist"};
+constexpr EnumNames<Feel, 2> kFeels{"feel of the expert's force", {"active", "resist"}};
 
 /// Every millisecond of a path, smoothed as a playback's reference is, and its end.
 template <class Visit>
@@ -185,10 +186,7 @@ nlohmann::json to_json(const GuideFigures& figures) {
 }  // namespace
 
 Feel parse_feel(std::string_view name) {
-  const auto found = std::find(kFeels.begin(), kFeels.end(), name);
-  if (found == kFeels.end())
-    throw input_error(fmt::format("the expert's force cannot be felt as '{}'{}", name, suggestion(name, kFeels)));
-  return static_cast<Feel>(found - kFeels.begin());
+  return kFeels.parse(name);
 }
 
 GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSource> expert,
@@ -223,19 +221,19 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
 
   // What the device can do is not known to every device's driver; a wall has to stay below it.
   plan.wall_force = device.max_force > 0 ? 0.8 * device.max_force : 5;
-  if (options.session.limits.max_force > 0)
-    plan.wall_force = std::min(plan.wall_force, 0.8 * options.session.limits.max_force);
+  if (options.session.loop.limits.max_force > 0)
+    plan.wall_force = std::min(plan.wall_force, 0.8 * options.session.loop.limits.max_force);
   double damping = 1;
   if (options.identified)
     for (int axis = 0; axis < 3; ++axis)
       if (options.identified->plant.mass[axis] > 0)
         damping = std::min(damping, std::max(options.identified->plant.viscous[axis], 0.2));
-  const double bears = largest_wall_stiffness(options.session.rate_hz, plan.delay, damping);
+  const double bears = largest_wall_stiffness(options.session.loop.rate_hz, plan.delay, damping);
   plan.stiffness = options.stiffness.value_or(std::min(bears, 1000.0));
   if (plan.stiffness > bears && !options.expert) {
     plan.notes.push_back(
         fmt::format("walls of {:.0f} N/m are more than the device bears at {:.0f} Hz; they have {:.0f} N/m",
-                    plan.stiffness, options.session.rate_hz, bears));
+                    plan.stiffness, options.session.loop.rate_hz, bears));
     plan.stiffness = bears;
   }
   if (options.force_scale > 0 && !plan.has_forces && !options.free)
@@ -252,7 +250,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
 
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
   GuidanceOptions guidance = options.guidance;
-  guidance.rate_hz = options.session.rate_hz;
+  guidance.rate_hz = options.session.loop.rate_hz;
   guidance.hand = hand_watch_of(device.max_force);
   // Walls are touched for as long as the trainee likes; what moves by itself has to end some time.
   if (guidance.cursor || options.pace) guidance.patience = kPatience;
@@ -265,13 +263,13 @@ GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan
 GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& asked, const StopRequest& stop,
                   const Progress& progress) {
   GuideOptions options = asked;
-  options.session.watch_vibration &= options.guard;
+  options.session.loop.watch_vibration &= options.guard;
   // Nobody may be there to come to the end, and virtual time would go on as fast as the machine can.
   if (options.guidance.time_limit == 0 && device.info().virtual_time && options.session.clock != ClockChoice::real)
     options.guidance.time_limit = 10 * plan.duration + 10;
   GuidanceController controller = guidance_controller(device.info(), plan, options);
 
-  TrackingMetrics tracking(options.session.rate_hz, static_cast<std::size_t>(options.guidance.repetitions));
+  TrackingMetrics tracking(options.session.loop.rate_hz, static_cast<std::size_t>(options.guidance.repetitions));
   GuideMetrics metrics(plan, options);
   options.sinks.push_back(&tracking);
   options.sinks.push_back(&metrics);

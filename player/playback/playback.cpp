@@ -76,7 +76,7 @@ Excursion look_ahead(const TrajectoryPieces& pieces, Interpolation interpolation
 
 /// What is found in a piece that the plan did not look into.
 ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options) {
-  const double limit = options.session.limits.max_velocity;
+  const double limit = options.session.loop.limits.max_velocity;
   return [name = plan.path.source().facts().name, model = device.model, workspace = workspace_of(device), limit,
           speed = options.playback.speed](const TrajectoryPiece& piece) {
     const Excursion excursion = look_ahead(piece, workspace);
@@ -92,7 +92,7 @@ ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, 
 IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& options) {
   return {.mass = options.identified->design.mass,
           .delay = options.identified->design.delay,
-          .rate_hz = options.session.rate_hz,
+          .rate_hz = options.session.loop.rate_hz,
           .speed = options.playback.speed,
           .duration = plan.path.duration()};
 }
@@ -101,9 +101,9 @@ IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& 
 std::optional<TrackingGuard::Options> guard_of(const DeviceInfo& device, const PlayOptions& options) {
   if (!options.guard || !(device.max_force > 0)) return std::nullopt;
   TrackingGuard::Options guard{.oscillation = std::nullopt, .hand = hand_watch_of(device.max_force)};
-  OscillationMonitorOptions oscillation{.rate_hz = options.session.rate_hz,
+  OscillationMonitorOptions oscillation{.rate_hz = options.session.loop.rate_hz,
                                         .max_force = device.max_force,
-                                        .delay = 1 / options.session.rate_hz,
+                                        .delay = 1 / options.session.loop.rate_hz,
                                         .position_resolution = device.position_resolution};
   if (options.identified) {
     const PlantModel& plant = options.identified->plant;
@@ -164,7 +164,7 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
   if (with.observer)
     terms.push_back(std::make_unique<ObserverPd>(ObserverPd::Options{
         .design = options.identified->design,
-        .rate_hz = options.session.rate_hz,
+        .rate_hz = options.session.loop.rate_hz,
         .position_resolution = std::max(options.identified->plant.position_resolution, device.position_resolution)}));
   else
     terms.push_back(std::make_unique<PdLaw>());
@@ -187,13 +187,13 @@ void plan_turn(const DeviceInfo& device, const PathFacts& path, const PlayOption
   if (!device.measures_orientation) return refuse(fmt::format("{} does not measure its own", device.model));
   if (std::find(device.torque_axes.begin(), device.torque_axes.end(), false) != device.torque_axes.end())
     return refuse(fmt::format("{} has no motor about some of its axes", device.model));
-  const double own = device.max_torque, asked = options.session.limits.max_torque;
+  const double own = device.max_torque, asked = options.session.loop.limits.max_torque;
   const double most = own > 0 && asked > 0 ? std::min(own, asked) : std::max(own, asked);
   if (!(most > 0))
     return refuse(fmt::format("{} does not say what torque it bears; --max-torque says it", device.model));
   plan.turn = OrientationFollower::Options{.gains = turn.gains.value_or(cautious_orientation_gains(most)),
                                            .max_deviation = turn.max_deviation,
-                                           .rate_hz = options.session.rate_hz};
+                                           .rate_hz = options.session.loop.rate_hz};
 }
 
 bool follows_orientation(const DeviceInfo& device, const PlayOptions& options) {
@@ -203,7 +203,7 @@ bool follows_orientation(const DeviceInfo& device, const PlayOptions& options) {
 PlaybackController controller_of(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options,
                                  LearningTerm*& learning) {
   PlaybackOptions playback = options.playback;
-  playback.rate_hz = options.session.rate_hz;
+  playback.rate_hz = options.session.loop.rate_hz;
   playback.axes = device.force_axes;
   PlaybackController controller({plan.path, check_of(device, plan, options), playback.speed},
                                 compose(device, plan, options, learning), plan.tuning, playback,
@@ -220,17 +220,6 @@ OrientationGains cautious_orientation_gains(double max_torque) {
   return {.kp = kp, .kd = 0.02 * kp};
 }
 
-std::vector<std::string> names_of(const Compensations& composed) {
-  std::vector<std::string> names;
-  for (const auto& [on, name] : {std::pair{composed.inertia, "inertia"},
-                                 {composed.gravity, "gravity"},
-                                 {composed.friction, "friction"},
-                                 {composed.observer, "observer"},
-                                 {composed.learning, "learning"}})
-    if (on) names.emplace_back(name);
-  return names;
-}
-
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
   validate(options.playback);
   Tuning tuning;
@@ -244,7 +233,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     if (composed.learning) composed.gravity = composed.friction = false;
     if (!composed.observer) tuning.gains = options.identified->design.plain;
   } else {
-    tuning.gains = cautious_gains(device.max_force, options.session.rate_hz);
+    tuning.gains = cautious_gains(device.max_force, options.session.loop.rate_hz);
   }
   check_range("the number of repetitions to learn from (learn)", options.learn, 0, kMostLearned);
   if (options.learn > 0 && !composed.learning)
@@ -268,7 +257,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
       .turn = {},
       .notes = {}};
   plan_turn(device, played.source->facts(), options, plan);
-  const double limit = options.session.limits.max_velocity, speed = options.playback.speed;
+  const double limit = options.session.loop.limits.max_velocity, speed = options.playback.speed;
   const double fastest = limit > 0 ? 0.9 * limit : std::numeric_limits<double>::infinity();
   const Excursion excursion = look_ahead(plan.path, options.interpolation, workspace, fastest / speed);
   if (excursion.outside > 0)
@@ -297,17 +286,17 @@ PlaybackController playback_controller(const DeviceInfo& device, const PlayPlan&
 
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress) {
-  ServoLoop::validate(device.info(), {.rate_hz = options.session.rate_hz,
-                                      .limits = options.session.limits,
-                                      .away_timeout = options.session.away_timeout});
+  ServoLoop::validate(device.info(), {.rate_hz = options.session.loop.rate_hz,
+                                      .limits = options.session.loop.limits,
+                                      .away_timeout = options.session.loop.away_timeout});
   LearningTerm* learning = nullptr;
   PlaybackController controller = controller_of(device.info(), plan, options, learning);
 
-  TrackingMetrics metrics(options.session.rate_hz, static_cast<std::size_t>(options.playback.repetitions));
+  TrackingMetrics metrics(options.session.loop.rate_hz, static_cast<std::size_t>(options.playback.repetitions));
   std::vector<SampleSink*> sinks = options.sinks;
   sinks.push_back(&metrics);
   SessionOptions session_options = options.session;
-  session_options.watch_vibration &= options.guard;
+  session_options.loop.watch_vibration &= options.guard;
   if (options.tuning != nullptr) {
     sinks.push_back(options.tuning);
     session_options.warnings = [&] {

@@ -88,9 +88,6 @@ struct PlayResult {
   }
 };
 
-/// The names of what a law is composed of beside PD.
-std::vector<std::string> names_of(const Compensations& composed);
-
 /// The controller that play() runs, for sessions of another kind. It does not learn: what of `options` is learned is
 /// what was learned before.
 PlaybackController playback_controller(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options);

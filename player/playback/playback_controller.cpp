@@ -1,7 +1,7 @@
 #include "player/playback/playback_controller.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
-#include "base/suggest.h"
 #include "control/norm.h"
 #include "control/resistance_timer.h"
 
@@ -17,19 +17,16 @@ namespace {
 constexpr double kPauseTime = 0.1;  // over which the reference slows down and comes back to speed [s]
 constexpr double kLongestStep = 5;  // ticks that the path's time may advance at once
 
-const std::vector<std::string> kPolicies{"stop", "pause", "soften"};
+constexpr EnumNames<DeviationPolicy, 3> kPolicies{"deviation policy", {"stop", "pause", "soften"}};
 
 }  // namespace
 
 DeviationPolicy parse_deviation_policy(std::string_view name) {
-  const auto found = std::find(kPolicies.begin(), kPolicies.end(), name);
-  if (found == kPolicies.end())
-    throw input_error(fmt::format("unknown deviation policy '{}'{}", name, suggestion(name, kPolicies)));
-  return static_cast<DeviationPolicy>(found - kPolicies.begin());
+  return kPolicies.parse(name);
 }
 
 const char* to_string(DeviationPolicy policy) noexcept {
-  return kPolicies[static_cast<std::size_t>(policy)].c_str();
+  return kPolicies.name(policy);
 }
 
 void validate(const PlaybackOptions& options) {
@@ -42,23 +39,14 @@ void validate(const PlaybackOptions& options) {
 
 PlaybackController::PlaybackController(ReferenceStream path, ForceTerms terms, const Tuning& tuning,
                                        const PlaybackOptions& options, Mailbox<Tuning>* changes)
-    : path_(std::move(path)), terms_(std::move(terms)), tuning_(tuning), changes_(changes), options_(options) {
+    : path_(std::move(path)),
+      terms_(std::move(terms)),
+      tuning_(tuning),
+      changes_(changes),
+      options_(options),
+      has_undriven_axes_(std::find(options.axes.begin(), options.axes.end(), false) != options.axes.end()),
+      phases_(options.repetitions, options.hold, options.approach_speed) {
   validate(options_);
-  compose();
-}
-
-void PlaybackController::compose() noexcept {
-  constexpr auto kUpdates = []<unsigned... parts>(std::integer_sequence<unsigned, parts...>) {
-    return std::array{&PlaybackController::update_with<parts>...};
-  }
-  (std::make_integer_sequence<unsigned, kEveryPart + 1>{});
-  const auto& axes = options_.axes;
-  unsigned parts = 0;
-  if (std::find(axes.begin(), axes.end(), false) != axes.end()) parts |= kUndrivenAxes;
-  if (changes_ != nullptr) parts |= kLiveTuning;
-  if (orientation_) parts |= kOrientation;
-  if (guard_) parts |= kGuard;
-  update_ = kUpdates[parts];
 }
 
 void PlaybackController::start(const State& first) noexcept {
@@ -73,10 +61,8 @@ void PlaybackController::resume(const State& first) noexcept {
   if (guard_) guard_->resume();
   beyond_ = false;
   feedforward_ = Vec3::Zero();
-  if (phase_ != Phase::approach) {
-    interrupted_ = phase_;
-    pace_ = Ramp(0);
-  }
+  if (phases_.phase() != Phase::approach) pace_ = Ramp(0);
+  phases_.interrupt();
   begin_approach(first.position);
 }
 
@@ -87,18 +73,16 @@ void PlaybackController::begin_repetition(const Vec3& from) noexcept {
 }
 
 void PlaybackController::begin_approach(const Vec3& from) noexcept {
-  phase_ = Phase::approach;
-  elapsed_ = 0;
   approach_pace_ = Ramp(1);
   const double turning =
       orientation_ ? orientation_->begin_approach(path_.orientation(path_time_.seconds()).orientation) : 0;
-  approach_ = Approach(from, reference_.position, options_.approach_speed, turning);
+  phases_.begin_approach(from, reference_.position, turning);
 }
 
 void PlaybackController::between_ticks(bool may_wait) noexcept {
   for (const auto& term : terms_) term->between_ticks(may_wait);
   // The farthest that the next tick can ask for.
-  if (may_wait && phase_ == Phase::run)
+  if (may_wait && phases_.phase() == Phase::run)
     path_.wait(path_time_.seconds() + options_.speed * kLongestStep / options_.rate_hz);
 }
 
@@ -111,14 +95,13 @@ void PlaybackController::follow_hand(const State& state, Reference& reference) c
   }
 }
 
-template <unsigned parts>
-Command PlaybackController::update_with(const State& state) noexcept {
+Command PlaybackController::update(const State& state) noexcept {
   Command command;
   Reference reference = advance(std::min(state.dt, kLongestStep / options_.rate_hz), command);
-  if constexpr ((parts & kUndrivenAxes) != 0) follow_hand(state, reference);
+  if (has_undriven_axes_) follow_hand(state, reference);
 
   const double scale = command.status == Command::Status::working ? watch_deviation(state, reference, command) : 1;
-  if constexpr ((parts & kLiveTuning) != 0) tuning_.approach(changes_->latest(), state.dt);
+  if (changes_ != nullptr) tuning_.approach(changes_->latest(), state.dt);
   for (const auto& term : terms_) {
     const Vec3 force = term->force({state, reference, tuning_, command.wrench.force});
     command.wrench.force += force;
@@ -126,20 +109,21 @@ Command PlaybackController::update_with(const State& state) noexcept {
   }
   command.wrench.force *= scale;
   command.feedforward *= scale;
-  if constexpr ((parts & kOrientation) != 0) turn_tool(state, scale, command);
-  if constexpr ((parts & kGuard) != 0) keep_guard(state, reference, command);
+  if (orientation_) turn_tool(state, scale, command);
+  if (guard_) keep_guard(state, reference, command);
   command.reference = reference;
-  command.phase = phase_;
+  command.phase = phases_.phase();
   command.patience = options_.on_deviation == DeviationPolicy::pause ? kPatienceOfPause : kPatience;
   command.resisted = (beyond_ && command.status == Command::Status::working) || (guard_ && guard_->hand_resists());
-  if (finished_ && command.status == Command::Status::working) command.status = Command::Status::finished;
+  if (phases_.finished() && command.status == Command::Status::working) command.status = Command::Status::finished;
   return command;
 }
 
 void PlaybackController::turn_tool(const State& state, double scale, Command& command) noexcept {
   OrientationReference reference;
-  if (phase_ == Phase::approach) {
-    reference = orientation_->approach(elapsed_ / approach_.duration(), approach_.duration());
+  if (phases_.phase() == Phase::approach) {
+    const double duration = phases_.approach().duration();
+    reference = orientation_->approach(phases_.elapsed() / duration, duration);
     reference.angular_velocity *= approach_pace_.value();
   } else {
     reference = path_.orientation(path_time_.seconds());
@@ -184,40 +168,38 @@ void PlaybackController::follow(const RunningTime& time, Command& command) noexc
 }
 
 Reference PlaybackController::advance(double step, Command& command) noexcept {
-  if (phase_ == Phase::approach) {
-    const double rate = approach_pace_.advance(wanted_pace(), step, kPauseTime);
-    elapsed_ += rate * step;
-    if (elapsed_ < approach_.duration()) {
-      Reference way = approach_.at(elapsed_);
-      way.velocity *= rate;
-      way.acceleration *= rate * rate;
-      if (interrupted_) way.time = path_time_.seconds();
-      return way;
+  switch (phases_.phase()) {
+    case Phase::approach: {
+      const double rate = approach_pace_.advance(wanted_pace(), step, kPauseTime);
+      phases_.pass(rate * step);
+      if (!phases_.approached()) {
+        Reference reference = phases_.approach().at(phases_.elapsed());
+        reference.velocity *= rate;
+        reference.acceleration *= rate * rate;
+        if (phases_.interrupted()) reference.time = path_time_.seconds();
+        return reference;
+      }
+      if (!phases_.interrupted()) command.event = phases_.repetition_event();
+      phases_.end_approach();
+      break;
     }
-    if (!interrupted_)
-      command.event = Event{.code = EventCode::repetition, .values = {static_cast<double>(repetition_), kNaN, kNaN}};
-    phase_ = std::exchange(interrupted_, std::nullopt).value_or(Phase::run);
-  } else if (phase_ == Phase::run) {
-    if (path_time_.seconds() >= path_.duration()) {
-      phase_ = Phase::hold;
-      held_ = 0;
-    } else {
-      pace_.advance(wanted_pace(), step, kPauseTime);
-      const RunningTime next = path_time_.after(options_.speed * pace_.value() * step);
-      follow(next.seconds() < path_.duration() ? next : RunningTime(path_.duration()), command);
-    }
-  } else {
-    held_ += step;
-    if (held_ >= options_.hold && !finished_) {
-      ++repetition_;
-      finished_ = options_.repetitions > 0 && repetition_ >= options_.repetitions;
+    case Phase::run:
+      if (path_time_.seconds() >= path_.duration()) {
+        phases_.begin_hold();
+      } else {
+        pace_.advance(wanted_pace(), step, kPauseTime);
+        const RunningTime next = path_time_.after(options_.speed * pace_.value() * step);
+        follow(next.seconds() < path_.duration() ? next : RunningTime(path_.duration()), command);
+      }
+      break;
+    default:
+      phases_.pass(step);
       // From the reference, not from the hand: the force goes on without a step.
-      if (!finished_) {
+      if (phases_.next_repetition()) {
         const Vec3 from = reference_.position;
         begin_repetition(from);
         return {.position = from, .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()};
       }
-    }
   }
 
   const double rate = pace();

@@ -6,10 +6,10 @@
 #include "control/controller.h"
 #include "control/limits.h"
 #include "control/pd.h"
-#include "player/playback/approach.h"
 #include "player/playback/orientation_follower.h"
 #include "player/playback/reference_stream.h"
 #include "player/playback/tracking_guard.h"
+#include "player/repetition_phases.h"
 
 #include <array>
 #include <memory>
@@ -57,34 +57,19 @@ class PlaybackController final : public Controller {
                      Mailbox<Tuning>* changes = nullptr);
 
   /// From now on a guard tells of the hand. Before start.
-  void guard(const TrackingGuard::Options& options) {
-    guard_.emplace(options);
-    compose();
-  }
+  void guard(const TrackingGuard::Options& options) { guard_.emplace(options); }
 
   /// From now on the tool is turned along the path's orientations as well. Before start.
-  void turn(const OrientationFollower::Options& options) {
-    orientation_.emplace(options);
-    compose();
-  }
+  void turn(const OrientationFollower::Options& options) { orientation_.emplace(options); }
 
   void start(const State& first) noexcept override;
   void resume(const State& first) noexcept override;
-  [[nodiscard]] Command update(const State& state) noexcept override { return (this->*update_)(state); }
+  [[nodiscard]] Command update(const State& state) noexcept override;
   void between_ticks(bool may_wait) noexcept override;
 
   [[nodiscard]] const ReferenceStream& path() const noexcept { return path_; }
 
  private:
-  /// What a session may have besides its path and its terms, as bits.
-  enum Part : unsigned { kUndrivenAxes = 1, kLiveTuning = 2, kOrientation = 4, kGuard = 8, kEveryPart = 15 };
-
-  /// The tick of a session that has these parts: what it does not have is not in its code.
-  template <unsigned parts>
-  Command update_with(const State& state) noexcept;
-  /// Chooses update_ by the parts that there are.
-  void compose() noexcept;
-
   /// Where there is no motor there is no error: the reference follows the hand.
   void follow_hand(const State& state, Reference& reference) const noexcept;
   /// Moves reference_ along the path to `time`, or leaves it where it is.
@@ -98,13 +83,14 @@ class PlaybackController final : public Controller {
     return beyond_ && options_.on_deviation == DeviationPolicy::pause ? 0 : 1;
   }
   /// How fast the path's time passes: times its own.
-  [[nodiscard]] double pace() const noexcept { return phase_ == Phase::run ? options_.speed * pace_.value() : 0; }
+  [[nodiscard]] double pace() const noexcept {
+    return phases_.phase() == Phase::run ? options_.speed * pace_.value() : 0;
+  }
   void turn_tool(const State& state, double scale, Command& command) noexcept;
   void keep_guard(const State& state, const Reference& reference, Command& command) noexcept;
   /// The scale of the force under the policy; may end or pause the session.
   double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
 
-  Command (PlaybackController::*update_)(const State&) noexcept = nullptr;
   ReferenceStream path_;
   ForceTerms terms_;
   Tuning tuning_;
@@ -113,15 +99,10 @@ class PlaybackController final : public Controller {
   std::optional<OrientationFollower> orientation_;
   Vec3 feedforward_ = Vec3::Zero();  ///< of the last tick [N]
   PlaybackOptions options_;
+  bool has_undriven_axes_;
 
-  Phase phase_ = Phase::approach;
-  bool finished_ = false;
-  int repetition_ = 0;
-  double elapsed_ = 0;                ///< in approach [s]
-  Ramp approach_pace_{1};             ///< 1 approaching, 0 paused
-  double held_ = 0;                   ///< in hold [s]
-  std::optional<Phase> interrupted_;  ///< that goes on after an approach; else a repetition begins
-  Approach approach_;
+  RepetitionPhases phases_;
+  Ramp approach_pace_{1};  ///< 1 approaching, 0 paused
   RunningTime path_time_;
   Reference reference_;   ///< of the path at path_time_, at its own speed
   bool waiting_ = false;  ///< for the path to be read

@@ -20,19 +20,6 @@ constexpr std::size_t kLongestHistory = 1000;  // changes
 constexpr std::size_t kMostNotices = 1000;
 constexpr double kLowestBandwidth = 0.01;  // [Hz]
 
-/// A share of a compensation, by its name in commands.
-struct Share {
-  const char* name;
-  double Tuning::*value;
-  bool Compensations::*composed;
-  bool feedforward;
-};
-constexpr std::array<Share, 5> kShares{{{"inertia", &Tuning::inertia, &Compensations::inertia, true},
-                                        {"gravity", &Tuning::gravity, &Compensations::gravity, true},
-                                        {"friction", &Tuning::friction, &Compensations::friction, true},
-                                        {"observer", &Tuning::observer, &Compensations::observer, false},
-                                        {"learning", &Tuning::learning, &Compensations::learning, false}}};
-
 const std::vector<std::string> kQuantities{"kp",       "kd",       "gains",    "inertia",     "gravity",
                                            "friction", "observer", "learning", "feedforward", "observer_hz"};
 const std::vector<std::string> kCommands{"kp",       "kd",       "gains",    "inertia",     "gravity",
@@ -48,9 +35,9 @@ bool known(const std::string& name, const std::vector<std::string>& names) {
 }
 
 /// The shares that a name stands for; none for a name of something else.
-std::vector<Share> shares_of(std::string_view name) {
-  std::vector<Share> shares;
-  for (const Share& share : kShares)
+std::vector<CompensationTerm> shares_of(std::string_view name) {
+  std::vector<CompensationTerm> shares;
+  for (const CompensationTerm& share : kCompensationTerms)
     if (name == share.name || (name == "feedforward" && share.feedforward)) shares.push_back(share);
   return shares;
 }
@@ -212,26 +199,27 @@ std::string LiveTuning::set_bandwidth(Words values, Tuning& tuning) const {
 void LiveTuning::set_shares(const std::string& name, Words values, Tuning& tuning) const {
   require_composed(name);
   if (values.size() != 1) throw input_error(fmt::format("{} takes a share from 0 to 1, on, off or toggle", name));
-  std::vector<Share> shares = shares_of(name);
-  std::erase_if(shares, [&](const Share& share) { return !(options_.composed.*share.composed); });
-  const bool acts = std::any_of(shares.begin(), shares.end(), [&](const Share& s) { return tuning.*s.value > 0; });
-  for (const Share& share : shares) {
-    const double full = start_.*share.value > 0 ? start_.*share.value : 1;
+  std::vector<CompensationTerm> shares = shares_of(name);
+  std::erase_if(shares, [&](const CompensationTerm& share) { return !(options_.composed.*share.composed); });
+  const bool acts =
+      std::any_of(shares.begin(), shares.end(), [&](const CompensationTerm& s) { return tuning.*s.share > 0; });
+  for (const CompensationTerm& share : shares) {
+    const double full = start_.*share.share > 0 ? start_.*share.share : 1;
     if (values[0] == "on" || (values[0] == "toggle" && !acts)) {
-      tuning.*share.value = full;
+      tuning.*share.share = full;
     } else if (values[0] == "off" || values[0] == "toggle") {
-      tuning.*share.value = 0;
+      tuning.*share.share = 0;
     } else {
       const double asked = finite_number(name, values[0]);
       if (!(asked >= 0 && asked <= 1))
         throw input_error(fmt::format("{} {} is not a share from 0, none, to 1, all", name, values[0]));
-      tuning.*share.value = asked;
+      tuning.*share.share = asked;
     }
   }
 }
 
 void LiveTuning::require_composed(const std::string& name) const {
-  for (const Share& share : shares_of(name))
+  for (const CompensationTerm& share : shares_of(name))
     if (options_.composed.*share.composed) return;
   throw input_error(fmt::format("{}: this session has none; {}", name, options_.remedy));
 }
@@ -246,17 +234,17 @@ std::string LiveTuning::text_of(const std::string& name, const Tuning& tuning, b
   }
   require_composed(name);
   std::string text;
-  for (const Share& share : shares_of(name))
+  for (const CompensationTerm& share : shares_of(name))
     if (options_.composed.*share.composed)
-      text += fmt::format("{}{} {:.6g}", text.empty() ? "" : " ", share.name, tuning.*share.value);
+      text += fmt::format("{}{} {:.6g}", text.empty() ? "" : " ", share.name, tuning.*share.share);
   return text;
 }
 
 nlohmann::json LiveTuning::state(const Tuning& tuning) const {
   nlohmann::json json{{"kp", json_of(tuning.gains.kp)}, {"kd", json_of(tuning.gains.kd)}};
   json["limits"] = {{"kp", json_of(options_.limits.largest.kp)}, {"kd", json_of(options_.limits.largest.kd)}};
-  for (const Share& share : kShares)
-    if (options_.composed.*share.composed) json[share.name] = tuning.*share.value;
+  for (const CompensationTerm& share : kCompensationTerms)
+    if (options_.composed.*share.composed) json[share.name] = tuning.*share.share;
   if (options_.composed.observer) {
     json["observer_hz"] = tuning.observer_hz;
     json["limits"]["observer_hz"] = options_.limits.observer_hz;
@@ -291,8 +279,8 @@ Tuning LiveTuning::wanted() const {
 std::string LiveTuning::summary() const {
   const std::lock_guard lock(mutex_);
   std::string text = text_of("gains", wanted_, true);
-  for (const Share& share : kShares)
-    if (const double value = wanted_.*share.value; options_.composed.*share.composed && value != 1)
+  for (const CompensationTerm& share : kCompensationTerms)
+    if (const double value = wanted_.*share.share; options_.composed.*share.composed && value != 1)
       text += value == 0 ? fmt::format(" {} off", share.name) : fmt::format(" {} {:.3g}", share.name, value);
   return text;
 }

@@ -31,13 +31,6 @@ struct TuningLimits {
 /// reached at 1.6 mm of deviation.
 TuningLimits limits_of_unidentified(double max_force, double rate_hz);
 
-/// Which compensations a session was composed of: only those can be tuned.
-struct Compensations {
-  bool inertia = false, gravity = false, friction = false, observer = false, learning = false;
-
-  bool operator==(const Compensations&) const = default;
-};
-
 /// The tuning of a running session, changed by commands of one line each (docs/tuning.md):
 ///
 ///     kp 2000              kp 2000 2000 1500     kd 20        gains * 1.1     gains / 1.1

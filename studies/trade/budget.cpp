@@ -3,6 +3,8 @@
 #include "base/error.h"
 #include "base/number.h"
 #include "base/suggest.h"
+#include "base/text_file.h"
+#include "base/units.h"
 
 #include <algorithm>
 #include <array>
@@ -13,29 +15,15 @@
 namespace haptrace {
 namespace {
 
-std::string trimmed(std::string_view text) {
-  while (!text.empty() && text.front() == ' ') text.remove_prefix(1);
-  while (!text.empty() && text.back() == ' ') text.remove_suffix(1);
-  return std::string(text);
-}
-
-struct UnitOfBudget {
-  const char* name;
-  const char* base;  ///< whose multiple it is
-  double scale;
-};
-constexpr std::array kUnits{
-    UnitOfBudget{"m", "m", 1},      UnitOfBudget{"mm", "m", 1e-3},  UnitOfBudget{"um", "m", 1e-6},
-    UnitOfBudget{"µm", "m", 1e-6},  UnitOfBudget{"N", "N", 1},      UnitOfBudget{"mN", "N", 1e-3},
-    UnitOfBudget{"s", "s", 1},      UnitOfBudget{"ms", "s", 1e-3},  UnitOfBudget{"us", "s", 1e-6},
-    UnitOfBudget{"µs", "s", 1e-6},  UnitOfBudget{"ns", "s", 1e-9},  UnitOfBudget{"MIPS", "MIPS", 1e6},
-    UnitOfBudget{"MB/h", "B", 1e6}, UnitOfBudget{"GB/h", "B", 1e9}, UnitOfBudget{"", "", 1}};
-
-/// The base of the unit in which people are told a measure.
-std::string base_unit(const MeasureFacts& facts) {
-  for (const UnitOfBudget& unit : kUnits)
-    if (facts.unit == std::string_view(unit.name)) return unit.base;
-  return "";
+/// How many of SI, of instructions a second or of bytes an hour a unit is; nothing when it does not measure the
+/// quantity that is shown in `shown`.
+std::optional<double> factor_of(std::string_view unit, std::string_view shown) {
+  if (unit == "GB/h" && shown == "MB/h") return 1e9;
+  if (shown == "MIPS" || shown == "MB/h" || shown.empty())
+    return unit != shown ? std::nullopt : std::optional(shown.empty() ? 1 : 1e6);
+  const Unit* other = find_unit(shown, "");
+  const Unit* named = other != nullptr ? find_unit(unit, other->si) : nullptr;
+  return named != nullptr ? std::optional(1 / named->per_si) : std::nullopt;
 }
 
 Bound parse_bound(const std::string& text) {
@@ -43,7 +31,7 @@ Bound parse_bound(const std::string& text) {
   const std::size_t sign = text.find_first_of("<>");
   if (sign == std::string::npos || sign + 1 >= text.size() || text[sign + 1] != '=')
     throw wrong("a bound is a measure, <= or >=, and a number, as in error<=0.1mm");
-  const std::string name = trimmed(std::string_view(text).substr(0, sign));
+  const std::string name(trim(std::string_view(text).substr(0, sign)));
   std::vector<std::string> known;
   for (const MeasureFacts& facts : measures()) known.emplace_back(facts.name);
   const auto found = std::find(known.begin(), known.end(), name);
@@ -54,20 +42,15 @@ Bound parse_bound(const std::string& text) {
   if ((text[sign] == '<') != facts.at_most)
     throw wrong(fmt::format("{} is bounded by {}", name, facts.at_most ? "<=" : ">="));
 
-  const std::string rest = trimmed(std::string_view(text).substr(sign + 2));
-  std::string_view end = rest;
+  std::string_view end = trim(std::string_view(text).substr(sign + 2));
   const auto number = take_number<double>(end);
   if (!number || !std::isfinite(*number) || *number <= 0) throw wrong("its limit is a positive number");
-  const std::string unit = trimmed(end);
-  const std::string base = base_unit(facts);
-  std::vector<std::string> possible;
-  for (const UnitOfBudget& candidate : kUnits) {
-    if (candidate.base != base) continue;
-    if (unit == candidate.name) return {facts.measure, *number * candidate.scale};
-    possible.emplace_back(candidate.name);
-  }
-  throw wrong(
-      fmt::format("its unit is {}", base.empty() ? "none" : fmt::format("one of {}", fmt::join(possible, ", "))));
+  const std::string_view shown = facts.unit;
+  const std::optional<double> factor = factor_of(trim(end), shown);
+  if (!factor)
+    throw wrong(shown.empty() ? "it has no unit"
+                              : fmt::format("write its unit, as in {}{}1{}", name, facts.at_most ? "<=" : ">=", shown));
+  return {facts.measure, *number * *factor};
 }
 
 }  // namespace
@@ -104,7 +87,7 @@ Budget parse_budget(std::string_view text) {
   std::size_t begin = 0;
   while (begin <= text.size()) {
     const std::size_t comma = std::min(text.find(',', begin), text.size());
-    const std::string part = trimmed(text.substr(begin, comma - begin));
+    const std::string part(trim(text.substr(begin, comma - begin)));
     if (part.empty()) throw input_error(fmt::format("--budget '{}': a bound is missing", text));
     const Bound bound = parse_bound(part);
     if (budget.limits(bound.measure))

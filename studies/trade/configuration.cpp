@@ -4,28 +4,9 @@
 #include <vector>
 
 namespace haptrace {
-namespace {
-
-struct NamedTerm {
-  const char* name;
-  bool Compensations::*member;
-};
-constexpr NamedTerm kTerms[] = {{"inertia", &Compensations::inertia},
-                                {"gravity", &Compensations::gravity},
-                                {"friction", &Compensations::friction},
-                                {"observer", &Compensations::observer}};
-
-std::vector<std::string> names_of(const Compensations& with, bool present) {
-  std::vector<std::string> names;
-  for (const NamedTerm& term : kTerms)
-    if (with.*term.member == present) names.emplace_back(term.name);
-  return names;
-}
-
-}  // namespace
 
 std::string describe(const Compensations& with) {
-  const std::vector<std::string> names = names_of(with, true);
+  const std::vector<std::string> names = names_of(with);
   return names.empty() ? "PD alone" : fmt::format("{}", fmt::join(names, " + "));
 }
 
@@ -40,7 +21,7 @@ std::string describe(const Configuration& configuration) {
 
 PlayOptions play_options(const Configuration& configuration, const PlayOptions& base) {
   PlayOptions options = base;
-  options.session.rate_hz = configuration.rate_hz;
+  options.session.loop.rate_hz = configuration.rate_hz;
   options.session.velocity = configuration.velocity;
   options.interpolation = configuration.interpolation;
   options.compensations = configuration.with;
@@ -69,8 +50,9 @@ nlohmann::json config_file(const Configuration& configuration, const PlayOptions
     play["no-profile"] = true;
   } else {
     play["profile"] = guide["profile"] = profile;
-    std::vector<std::string> without = names_of(configuration.with, false);
-    if (configuration.learn == 0) without.emplace_back("learning");
+    Compensations with = configuration.with;
+    with.learning = configuration.learn > 0;
+    const std::vector<std::string> without = names_of(with, false);
     if (!without.empty()) play["without"] = without;
   }
   if (storage != nullptr) {
@@ -84,7 +66,7 @@ nlohmann::json config_file(const Configuration& configuration, const PlayOptions
 
 nlohmann::json to_json(const Configuration& configuration) {
   nlohmann::json with = nlohmann::json::array();
-  for (const std::string& name : names_of(configuration.with, true)) with.push_back(name);
+  for (const std::string& name : names_of(configuration.with)) with.push_back(name);
   return {{"rate_hz", configuration.rate_hz},   {"interpolation", to_string(configuration.interpolation)},
           {"velocity", configuration.velocity}, {"compensations", with},
           {"learn", configuration.learn},       {"thin", configuration.thin},

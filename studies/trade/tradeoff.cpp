@@ -52,19 +52,15 @@ struct KnobOfPlay {
 /// The terms that can be left out of a configuration one by one.
 std::vector<LevelOfKnob> without_each_term(const Configuration& base) {
   std::vector<LevelOfKnob> levels;
-  const auto leave_out = [&](const char* name, bool Compensations::*member) {
-    if (!(base.with.*member)) return;
+  Compensations present = base.with;
+  // Learning replaces the model's share of the load.
+  if (base.learn > 0) present.gravity = present.friction = false;
+  for (const CompensationTerm& term : kCompensationTerms) {
+    if (!(present.*term.composed)) continue;
     Configuration configuration = base;
-    configuration.with.*member = false;
-    levels.push_back({name, configuration});
-  };
-  leave_out("inertia", &Compensations::inertia);
-  // What is learned is all of the load: the model's share of it is not there.
-  if (base.learn == 0) {
-    leave_out("gravity", &Compensations::gravity);
-    leave_out("friction", &Compensations::friction);
+    configuration.with.*term.composed = false;
+    levels.push_back({term.name, configuration});
   }
-  leave_out("observer", &Compensations::observer);
   if (base.learn > 0) {
     Configuration configuration = base;
     configuration.learn = 0;
@@ -202,10 +198,9 @@ class TickPrices {
     if (std::find(kEstimators.begin(), kEstimators.end(), velocity) == kEstimators.end())
       add(velocity, [&](Configuration& c) { c.velocity = velocity; });
     if (bench.calibrated()) {
-      add("inertia", [](Configuration& c) { c.with.inertia = true; });
-      add("gravity", [](Configuration& c) { c.with.gravity = true; });
-      add("friction", [](Configuration& c) { c.with.friction = true; });
-      add("observer", [](Configuration& c) { c.with.observer = true; });
+      for (const CompensationTerm& term : kCompensationTerms)
+        if (term.composed != &Compensations::learning)
+          add(term.name, [&](Configuration& c) { c.with.*term.composed = true; });
       add("learning", [](Configuration& c) { c.learn = 1; });
     }
     for (std::size_t i = 0; i < changed.size() && stop.count() == 0; ++i) {
@@ -218,14 +213,10 @@ class TickPrices {
   void put_on(Outcome& outcome) const {
     const Configuration& c = outcome.configuration;
     double sum = total_ + added(to_string(c.interpolation)) + added(c.velocity);
-    if (c.with.inertia) sum += added("inertia");
-    if (c.with.observer) sum += added("observer");
-    if (c.learn > 0) {
-      sum += added("learning");
-    } else {
-      if (c.with.gravity) sum += added("gravity");
-      if (c.with.friction) sum += added("friction");
-    }
+    Compensations with = c.with;
+    with.learning = c.learn > 0;
+    if (with.learning) with.gravity = with.friction = false;
+    for (const std::string& name : names_of(with)) sum += added(name);
     outcome.price = sum;
     if (counted_) outcome.instructions = sum;
   }

@@ -158,7 +158,7 @@ class Workbench::Rehearsal final : SampleSink {
   Rehearsal(Device& device, PlayPlan plan, const PlayOptions& options, double path_duration)
       : info_(device.info()), plan_(std::move(plan)), options_(options) {
     const double seconds = path_duration / options.playback.speed + options.playback.hold + 60;
-    seen_.reserve(static_cast<std::size_t>(seconds * options.session.rate_hz));
+    seen_.reserve(static_cast<std::size_t>(seconds * options.session.loop.rate_hz));
     PlayOptions watched = options;
     watched.sinks.push_back(this);
     played_ = play(device, plan_, watched, StopRequest{}).session.servo;
@@ -172,9 +172,9 @@ class Workbench::Rehearsal final : SampleSink {
   ServoReport again(Controller& controller) const {
     SeenDevice seen(info_, seen_);
     const SessionOptions& session = options_.session;
-    const auto estimator = make_velocity_estimator(session.velocity, session.rate_hz, info_.position_resolution);
+    const auto estimator = make_velocity_estimator(session.velocity, session.loop.rate_hz, info_.position_resolution);
     return ServoLoop(seen, controller, *estimator, {},
-                     {.rate_hz = session.rate_hz, .virtual_time = true, .limits = session.limits})
+                     {.rate_hz = session.loop.rate_hz, .virtual_time = true, .limits = session.loop.limits})
         .run(StopRequest{});
   }
 

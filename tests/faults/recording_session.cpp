@@ -74,7 +74,7 @@ int run(const std::string& file, const std::map<std::string, std::string>& given
   const auto number = [&](const char* key, const char* otherwise) { return std::stod(text(key, otherwise)); };
 
   SessionOptions options;
-  options.rate_hz = number("rate", "1000");
+  options.loop.rate_hz = number("rate", "1000");
   options.clock = parse_clock(text("clock", "virtual"));
   Recorder::Options recorder;
   recorder.ring_seconds = number("ring", "8");

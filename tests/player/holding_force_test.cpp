@@ -83,7 +83,7 @@ TEST(HoldingForce, EndsAPlaybackAlsoWhereTheDeviceMayHoldItsPeakForEver) {
     options.playback.max_deviation = policy == DeviationPolicy::stop ? 0.1 : 0.01;
     options.playback.repetitions = 100;
     options.playback.hold = 60;
-    options.session.limits.max_continuous_force = kPeak;
+    options.session.loop.limits.max_continuous_force = kPeak;
     const SessionResult result = played(circle(0.02), options, log);
     EXPECT_EQ(result.servo.cause, StopCause::resistance);
     EXPECT_TRUE(log.has(EventCode::force_resisted));

@@ -40,7 +40,7 @@ Warning warning_in(const SessionResult& result, const std::string& code) {
 PlayOptions options_for(const std::string& file) {
   PlayOptions options;
   options.gains = PdGains{Vec3::Constant(800), Vec3::Constant(12)};
-  options.session.limits.max_velocity = 1.5;
+  options.session.loop.limits.max_velocity = 1.5;
   if (!file.empty()) options.session.recording = SessionOptions::Recording{.file = file};
   return options;
 }
@@ -157,9 +157,9 @@ TEST(Session, LeavesNoFileBehindWhenAnOptionIsWrong) {
   PointMass device;
   PlayOptions options = options_for(folder / "never.h5");
   const PlayPlan plan = plan_playback(device.info(), make_shape("circle", {}), options);
-  options.session.rate_hz = 5;
+  options.session.loop.rate_hz = 5;
   EXPECT_THAT(error_of([&] { play(device, plan, options, StopRequest{}); }), HasSubstr("the rate is 5 Hz"));
-  options.session.rate_hz = 1000;
+  options.session.loop.rate_hz = 1000;
   options.session.velocity = "kalmann";
   EXPECT_THAT(error_of([&] { play(device, plan, options, StopRequest{}); }), HasSubstr("kalmann"));
   EXPECT_FALSE(std::filesystem::exists(folder / "never.h5"));
@@ -185,7 +185,7 @@ TEST(Session, GoesOnWithADeviceThatWasLostAndFound) {
   // Somewhere else than where it was lost, beyond the limit of deviation.
   PointMass device(0.5, 2, {.away_from = 2500, .away_until = 4500, .moved_while_away = Vec3(-0.05, 0.04, 0.03)});
   PlayOptions options = options_for(folder / "found.h5");
-  options.session.away_timeout = 5;
+  options.session.loop.away_timeout = 5;
   const PlayPlan plan = plan_playback(device.info(), make_shape("square", {}), options);
   const PlayResult result = play(device, plan, options, StopRequest{});
   EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
@@ -215,7 +215,7 @@ TEST(Session, GoesOnWithADeviceThatWasLostAndFound) {
 TEST(Session, RestartsWhatItKnowsOfTheLoadAndLearnsNothingFromARepetitionWithAGap) {
   SimDevice device(test::true_device(), {.lost_at = 1.5, .lost_for = 0.8});
   PlayOptions options = test::everything();
-  options.session.away_timeout = 5;
+  options.session.loop.away_timeout = 5;
   const PlayPlan plan = plan_playback(device.info(), make_shape("circle", {.size = 0.06, .duration = 3}), options);
   test::Log log;
   options.sinks.push_back(&log);
@@ -244,8 +244,8 @@ TEST(Session, TellsAPersonThatTheDeviceIsAwayAndBackOnTheRealClock) {
   SimDevice device(test::true_device(), {.lost_at = 0.3, .lost_for = 0.5});
   RecordOptions options{.duration = 1.2};
   options.session.clock = ClockChoice::real;
-  options.session.realtime = false;
-  options.session.away_timeout = 60;
+  options.session.loop.realtime = false;
+  options.session.loop.away_timeout = 60;
   const SessionResult result = record(device, options, StopRequest{});
   EXPECT_EQ(result.servo.cause, StopCause::finished) << result.servo.detail;
   EXPECT_EQ(result.servo.returns, 1U);
@@ -259,7 +259,7 @@ TEST(Session, WarnsOfForcesThatWereLimitedAtOnceInItsResultAndInTheRecording) {
   const TempFolder folder;
   PointMass device;
   PlayOptions options = options_for(folder / "played.h5");
-  options.session.limits.max_force = 0.05;
+  options.session.loop.limits.max_force = 0.05;
   options.playback.max_deviation = 0.2;
   std::vector<std::string> shown;
   const PlayResult result = play(device, plan_playback(device.info(), make_shape("square", {}), options), options,

@@ -150,19 +150,6 @@ TEST(SceneController, TellsOfEveryTouchOnceAndOfItsEndWhenItLasts) {
   EXPECT_EQ(describe(events[1].second), "object 1 left: 2.00 mm deep at most, 0.02 s");
 }
 
-TEST(SceneController, LeavesRoomForWhatSupervisesTheSum) {
-  struct Halved final : SceneController {
-    using SceneController::SceneController;
-    [[nodiscard]] Vec3 supervised(const State&, const SceneAnswer& answer) noexcept override {
-      return 0.5 * answer.force;
-    }
-  };
-  const auto scene = scene_of(kBall);
-  scene->prepare({});
-  Halved controller(scene, scene->names());
-  EXPECT_LT((controller.update(state_at({0, 0, 0.02}, 0)).wrench.force - Vec3(0, 0, 4)).norm(), 1e-12);
-}
-
 TEST(TimedController, LosesNoEventToItsTrigger) {
   struct Talker final : Controller {
     int said = 0;
@@ -192,7 +179,7 @@ TEST(RecordedScene, PushesTheToolOutAndTellsWhatTheHandFelt) {
   device.place({0, 0, 0.02});
   RecordOptions options{.duration = 0.5, .scene = scene_of(kBall)};
   options.session.recording = SessionOptions::Recording{.file = folder / "touched.h5"};
-  options.session.limits.soft_start = 0;
+  options.session.loop.limits.soft_start = 0;
   const SessionResult result = record(device, options, StopRequest{});
   EXPECT_EQ(result.servo.cause, StopCause::finished);
   ASSERT_EQ(result.touches.size(), 1U);
@@ -217,7 +204,7 @@ TEST(RecordedScene, StopsAToolThatItMadeTooFast) {
   PointMass device;
   device.place({0, 0, 0.02});
   RecordOptions options{.duration = 0.5, .scene = scene_of(kBall)};
-  options.session.limits.max_velocity = 0.1;
+  options.session.loop.limits.max_velocity = 0.1;
   EXPECT_EQ(record(device, options, StopRequest{}).servo.cause, StopCause::velocity);
   options.scene = nullptr;
   EXPECT_EQ(record(device, options, StopRequest{}).servo.cause, StopCause::finished)

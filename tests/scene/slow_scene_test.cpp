@@ -205,7 +205,7 @@ Felt feel(const std::string& scene, const std::string& hand, std::optional<SlowS
   Log log;
   SampleSink* const sinks[] = {&log};
   SessionOptions options;
-  options.limits.soft_start = 0;
+  options.loop.limits.soft_start = 0;
   const SessionResult result = run_session(*device, timed, {}, sinks, options, StopRequest{});
   EXPECT_EQ(result.servo.cause, StopCause::finished) << result.servo.detail;
 
@@ -270,7 +270,7 @@ TEST(SlowSceneInAHand, ServesADeviceInRealTime) {
   RecordOptions options{.duration = 0.3,
                         .scene = slow_test_scene(kBallOnly),
                         .slow_scene = SlowSceneOptions{.rate_hz = 100, .prediction = Prediction::model}};
-  options.session.limits.soft_start = 0;
+  options.session.loop.limits.soft_start = 0;
   const SessionResult result = record(device, options, StopRequest{});
   EXPECT_EQ(result.servo.cause, StopCause::finished);
   EXPECT_FALSE(result.virtual_time);

@@ -337,7 +337,7 @@ TEST(Ensemble, RunsWhatThePublicPlayDoesAndSeesTheTruePosition) {
   TrueErrors truth(device);
   PlayOptions play_options;
   play_options.gains = PdGains{Vec3::Constant(3000), Vec3::Constant(25)};
-  play_options.session.limits.max_velocity = 1.5;
+  play_options.session.loop.limits.max_velocity = 1.5;
   play_options.sinks = {&truth};
   const PlayResult result =
       play(device, plan_playback(device.info(), options.paths[0], play_options), play_options, StopRequest{});

@@ -15,9 +15,9 @@ using testing::HasSubstr;
 
 TEST(GuidanceDraws, AreTheSameEverywhereAndEachAnother) {
   const GuidanceDraw draw = draw_guidance(1, 0), again = draw_guidance(1, 0), other = draw_guidance(1, 1);
-  EXPECT_EQ(draw.guide.session.rate_hz, again.guide.session.rate_hz);
+  EXPECT_EQ(draw.guide.session.loop.rate_hz, again.guide.session.loop.rate_hz);
   EXPECT_EQ(draw.trainee.seed, again.trainee.seed);
-  EXPECT_NE(draw.guide.session.rate_hz, other.guide.session.rate_hz);
+  EXPECT_NE(draw.guide.session.loop.rate_hz, other.guide.session.loop.rate_hz);
   EXPECT_NE(draw.trainee.seed, other.trainee.seed);
 }
 
@@ -27,7 +27,7 @@ TEST(GuidanceDraws, GoAsFarAsTheyAreSaidToGo) {
   double slowest = 1e9, fastest = 0, lightest = 1e9, heaviest = 0, latest = 0;
   for (std::uint64_t i = 0; i < 1000; ++i) {
     const GuidanceDraw draw = draw_guidance(3, i);
-    const double rate = draw.guide.session.rate_hz;
+    const double rate = draw.guide.session.loop.rate_hz;
     ASSERT_TRUE(rate >= ranges::kRate.low && rate <= ranges::kRate.high);
     slowest = std::min(slowest, rate);
     fastest = std::max(fastest, rate);
@@ -110,7 +110,7 @@ GuidanceDraw shaken() {
   spec.coulomb.setZero();
   spec.presliding_stiffness.setZero();
   spec.delay = 6e-3;
-  draw.guide.session.rate_hz = 1000;
+  draw.guide.session.loop.rate_hz = 1000;
   draw.guide.radius = 0;
   draw.guide.stiffness = 2000;
   draw.guide.expert = true;

@@ -175,7 +175,7 @@ TEST(SceneSession, IsSupervisedWhenTheSceneSaysSo) {
   const auto touched = [&](const char* scene) {
     SimDevice device(spec);
     RecordOptions options{.duration = 4};
-    options.session.watch_vibration = false;  // which would soften what the layer is to calm
+    options.session.loop.watch_vibration = false;  // which would soften what the layer is to calm
     options.scene = read_scene(nlohmann::json::parse(scene), "a scene");
     options.identified = [&](const DeviceInfo&) {
       return std::optional(PlantModel{.mass = spec.mass, .viscous = spec.viscous});

@@ -517,7 +517,7 @@ TEST(Trajectory, NamesItsInterpolations) {
        {Interpolation::hold, Interpolation::linear, Interpolation::cubic, Interpolation::quintic})
     EXPECT_EQ(parse_interpolation(to_string(i)), i);
   EXPECT_EQ(message_of([] { (void)parse_interpolation("cubik"); }),
-            "interpolation 'cubik' is not known; known: hold, linear, cubic, quintic");
+            "unknown interpolation 'cubik'; did you mean 'cubic'?");
 }
 
 }  // namespace

@@ -309,6 +309,20 @@ TEST(ForeignCsvTime, KeepsEveryNanosecondOfStampsSince1970) {
   }
 }
 
+TEST(ForeignCsvTime, WithAZoneIsPutIntoUtc) {
+  for (const char* text : {"2026-03-01T12:00:00Z", "2026-03-01T14:00:00+0200", "2026-03-01T14:00:00+02:00",
+                           "2026-03-01T14:00:00.123456+02:00", "2026-03-01 14:00:00,5 +0200",
+                           "2026-03-01T06:30:00-05:30", "2026-02-28T23:00:00-13"})
+    EXPECT_EQ(parse_date_stamp(text, true).value_or(0) / 1'000'000'000, 1'772'366'400) << text;
+  EXPECT_EQ(parse_date_stamp("2026-01-01T00:30:00+01:00", true), 1'767'223'800'000'000'000);
+}
+
+TEST(ForeignCsvTime, MayBeRequiredToNameItsZone) {
+  for (const char* text : {"", "yesterday", "2026-03-01", "2026-03-01T12:00:00", "2026-03-01T12:00:00.5",
+                           "2026-13-01T12:00:00Z", "2026-03-01T12:00:00Z and more", "2026-03-01T12:00:00+2:x"})
+    EXPECT_EQ(parse_date_stamp(text, true), std::nullopt) << text;
+}
+
 TEST(ForeignCsvTime, IsReadFromDatesInTheirForms) {
   const std::int64_t expected = 1769857200'123'000'000;  // 2026-01-31 11:00:00.123 UTC
   for (const char* text : {"2026-01-31T11:00:00.123Z", "2026-01-31t11:00:00.123z", "2026-01-31 11:00:00.123",

@@ -26,7 +26,7 @@ SimSpec preset(const std::string& device, const std::string& hand) {
 
 CalibrationOptions options() {
   CalibrationOptions result;
-  result.session.limits.max_velocity = 1.5;
+  result.session.loop.limits.max_velocity = 1.5;
   return result;
 }
 
@@ -325,7 +325,7 @@ TEST(Calibration, RefusesWhatItCannotCalibrateBeforeAnyForce) {
   EXPECT_THAT(error_of([&] { (void)calibrated(device); }), HasSubstr("5.0 mm wide in y"));
   device.mutable_info().workspace_max.y() = 0.2;
   CalibrationOptions slow = options();
-  slow.session.rate_hz = 100;
+  slow.session.loop.rate_hz = 100;
   EXPECT_THAT(error_of([&] { (void)calibrated(device, slow); }), HasSubstr("lines"));
   slow = options();
   slow.force_share = 2;

@@ -208,7 +208,7 @@ TEST(Learning, GoesOnBesideASessionOnTheRealClock) {
   SimDevice device(test::true_device());
   PlayOptions options = test::everything();
   options.session.clock = ClockChoice::real;
-  options.session.realtime = false;
+  options.session.loop.realtime = false;
   options.playback.on_deviation = DeviationPolicy::soften;  // a machine that stalls must not end the test
   const PlayPlan plan = plan_playback(device.info(), make_shape("circle", {.size = 0.02, .duration = 0.5}), options);
   const PlayResult result = play(device, plan, options, StopRequest{});

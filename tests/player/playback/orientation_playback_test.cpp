@@ -128,7 +128,7 @@ TEST(OrientationPlayback, SaysWhyItDoesNotTurnATool) {
 TEST(OrientationPlayback, KeepsToTheTorqueLimitOfTheSession) {
   SimDevice device(wrist_device("firm"));
   PlayOptions options;
-  options.session.limits.max_torque = 0.05;
+  options.session.loop.limits.max_torque = 0.05;
   Log log;
   (void)played(device, options, &log);
   double largest = 0;

@@ -291,7 +291,7 @@ TEST(Playback, StopsBeforeAPieceThatLeavesTheWorkspaceOrIsTooFast) {
     PlayOptions options;
     options.gains = PdGains{Vec3::Constant(800), Vec3::Constant(12)};
     options.playback.max_deviation = 1;
-    options.session.limits.max_velocity = 1.2 * plan_playback(device.info(), source, options).peak_speed;
+    options.session.loop.limits.max_velocity = 1.2 * plan_playback(device.info(), source, options).peak_speed;
     const PlayPlan plan = plan_playback(device.info(), source, options);
     source->bad = true;
     const PlayResult result = play(device, plan, options, StopRequest{});

@@ -236,7 +236,7 @@ TEST(LiveTuning, ChangesAPlaybackThatRunsAndIsKeptInItsRecording) {
   PointMass device;
   PlayOptions options;
   options.gains = PdGains{Vec3::Constant(400), Vec3::Constant(12)};
-  options.session.limits.max_velocity = 1.5;
+  options.session.loop.limits.max_velocity = 1.5;
   SessionOptions::Recording recording{.file = folder / "played.h5"};
   recording.options.annotations = std::make_shared<Annotations>();
   options.session.recording = recording;

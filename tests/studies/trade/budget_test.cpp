@@ -48,9 +48,9 @@ TEST(Budget, SaysWhichPartCannotBeReadAndWhy) {
                                                         {"eror<=0.1mm", "did you mean 'error'"},
                                                         {"error>=0.1mm", "bounded by <="},
                                                         {"margin<=2", "bounded by >="},
-                                                        {"error<=0.1", "one of m, mm, um"},
-                                                        {"error<=0.1s", "one of m, mm, um"},
-                                                        {"margin>=2mm", "its unit is none"},
+                                                        {"error<=0.1", "write its unit, as in error<=1mm"},
+                                                        {"error<=0.1s", "write its unit, as in error<=1mm"},
+                                                        {"margin>=2mm", "it has no unit"},
                                                         {"error<=-1mm", "positive number"},
                                                         {"error<=nanmm", "positive number"},
                                                         {"error<=1mm, error<=2mm", "bounded twice"}})

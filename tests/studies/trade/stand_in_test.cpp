@@ -129,7 +129,8 @@ struct Ratio {
 std::optional<Ratio> measured_over_predicted(const HeldOut& plant) {
   const auto device = open_device(spec_of_held_out(plant, 1));
   const DeviceInfo info = device->info();
-  const CalibrationResult result = calibrate(*device, {.session = {.limits = {.max_velocity = 1.5}}}, StopRequest{});
+  const CalibrationResult result =
+      calibrate(*device, {.session = {.loop = {.limits = {.max_velocity = 1.5}}}}, StopRequest{});
   if (!result.succeeded()) {
     std::printf("%-16s not calibrated: %s\n", plant.name, result.reason.c_str());
     return std::nullopt;
@@ -145,7 +146,7 @@ std::optional<Ratio> measured_over_predicted(const HeldOut& plant) {
                   .play = {},
                   .model_error = kStandInError};
   place.play.fit = true;
-  place.play.session.limits.max_velocity = 1.5;
+  place.play.session.loop.limits.max_velocity = 1.5;
   Configuration configuration{.with = {.inertia = true, .gravity = true, .friction = true, .observer = true}};
   const Outcome predicted = Workbench(place).judge(configuration, 4);
   place.open = [&](std::uint64_t seed) { return open_device(spec_of_held_out(plant, 100 + seed)); };
