@@ -6,7 +6,7 @@
 
 namespace haptrace {
 
-/// Owns a file descriptor; a negative one is none.
+/// Owns a file descriptor and closes it. A negative value means that there is none.
 class Descriptor {
  public:
   explicit Descriptor(int opened = -1) noexcept : value_(opened) {}

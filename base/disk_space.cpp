@@ -32,7 +32,7 @@ std::string Reserve::claim(std::uint64_t end) {
   if (std::string refusal = process_limit(end + ahead_); !refusal.empty()) return refusal;
   while (fallocate(descriptor_, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(end), static_cast<off_t>(ahead_)) != 0) {
     if (errno == EINTR) continue;
-    // File systems that cannot claim go without; HDF5 then learns of a full disk by itself.
+    // Some file systems cannot reserve space. On these, HDF5 itself finds that the disk is full.
     if (errno != ENOSPC && errno != EDQUOT && errno != EFBIG && errno != EIO) break;
     return std::strerror(errno);
   }

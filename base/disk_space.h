@@ -1,4 +1,4 @@
-// Room on a disk: how much there is, and claiming it ahead. Private to formats and recorder.
+// Free space on a disk, and its reservation ahead of writing. Private to formats and recorder.
 #pragma once
 
 #include <cstdint>
@@ -6,39 +6,40 @@
 
 namespace haptrace {
 
-/// Room in the file system that holds `path`.
+/// Space in a file system.
 struct DiskSpace {
-  std::uint64_t free = 0;   ///< for this user [bytes]
+  std::uint64_t free = 0;   ///< available to this user [bytes]
   std::uint64_t total = 0;  ///< [bytes]
 };
 
-/// All zero when the file system does not say. Costs a microsecond; any thread.
+/// Returns the space in the file system that holds `path`, or zeros if the file system does not report it. Takes a
+/// microsecond; any thread may call it.
 DiskSpace disk_space(const std::string& path) noexcept;
 
-/// Disk space claimed beyond the end of a file. A disk that fills up refuses the claim, and no write of HDF5's: the
-/// recording ends in good order with everything in it.
+/// Reserves disk space beyond the end of a file. When the disk fills up, the reservation fails instead of a write by
+/// HDF5, so that the recording ends in good order with all its samples.
 class Reserve {
  public:
-  /// Keeps a descriptor of its own for the open file. `largest` is the most that is written between two claims, without
-  /// HDF5's own bookkeeping [bytes].
+  /// Duplicates the descriptor of the open file. `largest` is the most data written between two claims, without HDF5's
+  /// own bookkeeping [bytes].
   Reserve(int descriptor, std::uint64_t largest);
-  ~Reserve();  ///< what was claimed in vain goes back to the disk
+  ~Reserve();  ///< releases the space that was reserved but not used
   Reserve(const Reserve&) = delete;
   Reserve& operator=(const Reserve&) = delete;
 
-  /// Sees to it that the file, now `end` bytes long, can grow. The reason why not, or empty.
+  /// Makes sure that the file, now `end` bytes long, can grow. Returns the reason for a failure, or an empty text.
   std::string claim(std::uint64_t end);
 
   [[nodiscard]] int descriptor() const noexcept { return descriptor_; }
 
-  /// Why this process may not have a file of `bytes`, or empty.
+  /// Returns the reason why this process may not write a file of `bytes`, or an empty text.
   static std::string process_limit(std::uint64_t bytes);
 
-  static constexpr std::uint64_t kBookkeeping = 1 << 20;  ///< room for HDF5's own [bytes]
+  static constexpr std::uint64_t kBookkeeping = 1 << 20;  ///< space for HDF5's own bookkeeping [bytes]
 
  private:
   int descriptor_;
-  std::uint64_t ahead_;  ///< claimed at once; half of it always remains
+  std::uint64_t ahead_;  ///< space reserved at a time, of which half always remains [bytes]
   std::uint64_t claimed_ = 0;
 };
 

@@ -1,4 +1,4 @@
-// Durations as a histogram of fixed size: quantiles of a session of any length without keeping it.
+// Histogram of durations with a fixed size: quantiles of a session of any length, without storing its durations.
 #pragma once
 
 #include <algorithm>
@@ -8,12 +8,12 @@
 
 namespace haptrace {
 
-/// Counts of durations in buckets whose width is at most 1/32 of their value, from 1 ns to 2^40 ns (18 minutes).
+/// Counts durations in buckets whose width is at most 1/32 of their value, from 1 ns to 2^40 ns (18 minutes).
 ///
 /// Threads: one at a time. Real-time: record().
 class DurationHistogram {
  public:
-  /// Negative durations (a timer that fired early) count as zero.
+  /// Records a duration `times` times. A negative duration (from a timer that fired early) counts as zero.
   void record(std::int64_t duration_ns, std::uint64_t times = 1) noexcept {
     if (times == 0) return;
     const auto value = static_cast<std::uint64_t>(std::max<std::int64_t>(duration_ns, 0));
@@ -22,7 +22,7 @@ class DurationHistogram {
     max_ns_ = std::max(max_ns_, static_cast<std::int64_t>(value));
   }
 
-  /// Adds what `other` recorded, as if it had been recorded here.
+  /// Adds the durations that `other` recorded.
   void merge(const DurationHistogram& other) noexcept {
     for (std::size_t i = 0; i < counts_.size(); ++i) counts_[i] += other.counts_[i];
     count_ += other.count_;
@@ -31,10 +31,11 @@ class DurationHistogram {
 
   [[nodiscard]] std::uint64_t count() const noexcept { return count_; }
 
-  /// Exact [s].
+  /// Returns the exact largest duration [s].
   [[nodiscard]] double max() const noexcept { return 1e-9 * static_cast<double>(max_ns_); }
 
-  /// The duration [s] that a fraction q of the recorded ones does not exceed, rounded up by at most 1/32; 0 when empty.
+  /// Returns the duration [s] that a fraction `q` of the recorded durations does not exceed, rounded up by at most
+  /// 1/32; 0 if the histogram is empty.
   [[nodiscard]] double quantile(double q) const noexcept {
     if (count_ == 0) return 0;
     const double rank = std::clamp(q, 0.0, 1.0) * static_cast<double>(count_);
@@ -47,11 +48,11 @@ class DurationHistogram {
   }
 
  private:
-  static constexpr int kSubBits = 5;  ///< 32 buckets an octave
+  static constexpr int kSubBits = 5;  ///< 32 buckets per octave
   static constexpr int kOctaves = 40;
   static constexpr std::uint64_t kSub = 1U << kSubBits;
 
-  // Values below 2 * kSub have a bucket each; above, the top six bits of the value choose.
+  // Each value below 2 * kSub has its own bucket. Above, the six most significant bits of the value select the bucket.
   static std::size_t bucket(std::uint64_t value) noexcept {
     const int shift = std::max(0, static_cast<int>(std::bit_width(value)) - kSubBits - 1);
     const auto index = static_cast<std::size_t>(shift) * kSub + static_cast<std::size_t>(value >> shift);

@@ -18,7 +18,7 @@ namespace {
 
 using nlohmann::json;
 
-/// A value as a person wrote it, short enough for one line.
+/// Returns a JSON value as text, shortened to fit one line.
 std::string shown_json(const json& value) {
   constexpr std::size_t kLongest = 40;
   std::string text = value.dump(-1, ' ', false, json::error_handler_t::replace);
@@ -39,7 +39,7 @@ double checked_number(const json& value, const std::string& name, const char* ex
   return number;
 }
 
-/// nlohmann's message without its class of exception: "line 3, column 7: syntax error ...".
+/// Returns nlohmann's message without the exception class: "line 3, column 7: syntax error ...".
 std::string reason(const json::exception& error) {
   const std::string_view what = error.what();
   for (const std::string_view prefix : {"parse error at ", "] "})
@@ -51,8 +51,8 @@ std::string reason(const json::exception& error) {
 }  // namespace
 
 json parse_json(const std::string& text, const std::string& where) {
-  constexpr int kDeepest = 100;             // nlohmann's values copy and print themselves by recursion
-  std::vector<std::set<std::string>> keys;  // of the objects that are open
+  constexpr int kDeepest = 100;             // nlohmann copies and prints its values recursively
+  std::vector<std::set<std::string>> keys;  // keys of the open objects
   const auto refuse = [&](int depth, json::parse_event_t event, const json& parsed) {
     if (depth > kDeepest) throw input_error(fmt::format("{}: is nested deeper than {} levels", where, kDeepest));
     if (event == json::parse_event_t::object_start) keys.emplace_back();
@@ -79,7 +79,7 @@ json load_json(const std::string& file) {
 
 void save_json(const json& json, const std::string& file, bool overwrite) {
   TextWriter writer(file, overwrite);
-  // Texts that are not UTF-8 are kept as well as they can be.
+  // Replace bytes that are not UTF-8, so that the rest of the text is saved.
   writer.text() = json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
   writer.commit();
 }

@@ -1,4 +1,4 @@
-// The newest value from one thread to another, without locks and without waiting on either side.
+// Exchange of the newest value between two threads, without locks and without waiting.
 #pragma once
 
 #include <array>
@@ -7,8 +7,8 @@
 
 namespace haptrace {
 
-/// A triple buffer: the writer always has a slot to write, the reader always has a whole value to read, and values
-/// that nobody fetched in time are replaced by newer ones.
+/// A triple buffer: the writer always has a free slot, and the reader always has a complete value. A newer value
+/// replaces one that the reader has not fetched in time.
 ///
 /// Threads: one writer (post), one reader (latest). Real-time: both are wait-free and copy one T.
 template <class T>
@@ -21,7 +21,7 @@ class Mailbox {
     write_ = middle_.exchange(static_cast<std::uint8_t>(write_ | kFresh), std::memory_order_acq_rel) & kIndex;
   }
 
-  /// The newest value; valid until the next call.
+  /// Returns the newest value; the reference is valid until the next call.
   const T& latest() noexcept {
     if ((middle_.load(std::memory_order_relaxed) & kFresh) != 0)
       read_ = middle_.exchange(read_, std::memory_order_acq_rel) & kIndex;

@@ -1,4 +1,4 @@
-// The time of a virtual-time device.
+// Time of a device that runs on virtual time.
 #pragma once
 
 #include <algorithm>
@@ -7,14 +7,14 @@
 
 namespace haptrace {
 
-/// Counts a device's time in whole nanoseconds, so that hours of ticks do not drift and instants compare exactly.
-/// What a step leaves below a nanosecond is carried to the next.
+/// Counts a device's time in whole nanoseconds, so that hours of ticks do not drift and instants compare exactly. Each
+/// step carries its remainder below a nanosecond to the next step.
 class NanoTime {
  public:
   [[nodiscard]] std::int64_t ns() const noexcept { return ns_; }
 
-  /// Advances by `dt` [s] and returns the new time. A step that is not positive and finite does not advance; one longer
-  /// than an hour is an hour.
+  /// Advances by `dt` [s] and returns the new time. Ignores a step that is not positive and finite, and limits a step
+  /// to one hour.
   std::int64_t advance(double dt) noexcept {
     if (!(dt > 0) || !std::isfinite(dt)) return ns_;
     const double span = std::min(dt, 3600.0) * 1e9 + carry_;
@@ -25,7 +25,7 @@ class NanoTime {
 
  private:
   std::int64_t ns_ = 0;
-  double carry_ = 0;  ///< [ns], within half a nanosecond
+  double carry_ = 0;  ///< remainder of the steps, at most half a nanosecond [ns]
 };
 
 }  // namespace haptrace

@@ -1,4 +1,4 @@
-// Numbers in texts.
+// Parsing of numbers in text.
 #pragma once
 
 #include <charconv>
@@ -9,8 +9,8 @@
 
 namespace haptrace {
 
-/// Removes the number that `text` begins with, and returns it. Returns nothing, and leaves `text`, when it begins with
-/// none or the number is out of range. "nan" and "inf" are numbers; a leading "+" is not.
+/// Removes the number at the start of `text` and returns it. If there is no number or it is out of range, returns
+/// nothing and leaves `text` unchanged. Accepts "nan" and "inf", but no leading "+".
 template <class Number>
 std::optional<Number> take_number(std::string_view& text, int base = 10) noexcept {
   Number value{};
@@ -24,7 +24,7 @@ std::optional<Number> take_number(std::string_view& text, int base = 10) noexcep
   return value;
 }
 
-/// Returns the number that the whole of `text` is, under the rules of take_number().
+/// Parses the whole of `text` as a number, under the rules of take_number().
 template <class Number>
 std::optional<Number> number_of(std::string_view text, int base = 10) noexcept {
   const std::optional<Number> value = take_number<Number>(text, base);

@@ -23,7 +23,7 @@ namespace haptrace {
 namespace fs = std::filesystem;
 namespace {
 
-/// False when the disk refuses; errno says why.
+/// Returns false if the disk refuses; errno holds the reason.
 bool force_to_disk(const std::string& path) {
   const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (descriptor < 0) return false;
@@ -39,7 +39,7 @@ bool force_to_disk(const std::string& path) {
 constexpr unsigned kPermissions = 0777, kOfOthers = 0077;
 constexpr std::string_view kUnfinished = ".unfinished";
 
-/// Where process numbers mean the same: a machine since it was started, and a container on it.
+/// Returns a hash of the scope in which process numbers are unique: one boot of a machine, and a container on it.
 std::uint32_t process_space() {
   std::ifstream boot("/proc/sys/kernel/random/boot_id");
   std::string text((std::istreambuf_iterator<char>(boot)), std::istreambuf_iterator<char>());
@@ -48,13 +48,14 @@ std::uint32_t process_space() {
   return static_cast<std::uint32_t>(std::hash<std::string>{}(text));
 }
 
-/// FILE.1a2b3c4d-1234-5e6f.unfinished: process space, process, and a number to tell several apart.
+/// Returns a name like FILE.1a2b3c4d-1234-5e6f.unfinished: process space, process, and a random number to distinguish
+/// several files.
 std::string unfinished_name(const std::string& target) {
   return fmt::format("{}.{:08x}-{}-{:04x}{}", target, process_space(), getpid(), std::random_device{}() & 0xFFFFU,
                      kUnfinished);
 }
 
-/// Whether `rest`, what follows FILE in a name, is that of an unfinished file of a process that is gone.
+/// Returns true if `rest`, the part of a name after FILE, marks an unfinished file of a process that no longer exists.
 bool is_leftover(std::string_view rest) {
   unsigned space = 0, number = 0;
   int process = 0;
@@ -85,7 +86,7 @@ OutputFile::OutputFile(const std::string& file, bool overwrite) : name_(file), t
     throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
   if (replaces_ && has_writer(file))
     throw input_error(file + ": is a recording that is being written; it can be replaced when that has ended");
-  if (replaces_) target_ = fs::canonical(file, error).string();  // a link stays a link
+  if (replaces_) target_ = fs::canonical(file, error).string();  // replaces the target of a link, not the link
   folder_ = replaces_ ? fs::path(target_).parent_path().string() : folder.string();
   if (replaces_)
     mode_ = static_cast<unsigned>(status.permissions()) & kPermissions;
@@ -95,7 +96,7 @@ OutputFile::OutputFile(const std::string& file, bool overwrite) : name_(file), t
 }
 
 void OutputFile::create() {
-  // The mode that open() is given loses what the process keeps from others; that of a replaced file must not change.
+  // The umask reduces the mode that is given to open(). A file that replaces another must have exactly its mode.
   const int descriptor =
       open(path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, replaces_ ? 0600 : mode_);
   created_ = descriptor >= 0;
@@ -156,7 +157,7 @@ void OutputFile::commit() {
   if (!force_to_disk(path_))
     throw input_error(fmt::format("{}: cannot be forced to the disk: {}", name_, std::strerror(errno)));
   commit_without_waiting();
-  (void)force_to_disk(folder_);  // not every file system can; the file has its name by now
+  (void)force_to_disk(folder_);  // some file systems cannot; the file already has its name
 }
 
 void OutputFile::commit_without_waiting() {
@@ -164,7 +165,7 @@ void OutputFile::commit_without_waiting() {
     return renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target_.c_str(), flags) == 0;
   };
   bool renamed = rename(replaces_ ? 0 : RENAME_NOREPLACE);
-  // Some file systems do not know how not to replace.
+  // Some file systems do not support RENAME_NOREPLACE.
   if (!renamed && errno == EINVAL && !fs::exists(target_)) renamed = rename(0);
   if (!renamed)
     throw input_error(

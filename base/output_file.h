@@ -1,4 +1,4 @@
-// Making a file without harming another.
+// Creation of files without damage to existing ones.
 #pragma once
 
 #include <string>
@@ -6,34 +6,34 @@
 
 namespace haptrace {
 
-/// A new file, made under a name of its own beside the final one: whatever happens before commit(), a file that is to
-/// be replaced stays as it was, and a new one is not there by half.
+/// Writes a new file under a temporary name beside the final one. Until commit(), an existing file stays unchanged, and
+/// no incomplete file appears under the final name.
 ///
-/// A recording that is being written is not replaced. The unfinished file of a process that was killed stays under a
-/// name like FILE.1a2b3c4d-1234-5e6f.unfinished until remove_leftovers().
+/// A recording that is being written is not replaced. If the process is killed, its unfinished file stays under a name
+/// like FILE.1a2b3c4d-1234-5e6f.unfinished until remove_leftovers() removes it.
 ///
 /// A file that replaces another has its permissions from the first byte on. A new file in a folder that is closed to
-/// others (as a session's is) is closed to them too; any other is as the process makes files.
+/// others (such as a session folder) is closed to them too. Any other file has the default permissions of the process.
 class OutputFile {
  public:
-  /// Throws Error(input): the name is empty, the folder is missing, the file exists (unless `overwrite`), is not a
+  /// Throws Error(input) if the name is empty, the folder is missing, or the file exists (unless `overwrite`), is not a
   /// regular file, or is a recording that is being written.
   OutputFile(const std::string& file, bool overwrite);
-  ~OutputFile();  ///< removes what was created but not committed
+  ~OutputFile();  ///< removes a file that was created but not committed
   OutputFile(const OutputFile&) = delete;
   OutputFile& operator=(const OutputFile&) = delete;
 
-  /// Makes the empty file at path(). Throws Error(input): the system refuses.
+  /// Creates the empty file at path(). Throws Error(input) if the system refuses.
   void create();
 
-  /// Where the file is until commit().
+  /// Returns the path of the file until commit().
   [[nodiscard]] const std::string& path() const noexcept { return path_; }
 
-  /// Gives the file its final name. Its content is on the disk before it replaces another, and its name after, so that
-  /// a power cut leaves the old file or the new one. Throws Error(input).
+  /// Gives the file its final name. Forces the content to the disk before the file replaces another, and the name after
+  /// that, so that a power cut leaves the old file or the new one. Throws Error(input).
   void commit();
 
-  /// Gives the file its final name, whose content is yet to come: nothing is forced to the disk. Throws Error(input).
+  /// Gives the file its final name before its content is written. Forces nothing to the disk. Throws Error(input).
   void commit_without_waiting();
 
  private:
@@ -42,18 +42,19 @@ class OutputFile {
   unsigned mode_ = 0666;
 };
 
-/// Removes what processes that are gone have left behind while they made `file`, and answers the names. Those of
-/// processes that live, of other machines and of other containers stay. Never throws: what cannot be removed stays.
+/// Removes the unfinished files of `file` that terminated processes left behind, and returns their names. Keeps the
+/// files of running processes, of other machines and of other containers. Never throws: a file that cannot be removed
+/// stays.
 std::vector<std::string> remove_leftovers(const std::string& file);
 
-/// Creates folders that nobody but this user can enter, as far as they are missing. Throws Error(input).
+/// Creates the missing folders of a path, so that only this user can enter them. Throws Error(input).
 void create_private_folders(const std::string& folder);
 
-/// Before the work whose result the file is to hold: makes a file beside it and removes that again. Throws what
-/// OutputFile would; an empty name is no file.
+/// Checks before a long computation that its result can be written to `file`: creates a file beside it and removes it
+/// again. Throws the errors of OutputFile. An empty name means no file.
 void check_output(const std::string& file, bool overwrite);
 
-/// The same for a file whose folders are made when it is: tries the nearest folder that is there, and makes none.
+/// Does the same for a file whose folders may not exist yet: tests the nearest existing folder, and creates none.
 void check_output_in_new_folders(const std::string& file, bool overwrite);
 
 }  // namespace haptrace

@@ -1,4 +1,4 @@
-// Many jobs on all cores.
+// Parallel execution of jobs on all cores.
 #pragma once
 
 #include "base/stop_request.h"
@@ -15,10 +15,10 @@
 
 namespace haptrace {
 
-/// Runs work(0) to work(count - 1), each once, on `threads` threads (0: one for every core). Jobs are begun in order
-/// until `stop` is raised. `told(done)` is called in the calling thread, about ten times a second and at the end, with
-/// how many are finished. The first exception of a job ends the others and is thrown here. False when `stop` was raised
-/// before all were done.
+/// Runs work(0) to work(count - 1), each once, on `threads` threads (0: one per core). Starts the jobs in order until
+/// `stop` is raised. Calls `told(done)` in the calling thread with the number of finished jobs, about ten times a
+/// second and at the end. If a job throws, no further jobs start, and the function throws the first exception. Returns
+/// false if `stop` was raised before all jobs were done.
 template <class Work, class Told>
 bool run_parallel(std::size_t count, std::size_t threads, const StopRequest& stop, const Work& work, const Told& told) {
   if (threads == 0) threads = std::max(std::thread::hardware_concurrency(), 1U);
@@ -26,7 +26,7 @@ bool run_parallel(std::size_t count, std::size_t threads, const StopRequest& sto
   std::atomic<std::size_t> next{0}, done{0};
   std::mutex mutex;
   std::condition_variable ended;
-  std::size_t running = threads;  // under the mutex, like the error
+  std::size_t running = threads;  // guarded by the mutex, like the error
   std::exception_ptr error;
 
   const auto worker = [&] {

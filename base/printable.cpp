@@ -8,13 +8,13 @@
 namespace haptrace {
 namespace {
 
-/// Control characters, and those that turn the direction of writing or break lines.
+/// Returns true for control characters, and for characters that change the writing direction or break lines.
 bool is_obeyed(char32_t code) {
   return code < 0x20 || (code >= 0x7f && code < 0xa0) || (code >= 0x2028 && code <= 0x202e) ||
          (code >= 0x2066 && code <= 0x2069);
 }
 
-/// `escape` writes out what stays not as it is.
+/// Replaces each unsafe character by the result of `escape`. Keeps line feeds and tabs if `lines` is set.
 template <class Escape>
 std::string escaped(std::string_view text, bool lines, const Escape& escape) {
   std::string result;

@@ -1,4 +1,4 @@
-// Text from files, devices and people, made fit for a terminal.
+// Conversion of text from files, devices and users for safe output to a terminal.
 #pragma once
 
 #include <cstddef>
@@ -8,17 +8,17 @@
 
 namespace haptrace {
 
-/// The character that a text begins with.
+/// The first character of a text.
 struct Character {
-  std::size_t bytes = 0;  ///< 0: the text begins with none, as far as UTF-8 goes
+  std::size_t bytes = 0;  ///< length; 0: the text does not begin with valid UTF-8
   char32_t code = 0;
 };
 Character first_character(std::string_view text);
 
-/// Returns where the first byte stands that is not UTF-8; npos when there is none.
+/// Returns the position of the first byte that is not UTF-8; npos if there is none.
 std::size_t find_invalid_utf8(std::string_view text);
 
-/// Returns `text` with U+FFFD in place of every byte that is not UTF-8, as the texts of a recording must be.
+/// Returns `text` with U+FFFD in place of every byte that is not UTF-8. The texts of a recording must be UTF-8.
 std::string utf8_text(std::string_view text);
 
 /// Returns the longest beginning of `text` of at most `bytes` bytes that does not cut a character.
@@ -29,11 +29,11 @@ std::string_view utf8_prefix(std::string_view text, std::size_t bytes);
 /// title cannot look like a line of ours.
 std::string printable(std::string_view text);
 
-/// Does the same for text of several lines: line feeds and tabs stay.
+/// Does the same for text of several lines, but keeps line feeds and tabs.
 std::string printable_lines(std::string_view text);
 
-/// Returns a JSON text in which the same characters are escaped as JSON does. Bytes that are not UTF-8 become U+FFFD.
-/// `indent` below 0: on one line.
+/// Returns `json` as text, with the same characters in JSON's own escapes. Bytes that are not UTF-8 become U+FFFD. A
+/// negative `indent` writes everything on one line.
 std::string printable_json(const nlohmann::json& json, int indent = 2);
 
 }  // namespace haptrace

@@ -1,4 +1,4 @@
-// Times as texts: RFC 3339 in UTC, whole seconds, as in 2026-01-31T12:00:00Z.
+// Times as text: RFC 3339 in UTC with whole seconds, as in 2026-01-31T12:00:00Z.
 #pragma once
 
 #include <chrono>
@@ -10,10 +10,10 @@ namespace haptrace {
 
 std::string rfc3339(std::chrono::system_clock::time_point time);
 
-/// With nine decimals, of nanoseconds since 1970.
+/// Returns a time with nine decimals; `since_1970` counts nanoseconds.
 std::string rfc3339_nanoseconds(std::int64_t since_1970);
 
-/// Nothing when `text` is no time as rfc3339() writes it.
+/// Parses a time that rfc3339() has written; returns nothing for any other text.
 std::optional<std::chrono::system_clock::time_point> parse_rfc3339(const std::string& text);
 
 }  // namespace haptrace

@@ -1,10 +1,10 @@
-// Time that is summed from steps.
+// Sum of time steps.
 #pragma once
 
 namespace haptrace {
 
-/// A sum of steps of time that is right to its last digit, however many there are: what rounding leaves of a step is
-/// added to the next (Kahan 1965). A plain sum of milliseconds is off by tens of microseconds after a day.
+/// A sum of time steps that is accurate to its last digit for any number of steps: the rounding remainder of each step
+/// is added to the next (Kahan 1965). A plain sum of milliseconds is off by tens of microseconds after a day.
 ///
 /// Real-time.
 class RunningTime {
@@ -14,7 +14,7 @@ class RunningTime {
 
   [[nodiscard]] double seconds() const noexcept { return seconds_; }
 
-  /// A `step` [s] later.
+  /// Returns the time `step` [s] later.
   [[nodiscard]] RunningTime after(double step) const noexcept {
     const double whole = step + left_;
     RunningTime later(seconds_ + whole);
@@ -24,7 +24,7 @@ class RunningTime {
 
  private:
   double seconds_ = 0;
-  double left_ = 0;  ///< of the steps so far [s]
+  double left_ = 0;  ///< rounding remainder of the steps so far [s]
 };
 
 }  // namespace haptrace

@@ -5,12 +5,13 @@
 
 namespace haptrace {
 
-/// Returns the mean of the two middle values where their number is even, NaN where there are none. No value may be NaN.
+/// Returns the median: the mean of the two middle values if their number is even, NaN if there are none. NaN is not
+/// allowed as a value.
 double median(std::vector<double> values);
 
-/// Returns the value that a fraction `q`, 0 to 1, of the values lies below, by linear interpolation between order
-/// statistics (type 7 of Hyndman and Fan, "Sample quantiles in statistical packages", 1996): median() at 0.5. NaN where
-/// there are no values; none of them may be NaN.
+/// Returns the value below which a fraction `q`, 0 to 1, of the values lies, by linear interpolation between order
+/// statistics (type 7 of Hyndman and Fan, "Sample quantiles in statistical packages", 1996). At 0.5 this is median().
+/// Returns NaN if there are no values. NaN is not allowed as a value.
 double quantile(std::vector<double> values, double q);
 
 }  // namespace haptrace

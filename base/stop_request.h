@@ -1,18 +1,18 @@
-// A request to end what is running.
+// Request to stop a session or computation.
 #pragma once
 
 #include <atomic>
 
 namespace haptrace {
 
-/// How a session is asked to stop from outside. May be raised in a signal handler.
+/// A request from outside to stop a running session. May be raised in a signal handler.
 class StopRequest {
  public:
   StopRequest() noexcept : StopRequest(nullptr) {}
-  /// Counts the requests to `also` as well; `also` must outlive this.
+  /// Includes the requests to `also`, which must outlive this object.
   explicit StopRequest(const StopRequest* also) noexcept : also_(also) {}
 
-  /// Once: the force fades out and the session ends. Twice: it ends at this tick.
+  /// Adds a request. After the first, the force fades out and the session ends; after the second, it ends at this tick.
   void raise() noexcept { count_.fetch_add(1, std::memory_order_relaxed); }
   [[nodiscard]] int count() const noexcept {
     return count_.load(std::memory_order_relaxed) + (also_ != nullptr ? also_->count() : 0);

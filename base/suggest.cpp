@@ -11,8 +11,8 @@ char lower(char c) {
   return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
 }
 
-/// Insertions, deletions, substitutions and swaps of neighbours that turn `a` into `b`, whatever their case (the
-/// optimal string alignment distance: Damerau 1964, Oommen and Loke 1997).
+/// Returns the number of insertions, deletions, substitutions and swaps of neighbours that turn `a` into `b`, ignoring
+/// case (the optimal string alignment distance: Damerau 1964, Oommen and Loke 1997).
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> before(b.size() + 1), above(b.size() + 1), row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
@@ -36,7 +36,7 @@ std::string nearest(std::string_view word, std::span<const std::string> candidat
   std::size_t best_distance = 0;
   for (const std::string& candidate : candidates) {
     const std::size_t distance = edit_distance(word, candidate);
-    // One slip in three letters; a word that shares no letter is never near.
+    // Allow one slip per three letters. A word that shares no letter is never near.
     const std::size_t slips = std::max<std::size_t>(1, std::max(word.size(), candidate.size()) / 3);
     if (distance > slips || distance >= std::max(word.size(), candidate.size())) continue;
     if (best == nullptr || distance < best_distance) best = &candidate, best_distance = distance;

@@ -1,4 +1,4 @@
-// "did you mean": every list of names that a person can mistype answers with the nearest.
+// "did you mean" suggestions for mistyped names.
 #pragma once
 
 #include <span>
@@ -8,10 +8,10 @@
 
 namespace haptrace {
 
-/// The candidate with the smallest edit distance to `word`, if it is close enough to be a slip; else empty.
+/// Returns the candidate with the smallest edit distance to `word`, or an empty text if none is close to it.
 std::string nearest(std::string_view word, std::span<const std::string> candidates);
 
-/// `; did you mean 'x'?` or, with nothing near, `; known: a, b, c`. For the end of an error message.
+/// Returns the end of an error message: `; did you mean 'x'?` or, if no candidate is near, `; known: a, b, c`.
 std::string suggestion(std::string_view word, std::span<const std::string> candidates);
 
 /// Returns the index of `name` among `names`. Throws Error(input) `unknown KIND 'NAME'` with a suggestion.

@@ -1,4 +1,4 @@
-// Reading what the kernel says in files, which may not be there: /sys, /proc, configurations.
+// Reading of system files that may be absent: /sys, /proc, configuration files.
 #pragma once
 
 #include <filesystem>
@@ -8,10 +8,11 @@
 
 namespace haptrace::system_files {
 
-/// A small file, plain or compressed by gzip, without the white space at its end. Nothing when it cannot be read.
+/// Returns the text of a small file, plain or compressed by gzip, without the white space at its end. Returns nothing
+/// if the file cannot be read.
 std::optional<std::string> read_text(const std::filesystem::path& file);
 
-/// What a folder holds, by name; nothing when it cannot be read.
+/// Returns the entries of a folder, sorted by name; none if the folder cannot be read.
 std::vector<std::filesystem::path> entries(const std::filesystem::path& folder);
 
 }  // namespace haptrace::system_files

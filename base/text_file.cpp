@@ -35,7 +35,7 @@ bool parse_number(std::string_view field, double& value) {
   if (field.starts_with('+')) field.remove_prefix(1);
   const char* end = field.data() + field.size();
   const auto result = std::from_chars(field.data(), end, value);
-  // Beyond the range of double: infinite or, as far as anybody can tell, zero.
+  // Beyond the range of double, strtod returns infinity or a number close to zero.
   if (result.ec == std::errc::result_out_of_range) value = std::strtod(std::string(field).c_str(), nullptr);
   return result.ec != std::errc::invalid_argument && result.ptr == end;
 }
@@ -71,7 +71,7 @@ Error LineReader::error(const std::string& what) const {
   return input_error(fmt::format("{}:{}: {}", file_, number_, what));
 }
 
-/// Reads another block behind the unfinished line. False at the end of the file.
+/// Reads another block after the unfinished line. Returns false at the end of the file.
 bool LineReader::refill() {
   constexpr std::size_t kBlock = 1 << 20, kLongestLine = 1 << 20;
   if (end_ - begin_ > kLongestLine)

@@ -1,4 +1,4 @@
-// Text files, line by line, with memory flat in their length. Private to formats.
+// Text files, read and written piece by piece, so that memory does not grow with their length. Internal to haptrace.
 #pragma once
 
 #include "base/error.h"
@@ -14,37 +14,38 @@
 
 namespace haptrace {
 
-/// `text` without blanks at its ends.
+/// Returns `text` without blanks at its ends.
 std::string_view trim(std::string_view text);
 
-/// A text of a file, fit for one line of a message.
+/// Returns text from a file, escaped and shortened to fit one line of a message.
 std::string shown(std::string_view text);
 
-/// Returns the ending of a file's name with its point, in lower case.
+/// Returns the extension of a file's name with its dot, in lower case.
 std::string file_ending(const std::string& file);
 
-/// A number as a text writes it: all of `field`, with a point, perhaps with an exponent or a sign. False when it is
-/// none; "nan" and "inf" are.
+/// Parses the whole of `field` as a number with a decimal point, and perhaps a sign or an exponent. Accepts "nan" and
+/// "inf". Returns false if `field` is not a number.
 bool parse_number(std::string_view field, double& value);
 
-/// The lines of a file, read in blocks.
+/// Reads a file in blocks and returns its lines.
 class LineReader {
  public:
-  /// Throws Error(input) when the file cannot be read. `what` names the expected content in the
-  /// error about a file without line ends; `name`, unless it is empty, is the file's name in messages.
+  /// Throws Error(input) if the file cannot be read. `what` names the expected content in the error about a file
+  /// without line ends; `name`, unless it is empty, is the file's name in messages.
   LineReader(const std::string& file, std::string what, const std::string& name = "");
 
-  /// False at the end. `line` stays valid until the next call. Throws Error(input) on a line of more than 1 MiB.
+  /// Reads the next line; returns false at the end of the file. `line` stays valid until the next call. Throws
+  /// Error(input) if a line is longer than 1 MiB.
   bool next(std::string_view& line);
 
   [[nodiscard]] std::size_t number() const noexcept { return number_; }
-  /// The file's name in messages.
+  /// Returns the file's name in messages.
   [[nodiscard]] const std::string& file() const noexcept { return file_; }
 
-  /// How much of the file's bytes has been read, 0 to 1.
+  /// Returns the share of the file's bytes that has been read, 0 to 1.
   [[nodiscard]] double fraction() const noexcept;
 
-  /// An error in the present line.
+  /// Returns an error that names the current line.
   [[nodiscard]] Error error(const std::string& what) const;
 
  private:
@@ -58,24 +59,24 @@ class LineReader {
   std::size_t number_ = 0;
 };
 
-/// A text file that is made, as OutputFile makes one: nothing is left behind unless it is committed.
+/// Writes a text file through an OutputFile: without commit(), no file remains.
 class TextWriter {
  public:
-  /// Throws Error(input) like OutputFile, and when the file cannot be created.
+  /// Throws Error(input) like OutputFile, and if the file cannot be created.
   TextWriter(const std::string& file, bool overwrite);
 
-  /// Writes to standard output, where what is out stays out.
+  /// Writes to standard output, where written text cannot be withdrawn.
   static std::unique_ptr<TextWriter> to_standard_output();
 
-  /// The text that the next save() writes.
+  /// Returns the text that is still to be written, for the caller to append to.
   [[nodiscard]] std::string& text() noexcept { return text_; }
 
-  /// Writes what has gathered, if it is much. Throws Error(input) when the disk refuses.
+  /// Writes the pending text if it is longer than 1 MiB. Throws Error(input) if the disk refuses.
   void save() {
     if (text_.size() > 1 << 20) write();
   }
 
-  /// Writes the rest and gives the file its name. Throws like save().
+  /// Writes the remaining text and gives the file its name. Throws like save().
   void commit();
 
  private:

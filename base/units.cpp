@@ -80,7 +80,7 @@ constexpr auto kKnownUnits = std::to_array<Unit>({
     {"nmm", "N m", 1e3},
 });
 
-/// Units of options that no file's header names.
+/// Units that appear in options, but not in the header of a file.
 constexpr auto kOptionUnits = std::to_array<Unit>({
     {"h", "s", 1.0 / 3600},
     {"hz", "Hz", 1},

@@ -1,4 +1,4 @@
-// Units that texts name, and their values in SI.
+// Units in text, and their conversion to SI.
 #pragma once
 
 #include <optional>
@@ -9,30 +9,29 @@
 namespace haptrace {
 
 struct Unit {
-  std::string_view name;  ///< in lower case, as texts write it
-  std::string_view si;    ///< of its quantity: s, m, m/s, N or N m
-  double per_si = 1;      ///< how many are one of SI: 1000 for mm
+  std::string_view name;  ///< name in lower case
+  std::string_view si;    ///< SI unit of the same quantity, such as s, m, m/s, N or N m
+  double per_si = 1;      ///< number of these units in one SI unit: 1000 for mm
 };
 
-/// All that are known; of several names of a unit, the one for messages comes first.
+/// Returns the units that the header of a file can name. If a unit has several names, the one for messages comes first.
 std::span<const Unit> units();
 
-/// Finds the unit `text`, in any case, with or without brackets, a dot, a star or blanks between its parts. `si` empty:
-/// of any quantity but torque, whose "nm" is then no unit. Returns the unit by its short name, or null.
+/// Finds the unit `text`, ignoring case, brackets, and any dots, stars or blanks between its parts. An empty `si`
+/// allows all quantities, but then "nm" is not accepted as N m. Returns the unit by its short name, or null.
 const Unit* find_unit(std::string_view text, std::string_view si);
 
-/// Returns the SI unit that ends a description in brackets, as in "servo rate [Hz]": the first that stands so, or an
-/// empty text.
+/// Returns the first SI unit that stands in brackets in a description, as in "servo rate [Hz]", or an empty text.
 std::string bracketed_unit(std::string_view description);
 
-/// Returns a number with a unit of the quantity whose SI unit is `si`, or without a unit, in SI: 0.02 for "20mm" and
-/// "m". Nothing when the text is no finite number with such a unit.
+/// Parses a number with or without a unit of the quantity whose SI unit is `si`, and returns it in SI: 0.02 for "20mm"
+/// and "m". Returns nothing if the text is not a finite number with such a unit.
 std::optional<double> parse_quantity(std::string_view text, std::string_view si);
 
-/// Returns a short time for people: "850 us" below a millisecond, "12.3 ms" below a second, else "4.56 s".
+/// Returns a duration as text: "850 us" below a millisecond, "12.3 ms" below a second, else "4.56 s".
 std::string duration_text(double seconds);
 
-/// Text in lower case, of which the micro sign, in UTF-8 or Latin-1, is a u.
+/// Returns `text` in lower case, with the micro sign (UTF-8 or Latin-1) or Greek mu as a u.
 std::string lower_case(std::string_view text);
 
 }  // namespace haptrace

@@ -8,7 +8,7 @@
 namespace haptrace {
 namespace {
 
-/// A byte that no file reaches, for us alone: HDF5 knows nothing of it.
+/// Returns a lock on a byte that no file reaches. Only haptrace uses this lock; HDF5 does not know it.
 struct flock far_byte(short type) {
   struct flock lock {};
   lock.l_type = type;
@@ -23,7 +23,7 @@ struct flock far_byte(short type) {
 void mark_as_writer(int descriptor) noexcept {
   struct flock lock = far_byte(F_WRLCK);
   (void)fcntl(descriptor, F_OFD_SETLK, &lock);
-  // HDF5 gives its own lock away when it lets live readers in. Shared, it keeps out who wants to write, and them alone.
+  // HDF5 releases its own lock when it admits live readers. This shared lock keeps out other writers, and only them.
   (void)::flock(descriptor, LOCK_SH | LOCK_NB);
 }
 
