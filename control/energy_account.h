@@ -1,4 +1,4 @@
-// What a device gave to a hand, and how to take it back.
+// Energy that a device gives to a hand, and the damping that takes it back.
 #pragma once
 
 #include "control/controller.h"
@@ -9,9 +9,10 @@
 
 namespace haptrace {
 
-/// The account of a port, every tick: with u the force that acted (sent after all limits, `delay` ago) and dx what the
-/// hand moved meanwhile, u . dx plus the change of what springs hold is what was given. It is exact while the delay is
-/// whole ticks, for u is constant then; a part of a tick counts as if the hand moved evenly within one.
+/// Computes the energy that a port gives at every tick. With u the force that acted (sent after all limits, `delay`
+/// ago) and dx the movement of the hand in the meantime, this energy is u . dx plus the change of the energy in
+/// springs. It is exact if the delay is a whole number of ticks, because u is then constant. For a fraction of a tick,
+/// the hand is assumed to move evenly within the tick.
 ///
 /// Real-time: all but the constructor.
 class EnergyAccount {
@@ -19,17 +20,17 @@ class EnergyAccount {
   /// `delay` [s] from a force's sending to its effect, at least 0; `rate_hz` positive.
   EnergyAccount(double delay, double rate_hz) : delay_(delay * rate_hz), sent_(delay_) {}
 
-  /// Forgets where the hand was; what was sent goes on acting.
+  /// Forgets the position of the hand; forces that were sent continue to act.
   void begin() noexcept { begun_ = false; }
-  /// Forgets what was sent, too: no force acts.
+  /// Forgets the sent forces as well: no force acts.
   void reset() noexcept {
     begin();
     force_.setZero();
     sent_.fill(Vec3::Zero());
   }
 
-  /// Given to the hand since the tick before [J], with `stored` [J] held by springs at this tick's position. Nothing at
-  /// the first tick since begin().
+  /// Returns the energy given to the hand since the previous tick [J], or nothing at the first tick since begin().
+  /// `stored` [J] is the energy in springs at this tick's position.
   [[nodiscard]] std::optional<double> update(const State& state, double stored) noexcept {
     sent_.push(state.force_applied);
     force_ = sent_.acted(delay_);
@@ -41,7 +42,7 @@ class EnergyAccount {
     return given;
   }
 
-  /// The mean force that acted between the last two ticks [N].
+  /// Returns the mean force that acted between the last two ticks [N].
   [[nodiscard]] const Vec3& force() const noexcept { return force_; }
 
  private:
@@ -49,13 +50,13 @@ class EnergyAccount {
   SentForces sent_;
   Vec3 force_ = Vec3::Zero();
   bool begun_ = false;
-  Vec3 position_ = Vec3::Zero();  ///< at the tick before [m]
-  double stored_ = 0;             ///< then [J]
+  Vec3 position_ = Vec3::Zero();  ///< at the previous tick [m]
+  double stored_ = 0;             ///< at the previous tick [J]
 };
 
-/// Damping [N s/m] that takes `overdrawn` [J] back within a tick from a hand that moves at `velocity`, and no more than
-/// `most`: alpha = E / (T v^2) (Hannaford and Ryu, IEEE Trans. Robotics and Automation 18(1), 2002). None when nothing
-/// is overdrawn or nothing moves.
+/// Returns the damping [N s/m] that takes `overdrawn` [J] back within a tick from a hand that moves at `velocity`, at
+/// most `most`: alpha = E / (T v^2) (Hannaford and Ryu, IEEE Trans. Robotics and Automation 18(1), 2002). Returns 0 if
+/// nothing is overdrawn or nothing moves.
 inline double recovering_damping(double overdrawn, const Vec3& velocity, double rate_hz, double most) noexcept {
   const double speed2 = velocity.squaredNorm();
   if (!(overdrawn > 0) || !(speed2 > 0)) return 0;

@@ -1,4 +1,4 @@
-// Forces that are known before they are needed, from the reference alone.
+// Feedforward forces, computed from the reference alone.
 #pragma once
 
 #include "control/design/plant_model.h"
@@ -6,7 +6,7 @@
 
 namespace haptrace {
 
-/// m x_d'', what the mass asks for.
+/// Computes m x_d'', the force that accelerates the mass.
 class InertiaFeedforward final : public ForceTerm {
  public:
   explicit InertiaFeedforward(const Vec3& mass) : mass_(mass) {}
@@ -19,7 +19,7 @@ class InertiaFeedforward final : public ForceTerm {
   Vec3 mass_;  ///< [kg]
 };
 
-/// Holds what gravity pulls at, where the reference is: -(gravity + gradient x_d).
+/// Compensates for gravity at the reference position: -(gravity + gradient x_d).
 class GravityFeedforward final : public ForceTerm {
  public:
   explicit GravityFeedforward(const PlantModel& plant) : gravity_(plant.gravity), gradient_(plant.gravity_gradient) {}
@@ -33,13 +33,13 @@ class GravityFeedforward final : public ForceTerm {
   Eigen::Matrix3d gradient_;  ///< [N/m]
 };
 
-/// b x_d' + F_c tanh(x_d' / v_0). Of the reference's velocity, never of the measured one: friction that is paid back
-/// for a movement that is only noise, or that has not happened yet, feeds a limit cycle.
+/// Computes b x_d' + F_c tanh(x_d' / v_0) from the velocity of the reference, never from the measured one: compensating
+/// for the friction of a movement that is only noise, or that has not happened yet, feeds a limit cycle.
 class FrictionFeedforward final : public ForceTerm {
  public:
   explicit FrictionFeedforward(const PlantModel& plant) : viscous_(plant.viscous), coulomb_(plant.coulomb) {}
 
-  static constexpr double kTransition = 0.01;  ///< v_0, over which the sign turns [m/s]
+  static constexpr double kTransition = 0.01;  ///< v_0, range of velocity over which the sign changes [m/s]
 
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override {
     const Vec3& v = input.reference.velocity;

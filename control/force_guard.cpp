@@ -4,7 +4,7 @@ namespace haptrace {
 namespace {
 
 constexpr double kTorqueCutoff = 20;     // [Hz]
-constexpr double kLargestTorque = 1e12;  // that single precision can square [N m]
+constexpr double kLargestTorque = 1e12;  // largest torque that single precision can square [N m]
 
 }  // namespace
 

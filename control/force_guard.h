@@ -1,4 +1,4 @@
-// Keeps a control loop that vibrates from shaking the hand: VibrationMonitor and ReactionLadder for the servo loop.
+// Protection of the hand from a vibrating control loop: VibrationMonitor and ReactionLadder for the servo loop.
 #pragma once
 
 #include "control/reaction_ladder.h"
@@ -8,24 +8,24 @@ namespace haptrace {
 
 struct ForceGuardOptions {
   VibrationMonitorOptions monitor;
-  double max_torque = 0;  ///< of the session; 0: torques are not watched [N m]
+  double max_torque = 0;  ///< torque limit of the session; 0: torques are not watched [N m]
 };
 
-/// What a session's ForceGuard saw and did.
+/// Observations and reactions of a session's ForceGuard.
 struct VibrationSummary {
-  bool watched = false;                      ///< false when the session sent no force or the guard was off
-  double share = 1;                          ///< of the feedback at the end
+  bool watched = false;                      ///< false if the session sent no force or the guard was off
+  double share = 1;                          ///< share of the feedback at the end
   double worst_ripple = 0;                   ///< largest rms of the force above 20 Hz over about 50 ms [N]
-  double frequency_hz = kNaN;                ///< of the last alarm that took the share down
-  double ripple = kNaN;                      ///< of the same alarm [N]
+  double frequency_hz = kNaN;                ///< frequency of the last alarm that caused a reaction
+  double ripple = kNaN;                      ///< ripple of the same alarm [N]
   std::array<int, kVibrationRules> steps{};  ///< steps down, by VibrationRule
-  bool ended = false;                        ///< the session ended because the vibration stayed
+  bool ended = false;                        ///< true if the session ended because the vibration persisted
 };
 
-/// Scales the feedback of a controller by the share that ReactionLadder leaves, and watches what was sent.
+/// Scales the feedback of a controller by the share from ReactionLadder, and watches the wrench that was sent.
 ///
-/// Torque: the energy rule of VibrationMonitor alone, against the limit of the torque. Force and torque share one
-/// ladder, since they come from one controller.
+/// For the torque, it applies only the energy rule of VibrationMonitor, against the torque limit. Force and torque
+/// share one ladder, because they come from one controller.
 ///
 /// Real-time: all but the constructor. Threads: one at a time.
 class ForceGuard {
@@ -33,15 +33,15 @@ class ForceGuard {
   /// Throws Error(input) naming the option that is out of its range.
   explicit ForceGuard(const ForceGuardOptions& options);
 
-  /// Returns the wrench to send in place of `asked`, whose part `feedforward` [N] cannot vibrate and stays.
+  /// Returns the wrench to send in place of `asked`. Does not scale `feedforward` [N], the part that cannot vibrate.
   [[nodiscard]] Wrench soften(const Wrench& asked, const Vec3& feedforward) const noexcept {
     const double share = ladder_.share();
     return {.force = feedforward + share * (asked.force - feedforward), .torque = share * asked.torque};
   }
 
-  /// Takes the wrench that is sent at this tick after all limits, without its feedforward, the position that it
-  /// answers, the declared amplitude [N] of an effect that vibrates on purpose, and the time since the tick before.
-  /// Returns the event of a step or of a recovery.
+  /// Takes the wrench sent at this tick (after all limits, without its feedforward) and the position that it responds
+  /// to. `declared` is the amplitude of an intended vibration [N], `dt` the time since the previous tick [s]. Returns
+  /// the event of a step, of a recovery, or of a vibration that persists at the least share.
   std::optional<Event> watch(const Wrench& sent, const Vec3& position, double declared, double dt) noexcept;
 
   [[nodiscard]] bool beyond_help() const noexcept { return ladder_.beyond_help(); }
@@ -51,7 +51,7 @@ class ForceGuard {
   VibrationMonitor monitor_;
   ReactionLadder ladder_;
   std::optional<RippleEnergy> torque_;
-  float torque_limit_;  ///< of its rms [N m]
+  float torque_limit_;  ///< limit of the torque's rms [N m]
   VibrationSummary summary_;
 };
 

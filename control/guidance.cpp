@@ -36,7 +36,7 @@ double TunnelWall::stored(const PathProjection::Foot& foot) const noexcept {
   const auto& [k, w, most] = options_;
   const double d = depth(foot);
   if (!(d > 0) || !(k > 0)) return 0;
-  // Where the force stops growing, in the onset or beyond it.
+  // Depth at which the force stops growing, in the onset or beyond it.
   const double full = most < 0.5 * k * w ? std::sqrt(2 * most * w / k) : most / k + 0.5 * w;
   const double sprung = std::min(d, full);
   const double elastic =
@@ -74,7 +74,7 @@ Vec3 Resistance::force(const GuideInput& input) noexcept {
 Vec3 ErrorAmplification::force(const GuideInput& input) noexcept {
   const PathProjection::Foot& foot = input.foot;
   if (!(foot.distance < foot.place.radius)) return Vec3::Zero();
-  // Gone where the wall begins, from the outer fifth of the tunnel on.
+  // Fades to zero over the outer fifth of the tunnel, before the wall begins.
   const double fading = std::min(5 * (1 - foot.distance / foot.place.radius), 1.0);
   return fading * std::min(stiffness_ * foot.distance, max_force_) * foot.outwards;
 }
@@ -135,7 +135,7 @@ Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool
   }
   spring_ = spring;
   Vec3 force = spring + passive + tank_.share() * active;
-  // Overdrawn: as much damping as takes it back within a tick, but no more than the device bears.
+  // If the tank is overdrawn, damping takes the energy back within a tick, up to what the device withstands.
   if (const double damping = recovering_damping(-tank_.level(), state.velocity, options_.rate_hz, options_.max_damping);
       damping > 0)
     force -= damping * state.velocity;

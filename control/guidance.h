@@ -1,4 +1,4 @@
-// Guidance: what keeps a trainee near an expert's path, and lets him feel the expert's forces where he is.
+// Guidance: forces that keep a trainee near an expert's path, and reproduce the expert's forces there.
 #pragma once
 
 #include "control/controller.h"
@@ -11,35 +11,35 @@
 
 namespace haptrace {
 
-/// What a term of guidance is asked with.
+/// Input of a guidance term.
 struct GuideInput {
   const State& state;
   const PathProjection::Foot& foot;
-  double gate = 1;  ///< how closely the trainee follows: 1 within the tunnel, 0 far from it
+  double gate = 1;  ///< closeness of the trainee to the path: 1 within the tunnel, 0 far from it
 };
 
-/// One summand of guidance. A session holds those that it was composed of, and nothing else.
+/// One summand of guidance. A session holds only the terms that it is composed of.
 ///
 /// Real-time: all.
 class GuideTerm {
  public:
-  /// What a term can do with energy.
+  /// Effect of a term on energy.
   enum class Kind {
-    restoring,    ///< a spring: gives back at most what it holds, see stored()
-    dissipative,  ///< takes only
-    active,       ///< may give: draws from the tank
+    restoring,    ///< a spring: gives back at most the energy that it holds, see stored()
+    dissipative,  ///< only takes energy
+    active,       ///< may give energy: draws from the tank
   };
 
   virtual ~GuideTerm() = default;
   [[nodiscard]] virtual Kind kind() const noexcept = 0;
-  /// On the hand, in W [N].
+  /// Returns the force on the hand, in W [N].
   [[nodiscard]] virtual Vec3 force(const GuideInput& input) noexcept = 0;
-  /// Energy that a restoring term holds [J].
+  /// Returns the energy that a restoring term holds [J].
   [[nodiscard]] virtual double stored(const PathProjection::Foot& foot) const noexcept {
     (void)foot;
     return 0;
   }
-  /// What the path allows an active term to give along a metre of it, the first time that it is walked [J/m].
+  /// Returns the energy that the path allows an active term to give per metre, on the first pass [J/m].
   [[nodiscard]] virtual double allowance(const PathProjection::Foot& foot) const noexcept {
     (void)foot;
     return 0;
@@ -48,7 +48,7 @@ class GuideTerm {
 
 using GuideTerms = std::vector<std::unique_ptr<GuideTerm>>;
 
-/// Springs back towards the path from its radius on. The stiffness rises linearly over `onset`, so that neither the
+/// Springs back towards the path beyond its radius. The stiffness rises linearly over `onset`, so that neither the
 /// force nor its slope has a step where the wall begins:
 ///
 ///     f(d) = k d^2 / (2 w) for d < w,   k (d - w / 2) beyond, at most f_max,   d = distance - radius
@@ -57,7 +57,7 @@ class TunnelWall final : public GuideTerm {
   struct Options {
     double stiffness = 500;  ///< [N/m]
     double onset = 1e-3;     ///< w [m]
-    double max_force = 5;    ///< [N]; below what the device can do, so that it gives back what it took
+    double max_force = 5;    ///< below the device's limit, so that the wall gives back the energy it took [N]
   };
   explicit TunnelWall(const Options& options) noexcept : options_(options) {}
   [[nodiscard]] Kind kind() const noexcept override { return Kind::restoring; }
@@ -68,7 +68,7 @@ class TunnelWall final : public GuideTerm {
   Options options_;
 };
 
-/// Damps what moves outwards in the wall, never what comes back: f = -b (v . n) n, rising over `onset`.
+/// Damps outward movement in the wall, never the return: f = -b (v . n) n, rising over `onset`.
 class WallDamping final : public GuideTerm {
  public:
   WallDamping(double damping, double onset) noexcept : damping_(damping), onset_(onset) {}
@@ -79,30 +79,30 @@ class WallDamping final : public GuideTerm {
   double damping_, onset_;  ///< [N s/m], [m]
 };
 
-/// The expert's force at this place of the path, times a scale that is negative where the trainee is to overcome it.
-/// It follows the gate down at once and up within kReturn.
+/// Applies the expert's force at this place of the path, times a scale. A negative scale makes the trainee overcome the
+/// force. It follows the gate down at once, and up within kReturn.
 class ExpertForce final : public GuideTerm {
  public:
   explicit ExpertForce(double scale) noexcept : scale_(scale) {}
   [[nodiscard]] Kind kind() const noexcept override { return Kind::active; }
   [[nodiscard]] Vec3 force(const GuideInput& input) noexcept override;
-  /// What the expert's force does along the path, either way.
+  /// Returns the scaled force of the expert along the path, regardless of its direction.
   [[nodiscard]] double allowance(const PathProjection::Foot& foot) const noexcept override;
 
   static constexpr double kReturn = 0.3;  ///< [s]
 
  private:
   double scale_;
-  double share_ = 0;  ///< of the gate
+  double share_ = 0;  ///< gate, with its rise limited
 };
 
-/// Helps along the path who is slower there than the expert was, by more than a margin and kUnnoticed; never slows
-/// down, and drags nobody: the help is bounded.
+/// Helps a trainee along the path if they are slower than the expert by more than a margin and kUnnoticed. It never
+/// slows the trainee down, and its force is bounded, so that it does not drag them.
 class PaceHelp final : public GuideTerm {
  public:
   struct Options {
-    double pace = 1;       ///< times the expert's speed
-    double margin = 0.2;   ///< of that, below which nothing is done
+    double pace = 1;       ///< factor on the expert's speed
+    double margin = 0.2;   ///< share of that speed by which the trainee may be slower without help
     double gain = 20;      ///< [N s/m]
     double max_force = 1;  ///< [N]
   };
@@ -111,7 +111,7 @@ class PaceHelp final : public GuideTerm {
   [[nodiscard]] Vec3 force(const GuideInput& input) noexcept override;
   [[nodiscard]] double allowance(const PathProjection::Foot&) const noexcept override { return options_.max_force; }
 
-  /// No hand keeps to a speed so closely, and no device measures it [m/s].
+  /// Speed difference that causes no help: no hand keeps a speed so closely, and no device measures it [m/s].
   static constexpr double kUnnoticed = 5e-3;
 
  private:
@@ -140,8 +140,8 @@ class Viscosity final : public GuideTerm {
   double damping_;  ///< [N s/m]
 };
 
-/// Pushes away from the path, so that the trainee has to be more exact than he need be: f = min(k d, f_max), gone where
-/// the wall begins (error augmentation, Patton et al. 2006).
+/// Pushes away from the path, so that the trainee has to be more accurate than necessary: f = min(k d, f_max), fading
+/// to zero where the wall begins (error augmentation, Patton et al. 2006).
 class ErrorAmplification final : public GuideTerm {
  public:
   ErrorAmplification(double stiffness, double max_force) noexcept : stiffness_(stiffness), max_force_(max_force) {}
@@ -152,17 +152,17 @@ class ErrorAmplification final : public GuideTerm {
   double stiffness_, max_force_;  ///< [N/m], [N]
 };
 
-/// What walls bear that are sampled at `rate_hz` [Hz] and act `delay` [s] late, on a device with so much damping of its
-/// own [N s/m] that nobody holds [N/m]: K < b / (T / 2 + delay) (Colgate and Schenkel 1997; with the delay, Gil et al.
-/// 2004). The damping of the wall is not counted: it is as late.
+/// Returns the largest stiffness [N/m] of walls that are sampled at `rate_hz` [Hz] and act `delay` [s] late, on a
+/// device that no hand holds and whose own damping is `damping` [N s/m]: K < b / (T / 2 + delay) (Colgate and Schenkel
+/// 1997; with the delay, Gil et al. 2004). The wall's own damping does not count, because it is as late.
 double largest_wall_stiffness(double rate_hz, double delay, double damping = 1);
 
-/// The sum of its terms, with what the active ones may give kept by an energy tank.
+/// Sums its terms. An energy tank limits the energy that the active ones give.
 ///
-/// What was given is told by an EnergyAccount. A spring that is sampled and late gives more than it held: that is
-/// charged like everything else, and when the tank is overdrawn, damping takes it back. Credited is what the path
-/// allows for (GuideTerm::allowance) where it is walked for the first time, and in cursor mode what the cursor drags.
-/// So over any session
+/// An EnergyAccount measures the energy given to the hand. A spring that is sampled and late gives more than it held:
+/// the excess is charged like any other energy, and damping takes it back when the tank is overdrawn. The allowance of
+/// the path (GuideTerm::allowance) is credited on the first pass, and so is the work of the cursor's drag in cursor
+/// mode. Over any session this gives
 ///
 ///     given to the hand  <=  energy + allowances of the path + what the cursor dragged.
 ///
@@ -170,31 +170,31 @@ double largest_wall_stiffness(double rate_hz, double delay, double damping = 1);
 class Guidance {
  public:
   struct Options {
-    double energy = 0.3;       ///< of the tank [J]
-    double gate_width = 2e-3;  ///< over which the gate closes beyond the radius, at least; else a radius [m]
-    double delay = 1e-3;       ///< from a force's sending to its effect [s]
+    double energy = 0.3;       ///< capacity of the tank [J]
+    double gate_width = 2e-3;  ///< depth beyond the radius at which the gate is closed, or the radius if larger [m]
+    double delay = 1e-3;       ///< time from sending a force to its effect [s]
     double rate_hz = 1000;
-    double max_damping = 10;  ///< that takes overdrawn energy back [N s/m]
+    double max_damping = 10;  ///< largest damping that takes overdrawn energy back [N s/m]
   };
 
-  /// Throws Error(input) naming the option that is out of range, and when none of the terms restores the position:
-  /// forces that are replayed without one drift away. No terms at all leave the hand alone.
+  /// Throws Error(input) naming the option that is out of range, and if no term restores the position: replayed forces
+  /// without such a term drift away. An empty list of terms leaves the hand alone.
   Guidance(GuideTerms terms, const Options& options);
 
-  /// Begins at the start of the path anew: what was walked may be walked again, the tank stays as it is.
+  /// Restarts at the start of the path: its allowances may be earned again, and the tank keeps its level.
   void begin() noexcept {
     account_.begin();
     farthest_ = 0;
   }
 
-  /// `cursor`: the foot moves by itself.
-  /// A state that is not finite is answered by no force, and nothing is charged for it.
+  /// Returns the force on the hand, in W [N]. `cursor` means that the foot moves by itself. If the state is not finite,
+  /// returns zero and charges nothing.
   [[nodiscard]] Vec3 update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
 
   [[nodiscard]] const EnergyTank& tank() const noexcept { return tank_; }
-  /// What was given to the hand beyond what is stored in springs [J].
+  /// Returns the energy given to the hand beyond the energy stored in springs [J].
   [[nodiscard]] double given() const noexcept { return given_; }
-  /// Credits so far, with the tank's first content [J]: what given() never passes by more than a tick's work.
+  /// Returns the capacity of the tank plus all credits so far [J]. given() exceeds it by at most a tick's work.
   [[nodiscard]] double budget() const noexcept { return budget_; }
 
  private:
@@ -206,9 +206,9 @@ class Guidance {
   EnergyTank tank_;
   EnergyAccount account_;
   double given_ = 0, budget_ = 0;
-  Vec3 place_ = Vec3::Zero();   ///< the foot at the tick before [m]
-  double farthest_ = 0;         ///< arc length [m]
-  Vec3 spring_ = Vec3::Zero();  ///< of the restoring terms, at the tick before [N]
+  Vec3 place_ = Vec3::Zero();   ///< foot at the previous tick [m]
+  double farthest_ = 0;         ///< largest arc length reached [m]
+  Vec3 spring_ = Vec3::Zero();  ///< force of the restoring terms at the previous tick [N]
 };
 
 }  // namespace haptrace

@@ -9,9 +9,9 @@
 namespace haptrace {
 namespace {
 
-constexpr double kLoadTime = 0.05, kQuickTime = 0.02, kSlowTime = 0.2;  // of the low passes [s]
-constexpr double kLetGo = 0.7;                                          // of the load falls away
-constexpr double kSmallestError = 1e-4;  // below which the error has no direction that means something [m]
+constexpr double kLoadTime = 0.05, kQuickTime = 0.02, kSlowTime = 0.2;  // time constants of the low passes [s]
+constexpr double kLetGo = 0.7;                                          // share of the load that falls away
+constexpr double kSmallestError = 1e-4;                                 // smallest error with a direction [m]
 
 void low_pass(Vec3& state, const Vec3& input, double dt, double time_constant) noexcept {
   state += -std::expm1(-dt / time_constant) * (input - state);
@@ -51,7 +51,7 @@ std::optional<Event> HandWatch::update(const Vec3& force, const Vec3& error, con
   low_pass(quick_, load, dt, kQuickTime);
   low_pass(slow_, load, dt, kSlowTime);
 
-  // Only what acts against the way to the reference is resistance.
+  // Only the load along the direction to the reference is resistance.
   const double distance = norm_of(error);
   opposing_ = distance > kSmallestError ? std::max(0.0, load_.dot(error) / distance - options_.needed) : 0;
   std::optional<Event> event;

@@ -10,11 +10,11 @@
 namespace haptrace {
 namespace {
 
-constexpr double kFade = 0.05;       // of a step in what was learned, a time constant [s]
-constexpr double kFirst = 0.25;      // what the first repetition, along another way, counts as in the mean
+constexpr double kFade = 0.05;       // time constant with which a step in the learned force fades [s]
+constexpr double kFirst = 0.25;      // weight of the first repetition in the mean: it follows another path
 constexpr int kFewest = 3;           // repetitions before learning may stop: their mean is less noisy than one
-constexpr double kUnsteady = 0.05;   // share of ticks at which the path's time may have stood or crept
-constexpr double kSteadyStep = 0.5;  // of a tick's usual step of the path's time, below which it crept
+constexpr double kUnsteady = 0.05;   // share of ticks at which the time along the path may stand still or creep
+constexpr double kSteadyStep = 0.5;  // share of the usual step of that time per tick, below which it creeps
 
 Vec3 interpolated(const std::vector<Vec3>& rows, double index) {
   const double last = static_cast<double>(rows.size() - 1), i = std::clamp(index, 0.0, last);
@@ -24,7 +24,7 @@ Vec3 interpolated(const std::vector<Vec3>& rows, double index) {
   return (1 - part) * rows[before] + part * rows[after];
 }
 
-/// Values at rising times, at `count` equal steps from 0.
+/// Resamples values at increasing times to `count` equal steps from 0.
 std::vector<Vec3> resampled(const std::vector<double>& time, const std::vector<Vec3>& rows, double step,
                             std::size_t count) {
   std::vector<Vec3> result(count);
@@ -77,18 +77,18 @@ IterativeLearning::IterativeLearning(const Options& options, ForceTable known, i
 }
 
 std::vector<Vec3> IterativeLearning::met_load(const RepetitionLog& log) const {
-  const double tick = options_.speed / options_.rate_hz;  // of the path's time
+  const double tick = options_.speed / options_.rate_hz;  // [s] along the path
   const auto rows = static_cast<std::size_t>(std::floor(options_.duration / tick)) + 1;
   std::vector<Vec3> error = resampled(log.time, log.position, tick, rows);
   const std::vector<Vec3> reference = resampled(log.time, log.reference, tick, rows);
   for (std::size_t k = 0; k < rows; ++k) error[k] -= reference[k];
   zero_phase_low_pass(error, kTwoPasses * options_.cutoff_hz, options_.rate_hz);
   const double rate2 = options_.rate_hz * options_.rate_hz;
-  std::vector<Vec3> lacking(rows, Vec3::Zero());  // of the acceleration
+  std::vector<Vec3> lacking(rows, Vec3::Zero());  // second derivative of the error
   for (std::size_t k = 1; k + 1 < rows; ++k) lacking[k] = rate2 * (error[k + 1] - 2 * error[k] + error[k - 1]);
 
-  // A force that is sent at a tick acts from `delay` later on, for a period: its middle is half a period later still.
-  // What is sent at the very end acts beyond it, and is not learned from.
+  // A force that is sent at a tick acts from `delay` later on, for a period; the middle of this period is half a period
+  // later still. Forces sent at the very end act beyond it, and are not learned from.
   const double lag = options_.delay * options_.rate_hz + 0.5;
   const std::vector<Vec3> sent = resampled(log.time, log.sent, tick, rows);
   const std::vector<Vec3> known = resampled(log.time, log.known, tick, rows);
@@ -113,7 +113,7 @@ bool IterativeLearning::only_noise(const std::vector<Vec3>& error) const {
     differs += 0.25 * (error[i] - error_[i]).squaredNorm();
     repeats += 0.25 * (error[i] + error_[i]).squaredNorm();
   }
-  // The mean of two repetitions still holds as much of what differs as their half difference.
+  // The mean of two repetitions still contains as much of the part that differs as their half difference.
   return repeats - differs < kNoise * (repeats + differs);
 }
 
@@ -173,7 +173,7 @@ void LearnedForce::write_down(const TermInput& input) noexcept {
     log_.clear();
     return;
   }
-  // Its end is told, so that it counts as one of those that were to be learned from; of no rows, nothing is learned.
+  // Report its end, so that it counts as one of the repetitions to learn from. Without samples, nothing is learned.
   if (writing_ == Writing::broken && time >= duration_) writing_ = Writing::ended;
   if (writing_ == Writing::waiting) writing_ = Writing::writing;
   if (writing_ != Writing::writing) return;

@@ -1,4 +1,4 @@
-// What repeats from one repetition of a movement to the next, learned.
+// Learning of the force that repeats from one repetition of a movement to the next.
 #pragma once
 
 #include "control/pd.h"
@@ -9,25 +9,25 @@
 
 namespace haptrace {
 
-/// A force along the time of a path, at equal steps from its start.
+/// A force over the time along a path, at equal steps from its start.
 struct ForceTable {
-  double step = 0.004;      ///< of the path's time [s]
+  double step = 0.004;      ///< step of the time along the path [s]
   std::vector<Vec3> force;  ///< [N]
 
-  /// Linear between the rows, the first and last beyond them; nothing when it is empty.
+  /// Returns the force at `time` [s] by linear interpolation, the end forces beyond the table, or zero if it is empty.
   ///
   /// Real-time.
   [[nodiscard]] Vec3 at(double time) const noexcept;
 };
 
-/// One repetition as it was driven, a row per tick of phase run.
+/// Log of one repetition, with a sample per tick of phase run.
 struct RepetitionLog {
-  std::vector<double> time;        ///< of the path [s], not falling
+  std::vector<double> time;        ///< time along the path [s], not decreasing
   std::vector<Vec3> position;      ///< measured [m]
   std::vector<Vec3> reference;     ///< [m]
   std::vector<Vec3> acceleration;  ///< of the reference [m/s^2]
-  std::vector<Vec3> known;         ///< what other terms cancel of the load [N]
-  std::vector<Vec3> sent;          ///< by this tick, after all limits [N]
+  std::vector<Vec3> known;         ///< part of the load that other terms cancel [N]
+  std::vector<Vec3> sent;          ///< force sent by this tick, after all limits [N]
 
   void reserve(std::size_t rows);
   void clear() noexcept;
@@ -35,24 +35,24 @@ struct RepetitionLog {
   [[nodiscard]] bool full() const noexcept { return time.size() == time.capacity(); }
 };
 
-/// The force that a load along a path asks for, learned from repetitions.
+/// Learns the force that a load along a path requires, from repetitions.
 ///
-/// After each repetition, the load that was met is what of the sent force the mass did not take,
+/// After each repetition, the load met(t) is the part of the sent force that did not accelerate the mass,
 ///
 ///     met(t) = Q[u(t) - known(t) - M x_d''(s)] + M Q[e]''(s),   s = t + delay + T / 2,   e = x_d - x
 ///
-/// with known what other terms cancel, Q a zero-phase low pass (Butterworth, forwards and backwards; of what is small
-/// at a path's ends, so that it may be cut out of a movement), and the table becomes (1 - lambda) table + lambda met.
-/// Since u = M x_d'' + known + table + feedback, this is table + lambda Q[L e] with L e = M e'' + feedback: the
-/// learning law of Bristow, Tharayil and Alleyne (2006) with the loop's own inverse as L; it converges wherever the
-/// load is softer than the loop. lambda is 1, then 4/5, 4/9, 4/13, ...: the mean of the repetitions, the first of
-/// which, driven along another way, counts for a quarter. In the mean, what does not repeat cancels; it is left to the
-/// disturbance observer.
+/// where `known` is the force that other terms cancel and Q a zero-phase low pass (Butterworth, forwards and
+/// backwards). Q filters signals that are small at a path's ends, so that the path may be cut out of a movement. The
+/// table becomes (1 - lambda) table + lambda met. Since u = M x_d'' + known + table + feedback, this is table + lambda
+/// Q[L e] with L e = M e'' + feedback: the learning law of Bristow, Tharayil and Alleyne (2006) with the loop's own
+/// inverse as L. It converges wherever the load is softer than the loop. lambda is 1, then 4/5, 4/9, 4/13, ...: the
+/// mean of the repetitions, in which the first, driven along another path, counts for a quarter. The mean cancels the
+/// part of the load that does not repeat, which is left to the disturbance observer.
 ///
-/// It watches what it does. With e_j the error of repetition j, (e_j - e_j-1) / 2 is what does not repeat and
-/// (e_j + e_j-1) / 2 what does: once the latter holds less than kNoise of the squares of both, there is nothing left to
-/// learn. A repetition that is worse than the best by kWorse undoes what made it so: the best table is taken again, and
-/// from then on steps are half as long.
+/// The class checks its own progress. With e_j the error of repetition j, (e_j - e_j-1) / 2 is the part that does not
+/// repeat and (e_j + e_j-1) / 2 the part that does. Once the squares of the latter exceed those of the former by less
+/// than kNoise of their sum, there is nothing left to learn. If a repetition is worse than the best by the factor
+/// kWorse, the best table is restored, and later steps are half as long.
 ///
 /// Threads: one at a time. Not for the tick.
 class IterativeLearning {
@@ -68,25 +68,25 @@ class IterativeLearning {
 
   enum class Outcome {
     learned,
-    converged,  ///< what is left does not repeat; the table stays
-    undone,     ///< this repetition was worse: the best table is back
-    skipped,    ///< the repetition was interrupted or paused: nothing can be learned of it
+    converged,  ///< the remaining error does not repeat; the table stays
+    undone,     ///< this repetition was worse: the best table is restored
+    skipped,    ///< the repetition was interrupted or paused: nothing can be learned from it
   };
 
   static constexpr double kNoise = 0.03;
   static constexpr double kWorse = 1.3;
-  static constexpr double kLongest = 600;  ///< seconds of session that may be learned
+  static constexpr double kLongest = 600;  ///< longest repetition that can be learned, in time of the session [s]
 
-  /// Begins with `known`, from a model or an earlier session, which counts as much as `repetitions`; it may be empty.
-  /// Throws Error(input) when an option is out of its range.
+  /// Starts from `known`, a table from a model or an earlier session that counts as `repetitions` repetitions; it may
+  /// be empty. Throws Error(input) if an option is out of its range.
   explicit IterativeLearning(const Options& options, ForceTable known = {}, int repetitions = 0);
 
-  /// The repetition that was driven with table(). It allocates: std::bad_alloc leaves the table as it was.
+  /// Learns from a repetition that was driven with table(). Allocates; std::bad_alloc leaves the table unchanged.
   Outcome learn(const RepetitionLog& log);
 
   [[nodiscard]] const ForceTable& table() const noexcept { return table_; }
-  [[nodiscard]] int repetitions() const noexcept { return repetitions_; }  ///< that were learned from
-  [[nodiscard]] double rms_error() const noexcept { return rms_; }         ///< of the last repetition, measured [m]
+  [[nodiscard]] int repetitions() const noexcept { return repetitions_; }  ///< number of repetitions learned from
+  [[nodiscard]] double rms_error() const noexcept { return rms_; }  ///< rms error of the last repetition, measured [m]
 
  private:
   [[nodiscard]] std::vector<Vec3> met_load(const RepetitionLog& log) const;
@@ -94,42 +94,41 @@ class IterativeLearning {
 
   Options options_;
   ForceTable table_, best_;
-  std::vector<Vec3> error_;  ///< of the last repetition, along the table's steps [m]
+  std::vector<Vec3> error_;  ///< error of the last repetition, at the table's steps [m]
   double rms_ = 0, best_rms_ = 0;
-  double caution_ = 1;  ///< of the steps
+  double caution_ = 1;  ///< factor on the size of the steps
   int repetitions_;
 };
 
-/// Sends what was learned along the path, without a step when the table or the path's time jumps. On the way to the
-/// path and at its end it keeps to the table's ends.
+/// Sends the learned force along the path, without a step when the table or the time along the path jumps. During the
+/// approach and at the end of the path it keeps to the table's ends.
 ///
-/// It also writes down what of a repetition is needed to learn from it. The terms before it are what else is known of
-/// the load.
+/// It also logs the data of a repetition that learning needs. The terms before it give the rest of the known load.
 ///
-/// Threads: the tick's; table and log change hands between ticks. Real-time: force.
+/// Threads: that of the tick; table and log change hands between ticks. Real-time: force.
 class LearnedForce final : public ForceTerm {
  public:
-  /// For a path that lasts `duration` [s] and is followed in at most `rows` ticks; longer repetitions are not written
-  /// down. With 0 rows none is.
+  /// Serves a path that lasts `duration` [s] and takes at most `rows` ticks; longer repetitions are not logged. With 0
+  /// rows, nothing is logged.
   LearnedForce(double duration, std::size_t rows) : duration_(duration) { log_.reserve(rows); }
 
-  /// After a gap in a session: nothing can be learned of the repetition that it fell into.
+  /// Discards the repetition into which a gap fell; called after a gap in a session.
   void start(const State& first) noexcept override;
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override;
 
-  /// Between ticks: from now on. The table must live until the next one is set.
+  /// Uses `table` from now on. Call it between ticks. The table must live until the next one is set.
   void use(const ForceTable* table) noexcept { table_ = table; }
 
-  /// Between ticks: whether a repetition ended since it was last asked. It is then in `log`, whose memory is taken for
-  /// the next one: it must have been reserved for as many rows.
+  /// Returns true if a repetition has ended since the last call, and moves it to `log`. Call it between ticks. The
+  /// memory of `log` takes the next repetition: it must be reserved for as many rows.
   [[nodiscard]] bool take_repetition(RepetitionLog& log) noexcept;
 
  private:
   void write_down(const TermInput& input) noexcept;
 
   const ForceTable* table_ = nullptr;
-  Vec3 value_ = Vec3::Zero();   ///< sent last, without its share [N]
-  Vec3 offset_ = Vec3::Zero();  ///< to the table, fading [N]
+  Vec3 value_ = Vec3::Zero();   ///< last force, before its share is applied [N]
+  Vec3 offset_ = Vec3::Zero();  ///< difference from the table, fading [N]
   const ForceTable* used_ = nullptr;
   bool on_path_ = false;
 

@@ -1,4 +1,4 @@
-// The limits that no force leaves the loop without.
+// Safety limits on every force that the servo loop sends.
 #pragma once
 
 #include "base/types.h"
@@ -9,40 +9,41 @@
 
 namespace haptrace {
 
-/// What a session may do to a hand. A limit of 0 is off.
+/// Limits on the forces and the speed of a session. A limit of 0 is off.
 struct SafetyLimits {
   double max_force = 0;             ///< magnitude [N]
   double max_continuous_force = 0;  ///< rms magnitude over continuous_time [N]
   double continuous_time = 10;      ///< time constant of the continuous limit [s]
   double max_torque = 0;            ///< magnitude [N m]
-  double max_velocity = 0;          ///< speed of the tool beyond which the session stops [m/s]
-  double soft_start = 0.25;         ///< over which forces ramp from nothing at the start [s]
-  double release = 0.25;            ///< over which forces ramp to nothing at the end [s]
+  double max_velocity = 0;          ///< tool speed beyond which the session stops [m/s]
+  double soft_start = 0.25;         ///< time over which forces ramp up from zero at the start [s]
+  double release = 0.25;            ///< time over which forces ramp down to zero at the end [s]
 };
 
 /// Throws Error(input) naming the limit that is negative or not finite.
 void validate(const SafetyLimits& limits);
 
-/// The continuous limit of a device that states none: this share of its peak, with this time constant. A constant
-/// demand of the peak then lasts for 1.2 s, is below 1.5 times the continuous force after 2.6 s, and below 1.1 times
-/// after 4.7 s. Haptic devices whose makers publish both state a quarter to 0.4 of their peak.
+/// Continuous limit of a device that states none: this share of its peak force, with this time constant. A constant
+/// demand for the peak then lasts for 1.2 s, is below 1.5 times the continuous force after 2.6 s, and below 1.1 times
+/// after 4.7 s. Haptic devices whose makers publish both forces state a quarter to 0.4 of the peak.
 inline constexpr double kCautiousShare = 0.3;
 inline constexpr double kCautiousTime = 20;  ///< [s]
 
-/// Clamps the magnitude of a force and keeps its direction, to the peak limit and to what the motors bear for long.
+/// Clamps the magnitude of a force, and keeps its direction, to the peak limit and to the force that the motors
+/// withstand continuously.
 ///
-/// Continuous limit, as the i^2 t protection of motor drives: with q the mean square of the sent force through a first
-/// order low pass of time constant tau, the allowed magnitude is F_max while q <= (0.8 F_c)^2, falls linearly in q from
-/// there, and is F_c at q >= F_c^2, so that a demand that stays settles at or below F_c.
+/// The continuous limit works like the i^2 t protection of motor drives. q is the mean square of the sent force through
+/// a first-order low pass of time constant tau. The allowed magnitude is F_max while q <= (0.8 F_c)^2, falls linearly
+/// in q from there, and is F_c at q >= F_c^2. A constant demand therefore settles at or below F_c.
 ///
-/// It serves torques as well.
+/// The class limits torques as well.
 ///
-/// Real-time: all but the constructor. Finite forces only.
+/// Real-time: all but the constructor. Forces must be finite.
 class ForceLimiter {
  public:
   explicit ForceLimiter(const SafetyLimits& limits)
       : ForceLimiter(limits.max_force, limits.max_continuous_force, limits.continuous_time) {}
-  /// Magnitudes [N], 0 for none, and the time constant of the continuous one [s].
+  /// Takes the magnitudes [N], 0 for none, and the time constant of the continuous limit [s].
   ForceLimiter(double peak, double continuous, double tau)
       : peak_(peak > 0 ? peak : std::numeric_limits<double>::infinity()),
         continuous_(continuous > 0 && continuous < peak_ ? continuous : std::numeric_limits<double>::infinity()),
@@ -54,10 +55,10 @@ class ForceLimiter {
     Vec3 force;       ///< [N]
     double asked;     ///< magnitude [N]
     double allowed;   ///< magnitude [N]
-    Verdict verdict;  ///< which limit bound
+    Verdict verdict;  ///< limit that applied
   };
 
-  /// Returns what of `force` may be sent now.
+  /// Returns the part of `force` that may be sent now.
   [[nodiscard]] Result limit(const Vec3& force) const noexcept {
     const double asked = norm_of(force);
     const double allowed = this->allowed();
@@ -69,31 +70,33 @@ class ForceLimiter {
     return result;
   }
 
-  /// Accounts for a force that acted for `dt` [s] of real time: what was sent, for as long as it was not replaced.
+  /// Accounts for a force that acted for `dt` [s] of real time, until another force replaced it.
   void acted(const Vec3& force, double dt) noexcept {
     if (!std::isfinite(continuous_)) return;
     mean_square_ += -std::expm1(-dt / tau_) * (std::min(force.squaredNorm(), kLargest * kLargest) - mean_square_);
   }
 
-  /// True when `result` was limited to what may act for long: by the continuous limit, or by the peak limit where no
-  /// continuous one is below it.
+  /// Returns true if `result` was reduced to a force that may act for long: by the continuous limit, or by the peak
+  /// limit if no continuous limit is below it.
   [[nodiscard]] bool holds_back(const Result& result) const noexcept {
     return result.verdict == Verdict::continuous || (result.verdict == Verdict::peak && !std::isfinite(continuous_));
   }
 
-  /// The heat of the motors, q over the (0.8 F_c)^2 from which the peak limit falls; 0 without a continuous limit.
+  /// Returns the heat of the motors, q over (0.8 F_c)^2, beyond which the peak limit falls; 0 without a continuous
+  /// limit.
   [[nodiscard]] double heat() const noexcept {
     return std::isfinite(continuous_) ? mean_square_ / (kKnee * continuous_ * continuous_) : 0;
   }
 
-  /// How long a force of this magnitude [N] can last until the peak limit begins to fall [s]; infinity if for ever.
+  /// Returns the time for which a force of this magnitude [N] can last until the peak limit begins to fall [s];
+  /// infinity if for ever.
   [[nodiscard]] double time_left(double force) const noexcept {
     const double knee = kKnee * continuous_ * continuous_, demand = std::pow(std::min(force, kLargest), 2);
     if (!(demand > knee)) return std::numeric_limits<double>::infinity();
     return std::max(0.0, tau_ * std::log((demand - mean_square_) / (demand - knee)));
   }
 
-  /// The magnitude [N] that the next force may have.
+  /// Returns the magnitude that the next force may have [N].
   [[nodiscard]] double allowed() const noexcept {
     if (!std::isfinite(continuous_)) return peak_;
     const double full = continuous_ * continuous_, knee = kKnee * full;
@@ -103,8 +106,8 @@ class ForceLimiter {
   }
 
  private:
-  static constexpr double kKnee = 0.64;      ///< of F_c^2
-  static constexpr double kLargest = 1e150;  ///< whose square is still a number [N]
+  static constexpr double kKnee = 0.64;      ///< share of F_c^2
+  static constexpr double kLargest = 1e150;  ///< largest force with a finite square [N]
 
   double peak_, continuous_, tau_;
   double mean_square_ = 0;  ///< [N^2]
@@ -117,8 +120,8 @@ class Ramp {
  public:
   explicit Ramp(double value = 0) : value_(value) {}
 
-  /// Moves towards `target` (0 or 1) by dt / duration and answers where it is. A duration of 0 jumps; a dt
-  /// that is not above 0 does not move.
+  /// Moves towards `target` (0 or 1) by dt / duration and returns the new value. Jumps if the duration is 0; does not
+  /// move if dt is not above 0.
   double advance(double target, double dt, double duration) noexcept {
     const double step = duration > 0 ? std::max(0.0, dt) / duration : 1;
     value_ += std::clamp(target - value_, -step, step);

@@ -1,4 +1,4 @@
-// The length of a vector, at the price of a square root.
+// Length of a vector, at the cost of a square root.
 #pragma once
 
 #include "base/types.h"
@@ -7,8 +7,8 @@
 
 namespace haptrace {
 
-/// |v|, in the unit of v, for every finite v: the square of a component may overflow or vanish where the length does
-/// not. Then, and only then, it is scaled first, which takes five times as long. Real-time.
+/// Returns |v|, in the unit of v, for every finite v. The square of a component may overflow or vanish where the length
+/// does not; only then the vector is scaled first, which takes five times as long. Real-time.
 [[nodiscard]] inline double norm_of(const Vec3& v) noexcept {
   constexpr double kSmallest = 1e-280, kLargest = 1e280;  // between them the sum of squares keeps all of its digits
   const double square = v.squaredNorm();
