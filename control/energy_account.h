@@ -50,8 +50,8 @@ class EnergyAccount {
   SentForces sent_;
   Vec3 force_ = Vec3::Zero();
   bool begun_ = false;
-  Vec3 position_ = Vec3::Zero();  ///< at the previous tick [m]
-  double stored_ = 0;             ///< at the previous tick [J]
+  Vec3 position_ = Vec3::Zero();  ///< position at the previous tick [m]
+  double stored_ = 0;             ///< energy in springs at the previous tick [J]
 };
 
 /// Returns the damping [N s/m] that takes `overdrawn` [J] back within a tick from a hand that moves at `velocity`, at

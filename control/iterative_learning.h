@@ -25,7 +25,7 @@ struct RepetitionLog {
   std::vector<double> time;        ///< time along the path [s], not decreasing
   std::vector<Vec3> position;      ///< measured [m]
   std::vector<Vec3> reference;     ///< [m]
-  std::vector<Vec3> acceleration;  ///< of the reference [m/s^2]
+  std::vector<Vec3> acceleration;  ///< acceleration of the reference [m/s^2]
   std::vector<Vec3> known;         ///< part of the load that other terms cancel [N]
   std::vector<Vec3> sent;          ///< force sent by this tick, after all limits [N]
 

@@ -9,13 +9,13 @@
 namespace haptrace {
 namespace {
 
-constexpr double kRestSpeed = 1e-4;  // of a reference that rests [m/s]
+constexpr double kRestSpeed = 1e-4;  // speed below which the reference is at rest [m/s]
 constexpr double kPatienceGrowth = 1.1, kMostPatience = 2;
-constexpr double kNearCounts = 10;    // within which the device is where it should be, or hunts for it
-constexpr double kStandstill = 1.0;   // of the reference and near it, from which the load is followed at leisure [s]
-constexpr double kLeisure = 0.1;      // of the bandwidth
-constexpr double kTransition = 0.05;  // over which rest begins, a time constant [s]
-constexpr double kAwakening = 0.01;   // and over which it ends
+constexpr double kNearCounts = 10;    // distance within which the device is on its target, or hunts for it [counts]
+constexpr double kStandstill = 1.0;   // time at rest near the reference after which the load is followed slowly [s]
+constexpr double kLeisure = 0.1;      // share of the bandwidth then
+constexpr double kTransition = 0.05;  // time constant of the transition to standstill [s]
+constexpr double kAwakening = 0.01;   // time constant of the transition back [s]
 
 double blend(double dt, double time_constant) {
   return -std::expm1(-dt / time_constant);
@@ -56,7 +56,7 @@ bool ObserverPd::rests(const State& state, const Reference& reference) noexcept 
     return false;
   }
   if (resting_) return true;
-  // It must not only be near, but stay where it is: kept forces would carry on what moves.
+  // The device must not only be near, but stay where it is: kept forces would carry on a movement.
   if (norm_of(driven_.cwiseProduct(state.position - anchor_)) > patience_ * kStillCounts * quantum_) {
     if (rested_ > 0) patience_ = std::min(patience_ * kPatienceGrowth, kMostPatience);
     rested_ = 0;
@@ -102,11 +102,12 @@ Vec3 ObserverPd::force(const TermInput& input) noexcept {
                                                                         : stands ? kStandingGains
                                                                                  : 1) -
                                                                        gain_share_);
-  // As much noise as under full gains, and half the time to notice how a device swings on the bristles.
+  // The force is as noisy as under full gains, and a swing of the device on the friction bristles is noticed in half
+  // the time.
   observer_.set_bandwidth(observer_hz_ / gain_share_);
   if (const double magnitude = norm_of(load); magnitude > authority_) load *= authority_ / magnitude;
 
-  // What the spring loses as its gain is lowered is kept too, so that the device stays where it rests.
+  // Keep the force that the spring loses as its gain falls, so that the device stays where it rests.
   const Vec3 feedback = gain_share_ * (spring + damping) + (rest_share_ - gain_share_) * spring_;
   return driven_.cwiseProduct(feedback) + tuning.observer * load;
 }

@@ -1,10 +1,12 @@
-// How often the oscillation monitor spoke in a session.
+// Number of oscillations that a session reports.
 #pragma once
 
 #include "control/sample.h"
 
 namespace haptrace {
 
+/// Counts the events that report an oscillation.
+///
 /// Real-time: push.
 class OscillationCount final : public SampleSink {
  public:

@@ -14,16 +14,16 @@ namespace {
 using std::numbers::pi, std::numbers::sqrt2;
 
 constexpr double kLowest = 8, kHighest = 120;  // edges of the band [Hz]
-constexpr double kHighestOfRate = 0.4;         // the upper edge is no higher than this part of the rate
-constexpr double kSmallestQuantum = 5e-5;      // below which no ripple is worth a verdict [m]
+constexpr double kHighestOfRate = 0.4;         // largest upper edge, as a share of the rate
+constexpr double kSmallestQuantum = 5e-5;      // smallest resolution that is used: no smaller ripple matters [m]
 constexpr double kLongestGap = 5;              // [ticks]
 constexpr double kLowestFrequency = 9;         // [Hz]
-constexpr double kFewCycles = 15;              // below which a window holds few cycles [Hz]
+constexpr double kFewCycles = 15;              // frequency below which a window holds few cycles [Hz]
 constexpr unsigned kLastThree = 0b111;         // judgements of which two make a verdict,
-constexpr unsigned kLastFour = 0b1111;         // and with few cycles, of which all do
-constexpr double kFading = 0.7;                // of the amplitude of the first half
-constexpr double kPowerFactor = 0.02;          // of the product of the rms of force and velocity
-constexpr double kOfInertia = 0.5;             // of the force that would accelerate the mass alone
+constexpr unsigned kLastFour = 0b1111;         // or, with few cycles, of which all do
+constexpr double kFading = 0.7;                // share of the amplitude of the first half
+constexpr double kPowerFactor = 0.02;          // share of the product of the rms of force and velocity
+constexpr double kOfInertia = 0.5;             // share of the force that would accelerate the mass alone
 constexpr double kEnergy = 2;                  // [F q]
 constexpr double kRipple = 0.9;                // rms [q]
 constexpr double kRippleEnergy = 0.55;         // energy times rms [F q^2]

@@ -69,7 +69,7 @@ Vec3 PassivityLayer::update(const State& state, double stored) noexcept {
   if (++ticks_ < held_ticks_) return send(force_);
 
   const Vec3 velocity = (state.position - from_).dot(direction_) / span_ * direction_;
-  // What is on its way will take its part, should the hand go on as it goes.
+  // The forces under way will take their part if the hand continues to move like this.
   const double rest = energy_ + pending_.dot(velocity) / options_.rate_hz;
   damping_ = recovering_damping(rest, velocity, options_.rate_hz / held_ticks_, options_.max_damping);
   force_ = -damping_ * velocity;
@@ -83,7 +83,7 @@ double bearable_damping(LoopModel device) {
   device.velocity = "difference";
   device.rate_hz /= PassivityLayer::held_ticks(device.rate_hz, device.resolution);
   device.resolution = 0;
-  // All but free: without any stiffness a pole of the loop is on the unit circle.
+  // Almost free: without any stiffness, a pole of the loop is on the unit circle.
   const double slack = 1e-9 * device.mass * device.rate_hz * device.rate_hz;
   return 0.5 * LoopAnalysis(device).most_damped(slack);
 }

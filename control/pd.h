@@ -1,4 +1,4 @@
-// The terms that a tracking force is summed from, and the first of them: the PD law.
+// Terms that sum to a tracking force, and the first of them: the PD law.
 #pragma once
 
 #include "control/controller.h"
@@ -9,44 +9,45 @@
 
 namespace haptrace {
 
-/// What a term is asked with.
+/// Input of a force term.
 struct TermInput {
   const State& state;
-  const Reference& reference;  ///< finite, but for its time
+  const Reference& reference;  ///< finite, except its time
   const Tuning& tuning;
-  Vec3 before = Vec3::Zero();  ///< the sum of the terms before this one [N]
+  Vec3 before = Vec3::Zero();  ///< sum of the terms before this one [N]
 };
 
-/// One summand of a tracking force. A session holds the terms it was composed of and nothing else: a term that is off
-/// is not there. They are asked in their order, each with the sum of those before it.
+/// One summand of a tracking force. A session holds only the terms that it is composed of; a term that is off is
+/// absent. The session calls the terms in their order, each with the sum of the terms before it.
 ///
 /// Real-time: force and start.
 class ForceTerm {
  public:
   virtual ~ForceTerm() = default;
-  /// The first state of a session, and the first after a gap in it.
+  /// Called with the first state of a session, and with the first state after a gap in it.
   virtual void start(const State& first) noexcept { (void)first; }
 
-  /// This term's force on the hand [N], in W.
+  /// Returns this term's force on the hand [N], in W.
   [[nodiscard]] virtual Vec3 force(const TermInput& input) noexcept = 0;
 
-  /// Whether it answers the position: what oscillates when a loop does. Else it is known beforehand, from the
-  /// reference.
+  /// Returns true if the term responds to the position, and thus oscillates when the loop does. Otherwise its force is
+  /// known beforehand, from the reference.
   [[nodiscard]] virtual bool feeds_back() const noexcept { return false; }
 
-  /// As for SampleSink: after every tick, outside of it; may wait only where time stands still meanwhile.
+  /// Called after every tick, outside of it, like SampleSink::between_ticks. May wait only if `may_wait` is set, that
+  /// is, if time stands still meanwhile.
   virtual void between_ticks(bool may_wait) noexcept { (void)may_wait; }
 };
 
 using ForceTerms = std::vector<std::unique_ptr<ForceTerm>>;
 
-/// Gains for a device of which only its maximum force [N] is known: the force limit is reached at 16 mm of deviation,
-/// and kd = 12 ms * kp. For a device of 8 N this is the 500 N/m and 6 N s/m of a cautious playback. Below 200 Hz both
-/// shrink with the rate, since the largest stable gain does (Colgate and Schenkel 1997: K < 2 b / T).
+/// Returns gains for a device of which only the maximum force [N] is known: the force reaches its limit at 16 mm of
+/// deviation, and kd = 12 ms * kp. For a device of 8 N these are the 500 N/m and 6 N s/m of a cautious playback. Below
+/// 200 Hz both gains shrink with the rate, like the largest stable gain (Colgate and Schenkel 1997: K < 2 b / T).
 PdGains cautious_gains(double max_force, double rate_hz);
 
-/// F = Kp (x_d - x) + Kd (v_d - v)        Basdogan and Srinivasan, Fig. 6.9, with the velocity error in place of the
-///                                        error's derivative, so that a quantised position is differentiated once.
+/// Returns F = Kp (x_d - x) + Kd (v_d - v) [N] (Basdogan and Srinivasan, Fig. 6.9). The velocity error replaces the
+/// error's derivative, so that a quantised position is differentiated once.
 ///
 /// Real-time.
 inline Vec3 pd_force(const PdGains& gains, const State& state, const Reference& reference) noexcept {
@@ -54,7 +55,7 @@ inline Vec3 pd_force(const PdGains& gains, const State& state, const Reference& 
          gains.kd.cwiseProduct(reference.velocity - state.velocity);
 }
 
-/// pd_force with the gains of the moment.
+/// Applies pd_force() with the current gains.
 class PdLaw final : public ForceTerm {
  public:
   [[nodiscard]] bool feeds_back() const noexcept override { return true; }

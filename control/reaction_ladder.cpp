@@ -5,14 +5,14 @@
 namespace haptrace {
 namespace {
 
-constexpr double kRamp = 0.02;  // of a step [s]
+constexpr double kRamp = 0.02;  // duration of a step [s]
 constexpr double kFastFactor = 0.3, kFastLeast = 0.05;
 constexpr double kFastWait = 0.12;     // [s]
-constexpr double kRemainsWait = 0.25;  // [s]: as long as the monitor looks at what remains
+constexpr double kRemainsWait = 0.25;  // [s]: the time over which the monitor looks for a remainder
 constexpr double kSlowFactor = 0.5, kSlowLeast = 0.2;
 constexpr double kSlowWait = 0.25, kSlowPeriods = 2;  // [s], periods
 constexpr double kQuiet = 2, kRecovery = 5;           // [s]
-constexpr int kReturns = 3;                           // of the hint, after which its share stays
+constexpr int kReturns = 3;                           // returns of the hint after which its share stays
 
 EventCode code_of(VibrationRule rule) noexcept {
   switch (rule) {

@@ -1,4 +1,4 @@
-// Softens the feedback of a control loop that vibrates, step by step.
+// Stepwise softening of the feedback of a vibrating control loop.
 #pragma once
 
 #include "control/sample.h"
@@ -11,46 +11,46 @@ namespace haptrace {
 
 /// Computes the share of the feedback that may act, from the alarms of VibrationMonitor.
 ///
-/// Scaling the whole law takes down stiffness and damping alike. That is right for both ways in which a loop becomes
+/// Scaling the whole law reduces stiffness and damping alike. That is right for both ways in which a loop becomes
 /// unstable: a stiffness too high for its damping, and a damping too high for its delay.
 ///
-/// A fast alarm (energy, half_cycles, contacts) takes the share down to 0.3 of itself within 20 ms, and again after
-/// 120 ms for as long as alarms arrive, to no less than 0.05. An alarm at 0.05 is beyond help, and only the end of the
-/// session is left; contacts alone do not end one. What remains of a vibration 0.25 s after a step takes the share down
-/// as well, and does not end the session either. This share does not recover within the session: gains that vibrated
+/// A fast alarm (energy, half_cycles, contacts, torque) reduces the share to 0.3 of itself within 20 ms, and again
+/// after 120 ms for as long as alarms arrive, to no less than 0.05. If an alarm arrives at 0.05, softening cannot help,
+/// and the session must end; contacts alone do not end one. A remainder of a vibration 0.25 s after a step reduces the
+/// share as well, but does not end the session. This share does not recover within the session: gains that vibrated
 /// once will do so again.
 ///
 /// The slow hint halves a share of its own, which never ends a session, waits for max(0.25 s, 2 periods), and stops at
-/// 0.2. After 2 s without a hint it recovers over 5 s; after three returns of the hint it stays. The hand may have done
-/// it, hence all of this can be undone.
+/// 0.2. After 2 s without a hint it recovers over 5 s; after three returns of the hint it stays. All of this can be
+/// undone, because the hand may have caused it.
 ///
 /// Real-time. Threads: one at a time.
 class ReactionLadder {
  public:
-  /// Takes the alarm of this tick, `dt` [s] after the one before. Returns the event of a step, one for each, and of the
-  /// end of a recovery.
+  /// Takes the alarm of this tick, `dt` [s] after the previous one. Returns an event for each step, for the end of a
+  /// recovery, and for a vibration that softening cannot stop.
   std::optional<Event> update(const std::optional<VibrationAlarm>& alarm, double dt) noexcept {
     if (!alarm && !stepped_) return std::nullopt;
     return advance(alarm, dt);
   }
 
-  /// The factor of the feedback.
+  /// Returns the factor on the feedback.
   [[nodiscard]] double share() const noexcept { return fast_.share * slow_.share; }
-  /// The share that a running ramp leads to.
+  /// Returns the share at the end of a running ramp.
   [[nodiscard]] double target() const noexcept { return fast_.target * slow_.target; }
-  /// True after the first step for a fast alarm.
+  /// Returns true after the first step for a fast alarm.
   [[nodiscard]] bool softened() const noexcept { return fast_.target < 1; }
-  /// True when the loop vibrates although next to nothing of the feedback is left.
+  /// Returns true if the loop vibrates although almost no feedback is left.
   [[nodiscard]] bool beyond_help() const noexcept { return beyond_help_; }
-  /// Steps by VibrationRule.
+  /// Returns the number of steps by VibrationRule.
   [[nodiscard]] const std::array<int, kVibrationRules>& steps() const noexcept { return steps_; }
 
  private:
   struct Share {
     double share = 1, target = 1;
-    double slope = 0;    ///< of a step down [1/s]
-    double since = 1e9;  ///< the last step [s]
-    /// Returns true when this was a step.
+    double slope = 0;    ///< rate of a step down [1/s]
+    double since = 1e9;  ///< time since the last step [s]
+    /// Returns true if the share goes down.
     bool step_down(double factor, double least) noexcept;
     void advance(double dt) noexcept;
   };
@@ -62,11 +62,11 @@ class ReactionLadder {
   [[nodiscard]] std::optional<Event> event_of(const VibrationAlarm& alarm) noexcept;
 
   Share fast_, slow_;
-  double slow_wait_ = 0;       ///< until the next step of the hint [s]
-  double quiet_ = 0;           ///< since the last hint [s]
+  double slow_wait_ = 0;       ///< wait before the next step of the hint [s]
+  double quiet_ = 0;           ///< time since the last hint [s]
   double recovery_slope_ = 0;  ///< [1/s]
   int returns_ = 0;
-  bool stepped_ = false;  ///< ever
+  bool stepped_ = false;  ///< true after the first step
   bool recovering_ = false;
   bool beyond_help_ = false;
   std::array<int, kVibrationRules> steps_{};

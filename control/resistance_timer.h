@@ -1,28 +1,29 @@
-// Ends what a hand resists.
+// Timer that ends a session if the hand resists.
 #pragma once
 
 #include <algorithm>
 
 namespace haptrace {
 
-/// For how long a hand may resist the force that leads it, and where the reference waits for it meanwhile [s].
+/// Time for which a hand may resist the force that leads it, and the time if the reference waits for it [s].
 inline constexpr double kPatience = 15, kPatienceOfPause = 20;
 
-/// Counts for how long a demand has been beyond what the force limits allow for long, which is how a force looks that
-/// meets a hand that does not yield. The count falls at half the speed at which it rises, so that shaking the tool does
-/// not reset it.
+/// Counts the time for which a demand exceeds the force that the limits allow for long. This is the sign of a force
+/// that meets a hand that does not yield. The count falls at half the speed at which it rises, so that shaking the tool
+/// does not reset it.
 ///
 /// Real-time.
 class ResistanceTimer {
  public:
   static constexpr double kTellAfter = 1;      ///< count from which the resistance is reported [s]
   static constexpr double kForgetting = 0.5;   ///< seconds by which the count falls in a second
-  static constexpr double kLongestStep = 0.1;  ///< that one tick may count: nobody saw the hand during a stall [s]
+  static constexpr double kLongestStep = 0.1;  ///< most that one tick counts: a stall hides the hand [s]
 
   enum class Verdict { none, begins, over };
 
-  /// At every tick, `dt` [s] after the one before. `held_back`: the limits bind. `patience` [s]: the count at which the
-  /// resistance is over; 0 counts nothing. Answers `begins` once for each resistance.
+  /// Takes one tick, `dt` [s] after the previous one. `held_back`: the limits reduce the force, or the controller
+  /// reports resistance. `patience` [s]: the count at which the resistance is over; with 0, nothing counts. Returns
+  /// `begins` once for each resistance.
   Verdict update(bool held_back, double patience, double dt) noexcept {
     const double step = std::clamp(dt, 0.0, kLongestStep);
     if (!held_back || !(patience > 0)) {

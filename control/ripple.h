@@ -1,11 +1,11 @@
-// What of a signal in space is faster than a cut-off.
+// High-pass filtered magnitude of a signal in space.
 #pragma once
 
 #include "control/filters.h"
 
 namespace haptrace {
 
-/// A fourth-order Linkwitz-Riley high pass (two equal Butterworth sections) of each axis.
+/// Applies a fourth-order Linkwitz-Riley high pass (two equal Butterworth sections) to each axis.
 ///
 /// Real-time: all but the constructor.
 class Ripple {

@@ -10,18 +10,18 @@
 namespace haptrace {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
+constexpr double kDegrees = 180 / std::numbers::pi;  // degrees in a radian
 
 constexpr std::optional<Warning::Severity> kSilent;
 constexpr Warning::Severity kNote = Warning::Severity::note, kWarning = Warning::Severity::warning;
 
-/// Every EventCode has a row. Events that end a session are silent here: the session's end is a warning itself.
+/// Holds a row for every EventCode. Events that end a session are silent here: the end itself is a warning.
 constexpr EventWords kEventWords[] = {
     {EventCode::started, "started", kSilent},
     {EventCode::finished, "finished", kSilent},
     {EventCode::interrupted, "interrupted", kSilent, "", true},
-    {EventCode::overrun, "overrun", kSilent},            // few are normal; see overruns_of in player/session.cpp
-    {EventCode::samples_lost, "samples_lost", kSilent},  // the recorder makes them and warns
+    {EventCode::overrun, "overrun", kSilent},            // a few are normal; see overruns_of in player/session.cpp
+    {EventCode::samples_lost, "samples_lost", kSilent},  // the recorder creates these and warns itself
     {EventCode::recovered, "recovered", kSilent},
     {EventCode::force_limit, "force_limit", kWarning, "the force was limited"},
     {EventCode::continuous_limit, "continuous_limit", kWarning, "the continuous force was limited"},
@@ -36,10 +36,10 @@ constexpr EventWords kEventWords[] = {
     {EventCode::not_finite, "not_finite", kSilent, "", true},
     {EventCode::device_not_ready, "device_not_ready", kWarning, "the device did not allow forces", true},
     {EventCode::device_ready, "device_ready", kSilent},
-    {EventCode::device_lost, "device_lost", kSilent, "", true},  // also warned of while it is waited for
+    {EventCode::device_lost, "device_lost", kSilent, "", true},  // the session also warns while it waits for the device
     {EventCode::repetition, "repetition", kSilent},
     {EventCode::mark, "mark", kSilent},
-    {EventCode::paused, "paused", kSilent},  // a person asked for it
+    {EventCode::paused, "paused", kSilent},  // the operator asked for it
     {EventCode::resumed, "resumed", kSilent},
     {EventCode::triggered, "triggered", kSilent},
     {EventCode::path_waits, "path_waits", kWarning, "the path waited until it was read"},
@@ -64,7 +64,7 @@ constexpr EventWords kEventWords[] = {
     {EventCode::vibration_stays, "vibration_stays", kSilent, "", true, 2},
     {EventCode::torque_vibrates, "torque_vibrates", kWarning, "the torque vibrated", false, 2},
     {EventCode::sway_over, "sway_over", kNote, "loop and hand were calm again", false, 2},
-    {EventCode::recording_resumed, "recording_resumed", kSilent},  // the recorder makes these two and warns
+    {EventCode::recording_resumed, "recording_resumed", kSilent},  // the recorder creates these two and warns itself
     {EventCode::recording_ended, "recording_ended", kSilent},
     {EventCode::values_lost, "values_lost", kSilent},
 };

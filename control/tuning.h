@@ -1,4 +1,4 @@
-// What of a tracking law can be changed while it runs.
+// Settings of a tracking law that can change while it runs.
 #pragma once
 
 #include "base/types.h"
@@ -17,26 +17,26 @@ struct PdGains {
   Vec3 kd = Vec3::Zero();  ///< derivative gain [N s/m]
 };
 
-/// Gains beyond these are a mistake: no device that a hand can hold bears them.
+/// Largest gains. Higher ones are a mistake: no device that a hand can hold withstands them.
 inline constexpr double kLargestKp = 1e5;  // [N/m]
 inline constexpr double kLargestKd = 1e3;  // [N s/m]
 
 /// Throws Error(input) naming the gain that is negative, not finite, or beyond the largest.
 void validate(const PdGains& gains);
 
-/// Gains, and how much of each compensation acts: 0 none to 1 all. Plain data, to be posted through a Mailbox. A share
-/// of a compensation that the session was not composed of means nothing.
+/// Gains, and the share of each compensation that acts, from 0 (none) to 1 (all). Plain data, to be posted through a
+/// Mailbox. The share of a compensation that the session does not contain has no effect.
 struct Tuning {
   PdGains gains;
   double inertia = 1;       ///< feedforward of mass times the reference's acceleration
   double gravity = 1;       ///< feedforward of gravity along the reference
   double friction = 1;      ///< feedforward of friction along the reference's velocity
   double observer = 1;      ///< disturbance observer
-  double observer_hz = 12;  ///< its bandwidth [Hz]
-  double learning = 1;      ///< what was learned in earlier repetitions
+  double observer_hz = 12;  ///< bandwidth of the disturbance observer [Hz]
+  double learning = 1;      ///< force learned in earlier repetitions
 
-  /// Moves towards `target`, by all but 2 % of the way in 0.2 s, so that a change is no step in the force; not
-  /// at all where dt is not above 0.
+  /// Moves towards `target`, by all but 2 % of the difference in 0.2 s, so that a change makes no step in the force.
+  /// Does not move if dt is not above 0.
   ///
   /// Real-time.
   void approach(const Tuning& target, double dt) noexcept {

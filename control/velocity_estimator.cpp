@@ -19,15 +19,15 @@ using std::numbers::sqrt2;
 constexpr double kShortestTick = 1e-9;  // [s]
 constexpr double kLongestStep = 1e6;    // [s]
 
-/// What is smaller is zero: recursive filters would otherwise go on into denormal numbers, which are slow.
+/// Smaller values count as zero: recursive filters would otherwise reach denormal numbers, which are slow.
 constexpr double kNothing = 1e-100;
 
 Vec3 flushed(const Vec3& v) {
   return (v.array().abs() < kNothing).select(0, v);
 }
 
-/// What all estimators share: which calls are measurements, and the way from positions to steps. A Filter has
-/// `Vec3 step(const Vec3& moved, double dt)`, the velocity after a step, and `reset()`.
+/// Common part of all estimators: selects the calls that are measurements, and turns positions into steps. A Filter has
+/// `Vec3 step(const Vec3& moved, double dt)`, which returns the velocity after a step, and `reset()`.
 template <class Filter>
 class Estimator final : public VelocityEstimator {
  public:
@@ -62,9 +62,9 @@ struct Difference {
   void reset() noexcept {}
 };
 
-/// y'' = w^2 (u - y) - sqrt(2) w y', solved exactly over each step for its constant u, the mean velocity of the step.
-/// In p = y - u and r = y' / w the solution is a damped rotation that never lengthens (p, r), whatever the steps:
-/// stable for any sequence of dt.
+/// Solves y'' = w^2 (u - y) - sqrt(2) w y' exactly over each step for its constant u, the mean velocity of the step. In
+/// p = y - u and r = y' / w the solution is a damped rotation that never lengthens (p, r), whatever the steps. It is
+/// therefore stable for any sequence of dt.
 class LowPass {
  public:
   LowPass(double cutoff_hz, double dt) : w_(2 * pi * cutoff_hz) { prepare(dt); }
@@ -94,7 +94,7 @@ class LowPass {
   Vec3 y_ = Vec3::Zero(), r_ = Vec3::Zero();
 };
 
-/// The last steps, newest first.
+/// Ring of the last steps, newest first.
 class Window {
  public:
   struct Step {
@@ -122,10 +122,10 @@ class Window {
   std::size_t newest_ = 0, count_ = 0;
 };
 
-/// The longest window whose line from its oldest to its newest position passes every position between within the band.
+/// Finds the longest window in which the line from the oldest to the newest position passes all others within the band.
 ///
-/// Seen from the newest position, a position x_i at age t_i lets through the slopes (x - x_i -+ band) / t_i. The window
-/// grows while the slope to its oldest position lies in what all younger ones let through: one pass, not n^2 / 2.
+/// Seen from the newest position, a position x_i at age t_i allows the slopes (x - x_i -+ band) / t_i. The window grows
+/// while the slope to its oldest position is among those that all younger ones allow: one pass, not n^2 / 2.
 class AdaptiveWindow {
  public:
   AdaptiveWindow(std::size_t steps, double band) : window_(steps), band_(band) {}
@@ -159,8 +159,8 @@ class AdaptiveWindow {
   double band_;  ///< [m]
 };
 
-/// (n S_ty - S_t S_y) / (n S_tt - S_t^2), over ages and positions seen from the newest sample, which keeps the
-/// denominator at least S_tt.
+/// Computes (n S_ty - S_t S_y) / (n S_tt - S_t^2) over ages and positions relative to the newest sample, which keeps
+/// the denominator at least S_tt.
 class LeastSquares {
  public:
   explicit LeastSquares(std::size_t samples) : window_(samples - 1) {}
@@ -201,12 +201,12 @@ class AlphaBetaGamma {
       reset();
       return v_ = moved / dt;
     }
-    // x_ is the estimate less the measurement, so that at rest all of the state decays to zero.
+    // x_ is the estimate minus the measurement, so that at rest the whole state decays to zero.
     const Vec3 innovation = moved - (x_ + dt * (v_ + 0.5 * dt * a_));
     x_ = (alpha_ - 1) * innovation;
     v_ += dt * a_ + beta_ / dt * innovation;
     a_ += gamma_ / (dt * dt) * innovation;
-    // All three at once: a state without one of them decays differently, or not.
+    // Flush all three at once: a state without one of them decays differently, or not at all.
     for (int i = 0; i < 3; ++i)
       if (std::max({w_ * std::abs(x_[i]), std::abs(v_[i]), std::abs(a_[i]) / w_}) < kNothing) x_[i] = v_[i] = a_[i] = 0;
     return v_;
@@ -219,7 +219,7 @@ class AlphaBetaGamma {
     dt_ = dt;
     const double wt = w_ * dt;
     beyond_nyquist_ = wt >= pi;
-    // Newton for e = 1 - s, which keeps its digits when s is next to 1.
+    // Newton's method for e = 1 - s, which keeps its digits when s is close to 1.
     const double l = wt * wt * wt;
     double e = wt / (1 + wt);
     for (int i = 0; i < 6; ++i) e -= (2 * e * e * e - l * (1 - e) * (2 - e)) / (6 * e * e + l * (3 - 2 * e));

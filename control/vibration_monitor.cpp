@@ -13,12 +13,12 @@ using Array = Eigen::Array4f;
 
 constexpr double kEnergyCutoff = 20, kCycleCutoff = 5;  // [Hz]
 constexpr double kEnergyTime = 0.05;                    // [s]
-constexpr double kLargestForceThatCounts = 12;          // 0.2 of it is felt whatever the device can do [N]
-constexpr float kLargest = 1e12F;                       // that single precision can square [N, m]
+constexpr double kLargestForceThatCounts = 12;          // largest F: 0.2 of it is felt on any device [N]
+constexpr float kLargest = 1e12F;                       // largest value that single precision can square [N, m]
 constexpr float kLongestHalfCycle = 0.15F;              // [s]
-constexpr float kLongestGapTicks = 5;                   // ticks that a gap counts for
-constexpr float kIdle = 1;                              // without force until nothing is left in the filters [s]
-constexpr float kDeclaredMargin = std::numbers::sqrt2_v<float>;  // of a declared amplitude
+constexpr float kLongestGapTicks = 5;                   // longest time that a gap counts for [ticks]
+constexpr float kIdle = 1;                              // time without force after which the filters are empty [s]
+constexpr float kDeclaredMargin = std::numbers::sqrt2_v<float>;  // factor on a declared amplitude
 
 [[gnu::always_inline]] inline Array single(const Vec3& v) noexcept {
   const Array x(static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z()), 0.0F);
@@ -132,7 +132,7 @@ void VibrationMonitor::complete(Axis& axis, float length, float peak, float decl
                              .ripple = sum / kHalfCycles / std::numbers::sqrt2};
     }
 
-  // The run of the slow rule.
+  // Update the run of the slow rule.
   const float period = length + previous;
   bool similar = axis.run > 0 && length <= kLongestHalfCycle &&
                  std::min(peak, axis.least_peak) > 0.6F * std::max(peak, axis.largest_peak);

@@ -1,4 +1,4 @@
-// Warnings: everything that a person should know of a session, whoever finds it out. One type, and one list of them,
+// Warnings: everything that the operator should know about a session, from any source. One type and one list,
 // SessionResult::warnings, which reaches the terminal, the summary, --json, the recording and the report.
 #pragma once
 
@@ -16,41 +16,42 @@ namespace haptrace {
 struct Warning {
   enum class Severity {
     note,     ///< worth knowing
-    warning,  ///< something is not as it should be; the session goes on
-    error,    ///< ended the session, or cost data
+    warning,  ///< something is not as it should be; the session continues
+    error,    ///< ended the session, or lost data
   };
   Severity severity = Severity::warning;
   std::string code;    ///< the kind, for programs: lower case, words joined by _
-  double time = kNaN;  ///< since the session's first tick [s]; NaN: not of a moment
-  std::string text;    ///< one line for people, complete without the other members
+  double time = kNaN;  ///< time since the session's first tick [s]; NaN: no particular moment
+  std::string text;    ///< one line of text, complete without the other members
 };
 
 const char* to_string(Warning::Severity severity) noexcept;
 
-/// How the warnings list reports an event of this kind. A new EventCode gets a row in the table beside describe().
+/// Describes how the list of warnings reports an event of this kind. A new EventCode needs a row in the table beside
+/// describe().
 struct EventWords {
   EventCode code = EventCode::mark;
   const char* name = "";                      ///< Warning::code
-  std::optional<Warning::Severity> severity;  ///< absent: the event is no warning
-  const char* repeated = "";  ///< what happens several times, as in "the force was limited"; needed with a severity
-  bool stops = false;         ///< the event ends a session; SessionResult warns of the end, whatever its cause
-  int share = -1;             ///< index of the value that is the share of the gains in force; -1: none
+  std::optional<Warning::Severity> severity;  ///< absent: the event is not a warning
+  const char* repeated = "";  ///< text for repeated events, as in "the force was limited"; needed with a severity
+  bool stops = false;         ///< true if the event ends a session; SessionResult warns of the end, whatever its cause
+  int share = -1;             ///< index of the value that is the remaining share of the gains; -1: none
 };
 
 inline constexpr std::size_t kMostEventKinds = 64;
 std::span<const EventWords> event_words() noexcept;   ///< one row for every EventCode
 const EventWords* words_of(EventCode code) noexcept;  ///< null for a code of a newer version
 
-/// Whether warnings with this code are made of a recording's events.
+/// Returns true if warnings with this code come from a recording's events.
 bool is_of_event(std::string_view warning_code) noexcept;
 
-/// Several events of one kind.
+/// Number of events of one kind, with the first and the last.
 struct EventCount {
   std::uint64_t count = 0;
   Event first, last;
 };
 
-/// One warning for all events of a kind. Words and count must not be empty.
+/// Returns one warning for all events of a kind. `words` and `events` must not be empty.
 Warning warning_of(const EventWords& words, const EventCount& events);
 
 /// Counts the events of a session that are warnings.
@@ -58,7 +59,7 @@ Warning warning_of(const EventWords& words, const EventCount& events);
 /// Threads: push from the servo loop, latest from one other thread. Real-time: push.
 class EventTally final : public SampleSink {
  public:
-  using Counts = std::array<EventCount, kMostEventKinds>;  ///< by row of event_words()
+  using Counts = std::array<EventCount, kMostEventKinds>;  ///< indexed by row of event_words()
 
   void push(const Sample&) noexcept override {}
   void push(const Event& event) noexcept override;
