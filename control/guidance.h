@@ -164,7 +164,7 @@ double largest_wall_stiffness(double rate_hz, double delay, double damping = 1);
 /// the path (GuideTerm::allowance) is credited on the first pass, and so is the work of the cursor's drag in cursor
 /// mode. Over any session this gives
 ///
-///     given to the hand  <=  energy + allowances of the path + what the cursor dragged.
+///     given to the hand  <=  energy + allowances of the path + work of the cursor's drag.
 ///
 /// Real-time: all but the constructor. Threads: one at a time.
 class Guidance {

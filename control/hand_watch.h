@@ -46,7 +46,7 @@ class HandWatch {
   void reset() noexcept;
 
   [[nodiscard]] bool resists() const noexcept { return resists_; }
-  [[nodiscard]] double opposing() const noexcept { return opposing_; }  ///< force beyond what is needed [N]
+  [[nodiscard]] double opposing() const noexcept { return opposing_; }  ///< force beyond `needed` [N]
 
  private:
   HandWatchOptions options_;

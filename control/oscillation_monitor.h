@@ -68,7 +68,7 @@ class OscillationMonitor {
  public:
   static constexpr double kWindow = 0.15;  ///< [s]
 
-  /// Throws what validate throws.
+  /// Throws the errors of validate().
   explicit OscillationMonitor(const OscillationMonitorOptions& options);
 
   /// Takes the state of every tick with its reference. Returns a verdict at the end of every sixth of a window while
