@@ -7,7 +7,7 @@
 
 namespace haptrace {
 
-/// Integer nanoseconds: no drift in a week, and differences are exact.
+/// Clock of a servo loop, in integer nanoseconds: no drift in a week, and exact differences.
 ///
 /// Real-time.
 class ServoClock {
@@ -34,7 +34,7 @@ class MonotonicClock final : public ServoClock {
   }
 };
 
-/// Advances only by being waited on: a session runs as fast as the machine allows, and every run is the same.
+/// Advances only when it is waited for: a session runs as fast as the machine allows, and every run is identical.
 class VirtualClock final : public ServoClock {
  public:
   [[nodiscard]] std::int64_t now() noexcept override { return now_; }

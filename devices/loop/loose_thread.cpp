@@ -12,7 +12,7 @@ std::atomic<bool> given_up{false};
 
 }  // namespace
 
-/// Released by the thread as the last that it does.
+/// Semaphore that the thread releases as its last action.
 struct LooseThread::Done {
   std::binary_semaphore semaphore{0};
 };

@@ -1,4 +1,4 @@
-// A thread for calls that may never return: into a vendor's library, a plug-in, a driver of the kernel.
+// A thread for calls that may never return: into a vendor's library, a plug-in or a kernel driver.
 #pragma once
 
 #include <functional>
@@ -7,26 +7,27 @@
 
 namespace haptrace {
 
-/// A thread that is waited for no longer than one wants.
+/// A thread that its owner joins with a time limit.
 ///
-/// Threads: one at a time, not the thread itself. Not real-time.
+/// Threads: one at a time, never the thread itself. Not real-time.
 class LooseThread {
  public:
   LooseThread() = default;
-  /// `body` owns what it uses, since it may outlive everything else. What it throws ends the process.
+  /// `body` owns everything it uses, because it may outlive all else. An exception from it ends the process.
   explicit LooseThread(std::function<void()> body);
-  /// Waits as long as it lasts, unless join_within gave it up.
+  /// Waits without a time limit, unless join_within gave the thread up.
   ~LooseThread();
   LooseThread(const LooseThread&) = delete;
   LooseThread& operator=(const LooseThread&) = delete;
   LooseThread(LooseThread&&) = default;
-  LooseThread& operator=(LooseThread&& other) noexcept;  ///< of one that is joined, or none
+  LooseThread& operator=(LooseThread&& other) noexcept;  ///< `this` must be joined or without a thread
 
-  /// Waits until it returned, `seconds` at most. False when it did not: then it goes on alone. True when there is none.
+  /// Waits at most `seconds` for the thread to return. Returns false if it did not: it then runs on, detached. Returns
+  /// true if there is no thread.
   bool join_within(double seconds) noexcept;
 
-  /// Whether this process has threads that were given up. It must not run destructors of static objects under them: it
-  /// ends by std::_Exit.
+  /// Returns true if this process gave up a thread. It must then end by std::_Exit: the destructors of static objects
+  /// must not run while such a thread uses them.
   [[nodiscard]] static bool any_given_up() noexcept;
 
  private:
@@ -35,8 +36,8 @@ class LooseThread {
   std::thread thread_;
 };
 
-/// Runs `call`, which owns what it uses, in a thread of its own, and waits for it `seconds` at most. False when it goes
-/// on alone.
+/// Runs `call`, which owns everything it uses, in its own thread and waits at most `seconds` for it. Returns false if
+/// the call runs on.
 bool call_within(double seconds, std::function<void()> call);
 
 }  // namespace haptrace

@@ -1,4 +1,4 @@
-// Blocks of something long, read by a thread of their own ahead of a servo loop that goes through them.
+// Read-ahead of blocks of a long sequence, in a loader thread, for a servo loop that steps through them.
 #pragma once
 
 #include <algorithm>
@@ -17,16 +17,15 @@
 
 namespace haptrace {
 
-/// Blocks 0 to count - 1 are asked for in turn, and from the first again as often as wished. The first stays; of the
-/// others, the one that is used and the `ahead` that follow it are in memory, those after the last being the first
-/// ones.
+/// Provides blocks 0 to count - 1 in order and wraps to block 0 as often as needed. Block 0 stays in memory. Of the
+/// others, the block in use and the next `ahead` blocks are in memory; the first blocks follow the last one.
 ///
-/// Threads: get, failed and wait from one thread. Real-time: get and failed are wait-free, allocate and free nothing;
-/// what is no longer needed is freed by the loader's thread.
+/// Threads: get, failed and wait from one thread. Real-time: get and failed are wait-free and neither allocate nor free
+/// memory. The loader thread frees the blocks that are no longer needed.
 template <class Block>
 class Prefetcher {
  public:
-  /// Makes a block, in the loader's thread. After it threw, it is not asked again.
+  /// Makes a block, in the loader thread. After an exception, the loader makes no more blocks.
   using Load = std::function<std::unique_ptr<const Block>(std::size_t index)>;
 
   Prefetcher(std::shared_ptr<const Block> first, std::size_t count, std::size_t ahead, Load load)
@@ -48,14 +47,15 @@ class Prefetcher {
   Prefetcher(const Prefetcher&) = delete;
   Prefetcher& operator=(const Prefetcher&) = delete;
 
-  /// Block `index`, or null when it is not there yet. It and those that follow it are loaded from now on. Valid until
-  /// the next call that does not answer null.
+  /// Returns block `index`, or null if it is not loaded yet, and asks for this block and the next ones. The block stays
+  /// valid until the next call that does not return null.
   [[nodiscard]] const Block* get(std::size_t index) noexcept {
     wanted_.store(index);
     if (index == 0) return first_.get();
     const auto slot = std::find_if(slots_.begin(), slots_.end(), [&](const Slot& s) { return s.index == index; });
     if (slot == slots_.end()) return nullptr;
-    // Said to be in use before it is used: what is, is not freed. The one before stays so until this one is there.
+    // Announce the block before using it: the loader frees no announced block. The previous block stays announced until
+    // this one is available.
     const Block* block = slot->block.load();
     std::atomic<const Block*>& in_use = in_use_[1 - used_];
     in_use.store(block);
@@ -67,18 +67,20 @@ class Prefetcher {
     return block;
   }
 
-  /// Block `index`, one of the `ahead` after that of the last get, if it is there. Valid until the next get.
+  /// Returns block `index`, one of the `ahead` blocks after the last get, or null if it is not loaded. Valid until the
+  /// next get.
   [[nodiscard]] const Block* peek(std::size_t index) const noexcept {
     if (index == 0) return first_.get();
     const auto slot = std::find_if(slots_.begin(), slots_.end(), [&](const Slot& s) { return s.index == index; });
     return slot == slots_.end() ? nullptr : slot->block.load();
   }
 
-  /// True when block `index` will not come, because it or one before could not be made; error() says why.
+  /// Returns true if block `index` will not come, because this block or an earlier one could not be made. error() gives
+  /// the reason.
   [[nodiscard]] bool failed(std::size_t index) const noexcept { return broken_ && !there(index); }
   [[nodiscard]] const std::string& error() const noexcept { return error_; }
 
-  /// Waits until block `index`, one of the `ahead` after that of the last get, is there or failed. Not for the tick.
+  /// Waits until block `index`, one of the `ahead` blocks after the last get, is loaded or failed. Not for the tick.
   void wait(std::size_t index) {
     if (there(index) || !in_window(index, wanted_)) return;
     std::unique_lock lock(mutex_);
@@ -121,7 +123,7 @@ class Prefetcher {
     }
   }
 
-  /// The first block of the window that is not there.
+  /// Returns the first block of the window that is not loaded.
   [[nodiscard]] std::size_t next_to_load(std::size_t wanted) const {
     for (std::size_t i = 0; i < window_ && !broken_; ++i)
       if (const std::size_t index = (wanted + i) % count_; !there(index)) return index;
@@ -129,7 +131,7 @@ class Prefetcher {
   }
 
   void load(std::size_t index, std::size_t wanted) {
-    // There are as many slots as blocks in the window, and this one is not in any.
+    // There are as many slots as blocks in the window, and this block is in none of them.
     const auto slot = std::find_if(slots_.begin(), slots_.end(),
                                    [&](const Slot& s) { return s.index == kNone || !in_window(s.index, wanted); });
     try {
@@ -150,10 +152,10 @@ class Prefetcher {
   std::vector<Slot> slots_;
   std::atomic<std::size_t> wanted_{0};
   std::array<std::atomic<const Block*>, 2> in_use_{};
-  std::size_t used_ = 0;  ///< which of in_use_ is of the last block that get answered
+  std::size_t used_ = 0;  ///< index in in_use_ of the block that get returned last
   std::atomic<bool> broken_{false};
-  std::string error_;                                  ///< written before broken_, and never again
-  std::vector<std::unique_ptr<const Block>> retired_;  ///< the loader's
+  std::string error_;                                  ///< written once, before broken_
+  std::vector<std::unique_ptr<const Block>> retired_;  ///< used by the loader thread only
   std::mutex mutex_;
   std::condition_variable_any changed_;
   bool nudged_ = false;  ///< under mutex_

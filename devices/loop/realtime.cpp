@@ -40,7 +40,7 @@ RealtimeStatus request_realtime(int priority) {
                     "): allow it with 'rtprio 80' in /etc/security/limits.d or run with CAP_SYS_NICE";
   }
 
-  // What is mapped now is all that a tick touches: nothing is allocated in it.
+  // A tick allocates nothing, so locking the current mappings covers all memory that it touches.
   if (mlockall(MCL_CURRENT) == 0) {
     status.memory_locked = true;
   } else {

@@ -1,27 +1,27 @@
-// What makes a thread fit for a servo loop, and what was actually obtained.
+// Real-time setup of a servo thread, and the settings that the operating system granted.
 #pragma once
 
 #include <string>
 
 namespace haptrace {
 
-/// Of a servo thread, among SCHED_FIFO's 1 to 99: above the kernel's threads for interrupts (50).
+/// Priority of a servo thread in SCHED_FIFO (1 to 99): above the kernel's interrupt threads (50).
 inline constexpr int kServoPriority = 80;
 
-/// What the operating system granted. Reported with every session, never assumed.
+/// Settings that the operating system granted. Every session reports them.
 struct RealtimeStatus {
   std::string scheduler = "SCHED_OTHER";  ///< for example "SCHED_FIFO 80"
-  bool realtime = false;                  ///< a real-time class was granted
+  bool realtime = false;                  ///< the thread has a real-time scheduling class
   bool memory_locked = false;
-  std::string reason;  ///< what was refused and how to mend it; empty when everything was granted
+  std::string reason;  ///< what was refused and how to fix it; empty if everything was granted
 };
 
-/// Asks for SCHED_FIFO for the calling thread, locked memory for the process, and the finest timer slack; touches its
-/// stack so that no page is missing later. The scheduling class ends with the thread.
+/// Requests SCHED_FIFO for the calling thread, locked memory for the process and the finest timer slack. Touches the
+/// thread's stack to avoid page faults later. The scheduling class ends with the thread.
 RealtimeStatus request_realtime(int priority = kServoPriority);
 
-/// Flushes denormals to zero in the calling thread while it exists: the tails of filters at rest cost a hundred times
-/// an ordinary multiplication otherwise.
+/// Flushes denormals to zero in the calling thread during its lifetime. Without it, the decaying tails of filters at
+/// rest make a multiplication about a hundred times slower.
 class FlushDenormals {
  public:
   FlushDenormals() noexcept;
@@ -33,8 +33,8 @@ class FlushDenormals {
   unsigned saved_;
 };
 
-/// Marks the scope of a tick for clang's real-time sanitizer, which aborts on malloc, locks and I/O inside it.
-/// Costs nothing unless built with HAPTRACE_RTSAN.
+/// Marks a tick for clang's real-time sanitizer, which aborts on malloc, locks and I/O in this scope. Costs nothing
+/// unless built with HAPTRACE_RTSAN.
 class TickScope {
  public:
 #ifdef HAPTRACE_RTSAN

@@ -9,7 +9,7 @@
 namespace haptrace {
 namespace {
 
-constexpr double kLongestOpening = 2;  // that a close waits for [s]
+constexpr double kLongestOpening = 2;  // longest time that close waits for `open` [s]
 
 bool is_same(const DeviceInfo& one, const DeviceInfo& other) {
   return one.backend == other.backend && one.model == other.model && one.serial == other.serial;
@@ -21,16 +21,17 @@ std::string identity(const DeviceInfo& info) {
 
 }  // namespace
 
-/// The device, and the thread that looks for it.
+/// The device, and the thread that searches for it.
 class RecoveringDevice::Search {
  public:
-  /// Where the device is, and with it who may touch it: while it is sought the thread, else the caller.
+  /// State of the device. It also decides which thread may use the device: the search thread while `sought`, else the
+  /// caller.
   enum class Place : std::uint8_t {
     here,
-    gone,     ///< to be sought
-    sought,   ///< by the thread
-    found,    ///< nothing was exchanged with it yet
-    replaced  ///< by another one
+    gone,     ///< lost; the search has not started
+    sought,   ///< the thread searches for it
+    found,    ///< found, before the first exchange
+    replaced  ///< another device answered in its place
   };
   static_assert(std::atomic<Place>::is_always_lock_free);
 
@@ -46,7 +47,7 @@ class RecoveringDevice::Search {
     wake_.release();
   }
 
-  /// Null while the thread has it, and when it was not found.
+  /// Returns null while the thread owns the device, and if the device was not found.
   [[nodiscard]] Device* ours() noexcept {
     return place.load(std::memory_order_acquire) != Place::sought ? device.get() : nullptr;
   }
@@ -54,11 +55,11 @@ class RecoveringDevice::Search {
     const std::scoped_lock lock(reasons_);
     return found_not_.empty() ? lost_why_ : fmt::format("{}; {}", lost_why_, found_not_);
   }
-  /// Of the device that was lost.
+  /// Returns the state of the force of the device that was lost.
   [[nodiscard]] ZeroForce zero_force() const noexcept { return zero_; }
 
   Open open_;
-  std::unique_ptr<Device> device;  ///< may be null while gone or sought
+  std::unique_ptr<Device> device;  ///< may be null while `gone` or `sought`
   std::atomic<Place> place{Place::here};
 
  private:
@@ -68,7 +69,7 @@ class RecoveringDevice::Search {
   std::counting_semaphore<> wake_{0};
   std::atomic<bool> ending_{false};
   std::atomic<ZeroForce> zero_{ZeroForce::failed};
-  mutable std::mutex reasons_;  ///< guards the two that follow; never taken in exchange
+  mutable std::mutex reasons_;  ///< guards lost_why_ and found_not_; exchange never takes it
   std::string lost_why_ = "it stopped answering";
   std::string found_not_;  ///< why the last opening failed
 };
@@ -172,7 +173,7 @@ ZeroForce RecoveringDevice::emergency_stop() noexcept {
 
 std::string RecoveringDevice::lost_reason() const {
   if (closed_) return "the device is closed";
-  // The device itself may be asked as long as it was not given to the thread.
+  // The caller may use the device as long as the thread does not own it.
   Device* const device = search_->ours();
   return device != nullptr ? device->lost_reason() : search_->why_lost();
 }

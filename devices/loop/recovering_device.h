@@ -1,4 +1,4 @@
-// A device that is opened again when it is lost: a cable that slipped, an amplifier that was switched off.
+// A device that is reopened after it was lost, for example by a loose cable or an amplifier without power.
 #pragma once
 
 #include "devices/device.h"
@@ -10,27 +10,28 @@
 
 namespace haptrace {
 
-/// Passes everything on to the device that `open` makes. When that is lost, it is away instead: a thread of its own
-/// closes it and calls `open` again, until the same device is back, that is one of the same backend, model and serial
-/// number. The first exchange with it sends zero force, whatever was asked for, and lets no time pass; that it may not
-/// be ready yet is for the caller to see. How long to go on asking is the caller's to decide.
+/// Forwards every call to the device that `open` returns. If that device is lost, this one reports `away`: its own
+/// thread closes the lost device and calls `open` until the same device is back (same backend, model and serial
+/// number). The first exchange after that sends zero force, whatever the caller asked for, with dt = 0. The caller must
+/// check whether the device is ready and decide how long to keep asking.
 ///
-/// It is lost for good when another device answers in its place: which is closed, and not opened again, since opening
-/// may move it. So is one that has something of its own to show (a natural duration) and would begin anew.
+/// The device is lost for good if another device answers in its place. That device is closed and not opened again,
+/// because opening may move it. A device with a natural duration is lost for good too, because it would restart from
+/// its beginning.
 ///
-/// `open` is called at most every kRetry, counted in exchange's time, and in virtual time waited for between ticks, so
-/// that a session is the same every time. On the monotonic clock it may last as long as it likes; close waits for it,
-/// but gives up one that does not return (LooseThread), so `open` owns what it uses.
+/// `open` is called at most every kRetry, measured by the dt of exchange. In virtual time, between_ticks waits for it,
+/// so that every run is identical. On the monotonic clock, `open` may take any time. close waits for it but gives up a
+/// call that does not return (LooseThread); `open` therefore owns everything it uses.
 ///
-/// Threads: as every device. `open` is called in another thread than exchange, never at the same time as anything of
-/// its device. Real-time: exchange as far as the device's own is; it takes the device over by an atomic alone.
+/// Threads: as for every device. `open` runs in another thread than exchange, never concurrently with a call of its
+/// device. Real-time: exchange, if the device's exchange is; an atomic hands the device over.
 class RecoveringDevice final : public Device {
  public:
-  using Open = std::function<std::unique_ptr<Device>()>;  ///< opens it, or throws
+  using Open = std::function<std::unique_ptr<Device>()>;  ///< opens the device, or throws
 
   static constexpr double kRetry = 0.1;  ///< [s]
 
-  /// Opens it for the first time; throws what `open` throws.
+  /// Opens the device for the first time. Throws what `open` throws.
   explicit RecoveringDevice(Open open);
   ~RecoveringDevice() override;
 

@@ -16,18 +16,19 @@ namespace haptrace {
 namespace {
 
 constexpr double kFlightRecord = 0.2;     // [s]
-constexpr double kFaultFade = 0.05;       // over which the last good force fades after a deviation stop [s]
-constexpr double kEventSpacing = 1.0;     // between two events of a limit that binds again and again [s]
-constexpr double kLongestRelease = 2;     // after a request to stop [s]
-constexpr double kLongestWait = 86400;    // for a device that is away or not ready [s]
-constexpr std::int64_t kTicksApart = 10;  // a tick follows another no sooner than this part of the period
-constexpr double kSteadyTime = 0.3, kSteadyShare = 0.5;  // of a force that a hand resists: low pass [s], of its norm
-constexpr double kSparse = 1;                            // of time in gaps beyond that between them [s]
-constexpr double kReleasedForce = 1e-3;                  // below which there is nothing left to fade [N]
-constexpr double kReleasedTorque = 1e-5;                 // [N m]
+constexpr double kFaultFade = 0.05;       // time over which the last good force fades after a fault [s]
+constexpr double kEventSpacing = 1.0;     // time between two events of a limit that binds repeatedly [s]
+constexpr double kLongestRelease = 2;     // longest fade after a request to stop [s]
+constexpr double kLongestWait = 86400;    // longest wait for a device that is away or not ready [s]
+constexpr std::int64_t kTicksApart = 10;  // shortest time between two ticks: the period divided by this
+constexpr double kSteadyTime = 0.3,
+                 kSteadyShare = 0.5;      // of a force that a hand resists: low pass [s], share of its norm
+constexpr double kSparse = 1;             // longest time in gaps beyond the time between them [s]
+constexpr double kReleasedForce = 1e-3;   // force below which nothing is left to fade [N]
+constexpr double kReleasedTorque = 1e-5;  // [N m]
 constexpr const char* kMoves = "its handle does not come to rest: hold it still, or let go of it";
 
-/// Keeps the last samples of a session in memory that is allocated at its start.
+/// Keeps the last samples of a session in memory that it allocates at the start.
 class FlightRecorder {
  public:
   explicit FlightRecorder(std::size_t rows) : rows_(std::max<std::size_t>(rows, 1)) {}
@@ -47,13 +48,13 @@ class FlightRecorder {
   std::size_t count_ = 0;
 };
 
-/// No hand reaches farther than this from the workspace's centre [m]; nor does a velocity estimator look farther.
+/// Returns the farthest distance from the workspace's centre that a hand reaches and a velocity estimator accepts [m].
 double farthest_reach(const DeviceInfo& info, const Vec3& centre) noexcept {
   const double reach = 10 * norm_of(info.workspace_max - info.workspace_min) + 1;
   return std::min(reach, kFarthestPosition - centre.cwiseAbs().maxCoeff());
 }
 
-/// What is not finite was not measured.
+/// Replaces a value that is not finite with NaN, the value of a quantity without a measurement.
 Vec3 as_measured(const Vec3& v) noexcept {
   return v.array().isFinite().select(v, nan3());
 }
@@ -61,7 +62,7 @@ Quat as_measured(const Quat& q) noexcept {
   return q.coeffs().allFinite() ? q : nan_quat();
 }
 
-/// What a controller's answer ends the session with, if it does.
+/// Returns the cause with which a controller's answer ends the session, if it does.
 std::optional<StopCause> fault_of(Command::Status status) noexcept {
   switch (status) {
     case Command::Status::deviation:
@@ -113,7 +114,7 @@ ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& 
       sinks_(sinks.begin(), sinks.end()),
       options_(options) {
   validate(device_.info(), options_);
-  // What the device bears is the ceiling; a session may only ask for less.
+  // The device's own limit is the ceiling; a session may only lower it.
   const auto ceiling = [](double& limit, double most) {
     if (most > 0) limit = limit > 0 ? std::min(limit, most) : most;
   };
@@ -127,7 +128,7 @@ ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& 
   }
 }
 
-/// One run of the loop: the state that its ticks share.
+/// One run of the loop, with the state that its ticks share.
 class ServoLoop::Session {
  public:
   Session(ServoLoop& loop, ServoClock& clock, ServoReport& report)
@@ -152,9 +153,9 @@ class ServoLoop::Session {
     if (wait_until_ready(stop)) {
       while (!ended_) {
         clock_.wait_until(deadline_ns_);
-        // Time never goes back, whatever the clock does.
+        // Time never runs backwards, whatever the clock does.
         std::int64_t woke_ns = last_ns_ = std::max(last_ns_, clock_.now());
-        // The session's time begins at its first tick, not while a device was homing.
+        // The session's time starts at its first tick, after homing.
         if (first_) start_ns_ = woke_ns;
         tick(woke_ns, stop);
         schedule_next(woke_ns);
@@ -164,10 +165,10 @@ class ServoLoop::Session {
     if (guard_) report_.vibration = guard_->summary();
   }
 
-  /// The last samples before the end, oldest first.
+  /// Returns the last samples before the end, oldest first.
   [[nodiscard]] std::vector<Sample> flight_record() const { return flight_.samples(); }
 
-  /// Why there is no device, in words.
+  /// Returns why the device was lost, in words.
   [[nodiscard]] std::string lost_reason() const {
     std::string reason = loop_.device_.lost_reason();
     if (silent_) reason = "it answers, but takes no new sample";
@@ -180,16 +181,16 @@ class ServoLoop::Session {
     return reason;
   }
 
-  /// Whether the device allows forces, but its handle has not come to rest.
+  /// Returns true if the device allows forces but its handle has not come to rest.
   [[nodiscard]] bool moves() const noexcept { return moves_; }
 
-  /// The event that says what stopped the session, if a limit or a fault did.
+  /// Returns the event of the limit or fault that stopped the session, if one did.
   [[nodiscard]] const std::optional<Event>& fault() const noexcept { return fault_; }
 
  private:
   enum class Mode { running, releasing, fading };
 
-  /// None where there is no force limit: what is a large force there?
+  /// Returns no guard without a force limit, because the guard has no scale for forces then.
   static std::optional<ForceGuard> guard_of(const ServoLoop& loop) {
     const Options& options = loop.options_;
     if (!options.watch_vibration || !(options.limits.max_force > 0)) return std::nullopt;
@@ -227,7 +228,8 @@ class ServoLoop::Session {
     }
   }
 
-  /// Whether the device allows forces, and its handle rests if it did not before.
+  /// Returns true if the device allows forces and its handle rests; a device that was ready from the start need not
+  /// rest.
   bool is_settled(std::int64_t now_ns) noexcept {
     if (!device_state_.ready) rest_.begin();
     moves_ = device_state_.ready && !rest_.update(device_state_.position, now_ns);
@@ -240,7 +242,7 @@ class ServoLoop::Session {
     return false;
   }
 
-  /// Moves `woke_ns` to the end of the exchange where that took longer than a period.
+  /// Moves `woke_ns` to the end of the exchange if that took longer than a period.
   void tick(std::int64_t& woke_ns, const StopRequest& stop) noexcept {
     const TickScope scope;
     const std::int64_t began_ns = monotonic_ns();
@@ -250,14 +252,14 @@ class ServoLoop::Session {
     state.time_ns = woke_ns - start_ns_;
     const double dt = exchanged_ns_ ? 1e-9 * static_cast<double>(woke_ns - *exchanged_ns_) : 0;
     if (!exchanged_ns_) begun_ns_ = woke_ns;
-    // After a time without ticks the hand may be anywhere: the last force does not fit it any more.
+    // After a time without ticks the hand may be anywhere, so the last force no longer fits.
     if (woke_ns - exchanged_ns_.value_or(woke_ns) > stale_after_ns_) {
       tell_of_held_force(dt, state.time_ns);
       wrench_ = {};
     }
     state.force_applied = wrench_.force;
 
-    // Nobody sees what force acts on a device that is away: its motors are not credited with having cooled.
+    // The force on a device that is away is unknown, so this time does not count as cooling of its motors.
     if (!away_since_ns_) {
       limiter_.acted(acting_.force, dt);
       if (takes_torque_) torque_limiter_.acted(acting_.torque, dt);
@@ -267,7 +269,7 @@ class ServoLoop::Session {
     const bool blocked = took_ns > period_ns_ && !first_;
     const std::int64_t asked_ns = woke_ns;
     if (blocked) {
-      // The state is no older than that, and what comes next is due later.
+      // The state is no older than the end of the exchange, and the next tick is due later.
       woke_ns = last_ns_ = woke_ns + took_ns;
       state.time_ns = woke_ns - start_ns_;
       took_ = 1e-9 * static_cast<double>(took_ns);
@@ -275,15 +277,15 @@ class ServoLoop::Session {
     }
     acting_ = wrench_;
     exchanged_ns_ = woke_ns;
-    // One that was away and is not homed yet, or is still pushed home, still is.
+    // A device that was away stays away until it is homed and its handle rests.
     if (status != Device::Status::ok || (away_since_ns_ && !is_settled(woke_ns))) {
       silent_ = false;
-      sequence_ = 0;  // of another device, perhaps
+      sequence_ = 0;  // it may be another device
       do_without(status, woke_ns, state.time_ns, stop);
       return;
     }
     if (!device_state_.ready) {
-      // It promises nothing of its position.
+      // A device that is not ready guarantees nothing about its position.
       stop_now(StopCause::device_not_ready, {.code = EventCode::device_not_ready}, state.time_ns);
       return;
     }
@@ -301,7 +303,7 @@ class ServoLoop::Session {
     state.buttons = device_state_.buttons;
 
     if (!is_finite(state.position)) {
-      // No row for this tick: a position that was not taken is not invented, and nothing may be computed from it.
+      // Store no sample for this tick: the loop does not invent a position, and nothing may be computed from this one.
       stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {0, kNaN, kNaN}}, state.time_ns);
       return;
     }
@@ -313,7 +315,7 @@ class ServoLoop::Session {
     if (away_since_ns_) {
       come_back(state, woke_ns);
     } else if (updated_ns_ && woke_ns - *updated_ns_ > stale_after_ns_) {
-      (void)ends_in_gap();  // with a row: what was sent last is in it
+      (void)ends_in_gap();  // store this sample: it holds the force that was sent last
       catch_up_after_gap(state);
     } else {
       sparse_ = std::max(sparse_ - state.dt, 0.0);
@@ -329,28 +331,28 @@ class ServoLoop::Session {
     report_.tick_time.record(monotonic_ns() - began_ns);
   }
 
-  /// Of the state that was just exchanged. An age that is negative or not a number counts as none.
+  /// Returns the age of the state that was just exchanged. An age that is negative or NaN counts as 0.
   [[nodiscard]] std::int64_t age_ns() const noexcept {
     constexpr double kLongest = 3600;  // [s]
     return device_state_.age > 0 ? static_cast<std::int64_t>(1e9 * std::min(device_state_.age, kLongest)) : 0;
   }
 
-  /// Whether the state is another sample than the last, and young enough to be one.
+  /// Returns true if the state is a new sample and young enough.
   [[nodiscard]] bool is_fresh(std::int64_t age_ns) const noexcept {
     return (device_state_.sequence == 0 || device_state_.sequence != sequence_) && age_ns <= stale_after_ns_;
   }
 
-  /// The time between the sample taken at `taken_ns` and the last [s]. Samples whose arrival tells their time were not
-  /// taken within less than half a period, although they may arrive so: then this one counts as taken later, and the
-  /// next interval is shorter by that.
+  /// Returns the time between the sample taken at `taken_ns` and the last one [s]. If the arrival of samples defines
+  /// their time, two of them may arrive in less than half a period, although the device did not take them so fast. Such
+  /// a sample counts as taken later, which makes the next interval shorter by the same amount.
   [[nodiscard]] double sample_dt(std::int64_t taken_ns) noexcept {
     if (device_state_.sequence != 0 && updated_ns_) taken_ns = std::max(taken_ns, taken_ns_ + period_ns_ / 2);
     return 1e-9 * static_cast<double>(taken_ns - std::exchange(taken_ns_, taken_ns));
   }
 
-  /// How old a state is that an exchange from `asked_ns` to `now_ns` brought, if the hand went on as fast as before.
-  /// Nobody says when in that time it was taken: taken for younger than it is, the hand would seem to stand, and in the
-  /// next tick to jump.
+  /// Estimates the age of a state that an exchange from `asked_ns` to `now_ns` returned, if the hand kept its speed.
+  /// The true time in that interval is unknown. If the age were underestimated, the hand would seem to stop and then to
+  /// jump in the next tick.
   [[nodiscard]] std::int64_t likely_age_ns(const Vec3& position, std::int64_t asked_ns, std::int64_t now_ns) noexcept {
     const double along = (position - position_).dot(velocity_), speed2 = velocity_.squaredNorm();
     if (!(along > 0) || !(speed2 > 0) || resumes_) return 0;
@@ -358,18 +360,18 @@ class ServoLoop::Session {
     return now_ns - std::clamp(taken_ns_ + moved_for_ns, asked_ns, now_ns);
   }
 
-  /// Says that the motors went on with the last force while nothing could be sent.
+  /// Logs that the motors held the last force while nothing could be sent.
   void tell_of_held_force(double seconds, std::int64_t time_ns) noexcept {
     if (const double force = norm_of(acting_.force); force > kReleasedForce)
       push_event(time_ns, {.code = EventCode::force_held, .values = {seconds, force, kNaN}});
   }
 
-  /// A tick without a fresh state: the last force is held for a while, then fades.
+  /// Handles a tick without a fresh state: holds the last force for a while, then fades it.
   void endure_stale(std::int64_t woke_ns, double dt, std::int64_t time_ns, const StopRequest& stop) noexcept {
     ++report_.stale;
     const std::int64_t silent_ns = woke_ns - updated_ns_.value_or(begun_ns_);
     const double stale_after = 1e-9 * static_cast<double>(stale_after_ns_);
-    silence_ += std::min(dt, stale_after);  // while nobody asked, it could not answer
+    silence_ += std::min(dt, stale_after);  // without ticks the device could not answer
     if (silent_ns > stale_after_ns_) {
       if (!std::exchange(stale_, true)) {
         stale_wrench_ = wrench_;
@@ -391,26 +393,26 @@ class ServoLoop::Session {
     }
   }
 
-  /// Whether a time without states ends the session: where forces were on their way out, they are gone by then.
+  /// Ends the session and returns true if its forces were already fading out: after the gap they are zero.
   bool ends_in_gap() noexcept {
     if (mode_ == Mode::running) return false;
     wrench_ = {};
     return ended_ = true;
   }
 
-  /// Fresh states again, after a time without them or without ticks.
+  /// Handles the first fresh state after a gap without fresh states or ticks.
   void catch_up_after_gap(State& state) noexcept {
     push_event(state.time_ns, {.code = EventCode::states_resumed, .values = {state.dt, kNaN, kNaN}});
     ++report_.gaps;
     report_.away += state.dt;
-    // The device's part of the gap: it was asked, or kept an exchange waiting. A single one, however long, says nothing
-    // of the samples that will follow.
+    // Count only the part of the gap that the device caused: it was asked, or it delayed an exchange. A single gap,
+    // however long, says nothing about the samples that follow.
     last_gap_ = state.dt;
     sparse_ += std::min(std::isfinite(took_) ? took_ : silence_, kSilence);
     start_anew(state);
   }
 
-  /// The hand may have moved meanwhile: nothing may be computed from what was before, and forces fade in from zero.
+  /// Discards all state from before a gap, because the hand may have moved. Forces fade in from zero.
   void start_anew(State& state) noexcept {
     resumes_ = true;
     wrench_ = {};
@@ -420,7 +422,7 @@ class ServoLoop::Session {
     loop_.estimator_.reset();
   }
 
-  /// Whether a device that answers `status` is no longer waited for.
+  /// Returns true if the loop no longer waits for a device that answers `status`.
   bool is_given_up(Device::Status status, std::int64_t now_ns) noexcept {
     if (!away_since_ns_) away_since_ns_ = now_ns;
     const double away = 1e-9 * static_cast<double>(now_ns - *away_since_ns_);
@@ -430,11 +432,11 @@ class ServoLoop::Session {
     return impatient || status == Device::Status::lost;
   }
 
-  /// A tick without the device: no row, and nothing but zero force for it to find when it is back.
+  /// Handles a tick without the device: stores no sample, and leaves zero force for the device's return.
   void do_without(Device::Status status, std::int64_t woke_ns, std::int64_t time_ns, const StopRequest& stop) noexcept {
     const bool just_lost = !away_since_ns_;
     wrench_ = {};
-    // Where forces were on their way out, there is nothing to go on with.
+    // If forces were already fading out, there is nothing to continue.
     if (is_given_up(status, woke_ns) || mode_ != Mode::running) {
       const double waited = waited_in_vain_ > 0 ? waited_in_vain_ : kNaN;
       stop_now(StopCause::device_lost, {.code = EventCode::device_lost, .values = {waited, kNaN, kNaN}}, time_ns);
@@ -454,7 +456,7 @@ class ServoLoop::Session {
     start_anew(state);
   }
 
-  /// The controller's answer, with everything that can end the session looked at. Sets wrench_.
+  /// Returns the controller's answer after checking everything that can end the session. Sets wrench_.
   Command decide(const State& state, const StopRequest& stop) noexcept {
     loop_.pulse_.at(TickPulse::Place::controller);
     if (first_) {
@@ -464,9 +466,9 @@ class ServoLoop::Session {
       loop_.controller_.resume(state);
     }
     stop_before_the_controller(state, stop);
-    // Once a limit tripped, the controller is not asked.
+    // After a limit trips, the loop stops calling the controller.
     Command command = ended_ || mode_ == Mode::fading ? stopped_ : loop_.controller_.update(state);
-    // The load falls when the loop itself takes the force away: no hand let go then.
+    // When the loop itself takes the force away, the load falls although no hand lets go.
     if (mode_ != Mode::running && command.event && command.event->code == EventCode::hand_let_go) command.event.reset();
     if (command.event) push_event(state.time_ns, *command.event);
 
@@ -482,7 +484,7 @@ class ServoLoop::Session {
         begin_release(StopCause::finished, EventCode::finished, state.time_ns);
       }
     }
-    // The force would fade in after every gap, never arrive, and the session would seem to play.
+    // The force would restart its fade-in after every gap and never arrive, while the session would seem to play.
     if (sparse_ > kSparse && mode_ == Mode::running && !ended_ && !is_released(command.wrench)) {
       sparse_gap_ = last_gap_;
       stop_now(StopCause::device_lost, {.code = EventCode::device_lost}, state.time_ns);
@@ -494,7 +496,7 @@ class ServoLoop::Session {
     return command;
   }
 
-  /// Ends the session for what the state and the caller say, whatever the controller would answer.
+  /// Ends the session if the state or the caller requires it, whatever the controller would answer.
   void stop_before_the_controller(const State& state, const StopRequest& stop) noexcept {
     const double speed = norm_of(state.velocity), fastest = loop_.options_.limits.max_velocity;
     if (fastest > 0 && speed > fastest)
@@ -510,7 +512,7 @@ class ServoLoop::Session {
     push_event(time_ns, {.code = code});
   }
 
-  /// From the force that was asked for to the force that is sent: fade, then limits.
+  /// Turns the requested force into the force to send: fades it, then limits it.
   void shape(const Command& command, const State& state) noexcept {
     const SafetyLimits& limits = loop_.options_.limits;
     const double dt = first_ ? 0 : state.dt;
@@ -521,11 +523,11 @@ class ServoLoop::Session {
         scale = fade_.advance(1, dt, limits.soft_start);
         break;
       case Mode::releasing:
-        // Who asks for the end gets it, whatever the session's own fade is.
+        // A user's request to stop takes effect quickly, whatever the session's own fade is.
         scale = fade_.advance(0, dt, hurries_ ? std::min(limits.release, kLongestRelease) : limits.release);
         break;
       case Mode::fading:
-        // What the controller asks for is no longer trusted; what was last sent is, and it fades.
+        // The controller's force is no longer trusted. Fade the force that was sent last.
         if (!fault_wrench_) {
           fault_wrench_ = wrench_;
           fade_ = Ramp(1);
@@ -534,7 +536,7 @@ class ServoLoop::Session {
         asked = *fault_wrench_;
         break;
     }
-    // Where there is no motor nothing is asked for: it would use up the limit of the others.
+    // Request nothing on axes without a motor: it would use up the limit of the others.
     const DeviceInfo& device = loop_.device_.info();
     for (int axis = 0; axis < 3; ++axis) {
       const auto i = static_cast<std::size_t>(axis);
@@ -549,7 +551,7 @@ class ServoLoop::Session {
     if (torque.verdict == ForceLimiter::Verdict::continuous) tell_of_torque(torque, state.time_ns);
     if (const auto event = budget_.update(limiter_, norm_of(wrench_.force))) push_event(state.time_ns, *event);
     if (mode_ == Mode::running) {
-      // A force that reverses several times a second is no hand's doing: the loop sways.
+      // A force that reverses several times a second does not come from a hand: the loop oscillates.
       steady_ += std::min(dt / kSteadyTime, 1.0) * (wrench_.force - steady_);
       const bool steady = norm_of(steady_) > kSteadyShare * norm_of(wrench_.force);
       const bool held_back = (limiter_.holds_back(force) && steady) || torque_limiter_.holds_back(torque);
@@ -564,7 +566,7 @@ class ServoLoop::Session {
     }
   }
 
-  /// A fault that the loop itself finds: the last force fades, and the controller is not asked again.
+  /// Starts the end after a fault: the last force fades, and the loop stops calling the controller.
   void begin_fading(StopCause cause, const Command& command) noexcept {
     mode_ = Mode::fading;
     report_.cause = cause;
@@ -572,7 +574,7 @@ class ServoLoop::Session {
     stopped_.event.reset();
   }
 
-  /// The hand does not yield, and the controller does not want to push it for ever.
+  /// Reports a hand that does not yield, and ends the session when the controller's patience is over.
   void watch_resistance(ResistanceTimer::Verdict verdict, bool held_back, const Command& command,
                         std::int64_t time_ns) noexcept {
     if (verdict == ResistanceTimer::Verdict::none) return;
@@ -586,7 +588,7 @@ class ServoLoop::Session {
     push_event(time_ns, {.code = EventCode::resistance_limit, .values = {resistance_.count(), kNaN, kNaN}});
   }
 
-  /// Lets the guard see what is sent. A limit cuts feedforward and feedback alike.
+  /// Passes the sent force to the guard. A limit reduces feedforward and feedback alike.
   void watch_vibration(const Command& command, const Vec3& asked, double scale, const State& state) noexcept {
     Wrench feedback = wrench_;
     if (!command.feedforward.isZero(0)) {
@@ -608,7 +610,7 @@ class ServoLoop::Session {
     if (limited.verdict == ForceLimiter::Verdict::peak) {
       push_event(time_ns, {.code = EventCode::force_limit, .values = {limited.asked, limited.allowed, kNaN}});
     } else {
-      // Where the figure comes from is said once.
+      // Report the source of the limit only once.
       const double assumed = std::exchange(assumed_continuous_force_, kNaN);
       push_event(time_ns, {.code = EventCode::continuous_limit, .values = {limited.allowed, assumed, kNaN}});
     }
@@ -619,15 +621,15 @@ class ServoLoop::Session {
       push_event(time_ns, {.code = EventCode::continuous_limit, .values = {limited.allowed, kNaN, 1}});
   }
 
-  /// Whether a limit that binds at this tick was not reported for long enough; takes it as reported then.
+  /// Returns true if the last report of this limit is old enough, and then counts the limit as reported now.
   static bool is_time_to_tell(std::optional<std::int64_t>& told_ns, std::int64_t time_ns) noexcept {
     if (told_ns && time_ns - *told_ns < static_cast<std::int64_t>(1e9 * kEventSpacing)) return false;
     told_ns = time_ns;
     return true;
   }
 
-  /// Ends the session at this tick with zero force. A session that ends already for this cause, or for a limit, says
-  /// so once; only the loss of the device comes on top.
+  /// Ends the session at this tick with zero force. If the session already ends for this cause or for a limit, only the
+  /// loss of the device is reported in addition.
   void stop_now(StopCause cause, const Event& event, std::int64_t time_ns) noexcept {
     wrench_ = {};
     ended_ = true;
@@ -637,7 +639,7 @@ class ServoLoop::Session {
     push_event(time_ns, event);
   }
 
-  /// The row of this tick, to everyone who wants it.
+  /// Passes the sample of this tick to all sinks.
   void keep(const State& state, const Command& command, std::int64_t woke_ns) noexcept {
     const std::int64_t latency_ns = woke_ns - deadline_ns_;
     Sample sample;
@@ -673,8 +675,9 @@ class ServoLoop::Session {
     first_ = false;
   }
 
-  /// The first deadline that is still to come. Those that passed are missed, and one that follows a late tick at its
-  /// heels: they would see a device that had no time to move, and differentiate the position over microseconds.
+  /// Moves to the first deadline that is still to come, and counts those before it as missed. A tick right after a late
+  /// one is missed too: the device would have had no time to move, and the position would be differentiated over
+  /// microseconds.
   void schedule_next(std::int64_t woke_ns) noexcept {
     loop_.device_.between_ticks(loop_.options_.virtual_time);
     loop_.controller_.between_ticks(loop_.options_.virtual_time);
@@ -700,7 +703,7 @@ class ServoLoop::Session {
     for (SampleSink* sink : loop_.sinks_) sink->push(event);
   }
 
-  /// The force that leaves last. A device that is lost cannot be told; its own watchdog has to.
+  /// Sends the last force of the session. A lost device does not receive it; its own watchdog must act.
   void send_zero() noexcept {
     wrench_ = {};
     (void)exchange(wrench_, 0);
@@ -712,9 +715,9 @@ class ServoLoop::Session {
   static constexpr std::int64_t kSilentPeriods = 5;
 
   const std::int64_t period_ns_, stale_after_ns_;
-  const Vec3 centre_;      ///< of the workspace [m]
-  const double farthest_;  ///< from there that a position can be [m]
-  bool takes_torque_;      ///< the device, about some axis
+  const Vec3 centre_;      ///< centre of the workspace [m]
+  const double farthest_;  ///< largest distance of a valid position from there [m]
+  bool takes_torque_;      ///< the device takes a torque about some axis
   ForceLimiter limiter_, torque_limiter_;
   MotorBudget budget_;
   ResistanceTimer resistance_;
@@ -726,37 +729,37 @@ class ServoLoop::Session {
   bool first_ = true;
   std::uint64_t tick_ = 0;
   std::int64_t start_ns_ = 0, deadline_ns_ = 0;
-  std::int64_t last_ns_ = 0;                  ///< when the last tick woke
-  std::optional<std::int64_t> exchanged_ns_;  ///< the tick of the last exchange
-  std::optional<std::int64_t> updated_ns_;    ///< the tick of the last fresh state
-  std::int64_t begun_ns_ = 0;                 ///< the first tick
-  std::int64_t taken_ns_ = 0;                 ///< when that state was taken
-  std::uint64_t sequence_ = 0;                ///< of that state
-  double silence_ = 0;                        ///< without a fresh state, as far as ticks ran [s]
-  double sparse_ = 0, last_gap_ = 0;          ///< time in gaps beyond that between them, and the last gap [s]
-  std::optional<double> sparse_gap_;          ///< between samples, where that ended the session [s]
-  bool stale_ = false;                        ///< for so long that the force fades
-  Wrench stale_wrench_;                       ///< from which it fades
+  std::int64_t last_ns_ = 0;                  ///< wake-up of the last tick
+  std::optional<std::int64_t> exchanged_ns_;  ///< tick of the last exchange
+  std::optional<std::int64_t> updated_ns_;    ///< tick of the last fresh state
+  std::int64_t begun_ns_ = 0;                 ///< first tick
+  std::int64_t taken_ns_ = 0;                 ///< time at which the device took that state
+  std::uint64_t sequence_ = 0;                ///< sequence number of that state
+  double silence_ = 0;                        ///< time without a fresh state while ticks ran [s]
+  double sparse_ = 0, last_gap_ = 0;          ///< time in gaps beyond the time between them, and the last gap [s]
+  std::optional<double> sparse_gap_;          ///< gap between samples that ended the session [s]
+  bool stale_ = false;                        ///< no fresh state for so long that the force fades
+  Wrench stale_wrench_;                       ///< force from which it fades
   Ramp stale_fade_{1};
-  std::optional<std::int64_t> away_since_ns_;  ///< the first tick without the device
-  double waited_in_vain_ = 0;                  ///< for a device that is away [s]
-  bool answers_ = false;                       ///< although it is away: it is not ready
-  bool silent_ = false;                        ///< it answers, but with the same state
+  std::optional<std::int64_t> away_since_ns_;  ///< first tick without the device
+  double waited_in_vain_ = 0;                  ///< time that the loop waited for a device that stayed away [s]
+  bool answers_ = false;                       ///< the device answers again, but is not ready
+  bool silent_ = false;                        ///< the device answers, but with the same state
   RestWatch rest_;
-  bool moves_ = false;    ///< although it is ready
-  bool resumes_ = false;  ///< at this tick
-  bool hurries_ = false;  ///< who asked for the end, before it or while the force fades
+  bool moves_ = false;    ///< the handle moves, although the device is ready
+  bool resumes_ = false;  ///< the controller resumes at this tick
+  bool hurries_ = false;  ///< the user asked for the end, before it or during the fade
   std::optional<Event> fault_;
   DeviceState device_state_;
-  Wrench wrench_;                               ///< to be sent at the next exchange
-  Wrench acting_;                               ///< that was sent at the last one
-  Vec3 steady_ = Vec3::Zero();                  ///< the force that was sent, low-passed [N]
-  Vec3 position_ = nan3(), velocity_ = nan3();  ///< of the last fresh state
-  double took_ = kNaN;                          ///< the exchange of this tick, when it was longer than a period [s]
+  Wrench wrench_;                               ///< wrench for the next exchange
+  Wrench acting_;                               ///< wrench of the last exchange
+  Vec3 steady_ = Vec3::Zero();                  ///< sent force after a low pass [N]
+  Vec3 position_ = nan3(), velocity_ = nan3();  ///< position and velocity of the last fresh state
+  double took_ = kNaN;  ///< duration of this tick's exchange, if it was longer than a period [s]
   Ramp fade_;
-  std::optional<Wrench> fault_wrench_;  ///< the last that was sent before it
-  Command stopped_;                     ///< the controller's last answer, once it stopped the session
-  std::optional<std::int64_t> force_told_ns_, torque_told_ns_;  ///< when a limit that binds was last reported
+  std::optional<Wrench> fault_wrench_;  ///< last wrench before the fault
+  Command stopped_;                     ///< the controller's last answer, after it stopped the session
+  std::optional<std::int64_t> force_told_ns_, torque_told_ns_;  ///< last reports of a limit that binds
   double assumed_continuous_force_ = loop_.assumed_continuous_force_ > 0 ? loop_.assumed_continuous_force_ : kNaN;
 };
 

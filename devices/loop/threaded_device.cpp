@@ -17,15 +17,15 @@
 namespace haptrace {
 namespace {
 
-constexpr double kFirstAnswer = 1;                   // how long to wait for it [s]
+constexpr double kFirstAnswer = 1;                   // longest wait for the first answer [s]
 constexpr double kLongestWatch = 1;                  // [s]
-constexpr std::chrono::milliseconds kOwnRounds{10};  // apart, while nobody exchanges
-constexpr double kLongestRound = 0.04;               // what lasts longer is a process that stood still [s]
-constexpr int kDoubtful = 2;                         // answers after it: they may have been on their way before
-constexpr double kLongestGoodbye = 2;                // of a driver [s]
-constexpr double kZeroAnswer = 0.2;                  // how long to wait for the answer to zero force [s]
-constexpr double kEmergencyRelease = 0.1;            // where a driver still does its rounds, it ends within that [s]
-constexpr std::chrono::milliseconds kLook{1};        // between two looks at what another thread does
+constexpr std::chrono::milliseconds kOwnRounds{10};  // time between rounds without an exchange
+constexpr double kLongestRound = 0.04;               // a longer round means that the process stood still [s]
+constexpr int kDoubtful = 2;  // answers to discard after such a round: they may have been on their way before it
+constexpr double kLongestGoodbye = 2;          // longest wait for a driver's release [s]
+constexpr double kZeroAnswer = 0.2;            // longest wait for the answer to zero force [s]
+constexpr double kEmergencyRelease = 0.1;      // a driver that still runs its rounds ends within this time [s]
+constexpr std::chrono::milliseconds kLook{1};  // polling interval for another thread's state
 
 double since(std::int64_t ns) {
   return 1e-9 * static_cast<double>(monotonic_ns() - ns);
@@ -33,7 +33,7 @@ double since(std::int64_t ns) {
 
 }  // namespace
 
-/// The driver, and what its thread shares with the tick.
+/// The driver, and the state that its thread shares with the tick.
 class ThreadedDevice::Rounds {
  public:
   explicit Rounds(std::unique_ptr<DeviceDriver> driver) : driver_(std::move(driver)) {}
@@ -42,19 +42,19 @@ class ThreadedDevice::Rounds {
   [[nodiscard]] bool is_lost() const noexcept { return lost_.load(std::memory_order_relaxed); }
 
   void first_answer();
-  void run() noexcept;  ///< until it ends or is lost; then the driver is released
+  void run() noexcept;  ///< runs until end() or a loss, then releases the driver
   void end() noexcept;
 
   void order(const Wrench& wrench, std::int64_t until_ns) noexcept;
   void take(DeviceState& state) noexcept;
 
-  /// What the release said, once it is done.
+  /// Returns the result of the release, once it is done.
   [[nodiscard]] std::optional<ZeroForce> released() const noexcept {
     return released_.load(std::memory_order_acquire) ? std::optional(release_) : std::nullopt;
   }
-  /// Asks for a round now, and waits until it is answered, or the driver is released.
+  /// Requests a round now and waits until the device answers it or the driver is released.
   [[nodiscard]] ZeroForce await_zero() noexcept;
-  /// Waits for the release, `seconds` at most.
+  /// Waits at most `seconds` for the release.
   [[nodiscard]] std::optional<ZeroForce> await_release(double seconds) const noexcept;
 
   [[nodiscard]] std::string why_lost() const {
@@ -62,29 +62,29 @@ class ThreadedDevice::Rounds {
     return why_;
   }
 
-  RealtimeStatus realtime;  ///< set before `started`
+  RealtimeStatus realtime;  ///< written before `started` is released
   std::binary_semaphore started{0};
 
  private:
   struct Order {
     Wrench wrench;
-    std::int64_t until_ns = 0;  ///< afterwards it is none
+    std::int64_t until_ns = 0;  ///< the wrench is void after this time
   };
   struct Answer {
     DeviceState state;
-    std::int64_t taken_ns = 0;  ///< when it came, on the monotonic clock
+    std::int64_t taken_ns = 0;  ///< arrival of the answer, on the monotonic clock
   };
 
   void post(Answer& answer);
   void lose(const std::string& why) noexcept;
 
-  std::unique_ptr<DeviceDriver> driver_;  ///< the thread's, while it runs
+  std::unique_ptr<DeviceDriver> driver_;  ///< owned by the thread while it runs
   Mailbox<Order> order_;
   Mailbox<Answer> answer_;
   std::counting_semaphore<> wake_{0};  ///< released by every exchange
   std::atomic<bool> ending_{false}, lost_{false}, released_{false};
-  std::atomic<bool> holds_{false};          ///< a force that was sent, and no answer to zero force since
-  std::atomic<std::int64_t> zeroed_ns_{0};  ///< when the last round with zero force began that was answered
+  std::atomic<bool> holds_{false};          ///< a force was sent, and no zero force was answered since
+  std::atomic<std::int64_t> zeroed_ns_{0};  ///< start of the last answered round with zero force
   ZeroForce release_ = ZeroForce::failed;   ///< written before released_
   mutable std::mutex reason_;               ///< guards why_; never taken in exchange
   std::string why_ = "the device stopped answering";
@@ -124,14 +124,14 @@ void ThreadedDevice::Rounds::take(DeviceState& state) noexcept {
 void ThreadedDevice::Rounds::run() noexcept {
   const FlushDenormals flush;
   Answer answer;
-  double silence = 0;  // without an answer [s]
-  int doubtful = 0;    // answers that are still to come and are not taken
+  double silence = 0;  // time without an answer [s]
+  int doubtful = 0;    // number of the next answers to discard
   std::int64_t round_ns = monotonic_ns();
   try {
     while (!ending_) {
       (void)wake_.try_acquire_for(kOwnRounds);
       while (wake_.try_acquire()) {
-        // Ticks that came while a round lasted are answered by the next, with the newest wrench.
+        // Ticks during a round are answered by the next round, with the newest wrench.
       }
       const Order& order = order_.latest();
       const std::int64_t began_ns = monotonic_ns();

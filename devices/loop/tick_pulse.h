@@ -1,4 +1,4 @@
-// Where a servo thread is.
+// The current place of a servo thread.
 #pragma once
 
 #include <atomic>
@@ -6,9 +6,9 @@
 
 namespace haptrace {
 
-/// Tells another thread whether ticks go on, and in whose hands a tick is that does not.
+/// Tells another thread whether ticks continue and, if one hangs, where it hangs.
 ///
-/// Threads: at() in the servo thread alone, the others in any. Real-time: a store.
+/// Threads: at() in the servo thread only, the others in any thread. Real-time: one store.
 class TickPulse {
  public:
   enum class Place : std::uint8_t { outside, device, controller, sinks };
@@ -18,7 +18,7 @@ class TickPulse {
     beat_.store(count_ | static_cast<std::uint64_t>(place), std::memory_order_relaxed);
   }
 
-  /// Differs whenever at() was called meanwhile.
+  /// Returns a value that changes with every call of at().
   [[nodiscard]] std::uint64_t beat() const noexcept { return beat_.load(std::memory_order_relaxed); }
   [[nodiscard]] static Place place_of(std::uint64_t beat) noexcept { return static_cast<Place>(beat % kPlaces); }
 

@@ -18,22 +18,22 @@ namespace {
 
 constexpr std::chrono::milliseconds kWakeUp{50};
 constexpr int kPatientWakeUps = 10;    // Watchdog::kPatience
-constexpr double kLongestStop = 0.3;   // of a device [s]
-constexpr double kLongestEnd = 3;      // of a session whose ticks go on [s]
-constexpr double kLongestKeep = 5;     // of a recording [s]
-constexpr double kLongestTelling = 1;  // of words [s]
+constexpr double kLongestStop = 0.3;   // longest stop of a device [s]
+constexpr double kLongestEnd = 3;      // longest end of a session whose ticks continue [s]
+constexpr double kLongestKeep = 5;     // longest completion of a recording [s]
+constexpr double kLongestTelling = 1;  // longest report of the last words [s]
 constexpr std::size_t kSignalStack = 64 * 1024;
-constexpr int kExitStopped = 1, kExitNoDevice = 3;  // of the command
+constexpr int kExitStopped = 1, kExitNoDevice = 3;  // exit codes of the command
 
-// What a signal handler leaves for a watchdog: plain atomics, which a handler may use.
+// State that a signal handler leaves for a watchdog: plain atomics, which a handler may use.
 constexpr int kExited = -1;
 std::atomic<int> crash_signal{0};  // kExited: exit() was called
 std::atomic<const char*> crash_in{nullptr};
-std::atomic<int> sessions{0};  // that are watched
+std::atomic<int> sessions{0};  // number of watched sessions
 std::atomic<bool> watches_crashes{false};
 std::atomic<pid_t> watched_process{0};
 thread_local const char* foreign_code = nullptr;
-thread_local bool can_be_left = false;  // the thread, where it is
+thread_local bool can_be_left = false;  // the thread may be held for ever where it is
 thread_local bool is_watchdog = false;
 
 TellLastWords& last_words() {
@@ -60,7 +60,7 @@ const char* crash_name(int signal) noexcept {
   }
 }
 
-/// Leaves the rest to a watchdog, for ever, if there is one.
+/// Holds the calling thread for ever and leaves the rest to a watchdog. Returns if there is none.
 void hold_for_watchdog(int what) noexcept {
   if (is_watchdog || sessions.load() == 0) return;
   int none = 0;
@@ -68,14 +68,14 @@ void hold_for_watchdog(int what) noexcept {
   while (true) ::pause();
 }
 
-/// Without a session there is nobody to leave it to; in a signal handler there are only the plainest calls.
+/// Reports foreign code when there is no session. Uses only calls that are safe in a signal handler.
 void say_of_foreign_code(int what) noexcept {
   if (foreign_code == nullptr) return;
   for (const char* part : {"haptrace: ", foreign_code, " ", crash_name(what), "\n"})
     if (::write(STDERR_FILENO, part, std::strlen(part)) < 0) return;
 }
 
-/// Holds a thread for which nobody waits for ever: the session ends as if the call had not returned.
+/// Holds a loose thread for ever: the session ends as if the call had not returned.
 void leave_thread() noexcept {
   while (can_be_left) ::pause();
 }
@@ -148,7 +148,7 @@ class Watchdog::Thread {
     end(what, session_ends() ? zero_force() : stop_device(), code);
   }
 
-  /// Whether ticks go on, and the session is over soon after it was asked to.
+  /// Asks the session to stop. Returns true if its ticks continue and it ends soon.
   [[nodiscard]] bool session_ends() {
     session_.stop.raise();
     const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(kLongestEnd);

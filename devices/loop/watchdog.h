@@ -1,4 +1,4 @@
-// Who ends a session whose tick does not return, or whose process crashes.
+// A watchdog that ends a session if a tick does not return or the process crashes.
 #pragma once
 
 #include "devices/loop/servo_loop.h"
@@ -12,14 +12,14 @@
 
 namespace haptrace {
 
-/// Looks after a session from a thread of its own. When a tick has not returned for kPatience, or the process crashed
-/// or was asked to exit in the middle of it (CrashWatch), it stops the device (Device::emergency_stop), lets the
-/// recording be made whole, says what happened, and ends the process: the thread that hangs cannot be ended, and what
-/// it uses cannot be let go of. Where only another thread crashed, the session's own end takes the force away first.
+/// Watches a session from its own thread. It acts if a tick has not returned for kPatience, or if the process crashed
+/// or was asked to exit during the session (CrashWatch). It stops the device (Device::emergency_stop), completes the
+/// recording, reports the cause, and ends the process: a thread that hangs cannot be ended, and its resources cannot be
+/// released. If only another thread crashed, the session's own end takes the force away first.
 ///
-/// Patience is counted in its own wake-ups, so that time in which the whole process was stopped does not count.
+/// Patience is counted in the watchdog's own wake-ups: time in which the whole process was stopped does not count.
 ///
-/// Threads: made and destroyed in one thread. Nothing of it is in the tick.
+/// Threads: constructed and destroyed in one thread. No part of it runs in the tick.
 class Watchdog {
  public:
   static constexpr double kPatience = 0.5;  ///< [s]
@@ -28,10 +28,10 @@ class Watchdog {
     const TickPulse& pulse;
     Device& device;
     StopRequest& stop;
-    /// Makes the recording whole and keeps these words in it; empty: there is none. Called in another thread while the
-    /// session's own may be anywhere; what it needs lives as long as the process.
+    /// Completes the recording and stores these words in it; empty if there is no recording. Called in another thread
+    /// while the session's thread may be anywhere. Everything it needs must live as long as the process.
     std::function<void(const std::string& words)> keep;
-    bool realtime = false;  ///< ask for a priority above the servo thread's
+    bool realtime = false;  ///< request a priority above the servo thread's
   };
 
   explicit Watchdog(Session session);
@@ -44,14 +44,14 @@ class Watchdog {
   std::unique_ptr<Thread> thread_;
 };
 
-/// Prints the last words of the process before such an end, given the state of the force and the exit code of the
-/// command. The default prints a line on standard error. Called once, in a thread of its own.
+/// Prints the last words of the process before such an end, given the state of the force and the command's exit code.
+/// The default prints a line on standard error. Called once, in its own thread.
 using TellLastWords = std::function<void(const std::string& words, ZeroForce zero, int exit_code)>;
 void tell_last_words_with(TellLastWords tell);
 
-/// From its construction to its end, a crash (SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT) or a call of exit() during a
-/// session does not end the process with a force in the motors: the thread is held where it is, and a Watchdog ends the
-/// session. Without a session it ends the process as ever, after words about code that is not ours. One at a time.
+/// Catches a crash (SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT) or a call of exit() during its lifetime, so that no force
+/// stays in the motors. During a session, it holds the thread where it is, and a Watchdog ends the session. Without a
+/// session, the process ends as usual, after a message if foreign code caused the end. Only one may exist at a time.
 class CrashWatch {
  public:
   CrashWatch();
@@ -60,14 +60,14 @@ class CrashWatch {
   CrashWatch& operator=(const CrashWatch&) = delete;
 
  private:
-  std::vector<std::pair<int, struct sigaction>> before_;  ///< to restore
+  std::vector<std::pair<int, struct sigaction>> before_;  ///< handlers to restore
 };
 
-/// For a program that has _exit() and _Exit() call it first: where code that is not ours (ForeignCall) asks for an end
-/// without exit handlers, does what CrashWatch does for exit(). Returns elsewhere, and in processes that were forked.
+/// Does for _exit() and _Exit() what CrashWatch does for exit(): a program that defines them calls this first. Acts
+/// only in foreign code (ForeignCall); returns elsewhere, and in forked processes.
 void end_foreign_exit() noexcept;
 
-/// A stack of its own for the signals of the thread that makes it: one whose stack is used up can say so.
+/// Gives the thread that constructs it an alternate signal stack, so that a stack overflow can still be reported.
 class SignalStack {
  public:
   SignalStack();
@@ -79,13 +79,14 @@ class SignalStack {
   std::unique_ptr<char[]> memory_;
 };
 
-/// While it is, this thread runs code that is not ours: `name`, which outlives it, stands in the words about a crash.
+/// Marks this thread as running foreign code during its lifetime. The report of a crash contains `name`, which must
+/// outlive it.
 ///
 /// Real-time: four stores.
 class ForeignCall {
  public:
-  /// A loose thread (LooseThread) is waited for with a bound. A crash or exit() in it outside a session is reported,
-  /// and the thread is held; it does not end the process.
+  /// The caller waits for a loose thread (LooseThread) with a time limit. A crash or exit() in it outside a session is
+  /// reported and holds the thread; it does not end the process.
   enum class Thread { waited_for, loose };
 
   explicit ForeignCall(const char* name, Thread thread = Thread::waited_for) noexcept;
