@@ -1,4 +1,4 @@
-// Commands on their way to the motors.
+// A delay line for motor commands.
 #pragma once
 
 #include "base/types.h"
@@ -9,14 +9,14 @@
 
 namespace haptrace {
 
-/// Holds each command back for a fixed time. Of commands given at one instant the last counts.
+/// Delays each command by a fixed time. If several commands are given at one instant, the last one counts.
 ///
-/// Allocates when constructed only.
+/// Allocates only when constructed.
 class DelayLine {
  public:
   static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
-  /// With room for a command every 50 us; when they come faster, the newest replaces the one before.
+  /// Has room for one command every 50 us. If commands come faster, the newest replaces the previous one.
   explicit DelayLine(std::int64_t delay_ns)
       : delay_(delay_ns), ring_(static_cast<std::size_t>(delay_ns / 50'000 + 2)) {}
 
@@ -26,7 +26,7 @@ class DelayLine {
     arrive(now);
   }
 
-  /// When the output changes next.
+  /// Returns the time at which the output changes next [ns], or kNever.
   [[nodiscard]] std::int64_t next() const noexcept { return count_ > 0 ? ring_[first_].due : kNever; }
 
   void arrive(std::int64_t now) noexcept {

@@ -22,10 +22,10 @@ constexpr EnumNames<Integrator, 6> kIntegrators{"integrator",
 
 using Square = decltype(LinearStep::phi);
 constexpr int kMostRows = 3 * LinearBodies::kMost;
-/// Of q, v and the held f together.
+/// Matrix over q, v and the held f.
 using Augmented = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostRows, kMostRows>;
 
-/// Of one type for all, since Eigen's solver is compiled anew for every other, for 16 s each.
+/// Takes one type for all matrices, because Eigen's solver takes 16 s to compile for every type.
 auto eigenvalues_of(const Square& matrix) {
   return matrix.eigenvalues().eval();
 }
@@ -34,12 +34,12 @@ LinearBodies::Matrix over_mass(const LinearBodies& bodies, const LinearBodies::M
   return bodies.inverse_mass.asDiagonal() * m;
 }
 
-/// About the fastest natural frequency; 0: there is no spring [rad/s].
+/// Estimates the fastest natural frequency [rad/s]; 0 without a spring.
 double frequency_scale(const LinearBodies& bodies) {
   return std::sqrt(over_mass(bodies, bodies.stiffness).cwiseAbs().rowwise().sum().maxCoeff());
 }
 
-/// sum over k = 1 ... terms of X^k / k!
+/// Returns the sum over k = 1 ... terms of X^k / k!
 Augmented exponential_series(const Augmented& x, int terms) {
   const Augmented one = Augmented::Identity(x.rows(), x.cols());
   Augmented sum = one;
@@ -47,8 +47,8 @@ Augmented exponential_series(const Augmented& x, int terms) {
   return x * sum;
 }
 
-/// exp(X) - 1. Squared as what it lacks of 1, (1 + E)^2 = 1 + (2 E + E^2): the slow mode of a stiff body, all of it in
-/// E, would drown in 1 + E, and Eigen's exp() lets it.
+/// Returns exp(X) - 1. Squares this difference from 1, (1 + E)^2 = 1 + (2 E + E^2): the slow mode of a stiff body lies
+/// entirely in E and would be lost to rounding in 1 + E, as it is in Eigen's exp().
 Augmented exponential_less_one(Augmented x) {
   constexpr double kSmall = 0.25;
   constexpr int kTerms = 12;  // 0.25^13 / 13! is below a double's last digit
@@ -60,10 +60,10 @@ Augmented exponential_less_one(Augmented x) {
   return e;
 }
 
-/// The methods that are a part of the exponential's series: Euler, Runge-Kutta, exact.
+/// Computes the step of a method from the exponential's series: Euler, Runge-Kutta, exact.
 template <class Series>
 LinearStep by_series(const LinearBodies& bodies, double h, const Series& series) {
-  // In units of velocity in which the matrix is balanced.
+  // Use units of velocity in which the matrix is balanced.
   const int n = bodies.size();
   const double frequency = frequency_scale(bodies), unit = frequency > 0 ? frequency : 1 / h;
   Augmented x = Augmented::Zero(3 * n, 3 * n);
@@ -80,14 +80,14 @@ LinearStep by_series(const LinearBodies& bodies, double h, const Series& series)
   return step;
 }
 
-/// The methods that move the positions with the new velocity or with the one half-way: v' from x, v and f in rows of
-/// [q v f], and x' = x + h (of what `drift` says).
+/// Computes the step of a method that moves the positions with the new velocity or with the half-step velocity. The
+/// rows of the matrices are over [q v f].
 LinearStep by_kicks(Integrator integrator, const LinearBodies& bodies, double h) {
   using Row = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, LinearBodies::kMost, kMostRows>;
   const int n = bodies.size();
   const LinearBodies::Matrix one = LinearBodies::Matrix::Identity(n, n), k = over_mass(bodies, bodies.stiffness),
                              b = over_mass(bodies, bodies.damping), w = bodies.inverse_mass.asDiagonal();
-  Row q = Row::Zero(n, 3 * n), v = Row::Zero(n, 3 * n), f = Row::Zero(n, 3 * n);  // of the state before
+  Row q = Row::Zero(n, 3 * n), v = Row::Zero(n, 3 * n), f = Row::Zero(n, 3 * n);  // the old state
   q.leftCols(n) = one;
   v.middleCols(n, n) = one;
   f.rightCols(n) = w;
@@ -113,7 +113,7 @@ LinearStep by_kicks(Integrator integrator, const LinearBodies& bodies, double h)
   return step;
 }
 
-/// [0 1; sign W K, sign W B], in units of velocity in which it is balanced.
+/// Returns [0 1; sign W K, sign W B], in units of velocity in which it is balanced.
 Square companion(const LinearBodies& bodies, double sign) {
   const int n = bodies.size();
   const double frequency = frequency_scale(bodies), unit = frequency > 0 ? frequency : 1;
@@ -124,7 +124,7 @@ Square companion(const LinearBodies& bodies, double sign) {
   return matrix;
 }
 
-/// The eigenvalues of q'' = -W (B q' + K q) [1/s].
+/// Returns the eigenvalues of q'' = -W (B q' + K q) [1/s].
 std::vector<std::complex<double>> decay_rates(const LinearBodies& bodies) {
   const int n = bodies.size();
   if (n == 1) {
@@ -138,14 +138,14 @@ std::vector<std::complex<double>> decay_rates(const LinearBodies& bodies) {
   return {found.begin(), found.end()};
 }
 
-/// The largest h at which |1 + z + ... + z^4 / 24| <= 1 for z = h `rate`.
+/// Returns the largest h at which |1 + z + ... + z^4 / 24| <= 1 for z = h `rate`.
 double runge_kutta_limit(const std::complex<double>& rate) {
   const std::complex<double> direction = rate / std::abs(rate);
   const auto grows = [&](double r) {
     const std::complex<double> z = r * direction;
     return std::abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0)))) > 1;
   };
-  // Every ray of the left half-plane leaves the region of stability once, between these.
+  // Every ray of the left half-plane leaves the stability region once, between these radii.
   double stable = 2.5, unstable = 4;
   while (unstable - stable > 1e-14 * unstable) {
     const double middle = 0.5 * (stable + unstable);
@@ -159,15 +159,16 @@ double euler_limit(const std::complex<double>& rate) {
   return std::max(0.0, -2 * rate.real() / std::norm(rate));
 }
 
-/// `reach` / `rate` [s]; infinity for what has no rate.
+/// Returns `reach` / `rate` [s], or infinity if the rate is not positive.
 double time_of(double reach, double rate) {
   return rate > 0 ? reach / rate : std::numeric_limits<double>::infinity();
 }
 
-/// Of the methods that are functions of the eigenvalues.
+/// Returns the least limit over all eigenvalues, for methods whose limit is a function of an eigenvalue.
 template <class Limit>
 double least_limit(const LinearBodies& bodies, const Limit& limit) {
-  // Of the largest. What is held or rolls freely has two rates of none, to the root of a double's last digit.
+  // Relative to the largest rate. A body that is held or rolls freely has two rates of zero, which the solver finds
+  // only to the square root of a double's precision.
   constexpr double kRounding = 1e-6;
   const auto rates = decay_rates(bodies);
   double largest = 0, least = std::numeric_limits<double>::infinity();
@@ -218,7 +219,7 @@ LinearStep linear_step(Integrator integrator, const LinearBodies& bodies, double
 }
 
 double spectral_radius(const LinearStep& step) {
-  // Balanced: in units of velocity in which both are as large in the other's equations.
+  // Balance the matrix: choose the unit of velocity that makes both off-diagonal blocks equally large.
   const Eigen::Index n = step.phi.rows() / 2;
   const double of_v = step.phi.bottomLeftCorner(n, n).cwiseAbs().maxCoeff(),
                of_q = step.phi.topRightCorner(n, n).cwiseAbs().maxCoeff();

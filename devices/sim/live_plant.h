@@ -1,4 +1,4 @@
-// A simulated device in real time: what an emulated device puts its encoders and motors on.
+// A simulated device in real time, as the mechanism of an emulated device.
 #pragma once
 
 #include "devices/sim/sim_device.h"
@@ -10,16 +10,18 @@
 
 namespace haptrace {
 
+/// The mechanism that an emulated device connects its encoders and motors to.
+///
 /// Threads: one at a time.
 class LivePlant {
  public:
   explicit LivePlant(std::unique_ptr<SimDevice> plant) : plant_(std::move(plant)) {}
 
-  /// Moves on to `now_ns` of any clock that does not go back, under the force applied last. The first call only says
-  /// what time it is; time beyond a tenth of a second, as after a suspend, passes without motion.
+  /// Advances to `now_ns` of any clock that does not go back, under the force applied last. The first call only sets
+  /// the time. At most 0.1 s passes per call; the rest, as after a suspend, passes without motion.
   void advance_to(std::int64_t now_ns) noexcept;
 
-  /// Force of the motors on the hand from now on, in W [N].
+  /// Sets the force of the motors on the hand from now on, in W [N].
   void apply(const Vec3& force) noexcept { force_ = force; }
 
   [[nodiscard]] const DeviceInfo& info() const noexcept { return plant_->info(); }
@@ -32,15 +34,15 @@ class LivePlant {
   std::int64_t now_ns_ = -1;
 };
 
-/// Whether `device` has emulated=true. Throws Error(input) when it has anything but true or false, or has options of
-/// the plant without being emulated.
+/// Returns true if `device` has emulated=true. Throws Error(input) if the value is neither true nor false, or if the
+/// device has options of the plant without being emulated.
 bool is_emulated(const DeviceSpec& device);
 
-/// The plant of an emulated device: `preset` unless the options of `sim` that `device` has say otherwise.
-/// Throws Error(input).
+/// Opens the plant of an emulated device: `preset`, modified by the options of `sim` that `device` has. Throws
+/// Error(input).
 LivePlant open_live_plant(const DeviceSpec& device, const std::string& preset);
 
-/// `emulated`, and the options of `sim`: what a backend that can be emulated understands besides its own.
+/// Returns `emulated` and the options of `sim`, for a backend that can be emulated.
 std::vector<DeviceBackend::Option> emulated_options();
 
 }  // namespace haptrace

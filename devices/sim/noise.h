@@ -9,12 +9,12 @@
 
 namespace haptrace {
 
-/// Even bits: SplitMix64 (Steele, Lea and Flood 2014).
+/// Generator of uniform bits: SplitMix64 (Steele, Lea and Flood 2014).
 ///
 /// Real-time safe.
 class SplitMix64 {
  public:
-  /// Equal seeds with different `stream` are independent.
+  /// Generators with equal seeds and different `stream` are independent.
   SplitMix64(std::uint64_t seed, std::uint64_t stream) noexcept : state_(seed) { state_ = next() + stream * kGamma2; }
 
   std::uint64_t next() noexcept {
@@ -24,10 +24,10 @@ class SplitMix64 {
     return z ^ (z >> 31);
   }
 
-  /// In [-1, 1).
+  /// Returns a uniform number in [-1, 1).
   double symmetric() noexcept { return static_cast<double>(static_cast<std::int64_t>(next())) * 0x1p-63; }
 
-  /// In [low, high].
+  /// Returns a uniform number in [low, high].
   double between(double low, double high) noexcept {
     return low + (high - low) * (static_cast<double>(next() >> 11) * 0x1p-53);
   }
@@ -38,12 +38,12 @@ class SplitMix64 {
   std::uint64_t state_;
 };
 
-/// Normal deviates of variance 1, by Marsaglia's polar method (1964).
+/// Generator of normal deviates of variance 1, by Marsaglia's polar method (1964).
 ///
 /// Real-time safe.
 class Gaussian {
  public:
-  /// Equal seeds with different `stream` are independent.
+  /// Generators with equal seeds and different `stream` are independent.
   Gaussian(std::uint64_t seed, std::uint64_t stream) noexcept : bits_(seed, stream) {}
 
   double operator()() noexcept {
@@ -74,8 +74,8 @@ class Gaussian {
   bool has_spare_ = false;
 };
 
-/// White noise through a filter of two equal two-pole sections, three axes at once, starting at rest. It is scaled to
-/// the rms it was asked for.
+/// White noise through two equal two-pole filter sections, on three axes, starting at rest. It is scaled to the
+/// requested rms.
 ///
 /// Real-time safe after construction.
 class ColouredNoise {
@@ -86,7 +86,7 @@ class ColouredNoise {
     return {rms, {half, 2 * half, half}, {1 + alpha, -2 * std::cos(w), 1 - alpha}};
   }
 
-  /// The -3 dB edges of one section are the band's.
+  /// Sets the -3 dB edges of one section to those of the band.
   static ColouredNoise band_pass(double rms, double low_hz, double high_hz, double rate_hz) {
     const double center_hz = std::sqrt(low_hz * high_hz);
     const double w = 2 * std::numbers::pi * center_hz / rate_hz,
@@ -103,7 +103,7 @@ class ColouredNoise {
 
   ColouredNoise(double rms, const Vec3& b, const Vec3& a) : b_(b / a[0]), a_(a / a[0]) {
     if (rms == 0) return;
-    // The variance of filtered white noise is the energy of the impulse response, which is over by then.
+    // The variance of filtered white noise is the energy of the impulse response, which has decayed by then.
     constexpr int kLongest = 5000;
     double energy = 0;
     for (int i = 0; i < kLongest; ++i) {

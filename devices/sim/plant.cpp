@@ -12,15 +12,16 @@ namespace {
 
 constexpr double kWallStiffness = 2e4;  // [N/m]
 
-// Largest step times natural frequency, or times damping over mass: keeps a spring's period within half a per cent.
+// Largest step times natural frequency, or times damping over mass. Keeps a spring's period accurate to half a per
+// cent.
 constexpr double kFinest = 0.3;
 
-// Of the limit of an integrator by matrices. There a force held over the step still moves a body along itself: of the
-// fastest mode, less than half a period is in a step.
+// Share of the stability limit for an integrator by matrices. With it, a force held over the step still moves a body in
+// its own direction: a step contains less than half a period of the fastest mode.
 constexpr double kPartOfLimit = 0.8;
 
 constexpr double kShortestStep = 1e-9;  // [s]
-constexpr std::size_t kStepsKnown = 4;  // a period is cut up by a delay and by what the hand decides
+constexpr std::size_t kStepsKnown = 4;  // the delay and the hand's decisions divide a period
 
 Eigen::Matrix3d rotation_matrix(const Vec3& vector) {
   const double angle = vector.norm();
@@ -28,7 +29,7 @@ Eigen::Matrix3d rotation_matrix(const Vec3& vector) {
   return Eigen::AngleAxisd(angle, vector / angle).toRotationMatrix();
 }
 
-/// A spring's stretch with `half` a gap of play on each side.
+/// Returns a spring's stretch beyond a backlash of `half` on each side.
 Vec3 beyond_play(const Vec3& stretch, double half) {
   return stretch - stretch.cwiseMax(-half).cwiseMin(half);
 }
@@ -104,7 +105,7 @@ Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double
   advance_ = choose(friction, structure_, spec.hand.has_value(), by_matrices);
 }
 
-/// No less than the stiffness of what acts by position [N/m].
+/// Returns an upper bound of the stiffness of the position-dependent forces [N/m].
 Vec3 Plant::field_stiffness() const {
   return Vec3::Constant(gradient_.cwiseAbs().rowwise().sum().maxCoeff()) + cogging_ * cogging_wave_number_;
 }
@@ -115,7 +116,7 @@ double Plant::accurate_step() const {
   const Vec3 arm_k = Vec3::Constant(arm_stiffness_ + intent_stiffness_);
   const Vec3 arm_b = Vec3::Constant(arm_damping_ + intent_damping_);
 
-  // Gershgorin: no eigenvalue exceeds twice a body's stiffness (damping) over its mass.
+  // Gershgorin: no eigenvalue exceeds twice a body's stiffness (or damping) over its mass.
   const auto step = [](const Vec3& inverse_mass, const Vec3& stiffness, const Vec3& damping) {
     const double rate_squared = 2 * inverse_mass.cwiseProduct(stiffness).maxCoeff();
     const double rate = 2 * inverse_mass.cwiseProduct(damping).maxCoeff();
@@ -127,7 +128,7 @@ double Plant::accurate_step() const {
                    step(hand_.inverse_mass, grip_k + arm_k, grip_b + arm_b)});
 }
 
-/// Of every state the chain can be in, what is held over a step reckoned among its springs.
+/// Returns a step that is stable in every state of the chain. The forces held over a step count among its springs.
 double Plant::stable_step() const {
   const Vec3 fields = field_stiffness();
   if (integrator_ == Integrator::implicit) {
@@ -135,7 +136,7 @@ double Plant::stable_step() const {
         std::max(motor_.inverse_mass.cwiseProduct(fields).maxCoeff(), hand_.inverse_mass.maxCoeff() * arm_stiffness_);
     return kFinest / std::max(std::sqrt(2 * fastest), 1e-9);
   }
-  // By verlet's own limit its first half-kick may turn a damped velocity round, which friction and walls do not bear.
+  // At verlet's own limit, its first half-kick may reverse a damped velocity, which makes friction and walls unstable.
   const Integrator bounding = integrator_ == Integrator::verlet  ? Integrator::semi_implicit
                               : integrator_ == Integrator::exact ? Integrator::verlet
                                                                  : integrator_;
@@ -151,7 +152,7 @@ double Plant::stable_step() const {
   return kPartOfLimit * limit;
 }
 
-/// Motors, handle and hand along an axis, as many as there are.
+/// Returns the motors, handle and hand along an axis, as far as they exist.
 LinearBodies Plant::bodies(int axis, bool linked, bool held) const noexcept {
   const bool hand = hand_.inverse_mass[axis] > 0;
   const int handle = structure_ ? 1 : 0, last = handle + (hand ? 1 : 0);
@@ -195,7 +196,7 @@ void Plant::prepare(double h) noexcept {
   step_.arm_gain = arm_stiffness_ * (arm_relaxation_ > 0 ? (1 - step_.arm_decay) * arm_relaxation_ : h);
   step_.arm_half_decay = std::sqrt(step_.arm_decay);
   step_.arm_half_gain = arm_stiffness_ * (arm_relaxation_ > 0 ? (1 - step_.arm_half_decay) * arm_relaxation_ : 0.5 * h);
-  // A soft bristle is a spring as any other, without numerical damping; a stiff one is as implicit as it has to be.
+  // A soft bristle is an ordinary spring, without numerical damping. A stiff one is only as implicit as necessary.
   step_.theta = (h * h * motor_.inverse_mass.cwiseProduct(bristle_stiffness_)).cwiseMin(1.0);
 }
 
@@ -213,9 +214,9 @@ Vec3 Plant::position_force(const Vec3& x) const noexcept {
   return force;
 }
 
-/// The velocity that friction and a viscous damper of `viscous` - 1 over w leave of `free`, to which all other forces
-/// bring the motor from `before` within a step. It is solved for together with the friction, a force held over the step
-/// that changes it by w: v = free - w (b v + F_friction(v)).
+/// Returns the velocity that remains of `free` after friction and a viscous damper of (`viscous` - 1) / w. All other
+/// forces change the motor's velocity from `before` to `free` within a step. The friction is a force held over the
+/// step, and w is the change of velocity per force. Both are solved for together: v = free - w (b v + F_friction(v)).
 template <Plant::Friction friction>
 double Plant::braked(int axis, double before, double free, double w, double viscous) noexcept {
   if (friction == Friction::none || coulomb_[axis] == 0) return free / viscous;
@@ -223,9 +224,10 @@ double Plant::braked(int axis, double before, double free, double w, double visc
     const double slip = std::abs(free) - w * sliding_force(axis, std::abs(before));
     return slip > 0 ? std::copysign(slip, free) / viscous : 0.0;
   } else {
-    // The bristle relaxes at the rate of a speed known beforehand (exactly, by an exponential) and stretches with the
-    // speed to be found, which makes the friction linear in it. The speed beforehand is the larger of the old one and
-    // the one that rigid friction would leave: a push that breaks it loose is not held back for a step.
+    // The bristle relaxes at the rate of a speed that is known beforehand (exactly, by an exponential) and stretches
+    // with the unknown speed, which makes the friction linear in that speed. The known speed is the larger of the old
+    // one and the one that rigid friction would leave, so that a push that breaks the bristle loose is not delayed by a
+    // step.
     const double h = step_.h, sigma0 = bristle_stiffness_[axis], theta = step_.theta[axis];
     const double g = sliding_force(axis, std::abs(before));
     const double rate = sigma0 * std::max(std::abs(before), std::abs(free) - w * g) / g;
@@ -239,7 +241,8 @@ double Plant::braked(int axis, double before, double free, double w, double visc
   }
 }
 
-/// A stiff, damped wall beyond each side of the workspace, implicit in the velocity, which a force changes by w.
+/// Applies a stiff, damped wall beyond each side of the workspace, implicit in the velocity; w is the change of
+/// velocity per force.
 void Plant::push_back_from_walls(double w) noexcept {
   if (motor_.x.squaredNorm() < safe_radius_squared_) return;
   const Vec3 p = rotation_.transpose() * motor_.x;
@@ -256,7 +259,7 @@ double Plant::steps_in(double span) const noexcept {
   return std::max(1.0, std::ceil(span / longest_step_ * (1 - 1e-9)));
 }
 
-/// The mean of what reaches the mechanism while the motors lag behind their command.
+/// Returns the mean force on the mechanism over a step, while the motors lag behind their command.
 Vec3 Plant::motor_force_over_step(const Vec3& command) noexcept {
   if (lag_time_constant_ == 0) return command;
   const Vec3 lacking = motor_force_ - command;
@@ -330,7 +333,7 @@ void Plant::advance_by_matrices(double span, const PlantInput& input) noexcept {
   prepare(span / steps);
   const double h = step_.h;
   const LinearSteps& linear = linear_steps(h);
-  Vec3 mobility;  // what a force on the motor, held over the step, changes its velocity at the end by
+  Vec3 mobility;  // change of the motor's velocity at the step's end per force held over the step
   for (int axis = 0; axis < 3; ++axis) mobility[axis] = linear.linked[static_cast<std::size_t>(axis)].gamma(kBodies, 0);
   Vec3 hand_force = input.hand_force, intent = input.intent;
 
@@ -361,7 +364,7 @@ void Plant::advance_by_matrices(double span, const PlantInput& input) noexcept {
       f[kMotor] = on_motor[axis];
       if constexpr (structure) {
         x[kHandle] = handle_.x[axis], x[kBodies + kHandle] = handle_.v[axis];
-        // The spring of the matrices begins without play.
+        // The spring in the matrices has no backlash: correct its force.
         const double too_much = linked ? link_stiffness_[axis] * (x[kMotor] - x[kHandle] - play[axis]) : 0;
         f[kMotor] += too_much;
         f[kHandle] -= too_much;
@@ -376,7 +379,7 @@ void Plant::advance_by_matrices(double span, const PlantInput& input) noexcept {
     }
     push_back_from_walls(mobility.maxCoeff());
 
-    // Friction and walls as the force that, held over the step, leaves this velocity.
+    // Apply friction and walls as the force that, held over the step, leaves this velocity.
     const Vec3 motor_before = motor_.x, hand_before = hand_.x;
     for (int axis = 0; axis < 3; ++axis) {
       const auto at = static_cast<std::size_t>(axis);

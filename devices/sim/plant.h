@@ -1,4 +1,4 @@
-// The mechanism of a simulated device and the hand that holds it: equations of motion.
+// Equations of motion of a simulated device's mechanism and of the hand that holds it.
 #pragma once
 
 #include "devices/sim/linear_step.h"
@@ -9,12 +9,12 @@
 
 namespace haptrace {
 
-/// What acts on a plant, in actuator axes.
+/// Inputs of a plant, in actuator axes.
 struct PlantInput {
-  Vec3 command = Vec3::Zero();          ///< reaches the motors now [N]
-  Vec3 hand_force = Vec3::Zero();       ///< tremor and drift, on the hand [N]
+  Vec3 command = Vec3::Zero();          ///< force that reaches the motors now [N]
+  Vec3 hand_force = Vec3::Zero();       ///< force of tremor and drift on the hand [N]
   Vec3 hand_force_rate = Vec3::Zero();  ///< [N/s]
-  Vec3 intent = Vec3::Zero();           ///< where the hand means to be [m]
+  Vec3 intent = Vec3::Zero();           ///< intended position of the hand [m]
   Vec3 intent_velocity = Vec3::Zero();  ///< [m/s]
 };
 
@@ -29,49 +29,52 @@ struct PlantInput {
 ///
 ///     z' = v - sigma_0 |v| z / g(v),   F = sigma_0 z + sigma_1 z',   g(v) = F_c (1 + (r - 1) exp(-(v / v_s)^2)),
 ///
-/// else it sticks rigidly up to g(0). Steps are semi-implicit Euler; friction, viscous damping and walls are implicit
-/// in the velocity, so that no stiffness of theirs can make the step unstable.
+/// otherwise it sticks rigidly up to g(0). Steps are semi-implicit Euler. Friction, viscous damping and walls are
+/// implicit in the velocity, so that no stiffness of theirs can make a step unstable.
 ///
-/// Any other integrator moves the linear part of every axis, which is its bodies with their springs, dampers and b, by
-/// its own matrices (linear_step; those of bodies that the link does not connect while they are within the play). All
-/// else is a force that is held over the step: cogging, gravity's gradient and the arm's spring where the body would be
-/// half-way if it went on at its speed, tremor and intent half-way, the motor's mean. With that, smooth movements keep
-/// the integrator's order up to 2, and all of it where nothing but the linear part and the bias acts. Friction is the
-/// held force that makes it hold with the velocity at the step's end, and walls follow it: order 1 where friction turns
-/// or sticks, where play ends and at walls, whatever the integrator.
+/// Every other integrator advances the linear part of each axis (its bodies, springs, dampers and b) by its own
+/// matrices (linear_step). Within the backlash these are the matrices of bodies that the link does not connect. All
+/// other forces are held over the step: cogging, gravity's gradient and the arm's spring at the position extrapolated
+/// by half a step, tremor and intent at half a step, and the mean of the motor force. Smooth movements thus keep the
+/// integrator's order up to 2, and its full order if only the linear part and the bias act. Friction is the held force
+/// that agrees with the velocity at the end of the step; the walls act after it. With any integrator, the order is 1
+/// where friction reverses or sticks, where the backlash ends, and at walls.
 ///
-/// Everything here is expressed in actuator axes: p_A = R p_W. Only what a spec names is computed.
+/// Everything here is expressed in actuator axes: p_A = R p_W. Only the parts that a spec names are computed.
 /// Real-time: advance, let_go.
 class Plant {
  public:
-  /// At rest with every body at `start` (W). Without `follows_intent` the hand's intent springs are left out.
-  /// `longest_step` [s] bounds a step; stiff springs and dampers may ask for a shorter one: semi_implicit for an
-  /// accurate one; euler and rk4 for four fifths of their limits, verlet for as much of semi_implicit's and exact of
-  /// verlet's, so that friction and walls brake within a step; implicit for cogging, gravity and the arm only. Throws
-  /// Error(input) when no step is stable: euler where a spring has no damper.
+  /// Starts at rest with every body at `start` (W). Without `follows_intent`, the hand has no intent springs.
+  /// `longest_step` [s] bounds a step. Stiff springs and dampers may shorten it further: semi_implicit to an accurate
+  /// step, euler and rk4 to 0.8 of their limits. verlet uses 0.8 of semi_implicit's limit, and exact 0.8 of verlet's,
+  /// so that friction and walls brake within a step. With implicit, only cogging, gravity and the arm shorten it.
+  /// Throws Error(input) if no step is stable, as with euler and a spring without a damper.
   Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double longest_step,
         Integrator integrator = Integrator::semi_implicit);
 
-  /// Moves on by `span` [s] in equal steps.
+  /// Advances by `span` [s] in equal steps.
   void advance(double span, const PlantInput& input) noexcept { (this->*advance_)(span, input); }
 
   [[nodiscard]] const Eigen::Matrix3d& rotation() const noexcept { return rotation_; }  ///< R: p_A = R p_W
-  [[nodiscard]] const Vec3& motor_position() const noexcept { return motor_.x; }        ///< what encoders see [m]
+  [[nodiscard]] const Vec3& motor_position() const noexcept {
+    return motor_.x;
+  }  ///< position that the encoders measure [m]
   [[nodiscard]] const Vec3& motor_velocity() const noexcept { return motor_.v; }
   [[nodiscard]] const Vec3& handle_position() const noexcept { return structure_ ? handle_.x : motor_.x; }
   [[nodiscard]] const Vec3& handle_velocity() const noexcept { return structure_ ? handle_.v : motor_.v; }
   [[nodiscard]] const Vec3& hand_position() const noexcept { return hand_.x; }
 
-  /// Of the handle on the hand; zero when nobody holds it [N].
+  /// Returns the force of the handle on the hand; zero without a hand [N].
   [[nodiscard]] const Vec3& contact_force() const noexcept { return contact_force_; }
 
-  /// Kinetic, and stored in springs, bristles and the position-dependent forces; without the walls [J].
+  /// Returns the kinetic energy and the energy stored in springs, bristles and the position-dependent forces, without
+  /// the walls [J].
   [[nodiscard]] double energy() const noexcept;
 
-  /// What the motors have done to the mechanism so far [J].
+  /// Returns the work that the motors have done on the mechanism so far [J].
   [[nodiscard]] double motor_work() const noexcept { return motor_work_; }
 
-  /// The hand lets go, and holds nothing from now on.
+  /// Makes the hand let go of the handle for good.
   void let_go() noexcept {
     grip_stiffness_ = grip_damping_ = 0;
     for (LinearSteps& known : linear_) known.h = 0;
@@ -87,16 +90,16 @@ class Plant {
     Vec3 inverse_mass = Vec3::Zero();  ///< zero on an axis that is held
   };
 
-  /// What depends on the length of a step only.
+  /// Factors that depend only on the length of a step.
   struct Step {
     double h = 0;
-    double lag_decay = 0, lag_mean = 0;  ///< of the motor force over a step
+    double lag_decay = 0, lag_mean = 0;  ///< motor lag over a step
     double arm_decay = 1, arm_gain = 0, arm_half_decay = 1, arm_half_gain = 0;
-    Vec3 theta = Vec3::Zero();  ///< how implicit the bristle's spring is
+    Vec3 theta = Vec3::Zero();  ///< implicit share of the bristle's spring
   };
 
   /// The matrices of every axis for one length of step: of bodies that the link connects, and of bodies within its
-  /// play.
+  /// backlash.
   struct LinearSteps {
     double h = 0;
     std::array<LinearStep, 3> linked, apart;
@@ -129,7 +132,7 @@ class Plant {
   bool structure_ = false;
   double longest_step_;
   Step step_;
-  std::vector<LinearSteps> linear_;  ///< of the lengths met last; none for semi_implicit
+  std::vector<LinearSteps> linear_;  ///< of the most recent lengths; empty for semi_implicit
   std::size_t oldest_linear_ = 0;
 
   Body motor_, handle_, hand_;
@@ -152,7 +155,7 @@ class Plant {
   Vec3 link_stiffness_ = Vec3::Zero(), link_damping_ = Vec3::Zero();
   double half_backlash_ = 0;
   Box workspace_;
-  double safe_radius_squared_ = 0;  ///< no wall is nearer to the origin
+  double safe_radius_squared_ = 0;  ///< no wall is closer to the origin
   double wall_mass_ = 0;
 
   // Hand.

@@ -15,15 +15,15 @@ struct Preset {
   const char* json;  ///< with comments
 };
 
-// No source gives the continuous force of the others: a session limits it with the caution of control/limits.h, as it
-// does that of the devices themselves.
+// Presets without a continuous force have no source for it. A session then applies the cautious limit of
+// control/limits.h, as it does for the real devices.
 //
-// Where a figure comes from stands beside it:
+// The source of each number stands beside it:
 //   CHAI3D     the device table of CHAI3D 3.3.0
 //   H3D        the Falcon page of the H3DAPI wiki
 //   libnifalcon  derived from the geometry in libnifalcon's headers
 //   quoted     commonly quoted data sheet figures, not verified
-//   estimate   ours: no source gives it, least of all the dynamics
+//   estimate   our own: no source gives it, least of all for the dynamics
 constexpr Preset kDevices[] = {
     {"reference", R"({
        // The nominal device of the project's own measurements: an unidentified 3-DOF device, gently held.
@@ -186,7 +186,7 @@ constexpr Preset kDevices[] = {
 // Ranges: finger 4 to 10 g, 1 to 5 N s/m, 100 to 800 N/m; pen or pinch 0.02 to 0.15 kg, 1 to 8 N s/m, 100 to 1000 N/m;
 // grip of the project's ensemble 0.05 to 0.3 kg, 2 to 10 N s/m, 200 to 2000 N/m before an arm of 5 to 200 N/m that
 // relaxes in 0.3 to 2 s, 1 to 5 N s/m; whole arm 50 to 400 N/m relaxed, up to 1000 N/m co-contracted, 10 to 40 N s/m.
-// How firmly a hand follows its intention is an estimate within the whole arm's range.
+// The stiffness with which a hand follows its intent is an estimate within the range of the whole arm.
 constexpr Preset kHands[] = {
     {"relaxed", R"({
        "mass": 0.15, "grip_stiffness": 800, "grip_damping": 4,

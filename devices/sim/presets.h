@@ -1,4 +1,4 @@
-// Simulated devices named after real ones, and hands to hold them.
+// Presets: simulated devices named after real ones, and simulated hands.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -7,12 +7,12 @@
 
 namespace haptrace {
 
-/// The same JSON as a user's own file (read_sim_spec). Throws Error(input) that begins with `where` and ends with the
-/// nearest name.
+/// Returns the JSON of a device preset, in the format of a user's own file (read_sim_spec). If the name is unknown,
+/// throws Error(input) that starts with `where` and ends with the most similar name.
 nlohmann::json device_preset(const std::string& name, const std::string& where);
 std::vector<std::string> device_preset_names();
 
-/// The JSON of a spec's `hand`. Throws likewise.
+/// Returns the JSON of a spec's `hand`. Throws like device_preset.
 nlohmann::json hand_preset(const std::string& name, const std::string& where);
 std::vector<std::string> hand_preset_names();
 

@@ -14,8 +14,8 @@ namespace {
 
 constexpr double kHandRate = 1000;                               // [Hz]
 constexpr std::int64_t kHandPeriod = 1'000'000;                  // [ns]
-constexpr double kLongestHold = 1e9;                             // after which a hand that lets go never does [s]
-constexpr double kShortestOption = 1e-7, kLongestOption = 1e-2;  // what a step of integration can be asked to be [s]
+constexpr double kLongestHold = 1e9;                             // a hand that lets go later than this never does [s]
+constexpr double kShortestOption = 1e-7, kLongestOption = 1e-2;  // range of the option `step` [s]
 
 double quantised(double value, double quantum) {
   return quantum * std::floor(value / quantum + 0.5);
@@ -117,7 +117,7 @@ bool SimDevice::cable_is_out() const noexcept {
   return now >= lost_from_ && now < lost_until_;
 }
 
-/// What the motors are told: saturated and quantised, in actuator axes.
+/// Returns the motor command: saturated and quantised, in actuator axes.
 Vec3 SimDevice::motor_command(const Wrench& wrench) const noexcept {
   Vec3 force = sendable(wrench).force.cwiseProduct(force_axes_);
   const double magnitude = norm_of(force);
@@ -126,14 +126,14 @@ Vec3 SimDevice::motor_command(const Wrench& wrench) const noexcept {
   return force_resolution_ > 0 ? quantised(motor, force_resolution_) : motor;
 }
 
-/// What the wrist's motors are told: saturated.
+/// Returns the command of the wrist's motors: saturated.
 Vec3 SimDevice::wrist_command(const Wrench& wrench) const noexcept {
   const Vec3 torque = sendable(wrench).torque;
   const double magnitude = norm_of(torque);
   return magnitude > wrist_->max_torque ? Vec3(torque * (wrist_->max_torque / magnitude)) : torque;
 }
 
-/// Runs the plant over stretches in which the motor command is constant and the hand's own doing is straight.
+/// Advances the plant in stretches with a constant motor command and a linear hand force and intent.
 void SimDevice::advance(std::int64_t now, std::int64_t end) noexcept {
   while (now < end) {
     if (now >= lets_go_) {
@@ -158,7 +158,7 @@ void SimDevice::advance(std::int64_t now, std::int64_t end) noexcept {
   }
 }
 
-/// Commands of force and of torque are as late, so that no torque arrives within a stretch.
+/// Force and torque commands have the same delay, so no torque arrives within a stretch.
 void SimDevice::turn(std::int64_t now, double span) noexcept {
   wrist_->torque.arrive(now);
   if (!wrist_->intent.empty())
@@ -201,7 +201,7 @@ using nlohmann::json;
 
 constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 
-/// The preset, changed by the file, held by the hand: each option says more than the one before.
+/// Returns the preset, modified by the file, with the hand: each option overrides the previous one.
 json merged_spec(const DeviceSpec& device) {
   const std::string file = device.option("spec"), hand = device.option("hand");
   const std::string preset = device.option("preset").empty() && file.empty() ? "reference" : device.option("preset");
@@ -210,7 +210,7 @@ json merged_spec(const DeviceSpec& device) {
   if (!preset.empty()) spec = device_preset(preset, device.where() + ": preset");
   if (!file.empty()) spec.merge_patch(load_json(file));
   if (!hand.empty()) {
-    // A hand from the command line follows the path that the file gives its own.
+    // A hand from the command line follows the intent of the file's own hand.
     const json own = spec.contains("hand") && spec["hand"].is_object() ? spec["hand"] : json::object();
     spec["hand"] = hand == "none" ? json(hand) : hand_preset(hand, device.where() + ": hand");
     if (hand != "none" && own.contains("intent")) spec["hand"]["intent"] = own["intent"];
@@ -219,7 +219,7 @@ json merged_spec(const DeviceSpec& device) {
   return spec;
 }
 
-/// A number of eight hexadecimal digits for what a device is made of, whoever holds it (FNV-1a).
+/// Returns eight hexadecimal digits that identify the device, whatever its hand (FNV-1a).
 std::string serial_number(json spec) {
   spec.erase("hand");
   std::uint32_t hash = 2166136261;
@@ -227,7 +227,7 @@ std::string serial_number(json spec) {
   return fmt::format("{:08x}", hash);
 }
 
-/// The same path, begun `after` [s] from its start and followed `speed` times as fast.
+/// Returns the same path, delayed by `after` [s] and `speed` times as fast.
 Path retimed(const Path& path, double after, double speed) {
   Path result{.name = path.name};
   if (after > 0 && path.size() > 0) {
@@ -245,7 +245,7 @@ Path retimed(const Path& path, double after, double speed) {
 
 SimPathReader path_reader = nullptr;
 
-/// Fills in what the hand intends and what a person should know of it.
+/// Sets the hand's intent, and the notes about it for the user.
 void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& options) {
   const bool fit = device.flag("fit");
   if (path_reader == nullptr)

@@ -1,4 +1,4 @@
-// The simulated device: an unknown mechanism in virtual time, held by a hand.
+// The simulated device: an unknown mechanism in virtual time, held by a simulated hand.
 #pragma once
 
 #include "base/nano_time.h"
@@ -17,23 +17,23 @@ struct SimOptions {
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
   std::string name = "sim";
-  std::string serial;  ///< tells devices of one model apart
+  std::string serial;  ///< distinguishes devices of one model
   std::uint64_t seed = 1;
-  /// The path that the hand intends to follow from the first exchange on, inside the workspace. Without it, or without
-  /// a hand, nobody intends anything.
+  /// The path that the hand follows from the first exchange on, inside the workspace. Without a path or without a hand,
+  /// there is no intent.
   std::optional<Trajectory> intent;
-  OrientationTrajectory intent_orientation;  ///< how it intends the tool to point; empty: as it does at zero
+  OrientationTrajectory intent_orientation;  ///< intended orientation of the tool; empty: the identity
   std::vector<std::string> notes;            ///< for DeviceInfo::notes
-  double lost_at = kNever;                   ///< when its cable slips out, in its own time [s]
-  double lost_for = kNever;                  ///< after which that is in again [s]; kNever: the device is lost for good
-  double lets_go_at = kNever;                ///< when the hand lets go of it, in its own time [s]
-  double longest_step = 50e-6;  ///< of integration; another is for those who study the integration itself [s]
-  Integrator integrator = Integrator::semi_implicit;  ///< so is another than this, see Plant
+  double lost_at = kNever;                   ///< time at which the cable slips out [s]
+  double lost_for = kNever;                  ///< time until the cable is back [s]; kNever: the device is lost for good
+  double lets_go_at = kNever;                ///< time at which the hand lets go [s]
+  double longest_step = 50e-6;  ///< longest step of integration [s]; change it only for studies of the integration
+  Integrator integrator = Integrator::semi_implicit;  ///< change it only for such studies, see Plant
 };
 
-/// Advances by exchange's dt and by nothing else. Equal specs, seeds and commands give bit-identical runs. A force that
-/// is not finite is no force. The device starts at rest where the hand intends to begin, or at the origin. While its
-/// cable is out it is away, and moves on without force: the hand does not wait.
+/// A device that advances only by the dt of exchange. Equal specs, seeds and commands give bit-identical runs. A force
+/// that is not finite counts as zero. The device starts at rest at the start of the hand's intent, or at the origin.
+/// While its cable is out, the device is away and continues without force, because the hand does not wait.
 class SimDevice final : public Device {
  public:
   explicit SimDevice(const SimSpec& spec, const SimOptions& options = {});
@@ -45,7 +45,7 @@ class SimDevice final : public Device {
     return closed_ ? "the simulated device is closed" : "its simulated cable slipped out (lost_at)";
   }
 
-  /// What no controller can see: where the handle is, and how fast [m, m/s in W].
+  /// Returns the true position and velocity of the handle, which no controller can measure [m, m/s in W].
   [[nodiscard]] Vec3 true_position() const noexcept { return to_world(plant_.handle_position()); }
   [[nodiscard]] Vec3 true_velocity() const noexcept { return to_world(plant_.handle_velocity()); }
   [[nodiscard]] const Plant& plant() const noexcept { return plant_; }
@@ -63,10 +63,10 @@ class SimDevice final : public Device {
 
   DeviceInfo info_;
   bool closed_ = false;
-  double lost_from_, lost_until_;                           ///< the cable is out [s]
+  double lost_from_, lost_until_;                           ///< the cable is out between these times [s]
   std::int64_t lets_go_;                                    ///< [ns]
   double force_resolution_, position_noise_, force_noise_;  ///< [N], [m], [N]
-  Vec3 force_axes_ = Vec3::Zero();                          ///< 1 where a force is taken, in W
+  Vec3 force_axes_ = Vec3::Zero();                          ///< 1 on axes that take a force, in W
 
   NanoTime time_;
   DelayLine delay_line_;
@@ -74,7 +74,7 @@ class SimDevice final : public Device {
   PlantInput input_;
   Gaussian sensor_noise_, hand_noise_;
 
-  /// Of a device that has one.
+  /// The wrist, in devices that have one.
   struct TurningHandle {
     Wrist body;
     DelayLine torque;
@@ -85,32 +85,32 @@ class SimDevice final : public Device {
   };
   std::optional<TurningHandle> wrist_;
 
-  // What the hand does by itself is decided every millisecond and runs straight in between.
+  // The hand's own force and intent are planned every millisecond and interpolated linearly in between.
   bool hand_acts_ = false;
   Vec3 next_hand_force_ = Vec3::Zero(), next_intent_ = Vec3::Zero();
   ColouredNoise tremor_, drift_;
   Trajectory intent_;
   Trajectory::Cursor intent_cursor_;
-  std::int64_t hand_tick_ = 0;  ///< when it is decided next [ns]
+  std::int64_t hand_tick_ = 0;  ///< time of the next plan [ns]
 };
 
-/// What `sim` reads from its options. Throws Error(input).
+/// The spec and options that `sim` reads from a device's options.
 struct SimParts {
   SimSpec spec;
   SimOptions options;
 };
 SimParts read_sim_device(const DeviceSpec& device);
 
-/// The device that it makes of them, for the plant of an emulated device too. Throws Error(input).
+/// Opens the simulated device for these options, also as the plant of an emulated device. Throws Error(input).
 std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device);
 
-/// `sim`, with the options preset, spec, hand, intent, fit and seed.
+/// Returns the backend `sim`.
 DeviceBackend sim_backend();
 
 /// Reads the path that the option `intent` names. Throws Error(input).
 using SimPathReader = Path (*)(const std::string& file);
 
-/// Sets how paths are read; without it, `intent` is refused. Before the first device is opened; not thread-safe.
+/// Sets the reader of paths; without it, `intent` is rejected. Call before the first device is opened; not thread-safe.
 void set_sim_path_reader(SimPathReader reader) noexcept;
 
 }  // namespace haptrace

@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-// Wide enough for anything a hand can hold; a number outside is a slip of units.
+// Wide enough for any device that a hand can hold; a number outside is probably in the wrong unit.
 constexpr double kMinMass = 1e-6, kMaxMass = 1e4;    // [kg]
 constexpr double kMinInertia = 1e-9;                 // [kg m^2]
 constexpr double kMaxForce = 1e5;                    // [N]
@@ -51,7 +51,7 @@ HandSpec read_hand_parts(JsonReader reader, const std::string& folder) {
   return hand;
 }
 
-/// A preset's name, or an object that may name one and change parts of it.
+/// Reads a preset's name, or an object that may name a preset and change parts of it.
 std::optional<HandSpec> read_hand(JsonReader& reader, const json& spec, const std::string& folder) {
   if (!spec.contains("hand")) return std::nullopt;
   json hand = spec["hand"];
@@ -153,7 +153,7 @@ void read_wrist(JsonReader& reader, SimSpec& spec) {
   wrist->finish();
 }
 
-/// An axis that is held at zero has to be an actuator's own and to have zero in its workspace.
+/// Throws unless every axis held at zero is an actuator's own axis and has zero in its workspace.
 void check_held_axes(const JsonReader& reader, const SimSpec& spec) {
   for (int axis = 0; axis < 3; ++axis) {
     if (spec.axes[static_cast<std::size_t>(axis)]) continue;
@@ -223,7 +223,7 @@ SimSpec sim_spec_of(const PlantModel& plant, double max_force, double lag) {
     throw input_error(
         fmt::format("plant model: the motor's lag of {} s is a part of the delay, which is {} s", lag, plant.delay));
   SimSpec sim;
-  sim.max_force = sim.max_continuous_force = max_force;  // the model knows of no heat
+  sim.max_force = sim.max_continuous_force = max_force;  // the model contains no motor heating
   sim.delay = plant.delay - lag;
   sim.actuator_bandwidth_hz = lag > 0 ? 1 / (2 * std::numbers::pi * lag) : 0;
   sim.mass = plant.mass;

@@ -6,7 +6,7 @@
 namespace haptrace {
 namespace {
 
-constexpr double kLongestTurn = 2e-4;  // of a step [s]
+constexpr double kLongestTurn = 2e-4;  // longest step [s]
 
 }  // namespace
 
@@ -18,7 +18,7 @@ Wrist::Wrist(const WristSpec& spec, const HandSpec* hand, const Quat& start)
       hand_damping_(hand != nullptr ? hand->turn_damping : 0),
       longest_step_(kLongestTurn),
       orientation_(start) {
-  // Semi-implicit Euler bears steps of up to 2 / omega.
+  // Semi-implicit Euler is stable up to a step of 2 / omega.
   if (hand_stiffness_ > 0) longest_step_ = std::min(longest_step_, 0.2 * std::sqrt(inertia_ / hand_stiffness_));
 }
 

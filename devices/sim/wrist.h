@@ -1,4 +1,4 @@
-// The wrist of a simulated device that takes torque: how its handle points and turns.
+// The wrist of a simulated device that takes torque: orientation and rotation of its handle.
 #pragma once
 
 #include "control/rotation.h"
@@ -10,17 +10,17 @@ namespace haptrace {
 ///
 ///     J w' = tau - b w - c w / |w| + k_h e - b_h w
 ///
-/// with e the rotation from the handle to where the hand means it to point, which is slow beside the handle. Friction
-/// sticks rigidly up to c. Steps are semi-implicit, dampers and friction implicit, so that no size of theirs can make
-/// one unstable.
+/// with e the rotation from the handle to the intended orientation, which is slow relative to the handle. Friction
+/// sticks rigidly up to c. Steps are semi-implicit; dampers and friction are implicit, so that no size of theirs can
+/// make a step unstable.
 ///
-/// Beside Plant it shares nothing: the handle's turning does not move it. Real-time: all but the constructor.
+/// Independent of Plant: the rotation of the handle does not move the plant. Real-time: all but the constructor.
 class Wrist {
  public:
-  /// At rest; `hand` may be null.
+  /// Starts at rest; `hand` may be null.
   Wrist(const WristSpec& spec, const HandSpec* hand, const Quat& start);
 
-  /// Moves on by `span` [s] under `torque` on the hand, in W [N m]; the hand means to point to `intent`.
+  /// Advances by `span` [s] under `torque` on the hand, in W [N m]; the hand intends the orientation `intent`.
   void advance(double span, const Vec3& torque, const Quat& intent) noexcept;
 
   void let_go() noexcept { hand_stiffness_ = hand_damping_ = 0; }
