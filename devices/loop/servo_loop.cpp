@@ -15,17 +15,16 @@
 namespace haptrace {
 namespace {
 
-constexpr double kFlightRecord = 0.2;     // [s]
-constexpr double kFaultFade = 0.05;       // time over which the last good force fades after a fault [s]
-constexpr double kEventSpacing = 1.0;     // time between two events of a limit that binds repeatedly [s]
-constexpr double kLongestRelease = 2;     // longest fade after a request to stop [s]
-constexpr double kLongestWait = 86400;    // longest wait for a device that is away or not ready [s]
-constexpr std::int64_t kTicksApart = 10;  // shortest time between two ticks: the period divided by this
-constexpr double kSteadyTime = 0.3,
-                 kSteadyShare = 0.5;      // of a force that a hand resists: low pass [s], share of its norm
-constexpr double kSparse = 1;             // longest time in gaps beyond the time between them [s]
-constexpr double kReleasedForce = 1e-3;   // force below which nothing is left to fade [N]
-constexpr double kReleasedTorque = 1e-5;  // [N m]
+constexpr double kFlightRecord = 0.2;                    // [s]
+constexpr double kFaultFade = 0.05;                      // time over which the last good force fades after a fault [s]
+constexpr double kEventSpacing = 1.0;                    // time between two events of a limit that binds repeatedly [s]
+constexpr double kLongestRelease = 2;                    // longest fade after a request to stop [s]
+constexpr double kLongestWait = 86400;                   // longest wait for a device that is away or not ready [s]
+constexpr std::int64_t kTicksApart = 10;                 // shortest time between two ticks: the period divided by this
+constexpr double kSteadyTime = 0.3, kSteadyShare = 0.5;  // of a resisted force: low pass [s], share of its norm
+constexpr double kSparse = 1;                            // longest time in gaps beyond the time between them [s]
+constexpr double kReleasedForce = 1e-3;                  // force below which nothing is left to fade [N]
+constexpr double kReleasedTorque = 1e-5;                 // [N m]
 constexpr const char* kMoves = "its handle does not come to rest: hold it still, or let go of it";
 
 /// Keeps the last samples of a session in memory that it allocates at the start.

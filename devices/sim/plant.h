@@ -56,9 +56,7 @@ class Plant {
   void advance(double span, const PlantInput& input) noexcept { (this->*advance_)(span, input); }
 
   [[nodiscard]] const Eigen::Matrix3d& rotation() const noexcept { return rotation_; }  ///< R: p_A = R p_W
-  [[nodiscard]] const Vec3& motor_position() const noexcept {
-    return motor_.x;
-  }  ///< position that the encoders measure [m]
+  [[nodiscard]] const Vec3& motor_position() const noexcept { return motor_.x; }        ///< measured by encoders [m]
   [[nodiscard]] const Vec3& motor_velocity() const noexcept { return motor_.v; }
   [[nodiscard]] const Vec3& handle_position() const noexcept { return structure_ ? handle_.x : motor_.x; }
   [[nodiscard]] const Vec3& handle_velocity() const noexcept { return structure_ ? handle_.v : motor_.v; }
