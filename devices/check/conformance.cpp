@@ -48,51 +48,51 @@ constexpr Law kLaws[] = {
 
 constexpr const char* kAxisLaws[] = {"force_x", "force_y", "force_z"};
 
-constexpr double kLate = 0.01, kLateBusy = 0.5;           // share of exchanges that may last longer than a tick
-constexpr double kNewStates = 0.8, kNewStatesBusy = 0.1;  // share of the ticks that have one
-constexpr std::int64_t kOneState = 20000;                 // between what is measured of when a state was taken [ns]
-constexpr double kStale = 0.01, kStaleBusy = 0.05;        // median age [s]
-constexpr double kLoud = 1e-4;                            // noise where no resolution is stated [m]
-constexpr double kLoudCounts = 3;                         // noise over the resolution that is stated
-constexpr double kCoarser = 3, kFiner = 10;               // than stated, before it is wrong
-constexpr std::size_t kLeastSteps = 10;                   // that show a resolution
-constexpr double kCreeps = 0.005;                         // without force, too fast to tell a small force's work [m/s]
-constexpr double kLeastResponse = 5e-4;                   // that tells a direction [m]
-constexpr double kOwnMotion = 0.35;                       // motion that is not the force's, over what is
-constexpr double kLightest = 0.01;                        // no handle with its mechanism is lighter [kg]
-constexpr double kAligned = 0.7071;                       // cosine of the widest angle between force and motion
-constexpr double kSoon = 0.05;                            // [s]
-constexpr double kStrongest = 1000;                       // force of a device that a hand can hold [N]
-constexpr double kStrongestTurn = 100;                    // [N m]
-constexpr double kWidest = 10;                            // of a workspace, from the origin [m]
-constexpr double kCoarsest = 0.01;                        // position resolution [m]
-constexpr double kFastestRate = 1e6;                      // [Hz]
-constexpr double kStiction = 3;                           // no friction of a haptic device hides more [N]
-constexpr double kMargin = 0.01;                          // from the workspace's faces, for forces to be tried [m]
-constexpr double kHeldPath = 0.002;                       // that a force brings about while it is held, at least [m]
-constexpr double kLeastHeld = 0.02;                       // of the largest force, to begin with
-constexpr double kHarder = 1.2;                           // than a force that brought about less
-constexpr int kLouder = 2;                                // rounds with a larger force, where a hand hides its work
+constexpr double kLate = 0.01, kLateBusy = 0.5;           // largest share of exchanges that last longer than a tick
+constexpr double kNewStates = 0.8, kNewStatesBusy = 0.1;  // least share of ticks with a new state
+constexpr std::int64_t kOneState = 20000;                 // times closer than this belong to one state [ns]
+constexpr double kStale = 0.01, kStaleBusy = 0.05;        // largest median age [s]
+constexpr double kLoud = 1e-4;                            // largest noise without a stated resolution [m]
+constexpr double kLoudCounts = 3;                         // largest noise over the stated resolution
+constexpr double kCoarser = 3, kFiner = 10;               // tolerated factors between stated and real resolution
+constexpr std::size_t kLeastSteps = 10;                   // least number of steps to judge a resolution
+constexpr double kCreeps = 0.005;        // speed without force that hides the effect of a small force [m/s]
+constexpr double kLeastResponse = 5e-4;  // smallest motion that shows a direction [m]
+constexpr double kOwnMotion = 0.35;      // largest ratio of other motion to motion from the force
+constexpr double kLightest = 0.01;       // no handle with its mechanism has less apparent mass [kg]
+constexpr double kAligned = 0.7071;      // cosine of the widest angle between force and motion
+constexpr double kSoon = 0.05;           // [s]
+constexpr double kStrongest = 1000;      // largest force of a device that a hand can hold [N]
+constexpr double kStrongestTurn = 100;   // [N m]
+constexpr double kWidest = 10;           // largest coordinate of a workspace [m]
+constexpr double kCoarsest = 0.01;       // position resolution [m]
+constexpr double kFastestRate = 1e6;     // [Hz]
+constexpr double kStiction = 3;          // largest friction of a haptic device [N]
+constexpr double kMargin = 0.01;         // largest margin to the workspace's faces for a test force [m]
+constexpr double kHeldPath = 0.002;      // least path under a held force [m]
+constexpr double kLeastHeld = 0.02;      // first held force over the largest force, at least
+constexpr double kHarder = 1.2;          // factor to the next held force, if the path was too short
+constexpr int kLouder = 2;               // rounds with a larger force, if a hand hides its effect
 constexpr double kLouderBy = 1.5;
-constexpr double kShortestHold = 0.1;  // twice what a watchdog may take [s]
-constexpr double kLetGo = 0.6;  // of the way that the same force takes when it is not let go of. A mass whose force
-                                // ended after 50 ms of 200 has gone half of it; friction and a hand leave less
+constexpr double kShortestHold = 0.1;  // twice the time that a watchdog may take [s]
+constexpr double kLetGo = 0.6;         // largest share of the path under a held force. A mass whose force ends
+                                       // after 50 ms of 200 goes half of it; friction and a hand reduce that
 constexpr const char* kOutside = "the handle is not inside the workspace, with room for a force to move it";
 constexpr const char* kNoWatchdog =
     ": it keeps its last force. Its driver needs a watchdog that sends zero within 50 ms without an exchange";
-constexpr double kUnmoved = 1e-3;    // by a force that is none [m]
+constexpr double kUnmoved = 1e-3;    // largest motion under a force that is not finite [m]
 constexpr double kShortFade = 0.05;  // [s]
 
 std::string distance_text(double metres) {
   return metres < 1e-5 ? fmt::format("{:.3g} um", 1e6 * metres) : fmt::format("{:.3g} mm", 1e3 * metres);
 }
 
-/// What a push along an axis showed.
+/// Results of a push along an axis.
 struct Push {
   Vec3 response = Vec3::Zero();           ///< [m]
-  double moving_force = kNaN;             ///< at which it began to move [N]
-  double reaching_force = kNaN;           ///< at which it had gone PushController::kReach, the smaller of two [N]
-  double mass = kNaN, least_mass = kNaN;  ///< as if nothing but friction and mass were there, of two strokes [kg]
+  double moving_force = kNaN;             ///< force at which the handle began to move [N]
+  double reaching_force = kNaN;           ///< force at PushController::kReach, the smaller of two [N]
+  double mass = kNaN, least_mass = kNaN;  ///< largest and least mass of two strokes, if only friction and mass act [kg]
   bool aligned = false;
 };
 
@@ -106,7 +106,7 @@ struct FirstPush {
   }
 };
 
-/// One device from its opening to the end of the report.
+/// Examines one device from its opening to the report.
 class Examination {
  public:
   Examination(const std::function<std::unique_ptr<Device>()>& open, const ConformanceOptions& options,
@@ -152,8 +152,8 @@ class Examination {
                        [&](const LawFinding& f) { return f.id == id; });
   }
 
-  /// One session. Says whether it ran to its end; what ended it otherwise ends all that follows, too, except where the
-  /// device only withdrew its permission.
+  /// Runs one session. Returns true if it ran to its end. An interruption, a loss or a position that is not finite also
+  /// ends all further tests.
   bool session(Controller& controller, double seconds, bool with_force) {
     ServoLoop::Options options{.rate_hz = options_.rate_hz,
                                .virtual_time = info_.virtual_time,
@@ -279,13 +279,13 @@ class Examination {
     judge("noise", noise <= limit,
           fmt::format("{} rms per axis; at most {}", distance_text(noise), distance_text(limit)),
           {{"noise", noise, "m"}});
-    // The last fifth of a second: what it did at first may be a hand that settles.
+    // Only the last 0.2 s: earlier motion may come from a hand that settles.
     const auto late = std::find_if(rows.begin(), rows.end(),
                                    [&](const Exchanged& row) { return row.time >= rows.back().time - 0.2; });
     creep_ = (rows.back().state.position - late->state.position).norm() / std::max(rows.back().time - late->time, 1e-3);
   }
 
-  /// Whether two exchanges brought two samples: by their numbers, else by when they were taken.
+  /// Returns true if two exchanges brought different samples, by their numbers or else by the times of the samples.
   static bool is_new(const Exchanged& before, const Exchanged& now) {
     if (now.state.sequence != 0) return now.state.sequence != before.state.sequence;
     return now.state.age == 0 || now.taken_ns - before.taken_ns > kOneState;
@@ -347,7 +347,7 @@ class Examination {
     feel();
   }
 
-  /// Leave for a force, or why it is not sent, in `why`.
+  /// Asks the user to allow a force. If the force is not sent, `why` holds the reason.
   bool may_send(const std::string& what, std::string& why) {
     why = !over_.empty() ? over_ : no_more_forces_;
     if (why.empty() && stop_.count() > 0) {
@@ -359,7 +359,7 @@ class Examination {
     return why.empty();
   }
 
-  /// A session with force. Says in `why` what ended it early.
+  /// Runs a session with force. If it ends early, `why` holds the reason.
   bool force_session(Controller& controller, double seconds, std::string& why) {
     const bool whole = session(controller, seconds, true);
     most_sent_ = std::max(most_sent_, last_.max_force);
@@ -368,7 +368,7 @@ class Examination {
     return whole;
   }
 
-  /// The handle may have been moved while leave was asked for.
+  /// Checks again that the handle is inside, because it may have moved while the user was asked.
   bool is_still_inside(std::string& why) {
     constexpr double kLook = 0.05;  // [s]
     RestController rest(kLook);
@@ -478,7 +478,7 @@ class Examination {
           {{"latency", typical, "s"}});
   }
 
-  /// A spring, only where no axis pushes the wrong way.
+  /// Lets the user feel a spring, if no axis pushes the wrong way.
   void feel() {
     if (!is_real()) return leave_out("opposes", "nobody can feel it in virtual time");
     if (!user_.is_there()) return leave_out("opposes", "nobody is there to feel it");
@@ -558,7 +558,7 @@ class Examination {
                      fmt::format("it went {:.0f} % of the way that it goes under a force that is held{}",
                                  100 * std::max(share, 0.0), kept ? "" : kNoWatchdog),
                      {{"share", share, "1"}});
-      // A hand moves by itself, and does not hold equally tight each time, which a larger force outweighs.
+      // A hand moves by itself and does not always hold equally tight. A larger force outweighs both.
       if (round == kLouder || before->force >= options_.max_force || before->seconds < HoldController::kLongest)
         return leave_out("host_pause",
                          "the same force moved it differently each time: hold it more loosely, and still");
@@ -567,14 +567,14 @@ class Examination {
     }
   }
 
-  /// Where it moved most easily: that axis, and a force that moves it, if at all, slowly [N].
+  /// Returns the axis on which the handle moved most easily, and a force that moves it slowly, if at all [N].
   [[nodiscard]] std::optional<std::pair<int, double>> easiest_push() const {
     constexpr double kTime = HoldController::kLongest;
     std::optional<std::pair<int, double>> easiest;
     for (int axis = 0; axis < 3; ++axis) {
       const auto& push = pushes_[static_cast<std::size_t>(axis)];
       if (!push || !push->aligned || !std::isfinite(push->reaching_force)) continue;
-      // A mass by itself, or what friction and dampers hold back: whatever is less.
+      // The smaller of two forces: one for a mass alone, one for friction and dampers alone.
       const double force =
           std::min(push->least_mass * 2 * HoldController::kFar / (kTime * kTime), 0.5 * push->reaching_force);
       if (!easiest || force < easiest->second) easiest = {axis, force};
@@ -585,11 +585,12 @@ class Examination {
 
   struct Hold {
     double force, seconds, path;  ///< [N, s, m]
-    /// Through the square of its time [m/s^2], for durations that differ a little.
+    /// Returns the path over the square of its time [m/s^2], to compare times that differ a little.
     [[nodiscard]] double way() const { return path / (seconds * seconds); }
   };
 
-  /// Harder and harder. Nothing when it never moved far enough, or something was found out meanwhile, which is told.
+  /// Increases the force until the handle moves. If it never moves far enough, or if a session ends early, reports that
+  /// and returns nothing.
   std::optional<Hold> hold_until_it_moves(int axis, double force) {
     const double enough = std::max(kHeldPath, 5 * info_.position_resolution);
     for (;;) {
@@ -609,7 +610,7 @@ class Examination {
     }
   }
 
-  /// Nothing when it was ended, which is told.
+  /// Returns nothing if the session ended early, and reports that.
   std::optional<Hold> hold(int axis, double force, double seconds, HoldController::Host host) {
     const bool pauses = host == HoldController::Host::pauses;
     HoldController controller(info_, force * Vec3::Unit(axis), seconds, host);
@@ -630,7 +631,7 @@ class Examination {
     return std::nullopt;
   }
 
-  /// What every session had its part in.
+  /// Judges the laws that concern all sessions.
   void judge_whole() {
     if (const DurationHistogram& time = device_->exchange_time(); time.count() > 0) {
       const double tick = 1 / options_.rate_hz, late = options_.busy_machine ? kLateBusy : kLate;
@@ -654,8 +655,8 @@ class Examination {
     judge_resolution();
   }
 
-  /// A position that never changes is that of a handle that nothing moved, or of encoders that do not count. Only a
-  /// hand that moves the handle tells them apart, or a force that no friction holds.
+  /// A position that never changes means that nothing moved the handle, or that the encoders do not count. Only a hand
+  /// that moves the handle, or a force above any friction, can tell the two apart.
   void judge_whether_it_follows() {
     if (moved_) return judge("follows", true, "its position changed");
     if (!first_position_) return leave_out("follows", over_.empty() ? "there was nothing to judge" : over_);
@@ -713,7 +714,7 @@ class Examination {
     report_.zero_force = std::max(report_.zero_force, device_->zero_force());
   }
 
-  /// All that the first one was told, up to its first push.
+  /// Repeats everything that the first device received, up to its first push.
   void repeat() {
     if (!over_.empty()) return;
     const auto equal = [this](const std::vector<Exchanged>& before) {
@@ -761,21 +762,21 @@ class Examination {
   ConformanceReport report_;
   ServoReport last_;
 
-  std::string over_;            ///< why nothing more is tried
-  std::string no_more_forces_;  ///< why no force is
-  std::string too_fast_;        ///< what a force did that it should not
+  std::string over_;            ///< why all further tests are skipped
+  std::string no_more_forces_;  ///< why all further forces are skipped
+  std::string too_fast_;        ///< how a force moved the handle too fast or too far
   std::optional<Vec3> first_position_;
-  bool moved_ = false;  ///< its position differed from the first
+  bool moved_ = false;  ///< a position differed from the first one
   bool lost_ = false, not_finite_ = false, wrong_age_ = false;
   DurationHistogram ages_;
   SmallestStep steps_;
   double noise_ = 0;                                           ///< at rest [m]
   double creep_ = 0;                                           ///< at rest [m/s]
   double most_sent_ = 0, farthest_ = 0;                        ///< [N], [m]
-  double lightest_ = std::numeric_limits<double>::infinity();  ///< it seemed in a push [kg]
+  double lightest_ = std::numeric_limits<double>::infinity();  ///< least apparent mass in a push [kg]
   std::vector<Exchanged> rest_rows_;
   std::optional<FirstPush> first_push_;
-  std::array<std::optional<Push>, 3> pushes_;  ///< those that tell a direction
+  std::array<std::optional<Push>, 3> pushes_;  ///< those that show a direction
   std::vector<double> delays_;                 ///< [s]
 };
 

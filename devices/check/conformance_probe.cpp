@@ -11,11 +11,11 @@
 namespace haptrace {
 namespace {
 
-constexpr double kProbeSlew = 0.02;         // in which a probe reaches its largest force [s]
-constexpr double kNoStep = 1e-9;            // below which two positions are one [m]
-constexpr double kProbeWindow = 0.05;       // on both sides of a turn [s]
-constexpr double kProbeFit = 0.05;          // rms of what a fit leaves, over the motion
-constexpr double kLongestProbeDelay = 0.1;  // that is looked for [s]
+constexpr double kProbeSlew = 0.02;         // time in which a probe reaches its largest force [s]
+constexpr double kNoStep = 1e-9;            // positions closer than this are equal [m]
+constexpr double kProbeWindow = 0.05;       // longest window on each side of a reversal [s]
+constexpr double kProbeFit = 0.05;          // largest rms residual of a fit, over the motion
+constexpr double kLongestProbeDelay = 0.1;  // longest delay of the search [s]
 constexpr double kProbeDelayStep = 5e-4;    // [s]
 
 double time_of(const State& state) {
@@ -44,7 +44,7 @@ Device::Status ObservedDevice::exchange(const Wrench& wrench, double dt, DeviceS
   exchange_time_.record(end_ns - begin_ns);
   if (!state.ready && rows_.empty()) return status;
   if (dt == 0) {
-    // The first tick, which comes after the wait for readiness; or the zero force at the end.
+    // Either the first tick, after the wait for readiness, or the zero force at the end.
     if (rows_.size() > 1) return status;
     rows_.clear();
     time_ = 0;
@@ -119,7 +119,7 @@ void PushController::turn(const Vec3& path, double now) noexcept {
   stage_ = Stage::brake;
 }
 
-/// A mass under a force that grows linearly goes as the cube of the time since it began to move.
+/// A mass under a linearly growing force moves with the cube of the time since its start.
 double PushController::onset(double way, double now) const noexcept {
   const double begin = strokes_[stroke_].begin;
   if (std::isnan(seen_at_) || !(way > seen_)) return begin;
@@ -130,7 +130,7 @@ double PushController::onset(double way, double now) const noexcept {
 std::optional<Vec3> HoldController::wanted(const State& state) noexcept {
   const double t = time_of(state);
   if (t < kLead) return Vec3::Zero();
-  // A little longer, so that the whole force was sent before anything is measured.
+  // Wait a little longer, so that the full force is sent before the measurement.
   if (t < kLead + 1.2 * kProbeSlew) return hold_;
   if (std::isnan(full_since_)) {
     full_since_ = t;
@@ -177,7 +177,8 @@ double latency_of(std::span<const Exchanged> rows, const Stroke& stroke, int axi
              end = row_at(std::min(stroke.turned + half, stroke.stopped));
   if (end - begin < 8) return kNaN;
 
-  // In virtual time a force acts during its exchange, else from its exchange to the next; twice integrated at `time`.
+  // The double integral at `time`. In virtual time a force acts during its exchange, else from its exchange to the
+  // next.
   const auto integral = [&](double time) {
     double sum = 0;
     for (auto row = pushed; row + 1 != rows.end() && row->time - row->dt <= time; ++row) {
@@ -206,8 +207,8 @@ double latency_of(std::span<const Exchanged> rows, const Stroke& stroke, int axi
     least = residual;
     best = delay;
   }
-  // What is held by a stiff hand, or waits for friction, does not move as the integral of the force; then the best
-  // delay is none, and mostly the largest.
+  // A handle that a stiff hand holds, or that waits for friction, does not follow the integral of the force. Then no
+  // delay fits, and the best one is mostly the largest.
   const bool fits = best + kProbeDelayStep < kLongestProbeDelay && std::sqrt(std::max(least, 0.0)) < kProbeFit * range;
   return fits ? best : kNaN;
 }

@@ -1,4 +1,4 @@
-// What the laws of devices are tried with: a device that is watched, and the forces that are tried on it.
+// Tools to test the laws of devices: a device that records its exchanges, and the test forces.
 #pragma once
 
 #include "base/histogram.h"
@@ -17,16 +17,16 @@ namespace haptrace {
 
 /// One exchange of a session.
 struct Exchanged {
-  double time = 0;            ///< of the session, the sum of all dt [s]
+  double time = 0;            ///< time of the session, the sum of all dt [s]
   double dt = 0;              ///< [s]
-  std::int64_t taken_ns = 0;  ///< when its state was taken, on the monotonic clock
-  Vec3 force = Vec3::Zero();  ///< that was sent [N]
+  std::int64_t taken_ns = 0;  ///< time at which its state was taken, on the monotonic clock
+  Vec3 force = Vec3::Zero();  ///< force that was sent [N]
   DeviceState state;
 };
 
-/// Passes everything on and remembers it.
+/// Forwards every call to a device and records the exchanges.
 ///
-/// Real-time: exchange as far as the device's own is.
+/// Real-time: exchange, if the device's own is.
 class ObservedDevice final : public Device {
  public:
   explicit ObservedDevice(std::unique_ptr<Device> device) : device_(std::move(device)) {}
@@ -40,17 +40,18 @@ class ObservedDevice final : public Device {
   [[nodiscard]] std::string lost_reason() const override { return device_->lost_reason(); }
   [[nodiscard]] std::string not_ready_reason() const override { return device_->not_ready_reason(); }
 
-  /// Before a session: forgets the one before and has room for `exchanges`; what comes beyond is not kept.
+  /// Prepares a session: discards the previous one and reserves room for `exchanges`. Exchanges beyond that are not
+  /// kept.
   void observe(std::size_t exchanges);
-  /// Of this session, from its first tick on.
+  /// Returns the exchanges of this session, from its first tick on.
   [[nodiscard]] const std::vector<Exchanged>& rows() const noexcept { return rows_; }
-  /// Of all sessions, on the monotonic clock.
+  /// Returns the durations of the exchanges of all sessions, on the monotonic clock.
   [[nodiscard]] const DurationHistogram& exchange_time() const noexcept { return exchange_time_; }
 
-  /// Of its exchanges, in sessions and without.
+  /// Returns the pulse of all exchanges, within sessions and outside.
   [[nodiscard]] const TickPulse& pulse() const noexcept { return pulse_; }
 
-  /// While it is, every wrench that is sent is not a number, except for the zero that ends a session.
+  /// While set, replaces every wrench with NaN, except for the zero force that ends a session.
   void spoil(bool spoilt) noexcept { spoilt_ = spoilt; }
 
  private:
@@ -62,7 +63,7 @@ class ObservedDevice final : public Device {
   bool spoilt_ = false;
 };
 
-/// No force for a while. From `spoil_at` on, for 20 ms, none that is a number.
+/// Sends no force for a while; from `spoil_at` on, sends NaN for 20 ms.
 class RestController final : public Controller {
  public:
   static constexpr double kSpoilt = 0.02;  ///< [s]
@@ -78,14 +79,13 @@ class RestController final : public Controller {
   ObservedDevice* device_ = nullptr;
 };
 
-/// A force that changes no faster than its limit, and ends when the handle is too far from where it was, or outside its
-/// workspace.
+/// Sends a force with a limited rate of change. Ends if the handle is too far from its start or outside its workspace.
 class ProbeController : public Controller {
  public:
   static constexpr double kTooFar = 0.02;  ///< [m]
-  static constexpr double kLead = 0.1;     ///< without force, before and after each [s]
+  static constexpr double kLead = 0.1;     ///< time without force before and after each force [s]
 
-  /// `max_force` [N] is reached in 20 ms at the fastest.
+  /// The force reaches `max_force` [N] in 20 ms at the fastest.
   ProbeController(const DeviceInfo& device, double max_force)
       : max_force_(max_force), workspace_min_(device.workspace_min), workspace_max_(device.workspace_max) {}
 
@@ -96,7 +96,7 @@ class ProbeController : public Controller {
   [[nodiscard]] double farthest() const noexcept { return farthest_; }  ///< from the start [m]
 
  protected:
-  /// The force that is wanted [N], or nothing when all is done.
+  /// Returns the wanted force [N], or nothing at the end.
   virtual std::optional<Vec3> wanted(const State& state) noexcept = 0;
 
   const double max_force_;
@@ -109,25 +109,25 @@ class ProbeController : public Controller {
   Vec3 force_ = Vec3::Zero();
 };
 
-/// A force that grew until the handle had moved by kReach, or could not grow on. Times are the session's [s].
+/// A force that grew until the handle had moved by kReach, or until its time limit. Times are the session's [s].
 struct Stroke {
-  double begin = 0;          ///< of the force
-  double moves = kNaN;       ///< when motion began, as told from when it showed
-  double turned = kNaN;      ///< when the force was turned round
-  double stopped = kNaN;     ///< when that had stopped the motion, or should have
-  Vec3 path = Vec3::Zero();  ///< from the beginning to the turn [m]
+  double begin = 0;          ///< start of the force
+  double moves = kNaN;       ///< start of the motion, estimated from when it was first visible
+  double turned = kNaN;      ///< reversal of the force
+  double stopped = kNaN;     ///< end of the reversed force
+  Vec3 path = Vec3::Zero();  ///< from the start to the reversal [m]
   bool reached = false;
 };
 
-/// Pushes forth and back along one axis. Each force grows linearly from nothing. Once the handle is kReach away, what
-/// was done since it began to move is done against it, mirrored in time, which stops a mass; it ends when the handle
-/// stops before that, as friction makes it. No force follows the motion, so nothing becomes unstable when the device's
-/// forces have the wrong sign.
+/// Pushes back and forth along one axis. Each force grows linearly from zero. Once the handle has moved by kReach, the
+/// force since the start of the motion is repeated against the motion, mirrored in time, which stops a mass. The force
+/// ends earlier if friction stops the handle earlier. No force follows the motion, so a device whose forces have the
+/// wrong sign cannot become unstable.
 class PushController final : public ProbeController {
  public:
   static constexpr double kReach = 0.002;  ///< [m]
 
-  /// `least_motion` [m] is what cannot be noise.
+  /// `least_motion` [m] is the smallest motion that is not noise.
   PushController(const DeviceInfo& device, int axis, double max_force, double least_motion)
       : ProbeController(device, max_force),
         axis_(axis),
@@ -135,16 +135,16 @@ class PushController final : public ProbeController {
         least_motion_(least_motion) {}
 
   [[nodiscard]] const std::array<Stroke, 2>& strokes() const noexcept { return strokes_; }
-  /// How fast forces grow [N/s].
+  /// Returns the rate at which forces grow [N/s].
   [[nodiscard]] double growth() const noexcept { return growth_; }
-  /// At most [s].
+  /// Returns the longest duration [s].
   [[nodiscard]] double duration() const noexcept { return kLead + 2 * (2 * longest() + kLead); }
 
  private:
   enum class Stage : std::uint8_t { rest, grow, brake };
   static constexpr double kGrowth = 0.25;      ///< [s]
   static constexpr double kFastestGrowth = 4;  ///< [N/s]
-  static constexpr double kHold = 0.1;         ///< at the largest force [s]
+  static constexpr double kHold = 0.1;         ///< longest time at the largest force [s]
 
   std::optional<Vec3> wanted(const State& state) noexcept override;
   [[nodiscard]] double longest() const noexcept { return max_force_ / growth_ + kHold; }
@@ -158,15 +158,15 @@ class PushController final : public ProbeController {
   std::size_t stroke_ = 0;
   Stage stage_ = Stage::rest;
   double since_ = 0;
-  double seen_at_ = kNaN, seen_ = 0;  ///< when a motion first showed, and how far it was [s, m]
+  double seen_at_ = kNaN, seen_ = 0;  ///< time and distance at which a motion was first visible [s, m]
   Vec3 from_ = Vec3::Zero();
 };
 
-/// A constant force for as long as told, or until the handle has gone kFar, and then the force against it until the
-/// handle stops, for at most as long. May pause the host while the force acts, for all the time that it is told.
+/// Sends a constant force for a given time or until the handle has moved by kFar. Then reverses the force until the
+/// handle stops, for at most the same time. Can pause the host for the whole given time while the force acts.
 class HoldController final : public ProbeController {
  public:
-  /// Many times as long as a watchdog may take: what was moving when it let go, in a hand that damps, has come to rest
+  /// Many times as long as a watchdog may take. If the watchdog cut the force, a handle that a hand damps comes to rest
   /// long before.
   static constexpr double kLongest = 0.2;  ///< [s]
   static constexpr double kFar = 0.005;    ///< [m]
@@ -176,8 +176,8 @@ class HoldController final : public ProbeController {
       : ProbeController(device, force.norm()), hold_(force), seconds_(seconds), host_(host) {}
   void between_ticks(bool may_wait) noexcept override;
 
-  /// How far the handle went along the force while it was held [m], and how long that was [s]; NaN when it did not come
-  /// so far.
+  /// Return the handle's path along the force while the force was held [m], and that time [s]; NaN if the hold was not
+  /// completed.
   [[nodiscard]] double path() const noexcept { return path_; }
   [[nodiscard]] double held() const noexcept { return turned_ - full_since_; }
 
@@ -187,13 +187,13 @@ class HoldController final : public ProbeController {
   Vec3 hold_;
   double seconds_;
   Host host_;
-  /// When the whole force was there, when it was turned round and when the handle stood still [s].
+  /// Times of the full force, of its reversal and of the handle's stop [s].
   double full_since_ = kNaN, turned_ = kNaN, stopped_ = kNaN;
   Vec3 from_ = Vec3::Zero();
   double path_ = kNaN;
 };
 
-/// A soft spring to where the handle was, with some damping.
+/// Pulls the handle to its start with a soft, damped spring.
 class SpringController final : public ProbeController {
  public:
   SpringController(const DeviceInfo& device, double max_force, double duration)
@@ -207,23 +207,23 @@ class SpringController final : public ProbeController {
   double duration_;
 };
 
-/// What a stroke does to the handle beyond what it does by itself: half of what differs between forth and back [m].
+/// Returns the effect of the force without the handle's own motion: half the difference between both strokes [m].
 Vec3 response(const std::array<Stroke, 2>& strokes) noexcept;
 
-/// How long it takes from sending a force to seeing it in the answers [s], NaN when the rows do not tell.
+/// Returns the delay from sending a force to seeing its effect in the answers [s]; NaN if the rows do not show it.
 ///
-/// The position along `axis` round a turn of the force is fitted by least squares with a line, a parabola (friction)
-/// and the double integral of the force that was sent, delayed by the delay for which it fits best.
+/// Fits the position along `axis` around a reversal of the force by least squares with a line, a parabola (friction)
+/// and the double integral of the sent force. The result is the delay of that force with the best fit.
 double latency_of(std::span<const Exchanged> rows, const Stroke& stroke, int axis, bool virtual_time);
 
-/// The smallest distance between positions of successive rows that differ [m], 0 when there is none; and how many do.
+/// The smallest distance between different positions of successive rows [m] (0: none), and the number of such pairs.
 struct SmallestStep {
   double distance = 0;
   std::size_t steps = 0;
   void add(std::span<const Exchanged> rows) noexcept;
 };
 
-/// RMS per axis of what is left when motion is taken away, by second differences [m].
+/// Returns the RMS per axis of the noise, without motion, from second differences [m].
 double noise_of(std::span<const Exchanged> rows) noexcept;
 
 }  // namespace haptrace

@@ -69,7 +69,7 @@ Diagnosis examine_governor(const fs::path& root) {
           "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"};
 }
 
-/// Which preemption model the kernel runs with, and where that is written.
+/// Preemption model of the kernel, and its source.
 struct Preemption {
   std::string model;   ///< "rt", "full", "lazy", "voluntary", "none"; empty when unknown
   std::string source;  ///< file below the root
@@ -87,7 +87,7 @@ Preemption find_preemption(const fs::path& root) {
   if (read_text(root / "sys/kernel/realtime") == "1") return is("rt", "/sys/kernel/realtime");
   if (version.find("PREEMPT_RT") != std::string::npos) return is("rt", "/proc/version");
 
-  // "none voluntary (full)"; only for root, where debugfs is mounted.
+  // "none voluntary (full)"; only root can read it, and only if debugfs is mounted.
   if (const auto choice = read_text(root / "sys/kernel/debug/sched/preempt")) {
     const std::size_t open = choice->find('('), close = choice->find(')', open);
     if (close != std::string::npos)
@@ -178,7 +178,7 @@ std::vector<Diagnosis> examine_latency_timers(const fs::path& root) {
   return found;
 }
 
-/// Whether a line of the rules that udev reads names the device.
+/// Returns true if a line of the rules that udev reads names the device.
 bool has_rule(const std::string& rules, const KnownUsbDevice& device) {
   const auto lines = lines_of(rules);
   return std::any_of(lines.begin(), lines.end(), [&](std::string line) {
@@ -217,7 +217,7 @@ Diagnosis examine_rules(const fs::path& root, const std::vector<PluggedUsbDevice
 
 // ---- limits ----
 
-/// The soft limit of this process as /proc/self/limits has it, in its own words.
+/// Returns the soft limit of this process in the words of /proc/self/limits.
 std::optional<std::string> process_limit(const fs::path& root, const std::string& name) {
   for (const std::string& line : lines_of(read_text(root / "proc/self/limits").value_or("")))
     if (line.starts_with(name)) {
@@ -235,7 +235,7 @@ bool may_set_priorities(const fs::path& root) {
   return false;
 }
 
-/// The command that raises a limit for this user: `item` is "rtprio" or "memlock".
+/// Returns the command that raises a limit for this user: `item` is "rtprio" or "memlock".
 std::string raise_limit(const fs::path& root, const std::string& item) {
   std::vector<fs::path> files = entries(root / "etc/security/limits.d");
   files.push_back(root / "etc/security/limits.conf");
@@ -457,7 +457,7 @@ DurationHistogram measure_cyclictest(double rate_hz, double duration) {
   while ((count = fread(buffer.data(), 1, buffer.size(), pipe)) > 0) output.append(buffer.data(), count);
   const int status = pclose(pipe);
 
-  constexpr int kNotFound = 127;  // the shell's
+  constexpr int kNotFound = 127;  // exit code of the shell
   if (WIFEXITED(status) && WEXITSTATUS(status) == kNotFound)
     throw Error(Error::Kind::fault, "cyclictest is not installed: sudo apt install rt-tests");
   const auto histogram = parse_cyclictest(output);

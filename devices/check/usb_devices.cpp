@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The ids of those with open protocols are from their drivers; Arduino Due is the board of a Haply 2DIY.
+// The ids of devices with open protocols come from their drivers. An Arduino Due is the board of a Haply 2DIY.
 constexpr std::array kKnownUsbDevices{
     KnownUsbDevice{"0403", "cb48", "Novint Falcon", "usb"},
     KnownUsbDevice{"1451", "", "Force Dimension", "usb"},
@@ -30,7 +30,7 @@ constexpr std::array kKnownUsbDevices{
 
 constexpr const char* kMakeUsbNodes = "sudo udevadm trigger   # or plug it in again";
 
-/// The files below /dev by which the device in the folder `sys` is opened.
+/// Returns the files below /dev that open the device in the folder `sys`.
 std::vector<std::string> usb_node_paths(const KnownUsbDevice& known, const fs::path& sys) {
   using system_files::read_text;
   std::vector<std::string> nodes;
@@ -59,7 +59,7 @@ PluggedUsbDevice plugged_usb_device(const KnownUsbDevice& known, const fs::path&
   device.serial = system_files::read_text(sys / "serial").value_or("");
   for (const std::string& path : usb_node_paths(known, sys)) {
     UsbNode node{.path = path};
-    // As the process would open it: with its effective user and the access control lists that udev's uaccess sets.
+    // Test access as the process has it: with its effective user and the access control lists that udev's uaccess sets.
     if (faccessat(AT_FDCWD, (root / path.substr(1)).c_str(), R_OK | W_OK, AT_EACCESS) != 0) {
       const int refused = errno;
       node.obstacle = std::strerror(refused);

@@ -1,4 +1,4 @@
-// Force-feedback devices on USB: how they are known, which are plugged in, and whether this user may open them.
+// Force-feedback devices on USB: the known devices, those that are plugged in, and this user's access to them.
 #pragma once
 
 #include <span>
@@ -7,48 +7,50 @@
 
 namespace haptrace {
 
-/// A force-feedback device that can be told by its USB ids, and by which nodes it is opened.
+/// A force-feedback device that is identified by its USB ids, and the subsystem of its device nodes.
 struct KnownUsbDevice {
-  const char* vendor;     ///< four hexadecimal digits
-  const char* product;    ///< the same; empty: every product of this vendor
-  const char* name;       ///<
-  const char* subsystem;  ///< of udev: "usb", "hidraw", "tty" or several, as in "tty|hidraw"
+  const char* vendor;   ///< four hexadecimal digits
+  const char* product;  ///< the same; empty: every product of this vendor
+  const char* name;
+  const char* subsystem;  ///< udev subsystem: "usb", "hidraw", "tty" or several, as in "tty|hidraw"
 
-  /// The line of a udev rules file that lets whoever sits at the machine, or is in the group, open it.
+  /// Returns the line of a udev rules file that gives access to the user at the machine and to the members of the
+  /// group.
   [[nodiscard]] std::string udev_rule() const;
-  /// The command that installs the rule.
+  /// Returns the command that installs the rule.
   [[nodiscard]] std::string install_rule() const;
 };
 
 std::span<const KnownUsbDevice> known_usb_devices();
 
-/// The rules of all of them, as a file for udev.
+/// Returns the rules of all known devices, as a file for udev.
 std::string udev_rules_file();
 
 inline constexpr const char* kUdevRulesFile =
     "/etc/udev/rules.d/70-haptrace.rules";  ///< before 73-seat-late, which reads the tags
 inline constexpr const char* kReloadUdevRules = "sudo udevadm control --reload && sudo udevadm trigger";
 
-/// A file below /dev by which a device is opened.
+/// A file below /dev that opens a device.
 struct UsbNode {
   std::string path;
-  std::string obstacle;  ///< why this process cannot open it; empty when it can
+  std::string obstacle;  ///< why this process cannot open it; empty if it can
   std::string remedy;
 };
 
-/// One of the known devices that is plugged in.
+/// A known device that is plugged in.
 struct PluggedUsbDevice {
   const KnownUsbDevice* known;
   std::string where;     ///< for example "usb 1-1.2"
-  std::string obstacle;  ///< why this user cannot open it; empty when nothing is known to be in the way
-  std::string remedy;    ///< the command that mends it
+  std::string obstacle;  ///< why this user cannot open it; empty if no obstacle is known
+  std::string remedy;    ///< command that removes the obstacle
   std::string port;      ///< "1-1.2", below /sys/bus/usb/devices
   std::string ids;       ///< "0403:cb48"
-  std::string serial;    ///< empty when it has none
+  std::string serial;    ///< empty if it has none
   std::vector<UsbNode> nodes;
 };
 
-/// By port. Reads below `root` what the kernel says, and opens nothing; what cannot be read is left out.
+/// Returns the plugged-in devices by port. Reads kernel information below `root`, and opens nothing; omits what cannot
+/// be read.
 std::vector<PluggedUsbDevice> plugged_usb_devices(const std::string& root = "/");
 
 }  // namespace haptrace
