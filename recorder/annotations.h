@@ -1,4 +1,4 @@
-// What a person has to say about a session while it is recorded.
+// Marks and pauses that a user adds to a session while it is recorded.
 #pragma once
 
 #include "control/sample.h"
@@ -11,32 +11,32 @@
 
 namespace haptrace {
 
-/// An event whose text is known: what a recording keeps.
+/// An event with its text, as a recording stores it.
 struct TimedEvent {
-  std::int64_t time_ns = 0;  ///< of the session
+  std::int64_t time_ns = 0;  ///< time of the session
   EventCode code = EventCode::mark;
   std::string text;
 };
 
-/// Marks and pauses from outside of the servo loop, from keys for example.
+/// Collects marks and pauses from outside the servo loop, for example from keys.
 ///
-/// Threads: everything from any. Real-time: tick() only.
+/// Threads: all functions from any thread. Real-time: tick() only.
 class Annotations {
  public:
-  /// Marks the present instant, or another of the session's. Text beyond 127 bytes is cut.
+  /// Marks the current time, or another time of the session. Text beyond 127 bytes is cut.
   void mark(std::string text) { mark(std::move(text), now()); }
   void mark(std::string text, std::int64_t time_ns) { add({time_ns, EventCode::mark, std::move(text)}); }
 
-  /// From now on, until resume(), samples are not kept; the session goes on.
+  /// Stops keeping samples until resume(); the session continues.
   void pause() { add({now(), EventCode::paused, "paused"}); }
   void resume() { add({now(), EventCode::resumed, "resumed"}); }
 
   [[nodiscard]] std::int64_t now() const noexcept { return now_ns_.load(std::memory_order_relaxed); }
 
-  /// The session's newest tick.
+  /// Sets the time of the session's newest tick.
   void tick(std::int64_t time_ns) noexcept { now_ns_.store(time_ns, std::memory_order_relaxed); }
 
-  /// What was said since the last call, in order.
+  /// Returns the events since the last call, in order.
   std::vector<TimedEvent> take() {
     const std::lock_guard lock(mutex_);
     return std::exchange(events_, {});

@@ -45,7 +45,7 @@ void Capture::take(std::span<const Sample> samples) {
   for (std::size_t i = 0; i < samples.size(); ++i) {
     std::uint32_t pressed = samples[i].buttons & ~std::exchange(buttons_, samples[i].buttons);
     if (pressed == 0) continue;
-    // The mark stands before the sample in which the button went down.
+    // Write the mark before the sample in which the button went down.
     keep(samples.subspan(kept, i - kept));
     kept = i;
     for (; pressed != 0; pressed &= pressed - 1)
@@ -86,7 +86,7 @@ void Capture::write(std::span<const Sample> samples) {
 }
 
 void Capture::write(const TimedEvent& event) {
-  // While armed, what happens is of no recording yet.
+  // While armed, there is no recording yet that could keep the event.
   if (armed()) return;
   output_.append(StoredEvent{.time = 1e-9 * static_cast<double>(event.time_ns - begin_ns_),
                              .code = static_cast<std::int32_t>(event.code),

@@ -1,4 +1,4 @@
-// What of a session is kept.
+// Selection of the samples and events of a session that a recording keeps.
 #pragma once
 
 #include "formats/recording/recording.h"
@@ -12,9 +12,9 @@
 namespace haptrace {
 
 struct CaptureOptions {
-  /// Nothing is kept before the event `triggered`, but this much of what came before it [s]. Nothing: all is kept.
+  /// Time before the event `triggered` at which the recording starts [s]. Without a value, everything is kept.
   std::optional<double> pre;
-  bool mark_buttons = false;  ///< a button that is pressed leaves a mark
+  bool mark_buttons = false;  ///< mark the press of a button
 };
 
 inline constexpr double kLongestPre = 600;  // [s]
@@ -22,11 +22,12 @@ inline constexpr double kLongestPre = 600;  // [s]
 /// Throws Error(input) unless `pre` is 0 to kLongestPre.
 void validate(const CaptureOptions& options);
 
-/// Decides, in the writer thread, on everything in the order of time: waits for the trigger, leaves out pauses, turns
-/// buttons into marks. The time of what it keeps begins with the session, or with the first sample around its trigger.
+/// Filters the samples and events of a session in time order, in the writer thread: waits for the trigger, omits
+/// pauses, turns button presses into marks. Times in the output start with the session, or with the first sample that
+/// is kept for the trigger.
 class Capture {
  public:
-  /// Takes what is kept. May throw; then nothing more is fed.
+  /// Receives the samples and events to keep. May throw; nothing more may be fed after that.
   class Output {
    public:
     virtual ~Output() = default;
@@ -36,11 +37,11 @@ class Capture {
 
   Capture(const CaptureOptions& options, Output& output) : options_(options), output_(output) {}
 
-  /// The next samples, and events in any order. An event acts before the first sample that is not older than it; one
-  /// that is younger than all of `samples` waits for those that follow.
+  /// Takes the next samples, and events in any order. An event acts before the first sample that is not older. An event
+  /// that is younger than all of `samples` waits for the following samples.
   void feed(std::span<const Sample> samples, std::vector<TimedEvent> events);
 
-  /// There are no more samples.
+  /// Ends the input and writes the events that still wait.
   void finish();
 
   [[nodiscard]] bool armed() const noexcept { return options_.pre && !triggered_; }
@@ -55,13 +56,13 @@ class Capture {
 
   CaptureOptions options_;
   Output& output_;
-  std::vector<TimedEvent> waiting_;  ///< younger than every sample so far, oldest first
+  std::vector<TimedEvent> waiting_;  ///< events younger than every sample so far, oldest first
   std::deque<Sample> before_;        ///< the last `pre` seconds while armed
   std::vector<Sample> scratch_;
   bool triggered_ = false;
   bool paused_ = false;
   std::uint32_t buttons_ = 0;
-  std::int64_t begin_ns_ = 0;  ///< of the recording, in the session's time
+  std::int64_t begin_ns_ = 0;  ///< start of the recording, in the session's time
 };
 
 }  // namespace haptrace

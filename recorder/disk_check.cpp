@@ -14,7 +14,7 @@ namespace {
 namespace fs = std::filesystem;
 using Severity = Diagnosis::Severity;
 
-/// A hand that moves, so that rows are not all alike.
+/// Returns a sample of a moving hand, so that the samples differ.
 Sample moving_sample(std::uint64_t tick, double rate_hz) {
   const double t = static_cast<double>(tick) / rate_hz;
   Sample sample;
@@ -33,8 +33,8 @@ double seconds_since(std::int64_t start_ns) {
 }  // namespace
 
 DiskMeasurement measure_disk(const std::string& folder, double rate_hz) {
-  constexpr double kSpan = 20;    // of the session's time [s]
-  constexpr double kLongest = 5;  // [s]
+  constexpr double kSpan = 20;    // session time to write [s]
+  constexpr double kLongest = 5;  // longest measurement [s]
   DiskMeasurement disk{.folder = folder};
   const std::string name = (fs::path(folder) / fmt::format(".haptrace-doctor-{}.h5", getpid())).string();
   struct Removed {
@@ -68,7 +68,7 @@ DiskMeasurement measure_disk(const std::string& folder, double rate_hz) {
     disk.sync_total += 1e-9 * static_cast<double>(sync_ns);
   }
 
-  // A file grows by whole chunks: by as many as these rows fill, wherever the last one began.
+  // A file grows by whole chunks. These rows fill a whole number of them, wherever the last chunk started.
   constexpr std::uint64_t kWholeChunks = 16384;  // rows
   const std::uint64_t before = writer.part_bytes(0);
   append(kWholeChunks);
@@ -98,7 +98,7 @@ std::vector<Diagnosis> examine_disk(const DiskMeasurement& disk, double patience
       found.push_back({Severity::ok, check, figures, ""});
   };
   judge("disk write", disk.write, disk.write_total, Severity::problem, other_folder);
-  // Only those who ask for it wait for the disk itself.
+  // Only sessions that ask for it wait for the disk itself.
   judge("disk sync", disk.sync, disk.sync_total, Severity::warning, other_folder);
 
   constexpr double kScarce = 1;  // [h]

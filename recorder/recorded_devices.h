@@ -1,4 +1,4 @@
-// Devices that are made of recordings and paths.
+// Devices made from recordings and paths.
 #pragma once
 
 namespace haptrace {

@@ -25,23 +25,24 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr std::size_t kSmallestRing = 16384;  // rows: in virtual time the loop runs far ahead of the writer
-constexpr double kChunkSpan = 2;  // of the session's time in a chunk at most: slow sessions make small files [s]
+constexpr std::size_t kSmallestRing = 16384;  // rows; in virtual time the loop runs far ahead of the writer
+constexpr double kChunkSpan = 2;  // longest session time in a chunk, so that slow sessions make small files [s]
 constexpr std::size_t kLargestChunk = 2048;  // rows
-constexpr std::size_t kSmallestPacked = 32;  // rows of a chunk below which packing makes a file larger, not smaller
+constexpr std::size_t kSmallestPacked = 32;  // rows of a chunk below which packing makes a file larger
 constexpr std::size_t kLargestBatch = 1024;  // rows
-// Between two looks at the ring. Waking costs more than what is then done, and at real speed the ring holds seconds.
+// Time between two polls of the ring. Waking up costs more than the work itself, and at real speed the ring holds
+// seconds.
 constexpr auto kPoll = std::chrono::milliseconds(25), kPollInVirtualTime = std::chrono::milliseconds(5);
 constexpr double kRestPerFlush = 4;
-constexpr auto kRetry = std::chrono::milliseconds(50);   // between two attempts on a disk that refuses
-constexpr double kVirtualPatience = 2;                   // with it, where the session waits for the disk [s]
-constexpr std::size_t kSplitStep = 256;                  // rows between two looks at the size of a file
-constexpr double kClockPeriod = 60;                      // between two readings of the clocks [s]
-constexpr double kShortestDrift = 1;                     // [s] that tell of it: a recording's end is read as well
-constexpr int kClockReadings = 16;                       // of which the most certain is kept
-constexpr double kLookAround = 1;                        // between two looks at the file and its disk [s]
-constexpr std::array<double, 2> kDiskWarnings{600, 60};  // told when the disk lasts no longer than that [s]
-constexpr std::uint64_t kDiskFloor = 64U << 20U;         // free below which it is time to end [bytes]
+constexpr auto kRetry = std::chrono::milliseconds(50);  // time between two attempts on a disk that refuses
+constexpr double kVirtualPatience = 2;                  // time for such attempts if the session waits for the disk [s]
+constexpr std::size_t kSplitStep = 256;                 // rows between two checks of the file's size
+constexpr double kClockPeriod = 60;                     // time between two readings of the clocks [s]
+constexpr double kShortestDrift = 1;  // longer recordings read the clocks at their end as well, to show their drift [s]
+constexpr int kClockReadings = 16;    // readings, of which the most certain is kept
+constexpr double kLookAround = 1;     // time between two checks of the file and its disk [s]
+constexpr std::array<double, 2> kDiskWarnings{600, 60};  // warn when the disk has room for no more than this [s]
+constexpr std::uint64_t kDiskFloor = 64U << 20U;         // free space below which the session should end [bytes]
 
 std::size_t rows_in(double seconds, double rate_hz, std::size_t least) {
   return std::max(least, static_cast<std::size_t>(std::ceil(seconds * rate_hz)));
@@ -63,7 +64,7 @@ std::int64_t read_clock(clockid_t clock) {
   return std::int64_t{1'000'000'000} * now.tv_sec + now.tv_nsec;
 }
 
-/// What the clocks say now, as nearly at once as can be had. The time of the recording is left open.
+/// Reads the clocks as simultaneously as possible. Leaves the time of the recording open.
 ClockReading read_clocks() {
   ClockReading best{.uncertainty_ns = std::numeric_limits<std::int64_t>::max()};
   for (int i = 0; i < kClockReadings; ++i) {
@@ -78,7 +79,7 @@ ClockReading read_clocks() {
 RecordingWriter::Options writer_options(const Recorder::Options& options, double rate_hz) {
   RecordingWriter::Options result{
       .overwrite = options.overwrite, .storage = options.storage, .in_parts = options.split.any()};
-  // Packed chunks are written when they are full; others may be as large as they like.
+  // Packed chunks are written when they are full, so they hold one flush period. Other chunks may have any size.
   const std::size_t packed = rows_in(options.flush_period, rate_hz, 1);
   if (options.storage.filtered() && packed < kSmallestPacked)
     throw input_error(fmt::format(
@@ -129,7 +130,7 @@ Split parse_split(std::string_view text) {
                   text));
 }
 
-/// The writer thread and what it shares with the others.
+/// The writer thread, and the state that it shares with other threads.
 class Recorder::Writer final : private Capture::Output {
  public:
   Writer(const std::string& name, const RecordingHeader& header, const RecordingColumns& columns,
@@ -231,17 +232,17 @@ class Recorder::Writer final : private Capture::Output {
   boost::lockfree::spsc_queue<Event> events;
 
  private:
-  /// Until asked to stop, and then until the rings are empty.
+  /// Runs until a stop is requested and the rings are empty.
   void run(const std::stop_token& stop) noexcept {
     try {
       auto flushed = Clock::now(), synced = flushed, looked = flushed;
-      double cost = 0;  // of the last flush [s]
+      double cost = 0;  // duration of the last flush [s]
       for (bool last = false; !last;) {
         const bool stopping = stop.stop_requested();
         const auto begun = Clock::now();
         alive_.store(begun.time_since_epoch().count(), std::memory_order_relaxed);
         if (interrupted_.load(std::memory_order_relaxed) && !resumed()) {
-          // The ring keeps what comes.
+          // The ring keeps the new samples.
           if (stopping || (loop_waits_ && seconds_between(refused_since_, begun) > kVirtualPatience))
             throw Error(Error::Kind::fault, refusal_);
           std::this_thread::sleep_for(kRetry);
@@ -256,7 +257,7 @@ class Recorder::Writer final : private Capture::Output {
             options_.sync_period > 0 && seconds_between(synced, now) >= std::max(options_.sync_period, rest);
         if (sync || seconds_between(flushed, now) >= std::max(options_.flush_period, rest)) {
           on_disk([&] { output_.flush(); });
-          // A disk that cannot be waited for would not keep what is promised, in no further part either.
+          // If the sync fails, a further part could not keep its promise either: let the recording fail.
           if (sync && !interrupted_.load(std::memory_order_relaxed)) output_.sync();
           flushed = Clock::now();
           if (sync) synced = flushed;
@@ -283,7 +284,7 @@ class Recorder::Writer final : private Capture::Output {
     }
   }
 
-  /// What the files do not have is lost.
+  /// Counts all samples that the files do not contain as lost.
   void count_failure() {
     const std::uint64_t written = output_.rows();
     written_.store(written, std::memory_order_relaxed);
@@ -292,7 +293,7 @@ class Recorder::Writer final : private Capture::Output {
     failed_.store(true, std::memory_order_release);
   }
 
-  /// Does what writes. A disk that refuses interrupts the recording, and what is to be written waits.
+  /// Runs an action that writes. If the disk refuses, interrupts the recording; the data waits.
   template <class Action>
   void on_disk(const Action& action) {
     if (interrupted_.load(std::memory_order_relaxed)) return;
@@ -310,7 +311,7 @@ class Recorder::Writer final : private Capture::Output {
     interrupted_.store(true, std::memory_order_relaxed);
   }
 
-  /// True when the recording went on in a further part.
+  /// Tries to continue the recording in a further part. Returns true on success.
   bool resumed() {
     std::uint64_t missing = 0;
     try {
@@ -322,7 +323,7 @@ class Recorder::Writer final : private Capture::Output {
     parts_.fetch_add(1, std::memory_order_relaxed);
     lost_.fetch_add(missing, std::memory_order_relaxed);
     missing_ += missing;
-    lost_told_ += missing;  // here, and not as lost by the ring
+    lost_told_ += missing;  // reported here, not as a loss of the ring
     part_begin_ns_ = last_time_ns_;
     const Event resumed{.time_ns = last_time_ns_,
                         .code = EventCode::recording_resumed,
@@ -338,15 +339,16 @@ class Recorder::Writer final : private Capture::Output {
     return !interrupted_.load(std::memory_order_relaxed);
   }
 
-  /// How long to leave the file alone after a flush of this cost. On a disk so slow that samples wait meanwhile, to
-  /// catch up comes before making the file whole [s].
+  /// Returns how long to leave the file alone after a flush of this cost [s]. If samples wait because the disk is slow,
+  /// catching up comes before flushing.
   [[nodiscard]] double rest_after(double cost) const {
     return !loop_waits_ && samples.read_available() >= kLargestBatch ? kRestPerFlush * cost : 0;
   }
 
-  /// True when there was anything.
+  /// Returns true if there was anything to write.
   bool drain() {
-    // Samples first: an event is pushed before the sample of its tick, so that all events of these samples are there.
+    // Take the samples first: an event is pushed before the sample of its tick, so all events of these samples are
+    // there.
     while (batch_.size() < kLargestBatch &&
            samples.consume_one([&](const Sample& sample) { batch_.push_back(sample); })) {
     }
@@ -391,7 +393,7 @@ class Recorder::Writer final : private Capture::Output {
           start_part(kept.front().time_ns);
           continue;
         }
-        kept = kept.subspan(count);  // the writer has the others, whatever the disk says
+        kept = kept.subspan(count);  // the writer keeps these, even if the disk refuses
         output_.append(here);
         written_.store(output_.rows(), std::memory_order_relaxed);
       }
@@ -399,7 +401,7 @@ class Recorder::Writer final : private Capture::Output {
     waiting_.insert(waiting_.end(), kept.begin(), kept.end());
   }
 
-  /// How many of these rows the present part takes at once; 0: it is full.
+  /// Returns how many of these rows the current part takes at once; 0: it is full.
   [[nodiscard]] std::size_t rows_of_this_part(std::span<const Sample> rows) const {
     std::size_t count = rows.size();
     if (const auto span_ns = std::llround(1e9 * options_.split.seconds); span_ns > 0) {
@@ -420,12 +422,12 @@ class Recorder::Writer final : private Capture::Output {
 
   void start_part(std::int64_t begin_ns) {
     output_.start_part();
-    read_clocks_at(std::nullopt);  // each part can be aligned by itself
+    read_clocks_at(std::nullopt);  // so that each part can be aligned by itself
     part_begin_ns_ = begin_ns;
     parts_.fetch_add(1, std::memory_order_relaxed);
   }
 
-  /// At the first row and every kClockPeriod.
+  /// Reads the clocks at the first row and every kClockPeriod.
   void read_due_clocks(std::int64_t row_ns) {
     if (!clocks_read_)
       read_clocks_at(row_ns);
@@ -438,10 +440,10 @@ class Recorder::Writer final : private Capture::Output {
       read_clocks_at(std::nullopt);
   }
 
-  /// What the clocks say now, or said at a time of the session that has just been.
+  /// Stores a reading of the clocks, for now or for a recent time of the session.
   void read_clocks_at(std::optional<std::int64_t> time_ns) {
     const std::int64_t start_ns = start_ns_.load(std::memory_order_acquire);
-    if (start_ns == kNoStart) return;  // virtual time is no time of the computer's
+    if (start_ns == kNoStart) return;  // virtual time is unrelated to the computer's clocks
     ClockReading reading = read_clocks();
     reading.time_ns = reading.monotonic_ns - start_ns;
     if (time_ns) {
@@ -485,19 +487,19 @@ class Recorder::Writer final : private Capture::Output {
   }
 
   const Options options_;
-  const double bytes_per_second_;  ///< of the session's time
-  const bool loop_waits_;          ///< in virtual time it can wait for the disk, see between_ticks
+  const double bytes_per_second_;  ///< per second of the session
+  const bool loop_waits_;          ///< in virtual time the loop can wait for the disk, see between_ticks
   std::atomic<std::uint64_t> written_{0}, lost_{0};
   std::atomic<std::uint32_t> parts_{1};
   static constexpr std::int64_t kNoStart = std::numeric_limits<std::int64_t>::min();
-  std::atomic<std::int64_t> start_ns_{kNoStart};  ///< of the session, on CLOCK_MONOTONIC
+  std::atomic<std::int64_t> start_ns_{kNoStart};  ///< start of the session, on CLOCK_MONOTONIC
   std::atomic<bool> failed_{false}, interrupted_{false}, armed_{false}, paused_{false}, disk_low_{false};
   std::atomic<double> disk_seconds_{0};
   std::atomic<Clock::rep> alive_{Clock::now().time_since_epoch().count()};
   std::mutex warnings_mutex_;
   std::vector<Warning> warnings_;
 
-  // The writer thread's own.
+  // Used by the writer thread only.
   RecordingWriter output_;
   Capture capture_;
   std::vector<Sample> batch_;
@@ -506,15 +508,15 @@ class Recorder::Writer final : private Capture::Output {
   std::string misplaced_told_;
   std::size_t warnings_told_ = 0;
   std::exception_ptr error_;                  ///< read after join
-  std::uint64_t appended_ = 0, missing_ = 0;  ///< rows for the files; those of them that a broken file took along
-  std::string refusal_;                       ///< of the disk, while interrupted
+  std::uint64_t appended_ = 0, missing_ = 0;  ///< rows passed to the files; rows of them lost in a broken file
+  std::string refusal_;                       ///< the disk's error, while interrupted
   Clock::time_point refused_since_;
-  std::vector<Sample> waiting_;  ///< for the disk, of the block that was interrupted
+  std::vector<Sample> waiting_;  ///< rows of the interrupted block that wait for the disk
   std::vector<StoredEvent> waiting_events_;
   bool clocks_read_ = false;
   std::int64_t clocks_read_ns_ = 0;  ///< time of the last reading
 
-  std::jthread thread_;  ///< last: it ends before what it uses
+  std::jthread thread_;  ///< last: it ends before the members that it uses
 };
 
 Recorder::Recorder(const std::string& file, const RecordingHeader& header, const RecordingColumns& columns,

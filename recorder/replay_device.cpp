@@ -14,14 +14,14 @@ namespace {
 
 constexpr std::array<std::string_view, 3> kColumns{"time", "position", "force_measured"};
 
-/// Where a movement went, and a little more: a box has a size even where a movement has none.
+/// Sets the workspace to the box of a movement plus a margin, so that no side of it is zero.
 void set_workspace(DeviceInfo& info, const Box& box) {
   constexpr double kMargin = 1e-3;  // [m]
   info.workspace_min = box.min.array() - kMargin;
   info.workspace_max = box.max.array() + kMargin;
 }
 
-/// Reads a recording row by row: unlike open_path, with every phase of a session and with the force it measured.
+/// Reads a recording row by row. Unlike open_path, it includes every phase of a session and the measured force.
 class RecordedRows {
  public:
   explicit RecordedRows(const std::string& file) : reader_(file) {
@@ -36,7 +36,7 @@ class RecordedRows {
     info_.max_force = header.max_force_n;
     info_.nominal_rate = header.rate_hz;
     info_.measures_force = reader_.columns().force_measured;
-    // Rows before the first position say nothing.
+    // Skip the rows before the first position.
     while (!is_finite(reader_.read(begin_, 1, kColumns).front().position)) ++begin_;
   }
 
@@ -46,7 +46,7 @@ class RecordedRows {
   }
 
   [[nodiscard]] ReplayDevice::Rows read(std::size_t block) const {
-    // And the row after them, for its time.
+    // Read the following row as well, for its time.
     const std::vector<Sample> samples =
         reader_.read(begin_ + block * ReplayDevice::kBlock, ReplayDevice::kBlock + 1, kColumns);
     ReplayDevice::Rows rows;

@@ -1,4 +1,4 @@
-// A recording that answers as if it were the device.
+// A device that replays a recording.
 #pragma once
 
 #include "base/nano_time.h"
@@ -12,29 +12,29 @@
 
 namespace haptrace {
 
-/// Answers with the last recorded position at or before its own, virtual time, and with the last one of all when the
-/// recording is over; before the first, with the first. Invents nothing in between. Takes forces and ignores them.
+/// Answers with the last recorded position at or before its virtual time. Before the first position it answers with the
+/// first, and after the end with the last. It does not interpolate. It accepts forces and ignores them.
 ///
-/// Reads ahead of its time in a thread of its own, so that memory is flat in the recording's length. Should that be
-/// late on the monotonic clock, it goes on answering the last row it has; on the virtual clock the loop waits between
-/// ticks. The device is lost where the recording cannot be read.
+/// Its own thread reads ahead, so that memory use does not grow with the recording. If that thread is late on the
+/// monotonic clock, the device repeats the last row it has; on the virtual clock the loop waits between ticks. The
+/// device is lost if the recording cannot be read.
 class ReplayDevice final : public Device {
  public:
   static constexpr std::uint64_t kBlock = 16'384;  ///< rows
 
-  /// Consecutive rows of a recording. A position that is not finite is none.
+  /// Consecutive rows of a recording. A position that is not finite counts as missing.
   struct Rows {
     std::vector<std::int64_t> time_ns;                                 ///< since the first sample, in order
-    std::vector<Vec3> position;                                        ///< [m], as many
-    std::vector<Vec3> force;                                           ///< measured [N], as many, or none
-    std::int64_t until_ns = std::numeric_limits<std::int64_t>::max();  ///< the time of the row that follows
+    std::vector<Vec3> position;                                        ///< one per time [m]
+    std::vector<Vec3> force;                                           ///< measured, one per time or none [N]
+    std::int64_t until_ns = std::numeric_limits<std::int64_t>::max();  ///< time of the following row
   };
 
-  /// Of rows that are all there. Of `info` it needs what a recording knows about its device. At least one row, the
-  /// first with a position.
+  /// Replays rows that are all in memory: at least one row, and the first one has a position. `info` needs only the
+  /// parts that a recording knows about its device.
   ReplayDevice(const DeviceInfo& info, Rows rows);
 
-  /// Of a recording in `blocks` blocks, the first of which is there. `info` says where it goes and how long it lasts.
+  /// Replays a recording of `blocks` blocks, of which `first` is loaded. `info` states its workspace and duration.
   ReplayDevice(DeviceInfo info, std::shared_ptr<const Rows> first, std::size_t blocks, Prefetcher<Rows>::Load load);
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
@@ -46,7 +46,7 @@ class ReplayDevice final : public Device {
  private:
   ReplayDevice(const DeviceInfo& info, std::shared_ptr<const Rows> rows);
 
-  /// Moves on to the last row at or before `now`, as far as there are rows. False where they cannot be had.
+  /// Moves to the last row at or before `now`, as far as rows are loaded. Returns false if they cannot be loaded.
   bool advance(std::int64_t now) noexcept;
   void take(std::size_t row) noexcept;
 
@@ -61,7 +61,7 @@ class ReplayDevice final : public Device {
   bool closed_ = false;
 };
 
-/// `replay`, with the option file.
+/// Returns the backend `replay`.
 DeviceBackend replay_backend();
 
 }  // namespace haptrace
