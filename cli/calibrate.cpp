@@ -10,7 +10,7 @@
 namespace haptrace::cli {
 namespace {
 
-constexpr int kCountdown = 3;  // on the real clock, before anything moves [s]
+constexpr int kCountdown = 3;  // countdown on the real clock, before any movement [s]
 
 struct CalibrateArguments {
   SessionArguments session;
@@ -38,7 +38,7 @@ std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
       plan.max_dither);
 }
 
-/// False when it was asked to stop meanwhile.
+/// Returns false if a stop was requested meanwhile.
 bool count_down(const Output& output, const StopRequest& stop) {
   for (int left = kCountdown; left > 0; --left) {
     output.remark(fmt::format("begins in {} s", left));
@@ -156,7 +156,7 @@ Verb add_calibrate(CLI::App& app) {
               save_profile(profile, file, overwrite);
               json["profile_file"] = file;
               place = fmt::format("  the profile is in {}\n", file);
-            } catch (const Error& error) {  // the calibration was worth its results all the same
+            } catch (const Error& error) {  // the results of the calibration stay valid
               json["error"] = error.what();
               output.remark(fmt::format("{}; the profile is not kept", error.what()));
               if (code == kDone) code = kStopped;

@@ -1,4 +1,4 @@
-// Completions of shells and manual pages, made from the options themselves.
+// Shell completions and manual pages, generated from the options.
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/text_file.h"
@@ -15,7 +15,7 @@
 namespace haptrace::cli {
 namespace {
 
-/// Every verb that runs something, sub-commands included.
+/// Returns every verb that runs something, including sub-commands.
 std::vector<const CLI::App*> leaves_of(const CLI::App& app) {
   std::vector<const CLI::App*> leaves;
   for (const CLI::App* verb : app.get_subcommands([](const CLI::App*) { return true; })) {
@@ -26,7 +26,7 @@ std::vector<const CLI::App*> leaves_of(const CLI::App& app) {
   return leaves;
 }
 
-/// Every app below `app` that has sub-commands, and itself.
+/// Returns `app` and every app below it that has sub-commands.
 std::vector<const CLI::App*> parents_of(const CLI::App& app) {
   std::vector<const CLI::App*> parents{&app};
   for (const CLI::App* verb : app.get_subcommands([](const CLI::App*) { return true; }))
@@ -111,7 +111,7 @@ complete -o filenames -o bashdefault -F _haptrace haptrace
 
 // ---- zsh ----
 
-/// Text for a description of _arguments inside single quotes.
+/// Escapes a text for a description of _arguments inside single quotes.
 std::string zsh_text(std::string text) {
   text = replaced(std::move(text), "\\", "\\\\");
   text = replaced(std::move(text), "'", "'\\''");
@@ -163,7 +163,7 @@ std::string fish_text(std::string text) {
   return replaced(replaced(std::move(text), "\\", "\\\\"), "'", "\\'");
 }
 
-/// The condition under which the words that call `app` were typed, and none of its sub-commands.
+/// Returns the condition that the words of `app` were typed, but none of its sub-commands.
 std::string fish_condition(const CLI::App& app) {
   std::vector<std::string> conditions, inner;
   for (const CLI::App* at = &app; at->get_parent() != nullptr; at = at->get_parent())

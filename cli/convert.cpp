@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kCompress = 6;  // deflate, when no level is given
+constexpr int kCompress = 6;  // deflate level if none is given
 
 struct ConvertArguments {
   std::string input, file;
@@ -38,7 +38,7 @@ struct ConvertArguments {
   [[nodiscard]] bool to_standard_output() const { return file == "-"; }
 };
 
-/// The way of the samples, and where those who report on it sit.
+/// The chain of sample sources, and pointers to those that report.
 struct Pipeline {
   std::unique_ptr<RecordingSource> source;
   std::shared_ptr<SamplingReport> sampling = std::make_shared<SamplingReport>();
@@ -98,7 +98,7 @@ SinkOptions sink_options(const ConvertArguments& arguments) {
   options.hdf5.for_hdf5_1_8 = arguments.libver == "1.8";
   options.hdf5.storage.deflate = arguments.compress;
   options.hdf5.storage.precision = parse_precision(arguments.precision);
-  // Only whole chunks are packed: short files gain from small ones, and long ones lose little.
+  // Only whole chunks are packed: small chunks make short files smaller, and long files hardly larger.
   if (options.hdf5.storage.filtered()) options.hdf5.storage.rows_per_chunk = 1024;
   return options;
 }
@@ -218,7 +218,7 @@ int convert(const ConvertArguments& arguments, const InputFile& input, const Out
   json["notes"] = remarks;
   for (const std::string& remark : remarks) output.remark(remark);
   if (arguments.to_standard_output())
-    output.remark(text.substr(0, text.size() - 1));  // standard output has the rows
+    output.remark(text.substr(0, text.size() - 1));  // standard output contains the samples
   else
     output.tell(json, text);
   return kDone;

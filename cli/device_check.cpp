@@ -20,7 +20,7 @@ struct DeviceCheck::Arguments {
 
 namespace {
 
-/// Asks at the terminal, where there is one.
+/// Asks the user at the terminal, if there is one.
 class TerminalUser final : public ConformanceUser {
  public:
   TerminalUser(const Output& output, bool yes, StopRequest& stop)
@@ -57,8 +57,8 @@ class TerminalUser final : public ConformanceUser {
   }
 
  private:
-  /// The line that is typed, where somebody is there; q at the end of the input. What was typed before it was asked for
-  /// does not count.
+  /// Returns the line that the user types; empty without a user, q at the end of the input. Discards anything typed
+  /// before the question.
   [[nodiscard]] std::string ask(const std::string& words, const std::string& prompt) const {
     const bool waits = is_there();
     if (waits) tcflush(STDIN_FILENO, TCIFLUSH);

@@ -1,4 +1,4 @@
-// haptrace devices --test: does a device keep its laws?
+// haptrace devices --test: tests a device against the laws of devices.
 #pragma once
 
 #include "cli/verb.h"
@@ -8,13 +8,14 @@
 
 namespace haptrace::cli {
 
-/// --test and what belongs to it, as options of the verb devices.
+/// The option --test and its companions, as options of the verb devices.
 class DeviceCheck {
  public:
   explicit DeviceCheck(CLI::App& devices);
 
   [[nodiscard]] bool wanted() const;
-  /// Exit code 0 when every law that was tested is kept, 1 when one is broken.
+  /// Returns 0 if the device keeps every law that was tested, 1 if it breaks one, and kInterrupted if the test was
+  /// stopped. Returns kNoDevice if the force could not be set to zero.
   [[nodiscard]] int run(const std::string& device, const Output& output) const;
 
  private:

@@ -76,7 +76,7 @@ nlohmann::json to_json(const FoundDevice& found) {
       {"obstacle", found.obstacle}, {"remedy", found.remedy}, {"usable", found.obstacle.empty()}};
 }
 
-/// What it is, and what keeps it from being opened.
+/// Describes a device, and any obstacle to opening it.
 std::string describe(const FoundDevice& found) {
   std::string text = fmt::format("{:<12} {}{}{} at {}\n", found.spec.empty() ? "-" : found.spec, printable(found.model),
                                  found.serial.empty() ? "" : " ", printable(found.serial), found.where);
@@ -92,7 +92,7 @@ std::string list_connected(const std::vector<FoundDevice>& connected) {
   return text + "\n";
 }
 
-/// Tells what comes and goes until it is asked to stop, or nobody listens any more.
+/// Reports devices that come and go, until a stop is requested or standard output is closed.
 int watch(const Output& output) {
   constexpr int kSlices = 10;
   constexpr std::chrono::milliseconds kSlice{50};

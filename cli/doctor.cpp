@@ -26,7 +26,7 @@ struct DoctorArguments {
   bool udev_rules = false;
 };
 
-/// What is being measured, on standard error; only on a terminal.
+/// Shows the current measurement on standard error, if that is a terminal.
 class Stage {
  public:
   explicit Stage(const Output& output) : shown_(!output.quiet && isatty(STDERR_FILENO) != 0) {}
@@ -41,15 +41,15 @@ class Stage {
   bool shown_;
 };
 
-/// The same loop by Debian's cyclictest, or why there is no figure.
+/// The same loop measured by Debian's cyclictest, or the reason why there is no result.
 struct Comparison {
   DurationHistogram latency;
   std::vector<double> p999_of_turns;  ///< [s]
   std::string refusal;                ///< empty: it ran
 };
 
-/// Turns of a second, at least four. With cyclictest they are taken in turns, and who begins changes, so that neither
-/// has the quiet half of the machine's time.
+/// Measures in turns of a second, at least four. With cyclictest, the two alternate and swap their order, so that
+/// neither gets only the quiet times of the machine.
 void measure(const DoctorArguments& arguments, const StopRequest& stop, const Stage& stage, LoopMeasurement& loop,
              Comparison* comparison) {
   const int turns = std::max(4, static_cast<int>(std::lround(arguments.duration)));
@@ -153,7 +153,7 @@ int examine(const DoctorArguments& arguments, const Output& output) {
   if (arguments.cyclictest) {
     Diagnosis compared{Diagnosis::Severity::note, "cyclictest", comparison.refusal, ""};
     if (comparison.refusal.empty()) {
-      // What the machine does to a few turns does not show in the median.
+      // Disturbances of a few turns do not change the median.
       const double ours = median(loop.p999_of_turns), theirs = median(comparison.p999_of_turns);
       const double ratio = ours / std::max(theirs, 1e-9);
       compared.measured = fmt::format("{}; the servo loop's p99.9 is {:.2f} times as long (medians of {} turns)",

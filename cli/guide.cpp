@@ -30,7 +30,7 @@ struct Arguments {
 
 const std::vector<std::string> kModes{"tunnel", "cursor", "free"};
 
-/// --radius: "0.005", "5mm", "auto" or a profile along the path.
+/// Parses --radius: "0.005", "5mm", "auto" or a profile along the path.
 void set_radius(const Arguments& arguments, GuideOptions& options) {
   const std::string& text = arguments.radius;
   if (text == "auto") {

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::size_t kPageWidth = 80, kNameWidth = 28;
 
-/// Options that most sessions use, of those that --help-all lists under a heading. Options without a heading are
+/// Options that most sessions use, among those that --help-all lists under a heading. Options without a heading are
 /// common, too.
 constexpr std::array kCommonOptions{
     "--speed",   "--repeat",        "--fit",       "--kp",    "--kd",    "--learn", "--radius", "--pace",
@@ -28,7 +28,7 @@ bool is_common(const CLI::Option& option) {
          std::find(kCommonOptions.begin(), kCommonOptions.end(), shown_name(option)) != kCommonOptions.end();
 }
 
-/// "--kp NUMBER", with the short name before it where there is one.
+/// Returns "--kp NUMBER", preceded by the short name if there is one.
 std::string left_column(const CLI::Option& option) {
   std::string text;
   for (const std::string& name : option.get_snames()) text += "-" + name + ", ";
@@ -62,7 +62,7 @@ std::string two_columns(const std::string& left, const std::string& right) {
   return text + "\n";
 }
 
-/// An example in lines that a shell joins again.
+/// Breaks an example into lines that a shell joins again.
 std::string example_text(const std::string& example) {
   const std::vector<std::string> lines = wrapped(example, kPageWidth - 10);
   if (example.size() <= kPageWidth || example.find(" (") != std::string::npos) return example;
@@ -73,7 +73,7 @@ std::string paragraph(std::string_view text) {
   return fmt::format("{}\n", fmt::join(wrapped(text, kPageWidth), "\n"));
 }
 
-/// A footer: examples, one a line, and the prose around them.
+/// A footer: examples, one per line, and the prose around them.
 struct FooterParts {
   std::vector<std::string> examples;
   std::string prose;
@@ -99,7 +99,7 @@ std::string prose_text(const std::string& prose) {
   };
   std::istringstream lines(prose);
   for (std::string line; std::getline(lines, line);) {
-    if (line.starts_with("  ")) {  // laid out by hand
+    if (line.starts_with("  ")) {  // formatted by hand
       flush();
       text += line + "\n";
     } else if (line.empty()) {
@@ -186,7 +186,7 @@ std::string shown_name(const CLI::Option& option) {
 }
 
 std::vector<std::string> choices_of(const CLI::Option& option) {
-  // Words with | between them, each perhaps with an explanation in parentheses.
+  // Words separated by |, each optionally with an explanation in parentheses.
   const std::string text = std::regex_replace(option.get_description(), std::regex(R"( \([^)]*\)| *:[A-Z]+\b)"), "");
   std::smatch found;
   if (!std::regex_search(text, found, std::regex(R"([a-z0-9-]+( \| [a-z0-9-]+)+)"))) return {};

@@ -14,20 +14,20 @@ std::string full_name(const CLI::App& verb);
 /// Returns the whole command that `verb` belongs to.
 const CLI::App& root_of(const CLI::App& verb);
 
-/// Returns the long name of an option with its dashes, its short name where it has no other, or a positional's name.
+/// Returns the long name of an option with its dashes, its short name if it has no other, or a positional's name.
 std::string shown_name(const CLI::Option& option);
 
-/// Returns the choices that an option's description lists as "a | b | c"; empty where it lists none.
+/// Returns the choices that an option's description lists as "a | b | c"; empty if it lists none.
 std::vector<std::string> choices_of(const CLI::Option& option);
 
-/// Whether an option takes the name of a file or folder.
+/// Returns true if an option takes the name of a file or folder.
 bool takes_file(const CLI::Option& option);
 
-/// Breaks a text at blanks into lines of at most `width` columns, where it can.
+/// Breaks a text at blanks into lines of at most `width` columns, if possible.
 std::vector<std::string> wrapped(std::string_view text, std::size_t width);
 
-/// Prints help in 80 columns: what a verb does, its usage and examples, then its common options; with --help-all,
-/// every option. The examples are those lines of a verb's footer that begin with two blanks.
+/// Prints help in 80 columns: the purpose of a verb, its usage and examples, then its common options; with --help-all,
+/// every option. The examples are the lines of a verb's footer that begin with two blanks.
 class HelpPage final : public CLI::Formatter {
  public:
   std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override;

@@ -1,5 +1,5 @@
-// The ends without exit handlers, as plug-ins and drivers of this program find them: a motor must not keep its force
-// because a library gave up.
+// _exit() and _Exit() for the plug-ins and drivers of this program: a motor must not keep its force because a library
+// gave up.
 #include "devices/loop/watchdog.h"
 
 #include <sys/syscall.h>

@@ -45,7 +45,7 @@ int tell_of_path(const InputFile& input, const Output& output) {
   return kDone;
 }
 
-/// When the first sample was taken, by the wall clock, and how far that clock can be trusted; null without readings.
+/// Returns the wall-clock time of the first sample and the accuracy of that clock; null without readings.
 nlohmann::json clocks_of(const RecordingReader& reader) {
   const std::vector<ClockReading> clocks = reader.clocks();
   if (clocks.empty()) return nullptr;
@@ -62,7 +62,7 @@ nlohmann::json clocks_of(const RecordingReader& reader) {
 
 int tell_of_recording(const InputFile& input, bool partial, const Output& output) {
   const std::string& file = input.name();
-  if (!input.csv().empty()) (void)open_path(input.path(), {}, {}, input.csv());  // says why it refuses them
+  if (!input.csv().empty()) (void)open_path(input.path(), {}, {}, input.csv());  // reports why it rejects them
   const RecordingReader reader(input.path(), parts_of(partial));
   const RecordingHeader header = reader.header();
   const RecordingSummary summary = [&] {

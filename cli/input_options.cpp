@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// By their paths: what people call files that were passed through a pipe.
+/// The user's names of files that came through a pipe, by their paths.
 std::map<std::string, std::string>& input_names() {
   static std::map<std::string, std::string> names;
   return names;
@@ -31,11 +31,11 @@ bool is_pipe(const std::string& file) {
   return fs::is_fifo(status) || fs::is_socket(status) || fs::is_character_file(status);
 }
 
-/// A file that no other process can open and that is gone once it is closed.
+/// Opens a file that no other process can open and that disappears when it is closed.
 int open_unnamed(const std::string& folder) {
   const int descriptor = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
   if (descriptor >= 0) return descriptor;
-  std::string pattern = folder + "/haptrace-XXXXXX";  // a file system that does not know how
+  std::string pattern = folder + "/haptrace-XXXXXX";  // for a file system without O_TMPFILE
   const int named = ::mkostemp(pattern.data(), O_CLOEXEC);
   if (named >= 0) ::unlink(pattern.c_str());
   return named;
@@ -75,12 +75,12 @@ InputFile::InputFile(const std::string& given, CsvOptions csv) : path_(given), c
 }
 
 InputFile::~InputFile() {
-  if (!to_remove_.empty()) ::unlink(to_remove_.c_str());  // what people call it stays: an error may be printed later
+  if (!to_remove_.empty()) ::unlink(to_remove_.c_str());  // the user's name stays: an error may be printed later
 }
 
 void InputFile::spool(int from) {
   constexpr std::size_t kBlock = 1 << 20;
-  constexpr std::uintmax_t kLeast = 256 << 20;  // bytes that stay free
+  constexpr std::uintmax_t kLeast = 256 << 20;  // bytes that must stay free
   std::error_code error;
   const fs::path temporary = fs::temp_directory_path(error);
   const std::string folder = error ? "/tmp" : temporary.string();
@@ -114,7 +114,7 @@ void InputFile::spool(int from) {
   input_names()[path_] = name();
 }
 
-/// HDF5 asks for the real path of what it opens.
+/// Gives the file a name, because HDF5 asks for the real path of a file.
 void InputFile::give_name(const std::string& folder) {
   std::string named =
       fmt::format("{}/haptrace-{:08x}{:08x}.h5", folder, std::random_device{}(), std::random_device{}());

@@ -1,4 +1,4 @@
-// The file that a verb reads: what a user says about a CSV file, and standard input or a pipe in place of a file.
+// The input of a verb: options for CSV files, and standard input or a pipe in place of a file.
 #pragma once
 
 #include "base/descriptor.h"
@@ -9,29 +9,30 @@
 
 namespace haptrace::cli {
 
-/// Adds --columns and --units, in a group of their own.
+/// Adds --columns and --units, in their own group.
 void add_input_options(CLI::App& app, CsvOptions& options);
 
-/// A file by the name that was given: a file, "-" for standard input, or a pipe.
+/// The input of a verb under its given name: a file, "-" for standard input, or a pipe.
 ///
-/// Standard input and pipes are read to their end into a temporary file, which is gone with this: so HDF5 and XDF may
-/// come through them as well. It has no name, so that nothing stays behind after a kill; only HDF5 needs one. Make it
+/// Standard input and pipes are read to their end into a temporary file that lives as long as this object, so HDF5 and
+/// XDF can come through them as well. That file has no name, so nothing stays behind after a kill; only HDF5 needs a
+/// name. Construct this object before Signals, so that Ctrl+C ends a read that waits.
 /// before Signals, so that Ctrl+C ends a read that waits.
 class InputFile {
  public:
-  /// Throws Error(input): it cannot be read; there is no room for it; 1 MiB without the end of a line.
+  /// Throws Error(input) if the file cannot be read, has no room, or has no line end within 1 MiB.
   InputFile(const std::string& given, CsvOptions csv);
   ~InputFile();
   InputFile(const InputFile&) = delete;
   InputFile& operator=(const InputFile&) = delete;
 
-  /// The path to open.
+  /// Returns the path to open.
   [[nodiscard]] const std::string& path() const noexcept { return path_; }
-  /// The name for messages.
+  /// Returns the name for messages.
   [[nodiscard]] const std::string& name() const noexcept { return csv_.name; }
-  /// It was standard input or a pipe.
+  /// Returns true if the input was standard input or a pipe.
   [[nodiscard]] bool passed_through() const noexcept { return static_cast<bool>(descriptor_); }
-  /// The options that were given, with the name.
+  /// Returns the given options, with the name.
   [[nodiscard]] const CsvOptions& csv() const noexcept { return csv_; }
 
  private:
@@ -43,7 +44,7 @@ class InputFile {
   Descriptor descriptor_;
 };
 
-/// Returns `text` with names of temporary files replaced by those that people know. `json`: it is JSON.
+/// Returns `text` with the names of temporary files replaced by the user's names. `json`: the text is JSON.
 std::string with_input_names(std::string text, bool json = false);
 
 }  // namespace haptrace::cli

@@ -14,7 +14,7 @@
 
 namespace haptrace::cli {
 
-/// Standard input without lines and echo; Ctrl+C stays a signal.
+/// Switches off lines and echo of standard input; Ctrl+C stays a signal.
 struct Keys::Terminal {
   termios before{};
 
@@ -34,7 +34,7 @@ struct Keys::Terminal {
 Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always,
            LiveTuning* tuning)
     : annotations_(std::move(annotations)), texts_(std::move(texts)), pause_(std::move(pause)), tuning_(tuning) {
-  // A process in the background that reads its terminal is stopped by the system, with a force in the motors.
+  // The system stops a background process that reads its terminal, with a force in the motors.
   const bool foreground = isatty(STDIN_FILENO) != 0 && tcgetpgrp(STDIN_FILENO) == getpgrp();
   if (foreground) terminal_ = std::make_unique<Terminal>();
   if (foreground || (always && isatty(STDIN_FILENO) == 0))
@@ -111,7 +111,7 @@ void Keys::type(char key) {
   const std::lock_guard lock(mutex_);
   if (key == '\n' || key == '\r') {
     typing_ = false;
-    // Where room ended within a character, what there is of it goes; a terminal of another encoding is not that.
+    // If the limit cut a character in two, drop its first part. Leave a text in another encoding as it is.
     if (const std::size_t at = find_invalid_utf8(text_); text_.size() > kLongestEventText - 3 && at + 3 >= text_.size())
       text_.resize(std::min(text_.size(), at));
     annotations_->mark(text_, typed_at_ns_);

@@ -14,38 +14,38 @@
 
 namespace haptrace::cli {
 
-/// While it lives, reads keys from standard input:
+/// Reads keys from standard input during its lifetime:
 ///
-///     m or space  a mark at this instant, numbered        p  pauses; again: goes on
+///     m or space  a numbered mark at the current time      p  pauses; again: resumes
 ///     1 to 9      a mark with one of `texts`               q  ends the session, as Ctrl+C does
-///     t TEXT ⏎    a mark at the instant of t, with text
+///     t TEXT ⏎    a mark with text at the time of t
 ///
-/// and, of a session that can be tuned:
+/// and, in a session that can be tuned:
 ///
 ///     + or ]      stiffer: all gains by 10 %                o  disturbance observer on, off
-///     - or [      softer, by as much                        l  what was learned on, off
-///     r           back to the session's start               f  feedforward on, off
+///     - or [      softer: all gains by 10 %                 l  learned correction on, off
+///     r           back to the values at the start           f  feedforward on, off
 ///
-/// Reads a terminal that this process is in the foreground of, and with `always` also what is no terminal.
+/// Reads a terminal only if this process is in its foreground. With `always`, also reads input that is not a terminal.
 class Keys {
  public:
-  /// Told by p whether to pause or to go on; from a thread of its own.
+  /// Called by the key p to pause or to resume, from another thread.
   using Pause = std::function<void(bool paused)>;
 
-  /// Without `annotations` there are no marks, without `pause` is none, and without `tuning`, which is borrowed, there
-  /// is nothing to tune.
+  /// Without `annotations` there are no marks, without `pause` no pauses, and without `tuning`, which is borrowed, no
+  /// tuning.
   Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always,
        LiveTuning* tuning = nullptr);
-  /// A pause leaves out of a recording what follows.
+  /// Returns a Pause that omits the pauses from a recording.
   static Pause recording_pause(std::shared_ptr<Annotations> annotations);
 
-  ~Keys();  ///< the terminal is as it was
+  ~Keys();  ///< restores the terminal
   Keys(const Keys&) = delete;
   Keys& operator=(const Keys&) = delete;
 
   [[nodiscard]] bool active() const noexcept { return thread_.joinable(); }
 
-  /// The text that is being typed after t, or nothing. From any thread.
+  /// Returns the text that is being typed after t, or an empty text. From any thread.
   [[nodiscard]] std::string typing() const;
 
  private:
@@ -66,7 +66,7 @@ class Keys {
   int marks_ = 0;
   std::int64_t typed_at_ns_ = 0;
   mutable std::mutex mutex_;
-  bool typing_ = false;  ///< these two under mutex_
+  bool typing_ = false;  ///< typing_ and text_ are guarded by mutex_
   std::string text_;
 
   std::jthread thread_;

@@ -1,4 +1,4 @@
-// haptrace: records what a hand does with a force-feedback device, and plays it back.
+// haptrace: records hand movements with a force-feedback device, and plays them back.
 #include "base/error.h"
 #include "base/printable.h"
 #include "base/suggest.h"
@@ -30,7 +30,7 @@ constexpr const char* kFooter =
     "Exit codes: 0 done; 1 a limit or a fault stopped the session (data kept); 2 bad usage or input; 3 device missing "
     "or lost; 130 interrupted (data kept).";
 
-/// Old options of `stability` and the sub-commands that do the same.
+/// Old options of `stability`, and the sub-commands that replace them.
 constexpr std::pair<std::string_view, const char*> kMovedOptions[]{{"--staircase", "staircase"},
                                                                    {"--guidance", "guidance"},
                                                                    {"--ensemble", "ensemble --draws N"},
@@ -65,7 +65,7 @@ std::vector<std::string> option_names(const CLI::App& verb) {
   return names;
 }
 
-/// Verbs accept extras so that a slip is answered with the nearest option, not only refused.
+/// Rejects extra words. Parsing accepts them, so that this function can suggest the nearest option.
 void refuse_extras(const CLI::App& verb) {
   for (const std::string& word : verb.remaining()) {
     if (word.size() > 1 && word[0] == '-') {
@@ -77,7 +77,7 @@ void refuse_extras(const CLI::App& verb) {
   }
 }
 
-/// Texts go into recordings, JSON and reports, all of which are UTF-8; names of files do too.
+/// Rejects texts that are not UTF-8: texts go into recordings, JSON and reports, which are UTF-8, as are file names.
 void refuse_invalid_texts(const CLI::App& verb) {
   for (const CLI::Option* option : verb.get_options())
     for (const std::string& text : option->results())
@@ -88,7 +88,7 @@ void refuse_invalid_texts(const CLI::App& verb) {
                         option->get_name(), printable(text), at + 1));
 }
 
-/// Refuses empty names: an empty name is usually a shell variable that is not set. The texts that describe a recording
+/// Rejects empty names: an empty name is usually a shell variable that is not set. The texts that describe a recording
 /// may be empty, and so may options that take no value.
 void refuse_empty_values(const CLI::App& verb) {
   static const std::vector<std::string> may_be_empty{"--title", "--subject", "--operator", "--notes"};
@@ -105,8 +105,8 @@ void refuse_empty_values(const CLI::App& verb) {
   }
 }
 
-/// A disk that is full has lost the results; a reader that has gone away did not want them. A session's are in its
-/// file.
+/// Returns the exit code, changed if a full disk lost the results. A reader that closed its pipe did not want them, and
+/// the results of a session are in its file.
 int with_results(int code, const CLI::App& verb) {
   const bool session = verb.get_option_no_throw("--device") != nullptr;
   if (!results_lost() || session || code != kDone) return code;
@@ -114,7 +114,7 @@ int with_results(int code, const CLI::App& verb) {
   return kBadInput;
 }
 
-/// A verb whose sub-commands do the work was given none of them.
+/// Returns the error for a verb without the sub-command that it needs.
 Error lacks_experiment(const CLI::App& verb) {
   for (const std::string& word : verb.remaining())
     for (const auto& [option, experiment] : kMovedOptions)
@@ -150,7 +150,7 @@ std::vector<Verb> add_verbs(CLI::App& app) {
   return verbs;
 }
 
-/// The words of the command line; `help VERB` is `VERB --help`.
+/// Returns the words of the command line; `help VERB` becomes `VERB --help`.
 std::vector<std::string> words_of(int argc, char** argv) {
   std::vector<std::string> words(argv + 1, argv + argc);
   if (words.empty() || words.front() != "help") return words;
@@ -223,7 +223,7 @@ int run(int argc, char** argv) {
 }  // namespace haptrace::cli
 
 int main(int argc, char** argv) {
-  // A file that took the number of a stream that was closed would be written to by every message.
+  // If a standard stream were closed, a file could get its number, and every message would be written to that file.
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
     if (::fcntl(stream, F_GETFD) < 0 && ::open("/dev/null", O_RDWR) < 0) return 1;
   haptrace::use_recorded_devices();

@@ -27,7 +27,7 @@ void PathArguments::add_to(CLI::App& app) {
 }
 
 int PathArguments::repetitions() const {
-  // A recording's configuration has both: its repeat is then 1.
+  // The configuration of a recording has both; its repeat is then 1.
   if (loop && repeat != 1)
     throw input_error(fmt::format("--loop repeats until Ctrl+C and --repeat {} does not; use one of them", repeat));
   if (loop) return 0;

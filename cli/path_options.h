@@ -1,4 +1,4 @@
-// The path of a session: which part of a recording, where, how often.
+// Options for the path of a session: the part of a recording, its place and its repetitions.
 #pragma once
 
 #include "cli/verb.h"
@@ -19,12 +19,12 @@ struct PathArguments {
   double approach_speed = 0.1;  ///< [m/s]
   double max_deviation;         ///< [m]
 
-  /// `deviation_limit` [m] without --max-deviation.
+  /// `deviation_limit` [m] is the default of --max-deviation.
   explicit PathArguments(double deviation_limit) : max_deviation(deviation_limit) {}
 
   void add_to(CLI::App& app);
 
-  /// 0: until stopped. Throws Error(input) when --repeat is out of its range.
+  /// Returns the number of repetitions; 0: until stopped. Throws Error(input) if --repeat is out of range.
   [[nodiscard]] int repetitions() const;
 };
 

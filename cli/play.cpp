@@ -18,7 +18,7 @@
 namespace haptrace::cli {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
+constexpr double kDegrees = 180 / std::numbers::pi;  // degrees per radian
 
 struct PlayArguments {
   SessionArguments session;
@@ -79,7 +79,7 @@ double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
   return options.repetitions * (plan.path.duration() / options.speed + options.hold + 0.5);
 }
 
-/// What of the session can be tuned: its gains, and what it is composed of.
+/// Returns the tunable parts of the session: its gains, and the terms of its law.
 LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const PlayOptions& play,
                      const DeviceInfo& device) {
   const SessionOptions& session = play.session;
@@ -123,7 +123,7 @@ std::string text_of(const PdGains& gains) {
   return fmt::format("kp {} N/m, kd {} N s/m", one(gains.kp), one(gains.kd));
 }
 
-/// The law that was in force, as the session left it.
+/// Describes the control law at the end of the session.
 std::string law_text(const PlayArguments& arguments, const PlayResult& result, const DeviceInfo& device,
                      const std::optional<DeviceProfile>& profile) {
   const std::vector<std::string> terms = names_of(result.plan.composed);
@@ -318,7 +318,7 @@ Verb add_play(CLI::App& app) {
               try {
                 memory->keep(result);
                 json["learned_file"] = memory->file();
-              } catch (const Error& error) {  // the session was worth its results all the same
+              } catch (const Error& error) {  // the results of the session stay valid
                 json["learned_error"] = error.what();
                 output.remark(fmt::format("{}; what was learned is not kept", error.what()));
                 if (code == kDone) code = kStopped;

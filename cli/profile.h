@@ -12,35 +12,35 @@
 
 namespace haptrace::cli {
 
-/// What calibration found out about the device: from `file` if that is not empty, else from the profile folder, where
-/// there may be none. A profile that does not hold here is an error when it was asked for, and told and left alone when
-/// it was found: the warning then also goes into `warnings`, where there is such a list.
+/// Returns the profile of a device from `calibrate`: from `file` if it is not empty, else from the profile folder,
+/// which may have none. A requested profile that does not fit the device is an error. A stored profile that does not
+/// fit is ignored with a warning, which is also added to `warnings` if given.
 std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::string& file, double rate_hz,
                                          const Output& output, std::vector<Warning>* warnings = nullptr);
 
-/// What a calibration that succeeded found out about the device, at this servo rate.
+/// Returns the profile from a successful calibration of the device at this servo rate.
 DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result, double rate_hz);
 
-/// --profile and --no-profile.
+/// The options --profile and --no-profile.
 struct ProfileArguments {
   std::string file;
   bool none = false;
 
-  /// `without`: what --no-profile means to the verb.
+  /// `without` is the help text of --no-profile.
   void add_to(CLI::App& verb, const char* group, const char* without);
 
-  /// Throws Error(input) when both were given.
+  /// Throws Error(input) if both options were given.
   void check() const;
 
-  /// profile_for() what was asked for. Throws what check() throws.
+  /// Returns the requested profile, as profile_for() does. Throws what check() throws.
   [[nodiscard]] std::optional<DeviceProfile> find(const DeviceInfo& info, double rate_hz, const Output& output,
                                                   std::vector<Warning>* warnings = nullptr) const;
 
-  /// The file in which find() looks.
+  /// Returns the file that find() reads.
   [[nodiscard]] std::string used(const DeviceInfo& info) const;
 };
 
-/// As a session is designed for it.
+/// Returns the part of a profile that the design of a session uses.
 std::optional<IdentifiedDevice> identified(const std::optional<DeviceProfile>& profile);
 
 }  // namespace haptrace::cli

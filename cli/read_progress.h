@@ -1,4 +1,4 @@
-// How far a verb is with reading a long file, or with a long computation.
+// Progress of reading a long file, or of a long computation.
 #pragma once
 
 #include "cli/verb.h"
@@ -9,19 +9,19 @@
 
 namespace haptrace::cli {
 
-/// A line on standard error, if that is a terminal, once it takes longer than a moment; gone with its owner.
+/// A line on standard error, if that is a terminal, that appears after a moment. The destructor removes it.
 class ReadProgress {
  public:
-  /// `file`: what is being read or done. `rows` of the file; 0: unknown.
+  /// `file` names the file or the computation. `rows` is the length of the file; 0: unknown.
   ReadProgress(const Output& output, std::string file, std::uint64_t rows = 0);
   ~ReadProgress();
   ReadProgress(const ReadProgress&) = delete;
   ReadProgress& operator=(const ReadProgress&) = delete;
 
   void tell(std::uint64_t rows_done);
-  void tell_share(double done, const std::string& note = "");  ///< 0 to 1, and what else there is to say
+  void tell_share(double done, const std::string& note = "");  ///< share from 0 to 1, and an additional note
 
-  /// The same as functions, which must not outlive this.
+  /// Return the same as functions, which must not outlive this object.
   [[nodiscard]] auto callback() {
     return [this](std::uint64_t rows_done) { tell(rows_done); };
   }

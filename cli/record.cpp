@@ -19,7 +19,7 @@ struct RecordArguments {
   bool fit = false;
 };
 
-/// Puts the scene into the options, and what a person should know of it into `notes`.
+/// Adds the scene to the options, and information about it for the user to `notes`.
 void add_scene(const RecordArguments& arguments, RecordOptions& options, std::vector<std::string>& notes) {
   if (arguments.scene.empty()) {
     if (arguments.scene_rate != 0 || !arguments.prediction.empty())
@@ -45,7 +45,7 @@ void add_scene(const RecordArguments& arguments, RecordOptions& options, std::ve
                                 rate, ticks, arguments.scene_rate));
 }
 
-/// Of each object that the device cannot reach.
+/// Returns a note for each object that the device cannot reach.
 std::vector<std::string> notes_on_reach(const Scene* scene, const DeviceInfo& info) {
   std::vector<std::string> notes;
   if (scene != nullptr)
@@ -68,7 +68,7 @@ RecordOptions options_of(const RecordArguments& arguments, const CLI::App& verb)
   return options;
 }
 
-/// The device with what belongs to one trial: --fit, and for a device that begins anew a seed of the trial's own.
+/// Opens the device for one trial, with --fit and, if --seed was given, a seed of its own.
 std::unique_ptr<Device> open_for(const RecordArguments& arguments, int trial) {
   SessionArguments session = arguments.session;
   if (session.seed) *session.seed += static_cast<std::uint64_t>(trial - 1);

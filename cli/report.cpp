@@ -14,14 +14,14 @@
 namespace haptrace::cli {
 namespace {
 
-/// In a session's folder, or beside a recording.
+/// Returns the name of the page: in a session's folder, or beside a recording.
 std::string page_beside(const std::string& input) {
   const std::filesystem::path path(input);
   if (!is_session(input)) return std::filesystem::path(path).replace_extension(".report.html").string();
   return ((std::filesystem::is_directory(path) ? path : path.parent_path()) / "report.html").string();
 }
 
-/// "-": standard output, on which nothing else is then told.
+/// Standard output; nothing else is then printed there.
 constexpr const char* kStandardOutput = "-";
 
 }  // namespace
@@ -60,7 +60,7 @@ Verb add_report(CLI::App& app) {
               throw input_error("--no-page leaves nothing to do; add --json or --csv");
             if (arguments->page.empty()) arguments->page = page_beside(arguments->inputs.front());
 
-            // A name that cannot be written is found before hours of recordings are read.
+            // Check that the files can be written before hours of recordings are read.
             std::vector<std::string> outputs;
             if (!arguments->no_page) outputs.push_back(arguments->page);
             if (!arguments->table.empty() && !table_out) outputs.push_back(arguments->table);
@@ -86,7 +86,7 @@ Verb add_report(CLI::App& app) {
               told += arguments->table + "\n";
             }
             if (table_out) {
-              // A terminal gets no control characters; a program gets the table as it stands in a file.
+              // A terminal gets no control characters; a program gets the table exactly as in a file.
               const std::string rows = report_table(report);
               write_out(stdout, isatty(STDOUT_FILENO) != 0 ? printable_lines(rows) : rows);
             } else {

@@ -78,7 +78,7 @@ std::string plan_text(const Programme& programme, const ProgrammePlan& plan) {
   return text;
 }
 
-/// As a shell takes it for one word.
+/// Quotes a word for the shell.
 std::string quoted(const std::string& word) {
   constexpr const char* kPlain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_./";
   if (!word.empty() && word.find_first_not_of(kPlain) == std::string::npos) return word;
@@ -87,8 +87,9 @@ std::string quoted(const std::string& word) {
   return result + "'";
 }
 
-/// The options of `config` that a folder must not set by itself, since it may come from anywhere: the device, which may
-/// be a library that is loaded, and safety limits that are not the usual ones. Each as it stands on the line.
+/// Returns the options of `config` that a folder must not set by itself, because it may come from anywhere: the device,
+/// which may be a library to load, and safety limits other than the defaults. Each comes with its text for the command
+/// line.
 std::vector<std::pair<const CLI::Option*, std::string>> options_to_confirm(const CLI::App& verb,
                                                                            const nlohmann::json& config) {
   std::vector<std::pair<const CLI::Option*, std::string>> options;
@@ -105,14 +106,15 @@ std::vector<std::pair<const CLI::Option*, std::string>> options_to_confirm(const
   return options;
 }
 
-/// The command that goes on with a session that was begun with `config`.
+/// Returns the command that resumes a session that was started with `config`.
 std::string resume_command(const CLI::App& verb, const nlohmann::json& config, const std::string& folder) {
   std::string command = "haptrace run --resume " + quoted(folder);
   for (const auto& [option, words] : options_to_confirm(verb, config)) command += " " + words;
   return command;
 }
 
-/// Throws Error(input), with the command in words, unless the line confirms what the folder must not set by itself.
+/// Throws Error(input) with the command to use, unless the command line repeats the options that the folder must not
+/// set by itself.
 void require_confirmed(const CLI::App& verb, const nlohmann::json& config, const std::string& folder) {
   for (const auto& [option, words] : options_to_confirm(verb, config))
     if (option->count() == 0)
@@ -122,7 +124,7 @@ void require_confirmed(const CLI::App& verb, const nlohmann::json& config, const
           folder, resume_command(verb, config, folder)));
 }
 
-/// `resume` is the command that goes on.
+/// Summarises the result; `resume` is the command that resumes the session.
 std::string result_text(const ProgrammeResult& result, const std::string& folder, const std::string& resume) {
   const Sitting& sitting = result.log.sittings.back();
   std::size_t finished = 0;
@@ -136,7 +138,7 @@ std::string result_text(const ProgrammeResult& result, const std::string& folder
   return text;
 }
 
-/// The programme with what the command line says of the person.
+/// Returns the programme with the participant's settings from the command line.
 nlohmann::json programme_for(const RunArguments& arguments) {
   nlohmann::json programme = load_json(arguments.programme);
   if (!programme.is_object() || (programme.contains("person") && !programme["person"].is_object())) return programme;
@@ -145,8 +147,8 @@ nlohmann::json programme_for(const RunArguments& arguments) {
   return programme;
 }
 
-/// What a session is begun with: its configuration without what is about beginning it, and without what it keeps in
-/// other ways. A sitting that goes on later goes by it, and so does who repeats one of its trials.
+/// Returns the configuration of a session, without options that concern only its start and without values that it
+/// stores elsewhere. Later sittings and repetitions of a trial use this configuration.
 nlohmann::json shared_config(const CLI::App& verb) {
   nlohmann::json config = effective_config(verb);
   for (const char* key : {"verb", "programme", "output", "resume", "dry-run", "mirror", "scale", "fit", "profile",
@@ -155,7 +157,7 @@ nlohmann::json shared_config(const CLI::App& verb) {
   return config;
 }
 
-/// Refuses what would make a session of two kinds.
+/// Rejects a complete session, and options that may only be given at the start.
 void check_resume(const CLI::App& verb, const SessionLog& log, const std::string& folder) {
   if (log.complete) throw input_error(folder + ": is complete; there is nothing to go on with");
   for (const char* option : {"--mirror", "--scale", "--fit", "--output", "--profile", "--no-profile", "--dry-run"})
@@ -163,16 +165,16 @@ void check_resume(const CLI::App& verb, const SessionLog& log, const std::string
       throw input_error(fmt::format("{} says how a session begins; --resume goes on as {} was begun", option, folder));
 }
 
-/// Where files of the programme are looked for.
+/// Returns the folder that relative file names in the programme refer to.
 std::string folder_of(const std::string& programme) {
   const fs::path folder = fs::path(programme).parent_path();
   return folder.empty() ? "." : folder.string();
 }
 
-/// Opens devices for trials: one for all, or one for each where its description has a place for the path.
+/// Opens devices for trials: one for all trials, or one per trial if the device description has a place for the path.
 class TrialDevices {
  public:
-  /// `opened`: how many were opened in earlier sittings.
+  /// `opened` is the number of devices opened in earlier sittings.
   TrialDevices(const SessionArguments& session, std::size_t opened, const std::string& folder)
       : session_(session), mark_(session.device.find(kPathMark)), opened_(opened) {
     if (mark_ != std::string::npos && folder.find(',') != std::string::npos)
@@ -180,15 +182,15 @@ class TrialDevices {
           fmt::format("{}: a simulated trainee's path must not hold a comma; choose another folder", folder));
   }
 
-  /// What the device is, which is the same with and without a path.
+  /// Returns the properties of the device, which are the same with and without a path.
   DeviceInfo info() { return mark_ == std::string::npos ? shared()->info() : open_with(without_path())->info(); }
 
-  /// A simulated person who is moved lets himself be moved. Else he means to follow the path, once he was led to its
-  /// start, and a cursor at its pace.
+  /// In passive exercises, a simulated participant has no intent. Otherwise the participant follows the path after the
+  /// approach to its start, and in cursor exercises at the pace of the cursor.
   std::shared_ptr<Device> open(const Exercise& exercise, double pace, const std::string& path) {
     if (mark_ == std::string::npos) return shared();
     if (exercise.mode == ExerciseMode::passive) return open_with(without_path());
-    constexpr double kLed = 0.5;  // about what it takes from where he is [s]
+    constexpr double kLed = 0.5;  // approximate duration of the approach [s]
     std::string description = session_.device;
     description.replace(mark_, kPathMark.size(), path);
     add_option(description, "intent_after", kLed);
@@ -202,7 +204,7 @@ class TrialDevices {
     return device_;
   }
 
-  /// In words, so that the recording keeps it: what stands there already wins.
+  /// Adds an option to the description, so that the recording contains it. An existing option takes precedence.
   static void add_option(std::string& description, const char* key, double value) {
     if (DeviceSpec::parse(description).options.contains(key)) return;
     description += fmt::format("{}{}={}", description.find(':') == std::string::npos ? ':' : ',', key, value);
@@ -210,7 +212,7 @@ class TrialDevices {
 
   std::shared_ptr<Device> open_with(std::string description) {
     SessionArguments own = session_;
-    // A hand that did the same in every repetition would be nobody's.
+    // No real hand does the same in every repetition, so each gets another seed.
     add_option(description, "seed", static_cast<double>(session_.seed.value_or(1) + opened_++));
     own.device = std::move(description);
     own.seed.reset();
@@ -218,7 +220,7 @@ class TrialDevices {
     return device_ = own.open();
   }
 
-  /// The description without the option that the path is for.
+  /// Returns the description without the option that takes the path.
   [[nodiscard]] std::string without_path() const {
     std::string description = session_.device;
     const std::size_t begin = description.find_last_of(",:", mark_), end = description.find(',', mark_);
@@ -232,7 +234,7 @@ class TrialDevices {
   }
 
   const SessionArguments& session_;
-  std::size_t mark_;  ///< where the path's place is in the description
+  std::size_t mark_;  ///< position of the path's placeholder in the description
   std::shared_ptr<Device> device_;
   std::uint64_t opened_;
 };
@@ -325,7 +327,7 @@ Verb add_run(CLI::App& app) {
             .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
               return devices.open(exercise, settings.pace, path);
             }};
-        // What was found out about the device at the beginning holds for all of the session.
+        // The profile from the start applies to the whole session.
         const std::string kept = (fs::path(folder) / kSessionProfile).string();
         if (!resumes)
           options.profile = arguments->profile.find(*device, arguments->session.rate_hz, output);

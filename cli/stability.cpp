@@ -17,7 +17,7 @@
 namespace haptrace::cli {
 namespace {
 
-/// The options of all four experiments; each declares those that concern it.
+/// The options of all four experiments; each experiment declares its own.
 struct StabilityArguments {
   std::string device, profile, velocity = "lowpass:100";
   double rate_hz = 1000;
@@ -150,7 +150,7 @@ void climb_staircase(const StabilityArguments& arguments, const Output& output, 
 using Experiment = void (*)(const StabilityArguments&, const Output&, const StopRequest&, Findings&);
 
 int run_experiment(Experiment experiment, const StabilityArguments& arguments, const Output& output) {
-  // An output that is refused in the end is refused before the work.
+  // Reject an invalid output before the work, not after it.
   if (!arguments.figure.empty()) check_figure_name(arguments.figure);
   for (const std::string& file : {arguments.output, arguments.figure}) check_output(file, arguments.overwrite);
   const Signals signals;
@@ -167,7 +167,7 @@ int run_experiment(Experiment experiment, const StabilityArguments& arguments, c
 
 using SharedArguments = std::shared_ptr<StabilityArguments>;
 
-/// Adds an experiment with the options that all of them have.
+/// Adds an experiment with the options that all experiments share.
 Verb add_experiment(CLI::App& parent, const char* name, const char* description, const char* footer, bool draws_figure,
                     const SharedArguments& arguments, Experiment experiment) {
   CLI::App* verb = parent.add_subcommand(name, description);

@@ -17,14 +17,14 @@
 namespace haptrace::cli {
 namespace {
 
-std::atomic<bool> no_room{false};  // on standard output
+std::atomic<bool> no_room{false};  // standard output ran out of room
 
 constexpr const char* kReplaceLine = "\r\033[K";
 
 struct CodeRange {
   std::uint32_t first, last;
 };
-// East Asian Width W and F (Unicode 15, UAX #11), joined where only rare scripts lie between.
+// East Asian Width W and F (Unicode 15, UAX #11), merged across gaps with only rare scripts.
 constexpr std::array<CodeRange, 10> kWide{{{0x1100, 0x115F},
                                            {0x2E80, 0x303E},
                                            {0x3041, 0xA4CF},
@@ -43,7 +43,7 @@ bool in_one_of(std::uint32_t code, const Ranges& ranges) {
                      [code](const CodeRange& range) { return range.first <= code && code <= range.last; });
 }
 
-/// Bytes of the character that begins a text, and the columns it takes.
+/// Returns the number of bytes of a text's first character, and its columns.
 std::pair<std::size_t, int> first_character(std::string_view text) {
   const auto lead = static_cast<unsigned char>(text.front());
   const std::size_t bytes = lead < 0xC0 ? 1 : lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 4;
@@ -69,7 +69,7 @@ std::string cut(std::string_view text, int columns) {
   return std::string(text.substr(0, end));
 }
 
-/// Whether a stream takes something within `patience_ms`. One that cannot be asked does.
+/// Returns true if a stream accepts output within `patience_ms`, or if it cannot be polled.
 bool takes(std::FILE* stream, int patience_ms) noexcept {
   pollfd asked{.fd = fileno(stream), .events = POLLOUT, .revents = 0};
   return ::poll(&asked, 1, patience_ms) != 0;
@@ -78,7 +78,7 @@ bool takes(std::FILE* stream, int patience_ms) noexcept {
 }  // namespace
 
 void write_out(std::FILE* stream, const std::string& text) noexcept {
-  constexpr int kPatience = 1000;  // [ms] with a terminal that stands still
+  constexpr int kPatience = 1000;  // longest wait for a stopped terminal [ms]
   if (stream == stderr && isatty(fileno(stream)) != 0 && !takes(stream, kPatience)) return;
   if (std::fwrite(text.data(), 1, text.size(), stream) == text.size() && std::fflush(stream) == 0) return;
   const int reason = errno;
@@ -116,7 +116,7 @@ std::string fitted_line(std::vector<LinePart> parts, int columns) {
   std::erase_if(parts, [](const LinePart& part) { return part.text.empty(); });
   std::string line = joined(parts);
   while (display_width(line) > columns) {
-    // Of equal ranks the last goes first.
+    // Among equal ranks, drop the last part first.
     const auto least = std::max_element(parts.rbegin(), parts.rend(),
                                         [](const LinePart& a, const LinePart& b) { return a.rank < b.rank; });
     if (least == parts.rend() || least->rank == 0) return cut(line, columns);
@@ -127,7 +127,7 @@ std::string fitted_line(std::vector<LinePart> parts, int columns) {
 }
 
 void show_line(std::vector<LinePart> parts) {
-  // After Ctrl+S a terminal takes nothing; a session's end must not wait for the reader.
+  // After Ctrl+S a terminal accepts nothing; the end of a session must not wait for it.
   if (!takes(stderr, 0)) return;
   // A line that fills the last column makes some terminals wrap.
   write_out(stderr, kReplaceLine + fitted_line(std::move(parts), terminal_width() - 1));

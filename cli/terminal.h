@@ -1,4 +1,4 @@
-// What the command writes: to a terminal, a pipe, or nowhere.
+// Output of the command: to a terminal, a pipe, or nowhere.
 #pragma once
 
 #include <cstdio>
@@ -9,32 +9,31 @@
 
 namespace haptrace::cli {
 
-/// Writes to stdout or stderr. A stream that does not take it (a closed terminal, a pipe without a reader, a full disk)
-/// is silent from then on: it neither throws, nor ends a session with a force in the motors. A terminal that stands
-/// still (Ctrl+S) is waited for only with results, on stdout; messages are left out after a second.
+/// Writes to stdout or stderr. A stream that fails (a closed terminal, a pipe without a reader, a full disk) is silent
+/// from then on. The failure neither throws nor ends a session with a force in the motors. If a terminal is stopped
+/// (Ctrl+S), results on stdout wait for it, and messages are dropped after a second.
 void write_out(std::FILE* stream, const std::string& text) noexcept;
 
-/// Whether stdout has refused a text for want of room.
+/// Returns true if stdout refused text for lack of room.
 bool results_lost() noexcept;
 
-/// Columns of the terminal on standard error, as it is now; without an answer COLUMNS, else 80.
+/// Returns the current columns of the terminal on standard error; if unknown, COLUMNS or else 80.
 int terminal_width();
 
-/// Columns that a text takes on a terminal: wide characters take two, combining ones none.
+/// Returns the columns that a text takes on a terminal: wide characters take two, combining ones none.
 int display_width(std::string_view utf8);
 
-/// A part of a progress line. Where room is short, parts with the largest rank are left out first; rank 0 stays.
+/// A part of a progress line. If room is short, parts with the largest rank are dropped first; rank 0 stays.
 struct LinePart {
   int rank = 0;
   std::string text;
 };
 
-/// Joins the parts that fit into `columns` with two spaces between; cuts the line where even those of rank 0 do not
-/// fit.
+/// Joins the parts that fit into `columns`, separated by two spaces. Cuts the line if even those of rank 0 do not fit.
 std::string fitted_line(std::vector<LinePart> parts, int columns);
 
-/// Replaces the line on standard error, which is a terminal, by as much of `parts` as fits into one line of it. Waits
-/// for nothing: a line that the terminal does not take is left out.
+/// Replaces the line on standard error, which is a terminal, with the `parts` that fit into one line. Never waits: a
+/// line that the terminal does not accept is dropped.
 void show_line(std::vector<LinePart> parts);
 void show_line(const std::string& text);
 void clear_line();

@@ -18,8 +18,8 @@
 namespace haptrace::cli {
 namespace {
 
-constexpr double kLongestTried = 30;  // of a path [s]
-constexpr double kUnseenError = 0.2;  // share of a figure, where runs cannot differ
+constexpr double kLongestTried = 30;  // longest part of a path to play [s]
+constexpr double kUnseenError = 0.2;  // assumed relative error of a result if all runs are equal
 
 struct TradeoffArguments {
   std::string path, device, budget, output, figure, save, scene;
@@ -37,7 +37,7 @@ struct TradeoffArguments {
   std::vector<double> rates;
 };
 
-/// Files that the verb makes.
+/// Files that the verb writes.
 struct TradeFiles {
   std::string json, figure, config, profile;
 };
@@ -66,7 +66,7 @@ TradeFiles files_of(const TradeoffArguments& arguments) {
   return files;
 }
 
-/// The stretch of at most kLongestTried in which the most happens.
+/// Returns the part of a path, at most kLongestTried long, with the most movement.
 std::shared_ptr<const PathSource> busiest(std::shared_ptr<const PathSource> source, const Output& output) {
   if (source->facts().duration() <= kLongestTried) return source;
   Path path = source->read(0, source->facts().rows);
@@ -88,7 +88,7 @@ std::shared_ptr<const PathSource> busiest(std::shared_ptr<const PathSource> sour
   return source_of(std::move(path), {.from = from, .to = from + kLongestTried});
 }
 
-/// What a virtual device is like, found out as `calibrate` does.
+/// Identifies a virtual device as `calibrate` does.
 std::optional<DeviceProfile> calibrated_here(Device& device, const Output& output, const StopRequest& stop) {
   const DeviceInfo& info = device.info();
   output.remark(fmt::format("{} was not calibrated; it is now, in virtual time", info.name));
@@ -101,14 +101,14 @@ std::optional<DeviceProfile> calibrated_here(Device& device, const Output& outpu
   return profile_of(info, result, options.session.loop.rate_hz);
 }
 
-/// What the seed of each run is added to.
+/// Returns the device's own seed, to which the seed of each run is added.
 std::uint64_t read_own_seed(const DeviceSpec& spec) {
   return spec.name == "sim" && spec.options.contains("seed") ? read_sim_device(spec).options.seed : 0;
 }
 
 Workplace workplace(const TradeoffArguments& arguments, const Output& output, const StopRequest& stop) {
   DeviceSpec spec = DeviceSpec::parse(arguments.device);
-  // The seed of the device is that of the first run: a budget that one hand keeps says nothing of the next.
+  // Each run has another seed, added to the device's own: a budget that holds for one hand may not hold for the next.
   const bool seeded = spec.name == "sim";
   const std::uint64_t own_seed = read_own_seed(spec);
   const auto open = [spec, seeded, own_seed](std::uint64_t seed) {
@@ -165,7 +165,7 @@ Configuration base_of(const TradeoffArguments& arguments, bool calibrated) {
   return base;
 }
 
-/// Those that were asked for, or those of `all` that the device can be asked for; and the base's.
+/// Returns the requested rates, or those of `all` that suit the device, and the base's rate.
 std::vector<double> rates_of(const TradeoffArguments& arguments, const Workbench& bench,
                              const std::vector<double>& all) {
   std::vector<double> rates = arguments.rates;
@@ -180,7 +180,7 @@ std::vector<double> rates_of(const TradeoffArguments& arguments, const Workbench
   return rates;
 }
 
-/// Each part of a simulated device's physics left out in turn; nothing of another device.
+/// Leaves out each part of a simulated device's physics in turn. Returns nothing for other devices.
 std::optional<Explanation> explain_simulation(const TradeoffArguments& arguments, const Workbench& bench,
                                               const Budget& budget, const TradeOptions& options,
                                               const StopRequest& stop) {
@@ -192,7 +192,7 @@ std::optional<Explanation> explain_simulation(const TradeoffArguments& arguments
     one.seed = read_own_seed(device) + seed;
     return std::make_unique<SimDevice>(spec, one);
   };
-  // Learning would learn what is left out.
+  // Learning would compensate for the part that is left out.
   Configuration configuration = options.base;
   configuration.learn = 0;
   return explain_physics(bench.place(), parts.spec, make, configuration, budget, options, stop);
@@ -346,7 +346,7 @@ Verb add_tradeoff(CLI::App& app) {
             if (arguments->explain && report.complete) {
               ReadProgress progress(output, "leaving out each term");
               std::vector<Configuration> explained{options.base};
-              // What is learned takes the place of what the model knows of the load.
+              // Learning takes the place of the model's knowledge of the load.
               if (options.base.learn > 0) {
                 explained.push_back(options.base);
                 explained.back().learn = 0;

@@ -34,7 +34,7 @@ void TuningArguments::add_to(CLI::App& app) {
 TuningInputs::TuningInputs(const TuningArguments& arguments, LiveTuning& tuning) {
   if (!arguments.token_file.empty() && arguments.port.empty())
     throw input_error("--tune-token-file holds the token of --tune-port; give that too");
-  // The file first: what it holds is in force before the session starts.
+  // Apply the file first: its settings are in force before the session starts.
   if (!arguments.file.empty()) file_.emplace(tuning, arguments.file);
   const bool on_socket = arguments.socket_option != nullptr && arguments.socket_option->count() > 0;
   if (!on_socket && arguments.port.empty()) return;
@@ -59,7 +59,7 @@ void TuningInputs::listen(const TuningArguments& arguments, LiveTuning& tuning) 
   }
   server_.emplace(tuning, std::move(options));
   if (arguments.port.empty() || !token_file_.empty()) return;
-  // A server has its port for itself: a token that lies there is of a session that died.
+  // No two servers share a port, so an existing token file is left from a session that died.
   token_file_ = fmt::format("{}/tune-{}.token", runtime_folder(), server_->port());
   std::filesystem::remove(token_file_);
   write_tuning_token(token_, token_file_);

@@ -1,4 +1,4 @@
-// How a session is tuned from outside while it runs: the options, and what they open.
+// Options to tune a running session from outside, and the inputs that they open.
 #pragma once
 
 #include "player/tuning/live_tuning.h"
@@ -20,23 +20,23 @@ struct TuningArguments {
   void add_to(CLI::App& app);
 };
 
-/// The sockets and the file that were asked for, from construction to the end of the object.
+/// The requested sockets and file, open during the lifetime of this object.
 class TuningInputs {
  public:
-  /// Throws Error(input) naming the option. `tuning` is borrowed.
+  /// Throws Error(input) naming the option. Borrows `tuning`.
   TuningInputs(const TuningArguments& arguments, LiveTuning& tuning);
   ~TuningInputs();
   TuningInputs(const TuningInputs&) = delete;
   TuningInputs& operator=(const TuningInputs&) = delete;
 
-  /// How each socket is reached, a sentence with an example for each.
+  /// Returns how to reach each socket: a sentence with an example for each.
   [[nodiscard]] std::vector<std::string> hints() const;
 
  private:
   void listen(const TuningArguments& arguments, LiveTuning& tuning);
 
   std::string socket_, token_, token_file_;
-  bool token_is_temporary_ = false;  ///< the file with the token is removed at the end
+  bool token_is_temporary_ = false;  ///< the destructor removes the token file
   std::optional<TuningServer> server_;
   std::optional<TuningFile> file_;
 };

@@ -25,9 +25,9 @@ namespace {
 
 StopRequest* raised_by_signals = nullptr;
 
-/// The first request fades the force out, the second ends the session at its next tick. Where no tick comes any more,
-/// in a driver that does not return, the third ends the process: what the device does then is its own, or its
-/// guardian's.
+/// Counts stop requests. The first one fades the force out, and the second one ends the session at its next tick. If no
+/// tick comes because a driver does not return, the third one ends the process; the device or its guardian must then
+/// remove the force.
 void on_signal(int signal) {
   if (raised_by_signals == nullptr) return;
   raised_by_signals->raise();
@@ -40,13 +40,13 @@ std::string text_of(const nlohmann::json& value) {
   return value.is_string() ? value.get<std::string>() : value.dump();
 }
 
-/// A number, true or false where the text is one; else the text.
+/// Returns a number, true or false if the text is one, else the text.
 nlohmann::json value_of(const std::string& text) {
   const nlohmann::json parsed = nlohmann::json::parse(text, nullptr, false);
   return parsed.is_number() || parsed.is_boolean() ? parsed : nlohmann::json(text);
 }
 
-/// Key and value of "KEY=VALUE".
+/// Returns the key and the value of "KEY=VALUE".
 std::pair<std::string, std::string> split_meta(const std::string& text) {
   const std::size_t equals = text.find('=');
   if (equals == std::string::npos || equals == 0)
@@ -54,7 +54,7 @@ std::pair<std::string, std::string> split_meta(const std::string& text) {
   return {text.substr(0, equals), text.substr(equals + 1)};
 }
 
-/// What the template says, completed and overruled by what was given.
+/// Returns the values of the template, completed and overridden by the given ones.
 std::map<std::string, std::string> metadata(const std::string& file, const std::vector<std::string>& given) {
   std::map<std::string, std::string> meta;
   std::vector<std::string> wanted;
@@ -186,7 +186,7 @@ std::unique_ptr<Device> SessionArguments::open(const std::vector<std::pair<std::
   const auto backend =
       std::find_if(backends.begin(), backends.end(), [&](const auto& b) { return b.name == spec.name; });
   const auto put = [&](const std::string& key, const std::string& value) {
-    if (backend == backends.end()) return;  // open_device says so
+    if (backend == backends.end()) return;  // open_device reports the error
     const auto& known = backend->options;
     if (std::any_of(known.begin(), known.end(), [&](const auto& o) { return o.key == key; }))
       spec.options.emplace(key, value);
@@ -207,13 +207,13 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   options.loop.away_timeout = wait_for_device;
   if (file.empty()) return options;
 
-  // Those of other programs that would not read it.
+  // Formats of other programs, which could not read HDF5 under these names.
   constexpr std::string_view kOthers[] = {".csv", ".tsv", ".txt", ".json", ".jsonl", ".xdf", ".mat", ".png", ".svg"};
   if (std::find(std::begin(kOthers), std::end(kOthers), file_ending(file)) != std::end(kOthers))
     throw input_error(
         fmt::format("{}: a session is recorded as HDF5; name it {}, and haptrace convert makes others of it", file,
                     std::filesystem::path(file).replace_extension(".h5").string()));
-  // The path that the simulated hand intends, and the recording that a replay device plays.
+  // Values in the device description, such as the simulated hand's path or the recording of a replay device.
   std::vector<std::string> of_device;
   for (std::size_t at = device.find('='); at != std::string::npos; at = device.find('=', at + 1))
     of_device.push_back(device.substr(at + 1, device.find(',', at) - at - 1));
@@ -231,7 +231,7 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   recording.options.capture.mark_buttons = mark_buttons;
   recording.options.annotations = std::make_shared<Annotations>();
   recording.meta = metadata(meta_file, meta);
-  // Four keys have a place of their own; their options win.
+  // Four keys have options of their own, which take precedence.
   for (const auto& [key, given, kept] : {std::tuple{"title", &title, &recording.title},
                                          {"subject", &subject, &recording.subject},
                                          {"operator", &operator_name, &recording.operator_name},
@@ -269,7 +269,7 @@ void apply_config(CLI::App& verb, const std::string& file) {
 void apply_config(CLI::App& verb, const nlohmann::json& config, const std::string& file) {
   if (!config.is_object()) throw input_error(fmt::format("{}: a configuration is a JSON object of options", file));
   std::vector<std::string> known;
-  std::vector<CLI::Option*> options;  // of each name
+  std::vector<CLI::Option*> options;  // one per name
   for (CLI::Option* option : verb.get_options()) {
     std::vector<std::string> spellings = option->get_lnames();
     if (spellings.empty()) spellings.push_back(option->get_name());
@@ -277,7 +277,7 @@ void apply_config(CLI::App& verb, const nlohmann::json& config, const std::strin
     options.insert(options.end(), spellings.size(), option);
   }
 
-  // What is for this verb alone goes before what is for all.
+  // Options for this verb alone come before those for all verbs.
   const std::string name = full_name(verb);
   if (const auto own = config.find(name); own != config.end() && own->is_object())
     apply_config(verb, *own, fmt::format("{}: {}", file, name));
@@ -328,12 +328,12 @@ Signals::Signals() {
     struct sigaction old {};
     if (sigaction(signal, &action, &old) == 0) before_.emplace_back(signal, old);
   };
-  // By default each of these ends the process, or stops it: a process that sleeps leaves its force in the motors.
+  // By default each of these ends or stops the process, and a stopped process leaves its force in the motors.
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF,
                            SIGXCPU, SIGPOLL, SIGPWR, SIGSTKFLT})
     set(signal, on_signal);
   for (int signal = SIGRTMIN; signal <= SIGRTMAX; ++signal) set(signal, on_signal);
-  // A file size limit, a closed pipe and a terminal that refuses a background process are errors of a call.
+  // A file size limit, a closed pipe and a terminal that refuses a background process become errors of a call.
   for (const int signal : {SIGXFSZ, SIGPIPE, SIGTTOU, SIGTTIN}) set(signal, SIG_IGN);
 }
 
@@ -347,7 +347,7 @@ const StopRequest& Signals::stop() const noexcept {
 
 namespace {
 
-/// The parts of a progress line, in order. What a person acts on stays longest.
+/// Returns the parts of a progress line, in order. The parts that a user acts on stay longest.
 std::vector<LinePart> bar_of(const SessionView& view, double duration) {
   const LiveStatus& live = view.live;
   std::vector<LinePart> parts;

@@ -1,4 +1,4 @@
-// What the verbs of the command share: how one is declared, what every session understands, how results are told.
+// Common parts of the verbs: declaration, options of sessions, output of results.
 #pragma once
 
 #include "cli/keys.h"
@@ -25,25 +25,25 @@ enum ExitCode : int {
   kStopped = 1,       ///< a limit or fault stopped the session; data kept
   kBadInput = 2,      ///< bad usage or bad input
   kNoDevice = 3,      ///< device missing or lost
-  kInterrupted = 130  ///< data kept
+  kInterrupted = 130  ///< the user stopped the session; data kept
 };
 
-/// Where results go: people or programs.
+/// Output of results, for people or for programs.
 struct Output {
   bool json = false;   ///< one JSON object on standard output
-  bool quiet = false;  ///< no summary, no progress, no warnings but errors
+  bool quiet = false;  ///< no summary, progress or warnings; only errors
 
   /// Prints `json` or, unless quiet, `text`.
   void tell(const nlohmann::json& json_result, const std::string& text) const;
   /// Prints a remark for people on standard error; not with --quiet.
   void remark(const std::string& text) const;
-  /// Prints what stopped a session or cost data on standard error, with --quiet too.
+  /// Prints the cause of a stop or of a loss of data on standard error, with --quiet too.
   void fault(const std::string& text) const;
   /// Prints a warning: an error as a fault, others as a remark.
   void warn(const Warning& warning) const;
 };
 
-/// One verb: a subcommand of `app` and what to run once its options are read.
+/// A verb: a subcommand of `app`, and the function to run once its options are parsed.
 struct Verb {
   CLI::App* app = nullptr;
   std::function<int(const Output&)> run;
@@ -51,7 +51,7 @@ struct Verb {
 
 /// Adds --partial, for verbs that read recordings in parts.
 void add_partial(CLI::App& verb, bool& partial);
-/// Which files such a verb reads.
+/// Returns the parts that such a verb reads.
 RecordingReader::Parts parts_of(bool partial);
 
 Verb add_devices(CLI::App& app);
@@ -80,7 +80,7 @@ struct SessionArguments {
   std::string velocity = "lowpass:100";
   std::optional<std::uint64_t> seed;
   SafetyLimits limits{.max_velocity = 1.5};
-  double wait_for_device = 0;  ///< of verbs that can go on after a gap [s]
+  double wait_for_device = 0;  ///< for verbs that can resume after a gap [s]
   std::string title, subject, operator_name, notes, meta_file;
   std::vector<std::string> meta, mark_texts;
   std::string split, precision;
@@ -92,40 +92,40 @@ struct SessionArguments {
   bool keys = false;
 
   void add_to(CLI::App& app);
-  /// --wait-for-device, for verbs whose sessions can go on after a gap.
+  /// Adds --wait-for-device, for verbs whose sessions can resume after a gap.
   void add_wait_to(CLI::App& app);
 
-  /// Opens the device, after --seed and `extra` options were put into its description where it understands them; with
-  /// wait_for_device, again whenever it is lost.
+  /// Opens the device. Adds --seed and the `extra` options to its description if its backend has these options. With
+  /// wait_for_device, reopens the device whenever it is lost.
   [[nodiscard]] std::unique_ptr<Device> open(const std::vector<std::pair<std::string, std::string>>& extra = {}) const;
 
-  /// `file` empty: not recorded. Throws Error(input) naming the option.
+  /// Returns the options of a session; without a `file`, it is not recorded. Throws Error(input) naming the option.
   [[nodiscard]] SessionOptions options(const std::string& file, const nlohmann::json& config) const;
 };
 
-/// Throws Error(input) unless an option that the verb cannot do without was given, on the line or in --config.
+/// Throws Error(input) unless a required option of the verb was given, on the command line or in --config.
 void require(const CLI::App& verb, const std::string& option);
 
-/// Throws Error(input) when `output` is one of the files that the verb reads; an empty name is no file.
+/// Throws Error(input) if `output` is one of the files that the verb reads. Ignores empty names.
 void keep_inputs(const std::string& output, std::span<const std::string> inputs);
 
-/// Removes what killed processes left of `file`, and says so.
+/// Removes what killed processes left of `file`, and reports it.
 void clean_up(const Output& output, const std::string& file);
 
-/// Reads --config FILE.json: every key is an option of the verb; what stands on the line wins. A key that names a verb
-/// holds what is for that verb alone.
+/// Reads --config FILE.json: every key is an option of the verb; the command line takes precedence. A key that names a
+/// verb holds options for that verb only.
 void apply_config(CLI::App& verb, const std::string& file);
-/// The same of a configuration that stands in `where`.
+/// Applies a configuration that comes from `where`.
 void apply_config(CLI::App& verb, const nlohmann::json& config, const std::string& where);
 
-/// Every option of the verb with its value in force, as a --config file would hold them.
+/// Returns every option of the verb with its effective value, in the format of a --config file.
 nlohmann::json effective_config(const CLI::App& verb);
 
-/// From its construction to its end, no signal that can be caught ends or stops the process with a force in the motors:
-/// those that would do so raise a stop request (SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGUSR1, SIGALRM, ...), and
-/// those of a dead pipe, a full quota or a terminal that does not take output are ignored. To be made before a device
-/// is opened, since opening one may move it. A crash during a session is left to its Watchdog. One at a time. SIGKILL
-/// and SIGSTOP cannot be caught.
+/// Ensures that no signal that can be caught ends or stops the process with a force in the motors. During its lifetime,
+/// signals that would do so raise a stop request (SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGUSR1, SIGALRM, ...).
+/// Signals of a dead pipe, a full quota or a terminal that refuses output are ignored. Construct it before a device is
+/// opened, because opening one may move it. A Watchdog handles a crash during a session. Only one may exist at a time.
+/// SIGKILL and SIGSTOP cannot be caught.
 class Signals {
  public:
   Signals();
@@ -136,25 +136,26 @@ class Signals {
 
  private:
   CrashWatch crashes_;
-  std::vector<std::pair<int, struct sigaction>> before_;  ///< to restore
+  std::vector<std::pair<int, struct sigaction>> before_;  ///< handlers to restore
 };
 
-/// Prints notes that were made before the session and makes them the session's first warnings.
+/// Prints notes from before the session and makes them the session's first warnings.
 void note_before(const Output& output, SessionOptions& session, const char* code, std::span<const std::string> texts,
                  Warning::Severity severity = Warning::Severity::note);
 
-/// 24 characters wide, of which the part `share`, 0 to 1, is full.
+/// Returns a bar of 24 characters, filled up to `share` (0 to 1).
 std::string meter(double share);
 
-/// Prints warnings at once, on standard error, and a progress bar with live figures if that is a terminal.
-/// `duration` [s] of the session; 0: unknown. `keys` and `tuning` may be null; else they must outlive the result.
+/// Returns a callback that prints warnings at once on standard error, and a progress line with live numbers if that is
+/// a terminal. `duration` [s] of the session; 0: unknown. `keys` and `tuning` may be null; otherwise they must outlive
+/// the result.
 Progress progress_bar(const Output& output, double duration, const Keys* keys = nullptr,
                       const LiveTuning* tuning = nullptr);
 
-/// Returns the exit code of a session, and says what ended it on standard error.
+/// Returns the exit code of a session, and prints on standard error why it ended.
 int conclude(const Output& output, const SessionResult& result);
 
-/// Returns rate, latency, losses and warnings of a session, a few lines for people.
+/// Returns the rate, latency, losses and warnings of a session, as a few lines for people.
 std::string session_summary(const SessionResult& result);
 
 }  // namespace haptrace::cli
