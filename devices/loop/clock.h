@@ -1,4 +1,4 @@
-// The two clocks that drive the one servo loop.
+// Clocks of the servo loop: the monotonic clock and virtual time.
 #pragma once
 
 #include <cerrno>
