@@ -52,7 +52,7 @@ class FittedPath final : public PathSource {
   Fit fit_;
 };
 
-/// How far the samples leave the workspace [m]. Reads only the blocks that could leave it farthest.
+/// Returns the largest distance of a sample outside the workspace [m]. Reads only the blocks that could hold it.
 double distance_outside(const PathSource& path, const Box& workspace) {
   std::vector<std::pair<double, const PathBlock*>> order;
   for (const PathBlock& block : path.blocks()) {

@@ -1,4 +1,4 @@
-// A path as a device can play it.
+// Fitting of a path to the axes and workspace of a device.
 #pragma once
 
 #include "devices/device.h"
@@ -11,12 +11,13 @@ namespace haptrace {
 
 struct DevicePath {
   std::shared_ptr<const PathSource> source;
-  std::optional<Fit> fit;  ///< how it was moved and scaled, if it was
+  std::optional<Fit> fit;  ///< translation and scale, if the path was fitted
 };
 
-/// Where there is no motor the path has no say and lies in the middle of what the device can do. The rest is as it is
-/// when that lies within the workspace, or fitted into it. Throws Error(input) with the distance when it leaves the
-/// workspace and must not be fitted. Reads no more of a long path than its figures leave open.
+/// Returns the path as the device plays it. Along an axis without a motor the path lies at the middle of the workspace.
+/// The rest stays unchanged if it lies within the workspace. Otherwise it is fitted into the workspace or, without
+/// `fit`, Error(input) is thrown with the distance outside. Reads only the blocks of a long path whose bounds are not
+/// conclusive.
 DevicePath path_for(const DeviceInfo& device, std::shared_ptr<const PathSource> path, bool fit);
 
 Box workspace_of(const DeviceInfo& device);

@@ -36,7 +36,7 @@ Command TimedController::update(const State& state) noexcept {
     const auto fired = trigger_->check(state);
     if (!fired) return command;
     kept_ = std::exchange(command.event, fired);
-    waits_ = false;  // the trigger stays: to free it is no work for a tick
+    waits_ = false;  // the trigger is kept: a tick must not free memory
     begin_ns_ = state.time_ns;
   }
   if (duration_ > 0 && 1e-9 * static_cast<double>(state.time_ns - begin_ns_) >= duration_)
@@ -48,7 +48,7 @@ PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, do
   LoopModel loop{.mass = kUnknownMass, .delay = kUnknownDelay, .rate_hz = rate_hz, .resolution = resolution};
   if (plant) {
     loop.delay = plant->delay;
-    // Of the axes that have a motor: of the others nothing was identified.
+    // Only axes with a motor were identified.
     double mass = std::numeric_limits<double>::infinity(), viscous = mass;
     for (int axis = 0; axis < 3; ++axis) {
       if (!(plant->mass[axis] > 0)) continue;
@@ -91,7 +91,7 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
     result.touches = touching->figures();
     return result;
   }
-  // Zero force is all that is ever sent, so that no speed of the hand is too fast to be recorded.
+  // Only zero force is sent, so the speed of the hand needs no limit.
   RecordOptions free = options;
   free.session.loop.limits.max_velocity = 0;
   PassiveController passive;
@@ -113,7 +113,7 @@ std::vector<SessionResult> record_trials(const Trials& trials, const RecordOptio
   std::unique_ptr<Device> device = trials.open(1);
   for (int trial = 1; trial <= trials.count; ++trial) {
     if (trial > 1 && trials.pause > 0) {
-      // The device goes on being served, so that it neither sleeps nor loses its home.
+      // The loop keeps serving the device, so that it neither sleeps nor loses its home position.
       RecordOptions rest{.duration = trials.pause, .session = options.session};
       rest.session.recording.reset();
       if (record(*device, rest, stop, {}).servo.cause != StopCause::finished) break;

@@ -58,7 +58,7 @@ nlohmann::json flight_record(const std::vector<Sample>& samples) {
   return rows;
 }
 
-/// Collects the warnings of a running session and shows it to a person.
+/// Collects the warnings of a running session and passes its status to the Progress callback.
 class Watch {
  public:
   Watch(Recorder* recorder, LiveMonitor& monitor, EventTally& tally, const SessionOptions& options,
@@ -85,7 +85,7 @@ class Watch {
     if (progress_) progress_(view);
   }
 
-  /// Adds to the next view.
+  /// Adds a warning to the next view.
   void warn(Warning warning) { late_.push_back(std::move(warning)); }
 
   [[nodiscard]] bool disk_is_low() const noexcept { return disk_is_low_; }
@@ -94,8 +94,8 @@ class Watch {
   using Clock = std::chrono::steady_clock;
 
   struct Kind {
-    std::uint64_t count = 0;  ///< that the list accounts for
-    std::size_t entry = 0;    ///< in the list
+    std::uint64_t count = 0;  ///< events counted in the warning
+    std::size_t entry = 0;    ///< index of the warning in the list
     Clock::time_point shown;
   };
 
@@ -106,8 +106,8 @@ class Watch {
     }
   }
 
-  /// Events of a kind are one warning. It is shown when the first occurs; one that changes the gains in force also
-  /// later, at most once a second.
+  /// Merges the events of each kind into one warning. Shows it when the first event occurs; warnings about changed
+  /// gains are shown again, at most once a second.
   void take_events(SessionView& view) {
     const EventTally::Counts& counts = tally_.latest();
     const auto now = Clock::now();
@@ -132,7 +132,7 @@ class Watch {
     }
   }
 
-  /// When the loop waits for a device that was lost. That it came back is an event.
+  /// Warns when the loop starts to wait for a lost device. Its return is an event.
   void warn_of_device(SessionView& view) {
     if (options_.loop.away_timeout > 0 && view.live.losses > losses_told_)
       add(view, {{Warning::Severity::warning, "device_lost", view.live.time,
@@ -141,12 +141,13 @@ class Watch {
     losses_told_ = view.live.losses;
   }
 
-  /// The writer cannot warn itself while it waits for the disk. Once a second.
+  /// Warns of lost samples and a stalled disk, at most once a second. The writer cannot warn while it waits for the
+  /// disk.
   void warn_of_losses(SessionView& view) {
     const auto now = Clock::now();
     if (now - told_ < std::chrono::seconds(1)) return;
     const Recorder::Status& status = *view.recording;
-    // A process that was stopped as a whole goes on with a writer that soon answers.
+    // A single stalled reading does not count: after a stop of the whole process, the writer soon answers again.
     const bool still_stalled = std::exchange(stalled_, status.stalled > 1) && stalled_;
     if (status.lost > lost_told_ && !status.failed) {
       add(view,
@@ -168,16 +169,16 @@ class Watch {
   const SessionOptions& options_;
   const Progress& progress_;
   SessionResult& result_;
-  std::array<Kind, kMostEventKinds> kinds_{};  ///< by row of event_words()
+  std::array<Kind, kMostEventKinds> kinds_{};  ///< indexed by row of event_words()
   std::vector<Warning> late_;
   Clock::time_point told_;
   std::uint64_t lost_told_ = 0, losses_told_ = 0;
   bool disk_is_low_ = false, stalled_ = false;
 };
 
-/// On the real clock, what the machine cost the loop. A thousandth of the ticks is what `doctor` allows.
+/// Returns a warning if the machine caused missed ticks on the real clock. `doctor` allows a thousandth of the ticks.
 std::optional<Warning> overruns_of(const SessionResult& result) {
-  constexpr double kMostMissed = 1e-3;  // of all ticks
+  constexpr double kMostMissed = 1e-3;  // share of all ticks
   const ServoReport& servo = result.servo;
   if (result.virtual_time || servo.overruns == 0) return std::nullopt;
   const bool many = static_cast<double>(servo.missed) > kMostMissed * static_cast<double>(servo.samples + servo.missed);
@@ -188,7 +189,7 @@ std::optional<Warning> overruns_of(const SessionResult& result) {
                              servo.realtime.reason.empty() ? "haptrace doctor finds out why" : servo.realtime.reason)};
 }
 
-/// Warns of what ended the session. conclude() says it to a person.
+/// Adds warnings about the cause of the session's end. conclude() reports it to the user.
 void warn_of_end(SessionResult& result) {
   const ServoReport& servo = result.servo;
   if (result.ended_by_disk)
@@ -201,8 +202,8 @@ void warn_of_end(SessionResult& result) {
     result.warn(Warning::Severity::error, "force_not_zero", describe(result.zero_force));
 }
 
-/// Makes the recording whole when the session cannot end by itself. Who looks after the session may hang as well: then
-/// its warnings are left out.
+/// Returns a function that completes the recording when the session cannot end by itself. If the thread that watches
+/// the session hangs as well, its warnings are left out.
 std::function<void(const std::string&)> keep_when_ended(Recorder& recorder, const SessionResult& result,
                                                         std::timed_mutex& looking) {
   return [&recorder, &result, &looking](const std::string& words) {
@@ -213,7 +214,8 @@ std::function<void(const std::string&)> keep_when_ended(Recorder& recorder, cons
   };
 }
 
-/// What is known of the motors. A device that was lost, perhaps with a force in them, is looked for, to take it away.
+/// Returns the state of the motors. If a device was lost, perhaps with a force in its motors, waits for its return to
+/// remove that force.
 ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
   const ZeroForce zero = device.zero_force();
   if (zero == ZeroForce::confirmed || servo.cause != StopCause::device_lost) return zero;
@@ -270,7 +272,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
 
   StopRequest ours(&stop);
   Watch watch(recorder ? &*recorder : nullptr, monitor, tally, options, progress, result);
-  std::timed_mutex looking;  // guards the list of warnings from the watchdog
+  std::timed_mutex looking;  // protects the list of warnings from the watchdog
   const auto look = [&] {
     const std::scoped_lock lock(looking);
     watch.look();
@@ -350,7 +352,7 @@ nlohmann::json to_json(const VibrationSummary& vibration) {
 
 nlohmann::json to_json(const SessionResult& result) {
   const ServoReport& servo = result.servo;
-  // What is said of samples is what the file has, where there is one.
+  // "samples" counts those in the file if there is a recording.
   nlohmann::json json{{"samples", result.recording ? result.recording->written : servo.samples},
                       {"session_samples", servo.samples},
                       {"ticks", servo.samples + servo.stale},

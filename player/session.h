@@ -1,4 +1,4 @@
-// One session: a device, a controller, the loop that joins them, and the recording of it.
+// Runs a session: a device, a controller, the servo loop that connects them, and the recording.
 #pragma once
 
 #include "control/warning.h"
@@ -15,7 +15,7 @@
 
 namespace haptrace {
 
-/// Which clock drives a session.
+/// Clock that drives a session.
 enum class ClockChoice {
   automatic,  ///< virtual for virtual-time devices, else real
   real,
@@ -38,37 +38,36 @@ struct SessionOptions {
     std::string title, subject, operator_name, notes;
     std::map<std::string, std::string> meta;
     nlohmann::json config = nlohmann::json::object();
-    bool end_when_disk_is_low =
-        false;  ///< the session ends before the disk is full, when there is nothing but to record
+    bool end_when_disk_is_low = false;  ///< end the session before the disk is full; for sessions that only record
   };
   std::optional<Recording> recording;
 };
 
-/// A running session, for a person to look at.
+/// Status of a running session for display.
 struct SessionView {
   LiveStatus live;
   std::optional<Recorder::Status> recording;
-  std::vector<Warning> warnings;  ///< since the last view, to be shown at once
+  std::vector<Warning> warnings;  ///< warnings since the last view, to be shown at once
 };
 
-/// What a session was like, and what of it is on the disk.
+/// Result of a session, including the state of its recording.
 struct SessionResult {
   ServoReport servo;
   bool virtual_time = false;
   std::optional<Recorder::Status> recording;
-  std::string recording_error;                  ///< what the disk refused, in words; empty when all is on it
+  std::string recording_error;                  ///< error message of the recording; empty if it succeeded
   bool ended_by_disk = false;                   ///< see end_when_disk_is_low
-  ZeroForce zero_force = ZeroForce::confirmed;  ///< what is known of the motors since
-  std::vector<TouchFigures> touches;            ///< of each object of the scene that could be touched
-  std::vector<Warning> warnings;                ///< all of them; events of a kind are one
-  double gain_share = 1;                        ///< of the feedback gains that was in force at the end, after softening
+  ZeroForce zero_force = ZeroForce::confirmed;  ///< known state of the motors after the session
+  std::vector<TouchFigures> touches;            ///< contact metrics of each touchable object of the scene
+  std::vector<Warning> warnings;                ///< all warnings; one for each kind of event
+  double gain_share = 1;                        ///< share of the feedback gains in force at the end, after softening
 
-  /// Adds a warning that is known only now.
+  /// Adds a warning after the session.
   void warn(Warning::Severity severity, const char* code, std::string text) {
     warnings.push_back({severity, code, kNaN, std::move(text)});
   }
 
-  /// False when something of the session is not on the disk.
+  /// Returns false when part of the session is missing on the disk.
   [[nodiscard]] bool recorded_all() const noexcept {
     return recording_error.empty() && !ended_by_disk && (!recording || recording->lost == 0);
   }
@@ -77,24 +76,24 @@ struct SessionResult {
 /// Called about ten times a second in the thread that called run_session.
 using Progress = std::function<void(const SessionView&)>;
 
-/// Runs one session to its end: the loop in a thread of its own, the recorder in another. `columns.reference` and
-/// `columns.guidance` say what the controller fills; the device decides the others. Zero force has been sent when it
-/// returns or throws. Throws what ServoLoop, Recorder and make_velocity_estimator throw before the first tick; what
-/// goes wrong later is in the result.
+/// Runs one session to its end, with the loop and the recorder in threads of their own. `columns.reference` and
+/// `columns.guidance` say which columns the controller fills; the device determines the others. Zero force has been
+/// sent when the function returns or throws. Throws what ServoLoop, Recorder and make_velocity_estimator throw before
+/// the first tick; the result reports later errors.
 SessionResult run_session(Device& device, Controller& controller, RecordingColumns columns,
                           std::span<SampleSink* const> sinks, const SessionOptions& options, const StopRequest& stop,
                           const Progress& progress = {});
 
-/// The texts of notes that were made before a session, as its first warnings.
+/// Returns warnings with the given texts and no time, one for each text.
 std::vector<Warning> known_warnings(Warning::Severity severity, const char* code, std::span<const std::string> texts);
 
-/// The JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by, warnings and what else there is
-/// to report. "notices" holds the texts of the warnings for programs of before there were any.
+/// Returns the JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by, warnings and further
+/// results. "notices" holds the texts of the warnings for programs that predate "warnings".
 nlohmann::json to_json(const SessionResult& result);
 nlohmann::json to_json(const VibrationSummary& vibration);
-nlohmann::json to_json(const DurationHistogram& durations);  ///< p50, p99, p999, max [s]
+nlohmann::json to_json(const DurationHistogram& durations);  ///< keys p50, p99, p999, max [s]
 
-/// `software` of recordings: name and version.
+/// Returns the name and version for the `software` field of recordings.
 const char* software_name() noexcept;
 
 }  // namespace haptrace

@@ -18,10 +18,11 @@ namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
-constexpr double kPeriod = 1.5;    // of the dither [s]
-constexpr double kLongPeriod = 2;  // where the loop's rate leaves fewer lines to a period [s]
-// Of the reach: as a hand is dragged along all of it, hardly a force is left in firm hands for friction and the dither,
-// the device sticks, and its mass seems two or three times what it is.
+constexpr double kPeriod = 1.5;    // period of the excitation signal [s]
+constexpr double kLongPeriod = 2;  // period at low loop rates, which leave fewer lines per period [s]
+// Swing size as a share of the reach. A hand that is dragged along the whole reach leaves hardly any force for friction
+// and the excitation signal if it holds firmly: the device sticks, and its mass seems two or three times its true
+// value.
 constexpr double kSwingSize = 0.5;
 constexpr double kSweepHz = 2.5;
 constexpr double kLowestLine = 15;         // above what a hand does of its own accord, and most grips [Hz]
@@ -34,18 +35,19 @@ constexpr double kLook = 0.75;             // of the first look [s]
 constexpr double kSettle = 0.4;            // from a change of the dither to the first window [s]
 constexpr double kLookDither = 0.08;       // share of the largest force, rms per axis
 constexpr double kMostDither = 0.12;
-constexpr double kDitherOfForce = kMostDither / 0.7;  // of the force it may use; peaks of three axes are six times rms
+constexpr double kDitherOfForce = kMostDither / 0.7;  // share of the permitted force; peaks of three axes: 6 rms
 constexpr double kLargestDither = 2;                  // rms per axis [N]
-constexpr double kLargestForce = 15;                  // however strong the device [N]
-constexpr double kDitherSpeed = 0.25;                 // rms of the dither's velocity, share of the sweeps'
-constexpr double kLeastMotion = 0.25;                 // of the speed asked for, below which a device counts as blocked
+constexpr double kLargestForce = 15;                  // bound for strong devices [N]
+constexpr double kDitherSpeed = 0.25;  // rms velocity from the excitation, as a share of the sweeps' peak speed
+constexpr double kLeastMotion = 0.25;  // share of the requested speed below which a device counts as blocked
 
-// A second, gentler session with a device that the first could not shake, although it moves where it is pushed.
-constexpr double kMostUnseen = 0.4;      // share of the force that its movement until then leaves unexplained
-constexpr double kHeavy = 1;             // from which on its velocity is low-passed further [kg]
-constexpr double kGentleBandwidth = 25;  // of its gains: slow enough for any delay of a few samples [rad/s]
+// Constants of a second, gentler session. It runs when the excitation of the first one did not move the device enough
+// although the device moves in the direction of the force.
+constexpr double kMostUnseen = 0.4;      // largest share of the force that the movement so far may leave unexplained
+constexpr double kHeavy = 1;             // mass from which the velocity is low-passed further [kg]
+constexpr double kGentleBandwidth = 25;  // bandwidth of the gains, low enough for any delay of a few samples [rad/s]
 constexpr const char* kGentleVelocity = "lowpass:30";
-constexpr double kInertiaShare = 0.4;  // of the force, for accelerations
+constexpr double kInertiaShare = 0.4;  // share of the force that is available for acceleration
 
 constexpr std::array<double, 3> kQuickSizes{1, 0.5, 1};
 constexpr std::array<double, 16> kFullSizes{1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35,
@@ -59,7 +61,7 @@ double dither_windows(bool full) {
   return full ? 8 : 2;
 }
 
-/// So that the dither leaves its harmonics free.
+/// Returns the frequency of the swing [Hz]. Multisine has no lines at its harmonics.
 double swing_hz(const CalibrationPlan& plan) {
   return 2 / plan.dither.period();
 }
@@ -75,7 +77,7 @@ struct RoundedTriangle {
   }
 };
 
-/// Answers of the device at a few lines of the dither while the session runs, through a Hann window.
+/// Response of the device at a few lines of the excitation signal, computed during the session with a Hann window.
 class FirstLook {
  public:
   explicit FirstLook(const CalibrationPlan& plan) : axes_(plan.axes) {
@@ -98,7 +100,8 @@ class FirstLook {
     windows_ = 0;
   }
 
-  /// `share` 0 to 1 of the window has passed at `time`; `hum` is the excitation at `time` for 1 N rms per axis.
+  /// Adds one sample. `share`: part of the window that has passed at `time`, 0 to 1. `hum`: excitation at `time` for 1
+  /// N rms per axis.
   void add(const State& state, double time, double share, const Vec3& speed_asked, const Vec3& hum) noexcept {
     const double window = 0.5 * (1 - std::cos(kTwoPi * share));
     windows_ += window;
@@ -115,7 +118,7 @@ class FirstLook {
     }
   }
 
-  /// Apparent mass, the median over the lines [kg].
+  /// Returns the apparent mass, the median over the lines [kg].
   [[nodiscard]] double mass(int axis) const noexcept {
     std::array<double, kLines> masses{};
     for (std::size_t i = 0; i < kLines; ++i) {
@@ -127,7 +130,8 @@ class FirstLook {
     return masses[kLines / 2];
   }
 
-  /// By which the answer lags behind a mass's, the median over the lines; a hand's damping shows as a little more [s].
+  /// Returns the lag of the response behind that of a mass, the median over the lines [s]. The damping of a hand makes
+  /// it appear slightly larger.
   [[nodiscard]] double lag(int axis) const noexcept {
     std::array<double, kLines> lags{};
     for (std::size_t i = 0; i < kLines; ++i) {
@@ -138,12 +142,13 @@ class FirstLook {
     return std::max(lags[kLines / 2], 0.0);
   }
 
-  /// Whether a push along `axis` moves the device that way: at these frequencies a mass moves against the force, late
-  /// by a delay that is not known yet, so that the answer is compared with a mass's of either sign at every delay.
-  /// A hand that is stiff for the device's mass, or a link that swings, answers as a mass of the wrong sign too.
+  /// Returns true when a force along `axis` moves the device in that direction. At these frequencies a mass moves
+  /// against the force, late by a delay that is not known yet; the response is therefore compared with that of a mass
+  /// of either sign at every delay. A hand that is stiff for the device's mass, or a link that swings, also responds
+  /// like a mass of the wrong sign.
   [[nodiscard]] bool follows(int axis) const noexcept {
     constexpr double kLongest = 10e-3, kStep = 0.5e-3;  // [s]
-    constexpr double kClearly = 1;                      // of kLines
+    constexpr double kClearly = 1;                      // out of kLines
     const auto& sums = sums_[static_cast<std::size_t>(axis)];
     double with = -kLines, against = -kLines;
     for (double delay = 0; delay <= kLongest; delay += kStep) {
@@ -165,11 +170,12 @@ class FirstLook {
     return against < with + kClearly && across < straight;
   }
 
-  /// Whether the answers to the excitation along `axis` were the same in `other`, an earlier look: those of a device
-  /// are, whatever its axes; those that a hand's tremor or the encoder's steps make are not. They are compared with the
-  /// excitation and not with the force, of which feedback makes a part out of every movement.
+  /// Returns true when the responses to the excitation along `axis` match those in `other`, an earlier look. The
+  /// response of a device repeats, whatever its axes; movement from a hand's tremor or from encoder steps does not. The
+  /// responses are compared with the excitation and not with the force: feedback turns part of every movement into
+  /// force.
   [[nodiscard]] bool repeats(const FirstLook& other, int axis) const noexcept {
-    constexpr double kAlike = 0.25;  // of |a - b| / (|a| + |b|), 0.7 in the median between independent ones
+    constexpr double kAlike = 0.25;  // bound on |a - b| / (|a| + |b|); between independent responses its median is 0.7
     std::array<double, kLines> differences{};
     for (std::size_t line = 0; line < kLines; ++line) {
       const Sum &a = sums_[static_cast<std::size_t>(axis)][line],
@@ -187,7 +193,7 @@ class FirstLook {
     return differences[kLines / 2] < kAlike;
   }
 
-  /// Amplitude of the movement along `axis` at a line, the median over the lines [m].
+  /// Returns the amplitude of the movement along `axis`, the median over the lines [m].
   [[nodiscard]] double amplitude(int axis) const noexcept {
     std::array<double, kLines> all{};
     for (std::size_t line = 0; line < kLines; ++line)
@@ -197,7 +203,7 @@ class FirstLook {
     return all[kLines / 2];
   }
 
-  /// Mean speed over the mean speed asked for.
+  /// Returns the mean speed divided by the mean requested speed.
   [[nodiscard]] double motion(int axis) const noexcept { return asked_[axis] > 0 ? speed_[axis] / asked_[axis] : 1; }
 
  private:
@@ -231,14 +237,15 @@ class CalibrationController final : public Controller {
         swing_size_(swing_size(plan)),
         sweep_size_(plan.reach.cwiseMin(plan.max_speed / (4 * kSweepHz))) {}
 
-  /// For a device of about `mass` [kg], by which it is damped and moved no faster than the force allows. It is not
-  /// judged again: the dither of the look hardly moves a heavy one.
+  /// For a device of about `mass` [kg], which sets the damping and bounds the movement to the acceleration that the
+  /// force allows. The response of the first look is not judged again: its excitation hardly moves a heavy device.
   CalibrationController(const CalibrationPlan& plan, const Vec3& mass) : CalibrationController(plan) {
     gentle_ = true;
     gains_ = {gains_.kp.cwiseMax(kGentleBandwidth * kGentleBandwidth * mass),
               (2 * gains_.kd).cwiseMax(1.4 * kGentleBandwidth * mass)};
     const double acceleration = kInertiaShare * plan.max_force / mass.maxCoeff();  // [m/s^2]
-    // Of the swing's place, with its rise and fall at twice the frequency; of a triangle's first harmonic.
+    // Peak acceleration of the swing, including its vertical movement at twice the frequency, and of a triangle's first
+    // harmonic.
     swing_size_ = std::min(swing_size_, acceleration / (std::sqrt(5.0) * std::pow(kTwoPi * swing_hz(plan), 2)));
     sweep_size_ = sweep_size_.cwiseMin(acceleration / (0.81 * std::pow(kTwoPi * kSweepHz, 2)));
   }
@@ -282,12 +289,12 @@ class CalibrationController final : public Controller {
 
   [[nodiscard]] Verdict verdict() const noexcept { return verdict_; }
   [[nodiscard]] Stage stage() const noexcept { return stage_; }
-  [[nodiscard]] int axis() const noexcept { return axis_; }  ///< that the verdict, or the sweep, is about
+  [[nodiscard]] int axis() const noexcept { return axis_; }  ///< axis of the verdict or of the sweep
 
-  /// Of the movement that the look saw along the axis of the verdict [m].
+  /// Returns the amplitude that the look measured along the axis of the verdict [m].
   [[nodiscard]] double amplitude() const noexcept { return look_.amplitude(axis_); }
 
-  /// Whether what is recorded now belongs to a measurement.
+  /// Returns true while the samples belong to a measurement.
   [[nodiscard]] bool measures() const noexcept { return measures_; }
 
  private:
@@ -299,7 +306,7 @@ class CalibrationController final : public Controller {
     return v;
   }
 
-  /// Radius of the swing.
+  /// Returns the radius of the swing [m].
   static double swing_size(const CalibrationPlan& plan) {
     double size = kLargestReach;
     for (int axis = 0; axis < 3; ++axis)
@@ -335,7 +342,7 @@ class CalibrationController final : public Controller {
           judge(now);
         break;
       case Stage::swing:
-        // The reference goes on where the look left it.
+        // The reference continues where the look left it.
         measures_ = since >= swing_begin_ && since < swing_begin_ + swing_time();
         if (since >= swing_begin_ + swing_time()) dither_wanted_ = Vec3::Zero();
         if (since >= swing_begin_ + swing_time() + kBlend) next_sweep(now);
@@ -354,7 +361,8 @@ class CalibrationController final : public Controller {
     return (kSweepLead + static_cast<double>(sizes_.size())) / kSweepHz;
   }
 
-  /// At the end of the look: does the device do as it is told, and what is it like?
+  /// Judges the first look: checks that the device follows the force, then sets gains and excitation from its mass and
+  /// lag.
   void judge(double now) noexcept {
     if (gentle_) return begin_swing(now, driven_part(Vec3::Constant(plan_.max_dither)));
     Vec3 dither = Vec3::Zero();
@@ -367,7 +375,7 @@ class CalibrationController final : public Controller {
                       : look_.repeats(before_, axis) ? Verdict::wrong_way
                                                      : Verdict::unclear,
                       axis);
-        // Once more, with twice the gains.
+        // Look once more, with twice the stiffness.
         stronger_ = true;
         gains_.kp *= 2;
         gains_.kd *= 1.5;
@@ -380,14 +388,14 @@ class CalibrationController final : public Controller {
     for (int axis = 0; axis < 3; ++axis) {
       if (!driven(axis)) continue;
       const double mass = look_.mass(axis);
-      // Stiff enough that the device goes where it is swept, and not where its friction is least.
+      // The gains are stiff enough that the device follows the sweep instead of the direction of least friction.
       constexpr double kStiffest = kTwoPi * 12;  // [rad/s]
-      constexpr double kFilterLag = 2.5e-3;      // of a usual velocity estimate [s]
+      constexpr double kFilterLag = 2.5e-3;      // delay of a usual velocity estimate [s]
       const double bandwidth = std::min(kStiffest, 0.45 / (look_.lag(axis) + kFilterLag));
       gains_.kp[axis] = std::max(gains_.kp[axis], mass * bandwidth * bandwidth);
       gains_.kd[axis] = std::max(gains_.kd[axis], 1.2 * mass * bandwidth);
 
-      double response = 0;  // mean square speed of 1 kg under a dither of 1 N rms
+      double response = 0;  // mean square speed of 1 kg under an excitation of 1 N rms
       for (const SpectralLine& line : plan_.dither.lines(axis))
         response += 0.5 * std::pow(line.amplitude / (kTwoPi * line.frequency_hz), 2);
       dither[axis] = std::clamp(kDitherSpeed * plan_.max_speed * mass / std::sqrt(response),
@@ -407,7 +415,7 @@ class CalibrationController final : public Controller {
     axis_ = axis;
   }
 
-  /// `since` the stage began [s]. Look and swing are one movement.
+  /// Returns the reference `since` [s] after the stage began. Look and swing are one movement.
   [[nodiscard]] Reference reference(double since) const noexcept {
     Reference r{.position = home_, .velocity = Vec3::Zero(), .acceleration = nan3()};
     switch (stage_) {
@@ -415,7 +423,7 @@ class CalibrationController final : public Controller {
         return approach_.at(since);
       case Stage::look:
       case Stage::swing: {
-        // Round in x and y, up and down twice a round: no direction rests for long.
+        // Circle in x and y, with two vertical cycles per turn: no direction rests for long.
         const double w = kTwoPi * swing_hz(plan_), angle = w * since;
         const Vec3 place(std::cos(angle), std::sin(angle), 0.5 * std::sin(2 * angle));
         const Vec3 slope(-std::sin(angle), std::cos(angle), std::cos(2 * angle));
@@ -446,10 +454,10 @@ class CalibrationController final : public Controller {
     return r;
   }
 
-  static constexpr double kSweepLead = 0.5;  // cycles before a sweep is measured
+  static constexpr double kSweepLead = 0.5;  // cycles before the measurement of a sweep starts
 
   const CalibrationPlan& plan_;
-  FirstLook look_, before_;  ///< the present one, and one that was not conclusive
+  FirstLook look_, before_;  ///< the current look, and an earlier inconclusive one
   std::span<const double> sizes_;
   PdGains gains_;
   double swing_size_;
@@ -465,7 +473,7 @@ class CalibrationController final : public Controller {
   Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
 };
 
-/// Keeps the rows of a session, and which of them belong to what.
+/// Stores the samples of a session and the ranges that belong to each measurement.
 class CalibrationLog final : public SampleSink {
  public:
   CalibrationLog(const CalibrationController& controller, std::size_t rows) : controller_(controller) {
@@ -505,7 +513,7 @@ class CalibrationLog final : public SampleSink {
             .sweeps = sweeps_};
   }
 
-  /// Of everything that was recorded, for a session that ended early.
+  /// Returns an experiment of all recorded samples, for a session that ended early.
   [[nodiscard]] Experiment whole(const CalibrationPlan& plan) const {
     return {.rows = rows_,
             .rate_hz = plan.rate_hz,
@@ -516,10 +524,10 @@ class CalibrationLog final : public SampleSink {
   }
 
  private:
-  static constexpr std::uint64_t kBridged = 4;  ///< ticks from one row to the next, at most
+  static constexpr std::uint64_t kBridged = 4;  ///< longest distance between two samples that is filled [ticks]
 
-  /// Rows for the few ticks before `next` that found no new sample, or were missed: the last force was held, and the
-  /// tool moved evenly.
+  /// Fills the few ticks before `next` that had no new sample or were missed: holds the last force and interpolates the
+  /// position linearly.
   void bridge(const TickRow& next, std::uint64_t ticks) {
     if (rows_.empty() || ticks > kBridged) return;
     const TickRow last = rows_.back();
@@ -531,7 +539,7 @@ class CalibrationLog final : public SampleSink {
   }
 
   const CalibrationController& controller_;
-  std::uint64_t tick_ = 0;  ///< of the last row
+  std::uint64_t tick_ = 0;  ///< tick of the last sample
   std::vector<TickRow> rows_;
   std::vector<Stretch> dithered_;
   std::array<std::vector<Stretch>, 3> sweeps_;
@@ -539,7 +547,7 @@ class CalibrationLog final : public SampleSink {
   int axis_ = -1;
 };
 
-/// `step` [m]: of the positions, as position_quantum() finds it.
+/// Returns why the session yields no design. `step`: position resolution [m], see position_quantum().
 std::string reason_of(const CalibrationController& controller, const SessionResult& session, double step) {
   const char axis = "xyz"[controller.axis()];
   switch (controller.verdict()) {
@@ -577,7 +585,7 @@ std::string reason_of(const CalibrationController& controller, const SessionResu
   return session.servo.detail;
 }
 
-/// Finds the design for a coarse model that the device bears.
+/// Finds a design for a coarse model under which the device is stable.
 void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptions& session, const StopRequest& stop,
                  const Progress& progress, CalibrationResult& result) {
   constexpr std::array kBandwidths{1.0, 0.7, 0.5, 0.35};
@@ -589,14 +597,15 @@ void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptio
   for (int axis = 0; axis < 3; ++axis)
     if (plan.axes[static_cast<std::size_t>(axis)])
       options.radius = std::min(options.radius, kSwingSize * plan.reach[axis]);
-  // Round the circle, with its rise and fall at twice the frequency, no faster than the force allows.
+  // The speed on the circle, including its vertical movement at twice the frequency, stays within what the force
+  // allows.
   const double acceleration = kInertiaShare * plan.max_force / result.identification.plant.mass.maxCoeff();
   options.speed = std::min(options.speed, std::sqrt(acceleration * options.radius / std::sqrt(5.0)));
   options.session.loop.limits.max_force = plan.max_force;
   for (const double bandwidth : kBandwidths) {
     TrackingDesign design = design_tracking(
         result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force, .bandwidth = bandwidth});
-    // Nothing is known of what it bears beyond a trial.
+    // A trial shows stability only up to its own gains.
     design.largest = {(kTrialRaise * design.gains.kp).cwiseMin(kLargestKp),
                       (kTrialRaise * design.gains.kd).cwiseMin(kLargestKd)};
     const LawTrial trial = try_out(device, {result.identification.plant, design}, options, stop, progress);
@@ -656,7 +665,7 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
                       device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
     smallest = std::min(smallest, room);
   }
-  plan.max_speed = kTwoPi * plan.reach.maxCoeff();  // round the reach in a second
+  plan.max_speed = kTwoPi * plan.reach.maxCoeff();  // one circle with the radius of the reach per second
   plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
   const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
   plan.duration =
@@ -667,7 +676,7 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
 CalibrationResult calibrate(Device& device, const CalibrationOptions& options, const StopRequest& stop,
                             const Progress& progress) {
   const CalibrationPlan plan = plan_calibration(device.info(), options);
-  constexpr double kSpare = 20;  // for the way to the centre and a second look [s]
+  constexpr double kSpare = 20;  // for the approach to the centre and a second look [s]
   const auto rows = static_cast<std::size_t>((plan.duration + kSpare) * plan.rate_hz);
   CalibrationResult result;
   const auto run = [&](CalibrationController& controller, CalibrationLog& log, const SessionOptions& session) {

@@ -1,4 +1,4 @@
-// What a device says of itself, as profiles and sessions keep it.
+// Identity and data of a device, in the form that profiles and sessions store.
 #pragma once
 
 #include "devices/device.h"

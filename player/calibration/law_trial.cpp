@@ -13,10 +13,10 @@ namespace haptrace {
 namespace {
 
 constexpr double kTwoTurns = 4 * std::numbers::pi;
-constexpr double kMostTrialRipple = 0.04;  // of the largest force
-constexpr double kMostTrialError = 0.3;    // of the radius
+constexpr double kMostTrialRipple = 0.04;  // share of the largest force
+constexpr double kMostTrialError = 0.3;    // share of the radius
 
-/// From rest to rest; all of it where the device can be, also along axes that it does not drive.
+/// Returns a path from rest to rest that lies within the workspace, also along axes that the device does not drive.
 Path trial_path(const DeviceInfo& info, const LawTrialOptions& options) {
   const double duration = MinJerk::kPeakSpeed * kTwoTurns * options.radius / options.speed;
   Path path{.name = "the trial's circle"};

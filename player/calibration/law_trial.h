@@ -1,4 +1,4 @@
-// Trying out a law that was designed for a model that is not to be trusted.
+// Trial of a control law that was designed for a coarse model.
 #pragma once
 
 #include "control/design/tracking_design.h"
@@ -10,29 +10,30 @@
 namespace haptrace {
 
 struct LawTrialOptions {
-  Vec3 centre = Vec3::Zero();   ///< of what is followed [m]
-  double radius = 0.01;         ///< [m]
-  double speed = 0.1;           ///< peak [m/s]
-  double max_deviation = 0.03;  ///< [m]
+  Vec3 centre = Vec3::Zero();   ///< centre of the circle [m]
+  double radius = 0.01;         ///< radius of the circle [m]
+  double speed = 0.1;           ///< peak speed [m/s]
+  double max_deviation = 0.03;  ///< distance from the reference beyond which the session stops [m]
   SessionOptions session;       ///< without a recording
 };
 
-/// What became of a law on the device.
+/// Result of a trial on the device.
 struct LawTrial {
   SessionResult session;
-  double rms_error = 0;     ///< of the second repetition, 3-D [m]
-  double force_ripple = 0;  ///< likewise, above 25 Hz, rms [N]
-  std::string reason;       ///< why the device does not bear it; empty when it does
+  double rms_error = 0;     ///< 3-D rms error of the second repetition [m]
+  double force_ripple = 0;  ///< force above 25 Hz in the second repetition, rms [N]
+  std::string reason;       ///< why the law failed; empty when it passed
 
   [[nodiscard]] bool passed() const noexcept { return reason.empty(); }
 };
 
-inline constexpr double kTrialRaise = 1.3;  ///< of the gains in a trial, over those of the design
+inline constexpr double kTrialRaise = 1.3;  ///< gains in a trial, relative to the design
 
-/// Follows two turns of a small circle that also goes up and down, twice, with learning and with gains kTrialRaise
-/// times those of the design, so that what passes has a margin. It fails when the oscillation monitor speaks, the force
-/// ripples over more than twice what the position quantum is expected to make and kMostTrialRipple of the largest
-/// force, or the session does not reach its end.
+/// Follows two turns of a small circle with a vertical movement, twice, with learning and with gains kTrialRaise times
+/// those of the design, so that a law that passes has a margin. The trial fails when the loop oscillates (oscillation
+/// monitor), when the rms error exceeds kMostTrialError of the radius, or when the session ends early. It also fails
+/// when the force ripple exceeds both kMostTrialRipple of the largest force and twice the ripple that the position
+/// resolution is expected to cause.
 ///
 /// Throws what plan_playback and run_session throw before any force.
 LawTrial try_out(Device& device, const IdentifiedDevice& identified, const LawTrialOptions& options,

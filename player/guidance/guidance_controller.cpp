@@ -11,8 +11,8 @@
 namespace haptrace {
 namespace {
 
-constexpr double kLongestCursorStep = 5;  // ticks that a cursor may advance at once
-constexpr double kCursorPause = 0.2;      // over which a cursor stops and comes back to speed [s]
+constexpr double kLongestCursorStep = 5;  // largest step of the cursor [ticks]
+constexpr double kCursorPause = 0.2;      // time in which a cursor stops or resumes its speed [s]
 
 double approach_limit(const GuidanceOptions& options) noexcept {
   return options.max_approach_deviation.value_or(options.max_deviation);
@@ -117,7 +117,7 @@ Command GuidanceController::update(const State& state) noexcept {
   Reference way = phases_.approach().at(phases_.elapsed());
   if (guides || share > 0) {
     const PathProjection::Foot& foot = follow(state);
-    // While the PD law still pulls, what it does to the hand is not guidance's.
+    // While the PD law still pulls, its work on the hand does not count as guidance's.
     if (share < 1) guidance_.begin();
     command.wrench.force = share * guidance_.update(state, foot, options_.cursor);
     if (guides) {
@@ -139,7 +139,7 @@ Command GuidanceController::update(const State& state) noexcept {
   }
   if (share < 1 && options_.led) {
     Reference held = way;
-    if (guides) held.velocity = state.velocity;  // it holds nobody back who moves on
+    if (guides) held.velocity = state.velocity;  // the law does not brake a trainee who moves on
     command.wrench.force += (1 - share) * pd_force(approach_gains_, state, held);
   }
 

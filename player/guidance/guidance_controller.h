@@ -1,4 +1,4 @@
-// Along an expert's path, in the trainee's own time.
+// Controller that guides a trainee along an expert's path at the trainee's own pace.
 #pragma once
 
 #include "base/running_time.h"
@@ -14,33 +14,36 @@
 namespace haptrace {
 
 struct GuidanceOptions {
-  bool cursor = false;          ///< a cursor moves in the expert's time; else the place is where the trainee is
-  bool allow_back = false;      ///< the place may go back
-  double speed = 1;             ///< of the cursor, times the expert's
-  double wait = 0;              ///< distance from the trainee at which the cursor waits for him, 0: it does not [m]
-  int repetitions = 1;          ///< 0: until stopped
-  double hold = 0.5;            ///< at the end of every repetition [s]
+  bool cursor = false;      ///< the place on the path is a cursor that moves in the expert's time, else the trainee's
+  bool allow_back = false;  ///< the place may move backwards
+  double speed = 1;         ///< speed of the cursor, relative to the expert's
+  double wait = 0;          ///< distance at which the cursor waits for the trainee [m]; 0: never
+  int repetitions = 1;      ///< 0: until stopped
+  double hold = 0.5;        ///< pause at the end of every repetition [s]
   double approach_speed = 0.1;  ///< peak speed of the movement to the start [m/s]
-  double time_limit = 0;        ///< of a repetition [s]; 0: none
-  double max_deviation = 0.1;   ///< from the path, beyond which the session stops [m]
-  /// From the reference on the way to the start, beyond which the session stops; as max_deviation when absent [m].
+  double time_limit = 0;        ///< time limit of a repetition [s]; 0: none
+  double max_deviation = 0.1;   ///< distance from the path beyond which the session stops [m]
+  /// Distance from the reference during the approach beyond which the session stops [m]; max_deviation when absent.
   std::optional<double> max_approach_deviation;
-  bool led = true;        ///< a force leads the hand to the start; else nothing is sent until it is there
-  double patience = 0;    ///< with a hand that resists on the path [s], see Command; the approach has kPatience
-  HandWatchOptions hand;  ///< from which load the hand resists what has patience
+  bool led = true;        ///< a force leads the hand to the start; else no force is sent during the approach
+  double patience = 0;    ///< how long a hand may resist on the path [s], see Command; kPatience during the approach
+  HandWatchOptions hand;  ///< load from which the hand counts as resisting
   double rate_hz = 1000;
 };
 
-/// Throws Error(input) naming the option that is out of range.
+/// Throws Error(input) that names the option that is out of range.
 void validate(const GuidanceOptions& options);
 
-/// Guides a trainee along a path: approach, run, hold, again.
+/// Guides a trainee along a path in repetitions of three phases: approach, run and hold.
 ///
-/// approach: minimum jerk from where the tool is to the start, on a PD law, or without any force until the trainee is
-/// within the deviation limit of the start (or the time of a repetition is over); run: Guidance alone, until the end of
-/// the path is reached (within 2 mm of its length), the cursor is there, or the time is over; hold: at the end. Between
-/// the PD law and Guidance the forces blend over kBlend. Its reference is the trainee's place on the path (or the
-/// cursor), with the expert's velocity and force there.
+/// approach: a PD law follows a minimum-jerk movement from the tool's position to the start. Without `led`, no force is
+/// sent, and the phase lasts until the trainee is within the deviation limit of the start or the time limit of a
+/// repetition has passed.
+/// run: Guidance alone acts until the trainee reaches the end of the path (within 2 mm of its length), the cursor
+/// reaches it, or the time limit passes.
+/// hold: the session waits at the end.
+/// Between the PD law and Guidance the forces blend over kBlend. The reference is the trainee's place on the path (or
+/// the cursor), with the expert's velocity and force there.
 ///
 /// The servo loop softens walls that make it vibrate (ForceGuard).
 class GuidanceController final : public Controller {
@@ -52,7 +55,7 @@ class GuidanceController final : public Controller {
                      const GuidanceOptions& options);
 
   void start(const State& first) noexcept override;
-  /// The repetition begins anew, with the way to its start.
+  /// Restarts the repetition with the approach to its start.
   void resume(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
 
@@ -60,14 +63,15 @@ class GuidanceController final : public Controller {
 
  private:
   void begin_approach(const Vec3& from) noexcept;
-  /// Moves on through the phases.
+  /// Advances the time and switches between the phases.
   void advance(const State& state, Command& command) noexcept;
-  /// Where the trainee, or the cursor, is on the path now.
+  /// Updates and returns the place of the trainee or the cursor on the path.
   const PathProjection::Foot& follow(const State& state) noexcept;
   [[nodiscard]] bool arrived() const noexcept;
-  /// Whether the trainee may begin: always when he was led.
+  /// Returns true when the run may begin: always if a force led the trainee, else near the start or after the time
+  /// limit.
   [[nodiscard]] bool may_begin(const Vec3& position) const noexcept;
-  /// Ends the session when the hand is too far from where it is led or kept.
+  /// Ends the session when `deviation` exceeds the limit of the current phase.
   void watch_deviation(double deviation, Command& command) const noexcept;
 
   std::shared_ptr<const ArcPath> path_;
@@ -80,7 +84,7 @@ class GuidanceController final : public Controller {
   RunningTime cursor_time_;  ///< of the expert
   Ramp pace_{1};             ///< of the cursor: 0 while it waits
   HandWatch hand_{options_.hand};
-  Ramp blend_{0};  ///< 0 the PD law, 1 guidance
+  Ramp blend_{0};  ///< 0: PD law, 1: guidance
 };
 
 }  // namespace haptrace

@@ -19,7 +19,7 @@ namespace {
 
 constexpr EnumNames<Feel, 2> kFeels{"feel of the expert's force", {"active", "resist"}};
 
-/// Every millisecond of a path, smoothed as a playback's reference is, and its end.
+/// Visits the path at every millisecond and at its end, smoothed like the reference of a playback.
 template <class Visit>
 void walk(const std::shared_ptr<const PathSource>& source, std::optional<double> smoothing, const Visit& visit) {
   constexpr double kStep = 1e-3;  // [s]
@@ -65,9 +65,9 @@ ArcPath arc_path(const std::shared_ptr<const PathSource>& source, const GuideOpt
   return path;
 }
 
-/// Where other experts left the path farther than the tunnel is wide, it becomes as wide, and smoothly so.
+/// Widens the tunnel smoothly where the other recordings leave the path by more than its radius.
 void widen(ArcPath& path, const DeviceInfo& device, const GuideOptions& options) {
-  constexpr double kSmooth = 5e-3;  // of the path, over which the radius is smoothed [m]
+  constexpr double kSmooth = 5e-3;  // length of the path over which the radius is smoothed [m]
   std::vector<double> radius(path.knots(), options.radius);
   for (const auto& other : options.spread) {
     const DevicePath played = path_for(device, other, options.fit);
@@ -82,7 +82,7 @@ void widen(ArcPath& path, const DeviceInfo& device, const GuideOptions& options)
         radius[i] = std::max(radius[i], foot.distance);
     });
   }
-  // The widest nearby, then the mean of that: never narrower than what was seen.
+  // A moving maximum, then its moving mean: the tunnel is never narrower than the recordings.
   const auto window = static_cast<std::ptrdiff_t>(std::max(kSmooth / path.spacing(), 1.0));
   const auto n = static_cast<std::ptrdiff_t>(radius.size());
   const auto filtered = [&](const std::vector<double>& values, auto&& combine) {
@@ -99,7 +99,7 @@ void widen(ArcPath& path, const DeviceInfo& device, const GuideOptions& options)
   }));
 }
 
-/// Of the expert's forces, negative where the trainee is to overcome them.
+/// Returns the scale of the expert's forces; negative where the trainee has to overcome them.
 double felt_scale(const GuideOptions& options) {
   return options.feel == Feel::active ? options.force_scale : -options.force_scale;
 }
@@ -119,7 +119,7 @@ GuideTerms compose(const GuidePlan& plan, const GuideOptions& options) {
   return terms;
 }
 
-/// The figures of each repetition that tracking does not have.
+/// Computes the metrics of each repetition that TrackingMetrics does not have.
 class GuideMetrics final : public SampleSink {
  public:
   GuideMetrics(const GuidePlan& plan, const GuideOptions& options)
@@ -219,7 +219,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   if (!options.spread.empty()) widen(path, device, options);
   plan.path = std::make_shared<const ArcPath>(std::move(path));
 
-  // What the device can do is not known to every device's driver; a wall has to stay below it.
+  // A wall must stay below the device's largest force, which not every driver knows.
   plan.wall_force = device.max_force > 0 ? 0.8 * device.max_force : 5;
   if (options.session.loop.limits.max_force > 0)
     plan.wall_force = std::min(plan.wall_force, 0.8 * options.session.loop.limits.max_force);
@@ -252,7 +252,8 @@ GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.loop.rate_hz;
   guidance.hand = hand_watch_of(device.max_force);
-  // Walls are touched for as long as the trainee likes; what moves by itself has to end some time.
+  // A trainee may touch the walls for any time, but a reference that moves by itself must not push against a hand for
+  // ever.
   if (guidance.cursor || options.pace) guidance.patience = kPatience;
   return GuidanceController(
       plan.path,

@@ -1,4 +1,4 @@
-// Teaching: an expert's recording guides a trainee's hand.
+// Guidance of a trainee's hand by an expert's recording.
 #pragma once
 
 #include "control/design/tracking_design.h"
@@ -17,67 +17,68 @@
 
 namespace haptrace {
 
-/// Which force of the expert's a trainee feels. Recorded forces are those on the hand, in W.
+/// Sign of the expert's force that the trainee feels. Recorded forces act on the hand and are expressed in W.
 enum class Feel {
-  active,  ///< the recorded force as it is: what pushed the expert's hand pushes the trainee's
-  resist,  ///< its opposite: the trainee has to bring up the force that was recorded
+  active,  ///< the recorded force: the force on the expert's hand acts on the trainee's
+  resist,  ///< the opposite force: the trainee must exert the recorded force
 };
 
-Feel parse_feel(std::string_view name);  ///< throws Error(input) naming the known ones
+Feel parse_feel(std::string_view name);  ///< throws Error(input) that names the known values
 
 struct GuideOptions {
   GuidanceOptions guidance;
-  double radius = 5e-3;                         ///< of the tunnel [m]
-  std::optional<RadiusProfile> radius_profile;  ///< along the path, in place of `radius`
-  /// Further recordings of the same task: where these leave the path farther than `radius`, the tunnel is as wide.
+  double radius = 5e-3;                         ///< radius of the tunnel [m]
+  std::optional<RadiusProfile> radius_profile;  ///< radius along the path; replaces `radius`
+  /// Further recordings of the same task. Where they leave the path by more than `radius`, the tunnel becomes as wide.
   std::vector<std::shared_ptr<const PathSource>> spread;
-  bool free = false;                ///< nothing is sent on the path: what follows here does not matter
-  std::optional<double> stiffness;  ///< of the walls [N/m]; as stiff as device and rate bear when absent
-  bool expert = false;              ///< do not clamp the stiffness to what they bear
-  double onset = 1e-3;              ///< over which the stiffness rises [m]
-  double damping = 3;               ///< of what moves outwards in the wall [N s/m]
-  double force_scale = 1;           ///< of the expert's forces; 0: none
+  bool free = false;                ///< no force is sent on the path; the force settings below have no effect
+  std::optional<double> stiffness;  ///< stiffness of the walls [N/m]; absent: the largest stable one, at most 1000 N/m
+  bool expert = false;              ///< do not clamp the stiffness to the stable range
+  double onset = 1e-3;              ///< depth over which the stiffness rises [m]
+  double damping = 3;               ///< damping of outward movement in the wall [N s/m]
+  double force_scale = 1;           ///< scale of the expert's forces; 0: none
   Feel feel = Feel::active;
   std::optional<PaceHelp::Options> pace;
   double resistance = 0, viscosity = 0;  ///< [N s/m]
-  double amplify = 0;                    ///< of errors within the tunnel [N/m]
-  double amplify_force = 1;              ///< at most [N]
-  double energy = 0.3;                   ///< of the tank [J], see Guidance
+  double amplify = 0;                    ///< amplification of errors within the tunnel [N/m]
+  double amplify_force = 1;              ///< largest force of the amplification [N]
+  double energy = 0.3;                   ///< content of the energy tank [J], see Guidance
   bool guard = true;                     ///< soften when the loop oscillates
   bool fit = false;                      ///< move and scale the path into the workspace
-  std::optional<double> smoothing;       ///< as for PlayOptions
-  std::optional<double> spacing;         ///< of the path's knots [m]; ArcPath::spacing_for when absent
+  std::optional<double> smoothing;       ///< see PlayOptions
+  std::optional<double> spacing;         ///< spacing of the path's knots [m]; ArcPath::spacing_for when absent
   std::optional<IdentifiedDevice> identified;
   SessionOptions session;
   std::vector<SampleSink*> sinks;  ///< borrowed
 };
 
-/// From a force's sending to its effect, on a device that nobody calibrated: no device of the kind is later, and walls
-/// that reckon with less than the truth give energy that no account sees [s].
+/// Assumed delay from the sending of a force to its effect on an uncalibrated device [s]. It is the longest delay of
+/// such devices: walls designed for too short a delay give out energy that no account sees.
 inline constexpr double kUnknownDelay = 5e-3;
 
-/// A guidance that was checked against a device and is ready to run: nothing has been sent yet.
+/// Guidance that was checked against a device and is ready to run. No force has been sent yet.
 struct GuidePlan {
   std::shared_ptr<const ArcPath> path;
   std::optional<Fit> fit;
-  double duration = 0;             ///< the expert's [s]
-  double stiffness = 0;            ///< of the walls, as they will be [N/m]
-  double delay = 0;                ///< that the account of energies reckons with [s]
-  double wall_force = 0;           ///< that they pull with at most [N]
-  bool has_forces = false;         ///< the expert's were recorded
-  std::vector<std::string> notes;  ///< what a person should know
+  double duration = 0;             ///< duration of the expert's path [s]
+  double stiffness = 0;            ///< stiffness of the walls, after clamping [N/m]
+  double delay = 0;                ///< delay in the energy account [s]
+  double wall_force = 0;           ///< largest force of the walls [N]
+  bool has_forces = false;         ///< the expert's recording contains forces
+  std::vector<std::string> notes;  ///< messages for the user
 };
 
-/// Checks everything that can be checked before a force is sent. Reads the whole path. Throws Error(input).
+/// Checks the path, the options and the device before a force is sent, and computes the plan. Reads the whole path.
+/// Throws Error(input).
 GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSource> expert,
                         const GuideOptions& options);
 
-/// One repetition, over phase run.
+/// Metrics of one repetition, over phase run.
 struct GuideFigures {
-  TrackingFigures tracking;      ///< its error is the distance from the path
-  double time_in_tunnel = kNaN;  ///< share of the time; NaN when there was none
-  double progress = 0;           ///< how far along the path [m]
-  double force_error = kNaN;     ///< rms, sent force against the expert's within the tunnel [N]; NaN without forces
+  TrackingFigures tracking;      ///< the error is the distance from the path
+  double time_in_tunnel = kNaN;  ///< share of the samples; NaN without samples
+  double progress = 0;           ///< farthest place on the path [m]
+  double force_error = kNaN;  ///< rms difference of sent and expert's force within the tunnel [N]; NaN without forces
 };
 
 struct GuideResult {
@@ -85,15 +86,16 @@ struct GuideResult {
   GuidePlan plan;
   std::vector<GuideFigures> repetitions;
   GuideFigures last;
-  double energy_given = 0;   ///< to the hand beyond what springs hold [J]
-  double energy_budget = 0;  ///< that it is never to pass [J]
+  double energy_given = 0;   ///< energy given to the hand beyond what springs store [J]
+  double energy_budget = 0;  ///< upper bound on energy_given [J]
 };
 
-/// The controller that guide() runs, for sessions of another kind. Without a time limit unless the options have one.
+/// Returns the controller that guide() runs, for other kinds of sessions. It has no time limit unless the options set
+/// one.
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options);
 
-/// Guides a trainee who holds `device` along `plan`. In virtual time a repetition without a time limit ends after ten
-/// times the expert's duration and 10 s.
+/// Guides a trainee who holds `device` along `plan`. In virtual time, a repetition without a time limit ends after ten
+/// times the expert's duration plus 10 s.
 GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& options, const StopRequest& stop,
                   const Progress& progress = {});
 

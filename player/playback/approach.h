@@ -1,4 +1,4 @@
-// The way to where a session goes on.
+// Minimum-jerk approach to a position.
 #pragma once
 
 #include "control/controller.h"
@@ -8,7 +8,7 @@
 
 namespace haptrace {
 
-/// A minimum-jerk movement from one place to another at a bounded peak speed, never shorter than kShortest.
+/// Minimum-jerk movement between two positions at a bounded peak speed. Lasts at least kShortest.
 ///
 /// Real-time.
 class Approach {
@@ -16,7 +16,7 @@ class Approach {
   static constexpr double kShortest = 0.3;  ///< [s]
 
   Approach() = default;
-  /// From and to [m], peak speed [m/s]; lasts at least `shortest` [s].
+  /// `from` and `to` [m], `peak_speed` [m/s], shortest duration `shortest` [s].
   Approach(const Vec3& from, const Vec3& to, double peak_speed, double shortest = kShortest) noexcept
       : from_(from),
         way_(to - from),
@@ -24,7 +24,7 @@ class Approach {
 
   [[nodiscard]] double duration() const noexcept { return duration_; }  ///< [s]
 
-  /// At `elapsed` [s] since its beginning.
+  /// Returns the reference `elapsed` [s] after the start.
   [[nodiscard]] Reference at(double elapsed) const noexcept {
     const MinJerk blend = MinJerk::at(elapsed / duration_);
     return {.position = from_ + blend.s * way_,

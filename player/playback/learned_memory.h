@@ -1,4 +1,4 @@
-// What sessions learn of a path on a device, handed from one to the next.
+// Storage of learned forces between sessions.
 #pragma once
 
 #include "formats/documents/learned_force.h"
@@ -8,26 +8,26 @@
 
 namespace haptrace {
 
-/// Recalls what earlier sessions learned, for PlayOptions::learned, and keeps what a session learned, in a file.
+/// Loads the forces that earlier sessions learned, for PlayOptions::learned, and stores those of a session in a file.
 ///
-/// Threads: one at a time. Not for the tick.
+/// Threads: one at a time. Not real-time.
 class LearnedMemory {
  public:
-  /// `file`: as learned_file names it, or another. What is learned holds for this device, played at `speed` times the
-  /// path's own, and reckoned with to be of `mass` [kg].
+  /// `file`: from learned_file or any other name. The learned forces hold for this device, at `speed` relative to the
+  /// path's own, with inertia compensation for `mass` [kg].
   LearnedMemory(std::string file, DeviceIdentity device, double speed, const Vec3& mass);
 
   struct Recalled {
-    ForceTable table;     ///< empty when nothing was kept, or what was does not hold here
-    std::string refused;  ///< why what was kept is not used, in words that name the file; empty otherwise
+    ForceTable table;     ///< empty when nothing was stored or the stored forces do not apply
+    std::string refused;  ///< message that names the file and says why it is not used; empty otherwise
   };
-  /// `path` as it will be played (PlayPlan::path); it is read to its end when something was kept. What cannot be read
-  /// is refused, not thrown: what was learned is a help, not a need. Without recalling, what was kept before is
-  /// forgotten by keep().
+  /// Loads the stored forces for `path`, which is the path as it will be played (PlayPlan::path). Reads the whole path
+  /// if a file exists. An unreadable file is refused without an exception, because learned forces are optional. If
+  /// recall() is not called, keep() discards what earlier sessions learned.
   Recalled recall(const PathSource& path);
 
-  /// Keeps what was learned in the place of what was kept before. `result` must hold lessons. Throws Error(input) like
-  /// save_learned.
+  /// Stores the learned forces of a session and replaces those stored before. `result` must hold lessons. Throws
+  /// Error(input) like save_learned.
   void keep(const PlayResult& result) const;
 
   [[nodiscard]] const std::string& file() const noexcept { return file_; }
@@ -37,7 +37,7 @@ class LearnedMemory {
   DeviceIdentity device_;
   double speed_;
   Vec3 mass_;
-  int repetitions_ = 0;  ///< that what was recalled was learned from
+  int repetitions_ = 0;  ///< repetitions behind the recalled forces
 };
 
 }  // namespace haptrace

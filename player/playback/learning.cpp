@@ -6,7 +6,7 @@
 namespace haptrace {
 namespace {
 
-/// A repetition may last so much longer than the path: what lasts longer was interrupted.
+/// Returns the log size for a repetition. A repetition that lasts longer than this allows was interrupted.
 std::size_t rows_of(const LearningTerm::Options& options) {
   if (options.repetitions == 0) return 0;
   const IterativeLearning::Options& law = options.law;
@@ -53,7 +53,7 @@ void LearningTerm::finish() {
 
 void LearningTerm::between_ticks(bool may_wait) noexcept {
   if (state_.load(std::memory_order_acquire) == Work::done) use_newest();
-  // While one repetition is still worked on, the next is not written over it: it is left out.
+  // While the worker still processes one repetition, the next is left out so that it does not overwrite the log.
   if (left_ == 0 || state_.load(std::memory_order_relaxed) != Work::none || !learned_.take_repetition(log_)) return;
   --left_;
   if (may_wait) {
@@ -82,10 +82,10 @@ void LearningTerm::learn() noexcept {
     lesson.outcome = law_.learn(log_);
     lesson.rms_error = law_.rms_error();
   } catch (const std::bad_alloc&) {
-    // The session is worth more than the lesson.
+    // The session continues without this lesson.
   }
   lessons_.push_back(lesson);
-  tables_[1 - used_].force = law_.table().force;  // both as long: nothing is allocated
+  tables_[1 - used_].force = law_.table().force;  // both have the same length: no allocation
 }
 
 void LearningTerm::use_newest() noexcept {

@@ -1,4 +1,4 @@
-// Learning over the repetitions of one session.
+// Iterative learning over the repetitions of a session.
 #pragma once
 
 #include "control/iterative_learning.h"
@@ -10,23 +10,23 @@
 
 namespace haptrace {
 
-/// A LearnedForce that learns: what a repetition teaches is worked out while the device holds and goes back to the
-/// start, by a thread of its own; in virtual time, where time stands still meanwhile, between two ticks.
+/// A LearnedForce that learns during the session. A worker thread processes each repetition while the device holds and
+/// returns to the start. In virtual time, which stands still meanwhile, the work is done between two ticks.
 ///
-/// Threads: force and between_ticks from the servo loop, the rest when it has ended. Real-time: force.
+/// Threads: force and between_ticks from the servo loop, the rest after it has ended. Real-time: force.
 class LearningTerm final : public ForceTerm {
  public:
   struct Options {
     IterativeLearning::Options law;
-    ForceTable known;      ///< from a model or an earlier session, or empty
-    int known_counts = 0;  ///< as how many repetitions
-    int repetitions = 0;   ///< to learn from; 0: what is known is used as it is
+    ForceTable known;      ///< initial force from a model or an earlier session, or empty
+    int known_counts = 0;  ///< number of repetitions that `known` counts as
+    int repetitions = 0;   ///< repetitions to learn from; 0: `known` is used unchanged
   };
 
-  /// What became of a repetition. One for which there was no memory was skipped, of an unknown error.
+  /// Result of one repetition. If the memory did not suffice, the outcome is `skipped` and the error NaN.
   struct Lesson {
     IterativeLearning::Outcome outcome;
-    double rms_error;  ///< measured [m]
+    double rms_error;  ///< measured error [m]
   };
 
   /// Throws what IterativeLearning throws.
@@ -37,7 +37,7 @@ class LearningTerm final : public ForceTerm {
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override { return learned_.force(input); }
   void between_ticks(bool may_wait) noexcept override;
 
-  /// Waits for what is still being worked out. After it, table and lessons are complete.
+  /// Waits for the worker thread to finish. Afterwards table and lessons are complete.
   void finish();
   [[nodiscard]] const ForceTable& table() const noexcept { return law_.table(); }
   [[nodiscard]] const std::vector<Lesson>& lessons() const noexcept { return lessons_; }
@@ -50,11 +50,11 @@ class LearningTerm final : public ForceTerm {
   void use_newest() noexcept;
 
   IterativeLearning law_;
-  int left_;  ///< repetitions to learn from
+  int left_;  ///< remaining repetitions to learn from
   LearnedForce learned_;
-  ForceTable tables_[2];  ///< one in use, the other for the next
+  ForceTable tables_[2];  ///< one in use, the other for the next result
   int used_ = 0;
-  RepetitionLog log_;  ///< of the repetition that is worked on
+  RepetitionLog log_;  ///< log of the repetition in work
   std::vector<Lesson> lessons_;
 
   std::atomic<Work> state_{Work::none};

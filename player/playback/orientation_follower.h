@@ -1,4 +1,4 @@
-// Turning a tool along the orientations of a path.
+// PD control of the tool's orientation along a path.
 #pragma once
 
 #include "control/controller.h"
@@ -7,43 +7,43 @@
 
 namespace haptrace {
 
-/// The part of a playback that turns the tool of a device which takes torque: PD on its orientation. Beside the law of
-/// the position it shares its clock with and nothing else.
+/// PD law on the tool's orientation during a playback, for devices that take torque. It shares only the clock with the
+/// law of the position.
 ///
 /// Real-time: all but the constructor.
 class OrientationFollower {
  public:
   struct Options {
     OrientationGains gains;
-    double max_deviation = 1;  ///< [rad]
-    double rate_hz = 1000;     ///< of the servo loop [Hz]
+    double max_deviation = 1;  ///< largest angle to the reference [rad]
+    double rate_hz = 1000;     ///< rate of the servo loop [Hz]
   };
 
-  static constexpr double kApproachSpeed = 0.6;  ///< peak, on the way to the start [rad/s]
+  static constexpr double kApproachSpeed = 0.6;  ///< peak speed of the approach [rad/s]
 
   explicit OrientationFollower(const Options& options) : options_(options), velocity_(options.rate_hz) {}
 
-  /// The first state of a session, and the first after a gap in it.
+  /// Resets to the first state of a session, or the first after a gap.
   void start(const State& first) noexcept;
 
-  /// Begins the way from where the reference is to `to`, and answers how long it takes at least [s].
+  /// Begins the approach from the current reference to `to` and returns its shortest duration [s].
   double begin_approach(const Quat& to) noexcept;
-  /// The reference at that part of the way, 0 to 1, which lasts `duration` [s].
+  /// Returns the reference at `part`, 0 to 1, of an approach that lasts `duration` [s].
   [[nodiscard]] OrientationReference approach(double part, double duration) const noexcept;
 
-  /// The torque on the hand towards `reference`, in W [N m]; none while the tool or the reference is not known.
+  /// Returns the torque on the hand towards `reference`, in W [N m]; zero while either orientation is not finite.
   [[nodiscard]] Vec3 torque(const State& state, const OrientationReference& reference) noexcept;
 
-  /// Of the last torque [rad].
+  /// Returns the angle to the reference at the last call of torque() [rad].
   [[nodiscard]] double deviation() const noexcept { return deviation_; }
   [[nodiscard]] const Options& options() const noexcept { return options_; }
 
  private:
   Options options_;
   AngularVelocity velocity_;
-  Quat reference_ = nan_quat();  ///< the last
+  Quat reference_ = nan_quat();  ///< last reference
   Quat from_ = nan_quat();
-  Vec3 way_ = Vec3::Zero();  ///< of the approach [rad]
+  Vec3 way_ = Vec3::Zero();  ///< rotation of the approach [rad]
   double deviation_ = 0;
 };
 

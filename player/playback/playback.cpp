@@ -18,12 +18,12 @@
 namespace haptrace {
 namespace {
 
-constexpr double kWindow = 0.01;  // over which speeds are told: what a hand would feel, not what one noisy row says [s]
+constexpr double kWindow = 0.01;  // window of speed estimates, so that one noisy sample does not count [s]
 
-/// What a trajectory does between the samples of its path.
+/// Peak speed and excursion of a trajectory between the samples of its path.
 struct Excursion {
   double peak_speed = 0;  ///< [m/s]
-  double outside = 0;     ///< farthest from the workspace [m]
+  double outside = 0;     ///< largest distance outside the workspace [m]
 
   void include(const Excursion& other) {
     peak_speed = std::max(peak_speed, other.peak_speed);
@@ -44,9 +44,10 @@ Excursion look_ahead(const TrajectoryPiece& piece, const Box& workspace) {
   return excursion;
 }
 
-/// Whether the figures of a block alone say that the curve through it stays in the workspace and below `limit` [m/s].
-/// A spline's slopes are at most three times its steepest chord (they solve a system that is diagonally dominant), so
-/// that it leaves a chord by no more than the chord's length; rows closer than the window are judged by a window's.
+/// Returns true when the bounds of a block alone show that the curve through it stays in the workspace and below
+/// `limit` [m/s]. The slopes of a spline are at most three times its steepest chord (they solve a diagonally dominant
+/// system), so the curve leaves a chord by no more than the chord's length. Samples closer than the window are judged
+/// over a whole window.
 bool cleared(const PathBlock& block, Interpolation interpolation, const Box& workspace, double limit) {
   double reach = 0, faster = 1;
   if (interpolation == Interpolation::hold) {
@@ -59,7 +60,7 @@ bool cleared(const PathBlock& block, Interpolation interpolation, const Box& wor
          (block.bounds.max.array() + reach <= workspace.max.array()).all() && faster * block.peak_speed <= limit;
 }
 
-/// Of the whole path: by its figures where they clear it, by its curve where they do not.
+/// Returns the excursion of the whole path. Uses the bounds of a block where they are conclusive, else its curve.
 Excursion look_ahead(const TrajectoryPieces& pieces, Interpolation interpolation, const Box& workspace, double limit) {
   Excursion excursion = look_ahead(*pieces.first(), workspace);
   if (pieces.count() == 1) return excursion;
@@ -74,7 +75,7 @@ Excursion look_ahead(const TrajectoryPieces& pieces, Interpolation interpolation
   return excursion;
 }
 
-/// What is found in a piece that the plan did not look into.
+/// Returns a check for the pieces that the plan did not examine.
 ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options) {
   const double limit = options.session.loop.limits.max_velocity;
   return [name = plan.path.source().facts().name, model = device.model, workspace = workspace_of(device), limit,
@@ -97,7 +98,7 @@ IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& 
           .duration = plan.path.duration()};
 }
 
-/// None for a device that does not say how much it bears: what is a large force there?
+/// Returns no guard for a device with unknown largest force: the guard judges forces relative to it.
 std::optional<TrackingGuard::Options> guard_of(const DeviceInfo& device, const PlayOptions& options) {
   if (!options.guard || !(device.max_force > 0)) return std::nullopt;
   TrackingGuard::Options guard{.oscillation = std::nullopt, .hand = hand_watch_of(device.max_force)};
@@ -119,7 +120,7 @@ std::optional<TrackingGuard::Options> guard_of(const DeviceInfo& device, const P
   return guard;
 }
 
-/// What the model knows of the load along the path, for learning to begin with.
+/// Returns the load along the path according to the model, as the starting point of learning.
 ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
   GravityFeedforward gravity(options.identified->plant);
   FrictionFeedforward friction(options.identified->plant);
@@ -143,8 +144,8 @@ ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
   return table;
 }
 
-/// The terms in the order in which each knows those before it: what is known of the load, feedback, inertia. What is
-/// not composed is not there.
+/// Creates the terms of the law. Each term receives the sum of those before it, hence the order: known load, feedback,
+/// inertia.
 ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options,
                    LearningTerm*& learning) {
   const Compensations& with = plan.composed;
@@ -172,7 +173,8 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
   return terms;
 }
 
-/// Whether and how the orientations of a path are followed. Says why not, where a user would expect it.
+/// Decides whether and how the playback follows the path's orientations. Adds a note with the reason if the device
+/// takes torque but the playback cannot follow them.
 void plan_turn(const DeviceInfo& device, const PathFacts& path, const PlayOptions& options, PlayPlan& plan) {
   const TurnOptions& turn = options.turn;
   check_range("the limit of the orientation's deviation", turn.max_deviation, 0.01, 3, "rad");
@@ -229,7 +231,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     tuning.observer_hz = options.identified->design.load_hz;
     composed = options.compensations;
     composed.learning = composed.learning && (options.learn > 0 || !options.learned.force.empty());
-    // What is learned is all of the load; it begins with what the model knows of it.
+    // Learning covers the whole load and starts from the model's estimate of it.
     if (composed.learning) composed.gravity = composed.friction = false;
     if (!composed.observer) tuning.gains = options.identified->design.plain;
   } else {
@@ -266,7 +268,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
         "linear",
         name, device.model, 1e3 * excursion.outside));
   plan.peak_speed = speed * excursion.peak_speed;
-  if (composed.learning) (void)IterativeLearning(learning_of(plan, options));  // it may be too long
+  if (composed.learning) (void)IterativeLearning(learning_of(plan, options));  // throws when it is too long
   if (plan.peak_speed > fastest)
     throw input_error(
         fmt::format("{} moves at up to {:.2f} m/s, too near the velocity limit of {:.2f} m/s; play it slower (--speed "
@@ -335,7 +337,7 @@ PdGains gains_from_json(const nlohmann::json& json, const std::string& where) {
 
 nlohmann::json to_json(const PlayResult& result) {
   nlohmann::json json = to_json(result.session);
-  // One set of figures for the last repetition at the top, each repetition below; max_force_n is the session's.
+  // The top level holds the metrics of the last repetition, `repetitions` those of each; max_force_n is the session's.
   json["rms_error_m"] = result.last.rms_error;
   json["peak_error_m"] = result.last.peak_error;
   json["force_ripple_n"] = result.last.force_ripple;

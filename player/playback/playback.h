@@ -1,4 +1,4 @@
-// Playing a recording back.
+// Playback of a path on a device.
 #pragma once
 
 #include "control/design/tracking_design.h"
@@ -18,58 +18,60 @@
 
 namespace haptrace {
 
-inline constexpr int kMostLearned = 1000;  ///< repetitions of one session
+inline constexpr int kMostLearned = 1000;  ///< largest number of learned repetitions per session
 
-/// How a path's orientations are followed, where the path has some and the device takes torque in every axis.
+/// Settings for following a path's orientations. They apply if the path has orientations and the device takes torque
+/// about every axis.
 struct TurnOptions {
   bool off = false;
-  std::optional<OrientationGains> gains;  ///< when absent: cautious_orientation_gains
-  double max_deviation = 1;               ///< from the orientation of the reference [rad]
+  std::optional<OrientationGains> gains;  ///< absent: cautious_orientation_gains
+  double max_deviation = 1;               ///< angle to the reference orientation [rad]
 };
 
-/// The torque limit [N m] is reached at 20 degrees, and kd = 20 ms * kp.
+/// Returns gains that reach `max_torque` [N m] at 20 degrees, with kd = 20 ms * kp.
 OrientationGains cautious_orientation_gains(double max_torque);
 
 struct PlayOptions {
-  std::optional<PdGains> gains;  ///< when absent: those of the identified device, or cautious_gains
-  /// What calibration found. Without it, nothing but a PD law is sent.
+  std::optional<PdGains> gains;  ///< absent: those of the identified device, or cautious_gains
+  /// Result of a calibration. Without it, the controller is a plain PD law.
   std::optional<IdentifiedDevice> identified;
-  Compensations compensations{true, true, true, true, true};  ///< of an identified device
-  int learn = 0;                                              ///< repetitions to learn from, up to kMostLearned
-  ForceTable learned;                                         ///< in earlier sessions, or empty
-  bool guard = true;               ///< soften when the loop vibrates, tell of a hand that resists or lets go
-  bool find_oscillations = false;  ///< small ones as well, by OscillationMonitor, which needs the delay; for studies
+  Compensations compensations{true, true, true, true, true};  ///< for an identified device
+  int learn = 0;       ///< number of repetitions to learn from, up to kMostLearned
+  ForceTable learned;  ///< learned force of earlier sessions, or empty
+  bool guard = true;   ///< soften when the loop vibrates; report a hand that resists or lets go
+  bool find_oscillations =
+      false;  ///< also report small oscillations (OscillationMonitor; needs the delay); for studies
   Interpolation interpolation = Interpolation::cubic;
-  /// Time constant of the path's smoothing [s], see smooth_positions(): when absent, as much as the noise in its
-  /// positions asks for; 0 passes through every sample.
+  /// Time constant of the path's smoothing [s], see smooth_positions(). Absent: chosen from the noise of the positions;
+  /// 0: the trajectory passes through every sample.
   std::optional<double> smoothing;
-  int thin = 1;      ///< of the path every so many-th sample is kept, see thinned()
+  int thin = 1;      ///< keep every N-th sample of the path, see thinned()
   bool fit = false;  ///< move and scale the path into the workspace
   TurnOptions turn;
   PlaybackOptions playback;
   SessionOptions session;
-  std::vector<SampleSink*> sinks;  ///< borrowed: see every row and event too
-  /// Borrowed, may be null: changes the tuning while the plan is played, from plan.gains on if it starts with them. Its
-  /// notices become the session's.
+  std::vector<SampleSink*> sinks;  ///< borrowed; receive every sample and event
+  /// Borrowed, may be null. Changes the tuning during the playback, which starts with plan.tuning. Its notices become
+  /// warnings of the session.
   LiveTuning* tuning = nullptr;
 };
 
-/// A playback that was checked against a device and is ready to run: nothing has been sent yet.
+/// Playback that was checked against a device and is ready to run. No force has been sent yet.
 struct PlayPlan {
-  TrajectoryPieces path;  ///< as it will be played
+  TrajectoryPieces path;  ///< the path as it will be played
   std::optional<Fit> fit;
-  Tuning tuning;           ///< to begin with
-  Compensations composed;  ///< what the law is made of, beside the PD law
-  double peak_speed = 0;   ///< of the reference [m/s]
-  /// The tool is turned too.
+  Tuning tuning;           ///< initial tuning
+  Compensations composed;  ///< terms of the law besides PD
+  double peak_speed = 0;   ///< peak speed of the reference [m/s]
+  /// Present when the playback also controls the tool's orientation.
   std::optional<OrientationFollower::Options> turn;
-  std::vector<std::string> notes;  ///< what a person should know of the plan
+  std::vector<std::string> notes;  ///< messages for the user
 };
 
-/// Checks everything that can be checked before a force is sent: the path against the workspace (an error names the
-/// distance), its speed against the velocity limit, the gains, the options. Of a long path it reads only what its
-/// figures do not clear; what that leaves unseen between samples is looked at again before it is played, and ends the
-/// session with StopCause::no_path. Throws Error(input).
+/// Checks the playback before a force is sent: the path against the workspace (the error names the distance), its speed
+/// against the velocity limit, the gains and the options. Reads only those blocks of a long path whose bounds are not
+/// conclusive. The session examines each later piece between its samples before it plays it, and ends with
+/// StopCause::no_path if the check fails. Throws Error(input).
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options);
 PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& options);
 
@@ -78,11 +80,11 @@ struct PlayResult {
   PlayPlan plan;
   std::vector<TrackingFigures> repetitions;
   TrackingFigures last;
-  std::vector<LearningTerm::Lesson> lessons;  ///< of the repetitions that were to be learned from
+  std::vector<LearningTerm::Lesson> lessons;  ///< results of the repetitions to learn from
   ForceTable learned;                         ///< empty without learning
-  Tuning tuning;                              ///< at the end, as it was wanted
+  Tuning tuning;                              ///< tuning at the end, as requested
 
-  /// What of its gains was in force at the end: a loop that oscillated has softer ones.
+  /// Returns the gains in force at the end. They are softer than `tuning.gains` after a vibration.
   [[nodiscard]] PdGains gains_in_force() const {
     return {session.gain_share * tuning.gains.kp, session.gain_share * tuning.gains.kd};
   }
@@ -92,14 +94,14 @@ struct PlayResult {
 /// what was learned before.
 PlaybackController playback_controller(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options);
 
-/// Plays `plan` on `device`. Its path is read by a thread of the session meanwhile.
+/// Plays `plan` on `device`. A thread of the session reads the path meanwhile.
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress = {});
 
 nlohmann::json to_json(const PlayResult& result);
 nlohmann::json to_json(const PdGains& gains);
 
-/// Reads {"kp": number or [x, y, z], "kd": ...}. Throws Error(input) naming the key.
+/// Reads {"kp": number or [x, y, z], "kd": ...}. Throws Error(input) that names the key.
 PdGains gains_from_json(const nlohmann::json& json, const std::string& where);
 
 }  // namespace haptrace

@@ -14,8 +14,8 @@
 namespace haptrace {
 namespace {
 
-constexpr double kPauseTime = 0.1;  // over which the reference slows down and comes back to speed [s]
-constexpr double kLongestStep = 5;  // ticks that the path's time may advance at once
+constexpr double kPauseTime = 0.1;  // time in which the reference stops or resumes its speed [s]
+constexpr double kLongestStep = 5;  // largest step of the path's time [ticks]
 
 constexpr EnumNames<DeviationPolicy, 3> kPolicies{"deviation policy", {"stop", "pause", "soften"}};
 
@@ -68,7 +68,7 @@ void PlaybackController::resume(const State& first) noexcept {
 
 void PlaybackController::begin_repetition(const Vec3& from) noexcept {
   path_time_ = RunningTime();
-  (void)path_.sample(0, reference_);  // the first piece is always there
+  (void)path_.sample(0, reference_);  // the first piece is always in memory
   begin_approach(from);
 }
 
@@ -163,7 +163,7 @@ void PlaybackController::follow(const RunningTime& time, Command& command) noexc
       break;
   }
   waiting_ = true;
-  pace_ = Ramp(0);  // and up to speed again when it goes on
+  pace_ = Ramp(0);  // the reference accelerates again when it resumes
   reference_.velocity = reference_.acceleration = Vec3::Zero();
 }
 

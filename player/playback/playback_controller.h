@@ -1,4 +1,4 @@
-// Along a path: approach, run, hold, again.
+// Controller that follows a path in repetitions.
 #pragma once
 
 #include "base/mailbox.h"
@@ -18,41 +18,44 @@
 
 namespace haptrace {
 
-/// What a playback does when the hand is farther from the reference than allowed.
+/// Reaction of a playback when the hand is farther from the reference than allowed.
 enum class DeviationPolicy {
   stop,    ///< the session ends and the force fades
-  pause,   ///< the reference waits, also on the way to the start, until the hand is back within half the limit
-  soften,  ///< the reference goes on; the force grows no further than it was at the limit
+  pause,   ///< the reference waits, also during the approach, until the hand is back within half the limit
+  soften,  ///< the reference continues; the force grows no further than at the limit
 };
 
 DeviationPolicy parse_deviation_policy(std::string_view name);  ///< throws Error(input)
 const char* to_string(DeviationPolicy policy) noexcept;
 
 struct PlaybackOptions {
-  double speed = 1;             ///< of the path's own time
+  double speed = 1;             ///< speed relative to the path's own time
   int repetitions = 1;          ///< 0: until stopped
-  double hold = 0.5;            ///< at the end of every repetition [s]
+  double hold = 0.5;            ///< pause at the end of every repetition [s]
   double approach_speed = 0.1;  ///< peak speed of the movement to the start [m/s]
-  double max_deviation = 0.03;  ///< [m]
+  double max_deviation = 0.03;  ///< largest distance from the reference [m]
   DeviationPolicy on_deviation = DeviationPolicy::stop;
-  double rate_hz = 1000;                       ///< of the servo loop, [Hz]
-  std::array<bool, 3> axes{true, true, true};  ///< that the device can drive; the others have no reference
+  double rate_hz = 1000;                       ///< rate of the servo loop [Hz]
+  std::array<bool, 3> axes{true, true, true};  ///< axes that the device can drive; the others have no reference
 };
 
-/// Throws Error(input) naming the option that is out of range.
+/// Throws Error(input) that names the option that is out of range.
 void validate(const PlaybackOptions& options);
 
-/// Follows a trajectory with the sum of its terms: F = sum_i term_i(x, x_d). The reference has a time on the path, but
-/// on the way to its start.
+/// Follows a trajectory with the sum of its terms: F = sum_i term_i(x, x_d). Except during the approach to its start,
+/// the reference has a time on the path.
 ///
-/// approach: minimum jerk from where the tool is to the start of the path; run: x_d(t) along the path, t advancing by
-/// speed * dt; hold: at the end. The reference never jumps: after a stall of the loop the path's time advances by at
-/// most five ticks, so that the hand is not pulled after a reference that ran away meanwhile; and where the path was
-/// not read in time, its time stands still until it was. It also stands still while the device is away: the reference
-/// then goes from where the tool is by minimum jerk to where it stood (phase approach), and on from there.
+/// approach: a minimum-jerk movement from the tool's position to the start of the path.
+/// run: the reference x_d(t) moves along the path; t advances by speed * dt.
+/// hold: the reference rests at the end.
+/// The reference never jumps. After a stall of the loop, the path's time advances by at most five ticks, so that the
+/// reference does not pull the hand after it. If the path has not been read in time, its time stands still until it
+/// has. It also stands still while the device is away: the reference then moves by minimum jerk from the tool's
+/// position to its last place (phase approach) and continues there.
 class PlaybackController final : public Controller {
  public:
-  /// Begins with `tuning` and goes over to what arrives in `changes`, if there is one; it must outlive the controller.
+  /// Starts with `tuning` and approaches the tunings that arrive in `changes`, if it is not null. `changes` must
+  /// outlive the controller.
   PlaybackController(ReferenceStream path, ForceTerms terms, const Tuning& tuning, const PlaybackOptions& options,
                      Mailbox<Tuning>* changes = nullptr);
 
@@ -72,13 +75,13 @@ class PlaybackController final : public Controller {
  private:
   /// Where there is no motor there is no error: the reference follows the hand.
   void follow_hand(const State& state, Reference& reference) const noexcept;
-  /// Moves reference_ along the path to `time`, or leaves it where it is.
+  /// Moves reference_ along the path to `time`, or leaves it in place while the path is not readable.
   void follow(const RunningTime& time, Command& command) noexcept;
   Reference advance(double step, Command& command) noexcept;
   void begin_repetition(const Vec3& from) noexcept;
-  /// To the reference, wherever on the path it stands.
+  /// Begins an approach to the reference at its current place on the path.
   void begin_approach(const Vec3& from) noexcept;
-  /// 0 while the reference waits for the hand, else 1.
+  /// Returns 0 while the reference waits for the hand, else 1.
   [[nodiscard]] double wanted_pace() const noexcept {
     return beyond_ && options_.on_deviation == DeviationPolicy::pause ? 0 : 1;
   }
@@ -88,7 +91,7 @@ class PlaybackController final : public Controller {
   }
   void turn_tool(const State& state, double scale, Command& command) noexcept;
   void keep_guard(const State& state, const Reference& reference, Command& command) noexcept;
-  /// The scale of the force under the policy; may end or pause the session.
+  /// Returns the scale of the force under the policy. May end the session or pause the reference.
   double watch_deviation(const State& state, const Reference& reference, Command& command) noexcept;
 
   ReferenceStream path_;
@@ -97,16 +100,16 @@ class PlaybackController final : public Controller {
   Mailbox<Tuning>* changes_;
   std::optional<TrackingGuard> guard_;
   std::optional<OrientationFollower> orientation_;
-  Vec3 feedforward_ = Vec3::Zero();  ///< of the last tick [N]
+  Vec3 feedforward_ = Vec3::Zero();  ///< feedforward force of the last tick [N]
   PlaybackOptions options_;
   bool has_undriven_axes_;
 
   RepetitionPhases phases_;
   Ramp approach_pace_{1};  ///< 1 approaching, 0 paused
   RunningTime path_time_;
-  Reference reference_;   ///< of the path at path_time_, at its own speed
-  bool waiting_ = false;  ///< for the path to be read
-  Ramp pace_{1};          ///< 1 running, 0 paused
+  Reference reference_;   ///< reference on the path at path_time_, at the path's own speed
+  bool waiting_ = false;  ///< the path has not been read yet
+  Ramp pace_{1};          ///< 1: running, 0: paused
   bool beyond_ = false;
 };
 

@@ -9,9 +9,9 @@
 namespace haptrace {
 namespace {
 
-constexpr std::size_t kMostAhead = 64;  // pieces: paths at many times their speed do not fill the memory
+constexpr std::size_t kMostAhead = 64;  // pieces; bounds the memory for paths at many times their speed
 
-/// Pieces that pass in kAhead seconds, two at least.
+/// Returns the number of pieces that pass in kAhead seconds, from 2 to kMostAhead.
 std::size_t pieces_ahead(const TrajectoryPieces& pieces, double speed) {
   const double each = pieces.duration() / static_cast<double>(pieces.count());
   const double ahead = std::ceil(ReferenceStream::kAhead * speed / each);

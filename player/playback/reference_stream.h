@@ -1,4 +1,4 @@
-// The reference of a playback, from a path of any length.
+// Reference of a playback from a path of any length.
 #pragma once
 
 #include "control/path/orientation_trajectory.h"
@@ -15,26 +15,26 @@
 
 namespace haptrace {
 
-/// The trajectory through consecutive rows of a path.
+/// Trajectory through consecutive samples of a path.
 struct TrajectoryPiece {
-  double begin = 0, end = 0;  ///< it holds for [begin, end] of the whole trajectory's time [s]
+  double begin = 0, end = 0;  ///< range of validity in the whole trajectory's time [s]
   Trajectory trajectory;
   OrientationTrajectory orientation;  ///< empty when the path has none
 };
 
-/// The trajectory through a path in pieces that are made when they are needed: the same as Trajectory of the whole path
-/// to the last bits, but that the decisions for or against the path's own velocities and how much to smooth are taken
-/// from a few stretches of a long path, and once for all of it.
+/// Trajectory through a path, made in pieces when they are needed. It equals Trajectory of the whole path up to the
+/// last bits, with one exception: a few stretches of a long path decide for all of it whether the path's own velocities
+/// are used and how much it is smoothed.
 ///
 /// Threads: const, but one thread at a time. A copy shares the source.
 class TrajectoryPieces {
  public:
   struct Options {
-    std::uint64_t rows = 16'384;       ///< of a piece
-    std::uint64_t undivided = 65'536;  ///< a path of up to so many rows is one piece
-    /// Time constant of smoothing [s], for cubic and quintic: 0 for none; as much as its noise asks for when absent.
+    std::uint64_t rows = 16'384;       ///< samples per piece
+    std::uint64_t undivided = 65'536;  ///< a path with at most this many samples is one piece
+    /// Time constant of smoothing [s], for cubic and quintic. 0: none; absent: chosen from the path's noise.
     std::optional<double> smoothing;
-    bool orientation = false;  ///< pieces hold the path's orientations, if it has any
+    bool orientation = false;  ///< pieces include the path's orientations, if it has any
   };
 
   /// Makes the first piece. Throws Error(input) like PathSource::read and Trajectory, and when
@@ -49,63 +49,64 @@ class TrajectoryPieces {
   [[nodiscard]] double smoothing() const noexcept { return whole_.smoothing; }          ///< time constant [s]
   [[nodiscard]] const std::shared_ptr<const TrajectoryPiece>& first() const noexcept { return first_; }
 
-  /// Throws like the constructor.
+  /// Returns piece `index`. Throws like the constructor.
   [[nodiscard]] TrajectoryPiece make(std::size_t index) const;
-  /// The piece through rows [first, last], first < last, or the only row.
+  /// Returns the piece through samples [first, last], with first < last unless the path has only one sample.
   [[nodiscard]] TrajectoryPiece through(std::uint64_t first, std::uint64_t last) const;
 
  private:
   struct Rows {
-    std::uint64_t begin = 0, end = 0;  ///< half-open
+    std::uint64_t begin = 0, end = 0;  ///< end is exclusive
   };
-  /// Those that the trajectory through [first, last] depends on.
+  /// Returns the samples on which the trajectory through [first, last] depends.
   [[nodiscard]] Rows with_overlap(std::uint64_t first, std::uint64_t last) const;
-  /// Stretches that stand for the whole path.
+  /// Returns stretches that represent the whole path.
   [[nodiscard]] std::vector<Path> stretches() const;
 
   std::shared_ptr<const PathSource> source_;
   Interpolation interpolation_;
   bool with_orientation_;
-  std::uint64_t rows_ = 0;  ///< of a piece
+  std::uint64_t rows_ = 0;  ///< samples per piece
   std::size_t count_ = 1;
   Trajectory::Whole whole_;
   std::shared_ptr<const TrajectoryPiece> first_;
 };
 
-/// What a controller asks for its reference while a thread reads ahead. A path of one piece needs no thread.
+/// Source of a controller's reference; a thread reads ahead. A path of one piece needs no thread.
 ///
 /// Threads: one thread at a time. Real-time: sample().
 class ReferenceStream {
  public:
-  /// Of a piece that was read, before it is used: throws when it must not be played.
+  /// Checks a piece after it was read and before it is used. Throws if the piece must not be played.
   using Check = std::function<void(const TrajectoryPiece&)>;
 
   enum class [[nodiscard]] Answer : std::uint8_t{
       ready,
-      waiting,     ///< it has not been read yet: ask again
-      unreadable,  ///< it cannot be read, or must not be played: see error()
+      waiting,     ///< not read yet: ask again
+      unreadable,  ///< cannot be read or must not be played, see error()
   };
 
-  /// Reads at least two pieces and kAhead seconds ahead, as they pass at `speed` times the path's own.
+  /// Reads at least two pieces ahead, and kAhead seconds at `speed` relative to the path's own, at most 64 pieces.
   ReferenceStream(const TrajectoryPieces& pieces, const Check& check, double speed = 1);
 
-  /// Of a trajectory that is all there.
+  /// Makes a stream of a complete trajectory.
   ReferenceStream(Trajectory trajectory);  // NOLINT(google-explicit-constructor): it is one
 
-  /// The reference at `t` [s], which goes forward, or to any time within the first piece. Sets `reference` when ready.
+  /// Sets `reference` to the reference at `t` [s] if it returns `ready`. `t` must not decrease, except to a time within
+  /// the first piece.
   Answer sample(double t, Reference& reference) noexcept;
 
-  /// How the tool points at the time that sample() was asked for last.
+  /// Returns the orientation at `t` [s], the time of the last sample() call.
   [[nodiscard]] OrientationReference orientation(double t) noexcept {
     return piece_->orientation.sample(t, orientation_cursor_);
   }
 
-  /// Waits until sample() can answer at `t`, at most `ahead` pieces from the last question. Not for the tick.
+  /// Waits until sample() can answer at `t`, which must lie within the pieces that are read ahead. Not real-time.
   void wait(double t) noexcept;
 
   [[nodiscard]] double duration() const noexcept { return duration_; }  ///< [s]
 
-  /// Why sample() answered unreadable.
+  /// Returns why sample() returned `unreadable`.
   [[nodiscard]] const std::string& error() const noexcept { return prefetcher_->error(); }
 
   static constexpr double kAhead = 10;  // [s]

@@ -1,4 +1,4 @@
-// Looks after a tracking law while it acts on a person.
+// Monitor of a tracking law that acts on a hand.
 #pragma once
 
 #include "control/hand_watch.h"
@@ -9,8 +9,8 @@
 
 namespace haptrace {
 
-/// Notices a hand that resists or lets go and, for studies, small oscillations of a loop whose delay is known. It
-/// softens nothing: the servo loop does (ForceGuard).
+/// Detects a hand that resists or lets go and, for studies, small oscillations of a loop with known delay. Does not
+/// soften the force; the servo loop does (ForceGuard).
 ///
 /// Real-time: all but the constructor.
 class TrackingGuard {
@@ -20,16 +20,16 @@ class TrackingGuard {
     HandWatchOptions hand;
   };
 
-  /// Throws Error(input) naming the option that is out of its range.
+  /// Throws Error(input) that names the option that is out of range.
   explicit TrackingGuard(const Options& options) : hand_(options.hand) {
     if (options.oscillation) monitor_.emplace(*options.oscillation);
   }
 
-  /// At every tick, before its force is sent. `feedback` [N]: what of the force that was sent last answers the
-  /// position; the rest is known beforehand and cannot oscillate.
+  /// Called at every tick before its force is sent. `feedback` [N]: part of the last sent force that depends on the
+  /// position. The rest is known beforehand and cannot oscillate.
   void watch(const State& state, const Reference& reference, const Vec3& feedback) noexcept;
 
-  /// After a gap: what was seen before it says nothing of what comes.
+  /// Resets the monitors after a gap.
   void resume() noexcept {
     if (monitor_) monitor_->reset();
     hand_.reset();
@@ -37,14 +37,14 @@ class TrackingGuard {
 
   [[nodiscard]] bool hand_resists() const noexcept { return hand_.resists(); }
 
-  /// The next thing to tell, if any: one for each call.
+  /// Returns the next event to report, if any; one per call.
   std::optional<Event> take_event() noexcept;
 
  private:
-  static constexpr double kSpacing = 0.2;  ///< between two events of an oscillation [s]
+  static constexpr double kSpacing = 0.2;  ///< shortest time between two oscillation events [s]
 
   std::optional<OscillationMonitor> monitor_;
-  double since_told_ = kSpacing;  ///< of an oscillation [s]
+  double since_told_ = kSpacing;  ///< time since the last oscillation event [s]
   HandWatch hand_;
   std::optional<Event> oscillation_, hand_event_;
 };

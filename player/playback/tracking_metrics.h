@@ -1,4 +1,4 @@
-// How well a session followed its reference, measured while it runs.
+// Tracking metrics of a session, computed while it runs.
 #pragma once
 
 #include "control/ripple.h"
@@ -10,22 +10,22 @@
 
 namespace haptrace {
 
-/// The figures of one repetition, over phase run.
+/// Metrics of one repetition, over phase run.
 struct TrackingFigures {
   std::uint64_t samples = 0;
-  double duration = 0;                ///< without the time that a device was away and back on its way [s]
-  double rms_error = 0;               ///< 3-D, position against the reference at the same instant [m]
-  double peak_error = 0;              ///< [m]
-  double force_ripple = 0;            ///< rms of the sent force above 25 Hz [N]
-  double max_force = 0;               ///< largest magnitude sent [N]
-  double rms_rotation_error = kNaN;   ///< of the orientation against its reference; NaN without one [rad]
+  double duration = 0;               ///< without the time during which the device was away or returned to its place [s]
+  double rms_error = 0;              ///< 3-D distance to the reference at the same instant [m]
+  double peak_error = 0;             ///< [m]
+  double force_ripple = 0;           ///< sent force above 25 Hz, rms [N]
+  double max_force = 0;              ///< largest magnitude sent [N]
+  double rms_rotation_error = kNaN;  ///< rms angle to the reference orientation [rad]; NaN without one
   double peak_rotation_error = kNaN;  ///< [rad]
 };
 
-/// Accumulates figures per repetition. The ripple is that of the sent force above 25 Hz; its filter follows every phase
-/// so that it is settled when run begins.
+/// Accumulates metrics per repetition. The filter of the force ripple runs in every phase, so that it has settled when
+/// phase run begins.
 ///
-/// Real-time: push. Memory for `repetitions` is taken at construction; of further ones only the last is kept.
+/// Real-time: push. The constructor reserves memory for `repetitions`; of further ones only the last is kept.
 class TrackingMetrics final : public SampleSink {
  public:
   static constexpr double kRippleCutoff = 25;  // [Hz]
@@ -35,23 +35,23 @@ class TrackingMetrics final : public SampleSink {
   void push(const Sample& sample) noexcept override;
   void push(const Event& event) noexcept override;
 
-  /// Every repetition that ran, in order.
+  /// Returns the metrics of every repetition that ran, in order.
   [[nodiscard]] std::vector<TrackingFigures> repetitions() const;
-  /// The last repetition's; all zero when none ran.
+  /// Returns the metrics of the last repetition; defaults if none ran.
   [[nodiscard]] TrackingFigures last() const;
 
  private:
   struct Sums {
     std::uint64_t samples = 0;
-    std::int64_t run_ns = 0;  ///< from row to row
+    std::int64_t run_ns = 0;  ///< sum of the intervals between samples
     double error2 = 0, peak2 = 0, ripple2 = 0, force2 = 0;
-    std::uint64_t turned = 0;  ///< samples with an orientation and a reference for it
+    std::uint64_t turned = 0;  ///< samples with a finite orientation and a reference for it
     double rotation2 = 0, peak_rotation2 = 0;
   };
   static TrackingFigures figures(const Sums& sums);
 
   std::vector<Sums> sums_;
-  std::optional<std::int64_t> last_ns_;  ///< the time of the last row that counted, unless a gap followed
+  std::optional<std::int64_t> last_ns_;  ///< time of the last counted sample, unless a gap followed
   Ripple ripple_;
 };
 

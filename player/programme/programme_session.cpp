@@ -25,16 +25,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kApproachSpeed = 0.1;     // peak, of the way to the start [m/s]
-constexpr double kGuidedTimes = 5;         // the path's own time, after which a repetition is over ...
-constexpr double kGuidedGrace = 10;        // ... and this [s]
-constexpr double kLeastAssistance = 0.01;  // below which there is none
+constexpr double kApproachSpeed = 0.1;     // peak speed of the approach [m/s]
+constexpr double kGuidedTimes = 5;         // time limit of a repetition, in durations of the path ...
+constexpr double kGuidedGrace = 10;        // ... plus this [s]
+constexpr double kLeastAssistance = 0.01;  // below this there is no assistance
 
 std::string now_text() {
   return rfc3339(std::chrono::system_clock::now());
 }
 
-/// A name that every file system takes.
+/// Returns a name that is valid in every file system.
 std::string file_name(const std::string& name) {
   std::string result;
   for (const char c : name) {
@@ -50,7 +50,7 @@ std::string file_name(const std::string& name) {
   return result;
 }
 
-/// The integral of the force's magnitude, and whether the time was over.
+/// Integrates the magnitude of the force and detects the end of the time limit.
 class TrialWatch final : public SampleSink {
  public:
   void push(const Sample& sample) noexcept override {
@@ -59,7 +59,7 @@ class TrialWatch final : public SampleSink {
     force_ = norm_of(sample.force);
   }
   void push(const Event& event) noexcept override {
-    // While a device is away or silent nothing acts.
+    // While a device is lost or silent, no force acts.
     if (event.code == EventCode::device_lost || event.code == EventCode::states_stopped) force_ = 0;
     if (event.code == EventCode::time_over) time_over_ = true;
   }
@@ -82,7 +82,7 @@ double time_limit_of(const Exercise& exercise, double path_duration) {
   return exercise.time_limit > 0 ? exercise.time_limit : kGuidedTimes * path_duration + kGuidedGrace;
 }
 
-/// What a person takes who does as he is asked [s].
+/// Returns the expected duration of a repetition [s].
 double expected_time(const Exercise& exercise, const Path& path) {
   const bool has_pace = exercise.mode == ExerciseMode::passive || exercise.mode == ExerciseMode::assisted ||
                         exercise.mode == ExerciseMode::cursor;
@@ -92,7 +92,7 @@ double expected_time(const Exercise& exercise, const Path& path) {
          path.duration() / (has_pace ? exercise.pace : 1) + exercise.hold;
 }
 
-/// All paths by one change, so that they stay where they are to each other.
+/// Fits all paths with one transformation, so that they keep their positions relative to each other.
 std::optional<Fit> fit_together(std::vector<Path>& paths, const DeviceInfo& device) {
   const Box workspace = workspace_of(device);
   Box bounds;
@@ -110,11 +110,11 @@ std::optional<Fit> fit_together(std::vector<Path>& paths, const DeviceInfo& devi
   return fit;
 }
 
-/// One repetition as it was asked for and as it went.
+/// Result of one repetition.
 struct TrialRun {
   SessionResult session;
   std::vector<std::string> notes;
-  std::optional<double> stiffness;  ///< of the walls, as it was [N/m]
+  std::optional<double> stiffness;  ///< stiffness of the walls as applied [N/m]
 };
 
 class ProgrammeRun {
@@ -155,7 +155,7 @@ class ProgrammeRun {
   [[nodiscard]] std::string absolute(const std::string& name) const { return fs::absolute(file(name)).string(); }
   void save() { save_session_log(log(), options_.folder); }
 
-  /// A log that cannot be written either must not hide why.
+  /// Writes the error to the log. A failure to write the log must not hide the error.
   void note_failure(const std::string& why) noexcept try {
     if (log().trials.size() > sitting().first_trial && log().trials.back().stopped_by.empty()) {
       log().trials.back().stopped_by = "fault";
@@ -172,7 +172,7 @@ class ProgrammeRun {
     save();
   }
 
-  /// What is left. A sitting that goes on after another begins with the warm-up again.
+  /// Returns the remaining trials. Every further sitting starts with the warm-up again.
   [[nodiscard]] std::vector<ScheduledTrial> left() {
     const int number = static_cast<int>(log().sittings.size());
     std::vector<ScheduledTrial> trials;
@@ -195,7 +195,7 @@ class ProgrammeRun {
                        [&](const LoggedTrial& logged) { return same(logged, trial) && logged.done(); });
   }
 
-  /// The next attempt at a repetition, in a file that nobody wrote yet.
+  /// Sets the attempt's number and a file name that does not exist yet.
   void name_attempt(const ScheduledTrial& scheduled, LoggedTrial& trial) const {
     trial.attempt =
         1 + static_cast<int>(std::count_if(result_.log.trials.begin(), result_.log.trials.end(),
@@ -251,7 +251,7 @@ class ProgrammeRun {
     return is_tired(*programme_.limits.fatigue, figures);
   }
 
-  /// False when somebody asked to stop meanwhile.
+  /// Returns false when a stop was requested meanwhile.
   bool wait_while_paused() {
     while (options_.pause != nullptr && *options_.pause && stop_.count() == 0) sitting().duration += idle(kNaN);
     return stop_.count() == 0;
@@ -270,7 +270,7 @@ class ProgrammeRun {
     return stop_.count() == 0;
   }
 
-  /// A moment, and how long it was [s].
+  /// Sleeps for a moment and returns its duration [s].
   double idle(double seconds_left) {
     const auto before = std::chrono::steady_clock::now();
     if (options_.rests) options_.rests(seconds_left);
@@ -280,7 +280,7 @@ class ProgrammeRun {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count();
   }
 
-  /// Runs one repetition, keeps it in the log, and learns from it.
+  /// Runs one repetition, logs it, and updates the progression.
   const SessionResult& run_trial(const ScheduledTrial& scheduled) {
     const std::size_t i = scheduled.exercise;
     const Exercise& exercise = programme_.exercise(i);
@@ -299,10 +299,10 @@ class ProgrammeRun {
     TrialWatch watch;
     TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch)
                                                           : guide_trial(*device, exercise, trial, watch);
-    // What is to be known of the device and not of the trial is told once.
+    // A note that concerns the device rather than the trial is reported once.
     for (std::string& note : run.notes)
       if (told_.insert(note).second) trial.notices.push_back(std::move(note));
-    // Its recording keeps events, and the log its end.
+    // The recording stores events, and the log stores the end of the trial.
     for (const Warning& warning : run.session.warnings)
       if (!is_of_event(warning.code) && warning.code != "stopped") trial.notices.push_back(warning.text);
     trial.duration = run.session.servo.duration;
@@ -341,7 +341,8 @@ class ProgrammeRun {
     return to_json(trial_figures(runs.back(), curves_[trial.exercise], plant));
   }
 
-  /// `config`: what makes of the verb that it names the same as this trial.
+  /// Returns the session options of a trial. `config` holds the command that it names and the options that repeat this
+  /// trial.
   [[nodiscard]] SessionOptions session_for(const DeviceInfo& device, const Exercise& exercise, const LoggedTrial& trial,
                                            nlohmann::json config) const {
     SessionOptions session = options_.session;
@@ -359,7 +360,7 @@ class ProgrammeRun {
     config["device"] = device.name;
     config["hold"] = exercise.hold;
     if (options_.profile) config["profile"] = absolute(kSessionProfile);
-    // What all verbs that run a session understand, and what is this trial's own.
+    // The recording's config holds the options of every command that runs a session, and those of this trial.
     recording.config.update(config);
     return session;
   }
@@ -422,7 +423,7 @@ class ProgrammeRun {
       options.resistance = exercise.resistance;
       config["resistance"] = exercise.resistance;
     }
-    // On the path nothing is sent, and the hand may be anywhere; on the way to its start a force leads it.
+    // On the path no force is sent, and the hand may be anywhere. During the approach a force leads the hand.
     if (options.free) {
       options.guidance.max_approach_deviation = options_.max_deviation;
       options.guidance.max_deviation = 10;
@@ -444,7 +445,7 @@ class ProgrammeRun {
   const ProgrammeOptions& options_;
   const StopRequest& stop_;
   const Progress& progress_;
-  std::vector<ProgressionState> states_;  ///< by exercise, as the next three
+  std::vector<ProgressionState> states_;  ///< indexed by exercise, like the next two
   std::vector<Path> paths_;
   std::vector<TrialPath> curves_;
   std::optional<IdentifiedDevice> identified_;
@@ -480,7 +481,7 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
   for (std::size_t i = 0; i < programme.size(); ++i) {
     const Exercise& exercise = programme.exercise(i);
     const Path& path = plan.paths[i];
-    // A path that several exercises share is told of once.
+    // Notes of a path that several exercises share are added once.
     const auto first = std::find_if(plan.parts.begin(), plan.parts.end(), [&](const ProgrammePlan::Part& other) {
       return programme.exercise(static_cast<std::size_t>(&other - plan.parts.data())).path == exercise.path;
     });
@@ -537,7 +538,7 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
     log.notes = recording->notes;
     log.config = recording->config;
   }
-  // A session is its participant's: nobody else opens it. Its files take after their folder.
+  // The data of a session belong to its participant: other users cannot open the folder, and its files inherit this.
   create_private_folders((folder / "paths").string());
   try {
     for (std::size_t i = 0; i < plan.paths.size(); ++i) {

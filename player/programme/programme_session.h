@@ -1,4 +1,4 @@
-// Running a programme: exercise after exercise, one recording per repetition, and a log that is never behind.
+// Runs the exercises of a programme, with one recording per repetition and a log that is always up to date.
 #pragma once
 
 #include "formats/documents/device_profile.h"
@@ -17,41 +17,40 @@ namespace haptrace {
 struct ScheduledTrial {
   std::size_t exercise = 0;  ///< see Programme::exercise
   int round = 1, repetition = 1;
-  double rest = 0;  ///< after it [s]
+  double rest = 0;  ///< rest after the repetition [s]
 };
 
-/// Every repetition in order: the warm-up once, then the exercises, round by round. None is followed by a rest at the
-/// end.
+/// Returns every repetition in order: the warm-up once, then the exercises, round by round. The last repetition has no
+/// rest.
 std::vector<ScheduledTrial> schedule(const Programme& programme);
 
-/// What a programme will take.
+/// Paths, repetitions and expected duration of a programme.
 struct ProgrammePlan {
   struct Part {
     double path_length = 0;    ///< [m]
-    double path_duration = 0;  ///< as it was recorded [s]
-    double trial = 0;          ///< about, way to the start and hold included [s]
+    double path_duration = 0;  ///< duration as recorded [s]
+    double trial = 0;          ///< expected duration of a repetition, with approach and hold [s]
     std::optional<Fit> fit;
   };
-  std::vector<Part> parts;  ///< by exercise
-  std::vector<Path> paths;  ///< as they are followed
+  std::vector<Part> parts;  ///< indexed by exercise
+  std::vector<Path> paths;  ///< paths as they will be followed
   std::vector<ScheduledTrial> trials;
-  double duration = 0;             ///< of all, rests included, about [s]
-  std::vector<std::string> notes;  ///< what a person should know
+  double duration = 0;             ///< expected duration of all repetitions, with rests [s]
+  std::vector<std::string> notes;  ///< messages for the user
 };
 
-/// Reads the paths and checks everything that can be checked without a device, or with one (may be null): its
-/// workspace. `folder`: of the programme's file; `where` names it. Throws Error(input).
+/// Reads the paths and checks the programme and, if `device` is not null, its paths against the workspace. `folder`:
+/// folder of the programme's file; `where` names the file in messages. Throws Error(input).
 ProgrammePlan plan_programme(const Programme& programme, const std::string& folder, const std::string& where,
                              const DeviceInfo* device, bool fit);
 
 struct ProgrammeOptions {
-  std::string folder;                    ///< of the session
-  SessionOptions session;                ///< its recording: what all have in common, without a file
-  std::optional<DeviceProfile> profile;  ///< of the device, where it was calibrated; of a session that goes on, its own
-  double max_deviation = 0.1;            ///< of what is guided, beyond which the session stops [m]
+  std::string folder;                    ///< folder of the session
+  SessionOptions session;                ///< its recording holds what all trials have in common, without a file
+  std::optional<DeviceProfile> profile;  ///< profile of a calibrated device; a resumed session has its own
+  double max_deviation = 0.1;            ///< distance from the path or reference beyond which the session stops [m]
 
-  /// The device for a trial of `exercise`, whose path this is. Answers the same device again where it has nothing of
-  /// its own to show.
+  /// Returns the device for a trial of `exercise` along `path`. May return the same device again.
   std::function<std::shared_ptr<Device>(const Exercise& exercise, const TrialSettings& settings,
                                         const std::string& path)>
       open;
@@ -59,25 +58,26 @@ struct ProgrammeOptions {
 
   std::function<void(const ScheduledTrial&, const TrialSettings&, std::size_t number, std::size_t of)> begins;
   std::function<void(const LoggedTrial&)> ended;
-  std::function<void(double seconds_left)> rests;  ///< about ten times a second; NaN: it was paused
+  std::function<void(double seconds_left)> rests;  ///< called about ten times a second; NaN while paused
 };
 
-/// Makes the folder of a session, with its paths, its profile and a log without trials. Throws Error(input) when the
-/// folder holds anything; what was made of it is gone again when that fails.
+/// Creates the folder of a session, with its paths, its profile and a log without trials. Throws Error(input) when the
+/// folder is not empty; removes everything it created if it fails.
 SessionLog begin_session(const nlohmann::json& programme, const std::string& where, const ProgrammePlan& plan,
                          const DeviceInfo& device, const ProgrammeOptions& options);
 
 struct ProgrammeResult {
   SessionLog log;
-  std::optional<SessionResult> last;  ///< of the last trial that was begun; nothing when none was
+  std::optional<SessionResult> last;  ///< last trial that was started; empty when there was none
 };
 
-/// Goes through what the session in options.folder has not done yet: from the first repetition that was not done.
-/// Before and after each the log on the disk is brought up to date, so that a process that dies loses the repetition it
-/// was in and nothing else. Rests take no time in virtual time.
+/// Runs the remaining repetitions of the session in options.folder, from the first one that was not done. Writes the
+/// log to the disk before and after each repetition, so that a crash of the process loses only the current repetition.
+/// Rests take no time in virtual time.
 ///
-/// Throws what play, guide and run_session throw before a trial's first force, and Error(input) when the device is
-/// another than the session was begun with, or another process runs it. The log keeps why.
+/// Throws what play, guide and run_session throw before a trial's first force. Throws Error(input) when the device
+/// differs from the one that the session was begun with, or when another process runs the session. The log stores the
+/// reason.
 ProgrammeResult run_programme(const ProgrammeOptions& options, const StopRequest& stop, const Progress& progress = {});
 
 nlohmann::json to_json(const ProgrammePlan& plan, const Programme& programme);

@@ -1,4 +1,4 @@
-// How an exercise adapts to a person: how much he is helped, and how hard it is made.
+// Adaptation of an exercise's assistance and difficulty to the participant.
 #pragma once
 
 #include "formats/documents/session_log.h"
@@ -9,34 +9,34 @@
 
 namespace haptrace {
 
-/// What is missing to the target, as a share of it: 0 where the figure is as good or better, 1 at most, and 1 when
-/// there was nothing to measure.
+/// Returns the shortfall of a metric as a share of its target, 0 to 1: 0 if the target is reached, 1 if there was
+/// nothing to measure.
 double shortfall(const Progression& progression, std::optional<double> figure);
 
-/// Where one exercise stands. After a repetition with shortfall e:
+/// Assistance and difficulty of one exercise. After a repetition with shortfall e:
 ///
 ///     assistance   a <- forget a + gain e,  within 0 and 1
 ///
-/// the law of assist-as-needed (Emken, Benitez and Reinkensmeyer 2007): who needs no help loses it by the factor
-/// `forget` a repetition, faster than he learns, and so cannot rest on it; an error within the target counts as none,
-/// so that help goes to zero;
+/// This is the assist-as-needed law (Emken, Benitez and Reinkensmeyer 2007): a participant who needs no help loses it
+/// by the factor `forget` per repetition, faster than they learn, and so cannot rely on it. A metric within the target
+/// counts as no shortfall, so that the assistance decays to zero.
 ///
 ///     difficulty   level <- level + step  when the median of e over `window` repetitions is 0,
 ///                           level - step  when it is beyond the tolerance,  within 0 and 1
 ///
-/// each time counting repetitions anew (performance-based progression, Krebs and others 2003). Radius, stiffness and
+/// A change of level restarts the window (performance-based progression, Krebs and others 2003). Radius, stiffness and
 /// pace follow the level, from easy to hard.
 ///
-/// A pure function of what it was told: a session that is resumed tells it all again.
+/// The state depends only on the learned trials. A resumed session learns them all again.
 class ProgressionState {
  public:
   explicit ProgressionState(const Exercise& exercise);
 
-  /// Of the next repetition.
+  /// Returns the settings of the next repetition.
   [[nodiscard]] TrialSettings settings() const;
 
-  /// A repetition was done. One that did not come to its end in time has failed, whatever its figures are: who does not
-  /// move is nowhere far from the path.
+  /// Updates the state after a repetition. A repetition that did not end in time has failed, whatever its metrics are:
+  /// a participant who does not move stays close to the path.
   void learn(const LoggedTrial& trial);
 
  private:
@@ -44,15 +44,15 @@ class ProgressionState {
 
   const Exercise* exercise_;  ///< borrowed
   double assistance_ = 1, level_ = 0;
-  std::deque<double> shortfalls_;  ///< at this level
+  std::deque<double> shortfalls_;  ///< shortfalls at this level
 };
 
-/// Whether `figures`, of repetitions of one exercise in the order of one sitting, say that the person is tired: the
-/// last `repetitions` were all worse than the best of all.
+/// Returns true when the metrics of one exercise in one sitting, in order, indicate fatigue: each of the last
+/// `repetitions` is worse than the best of all by more than the share `worse`.
 bool is_tired(const ProgrammeLimits::Fatigue& fatigue, const std::vector<nlohmann::json>& figures);
 
-/// Throws Error(input) naming the key when a programme goes by a figure that there is not, or that is neither better
-/// nor worse when there is more of it.
+/// Throws Error(input) that names the key when a programme uses an unknown metric, or one of which neither more nor
+/// less is better.
 void check_figures(const Programme& programme, const std::string& where);
 
 }  // namespace haptrace

@@ -25,7 +25,7 @@ void LiveMonitor::push(const Event& event) noexcept {
   if (event.code == EventCode::overrun) ++status_.overruns;
   if (event.code == EventCode::states_resumed) away_time_ += event.values[0];
   if (event.code != EventCode::device_lost && event.code != EventCode::device_found) return;
-  // At once: while it is away there are no rows.
+  // Posted at once: there are no samples while the device is away.
   status_.away = event.code == EventCode::device_lost;
   if (status_.away)
     ++status_.losses;

@@ -42,8 +42,8 @@ std::vector<CompensationTerm> shares_of(std::string_view name) {
   return shares;
 }
 
-/// Words between blanks; * and / are words wherever they stand. Whatever is not printable ASCII is refused, since
-/// commands find their way back to terminals.
+/// Splits a line at blanks; * and / are always words of their own. Throws for characters that are not printable ASCII,
+/// because commands are echoed to terminals.
 std::vector<std::string> words_of(std::string_view line) {
   std::vector<std::string> words;
   bool within = false;
@@ -73,7 +73,7 @@ std::string gain_text(const PdGains& gains, bool brief) {
   return fmt::format("kp {} kd {}", gain_text(gains.kp, brief), gain_text(gains.kd, brief));
 }
 
-/// The largest factor that no gain's limit is below, at least 1: scaling up never scales down.
+/// Returns the largest factor that keeps every gain within its limit, but at least 1: scaling up never scales down.
 double largest_factor(const PdGains& gains, const PdGains& largest) {
   double factor = std::numeric_limits<double>::infinity();
   for (const auto& [gain, limit] : {std::pair{&gains.kp, &largest.kp}, std::pair{&gains.kd, &largest.kd}})
@@ -176,7 +176,7 @@ std::string LiveTuning::scale_gains(Words values, Tuning& tuning) const {
   const double asked = divides ? 1 / number : number;
   if (!(number > 0 && asked > 0 && std::isfinite(asked))) throw input_error("gains: the factor must be above 0");
 
-  // All gains by the same factor: what was balanced stays so.
+  // All gains have the same factor, so that their ratios stay.
   const double factor = std::min(asked, largest_factor(tuning.gains, options_.limits.largest));
   tuning.gains.kp = (factor * tuning.gains.kp).cwiseMin(options_.limits.largest.kp);
   tuning.gains.kd = (factor * tuning.gains.kd).cwiseMin(options_.limits.largest.kd);

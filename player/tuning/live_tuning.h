@@ -1,5 +1,4 @@
-// Changing how a session tracks while it runs: what is wanted, what a device bears, and a line of text for every
-// change.
+// Changes the tuning of a running session by commands, within the limits of the device, and logs every change.
 #pragma once
 
 #include "base/mailbox.h"
@@ -20,15 +19,16 @@
 
 namespace haptrace {
 
-/// What a device bears. What is asked beyond it is clamped to it. The default knows of no device.
+/// Largest tuning under which a device is stable. Larger requests are clamped to it. The defaults are general bounds
+/// that do not depend on a device.
 struct TuningLimits {
   PdGains largest{Vec3::Constant(kLargestKp), Vec3::Constant(kLargestKd)};
   double observer_hz = 100;                           ///< the observer's largest bandwidth
-  std::string because = "no device bears more than";  ///< what is said before the limit when something is clamped
+  std::string because = "no device bears more than";  ///< text before the limit in the message about a clamped value
 };
 
-/// For a device of which only the maximum force [N] is known: ten times its cautious_gains, so that the force limit is
-/// reached at 1.6 mm of deviation.
+/// Returns the limits of a device of which only the maximum force [N] is known: ten times its cautious_gains, so that
+/// 1.6 mm of deviation reaches the force limit.
 TuningLimits limits_of_unidentified(double max_force, double rate_hz);
 
 /// The tuning of a running session, changed by commands of one line each (docs/tuning.md):
@@ -38,42 +38,42 @@ TuningLimits limits_of_unidentified(double max_force, double rate_hz);
 ///     inertia, gravity, friction, learning as observer; feedforward: the first three at once
 ///     get                  get kp                reset        help            quit
 ///
-/// Every change that is one leaves a notice, a line in the history and, where there are annotations, a mark in the
-/// recording: "tuned: kp 2000". As a sink it only learns the session's time.
+/// Every effective change adds a notice, a line of the history and, if there are annotations, a mark in the recording:
+/// "tuned: kp 2000". As a sink, the object only follows the session's time.
 ///
-/// Threads: everything from any, but the mailbox is read by one (the servo loop), which also pushes.
+/// Threads: any, but only the servo loop reads the mailbox and pushes.
 /// Real-time: push, and latest() of the mailbox.
 class LiveTuning final : public SampleSink {
  public:
   struct Options {
     TuningLimits limits;
     Compensations composed;
-    std::string remedy = "compose the session with it";  ///< what an error says of a compensation that is not there
-    std::shared_ptr<Annotations> annotations;            ///< where changes leave a mark; may be null
+    std::string remedy = "compose the session with it";  ///< advice in the error about a missing compensation
+    std::shared_ptr<Annotations> annotations;            ///< receives a mark for every change; may be null
   };
 
-  /// `start` is not clamped: what a session was started with, it bears. Throws Error(input) when its gains are invalid.
+  /// Does not clamp `start`: the limits are raised to it. Throws Error(input) when its gains are invalid.
   LiveTuning(const Tuning& start, Options options);
 
-  /// Obeys one command and answers one line, both without the line's end: "ok kp 2000 2000 2000", with the value in
+  /// Executes one command and returns a line, both without the line's end: "ok kp 2000 2000 2000" with the value in
   /// force; "ok kp 5200 5200 5200 clamped from 9000: the device bears 5200"; "error ..." (nothing was changed); for
-  /// get alone a JSON object. Answers are printable ASCII whatever the command. Does not throw for any command.
+  /// `get` alone a JSON object. Answers are printable ASCII whatever the command. Does not throw for any command.
   std::string obey(std::string_view command);
 
-  /// What is wanted now, and for the tick the newest of it.
+  /// Returns the requested tuning. mailbox() holds the newest one for the servo loop.
   [[nodiscard]] Tuning wanted() const;
   [[nodiscard]] Mailbox<Tuning>& mailbox() noexcept { return mailbox_; }
 
-  /// Present gains and shares for a progress line: "kp 2000 kd 20 observer 0.5". Shares of 1 go without saying.
+  /// Returns the current gains and shares for a progress line: "kp 2000 kd 20 observer 0.5". Shares of 1 are omitted.
   [[nodiscard]] std::string summary() const;
 
-  /// What a person should know since the last call: changes, the last of several in a row to the same, and what was
-  /// told. `tell` is for whoever hands commands on without anybody who reads the answers.
+  /// Returns the notices since the last call: changes (of several in a row to the same quantity only the last) and
+  /// those passed to tell(). tell() is for sources of commands without a reader for the answers.
   [[nodiscard]] std::vector<std::string> take_notices();
   void tell(std::string notice);
 
-  /// The object that get answers, with "changes": [{"time_s": 1.5, "text": "kp 2000"}, ...], the newest 1000, and
-  /// "changed", how many there were.
+  /// Returns the object that `get` answers, with "changes": [{"time_s": 1.5, "text": "kp 2000"}, ...], the newest 1000,
+  /// and "changed", their total number.
   [[nodiscard]] nlohmann::json history() const;
 
   using SampleSink::push;
@@ -85,7 +85,7 @@ class LiveTuning final : public SampleSink {
     std::string text;
   };
   struct Notice {
-    std::string text, subject;  ///< a notice replaces one before it on the same subject; empty: on none
+    std::string text, subject;  ///< a notice replaces the last one if both have the same subject; empty: never
   };
   using Words = std::span<const std::string>;
 
@@ -103,7 +103,7 @@ class LiveTuning final : public SampleSink {
   const Tuning start_;
   const Options options_;
   std::atomic<std::int64_t> now_ns_{0};
-  mutable std::mutex mutex_;  ///< over what follows; the mailbox: over posting
+  mutable std::mutex mutex_;  ///< protects the members below; of the mailbox only posting
   Tuning wanted_;
   Mailbox<Tuning> mailbox_;
   std::deque<Change> changes_;

@@ -33,14 +33,14 @@ Error refused(const std::string& path) {
   return input_error(fmt::format("{}: cannot be listened on: {}", path, std::strerror(errno)));
 }
 
-/// A connection is refused by a socket that nobody listens on any more.
+/// Returns false if the socket refuses connections because no process listens on it any more.
 bool is_alive(const sockaddr_un& address) {
   const Descriptor probe(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   return connect(probe.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0 ||
          errno != ECONNREFUSED;
 }
 
-/// Removes what stands at the path if it is a dead socket of this user.
+/// Removes the file at the path if it is a dead socket of this user.
 void make_room(const std::string& path, const sockaddr_un& address) {
   struct stat status {};
   if (lstat(path.c_str(), &status) != 0) return;
@@ -68,7 +68,7 @@ std::string runtime_folder() {
 
 PrivateSocket::PrivateSocket(std::string path) : path_(std::move(path)) {
   const sockaddr_un address = address_of(path_);
-  // Two sessions that start at once must not both take the place of a dead socket.
+  // Two sessions that start at once must not both replace a dead socket.
   const std::filesystem::path parent = std::filesystem::path(path_).parent_path();
   const Descriptor folder(open(parent.empty() ? "." : parent.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (folder.get() < 0) throw refused(path_);
@@ -86,7 +86,7 @@ PrivateSocket::PrivateSocket(std::string path) : path_(std::move(path)) {
 void PrivateSocket::bind_and_listen() {
   const sockaddr_un address = address_of(path_);
   descriptor_ = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  // bind() gives the path the mode of the socket itself: at no moment can another user connect.
+  // bind() gives the path the mode of the socket: another user cannot connect at any time.
   if (descriptor_ < 0 || fchmod(descriptor_, 0600) != 0 ||
       bind(descriptor_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
     throw refused(path_);

@@ -11,12 +11,11 @@ namespace haptrace {
 /// others.
 std::string runtime_folder();
 
-/// A Unix stream socket that listens under a path with mode 0600, from construction to the end of the object, which
-/// removes the path if it is still this socket.
+/// A listening Unix stream socket at a path of mode 0600. The destructor removes the path if it is still this socket.
 class PrivateSocket {
  public:
-  /// Replaces a dead socket of this user. Throws Error(input): the path is too long or taken by a socket that is alive,
-  /// by one of another user or by anything else; the system refuses.
+  /// Replaces a dead socket of this user. Throws Error(input): the path is too long or taken by a live socket, by a
+  /// socket of another user or by any other file; the system refuses.
   explicit PrivateSocket(std::string path);
   ~PrivateSocket();
   PrivateSocket(const PrivateSocket&) = delete;
@@ -24,7 +23,7 @@ class PrivateSocket {
 
   [[nodiscard]] const std::string& path() const noexcept { return path_; }
 
-  /// Hands the listening descriptor over, which the caller closes. Once.
+  /// Transfers the listening descriptor to the caller, which closes it. Call once.
   [[nodiscard]] int release() noexcept;
 
  private:
@@ -32,7 +31,7 @@ class PrivateSocket {
 
   std::string path_;
   int descriptor_ = -1;
-  std::uint64_t device_ = 0, inode_ = 0;  ///< of the path when it was made
+  std::uint64_t device_ = 0, inode_ = 0;  ///< identity of the path when it was created
 };
 
 /// Returns true when the process at the other end of a connected Unix socket runs as this user or as root.

@@ -18,13 +18,14 @@ namespace {
 constexpr auto kLookPeriod = std::chrono::milliseconds(100);
 constexpr std::size_t kLargestFile = 64U << 10U;  // bytes
 
-/// The file's beginning, at most one byte more than the largest; throws nothing, answers what the system refused.
+/// Reads the beginning of a file, at most kLargestFile + 1 bytes. Returns 0 or the errno of the failure; does not
+/// throw.
 int read_beginning(const std::string& file, std::string& text) {
   const int fd = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (fd < 0) return errno;
   struct stat status {};
   int error = fstat(fd, &status) != 0 ? errno : S_ISREG(status.st_mode) ? 0 : EINVAL;
-  // Who can write it moves a motor.
+  // Any user who can write the file moves a motor.
   const bool others = (status.st_mode & S_IWOTH) != 0 || (status.st_uid != geteuid() && status.st_uid != 0) ||
                       ((status.st_mode & S_IWGRP) != 0 && status.st_gid != getegid());
   if (error == 0 && others) error = EPERM;

@@ -1,4 +1,4 @@
-// A control file: the commands of a LiveTuning, obeyed whenever the file changes.
+// Control file: executes the commands of a LiveTuning whenever the file changes.
 #pragma once
 
 #include "player/tuning/live_tuning.h"
@@ -9,10 +9,11 @@
 
 namespace haptrace {
 
-/// Obeys the lines of a file in order: at once if the file is there, and anew within 0.3 s of every change, once the
-/// file has rested for 0.1 s, so that what an editor is still writing is not taken for the whole. Empty lines and what
-/// follows # are passed over. The file may come, go and be replaced. What goes wrong becomes a notice of `tuning`,
-/// "FILE: line 3: ..."; the other lines are obeyed. Only regular files up to 64 KiB are read.
+/// Executes the lines of a file in order: at once if the file exists, and again within 0.3 s of every change. A change
+/// counts once the file has not changed for 0.1 s, so that a half-written file is not executed. Empty lines and text
+/// after # are ignored. The file may appear, disappear and be replaced. Errors become notices of `tuning`, "FILE: line
+/// 3: ..."; the other lines are executed. Only regular files up to 64 KiB are read; a file that other users can write
+/// is refused.
 ///
 /// Threads: one of its own, which ends with the object.
 class TuningFile {
@@ -21,9 +22,9 @@ class TuningFile {
   TuningFile(LiveTuning& tuning, std::string file);
 
  private:
-  /// What tells a file from what it was.
+  /// Identity of one version of the file.
   struct Stamp {
-    std::uint64_t inode = 0;  ///< 0: there is none
+    std::uint64_t inode = 0;  ///< 0: no file
     std::int64_t size = 0, seconds = 0, nanoseconds = 0;
     bool operator==(const Stamp&) const = default;
   };

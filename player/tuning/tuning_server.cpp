@@ -25,22 +25,22 @@ namespace asio = boost::asio;
 using asio::ip::tcp;
 using asio::local::stream_protocol;
 using boost::system::error_code;
-/// Of TCP or Unix.
+/// Stream of a TCP or a Unix socket.
 using Stream = asio::generic::stream_protocol;
 
 constexpr std::size_t kLongestLine = 256;  // bytes
 constexpr std::size_t kMostOperators = 16, kMostStrangers = 64;
 constexpr std::size_t kShortestToken = 16, kLongestToken = 128;  // bytes
 constexpr std::string_view kTokenWord = "token ";
-constexpr int kMostDrained = 64;                               // chunks of what a client sent in vain
-constexpr auto kRest = std::chrono::milliseconds(5);           // of a client after each of its commands
-constexpr auto kAcceptPause = std::chrono::milliseconds(100);  // after the system could not give a socket
+constexpr int kMostDrained = 64;                               // largest number of chunks drained from a closing client
+constexpr auto kRest = std::chrono::milliseconds(5);           // pause of a client after each command
+constexpr auto kAcceptPause = std::chrono::milliseconds(100);  // pause after a failed accept
 
 bool is_printable(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](char c) { return (c >= ' ' && c <= '~') || c == '\t' || c == '\r'; });
 }
 
-/// Compares in a time that does not tell how much of the token was right.
+/// Compares in constant time, which does not reveal how much of the token was right.
 bool is_same_token(std::string_view given, std::string_view token) {
   if (given.size() != token.size()) return false;
   unsigned difference = 0;
@@ -51,15 +51,15 @@ bool is_same_token(std::string_view given, std::string_view token) {
 
 class Client;
 
-/// The clients that are connected, the one that was silent longest first.
+/// Connected clients, ordered by silence, longest first.
 struct Clients {
   std::list<Client*> operators, strangers;
 };
 
-/// One client. It lives as long as something is under way for it.
+/// One client. It lives as long as one of its operations is pending.
 class Client : public std::enable_shared_from_this<Client> {
  public:
-  /// `token`: that makes a stranger an operator; empty: is one.
+  /// `token`: token that makes a stranger an operator; empty: the client is an operator.
   Client(Stream::socket socket, LiveTuning& tuning, Clients& clients, std::string_view token)
       : socket_(std::move(socket)), timer_(socket_.get_executor()), tuning_(tuning), clients_(clients), token_(token) {
     list().push_back(this);
@@ -83,14 +83,14 @@ class Client : public std::enable_shared_from_this<Client> {
   [[nodiscard]] bool is_stranger() const { return !token_.empty(); }
   [[nodiscard]] std::list<Client*>& list() { return is_stranger() ? clients_.strangers : clients_.operators; }
 
-  /// Closes the client that was silent longest, unless there is room. A newcomer always has a place: neither strangers
-  /// nor forgotten connections keep an operator out.
+  /// Closes the client that was silent longest, unless there is room. A new client always gets a place, so that neither
+  /// strangers nor forgotten connections keep an operator out.
   void make_room() {
     const std::size_t most = is_stranger() ? kMostStrangers : kMostOperators;
     if (list().size() > most) list().front()->close();
   }
 
-  /// Whatever is under way for it ends, and with that this client.
+  /// Cancels all pending operations, which ends the client's life.
   void close() {
     list().remove(this);
     error_code ignored;
@@ -109,7 +109,7 @@ class Client : public std::enable_shared_from_this<Client> {
     });
   }
 
-  /// Looks at the first bytes of a stranger.
+  /// Checks the first bytes of a stranger.
   void admit() {
     const std::size_t end = received_.find('\n');
     const std::string_view line = std::string_view(received_).substr(0, end);
@@ -121,7 +121,7 @@ class Client : public std::enable_shared_from_this<Client> {
     if (!line.starts_with(kTokenWord)) return close();
     std::string_view given = line.substr(kTokenWord.size());
     if (given.ends_with('\r')) given.remove_suffix(1);
-    // No browser begins a request with this word: whoever did may know what was wrong.
+    // No browser starts a request with this word, so a client that did may learn what was wrong.
     if (!is_same_token(given, token_)) return answer("error this is not the token of this session", true);
     received_.erase(0, end + 1);
     list().remove(this);
@@ -132,8 +132,7 @@ class Client : public std::enable_shared_from_this<Client> {
     serve();
   }
 
-  /// Answers the next line of what was received, and reads on when there is none. No more than a line and a chunk are
-  /// ever kept.
+  /// Answers the next received line, or reads on if there is none. The buffer holds at most a line and a chunk.
   void serve() {
     for (;;) {
       const std::size_t end = received_.find('\n');
@@ -166,7 +165,7 @@ class Client : public std::enable_shared_from_this<Client> {
     });
   }
 
-  /// Ends the connection without a reset, which would take the last answer from a client that still sends.
+  /// Ends the connection without a reset. A reset would discard the last answer to a client that still sends.
   void finish() {
     error_code ignored;
     socket_.shutdown(Stream::socket::shutdown_send, ignored);
@@ -176,7 +175,7 @@ class Client : public std::enable_shared_from_this<Client> {
   }
 
   Stream::socket socket_;
-  asio::steady_timer timer_;  ///< of its rest after a command; of patience with a stranger
+  asio::steady_timer timer_;  ///< pause after a command, or time limit of a stranger
   LiveTuning& tuning_;
   Clients& clients_;
   std::string_view token_;
@@ -186,7 +185,7 @@ class Client : public std::enable_shared_from_this<Client> {
 
 }  // namespace
 
-/// The sockets that listen, and the thread that serves.
+/// Listening sockets and the thread that serves their clients.
 class TuningServer::Listeners {
  public:
   Listeners(LiveTuning& tuning, Options options) : tuning_(tuning), options_(std::move(options)) {
@@ -199,7 +198,7 @@ class TuningServer::Listeners {
       try {
         listen(asio::ip::address_v6::loopback(), port);
       } catch (const Error&) {
-        // No IPv6 here, or a port of another program: 127.0.0.1 is the address that is reported.
+        // There is no IPv6, or another program has the port. 127.0.0.1 is the reported address.
       }
     }
     if (!options_.socket.empty()) {
@@ -221,7 +220,7 @@ class TuningServer::Listeners {
   struct Listener {
     Acceptor socket;
     asio::steady_timer pause;
-    bool strangers;  ///< need the token
+    bool strangers;  ///< its clients need the token
   };
 
   static std::uint16_t port_of(const Acceptor& socket) {
@@ -250,7 +249,7 @@ class TuningServer::Listeners {
               ->start(options_.patience);
         return accept(listener);
       }
-      // No socket to be had for now: to ask again at once would take a whole processor.
+      // No socket is available now. An immediate retry would occupy a whole processor.
       listener.pause.expires_after(kAcceptPause);
       listener.pause.async_wait([this, &listener](error_code cancelled) {
         if (!cancelled) accept(listener);
@@ -261,7 +260,7 @@ class TuningServer::Listeners {
   LiveTuning& tuning_;
   const Options options_;
   std::optional<PrivateSocket> unix_;
-  Clients clients_;  ///< before io_, whose end is theirs
+  Clients clients_;  ///< declared before io_, whose destructor ends the clients
   asio::io_context io_{1};
   std::list<Listener> listeners_;  ///< 127.0.0.1, ::1, the Unix socket
   std::jthread thread_;
@@ -277,7 +276,7 @@ std::uint16_t TuningServer::port() const noexcept {
 }
 
 std::string new_tuning_token() {
-  std::random_device random;  // the system's, which is fit for secrets
+  std::random_device random;  // the system's generator, which is suitable for secrets
   std::string token;
   for (int word = 0; word < 4; ++word) token += fmt::format("{:08x}", random());
   return token;

@@ -1,4 +1,4 @@
-// A control socket: the commands of a LiveTuning for programs on the same machine.
+// Control socket: lets programs on the same machine send the commands of a LiveTuning.
 #pragma once
 
 #include "player/tuning/live_tuning.h"
@@ -13,7 +13,7 @@
 namespace haptrace {
 
 /// Reads "5005", "127.0.0.1:5005", "localhost:5005" or "[::1]:5005"; 0 is any free port. Throws Error(input) for every
-/// other address: whoever can reach the socket moves a motor.
+/// other address: every program that can reach the socket moves a motor.
 std::uint16_t parse_tuning_port(std::string_view text);
 
 /// Returns 128 random bits in hexadecimal digits.
@@ -27,37 +27,38 @@ std::string read_tuning_token(const std::string& file);
 /// Writes the line "token TOKEN" into a new file of mode 0600. Throws Error(input).
 void write_tuning_token(const std::string& token, const std::string& file);
 
-/// Obeys the commands (LiveTuning::obey) of up to 16 clients, a line each, and answers a line for each. Listens on a
-/// Unix socket that only this user and root can open, on the loopback of TCP (127.0.0.1 and, where there is IPv6, ::1),
-/// or on both; never on a network.
+/// Executes the commands (LiveTuning::obey) of up to 16 clients, one per line, and answers each with a line. Listens on
+/// a Unix socket that only this user and root can open, on the loopback of TCP (127.0.0.1 and, where there is IPv6,
+/// ::1), or on both; never on a network interface.
 ///
-/// Every program of the machine can reach the loopback, a web page in a browser included. A TCP client is a stranger
+/// Every program on the machine can reach the loopback, including a web page in a browser. A TCP client is a stranger
 /// until its first line is "token TOKEN". The first byte that cannot belong to that line closes the connection without
-/// an answer; so do five seconds of silence, and sixty-four newer strangers.
+/// an answer; so do five seconds of silence and 64 newer strangers.
 ///
-/// A client that may give commands gets an error for a command that is unknown, and goes on. A line that no person
-/// types (over 256 bytes, not printable, HTTP) ends its connection: behind a forwarded port, a client may be a browser
-/// after all. When a seventeenth client comes, the one that was silent longest loses its place to it. A client is
-/// served at most 200 commands a second, and its next command only once it took the last answer, so that one that never
-/// reads costs nothing. A command without the end of its line is not obeyed.
+/// An admitted client gets an error for an unknown command and stays connected. A line that no user types (over 256
+/// bytes, not printable, HTTP) ends its connection, because behind a forwarded port a client may still be a browser. If
+/// a 17th client connects, the one that was silent longest is disconnected. A client gets at most 200 answers per
+/// second, and its next command runs only after it has read the last answer, so that a client that never reads costs
+/// nothing. A command without a line end is not executed.
 ///
-/// Threads: one of its own, which ends with the object. Nothing here is near the servo loop.
+/// Threads: one of its own, which ends with the object. It does not touch the servo loop.
 class TuningServer {
  public:
   struct Options {
     std::string socket;                        ///< path of the Unix socket; empty: none
-    std::optional<std::uint16_t> port;         ///< of the loopback, 0: any free one
-    std::string token;                         ///< of TCP clients; needed with a port
-    std::chrono::milliseconds patience{5000};  ///< with strangers
+    std::optional<std::uint16_t> port;         ///< port on the loopback, 0: any free one
+    std::string token;                         ///< token of TCP clients; required with a port
+    std::chrono::milliseconds patience{5000};  ///< time limit for strangers
   };
 
-  /// `tuning` is borrowed and must outlive this. Throws Error(input) when the socket or the port cannot be had.
+  /// `tuning` is borrowed and must outlive this. Throws Error(input) when the token is invalid or the socket or the
+  /// port is not available.
   TuningServer(LiveTuning& tuning, Options options);
   ~TuningServer();
   TuningServer(const TuningServer&) = delete;
   TuningServer& operator=(const TuningServer&) = delete;
 
-  /// Of TCP; 0 when there is none.
+  /// Returns the TCP port; 0 if there is none.
   [[nodiscard]] std::uint16_t port() const noexcept;
 
  private:
