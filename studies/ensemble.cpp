@@ -24,28 +24,28 @@ PdGains gains(double kp, double kd) {
   return {Vec3::Constant(kp), Vec3::Constant(kd)};
 }
 
-constexpr double kMaxVelocity = 1.5;      // as haptrace play has it [m/s]
-constexpr double kAtLargest = 0.999;      // of the device's force, from which a tick is at the largest
+constexpr double kMaxVelocity = 1.5;      // as in haptrace play [m/s]
+constexpr double kAtLargest = 0.999;      // share of the device's force from which a tick counts as saturated
 constexpr double kOverdriveHold = 2;      // [s]
 constexpr double kOverdriveDamping = 25;  // [N s/m]
 constexpr double kOnsetCutoff = 8;        // [Hz]
 constexpr double kOnsetWindow = 0.025;    // time constant of the mean square [s]
 constexpr double kOnsetRipple = 1e-4;     // rms [m]
-constexpr double kLasting = 0.2;          // for which it must be so: stick and slip is over by then [s]
-constexpr double kCalmTime = 0.5;         // before the end [s]
+constexpr double kLasting = 0.2;          // shortest duration of an oscillation; stick-slip ends sooner [s]
+constexpr double kCalmTime = 0.5;         // judged time before the end [s]
 
 double rms(double sum, std::uint64_t samples) {
   return samples > 0 ? std::sqrt(sum / static_cast<double>(samples)) : 0;
 }
 
-/// A simulated device in a session, as a judge sees it.
+/// Simulated device in a session, for the sinks that judge it.
 struct Watched {
   const SimDevice& device;
   const SimSpec& spec;
   double rate_hz;
 };
 
-/// Sees the true position of a simulated device beside every sample, and counts what the monitor says.
+/// Passes the true position error to a subclass with every sample and counts the reports of the oscillation monitor.
 class TruthSink : public SampleSink {
  public:
   explicit TruthSink(const Watched& watched) : device_(watched.device) {}
@@ -70,7 +70,7 @@ class TruthSink : public SampleSink {
   double first_oscillation_ = kNaN;
 };
 
-/// The figures of the last repetition's run.
+/// Computes the metrics of the last repetition over phase run.
 class RunSink final : public TruthSink {
  public:
   explicit RunSink(const Watched& watched)
@@ -114,14 +114,14 @@ class RunSink final : public TruthSink {
   Ripple ripple_;
   NeededForce needed_;
   double largest_;          ///< [N]
-  double most_needed_ = 0;  ///< since the way to the path began [N]
+  double most_needed_ = 0;  ///< since the approach began [N]
   Phase phase_ = Phase::idle;
   double error2_ = 0, peak2_ = 0, ripple2_ = 0;
   std::uint64_t samples_ = 0, saturated_ = 0;
   bool at_largest_ = false, stopped_ = false;
 };
 
-/// Ripple and hunting at the end of a hold.
+/// Computes ripple and hunting at the end of a hold.
 class HoldSink final : public TruthSink {
  public:
   explicit HoldSink(const Watched& watched)
@@ -151,7 +151,7 @@ class HoldSink final : public TruthSink {
   std::uint64_t samples_ = 0;
 };
 
-/// When an oscillation began, and whether it was over in the end.
+/// Detects the onset of an oscillation and whether it is over at the end.
 class OnsetSink final : public TruthSink {
  public:
   explicit OnsetSink(const Watched& watched)
@@ -184,12 +184,12 @@ class OnsetSink final : public TruthSink {
   bool calm_ = true;
 };
 
-/// The reach at whose end controllers are held: slow, and away from where devices begin.
+/// Returns the reach before the hold: slow, and away from the start position of the device.
 Path hold_path() {
   return make_shape("reach", {.size = 0.03, .duration = 1, .angle = 0.7});
 }
 
-/// One draw with everything that is played on it.
+/// One draw and its trials.
 class PathTrials {
  public:
   PathTrials(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options, const StopRequest& stop)
@@ -234,7 +234,7 @@ class PathTrials {
  private:
   [[nodiscard]] SimOptions sim_options() const { return {.name = draw_.spec.model, .seed = draw_.noise_seed}; }
 
-  /// A session on a device that is new, seen by a Sink, which writes into `result`.
+  /// Runs a session on a new device with a Sink that writes into `result`.
   template <class Sink, class Result>
   PlayResult play_on(const SimSpec& spec, const Path& path, PlayOptions options, Result& result) const {
     SimDevice device(spec, sim_options());
@@ -246,7 +246,7 @@ class PathTrials {
     return played;
   }
 
-  /// Beyond what the device is stable with when nobody holds it: K < (b + B) / (T / 2 + t_d), Gil, Avello, Rubio and
+  /// Returns gains beyond the stability limit of a free device: K < (b + B) / (T / 2 + t_d), Gil, Avello, Rubio and
   /// Florez 2004, with T / 2 of its hold and a lag counted as a delay.
   [[nodiscard]] PdGains beyond_gains() const {
     const SimSpec& s = draw_.spec;
@@ -257,7 +257,7 @@ class PathTrials {
   }
 
   EnsembleDraw draw_;
-  SimSpec quiet_;  ///< with a hand that does nothing by itself
+  SimSpec quiet_;  ///< with a passive hand
   const EnsembleOptions& options_;
   const StopRequest& stop_;
 };
@@ -334,7 +334,7 @@ EnsembleReport run_ensemble(const EnsembleOptions& asked, const StopRequest& sto
                             const std::function<void(const EnsembleProgress&)>& progress) {
   const EnsembleOptions options = completed(asked);
   EnsembleReport report{.seed = options.seed, .draws = options.draws, .learn = options.learn};
-  // What no device of the ensemble could play is told before the first of them is run.
+  // A path that no device of the ensemble could play is rejected before the first draw runs.
   const SimDevice any(draw_device(options.seed, options.first).spec);
   for (const Path& path : options.paths) {
     (void)plan_playback(any.info(), path, plain(kStiff));

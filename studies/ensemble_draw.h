@@ -1,4 +1,4 @@
-// Random devices and hands, to try a controller on what it was not made for.
+// Random devices and hands for testing a controller on dynamics that it was not designed for.
 #pragma once
 
 #include "devices/sim/noise.h"
@@ -10,44 +10,44 @@
 
 namespace haptrace {
 
-/// What devices are drawn from: small desktop devices of the kind of the Falcon, in the hands of those who hold them
-/// gently to firmly. Even between low and high unless it says otherwise.
+/// Ranges of the draws: small desktop devices like the Falcon, held gently to firmly. Values are uniform between low
+/// and high unless stated otherwise.
 namespace ensemble {
 
 struct Range {
   double low, high;
 };
 
-// The mechanism. We know of no published identification of such devices: all of it is our own estimate, about the
+// Mechanism. We know of no published identification of such devices. All values are our own estimates, close to the
 // Falcon's.
 inline constexpr Range kMass{0.2, 0.65};                       // [kg]
 inline constexpr Range kViscous{1, 3};                         // [N s/m]
 inline constexpr Range kCoulomb{0.3, 1.1};                     // [N]
-inline constexpr Range kOfAxis{0.85, 1.15};                    // times the three above, for each actuator axis
+inline constexpr Range kOfAxis{0.85, 1.15};                    // factor on the three above, for each actuator axis
 inline constexpr Range kStaticRatio{1.1, 1.4};                 // static over sliding friction
 inline constexpr Range kStribeckVelocity{6e-3, 20e-3};         // [m/s]
 inline constexpr Range kPreslidingDistance{0.05e-3, 0.12e-3};  // sliding friction over the LuGre model's stiffness [m]
 inline constexpr Range kCogging{0, 0.1};                       // [N]
 inline constexpr Range kCoggingPeriod{4e-3, 10e-3};            // [m]
-inline constexpr Range kGravity{1.2, 1.6};                     // left uncompensated, in any direction [N]
-inline constexpr Range kGravityGradient{-10, 10};              // of each axis of W along itself [N/m]
-inline constexpr Range kRotation{0, 3};                        // of the actuator axes, about any direction [rad]
+inline constexpr Range kGravity{1.2, 1.6};                     // uncompensated gravity, in any direction [N]
+inline constexpr Range kGravityGradient{-10, 10};              // gradient of each axis of W along itself [N/m]
+inline constexpr Range kRotation{0, 3};  // rotation of the actuator axes, about any direction [rad]
 
-// Sensors, motors and what lies between: the Falcon's stated 8.9 N (H3DAPI), its encoders' 0.02 to 0.08 mm in space
-// (from the geometry in libnifalcon), and delays of a USB device at 1 kHz: our estimate.
+// Sensors, motors and delays: the Falcon's stated 8.9 N (H3DAPI), its encoders' 0.02 to 0.08 mm in space (from the
+// geometry in libnifalcon), and our estimate of the delays of a USB device at 1 kHz.
 inline constexpr Range kDelay{0.3e-3, 2e-3};          // [s]
 inline constexpr Range kActuatorLag{0.2e-3, 0.9e-3};  // time constant [s]
 inline constexpr double kPositionResolution = 5e-5;   // [m]
 inline constexpr double kForceResolution = 5e-3;      // [N]
 inline constexpr double kMaxForce = 8.9;              // [N]
-inline constexpr double kReach = 0.1;                 // of the workspace from the origin, each axis [m]
+inline constexpr double kReach = 0.1;                 // extent of the workspace from the origin, per axis [m]
 
-// The hand: fingers (Hajian and Howe 1997), a pinch (Hasser and Cutkosky 2002), up to the hand's own mass; the arm
-// behind it (Mussa-Ivaldi, Hogan and Bizzi 1985; Gomi and Kawato 1997) gives way to a slow movement, as one that goes
-// along does. Tremor and drift are our estimates for healthy hands.
-inline constexpr double kNobody = 0.1;             // share of the devices that nobody holds
+// Hand: fingers (Hajian and Howe 1997), a pinch (Hasser and Cutkosky 2002), up to the hand's own mass. The arm behind
+// it (Mussa-Ivaldi, Hogan and Bizzi 1985; Gomi and Kawato 1997) yields to a slow movement, like an arm that moves
+// along. Tremor and drift are our estimates for healthy hands.
+inline constexpr double kNobody = 0.1;             // share of free devices without a hand
 inline constexpr Range kHandMass{0.05, 0.3};       // [kg]
-inline constexpr Range kGripStiffness{200, 2000};  // even on a logarithmic scale [N/m]
+inline constexpr Range kGripStiffness{200, 2000};  // uniform on a logarithmic scale [N/m]
 inline constexpr Range kGripDamping{2, 10};        // [N s/m]
 inline constexpr Range kArmStiffness{5, 200};      // [N/m]
 inline constexpr Range kArmRelaxation{0.3, 2};     // [s]
@@ -57,7 +57,7 @@ inline constexpr double kDrift = 0.15;             // rms per axis [N]
 
 }  // namespace ensemble
 
-/// The numbers of one draw. Their order is the ensemble: a new one goes to the end.
+/// Random numbers of one draw. Their order defines the ensemble: append new ones at the end.
 class Lot {
  public:
   Lot(std::uint64_t seed, std::uint64_t index) : bits_(seed, index) {}
@@ -70,14 +70,14 @@ class Lot {
 
   bool happens(double probability) { return bits_.between(0, 1) < probability; }
 
-  /// `value`, a little different for each axis.
+  /// Returns `value`, varied slightly for each axis.
   Vec3 by_axis(double value) {
     Vec3 v;
     for (double& component : v) component = value * in(ensemble::kOfAxis);
     return v;
   }
 
-  /// A unit vector, every direction alike.
+  /// Returns a unit vector of uniform direction.
   Vec3 direction() {
     Vec3 v;
     do {
@@ -92,17 +92,17 @@ class Lot {
   SplitMix64 bits_;
 };
 
-/// Throws Error(input) unless an ensemble can have so many draws.
+/// Throws Error(input) if `draws` is out of range.
 void check_draws(std::size_t draws);
 
-/// A device with whoever holds it.
+/// A device and, in most draws, a hand.
 struct EnsembleDraw {
   SimSpec spec;
-  std::uint64_t noise_seed = 0;  ///< of what the hand does by itself
+  std::uint64_t noise_seed = 0;  ///< seed of the hand's own movement
 };
 
-/// Device `index` of the ensemble of `seed`. It depends on these two alone, and not on the standard library's
-/// distributions.
+/// Returns device `index` of the ensemble of `seed`. The result depends only on these two and not on the standard
+/// library's distributions.
 EnsembleDraw draw_device(std::uint64_t seed, std::uint64_t index);
 
 }  // namespace haptrace

@@ -12,7 +12,7 @@ namespace {
 using namespace ensemble;
 using nlohmann::json;
 
-/// What `figure` is of each of `items`.
+/// Returns `figure` of each of `items`.
 template <class Items, class Figure>
 std::vector<double> column(const Items& items, Figure figure) {
   std::vector<double> values;
@@ -25,7 +25,7 @@ Distribution distribution(const Items& items, Figure figure) {
   return Distribution::of(column(items, figure));
 }
 
-/// The runs of one path by one controller, of the members that count.
+/// Run of one controller on one path, of a counted member.
 struct CountedRun {
   std::uint64_t index;
   const EnsembleRun* run;
@@ -53,7 +53,7 @@ ControllerSummary summarise(const std::vector<CountedRun>& counted) {
   return summary;
 }
 
-/// The ratio of a controller's true rms error to the calibrated player's; NaN unless both came to the end.
+/// Returns the ratio of a controller's true rms error to that of the calibrated playback; NaN unless both finished.
 double ratio(const EnsembleMember& member, EnsembleController controller, std::size_t path) {
   if (!member.calibrated()) return kNaN;
   const EnsembleRun &theirs = member.trial(controller).runs[path],
@@ -173,12 +173,12 @@ json criteria() {
           {"noticed_within_s", kCatchWithin}};
 }
 
-// --- The figure -----------------------------------------------------------------------------------------------------
+// --- Plot -----------------------------------------------------------------------------------------------------------
 
-constexpr double kLeastDrawn = 1e-4;  // of a unit; less is drawn as this
+constexpr double kLeastDrawn = 1e-4;  // smallest value drawn, in units; smaller ones are drawn as this
 
-/// The cumulative distribution of the decimal logarithm of `values` in `unit`: the share of the draws (in per cent)
-/// that have at most so much.
+/// Returns the cumulative distribution of the decimal logarithm of `values` in `unit`: the share of the draws [%] with
+/// at most that value.
 Series cumulative(std::vector<double> values, double unit, std::string label, int color) {
   std::erase_if(values, [](double value) { return !std::isfinite(value); });
   std::sort(values.begin(), values.end());
@@ -210,7 +210,7 @@ int color_of(EnsembleController controller) {
   return 7;
 }
 
-/// `figure` of the runs of a path that count, by one controller.
+/// Returns `figure` of the counted runs of one controller on a path.
 template <class Figure>
 std::vector<double> counted(const EnsembleReport& report, std::size_t path, EnsembleController controller,
                             Figure figure) {

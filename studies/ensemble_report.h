@@ -1,12 +1,12 @@
-// What an ensemble amounts to: distributions, counts, ratios; as JSON, as a figure, in words.
+// Report of an ensemble: distributions, counts and ratios, as JSON, plot and text.
 #pragma once
 
 #include "studies/ensemble.h"
 
 namespace haptrace {
 
-/// Of a sample of any order; quantiles by linear interpolation between order statistics (Hyndman and Fan 1996, type 7).
-/// Values that are not finite are left out. All NaN when there are none.
+/// Distribution of values in any order. Quantiles are linear interpolations between order statistics (Hyndman and Fan
+/// 1996, type 7). Values that are not finite are left out; without values, all members are NaN.
 struct Distribution {
   std::size_t count = 0;
   double median = kNaN, p5 = kNaN, p95 = kNaN, max = kNaN;
@@ -16,23 +16,23 @@ struct Distribution {
 
 nlohmann::json to_json(const Distribution& distribution);
 
-/// The draws, by index, of which something is true.
+/// Indices of draws that share a property.
 using Draws = std::vector<std::uint64_t>;
 
-/// One controller on one path, over the draws that count: not beyond the device's force. Figures are of those that it
-/// did not stop in.
+/// One controller on one path, over the counted draws, whose path needs no more force than the device has. Draws that
+/// stopped do not enter the distributions.
 struct ControllerSummary {
   Distribution rms_error, peak_error, measured_rms_error, measured_peak_error, force_ripple, ripple;
-  Draws stopped;       ///< by a limit
+  Draws stopped;       ///< draws that a limit stopped
   Draws limit_cycles;  ///< see EnsembleRun::limit_cycle
-  Draws oscillations;  ///< in which the oscillation monitor spoke
-  Draws saturated;     ///< see EnsembleRun::overpowered, and the others were not
+  Draws oscillations;  ///< draws in which the oscillation monitor reported
+  Draws saturated;     ///< see EnsembleRun::overpowered; finished draws only
 };
 
 struct PathSummary {
   std::string name;
   std::size_t counted = 0;
-  Draws beyond_force;  ///< not counted: see EnsembleMember::beyond_force
+  Draws beyond_force;  ///< not counted, see EnsembleMember::beyond_force
   std::array<ControllerSummary, kEnsembleControllers.size()> controllers;
   Distribution stiff_over_calibrated, cautious_over_calibrated;  ///< ratios of true rms errors, draw by draw
 };
@@ -44,10 +44,10 @@ struct HoldSummary {
 
 struct OverdriveSummary {
   Draws oscillating;
-  Draws late;    ///< of them: noticed after kCatchWithin, or never
-  Draws uncalm;  ///< of them: still oscillating in the end, and not stopped either
+  Draws late;    ///< oscillating draws that were detected after kCatchWithin, or never
+  Draws uncalm;  ///< oscillating draws that still oscillated at the end and were not stopped
   Draws stopped;
-  Distribution delay;  ///< of those that were noticed [s]
+  Distribution delay;  ///< detection delay of the oscillating draws [s]
 };
 
 struct EnsembleSummary {
@@ -59,14 +59,14 @@ struct EnsembleSummary {
 
 EnsembleSummary summarise(const EnsembleReport& report);
 
-/// SI. Holds the criteria beside what was counted by them, and the summary; draws are named by their index.
+/// Returns the summary, the counts and their criteria in SI units. Draws are identified by index.
 nlohmann::json to_json(const EnsembleReport& report);
 
-/// Cumulative distributions over the draws: true rms error of each path and controller, force ripple, true ripple, and
-/// the hold's.
+/// Returns a plot of cumulative distributions over the draws: true rms error, force ripple and true ripple of each path
+/// and controller, and ripple and hunting of the hold.
 Figure figure_of(const EnsembleReport& report);
 
-/// A few lines for people.
+/// Returns a short text summary.
 std::string text_of(const EnsembleReport& report);
 
 }  // namespace haptrace

@@ -1,4 +1,4 @@
-// The draws of an ensemble, on all cores.
+// Runs the draws of an ensemble on all cores.
 #pragma once
 
 #include "base/parallel.h"
@@ -13,12 +13,12 @@ namespace haptrace {
 
 struct EnsembleProgress {
   std::size_t done = 0, draws = 0;
-  double remaining = std::numeric_limits<double>::quiet_NaN();  ///< by the pace so far [s]
+  double remaining = std::numeric_limits<double>::quiet_NaN();  ///< remaining time, estimated from the pace so far [s]
 };
 
-/// What `run(draw)` makes of draws 0 to draws - 1, in order, whatever the threads (0: one for every core). When `stop`
-/// was raised the draws that were finished before. `progress` is called in the calling thread about ten times a second.
-/// Throws the first exception of a draw.
+/// Returns the results of `run(draw)` for draws 0 to draws - 1, in order and independent of `threads` (0: one for every
+/// core). If `stop` is raised, only the draws finished before. Calls `progress` in the calling thread about ten times a
+/// second. Throws the first exception of a draw.
 template <class Member, class Run>
 std::vector<Member> run_draws(std::size_t draws, std::size_t threads, const StopRequest& stop, const Run& run,
                               const std::function<void(const EnsembleProgress&)>& progress) {

@@ -14,10 +14,10 @@ namespace {
 
 using std::numbers::pi;
 
-constexpr double kStep = 1e-3;                         // of intents and movements [s]
-constexpr std::uint64_t kOther = 0x67756964'616e6365;  // tells these draws from those of the devices
+constexpr double kStep = 1e-3;                         // time step of intents and paths [s]
+constexpr std::uint64_t kOther = 0x67756964'616e6365;  // separates these random numbers from those of the devices
 
-/// Slow and never the same: three sines for every axis, guidance_ensemble::kWander rms.
+/// Slow, aperiodic movement: three sines per axis, guidance_ensemble::kWander rms.
 class Wandering {
  public:
   explicit Wandering(std::uint64_t seed) {
@@ -43,7 +43,7 @@ class Wandering {
   std::array<std::array<Sine, 3>, 3> sines_;
 };
 
-/// Along `at(share of the way)` in a minimum-jerk movement.
+/// Returns a minimum-jerk movement along the curve `at`, whose argument runs from 0 to 1.
 template <class At>
 Path drawn(const std::string& name, double duration, const At& at) {
   Path path{.name = name};
@@ -54,13 +54,13 @@ Path drawn(const std::string& name, double duration, const At& at) {
   return path;
 }
 
-/// Four turns inwards whose lobes touch those before.
+/// Returns the position on an inward spiral of four turns, whose lobes touch the previous ones.
 Vec3 lobed_spiral(double u) {
   const double angle = 4 * 2 * pi * u, r = 0.045 * (1 - u) * (1 + 0.3 * std::cos(3 * angle));
   return {r * std::cos(angle), r * std::sin(angle), 0.01 * u};
 }
 
-/// To and fro with acute, right and obtuse corners.
+/// Returns the position on a polyline with acute, right and obtuse corners.
 Vec3 corners(double u) {
   static const std::array<Vec3, 7> kCorners{Vec3(-0.04, -0.03, 0), Vec3(0.04, -0.03, 0),   Vec3(-0.02, -0.015, 0),
                                             Vec3(-0.02, 0.03, 0),  Vec3(0.01, 0.03, 0.01), Vec3(0.03, 0.01, 0.01),
@@ -103,18 +103,18 @@ Path intent_of(const Trainee& trainee, const Path& expert) {
   const Trajectory way(expert, Interpolation::linear);
   const Wandering wandering(trainee.seed);
   Path intent{.name = "trainee"};
-  double place = 0;  // time of the expert's [s]
+  double place = 0;  // the expert's time [s]
   std::array<double, 4> begun{};
   begun.fill(kNaN);
   for (int i = 0; place < way.duration(); ++i) {
     const double t = kStep * i;
-    /// How far a whim is, 0 to 1; NaN when it is not his whim now.
+    /// Returns the progress of a deviation, 0 to 1; NaN while it is not active.
     const auto progress = [&](std::size_t n, const Whim& whim) {
       if (std::isnan(begun[n]) && place >= whim.at * way.duration()) begun[n] = t;
       const double share = (t - begun[n]) / whim.lasts;
       return share < 1 ? share : kNaN;
     };
-    // Aside and back within the time; into the wall quickly, and stays there for most of it.
+    // Moves aside and back within the duration. A small `rise` moves quickly and stays aside for most of it.
     const auto aside = [&](const Whim& whim, double share, double rise) -> Vec3 {
       if (std::isnan(share)) return Vec3::Zero();
       return MinJerk::at(std::min({share, 1 - share, rise}) / rise).s * whim.way;
@@ -155,7 +155,7 @@ GuidanceDraw draw_guidance(std::uint64_t seed, std::uint64_t index) {
   guide.guidance.cursor = lot.happens(guidance_ensemble::kCursor);
   guide.guidance.speed = lot.in(guidance_ensemble::kCursorSpeed);
   guide.guidance.wait = lot.happens(0.5) ? 0 : 0.02;
-  guide.guidance.max_deviation = 1;  // whoever leaves may come back
+  guide.guidance.max_deviation = 1;  // a trainee who leaves the path may return
   guide.guidance.allow_back = lot.happens(0.5);
   const double lag = 1 / (2 * pi * spec.actuator_bandwidth_hz);
   guide.identified = IdentifiedDevice{.plant = {.mass = spec.mass,

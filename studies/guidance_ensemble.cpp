@@ -16,11 +16,11 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kLinger = 1;        // after a trainee's intent ended, for who is late [s]
-constexpr double kHoldLimit = 3600;  // the judge ends the session
+constexpr double kLinger = 1;        // extra time after the end of the trainee's intent [s]
+constexpr double kHoldLimit = 3600;  // longer than any trial: the judge ends the session
 
-/// What of the true position is faster than hands move by themselves, and lasts: impacts and somebody who lets go do
-/// not.
+/// Measures lasting ripple of the true position above the frequencies of hands. Impacts and a hand that lets go do not
+/// last.
 class TrueRipple {
  public:
   TrueRipple(const SimDevice& device, double rate_hz)
@@ -29,7 +29,7 @@ class TrueRipple {
         ticks_(std::max<std::int64_t>(std::llround(guidance_ensemble::kRippleTime / kStretches * rate_hz), 1)),
         ripple_(guidance_ensemble::kRippleCutoff, rate_hz) {}
 
-  /// At every tick; counted from the first that is `judged`.
+  /// Called at every tick; counts from the first `judged` one on.
   void update(bool judged) noexcept {
     const double ripple2 = ripple_.update(device_.true_position() - origin_);
     if (!judged) return;
@@ -41,7 +41,7 @@ class TrueRipple {
     lasting2_ = std::max(lasting2_, *std::min_element(stretches_.begin(), stretches_.end()));
   }
 
-  /// The largest that lasted for guidance_ensemble::kRippleTime, rms [m].
+  /// Returns the largest ripple that lasted for guidance_ensemble::kRippleTime, rms [m].
   [[nodiscard]] double lasting() const noexcept { return std::sqrt(lasting2_); }
 
  private:
@@ -52,13 +52,13 @@ class TrueRipple {
   std::int64_t ticks_, count_ = 0;
   Ripple ripple_;
   double sum_ = 0, lasting2_ = 0;
-  std::array<double, kStretches> stretches_{};  ///< mean squares of the last ones [m^2]
+  std::array<double, kStretches> stretches_{};  ///< mean squares of the last stretches [m^2]
 };
 
-/// Sees what guidance does to a simulated device in truth.
+/// Evaluates guidance by the true state of a simulated device.
 class GuidanceJudge final : public SampleSink {
  public:
-  /// Raises `end` at `duration` [s].
+  /// Raises `end` at `duration` [s] of the session.
   GuidanceJudge(const SimDevice& device, const Guidance& guidance, const GuidePlan& plan, const GuideOptions& options,
                 double duration, StopRequest& end)
       : device_(device),
@@ -74,7 +74,7 @@ class GuidanceJudge final : public SampleSink {
         ripple_(device, rate_hz_) {}
 
   void push(const Event& event) noexcept override {
-    // With a late device walls sway more slowly than a fast rule looks for.
+    // On a device with a long delay, walls sway too slowly for the fast rules.
     if (is_oscillation(event.code) || event.code == EventCode::sways) ++run_.oscillations;
   }
 
@@ -106,7 +106,7 @@ class GuidanceJudge final : public SampleSink {
   [[nodiscard]] const GuidanceRun& run() const noexcept { return run_; }
 
  private:
-  /// Until guidance alone acts, nothing is judged.
+  /// Resets the references of the evaluation, which starts once guidance alone acts.
   void begin(const Sample& sample) noexcept {
     work_ = device_.plant().motor_work();
     stored_ = stored(sample);
@@ -134,7 +134,7 @@ class GuidanceJudge final : public SampleSink {
   TrueRipple ripple_;
   double rest2_ = 0;
   std::int64_t guided_ = 0, rested_ = 0;  ///< [ticks]
-  double work_ = 0, stored_ = 0;          ///< when guidance alone began to act [J]
+  double work_ = 0, stored_ = 0;          ///< values when guidance alone started to act [J]
   Vec3 place_ = Vec3::Zero(), tool_ = Vec3::Zero();
   GuidanceRun run_;
 };
@@ -170,7 +170,7 @@ class GuidedTrial {
     return run;
   }
 
-  /// Ripple of the same hand on the same device without any force [m].
+  /// Returns the ripple of the same hand on the same device without force [m].
   double alone() const {
     SimDevice device(draw_.device.spec, sim_);
     const double rate_hz = draw_.guide.session.loop.rate_hz;
@@ -192,7 +192,7 @@ class GuidedTrial {
   SimOptions sim_;
 };
 
-/// Runs of which something is true, as draw and path.
+/// Returns draw and path of the runs for which `is` holds.
 template <class Is>
 json failures_of(const GuidanceReport& report, Is is) {
   json all = json::array();
@@ -283,7 +283,7 @@ GuidanceReport run_guidance_ensemble(const GuidanceEnsembleOptions& options, con
   check_draws(options.draws);
   const std::vector<Path> paths = options.paths.empty() ? guidance_paths() : options.paths;
   GuidanceReport report{.seed = options.seed, .draws = options.draws};
-  // What no device of the ensemble could play is told before the first of them is run.
+  // A path that no device of the ensemble could play is rejected before the first draw runs.
   const SimDevice any(draw_device(options.seed, options.first).spec);
   for (const Path& path : paths) {
     (void)plan_guidance(any.info(), source_of(path), {});

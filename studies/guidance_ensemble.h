@@ -1,4 +1,4 @@
-// Guidance of many random trainees on many random devices: that it is stable, and gives no energy beyond its budget.
+// Test of guidance on many random trainees and devices: it must be stable and stay within its energy budget.
 #pragma once
 
 #include "studies/ensemble_run.h"
@@ -8,34 +8,34 @@
 
 namespace haptrace {
 
-/// What guidance is held to. A run in which one of them is passed has failed.
+/// Limits for guidance. A run that exceeds one of them has failed.
 namespace guidance_ensemble {
 
-inline constexpr double kMostExcess = 5e-3;    // given to the hand beyond the budget: a tick's work [J]
-inline constexpr double kMostJump = 2e-3;      // of the place in a tick, beyond what the trainee moved [m]
-inline constexpr double kRippleCutoff = 15;    // beyond what hands do by themselves [Hz]
-inline constexpr double kRippleTime = 0.6;     // for which it lasts: an impact is over by then [s]
-inline constexpr double kMostRipple = 0.2e-3;  // rms above it of the true position; more is an oscillation [m]
-inline constexpr double kMoreThanAlone = 1.5;  // and so many times what the hand does without guidance
-inline constexpr double kHold = 2;             // at the end, when the trainee rests [s]
-inline constexpr double kRestJudged = 0.5;     // at its end [s]
-inline constexpr double kMostRest = 0.03;      // rms of the true speed there; more is an oscillation [m/s]
+inline constexpr double kMostExcess = 5e-3;    // energy given to the hand beyond the budget: the work of a tick [J]
+inline constexpr double kMostJump = 2e-3;      // movement of the place per tick beyond that of the trainee [m]
+inline constexpr double kRippleCutoff = 15;    // above the frequencies of hands [Hz]
+inline constexpr double kRippleTime = 0.6;     // shortest duration of an oscillation; an impact ends sooner [s]
+inline constexpr double kMostRipple = 0.2e-3;  // rms of the true position above it; more is an oscillation [m]
+inline constexpr double kMoreThanAlone = 1.5;  // ripple of the hand without guidance is allowed this many times on top
+inline constexpr double kHold = 2;             // hold at the end, when the trainee rests [s]
+inline constexpr double kRestJudged = 0.5;     // judged part at the end of the hold [s]
+inline constexpr double kMostRest = 0.03;      // rms of the true speed in it; more is an oscillation [m/s]
 
 }  // namespace guidance_ensemble
 
-/// One draw on one path. Energies are those that the motors gave in truth, which no controller sees.
+/// Result of one draw on one path. Energies are true work of the motors, which no controller sees.
 struct GuidanceRun {
   StopCause cause = StopCause::finished;
-  double given = 0;   ///< to hand and device beyond what springs hold, at the end [J]
-  double budget = 0;  ///< at the end [J]
-  double excess = 0;  ///< largest of given - budget; negative when it always stayed below [J]
-  double jump = 0;    ///< largest of the place in a tick, beyond what the trainee moved [m]; 0 with a cursor
-  double ripple = 0;  ///< of the true position above kRippleCutoff, rms; the largest that lasted for kRippleTime [m]
-  double rest = 0;    ///< rms of the true speed at the end of the hold [m/s]
-  double ripple_alone = 0;  ///< of this hand on this device without any force; 0 when ripple is small anyway [m]
+  double given = 0;         ///< energy given to hand and device beyond what springs store, at the end [J]
+  double budget = 0;        ///< energy budget at the end [J]
+  double excess = 0;        ///< largest value of given - budget; negative if always below the budget [J]
+  double jump = 0;          ///< largest movement of the place in a tick beyond the trainee's [m]; 0 with a cursor
+  double ripple = 0;        ///< largest rms of the true position above kRippleCutoff that lasted for kRippleTime [m]
+  double rest = 0;          ///< rms of the true speed at the end of the hold [m/s]
+  double ripple_alone = 0;  ///< ripple of this hand on this device without force; 0 if `ripple` is small [m]
   double speed = 0;         ///< largest true speed [m/s]
-  double progress = 0;      ///< farthest place, share of the path
-  int oscillations = 0;     ///< times that the oscillation monitor softened the walls
+  double progress = 0;      ///< farthest place, as a share of the path
+  int oscillations = 0;     ///< number of events of an oscillating or swaying wall
 
   [[nodiscard]] bool overdrawn() const noexcept { return excess > guidance_ensemble::kMostExcess; }
   [[nodiscard]] bool jumped() const noexcept { return jump > guidance_ensemble::kMostJump; }
@@ -50,42 +50,42 @@ struct GuidanceRun {
 
 struct GuidanceMember {
   std::uint64_t index = 0;
-  double rate_hz = 0, delay = 0, radius = 0, stiffness = 0;  ///< delay: the true one, with the motors' lag [s]
+  double rate_hz = 0, delay = 0, radius = 0, stiffness = 0;  ///< `delay` is the true one, with the motors' lag [s]
   bool cursor = false, held = false, calibrated = false;
-  std::vector<GuidanceRun> runs;  ///< for each path
+  std::vector<GuidanceRun> runs;  ///< one for each path
 };
 
 struct GuidanceReport {
   std::uint64_t seed = 0;
-  std::size_t draws = 0;           ///< asked for; fewer members when it was cancelled
-  std::vector<std::string> paths;  ///< names
+  std::size_t draws = 0;           ///< number of draws requested; fewer members after a cancellation
+  std::vector<std::string> paths;  ///< names of the paths
   std::vector<GuidanceMember> members;
 
-  /// Of the runs, how many failed.
+  /// Returns the number of failed runs.
   [[nodiscard]] std::size_t failures() const noexcept;
 };
 
 struct GuidanceEnsembleOptions {
   std::uint64_t seed = 1;
-  std::uint64_t first = 0;  ///< index of the first draw: one that stood out can be run alone
+  std::uint64_t first = 0;  ///< index of the first draw; allows a single draw to be rerun
   std::size_t draws = 100;
-  std::vector<Path> paths;  ///< within the workspace of ensemble::kReach; empty: guidance_paths()
+  std::vector<Path> paths;  ///< paths within the workspace of ensemble::kReach; empty: guidance_paths()
   std::size_t threads = 0;  ///< 0: one for every core. The report does not depend on it
 };
 
-/// Guides every draw along every path, each on a device of its own in virtual time. Otherwise as run_ensemble.
+/// Guides every draw along every path, each on a new device in virtual time. Otherwise like run_ensemble.
 ///
-/// Throws Error(input): options out of range, a path that cannot be taught.
+/// Throws Error(input) when an option is out of range or a path cannot be used for guidance.
 GuidanceReport run_guidance_ensemble(const GuidanceEnsembleOptions& options, const StopRequest& stop,
                                      const std::function<void(const EnsembleProgress&)>& progress = {});
 
-/// One draw on `paths`.
+/// Runs one draw on `paths`.
 GuidanceMember run_guidance_member(const GuidanceDraw& draw, const std::vector<Path>& paths, const StopRequest& stop);
 
-/// SI. Holds the criteria beside what was counted by them; runs that failed are named by draw and path.
+/// Returns the counts and their criteria in SI units. Failed runs are identified by draw and path.
 nlohmann::json to_json(const GuidanceReport& report);
 
-/// A few lines for people.
+/// Returns a short text summary.
 std::string text_of(const GuidanceReport& report);
 
 }  // namespace haptrace

@@ -7,7 +7,8 @@
 namespace haptrace {
 namespace {
 
-constexpr double kSliding = 1e-3;  // below which friction rises from none: it holds whatever it must at rest [m/s]
+constexpr double kSliding =
+    1e-3;  // speed below which friction rises linearly from zero, because at rest it takes any value [m/s]
 
 }  // namespace
 

@@ -20,9 +20,9 @@ namespace {
 using nlohmann::json;
 using std::numbers::pi;
 
-constexpr std::size_t kAtOnce = 3;  // pairs of gains in one simulation: an axis each
+constexpr std::size_t kAtOnce = 3;  // pairs of gains in one simulation, one per axis
 
-/// `plant` with all three axes like one of it, and nothing that couples them or pulls aside.
+/// Returns `plant` with all three axes equal to `axis`, without coupling or gravity.
 PlantModel alike(const PlantModel& plant, int axis) {
   PlantModel like;
   like.mass = Vec3::Constant(plant.mass[axis]);
@@ -39,7 +39,7 @@ LoopModel loop_of(const PlantModel& plant, int axis, const StabilityOptions& opt
   return loop;
 }
 
-/// ObserverModel, in time.
+/// Time-domain simulation of ObserverModel.
 class Observer {
  public:
   Observer(const ObserverModel& model, double delay, double period)
@@ -48,7 +48,7 @@ class Observer {
         part_(std::max(delay / period - std::floor(delay / period + 1e-9), 0.0)),
         sent_(static_cast<std::size_t>(std::floor(delay / period + 1e-9)) + 2, Vec3::Zero()) {}
 
-  /// The force that cancels what the plant is loaded with.
+  /// Returns the force that cancels the plant's load.
   Vec3 load(const Vec3& velocity) {
     const Vec3 applied = (1 - part_) * sent_[sent_.size() - 2] + part_ * sent_.back();
     low_ += gain_ * (applied + g_mass_ * velocity - low_);
@@ -65,7 +65,7 @@ class Observer {
   Vec3 low_ = Vec3::Zero();
 };
 
-/// The closed loop of three pairs of gains round three equal axes, in virtual time.
+/// Closed loops of three pairs of gains on three equal axes, in virtual time.
 class GainTrial {
  public:
   GainTrial(const PlantModel& plant, const std::array<AxisGains, kAtOnce>& gains, const StabilityOptions& options)
@@ -75,7 +75,7 @@ class GainTrial {
     if (options.observer) observer_.emplace(*options.observer, plant.delay, period_);
   }
 
-  /// One tick. `push` is a force beside the law's.
+  /// Runs one tick. `push`: force in addition to the law's [N].
   void step(VelocityEstimator& estimator, const Vec3& reference, double push) {
     DeviceState measured;
     (void)device_.exchange({force_, Vec3::Zero()}, first_ ? 0 : period_, measured);
@@ -90,7 +90,7 @@ class GainTrial {
     if (observer_) observer_->sent(force_);
   }
 
-  /// No force on this axis any more, and nothing seen of it: it must not reach numbers that spoil the others.
+  /// Removes force and measurement of this axis, so that diverging values cannot affect the other axes.
   void let_go(int axis) { held_[axis] = 0; }
 
   [[nodiscard]] Vec3 position() const { return device_.true_position(); }
@@ -100,12 +100,12 @@ class GainTrial {
   static SimSpec spec_of(const PlantModel& plant, const StabilityOptions& options) {
     SimSpec spec = sim_spec_of(plant, 1e12, options.lag);
     spec.workspace = {Vec3::Constant(-1e9), Vec3::Constant(1e9)};
-    // Semi-implicit Euler has its positions half a step early, which would count as that much less delay.
+    // Semi-implicit Euler computes positions half a step early, which would shorten the delay by as much.
     spec.delay += integration_step(plant, options) / 2;
     return spec;
   }
 
-  /// A sixtieth of what delays the loop.
+  /// Returns a sixtieth of the loop's delay, at most a tenth of a period [s].
   static double integration_step(const PlantModel& plant, const StabilityOptions& options) {
     const double period = 1 / options.rate_hz;
     return std::min((period / 2 + plant.delay) / 60, period / 10);
@@ -125,13 +125,13 @@ class GainTrial {
   PdGains gains_;
   std::optional<Observer> observer_;
   Vec3 force_ = Vec3::Zero();
-  Vec3 held_ = Vec3::Ones();  ///< 0 where an axis was let go
+  Vec3 held_ = Vec3::Ones();  ///< 0 for a removed axis
   bool first_ = true;
 };
 
 enum class Verdict : std::uint8_t { open, stable, unstable };
 
-/// Judges one axis by what it measures of window after window.
+/// Judges one axis from its motion in successive windows.
 class Judge {
  public:
   Judge(bool fully, double mass, double kp, double kick, double resolution)
@@ -175,14 +175,14 @@ class Judge {
   Verdict verdict_ = Verdict::open;
 };
 
-/// Two periods of the slowest of them as it would swing without damping.
+/// Returns the window: two undamped periods of the softest pair [ticks].
 int window_of(double mass, const std::array<AxisGains, kAtOnce>& gains, double rate_hz) {
   double softest = std::numeric_limits<double>::infinity();
   for (const AxisGains& g : gains) softest = std::min(softest, g.kp);
   return static_cast<int>(std::clamp(2 * 2 * pi * std::sqrt(mass / softest) * rate_hz, 100.0, 2e4));
 }
 
-// --- The map --------------------------------------------------------------------------------------------------------
+// --- Map ------------------------------------------------------------------------------------------------------------
 
 std::vector<double> even_ratios(double low, double high, std::size_t count) {
   std::vector<double> values;
@@ -191,7 +191,7 @@ std::vector<double> even_ratios(double low, double high, std::size_t count) {
   return values;
 }
 
-/// The axis that bears the least.
+/// Returns the axis with the smallest modulus margin.
 int worst_axis(const PlantModel& plant, const PdGains& gains, const StabilityOptions& options) {
   int worst = 0;
   double least = std::numeric_limits<double>::infinity();
@@ -225,7 +225,7 @@ void choose_grid(StabilityMap& map, const LoopAnalysis& analysis, const Stabilit
   map.kp = even_ratios(kp_low, kp_high, options.kp_cells);
 }
 
-/// Everything that is simulated or searched for, as jobs that write to places of their own.
+/// All simulations and searches, as jobs that write to separate places.
 class Mapper {
  public:
   Mapper(StabilityMap& map, const PlantModel& plant, const LoopAnalysis& analysis, const StabilityOptions& options)
@@ -246,7 +246,7 @@ class Mapper {
                                        analysis_.stable(gains[i].kp, gains[i].kd), simulated[i], fully[i]};
   }
 
-  /// Once all cells are filled.
+  /// Refines the boundaries of some columns. All cells must be filled.
   void refine_columns(std::size_t job) {
     const auto in_simulation = [&](bool fully) {
       return [this, fully](const std::array<AxisGains, kAtOnce>& gains) {
@@ -267,7 +267,7 @@ class Mapper {
     return {map_.kp[cell % map_.kp.size()], map_.kd[cell / map_.kp.size()]};
   }
 
-  /// Bisects from the highest cell of a column that holds to the next.
+  /// Bisects between the highest cell of a column that holds and the next one.
   template <class Test>
   void refine(std::size_t job, bool StabilityCell::*holds, double StabilityBoundary::*boundary, const Test& test) {
     constexpr double kFine = 1.003;
@@ -315,14 +315,14 @@ void check(const PdGains& gains, const StabilityOptions& options) {
     throw input_error(fmt::format("stability map: the kick is {} m; it must be above 0 and at most 1 m", options.kick));
 }
 
-// --- JSON and figure ------------------------------------------------------------------------------------------------
+// --- JSON and plot --------------------------------------------------------------------------------------------------
 
 Series boundary_line(const StabilityMap& map, double StabilityBoundary::*which, const char* label, int color,
                      bool dashed) {
   Series line{.label = label, .color = color, .dashed = dashed, .width = 1.6};
   for (std::size_t i = 0; i < map.kd.size(); ++i) {
     const double kp = map.boundaries[i].*which;
-    if (kp == 0 && (line.y.empty() || !(line.y.back() > 0))) continue;  // a line ends where it comes down to zero
+    if (kp == 0 && (line.y.empty() || !(line.y.back() > 0))) continue;  // a line ends where it reaches zero
     line.x.push_back(map.kd[i]);
     line.y.push_back(kp);
   }
@@ -355,21 +355,22 @@ std::array<bool, kAtOnce> simulate_stability(const PlantModel& plant, int axis,
                                              const StabilityOptions& options, bool fully) {
   constexpr int kWindows = 10;
   PlantModel model = alike(plant, axis);
-  // foaw keeps its longest window in motions far below its resolution, as in the analysis.
+  // In motions far below its resolution, foaw keeps its longest window, as in the analysis.
   const auto estimator = make_velocity_estimator(options.velocity, options.rate_hz, model.position_resolution);
   if (!fully) {
     model.coulomb.setZero();
     model.position_resolution = 0;
   }
   GainTrial trial(model, gains, options);
-  // Without friction and quantum sizes mean nothing: the motion is to stay within foaw's band until it is judged.
+  // Without friction and position resolution the scale of the motion is arbitrary. It is chosen so that the motion
+  // stays within foaw's band until it is judged.
   const double small = 1e-12 * (plant.position_resolution > 0 ? plant.position_resolution : 1e-5);
   const double mass = model.mass.x(), push = fully ? 0 : small * mass * options.rate_hz * options.rate_hz;
   const double reference = fully ? options.kick : 0;
   std::vector<Judge> judges;
   for (const AxisGains& g : gains)
     judges.emplace_back(fully, mass, g.kp, fully ? options.kick : 1e8 * small, model.position_resolution);
-  // The estimator's memory is filled with rest before anything moves.
+  // Fills the estimator's memory with rest before the motion starts.
   for (int k = 0; k < 512; ++k) estimator->update(Vec3::Zero(), 1 / options.rate_hz);
   trial.step(*estimator, Vec3::Constant(reference), push);
   const int window = window_of(mass, gains, options.rate_hz);
@@ -405,7 +406,7 @@ std::optional<StabilityMap> stability_map(const PlantModel& plant, const PdGains
   choose_grid(map, analysis, options);
 
   Mapper mapper(map, plant, analysis, options);
-  // A column is bisected in about as long as it takes to fill.
+  // Bisecting a column takes about as long as filling it.
   const auto tell = [&](double first, double share, std::size_t jobs) {
     return [&progress, first, share, jobs](std::size_t done) {
       if (progress) progress(first + share * static_cast<double>(done) / static_cast<double>(jobs));

@@ -22,15 +22,15 @@ namespace {
 using std::numbers::pi;
 using json_value = nlohmann::json;
 
-constexpr double kSwingWindow = 0.25;  // in which a swing is measured [s]
-constexpr std::size_t kLast = 4;       // windows in which who is not at rest yet has to swing less and less,
-constexpr double kDecays = 0.7;        // down to this share
-constexpr double kThrownBy = 100;      // times the energy of the fall
+constexpr double kSwingWindow = 0.25;  // window of a swing measurement [s]
+constexpr std::size_t kLast = 4;       // windows in which the swing of a moving device must shrink
+constexpr double kDecays = 0.7;        // ... to this share, for the device to count as calm
+constexpr double kThrownBy = 100;      // energy at which the tap ends, relative to that of the fall
 constexpr const char* kVelocity = "lowpass:100";
 
-// --- What is pressed ------------------------------------------------------------------------------------------------
+// --- Scene and loop -------------------------------------------------------------------------------------------------
 
-/// Where a scene is met, from outside.
+/// Surface of a scene, as met from outside.
 struct MetSurface {
   Vec3 place = Vec3::Zero(), normal = Vec3::UnitZ();
 };
@@ -42,7 +42,7 @@ std::shared_ptr<Scene> pressed_scene(const StaircaseOptions& options, double sti
   return std::make_shared<Scene>(std::move(objects));
 }
 
-/// The nearest surface that an object of the scene knows from the origin.
+/// Returns the nearest surface that an object of the scene knows from the origin.
 MetSurface surface_of(Scene& scene, const std::string& name) {
   scene.prepare({});
   scene.reset();
@@ -56,7 +56,7 @@ MetSurface surface_of(Scene& scene, const std::string& name) {
   return {nearest->depth * nearest->normal, nearest->normal};
 }
 
-/// A scene and what supervises it, as a session composes them, and a second one to ask what its springs hold.
+/// A scene with its controller as in a session, and a second instance that reports the energy stored in its springs.
 class Touched {
  public:
   Touched(const StaircaseOptions& options, double stiffness, double rate_hz,
@@ -70,7 +70,7 @@ class Touched {
 
   [[nodiscard]] double stored(const Vec3& position) { return judge_->answer({.position = position}).stored; }
 
-  /// Along the normal, at `depth` [N/m].
+  /// Returns the stiffness along the normal at `depth` [N/m].
   [[nodiscard]] double stiffness(double depth) {
     double sum = 0;
     for (const Contact& contact : judge_->answer({.position = surface_.place - depth * surface_.normal}).contacts)
@@ -84,7 +84,7 @@ class Touched {
   std::unique_ptr<SceneController> controller_;
 };
 
-/// The loop of every session, in virtual time, without its fades, limits and guard.
+/// Runs the servo loop of a session in virtual time, without its fades, limits and guard.
 void run_loop(Device& device, Controller& controller, SampleSink& sink, double rate_hz, const StopRequest& end) {
   const auto estimator = make_velocity_estimator(kVelocity, rate_hz, device.info().position_resolution);
   ServoLoop::Options options{.rate_hz = rate_hz, .virtual_time = true, .realtime = false, .watch_vibration = false};
@@ -98,9 +98,9 @@ void end_now(StopRequest& end) {
   while (end.count() < 2) end.raise();
 }
 
-// --- The prescribed press -------------------------------------------------------------------------------------------
+// --- Prescribed press -----------------------------------------------------------------------------------------------
 
-/// A tool that is moved into a surface and out again, whatever pushes it.
+/// A tool that moves into a surface and out again, regardless of the force on it.
 class PressedTool final : public Device, public SampleSink {
  public:
   PressedTool(const StaircaseOptions& options, Touched& touched, double rate_hz, double phase, const StopRequest& stop)
@@ -138,7 +138,7 @@ class PressedTool final : public Device, public SampleSink {
     if (time_ >= end_time_) end_now(end_);
   }
 
-  /// Writes the stairs of the next run into `stairs`, which must outlive it.
+  /// Stores the stairs of the next run in `stairs`, which must outlive it.
   void keep(Stairs& stairs) {
     keep_ = &stairs;
     const auto ticks = static_cast<std::size_t>(std::ceil(end_time_ * info_.nominal_rate)) + 8;
@@ -146,11 +146,11 @@ class PressedTool final : public Device, public SampleSink {
   }
   void run(double rate_hz) { run_loop(*this, touched_.controller(), *this, rate_hz, end_); }
 
-  [[nodiscard]] double created() const { return created_; }  ///< in the end [J]
+  [[nodiscard]] double created() const { return created_; }  ///< at the end [J]
   [[nodiscard]] double most() const { return most_; }        ///< at the worst tick [J]
 
  private:
-  /// A half sine, reached and left straight.
+  /// Returns the depth: a half sine that starts and ends at constant speed [m].
   [[nodiscard]] double depth_at(double time) const {
     const double t = time - begin_, speed = pi * depth_ / duration_;
     if (t < 0) return speed * t;
@@ -166,9 +166,9 @@ class PressedTool final : public Device, public SampleSink {
   double time_ = 0, given_ = 0, created_ = 0, most_ = 0;
 };
 
-// --- The tap --------------------------------------------------------------------------------------------------------
+// --- Tap ------------------------------------------------------------------------------------------------------------
 
-/// A simulated device that a constant force presses towards a surface, from `height` above it.
+/// A simulated device that a constant force presses towards a surface, starting `height` above it.
 class TappingDevice final : public Device, public SampleSink {
  public:
   TappingDevice(const StaircaseOptions& options, const SimSpec& spec, Touched& touched, double rate_hz, double push,
@@ -185,7 +185,7 @@ class TappingDevice final : public Device, public SampleSink {
         ticks_(std::llround(kSwingWindow * rate_hz)),
         end_(&stop) {}
 
-  /// A twentieth of a tick, and as fine as usual.
+  /// Returns the integration step: a twentieth of a tick, at most the default [s].
   static double step(double rate_hz) { return std::min(SimOptions{}.longest_step, 0.05 / rate_hz); }
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_.info(); }
@@ -235,13 +235,13 @@ class TappingDevice final : public Device, public SampleSink {
   int windows_;
   std::int64_t ticks_, count_ = 0;
   StopRequest end_;
-  std::array<double, kLast> swings_{};  ///< of the last windows, newest last [m]
+  std::array<double, kLast> swings_{};  ///< swings of the last windows, newest last [m]
   double created_ = 0;
   double low_ = std::numeric_limits<double>::infinity(), high_ = -low_;
   bool came_to_rest_ = false;
 };
 
-// --- All of it ------------------------------------------------------------------------------------------------------
+// --- The study ------------------------------------------------------------------------------------------------------
 
 SimSpec default_tapped_device() {
   SimSpec spec;
@@ -253,7 +253,7 @@ SimSpec default_tapped_device() {
   return spec;
 }
 
-/// What nothing holds or pulls aside, in a space without end.
+/// Returns `spec` without hand, gravity and cogging, in an unbounded workspace.
 SimSpec freed(SimSpec spec) {
   spec.hand.reset();
   spec.gravity_bias.setZero();
@@ -274,7 +274,7 @@ double motor_lag(const SimSpec& spec) {
   return spec.actuator_bandwidth_hz > 0 ? 1 / (2 * pi * spec.actuator_bandwidth_hz) : 0;
 }
 
-/// The axis that bears the least.
+/// Returns the loop with the smallest mass and damping of the axes, the least stable one.
 LoopModel loop_of_tapped(const SimSpec& spec, double rate_hz) {
   return {.mass = spec.mass.minCoeff(),
           .viscous = spec.viscous.minCoeff(),
@@ -302,7 +302,7 @@ void check_staircase(const StaircaseOptions& options) {
   check_range("the time until the verdict", options.watched, kSwingWindow * static_cast<double>(kLast), 100, "s");
 }
 
-/// Everything that is measured, as jobs that write to places of their own: presses first, then taps.
+/// All measurements as jobs that write to separate places: stairs first, then presses, then taps.
 class StaircaseJobs {
  public:
   StaircaseJobs(StaircaseReport& report, const StopRequest& stop)
@@ -380,7 +380,7 @@ class StaircaseJobs {
     }
   }
 
-  /// Forces act on a prescribed tool at once.
+  /// Returns the layer without delay, because forces act on a prescribed tool at once.
   static PassivityLayer::Options prescribed(PassivityLayer::Options layer) {
     layer.delay = 0;
     return layer;
@@ -389,8 +389,8 @@ class StaircaseJobs {
   void tap(StaircaseTap& tap, std::size_t rate) {
     const StaircaseOptions& options = report_.options;
     SimSpec spec = tap.friction ? spec_ : without_friction(spec_);
-    // Semi-implicit Euler has its positions half a step early, which would count as that much less delay. The work of
-    // the motors knows of that delay, and so does who accounts for it.
+    // Semi-implicit Euler computes positions half a step early, which would shorten the delay by as much. The work of
+    // the motors includes the delay, so the passivity layer must include it too.
     const double half_step = TappingDevice::step(tap.rate_hz) / 2;
     spec.delay += half_step;
     std::optional<PassivityLayer::Options> layer;
@@ -408,7 +408,7 @@ class StaircaseJobs {
   StaircaseReport& report_;
   SimSpec spec_;
   const StopRequest& stop_;
-  std::vector<PassivityLayer::Options> layers_;  ///< for each rate
+  std::vector<PassivityLayer::Options> layers_;  ///< one for each rate
 };
 
 }  // namespace

@@ -100,8 +100,8 @@ class FirstLook {
     windows_ = 0;
   }
 
-  /// Adds one sample. `share`: part of the window that has passed at `time`, 0 to 1. `hum`: excitation at `time` for 1
-  /// N rms per axis.
+  /// Adds one sample. `share`: part of the window that has passed at `time`, 0 to 1. `hum`: excitation signal at `time`
+  /// for 1 N rms per axis.
   void add(const State& state, double time, double share, const Vec3& speed_asked, const Vec3& hum) noexcept {
     const double window = 0.5 * (1 - std::cos(kTwoPi * share));
     windows_ += window;

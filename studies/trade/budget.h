@@ -1,4 +1,4 @@
-// What a session may cost, and how exact it has to be.
+// Bounds on the cost and the error of a session.
 #pragma once
 
 #include "studies/trade/outcome.h"
@@ -12,10 +12,10 @@ namespace haptrace {
 
 struct Bound {
   Measure measure = Measure::error;
-  double limit = 0;  ///< SI: at most, or of a measure of which more is better at least
+  double limit = 0;  ///< SI; an upper bound, or a lower one for a measure of which more is better
 
-  /// The outcome's value over the limit, or the limit over it: at most 1 when the bound is kept. Infinite for an
-  /// outcome that did not run or was not measured.
+  /// Returns the outcome's value divided by the limit, or the limit divided by it: at most 1 if the bound is kept.
+  /// Infinite for an outcome that did not run or was not measured.
   [[nodiscard]] double ratio(const Outcome& outcome) const;
 };
 
@@ -23,10 +23,10 @@ struct Budget {
   std::vector<Bound> bounds;
 
   [[nodiscard]] bool empty() const noexcept { return bounds.empty(); }
-  [[nodiscard]] bool bounds_accuracy() const;  ///< at least one bound is of what a configuration gives
+  [[nodiscard]] bool bounds_accuracy() const;  ///< at least one bound limits an accuracy measure
   [[nodiscard]] bool limits(Measure measure) const;
 
-  /// The largest ratio() of its bounds, and whose it is; nothing for an empty budget.
+  /// The bound with the largest ratio().
   struct Tightest {
     const Bound* bound;
     double ratio;
@@ -36,7 +36,7 @@ struct Budget {
 };
 
 /// Reads "error<=0.1mm, ripple<=0.3N, tick<=2us": measures of outcome.h, <= or >= by their sense, numbers with the
-/// units m, mm, um, N, mN, s, ms, us, ns, MIPS, MB/h, GB/h or none. Throws Error(input) naming the part.
+/// units m, mm, um, N, mN, s, ms, us, ns, MIPS, MB/h, GB/h or none. Throws Error(input) that names the part.
 Budget parse_budget(std::string_view text);
 
 std::string to_string(const Bound& bound);

@@ -1,4 +1,4 @@
-// One way to run a session: what it is made of, how fast it runs, and how much of its path it keeps.
+// Configuration of a session: its terms, its rate and the thinning of its path.
 #pragma once
 
 #include "control/path/trajectory.h"
@@ -9,32 +9,32 @@
 
 namespace haptrace {
 
-/// A playback, by everything that buys speed with accuracy.
+/// Options of a playback that trade speed against accuracy.
 struct Configuration {
   double rate_hz = 1000;
   Interpolation interpolation = Interpolation::cubic;
   std::string velocity = "lowpass:100";  ///< see make_velocity_estimator
-  Compensations with;                    ///< beside the PD law; learning goes by `learn`
-  int learn = 0;                         ///< repetitions to learn from; figures are those of the last
-  int thin = 1;                          ///< every so many-th sample of the path is kept
-  double speed = 1;                      ///< of the path's own
+  Compensations with;                    ///< terms besides the PD law; `learn` decides about learning
+  int learn = 0;                         ///< repetitions to learn from; metrics are those of the last
+  int thin = 1;                          ///< keep every N-th sample of the path
+  double speed = 1;                      ///< speed relative to the path's own
 
   bool operator==(const Configuration&) const = default;
 };
 
-/// "1000 Hz, cubic, lowpass:100, inertia + observer, 5 repetitions learned, every 10th sample": for people.
+/// Returns a description: "1000 Hz, cubic, lowpass:100, inertia + observer, 5 repetitions learned, every 10th sample".
 std::string describe(const Configuration& configuration);
 
-/// What of a session is compensated, as in "gravity + observer"; "PD alone".
+/// Returns the compensations, as in "gravity + observer", or "PD alone".
 std::string describe(const Compensations& with);
 
-/// `base` as the configuration has it. The gains stay those of the base, or absent: those of the device that was
-/// identified.
+/// Returns `base` with the options of `configuration`. Gains of the base stay; if absent, those of the identified
+/// device apply.
 PlayOptions play_options(const Configuration& configuration, const PlayOptions& base);
 
-/// The same as a file for --config, with a section for each of play, guide and record, and what `base` says of the
-/// path. `profile`: the file of the device's profile, or empty. `storage` may be null: recordings are stored as they
-/// are.
+/// Returns the configuration as a file for --config, with a section each for play, guide and record, and the path
+/// options of `base`. `profile`: file of the device's profile, or empty. `storage`: storage of recordings, or null for
+/// the default.
 nlohmann::json config_file(const Configuration& configuration, const PlayOptions& base, const std::string& profile,
                            const Storage* storage);
 

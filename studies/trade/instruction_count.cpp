@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::uint64_t kMostSingleSteps = 5'000'000;
 
-/// The processor's own counter, of this thread.
+/// The processor's instruction counter for this thread.
 class PerformanceCounter {
  public:
   PerformanceCounter() {
@@ -43,7 +43,7 @@ class PerformanceCounter {
   int file_;
 };
 
-/// The next stop of the child; its signal, or nothing when it ended.
+/// Waits for the next stop of the child. Returns its signal, or nothing if the child ended.
 std::optional<int> next_stop(pid_t child) {
   int status = 0;
   while (waitpid(child, &status, 0) < 0)
@@ -51,10 +51,10 @@ std::optional<int> next_stop(pid_t child) {
   return WIFSTOPPED(status) ? std::optional(WSTOPSIG(status)) : std::nullopt;
 }
 
-/// Lets the child run on to its first mark.
+/// Runs the child to its first mark.
 bool run_to_mark(pid_t child, bool& ended) {
   while (const std::optional<int> signal = next_stop(child)) {
-    // Should this process be killed, the child must not wait at a mark for ever.
+    // If this process is killed, the child must not wait at a mark for ever.
     if (*signal == SIGSTOP) return ptrace(PTRACE_SETOPTIONS, child, nullptr, PTRACE_O_EXITKILL) == 0;
     if (ptrace(PTRACE_CONT, child, nullptr, static_cast<long>(*signal)) != 0) return false;
   }
@@ -62,7 +62,8 @@ bool run_to_mark(pid_t child, bool& ended) {
   return false;
 }
 
-/// Any other signal is handed on to the child: one that it does not survive ends the count.
+/// Returns the number of steps between marks. Other signals are passed to the child; a signal that ends it ends the
+/// count.
 std::vector<std::uint64_t> steps_between_marks(pid_t child, std::size_t intervals, bool& ended) {
   std::vector<std::uint64_t> steps(1, 0);
   long hand_on = 0;

@@ -34,7 +34,7 @@ ArcPath arc_path_of(const Path& path, double spacing) {
   return builder.finish(5e-3);
 }
 
-/// Where a trainee is, tick by tick: along the path at a changing speed, beside it by noise below 2 Hz.
+/// Returns a trainee's position at every tick: along the path at varying speed, offset by noise below 2 Hz.
 std::vector<Vec3> wandering(const Path& path, std::uint64_t seed) {
   Gaussian random(seed, 3);
   ColouredNoise wander = ColouredNoise::low_pass(kWander, 2, kTraineeRate);
@@ -54,7 +54,7 @@ double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-/// The true way of a session's tool.
+/// Stores the true trajectory of a session's tool.
 class TrueWay final : public SampleSink {
  public:
   TrueWay(const SimDevice& device, std::size_t expected) : device_(device) { way_.reserve(expected); }
@@ -194,7 +194,7 @@ SideTrade trade_of_simulation(
     double error = 0, ripple = 0;
     double millisecond = kNaN;
   };
-  // Without learning, which would learn the integration's errors as well.
+  // Learning is off, because it would also learn the integration errors.
   Configuration plain = configuration;
   plain.learn = 0;
   const auto run = [&](const std::string& integrator, double step) {

@@ -1,4 +1,4 @@
-// What is traded beside a playback's loop: recordings, the place on a path, the simulation.
+// Trade-offs outside the playback loop: recordings, projection onto a path, simulation and scenes.
 #pragma once
 
 #include "formats/recording/storage.h"
@@ -12,28 +12,28 @@
 
 namespace haptrace {
 
-/// Levels of a knob with figures of its own kind.
+/// Levels of a setting with measurements of its own kind.
 struct SideTrade {
   struct Column {
-    const char* key;   ///< in JSON, with its SI unit
-    const char* head;  ///< for people
-    double scale;      ///< of what people are told, in SI
-    int digits;        ///< after the point
+    const char* key;   ///< key in JSON, with its SI unit
+    const char* head;  ///< heading in the text report
+    double scale;      ///< display unit in SI
+    int digits;        ///< number of decimals
   };
   struct Level {
     std::string level;
     bool is_default = false;
     std::vector<double> values;  ///< one for each column, SI; NaN: not measured
-    std::string refused;         ///< why it cannot be had; empty when it can
+    std::string refused;         ///< why the level is not possible; empty if it is
   };
 
   std::string knob;
-  std::string what;  ///< one line for people
+  std::string what;  ///< one line of description
   std::vector<Column> columns;
   std::vector<Level> levels;
 };
 
-/// Ways to store a recording, the cheapest in time first, and how they are called.
+/// A named way to store a recording. storage_levels() lists the ones with the least CPU time first.
 struct StorageLevel {
   std::string name;
   Storage storage;
@@ -42,27 +42,27 @@ const std::vector<StorageLevel>& storage_levels();
 
 inline constexpr std::string_view kStorageKnob = "storage";
 
-/// Stored precision and compression: size, the largest error that storing makes, CPU time of a row.
+/// Measures stored precision and compression: size, largest storage error, and CPU time per sample.
 SideTrade trade_of_storage(const Workbench& bench, const Configuration& configuration, const StopRequest& stop);
 
-/// The spacing of the path that guidance follows: how far the place of a trainee is off, who wanders round the path by
-/// 2 mm at a third to three times its speed, and by how much the expert's force there, from those on the finest path.
+/// Measures the spacing of the path in guidance: the errors of the trainee's place and of the expert's force there,
+/// relative to the finest path. The trainee wanders around the path by 2 mm at a third to three times its speed.
 SideTrade trade_of_projection(const Workbench& bench, bool instructions, const StopRequest& stop);
 
-/// Integrator and longest step of the simulated device, with the configuration played on it: how far the tool's true
-/// way and the session's figures are from those of the finest, and what simulating a millisecond costs. Friction and
-/// counts make two ways that began to differ by nothing part by a fraction of a count: below that a step says nothing
-/// by its way, only by the figures. `open` makes the device with further options of `sim`. No levels unless the device
-/// is one of `sim`.
+/// Measures integrator and longest step of the simulated device while it plays the configuration: the differences of
+/// the tool's true trajectory and of the session's metrics to those of the finest simulation, and the cost of a
+/// simulated millisecond. Friction and encoder counts make two trajectories with a negligible initial difference
+/// diverge by a fraction of a count. Below that, only the metrics judge a step, not its trajectory. `open` makes the
+/// device with further options of `sim`. There are no levels unless the device is a `sim` device.
 SideTrade trade_of_simulation(
     const Workbench& bench, const Configuration& configuration,
     const std::function<std::unique_ptr<Device>(const std::vector<std::pair<std::string, std::string>>&)>& open,
     const StopRequest& stop);
 
-/// Every knob of a scene's objects, and a scene that is served at a tenth and a twentieth of the rate with each
-/// prediction, while the tool goes along the path: how far the force that is held over a tick is from that of the
-/// continuous scene in the middle of the tick, where something is touched, and the energy that is created. No levels
-/// when the path touches nothing. `load` makes the scene as it was described. Throws what it throws.
+/// Measures every setting of a scene's objects, and the scene at a tenth and a twentieth of the rate with each
+/// prediction, while the tool follows the path. Reports the difference between the force held over a tick and that of
+/// the continuous scene in the middle of the tick during contact, and the energy created. There are no levels if the
+/// path touches nothing. `load` makes the scene as described. Throws what `load` throws.
 SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::function<std::shared_ptr<Scene>()>& load,
                          bool instructions);
 

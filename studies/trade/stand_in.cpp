@@ -10,13 +10,13 @@
 namespace haptrace {
 namespace {
 
-constexpr std::uint64_t kStandInStream = 77;  // of the draws, apart from the device's own noise
-constexpr double kIntervalDeviations = 1.96;  // in half of a 95 % interval
-constexpr double kFarthestDraw = 2;           // deviations
-constexpr double kLeastShare = 0.5;           // of a parameter, that is left of it
-constexpr double kBristle = 8e-5;             // presliding distance of the mechanisms that were measured [m]
+constexpr std::uint64_t kStandInStream = 77;  // random stream of the draws, separate from the device's noise
+constexpr double kIntervalDeviations = 1.96;  // standard deviations in half of a 95 % interval
+constexpr double kFarthestDraw = 2;           // standard deviations
+constexpr double kLeastShare = 0.5;           // smallest share of a parameter that remains
+constexpr double kBristle = 8e-5;             // presliding distance of measured mechanisms [m]
 
-/// A value within its interval, at most kLeastShare of it away.
+/// Returns a random value within its interval, from kLeastShare to 2 - kLeastShare of `value`.
 double drawn(double value, double half_width, Gaussian& noise) {
   const double deviations = std::clamp(noise(), -kFarthestDraw, kFarthestDraw);
   if (!(half_width > 0 && value > 0)) return value;
@@ -43,7 +43,7 @@ SimSpec stand_in_spec(const DeviceInfo& info, const DeviceProfile& profile, std:
     plant.viscous[axis] = std::max(drawn(plant.viscous[axis], half.viscous[axis], noise), 0.0);
     plant.coulomb[axis] = std::max(drawn(plant.coulomb[axis], half.coulomb[axis], noise), 0.0);
     if (profile.coarse) plant.mass[axis] = std::max(plant.mass[axis] - hand.mass, kLeastShare * plant.mass[axis]);
-    // An axis that is held may have any mass; calibration knows none of it.
+    // The mass of a held axis does not matter; calibration cannot identify it.
     if (!info.force_axes[static_cast<std::size_t>(axis)]) plant.mass[axis] = 1;
   }
   plant.delay = drawn(plant.delay, profile.half_width.delay, noise);

@@ -1,4 +1,4 @@
-// A simulated device in the place of one that must not move while configurations are tried.
+// A simulated device that replaces a real one while configurations are tried.
 #pragma once
 
 #include "devices/device.h"
@@ -10,9 +10,9 @@
 
 namespace haptrace {
 
-/// Share by which a prediction on a stand-in may miss the device's own figure in either direction, beside what its runs
-/// show: eleven of the thirteen held-out plants of docs/tradeoff.md lie within it, and the two beyond it are named
-/// there.
+/// Share by which a prediction on a stand-in may miss the device's own result in either direction, in addition to the
+/// spread of its runs: eleven of the thirteen held-out plants of docs/tradeoff.md lie within it, and the two beyond it
+/// are named there.
 inline constexpr double kStandInError = 0.35;
 
 /// The largest force of a stand-in for a device that states none [N].

@@ -31,7 +31,7 @@ std::string table_head(const char* name) {
 
 constexpr double kNoError = std::numeric_limits<double>::infinity();
 
-/// How many of a front are told to people.
+/// Largest number of front configurations in the text report.
 constexpr std::size_t kMostTold = 24;
 
 Panel knob_panel(const KnobSweep& sweep, const char* x_label) {
@@ -74,7 +74,7 @@ Panel front_panel(const TradeReport& report, const Choice* choice) {
     dot(o, learned ? 5 : 4, 1, told ? "" : learned ? "learned" : "tried");
     told = true;
   }
-  // Of the front what is worth its load by its error; the others are for their ripple.
+  // The line contains only front configurations that improve the error; the others are there for their ripple.
   Series front{.label = "front", .color = 0, .width = 1.6},
       learned{.label = "front, learned", .color = 1, .width = 1.6};
   double least = kNoError, least_learned = kNoError;
@@ -190,7 +190,7 @@ std::string text_of(const TradeReport& report) {
 
 namespace {
 
-/// How much of its tightest bound the choice uses.
+/// Returns how much of its tightest bound the choice uses.
 std::string used(const Choice& choice) {
   if (!std::isfinite(choice.binding_ratio)) return "its value is not known";
   return fmt::format("{:.0f} % of it {} used", 100 * choice.binding_ratio, choice.kept ? "is" : "would be");

@@ -1,4 +1,4 @@
-// A measured trade as JSON, in words and as a picture.
+// Report of a measured trade-off as JSON, text and plot.
 #pragma once
 
 #include "plot/figure.h"
@@ -6,23 +6,23 @@
 
 namespace haptrace {
 
-/// SI.
+/// Returns the report in SI units.
 nlohmann::json to_json(const TradeReport& report);
 nlohmann::json to_json(const Choice& choice, const Budget& budget);
 nlohmann::json to_json(const TermPrice& price);
 nlohmann::json to_json(const Explanation& explanation);
 
-/// What the outcome predicts for `play`, by the names that play's own JSON has.
+/// Returns the outcome's predictions for `play`, with the keys of play's own JSON.
 nlohmann::json predicted_by(const Outcome& outcome);
 
-/// Tables for people: every knob with its levels, then the front.
+/// Returns tables of every setting with its levels, then of the front.
 std::string text_of(const TradeReport& report);
 std::string text_of(const Choice& choice, const Budget& budget);
-/// `what` each of the explanation's terms is, as in "term".
+/// `what` names the kind of the explanation's terms, as in "term".
 std::string text_of(const Explanation& explanation, const Budget& budget, const char* what);
 
-/// Error against load with the front, and error, ripple and tick time over the levels of the knobs that have an order.
-/// `choice` may be null.
+/// Returns a plot of error over load with the front, and of error, ripple and tick time over the levels of the numeric
+/// settings. `choice` may be null.
 Figure figure_of(const TradeReport& report, const Choice* choice);
 
 }  // namespace haptrace

@@ -20,10 +20,10 @@ constexpr std::array kEstimators{"difference", "lowpass:50", "lowpass:100",     
 constexpr std::array kThinnings{1, 2, 5, 10, 20, 50, 100};
 constexpr std::array kSpeeds{0.25, 0.5, 1.0, 2.0, 4.0};
 constexpr double kFinestRate = 4000;  // [Hz]
-constexpr double kWorth = 0.01;       // of the error, that a dearer configuration must be better
-constexpr std::size_t kRefined = 8;   // best combinations whose finer knobs are turned, at most
+constexpr double kWorth = 0.01;       // share by which a dearer configuration must improve error or ripple
+constexpr std::size_t kRefined = 8;   // largest number of combinations that are refined
 
-/// What makes two ticks cost the same.
+/// Returns a key that is equal for configurations whose ticks cost the same.
 std::string tick_key(const Configuration& c) {
   return fmt::format("{} {} {} {}", to_string(c.interpolation), c.velocity, describe(c.with), c.learn > 0);
 }
@@ -32,7 +32,7 @@ std::string key_of(const Configuration& c) {
   return fmt::format("{} {} {} {} {}", c.rate_hz, tick_key(c), c.learn, c.thin, c.speed);
 }
 
-/// The PD law alone.
+/// Returns `base` with the PD law alone.
 Configuration plain_of(Configuration base) {
   base.with = {};
   base.learn = 0;
@@ -49,7 +49,7 @@ struct KnobOfPlay {
   std::vector<LevelOfKnob> levels;
 };
 
-/// The terms that can be left out of a configuration one by one.
+/// Returns configurations that each leave out one term of `base`.
 std::vector<LevelOfKnob> without_each_term(const Configuration& base) {
   std::vector<LevelOfKnob> levels;
   Compensations present = base.with;
@@ -69,7 +69,7 @@ std::vector<LevelOfKnob> without_each_term(const Configuration& base) {
   return levels;
 }
 
-/// Turns a member of the base through its levels.
+/// Returns a setting that takes a member of the base through its levels.
 template <class Value, class Levels, class Text>
 KnobOfPlay knob(const char* name, const char* what, const Configuration& base, Value Configuration::*member,
                 const Levels& levels, const Text& text) {
@@ -97,7 +97,7 @@ std::vector<KnobOfPlay> knobs_of_play(const Workbench& bench, const TradeOptions
     const Configuration plain = plain_of(base);
     without.levels.push_back({"all", plain});
     knobs.push_back(without);
-    // The observer answers what the estimator would: without it, the estimator counts.
+    // The observer replaces the velocity estimator. Only without it does the estimator matter.
     if (base.with.observer) {
       knobs.push_back(knob("velocity of PD", "the same where nothing is compensated", plain, &Configuration::velocity,
                            kEstimators, [](const std::string& v) { return v; }));
@@ -117,13 +117,13 @@ std::vector<KnobOfPlay> knobs_of_play(const Workbench& bench, const TradeOptions
   return knobs;
 }
 
-/// Outcomes by configuration: nothing is tried twice.
+/// Outcomes by configuration. Repeats no trial.
 class Trials {
  public:
   Trials(const Workbench& bench, std::size_t threads, const StopRequest& stop)
       : bench_(bench), threads_(threads), stop_(stop) {}
 
-  /// Tries what was not tried with so many runs; false when it was stopped.
+  /// Tries the configurations that lack `runs` runs. Returns false if it was stopped.
   bool run(const std::vector<Configuration>& configurations, std::size_t runs,
            const std::function<void(double)>& told) {
     std::vector<Configuration> open;
@@ -141,7 +141,7 @@ class Trials {
           if (told && !open.empty()) told(static_cast<double>(n) / static_cast<double>(open.size()));
         });
     for (Outcome& outcome : outcomes) {
-      if (outcome.runs == 0 && outcome.refused.empty()) continue;  // it was stopped before
+      if (outcome.runs == 0 && outcome.refused.empty()) continue;  // stopped before this one
       const std::string key = key_of(outcome.configuration);
       if (const auto found = outcomes_.find(key); found == outcomes_.end()) order_.push_back(key);
       outcomes_[key] = std::move(outcome);
@@ -171,8 +171,8 @@ class Trials {
   std::vector<std::string> order_;
 };
 
-/// What a tick costs, from the base and what each choice adds to it: choices add up, since each is a term of its own or
-/// takes another's place. In instructions, or in nanoseconds where they cannot be counted.
+/// Cost of a tick: that of the base plus that of each choice. The costs add up because each choice is a term of its own
+/// or replaces another. In instructions, or in nanoseconds if they cannot be counted.
 class TickPrices {
  public:
   TickPrices(const Workbench& bench, const TradeOptions& options, const StopRequest& stop,
@@ -240,7 +240,7 @@ class TickPrices {
   std::map<std::string, double> added_;
 };
 
-/// Servo rates x compensations x learning.
+/// Returns the combinations of servo rates, compensations and learning.
 std::vector<Configuration> combinations(const Workbench& bench, const TradeOptions& options) {
   std::vector<Configuration> all;
   for (const double rate : options.rates) {
@@ -259,14 +259,14 @@ std::vector<Configuration> combinations(const Workbench& bench, const TradeOptio
       all.push_back(configuration);
       if (options.base.learn == 0 || configuration.with.gravity || configuration.with.friction) continue;
       configuration.learn = options.base.learn;
-      // Whatever the base has of them is not there once the load is learned.
+      // Gravity and friction are absent when the load is learned.
       all.push_back(configuration);
     }
   }
   return all;
 }
 
-/// Whether `b` is as good as `a` in everything, and better in something.
+/// Returns true when `b` is at least as good as `a` in everything and better in something.
 bool beats(const Outcome& b, const Outcome& a) {
   const std::array better{b.error.mean - a.error.mean, b.ripple.mean - a.ripple.mean, b.load() - a.load(),
                           static_cast<double>(b.configuration.learn - a.configuration.learn)};
@@ -274,8 +274,8 @@ bool beats(const Outcome& b, const Outcome& a) {
          std::any_of(better.begin(), better.end(), [](double d) { return d < 0; });
 }
 
-/// The Pareto front, ascending in load. Of configurations at one count of repetitions each must be worth its load: less
-/// error by kWorth, or less ripple by as much, than what is cheaper.
+/// Returns the Pareto front, ascending in load. A configuration must improve error or ripple by kWorth over every
+/// cheaper one with at most as many repetitions.
 std::vector<Outcome> front_of(const std::vector<Outcome>& all, double speed) {
   std::vector<Outcome> ran;
   for (const Outcome& outcome : all)
@@ -296,14 +296,14 @@ std::vector<Outcome> front_of(const std::vector<Outcome>& all, double speed) {
   return front;
 }
 
-/// Whether more runs would say little more about the error and the ripple.
+/// Returns true when the intervals of error and ripple are narrow enough.
 bool interval_known(const Outcome& outcome, double model_error) {
   const double most = std::hypot(kKnownInterval, model_error);
   return outcome.error.half_width <= most * outcome.error.mean &&
          outcome.ripple.half_width <= most * outcome.ripple.mean;
 }
 
-/// The knobs that change what a combination costs by little, turned one at a time.
+/// Returns variants of `base` in settings that have little effect on the cost, one at a time.
 std::vector<Configuration> refinements(const Configuration& base, const Workbench& bench) {
   std::vector<Configuration> all;
   for (const Interpolation interpolation : kInterpolations) {
@@ -314,7 +314,7 @@ std::vector<Configuration> refinements(const Configuration& base, const Workbenc
     all.push_back(base);
     all.back().velocity = velocity;
   }
-  // Cheapest of both: what changes nothing by itself changes nothing together.
+  // The cheapest of both together: if neither has an effect by itself, both together have none.
   for (const Interpolation interpolation : {Interpolation::hold, Interpolation::linear}) {
     all.push_back(base);
     all.back().interpolation = interpolation;
@@ -365,7 +365,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
         if (std::find(open.begin(), open.end(), outcome) == open.end()) open.push_back(outcome);
     return open;
   };
-  // Ticks are timed on one core, while the others are quiet.
+  // Ticks are timed on one core while the others are idle.
   const auto time_ticks = [&](const std::vector<Configuration>& configurations, const auto& told) {
     const std::vector<Outcome*> open = without_a(configurations, &Outcome::control);
     for (std::size_t i = 0; i < open.size() && stop.count() == 0; ++i) {
@@ -383,7 +383,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
   };
   time_ticks(swept, stage("timing ticks", 0.12, 0.16));
 
-  // Levels of a knob are told as they were measured together, over as many runs each.
+  // The levels of a setting are reported as measured together, with the same number of runs.
   const auto gather_sweeps = [&] {
     report.sweeps.clear();
     for (const KnobOfPlay& knob : knobs) {
@@ -401,7 +401,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
     report.tried = trials.all();
     report.front = front_of(report.tried, options.base.speed);
   };
-  // Until the parts of a tick are priced, the load is the time of the whole.
+  // Until the parts of a tick have prices, the load is the time of the whole tick.
   trials.each([](Outcome& outcome) { outcome.price = 1e9 * outcome.control; });
   gather_sweeps();
   gather_front();
@@ -417,7 +417,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
     price_all();
     std::vector<Outcome> best = front_of(trials.all(), options.base.speed);
     std::vector<Configuration> finer;
-    // Spread over the front, from its cheap to its exact end.
+    // The choices are spread over the front, from its cheapest to its most accurate end.
     for (std::size_t i = 0; i < std::min(best.size(), kRefined); ++i) {
       const std::size_t at = best.size() <= kRefined ? i : i * (best.size() - 1) / (kRefined - 1);
       for (const Configuration& configuration : refinements(best[at].configuration, bench))
@@ -437,12 +437,13 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
       });
     }
     price_all();
-    on_front.push_back(plain_of(options.base));  // its ripple may become a bound, which it then keeps
+    on_front.push_back(plain_of(options.base));  // its ripple may become a bound, which it keeps by definition
     time_ticks(on_front, stage("timing the best", 0.96, 0.98));
     find_margins(on_front, stage("finding their margins", 0.98, 1));
   }
   gather_front();
-  // The front of what was tried often enough to be believed: one lucky run must not push out what is known.
+  // The final front contains only configurations with enough runs: a single lucky run must not displace a well-known
+  // one.
   if (options.search && report.complete) {
     std::vector<Outcome> believed = report.tried;
     std::erase_if(believed, [&](const Outcome& outcome) { return outcome.runs < least_runs; });
@@ -456,7 +457,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
 
 namespace {
 
-/// `exactly`: the most exact of what keeps the budget; else the cheapest.
+/// Chooses from `front`. `exactly`: the most accurate configuration that keeps the budget; else the cheapest.
 Choice choose_from(const std::vector<Outcome>& front, const Budget& budget, bool exactly) {
   std::size_t chosen = front.size();
   for (std::size_t i = 0; i < front.size(); ++i) {
@@ -487,7 +488,7 @@ const SideTrade* storage_of(const TradeReport& report) {
   return found != report.sides.end() ? &*found : nullptr;
 }
 
-/// Rows are as many as ticks.
+/// Scales the size of a recording with the servo rate, because every tick stores a sample [bytes/h].
 double bytes_of(const SideTrade::Level& stored, const Outcome& outcome, const TradeReport& report) {
   if (!stored.refused.empty()) return kNaN;
   return stored.values.front() * outcome.configuration.rate_hz / report.base.configuration.rate_hz;
@@ -511,7 +512,7 @@ void weigh_recordings(TradeReport& report) {
 
 namespace {
 
-/// The bounds that `asked` does not name and every choice keeps.
+/// Returns the bounds that every choice must keep although `asked` does not name them.
 Budget implied_bounds(const TradeReport& report, const Budget& asked) {
   Budget implied;
   if (!asked.limits(Measure::margin)) implied.bounds.push_back({Measure::margin, kLeastMargin});
@@ -531,7 +532,7 @@ std::optional<Choice> choose_within(const TradeReport& report, const Budget& bud
     for (Outcome& outcome : front) outcome.bytes_per_hour = bytes_of(storage->levels[i], outcome, report);
     Choice with = choose_from(front, budget, exactly);
     with.storage = storage_levels()[i];
-    // What a coarser way to store does not bring nearer is stored as it was.
+    // A coarser storage is taken only if it brings the choice nearer to the budget.
     if (!choice || budget.tightest(with.outcome)->ratio < budget.tightest(choice->outcome)->ratio) choice = with;
   }
   return choice;
@@ -546,7 +547,7 @@ std::optional<Choice> choose(const TradeReport& report, const Budget& asked) {
   budget.bounds.insert(budget.bounds.end(), implied.bounds.begin(), implied.bounds.end());
   std::optional<Choice> choice = choose_within(report, budget, !asked.bounds_accuracy());
   if (choice && !choice->kept && report.plain) {
-    // What costs as much may have pushed the plain law off the front, with more of the ripple that it bounds.
+    // A configuration of the same cost but more ripple may have displaced the plain law, whose ripple is the bound.
     TradeReport plain = report;
     plain.front = {*report.plain};
     if (auto kept = choose_within(plain, budget, false); kept->kept) choice = std::move(kept);

@@ -1,4 +1,4 @@
-// The trade of speed against accuracy: every knob measured, the best configurations found, one of them chosen.
+// Trade-off of speed against accuracy: measures every setting, finds the best configurations and chooses one.
 #pragma once
 
 #include "studies/trade/budget.h"
@@ -13,22 +13,23 @@
 namespace haptrace {
 
 struct TradeOptions {
-  Configuration base;        ///< from which every knob is turned, one at a time
-  std::size_t runs = 3;      ///< of every configuration, and kFrontRuns times as many of those on the front
-  std::size_t threads = 0;   ///< 0: one for every core. What configurations give does not depend on it
-  bool instructions = true;  ///< count them, where that is possible
-  bool search = true;        ///< look for the front among combinations; else knobs only
+  Configuration base;        ///< base configuration, of which the sweeps change one setting at a time
+  std::size_t runs = 3;      ///< runs of every configuration; those on the front get kFrontRuns times as many
+  std::size_t threads = 0;   ///< 0: one for every core. Accuracy results do not depend on it
+  bool instructions = true;  ///< count instructions, if possible
+  bool search = true;        ///< search the front among combinations; else only sweep the settings
   std::vector<double> rates{100, 200, 500, 1000, 2000, 4000, 10000, 20000};  ///< [Hz]
 };
 
 inline constexpr std::size_t kFrontRuns = 2;
 
-/// Configurations on the front are run until half of the interval of error and ripple is at most this share of them, at
-/// least kLeastRuns and at most kMostRepeats times kFrontRuns as often as was asked.
+/// Configurations on the front are repeated until the half-width of the interval of error and ripple is at most this
+/// share of the mean. They get at least kLeastRuns runs, and at most kMostRepeats * kFrontRuns times the requested
+/// ones.
 inline constexpr double kKnownInterval = 0.1;
 inline constexpr std::size_t kLeastRuns = 4, kMostRepeats = 4;
 
-/// One level of a knob. Its outcome is that of the base with this level.
+/// One level of a setting, with the outcome of the base configuration at this level.
 struct KnobLevel {
   std::string level;
   bool is_base = false;
@@ -37,40 +38,39 @@ struct KnobLevel {
 
 struct KnobSweep {
   std::string knob;
-  std::string what;  ///< one line for people
+  std::string what;  ///< one line of description
   std::vector<KnobLevel> levels;
 };
 
-/// A term that a session is made of, and what is lost without it.
+/// A term of a session and the effect of leaving it out.
 struct TermPrice {
   std::string term;
   Outcome without;
-  double error_change = 0;     ///< of the rms error [m]
-  double ripple_change = 0;    ///< [N]
-  double instructions = kNaN;  ///< that are saved, of a tick
-  double control = kNaN;       ///< time that is saved, of a tick [s]
-  /// Its absence changes nothing that the budget bounds by as much as the bound, and breaks no bound that is kept.
+  double error_change = 0;     ///< change of the rms error [m]
+  double ripple_change = 0;    ///< change of the ripple [N]
+  double instructions = kNaN;  ///< instructions saved per tick
+  double control = kNaN;       ///< time saved per tick [s]
+  /// Without the term, every bounded measure changes by less than its bound, and no kept bound is broken.
   bool dispensable = false;
 };
 
-/// A configuration, and each of its terms left out in turn.
+/// A configuration and the effect of leaving out each of its terms in turn.
 struct Explanation {
   Outcome of;
   std::vector<TermPrice> terms;
 };
 
-/// A configuration that was chosen for a budget.
+/// Configuration chosen for a budget.
 struct Choice {
   Outcome outcome;
-  bool kept = false;         ///< else it is the nearest that can be had
+  bool kept = false;         ///< keeps the budget; else the nearest configuration
   std::string binding;       ///< the tightest bound, as in "error<=0.1mm"; empty without one
-  double binding_ratio = 0;  ///< of the value that is expected to the bound
-  std::string excludes;  ///< the bound that the next cheaper (where only costs are bounded, dearer) one breaks, or ""
-  std::vector<std::string> implied;  ///< bounds that the budget does not name
-  std::optional<StorageLevel>
-      storage;                     ///< of recordings, when the budget bounds their size: the quickest that keeps it
-  std::optional<Outcome> cheaper;  ///< the next on the front that costs less, if there is one
-  std::optional<Outcome> dearer;   ///< the next that costs more
+  double binding_ratio = 0;  ///< Bound::ratio() of the tightest bound
+  std::string excludes;      ///< bound that the next cheaper (dearer, if only costs are bounded) one breaks, or ""
+  std::vector<std::string> implied;     ///< further bounds that the budget does not name
+  std::optional<StorageLevel> storage;  ///< fastest storage that keeps a bound on the size of recordings
+  std::optional<Outcome> cheaper;       ///< next configuration on the front that costs less
+  std::optional<Outcome> dearer;        ///< next configuration that costs more
 };
 
 struct TradeReport {
@@ -79,48 +79,49 @@ struct TradeReport {
   double path_duration = 0;  ///< [s]
   bool calibrated = false;
   Outcome base;
-  std::optional<Outcome> plain;  ///< the PD law alone at the base's rate, when it could be played
+  std::optional<Outcome> plain;  ///< the PD law alone at the base's rate, if playable
   std::vector<KnobSweep> sweeps;
   std::vector<SideTrade> sides;
-  std::vector<Outcome> tried;  ///< every combination, in the order of trying
-  std::vector<Outcome> front;  ///< ascending in load, descending in error
-  bool complete = true;        ///< false when it was stopped before its end
+  std::vector<Outcome> tried;  ///< all combinations, in the order of their trials
+  std::vector<Outcome> front;  ///< ascending in load
+  bool complete = true;        ///< false if it was stopped early
 };
 
-/// How far it is: the stage in words, and the part of the whole that is done.
+/// Called with the name of the stage and the finished share of the whole.
 using TradeProgress = std::function<void(const std::string& stage, double done)>;
 
-/// Turns every knob of the base by itself, then tries combinations: servo rate x compensations x learning, and for the
-/// best of these estimators, interpolations and thinner paths. The front holds every combination that no other beats or
-/// equals in error, ripple, load and repetitions at once, as far as it is worth a hundredth of the error.
+/// Changes every setting of the base by itself, then tries combinations: servo rate x compensations x learning, and for
+/// the best of these estimators, interpolations and thinner paths. The front holds every combination that no other one
+/// equals or beats in error, ripple, load and repetitions at once, if it improves error or ripple by at least one per
+/// cent.
 ///
-/// Equal options and workplaces give fronts that are bit-identical in what they give; which of two configurations of
-/// almost the same load is on it may follow the instructions that were counted. `draw` is called with what there is
-/// after the knobs. Throws what the Workbench throws.
+/// Equal options and workplaces give fronts whose accuracy results are bit-identical. The choice between configurations
+/// of almost the same load may depend on the counted instructions. Calls `draw` with the intermediate report after the
+/// sweeps. Throws what the Workbench throws.
 TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const StopRequest& stop,
                           const TradeProgress& progress = {}, const std::function<void(const TradeReport&)>& draw = {});
 
-/// Fills in what an hour of recording weighs, of every outcome, from the trade of storage among the report's sides, as
-/// it is stored without being asked.
+/// Sets bytes_per_hour of every outcome from the storage trade-off among the report's sides, for the default storage.
 void weigh_recordings(TradeReport& report);
 
-/// Whoever holds the motor is not asked what he bears: a configuration with less margin is never chosen, unless the
-/// budget itself bounds the margin.
+/// Smallest gain margin of a chosen configuration, unless the budget itself bounds the margin. It protects the user,
+/// who has no say in the choice.
 inline constexpr double kLeastMargin = 1.4;
 
-/// A budget that does not bound the ripple keeps that of the plain law at the base's rate, as far as that was played: a
-/// small error alone can be had by forces that buzz.
+/// Chooses a configuration from the front: the cheapest one that keeps the budget or, if the budget bounds only costs,
+/// the most accurate one. If none keeps it, the one that exceeds its worst bound by the smallest factor. A budget
+/// without a bound on the ripple gets the ripple of the plain law at the base's rate as a bound, if that law was
+/// played, because buzzing forces can make an error small.
 ///
-/// From the front: the cheapest that keeps the budget, or if that bounds nothing but costs the most exact that does;
-/// where none does, the one whose worst bound is exceeded by the least factor. Nothing of a report that is not
-/// complete, or whose front is empty. A bound on the bytes of a recording needs the trade of storage among the report's
-/// sides.
+/// Returns nothing for an incomplete report or an empty front. A bound on the size of recordings needs the storage
+/// trade-off among the report's sides.
 std::optional<Choice> choose(const TradeReport& report, const Budget& budget);
 
-/// Fills in what `price.without` changes of `outcome`, and whether the budget allows it.
+/// Sets the changes from `outcome` to `price.without`, and whether the budget allows them.
 void weigh(const Outcome& outcome, const Budget& budget, TermPrice& price);
 
-/// As the options say of runs and instructions, as far as it comes until it is stopped.
+/// Measures `configuration` without each of its terms in turn, with the runs and the instruction count that `options`
+/// request. A stop ends it early with the results so far.
 Explanation explain(const Workbench& bench, const Configuration& configuration, const Budget& budget,
                     const TradeOptions& options, const StopRequest& stop);
 

@@ -19,11 +19,11 @@
 namespace haptrace {
 namespace {
 
-constexpr double kForceBin = 0.02;      // over which forces are compared [s]
-constexpr int kMarginSteps = 8;         // of a quarter octave
-constexpr double kLearnedStep = 0.004;  // of a learned force [s]
+constexpr double kForceBin = 0.02;      // averaging time of compared forces [s]
+constexpr int kMarginSteps = 8;         // steps of a quarter octave
+constexpr double kLearnedStep = 0.004;  // time step of a learned force [s]
 
-/// Stands wherever a session before it was seen to be, and costs nothing.
+/// Replays the positions of an earlier session at no computing cost.
 class SeenDevice final : public Device {
  public:
   SeenDevice(DeviceInfo info, const std::vector<Vec3>& seen) : info_(std::move(info)), seen_(seen) {
@@ -45,7 +45,7 @@ class SeenDevice final : public Device {
   std::size_t next_ = 0;
 };
 
-/// Marks some ticks of phase run, one after the other, and ends the session at the last.
+/// Marks consecutive ticks of phase run and ends the session at the last.
 class MarkedController final : public Controller {
  public:
   MarkedController(Controller& controller, std::uint64_t first, std::uint64_t count)
@@ -84,7 +84,7 @@ double cpu_seconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-/// A file that is gone with its owner.
+/// A file that the destructor removes.
 class ScratchFile {
  public:
   explicit ScratchFile(const char* what)
@@ -103,7 +103,7 @@ class ScratchFile {
 
 }  // namespace
 
-/// The last repetition, as it passes.
+/// Accumulates errors and forces of the last repetition.
 class Workbench::RunLog final : public SampleSink {
  public:
   RunLog(const Trajectory& exact, double speed) : exact_(exact), speed_(speed) {
@@ -152,7 +152,7 @@ class Workbench::RunLog final : public SampleSink {
   std::vector<int> count_;
 };
 
-/// A session that was played once, to be run again on a device that costs nothing and answers what was seen then.
+/// A session that was played once and can run again on a device that replays its positions at no computing cost.
 class Workbench::Rehearsal final : SampleSink {
  public:
   Rehearsal(Device& device, PlayPlan plan, const PlayOptions& options, double path_duration)
@@ -220,7 +220,7 @@ std::optional<DeviceProfile> Workbench::profile_at(double rate_hz) const {
   try {
     profile.design = design_tracking(profile.plant, {.rate_hz = rate_hz, .max_force = profile.facts.max_force});
   } catch (const Error&) {
-    return std::nullopt;  // later than so many periods
+    return std::nullopt;  // the delay is too long for this rate
   }
   profile.rate_hz = rate_hz;
   return profile;
@@ -332,7 +332,7 @@ void Workbench::find_margin(Outcome& outcome) const {
         play(*device, plan_playback(device->info(), place_.path, options), options, StopRequest{});
     return result.session.servo.cause == StopCause::finished && oscillations.count() == 0;
   };
-  int low = -1, high = kMarginSteps + 1;  // borne, not borne
+  int low = -1, high = kMarginSteps + 1;  // stable, not stable
   while (high - low > 1) {
     const int middle = (low + high) / 2;
     (bears(middle) ? low : high) = middle;
@@ -340,7 +340,7 @@ void Workbench::find_margin(Outcome& outcome) const {
   outcome.margin = low < 0 ? 0 : std::pow(2, 0.25 * low);
 }
 
-/// One repetition, and of what was learned zeros: as much work, and no lesson.
+/// Returns options for one repetition with zeros as learned forces: the same work per tick without learning.
 PlayOptions Workbench::tick_options(const Configuration& configuration) const {
   PlayOptions options = options_for(configuration);
   if (configuration.learn > 0) {
@@ -377,7 +377,7 @@ void Workbench::time_ticks(Outcome& outcome) const {
 double Workbench::count_ticks(const Configuration& configuration) const {
   const PlayOptions options = tick_options(configuration);
   PlayPlan plan = plan_playback(info_, place_.path, options);
-  // A path of several pieces is read by a thread, which a copy of this process would not have.
+  // A path of several pieces needs its reading thread, which a copy of this process would not have.
   if (plan.path.count() > 1) return kNaN;
   const auto device = place_.open(place_.seed);
   const Rehearsal session(*device, std::move(plan), options, duration());
@@ -392,8 +392,8 @@ double Workbench::count_ticks(const Configuration& configuration) const {
       },
       kCountedTicks);
   if (counted.empty()) return kNaN;
-  // The lower quartile: single steps are so slow that the kernel's clock often changes while it is read, which is then
-  // read again; on a busy machine so in more than half of the ticks.
+  // Lower quartile: single steps are so slow that the kernel's clock often changes during a read and is read again, on
+  // a busy machine in more than half of the ticks.
   return quantile({counted.begin(), counted.end()}, 0.25);
 }
 
