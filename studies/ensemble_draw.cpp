@@ -50,8 +50,7 @@ EnsembleDraw draw_device(std::uint64_t seed, std::uint64_t index) {
   s.actuator_bandwidth_hz = 1 / (2 * std::numbers::pi * lot.in(ensemble::kActuatorLag));
   s.position_resolution = ensemble::kPositionResolution;
   s.force_resolution = ensemble::kForceResolution;
-  s.max_force = s.max_continuous_force =
-      ensemble::kMaxForce;  // the study judges the loop, not the heating of the motors
+  s.max_force = s.max_continuous_force = ensemble::kMaxForce;  // the loop is judged, not motor heating
   s.workspace = {Vec3::Constant(-ensemble::kReach), Vec3::Constant(ensemble::kReach)};
 
   draw.noise_seed = lot.seed();

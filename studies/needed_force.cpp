@@ -7,8 +7,7 @@
 namespace haptrace {
 namespace {
 
-constexpr double kSliding =
-    1e-3;  // speed below which friction rises linearly from zero, because at rest it takes any value [m/s]
+constexpr double kSliding = 1e-3;  // below this speed friction rises from zero, as it has any value at rest [m/s]
 
 }  // namespace
 

@@ -36,11 +36,10 @@ struct PlayOptions {
   /// Result of a calibration. Without it, the controller is a plain PD law.
   std::optional<IdentifiedDevice> identified;
   Compensations compensations{true, true, true, true, true};  ///< for an identified device
-  int learn = 0;       ///< number of repetitions to learn from, up to kMostLearned
-  ForceTable learned;  ///< learned force of earlier sessions, or empty
-  bool guard = true;   ///< soften when the loop vibrates; report a hand that resists or lets go
-  bool find_oscillations =
-      false;  ///< also report small oscillations (OscillationMonitor; needs the delay); for studies
+  int learn = 0;                   ///< number of repetitions to learn from, up to kMostLearned
+  ForceTable learned;              ///< learned force of earlier sessions, or empty
+  bool guard = true;               ///< soften when the loop vibrates; report a hand that resists or lets go
+  bool find_oscillations = false;  ///< report small oscillations too (OscillationMonitor, needs the delay); for studies
   Interpolation interpolation = Interpolation::cubic;
   /// Time constant of the path's smoothing [s], see smooth_positions(). Absent: chosen from the noise of the positions;
   /// 0: the trajectory passes through every sample.

@@ -1,4 +1,4 @@
-// A simulated device that replaces a real one while configurations are tried.
+// A simulated device that replaces a real one, which must not move while configurations are tried.
 #pragma once
 
 #include "devices/device.h"

@@ -78,7 +78,7 @@ class Workbench {
   [[nodiscard]] std::uint64_t rows() const noexcept { return place_.path->facts().rows; }
 
   /// Returns the profile with a design for another servo rate, or nothing if that is not possible: a coarse model's
-  /// design holds only for the rate of its trial, and a device with a long delay has no stable design at high rates.
+  /// design holds only for the rate of its trial, and a device with a long delay has no design at high rates.
   [[nodiscard]] std::optional<DeviceProfile> profile_at(double rate_hz) const;
 
  private:
