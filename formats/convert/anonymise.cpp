@@ -15,23 +15,23 @@ namespace {
 
 using nlohmann::json;
 
-/// Options whose texts are names of choices, and a device's options whose values are.
+/// Options whose texts name a choice, and device options whose values do.
 constexpr std::array<std::string_view, 9> kChoices{"verb", "clock",         "velocity", "on-deviation", "method",
                                                    "mode", "interpolation", "shape",    "plane"};
 constexpr std::array<std::string_view, 8> kDeviceChoices{"preset",     "hand",       "seed", "emulated",
                                                          "integrator", "generation", "fit",  "fault"};
-/// Options whose texts people choose: one may look like a number, such as that of a participant.
+/// Options whose values users choose freely. One may look like a number, such as that of a participant.
 constexpr std::array<std::string_view, 15> kPersonal{"title",     "subject", "operator",   "notes", "meta",
                                                      "meta-file", "record",  "mark-texts", "path",  "output",
                                                      "programme", "learned", "profile",    "gains", "scene"};
 
-/// True for a key that names one thing among its like.
+/// Returns true if the key identifies one thing among its kind.
 bool is_identifier(std::string_view key) {
   return key.find("serial") != std::string_view::npos || key == "id" || key.ends_with("_id") || key.ends_with("-id") ||
          key == "name" || key == "port" || key == "uuid";
 }
 
-/// Calls `visit` for every run of letters, which all bytes beyond ASCII are.
+/// Calls `visit` for every run of letters. All bytes beyond ASCII count as letters.
 template <class Visit>
 void for_each_word(std::string_view text, const Visit& visit) {
   const auto is_letter = [](char c) {
@@ -50,8 +50,9 @@ bool is_one_of(std::string_view word, const Names& names) {
   return std::find(names.begin(), names.end(), word) != names.end();
 }
 
-/// "sim:preset=falcon,intent=/home/jane/a.csv" -> "sim:preset=falcon"; `complete` false when anything went. Numbers
-/// stay that describe a simulated device; those of a real one may be on its label, and a plug-in's may mean anything.
+/// Shortens "sim:preset=falcon,intent=/home/jane/a.csv" to "sim:preset=falcon"; sets `complete` to false if it drops
+/// anything. It keeps the numbers of a simulated device. Those of a real device may be on its label, and a plug-in's
+/// may mean anything.
 std::string device_choices(std::string_view text, bool& complete) {
   const std::size_t colon = text.find(':');
   std::string kept(text.substr(0, colon));
@@ -77,7 +78,7 @@ std::string device_choices(std::string_view text, bool& complete) {
   return kept;
 }
 
-/// The words that describe() and warning_of() use, in lower case or not, as they come.
+/// Returns the words that describe() and warning_of() use, in their original case.
 const std::set<std::string>& words_of_events() {
   static const std::set<std::string> kWords = [] {
     std::set<std::string> words{"inf", "nan", "e"};
@@ -96,7 +97,7 @@ const std::set<std::string>& words_of_events() {
   return kWords;
 }
 
-/// True when a text holds numbers and the words of events alone: haptrace made it.
+/// Returns true if a text consists of numbers and words of events only, so that haptrace wrote it.
 bool is_made_of_numbers(std::string_view text) {
   bool known = find_invalid_utf8(text) == std::string_view::npos;
   for_each_word(text, [&](std::string_view word) { known = known && words_of_events().contains(std::string(word)); });
@@ -107,7 +108,7 @@ std::string nameless(int code) {
   return fmt::format("event {}", code);
 }
 
-/// What can be said of an event without its text.
+/// Returns a description of an event kind without its values.
 std::string plain_text(EventCode code) {
   if (code == EventCode::repetition) return "repetition";
   const std::string text = describe({0, code, {0, 0, 0}});
@@ -159,11 +160,11 @@ class Anonymised final : public AnonymisedSource {
   [[nodiscard]] double fraction() const override { return source_->fraction(); }
   [[nodiscard]] const AnonymiseReport& report() const override { return report_; }
 
-  /// Those of the source may name files.
+  /// Passes on the source's notes, which may name files. No sink stores them.
   [[nodiscard]] std::vector<std::string> notes() const override { return source_->notes(); }
 
  private:
-  /// Numbers and truths stay, texts only where they name a choice. A value that goes becomes null and its key with it.
+  /// Keeps numbers and booleans, and texts that name a choice. A dropped value becomes null and loses its key.
   void clean(json& value, const std::string& where, const std::string& key) {
     const bool own = is_one_of(key, kPersonal) || is_identifier(key);
     const bool free_text = value.is_string() && key != "device" && !is_one_of(key, kChoices);
@@ -189,7 +190,7 @@ class Anonymised final : public AnonymisedSource {
     if (!is_one_of(where, report_.dropped)) report_.dropped.push_back(where);
   }
 
-  /// Texts that haptrace makes of numbers stay; all others become the name of their kind.
+  /// Keeps texts that haptrace makes of numbers. Replaces all others by the name of their kind.
   void clean(StoredEvent& event) {
     const auto code = static_cast<EventCode>(event.code);
     const bool free = code == EventCode::mark || describe({0, code, {}}) == nameless(event.code);
@@ -199,7 +200,7 @@ class Anonymised final : public AnonymisedSource {
     ++report_.texts;
   }
 
-  /// Those of events are made of numbers; the others may name files and people.
+  /// Keeps warnings of events, which are made of numbers. Other warnings may name files and people.
   void clean_warnings() {
     std::vector<Warning> warnings = warnings_from(header_.warnings);
     for (Warning& warning : warnings) {

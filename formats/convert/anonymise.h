@@ -1,4 +1,4 @@
-// A recording without what names people and things.
+// Removal of personal data from recordings.
 #pragma once
 
 #include "formats/recording/recording_stream.h"
@@ -6,16 +6,17 @@
 namespace haptrace {
 
 struct AnonymiseReport {
-  std::vector<std::string> dropped;  ///< fields that had something in them, as in "subject", "config.record"
-  std::vector<std::string> kept;     ///< fields that are left and may still tell who or when: "title", "created"
-  std::uint64_t texts = 0;           ///< free texts of events that were dropped
+  std::vector<std::string> dropped;  ///< fields that had content, such as "subject" or "config.record"
+  std::vector<std::string> kept;     ///< fields that stay and may reveal a person or a time: "title", "created"
+  std::uint64_t texts = 0;           ///< texts of events and warnings that were replaced
 };
 
-/// Drops subject, operator, notes, device_serial and all metadata; from the configuration every text that is not the
-/// name of a choice (file names, titles, serials) and what people choose themselves, number or not; from the device's
-/// description its options, unless they name a choice or describe a simulated device; the texts of events, unless they
-/// are haptrace's own words and numbers. Gives a new uuid. Title, time, kind and model of the device stay, and are
-/// reported. Measured values stay: a movement can be as personal as a handwriting.
+/// Removes personal data from a recording. It drops the subject, operator, notes, device serial number, clock readings
+/// and all metadata. From the configuration it drops every text that is not the name of a choice (file names, titles,
+/// serial numbers) and every value that users choose freely, numbers included. From the device name it drops the
+/// options that neither name a choice nor describe a simulated device. It replaces texts of events and warnings that
+/// are not made of haptrace's own words and numbers. The recording gets a new uuid. Title, time, and kind and model of
+/// the device stay and are reported. Measured values stay: a movement can be as personal as handwriting.
 class AnonymisedSource : public RecordingSource {
  public:
   [[nodiscard]] virtual const AnonymiseReport& report() const = 0;

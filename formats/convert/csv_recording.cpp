@@ -1,5 +1,5 @@
-// Recordings as CSV: `# haptrace {header}`, `# event {...}` and `# clock {...}` as comments, the header row, a row per
-// sample.
+// Recordings as CSV: the comments `# haptrace {header}`, `# event {...}` and `# clock {...}`, the header row, and one
+// row per sample.
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "formats/path/csv.h"
@@ -74,7 +74,8 @@ class CsvSource final : public RecordingSource {
   }
 
  private:
-  /// A recording has a velocity and a force in every row or in none: of those that some rows lack, none is taken.
+  /// Finds velocity or force columns that some rows lack, to leave them out: a recording has each in every row or in
+  /// none.
   void look_for_gaps(const std::string& file, const CsvOptions& options) {
     std::vector<const TextColumn*> all_or_none;
     for (const char* name : {"velocity", "force"})

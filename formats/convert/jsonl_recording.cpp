@@ -1,4 +1,4 @@
-// Recordings as JSON lines: an object with the header, one per event, one per reading of the clocks, one per sample.
+// Recordings as JSON lines: one object for the header, and one for every event, clock reading and sample.
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
@@ -63,7 +63,7 @@ class JsonlSource final : public RecordingSource {
  private:
   [[nodiscard]] std::string place() const { return fmt::format("{}:{}", lines_.file(), lines_.number()); }
 
-  /// The next line that is not blank; null at the end.
+  /// Returns the next line that is not blank; null at the end.
   json next_line() {
     std::string_view line;
     while (lines_.next(line))
@@ -124,7 +124,7 @@ class JsonlSource final : public RecordingSource {
   RecordingColumns columns_;
   std::vector<StoredEvent> events_;
   std::vector<ClockReading> clocks_;
-  json sample_;  ///< the next one; null at the end
+  json sample_;  ///< next sample; null at the end
   SampleParser parser_;
   std::vector<double> cells_, unknown_;
   std::optional<Sample> before_;
@@ -178,9 +178,9 @@ class JsonlSink final : public RecordingSink {
       const std::size_t begin = text.size();
       printer_.append(text, row, column, i);
       const std::string_view number = std::string_view(text).substr(begin);
-      if (number == "-0") {  // a whole number to readers of JSON, and those have no sign of zero
+      if (number == "-0") {  // JSON readers take it for an integer, which has no negative zero
         text += ".0";
-      } else if (number.ends_with("inf")) {  // JSON has no such number
+      } else if (number.ends_with("inf")) {  // JSON has no infinity
         text.insert(begin, 1, '"');
         text += '"';
       }

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kAttenuation = 60;  // [dB]
 constexpr double kBeta = 0.1102 * (kAttenuation - 8.7);
-constexpr double kTransition = 0.4;  // width of the transition, of the cut-off
+constexpr double kTransition = 0.4;  // width of the transition band / cut-off
 constexpr std::size_t kTable = 4096;
 
 std::vector<double> kaiser_window() {
@@ -23,7 +23,7 @@ std::vector<double> kaiser_window() {
   return table;
 }
 
-/// How far there are values on both sides, at most `reach` samples.
+/// Returns how many samples on both sides have values, at most `reach`.
 template <class Column>
 std::size_t known_around(std::span<const Sample> samples, std::size_t at, std::size_t reach, Column column) {
   const std::size_t most = std::min({reach, at, samples.size() - 1 - at});
@@ -36,11 +36,11 @@ std::size_t known_around(std::span<const Sample> samples, std::size_t at, std::s
 
 LowPass::LowPass(double cutoff_hz, double rate_hz)
     : step_(2 * std::numbers::pi * cutoff_hz / rate_hz),
-      // Kaiser's formula for the length, (A - 7.95) / (2.285 dw), half of it.
+      // Half of Kaiser's length of a kernel, (A - 7.95) / (2.285 dw).
       reach_(static_cast<std::size_t>(std::ceil((kAttenuation - 7.95) / (2 * 2.285 * kTransition * step_)))),
       window_(kaiser_window()) {}
 
-/// The weights for a kernel of `reach` samples to either side; their sum over both sides is one.
+/// Computes the weights of a kernel of `reach` samples to either side; their sum over both sides is one.
 void LowPass::weigh(std::size_t reach) {
   if (weights_.size() == reach + 1) return;
   weights_.assign(1, 1.0);
@@ -72,7 +72,7 @@ Sample LowPass::at(std::span<const Sample> samples, std::size_t at) {
     if (!is_finite(result.*column)) continue;
     weigh(known_around(samples, at, reach_, column));
     const Eigen::Vector4d here = (result.*column).coeffs();
-    const auto near = [&](std::size_t i) -> Eigen::Vector4d {  // a quaternion and its negative are one rotation
+    const auto near = [&](std::size_t i) -> Eigen::Vector4d {  // a quaternion and its negative are the same rotation
       const Eigen::Vector4d& there = (samples[i].*column).coeffs();
       return there.dot(here) < 0 ? Eigen::Vector4d(-there) : there;
     };

@@ -13,8 +13,8 @@ namespace haptrace {
 namespace {
 
 constexpr std::size_t kContext = 64, kCore = 2048;  // samples
-constexpr double kLower = 0.95;                     // of the old rate: a lower one needs a low pass
-constexpr double kBelowNewRate = 2.4;               // over the cut-off: by half the new rate it lets nothing through
+constexpr double kLower = 0.95;                     // new rate / old rate below which a low-pass filter is needed
+constexpr double kBelowNewRate = 2.4;  // new rate / cut-off: the filter passes nothing above half the new rate
 
 template <class Value>
 Value lerp(const Value& a, const Value& b, double u) {
@@ -26,7 +26,7 @@ Quat slerp(const Quat& a, const Quat& b, double u) {
   return a.coeffs().allFinite() && b.coeffs().allFinite() ? Quat(a.slerp(u, b)) : nan_quat();
 }
 
-/// What lies between two samples, the position excepted.
+/// Interpolates between two samples all values but the position.
 Sample between(const Sample& a, const Sample& b, double u) {
   Sample sample = a;
   sample.velocity = lerp(a.velocity, b.velocity, u);
@@ -43,7 +43,7 @@ Sample between(const Sample& a, const Sample& b, double u) {
   return sample;
 }
 
-/// How far positions are from each other.
+/// Accumulates distances between positions.
 class Differences {
  public:
   void add(double difference) {
@@ -74,7 +74,7 @@ class Resampled final : public ResampledSource {
     report_.max_gap = options.max_gap > 0 ? options.max_gap : 20 * step;
     const bool lower = step > 0 && options.rate_hz * step < kLower;
     report_.low_pass_hz = options.low_pass_hz.value_or(lower ? options.rate_hz / kBelowNewRate : 0);
-    // A filter must see what it is to take out: on a grid as fine as the source.
+    // The filter needs a grid as fine as the source to see what it removes.
     if (report_.low_pass_hz > 0 && step > 0)
       finer_ = static_cast<std::uint64_t>(std::max(1.0, std::ceil(1 / (options.rate_hz * step))));
     options_.rate_hz *= static_cast<double>(finer_);
@@ -83,7 +83,8 @@ class Resampled final : public ResampledSource {
           fmt::format("--low-pass: {:g} Hz is not below half of {:g} Hz", report_.low_pass_hz, options_.rate_hz));
   }
 
-  /// The rate of the rows [Hz], and how many times the one that was asked for that is: for a low pass.
+  /// Return the rate of the grid [Hz], and its multiple of the requested rate, which exceeds 1 only for a low-pass
+  /// filter.
   [[nodiscard]] double grid_hz() const { return options_.rate_hz; }
   [[nodiscard]] std::uint64_t finer() const { return finer_; }
 
@@ -128,7 +129,7 @@ class Resampled final : public ResampledSource {
     return start_ns_ + std::llround(static_cast<double>(k) * (1e9 / options_.rate_hz));
   }
 
-  /// The next sample that counts, or null at the end.
+  /// Returns the next sample that is not dropped, or null at the end.
   const Sample* pull() {
     for (;;) {
       if (taken_ == input_.size()) {
@@ -149,9 +150,9 @@ class Resampled final : public ResampledSource {
     }
   }
 
-  /// Fills the window with samples of one segment. False when there is none left.
+  /// Fills the window with samples of one segment. Returns false if none is left.
   bool fill() {
-    if (ended_) {  // and evaluated
+    if (ended_) {  // all samples of the segment have been evaluated
       window_.clear();
       if (!following_) return false;
       window_.push_back(*following_);
@@ -187,7 +188,7 @@ class Resampled final : public ResampledSource {
     return 1e-9 * static_cast<double>(time_ns - window_.front().time_ns);
   }
 
-  /// The positions of the window, with the reflections that make it start and end without acceleration.
+  /// Returns the positions of the window, with the reflections that make it start and end without acceleration.
   [[nodiscard]] Path path(double& start) const {
     Path path;
     path.name = "resample";
@@ -210,7 +211,7 @@ class Resampled final : public ResampledSource {
     return path;
   }
 
-  /// Answers the grid's instants up to the last sample whose surroundings are known, and forgets what is behind it.
+  /// Evaluates the grid up to the last sample with known surroundings, and discards samples that are no longer needed.
   void evaluate() {
     const std::size_t last = ended_ ? window_.size() - 1 : window_.size() - 1 - kContext;
     const std::int64_t limit_ns = window_[last].time_ns;
@@ -226,7 +227,7 @@ class Resampled final : public ResampledSource {
       while (i + 1 < window_.size() && window_[i + 1].time_ns <= now) ++i;
       emit(trajectory.sample(seconds(now) - start, cursor), i, now);
     }
-    // The originals behind the last row cannot be compared yet: they stay, with their surroundings.
+    // Originals after the last new sample cannot be compared yet: they stay, with their surroundings.
     core_ = last;
     const std::size_t forget = std::min({last - std::min(last, kContext), next_original_, last});
     if (ended_ || forget == 0) return;
@@ -253,7 +254,7 @@ class Resampled final : public ResampledSource {
     compare(sample, reference.velocity);
   }
 
-  /// How far the curve through the last two rows is from the samples between them.
+  /// Compares the curve through the last two new samples with the originals between them.
   void compare(const Sample& sample, const Vec3& velocity) {
     const bool follows = last_out_ && last_out_->tick + 1 == sample.tick;
     for (; next_original_ < window_.size() && window_[next_original_].time_ns <= sample.time_ns; ++next_original_) {
@@ -266,7 +267,7 @@ class Resampled final : public ResampledSource {
     last_velocity_ = velocity;
   }
 
-  /// Between the last row and `b`, with the velocities of the curve there: as the method would run.
+  /// Returns the curve between the last new sample and `b`, with its velocities there, as `method` interpolates.
   [[nodiscard]] Vec3 curve(const Sample& b, const Vec3& velocity, std::int64_t time_ns) const {
     const Sample& a = *last_out_;
     const double h = 1e-9 * static_cast<double>(b.time_ns - a.time_ns);
@@ -289,24 +290,24 @@ class Resampled final : public ResampledSource {
   std::int64_t start_ns_ = 0;
   std::uint64_t finer_ = 1;
 
-  std::span<const Sample> input_;  ///< the source's present block
-  std::size_t taken_ = 0;          ///< of it
+  std::span<const Sample> input_;  ///< present block of the source
+  std::size_t taken_ = 0;          ///< samples of the block that were used
   std::optional<std::int64_t> last_ns_;
 
   std::vector<Sample> window_;          ///< consecutive samples of one segment
-  bool begins_ = true, ended_ = false;  ///< the window has the segment's first and last sample
+  bool begins_ = true, ended_ = false;  ///< the window contains the segment's first and last sample
   std::optional<Sample> following_;     ///< the first sample of the next segment
-  std::size_t core_ = 0;                ///< of the window: answered up to this one's stamp
-  std::uint64_t next_k_ = 0;            ///< the next instant of the grid
+  std::size_t core_ = 0;                ///< index in the window; evaluated up to its stamp
+  std::uint64_t next_k_ = 0;            ///< next index of the grid
 
   std::vector<Sample> output_;
-  std::size_t next_original_ = 0;  ///< of the window: not compared yet
+  std::size_t next_original_ = 0;  ///< index in the window; not compared yet
   std::optional<Sample> last_out_;
   Vec3 last_velocity_ = Vec3::Zero();
-  Differences differences_;  ///< of the curve from the samples
+  Differences differences_;  ///< between the curve and the samples
 };
 
-/// What is faster than the low pass lets through is taken out, and of what is left every n-th row is kept.
+/// Low-pass filters the samples and keeps every n-th one.
 class Thinned final : public ResampledSource {
  public:
   explicit Thinned(std::unique_ptr<Resampled> source)
@@ -346,7 +347,8 @@ class Thinned final : public ResampledSource {
   }
 
  private:
-  /// Adds rows to the stretch, which has no gaps; behind its end the next one. False when there is none left.
+  /// Adds samples to the stretch, which has no gaps, or begins the next one after its end. Returns false if none is
+  /// left.
   bool fill() {
     if (ended_) {
       stretch_.assign(input_.begin() + static_cast<std::ptrdiff_t>(taken_),
@@ -377,14 +379,14 @@ class Thinned final : public ResampledSource {
   std::unique_ptr<Resampled> source_;
   LowPass low_pass_;
   ResampleReport report_;
-  std::span<const Sample> input_;  ///< the source's present block
-  std::size_t taken_ = 0;          ///< of it
-  std::vector<Sample> stretch_;    ///< rows without a gap
-  std::size_t at_ = 0;             ///< of the stretch: the next one to filter
-  bool ended_ = false;             ///< the stretch has its last row
-  bool finished_ = false;          ///< the source has
+  std::span<const Sample> input_;  ///< present block of the source
+  std::size_t taken_ = 0;          ///< samples of the block that were used
+  std::vector<Sample> stretch_;    ///< samples without a gap
+  std::size_t at_ = 0;             ///< index in the stretch of the next sample to filter
+  bool ended_ = false;             ///< the stretch contains its last sample
+  bool finished_ = false;          ///< the source has no more samples
   std::vector<Sample> output_;
-  Differences differences_;  ///< of the rows from what they would be without the low pass
+  Differences differences_;  ///< between filtered and unfiltered samples
 };
 
 }  // namespace

@@ -46,7 +46,7 @@ std::vector<TextColumn> make_text_columns() {
   return columns;
 }
 
-/// The largest whole number of an element that a double holds without a doubt.
+/// Returns the largest integer of an element type that a double holds exactly.
 double largest(Element element) {
   if (element == Element::uint64) return 9007199254740992.0;  // 2^53
   return element == Element::uint32 ? 4294967295.0 : 255.0;
@@ -81,7 +81,7 @@ void push(std::vector<std::byte>& bytes, Value value) {
   bytes.insert(bytes.end(), begin, begin + sizeof value);
 }
 
-/// 12.003 for 12 003 000 000 ns.
+/// Appends a time in seconds: 12.003 for 12 003 000 000 ns.
 void append_time(std::string& text, std::int64_t ns) {
   constexpr std::uint64_t kSecond = 1'000'000'000;
   const std::uint64_t magnitude = ns < 0 ? 0 - static_cast<std::uint64_t>(ns) : static_cast<std::uint64_t>(ns);
@@ -141,7 +141,7 @@ void SamplePrinter::append(std::string& text, std::size_t row, const TextColumn&
   if (std::isnan(value)) {
     text += none_;
   } else if (element == Element::float32) {
-    // Nine digits name every float, also when they are read as a double first.
+    // Nine digits identify every float, even if a reader parses them as a double first.
     fmt::format_to(std::back_inserter(text), "{:.9g}", value);
   } else if (element == Element::float64 && digits_ > 0) {
     fmt::format_to(std::back_inserter(text), "{:.{}g}", value, digits_);
@@ -259,7 +259,7 @@ ClockReading clock_from_json(const nlohmann::json& json, const std::string& wher
   const auto nanoseconds = [&](const char* key) {
     const nlohmann::json value = reader.require(key).value(key);
     if (!value.is_number_integer()) throw input_error(fmt::format("{}: {}: must be a whole number", where, key));
-    return value.get<std::int64_t>();  // a double would not hold the nanoseconds since 1970
+    return value.get<std::int64_t>();  // a double cannot hold the nanoseconds since 1970
   };
   return {nanoseconds("time_ns"), nanoseconds("realtime_ns"), nanoseconds("monotonic_ns"),
           nanoseconds("uncertainty_ns")};

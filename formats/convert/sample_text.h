@@ -1,6 +1,6 @@
-// Samples as rows of numbers in a text: what CSV and JSON lines share. Private to formats.
+// Samples as rows of numbers in a text, shared by CSV and JSON lines. Private to formats.
 //
-// A row is flat: a cell for every component of every column, in the order of text_columns().
+// A row is flat: one cell per component of every column, in the order of text_columns().
 #pragma once
 
 #include "formats/recording/recording_layout.h"
@@ -14,33 +14,33 @@
 
 namespace haptrace {
 
-/// A column of the layout in texts.
+/// A column of the layout as texts contain it.
 struct TextColumn {
   const layout::Column* column = nullptr;
-  std::array<std::string_view, 4> names;  ///< of its components in a CSV header
-  std::size_t first = 0;                  ///< cell of its first component
+  std::array<std::string_view, 4> names;  ///< names of the components in a CSV header
+  std::size_t first = 0;                  ///< cell of the first component
 
   [[nodiscard]] std::size_t width() const { return column->width; }
 };
 
-/// time, position, velocity, force, orientation, then the others. Cells 0 to 13 are
+/// Returns the columns: time, position, velocity, force, orientation, then the others. Cells 0 to 13 are
 /// t,x,y,z,vx,vy,vz,fx,fy,fz,qw,qx,qy,qz.
 std::span<const TextColumn> text_columns();
-/// Which of them is that of a dataset of the layout.
+/// Returns the index in text_columns() of a dataset of the layout.
 std::size_t text_column(std::string_view name);
 inline constexpr std::size_t kPathColumns = 5;
 
-/// Cells of a row.
+/// Returns the number of cells in a row.
 std::size_t cell_count();
 
-/// What a cell holds when a file does not say: NaN for a float, zero for a whole number.
+/// Returns a row of values that a file does not state: NaN for float64, otherwise zero.
 std::vector<double> unknown_cells();
 
-/// Samples on their way into a text. Numbers have as many digits as bring them back, or `digits` significant ones where
-/// they are float64; time is exact to the nanosecond.
+/// Prints samples into a text. Numbers have enough digits to be read back exactly; with `digits` > 0, float64 ones have
+/// that many significant digits. Time is exact to the nanosecond.
 class SamplePrinter {
  public:
-  /// `none`: what stands for NaN.
+  /// `none`: text for NaN.
   SamplePrinter(std::string_view none, int digits) : none_(none), digits_(digits) {}
 
   void take(std::span<const Sample> samples);
@@ -54,14 +54,15 @@ class SamplePrinter {
   std::vector<std::vector<std::byte>> packed_;  ///< by text column
 };
 
-/// Rows of cells on their way to samples.
+/// Collects rows of cells and converts them to samples.
 class SampleParser {
  public:
-  /// Adds a row. Calls `refuse(column, component, what)`, which throws, when a whole number is none.
+  /// Adds a row. If a value of an integer column is not an integer, calls `refuse(column, component, what)`, which
+  /// throws.
   void add(std::span<const double> cells,
            const std::function<void(const TextColumn&, std::size_t, const std::string&)>& refuse);
   [[nodiscard]] std::size_t rows() const noexcept { return rows_; }
-  /// The samples of the rows since the last call.
+  /// Returns the samples of the rows since the last call.
   std::span<const Sample> take();
 
  private:
@@ -70,8 +71,8 @@ class SampleParser {
   std::size_t rows_ = 0;
 };
 
-/// The header of a recording, its columns, its events and its readings of clocks as JSON, and back. The latter throw
-/// Error(input) naming `where`; what is absent keeps its default.
+/// Convert the header, columns, events and clock readings of a recording to JSON and back. Readers throw Error(input)
+/// naming `where`. Absent keys keep their defaults, except those of a clock reading, which are required.
 nlohmann::json json_of(const RecordingHeader& header);
 nlohmann::json json_of(const RecordingColumns& columns);
 nlohmann::json json_of(const StoredEvent& event);
@@ -80,7 +81,7 @@ RecordingHeader header_from_json(const nlohmann::json& json, const std::string& 
 StoredEvent event_from_json(const nlohmann::json& json, const std::string& where);
 ClockReading clock_from_json(const nlohmann::json& json, const std::string& where);
 
-/// One line of JSON, whatever the texts in it.
+/// Returns JSON on one line, with invalid UTF-8 in texts replaced.
 std::string dump(const nlohmann::json& json);
 
 }  // namespace haptrace

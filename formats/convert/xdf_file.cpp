@@ -74,7 +74,7 @@ bool ChunkWalk::next() {
       position_ = content_end_;
       return true;
     }
-    // A length that goes beyond the file is damaged where other chunks follow, else the last chunk is cut off.
+    // If other chunks follow, a length beyond the end of the file is damage. Otherwise the last chunk is cut off.
     if (find_boundary()) {
       note(fmt::format("damaged at byte {}: read on from the next boundary, at byte {}", begin, position_));
       continue;
@@ -92,9 +92,9 @@ void ChunkWalk::note(std::string text) {
   if (notes_.size() < kMost) notes_.push_back(std::move(text));
 }
 
-/// Goes behind the next boundary chunk's content. False when there is none.
+/// Moves to the end of the next boundary chunk. Returns false if there is none.
 bool ChunkWalk::find_boundary() {
-  // Blocks that grow: a file may be damaged in many places, with a boundary close behind each.
+  // The blocks grow, since a file may be damaged in many places with a boundary close after each.
   constexpr std::size_t kFirst = 1 << 10, kLargest = 1 << 20, kMark = sizeof kBoundary;
   const std::string_view mark(reinterpret_cast<const char*>(kBoundary), kMark);
   std::string block;

@@ -1,8 +1,8 @@
-// XDF, the Extensible Data Format of the Lab Streaming Layer: its chunks and what is in them. Private to formats.
+// Chunks of XDF, the Extensible Data Format of the Lab Streaming Layer. Private to formats.
 //
-// A file is "XDF:" and chunks: [1, 4 or 8][length, of so many bytes][tag, 2 bytes][content], little-endian. The length
-// counts tag and content. Tags: 1 file header (XML), 2 stream header (id, XML), 3 samples (id, number, samples), 4
-// clock offset (id, time, offset), 5 boundary (a mark that never changes), 6 stream footer (id, XML).
+// A file is "XDF:" followed by chunks: [1, 4 or 8][length, in that many bytes][tag, 2 bytes][content], little-endian.
+// The length counts tag and content. Tags: 1 file header (XML), 2 stream header (id, XML), 3 samples (id, number,
+// samples), 4 clock offset (id, time, offset), 5 boundary (a constant mark), 6 stream footer (id, XML).
 #pragma once
 
 #include <cstdint>
@@ -16,23 +16,23 @@ namespace haptrace::xdf {
 
 enum class Tag : std::uint16_t { file_header = 1, stream_header, samples, clock_offset, boundary, stream_footer };
 
-/// Walks the chunks of a file. Memory is that of the largest chunk that is loaded, which is bounded.
+/// Reads the chunks of a file in order. Memory is that of the largest loaded chunk, which is bounded.
 ///
-/// Where the lengths make no sense, it goes on behind the next boundary chunk, and says so; a file that ends within a
-/// chunk is one whose writer died.
+/// After an invalid length it resumes after the next boundary chunk, and adds a note. A file that ends within a chunk
+/// was left by a writer that died.
 class ChunkWalk {
  public:
-  /// Throws Error(input): not readable, not XDF.
+  /// Throws Error(input) if the file is not readable or not XDF.
   explicit ChunkWalk(const std::string& file);
 
-  /// False at the end.
+  /// Moves to the next chunk. Returns false at the end.
   bool next();
   [[nodiscard]] Tag tag() const noexcept { return tag_; }
-  /// The stream the present chunk belongs to; 0 for those of the file.
+  /// Returns the stream of the present chunk; 0 for chunks of the file.
   [[nodiscard]] std::uint32_t stream() const noexcept { return stream_; }
 
-  /// The content behind tag and stream; of a chunk that the file does not have all of, what there is. Throws
-  /// Error(input) when it is larger than 1 GiB.
+  /// Returns the content after tag and stream, or as much of it as the file has. Throws Error(input) if it is larger
+  /// than 1 GiB.
   std::string content();
 
   [[nodiscard]] double fraction() const noexcept;
@@ -40,15 +40,15 @@ class ChunkWalk {
   [[nodiscard]] const std::string& file() const noexcept { return file_; }
 
  private:
-  /// Reads what stands before the content at position_; false when it makes no sense.
+  /// Reads the head of the chunk at position_. Returns false if it is invalid.
   bool read_head();
   void note(std::string text);
   bool find_boundary();
 
   std::string file_;
   std::ifstream stream_of_bytes_;
-  std::uint64_t size_ = 0, position_ = 4;        ///< [bytes]; where the next chunk begins
-  std::uint64_t content_ = 0, content_end_ = 0;  ///< of the present chunk
+  std::uint64_t size_ = 0, position_ = 4;        ///< [bytes]; position_: start of the next chunk
+  std::uint64_t content_ = 0, content_end_ = 0;  ///< content of the present chunk, from and to
   bool cut_off_ = false;                         ///< the file ends before the chunk does
   Tag tag_{};
   std::uint32_t stream_ = 0;
@@ -61,31 +61,31 @@ struct Channel {
   std::string label, unit;
 };
 
-/// What a stream's header says.
+/// Contents of a stream header.
 struct StreamInfo {
   std::uint32_t id = 0;
   std::string name, type;
   Format format = Format::float32;
   double nominal_rate = 0;  ///< [Hz]; 0: irregular
   std::size_t channel_count = 0;
-  std::vector<Channel> channels;  ///< as many; labels and units may be empty
+  std::vector<Channel> channels;  ///< one per channel; labels and units may be empty
 };
 
-/// Throws Error(input): not XML, no channels, an unknown format.
+/// Parses the header of a stream. Throws Error(input) if it is not XML, has no channels or an unknown format.
 StreamInfo parse_stream_header(std::uint32_t id, const std::string& xml);
 
-/// The text of <info><`key`> in a file header; empty when there is none.
+/// Returns the text of <info><`key`> in a file header; empty if it is absent.
 std::string file_header_text(const std::string& xml, const char* key);
 
-/// The samples of one chunk. A chunk that lies about their number ends early.
+/// Reads the samples of one chunk. A chunk with fewer samples than it states ends early.
 class SampleWalk {
  public:
   SampleWalk() = default;
   SampleWalk(const StreamInfo* info, std::string content);
 
-  /// Reads the next sample; false at the end. `time` is left empty when the sample has no stamp of its own.
+  /// Reads the next sample. Returns false at the end. Leaves `time` empty if the sample has no stamp of its own.
   bool next(std::optional<double>& time, std::vector<double>& values, std::vector<std::string>& texts);
-  [[nodiscard]] bool complete() const noexcept { return complete_; }  ///< all that were promised were there
+  [[nodiscard]] bool complete() const noexcept { return complete_; }  ///< all stated samples are present
 
  private:
   template <class Value>
@@ -101,10 +101,10 @@ class SampleWalk {
   bool complete_ = true;
 };
 
-/// Measurements of a remote clock against the recorder's, and the map they make: t + a + b (t - t0), a robust line
-/// (Huber's weights, at most 0.1 ms counts in full) through the offsets, which are noisy by the network's delays. A
-/// jump of more than a second is a clock that was set anew: each part has its own line, a stamp belongs to the part
-/// whose measurements are nearest.
+/// Maps times of a remote clock to the recorder's clock, by measured offsets: t + a + b (t - t0). The line is a robust
+/// fit (Huber's weights, full weight up to 0.1 ms), since network delays make the offsets noisy. An offset that jumps
+/// by more than a second means that the clock was reset. Each part between resets has its own line, and a stamp belongs
+/// to the part with the nearest measurements.
 class ClockMap {
  public:
   void add(double time, double offset);

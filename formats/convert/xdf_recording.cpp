@@ -17,8 +17,8 @@
 namespace haptrace {
 namespace {
 
-constexpr double kStale = 1;        // [s]; a held value that is older is no value
-constexpr double kSameTime = 1e-6;  // [s]; stamps of one instant that rounding set apart
+constexpr double kStale = 1;        // [s]; an older held value is not used
+constexpr double kSameTime = 1e-6;  // [s]; stamps that differ by less are equal up to rounding
 
 /// Letters and digits in lower case: "Pos X" -> "posx".
 std::string plain(std::string_view label) {
@@ -30,11 +30,11 @@ std::string plain(std::string_view label) {
   return text;
 }
 
-/// The cells of a row by their CSV names, without time, phase, latency and tick, and what channels of them are called.
+/// A cell of a row by its CSV name, without time, phase, latency and tick, and the channel labels that match it.
 struct Target {
   std::string name;
   std::size_t cell;
-  std::string units;  ///< SI
+  std::string units;  ///< SI unit
   std::vector<std::string> labels;
 };
 
@@ -54,7 +54,7 @@ const std::vector<Target>& targets() {
       if (of == "time" || of == "phase" || of == "latency" || of == "tick") continue;
       for (std::size_t i = 0; i < column.width(); ++i) {
         Target target{std::string(column.names.at(i)), column.first + i, column.column->units, {}};
-        // Channels called mx are moments as a rule: those need --map.
+        // A channel called mx is usually a moment, so a measured force needs --map.
         if (of != "force_measured") target.labels.push_back(target.name);
         if (const auto found = words.find(of); found != words.end()) {
           const std::string axis(1, target.name.back());
@@ -71,19 +71,19 @@ const std::vector<Target>& targets() {
   return all;
 }
 
-/// A channel that is read: where it goes and what it is multiplied by.
+/// Cell and conversion factor of a channel that is read.
 struct Mapping {
   std::size_t channel, cell;
   double factor;
 };
 
-/// Samples of one stream in order, their stamps on the recorder's clock.
+/// Reads the samples of one stream in order, with stamps on the recorder's clock.
 class StreamCursor {
  public:
   StreamCursor(const std::string& file, const xdf::StreamInfo& info, const xdf::ClockMap& clock)
       : walk_(file), info_(&info), clock_(&clock) {}
 
-  /// False at the end.
+  /// Moves to the next sample. Returns false at the end.
   bool next() {
     std::optional<double> stamp;
     for (;;) {
@@ -117,10 +117,10 @@ class StreamCursor {
   std::uint64_t broken_chunks_ = 0;
 };
 
-/// An even clock for the samples from `first` on: a + b (i - first), fitted to their stamps.
+/// Even clock for the samples from `first` on: a + b (i - first), fitted to their stamps.
 struct EvenPart {
   std::uint64_t first = 0;
-  double count = 0, i = 0, t = 0, ii = 0, it = 0;  ///< means and sums about them, gathered one by one (Welford)
+  double count = 0, i = 0, t = 0, ii = 0, it = 0;  ///< means and sums about them, updated one by one (Welford)
   double a = 0, b = 0;
 
   void add(double index, double time) {
@@ -200,14 +200,14 @@ class XdfSource final : public RecordingSource {
   struct Reading {
     Stream* stream;
     StreamCursor cursor;
-    bool more = false;   ///< the cursor is at a sample that is still to come
-    double time = kNaN;  ///< of the held one
+    bool more = false;   ///< the cursor is at a sample that was not used yet
+    double time = kNaN;  ///< time of the held sample [s]
     std::vector<double> held;
   };
 
   [[nodiscard]] const Stream& main() const { return *chosen_.front(); }
 
-  /// Headers and clocks, which stand anywhere in the file.
+  /// Reads the headers and clock offsets, which may be anywhere in the file.
   void read_index() {
     xdf::ChunkWalk walk(file_);
     std::map<std::uint32_t, xdf::ClockMap> clocks;
@@ -219,7 +219,7 @@ class XdfSource final : public RecordingSource {
         auto stream = std::make_unique<Stream>();
         try {
           stream->info = xdf::parse_stream_header(walk.stream(), walk.content());
-        } catch (const Error& error) {  // which need not be one of those that are wanted
+        } catch (const Error& error) {  // the stream may not be needed
           unreadable_ += fmt::format("; {}", error.what());
           continue;
         }
@@ -265,7 +265,7 @@ class XdfSource final : public RecordingSource {
     return (lines.empty() ? "it has no stream" : fmt::format("it has {}", fmt::join(lines, "; "))) + unreadable_;
   }
 
-  /// The channel of `stream` that goes to `target`.
+  /// Returns the channel of `stream` for `target`, if there is one.
   [[nodiscard]] std::optional<std::size_t> channel_of(const Stream& stream, const Target& target) const {
     const auto& channels = stream.info.channels;
     const auto named = options_.channels.find(target.name);
@@ -347,8 +347,8 @@ class XdfSource final : public RecordingSource {
     }
   }
 
-  /// Stamps that a network and a busy machine made uneven, replaced by the clock they scatter about; a gap of more than
-  /// a second and 500 samples begins a new one.
+  /// Fits an even clock to stamps that a network and a busy machine made uneven, and that scatter about it. A gap of
+  /// more than a second and 500 samples starts a new clock.
   void fit_even_clock() {
     const double period = main().info.nominal_rate > 0 ? 1 / main().info.nominal_rate : 0;
     if (period == 0)
@@ -402,8 +402,8 @@ class XdfSource final : public RecordingSource {
     if (!options_.any_order) check_order(block_, before_, file_);
   }
 
-  /// Whether a vector is missing that a recording holds in every row or in none: its stream has not begun yet, or
-  /// pauses.
+  /// Returns true if a vector is missing that a recording holds in every row or in none: its stream has not begun yet,
+  /// or pauses.
   [[nodiscard]] bool incomplete() const {
     return std::any_of(whole_.begin(), whole_.end(), [&](const TextColumn* column) {
       const auto first = cells_.begin() + static_cast<std::ptrdiff_t>(column->first);
@@ -438,7 +438,7 @@ class XdfSource final : public RecordingSource {
       while (cursor.next()) {
         std::vector<std::string> texts = cursor.texts();
         std::erase_if(texts, [](const std::string& text) { return text.empty(); });
-        // Streams of a fixed rate say nothing as an empty text.
+        // Streams of a fixed rate send an empty text if there is no marker.
         if (texts.empty() && stream->info.nominal_rate > 0) continue;
         events_.push_back({cursor.time() - *start_, static_cast<std::int32_t>(EventCode::mark),
                            fmt::format("{}", fmt::join(texts, ", "))});
@@ -451,12 +451,12 @@ class XdfSource final : public RecordingSource {
   std::string file_;
   SourceOptions options_;
   std::vector<std::string> notes_;
-  std::string unreadable_;  ///< streams whose headers make no sense
+  std::string unreadable_;  ///< streams with invalid headers
   std::vector<std::unique_ptr<Stream>> streams_;
-  std::vector<Stream*> chosen_;  ///< the first gives the rows
+  std::vector<Stream*> chosen_;  ///< the first provides the rows
   std::map<std::string, bool> mapped_;
   std::vector<EvenPart> even_;
-  std::vector<Reading> cursors_;  ///< of chosen_
+  std::vector<Reading> cursors_;  ///< one per stream of chosen_
 
   RecordingHeader header_;
   RecordingColumns columns_;
@@ -466,9 +466,9 @@ class XdfSource final : public RecordingSource {
   std::size_t phase_ = text_columns()[text_column("phase")].first, tick_ = text_columns()[text_column("tick")].first;
   std::span<const Sample> block_;
   std::optional<Sample> before_;
-  std::optional<double> start_;             ///< stamp of the first row that was handed on
-  std::uint64_t rows_ = 0, first_row_ = 0;  ///< read; of them the first that was handed on, from one
-  std::vector<const TextColumn*> whole_;    ///< the mapped columns that a recording holds in every row or in none
+  std::optional<double> start_;             ///< stamp of the first row that was passed on [s]
+  std::uint64_t rows_ = 0, first_row_ = 0;  ///< rows read; number of the first that was passed on, from 1
+  std::vector<const TextColumn*> whole_;    ///< mapped columns that a recording holds in every row or in none
   std::uint64_t left_out_ = 0;              ///< rows that lack one of whole_
   bool first_taken_ = false;
 };
