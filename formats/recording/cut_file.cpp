@@ -18,8 +18,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Beside the file where that is allowed: the disk that holds the file is likely to hold it twice. Its name is left in
-/// `name`.
+/// Creates the copy beside the file if possible, since a disk that holds the file probably has room for it twice;
+/// otherwise in the temporary folder. Sets `name` to its name.
 int create_copy(const std::string& file, std::string& name) {
   std::error_code error;
   const fs::path folder = fs::path(file).has_parent_path() ? fs::path(file).parent_path() : fs::path(".");
@@ -80,7 +80,7 @@ bool CutFile::holds(const hdf5::Dataset& dataset, std::uint64_t first, std::uint
     hsize_t bytes = 0;
     if (H5Dget_chunk_info_by_coord(dataset.get(), offset.data(), &skipped, &address, &bytes) < 0) return false;
     if (address == HADDR_UNDEF) return false;
-    // What is packed is needed whole.
+    // A compressed chunk is only useful as a whole.
     const std::uint64_t needed =
         bytes == chunk_rows * row_bytes ? (std::min(end, begin + chunk_rows) - begin) * row_bytes : bytes;
     if (address + needed > present_) return false;

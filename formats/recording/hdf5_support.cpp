@@ -11,13 +11,13 @@
 namespace haptrace::hdf5 {
 namespace {
 
-/// What a writer has half-written is read again, after 1 ns, 2 ns, 4 ns and so on: for 34 ms in all. HDF5's own 100
-/// attempts would keep who opens a damaged file for ever.
+/// Number of attempts to read what a writer has half-written, after 1 ns, 2 ns, 4 ns and so on: for 34 ms in all.
+/// HDF5's own 100 attempts would block the reader of a damaged file forever.
 constexpr unsigned kReadAttempts = 25;
 
-/// A file whose disk broke during a flush cannot be closed: HDF5 1.10 frees it, keeps its identifier and follows that
-/// at the end of the program, which would crash after everything was told. We close what we open; so it need not look.
-/// Takes effect before the first use of HDF5 in the program only.
+/// HDF5 1.10 cannot close a file whose disk failed during a flush. It frees the file, keeps its identifier and follows
+/// that when the program exits, which would crash after all results are reported. We close every file that we open, so
+/// HDF5 need not do so. This only works before the first use of HDF5 in the program.
 [[maybe_unused]] const bool kNothingAtExit = H5dont_atexit() >= 0;
 
 Attribute new_attribute(hid_t object, const char* name, hid_t type) {
@@ -34,7 +34,7 @@ Attribute open_attribute(hid_t object, const char* name) {
   return Attribute(checked(H5Aopen(object, name, H5P_DEFAULT), fmt::format("attribute {} cannot be opened", name)));
 }
 
-/// An attribute of one element; none when it is absent or has another shape.
+/// Opens an attribute of one element; returns none if it is absent or has another shape.
 Attribute open_scalar(hid_t object, const char* name) {
   if (H5Aexists(object, name) <= 0) return {};
   Attribute attribute(H5Aopen(object, name, H5P_DEFAULT));
@@ -48,7 +48,7 @@ H5T_class_t class_of(const Attribute& attribute) {
   return H5Tget_class(type.get());
 }
 
-/// `reason` says why, when there is no file.
+/// Opens a file. If that fails, `reason` states why.
 File try_open(const std::string& file, unsigned flags, std::string& reason, unsigned attempts = kReadAttempts) {
   const Properties access(H5Pcreate(H5P_FILE_ACCESS));
   H5Pset_fclose_degree(access.get(), H5F_CLOSE_STRONG);
@@ -244,10 +244,10 @@ std::vector<std::string> link_names(hid_t group) {
 
 namespace {
 
-constexpr int kMostSoftLinks = 16;          // one behind the other
+constexpr int kMostSoftLinks = 16;          // in a chain
 constexpr std::size_t kLongestLink = 4096;  // bytes
 
-/// The path without soft links; empty when it leads nowhere. `outside` says why, when it leads out of the file.
+/// Returns the path without soft links; empty if it leads nowhere. `outside` states why if it leads out of the file.
 std::string resolved(hid_t file, const std::string& path, std::string& outside, int soft_links = 0) {
   for (std::size_t slash = path.find('/', 1);; slash = path.find('/', slash + 1)) {
     const std::string part = path.substr(0, slash);
@@ -284,7 +284,7 @@ void require_inside(hid_t file, const std::string& path, const std::string& outs
   throw input_error(fmt::format("{}: {}: {}; haptrace reads no other file for it", name.data(), path, outside));
 }
 
-/// Resolves the path, which must not lead out.
+/// Resolves the path. Throws if it leads out of the file.
 std::string resolved_inside(hid_t file, const std::string& path) {
   std::string outside;
   std::string inside = resolved(file, path, outside);
@@ -371,8 +371,8 @@ std::uint64_t chunk_rows(hid_t dataset) {
   return std::max<hsize_t>(chunk[0], 1);
 }
 
-/// The mark of a writer in a superblock of version 3, the one that SWMR needs: the byte after the signature, the
-/// version and two sizes (HDF5 File Format Specification, II.A).
+/// Reads the mark of a writer in a superblock of version 3, which SWMR needs: the byte after the signature, the version
+/// and two sizes (HDF5 File Format Specification, II.A).
 bool was_left_open(const std::string& file) {
   std::array<char, 12> head{};
   std::ifstream(file, std::ios::binary).read(head.data(), head.size());
@@ -402,7 +402,7 @@ File open_to_read(const std::string& file, bool patiently) {
 
   std::string reason, ignored;
   if (File opened = try_open(file, H5F_ACC_RDONLY, reason)) return opened;
-  // A writer is at work, or was killed: its mark in the superblock lets only SWMR readers in.
+  // If a writer is at work or was killed, its mark in the superblock admits only SWMR readers.
   if (was_left_open(file))
     if (File opened = try_open(file, H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, ignored, patiently ? kReadAttempts : 1))
       return opened;

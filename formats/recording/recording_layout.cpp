@@ -40,7 +40,7 @@ constexpr Attribute kAttributes[] = {
     {kContinued, &RecordingHeader::continued, true, true},
 };
 
-/// How a member of Sample lies in a row: as it is,
+/// Stores a member of Sample as it is.
 template <auto Member>
 struct Plain {
   using Value = std::remove_cvref_t<decltype(std::declval<Sample>().*Member)>;
@@ -48,7 +48,7 @@ struct Plain {
   static void set(Sample& sample, const Value& value) { sample.*Member = value; }
 };
 
-/// or as three numbers,
+/// Stores a vector as three numbers.
 template <Vec3 Sample::*Member>
 struct Vector {
   using Value = std::array<double, 3>;
@@ -59,7 +59,7 @@ struct Vector {
   static void set(Sample& sample, const Value& value) { sample.*Member = Vec3(value[0], value[1], value[2]); }
 };
 
-/// or in other units or order.
+/// Stores time in seconds.
 struct Seconds {
   using Value = double;
   static Value get(const Sample& sample) { return static_cast<double>(sample.time_ns) * 1e-9; }
@@ -147,7 +147,7 @@ constexpr Column kColumns[] = {
     column<Plain<&Sample::latency>>("latency", "s", "wake-up time minus deadline"),
 };
 
-/// Whole numbers, truths among them, are uint64 in the file.
+/// Field of one number. Integers and booleans are uint64 in the file.
 template <auto Member>
 constexpr OverviewField number(const char* name) {
   using Value = std::remove_cvref_t<decltype(std::declval<RecordingSummary>().*Member)>;
@@ -164,7 +164,7 @@ constexpr OverviewField number(const char* name) {
           }};
 }
 
-/// A vector of three; `Of` finds it in a summary, constant or not.
+/// Field of a vector of three. `Of` returns it from a summary, const or not.
 template <auto Of>
 constexpr OverviewField vector(const char* name) {
   return {name, true, 3,
@@ -212,7 +212,7 @@ constexpr OverviewField kOverviewFields[] = {
 
 double clock_drift(std::span<const ClockReading> readings) {
   if (readings.size() < 2) return kNaN;
-  // A line by least squares, from the first reading on, so that the numbers stay small.
+  // Fits a line by least squares, relative to the first reading, so that the numbers stay small.
   const ClockReading& first = readings.front();
   double xx = 0, xy = 0;
   double mean_x = 0, mean_y = 0;

@@ -1,4 +1,4 @@
-// The layout of a recording, stated once: writer, reader and check all walk these tables. Private to formats.
+// Layout of a recording, stated once: writer, reader and check all use these tables. Private to formats.
 #pragma once
 
 #include "formats/recording/recording.h"
@@ -18,16 +18,16 @@ namespace haptrace::layout {
 inline constexpr std::string_view kFormat = "haptrace-recording";
 inline constexpr int kMajorVersion = 1;
 
-/// Since 1.1, values that are rounded lie on a DecimalGrid.
+/// Returns true from version 1.1 on, in which rounded values lie on a DecimalGrid.
 bool has_grid(std::string_view format_version);
 
-/// HDF5 keeps an attribute of a fixed size in the object header, whose messages end at 64 KiB.
+/// HDF5 stores an attribute of fixed size in the object header, whose messages end at 64 KiB.
 inline constexpr std::size_t kLongestText = 60'000;  // [bytes]
 
-/// Times beyond it do not fit into the 63 bits of nanoseconds that a Sample keeps them in.
+/// Longer times do not fit into the 63 bits of nanoseconds of a Sample.
 inline constexpr double kLongestTime = 9.2e9;  // [s]
 
-/// An attribute of the root and where the header keeps it. Beside these the root has `format`, always kFormat.
+/// A root attribute and its member of the header. The root also has `format`, always kFormat.
 struct Attribute {
   const char* name;
   std::variant<std::string RecordingHeader::*, double RecordingHeader::*, bool RecordingHeader::*,
@@ -40,14 +40,16 @@ std::span<const Attribute> attributes();
 
 inline constexpr const char* kContinued = "continued";
 
-/// Room for the attribute `warnings`, which gets its text when the session has ended [bytes].
+/// Attribute that receives its text when the session has ended, and its size [bytes]. With its header it fills one
+/// page, since it changes while others read.
 inline constexpr const char* kWarnings = "warnings";
-inline constexpr std::size_t kWarningBytes = 3840;  ///< which change while others read: with their header, one page
+inline constexpr std::size_t kWarningBytes = 3840;
 
-/// JSON of as many of `warnings` as fit into kWarningBytes with a final zero: notes are left out first, then the last.
+/// Returns JSON of as many `warnings` as fit into kWarningBytes with a final zero. Omits notes first, then the last
+/// ones.
 std::string warnings_text(const nlohmann::json& warnings);
 
-/// The types of a dataset's elements; little-endian in the file.
+/// Types of a dataset's elements; little-endian in the file.
 enum class Element { float64, float32, uint64, uint32, uint8 };
 
 std::size_t size_of(Element element);
@@ -56,15 +58,15 @@ inline bool is_float(Element element) {
   return element == Element::float64 || element == Element::float32;
 }
 
-/// A dataset of /samples. Its first dimension is the sample, its second, when `width` > 1, the component.
+/// A dataset of /samples. Its first dimension is the sample; if `width` > 1, the second is the component.
 struct Column {
   const char* name;
   Element element;
   std::size_t width;
   const char* units;
   const char* description;
-  bool RecordingColumns::*option;  ///< which choice it belongs to; null when every recording has it
-  double Precision::*quantity;     ///< how it may be rounded; null: never
+  bool RecordingColumns::*option;  ///< option that includes it; null if every recording has it
+  double Precision::*quantity;     ///< bound of its rounding; null: never rounded
   void (*pack)(std::span<const Sample> samples, std::byte* rows);    ///< samples -> rows of the file
   void (*unpack)(const std::byte* rows, std::span<Sample> samples);  ///< rows of the file -> samples
 
@@ -73,25 +75,25 @@ struct Column {
   [[nodiscard]] std::string path() const { return std::string("/samples/") + name; }
 };
 
-/// Time is the first.
+/// Returns all columns; time is the first.
 std::span<const Column> columns();
 
-/// Of all datasets and groups that a recording can have.
+/// Returns the paths of all datasets and groups that a recording can have.
 std::vector<std::string> paths();
 
-/// A row of /events: the compound type, byte for byte.
+/// Byte layout of a row of /events, a compound type.
 struct EventRow {
-  static constexpr std::size_t kTextBytes = kLongestEventText + 1;  ///< with the final zero
+  static constexpr std::size_t kTextBytes = kLongestEventText + 1;  ///< including the final zero
   static constexpr std::size_t kTime = 0, kCode = 8, kText = 12, kBytes = kText + kTextBytes;
 };
 inline constexpr const char* kEvents = "/events";
 inline constexpr const char* kEventUnits = "time: s";
 
-/// A member of /events as a dataset of its own, for programs that read no compounds: a copy that no reader of ours
-/// needs.
+/// A member of /events as a separate dataset, for programs that cannot read compounds. haptrace's own readers do not
+/// need this copy.
 struct EventColumn {
   const char* path;
-  std::size_t offset, bytes;  ///< of an EventRow
+  std::size_t offset, bytes;  ///< position in an EventRow
   const char* units;
 };
 inline constexpr const char* kEventList = "/event_list";
@@ -101,10 +103,10 @@ inline constexpr std::array<EventColumn, 3> kEventColumns{
      {"/event_list/text", EventRow::kText, EventRow::kTextBytes, "1"}}};
 inline constexpr const char* kEventListDescription = "the same as in /events, for programs that read no compounds";
 
-/// A field of a row of /overview, where a RecordingSummary keeps it: numbers of 8 bytes, one or three.
+/// A field of a row of /overview and its member of RecordingSummary: one or three numbers of 8 bytes.
 struct OverviewField {
   const char* name;
-  bool floating;      ///< float64, else uint64
+  bool floating;      ///< float64, otherwise uint64
   std::size_t width;  ///< 1 or 3
   void (*pack)(const RecordingSummary& summary, std::byte* field);
   void (*unpack)(const std::byte* field, RecordingSummary& summary);
@@ -116,20 +118,21 @@ inline constexpr const char* kOverview = "/overview";
 inline constexpr const char* kOverviewUnits = "SI";
 inline constexpr const char* kOverviewDescription =
     "figures of consecutive blocks of rows, so that a long recording need not be read to be told; may lag behind";
-inline constexpr std::uint64_t kOverviewRows = 8192;  ///< of a block that is not the last
+inline constexpr std::uint64_t kOverviewRows = 8192;  ///< per block, except the last
 
-/// XXH3 (64 bits) of the bytes of each column in each block of rows; 0: not known. uint64 [blocks, columns].
+/// XXH3 (64 bits) of the bytes of each column in each block of rows; 0: unknown. uint64 [blocks, columns].
 inline constexpr const char* kChecksums = "/checksums";
 inline constexpr const char* kChecksumUnits = "1";
 inline constexpr const char* kChecksumDescription =
     "XXH3 of every block of rows of every column: little-endian bytes as they are read; 0 where not known";
-inline constexpr const char* kChecksumRows = "rows";        ///< attribute: of a block that is not the last
+inline constexpr const char* kChecksumRows = "rows";        ///< attribute: rows per block, except the last
 inline constexpr const char* kChecksumColumns = "columns";  ///< attribute: names of datasets, in order, with commas
-/// Attributes of the root, of all rows of that dataset; 0 until the recording is closed.
+/// Root attributes: checksum of all rows of the dataset; 0 until the recording is closed.
 inline constexpr const char* kEventsChecksum = "events_checksum";
 inline constexpr const char* kOverviewChecksum = "overview_checksum";
 
-/// Readings of the computer's clocks: int64 [readings, 5], a ClockReading in order, then XXH3 of the four.
+/// Readings of the computer's clocks: int64 [readings, 5], the members of a ClockReading in order, then XXH3 of these
+/// four.
 inline constexpr const char* kClocks = "/clocks";
 inline constexpr const char* kClockUnits = "ns";
 inline constexpr const char* kClockDescription =
@@ -137,14 +140,14 @@ inline constexpr const char* kClockDescription =
     "these four";
 using ClockRow = std::array<std::int64_t, 5>;
 ClockRow pack(const ClockReading& reading);
-std::optional<ClockReading> unpack(const ClockRow& row);  ///< nothing when the checksum is another
+std::optional<ClockReading> unpack(const ClockRow& row);  ///< nothing if the checksum differs
 
-/// XXH3 of what it is given piece by piece. Never 0.
+/// Computes XXH3 of data piece by piece. It is never 0.
 class Checksum {
  public:
   Checksum();
   void add(std::span<const std::byte> bytes);
-  [[nodiscard]] std::uint64_t take();  ///< and begins anew
+  [[nodiscard]] std::uint64_t take();  ///< returns the checksum and resets
 
  private:
   struct Free {
@@ -154,32 +157,32 @@ class Checksum {
 };
 std::uint64_t checksum(std::span<const std::byte> bytes);
 
-/// The decimal places to which HDF5's scale-offset filter rounds. What was put on the grid before it was stored comes
-/// back bit for bit when what is read is put on it again.
+/// Decimal grid to which HDF5's scale-offset filter rounds. A value that is put on the grid before it is stored comes
+/// back bit for bit if it is put on the grid again after reading.
 class DecimalGrid {
  public:
   explicit DecimalGrid(int digits);
-  static DecimalGrid within(double bound);  ///< the coarsest whose errors are at most `bound`
+  static DecimalGrid within(double bound);  ///< coarsest grid with errors of at most `bound`
 
   [[nodiscard]] int digits() const noexcept { return digits_; }
   [[nodiscard]] double step() const noexcept { return 1 / scale_; }
 
-  /// True for a value that the filter keeps: finite, and of few enough steps.
+  /// Returns true if the filter can hold the value: it is finite and not too many steps from zero.
   [[nodiscard]] bool holds(double value) const noexcept { return std::abs(value) * scale_ < kMostSteps; }
 
-  /// The nearest place; a value that the filter does not hold as it is.
+  /// Returns the nearest grid value, or the value itself if the filter cannot hold it.
   [[nodiscard]] double snap(double value) const noexcept {
-    return holds(value) ? std::nearbyint(value * scale_) / scale_ + 0.0 : value;  // there is no -0 on the grid
+    return holds(value) ? std::nearbyint(value * scale_) / scale_ + 0.0 : value;  // the grid has no -0
   }
-  void snap(std::span<std::byte> values) const noexcept;  ///< of float64
+  void snap(std::span<std::byte> values) const noexcept;  ///< for float64
 
  private:
-  static constexpr double kMostSteps = 0x1p48;  // well within the 53 bits of a double: HDF5 reckons in doubles
+  static constexpr double kMostSteps = 0x1p48;  // well within the 53 bits of a double, in which HDF5 computes
   int digits_;
   double scale_;
 };
 
-/// The group whose attributes are the experimenter's own, all of them text.
+/// Group for the experimenter's own attributes, all of them text.
 inline constexpr const char* kMeta = "/meta";
 
 inline constexpr const char* kEventDescription =

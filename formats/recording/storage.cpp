@@ -15,7 +15,6 @@ struct PrecisionUnit {
   std::string_view name;
   double Precision::*quantity;
 };
-// A longer name stands before the one it ends with.
 constexpr std::array<PrecisionUnit, 4> kPrecisionUnits{
     {{"m/s", &Precision::velocity}, {"Nm", &Precision::torque}, {"N", &Precision::force}, {"m", &Precision::position}}};
 
@@ -25,7 +24,7 @@ struct Prefix {
 };
 constexpr std::array<Prefix, 5> kPrefixes{{{"", 1}, {"m", 1e-3}, {"u", 1e-6}, {"µ", 1e-6}, {"n", 1e-9}}};
 
-/// Sets the quantity that `part` names; false when it names none.
+/// Sets the quantity that `part` names. Returns false if it names none.
 bool read_part(std::string_view part, Precision& precision) {
   const auto number = take_number<double>(part);
   if (!number || !(*number > 0) || !std::isfinite(*number)) return false;

@@ -1,4 +1,4 @@
-// How the values of a recording lie on the disk: as they are, packed, or rounded to what is asked for.
+// Storage of the values of a recording: as they are, compressed, or rounded to a requested precision.
 #pragma once
 
 #include <cstddef>
@@ -7,7 +7,7 @@
 
 namespace haptrace {
 
-/// The largest error that a stored value may have, by quantity; 0 keeps every bit. SI.
+/// Largest error of a stored value, by quantity, in SI units; 0 keeps every bit.
 struct Precision {
   double position = 0;  ///< [m]
   double velocity = 0;  ///< [m/s]
@@ -18,31 +18,31 @@ struct Precision {
   bool operator==(const Precision&) const = default;
 };
 
-/// Reads "1um,1mN": a positive number, a prefix (n, u or µ, m or none) and a unit (m, m/s, N, Nm) for every quantity
-/// that may be rounded. Empty: none. Throws Error(input) naming the part.
+/// Parses "1um,1mN": a positive number, a prefix (n, u or µ, m or none) and a unit (m, m/s, N, Nm) for every quantity
+/// that may be rounded. Empty: no rounding. Throws Error(input) naming the part.
 Precision parse_precision(std::string_view text);
 
-/// The inverse, for people and configurations.
+/// Formats a precision for users and configurations, so that parse_precision() can read it.
 std::string to_string(const Precision& precision);
 
-/// Storage of a recording. HDF5's own filters, so that any HDF5 program reads it.
+/// Storage of a recording. It uses HDF5's own filters, so that any HDF5 program can read the file.
 struct Storage {
-  /// 0: as it lies in memory; 1 to 9: shuffle and deflate.
+  /// Compression. 0: none; 1 to 9: level of deflate, after shuffle where that helps.
   int deflate = 0;
 
   /// Rounds with HDF5's scale-offset filter, to the coarsest decimal step that keeps the bound. Values that the filter
-  /// cannot hold within it (not finite, or too far apart) are stored as they are.
+  /// cannot hold within the bound (not finite, or too far apart) are stored as they are.
   Precision precision;
 
-  /// Rows that are written at once; 0: chosen by how they are stored. Chunks that are stored as they lie in memory cost
-  /// less the larger they are, and a flush in between adds to the last one; chunks with a filter are written when they
-  /// are full, so that up to this many rows are lost with the process.
+  /// Rows per chunk; 0: chosen by the other settings. Unfiltered chunks cost less the larger they are, and a flush in
+  /// between extends the last one. Filtered chunks are written when they are full, so up to this many rows are lost if
+  /// the process dies.
   std::size_t rows_per_chunk = 0;
 
   [[nodiscard]] bool filtered() const noexcept { return deflate > 0 || !precision.lossless(); }
 };
 
-/// Throws Error(input) unless the level is 0 to 9 and every bound finite and not negative.
+/// Throws Error(input) unless the level is 0 to 9 and every bound is finite and not negative.
 void validate(const Storage& storage);
 
 }  // namespace haptrace

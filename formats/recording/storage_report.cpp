@@ -11,7 +11,7 @@
 namespace haptrace {
 namespace {
 
-/// The differences of one column, gathered.
+/// Accumulates the differences of one column.
 struct Loss {
   double squares = 0, largest = 0;
   std::uint64_t count = 0;
