@@ -17,14 +17,14 @@ namespace {
 using Severity = Finding::Severity;
 
 constexpr std::uint64_t kCheckedBlock = 8192;      // rows
-constexpr double kQuaternionTolerance = 1e-3;      // of the norm
-constexpr double kForceTolerance = 1e-6;           // of max_force_n
-constexpr std::int64_t kEventSlack = 100'000'000;  // [ns] between a missed tick and the event that tells of it
-constexpr std::int64_t kRepeats = 20'000'000;  // [ns] for which a device may repeat a state before an event tells so
-constexpr double kRepeatedTicks = 3;           // for which it may, where they are longer
-constexpr double kGridSlack = 1e-3;            // [s] between time and tick / rate
+constexpr double kQuaternionTolerance = 1e-3;      // from the norm 1
+constexpr double kForceTolerance = 1e-6;           // relative to max_force_n
+constexpr std::int64_t kEventSlack = 100'000'000;  // [ns] between a missed tick and the event that reports it
+constexpr std::int64_t kRepeats = 20'000'000;      // [ns] for which a device may repeat a state without an event
+constexpr double kRepeatedTicks = 3;               // ticks that are added to kRepeats
+constexpr double kGridSlack = 1e-3;                // [s] between time and tick / rate
 
-/// What is found, in order. Of the same complaint about many rows only the first is kept, with their number.
+/// Collects findings in order. If many rows give the same complaint, keeps the first one with their number.
 class Findings {
  public:
   void add(Severity severity, std::string where, std::string what) {
@@ -122,7 +122,7 @@ void check_attribute(hid_t root, const layout::Attribute& attribute, Findings& f
   }
 }
 
-/// False when something of the recording lies in another file: nothing of it is looked at.
+/// Returns false if a part of the recording lies in another file; nothing else is checked then.
 bool check_inside(hid_t file, Findings& findings) {
   for (const std::string& path : layout::paths())
     if (std::string outside = hdf5::why_outside(file, path); !outside.empty())
@@ -169,7 +169,7 @@ void check_fill_value(hid_t dataset, const std::string& path, Findings& findings
     findings.add(Severity::error, path, fmt::format("its fill value is {} instead of NaN", fill));
 }
 
-/// The number of rows, if the dataset is one.
+/// Checks a column. Returns its number of rows if it has the right shape.
 std::optional<hsize_t> check_column(hid_t file, const layout::Column& column, Findings& findings) {
   const std::string path = column.path();
   const hdf5::Dataset dataset = hdf5::open_dataset(file, path);
@@ -235,7 +235,7 @@ void check_events_dataset(hid_t file, Findings& findings) {
 
 // ---- the values ----
 
-/// Infinity nowhere; NaN only where "not measured" and "no reference" may stand.
+/// Checks that no value is infinite, and that NaN stands only for "not measured" and "no reference".
 void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows, bool values_lost,
                   const std::function<void(std::uint64_t)>& progress, Findings& findings) {
   const std::string path = column.path();
@@ -273,7 +273,7 @@ bool tells_of_gap(EventCode code) {
          code == EventCode::states_stopped || code == EventCode::states_resumed;
 }
 
-/// The laws that rows and events keep among each other. Fed with every sample in order.
+/// Checks the rules between samples, and between samples and events. Called with every sample in order.
 class Laws {
  public:
   Laws(const RecordingHeader& header, const std::vector<StoredEvent>& events, Findings& findings)
@@ -328,7 +328,7 @@ class Laws {
     if (s.tick <= previous_.tick)
       return findings_.add_row(Severity::error, "/samples/tick", row, "order",
                                fmt::format("{} does not come after {} of the row before", s.tick, previous_.tick));
-    // Ticks that find no new sample of the device leave no row, and for so short a time no event.
+    // Ticks without a new sample from the device leave no row, and no event if they are few.
     const bool repeats =
         paced_ && s.time_ns - previous_.time_ns <= kRepeats + std::llround(kRepeatedTicks * 1e9 / header_.rate_hz);
     if (s.tick > previous_.tick + 1 && !repeats) {
@@ -338,7 +338,7 @@ class Laws {
             Severity::warning, "/samples/tick", row, "gap",
             fmt::format("{} ticks are missing before it, and no event tells of them", s.tick - previous_.tick - 1));
     }
-    // A tick wakes on the grid of the rate, later by its latency; a path written as a recording has no such grid.
+    // A tick wakes on the grid of the rate, later by its latency. A path stored as a recording has no such grid.
     const double on_grid = static_cast<double>(s.tick - first_.tick) / header_.rate_hz + s.latency - first_.latency;
     const double off = seconds(s) - seconds(first_) - on_grid;
     if (paced_ && std::abs(off) > 1 / header_.rate_hz + kGridSlack + 1e-4 * on_grid)
@@ -356,7 +356,7 @@ class Laws {
 };
 
 void check_events(const std::vector<StoredEvent>& events, double begin, double end, Findings& findings) {
-  constexpr double kSlack = 1;  // [s]: what is told before the first sample and after the last
+  constexpr double kSlack = 1;  // [s]: for events before the first sample and after the last
   for (std::size_t i = 0; i < events.size(); ++i) {
     const double t = events[i].time;
     if (!std::isfinite(t) || t < begin - kSlack || t > end + kSlack)
@@ -371,13 +371,13 @@ void check_events(const std::vector<StoredEvent>& events, double begin, double e
   }
 }
 
-/// The figures that the file keeps of its rows must be those of its rows. Fed with every sample in order.
+/// Checks that the stored summaries are those of the rows. Called with every sample in order.
 class OverviewLaw {
  public:
-  /// `rounded`: the step to which positions are, when figures are of the rows before they were; 0: they are not.
+  /// `rounded`: rounding step of the positions if the summaries were made before rounding; 0 otherwise.
   OverviewLaw(const RecordingReader& reader, double rounded, Findings& findings)
       : findings_(findings), rounded_(rounded) {
-    // The last ones may have been made of the rows just now, and say nothing of the file.
+    // The reader may have computed the last ones from the rows just now; these say nothing about the file.
     std::size_t made = 0;
     blocks_ = reader.overview([&](std::uint64_t) { ++made; });
     blocks_.resize(blocks_.size() - made);
@@ -408,9 +408,9 @@ class OverviewLaw {
   }
 
   [[nodiscard]] bool same(const layout::OverviewField& field, const std::byte* a, const std::byte* b) const {
-    constexpr double kSame = 1e-9;  // of the larger: sums of the same numbers in another order
+    constexpr double kSame = 1e-9;  // relative to the larger one: the order of sums may differ
     if (!field.floating) return std::memcmp(a, b, field.bytes()) == 0;
-    // Rounded rows have other lengths and speeds than the rows that were rounded; their places are near.
+    // Rounding changes path lengths and speeds; positions stay close.
     if (rounded_ > 0 && field.width == 1) return true;
     for (std::size_t i = 0; i < field.width; ++i) {
       double x = 0, y = 0;
@@ -429,7 +429,7 @@ class OverviewLaw {
   Summariser summariser_;
 };
 
-/// The step to which the positions of a file are rounded whose figures are of the values before; 0: there is none.
+/// Returns the rounding step of the positions in a file whose summaries were made before rounding; 0 if there is none.
 double rounding_before_1_1(hid_t file, const std::string& format_version) {
   if (layout::has_grid(format_version)) return 0;
   double step = 0;
@@ -452,7 +452,7 @@ void check_clocks(hid_t file, const RecordingReader& reader, Findings& findings)
       findings.add_row(Severity::error, layout::kClocks, i, "order", "does not come after the reading before");
 }
 
-/// That /event_list says what /events does. Files before 1.1 have none.
+/// Checks that /event_list equals /events. Files before 1.1 have none.
 void check_event_list(hid_t file, const std::vector<StoredEvent>& events, Findings& findings) {
   for (const layout::EventColumn& column : layout::kEventColumns) {
     const hdf5::Dataset dataset = hdf5::open_dataset(file, column.path);
@@ -490,7 +490,7 @@ void check_values(hid_t file, const std::string& name, const std::function<void(
   const bool values_lost = std::any_of(events.begin(), events.end(), [](const StoredEvent& event) {
     return event.code == static_cast<int>(EventCode::values_lost);
   });
-  // The columns once for themselves, and once together.
+  // One pass for each column, and one for all columns together.
   const auto passes = 1 + std::count_if(layout::columns().begin(), layout::columns().end(), [&](const auto& column) {
                         return column.in(reader.columns()) && layout::is_float(column.element);
                       });
@@ -557,7 +557,7 @@ std::vector<Finding> check_recording(const std::string& file, const std::functio
       all.push_back({partial ? Severity::warning : Severity::error, missing,
                      "is missing or cannot be read, and is a part of this recording"});
   } catch (const Error&) {
-    // Its own check says why.
+    // check_file() reports why.
   }
   for (std::size_t part = 0; part < files.size(); ++part) {
     const auto of_all = [&](double done) {

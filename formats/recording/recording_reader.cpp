@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::uint64_t kReadBlock = 4096;  // rows
 constexpr std::uint64_t kMostRowsOfChecksum = 1U << 24U;
-constexpr std::uint64_t kDensest = 1100;  // deflate cannot pack bytes closer than 1032 to one
+constexpr std::uint64_t kDensest = 1100;  // deflate compresses at most 1032 bytes to one
 
 std::map<std::string, std::string> read_meta(hid_t file) {
   std::map<std::string, std::string> meta;
@@ -30,10 +30,10 @@ std::map<std::string, std::string> read_meta(hid_t file) {
   return meta;
 }
 
-/// `lost`: takes what cannot be read, in words; null: that is thrown.
+/// Receives the messages of failed reads. Null: these errors are thrown.
 using Lost = std::vector<std::string>*;
 
-/// Does `read`, whose failure costs what `lost` is told and no more.
+/// Calls `read`. If it throws, adds the message to `lost` and continues.
 template <class Read>
 void tolerate(Lost lost, const Read& read) {
   if (lost == nullptr) return read();
@@ -44,7 +44,8 @@ void tolerate(Lost lost, const Read& read) {
   }
 }
 
-/// A file whose version is damaged may be read as if it had ours; one that is newer than this program may not.
+/// Rejects a file that is newer than this program. With `lost`, a file whose version is damaged is read as the current
+/// version.
 void check_version(const std::string& file, const std::string& version, Lost lost) {
   std::string_view rest = version;
   const auto major = take_number<int>(rest);
@@ -102,7 +103,7 @@ class RecordingReader::Part {
  public:
   using Told = std::function<void(const Damage&)>;
 
-  /// `lost`: as much is opened as can be, and what cannot is told to it; null: that is thrown.
+  /// Opens a file. With `lost`, opens as much as possible and adds the rest to `lost`; null: errors are thrown.
   explicit Part(const std::string& file, Lost lost = nullptr)
       : name_(file),
         cut_(lost == nullptr ? std::nullopt : CutFile::of(file)),
@@ -129,7 +130,7 @@ class RecordingReader::Part {
     const hdf5::Object root(H5Oopen(file_.get(), "/", H5P_DEFAULT));
     const std::string what = name_ + ": cannot be read again";
     hdf5::checked(H5Orefresh(root.get()), what);
-    // Before the datasets: of a recording that is said to be complete, all of them are read.
+    // Before the datasets: if the recording is marked complete, all of them are read.
     hdf5::read_attribute(root.get(), "complete", header_.complete);
     hdf5::read_attribute(root.get(), layout::kContinued, header_.continued);
     hdf5::checked(H5Drefresh(events_.get()), what);
@@ -140,7 +141,8 @@ class RecordingReader::Part {
     read_checksums();
   }
 
-  /// Fills `samples` from row `first` on. Other values than those recorded are told, or thrown when there is no `told`.
+  /// Fills `samples` from row `first` on. Reports values that differ from the recorded ones to `told`; without `told`,
+  /// throws.
   void read(std::uint64_t first, std::span<Sample> samples, std::span<const std::string_view> names,
             const Told& told) const {
     std::vector<std::byte> buffer;
@@ -157,12 +159,12 @@ class RecordingReader::Part {
     }
   }
 
-  /// The same for a damaged file: what cannot be read stays as it is in `samples`, and is told.
+  /// Reads a damaged file in the same way. Leaves unreadable values in `samples` unchanged, and reports them.
   void salvage(std::uint64_t first, std::span<Sample> samples, const Told& told) const {
     for (const Opened& entry : opened_) salvage(entry, first, samples, told);
   }
 
-  /// What other programs put into the file: paths, those of attributes with an @.
+  /// Appends the paths of other programs' objects in the file; those of attributes have an @.
   void append_foreign(std::vector<std::string>& found) const {
     const std::vector<std::string> known = layout::paths();
     const auto is_known = [&](const std::string& path) {
@@ -199,7 +201,7 @@ class RecordingReader::Part {
         std::memcpy(&event.code, row + layout::EventRow::kCode, sizeof event.code);
         event.text.assign(row + layout::EventRow::kText,
                           strnlen(row + layout::EventRow::kText, layout::EventRow::kTextBytes));
-        // Rows that were grown into but never written.
+        // Rows that were allocated but never written.
         if (std::isnan(event.time)) events.pop_back();
       }
     }
@@ -207,7 +209,8 @@ class RecordingReader::Part {
       tell({name_, layout::kEvents, 0, std::max<hsize_t>(count, 1), kNotRecorded}, told);
   }
 
-  /// A reading that is not what was recorded is told, if there is `told`, and left out: the others say the same.
+  /// Omits a reading that differs from the recorded one, and reports it if there is `told`: the other readings agree
+  /// anyway.
   void append_clocks(std::vector<ClockReading>& clocks, const Told& told) const {
     if (!clocks_) return;
     const hsize_t count = hdf5::shape(clocks_.get())[0];
@@ -219,7 +222,7 @@ class RecordingReader::Part {
     for (std::size_t i = 0; i < rows.size(); ++i)
       if (const std::optional<ClockReading> reading = layout::unpack(rows[i]))
         clocks.push_back(*reading);
-      else if (told && rows[i] != layout::ClockRow{})  // else: grown into, and never written
+      else if (told && rows[i] != layout::ClockRow{})  // otherwise it was allocated but never written
         told({name_, layout::kClocks, i, 1, kNotRecorded});
   }
 
@@ -229,15 +232,15 @@ class RecordingReader::Part {
     return level ? static_cast<int>(level->front()) : 0;
   }
 
-  /// The blocks that the file keeps figures of, as far as they are of rows that are there. Figures that are not those
-  /// recorded are told, if there is `told`, and left out: the rows say the same.
+  /// Returns the stored summaries of the blocks whose rows are present. Omits summaries that differ from the recorded
+  /// ones, and reports them if there is `told`: they can be computed from the rows.
   [[nodiscard]] std::vector<RecordingSummary> stored_overview(const Told& told) const {
     std::vector<RecordingSummary> blocks;
     if (!overview_) return blocks;
     const hdf5::Type type = hdf5::overview_type();
     const std::size_t bytes = H5Tget_size(type.get());
     const hsize_t count = hdf5::shape(overview_.get())[0];
-    // Each has a row of the recording at least: more are damage.
+    // Each block has at least one row of the recording: more blocks than rows are damage.
     if (count > rows_) return blocks;
     std::vector<std::byte> rows(count * bytes);
     if (count > 0)
@@ -272,11 +275,11 @@ class RecordingReader::Part {
     const layout::Column* column;
     hdf5::Dataset dataset;
     std::uint64_t chunk_rows = 1;
-    bool packed = false;                           ///< by filters
-    std::optional<layout::DecimalGrid> grid = {};  ///< to which its values are rounded
+    bool packed = false;                           ///< has filters
+    std::optional<layout::DecimalGrid> grid = {};  ///< grid to which its values are rounded
     std::optional<std::size_t> checksum = {};      ///< its column in checksums_
-    mutable layout::Checksum sum = {};             ///< of the rows since the last block began
-    mutable std::uint64_t next = 0;                ///< the row that `sum` waits for
+    mutable layout::Checksum sum = {};             ///< of the rows since the start of the block
+    mutable std::uint64_t next = 0;                ///< the row that `sum` expects next
   };
 
   void open_datasets(Lost lost) {
@@ -310,7 +313,7 @@ class RecordingReader::Part {
     tolerate(lost, [&] { open_checksums(); });
   }
 
-  /// Damage is told and left out; a file that leads to others is refused.
+  /// Throws if the file leads to others. All other damage is only reported.
   void require_inside() const {
     for (const std::string& path : layout::paths())
       if (const std::string outside = hdf5::why_outside(file_.get(), path); !outside.empty())
@@ -326,7 +329,7 @@ class RecordingReader::Part {
     throw input_error(fmt::format("{}: {} is not a list of time, code and text", name_, layout::kEvents));
   }
 
-  // The absence of what follows, and any other shape of it, costs time or knowledge but no data.
+  // If the following datasets are absent or have another shape, that costs time or information, but no data.
 
   void open_overview() {
     overview_ = open(layout::kOverview);
@@ -359,7 +362,7 @@ class RecordingReader::Part {
         if (entry.column->name == name) entry.checksum = width;
     }
     const std::vector<hsize_t> shape = hdf5::shape(checksums_.get());
-    const hsize_t found = shape.size() == 2 ? shape[1] : 1;  // of one column alone a list is enough
+    const hsize_t found = shape.size() == 2 ? shape[1] : 1;  // one column may have a list
     if (shape.empty() || found != width || checksum_rows_ == 0 || checksum_rows_ > kMostRowsOfChecksum)
       checksums_ = hdf5::Dataset{};
     else
@@ -383,8 +386,8 @@ class RecordingReader::Part {
         std::fill_n(sums_.begin() + static_cast<std::ptrdiff_t>(row * checksum_columns_), checksum_columns_, 0);
   }
 
-  /// Whether the attribute `name` of the root knows another sum. While a file is being finished it may be ahead of the
-  /// rows.
+  /// Returns true if the root attribute `name` has another checksum. Until the file is complete, the attribute may be
+  /// ahead of the rows.
   bool is_other(const char* name, layout::Checksum& sum) const {
     if (!header_.complete) return false;
     std::uint64_t recorded = 0;
@@ -398,13 +401,13 @@ class RecordingReader::Part {
                                   damage.path, damage.what, damage.first, damage.first + damage.count - 1));
   }
 
-  /// Compares what was read of a column, from row `first` on, with the checksums of the blocks that end in it.
+  /// Compares values of a column, from row `first` on, with the checksums of the blocks that end in them.
   void compare(const Opened& entry, std::uint64_t first, std::span<const std::byte> rows, const Told& told) const {
     if (!entry.checksum || !checksums_) return;
     const std::size_t row_bytes = entry.column->row_bytes();
     const std::uint64_t end = first + rows.size() / row_bytes;
     std::uint64_t row = first;
-    if (row != entry.next) {  // not in order: from the next block on
+    if (row != entry.next) {  // not in order: start with the next block
       (void)entry.sum.take();
       row = (row + checksum_rows_ - 1) / checksum_rows_ * checksum_rows_;
     }
@@ -417,20 +420,20 @@ class RecordingReader::Part {
       if (here < block_end) break;
       const std::uint64_t found = entry.sum.take();
       const std::size_t at = block * checksum_columns_ + *entry.checksum;
-      // A writer that is at work, or was killed, has no checksum of its last block yet.
+      // A writer that is at work or was killed has not stored the checksum of its last block.
       const bool whole = block_end == (block + 1) * checksum_rows_ || !left_open_ || header_.complete;
       const std::uint64_t recorded = whole && at < sums_.size() ? sums_[at] : 0;
       const std::uint64_t begin = block * checksum_rows_;
-      // Whoever finished the recording knew all of them.
+      // A finished recording has all checksums.
       if (recorded != found && (recorded != 0 || header_.complete))
         tell({name_, entry.column->path(), begin, block_end - begin, recorded != 0 ? kNotRecorded : kNoChecksum}, told);
     }
-    // A block that is cut short by the end of the rows may grow: it is not gone on with.
+    // A block that is cut short by the end of the rows may grow: do not continue it.
     const bool cut = row == rows_ && row % checksum_rows_ != 0;
     entry.next = cut ? std::numeric_limits<std::uint64_t>::max() : std::max(row, end);
   }
 
-  /// Rows that cannot be read are given up in pieces of kSmallest.
+  /// Gives up rows that cannot be read, in pieces of kSmallest.
   void salvage(const Opened& entry, std::uint64_t first, std::span<Sample> samples, const Told& told) const {
     constexpr std::size_t kSmallest = 64;
     const hsize_t present = hdf5::shape(entry.dataset.get())[0];
@@ -443,10 +446,10 @@ class RecordingReader::Part {
         compare(entry, first, buffer, told);
         return entry.column->unpack(buffer.data(), samples);
       } catch (const Error&) {
-        // Some of them cannot be read.
+        // Some of them cannot be read. Try smaller pieces.
       }
     }
-    // What is packed together is lost together; of what lies as it is in memory, pieces.
+    // A compressed chunk is lost as a whole; uncompressed rows are lost in pieces.
     const std::uint64_t middle = first + samples.size() / 2, chunk = middle / entry.chunk_rows * entry.chunk_rows;
     const std::uint64_t edge = chunk > first ? chunk : chunk + entry.chunk_rows;
     std::size_t half = samples.size() / 2;
@@ -474,13 +477,13 @@ class RecordingReader::Part {
     const auto shortest = std::min_element(opened_.begin(), opened_.end(),
                                            [&](const Opened& a, const Opened& b) { return rows_of(a) < rows_of(b); });
     rows_ = rows_of(*shortest);
-    // While the file is written, columns grow one after the other.
+    // The columns grow one after the other while the file is written.
     if (const std::uint64_t times = rows_of(opened_.front()); header_.complete && rows_ < times)
       throw input_error(
           fmt::format("{}: {} has {} rows where /samples/time has {}; haptrace recover saves what is there", name_,
                       shortest->column->path(), rows_, times));
     check_length("/samples/time", rows_);
-    // A writer that found the disk full grew its datasets before it failed to fill them; time is filled last.
+    // A writer that found the disk full extended its datasets before it failed to fill them; time is filled last.
     std::array<double, kReadBlock> time{};
     while (rows_ > 0) {
       const std::uint64_t count = std::min(kReadBlock, rows_);
@@ -493,7 +496,7 @@ class RecordingReader::Part {
     }
   }
 
-  /// Those of the time, which is written last; without it, those that all columns have.
+  /// Counts the rows of the time, which is written last. Without it, counts the rows that all columns have.
   void count_rows_of_damaged() {
     if (opened_.empty()) throw input_error(name_ + ": nothing of its samples can be opened");
     rows_ = std::numeric_limits<std::uint64_t>::max();
@@ -512,11 +515,11 @@ class RecordingReader::Part {
         --rows_;
       }
     } catch (const Error&) {
-      // So be it: they are told as rows whose time cannot be read.
+      // The rows are reported later, as rows whose time cannot be read.
     }
   }
 
-  /// A length that is damaged would be read for hours.
+  /// Throws if the length cannot be right: a damaged length would be read for hours.
   void check_length(const char* path, std::uint64_t length) const {
     std::error_code error;
     const std::uint64_t bytes = cut_ ? cut_->whole() : std::filesystem::file_size(name_, error);
@@ -548,10 +551,10 @@ class RecordingReader::Part {
   std::vector<Opened> opened_;  ///< time is the first
   hdf5::Dataset events_, overview_, checksums_, clocks_;
   std::uint64_t rows_ = 0;
-  std::uint64_t checksum_rows_ = 0;  ///< of a block that is not the last
+  std::uint64_t checksum_rows_ = 0;  ///< per block, except the last
   std::size_t checksum_columns_ = 0;
   std::vector<std::uint64_t> sums_;  ///< [blocks, columns]
-  bool left_open_ = false;           ///< by a writer that is at work, or was killed
+  bool left_open_ = false;           ///< by a writer that is at work or was killed
 };
 
 RecordingReader::RecordingReader(const std::string& file, Parts which) : RecordingReader(file, which, false) {}
@@ -585,7 +588,8 @@ void RecordingReader::open_further_parts() {
       parts_.push_back(std::move(part));
       continue;
     }
-    // The last file says whether it is the last; where that one is missing, a later file tells.
+    // The last file states whether it is the last. If that file is missing, only a later file shows that parts are
+    // missing.
     const bool continued = missing_.empty() && parts_.back()->header().continued;
     if (!continued && !later_part(next, origin)) break;
     missing_.push_back(file);
@@ -597,7 +601,7 @@ void RecordingReader::open_further_parts() {
                   missing_.size() > 1 ? "are parts" : "is a part", missing_.size() > 1 ? "them" : "it"));
 }
 
-/// The file, when it is part `number` of the recording that began with `origin`.
+/// Opens the file if it is part `number` of the recording that began with `origin`; otherwise returns null.
 std::unique_ptr<RecordingReader::Part> RecordingReader::open_part(const std::string& file, std::uint32_t number,
                                                                   const std::string& origin) {
   if (!is_hdf5(file)) return nullptr;
@@ -610,7 +614,7 @@ std::unique_ptr<RecordingReader::Part> RecordingReader::open_part(const std::str
   return nullptr;
 }
 
-/// Whether the folder holds a part of this recording with a number above `number`.
+/// Returns true if the folder holds a part of this recording with a number above `number`.
 bool RecordingReader::later_part(std::uint32_t number, const std::string& origin) const {
   const std::filesystem::path first(parts_.front()->name());
   const std::string stem = first.stem().string() + ".part", ending = first.extension().string();
@@ -628,7 +632,7 @@ bool RecordingReader::later_part(std::uint32_t number, const std::string& origin
       const RecordingHeader header = read_header(file.get(), name, nullptr);
       if (header.part == found && header.part_of == origin) return true;
     } catch (const Error&) {
-      // Nothing that says it is one of ours.
+      // Nothing shows that it belongs to this recording.
     }
   }
   return false;
@@ -750,7 +754,7 @@ std::vector<ClockReading> RecordingReader::clocks() const {
 std::vector<RecordingSummary> RecordingReader::overview(const std::function<void(std::uint64_t)>& progress) const {
   const hdf5::Silence silence;
   std::vector<RecordingSummary> blocks;
-  std::uint64_t begin = 0;  // of the part
+  std::uint64_t begin = 0;  // first row of the part
   for (const auto& part : parts_) {
     std::uint64_t row = 0;
     for (RecordingSummary& block : part->stored_overview(told_)) {
@@ -772,7 +776,7 @@ std::vector<RecordingSummary> RecordingReader::overview(const std::function<void
 
 std::uint64_t RecordingReader::row_at(std::int64_t time_ns) const {
   constexpr std::array<std::string_view, 1> kTime{"time"};
-  std::uint64_t low = 0, high = rows();  // the row is in [low, high), if there is one at all
+  std::uint64_t low = 0, high = rows();  // the row is in [low, high), if it exists
   while (high - low > 1) {
     const std::uint64_t middle = low + (high - low) / 2;
     if (read(middle, 1, kTime).front().time_ns <= time_ns)

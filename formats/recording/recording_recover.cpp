@@ -18,13 +18,13 @@
 namespace haptrace {
 namespace {
 
-constexpr std::uint64_t kRecoveredBlock = 8192;  // rows, about: whole blocks of checksums
-constexpr double kFarthest = 1000;               // [m], which no hand reaches
-constexpr std::size_t kMostNotes = 20;           // of one file
-constexpr double kTickApart = 0.5;               // by which time and tick contradict each other in a damaged block
-constexpr double kSpreads = 10;                  // of the median spread, where the rate is no clock
+constexpr std::uint64_t kRecoveredBlock = 8192;  // rows, about: a whole number of checksum blocks
+constexpr double kFarthest = 1000;               // [m], beyond the reach of any hand
+constexpr std::size_t kMostNotes = 20;           // per file
+constexpr double kTickApart = 0.5;               // ticks by which time and tick may disagree in a damaged block
+constexpr double kSpreads = 10;                  // the same in median deviations, if times do not follow the rate
 
-/// Bit for bit, in the columns that a file has.
+/// Compares bit for bit, in the columns that a file has.
 bool same(std::span<const Sample> a, std::span<const Sample> b, const RecordingColumns& columns) {
   std::vector<std::byte> left, right;
   return a.size() == b.size() &&
@@ -44,7 +44,7 @@ bool is_of(const Damage& damage, const char* column) {
   return damage.path == std::string("/samples/") + column;
 }
 
-/// What can be read of a file, in blocks, made to keep the laws of a recording, and what cannot.
+/// Reads as much of a file as possible, in blocks, repairs it to follow the rules of a recording, and lists the rest.
 class Salvage {
  public:
   explicit Salvage(RecordingReader& reader)
@@ -54,7 +54,7 @@ class Salvage {
     reader_.on_damage([this](const Damage& damage) { here_.push_back(damage); });
   }
 
-  /// Calls `visit(samples)` for every block in order and `progress` with the part that is done.
+  /// Calls `visit(samples)` for every block in order, and `progress` with the share that is done.
   template <class Visit>
   void for_each(const Visit& visit, const std::function<void(double)>& progress) {
     unreadable_ = 0;
@@ -76,13 +76,13 @@ class Salvage {
   [[nodiscard]] std::uint64_t unreadable() const noexcept { return unreadable_; }
 
   struct Stretch : Damage {
-    double time = 0;  ///< of its first row that was kept [s]
+    double time = 0;  ///< time of its first row [s]
   };
-  /// What is damaged; stretches that touch are one.
+  /// Returns the damage; adjacent stretches are merged.
   [[nodiscard]] const std::vector<Stretch>& damage() const noexcept { return damage_; }
 
  private:
-  /// Which rows of a block are damaged, by what they lack.
+  /// Kinds of damage of each row of a block, as bits.
   struct Marks {
     enum : std::uint8_t { position = 1, time = 2, tick = 4, other_time = 8, other_tick = 16 };
     std::vector<std::uint8_t> rows;
@@ -92,7 +92,7 @@ class Salvage {
     }
   };
 
-  /// Whether a block without known damage keeps the laws. Files without checksums have no other witness.
+  /// Returns true if a block without known damage follows the rules. Files without checksums offer no other test.
   [[nodiscard]] bool lawful(const std::vector<Sample>& samples) const {
     const Sample* before = previous_ ? &*previous_ : nullptr;
     return std::all_of(samples.begin(), samples.end(), [&](const Sample& sample) {
@@ -124,7 +124,7 @@ class Salvage {
     mend_times(samples, marks.rows);
 
     std::vector<Sample> kept;
-    std::vector<std::uint8_t> doubtful;  // of each that is kept: its time or tick was damaged
+    std::vector<std::uint8_t> doubtful;  // for each kept row: its time or tick was damaged
     for (std::size_t i = 0; i < samples.size(); ++i) {
       const bool doubt = (marks.rows[i] & ~Marks::position) != 0;
       if ((marks.rows[i] & Marks::position) != 0 || !(samples[i].position.cwiseAbs().maxCoeff() < kFarthest) ||
@@ -132,7 +132,7 @@ class Salvage {
         ++unreadable_;
         continue;
       }
-      // Of two rows out of order the one is given up whose time or tick was damaged.
+      // If two rows are out of order, drop the one whose time or tick was damaged.
       while (!doubt && !kept.empty() && doubtful.back() != 0 && !follows(samples[i], kept.back())) {
         kept.pop_back();
         doubtful.pop_back();
@@ -158,14 +158,14 @@ class Salvage {
     return sample.tick > before.tick && sample.time_ns > before.time_ns;
   }
 
-  /// How far the grid of the rate is ahead of a row's tick, in ticks. A tick wakes on it, later by its latency.
+  /// Returns how far the grid of the rate is ahead of a row's tick [ticks]. A tick wakes on the grid, later by its
+  /// latency.
   [[nodiscard]] double ahead(const Sample& sample) const {
     const double late = std::isfinite(sample.latency) ? static_cast<double>(sample.latency) : 0;
     return (1e-9 * static_cast<double>(sample.time_ns) - late) * rate_hz_ - static_cast<double>(sample.tick);
   }
 
-  /// Finds times by their ticks and ticks by their times, where these cannot be read, or contradict each other in a
-  /// damaged block.
+  /// Computes times from ticks, and ticks from times, that cannot be read or contradict each other in a damaged block.
   void mend_times(std::vector<Sample>& samples, std::vector<std::uint8_t>& marks) const {
     if (!(rate_hz_ > 0)) return;
     std::vector<double> known;
@@ -191,7 +191,7 @@ class Salvage {
     }
   }
 
-  /// In a damaged block any bits may stand where a number was.
+  /// Replaces invalid values: a damaged block may contain any bits.
   void make_lawful(Sample& sample) const {
     for (Vec3 Sample::*member : {&Sample::velocity, &Sample::force, &Sample::torque, &Sample::force_measured,
                                  &Sample::reference_position, &Sample::reference_velocity, &Sample::reference_force})
@@ -222,7 +222,7 @@ class Salvage {
   RecordingReader& reader_;
   double rate_hz_;
   std::uint64_t block_rows_;
-  std::vector<Damage> here_;  ///< in the present block
+  std::vector<Damage> here_;  ///< damage in the present block
   std::vector<Stretch> damage_;
   std::optional<Sample> previous_;
   std::uint64_t unreadable_ = 0;
@@ -238,7 +238,7 @@ void append_event(RecordingWriter& writer, double time, EventCode code, const st
   writer.append(StoredEvent{.time = time, .code = static_cast<int>(code), .text = text});
 }
 
-/// Writes what can be read of `reader` into the empty file `copy`, and proves that it is there.
+/// Writes all readable data of `reader` into the empty file `copy`, and verifies the file.
 void copy_part(RecordingReader& reader, const std::string& name, const std::string& copy,
                const std::function<void(double)>& progress, Recovery& recovery) {
   Salvage salvage(reader);

@@ -20,7 +20,7 @@ namespace {
 class Hdf5Source final : public RecordingSource {
  public:
   Hdf5Source(const std::string& file, RecordingReader::Parts parts) : reader_(file, parts), header_(reader_.header()) {
-    header_.part = 0;  // whatever it was part of, it leaves as a whole
+    header_.part = 0;  // the output is always a whole recording
     header_.part_of.clear();
   }
 
@@ -74,7 +74,7 @@ class Hdf5Sink final : public RecordingSink {
   }
 
  private:
-  /// The writer replaces an empty file and keeps its permissions.
+  /// Creates an empty file for the writer to replace, which keeps its permissions.
   static const std::string& create(OutputFile& output) {
     output.create();
     return output.path();
@@ -112,7 +112,8 @@ class Cut final : public RecordingSource {
     std::vector<ClockReading> clocks = source_->clocks();
     const auto after = std::find_if(clocks.begin(), clocks.end(),
                                     [&](const ClockReading& reading) { return reading.time_ns >= start_; });
-    // Where none lies inside, the nearest before stands for the beginning: as sure as quartz is over that time.
+    // If no reading lies inside, move the nearest one before to the beginning, at the uncertainty of quartz over that
+    // time.
     if (after != clocks.begin() && (after == clocks.end() || after->time_ns > to_)) {
       constexpr std::int64_t kQuartz = 10'000;  // one over 100 ppm
       ClockReading& before = *std::prev(after);
@@ -160,7 +161,7 @@ class Cut final : public RecordingSource {
     } while (block_.empty());
   }
 
-  /// The end is a block that lies behind it as a whole: a stamp that leaps ahead alone is none.
+  /// Stops at a block that lies entirely after the end. A single stamp that jumps ahead does not stop it.
   void take(std::span<const Sample> samples) {
     block_.clear();
     done_ = done_ || std::all_of(samples.begin(), samples.end(), [&](const Sample& s) { return s.time_ns > to_; });

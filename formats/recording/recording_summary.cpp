@@ -78,7 +78,7 @@ double RecordingSummary::peak_error() const noexcept {
 void Summariser::add(std::span<const Sample> samples) {
   if (samples.empty()) return;
   if (summary_.rows == 0) begin(samples.front());
-  // Stretch by stretch of one kind, so that what a row costs is what all rows need.
+  // Handle stretches of one phase, so that the loop only does the work that all rows need.
   while (!samples.empty()) {
     const bool run = samples.front().phase == Phase::run;
     const auto end = std::find_if(samples.begin(), samples.end(),
@@ -95,7 +95,7 @@ void Summariser::add(std::span<const Sample> samples) {
   }
 }
 
-/// The block begins as if the first row had come before as well: no gap, no way, no interval.
+/// Begins a block as if its first row had come before as well: no gap, no distance, no interval.
 void Summariser::begin(const Sample& first) {
   summary_.first_ns = summary_.last_ns = first.time_ns;
   summary_.first_tick = summary_.last_tick = first.tick;
@@ -104,7 +104,7 @@ void Summariser::begin(const Sample& first) {
 }
 
 Box Summariser::add_stretch(std::span<const Sample> samples, bool run) {
-  // What every row changes stays in registers meanwhile.
+  // Values that every row changes stay in registers in the loop.
   Box bounds;
   double path_length = summary_.path_length, max_force2 = max_force2_;
   std::int64_t last_ns = summary_.last_ns, longest_ns = longest_ns_;

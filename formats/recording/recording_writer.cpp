@@ -32,12 +32,12 @@ constexpr std::size_t kEventsPerChunk = 64;
 constexpr std::size_t kOverviewPerChunk = 64;
 constexpr std::size_t kChecksumsPerChunk = 64;
 constexpr std::size_t kClocksPerChunk = 64;
-constexpr std::size_t kPlainRows = 2048;   // of a chunk as it lies in memory: costs at most 1.2 raw writes of its bytes
-constexpr std::size_t kRowsInCache = 128;  // that go through all columns together
-constexpr std::size_t kFilteredRows = 8192;  // of a chunk with filters
-constexpr hsize_t kPage = 4096;              // of memory, on every machine that we know of
+constexpr std::size_t kPlainRows = 2048;     // per unfiltered chunk: costs at most 1.2 raw writes of its bytes
+constexpr std::size_t kRowsInCache = 128;    // that pass through all columns together
+constexpr std::size_t kFilteredRows = 8192;  // per filtered chunk
+constexpr hsize_t kPage = 4096;              // memory page [bytes], on all machines that we know
 
-/// One row of values that were never written.
+/// Returns one row of fill values.
 std::vector<std::byte> fill_row(const layout::Column& column) {
   std::vector<std::byte> row(column.row_bytes());
   const float narrow = std::numeric_limits<float>::quiet_NaN();
@@ -72,7 +72,7 @@ std::vector<std::byte> event_row(const StoredEvent& event) {
   return row;
 }
 
-/// Puts the filters of `storage` on a dataset and answers how many there are. Throws Error(input) like hdf5::checked.
+/// Adds the filters of `storage` to a dataset. Returns their number. Throws Error(input) like hdf5::checked.
 unsigned add_filters(hid_t creation, const layout::Column& column, const Storage& storage) {
   unsigned filters = 0;
   if (column.quantity != nullptr && storage.precision.*column.quantity > 0) {
@@ -81,7 +81,7 @@ unsigned add_filters(hid_t creation, const layout::Column& column, const Storage
             column.path() + " cannot be rounded");
     ++filters;
   } else if (storage.deflate > 0 && layout::size_of(column.element) > 1 && column.quantity != &Precision::position) {
-    // Positions lie on an encoder's counts, which deflate finds again whole; shuffled they are a third larger.
+    // Positions are whole encoder counts, which deflate finds again as a whole; shuffled they are a third larger.
     checked(H5Pset_shuffle(creation), column.path() + " cannot be shuffled");
     ++filters;
   }
@@ -92,18 +92,18 @@ unsigned add_filters(hid_t creation, const layout::Column& column, const Storage
   return filters;
 }
 
-/// A dataset that grows by whole chunks. Without filters they go to the file as they lie in memory: past HDF5's
-/// selections, its conversions and its chunk cache. Memory keeps the last rows, those that are in the file too.
+/// A dataset that grows by whole chunks. Unfiltered chunks go to the file as they are in memory, and bypass HDF5's
+/// selections, conversions and chunk cache. The last rows stay in memory, including those already in the file.
 class Table {
  public:
-  /// Of whatever type, without filters; the shape is [N], or [N, width].
+  /// Creates an unfiltered dataset of any type, of the shape [N] or [N, width].
   Table(hid_t file, const std::string& path, hid_t type, std::size_t width, std::size_t rows_per_chunk,
         const char* units, const char* description, std::vector<std::byte> fill)
       : Table(path, width, rows_per_chunk, std::move(fill)) {
     create(file, type, hdf5::Properties(H5Pcreate(H5P_DATASET_CREATE)), units, description);
   }
 
-  /// A column of /samples, of the shape [N] or [N, width].
+  /// Creates a column of /samples, of the shape [N] or [N, width].
   Table(hid_t file, const layout::Column& column, std::size_t rows_per_chunk, const Storage& storage)
       : Table(column.path(), column.width, rows_per_chunk, fill_row(column)) {
     const hdf5::Properties creation(H5Pcreate(H5P_DATASET_CREATE));
@@ -115,7 +115,7 @@ class Table {
   }
 
   [[nodiscard]] hid_t dataset() const { return dataset_.get(); }
-  void release() { dataset_ = hdf5::Dataset(); }  ///< memory stays
+  void release() { dataset_ = hdf5::Dataset(); }  ///< the rows in memory stay
   void open_again(hid_t file) {
     dataset_ = hdf5::Dataset(checked(H5Dopen2(file, path_.c_str(), H5P_DEFAULT), path_ + " cannot be opened"));
   }
@@ -123,13 +123,13 @@ class Table {
   [[nodiscard]] std::size_t room() const { return chunk_rows_ - used_; }
   [[nodiscard]] std::byte* end() { return buffer_.data() + used_ * fill_.size(); }
 
-  /// What rounding leaves of `count` rows at end(); false when it leaves all.
+  /// Rounds `count` rows at end(). Returns false if the column is not rounded.
   bool round(std::size_t count) {
     if (grid_) grid_->snap({end(), count * fill_.size()});
     return grid_.has_value();
   }
 
-  /// `count` rows were put at end(); write() must follow when there is no more room.
+  /// Adds `count` rows that were put at end(). Call write() next if there is no more room.
   void advance(std::size_t count) {
     used_ += count;
     written_ = false;
@@ -141,28 +141,29 @@ class Table {
     if (room() == 0) write();
   }
 
-  /// The rows of the present chunk, as they lie in memory.
+  /// Returns the rows of the present chunk, as they are in memory.
   [[nodiscard]] std::span<const std::byte> chunk() const { return {buffer_.data(), used_ * fill_.size()}; }
 
   [[nodiscard]] hsize_t rows() const { return first_ + used_; }
   [[nodiscard]] hsize_t rows_written() const { return written_ ? rows() : first_; }
   [[nodiscard]] hsize_t first_held() const { return first_ - held_before_; }
 
-  /// Row `row` of those from first_held() to rows().
+  /// Returns row `row`, which must be from first_held() to rows().
   [[nodiscard]] const std::byte* held(hsize_t row) const {
     return row >= first_ ? buffer_.data() + (row - first_) * fill_.size()
                          : previous_.data() + (row - first_held()) * fill_.size();
   }
 
-  /// The most that the file can grow by for `more` rows [bytes].
+  /// Returns the most that the file can grow by for `more` rows [bytes].
   [[nodiscard]] std::uint64_t growth(std::uint64_t more) const {
-    constexpr std::uint64_t kOfChunk = 256;  // in the index, and what a filter adds at worst
+    constexpr std::uint64_t kOfChunk = 256;  // for the index, and the largest overhead of a filter
     const std::uint64_t chunks = (used_ + more + chunk_rows_ - 1) / chunk_rows_;
     return (chunks - (in_file_ && chunks > 0 ? 1 : 0)) * (buffer_.size() + buffer_.size() / 1024 + kOfChunk);
   }
 
-  /// Puts the present chunk into the file, whole, with fill values where it has no rows yet. With filters, a chunk that
-  /// is not full is for the end only: written again, it would leave a hole of its former size in the file.
+  /// Writes the whole present chunk to the file, with fill values for rows that it does not have yet. A filtered chunk
+  /// that is not full may only be written at the end: written again, it would leave a hole of its former size in the
+  /// file.
   void write() {
     if (written_) return;
     const hsize_t extent[] = {first_ + used_, width_}, offset[] = {first_, 0};
@@ -192,7 +193,7 @@ class Table {
     clear_room();
   }
 
-  /// Rows that are still to come.
+  /// Fills the buffer with fill values for future rows.
   void clear_room() {
     for (std::size_t row = 0; row < chunk_rows_; ++row)
       std::copy(fill_.begin(), fill_.end(), buffer_.begin() + static_cast<std::ptrdiff_t>(row * fill_.size()));
@@ -202,7 +203,7 @@ class Table {
     const hsize_t none[] = {0, width_}, unlimited[] = {H5S_UNLIMITED, width_}, chunk[] = {chunk_rows_, width_};
     const hdf5::Space space(H5Screate_simple(rank_, none, unlimited));
     H5Pset_chunk(creation.get(), rank_, chunk);
-    // The fill value is one element: the first of a row, all of which are alike.
+    // The fill value is one element. All elements of a row are alike, so the first one serves.
     H5Pset_fill_value(creation.get(), type, fill_.data());
     dataset_ = hdf5::Dataset(
         checked(H5Dcreate2(file, path_.c_str(), type, space.get(), H5P_DEFAULT, creation.get(), H5P_DEFAULT),
@@ -227,7 +228,7 @@ class Table {
             path_ + " cannot be written");
   }
 
-  /// What scale-offset does not hold it would garble.
+  /// Returns false if the scale-offset filter cannot hold all values: it would corrupt some.
   [[nodiscard]] bool fits_grid() const {
     if (!grid_) return true;
     for (std::size_t at = 0; at < buffer_.size(); at += sizeof(double)) {
@@ -240,7 +241,7 @@ class Table {
 
   std::string path_;
   hdf5::Dataset dataset_;
-  std::vector<std::byte> buffer_, previous_;  ///< rows from first_ on, then fill values; rows before
+  std::vector<std::byte> buffer_, previous_;  ///< rows from first_ on, then fill values; rows before them
   std::vector<std::byte> fill_;
   std::size_t chunk_rows_;
   int rank_;
@@ -248,10 +249,10 @@ class Table {
   hid_t type_ = H5I_INVALID_HID;
   unsigned filters_ = 0;
   std::optional<layout::DecimalGrid> grid_;  ///< of the scale-offset filter
-  hsize_t first_ = 0;                        ///< row of the file where the buffer begins
+  hsize_t first_ = 0;                        ///< row of the file at the start of the buffer
   std::size_t used_ = 0;                     ///< rows in the buffer
   std::size_t held_before_ = 0;              ///< rows in previous_
-  bool written_ = true;                      ///< the file has all of the buffer's rows
+  bool written_ = true;                      ///< the file has all rows of the buffer
   bool in_file_ = false;                     ///< the file has a place for the buffer
 };
 
@@ -277,8 +278,8 @@ void check_texts(const RecordingHeader& header) {
   }
 }
 
-/// Texts of files and devices may be in any encoding; those of a recording are UTF-8. JSON is made so when it is
-/// written.
+/// Converts the header's texts to UTF-8: those of files and devices may be in any encoding. JSON is converted when it
+/// is written.
 void make_utf8(RecordingHeader& header) {
   for (const layout::Attribute& attribute : layout::attributes())
     if (const auto* text = std::get_if<std::string RecordingHeader::*>(&attribute.member))
@@ -311,14 +312,14 @@ void create_attributes(hid_t file, const RecordingHeader& header) {
   for (const auto& [key, value] : header.meta) hdf5::create_attribute(meta.get(), key.c_str(), value);
 }
 
-/// In the place of an empty file. `in_pages`: nothing that is shorter than a page lies in two.
+/// Creates a file in place of an empty one. `in_pages`: nothing shorter than a page crosses a page boundary.
 hdf5::File create_file(const std::string& file, bool for_hdf5_1_8, bool in_pages) {
   const hdf5::Properties creation(H5Pcreate(H5P_FILE_CREATE)), access(H5Pcreate(H5P_FILE_ACCESS));
-  // Attributes in the object header have fixed places, so that `complete` may change while others read.
+  // Attributes in the object header have fixed places, so that `complete` can change while others read.
   H5Pset_attr_phase_change(creation.get(), 64, 0);
   if (in_pages) {
-    // The kernel copies a write page by page, and SIGKILL ends it between two: a node of an index that lies in two
-    // pages would be half old and half new, which no checksum forgives.
+    // The kernel copies a write page by page, and SIGKILL can end it between two pages. An index node on two pages
+    // would then be half old and half new, and its checksum would be wrong.
     H5Pset_file_space_strategy(creation.get(), H5F_FSPACE_STRATEGY_PAGE, /*persist=*/false, /*threshold=*/1);
     H5Pset_file_space_page_size(creation.get(), kPage);
   }
@@ -330,8 +331,8 @@ hdf5::File create_file(const std::string& file, bool for_hdf5_1_8, bool in_pages
   return hdf5::File(id);
 }
 
-/// Where to put a recording whose file was removed: its own name if that is free, else a name beside it, in the nearest
-/// folder that is still there.
+/// Returns a path for a recording whose file was removed: its own name if that is free, otherwise a name beside it, in
+/// the nearest folder that still exists.
 fs::path rescue_path(const fs::path& file) {
   std::error_code error;
   fs::path folder = fs::absolute(file, error).parent_path();
@@ -342,7 +343,7 @@ fs::path rescue_path(const fs::path& file) {
   return rescued;
 }
 
-/// Copies a file that has no name any more. Throws Error(fault): that it was removed, and what became of it.
+/// Copies a file that has lost its name. Throws Error(fault), which reports the removal and the place of the copy.
 void rescue(int descriptor, const std::string& name) {
   std::error_code error;
   const fs::path rescued = rescue_path(name);
@@ -385,7 +386,7 @@ class RecordingWriter::File {
     output.commit_without_waiting();
   }
 
-  /// Runs something that writes. After its first failure nothing is written any more.
+  /// Runs an action that writes. After its first failure nothing is written any more.
   template <class Action>
   void guarded(const Action& action) {
     if (!failure_.empty()) throw Error(Error::Kind::fault, failure_);
@@ -404,7 +405,7 @@ class RecordingWriter::File {
     }
   }
 
-  /// Says why nothing is written any more.
+  /// Sets the reason for which nothing is written any more.
   void fail(std::string why) { failure_ = std::move(why); }
 
   void append(std::span<const Sample> samples) {
@@ -416,7 +417,7 @@ class RecordingWriter::File {
     }
   }
 
-  /// Takes from `samples` what was put.
+  /// Puts `samples` into the tables, and removes from them those that were put.
   void put_all(std::span<const Sample>& samples) {
     while (!samples.empty()) {
       const std::size_t count = std::min({samples.size(), kRowsInCache, tables_.front().room(),
@@ -456,7 +457,7 @@ class RecordingWriter::File {
     hdf5::update_attribute(file_.get(), layout::kWarnings, layout::warnings_text(warnings));
   }
 
-  /// `continued`: a further part was begun.
+  /// `continued`: a further part was started.
   void finish(bool continued) {
     write_all();
     if (continued) hdf5::update_attribute(file_.get(), layout::kContinued, true);
@@ -465,13 +466,13 @@ class RecordingWriter::File {
     close();
   }
 
-  /// Closes as it is. Throws what guarded() does.
+  /// Closes the file without marking it complete. Throws like guarded().
   void leave() {
     write_all();
     close();
   }
 
-  /// Goes on with what `broken` has in memory and not in its file. Answers how many rows of it are in neither.
+  /// Takes over the rows that `broken` has in memory but not in its file. Returns how many of its rows are in neither.
   std::uint64_t take_over(File& broken) {
     broken.in_file_ = broken.content().value_or(Content{});
     const std::uint64_t first = std::max(broken.in_file_.rows, broken.first_held());
@@ -512,14 +513,14 @@ class RecordingWriter::File {
   }
 
  private:
-  /// Small chunks with filters would waste half a page each; conversions have them, which nobody reads half-written.
+  /// Small filtered chunks would waste half a page each. Only conversions use them, and these are not read
+  /// half-written.
   [[nodiscard]] static bool in_pages(const Options& options) {
     const std::size_t rows = options.storage.rows_per_chunk;
     return !options.for_hdf5_1_8 && (!options.storage.filtered() || rows == 0 || rows >= kFilteredRows);
   }
 
-  static constexpr std::uint64_t kIndexes = 64U
-                                            << 10U;  ///< by which HDF5's indexes of the datasets grow at most [bytes]
+  static constexpr std::uint64_t kIndexes = 64U << 10U;  ///< largest growth of HDF5's indexes of the datasets [bytes]
 
   [[nodiscard]] std::uint64_t size() const {
     hsize_t bytes = 0;
@@ -531,7 +532,7 @@ class RecordingWriter::File {
     std::uint64_t rows = 0, events = 0;
   };
 
-  /// What the file on the disk holds, for whoever reads it now; nothing when it cannot be read. None of ours when
+  /// Returns the content of the file on the disk, as readers see it now; nothing if it cannot be read, and no rows if
   /// another file has its name.
   [[nodiscard]] std::optional<Content> content() const noexcept {
     try {
@@ -543,14 +544,14 @@ class RecordingWriter::File {
     }
   }
 
-  /// The first row that memory has of all columns.
+  /// Returns the first row that is in memory for all columns.
   [[nodiscard]] std::uint64_t first_held() const {
     std::uint64_t first = 0;
     for (const Table& table : tables_) first = std::max<std::uint64_t>(first, table.first_held());
     return first;
   }
 
-  /// The rows from `first` on, which memory has.
+  /// Returns the rows from `first` on, which must be in memory, and those in waiting_.
   [[nodiscard]] std::vector<Sample> held(std::uint64_t first) const {
     std::vector<Sample> samples(rows_ - std::min(first, rows_));
     std::vector<std::byte> rows;
@@ -572,7 +573,7 @@ class RecordingWriter::File {
           row.subspan(layout::kEventColumns[i].offset, layout::kEventColumns[i].bytes));
   }
 
-  /// Puts rows, for which there is room, into the tables; answers them as they will be read.
+  /// Puts rows into the tables, which must have room. Returns the rows as readers will see them.
   std::span<const Sample> put(std::span<const Sample> samples) {
     bool rounded = false;
     for (std::size_t i = 0; i < tables_.size(); ++i) {
@@ -587,7 +588,7 @@ class RecordingWriter::File {
     return rounded ? std::span<const Sample>(rounded_) : samples;
   }
 
-  /// Time comes last: a row that has a time has everything, whatever happens in between.
+  /// Writes time last: a row with a time is then complete, whatever happens in between.
   void write_samples() {
     require_ours();
     const bool full = tables_.front().room() == 0;
@@ -621,7 +622,7 @@ class RecordingWriter::File {
     overview_->append_and_write_full(row);
   }
 
-  /// Of the present chunk of each column.
+  /// Appends the checksums of the present chunk of every column.
   void append_checksums() {
     std::vector<std::uint64_t> row(tables_.size());
     std::transform(tables_.begin(), tables_.end(), row.begin(),
@@ -629,7 +630,7 @@ class RecordingWriter::File {
     checksums_->append_and_write_full(std::as_bytes(std::span(row)));
   }
 
-  /// Throws when the disk has no room for what may come next; everything so far is then in the file, which is closed.
+  /// Throws if the disk has no room for further data. Everything so far is then in the file, which is closed.
   void claim_room() {
     const std::string refusal = reserve_->claim(size());
     if (refusal.empty()) return;
@@ -639,7 +640,7 @@ class RecordingWriter::File {
     throw input_error(refusal);
   }
 
-  /// Throws when another program has put a file of its own into this one: what HDF5 would write belongs nowhere in it.
+  /// Throws if another program has overwritten this file: HDF5's further writes have no place in it.
   void require_ours() const {
     std::array<char, kUuid> found{};
     if (!uuid_at_) return;
@@ -657,9 +658,9 @@ class RecordingWriter::File {
     reserve_.reset();
   }
 
-  /// Closes a file that cannot be written any more. HDF5 would try, fail half-way with a superblock that nobody can
-  /// read, and crash at the end of the program: so what it still wants to write goes nowhere, and the file stays as the
-  /// last flush left it.
+  /// Closes a file that cannot be written any more. HDF5 would try to write, fail half-way with an unreadable
+  /// superblock, and crash when the program ends. So its pending writes go nowhere, and the file stays as the last
+  /// flush left it.
   void close_broken() noexcept {
     void* descriptor = nullptr;
     const int nowhere = memfd_create("haptrace", MFD_CLOEXEC);
@@ -722,7 +723,7 @@ class RecordingWriter::File {
                     layout::kClockUnits, layout::kClockDescription, std::vector<std::byte>(sizeof(layout::ClockRow)));
   }
 
-  /// HDF5 can begin this with a file that is open; but then it forgets how often it may try to read what is damaged.
+  /// HDF5 can start SWMR on an open file, but then it ignores the limit on attempts to read damaged data.
   void open_to_readers(const std::string& path) {
     release();
     if (!file_.close()) throw input_error("cannot be created: " + hdf5::last_error());
@@ -741,7 +742,7 @@ class RecordingWriter::File {
     mark_as_writer(reserve_->descriptor());
 
     uuid_ = uuid;
-    std::string head(std::size_t{64} << 10U, '\0');  // the header of the root is in it
+    std::string head(std::size_t{64} << 10U, '\0');  // contains the header of the root
     head.resize(
         static_cast<std::size_t>(std::max<ssize_t>(pread(reserve_->descriptor(), head.data(), head.size(), 0), 0)));
     const std::size_t at = head.find(uuid);
@@ -756,20 +757,20 @@ class RecordingWriter::File {
   hdf5::File file_;
   std::optional<Reserve> reserve_;
   std::string uuid_;
-  std::optional<off_t> uuid_at_;  ///< where the file has it, when it can be found
+  std::optional<off_t> uuid_at_;  ///< place in the file, if it was found
   std::vector<const layout::Column*> columns_;
   std::vector<Table> tables_;      ///< one per column
   std::vector<Table> event_list_;  ///< one per column of /event_list
   std::optional<Table> events_, overview_, checksums_, clocks_;
   std::vector<Sample> rounded_;
-  std::vector<Sample> waiting_;  ///< rows that came to no table before the failure
-  Summariser summariser_;        ///< of the rows that /overview does not have yet
+  std::vector<Sample> waiting_;  ///< samples that reached no table before the failure
+  Summariser summariser_;        ///< of the rows that are not in /overview yet
   layout::Checksum events_sum_, overview_sum_;
   std::uint64_t rows_ = 0;
   double last_time_ = 0;         ///< [s]
-  Content in_file_;              ///< since the last flush, or the failure
-  std::string failure_;          ///< why writing stopped; empty while it goes on
-  bool kept_elsewhere_ = false;  ///< the file was removed, and what was in it is a file again
+  Content in_file_;              ///< at the last flush, or at the failure
+  std::string failure_;          ///< reason why writing stopped; empty while it continues
+  bool kept_elsewhere_ = false;  ///< the file was removed, and its content was saved under another name
 };
 
 RecordingWriter::RecordingWriter(const std::string& file, const RecordingHeader& header,
@@ -896,7 +897,7 @@ void RecordingWriter::go_on(RecordingHeader header, std::unique_ptr<File> next) 
   file_ = std::move(next);
 }
 
-/// A part that was begun and is not to be.
+/// Removes a part that was created in vain.
 void RecordingWriter::remove_empty(std::unique_ptr<File>& part) {
   if (!part) return;
   const std::string name = part->name();

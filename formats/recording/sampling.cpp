@@ -8,10 +8,10 @@ namespace haptrace {
 namespace {
 
 constexpr std::int64_t kBin = 5000;          // [ns]
-constexpr std::size_t kMostBins = 20'000;    // beyond that many different steps, no single one matters
-constexpr double kSame = 0.03, kLike = 0.1;  // of a step: equal up to noise; of the same kind
+constexpr std::size_t kMostBins = 20'000;    // beyond this number of different steps, no single one matters
+constexpr double kSame = 0.03, kLike = 0.1;  // relative difference of steps: equal up to noise; of the same kind
 constexpr std::size_t kUnevenWindow = 16;    // steps
-constexpr std::uint64_t kFew = 20;           // steps, of which nothing is concluded
+constexpr std::uint64_t kFew = 20;           // steps, too few for a conclusion
 
 constexpr std::array<Vec3 Sample::*, 3> kVectors{&Sample::velocity, &Sample::force, &Sample::force_measured};
 constexpr std::array kVectorNames{"velocity", "force", "measured force"};
@@ -26,7 +26,7 @@ bool like(std::int64_t a, std::int64_t b) {
   return static_cast<double>(std::abs(a - b)) <= kLike * static_cast<double>(std::min(a, b));
 }
 
-/// Whether `step` is k of `base`; k in `multiple`.
+/// Returns true if `step` is `multiple` times `base`, and sets `multiple`.
 bool is_multiple(double step, double base, double& multiple) {
   multiple = std::round(step / base);
   return multiple >= 1 && std::abs(step - multiple * base) <= kLike * base;
@@ -117,7 +117,7 @@ void SamplingReport::add_values(const Sample& sample, double dt) {
       if (channel.run > 0 && channel.run_start == channel.longest_start)
         channel.longest_jump = std::max(channel.longest_jump, std::abs(change));
       if (std::isfinite(change)) {
-        // Rounding makes turns too, of next to nothing.
+        // Rounding also reverses the sign, but by next to nothing.
         const double smaller = std::min(std::abs(change), std::abs(channel.last_change));
         if (change * channel.last_change < 0 &&
             smaller * smaller * static_cast<double>(channel.changes) > 1e-6 * channel.change_sum)
@@ -160,7 +160,7 @@ void SamplingReport::find_pattern(Sampling& result) const {
   std::vector<std::int64_t> steps = seen_[period];
   if (steps.empty()) return;
 
-  // Any turn of it is the same pattern: told is the largest of those that begin with the shortest step and do not end
+  // Every rotation is the same pattern. Choose the largest of those that begin with the shortest step and do not end
   // with it.
   const auto differs = [](std::int64_t a, std::int64_t b) { return !like(a, b) && a < b; };
   std::vector<std::int64_t> chosen;
@@ -173,7 +173,7 @@ void SamplingReport::find_pattern(Sampling& result) const {
       chosen = steps;
   }
   for (const std::int64_t step : chosen) {
-    Bin mean;  // of all steps of its kind: a single one has its noise
+    Bin mean;  // of all steps of this kind: a single one is noisy
     for (const auto& [bin, entry] : steps_) {
       if (!like(bin * kBin, step)) continue;
       mean.count += entry.count;
@@ -182,11 +182,11 @@ void SamplingReport::find_pattern(Sampling& result) const {
     result.pattern.push_back(1e-9 * mean.sum / static_cast<double>(mean.count));
   }
   const auto [least, most] = std::minmax_element(chosen.begin(), chosen.end());
-  if (chosen.empty() || like(*least, *most)) return result.pattern.clear();  // noise, whose steps are all of a kind
+  if (chosen.empty() || like(*least, *most)) return result.pattern.clear();  // noise: all steps are of one kind
   result.pattern_share = static_cast<double>(matches_[period]) / static_cast<double>(step_count_);
 }
 
-/// From the pattern, or else from all steps.
+/// Finds the clock in the pattern, or otherwise in all steps.
 void SamplingReport::find_clock(Sampling& result) {
   constexpr double kNearlyAll = 0.9, kEnough = 0.05;
   std::vector<std::pair<double, double>> steps;  // length, weight
@@ -231,7 +231,7 @@ Sampling SamplingReport::result() const {
   for (const auto& [bin, entry] : steps_)
     if (1e-9 * entry.sum / static_cast<double>(entry.count) > 5 * result.median_step) result.gaps += entry.count;
 
-  // The commonest step takes in its neighbours, then the commonest of the rest.
+  // The most frequent step absorbs its neighbours; then the most frequent of the rest does the same.
   std::vector<std::pair<std::int64_t, Bin>> left(steps_.begin(), steps_.end());
   while (!left.empty() && result.commonest.size() < 16) {
     const auto top = std::max_element(left.begin(), left.end(), [](const auto& a, const auto& b) {
@@ -277,7 +277,7 @@ Sampling SamplingReport::result() const {
     }
     const double stuck = 1e-9 * static_cast<double>(channel.longest_end - channel.longest_start);
     const std::uint64_t elsewhere = channel.steps - channel.longest_run;
-    // A planned movement comes to rest in an axis and starts again without a jump; noise does not rest.
+    // A planned movement comes to rest along an axis and starts again without a jump; noise does not rest.
     constexpr double kJump = 5;  // times the rms change
     const bool noisy = 4 * channel.turns > channel.changes;
     const bool jumps =

@@ -1,5 +1,5 @@
-// How a log was sampled, found out from the log: its true rate, the pattern of its steps, its gaps, sensors that are
-// slower than its rows, channels that are dead, and whether its time stamps agree with its movement.
+// Analysis of the sampling of a log: its true rate, the pattern of its steps, its gaps, sensors that are slower than
+// its rows, dead channels, and the agreement of time stamps and movement.
 #pragma once
 
 #include "control/sample.h"
@@ -13,34 +13,34 @@
 
 namespace haptrace {
 
-/// What was found. Times in s, rates in Hz; 0 or empty where there is nothing to tell.
+/// Result of the analysis. Times in s, rates in Hz; 0 or empty if there is nothing to report.
 struct Sampling {
   std::uint64_t rows = 0;
   double duration = 0;     ///< first to last stamp
   double mean_rate = 0;    ///< (rows - 1) / duration
-  double median_step = 0;  ///< of stamps that increase
-  bool even = true;        ///< all steps within 1 % of the median
-  bool steady = true;  ///< one step per tick of a clock that jitters: 99 % within half the median, no gap, no pattern
+  double median_step = 0;  ///< of increasing stamps
+  bool even = true;        ///< longest and shortest step differ by at most 1 % of the median
+  bool steady = true;      ///< one step per tick of a jittering clock: 99 % within half the median, no gap, no pattern
 
-  /// Steps and their shares of all, the commonest first; steps within 3 % of the commonest are one.
+  /// Steps and their shares of all, the most frequent first; steps within 3 % of the most frequent one are merged.
   std::vector<std::pair<double, double>> commonest;
 
-  /// The steps that repeat, as in 1, 2, 1, 2, 1, 1, 2 ms, and the share of steps that do.
+  /// Repeating steps, as in 1, 2, 1, 2, 1, 1, 2 ms, and the share of the steps that repeat.
   std::vector<double> pattern;
   double pattern_share = 0;
 
-  /// Steps are whole multiples of this: a clock of which the share `missing` of the ticks has no row.
+  /// Clock period of which all steps are whole multiples, and the share of its ticks without a row.
   double clock_period = 0;
   double missing = 0;
 
   std::uint64_t gaps = 0;  ///< steps longer than 5 medians
   double longest_step = 0;
-  std::uint64_t longest_at = 0;  ///< the row after it, from 1
+  std::uint64_t longest_at = 0;  ///< row after it, from 1
   std::uint64_t duplicates = 0;  ///< stamps equal to the one before
   std::uint64_t backward = 0;    ///< stamps before the one before
 
-  /// A vector that keeps its value in `share` of the steps in which the position moves, over a fifth: its sensor gives
-  /// `rate` new values a second.
+  /// A vector that keeps its value in `share` of the steps in which the position moves, over a fifth. Its sensor
+  /// provides `rate` new values per second.
   struct Held {
     std::string name;
     double share = 0, rate = 0;
@@ -49,27 +49,28 @@ struct Sampling {
 
   std::vector<std::string> constant;  ///< channels that never change while others do, by their CSV names
 
-  /// A channel that changes with most rows, but not for a while in which others do, and that does not come to rest and
-  /// start again as a movement along another axis makes it: it is noisy, or jumps where the while begins or ends.
+  /// A channel that changes with most rows, but stays constant for a while in which others change. A smooth rest is not
+  /// reported, since a movement along another axis causes it: the channel is noisy, or jumps where the while begins or
+  /// ends.
   struct Stuck {
     std::string name;
     double from = 0, duration = 0;
   };
   std::vector<Stuck> stuck;
 
-  /// How far the position moves over how far velocity and time stamps say: sum dp.u / sum u.u with u = v dt, v the mean
-  /// of both ends. 1.43: a log of 700 Hz that was sold as 1 kHz. NaN when there is too little movement or correlation.
+  /// Ratio of the position's movement to the movement that velocity and time stamps predict: sum dp.u / sum u.u with u
+  /// = v dt, v the mean of both ends. Example: 1.43 for a log of 700 Hz that is labelled 1 kHz. NaN for too little
+  /// movement or correlation.
   double motion_ratio = kNaN;
 };
 
-/// One line each for people; nothing when all is as it should be. Constant channels are not among them: planar
-/// movements have one.
-/// `kept`: the stamps stay as they are.
+/// Returns one line per anomaly for the user; nothing for a regular log. Omits constant channels: planar movements have
+/// one. `kept`: the stamps stay as they are.
 std::vector<std::string> notes(const Sampling& sampling, bool kept = true);
 
 nlohmann::json json_of(const Sampling& sampling);
 
-/// Gathers a Sampling row by row; memory is flat in their number.
+/// Computes a Sampling row by row. Memory does not grow with their number.
 class SamplingReport {
  public:
   void add(const Sample& sample);
@@ -90,15 +91,15 @@ class SamplingReport {
   };
   struct Vector {
     std::uint64_t moved = 0, held = 0;
-    double time = 0;  ///< of the steps in which the position moved [s]
+    double time = 0;  ///< duration of the steps in which the position moved [s]
   };
   struct Channel {
-    std::uint64_t changes = 0, steps = 0;  ///< steps in which others changed
+    std::uint64_t changes = 0, steps = 0;  ///< steps: steps in which this channel or others changed
     std::uint64_t run = 0, longest_run = 0;
     std::int64_t run_start = 0, longest_start = 0, longest_end = 0;  // [ns]
-    double last_change = 0, change_sum = 0;                          ///< signed; of squares
-    std::uint64_t turns = 0;                                         ///< changes against the one before
-    double longest_jump = 0;  ///< the larger change at the two ends of the longest run
+    double last_change = 0, change_sum = 0;                          ///< last_change: with sign; change_sum: of squares
+    std::uint64_t turns = 0;                                         ///< changes of opposite sign to the one before
+    double longest_jump = 0;  ///< larger change at the two ends of the longest run
     bool finite = false;
   };
 
@@ -111,8 +112,8 @@ class SamplingReport {
   std::map<std::int64_t, Bin> steps_;  ///< by length in units of 5 us, finer than any pattern and coarser than noise
   std::uint64_t step_count_ = 0;
 
-  std::array<std::int64_t, kRecent> recent_{};  ///< steps [ns], a ring
-  std::uint64_t uneven_ = 0;                    ///< steps among which some differ
+  std::array<std::int64_t, kRecent> recent_{};  ///< ring of steps [ns]
+  std::uint64_t uneven_ = 0;                    ///< steps whose neighbours differ
   std::array<std::uint64_t, kLongestPattern + 1> matches_{}, run_{};
   std::array<std::vector<std::int64_t>, kLongestPattern + 1> seen_;
 
