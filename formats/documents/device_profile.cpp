@@ -21,7 +21,7 @@ using nlohmann::json;
 
 constexpr const char* kProfileFormat = "haptrace-device-profile";
 constexpr const char* kProfileVersion = "1.0";
-constexpr double kSameFact = 1e-6;  // share by which facts may differ and still be the same
+constexpr double kSameFact = 1e-6;  // relative difference of equal facts
 
 json json_of(const PlantModel& plant) {
   return {{"mass_kg", haptrace::json_of(plant.mass)},
@@ -52,7 +52,7 @@ json json_of(const TrackingDesign& design) {
           {"ripple_n", design.ripple}};
 }
 
-/// A JsonReader whose every key must be there.
+/// A JsonReader of which all keys are required.
 class Required {
  public:
   explicit Required(JsonReader& reader) : reader_(reader) {}
@@ -68,7 +68,7 @@ class Required {
   JsonReader& reader_;
 };
 
-// Far beyond every device that a hand can hold.
+// Far beyond any device that a hand can hold.
 constexpr double kLargest = 1e6;
 
 PlantModel plant_from(JsonReader reader) {
@@ -107,7 +107,7 @@ TrackingDesign design_from(JsonReader reader) {
   return design;
 }
 
-/// What is left of a name that every file system takes.
+/// Returns a name with only characters that every file system accepts.
 std::string safe(const std::string& name) {
   std::string result;
   for (const char c : name.substr(0, 40)) {
@@ -117,7 +117,7 @@ std::string safe(const std::string& name) {
   return result;
 }
 
-/// FNV-1a over the parts and where they end.
+/// Returns FNV-1a of the parts and their ends.
 std::uint32_t hash(const DeviceIdentity& device) {
   std::uint32_t value = 2166136261;
   for (const std::string* part : {&device.backend, &device.model, &device.serial}) {
@@ -127,7 +127,7 @@ std::uint32_t hash(const DeviceIdentity& device) {
   return value;
 }
 
-/// What the system's list of users says of this one's home; empty when it says nothing.
+/// Returns this user's home from the system's list of users; empty if there is none.
 std::string home_of_user() {
   std::array<char, 4096> buffer{};
   passwd entry{};
@@ -243,7 +243,7 @@ void check_profile_output(const std::string& file, bool overwrite) {
 std::string profile_folder() {
   if (const std::string own = environment("HAPTRACE_PROFILES"); !own.empty())
     return fs::path(own).lexically_normal().string();
-  // The specification of base directories has relative paths ignored.
+  // The XDG Base Directory Specification requires programs to ignore relative paths.
   if (const fs::path data = environment("XDG_DATA_HOME"); data.is_absolute())
     return (data / "haptrace" / "profiles").string();
   fs::path home = environment("HOME");

@@ -17,8 +17,8 @@ using nlohmann::json;
 constexpr const char* kLearnedFormat = "haptrace-learned-force";
 constexpr const char* kLearnedVersion = "1.0";
 constexpr double kMostRows = 1e6;
-constexpr double kSameMass = 0.1;    // share by which masses may differ
-constexpr double kSameSpeed = 1e-9;  // and speeds
+constexpr double kSameMass = 0.1;    // relative difference of equal masses
+constexpr double kSameSpeed = 1e-9;  // relative difference of equal speeds
 
 std::vector<Vec3> rows_from_json(const json& rows, const std::string& where) {
   if (!rows.is_array() || rows.empty() || static_cast<double>(rows.size()) > kMostRows)
@@ -37,7 +37,7 @@ std::vector<Vec3> rows_from_json(const json& rows, const std::string& where) {
   return result;
 }
 
-/// Forces to 0.1 mN, which is far below what any device can do.
+/// Rounds forces to 0.1 mN, far below what any device can produce.
 json rounded(const Vec3& force) {
   json row = json::array();
   for (const double newtons : force) row.push_back(std::round(1e4 * newtons) / 1e4);
@@ -79,7 +79,7 @@ void check_learned_output(const std::string& file) {
 void save_learned(const LearnedPath& learned, const std::string& file) {
   std::error_code error;
   const fs::path folder = fs::path(file).parent_path();
-  if (!folder.empty()) fs::create_directories(folder, error);  // a name alone is in the folder that there is
+  if (!folder.empty()) fs::create_directories(folder, error);  // a bare file name lies in the working folder
   if (error)
     throw input_error(fmt::format("{}: the folder cannot be made ({}); --learned FILE.json chooses another place",
                                   folder.string(), error.message()));

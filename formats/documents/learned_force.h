@@ -1,4 +1,4 @@
-// What was learned of a path on a device, kept beside the path for the sessions after it.
+// Learned forces for a path on a device, stored beside the path for later sessions.
 #pragma once
 
 #include "control/iterative_learning.h"
@@ -12,34 +12,34 @@ namespace haptrace {
 
 struct LearnedPath {
   DeviceIdentity device;
-  std::string path_digest;   ///< of the path as it was played: see digest_of
-  double speed = 1;          ///< times the path's own
-  Vec3 mass = Vec3::Zero();  ///< that the inertia was reckoned with: the rest of the force is what was learned [kg]
-  int repetitions = 0;       ///< that were learned from
-  double rms_error = 0;      ///< of the last of them, measured [m]
+  std::string path_digest;   ///< of the path as it was played, see digest_of()
+  double speed = 1;          ///< relative to the path's own speed
+  Vec3 mass = Vec3::Zero();  ///< mass of the inertial force, which the learned force does not include [kg]
+  int repetitions = 0;       ///< number of repetitions that were learned from
+  double rms_error = 0;      ///< measured error of the last repetition [m]
   std::string created;       ///< RFC 3339, UTC
   std::string software;
   ForceTable table;
 };
 
-/// 16 hexadecimal digits for the times and positions of a path (FNV-1a). Reads all of it.
+/// Returns 16 hexadecimal digits for the times and positions of a path (FNV-1a). Reads the whole path.
 std::string digest_of(const PathSource& path);
 
-/// Beside the path, in a folder of its name with ".learned" behind it, a file for each device.
+/// Returns the file for a device, in a folder beside the path: the path's name with ".learned" appended.
 std::string learned_file(const std::string& path, const DeviceIdentity& device);
 
-/// Before the session whose lesson the file is to hold. Throws what save_learned() would, as far as that shows
-/// beforehand.
+/// Checks that the file can be saved, before the session starts. Throws like save_learned(), as far as it can know.
 void check_learned_output(const std::string& file);
 
-/// Throws Error(input): the folder cannot be made, the disk refuses. An older file is replaced.
+/// Saves the learned force and replaces an older file. Throws Error(input) if the folder cannot be created or a write
+/// to the disk fails.
 void save_learned(const LearnedPath& learned, const std::string& file);
 
-/// Nothing when there is no such file. Throws Error(input) naming the key.
+/// Reads the file; returns nothing if there is none. Throws Error(input) naming the key.
 std::optional<LearnedPath> load_learned(const std::string& file);
 
-/// Why `learned` must not be used here, in words; empty when it may: another device or path, another speed, or a
-/// calibration since then that found another mass.
+/// Returns why `learned` must not be used here; empty if it may. Reasons are another device or path, another speed, or
+/// a later calibration that found another mass.
 std::string check_learned(const LearnedPath& learned, const DeviceIdentity& device, const std::string& path_digest,
                           double speed, const Vec3& mass);
 

@@ -26,7 +26,7 @@ using Modes = std::set<ExerciseMode>;
 constexpr auto kPassive = ExerciseMode::passive, kAssisted = ExerciseMode::assisted, kTunnel = ExerciseMode::tunnel,
                kCursor = ExerciseMode::cursor, kResist = ExerciseMode::resist, kFree = ExerciseMode::free;
 
-/// The modes in which a key means something; the others are for all.
+/// Keys that have a meaning in some modes only. All other keys apply to all modes.
 const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
   static const std::vector<std::pair<std::string, Modes>> keys{
       {"pace", {kPassive, kAssisted, kCursor}},
@@ -75,7 +75,7 @@ std::optional<DifficultyRange> read_range(JsonReader& difficulty, const char* ke
 
 constexpr double kLeastRadius = 1e-4, kMostRadius = 0.5;     // [m]
 constexpr double kLeastStiffness = 1, kMostStiffness = 1e5;  // [N/m]
-constexpr double kLeastPace = 0.05, kMostPace = 20;          // times the path's own
+constexpr double kLeastPace = 0.05, kMostPace = 20;          // relative to the path's own pace
 
 Progression read_progression(JsonReader reader, ExerciseMode mode) {
   Progression progression;
@@ -142,7 +142,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   Exercise exercise;
   exercise.name = reader.text("name", name);
   exercise.path = reader.text("path", "");
-  // A shape that cannot be made is found before the person sits down.
+  // Reject a shape that cannot be made before the participant sits down.
   if (std::optional<JsonReader> shape = reader.object("shape")) {
     (void)path_of_shape(*shape);
     exercise.shape = reader.value("shape");

@@ -1,4 +1,4 @@
-// A programme of trajectories: what a person is to do with a device, exercise after exercise, and how it adapts.
+// Programme of exercises for a participant on a device: trajectories, modes, and adaptation.
 #pragma once
 
 #include "control/path/path.h"
@@ -11,39 +11,39 @@
 
 namespace haptrace {
 
-/// What the device does during an exercise.
+/// Behaviour of the device during an exercise.
 enum class ExerciseMode {
-  passive,   ///< it moves the person along the path
-  assisted,  ///< it helps along the path and towards it, no more than is needed
-  tunnel,    ///< it keeps the person in a tunnel round the path
-  cursor,    ///< it pulls towards a place that moves along the path
-  resist,    ///< it resists along the path, within a tunnel
-  free,      ///< nothing
+  passive,   ///< moves the participant along the path
+  assisted,  ///< helps along the path and towards it, only as much as needed
+  tunnel,    ///< keeps the participant in a tunnel around the path
+  cursor,    ///< pulls towards a point that moves along the path
+  resist,    ///< resists along the path, within a tunnel
+  free,      ///< does nothing
 };
 
 const char* to_string(ExerciseMode mode);
 
-/// A test is a trial that is compared with others of the same label: before the lesson, after it, days later.
+/// A test is a trial that is compared with others of the same label: before training, after it, or days later.
 enum class TestLabel { none, before, after, retention };
 
 const char* to_string(TestLabel label);
 
-/// From what is easy for a person to what is hard.
+/// Range of a setting from easy to hard.
 struct DifficultyRange {
   double easy = 0, hard = 0;
 
-  /// Geometrically between the two, at level 0 to 1.
+  /// Interpolates geometrically between easy and hard, at level 0 to 1.
   [[nodiscard]] double at(double level) const;
 };
 
-/// How an exercise adapts to how its last repetitions went. See player/programme/progression.h for the laws.
+/// Adaptation of an exercise to the results of its last repetitions. player/programme/progression.h states the laws.
 struct Progression {
-  std::string figure = "contour_rms_m";  ///< of metrics/recorded_trial.h
-  double target = 0;                     ///< of that figure; what is as good, or better, is good enough
-  double tolerance = 0.5;                ///< share of the target, beyond which a repetition has failed
-  int window = 3;                        ///< repetitions that the difficulty goes by
+  std::string figure = "contour_rms_m";  ///< metric of metrics/recorded_trial.h
+  double target = 0;                     ///< value of the metric that is good enough, as are better ones
+  double tolerance = 0.5;                ///< share of the target; a repetition that misses it by more has failed
+  int window = 3;                        ///< number of repetitions that set the difficulty
 
-  /// Assistance as needed: 0 none, 1 all.
+  /// Assistance as needed: 0 none, 1 full.
   struct Assistance {
     double start = 1, forget = 0.8, gain = 0.5;
   };
@@ -51,55 +51,55 @@ struct Progression {
 
   struct Difficulty {
     double start = 0, step = 0.2;                            ///< level, 0 to 1
-    std::optional<DifficultyRange> radius, stiffness, pace;  ///< [m], [N/m], times the path's own
+    std::optional<DifficultyRange> radius, stiffness, pace;  ///< [m], [N/m], relative to the path's own pace
   };
   std::optional<Difficulty> difficulty;
 };
 
-/// Of a path: mirrored in a plane through the origin of W, then scaled about it.
+/// Transformation of a path: it is mirrored in a plane through the origin of W, then scaled about the origin.
 struct PathChange {
   std::optional<int> mirror;  ///< axis that changes its sign
   double scale = 1;
 
-  /// Positions and velocities; forces are mirrored and not scaled.
+  /// Transforms positions and velocities. Mirrors forces, but does not scale them.
   void apply(Path& path) const;
 };
 
 /// One exercise: repetitions of one path.
 struct Exercise {
   std::string name;
-  std::string path;                     ///< a file, from the folder of the programme; or
+  std::string path;                     ///< a file, relative to the programme's folder; or
   std::optional<nlohmann::json> shape;  ///< a shape and its options
   PathChange change;
   ExerciseMode mode = ExerciseMode::tunnel;
   TestLabel test = TestLabel::none;
   int repetitions = 1;
-  double rest = 2;                  ///< after each of them [s]
-  double rest_after = 0;            ///< after the last, besides [s]
-  double hold = 0.5;                ///< at the end of each [s]
-  double pace = 1;                  ///< of passive, assisted and cursor, times the path's own
-  double time_limit = 0;            ///< of a repetition [s]; 0: five times the path's and 10 s
+  double rest = 2;                  ///< pause after each repetition [s]
+  double rest_after = 0;            ///< additional pause after the last repetition [s]
+  double hold = 0.5;                ///< hold at the end of each repetition [s]
+  double pace = 1;                  ///< for passive, assisted and cursor, relative to the path's own pace
+  double time_limit = 0;            ///< of a repetition [s]; 0: five times the path's duration and 10 s
   double radius = 5e-3;             ///< of the tunnel [m]
-  std::optional<double> stiffness;  ///< [N/m]; as stiff as the device bears when absent
-  double assist_force = 2;          ///< help along the path, at most [N]
+  std::optional<double> stiffness;  ///< [N/m]; absent: the stiffest that is stable on the device
+  double assist_force = 2;          ///< largest force that helps along the path [N]
   double resistance = 0;            ///< along the path [N s/m]
   double viscosity = 0;             ///< against all movement [N s/m]
-  double force_scale = 1;           ///< of the expert's forces, where the path has any
-  bool resist_forces = false;       ///< the person is to bring them up, see Feel
-  double wait = 0;                  ///< distance at which a cursor waits [m]; 0: it does not
+  double force_scale = 1;           ///< factor on the expert's forces, if the path has any
+  bool resist_forces = false;       ///< the participant produces the forces, see Feel
+  double wait = 0;                  ///< distance at which a cursor waits for the participant [m]; 0: it does not wait
   bool allow_back = false;
   std::optional<Progression> progression;
 };
 
-/// When a sitting ends before the programme does. 0: no limit.
+/// Limits that end a sitting before the programme is complete. 0: no limit.
 struct ProgrammeLimits {
-  double time = 0;        ///< of the sitting, rests included [s]
-  double force_dose = 0;  ///< integral of the magnitude of the force [N s]
+  double time = 0;        ///< duration of the sitting, including rests [s]
+  double force_dose = 0;  ///< integral of the force's magnitude [N s]
 
-  /// Repetitions in a row of an exercise that were worse than its best in this sitting.
+  /// Ends a sitting after consecutive repetitions of an exercise that are worse than its best in this sitting.
   struct Fatigue {
     std::string figure = "movement_time_s";
-    double worse = 0.3;  ///< by this share of the best
+    double worse = 0.3;  ///< relative to the best
     int repetitions = 3;
   };
   std::optional<Fatigue> fatigue;
@@ -107,24 +107,24 @@ struct ProgrammeLimits {
 
 struct Programme {
   std::string title, description;
-  PathChange person;  ///< of every path, after the exercise's own
+  PathChange person;  ///< applied to every path after the exercise's own change
   ProgrammeLimits limits;
-  int rounds = 1;                 ///< times that the exercises are gone through
-  std::vector<Exercise> warm_up;  ///< once, before them; in no comparison
+  int rounds = 1;                 ///< number of passes through the exercises
+  std::vector<Exercise> warm_up;  ///< done once, before the exercises; excluded from comparisons
   std::vector<Exercise> exercises;
 
-  /// Warm-up first, as trials number them.
+  /// Returns the number of exercises. Trials number the warm-up first.
   [[nodiscard]] std::size_t size() const noexcept { return warm_up.size() + exercises.size(); }
   [[nodiscard]] const Exercise& exercise(std::size_t i) const {
     return i < warm_up.size() ? warm_up[i] : exercises[i - warm_up.size()];
   }
 };
 
-/// Throws Error(input) naming `where` and the path of the key: unknown, missing, of another type, out of its range, or
-/// without meaning in the exercise's mode. Keys and ranges are those of programme.schema.json.
+/// Reads a programme. Throws Error(input) naming `where` and the path of the key if a key is unknown, missing, of the
+/// wrong type, out of range, or without meaning in the exercise's mode. programme.schema.json states keys and ranges.
 Programme programme_from_json(const nlohmann::json& json, const std::string& where);
 
-/// The path of an exercise, as a person is to follow it. `folder`: what files are looked for in. Throws Error(input).
+/// Returns the path of an exercise for the participant. Files are relative to `folder`. Throws Error(input).
 Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder);
 
 }  // namespace haptrace

@@ -1,5 +1,5 @@
-// A session of a programme on the disk: a folder with one recording per repetition, the paths as they were followed,
-// the device's profile where it was calibrated, and session.json, which says what was done.
+// Files of a session of a programme: a folder with one recording per repetition, the paths as they were followed, the
+// device's profile if it was calibrated, and session.json, the log.
 #pragma once
 
 #include "formats/documents/device_profile.h"
@@ -12,8 +12,7 @@
 
 namespace haptrace {
 
-/// What an exercise was set to for one repetition; see Exercise. Of what its mode does not use, the value means
-/// nothing.
+/// Settings of an exercise for one repetition; see Exercise. Values that its mode does not use have no meaning.
 struct TrialSettings {
   double pace = 1;
   double radius = 0;                ///< [m]
@@ -24,33 +23,33 @@ struct TrialSettings {
   bool operator==(const TrialSettings&) const = default;
 };
 
-/// One repetition that was begun.
+/// One repetition that was started.
 struct LoggedTrial {
   std::size_t exercise = 0;  ///< see Programme::exercise
   int round = 1, repetition = 1;
-  int attempt = 1;  ///< more than 1 when the ones before did not come to their end
+  int attempt = 1;  ///< above 1 if the earlier ones did not reach their end
   TrialSettings settings;
-  std::string file;        ///< its recording, from the session's folder
+  std::string file;        ///< recording, relative to the session's folder
   std::string began;       ///< RFC 3339
-  double duration = 0;     ///< of its session, way to the start included [s]
+  double duration = 0;     ///< of its session, including the approach to the start [s]
   double force_dose = 0;   ///< [N s]
-  std::string stopped_by;  ///< "finished", "time_over", or what else ended it (StopCause); empty while it runs
-  std::string detail;      ///< in words, where there is more to say
+  std::string stopped_by;  ///< "finished", "time_over", or another cause (StopCause); empty while it runs
+  std::string detail;      ///< further explanation, if there is any
   std::vector<std::string> notices;
-  nlohmann::json figures;  ///< to_json(TrialFigures); null when it was stopped
+  nlohmann::json figures;  ///< to_json(TrialFigures); null if it was stopped
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
-  /// It need not be done again: the person came to the end, or his time was over.
+  /// Returns true if it need not be repeated: the participant reached the end, or their time was over.
   [[nodiscard]] bool done() const { return finished() || stopped_by == "time_over"; }
 };
 
-/// From when somebody sat down until he got up.
+/// One stay of the participant at the device.
 struct Sitting {
-  std::string began, ended;  ///< RFC 3339; `ended` is empty while it lasts, and when the process died
+  std::string began, ended;  ///< RFC 3339; `ended` is empty during the sitting, and if the process died
   std::string ended_by;      ///< "complete" | "time" | "force_dose" | "fatigue" | "stopped" | "interrupted"
   std::string detail;
   std::size_t first_trial = 0;
-  double duration = 0;    ///< rests included [s]
+  double duration = 0;    ///< including rests [s]
   double force_dose = 0;  ///< [N s]
 };
 
@@ -59,21 +58,21 @@ struct SessionLog {
   std::string subject, operator_name, notes;
   DeviceIdentity device;
   nlohmann::json programme;                          ///< as it was read
-  nlohmann::json config = nlohmann::json::object();  ///< of the command that began it: every sitting goes by it
-  std::string fit;  ///< how the paths were moved and scaled into the workspace, in words; empty when they were not
-  std::vector<std::string> paths;  ///< by exercise, from the session's folder
+  nlohmann::json config = nlohmann::json::object();  ///< of the command that started it: it applies to every sitting
+  std::string fit;  ///< description of how the paths were moved and scaled into the workspace; empty if they were not
+  std::vector<std::string> paths;  ///< by exercise, relative to the session's folder
   std::vector<Sitting> sittings;
-  std::vector<LoggedTrial> trials;  ///< in the order in which they were begun
+  std::vector<LoggedTrial> trials;  ///< in the order of their start
   bool complete = false;
 };
 
 inline constexpr const char* kSessionFile = "session.json";
 inline constexpr const char* kSessionProfile = "profile.json";  ///< a DeviceProfile; absent without calibration
 
-/// While it lives, no other process runs this session: one of two logs would be lost.
+/// Prevents other processes from running this session: one of two logs would be lost.
 class SessionLock {
  public:
-  /// Throws Error(input): the folder is missing, or another process runs the session.
+  /// Throws Error(input) if the folder is missing or another process runs the session.
   explicit SessionLock(const std::string& folder);
   ~SessionLock();
   SessionLock(const SessionLock&) = delete;
@@ -83,14 +82,14 @@ class SessionLock {
   int folder_;
 };
 
-/// Replaces session.json in `folder`; what stood there stays until the new one is complete. Throws Error(fault) or
-/// Error(input): the folder is missing, the disk refuses.
+/// Replaces session.json in `folder`; the old file stays until the new one is complete. Throws Error(input) if the
+/// folder is missing or a write to the disk fails.
 void save_session_log(const SessionLog& log, const std::string& folder);
 
-/// `where`: the folder, or the file in it. Throws Error(input) naming the file and the key.
+/// Reads a session. `where`: the folder, or the file in it. Throws Error(input) naming the file and the key.
 SessionLog load_session_log(const std::string& where);
 
-/// Whether `where` is a folder that holds a session, or the session.json of one.
+/// Returns true if `where` is a folder that holds a session, or the session.json of one.
 bool is_session(const std::string& where);
 
 }  // namespace haptrace

@@ -9,10 +9,10 @@
 
 namespace haptrace {
 
-/// A list of {"severity": "note" | "warning" | "error", "code", "time_s" (null when not of a moment), "text"}.
+/// Returns a list of {"severity": "note" | "warning" | "error", "code", "time_s" (null without a time), "text"}.
 nlohmann::json json_of(std::span<const Warning> warnings);
 
-/// Reads what json_of made. Passes over entries that are not warnings, since files come from anywhere.
+/// Reads the output of json_of(). Skips entries that are not warnings, since files come from anywhere.
 std::vector<Warning> warnings_from(const nlohmann::json& list);
 
 }  // namespace haptrace
