@@ -10,7 +10,7 @@
 namespace haptrace {
 namespace {
 
-/// A column that holds a number in every row stays; one that holds none goes; one in between goes with a note.
+/// Clears a column unless every row has a value. Adds a note if only some rows have one.
 template <class Value>
 void settle(std::vector<Value>& column, const char* name, std::vector<std::string>& notes) {
   const auto known = std::count_if(column.begin(), column.end(), [](const Value& value) { return is_finite(value); });
@@ -100,7 +100,7 @@ void CsvReader::check_time(double t) const {
                                  time_before_, line_before_, remedy));
 }
 
-/// False when the row has no position and may have none.
+/// Parses a row. Returns false if it has no position and the file permits that.
 bool CsvReader::parse_row(std::string_view line) {
   const std::size_t in_header = head_.fields.size();
   std::string_view time;
@@ -123,7 +123,7 @@ bool CsvReader::parse_row(std::string_view line) {
       });
   if (fields == kOpenQuote)
     throw lines_.error("a field in quotes does not end in this line; fields with line breaks cannot be read");
-  // A separator behind the last field is none.
+  // A separator after the last field is ignored.
   if (fields < in_header || more)
     throw lines_.error(fmt::format("{} columns where the header has {}{}", fields, in_header,
                                    head_.separator == ',' && fields == 2 * in_header
@@ -142,9 +142,9 @@ bool CsvReader::parse_row(std::string_view line) {
   return true;
 }
 
-/// What only files of others may have wrong.
+/// Checks rules that only files of other programs can violate.
 void CsvReader::check_row() const {
-  constexpr double kUnit = 1e-3;  // how far the norm of a quaternion may be from 1
+  constexpr double kUnit = 1e-3;  // tolerance of a quaternion's norm
   for (std::size_t cell = 1; cell < kRequiredCells && !head_.position_unit_known; ++cell)
     if (std::abs(cells_[cell]) > kFarthestWithoutUnit)
       throw lines_.error(

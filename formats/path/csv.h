@@ -1,4 +1,5 @@
-// Comma-separated values. Private to formats: load_path, save_path, open_source and create_sink are the ways in.
+// Reading and writing of comma-separated values. Private to formats: use load_path, save_path, open_source and
+// create_sink.
 #pragma once
 
 #include "base/text_file.h"
@@ -10,23 +11,22 @@
 
 namespace haptrace {
 
-/// Reads CSV row by row; memory is flat in the length of the file.
+/// Reads CSV row by row. Memory does not grow with the length of the file.
 ///
-/// Files of haptrace's own, which begin with "# haptrace {...}", have its names and units. Of others, the columns,
-/// units, time stamps and decimal signs are recognised (csv_header.h), or are those that the options name; notes() say
-/// what was assumed. A vector of which a component is missing is passed over, and so are columns that nobody knows.
-/// Comment lines
-/// (#, %) may stand before the header and between the rows of others, blank lines at the end.
+/// A file of haptrace's own, which begins with "# haptrace {...}", has haptrace's names and units. In other files, the
+/// reader recognises columns, units, time stamps and decimal signs (csv_header.h), unless the options name them;
+/// notes() lists the assumptions. It skips unknown columns, and vectors with a missing component. In other files,
+/// comment lines (#, %) may stand before the header and between the rows, and blank lines at the end.
 ///
-/// Every member throws Error(input) as "file:line: ...": no header or one that lacks a column, a row with too few or
-/// too many columns, a field that is not a number, t,x,y,z that are not finite, positions that are farther than a hand
-/// device reaches and have no unit, no rows.
+/// Every member throws Error(input) as "file:line: ..." if the header or a required column is missing, a row has too
+/// few or too many columns, a field is not a number, t,x,y,z are not finite, positions without a unit are beyond the
+/// reach of a hand device, or there are no rows.
 class CsvReader {
  public:
   struct Options {
-    std::size_t columns = kPathColumns;  ///< of text_columns(), those that are read; the others are passed over
+    std::size_t columns = kPathColumns;  ///< number of text_columns() to read; the others are skipped
     bool ordered = true;                 ///< time must increase from row to row
-    std::string remedy;                  ///< what to do about time that does not, for the error
+    std::string remedy;                  ///< remedy for time that does not increase, for the error
     CsvOptions csv;
   };
 
@@ -34,18 +34,18 @@ class CsvReader {
 
   [[nodiscard]] bool has(std::size_t column) const { return head_.present[column]; }
 
-  /// Reads the next row into cells(); false at the end.
+  /// Reads the next row into cells(). Returns false at the end.
   bool next();
 
-  /// The present row in SI. A field that is empty or "nan" and may be so, and a column that is absent: see
+  /// Returns the present row in SI units. An optional field that is empty or "nan", and an absent column, are as in
   /// unknown_cells().
   [[nodiscard]] std::span<const double> cells() const noexcept { return cells_; }
 
-  /// haptrace wrote the file.
+  /// Returns true if haptrace wrote the file.
   [[nodiscard]] bool recording() const noexcept { return head_.recording; }
-  /// The comments before the header that are ours: "haptrace {...}" and "event {...}".
+  /// Returns haptrace's comments before the header: "haptrace {...}", "event {...}" and "clock {...}".
   [[nodiscard]] const std::vector<std::string>& comments() const noexcept { return head_.comments; }
-  /// What was recognised, assumed and left out, for people. Complete at the end of the file.
+  /// Returns what was recognised, assumed and left out, for the user. Complete at the end of the file.
   [[nodiscard]] std::vector<std::string> notes() const;
   [[nodiscard]] const LineReader& lines() const noexcept { return lines_; }
 
@@ -61,18 +61,19 @@ class CsvReader {
   LineReader lines_;
   Options options_;
   std::vector<double> cells_;
-  std::string date_;  ///< of the row, where times of day have one
+  std::string date_;  ///< date of the row, for times of day that have one
   std::size_t rows_ = 0, line_before_ = 0, blank_ = 0;
   std::uint64_t lost_ = 0;                             ///< rows without a position that were left out
-  std::size_t line_of_point_ = 0, line_of_comma_ = 0;  ///< where a decimal sign was first seen; 0: not yet
+  std::size_t line_of_point_ = 0, line_of_comma_ = 0;  ///< line in which a decimal sign was first seen; 0: none
   double time_before_ = 0;
 };
 
-/// Reads a path. Velocity and force stay when every row has them, else they go with a note. Throws like CsvReader.
+/// Reads a path. Keeps velocity, force and orientation if all rows have them; otherwise drops them, with a note if some
+/// rows have them. Throws like CsvReader.
 Path read_csv(const std::string& file, const CsvOptions& options = {});
 
-/// Writes a path with as many digits as bring every number back exactly. Throws Error(input) like OutputFile, and when
-/// the disk refuses.
+/// Writes a path with enough digits to read every number back exactly. Throws Error(input) like OutputFile, and if a
+/// write to the disk fails.
 void write_csv(const Path& path, const std::string& file, bool overwrite);
 
 }  // namespace haptrace

@@ -18,15 +18,15 @@
 namespace haptrace {
 namespace {
 
-constexpr std::size_t kMostHeadLines = 100;  // that are looked through for the header
+constexpr std::size_t kMostHeadLines = 100;  // to search for the header
 constexpr std::size_t kMostHeadBytes = 1 << 20;
-constexpr std::size_t kMostFields = 5000;  // of a header whose names are read
-constexpr std::size_t kMostSampled = 200;  // rows that are looked at before they are read
+constexpr std::size_t kMostFields = 5000;  // of a header whose names are interpreted
+constexpr std::size_t kMostSampled = 200;  // rows that are examined before they are read
 constexpr std::size_t kMostListed = 12;    // names in a message
 
 using Fields = std::vector<std::string>;
 
-/// A quote that is doubled within a field is one.
+/// Replaces doubled quotes in a field by single ones.
 std::string undoubled(std::string_view field) {
   std::string text;
   for (std::size_t i = 0; i < field.size(); ++i) {
@@ -44,7 +44,7 @@ Fields fields_of(std::string_view line, char separator) {
   return fields;
 }
 
-/// The first of tab, semicolon and comma that the line has outside quotes.
+/// Returns tab, semicolon or comma, the first of these that the line has outside quotes.
 char separator_of(std::string_view line) {
   bool in_quotes = false, semicolon = false;
   for (const char c : line) {
@@ -65,15 +65,15 @@ std::string name_list(const Fields& names) {
   return fmt::format("{}{}", fmt::join(parts, ", "), more > 0 ? fmt::format(" and {} more", more) : "");
 }
 
-/// The lines of a Motive export above its header.
+/// Lines of a Motive export above its header.
 struct MotiveHead {
-  Fields assets;       ///< by field: the rigid body or marker
+  Fields assets;       ///< by field: rigid body or marker
   Fields components;   ///< by field: Rotation, Position, ...
-  std::string length;  ///< as the file writes its unit; empty: not stated
+  std::string length;  ///< unit as the file writes it; empty: not stated
   std::string first_type;
 };
 
-/// Which field of a row goes where.
+/// Assignment of fields to cells.
 struct Assignment {
   static constexpr std::size_t kNone = CsvHeader::kPassedOver;
 
@@ -81,8 +81,8 @@ struct Assignment {
   std::vector<CsvName> readings;      ///< by field
   std::vector<std::size_t> field_of;  ///< by cell
   std::optional<std::size_t> date_field;
-  std::string twice;  ///< an error: a name that stands twice
-  std::string lacks;  ///< an error: of --columns
+  std::string twice;  ///< error: a duplicate name
+  std::string lacks;  ///< error in --columns
 
   [[nodiscard]] bool has(std::size_t cell) const { return field_of[cell] != kNone; }
   [[nodiscard]] bool usable() const {
@@ -95,7 +95,7 @@ struct Assignment {
       if (!has(column.first + i)) return false;
     return true;
   }
-  /// Every field of this vector has haptrace's own name.
+  /// Returns true if every field of this vector has haptrace's own name.
   [[nodiscard]] bool plain(const TextColumn& column) const {
     for (std::size_t i = 0; i < column.width(); ++i)
       if (readings[field_of[column.first + i]].rank > 0 ||
@@ -105,7 +105,7 @@ struct Assignment {
   }
 };
 
-/// Finds the columns in the names of a line.
+/// Finds the columns by the names in a line.
 class Assigner {
  public:
   Assigner(Fields names, const CsvOptions& options, bool own_only, const MotiveHead* motive = nullptr)
@@ -134,7 +134,7 @@ class Assigner {
   [[nodiscard]] Assignment take() { return std::move(result_); }
 
  private:
-  /// Names of a Motive export stand above each other.
+  /// Joins the names of a Motive export, which stand above each other.
   void read_motive() {
     std::string asset;
     if (const auto asked = options_.columns.find("x"); asked != options_.columns.end())
@@ -173,7 +173,7 @@ class Assigner {
       const auto field = field_called(trim(name));
       const auto& known = cell_names();
       const auto cell = static_cast<std::size_t>(std::find(known.begin(), known.end(), column) - known.begin());
-      if (cell >= known.size()) continue;  // check() says so
+      if (cell >= known.size()) continue;  // check() reports it
       if (!field) {
         if (result_.lacks.empty())
           result_.lacks = fmt::format("--columns {}={}: the file has no column '{}'; it has {}", column, shown(name),
@@ -215,7 +215,7 @@ class Assigner {
     taken_[best] = true;
   }
 
-  /// The first group of names, of the surest that has all components.
+  /// Takes the first complete group of names, of the most certain rank.
   void take_vector(const TextColumn& column) {
     struct Group {
       std::size_t first = 0;
@@ -253,7 +253,7 @@ class Assigner {
       }
       return;
     }
-    // Half a vector of plain names, for messages.
+    // Take part of a vector with plain names, for messages.
     for (std::size_t i = 0; i < taken_.size(); ++i)
       if (belongs(result_.readings[i], column) && result_.readings[i].rank <= 1) {
         std::size_t& field = result_.field_of[result_.readings[i].cell];
@@ -264,7 +264,7 @@ class Assigner {
       }
   }
 
-  /// The components that --columns does not name.
+  /// Takes the components that --columns does not name.
   void fill(const TextColumn& column) {
     for (std::size_t i = 0; i < taken_.size(); ++i)
       if (const CsvName& reading = result_.readings[i];
@@ -294,7 +294,7 @@ bool all_numbers(const Fields& fields) {
          std::any_of(fields.begin(), fields.end(), [](const std::string& field) { return !field.empty(); });
 }
 
-/// The word for a unit in a sentence.
+/// Returns the word for a unit in a sentence.
 std::string_view spoken(std::string_view si) {
   return si == "m" ? "metres" : si == "s" ? "seconds" : si;
 }
@@ -330,7 +330,7 @@ class HeadReader {
 
   static bool is_comment(std::string_view line) { return line.starts_with('#') || line.starts_with('%'); }
 
-  /// The next line that is neither blank nor a comment.
+  /// Reads the next line that is neither blank nor a comment. Returns false at the end.
   bool next_line(std::string_view& line) {
     while (lines_.next(line))
       if (!trim(line).empty() && !is_comment(line)) return true;
@@ -357,7 +357,7 @@ class HeadReader {
         if (assign(candidate).usable()) commented = std::move(candidate);
         continue;
       }
-      if (forced_separator_ == '\0' && line.size() == 5 && line.starts_with("sep=")) {  // Excel's
+      if (forced_separator_ == '\0' && line.size() == 5 && line.starts_with("sep=")) {  // written by Excel
         forced_separator_ = line[4];
         continue;
       }
@@ -390,7 +390,7 @@ class HeadReader {
     return Assigner(fields_of(candidate.text, candidate.separator), options_, header_.recording).take();
   }
 
-  /// The line has numbers where the header has a position.
+  /// Returns true if the line has numbers in the header's columns of the position.
   [[nodiscard]] bool is_row_of(const Candidate& header, std::string_view line) const {
     const Assignment columns = assign(header);
     const Fields fields = fields_of(line, header.separator);
@@ -410,7 +410,7 @@ class HeadReader {
     assignment_ = assign(candidate);
   }
 
-  /// "Format Version,1.23,Take Name,..." and the rows of names above the header "Frame,Time (Seconds),X,Y,Z,...".
+  /// Reads "Format Version,1.23,Take Name,..." and the rows of names above the header "Frame,Time (Seconds),X,Y,Z,...".
   void read_motive(std::string_view first) {
     constexpr std::size_t kMostRows = 20;
     header_.separator = separator_of(first);
@@ -473,7 +473,7 @@ class HeadReader {
                             fmt::join(missing, ", "), shown(header_text_), fmt::join(example, ",")));
     }
 
-    // Of a vector, all components or none. Columns that are known but not asked for are passed over without a word.
+    // A vector needs all its components. Known columns that are not wanted are skipped without a note.
     header_.fields.assign(found.names.size(), {});
     header_.present.assign(text_columns().size(), false);
     header_.labels.resize(cell_count());
@@ -500,7 +500,7 @@ class HeadReader {
     if (!motive_) header_.ignored = name_list(left);
   }
 
-  /// Looks at the line of units, if there is one, and at the first rows.
+  /// Reads the row of units, if there is one, and the first rows.
   void sample_rows() {
     std::string_view line;
     const auto next = [&] {
@@ -552,7 +552,7 @@ class HeadReader {
     return true;
   }
 
-  /// The unit of a column is none that is known: --units must say.
+  /// Throws if a column has an unknown unit, unless --units states one.
   void unknown_unit(std::size_t field, const std::string& unit) const {
     const std::string_view si = si_of_cell(header_.fields[field].cell);
     if (asked_units(options_).contains(si)) return;
@@ -565,7 +565,7 @@ class HeadReader {
                     lines_.file(), shown(assignment_.names[field]), shown(unit), fmt::join(known, ", ")));
   }
 
-  /// The unit that the file states for a field, or null.
+  /// Returns the unit that the file states for a field, or null.
   [[nodiscard]] const Unit* stated(std::size_t field) const {
     if (!units_row_.empty() && units_row_[field] != nullptr) return units_row_[field];
     return assignment_.readings[field].unit;
@@ -580,7 +580,7 @@ class HeadReader {
       if (!header_.present[i] || si.empty() || si == "1") continue;
       const bool position = column.column->name == std::string_view("position");
       const Unit* of_vector = nullptr;
-      const Unit* of_other = nullptr;  // of a component that --units overrules
+      const Unit* of_other = nullptr;  // unit of a component that --units overrides
       for (std::size_t c = 0; c < column.width(); ++c) {
         const std::size_t field = assignment_.field_of[column.first + c];
         if (!assignment_.readings[field].unknown_unit.empty() && (units_row_.empty() || units_row_[field] == nullptr))
@@ -647,7 +647,7 @@ class HeadReader {
   }
 
   void settle_time() {
-    constexpr double kSince1970 = 1e8;  // [s], three years: a stamp that is larger counts from some epoch
+    constexpr double kSince1970 = 1e8;  // [s], three years: a larger stamp counts from an epoch
     if (samples_.empty()) return;
     const Fields& row = samples_.front();
     const std::string_view text = time_text(row);
@@ -656,7 +656,7 @@ class HeadReader {
     const bool plain = assignment_.plain(text_columns()[0]);
     if (parse_csv_number(text, true, number) == NumberForm::none) {
       const bool date = parse_date_stamp(text).has_value();
-      if (!date && !parse_clock_stamp(text)) return;  // reading the row says what is wrong
+      if (!date && !parse_clock_stamp(text)) return;  // reading the row reports the error
       header_.stamps = date ? StampForm::date : StampForm::time_of_day;
       if (date)
         assignment_.date_field.reset();
@@ -676,7 +676,7 @@ class HeadReader {
 
     const auto magnitude = std::abs(number);
     std::string_view why = time_why_;
-    if (time_unit_ == nullptr)  // as seconds since 1970 these would be beyond the year 5000
+    if (time_unit_ == nullptr)  // in seconds since 1970 these would be beyond the year 5000
       for (const auto& [least, name] : {std::pair(1e17, "ns"), std::pair(1e14, "us"), std::pair(1e11, "ms")})
         if (magnitude >= least) {
           time_unit_ = find_unit(name, "s");
@@ -703,9 +703,9 @@ class HeadReader {
     if (time_unit_ == nullptr) ask_about_slow_time();
   }
 
-  /// Time that is read as seconds although its steps are none of a movement.
+  /// Throws if time is read as seconds but its steps do not fit a movement.
   void ask_about_slow_time() const {
-    constexpr double kNoMovement = 10;  // [s]: whatever was sampled so slowly was no movement of a hand
+    constexpr double kNoMovement = 10;                              // [s]: no hand movement is sampled so slowly
     constexpr double kSlow = 0.5, kCreeping = 2e-3, kMoved = 5e-3;  // [s], [m/s], [m]
     constexpr std::size_t kEnough = 20;                             // steps
     std::vector<double> steps, speeds;

@@ -1,4 +1,4 @@
-// What the first lines of a CSV file say about the rest. Private to formats.
+// Head of a CSV file: its columns, units and time stamps. Private to formats.
 #pragma once
 
 #include "base/units.h"
@@ -15,15 +15,15 @@
 
 namespace haptrace {
 
-/// How a file writes the time of a row.
+/// Notation of a row's time.
 enum class StampForm {
-  number,  ///< of some unit; the cell has seconds as the file counts them
+  number,  ///< in any unit; the cell holds seconds on the file's own time scale
   exact,   ///< a number so large that it is read as a decimal and counted from the first row
   date,    ///< date and time
   time_of_day
 };
 
-/// The head of a CSV file, and how its rows are read.
+/// Head of a CSV file, and the rules for reading its rows.
 struct CsvHeader {
   static constexpr std::size_t kPassedOver = std::numeric_limits<std::size_t>::max();
 
@@ -32,9 +32,9 @@ struct CsvHeader {
     double per_si = 1;  ///< the value is divided by this
   };
 
-  bool recording = false;             ///< haptrace wrote it, and nothing is assumed
+  bool recording = false;             ///< haptrace wrote the file, and nothing is assumed
   std::vector<std::string> comments;  ///< "haptrace {...}", "event {...}" and "clock {...}"
-  std::size_t last_line = 0;          ///< the last line before the rows
+  std::size_t last_line = 0;          ///< last line before the rows
   char separator = ',';
   std::vector<Field> fields;        ///< by field of a row
   std::vector<std::string> labels;  ///< by cell, for messages: "x" or "x ('Pos X')"
@@ -42,30 +42,29 @@ struct CsvHeader {
   std::string ignored;              ///< names of columns that are not read, for a note
 
   StampForm stamps = StampForm::number;
-  std::optional<std::size_t> date_field;  ///< a field that holds the date of a time of day
+  std::optional<std::size_t> date_field;  ///< field with the date of a time of day
   double stamps_per_second = 1;
-  std::int64_t start_ns = 0;  ///< unless `number`: the stamp of the first row, which becomes time 0
+  std::int64_t start_ns = 0;  ///< unless `number`: stamp of the first row, which becomes time 0
 
   bool position_unit_known = false;
   bool drops_lost_rows = false;    ///< rows without a position are left out and counted
-  std::vector<std::string> notes;  ///< sentences on what was recognised and assumed
+  std::vector<std::string> notes;  ///< sentences about what was recognised and assumed
 };
 
-/// Reads the head of `file`, of which the first `columns` of text_columns() are wanted. Throws Error(input) as
-/// "file:line:
-/// ...": see CsvReader; and as --columns or --units for what a user said that the file does not have.
+/// Reads the head of `file`. The caller wants the first `columns` of text_columns(). Throws Error(input) like
+/// CsvReader, and naming --columns or --units if a user names something that the file does not have.
 CsvHeader read_csv_header(const std::string& file, std::size_t columns, const CsvOptions& options);
 
-/// Units of --units by their quantity in SI. Throws Error(input).
+/// Returns the units of --units by their SI quantity. Throws Error(input).
 std::map<std::string_view, const Unit*> asked_units(const CsvOptions& options);
 
-/// Text without blanks and one pair of quotes round it.
+/// Returns the text without surrounding blanks and without one pair of quotes.
 std::string_view unquoted(std::string_view text);
 
-/// What split_csv returns of a line in which a quote does not end.
+/// Result of split_csv for a line with an unclosed quote.
 inline constexpr std::size_t kOpenQuote = std::numeric_limits<std::size_t>::max();
 
-/// Calls `visit(index, field, quoted)` for every field of a line and returns how many there were, or kOpenQuote. Of a
+/// Calls `visit(index, field, quoted)` for every field of a line. Returns the number of fields, or kOpenQuote. For a
 /// field in quotes (RFC 4180), `field` is the text between them.
 template <class Visit>
 std::size_t split_csv(std::string_view line, char separator, const Visit& visit) {
@@ -94,20 +93,20 @@ std::size_t split_csv(std::string_view line, char separator, const Visit& visit)
   }
 }
 
-/// How a number is written.
+/// Notation of a number.
 enum class NumberForm { none, whole, point, comma };
 
-/// Reads a number; with a decimal comma only if `comma`.
+/// Reads a number. Accepts a decimal comma only if `comma` is true.
 NumberForm parse_csv_number(std::string_view field, bool comma, double& value);
 
-/// Reads a stamp of these forms in [ns]; `date` is that of a time of day, or empty.
+/// Reads a stamp in the header's form [ns]. `date` is the date for a time of day, or empty.
 std::optional<std::int64_t> parse_stamp(const CsvHeader& header, std::string_view text, std::string_view date,
                                         bool comma);
 
 /// Cells that a path must have: t,x,y,z.
 inline constexpr std::size_t kRequiredCells = 4;
 
-/// The longest distance from the origin that is believed without a unit [m].
+/// Longest plausible distance from the origin without a unit [m].
 inline constexpr double kFarthestWithoutUnit = 5;
 
 }  // namespace haptrace

@@ -51,11 +51,11 @@ constexpr auto kQuantityWords = std::to_array<QuantityWord>({
     {"drehmoment", "torque"},
 });
 
-/// Where the hand or the tool is, not what it is to do.
+/// Words for the hand or tool itself, as opposed to its target.
 constexpr auto kPlaceWords = std::to_array<std::string_view>(
     {"hand", "tool", "tip", "tcp", "ee", "end", "effector", "endeffector", "stylus", "handle", "pen", "probe", "actual",
      "current", "measured", "robot", "device", "haptic", "wrist"});
-/// What is not measured, or is no vector of these quantities.
+/// Words for things that are not measured, or are not vectors of these quantities.
 constexpr auto kOtherThings = std::to_array<std::string_view>(
     {"target", "desired", "reference", "ref",        "setpoint", "commanded", "cmd",          "goal",
      "error",  "err",     "angular",   "covariance", "std",      "var",       "acceleration", "acc",
@@ -69,7 +69,7 @@ bool holds(const Range& range, std::string_view word) {
   return std::find(std::begin(range), std::end(range), word) != std::end(range);
 }
 
-/// "HandPosX", "hand_pos_x" and "hand.pos.X" are hand, pos, x.
+/// Splits a name: "HandPosX", "hand_pos_x" and "hand.pos.X" are hand, pos, x.
 Words words_in(std::string_view name) {
   Words words;
   bool apart = true, lower_before = false;
@@ -101,7 +101,7 @@ std::string_view quantity_of(std::string_view word) {
   return found == kQuantityWords.end() ? std::string_view() : found->column;
 }
 
-/// Which component of the column an axis is; kUnknown when the column has none of this name.
+/// Returns the cell of a column's component along an axis; kUnknown if the column has no such axis.
 std::size_t cell_of(std::string_view column, std::string_view axis) {
   const TextColumn& of = text_columns()[text_column(column)];
   if (column == "orientation") {
@@ -146,7 +146,7 @@ CsvName read_time(std::span<const std::string> words) {
   return result;
 }
 
-/// A name without its unit.
+/// Interprets a name without its unit.
 CsvName read_words(std::span<const std::string> words) {
   if (words.empty()) return {};
   if (CsvName time = read_time(words); time.cell != CsvName::kUnknown) return time;
@@ -237,7 +237,7 @@ CsvName read_csv_name(std::string_view name, bool own_only) {
   for (const std::size_t of_unit : {2U, 1U}) {
     if (all.size() <= of_unit) continue;
     const std::string unit = joined(all.last(of_unit), "/");
-    if (unit == "in" || unit == "min") continue;  // as a rule they are words
+    if (unit == "in" || unit == "min") continue;  // usually words
     result = read_words(all.first(all.size() - of_unit));
     if (result.cell == CsvName::kUnknown) continue;
     result.unit = find_unit(unit, si_of_cell(result.cell));

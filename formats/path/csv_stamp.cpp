@@ -13,7 +13,7 @@ bool is_digit(char c) {
   return c >= '0' && c <= '9';
 }
 
-/// Takes things from the beginning of a text.
+/// Takes parts from the beginning of a text.
 class Taker {
  public:
   explicit Taker(std::string_view text) : rest_(text) {}
@@ -23,7 +23,7 @@ class Taker {
     rest_.remove_prefix(1);
     return true;
   }
-  /// A number of so many digits.
+  /// Takes a number of `fewest` to `most` digits.
   bool take(int& value, int fewest, int most) {
     int digits = 0;
     for (value = 0; digits < most && !rest_.empty() && is_digit(rest_.front()); ++digits) {
@@ -32,7 +32,7 @@ class Taker {
     }
     return digits >= fewest;
   }
-  /// What stands behind a decimal sign, in ns, if there is one.
+  /// Takes a decimal sign and the fraction after it, in ns, if there is one.
   bool take_fraction(std::int64_t& ns) {
     ns = 0;
     if (!take(".,")) return true;
@@ -41,7 +41,7 @@ class Taker {
     for (; !rest_.empty() && is_digit(rest_.front()); rest_.remove_prefix(1)) {
       any = true;
       unit /= 10;
-      ns += unit * (rest_.front() - '0');  // what is beyond 1 ns is dropped
+      ns += unit * (rest_.front() - '0');  // digits beyond 1 ns are dropped
     }
     return any;
   }
@@ -56,7 +56,7 @@ class Taker {
 };
 
 bool take_clock(Taker& taker, std::int64_t& ns) {
-  constexpr int kLastSecond = 60;  // of a leap second
+  constexpr int kLastSecond = 60;  // in a leap second
   int hours = 0, minutes = 0, seconds = 0;
   std::int64_t fraction = 0;
   if (!taker.take(hours, 1, 2)) return false;
@@ -84,13 +84,13 @@ bool take_date(Taker& taker, std::int64_t& ns) {
   }
   const std::chrono::year_month_day date{std::chrono::year(year), std::chrono::month(static_cast<unsigned>(month)),
                                          std::chrono::day(static_cast<unsigned>(day))};
-  // Beyond these years nanoseconds do not fit.
+  // Nanoseconds do not fit beyond these years.
   if (!date.ok() || year < 1700 || year > 2250) return false;
   ns = std::chrono::nanoseconds(std::chrono::sys_days(date).time_since_epoch()).count();
   return true;
 }
 
-/// Z, +01:00, +0100, +01 or nothing: how far local time is ahead.
+/// Takes Z, +01:00, +0100, +01 or nothing. `ahead`: how far local time is ahead of UTC [ns].
 bool take_zone(Taker& taker, std::int64_t& ahead) {
   taker.skip_blanks();
   ahead = 0;
@@ -129,7 +129,7 @@ std::optional<std::int64_t> parse_decimal_stamp(std::string_view text, double pe
   if (static_cast<double>(units) * ns_per_unit > kLongest) return std::nullopt;
   double share = 0, unit = 1;
   for (std::size_t i = 0; i < std::min<std::size_t>(part.size(), 17); ++i) share += (part[i] - '0') * (unit /= 10);
-  // Nanoseconds are whole in all units but minutes, whose stamps are small.
+  // All units but minutes are whole nanoseconds. Stamps in minutes are small.
   const auto whole_ns = ns_per_unit == std::round(ns_per_unit)
                             ? static_cast<std::int64_t>(units) * static_cast<std::int64_t>(ns_per_unit)
                             : std::llround(static_cast<double>(units) * ns_per_unit);

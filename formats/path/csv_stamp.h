@@ -8,8 +8,8 @@
 
 namespace haptrace {
 
-/// Reads a decimal number of which `per_second` are a second, as in 1700000000123.5 for milliseconds. Nothing when
-/// `text` is no such number or is over 290 years.
+/// Reads a decimal number in units of 1 / `per_second` s, as in 1700000000123.5 for milliseconds, in [ns]. Returns
+/// nothing if `text` is not such a number or is over 290 years.
 std::optional<std::int64_t> parse_decimal_stamp(std::string_view text, double per_second);
 
 /// Reads a date and time in [ns] since 1970: ISO 8601 or RFC 3339 (2026-01-31T12:00:00.123+01:00, 20260131T120000), a

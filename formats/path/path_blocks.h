@@ -1,4 +1,4 @@
-// The figures of a path's blocks, row by row.
+// Statistics of a path in blocks, computed row by row.
 #pragma once
 
 #include "formats/path/path_source.h"
@@ -7,10 +7,10 @@
 
 namespace haptrace {
 
-/// Told every row in order, it has the blocks of all of them.
+/// Computes the blocks of a path. It needs every row in order.
 class PathBlocks {
  public:
-  static constexpr std::uint64_t kRows = 8192;  ///< of a block
+  static constexpr std::uint64_t kRows = 8192;  ///< per block
   static constexpr double kSpeedWindow = 0.01;  ///< [s]
 
   void add(double time, const Vec3& position) {
@@ -22,7 +22,7 @@ class PathBlocks {
     PathBlock& block = blocks_.back();
     block.bounds.include(position);
     ++block.rows;
-    // Speeds over a window, a millionth less: stamps are rounded.
+    // Speeds are over a window, which may be a millionth shorter, since stamps are rounded.
     if (rows_++ == 0) {
       begin_window(time, position);
     } else if (const double elapsed = time - window_time_; elapsed >= (1 - 1e-6) * kSpeedWindow) {
@@ -46,7 +46,7 @@ class PathBlocks {
   Vec3 window_position_ = Vec3::Zero();
 };
 
-/// What blocks tell of the whole path: all but names, stamps and columns.
+/// Adds a block to the facts of the whole path: all but names, stamps and columns.
 inline void join_block(PathFacts& facts, const PathBlock& block) {
   facts.rows += block.rows;
   facts.bounds.include(block.bounds.min);

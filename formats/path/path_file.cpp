@@ -15,14 +15,14 @@
 namespace haptrace {
 namespace {
 
-constexpr std::uint64_t kNotedRows = 16'384;  // of a recording, which is told of by its first ones
+constexpr std::uint64_t kNotedRows = 16'384;  // first rows of a recording, on which its notes are based
 
 bool ends_like_hdf5(const std::string& file) {
   const std::string text = file_ending(file);
   return text == ".h5" || text == ".hdf5";
 }
 
-/// What is odd about the sampling of a path.
+/// Returns notes about irregular sampling of a path.
 std::vector<std::string> sampling_notes(const Path& path) {
   constexpr double kLongest = 9.2e18;  // [ns]
   SamplingReport report;

@@ -1,4 +1,4 @@
-// Reading and writing paths: CSV and HDF5, told apart by their content.
+// Reading and writing of paths as CSV and HDF5.
 #pragma once
 
 #include "control/path/path.h"
@@ -9,16 +9,17 @@
 
 namespace haptrace {
 
-/// Opens a recording (HDF5), or reads a CSV whose header names time and position (optionally velocity, force and
-/// orientation): in s and m, or as `csv` or the file say (docs/file-format.md). What was assumed is among the notes.
-/// See source_of() for what is taken of either, and what it costs.
+/// Opens a recording (HDF5), or reads a CSV file whose header names time and position (optionally velocity, force and
+/// orientation). Values are in s and m, unless `csv` or the file says otherwise (docs/file-format.md). The notes list
+/// all assumptions. source_of() states which part of either is the path, and the cost.
 ///
-/// Throws Error(input) naming the file and the row: missing, empty, not numeric, not finite, time that does not
-/// increase, a size that can only be a unit mistake; `csv` that is not empty for a recording. Never changes the file.
+/// Throws Error(input) naming the file and the row if the file is missing or empty, a value is not a number or not
+/// finite, time does not increase, the size can only be a unit mistake, or `csv` is not empty for a recording. Never
+/// changes the file.
 std::shared_ptr<const PathSource> open_path(const std::string& file, const PathSelection& selection = {},
                                             const RowsDone& progress = {}, const CsvOptions& csv = {});
 
-/// The whole of it in memory. Throws like open_path and PathSource::read.
+/// Reads a whole path into memory. Throws like open_path and PathSource::read.
 Path load_path(const std::string& file, const CsvOptions& csv = {});
 
 /// Writes a path as CSV (`.csv`) or as a recording (`.h5`) with `title` and `rate_hz` = its mean rate.

@@ -16,7 +16,7 @@ constexpr std::array<std::string_view, 5> kRecordedColumns{"time", "position", "
 constexpr std::array<std::string_view, 6> kFigureColumns{"time", "tick", "position", "velocity", "force", "phase"};
 constexpr std::array<std::string_view, 1> kPhase{"phase"};
 
-/// Half-open.
+/// Half-open range of rows.
 struct Rows {
   std::uint64_t begin = 0, end = 0;
   [[nodiscard]] std::uint64_t size() const { return end > begin ? end - begin : 0; }
@@ -153,7 +153,7 @@ class RecordedPath final : public PathSource {
   }
 
  private:
-  /// Of the whole recording.
+  /// Returns the last row of the recording that is not after `time`.
   [[nodiscard]] std::uint64_t last_row_until(double time) const {
     constexpr double kFarthest = 9e9;  // [s], well within 63 bits of nanoseconds
     return reader_.row_at(std::llround(1e9 * std::clamp(time, -kFarthest, kFarthest)));
@@ -174,10 +174,10 @@ class RecordedPath final : public PathSource {
     return find_run(overview, asked);
   }
 
-  /// The rows of run `number`, from 1. Looks into those blocks only in which it begins and ends.
+  /// Returns the rows of run `number`, from 1. Reads only the blocks in which the run begins and ends.
   [[nodiscard]] Rows find_run(const std::vector<RecordingSummary>& overview, std::uint64_t number) const {
     std::uint64_t row = 0, begun = 0;
-    bool in_run = false;  // at the end of the block before
+    bool in_run = false;  // at the end of the previous block
     auto block = overview.begin();
     for (; block != overview.end(); ++block) {
       const std::uint64_t begin_here = block->runs - (in_run && block->begins_in_run ? 1 : 0);
@@ -190,7 +190,7 @@ class RecordedPath final : public PathSource {
     Rows run{row, row};
     bool found = false;
     for (; block != overview.end(); row += block->rows, ++block) {
-      // Once it has begun, a block that is all run is all this one's.
+      // After the start of the run, a block that is all of phase run belongs to it.
       if (found && block->run_rows == block->rows) {
         run.end = row + block->rows;
         continue;
@@ -224,7 +224,7 @@ class RecordedPath final : public PathSource {
     rows_ = rows;
   }
 
-  /// Blocks that the path covers in part are read, the others are as the recording tells of them.
+  /// Reads blocks that the path covers in part, and uses the stored summaries of the others.
   void measure(const std::vector<RecordingSummary>& overview, bool of_runs) {
     std::uint64_t row = 0, with_velocity = 0, with_force = 0;
     std::vector<Rows> without_position;
@@ -252,7 +252,7 @@ class RecordedPath final : public PathSource {
     }
     for (const PathBlock& block : blocks_) join_block(facts_, block);
     facts_.end = seconds(last_ns.value_or(0));
-    // Reading them says which row it is.
+    // Reading these rows reports which one it is.
     for (const Rows& rows : without_position) (void)read(rows.begin - rows_.begin, rows.size());
     validate_size(facts_.name, facts_.bounds);
     facts_.velocity = usable(with_velocity, "velocity");
@@ -260,7 +260,7 @@ class RecordedPath final : public PathSource {
     facts_.orientation = reader_.columns().orientation && is_finite(first_orientation());
   }
 
-  /// What is read of every row.
+  /// Returns the columns that are read for every row.
   [[nodiscard]] std::span<const std::string_view> columns() const {
     return std::span(kRecordedColumns).first(facts_.orientation ? 5 : 4);
   }
@@ -269,7 +269,7 @@ class RecordedPath final : public PathSource {
     return reader_.read(rows_.begin, 1, std::span(kRecordedColumns).last(1)).front().orientation;
   }
 
-  /// An orientation that is not known is the last that is, or at the beginning of a piece the first.
+  /// Replaces unknown orientations by the last known one, or by the first known one at the beginning of a piece.
   void fill_gaps(std::vector<Quat>& orientation, std::uint64_t first_row) const {
     if (orientation.empty()) return;
     const auto known = [](const Quat& q) { return is_finite(q); };
@@ -292,7 +292,7 @@ class RecordedPath final : public PathSource {
     return summariser.take();
   }
 
-  /// A column that holds a number in every row stays; one that holds none goes; one in between goes with a note.
+  /// Returns true if every row has a value. Adds a note if only some rows have one.
   bool usable(std::uint64_t known, const char* name) {
     if (known > 0 && known < rows_.size())
       note(fmt::format("{} left out: {} of {} samples have none", name, rows_.size() - known, rows_.size()));
@@ -300,7 +300,7 @@ class RecordedPath final : public PathSource {
   }
 
   RecordingReader reader_;
-  Rows rows_;  ///< of the recording
+  Rows rows_;  ///< rows of the recording
 };
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Paths that are read piece by piece, so that their length costs nothing.
+// Paths that are read piece by piece, so that memory does not depend on their length.
 #pragma once
 
 #include "control/path/path.h"
@@ -14,31 +14,31 @@
 
 namespace haptrace {
 
-/// What is known of a path before it is read.
+/// Properties of a path that are known before it is read.
 struct PathFacts {
   std::string name;  ///< for messages: usually the file
   std::uint64_t rows = 0;
   double begin = 0, end = 0;       ///< stamps of the first and the last row [s]
-  Box bounds;                      ///< of its positions [m]
+  Box bounds;                      ///< of the positions [m]
   double peak_speed = 0;           ///< over 10 ms, or between two rows that are farther apart [m/s]
   double longest_interval = 0;     ///< between two rows [s]
-  bool velocity = false;           ///< every row has a velocity, and pieces hold it
-  bool force = false;              ///< every row has a force, and pieces hold it
-  bool orientation = false;        ///< pieces hold orientations
-  std::vector<std::string> notes;  ///< what a person should know
+  bool velocity = false;           ///< every row has a velocity, and pieces contain it
+  bool force = false;              ///< every row has a force, and pieces contain it
+  bool orientation = false;        ///< pieces contain orientations
+  std::vector<std::string> notes;  ///< notes for the user
 
   [[nodiscard]] double duration() const noexcept { return end - begin; }
 };
 
-/// The same of consecutive rows; together these make up the path.
+/// Properties of consecutive rows. All blocks together make up the path.
 struct PathBlock {
   std::uint64_t first = 0, rows = 0;
   Box bounds;
   double peak_speed = 0;
-  double longest_interval = 0;  ///< the one to the row that follows included
+  double longest_interval = 0;  ///< including the interval to the next row
 };
 
-/// A path that is read as it is needed.
+/// A path that is read on demand.
 ///
 /// Threads: const, but one thread at a time.
 class PathSource {
@@ -48,11 +48,11 @@ class PathSource {
   [[nodiscard]] const PathFacts& facts() const noexcept { return facts_; }
   [[nodiscard]] const std::vector<PathBlock>& blocks() const noexcept { return blocks_; }
 
-  /// Rows [first, first + count), fewer at the end: at least one. Throws Error(input) naming the row when they are
-  /// damaged or no path.
+  /// Returns rows [first, first + count), fewer at the end, but at least one. Throws Error(input) naming the row if
+  /// rows are damaged or not a valid path.
   [[nodiscard]] virtual Path read(std::uint64_t first, std::uint64_t count) const = 0;
 
-  /// The last row whose stamp is at most `time` [s]; 0 when there is none. Costs O(log rows).
+  /// Returns the last row whose stamp is at most `time` [s]; 0 if there is none. Costs O(log rows).
   [[nodiscard]] virtual std::uint64_t row_at(double time) const = 0;
 
   void note(std::string text) { facts_.notes.push_back(std::move(text)); }
@@ -62,25 +62,26 @@ class PathSource {
   std::vector<PathBlock> blocks_;
 };
 
-/// Which part of a file is the path.
+/// Part of a file that is the path.
 struct PathSelection {
   double from = -std::numeric_limits<double>::infinity();  ///< rows with stamps from here [s] ...
   double to = std::numeric_limits<double>::infinity();     ///< ... to here
-  std::optional<int> repetition;  ///< of a recording that holds several runs: which, from 1; the last when absent
+  std::optional<int> repetition;  ///< run of a recording with several runs, from 1; absent: the last run
 };
 
-/// Told while a file is looked through that has no figures of its own: rows done.
+/// Receives the number of rows done while a file without stored statistics is read.
 using RowsDone = std::function<void(std::uint64_t)>;
 
-/// A path in memory, the part of it between `from` and `to`. Throws Error(input) like validate, when nothing is
-/// selected, and when a repetition is asked for: a path has none.
+/// Returns the part of a path in memory between `from` and `to`. Throws Error(input) like validate, if nothing is
+/// selected, and if a repetition is requested: a path has none.
 std::unique_ptr<PathSource> source_of(Path path, const PathSelection& selection = {});
 
-/// Where a recording does not know how the tool pointed, it points as it did last.
+/// Returns the path of a recording: the rows of phase run of one repetition, or all rows if none is of phase run. If a
+/// recording lacks an orientation, the last known one is used.
 ///
-/// A recording: the rows of phase run of one repetition, or all rows when none is of phase run. Opens in milliseconds
-/// at any length, since nothing is read but the recording's overview and the blocks in which the path begins and ends.
-/// Throws Error(input): no rows, none selected, a repetition that is not there, positions that are not numbers.
+/// Opening takes milliseconds at any length, since it reads only the overview and the blocks in which the path begins
+/// and ends. Throws Error(input) if there are no rows, none is selected, the repetition does not exist, or a position
+/// is not finite.
 std::unique_ptr<PathSource> source_of(RecordingReader reader, const std::string& name,
                                       const PathSelection& selection = {}, const RowsDone& progress = {});
 

@@ -41,7 +41,7 @@ class ThinnedPath final : public PathSource {
   }
 
  private:
-  /// In stretches, so that no more than is asked for is in memory at once.
+  /// Reads in stretches, to bound the number of skipped rows in memory.
   [[nodiscard]] Path pick(std::uint64_t first, std::uint64_t count) const {
     constexpr std::uint64_t kStretch = 65'536;
     Path result{.name = facts_.name};
