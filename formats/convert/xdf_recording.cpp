@@ -20,7 +20,7 @@ namespace {
 constexpr double kStale = 1;        // [s]; an older held value is not used
 constexpr double kSameTime = 1e-6;  // [s]; stamps that differ by less are equal up to rounding
 
-/// Letters and digits in lower case: "Pos X" -> "posx".
+/// Returns the letters and digits in lower case: "Pos X" -> "posx".
 std::string plain(std::string_view label) {
   std::string text;
   for (const char each : label) {

@@ -103,7 +103,7 @@ NumberForm parse_csv_number(std::string_view field, bool comma, double& value);
 std::optional<std::int64_t> parse_stamp(const CsvHeader& header, std::string_view text, std::string_view date,
                                         bool comma);
 
-/// Cells that a path must have: t,x,y,z.
+/// Number of cells that a path must have: t,x,y,z.
 inline constexpr std::size_t kRequiredCells = 4;
 
 /// Longest plausible distance from the origin without a unit [m].

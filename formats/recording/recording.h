@@ -238,7 +238,7 @@ class RecordingReader {
 
   [[nodiscard]] std::uint32_t parts() const noexcept;                            ///< number of files that were opened
   [[nodiscard]] std::vector<std::string> files() const;                          ///< their names
-  [[nodiscard]] const std::vector<std::string>& missing_parts() const noexcept;  ///< files that should be there
+  [[nodiscard]] const std::vector<std::string>& missing_parts() const noexcept;  ///< files that are missing
   [[nodiscard]] int deflate() const;  ///< compression level of the positions; 0: none
 
  private:

@@ -1,6 +1,6 @@
 // Recordings as streams of samples, in any format: HDF5, CSV, JSON lines, and XDF for reading.
 //
-//   source -> changes, each a source around another (cut, resample, anonymise) -> sink
+//   source -> filters, each a source around another (cut, resample, anonymise) -> sink
 //
 // Memory does not grow with the length of a file. Threads: one thread at a time.
 #pragma once
