@@ -18,7 +18,7 @@ PlantModel plant() {
 }
 
 Vec3 answer(ForceTerm& term, const Reference& reference, const Tuning& tuning = {}) {
-  // What was measured is far from the reference: none of it may be asked.
+  // The measured state is far from the reference: a feedforward term must not use it.
   State state;
   state.position = Vec3(9, 9, 9);
   state.velocity = Vec3(-9, -9, -9);

@@ -5,7 +5,7 @@
 namespace haptrace {
 namespace {
 
-/// Gain at `hz` from the response to a sine that is given time to settle.
+/// Returns the gain at `hz`, measured from the settled response to a sine.
 double gain(Butterworth2 filter, double hz, double rate) {
   double power = 0;
   const int settle = static_cast<int>(rate), total = settle + static_cast<int>(rate);
@@ -16,7 +16,8 @@ double gain(Butterworth2 filter, double hz, double rate) {
   return std::sqrt(2 * power / (total - settle));
 }
 
-/// |H| of the bilinear transform is the analogue filter's at the prewarped frequency.
+/// Returns the theoretical gain: |H| of the bilinear transform equals the analogue filter's at the prewarped
+/// frequency.
 double theory(Butterworth2::Kind kind, double hz, double cutoff, double rate) {
   const double u = std::tan(std::numbers::pi * hz / rate) / std::tan(std::numbers::pi * cutoff / rate);
   return (kind == Butterworth2::Kind::low_pass ? 1 : u * u) / std::sqrt(1 + std::pow(u, 4));

@@ -20,7 +20,7 @@ using testing::HasSubstr;
 
 constexpr double kRadius = 0.005;
 
-/// 0.2 m along x in 2 s, pushed to the side and along.
+/// Returns a path of 0.2 m along x in 2 s, with an expert force along and across it.
 ArcPath straight(double radius = kRadius) {
   ArcPath::Builder builder(2.5e-4);
   for (int i = 0; i <= 2000; ++i) builder.add(1e-3 * i, Vec3(1e-4 * i, 0, 0), Vec3(0.5, 1.5, -0.3));
@@ -187,7 +187,8 @@ TEST(Guidance, FadesTheExpertsForceWithDistanceAndBringsItBackSlowly) {
 }
 
 TEST(Guidance, ChargesAForceWhenItActs) {
-  // Sent once, for a tick of 1 ms, and 1.25 ms late: most of it acts in the second tick, the rest in the third.
+  // One force is sent, for a tick of 1 ms and with a delay of 1.25 ms: three quarters of it act in the second tick, the
+  // rest in the third.
   const ArcPath path = straight();
   Guidance guidance(walls(), {.delay = 1.25e-3});
   std::vector<double> given;
@@ -222,8 +223,8 @@ TEST(Guidance, AllocatesNothing) {
 }
 
 TEST(Guidance, GivesAForceThatIsPushedAgainstNoMoreThanTheTankHolds) {
-  // Somebody is shaken to and fro in one place by a force that follows him: a source of energy without end, but for
-  // the tank.
+  // A force follows the hand and shakes it to and fro in one place. Without the tank it would be an endless source of
+  // energy.
   const ArcPath path = straight(0.1);
   GuideTerms terms = walls();
   terms.push_back(std::make_unique<ErrorAmplification>(1000, 2));
@@ -231,7 +232,7 @@ TEST(Guidance, GivesAForceThatIsPushedAgainstNoMoreThanTheTankHolds) {
   double given = 0, before = 0;
   Vec3 sent = Vec3::Zero();
   for (int i = 0; i < 20000; ++i) {
-    // Out with the force, back quickly from the far side.
+    // Moves in and out, and jumps to the opposite side every second.
     const double y = 0.02 * std::abs(std::fmod(0.002 * i, 2.0) - 1) * (i % 2000 < 1000 ? 1 : -1);
     State state = moving(Vec3(0.1, y, 0), Vec3(0, (y - before) / 1e-3, 0));
     state.force_applied = sent;
@@ -242,13 +243,13 @@ TEST(Guidance, GivesAForceThatIsPushedAgainstNoMoreThanTheTankHolds) {
   EXPECT_LT(given, 0.2 + 0.02);
 }
 
-/// A device of 0.3 kg, 1 N s/m and 0.2 N of friction, and the hand that holds it: it wants along the path, with tremor,
-/// and does what it wants.
+/// A hand that moves along the path with tremor and disturbances. It holds a device of 0.3 kg with 1 N s/m of viscous
+/// and 0.2 N of dry friction.
 struct Hand {
   double mass, stiffness, damping, speed, tremor;
-  double wander;   ///< sideways [m]
-  bool lets_go;    ///< in the middle
-  bool pushes_on;  ///< against the wall, for a second
+  double wander;   ///< Amplitude of a movement across the path [m].
+  bool lets_go;    ///< Lets go of the device between 2 and 3 s.
+  bool pushes_on;  ///< Pushes against the wall between 1 and 2 s.
 };
 
 struct Loop {
@@ -256,9 +257,10 @@ struct Loop {
 };
 
 struct Outcome {
-  double given = 0, budget = 0;  ///< by the force that acted on what moved, and what the springs hold [J]
-  double farthest = 0;           ///< from the path, after a second [m]
-  double ripple = 0;             ///< rms speed above some 2 Hz in the last half second, when nobody holds it [m/s]
+  double given = 0,
+         budget = 0;    ///< Energy: work of the acting force plus spring energy, beyond the budget; the budget [J].
+  double farthest = 0;  ///< Largest distance from the path after the first second [m].
+  double ripple = 0;    ///< Rms speed above some 2 Hz in the last half second, with the device released [m/s].
 };
 
 enum class Terms { all, walls };

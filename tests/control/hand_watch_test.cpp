@@ -11,7 +11,7 @@ namespace {
 
 const Vec3 kAhead(0.6, 0, 0.8);
 
-/// Events over `duration` with the law's force and the error along one direction.
+/// Returns the events over `duration` [s]. The law's force [N] and the error [m] point in one direction.
 template <class Force>
 std::vector<Event> watch(HandWatch& hand, double duration, Force force, double error = 3e-3) {
   std::vector<Event> events;

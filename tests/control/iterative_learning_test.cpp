@@ -19,9 +19,9 @@ using test::kPeriod;
 using test::late_plant;
 using Learned = IterativeLearning::Outcome;
 
-constexpr double kDuration = 2;  // of the path [s]
+constexpr double kDuration = 2;  // duration of the path [s]
 
-/// There and back along x and y, from rest to rest.
+/// Returns the reference of a movement there and back along x and y, from rest to rest.
 Reference reference_at(double time, double speed) {
   const double w = 2 * M_PI / kDuration, a = w * time;
   const Vec3 x(0.02 * (1 - std::cos(a)), 0.01 * (1 - std::cos(2 * a)), 0);
@@ -30,7 +30,7 @@ Reference reference_at(double time, double speed) {
   return {x, speed * v, speed * speed * b, time};
 }
 
-/// The force of a load at a time of the path, a position and a velocity [N].
+/// Force of a load [N] as a function of path time, position and velocity.
 using Load = std::function<Vec3(double, const Vec3&, const Vec3&)>;
 
 Vec3 sine_load(double time, const Vec3&, const Vec3&) {
@@ -40,7 +40,7 @@ Vec3 friction_load(double, const Vec3&, const Vec3& v) {
   return test::friction(v, 0.7, 2);
 }
 
-/// A session: repetitions of a movement of a simulated mass, with what is learned.
+/// A session that repeats a movement of a simulated mass and learns from the repetitions.
 class Session {
  public:
   explicit Session(double speed = 1, bool jitter = false)
@@ -53,13 +53,13 @@ class Session {
         jitter_(jitter) {
     log.reserve(10000);
     tuning.gains = design.gains;
-    tuning.observer = 0;  // what is learned, without help
+    tuning.observer = 0;  // the learned force alone, without an observer
     learned.use(&learning.table());
     law_.start({});
   }
 
-  /// Repeats the movement once, with half a second of rest before and 0.2 s after, and answers whether it was written
-  /// down, into `log`. `pause` [s] stops the path's time in its middle.
+  /// Repeats the movement once, with half a second of rest before it and 0.2 s after it. Returns true if the repetition
+  /// was stored in `log`. `pause` [s] stops the path's time in its middle.
   bool repeat(const Load& load, double pause = 0) {
     worst_step = 0;
     for (int i = 0; i < 500; ++i) tick(kNaN, load);
@@ -72,7 +72,7 @@ class Session {
         for (int k = 0; k < static_cast<int>(pause / kPeriod); ++k) tick(time, load, true);
         pause = 0;
       }
-      // What ticks that come early and late make of the path's time; it is kept in the mean.
+      // Early and late ticks make the path's time jitter; its mean rate is unchanged.
       time += step * (jitter_ ? (i % 2 == 0 ? 1.4 : 0.6) : 1.0);
     }
     for (int i = 0; i < 200; ++i) {
@@ -92,7 +92,7 @@ class Session {
   LearnedForce learned;
   RepetitionLog log;
   Tuning tuning;
-  double worst_step = 0;  ///< of what was learned, from a tick to the next [N]
+  double worst_step = 0;  ///< Largest change of the learned force from one tick to the next [N].
 
  private:
   void tick(double time, const Load& load, bool stands = false) {
@@ -145,14 +145,14 @@ TEST(IterativeLearning, LearnsTheTrueLoadAtTheTrueTimeWhateverDelayAndSpeed) {
   for (const double speed : {0.5, 1.0, 2.0}) {
     Session session(speed);
     for (int i = 0; i < 6; ++i) session.learn(sine_load);
-    // The load meets the force that was sent the delay and half a tick before.
+    // The load meets the force that was sent earlier by the delay and half a tick.
     const double early = speed * (late_plant().delay + 0.5 * kPeriod);
     double worst = 0, worst_late = 0;
     for (double t = 0.3; t < 1.7; t += 0.01) {
       worst = std::max(worst, (session.learning.table().at(t) + sine_load(t + early, kNone, kNone)).norm());
       worst_late = std::max(worst_late, (session.learning.table().at(t) + sine_load(t - early, kNone, kNone)).norm());
     }
-    // At twice the speed the 5 Hz are 10 Hz, and Q keeps 0.83 of them.
+    // At twice the speed the 5 Hz component is at 10 Hz, where Q has a gain of 0.83.
     EXPECT_LT(worst, speed > 1 ? 0.35 : 0.06) << "at speed " << speed;
     EXPECT_GT(worst_late, worst + 0.05) << "the time is right to well within the delay";
   }
@@ -173,7 +173,7 @@ TEST(IterativeLearning, StopsWhereNothingRepeatsAndDoesNotGrow) {
   const Load noise = [&](double, const Vec3&, const Vec3&) -> Vec3 {
     const auto even = [&] { return static_cast<double>(engine()) / 2147483648.0 - 1; };
     const double x = even(), y = even();
-    push += 0.005 * (12 * Vec3(x, y, even()) - push);  // of a hand, below some Hz
+    push += 0.005 * (12 * Vec3(x, y, even()) - push);  // a hand's force, below a few Hz
     return push;
   };
   session.learn(noise);
@@ -255,8 +255,8 @@ TEST(IterativeLearning, LeavesWhatOtherTermsCancelToThem) {
     EXPECT_LT((one.table().at(t) - other.table().at(t) - Vec3(1, 2, 3)).norm(), 1e-6);
 }
 
-/// The largest force of the table that is learned where a mass takes exactly what it was sent, so that there is no
-/// load. `force(t)` meets the mass at t.
+/// Returns the largest force [N] in the table learned from a mass without a load, which responds exactly to the sent
+/// force. `force(t)` acts on the mass at t.
 template <class Position, class Force>
 double invented(double delay, const Position& position, const Force& force) {
   IterativeLearning learning({.mass = Vec3::Constant(0.4), .delay = delay, .duration = 1});
@@ -392,7 +392,7 @@ TEST(LearnedForce, WritesWhatEachTickSentNextToWhatItSaw) {
     State state;
     state.dt = kPeriod;
     state.position = Vec3(i, 0, 0);
-    state.force_applied = Vec3(i - 1, 0, 0);  // of the tick before
+    state.force_applied = Vec3(i - 1, 0, 0);  // force of the previous tick
     const double time = i < 20 ? kNaN : std::min(0.1, (i - 20) * kPeriod);
     (void)learned.force({state, {Vec3(0, i, 0), kNone, kNone, time}, tuning, Vec3(0, 0, i)});
     if (learned.take_repetition(log)) break;

@@ -11,7 +11,7 @@
 namespace haptrace {
 namespace {
 
-/// What is sent when `force` is asked for, and acts for `dt` [s].
+/// Limits `force` and lets the result act for `dt` [s]. Returns the result.
 ForceLimiter::Result sent(ForceLimiter& limiter, const Vec3& force, double dt = 1e-3) {
   const ForceLimiter::Result result = limiter.limit(force);
   limiter.acted(result.force, dt);
@@ -107,7 +107,7 @@ TEST(ResistanceTimer, IsOverOnceTheLimitsBoundForSoLong) {
 TEST(ResistanceTimer, IsNotResetByShaking) {
   ResistanceTimer timer;
   double t = 0;
-  // Half of the time it is held back.
+  // The device is held back half of the time.
   while (t < 200 && timer.update(std::fmod(t, 0.2) < 0.1, 15, 1e-3) != ResistanceTimer::Verdict::over) t += 1e-3;
   EXPECT_NEAR(t, 60, 1);
   ResistanceTimer seldom;

@@ -10,7 +10,7 @@ TEST(TheNormOfAVector, IsThatOfEveryLengthThatANumberCanHave) {
   const Vec3 way(2, -3, 6);
   for (double scale = 1e-320; scale < 1e307; scale *= 10) {
     const double expected = 7 * scale;
-    // Of the smallest numbers there are, few digits are left.
+    // Denormal numbers have few digits.
     EXPECT_NEAR(norm_of(scale * way), expected, 4e-16 * expected + 10 * std::numeric_limits<double>::denorm_min())
         << scale;
   }

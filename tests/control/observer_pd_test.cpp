@@ -18,7 +18,7 @@ Reference resting_at(const Vec3& position) {
   return {position, kNone, kNone, 0};
 }
 
-/// The law in a loop with the plant it was designed for.
+/// The law in closed loop with the plant that it is designed for.
 class ObservedLoop {
  public:
   explicit ObservedLoop(const PlantModel& model = late_plant(), double max_force = 8)
@@ -34,7 +34,7 @@ class ObservedLoop {
     law.start(first);
   }
 
-  /// `load(x, v)` acts beside what is sent; `known` is what a term before this one says.
+  /// Runs one tick. `load(x, v)` acts in addition to the sent force; `known` is the force of the preceding terms.
   template <class Load>
   void tick(const Reference& reference, const Load& load, const Vec3& known = kNone) {
     State state;
@@ -60,10 +60,10 @@ class ObservedLoop {
   ObserverPd law;
   DelayedMass plant;
   Tuning tuning;
-  Vec3 force = kNone;  ///< of the law
+  Vec3 force = kNone;  ///< Force of the law [N].
   Vec3 sent = kNone;
-  Vec3 after = kNone;  ///< of a term after it
-  bool held = false;   ///< by a hand that does not move
+  Vec3 after = kNone;  ///< Force of the terms after the law [N].
+  bool held = false;   ///< A motionless hand holds the device.
 
  private:
   double max_force_, resolution_;
@@ -98,8 +98,8 @@ TEST(ObserverPd, FollowsAMovementWhoseInertiaIsFedForwardButForWhatTheDelayCosts
     if (i > 2000) worst = std::max(worst, (x - loop.plant.x).norm());
     loop.tick({x, v, acceleration, 0});
   }
-  // The loop's stiffness resists what is fed forward late by the delay and half a tick, m w^3 r 2.5 ms, and the tenth
-  // of the mass that the observer takes for a load.
+  // The feedforward acts late by the delay and half a tick, an error of m w^3 r 2.5 ms. The observer takes a tenth of
+  // the mass for a load. The loop's stiffness resists both.
   const double inertia = 0.4 * w * w * radius;
   EXPECT_LT(worst, inertia * (w * 2.5e-3 + 0.11) / loop.design.gains.kp.x());
 }
@@ -107,13 +107,13 @@ TEST(ObserverPd, FollowsAMovementWhoseInertiaIsFedForwardButForWhatTheDelayCosts
 TEST(ObserverPd, SendsNoMoreThanItsAuthorityAgainstALoad) {
   ObservedLoop loop(late_plant(), 8);
   loop.held = true;
-  loop.run(1, resting_at(Vec3(0.03, 0, 0)));  // by a hand, against all the device has
+  loop.run(1, resting_at(Vec3(0.03, 0, 0)));  // a hand holds it against the device's full force
   loop.tuning.gains = {};
   loop.tick(resting_at(Vec3(0.03, 0, 0)));
   EXPECT_NEAR(loop.force.norm(), 0.7 * 8, 1e-9);
 }
 
-/// How far it shoots beyond a place 30 mm away, having been held fast before that for some time [m].
+/// Returns the overshoot beyond a target 30 mm away, after a hand has held the device for `held` [s]; in metres.
 double overshoot(double max_force, double held, double observer = 1) {
   ObservedLoop loop(late_plant(), max_force);
   loop.tuning.observer = observer;
@@ -154,7 +154,7 @@ TEST(ObserverPd, HasSofterGainsAtRestAndKeepsTheLoad) {
   loop.run(0.5, resting_at(kNone));
   const Vec3 kept = loop.force;
   EXPECT_LT((kept + load).norm(), 0.3);
-  // A quantum away, a part of the gains answers, and the load is not learned anew.
+  // One count away, the law responds with a share of its gains and does not estimate the load again.
   loop.plant.x = Vec3(kQuantum, 0, 0);
   loop.run(0.5, resting_at(kNone));
   const Vec3 settled = loop.force;
@@ -176,7 +176,7 @@ TEST(ObserverPd, IsAsBeforeOnceTheReferenceMovesOrTheDeviceIsFarther) {
 TEST(ObserverPd, BeginsAndEndsRestWithoutAStepInTheForce) {
   constexpr double kQuantum = 5e-5;
   ObservedLoop loop(late_plant(kQuantum));
-  // A count makes this much of a step in every tick, at rest or not.
+  // One encoder count causes a force step of this size in any tick, at rest or not.
   const double count =
       3 * kQuantum * (loop.design.gains.kp.norm() + loop.design.gains.kd.norm() * 2 * M_PI * loop.design.observer_hz);
   double largest = 0;
@@ -242,7 +242,7 @@ TEST(ObserverPd, CalmsADeviceThatRestsOnTheBristlesOfItsFriction) {
     ObservedLoop loop(late_plant(kQuantum));
     const auto friction = [&](const Vec3& x, const Vec3& v) { return Vec3(-bristles * x - kDamping * v); };
     for (int i = 0; i < 1500; ++i) loop.tick(resting_at(kNone), friction);
-    // Within the bounds of rest, but over a few counts.
+    // The initial velocity stays within the bounds of rest, but moves the device over a few counts.
     loop.plant.v = Vec3(0.012, 0, 0);
     double farthest = 0;
     for (int i = 0; i < 3000; ++i) {
@@ -266,7 +266,7 @@ TEST(ObserverPd, DoesNotDriveAnAxisWithoutMassWhateverItsGains) {
     state.dt = kPeriod;
     state.force_applied = force;
     state.position = Vec3(4e-5, 0, 1e-2 * std::sin(0.1 * i));
-    // What a playback has for a reference where there is no motor.
+    // A playback's reference along an axis without a motor: the measured position.
     const Reference reference{Vec3(0, 0, state.position.z()), Vec3(0, 0, std::cos(0.1 * i)), kNone, 0};
     force = law.force({state, reference, tuning});
     ASSERT_EQ(force.z(), 0);
@@ -286,7 +286,7 @@ TEST(ObserverPd, IsItsSharesOfWhatItWouldBe) {
 
 TEST(ObserverPd, ForgetsEverythingWhenItStarts) {
   ObservedLoop used(late_plant(5e-5)), fresh(late_plant(5e-5));
-  used.run(2, resting_at(Vec3(0.01, 0, 0)), Vec3(2, 1, 0));  // until it rests
+  used.run(2, resting_at(Vec3(0.01, 0, 0)), Vec3(2, 1, 0));  // until the law is at rest
   State state;
   state.position = Vec3(0.1, 0, 0);
   used.law.start(state);

@@ -18,7 +18,7 @@ Vec3 random_vector(std::mt19937& random, double largest) {
   return largest * v / std::max(1.0, v.norm());
 }
 
-/// A smooth turning to and fro, known at every instant.
+/// Returns the orientation at `t` of a smooth rotation to and fro.
 Quat turning(double t) {
   return quaternion(Vec3(0.8 * std::sin(3 * t), 0.5 * std::cos(2 * t) - 0.5, 0.4 * t));
 }
@@ -114,7 +114,7 @@ TEST_P(OrientationInterpolations, PassThroughEverySampleAndRestOutside) {
   EXPECT_LT(angle_between(trajectory.sample(kNaN, cursor).orientation, turning(0.5)), 1e-12);
 }
 
-/// Those that do not jump.
+/// Interpolations that do not jump between samples.
 class ContinuousOrientations : public OrientationInterpolations {};
 
 TEST_P(ContinuousOrientations, TurnAtTheRateThatTheyState) {

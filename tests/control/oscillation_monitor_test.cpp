@@ -14,21 +14,21 @@ using std::numbers::pi;
 
 constexpr OscillationMonitorOptions kDevice{.rate_hz = 1000, .max_force = 8.9, .position_resolution = 5e-5};
 
-/// A tool of 0.4 kg that ripples about a resting reference as x = a sin(w t), moved by m x'' and a force of `feed`
-/// times the velocity's amplitude in phase with it: positive drives, negative damps.
+/// A tool of 0.4 kg that ripples about a resting reference as x = a sin(w t). The force on it is m x'' plus `feed`
+/// [N s/m] times the velocity: a positive `feed` drives the ripple, a negative one damps it.
 struct Ripple {
   double frequency_hz, amplitude, feed = 2;
   double mass = 0.4;
 
   [[nodiscard]] double position(double t) const { return amplitude * std::sin(2 * pi * frequency_hz * t); }
-  /// Mean force over [t - dt, t].
+  /// Returns the mean force over [t - dt, t].
   [[nodiscard]] double force(double t, double dt) const {
     const double w = 2 * pi * frequency_hz, mid = t - 0.5 * dt;
     return -mass * w * w * amplitude * std::sin(w * mid) + feed * amplitude * w * std::cos(w * mid);
   }
 };
 
-/// The first verdict within `duration`, and when.
+/// The first verdict and its time [s]; NaN if there was none.
 struct Found {
   OscillationVerdict verdict;
   double time = kNaN;
@@ -68,25 +68,25 @@ TEST(OscillationMonitor, FindsWhatTheForceDrivesAndMeasuresIt) {
   const Found found = watch(kDevice, {30, 1e-3, 3});
   EXPECT_EQ(found.verdict.detector, OscillationVerdict::Detector::energy);
   EXPECT_NEAR(found.verdict.amplitude, 1e-3, 0.1e-3);
-  // A force b v gives out b v^2 / 2 on average.
+  // A force b v delivers b v^2 / 2 on average.
   const double power = 0.5 * 3 * std::pow(2 * pi * 30 * 1e-3, 2);
   EXPECT_NEAR(found.verdict.energy, power * OscillationMonitor::kWindow, 0.15 * power * OscillationMonitor::kWindow);
 }
 
 TEST(OscillationMonitor, LetsAHandTremble) {
-  // The law damps what the hand moves, however far.
+  // The law damps the hand's movement, whatever its amplitude.
   for (const double frequency_hz : {5., 8., 12., 20.})
     for (const double amplitude : {0.2e-3, 1e-3, 5e-3})
       EXPECT_TRUE(std::isnan(watch(kDevice, {frequency_hz, amplitude, -3}, 3).time)) << frequency_hz << " Hz";
 }
 
 TEST(OscillationMonitor, LetsAHandTrembleThoughTheDelayIsNotQuiteRight) {
-  // A sixtieth of the force seems to drive.
+  // A sixtieth of the force appears to drive the movement.
   EXPECT_TRUE(std::isnan(watch(kDevice, {12, 5e-3, 0.5}, 3).time));
 }
 
 TEST(OscillationMonitor, LetsAHandTrembleThatTheForceIsTooWeakToMove) {
-  // Where the rate is slow, a weak law feeds a tremor a little: the mass tells that the hand moves it.
+  // At a slow rate, a weak law feeds a tremor a little. The mass shows that the hand moves the device.
   OscillationMonitorOptions options = kDevice;
   const Ripple tremor{11, 2e-3, 3, 0.05};
   EXPECT_FALSE(std::isnan(watch(options, tremor).time));
@@ -95,7 +95,7 @@ TEST(OscillationMonitor, LetsAHandTrembleThatTheForceIsTooWeakToMove) {
 }
 
 TEST(OscillationMonitor, SeesOnlyWithTheDelayWhoDrives) {
-  // A damper that acts 10 ms late drives at 30 Hz: what was sent seems to damp, what acts does not.
+  // A damper that acts 10 ms late drives at 30 Hz: the sent force seems to damp, the acting force does not.
   constexpr double kDelay = 0.0103;
   const Ripple ripple{30, 0.5e-3, 6};
   const auto sent_earlier = [&](double t) { return ripple.force(t + kDelay, 1e-3); };
@@ -112,8 +112,8 @@ TEST(OscillationMonitor, SeesOnlyWithTheDelayWhoDrives) {
 }
 
 TEST(OscillationMonitor, LetsAPushThatEndsRingOut) {
-  // 3 mm against 3000 N/m, let go at 1 s: rings at 13 Hz with a damping ratio of 0.2, which the device's own friction
-  // gives, whether the law damps or drives.
+  // A deflection of 3 mm against 3000 N/m is released at 1 s. It rings at 13 Hz with a damping ratio of 0.2 from the
+  // device's own friction, whether the law damps or drives.
   const double w = 2 * pi * 13, decay = 0.2 * w;
   const auto position = [&](double t) {
     return t < 1 ? 3e-3 : 3e-3 * std::exp(-decay * (t - 1)) * std::cos(w * (t - 1));
@@ -149,7 +149,7 @@ TEST(OscillationMonitor, JudgesAlikeAtEveryRate) {
 TEST(OscillationMonitor, JudgesAlikeAfterADay) {
   OscillationMonitor monitor(kDevice);
   const auto rest = [](double) { return 0.0; };
-  // Huge sums must leave nothing behind once they are over.
+  // Very large sums must leave no residue when they have passed.
   (void)watch(
       monitor, 1000, 1, [](double t) { return 1e6 * std::sin(99 * t); },
       [](double t) { return 1e6 * std::cos(99 * t); });

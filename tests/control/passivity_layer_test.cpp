@@ -27,15 +27,15 @@ struct SampledWall {
   [[nodiscard]] double stored(double z) const { return z < 0 ? 0.5 * stiffness * z * z : 0; }
 };
 
-/// A mass with damping of its own that a constant force presses down, from 5 mm above a wall. What acts is known at
-/// every instant: the force of a tick from `delay` after it for a period, whatever part of a tick that delay is.
+/// A damped mass that a constant force presses down from 5 mm above a wall. The force of a tick acts for one period,
+/// starting `delay` after the tick; the delay may be a fraction of a tick.
 class PressedMass {
  public:
   struct Setup {
     double mass, viscous, push, rate_hz, delay, wall;
     bool layer;
     double max_damping;
-    double resolution = 0, told_resolution = 0;  ///< of the positions, and what the layer is told of it [m]
+    double resolution = 0, told_resolution = 0;  ///< Encoder resolution: the true one and the layer's setting [m].
   };
 
   explicit PressedMass(const Setup& setup)
@@ -71,14 +71,14 @@ class PressedMass {
     }
   }
 
-  /// By the motor beyond what the wall held, at the worst tick [J].
+  /// Returns the energy that the motor delivered beyond the wall's stored energy, at the worst tick [J].
   [[nodiscard]] double created() const { return created_; }
   [[nodiscard]] double fastest() const { return fastest_; }
-  [[nodiscard]] double swing() const { return high_ - low_; }  ///< in the last 0.2 s [m]
+  [[nodiscard]] double swing() const { return high_ - low_; }  ///< Peak to peak, in the last 0.2 s [m].
 
  private:
   void move(double force, double h) {
-    // m v' = force - push - b v, exactly.
+    // Exact solution of m v' = force - push - b v.
     const double b = setup_.viscous, tau = setup_.mass / b, last = (force - setup_.push) / b;
     const double gone = -std::expm1(-h / tau), dz = last * h + (v_ - last) * tau * gone;
     v_ += (last - v_) * gone;
@@ -93,13 +93,13 @@ class PressedMass {
   double z_ = 5e-3, v_ = 0, work_ = 0, created_ = 0, fastest_ = 0, low_ = 1, high_ = -1;
 };
 
-/// A tool that is moved through given positions against a wall, by a hand that nothing stops: what the layer sees and
-/// answers.
+/// The result of moving a tool along given positions against a wall, by a hand that no force stops: the layer's
+/// observations and forces.
 struct Pressed {
-  double created = 0;  ///< at the worst tick, reckoned apart [J]
-  double left = 0;     ///< of that at the end [J]
-  double seen = 0;     ///< the layer's own energy at the end [J]
-  double added = 0;    ///< the layer's largest force [N]
+  double created = 0;  ///< Energy created at the worst tick, calculated independently [J].
+  double left = 0;     ///< Created energy that is left at the end [J].
+  double seen = 0;     ///< The layer's own energy estimate at the end [J].
+  double added = 0;    ///< Largest force of the layer [N].
 };
 
 template <class Motion>
@@ -114,7 +114,7 @@ Pressed pressed(const SampledWall& wall, const PassivityLayer::Options& options,
   const double held = wall.stored(before);
   for (int tick = 0; tick * period <= duration; ++tick) {
     const double z = tick == 0 ? before : z_at(tick * period);
-    work += sent.back() * (z - before);  // whole ticks late
+    work += sent.back() * (z - before);  // the delay is a whole number of ticks
     result.left = work + wall.stored(z) - held;
     result.created = std::max(result.created, result.left);
     state.position = Vec3(0, 0, z);
@@ -145,8 +145,8 @@ TEST(PassivityLayer, SeesExactlyWhatASampledAndLateSpringCreates) {
 }
 
 TEST(PassivityLayer, DoesNothingWhileTheWallIsPassive) {
-  // As a wall in continuous time is: over each tick the mean force of spring and damper acts, which no sampled wall
-  // knows beforehand.
+  // The wall is passive like one in continuous time: in each tick the mean force of spring and damper acts. A sampled
+  // wall cannot know this force in advance.
   for (const double rate : {250.0, 1000.0, 10000.0}) {
     const double stiffness = 2000, period = 1 / rate;
     PassivityLayer layer({.delay = 0, .rate_hz = rate, .max_damping = 50});
@@ -165,8 +165,8 @@ TEST(PassivityLayer, DoesNothingWhileTheWallIsPassive) {
 }
 
 TEST(PassivityLayer, LeavesAPressedHandWithATicksWorkAtMost) {
-  // Whatever the hand does, it is given no more than what comes about until a damping can act: with the delay, one
-  // tick more than that.
+  // Whatever the hand does, the layer gives it no more energy than arises before a damping force can act: one tick's
+  // work, and that of the ticks of delay.
   for (const double rate : {100.0, 300.0, 1000.0, 4000.0, 20000.0})
     for (const int late : {0, 1, 2})
       for (const double share : {0.1, 0.5}) {
@@ -201,7 +201,7 @@ TEST(PassivityLayer, ThrownAtAWallAMassThatWouldBounceForEverComesToRest) {
     setup.delay = std::array{0.0, 0.3, 1.0, 2.6}[static_cast<std::size_t>(i) % 4] / setup.rate_hz;
     setup.max_damping = bearable_damping({.mass = setup.mass, .delay = setup.delay, .rate_hz = setup.rate_hz});
     ASSERT_GT(setup.max_damping, 0);
-    // What the wall asks of a device; it has a fifth of that.
+    // The wall requires this damping of a device; the device has a fifth of it.
     const double lag = 0.5 / setup.rate_hz + setup.delay,
                  asked = std::min(between(0.01, 0.2) * setup.max_damping, 20.0);
     setup.wall = asked / lag;
@@ -222,8 +222,8 @@ TEST(PassivityLayer, ThrownAtAWallAMassThatWouldBounceForEverComesToRest) {
   }
 }
 
-/// The stiffest of walls up to which each lets a device come to rest that is late and has quanta, of which the layer is
-/// told something [N/m].
+/// Returns the stiffness [N/m] up to which every wall lets a device come to rest. The device has a delay [s] and an
+/// encoder resolution [m]; the layer is configured with the resolution `told` [m].
 double stiffest_kept(double rate_hz, double delay, double resolution, double told) {
   const LoopModel device{.mass = 0.4, .viscous = 1.8, .delay = delay, .rate_hz = rate_hz, .resolution = told};
   double stiffest = 0;
@@ -246,15 +246,15 @@ double stiffest_kept(double rate_hz, double delay, double resolution, double tol
 }
 
 TEST(PassivityLayer, CountsOnWhatIsOnItsWayToALateDevice) {
-  // 30 ticks late, the damping of 30 ticks would be asked for what one takes back. What friction dissipates alone keeps
-  // 1.8 N s/m / 1.5 ms = 1200 N/m.
+  // With a delay of 30 ticks, a layer that ignores pending forces would damp in 30 ticks for energy that one tick takes
+  // back. Friction alone withstands 1.8 N s/m / 1.5 ms = 1200 N/m.
   for (const double rate : {1000.0, 2000.0, 5000.0, 10000.0, 20000.0})
     EXPECT_GT(stiffest_kept(rate, 1.5e-3, 0, 0), 2e4) << rate << " Hz";
 }
 
 TEST(PassivityLayer, DampsLongerThanATickWhereAQuantumIsLongerThanTheWayOfOne) {
-  // At 0.05 m/s a quantum of 60 um lasts 24 ticks of 20 kHz. Who takes the leap of one tick for the speed of the hand
-  // damps in one of 24, and asks for ever more.
+  // At 0.05 m/s an encoder count of 60 um lasts 24 ticks at 20 kHz. A layer that takes the step in one tick for the
+  // speed of the hand damps in one tick of 24, and requests ever more damping.
   constexpr double kQuantum = 6e-5;
   for (const double rate : {2000.0, 5000.0, 10000.0, 20000.0})
     EXPECT_GT(stiffest_kept(rate, 5e-4, kQuantum, kQuantum), 1.1 * stiffest_kept(rate, 5e-4, kQuantum, 0))
@@ -293,7 +293,7 @@ TEST(PassivityLayer, ForgetsTheCreditOfAContactThatIsOver) {
     state.dt = 1e-3;
   };
   at(0, 0, 0);
-  at(-1e-3, 3, 0.001);  // 3 mJ were taken, 1 mJ is held
+  at(-1e-3, 3, 0.001);  // the tool absorbed 3 mJ, and the spring holds 1 mJ
   EXPECT_NEAR(layer.energy(), -2e-3, 1e-15);
   at(-1e-3, 3, 0.001);
   EXPECT_NEAR(layer.energy(), -2e-3, 1e-15) << "in the contact it stays";
@@ -357,7 +357,8 @@ TEST(PassivityLayer, NamesWhatIsOutOfItsRange) {
 }
 
 TEST(BearableDamping, IsHalfOfWhatShakesTheFreeDevice) {
-  // Without a delay the mean speeds w of ticks obey w' = w - c T / m (w + w_before) / 2: stable up to c = 2 m / T.
+  // Without a delay, the mean speeds w of the ticks obey w' = w - c T / m (w + w_before) / 2, which is stable up to
+  // c = 2 m / T.
   EXPECT_NEAR(bearable_damping({.mass = 0.2, .rate_hz = 1000}), 0.2 * 1000, 0.5);
   const LoopModel late{.mass = 0.2, .viscous = 1, .delay = 1.5e-3, .rate_hz = 1000};
   LoopModel lighter = late, quicker = late, later = late;

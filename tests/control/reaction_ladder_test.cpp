@@ -17,7 +17,7 @@ const VibrationAlarm kFast{.rule = VibrationRule::energy, .frequency_hz = 60, .r
 const VibrationAlarm kBounce{.rule = VibrationRule::contacts, .frequency_hz = 9, .ripple = 2};
 const VibrationAlarm kHint{.rule = VibrationRule::slow, .frequency_hz = 5, .ripple = 2};
 
-/// The events of `seconds` with one alarm at every tick.
+/// Returns the events of `seconds` [s] with the same alarm at every tick.
 std::vector<Event> run(ReactionLadder& ladder, const std::optional<VibrationAlarm>& alarm, double seconds) {
   std::vector<Event> events;
   for (int k = 0; k < std::lround(seconds / kTick); ++k)

@@ -18,7 +18,7 @@ const Vec3 kMass(0.4, 0.2, 0.3);
 struct Forces {
   std::mt19937 engine{1};
 
-  /// Of a few newtons, another at every call.
+  /// Returns a random force of a few newtons, a new one at every call.
   Vec3 next() {
     const auto even = [&] { return static_cast<double>(engine()) / 2147483648.0 - 1; };
     const double x = even(), y = even();
@@ -30,12 +30,12 @@ StateObserver observer_of(double delay_ticks, double bandwidth_hz = 20) {
   return StateObserver({.mass = kMass, .delay = delay_ticks * kPeriod, .bandwidth_hz = bandwidth_hz});
 }
 
-/// A plant and an observer of it, under random forces.
+/// A plant and its observer, which receive the same forces.
 struct Pair {
   explicit Pair(double delay_ticks, double bandwidth_hz = 20)
       : plant(kMass, delay_ticks), observer(observer_of(delay_ticks, bandwidth_hz)) {}
 
-  /// A tick under `force`, of which `known` cancels a part of `load`.
+  /// Runs one tick under `force`; its part `known` cancels a part of `load`.
   void tick(const Vec3& force, const Vec3& load = kNone, const Vec3& known = kNone) {
     plant.advance(force, load);
     observer.update(plant.x, kPeriod, force, known);
@@ -47,8 +47,8 @@ struct Pair {
 
 class StateObserverAt : public testing::TestWithParam<double> {
  protected:
-  /// How far the prediction of a tick can be off for forces up to 5 N a part of whose tick has another force: the mean
-  /// is right, its order in the tick is not known.
+  /// Returns the largest prediction error of a tick [m] for forces up to 5 N. If the force changes within the tick, the
+  /// observer knows its mean but not the order of its parts.
   [[nodiscard]] double position_bound() const {
     const double part = GetParam() - std::floor(GetParam());
     return 1e-12 + part * (1 - part) * 0.5 * 17.4 / kMass.minCoeff() * kPeriod * kPeriod;
@@ -88,13 +88,13 @@ TEST_P(StateObserverAt, ForeseesTheTrueStateWhenAForceSentNowActs) {
   const Vec3 load(1, 0, -1);
   for (int i = 0; i < 1500; ++i) pair.tick(kNone, load);
   const auto lead = static_cast<int>(std::lround(GetParam()));
-  // What is sent after the prediction begins to act after the lead, or half a tick before it.
+  // A force sent after the prediction acts from the end of the lead, or up to half a tick earlier.
   for (int i = 0; i < 40; ++i) {
     for (int k = 0; k < 20; ++k) pair.tick(forces.next(), load);
     const StateObserver::Estimate ahead = pair.observer.ahead();
     DelayedMass later = pair.plant;
     for (int k = 0; k < lead; ++k) later.advance(kNone, load);
-    const double early = std::max(0.0, lead - GetParam()) * kPeriod;  // a part of a tick whose force was not sent yet
+    const double early = std::max(0.0, lead - GetParam()) * kPeriod;  // part of a tick in which a later force acts
     EXPECT_LT((ahead.position - later.x).norm(), 1e-8 + 50 * position_bound() + early * early * 8.7 / kMass.minCoeff());
     EXPECT_LT((ahead.velocity - later.v).norm(),
               1e-7 + 1e3 * position_bound() / kPeriod * 0.05 + early * 8.7 / kMass.minCoeff());
@@ -166,7 +166,7 @@ TEST(StateObserver, ForgetsAnErrorWithAllThreePolesAtTheBandwidth) {
       observer.update(kNone, kPeriod, kNone, kNone);
       std::rotate(last.rbegin(), last.rbegin() + 1, last.rend());
       last[0] = observer.now().velocity.x();
-      // (z - p)^3 = 0
+      // characteristic equation: (z - p)^3 = 0
       if (i < 3) continue;
       const double rest = last[0] - 3 * p * last[1] + 3 * p * p * last[2] - p * p * p * last[3];
       EXPECT_NEAR(rest / std::abs(last[1]), 0, 1e-6) << bandwidth << " Hz, tick " << i;

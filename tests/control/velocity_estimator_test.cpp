@@ -17,7 +17,7 @@ using std::numbers::pi;
 using testing::AllOf;
 using testing::HasSubstr;
 
-constexpr double kResolution = 5e-5;  // [m]
+constexpr double kResolution = 5e-5;  // encoder resolution [m]
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 const Vec3 kSlope(0.1, -0.23, 0.017);  // [m/s]
 
@@ -28,7 +28,7 @@ Vec3 quantised(const Vec3& x) {
   return x.unaryExpr([](double v) { return quantised(v); });
 }
 
-/// A hand that wanders, in counts.
+/// Returns the positions of a wandering hand, quantised to encoder counts [m].
 std::vector<Vec3> walk(int samples) {
   std::mt19937 random(1);
   std::normal_distribution<double> push(0, 3e-4);
@@ -51,7 +51,7 @@ class VelocityEstimatorLaws : public testing::TestWithParam<std::tuple<std::stri
   [[nodiscard]] double rate() const { return std::get<1>(GetParam()); }
   [[nodiscard]] double dt() const { return 1 / rate(); }
 
-  /// Ticks after which any of the tested estimators has settled: a few times its longest memory.
+  /// Returns a number of ticks after which every tested estimator has settled: a few times the longest memory.
   [[nodiscard]] int settled() const { return 400 + 2 * static_cast<int>(rate()); }
 };
 
@@ -111,7 +111,7 @@ TEST_P(VelocityEstimatorLaws, HoursLaterAndMetresAwayIsAsGood) {
   const Vec3 far(40, -40, 40);
   Vec3 v = Vec3::Zero();
   for (int i = 0; i < settled(); ++i) v = estimator->update(far, dt());
-  // A day in one step each way, then on.
+  // One step of a day in each direction, then regular ticks.
   estimator->update(far + 86400 * kSlope, 86400);
   estimator->update(far, 86400);
   for (int i = 0; i < 2 * settled(); ++i) v = estimator->update(far + i * dt() * kSlope, dt());
@@ -172,7 +172,7 @@ TEST_P(VelocityEstimatorLaws, ScalesWithThePositionsAndTheResolution) {
   const double scale = 1.0 / 1024;
   const auto large = make(), small = make(scale * kResolution);
   for (const Vec3& p : walk(2000)) {
-    // Up to what is zero for being below 1e-100.
+    // The estimators treat values below 1e-100 as zero.
     const Vec3 v = scale * large->update(p, dt());
     ASSERT_LE((small->update(scale * p, dt()) - v).norm(), 1e-99);
   }
@@ -216,16 +216,16 @@ TEST(VelocityEstimator, NamesAllHaveLaws) {
   EXPECT_EQ(velocity_estimator_names().size(), 5u);
 }
 
-/// The standard deviation of the estimate of a resting device whose position has white noise of 1 m.
+/// Returns the standard deviation of the estimate for a resting device whose position has white noise of 1 m.
 double noise_gain(const std::string& spec, double rate) {
-  // All but foaw are linear: the root of the sum of squares of the answer to one unit step there and back.
+  // All estimators but foaw are linear: the result is the root of the sum of squares of the unit impulse response.
   const auto estimator = make_velocity_estimator(spec, rate, 0);
   double sum = 0;
   for (int i = 0; i < 20000; ++i) sum += std::pow(estimator->update({i == 100 ? 1.0 : 0.0, 0, 0}, 1 / rate).x(), 2);
   return std::sqrt(sum);
 }
 
-/// How far [s] the estimate stays behind the velocity of a constant acceleration.
+/// Returns the lag [s] of the estimate behind the true velocity at constant acceleration.
 double lag(const std::string& spec, double rate) {
   const auto estimator = make_velocity_estimator(spec, rate, 0);
   const int n = 5000;
@@ -234,7 +234,7 @@ double lag(const std::string& spec, double rate) {
   return n / rate - v;
 }
 
-/// Gain and lag [s] for a sinusoidal movement of `frequency`.
+/// Returns the gain and the lag [s] for a sinusoidal movement of `frequency` [Hz].
 std::pair<double, double> response(const std::string& spec, double rate, double frequency) {
   const auto estimator = make_velocity_estimator(spec, rate, 0);
   const double w = 2 * pi * frequency;
@@ -300,7 +300,7 @@ TEST(LowPass, HasTheNoiseAndTheLagOfItsFormula) {
   const double w = 2 * pi * 20;
   EXPECT_NEAR(lag("lowpass:20", 1000), std::sqrt(2) / w, 2e-5);
   EXPECT_NEAR(lag("lowpass:100", 1000), std::sqrt(2) / (2 * pi * 100), 1e-4);
-  // The integral of w^2 |H|^2 of the continuous filter over white noise of spectral density T.
+  // The theoretical noise is the integral of w^2 |H|^2 of the continuous filter over white noise of spectral density T.
   EXPECT_NEAR(noise_gain("lowpass:20", 10000), std::sqrt(1e-4 * w * w * w / (2 * std::sqrt(2))),
               0.01 * noise_gain("lowpass:20", 10000));
 }
@@ -329,8 +329,8 @@ TEST(LowPass, AnswersAStepOfVelocityTheSameWhateverTheSteps) {
   }
 }
 
-/// The definition, read aloud: the largest n for which, and for all smaller ones, the line from x_{k-n} to x_k passes
-/// every position between within the band.
+/// Returns the slope of the line from x_{k-n} to x_k. As in the definition, n is the largest number such that, for it
+/// and all smaller ones, the line passes every position in between within the band.
 double first_order_adaptive_window(const std::vector<double>& t, const std::vector<double>& x, int longest,
                                    double band) {
   const std::size_t k = x.size() - 1;
@@ -345,7 +345,7 @@ double first_order_adaptive_window(const std::vector<double>& t, const std::vect
 }
 
 TEST(AdaptiveWindow, IsWhatItsDefinitionSays) {
-  // Not a multiple of the quantum, so that rounding does not decide whether a position is within the band.
+  // The band is no multiple of the resolution, so that rounding does not decide whether a position is within it.
   const double band = 1.01 * kResolution;
   const auto estimator = make_velocity_estimator("foaw:12", 1000, band);
   std::mt19937 random(6);
@@ -382,7 +382,7 @@ TEST(AdaptiveWindow, WithoutAResolutionIsTheDifference) {
 TEST(AlphaBetaGamma, IsTheSteadyStateOfTheKalmanFilter) {
   for (const double bandwidth : {5.0, 60.0, 300.0}) {
     const double rate = 1000, dt = 1 / rate, index = std::pow(2 * pi * bandwidth * dt, 3);
-    // Constant acceleration that changes by white noise from step to step; position noise of 1 m.
+    // In the filter's model, the acceleration changes by white noise from step to step, and the position noise is 1 m.
     Eigen::Matrix3d f;
     f << 1, dt, dt * dt / 2, 0, 1, dt, 0, 0, 1;
     const Vec3 g(dt * dt / 2, dt, 1);
@@ -411,8 +411,8 @@ TEST(AlphaBetaGamma, DoesNotLagBehindAConstantAcceleration) {
 }
 
 TEST(AlphaBetaGamma, HasTheNoiseOfAThirdOrderButterworthFilter) {
-  // v / x of the continuous filter: (2 w^2 s^2 + w^3 s) / (s^3 + 2 w s^2 + 2 w^2 s + w^3); its integral over white
-  // noise of density T, by Parseval, is 3/2 T w^3.
+  // The continuous filter is v / x = (2 w^2 s^2 + w^3 s) / (s^3 + 2 w s^2 + 2 w^2 s + w^3). By Parseval's theorem, its
+  // integral over white noise of density T is 3/2 T w^3.
   const double w = 2 * pi * 20, rate = 20000;
   EXPECT_NEAR(noise_gain("alpha-beta-gamma:20", rate), std::sqrt(1.5 * w * w * w / rate),
               0.02 * noise_gain("alpha-beta-gamma:20", rate));
@@ -427,7 +427,7 @@ TEST(AlphaBetaGamma, BecomesTheDifferenceAtNyquist) {
   }
 }
 
-/// Standard deviation of the estimate of a slow quantised ramp.
+/// Returns the standard deviation of the estimate for a slow quantised ramp [m/s].
 double ripple(const std::string& spec) {
   const auto estimator = make_velocity_estimator(spec, 1000, kResolution);
   double sum = 0, squares = 0;
@@ -440,7 +440,7 @@ double ripple(const std::string& spec) {
 }
 
 TEST(VelocityEstimator, QuietensTheRippleOfQuantisation) {
-  // Counts arrive as pulses of one quantum per tick at a rate of v / quantum.
+  // Encoder counts arrive as pulses of one tick, at a rate of v / resolution.
   const double duty = 0.0123 * 1e-3 / kResolution;
   const double raw = ripple("difference");
   EXPECT_NEAR(raw, kResolution / 1e-3 * std::sqrt(duty * (1 - duty)), 0.01 * raw);

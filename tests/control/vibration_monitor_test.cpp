@@ -12,13 +12,13 @@
 namespace haptrace {
 namespace {
 
-constexpr double kForce = 8;  // [N]
+constexpr double kForce = 8;  // largest force of the device [N]
 
 double sine(double hz, double t) {
   return std::sin(2 * std::numbers::pi * hz * t);
 }
 
-/// A monitor with its own time.
+/// A monitor with a clock of its own.
 class Watched {
  public:
   explicit Watched(double rate_hz = 1000, double resolution = 0)
@@ -30,7 +30,7 @@ class Watched {
     return monitor_.update(force, position, declared, ticks / rate_);
   }
 
-  /// Runs until the first alarm that `counts`.
+  /// Runs for up to `seconds` [s] and returns the first alarm that `counts` accepts.
   template <typename Force, typename Counts>
   std::optional<VibrationAlarm> first(double seconds, const Force& force, const Counts& counts) {
     for (const double end = time_ + seconds; time_ < end;) {
@@ -151,10 +151,10 @@ TEST(VibrationMonitor, HoldsItsWindowsOverAGap) {
   EXPECT_TRUE(watched.first(0.25, force, any)) << "and what was seen before it counts";
 }
 
-/// Pushes against a wall at every `interval` [s], which returns `restitution` of the speed. Returns the first fast
-/// alarm, else the first hint.
+/// Simulates a push against a wall every `interval` [s]. The wall returns the share `restitution` of the speed. Returns
+/// the first fast alarm, else the first hint.
 std::optional<VibrationAlarm> bounce(double restitution, double interval, double speed, double seconds) {
-  constexpr double kContact = 0.02;  // [s]
+  constexpr double kContact = 0.02;  // duration of a contact [s]
   Watched watched(1000, 1e-5);
   std::optional<VibrationAlarm> hint;
   double x = 0.01;

@@ -11,7 +11,7 @@ namespace {
 using testing::HasSubstr;
 
 TEST(Warning, EveryEventCodeHasARowOfWords) {
-  // describe() has a line for every code, which the compiler sees to.
+  // describe() has a line for every code: the compiler warns of a missing one.
   std::set<std::string> names;
   std::size_t codes = 0;
   for (int number = 0; number < 1000; ++number) {

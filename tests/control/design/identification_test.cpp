@@ -12,13 +12,13 @@ namespace {
 constexpr double kRate = 1000;
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
-/// A device of known parameters in closed loop, and the experiment that was made with it.
+/// A simulated device of known parameters in closed loop, and the rows of an experiment with it.
 struct Bench {
   Vec3 mass{0.3, 0.5, 0.4}, viscous{1, 2, 1.5}, coulomb{0.5, 0.8, 0.3}, gravity{0.4, -1.2, 0.8};
-  double gradient = -20;  ///< of every axis by itself [N/m]
+  double gradient = -20;  ///< Gradient of gravity along each axis, without coupling between axes [N/m].
   double delay = 1.3e-3;
   double quantum = 0;
-  double cable = 0;  ///< amplitude of a force that depends on the place, with a period of 12 mm [N]
+  double cable = 0;  ///< Amplitude of a position-dependent force with a period of 12 mm [N].
   std::array<bool, 3> axes{true, true, true};
 
   Multisine dither{15, 120, 2, {true, true, true}};
@@ -52,7 +52,7 @@ struct Bench {
   }
 
  private:
-  /// The rows after `lead` seconds of `lead + duration`.
+  /// Runs the loop for `lead + duration` seconds and returns the stretch of rows after `lead`.
   template <class Place>
   Stretch move(double lead, double duration, const Place& place, bool hum) {
     const std::size_t begin = rows.size() + static_cast<std::size_t>(lead * kRate);
@@ -112,7 +112,7 @@ void expect_alike(const Identification& a, const Identification& b, double share
 TEST(IdentificationLaw, FindsWhatWasPutIn) {
   const Identification found = bench().identified();
   EXPECT_TRUE(found.fits) << found.reason;
-  expect_near(found.plant.mass, bench().mass, 0.06, "mass");  // the dither turns the friction of a sine round at times
+  expect_near(found.plant.mass, bench().mass, 0.06, "mass");  // the dither reverses the friction at times
   expect_near(found.plant.coulomb, bench().coulomb, 0.05, "coulomb");
   expect_near(found.plant.viscous, bench().viscous, 0.25, "viscous");
   expect_near(found.plant.gravity, bench().gravity, 0.1, "gravity");

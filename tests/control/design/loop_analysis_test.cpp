@@ -12,7 +12,7 @@
 namespace haptrace {
 namespace {
 
-/// Random numbers that are the same everywhere.
+/// Random numbers that are the same on every platform.
 class Dice {
  public:
   explicit Dice(unsigned seed) : engine_(seed) {}
@@ -24,7 +24,7 @@ class Dice {
   std::mt19937 engine_;
 };
 
-/// A device of the project's kind: 0.05 to 1 kg, up to 3 ms late.
+/// Returns a device of the supported kind: 0.05 to 1 kg, with a delay of up to 3 ms.
 LoopModel random_model(Dice& dice, const std::string& velocity) {
   LoopModel model;
   model.mass = dice.ratio(0.05, 1);
@@ -37,14 +37,14 @@ LoopModel random_model(Dice& dice, const std::string& velocity) {
   return model;
 }
 
-/// A kd well within what is stable at all.
+/// Returns a kd well within the stable range.
 double random_kd(Dice& dice, const LoopAnalysis& analysis) {
   const LoopModel& m = analysis.model();
   return analysis.most_damped(1e-6 * m.mass * m.rate_hz * m.rate_hz) * dice.ratio(0.005, 0.8);
 }
 
-/// The spectral radius of the loop with the first difference and without lag, as one matrix over a tick of the state
-/// x, v, the x before and the commands under way; time in periods, the hold integrated by hand.
+/// Returns the spectral radius of the loop with the first difference and no lag. One matrix advances the state by a
+/// tick: x, v, the previous x and the commands under way. Time is in periods, and the hold is integrated analytically.
 double spectral_radius(const LoopModel& model, double kp, double kd) {
   const double period = 1 / model.rate_hz, beta = model.viscous * period / model.mass, d = model.delay / period;
   const int n = static_cast<int>(std::floor(d + 1e-9));
@@ -144,16 +144,16 @@ TEST_P(LoopLaws, MarginsAreWhereStabilityEnds) {
     const LoopAnalysis analysis(model);
     const double kd = random_kd(dice, analysis), kp = 0.3 * analysis.stiffest(kd);
     const Margins m = analysis.margins(kp, kd);
-    if (m.modulus == 0) continue;  // what an observer leaves of a third of the stiffest may be unstable
-    // With less modulus margin there would be less of the others (Astrom and Murray, Feedback Systems, 10.3).
+    if (m.modulus == 0) continue;  // with an observer, even 0.3 of the stiffest kp may be unstable
+    // The modulus margin bounds the other margins from below (Astrom and Murray, Feedback Systems, 10.3).
     EXPECT_GE(m.gain_up, 1 / (1 - std::min(m.modulus, 0.999999))) << i;
     EXPECT_LE(m.gain_down, 1 / (1 + m.modulus)) << i;
     EXPECT_GE(m.phase, 2 * std::asin(m.modulus / 2) - 1e-9) << i;
-    if (model.observer) continue;  // whose own gain is not scaled by kp and kd, and which knows the delay
+    if (model.observer) continue;  // kp and kd do not scale the observer's gain, and the observer knows the delay
     EXPECT_TRUE(analysis.stable(0.999 * m.gain_up * kp, 0.999 * m.gain_up * kd)) << i;
     EXPECT_FALSE(analysis.stable(1.001 * m.gain_up * kp, 1.001 * m.gain_up * kd)) << i;
     if (m.delay > 8e-3) continue;
-    // A held force that comes later by a part of a period is not quite exp(-j w delay).
+    // A held force that is delayed by a fraction of a period is only approximately exp(-j w delay).
     model.delay += 0.98 * m.delay;
     EXPECT_TRUE(LoopAnalysis(model).stable(kp, kd)) << i;
     model.delay += 0.04 * m.delay;
@@ -219,7 +219,7 @@ TEST(LoopAnalysis, FindsGilsLimitForSmallDamping) {
 }
 
 TEST(LoopAnalysis, AgreesWithLimitsThatWereSimulatedElsewhere) {
-  // 0.4 kg, 1 ms and a lag of 0.5 ms, by the criterion of a ripple that is felt.
+  // 0.4 kg, a delay of 1 ms and a lag of 0.5 ms. The simulations took a perceptible ripple as the limit.
   LoopModel model{.mass = 0.4, .viscous = 1.8, .delay = 1e-3, .lag = 0.5e-3, .velocity = "difference"};
   EXPECT_NEAR(LoopAnalysis(model).stiffest(25), 12700, 0.05 * 12700);
   EXPECT_NEAR(LoopAnalysis(model).stiffest(50), 22100, 0.05 * 22100);
@@ -250,7 +250,7 @@ TEST(Passivity, GoesOverFromDelayToLagWithoutAStep) {
     LoopModel model{.mass = 0.4, .viscous = 2, .delay = delay, .velocity = "lowpass:200"};
     const double without = LoopAnalysis(model).passive_damping(1000, 3);
     model.lag = 2e-9;
-    const double with = LoopAnalysis(model).passive_damping(1000, 3);  // far aliases are bounded from above
+    const double with = LoopAnalysis(model).passive_damping(1000, 3);  // the analysis bounds far aliases from above
     EXPECT_NEAR(with, without, 2e-3 * without);
     EXPECT_GE(with, without * (1 - 1e-9));
     model.lag = 0.3e-3;
@@ -259,8 +259,8 @@ TEST(Passivity, GoesOverFromDelayToLagWithoutAStep) {
 }
 
 TEST(Passivity, BoundsWhatAnyPassiveHandCanDo) {
-  // The worst among hands of mass, damping and spring may only make the device heavier, more damped and stiffer: a law
-  // that is passive is stable with all of them.
+  // A hand of mass, damping and spring can only make the device heavier, more damped and stiffer. A passive law is
+  // stable with every such hand.
   Dice dice(8);
   for (int i = 0; i < 100; ++i) {
     LoopModel model = random_model(dice, "difference");
@@ -278,7 +278,7 @@ TEST(Passivity, BoundsWhatAnyPassiveHandCanDo) {
 TEST(LoopAnalysis, FoawIsJudgedByItsLongestWindow) {
   LoopModel model{.mass = 0.4, .viscous = 1.8, .delay = 1e-3, .velocity = "foaw:8", .resolution = 5e-5};
   const double windowed = LoopAnalysis(model).stiffest(25);
-  model.resolution = 0;  // foaw without a resolution is the difference
+  model.resolution = 0;  // without a resolution, foaw is the first difference
   const double difference = LoopAnalysis(model).stiffest(25);
   model.velocity = "difference";
   EXPECT_EQ(LoopAnalysis(model).stiffest(25), difference);

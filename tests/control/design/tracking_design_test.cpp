@@ -19,7 +19,7 @@ PlantModel plant_of(double mass, double delay, double resolution = 0) {
   return plant;
 }
 
-/// A device in a loop with the law that was designed for its plant.
+/// A simulated device in closed loop with the law that is designed for its plant.
 struct DesignedLoop {
   DesignedLoop(const SimSpec& spec, const PlantModel& plant, const TrackingDesign& design, double rate_hz)
       : device(spec),
@@ -29,7 +29,7 @@ struct DesignedLoop {
     tuning.observer_hz = design.load_hz;
   }
 
-  /// A tick towards `reference`; a further `push` [N] acts.
+  /// Runs one tick towards `reference`, with an additional external force `push` [N].
   void tick(const Reference& reference, const Vec3& push = Vec3::Zero()) {
     DeviceState answer;
     const double dt = first ? 0 : period;
@@ -51,7 +51,7 @@ struct DesignedLoop {
   bool first = true;
 };
 
-/// Lighter, and later by half a tick, than the design knows.
+/// Returns a device that is lighter than the design assumes and half a tick later.
 SimSpec real_device(PlantModel plant, double rate_hz) {
   for (int axis = 0; axis < 3; ++axis) plant.mass[axis] = plant.mass[axis] > 0 ? 0.8 * plant.mass[axis] : 0.1;
   plant.delay += 0.5 / rate_hz;
@@ -69,7 +69,8 @@ std::vector<Extreme> extremes() {
     for (const double delay : {0.0, 2.0, 16.0, 60.0})
       for (const double mass : {0.045, 5.0})
         for (const double resolution : {0.0, 5e-4}) {
-          if (delay > StateObserver::kLongestDelay && resolution > 0) continue;  // it hunts, by some counts
+          if (delay > StateObserver::kLongestDelay && resolution > 0)
+            continue;  // such a loop hunts by a few encoder counts
           all.push_back({mass, delay, rate, resolution, mass < 1});
         }
   return all;
@@ -94,12 +95,12 @@ TEST(TrackingDesign, IsValidAndCalmsALighterAndLaterDeviceAtEveryExtreme) {
       EXPECT_TRUE(std::isfinite(figure));
     EXPECT_GT(design.observer_hz, 0);
 
-    // A push, and time to calm down in units of the law's own.
+    // Push, then leave the loop time to settle, in units of its own time constant.
     DesignedLoop loop(real_device(plant, extreme.rate_hz), plant, design, extreme.rate_hz);
     const double w = std::sqrt(design.gains.kp.x() / plant.mass.x());
     const auto ticks =
         static_cast<int>(std::ceil(40 / w * extreme.rate_hz)) + 4 * static_cast<int>(extreme.delay_ticks);
-    const double slow = std::max(1.0, 0.36 * extreme.rate_hz / ticks);  // the load's filter takes its time too
+    const double slow = std::max(1.0, 0.36 * extreme.rate_hz / ticks);  // the load filter needs time too
     const Vec3 push = 5e-3 * design.gains.kp;
     const Reference rest{Vec3::Zero(), Vec3::Zero(), Vec3::Zero(), 0};
     double pushed = 0, after = 0;
@@ -124,7 +125,7 @@ TEST(TrackingDesign, CalmsALightDeviceInAHeavyHandOnAStiffGrip) {
   spec.hand = HandSpec{.mass = 0.3, .grip_stiffness = 1500, .grip_damping = 3};
   plant.position_resolution = 0;
   DesignedLoop loop(spec, plant, design, 1000);
-  // Slowly on, so that it does not come to rest.
+  // The reference moves slowly, so that the law does not enter its rest state.
   const Reference reference{Vec3::Zero(), Vec3(2e-4, 0, 0), Vec3::Zero(), 0};
   double early = 0, late = 0;
   for (int i = 0; i < 700; ++i) {
@@ -160,7 +161,7 @@ TEST(TrackingDesign, FollowsItsFormulaWhereNothingLimitsIt) {
   EXPECT_EQ(design.ripple, 0);
 }
 
-/// rms of the command above 25 Hz along a slow circle, whose positions run through many quanta [N].
+/// Returns the rms of the command above 25 Hz along a slow curve that crosses many encoder counts [N].
 double measured_ripple(const PlantModel& plant, const TrackingDesign& design, double rate_hz) {
   DesignedLoop loop(sim_spec_of(plant, 1e6), plant, design, rate_hz);
   std::vector<Butterworth2> filters(6, Butterworth2(Butterworth2::Kind::high_pass, 25, rate_hz));
@@ -188,7 +189,7 @@ TEST(TrackingDesign, StatesTheRippleThatIsMeasured) {
   for (const double rate : {500.0, 1000.0, 4000.0})
     for (const double delay : {0.0, 1.5e-3, 4e-3})
       for (const double resolution : {1e-5, 5e-5, 2e-4}) {
-        // A quantum's errors are white only where one is crossed every few ticks, here at some 40 mm/s.
+        // Quantisation errors are white only if the device crosses a count every few ticks, here at some 40 mm/s.
         if (resolution * rate > 0.25) continue;
         const PlantModel plant = plant_of(0.4, delay, resolution);
         const TrackingDesign design = design_tracking(plant, {.rate_hz = rate, .max_force = 8});

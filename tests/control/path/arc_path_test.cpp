@@ -27,7 +27,7 @@ ArcPath built(const std::function<Moment(double)>& motion, double duration, doub
   return builder.finish(0.005);
 }
 
-/// 0.1 m along x at 0.05 m/s, pushed by what grows with x.
+/// Returns the motion along x at 0.05 m/s, with a force that grows with x.
 Moment line(double t) {
   return {{0.05 * t, 0, 0}, {0, 20 * 0.05 * t, 1}};
 }

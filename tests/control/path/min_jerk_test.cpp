@@ -43,7 +43,7 @@ TEST(MinJerk, IsSymmetricAndPeaksInTheMiddle) {
 TEST(MinJerk, ReportsTheDerivativesOfItsBlend) {
   const double h = 1e-3;
   for (double u = 0.01; u < 0.99; u += 0.01) {
-    // Fourth order: exact for the blend's fifth degree but for h^4.
+    // Fourth-order difference: the error for the blend's fifth-degree polynomial is of order h^4.
     const auto difference = [&](double MinJerk::*x) {
       return (8 * (MinJerk::at(u + h).*x - MinJerk::at(u - h).*x) - MinJerk::at(u + 2 * h).*x +
               MinJerk::at(u - 2 * h).*x) /

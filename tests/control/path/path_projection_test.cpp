@@ -16,7 +16,7 @@ using std::numbers::pi;
 
 struct Curve {
   std::string name;
-  std::function<Vec3(double)> at;  ///< of a share from 0 to 1
+  std::function<Vec3(double)> at;  ///< Position [m] at a share of the curve from 0 to 1.
 };
 
 void PrintTo(const Curve& curve, std::ostream* out) {  // NOLINT(readability-identifier-naming): GoogleTest's name
@@ -57,7 +57,7 @@ ArcPath path_of(const Curve& curve) {
   return builder.finish(0.005);
 }
 
-/// Noise of a hand: band-limited, 2 mm in every direction.
+/// A hand's tremor: band-limited noise of 2 mm in every direction.
 class Tremble {
  public:
   explicit Tremble(unsigned seed) : random_(seed) {}
@@ -114,7 +114,7 @@ TEST_P(ProjectionLaws, NeverJumpsForOneWhoStopsReversesAndLeaves) {
     Tremble tremble(7);
     double before = 0;
     for (int i = 0; i <= 20000; ++i) {
-      // Forward, a stop, back by a tenth, away from the path by 3 cm and to it again, and on.
+      // Forward, a stop, back by a tenth, 3 cm away from the path and back to it, then forward to the end.
       const double t = i / 20000.0;
       const double u = t < 0.4 ? t : t < 0.5 ? 0.4 : t < 0.6 ? 0.4 - (t - 0.5) : 0.3 + 1.75 * (t - 0.6);
       const double away = t > 0.7 && t < 0.8 ? 0.03 * std::sin(pi * 10 * (t - 0.7)) : 0;
@@ -138,7 +138,7 @@ INSTANTIATE_TEST_SUITE_P(All, ProjectionLaws, testing::ValuesIn(kCurves),
                          [](const auto& tested) { return tested.param.name; });
 
 TEST(PathProjection, FollowsWhoTurnsBeforeTheEndOfAStroke) {
-  const ArcPath path = path_of(kCurves[2]);  // 0.1 m there and back
+  const ArcPath path = path_of(kCurves[2]);  // a line of 0.1 m, there and back
   PathProjection projection(path, {});
   double before = 0;
   const auto move = [&](double x) {
@@ -152,7 +152,7 @@ TEST(PathProjection, FollowsWhoTurnsBeforeTheEndOfAStroke) {
 }
 
 TEST(PathProjection, LeapsNoFartherInALongTick) {
-  // Cutting a corner at 250 Hz.
+  // The tool cuts a corner, at a rate of 250 Hz.
   ArcPath::Builder builder(2.5e-4);
   for (int i = 0; i <= 100; ++i) builder.add(1e-2 * i, Vec3(1e-3 * i, 0, 0), Vec3::Zero());
   for (int i = 1; i <= 100; ++i) builder.add(1 + 1e-2 * i, Vec3(0.1, 1e-3 * i, 0), Vec3::Zero());

@@ -12,9 +12,9 @@
 namespace haptrace {
 namespace {
 
-constexpr double kCount = 5e-5;  // [m]
+constexpr double kCount = 5e-5;  // encoder resolution [m]
 
-/// A hand's movement: a few hertz, over 10 cm, at up to 0.5 m/s.
+/// Returns a hand's position at `t`: a movement of a few hertz, over 10 cm, at up to 0.5 m/s.
 Vec3 hand(double t) {
   return {0.05 * std::sin(2 * t) + 0.004 * std::sin(14 * t), 0.04 * std::cos(3 * t), 0.03 * std::sin(0.7 * t)};
 }
@@ -58,7 +58,7 @@ Vec3 noise_of(const Path& path) {
   return position_noise({&path, 1});
 }
 
-/// Root mean square of what the curve's acceleration is off by, away from the ends [m/s^2].
+/// Returns the rms error of the curve's acceleration, away from the ends [m/s^2].
 double acceleration_error(const Path& path, double smoothing) {
   const Trajectory curve(path, Interpolation::cubic,
                          {.begin = path.time.front(), .end = path.time.back(), .extent = 1, .smoothing = smoothing});
@@ -142,7 +142,7 @@ TEST(PathSmoothing, LeavesPathsWithoutNoiseAlone) {
   EXPECT_EQ(smoothing_of(sampled([](double) { return Vec3(0.1, 0.2, 0.3); })), 0) << "a rest";
   EXPECT_EQ(smoothing_of(sampled(hand, {.duration = 2.5e-3})), 0) << "three samples";
   for (const std::string& shape : shape_names()) EXPECT_EQ(smoothing_of(make_shape(shape, {})), 0) << shape;
-  Path corners{.name = "corners"};  // lines on which nobody slows down
+  Path corners{.name = "corners"};  // lines without slowing down at the corners
   for (int i = 0; i < 4000; ++i) {
     const double s = 1e-4 * (i % 1000);
     corners.time.push_back(1e-3 * i);
@@ -155,9 +155,9 @@ TEST(PathSmoothing, LeavesPathsWithoutNoiseAlone) {
 }
 
 struct Kind {
-  double count;   ///< [m]
-  double step;    ///< [s]
-  double jitter;  ///< of the step
+  double count;   ///< Encoder resolution [m].
+  double step;    ///< Sampling step [s].
+  double jitter;  ///< Relative jitter of the step.
 };
 
 class NoisyPath : public testing::TestWithParam<Kind> {};
@@ -167,10 +167,10 @@ TEST_P(NoisyPath, IsNearerToTheMovementWhenSmoothedAndItsAccelerationMuchNearer)
   const Path path = counted(sampled(hand, {.step = kind.step, .jitter = kind.jitter}), kind.count);
   const double tau = smoothing_of(path);
   ASSERT_GT(tau, 0);
-  // The ends are not at rest here: they are left out of it.
+  // This movement is not at rest at its ends, so the ends are not held at rest.
   const PathEnds moving{.begins_at_rest = false, .ends_at_rest = false};
   EXPECT_LT(position_error(path, smooth_positions(path, tau, moving)), position_error(path, path.position));
-  // The movement's own is 0.6 m/s^2.
+  // The rms acceleration of the movement itself is 0.6 m/s^2.
   EXPECT_LT(acceleration_error(path, tau), 0.35);
   EXPECT_LT(acceleration_error(path, tau), 0.2 * acceleration_error(path, 0));
 }
@@ -180,7 +180,7 @@ INSTANTIATE_TEST_SUITE_P(Counts, NoisyPath,
                                          Kind{5e-5, 1e-3, 0.6}, Kind{5e-5, 2.5e-4, 0.3}, Kind{5e-5, 4e-3, 0}));
 
 TEST(PathSmoothing, TakesASlowMovementsStepsForWhatTheyAre) {
-  // 2 mm/s: every count lasts 25 ms, and from one sample to the next nothing looks like noise.
+  // At 2 mm/s every count lasts 25 ms, so the differences between successive samples do not look like noise.
   const Path slow = counted(sampled([](double t) { return Vec3(2e-3 * t, 3e-3 * t, 0); }, {.duration = 10}), kCount);
   const double tau = smoothing_of(slow);
   const std::vector<Vec3> smooth = smooth_positions(slow, tau, {.begins_at_rest = false, .ends_at_rest = false});

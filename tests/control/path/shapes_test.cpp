@@ -19,24 +19,24 @@ double length(const Path& path) {
   return sum;
 }
 
-/// The script's speed per rate of its parameter, from its definition.
+/// Returns the script's speed per rate of its parameter, from its definition.
 double script_speed(const ShapeOptions& o, double q) {
   return o.size * std::hypot(10.0 / 12 / (22 * pi) + std::cos(q) / 12, std::sin(q) / 8);
 }
 
 double script_length(const ShapeOptions& o) {
   double sum = 0;
-  const int n = 200;  // of one of eleven loops, which are alike
+  const int n = 200;  // steps in one of the eleven equal loops
   for (int i = 0; i < n; ++i) sum += script_speed(o, 2 * pi * i / n) * 2 * pi / n;
   return 11 * sum;
 }
 
-/// The script's parameter after the share u of the duration, and its rate per share: the integral of the rate that
-/// blends in over a twelfth and out over another.
+/// Returns the script's parameter after the share u of the duration, and its rate per share. The parameter is the
+/// integral of a rate that blends in over a twelfth of the duration and out over another.
 std::pair<double, double> script_parameter(double u) {
   const auto rate = [](double at) { return 22 * pi * 12 / 11 * MinJerk::at(12 * at).s * MinJerk::at(12 * (1 - at)).s; };
   double q = 0;
-  const int n = 6 * 64;  // Simpson's rule; a whole number of cells in each blend, whose derivatives jump at its end
+  const int n = 6 * 64;  // Simpson's rule with whole cells in each blend, because the derivatives jump at a blend's end
   for (int i = 0; i < n; ++i) {
     const double from = std::min(u, static_cast<double>(i) / n), to = std::min(u, (i + 1.0) / n);
     q += (to - from) / 6 * (rate(from) + 4 * rate(0.5 * (from + to)) + rate(to));
@@ -44,8 +44,8 @@ std::pair<double, double> script_parameter(double u) {
   return {q, rate(u)};
 }
 
-/// The length of one turn in closed form; the script's and the figure eight's by a fine chord polygon of its
-/// definition.
+/// Returns the length of one turn [m]: in closed form, or by numerical integration for the script and the figure
+/// eight.
 double expected_length(const std::string& name, const ShapeOptions& o) {
   if (name == "square") return 4 * (o.size - 2 * o.blend) + 2 * pi * o.blend;
   if (name == "circle") return pi * o.size;
@@ -107,7 +107,7 @@ class ShapeLaws : public testing::TestWithParam<std::tuple<std::string, Variatio
 
   [[nodiscard]] bool closed() const { return name_ != "reach" && name_ != "spiral" && name_ != "script"; }
   [[nodiscard]] double total() const { return options_.duration * options_.turns; }
-  /// The speed that the options command at `t` [m/s].
+  /// Returns the speed that the options command at `t` [m/s].
   [[nodiscard]] double commanded_speed(double t) const {
     if (options_.constant_speed) return whole_length_ / total();
     if (name_ == "script") {
@@ -122,7 +122,7 @@ class ShapeLaws : public testing::TestWithParam<std::tuple<std::string, Variatio
   std::string name_ = std::get<0>(GetParam());
   ShapeOptions options_ = std::get<1>(GetParam()).options;
   Path path_;
-  double whole_length_ = 0;  ///< of all turns [m]
+  double whole_length_ = 0;  ///< Length of all turns [m].
 };
 
 TEST_P(ShapeLaws, IsAValidPathOfEqualStepsOverItsDuration) {
@@ -144,9 +144,9 @@ TEST_P(ShapeLaws, EndsExactlyWhereItBeganWhenClosed) {
   }
 }
 
-/// Of shapes whose speed is not constant.
+/// Laws of shapes whose speed is not constant.
 class ShapesThatRest : public ShapeLaws {};
-/// Of shapes that are sampled densely enough for differences.
+/// Laws of shapes that are sampled densely enough for finite differences.
 class DenseShapeLaws : public ShapeLaws {};
 
 TEST_P(ShapesThatRest, StartAndEndAtRest) {
@@ -155,7 +155,7 @@ TEST_P(ShapesThatRest, StartAndEndAtRest) {
 }
 
 TEST_P(ShapeLaws, MovesAtTheCommandedSpeed) {
-  const std::size_t step = name_ == "script" ? 20 : 1;  // its integral is slow
+  const std::size_t step = name_ == "script" ? 20 : 1;  // the script's integral is slow
   for (std::size_t i = 0; i < path_.size(); i += step) {
     const double speed = commanded_speed(path_.time[i]);
     ASSERT_NEAR(path_.velocity[i].norm(), speed, 1e-6 * speed + 1e-12 * options_.size) << "sample " << i;
@@ -163,14 +163,15 @@ TEST_P(ShapeLaws, MovesAtTheCommandedSpeed) {
 }
 
 TEST_P(ShapeLaws, HasTheLengthOfItsShape) {
-  // Chords are shorter than the arc by the square of the step, and cut corners; the script's turn eleven times.
+  // Chords are shorter than the arc by the square of the step, and cut corners. The script turns eleven times.
   const double steps = static_cast<double>(path_.size()) / (closed() ? options_.turns : 1);
   EXPECT_NEAR(length(path_) / whole_length_, 1,
               (name_ == "script" ? 400 : 150) / (steps * steps) + (name_ == "square" ? 2 / steps : 0) + 1e-9);
 }
 
 TEST_P(DenseShapeLaws, ReportsTheVelocityOfItsPositions) {
-  // Corners that are sharp or turn within a few samples, and the turning points of a line at constant speed, have none.
+  // The velocity is undefined at the turning points of a line at constant speed, and at corners that are sharp or turn
+  // within a few samples.
   const double peak = whole_length_ / total() * MinJerk::kPeakSpeed;
   std::size_t unlike = 0;
   for (std::size_t i = 1; i + 1 < path_.size(); ++i) {
@@ -315,7 +316,7 @@ TEST(Shapes, ScriptWritesElevenLoopsAtTwoASecond) {
   EXPECT_NEAR(turned, 22 * pi, 0.1) << "counterclockwise";
   EXPECT_NEAR(peak, 0.172, 0.002);
   expect_near(script.position.back(), {0.045, -0.0135, 0});
-  // Half a second in, the first loop's rate is the others'; a loop takes half a second from there on.
+  // After half a second the script has reached its full rate. From then on a loop takes half a second.
   expect_near(script.position[2000] - script.position[1500], Vec3(0.09 / 11, 0, 0));
 }
 
@@ -369,7 +370,7 @@ TEST(Shapes, OfSharpCornersAreFiniteWhateverTheirSize) {
   o.rate_hz = 40;
   o.duration = 0.1;
   o.turns = 3;
-  o.constant_speed = true;  // a sample on every corner, give or take the last bit
+  o.constant_speed = true;  // a sample on every corner, up to rounding
   for (int i = 1; i < 5000; ++i) {
     o.size = 1e-3 * i / 7;
     EXPECT_NO_THROW(validate(make_shape("square", o)));

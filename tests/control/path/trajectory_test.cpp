@@ -14,7 +14,7 @@ namespace {
 
 using testing::HasSubstr;
 
-/// A movement known at every instant.
+/// A movement whose position, velocity and acceleration are known at every time.
 struct Motion {
   std::function<Vec3(double)> position, velocity, acceleration;
 };
@@ -23,12 +23,12 @@ const Motion kEllipse{[](double t) { return Vec3(0.1 * std::cos(t), 0.05 * std::
                       [](double t) { return Vec3(-0.1 * std::sin(t), 0.05 * std::cos(t), 0.04 * std::cos(2 * t)); },
                       [](double t) { return Vec3(-0.1 * std::cos(t), -0.05 * std::sin(t), -0.08 * std::sin(2 * t)); }};
 
-/// Rest to rest, as the spline without velocities assumes.
+/// A movement from rest to rest, as the spline without velocities assumes.
 const Motion kReach{[](double t) -> Vec3 { return Vec3(0.1, 0.2, -0.05) * MinJerk::at(t).s; },
                     [](double t) -> Vec3 { return Vec3(0.1, 0.2, -0.05) * MinJerk::at(t).ds; },
                     [](double t) -> Vec3 { return Vec3(0.1, 0.2, -0.05) * MinJerk::at(t).dds; }};
 
-/// x(t) = sum of c_k t^k, a different polynomial in every axis.
+/// Returns the movement x(t) = sum of c_k t^k, with a different polynomial in every axis.
 Motion polynomial(int degree) {
   const auto derivative = [degree](double t, int order) {
     Vec3 sum = Vec3::Zero();
@@ -60,7 +60,7 @@ std::vector<double> even_steps(double end, int steps) {
   return time;
 }
 
-/// Steps that differ by up to 1 : 3.
+/// Returns stamps whose steps differ by up to 1 : 3.
 std::vector<double> uneven_steps(double end, int steps) {
   std::vector<double> time = even_steps(end, steps);
   std::mt19937 random(1);
@@ -83,7 +83,7 @@ Path moved(Path path, double scale, const Vec3& offset, double time_offset) {
   return path;
 }
 
-/// Steps from 1 us to 10 s beside each other, positions that jump from 1 nm to 10 m.
+/// Returns a path with neighbouring steps of 1 us to 10 s and positions that jump by 1 nm to 10 m.
 Path wild() {
   Path path;
   path.name = "wild";
@@ -99,7 +99,7 @@ Path wild() {
   return path;
 }
 
-/// 2 s at 1 kHz, an hour of nothing in the middle of the movement, then the same again.
+/// Returns a movement of 2 s at 1 kHz, with a gap of an hour in its middle.
 Path paused() {
   Path path = sampled(kEllipse, even_steps(2, 2000), true);
   for (std::size_t i = 1000; i < path.size(); ++i) path.time[i] += 3600;
@@ -139,14 +139,14 @@ std::vector<NamedPath> make_paths() {
           {"AbsurdVelocity", absurd}};
 }
 
-/// Made once: their names are asked for by every test of the program, in a process each.
+/// Returns the paths. Every test runs in its own process and needs their names, so each process makes them once.
 const std::vector<NamedPath>& paths() {
   static const std::vector<NamedPath> all = make_paths();
   return all;
 }
 
-/// Largest and smallest scales of one segment, for tolerances: rounding of positions and stamps cannot be told from
-/// movement below them.
+/// Rounding errors of one segment [m, m/s, m/s^2], used as tolerances. Smaller movements cannot be distinguished from
+/// the rounding of positions and stamps.
 struct Rounding {
   double position, velocity, acceleration;
 };
@@ -157,8 +157,8 @@ class TrajectoryLaws : public testing::TestWithParam<std::tuple<Interpolation, s
   [[nodiscard]] double time(std::size_t i) const { return path_.time[i] - path_.time[0]; }
   [[nodiscard]] double step(std::size_t i) const { return time(i + 1) - time(i); }
 
-  /// How far answers within segment i may be off by rounding alone: 1e-9 of the largest values on it, and what the
-  /// last bits of positions and stamps amount to over its length.
+  /// Returns the largest errors within segment i from rounding alone: 1e-9 of the largest values on the segment, plus
+  /// the effect of the last bits of positions and stamps over its length.
   [[nodiscard]] Rounding rounding(std::size_t i) const {
     const double h = step(i), eps = 4 * std::numeric_limits<double>::epsilon();
     double position = 0, velocity = 0, acceleration = 0;
@@ -168,7 +168,7 @@ class TrajectoryLaws : public testing::TestWithParam<std::tuple<Interpolation, s
       velocity = std::max(velocity, r.velocity.norm());
       acceleration = std::max(acceleration, r.acceleration.norm());
     }
-    const double stamp = eps * time(i + 1) / h + 1e-9;  // as a fraction of the segment
+    const double stamp = eps * time(i + 1) / h + 1e-9;  // rounding of a stamp as a fraction of the segment
     Rounding tolerance{};
     tolerance.position = eps * position + stamp * h * velocity;
     tolerance.velocity = eps * position / h + stamp * (velocity + h * acceleration);
@@ -229,7 +229,7 @@ TEST_P(TrajectoryLaws, ReportsTheDerivativesOfItsOwnPosition) {
   }
 }
 
-/// Of those that do not jump.
+/// Laws of the interpolations that do not jump between samples.
 class ContinuousTrajectoryLaws : public TrajectoryLaws {};
 
 TEST_P(ContinuousTrajectoryLaws, IsAsSmoothAcrossItsSamplesAsItsDegreeSays) {
@@ -299,7 +299,7 @@ INSTANTIATE_TEST_SUITE_P(All, ContinuousTrajectoryLaws,
                                           testing::Range<std::size_t>(0, paths().size())),
                          name_of_trajectory);
 
-/// Largest errors over the middle of a movement's duration, away from its ends by `margin` seconds.
+/// Largest errors over a movement, except within `margin` seconds of its ends [m, m/s, m/s^2].
 struct Errors {
   double position = 0, velocity = 0, acceleration = 0;
 };
@@ -316,7 +316,7 @@ Errors errors(const Motion& motion, const Trajectory& trajectory, double margin)
   return worst;
 }
 
-/// Halving the step divides the error by 2^order.
+/// Expects that halving the step divides the error by 2^order.
 void expect_order(double coarse, double fine, double order) {
   EXPECT_NEAR(std::log2(coarse / fine), order, 0.35);
 }
@@ -374,7 +374,7 @@ TEST(Trajectory, ReproducesPolynomialsUpToItsDegreeOverUnevenSteps) {
 }
 
 TEST(Trajectory, HonoursVelocitiesOfSparseSamples) {
-  // Six samples per turn: the velocities know what the positions alone do not.
+  // With six samples per turn, the velocities add information that the positions alone lack.
   const Trajectory with(sampled(kEllipse, even_steps(6, 6), true), Interpolation::cubic);
   const Trajectory without(sampled(kEllipse, even_steps(6, 6), false), Interpolation::cubic);
   EXPECT_LE(errors(kEllipse, with, 0).position, 4e-3);
@@ -463,7 +463,7 @@ TEST(Trajectory, RestsAtBothEndsForWantOfVelocities) {
   }
   const Trajectory quintic(sampled(kEllipse, {0, 1}, false), Interpolation::quintic);
   EXPECT_LE(quintic.sample(0).acceleration.norm() + quintic.sample(1).acceleration.norm(), 1e-15);
-  // Two samples and nothing else: the minimum-jerk movement.
+  // Two samples alone give the minimum-jerk movement.
   const Vec3 from = kEllipse.position(0), to = kEllipse.position(1);
   EXPECT_LE((quintic.sample(0.3).position - from - MinJerk::at(0.3).s * (to - from)).norm(), 1e-16);
 }

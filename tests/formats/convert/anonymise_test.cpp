@@ -11,7 +11,7 @@ using testing::Contains;
 using testing::HasSubstr;
 using testing::Not;
 
-/// A recording with the name Jane in every place that takes a text.
+/// Writes a recording with the name Jane in every text field and returns its file name.
 std::string personal(const TempFolder& folder) {
   RecordingHeader header;
   header.uuid = "jane-uuid";

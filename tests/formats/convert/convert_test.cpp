@@ -1,4 +1,4 @@
-// Laws of every way from one format to another.
+// Laws of the conversions between all formats.
 #include "formats/path/path_file.h"
 #include "formats/recording/recording_stream.h"
 #include "tests/formats/support.h"
@@ -10,8 +10,8 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// A session as a bad day leaves it: missed ticks, stamps to the nanosecond, values that are not there or very large,
-/// very small, negative zero, infinite.
+/// Returns a session with irregular data: missed ticks, stamps to the nanosecond, and values that are NaN, infinite,
+/// negative zero, very large or very small.
 std::vector<Sample> odd_session(unsigned seed, std::size_t rows, const RecordingColumns& columns) {
   std::vector<Sample> session = random_session(seed, rows, columns);
   std::mt19937_64 random(seed + 1000);

@@ -13,7 +13,7 @@ using testing::Contains;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-/// Samples in memory as a source, in blocks of a size that nobody expects.
+/// A source of samples in memory, in blocks of an unusual size.
 class Given final : public RecordingSource {
  public:
   explicit Given(std::vector<Sample> samples, std::size_t block = 777) : samples_(std::move(samples)), block_(block) {
@@ -62,7 +62,7 @@ Vec3 smooth(double t) {
   return 0.1 * Vec3(std::sin(9 * t), std::cos(7 * t), std::sin(5 * t + 1));
 }
 
-/// A movement with rows dropped at random from a clock of 1 ms, as real logs are.
+/// Returns a movement at 1 kHz with randomly dropped samples, like a real log.
 std::vector<Sample> movement(std::size_t rows, unsigned seed = 1, bool velocity = false) {
   std::mt19937_64 random(seed);
   std::vector<Sample> samples(rows);
@@ -113,7 +113,7 @@ TEST(Resample, InPiecesIsTheCurveOfTheWholeToTheLastDigits) {
     double worst = 0, worst_velocity = 0;
     for (const Sample& sample : out.samples) {
       const double t = 1e-9 * static_cast<double>(sample.time_ns);
-      // The whole curve starts and ends at rest, the resampled one does not: their difference has died down by then.
+      // The whole curve starts and ends at rest, the resampled one does not. Their difference decays within 0.1 s.
       if (t < 0.1 || t > whole.duration() - 0.1) continue;
       const Reference reference = whole.sample(t);
       worst = std::max(worst, (sample.position - reference.position).norm());
@@ -125,7 +125,7 @@ TEST(Resample, InPiecesIsTheCurveOfTheWholeToTheLastDigits) {
   }
 }
 
-/// Amplitude of a sine of `hz` along x in the positions, without the first and last seconds.
+/// Returns the amplitude [m] of a sine of `hz` along x in the positions, without the first and last `edge` seconds.
 double amplitude(const std::vector<Sample>& samples, double hz, double edge) {
   double sine = 0, cosine = 0, count = 0;
   const double end = 1e-9 * static_cast<double>(samples.back().time_ns);
@@ -152,7 +152,7 @@ std::vector<Sample> sine(double hz, std::size_t rows, double rate = 1000) {
 }
 
 TEST(Resample, ToALowerRateLeavesNothingThatWouldFoldBack) {
-  // 98 Hz at 100 Hz looks like 2 Hz.
+  // Sampled at 100 Hz, 98 Hz looks like 2 Hz.
   const Result aliased = run(sine(98, 12'000), {.rate_hz = 100, .low_pass_hz = 0.0});
   EXPECT_NEAR(amplitude(aliased.samples, 2, 1), 1, 0.02);
   EXPECT_EQ(aliased.report.low_pass_hz, 0);
@@ -179,18 +179,18 @@ TEST(Resample, ToALowerRateKeepsWhatIsSlowWhereAndWhenItWas) {
       worst_force = std::max(worst_force, std::abs(sample.force.x() - truth));
     }
     EXPECT_LT(worst, 0.002) << hz;
-    EXPECT_LT(worst_force, 0.01) << hz;  // read between samples of 1 kHz along straight lines
+    EXPECT_LT(worst_force, 0.01) << hz;  // linear interpolation between samples of 1 kHz
   }
 }
 
 TEST(Resample, FiltersNoFartherThanValuesAreKnownAndLeavesStraightLinesStraight) {
   std::vector<Sample> in = sine(0, 9000);
   for (std::size_t i = 0; i < in.size(); ++i) {
-    in[i].time_ns += i >= 5000 ? 2'000'000'000 : 0;  // a gap, behind which the hand is elsewhere
+    in[i].time_ns += i >= 5000 ? 2'000'000'000 : 0;  // a gap, after which the hand is elsewhere
     const double t = 1e-9 * static_cast<double>(in[i].time_ns);
     in[i].position = Vec3(t, i >= 5000 ? 7 : -7, 1);
     in[i].force = i >= 2000 && i < 2100 ? nan3() : Vec3(1, t, 0);
-    in[i].orientation = Quat(i % 2 == 0 ? 1 : -1, 0, 0, 0);  // one orientation, written in two ways
+    in[i].orientation = Quat(i % 2 == 0 ? 1 : -1, 0, 0, 0);  // q and -q are the same orientation
   }
   const Result out = run(in, {.rate_hz = 50});
   std::size_t unknown = 0;
@@ -223,7 +223,7 @@ TEST(Resample, IsAsGoodAtTheEndsAsInTheMiddle) {
     worst = std::max(worst, (sample.position - smooth(t)).norm());
   }
   EXPECT_LT(middle, 1e-9);
-  EXPECT_LT(ends, 2e-6);  // without acceleration at the very ends: a h^2 / 16, a the true one
+  EXPECT_LT(ends, 2e-6);  // the curve has no acceleration at its ends: an error of a h^2 / 16 for a true acceleration a
 }
 
 TEST(Resample, OfAGridThatIsThereAlreadyChangesNothing) {

@@ -39,7 +39,7 @@ void expect_refused(const std::string& bytes, const std::string& what, const Sou
 
 const std::vector<XdfWriter::Channel> kXyz{{"x", "m"}, {"y", "m"}, {"z", "m"}};
 
-/// Where the hand of these tests is at `t` [s] of the recorder's clock [m], and the force on it [N].
+/// Position of the hand [m] and force on it [N] at `t` [s] of the recorder's clock.
 Vec3 position(double t) {
   return {0.1 * std::sin(t), 0.1 * std::cos(t), 0.01 * t};
 }
@@ -50,9 +50,9 @@ std::vector<double> list(const Vec3& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// A second of a hand at 500 Hz and its force at 100 Hz, on three machines: the clock of the hand's is 1000 s ahead of
-/// the recorder's and gains 50 us a second; the force's is 77 s behind. Offsets are measured every 0.1 s with a
-/// network's noise.
+/// Returns an XDF file with a second of a hand at 500 Hz and its force at 100 Hz, from three machines. The clock of the
+/// hand's machine is 1000 s ahead of the recorder's and gains 50 us a second; the clock of the force's is 77 s behind.
+/// The file has a measured clock offset every 0.1 s, with network noise of up to `noise` [s].
 std::string two_machines(double noise = 0) {
   const auto hand_clock = [](double t) { return 1000 + t * (1 + 5e-5); };
   const auto force_clock = [](double t) { return t - 77; };
@@ -96,7 +96,8 @@ TEST(Xdf, PutsStreamsOfSeveralMachinesOnOneClockAndMarkersIntoEvents) {
     EXPECT_LT((sample.position - position(t)).norm(), 1e-15);
     EXPECT_EQ(sample.tick, i);
     EXPECT_EQ(sample.phase, Phase::run);
-    // The force is the newest at the time; where the two stamps are the same, rounding decides which that is.
+    // Each sample has the newest force at its time. If the two stamps are equal, rounding decides which force is
+    // newest.
     const double newest = std::floor(t * 100 + 1e-9) / 100;
     const double off = i % 5 != 0 ? (sample.force - force(newest)).norm() : 0;
     EXPECT_LT(off, 1e-6) << i;
@@ -112,7 +113,8 @@ TEST(Xdf, PutsStreamsOfSeveralMachinesOnOneClockAndMarkersIntoEvents) {
   EXPECT_EQ(all.header.created, "2026-03-01T12:00:00Z");
 }
 
-/// Half a second of a hand at 500 Hz and of a force at 100 Hz that begins 0.7 ms later and pauses, or ends, at `until`.
+/// Returns an XDF file with 4 s of a hand at 500 Hz and a force at 100 Hz. The force begins 0.7 ms later and is missing
+/// from `until` to 3 s.
 std::string late_force(double until, const std::string& date = "2026-03-01T14:00:00+0200") {
   XdfWriter xdf(date);
   xdf.stream(1, "Hand", "Position", "double64", 500, kXyz);
@@ -139,7 +141,7 @@ TEST(Xdf, LeavesOutRowsOfWhichTheForceIsNotKnownSoThatTheFileItMakesIsValid) {
     const auto sink = create_sink(file, source->header(), source->columns(), source->events(), {});
     const std::uint64_t rows = copy(*source, *sink);
     sink->finish();
-    // The first, and those from a second after the last force to the next one.
+    // The first row is left out, and the rows from a second after the last force to the next force.
     EXPECT_EQ(rows, until > 5 ? 1999U : 1999U - 755U);
     for (const Finding& finding : check_recording(file))
       EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
@@ -159,7 +161,8 @@ TEST(Xdf, SaysThatItsDateWasNoTime) {
 TEST(Xdf, FitsALineThroughOffsetsThatANetworkMadeNoisy) {
   const Read all = read(two_machines(2e-4), {.streams = {"Hand"}});
   ASSERT_EQ(all.samples.size(), 500U);
-  for (std::size_t i = 1; i < all.samples.size(); ++i)  // even stamps stay even: offsets applied one by one would jump
+  for (std::size_t i = 1; i < all.samples.size();
+       ++i)  // even stamps stay even; the individual offsets would make them jump
     EXPECT_NEAR(1e-9 * static_cast<double>(all.samples[i].time_ns - all.samples[i - 1].time_ns), 0.002, 1e-6);
   EXPECT_NEAR(1e-9 * static_cast<double>(all.samples.back().time_ns), 0.998, 2e-4);
 }
@@ -324,7 +327,7 @@ TEST(Xdf, NeverCrashesOnAFlippedByte) {
   std::mt19937_64 random(9);
   for (int i = 0; i < 1500; ++i) {
     std::string damaged = whole;
-    // Half of them in the headers, where lengths and formats stand.
+    // Half of the damage is in the headers, which hold lengths and formats.
     damaged[random() % (i % 2 == 0 ? 1200 : damaged.size())] = static_cast<char>(random());
     try {
       const Read all = read(damaged);

@@ -1,5 +1,5 @@
-// Writes XDF files for tests: the chunks as the specification of the format describes them
-// (formats/convert/xdf_file.h), whole or as damaged as a test wants them.
+// Writer of XDF files for tests. Chunks follow the specification of the format (formats/convert/xdf_file.h), or contain
+// the damage that a test needs.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +22,7 @@ class XdfWriter {
     chunk(1, fmt::format("<?xml version=\"1.0\"?><info><version>1.0</version><datetime>{}</datetime></info>", date));
   }
 
-  /// `rate` 0: irregular.
+  /// Appends a stream header. A `rate` of 0 means irregular samples [Hz].
   void stream(std::uint32_t id, const std::string& name, const std::string& type, const std::string& format,
               double rate, const std::vector<Channel>& channels) {
     std::string list;
@@ -34,7 +34,7 @@ class XdfWriter {
                                      name, type, channels.size(), rate, format, list));
   }
 
-  /// One sample; without a stamp it follows the one before by the nominal period.
+  /// Returns one encoded sample. Without a stamp, it follows the previous sample by the nominal period.
   template <class Value>
   static std::string sample(std::optional<double> stamp, const std::vector<Value>& values) {
     std::string text = stamp ? std::string("\x08") + bytes(*stamp) : std::string(1, '\0');
@@ -69,7 +69,7 @@ class XdfWriter {
   }
 
  private:
-  /// In as few bytes as it takes.
+  /// Encodes a length in as few bytes as possible.
   static std::string length(std::uint64_t value) {
     if (value < 256) return "\x01" + bytes(static_cast<std::uint8_t>(value));
     if (value < (1ULL << 32)) return "\x04" + bytes(static_cast<std::uint32_t>(value));

@@ -100,7 +100,7 @@ TEST_F(DeviceProfiles, DoNotLieInTheFolderTheProcessRunsIn) {
       setenv("HOME", given, 1);
     try {
       EXPECT_TRUE(std::filesystem::path(profile_folder()).is_absolute());
-    } catch (const Error& error) {  // where the system knows no home either
+    } catch (const Error& error) {  // if the system knows no home folder either
       EXPECT_NE(std::string_view(error.what()).find("set HOME or HAPTRACE_PROFILES"), std::string_view::npos);
     }
   }

@@ -38,7 +38,7 @@ TEST(LearnedForceFile, ComesBackAsItWasToATenthOfAMillinewton) {
   EXPECT_THAT(file, HasSubstr("path.h5.learned/"));
   EXPECT_FALSE(load_learned(file).has_value()) << "nothing was learned yet";
   save_learned(learned(), file);
-  save_learned(learned(), file);  // replaces
+  save_learned(learned(), file);  // replaces the file
   const std::optional<LearnedPath> back = load_learned(file);
   ASSERT_TRUE(back.has_value());
   EXPECT_EQ(back->device.model, kDevice.model);

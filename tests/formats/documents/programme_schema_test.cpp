@@ -1,4 +1,4 @@
-// The schema that editors and other programs go by says what our reader says.
+// The programme schema for editors and other programs agrees with haptrace's reader.
 #include "base/json_reader.h"
 #include "formats/documents/programme.h"
 #include "tests/formats/support.h"
@@ -19,7 +19,7 @@ bool is_read(const json& programme) {
   }
 }
 
-/// What the schema says of each.
+/// Returns for each programme whether it is valid by the schema.
 std::vector<bool> by_schema(const std::vector<json>& programmes) {
   const TempFolder folder;
   std::string lines;
@@ -42,8 +42,8 @@ print("".join("1" if validator.is_valid(json.loads(line)) else "0" for line in o
   return valid;
 }
 
-/// The programme with one thing changed, every thing in turn: a key taken away, a key too many, a value of another type
-/// or out of every range, another mode.
+/// Appends copies of the programme with one change each, for every element: a missing key, an unknown key, a value of
+/// another type or out of range, another mode.
 void change_everything(const json& whole, const json& part, const json::json_pointer& at, std::vector<json>& changed) {
   const auto with = [&](const json& value) {
     json copy = whole;
@@ -68,7 +68,7 @@ void change_everything(const json& whole, const json& part, const json::json_poi
   } else {
     for (const json& value :
          {json(-1), json(0), json(1), json(0.5), json(1e12), json("text"), json(nullptr), json(true)}) {
-      // Which figures there are is known above formats.
+      // The formats layer does not know the names of the figures: it accepts any string.
       if (at.back() == "figure" && value.is_string()) continue;
       with(value);
     }
@@ -81,7 +81,7 @@ TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
     const json sample = load_json(fmt::format("{}/programmes/{}.json", HAPTRACE_SAMPLES, name));
     EXPECT_TRUE(is_read(sample));
     json few = sample;
-    // Eight directions are one exercise eight times.
+    // The eight directions are the same exercise eight times.
     while (few["exercises"].size() > 5) few["exercises"].erase(few["exercises"].size() - 1);
     programmes.push_back(sample);
     change_everything(few, few, json::json_pointer(), programmes);

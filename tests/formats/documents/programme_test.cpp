@@ -14,7 +14,7 @@ using nlohmann::json;
 
 const char* const kCircle = R"({"kind": "circle", "size": 0.05, "duration": 2})";
 
-/// A programme of one exercise with these keys.
+/// Returns a programme of one exercise with these keys.
 json programme_of(const std::string& keys) {
   return parse_json(fmt::format(R"({{"haptrace_programme": 1, "exercises": [{{{}}}]}})", keys), "p.json");
 }

@@ -1,4 +1,4 @@
-// CSV files as other programs write them: what is recognised, what is assumed, what is asked about.
+// CSV files of other programs: recognised columns, noted assumptions, and files that need an option.
 #include "formats/path/csv_header.h"
 #include "formats/path/csv_names.h"
 #include "formats/path/csv_stamp.h"
@@ -43,7 +43,7 @@ void expect_note(const Path& path, const std::string& part) {
   ADD_FAILURE() << "no note holds: " << part << "\nnotes: " << fmt::format("{}", fmt::join(path.notes, "\n       "));
 }
 
-/// Two rows: (0 s; 1, 2, 3 mm) and (10 ms; 1.5, -2, 3 mm), as every file below has them.
+/// Expects the two rows of every file below: (0 s; 1, 2, 3 mm) and (10 ms; 1.5, -2, 3 mm).
 void expect_two_rows(const Path& path) {
   ASSERT_EQ(path.size(), 2U);
   EXPECT_NEAR(path.time[1] - path.time[0], 0.01, 1e-12);
@@ -212,7 +212,7 @@ TEST(ForeignCsvColumns, AreChosenByTheUserAndThoseThatAreNotThereAreListed) {
   expect_error([] { (void)asking("x"); }, Error::Kind::input, {"--columns x: is written as COLUMN=NAME"});
   expect_error([] { (void)asking("x=a,x=b"); }, Error::Kind::input, {"column x is given twice"});
   expect_error([] { (void)asking("x="); }, Error::Kind::input, {"column x has no name"});
-  // The surest of several, and what is named wins over what is recognised.
+  // The most certain of several matches wins, and a named column wins over a recognised one.
   EXPECT_EQ(read_foreign("t,x,y,z,tip_pos_x,tip_pos_y,tip_pos_z\n0,1,2,3,4,4,4\n").position[0], Vec3(1, 2, 3));
   EXPECT_EQ(read_foreign("t,x,y,z,tip_pos_x,tip_pos_y,tip_pos_z\n0,1,2,3,4,4,4\n", asking("x=tip_pos_x")).position[0],
             Vec3(4, 2, 3));

@@ -13,7 +13,7 @@ Path load_text(const std::string& text) {
   return load_path(folder.write("a.csv", text));
 }
 
-/// Expects the text to be refused with a message that begins with the file, then `where` (":line" or ""), and holds
+/// Expects load_path to reject the text. The message begins with the file and `where` (":line" or ""), and contains
 /// `what`.
 void expect_refused(const std::string& text, const std::string& where, const std::string& what) {
   const TempFolder folder;

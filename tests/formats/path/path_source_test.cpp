@@ -15,7 +15,8 @@ namespace {
 using testing::Contains;
 using testing::HasSubstr;
 
-/// A session of long stretches of phases, so that runs begin and end in blocks of the overview and cross them.
+/// Returns a session with long stretches of each phase, so that runs start and end within blocks of the overview and
+/// cross their limits.
 std::vector<Sample> session_of_runs(unsigned seed, std::size_t rows) {
   std::vector<Sample> session = random_session(seed, rows, {});
   std::mt19937 random(seed);
@@ -29,14 +30,14 @@ std::vector<Sample> session_of_runs(unsigned seed, std::size_t rows) {
   return session;
 }
 
-/// A session of no run.
+/// Returns a session without a run.
 std::vector<Sample> free_session(unsigned seed, std::size_t rows) {
   std::vector<Sample> session = random_session(seed, rows, {});
   for (Sample& sample : session) sample.phase = Phase::idle;
   return session;
 }
 
-/// The runs of a session, found row by row.
+/// Returns the first row and the end of each run of a session, found row by row.
 std::vector<std::pair<std::size_t, std::size_t>> runs_of(const std::vector<Sample>& session) {
   std::vector<std::pair<std::size_t, std::size_t>> runs;
   for (std::size_t i = 0; i < session.size(); ++i) {
@@ -56,7 +57,8 @@ void expect_rows(const Path& path, const std::vector<Sample>& session, std::size
   }
 }
 
-/// What holds of every source: its facts are those of its rows, its blocks make it up, its pieces are its rows.
+/// Checks the laws of every source: its facts agree with its rows, its blocks cover all rows, and its pieces are equal
+/// to its rows.
 void expect_laws(const PathSource& source) {
   const PathFacts& facts = source.facts();
   const Path whole = source.read(0, facts.rows + 5);
@@ -194,7 +196,7 @@ TEST(PathSource, NamesTheRowOfAPositionThatIsNotANumber) {
   EXPECT_EQ(open_path(folder / "a.h5", {.to = 12.343})->facts().rows, 12'344U);
 }
 
-/// Whether a line shows a value.
+/// Returns true if a line contains a value.
 bool shows(const std::vector<double>& line, double value) {
   return std::any_of(line.begin(), line.end(), [&](double v) { return std::abs(v - value) < 1e-9; });
 }

@@ -25,7 +25,7 @@ void expect_finding(const std::vector<Finding>& findings, Severity severity, con
   ADD_FAILURE() << "no finding " << where << ": " << what << "\nfound:\n" << text_of(findings);
 }
 
-/// Writes a good recording, damages one thing in its values and expects one finding and no other.
+/// Writes a recording with one defect in its values and expects exactly one finding.
 void expect_value_finding(
     const std::function<void(std::vector<Sample>&, std::vector<StoredEvent>&, RecordingHeader&)>& damage,
     Severity severity, const std::string& where, const std::string& what) {
@@ -123,7 +123,7 @@ TEST(CheckRecording, WarnsOfMissingTicksUnlessAnEventTellsOfThem) {
   expect_value_finding([&](std::vector<Sample>& s, std::vector<StoredEvent>&, RecordingHeader&) { miss(s); },
                        Severity::warning, "/samples/tick[50]",
                        "30 ticks are missing before it, and no event tells of them");
-  // A device that repeats its state for less than 20 ms leaves no row and no event.
+  // If a device repeats its state for less than 20 ms, the loop stores no sample and no event.
   const TempFolder short_gap;
   std::vector<Sample> repeated = random_session(3, 300, {});
   repeated.erase(repeated.begin() + 50, repeated.begin() + 65);
@@ -155,7 +155,7 @@ TEST(CheckRecording, ThrowsOnlyWhenThereIsNothingToCheck) {
                {"is not an HDF5 file"});
 }
 
-// ---- the structure, damaged with HDF5 itself ----
+// ---- structure, damaged with HDF5 itself ----
 
 void replace_text(hid_t object, const char* name, const std::string& text) {
   if (H5Aexists(object, name) > 0) H5Adelete(object, name);
@@ -177,7 +177,8 @@ void replace_number(hid_t object, const char* name, double value) {
   H5Sclose(space);
 }
 
-/// Puts a dataset of this type and shape in the place of another, chunked with a fill value of NaN unless `contiguous`.
+/// Replaces a dataset by one of this type and shape. The new dataset is chunked with `fill` as its fill value, unless
+/// `contiguous`.
 void replace_dataset(hid_t file, const char* path, hid_t type, const std::vector<hsize_t>& shape,
                      bool contiguous = false, double fill = kNaN) {
   H5Ldelete(file, path, H5P_DEFAULT);
@@ -202,7 +203,7 @@ struct Case {
   const char* name;
   Damage damage;
   std::string where, what;
-  std::string reader_says;  ///< what RecordingReader refuses it with; empty when it reads it
+  std::string reader_says;  ///< Error of RecordingReader; empty if it reads the file.
 };
 
 class DamagedStructure : public testing::TestWithParam<Case> {};
@@ -212,7 +213,7 @@ TEST_P(DamagedStructure, IsFoundWhereItIs) {
   const std::string name = folder / "a.h5";
   write_recording(name, random_session(5, 60, kAll), kAll, {}, {{0.01, 50, "mark"}});
   const hid_t file = H5Fopen(name.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
-  H5Ldelete(file, "/checksums", H5P_DEFAULT);  // as in the files of other programs, whose structure is in question
+  H5Ldelete(file, "/checksums", H5P_DEFAULT);  // files of other programs have no checksums either
   GetParam().damage(file);
   H5Fclose(file);
   expect_finding(check_recording(name), Severity::error, GetParam().where, GetParam().what);

@@ -1,4 +1,4 @@
-// What happens to recordings: the process is killed, the disk is full or gone, files are cut, bytes flip.
+// Damage to recordings: killed processes, full and failing disks, truncated files and flipped bytes.
 #include "formats/recording/recording.h"
 #include "tests/formats/support.h"
 
@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::size_t kBatch = 50;  // rows between two flushes
 
-/// A process that appends the session again and again, flushing every kBatch rows, and tells how many rows are safe.
+/// A process that appends the session in batches of kBatch rows, flushes each and reports the number of safe rows.
 class WriterProcess {
  public:
   WriterProcess(const std::string& file, std::span<const Sample> session, std::size_t rows_per_chunk) {
@@ -57,7 +57,7 @@ class WriterProcess {
     process_ = -1;
   }
 
-  /// The rows that were safe when it died.
+  /// Kills the process and returns the number of rows that were safe at that time.
   std::uint64_t safe_at_death() {
     kill();
     while (::read(told_, &safe_, sizeof safe_) == sizeof safe_) {
@@ -79,7 +79,7 @@ TEST(KilledWriter, LosesNothingThatWasFlushedAndInventsNothing) {
     const std::string file = folder / "a.h5";
     WriterProcess writer(file, session, i % 2 == 0 ? 100 : 2048);
     writer.wait_for(kBatch * (1 + random() % 40));
-    usleep(static_cast<useconds_t>(random() % 3000));  // any moment will do: in the middle of a flush, or between two
+    usleep(static_cast<useconds_t>(random() % 3000));  // any time: during a flush or between two
     const std::uint64_t safe = writer.safe_at_death();
 
     const std::string before = read_bytes(file);
@@ -110,7 +110,7 @@ TEST(LiveReader, SeesWhatWasFlushedSinceItOpenedTheFile) {
   EXPECT_FALSE(reader.header().complete);
 }
 
-/// A limit of this process on the length of files, which refuses to grow them as a full disk does.
+/// Limits the file size of this process, so that files cannot grow, as on a full disk.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) {
@@ -127,7 +127,7 @@ class FileSizeLimit {
   rlimit before_{};
 };
 
-/// Appends until the writer refuses, and answers its message.
+/// Appends until the writer throws, and returns its message.
 std::string append_until_refused(RecordingWriter& writer, std::span<const Sample> session) {
   try {
     for (std::size_t first = 0; first < session.size(); first += kBatch) {
@@ -178,7 +178,7 @@ TEST(FullDisk, RefusesANewRecordingWithoutLeavingOne) {
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 
-/// Puts a device that refuses every write in place of a file that HDF5 has open.
+/// Replaces a file that HDF5 has open by a device that rejects every write.
 void break_disk_under(const std::string& file) {
   const int refuses = open("/dev/full", O_RDWR);
   for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
@@ -214,7 +214,7 @@ TEST(BrokenDisk, EndsTheRecordingWithAnErrorAndKeepsWhatWasFlushed) {
   }
 }
 
-/// Calls `use(dataset, column)` for every column of a recording, opened with HDF5 itself.
+/// Opens a recording with HDF5 itself and calls `use(dataset, column)` for each of its columns.
 template <class Use>
 void for_each_dataset(const std::string& file, unsigned flags, const Use& use) {
   const hid_t opened = H5Fopen(file.c_str(), flags, H5P_DEFAULT);
@@ -245,7 +245,7 @@ TEST(GrownButNotFilled, RowsWithoutATimeAreLeftOut) {
 TEST(KilledWriter, WhoseOverviewLagsBehindLeavesNothingThatIsWrong) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
-  // The fastest movement spans the end of what /overview knows of.
+  // The fastest movement spans the end of the rows in /overview.
   std::vector<Sample> session(9000);
   for (std::size_t i = 0; i < session.size(); ++i) {
     session[i].tick = i;
@@ -268,8 +268,7 @@ TEST(KilledWriter, WhoseOverviewLagsBehindLeavesNothingThatIsWrong) {
 TEST(RecordingWriter, FillsTimeLastAndTheRestOfAChunkWithFillValues) {
   const TempFolder folder;
   {
-    RecordingWriter writer(folder / "a.h5", {}, {},
-                           {});  // chunks that have pages of their own, in the order of writing
+    RecordingWriter writer(folder / "a.h5", {}, {}, {});  // each chunk has its own pages, in the order of writing
     writer.append(random_session(8, 50, {}));
     writer.finish();
   }
@@ -304,7 +303,7 @@ TEST(RecordingWriter, KeepsItsAttributesInTheObjectHeader) {
   EXPECT_EQ(info.meta_size.attr.heap_size, 0U);
 }
 
-/// Reads everything that a file offers. Any Error will do; anything else that comes out of it will not.
+/// Reads everything in a file. An Error is acceptable, any other exception is not.
 void read_whatever_it_is(const std::string& file) {
   try {
     const RecordingReader reader(file);
@@ -336,7 +335,7 @@ struct Kind {
   RecordingColumns columns;
   Storage storage;
   bool in_parts = false;
-  std::size_t touched = 1;  ///< rows that a byte may change: one, or all of a chunk that was rounded
+  std::size_t touched = 1;  ///< Rows that one byte may change: one, or a whole chunk if it is rounded.
 };
 
 class FlippedBytes : public testing::TestWithParam<Kind> {};
@@ -359,7 +358,7 @@ INSTANTIATE_TEST_SUITE_P(
              {.deflate = 1, .precision = parse_precision("1um,1mN,1mm/s"), .rows_per_chunk = 32}}),
     [](const auto& instance) { return instance.param.name; });
 
-/// Everything that a file says.
+/// The whole content of a file.
 struct Content {
   explicit Content(const std::string& file) {
     const RecordingReader reader(file);
@@ -408,7 +407,7 @@ TEST_P(FlippedBytes, AreFoundOrChangeOnlyWhatTheyTouch) {
   ASSERT_EQ(whole.samples.size(), GetParam().in_parts ? 2 * kFlippedRows : kFlippedRows);
   const std::string bytes = read_bytes(folder / "whole.h5");
 
-  // Some hundred bytes in a run of the tests; every one of them when asked for, which takes minutes.
+  // By default some 600 bytes are flipped. HAPTRACE_EVERY_BYTE flips every byte, which takes minutes.
   std::mt19937 random(std::random_device{}());
   const std::size_t step = std::getenv("HAPTRACE_EVERY_BYTE") != nullptr ? 1 : 1 + bytes.size() / 600;
   std::size_t found = 0, harmless = 0, changed = 0;

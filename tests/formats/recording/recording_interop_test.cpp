@@ -1,4 +1,5 @@
-// Other programs: h5py reads what we write, also while we write it; we read what h5py writes; h5dump opens it all.
+// Interoperability of recordings: h5py reads them, also during writing; haptrace reads files of h5py; Octave and h5dump
+// open them.
 #include "formats/recording/recording.h"
 #include "tests/formats/support.h"
 
@@ -9,7 +10,7 @@
 namespace haptrace {
 namespace {
 
-/// A program of another kind, running beside the test. Its output is read line by line.
+/// Another program that runs beside the test. Its output is read line by line.
 class Program {
  public:
   explicit Program(const std::string& command) : stream_(popen((command + " 2>&1").c_str(), "r")) {}
@@ -19,7 +20,7 @@ class Program {
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;
 
-  /// The next line without its end; empty at the end of the output.
+  /// Returns the next line without its end; empty at the end of the output.
   std::string line() {
     std::array<char, 4096> buffer{};
     if (std::fgets(buffer.data(), buffer.size(), stream_) == nullptr) return {};
@@ -27,21 +28,21 @@ class Program {
     return text.substr(0, text.find('\n'));
   }
 
-  /// All that is left of its output, which a test expects to be empty.
+  /// Returns the remaining output up to an empty line. Most tests expect none.
   std::string rest() {
     std::string all, next;
     while (!(next = line()).empty()) all += next + "\n";
     return all;
   }
 
-  /// Waits for its end. 0 is success.
+  /// Waits for the program to end and returns its exit status; 0 is success.
   int end() { return pclose(std::exchange(stream_, nullptr)); }
 
  private:
   std::FILE* stream_;
 };
 
-/// A python program with h5py; `script` may use f and folder.
+/// A Python program that imports h5py and numpy; `script` may use `folder`.
 class Python {
  public:
   explicit Python(const TempFolder& folder, const std::string& script)
@@ -178,7 +179,7 @@ TEST(Octave, ReadsSamplesAndEventsWithItsOwnLoad) {
   Program octave(fmt::format("{} --no-gui --no-history --quiet {}", HAPTRACE_OCTAVE, script));
   const std::string said = octave.rest();
   EXPECT_NE(said.find("all right"), std::string::npos) << said;
-  // The file stays one that h5py reads the same of.
+  // h5py reads the same events from the file.
   Python python(folder, R"(
 with h5py.File(folder + '/a.h5', 'r') as f:
     e, l = f['events'][...], f['event_list']

@@ -1,4 +1,4 @@
-// Recordings that would have us read other files: links to them, rows that lie in them, virtual datasets.
+// Recordings that would make haptrace read other files: external links, external storage and virtual datasets.
 #include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
 #include "formats/recording/recording_recover.h"
@@ -14,12 +14,12 @@ namespace {
 
 constexpr hsize_t kRowsThere = 100;
 
-/// One way out of a recording.
+/// One kind of reference from a recording to another file.
 struct WayOut {
   const char* name;
-  const char* where;  ///< what check names
+  const char* where;  ///< Location in the finding of check_recording.
   const char* why;
-  /// Puts it into the open recording; `secret` holds rows of doubles, `other` is a recording.
+  /// Puts the reference into the open recording. `secret` holds rows of doubles, `other` is a recording.
   void (*put)(hid_t file, const std::string& secret, const std::string& other);
 };
 
@@ -103,7 +103,7 @@ TEST_P(Outside, IsReadByNobody) {
                       finding.what.find(way.why) != std::string::npos);
   EXPECT_TRUE(found);
 
-  // Nor is the other file as much as opened: a pipe would keep us waiting for ever.
+  // The other file is not even opened: opening a pipe would block for ever.
   for (const std::string& there : {secret, other}) {
     std::filesystem::remove(there);
     ASSERT_EQ(mkfifo(there.c_str(), 0600), 0);

@@ -8,7 +8,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Writes `session` in parts of the given numbers of rows, an event at the begin of each.
+/// Writes `session` in parts of the given numbers of rows, with an event at the start of each part.
 void write_parts(const std::string& file, std::span<const Sample> session, std::initializer_list<std::size_t> rows,
                  bool finish = true) {
   RecordingWriter writer(file, {.title = "long"}, {}, {.overwrite = true, .in_parts = true});

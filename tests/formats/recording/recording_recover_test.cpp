@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Writes into `file` in a process of its own that is killed with all of `session` flushed and nothing closed.
+/// Writes `session` into `file` in a child process, which is killed after the last flush, before it closes the file.
 void write_and_die(const std::string& file, std::span<const Sample> session, const RecordingWriter::Options& options,
                    const RecordingHeader& header = {}) {
   const pid_t child = fork();
@@ -124,14 +124,14 @@ TEST(Recover, SavesTheRowsAroundThoseThatCannotBeRead) {
   const std::string file = folder / "a.h5";
   const std::vector<Sample> session = random_session(7, 10'000, {.reference = true});
   write_and_die(file, session, {.storage = {.deflate = 1, .rows_per_chunk = 1000}});
-  // Random numbers hardly pack: the shuffled bytes of velocity's third chunk stand in the file somewhere.
+  // Random numbers hardly compress, so the bytes in the middle of the file are packed values.
   std::string bytes = read_bytes(file);
   for (std::size_t at = bytes.size() / 2; at < bytes.size() / 2 + 3000; at += 7)
     bytes[at] = static_cast<char>(~bytes[at]);
   std::ofstream(file, std::ios::binary) << bytes;
   const Recovery recovery = recover_recording(file);
   EXPECT_TRUE(recovery.needed);
-  // Of the row whose velocity cannot be read the rest is kept.
+  // If the velocity of a row cannot be read, the rest of the row is kept.
   EXPECT_GT(recovery.samples, 9000U);
   EXPECT_EQ(recovery.samples + recovery.unreadable, session.size());
   EXPECT_THAT(recovery.notes, testing::Contains(testing::HasSubstr("cannot be read in rows")));

@@ -26,7 +26,7 @@ TEST(Precision, ThatMakesNoSenseIsRefusedByName) {
   expect_error([&] { (void)parse_precision("1um,5furlong"); }, Error::Kind::input, {"'5furlong'"});
 }
 
-/// A hand's movement: smooth, on the counts of an encoder, with a sensor's force of 0.2 mN counts.
+/// Returns a hand's smooth movement in encoder counts of `count` [m], with the force of a sensor of 0.2 mN resolution.
 std::vector<Sample> movement(std::size_t rows, double count) {
   std::vector<Sample> session(rows);
   std::mt19937 random(9);
