@@ -16,8 +16,7 @@ double gain(Butterworth2 filter, double hz, double rate) {
   return std::sqrt(2 * power / (total - settle));
 }
 
-/// Returns the theoretical gain: |H| of the bilinear transform equals the analogue filter's at the prewarped
-/// frequency.
+/// Returns the theoretical gain: |H| of the bilinear transform is the analogue filter's at the prewarped frequency.
 double theory(Butterworth2::Kind kind, double hz, double cutoff, double rate) {
   const double u = std::tan(std::numbers::pi * hz / rate) / std::tan(std::numbers::pi * cutoff / rate);
   return (kind == Butterworth2::Kind::low_pass ? 1 : u * u) / std::sqrt(1 + std::pow(u, 4));

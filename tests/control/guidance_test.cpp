@@ -257,10 +257,9 @@ struct Loop {
 };
 
 struct Outcome {
-  double given = 0,
-         budget = 0;    ///< Energy: work of the acting force plus spring energy, beyond the budget; the budget [J].
-  double farthest = 0;  ///< Largest distance from the path after the first second [m].
-  double ripple = 0;    ///< Rms speed above some 2 Hz in the last half second, with the device released [m/s].
+  double given = 0, budget = 0;  ///< Work of the force and spring energy, beyond the budget; the budget [J].
+  double farthest = 0;           ///< Largest distance from the path after the first second [m].
+  double ripple = 0;             ///< Rms speed above some 2 Hz in the last half second, with the device released [m/s].
 };
 
 enum class Terms { all, walls };

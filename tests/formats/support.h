@@ -1,4 +1,4 @@
-// What the tests of formats share: a folder of their own, sessions from a seed, and errors checked by their text.
+// Helpers for the tests of formats: temporary folders, random sessions, and checks of error messages.
 #pragma once
 
 #include "base/error.h"
@@ -22,7 +22,7 @@ namespace haptrace {
 using test::read_bytes;
 using test::TempFolder;
 
-/// Expects an Error of this kind whose message holds every one of `parts`.
+/// Expects an Error of this kind whose message contains all `parts`.
 template <class Action>
 void expect_error(const Action& action, Error::Kind kind, std::initializer_list<std::string> parts) {
   try {
@@ -36,7 +36,7 @@ void expect_error(const Action& action, Error::Kind kind, std::initializer_list<
   }
 }
 
-/// Every choice of optional columns.
+/// Returns the combinations of optional columns; reference_orientation comes with orientation and reference.
 inline std::vector<RecordingColumns> all_columns() {
   std::vector<RecordingColumns> all;
   for (unsigned bits = 0; bits < 64; ++bits)
@@ -50,8 +50,8 @@ inline std::vector<RecordingColumns> all_columns() {
   return all;
 }
 
-/// A session that keeps every law of the format at 1 kHz, with random values in every column that was chosen; the
-/// others hold what they hold without a measurement.
+/// Returns a valid session at 1 kHz, with random values in all chosen columns. The other columns have their values for
+/// "not measured".
 inline std::vector<Sample> random_session(unsigned seed, std::size_t rows, const RecordingColumns& columns) {
   std::mt19937_64 random(seed);
   std::uniform_real_distribution<double> number(-1, 1);
@@ -83,14 +83,14 @@ inline std::vector<Sample> random_session(unsigned seed, std::size_t rows, const
   return session;
 }
 
-/// The bytes of one column of a session, as a file keeps them.
+/// Returns the bytes of one column of a session, as a file stores them.
 inline std::string bytes_of(const layout::Column& column, std::span<const Sample> samples) {
   std::string bytes(samples.size() * column.row_bytes(), '\0');
   column.pack(samples, reinterpret_cast<std::byte*>(bytes.data()));
   return bytes;
 }
 
-/// Bit for bit in every column, in those that a file lacks as well: "not measured" stays NaN.
+/// Expects bitwise equality in every column, also in those that a file lacks: "not measured" stays NaN.
 inline void expect_same(std::span<const Sample> actual, std::span<const Sample> expected) {
   ASSERT_EQ(actual.size(), expected.size());
   for (const layout::Column& column : layout::columns())

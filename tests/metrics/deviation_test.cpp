@@ -21,7 +21,7 @@ Vec3 circle(double t) {
   return {0.05 * std::cos(t), 0.05 * std::sin(t), 0};
 }
 
-/// Once around in 2 pi seconds, inside of the circle and outside of it.
+/// Returns the position at `t` on a loop around the circle in 2 pi seconds, alternately inside and outside of it.
 Vec3 wavering(double t) {
   return (1 + 0.1 * std::sin(5 * t)) * circle(t);
 }
@@ -66,7 +66,7 @@ TEST(Deviation, DoesNotDependOnPlaceAndDirection) {
 
 TEST(Deviation, DoesNotDependOnHowAMovementWasSampled) {
   const Polyline curve = around();
-  // rms of 5 mm times a sine, and its peak; inside of 2.5 mm for a third of the time.
+  // The deviation is 5 mm times a sine, which is below 2.5 mm for a third of the time.
   for (const Sampling& sampling : {Sampling{.rate_hz = 250}, Sampling{.rate_hz = 4000}, Sampling{.jitter = 0.8},
                                    Sampling{.rate_hz = 250, .start = 1e5}}) {
     const Sampled movement = sampled(kAround, wavering, no_force, sampling);
@@ -109,7 +109,7 @@ TEST(Deviation, WhatWasNotMeasuredIsLeftOut) {
   for (std::size_t i = 1000; i < 2000; ++i) movement.position[i] = nan3();
   for (std::size_t i = 4000; i < 4010; ++i) reference[i].x() = kNaN;
   const auto error = deviation(movement.time, movement.position, reference);
-  // The integral of sin^2 5t over all but the second second, and 10 ms that matter less.
+  // The integral of sin^2 5t over all but the second second; the missing 10 ms are negligible.
   const double left = std::numbers::pi - 0.5 + (std::sin(20) - std::sin(10)) / 20;
   EXPECT_NEAR(error->rms, 5e-3 * std::sqrt(left / (kAround - 1)), 5e-6);
   EXPECT_NEAR(error->peak, 5e-3, 1e-6);
@@ -150,7 +150,7 @@ TEST(ShareInTunnel, TheRadiusMayVaryAlongTheCurve) {
   EXPECT_NEAR(*share, 0.75, 1e-3);
 }
 
-/// A force that depends on the place, in y, beside one that does not.
+/// Returns a force whose y component depends on the arc length and whose x component is constant [N].
 Vec3 force_at(double arc) {
   return {0.5, 2 * std::sin(20 * arc), 0};
 }

@@ -66,7 +66,7 @@ TEST_P(EveryLearningLaw, NoOtherRateLeavesLess) {
 }
 
 TEST_P(EveryLearningLaw, StaysWithinItsBounds) {
-  const std::vector<double> straight{7, 6, 5, 4, 3, 2, 1};  // would end far below zero
+  const std::vector<double> straight{7, 6, 5, 4, 3, 2, 1};  // an unbounded fit would end far below zero
   const auto bounded = fit_learning_curve(straight, GetParam());
   EXPECT_GE(bounded->plateau, 0);
   EXPECT_GT(bounded->first, 0);
@@ -129,7 +129,7 @@ TEST(LearningCurve, SaysWhichBoundsMeanNothing) {
                 testing::HasSubstr("in order"));
 }
 
-// Anscombe 1973, Graphs in statistical analysis, the first of his quartet, whose x are 4 to 14.
+// Anscombe 1973, Graphs in statistical analysis: the first data set of the quartet, with x from 4 to 14.
 TEST(LearningTrend, IsTheLineOfTheTextbook) {
   const std::vector<double> y{4.26, 5.68, 7.24, 4.82, 6.95, 8.81, 8.04, 8.33, 10.84, 7.58, 9.96};
   const auto trend = fit_trend(y);

@@ -48,7 +48,7 @@ Named forces(const ForceFigures& force) {
           {"resist", force.resist}};
 }
 
-/// What does not depend on the unit of a length.
+/// Returns the metrics that do not depend on the unit of length.
 Named dimensionless(const MovementFigures& f) {
   return {
       {"duration", f.duration},     {"onset", f.onset},       {"end", f.end},      {"movement time", f.movement_time},
@@ -121,7 +121,7 @@ TEST(Movement, IsAsSmoothHoweverLongItTakes) {
     const auto stroke = [duration](double t) { return Vec3(0.2 * MinJerk::at((t - 0.5) / duration).s, 0, 0); };
     const MovementFigures f = figures_of(sampled(duration + 1, stroke, [](double) -> Vec3 { return Vec3::Zero(); }));
     EXPECT_NEAR(*f.sparc, -1.41, 0.03) << duration;
-    EXPECT_NEAR(*f.log_jerk, -4.405, 0.02) << duration;  // that between the thresholds
+    EXPECT_NEAR(*f.log_jerk, -4.405, 0.02) << duration;  // value between the speed thresholds
     EXPECT_EQ(f.speed_peaks, 1);
   }
 }
@@ -137,7 +137,7 @@ TEST(Movement, IsTheSameBackwards) {
   EXPECT_EQ(f.speed_peaks, there.speed_peaks);
 }
 
-/// 20 cm along x in a second, after half a second of rest.
+/// Returns a stroke of 20 cm along x in a second, after half a second of rest.
 Sampled stroke(const std::function<Vec3(double)>& force, const Sampling& sampling = {}) {
   return sampled(
       2, [](double t) { return Vec3(0.2 * MinJerk::at(t - 0.5).s, 0, 0); }, force, sampling);
@@ -165,14 +165,15 @@ TEST(Movement, OfAMinimumJerkStrokeIsAsComputedByHand) {
 }
 
 TEST(Movement, WorkIsSplitIntoAssistAndResist) {
-  // Pushes for the first half, holds back for the second.
+  // The device pushes in the first half and holds back in the second.
   const MovementFigures f = figures_of(stroke([](double t) { return Vec3(t < 1 ? 3 : -1, 0, 0); }));
   EXPECT_NEAR(f.force->assist, 3 * f.path_length / 2, 6e-3);
   EXPECT_NEAR(f.force->resist, 1 * f.path_length / 2, 6e-3);
 }
 
 TEST(Movement, ThePersonWorksWhatTheDeviceTakesAndIsNotGiven) {
-  // What moves this plant along the stroke, of which the device gives or takes a third: m a + b v + F_c - gravity.
+  // `whole` is the force that moves this plant along the stroke, m a + b v + F_c; gravity has no component along it.
+  // The device supplies or takes a third of this force.
   const PlantModel p = plant();
   const auto whole = [&](double t) {
     const MinJerk u = MinJerk::at(t - 0.5);
@@ -186,7 +187,7 @@ TEST(Movement, ThePersonWorksWhatTheDeviceTakesAndIsNotGiven) {
     EXPECT_NEAR(*f.person_work_estimate, work * (1 - share), 0.01 * work) << share;
   }
 
-  // Lifting costs the weight.
+  // Lifting requires work against gravity.
   MovementOptions weight;
   weight.plant = PlantModel{};
   weight.plant->gravity = Vec3(-2, 0, 0);
@@ -197,7 +198,7 @@ TEST(Movement, ThePersonWorksWhatTheDeviceTakesAndIsNotGiven) {
 }
 
 TEST(Movement, PeaksAreThoseOfTheProminenceAskedFor) {
-  // Three strokes, the second after a rest, the third a tenth of the first.
+  // Three strokes: the second follows a rest, and the third is a tenth of the first.
   const auto strokes = [](double t) {
     return Vec3(0.1 * MinJerk::at(t - 0.2).s + 0.1 * MinJerk::at(t - 1.7).s + 0.01 * MinJerk::at(t - 2.7).s, 0, 0);
   };
@@ -214,7 +215,7 @@ TEST(Movement, TimesAreFinerThanTheEvenSteps) {
     const auto strokes = [start](double t) {
       return Vec3(0.1 * MinJerk::at(t - start).s, 0.1 * MinJerk::at(t - start - 1.5).s, 0);
     };
-    return figures_of(sampled(4, strokes, [](double) { return Vec3::Zero().eval(); }), {.cutoff_hz = 5});  // 2 ms
+    return figures_of(sampled(4, strokes, [](double) { return Vec3::Zero().eval(); }), {.cutoff_hz = 5});  // 2 ms steps
   };
   const MovementFigures first = figures_from(0.5);
   for (const double later : {0.4e-3, 0.9e-3, 1.3e-3, 1.8e-3}) {
@@ -252,7 +253,8 @@ TEST(Movement, TheLowPassIsTheOneStated) {
       const MovementFigures f =
           figures_of(sampled(5, shake, [](double) { return Vec3::Zero().eval(); }, {.rate_hz = 4000}),
                      {.cutoff_hz = cutoff, .threshold = 0.01});
-      // Two passes of |H|^2 = 1 / (1 + (f / f_2)^4), of which f_2 makes their product 1 / sqrt(2) at the cut-off.
+      // The filter makes two passes of |H|^2 = 1 / (1 + (f / f_2)^4), with f_2 such that their product is 1 / sqrt(2)
+      // at the cut-off.
       const double gain = 1 / (1 + (std::numbers::sqrt2 - 1) * std::pow(frequency / cutoff, 4));
       EXPECT_NEAR(f.mean_speed, 1e-2 * omega * gain * 2 / std::numbers::pi, 0.02 * f.mean_speed) << frequency;
     }
@@ -265,7 +267,7 @@ TEST(Movement, ShortGapsAreBridgedAndLongOnesAreNot) {
   for (std::size_t i = 1000; i < 1040; ++i) movement.position[i] = nan3();
   for (std::size_t i = 1500; i < 1540; ++i) movement.force[i].z() = kNaN;
   MovementFigures bridged = figures_of(movement);
-  EXPECT_NEAR(*bridged.log_jerk, *whole.log_jerk, 0.5);  // the corners of the bridge
+  EXPECT_NEAR(*bridged.log_jerk, *whole.log_jerk, 0.5);  // the bridge has corners
   bridged.log_jerk = whole.log_jerk;
   expect_near(all(bridged), all(whole), 0.02, "40 ms");
 
@@ -300,7 +302,7 @@ TEST(Movement, WhereNothingMovesThereIsNone) {
   EXPECT_FALSE(figures(sampled(
       0.001, [](double t) { return Vec3(t, 0, 0); }, nothing)));  // two samples
   EXPECT_FALSE(figures(sampled(5, nothing, nothing)));
-  // A hand that rests on the edge of a count.
+  // A hand that rests on the edge of an encoder count.
   EXPECT_FALSE(figures(sampled(
       5, [](double t) { return Vec3(t > 2 ? 5e-5 : 0, 0, 0); }, nothing)));
   Sampled lost = reach();

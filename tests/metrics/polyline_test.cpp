@@ -61,7 +61,7 @@ TEST(Polyline, RunsThroughItsPointsAtTheirArcLengths) {
 
 TEST(Polyline, IsTheSameCurveHoweverItWasSampled) {
   auto dense = points_of(4000, square);
-  dense.insert(dense.begin() + 700, 50, dense[700]);  // it rested
+  dense.insert(dense.begin() + 700, 50, dense[700]);  // the hand rests
   dense.insert(dense.begin() + 100, nan3());
   const Polyline a(dense), b(points_of(4, square));
   EXPECT_NEAR(a.length(), b.length(), 1e-12);
@@ -114,11 +114,11 @@ TEST_P(FootPoints, StayOnTheBranchThatTheHandIsOn) {
   const Polyline curve(points_of(2000, GetParam().curve));
   std::mt19937 random(3);
   std::normal_distribution<double> noise(0, 1e-4);
-  for (const int samples : {1000, 4000}) {  // in one run along it
+  for (const int samples : {1000, 4000}) {  // samples of one pass along the curve
     std::vector<Vec3> hand = points_of(samples, GetParam().curve);
     std::vector<double> truth;
     for (const Vec3& p : hand) truth.push_back(truth.empty() ? 0 : truth.back() + (p - hand[truth.size() - 1]).norm());
-    // It wanders by 2 mm, and shakes.
+    // The hand wanders by 2 mm and trembles.
     for (std::size_t i = 0; i < hand.size(); ++i) {
       const double angle = 20 * std::numbers::pi * static_cast<double>(i) / samples;
       hand[i] += 2e-3 * Vec3(std::sin(angle), std::cos(0.7 * angle), std::sin(1.3 * angle)) +
@@ -144,7 +144,7 @@ INSTANTIATE_TEST_SUITE_P(All, FootPoints,
 TEST(FootPoint, OfAHandThatIsMissingIsMissing) {
   const Polyline curve(points_of(2000, square));
   auto hand = points_of(1000, square);
-  std::fill(hand.begin() + 200, hand.begin() + 240, nan3());  // 16 mm
+  std::fill(hand.begin() + 200, hand.begin() + 240, nan3());  // a gap of 16 mm
   const auto feet = foot_points(curve, hand);
   EXPECT_TRUE(std::isnan(feet[220]));
   EXPECT_NEAR(feet[199], 0.0796, 1e-4);
@@ -155,11 +155,11 @@ TEST(FootPoint, OfAHandThatIsMissingIsMissing) {
 TEST(FootPoint, FollowsAFastHandThatIsSampledSlowly) {
   const std::vector<Vec3> line{Vec3::Zero(), Vec3(2, 0, 0)};
   const Polyline curve(line);
-  const auto hand = points_of(20, [](double u) { return Vec3(2 * u, 0.01, 0); });  // 100 mm a sample
+  const auto hand = points_of(20, [](double u) { return Vec3(2 * u, 0.01, 0); });  // 100 mm per sample
   EXPECT_NEAR(foot_points(curve, hand).back(), 2, 1e-12);
 }
 
-/// Of every segment, in order.
+/// Returns the arc length of the nearest point between `from` and `to` [m], searched in every segment in order.
 double nearest_of_all(std::span<const Vec3> points, const Vec3& point, double from, double to) {
   double best = from, least = std::numeric_limits<double>::infinity(), begin = 0;
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
@@ -183,7 +183,7 @@ TEST(Polyline, FindsTheNearestOfAllSegmentsThoughItLooksAtFew) {
   std::mt19937_64 random(7);
   const auto between = [&](double a, double b) { return std::uniform_real_distribution(a, b)(random); };
   for (int curve_number = 0; curve_number < 40; ++curve_number) {
-    // A walk that turns, crosses itself and has segments from a micrometre to centimetres.
+    // A random walk that turns, crosses itself and has segments from a micrometre to centimetres.
     std::vector<Vec3> points{Vec3::Zero()};
     const double scale = std::pow(10, between(-6, -2));
     Vec3 direction = Vec3::UnitX();

@@ -1,4 +1,4 @@
-// The figures of trials that were written as recordings and read again.
+// Metrics of trials that are written as recordings and read back.
 #include "metrics/recorded_trial.h"
 
 #include "tests/report/support.h"
@@ -25,7 +25,7 @@ std::vector<RecordedTrial> written(const std::vector<Sample>& rows, Reference re
   return read_trials(RecordingReader(file), file);
 }
 
-/// The figures against the path that the hand was to follow.
+/// Returns the metrics of a hand relative to the path that it follows.
 TrialFigures figures_of(const Hand& hand, Reference reference) {
   const Path path = test::expert_path();
   return trial_figures(written(rows_of(path, hand, reference), reference).back(), path_of(path));
@@ -84,7 +84,7 @@ TEST(RecordedTrial, ComparesTheFeltForceWithTheExpertsByPlaceWhateverTheSpeed) {
     const TrialFigures figures = trial_figures(written(rows, Reference::guidance).back(), path_of(path));
     ASSERT_TRUE(figures.force_error);
     EXPECT_NEAR(figures.force_error->error.rms, 0.25, 0.01) << speed;
-    // By scale and sign as it was to be felt.
+    // The expert's force is scaled and signed as in the replay.
     for (Sample& row : rows) row.force = -0.5 * row.reference_force;
     test::Recorded resisting;
     resisting.header.config = {{"force-scale", 0.5}, {"feel", "resist"}};
@@ -95,7 +95,7 @@ TEST(RecordedTrial, ComparesTheFeltForceWithTheExpertsByPlaceWhateverTheSpeed) {
 
 TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
   const Path path = test::expert_path();
-  // Nobody moved.
+  // The hand does not move.
   std::vector<Sample> rows = rows_of(path, {}, Reference::none);
   for (Sample& row : rows) row.position = path.position.front();
   const TrialFigures rest = trial_figures(written(rows, Reference::none).back(), path_of(path));
@@ -107,7 +107,7 @@ TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
   EXPECT_THAT(undefined(rest), testing::IsSupersetOf({"sparc", "movement_time_s", "mean_force_n", "log_jerk"}));
   EXPECT_TRUE(to_json(rest)["sparc"].is_null());
 
-  // There was no path.
+  // There is no path.
   const TrialFigures free =
       trial_figures(written(rows_of(path, {}, Reference::none), Reference::none).back(), std::nullopt);
   EXPECT_TRUE(free.movement->sparc);
@@ -115,7 +115,7 @@ TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
               testing::IsSupersetOf({"contour_rms_m", "contour_peak_m", "deviation_rms_m", "completion",
                                      "shape_distance_m", "normalised_length", "force_error_rms_n", "time_in_tunnel"}));
 
-  // An expert without forces; a trial that ended half-way.
+  // An expert without forces, and a trial that ended half-way.
   Path silent = path;
   silent.force.clear();
   EXPECT_FALSE(
@@ -130,7 +130,7 @@ TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
 }
 
 TEST(RecordedTrial, ComparesNoWayWithAPathThatWasHardlyWalked) {
-  // A hand that rests, and trembles across the path faster than a movement must be.
+  // A hand rests but trembles across the path, faster than the least speed of a movement.
   const Path path = test::expert_path();
   std::vector<Sample> rows = rows_of(path, {}, Reference::guidance);
   const TrialPath curve = path_of(path);
@@ -144,7 +144,7 @@ TEST(RecordedTrial, ComparesNoWayWithAPathThatWasHardlyWalked) {
   EXPECT_FALSE(rest.shape_distance);
   EXPECT_NEAR(rest.contour->peak, 1e-3, 1e-4) << "where it was is known all the same";
 
-  // 3 % and 10 % of 0.25 m.
+  // The hand covers 3 % and 10 % of 0.25 m.
   const auto walked = [](const TrialFigures& figures) { return figures.movement->normalised_length.has_value(); };
   const TrialFigures little = figures_of({.error = 0, .until = 0.15}, Reference::guidance);
   EXPECT_FALSE(walked(little) || little.force_error);
@@ -195,7 +195,7 @@ TEST(RecordedTrial, KnowsNoCompletionOfAPathWhoseEndNobodyReached) {
 TEST(RecordedTrial, KeepsInItsOwnPathTheForcesWhereTheyWere) {
   const Path path = test::expert_path();
   std::vector<Sample> rows = rows_of(path, {.error = 0, .rate_hz = 1000}, Reference::guidance);
-  // The trainee begins a little along the path, and once goes back.
+  // The trainee starts 20 mm along the path and goes back once.
   std::erase_if(rows, [](const Sample& row) { return row.phase == Phase::run && row.progress < 0.02; });
   const std::vector<Sample> whole = rows;
   for (std::size_t i = whole.size(); i-- > whole.size() - 300;) rows.push_back(whole[i]);
@@ -226,14 +226,14 @@ TEST(RecordedTrial, StaysOnItsBranchWhereAPathCrossesOrRetracesItself) {
     EXPECT_LT(figures.contour->peak, 1e-4) << kind;
     EXPECT_LT(*figures.shape_distance, 6e-4) << kind;
 
-    // Who turns back after a third did not walk it all, though the nearest point of the whole path is never far.
+    // A hand that stops after a third has not completed the path, although the nearest point of the path is never far.
     std::vector<Sample> rows = rows_of(path, {.error = 0, .until = 0.4}, Reference::none);
     EXPECT_LT(*trial_figures(written(rows, Reference::none).back(), path_of(path)).completion, 0.5) << kind;
   }
 }
 
 TEST(RecordedTrial, DoesNotTakeAHandThatTremblesForALongWay) {
-  // Counts of 0.05 mm to and fro every millisecond, for forty seconds: 4 m of way on 0.25 m of path.
+  // The position alternates by +-0.05 mm every millisecond for forty seconds: 4 m of travel on 0.25 m of path.
   const Path path = test::expert_path();
   std::vector<Sample> rows = rows_of(path, {.error = 0, .speed = 0.1, .rate_hz = 1000}, Reference::none);
   for (std::size_t i = 0; i < rows.size(); ++i) rows[i].position.z() += i % 2 == 0 ? 5e-5 : -5e-5;
@@ -254,7 +254,7 @@ TEST(RecordedTrial, IsOnePerStretchOfPhaseRun) {
   EXPECT_EQ(trials[1].repetition, 2);
   EXPECT_NEAR(trials[0].time.back() - trials[0].time.front(), 4, 0.01);
   EXPECT_NEAR(trials[1].time.back() - trials[1].time.front(), 2, 0.01);
-  // Without any, all of it is one.
+  // Without phase run, the whole recording is one trial.
   for (Sample& row : rows) row.phase = Phase::idle;
   EXPECT_EQ(written(rows, Reference::playback).size(), 1);
 }

@@ -11,7 +11,7 @@ namespace {
 
 using test::error_of;
 
-/// From -1 s to 1 s, the end excluded: the example in the reference implementation of SPARC.
+/// Returns the example of SPARC's reference implementation: a Gaussian from -1 s to 1 s, without the end.
 std::vector<double> gaussian(double rate_hz) {
   std::vector<double> speed;
   for (int i = 0; i < std::lround(2 * rate_hz); ++i) {
@@ -75,7 +75,7 @@ TEST(Smoothness, FallsWithEveryFurtherStroke) {
   }
 }
 
-// Digits by the authors' own code, and by an independent program for those at 1 kHz.
+// The values at 100 Hz are from the authors' own code, those at 1 kHz from an independent program.
 TEST(Smoothness, HasTheReferenceValues) {
   EXPECT_NEAR(*sparc(gaussian(100), 100), -1.41403, 5e-6);
   EXPECT_NEAR(*dimensionless_jerk(gaussian(100), 100), -335.74684, 5e-6);
@@ -101,12 +101,12 @@ TEST(Smoothness, TendsToTheClosedFormOfTheMinimumJerkMovement) {
 
 TEST(Smoothness, OptionsOfSparcAreTheSpectrums) {
   const auto speed = gaussian(100);
-  // Finer lines change the arc little; a spectrum that ends earlier is shorter or as long.
+  // A finer spectrum changes the arc little; a spectrum that ends earlier has a shorter or equal arc.
   EXPECT_NEAR(*sparc(speed, 100, {.pad_level = 6}), *sparc(speed, 100), 5e-3);
   EXPECT_NE(*sparc(speed, 100, {.pad_level = 0}), *sparc(speed, 100));
   EXPECT_NE(*sparc(speed, 100, {.cutoff_hz = 1}), *sparc(speed, 100));
   EXPECT_NE(*sparc(speed, 100, {.threshold = 0.2}), *sparc(speed, 100));
-  // Above half the rate there is nothing but the mirror image.
+  // Above half the rate the spectrum is only the mirror image.
   EXPECT_EQ(*sparc(speed, 100, {.cutoff_hz = 50, .threshold = 0}),
             *sparc(speed, 100, {.cutoff_hz = 5000, .threshold = 0}));
 }
@@ -120,7 +120,7 @@ TEST(Smoothness, AnyNumberOfSamplesWillDo) {
     EXPECT_TRUE(sparc(speed, static_cast<double>(size))) << size;
     EXPECT_TRUE(log_dimensionless_jerk(speed, static_cast<double>(size))) << size;
   }
-  // Zeros after a movement change its padded spectrum in nothing but the number of lines.
+  // Zeros after a movement change only the number of lines in its padded spectrum.
   auto longer = whole;
   longer.resize(4096, 0);
   EXPECT_NEAR(*sparc(longer, 1000, {.pad_level = 2}), *sparc(whole, 1000, {.pad_level = 4}), 1e-10);

@@ -1,4 +1,4 @@
-// Movements that the tests of figures share.
+// Movements for the tests of metrics.
 #pragma once
 
 #include "base/types.h"
@@ -19,9 +19,9 @@ struct Sampled {
 
 struct Sampling {
   double rate_hz = 1000;
-  double jitter = 0;  ///< of every step, as a share of it
-  double count = 0;   ///< that positions are rounded to [m]
-  double start = 0;   ///< first stamp [s]
+  double jitter = 0;  ///< Jitter of every step, as a share of it.
+  double count = 0;   ///< Encoder resolution to which positions are rounded; 0: none [m].
+  double start = 0;   ///< First stamp [s].
 };
 
 inline Sampled sampled(double duration, const std::function<Vec3(double)>& position,
@@ -39,8 +39,8 @@ inline Sampled sampled(double duration, const std::function<Vec3(double)>& posit
   return result;
 }
 
-/// A hand's reach of some 20 cm of three overlapping strokes in different directions (Flash and Henis 1991), and a
-/// fourth after a pause; rest before and after.
+/// A hand's reach of some 20 cm: three overlapping strokes in different directions (Flash and Henis 1991) and a fourth
+/// after a pause, with rest before and after.
 struct Reach {
   static constexpr double kDuration = 3;
 
@@ -50,7 +50,7 @@ struct Reach {
   }
   static Vec3 velocity(double t) { return (position(t + 1e-5) - position(t - 1e-5)) / 2e-5; }
 
-  /// A spring towards a line, a damper and a push.
+  /// Returns the force of a spring towards a line, a damper and a constant push [N].
   static Vec3 force(double t) {
     const Vec3 p = position(t);
     return Vec3(0.4, -40 * p.y(), 0.2) - 1.5 * velocity(t);

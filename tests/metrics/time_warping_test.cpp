@@ -27,7 +27,7 @@ Vec3 flatter(double u) {
   return {0.2 * u, 0.015 * std::sin(9 * u + 0.3), 0.01 * std::cos(4 * u)};
 }
 
-/// Sakoe and Chiba's recursion over the whole matrix.
+/// Returns the distance by Sakoe and Chiba's recursion over the whole matrix [m].
 double reference_distance(const Polyline& a, const Polyline& b, double spacing, double band) {
   const auto p = a.resampled(spacing), q = b.resampled(spacing);
   const auto infinity = std::numeric_limits<double>::infinity();

@@ -1,4 +1,4 @@
-// What of a session is kept: laws over random sessions, then the cases.
+// Selection of the recorded part of a session: laws over random sessions, then single cases.
 #include "recorder/capture.h"
 
 #include "tests/support/errors.h"
@@ -16,11 +16,11 @@ using testing::HasSubstr;
 
 constexpr std::int64_t kMs = 1'000'000;
 
-/// What came out: samples and events in their order.
+/// A sample or an event of the output, in the order of output.
 struct Kept {
   std::int64_t time_ns = 0;
-  std::int64_t tick = -1;  ///< of a sample
-  std::int32_t code = 0;   ///< of an event
+  std::int64_t tick = -1;  ///< Tick of a sample; -1 for an event.
+  std::int32_t code = 0;   ///< Code of an event.
   std::string text;
   bool operator==(const Kept&) const = default;
 };
@@ -40,7 +40,7 @@ class List final : public Capture::Output {
   std::vector<Kept> items;
 };
 
-/// A session: samples whose ticks and times have gaps, and events at any time of it, some at a sample's own.
+/// A session: samples with gaps in ticks and times, and events at any time, some at the time of a sample.
 struct Session {
   CaptureOptions options;
   std::vector<Sample> samples;
@@ -75,7 +75,8 @@ Session random_session(std::mt19937& random) {
   return session;
 }
 
-/// Feeds a session in batches of random sizes. An event comes with the samples of its time or before them.
+/// Feeds a session in batches of random sizes, or in one batch without `random`. An event comes with the samples of its
+/// time or before them.
 std::vector<Kept> feed(const Session& session, std::mt19937* random) {
   List list;
   Capture capture(session.options, list);
@@ -111,7 +112,7 @@ TEST(Capture, KeepsExactlyTheSamplesAroundTheTriggerAndOutsideOfPauses) {
   int triggered_sessions = 0, paused_samples = 0;
   for (int i = 0; i < 3000; ++i) {
     const Session session = random_session(random);
-    // From the definition: no sample knows of another.
+    // The expectation follows from the definition, for each sample by itself.
     const auto trigger = std::find_if(session.events.begin(), session.events.end(),
                                       [](const TimedEvent& e) { return e.code == EventCode::triggered; });
     const auto pause_at = [&](std::int64_t time) {
@@ -153,7 +154,7 @@ TEST(Capture, KeepsExactlyTheSamplesAroundTheTriggerAndOutsideOfPauses) {
       kept.push_back(item.tick);
     }
     ASSERT_EQ(kept, expected) << "session " << i;
-    // Events in their order, from the trigger on, in the recording's time.
+    // Events stay in order, from the trigger on, with the recording's time.
     for (auto e = session.options.pre ? trigger : session.events.begin(); e != session.events.end(); ++e)
       expected_events.emplace_back(e->time_ns - begin, e->text);
     ASSERT_EQ(events, expected_events) << "session " << i;

@@ -24,7 +24,7 @@ TEST(DiskCheck, MeasuresAFolderAsTheRecorderFindsItAndLeavesNothing) {
     EXPECT_GT(disk.write.count(), 0U);
     EXPECT_EQ(disk.write.count(), disk.sync.count());
     EXPECT_GT(disk.free_bytes, 0);
-    // A row of position, velocity and force with what comes along has 97 bytes.
+    // A row of position, velocity, force and the other fixed columns has 97 bytes.
     EXPECT_NEAR(disk.bytes_per_hour / (3600 * rate), 97, 12) << rate;
     EXPECT_TRUE(fs::is_empty(folder.path()));
   }
@@ -49,7 +49,7 @@ TEST(DiskCheck, JudgesADiskByWhatTheRecordersRingBridges) {
   EXPECT_THAT(write(1.1), finding(Severity::warning, HasSubstr("quarter"), HasSubstr("--folder")));
   EXPECT_THAT(write(4.1), finding(Severity::problem, HasSubstr("the ring bridges 4 s"), HasSubstr("--folder")));
 
-  // Only who asks for --sync waits for the disk: slow is a warning there.
+  // Only a recording with --sync waits for the disk, so a slow sync is a warning.
   disk.write_total = disk.sync_total = 25;
   EXPECT_THAT(find(examine_disk(disk, 100), "disk write"),
               finding(Severity::problem, HasSubstr("slower than the samples"), HasSubstr("--folder")));

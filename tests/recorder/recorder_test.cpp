@@ -69,8 +69,8 @@ TEST(Recorder, WritesEveryRowAndEventInOrder) {
   EXPECT_EQ(events[1].text, "mark");
 }
 
-/// Does something while nobody else can write: HDF5 calls back with its one lock held, as a disk that stalls would
-/// keep the writer's thread in a call.
+/// Runs `action` while no other thread can write. HDF5 calls back with its only lock held, which blocks the writer's
+/// thread like a stalling disk.
 void while_the_disk_stalls(const std::function<void()>& action) {
   const hid_t access = H5Pcreate(H5P_FILE_ACCESS);
   H5Pset_fapl_core(access, 4096, false);
@@ -148,8 +148,8 @@ TEST(Recorder, AbandonedKeepsItsRowsButIsNotComplete) {
 
 TEST(Recorder, CanBeReadWhileItRecords) {
   const TempFolder folder;
-  // A reader in another process, as it would be: HDF5 keeps a file open in this one to itself. It is there before the
-  // recorder's thread, whose locks it would else inherit as they are.
+  // The reader runs in another process, as in practice: HDF5 keeps a file that is open in this process to itself. The
+  // process starts before the recorder's thread, because it would inherit the locks of that thread in any state.
   const pid_t reader = fork();
   if (reader == 0) {
     for (int attempt = 0; attempt < 200; ++attempt) {
@@ -157,7 +157,7 @@ TEST(Recorder, CanBeReadWhileItRecords) {
       try {
         if (RecordingReader(folder / "a.h5").rows() == 1000) _exit(0);
       } catch (...) {
-        // It is not there yet.
+        // The file does not exist yet.
       }
     }
     _exit(1);
@@ -199,8 +199,7 @@ TEST(Recorder, GoesOnInFurtherFilesAtALimitOnTheirSize) {
   expect_prefix(folder / "a.h5", 100'000);
 }
 
-// ------------------------------------------------------------------------------------- parts, triggers, marks and
-// pauses
+// ------------------------------------------------------------------------------- parts, triggers, marks and pauses
 
 void push_rows(Recorder& recorder, std::uint64_t first, std::uint64_t count) {
   for (std::uint64_t i = first; i < first + count; ++i) {
@@ -216,7 +215,7 @@ void wait_until(const std::function<bool()>& condition) {
 
 TEST(Recorder, CutsPartsExactlyAtTheirTime) {
   const TempFolder folder;
-  // Batches in the ring end anywhere; parts at whole seconds of the session.
+  // Batches in the ring end anywhere; parts end at multiples of 1.5 s of the session.
   Recorder recorder(folder / "a.h5", {}, {}, {.split = {.seconds = 1.5}});
   push_rows(recorder, 0, 5000);
   recorder.finish();
@@ -237,7 +236,7 @@ TEST(Recorder, CutsPartsAtTheirTimeEvenAcrossAGap) {
   push_rows(recorder, 0, 300);
   push_rows(recorder, 2700, 1200);
   recorder.finish();
-  // The first sample that is a second or more after a part's own first one begins the next.
+  // The next part begins with the first sample that is at least a second after the first one of the present part.
   std::vector<std::uint64_t> begins;
   for (std::uint32_t part = 1; part <= recorder.status().parts; ++part)
     begins.push_back(
@@ -328,7 +327,7 @@ TEST(Recorder, TellsThatItIsPausedAndKeepsNothingMeanwhile) {
   wait_until([&] { return !recorder.status().paused && recorder.status().written >= 200; });
   recorder.finish();
   const std::vector<Sample> rows = RecordingReader(folder / "a.h5").read(0, 1000);
-  // Both act at the newest tick when they are said, or after it where its row was taken from the ring already.
+  // Pause and resume act at the newest tick, or after it if the writer has taken its row from the ring already.
   ASSERT_THAT(rows.size(), testing::AnyOf(200U, 201U));
   EXPECT_EQ(rows[99].tick, 99U);
   EXPECT_EQ(rows[100].tick, 400U - rows.size());

@@ -98,7 +98,7 @@ TEST(ReplayDevice, AnswersARecordingWithItsMeasuredForce) {
   EXPECT_EQ(exchange(*device, Vec3::Zero(), 2e-3).position.x(), 0.02);
 }
 
-/// Row k of a recording at 1 kHz stands at x = k; every 1000th position is unknown.
+/// Returns a block of a recording at 1 kHz. Row k has x = k; every 1000th position is unknown.
 ReplayDevice::Rows block_of_kilohertz(std::size_t block, std::size_t blocks, std::size_t rows) {
   ReplayDevice::Rows result;
   for (std::size_t k = block * rows; k < (block + 1) * rows; ++k) {

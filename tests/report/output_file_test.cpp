@@ -1,4 +1,4 @@
-// Files that are made and replaced: what becomes of their permissions, and of what was there before.
+// Output files: permissions and previous contents of created and replaced files.
 #include "base/output_file.h"
 
 #include "base/json_reader.h"
@@ -20,7 +20,7 @@ unsigned mode_of(const std::string& file) {
   return static_cast<unsigned>(fs::status(file).permissions());
 }
 
-/// Sets what the process keeps from others, for the time of a test.
+/// Sets the umask of the process for the duration of a test.
 class Umask {
  public:
   explicit Umask(mode_t mask) : before_(umask(mask)) {}
@@ -32,7 +32,7 @@ class Umask {
   mode_t before_;
 };
 
-/// Everything that makes files, each with its ending.
+/// A function that writes a file, and the name of the file.
 struct Maker {
   const char* name;
   void (*make)(const std::string& folder, const std::string& file);

@@ -1,4 +1,4 @@
-// The page of a report: read back by a strict parser, never by a browser.
+// The HTML page of a report, read back by a strict parser instead of a browser.
 #include "report/page.h"
 
 #include "tests/report/support.h"
@@ -18,7 +18,7 @@ using test::TempFolder;
 using testing::HasSubstr;
 using testing::Not;
 
-/// Parses a page; fails the test when it is no well-formed XML.
+/// Parses a page. The test fails if it is not well-formed XML.
 pugi::xml_document parsed(const std::string& page) {
   pugi::xml_document document;
   const pugi::xml_parse_result result = document.load_string(page.c_str(), pugi::parse_full);
@@ -38,12 +38,12 @@ std::string lesson_page(const TempFolder& folder, int repetitions = 8) {
   return report_page(gather_report(std::vector{lesson.path()}));
 }
 
-/// What every page must keep.
+/// Checks the requirements of every page.
 void expect_sound(const std::string& page) {
   const pugi::xml_document document = parsed(page);
   EXPECT_THAT(page, testing::StartsWith("<!DOCTYPE html><html lang=\"en\">"));
 
-  // Nothing is fetched, nothing runs.
+  // The page fetches nothing and runs no code.
   EXPECT_TRUE(document.select_nodes("//script | //link | //iframe | //img | //object | //embed | //base").empty());
   EXPECT_TRUE(document.select_nodes("//@src | //@srcset | //@style | //@background | //@action").empty());
   for (const pugi::xpath_node& link : document.select_nodes("//@href"))
@@ -54,14 +54,14 @@ void expect_sound(const std::string& page) {
   EXPECT_THAT(document.child("html").child("head").child_value("style"), Not(HasSubstr("@import")));
   EXPECT_THAT(page, HasSubstr("default-src 'none'"));
 
-  // HTML reads <td/> as <td>: only void elements and those of SVG may close themselves.
+  // HTML reads <td/> as <td>: only void elements and SVG elements may be self-closing.
   for (const pugi::xpath_node& empty : document.select_nodes("//*[not(node())]")) {
     static const std::set<std::string> kMay{"meta", "line", "path", "circle"};
     if (kMay.contains(empty.node().name())) continue;
     EXPECT_THAT(page, HasSubstr(std::string("</") + empty.node().name() + ">"));
   }
 
-  // Headings in order; tables with headers; pictures with words; anchors that exist.
+  // Headings are in order, tables have headers, pictures have labels, and the targets of links exist.
   int level = 0;
   for (const pugi::xpath_node& heading : document.select_nodes("//h1 | //h2 | //h3 | //h4")) {
     const int next = heading.node().name()[1] - '0';

@@ -37,7 +37,7 @@ const ReportTrend& trend_of(const ReportExercise& exercise, const char* name) {
   throw std::runtime_error("no trend");
 }
 
-/// The fields of the lines of a table without quotes.
+/// Returns the fields of each line of a table without quotes.
 std::vector<std::vector<std::string>> fields_of(const std::string& table) {
   std::vector<std::vector<std::string>> lines;
   std::istringstream stream(table);
@@ -164,7 +164,7 @@ TEST(SessionReport, TellsStopsWarningsAndMarks) {
   EXPECT_THAT(stops, Contains(HasSubstr("fatigue")));
   EXPECT_THAT(warnings, Contains(AllOf(HasSubstr("repetition 3"), HasSubstr("warm"))));
 
-  // Of a recording: what came often in a repetition is told once, every mark by itself.
+  // The report of a recording lists a repeated event once per repetition, but every mark.
   const std::string file = folder / "one.h5";
   test::Recorded recorded;
   recorded.events = {{0, 1, "started"}, {1, 10, "overrun"}, {2, 10, "overrun"},
@@ -195,7 +195,7 @@ TEST(SessionReport, TakesRecordingsOfEveryKind) {
     EXPECT_EQ(exercise.expert_force.empty(), reference != Reference::guidance);
   }
 
-  // What a guidance recorded that sent nothing has the columns of one that did.
+  // A guidance without forces records the same columns as one with forces.
   for (const std::string mode : {"free", "tunnel"}) {
     test::Recorded recorded;
     recorded.header.config = {{"mode", mode}, {"stiffness", 700}};
@@ -265,7 +265,7 @@ TEST(SessionReport, CountsARepetitionThatRanOutOfTimeInNothingButItsOwnRow) {
     for (int i = 0; i < 4; ++i) lesson.trial(exercise, {}).figures = {{"contour_rms_m", 2e-3}};
     lesson.trial(exercise, {.until = 0.5}, "time_over").figures = {{"contour_rms_m", 0.5}};
   }
-  // Its recording says so too; and one log has no figures.
+  // The recording of this repetition reports the end of its time too, and its log has no metrics.
   const LoggedTrial& late = lesson.trial(tunnel, {.until = 0.5}, "time_over");
   const test::Recorded recorded{.header = {}, .events = {{0, 1, "started"}, {1, 63, "over"}, {2, 2, "finished"}}};
   std::filesystem::remove(lesson.file(late.file));
@@ -327,7 +327,7 @@ TEST(SessionReport, CountsAnInputOnceByWhateverNameItIsGiven) {
   EXPECT_EQ(report.comparisons.at(0).groups.at(0).values[index_of_figure("contour_rms_m")].size(), 3);
 }
 
-/// Begins a session with one test about a file.
+/// Writes a session with one test on the path of a file.
 void write_test_about(SessionFolder& session, const std::string& test, const std::string& path) {
   const std::size_t i = session.exercise("alone", "free", {{"test", test}});
   nlohmann::json& exercise = session.log.programme["exercises"][i];
@@ -415,7 +415,7 @@ TEST(SessionReport, IsTheSameInJsonAndInATable) {
   std::size_t line = 0;
   for (const nlohmann::json& exercise : json["sessions"][0]["exercises"])
     for (const nlohmann::json& trial : exercise["trials"]) {
-      // Names of this lesson hold commas, which quotes would shift: fields are counted from the end.
+      // Names in this lesson contain commas, which shift the fields: they are counted from the end.
       const std::vector<std::string>& fields = lines[++line];
       const auto field = [&](std::string_view name) { return fields[fields.size() - lines[0].size() + column(name)]; };
       for (const TrialFigure& figure : all_trial_figures()) {

@@ -1,4 +1,4 @@
-// Sessions that the tests of reports read: recordings written as a session writes them, of hands that are known.
+// Sessions for the tests of reports, with recordings of known hand movements.
 #pragma once
 
 #include "control/path/min_jerk.h"
@@ -16,20 +16,20 @@
 
 namespace haptrace::test {
 
-/// How a hand went along a path.
+/// A hand's movement along a path.
 struct Hand {
-  double error = 2e-3;  ///< amplitude of its waves across the path [m]
-  double speed = 1;     ///< times the path's own
-  double until = 1;     ///< share of the path at which it stops
+  double error = 2e-3;  ///< Amplitude of waves across the path [m].
+  double speed = 1;     ///< Speed relative to the path's own.
+  double until = 1;     ///< Share of the duration after which the hand stops.
   double rate_hz = 250;
-  double tremor = 0;     ///< [m], at 7 Hz
-  double radius = 5e-3;  ///< of the tunnel that is recorded [m]
+  double tremor = 0;     ///< Amplitude of a tremor at 7 Hz [m].
+  double radius = 5e-3;  ///< Radius of the recorded tunnel [m].
 };
 
-/// What is recorded beside position and force.
+/// Data that is recorded beside position and force.
 enum class Reference { none, playback, guidance };
 
-/// A circle of 80 mm in 4 s with an expert's forces.
+/// Returns a circle of 80 mm in 4 s with an expert's forces.
 inline Path expert_path() {
   Path path = make_shape("circle", {.duration = 4});
   path.name = "circle";
@@ -37,7 +37,7 @@ inline Path expert_path() {
   return path;
 }
 
-/// The rows of one repetition: half a second of the way to the start, then the run.
+/// Returns the rows of one repetition: half a second of approach, then the run.
 inline std::vector<Sample> rows_of(const Path& path, const Hand& hand, Reference reference, std::int64_t begin_ns = 0,
                                    std::uint64_t tick = 0) {
   const TrialPath curve = path_of(path);
@@ -86,7 +86,7 @@ struct Recorded {
   bool finish = true;
 };
 
-/// Writes rows as a recording; without `finish`, as a process that was killed leaves it.
+/// Writes rows as a recording. Without `finish`, the file is left as by a killed process.
 inline void write(const std::string& file, const std::vector<Sample>& rows, Reference reference,
                   const Recorded& recorded = {}) {
   RecordingWriter writer(file, recorded.header, columns_of(reference), {});
@@ -98,8 +98,7 @@ inline void write(const std::string& file, const std::vector<Sample>& rows, Refe
     writer.abandon();
 }
 
-/// A session of a programme: tests before and after, and an exercise whose repetitions get better. Every recording is
-/// written and every figure taken as a session does it.
+/// A session of a programme in a folder. Recordings are written and metrics computed as in a real session.
 class SessionFolder {
  public:
   explicit SessionFolder(const std::string& path) : path_(path) {
@@ -113,7 +112,7 @@ class SessionFolder {
         {"haptrace_programme", 1}, {"title", "Circles, first lesson"}, {"exercises", nlohmann::json::array()}};
   }
 
-  /// Adds an exercise about the circle. `more`: further keys of it.
+  /// Adds an exercise on the circle, with the further keys `more`, and returns its index.
   std::size_t exercise(const std::string& name, const std::string& mode,
                        nlohmann::json more = nlohmann::json::object()) {
     const std::size_t i = log.programme["exercises"].size();
@@ -126,7 +125,7 @@ class SessionFolder {
     return i;
   }
 
-  /// Records a repetition of an exercise, and logs it.
+  /// Records and logs a repetition of an exercise. Returns its log entry.
   LoggedTrial& trial(std::size_t exercise, const Hand& hand, const std::string& stopped_by = "finished") {
     const std::string mode = log.programme["exercises"][exercise]["mode"];
     const Reference reference = mode == "free"      ? Reference::none
@@ -161,7 +160,8 @@ class SessionFolder {
   std::string path_;
 };
 
-/// Tests before and after, a tunnel whose repetitions get better, a passive exercise, and one that was stopped.
+/// Writes a session with tests before and after, a passive exercise, and a tunnel exercise whose repetitions improve.
+/// One repetition in the tunnel is stopped.
 inline void write_lesson(SessionFolder& session, int repetitions = 8) {
   const std::size_t before = session.exercise("Circle alone, before", "free", {{"test", "before"}, {"repetitions", 3}});
   const std::size_t shown = session.exercise("Circle shown", "passive", {{"repetitions", 2}});

@@ -1,4 +1,4 @@
-// Laws of everything that a hand can touch, then what is special about each.
+// Laws of all objects that a hand can touch, then the special cases of each.
 #include "base/json_reader.h"
 #include "scene/scene_file.h"
 #include "scene/sphere.h"
@@ -22,14 +22,14 @@ using testing::HasSubstr;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kTick = 1e-3;  // [s]
 
-/// One object with one of its knobs turned, and what is known of its surface from elsewhere.
+/// An object with one changed accuracy setting, and independent knowledge of its surface.
 struct ObjectCase {
   std::string name;
   std::string json;
-  std::string knob;  ///< empty: as it is
+  std::string knob;  ///< Name of the changed accuracy setting; empty: none.
   double level = 0;
   std::function<double(const Vec3&)> depth;
-  Vec3 surface, normal;  ///< a place of it, and how it faces there
+  Vec3 surface, normal;  ///< A point of the surface [m], and the normal there.
 };
 
 void PrintTo(const ObjectCase& object, std::ostream* out) {
@@ -40,7 +40,7 @@ std::shared_ptr<Scene> scene_with(const std::string& object) {
   return read_scene(parse_json(R"({"objects": [)" + object + "]}", "test"), "test");
 }
 
-/// Every object, as it is and with every level of every knob.
+/// Returns every object with its defaults, and with every level of every accuracy setting.
 std::vector<ObjectCase> every_object() {
   const auto ball = [](const Vec3& p) { return 0.03 - (p - Vec3(0.01, 0, -0.02)).norm(); };
   const auto slope = [](const Vec3& p) { return -Vec3(0.6, 0, 0.8).dot(p - Vec3(0, 0, 0.01)); };
@@ -78,10 +78,10 @@ class SceneObjectLaws : public testing::TestWithParam<ObjectCase> {
   [[nodiscard]] static std::shared_ptr<Scene> make() { return made_of(GetParam()); }
   static Contact ask(Scene& scene, const Touch& touch) { return scene.answer(touch).contacts[0]; }
 
-  /// How far outside a coarser level may be felt: sphere.h.
+  /// Returns the distance outside the object within which a coarser level may send a force [m]; see sphere.h.
   [[nodiscard]] static double slack() { return GetParam().knob == "renew" ? std::pow(GetParam().level, 2) / 0.03 : 0; }
 
-  /// A hand that wanders round a place of the surface, in and out.
+  /// Returns the path of a hand that wanders around a point of the surface, in and out.
   [[nodiscard]] static std::vector<Touch> walk(unsigned seed, int ticks) {
     std::mt19937 random(seed);
     std::normal_distribution<double> push(0, 1);
@@ -234,7 +234,7 @@ TEST_P(SceneObjectLaws, BearsTheEndsOfItsRange) {
   }
 }
 
-/// The rms difference to what the object would do in continuous time, on a hand that presses on it and slides.
+/// Returns the rms force error relative to the object in continuous time [N], for a hand that presses and slides.
 double error_of_level(ObjectCase object, const std::string& knob, double level) {
   auto exact = scene_with(object.json), held = scene_with(object.json);
   held->set(held->object(0).name() + "." + knob, level);
@@ -254,7 +254,7 @@ double error_of_level(ObjectCase object, const std::string& knob, double level) 
   return std::sqrt(sum / n);
 }
 
-/// Of objects with their knobs as they are, without damping: their error is the knob's alone.
+/// Laws of undamped objects with their defaults: their error comes from the accuracy setting alone.
 class SceneKnobLaws : public SceneObjectLaws {};
 
 TEST_P(SceneKnobLaws, ErrsLessWithEveryLevelOfAKnobTowardsTheMostExact) {

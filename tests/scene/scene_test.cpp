@@ -1,4 +1,4 @@
-// Scene files, scenes, and sessions in which a hand touches them.
+// Scene files, scenes, and sessions in which a hand touches a scene.
 #include "base/json_reader.h"
 #include "formats/recording/recording.h"
 #include "player/record.h"
@@ -137,7 +137,7 @@ TEST(SceneController, TellsOfEveryTouchOnceAndOfItsEndWhenItLasts) {
   EXPECT_NEAR(events[1].second.values[1], 0.002, 1e-12);
   EXPECT_NEAR(events[1].second.values[2], 0.02, 1e-9);
   expect(2, 70, EventCode::touched, 0);
-  expect(3, 71, EventCode::touched, 1);  // one at a tick
+  expect(3, 71, EventCode::touched, 1);  // one event per tick
   expect(4, 90, EventCode::left, 0);
   expect(5, 91, EventCode::left, 1);
   const auto figures = controller->figures();

@@ -1,4 +1,4 @@
-// A scene at a rate of its own: what is sent in between, how wrong that is, and whose threads do what.
+// A scene at a rate of its own: the forces between its updates, their errors, and the threads.
 #include "scene/slow_scene.h"
 
 #include "base/json_reader.h"
@@ -42,7 +42,7 @@ std::shared_ptr<Scene> slow_test_scene(const std::string& json) {
   return read_scene(parse_json(json, "test"), "test");
 }
 
-/// A hand that comes from outside, presses and slides, in 0.6 s.
+/// Returns the touch of a hand that approaches from outside, presses and slides, in 0.6 s.
 Touch touch_at(int tick) {
   const double t = 1e-3 * tick, w = 2 * pi / 0.3;
   return {.position = Vec3(0.004 * std::sin(w * t), 0, 0.0305 + 0.004 * std::cos(w * t)),
@@ -109,7 +109,7 @@ TEST(SlowScene, NeverPullsAndNeverRunsAwayWhateverIsPredicted) {
 TEST(SlowScene, AllocatesNothingInTheTickAndForgetsWhatWasBeforeAReset) {
   for (const Prediction prediction : {Prediction::hold, Prediction::linear, Prediction::model}) {
     const auto scene = slow_test_scene(kBallOnly);
-    scene->set("sphere.renew", 0.003);  // so that there is something to forget
+    scene->set("sphere.renew", 0.003);  // gives the scene a state to forget
     SlowScene slow(scene, {.rate_hz = 100, .prediction = prediction}, 1000);
     std::vector<Vec3> first, second;
     first.reserve(300);
@@ -127,7 +127,7 @@ TEST(SlowScene, AllocatesNothingInTheTickAndForgetsWhatWasBeforeAReset) {
   }
 }
 
-/// An object that takes as long as it is told to.
+/// An object whose answer blocks while a flag is set.
 class Stalling final : public SceneObject {
  public:
   explicit Stalling(std::shared_ptr<std::atomic<bool>> stalls) : stalls_(std::move(stalls)) {}
@@ -180,15 +180,16 @@ TEST(SlowScene, RefusesRatesAndPredictionsThatDoNotExist) {
   EXPECT_THAT(error_of([] { parse_prediction("modle"); }), HasSubstr("did you mean 'model'?"));
 }
 
-/// What a hand feels of a slow scene, on a simulated device in virtual time.
+/// Forces of a slow scene on a hand, on a simulated device in virtual time.
 struct Felt {
-  double rms_error = 0;  ///< to the scene at the servo rate, at the same places [N]
-  double rms_force = 0;  ///< of that [N]
-  double given = 0;      ///< energy, to the hand [J]
+  double rms_error = 0;  ///< Rms error relative to the scene at the servo rate, at the same positions [N].
+  double rms_force = 0;  ///< Rms force of the scene at the servo rate [N].
+  double given = 0;      ///< Energy given to the hand [J].
   std::vector<Sample> rows;
 };
 
-/// Comes from 5 mm outside, presses 5 mm deep in and slides 10 mm to and fro, four times in 4 s.
+/// Returns the device string of a simulated hand that comes from 5 mm outside and presses 5 mm deep, four times in 4 s,
+/// while it slides 10 mm to and fro.
 std::string pressing_hand(const TempFolder& folder) {
   std::string csv = "t,x,y,z\n";
   for (int i = 0; i <= 400; ++i) {
@@ -227,7 +228,7 @@ Felt feel(const std::string& scene, const std::string& hand, std::optional<SlowS
   return felt;
 }
 
-/// With HAPTRACE_TABLE in the environment it prints the table of docs/scene.md.
+/// With HAPTRACE_TABLE in the environment, the test prints the table of docs/scene.md.
 TEST(SlowSceneInAHand, ErrsLessWithALineThanHeldAndLeastWithAPlane) {
   const TempFolder folder;
   const std::string hand = pressing_hand(folder);

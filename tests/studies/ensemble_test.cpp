@@ -23,7 +23,7 @@ using testing::IsEmpty;
 
 // --- The draws ------------------------------------------------------------------------------------------------------
 
-/// What was seen of one quantity, against the range it is drawn from.
+/// Observed values of one quantity, compared with the range of its draws.
 class Seen {
  public:
   explicit Seen(const Range& range) : range_(range) {}
@@ -33,7 +33,7 @@ class Seen {
     least_ = std::min(least_, value);
     most_ = std::max(most_, value);
   }
-  /// All but a few per cent of the range came up.
+  /// Expects values up to within `share` of both ends of the range.
   void expect_all_of_it(double share = 0.03) const {
     const double room = share * (range_.high - range_.low);
     EXPECT_LE(least_, range_.low + room);
@@ -93,7 +93,7 @@ TEST(EnsembleDraws, LieWithinTheirRangesAndUseAllOfThem) {
   for (const Seen* seen : {&ratio, &stribeck, &presliding, &cogging, &period, &gravity, &gradient, &rotation, &delay,
                            &lag, &hand_mass, &grip, &grip_damping, &arm, &relaxation, &arm_damping})
     seen->expect_all_of_it();
-  for (const Seen* seen : {&mass, &viscous, &coulomb}) seen->expect_all_of_it(0.1);  // two chances have to meet
+  for (const Seen* seen : {&mass, &viscous, &coulomb}) seen->expect_all_of_it(0.1);  // each is a product of two draws
 }
 
 TEST(EnsembleDraws, LeaveOneDeviceInTenToNobodyAndPullInEveryDirection) {
@@ -164,7 +164,7 @@ TEST(RunParallel, BeginsNothingNewOnceStoppedAndThrowsWhatAJobThrew) {
               HasSubstr("the third"));
   EXPECT_EQ(runs, 3);
 
-  // The jobs of the other threads end as well.
+  // The other threads stop their jobs as well.
   std::atomic<int> after{0};
   std::atomic<bool> failed{false};
   const auto fail_first = [&](std::size_t job) {
@@ -181,7 +181,7 @@ TEST(RunParallel, BeginsNothingNewOnceStoppedAndThrowsWhatAJobThrew) {
   EXPECT_LT(after, 900);
 }
 
-// --- What is counted ------------------------------------------------------------------------------------------------
+// --- Statistics -----------------------------------------------------------------------------------------------------
 
 TEST(Distribution, HasTheQuantilesOfItsValuesInAnyOrder) {
   std::vector<double> values;
@@ -199,7 +199,7 @@ TEST(Distribution, HasTheQuantilesOfItsValuesInAnyOrder) {
   EXPECT_TRUE(std::isnan(Distribution::of({}).median));
 }
 
-/// A member that nothing is wrong with: errors of 1, 5 and 0.05 mm.
+/// Returns a member without faults, with errors of 1, 5 and 0.05 mm.
 EnsembleMember sound_member(std::uint64_t index) {
   EnsembleMember member{.index = index};
   const std::array rms{1e-3, 5e-3, 5e-5};
@@ -217,16 +217,16 @@ TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
   EnsembleReport report{.seed = 4, .draws = 10, .paths = {"circle"}, .learn = 5};
   for (std::uint64_t i = 0; i < 8; ++i) report.members.push_back(sound_member(i));
   auto& m = report.members;
-  calibrated_run(m[1]).saturated = 0.02;  // since the hand is too strong
+  calibrated_run(m[1]).saturated = 0.02;  // the hand is too strong
   calibrated_run(m[1]).needed_force = 9;
-  calibrated_run(m[2]).saturated = 0.02;  // by itself
+  calibrated_run(m[2]).saturated = 0.02;  // the controller saturates by itself
   calibrated_run(m[3]).cause = StopCause::deviation;
   calibrated_run(m[4]).ripple = 3e-5;
   m[5].trials[2].hold.hunting = 2.1e-5;
   m[6].calibration_error = "no force moves it";
   m[6].trials[2] = {};
   m[7].overdrive = {.onset = 1.5, .calm = false};
-  report.members.push_back(sound_member(8));  // gives way at the peaks, and hardly shows it
+  report.members.push_back(sound_member(8));  // lacks force at the peaks, but hardly saturates
   calibrated_run(m[8]).needed_force = 9;
 
   const EnsembleSummary summary = summarise(report);
@@ -309,7 +309,7 @@ TEST(Ensemble, IsTheSameToTheBitWhateverTheThreads) {
       << "a draw that stood out can be run alone";
 }
 
-/// The true errors of a session, kept.
+/// Accumulates the true errors of a session.
 class TrueErrors final : public SampleSink {
  public:
   using SampleSink::push;
@@ -380,7 +380,7 @@ TEST(Ensemble, OscillatesWithGainsBeyondWhatTheDeviceBears) {
 TEST(Ensemble, CatchesAnOscillationThatGrowsIntoSaturationUnevenly) {
   EnsembleOptions options = short_options(1);
   options.learn = 0;
-  // At 17 Hz against the largest force: every other half of a window gives out next to nothing.
+  // The device oscillates at 17 Hz against the largest force: every other half of a window delivers almost no energy.
   const EnsembleOverdrive overdrive = run_member(1, 159, options, StopRequest{}).overdrive;
   EXPECT_TRUE(overdrive.oscillates());
   EXPECT_LT(overdrive.delay(), ensemble::kCatchWithin);

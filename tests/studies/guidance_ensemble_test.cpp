@@ -102,7 +102,7 @@ TEST(GuidanceEnsemble, IsTheSameToTheBitWhateverTheThreads) {
       << "a draw that stood out can be run alone";
 }
 
-/// A free device between walls that it cannot bear, which nobody watches.
+/// Returns a free device between walls that are too stiff for it.
 GuidanceDraw shaken() {
   GuidanceDraw draw = draw_guidance(1, 0);
   SimSpec& spec = draw.device.spec;

@@ -36,7 +36,7 @@ TEST(NeededForce, IsWhatADeviceInAHandIsSentByWhoFollowsExactly) {
     ASSERT_TRUE(spec.hand);
     spec.hand->tremor = spec.hand->drift = 0;
     spec.delay = spec.actuator_bandwidth_hz = spec.position_resolution = spec.force_resolution = 0;
-    spec.presliding_stiffness.setZero();  // bristles bend late where an axis turns round
+    spec.presliding_stiffness.setZero();  // bristles deflect late where an axis reverses
     spec.max_force = 1e3;
     SimDevice device(spec);
     constexpr double kRate = 10000, kPeriod = 1 / kRate, kTurn = 1;  // a circle in 1 s
@@ -52,7 +52,7 @@ TEST(NeededForce, IsWhatADeviceInAHandIsSentByWhoFollowsExactly) {
       const Vec3 error = wanted - state.position;
       force = 2e5 * error + 400 * (error - before) / kPeriod;
       before = error;
-      // Both without the ripple of the follower: over 5 ms.
+      // A low pass of 5 ms removes the ripple of the tracking law from both forces.
       constexpr double kBlend = 0.02;
       sent += kBlend * (force - sent);
       asked += kBlend * (needed.update(wanted) - asked);

@@ -10,7 +10,7 @@
 namespace haptrace {
 namespace {
 
-/// The reference device without what a PlantModel does not know.
+/// Returns the reference device, without the effects that a PlantModel lacks.
 PlantModel reference_plant() {
   PlantModel plant;
   plant.mass = Vec3(0.4, 0.4, 0.3);
@@ -40,7 +40,7 @@ StabilityMap map_of(const PlantModel& plant, const PdGains& gains, const Stabili
   return map.value_or(StabilityMap{});
 }
 
-/// A linear plant in the ranges of the project's devices, and how it is driven.
+/// A random linear plant in the ranges of the supported devices, and the settings of its loop.
 struct RandomPlant {
   RandomPlant(unsigned seed, bool observed) {
     std::mt19937 engine(seed);
@@ -69,7 +69,7 @@ struct RandomPlant {
 
   PlantModel plant;
   StabilityOptions options;
-  std::array<AxisGains, 3> boundary;  ///< by analysis
+  std::array<AxisGains, 3> boundary;  ///< Stability limits by analysis.
 };
 
 class RandomPlants : public testing::TestWithParam<bool> {};
@@ -141,7 +141,7 @@ TEST(StabilityMap, FrictionHoldsWhatWouldGrowAndQuantaMakeItBuzz) {
   EXPECT_TRUE(calm());
   plant.coulomb.setZero();
   EXPECT_FALSE(calm());
-  // Abbott and Okamura 2005: kp of more than 2 F_c / quantum buzzes, however damped the device is.
+  // Abbott and Okamura 2005: a kp above 2 F_c / resolution makes the device buzz, whatever its damping.
   plant.viscous.setConstant(100);
   plant.coulomb.setConstant(0.1);
   EXPECT_TRUE(calm());

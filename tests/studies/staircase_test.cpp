@@ -22,7 +22,7 @@ StaircaseReport climbed(const StaircaseOptions& options) {
   return report;
 }
 
-/// A device of 0.2 kg with this damping and nothing else.
+/// Returns a device of 0.2 kg with this damping and no other effects.
 SimSpec bare_device(double viscous, double delay = 0) {
   SimSpec spec;
   spec.max_force = 1000;
@@ -49,7 +49,7 @@ TEST(Staircase, CreatesTheEnergyOfTheClosedForm) {
     EXPECT_GE(press.least, press.expected - press.slack);
     EXPECT_LE(press.most, press.expected + press.slack);
     EXPECT_LT(press.least, press.most) << "the phase of the tick counts";
-    // A quarter of pi^2, by K T D^2 / t.
+    // The expected energy is pi^2 / 4 times K T D^2 / t.
     EXPECT_NEAR(press.expected, 2.4674011 * press.stiffness / press.rate_hz * 5e-3 * 5e-3 / 0.2, 1e-6 * press.expected);
     EXPECT_LT(press.supervised, 0.25 * press.mean) << "the passivity layer takes it back while it comes about";
   }
@@ -78,7 +78,7 @@ TEST(Staircase, IsAboveTheLineOnTheWayOutAndBelowItOnTheWayIn) {
 }
 
 TEST(Staircase, BouncesWhereTheDeviceHasLessDampingThanTheWallAsksFor) {
-  // K T / 2, and with a delay K (T / 2 + delay) for what is slow against them.
+  // The wall needs damping of K T / 2 or, with a delay and for slow movements, K (T / 2 + delay).
   for (const double delay : {0.0, 1e-3}) {
     const double viscous = 2;
     StaircaseOptions options{
@@ -105,14 +105,14 @@ TEST(Staircase, OfAWallThatBouncesForEverStaysPassiveBecauseThePassivityLayerIsO
     for (const double rate : options.rates) {
       StaircaseOptions at_this = options;
       at_this.rates = {rate};
-      const double wall = 5 * 0.5 / (0.5 / rate + delay);  // five times what the device bears
+      const double wall = 5 * 0.5 / (0.5 / rate + delay);  // five times the stiffness that the device withstands
       at_this.tapped = {wall};
       const StaircaseReport report = climbed(at_this);
       const StaircaseTap &bare = tap_of(report, rate, wall, false), &kept = tap_of(report, rate, wall, true);
       SCOPED_TRACE(fmt::format("{} Hz, {} s late, {:.0f} N/m", rate, delay, wall));
       EXPECT_FALSE(bare.calm);
       EXPECT_TRUE(kept.calm);
-      // What comes about within a tick and the delay at the speed of the fall, sqrt(2 F h / m).
+      // The energy that arises within half a tick and the delay at the speed of the fall, sqrt(2 F h / m).
       const double tick = wall * std::pow(0.5 / rate + delay, 2) * 2 * 1.0 * 5e-3 / 0.2;
       EXPECT_LT(kept.created, 6 * tick);
       EXPECT_GT(bare.created, 10 * kept.created);
@@ -155,21 +155,21 @@ TEST(Staircase, IsTheSameOnAnyNumberOfThreadsAndEndsWhenAskedTo) {
 }
 
 TEST(SceneSession, IsSupervisedWhenTheSceneSaysSo) {
-  // What nobody calibrated is light and late; what was, is what it is.
+  // An uncalibrated device is assumed to be light and late; a calibrated one has its identified values.
   const PassivityLayer::Options unknown = passivity_for(std::nullopt, 1000, 0);
   EXPECT_EQ(unknown.delay, 5e-3);
   PlantModel plant{.mass = Vec3(0.4, 0.3, 0.5), .viscous = Vec3::Constant(1), .delay = 1e-3};
   const PassivityLayer::Options known = passivity_for(plant, 1000, 0);
   EXPECT_EQ(known.delay, 1e-3);
   EXPECT_GT(known.max_damping, 3 * unknown.max_damping);
-  // Of an axis without a motor nothing was identified; and a fast loop is later than any analysis goes.
+  // An axis without a motor has no identified values, and the delay of a fast loop exceeds the range of the analysis.
   const PlantModel planar{.mass = Vec3(0.06, 0.06, 0), .viscous = Vec3(1, 1, 0), .delay = 1e-3};
   EXPECT_NEAR(passivity_for(planar, 1000, 0).max_damping,
               bearable_damping({.mass = 0.06, .viscous = 1, .delay = 1e-3, .rate_hz = 1000}), 1e-12);
   EXPECT_EQ(passivity_for(std::nullopt, 20000, 0).delay, 5e-3);
   EXPECT_NEAR(known.max_damping, bearable_damping({.mass = 0.3, .viscous = 1, .delay = 1e-3, .rate_hz = 1000}), 1e-12);
 
-  // Gravity presses a device onto a wall that asks for five times its damping: with the layer it stays there.
+  // Gravity presses a device onto a wall that needs five times its damping: with the layer it stays there.
   SimSpec spec = bare_device(0.5);
   spec.gravity_bias = Vec3(0, 0, -1);
   const auto touched = [&](const char* scene) {

@@ -69,8 +69,7 @@ std::vector<Extreme> extremes() {
     for (const double delay : {0.0, 2.0, 16.0, 60.0})
       for (const double mass : {0.045, 5.0})
         for (const double resolution : {0.0, 5e-4}) {
-          if (delay > StateObserver::kLongestDelay && resolution > 0)
-            continue;  // such a loop hunts by a few encoder counts
+          if (delay > StateObserver::kLongestDelay && resolution > 0) continue;  // the loop hunts by a few counts
           all.push_back({mass, delay, rate, resolution, mass < 1});
         }
   return all;

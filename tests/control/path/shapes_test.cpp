@@ -44,8 +44,7 @@ std::pair<double, double> script_parameter(double u) {
   return {q, rate(u)};
 }
 
-/// Returns the length of one turn [m]: in closed form, or by numerical integration for the script and the figure
-/// eight.
+/// Returns the length of one turn [m], in closed form or, for the script and the figure eight, by integration.
 double expected_length(const std::string& name, const ShapeOptions& o) {
   if (name == "square") return 4 * (o.size - 2 * o.blend) + 2 * pi * o.blend;
   if (name == "circle") return pi * o.size;

@@ -96,8 +96,7 @@ TEST(Xdf, PutsStreamsOfSeveralMachinesOnOneClockAndMarkersIntoEvents) {
     EXPECT_LT((sample.position - position(t)).norm(), 1e-15);
     EXPECT_EQ(sample.tick, i);
     EXPECT_EQ(sample.phase, Phase::run);
-    // Each sample has the newest force at its time. If the two stamps are equal, rounding decides which force is
-    // newest.
+    // Each sample has the newest force at its time. If two stamps are equal, rounding decides which is newest.
     const double newest = std::floor(t * 100 + 1e-9) / 100;
     const double off = i % 5 != 0 ? (sample.force - force(newest)).norm() : 0;
     EXPECT_LT(off, 1e-6) << i;
@@ -161,8 +160,7 @@ TEST(Xdf, SaysThatItsDateWasNoTime) {
 TEST(Xdf, FitsALineThroughOffsetsThatANetworkMadeNoisy) {
   const Read all = read(two_machines(2e-4), {.streams = {"Hand"}});
   ASSERT_EQ(all.samples.size(), 500U);
-  for (std::size_t i = 1; i < all.samples.size();
-       ++i)  // even stamps stay even; the individual offsets would make them jump
+  for (std::size_t i = 1; i < all.samples.size(); ++i)  // even stamps stay even: single offsets would make jumps
     EXPECT_NEAR(1e-9 * static_cast<double>(all.samples[i].time_ns - all.samples[i - 1].time_ns), 0.002, 1e-6);
   EXPECT_NEAR(1e-9 * static_cast<double>(all.samples.back().time_ns), 0.998, 2e-4);
 }

@@ -12,7 +12,7 @@ RecordingSummary summary_of(std::span<const Sample> samples) {
   return summariser.take();
 }
 
-/// A session with what real ones have: gaps, runs, unknown columns, lost positions.
+/// Returns a session with the irregularities of real ones: gaps, runs, unknown columns and lost positions.
 std::vector<Sample> eventful_session(unsigned seed, std::size_t rows) {
   std::mt19937 random(seed);
   std::vector<Sample> session = random_session(seed, rows, {.reference = true});

@@ -217,7 +217,7 @@ TEST(RecordingWriter, SaysWhyAFileCannotBeCreated) {
 TEST(RecordingWriter, SaysThatAFolderIsNotWritable) {
   const TempFolder folder;
   std::filesystem::permissions(folder.path(), std::filesystem::perms(0555));
-  // The superuser may write everywhere; for this test it steps down.
+  // The superuser may write everywhere, so the test changes to another user here.
   const int user = setfsuid(65534);
   expect_error([&] { RecordingWriter(folder / "a.h5", {}, {}, {}); }, Error::Kind::input,
                {folder / "a.h5" + ": cannot be created: Permission denied"});

@@ -1,5 +1,5 @@
-// What a file says can be trusted: values that changed on the disk are found, what is rounded keeps its own figures,
-// clocks come back, nobody else writes.
+// Integrity of recordings: changed values on the disk are found, summaries and checksums match the rounded values,
+// clock readings are preserved, and other writers are detected.
 #include "formats/recording/recording_recover.h"
 #include "formats/recording/recording_stream.h"
 #include "tests/formats/support.h"
@@ -25,7 +25,7 @@ void PrintTo(const Rot& rot, std::ostream* out) {
   *out << rot.name << ' ' << rot.column;
 }
 
-/// Where chunk `index` of a dataset lies in its file.
+/// Returns the address and the size of chunk `index` of a dataset in its file.
 std::pair<std::uint64_t, std::uint64_t> place_of_chunk(const std::string& file, const std::string& path,
                                                        hsize_t index) {
   const hid_t opened = H5Fopen(file.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
@@ -41,7 +41,7 @@ std::pair<std::uint64_t, std::uint64_t> place_of_chunk(const std::string& file, 
   return {address, size};
 }
 
-/// Flips a bit of byte `at`.
+/// Flips one bit of byte `at`.
 void flip(const std::string& file, std::uint64_t at, int bit = 3) {
   std::fstream stream(file, std::ios::binary | std::ios::in | std::ios::out);
   stream.seekg(static_cast<std::streamoff>(at));
@@ -86,7 +86,7 @@ TEST_P(BitRot, IsFoundByReadersAndCheckAndRecoverSavesTheRest) {
   const RecordingReader reader(file);
   EXPECT_EQ(reader.rows() + recovery.unreadable, 3000U);
   EXPECT_LE(recovery.unreadable, 500U);
-  // Every row outside of the damaged block is as it was.
+  // Every row outside the damaged block is unchanged.
   const std::vector<Sample> after = reader.read(0, reader.rows());
   expect_same(std::span(after).first(1000), std::span(before).first(1000));
   expect_same(std::span(after).last(1500), std::span(before).last(1500));
@@ -96,7 +96,7 @@ TEST_P(BitRot, IsFoundByReadersAndCheckAndRecoverSavesTheRest) {
 TEST(BitRot, InABlockOfAnyPlaceAndColumnIsSavedAround) {
   const std::vector<Sample> session = random_session(2, 20'001, {});
   for (const char* column : {"time", "tick", "position", "velocity", "force", "latency", "phase"})
-    for (const hsize_t block : {0U, 4U, 5U, 8U, 10U}) {  // 4 and 8 lie across multiples of 8192
+    for (const hsize_t block : {0U, 4U, 5U, 8U, 10U}) {  // 4 and 8 span multiples of 8192
       const TempFolder folder;
       const std::string file = folder / "a.h5", path = std::string("/samples/") + column;
       {
@@ -111,7 +111,7 @@ TEST(BitRot, InABlockOfAnyPlaceAndColumnIsSavedAround) {
       EXPECT_EQ(errors_of(file), std::vector<std::string>()) << path << block;
       const RecordingReader reader(file);
       ASSERT_EQ(reader.rows() + recovery.unreadable, session.size()) << path << block;
-      // Whoever checks it later learns of it, and where.
+      // A later check reports the damage and its location.
       bool told = false;
       for (const StoredEvent& event : reader.events())
         if (event.code == static_cast<int>(EventCode::values_lost)) {
@@ -128,7 +128,7 @@ TEST(BitRot, ThatMakesAPositionWhichNoHandReachesCostsThatRow) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   write_recording(file, random_session(2, 300, {}));
-  flip(file, place_of_chunk(file, "/samples/position", 1).first + 7, 6);  // of the exponent
+  flip(file, place_of_chunk(file, "/samples/position", 1).first + 7, 6);  // a bit of the exponent
   const Recovery recovery = recover_recording(file);
   EXPECT_EQ(recovery.unreadable, 1U);
   EXPECT_EQ(RecordingReader(file).rows(), 299U);
@@ -381,7 +381,7 @@ TEST_P(ACutRecording, IsSavedAsFarAsItsBytesGo) {
       EXPECT_TRUE(row.force == same->force || row.force.hasNaN());
       EXPECT_TRUE(row.velocity == same->velocity || row.velocity.hasNaN());
     }
-    // The bytes of a row lie together, chunk by chunk.
+    // The columns of a row are close together in the file, chunk by chunk.
     const double share = static_cast<double>(length) / static_cast<double>(whole.size());
     EXPECT_GE(static_cast<double>(rows.size()), 1950 * (share - 0.5));
   }
@@ -411,7 +411,7 @@ TEST(Recover, SavesARecordingWhoseConfigurationIsDamaged) {
 }
 
 TEST(Rounding, KeepsFiguresAndChecksumsOfWhatIsRead) {
-  // Near zero, where a relative comparison sees a difference, and with values that cannot be rounded.
+  // Some values are near zero, where a relative comparison sees a difference; others cannot be rounded.
   for (const Precision& precision : {Precision{.position = 1e-6, .velocity = 1e-3, .force = 1e-3},
                                      Precision{.position = 3e-7, .velocity = 7e-5, .force = 0.2},
                                      Precision{.position = 1e-9, .velocity = 1e-9, .force = 1e-9}}) {
@@ -434,7 +434,7 @@ TEST(Rounding, KeepsFiguresAndChecksumsOfWhatIsRead) {
       EXPECT_LE((rows[i].position - session[i].position).cwiseAbs().maxCoeff(), precision.position * (1 + 1e-6));
       EXPECT_LE((rows[i].force - session[i].force).cwiseAbs().maxCoeff(), precision.force * (1 + 1e-6));
     }
-    // What was rounded once is not rounded again.
+    // Rounded values do not change when they are rounded again.
     const std::string again = folder / "b.h5";
     {
       RecordingWriter writer(again, {}, kForces, {.storage = {.precision = precision, .rows_per_chunk = 333}});
@@ -518,7 +518,7 @@ TEST(RecordingWriter, EndsWithAnErrorAndNothingOfItsOwnInAFileThatAnotherProgram
       },
       Error::Kind::fault, {"another program wrote over it"});
   EXPECT_EQ(read_bytes(file), "mine");
-  // Memory has the chunk before the one that could not be written.
+  // Memory still holds the chunk before the one that could not be written.
   EXPECT_EQ(writer.resume(), 4096U);
   writer.finish();
   EXPECT_EQ(read_bytes(file), "mine");
@@ -527,7 +527,7 @@ TEST(RecordingWriter, EndsWithAnErrorAndNothingOfItsOwnInAFileThatAnotherProgram
 }
 
 TEST(RecordingWriter, OutlastsBytesThatAnotherProgramScribbledOverItsFile) {
-  // Wherever it is hit, the writer ends soon: whole, or with an error that it can go on from.
+  // Wherever the damage is, the writer finishes the file or throws an error and can resume.
   std::mt19937 random(9);
   for (int trial = 0; trial < 60; ++trial) {
     const TempFolder folder;

@@ -8,7 +8,8 @@
 namespace haptrace {
 namespace {
 
-/// A hand on a circle, in front of a sensor of force with a rate of its own; its true position and velocity at `t` [s].
+/// Returns the sample at `t` [s] of a hand on a circle, with true position and velocity. The force comes from a sensor
+/// of rate `sensor_hz`; 0 means a continuous force.
 Sample at(double t, double sensor_hz = 0) {
   const double w = 2 * std::numbers::pi * 0.7;
   const double felt = sensor_hz > 0 ? std::floor(t * sensor_hz + 1e-6) / sensor_hz : t;
@@ -20,7 +21,7 @@ Sample at(double t, double sensor_hz = 0) {
   return sample;
 }
 
-/// The rows at these stamps [ms].
+/// Returns the sampling report for rows at these stamps [ms].
 Sampling sampling_of(const std::vector<double>& stamps_ms, double sensor_hz = 0) {
   SamplingReport report;
   for (const double ms : stamps_ms) report.add(at(1e-3 * ms, sensor_hz));
@@ -113,7 +114,7 @@ TEST(Sampling, MakesUpNoClockAndNoPatternForNoise) {
 
 TEST(Sampling, SaysNothingOfAClockThatMerelyJitters) {
   std::mt19937_64 random(9);
-  std::exponential_distribution<double> late(1 / 0.06);  // [ms] by which a tick wakes
+  std::exponential_distribution<double> late(1 / 0.06);  // lateness of a tick [ms]
   std::vector<double> all;
   for (int i = 0; i < 8000; ++i) all.push_back(i + std::min(late(random), 0.9));
   const Sampling found = sampling_of(all);

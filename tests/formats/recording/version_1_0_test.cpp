@@ -1,5 +1,6 @@
-// Files of format 1.0 stay readable. The corpus was made by the last program that wrote them; its truth was read by
-// h5py: rows, events, and XXH3 of the bytes of all columns, in the order of the layout, the parts of each together.
+// Files of format 1.0 stay readable. The last program that wrote this format made the corpus. The expected values were
+// read by h5py: rows, events, and XXH3 of the bytes of all columns in the order of the layout, with all parts of a
+// recording together.
 #include "tests/formats/support.h"
 
 #include <cstdlib>

@@ -49,7 +49,7 @@ TEST(StandIn, IsMadeOfADeviceOfThreeAxesInAHandWithoutASecondArm) {
   EXPECT_EQ(spec.nominal_rate, 2000);
   ASSERT_TRUE(spec.hand);
   EXPECT_GT(spec.hand->tremor, 0);
-  // Calibration saw the arm in the damping and in the gradient.
+  // The calibrated damping and gradient include the arm.
   EXPECT_EQ(spec.hand->arm_stiffness, 0);
   EXPECT_EQ(spec.hand->arm_damping, 0);
   EXPECT_NE(stand_in(info, profile, 1), nullptr);
@@ -99,7 +99,8 @@ struct HeldOut {
   const char* shape;
 };
 
-/// The first are always predicted; all of them where HAPTRACE_HELDOUT_ALL is set, for the table of docs/tradeoff.md.
+/// Plants to predict. The test predicts the first three, or all if HAPTRACE_HELDOUT_ALL is set, for the table of
+/// docs/tradeoff.md.
 constexpr HeldOut kHeldOut[] = {
     {"bristles", R"("mass":0.3)", "circle"},
     {"coupled masses", R"("mass":0.35,"coupling":0.25,"delay":0.0015,"viscous":2)", "square"},
@@ -125,7 +126,8 @@ struct Ratio {
   bool error_within, ripple_within;
 };
 
-/// Measured on the plant over predicted on what its calibration makes of it, or nothing where it cannot be calibrated.
+/// Returns the ratio of the metrics measured on the plant to those predicted from its calibration. Returns nullopt if
+/// the plant cannot be calibrated or run.
 std::optional<Ratio> measured_over_predicted(const HeldOut& plant) {
   const auto device = open_device(spec_of_held_out(plant, 1));
   const DeviceInfo info = device->info();
@@ -180,7 +182,7 @@ TEST(StandIn, PredictsPlantsThatNothingWasTunedFor) {
     within += ratio->error_within ? 1U : 0U;
   }
   ASSERT_GE(errors.size(), all ? 10U : 3U);
-  // The stated interval holds on most; what does not is named in docs/tradeoff.md.
+  // The stated interval holds for most plants; docs/tradeoff.md names the others.
   EXPECT_GE(static_cast<double>(within), 0.8 * static_cast<double>(errors.size()));
   std::sort(errors.begin(), errors.end());
   EXPECT_GT(errors[errors.size() / 2], 0.8);

@@ -1,4 +1,4 @@
-// What the tests of the trade play, and on what.
+// Device, workplace and configuration for the tests of the trade-off.
 #pragma once
 
 #include "control/path/shapes.h"
@@ -8,7 +8,7 @@
 
 namespace haptrace::test {
 
-/// A device that is not what its profile says, in a hand with tremor.
+/// Returns a device that differs from its profile, in a hand with tremor.
 inline std::unique_ptr<Device> held_device(std::uint64_t seed) {
   SimSpec spec = true_device();
   spec.hand = HandSpec{.mass = 0.1,

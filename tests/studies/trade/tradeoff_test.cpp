@@ -21,13 +21,13 @@ TradeOptions small_options(bool instructions, std::size_t threads) {
   return options;
 }
 
-/// Times are the machine's: what is compared is told without them.
+/// Returns the accuracy of an outcome as text, without times, because these depend on the machine.
 std::string accuracy_of(const Outcome& o) {
   return fmt::format("{} {:a} {:a} {:a} {:a}", o.runs, o.error.mean, o.error.half_width, o.peak.mean, o.ripple.mean);
 }
 
-/// A trade that is priced in instructions, on two threads, and one that is priced in time, on one. Each takes seconds
-/// and is measured once.
+/// Returns a trade-off that is priced in instructions, on two threads, or in time, on one. Each takes seconds and is
+/// measured once.
 const TradeReport& measured_trade(bool instructions, int* drawn = nullptr) {
   static std::map<bool, std::pair<TradeReport, int>> reports;
   auto found = reports.find(instructions);
@@ -85,7 +85,7 @@ TEST_P(MeasuredTrade, HasAFrontThatNothingBeats) {
                    other.load() < one.load() && other.configuration.learn <= one.configuration.learn)
           << describe(other.configuration) << " beats " << describe(one.configuration);
   }
-  // Which is the cheapest depends on the machine where times are measured; which errors there are does not.
+  // With measured times, the cheapest outcome depends on the machine, but the errors do not.
   const auto [exact, coarse] = std::minmax_element(
       front.begin(), front.end(), [](const Outcome& a, const Outcome& b) { return a.error.mean < b.error.mean; });
   EXPECT_LT(exact->error.mean, 0.3 * coarse->error.mean);
@@ -97,7 +97,7 @@ TEST_P(MeasuredTrade, GivesTheSameToTheLastBitWithOtherThreads) {
   int compared = 0;
   for (const Outcome& o : report_->tried) {
     const auto other = others.find(describe(o.configuration));
-    // Which combinations are refined follows their loads, and those are measured.
+    // The choice of refined combinations depends on their loads, which are measured.
     if (other == others.end() || other->second.front() != accuracy_of(o).front()) continue;
     EXPECT_EQ(accuracy_of(o), other->second);
     ++compared;
@@ -106,7 +106,7 @@ TEST_P(MeasuredTrade, GivesTheSameToTheLastBitWithOtherThreads) {
 }
 
 TEST_P(MeasuredTrade, ChoosesTheCheapestThatKeepsTheBudget) {
-  // Which configurations are on the front, and in which order, follows what ticks cost here and now.
+  // The configurations on the front and their order depend on the measured cost of a tick.
   const std::vector<Outcome>& front = report_->front;
   auto middle = front.begin() + static_cast<std::ptrdiff_t>(front.size() / 2);
   while (middle != front.begin() && middle->margin < 2) --middle;
@@ -116,14 +116,14 @@ TEST_P(MeasuredTrade, ChoosesTheCheapestThatKeepsTheBudget) {
   ASSERT_TRUE(choice);
   EXPECT_TRUE(choice->kept);
   EXPECT_TRUE(budget.kept(choice->outcome));
-  Budget all = budget;  // with what every choice keeps
+  Budget all = budget;  // with the bounds that every choice keeps
   all.bounds.push_back({Measure::margin, kLeastMargin});
   all.bounds.push_back({Measure::ripple, value_of(report_->plain.value(), Measure::ripple)});
   for (const Outcome& cheaper : report_->front)
     if (cheaper.load() < choice->outcome.load()) {
       EXPECT_FALSE(all.kept(cheaper));
     }
-  // The bound that is named is the one of which the choice itself uses the most.
+  // The named bound is the one that the choice uses most.
   EXPECT_EQ(choice->binding, to_string(*all.tightest(choice->outcome)->bound));
   EXPECT_EQ(choice->binding_ratio, all.tightest(choice->outcome)->ratio);
   EXPECT_LE(choice->binding_ratio, 1);
@@ -203,7 +203,7 @@ TEST_P(MeasuredTrade, HasAFrontOfWhatWasTriedOftenEnough) {
 TEST_P(MeasuredTrade, NamesTheBoundOfWhichTheChoiceUsesMost) {
   TradeReport report = *report_;
   report.front.resize(2);
-  report.front[0].margin = 1.2;  // the margin rules out what is cheaper
+  report.front[0].margin = 1.2;  // the margin rules out the cheaper outcome
   report.front[0].error = {.mean = 0.5e-3};
   report.front[1].margin = 4;
   report.front[1].error = {.mean = 0.9e-3};
@@ -237,7 +237,7 @@ TEST_P(MeasuredTrade, StoresAsQuicklyAsABoundOnBytesAllows) {
   const auto loose = choose(report, parse_budget("bytes<=500MB/h"));
   ASSERT_TRUE(loose && loose->storage);
   EXPECT_EQ(loose->storage->name, "plain");
-  const auto tight = choose(report, parse_budget("bytes<=40MB/h"));  // 1000 Hz: at most the sixth; 250 Hz: the third
+  const auto tight = choose(report, parse_budget("bytes<=40MB/h"));  // 250 Hz: the third level; 1000 Hz: no level
   ASSERT_TRUE(tight && tight->storage);
   EXPECT_TRUE(tight->kept);
   EXPECT_EQ(tight->storage->name, storage_levels()[2].name);
@@ -284,13 +284,13 @@ TEST(Trade, ExplainsWhatEachTermIsGoodFor) {
     EXPECT_GT(price.error_change, 0);
     EXPECT_GT(price.instructions, 0);
   }
-  // What is far below the budget can be dropped; nothing can where it is kept by a hair.
+  // With a loose budget a term can be dropped; with a strict one none can.
   EXPECT_TRUE(std::any_of(explanation.terms.begin(), explanation.terms.end(),
                           [](const TermPrice& p) { return p.term == "inertia" && p.dispensable; }));
   const Explanation strict =
       explain(bench, full_configuration(), parse_budget("error<=1um"), small_options(false, 1), StopRequest{});
   for (const TermPrice& price : strict.terms) {
-    if (price.term == "gravity") continue;  // along this circle a constant, which the observer takes as well
+    if (price.term == "gravity") continue;  // constant along this circle, so the observer compensates for it too
     EXPECT_FALSE(price.dispensable) << price.term;
   }
 }

@@ -30,7 +30,7 @@ TEST(InstructionCount, CountsALoopToSomeTens) {
   if (counted.empty()) GTEST_SKIP() << "neither a counter nor single steps are allowed here";
   ASSERT_EQ(counted.size(), 3U);
   EXPECT_LT(counted[0], 2000U);
-  // As many for every time round.
+  // Every iteration of the loop takes the same number of instructions.
   const double one = static_cast<double>(counted[2] - counted[1]) / 2000;
   EXPECT_GE(one, 3);
   EXPECT_LE(one, 20);
@@ -83,7 +83,7 @@ TEST(Workbench, GivesWhatPlayTells) {
   EXPECT_EQ(outcome.rms_error.mean, played.last.rms_error);
   EXPECT_EQ(outcome.peak_error.mean, played.last.peak_error);
   EXPECT_EQ(outcome.ripple.mean, played.last.force_ripple);
-  // Of a path without noise the reference is the path.
+  // Without noise in the path, the reference equals the path.
   EXPECT_NEAR(outcome.error.mean, played.last.rms_error, 1e-9);
 }
 
@@ -96,7 +96,7 @@ TEST(Workbench, WidensIntervalsByWhatAModelMayMissAndKnowsNoneOfOneRun) {
   ASSERT_TRUE(unsure.ran());
   EXPECT_EQ(unsure.error.mean, sure.error.mean);
   EXPECT_DOUBLE_EQ(unsure.error.half_width, std::hypot(sure.error.half_width, 0.3 * sure.error.mean));
-  // Where every run is the same, the model's error is all there is.
+  // If every run is the same, only the model's error remains.
   place.varies = false;
   const Outcome one = Workbench(place).judge(full_configuration(), 1);
   EXPECT_DOUBLE_EQ(one.error.half_width, 0.3 * one.error.mean);
@@ -151,7 +151,7 @@ TEST(Workbench, ChargesATermWhatItCostsAndNothingForWhatIsOff) {
   const Configuration plain;
   const double base = bench.count_ticks(plain);
   if (!std::isfinite(base)) GTEST_SKIP() << "instructions cannot be counted here";
-  EXPECT_NEAR(bench.count_ticks(plain), base, 0.02 * base);  // reading a clock again takes 1.4 %
+  EXPECT_NEAR(bench.count_ticks(plain), base, 0.02 * base);  // another clock reading takes 1.4 %
   const auto with = [&](bool Compensations::*member) {
     Configuration configuration;
     configuration.with.*member = true;
@@ -160,8 +160,8 @@ TEST(Workbench, ChargesATermWhatItCostsAndNothingForWhatIsOff) {
   const double inertia = with(&Compensations::inertia), observer = with(&Compensations::observer);
   EXPECT_GT(inertia, 20);
   EXPECT_GT(observer, inertia);
-  // Terms add up: what is not there costs nothing in the others' company. The guard against vibration takes a quarter
-  // more for a force that is noisy, which these make it by themselves.
+  // The costs of the terms add up; an absent term costs nothing. The vibration monitor takes a quarter more for a noisy
+  // force, and either of these terms makes the force noisy.
   Configuration both;
   both.with.inertia = both.with.observer = true;
   EXPECT_NEAR(bench.count_ticks(both), base + inertia + observer, 0.05 * base);
@@ -209,7 +209,7 @@ TEST(SideTrades, HoldASceneAgainstItselfInContinuousTimeWithItsDamping) {
     ADD_FAILURE() << name;
     return kNaN;
   };
-  // Half a tick of 0.1 m/s is 0.04 N of the spring: the damper's 0.3 N are in the truth as well.
+  // Half a tick at 0.1 m/s is 0.04 N of the spring; the true force includes the damper's 0.3 N as well.
   EXPECT_LT(error_of_level("as it is"), 0.04);
   EXPECT_LT(error_of_level("floor.lead 0.5"), 0.2 * error_of_level("floor.lead 0 "));
   EXPECT_LT(error_of_level("at 100 Hz, model"), error_of_level("at 100 Hz, hold"));
