@@ -1,5 +1,5 @@
-// A controller of your own in thirty lines: a spring to the centre that grows stiffer with every push of a button,
-// recorded. Everything that makes a session safe (limits, fades, zero force on every way out) is the loop's.
+// Example of a custom controller: a spring to the centre that stiffens with every button press. The program records the
+// session. The loop keeps it safe: it applies the limits, the fades and zero force on every exit.
 //   sample_spring out.h5 [DEVICE]
 #include "haptrace.h"
 

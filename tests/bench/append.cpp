@@ -1,11 +1,11 @@
-// haptrace_append MODE FILE ROWS [reader]: writes ROWS rows of a movement in blocks of 100 and prints as JSON what that
-// cost. MODE is
-//   none      nothing but making the rows
-//   raw       write(2) of the same bytes
+// haptrace_append MODE FILE ROWS [reader]: writes ROWS rows of a movement in blocks of 100 and prints the cost as JSON.
+// MODE is
+//   none      only generate the rows
+//   raw       write(2) of as many bytes
 //   timed     a recording, flushed every 0.1 s of the wall clock
 //   each      a recording, flushed after every block
-//   packed    deflate, in chunks of 100 rows as they are written at 1 kHz
-//   rounded   scale-offset to 1 um, 1 mN, 1 mm/s as well
+//   packed    like timed, with deflate, in chunks of 100 rows as at 1 kHz
+//   rounded   like packed, with scale-offset to 1 um, 1 mN, 1 mm/s
 // With `reader`, another process follows the recording 10 times a second.
 #include "base/error.h"
 #include "formats/recording/recording.h"
@@ -32,7 +32,7 @@ namespace {
 
 constexpr std::size_t kBlock = 100;
 
-/// A hand's movement on the counts of an encoder, 10 s of it.
+/// Returns 10 s of a hand's movement, rounded to encoder counts.
 std::vector<Sample> movement() {
   std::vector<Sample> samples(100 * kBlock);
   Vec3 velocity = Vec3::Zero();
@@ -66,7 +66,7 @@ double cpu_seconds() {
   return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
-/// A process that follows `file` from when it is there until it is killed.
+/// Forks a process that reads the newest row of `file` 10 times a second until it is killed.
 pid_t follow(const std::string& file) {
   const pid_t child = fork();
   if (child != 0) return child;
@@ -83,7 +83,7 @@ pid_t follow(const std::string& file) {
   }
 }
 
-/// The bytes of `rows` as they lie in a recording, from memory that is as large.
+/// Writes as many bytes as `rows` rows take in a recording, from a buffer as large as the samples.
 void raw(const std::string& file, std::vector<Sample>& samples, std::uint64_t rows, bool write_them) {
   const int descriptor = open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
   const std::size_t bytes = kBlock * row_bytes({});

@@ -1,4 +1,4 @@
-// What the mechanism and the packets of a Falcon cost a tick.
+// Benchmarks of the Falcon's kinematics and packets per tick.
 #include "devices/falcon/calibration.h"
 
 #include <benchmark/benchmark.h>
@@ -7,7 +7,7 @@
 namespace haptrace {
 namespace {
 
-/// A hand's movement, 0.1 m/s at 1 kHz, in encoder counts.
+/// Returns the encoder counts of a hand's movement: about 0.1 m/s, at 1 kHz.
 std::vector<std::array<std::int16_t, 3>> encoders_of_a_loop(const FalconCalibration& falcon,
                                                             const FalconKinematics& kinematics) {
   std::vector<std::array<std::int16_t, 3>> loop;

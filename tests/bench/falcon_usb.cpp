@@ -1,4 +1,4 @@
-// How long an exchange with a Falcon takes over USB, with an emulated chip at the other end (tests/bench/falcon_usb).
+// Duration of an exchange with a Falcon over USB, with an emulated chip at the other end (tests/bench/falcon_usb).
 #include "devices/falcon/driver.h"
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"
@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kRate = 1000;  // [Hz]
 
-/// Passes on, and notes how long rounds last [s].
+/// Forwards to a driver and records the duration of its rounds [s].
 class RoundWatch final : public DeviceDriver {
  public:
   RoundWatch(std::unique_ptr<DeviceDriver> driver, std::vector<double>& rounds)
@@ -35,7 +35,7 @@ class RoundWatch final : public DeviceDriver {
   std::vector<double>& rounds_;
 };
 
-/// Passes on, and notes how old the states are [s].
+/// Forwards to a device and records the age of its states [s].
 class AgeWatch final : public Device {
  public:
   AgeWatch(Device& device, std::size_t ticks) : device_(device) { ages_.reserve(ticks); }
@@ -55,7 +55,7 @@ class AgeWatch final : public Device {
   std::vector<double> ages_;
 };
 
-/// A weak spring to the middle.
+/// A weak spring to the origin.
 class WeakSpring final : public Controller {
  public:
   explicit WeakSpring(std::uint64_t ticks) : ticks_(ticks) {}

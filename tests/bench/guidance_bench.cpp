@@ -1,4 +1,4 @@
-// What guidance costs a tick, and that the length of the path has no say in it.
+// Benchmark of guidance per tick, for paths of different lengths: the cost should not depend on the length.
 #include "control/guidance.h"
 #include "control/path/path_projection.h"
 
@@ -8,7 +8,7 @@
 namespace haptrace {
 namespace {
 
-/// Loops in space, so many samples at 1 kHz, 0.1 m/s.
+/// Returns a path of loops in space with `samples` samples at 1 kHz, at 0.1 m/s.
 ArcPath loops(std::int64_t samples) {
   ArcPath::Builder builder(ArcPath::spacing_for(0.1));
   for (std::int64_t i = 0; i < samples; ++i) {

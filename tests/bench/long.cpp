@@ -1,4 +1,5 @@
-// What the length of a recording costs: makes one of 10 hours, once, and measures what opening it takes.
+// Cost of a recording's length: creates a recording of 10 hours unless it exists, and measures how long opening it
+// takes.
 //   haptrace_long FILE.h5 [ROWS]
 #include "devices/registry.h"
 #include "formats/path/path_file.h"
@@ -17,7 +18,7 @@ using namespace haptrace;
 
 constexpr int kRuns = 21;
 
-/// A movement within 60 mm at 1 kHz, with tremor, a force and a reference, as a played session has them.
+/// Writes a movement within 60 mm at 1 kHz, with tremor, a force and a reference, like a recorded playback.
 void make(const std::string& file, std::uint64_t rows) {
   RecordingHeader header;
   header.device_name = "benchmark";
@@ -49,7 +50,7 @@ double status(const std::string& key) {
   return 0;
 }
 
-/// Prints the median time of `action` and by how much it raises the process's memory at its peak.
+/// Prints the median and the longest time of `action`, and the peak increase of the process's memory.
 void measure(const char* name, const std::function<void()>& action) {
   std::vector<double> times;
   std::ofstream("/proc/self/clear_refs") << "5";

@@ -1,4 +1,4 @@
-// The sessions that the benchmarks time.
+// Sessions for the benchmarks.
 #pragma once
 
 #include "control/feedforward.h"
@@ -13,7 +13,7 @@
 
 namespace haptrace::bench {
 
-/// A device that costs nothing, so that what is left is the tick's own cost: it stands where it is.
+/// A device that stands still and costs no time, so that a benchmark measures the cost of the tick alone.
 class Still final : public Device {
  public:
   explicit Still(bool turns = false, const std::array<bool, 3>& axes = {true, true, true}) {
@@ -42,7 +42,7 @@ class Still final : public Device {
   Quat orientation_ = info_.measures_orientation ? Quat(Quat::Identity()) : nan_quat();
 };
 
-/// What a playback is made of, beside the PD law.
+/// Optional parts of a playback, in addition to the PD law.
 struct Made {
   bool observer = false, gravity = false, friction = false, inertia = false, learned = false, guard = false;
   bool orientation = false, tuning = false;

@@ -1,4 +1,4 @@
-// What a tick costs, what the simulated device costs, what recording adds.
+// Benchmarks of a tick, of the simulated device and of recording.
 #include "devices/registry.h"
 #include "recorder/recorder.h"
 #include "tests/bench/session.h"
@@ -15,8 +15,8 @@ std::string scratch_file() {
   return (std::filesystem::temp_directory_path() / fmt::format("haptrace-bench-{}.h5", getpid())).string();
 }
 
-/// The tick (device exchange, velocity, control, limits, push) as the loop itself measures it, on a device that costs
-/// nothing. Reports the median and the 99th percentile over a session of 60 s.
+/// Reports the time of a tick (device exchange, velocity, control, limits, push) as the loop measures it, on a device
+/// that costs no time: the median and the 99th percentile over a session of 60 s.
 void tick(benchmark::State& state, bool recording, const Made& made = {}) {
   Still device;
   const std::string file = scratch_file();
@@ -39,7 +39,7 @@ BENCHMARK_CAPTURE(tick, every_compensation_and_recording, true, Made::every_comp
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 
-/// One exchange of 1 ms with a simulated device. times_real_time counts the exchange alone.
+/// Times one exchange of 1 ms with a simulated device. times_real_time counts the exchange alone.
 void exchange(benchmark::State& state, const char* spec) {
   const auto device = open_device(spec);
   DeviceState answer;
@@ -57,7 +57,7 @@ BENCHMARK_CAPTURE(exchange, ideal_mass, "sim:preset=ideal");
 BENCHMARK_CAPTURE(exchange, falcon, "sim:preset=falcon");
 BENCHMARK_CAPTURE(exchange, falcon_held, "sim:preset=falcon,hand=relaxed");
 
-/// A playback of 60 s on the simulated Falcon with its hand, in virtual time, whole sessions.
+/// Times whole sessions: a playback of 60 s on the simulated Falcon with a hand, in virtual time.
 void session(benchmark::State& state, bool recording) {
   const std::string file = scratch_file();
   double simulated = 0;

@@ -1,10 +1,10 @@
-// haptrace_ticks N [part...]: one session of N ticks on a device that costs nothing, made of the named parts. Under
-// callgrind the difference between two sessions divided by the difference of their ticks is what one tick costs.
+// haptrace_ticks N [part...]: runs one session of N ticks with the named parts, on a device that costs no time. Under
+// callgrind, the cost of one tick is the difference between two sessions divided by the difference of their ticks.
 //
-// Sessions: none of them (a free hand), playback, guidance, noise (a force of noise in three axes). Parts of every
-// session: metrics, record, velocity=ESTIMATOR, torque, plane (no motor in z). Of a playback: gravity, friction,
-// inertia, learned, observer, guard, tuning, orientation, interpolation=NAME. Of guidance: wall-damping, expert-force,
-// pace-help, viscosity, resistance, amplification. Of every session: watch (for a vibrating force).
+// Sessions: playback, guidance, noise (a random force in three axes); without any of them, a free hand. Parts of every
+// session: metrics, record, velocity=ESTIMATOR, torque, plane (no motor in z), watch (for a vibrating force). Parts of
+// a playback: gravity, friction, inertia, learned, observer, guard, tuning, orientation, interpolation=NAME. Parts of
+// guidance: wall-damping, expert-force, pace-help, viscosity, resistance, amplification.
 #include "control/guidance.h"
 #include "player/guidance/guidance_controller.h"
 #include "recorder/recorder.h"
@@ -27,7 +27,7 @@ class Parts {
   [[nodiscard]] bool has(const std::string& part) const {
     return std::find(words_.begin(), words_.end(), part) != words_.end();
   }
-  /// What follows `key`=.
+  /// Returns the text after `key`=, or `otherwise`.
   [[nodiscard]] std::string value(const std::string& key, const std::string& otherwise) const {
     for (const std::string& word : words_)
       if (word.starts_with(key + "=")) return word.substr(key.size() + 1);
@@ -38,7 +38,7 @@ class Parts {
   std::vector<std::string> words_;
 };
 
-/// Ends what another controller does after so many seconds.
+/// Runs another controller and finishes after `seconds`.
 struct Until final : Controller {
   Until(Controller& inner_, double seconds) : inner(inner_), end(seconds) {}
   void start(const State& first) noexcept override { inner.start(first); }
@@ -51,7 +51,7 @@ struct Until final : Controller {
   double end;
 };
 
-/// A force of noise, just below what is an alarm: many half cycles for what watches it.
+/// A random force just below the alarm's threshold, which gives the vibration monitor many half cycles.
 struct Noise final : Controller {
   Command update(const State&) noexcept override {
     Command command;
@@ -64,7 +64,7 @@ struct Noise final : Controller {
   std::uint32_t random = 1;
 };
 
-/// Along a circle in whose tunnel's wall the tool stands.
+/// Returns guidance along a circle; the tool stands in the wall of its tunnel.
 GuidanceController guided(const Parts& parts) {
   ArcPath::Builder builder(ArcPath::spacing_for(0.02));
   for (int i = 0; i < 4000; ++i) {
@@ -96,7 +96,7 @@ std::uint64_t run(double seconds, const Parts& parts) {
   if (parts.has("metrics")) sinks.push_back(&metrics);
   if (parts.has("record")) sinks.push_back(&recorder.emplace(file, RecordingHeader{}, RecordingColumns{}));
 
-  // A path of a thousand seconds whatever N is, so that its making costs the same in every run.
+  // The path lasts 1000 s for every N, so that its construction costs the same in every run.
   std::optional<PlaybackController> following;
   std::optional<GuidanceController> guidance;
   PassiveController passive;

@@ -1,10 +1,10 @@
-// What ForceGuard finds, misses, and takes for a vibration by mistake: random plants, hands and laws on one axis.
-//   haptrace_vibration [DRAWS] [HOURS] [SEED]        default 4000 draws, 2 hours, seed 1; none of one with 0
-//   VERBOSE=1: every case that was missed or did not become calm, and every false alarm, with its setting
+// Detection rate, misses and false alarms of ForceGuard, with random plants, hands and laws on one axis.
+//   haptrace_vibration [DRAWS] [HOURS] [SEED]        default 4000 draws, 2 hours, seed 1; 0 skips that part
+//   VERBOSE=1: print every case that was missed or did not become calm, and every false alarm, with its setting
 //
-// Truth: all inputs (hand, tremor, path) are frozen where they are; an oscillation is real if it still stands 1.3 s
-// later with more than half of the ripple that it had. A case is one that stands with more than F/4 rms. Time counts
-// from when the ripple of 50 ms passes F/4. See docs/monitor.md.
+// Ground truth: all inputs (hand, tremor, path) are frozen. An oscillation is real if, 1.3 s later, it persists with
+// more than half of its ripple. A case is an oscillation that persists with more than F/4 rms. Its onset is when the
+// ripple, averaged over 50 ms, passes F/4. See docs/monitor.md.
 #include "control/filters.h"
 #include "control/force_guard.h"
 
@@ -33,12 +33,12 @@ struct Draw {
   std::mt19937_64 random;
 };
 
-/// One plant, one hand, one law.
+/// Parameters of one plant, one hand and one law.
 struct Setting {
   double rate = 1000, force = 8;                                // [Hz], [N]
   double mass = 0.3, viscous = 1, coulomb = 0.2, count = 3e-5;  // [kg], [N s/m], [N], [m]
   double delay = 1e-3, lag = 5e-4;                              // [s]
-  double velocity_hz = 100;                                     // of the velocity's low pass
+  double velocity_hz = 100;                                     // cut-off of the velocity's low-pass filter
   double resonance = 0;                                         // [Hz]; 0: none
   double hand_mass = 0, grip = 0, grip_damping = 0;             // [kg], [N/m], [N s/m]
   Law law = Law::pd;
@@ -47,12 +47,12 @@ struct Setting {
   double tremor = 0, tremor_hz = 8;     // [N], [Hz]
   double texture = 0, texture_hz = 80;  // [N], declared
 
-  /// From the position to the force [s].
+  /// Returns the delay from position to force [s].
   [[nodiscard]] double late() const { return 0.5 / rate + delay + lag + 0.23 / velocity_hz; }
 
-  /// Stiffness through the delay is negative damping. True when what is left, without Coulomb friction, is below a
-  /// tenth of critical damping, or when one encoder count moves the force by more than about F/4: a knock makes such a
-  /// loop ring, and a calibration does not choose its gains.
+  /// Returns whether a knock makes the loop ring; a calibration does not choose such gains. Stiffness with delay acts
+  /// as negative damping. The loop rings if the remaining damping, without Coulomb friction, is below a tenth of
+  /// critical, or if one encoder count changes the force by more than about F/4.
   [[nodiscard]] bool rings() const {
     const double moved = mass + hand_mass, damping = kd + viscous + grip_damping - kp * late();
     return damping < 0.1 * 2 * std::sqrt(kp * moved) || kd * count * 2 * pi * velocity_hz > 0.25 * force;
@@ -92,7 +92,7 @@ Setting draw_setting(Draw& draw, double least_factor, double most_factor, double
     s.grip = 20 * std::pow(60, firm);
     s.grip_damping = 0.5 + 10 * firm;
   }
-  if (draw(0, 1) < 0.25) {  // a fast device, whose loop is unstable at high frequencies
+  if (draw(0, 1) < 0.25) {  // a fast device: its loop is unstable at high frequencies
     s.velocity_hz = std::min(500.0, 0.3 * s.rate);
     s.delay *= 0.1;
     s.lag = std::min(s.lag, 3e-4);
@@ -111,7 +111,7 @@ Setting draw_setting(Draw& draw, double least_factor, double most_factor, double
   return s;
 }
 
-/// The simulated world; a copy of it goes on from where it was.
+/// The simulated loop: device, hand, law and guard. A copy continues from the same state.
 class World {
  public:
   World(const Setting& s, bool softens)
@@ -158,7 +158,7 @@ class World {
   [[nodiscard]] double time() const { return static_cast<double>(ticks_) / s_.rate; }
 
  private:
-  /// It starts from rest, as the approach of a session does.
+  /// Returns the position of the path [m]. It starts from rest, like the approach of a session.
   [[nodiscard]] double path() const {
     const double u = std::min(1.0, time_);
     return u * u * (3 - 2 * u) * 0.03 * std::sin(2 * pi * 0.3 * time_);
@@ -169,7 +169,7 @@ class World {
     return s_.activity == Activity::steps ? along + (std::fmod(time_, 1) < 0.5 ? 0.004 : 0) : along;
   }
 
-  /// Where the hand wants to be.
+  /// Returns the hand's target position [m].
   [[nodiscard]] double aim() const {
     const double base = s_.law == Law::wall ? (time_ > 0.5 ? -0.004 : 0.01) : path();
     switch (s_.activity) {
@@ -189,20 +189,20 @@ class World {
     at_ = (at_ + 1) % delayed_.size();
     actuated_ += step_ / s_.lag * (delayed_[at_] - actuated_);
     double pushed = actuated_;
-    if (s_.resonance > 0) {  // a lightly damped mode of a tenth of the mass beside the rigid body
+    if (s_.resonance > 0) {  // a lightly damped mode with a tenth of the mass, in parallel to the rigid body
       const double w = 2 * pi * s_.resonance;
       mode_v_ += step_ * (actuated_ / (0.3 * s_.mass) * 0.1 - 2 * 0.03 * w * mode_v_ - w * w * mode_);
       mode_ += step_ * mode_v_;
     }
     const bool held = s_.grip > 0 && !(s_.activity == Activity::letting_go && std::fmod(time_, 3) > 1.5);
     if (held) pushed += s_.grip * (aim() - body_) - s_.grip_damping * v_;
-    if (s_.grip == 0 && s_.law == Law::wall) pushed -= 1;  // its weight
+    if (s_.grip == 0 && s_.law == Law::wall) pushed -= 1;  // the device's weight
     pushed += s_.tremor * (s_.activity == Activity::tremor && held ? std::sin(2 * pi * s_.tremor_hz * time_) : 0);
     if (s_.activity == Activity::knocks && std::fmod(time_, 1) < 0.01) pushed += 6;
     pushed -= s_.viscous * v_ + s_.coulomb * std::tanh(v_ / 1e-3);
     v_ += step_ * pushed / (s_.mass + (held ? s_.hand_mass : 0));
     body_ += step_ * v_;
-    // The ends of the workspace.
+    // Ends of the workspace.
     if (std::abs(body_) > 0.1) {
       body_ = std::copysign(0.1, body_);
       v_ = 0;
@@ -218,7 +218,7 @@ class World {
   Butterworth2 velocity_, high_;
   ForceGuard guard_;
   bool softens_;
-  double time_ = 0;  // of the inputs [s]
+  double time_ = 0;  // time of the inputs [s]
   long ticks_ = 0, ended_at_ = 1L << 40;
   double x_ = 0, body_ = 0, v_ = 0, mode_ = 0, mode_v_ = 0, last_ = 0;
   double force_ = 0, actuated_ = 0, energy_ = 0, band_ = 0;
@@ -226,9 +226,9 @@ class World {
   std::optional<Event> event_;
 };
 
-/// An oscillation that stands by itself.
+/// A self-sustained oscillation.
 struct Oscillation {
-  double frequency = 0;  // [Hz]; 0: there is none
+  double frequency = 0;  // [Hz]; 0: no oscillation
   double rms = 0;        // [N]
 };
 
@@ -243,7 +243,7 @@ Oscillation standing(World world, const Setting& s) {
     sum += world.band() * world.band();
   }
   if (world.ripple() <= 0.5 * ripple) return {};
-  return {.frequency = static_cast<double>(world.crossings() - before),  // two in 0.5 s: 2 Hz
+  return {.frequency = static_cast<double>(world.crossings() - before),  // 2 crossings in 0.5 s are 2 Hz
           .rms = std::sqrt(sum / static_cast<double>(count))};
 }
 
@@ -271,10 +271,10 @@ Band* band_of(std::vector<Band>& bands, double x) {
 
 struct Detection {
   std::vector<Band> bands{{3, 5}, {5, 15}, {15, 30}, {30, 60}, {60, 120}, {120, 5000}};
-  std::vector<Band> rates{{250, 251}, {500, 501}, {1000, 1001}, {2000, 10001}};  // of those above 15 Hz
+  std::vector<Band> rates{{250, 251}, {500, 501}, {1000, 1001}, {2000, 10001}};  // servo rates; cases from 15 Hz
   std::vector<Band> weaker{{3, 5}, {5, 15}, {15, 120}, {120, 5000}};             // F/8 to F/4, passed F/4 once
   std::vector<double> delays;
-  int swaying = 0, softened = 0, ended = 0;  // 5 to 15 Hz; softened within 1 s, by a hint or an alarm; ended at all
+  int swaying = 0, softened = 0, ended = 0;  // from 5 to 15 Hz: all; softened within 1 s by a hint or an alarm; ended
 
   void run(const Setting& s) {
     World open(s, false);
@@ -322,7 +322,7 @@ struct Detection {
     band.calm += alarm >= 0 && calm;
   }
 
-  /// Lets the guard act. Returns whether the loop is calm or its session ended 1 s after the first fast alarm.
+  /// Lets the guard act. Returns whether, 1 s after the first fast alarm, the loop is calm or its session has ended.
   bool react(const Setting& s, double onset, double alarm, double frequency) {
     World world(s, true);
     double first = -1, softer = -1;
@@ -341,7 +341,7 @@ struct Detection {
   }
 };
 
-/// What the guard does to loops that do not oscillate.
+/// Counts the guard's reactions to loops that do not oscillate.
 struct Silence {
   double hours = 0;
   int alarms = 0, softened = 0, ends = 0, hints = 0, unstable = 0;
@@ -386,7 +386,7 @@ struct Silence {
         hints, 100 * hinted / hours);
   }
 
-  /// Upper 95 % bound of a Poisson mean (one sided), by bisection.
+  /// Returns the one-sided upper 95 % bound of a Poisson mean, by bisection.
   static double bound(int count) {
     double low = count, high = count + 10 + 4 * std::sqrt(count);
     for (int i = 0; i < 60; ++i) {

@@ -27,7 +27,7 @@ TEST(Calibrate, WritesAProfileThatIsFoundByTheDeviceAndARecordingOfTheSession) {
   EXPECT_EQ(std::filesystem::path(json["profile_file"].get<std::string>()).parent_path(), folder / "profiles");
   EXPECT_TRUE(RecordingReader(folder / "c.h5").header().complete);
 
-  // The same device again: its profile is replaced, bit by bit the same but for the time.
+  // Calibrating the same device again replaces its profile; only the time differs.
   const Answer again = calibrate_into(folder, {"--device", kFalcon});
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_THAT(again.out, AllOf(HasSubstr("mass"), HasSubstr("friction"), HasSubstr("delay"), HasSubstr("gains"),

@@ -1,4 +1,4 @@
-// From calibration to learned playback, as its user runs it.
+// Tests from calibration to learned playback, through the command.
 #include "tests/cli/command.h"
 
 #include <chrono>
@@ -14,7 +14,7 @@ using testing::ElementsAre;
 
 const std::string kFalcon = "sim:preset=falcon,hand=relaxed,seed=2";
 
-/// A path, and a falcon that was calibrated.
+/// Provides a path and a calibrated Falcon.
 class CalibratedPlay : public testing::Test {
  protected:
   void SetUp() override {

@@ -1,4 +1,4 @@
-// Recording the way experimenters work: triggers, trials, marks, metadata, parts, and what is left of a killed session.
+// Tests of recording in experiments: triggers, trials, marks, metadata, parts, and the recording of a killed session.
 #include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 #include "tests/cli/live_recording.h"

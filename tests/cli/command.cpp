@@ -44,7 +44,7 @@ Command::Command(const std::vector<std::string>& arguments, Input input, const s
     std::vector<char*> argv{const_cast<char*>(program.c_str())};
     for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
     argv.push_back(nullptr);
-    // Not the profiles of whoever runs the tests.
+    // Keep the user's own profiles out of the tests.
     setenv("HAPTRACE_PROFILES", "/nonexistent/haptrace/profiles", 1);
     for (const std::string& variable : environment) putenv(const_cast<char*>(variable.c_str()));
     execv(program.c_str(), argv.data());

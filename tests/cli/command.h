@@ -1,4 +1,4 @@
-// Runs the haptrace command as a person would, and keeps what it answered.
+// Runs the haptrace command as a user does, and keeps its output.
 #pragma once
 
 #include "tests/support/temp_folder.h"
@@ -14,23 +14,23 @@
 namespace haptrace::test {
 
 struct Answer {
-  int exit_code = -1;  ///< or minus the signal that ended it
+  int exit_code = -1;  ///< or the negated number of the signal that ended it
   std::string out, err;
 
-  /// Standard output as JSON; fails the test when it is none.
+  /// Returns standard output parsed as JSON; fails the test if it is not JSON.
   [[nodiscard]] nlohmann::json json() const;
 };
 
-/// A command that runs; signals may be sent to it, and text typed.
+/// A running command. A test can send it signals and type text into it.
 class Command {
  public:
   enum class Input {
-    none,  ///< whatever the test has
+    none,  ///< standard input of the test
     pipe,
-    terminal,  ///< of which standard error is a part as well
+    terminal,  ///< a terminal for standard input and standard error
   };
 
-  /// `environment`: further variables, NAME=VALUE. `program`: haptrace itself, or another.
+  /// Starts `program`. `environment`: additional variables, NAME=VALUE.
   explicit Command(const std::vector<std::string>& arguments, Input input = Input::none,
                    const std::vector<std::string>& environment = {}, const std::string& program = HAPTRACE_COMMAND);
   ~Command();
@@ -39,13 +39,13 @@ class Command {
   [[nodiscard]] pid_t pid() const { return pid_; }
   void type(const std::string& text) const;
 
-  /// Its terminal is gone, as when a person closes the window.
+  /// Closes its terminal, as if the user closed the window.
   void hang_up();
 
-  /// Waits until it has said `part` on standard error; false when it ended without.
+  /// Waits until it has printed `part` on standard error; returns false if it ended before.
   bool says(std::string_view part);
 
-  /// The word that followed `part` in what it has said so far.
+  /// Returns the word after `part` in its standard error so far.
   [[nodiscard]] std::string word_after(std::string_view part) const;
 
   Answer wait();
@@ -56,7 +56,7 @@ class Command {
   std::string said_;
 };
 
-/// Runs to the end: haptrace("info", "a.h5", "--json").
+/// Runs the command to its end: haptrace("info", "a.h5", "--json").
 template <class... Words>
 Answer haptrace(const Words&... words) {
   return Command({std::string(words)...}).wait();
@@ -66,7 +66,7 @@ Answer haptrace(const Words&... words) {
 
 namespace haptrace {
 
-// What the tests of every verb say.
+// Names that the tests of every verb use.
 using test::Answer;
 using test::Command;
 using test::haptrace;

@@ -18,7 +18,7 @@ std::string square(const TempFolder& folder) {
   return file;
 }
 
-/// A recording made by any session: it opens, is whole, and its last force is zero.
+/// Expects a valid recording of any session: it opens, is complete, and its last force is zero.
 void expect_sound(const std::string& file) {
   const RecordingReader reader(file);
   ASSERT_GT(reader.rows(), 0U);
@@ -382,7 +382,7 @@ TEST(ALostDevice, IsOpenedAgainByThePlugInsOwnOpenAsOftenAsItIsLost) {
   ASSERT_EQ(answer.exit_code, 0) << answer.err << answer.out;
   EXPECT_GE(answer.json()["returns"], 2) << "a new one is lost after 900 ticks again";
   EXPECT_EQ(haptrace("check", folder / "out.h5").exit_code, 0);
-  // Wherever the new device stands, forces begin at zero and grow in small steps.
+  // Forces start at zero and grow in small steps, wherever the new device stands.
   const RecordingReader reader(folder / "out.h5");
   const auto rows = reader.read(0, reader.rows());
   for (std::size_t i = 1; i < rows.size(); ++i) {

@@ -11,7 +11,7 @@ namespace {
 
 using test::read_bytes;
 
-/// A log as a slow logger leaves it: 1, 2, 1, 2, 1, 1, 2 ms, a force sensor of 250 Hz.
+/// Writes a log like a slow logger's: samples after 1, 2, 1, 2, 1, 1, 2 ms, with a force sensor at 250 Hz.
 std::string log_of(const TempFolder& folder, std::size_t rows = 2000) {
   std::string text = "t,x,y,z,fx,fy,fz\n";
   const int steps[] = {1, 2, 1, 2, 1, 1, 2};
@@ -129,7 +129,7 @@ TEST(ConvertCommand, LeavesNothingBehindWhenItIsInterrupted) {
   const std::string log = log_of(folder, 400'000);
   const std::string precious = folder.write("out.csv", "precious");
   Command command({"convert", log, "-o", precious, "--overwrite"});
-  // Once the new file has begun to grow beside the old one.
+  // Wait until the new file grows beside the old one.
   const auto files = [&] { return std::distance(std::filesystem::directory_iterator(folder.path()), {}); };
   while (files() < 3) std::this_thread::yield();
   kill(command.pid(), SIGINT);

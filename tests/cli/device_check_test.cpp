@@ -62,7 +62,7 @@ TEST(DeviceCheck, RefusesWhatItCannotTest) {
   EXPECT_THAT(haptrace("devices", "--test", kMass, "--max-force", "0").err, HasSubstr("--max-force"));
 }
 
-/// The commands of docs/plugins.md.
+/// Runs the commands of docs/plugins.md.
 TEST(DeviceCheck, TheTutorialsDeviceIsTestedRecordedAndPlayed) {
   const TempFolder folder;
   const std::string slide = "plugin:path=" SLIDE_PLUGIN, mine = folder / "mine.h5", played = folder / "played.h5";

@@ -36,7 +36,7 @@ DeviceBackend backend(const char* name, std::vector<FoundDevice> (*find)()) {
   return {.name = name, .summary = "", .options = {}, .presets = {}, .open = nullptr, .find = find};
 }
 
-/// A machine with one USB device: a WoodenHaptics, or what has the same ids.
+/// A machine with one USB device: a WoodenHaptics, or a board with the same ids.
 class Machine {
  public:
   Machine() {

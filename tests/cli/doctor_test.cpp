@@ -8,7 +8,7 @@ namespace {
 
 using testing::IsEmpty;
 
-/// Makes a folder the only place where commands are found.
+/// Sets PATH to one folder, and restores it at the end.
 class OnlyPath {
  public:
   explicit OnlyPath(const std::string& folder) : before_(getenv("PATH")) { setenv("PATH", folder.c_str(), 1); }
@@ -18,7 +18,7 @@ class OnlyPath {
   std::string before_;
 };
 
-/// A cyclictest that does nothing but answer.
+/// Writes a fake cyclictest that only runs `script`.
 void put_cyclictest(const TempFolder& folder, const std::string& script) {
   std::filesystem::permissions(folder.write("cyclictest", "#!/bin/sh\n" + script), std::filesystem::perms::owner_all);
 }

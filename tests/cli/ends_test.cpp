@@ -1,4 +1,4 @@
-// Sessions that cannot end by themselves: plug-ins that hang, crash, exit or throw, on the real command.
+// Tests of sessions that cannot end by themselves: plug-ins that hang, crash, exit or throw, with the real command.
 #include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 #include "tests/support/real_time.h"
@@ -103,7 +103,7 @@ TEST(DeadlyPlugins, AreNotMistakenForAProcessThatWasStopped) {
   test::Command command({"record", file, "--device", deadly("none"), "--no-realtime", "--json"});
   for (int k = 0; k < 6000 && !std::filesystem::exists(file); ++k)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  // Stopped wherever it is, in a tick or between two, for longer than the watchdog's patience.
+  // Stop the process anywhere, in a tick or between two, for longer than the watchdog's time-out.
   for (int times = 0; times < 3; ++times) {
     kill(command.pid(), SIGSTOP);
     std::this_thread::sleep_for(std::chrono::milliseconds(800));
@@ -132,7 +132,7 @@ TEST(Terminals, ThatStandStillKeepNoSessionFromItsEnd) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   EXPECT_TRUE(ended);
-  command.type("\x11");  // or it would be waited for, for ever
+  command.type("\x11");  // Ctrl+Q; without it, wait() would never return
   EXPECT_EQ(command.wait().exit_code, 130);
 }
 

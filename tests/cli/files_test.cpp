@@ -1,4 +1,4 @@
-// Files that a slip of the hand would cost, and files that verbs make: none is lost unsaid, all are valid.
+// Tests of files: no verb replaces or loses a file without a message, and all files that the verbs write are valid.
 #include "base/output_file.h"
 #include "formats/recording/recording.h"
 #include "tests/cli/command.h"
@@ -110,7 +110,7 @@ TEST(TheCommand, RemovesWhatAKilledConversionLeftAndNothingElse) {
   {
     Command killed({"convert", file, "-o", converted});
     for (int i = 0; i < 60000 && unfinished().empty(); ++i) usleep(1000);
-    // One that lives keeps its file.
+    // A running process keeps its unfinished file.
     EXPECT_TRUE(remove_leftovers(converted).empty());
     EXPECT_FALSE(unfinished().empty());
     kill(killed.pid(), SIGKILL);
@@ -138,7 +138,7 @@ TEST(TheCommand, SaysThatAFullStandardOutputLostItsResults) {
   const Answer answer = full.wait();
   EXPECT_EQ(answer.exit_code, 2);
   EXPECT_THAT(answer.err, HasSubstr("could not be written to standard output"));
-  // A reader that has seen enough loses nothing.
+  // A reader that closes the pipe early causes no error.
   Command pipe({"-c", words + " | true"}, Command::Input::none, {}, "/bin/sh");
   EXPECT_THAT(pipe.wait().err, Not(HasSubstr("standard output")));
 }
@@ -214,7 +214,7 @@ TEST(TheCommand, MakesOnlyFilesThatPassCheckWithoutAFinding) {
     const Answer answer = haptrace("check", file, "--json");
     EXPECT_EQ(answer.exit_code, 0) << answer.out;
     EXPECT_TRUE(answer.json()["findings"].empty()) << answer.out;
-    // Nor does info suspect anything of what was made here.
+    // Info does not warn about these files either.
     for (const char* alarm : {"steps", "stuck", "constant", "repeat"})
       EXPECT_THAT(haptrace("info", file).err, Not(HasSubstr(alarm))) << file;
   }

@@ -6,7 +6,7 @@
 namespace haptrace {
 namespace {
 
-/// A circle that was drawn on a held device: an expert's recording, with forces.
+/// Writes an expert's recording with forces: a circle played on a device that a hand holds.
 std::string expert(const TempFolder& folder) {
   const std::string path = folder / "circle.csv", file = folder / "expert.h5";
   EXPECT_EQ(haptrace("shape", "circle", "--duration", "2", "-o", path).exit_code, 0);

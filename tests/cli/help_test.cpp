@@ -1,4 +1,4 @@
-// Help pages, and what is made from the same options: completions and manual pages.
+// Tests of help pages, and of the completions and manual pages made from the same options.
 #include "tests/cli/command.h"
 
 #include <filesystem>
@@ -53,7 +53,7 @@ std::string help_of(const std::string& verb, const char* flag = "--help") {
   return answer.out;
 }
 
-/// Runs a script of a shell that is installed; skips the test where it is not.
+/// Runs a script in a shell and returns its output.
 std::string run_script(const std::string& shell, const std::vector<std::string>& arguments) {
   const Answer answer = Command(arguments, Command::Input::none, {}, shell).wait();
   EXPECT_EQ(answer.exit_code, 0) << answer.err;
@@ -85,7 +85,7 @@ TEST(HelpPages, ShowEveryOptionWhenAskedTo) {
 }
 
 TEST(HelpPages, DescribeOptionsInPlainWords) {
-  // "What", "of" and the like begin fragments without a subject.
+  // Words such as "what" and "of" start fragments that have no subject.
   const std::regex fragment(R"(^ +(-[^ ]*( [A-Z.\[\]x]+)*)? {2,}(what|who|whose|of|but|where) )");
   for (const std::string& verb : verb_names())
     for (const std::string& line : lines_of(help_of(verb, "--help-all")))
@@ -137,7 +137,7 @@ TEST(Completion, WorksInBash) {
   const TempFolder folder;
   const std::string file = folder.write("complete.bash", haptrace("completion", "bash").out);
   const auto complete = [&](const std::string& words) {
-    // As bash calls it: the words so far, the last of them unfinished.
+    // Bash calls the function with the words so far; the last word is unfinished.
     return run_script("/bin/bash", {"-c",
                                     "source \"$1\"; COMP_WORDS=(" + words +
                                         "); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _haptrace; "

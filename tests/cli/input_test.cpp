@@ -1,4 +1,4 @@
-// CSV of other programs, standard input and pipes, as the verbs take them.
+// Tests of the verbs' input: CSV of other programs, standard input and pipes.
 #include "base/printable.h"
 #include "formats/recording/recording.h"
 #include "tests/cli/command.h"
@@ -17,14 +17,14 @@ using test::read_bytes;
 
 const std::string kExcel = "Zeit [ms];X [mm];Y [mm];Z [mm]\r\n0;1,0;2,0;3,0\r\n10;1,5;-2,0;3,0\r\n";
 
-/// haptrace in a shell, so that its standard input can be a pipe that ends: `script` calls it as "$0".
+/// Runs haptrace in a shell, so that its standard input can be a pipe that ends. `script` calls it as "$0".
 Answer in_shell(const std::string& script, const std::vector<std::string>& words = {}) {
   std::vector<std::string> arguments{"-c", script, HAPTRACE_COMMAND};
   arguments.insert(arguments.end(), words.begin(), words.end());
   return Command(arguments, Command::Input::none, {}, "/bin/sh").wait();
 }
 
-/// A stroke of 80 mm in 2 s, as a file in millimetres and milliseconds.
+/// Writes a stroke of 80 mm in 2 s to a file in millimetres and milliseconds.
 std::string stroke_in_millimetres(const TempFolder& folder) {
   std::string text = "time_ms,a,b,c\n";
   for (int i = 0; i <= 200; ++i) text += std::to_string(10 * i) + "," + std::to_string(0.4 * i - 40) + ",0,0\n";

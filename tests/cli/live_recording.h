@@ -1,4 +1,4 @@
-// Waits for what a session that runs writes to its recording, so that no test has to know how fast the machine is.
+// Waits for the recording of a running session, so that no test depends on the speed of the machine.
 #pragma once
 
 #include "base/error.h"
@@ -11,14 +11,14 @@
 
 namespace haptrace::test {
 
-/// Waits until `condition` holds of the recording as it can be read now; false when it does not within a minute.
+/// Waits until `condition` holds for the recording as it is now; returns false if it does not hold within a minute.
 template <class Condition>
 bool wait_for_recording(const std::string& file, Condition condition) {
   for (int attempt = 0; attempt < 3000; ++attempt) {
     try {
       if (condition(RecordingReader(file))) return true;
     } catch (const Error&) {
-      // It is not there yet, or was changed while it was read.
+      // The file does not exist yet, or it changed during the read.
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
@@ -29,7 +29,7 @@ inline bool wait_for_rows(const std::string& file, std::uint64_t rows) {
   return wait_for_recording(file, [&](const RecordingReader& reader) { return reader.rows() >= rows; });
 }
 
-/// Waits until the newest sample is in this phase or in one after it.
+/// Waits until the newest sample is in this phase or a later one.
 inline bool wait_for_phase(const std::string& file, Phase phase) {
   return wait_for_recording(file, [&](const RecordingReader& reader) {
     return reader.rows() > 0 && reader.read(reader.rows() - 1, 1).front().phase >= phase;

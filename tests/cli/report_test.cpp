@@ -7,7 +7,7 @@ namespace {
 
 using test::read_bytes;
 
-/// A square that was played twice on a held device.
+/// Writes a recording of a square, played twice on a device that a hand holds.
 std::string played(const TempFolder& folder) {
   const std::string path = folder / "square.csv", file = folder / "played.h5";
   EXPECT_EQ(haptrace("shape", "square", "--duration", "2", "-o", path).exit_code, 0);

@@ -119,7 +119,7 @@ TEST(RunCommand, TakesNoDeviceAndNoLimitsFromAFolder) {
                              std::string(kTrainee) + "' --max-force 2.5 --max-velocity 3";
   EXPECT_THAT(command.wait().out, HasSubstr("go on with: " + resume));
 
-  // Somebody hands the folder on, with another device in it: a library, and without a limit of the speed.
+  // A folder from another user names another device: a library, and no speed limit.
   nlohmann::json log = nlohmann::json::parse(test::read_bytes(session + "/session.json"));
   log["config"]["device"] = "plugin:path=" MASS_PLUGIN;
   log["config"]["max-velocity"] = 0;
@@ -177,7 +177,7 @@ TEST(RunCommand, PausesAndGoesOnByAKey) {
   command.type("p");
   const auto trials = [&] { return load_session_log(folder / "s").trials.size(); };
   for (int k = 0; k < 3000 && trials() == 0; ++k) std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  // A pause shows by what does not happen: this is more than the rest before the second trial and that itself.
+  // A pause shows as the absence of a trial. This is longer than the rest before the second trial plus that trial.
   std::this_thread::sleep_for(std::chrono::seconds(4));
   EXPECT_EQ(trials(), 1U);
   command.type("p");

@@ -1,4 +1,4 @@
-// record --scene: a hand touches what a file names.
+// Tests of record --scene: a hand touches the objects of a scene file.
 #include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 

@@ -1,4 +1,4 @@
-// Signals and dead streams, on the real command.
+// Tests of signals and broken output streams, with the real command.
 #include "formats/documents/session_log.h"
 #include "formats/recording/recording.h"
 #include "tests/cli/command.h"
@@ -17,7 +17,8 @@
 namespace haptrace {
 namespace {
 
-/// Waits until a recording can be read: its session runs then. A test that waits in vain fails by what it expects next.
+/// Waits up to a minute until the recording exists: the session is then running. If it does not, the test's next
+/// expectation fails.
 void wait_for(const std::string& file) {
   for (int k = 0; k < 6000 && !std::filesystem::exists(file); ++k)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -92,7 +93,7 @@ TEST_P(StoppedProcesses, GoOnAsAfterAGapOfTheDevice) {
 INSTANTIATE_TEST_SUITE_P(OnEveryDevice, StoppedProcesses, testing::Values("falcon", "haply2diy", "hapkit", "inverse3"),
                          [](const auto& tested) { return std::string(tested.param); });
 
-/// The exit code of the command with its output where `redirection` of bash says.
+/// Returns the exit code of the command under a bash `redirection`.
 int code_with(const std::string& redirection, const std::string& arguments) {
   const std::string line = fmt::format("'{}' {} {}", HAPTRACE_COMMAND, arguments, redirection);
   return test::Command({"-c", line}, test::Command::Input::none, {}, "/bin/bash").wait().exit_code;

@@ -1,5 +1,5 @@
-// Texts that people, files and devices give: what is no text is refused by name, and nothing reaches the terminal that
-// it would obey.
+// Tests of texts from users, files and devices: the command rejects invalid UTF-8 and names its source, and no control
+// sequence reaches the terminal.
 #include "base/printable.h"
 #include "formats/recording/recording.h"
 #include "tests/cli/command.h"
@@ -12,7 +12,7 @@ namespace {
 
 constexpr const char* kNoText = "J\xe4ne";  // in Latin-1
 
-/// Nothing but line feeds and tabs may be there that is not shown.
+/// Expects no control characters except line feeds and tabs.
 void expect_printable(const Answer& answer) {
   EXPECT_EQ(printable_lines(answer.out), answer.out);
   EXPECT_EQ(printable_lines(answer.err), answer.err);

@@ -38,7 +38,7 @@ TEST(TradeoffCommand, ChoosesAConfigurationThatHoldsWhenItIsUsed) {
     const double predicted = json["predicted"][figure], measured = used.json()[figure];
     EXPECT_NEAR(measured, predicted, 0.2 * predicted) << figure;
   }
-  // One file configures the other verbs too.
+  // The same file configures the other verbs too.
   EXPECT_EQ(haptrace("record", folder / "r.h5", "--device", kFalcon, "--duration", "0.5", "--config",
                      folder / "t-config.json")
                 .exit_code,
@@ -49,7 +49,7 @@ TEST(TradeoffCommand, ChoosesAConfigurationThatHoldsWhenItIsUsed) {
             0);
 }
 
-/// As calibration would leave a profile of a device that is not virtual.
+/// Writes a profile like calibration's, for a device in real time.
 std::string write_profile(const std::string& device, const PlantModel& plant, const std::string& file) {
   const auto opened = open_device(device);
   const DeviceInfo& info = opened->info();
@@ -89,7 +89,7 @@ void expect_a_choice(const std::string& device, const PlantModel& plant, const c
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   const nlohmann::json json = answer.json(), outcome = json["choice"]["outcome"];
   EXPECT_EQ(json["choice"]["kept"], true);
-  // Nothing was measured on the device: the interval counts what a model leaves out, also of one run.
+  // Nothing was measured on the device: the interval includes the model's uncertainty, even for a single run.
   ASSERT_TRUE(outcome["error_m"]["half_width"].is_number());
   EXPECT_GT(outcome["error_m"]["half_width"], 0.2 * outcome["error_m"]["mean"].get<double>());
   EXPECT_GE(outcome["runs"], 4);
@@ -124,7 +124,7 @@ TEST(TradeoffCommand, RefusesBeforeItWorks) {
       haptrace("tradeoff", "no.csv", "--device", kFalcon, "-o", folder / "t.json", "--save", folder / "t.json").err,
       HasSubstr("two files at once"));
   EXPECT_THAT(haptrace("tradeoff", "no.csv", "--device", kFalcon, "--speed", "0").err, HasSubstr("--speed"));
-  // What is for the verb wins over what is for all.
+  // A verb's own section takes precedence over the settings for all verbs.
   const auto sections = folder.write("s.json", R"({"duration": 5, "record": {"duration": 0.2}, "play": {"speed": 2}})");
   EXPECT_EQ(haptrace("record", folder / "s.h5", "--device", kFalcon, "--config", sections, "--json").json()["samples"],
             201);

@@ -1,4 +1,4 @@
-// A playback that is tuned while it runs: through its socket, its file, and keys.
+// Tests of tuning a running playback through its socket, its file and keys.
 #include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 
@@ -34,7 +34,7 @@ class Tuning : public testing::Test {
     ASSERT_EQ(haptrace("shape", "circle", "--size", "0.05", "--duration", "2", "-o", circle).exit_code, 0);
   }
 
-  /// A playback on the real clock that ends when it is asked to.
+  /// Returns the arguments of a playback on the real clock that loops until it is stopped.
   [[nodiscard]] std::vector<std::string> endless(std::vector<std::string> more) const {
     std::vector<std::string> words{"play",   circle, "--device", kFalcon, "--clock", "real",
                                    "--loop", "--kp", "500",      "--kd",  "6",       "--json"};
@@ -114,7 +114,7 @@ TEST_F(Tuning, ThroughThePortIsClosedToWhatAPageMakesABrowserSend) {
   Command command(endless({"--tune-port", "0"}), Command::Input::pipe, {"XDG_RUNTIME_DIR=" + folder.path()});
   ASSERT_TRUE(command.says("| nc"));
   const std::string url = "http://127.0.0.1:" + command.word_after("tune on port ") + "/";
-  // Bodies that are commands, behind first lines short and long.
+  // The request bodies are commands, after first lines of different lengths.
   for (const std::string& path : {std::string(), std::string(300, 'a'), std::string(6000, 'a')}) {
     const Answer page =
         Command({"--silent", "--http0.9", "--max-time", "20", "--data-binary", "kp 1500\nkp 1500\n", url + path},

@@ -1,4 +1,4 @@
-// What a session says, to whom, and when.
+// Tests of a session's messages: text, recipient and time.
 #include "formats/recording/recording.h"
 #include "tests/cli/command.h"
 
@@ -17,13 +17,13 @@ std::string square(const TempFolder& folder) {
   return path;
 }
 
-/// Columns of a text that has narrow characters only.
+/// Returns the number of columns of a text that has only narrow characters.
 std::size_t columns_of(const std::string& text) {
   return static_cast<std::size_t>(
       std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; }));
 }
 
-/// What a terminal got between two returns to the beginning of a line.
+/// Splits a terminal's output at line feeds and carriage returns.
 std::vector<std::string> lines_of(const std::string& printed) {
   std::vector<std::string> lines{""};
   for (const char c : printed) {
@@ -57,7 +57,7 @@ TEST(ProgressLine, FitsTheTerminal) {
     EXPECT_EQ(answer.exit_code, 0) << answer.err;
     int progress = 0;
     for (const std::string& line : lines_of(answer.err)) {
-      if (line.starts_with("haptrace: ")) continue;  // warnings may be long; they are there to stay
+      if (line.starts_with("haptrace: ")) continue;  // warnings may be long; they stay on the screen
       ++progress;
       EXPECT_LT(columns_of(line), each.columns) << line;
       EXPECT_THAT(line, HasSubstr(" s")) << "the time is what goes last";
@@ -156,7 +156,7 @@ void add_first_session(const std::string& page, std::vector<std::vector<std::str
   for (std::string line; std::getline(readme, line);) {
     if (line.starts_with("## ")) inside = line.starts_with("## A first session");
     if (!inside || !line.starts_with("    haptrace ")) continue;
-    std::istringstream parts(std::regex_replace(line.substr(4), std::regex("   +.*"), ""));  // a comment is set off
+    std::istringstream parts(std::regex_replace(line.substr(4), std::regex("   +.*"), ""));  // drops the comment
     std::vector<std::string> words;
     for (std::string word; parts >> std::quoted(word, '\'');) {
       if (word == "haptrace") {
@@ -181,7 +181,7 @@ TEST(Readme, ItsFirstSessionRunsWithoutAWarning) {
     SCOPED_TRACE(testing::PrintToString(words));
     for (std::string& word : words)
       if (word.starts_with("samples/")) word = std::string(HAPTRACE_SAMPLES) + word.substr(7);
-    // Shortened: what lasts until Ctrl+C is played once, and what runs for minutes of machine time answers its --help.
+    // Shorten the commands: play once instead of until Ctrl+C, and print --help instead of running for minutes.
     if (const auto loop = std::find(words.begin(), words.end(), "--loop"); loop != words.end()) words.erase(loop);
     if (verb == "doctor" || verb == "stability" || verb == "tradeoff") words.emplace_back("--help");
     words.insert(words.begin(), HAPTRACE_COMMAND);

@@ -1,4 +1,4 @@
-// What the tests that test a device's conformance share.
+// Common parts of the tests of a device's conformance.
 #pragma once
 
 #include "devices/check/conformance.h"
@@ -9,11 +9,11 @@
 
 namespace haptrace::test {
 
-/// Allows everything, is not there, and remembers what it was told.
+/// An absent user that allows every force except the refused ones and records the requests and findings.
 class ConsentingUser : public ConformanceUser {
  public:
   bool consents = true;
-  std::vector<std::string> refused;      ///< what a force that is refused has in its words
+  std::vector<std::string> refused;      ///< words in the descriptions of the forces to refuse
   std::vector<std::string> asked, told;  ///< forces; findings, by id
 
   [[nodiscard]] bool is_there() const override { return false; }
@@ -27,12 +27,12 @@ class ConsentingUser : public ConformanceUser {
   void found(const LawFinding& finding) override { told.push_back(finding.id); }
 };
 
-/// As short as tells anything, and on a machine that runs other tests.
+/// Returns options for the shortest useful test, on a machine that runs other tests at the same time.
 inline ConformanceOptions hasty_options() {
   return {.rest = 0.3, .busy_machine = true, .realtime = false};
 }
 
-/// What was found, a line each.
+/// Returns the findings, one per line.
 inline std::string describe(const ConformanceReport& report) {
   std::string text = report.device.name + "\n";
   for (const LawFinding& finding : report.findings)

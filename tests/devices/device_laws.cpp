@@ -21,15 +21,14 @@ class DeviceLaws : public testing::TestWithParam<Listed> {
 
   std::unique_ptr<Device> device_;
 
-  /// An exchange, and on the monotonic clock the time until the next.
+  /// Exchanges once; in real time it then sleeps for `dt`.
   static DeviceState step(Device& device, const Vec3& force, double dt) {
     const DeviceState state = exchange(device, force, dt);
     if (!device.info().virtual_time) std::this_thread::sleep_for(std::chrono::duration<double>(dt));
     return state;
   }
 
-  /// Where it is once it has answered what it was sent last and has come to rest, as far as it does within half a
-  /// second.
+  /// Returns the position at rest without force, or the position after 0.5 s.
   static Vec3 settled(Device& device) {
     constexpr int kStill = 10, kMost = 500;
     Vec3 last = step(device, Vec3::Zero(), 1e-3).position;
@@ -42,7 +41,7 @@ class DeviceLaws : public testing::TestWithParam<Listed> {
   }
 };
 
-// Laws of some devices only.
+// Laws that hold for some devices only.
 class VirtualDeviceLaws : public DeviceLaws {};
 class RealTimeDeviceLaws : public DeviceLaws {};
 class VirtualForceLaws : public DeviceLaws {};
@@ -73,7 +72,7 @@ TEST_P(DeviceLaws, MeasuresWhatItSaysItMeasures) {
 }
 
 TEST_P(VirtualDeviceLaws, StandsStillWhileTimeDoes) {
-  // Two devices, since a measurement may be noisy: a force without time changes nothing that comes after.
+  // A force without time must not change later states. This needs two devices, since measurements may be noisy.
   const auto twin = GetParam().open();
   exchange(*device_, Vec3::Zero(), 0);
   exchange(*twin, Vec3::Zero(), 0);
@@ -128,7 +127,7 @@ TEST_P(RealTimeForceLaws, MovesAlongTheForce) {
   const DeviceInfo info = device_->info();
   for (int axis = 0; axis < 3; ++axis) {
     if (!info.force_axes[static_cast<std::size_t>(axis)]) continue;
-    // From rest each time, and until it moved: how long a step lasts on a busy machine nobody knows.
+    // Start from rest and push until it moves: on a busy machine, a step may take any time.
     for (const double sign : {-1.0, 1.0}) {
       device_.reset();
       device_ = GetParam().open();
@@ -147,7 +146,7 @@ TEST_P(RestLaws, RestsWhenNothingPulls) {
 }
 
 TEST_P(RealTimeDeviceLaws, AnswersFreshly) {
-  // A machine that is busy with other tests delays some; a driver that does not keep up delays most.
+  // Other tests on the machine delay some states; a driver that does not keep up delays most.
   std::vector<double> ages;
   for (int k = 0; k < 500; ++k) {
     DeviceState state;
@@ -217,10 +216,10 @@ TEST_P(DeviceLaws, IsLostAfterClose) {
 
 TEST_P(DeviceLaws, PassesTheConformanceTest) {
   ConformanceOptions options = hasty_options();
-  // No hand is in danger here, and friction is to hide nothing.
+  // No hand is in danger here, and a larger force overcomes friction.
   options.max_force = std::min(0.6 * device_->info().max_force, 3.0);
   ConsentingUser user;
-  // Where time is real, the other axes' directions are tried above.
+  // In real time, the tests above check the directions of the other axes.
   if (!GetParam().virtual_time) user.refused = {"force along y", "force along z"};
   device_->close();
   const ConformanceReport report = test_conformance(GetParam().open, options, user, StopRequest());
@@ -253,7 +252,7 @@ INSTANTIATE_TEST_SUITE_P(All, RealTimeForceLaws,
                          name_of_device);
 INSTANTIATE_TEST_SUITE_P(All, RestLaws, devices_that([](const Listed& d) { return d.rests; }), name_of_device);
 
-// A program may list devices of one kind alone.
+// A test program may list only one kind of device.
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(VirtualDeviceLaws);
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(RealTimeDeviceLaws);
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(VirtualForceLaws);

@@ -1,4 +1,4 @@
-// What every device keeps, whatever it is. A test program that is built with device_laws.cpp lists its devices.
+// Laws that every device obeys. A test program links device_laws.cpp and lists its devices.
 #pragma once
 
 #include "devices/device.h"
@@ -14,15 +14,15 @@ namespace haptrace::test {
 struct Listed {
   std::string name;
   std::function<std::unique_ptr<Device>()> open;
-  bool obeys_force = true;  ///< moves when pushed
-  bool rests = true;        ///< nothing pulls at it when no force is sent
+  bool obeys_force = true;  ///< a force moves it
+  bool rests = true;        ///< without force it stays at rest
   bool virtual_time = true;
-  double reach = 1.2;  ///< how far random forces move it at most, as a multiple of the workspace's farthest corner
+  double reach = 1.2;  ///< maximum distance under random forces, as a multiple of the workspace's farthest corner
 };
 
 void PrintTo(const Listed& device, std::ostream* out);
 
-/// To be defined by the test program.
+/// Returns the devices to test; the test program defines it.
 std::vector<Listed> listed_devices();
 
 }  // namespace haptrace::test

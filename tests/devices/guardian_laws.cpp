@@ -126,7 +126,7 @@ TEST_P(GuardianLaws, IsMissedByItsHost) {
 }
 
 TEST_P(GuardianLaws, HasTheSocketAndThePortAndNothingElseOfItsHost) {
-  const int other = open("/dev/null", O_RDONLY);  // which anything but a guardian would inherit
+  const int other = open("/dev/null", O_RDONLY);  // any child process except a guardian would inherit it
   watch();
   std::vector<std::string> files;
   for (const auto& file : std::filesystem::directory_iterator("/proc/" + std::to_string(guardian_->process()) + "/fd"))

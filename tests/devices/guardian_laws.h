@@ -1,4 +1,4 @@
-// What a guardian keeps, whatever it speaks to. A test program that is built with guardian_laws.cpp lists its ports.
+// Laws that a guardian obeys on every kind of port. A test program links guardian_laws.cpp and lists its ports.
 #pragma once
 
 #include "devices/guardian/guardian.h"
@@ -11,7 +11,7 @@
 
 namespace haptrace::test {
 
-/// A port whose other end is the test's.
+/// A port with the test at its other end.
 class GuardedBench {
  public:
   virtual ~GuardedBench() = default;
@@ -20,7 +20,7 @@ class GuardedBench {
   GuardedBench& operator=(const GuardedBench&) = delete;
 
   [[nodiscard]] virtual GuardedPort port() = 0;
-  [[nodiscard]] virtual std::vector<std::uint8_t> heard() = 0;  ///< all that was said, ever
+  [[nodiscard]] virtual std::vector<std::uint8_t> heard() = 0;  ///< all bytes received so far
 };
 
 struct ListedPort {
@@ -30,7 +30,7 @@ struct ListedPort {
 
 void PrintTo(const ListedPort& port, std::ostream* out);
 
-/// To be defined by the test program.
+/// Returns the ports to test; the test program defines it.
 std::vector<ListedPort> listed_ports();
 
 }  // namespace haptrace::test

@@ -42,7 +42,7 @@ std::vector<Listed> listed_devices() {
   spec("spec_sensor", R"({"mass": 0.3, "max_force": 10, "force_sensor": true, "hand": "pinch",
                           "noise": {"position": 1e-5, "force": 0.01}})",
        false);
-  constexpr double kFlies = 15;  // a free mass without stops, within two seconds
+  constexpr double kFlies = 15;  // a free mass without stops, after 2 s
   devices.push_back({"plugin_mass", [] { return open_device("plugin:path=" MASS_PLUGIN); }, true, true, true, kFlies});
   devices.push_back({"replay", open_replay, false, false});
   devices.push_back(

@@ -1,4 +1,4 @@
-// What the tests of devices share.
+// Common parts of the tests of devices.
 #pragma once
 
 #include "devices/sim/noise.h"
@@ -12,7 +12,7 @@
 
 namespace haptrace::test {
 
-/// Exchanges with a device that has to be there; a test whose device is lost fails at once.
+/// Exchanges once and returns the state; throws if the device is lost, so that the test fails at once.
 inline DeviceState exchange(Device& device, const Vec3& force, double dt) {
   DeviceState state;
   if (device.exchange({force, Vec3::Zero()}, dt, state) != Device::Status::ok)
@@ -20,7 +20,7 @@ inline DeviceState exchange(Device& device, const Vec3& force, double dt) {
   return state;
 }
 
-/// A force that wanders: a new direction every 20 ms, each axis up to `largest`.
+/// A random force, constant for 20 ms at a time; each axis is at most `largest` [N].
 class RandomForce {
  public:
   RandomForce(std::uint64_t seed, double largest) : random_(seed, 7), largest_(largest) {}

@@ -1,4 +1,4 @@
-// Velocity estimators, filters and observers: at every rate, beyond Nyquist, at rest.
+// Tests of velocity estimators, filters and observers at every rate, beyond Nyquist and at rest.
 #include "control/observer_pd.h"
 #include "control/oscillation_monitor.h"
 #include "control/ripple.h"
@@ -17,7 +17,7 @@ namespace {
 
 using test::Log, test::Watched;
 
-/// By its bits: where denormals are flushed, comparisons take one for zero.
+/// Checks the bits, since comparisons treat a denormal as zero where denormals are flushed.
 bool is_subnormal(double x) {
   const std::uint64_t magnitude = std::bit_cast<std::uint64_t>(x) & ~(std::uint64_t{1} << 63);
   return magnitude != 0 && magnitude < std::bit_cast<std::uint64_t>(std::numeric_limits<double>::min());
@@ -26,8 +26,8 @@ bool is_subnormal(const Vec3& v) {
   return is_subnormal(v.x()) || is_subnormal(v.y()) || is_subnormal(v.z());
 }
 
-/// Whether the processor met a denormal operand, or made a denormal result, since it was last asked: each costs a
-/// hundred times an ordinary operation. No time is measured.
+/// Returns whether the processor met a denormal operand or result since the last call. Each costs a hundred times an
+/// ordinary operation. The test reads flags and measures no time.
 bool met_denormals() {
 #if defined(__SSE2__)
   constexpr unsigned kDenormal = 0x0002, kUnderflow = 0x0010;
@@ -70,7 +70,7 @@ TEST(Filters, BeyondNyquistPassWhatTheyAreGiven) {
       double largest = 0;
       for (int i = 0; i < 5000; ++i) largest = std::max(largest, std::abs(filter.update(random())));
       EXPECT_LT(largest, 20);
-      // As if a constant had always been there: a low pass gives it, a high pass nothing.
+      // After reset(), a constant input is in steady state: a low pass returns it, a high pass returns zero.
       filter.reset(0.3);
       const double expected = kind == Butterworth2::Kind::low_pass ? 0.3 : 0;
       for (int i = 0; i < 100; ++i) EXPECT_NEAR(filter.update(0.3), expected, 1e-12);
@@ -96,7 +96,7 @@ TEST(Observers, AtTheSamplingRateAndBeyondFollowWhatIsMeasured) {
             const auto ahead = observer.ahead();
             ASSERT_TRUE(is_finite(ahead.position) && is_finite(ahead.velocity) && is_finite(ahead.load));
           }
-          // From the rate on there is nothing but the last measurement.
+          // With a bandwidth from the sampling rate on, only the last measurement counts.
           if (of_rate >= 1) {
             EXPECT_LE((observer.now().position - at).norm(), 0.01 * (0.1 + 10 / rate / rate));
           }
@@ -121,7 +121,7 @@ TEST(Denormals, AreNotMetByEstimatorsAtRest) {
 }
 
 TEST(Denormals, AreFlushedInTheServoThreadAtRest) {
-  // Everything that filters, on a device that stands still: the tails of all of it go through the range of denormals.
+  // Every filter, on a device at rest: their decaying outputs pass through the range of denormals.
   SimSpec spec = test::sim_spec(R"({"mass": 0.4, "viscous": 5, "max_force": 20, "hand": "relaxed"})");
   spec.hand->tremor = spec.hand->drift = 0;
   SimDevice sim(spec);

@@ -1,4 +1,4 @@
-// How far each method of integration carries: limits, orders, and bodies that are hardly there.
+// Tests of the integration methods: stability limits, orders, and bodies of very small mass.
 #include "devices/sim/linear_step.h"
 #include "tests/support/errors.h"
 
@@ -29,9 +29,10 @@ LinearBodies body(double m, double b, double k) {
   return bodies;
 }
 
-/// Motor, handle and hand, which dampers off all proportion connect; `w` sets the pace [rad/s].
+/// Ends of a chain: tied to the ground, with the motor held, or free.
 enum class End { tied, held, free };
 
+/// Returns a chain of motor, handle and hand with non-proportional damping; `w` sets its frequencies [rad/s].
 LinearBodies chain(double w, End end = End::tied) {
   LinearBodies bodies(3);
   bodies.inverse_mass << (end == End::held ? 0 : 1 / 0.3), 1 / 0.1, 1 / 0.15;
@@ -44,11 +45,11 @@ LinearBodies chain(double w, End end = End::tied) {
   return bodies;
 }
 
-/// Whether thousands of steps let a movement grow, measured in the units of `w`. Nothing is assumed of the method. A
-/// chain begins at rest: one that nothing holds would roll away.
+/// Returns whether thousands of steps let a movement grow, with velocities in units of `w`. Assumes nothing about the
+/// method. A chain starts at rest, since without a tie it would drift away.
 bool grows(Integrator method, const LinearBodies& bodies, double w, double h) {
   constexpr int kSteps = 4000;
-  constexpr double kMore = 1.05;  // windows of a movement that only beats differ a little
+  constexpr double kMore = 1.05;  // the two halves of a beating movement differ a little
   const int n = bodies.size();
   const LinearStep step = linear_step(method, bodies, h);
   Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6> phi = step.phi;
@@ -69,7 +70,7 @@ bool grows(Integrator method, const LinearBodies& bodies, double w, double h) {
   return last > kMore * first;
 }
 
-/// The largest step that does not, between `low` and `high`, by bisection to a thousandth.
+/// Returns the largest stable step between `low` and `high` [s], by bisection to a thousandth.
 double measured_limit(Integrator method, const LinearBodies& bodies, double w, double low, double high) {
   while (high > 1.001 * low) {
     const double middle = std::sqrt(low * high);
@@ -78,7 +79,7 @@ double measured_limit(Integrator method, const LinearBodies& bodies, double w, d
   return std::sqrt(low * high);
 }
 
-/// Closed forms, where there are any; else NaN.
+/// Returns the stability limit in closed form [s]; NaN if there is none.
 double theory(Integrator method, double m, double b, double k) {
   const double w = std::sqrt(k / m), root = std::sqrt(std::abs(b * b - 4 * m * k));
   const bool overdamped = b * b > 4 * m * k;
@@ -160,11 +161,11 @@ TEST(Integrators, ImplicitAndExactStepsGrowAtNoStep) {
   }
 }
 
-/// x, v of m x'' + b x' + k x = f after `t` from x0, v0, in long double and complex, unless critically damped.
+/// Returns x, v of m x'' + b x' + k x = f at time `t` from x0, v0, in complex long double. Not for critical damping.
 Eigen::Vector2d closed_form(double m, double b, double k, double f, double x0, double v0, double t) {
   using Number = std::complex<long double>;
   const Number a = -b / (2.0L * m), d = std::sqrt(a * a - Number(static_cast<long double>(k) / m));
-  // The slow one without cancellation: both together make k / m.
+  // Compute the slow root without cancellation: the product of both roots is k / m.
   const Number fast = a - d, slow = d.imag() == 0 ? Number(static_cast<long double>(k) / m) / fast : a + d;
   const Number x = x0 - static_cast<long double>(f) / k, v = v0;
   const Number of_slow = (v - fast * x) / (slow - fast), of_fast = (slow * x - v) / (slow - fast);
@@ -203,7 +204,7 @@ TEST(Integrators, TheExactStepHasNoErrorAtAnyStep) {
           const LinearStep step = linear_step(Integrator::exact, body(m, b, k), h);
           const Eigen::Vector2d x = step.phi * Eigen::Vector2d(1, 0.5 * w) + step.gamma * f,
                                 truth = closed_form(m, b, k, f, 1, 0.5 * w, h);
-          // A radian of the movement is known to a double's last digits.
+          // The phase w h [rad] is known only to the relative precision of a double.
           const double rounding = 1e-13 + 1e-15 * w * h;
           EXPECT_NEAR(x[0], truth[0], rounding) << m << " kg, " << k << " N/m, damping " << ratio << ", " << h;
           EXPECT_NEAR(x[1] / w, truth[1] / w, rounding) << m << " kg, " << k << " N/m, damping " << ratio << ", " << h;
@@ -224,7 +225,7 @@ TEST(Integrators, OneExactStepOfAChainIsAnyNumberOfThem) {
   for (int i = 0; i < 64; ++i) b = often.phi * b + often.gamma * f;
   for (int i = 0; i < 4096; ++i) c = other.phi * c + other.gamma * f;
   EXPECT_LT((end - b).norm(), 1e-12 * end.norm());
-  EXPECT_LT((end - c).norm(), 1e-9 * end.norm());  // a method of its own
+  EXPECT_LT((end - c).norm(), 1e-9 * end.norm());  // an independent method
 }
 
 TEST(Integrators, WhatIsInEquilibriumStaysThere) {
@@ -252,14 +253,14 @@ TEST(Integrators, WhatNothingHoldsKeepsItsMomentum) {
 }
 
 TEST(Integrators, ABodyOfHardlyAnyMassFollowsItsSpringAndDamper) {
-  // x' = (f - k x) / b in the limit; what implicit steps make of that, and finite whatever the method.
+  // In the limit, x' = (f - k x) / b. The implicit method applies backward Euler to it. Every method stays finite.
   const double k = 1000, b = 5, h = 2e-3, f = 3, x0 = 0.01, rest = f / k;
   for (const double m : {1e-6, 1e-9, 1e-12}) {
     const auto end = [&](Integrator method) {
       const LinearStep step = linear_step(method, body(m, b, k), h);
       return Eigen::Vector2d(step.phi * Eigen::Vector2d(x0, (f - k * x0) / b) + step.gamma * f);
     };
-    const double nearly = 1e3 * m + 1e-12;  // off by m k / b^2 of a time constant
+    const double nearly = 1e3 * m + 1e-12;  // the time constant is off by a fraction m k / b^2
     EXPECT_NEAR(end(Integrator::exact)[0], rest + (x0 - rest) * std::exp(-k * h / b), nearly);
     EXPECT_NEAR(end(Integrator::exact)[1], (f - k * x0) / b * std::exp(-k * h / b), 1e3 * nearly);
     EXPECT_NEAR(end(Integrator::implicit)[0], rest + (x0 - rest) / (1 + k * h / b), nearly);

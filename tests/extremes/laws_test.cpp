@@ -1,4 +1,4 @@
-// Control laws, limits, monitors, learning and guidance at the ends of their numbers.
+// Tests of control laws, limits, monitors, learning and guidance with extreme parameters.
 #include "control/feedforward.h"
 #include "control/force_guard.h"
 #include "control/guidance.h"
@@ -64,7 +64,7 @@ TEST(Laws, LimitAnyForceAndForgetIt) {
         if (continuous > 0 && (peak == 0 || continuous < peak)) {
           EXPECT_LE(last, continuous * (1 + 1e-6)) << "for long";
         }
-        // What was asked for does not outlive the motors' heat.
+        // Once the motors have cooled, an earlier demand no longer reduces the limit.
         for (int i = 0; i < 10'000; ++i) limiter.acted(Vec3::Zero(), 1e-3);
         const double least = peak > 0 && continuous > 0 ? std::min(peak, continuous) : std::max(peak, continuous);
         EXPECT_GE(limiter.allowed(), least);

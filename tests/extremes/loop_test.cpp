@@ -1,4 +1,4 @@
-// The loop at the ends of what it can be asked for: rates, gains, delays, quanta, forces, a clock that shakes.
+// Tests of the loop with extreme rates, gains, delays, encoder resolutions, forces and clocks.
 #include "control/observer_pd.h"
 #include "tests/extremes/support.h"
 
@@ -12,7 +12,7 @@ namespace {
 using test::error_at_the_end_of, test::error_of, test::Log, test::Watched;
 using testing::HasSubstr;
 
-/// The mechanism that the laws below are designed for, with a hand that does nothing of its own.
+/// Returns the mechanism for which the laws below are designed, with a passive hand.
 SimSpec mechanism(double delay = 0, double resolution = 5e-5, double max_force = 20) {
   SimSpec spec = test::sim_spec(R"({"mass": 0.4, "viscous": 1, "coulomb": 0.3, "max_force": 20, "hand": "relaxed"})");
   spec.hand->tremor = spec.hand->drift = 0;
@@ -45,7 +45,7 @@ PlaybackController follower(const Path& path, ForceTerms terms, const Tuning& tu
           {.hold = 0.3, .max_deviation = 1, .on_deviation = DeviationPolicy::soften, .rate_hz = rate_hz}};
 }
 
-/// A playback on the law that is designed for `model`, on the device that `spec` describes.
+/// Plays with the law designed for `model` on the device of `spec`.
 ServoReport play_designed(const SimSpec& spec, const PlantModel& model, double rate_hz, Log& log) {
   const TrackingDesign design = design_tracking(model, {.rate_hz = rate_hz, .max_force = spec.max_force});
   auto controller =
@@ -73,7 +73,7 @@ TEST(Loop, FollowsAtEveryRate) {
     const SimSpec spec = mechanism();
     Log cautious;
     EXPECT_EQ(play_pd(spec, cautious_gains(spec.max_force, rate), rate, cautious).cause, StopCause::finished);
-    if (rate < 100) continue;  // slower than a hand: what follows there is not designed
+    if (rate < 100) continue;  // the loop is slower than a hand, for which laws are not designed
     EXPECT_LT(error_at_the_end_of(cautious, Phase::hold), 2e-3);
     Log designed;
     EXPECT_EQ(play_designed(spec, model_of(spec), rate, designed).cause, StopCause::finished);
@@ -93,7 +93,7 @@ TEST(Loop, BearsGainsUpToABillion) {
     for (const double kd : {0., 10., kLargestKd, 1e9}) {
       SCOPED_TRACE(fmt::format("{} N/m, {} N s/m", kp, kd));
       Log log;
-      // Forces, rows and the last zero are looked at by run(); and the hand is not thrown about for long.
+      // run() checks the forces, the rows and the final zero. The position stays within bounds, too.
       const ServoReport report = play_pd(mechanism(), {Vec3::Constant(kp), Vec3::Constant(kd)}, 1000, log);
       EXPECT_TRUE(report.cause == StopCause::finished || report.cause == StopCause::oscillation)
           << to_string(report.cause);
@@ -122,7 +122,7 @@ TEST(Loop, FollowsThroughDelaysOfUpToSixteenTicks) {
     Log log;
     EXPECT_EQ(play_designed(spec, model_of(spec), 1000, log).cause, StopCause::finished);
     EXPECT_LT(error_at_the_end_of(log, Phase::hold), 2e-3);
-    // And who knows nothing of the delay does no harm: run() looks.
+    // A law that does not know the delay does no harm either; run() checks the forces.
     PlantModel ignorant = model_of(spec);
     ignorant.delay = 0;
     Log harmless;
@@ -151,7 +151,8 @@ TEST(Loop, BearsDevicesOfAMicronewtonAndOfAHundredThousand) {
   }
 }
 
-/// Virtual time that arrives late by up to half a period, and does what no clock should; in the end it is well again.
+/// Virtual time that is late by up to half a period, and sometimes repeats, reverses or pauses; after 900 waits it only
+/// jitters.
 class ShakenClock final : public ServoClock {
  public:
   ShakenClock(std::int64_t period_ns, std::uint64_t seed) : period_(period_ns), random_(seed, 3) {}
@@ -193,9 +194,9 @@ TEST(Loop, KeepsItsOrderWhenTheClockJittersRepeatsReversesAndPauses) {
       const Sample &before = log.samples[i - 1], &row = log.samples[i];
       ASSERT_GT(row.tick, before.tick);
       ASSERT_GE(row.time_ns, before.time_ns) << "tick " << row.tick;
-      // Whatever the clock did, the path went on by no more than five ticks: 0.4 m/s at most, for 5 ms.
+      // Whatever the clock does, the path advances by at most five ticks: at most 0.4 m/s for 5 ms.
       ASSERT_LE((row.reference_position - before.reference_position).norm(), 0.4 * 5e-3) << "tick " << row.tick;
-      // And no position was differentiated over microseconds.
+      // No position is differentiated over microseconds.
       const std::int64_t step = row.time_ns - before.time_ns;
       ASSERT_TRUE(step == 0 || step >= 100'000) << "tick " << row.tick << ": " << step << " ns";
     }

@@ -1,4 +1,5 @@
-// Runs every row under the floating-point traps that the index gives it, and holds the index against the rows.
+// Runs every row (test) under the floating-point traps that the index lists for it, and checks the index against the
+// rows.
 #include <cfenv>
 #include <csignal>
 #include <cstring>
@@ -11,11 +12,11 @@
 
 namespace {
 
-/// From what stands in the last column of the index to what is trapped.
+/// Traps by the text in the last column of the index.
 const std::map<std::string, int> kTraps{
     {"all", FE_INVALID | FE_DIVBYZERO | FE_OVERFLOW}, {"no overflow", FE_INVALID | FE_DIVBYZERO}, {"none", 0}};
 
-/// Rows by name, with what is trapped in each; -1 where the index names nothing that can be.
+/// Returns the rows by name, each with its traps; -1 if the index names unknown traps.
 std::map<std::string, int> read_index() {
   std::map<std::string, int> rows;
   std::ifstream file(EXTREMES_INDEX);
@@ -31,7 +32,7 @@ std::map<std::string, int> read_index() {
 
 char running[256];
 
-/// Async-signal-safe.
+/// Prints the trap and the running row, and ends the program. Async-signal-safe.
 void tell_of_trap(int /*signal*/, siginfo_t* info, void* /*context*/) {
   const char* what = info->si_code == FPE_FLTINV   ? "an invalid floating-point operation in "
                      : info->si_code == FPE_FLTDIV ? "a floating-point division by zero in "
@@ -42,7 +43,7 @@ void tell_of_trap(int /*signal*/, siginfo_t* info, void* /*context*/) {
   _exit(1);
 }
 
-/// While a row runs, an operation that is trapped ends the program with the row's name.
+/// Enables the traps of a row while it runs; a trapped operation ends the program with the row's name.
 class Traps final : public testing::EmptyTestEventListener {
  public:
   void OnTestStart(const testing::TestInfo& test) override {

@@ -1,4 +1,4 @@
-// What is not a number, entering at every boundary: zero force, a latched fault, and no filter that remembers it.
+// Tests of NaN and infinity at every boundary: zero force, a latched fault, and no filter that retains them.
 #include "control/guidance.h"
 #include "control/hand_watch.h"
 #include "control/observer_pd.h"
@@ -37,7 +37,7 @@ Command spring(const State& state) {
 TEST(NotANumber, FromADeviceEndsTheSessionAtThatTick) {
   for (const double bad : kBad)
     for (int axis = 0; axis < 3; ++axis)
-      for (const std::uint64_t when : {1U, 2U, 300U}) {  // the first exchange only asks whether it is ready
+      for (const std::uint64_t when : {1U, 2U, 300U}) {  // exchange 0 only checks that the device is ready
         SCOPED_TRACE(fmt::format("{} in axis {} of exchange {}", bad, axis, when));
         test::PointMass mass;
         Watched device(mass, [&](std::uint64_t exchange, DeviceState& state) {
@@ -74,7 +74,7 @@ TEST(NotANumber, FromAControllerEndsTheSessionAtThatTick) {
 }
 
 TEST(NotANumber, InWhatADeviceMeasuresBesidesChangesNoForce) {
-  // Velocities of its own, forces and orientations that are no numbers: for some ticks, and then well again.
+  // The device's velocities, forces and orientations are not finite for some ticks, then valid again.
   const Path path = test::circle();
   std::vector<Sample> expected;
   for (const double bad : {0., kNaN, kInfinity, -kInfinity}) {
@@ -117,7 +117,7 @@ TEST(NotANumber, OfAWrenchOrAStepIsNoForceAndNoStepForADevice) {
         ASSERT_TRUE(is_finite(a.position));
       }
     }
-  // A step that is no number, of a device in virtual time.
+  // A step that is not finite, for a device in virtual time.
   SimDevice sim(test::sim_spec(R"({"mass": 0.4, "max_force": 20})"));
   DeviceState state;
   for (const double bad : kBad) EXPECT_EQ(sim.exchange({Vec3(1, 0, 0), Vec3::Zero()}, bad, state), Device::Status::ok);
@@ -148,7 +148,7 @@ TEST(NotANumber, InATuningEndsTheSession) {
   }
 }
 
-/// Feeds bad numbers to `one`, begins it anew, and expects it to answer as `fresh` does, which never saw any.
+/// Feeds bad numbers to `one`, restarts it, and expects the same output as from `fresh`, which received none.
 template <class Filter, class Feed, class Begin>
 void expect_forgotten(Filter one, Filter fresh, const Feed& feed, const Begin& begin) {
   Gaussian random(6, 6);
@@ -163,7 +163,7 @@ void expect_forgotten(Filter one, Filter fresh, const Feed& feed, const Begin& b
   }
 }
 
-/// `x`, or `bad` in its place.
+/// Returns `x`, with `bad` in two axes unless `bad` is 0.
 Vec3 or_bad(const Vec3& x, double bad) {
   return bad == 0 ? x : Vec3(bad, x.y(), bad);
 }
@@ -226,7 +226,7 @@ TEST(NotANumber, IsNotRememberedByFiltersThatGoOn) {
       ASSERT_EQ(one.update(x), fresh.update(x));
     }
   }
-  // A monitor begins anew by itself: it has to answer as one that begins there.
+  // A monitor restarts by itself and must then give the same output as a new one.
   OscillationMonitor one({.max_force = 10}), fresh({.max_force = 10});
   State state;
   const Reference still{Vec3::Zero(), Vec3::Zero(), Vec3::Zero(), 0};
@@ -298,7 +298,7 @@ TEST(NotANumber, NeverCorruptsARecording) {
       storage = {.deflate = 1, .precision = {.position = 1e-6, .velocity = 1e-3, .force = 1e-3}, .rows_per_chunk = 128};
     Recorder recorder(file, {}, {.orientation = true, .torque = true, .force_measured = true, .reference = true},
                       {.storage = storage});
-    // What a device measures, row by row good or bad, straight into the file.
+    // Write a device's measurements, valid or not, directly to the file.
     Gaussian random(1, 9);
     std::vector<Sample> rows;
     for (std::int64_t i = 0; i < 1000; ++i) {
@@ -333,7 +333,7 @@ TEST(NotANumber, NeverCorruptsARecording) {
           ASSERT_TRUE(std::isnan(was) || std::abs(is - was) <= (rounded ? 1e-3 : 0)) << "row " << i;
         }
   }
-  // And a session that such a device ends is a whole recording of what was before, of what it measures besides, too.
+  // A session that such a device ends leaves a complete recording of all earlier samples and all columns.
   const test::TempFolder folder;
   Recorder recorder(folder / "b.h5", {.clock = "virtual"}, {.orientation = true, .force_measured = true});
   test::PointMass mass;

@@ -1,4 +1,4 @@
-// Paths without length, of one point and of ten million, of a nanometre and of ten metres.
+// Tests of paths without length, of one point and of ten million, of a nanometre and of ten metres.
 #include "control/guidance.h"
 #include "control/path/path_smoothing.h"
 #include "player/guidance/guidance_controller.h"
@@ -15,7 +15,7 @@ using test::Log, test::Watched;
 constexpr std::array kInterpolations{Interpolation::hold, Interpolation::linear, Interpolation::cubic,
                                      Interpolation::quintic};
 
-/// What must hold of any path: every trajectory through it is finite, near it and where its samples are.
+/// Expects every trajectory through a path to be finite, close to the path, and exact at its samples.
 void expect_trajectories(const Path& path) {
   const double extent = path.bounds().size().norm(), duration = path.duration();
   const double near = 1e-12 * (1 + path.bounds().max.cwiseAbs().maxCoeff());
@@ -39,7 +39,7 @@ void expect_trajectories(const Path& path) {
       ASSERT_LE((p - path.bounds().center()).norm(), 2 * extent + near) << time_constant;
 }
 
-/// And: guidance along it is finite and keeps its place on it, wherever the trainee goes.
+/// Expects guidance along a path to be finite and to keep its progress within the path.
 void expect_guidance(const Path& path) {
   const double extent = path.bounds().size().norm();
   ArcPath::Builder builder(ArcPath::spacing_for(extent));
@@ -71,7 +71,7 @@ void expect_guidance(const Path& path) {
   }
 }
 
-/// And: a playback of it ends in good order at its end.
+/// Expects a playback of a path to finish at its end.
 void expect_playback(const Path& path, double speed) {
   PlaybackController controller(Trajectory(path, Interpolation::cubic), test::terms_of(std::make_unique<PdLaw>()),
                                 {.gains = {Vec3::Constant(800), Vec3::Constant(10)}},
@@ -80,7 +80,7 @@ void expect_playback(const Path& path, double speed) {
   mass.place(path.position.front() + Vec3(1e-3, 0, 0));
   Watched device(mass);
   Log log;
-  // Knots that are nanometres apart make forces that vibrate: the path asks for them, no loop.
+  // Knots that are nanometres apart make the force vibrate. The path causes this, not the loop.
   EXPECT_EQ(test::run(device, controller, log, {.watch_vibration = false}).cause, StopCause::finished);
   EXPECT_LE((log.samples.back().reference_position - path.position.back()).norm(), 1e-9);
 }
@@ -127,7 +127,7 @@ TEST(Paths, FromANanometreToTenMetresAreFollowed) {
 }
 
 TEST(Paths, OfNanometresBesideTenMetresAreFollowed) {
-  // Steps of a nanometre, of ten metres, and of nothing, turned about, in every order.
+  // Steps of a nanometre, of ten metres and of zero, in both directions and mixed.
   Path path{.name = "uneven"};
   double t = 0, x = 0;
   for (int i = 0; i < 300; ++i) {
@@ -154,7 +154,7 @@ TEST(Paths, WithStepsFromANanosecondToYearsAreFollowed) {
   }
 }
 
-/// Ten million rows that nobody keeps: loops over a slow drift.
+/// A path of `rows` rows that are computed on demand: loops over a slow drift.
 class EndlessLoops final : public PathSource {
  public:
   explicit EndlessLoops(std::uint64_t rows) {
@@ -189,7 +189,7 @@ TEST(Paths, OfTenMillionPointsAreFollowedFromTheirStartToTheirEnd) {
   const auto source = std::make_shared<const EndlessLoops>(kRows);
   const TrajectoryPieces pieces(source, Interpolation::cubic);
   EXPECT_EQ(pieces.duration(), EndlessLoops::time_of(kRows - 1));
-  // From end to end in a few pieces of it, each as it is followed: in order, across its seams.
+  // Sample a few pieces in order, from end to end and across their seams.
   for (const std::size_t index : {std::size_t{0}, std::size_t{1}, pieces.count() / 2, pieces.count() - 1}) {
     const TrajectoryPiece piece = pieces.make(index);
     Trajectory::Cursor cursor;
@@ -200,7 +200,7 @@ TEST(Paths, OfTenMillionPointsAreFollowedFromTheirStartToTheirEnd) {
       ASSERT_LE(r.velocity.norm(), 1) << row;
     }
   }
-  // The whole of it, faster than anybody moves, through the reader that goes ahead.
+  // Sample the whole path through the stream, which reads ahead, faster than any playback.
   ReferenceStream stream(pieces, {}, 100);
   Reference reference;
   for (double t = 0; t < stream.duration(); t += 4.7) {
@@ -208,7 +208,7 @@ TEST(Paths, OfTenMillionPointsAreFollowedFromTheirStartToTheirEnd) {
     ASSERT_EQ(stream.sample(t, reference), ReferenceStream::Answer::ready) << t;
     ASSERT_TRUE(is_finite(reference.position) && is_finite(reference.velocity)) << t;
   }
-  // And by its arc length: 2.5 km of it, in knots of a centimetre.
+  // Follow it by its arc length: 2.5 km, in knots of 1 cm.
   ArcPath::Builder builder(1e-2);
   for (std::uint64_t row = 0; row < kRows; ++row)
     builder.add(EndlessLoops::time_of(row), source->at(row), Vec3::Zero());

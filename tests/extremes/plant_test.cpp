@@ -1,4 +1,4 @@
-// The simulated mechanism at the ends of what a spec may say: masses, stiffnesses, friction, steps.
+// Tests of the simulated mechanism with extreme specs: masses, stiffnesses, friction, steps.
 #include "tests/extremes/support.h"
 
 #include <fmt/format.h>
@@ -11,8 +11,8 @@ namespace {
 using test::error_of, test::sim_spec;
 using testing::HasSubstr;
 
-/// Pushed about for `ticks` of 1 ms, it stays finite and next to its walls, into which a milligram flies at kilometres
-/// per second.
+/// Pushes a device for `ticks` of 1 ms and expects it to stay finite and near its walls. A mass of 1 mg hits them at
+/// kilometres per second.
 void push_about(const SimSpec& spec, int ticks, double longest_step = SimOptions{}.longest_step) {
   SimDevice device(spec, {.longest_step = longest_step});
   Gaussian random(5, 5);
@@ -45,7 +45,7 @@ TEST(Plant, BearsMassesFromAMilligramToTenTonnes) {
 TEST(Plant, BearsStiffnessesUpToABillion) {
   for (const char* stiffness : {"1e-6", "1", "1e5", "1e9"}) {
     SCOPED_TRACE(fmt::format("{} N/m", stiffness));
-    // A stiff grip on a heavy hand, a stiff arm behind a soft grip, a field that pulls back.
+    // A stiff grip on a heavy hand, a stiff arm behind a soft grip, and a field that pulls back.
     const std::string body = R"({"mass": 1, "max_force": 8, "force_sensor": true, )";
     push_about(sim_spec(fmt::format(R"({}"hand": {{"mass": 1, "grip_stiffness": {}, "grip_damping": 10}}}})", body,
                                     stiffness)),
@@ -84,7 +84,7 @@ TEST(Plant, BearsStepsFromANanosecondToAnHour) {
       ASSERT_LT(device.true_position().cwiseAbs().maxCoeff(), 1.1);
     }
   }
-  // An integrator's step that is far too long for friction and walls, which are implicit.
+  // The step is far too long for friction and walls; they withstand it, since they are implicit.
   const SimSpec free = sim_spec(R"({"mass": 0.4, "viscous": 2, "coulomb": 0.3, "max_force": 8,
                                     "presliding": {"stiffness": 1e9}})");
   SimDevice device(free, {.longest_step = 3600});
@@ -96,7 +96,7 @@ TEST(Plant, BearsStepsFromANanosecondToAnHour) {
 }
 
 TEST(Plant, WithAFieldThatThrowsItOutEndsTheSession) {
-  // Unstable by its spec, not by its integration: it leaves through its walls, and no force follows it.
+  // The spec itself is unstable, not its integration: the device leaves through its walls, and the force ends.
   SimDevice sim(sim_spec(R"({"mass": 1, "max_force": 8, "gravity_gradient": 1e9, "gravity_bias": 1e-3})"));
   test::Watched device(sim);
   test::Log log;
@@ -119,10 +119,10 @@ TEST(Friction, IsStableAndPassiveAtAnyStiffness) {
                  "stribeck": {{"static_ratio": 2, "velocity": 1e-3}}}})",
             mass, stiffness, damping)));
         DeviceState state;
-        const double heaviest = std::min(8.0, 10 * mass);  // within its walls
+        const double heaviest = std::min(8.0, 10 * mass);  // keeps it within its walls
         for (int k = 0; k < 20; ++k)
           ASSERT_EQ(device.exchange({Vec3(heaviest, 0, 0), Vec3::Zero()}, 1e-3, state), Device::Status::ok);
-        // Left alone it only loses energy, but for the ripple that symplectic steps make in that of a soft bristle.
+        // Without force it only loses energy, except for the ripple of a soft bristle's energy in symplectic steps.
         const double energy = device.plant().energy();
         for (int k = 0; k < 200; ++k) {
           ASSERT_EQ(device.exchange({}, 1e-3, state), Device::Status::ok);
@@ -133,7 +133,7 @@ TEST(Friction, IsStableAndPassiveAtAnyStiffness) {
 }
 
 TEST(Friction, HoldsWhatItCanAtAnyStiffness) {
-  // Rigid friction holds still; a bristle gives way, and then creeps by a few of its lengths (LuGre).
+  // Rigid friction does not move. A bristle yields and then creeps by a few of its lengths (LuGre).
   for (const auto& [presliding, allowed] : {std::pair{"", 0.0},
                                             {R"("presliding": {"stiffness": 1e5, "damping": 20},)", 20 * 0.7 / 1e5},
                                             {R"("presliding": {"stiffness": 1e9},)", 20 * 0.7 / 1e9},

@@ -1,4 +1,4 @@
-// What the rows share.
+// Common parts of the rows.
 #pragma once
 
 #include "control/design/tracking_design.h"
@@ -20,10 +20,10 @@ namespace haptrace::test {
 
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// Any device, with every force that reaches it looked at: finite, never more than it bears, zero at last.
+/// Wraps a device and checks every force: it must be finite and within the device's limit, and the last one zero.
 class Watched final : public Device {
  public:
-  /// What may be done to its answers: exchanges are counted from 0.
+  /// Changes a state; exchanges are counted from 0.
   using Disturb = std::function<void(std::uint64_t exchange, DeviceState&)>;
 
   explicit Watched(Device& device, Disturb disturb = {}) : device_(device), disturb_(std::move(disturb)) {}
@@ -40,7 +40,7 @@ class Watched final : public Device {
   }
   void close() noexcept override { device_.close(); }
 
-  /// What must hold of any session, whatever ended it.
+  /// Checks the forces after a session, whatever ended it.
   void expect_safe() const {
     EXPECT_TRUE(finite_);
     EXPECT_LE(largest_, info().max_force * (1 + 1e-12));
@@ -57,7 +57,7 @@ class Watched final : public Device {
   std::uint64_t count_ = 0;
 };
 
-/// One session in virtual time, whose forces must be safe and whose rows finite.
+/// Runs one session in virtual time and expects safe forces and finite rows.
 inline ServoReport run(Watched& device, Controller& controller, Log& log, ServoLoop::Options options = {},
                        const std::string& estimator = "lowpass") {
   options.virtual_time = true;
@@ -90,7 +90,7 @@ ForceTerms terms_of(std::unique_ptr<Terms>... terms) {
   return sum;
 }
 
-/// How far the tool was from the reference in the last row of that phase [m]; NaN when there is none.
+/// Returns the distance of the tool from the reference in the last row of `phase` [m]; NaN if there is no such row.
 inline double error_at_the_end_of(const Log& log, Phase phase) {
   double error = kNaN;
   for (const Sample& row : log.samples)

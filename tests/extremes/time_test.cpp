@@ -1,5 +1,5 @@
-// A day, a week, an uptime of years: integer nanoseconds and tick indices do not drift, and steps of no time do
-// nothing.
+// Tests over a day, a week and an uptime of years: integer nanoseconds and tick indices do not drift, and steps of zero
+// time have no effect.
 #include "base/nano_time.h"
 #include "control/guidance.h"
 #include "control/hand_watch.h"
@@ -33,7 +33,7 @@ TEST(Time, OfADeviceDoesNotDriftInADayOrAWeek) {
   EXPECT_EQ(time.ns(), kWeek + 2000 * kSecond);
 }
 
-/// Exact, on a machine that has been up for long, with one long pause.
+/// An exact clock with a long uptime and one long pause.
 class LongClock final : public ServoClock {
  public:
   LongClock(std::int64_t uptime, std::int64_t pause_from, std::int64_t pause)
@@ -56,7 +56,7 @@ TEST(Time, TicksStayOnTheirGridADayAndAWeekLater) {
     for (const std::int64_t pause : {kDay, kWeek, 52 * kWeek}) {
       SCOPED_TRACE(fmt::format("{} Hz, {} days", rate, pause / kDay));
       const std::int64_t period = std::llround(1e9 / rate);
-      test::PointMass mass(1e20);  // which stays where it is for a year
+      test::PointMass mass(1e20);  // hardly moves in a year
       Watched device(mass);
       std::vector<State> states;
       states.reserve(100);
@@ -90,7 +90,7 @@ TEST(Time, TicksStayOnTheirGridADayAndAWeekLater) {
 TEST(Time, OfAPathDoesNotDriftInAWeek) {
   constexpr double kPathWeek = 7 * 86400;  // [s]
   Path path{.name = "a week", .time = {0, kPathWeek}, .position = {Vec3::Zero(), Vec3(0.1, 0, 0)}};
-  // Steps that no double holds, as long as they may be, so that a week is a million of them.
+  // No double represents these steps exactly. They are as long as allowed, so that a week takes a million of them.
   constexpr double kSpeed = 97.3, kRate = 1000, kStep = 4.9e-3;
   PlaybackController controller(Trajectory(path, Interpolation::linear), {}, {}, {.speed = kSpeed, .rate_hz = kRate});
   State state;
@@ -103,7 +103,7 @@ TEST(Time, OfAPathDoesNotDriftInAWeek) {
     command = controller.update(state);
     if (command.phase != Phase::run) continue;
     if (std::isnan(begun)) begun = command.reference.time;
-    // The pace is 1 all along. Compared in whole steps, whose product is rounded once.
+    // The pace is always 1. The expected value multiplies whole steps, so it is rounded only once.
     const double expected = begun + kSpeed * kStep * static_cast<double>(ticks++);
     if (expected < kPathWeek) {
       ASSERT_LE(std::abs(command.reference.time - expected), 4e-10) << "tick " << ticks;
@@ -118,7 +118,7 @@ TEST(Time, StampsOfTheUnixEpochPlayLikeThoseFromZero) {
   Path stamped = plain;
   for (double& t : stamped.time) t += 1.7e9;
   const Trajectory one(plain, Interpolation::cubic), other(stamped, Interpolation::cubic);
-  // A double holds such a stamp to 0.24 us: half a millionth of a second of a movement of 0.3 m/s.
+  // A double resolves such a time stamp to 0.24 us; at 0.3 m/s this is less than 0.1 um.
   for (double t = 0; t < 1; t += 1.7e-3) {
     const Reference a = one.sample(t), b = other.sample(t);
     ASSERT_LE((a.position - b.position).norm(), 5e-7);

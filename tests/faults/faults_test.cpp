@@ -1,6 +1,6 @@
-// What a session does when its disk misbehaves: the real command, on a C library that fails beneath HDF5 (preload.cpp).
-// Always: the session goes on, what went wrong is said at once, what could be kept is kept and right, the exit code
-// tells.
+// Tests of sessions on a faulty disk: the real command, on a C library that fails below HDF5 (preload.cpp). In every
+// case the session continues, the command reports the fault at once, the data that could be kept is valid, and the exit
+// code shows the fault.
 #include "formats/recording/recording_layout.h"
 #include "tests/cli/command.h"
 #include "tests/formats/support.h"
@@ -26,11 +26,11 @@ using Words = std::vector<std::string>;
 
 constexpr auto kNoInput = Command::Input::none;
 
-/// The variables of a disk that does this to files whose path holds `file`.
+/// Returns the environment of a disk with these faults for files whose path contains `file`.
 Words disk(Words faults, const std::string& file = "out") {
   faults.push_back("FAULT_PATH=" + file);
   faults.emplace_back("LD_PRELOAD=" FAULTS_PRELOAD);
-  // AddressSanitizer wants to be the first that is loaded.
+  // AddressSanitizer checks that it is loaded first; another library is preloaded here.
   const char* options = std::getenv("ASAN_OPTIONS");
   faults.push_back(fmt::format("ASAN_OPTIONS={}:verify_asan_link_order=0", options == nullptr ? "" : options));
   return faults;
@@ -50,7 +50,7 @@ Words split(const std::string& text) {
   return words;
 }
 
-/// All rows of a recording in which nothing is wrong but, perhaps, that it was not finished.
+/// Returns all rows of a recording and expects it to be valid, though perhaps unfinished.
 std::vector<Sample> rows_of(const std::string& file) {
   const RecordingReader reader(file);
   std::vector<Sample> rows = reader.read(0, reader.rows());
@@ -72,14 +72,14 @@ bool complete(const std::string& file) {
 struct Fault {
   const char* name;
   std::string disk;
-  const char* says;  ///< null: nothing is lost
+  const char* says;  ///< part of the error; null: nothing is lost
 };
 
 void PrintTo(const Fault& fault, std::ostream* out) {
   *out << fault.disk;
 }
 
-/// The play of a path in virtual time, which is the same to the bit whenever it is run.
+/// A playback in virtual time; its samples are bit-identical in every run.
 class Play {
  public:
   explicit Play(const std::string& duration = "12") {
@@ -99,7 +99,7 @@ class Play {
 class FaultsInVirtualTime : public testing::TestWithParam<Fault> {};
 
 TEST(KilledWithinAWrite, AFileCanBeReadWhereverTheWriteEnds) {
-  // A kill ends a write between two pages. Long texts fill the headers, so that as much as may lie in two pages does.
+  // A kill ends a write at a page boundary. Long texts fill the headers, so that many objects span two pages.
   const Play play("1");
   Words words = play.words("out.h5");
   words.insert(words.end(), {"--title", std::string(3000, 't'), "--kp", "900", "--kd", "30"});
@@ -113,7 +113,7 @@ TEST(KilledWithinAWrite, AFileCanBeReadWhereverTheWriteEnds) {
       break;
     }
     ASSERT_LT(killed_at, 2000);
-    if (!fs::exists(play / "out.h5")) continue;  // before it had its name
+    if (!fs::exists(play / "out.h5")) continue;  // killed before the file got its name
     ++readable;
     rows_of(play / "out.h5");
     EXPECT_FALSE(complete(play / "out.h5"));
@@ -145,7 +145,7 @@ TEST_P(FaultsInVirtualTime, CostNoRowThatCouldBeKept) {
   EXPECT_GT(rows.size(), 4000U);
   EXPECT_LT(rows.size(), whole.size());
   EXPECT_FALSE(complete(play / "out.h5"));
-  // A disk that refuses a claim lets every sample be written that came before.
+  // A disk that refuses to reserve space still writes every earlier sample.
   if (GetParam().disk.find("FAULT_ROOM") == 0) {
     EXPECT_THAT(answer.err, HasSubstr(fmt::format("recording stopped after {} samples", rows.size())));
   }
@@ -170,7 +170,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 // ----------------------------------------------------------------------------------------------------------- real time
 
-/// A recording in real time that goes on until it is told to end: what it says before that, it says at once.
+/// A recording in real time that runs until end(); messages before that appear while it runs.
 class Endless {
  public:
   explicit Endless(const Words& faults = {}, const char* rate = "1000")
@@ -181,7 +181,7 @@ class Endless {
 
   bool says(std::string_view part) { return command_.says(part); }
 
-  /// Waits until some of it is on the disk.
+  /// Waits until part of the recording is on the disk.
   void wait_for_rows() const {
     for (int i = 0; i < 2400 && !(fs::exists(file) && fs::file_size(file) > 50'000); ++i)
       std::this_thread::sleep_for(25ms);
@@ -189,7 +189,7 @@ class Endless {
 
   [[nodiscard]] pid_t pid() const { return command_.pid(); }
 
-  /// Ends it and expects the session itself to have been in order until then.
+  /// Ends the recording with a signal and expects a session without faults.
   Answer end(int exit_code, int signal = SIGINT) {
     kill(command_.pid(), signal);
     Answer answer = command_.wait();
@@ -205,7 +205,7 @@ class Endless {
   Command command_;
 };
 
-/// Every tick that ran has its row.
+/// Expects a complete recording with a row for every tick.
 void expect_whole(const std::string& file, const Answer& answer) {
   EXPECT_EQ(answer.json()["lost"], 0);
   EXPECT_EQ(rows_of(file).size(), answer.json()["samples"]);
@@ -293,10 +293,10 @@ TEST(Recording, OverWhichAnotherFileIsCopiedGoesOnInAFurtherPart) {
   const std::string other = folder / "other.h5";
   ASSERT_EQ(test::haptrace("record", other, "--device", kFalcon, "--duration", "1").exit_code, 0);
   const std::string bytes = read_bytes(other);
-  Endless session({"FAULT_COPY=" + other, "FAULT_COPY_AFTER=2000000"}, "10000");  // memory holds less
+  Endless session({"FAULT_COPY=" + other, "FAULT_COPY_AFTER=2000000"}, "10000");  // the memory holds fewer samples
   ASSERT_TRUE(session.says("another program wrote over it"));
   ASSERT_TRUE(session.says("recording goes on in a further file"));
-  const Answer answer = session.end(1);  // what was in the file alone is gone
+  const Answer answer = session.end(1);  // samples that were only in the file are lost
   EXPECT_EQ(read_bytes(session.file), bytes) << "nothing of ours is written into it";
   const std::string part = part_file(session.file, 2);
   const RecordingReader reader(part);
@@ -395,7 +395,7 @@ class BusyCores {
 TEST(Recording, LosesNothingWhenItsWriterHardlyEverRuns) {
   Endless session;
   session.wait_for_rows();
-  // All of its threads but the servo loop, where that is a real-time one.
+  // Lower the priority of all its threads except the servo loop's, if that is a real-time thread.
   for (const auto& thread : fs::directory_iterator(fmt::format("/proc/{}/task", session.pid()))) {
     const pid_t id = std::stoi(thread.path().filename());
     const sched_param none{};
@@ -409,10 +409,9 @@ TEST(Recording, LosesNothingWhenItsWriterHardlyEverRuns) {
   expect_whole(session.file, session.end(130));
 }
 
-// ------------------------------------------------------------------- what the library can, and the command need not
-// know
+// --------------------------------------------------------------------------------------- faults through the library
 
-/// The sessions of recording_session.cpp, whose movement is known.
+/// Returns the position of a sample [um]; recording_session.cpp defines the movement.
 std::int64_t row_of(const Sample& sample) {
   return std::llround(1e6 * sample.position.x());
 }
@@ -432,7 +431,7 @@ TEST(Recording, ThatOverflowsAfterAllCountsEveryLossAndShowsTheGap) {
   Command session =
       known_movement(file, {"clock=real", "rate=10000", "ring=0"}, {"FAULT_STALL_MS=4000", "FAULT_STALL_AFTER=300000"});
   ASSERT_TRUE(session.says("samples lost so far"));
-  // Until after the stall, so that there are rows on both sides of the gap.
+  // Wait until after the stall, so that there are rows on both sides of the gap.
   std::this_thread::sleep_for(3s);
   kill(session.pid(), SIGINT);
   const Answer answer = session.wait();
@@ -443,7 +442,7 @@ TEST(Recording, ThatOverflowsAfterAllCountsEveryLossAndShowsTheGap) {
   EXPECT_EQ(rows.size() + lost, ran);
   EXPECT_TRUE(complete(file)) << "the recording itself was finished";
 
-  // The rows are those before and after the gap, and the gap is as long as the count says.
+  // The rows are those before and after the gap, and the gap is as long as the reported count.
   std::uint64_t at = 0, skipped = 0;
   for (const Sample& row : rows) {
     while (at < ran && row_of(row) != known_position(at)) ++at, ++skipped;
@@ -499,7 +498,7 @@ TEST(Recording, ThatCannotBeCreatedLeavesNothingBehind) {
   }
 }
 
-/// A disk of `bytes` at `folder`: a real one where the system lets us mount it, else the preloaded one.
+/// A disk of `bytes` at `folder`: a tmpfs if the system allows mounting it, otherwise the preloaded fake.
 class SmallDisk {
  public:
   SmallDisk(std::string folder, std::uint64_t bytes) : folder_(std::move(folder)) {

@@ -1,22 +1,21 @@
-// A shared object for LD_PRELOAD: a disk that misbehaves, beneath HDF5 and everything else. It looks only at files
-// whose path holds FAULT_PATH, and does what these variables say:
-//   FAULT_ERRNO=E        the error of calls that fail (a number)
-//   FAULT_ROOM=BYTES     the disk is full: nothing reaches beyond this offset, written or claimed; a write up to there
-//                        is cut short. Once a file has met that, there is no room for any other
-//   FAULT_AFTER=BYTES    the disk is broken: once so many bytes were written, every call fails
-//   FAULT_BACK_MS=MS     these two are over so long after they were first met
-//   FAULT_SYNC=1         it cannot be waited for: fsync and fdatasync fail
+// Library for LD_PRELOAD that simulates a faulty disk below HDF5 and all other code. It affects only files whose path
+// contains FAULT_PATH. Variables:
+//   FAULT_ERRNO=E        error number of failing calls
+//   FAULT_ROOM=BYTES     the disk is full: no write or reservation goes beyond this offset; a write across it is cut
+//                        short. Once one file has reached it, there is no room for any other
+//   FAULT_AFTER=BYTES    the disk is broken: after this many bytes written, every call fails
+//   FAULT_BACK_MS=MS     the two faults above end this long after they first occurred
+//   FAULT_SYNC=1         fsync and fdatasync fail
 //   FAULT_CREATE=1       files cannot be created
-//   FAULT_NO_CLAIM=1     room cannot be claimed (fallocate: EOPNOTSUPP)
+//   FAULT_NO_CLAIM=1     space cannot be reserved (fallocate: EOPNOTSUPP)
 //   FAULT_SHORT=BYTES    no write is longer than this
-//   FAULT_INTERRUPT=1    every other write, claim and sync is interrupted (EINTR)
+//   FAULT_INTERRUPT=1    every second write, reservation and sync is interrupted (EINTR)
 //   FAULT_DELAY_MS=MS    every write takes this long
 //   FAULT_STALL_MS=MS    one write takes this long: the first after FAULT_STALL_AFTER bytes
-//   FAULT_TORN=N         the process is killed (SIGKILL) while it writes, as the kernel does it: the N-th write that
-//   lies
-//                        in two pages of memory ends where the first does
-//   FAULT_COPY=FILE      another program copies FILE over it, as cp does: before the first read after FAULT_COPY_AFTER
-//                        bytes. A writer reads before a series of writes, not within
+//   FAULT_TORN=N         the process is killed (SIGKILL) within a write: the N-th write that spans two pages of memory
+//                        ends at the end of the first page, as the kernel does it
+//   FAULT_COPY=FILE      another program copies FILE over the file, like cp, before the first read after
+//                        FAULT_COPY_AFTER bytes. A writer reads before a series of writes, not within one
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
@@ -54,8 +53,8 @@ const bool kSync = number("FAULT_SYNC", 0) != 0, kCreate = number("FAULT_CREATE"
 
 std::atomic<std::int64_t> written{0}, calls{0}, in_two_pages{0};
 std::atomic<bool> stalled{false}, copied{false};
-std::atomic<ino_t> full{0};        ///< the file that met the end of the room
-std::atomic<std::int64_t> met{0};  ///< when a fault that may be over was first met [ms]
+std::atomic<ino_t> full{0};        ///< file that reached FAULT_ROOM
+std::atomic<std::int64_t> met{0};  ///< time of the first fault that may end [ms]
 
 template <class Function>
 Function* next(const char* name) {
@@ -82,7 +81,7 @@ void wait(std::int64_t milliseconds) {
   }
 }
 
-/// Whether a fault of the disk, met now at the latest, goes on.
+/// Returns whether a fault continues; the first call marks its start.
 bool goes_on() {
   timespec now{};
   clock_gettime(CLOCK_MONOTONIC, &now);
@@ -92,7 +91,7 @@ bool goes_on() {
   return ms - met.load() < kBack;
 }
 
-/// How far this file may reach.
+/// Returns the largest allowed size of this file [bytes].
 std::int64_t room_of(int descriptor, std::int64_t end) {
   if (kRoom == INT64_MAX) return kRoom;
   struct stat status {};
@@ -104,7 +103,7 @@ std::int64_t room_of(int descriptor, std::int64_t end) {
   return met_by == status.st_ino ? kRoom : 0;
 }
 
-/// True when the call fails; errno says why.
+/// Returns true and sets errno if the call fails.
 bool fails(bool fault, bool may_be_interrupted = true) {
   if (kInterrupt && may_be_interrupted && calls.fetch_add(1) % 2 == 0) {
     errno = EINTR;
@@ -117,7 +116,7 @@ bool fails(bool fault, bool may_be_interrupted = true) {
   return false;
 }
 
-/// How much of a write of `count` bytes at `offset` may be done; -1: none, errno says why.
+/// Returns how many of `count` bytes may be written at `offset`, or -1 with errno set.
 ssize_t allowed(int descriptor, std::int64_t count, std::int64_t offset) {
   if (kDelay > 0) wait(kDelay);
   if (kStall > 0 && written.load() >= kStallAfter && !stalled.exchange(true)) wait(kStall);

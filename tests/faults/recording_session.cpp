@@ -1,8 +1,8 @@
-// recording_session FILE [KEY=VALUE...]: a session on a device whose movement is known, recorded as the library can,
-// for tests that kill it or break its disk. Prints the session's JSON and, as they come, its notices on standard error.
-//   rate=1000 duration=0 clock=virtual|real       0: until SIGTERM or SIGINT
+// recording_session FILE [KEY=VALUE...]: records a session on a device with a known movement through the library, for
+// tests that kill it or break its disk. Prints the session's JSON, and its warnings on standard error as they occur.
+//   rate=1000 duration=0 clock=virtual|real       duration 0: until SIGTERM or SIGINT
 //   ring=8 flush=0.1 sync=0 split= deflate=0 precision=
-//   counter=FILE    16 bytes, shared: how many samples were pushed, and the time of the newest [ns]
+//   counter=FILE    16 bytes of shared memory: number of samples pushed, and time of the newest one [ns]
 // Row i has the position x = 1e-6 |i mod 100000 - 50000| m.
 #include "player/playback/playback.h"
 #include "player/record.h"
@@ -36,10 +36,10 @@ class KnownMovement final : public Device {
 
  private:
   DeviceInfo info_;
-  std::int64_t exchanges_ = -1;  ///< the first is before the first tick
+  std::int64_t exchanges_ = -1;  ///< the first exchange precedes the first tick
 };
 
-/// Outlives the process in its file.
+/// Counts samples in a file, so that the count outlives the process.
 class SharedCounter final : public SampleSink {
  public:
   explicit SharedCounter(const std::string& file) {

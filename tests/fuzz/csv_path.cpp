@@ -1,4 +1,4 @@
-// A path as CSV.
+// Fuzz target: a path as CSV.
 #include "formats/path/path_file.h"
 #include "tests/fuzz/fuzz.h"
 

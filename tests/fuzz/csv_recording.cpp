@@ -1,4 +1,4 @@
-// A recording or path as CSV, as haptrace convert reads it.
+// Fuzz target: a recording or path as CSV, read like haptrace convert.
 #include "tests/fuzz/source.h"
 
 using namespace haptrace;

@@ -1,4 +1,4 @@
-// The text after --device.
+// Fuzz target: the value of --device.
 #include "devices/device_spec.h"
 
 #include "tests/fuzz/fuzz.h"

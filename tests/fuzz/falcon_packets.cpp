@@ -1,4 +1,4 @@
-// What a Falcon sends, or whatever else is on its line: a packet is found where one is, and nowhere else.
+// Fuzz target: bytes on a Falcon's line. The decoder finds every packet and no other.
 #include "devices/falcon/protocol.h"
 #include "tests/fuzz/fuzz.h"
 
@@ -15,7 +15,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     ++found;
     fuzz::require(i >= 15);
     FalconBytes bytes = encode(*packet);
-    bytes[14] = data[i - 1];  // carries nothing that is known
+    bytes[14] = data[i - 1];  // a byte without a known meaning
     fuzz::require(std::equal(bytes.begin(), bytes.end(), data + i - 15));
   }
   fuzz::require(decoder.skipped() + 16 * found <= size);

@@ -1,5 +1,5 @@
-// What the fuzz targets share. A target is one entry point for files and texts of unknown origin: it may refuse them
-// with an Error, and nothing else.
+// Common parts of the fuzz targets. A target calls one entry point for files and texts of unknown origin, which may
+// reject them only with an Error.
 #pragma once
 
 #include "base/error.h"
@@ -18,7 +18,7 @@ inline std::string_view text_of(const std::uint8_t* data, std::size_t size) {
   return {reinterpret_cast<const char*>(data), size};
 }
 
-/// Runs `action`; to refuse the input is an answer.
+/// Runs `action`; an Error is a valid result.
 template <class Action>
 void answer(const Action& action) {
   try {
@@ -27,12 +27,12 @@ void answer(const Action& action) {
   }
 }
 
-/// Ends the program, which is a finding, when a promise of the entry point is broken.
+/// Ends the program, which the fuzzer reports, if the entry point breaks a promise.
 inline void require(bool promise) {
   if (!promise) __builtin_trap();
 }
 
-/// The name of a file of this content, which the next call replaces.
+/// Writes a file of this content and returns its name; the next call replaces the file.
 inline std::string file_of(std::string_view content) {
   static const test::TempFolder folder;
   return folder.write("input", content);

@@ -1,4 +1,4 @@
-// Gains as JSON.
+// Fuzz target: gains as JSON.
 #include "base/json_reader.h"
 #include "base/types.h"
 #include "player/playback/playback.h"

@@ -1,5 +1,5 @@
-// What comes on a Hapkit's line, either way: a packet is found where a whole one is, and nowhere else; the board's
-// motor is off unless it was greeted.
+// Fuzz target: bytes on a Hapkit's line, in both directions. The decoder finds complete packets and no others. The
+// board's motor is off unless the board has received a hello.
 #include "devices/hapkit/hapkit_board.h"
 #include "tests/fuzz/fuzz.h"
 
@@ -20,7 +20,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     fuzz::require(found || !answered);
     if (found) {
       hapkit_encode(&packet, bytes.data());
-      // Zeros before the first byte are no packet either: it has a kind.
+      // The decoder's initial zeros belong to no packet, since the kind of a packet is not zero.
       fuzz::require(i + 1 >= bytes.size() && std::equal(bytes.begin(), bytes.end(), data + i + 1 - bytes.size()));
       if (packet.kind == HAPKIT_HELLO) greeted = packet.version == HAPKIT_VERSION;
     }

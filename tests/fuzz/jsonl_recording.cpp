@@ -1,4 +1,4 @@
-// A recording as JSON lines.
+// Fuzz target: a recording as JSON lines.
 #include "tests/fuzz/source.h"
 
 using namespace haptrace;

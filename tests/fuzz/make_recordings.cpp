@@ -1,5 +1,5 @@
-// Writes the recordings of the corpus, as small as they can be: a finished one, one of every column, one whose writer
-// died, a first part, one that was packed and one that was rounded.
+// Writes the smallest possible recordings for the corpus: a finished one, one with every column, one whose writer died,
+// a first part, a packed one and a rounded one.
 //   fuzz_make_recordings FOLDER
 #include "formats/recording/recording.h"
 

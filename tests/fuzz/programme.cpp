@@ -1,4 +1,4 @@
-// A programme as JSON: what reads as one has exercises that can be followed.
+// Fuzz target: a programme as JSON. Every valid programme has exercises with a path to follow.
 #include "formats/documents/programme.h"
 
 #include "base/json_reader.h"

@@ -1,4 +1,4 @@
-// A recording: what plays it reads it, and what checks it checks it.
+// Fuzz target: a recording, opened by its reader, by the check and as a path.
 #include "formats/recording/recording.h"
 
 #include "formats/path/path_file.h"

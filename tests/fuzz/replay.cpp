@@ -1,4 +1,4 @@
-// Gives a fuzz target every file of a folder: the corpus, which keeps what fuzzing once found.
+// Runs a fuzz target on every file of a folder, such as the corpus, which keeps earlier findings.
 //   replay_TARGET FOLDER
 #include "tests/fuzz/fuzz.h"
 
@@ -25,7 +25,7 @@ int main(int argc, char** argv) {
       return 2;
     }
     std::printf("%s\n", file.c_str());
-    std::fflush(stdout);  // the last name stands before the crash
+    std::fflush(stdout);  // the last name printed is the file that crashes
     LLVMFuzzerTestOneInput(reinterpret_cast<const std::uint8_t*>(content.data()), content.size());
   }
   return files.empty() ? 2 : 0;

@@ -1,4 +1,4 @@
-// A simulated device as JSON: what reads as one can be built and moved.
+// Fuzz target: a simulated device as JSON. Every valid spec makes a device that moves.
 #include "base/json_reader.h"
 #include "devices/sim/sim_device.h"
 #include "devices/sim/spec.h"

@@ -1,4 +1,4 @@
-// What every reader of recordings promises, whatever the file.
+// Fuzz test of the promises of every reader of recordings.
 #pragma once
 
 #include "formats/recording/recording_formats.h"
@@ -6,7 +6,7 @@
 
 namespace haptrace::fuzz {
 
-/// Reads a file of this content to its end with `open(file, any_order)`, once for each order.
+/// Reads a file of this content to its end with `open(file, any_order)`, once for each value of `any_order`.
 template <class Open>
 void read_to_end(const std::uint8_t* data, std::size_t size, const Open& open) {
   const std::string file = file_of(text_of(data, size));

@@ -1,4 +1,4 @@
-// Commands that tune a session, a line each.
+// Fuzz target: commands that tune a session, one per line.
 #include "player/tuning/live_tuning.h"
 #include "tests/fuzz/fuzz.h"
 

@@ -1,4 +1,4 @@
-// Streams of the Lab Streaming Layer.
+// Fuzz target: an XDF file with streams of the Lab Streaming Layer.
 #include "tests/fuzz/source.h"
 
 using namespace haptrace;

@@ -1,5 +1,6 @@
-// The guard against vibration in sessions on simulated devices, in virtual time: loops that vibrate by themselves are
-// noticed and calm or ended in time, and what hands do is left alone. docs/monitor.md has the figures of many more.
+// Tests of the guard against vibration in sessions on simulated devices, in virtual time. The guard detects loops that
+// vibrate by themselves, and calms or ends them in time. It does not react to hands. docs/monitor.md has the statistics
+// of many more cases.
 #include "control/filters.h"
 #include "control/path/shapes.h"
 #include "devices/loop/servo_loop.h"
@@ -23,14 +24,14 @@ double seconds_at(std::int64_t time_ns) {
   return 1e-9 * static_cast<double>(time_ns);
 }
 
-/// When the first alarm was that no hand causes [s].
+/// Returns the time of the first alarm that a hand cannot cause [s].
 std::optional<double> first_alarm(const Log& log) {
   for (const Event& event : log.events)
     if (is_oscillation(event.code)) return seconds_at(event.time_ns);
   return std::nullopt;
 }
 
-/// The rms of the sent force above 5 Hz, over the 50 ms before `time` [N].
+/// Returns the rms of the sent force above 5 Hz at `time` [N], averaged with a time constant of 50 ms.
 double ripple_at(const Log& log, double time, double rate_hz) {
   std::array<Butterworth2, 3> high{Butterworth2(Butterworth2::Kind::high_pass, 5, rate_hz),
                                    Butterworth2(Butterworth2::Kind::high_pass, 5, rate_hz),
@@ -46,7 +47,8 @@ double ripple_at(const Log& log, double time, double rate_hz) {
   return std::sqrt(energy);
 }
 
-/// Expects an alarm by `latest`, and 1 s after it less ripple than 0.12 of the force, or no session any more.
+/// Expects an alarm by `latest`, and 1 s later either a ripple below 0.12 of the largest force or the end of the
+/// session.
 void expect_noticed_and_calm(const Log& log, const ServoReport& report, double latest, double max_force,
                              double rate_hz = 1000) {
   const auto alarm = first_alarm(log);
@@ -59,7 +61,7 @@ void expect_noticed_and_calm(const Log& log, const ServoReport& report, double l
 }
 
 TEST(ForceGuard, NoticesGainsThatAnUncalibratedDeviceDoesNotBear) {
-  // The latest alarm, from the first tick on; the force has half a second to fade in.
+  // Latest time of the alarm after the first tick [s]; the force fades in for 0.5 s.
   for (const auto& [preset, latest] :
        {std::pair{"falcon", 0.6}, {"hapkit", 0.6}, {"inverse3", 0.6}, {"reference", 0.6}, {"touch", 0.6}}) {
     SCOPED_TRACE(preset);
@@ -76,14 +78,14 @@ TEST(ForceGuard, NoticesGainsThatAnUncalibratedDeviceDoesNotBear) {
   }
 }
 
-/// A simulated device that is pushed beside the hand that holds it.
+/// A simulated device with an additional push, besides the hand that holds it.
 class Handled final : public Device {
  public:
-  using Push = std::function<double(double)>;  ///< along x, of the time [N]
+  using Push = std::function<double(double)>;  ///< force along x [N] as a function of time [s]
 
   Handled(const std::string& device, double max_force, Push push) : push_(std::move(push)) {
     SimParts parts = read_sim_device(DeviceSpec::parse(device));
-    parts.spec.max_force = 200;  // the session's limit is lower; a push may be more
+    parts.spec.max_force = 200;  // the session's limit is lower, but a push may exceed it
     device_.emplace(parts.spec, parts.options);
     info_ = device_->info();
     info_.max_force = max_force;
@@ -103,7 +105,7 @@ class Handled final : public Device {
   double time_ = 0;
 };
 
-/// The force along x, of position, velocity and time.
+/// Force along x [N] as a function of position [m], velocity [m/s] and time [s].
 using Law = std::function<double(double, double, double)>;
 
 ServoReport hold(Device& device, const Law& law, double seconds, Log& log, const std::string& velocity = "lowpass:100",
@@ -151,7 +153,8 @@ TEST(ForceGuard, NoticesFrequenciesUpToHalfTheServoRate) {
 }
 
 TEST(ForceGuard, NoticesAForceThatAlternatesFromTickToTick) {
-  // The position answers the force at once: v' = (1 - kd dt / m) v, which alternates and grows for kd dt > 2 m.
+  // The position responds to the force within a tick: v' = (1 - kd dt / m) v, which alternates and grows for kd dt > 2
+  // m.
   test::PointMass device(0.1, 0.5);
   Log log;
   const ServoReport report = hold(
@@ -160,7 +163,7 @@ TEST(ForceGuard, NoticesAForceThatAlternatesFromTickToTick) {
   EXPECT_GT(report.vibration.frequency_hz, 450);
 }
 
-/// Carries the tool into the wall at 0.5 s, and holds it there.
+/// Returns a push that carries the tool into the wall at 0.5 s and holds it there [N].
 double lean(double time) {
   return time < 0.5 ? 1 : -1.5;
 }
@@ -185,7 +188,7 @@ TEST(ForceGuard, NoticesAWallThatIsTooStiffAndLeavesSofterOnesAlone) {
   }
 }
 
-/// What hands do.
+/// An ordinary activity of a hand.
 struct Activity {
   const char* name;
   double (*push)(double);  ///< see Handled
@@ -230,7 +233,7 @@ INSTANTIATE_TEST_SUITE_P(All, OrdinaryActivities, testing::ValuesIn(kActivities)
                          [](const auto& activity) { return std::string(activity.param.name); });
 
 TEST(ForceGuard, WritingAt8HzOnAWallIsAtMostAHint) {
-  // A hand that writes touches the wall every 125 ms, and takes its energy along.
+  // A writing hand touches the wall every 125 ms and absorbs its energy.
   for (const double stiffness : {500.0, 1000.0, 2000.0}) {
     SCOPED_TRACE(stiffness);
     Handled device("sim:preset=omega3,seed=3,hand=firm", 8.9, [](double t) { return 6 * sinusoid(8, t) - 1; });

@@ -1,4 +1,4 @@
-// Calibrated playback on devices that are not our simulator's: a plug-in with physics of its own, behind the ABI.
+// Tests of calibrated playback on a device outside haptrace's simulator: a plug-in with its own physics.
 #include "control/path/shapes.h"
 #include "devices/registry.h"
 #include "player/calibration/calibration.h"
@@ -14,8 +14,8 @@ namespace {
 struct ForeignKind {
   std::string name;
   nlohmann::json options;
-  double better;  ///< calibrated, fifth repetition, over stiff PD: at least, in rms error
-  double ripple;  ///< the same, in force ripple: at most
+  double better;  ///< least ratio of the rms errors of stiff PD and of the calibrated fifth repetition
+  double ripple;  ///< largest ratio of the force ripple of the calibrated repetition to that of stiff PD
 };
 
 void PrintTo(const ForeignKind& kind, std::ostream* out) {
@@ -43,7 +43,7 @@ class ForeignDevice : public testing::TestWithParam<ForeignKind> {
     return open_device(fmt::format("plugin:path={},options={}", AWKWARD_PLUGIN, GetParam().options.dump()));
   }
 
-  /// A circle of 80 mm in 4 s.
+  /// Plays a circle of 80 mm in 4 s.
   static PlayResult played(const PlayOptions& options) {
     const auto device = open();
     return play(*device, plan_playback(device->info(), make_shape("circle", {}), options), options, StopRequest{});
@@ -67,8 +67,8 @@ TEST_P(ForeignDevice, IsFollowedManyTimesCloserOnceItIsCalibrated) {
   EXPECT_LT(with.last.force_ripple, GetParam().ripple * without.last.force_ripple + 0.02);
 }
 
-// Measured: 47, 200, 47, 36, 35, 24, 14, 47 times; known coarsely: see docs/following.md. Most at less ripple than the
-// PD law's.
+// Measured ratios of the rms error for the first eight: 47, 200, 47, 36, 35, 24, 14, 47. See docs/following.md for the
+// coarsely known ones. Most have less ripple than the PD law.
 INSTANTIATE_TEST_SUITE_P(
     , ForeignDevice,
     testing::Values(held("ThatIsBenign", "{}", 18, 1.2), held("ThatMeasuresExactly", R"({"quantum": 0})", 18, 1.2),
@@ -78,11 +78,11 @@ INSTANTIATE_TEST_SUITE_P(
                     held("ThatIsFourSamplesLate", R"({"delay": 4})", 12, 1.2),
                     held("ThatCountsFifthsOfAMillimetre", R"({"quantum": 2e-4, "told_quantum": 2e-4})", 7, 1.2),
                     held("ThatSticks", R"({"coulomb": 2})", 18, 1.2),
-                    // Known coarsely: their response is not that of a mass, or too little of one.
+                    // Known coarsely: their response differs from that of a mass.
                     held("WhoseHandleHasALittlePlay", R"({"backlash": 3e-5, "handle": 0.1})", 18, 1.2),
                     held("WhoseHandleHasPlay", R"({"backlash": 1e-4, "handle": 0.3})", 18, 1.2),
                     held("WhoseHandleHasMuchPlay", R"({"backlash": 5e-4, "handle": 0.3})", 18, 1.3),
-                    // Its calibration vibrates at 57 Hz with 3 N, is softened for that, and knows it coarsely.
+                    // Its calibration vibrates at 57 Hz with 3 N, is softened, and identifies it only coarsely.
                     held("OfEveryEffectAtOnce",
                          R"({"inertia": 0.5, "cable": 1, "backlash": 2e-4, "delay": 4, "quantum": 2e-4})", 1.5, 1.2),
                     held("OfTwoKilogrammes", R"({"mass": 2})", 18, 1.2),

@@ -1,4 +1,4 @@
-// Forces that meet a hand that does not yield, on the way to the start, along the path and at its end.
+// Tests of forces against a hand that does not yield: on the approach, along the path and at its end.
 #include "control/path/shapes.h"
 #include "control/resistance_timer.h"
 #include "devices/registry.h"
@@ -16,7 +16,7 @@ namespace {
 using test::Log;
 using testing::HasSubstr;
 
-constexpr double kPeak = 8.9, kContinuous = kCautiousShare * kPeak;  // of the preset falcon [N]
+constexpr double kPeak = 8.9, kContinuous = kCautiousShare * kPeak;  // preset falcon [N]
 constexpr const char* kStubborn = "sim:preset=falcon,hand=tense,seed=3";
 
 Path circle(double x, double duration = 4) {
@@ -34,7 +34,7 @@ SessionResult played(const Path& path, PlayOptions options, Log& log) {
   return play(*device, plan_playback(device->info(), path, options), options, StopRequest{}).session;
 }
 
-/// When more than three quarters of the peak was last sent [s].
+/// Returns the last time at which the force exceeded three quarters of the peak [s].
 double last_strong(const Log& log) {
   double last = 0;
   for (const Sample& sample : log.samples)
@@ -42,7 +42,7 @@ double last_strong(const Log& log) {
   return last;
 }
 
-/// When it was first [s].
+/// Returns the first such time [s].
 double first_strong(const Log& log) {
   for (const Sample& sample : log.samples)
     if (sample.force.norm() > 0.75 * kPeak) return seconds_of(sample);
@@ -101,7 +101,7 @@ TEST(HoldingForce, IsNotRaisedOnTheWayToTheStartWhileItWaitsForTheHand) {
   EXPECT_TRUE(log.has(EventCode::reference_waits));
   for (const Sample& sample : log.samples) {
     ASSERT_EQ(sample.phase == Phase::stopped ? Phase::approach : sample.phase, Phase::approach);
-    // It slows down for a tenth of a second.
+    // The reference takes 0.1 s to stop.
     ASSERT_LT((sample.reference_position - sample.position).norm(), 0.015);
   }
 }
@@ -137,7 +137,7 @@ TEST(HoldingForce, EndsAGuidanceWhoseHandStaysBehindOnTheWayToTheStart) {
 TEST(HoldingForce, DecaysOnTheWayToAGuidanceAndEndsIt) {
   Log log;
   GuideOptions options;
-  options.guidance.approach_speed = 0.001;  // it takes a minute
+  options.guidance.approach_speed = 0.001;  // the approach takes a minute
   options.guidance.max_deviation = 0.1;
   const GuideResult result = guided_along(circle(0.025), options, log);
   EXPECT_EQ(result.session.servo.cause, StopCause::resistance);

@@ -1,5 +1,5 @@
-// The oscillation monitor against loops that oscillate and loops that do not: the servo loop, playing back on simulated
-// devices in virtual time.
+// Tests of the oscillation monitor with loops that oscillate and loops that do not: playbacks on simulated devices in
+// virtual time.
 #include "control/oscillation_monitor.h"
 
 #include "control/filters.h"
@@ -23,7 +23,7 @@ using std::numbers::pi;
 
 constexpr double kMaxForce = 8.9;  // [N]
 
-/// A simulated device that somebody pushes beside the hand that holds it.
+/// A simulated device with an additional push, besides the hand that holds it.
 class Pushed final : public Device {
  public:
   using Push = std::function<Vec3(double)>;
@@ -45,7 +45,7 @@ class Pushed final : public Device {
   double time_ = 0;
 };
 
-/// The rms, over 50 ms and three axes, of what of a signal lies between 8 and 120 Hz.
+/// The rms of a signal between 8 and 120 Hz, over 50 ms and three axes.
 class Ripple {
  public:
   explicit Ripple(double rate_hz) : ticks_(std::max<std::size_t>(1, static_cast<std::size_t>(0.05 * rate_hz))) {
@@ -79,13 +79,13 @@ class Ripple {
   double sum_ = 0;
 };
 
-/// A session: a device with its hand, a law, and what happens to them.
+/// Parameters of a session: a device with its hand, a law and disturbances.
 struct Session {
   json device;
   double kp = 3000, kd = 25;
   double rate_hz = 1000;
   std::string shape = "circle";
-  double corner = 0.005;  ///< of the square [m]
+  double corner = 0.005;  ///< corner blend of the path [m]
   Pushed::Push push;
   bool softens = false;  ///< the servo loop softens a force that vibrates
   std::uint64_t seed = 1;
@@ -94,14 +94,14 @@ struct Session {
 struct Watching {
   double found = kNaN;  ///< time of the first verdict [s]
   OscillationVerdict verdict;
-  double onset = kNaN;   ///< of a real oscillation [s]
-  double last_rms = 0;   ///< of the true position's ripple in the hold at the end [m]
-  double share = 1;      ///< of the feedback that is left
-  int alarms = 0;        ///< of ForceGuard, hints aside
-  double worst_rms = 0;  ///< of the true position's ripple [m]
+  double onset = kNaN;   ///< onset of a real oscillation [s]
+  double last_rms = 0;   ///< ripple of the true position in the final hold, rms [m]
+  double share = 1;      ///< remaining share of the feedback
+  int alarms = 0;        ///< alarms of ForceGuard without hints
+  double worst_rms = 0;  ///< largest ripple of the true position, rms [m]
 };
 
-/// A playback with the monitor beside it.
+/// A playback with the monitor running in parallel.
 class Watched final : public Controller {
  public:
   Watched(PlaybackController& playback, const OscillationMonitorOptions& options, const SimDevice& device)
@@ -130,9 +130,9 @@ class Watched final : public Controller {
   const SimDevice& device_;
 };
 
-/// When a real oscillation sets in: the true position ripples by more than 0.08 mm (1.6 quanta) rms with more than 8 %
-/// of the largest force, or the force alone by 40 %, and for 0.3 s neither fades below 0.7 of that nor to half of what
-/// it was.
+/// Returns the onset of a real oscillation [s]. Either the ripple of the true position exceeds 0.08 mm (and 1.6 encoder
+/// counts) rms with a force ripple above 8 % of the largest force, or the force ripple alone exceeds 40 %. For 0.3 s it
+/// must not fall below 0.7 of these levels, nor below half of its own maximum.
 double onset(const Ripple& position, const Ripple& force, double quantum, double rate_hz) {
   const double least = std::max(8e-5, 1.6 * quantum);
   const auto lasts = [&](std::size_t from, const std::vector<double>& rms, double level, double force_level) {
@@ -152,7 +152,7 @@ double onset(const Ripple& position, const Ripple& force, double quantum, double
 
 Watching play(const Session& session) {
   json spec_json = session.device;
-  spec_json["max_force"] = 200;  // the session's limit is kMaxForce; a push may be more
+  spec_json["max_force"] = 200;  // the session's limit is kMaxForce, but a push may exceed it
   const SimSpec spec = read_sim_spec(spec_json, "test");
   SimDevice device(spec, {.seed = session.seed});
   Pushed pushed(device, session.push);
@@ -185,7 +185,7 @@ Watching play(const Session& session) {
   return watched.outcome;
 }
 
-/// Devices and hands of the project's ensemble.
+/// Draws devices and hands of the project's ensemble.
 class Draw {
  public:
   explicit Draw(std::uint64_t seed) : random_(seed) {}
@@ -226,7 +226,8 @@ class Draw {
   std::mt19937_64 random_;
 };
 
-/// Plays sessions whose gains are beyond what devices bear, and expects every real oscillation to be found in time.
+/// Plays sessions with gains that devices do not withstand, and expects the monitor to find every real oscillation in
+/// time.
 template <class Gains>
 void expect_found(std::uint64_t seed, int sessions, const Gains& choose, int at_least) {
   Draw draw(seed);
@@ -270,7 +271,7 @@ TEST(OscillationMonitorInTheLoop, FindsEveryOscillationAtOtherRatesWithin300Mill
       2);
 }
 
-/// What a stable loop bears without being suspected.
+/// A disturbance of a stable loop that must not raise an alarm.
 struct Calm {
   const char* name;
   void (*happens)(Session&, Draw&);
@@ -282,7 +283,7 @@ void tremble(Session& session, Draw& draw, double force) {
   session.device["hand"]["drift"] = 0.3;
 }
 
-/// For 1.5 s, let go at once.
+/// Returns a push for 1.5 s that ends abruptly.
 Pushed::Push push(double force) {
   return [force](double t) { return t > 1.5 && t < 3 ? Vec3(force, 0.3 * force, 0) : Vec3(0, 0, 0); };
 }
@@ -299,7 +300,7 @@ TEST_P(CalmLoops, AreNeverSuspected) {
   Draw draw(7);
   for (int i = 0; i < 8; ++i) {
     Session session{.device = draw.device(), .seed = static_cast<std::uint64_t>(i) + 1};
-    // Falls with its weight while the force fades in.
+    // The device falls with its weight while the force fades in.
     session.device["gravity_bias"] = {draw(-1, 1), draw(-1, 1), draw(-1, 1)};
     GetParam().happens(session, draw);
     session.softens = true;

@@ -28,7 +28,7 @@ std::vector<std::string> texts_of(const std::vector<Warning>& warnings) {
   return texts;
 }
 
-/// The warning of this kind; fails the test when there is none, or more than one.
+/// Returns the warning with this code; fails the test unless there is exactly one.
 Warning warning_in(const SessionResult& result, const std::string& code) {
   std::vector<Warning> found;
   for (const Warning& warning : result.warnings)
@@ -64,7 +64,7 @@ TEST(Session, PlaysAPathAndRecordsEveryTickOfIt) {
   for (std::size_t i = 0; i < rows.size(); ++i) ASSERT_EQ(rows[i].tick, i);
   EXPECT_EQ(rows.back().force, Vec3::Zero());
 
-  // The figures that were measured in the tick are those of the file.
+  // The metrics computed during the session equal those of the file.
   double sum = 0;
   std::size_t n = 0;
   for (const Sample& row : rows)
@@ -182,7 +182,7 @@ TEST(Session, KeepsWhatWasRecordedWhenTheDeviceIsLost) {
 
 TEST(Session, GoesOnWithADeviceThatWasLostAndFound) {
   const TempFolder folder;
-  // Somewhere else than where it was lost, beyond the limit of deviation.
+  // The device comes back at another position, beyond the deviation limit.
   PointMass device(0.5, 2, {.away_from = 2500, .away_until = 4500, .moved_while_away = Vec3(-0.05, 0.04, 0.03)});
   PlayOptions options = options_for(folder / "found.h5");
   options.session.loop.away_timeout = 5;
@@ -226,7 +226,7 @@ TEST(Session, RestartsWhatItKnowsOfTheLoadAndLearnsNothingFromARepetitionWithAGa
   EXPECT_EQ(result.lessons[0].outcome, IterativeLearning::Outcome::skipped);
   EXPECT_EQ(result.lessons[1].outcome, IterativeLearning::Outcome::learned);
   EXPECT_LT(result.repetitions[2].rms_error, 0.7 * result.repetitions[1].rms_error);
-  // No alarm about a hand, and no force that a device without a gap would not have been sent.
+  // The gap raises no alarm about the hand and causes no larger steps of the force.
   EXPECT_FALSE(log.has(EventCode::hand_let_go));
   EXPECT_FALSE(log.has(EventCode::oscillation));
   double before = 0;
@@ -249,7 +249,7 @@ TEST(Session, TellsAPersonThatTheDeviceIsAwayAndBackOnTheRealClock) {
   const SessionResult result = record(device, options, StopRequest{});
   EXPECT_EQ(result.servo.cause, StopCause::finished) << result.servo.detail;
   EXPECT_EQ(result.servo.returns, 1U);
-  EXPECT_GT(result.servo.away, 0);  // since the loop saw that it was lost, which a busy machine lets it do late
+  EXPECT_GT(result.servo.away, 0);  // counts from when the loop noticed the loss, which a busy machine may delay
   EXPECT_THAT(texts_of(result.warnings),
               testing::IsSupersetOf({HasSubstr("the device was lost; it is waited for, up to 60 s"),
                                      HasSubstr("the device is back after")}));
@@ -277,7 +277,7 @@ TEST(Session, WarnsOfForcesThatWereLimitedAtOnceInItsResultAndInTheRecording) {
 }
 
 TEST(Session, WarnsOfOscillationsAsOneAndKeepsTheShareOfTheGainsThatIsLeft) {
-  /// Finds its loop oscillating twice.
+  /// A controller that reports an oscillation twice.
   class Oscillating final : public Controller {
    public:
     [[nodiscard]] Command update(const State&) noexcept override {
@@ -320,7 +320,7 @@ TEST(Session, StopsInEveryPhaseWhenAsked) {
     options.playback.hold = 2;
     const PlayPlan plan = plan_playback(device.info(), make_shape("square", {.duration = 3}), options);
 
-    /// Raises the request at a tick, as a signal would.
+    /// Raises the stop request at a tick, like a signal.
     struct Raiser final : SampleSink {
       using SampleSink::push;
       Raiser(StopRequest& request, int tick) : request_(request), tick_(tick) {}

@@ -1,4 +1,4 @@
-// Counts uses of the heap: the proof that a real-time function allocates nothing, and frees nothing.
+// Counts heap operations, to show that a real-time function neither allocates nor frees memory.
 #pragma once
 
 #include <cstddef>

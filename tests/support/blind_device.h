@@ -1,4 +1,4 @@
-// What a lab's driver would be: positions and forces pass, what the device is stays its own.
+// A device that passes on only positions and forces, like a lab's driver, and hides the properties of the device.
 #pragma once
 
 #include "devices/device.h"

@@ -1,4 +1,4 @@
-// The plant that the tracking law reckons with, in the open: tests see its truth.
+// The plant that the tracking law models; tests have access to its true state.
 #pragma once
 
 #include "base/types.h"
@@ -9,10 +9,10 @@
 
 namespace haptrace::test {
 
-inline constexpr double kPeriod = 1e-3;  ///< of the loops that these tests close [s]
+inline constexpr double kPeriod = 1e-3;  ///< period of the test loops [s]
 const Vec3 kNone = Vec3::Zero();
 
-/// Two ticks late.
+/// Returns a plant with a delay of two ticks.
 inline PlantModel late_plant(double resolution = 0) {
   PlantModel plant;
   plant.mass = Vec3(0.4, 0.4, 0.3);
@@ -21,8 +21,8 @@ inline PlantModel late_plant(double resolution = 0) {
   return plant;
 }
 
-/// m x'' = u(t - delay) + load per axis, where u is held from its tick to the next. Closed form over each twentieth of
-/// a tick, to which the delay is rounded: exact for loads that are constant in it.
+/// m x'' = u(t - delay) + load per axis, with u held between ticks. Each twentieth of a tick is solved in closed form,
+/// exact for loads that are constant in it. The delay is rounded to twentieths of a tick.
 class DelayedMass {
  public:
   DelayedMass(const Vec3& mass, double delay_ticks, double rate_hz = 1000)
@@ -30,7 +30,7 @@ class DelayedMass {
         period_(1 / rate_hz),
         sent_(static_cast<std::size_t>(std::lround(delay_ticks * kSteps)), Vec3(0, 0, 0)) {}
 
-  /// A tick under the force that is sent at its begin; `load(x, v)` [N].
+  /// Advances by a tick. `force` is sent at its start; `load(x, v)` returns the load [N].
   template <class Load>
   void advance(const Vec3& force, const Load& load) {
     for (int step = 0; step < kSteps; ++step) {
@@ -57,12 +57,12 @@ class DelayedMass {
   std::deque<Vec3> sent_;  ///< oldest first
 };
 
-/// As an encoder reads it.
+/// Returns a position as an encoder measures it.
 inline Vec3 quantised(const Vec3& position, double resolution) {
   return resolution > 0 ? Vec3(resolution * (position / resolution).array().round()) : position;
 }
 
-/// Friction that sticks and slides, smooth enough to be integrated [N].
+/// Returns a smooth approximation of sliding and sticking friction [N].
 inline Vec3 friction(const Vec3& velocity, double coulomb, double viscous = 0) {
   return -(coulomb * (velocity.array() / 1e-3).tanh() + viscous * velocity.array()).matrix();
 }

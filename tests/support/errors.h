@@ -1,4 +1,4 @@
-// Errors checked by their text.
+// Helper to check errors by their text.
 #pragma once
 
 #include "base/error.h"
@@ -8,7 +8,7 @@
 
 namespace haptrace::test {
 
-/// The text of the Error that `call` throws, which must be of this kind; "no error" when it throws none.
+/// Returns the text of the Error that `call` throws, or "no error". Fails the test if the Error is of another kind.
 template <class Call>
 std::string error_of(const Call& call, Error::Kind kind = Error::Kind::input) {
   try {

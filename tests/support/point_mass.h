@@ -1,4 +1,4 @@
-// A device for tests of what stands above devices: a point mass in closed form, with faults on demand.
+// A device for tests of higher layers: a point mass with faults on demand.
 #pragma once
 
 #include "control/sample.h"
@@ -10,22 +10,22 @@
 
 namespace haptrace::test {
 
-/// Moves as m x'' = F - b x' in steps of dt (semi-implicit), and keeps every force it was sent.
+/// Moves as m x'' = F - b x' in semi-implicit steps of dt, and keeps every force.
 class PointMass final : public Device {
  public:
   static constexpr std::uint64_t kNever = std::numeric_limits<std::uint64_t>::max();
 
-  /// At which exchange, counted from 0, something goes wrong.
+  /// Exchanges at which faults occur, counted from 0.
   struct Faults {
     std::uint64_t lost_at = kNever;
     std::uint64_t away_from = kNever;
     std::uint64_t away_until = kNever;
     Vec3 moved_while_away = Vec3::Zero();
     std::uint64_t nan_at = kNever;
-    std::uint64_t jump_at = kNever;  ///< by 30 mm
+    std::uint64_t jump_at = kNever;  ///< the position jumps by 30 mm
     std::uint64_t ready_from = 0;
     std::uint64_t ready_until = kNever;
-    bool pushes_back = false;  ///< moves against its force: a wrong sign
+    bool pushes_back = false;  ///< moves against the force, as with a wrong sign
   };
 
   explicit PointMass(double mass = 0.5, double viscous = 2) : PointMass(mass, viscous, Faults{}) {}
@@ -68,9 +68,9 @@ class PointMass final : public Device {
   DeviceInfo& mutable_info() { return info_; }
   void place(const Vec3& position) { position_ = position; }
 
-  /// Every force that was sent, in order.
+  /// Returns every force sent, in order [N].
   [[nodiscard]] const std::vector<Vec3>& forces() const { return forces_; }
-  /// Whether a force was asked of it although it had said that it was away.
+  /// Returns whether it was sent a force after it had reported that it was away.
   [[nodiscard]] bool force_while_away() const { return force_while_away_; }
 
  private:
@@ -83,7 +83,7 @@ class PointMass final : public Device {
   std::vector<Vec3> forces_;
 };
 
-/// Keeps everything the servo loop produces.
+/// Keeps all samples and events of the servo loop.
 class Log final : public SampleSink {
  public:
   Log() {

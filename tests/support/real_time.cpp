@@ -20,10 +20,10 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr int kAttempts = 5;
-constexpr auto kBusy = 2ms;  // by which a thread wakes up late on a busy machine, and on an idle one hardly ever
+constexpr auto kBusy = 2ms;  // on a busy machine threads wake up this late, on an idle one hardly ever
 constexpr const char* kAttempt = "HAPTRACE_TEST_ATTEMPT";
 
-/// Sleeps a millisecond at a time, and keeps by how much it woke up late at most.
+/// Sleeps 1 ms at a time and keeps the largest delay of its wake-ups.
 class Watch {
  public:
   ~Watch() {
@@ -51,7 +51,7 @@ class Watch {
   std::thread thread_;
 };
 
-/// How late the machine was in each test that called in_real_time().
+/// Records the largest delay of the machine in each test that called in_real_time().
 class RealTimeTests final : public testing::EmptyTestEventListener {
  public:
   void mark() {
@@ -64,7 +64,7 @@ class RealTimeTests final : public testing::EmptyTestEventListener {
     if (running_ == &test) late_[&test] = watch_.latest();
     running_ = nullptr;
   }
-  /// Nothing: the test is none in real time, or the machine was not busy.
+  /// Returns the delay that excuses a failure; 0 if the test is not in real time or the machine was not busy.
   [[nodiscard]] std::chrono::nanoseconds excuse(const testing::TestInfo& test) const {
     const auto found = late_.find(&test);
     return found != late_.end() && found->second > kBusy ? found->second : 0ns;
@@ -76,7 +76,7 @@ class RealTimeTests final : public testing::EmptyTestEventListener {
   std::map<const testing::TestInfo*, std::chrono::nanoseconds> late_;
 };
 
-RealTimeTests* real_time_tests = nullptr;  // GoogleTest's, once it has them
+RealTimeTests* real_time_tests = nullptr;  // GoogleTest owns it
 
 std::string name_of(const testing::TestInfo& test) {
   return std::string(test.test_suite_name()) + "." + test.name();
@@ -91,7 +91,7 @@ void for_each_test(const Visit& visit) {
   }
 }
 
-/// The laws that were skipped, which are told; how many.
+/// Prints the skipped laws and returns their number.
 int skipped_laws() {
   int skipped = 0;
   for_each_test([&](const testing::TestInfo& test) {
@@ -102,7 +102,7 @@ int skipped_laws() {
   return skipped;
 }
 
-/// A filter of the tests that failed if each of them may be tried again, else empty.
+/// Returns a filter of the failed tests if all of them may be repeated, otherwise an empty string.
 std::string to_be_tried_again(int attempt) {
   std::string filter, told;
   bool all = true;
@@ -139,7 +139,7 @@ int run_tests(int argc, char** argv, const std::function<int(const std::function
   const std::string filter = to_be_tried_again(attempt);
   if (filter.empty()) return result;
 
-  // As a new process, since a test may have left this one's state as it pleased.
+  // Use a new process, since a test may have left this one in any state.
   setenv(kAttempt, std::to_string(attempt + 1).c_str(), 1);
   words.push_back("--gtest_filter=" + filter);
   std::vector<char*> again;

@@ -1,4 +1,4 @@
-// Test programs open recordings and paths as devices, as the command does.
+// Lets test programs open recordings and paths as devices, like the command.
 #include "recorder/recorded_devices.h"
 
 namespace {

@@ -1,4 +1,4 @@
-// A controller in one expression.
+// A controller made from a function.
 #pragma once
 
 #include "control/controller.h"
@@ -8,7 +8,7 @@
 
 namespace haptrace::test {
 
-/// Whatever a test wants to do in a tick.
+/// Calls a test's function in every tick.
 class Scripted final : public Controller {
  public:
   explicit Scripted(std::function<Command(const State&)> script) : script_(std::move(script)) {}

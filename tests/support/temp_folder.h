@@ -1,4 +1,4 @@
-// A folder of its own for a test.
+// Temporary folders for tests.
 #pragma once
 
 #include <cstdlib>
@@ -11,7 +11,7 @@
 
 namespace haptrace::test {
 
-/// A new empty folder, removed with everything in it at the end of the test.
+/// A new empty folder; the destructor removes it with its content.
 class TempFolder {
  public:
   TempFolder() {
@@ -29,7 +29,7 @@ class TempFolder {
   [[nodiscard]] const std::string& path() const { return path_; }
   std::string operator/(const std::string& name) const { return path_ + "/" + name; }
 
-  /// Creates a file of this content and answers its name.
+  /// Creates a file of this content and returns its name.
   [[nodiscard]] std::string write(const std::string& name, std::string_view content) const {
     const std::string file = *this / name;
     std::ofstream(file, std::ios::binary) << content;

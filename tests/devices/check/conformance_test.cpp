@@ -24,7 +24,7 @@ using testing::IsSupersetOf;
 using testing::Not;
 using Verdict = LawFinding::Verdict;
 
-/// In what a device is wrong, and what it was sent.
+/// A device's faults, and the forces sent to it.
 struct Wrong {
   std::function<void(DeviceInfo&)> info = [](DeviceInfo&) {};
   std::function<Vec3(const Vec3& force)> force = [](const Vec3& f) { return f; };
@@ -33,12 +33,12 @@ struct Wrong {
   };
   bool stays_open = false;
 
-  Vec3 last = nan3();            ///< force that was sent [N]
-  bool ended_with_none = false;  ///< a session did, with a force that is not a number
-  double largest = 0;            ///< [N]
+  Vec3 last = nan3();            ///< last force sent [N]
+  bool ended_with_none = false;  ///< an exchange with dt = 0 carried a force that is not finite
+  double largest = 0;            ///< largest force sent [N]
 };
 
-/// Another device, except for what is wrong.
+/// Wraps a device and adds the faults.
 class WrongDevice final : public Device {
  public:
   WrongDevice(std::unique_ptr<Device> device, Wrong& wrong)
@@ -187,7 +187,7 @@ TEST_F(Conformance, StopsAtAForceThatIgnoresItsSize) {
   wrong_.force = [](const Vec3& f) { return Vec3(20 * f.stableNormalized()); };
   test_mass();
   EXPECT_THAT(broken(), ElementsAre("gentle")) << describe(report_);
-  // The first force that goes wrong is the last.
+  // No force is sent after the first one that goes wrong.
   EXPECT_THAT(finding("force_x").detail, HasSubstr("m/s is over the limit"));
   EXPECT_THAT(finding("force_y").detail, HasSubstr("no force was sent after that"));
 }
@@ -234,7 +234,7 @@ TEST_F(Conformance, FindsAnAbsurdDescription) {
   }
 }
 
-/// A device whose encoders stand still, and a user who can move its handle.
+/// A user of a device whose encoders are stuck; counts the requests to move the handle.
 class Frozen final : public ConsentingUser {
  public:
   explicit Frozen(bool is_there) : is_there_(is_there) {}
@@ -310,7 +310,7 @@ TEST_F(Conformance, FindsAnExchangeThatIsTooSlow) {
   in_real_time();
   options_.rate_hz = 2000;
   options_.busy_machine = false;
-  user_.consents = false;  // to be quicker
+  user_.consents = false;  // makes the test faster
   wrong_.answer = [](int, DeviceState&) {
     std::this_thread::sleep_for(std::chrono::microseconds(600));
     return Device::Status::ok;
@@ -435,14 +435,14 @@ TEST_F(Conformance, RefusesOptionsOutOfRange) {
   EXPECT_THROW(test_mass(), Error);
 }
 
-/// A mass in real time that keeps the last force, as a driver without a watchdog does.
+/// A mass in real time that keeps the last force, like a driver without a watchdog.
 class Unwatched final : public Device {
  public:
   explicit Unwatched(LivePlant plant) : plant_(std::move(plant)), info_(plant_.info()) { info_.virtual_time = false; }
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double, DeviceState& state) noexcept override {
     if (closed_) return Status::lost;
-    // A plant that stood for long stands still; this one is not to.
+    // Advance in steps of 50 ms, since LivePlant does not move for longer than 0.1 s in one step.
     const std::int64_t now = monotonic_ns();
     for (std::int64_t t = std::exchange(last_ns_, now); t > 0 && t < now; t += 50'000'000) plant_.advance_to(t);
     plant_.advance_to(now);
@@ -461,7 +461,7 @@ class Unwatched final : public Device {
   bool closed_ = false;
 };
 
-/// The same behind a driver, which a ThreadedDevice watches over.
+/// The same device as a driver, supervised by a ThreadedDevice.
 class UnwatchedDriver final : public DeviceDriver {
  public:
   explicit UnwatchedDriver(LivePlant plant) : device_(std::move(plant)) {}

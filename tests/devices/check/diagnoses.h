@@ -1,4 +1,4 @@
-// What tests say of a list of diagnoses.
+// Matchers for diagnoses.
 #pragma once
 
 #include "devices/check/doctor.h"

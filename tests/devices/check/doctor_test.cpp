@@ -26,7 +26,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::StartsWith;
 
-/// A machine that is only its files.
+/// A root folder with the files of a machine.
 class FakeRoot {
  public:
   FakeRoot() { fs::permissions(folder_.path(), fs::perms::all); }
@@ -34,12 +34,12 @@ class FakeRoot {
 
   FakeRoot& put(const std::string& file, const std::string& content) {
     fs::create_directories(fs::path(folder_ / file).parent_path());
-    fs::remove(folder_ / file);  // some file systems wait for the disk when a file is rewritten
+    fs::remove(folder_ / file);  // rewriting a file waits for the disk on some file systems
     (void)folder_.write(file, content);
     return *this;
   }
 
-  /// A USB device with its node.
+  /// Adds a USB device with its node.
   FakeRoot& plug(const std::string& vendor, const std::string& product) {
     return put("sys/bus/usb/devices/1-2/idVendor", vendor + "\n")
         .put("sys/bus/usb/devices/1-2/idProduct", product + "\n")
@@ -54,7 +54,7 @@ class FakeRoot {
   TempFolder folder_;
 };
 
-/// Not root, for whom every file may be opened.
+/// Drops the privileges of root, which may open every file, and restores them at the end.
 class AsNobody {
  public:
   AsNobody() {
@@ -234,7 +234,7 @@ TEST(Doctor, SaysThatAPluggedDeviceMayBeOpenedOrInstallsItsRule) {
   set_mode(0666);
   EXPECT_THAT(system(root, "device 0403:cb48"),
               finding(Severity::ok, HasSubstr("Novint Falcon at 1-2: /dev/bus/usb/001/007 may be opened"), IsEmpty()));
-  for (const unsigned mode : {0000U, 0444U}) {  // forces cannot be sent to what can only be read
+  for (const unsigned mode : {0000U, 0444U}) {  // a force needs write access
     set_mode(mode);
     EXPECT_THAT(system(root, "device 0403:cb48"),
                 finding(Severity::problem, HasSubstr("Permission denied"),
@@ -318,7 +318,7 @@ TEST(Doctor, TellsRulesThatNameADeviceFromThoseThatDoNot) {
 
 TEST(Doctor, WantsTheLatencyTimersOfSerialPortsAtAMillisecond) {
   FakeRoot root;
-  root.put("sys/bus/usb-serial/devices/ttyUSB1/port_number", "0\n");  // another chip's
+  root.put("sys/bus/usb-serial/devices/ttyUSB1/port_number", "0\n");  // a chip of another kind
   EXPECT_THAT(system(root, "latency timer"), finding(Severity::ok, HasSubstr("no FTDI"), IsEmpty()));
   root.put("sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "1\n");
   EXPECT_THAT(system(root, "latency timer ttyUSB0"), finding(Severity::ok, "1 ms", IsEmpty()));
@@ -432,13 +432,13 @@ TEST(Doctor, HoldsTheRateUpToOneTickInAThousandAndHalfAPeriod) {
                       HasSubstr("--rate 500")));
 
   loop = good_loop();
-  loop.latency.record(900'000, 1);  // one in 1001 is not p99.9's
+  loop.latency.record(900'000, 1);  // one sample in 1001 does not reach p99.9
   EXPECT_TRUE(loop.holds_rate());
   EXPECT_THAT(find(examine_loop(loop, "/nowhere"), "servo loop"),
               finding(Severity::ok, HasSubstr("holds 1000 Hz"), IsEmpty()));
   loop.latency.record(900'000, 1);
   EXPECT_FALSE(loop.holds_rate());
-  loop.rate_hz = 500;  // whose half period is 1 ms
+  loop.rate_hz = 500;  // half a period is 1 ms
   EXPECT_TRUE(loop.holds_rate());
 }
 

@@ -30,7 +30,7 @@ Vec3 torques_of(const std::array<std::int16_t, 3>& words, const FalconCalibratio
 TEST(FalconCalibration, TurnsCountsIntoAnglesFromWhereALegIsHomed) {
   FalconCalibration falcon;
   EXPECT_EQ(falcon.angles({0, 0, 0}), falcon.home_angle);
-  // As its sources say: 0.0364347 degrees a count.
+  // Its sources give 0.0364347 degrees per count.
   const Vec3 turned = falcon.angles({1000, 0, -1000}) - falcon.home_angle;
   EXPECT_NEAR(turned[0] * 180 / std::numbers::pi, 36.4347, 5e-4);
   EXPECT_EQ(turned[1], 0);
@@ -55,7 +55,7 @@ TEST(FalconCalibration, KeepsTheDirectionOfAForceThatIsTooLarge) {
     const auto words = falcon.motors(pose.torques(force));
     const Vec3 obtained = pose.jacobian.transpose().inverse() * torques_of(words, falcon);
     for (const std::int16_t word : words) ASSERT_LE(std::abs(word), 4095);
-    const bool whole = (obtained - force).norm() < 0.02;  // to half a count of each leg
+    const bool whole = (obtained - force).norm() < 0.02;  // half a count of each motor
     if (whole) continue;
     ++bounded;
     ASSERT_EQ(std::max({std::abs(words[0]), std::abs(words[1]), std::abs(words[2])}), 4095) << force.transpose();
@@ -129,7 +129,7 @@ TEST(FalconCalibration, HasASampleOfEveryKeyAndItsDefault) {
   EXPECT_EQ(sampled.origin, falcon.origin);
   EXPECT_EQ(sampled.workspace, falcon.workspace);
   EXPECT_EQ(sampled.max_force, falcon.max_force);
-  // Every key it has is known; every key that is known it has.
+  // The sample has every known key and no other.
   EXPECT_EQ(sample.size(), 11);
   EXPECT_EQ(sample["geometry"].size(), 8);
   EXPECT_EQ(sample["flags"].size(), 4);

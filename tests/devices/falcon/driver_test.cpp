@@ -31,15 +31,15 @@ FalconPacket packet_of(const Bytes& bytes) {
   return packet.value_or(FalconPacket{{-1, -1, -1}, 0});
 }
 
-/// Firmware that runs, and a driver for it.
+/// Provides running firmware, and a driver for it.
 class FalconDriverTest : public testing::Test {
  protected:
   FalconScript script_;
   FalconCalibration calibration_;
-  FalconPacket says_{{0, 0, 0}, kAllHomed};  ///< in every answer
+  FalconPacket says_{{0, 0, 0}, kAllHomed};  ///< content of every answer
 
   FalconDriverTest() {
-    in_real_time();  // answers of a process that stood still are not believed
+    in_real_time();  // the driver distrusts answers after its process stood still
     script_.on_write = [this](const Bytes&) { script_.say(encode(says_)); };
   }
 
@@ -50,7 +50,7 @@ class FalconDriverTest : public testing::Test {
   [[nodiscard]] Vec3 place(const Counts& encoders) const {
     return FalconKinematics().at_angles(calibration_.angles(encoders))->position - calibration_.origin;
   }
-  /// The force that the motors of the last packet make on the hand.
+  /// Returns the force on the hand from the motors of the last packet [N].
   [[nodiscard]] Vec3 force_sent() const {
     const FalconPose pose = *FalconKinematics().at_angles(calibration_.angles(says_.words));
     const Counts sent = last_sent().words;
@@ -95,7 +95,7 @@ TEST_F(FalconDriverTest, IsReadyAtOnceWhenItWasHomedBefore) {
 TEST_F(FalconDriverTest, ShowsNothingOfTheJumpAtHoming) {
   says_ = {{1234, -3000, 9}, 0x30};
   const auto driver = open();
-  // Whether the bit or the count comes first is not known.
+  // It is not known whether the bit or the count changes first.
   for (const bool bit_first : {true, false}) {
     says_ = {{1234, -3000, 9}, 0x30};
     const DeviceState before = round(*driver);
@@ -111,7 +111,7 @@ TEST_F(FalconDriverTest, ShowsNothingOfTheJumpAtHoming) {
       }
     }
     EXPECT_TRUE(round(*driver).ready);
-    // Homing is lost, for the second turn.
+    // Lose the homing again, for the second pass.
     says_.flags = 0x30;
     DeviceState state;
     const std::int64_t end = monotonic_ns() + 100'000'000;
@@ -135,7 +135,7 @@ TEST_F(FalconDriverTest, SendsTheForceThatIsAskedForWhereverTheHandleIs) {
     const auto driver = open();
     const Vec3 force = random.vector();
     (void)round(*driver, force);
-    EXPECT_LT((force_sent() - force).norm(), 0.01);  // half a count of each motor
+    EXPECT_LT((force_sent() - force).norm(), 0.01);  // half a count per motor
   }
 }
 
@@ -207,7 +207,7 @@ TEST_F(FalconDriverTest, DoesNotBelieveOneWrongCountAndSendsNoForceOnIt) {
   EXPECT_NE(last_sent().words, kNoForce);
 }
 
-/// Every answer counts the packets, so that it shows which it answers.
+/// Provides firmware whose answers repeat the packet's words, so that an answer shows which packet it belongs to.
 class FalconDialogueTest : public testing::Test {
  protected:
   FalconScript script_;
@@ -253,7 +253,7 @@ TEST_F(FalconDialogueTest, IsInStepAgainAfterAnswersThatCameLate) {
   const auto answers = script_.on_write;
   std::deque<Bytes> late;
   for (int behind = 1; behind < 4; ++behind) {
-    // For a while every answer comes so many packets later: with the next writes, as if the line were slow.
+    // Hold `behind` answers back and deliver them with a later write, like a slow line.
     script_.on_write = [&](const Bytes& bytes) {
       const FalconBytes whole = answer(bytes);
       late.emplace_back(whole.begin(), whole.end());
@@ -282,14 +282,14 @@ TEST_F(FalconDialogueTest, BelievesNoAnswerFromBeforeItsProcessStoodStill) {
     answers(bytes);
     std::this_thread::sleep_for(std::chrono::milliseconds(60));
     for (std::int16_t late = 900; late < 909; ++late)
-      script_.say(encode({{late, 0, 0}, 0}));  // to a guardian's packets
+      script_.say(encode({{late, 0, 0}, 0}));  // answers to a guardian's packets
   };
   EXPECT_EQ(ask(1), std::nullopt);
   script_.on_write = answers;
   expect_in_step(10);
 }
 
-// Firmware may look for a packet in other ways than ours does; none of these may be left with the host's force.
+// Other firmware may look for packets in another way than our decoder. No variant may keep the host's force.
 TEST(FalconLastWords, TakeTheForceAwayWhereverTheHostsLastPacketBrokeOff) {
   const FalconBytes push = encode({{4095, -4095, 1234}, 0x7f});
   const auto words = falcon_last_words({});
@@ -336,9 +336,9 @@ TEST_F(FalconDialogueTest, GoesOnWhenAPacketCouldNotBeSent) {
   expect_in_step(2);
 }
 
-// ---- what is believed ----
+// ---- plausible positions ----
 
-/// Reports at 1 kHz.
+/// Provides reports at 1 kHz.
 class FalconTrackerTest : public testing::Test {
  protected:
   FalconTracker tracker_{FalconCalibration()};
@@ -363,7 +363,7 @@ class FalconTrackerTest : public testing::Test {
 
 TEST_F(FalconTrackerTest, FollowsAHandThatMovesAsFastAsHandsDo) {
   home();
-  // 2 m/s are 50 counts in a millisecond; rounds that last longer bring more at once.
+  // 2 m/s are 50 counts per millisecond; longer rounds bring larger steps.
   for (const double step : {1e-3, 2e-3, 10e-3}) {
     for (int k = 0; k < 200; ++k) {
       const auto count = static_cast<std::int16_t>(600 * std::sin(2 * std::numbers::pi * 12 * k * step));
@@ -400,7 +400,7 @@ TEST_F(FalconTrackerTest, IsLostWhenAJumpPersistsHoweverLongItWaits) {
 
 TEST_F(FalconTrackerTest, IsLostWhereTheLegsHoldTheHandleNowhere) {
   home();
-  // In steps that a hand could make.
+  // A hand can move in such steps.
   std::string why;
   for (int step = 0; step < 80 && why.empty(); ++step) {
     const auto count = static_cast<std::int16_t>(50 * step);

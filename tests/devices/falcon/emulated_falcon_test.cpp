@@ -25,7 +25,7 @@ LivePlant falcon_plant(const std::string& options = "hand=relaxed,seed=3") {
   return open_live_plant(DeviceSpec::parse("falcon:" + options), "falcon");
 }
 
-/// The host of an emulated Falcon, on a clock of its own.
+/// Host of an emulated Falcon, with its own clock.
 struct Bench {
   explicit Bench(Start start, const FalconFaults& faults = {}, LivePlant plant = falcon_plant())
       : falcon(calibration, std::move(plant), start, faults) {
@@ -43,7 +43,7 @@ struct Bench {
     control(Request::purge, 2);
   }
 
-  /// What comes within `wait` [s], or until there are `enough`.
+  /// Returns the bytes that arrive within `wait` [s]; stops early at `enough` bytes.
   Bytes read(double wait, std::size_t enough) {
     const std::int64_t end = now_ns + std::llround(1e9 * wait);
     Bytes bytes;
@@ -79,7 +79,7 @@ struct Bench {
     return report;
   }
 
-  /// Wakes the boot loader; whether it answered.
+  /// Wakes the boot loader; returns whether it answered.
   bool greet(bool with_dtr = true) {
     control(Request::latency_timer, 16);
     control(Request::baud, 0x4138);
@@ -92,7 +92,7 @@ struct Bench {
     return answer == Bytes{0x0a, 0x44, 0x2c, 0x0d};
   }
 
-  /// Whether all echoes were right.
+  /// Loads firmware; returns whether all echoes were correct.
   bool load(const Bytes& firmware) {
     if (ask({0x41}, 1) != Bytes{0x41}) return false;
     for (std::size_t first = 0; first < firmware.size(); first += 62) {
@@ -230,7 +230,7 @@ TEST(EmulatedFalcon, IsHomedByItsUserAndThenTellsWhereItIsToACount) {
     const FalconReport report = *bench.exchange({{static_cast<std::int16_t>(k % 100 * 10), 0, 0}, 0});
     const auto truth = bench.kinematics.at_position(bench.calibration.origin + bench.falcon.position());
     ASSERT_TRUE(truth && report.is_homed());
-    // The answer was taken up to 1 ms before it came, and the handle moves meanwhile.
+    // The answer is up to 1 ms old, and the handle moves meanwhile.
     if (k > 0 && k % 100 == 0) {
       EXPECT_LT((bench.calibration.angles(report.encoders) - truth->angles).norm(), 0.02);
     }

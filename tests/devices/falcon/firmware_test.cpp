@@ -21,7 +21,7 @@ Bytes random_image(std::size_t size) {
   return image;
 }
 
-/// The other end: the boot loader of a device that was switched on, then the firmware that it was given.
+/// The device's side: the boot loader after power-on, then the loaded firmware.
 class FalconLoader {
  public:
   enum class Listens : std::uint8_t { nothing, greeting, begin, image, packets };
@@ -32,11 +32,11 @@ class FalconLoader {
   }
 
   Listens listens = Listens::nothing;
-  int loadings = 0;    ///< begun
-  int bad_echoes = 0;  ///< so many of them have a wrong byte
-  int deaf = 3;        ///< greetings that it does not answer at first
+  int loadings = 0;    ///< loadings started
+  int bad_echoes = 0;  ///< number of loadings, from the first, with a wrong byte in the echo
+  int deaf = 3;        ///< first greetings left without an answer
   Bytes welcome{0x0a, 0x44, 0x2c, 0x0d}, begins{0x41};
-  std::size_t silent_after = SIZE_MAX, one_more_at = SIZE_MAX;  ///< bytes of the image
+  std::size_t silent_after = SIZE_MAX, one_more_at = SIZE_MAX;  ///< positions in the image [bytes]
   bool starts = true;
 
   [[nodiscard]] bool has_image() const { return taken_ == image_; }
@@ -75,7 +75,7 @@ class FalconLoader {
     if (loadings <= bad_echoes && taken_.size() > 3000) echo.back() ^= 0x10;
     if (taken_.size() >= one_more_at) echo.push_back(0);
     taken_.insert(taken_.end(), bytes.begin(), bytes.end());
-    // In two pieces, as it may come.
+    // Echoes may arrive in two pieces.
     const auto middle = echo.begin() + static_cast<std::ptrdiff_t>(echo.size() / 2);
     if (!echo.empty()) script_.line.emplace_back(echo.begin(), middle);
     if (!echo.empty()) script_.line.emplace_back(middle, echo.end());

@@ -14,7 +14,7 @@ using testing::HasSubstr;
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr int kDraws = 20'000;
 
-/// Poses all over what the legs reach, which is more than a real device's stops leave.
+/// Draws poses from the whole reach of the legs, which is larger than the range within a real device's stops.
 class RandomPose {
  public:
   explicit RandomPose(std::uint64_t seed) : random_(seed, 11) {}
@@ -35,7 +35,7 @@ class RandomPose {
   SplitMix64 random_;
 };
 
-/// How far the pose is from closing the loops of its legs, as the equations of Stamper's thesis state them [m].
+/// Returns the pose's largest error in the loop-closure equations of Stamper's thesis [m].
 double loop_error(const FalconGeometry& g, const FalconPose& pose) {
   double worst = 0;
   for (int leg = 0; leg < 3; ++leg) {
@@ -89,7 +89,7 @@ TEST(FalconKinematics, HasTheJacobianOfItsPositions) {
   int compared = 0;
   for (int i = 0; i < kDraws / 4; ++i) {
     const FalconPose pose = random();
-    if (pose.jacobian.norm() > 0.5) continue;  // bends too much for differences of this width
+    if (pose.jacobian.norm() > 0.5) continue;  // too nonlinear for this step
     for (int leg = 0; leg < 3; ++leg) {
       const Vec3 step = h * Vec3::Unit(leg);
       const auto after = falcon.at_angles(pose.angles + step, pose.position),
@@ -110,7 +110,7 @@ TEST(FalconKinematics, TakesFromTheMotorsWhatItGivesToTheHand) {
   int compared = 0;
   for (int i = 0; i < kDraws; ++i) {
     const FalconPose pose = random();
-    if (pose.jacobian.inverse().norm() > 100) continue;  // bends too much for differences
+    if (pose.jacobian.inverse().norm() > 100) continue;  // too nonlinear for differences
     const Vec3 velocity = 0.3 * random.vector(), force = 9 * random.vector();
     const auto after = falcon.at_position(pose.position + h * velocity),
                before = falcon.at_position(pose.position - h * velocity);
@@ -128,14 +128,14 @@ TEST(FalconKinematics, TakesFromTheMotorsWhatItGivesToTheHand) {
 TEST(FalconKinematics, IsTheSameForEachOfItsLegs) {
   const FalconKinematics falcon;
   RandomPose random(5);
-  // The next leg stands a third of a turn back, so what leg 1 does here, leg 2 does there.
+  // The next leg is a third of a turn back, so a pose turned by that angle permutes the legs.
   const Eigen::Matrix3d third = Eigen::AngleAxisd(-120 * kDegree, Vec3::UnitZ()).toRotationMatrix();
   Eigen::Matrix3d next;
   next << 0, 0, 1, 1, 0, 0, 0, 1, 0;
   for (int i = 0; i < kDraws; ++i) {
     const FalconPose pose = random();
     const auto turned = falcon.at_position(third * pose.position);
-    if (!turned) continue;  // on the very edge of what is reached
+    if (!turned) continue;  // at the very edge of the reach
     ASSERT_LT((turned->angles - next * pose.angles).norm(), 1e-11);
     ASSERT_LT((turned->jacobian - third * pose.jacobian * next.transpose()).norm(), 1e-9);
   }
@@ -145,7 +145,7 @@ TEST(FalconKinematics, PlacesTheHandleWhereTheSourceOfItsLengthsDoes) {
   const auto pose = FalconKinematics().at_angles(Vec3::Constant(35 * kDegree));
   ASSERT_TRUE(pose);
   EXPECT_LT((pose->position - Vec3(0, 0, 0.1346)).norm(), 5e-5);
-  // Along the axis all legs bear alike, and legs that rise push the handle out of the device.
+  // Along the axis all legs carry the same load, and rising legs push the handle out of the device.
   const Vec3 torques = pose->torques(Vec3(0, 0, 3));
   EXPECT_GT(torques[0], 0);
   EXPECT_NEAR(torques[0], torques[1], 1e-12);
@@ -163,9 +163,9 @@ TEST(FalconKinematics, NeedsTheTorquesThatWereFoundForItElsewhere) {
 TEST(FalconKinematics, MovesTheHandleAwayFromALegThatRisesAndOutOfTheDevice) {
   const auto pose = FalconKinematics().at_position(Vec3(0, 0, 0.12));
   ASSERT_TRUE(pose);
-  EXPECT_LT(pose->jacobian(1, 0), -0.02);  // the upper leg, down
-  EXPECT_LT(pose->jacobian(0, 1), -0.02);  // the right one, left
-  EXPECT_GT(pose->jacobian(0, 2), 0.02);   // the left one, right
+  EXPECT_LT(pose->jacobian(1, 0), -0.02);  // the upper leg moves it down
+  EXPECT_LT(pose->jacobian(0, 1), -0.02);  // the right leg moves it left
+  EXPECT_GT(pose->jacobian(0, 2), 0.02);   // the left leg moves it right
   EXPECT_TRUE((pose->jacobian.row(2).array() > 0.01).all());
 }
 
@@ -207,7 +207,7 @@ TEST(FalconKinematics, ReachesNothingOutside) {
   for (const Vec3& position : {Vec3(0, 0, 0.19), Vec3(0, 0, 0.05), Vec3(0, 0, -0.12), Vec3(0.2, 0, 0.1), Vec3(0, 0, 0),
                                Vec3(1e9, 0, 0), Vec3(kNaN, 0, 0.1), Vec3(0, INFINITY, 0.1)})
     EXPECT_FALSE(falcon.at_position(position)) << position.transpose();
-  // Elbows too far apart for one handle, or all folded under it; and no angles at all.
+  // Elbows too far apart for one handle, legs folded under it, and angles that are not finite.
   for (const Vec3& degrees : {Vec3(0, 0, -180), Vec3(150, 150, 150), Vec3(-120, -120, -120)})
     EXPECT_FALSE(falcon.at_angles(kDegree * degrees)) << degrees.transpose();
   EXPECT_FALSE(falcon.at_angles(Vec3(kNaN, 0.6, 0.6)));

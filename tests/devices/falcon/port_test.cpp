@@ -18,7 +18,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-/// A machine that is only its files.
+/// Provides a root folder with the files of a machine.
 class FalconPorts : public testing::Test {
  protected:
   TempFolder root_;
@@ -152,7 +152,7 @@ TEST(FalconBackend, OpensAnEmulatedOneThatIsReadyOnceItWasHomed) {
     ASSERT_TRUE(state.ready || state.position == Vec3::Zero());
   }
   ASSERT_TRUE(state.ready);
-  // Whoever homed it may still be on his way back.
+  // The simulated user who homed it may still be moving back.
   for (int k = 0; k < 500; ++k) {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
     state = exchange(*device, Vec3::Zero(), 1e-3);

@@ -1,5 +1,5 @@
-// Programs of others on an emulated Falcon: every test here runs under LD_PRELOAD of libhaptrace-falcon-usb.so, and
-// calls libusb as such programs do. The system's libusb is not asked.
+// Tests of third-party programs on an emulated Falcon. Every test runs under LD_PRELOAD of libhaptrace-falcon-usb.so
+// and calls libusb as such programs do. The preloaded library replaces the system's libusb.
 #include "devices/falcon/calibration.h"
 #include "devices/falcon/driver.h"
 #include "devices/falcon/firmware.h"
@@ -42,7 +42,7 @@ TEST(FalconForOtherPrograms, IsListedAsADeviceOfUsb) {
   EXPECT_EQ(config->interface[0].altsetting[0].bNumEndpoints, 2);
   libusb_free_config_descriptor(config);
 
-  // A second program part cannot claim the interface as long as the first holds it.
+  // A second handle cannot claim the interface while the first one holds it.
   libusb_device_handle* second = libusb_open_device_with_vid_pid(context, 0x0403, 0xcb48);
   ASSERT_NE(second, nullptr);
   EXPECT_EQ(libusb_claim_interface(handle, 0), 0);
@@ -54,8 +54,8 @@ TEST(FalconForOtherPrograms, IsListedAsADeviceOfUsb) {
   libusb_exit(context);
 }
 
-/// Loads "firmware" into a Falcon that was just switched on, by our own dialogue over libusb's asynchronous transfers,
-/// then exchanges packets until the legs are homed and pushes.
+/// Loads "firmware" into a Falcon after power-on, through haptrace's driver and libusb's asynchronous transfers. Then
+/// exchanges packets until the legs are homed, and pushes.
 TEST(FalconForOtherPrograms, TakesFirmwareIsHomedAndPushes) {
   const FalconFirmware firmware{.file = "made-up.bin", .image = std::vector<std::uint8_t>(4500, 0x5a)};
   const FalconCalibration calibration;
@@ -76,7 +76,7 @@ TEST(FalconForOtherPrograms, TakesFirmwareIsHomedAndPushes) {
   device.close();
 }
 
-/// The other style: blocking transfers, a packet out and what comes back, with the chip's two bytes of status.
+/// Uses blocking transfers: sends a packet and reads the answer, with the chip's two status bytes.
 TEST(FalconForOtherPrograms, AnswersProgramsThatWaitForEveryTransfer) {
   const FalconFirmware firmware{.file = "made-up.bin", .image = std::vector<std::uint8_t>(4500, 0x5a)};
   start_falcon([] { return open_usb_falcon_link(emulated_port()); }, firmware)->close();
@@ -102,7 +102,7 @@ TEST(FalconForOtherPrograms, AnswersProgramsThatWaitForEveryTransfer) {
     if (received == 2 + static_cast<int>(packet.size()) && answer[2] == '<') ++answers;
   }
   EXPECT_EQ(answers, 20);
-  // Nothing was asked, so nothing but status comes: a transfer of two bytes still ends.
+  // Without a packet, only the two status bytes arrive, and the transfer still ends.
   std::array<unsigned char, 64> idle{};
   int received = 0;
   EXPECT_EQ(libusb_bulk_transfer(handle, 0x81, idle.data(), 64, &received, 1000), 0);

@@ -42,7 +42,7 @@ class RandomBytes {
         {static_cast<std::int16_t>(bits), static_cast<std::int16_t>(bits >> 16), static_cast<std::int16_t>(bits >> 32)},
         static_cast<std::uint8_t>(bits >> 48 & FalconPacket::kAllFlags)};
   }
-  /// What packets are made of, or anything.
+  /// Returns a byte that occurs in packets, or any byte.
   std::uint8_t byte() {
     const std::uint64_t bits = random_.next();
     const auto any = static_cast<std::uint8_t>(bits >> 8);
@@ -55,7 +55,7 @@ class RandomBytes {
         return static_cast<std::uint8_t>('A' + any % 16);
     }
   }
-  /// No packet, unless by a chance that does not occur.
+  /// Returns up to `longest` random bytes; that they form a packet is too unlikely to occur.
   Bytes garbage(std::size_t longest) {
     Bytes bytes(below(longest + 1));
     for (std::uint8_t& one : bytes) one = byte();
@@ -130,7 +130,7 @@ TEST(FalconProtocol, FindsNothingButWhatIsThere) {
   RandomBytes random(3);
   std::size_t found = 0;
   for (int i = 0; i < 2000; ++i) {
-    // A packet with up to three bytes changed for others that packets are made of.
+    // Change up to three bytes of the stream into others that often occur in packets.
     Bytes stream = random.garbage(20);
     append(stream, random.packet());
     for (std::size_t changes = random.below(4); changes > 0; --changes)
@@ -142,7 +142,7 @@ TEST(FalconProtocol, FindsNothingButWhatIsThere) {
       ++found;
       ASSERT_GE(k, 15);
       FalconBytes bytes = encode(*packet);
-      bytes[14] = stream[k - 1];  // carries nothing that is known
+      bytes[14] = stream[k - 1];  // a byte without a known meaning
       ASSERT_TRUE(std::equal(bytes.begin(), bytes.end(), stream.begin() + static_cast<std::ptrdiff_t>(k - 15)));
     }
   }
@@ -190,7 +190,7 @@ TEST(FalconProtocol, ForgetsHalfAPacketWhenToldTo) {
 }
 
 TEST(FalconProtocol, NeverTurnsALargeForceRound) {
-  EXPECT_EQ(falcon_word(32'780), 32'767);  // which cut to 16 bits is -32 756
+  EXPECT_EQ(falcon_word(32'780), 32'767);  // truncated to 16 bits, it would be -32 756
   EXPECT_EQ(falcon_word(-32'780), -32'767);
   EXPECT_EQ(falcon_word(1e300), 32'767);
   EXPECT_EQ(falcon_word(-INFINITY), -32'767);

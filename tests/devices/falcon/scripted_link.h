@@ -1,4 +1,4 @@
-// A Falcon's link whose other end is a few lines of a test.
+// A Falcon's link with a scripted device at its other end.
 #pragma once
 
 #include "base/error.h"
@@ -17,12 +17,12 @@ namespace haptrace::test {
 
 using Bytes = std::vector<std::uint8_t>;
 
-/// What a link was told, and what it has to say. Outlives its links, and time stands still in it: a read that finds
-/// nothing has waited.
+/// The script of the links: records the writes and holds the answers. It outlives its links. Time stands still: a read
+/// without data returns at once, as if it had waited.
 struct FalconScript {
   std::function<void(const Bytes&)> on_write = [](const Bytes&) {};
   std::function<void(FalconLink::Request, std::uint16_t)> on_control = [](FalconLink::Request, std::uint16_t) {};
-  std::deque<Bytes> line;  ///< what comes, a read each
+  std::deque<Bytes> line;  ///< incoming data, one element per read
   std::vector<Bytes> written;
   int opened = 0, closed = 0;
   bool takes = true, gone = false;

@@ -29,8 +29,8 @@ namespace {
 
 constexpr std::uint8_t kIn = 0x81, kOut = 0x02, kVendorOut = 0x40;
 constexpr const char* kDevice = "/sys/devices/pci0000:00/0000:00:14.0/usb1/1-1";
-constexpr std::size_t kSetup = 8;  // bytes of a control transfer before its data
-// Full speed, 0403:cb48, one interface with bulk IN 0x81 and bulk OUT 0x02, of 64 bytes each.
+constexpr std::size_t kSetup = 8;  // bytes before a control transfer's data
+// Full speed, 0403:cb48, one interface with bulk IN 0x81 and bulk OUT 0x02, 64 bytes each.
 constexpr const char* kDescriptors =
     "120100020000000803"
     "0448cb000401020301"
@@ -46,9 +46,9 @@ int real_close(int fd) {
   return function(fd);
 }
 
-/// For a process that a test has started.
+/// Returns the client of a process that a test started.
 UsbClient& bus_of_parent() {
-  static auto* const client = new UsbClient;  // files are closed after everything else has gone
+  static auto* const client = new UsbClient;  // never destroyed: files are closed after all destructors
   return *client;
 }
 
@@ -100,7 +100,7 @@ std::int64_t UsbBus::now() {
 }
 
 void UsbBus::plug_in(std::unique_ptr<EmulatedFalcon> falcon, const std::string& serial) {
-  bool unseen = false;  // umockdev withstands some fifty devices, and then ends the program
+  bool unseen = false;  // such a device is reused: umockdev ends the program after about fifty devices
   {
     const std::scoped_lock lock(mutex_);
     unseen = fifo_ >= 0 && handles_.empty() && serial == serial_;
@@ -175,7 +175,7 @@ std::vector<std::uint8_t> UsbBus::heard_from_guardians() {
   return heard_from_guardians_;
 }
 
-/// The handle of an open file, by whichever descriptor.
+/// Returns the handle of an open file, for any of its descriptors.
 std::shared_ptr<UsbBus::Handle> UsbBus::find(int fd) {
   const auto known = handles_.find(fd);
   if (known != handles_.end()) return known->second;
@@ -243,7 +243,7 @@ int UsbBus::claim(Handle& handle) {
   return 0;
 }
 
-/// What goes to the device is taken now, what comes from it is written at the reaping.
+/// Copies the data to the device now; reap() writes the data from the device.
 int UsbBus::submit(const Handle& handle, usbdevfs_urb* urb) {
   const bool is_control = urb->type == USBDEVFS_URB_TYPE_CONTROL;
   if (!is_control && (urb->type != USBDEVFS_URB_TYPE_BULK || (urb->endpoint != kIn && urb->endpoint != kOut)))
@@ -287,7 +287,7 @@ int UsbBus::reap(const Handle& handle, usbdevfs_urb** urb) {
   return fails(handle.is_there ? EAGAIN : ENODEV);
 }
 
-/// Claims the interface where nobody has, as usbfs does.
+/// Claims the interface if it is free, like usbfs.
 int UsbBus::send(Handle& handle, const usbdevfs_bulktransfer& transfer, std::unique_lock<std::mutex>& lock) {
   if (transfer.ep != kOut) return fails(EINVAL);
   if (!handle.claims && claim(handle) != 0) return -1;
@@ -308,7 +308,7 @@ int UsbBus::send(Handle& handle, const usbdevfs_bulktransfer& transfer, std::uni
   return static_cast<int>(transfer.len);
 }
 
-/// Whether it has ended.
+/// Returns whether the transfer has ended.
 bool UsbBus::progress(Transfer& transfer) {
   using Handshake = EmulatedFalcon::Handshake;
   const usbdevfs_urb& urb = *transfer.urb;
@@ -326,7 +326,7 @@ bool UsbBus::progress(Transfer& transfer) {
   return true;
 }
 
-/// Packets until one is short or the memory is full.
+/// Reads packets until one is short or the buffer is full; returns whether the transfer has ended.
 bool UsbBus::receive(Transfer& transfer) {
   using Handshake = EmulatedFalcon::Handshake;
   std::array<std::uint8_t, EmulatedFalcon::kPacket> packet{};
@@ -346,7 +346,7 @@ bool UsbBus::receive(Transfer& transfer) {
   }
 }
 
-/// Those of an endpoint end in the order of their submission.
+/// Ends transfers that are done. Those of one endpoint end in the order of their submission.
 void UsbBus::serve() {
   bool waits[256]{};
   for (auto transfer = pending_.begin(); transfer != pending_.end();) {
@@ -367,7 +367,7 @@ void UsbBus::end(Transfer transfer) {
   signal();
 }
 
-/// Lets the node be written to when there is something to reap, or nothing ever will be.
+/// Makes the node writable when there is a transfer to reap or the device is gone.
 void UsbBus::signal() {
   if (fifo_ < 0) return;
   const bool wanted = !ended_.empty() || !falcon_->is_there();
@@ -432,7 +432,7 @@ int close(int fd) {
   return haptrace::test::real_close(fd);
 }
 
-/// Gives guardians, which have no environment, the bus. Those are told by having none.
+/// Gives guardians access to the bus. A process without an environment is a guardian.
 int posix_spawn(pid_t* child, const char* path, const posix_spawn_file_actions_t* files,
                 const posix_spawnattr_t* attributes, char* const arguments[], char* const environment[]) {
   static const auto next = reinterpret_cast<decltype(&posix_spawn)>(dlsym(RTLD_NEXT, "posix_spawn"));

@@ -1,4 +1,4 @@
-// A USB port of this process, into which an emulated Falcon is plugged, and which an unmodified libusb sees.
+// A USB port for tests: an unmodified libusb in this process sees an emulated Falcon on it.
 #pragma once
 
 #include "devices/falcon/emulated_falcon.h"
@@ -22,15 +22,15 @@ namespace haptrace::test {
 
 class UsbServer;
 
-/// What the kernel would be. The tree below /sys and the messages of udev are umockdev's, under whose preloaded library
-/// the program has to run; what is asked of the device's node, the functions ioctl() and close() of this program answer
-/// instead of the kernel, as its usbfs does (linux/usbdevice_fs.h). The node is a FIFO that can hold one byte: as long
-/// as one is in it, it cannot be written to, which for usbfs says that no transfer has ended.
+/// Replaces the kernel's USB. umockdev provides the tree below /sys and the messages of udev; the program has to run
+/// under its preloaded library. The functions ioctl() and close() of this program answer for the device's node like the
+/// kernel's usbfs (linux/usbdevice_fs.h). The node is a FIFO with room for one byte. While the byte is in it, the node
+/// is not writable, which in usbfs means that no transfer has ended.
 ///
-/// Other processes reach it through a socket, as usb_client.h has it; the same program answers their ioctl() when it is
-/// run by this one, and guardians are given a library to preload.
+/// Other processes reach the bus through a socket (usb_client.h). If this program starts itself again, its own ioctl()
+/// uses the socket; guardians get a library to preload.
 ///
-/// One for each test program, made before any thread. Threads: any, except for the making.
+/// Each test program makes one before any thread starts. Threads: any, except for the constructor.
 class UsbBus {
  public:
   UsbBus();
@@ -40,13 +40,13 @@ class UsbBus {
 
   static UsbBus& instance();
 
-  /// Unplugs what is there before.
+  /// Plugs a Falcon in, in place of the previous one.
   void plug_in(std::unique_ptr<EmulatedFalcon> falcon, const std::string& serial = "F1");
 
   void unplug();
-  void plug_in_again();  ///< what was unplugged
+  void plug_in_again();  ///< plugs the last one in again
 
-  /// Calls `look` with what is or was plugged in, as of now, while nobody else touches it.
+  /// Calls `look` under the lock with the current or last Falcon, advanced to now.
   template <class Look>
   auto falcon(Look look) {
     const std::scoped_lock lock(mutex_);
@@ -56,26 +56,26 @@ class UsbBus {
 
   [[nodiscard]] std::size_t open_handles();
 
-  /// What came by USBDEVFS_BULK, which only a guardian uses, since the last plug_in().
+  /// Returns the bytes written with USBDEVFS_BULK since the last plug_in(); only guardians use it.
   [[nodiscard]] std::vector<std::uint8_t> heard_from_guardians();
 
-  // For ioctl() and close(). The first is false when `fd` is not of this bus.
+  // For ioctl() and close(). handle() returns false if `fd` is not a file of this bus.
   bool handle(int fd, unsigned long request, void* argument, int& result);
   void forget(int fd);
 
-  /// A file of another process.
+  /// Adds a file of another process.
   void adopt(int fd) {
     const std::scoped_lock lock(mutex_);
     (void)find(fd);
   }
 
-  /// Without a lock: sanitizers close files in the middle of anything.
+  /// Takes no lock: sanitizers may close files at any time.
   [[nodiscard]] bool knows(int fd) const noexcept { return fd >= 0 && fd < kMostFiles && known_[fd]; }
 
  private:
   static constexpr int kMostFiles = 4096;
 
-  /// An open file, which may have several descriptors in several processes.
+  /// An open file. It may have several descriptors, in several processes.
   struct Handle {
     bool is_there = true;
     bool claims = false;
@@ -83,8 +83,8 @@ class UsbBus {
   struct Transfer {
     const Handle* handle;
     usbdevfs_urb* urb;
-    std::vector<std::uint8_t> data;  ///< for the host
-    int status = 0;                  ///< an errno, negative
+    std::vector<std::uint8_t> data;  ///< data to or from the device
+    int status = 0;                  ///< 0 or a negative errno
   };
 
   [[nodiscard]] static std::int64_t now();
@@ -107,7 +107,7 @@ class UsbBus {
   std::string serial_;
   int address_ = 1;
 
-  std::mutex mutex_;  ///< guards what follows
+  std::mutex mutex_;  ///< guards the members below
   std::unique_ptr<EmulatedFalcon> falcon_;
   int fifo_ = -1;
   std::uint64_t node_number_ = 0;  ///< inode of the FIFO
@@ -118,8 +118,8 @@ class UsbBus {
   std::atomic<bool> known_[kMostFiles]{};  ///< the keys of handles_
   bool ending_ = false;
   std::condition_variable wake_;
-  std::thread thread_;                 ///< ends transfers when it is time
-  std::unique_ptr<UsbServer> server_;  ///< for other processes
+  std::thread thread_;                 ///< ends transfers in time
+  std::unique_ptr<UsbServer> server_;  ///< serves other processes
 };
 
 }  // namespace haptrace::test

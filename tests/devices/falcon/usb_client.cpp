@@ -16,9 +16,9 @@
 namespace haptrace::test {
 namespace {
 
-constexpr int kAboveOthers = 100;  // where nobody counts on a number
+constexpr int kAboveOthers = 100;  // above the descriptors that the program may expect
 
-/// Past the function close() of a program that answers it for files of the bus.
+/// Closes a socket without calling close(), which the test program replaces for files of the bus.
 void close_line(int line) {
   syscall(SYS_close, line);
 }
@@ -55,7 +55,7 @@ int connect_to_bus(int fd) {
   return -1;
 }
 
-/// What `argument` means for this request.
+/// Converts a request and its `argument` to a message.
 UsbRequest request_of(unsigned long request, const void* argument) {
   UsbRequest asked{.request = request};
   const void* memory = nullptr;

@@ -1,4 +1,4 @@
-// Hosts of a Falcon that die or stand still: what remains in the motors.
+// Tests of the motors' force after a Falcon's host dies or stops.
 #include "devices/falcon/driver.h"
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"
@@ -36,7 +36,7 @@ int hold_force() {
 
 namespace {
 
-/// Waits until it is so, for 10 s at most.
+/// Waits at most 10 s until `condition` holds; returns whether it does.
 template <class Condition>
 bool comes_true(const Condition& condition) {
   for (int k = 0; k < 50'000; ++k) {
@@ -50,7 +50,7 @@ bool rests() {
   return !pushes();
 }
 
-/// How often it is looked at and pushes, for 0.4 s.
+/// Returns whether the motors push for 0.4 s without a break.
 bool keeps_pushing() {
   for (int k = 0; k < 400; ++k) {
     if (!pushes()) return false;
@@ -73,13 +73,13 @@ class FalconHost : public testing::Test {
   FalconHost() { in_real_time(); }
 
   void SetUp() override {
-    prctl(PR_SET_CHILD_SUBREAPER, 1);  // a guardian without a host is this program's to wait for
+    prctl(PR_SET_CHILD_SUBREAPER, 1);  // this program waits for guardians whose host is gone
     plug_in(Start::homed);
     std::string program = "/proc/self/exe", hold(kHoldForce);
     char* const arguments[] = {program.data(), hold.data(), nullptr};
     posix_spawnattr_t attributes;
     posix_spawnattr_init(&attributes);
-    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);  // as a shell starts a command
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);  // like a shell
     ASSERT_EQ(posix_spawn(&host_, program.c_str(), nullptr, &attributes, arguments, environ), 0);
     posix_spawnattr_destroy(&attributes);
     ASSERT_TRUE(comes_true(pushes));
@@ -217,7 +217,7 @@ TEST_F(GuardedFalcon, MayHoldItsForceWhenNeitherItNorItsGuardianReachesTheMotors
   }
 }
 
-/// A link that does not return, as one whose driver in the kernel hangs.
+/// A link whose writes do not return, as if its kernel driver hangs.
 class HangingLink final : public FalconLink {
  public:
   explicit HangingLink(const std::atomic<bool>& hangs) : hangs_(hangs) {}

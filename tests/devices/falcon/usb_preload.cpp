@@ -1,4 +1,4 @@
-// Preloaded into a guardian: its requests to usbfs go to the emulated bus of the test that it belongs to.
+// Library preloaded into a guardian: it sends the guardian's requests to usbfs to the emulated bus of the test.
 #include "tests/devices/falcon/usb_client.h"
 
 #include <cstdarg>
@@ -12,7 +12,7 @@ haptrace::test::UsbClient& client() {
   return instance;
 }
 
-/// At once, as a file that was inherited is there from the start: the bus forgets a file when nobody has it any more.
+/// Registers the inherited port at once, since the bus forgets a file that no process has open any more.
 __attribute__((constructor)) void adopt_port() {
   client().adopt(STDOUT_FILENO);
 }

@@ -16,9 +16,9 @@
 namespace haptrace::test {
 namespace {
 
-constexpr int kLookMs = 20;  // for the end
+constexpr int kLookMs = 20;  // interval of the checks for the end
 
-/// The descriptor in a client's first message, -1 when there is none.
+/// Returns the descriptor in a client's first message, or -1.
 int receive_file(int line) {
   char byte = 0;
   iovec text{&byte, 1};
@@ -38,7 +38,7 @@ int receive_file(int line) {
 }  // namespace
 
 struct UsbServer::Urb {
-  std::uint64_t name = 0;  ///< its client's
+  std::uint64_t name = 0;  ///< the client's address of it
   int file = -1;
   std::vector<std::uint8_t> memory;
   std::unique_ptr<usbdevfs_urb> urb = std::make_unique<usbdevfs_urb>();
@@ -83,7 +83,7 @@ void UsbServer::let_go(const Client& client) {
   if (client.file >= 0) close(client.file);
 }
 
-/// Whether it is still there.
+/// Serves one message; returns whether the client is still connected.
 bool UsbServer::serve(Client& client) {
   if (client.file < 0) {
     client.file = receive_file(client.line);

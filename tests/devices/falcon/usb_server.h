@@ -1,4 +1,4 @@
-// The emulated USB bus for other processes.
+// Server of the emulated USB bus for other processes.
 #pragma once
 
 #include <atomic>
@@ -16,8 +16,8 @@ class UsbBus;
 struct UsbReply;
 struct UsbRequest;
 
-/// Passes on what clients (usb_client.h) ask of the bus. A file that no descriptor is left of is closed: a client that
-/// was killed has let go of it.
+/// Forwards requests of clients (usb_client.h) to the bus. When a client disconnects or is killed, the server closes
+/// the client's file.
 class UsbServer {
  public:
   UsbServer(UsbBus& bus, std::string path);
@@ -30,9 +30,9 @@ class UsbServer {
  private:
   struct Client {
     int line;
-    int file = -1;  ///< a descriptor of ours
+    int file = -1;  ///< descriptor in this process
   };
-  struct Urb;  ///< a client's transfer, here
+  struct Urb;  ///< a client's transfer
 
   void run();
   bool serve(Client& client);

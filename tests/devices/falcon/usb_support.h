@@ -1,4 +1,4 @@
-// What the tests of a Falcon on the emulated USB bus share.
+// Common parts of the tests of a Falcon on the emulated USB bus.
 #pragma once
 
 #include "tests/devices/falcon/usb_bus.h"
@@ -33,7 +33,7 @@ inline bool pushes() {
   return motors() != std::array<std::int16_t, 3>{};
 }
 
-/// An argument that makes the test program a host that holds a force until its device is lost or it is killed.
+/// With this argument, the test program acts as a host that holds a force until its device is lost or it is killed.
 inline constexpr std::string_view kHoldForce = "--hold-force";
 
 int hold_force();

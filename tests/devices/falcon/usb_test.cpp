@@ -1,4 +1,4 @@
-// The Novint Falcon over an unmodified libusb, down to an emulated chip.
+// Tests of the Novint Falcon through an unmodified libusb, with an emulated chip.
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"
 #include "devices/loop/recovering_device.h"
@@ -23,7 +23,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using namespace std::chrono_literals;
 
-/// Exchanges at 1 kHz until it is so, for 10 s at most.
+/// Exchanges at 1 kHz until `condition` holds, for at most 10 s; returns whether it does.
 template <class Condition>
 bool exchange_until(Device& device, const Vec3& force, DeviceState& state, Condition condition) {
   for (int k = 0; k < 10'000; ++k) {
@@ -40,7 +40,7 @@ class FalconUsb : public testing::Test {
 
   TempFolder folder_;
 
-  /// A device whose `--device` names firmware of the right size.
+  /// Opens a device whose options name a firmware file of the right size.
   std::unique_ptr<Device> open_with_firmware() {
     std::string image(FalconFirmware::kLeast, '\0');
     for (std::size_t i = 0; i < image.size(); ++i) image[i] = static_cast<char>(7 * i);
@@ -97,7 +97,7 @@ TEST_F(FalconUsb, IsLoadedHoweverOftenItTakes) {
 TEST_F(FalconUsb, TellsItsPlaceToACountAndPushesWhereItIsTold) {
   const FalconCalibration calibration;
   const FalconKinematics kinematics;
-  // A heavy handle in a calm hand.
+  // A heavy handle in a steady hand.
   const std::string plant = folder_.write("calm.json", R"({
       "mass": 20, "max_force": 20, "workspace": {"min": -0.05, "max": 0.05},
       "hand": {"mass": 1, "grip_stiffness": 2000, "grip_damping": 50, "intent_stiffness": 2000, "intent_damping": 100}})");
@@ -149,7 +149,7 @@ TEST_F(FalconUsb, IsFreeOfForceWhenNobodyExchangesAnyMore) {
   EXPECT_FALSE(pushes());
 }
 
-/// To and fro, so that a hand yields; something happens after 0.2 s.
+/// Pushes to and fro with 6 N, which moves a hand; calls `happening` after 0.2 s.
 class Shaking final : public Controller {
  public:
   explicit Shaking(std::function<void()> happening, std::uint64_t ticks = 1200)
@@ -190,7 +190,7 @@ ServoReport run_session(Device& device, Controller& controller, double away_time
 struct UsbFault {
   const char* text;
   StopCause cause;
-  const char* told;  ///< in what stopped it
+  const char* told;  ///< part of the report's detail
 };
 
 TEST_F(FalconUsb, HasNoForceInItsMotorsAfterAnyFault) {
@@ -223,7 +223,7 @@ TEST_F(FalconUsb, HasNoForceInItsMotorsAfterAnyFault) {
 }
 
 TEST_F(FalconUsb, EndsWhenItsChipHangs) {
-  // No zero force can reach the motors then; whether the firmware lets go of them by itself is not known.
+  // No zero force can reach the motors then. It is not known whether the firmware switches them off by itself.
   plug_in(Start::homed);
   const auto device = open_device("falcon");
   Shaking controller([] { set_faults("hang:0"); });
@@ -273,7 +273,7 @@ TEST_F(FalconUsb, DoesNotGoOnWithAnother) {
   const ServoReport report = run_session(device, controller, 20);
   somebody.join();
   EXPECT_EQ(report.cause, StopCause::device_lost);
-  // The emulated bus may show it before its serial number can be read: then it is another all the same.
+  // The emulated bus may show the device before its serial number is readable. It counts as another device then, too.
   EXPECT_THAT(report.detail, AllOf(HasSubstr("another device answers in its place"), HasSubstr("serial number F1")));
   EXPECT_FALSE(pushes());
 }
@@ -289,7 +289,7 @@ TEST_F(FalconUsb, IsEmulatedWithoutUsbAsWell) {
   EXPECT_EQ(report.returns, 1);
 }
 
-/// What a process has open and in use.
+/// Resources of this process: open files, threads and allocated memory.
 struct Belongings {
   std::size_t files = 0, threads = 0, bytes = 0;
 
@@ -311,7 +311,7 @@ TEST_F(FalconUsb, KeepsNothingWhenItIsClosed) {
   for (int k = 0; k < 20; ++k) cycle();
   const Belongings before = Belongings::now();
   for (int k = 0; k < 1000; ++k) cycle();
-  // The emulated bus closes its end by a thread of its own.
+  // The emulated bus closes its end in its own thread.
   Belongings after = Belongings::now();
   for (int k = 0; k < 2000 && (after.threads > before.threads || after.files > before.files); ++k) {
     std::this_thread::sleep_for(1ms);

@@ -39,7 +39,7 @@ TEST(HapkitPacket, IsTheSameInCAndInCpp) {
   Packet c{};
   EXPECT_EQ(hapkit_c_round_trip(HAPKIT_COMMAND, 0xfedc, -123456789, -32767, c.data()), unsigned{HAPKIT_PACKET_SIZE});
   EXPECT_EQ(c, packet_of(HAPKIT_COMMAND, 0xfedc, -32767, -123456789));
-  // The one in the manual.
+  // The packet in the manual.
   EXPECT_EQ(packet_of(HAPKIT_COMMAND, 7, HapkitCalibration{}.duty(0.5)),
             (Packet{0xa5, 3, 7, 0, 0, 0, 0, 0, 0xc0, 0x28, 0, 1, 0xbb, 0xa6}));
   const Packet spelled{0xa5, 3, 0xdc, 0xfe, 0xeb, 0x32, 0xa4, 0xf8, 0x01, 0x80, 0, 1, c[12], c[13]};
@@ -72,7 +72,7 @@ TEST(HapkitPacket, IsFoundAfterAnythingAndWithEveryBitOrNotAtAll) {
   }
 }
 
-/// The board's own logic, in a time of the test's.
+/// Runs the board's own logic on the test's clock.
 class HapkitBoard : public testing::Test {
  protected:
   hapkit_packet say(hapkit_kind kind, std::int16_t duty = 0) {
@@ -93,7 +93,7 @@ class HapkitBoard : public testing::Test {
 
   hapkit_board board_{};
   std::uint16_t sequence_ = 0;
-  std::uint32_t now_ms_ = 0xffffffff - 20;  // about to run over
+  std::uint32_t now_ms_ = 0xffffffff - 20;  // wraps around soon
 };
 
 TEST_F(HapkitBoard, ObeysNobodyWhoDidNotGreetIt) {
@@ -175,7 +175,7 @@ class Hapkit : public testing::Test {
 
   std::unique_ptr<HapkitDriver> pulling() {
     auto driver = bench_.driver();
-    // Its board lets go when the machine holds this thread up, also between a round and a look at its motor.
+    // The board switches its motor off when the machine delays this thread, even between a round and the check.
     double force = 0;
     for (int k = 0; k < 200 && (force = bench_.board->force()) == 0; ++k) answered(*driver, Vec3(2, 0, 0), state_);
     EXPECT_NEAR(force, 2, 0.01);

@@ -43,7 +43,7 @@ InverseServiceView view_of(const std::string& message) {
   return view;
 }
 
-/// kInventory, in which `patch` replaces what it names.
+/// Returns kInventory with the element at `pointer` replaced by `value`.
 std::string inventory_with(const char* pointer, const json& value) {
   json inventory = json::parse(kInventory);
   inventory[json::json_pointer(pointer)] = value;
@@ -173,7 +173,7 @@ TEST(InverseMessages, ShowWhichSettingChangedWhatAPositionMeans) {
   EXPECT_EQ(changed_setting(before, view_of(inventory_with("/inverse3/0/config/mount/rotation/w", -1.0)).arm("049D")),
             "")
       << "the same rotation";
-  // Filters that the inventory did not state are no change; those that it did are.
+  // Filters count as changed only if the inventory has stated them before.
   const InverseArm filtered = view_of(inventory_with("/inverse3/0/config/filters", {{"hz", 20}})).arm("049D");
   EXPECT_EQ(changed_setting(before, filtered), "");
   InverseArm completed = before;
@@ -220,7 +220,7 @@ TEST(Inverse3Calibration, DoesTheSameWorkInEveryFrame) {
     calibration.axes = read_inverse3_axes(axes, "test");
     const Vec3 force = any(), velocity = any(), place = any(), arm = any();
     EXPECT_NEAR(calibration.command(force).dot(velocity), force.dot(calibration.vector(velocity)), 1e-12) << axes;
-    // A place on a tool is where it is, whichever way it is told.
+    // The position of a point on a tool does not depend on the order of the conversions.
     const Quat turn = Quat(Eigen::AngleAxisd(1, any().normalized()));
     const Vec3 told = calibration.position(place + turn * arm),
                ours = calibration.position(place) + calibration.orientation(turn) * arm;
@@ -254,7 +254,7 @@ TEST(Inverse3Calibration, OfTheSampleIsTheDefault) {
 
 // ---- the device and its service ----
 
-/// Waits until it is so; a test that waits in vain fails by what it expects next.
+/// Waits about 5 s at most until `condition` holds; if it does not, the test's next expectation fails.
 template <class Condition>
 void wait_until(Condition condition) {
   for (int k = 0; k < 5000 && !condition(); ++k) std::this_thread::sleep_for(1ms);
@@ -277,7 +277,7 @@ class Inverse3 : public testing::Test {
     if (!service_) serve();
     return open_error("inverse3:url=" + service_->url() + more, Error::Kind::device);
   }
-  /// Exchanges until the motors have this force, or the device is lost.
+  /// Exchanges until the motors have this force or the device is lost.
   void push(Device& device, const Vec3& force) {
     DeviceState state;
     bool pushed = false;
@@ -329,7 +329,7 @@ TEST_F(Inverse3, TellsOfTheGrip) {
   serve({.grip = true});
   const auto device = open();
   EXPECT_TRUE(device->info().measures_orientation);
-  // Upright in the service's frame: its axes are those of the service.
+  // The grip is upright in the service's frame, so its axes are those of the service.
   const DeviceState state = exchange(*device, Vec3::Zero(), 1e-3);
   EXPECT_LT((state.orientation * Vec3::UnitZ() - Vec3::UnitY()).norm(), 1e-12);
   EXPECT_EQ(state.buttons, 0U);
@@ -384,7 +384,7 @@ TEST_F(Inverse3, IsLostWithoutForceWhenItsServiceReportsASafetyEvent) {
     EXPECT_THAT(device->info().notes, IsEmpty());
     push(*device, Vec3(0, 0, 4));
     wait_until([&] { return service_->listeners() == 1; });
-    // Neither another arm's events nor good news end anything, nor does a message that is no event.
+    // Events of another arm, harmless events and malformed messages do not end the session.
     for (const std::string& harmless : {event(type, level, "0500"), event("ebrake_released", "notice", "049D"),
                                         event("fod_stage_changed", "info", "049D"), std::string("{]"),
                                         std::string("[1]"), std::string(R"({"name": 1, "data": null})")})
@@ -416,7 +416,7 @@ struct FaultCase {
   InverseFault fault;
   const char* reason;
   const char* remedy;
-  bool hears = true;  ///< what it is told afterwards
+  bool hears = true;  ///< the service still receives commands after the fault
 };
 
 TEST_F(Inverse3, IsLostWithoutForceWhenItsServiceFails) {
@@ -542,7 +542,7 @@ TEST_F(Inverse3, LeavesNothingBehindHoweverOftenItIsOpened) {
     exchange(*device, Vec3(1, 0, 0), 1e-3);
   }
   for (int k = 0; k < 20; ++k) (void)open_device("inverse3:emulated=true");
-  // A thread that was joined may be seen for a moment more.
+  // A joined thread may remain visible for a moment.
   wait_until([&] { return service_->sessions() == 0 && count() == before; });
   EXPECT_EQ(count(), before);
   EXPECT_EQ(service_->asked(), Vec3::Zero());

@@ -18,7 +18,7 @@ class Pantograph : public testing::TestWithParam<const char*> {
   PantographKinematics kinematics_{device_.geometry};
   std::mt19937 random_{7};
 
-  /// A place of the workspace.
+  /// Returns a random position in the workspace.
   Vec3 place() {
     std::uniform_real_distribution<double> side(-1, 1);
     const double x = side(random_), y = side(random_);
@@ -74,7 +74,7 @@ TEST_P(Pantograph, PushesWhereItIsToldToAndDoesTheWorkOfTheForce) {
     const Vec2 torques = device_.torques(at, small);
     ASSERT_LE(torques.cwiseAbs().maxCoeff(), device_.max_torque) << "max_force holds in every direction";
     ASSERT_LT((device_.force_in_world(at.force(torques)) - small).norm(), 1e-12);
-    // Power at the motors is power at the handle.
+    // The power at the motors equals the power at the handle.
     const Vec2 rates(0.3, -0.7), velocity = at.jacobian * rates;
     ASSERT_NEAR(torques.dot(rates), small.dot(device_.force_in_world(velocity)), 1e-12);
 
@@ -94,7 +94,7 @@ TEST_P(Pantograph, HasNoPoseWhereAMotionOrAForceIsLost) {
   EXPECT_FALSE(kinematics_.at_angles(Vec2(kNaN, 0)));
   EXPECT_FALSE(kinematics_.at_angles(Vec2(std::numbers::pi / 2, std::numbers::pi / 2)) && g.separation == 0)
       << "elbows in one place";
-  // Elbows so far apart that both outer links lie in a line, and farther.
+  // The elbows are so far apart that the outer links lie in a line.
   const double wide = std::acos((g.distal - g.separation / 2) / g.proximal);
   EXPECT_FALSE(kinematics_.at_angles(Vec2(std::numbers::pi - wide, wide)) && g.distal - g.separation / 2 < g.proximal);
 }
@@ -107,7 +107,7 @@ INSTANTIATE_TEST_SUITE_P(All, Pantograph, testing::Values("gen2", "gen3", "devki
                          [](const auto& generation) { return std::string(generation.param); });
 
 TEST(TwoDiyCalibration, HasXToTheRightAndYAway) {
-  // Seen by a user who faces the base, the second motor is to his left and the handle comes towards him.
+  // For a user facing the base, the second motor is on the left and the handle moves towards the user.
   const TwoDiyCalibration device = two_diy_calibration("gen3", "test");
   EXPECT_LT(device.to_world(device.origin + Vec2(0.01, 0)).x(), 0);
   EXPECT_LT(device.to_world(device.origin + Vec2(0, 0.01)).y(), 0);

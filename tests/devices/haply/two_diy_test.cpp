@@ -17,11 +17,11 @@ using Way = EmulatedLine::Way;
 
 TEST(TwoDiyProtocol, SaysWhatTheFirmwareReads) {
   const TwoDiyCalibration gen3 = two_diy_calibration("gen3", "test");
-  // Motors and encoders on the ports 1 and 2, all counter-clockwise; 12 and 168 degrees, 4880 counts.
+  // Motors and encoders on ports 1 and 2, all counter-clockwise; 12 and 168 degrees, 4880 counts.
   const std::vector<std::uint8_t> setup{1,    5, 3,    1,    1,    3, 1, 1,    0,    0, 0,    0,    0x40,
                                         0x41, 0, 0x80, 0x98, 0x45, 0, 0, 0x28, 0x43, 0, 0x80, 0x98, 0x45};
   EXPECT_EQ(two_diy_setup(gen3), setup);
-  // The first arm is on port 2: 0.5 and -0.25 N m.
+  // The first arm is on port 2; the torques are 0.5 and -0.25 N m.
   const TwoDiyTorques torques{2, 5, 0, 0, 0x80, 0xbe, 0, 0, 0, 0x3f};
   EXPECT_EQ(two_diy_exchange(gen3, Vec2(0.5, -0.25)), torques);
   EXPECT_EQ(two_diy_exchange(gen3, Vec2(kNaN, 1e99)), (TwoDiyTorques{2, 5, 0, 0, 0x80, 0x7f, 0, 0, 0, 0}));
@@ -58,7 +58,7 @@ TEST(TwoDiyProtocol, ReadsAnglesFromAnAnswerThatHasVelocitiesToo) {
   EXPECT_FALSE(two_diy_angles(gen3, std::span(answer).first(13))) << "neither form";
 }
 
-/// The firmware's side, fed by hand.
+/// Sends bytes directly to the emulated firmware.
 class TwoDiyBoard : public testing::Test {
  protected:
   std::vector<std::uint8_t> say(const std::vector<std::uint8_t>& bytes) {
@@ -96,14 +96,14 @@ TEST_F(TwoDiyBoard, IsSetUpAnewWhateverStateItIsIn) {
     say(setup);
     exchange(Vec2(0.1, 0.1));
     if (k % 3 == 0) board_.power_cycle();
-    // A message that broke off, or had one byte lost or changed, and bytes of the next.
+    // Send messages that are cut off, or have one byte lost or changed.
     auto bytes = k % 2 == 0 ? setup : std::vector<std::uint8_t>();
     const auto torques = two_diy_exchange(truth_, Vec2(0.01, 0.02));
     bytes.insert(bytes.end(), torques.begin(), torques.end());
     const std::size_t place = random() % bytes.size();
     if (k % 5 == 0) bytes.resize(place);
     if (k % 5 == 1) bytes.erase(bytes.begin() + static_cast<std::ptrdiff_t>(place));
-    if (k % 5 == 2 && place > 8) bytes[place] ^= 4;  // a wrong count of things to come would wait for hundreds of bytes
+    if (k % 5 == 2 && place > 8) bytes[place] ^= 4;  // with a wrong count the board waits for hundreds of bytes
     say(bytes);
     say(two_diy_restart(truth_));
     ASSERT_EQ(board_.torque(), 0) << k;
@@ -113,7 +113,7 @@ TEST_F(TwoDiyBoard, IsSetUpAnewWhateverStateItIsIn) {
 
 // ---- homing ----
 
-/// Hands that lead arms, counted from anywhere.
+/// Moves the arms by hand; the encoders start from an arbitrary count.
 class Homing : public testing::Test {
  protected:
   void lead(const Vec2& to, double seconds) {
@@ -180,7 +180,7 @@ class TwoDiy : public testing::Test {
   DeviceState state_;
   const Vec3 force_{0.5, 1, 0};
 
-  /// Pulling, and known to.
+  /// Returns a driver whose board pulls.
   std::unique_ptr<TwoDiyDriver> pulling() {
     auto driver = bench_.driver();
     pull(*driver);
@@ -188,14 +188,14 @@ class TwoDiy : public testing::Test {
     return driver;
   }
 
-  /// Rounds until it pulls: one that came late is calmed, and a guardian speaks for a test that the machine held up.
+  /// Exchanges until the board pulls: a late round sends zero torque, and so does a guardian if the test is delayed.
   void pull(TwoDiyDriver& driver) {
     for (int k = 0; k < 200 && bench_.board->torque() < 0.01; ++k) answered(driver, force_, state_);
     EXPECT_GT(bench_.board->torque(), 0.01);
   }
 
-  /// A fault, then rounds under force on arms that a hand holds where they are. The torques were zero once before force
-  /// came back, if it did.
+  /// Injects a fault, then exchanges under force while a hand holds the arms still. Expects zero torque before any
+  /// force returns.
   void suffer(TwoDiyDriver& driver, const std::function<void()>& fault) {
     const PantographKinematics kinematics(bench_.truth.geometry);
     bench_.board->hold_arms(kinematics.at_position(bench_.truth.to_mechanism(state_.position))->angles);
@@ -233,7 +233,7 @@ TEST_F(TwoDiy, UnderstandsFirmwareThatAnswersWithVelocitiesToo) {
     for (int k = 0; k < 200 && bench.board->torque() < 0.01; ++k) answered(*driver, force_, state_);
     EXPECT_GT(bench.board->torque(), 0.01);
     EXPECT_TRUE(state_.ready);
-    // A byte that is lost, in every place of an answer, costs a round and not the reference.
+    // A lost byte, anywhere in an answer, costs one round but not the reference.
     const int setups = bench.board->setups(), bytes = velocities ? 17 : 9;
     for (int place = 0; place < bytes; ++place) {
       bench.line->inject(Way::to_host, Fault::lose_byte, place);
@@ -253,7 +253,7 @@ TEST_F(TwoDiy, LosesAByteOfAnAnswerAndKeepsItsReference) {
     suffer(*driver, [&] { bench_.line->inject(Way::to_host, Fault::lose_byte, place); });
   EXPECT_EQ(bench_.board->setups(), setups);
   EXPECT_TRUE(state_.ready);
-  pull(*driver);  // again
+  pull(*driver);  // the board pulls again
 }
 
 TEST_F(TwoDiy, LosesAByteOfATorqueAndKeepsItsReference) {
@@ -273,7 +273,7 @@ TEST_F(TwoDiy, PassesOverGarbageInAnAnswer) {
 
 TEST_F(TwoDiy, DoesNotBelieveAnAngleThatNoArmCanHaveComeTo) {
   const auto driver = pulling();
-  // The second byte from the end of a float: its exponent.
+  // Byte 4 is the last byte of the first angle; the flipped bit belongs to its exponent.
   suffer(*driver, [&] { bench_.line->inject(Way::to_host, Fault::flip_bit, 4); });
   EXPECT_TRUE(state_.ready);
 }
@@ -358,7 +358,7 @@ TEST_F(TwoDiy, EndsWithZeroTorqueOnEveryWayOut) {
   pulling().reset();
   wait_until([&] { return bench_.board->torque() == 0; });
   EXPECT_EQ(bench_.board->torque(), 0);
-  // Also when the last bytes of the host broke off, or the next are lost.
+  // This also holds if the host's last message is cut off or bytes of the next one are lost.
   auto driver = pulling();
   for (const int place : {0, 3, 11, 15}) {
     bench_.line->inject(Way::to_board, Fault::lose_byte, place);

@@ -31,7 +31,7 @@ TEST(Prefetcher, AnswersTheBlockThatWasAskedForAndKeepsItWhileTheNextIsMade) {
         used = block;
         ASSERT_EQ(used->index, i);
         ASSERT_EQ(used->data.back(), i);
-        if (i == 7 && repetition % 5 == 0) break;  // and from the first again
+        if (i == 7 && repetition % 5 == 0) break;  // restart from the first block
       }
   }
 }

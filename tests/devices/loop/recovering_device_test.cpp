@@ -16,19 +16,19 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-/// What a cable does between a device and the tests.
+/// A cable between a device and the tests, and the properties of the device at its end.
 struct Cable {
   std::atomic<bool> out{false};
   std::atomic<int> openings{0};
-  std::atomic<int> open{0};         ///< devices that are not closed
-  std::string serial = "7";         ///< of whatever is at its end
+  std::atomic<int> open{0};         ///< number of devices not yet closed
+  std::string serial = "7";         ///< serial number of the device
   double natural_duration = 0;      ///< [s]
-  bool ready = true;                ///< what is opened
-  std::vector<Vec3> first_forces;   ///< that opened devices were sent
-  std::vector<double> first_steps;  ///< and the dt that came with them [s]
+  bool ready = true;                ///< whether opened devices are ready
+  std::vector<Vec3> first_forces;   ///< first force sent to each opened device [N]
+  std::vector<double> first_steps;  ///< dt of those exchanges [s]
 };
 
-/// Answers its opening's number as a position, until the cable is out.
+/// Returns the number of its opening as its position, until the cable is out.
 class Plugged final : public Device {
  public:
   explicit Plugged(Cable& cable) : cable_(cable) {
@@ -73,7 +73,7 @@ RecoveringDevice plugged(Cable& cable) {
   return RecoveringDevice([&cable] { return std::make_unique<Plugged>(cable); });
 }
 
-/// A tick of a session in virtual time, under a force.
+/// Runs one tick of a session in virtual time, with a force.
 Device::Status tick(Device& device, DeviceState& state, bool may_wait = true) {
   const Device::Status status = device.exchange({Vec3(1, 2, 3), Vec3::Zero()}, 1e-3, state);
   device.between_ticks(may_wait);
@@ -284,7 +284,7 @@ TEST(RecoveringDevice, CarriesASessionOverLossesOnTheRealClock) {
       [] { return open_device("plugin:path=" FAULTY_PLUGIN R"(,options={"fault":"lost","tick":100})"); });
   struct Pushing final : Controller {
     [[nodiscard]] Command update(const State& state) noexcept override {
-      Command command;  // without force, so that it ends at once
+      Command command;  // no force, so that the session ends without a fade
       if (state.time_ns > 600'000'000) command.status = Command::Status::finished;
       return command;
     }

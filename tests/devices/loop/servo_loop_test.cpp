@@ -26,7 +26,7 @@ using test::PointMass;
 using test::Scripted;
 using testing::HasSubstr;
 
-/// A constant force until a tick, then finished.
+/// Returns a controller with a constant force that finishes at `tick`.
 Scripted push_until(std::uint64_t tick, const Vec3& force) {
   return Scripted([=](const State& state) {
     Command command;
@@ -184,7 +184,7 @@ TEST(ServoLoop, SendsNothingToAxesWithoutAMotor) {
   EXPECT_GT(device.forces()[280].x(), 0.9);
 }
 
-// Every way out of a session, and what must hold after each.
+// Ways in which a session ends, and the expected results.
 struct WayOut {
   const char* name;
   StopCause cause;
@@ -322,7 +322,7 @@ TEST(ServoLoop, FadesTheLastTrustedForceAfterADeviation) {
   EXPECT_NEAR(static_cast<double>(result.log.samples.size()), 550, 2);
 }
 
-/// A controller whose force alternates whatever it is told, for two seconds.
+/// Returns a controller whose force oscillates in open loop for 2 s.
 Scripted shaking(double hz, const Vec3& amplitude, const Vec3& feedforward, double declared) {
   return Scripted([=](const State& state) {
     Command command;
@@ -378,7 +378,7 @@ TEST(ServoLoop, LeavesFeedforwardDeclaredVibrationAndExperimentsAlone) {
 TEST(ServoLoop, MissesTicksThatComeTooLateAndNeverCatchesUp) {
   PointMass device;
   Scripted controller([stalled = false](const State& state) mutable {
-    if (state.tick >= 50 && !std::exchange(stalled, true)) {  // tick 50 itself may be missed on a busy machine
+    if (state.tick >= 50 && !std::exchange(stalled, true)) {  // a busy machine may miss tick 50 itself
       const std::int64_t until = monotonic_ns() + 25'000'000;
       while (monotonic_ns() < until) {
       }
@@ -396,7 +396,7 @@ TEST(ServoLoop, MissesTicksThatComeTooLateAndNeverCatchesUp) {
   EXPECT_EQ(samples.size() + result.report.missed, samples.back().tick + 1);
   for (std::size_t i = 1; i < samples.size(); ++i) {
     EXPECT_GT(samples[i].time_ns, samples[i - 1].time_ns);
-    // Each tick woke at or after its own deadline, and deadlines stay on the grid: ticks are never bunched.
+    // Each tick wakes at or after its deadline, and the deadlines stay on the grid: ticks never bunch up.
     EXPECT_GE(samples[i].latency, 0);
     const auto deadline = [&](const Sample& s) { return 1e-9 * static_cast<double>(s.time_ns) - double(s.latency); };
     EXPECT_NEAR(deadline(samples[i]) - deadline(samples[0]), 1e-3 * static_cast<double>(samples[i].tick), 1e-8);
@@ -439,9 +439,9 @@ TEST(ServoLoop, AllocatesNothingInATick) {
   EXPECT_EQ(last, first);
 }
 
-// ---- forces that hold ----
+// ---- sustained forces ----
 
-/// Virtual time in which every tick lasts so many periods.
+/// Virtual time in which every tick lasts `periods` periods.
 class SlowClock final : public ServoClock {
  public:
   explicit SlowClock(std::int64_t periods) : periods_(periods) {}
@@ -456,7 +456,7 @@ double seconds(const Sample& sample) {
   return 1e-9 * static_cast<double>(sample.time_ns);
 }
 
-/// A demand of 20 N for so long, from a controller of this patience.
+/// Returns a controller that demands 20 N for `duration` [s], with this patience [s].
 Scripted demand(double duration, double patience = 0) {
   return Scripted([=](const State& state) {
     Command command;
@@ -586,7 +586,7 @@ TEST(ServoLoop, LimitsTorquesThatLastAsItDoesForces) {
 
 // ---- rest after homing ----
 
-/// Becomes ready in the middle of a push that goes on for half a second.
+/// Becomes ready during a push that continues for 0.5 s.
 class PushedHome final : public Device {
  public:
   PushedHome() {
@@ -605,7 +605,7 @@ class PushedHome final : public Device {
   }
   void close() noexcept override {}
 
-  double still_at = 0.7;  ///< [s]
+  double still_at = 0.7;  ///< end of the push [s]
   bool pushed_while_moving = false;
 
  private:
@@ -687,10 +687,9 @@ TEST(ServoLoop, StopsAWrongForceSignBeforeItRunsAway) {
   EXPECT_EQ(device.forces().back(), Vec3::Zero());
 }
 
-// ------------------------------------------------------------------------------------------------- a device that is
-// away
+// ----------------------------------------------------------------------------------------------------- lost devices
 
-/// Pushes until a tick, and keeps what it was told of gaps.
+/// Pushes until a tick and records its states and resumptions.
 class Resuming final : public Controller {
  public:
   explicit Resuming(std::uint64_t last) : last_(last) { states.reserve(10000); }
@@ -773,7 +772,7 @@ TEST(ServoLoop, DoesNotCreditMotorsThatNobodySawWithHavingCooled) {
   const auto& rows = result.log.samples;
   ASSERT_LT(rows[3999].force.x(), 1.2) << "limited when it is lost";
   ASSERT_EQ(rows[4000].tick, 9000U);
-  // Cool motors would bear 2 N for 0.35 s and more; these have cooled no more than while the force faded in.
+  // Cool motors withstand 2 N for at least 0.35 s. These count as cooled only while the force faded in.
   const auto strong =
       std::count_if(rows.begin() + 4000, rows.begin() + 5000, [](const Sample& row) { return row.force.x() > 1.9; });
   EXPECT_LT(strong, 150);
@@ -807,7 +806,7 @@ TEST(ServoLoop, DoesNotWaitForADeviceUnlessItIsToldTo) {
 
 TEST(ServoLoop, TakesADeviceThatIsFoundButNotReadyForAway) {
   PointMass device(0.5, 20, {.away_from = 601, .away_until = 701, .ready_from = 0});
-  /// Homes for a while after it is found.
+  /// Homes for some ticks after it comes back.
   class Homing final : public Device {
    public:
     Homing(Device& inner, int ticks) : inner_(inner), left_(ticks) {}
@@ -817,7 +816,7 @@ TEST(ServoLoop, TakesADeviceThatIsFoundButNotReadyForAway) {
       was_away_ = was_away_ || status == Status::away;
       if (status == Status::ok && was_away_ && left_-- > 0) {
         state.ready = false;
-        state.position = nan3();  // nor is there one before it is homed
+        state.position = nan3();  // no position before it is homed
       }
       return status;
     }
@@ -845,7 +844,7 @@ TEST(ServoLoop, TakesADeviceThatIsFoundButNotReadyForAway) {
 TEST(ServoLoop, EndsAtOnceWhenAskedToWhileTheDeviceIsAway) {
   StopRequest stop;
   PointMass device(0.5, 20, {.away_from = 601});
-  /// Raises the request when it is told that the device was lost.
+  /// Raises the stop request when the device is lost.
   struct Raiser final : SampleSink {
     explicit Raiser(StopRequest& request) : request_(request) {}
     void push(const Sample&) noexcept override {}
@@ -875,7 +874,7 @@ TEST(ServoLoop, HasNothingToGoOnWithWhenADeviceIsLostWhileItsForceFadesOut) {
 }
 
 TEST(ServoLoop, WaitsForADeviceThatIsAwayBeforeTheFirstTick) {
-  for (const std::uint64_t from : {0U, 1U}) {  // while it waits for the device to be ready, and at the first tick
+  for (const std::uint64_t from : {0U, 1U}) {  // during the wait for the device to be ready, and at the first tick
     PointMass device(0.5, 20, {.away_from = from, .away_until = 300});
     Resuming controller(500);
     const Outcome result = run(device, controller, kPatient);
@@ -911,11 +910,10 @@ TEST(ServoLoop, AllocatesNothingWhileTheDeviceIsAwayAndWhenItComesBack) {
   EXPECT_EQ(after, counting.before);
 }
 
-// ------------------------------------------------------------------------------------------------- states that are
-// not fresh
+// ------------------------------------------------------------------------------------------------------ stale states
 
-/// Glides at a constant velocity whatever the force is, and takes a new sample at those exchanges that `is_taken` says.
-/// What it is asked for in between repeats the last one.
+/// Glides at a constant velocity for any force. It takes a new sample at the exchanges that `is_taken` selects, and
+/// repeats the last sample at all others.
 class Gliding final : public Device {
  public:
   explicit Gliding(std::function<bool(std::uint64_t)> is_taken) : is_taken_(std::move(is_taken)) {
@@ -941,7 +939,7 @@ class Gliding final : public Device {
   void close() noexcept override {}
 
   Vec3 velocity{0.02, 0, 0};  ///< [m/s]
-  double late = 0;            ///< of a sample when it is first seen [s]
+  double late = 0;            ///< age of a new sample [s]
   bool states_age = true;
   std::vector<Vec3> forces;
 
@@ -968,12 +966,12 @@ TEST(ServoLoop, TakesARepeatedStateForNoSample) {
     EXPECT_NEAR(row.velocity.x(), 0.02, 1e-9) << "over the time between the samples";
     EXPECT_NEAR(controller.states[i].dt, 0.016, 1e-12);
   }
-  // The force of the last sample is held between two.
+  // Between two samples, the loop holds the last force.
   for (std::size_t k = 801; k < 816; ++k) EXPECT_EQ(device.forces[k].x(), 2);
 }
 
 TEST(ServoLoop, EstimatesTheVelocityOverTheSamplesOwnTimes) {
-  // Every fourth sample is seen half a millisecond later than the others.
+  // Every fourth sample is 0.5 ms old when it arrives.
   std::uint64_t call = 0;
   Gliding device([&](std::uint64_t now) {
     call = now;
@@ -1023,7 +1021,7 @@ TEST(ServoLoop, MakesNoSpeedOfASilenceAndFadesItsForce) {
   EXPECT_FALSE(result.report.lacks_states());
 }
 
-/// A sample every 21 ms: each comes after a gap, and the force that fades in after each gap never arrives.
+/// Returns a device with a sample every 21 ms. Each sample follows a gap, so the force never fades in fully.
 Gliding sparse_device() {
   return Gliding([](std::uint64_t call) { return call % 21 == 0; });
 }
@@ -1047,7 +1045,7 @@ TEST(ServoLoop, RecordsSparseSamplesWithoutAForceToTheEnd) {
 }
 
 TEST(ServoLoop, PlaysOnThroughSingleGapsHoweverManyThereAre) {
-  // Five gaps of 30 ms a second, for ten seconds.
+  // Five gaps of 30 ms per second, for 10 s.
   Gliding device([](std::uint64_t call) { return call % 200 >= 30; });
   Resuming controller(10000);
   const Outcome result = run(device, controller, kVirtual);
@@ -1086,7 +1084,7 @@ TEST(ServoLoop, EndsSoonWhenAskedToWhileStatesAreStale) {
   }
 }
 
-/// Stands still for a second at a tick, as a process that was stopped does.
+/// Stands still for 1 s at a tick, like a stopped process.
 class Stalling final : public ServoClock {
  public:
   explicit Stalling(std::int64_t at_ns) : at_ns_(at_ns) {}
@@ -1105,7 +1103,7 @@ class Stalling final : public ServoClock {
 
 TEST(ServoLoop, StartsAnewAfterATimeWithoutTicks) {
   Gliding device([](std::uint64_t) { return true; });
-  device.velocity.x() = 0.025;  // 25 mm while it is stopped
+  device.velocity.x() = 0.025;  // 25 mm during the stop
   Stalling clock(600'000'000);
   Resuming controller(2500);
   ServoLoop::Options options = kVirtual;
@@ -1123,8 +1121,8 @@ TEST(ServoLoop, StartsAnewAfterATimeWithoutTicks) {
   EXPECT_TRUE(result.log.has(EventCode::force_held)) << "by the motors, for a second";
 }
 
-/// A handle that glides behind an exchange that takes long at one tick. Its samples are taken when an exchange begins,
-/// or when it ends, and nothing says which.
+/// A gliding handle; one of its exchanges takes long. It takes its samples at the start or at the end of an exchange
+/// and does not report which.
 class Blocking final : public Device, public ServoClock {
  public:
   Blocking(std::int64_t takes_ns, bool takes_at_end) : takes_ns_(takes_ns), at_end_(takes_at_end) {
@@ -1217,7 +1215,7 @@ TEST(ServoLoop, KeepsTheZeroForceThatATimeWithoutTicksEndsAFadeWith) {
 }
 
 TEST(ServoLoop, DoesNotLoseADeviceWhoseNewestStateIsFromBeforeATimeWithoutTicks) {
-  // As a driver's thread has it, that was stopped with the process.
+  // Simulates a driver's thread that stopped with the process.
   Gliding device([](std::uint64_t call) { return call < 601 || call >= 604; });
   Stalling clock(600'000'000);
   Resuming controller(2500);
@@ -1231,7 +1229,7 @@ TEST(ServoLoop, DoesNotLoseADeviceWhoseNewestStateIsFromBeforeATimeWithoutTicks)
 }
 
 TEST(ServoLoop, StaysLostWithTheDeviceThatRepeatsItsState) {
-  // Waited for, and back with the same sample again and again: that is no return.
+  // A device that comes back but repeats the same sample has not returned.
   Gliding device([](std::uint64_t call) { return call < 601 || call >= 1300; });
   Resuming controller(2500);
   ServoLoop::Options options = kVirtual;
@@ -1258,7 +1256,7 @@ TEST(ServoLoop, LeavesNoForceToAReleaseThatATimeWithoutTicksInterrupted) {
 }
 
 TEST(ServoLoop, MakesNoFalseSpeedOfSamplesThatArriveUnevenly) {
-  // Taken every millisecond at 0.02 m/s; every other one arrives 0.9 ms late, and arrives is what its age tells.
+  // The samples are 1 ms apart at 0.02 m/s, but every second one reports an age of 0.9 ms.
   Gliding device([](std::uint64_t) { return true; });
   struct Uneven final : Device {
     explicit Uneven(Gliding& inner) : inner_(inner) {}
@@ -1315,7 +1313,7 @@ TEST(ServoLoop, DoesNotAskTheControllerAboutAStateThatStopsTheSession) {
 }
 
 TEST(ServoLoop, SaysOnceWhyItStopsAlsoWhenMoreGoesWrongMeanwhile) {
-  // The position jumps, is none, or is not allowed any more while the force fades after a deviation.
+  // While the force fades after a deviation, the position jumps, is NaN, or the device is no longer ready.
   for (const PointMass::Faults& faults :
        {PointMass::Faults{.jump_at = 511}, PointMass::Faults{.nan_at = 511}, PointMass::Faults{.ready_until = 511}}) {
     PointMass device(0.5, 20, faults);

@@ -14,13 +14,13 @@ namespace {
 using testing::HasSubstr;
 using namespace std::chrono_literals;
 
-/// What a driver was told, and how it answers. Outlives it.
+/// The hardware behind a driver: records the commands and sets the answers. Outlives the driver.
 struct Hardware {
-  std::atomic<double> force{kNaN};  ///< along x, of the last round [N]
+  std::atomic<double> force{kNaN};  ///< force of the last round along x [N]
   std::atomic<int> rounds{0}, releases{0};
   std::atomic<bool> answers{true}, breaks{false}, stands_still{false}, answers_then{false};
-  std::atomic<int> stood_still{0};                              ///< the round in which it did
-  std::atomic<bool> hangs{false}, hung{false}, stopped{false};  ///< in a round, as long as it is so; it is; meanwhile
+  std::atomic<int> stood_still{0};                              ///< round in which it stood still
+  std::atomic<bool> hangs{false}, hung{false}, stopped{false};  ///< rounds hang; a round hung; emergency stop called
   std::atomic<ZeroForce> farewell{ZeroForce::confirmed};
 };
 
@@ -65,7 +65,7 @@ class FakeDriver final : public DeviceDriver {
   }
 
  private:
-  std::shared_ptr<Hardware> kept_;  ///< also by a thread that was given up
+  std::shared_ptr<Hardware> kept_;  ///< keeps the hardware alive for an abandoned thread
   Hardware& hardware_;
   DeviceInfo info_;
   bool released_ = false;
@@ -82,13 +82,14 @@ class ThreadedDeviceTest : public testing::Test {
     return std::make_unique<ThreadedDevice>(std::make_unique<FakeDriver>(kept_));
   }
 
-  /// Waits until it is so; a test that waits in vain fails by what it expects next.
+  /// Waits about 5 s at most until `condition` holds; if it does not, the test's next expectation fails.
   template <class Condition>
   static void wait_until(Condition condition) {
     for (int k = 0; k < 5000 && !condition(); ++k) std::this_thread::sleep_for(1ms);
   }
 
-  /// Exchanges until the hardware has this force: one that waits for its driver too long is taken back.
+  /// Exchanges until the hardware has this force. One exchange is not enough: the device withdraws a force that waits
+  /// too long for its driver.
   void push(Device& device, double force) {
     bool pushed = false;
     wait_until([&] {
@@ -160,7 +161,7 @@ TEST_F(ThreadedDeviceTest, NumbersItsAnswersSoThatARepeatedStateDoesNotLookNew) 
 
 TEST_F(ThreadedDeviceTest, IsNotLostForAProcessThatStoodStill) {
   const auto device = open();
-  hardware_.stands_still = true;  // for longer than its patience, and that round is in vain
+  hardware_.stands_still = true;  // longer than the time-out, and the round fails
   wait_until([&] { return !hardware_.stands_still; });
   const int rounds = hardware_.rounds;
   wait_until([&] { return hardware_.rounds > rounds + 1; });

@@ -1,4 +1,4 @@
-// docs/plugins.md: what it shows is what is built, and the mistakes that it names are found by what it names.
+// Tests of docs/plugins.md: the code that it shows is the built sample, and the laws that it names find the mistakes.
 #include "tests/devices/conformance.h"
 #include "tests/devices/support.h"
 #include "tests/support/real_time.h"
@@ -68,7 +68,7 @@ TEST(Tutorial, SaysWhichFindingShowsWhichMistake) {
       {"SLIDER_WATCHDOG_MS, 20", "SLIDER_WATCHDOG_MS, 0", "host_pause"},
       {"slider_write(board, SLIDER_HOME, 1);", "", "ready"},
       {"  slider_close(device);\n", "", "reopens"},
-      // On every machine longer than a tick.
+      // Longer than a tick on every machine.
       {"(void)dt;", "(void)dt; extern int usleep(unsigned); usleep(3000);", "exchange"},
   };
   const std::string sample = text_of(std::string(kPlugins) + "/tutorial.c"),

@@ -1,7 +1,7 @@
-// A point mass of 0.2 kg on the monotonic clock whose code takes its process along, as its options ask:
+// A plug-in for tests that can end or hang its process: a point mass of 0.2 kg on the monotonic clock. Its options are
 //   {"fault":NAME,"tick":N}, at exchange N:
 //     throws, throws_number   an exception          crashes   a null pointer      aborts   abort()
-//     overflows               its stack is used up  exits     exit(0)             hangs    does not return
+//     overflows               a stack overflow      exits     exit(0)             hangs    does not return
 //     leaves                  _exit(0)
 //     stoppable               does not return, but can be stopped
 //   and at other times:
@@ -38,7 +38,7 @@ int overflow(volatile char* caller) {
   return has_room ? overflow(room) + room[0] : 0;
 }
 
-// The sanitizer of undefined behaviour would say so instead.
+// Without the attribute, UndefinedBehaviorSanitizer would report the null pointer instead.
 [[gnu::no_sanitize("undefined")]] void crash() {
   int* volatile nowhere = nullptr;
   *nowhere = 1;

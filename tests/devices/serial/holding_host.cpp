@@ -1,4 +1,4 @@
-// A program that holds a force, to be killed: holding_host PORT
+// holding_host PORT: a program that holds a force until a test kills it.
 #include "devices/registry.h"
 
 #include <chrono>

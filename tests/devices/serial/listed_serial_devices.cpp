@@ -9,7 +9,7 @@
 namespace haptrace::test {
 namespace {
 
-/// Keeps the bytes that it was sent.
+/// Records the bytes that it receives.
 class Listener final : public EmulatedBoard {
  public:
   void advance(std::int64_t) override {}

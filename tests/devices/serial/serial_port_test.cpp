@@ -16,7 +16,7 @@ namespace {
 
 using testing::HasSubstr;
 
-/// Answers every byte with the next number.
+/// Answers every byte with its successor.
 class Successor final : public EmulatedBoard {
  public:
   void advance(std::int64_t) override {}
@@ -106,7 +106,7 @@ TEST_F(SerialPortTest, NamesPathCauseAndRemedy) {
   EXPECT_THAT(error_of_opening(line_.path(), 12345), HasSubstr("12345 baud is no speed"));
 }
 
-// A machine with an Arduino Due on ttyACM0 and a disk's tty that is none of USB's.
+// The machine has an Arduino Due on ttyACM0 and a tty that is not on USB.
 TEST(UsbSerialPorts, AreFoundWithTheirIdsAndWhatIsInTheWay) {
   const TempFolder root;
   const auto usb = std::filesystem::path(root / "sys/devices/pci/usb1/1-2");
@@ -147,7 +147,7 @@ TEST(UsbSerialPorts, AreFoundWithTheirIdsAndWhatIsInTheWay) {
   EXPECT_THAT(error_of([&] { chosen_port(bare, {found[0], found[0]}); }, Error::Kind::device), HasSubstr("several"));
 }
 
-// ---- where the guardian is ----
+// ---- location of the guardian ----
 
 TEST(GuardianProgram, IsLookedForBesideTheProgramThenWhereItWasInstalled) {
   const auto places = guardian_places("/opt/haptrace/bin/haptrace");
@@ -173,7 +173,7 @@ class HoldingHost : public testing::Test {
     in_real_time();
     std::string program = HOLDING_HOST, port = bench_.line->path();
     char* const arguments[] = {program.data(), port.data(), nullptr};
-    // On a busy machine the board may answer so late that its host takes it for lost, and ends.
+    // On a busy machine the board may answer so late that its host considers it lost and ends.
     bool ended = true;
     for (int hosts = 0; ended && hosts < 10; ++hosts) {
       ASSERT_EQ(posix_spawn(&host_, program.c_str(), nullptr, nullptr, arguments, environ), 0);
@@ -198,7 +198,7 @@ TEST_F(HoldingHost, LeavesNoTorqueBehindWhenItIsKilled) {
   kill(host_, SIGKILL);
   wait_until([&] { return bench_.board->torque() == 0; });
   EXPECT_EQ(bench_.board->torque(), 0);
-  // And the port is free for the next, once the guardian has gone.
+  // The port is free for the next host once the guardian has ended.
   bool opened = false;
   for (int k = 0; k < 100 && !opened; ++k) {
     std::this_thread::sleep_for(50ms);

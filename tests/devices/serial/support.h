@@ -1,4 +1,4 @@
-// What the tests of serial devices share.
+// Common parts of the tests of serial devices.
 #pragma once
 
 #include "devices/hapkit/emulated_hapkit.h"
@@ -15,7 +15,7 @@ namespace haptrace::test {
 
 using namespace std::chrono_literals;
 
-/// Waits until it is so; a test that waits in vain fails by what it expects next.
+/// Waits about 5 s at most until `condition` holds; if it does not, the test's next expectation fails.
 template <class Condition>
 void wait_until(const Condition& condition) {
   for (int k = 0; k < 5000 && !condition(); ++k) std::this_thread::sleep_for(1ms);
@@ -25,7 +25,7 @@ inline LivePlant plant_of(const char* preset) {
   return open_live_plant(DeviceSpec::parse("emulated"), preset);
 }
 
-/// A board on a line of its own, which a test can see through.
+/// An emulated board on its own line; the test has access to both.
 struct TwoDiyBench {
   explicit TwoDiyBench(const TwoDiyCalibration& calibration = {two_diy_calibration("gen3", "test")},
                        bool velocities = false)
@@ -34,7 +34,7 @@ struct TwoDiyBench {
     board = made.get();
     line = std::make_unique<EmulatedLine>(std::move(made));
   }
-  /// Arms in their stops while it is opened, unless `homed` is false.
+  /// Opens a driver. With `homed`, the arms are in their stops while it opens.
   [[nodiscard]] std::unique_ptr<TwoDiyDriver> driver(bool homed = true) const {
     return std::make_unique<TwoDiyDriver>(
         truth, TwoDiyOptions{.name = "bench", .port = line->path(), .serial = "", .homed = homed});
@@ -60,7 +60,7 @@ struct HapkitBench {
   std::unique_ptr<EmulatedLine> line;
 };
 
-/// Rounds until one is answered, for a second at most; the number of those that were not.
+/// Exchanges until a round is answered, at most 200 times; returns the number of rounds without an answer.
 inline int answered(DeviceDriver& driver, const Vec3& force, DeviceState& state) {
   int failed = 0;
   while (!driver.round({force, Vec3::Zero()}, state) && failed < 200) ++failed;

@@ -1,4 +1,4 @@
-// The options of the simulated device, and the intention of its hand.
+// Tests of the simulated device's options and of its hand's intent.
 #include "control/path/min_jerk.h"
 #include "tests/devices/support.h"
 
@@ -11,7 +11,7 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-/// A minimum-jerk reach of 60 mm along x in 1.2 s from (-0.03, 0.01, 0), sampled unevenly.
+/// Returns a minimum-jerk reach of 60 mm along x in 1.2 s from (-0.03, 0.01, 0) m, sampled unevenly.
 Path reach() {
   Path path;
   path.name = "reach";
@@ -195,7 +195,7 @@ TEST(SimCable, IsOutForAsLongAsItIsToldAndTheHandDoesNotWait) {
   for (int k = 1; k <= 1000; ++k) {
     const Vec3 push(1, 0, 0);
     const bool out = k >= 200 && k < 500;
-    // What is asked for while the cable is out does not arrive, nor does the last force before it stay.
+    // While the cable is out, no force arrives, and the last force before does not persist.
     const bool arrives = k < 201 || k > 500;
     const Vec3 position = exchange(*twin, arrives ? push : Vec3::Zero(), 1e-3).position;
     const Device::Status status = device->exchange({push, Vec3::Zero()}, 1e-3, state);

@@ -1,4 +1,4 @@
-// The simulated plant by every integrator.
+// Tests of the simulated plant with every integrator.
 #include "devices/sim/linear_step.h"
 #include "tests/devices/support.h"
 
@@ -14,20 +14,20 @@ using testing::HasSubstr;
 constexpr std::array kEveryIntegrator{Integrator::semi_implicit, Integrator::euler,    Integrator::verlet,
                                       Integrator::rk4,           Integrator::implicit, Integrator::exact};
 
-/// Everything that is linear: motors, link, handle, grip, hand and what holds it.
+/// The linear parts: motors, link, handle, grip, hand and arm.
 const char* const kLinear = R"({
   "mass": [0.4, 0.5, 0.3], "viscous": 1, "gravity_bias": [0.5, -1, 1], "max_force": 9,
   "structural_mode": {"frequency_hz": 60, "damping_ratio": 0.05, "handle_fraction": 0.3},
   "workspace": {"min": -9, "max": 9},
   "hand": {"mass": 0.15, "grip_stiffness": 800, "grip_damping": 4, "arm_damping": 2}})";
 
-/// What acts smoothly by the position, and the arm's spring.
+/// Forces that depend smoothly on the position, the actuators' lag and the arm's spring.
 const char* const kSmooth = R"({
   "gravity_gradient": {"x": [-80, 40, 0], "y": [40, -80, 0], "z": [0, 0, -60]}, "actuator_bandwidth_hz": 80,
   "cogging": {"amplitude": 0.2, "period": 0.006}, "actuator_rotation": [0.3, -0.5, 0.4],
   "hand": {"arm_stiffness": 60, "arm_relaxation_s": 0.1}})";
 
-/// What is not smooth.
+/// The parts that are not smooth.
 const char* const kRough = R"({
   "coulomb": 0.7, "stribeck": {"static_ratio": 1.25, "velocity": 0.01}, "presliding": {"distance": 8e-5},
   "backlash": 5e-5, "workspace": {"min": -0.03, "max": 0.03}})";
@@ -45,7 +45,7 @@ SimOptions by(Integrator integrator, double step) {
   return options;
 }
 
-/// Where the handle is at every tick of a second under the same forces.
+/// Returns the position of the handle at every tick for 1 s, under the same forces for every integrator.
 std::vector<Vec3> movement(const SimSpec& spec, Integrator integrator, double step) {
   SimDevice device(spec, by(integrator, step));
   std::vector<Vec3> positions;
@@ -56,7 +56,7 @@ std::vector<Vec3> movement(const SimSpec& spec, Integrator integrator, double st
   return positions;
 }
 
-/// As a part of how far it moves.
+/// Returns the rms difference relative to the rms of the true movement.
 double off(const std::vector<Vec3>& movement, const std::vector<Vec3>& truth) {
   double between = 0, moved = 0;
   for (std::size_t i = 0; i < truth.size(); ++i) {
@@ -102,7 +102,7 @@ TEST(SimIntegrators, ComeToTheSameMovementThroughFrictionPlayAndWalls) {
   }
 }
 
-/// The largest surplus over what the motors gave, and the largest lack, as parts of all they gave and took.
+/// Returns the largest and the smallest surplus of energy over the motors' work, relative to the absolute work.
 std::pair<double, double> energy_balance(const SimSpec& spec, Integrator integrator) {
   SimDevice device(spec, by(integrator, 50e-6));
   RandomForce push(17, 4);
@@ -128,7 +128,8 @@ TEST(SimIntegrators, ButEulerMakeNoEnergy) {
        {Integrator::semi_implicit, Integrator::verlet, Integrator::rk4, Integrator::implicit, Integrator::exact}) {
     const auto [surplus, lack] = energy_balance(conservative, integrator);
     EXPECT_LT(surplus, 0.01) << to_string(integrator);
-    // Semi-implicit steps keep another energy than this one, off by what a step is of a period; implicit ones damp.
+    // Semi-implicit steps conserve a modified energy, which differs by the ratio of step to period. Implicit steps
+    // damp.
     if (integrator != Integrator::implicit) {
       EXPECT_GT(lack, integrator == Integrator::semi_implicit ? -0.1 : -0.01) << to_string(integrator);
     }

@@ -1,4 +1,4 @@
-// The simulated plant against closed forms.
+// Tests of the simulated plant against closed-form solutions.
 #include "control/path/min_jerk.h"
 #include "devices/sim/presets.h"
 #include "tests/devices/support.h"
@@ -10,7 +10,7 @@ namespace {
 
 using nlohmann::json;
 
-/// One kilogram that takes 100 N, and what `changes` says of it.
+/// Returns the spec of a mass of 1 kg with at most 100 N, with `changes` applied.
 SimSpec spec_of(const char* changes) {
   json spec = json::parse(R"({"mass": 1, "max_force": 100})");
   spec.merge_patch(json::parse(changes));
@@ -75,10 +75,10 @@ TEST(SimPhysics, StaticFrictionIsHigherThanSliding) {
   const double speed = true_vx(device);
   EXPECT_GT(speed, 0.3);
   run(device, Vec3(2.9, 0, 0), 0.1);
-  EXPECT_NEAR(true_vx(device) - speed, 0.09, 1e-6);  // once it slides, F_c holds it back
+  EXPECT_NEAR(true_vx(device) - speed, 0.09, 1e-6);  // once it slides, F_c decelerates it
 }
 
-/// Pushes slowly up to `force` and says how far the mass gave way.
+/// Increases the force slowly to `force` and returns the displacement of the mass [m].
 double presliding(SimDevice& device, double force) {
   constexpr int kTicks = 2000;
   for (int k = 1; k <= kTicks; ++k) exchange(device, Vec3(force * k / kTicks, 0, 0), 1e-3);
@@ -89,7 +89,7 @@ TEST(SimPhysics, PreslidingFollowsLuGre) {
   for (const double part : {0.1, 0.5, 0.8}) {
     SimDevice device = device_of(R"({"mass": 0.4, "viscous": 20, "coulomb": 0.7,
                                      "presliding": {"distance": 8e-5, "damping": 5}})");
-    // At creeping speed z' = v (1 - sigma_0 z / F_c), so that F = F_c (1 - exp(-x sigma_0 / F_c)).
+    // At very low speed z' = v (1 - sigma_0 z / F_c), hence F = F_c (1 - exp(-x sigma_0 / F_c)).
     EXPECT_NEAR(presliding(device, 0.7 * part), -8e-5 * std::log(1 - part), 2.5e-6) << part;
   }
 }
@@ -110,7 +110,7 @@ TEST(SimPhysics, LuGreSlidesWithCoulombsForce) {
 }
 
 TEST(SimPhysics, AVeryStiffBristleLetsGoAtOnce) {
-  // A push that breaks friction loose is not held back by the implicit spring.
+  // The implicit spring does not hold back a push beyond the friction limit.
   SimDevice device = device_of(R"({"mass": 1e-3, "coulomb": 0.7, "presliding": {"stiffness": 1e8}})");
   exchange(device, Vec3(1, 0, 0), 1e-3);
   EXPECT_NEAR(true_vx(device), 0.3, 0.02);
@@ -136,7 +136,7 @@ TEST_P(DelayedBy, UnevenTicksSeeTheSameForceLater) {
   spec.delay = delay;
   SimDevice device(spec);
   double time = 0, impulse = 0, impulse_late = 0;
-  std::vector<std::pair<double, double>> sent;  // from when, how much
+  std::vector<std::pair<double, double>> sent;  // start [s], force [N]
   for (int k = 0; k < 300; ++k) {
     const double dt = 1e-9 * std::round(1e6 * (1 + 0.9 * std::sin(k))), force = std::cos(3 * k);
     sent.emplace_back(time, force);
@@ -182,8 +182,7 @@ TEST(SimPhysics, ForcesComeInSteps) {
 }
 
 TEST(SimPhysics, AHandOnItsGripRingsLikeASpringAndAMass) {
-  // The hand is so heavy that it is a wall, so the device alone moves: x = F / k (1 - e^(-s t) (cos w t + s / w sin w
-  // t)).
+  // The heavy hand acts as a wall, so only the device moves: x = F / k (1 - e^(-s t) (cos w t + s / w sin w t)).
   SimDevice device = device_of(R"({"mass": 0.4, "hand": {"mass": 1e4, "grip_stiffness": 1000, "grip_damping": 4}})");
   const double k = 1000, s = 4 / (2 * 0.4), w = std::sqrt(k / 0.4 - s * s);
   for (int tick = 1; tick <= 300; ++tick) {
@@ -194,7 +193,8 @@ TEST(SimPhysics, AHandOnItsGripRingsLikeASpringAndAMass) {
 }
 
 TEST(SimPhysics, AnArmThatRelaxesForgetsWhereItWas) {
-  // Device and hand are one mass here; the arm's force decays with its time constant, so the hand ends up creeping.
+  // Device and hand move as one mass here. The arm's force relaxes with its time constant, so the hand ends up
+  // creeping.
   const char* spec = R"({"mass": 0.1, "workspace": {"min": -9, "max": 9},
                          "hand": {"mass": 0.1, "grip_stiffness": 1e4, "grip_damping": 20,
                                   "arm_stiffness": 200, "arm_relaxation_s": 0.5, "arm_damping": 1}})";
@@ -258,8 +258,8 @@ TEST(SimPhysics, CoggingIsASpringInItsWells) {
 TEST(SimPhysics, TheStructureRingsAtItsFrequency) {
   SimDevice device = device_of(R"({"mass": 0.4, "workspace": {"min": -9, "max": 9},
       "structural_mode": {"frequency_hz": 40, "damping_ratio": 0, "handle_fraction": 0.25}})");
-  // Motor and handle fall behind each other about the stretch at which the link carries the handle along, F / (m w^2),
-  // with m = 0.3 kg of the motors.
+  // The stretch between motor and handle oscillates about F / (m w^2), at which the link accelerates the handle with
+  // the motor. m = 0.3 kg is the motor's mass.
   const double w = 2 * std::numbers::pi * 40, mean = 3 / (0.3 * w * w);
   for (int k = 1; k <= 250; ++k) {
     exchange(device, Vec3(3, 0, 0), 1e-3);
@@ -298,7 +298,7 @@ TEST(SimPhysics, EncodersCountInActuatorAxes) {
 }
 
 TEST(SimPhysics, FrictionActsInActuatorAxes) {
-  // A quarter turn about z brings W's x to the second actuator.
+  // A quarter turn about z maps W's x axis to the second actuator.
   SimDevice device = device_of(R"({"coulomb": [0, 3, 0], "actuator_rotation": [0, 0, 1.5707963267948966]})");
   run(device, Vec3(2, 2, 0), 0.1);
   EXPECT_NEAR(true_vx(device), 0, 1e-12);
@@ -348,7 +348,7 @@ TEST(SimPhysics, TheWallsTakeEnergy) {
   EXPECT_GT(rebound, -0.3 * speed);
 }
 
-// Laws of the integration: energy, refinement, extremes.
+// Properties of the integration: energy, refinement, extremes.
 
 const char* const kEverything = R"({
   "mass": [0.4, 0.5, 0.3], "viscous": 1, "coulomb": 0.7, "stribeck": {"static_ratio": 1.25, "velocity": 0.01},

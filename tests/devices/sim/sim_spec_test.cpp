@@ -12,7 +12,7 @@ using nlohmann::json;
 using testing::AllOf;
 using testing::HasSubstr;
 
-/// What reading a device of 1 kg and 10 N with these changes complains about.
+/// Returns the error from reading the spec of a device of 1 kg and 10 N with `changes`.
 std::string refused_spec(const char* changes) {
   json spec = json::parse(R"({"mass": 1, "max_force": 10})");
   spec.merge_patch(json::parse(changes));
@@ -128,7 +128,7 @@ TEST(SimSpec, OfAPlantModelMovesAsTheModelSays) {
   SimDevice device(sim_spec_of(plant, 50, 2e-3));
   Vec3 measured;
   for (int k = 0; k < 100; ++k) measured = exchange(device, Vec3(2, 1.9, 0), 1e-3).position;
-  // The delay and the lag each hold the terminal velocity back by their length.
+  // The delay and the lag each delay the velocity by their own length.
   const double time_constant = 0.05, since = 0.1 - 5e-3;
   EXPECT_NEAR(device.true_velocity().x(), 0.5 * (1 - std::exp(-since / time_constant)), 1e-3);
   EXPECT_EQ(device.true_velocity().y(), 0);

@@ -1,4 +1,4 @@
-// A fake of Force Dimension's library: its C interface before a simulated device.
+// A fake of Force Dimension's library: its C interface in front of a simulated device.
 #include "devices/loop/clock.h"
 #include "devices/sim/live_plant.h"
 #include "tests/devices/vendor/fake_libraries.h"
@@ -15,7 +15,7 @@ using haptrace::test::FakeDrd;
 
 FakeDrd fake;
 std::mutex plant_use;
-std::unique_ptr<LivePlant> plant;  // while it is open
+std::unique_ptr<LivePlant> plant;  // set while the device is open
 
 bool is_sigma() {
   return fake.type == 104;
@@ -57,7 +57,7 @@ int get_position(double* x, double* y, double* z) {
   const std::scoped_lock lock(plant_use);
   plant->advance_to(haptrace::monotonic_ns());
   plant->apply({fake.motor(0), fake.motor(1), fake.motor(2)});
-  constexpr double kCount = 1e-5;  // of its encoders [m]
+  constexpr double kCount = 1e-5;  // encoder resolution [m]
   const Vec3 counted = kCount * (plant->position() / kCount).array().round();
   const Vec3 p = fake.is_placed ? Vec3(fake.place[0], fake.place[1], fake.place[2]) : counted;
   *x = p.x();

@@ -1,4 +1,4 @@
-// A fake of OpenHaptics' HD API: its C interface and its servo thread before a simulated device.
+// A fake of OpenHaptics' HD API: its C interface and its servo thread in front of a simulated device.
 #include "devices/loop/clock.h"
 #include "devices/loop/realtime.h"
 #include "devices/sim/live_plant.h"
@@ -22,16 +22,16 @@ constexpr unsigned long kScheduled = 3;
 constexpr unsigned kBadValue = 1, kOutOfFrame = 2, kNoDevice = 3;
 
 FakeHd fake;
-std::unique_ptr<LivePlant> plant;  // of the servo thread, while that runs
+std::unique_ptr<LivePlant> plant;  // owned by the servo thread while it runs
 std::thread servo;
-thread_local bool serves = false;  // this is the servo thread
-std::mutex schedule;               // guards the two that follow
+thread_local bool serves = false;  // true in the servo thread
+std::mutex schedule;               // guards the two variables below
 unsigned (*callback)(void*) = nullptr;
 void* callback_data = nullptr;
 
 thread_local unsigned error = 0;
 thread_local bool in_frame = false;
-thread_local Vec3 next_force = Vec3::Zero(), next_torque = Vec3::Zero();  // from the end of the frame on
+thread_local Vec3 next_force = Vec3::Zero(), next_torque = Vec3::Zero();  // take effect at the end of the frame
 
 void put(AtomicVector& to, const Vec3& from) {
   for (std::size_t i = 0; i < 3; ++i) to[i] = from[static_cast<Eigen::Index>(i)];

@@ -25,7 +25,7 @@ class ForceDimension : public testing::Test {
     return open_error("forcedimension:library=" FAKE_DRD + options, kind);
   }
 
-  /// Pushes until its motors do.
+  /// Sends a wrench until the motors push.
   void push(Device& device, const Wrench& wrench = {Vec3(1, 2, 3), Vec3::Zero()}) {
     exchange_until(device, wrench, [&](auto, const auto&) { return fake_.pushes(); });
     ASSERT_TRUE(fake_.pushes());

@@ -103,7 +103,7 @@ TEST_F(OpenHaptics, WaitsForItsStylusInTheInkwell) {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
   EXPECT_THAT(device->not_ready_reason(), HasSubstr("put its stylus into the inkwell"));
-  fake_.calibration = FakeHd::kNeedsUpdate;  // it is there now
+  fake_.calibration = FakeHd::kNeedsUpdate;  // the stylus is in the inkwell now
   EXPECT_TRUE(exchange_until(*device, {}, is_ready).ready);
   EXPECT_EQ(fake_.updated_style, 4);
   EXPECT_EQ(fake_.misused, 0) << "the servo loop does not wait for a calibration";

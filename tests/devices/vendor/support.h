@@ -1,4 +1,4 @@
-// What the tests of vendors' devices share.
+// Common parts of the tests of vendors' devices.
 #pragma once
 
 #include "devices/vendor/shared_library.h"
@@ -24,15 +24,15 @@ inline FakeHd& fake_hd() {
   return *fake();
 }
 
-/// As the first of its kind: nothing was done to it yet. No device may be open.
+/// Resets a fake to its initial state. No device may be open.
 template <class Fake>
 Fake& renew(Fake& fake) {
   std::destroy_at(&fake);
   return *std::construct_at(&fake);
 }
 
-/// Asks it every millisecond, with this wrench, until it is so; a test that waits in vain fails by what it expects
-/// next.
+/// Exchanges every millisecond with this wrench until `condition` holds, about 3 s at most. If it does not, the test's
+/// next expectation fails.
 template <class Condition>
 DeviceState exchange_until(Device& device, const Wrench& wrench, Condition condition) {
   DeviceState state;
@@ -48,7 +48,7 @@ inline bool is_ready(Device::Status status, const DeviceState& state) {
   return status == Device::Status::ok && state.ready;
 }
 
-/// A folder in the place of the root, with a device plugged in as 1-1.
+/// Adds a USB device, plugged in as 1-1, to a root folder.
 inline void plug_usb(const TempFolder& root, const std::string& vendor, const std::string& product) {
   namespace fs = std::filesystem;
   const auto put = [&root](const std::string& file, const std::string& text) {

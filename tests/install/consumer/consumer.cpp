@@ -1,4 +1,4 @@
-// Plays a circle on a simulated device, and checks that what the library promises reaches a program outside its tree.
+// Plays a circle on a simulated device, to check that the installed library works in a program outside its tree.
 #include "haptrace.h"
 
 #include <cstdio>

@@ -34,7 +34,7 @@ CalibrationResult calibrated(Device& device, const CalibrationOptions& chosen = 
   return calibrate(device, chosen, StopRequest{});
 }
 
-/// Stands where it stands, whatever the force, and counts what it was sent last.
+/// A device that does not move, whatever the force, and keeps the last force.
 class Rock final : public Device {
  public:
   Rock() {
@@ -71,7 +71,7 @@ TEST(Calibration, FindsAFalconThatAHandHolds) {
     EXPECT_GT(result.identification.half_width.mass[axis], 0);
     EXPECT_GT(result.identification.half_width.coulomb[axis], 0);
   }
-  EXPECT_NEAR(plant.delay, 1.5e-3, 0.5e-3);  // transport and a lag of 0.5 ms
+  EXPECT_NEAR(plant.delay, 1.5e-3, 0.5e-3);  // transport delay plus a lag of 0.5 ms
   EXPECT_NEAR(plant.position_resolution, 5e-5, 1e-6);
   EXPECT_GT(result.design->gains.kp.minCoeff(), 0);
 }
@@ -117,7 +117,7 @@ TEST(Calibration, FindsAnIdealMassExactly) {
 }
 
 TEST(Calibration, FindsMassesInAnArmThatTakesMostOfTheForceToDragAlong) {
-  // The draws of an ensemble's first thousand that were the worst while the device swung as far as it may.
+  // The worst of an ensemble's first thousand draws when the device swung over its whole allowed range.
   for (const std::uint64_t index : {271U, 417U, 612U}) {
     const EnsembleDraw draw = draw_device(1, index);
     SimDevice device(draw.spec, {.seed = draw.noise_seed});
@@ -287,7 +287,7 @@ TEST(Calibration, ExcitesTheDeviceWithinTheShareOfTheForceThatItMayUse) {
 TEST(Calibration, StopsWhenAskedAtAnyMomentAndFindsNothing) {
   for (const int at : {0, 300, 1500, 5000, 9000}) {
     SimDevice device(preset("falcon", "relaxed"));
-    /// Raises the request at an exchange, as a signal would.
+    /// Raises the stop request at an exchange, like a signal.
     class Raiser final : public Device {
      public:
       Raiser(Device& device, int left) : device_(device), left_(left) {}

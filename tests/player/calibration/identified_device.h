@@ -1,4 +1,4 @@
-// A device whose dynamics are known, as calibration leaves it.
+// A device with known dynamics, as after calibration.
 #pragma once
 
 #include "control/design/tracking_design.h"
@@ -22,7 +22,7 @@ inline IdentifiedDevice identified(const PlantModel& plant, double max_force = 8
   return {plant, design_tracking(plant, {.max_force = max_force})};
 }
 
-/// What it is in truth: a tenth lighter, with a third more friction and gravity, and motors that cog.
+/// Returns the true device: 10 % lighter than the known plant, with 30 % more friction and gravity, and with cogging.
 inline SimSpec true_device() {
   PlantModel plant = known_plant();
   plant.mass *= 0.9;
@@ -35,7 +35,7 @@ inline SimSpec true_device() {
   return spec;
 }
 
-/// Every compensation on, in virtual time.
+/// Returns options with every compensation on.
 inline PlayOptions everything() {
   PlayOptions options;
   options.identified = identified(known_plant());

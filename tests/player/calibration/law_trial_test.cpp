@@ -31,7 +31,7 @@ TEST(LawTrial, FailsALawThatOscillates) {
 }
 
 TEST(LawTrial, FailsALawThatHasNoMarginAlthoughItFollows) {
-  // The stiffest that follows calmly by itself, and not with gains raised.
+  // Find the lowest gains that fail. Such a law follows calmly by itself, but not with the trial's raised gains.
   double harder = 1;
   while (harder < 6 && tried(test::identified(test::known_plant()), harder).passed()) harder *= 1.05;
   ASSERT_LT(harder, 6);

@@ -1,4 +1,4 @@
-// Guidance on the simulated device, held by hands that mean to go their own way.
+// Tests of guidance on the simulated device, held by hands with their own intent.
 #include "player/guidance/guide.h"
 
 #include "control/path/shapes.h"
@@ -26,7 +26,7 @@ using test::Log;
 using test::TempFolder;
 using testing::HasSubstr;
 
-/// Twice round a circle of 80 mm in 16 s, pushed to and fro.
+/// Returns an expert's path: twice round a circle of 80 mm in 16 s, with a varying force.
 Path expert() {
   Path path = make_shape("circle", {.duration = 8, .turns = 2});
   path.name = "expert";
@@ -38,7 +38,7 @@ std::shared_ptr<const PathSource> source(Path path = expert()) {
   return source_of(std::move(path));
 }
 
-/// A hand that means to go along `path`, so many times as fast.
+/// Opens a device with a hand that intends to follow `path` at `speed` times its pace.
 std::unique_ptr<Device> trainee(const TempFolder& folder, Path path, double speed, const std::string& hand = "firm",
                                 const std::string& preset = "omega3") {
   for (double& t : path.time) t = t / speed;
@@ -55,7 +55,7 @@ GuideResult guided(Device& device, const GuideOptions& options, Log* log = nullp
   return guide(device, plan_guidance(device.info(), path, all), all, StopRequest{});
 }
 
-/// What the expert's recording says at a place of the path.
+/// Returns the expert's recorded force at arc length `s` of the path [N].
 Vec3 recorded_force(const Path& recording, const ArcPath& path, double s) {
   const double t = recording.time.front() + path.time_at(s);
   const auto after = std::upper_bound(recording.time.begin() + 1, recording.time.end() - 1, t);
@@ -64,7 +64,7 @@ Vec3 recorded_force(const Path& recording, const ArcPath& path, double s) {
   return recording.force[i - 1] + share * (recording.force[i] - recording.force[i - 1]);
 }
 
-/// What he feels while guidance alone acts, at `visit(sample)`, when he waits at the start until it does.
+/// Runs guidance for a trainee who waits at the start; calls `visit(sample)` while guidance alone acts.
 template <class Visit>
 GuideResult felt(const TempFolder& folder, const Path& recording, double speed, const GuideOptions& options,
                  const Visit& visit) {
@@ -92,7 +92,7 @@ TEST(Guide, ReplaysTheExpertsForceAtItsPlaceWhateverTheTraineesSpeed) {
       double error = 0, expected = 0;
       int samples = 0;
       const GuideResult result = felt(folder, recording, speed, {.radius = 0.02}, [&](const Sample& sample) {
-        // Where he rested, the expert felt many forces in one place: their mean is replayed.
+        // Where the expert rested, one position has many recorded forces; guidance replays their mean.
         if (std::min(sample.progress, path.length() - sample.progress) < 1e-3) return;
         const Vec3 force = recorded_force(recording, path, sample.progress);
         error += (sample.force - force).squaredNorm();
@@ -108,14 +108,14 @@ TEST(Guide, ReplaysTheExpertsForceAtItsPlaceWhateverTheTraineesSpeed) {
 
 TEST(Guide, LetsATraineeWhoFollowsAtTheExpertsPaceFeelNoWallAndNoHelp) {
   const TempFolder folder;
-  // The smoothest paths: who cuts a bend is not at the expert's pace there.
+  // The smoothest paths only: a trainee who cuts a bend leaves the expert's pace.
   for (const Path& recording : {guidance_paths()[0], guidance_paths()[5]}) {
     const double length = plan_guidance(test::PointMass().info(), source(recording), {}).path->length();
     double most = 0;
     int samples = 0;
     felt(folder, recording, 1, {.radius = 0.02, .force_scale = 0, .pace = PaceHelp::Options{}},
          [&](const Sample& sample) {
-           // He sets out and arrives more slowly than the expert: friction holds him.
+           // Friction makes the trainee start and arrive more slowly than the expert.
            if (std::abs(sample.progress / length - 0.5) > 0.45) return;
            most = std::max(most, sample.force.norm());
            ++samples;
@@ -162,7 +162,7 @@ TEST(Guide, RecordsWhereTheTraineeWasAndWhatTheExpertFeltThere) {
   const TempFolder folder;
   const auto device = trainee(folder, expert(), 2);
   GuideOptions options;
-  options.guidance.repetitions = 2;  // in the second of which the hand stays where it is
+  options.guidance.repetitions = 2;  // the hand stays at rest in the second one
   options.session.recording = SessionOptions::Recording{.file = folder / "guided.h5"};
   const GuideResult result = guided(*device, options);
   ASSERT_EQ(result.repetitions.size(), 2U);

@@ -14,18 +14,18 @@ namespace {
 using Outcome = IterativeLearning::Outcome;
 
 constexpr double kPeriod = 1e-3;
-const Vec3 kLoad(0, 0, -2);  // constant, of a thing at rest: what is sent is what cancels it
+const Vec3 kLoad(0, 0, -2);  // constant; at rest, the applied force cancels it
 
 LearningTerm::Options options_of(int repetitions, double duration = 1) {
   return {.law = {.mass = Vec3::Constant(0.4), .delay = 2e-3, .duration = duration}, .repetitions = repetitions};
 }
 
-/// A device at rest under a constant load that feedback holds.
+/// A device at rest under a constant load; feedback compensates for the load.
 class Bench {
  public:
   Bench(LearningTerm& term, double duration) : term_(term), duration_(duration) {}
 
-  /// Drives a repetition, with `rest` ticks before and after it.
+  /// Runs one repetition, with `rest` ticks before and after it.
   void repeat(bool virtual_time, int rest = 100) {
     for (int i = 0; i < rest; ++i) tick(kNaN, virtual_time);
     for (double time = 0; time < duration_; time += kPeriod) tick(time, virtual_time);
@@ -79,7 +79,7 @@ TEST(LearningTerm, LearnsInAThreadOfItsOwnOnTheRealClock) {
 TEST(LearningTerm, LeavesARepetitionOutThatEndsWhileTheOneBeforeIsStillWorkedOn) {
   LearningTerm term(options_of(50, 0.05));
   Bench bench(term, 0.05);
-  for (int i = 0; i < 50; ++i) bench.repeat(false, 2);  // microseconds each
+  for (int i = 0; i < 50; ++i) bench.repeat(false, 2);  // each takes microseconds
   term.finish();
   EXPECT_GE(term.lessons().size(), 1U);
   EXPECT_LE(term.lessons().size(), 50U);
@@ -135,7 +135,7 @@ TEST(LearningTerm, LearnsNothingFromARepetitionWithAGap) {
         if (repetition > 0 || i + 1 != gap_at) continue;
         term.start(state);
         Vec3 last = before;
-        for (int k = 0; k < 400; ++k) {  // the way back, on which the path's time stands still
+        for (int k = 0; k < 400; ++k) {  // the way back; the path's time stands still
           const Vec3 force = tick(time);
           ASSERT_LE((force - last).norm(), 0.1) << "without a bump";
           last = force;
@@ -192,7 +192,7 @@ TEST(Learning, LowersTheErrorOfAPlaybackFromOneRepetitionToTheNext) {
   EXPECT_LT(result.repetitions[3].rms_error, 0.4 * result.repetitions[0].rms_error);
   EXPECT_FALSE(result.learned.force.empty());
 
-  // What was learned helps a session of its own, from its first repetition on.
+  // The learned forces help a new session from its first repetition on.
   options.learn = 0;
   options.learned = result.learned;
   options.playback.repetitions = 1;

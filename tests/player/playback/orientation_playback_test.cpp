@@ -1,4 +1,4 @@
-// Turning the tool of a device that takes torque: recorded, played back, measured.
+// Tests of orientation on a device that takes torque: recording, playback and metrics.
 #include "control/path/orientation_trajectory.h"
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
@@ -19,7 +19,7 @@ namespace {
 using test::Log;
 using testing::HasSubstr;
 
-/// How the path points: to and fro about every axis, at rest at both ends.
+/// Returns the orientation of the path: it turns about every axis and rests at both ends.
 Quat intended(double t) {
   const double s = 0.5 * (1 - std::cos(std::numbers::pi * std::clamp(t, 0.0, 2.0)));
   return quaternion(Vec3(0.5 * std::sin(std::numbers::pi * s), 0.3 * s, -0.2 * std::sin(2 * std::numbers::pi * s)));

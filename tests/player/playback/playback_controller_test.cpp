@@ -24,7 +24,7 @@ PlaybackController follower(const Path& path, const PlaybackOptions& options, do
       Trajectory(path, Interpolation::cubic), std::move(terms), {.gains = {Vec3::Constant(kp), Vec3::Zero()}}, options};
 }
 
-/// Drives a controller with a hand that is where `where` puts it, given the previous reference, and keeps the answers.
+/// Runs a controller and returns its commands; `where` computes the hand's position from the previous reference.
 template <class Where>
 std::vector<Command> drive(Controller& controller, Where where, std::size_t most = 100000, double dt = 1e-3) {
   State state;
@@ -154,7 +154,7 @@ TEST(Playback, SumsItsTerms) {
   EXPECT_EQ(drive(nothing, obedient, 5).back().wrench.force, Vec3::Zero());
 }
 
-/// A hand that holds still 50 mm beside the reference from 1 s to 2 s.
+/// A hand that stays 50 mm beside the reference from 1 s to 2 s.
 const auto resisting = [](std::size_t i, const Vec3& reference) -> Vec3 {
   if (i == 0) return Vec3::Zero();
   return i >= 1000 && i < 2000 ? Vec3(reference + Vec3(0, 0.05, 0)) : reference;
@@ -234,7 +234,7 @@ TEST(Playback, RestsAtAPathOfOnePoint) {
 
 // ------------------------------------------------------------------------------------------------------ after a gap
 
-/// As drive, with a gap before tick `at` in which the hand went to `elsewhere`.
+/// Like drive(), with a gap before tick `at` in which the hand moves to `elsewhere`.
 std::vector<Command> drive_with_gap(Controller& controller, std::size_t at, const Vec3& elsewhere) {
   State state{.position = Vec3(0, 0, 0.02)};
   controller.start(state);
@@ -254,7 +254,7 @@ std::vector<Command> drive_with_gap(Controller& controller, std::size_t at, cons
 }
 
 TEST(Playback, GoesBackAfterAGapToWhereThePathStoodAndOnFromThere) {
-  const Vec3 elsewhere(0.05, 0.07, -0.03);  // beyond the limit of deviation
+  const Vec3 elsewhere(0.05, 0.07, -0.03);  // beyond the deviation limit
   for (const std::size_t at : {100U, 1000U, 1600U, 2100U, 2800U}) {
     auto whole = follower(timed_circle(2), {.hold = 0.3}), broken = follower(timed_circle(2), {.hold = 0.3});
     const auto expected = drive(whole, obedient), answers = drive_with_gap(broken, at, elsewhere);
@@ -269,7 +269,7 @@ TEST(Playback, GoesBackAfterAGapToWhereThePathStoodAndOnFromThere) {
       if (answers[i].phase != Phase::approach) continue;
       ASSERT_LE(answers[i].reference.velocity.norm(), 0.1 * (1 + 1e-9)) << "at the speed of the approach";
     }
-    // Minus the gap and its way back, the references are those of an undisturbed run, as often as there.
+    // Without the gap and the way back, the references are those of an undisturbed run, with the same durations.
     EXPECT_NEAR(seconds_in(answers, Phase::run), 2 + (at > 600 && at < 2500 ? 0.05 : 0), 0.01) << at;
     EXPECT_NEAR(seconds_in(answers, Phase::hold), 0.3, 0.0031) << "nor does it hold anew";
     EXPECT_LE((answers.back().reference.position - expected.back().reference.position).norm(), 1e-9);

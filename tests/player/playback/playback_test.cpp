@@ -1,4 +1,4 @@
-// Playing with a device whose dynamics are known: what the law is composed of, and that nothing else gets into it.
+// Tests of playback on a device with known dynamics: the law has the chosen terms and no others.
 #include "player/playback/playback.h"
 
 #include "control/feedforward.h"
@@ -34,7 +34,7 @@ PlayResult played_circle(Device& device, PlayOptions options, Log* log = nullptr
   return play(device, plan_playback(device.info(), small_circle(), options), options, StopRequest{});
 }
 
-/// The forces of a session with the device as it is in truth.
+/// Returns the forces of a session with the true device.
 std::vector<Vec3> forces(const PlayOptions& options) {
   SimDevice device(test::true_device());
   Log log;
@@ -170,7 +170,7 @@ TEST(Play, SendsBitForBitTheSameToADeviceOfWhichNothingButItsAnswersIsSeen) {
   for (std::size_t i = 0; i < one.samples.size(); ++i) ASSERT_EQ(one.samples[i].force, other.samples[i].force) << i;
 }
 
-/// Counts what a tick allocates, from the device's answer to the row that is pushed.
+/// Counts the allocations of a tick, from the device's state to the pushed row.
 class Counting final : public Device, public SampleSink {
  public:
   explicit Counting(Device& device) : device_(device) {}
@@ -222,7 +222,7 @@ TEST(Play, DoesNotDriveAnAxisWithoutMotorWhateverItsGains) {
 }
 
 TEST(Play, TakesAChangeOfTuningWithoutAStepInTheForce) {
-  // A hand holds the tool 2 mm beside a path that rests: every force is one of the gains, the shares and the field.
+  // A hand holds the tool 2 mm beside a point path: the force depends only on the gains, the shares and gravity.
   Path point;
   point.name = "point";
   point.time = {0};
@@ -253,7 +253,7 @@ TEST(Play, TakesAChangeOfTuningWithoutAStepInTheForce) {
     if (i == 2999) stiff = force.x();
   }
   EXPECT_LT(stiff, -0.9 * 8) << "it is taken";
-  // 6 N of stiffness, 6 N of load and 1.5 N of gravity, by a fiftieth of the way in a tick.
+  // The stiffness changes the force by 6 N, the load by 6 N and gravity by 1.5 N, at most a fiftieth of that per tick.
   EXPECT_LT(largest, 0.02 * 14);
 }
 

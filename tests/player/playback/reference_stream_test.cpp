@@ -23,8 +23,8 @@ using testing::HasSubstr;
 
 constexpr TrajectoryPieces::Options kSmallPieces{.rows = 300, .undivided = 1};
 
-/// A movement of many frequencies, sampled every 1 ms or at steps that differ up to 1 : 5; its own velocities, true or
-/// useless, or none.
+/// A kind of movement with many frequencies: sampled every 1 ms or at steps that differ up to 1 : 5, and without
+/// velocities or with true or useless ones.
 struct Kind {
   std::string name;
   bool even, velocity, useless;
@@ -127,14 +127,14 @@ TEST(ReferenceStream, SmoothsANoisyPathInPiecesAsInOne) {
     ASSERT_LT((reference.position - expected.position).norm(), 1e-9) << t;
     ASSERT_LT((reference.velocity - expected.velocity).norm(), 1e-6) << t;
     ASSERT_LT((reference.acceleration - expected.acceleration).norm(), 1e-2) << t;
-    // Movement alone does not change it by more than 12 * 0.017 * 40^3 / 1000 = 13 m/s^2 in a millisecond.
-    const bool inside = t > 0.1 && t < one.duration() - 0.1;  // it neither begins nor ends at rest
+    // The movement changes the acceleration by at most 12 * 0.017 * 40^3 / 1000 = 13 m/s^2 per millisecond.
+    const bool inside = t > 0.1 && t < one.duration() - 0.1;  // the path neither starts nor ends at rest
     ASSERT_LT((reference.acceleration - before).norm(), inside ? 20 : 1e3) << t;
     before = reference.acceleration;
   }
 }
 
-/// A path whose rows from `gate` on cannot be read until it is opened, or not at all.
+/// A path whose rows from `gate` on block until the gate opens, or are damaged.
 class Gated final : public PathSource {
  public:
   Gated(const Path& path, std::uint64_t gate, bool broken) : path_(source_of(path)), gate_(gate), broken_(broken) {
@@ -161,7 +161,7 @@ class Gated final : public PathSource {
 
 const Kind kPlain{"Even", true, false, false};
 
-/// Asks a controller whose hand is where the reference was.
+/// Runs a controller with a hand at the previous reference.
 class Follower {
  public:
   explicit Follower(ReferenceStream stream) : controller_(std::move(stream), {}, {}, {}) {}
@@ -188,14 +188,14 @@ TEST(Playback, HoldsItsReferenceWhileThePathIsNotReadAndGoesOnWithoutAJump) {
   const TrajectoryPieces pieces(source, Interpolation::cubic, kSmallPieces);
   source->armed = true;
   Follower follower(ReferenceStream(pieces, {}));
-  const double farthest = 1.1e-3 * source->facts().peak_speed;  // in a tick
+  const double farthest = 1.1e-3 * source->facts().peak_speed;  // distance per tick [m]
   Vec3 before = Vec3::Zero();
   int held = 0, told = 0, ticks = 0;
   bool waits = false;
   Command command;
   for (; command.status == Command::Status::working; ++ticks) {
     ASSERT_LT(ticks, 100'000);
-    // As fast as it may on the real clock: the gate opens when it has been waiting for a while.
+    // Ticks as fast as possible without waiting; the gate opens after the reference has waited for a while.
     command = follower.tick(false);
     ASSERT_TRUE(is_finite(command.reference.position));
     const double step = (command.reference.position - before).norm();
@@ -264,7 +264,7 @@ TEST(Playback, StopsSafelyWhereThePathCannotBeRead) {
 
 TEST(Playback, StopsBeforeAPieceThatLeavesTheWorkspaceOrIsTooFast) {
   Path path = wandering(kPlain, 7, 200'000);
-  /// Turns bad once the plan was made, as a file that changes meanwhile.
+  /// A path that turns bad after planning, like a file that changes.
   struct Turning final : PathSource {
     explicit Turning(const Path& path) : path_(source_of(path)) {
       facts_ = path_->facts();
@@ -316,7 +316,7 @@ TEST(Playback, RepeatsALongPathWithoutWaiting) {
   EXPECT_EQ(runs, 3);
 }
 
-/// The peak of the process's memory since reset() [MiB].
+/// Peak memory of the process since reset() [MiB].
 class PeakMemory {
  public:
   static void reset() { std::ofstream("/proc/self/clear_refs") << "5"; }
@@ -328,7 +328,7 @@ class PeakMemory {
   }
 };
 
-/// A recording at 1 kHz of a movement on a circle.
+/// Writes a recording of a circular movement at 1 kHz.
 void record_circle(const std::string& file, std::size_t rows) {
   RecordingWriter writer(file, {}, {}, {});
   std::vector<Sample> block(8192);
@@ -346,7 +346,7 @@ void record_circle(const std::string& file, std::size_t rows) {
   writer.finish();
 }
 
-/// What opening it, and its reference over five minutes from the middle on, take [MiB].
+/// Returns the memory for opening a recording and sampling five minutes of its reference from `from` [s] on [MiB].
 double memory_of_playing(const std::string& file, double from) {
   PeakMemory::reset();
   const double before = PeakMemory::now("VmRSS:");
@@ -366,7 +366,7 @@ TEST(Playback, TakesTheSameMemoryWhateverTheLengthOfTheRecording) {
   const test::TempFolder folder;
   record_circle(folder / "short.h5", 400'000);
   record_circle(folder / "long.h5", 2'000'000);
-  (void)memory_of_playing(folder / "short.h5", 50);  // what is taken once
+  (void)memory_of_playing(folder / "short.h5", 50);  // allocations that occur only once
   const double once = memory_of_playing(folder / "short.h5", 50), more = memory_of_playing(folder / "long.h5", 1000);
   EXPECT_LT(more, once + 8) << "a million rows of a path are 56 MB";
 }

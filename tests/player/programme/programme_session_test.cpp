@@ -1,4 +1,4 @@
-// Whole programmes on the simulated device, held by a hand that means to follow the path.
+// Tests of whole programmes on the simulated device, held by a hand that intends to follow the path.
 #include "player/programme/programme_session.h"
 
 #include "base/json_reader.h"
@@ -27,7 +27,7 @@ using testing::HasSubstr;
 
 const char* const kShape = R"("shape": {"kind": "circle", "size": 0.04, "duration": 1.5})";
 
-/// A programme of these exercises; `keys` beside them.
+/// Returns a programme of these exercises, with `keys` at its top level.
 json programme_of(const std::vector<std::string>& exercises, const std::string& keys = "") {
   std::string text;
   for (const std::string& exercise : exercises)
@@ -47,7 +47,7 @@ class ProgrammeSession : public testing::Test {
     };
   }
 
-  /// Begins a session of this programme and goes through it.
+  /// Starts a session of this programme and runs it.
   ProgrammeResult run(const json& programme) {
     const Programme read = programme_from_json(programme, "p.json");
     const auto device = open_device("sim:preset=omega3");
@@ -63,7 +63,7 @@ class ProgrammeSession : public testing::Test {
 
   [[nodiscard]] std::string file(const std::string& name) const { return options_.folder + "/" + name; }
 
-  /// Exercise, round, repetition and attempt of every trial, and whether it was finished.
+  /// Returns exercise, round, repetition and attempt of every trial, with "!" if it was not finished.
   static std::vector<std::string> trials(const SessionLog& log) {
     std::vector<std::string> all;
     for (const LoggedTrial& trial : log.trials)
@@ -114,7 +114,7 @@ TEST_F(ProgrammeSession, KeepsARecordingOfEveryRepetitionInEveryMode) {
     ASSERT_EQ(runs.size(), 1U);
     const double largest = std::accumulate(runs[0].force.begin(), runs[0].force.end(), 0.0,
                                            [](double most, const Vec3& f) { return std::max(most, f.norm()); });
-    // The way to the start fades over 0.3 s.
+    // The force of the approach fades over 0.3 s.
     const std::string& mode = modes.at(trial.exercise);
     if (mode == "free") {
       EXPECT_EQ(runs[0].force.back().norm(), 0);
@@ -128,7 +128,7 @@ TEST_F(ProgrammeSession, KeepsARecordingOfEveryRepetitionInEveryMode) {
     EXPECT_EQ(trial.figures.at("deviation_rms_m").is_number(), timed);
     EXPECT_TRUE(trial.figures.at("force_error_rms_n").is_null()) << "a circle has no expert";
   }
-  // What the log says is on the disk, and the paths as they were followed.
+  // The log and the paths are on the disk.
   EXPECT_EQ(trials(load_session_log(options_.folder)), trials(result.log));
   for (const std::string& path : result.log.paths) EXPECT_EQ(load_path(file(path)).size(), 1501U);
 }
@@ -171,7 +171,7 @@ TEST_F(ProgrammeSession, GoesOnTomorrowWithTheRepetitionThatWasInterrupted) {
 TEST_F(ProgrammeSession, LosesOnlyTheRepetitionInWhichAProcessDied) {
   const json programme = programme_of({R"("mode": "tunnel", "repetitions": 3)"});
   (void)run(programme);
-  // As a process leaves it that dies in the second repetition.
+  // The log as a process leaves it that dies in the second repetition.
   SessionLog log = load_session_log(options_.folder);
   log.trials.resize(2);
   log.trials[1] = {.exercise = 0, .repetition = 2, .file = log.trials[1].file};
@@ -208,7 +208,7 @@ TEST_F(ProgrammeSession, AdaptsAsItWouldHaveWithoutAnInterruption) {
   };
   (void)run(programme);
   options_.begins = nullptr;
-  --opened_;  // the hand of the repetition that is done again
+  --opened_;  // the repeated repetition uses the same hand
   EXPECT_EQ(settings(resume().log), whole);
 }
 
@@ -228,7 +228,7 @@ TEST_F(ProgrammeSession, MakesWallsAsSoftAsTheAssistanceIsLittle) {
 }
 
 TEST_F(ProgrammeSession, LeavesWhoIsFreeAloneWhereverHeIs) {
-  options_.max_deviation = 0.1;  // of the way to the start alone
+  options_.max_deviation = 0.1;  // applies only to the approach
   options_.open = [this](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
     Path beside = load_path(path);
     for (Vec3& p : beside.position) p *= 0.5;
@@ -240,7 +240,7 @@ TEST_F(ProgrammeSession, LeavesWhoIsFreeAloneWhereverHeIs) {
 
 TEST_F(ProgrammeSession, TakesARepetitionThatRanOutOfTimeForDoneAndFailed) {
   options_.open = [](const Exercise&, const TrialSettings&, const std::string&) -> std::shared_ptr<Device> {
-    return open_device("sim:preset=omega3,hand=relaxed");  // that means to go nowhere
+    return open_device("sim:preset=omega3,hand=relaxed");  // a hand without intent
   };
   const ProgrammeResult result = run(programme_of({R"("mode": "assisted", "repetitions": 3, "assist_force": 0,
       "time_limit": 1, "progression": {"target": 0.008, "assistance": {"start": 0.5, "forget": 0.8, "gain": 0.4}})"}));
@@ -265,7 +265,7 @@ TEST_F(ProgrammeSession, LogsTheStiffnessThatTheWallsHad) {
 TEST_F(ProgrammeSession, KeepsInItsLogWhyItFailed) {
   int begun = 0;
   options_.open = [&](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
-    // The recording of the second repetition cannot be made where its folder is not.
+    // An invalid compression level makes the recording of the second repetition fail.
     if (++begun == 2) options_.session.recording->options.storage.deflate = 99;
     return open_device("sim:preset=omega3,hand=relaxed,intent=" + path);
   };
@@ -282,7 +282,7 @@ TEST_F(ProgrammeSession, LeavesNothingOfASessionThatCouldNotBegin) {
   const json programme = programme_of({R"("mode": "free")"});
   const auto device = open_device("sim:preset=omega3");
   ProgrammePlan plan = plan_programme(programme_from_json(programme, "p.json"), ".", "p.json", &device->info(), false);
-  plan.paths[0].time.back() = 0;  // no path any more
+  plan.paths[0].time.back() = 0;  // the path is invalid now
   EXPECT_NE(error_of([&] { (void)begin_session(programme, "p.json", plan, device->info(), options_); }), "no error");
   EXPECT_FALSE(std::filesystem::exists(options_.folder));
 }
@@ -321,7 +321,7 @@ TEST_F(ProgrammeSession, EndsASittingWhenTheForceWasEnough) {
   }
   EXPECT_LT(before, 5) << "not a repetition later than it had to";
   EXPECT_NEAR(sum, result.log.sittings[0].force_dose, 1e-9);
-  // The dose is the integral of what was sent, and rows are 1 ms apart.
+  // The dose is the integral of the sent force; rows are 1 ms apart.
   const LoggedTrial& first = result.log.trials[0];
   double recorded = 0;
   for (const Sample& sample : RecordingReader(file(first.file)).read(0, 1'000'000))
@@ -330,7 +330,7 @@ TEST_F(ProgrammeSession, EndsASittingWhenTheForceWasEnough) {
 }
 
 TEST_F(ProgrammeSession, EndsASittingWhenThePersonIsTired) {
-  // The same path, and a hand that becomes slower and slower.
+  // The path stays the same, and the hand becomes slower from the third repetition on.
   options_.open = [this](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
     ++opened_;
     Path slow = load_path(path);
@@ -421,8 +421,8 @@ TEST(ProgrammePlan, CountsWhatWillBeDone) {
   EXPECT_EQ(plan.trials[3].rest, 8);
   EXPECT_EQ(plan.trials.back().rest, 0);
   EXPECT_NEAR(plan.parts[1].path_length, std::numbers::pi * 0.04, 1e-4);
-  // Each: 0.5 s to the start, 1.5 s, 0.5 s of hold; rests of 11 (1 + 1 + 8 + 1) a round and 2 after the warm-up,
-  // without the last.
+  // Each trial: 0.5 s approach, 1.5 s path, 0.5 s hold. Rests: 11 s (1 + 1 + 8 + 1) per round, 2 s after the warm-up,
+  // none after the last trial.
   EXPECT_NEAR(plan.duration, 9 * 2.5 + 2 * 11 + 2 - 1, 1e-6);
 }
 

@@ -19,7 +19,7 @@ json figures_of_mm(double mm) {
   return {{"contour_rms_m", 1e-3 * mm}};
 }
 
-/// A repetition that came to its end.
+/// Returns a finished repetition with this error [mm].
 LoggedTrial error_of_mm(double mm) {
   return {.stopped_by = "finished", .figures = figures_of_mm(mm)};
 }
@@ -37,14 +37,14 @@ TEST(Progression, TakesAssistanceAwayFromWhoNeedsNone) {
   double expected = 1;
   for (int i = 0; i < 30; ++i) {
     EXPECT_NEAR(state.settings().assistance, expected, 1e-12);
-    state.learn(error_of_mm(i % 2 == 0 ? 0.1 : 2));  // within the target there is no error
+    state.learn(error_of_mm(i % 2 == 0 ? 0.1 : 2));  // an error within the target counts as zero
     expected *= 0.8;
   }
   EXPECT_LT(state.settings().assistance, 2e-3);
 }
 
 TEST(Progression, FadesFasterThanThePersonLearns) {
-  // Error falls by a tenth a repetition, with all the help that he rests on: the law still takes it away.
+  // The error falls by a tenth per repetition although the trainee relies on the help; the law still reduces the help.
   const Exercise exercise = assisted(0.8, 0.3);
   ProgressionState state(exercise);
   double mm = 3.5, before = 1;
@@ -61,7 +61,7 @@ TEST(Progression, FadesFasterThanThePersonLearns) {
 TEST(Progression, HelpsAsMuchAsIsMissing) {
   const Exercise exercise = assisted(0.5, 0.5);
   ProgressionState state(exercise);
-  for (int i = 0; i < 40; ++i) state.learn(error_of_mm(3));  // half a target too much
+  for (int i = 0; i < 40; ++i) state.learn(error_of_mm(3));  // exceeds the target by half
   EXPECT_NEAR(state.settings().assistance, 0.5 * 0.5 / (1 - 0.5), 1e-9) << "where forgetting and error balance";
   for (int i = 0; i < 40; ++i) state.learn(error_of_mm(50));
   EXPECT_NEAR(state.settings().assistance, 1, 1e-9);
@@ -107,7 +107,7 @@ TEST(Progression, BecomesHarderWhenItGoesWellAndEasierWhenItDoesNot) {
   EXPECT_NEAR(state.settings().radius, 4e-3, 1e-12);
   state.learn(error_of_mm(1));
   EXPECT_NEAR(state.settings().radius, 4e-3, 1e-12) << "each level has a window of its own";
-  state.learn(error_of_mm(9));  // one slip of three
+  state.learn(error_of_mm(9));  // one bad repetition of three
   state.learn(error_of_mm(1));
   EXPECT_NEAR(state.settings().radius, 2e-3, 1e-12);
   for (int i = 0; i < 9; ++i) state.learn(error_of_mm(1));

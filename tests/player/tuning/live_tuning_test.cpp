@@ -1,4 +1,4 @@
-// Commands that change how a session tracks: what they may ask, what is answered, and what trace they leave.
+// Tests of the commands that tune a running session: their limits, their answers and their traces in the recording.
 #include "player/tuning/live_tuning.h"
 
 #include "control/path/shapes.h"
@@ -38,7 +38,7 @@ LiveTuning::Options identified() {
           .composed = kAll};
 }
 
-/// Waits until `done`; the test's own time limit is the only one.
+/// Waits until `done()`, without a time limit of its own.
 template <class Condition>
 void wait_until(const Condition& done) {
   while (!done()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -244,7 +244,7 @@ TEST(LiveTuning, ChangesAPlaybackThatRunsAndIsKeptInItsRecording) {
   LiveTuning tuning(plan.tuning, {.annotations = recording.options.annotations});
   options.tuning = &tuning;
 
-  /// A device at which somebody turns the gains up, at an instant that does not depend on the machine.
+  /// A device that raises the gains at a fixed tick, independent of the machine's speed.
   struct Handled final : Device {
     Handled(Device& device, LiveTuning& live) : inner(device), tuning(live) {}
     [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner.info(); }

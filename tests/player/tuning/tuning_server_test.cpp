@@ -1,4 +1,4 @@
-// The control socket, by clients on real sockets: good ones, several, and those that send garbage, stall or vanish.
+// Tests of the control socket with clients on real sockets, including clients that send garbage, stall or vanish.
 #include "player/tuning/tuning_server.h"
 
 #include "tests/support/errors.h"
@@ -26,29 +26,29 @@ const Tuning kServed{.gains = {Vec3::Constant(1000), Vec3::Constant(10)}};
 
 const std::string kToken = "0123456789abcdef0123456789abcdef";
 
-/// A client that waits for what it asks.
+/// A client that waits for its answers.
 class Client {
  public:
-  /// Of the Unix socket.
+  /// Connects to the Unix socket.
   explicit Client(const std::string& path) : socket_(io_) {
     socket_.connect(asio::local::stream_protocol::endpoint(path));
   }
 
-  /// Of the port: a stranger as yet.
+  /// Connects to the port, without a token yet.
   explicit Client(std::uint16_t port, const std::string& address = "127.0.0.1") : socket_(io_) {
     socket_.connect(tcp::endpoint(asio::ip::make_address(address), port));
   }
 
   void send(std::string_view text) { asio::write(socket_, asio::buffer(text)); }
 
-  /// Sends until the other end has had enough.
+  /// Sends in pieces until the server closes the connection.
   void attack(std::string_view text, std::size_t piece) {
     boost::system::error_code refused;
     for (; !text.empty() && !refused; text.remove_prefix(std::min(piece, text.size())))
       asio::write(socket_, asio::buffer(text.substr(0, piece)), refused);
   }
 
-  /// The next line; "closed" when there is none any more.
+  /// Returns the next line, or "closed".
   std::string line() {
     boost::system::error_code error;
     const std::size_t size = asio::read_until(socket_, asio::dynamic_buffer(received_), '\n', error);
@@ -73,7 +73,7 @@ class Client {
 
 class TuningServerTest : public testing::Test {
  protected:
-  /// What requests of a browser look like on the wire; what follows an empty line is the page's choice.
+  /// Returns a browser's requests as bytes on the wire; a web page controls all text after an empty line.
   static std::vector<std::string> requests() {
     const std::string body = "\r\n\r\nkp 5000\nkp 5000\r\n";
     return {"POST / HTTP/1.1\r\nHost: 127.0.0.1" + body,
@@ -82,7 +82,7 @@ class TuningServerTest : public testing::Test {
             "GET /%0akp%205000 HTTP/1.1\r\nUpgrade: websocket\r\nConnection: Upgrade" + body,
             "OPTIONS * HTTP/1.1\r\nAccess-Control-Request-Private-Network: true" + body,
             "PRI * HTTP/2.0\r\n\r\nSM" + body,
-            // A handshake of TLS whose session number is the attacker's.
+            // A TLS handshake with a session number chosen by the attacker.
             std::string("\x16\x03\x01\x02\x00\x01", 6) + body};
   }
 
@@ -130,7 +130,7 @@ TEST_F(TuningServerTest, ClosesThePortToEveryOtherFirstLineWithoutAnAnswer) {
   attacks.push_back(std::string(1U << 20U, 'k') + "\nkp 5000\n");
   for (const std::string& attack : attacks)
     for (const std::size_t piece : {attack.size(), std::size_t{1}}) {
-      if (piece == 1 && attack.size() > 10'000) continue;  // closed long before its end
+      if (piece == 1 && attack.size() > 10'000) continue;  // the server closes long before its end
       Client client(server.port());
       client.attack(attack, piece);
       EXPECT_EQ(client.line(), "closed") << attack.substr(0, 40);
@@ -192,7 +192,7 @@ TEST_F(TuningServerTest, ListensOnTheLoopbackAlone) {
     EXPECT_EQ(client.ask("get kd"), "ok kd 10 10 10");
   }
 
-  // Every other address of this machine refuses: on Linux 127.0.0.2 is one, whatever the network.
+  // Every other address of this machine refuses connections. On Linux, 127.0.0.2 always exists.
   tcp::socket other(io);
   boost::system::error_code refused;
   (void)other.connect({asio::ip::make_address("127.0.0.2"), server.port()}, refused);
@@ -257,7 +257,7 @@ TEST_F(TuningServerTest, IsNotHeldUpByClientsThatNeverReadOrVanish) {
   std::vector<std::unique_ptr<Client>> silent;
   for (int i = 0; i < 5; ++i) {
     silent.push_back(std::make_unique<Client>(path));
-    // As much as the system takes: the server neither reads on nor keeps answers for it.
+    // Send as much as the system accepts: the server stops reading and keeps no answers for this client.
     auto& socket = silent.back()->socket();
     socket.non_blocking(true);
     boost::system::error_code full;
@@ -268,7 +268,7 @@ TEST_F(TuningServerTest, IsNotHeldUpByClientsThatNeverReadOrVanish) {
   for (int i = 0; i < 3; ++i) {
     Client vanishing(path);
     vanishing.send("get\nget\nget\n");
-    vanishing.socket().set_option(asio::socket_base::linger(true, 0));  // reset, not closed
+    vanishing.socket().set_option(asio::socket_base::linger(true, 0));  // resets the connection instead of closing it
   }
   Client client(path);
   EXPECT_EQ(client.ask("kp 1234"), "ok kp 1234 1234 1234");
@@ -306,7 +306,7 @@ TEST(TuningServer, WaitsForATokenNoLongerThanItsPatience) {
   const TuningServer server(tuning, {.port = 0, .token = kToken, .patience = std::chrono::milliseconds(50)});
   std::unique_ptr<Client> known;
   std::string answer = "closed";
-  while (answer == "closed") {  // until this process is quick enough for once
+  while (answer == "closed") {  // until this process is fast enough
     known = std::make_unique<Client>(server.port());
     boost::system::error_code ignored;
     asio::write(known->socket(), asio::buffer("token " + kToken + "\nget kp\n"), ignored);
