@@ -1,7 +1,7 @@
 // haptrace_append MODE FILE ROWS [reader]: writes ROWS rows of a movement in blocks of 100 and prints the cost as JSON.
 // MODE is
 //   none      only generate the rows
-//   raw       write(2) of as many bytes
+//   raw       write as many bytes with write(2)
 //   timed     a recording, flushed every 0.1 s of the wall clock
 //   each      a recording, flushed after every block
 //   packed    like timed, with deflate, in chunks of 100 rows as at 1 kHz

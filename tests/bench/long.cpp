@@ -1,5 +1,4 @@
-// Cost of a recording's length: creates a recording of 10 hours unless it exists, and measures how long opening it
-// takes.
+// Cost of a recording's length: creates a recording of 10 hours unless it exists, and measures the cost of opening it.
 //   haptrace_long FILE.h5 [ROWS]
 #include "devices/registry.h"
 #include "formats/path/path_file.h"

@@ -14,7 +14,7 @@ class ConsentingUser : public ConformanceUser {
  public:
   bool consents = true;
   std::vector<std::string> refused;      ///< words in the descriptions of the forces to refuse
-  std::vector<std::string> asked, told;  ///< forces; findings, by id
+  std::vector<std::string> asked, told;  ///< requested forces; ids of the findings
 
   [[nodiscard]] bool is_there() const override { return false; }
   bool allows(const std::string& force) override {

@@ -151,8 +151,7 @@ TEST(Loop, BearsDevicesOfAMicronewtonAndOfAHundredThousand) {
   }
 }
 
-/// Virtual time that is late by up to half a period, and sometimes repeats, reverses or pauses; after 900 waits it only
-/// jitters.
+/// Virtual time that is late by up to half a period; in the first 900 waits it also repeats, reverses and pauses.
 class ShakenClock final : public ServoClock {
  public:
   ShakenClock(std::int64_t period_ns, std::uint64_t seed) : period_(period_ns), random_(seed, 3) {}

@@ -1,5 +1,4 @@
-// Runs every row (test) under the floating-point traps that the index lists for it, and checks the index against the
-// rows.
+// Runs every row (test) under the floating-point traps that the index lists for it. Checks the index against the rows.
 #include <cfenv>
 #include <csignal>
 #include <cstring>

@@ -1,4 +1,4 @@
-// Common parts of the rows.
+// Common parts of the rows, the tests of extremes.
 #pragma once
 
 #include "control/design/tracking_design.h"

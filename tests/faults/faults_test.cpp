@@ -293,7 +293,7 @@ TEST(Recording, OverWhichAnotherFileIsCopiedGoesOnInAFurtherPart) {
   const std::string other = folder / "other.h5";
   ASSERT_EQ(test::haptrace("record", other, "--device", kFalcon, "--duration", "1").exit_code, 0);
   const std::string bytes = read_bytes(other);
-  Endless session({"FAULT_COPY=" + other, "FAULT_COPY_AFTER=2000000"}, "10000");  // the memory holds fewer samples
+  Endless session({"FAULT_COPY=" + other, "FAULT_COPY_AFTER=2000000"}, "10000");  // memory cannot hold all samples
   ASSERT_TRUE(session.says("another program wrote over it"));
   ASSERT_TRUE(session.says("recording goes on in a further file"));
   const Answer answer = session.end(1);  // samples that were only in the file are lost

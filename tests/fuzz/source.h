@@ -1,4 +1,4 @@
-// Fuzz test of the promises of every reader of recordings.
+// Checks the promises of every reader of recordings.
 #pragma once
 
 #include "formats/recording/recording_formats.h"

@@ -47,8 +47,7 @@ double ripple_at(const Log& log, double time, double rate_hz) {
   return std::sqrt(energy);
 }
 
-/// Expects an alarm by `latest`, and 1 s later either a ripple below 0.12 of the largest force or the end of the
-/// session.
+/// Expects an alarm by `latest`; 1 s later the ripple is below 0.12 of the largest force or the session has ended.
 void expect_noticed_and_calm(const Log& log, const ServoReport& report, double latest, double max_force,
                              double rate_hz = 1000) {
   const auto alarm = first_alarm(log);
@@ -153,8 +152,7 @@ TEST(ForceGuard, NoticesFrequenciesUpToHalfTheServoRate) {
 }
 
 TEST(ForceGuard, NoticesAForceThatAlternatesFromTickToTick) {
-  // The position responds to the force within a tick: v' = (1 - kd dt / m) v, which alternates and grows for kd dt > 2
-  // m.
+  // The position responds within a tick: v' = (1 - kd dt / m) v, which alternates and grows for kd dt > 2 m.
   test::PointMass device(0.1, 0.5);
   Log log;
   const ServoReport report = hold(

@@ -226,8 +226,7 @@ class Draw {
   std::mt19937_64 random_;
 };
 
-/// Plays sessions with gains that devices do not withstand, and expects the monitor to find every real oscillation in
-/// time.
+/// Plays sessions with gains that devices do not withstand, and expects every real oscillation to be found in time.
 template <class Gains>
 void expect_found(std::uint64_t seed, int sessions, const Gains& choose, int at_least) {
   Draw draw(seed);

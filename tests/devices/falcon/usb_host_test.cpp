@@ -79,7 +79,7 @@ class FalconHost : public testing::Test {
     char* const arguments[] = {program.data(), hold.data(), nullptr};
     posix_spawnattr_t attributes;
     posix_spawnattr_init(&attributes);
-    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);  // like a shell
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);  // like a command of a shell
     ASSERT_EQ(posix_spawn(&host_, program.c_str(), nullptr, &attributes, arguments, environ), 0);
     posix_spawnattr_destroy(&attributes);
     ASSERT_TRUE(comes_true(pushes));

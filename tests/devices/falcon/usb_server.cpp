@@ -38,7 +38,7 @@ int receive_file(int line) {
 }  // namespace
 
 struct UsbServer::Urb {
-  std::uint64_t name = 0;  ///< the client's address of it
+  std::uint64_t name = 0;  ///< address of the transfer in the client
   int file = -1;
   std::vector<std::uint8_t> memory;
   std::unique_ptr<usbdevfs_urb> urb = std::make_unique<usbdevfs_urb>();

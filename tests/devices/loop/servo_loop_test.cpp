@@ -772,7 +772,7 @@ TEST(ServoLoop, DoesNotCreditMotorsThatNobodySawWithHavingCooled) {
   const auto& rows = result.log.samples;
   ASSERT_LT(rows[3999].force.x(), 1.2) << "limited when it is lost";
   ASSERT_EQ(rows[4000].tick, 9000U);
-  // Cool motors withstand 2 N for at least 0.35 s. These count as cooled only while the force faded in.
+  // Cool motors withstand 2 N for at least 0.35 s. These motors count as cooled only during the fade-in.
   const auto strong =
       std::count_if(rows.begin() + 4000, rows.begin() + 5000, [](const Sample& row) { return row.force.x() > 1.9; });
   EXPECT_LT(strong, 150);

@@ -128,8 +128,7 @@ TEST(SimIntegrators, ButEulerMakeNoEnergy) {
        {Integrator::semi_implicit, Integrator::verlet, Integrator::rk4, Integrator::implicit, Integrator::exact}) {
     const auto [surplus, lack] = energy_balance(conservative, integrator);
     EXPECT_LT(surplus, 0.01) << to_string(integrator);
-    // Semi-implicit steps conserve a modified energy, which differs by the ratio of step to period. Implicit steps
-    // damp.
+    // Semi-implicit steps conserve a modified energy, off by the ratio of step to period. Implicit steps damp.
     if (integrator != Integrator::implicit) {
       EXPECT_GT(lack, integrator == Integrator::semi_implicit ? -0.1 : -0.01) << to_string(integrator);
     }

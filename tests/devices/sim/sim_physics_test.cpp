@@ -193,8 +193,7 @@ TEST(SimPhysics, AHandOnItsGripRingsLikeASpringAndAMass) {
 }
 
 TEST(SimPhysics, AnArmThatRelaxesForgetsWhereItWas) {
-  // Device and hand move as one mass here. The arm's force relaxes with its time constant, so the hand ends up
-  // creeping.
+  // Device and hand move as one mass here. The arm's force relaxes, so the hand ends up creeping.
   const char* spec = R"({"mass": 0.1, "workspace": {"min": -9, "max": 9},
                          "hand": {"mass": 0.1, "grip_stiffness": 1e4, "grip_damping": 20,
                                   "arm_stiffness": 200, "arm_relaxation_s": 0.5, "arm_damping": 1}})";

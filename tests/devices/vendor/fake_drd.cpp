@@ -15,7 +15,7 @@ using haptrace::test::FakeDrd;
 
 FakeDrd fake;
 std::mutex plant_use;
-std::unique_ptr<LivePlant> plant;  // set while the device is open
+std::unique_ptr<LivePlant> plant;  // created when the device opens
 
 bool is_sigma() {
   return fake.type == 104;
