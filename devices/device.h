@@ -1,4 +1,4 @@
-// Everything that has a position and takes a force.
+// Interface of a haptic device, which has a position and takes a force.
 #pragma once
 
 #include "base/types.h"
@@ -10,14 +10,14 @@
 
 namespace haptrace {
 
-/// What a device is and can do. Fixed while it is open. Unknown figures are 0.
+/// Properties and capabilities of a device. Fixed while it is open; unknown figures are 0.
 struct DeviceInfo {
-  std::string name;     ///< as asked for with --device
+  std::string name;     ///< the text given with --device
   std::string backend;  ///< "sim", "replay", "plugin", ...
   std::string model;
   std::string serial;
 
-  bool virtual_time = false;  ///< advances only by exchange's dt
+  bool virtual_time = false;  ///< time advances only by the dt of exchange()
   std::array<bool, 3> force_axes{true, true, true};
   std::array<bool, 3> torque_axes{false, false, false};
   bool measures_velocity = false;
@@ -31,66 +31,66 @@ struct DeviceInfo {
   double max_continuous_force = 0;          ///< magnitude [N]
   double max_torque = 0;                    ///< magnitude [N m]
   double nominal_rate = 1000;               ///< [Hz]
-  double natural_duration = 0;              ///< of what it has to show, an intent or a recording [s]; 0: endless
-  std::vector<std::string> notes;           ///< what a person should know before using it
+  double natural_duration = 0;              ///< duration of the intent or recording that it plays [s]; 0: endless
+  std::vector<std::string> notes;           ///< hints for the user before using the device
 
   [[nodiscard]] bool takes_torque() const noexcept { return torque_axes[0] || torque_axes[1] || torque_axes[2]; }
 };
 
-/// What a device says when asked. Quantities it does not measure are NaN.
+/// State of a device, as an exchange returns it. Quantities that the device does not measure are NaN.
 struct DeviceState {
   Vec3 position = Vec3::Zero();  ///< p_WT [m]
   Vec3 velocity = nan3();        ///< [m/s]
   Quat orientation = nan_quat();
   Vec3 force = nan3();  ///< measured contact force on the hand [N]
   std::uint32_t buttons = 0;
-  bool ready = true;  ///< homed, and forces are allowed
-  double age = 0;     ///< of this state when it is returned, for drivers whose I/O has a thread of its own [s]
-  /// Changes with every sample that the device takes: an exchange that returns the same number as the one before
-  /// repeats a state. 0: the device does not say, and every exchange counts as a new sample.
+  bool ready = true;  ///< the device is homed and allows forces
+  double age = 0;     ///< age of this state when it is returned, for drivers with an I/O thread of their own [s]
+  /// Sample number, which changes with every sample that the device takes. An exchange that returns the same number as
+  /// the previous one repeats a state. 0: the device does not number its samples, and every exchange counts as a new
+  /// sample.
   std::uint64_t sequence = 0;
 };
 
-/// What is known of a device's motors after zero force was asked for.
+/// State of a device's motors after a request for zero force, as far as it is known.
 enum class ZeroForce : std::uint8_t {
-  confirmed,  ///< the device answered to it
-  sent,       ///< it was handed over; whether it arrived nobody says
-  failed,     ///< it could not be sent, or was not answered: the motors may hold their last force
+  confirmed,  ///< the device answered the request
+  sent,       ///< the request was handed over; nothing confirms that it arrived
+  failed,     ///< the request could not be sent or was not answered: the motors may hold their last force
 };
 
-/// For programs: "confirmed" | "sent" | "failed".
+/// Returns "confirmed", "sent" or "failed", for programs.
 constexpr const char* to_string(ZeroForce zero) noexcept {
   constexpr std::array kNames{"confirmed", "sent", "failed"};
   return kNames[static_cast<std::size_t>(zero)];
 }
 
-/// For people: a sentence's part.
+/// Returns a clause for messages to the user.
 constexpr const char* describe(ZeroForce zero) noexcept {
   constexpr std::array kWords{"the force is zero", "zero force was sent, but the device does not say whether it came",
                               "the force could not be set to zero: switch the device off"};
   return kWords[static_cast<std::size_t>(zero)];
 }
 
-/// What may leave for a motor: a force or torque that is not finite is none.
+/// Returns the wrench that may be sent to the motors: a force or torque that is not finite becomes zero.
 inline Wrench sendable(const Wrench& wrench) noexcept {
   return {is_finite(wrench.force) ? wrench.force : Vec3::Zero(),
           is_finite(wrench.torque) ? wrench.torque : Vec3::Zero()};
 }
 
-/// A device that is open: it exists from its opening to its close.
+/// An open device: its constructor opens it, and close() or its destructor closes it.
 ///
-/// Threads: one thread at a time. Real-time: exchange, and only exchange, is called from the tick; it allocates
-/// nothing, locks nothing, throws nothing, and returns within the tick. A driver whose I/O is slower owns a thread and
-/// exchanges the newest state and force with it without locks; a vendor's callback that owns the servo thread is such
-/// a thread.
+/// Threads: one thread at a time, except for emergency_stop(). Real-time: the tick calls only exchange(), which does
+/// not allocate, lock or throw, and returns within the tick. A driver with slower I/O owns a thread and exchanges the
+/// newest state and force with it without locks. A vendor's callback that owns the servo thread is such a thread.
 class Device {
  public:
   static constexpr double kLongestClose = 3;  ///< [s]
 
   enum class [[nodiscard]] Status : std::uint8_t{
       ok,
-      away,  ///< it does not answer now and may again: ask on, with zero force
-      lost,  ///< for good
+      away,  ///< the device does not answer but may recover: keep calling exchange() with zero force
+      lost,  ///< the device is lost for good
   };
 
   virtual ~Device() = default;
@@ -100,34 +100,36 @@ class Device {
 
   [[nodiscard]] virtual const DeviceInfo& info() const noexcept = 0;
 
-  /// Applies `wrench` from now on, lets a virtual-time device advance by `dt` [s] under it, and returns the newest
-  /// state. The first exchange of a session has dt = 0. After `away` and `lost` the state is not to be used. After
-  /// `lost` every further exchange is lost too.
+  /// Applies `wrench` from now on, advances a virtual-time device by `dt` [s] under it, and fetches the newest state.
+  /// The first exchange of a session has dt = 0. Ignore the state after `away` and `lost`. After `lost` every further
+  /// exchange returns `lost`.
   virtual Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept = 0;
 
-  /// As for SampleSink: after every tick, outside of it; may wait only where time stands still meanwhile.
+  /// Called after every tick, outside of it, like SampleSink::between_ticks. It may wait only if `may_wait`: on
+  /// the virtual clock, where time stands still meanwhile.
   virtual void between_ticks(bool may_wait) noexcept { (void)may_wait; }
 
-  /// Sends zero force and lets go of the hardware; lasts kLongestClose at most, whatever the hardware does. Idempotent;
+  /// Sends zero force and releases the hardware. Returns within kLongestClose, whatever the hardware does. Idempotent;
   /// the destructor of every device calls it.
   virtual void close() noexcept = 0;
 
-  /// What became of the zero force that was sent last, by an exchange, or by its close. May wait for the device to
-  /// answer. Called when no exchange is under way; not for the tick.
+  /// Returns whether the device received the zero force that an exchange or close() sent last. May wait for the
+  /// device's answer. Call it while no exchange is under way, and not in the tick.
   [[nodiscard]] virtual ZeroForce zero_force() noexcept {
     return info().virtual_time ? ZeroForce::confirmed : ZeroForce::sent;
   }
 
-  /// Takes the force away while an exchange does not return. From another thread than exchange's, and once: the process
-  /// is about to end. It may hang as well, so its caller does not wait for it.
+  /// Removes the force while an exchange does not return. Called once, from another thread than exchange(), when the
+  /// process is about to end. It may hang as well, so its caller does not wait for it.
   [[nodiscard]] virtual ZeroForce emergency_stop() noexcept {
     return info().virtual_time ? ZeroForce::confirmed : ZeroForce::failed;
   }
 
-  /// Why exchange returned `lost` or `away`, for people. Not for the tick.
+  /// Returns why exchange() returned `lost` or `away`, as text for the user. Not for the tick.
   [[nodiscard]] virtual std::string lost_reason() const { return "the device stopped answering"; }
 
-  /// Why its states are not ready and what to do about it, for people; empty when it does not know. Not for the tick.
+  /// Returns why the device is not ready and what to do about it, as text for the user; empty if unknown. Not for the
+  /// tick.
   [[nodiscard]] virtual std::string not_ready_reason() const { return ""; }
 };
 

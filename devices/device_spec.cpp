@@ -33,7 +33,7 @@ DeviceSpec DeviceSpec::parse(std::string_view text) {
     const std::string key(rest.substr(0, equals));
     if (key.empty()) throw refuse(fmt::format("'{}' has no key before its '='", rest.substr(0, comma)));
 
-    // A JSON object has commas of its own.
+    // A JSON object contains commas, so it takes the rest of the text.
     const auto end = key == "options" ? std::string_view::npos : comma;
     const std::string value(rest.substr(equals + 1, end == std::string_view::npos ? end : end - equals - 1));
     if (value.empty()) throw refuse(fmt::format("the option '{}' has no value", key));

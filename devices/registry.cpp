@@ -75,10 +75,10 @@ bool can_be_zeroed_again(const DeviceInfo& lost) {
   try {
     const DeviceSpec spec = DeviceSpec::parse(lost.name);
     const DeviceBackend* const backend = find_backend(spec.name);
-    // An emulated one that is opened again is another.
+    // An emulated device that is opened again is a different device.
     return backend != nullptr && backend->opens_still && !spec.flag("emulated") && !spec.flag("initialise");
   } catch (const Error&) {
-    return false;  // not opened by a text
+    return false;  // not opened from a --device text
   }
 }
 
@@ -93,7 +93,7 @@ ZeroForce zero_when_back(const DeviceInfo& lost) {
         *zero = device->zero_force();
         return;
       } catch (const Error&) {
-        std::this_thread::sleep_for(kZeroingRetry);  // it is not back yet
+        std::this_thread::sleep_for(kZeroingRetry);  // the device is not back yet
       }
     } while (std::chrono::steady_clock::now() < until);
   });

@@ -1,4 +1,4 @@
-// The devices that --device can name.
+// Registry of the devices that --device can name.
 #pragma once
 
 #include "devices/device.h"
@@ -10,17 +10,18 @@
 
 namespace haptrace {
 
-/// A device that is plugged in, or offered by a program that runs here.
+/// A device that is plugged in, or offered by a program on this machine.
 struct FoundDevice {
-  std::string spec;      ///< what to say after --device to have it
-  std::string model;     ///< as far as it can be known without opening it
+  std::string spec;      ///< text after --device that selects it
+  std::string model;     ///< as far as it is known without opening the device
   std::string serial;    ///< empty when unknown
   std::string where;     ///< for example "usb 1-1.2"
-  std::string obstacle;  ///< why it cannot be opened; empty when nothing is known to be in the way
-  std::string remedy;    ///< the command that mends it, or what to do
+  std::string obstacle;  ///< why it cannot be opened; empty if no reason is known
+  std::string remedy;    ///< command or instruction that removes the obstacle
 };
 
-/// One way to reach devices. A new one joins by being listed in device_backends().
+/// A backend, which opens one kind of device. To add one, list it in all_backends() in registry.cpp or call
+/// add_device_backend().
 struct DeviceBackend {
   struct Option {
     std::string key;
@@ -29,37 +30,37 @@ struct DeviceBackend {
 
   std::string name;
   std::string summary;          ///< one line
-  std::vector<Option> options;  ///< every key it understands; others are refused before `open` is called
+  std::vector<Option> options;  ///< every key that the backend accepts; other keys are rejected before `open` is called
   std::vector<std::string> presets;
 
-  /// Throws Error(device) when the device is missing or refuses, Error(input) when an option is wrong.
+  /// Opens a device. Throws Error(device) if the device is missing or refuses, Error(input) if an option is invalid.
   std::unique_ptr<Device> (*open)(const DeviceSpec& spec);
 
-  /// What is there to be opened, without opening it; null when there is nothing to look for. Does not throw: what
-  /// prevents it from looking is an obstacle of its own.
+  /// Lists the devices that could be opened, without opening them; null if there is nothing to search for. Does not
+  /// throw: a failure of the search itself is reported as an obstacle.
   std::vector<FoundDevice> (*find)() = nullptr;
 
-  /// Opening it moves nothing, needs no homing and sends zero force first: one that was lost with a force in its motors
-  /// can be opened for that alone. Not said of its option initialise=true.
+  /// True if opening the device moves nothing, needs no homing and sends zero force first. A device that was lost with
+  /// a force in its motors can then be reopened to remove that force. Does not cover the option initialise=true.
   bool opens_still = false;
 };
 
 const std::vector<DeviceBackend>& device_backends();
 
-/// Adds a way to reach devices, unless its name is taken. Before the first device is opened; not thread-safe.
+/// Adds a backend, unless its name is taken. Call it before the first device is opened; not thread-safe.
 void add_device_backend(DeviceBackend backend);
 
-/// Opens what `spec` names. Errors suggest the nearest name or key.
+/// Opens the device that `spec` names. Errors suggest the nearest name or key.
 std::unique_ptr<Device> open_device(const DeviceSpec& spec);
 std::unique_ptr<Device> open_device(std::string_view spec);
 
-inline constexpr double kZeroingWindow = 2;  ///< how long a lost device is looked for, to take its force away [s]
+inline constexpr double kZeroingWindow = 2;  ///< how long to search for a lost device in order to remove its force [s]
 
-/// Whether a device that was lost may be opened again for nothing but zero force.
+/// Returns whether a lost device may be reopened just to send zero force.
 bool can_be_zeroed_again(const DeviceInfo& lost);
 
-/// Looks for it for kZeroingWindow; when it is back, opens it, which sends zero force, and closes it. Waits for an
-/// opening that hangs twice as long. The one that was lost must have been closed.
+/// Searches for the lost device for kZeroingWindow. When it is back, opens it, which sends zero force, and closes it.
+/// Returns after twice that time even if opening hangs. The lost device must have been closed.
 ZeroForce zero_when_back(const DeviceInfo& lost);
 
 }  // namespace haptrace

@@ -94,7 +94,7 @@ std::unique_ptr<Device> open_plugin(const DeviceSpec& spec) {
       spec.flag("global") ? SharedLibrary::Symbols::global : SharedLibrary::Symbols::local);
 }
 
-/// Whatever `call` throws is said of the plug-in.
+/// Runs `call` and converts its exceptions to Error(device) naming the plug-in.
 template <class Call>
 auto calling(const std::string& library, const std::string& words, Call call) {
   const ForeignCall foreign(words.c_str());
@@ -105,7 +105,7 @@ auto calling(const std::string& library, const std::string& words, Call call) {
   }
 }
 
-/// Loading it runs its initialisers.
+/// Loads the library as a ForeignCall, because loading runs its initialisers.
 std::shared_ptr<SharedLibrary> loaded(const std::string& library, SharedLibrary::Symbols symbols,
                                       const std::string& words) {
   const ForeignCall foreign(words.c_str());
@@ -149,7 +149,7 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& option
   try {
     info_ = read_info(raw, library);
     info_.name = name;
-    // What it measures shows in its answers only; a first exchange without force or time is free.
+    // Only an exchange shows which quantities the plug-in measures. This one applies no force and advances no time.
     DeviceState state;
     if (exchange({}, 0, state) == Status::lost) throw refuse(library, lost_reason());
     info_.measures_velocity = is_finite(state.velocity);
@@ -196,11 +196,11 @@ Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceSta
   state.buttons = raw.buttons;
   state.ready = raw.ready != 0;
   state.sequence = sample.sequence;
-  state.age = sample.age > 0 ? sample.age : 0;  // also when it is not a number
+  state.age = sample.age > 0 ? sample.age : 0;  // 0 also for NaN
   return Status::ok;
 }
 
-/// In the tick: no allocation.
+/// Called in the tick, so it does not allocate.
 void PluginDevice::remember_thrown(const char* what) noexcept {
   failure_ = -1;
   std::strncpy(thrown_.data(), what, thrown_.size() - 1);
@@ -214,7 +214,7 @@ void PluginDevice::close() noexcept {
     try {
       close(device);
     } catch (const std::exception&) {
-      // It is closed as far as it can be.
+      // The device is closed as far as possible.
     }
   });
   if (!closed) zero_ = ZeroForce::failed;

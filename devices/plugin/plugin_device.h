@@ -1,4 +1,4 @@
-// Devices that a lab brings along in a shared library (devices/plugin.h).
+// Devices in the user's own shared libraries (devices/plugin.h).
 #pragma once
 
 #include "devices/plugin.h"
@@ -12,14 +12,15 @@
 
 namespace haptrace {
 
-/// A loaded plug-in with its device open. Passes positions and forces on as they are: judging them is the loop's part.
-/// What it throws is the device's loss; what it does to the process is said with its name (ForeignCall).
+/// A loaded plug-in with an open device. Passes positions and forces on as they are: the loop checks them. If the
+/// plug-in throws, the device is lost. If it crashes or ends the process, the message names the plug-in (ForeignCall).
 ///
-/// Real-time: as far as the plug-in's own exchange is.
+/// Real-time: if the plug-in's exchange is.
 class PluginDevice final : public Device {
  public:
-  /// `options` is a JSON object as text. Throws Error(device): the library cannot be loaded, lacks a symbol, speaks
-  /// another ABI, refuses to open, or describes itself impossibly.
+  /// Loads the library and opens its device. `options` is a JSON object as text. Throws Error(device) if the library
+  /// cannot be loaded, lacks a symbol, has another ABI version, refuses to open, or describes itself with invalid
+  /// values.
   PluginDevice(const std::string& library, const std::string& options, const std::string& name,
                SharedLibrary::Symbols symbols = SharedLibrary::Symbols::local);
   ~PluginDevice() override;
@@ -27,7 +28,8 @@ class PluginDevice final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void close() noexcept override;
-  /// Confirmed when the last exchange that took a force took zero: the plug-in's word.
+  /// Returns `confirmed` if the plug-in has taken zero force since any other force; this relies on the plug-in's
+  /// result.
   [[nodiscard]] ZeroForce zero_force() noexcept override;
   [[nodiscard]] ZeroForce emergency_stop() noexcept override;
   [[nodiscard]] std::string lost_reason() const override;
@@ -35,20 +37,20 @@ class PluginDevice final : public Device {
  private:
   void remember_thrown(const char* what) noexcept;
 
-  std::shared_ptr<SharedLibrary> library_;  ///< shared with a close that does not return
-  std::string words_;                       ///< for a crash in it
+  std::shared_ptr<SharedLibrary> library_;  ///< shared with a close() that may not return
+  std::string words_;                       ///< name of the plug-in in messages about a crash
   DeviceInfo info_;
   void* device_ = nullptr;
   decltype(&haptrace_plugin_exchange) exchange_ = nullptr;
-  decltype(&haptrace_plugin_sample) sample_ = nullptr;  ///< null: it does not say
-  decltype(&haptrace_plugin_stop) stop_ = nullptr;      ///< null: it cannot
+  decltype(&haptrace_plugin_sample) sample_ = nullptr;  ///< null: not exported
+  decltype(&haptrace_plugin_stop) stop_ = nullptr;      ///< null: not exported
   decltype(&haptrace_plugin_close) close_ = nullptr;
-  std::atomic<ZeroForce> zero_{ZeroForce::confirmed};  ///< no force before there was an exchange
-  int failure_ = 0;                                    ///< what exchange returned when the device was lost
-  std::array<char, 256> thrown_{};                     ///< what it threw, instead
+  std::atomic<ZeroForce> zero_{ZeroForce::confirmed};  ///< there is no force before the first exchange
+  int failure_ = 0;                                    ///< result of the exchange that lost the device
+  std::array<char, 256> thrown_{};                     ///< text of the exception that lost the device
 };
 
-/// `plugin`, with the options path and options.
+/// Returns the backend `plugin`, with the options path, global and options.
 DeviceBackend plugin_backend();
 
 }  // namespace haptrace
