@@ -11,7 +11,7 @@
 namespace haptrace {
 namespace {
 
-/// Whether `spec` means an emulated one. Throws Error(input) when it has options of the other kind.
+/// Returns whether `spec` asks for an emulated Falcon. Throws Error(input) if it has options of the other kind.
 bool is_emulated_falcon(const DeviceSpec& spec) {
   const bool emulated = is_emulated(spec);
   const std::vector<std::string> others =

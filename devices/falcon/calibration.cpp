@@ -38,7 +38,7 @@ Vec3 read_signs(JsonReader& reader, const char* key, const Vec3& fallback) {
   return signs;
 }
 
-/// One bit, which none of the others `taken` has.
+/// Reads a flag of a single bit that is not in `taken`, and adds the bit to `taken`.
 std::uint8_t read_flag(JsonReader& reader, const char* key, std::uint8_t fallback, unsigned& taken) {
   const auto flag = static_cast<unsigned>(reader.integer(key, fallback, 1, FalconPacket::kAllFlags));
   if (!std::has_single_bit(flag))

@@ -8,9 +8,9 @@
 namespace haptrace {
 namespace {
 
-constexpr std::int64_t kStoodStill = 50'000'000;  // longer than this program leaves between two packets [ns]
-constexpr double kQuiet = 0.005;                  // after which nothing more is coming [s]
-constexpr int kStaleReads = 16;                   // at most; a line that is never silent holds nobody up
+constexpr std::int64_t kStoodStill = 50'000'000;  // longer than the regular pause between two packets [ns]
+constexpr double kQuiet = 0.005;                  // silence after which no more bytes are expected [s]
+constexpr int kStaleReads = 16;                   // limit, because a line may never be silent
 
 std::int64_t falcon_answer_deadline() {
   return monotonic_ns() + static_cast<std::int64_t>(1e9 * FalconDialogue::kAnswerTime);
@@ -18,7 +18,7 @@ std::int64_t falcon_answer_deadline() {
 
 }  // namespace
 
-/// Whether anything came.
+/// Reads available bytes into `newest`. Returns whether any byte came.
 bool FalconDialogue::listen(std::optional<FalconPacket>& newest, double timeout) {
   std::array<std::uint8_t, 256> bytes{};
   const std::size_t count = link_.read(bytes, timeout);
@@ -40,14 +40,14 @@ std::optional<FalconReport> FalconDialogue::ask(const FalconPacket& packet) {
   if (stood_still) owed_ = 0;
   newest.reset();
 
-  ++owed_;  // also when the packet was sent in part
+  ++owed_;  // even if only a part of the packet is sent
   if (!link_.write(encode(packet), kAnswerTime)) return std::nullopt;
   std::int64_t deadline = falcon_answer_deadline();
   while (owed_ > 0) {
     const bool had_none = !newest;
     const double left = 1e-9 * static_cast<double>(deadline - monotonic_ns());
     if (!listen(newest, std::max(left, 0.0)) || left <= 0) break;
-    if (had_none && newest) deadline = falcon_answer_deadline();  // for what may come after it
+    if (had_none && newest) deadline = falcon_answer_deadline();  // allows time for further answers
   }
   if (!newest || monotonic_ns() - begin > kStoodStill) return std::nullopt;
   owed_ = 0;

@@ -1,4 +1,4 @@
-// Packets to a Falcon's firmware, and the answers to them.
+// Exchange of packets with a Falcon's firmware.
 #pragma once
 
 #include "devices/falcon/link.h"
@@ -8,22 +8,25 @@
 
 namespace haptrace {
 
-/// Asks one packet after the other. An answer carries no number: one that comes late could be taken for that to the
-/// next packet, and every later one with it. So the answers still owed are counted, and as long as some are, the
-/// newest that comes is waited for; what came unasked is thrown away before the next packet.
+/// Sends one packet after the other and waits for the answer to each. Answers carry no sequence number, so a late
+/// answer could be taken for the answer to the next packet, and shift all later ones. The dialogue therefore counts
+/// outstanding answers: while there are any, it waits for the newest. Before the next packet it discards unsolicited
+/// bytes.
 ///
-/// A process that was stopped finds answers that came before or meanwhile, among them those to its guardian's packets:
-/// they show where the handle was. None of them is taken for one, and the next packet waits until the line is quiet.
+/// After this process was stopped, answers from before and meanwhile are waiting, including those to its guardian's
+/// packets. They show an old position of the handle. The dialogue discards them and waits until the line is quiet
+/// before it sends the next packet.
 ///
 /// Threads: one at a time. Not real-time: it waits.
 class FalconDialogue {
  public:
-  static constexpr double kAnswerTime = 0.005;  ///< an answer takes 1 to 2 ms [s]
+  static constexpr double kAnswerTime = 0.005;  ///< timeout; an answer takes 1 to 2 ms [s]
 
-  /// The link has to outlive it.
+  /// `link` must outlive the dialogue.
   explicit FalconDialogue(FalconLink& link) : link_(link) {}
 
-  /// Nothing when no answer came within kAnswerTime. Lasts three times as long at most. Throws what the link throws.
+  /// Sends `packet` and returns the answer; nothing if none came within kAnswerTime. Lasts at most three times that
+  /// long, unless it first waits for a quiet line. Throws what the link throws.
   std::optional<FalconReport> ask(const FalconPacket& packet);
 
  private:
@@ -31,8 +34,8 @@ class FalconDialogue {
 
   FalconLink& link_;
   FalconDecoder decoder_;
-  unsigned owed_ = 0;          ///< answers
-  std::int64_t asked_ns_ = 0;  ///< when ask() was called last; 0: never
+  unsigned owed_ = 0;          ///< outstanding answers
+  std::int64_t asked_ns_ = 0;  ///< time of the last ask() [ns]; 0: never
 };
 
 }  // namespace haptrace

@@ -49,7 +49,7 @@ FalconDriver::FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibra
         "from red to green; there is no force before");
 }
 
-/// None unless the last report was believed.
+/// Returns the motor counts for `force`; zero unless the last report was believed.
 std::array<std::int16_t, 3> FalconDriver::motors(const Vec3& force) const noexcept {
   if (verdict_ != FalconTracker::Verdict::believed) return {};
   const double magnitude = norm_of(force);
@@ -83,23 +83,23 @@ bool FalconDriver::round(const Wrench& wrench, DeviceState& state) {
 
 ZeroForce FalconDriver::release() noexcept {
   if (link_ == nullptr) return farewell_;
-  constexpr int kFarewells = 3;  // should one get lost
+  constexpr int kFarewells = 3;  // in case one gets lost
   try {
     for (int farewells = 0; farewells < kFarewells; ++farewells)
       if (dialogue_.ask({})) farewell_ = ZeroForce::confirmed;
   } catch (const std::exception&) {
-    // The link fails; the guardian has a way of its own. A Falcon that is unplugged has a supply of its own, so its
-    // motors may hold their force.
+    // The link fails, but the guardian has its own path to the firmware. An unplugged Falcon still has its power
+    // supply, so its motors may hold their force.
   }
   if (guardian_ && farewell_ == ZeroForce::confirmed) guardian_->dismiss();
-  // Its USB chip may take that; a firmware that answers nothing has not been seen to.
+  // The USB chip may accept these packets, but firmware that does not answer does not confirm them.
   if (guardian_ && farewell_ != ZeroForce::confirmed) (void)guardian_->speak_and_go();
   link_->close();
   link_.reset();
   return farewell_;
 }
 
-/// Not by the link, in which the driver's thread hangs.
+/// Uses the guardian, because the driver's thread hangs in the link.
 ZeroForce FalconDriver::emergency_stop() noexcept {
   return guardian_ && guardian_->speak() ? ZeroForce::sent : ZeroForce::failed;
 }

@@ -1,4 +1,4 @@
-// The Novint Falcon as a device.
+// Driver of the Novint Falcon.
 #pragma once
 
 #include "devices/falcon/dialogue.h"
@@ -9,25 +9,26 @@
 
 namespace haptrace {
 
-/// What a Falcon of this calibration can do; its name and serial number are the caller's to add.
+/// Returns the DeviceInfo of a Falcon with this calibration. The caller adds its name and serial number.
 DeviceInfo falcon_info(const FalconCalibration& calibration);
 
-/// What a guardian sends to the firmware: zero counts and dark lights, in three whole packets. Firmware that counts
-/// bytes instead of looking for brackets finds the begin of the second, should the host's last packet have broken off.
-/// Homing stays asked for as long as the host may come back.
+/// Returns the bytes that a guardian sends to the firmware: three complete packets with zero counts and dark lights. If
+/// the host's last packet broke off, firmware that counts bytes instead of looking for brackets still finds the
+/// beginning of the second packet. For a silent host, which may come back, the packets keep requesting homing.
 LastWords falcon_last_words(const FalconCalibration& calibration);
 
-/// A round is one packet and its answer. Until all three legs are homed no force is sent, the state is not ready, and
-/// its position stands still; then it is p = FK(encoders), and the motors bring up tau = J^T F.
+/// Drives a Falcon; a round is one packet and its answer. Until all three legs are homed, the driver sends no force,
+/// and the state is not ready and keeps its position. After that, the position is p = FK(encoders) and the motors
+/// produce the torques tau = J^T F.
 ///
-/// Counts stay in the motors until the next packet, so zero ones are the last on every way out. Where the link lets
-/// another process reach the firmware, a guardian sends them for a host that is dead or stands still.
+/// The motors keep their counts until the next packet, so the driver always sends zero counts last. If the link lets
+/// another process reach the firmware, a guardian sends them for a host that is dead or stopped.
 ///
-/// Its logo is red while it is not ready, green once it is, and blue as well while it pushes.
+/// The logo is red while the device is not ready, green once it is, and also blue while the motors push.
 class FalconDriver final : public DeviceDriver {
  public:
-  /// `link` is one to running firmware. Plays the first rounds, after which a Falcon that is homed is ready. `info` is
-  /// that of falcon_info, completed.
+  /// `link` leads to running firmware; `info` is a completed falcon_info(). Runs the first rounds, after which a homed
+  /// Falcon is ready.
   FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibration& calibration, DeviceInfo info);
   ~FalconDriver() override { (void)release(); }
 
@@ -41,16 +42,16 @@ class FalconDriver final : public DeviceDriver {
 
   FalconCalibration calibration_;
   DeviceInfo info_;
-  std::unique_ptr<FalconLink> link_;  ///< null once it is released
+  std::unique_ptr<FalconLink> link_;  ///< null once released
   ZeroForce farewell_ = ZeroForce::failed;
   FalconDialogue dialogue_;
-  std::optional<Guardian> guardian_;  ///< where another process can reach the firmware
+  std::optional<Guardian> guardian_;  ///< only if another process can reach the firmware
   FalconTracker tracker_;
   FalconEncoderWatch watch_;
   FalconTracker::Verdict verdict_ = FalconTracker::Verdict::unhomed;
-  Vec3 position_ = Vec3::Zero();  ///< p_WT, the last that was believed [m]
+  Vec3 position_ = Vec3::Zero();  ///< last believed p_WT [m]
 };
 
-DeviceBackend falcon_backend();  ///< in backend.cpp
+DeviceBackend falcon_backend();  ///< defined in backend.cpp
 
 }  // namespace haptrace

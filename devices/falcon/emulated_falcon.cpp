@@ -19,22 +19,23 @@
 namespace haptrace {
 namespace {
 
-constexpr std::int64_t kFalconStep = 1'000'000;           // of the mechanism, at most [ns]
-constexpr std::int64_t kFalconLongestLeap = 100'000'000;  // [ns]; what is longer passes without motion
-constexpr double kBitsPerByte = 10;                       // with start and stop bit
-constexpr double kAskSpeed = 9600, kLoadSpeed = 3e6 / 21, kRunSpeed = 1.5e6;  // that the board listens at [Bd]
+constexpr std::int64_t kFalconStep = 1'000'000;                               // longest step of the mechanism [ns]
+constexpr std::int64_t kFalconLongestLeap = 100'000'000;                      // [ns]; longer times pass without motion
+constexpr double kBitsPerByte = 10;                                           // including start and stop bit
+constexpr double kAskSpeed = 9600, kLoadSpeed = 3e6 / 21, kRunSpeed = 1.5e6;  // baud rates of the board
 constexpr double kSpeedTolerance = 0.03;
 constexpr std::array<std::uint8_t, 3> kQuestion{0x0a, 0x43, 0x0d};
 constexpr std::array<std::uint8_t, 4> kReply{0x0a, 0x44, 0x2c, 0x0d};
 constexpr std::uint8_t kBeginLoading = 0x41;
-constexpr std::array<std::uint8_t, EmulatedFalcon::kStatus> kChipStatus{0x01, 0x60};  // at ease, all sent
+constexpr std::array<std::uint8_t, EmulatedFalcon::kStatus> kChipStatus{0x01, 0x60};  // idle, all sent
 constexpr std::size_t kPayload = EmulatedFalcon::kPacket - EmulatedFalcon::kStatus;
 constexpr std::int64_t kLatencyAtFirst = 16'000'000;  // [ns]
-constexpr int kMostCounts = 2000;                     // of an encoder that is not homed
-constexpr double kHomingReach = 0.02;                 // to either side of the marks [m]
-constexpr int kHalvings = 20;                         // in search of how far the handle goes
-constexpr double kStopMargin = 0.02;  // of the way from the origin to where the legs reach no more, stops are before it
-constexpr double kHomingPart = 0.15;  // out, in, and back last so long each [s]
+constexpr int kMostCounts = 2000;                     // largest offset of an encoder that is not homed
+constexpr double kHomingReach = 0.02;                 // homing movement to either side of the marks [m]
+constexpr int kHalvings = 20;                         // in the search for the stop
+// Distance from the stops to the limit of the legs' reach, relative to the distance from the origin to the stops.
+constexpr double kStopMargin = 0.02;
+constexpr double kHomingPart = 0.15;  // duration of each homing movement: out, in, back [s]
 
 bool is_speed(double baud, double expected) {
   return std::abs(baud / expected - 1) < kSpeedTolerance;
@@ -46,9 +47,9 @@ bool happens(SplitMix64& random, double chance) {
 
 struct FalconFaultKind {
   const char* name;
-  const char* numbers;  ///< as a person has to write them
-  double fallback;      ///< of the first; NaN: it has to be there
-  double least, most;   ///< of the first
+  const char* numbers;  ///< syntax of the numbers
+  double fallback;      ///< default of the first number; NaN: it is required
+  double least, most;   ///< range of the first number
   void (*set)(FalconFaults& faults, double first, double second);
 };
 
@@ -87,7 +88,7 @@ const FalconFaultKind& falcon_fault_kind(std::string_view name, const std::strin
   throw input_error(fmt::format("{}: there is no fault '{}'{}", where, name, suggestion(name, names)));
 }
 
-/// What stands before `separator`, which is taken off with it.
+/// Removes the text up to and including `separator`, and returns it without `separator`.
 std::string_view take_part(std::string_view& text, char separator) {
   const auto end = std::min(text.find(separator), text.size());
   const std::string_view part = text.substr(0, end);
@@ -135,7 +136,7 @@ std::string FalconFaults::help() {
   return fmt::format("what goes wrong, joined by '+': {}", fmt::join(names, ", "));
 }
 
-/// One way of the serial line: bytes, and when each has arrived.
+/// One direction of the serial line: bytes, and the time at which each arrives.
 class EmulatedFalcon::Line {
  public:
   void set_speed(double baud) noexcept { byte_ns_ = std::llround(1e9 * kBitsPerByte / baud); }
@@ -148,7 +149,7 @@ class EmulatedFalcon::Line {
     free_ns_ = 0;
   }
 
-  /// The byte that has arrived first, if one has.
+  /// Takes the oldest byte that has arrived. Returns false if there is none.
   [[nodiscard]] bool take(std::uint8_t& byte, std::int64_t& at_ns, std::int64_t now_ns) {
     if (bytes_.empty() || bytes_.front().at_ns > now_ns) return false;
     byte = bytes_.front().byte;
@@ -157,7 +158,7 @@ class EmulatedFalcon::Line {
     return true;
   }
 
-  /// When so many have arrived; never, when they were not sent yet.
+  /// Returns when the `count`-th byte arrives; the largest time if it was not sent yet.
   [[nodiscard]] std::int64_t arrival_of(std::size_t count) const noexcept {
     return count == 0 || count > bytes_.size() ? std::numeric_limits<std::int64_t>::max() : bytes_[count - 1].at_ns;
   }
@@ -172,7 +173,7 @@ class EmulatedFalcon::Line {
   std::int64_t byte_ns_ = 0, free_ns_ = 0;
 };
 
-/// Legs and motors on the plant, and the user who homes them.
+/// Legs and motors on the plant, and the simulated user who homes them.
 class EmulatedFalcon::Mechanism {
  public:
   Mechanism(const FalconCalibration& calibration, LivePlant plant)
@@ -196,7 +197,7 @@ class EmulatedFalcon::Mechanism {
     force_ = pose_.jacobian.transpose().inverse() * torques(motors);
   }
 
-  /// A user takes the handle, unless he has it.
+  /// Lets the simulated user take the handle, unless the user already holds it.
   void ask_for_homing() noexcept {
     if (user_ns_ >= 0) return;
     user_ns_ = 0;
@@ -210,7 +211,7 @@ class EmulatedFalcon::Mechanism {
  private:
   static constexpr std::int64_t kPart = static_cast<std::int64_t>(1e9 * kHomingPart);
 
-  /// Where plant or user would have the handle [m].
+  /// Returns the position that the plant or the user demands of the handle [m].
   [[nodiscard]] Vec3 held_by() const noexcept {
     if (user_ns_ < 0) return plant_.position();
     const Vec3 reach(0, 0, kHomingReach), marks = marks_ - taken_at_;
@@ -220,13 +221,13 @@ class EmulatedFalcon::Mechanism {
     return plant_.position() + way[part] + s * (way[part + 1] - way[part]);
   }
 
-  /// With the handle at `place` [m], when it is not beyond its stops.
+  /// Returns the pose with the handle at `place` [m]; none beyond the stops.
   [[nodiscard]] std::optional<FalconPose> pose_at(const Vec3& place) const noexcept {
     if (!kinematics_.at_position(calibration_.origin + (1 + kStopMargin) * place)) return std::nullopt;
     return kinematics_.at_position(calibration_.origin + place);
   }
 
-  /// The handle goes to `place`, or from the origin towards it as far as its stops let it.
+  /// Moves the handle to `place`, or from the origin towards it as far as the stops allow.
   void hold(const Vec3& place) noexcept {
     double near = 0, far = 1;
     if (const auto pose = pose_at(place)) {
@@ -251,14 +252,14 @@ class EmulatedFalcon::Mechanism {
   FalconKinematics kinematics_;
   LivePlant plant_;
   std::int64_t plant_ns_ = 0;
-  Vec3 marks_;                 ///< where all legs pass theirs, in W [m]
-  std::int64_t user_ns_ = -1;  ///< since he took the handle; negative: he has not
+  Vec3 marks_;                 ///< position where all legs pass their marks, in W [m]
+  std::int64_t user_ns_ = -1;  ///< time since the user took the handle; negative: not held
   Vec3 taken_at_ = Vec3::Zero();
   FalconPose pose_;
   Vec3 force_ = Vec3::Zero();
 };
 
-/// What listens at the other end of the serial line: the boot loader, then the firmware.
+/// The board at the other end of the serial line: the boot loader, then the firmware.
 class EmulatedFalcon::Board {
  public:
   Board(const FalconCalibration& calibration, Start start, const FalconFaults& faults, std::uint64_t seed,
@@ -279,7 +280,7 @@ class EmulatedFalcon::Board {
     data_terminal_ready_ = high;
   }
 
-  /// The host will send at this speed from now on.
+  /// Notes that the host sends at `baud` from now on. At kRunSpeed, loaded firmware starts.
   void set_speed(double baud) {
     if (stage_ != Stage::loading || loaded_ == 0 || !is_speed(baud, kRunSpeed)) return;
     if (loadings_ > faults_.bad_starts)
@@ -288,7 +289,7 @@ class EmulatedFalcon::Board {
       restart(Stage::asleep);
   }
 
-  /// A byte has come at `baud`, at `age`; appends what is answered to `answer`.
+  /// Takes a byte that came at `baud` and `age`, and appends the answer to `answer`.
   void receive(std::uint8_t byte, double baud, double age, std::vector<std::uint8_t>& answer) {
     switch (stage_) {
       case Stage::off:
@@ -321,7 +322,8 @@ class EmulatedFalcon::Board {
     }
   }
 
-  /// The legs have moved. They pass their marks in either direction, and only while homing is asked for is it noticed.
+  /// Takes the new angles of the legs. A leg that passes its mark in either direction is homed, but only while homing
+  /// is requested.
   void see(const Vec3& angles) noexcept {
     for (int leg = 0; leg < 3; ++leg) {
       const double before = angles_[leg] - calibration_.home_angle[leg];
@@ -347,7 +349,7 @@ class EmulatedFalcon::Board {
  private:
   enum class Stage : std::uint8_t { off, asleep, listening, greeted, loading, running };
 
-  /// All is forgotten.
+  /// Restarts in `stage` and forgets firmware, flags and homing.
   void restart(Stage stage) {
     stage_ = stage;
     asked_ = loaded_ = 0;
@@ -386,17 +388,17 @@ class EmulatedFalcon::Board {
   }
 
   FalconCalibration calibration_;
-  const FalconFaults& faults_;  ///< may change
+  const FalconFaults& faults_;  ///< may change at any time
   SplitMix64 random_;
   Stage stage_ = Stage::asleep;
   bool data_terminal_ready_ = false;
-  std::size_t asked_ = 0, loaded_ = 0;  ///< bytes of the question, bytes of the firmware
+  std::size_t asked_ = 0, loaded_ = 0;  ///< bytes received of the question and of the firmware
   int loadings_ = 0;
   std::uint64_t packets_ = 0;
   FalconDecoder decoder_;
   std::array<std::int16_t, 3> motors_{}, encoders_{};
   std::uint8_t flags_ = 0, buttons_ = 0, homed_ = 0;
-  std::array<int, 3> offsets_{};  ///< of encoders that are not homed [counts]
+  std::array<int, 3> offsets_{};  ///< offsets of encoders that are not homed [counts]
   Vec3 angles_;
 };
 
@@ -440,7 +442,7 @@ EmulatedFalcon::Handshake EmulatedFalcon::control(std::uint8_t request, std::uin
   return Handshake::stalled;
 }
 
-/// What an endpoint says before it looks at data.
+/// Advances to `now_ns` and returns the state of an endpoint, regardless of data.
 EmulatedFalcon::Handshake EmulatedFalcon::endpoint(bool& halted, std::int64_t now_ns) {
   advance_to(now_ns);
   if (!is_there()) return Handshake::gone;
@@ -521,7 +523,7 @@ void EmulatedFalcon::live_until(std::int64_t now_ns) {
   }
 }
 
-/// As FTDI's chips divide 3 MHz: 14 bits whole, 2 bits for a fraction.
+/// Sets the baud rate as FTDI's chips divide 3 MHz: 14 bits integer part, 2 bits fraction.
 void EmulatedFalcon::set_baud(std::uint16_t divisor) noexcept {
   constexpr double kFractions[] = {0, 0.5, 0.25, 0.125};
   const double division = (divisor & 0x3fff) + kFractions[divisor >> 14];
@@ -531,7 +533,7 @@ void EmulatedFalcon::set_baud(std::uint16_t divisor) noexcept {
   board_->set_speed(baud_);
 }
 
-/// The high byte says which lines are meant, the low one how they are to be.
+/// Sets the modem lines: the high byte selects lines, the low byte holds their levels.
 void EmulatedFalcon::set_modem(std::uint16_t lines) noexcept {
   if ((lines & 0x0100) != 0) board_->set_data_terminal_ready((lines & 0x0001) != 0);
 }
@@ -632,7 +634,7 @@ class EmulatedFalconLink final : public FalconLink {
     if (handshake == Handshake::stalled) throw device_error("the emulated Falcon's USB chip has stalled; open it anew");
   }
 
-  /// The next packet into what is empty, if there is one.
+  /// Fetches the next packet, if there is one, into the empty buffer.
   void fetch() {
     std::size_t size = EmulatedFalcon::kStatus;
     check(falcon().in(packet_, size, monotonic_ns()));
@@ -640,7 +642,7 @@ class EmulatedFalconLink final : public FalconLink {
     end_ = size;
   }
 
-  /// Waits for what may come next; false when it is too late for that.
+  /// Waits until a packet may come. Returns false if that is after `deadline`.
   [[nodiscard]] bool sleep_until_next(std::int64_t deadline) {
     const std::int64_t next = std::max(falcon().next_in(), monotonic_ns());
     MonotonicClock().wait_until(std::min(next, deadline));
@@ -649,7 +651,7 @@ class EmulatedFalconLink final : public FalconLink {
 
   std::shared_ptr<EmulatedFalcon> falcon_;
   std::array<std::uint8_t, EmulatedFalcon::kPacket> packet_{};
-  std::size_t first_ = 0, end_ = 0;  ///< what of packet_ was not read yet
+  std::size_t first_ = 0, end_ = 0;  ///< unread range of packet_
 };
 
 std::shared_ptr<EmulatedFalcon> make_emulated_falcon(const DeviceSpec& device, const FalconCalibration& calibration,
@@ -661,7 +663,8 @@ std::shared_ptr<EmulatedFalcon> make_emulated_falcon(const DeviceSpec& device, c
                                           faults, seed);
 }
 
-/// The one with this text that loses its cable or its supply, which it does once and not once an opening.
+/// Returns the Falcon with this text that loses its cable or power supply. It is kept, so that it loses them once and
+/// not at every opening.
 std::shared_ptr<EmulatedFalcon>& lasting_falcon(const std::string& text) {
   static std::mutex mutex;
   static std::map<std::string, std::shared_ptr<EmulatedFalcon>> falcons;

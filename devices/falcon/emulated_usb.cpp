@@ -1,12 +1,12 @@
-// libusb for programs of others, with one emulated Falcon plugged in: a library to preload.
+// libusb with one emulated Falcon plugged in, for other programs: a library to preload.
 //
 //     HAPTRACE_FALCON='hand=relaxed' LD_PRELOAD=libhaptrace-falcon-usb.so their_program
 //
-// It defines the functions of libusb 1.0 that programs for the Falcon call, libftdi 1.x among them, in front of an
+// It defines the functions of libusb 1.0 that programs for the Falcon call, including libftdi 1.x, in front of an
 // EmulatedFalcon on the monotonic clock. HAPTRACE_FALCON holds the options of `falcon:emulated=true`, and
-// `start=switched_on | loaded | homed`. docs/devices/falcon-for-other-programs.md is its page.
+// `start=switched_on | loaded | homed`. See docs/devices/falcon-for-other-programs.md.
 //
-// Threads: any, as libusb's. Callbacks run in the thread that handles events, without a lock.
+// Threads: any, as in libusb. Callbacks run in the thread that handles events, without a lock.
 
 #include "base/error.h"
 #include "base/json_reader.h"
@@ -39,7 +39,7 @@ constexpr std::uint16_t kVendor = 0x0403, kProduct = 0xcb48;
 constexpr std::uint8_t kBulkIn = 0x81, kBulkOut = 0x02;
 constexpr std::uint8_t kVendorOut = 0x40, kStandardIn = 0x80;
 constexpr int kBusNumber = 1, kAddress = 2;
-constexpr std::int64_t kLongestNap = 1'000'000;  // between two looks at the device [ns]
+constexpr std::int64_t kLongestNap = 1'000'000;  // longest pause between two polls of the device [ns]
 constexpr std::array kTexts{"", "FTDI", "FALCON HAPTIC", "EMULATED"};
 
 libusb_context the_context;
@@ -78,7 +78,7 @@ libusb_transfer_status status_of(int result) {
   }
 }
 
-/// The Falcon that HAPTRACE_FALCON describes. Throws Error(input).
+/// Returns the Falcon that HAPTRACE_FALCON describes. Throws Error(input).
 std::unique_ptr<EmulatedFalcon> make_falcon() {
   const char* text = std::getenv("HAPTRACE_FALCON");
   const std::string options = text != nullptr ? text : "";
@@ -109,7 +109,7 @@ class Bus {
     return bus;
   }
 
-  /// False when HAPTRACE_FALCON cannot be read, which was then said on standard error.
+  /// Plugs the Falcon in. Returns false, after a message on standard error, if HAPTRACE_FALCON is invalid.
   bool plug_in() {
     const std::scoped_lock lock(mutex_);
     if (falcon_) return true;
@@ -173,7 +173,7 @@ class Bus {
     return LIBUSB_SUCCESS;
   }
 
-  /// A transfer that its caller waits for. `timeout` [ms]; 0: for ever.
+  /// Performs a transfer while the caller waits. `timeout` [ms]; 0: none.
   int transfer_now(std::uint8_t endpoint, std::uint8_t* data, int length, int* transferred, unsigned timeout) {
     if ((endpoint != kBulkIn && endpoint != kBulkOut) || length < 0) return LIBUSB_ERROR_NOT_FOUND;
     const std::int64_t deadline = deadline_after(timeout);
@@ -216,8 +216,8 @@ class Bus {
     return LIBUSB_SUCCESS;
   }
 
-  /// Runs the callbacks of transfers that have ended, or end within `timeout_ns`. Returns as soon as one has run, or
-  /// `*completed` is not 0.
+  /// Runs the callbacks of transfers that have ended, or that end within `timeout_ns`. Returns as soon as one has run,
+  /// or `*completed` is not 0.
   int handle_events(std::int64_t timeout_ns, const int* completed) {
     const std::int64_t deadline = monotonic_ns() + timeout_ns;
     std::unique_lock lock(mutex_);
@@ -237,27 +237,27 @@ class Bus {
   struct Pending {
     libusb_transfer* transfer;
     std::int64_t deadline_ns;
-    int done;  ///< bytes
+    int done;  ///< transferred bytes
   };
   struct Ended {
     libusb_transfer* transfer;
     int result;  ///< a libusb_error
-    int done;    ///< bytes
+    int done;    ///< transferred bytes
   };
 
   static std::int64_t deadline_after(unsigned timeout_ms) {
     return timeout_ms == 0 ? std::numeric_limits<std::int64_t>::max() : monotonic_ns() + 1'000'000LL * timeout_ms;
   }
 
-  /// Until something can have happened.
+  /// Waits until something can have happened, until `deadline_ns` at most.
   void nap(std::unique_lock<std::mutex>& lock, std::int64_t deadline_ns) {
     const std::int64_t now = monotonic_ns();
     const std::int64_t until = std::min({deadline_ns, std::max(falcon_->next_in(), now + 10'000), now + kLongestNap});
     wake_.wait_until(lock, std::chrono::steady_clock::time_point(std::chrono::nanoseconds(until)));
   }
 
-  /// What has become of a bulk transfer: its result, or nothing while it goes on. Packets come in until one is short or
-  /// the memory is full.
+  /// Continues a bulk transfer. Returns its result, or nothing while it is in progress. Takes packets until one is
+  /// short or the memory is full.
   std::optional<int> progress(std::uint8_t endpoint, std::uint8_t* data, int length, int& done) {
     if (endpoint == kBulkOut) {
       const Handshake handshake = falcon_->out({data, static_cast<std::size_t>(length)}, monotonic_ns());
@@ -289,7 +289,7 @@ class Bus {
     return result_of(falcon_->control(setup->bRequest, libusb_le16_to_cpu(setup->wValue), monotonic_ns()));
   }
 
-  /// Transfers of an endpoint end in the order of their submission.
+  /// Continues the pending transfers. Those of one endpoint end in the order of their submission.
   void serve() {
     std::array<bool, 256> waits{};
     for (auto pending = pending_.begin(); pending != pending_.end();) {
@@ -344,7 +344,7 @@ libusb_device_descriptor device_descriptor() {
   return descriptor;
 }
 
-/// A string descriptor: UTF-16 behind two bytes.
+/// Writes the device descriptor or a string descriptor, which is UTF-16 after two bytes, and returns its length.
 int Bus::describe(std::uint16_t value, std::uint8_t* data, std::uint16_t length) {
   const std::size_t index = value & 0xffU;
   std::vector<std::uint8_t> bytes;
@@ -369,7 +369,7 @@ int Bus::describe(std::uint16_t value, std::uint8_t* data, std::uint16_t length)
   return static_cast<int>(count);
 }
 
-/// One configuration, one interface, two bulk endpoints.
+/// Returns the descriptor of the only configuration: one interface, two bulk endpoints.
 libusb_config_descriptor* config_descriptor() {
   static libusb_endpoint_descriptor endpoints[2] = {{.bLength = LIBUSB_DT_ENDPOINT_SIZE,
                                                      .bDescriptorType = LIBUSB_DT_ENDPOINT,

@@ -25,21 +25,21 @@ constexpr std::uint16_t kBaud9600 = 0x4138, kBaudOfLoader = 0x0015, kBaudOfRun =
 constexpr std::uint16_t kLatencyOfLoader = 16, kLatencyOfRun = 1;  // [ms]; greetings fail at the shorter one
 
 constexpr std::array<std::uint8_t, 3> kGreeting{0x0a, 0x43, 0x0d};
-constexpr std::array<std::uint8_t, 4> kWelcome{0x0a, 0x44, 0x2c, 0x0d};  // a 0 may stand before it
+constexpr std::array<std::uint8_t, 4> kWelcome{0x0a, 0x44, 0x2c, 0x0d};  // a 0 may precede it
 constexpr std::array<std::uint8_t, 1> kBegin{0x41};
-constexpr std::size_t kChunk = 62;  // whose echo, with the chip's status, is one USB packet
+constexpr std::size_t kChunk = 62;  // its echo and the chip's status are one USB packet
 
 constexpr int kLoadingTries = 10, kGreetings = 50;
-constexpr int kProbes = 200;            // of firmware that may just have been started: for a second
-constexpr double kGreetingTime = 0.04;  // [s], as the next
+constexpr int kProbes = 200;            // of firmware that may just have started: 1 s in all
+constexpr double kGreetingTime = 0.04;  // [s], like the next two
 constexpr double kEchoTime = 0.5;
-constexpr double kSilence = 0.03;  // after which nothing more comes
+constexpr double kSilence = 0.03;  // after which no more bytes are expected
 
 void falcon_send(FalconLink& link, FalconByteSpan bytes) {
   if (!link.write(bytes, kEchoTime)) throw device_error("its USB chip takes no data");
 }
 
-/// What comes within `timeout` [s], until it is `enough`.
+/// Returns the bytes that come within `timeout` [s], or until `enough` accepts them.
 template <class Enough>
 std::vector<std::uint8_t> falcon_hear(FalconLink& link, double timeout, Enough enough) {
   const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(1e9 * timeout);
@@ -131,7 +131,7 @@ void set_falcon_running(FalconLink& link) {
   falcon_purge(link);
 }
 
-/// Whether firmware answers, to packets that ask for no force.
+/// Returns whether firmware answers packets that request no force.
 bool falcon_runs(FalconLink& link) {
   FalconDialogue dialogue(link);
   for (int probes = 0; probes < kProbes; ++probes) {
@@ -142,7 +142,7 @@ bool falcon_runs(FalconLink& link) {
   return false;
 }
 
-/// The reasons of one try after the other, equal ones together.
+/// Collects the reasons of failed tries, and merges equal consecutive ones.
 class FalconFailures {
  public:
   void add(const std::string& why) {

@@ -1,4 +1,4 @@
-// Getting a Falcon's firmware to run, which it loses with its power.
+// Loading of a Falcon's firmware, which the device loses with its power.
 #pragma once
 
 #include "devices/falcon/link.h"
@@ -12,26 +12,27 @@
 
 namespace haptrace {
 
-/// A file of the user's: the firmware is Novint's, and nothing of it comes with haptrace.
+/// Firmware from a file of the user. It is Novint's, and haptrace contains none of it.
 struct FalconFirmware {
-  static constexpr std::size_t kLeast = 4'096, kMost = 32'768;  ///< plausible sizes; known ones have 7 to 9 kB
+  static constexpr std::size_t kLeast = 4'096, kMost = 32'768;  ///< plausible sizes [bytes]; known files have 7 to 9 kB
 
   std::string file;
   std::vector<std::uint8_t> image;
 };
 
-/// Throws Error(input) when it cannot be read or cannot be one by its size.
+/// Reads firmware from a file. Throws Error(input) if the file cannot be read or its size is implausible.
 FalconFirmware read_falcon_firmware(const std::string& file);
 
 using OpenFalconLink = std::function<std::unique_ptr<FalconLink>()>;
 
-/// A link to firmware that runs and answers. If it does so already, as after an earlier session, nothing is loaded.
-/// Loading is known to need several tries: there are 10, each on a link of its own. No force acts before or after.
+/// Returns a link to firmware that runs and answers. Loads nothing if firmware already runs, for example after an
+/// earlier session. Loading is known to need several tries, so there are 10, each on a new link. No force acts before
+/// or after.
 ///
-/// The loader is spoken to as libnifalcon does (FalconCommLibUSB::setFirmwareMode): a greeting at 9600 baud, an 'A' at
-/// 142 857 baud, then the image, of which every byte comes back.
+/// The loader protocol is that of libnifalcon (FalconCommLibUSB::setFirmwareMode): a greeting at 9600 baud, an 'A' at
+/// 142 857 baud, then the image, of which the loader echoes every byte.
 ///
-/// Throws Error(device): what `open` throws, that no firmware runs and none was named, or what went wrong in each try.
+/// Throws Error(device) if `open` does, if no firmware runs and none is given, or with the cause of each failed try.
 /// May last half a minute.
 std::unique_ptr<FalconLink> start_falcon(const OpenFalconLink& open, const std::optional<FalconFirmware>& firmware);
 

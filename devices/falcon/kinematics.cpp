@@ -9,13 +9,13 @@ namespace {
 
 constexpr double kShortestPart = 1e-3, kLongestPart = 1;  // [m]
 constexpr double kLeastSpread = 0.1;   // of the legs: twice the area of the triangle of their directions
-constexpr int kMostSteps = 20;         // of Newton; two or three are the rule
-constexpr double kLongestStep = 0.03;  // [m], so that none leaps past the elbows
-constexpr double kLastStep = 1e-8;     // [m]; what is left after it is of the order of its square
-// What a reached pose has at least; in a box of 80 mm round (0, 0, 0.12) it is 0.15, 0.31 and 0.82.
+constexpr int kMostSteps = 20;         // of Newton's method; two or three are typical
+constexpr double kLongestStep = 0.03;  // [m], so that no step jumps past the elbows
+constexpr double kLastStep = 1e-8;     // [m]; the error after it is of the order of its square
+// Minima for a reached pose. In a box of 80 mm around (0, 0, 0.12) the values are at least 0.15, 0.31 and 0.82.
 constexpr double kLeastVolume = 0.02;  // |det N|
 constexpr double kLeastLever = 0.02;   // k / a
-constexpr double kLeastReach = 0.4;    // of the long sides of a shin seen along the motor's axis, where 1 is all of it
+constexpr double kLeastReach = 0.4;    // a shin's long sides as seen along the motor's axis, relative to b
 
 }  // namespace
 
@@ -26,8 +26,8 @@ struct FalconKinematics::Legs {
 
 struct FalconKinematics::Shins {
   Vec3 excess;              ///< g [m]
-  Vec3 reach;               ///< (q - d - e) / b; negative on the inner half of the torus, where no shin is
-  Vec3 rise;                ///< n_z; positive where the handle is in front of the elbow
+  Vec3 reach;               ///< (q - d - e) / b; negative on the inner half of the torus, where no shin can be
+  Vec3 rise;                ///< n_z; positive if the handle is in front of the elbow
   Vec3 lever;               ///< k / a
   Eigen::Matrix3d inverse;  ///< N^-1
   double volume = 0;        ///< det N
@@ -52,7 +52,7 @@ FalconKinematics::FalconKinematics(const FalconGeometry& geometry) : geometry_(g
   front_ = Vec3(0, 0, g.thigh + g.shin);
 }
 
-/// (U, V, z) in the leg's frame.
+/// Returns the leg's end (U, V, z) in the leg's frame.
 Vec3 FalconKinematics::leg_end(int leg, const Vec3& position) const noexcept {
   const FalconGeometry& g = geometry_;
   const double u = cos_[leg] * position.x() + sin_[leg] * position.y();

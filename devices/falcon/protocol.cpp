@@ -7,7 +7,7 @@ namespace haptrace {
 namespace {
 
 constexpr std::uint8_t kPacketBegin = '<', kPacketEnd = '>', kZeroLetter = 'A';
-constexpr std::size_t kNibbles = 4;  // of a word
+constexpr std::size_t kNibbles = 4;  // per word
 constexpr std::size_t kFlagsPlace = 13;
 
 /// Returns the letter that stands for `bits`.

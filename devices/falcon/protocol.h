@@ -1,4 +1,4 @@
-// The packets that a running Novint Falcon and its host exchange.
+// Packets between a running Novint Falcon and its host.
 #pragma once
 
 #include <array>
@@ -8,60 +8,60 @@
 
 namespace haptrace {
 
-/// What one packet carries, either way. The host sends motor counts and is answered, once for each packet, with encoder
-/// counts.
+/// Content of one packet, in either direction. The host sends motor counts; the device answers every packet with
+/// encoder counts.
 ///
 /// On the wire it has 16 bytes (as libnifalcon's FalconFirmwareNovintSDK sends them):
 ///
 ///     '<'   3 words of 4 nibbles, the least significant first   flags   unknown   '>'
 ///
-/// Every value is sent as 'A' + value, so that neither bracket occurs inside. There is no check sum: a bit that turns
-/// one letter into another goes unnoticed here, and has to be seen in what the encoders say.
+/// Every value is sent as 'A' + value, so that neither bracket occurs inside. There is no check sum: a bit error that
+/// turns one letter into another goes unnoticed here. It has to be detected in the encoder counts.
 struct FalconPacket {
   static constexpr std::uint8_t kAllFlags = 0x7f;
 
-  std::array<std::int16_t, 3> words{};  ///< of the legs
-  std::uint8_t flags = 0;               ///< within kAllFlags; the host's are in FalconCalibration
+  std::array<std::int16_t, 3> words{};  ///< one per leg
+  std::uint8_t flags = 0;               ///< within kAllFlags; FalconCalibration has the host's flags
 
   bool operator==(const FalconPacket&) const = default;
 };
 
 using FalconBytes = std::array<std::uint8_t, 16>;
 
-/// The packet on the wire; flags outside kAllFlags are left out. Real-time safe.
+/// Encodes a packet for the wire, without flags outside kAllFlags. Real-time safe.
 FalconBytes encode(const FalconPacket& packet) noexcept;
 
-/// The nearest word to so many motor counts, at most 32767 either way: a force that is too large never turns round. Not
-/// a number is 0. Real-time safe.
+/// Rounds motor counts to a word of at most 32767 in magnitude, so that a force that is too large never changes its
+/// sign. NaN gives 0. Real-time safe.
 std::int16_t falcon_word(double counts) noexcept;
 
-/// Finds the packets in a stream of bytes, whatever else is in it: a packet is found by its last 16 bytes alone, so
-/// that nothing that came before can hide it.
+/// Finds packets in a stream of arbitrary bytes. It recognises a packet by its last 16 bytes alone, so that no earlier
+/// byte can hide it.
 ///
 /// Threads: one at a time. Real-time safe.
 class FalconDecoder {
  public:
-  /// The packet that ends with this byte, if one does. The unknown byte may be anything.
+  /// Takes a byte. Returns the packet that ends with it, if any. The unknown byte may have any value.
   std::optional<FalconPacket> push(std::uint8_t byte) noexcept;
 
-  /// Forgets what came of a packet so far: after the connection was purged or made anew.
+  /// Discards a partial packet, for example after the connection was purged or reopened.
   void reset() noexcept;
 
-  /// Bytes that belonged to no packet, known once the next packet is found.
+  /// Returns the number of bytes outside of packets, as known when the last packet was found.
   [[nodiscard]] std::uint64_t skipped() const noexcept { return skipped_; }
 
  private:
   [[nodiscard]] std::uint8_t at(std::size_t place) const noexcept { return last_[(next_ + place) % last_.size()]; }
 
-  FalconBytes last_{};  ///< a ring: the oldest is the next to be replaced
+  FalconBytes last_{};  ///< ring buffer; the oldest byte is replaced next
   std::size_t next_ = 0;
   std::uint64_t since_ = 0;  ///< bytes since the last packet
   std::uint64_t skipped_ = 0;
 };
 
-/// What the device answers.
+/// Content of the device's answer.
 struct FalconReport {
-  enum Button : std::uint8_t { kPlus = 1, kForward = 2, kCentre = 4, kMinus = 8 };  ///< of the grip
+  enum Button : std::uint8_t { kPlus = 1, kForward = 2, kCentre = 4, kMinus = 8 };  ///< buttons of the grip
 
   std::array<std::int16_t, 3> encoders{};  ///< [counts]; they jump when a leg is homed
   std::uint8_t buttons = 0;                ///< Buttons that are down
@@ -70,7 +70,7 @@ struct FalconReport {
   [[nodiscard]] bool is_homed() const noexcept { return homed[0] && homed[1] && homed[2]; }
 };
 
-/// Real-time safe.
+/// Decodes an answer. Real-time safe.
 FalconReport falcon_report(const FalconPacket& packet) noexcept;
 
 }  // namespace haptrace

@@ -16,7 +16,7 @@ double falcon_seconds(std::int64_t from_ns, std::int64_t to_ns) {
   return 1e-9 * static_cast<double>(to_ns - from_ns);
 }
 
-/// Of one leg [counts].
+/// Returns the largest encoder difference of any leg [counts].
 int largest_move(const FalconReport& one, const FalconReport& other) {
   int largest = 0;
   for (std::size_t leg = 0; leg < 3; ++leg)
@@ -71,7 +71,7 @@ FalconTracker::Doubt FalconTracker::examine(const FalconReport& report,
   return pose ? Doubt::none : Doubt::nowhere;
 }
 
-/// Whether a leg moved faster since the last report than it can.
+/// Returns whether a leg moved faster since the last report than it can.
 bool FalconTracker::jumped(const FalconReport& report) const noexcept {
   const Vec3 most = kFastestLeg * elapsed_ * calibration_.counts_per_rad;
   for (std::size_t leg = 0; leg < 3; ++leg)

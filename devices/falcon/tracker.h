@@ -1,4 +1,4 @@
-// What of a Falcon's reports can be believed.
+// Plausibility checks of a Falcon's reports.
 #pragma once
 
 #include "devices/falcon/calibration.h"
@@ -8,24 +8,24 @@
 
 namespace haptrace {
 
-/// From reports to the pose of the legs. A packet has no check sum, and encoders count from wherever they were when the
-/// power came on until their legs are homed. So there is no pose before all three are homed and their counts have
-/// settled; and a report is doubted which says that
+/// Derives the pose of the legs from reports. Packets have no check sum, and until a leg is homed, its encoder counts
+/// from its position at power-on. So there is no pose before all three legs are homed and their counts have settled.
+/// The tracker doubts a report if
 ///
-///     a leg is not homed any more, or moved faster than a hand can move it, or the legs hold the handle nowhere.
+///     a leg is no longer homed, or moved faster than a hand can move it, or the legs cannot hold the handle.
 ///
-/// Counts that jumped are doubted until they are nearer again to those believed last. What is doubted for kPatience is
-/// true: homing was lost, or the device is.
+/// It doubts counts that jumped until they are nearer again to the last believed counts. A doubt that lasts for
+/// kPatience counts as real: the homing or the device is lost.
 ///
 /// Times are of any clock that does not go back.
 ///
 /// Threads: one at a time. Real-time: all but what throws.
 class FalconTracker {
  public:
-  static constexpr double kFastestLeg = 100;  ///< the handle then moves at 3 to 10 m/s [rad/s]
-  static constexpr double kSampleAge = 1e-3;  ///< of what a report says, when its packet is sent [s]
+  static constexpr double kFastestLeg = 100;  ///< [rad/s]; the handle then moves at 3 to 10 m/s
+  static constexpr double kSampleAge = 1e-3;  ///< age of a report's counts when its packet is sent [s]
   static constexpr double kPatience = 0.03;   ///< [s]
-  static constexpr int kSettled = 10;         ///< reports in a row
+  static constexpr int kSettled = 10;         ///< consecutive reports
 
   explicit FalconTracker(const FalconCalibration& calibration)
       : calibration_(calibration), kinematics_(calibration.geometry) {}
@@ -33,13 +33,14 @@ class FalconTracker {
   enum class [[nodiscard]] Verdict : std::uint8_t{
       unhomed,   ///< there is no pose
       believed,  ///< the pose is that of the report
-      doubted,   ///< the pose is the last that was believed
+      doubted,   ///< the pose is the last believed one
   };
 
-  /// `sent_ns` is when the packet was sent that the report answers. Throws Error(device) when the device is lost.
+  /// Takes a report. `sent_ns` is the time at which the packet that it answers was sent. Throws Error(device) if the
+  /// device is lost.
   Verdict take(const FalconReport& report, std::int64_t sent_ns, std::int64_t received_ns);
 
-  /// In B. Null while there is none.
+  /// Returns the pose in B; null while there is none.
   [[nodiscard]] const FalconPose* pose() const noexcept { return pose_ ? &*pose_ : nullptr; }
 
  private:
@@ -53,21 +54,21 @@ class FalconTracker {
   FalconCalibration calibration_;
   FalconKinematics kinematics_;
   std::optional<FalconPose> pose_;
-  FalconReport last_;         ///< that was believed, or may be once it has settled
+  FalconReport last_;         ///< last report that is believed, or may be once settled
   std::int64_t last_ns_ = 0;  ///< when its packet was sent
-  double elapsed_ = 0;        ///< between its sampling and that of the newest, at most [s]
-  int settled_ = 0;           ///< reports
+  double elapsed_ = 0;        ///< longest time between its sampling and that of the newest report [s]
+  int settled_ = 0;           ///< consecutive reports without a jump
 
   Doubt doubt_ = Doubt::none;
-  FalconReport doubted_;         ///< the first, as long as there is doubt
+  FalconReport doubted_;         ///< first doubted report, as long as there is doubt
   std::int64_t doubted_ns_ = 0;  ///< when its packet was sent
 };
 
-/// Encoders that do not count although motors push: a plug inside that came off, or firmware that hangs. Noticed once
-/// the counts that a motor is sent have changed by half of the largest while its encoder has stood still, and it goes
-/// on standing still for kPatience. Under a force that is small or does not change, nobody can tell it from a hand that
-/// holds still. After a gap of reports it begins anew, since nobody knows what the motors were sent meanwhile: a
-/// guardian may have spoken.
+/// Detects encoders that do not count although the motors push: a connector inside came off, or the firmware hangs. It
+/// reacts if an encoder stands still while the counts sent to its motor change by half of the largest counts, and for
+/// kPatience afterwards. Under a small or constant force this cannot be distinguished from a hand that holds still.
+/// After a gap in the reports it restarts, because the motor counts sent meanwhile are unknown: a guardian may have
+/// acted.
 ///
 /// Threads: one at a time. Real-time: all but what throws.
 class FalconEncoderWatch {
@@ -76,14 +77,14 @@ class FalconEncoderWatch {
 
   explicit FalconEncoderWatch(int max_motor_counts) : much_(max_motor_counts / 2) {}
 
-  /// Throws Error(device) naming the leg.
+  /// Takes the encoders and the motor counts of a round. Throws Error(device) naming the leg.
   void take(const std::array<std::int16_t, 3>& encoders, const std::array<std::int16_t, 3>& motors,
             std::int64_t now_ns);
 
  private:
   struct Leg {
-    int encoder = 0, least = 0, most = 0;  ///< [counts]; what the motor was sent since the encoder moved
-    std::int64_t pushed_ns = -1;           ///< when that had changed by much
+    int encoder = 0, least = 0, most = 0;  ///< [counts]; range sent to the motor since the encoder moved
+    std::int64_t pushed_ns = -1;           ///< time at which that range exceeded much_; negative: not yet
   };
 
   int much_;

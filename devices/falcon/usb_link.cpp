@@ -21,9 +21,9 @@ constexpr std::uint8_t kFalconOut = 0x02, kFalconIn = 0x81;
 constexpr std::size_t kFtdiStatus = 2;  // bytes at the beginning of every packet
 constexpr std::size_t kLargestPacket = 512;
 constexpr std::size_t kReceivers = 4;        // transfers in flight
-constexpr std::size_t kMostReceived = 4096;  // bytes that wait for a reader
+constexpr std::size_t kMostReceived = 4096;  // largest number of unread bytes
 constexpr unsigned kControlTimeout = 1000;   // [ms]
-constexpr double kCancelTime = 1;            // for the kernel to give a transfer back [s]
+constexpr double kCancelTime = 1;            // for the kernel to return a transfer [s]
 
 template <auto function>
 struct UsbCall {
@@ -36,7 +36,7 @@ using UsbContext = std::unique_ptr<libusb_context, UsbCall<libusb_exit>>;
 using UsbHandle = std::unique_ptr<libusb_device_handle, UsbCall<libusb_close>>;
 using UsbTransfer = std::unique_ptr<libusb_transfer, UsbCall<libusb_free_transfer>>;
 
-/// When a wait ends.
+/// Deadline of a wait.
 class UsbDeadline {
  public:
   explicit UsbDeadline(double seconds) : end_ns_(monotonic_ns() + static_cast<std::int64_t>(1e9 * seconds)) {}
@@ -66,7 +66,7 @@ const char* falcon_request_text(FalconLink::Request request) noexcept {
   return "a request";
 }
 
-/// "end falcon_demo (process 1234)": the programs of others are not seen.
+/// Returns for example "end falcon_demo (process 1234)". Programs of other users are not visible.
 std::string usb_holder_remedy(const std::string& node) {
   namespace fs = std::filesystem;
   std::error_code error;
@@ -79,7 +79,7 @@ std::string usb_holder_remedy(const std::string& node) {
       if (fs::read_symlink(file->path(), gone) != node || process->path().filename() == own) continue;
       std::string name;
       std::getline(std::ifstream(process->path() / "comm"), name);
-      if (name.starts_with("haptrace-guardi")) continue;  // cut off by the kernel; it goes when its host does
+      if (name.starts_with("haptrace-guardi")) continue;  // truncated by the kernel; the guardian ends with its host
       return fmt::format("end {} (process {})", name, process->path().filename().string());
     }
   }
@@ -98,7 +98,7 @@ class UsbFalconLink final : public FalconLink {
   void close() noexcept override;
 
  private:
-  /// A transfer with its memory, that the kernel has while it is pending.
+  /// A transfer and its buffer, which the kernel uses while the transfer is pending.
   struct Channel {
     UsbFalconLink* link = nullptr;
     UsbTransfer transfer;
@@ -125,11 +125,11 @@ class UsbFalconLink final : public FalconLink {
   std::string where_;
   UsbContext context_;
   UsbHandle handle_;
-  std::size_t packet_ = 64;  ///< of the endpoints [bytes]
+  std::size_t packet_ = 64;  ///< packet size of the endpoints [bytes]
   std::array<Channel, kReceivers> receivers_;
   Channel sender_;
   std::vector<std::uint8_t> received_;
-  bool stalled_ = false;  ///< the endpoint that is received from
+  bool stalled_ = false;  ///< the receiving endpoint has stalled
   bool gone_ = false, closing_ = false;
 };
 
@@ -186,11 +186,11 @@ void LIBUSB_CALL UsbFalconLink::completed(libusb_transfer* transfer) noexcept {
 void UsbFalconLink::received(Channel& channel) noexcept {
   const auto status = channel.transfer->status;
   stalled_ = stalled_ || status == LIBUSB_TRANSFER_STALL;
-  // After an error on the bus, whoever reads next asks again.
+  // After an error on the bus, the next read submits the transfer again.
   if (status != LIBUSB_TRANSFER_COMPLETED) return;
   const auto length = static_cast<std::size_t>(channel.transfer->actual_length);
   const std::size_t count = strip_ftdi_status(std::span(channel.buffer).first(length), packet_);
-  if (received_.size() + count > kMostReceived) received_.clear();  // nobody reads it
+  if (received_.size() + count > kMostReceived) received_.clear();  // nothing reads these bytes
   received_.insert(received_.end(), channel.buffer.data(), channel.buffer.data() + count);
   if (!closing_) submit(channel);
 }
@@ -210,7 +210,7 @@ void UsbFalconLink::cancel(Channel& channel) noexcept {
     timeval wait{0, 10'000};
     (void)libusb_handle_events_timeout_completed(context_.get(), &wait, nullptr);
   }
-  gone_ = gone_ || channel.pending;  // the kernel does not give it back
+  gone_ = gone_ || channel.pending;  // the kernel does not return the transfer
 }
 
 void UsbFalconLink::clear_halt(std::uint8_t endpoint) {
@@ -305,7 +305,7 @@ std::size_t UsbFalconLink::read(std::span<std::uint8_t> bytes, double timeout) {
   return count;
 }
 
-/// The file that libusb has the device by: the only one of its context that it waits to be able to write to.
+/// Returns the file by which libusb accesses the device: the only one of its context that it polls for writing.
 std::optional<GuardedPort> UsbFalconLink::guarded_port() const noexcept {
   if (handle_ == nullptr) return std::nullopt;
   std::optional<GuardedPort> port;

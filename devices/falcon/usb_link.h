@@ -1,4 +1,4 @@
-// The link to a Falcon that is plugged in, over libusb.
+// Link to a Falcon over USB, with libusb.
 #pragma once
 
 #include "devices/falcon/link.h"
@@ -8,15 +8,15 @@
 
 namespace haptrace {
 
-/// Opens and claims it, and asks the chip from then on for what it has received. A kernel's serial driver (ftdi_sio) is
-/// put aside as long as the link is open; no other is. Events are handled by whoever calls, no thread is made for
-/// them (libusb has one of its own that watches for devices).
+/// Opens and claims the device, and from then on keeps asking the chip for received bytes. Detaches the kernel's serial
+/// driver (ftdi_sio) while the link is open, but no other driver. The calling thread handles events; no thread is
+/// created for them (libusb itself has one that watches for devices).
 ///
-/// An endpoint that stalls is cleared and used on. Throws Error(device) with the cause and the remedy.
+/// Clears a stalled endpoint and continues to use it. Throws Error(device) with the cause and the remedy.
 std::unique_ptr<FalconLink> open_usb_falcon_link(const FalconPort& port);
 
-/// Takes the chip's status out of what one transfer brought: the first two bytes of every packet of `packet` bytes, the
-/// last of which may be shorter. What remains is at the beginning of `bytes`; returns how many there are.
+/// Removes the chip's status from the bytes of one transfer: the first two bytes of every packet of `packet` bytes, of
+/// which the last may be shorter. Moves the remaining bytes to the beginning of `bytes` and returns their number.
 std::size_t strip_ftdi_status(std::span<std::uint8_t> bytes, std::size_t packet) noexcept;
 
 }  // namespace haptrace

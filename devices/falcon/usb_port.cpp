@@ -45,7 +45,7 @@ FalconPort falcon_port(const fs::path& device, const fs::path& root) {
   return port;
 }
 
-/// What to say after --device for one of several.
+/// Returns the text after --device that selects `port` among `ports`.
 std::string falcon_spec(const FalconPort& port, const std::vector<FalconPort>& ports) {
   if (ports.size() == 1) return "falcon";
   const auto namesakes =
