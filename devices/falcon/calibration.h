@@ -24,9 +24,8 @@ struct FalconCalibration {
 
   FalconGeometry geometry;
 
-  Vec3 counts_per_rad = Vec3::Constant(kMotorTurn / (2 * std::numbers::pi) * kArmDiameter /
-                                       /// Encoder counts per radian of a leg's angle [1/rad].
-                                       kCapstanDiameter);
+  /// Encoder counts per radian of a leg's angle [1/rad].
+  Vec3 counts_per_rad = Vec3::Constant(kMotorTurn / (2 * std::numbers::pi) * kArmDiameter / kCapstanDiameter);
   Vec3 encoder_sign = Vec3::Ones();                               ///< -1 if the counts fall as the leg rises
   Vec3 home_angle = Vec3::Constant(35 * std::numbers::pi / 180);  ///< leg angle at count 0, once homed [rad]
 
