@@ -21,10 +21,11 @@ namespace haptrace {
 namespace {
 
 constexpr double kLongestStart = 5;     // [s]
-constexpr double kLongestFarewell = 5;  // for which its end is waited for; a port that is stuck may hold it longer [s]
+constexpr double kLongestFarewell = 5;  // longest wait for the guardian's end; a stuck port may take longer [s]
 
-/// A second descriptor of a file, above the standard ones. A program that was started without these may have been given
-/// their numbers for its own files, and making a child's standard input would close what is to be its output.
+/// A second descriptor of a file, above the standard ones. A program that was started without standard descriptors may
+/// have their numbers on its own files. Setting up the child's standard input could then close the file meant for its
+/// output.
 class AboveStandard {
  public:
   explicit AboveStandard(int descriptor) : copy_(fcntl(descriptor, F_DUPFD_CLOEXEC, STDERR_FILENO + 1)) {
@@ -40,8 +41,9 @@ class AboveStandard {
   int copy_;
 };
 
-/// A child with the socket as its standard input and the port as its standard output, and nothing else of ours; in a
-/// session of its own, so that no signal of our terminal reaches it. Not a fork: this process may have threads.
+/// Starts the guardian with the socket as its standard input, the port as its standard output, and no other file of
+/// ours. It has its own session, so that no signal of our terminal reaches it. Does not fork, because this process may
+/// have threads.
 pid_t spawn_guardian(const std::string& program, const AboveStandard& line, const AboveStandard& port) {
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);
@@ -53,7 +55,7 @@ pid_t spawn_guardian(const std::string& program, const AboveStandard& line, cons
   sigset_t none;
   sigemptyset(&none);
   posix_spawnattr_setsigmask(&attributes, &none);
-  // Not with the servo thread's priority either: whoever speaks for a dead host is in no hurry of a tick's kind.
+  // The guardian does not inherit the servo thread's priority: it need not act within a tick.
   const sched_param ordinary{};
   posix_spawnattr_setschedpolicy(&attributes, SCHED_OTHER);
   posix_spawnattr_setschedparam(&attributes, &ordinary);
@@ -75,7 +77,7 @@ void append_words(std::vector<std::uint8_t>& message, const std::vector<std::uin
   message.insert(message.end(), words.begin(), words.end());
 }
 
-/// What it answers; 0 when nothing comes within `seconds`.
+/// Returns the guardian's answer; 0 if none comes within `seconds`.
 char guardian_answer(int line, double seconds) noexcept {
   const std::int64_t end = monotonic_ns() + std::llround(1e9 * seconds);
   pollfd answer{.fd = line, .events = POLLIN, .revents = 0};
@@ -127,7 +129,7 @@ Guardian::Guardian(const GuardedPort& port, const LastWords& words) {
   std::vector<std::uint8_t> message{port.endpoint};
   append_words(message, words.when_silent);
   append_words(message, words.when_dead);
-  // A socket's buffer holds more than that.
+  // The socket's buffer is larger than this message.
   (void)!send(line_, message.data(), message.size(), MSG_NOSIGNAL);
   if (guardian_answer(line_, kLongestStart) != kGuardianReady) {
     (void)leave();
@@ -166,7 +168,7 @@ bool Guardian::speak_and_go() noexcept {
   return !left_ && leave();
 }
 
-/// Whether it ended well.
+/// Closes the stream to the guardian and waits for its end. Returns whether it ended with exit code 0.
 bool Guardian::leave() noexcept {
   left_ = true;
   shutdown(line_, SHUT_WR);

@@ -1,9 +1,9 @@
-// haptrace-guardian: started by devices/guardian/guardian.cpp, never by hand. Standard input is its host's socket,
-// standard output the device's port.
+// haptrace-guardian: devices/guardian/guardian.cpp starts it; never start it by hand. Standard input is the host's
+// socket, standard output the device's port.
 //
-// The socket brings the endpoint of a USB device (0: a serial port), then two texts, each after its length in two
-// bytes. kGuardianReady answers them. Then come signs of life, kGuardianSpeak and kGuardianGo; the end of the stream
-// means that the host is gone. Ends with 0 when the port took the last words or none were asked for.
+// The host sends the endpoint of a USB device (0: a serial port), then two texts, each after its length in two bytes.
+// The guardian answers with kGuardianReady. Then the host sends signs of life, kGuardianSpeak and kGuardianGo; the end
+// of the stream means that the host is gone. The exit code is 0 if the port took the last words or none were requested.
 #include "devices/guardian/guardian.h"
 
 #include <array>
@@ -20,12 +20,13 @@ namespace {
 
 using Words = std::vector<std::uint8_t>;
 
-constexpr int kWordsOfSilence = 3;          // for a silent host: each one is answered, and nobody reads that
+// Limit for a silent host, because the device answers each and nobody reads the answers.
+constexpr int kWordsOfSilence = 3;
 constexpr useconds_t kPause = 5000;         // [us]
 constexpr int kPatienceWithThePort = 200;   // pauses
 constexpr unsigned kTransferTime = 100;     // [ms]
-constexpr int kPausesOfATransfer = 20;      // that it is as long as
-constexpr useconds_t kLastBreath = 50'000;  // for the port to send what it was given [us]
+constexpr int kPausesOfATransfer = 20;      // length of a transfer that timed out
+constexpr useconds_t kLastBreath = 50'000;  // for the port to send its last bytes [us]
 
 Words hear(std::size_t count) {
   Words words(count);
@@ -54,7 +55,7 @@ bool write_to_port(const Words& words) {
   return true;
 }
 
-/// By the ioctl that waits for its own transfer alone: the host's transfers are left for the host.
+/// Sends `words` by the ioctl that waits for its own transfer only, so that the host's transfers stay with the host.
 bool send_to_endpoint(Words words, unsigned endpoint) {
   for (int pauses = 0; pauses < kPatienceWithThePort; ++pauses) {
     usbdevfs_bulktransfer transfer{
@@ -72,7 +73,7 @@ bool send_to_endpoint(Words words, unsigned endpoint) {
   return false;
 }
 
-/// Whether the port took them. A USB device acknowledges what it takes, a serial port does not.
+/// Sends `words`. Returns whether the port took them. A USB device acknowledges received bytes, a serial port does not.
 bool say(const Words& words, unsigned endpoint) {
   return endpoint == 0 ? write_to_port(words) : send_to_endpoint(words, endpoint);
 }

@@ -11,7 +11,7 @@
 namespace haptrace {
 namespace {
 
-/// Of the handle's force to the motor's torque [m].
+/// Returns the lever from the handle's force to the motor's torque [m].
 double motor_lever(const HapkitCalibration& kit) {
   return kit.handle_radius * kit.pulley_radius / kit.sector_radius;
 }

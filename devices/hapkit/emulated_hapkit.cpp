@@ -12,7 +12,7 @@ constexpr std::int64_t kNsPerMs = 1'000'000;
 
 }  // namespace
 
-/// The sketch's globals.
+/// The sketch's global variables.
 struct EmulatedHapkit::Sketch {
   hapkit_board board{};
   hapkit_sensor sensor{};
@@ -48,7 +48,7 @@ void EmulatedHapkit::receive(std::uint8_t byte, std::vector<std::uint8_t>& answe
                      bytes.data()) == 0)
     return;
   force_ = truth_.force(sketch_->board.duty);
-  if (version_ != HAPKIT_VERSION) {  // another sketch would say so itself
+  if (version_ != HAPKIT_VERSION) {  // another sketch would report its version itself
     hapkit_decoder decoder{};
     hapkit_packet packet{};
     for (const std::uint8_t sent : bytes) (void)hapkit_decode(&decoder, sent, &packet);

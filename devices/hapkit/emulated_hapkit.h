@@ -1,4 +1,4 @@
-// A Hapkit-class board with its sketch, without either.
+// Emulation of a Hapkit-class board with its sketch.
 #pragma once
 
 #include "devices/hapkit/calibration.h"
@@ -10,10 +10,10 @@
 
 namespace haptrace {
 
-/// Runs what the sketch runs, devices/hapkit/hapkit_board.h, between a plant and a line: sensor, packets, watchdog.
-/// It was switched on with its handle upright, and the handle was led to where the plant is.
+/// Runs the sketch's own code, devices/hapkit/hapkit_board.h, between a plant and a line: sensor, packets, watchdog.
+/// The board was switched on with the handle upright, and the handle was then moved to the plant's position.
 ///
-/// Threads: the force may be asked from any.
+/// Threads: force() may be called from any thread.
 class EmulatedHapkit final : public EmulatedBoard {
  public:
   EmulatedHapkit(LivePlant plant, const HapkitCalibration& truth);
@@ -23,9 +23,9 @@ class EmulatedHapkit final : public EmulatedBoard {
   void receive(std::uint8_t byte, std::vector<std::uint8_t>& answer) override;
   void power_cycle() override;
 
-  /// What the motor brings up at the handle, along x [N].
+  /// Returns the motor's force at the handle, along x [N].
   [[nodiscard]] double force() const noexcept { return force_; }
-  /// The board says that it speaks another version.
+  /// Makes the board report another version of the protocol.
   void speak_version(int version) noexcept { version_ = version; }
 
  private:

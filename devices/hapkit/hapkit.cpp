@@ -18,7 +18,7 @@ namespace haptrace {
 namespace {
 
 constexpr double kGreetingPeriod = 0.1;  // [s]
-constexpr double kStateWithin = 0.005;   // and twice as long after every silence: a late board is not lost [s]
+constexpr double kStateWithin = 0.005;   // doubles after every silence, so that a late board is not lost [s]
 constexpr int kMostPatienceDoublings = 3;
 constexpr double kGoodbyeWithin = 0.02;  // [s]
 
@@ -29,7 +29,7 @@ DeviceInfo describe_hapkit(const HapkitCalibration& kit, const HapkitOptions& op
   info.model = "Hapkit";
   info.serial = options.serial;
   info.force_axes = {true, false, false};
-  info.workspace_max = {kit.workspace, 0.005, 0.005};  // flat paths have a little of y and z
+  info.workspace_max = {kit.workspace, 0.005, 0.005};  // planar paths deviate slightly in y and z
   info.workspace_min = -info.workspace_max;
   info.position_resolution = kit.handle_radius * kit.rad_per_count;
   info.max_force = kit.max_force();
@@ -40,11 +40,11 @@ DeviceInfo describe_hapkit(const HapkitCalibration& kit, const HapkitOptions& op
 
 }  // namespace
 
-/// Packets over the port.
+/// Exchange of packets over the port.
 struct HapkitDriver::Line {
   explicit Line(SerialPort& serial) : port(serial) {}
 
-  /// Sends a packet and waits for the answer with its number; whatever else comes is passed over.
+  /// Sends a packet and waits for the answer with its sequence number; skips everything else.
   std::optional<hapkit_packet> ask(hapkit_kind kind, std::int16_t duty, double timeout) {
     hapkit_packet packet{};
     packet.kind = static_cast<std::uint8_t>(kind);
@@ -132,7 +132,7 @@ ZeroForce HapkitDriver::release() noexcept {
     for (int attempts = 0; attempts < 3 && released_ != ZeroForce::confirmed; ++attempts)
       if (line_->ask(HAPKIT_COMMAND, 0, kGoodbyeWithin)) released_ = ZeroForce::confirmed;
   } catch (const std::exception&) {
-    // Its sketch has a watchdog, which nobody hears from.
+    // The sketch's watchdog stops the motor, but nothing confirms it.
   }
   port_.close();
   return *released_;
@@ -140,7 +140,8 @@ ZeroForce HapkitDriver::release() noexcept {
 
 namespace {
 
-/// Boards of the Arduino Uno's kind, and the USB chips that they and their copies carry.
+/// Returns whether the port may belong to a board like the Arduino Uno, by the USB chips of such boards and their
+/// clones.
 bool may_be_hapkit(const UsbSerialPort& port) {
   constexpr std::array<std::array<const char*, 2>, 6> kKinds{{{"2341", "0043"},    // Arduino Uno R3
                                                               {"2341", "0001"},    // Arduino Uno

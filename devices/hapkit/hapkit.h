@@ -1,4 +1,4 @@
-// Hapkit-class devices of one axis, on a board with the sketch of samples/hapkit.
+// Driver of Hapkit-class devices with one axis, on a board with the sketch of samples/hapkit.
 #pragma once
 
 #include "devices/hapkit/calibration.h"
@@ -16,15 +16,16 @@ struct HapkitOptions {
   std::string name = "hapkit";
   std::string port;
   std::string serial;
-  double greeting_patience = 4;  ///< boot loaders take up to two [s]
+  double greeting_patience = 4;  ///< how long to greet the board [s]; boot loaders take up to 2 s
 };
 
-/// A command goes out, the state with its number comes back; what is damaged or late is passed over. The board switches
-/// its motor off by itself when nobody talks to it. One that started anew counts from elsewhere, and is lost.
+/// Sends a command and waits for the state with the same sequence number; skips damaged and late packets. The board
+/// switches its motor off by itself if no commands come. A board that has restarted counts from another position, so
+/// the device is then lost.
 class HapkitDriver final : public DeviceDriver {
  public:
-  /// Greets the board until it answers: opening a port starts many boards anew. `company` is let go of after the
-  /// device. Throws Error(device): there is no answer, or one of another version.
+  /// Greets the board until it answers, because opening a port restarts many boards. `company` is released after the
+  /// device. Throws Error(device) if there is no answer, or one of another version.
   HapkitDriver(const HapkitCalibration& calibration, const HapkitOptions& options,
                std::shared_ptr<void> company = nullptr);
   ~HapkitDriver() override;
@@ -43,11 +44,11 @@ class HapkitDriver final : public DeviceDriver {
   DeviceInfo info_;
   SerialPort port_;
   std::unique_ptr<Line> line_;
-  int silences_ = 0;  ///< in a row
+  int silences_ = 0;  ///< consecutive rounds without an answer
   std::optional<ZeroForce> released_;
 };
 
-/// `hapkit`, with the options port, calibration and emulated.
+/// Returns the backend `hapkit`, with the options port, calibration and emulated.
 DeviceBackend hapkit_backend();
 
 }  // namespace haptrace

@@ -1,19 +1,19 @@
-/* What a Hapkit-class board and its host say to each other, and what the board does about it. Plain C, without a
- * library: the sketch beside this file, haptrace's driver and its emulated board all compile this one text.
+/* Protocol between a Hapkit-class board and its host, and the board's behaviour. Plain C, without a library: the sketch
+ * beside this file, haptrace's driver and its emulated board all compile this one file.
  *
- * Both ways, a packet has 14 bytes, numbers little-endian:
+ * In either direction, a packet has 14 bytes, with little-endian numbers:
  *
  *     0       0xA5
  *     1       kind: 1 hello, 2 welcome (its answer), 3 command, 4 state (its answer)
  *     2, 3    sequence number, which an answer repeats
  *     4 - 7   state, welcome: position [counts], signed
- *     8, 9    command: duty of the motor, -32767 to 32767, signed; state: the one that acts
+ *     8, 9    command: duty of the motor, -32767 to 32767, signed; state: the duty in effect
  *     10      welcome, state: flags
  *     11      version of this protocol
  *     12, 13  CRC-16/CCITT-FALSE of bytes 0 to 11
  *
- * A board answers every whole packet of its kinds once and says nothing of its own accord. Its motor is off from the
- * start until it was greeted, and whenever no whole command came for HAPKIT_WATCHDOG_MS. */
+ * A board answers every complete hello and command once and sends nothing else. Its motor is off from the start until
+ * the host has greeted it, and whenever no complete command has come for HAPKIT_WATCHDOG_MS. */
 #ifndef HAPKIT_BOARD_H
 #define HAPKIT_BOARD_H
 
@@ -31,7 +31,7 @@
 enum hapkit_kind { HAPKIT_HELLO = 1, HAPKIT_WELCOME = 2, HAPKIT_COMMAND = 3, HAPKIT_STATE = 4 };
 
 enum hapkit_flag {
-  HAPKIT_GREETED = 1, /* since the board started; without it, it started anew and counts from elsewhere */
+  HAPKIT_GREETED = 1, /* greeted since the start; if not, the board restarted and counts from elsewhere */
   HAPKIT_TRIPPED = 2  /* the watchdog had switched the motor off before this command */
 };
 
@@ -39,10 +39,11 @@ typedef struct hapkit_packet {
   uint8_t kind, flags, version;
   uint16_t sequence;
   int32_t position; /* [counts] */
-  int16_t duty;     /* of HAPKIT_FULL_DUTY */
+  int16_t duty;     /* relative to HAPKIT_FULL_DUTY */
 } hapkit_packet;
 
-/* Polynomial 0x1021, begun with 0xFFFF, neither reflected nor inverted: 0x29B1 for "123456789". */
+/* Computes the CRC with polynomial 0x1021 and initial value 0xFFFF, neither reflected nor inverted: 0x29B1 for
+ * "123456789". */
 static inline uint16_t hapkit_crc(const uint8_t* bytes, uint8_t count) {
   uint16_t crc = 0xFFFF;
   for (uint8_t i = 0; i < count; ++i) {
@@ -70,13 +71,12 @@ static inline void hapkit_encode(const hapkit_packet* packet, uint8_t bytes[HAPK
   bytes[13] = (uint8_t)(crc >> 8);
 }
 
-/* Finds packets in a stream: by the last bytes alone, so that nothing that came before can hide one. All zero: none
- * yet. */
+/* Finds packets in a stream by the last bytes alone, so that no earlier byte can hide a packet. Starts as all zeros. */
 typedef struct hapkit_decoder {
   uint8_t bytes[HAPKIT_PACKET_SIZE]; /* the oldest first */
 } hapkit_decoder;
 
-/* 1 when a packet ends with this byte. */
+/* Takes a byte. Returns 1 if a packet ends with it, and fills *packet. */
 static inline uint8_t hapkit_decode(hapkit_decoder* decoder, uint8_t byte, hapkit_packet* packet) {
   uint8_t* const b = decoder->bytes;
   for (uint8_t i = 0; i + 1 < HAPKIT_PACKET_SIZE; ++i) b[i] = b[i + 1];
@@ -93,15 +93,15 @@ static inline uint8_t hapkit_decode(hapkit_decoder* decoder, uint8_t byte, hapki
   return 1;
 }
 
-/* The board between its bytes and its motor. All zero when it starts. */
+/* State of a board between its line and its motor. Starts as all zeros. */
 typedef struct hapkit_board {
   hapkit_decoder decoder;
   uint8_t greeted, tripped;
-  int16_t duty;             /* as commanded last */
-  uint32_t commanded_at_ms; /* when */
+  int16_t duty;             /* last command */
+  uint32_t commanded_at_ms; /* time of the last command */
 } hapkit_board;
 
-/* The duty for the motor at `now_ms`, a time that may run over. To be asked in every turn of the board's loop. */
+/* Returns the motor's duty at `now_ms`, a time that may overflow. Call it in every pass of the board's loop. */
 static inline int16_t hapkit_duty(hapkit_board* board, uint32_t now_ms) {
   if (board->duty != 0 && now_ms - board->commanded_at_ms >= HAPKIT_WATCHDOG_MS) {
     board->duty = 0;
@@ -110,7 +110,7 @@ static inline int16_t hapkit_duty(hapkit_board* board, uint32_t now_ms) {
   return board->duty;
 }
 
-/* Takes a byte from the host. When it ends a packet for the board, the answer is in `answer` and 1 is returned. */
+/* Takes a byte from the host. If it ends a packet for the board, fills `answer` and returns 1. */
 static inline uint8_t hapkit_receive(hapkit_board* board, uint8_t byte, uint32_t now_ms, int32_t position,
                                      uint8_t answer[HAPKIT_PACKET_SIZE]) {
   hapkit_packet packet;
@@ -137,8 +137,8 @@ static inline uint8_t hapkit_receive(hapkit_board* board, uint8_t byte, uint32_t
   return 1;
 }
 
-/* A magnetoresistive sensor over a turning magnet: its reading runs through a period and begins again. */
-#define HAPKIT_SENSOR_PERIOD 980 /* counts between two places that read the same; see the manual */
+/* A magnetoresistive sensor over a rotating magnet: its reading is periodic. */
+#define HAPKIT_SENSOR_PERIOD 980 /* counts between two positions with the same reading; see the manual */
 #define HAPKIT_SENSOR_MIDDLE 512
 
 typedef struct hapkit_sensor {
@@ -147,8 +147,8 @@ typedef struct hapkit_sensor {
   uint8_t begun;
 } hapkit_sensor;
 
-/* The position [counts] for a reading: 0 where the sensor read HAPKIT_SENSOR_MIDDLE in the period that the board was
- * started in. Right as long as less than half a period passes between two readings. */
+/* Returns the position [counts] for a reading: 0 where the sensor reads HAPKIT_SENSOR_MIDDLE in the period in which the
+ * board started. Correct if the handle moves less than half a period between two readings. */
 static inline int32_t hapkit_position(hapkit_sensor* sensor, int16_t reading) {
   if (!sensor->begun) sensor->last = reading;
   sensor->begun = 1;
