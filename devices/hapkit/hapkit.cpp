@@ -29,7 +29,7 @@ DeviceInfo describe_hapkit(const HapkitCalibration& kit, const HapkitOptions& op
   info.model = "Hapkit";
   info.serial = options.serial;
   info.force_axes = {true, false, false};
-  info.workspace_max = {kit.workspace, 0.005, 0.005};  // planar paths deviate slightly in y and z
+  info.workspace_max = {kit.workspace, 0.005, 0.005};  // flat paths move a little in y and z
   info.workspace_min = -info.workspace_max;
   info.position_resolution = kit.handle_radius * kit.rad_per_count;
   info.max_force = kit.max_force();

@@ -43,7 +43,7 @@ PantographKinematics linkage(const PantographGeometry& geometry, const std::stri
 
 void check_plane(const TwoDiyCalibration& device, const std::string& where) {
   const PantographKinematics kinematics = linkage(device.geometry, where);
-  // The edge, in steps: the reach is round, and the stops cut into it anywhere.
+  // Checks a grid and not only the corners: the reach is round, and the stops cut into it anywhere.
   constexpr int kSteps = 10;
   for (int i = -kSteps; i <= kSteps; ++i)
     for (int j = -kSteps; j <= kSteps; ++j) {
@@ -67,8 +67,8 @@ Vec2 TwoDiyCalibration::torques(const PantographPose& pose, const Vec3& force) c
   return torques;
 }
 
-// Lengths: IMAGE-HAPI's. Ports, senses, counts and angles of the stops: the README of HaplyHAPI 1.0.1. Workspaces and
-// the forces in them are computed from these.
+// Sources: the lengths are IMAGE-HAPI's; ports, senses, counts and stop angles are from the README of HaplyHAPI 1.0.1.
+// Workspaces and their forces are computed from these.
 TwoDiyCalibration two_diy_calibration(const std::string& generation, const std::string& where) {
   TwoDiyCalibration device;
   device.generation = generation;

@@ -25,7 +25,7 @@ using nlohmann::json;
 
 constexpr std::int64_t kInverseForceLasts = 20'000'000;  // [ns]
 
-// The documentation's frame, written out: not by the calibration that it is to be tried against.
+// The documentation's frame, written out: the calibration must not define the frame that tests it.
 Vec3 in_service(const Vec3& v) {
   return {v.x(), -v.z(), v.y()};
 }
@@ -40,7 +40,7 @@ json service_json(const Vec3& v) {
   return {{"x", v.x()}, {"y", v.y()}, {"z", v.z()}};
 }
 
-/// What of `told` differs from `known`.
+/// Returns the values of `told` that differ from `known`.
 json changes_of(const json& told, const json& known) {
   json changes = json::object();
   for (const auto& [key, value] : told.items()) {
@@ -53,7 +53,7 @@ json changes_of(const json& told, const json& known) {
   return changes;
 }
 
-/// The arm and what is asked of it. What other threads ask for is locked.
+/// The arm and its commands. A lock guards what other threads ask for.
 class EmulatedArm {
  public:
   EmulatedArm(LivePlant plant, const EmulatedInverseOptions& options) : plant_(std::move(plant)), options_(options) {}
@@ -86,7 +86,8 @@ class EmulatedArm {
     return message;
   }
 
-  /// Obeys a message. What of `known`, the last answer, has not changed is left out when the fault is partial.
+  /// Executes a message and returns the answer. With the fault `partial`, leaves out the values that have not changed
+  /// since `known`, the last answer.
   [[nodiscard]] json answer(const json& message, json& known) {
     if (const json profile = message.value("/session/configure/profile/name"_json_pointer, json());
         profile.is_string()) {
@@ -153,7 +154,7 @@ class EmulatedArm {
             {"control_mode", "cursor_force"}};
   }
 
-  /// To a client that commands it, it is in use: by that one.
+  /// Returns the status. For a client that commands the arm, the arm is in use, namely by that client.
   [[nodiscard]] json status(bool commands_it) const {
     return {{"calibrated", fault != InverseFault::uncalibrated},
             {"ready", fault != InverseFault::not_ready},
@@ -177,7 +178,7 @@ class EmulatedArm {
     return now == InverseFault::mirrored || now == InverseFault::moved || now == InverseFault::filtered;
   }
 
-  /// Of a service whose basis was mirrored.
+  /// Mirrors `v` if the basis of the service is mirrored.
   [[nodiscard]] Vec3 mirrored(const Vec3& v) const {
     return fault == InverseFault::mirrored ? Vec3(-v.x(), v.y(), v.z()) : v;
   }
@@ -191,13 +192,13 @@ class EmulatedArm {
 
   LivePlant plant_;
   const EmulatedInverseOptions options_;
-  mutable std::mutex mutex_;  ///< guards the rest
+  mutable std::mutex mutex_;  ///< guards all below
   Vec3 force_ = Vec3::Zero();
-  std::int64_t until_ns_ = 0;  ///< afterwards there is no force; written by the server's thread alone
+  std::int64_t until_ns_ = 0;  ///< end of the force; written by the server's thread alone [ns]
   std::string client_;
 };
 
-/// One client. It lives as long as something is under way for it.
+/// One client. It lives as long as an operation for it is pending.
 class InverseSession : public std::enable_shared_from_this<InverseSession> {
  public:
   InverseSession(tcp::socket socket, EmulatedArm& arm) : stream_(std::move(socket)), arm_(arm) { ++arm_.sessions; }
@@ -218,7 +219,7 @@ class InverseSession : public std::enable_shared_from_this<InverseSession> {
   }
 
  private:
-  /// Keeps the connection until the client gives it up.
+  /// Keeps the connection until the client closes it.
   void linger() {
     stream_.next_layer().async_read_some(buffer_.prepare(4096),
                                          [self = shared_from_this()](error_code error, std::size_t) {
@@ -349,7 +350,7 @@ class EmulatedInverseService::Server {
     });
   }
 
-  EmulatedArm arm;  ///< before io_, whose end is that of its sessions
+  EmulatedArm arm;  ///< declared before io_, because the sessions end with io_
   std::atomic<int> listening{0};
 
  private:

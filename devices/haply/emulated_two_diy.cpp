@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kDegreeOfArm = std::numbers::pi / 180;  // [rad]
 constexpr double kBoardTorque = 0.123;                   // MAX_TORQUE of the firmware [N m]
-constexpr double kTorqueSteps = 4095;                    // of the M3 board's outputs
+constexpr double kTorqueSteps = 4095;                    // steps of the M3 board's outputs
 constexpr double kNominalPeriod = 1e-3;                  // between two answers [s]
 constexpr std::size_t kBoardHead = 2;                    // a command and an id
 
@@ -64,7 +64,7 @@ Vec2 EmulatedTwoDiy::arm_angles() const noexcept {
 void EmulatedTwoDiy::advance(std::int64_t now_ns) {
   plant_.apply(truth_.force_in_world(pose_.force(torques_)));
   plant_.advance_to(now_ns);
-  // A wall of the plant that is pressed yields a little; beyond the arms' reach they stay where they were.
+  // A wall of the plant yields a little when it is pressed. Beyond their reach the arms keep their position.
   if (const auto pose = kinematics_.at_position(truth_.to_mechanism(plant_.position()))) pose_ = *pose;
 }
 
@@ -80,7 +80,7 @@ void EmulatedTwoDiy::forget() noexcept {
   encoders_ = {};
 }
 
-/// How long the message is as far as its bytes say.
+/// Returns the length of the message, as far as its bytes determine it.
 std::size_t EmulatedTwoDiy::message_length() const noexcept {
   const auto size = message_.size();
   if (message_[0] == static_cast<int>(TwoDiyCommand::reset)) return kBoardHead;
@@ -88,7 +88,7 @@ std::size_t EmulatedTwoDiy::message_length() const noexcept {
     const auto known = std::count_if(motors_.begin(), motors_.end(), [](const Wheel& motor) { return motor.known; });
     return kBoardHead + sizeof(float) * static_cast<std::size_t>(known);
   }
-  // Set-up: every count stands before what it counts.
+  // Set-up: every count precedes the items that it counts.
   std::size_t length = kBoardHead + 1;
   if (size < length) return length;
   length += ports_in(message_[length - 1]) + 1;
@@ -169,7 +169,7 @@ void EmulatedTwoDiy::exchange(std::vector<std::uint8_t>& answer) {
     const Wheel& encoder = encoders_[port];
     if (!encoder.known) continue;
     double turned = 0;    // [counts]
-    double velocity = 0;  // of a nominal millisecond [deg/s]
+    double velocity = 0;  // over a nominal millisecond [deg/s]
     for (std::size_t arm = 0; arm < 2; ++arm) {
       if (truth_.arms[arm].port != static_cast<int>(port) + 1) continue;
       const int i = static_cast<int>(arm);

@@ -3,7 +3,7 @@
 namespace haptrace {
 namespace {
 
-/// Outward angles of the arms.
+/// Returns the angles of the arms, positive outward.
 Vec2 outward(const Vec2& angles) {
   return {angles[0], -angles[1]};
 }

@@ -27,11 +27,11 @@ constexpr double kInverseConnects = 0.5;            // [s], and as long again fo
 constexpr double kInverseInventory = 1;             // [s]
 constexpr double kInverseReply = 0.01;              // of a round [s]
 constexpr double kInverseFirstReply = 0.8;          // [s]
-constexpr double kInverseSilence = 0.08;            // before ThreadedDevice knows less well what to say [s]
+constexpr double kInverseSilence = 0.08;            // before ThreadedDevice gives up with a less precise message [s]
 constexpr double kInverseFarewell = 0.1;            // [s]
-constexpr double kInverseSearch = 0.05;             // of every step of a search [s]
-constexpr double kInverseUnlisted = 0.05;           // after which an arm that the answers do not name is gone [s]
-constexpr std::size_t kInverseLongest = 1U << 20U;  // bytes of a message
+constexpr double kInverseSearch = 0.05;             // per step of a search [s]
+constexpr double kInverseUnlisted = 0.05;           // after which an arm missing from the answers is gone [s]
+constexpr std::size_t kInverseLongest = 1U << 20U;  // longest message [bytes]
 
 constexpr const char* kStartService =
     "start Haply's Inverse Service (sudo systemctl start haply-inverse-service, or open the Haply Hub)";
@@ -39,11 +39,11 @@ constexpr const char* kRestartService = "restart it: sudo systemctl restart hapl
 
 struct InverseUrl {
   std::string text, host, path;
-  std::vector<asio::ip::address> addresses;  ///< to be tried in turn
+  std::vector<asio::ip::address> addresses;  ///< tried in turn
   std::uint16_t port = 80;
 };
 
-/// Asks no name server, which could not be given up in time.
+/// Parses a URL. Asks no name server, because such a query cannot be cancelled in time.
 InverseUrl parse_inverse_url(const std::string& text, bool remote) {
   const auto refuse = [&](const std::string& why) {
     return input_error(fmt::format("url '{}': {}; it reads ws://localhost:10001", text, why));
@@ -77,7 +77,7 @@ InverseUrl parse_inverse_url(const std::string& text, bool remote) {
   return url;
 }
 
-/// The event channel's default address, on the service's host.
+/// Returns the default URL of the event channel, on the service's host.
 InverseUrl events_of(const InverseUrl& service) {
   InverseUrl events = service;
   constexpr std::uint16_t kEventsPort = 10020;
@@ -90,12 +90,12 @@ InverseUrl events_of(const InverseUrl& service) {
   return events;
 }
 
-/// A connection that is never waited for longer than one says. Reads as long as it is open.
+/// A WebSocket connection whose calls wait no longer than their timeouts. Reads as long as it is open.
 class InverseConnection {
  public:
-  /// Throws Error(device) when no service is there.
+  /// Connects to the service. Throws Error(device) if there is none.
   InverseConnection(const InverseUrl& url, double patience) : stream_(io_) {
-    std::optional<std::string> why;  // of the first address
+    std::optional<std::string> why;  // failure of the first address
     for (const asio::ip::address& address : url.addresses) {
       const std::string refused = connect({address, url.port}, patience);
       if (!why || refused.empty()) why = refused;
@@ -110,8 +110,8 @@ class InverseConnection {
   InverseConnection(const InverseConnection&) = delete;
   InverseConnection& operator=(const InverseConnection&) = delete;
 
-  /// Returns before the message is sent, but after the one before was. Throws Error(device) when the connection broke,
-  /// or the service takes nothing more.
+  /// Starts to send the message, after waiting until the previous one was sent. Throws Error(device) if the connection
+  /// broke or the service takes no more messages.
   void send(std::string message, double timeout) {
     if (!wait(timeout, [this] { return !writing_ || failure_; }))
       throw device_error(fmt::format("the Inverse Service takes no more messages; {}", kRestartService));
@@ -124,7 +124,7 @@ class InverseConnection {
     });
   }
 
-  /// The next message; nothing when none came in time. Throws Error(device) when the connection broke.
+  /// Returns the next message; nothing if none came in time. Throws Error(device) if the connection broke.
   std::optional<std::string> receive(double timeout) {
     if (!wait(timeout, [this] { return received_ || failure_; })) return {};
     if (!received_) check();
@@ -134,7 +134,7 @@ class InverseConnection {
     return message;
   }
 
-  /// Says good-bye, if there is somebody to say it to.
+  /// Closes the connection, with a WebSocket close message if it still works.
   void close() noexcept {
     if (closed_) return;
     closed_ = true;
@@ -144,7 +144,7 @@ class InverseConnection {
         wait(kInverseFarewell, [this] { return failure_.has_value(); });
       }
     } catch (...) {
-      // The socket is closed all the same.
+      // The socket is closed in any case.
     }
     error_code ignored;
     stream_.next_layer().close(ignored);
@@ -153,7 +153,7 @@ class InverseConnection {
  private:
   static inline const error_code kGone = make_error_code(websocket::error::closed);
 
-  /// Runs what is under way until `done`, for `timeout` [s] at most.
+  /// Runs pending operations until `done`, for `timeout` [s] at most. Returns whether it is done.
   template <class Done>
   bool wait(double timeout, Done done) {
     const auto deadline = std::chrono::steady_clock::now() + std::chrono::microseconds(std::lround(1e6 * timeout));
@@ -164,7 +164,7 @@ class InverseConnection {
     }
     if (in_time) return true;
     io_.restart();
-    io_.poll();  // what came while this thread was not given the processor
+    io_.poll();  // handles data that came while this thread did not run
     return done();
   }
 
@@ -177,7 +177,7 @@ class InverseConnection {
           fmt::format("the Inverse Service closed the connection ({}); {}", failure_->message(), kStartService));
   }
 
-  /// Why it failed; empty when it did not.
+  /// Connects to `endpoint`. Returns the reason for a failure; empty if there was none.
   std::string connect(const tcp::endpoint& endpoint, double patience) {
     std::optional<error_code> answer;
     tcp::socket& socket = stream_.next_layer();
@@ -186,7 +186,7 @@ class InverseConnection {
     socket.async_connect(endpoint, [&answer](error_code error) { answer = error; });
     if (!wait(patience, [&] { return answer.has_value(); })) {
       socket.close(ignored);
-      wait(patience, [&] { return answer.has_value(); });  // the handler, which refers to what is here
+      wait(patience, [&] { return answer.has_value(); });  // the handler refers to local variables
       return fmt::format("no answer within {:g} s", patience);
     }
     if (*answer) return answer->message();
@@ -222,11 +222,11 @@ class InverseConnection {
   std::optional<std::string> received_;
   std::optional<error_code> failure_;
   bool writing_ = false, closed_ = false;
-  asio::io_context io_{1};  ///< after what its handlers refer to
+  asio::io_context io_{1};  ///< declared after the members that its handlers refer to
   websocket::stream<tcp::socket> stream_;
 };
 
-/// The first message of a service. Throws Error(device).
+/// Takes the first message of the service. Throws Error(device) if none comes.
 void await_inventory(InverseConnection& connection, const InverseUrl& url, double patience, InverseServiceView& view) {
   const auto inventory = connection.receive(patience);
   if (!inventory)
@@ -243,7 +243,7 @@ std::string inverse_model(const std::string& type) {
 
 constexpr const char* kNoArm = "look at its cable and its power, and whether the Haply Hub shows it";
 
-/// The arm that is asked for. Throws Error(device) when there is none or the choice is not clear.
+/// Returns the requested arm. Throws Error(device) if there is none or the choice is ambiguous.
 std::string chosen_arm(const InverseServiceView& view, const std::string& asked) {
   const std::vector<std::string>& listed = view.listed();
   if (listed.empty()) throw device_error(fmt::format("the Inverse Service lists no Inverse3; {}", kNoArm));
@@ -273,12 +273,12 @@ class Inverse3Driver final : public DeviceDriver {
   bool round(const Wrench& wrench, DeviceState& state) override {
     const Vec3 force = calibration_.command(wrench.force);
     const bool zero = force.isZero(0);
-    // One message for every reply, but a zero is not held back by a service that owes one.
+    // Sends one message per reply, but sends a zero force even if a reply is due.
     if (owed_ == 0 || (zero && !sent_zero_)) send(force, zero);
     const std::int64_t asked_ns = monotonic_ns();
     const auto reply = connection_.receive(kInverseReply);
     if (!reply) {
-      silence_ += std::min(since(asked_ns), 2 * kInverseReply);  // more was a process that stood still
+      silence_ += std::min(since(asked_ns), 2 * kInverseReply);  // a longer wait means that this process was stopped
       if (silence_ > (answered_ ? kInverseSilence : kInverseFirstReply))
         throw device_error(
             fmt::format("the Inverse Service gives no answer{}; {}", answered_ ? " any more" : "", kRestartService));
@@ -306,12 +306,12 @@ class Inverse3Driver final : public DeviceDriver {
     try {
       send(Vec3::Zero(), true);
       released_ = ZeroForce::sent;
-      // Until it was answered it may not have been read, and be lost with the connection.
+      // Until the service answers, it may not have read the message, which is then lost with the connection.
       bool answered = true;
       for (; owed_ > 0 && answered; --owed_) answered = connection_.receive(kInverseFarewell).has_value();
       if (answered) released_ = ZeroForce::confirmed;
     } catch (const std::exception&) {
-      // Nobody hears it any more: the service lets go by itself, as soon as commands stop.
+      // The service is not reachable; it removes the force by itself as soon as commands stop.
     }
     connection_.close();
     return *released_;
@@ -346,7 +346,8 @@ class Inverse3Driver final : public DeviceDriver {
     info_.max_continuous_force = calibration_.max_continuous_force;
   }
 
-  /// The safety events have a channel of their own since version 3.5; without it, `info_` says what is not seen.
+  /// Connects to the channel for safety events, which the service has since version 3.5. If it is missing, a note in
+  /// `info_` says which events haptrace does not see.
   void listen_to_events(const Inverse3Options& options, const InverseUrl& url) {
     if (options.events == "off") return;
     const InverseUrl events =
@@ -361,14 +362,14 @@ class Inverse3Driver final : public DeviceDriver {
     }
   }
 
-  /// Throws Error(device) when the service reports that the arm no longer does what it is told.
+  /// Throws Error(device) if the service reports that the arm no longer follows commands.
   void heed_events() {
     while (events_) {
       std::optional<std::string> message;
       try {
         message = events_->receive(0);
       } catch (const Error&) {
-        events_.reset();  // a service that ended closes the other connection as well
+        events_.reset();  // a service that ended also closes the other connection
         return;
       }
       if (!message) return;
@@ -391,8 +392,8 @@ class Inverse3Driver final : public DeviceDriver {
     first_ = false;
   }
 
-  /// Whether the command was taken. Which key a version wants is not known of all: before any command was taken, the
-  /// other one is tried once. Until then no force was sent.
+  /// Returns whether the service accepted the command. The force key is not known for every version, so before the
+  /// first accepted command the other key is tried once. Until then no force acts.
   bool accepted() {
     if (view_.refusal().empty()) {
       may_change_key_ = false;
@@ -410,7 +411,7 @@ class Inverse3Driver final : public DeviceDriver {
   void read(DeviceState& state) {
     const InverseArm arm = view_.arm(id_);
     refuse_obstacle(id_, arm, true);
-    // A force that was computed in the old axes would act in the new ones.
+    // A force computed in the old axes would act in the new ones.
     if (const std::string changed = changed_setting(opened_as_, arm); !changed.empty())
       throw device_error(fmt::format(
           "Inverse3 {}: its service changed a setting while the device was open ({}); choose the preset 'defaults' in "
@@ -430,19 +431,19 @@ class Inverse3Driver final : public DeviceDriver {
   InverseConnection connection_;
   std::optional<InverseConnection> events_;
   InverseServiceView view_;
-  InverseArm opened_as_;  ///< its settings when it was opened
+  InverseArm opened_as_;  ///< settings at its opening
   DeviceInfo info_;
   std::string id_;
   InverseForceKey force_key_ = InverseForceKey::vector;
   bool may_change_key_ = true, first_ = true, sent_zero_ = false;
   std::optional<ZeroForce> released_;
   bool answered_ = false;
-  double silence_ = 0;                       ///< without an answer [s]
-  std::int64_t listed_ns_ = monotonic_ns();  ///< when it was last
-  int owed_ = 0;                             ///< replies
+  double silence_ = 0;                       ///< time without an answer [s]
+  std::int64_t listed_ns_ = monotonic_ns();  ///< time of the last answer that listed the arm
+  int owed_ = 0;                             ///< replies that are due
 };
 
-/// A driver together with the emulated service that it talks to.
+/// A driver together with its emulated service.
 class EmulatedInverse3Driver final : public DeviceDriver {
  public:
   EmulatedInverse3Driver(LivePlant plant, Inverse3Options options)
@@ -495,7 +496,7 @@ std::unique_ptr<Device> open_inverse3(const DeviceSpec& device) {
   if (!is_emulated(device)) return std::make_unique<ThreadedDevice>(open_inverse3_driver(options));
   LivePlant plant = open_live_plant(device, "inverse3");
   if (!options.calibration) {
-    // It emulates the plant that was asked for: its workspace and forces, in the service's own axes.
+    // Takes the workspace and forces of the requested plant, in the service's own axes.
     options.calibration.emplace();
     const DeviceInfo& info = plant.info();
     options.calibration->workspace = info.workspace_max.cwiseMin(-info.workspace_min).cwiseMax(1e-3);
@@ -536,7 +537,7 @@ std::vector<FoundDevice> find_inverse3(const std::string& url_text) {
                        .obstacle = "it lists no Inverse3",
                        .remedy = kNoArm});
   } catch (const std::exception&) {
-    // No service, or another program's port: nothing that could be opened.
+    // There is no service, or another program has the port: there is nothing to open.
   }
   return found;
 }

@@ -29,7 +29,7 @@ Eigen::Matrix3d read_inverse3_axes(const std::string& text, const std::string& w
       read = false;
     }
   }
-  // The triple product is 1 only when each of the three stands there once, and they are right-handed.
+  // The triple product is 1 only if each of the three axes occurs once and they are right-handed.
   if (!read || row != 3 || axes.row(0).cross(axes.row(1)).dot(axes.row(2)) < 0.5)
     throw input_error(
         fmt::format("{}: '{}' names no three right-handed axes; it reads for example XZ-Y, where W's x is "

@@ -22,14 +22,14 @@ Error inverse_wrong(const std::string& key, const json& found) {
       key, found.dump(-1, ' ', false, json::error_handler_t::replace)));
 }
 
-/// What `object` has under `key`; null when it has none.
+/// Returns the value under `key`; null if there is none.
 const json& inverse_field(const json& object, const char* key) {
   static const json absent;
   const auto found = object.find(key);
   return found != object.end() ? *found : absent;
 }
 
-/// The object under `key`; an empty one when there is none.
+/// Returns the object under `key`; an empty one if there is none.
 const json& inverse_object(const json& parent, const char* key) {
   static const json empty = json::object();
   const json& found = inverse_field(parent, key);
@@ -80,7 +80,7 @@ constexpr std::array kInverseTexts{std::pair{"handedness", &InverseArm::handedne
                                    std::pair{"preset", &InverseArm::preset},
                                    std::pair{"filters", &InverseArm::filters}};
 
-/// Adds to `displaced` what `transform` does to positions and forces, and its ten numbers to `placement`.
+/// Adds the effects of `transform` on positions and forces to `displaced`, and its ten numbers to `placement`.
 void inverse_displacement(const json& transform, const std::string& name, std::vector<std::string>& displaced,
                           std::span<double, 10> placement) {
   const Vec3 position = inverse_vector(transform, "position"), scale = inverse_vector(transform, "scale", 1);
@@ -95,7 +95,7 @@ void inverse_displacement(const json& transform, const std::string& name, std::v
   std::copy(numbers.begin(), numbers.end(), placement.begin());
 }
 
-/// "XYZ" and "+X+Y+Z" are the same.
+/// Returns a basis with all signs: "XYZ" and "+X+Y+Z" are the same.
 std::string inverse_basis(const std::string& permutation) {
   std::string basis;
   for (const char c : permutation) {
@@ -105,7 +105,7 @@ std::string inverse_basis(const std::string& permutation) {
   return basis;
 }
 
-/// Puts into `known` what `told` tells; null tells nothing.
+/// Merges the values of `told` into `known`; null changes nothing.
 void inverse_merge(json& known, const json& told) {
   if (!told.is_object()) {
     if (!told.is_null()) known = told;
@@ -190,7 +190,7 @@ InverseArm InverseServiceView::arm(const std::string& id) const {
   const std::string permutation = inverse_text(inverse_object(config, "basis"), "permutation", "XYZ");
   arm.basis = inverse_basis(permutation);
   if (arm.basis != "+X+Y+Z") arm.displaced.push_back("basis " + permutation);
-  // The documentation shows a mount with these fields, and with an object "transform" that has them.
+  // The documentation shows a mount with these fields, and one with an object "transform" that has them.
   const json& mount = inverse_object(config, "mount");
   const std::span<double, 20> placement(arm.placement);
   inverse_displacement(mount.contains("transform") ? inverse_object(mount, "transform") : mount, "mount", arm.displaced,

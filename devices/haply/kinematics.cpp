@@ -8,7 +8,7 @@ namespace haptrace {
 namespace {
 
 constexpr double kShortestLink = 1e-3, kLongestLink = 1;  // [m]
-// What a reached pose has at least; in the workspaces of the calibrations it is 0.6 and 0.3.
+// Minima for a reached pose. In the workspaces of the calibrations the values are at least 0.6 and 0.3.
 constexpr double kLeastCrossing = 0.05;  // |det N|
 constexpr double kLeastArmLever = 0.02;  // |k| / l
 
@@ -55,7 +55,7 @@ std::optional<PantographPose> PantographKinematics::at_position(const Vec2& posi
     angles[arm] = std::atan2(reach.y(), reach.x()) + (arm == 0 ? 1 : -1) * std::acos(cosine);
   }
   auto pose = at_angles(angles);
-  // On the near side of the elbows the same arms hold the handle elsewhere.
+  // For a position on the near side of the elbows, the same arms hold the handle elsewhere.
   if (!pose || (pose->position - position).norm() > 1e-9) return std::nullopt;
   return pose;
 }

@@ -10,12 +10,12 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "floats of the protocol are little-endian");
 
 constexpr std::uint8_t kNoCommand = 5;
-constexpr std::size_t kLongestSetup = 64;  // that we or a torn message of ours can leave unfinished [bytes]
+constexpr std::size_t kLongestSetup = 64;  // longest set-up that a torn message can leave unfinished [bytes]
 constexpr double kMostDegrees = 1e4;
 constexpr double kMostDegreesPerSecond = 1e6;
 constexpr double kDegreeAngle = std::numbers::pi / 180;  // [rad]
 
-/// The arms in the order of their ports.
+/// Returns the arms in the order of their ports.
 std::array<std::size_t, 2> by_port(const TwoDiyCalibration& device) {
   if (device.arms[0].port < device.arms[1].port) return {0, 1};
   return {1, 0};

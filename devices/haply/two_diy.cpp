@@ -16,15 +16,15 @@
 namespace haptrace {
 namespace {
 
-constexpr int kTwoDiyBaud = 115200;      // of no effect on USB
+constexpr int kTwoDiyBaud = 115200;      // no effect on USB
 constexpr double kAnswerWithin = 0.005;  // [s]
-constexpr double kCalmWithin = 0.01;     // and twice as long after every silence, since a late board is not lost [s]
+constexpr double kCalmWithin = 0.01;     // doubles after every silence, because a late board is not lost [s]
 constexpr int kMostDoublings = 2;
-constexpr double kCalmQuiet = 0.002;  // after which nothing more is coming [s]
+constexpr double kCalmQuiet = 0.002;  // silence after which no more bytes are expected [s]
 constexpr double kFastestArm = 60;    // a hand at 4 m/s [rad/s]
 constexpr double kArmSlack = 0.02;    // [rad]
 constexpr int kMostNonsense = 3;
-constexpr int kMostReads = 16;      // of what nobody asked for
+constexpr int kMostReads = 16;      // of unsolicited bytes
 constexpr double kFarewell = 0.02;  // [s]
 
 DeviceInfo describe_two_diy(const TwoDiyCalibration& calibration, const PantographKinematics& kinematics,
@@ -35,7 +35,7 @@ DeviceInfo describe_two_diy(const TwoDiyCalibration& calibration, const Pantogra
   info.model = "Haply 2DIY " + calibration.generation;
   info.serial = options.serial;
   info.force_axes = {true, true, false};
-  info.workspace_max = {calibration.workspace.x(), calibration.workspace.y(), 0.005};  // flat paths have a little of z
+  info.workspace_max = {calibration.workspace.x(), calibration.workspace.y(), 0.005};  // flat paths move a little in z
   info.workspace_min = -info.workspace_max;
   if (const auto middle = kinematics.at_position(calibration.to_mechanism(Vec3::Zero())))
     for (int arm = 0; arm < 2; ++arm)
@@ -67,7 +67,7 @@ TwoDiyDriver::TwoDiyDriver(const TwoDiyCalibration& calibration, const TwoDiyOpt
   if (options.homed) homing_.trust();
 }
 
-/// Tells the board anew what is connected to it, after which its encoders count from where the arms are.
+/// Sets the board up again, after which its encoders count from the position of the arms.
 void TwoDiyDriver::restart() {
   homing_.restart();
   counted_.reset();
@@ -75,17 +75,17 @@ void TwoDiyDriver::restart() {
   nonsense_ = 0;
   answer_bytes_ = 0;
   in_doubt_ = true;
-  if (!port_.write(two_diy_restart(calibration_), kCalmWithin)) return;  // the next round calms it, and finds out
+  if (!port_.write(two_diy_restart(calibration_), kCalmWithin)) return;  // the next round calms the board and checks it
   std::array<std::uint8_t, 256> ignored{};
   for (int reads = 0; reads < kMostReads && port_.read(ignored, kCalmWithin) > 0; ++reads) {
   }
 }
 
-/// One exchange. Nothing when the answer is late, or is none.
+/// Exchanges torques for angles. Returns nothing if the answer is late or invalid.
 std::optional<Vec2> TwoDiyDriver::ask(const Vec2& torques) {
   std::array<std::uint8_t, 256> late{};
   if (answer_bytes_ == 0) return std::nullopt;
-  // Answers that came late, or to what the guardian said, are whole ones.
+  // Late answers, and answers to the guardian's bytes, are complete: any other length is an error.
   if (port_.read(late, 0) % answer_bytes_ != 0) return std::nullopt;
   if (!port_.write(two_diy_exchange(calibration_, torques), kAnswerWithin)) return std::nullopt;
   std::array<std::uint8_t, kTwoDiyVelocities> bytes{};
@@ -99,7 +99,7 @@ std::optional<Vec2> TwoDiyDriver::ask(const Vec2& torques) {
   return two_diy_angles(calibration_, answer);
 }
 
-/// Zero torques, in bytes that find the begin of a message again. The newest answer, when all that come are whole.
+/// Sends zero torques in bytes that resynchronise the board. Returns the newest answer if all answers are complete.
 std::optional<Vec2> TwoDiyDriver::calm() {
   port_.discard_input();
   if (!port_.write(two_diy_calm(calibration_), kCalmWithin)) return std::nullopt;
@@ -112,14 +112,14 @@ std::optional<Vec2> TwoDiyDriver::calm() {
     count += more;
   }
   silences_ = count == 0 ? silences_ + 1 : 0;
-  if (count == 0) return std::nullopt;  // silence is no nonsense: the board may be late, and keeps its encoders
+  if (count == 0) return std::nullopt;  // a silent board may be late and keeps its encoders: not implausible
   std::optional<Vec2> newest = newest_of(std::span(answers).first(count));
   if (!newest) ++nonsense_;
   return newest;
 }
 
 std::optional<Vec2> TwoDiyDriver::newest_of(std::span<const std::uint8_t> answers) {
-  // The board was asked once after its input had been discarded, so what comes alone shows how its firmware answers.
+  // The board was asked once after the input was discarded, so a single answer shows its firmware's format.
   if (answer_bytes_ == 0 && two_diy_angles(calibration_, answers)) answer_bytes_ = answers.size();
   if (answer_bytes_ == 0) return std::nullopt;
   std::optional<Vec2> newest;

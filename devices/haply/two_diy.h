@@ -1,4 +1,4 @@
-// The Haply 2DIY and its kin: planar devices of two motors on a board that speaks hAPI's serial protocol.
+// Driver of the Haply 2DIY and similar devices: planar, with two motors on a board with hAPI's serial protocol.
 #pragma once
 
 #include "devices/guardian/guardian.h"
@@ -19,19 +19,19 @@ struct TwoDiyOptions {
   std::string name = "haply2diy";
   std::string port;
   std::string serial;
-  bool homed = false;  ///< the arms are in their stops while it is opened
+  bool homed = false;  ///< the arms are in their stops while the device is opened
 };
 
-/// Asks the board once a round, and believes an answer only when it is whole and the arms can have come there.
+/// Asks the board once per round. Believes an answer only if it is complete and the arms can have moved there.
 ///
-/// The board keeps its last torques for ever, so zero ones are the last on every way out; a guardian process sends them
-/// when this one dies or is stopped. Without an answer that makes sense the board is calmed first: zero torques in
-/// bytes that leave an intact board its encoders. If it still answers nonsense it was reset, and is set up anew. What
-/// its encoders say is then counted from anywhere: the device is not ready, and without force, until its arms were led
-/// into their stops again (StopHoming).
+/// The board keeps its last torques for ever, so the driver always sends zero torques last; a guardian process sends
+/// them if this process dies or is stopped. After a missing or implausible answer the driver first calms the board: it
+/// sends zero torques in bytes that leave an intact board its encoders. If the answers are still implausible, the board
+/// was reset, and the driver sets it up again. The encoders then count from an unknown position: the device is not
+/// ready, and has no force, until the user moves the arms into their stops again (StopHoming).
 class TwoDiyDriver final : public DeviceDriver {
  public:
-  /// `company` is let go of after the device. Throws Error(device).
+  /// `company` is released after the device. Throws Error(device).
   TwoDiyDriver(const TwoDiyCalibration& calibration, const TwoDiyOptions& options,
                std::shared_ptr<void> company = nullptr);
   ~TwoDiyDriver() override { (void)release(); }
@@ -44,7 +44,7 @@ class TwoDiyDriver final : public DeviceDriver {
  private:
   [[nodiscard]] std::optional<Vec2> ask(const Vec2& torques);
   [[nodiscard]] std::optional<Vec2> calm();
-  /// The newest of answers that are all whole.
+  /// Returns the newest of `answers` if all are complete.
   [[nodiscard]] std::optional<Vec2> newest_of(std::span<const std::uint8_t> answers);
   void restart();
   [[nodiscard]] bool is_plausible(const Vec2& counted, std::int64_t now_ns) const noexcept;
@@ -58,18 +58,18 @@ class TwoDiyDriver final : public DeviceDriver {
   std::optional<Guardian> guardian_;
 
   StopHoming homing_;
-  std::size_t answer_bytes_ = 0;  ///< of this board's answers; 0: not known yet
-  std::optional<Vec2> counted_;   ///< the arms as last believed [rad]
+  std::size_t answer_bytes_ = 0;  ///< length of this board's answers; 0: not known yet
+  std::optional<Vec2> counted_;   ///< last believed counted angles [rad]
   std::int64_t counted_ns_ = 0;
-  std::optional<PantographPose> pose_;  ///< of the arms, once they are homed
+  std::optional<PantographPose> pose_;  ///< pose of the arms, once homed
   Vec3 position_ = Vec3::Zero();        ///< last known [m]
-  bool in_doubt_ = true;                ///< what comes next has to be calmed for
-  int silences_ = 0;                    ///< in a row
-  int nonsense_ = 0;                    ///< answers in a row that made no sense although the board was calm
+  bool in_doubt_ = true;                ///< the board must be calmed first
+  int silences_ = 0;                    ///< consecutive calms without an answer
+  int nonsense_ = 0;                    ///< consecutive implausible answers although the board was calmed
   std::optional<ZeroForce> released_;
 };
 
-/// `haply2diy`, with the options port, generation, calibration, homed and emulated.
+/// Returns the backend `haply2diy`, with the options port, generation, calibration, homed and emulated.
 DeviceBackend two_diy_backend();
 
 }  // namespace haptrace
