@@ -33,7 +33,7 @@ EmulatedLine::EmulatedLine(std::unique_ptr<EmulatedBoard> board) : board_(std::m
     throw device_error(fmt::format("no pseudo-terminal for the emulated board: {}", std::strerror(cause)));
   }
   path_ = name.data();
-  // Until a driver opens the port, and after it closed it, the terminal must not echo.
+  // The terminal must not echo before a driver opens the port and after it closes it.
   termios raw{};
   tcgetattr(master_, &raw);
   cfmakeraw(&raw);
@@ -73,7 +73,7 @@ void EmulatedLine::pass(Way way, const std::uint8_t* bytes, std::size_t count, s
 }
 
 void EmulatedLine::send(const std::vector<std::uint8_t>& bytes) const noexcept {
-  // What a host does not read is lost once the line is full, as with a board that does not wait.
+  // Bytes that the host does not read are lost once the line is full, as with a board that does not wait.
   if (!bytes.empty()) (void)!write(master_, bytes.data(), bytes.size());
 }
 
@@ -86,7 +86,7 @@ void EmulatedLine::run() noexcept {
     pollfd line{.fd = master_, .events = POLLIN, .revents = 0};
     const timespec wake{0, kLineWake};
     ppoll(&line, 1, &wake, nullptr);
-    // With nobody at the other end the line is hung up all the time.
+    // While no driver has the port open, poll returns at once: the line is hung up.
     if ((line.revents & POLLIN) == 0 && line.revents != 0) clock_nanosleep(CLOCK_MONOTONIC, 0, &wake, nullptr);
     if (unplugged_ && master_ >= 0) {
       close(master_);

@@ -1,4 +1,4 @@
-// A board at the other end of a serial line, without either: a pseudo-terminal, and a thread that is the board.
+// Emulation of a board on a serial line: a pseudo-terminal, and a thread that runs the board.
 #pragma once
 
 #include <atomic>
@@ -11,7 +11,7 @@
 
 namespace haptrace {
 
-/// What a board does with time and bytes. Called by the line's thread alone.
+/// The behaviour of a board. Only the line's thread calls it.
 class EmulatedBoard {
  public:
   virtual ~EmulatedBoard() = default;
@@ -19,23 +19,23 @@ class EmulatedBoard {
   EmulatedBoard(const EmulatedBoard&) = delete;
   EmulatedBoard& operator=(const EmulatedBoard&) = delete;
 
-  /// Goes on to `now_ns` of the monotonic clock. Called a thousand times a second or more often.
+  /// Advances to `now_ns` of the monotonic clock. Called at least a thousand times a second.
   virtual void advance(std::int64_t now_ns) = 0;
-  /// A byte came; what it answers is appended to `answer`.
+  /// Takes a byte and appends the answer to `answer`.
   virtual void receive(std::uint8_t byte, std::vector<std::uint8_t>& answer) = 0;
-  /// Its power failed and came back.
+  /// Restarts the board, as if its power failed and came back.
   virtual void power_cycle() = 0;
 };
 
-/// Opens a pseudo-terminal whose name is what a driver opens as its port. Bytes pass at once: no baud rate.
+/// Opens a pseudo-terminal, whose name a driver opens as its port. Bytes pass at once, without a baud rate.
 ///
-/// Threads: any; faults on demand come at the next byte or wake-up of the line's thread.
+/// Threads: any. Injected faults act at the next byte or wake-up of the line's thread.
 class EmulatedLine {
  public:
   enum class Way : std::uint8_t { to_board, to_host };
   enum class Fault : std::uint8_t { lose_byte, flip_bit, insert_garbage };
 
-  /// Throws Error(device) when there are no pseudo-terminals.
+  /// Throws Error(device) if no pseudo-terminal is available.
   explicit EmulatedLine(std::unique_ptr<EmulatedBoard> board);
   ~EmulatedLine();
   EmulatedLine(const EmulatedLine&) = delete;
@@ -43,11 +43,11 @@ class EmulatedLine {
 
   [[nodiscard]] const std::string& path() const noexcept { return path_; }
 
-  /// Happens to the byte after the next `after` ones.
+  /// Applies `fault` to the byte after the next `after` bytes.
   void inject(Way way, Fault fault, int after = 0);
-  /// No byte passes either way; the board lives on.
+  /// Blocks all bytes in both directions while `silent`; the board keeps running.
   void fall_silent(bool silent) noexcept { silent_ = silent; }
-  /// The cable is out, for good.
+  /// Pulls the cable out, for good.
   void unplug() noexcept { unplugged_ = true; }
   void power_cycle() noexcept { cycle_power_ = true; }
 

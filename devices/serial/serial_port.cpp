@@ -39,7 +39,7 @@ Error port_gone(const std::string& path, int cause) {
   return port_error(path, cause, "the port is gone: look at its cable and its power");
 }
 
-/// Why it cannot be opened, and what to do.
+/// Returns why the port cannot be opened, and what to do.
 Error not_opened(const std::string& path, int cause) {
   switch (cause) {
     case ENOENT:
@@ -68,7 +68,7 @@ SerialPort::SerialPort(const std::string& path, int baud) : path_(path) {
   if (fd_ < 0) throw not_opened(path, errno);
   try {
     if (isatty(fd_) == 0) throw port_error(path, ENOTTY, "it is no serial port; " + describe(usb_serial_ports()));
-    // Root passes TIOCEXCL; a lock on the file binds it too.
+    // TIOCEXCL does not bind root; a lock on the file does.
     if (flock(fd_, LOCK_EX | LOCK_NB) != 0) throw not_opened(path, errno);
     if (tcgetattr(fd_, &found_) != 0) throw not_opened(path, errno);
     configure(baud);
@@ -96,7 +96,8 @@ void SerialPort::configure(int baud) {
   discard_input();
 }
 
-/// FTDI's chips hold bytes back for 16 ms otherwise. Drivers that know of no latency refuse, and need not be asked.
+/// Requests low latency, because FTDI's chips otherwise hold bytes back for 16 ms. Drivers without such a setting
+/// refuse, which does not matter.
 void SerialPort::hurry() noexcept {
   serial_struct driver{};
   if (ioctl(fd_, TIOCGSERIAL, &driver) != 0) return;
@@ -147,7 +148,7 @@ void SerialPort::discard_input() noexcept {
 
 void SerialPort::close() noexcept {
   if (fd_ < 0) return;
-  // tcdrain would wait for ever for a board that takes nothing more.
+  // tcdrain would wait for ever for a board that takes no more bytes.
   const std::int64_t end = monotonic_ns() + std::llround(1e9 * kLongestDrain);
   int left = 0;
   while (ioctl(fd_, TIOCOUTQ, &left) == 0 && left > 0 && monotonic_ns() < end) usleep(500);

@@ -23,7 +23,7 @@ std::string first_line(const fs::path& file) {
   return line;
 }
 
-/// The USB device that a tty's folder of the system belongs to: the nearest above that has ids.
+/// Returns the folder of the USB device that a tty's folder belongs to: the nearest parent with ids.
 fs::path usb_device_of(const fs::path& tty) {
   std::error_code error;
   for (fs::path folder = fs::canonical(tty / "device", error); !error && folder.has_relative_path();
@@ -32,7 +32,7 @@ fs::path usb_device_of(const fs::path& tty) {
   return {};
 }
 
-/// The command that lets this user open it.
+/// Returns the command that lets this user open the port.
 std::string permission_for(const UsbSerialPort& port) {
   for (const KnownUsbDevice& known : known_usb_devices())
     if (port.vendor == known.vendor && port.product == known.product)
@@ -56,7 +56,8 @@ std::vector<UsbSerialPort> usb_serial_ports(const std::string& root) {
                        .serial = first_line(usb / "serial"),
                        .where = "usb " + usb.filename().string(),
                        .obstacle = ""};
-    // As the process would open it: with its effective user and the access control lists that udev's uaccess sets.
+    // Checks access as the process would open the port: with its effective user and the access control lists that
+    // udev's uaccess sets.
     if (faccessat(AT_FDCWD, (fs::path(root) / port.path.substr(1)).c_str(), R_OK | W_OK, AT_EACCESS) != 0)
       port.obstacle = std::strerror(errno);
     ports.push_back(std::move(port));

@@ -1,4 +1,4 @@
-// Devices of a vendor that are plugged in, and whether they can be used from here.
+// Search for a vendor's plugged-in devices, and for obstacles to using them.
 #pragma once
 
 #include "devices/registry.h"
@@ -9,10 +9,10 @@
 
 namespace haptrace {
 
-/// The known USB devices whose name begins with `name`, as `--device backend` would open them through `library`.
-/// Obstacles are that the library is missing, with where it was looked for, and that this user may not open the device.
-/// Reads below `root`. The library is loaded only when there is a device to be used with it; no function of it is
-/// called and no device is opened. Does not throw.
+/// Returns the plugged-in known USB devices whose name begins with `name`, as `--device backend` would open them
+/// through `library`. Obstacles are a missing library, with the places searched, and a device that this user may not
+/// open. Reads below `root`. Loads the library only if there is a device for it, and neither calls its functions nor
+/// opens a device. Does not throw.
 std::vector<FoundDevice> find_plugged(const std::string& name, const std::string& backend, const WantedLibrary& library,
                                       const std::string& root = "/");
 

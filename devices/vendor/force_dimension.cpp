@@ -20,8 +20,8 @@ namespace {
 
 constexpr const char* kForceDimension = "forcedimension";
 
-// Force, and for the sigma.7 and lambda.7 the workspace: CHAI3D 3.3.0's table, whose workspace is a sphere. Other
-// workspaces, resolutions and torques: commonly quoted data sheet figures.
+// Sources: forces, and the workspaces of the sigma.7 and lambda.7, are from CHAI3D 3.3.0's table, whose workspace is a
+// sphere. Other workspaces, resolutions and torques are commonly quoted data sheet figures.
 constexpr double kFdTorque = 0.4;
 constexpr std::array kFdModels{
     ForceDimensionModel{33, "omega.3", 12, 0, 0.055, 0.08, 0.08, 1e-5},
@@ -40,10 +40,10 @@ constexpr std::array kFdModels{
 };
 constexpr int kFdFalcon = 60;
 
-/// Of dhdGetStatus.
+/// Indices into the result of dhdGetStatus.
 enum FdStatus : std::size_t { kFdReset = 3, kFdForce = 5, kFdForceOffCause = 14, kFdStatusRoom = 32 };
 
-/// Why the device or its library switched the forces off, and what to do. By cause, as dhdGetStatus numbers them.
+/// Reasons why the device or its library switched the forces off, with remedies, indexed by the cause in dhdGetStatus.
 constexpr std::array kFdForceOff{
     "forces are off, and the library does not say why; is it switched on? Press its force button",
     "its force button was pressed; press it again to allow forces",
@@ -75,7 +75,7 @@ struct DhdApi {
   unsigned (*buttons)(char) = library.function("dhdGetButtonMask");
   int (*gravity_compensation)(int, char) = library.function("dhdSetGravityCompensation");
 
-  // What older libraries or lesser devices may lack.
+  // Functions that older libraries or simpler devices may lack.
   const char* (*system_name)(char) = library.function_if_any("dhdGetSystemName");
   int (*serial_number)(unsigned short*, char) = library.function_if_any("dhdGetSerialNumber");
   double (*max_force)(char) = library.function_if_any("dhdGetMaxForce");
@@ -97,7 +97,7 @@ struct DhdApi {
 };
 
 struct FdOptions {
-  std::string text;  ///< of the whole --device
+  std::string text;  ///< complete text after --device
   WantedLibrary library;
   std::optional<int> serial;
   int index = 0;
@@ -122,10 +122,10 @@ class ForceDimensionDriver final : public DeviceDriver {
   }
 
  private:
-  static constexpr std::int64_t kLookNs = 20'000'000;  ///< between two looks at what the device allows
-  static constexpr std::int64_t kBearNs = 50'000'000;  ///< how long errors are borne
+  static constexpr std::int64_t kLookNs = 20'000'000;  ///< between two checks of the status
+  static constexpr std::int64_t kBearNs = 50'000'000;  ///< how long errors are tolerated
   static constexpr std::int64_t kSwitchOnNs = 200'000'000;
-  static constexpr unsigned char kWatchdog = 255;  ///< [125 us]: its longest, 32 ms
+  static constexpr unsigned char kWatchdog = 255;  ///< [125 us]: the longest, 32 ms
 
   void open(const FdOptions& options);
   void describe(const FdOptions& options);
@@ -148,9 +148,9 @@ class ForceDimensionDriver final : public DeviceDriver {
 
   bool enabled_ = false, ready_ = false;
   bool has_watchdog_ = false, armed_ = false;
-  std::int64_t look_ns_ = 0;                   ///< when it is due
+  std::int64_t look_ns_ = 0;                   ///< time of the next check of the status
   std::optional<std::int64_t> failing_since_;  ///< [ns]
-  static constexpr int kTimeGuard = 1;         ///< a result: too soon after the last call, whose answer comes again
+  static constexpr int kTimeGuard = 1;         ///< result of a call too soon after the last, which it repeats
   DeviceState last_{.sequence = 1};
   mutable std::mutex reason_;  ///< guards not_ready_
   std::string not_ready_;
@@ -164,7 +164,7 @@ ForceDimensionDriver::ForceDimensionDriver(const FdOptions& options)
     open(options);
     describe(options);
     if (options.initialise) initialise();
-    // Now, so that what is in the way is a note. Forces may take a while to come on.
+    // Checks the status now, so that an obstacle becomes a note. Forces may take a while to come on.
     const std::int64_t begin = monotonic_ns();
     while (true) {
       if (!look()) throw refuse("it does not say how it is", "look at its cable and its power");
@@ -186,7 +186,7 @@ void ForceDimensionDriver::open(const FdOptions& options) {
   if (const int devices = api_.device_count(); devices <= 0)
     throw refuse("its library was found, but no device",
                  "plug it in, switch it on, and see haptrace doctor for who may open it");
-  // The watchdog belongs to the expert's functions.
+  // The watchdog is one of the library's expert functions.
   if (api_.enable_expert_mode != nullptr) (void)api_.enable_expert_mode();
 
   int id = -1;
@@ -204,7 +204,8 @@ void ForceDimensionDriver::open(const FdOptions& options) {
   id_ = static_cast<char>(id);
   is_open_ = true;
 
-  // Tried now, so that its lack is a note; armed with the first force, so that no slow start trips it.
+  // Tries the watchdog now, so that its lack becomes a note. The first force arms it, so that a slow start does not
+  // trip it.
   has_watchdog_ = api_.set_watchdog != nullptr && api_.set_watchdog(kWatchdog, id_) >= 0;
   if (has_watchdog_)
     (void)api_.set_watchdog(0, id_);
@@ -238,7 +239,7 @@ void ForceDimensionDriver::describe(const FdOptions& options) {
   info_.measures_orientation = has_wrist_;
   info_.torque_axes.fill(has_active_wrist_ && max_torque_ > 0);
   if (info_.takes_torque()) info_.max_torque = max_torque_;
-  // A gripper has no place in a state but as a button, which the library makes of it.
+  // DeviceState has no gripper, so the library makes a button of it.
   if (api_.emulate_button != nullptr && api_.has_gripper != nullptr && api_.has_gripper(id_))
     (void)api_.emulate_button(1, id_);
 
@@ -260,7 +261,7 @@ void ForceDimensionDriver::describe(const FdOptions& options) {
                   api_.library.file(), version[0], version[1], version[2]));
 }
 
-/// By its motors, which move the handle.
+/// Initialises the device by its motors, which move the handle.
 void ForceDimensionDriver::initialise() {
   if (!is_drd_ || api_.drd_is_initialized == nullptr || api_.drd_auto_init == nullptr || api_.drd_stop == nullptr)
     throw device_error(
@@ -269,7 +270,7 @@ void ForceDimensionDriver::initialise() {
                     info_.name));
   if (api_.drd_is_initialized(id_)) return;
   const bool done = api_.drd_auto_init(id_) >= 0;
-  const bool stopped = api_.drd_stop(true, id_) >= 0;  // its own control loop, which would go on holding the handle
+  const bool stopped = api_.drd_stop(true, id_) >= 0;  // the library's control loop would keep holding the handle
   if (!done || !stopped)
     throw refuse("it could not initialise itself", "take everything away from the handle, let go of it, and try again");
 }
@@ -278,7 +279,7 @@ bool ForceDimensionDriver::is_calibrated(const int* status) const {
   return is_drd_ && api_.drd_is_initialized != nullptr ? api_.drd_is_initialized(id_) : status[kFdReset] == 0;
 }
 
-/// At what the device allows. False when it did not answer.
+/// Checks whether the device is calibrated and allows forces. Returns false if it did not answer.
 bool ForceDimensionDriver::look() {
   look_ns_ = monotonic_ns() + kLookNs;
   std::array<int, kFdStatusRoom> status{};  // the library writes 16 or 17
@@ -307,8 +308,8 @@ bool ForceDimensionDriver::look() {
   return true;
 }
 
-/// Results above 0 say that the device was spared an exchange (1, time guard) or that a motor gave less than was asked
-/// for (2): neither is an error.
+/// Sends a wrench. Results above 0 are no errors: either the device was spared an exchange (1, time guard) or a motor
+/// gave less than requested (2).
 bool ForceDimensionDriver::send(const Wrench& wrench) const {
   const Vec3 f = to_force_dimension(wrench.force);
   if (!has_active_wrist_) return api_.set_force(f.x(), f.y(), f.z(), id_) >= 0;
@@ -335,9 +336,9 @@ bool ForceDimensionDriver::round(const Wrench& wrench, DeviceState& state) {
     armed_ = true;
     if (has_watchdog_) (void)api_.set_watchdog(kWatchdog, id_);
   }
-  // After an error nothing is sent but bear's zero force, until a round went well.
+  // After an error, only bear() sends anything, namely zero force, until a round succeeds.
   if (enabled_ && !failing_since_ && !send(ready_ ? wrench : Wrench{}) && ready_) return bear("dhdSetForce");
-  // Until it is ready its position stands still.
+  // The position stays the same until the device is ready.
   if (ready_ && !fetch()) return bear("dhdGetPosition");
   failing_since_.reset();
   last_.buttons = api_.buttons(id_);
@@ -346,7 +347,8 @@ bool ForceDimensionDriver::round(const Wrench& wrench, DeviceState& state) {
   return true;
 }
 
-/// An error of the library: no force until it is over, and the end when it lasts. Returns false.
+/// Handles an error of the library: sends zero force, and throws Error(device) if errors last longer than kBearNs.
+/// Returns false.
 bool ForceDimensionDriver::bear(const char* call) {
   const std::string why = api_.last_error();
   const std::int64_t now = monotonic_ns();
@@ -358,7 +360,8 @@ bool ForceDimensionDriver::bear(const char* call) {
   return false;
 }
 
-/// Forces off, and the brakes on. The library says whether the device took it.
+/// Switches the forces off and the brakes on. Returns `confirmed` if the library reports that the device accepted
+/// either.
 ZeroForce ForceDimensionDriver::switch_off() const noexcept {
   const bool off = api_.enable_force(0, id_) >= 0;
   const bool stopped = api_.stop(id_) >= 0;
@@ -396,8 +399,8 @@ std::unique_ptr<Device> open_force_dimension(const DeviceSpec& spec) {
 }  // namespace
 
 Quat orientation_from_force_dimension(const double (&rotation)[3][3]) {
-  // R_WT = P R_FT P', P being the permutation from F to W, and of T's axes alike.
-  constexpr std::array<std::size_t, 3> kAxis{1, 2, 0};  // of F, that is the one of W
+  // R_WT = P R_FT P', where P is the permutation from F to W and applies to T's axes alike.
+  constexpr std::array<std::size_t, 3> kAxis{1, 2, 0};  // axis of F that each axis of W equals
   Eigen::Matrix3d r;
   for (std::size_t i = 0; i < 3; ++i)
     for (std::size_t j = 0; j < 3; ++j)

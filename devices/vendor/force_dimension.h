@@ -1,4 +1,4 @@
-// Force Dimension's omega, delta, sigma and lambda, through the vendor's library: not linked, but looked for.
+// Driver of Force Dimension's omega, delta, sigma and lambda, through the vendor's library, loaded at run time.
 #pragma once
 
 #include "devices/registry.h"
@@ -9,24 +9,24 @@
 
 namespace haptrace {
 
-/// A vector in W of one in F, the frame of the vendor's library: both lie in the device's base; x of F points at the
-/// user, y to his right, z up; x of W to his right, y up, z at him. Real-time safe.
+/// Transforms a vector from F, the frame of the vendor's library, to W. Both frames lie in the device's base. F: x
+/// towards the user, y to the user's right, z up. W: x to the user's right, y up, z towards the user. Real-time safe.
 inline Vec3 from_force_dimension(const Vec3& v_f) {
   return {v_f.y(), v_f.z(), v_f.x()};
 }
 
-/// The inverse. Real-time safe.
+/// Transforms a vector from W to F. Real-time safe.
 inline Vec3 to_force_dimension(const Vec3& v_w) {
   return {v_w.z(), v_w.x(), v_w.y()};
 }
 
-/// R_WT of the library's rotation matrix, by rows. The axes of T are named as those of W: a wrist that stands straight
+/// Returns R_WT for the library's rotation matrix, by rows. The axes of T are named like those of W: a straight wrist
 /// has the identity. Real-time safe.
 Quat orientation_from_force_dimension(const double (&rotation)[3][3]);
 
-/// What a model is said to be like: nobody verified it. Unknown figures are 0.
+/// Published figures of a model, which nobody has verified. Unknown figures are 0.
 struct ForceDimensionModel {
-  int type;  ///< of dhdGetSystemType
+  int type;  ///< result of dhdGetSystemType
   const char* name;
   double max_force;             ///< [N]
   double max_torque;            ///< [N m]
@@ -34,14 +34,14 @@ struct ForceDimensionModel {
   double position_resolution;   ///< [m]
 };
 
-/// Null when it is not known.
+/// Returns the model of a type; null if it is unknown.
 const ForceDimensionModel* force_dimension_model(int type);
 
-/// Where libdrd is looked for when nobody says where it is.
+/// Returns the default places to search for libdrd.
 WantedLibrary force_dimension_library();
 
-/// `forcedimension`, with the options library, serial, index, initialise, gravity_compensation and max_force, which
-/// docs/devices/force-dimension.md explains.
+/// Returns the backend `forcedimension`, with the options library, serial, index, initialise, gravity_compensation and
+/// max_force, which docs/devices/force-dimension.md explains.
 DeviceBackend force_dimension_backend();
 
 }  // namespace haptrace

@@ -30,13 +30,13 @@ using HdSchedulerHandle = unsigned long;
 using HdCallback = unsigned (*)(void*);
 
 struct HdErrorInfo {
-  unsigned code;  ///< 0: none. The others differ from version to version: only their text is used
+  unsigned code;  ///< 0: none. Other codes differ between versions, so only their text is used
   int internal;
   HdHandle device;
 };
 
 constexpr HdHandle kHdInvalid = 0xffffffff;
-constexpr unsigned kHdGoOn = 1;  // what a callback returns to be called again
+constexpr unsigned kHdGoOn = 1;  // result of a callback that is to be called again
 constexpr unsigned short kHdHighestPriority = 0xffff;
 
 enum HdParameter : HdEnum {
@@ -90,7 +90,7 @@ struct HdApi {
   HdSchedulerHandle (*schedule)(HdCallback, void*, unsigned short) = library.function("hdScheduleAsynchronous");
   void (*unschedule)(HdSchedulerHandle) = library.function("hdUnschedule");
 
-  /// The oldest error since the last call, in words; null when there was none.
+  /// Returns the text of the oldest error since the last call; null if there was none.
   [[nodiscard]] const char* error() const noexcept {
     const char* first = nullptr;
     for (int k = 0; k < 16; ++k) {
@@ -106,9 +106,9 @@ struct HdApi {
 // ---- the device ----
 
 struct HdOptions {
-  std::string text;  ///< of the whole --device
+  std::string text;  ///< complete text after --device
   WantedLibrary library;
-  std::string name;        ///< as the vendor's set-up named the device; empty: the default
+  std::string name;        ///< device name in the vendor's set-up; empty: the default
   unsigned long rate = 0;  ///< [Hz]; 0: HD's own
   bool reset_encoders = false;
 };
@@ -132,20 +132,20 @@ class OpenHapticsDevice final : public Device {
   static constexpr std::int64_t kCalmNs = static_cast<std::int64_t>(1e9 * kHdCalm);
   static constexpr std::int64_t kLongestFaultNs = static_cast<std::int64_t>(1e9 * kHdLongestFault);
   static constexpr std::int64_t kPatienceNs = static_cast<std::int64_t>(1e9 * kHdPatience);
-  static constexpr int kFramesPerCheck = 100;  ///< of the calibration
+  static constexpr int kFramesPerCheck = 100;  ///< between two checks of the calibration
   static constexpr std::chrono::milliseconds kCalibratorRest{20};
 
   struct Order {
     Wrench wrench;
-    std::int64_t until_ns = 0;  ///< afterwards it is none
+    std::int64_t until_ns = 0;  ///< end of the wrench
   };
   struct Answer {
     DeviceState state;
-    std::int64_t taken_ns = 0;        ///< the state's
-    std::int64_t frame_ns = 0;        ///< of the last frame, with or without an error
-    std::int64_t fault_ns = 0;        ///< of the last error; 0: there was none
-    std::int64_t fault_since_ns = 0;  ///< of the first of those without calm between them
-    std::array<char, 128> fault{};    ///< its text
+    std::int64_t taken_ns = 0;        ///< time of the state
+    std::int64_t frame_ns = 0;        ///< time of the last frame, with or without an error
+    std::int64_t fault_ns = 0;        ///< time of the last error; 0: none
+    std::int64_t fault_since_ns = 0;  ///< time of the first error since the last calm period
+    std::array<char, 128> fault{};    ///< text of the last error
     unsigned calibration = 0;
   };
 
@@ -154,7 +154,7 @@ class OpenHapticsDevice final : public Device {
   void schedule(const HdOptions& options);
   [[nodiscard]] Error refuse(const std::string& what, const std::string& remedy) const;
 
-  // In HD's thread.
+  // Called in HD's thread.
   static unsigned frame(void* device) noexcept;
   void frame() noexcept;
   void read(DeviceState& state) noexcept;
@@ -163,7 +163,7 @@ class OpenHapticsDevice final : public Device {
 
   [[nodiscard]] bool end_frames() noexcept;
 
-  // In a thread of its own.
+  // Runs in the calibrator's thread.
   void calibrate_when_asked() noexcept;
 
   HdApi api_;
@@ -171,21 +171,21 @@ class OpenHapticsDevice final : public Device {
   HdHandle handle_ = kHdInvalid;
   HdSchedulerHandle scheduled_ = kHdInvalid;
   bool holds_scheduler_ = false;
-  int styles_ = 0;  ///< of HdCalibrationStyle
+  int styles_ = 0;  ///< bits of HdCalibrationStyle
   bool takes_torque_ = false;
 
-  // The tick's.
+  // Used in the tick's thread.
   bool closed_ = true;
   bool lost_ = false;
-  ZeroForce farewell_ = ZeroForce::confirmed;  ///< of the close; no force before there were frames
+  ZeroForce farewell_ = ZeroForce::confirmed;  ///< result of close(); there is no force before the first frame
   Answer newest_;
 
   Mailbox<Order> order_;
   Mailbox<Answer> answer_;
   std::atomic<bool> ending_{false};
-  std::atomic<bool> ended_{false};  ///< zero force was sent, and nothing else will be
+  std::atomic<bool> ended_{false};  ///< zero force was sent, and nothing else will be sent
 
-  // HD's thread's.
+  // Used in HD's thread.
   Answer next_;
   int until_check_ = 0;
 
@@ -219,12 +219,12 @@ Error OpenHapticsDevice::refuse(const std::string& what, const std::string& reme
 
 void OpenHapticsDevice::init(const HdOptions& options) {
   // Without a name the library should choose the default device. Some installations only know it by its name, which
-  // differs from version to version.
+  // differs between versions.
   const std::vector<const char*> names = options.name.empty()
                                              ? std::vector<const char*>{nullptr, "Default Device", "Default PHANToM"}
                                              : std::vector<const char*>{options.name.c_str()};
-  (void)api_.error();           // left behind by others
-  const char* error = nullptr;  // of the first attempt
+  (void)api_.error();           // clears earlier errors
+  const char* error = nullptr;  // error of the first attempt
   for (const char* name : names) {
     handle_ = api_.init_device(name);
     const char* refused = api_.error();
@@ -291,7 +291,7 @@ void OpenHapticsDevice::describe(const HdOptions& options) {
       fmt::format("its library has limits of its own: forces fade in ({:.3g}/s), and it stops beyond {:.3g} m/s or "
                   "sudden changes of {:.3g} N (0: unknown); a stiff playback of a fast path may trip them",
                   number(kHdRampingRate), kHdLength * number(kHdVelocityLimit), number(kHdImpulseLimit)));
-  (void)api_.error();  // what this library does not know is unknown
+  (void)api_.error();  // clears the errors of queries that this library does not know
 }
 
 void OpenHapticsDevice::schedule(const HdOptions& options) {
@@ -387,8 +387,8 @@ void OpenHapticsDevice::check_calibration() noexcept {
 
 // ---- in the calibrator's thread ----
 
-/// The library updates a calibration outside its servo loop: the call may take longer than a frame. Where nobody is
-/// needed it happens at once; in an inkwell, when the stylus is there.
+/// Updates the calibration outside the library's servo loop, because the call may take longer than a frame. An
+/// automatic calibration happens at once, one in an inkwell once the stylus is there.
 void OpenHapticsDevice::calibrate_when_asked() noexcept {
   const HdEnum style = (styles_ & kHdInkwell) != 0 ? kHdInkwell : kHdAuto;
   while (!calibrator_ends_.load(std::memory_order_relaxed)) {
@@ -407,7 +407,7 @@ Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, Devi
   if (closed_ || lost_) return Status::lost;
   order_.post({sendable(wrench), monotonic_ns() + ThreadedDevice::watched_ns(dt)});
   newest_ = answer_.latest();
-  const std::int64_t now = monotonic_ns();  // after the frame that is looked at, or its age were negative
+  const std::int64_t now = monotonic_ns();  // taken after the newest frame, so that its age is not negative
   if (const std::int64_t silence = now - newest_.frame_ns; silence > kPatienceNs) {
     if (silence < kLongestFaultNs) return Status::away;
     lost_ = true;
@@ -424,7 +424,8 @@ Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, Devi
   return Status::ok;
 }
 
-/// Asks for a last frame, with zero force. A servo loop that stands still sends nothing, and is not waited for long.
+/// Requests a last frame, with zero force, and returns whether it was sent. Waits only briefly, because a servo loop
+/// that stands still sends nothing.
 bool OpenHapticsDevice::end_frames() noexcept {
   ending_.store(true, std::memory_order_release);
   for (int k = 0; k < 100 && !ended_.load(std::memory_order_acquire); ++k)

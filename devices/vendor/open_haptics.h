@@ -1,4 +1,4 @@
-// 3D Systems' Touch and the PHANTOMs, through OpenHaptics' HD API: not linked, but looked for.
+// Driver of 3D Systems' Touch and PHANTOM devices through OpenHaptics' HD API, loaded at run time.
 #pragma once
 
 #include "devices/registry.h"
@@ -6,25 +6,27 @@
 
 namespace haptrace {
 
-// HD's frame has W's axes: x to the user's right, y up, z towards him. Only its units differ. Real-time safe.
+// HD's frame has the axes of W: x to the user's right, y up, z towards the user. Only its units differ.
 
-inline constexpr double kHdLength = 1e-3;  ///< [m] of HD's mm; speeds alike
-inline constexpr double kHdTorque = 1e-3;  ///< [N m] of HD's mN m
+inline constexpr double kHdLength = 1e-3;  ///< HD's unit of length, mm [m]; also for speeds
+inline constexpr double kHdTorque = 1e-3;  ///< HD's unit of torque, mN m [N m]
 
-/// R_WT of HD's transform of 4 x 4, by columns.
+/// Returns R_WT for HD's transform of 4 x 4, by columns. Real-time safe.
 Quat orientation_from_open_haptics(const double (&transform)[16]);
 
-/// Where libHD is looked for when nobody says where it is.
+/// Returns the default places to search for libHD.
 WantedLibrary open_haptics_library();
 
-/// `openhaptics`, with the options library, name, rate and reset_encoders, which docs/devices/openhaptics.md explains.
+/// Returns the backend `openhaptics`, with the options library, name, rate and reset_encoders, which
+/// docs/devices/openhaptics.md explains.
 ///
-/// HD owns the servo thread: it calls a function of ours at its own rate, in which alone states are read and forces
-/// sent. Device::exchange passes states and forces to and fro by mailboxes, as ThreadedDevice does and under the same
-/// watchdog; DeviceState::age is measured. HD knows one scheduler for all: one device at a time is open in a process.
+/// HD owns the servo thread and calls our callback at its own rate. Only this callback reads states and sends forces.
+/// Device::exchange passes states and forces through mailboxes, like ThreadedDevice and under the same watchdog;
+/// DeviceState::age is measured. HD has one scheduler for all devices, so a process can open one device at a time.
 ///
-/// After an error of a frame the device is away: no force is sent until kHdCalm without one. So it is when HD does not
-/// call for kHdPatience, but then nothing can be sent. It is lost when either lasts for kHdLongestFault.
+/// After an error in a frame the device is `away`: no force is sent until kHdCalm has passed without another error. The
+/// device is also `away` if HD does not call for kHdPatience, but then nothing can be sent. It is `lost` if either
+/// lasts for kHdLongestFault.
 DeviceBackend open_haptics_backend();
 
 inline constexpr double kHdCalm = 0.1;        ///< [s]

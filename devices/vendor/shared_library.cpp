@@ -22,11 +22,11 @@ LoadAttempt try_to_load(const std::string& place, SharedLibrary::Symbols symbols
   std::error_code error;
   const bool is_file = place.find('/') != std::string::npos;
   if (is_file && !fs::exists(place, error)) return {nullptr, "there is no such file"};
-  // All of its symbols now, and not in the tick.
+  // RTLD_NOW resolves all symbols now, and not in the tick.
   const int visible = symbols == SharedLibrary::Symbols::global ? RTLD_GLOBAL : RTLD_LOCAL;
   if (void* handle = dlopen(place.c_str(), RTLD_NOW | visible)) return {handle, ""};
   std::string why = dlerror();
-  // What another library lacks is named by its own name.
+  // If a dependency is missing, the message begins with the name of the dependency.
   const bool is_missing = !is_file && why.starts_with(place + ":") && why.find("No such file") != std::string::npos;
   if (is_missing) return {nullptr, "not in the system's folders"};
   if (why.starts_with(place + ": ")) why.erase(0, place.size() + 2);
@@ -41,7 +41,7 @@ void SharedLibrary::Close::operator()(void* library) const noexcept {
 
 SharedLibrary::SharedLibrary(const std::string& what, const std::string& file, Unload unload, Symbols symbols)
     : what_(what), file_(file), handle_(nullptr, Close{unload}) {
-  // A name without a slash would be looked for in the system's folders.
+  // The system would search its folders for a name without a slash.
   const LoadAttempt attempt = try_to_load(fs::absolute(file), symbols);
   if (attempt.handle == nullptr)
     throw device_error(fmt::format("{} {}: cannot be loaded: {}", what, file, attempt.why_not));
@@ -82,7 +82,7 @@ std::vector<std::string> library_files(const std::vector<std::string>& folders, 
     for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error))
       if (entry->path().filename().string().starts_with(name)) here.push_back(entry->path());
     if (here.empty()) here.push_back(fs::path(folder) / name);
-    // By length first: 3.10 comes after 3.9.
+    // Compares lengths first, so that 3.10 counts as newer than 3.9.
     std::sort(here.begin(), here.end(), [](const std::string& a, const std::string& b) {
       return a.size() != b.size() ? a.size() > b.size() : a > b;
     });

@@ -1,4 +1,4 @@
-// Functions of a library that is not linked but looked for while the program runs.
+// Libraries that are loaded at run time.
 #pragma once
 
 #include <memory>
@@ -7,28 +7,29 @@
 
 namespace haptrace {
 
-/// A library that a user may have.
+/// A library that may be installed, and the places to search for it.
 struct WantedLibrary {
-  std::string what;                 ///< begins every message about it
-  std::vector<std::string> places;  ///< each a file when it has a slash, else a name that the system looks for
-  std::string remedy;               ///< what to do when it is in none of them
+  std::string what;                 ///< name; begins every message about it
+  std::vector<std::string> places;  ///< files if they contain a slash, otherwise names that the system searches for
+  std::string remedy;               ///< what to do if the library is in none of them
 };
 
-/// A library that is loaded.
+/// A loaded library.
 ///
-/// Threads: as any value; a Symbol may be resolved in any. Not real-time; what it found is called like any function.
+/// Threads: as any value; a Symbol may be resolved in any thread. Not real-time; the functions found are called like
+/// any other.
 class SharedLibrary {
  public:
   enum class Unload {
-    with_this,  ///< once this object is gone
-    never,      ///< with the program: for libraries that may leave threads behind
+    with_this,  ///< unloads the library with this object
+    never,      ///< keeps it until the program ends, for libraries that may leave threads behind
   };
   enum class Symbols {
-    local,   ///< not for other libraries
-    global,  ///< for those that are loaded later, too
+    local,   ///< invisible to other libraries
+    global,  ///< visible to libraries that are loaded later
   };
 
-  /// A function, of the type that it is assigned to: `int (*f)(double) = library.function("f")`.
+  /// A function, which converts to the type that it is assigned to: `int (*f)(double) = library.function("f")`.
   class Symbol {
    public:
     explicit Symbol(void* address) : address_(address) {}
@@ -42,21 +43,22 @@ class SharedLibrary {
     void* address_;
   };
 
-  /// Loads a file, whatever folder the system looks into. `what` it is begins every message about it.
-  /// Throws Error(device) when it cannot be loaded.
+  /// Loads a file, regardless of the system's folders. `what` begins every message about it. Throws Error(device) if
+  /// the file cannot be loaded.
   SharedLibrary(const std::string& what, const std::string& file, Unload unload, Symbols symbols = Symbols::local);
 
-  /// Loads it from the first of its places where it can be. Throws Error(device) naming every place, with why it was
-  /// not that, and the remedy.
+  /// Loads the library from the first place that works. Throws Error(device) naming every place, why it failed, and the
+  /// remedy.
   SharedLibrary(const WantedLibrary& wanted, Unload unload);
 
-  /// As it was loaded.
+  /// Returns the file or name from which the library was loaded.
   [[nodiscard]] const std::string& file() const noexcept { return file_; }
 
-  /// Throws Error(device) naming the library and the function, and `remedy`, when it has none of this name.
+  /// Returns a function. Throws Error(device) naming the library, the function and `remedy` if there is none of this
+  /// name.
   [[nodiscard]] Symbol function(const char* name, const std::string& remedy = "it is another version of it") const;
 
-  /// Null when it has none of this name.
+  /// Returns a function; null if there is none of this name.
   [[nodiscard]] Symbol function_if_any(const char* name) const noexcept;
 
  private:
@@ -69,8 +71,8 @@ class SharedLibrary {
   std::unique_ptr<void, Close> handle_;
 };
 
-/// The files in `folders` whose names begin with `name` ("libHD.so" finds libHD.so.3.4.0), newest version first; for a
-/// folder without any, where it would be. So a message about them says where was looked.
+/// Returns the files in `folders` whose names begin with `name` ("libHD.so" finds libHD.so.3.4.0), newest version
+/// first. For a folder without any, returns the path where it would be, so that a message names every place searched.
 std::vector<std::string> library_files(const std::vector<std::string>& folders, const std::string& name);
 
 }  // namespace haptrace
