@@ -13,7 +13,7 @@ namespace haptrace {
 /// A device that is plugged in, or offered by a program on this machine.
 struct FoundDevice {
   std::string spec;      ///< text after --device that selects it
-  std::string model;     ///< as far as it is known without opening the device
+  std::string model;     ///< as far as known without opening the device
   std::string serial;    ///< empty when unknown
   std::string where;     ///< for example "usb 1-1.2"
   std::string obstacle;  ///< why it cannot be opened; empty if no reason is known
@@ -54,7 +54,7 @@ void add_device_backend(DeviceBackend backend);
 std::unique_ptr<Device> open_device(const DeviceSpec& spec);
 std::unique_ptr<Device> open_device(std::string_view spec);
 
-inline constexpr double kZeroingWindow = 2;  ///< how long to search for a lost device in order to remove its force [s]
+inline constexpr double kZeroingWindow = 2;  ///< search time for a lost device, to remove its force [s]
 
 /// Returns whether a lost device may be reopened just to send zero force.
 bool can_be_zeroed_again(const DeviceInfo& lost);

@@ -83,7 +83,7 @@ bool FalconDriver::round(const Wrench& wrench, DeviceState& state) {
 
 ZeroForce FalconDriver::release() noexcept {
   if (link_ == nullptr) return farewell_;
-  constexpr int kFarewells = 3;  // in case one gets lost
+  constexpr int kFarewells = 3;  // several, in case one gets lost
   try {
     for (int farewells = 0; farewells < kFarewells; ++farewells)
       if (dialogue_.ask({})) farewell_ = ZeroForce::confirmed;

@@ -32,7 +32,7 @@ constexpr std::size_t kPayload = EmulatedFalcon::kPacket - EmulatedFalcon::kStat
 constexpr std::int64_t kLatencyAtFirst = 16'000'000;  // [ns]
 constexpr int kMostCounts = 2000;                     // largest offset of an encoder that is not homed
 constexpr double kHomingReach = 0.02;                 // homing movement to either side of the marks [m]
-constexpr int kHalvings = 20;                         // in the search for the stop
+constexpr int kHalvings = 20;                         // bisection steps in the search for a stop
 // Distance from the stops to the limit of the legs' reach, relative to the distance from the origin to the stops.
 constexpr double kStopMargin = 0.02;
 constexpr double kHomingPart = 0.15;  // duration of each homing movement: out, in, back [s]

@@ -27,13 +27,13 @@ constexpr std::uint16_t kLatencyOfLoader = 16, kLatencyOfRun = 1;  // [ms]; gree
 constexpr std::array<std::uint8_t, 3> kGreeting{0x0a, 0x43, 0x0d};
 constexpr std::array<std::uint8_t, 4> kWelcome{0x0a, 0x44, 0x2c, 0x0d};  // a 0 may precede it
 constexpr std::array<std::uint8_t, 1> kBegin{0x41};
-constexpr std::size_t kChunk = 62;  // its echo and the chip's status are one USB packet
+constexpr std::size_t kChunk = 62;  // the echo of a chunk and the chip's status are one USB packet
 
 constexpr int kLoadingTries = 10, kGreetings = 50;
-constexpr int kProbes = 200;            // of firmware that may just have started: 1 s in all
+constexpr int kProbes = 200;            // to firmware that may just have started: 1 s in all
 constexpr double kGreetingTime = 0.04;  // [s], like the next two
 constexpr double kEchoTime = 0.5;
-constexpr double kSilence = 0.03;  // after which no more bytes are expected
+constexpr double kSilence = 0.03;  // silence after which no more bytes are expected
 
 void falcon_send(FalconLink& link, FalconByteSpan bytes) {
   if (!link.write(bytes, kEchoTime)) throw device_error("its USB chip takes no data");

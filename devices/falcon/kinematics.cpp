@@ -8,8 +8,8 @@ namespace haptrace {
 namespace {
 
 constexpr double kShortestPart = 1e-3, kLongestPart = 1;  // [m]
-constexpr double kLeastSpread = 0.1;   // of the legs: twice the area of the triangle of their directions
-constexpr int kMostSteps = 20;         // of Newton's method; two or three are typical
+constexpr double kLeastSpread = 0.1;   // spread of the legs: twice the area of the triangle of their directions
+constexpr int kMostSteps = 20;         // steps of Newton's method; two or three are typical
 constexpr double kLongestStep = 0.03;  // [m], so that no step jumps past the elbows
 constexpr double kLastStep = 1e-8;     // [m]; the error after it is of the order of its square
 // Minima for a reached pose. In a box of 80 mm around (0, 0, 0.12) the values are at least 0.15, 0.31 and 0.82.

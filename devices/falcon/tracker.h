@@ -55,13 +55,13 @@ class FalconTracker {
   FalconKinematics kinematics_;
   std::optional<FalconPose> pose_;
   FalconReport last_;         ///< last report that is believed, or may be once settled
-  std::int64_t last_ns_ = 0;  ///< when its packet was sent
+  std::int64_t last_ns_ = 0;  ///< time at which its packet was sent [ns]
   double elapsed_ = 0;        ///< longest time between its sampling and that of the newest report [s]
   int settled_ = 0;           ///< consecutive reports without a jump
 
   Doubt doubt_ = Doubt::none;
   FalconReport doubted_;         ///< first doubted report, as long as there is doubt
-  std::int64_t doubted_ns_ = 0;  ///< when its packet was sent
+  std::int64_t doubted_ns_ = 0;  ///< time at which its packet was sent [ns]
 };
 
 /// Detects encoders that do not count although the motors push: a connector inside came off, or the firmware hangs. It

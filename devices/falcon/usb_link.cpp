@@ -23,7 +23,7 @@ constexpr std::size_t kLargestPacket = 512;
 constexpr std::size_t kReceivers = 4;        // transfers in flight
 constexpr std::size_t kMostReceived = 4096;  // largest number of unread bytes
 constexpr unsigned kControlTimeout = 1000;   // [ms]
-constexpr double kCancelTime = 1;            // for the kernel to return a transfer [s]
+constexpr double kCancelTime = 1;            // time for the kernel to return a transfer [s]
 
 template <auto function>
 struct UsbCall {

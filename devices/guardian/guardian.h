@@ -19,8 +19,8 @@ struct GuardedPort {
 /// Bytes that the guardian sends to the device in place of the host. Both remove the force, wherever the host's last
 /// bytes broke off. At most 65535 bytes each.
 struct LastWords {
-  std::vector<std::uint8_t> when_silent;  ///< for a host without a sign of life: stopped or starved, it may come back
-  std::vector<std::uint8_t> when_dead;    ///< for a host that is gone
+  std::vector<std::uint8_t> when_silent;  ///< the host shows no sign of life: stopped or starved, it may come back
+  std::vector<std::uint8_t> when_dead;    ///< the host is gone
 };
 
 /// Messages over the socket between a host and its guardian, after the words: one byte each.

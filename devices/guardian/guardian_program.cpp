@@ -20,13 +20,13 @@ namespace {
 
 using Words = std::vector<std::uint8_t>;
 
-// Limit for a silent host, because the device answers each and nobody reads the answers.
+// Number of words for a silent host: the device answers each, and nobody reads the answers.
 constexpr int kWordsOfSilence = 3;
 constexpr useconds_t kPause = 5000;         // [us]
 constexpr int kPatienceWithThePort = 200;   // pauses
 constexpr unsigned kTransferTime = 100;     // [ms]
 constexpr int kPausesOfATransfer = 20;      // length of a transfer that timed out
-constexpr useconds_t kLastBreath = 50'000;  // for the port to send its last bytes [us]
+constexpr useconds_t kLastBreath = 50'000;  // time for the port to send its last bytes [us]
 
 Words hear(std::size_t count) {
   Words words(count);

@@ -16,7 +16,7 @@ struct HapkitOptions {
   std::string name = "hapkit";
   std::string port;
   std::string serial;
-  double greeting_patience = 4;  ///< how long to greet the board [s]; boot loaders take up to 2 s
+  double greeting_patience = 4;  ///< duration of the greetings [s]; boot loaders take up to 2 s
 };
 
 /// Sends a command and waits for the state with the same sequence number; skips damaged and late packets. The board

@@ -15,7 +15,7 @@ namespace {
 constexpr double kDegreeOfArm = std::numbers::pi / 180;  // [rad]
 constexpr double kBoardTorque = 0.123;                   // MAX_TORQUE of the firmware [N m]
 constexpr double kTorqueSteps = 4095;                    // steps of the M3 board's outputs
-constexpr double kNominalPeriod = 1e-3;                  // between two answers [s]
+constexpr double kNominalPeriod = 1e-3;                  // time between two answers [s]
 constexpr std::size_t kBoardHead = 2;                    // a command and an id
 
 std::size_t ports_in(unsigned mask) {

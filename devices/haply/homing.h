@@ -18,7 +18,7 @@ namespace haptrace {
 /// Real-time: all members.
 class StopHoming {
  public:
-  static constexpr double kSwing = 0.25;   ///< how far each arm must swing inward [rad]
+  static constexpr double kSwing = 0.25;   ///< required inward swing of each arm [rad]
   static constexpr double kNear = 0.03;    ///< tolerance to the outermost angle, and at rest [rad]
   static constexpr double kRest = 0.5;     ///< [s]
   static constexpr double kBeyond = 0.09;  ///< angle explained by a yielding stop and backlash [rad]

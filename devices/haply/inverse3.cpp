@@ -25,12 +25,12 @@ using boost::system::error_code;
 
 constexpr double kInverseConnects = 0.5;            // [s], and as long again for the upgrade to a WebSocket
 constexpr double kInverseInventory = 1;             // [s]
-constexpr double kInverseReply = 0.01;              // of a round [s]
+constexpr double kInverseReply = 0.01;              // per round [s]
 constexpr double kInverseFirstReply = 0.8;          // [s]
 constexpr double kInverseSilence = 0.08;            // before ThreadedDevice gives up with a less precise message [s]
 constexpr double kInverseFarewell = 0.1;            // [s]
 constexpr double kInverseSearch = 0.05;             // per step of a search [s]
-constexpr double kInverseUnlisted = 0.05;           // after which an arm missing from the answers is gone [s]
+constexpr double kInverseUnlisted = 0.05;           // time after which an arm missing from the answers is gone [s]
 constexpr std::size_t kInverseLongest = 1U << 20U;  // longest message [bytes]
 
 constexpr const char* kStartService =

@@ -26,10 +26,10 @@ struct InverseArm {
   std::string type;                    ///< "inverse3", "inverse3x", "minverse"
   Vec3 position = Vec3::Zero();        ///< cursor position [m]
   std::optional<Vec3> velocity;        ///< cursor velocity, if ever reported [m/s]
-  bool powered = false;                ///< by its own power supply, without which it has no force
+  bool powered = false;                ///< has its own power supply, without which it has no force
   bool calibrated = false;             ///< if not, its positions mean nothing
-  bool ready = false;                  ///< as the service judges it
-  bool in_use = false;                 ///< by any program, perhaps this one
+  bool ready = false;                  ///< ready in the service's judgement
+  bool in_use = false;                 ///< in use by any program, perhaps this one
   std::vector<std::string> displaced;  ///< settings that rotate, scale or move the service's axes, such as "basis XZY"
 
   /// Placement of the service's axes: position [m], rotation (w, x, y, z) and scale of the mount, then of the
@@ -105,7 +105,7 @@ class InverseServiceView {
   [[nodiscard]] InverseForceKey force_key() const;
 
  private:
-  using Devices = std::map<std::string, nlohmann::json>;  ///< by their ids
+  using Devices = std::map<std::string, nlohmann::json>;  ///< devices by id
 
   std::map<std::string, Devices> kinds_;  ///< "inverse3", "verse_grip", "wireless_verse_grip"
   std::vector<std::string> listed_;

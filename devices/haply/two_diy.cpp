@@ -24,7 +24,7 @@ constexpr double kCalmQuiet = 0.002;  // silence after which no more bytes are e
 constexpr double kFastestArm = 60;    // a hand at 4 m/s [rad/s]
 constexpr double kArmSlack = 0.02;    // [rad]
 constexpr int kMostNonsense = 3;
-constexpr int kMostReads = 16;      // of unsolicited bytes
+constexpr int kMostReads = 16;      // limit for reading unsolicited bytes
 constexpr double kFarewell = 0.02;  // [s]
 
 DeviceInfo describe_two_diy(const TwoDiyCalibration& calibration, const PantographKinematics& kinematics,

@@ -196,7 +196,7 @@ Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceSta
   state.buttons = raw.buttons;
   state.ready = raw.ready != 0;
   state.sequence = sample.sequence;
-  state.age = sample.age > 0 ? sample.age : 0;  // 0 also for NaN
+  state.age = sample.age > 0 ? sample.age : 0;  // 0 for NaN, too
   return Status::ok;
 }
 

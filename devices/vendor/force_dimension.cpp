@@ -122,8 +122,8 @@ class ForceDimensionDriver final : public DeviceDriver {
   }
 
  private:
-  static constexpr std::int64_t kLookNs = 20'000'000;  ///< between two checks of the status
-  static constexpr std::int64_t kBearNs = 50'000'000;  ///< how long errors are tolerated
+  static constexpr std::int64_t kLookNs = 20'000'000;  ///< time between two checks of the status
+  static constexpr std::int64_t kBearNs = 50'000'000;  ///< longest time that errors are tolerated
   static constexpr std::int64_t kSwitchOnNs = 200'000'000;
   static constexpr unsigned char kWatchdog = 255;  ///< [125 us]: the longest, 32 ms
 

@@ -132,7 +132,7 @@ class OpenHapticsDevice final : public Device {
   static constexpr std::int64_t kCalmNs = static_cast<std::int64_t>(1e9 * kHdCalm);
   static constexpr std::int64_t kLongestFaultNs = static_cast<std::int64_t>(1e9 * kHdLongestFault);
   static constexpr std::int64_t kPatienceNs = static_cast<std::int64_t>(1e9 * kHdPatience);
-  static constexpr int kFramesPerCheck = 100;  ///< between two checks of the calibration
+  static constexpr int kFramesPerCheck = 100;  ///< frames between two checks of the calibration
   static constexpr std::chrono::milliseconds kCalibratorRest{20};
 
   struct Order {
