@@ -9,8 +9,8 @@
 namespace haptrace {
 namespace {
 
-constexpr double kSpacing = 2.5e-4;     // [m]
-constexpr double kFewestSegments = 64;  // over the diagonal of a path's box
+constexpr double kSpacing = 2.5e-4;     // knot spacing for desktop devices [m]
+constexpr double kFewestSegments = 64;  // minimum number of knots along the diagonal of a path's box
 
 }  // namespace
 
@@ -41,7 +41,7 @@ void ArcPath::Builder::add(double time, const Vec3& position, const Vec3& force)
   }
   const Vec3 from = last_, way = position - from, change = force - last_force_;
   const double duration = time - last_time_;
-  double share = 0;  // of the way that was walked
+  double share = 0;  // fraction of this move that is already added
   const auto walk_to = [&](double to) {
     const double elapsed = (to - share) * duration;
     impulse_ += elapsed * (last_force_ + 0.5 * (share + to) * change);
@@ -49,7 +49,7 @@ void ArcPath::Builder::add(double time, const Vec3& position, const Vec3& force)
     share = to;
   };
   while (share < 1) {
-    // Where the way leaves the sphere round the last knot: |from + u way - knot| = spacing.
+    // Solves for the point where the move leaves the sphere around the last knot: |from + u way - knot| = spacing.
     const Vec3 offset = from - position_.back();
     const double a = way.squaredNorm(), b = offset.dot(way), c = offset.squaredNorm() - spacing_ * spacing_;
     const double leaves = a > 0 ? (-b + std::sqrt(std::max(b * b - a * c, 0.0))) / a : 2;
@@ -67,7 +67,7 @@ void ArcPath::Builder::add(double time, const Vec3& position, const Vec3& force)
 
 ArcPath ArcPath::Builder::finish(double radius) {
   if (position_.empty()) throw input_error("a path without samples guides nobody");
-  // The end, unless it is the last knot; and what a path without length needs to be answered about.
+  // Adds the end point unless it coincides with the last knot. A path without length still needs one force.
   const double rest = (last_ - position_.back()).norm();
   if (rest > 1e-6 * spacing_) {
     position_.push_back(last_);
@@ -140,7 +140,7 @@ ArcPath::Place ArcPath::at(double s) const noexcept {
   place.tangent = way / length;
   place.speed = length / (time_[i + 1] - time_[i]);
   place.radius = radius_[i] + share * (radius_[i + 1] - radius_[i]);
-  // Between the middles of segments.
+  // Forces are linear between the midpoints of the segments.
   const std::size_t before = share < 0.5 && i > 0 ? i - 1 : i, after = std::min(before + 1, force_.size() - 1);
   const double between = share < 0.5 ? share + 0.5 : share - 0.5;
   const Vec3 f = force_[before].cast<double>();

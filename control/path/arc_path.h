@@ -1,4 +1,4 @@
-// A path by its arc length: what guidance follows, since the trainee's time is his own.
+// A path parameterised by arc length. Guidance follows it because trainees move at their own pace.
 #pragma once
 
 #include "base/types.h"
@@ -9,35 +9,37 @@
 
 namespace haptrace {
 
-/// An expert's movement as a function of place: position, force and speed over arc length.
+/// Represents an expert's movement as a function of arc length: position, force and speed.
 ///
-/// Knots lie a chord of `spacing` apart along the movement; the last segment may be shorter. Between them positions and
-/// radii run straight, and forces between the middles of segments, where each is the mean over the expert's time there.
-/// What the expert shook within less than a spacing is no way, and a pause is a place where he was slow.
+/// Neighbouring knots are a chord of `spacing` apart; the last segment may be shorter. Positions and radii are linear
+/// between knots. Each segment has one force, the mean over the expert's time on it; forces are linear between the
+/// midpoints of segments. Tremor smaller than a spacing does not count as movement, and a pause only lowers the
+/// expert's speed at that point.
 ///
-/// Every answer costs O(1), whatever the length. Threads: const and safe to share. Real-time: all but the construction.
+/// Every query except place_at costs O(1), whatever the length. Threads: const and safe to share. Real-time: everything
+/// but the construction.
 class ArcPath {
  public:
-  /// What is known of one place.
+  /// A point of the path with everything the path stores about it.
   struct Place {
     Vec3 position = Vec3::Zero();  ///< [m]
-    Vec3 tangent = Vec3::Zero();   ///< unit, in the direction of the movement; zero on a path without length
-    Vec3 force = Vec3::Zero();     ///< the expert's, as recorded; zero when he had none [N]
-    double speed = 0;              ///< the expert's there, his pauses counted in [m/s]
-    double radius = 0;             ///< of the tunnel [m]
+    Vec3 tangent = Vec3::Zero();   ///< unit vector in the direction of the movement; zero on a path without length
+    Vec3 force = Vec3::Zero();     ///< expert's force, as recorded; zero if the recording has none [N]
+    double speed = 0;              ///< expert's speed at this point, pauses included [m/s]
+    double radius = 0;             ///< tunnel radius [m]
   };
 
-  /// Collects a movement in the order of its time.
+  /// Builds an ArcPath from the samples of a movement, in the order of time.
   class Builder {
    public:
-    /// `spacing` [m] greater than 0; see spacing_for. Throws Error(input) otherwise.
+    /// Throws Error(input) unless `spacing` [m] is greater than 0 and finite; see spacing_for.
     explicit Builder(double spacing);
 
-    /// The next moment of the movement: time strictly after the one before [s], position [m], force [N]. Moves between
-    /// two moments are taken as straight.
+    /// Adds the next sample: time strictly after the previous one [s], position [m], force [N]. The movement between
+    /// two samples is taken as straight.
     void add(double time, const Vec3& position, const Vec3& force);
 
-    /// The path with a tunnel of the same radius everywhere [m]. Throws Error(input) when nothing was added.
+    /// Returns the path with the same tunnel radius [m] everywhere. Throws Error(input) when no sample was added.
     ArcPath finish(double radius);
 
    private:
@@ -49,53 +51,55 @@ class ArcPath {
     std::vector<Eigen::Vector3f> force_;
     Vec3 last_ = Vec3::Zero(), last_force_ = Vec3::Zero();
     double last_time_ = 0;
-    Vec3 impulse_ = Vec3::Zero();  ///< of the force on the present segment [N s]
-    double duration_ = 0;          ///< on the present segment [s]
+    Vec3 impulse_ = Vec3::Zero();  ///< time integral of the force on the current segment [N s]
+    double duration_ = 0;          ///< time spent on the current segment [s]
   };
 
-  /// A spacing for a movement whose box has this diagonal [m]: 0.25 mm for desktop devices, less for tiny paths.
+  /// Returns the spacing for a movement whose box has this diagonal [m]: 0.25 mm for desktop devices, less for tiny
+  /// paths.
   static double spacing_for(double extent);
 
   [[nodiscard]] double length() const noexcept { return length_; }  ///< [m]
   [[nodiscard]] double spacing() const noexcept { return spacing_; }
   [[nodiscard]] std::size_t knots() const noexcept { return position_.size(); }
-  /// When the expert was at `s` [s], from his start.
+  /// Returns the time at which the expert was at arc length `s` [s], counted from the expert's start.
   [[nodiscard]] double time_at(double s) const noexcept;
-  /// Where the expert was at `time` [s] from his start [m]. Costs O(log knots).
+  /// Returns the arc length of the expert at `time` [s] after the expert's start [m]. Costs O(log knots).
   [[nodiscard]] double place_at(double time) const noexcept;
-  /// At `s` [m], taken to the nearer end when it is beyond one; NaN asks for the start.
+  /// Returns the point at arc length `s` [m], clamped to the ends of the path; NaN gives the start.
   [[nodiscard]] Place at(double s) const noexcept;
   [[nodiscard]] Vec3 position_at(double s) const noexcept;
 
-  /// Arc length of knot `i` [m].
+  /// Returns the arc length of knot `i` [m].
   [[nodiscard]] double knot_at(std::size_t i) const noexcept {
     return i + 1 < position_.size() ? spacing_ * static_cast<double>(i) : length_;
   }
 
-  /// A radius for every knot [m], each greater than or equal to 0. Throws Error(input) when the number differs.
+  /// Sets a radius for every knot [m], each at least 0. Throws Error(input) when a radius is negative or the number
+  /// differs.
   void set_radius(const std::vector<double>& radius);
 
-  /// The nearest place to `point` on segment `i`: arc length [m] and squared distance [m^2].
+  /// The nearest point on a segment: arc length [m] and squared distance [m^2].
   struct Nearest {
     double s = 0, squared_distance = 0;
   };
   [[nodiscard]] Nearest nearest_on(std::size_t i, const Vec3& point) const noexcept;
   [[nodiscard]] std::size_t segments() const noexcept { return position_.size() - 1; }
-  /// The segment that holds `s`.
+  /// Returns the index of the segment that contains arc length `s`.
   [[nodiscard]] std::size_t segment_at(double s) const noexcept;
 
  private:
   ArcPath() = default;
   struct Where {
     std::size_t segment = 0;
-    double share = 0;  ///< of the segment that lies before it
+    double share = 0;  ///< fraction of the segment that lies before the point
   };
   [[nodiscard]] Where where(double s) const noexcept;
   [[nodiscard]] double segment_length(std::size_t i) const noexcept { return knot_at(i + 1) - knot_at(i); }
 
   double spacing_ = 0, length_ = 0;
   std::vector<Vec3> position_;
-  std::vector<Eigen::Vector3f> force_;  ///< mean over the time on each segment; one on a path without any
+  std::vector<Eigen::Vector3f> force_;  ///< mean over the time on each segment; a path without segments has one
   std::vector<double> time_;
   std::vector<float> radius_;
 };

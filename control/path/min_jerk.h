@@ -7,7 +7,7 @@ namespace haptrace {
 struct MinJerk {
   double s, ds, dds;
 
-  /// Largest ds over u: speed peaks at 15/8 of the mean.
+  /// Largest ds over u: the peak speed is 15/8 of the mean speed.
   static constexpr double kPeakSpeed = 1.875;
 
   static constexpr MinJerk at(double u) noexcept {

@@ -5,7 +5,7 @@
 namespace haptrace {
 namespace {
 
-/// J(r) v, the left Jacobian of SO(3); its coefficients by series where the angle is small.
+/// Returns J(r) v with the left Jacobian J of SO(3). Small angles use the series of the coefficients.
 Vec3 left_jacobian(const Vec3& r, const Vec3& v) {
   const double angle = r.norm(), square = angle * angle;
   const bool small = angle < 1e-3;
@@ -15,7 +15,7 @@ Vec3 left_jacobian(const Vec3& r, const Vec3& v) {
   return v + a * once + b * r.cross(once);
 }
 
-/// J(r)^-1 w, for an angle of at most pi.
+/// Returns J(r)^-1 w for an angle of at most pi.
 Vec3 left_jacobian_inverse(const Vec3& r, const Vec3& w) {
   const double angle = r.norm(), square = angle * angle;
   const double half = 0.5 * angle;

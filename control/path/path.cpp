@@ -8,10 +8,10 @@
 namespace haptrace {
 namespace {
 
-/// No device reaches this far; a path that does was written in millimetres.
+/// Larger than any workspace. A path that exceeds it has the wrong unit, usually millimetres.
 constexpr double kLargestExtent = 50;  // [m]
 
-constexpr double kUnit = 1e-3;  // how far the norm of a quaternion may be from 1
+constexpr double kUnit = 1e-3;  // tolerance of the norm of a unit quaternion
 
 bool is_number(const Vec3& v) {
   return is_finite(v);
@@ -92,7 +92,7 @@ Fit fit_into(const Box& box, const Box& workspace, double margin) {
   for (int axis = 0; axis < 3; ++axis)
     if (box.size()[axis] > room.size()[axis]) fit.scale = std::min(fit.scale, room.size()[axis] / box.size()[axis]);
 
-  // After scaling about its centre, the path moves only as far as it has to.
+  // Scales about the centre, then moves no farther than needed.
   const Vec3 half = 0.5 * fit.scale * box.size();
   const Vec3 center = box.center().cwiseMax(room.min + half).cwiseMin(room.max - half);
   fit.offset = center - fit.scale * box.center();

@@ -1,4 +1,4 @@
-// A recorded or generated path: where the hand was, when.
+// A recorded or generated path: hand positions over time.
 #pragma once
 
 #include "base/types.h"
@@ -22,52 +22,53 @@ struct Box {
   [[nodiscard]] Vec3 center() const { return 0.5 * (min + max); }
 };
 
-/// Samples of a movement over time stamps that need not be even. Columns have the same length or are empty.
+/// Samples of a movement; the time steps may vary. Columns have the same length or are empty.
 struct Path {
-  std::string name;                ///< for messages: usually the file
+  std::string name;                ///< used in messages; usually the file name
   std::vector<double> time;        ///< [s], strictly increasing
   std::vector<Vec3> position;      ///< p_WT [m]
   std::vector<Vec3> velocity;      ///< [m/s], or empty
-  std::vector<Vec3> force;         ///< on the hand, [N], or empty
-  std::vector<Quat> orientation;   ///< of the tool, unit quaternions, or empty
-  std::vector<std::string> notes;  ///< what a reader noticed and a person should know
+  std::vector<Vec3> force;         ///< on the hand [N], or empty
+  std::vector<Quat> orientation;   ///< tool orientation as unit quaternions, or empty
+  std::vector<std::string> notes;  ///< notes from the file reader for the user
 
   [[nodiscard]] std::size_t size() const noexcept { return time.size(); }
   [[nodiscard]] double duration() const { return time.empty() ? 0 : time.back() - time.front(); }
   [[nodiscard]] Box bounds() const;
 };
 
-/// Throws Error(input) naming the row unless the path has a sample, equal columns, finite values, unit quaternions and
-/// strictly increasing time; or when its size can only be a unit mistake (wider or farther than 50 m). Rows count from
-/// 1, after the `rows_before` of a longer path.
+/// Throws Error(input) naming the row unless the path has a sample, columns of equal length, finite values, unit
+/// quaternions and strictly increasing time. Also throws when the path is so large that its unit must be wrong (wider
+/// than 50 m or farther than 50 m from the origin). Rows count from 1, after the `rows_before` rows of a longer path.
 void validate(const Path& path, std::uint64_t rows_before = 0);
 
-/// Throws Error(input) when positions within `bounds` can only be a unit mistake.
+/// Throws Error(input) when positions within `bounds` are so large that their unit must be wrong.
 void validate_size(const std::string& name, const Box& bounds);
 
-/// How a path was moved into a workspace: p' = scale * p + offset.
+/// Maps a path into a workspace: p' = scale * p + offset.
 struct Fit {
   double scale = 1;
   Vec3 offset = Vec3::Zero();
 };
 
-/// "scaled by 0.64, moved by 286.2, 206.8, -119.8 mm": for people.
+/// Returns a text for users: "scaled by 0.64, moved by 286.2, 206.8, -119.8 mm".
 std::string describe(const Fit& fit);
 
-/// From a point to the nearest of a box [m]; 0 inside.
+/// Returns the distance from a point to the box [m]; 0 inside.
 double distance_outside(const Vec3& point, const Box& box);
 
-/// How far the path leaves the workspace [m]: the largest distance of a sample from the box; 0 when inside.
+/// Returns the largest distance of a sample from the workspace [m]; 0 when all are inside.
 double distance_outside(const Path& path, const Box& workspace);
 
-/// The gentlest change that puts a path of these bounds inside `workspace` shrunk by `margin` (a fraction of its size,
-/// per side): moves it, and scales it down (never up) about its centre, equally in every axis, only as far as needed.
+/// Computes the smallest change that puts a path with these bounds inside `workspace` shrunk by `margin` (a fraction of
+/// its size, per side). It moves the path, and scales it down (never up) about its centre, equally in every axis, only
+/// as far as needed.
 Fit fit_into(const Box& bounds, const Box& workspace, double margin = 0.05);
 inline Fit fit_into(const Path& path, const Box& workspace, double margin = 0.05) {
   return fit_into(path.bounds(), workspace, margin);
 }
 
-/// Applies a fit to positions and velocities. Forces stay as they were felt, and the tool points as it did.
+/// Applies a fit to positions and velocities. Forces and orientations stay unchanged.
 void apply(const Fit& fit, Path& path);
 
 }  // namespace haptrace

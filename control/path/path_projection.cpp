@@ -9,12 +9,12 @@
 namespace haptrace {
 namespace {
 
-constexpr double kSpeedTime = 0.02;    // time constant of the place's speed [s]
-constexpr double kPreference = 0.02;   // spacings by which what lies beyond a rise of the distance has to be nearer
-constexpr double kLeap = 1e-3;         // of the place in a tick, beyond what the tool moved [m]
-constexpr double kAhead = 40;          // spacings within which the place passes a corner that was cut: 10 mm
-constexpr double kCut = 5e-4;          // by which what comes after the corner has to be nearer [m]
-constexpr double kMostSegments = 128;  // looked at in a tick: it must cost little on the finest paths too
+constexpr double kSpeedTime = 0.02;    // time constant of the foot point's speed [s]
+constexpr double kPreference = 0.02;   // a point beyond a rise of the distance must be nearer by this [spacings]
+constexpr double kLeap = 1e-3;         // largest move of the foot point in a tick beyond the tool's own move [m]
+constexpr double kAhead = 40;          // distance within which the foot point passes a cut corner: 10 mm [spacings]
+constexpr double kCut = 5e-4;          // a point beyond a cut corner must be nearer by this [m]
+constexpr double kMostSegments = 128;  // searched per tick; limits the cost on the finest paths
 
 }  // namespace
 
@@ -26,15 +26,16 @@ void PathProjection::start(double s) noexcept {
 
 const PathProjection::Foot& PathProjection::update(const Vec3& position, double dt) noexcept {
   if (!is_finite(position)) return foot_;
-  // However long a tick is, no farther beyond what the tool moved than kLeap: round a corner the place would jump.
+  // In a long tick the foot point may move at most kLeap farther than the tool; otherwise it would jump round a corner.
   const double moved = (position - foot_.place.position - foot_.offset).norm();
   const double reach = std::min({options_.max_speed * dt, moved + kLeap, kMostSegments * path_->spacing()});
-  // The present place is preferred where nothing is nearer: so that it rests where it has no reason to move.
+  // Keeps the current foot point unless another point is nearer, so that it rests unless the tool moves.
   ArcPath::Nearest best{foot_.s, (position - path_->position_at(foot_.s)).squaredNorm()};
   look(foot_.s, std::min(foot_.s + reach, path_->length()), false, position, best);
-  // At the turn of a retraced stroke both ways are as near: forward it goes.
+  // At the turn of a retraced stroke both directions are equally near. The forward direction wins.
   if (options_.allow_back) look(std::max(foot_.s - reach, 0.0), foot_.s, true, position, best);
-  // Who cuts a corner, or turns before the end of a stroke, is nearer to what comes after it: there the place slides.
+  // A tool that cuts a corner, or turns before the end of a stroke, is nearer to the path after it. The foot point
+  // slides there.
   if (const double off = std::sqrt(best.squared_distance); off > kCut) {
     ArcPath::Nearest ahead{foot_.s, (off - kCut) * (off - kCut)};
     look(foot_.s, std::min(foot_.s + kAhead * path_->spacing(), path_->length()), false, position, ahead);

@@ -12,10 +12,10 @@ namespace haptrace {
 namespace {
 
 using Sparse = Eigen::SparseMatrix<double>;
-constexpr double kMostSmoothing = 0.05;   // [s]: a hand does not move within less
+constexpr double kMostSmoothing = 0.05;   // no hand movement is faster [s]
 constexpr double kLargestNoise = 1e-3;    // [m]
-constexpr double kSmallestNoise = 1e-9;   // less is rounding [m]
-constexpr double kRecordingStep = 0.011;  // of a recording rather than of waypoints; stamps jitter [s]
+constexpr double kSmallestNoise = 1e-9;   // below this, differences are rounding [m]
+constexpr double kRecordingStep = 0.011;  // largest step of a recording, with jitter; waypoints are farther apart [s]
 constexpr double kBendingTolerance = 2.5;
 
 using Columns = Eigen::Matrix<double, Eigen::Dynamic, 3>;
@@ -26,12 +26,12 @@ Columns positions_of(const Path& path) {
   return position;
 }
 
-/// What smoothing needs of one stretch, whatever the time constant.
+/// Holds the matrices of one stretch, which do not depend on the time constant.
 ///
 /// With the second derivatives g at the knots, a cubic spline with given end slopes c satisfies R g = Q' x - c, where R
-/// holds the integrals of products of hat functions and Q' takes differences of chords. The least of the sum is at
+/// holds the integrals of products of hat functions and Q' takes differences of chords. The sum has its minimum at
 /// x = p - tau^4 W^-1 Q g with (R + tau^4 Q' W^-1 Q) g = Q' p - c. Here c = 0: an end is at rest, or, where the path
-/// goes on, has no second derivative (its row is left out).
+/// continues, has no second derivative (its row is left out).
 class Smoother {
  public:
   Smoother(const Path& path, const PathEnds& ends) : position_(positions_of(path)) {
@@ -54,7 +54,7 @@ class Smoother {
         for (const Eigen::Index b : {i, i + 1})
           if (a >= first && a <= last && b >= first && b <= last)
             hats.emplace_back(a - first, b - first, a == b ? h / 3 : h / 6);
-      // The chord of a segment ends at its first knot and begins at its second.
+      // The chord of a segment enters the equations of both of its knots, with opposite signs.
       for (const auto& [knot, sign] : {std::pair{i, 1.0}, std::pair{i + 1, -1.0}}) {
         add(i, knot, -sign / h);
         add(i + 1, knot, sign / h);
@@ -88,11 +88,12 @@ class Smoother {
 
  private:
   Columns position_, right_;
-  Eigen::VectorXd weight_;  ///< time that a sample stands for [s]
+  Eigen::VectorXd weight_;  ///< time that a sample represents [s]
   Sparse hats_, chords_, stiffness_;
 };
 
-/// By how much the sample in the middle misses the cubic through the other four, as a sample's own error in each axis.
+/// Returns the distance of the middle sample from the cubic through its four neighbours, scaled to the error of a
+/// single sample, in each axis.
 Vec3 miss(const Path& path, std::size_t middle) {
   constexpr std::array<std::ptrdiff_t, 4> kNeighbours{-2, -1, 1, 2};
   const auto at = [&](std::ptrdiff_t k) { return static_cast<std::size_t>(static_cast<std::ptrdiff_t>(middle) + k); };
@@ -108,12 +109,12 @@ Vec3 miss(const Path& path, std::size_t middle) {
   return off / std::sqrt(squares);
 }
 
-/// The step of which every difference is a multiple, 0 when there is none.
+/// Returns the encoder resolution in `axis`: the step of which every difference is a multiple; 0 when there is none.
 double quantum(std::span<const Path> stretches, int axis) {
-  constexpr double kTolerance = 0.02;  // of a count: digits of a text file
-  constexpr double kMostCounts = 1e5;  // where the tolerance still means something
+  constexpr double kTolerance = 0.02;  // of a step; a text file rounds digits
+  constexpr double kMostCounts = 1e5;  // more counts make the tolerance meaningless
   constexpr int kFewest = 8;           // a few steps are multiples of the smallest by chance
-  std::vector<double> steps;           // zero where a stretch ends
+  std::vector<double> steps;           // zero at the end of each stretch
   for (const Path& stretch : stretches) {
     for (std::size_t i = 0; i + 1 < stretch.size(); ++i)
       steps.push_back(stretch.position[i + 1][axis] - stretch.position[i][axis]);
@@ -123,7 +124,7 @@ double quantum(std::span<const Path> stretches, int axis) {
   for (const double step : steps)
     if (std::abs(step) > kSmallestNoise) smallest = std::min(smallest, std::abs(step));
 
-  // Counts vary from step to step; those of a line that somebody computed do not.
+  // Encoder counts vary from step to step; those of a computed line do not.
   int moves = 0, changes = 0;
   for (std::size_t i = 0; i + 1 < steps.size(); ++i) {
     if (std::abs(steps[i]) <= kSmallestNoise) continue;
@@ -148,9 +149,9 @@ Vec3 position_noise(std::span<const Path> stretches) {
       for (std::size_t axis = 0; axis < 3; ++axis) misses[axis].push_back(off[static_cast<int>(axis)]);
     }
   }
-  // Where most of it is farther apart, these are waypoints.
+  // If most samples are farther apart, they are waypoints.
   if (misses[0].empty() || 2 * misses[0].size() < rows) return Vec3::Zero();
-  constexpr double kQuantile = 0.95, kSigmas = 1.96;  // of a normal distribution
+  constexpr double kQuantile = 0.95, kSigmas = 1.96;  // of the normal distribution
   Vec3 noise;
   for (int axis = 0; axis < 3; ++axis) {
     noise[axis] = std::max(quantile(misses[static_cast<std::size_t>(axis)], kQuantile) / kSigmas,
@@ -195,7 +196,7 @@ double smoothing_time(std::span<const Path> stretches) {
 std::vector<Vec3> smooth_positions(const Path& path, double time_constant, const PathEnds& ends) {
   if (time_constant <= 0 || path.size() < 3) return path.position;
   const Smoother::Result result = Smoother(path, ends).smooth(time_constant);
-  // Steps that differ by some 1 : 1e6 beside each other are more than doubles can tell.
+  // Neighbouring steps with a ratio of about 1 : 1e6 exceed the precision of doubles.
   const double extent = path.bounds().size().norm();
   if (!((result.position - positions_of(path)).rowwise().norm().array() <= extent).all()) return path.position;
   std::vector<Vec3> position(path.size());

@@ -18,27 +18,27 @@ using std::numbers::pi;
 
 constexpr double kMostSamples = 1e8;
 
-/// A point of a plane curve and the direction in which it goes on (a unit vector).
+/// A point of a plane curve and the unit tangent there.
 struct CurvePoint {
   Vector2d position, tangent;
 };
 
-/// How far along a curve: the share of its length, and its derivative with respect to the share of the duration.
+/// Progress along a curve: the fraction of its length, and its derivative with respect to the fraction of the duration.
 struct Progress {
   double lap, rate;
 };
 
-/// A plane curve by arc length, from 0 to `length` [m], relative to the centre.
+/// A plane curve parameterised by arc length, from 0 to `length` [m], relative to the centre.
 struct Curve {
   double length;
   std::function<CurvePoint(double)> at;
-  bool closed;                                ///< can be gone round again
-  bool rests_halfway = false;                 ///< a movement there and one back, instead of one for all turns together
-  std::function<Progress(double)> pace = {};  ///< over the share of the duration; else minimum jerk along the arc
+  bool closed;                                ///< several turns are possible
+  bool rests_halfway = false;                 ///< one movement out and one back, instead of one movement for all turns
+  std::function<Progress(double)> pace = {};  ///< over the fraction of the duration; empty: minimum jerk along the arc
 };
 
-/// The inverse of the arc length of a curve whose speed with respect to its parameter is known: tabulated by
-/// Gauss-Legendre integration with five points a cell, refined by Newton's method to rounding.
+/// Inverts the arc length of a curve whose speed with respect to its parameter is known. The arc length is tabulated by
+/// Gauss-Legendre integration with five points per cell; Newton's method refines the inverse to rounding error.
 class ArcLength {
  public:
   ArcLength(std::function<double(double)> speed, double end, int cells)
@@ -93,7 +93,7 @@ Curve square(const ShapeOptions& o) {
       p.tangent = {std::cos(turned), std::sin(turned)};
       p.position = Vector2d(half - r, r - half) + r * Vector2d(p.tangent.y(), -p.tangent.x());
     }
-    // Each quarter is the one before, turned to the left.
+    // Each quarter is the previous one, turned to the left.
     for (int k = 0; k < static_cast<int>(quarters); ++k) {
       p.position = Vector2d(-p.position.y(), p.position.x());
       p.tangent = Vector2d(-p.tangent.y(), p.tangent.x());
@@ -152,13 +152,13 @@ Curve spiral(const ShapeOptions& o) {
           false};
 }
 
-/// An even rate between rests: q from 0 to `end` over u in [0, 1], with a minimum-jerk blend of the rate over `ramp`
-/// at both ends. Answers q and dq/du.
+/// Returns q and dq/du of a movement at a constant rate between rests: q from 0 to `end` over u in [0, 1], with a
+/// minimum-jerk blend of the rate over `ramp` at both ends.
 std::pair<double, double> even_between_rests(double u, double end, double ramp) {
   const double rate = end / (1 - ramp);
   const auto from_rest = [&](double since) {
     const double x = since / ramp;
-    // The integral of MinJerk::s up to x, then on at the full rate.
+    // Up to x = 1 this is the integral of MinJerk::s; after that the rate is constant.
     return x < 1 ? std::pair{rate * ramp * x * x * x * x * (2.5 + x * (x - 3)), rate * MinJerk::at(x).s}
                  : std::pair{rate * (since - 0.5 * ramp), rate};
   };
@@ -196,7 +196,7 @@ constexpr std::array<std::pair<const char*, MakeCurve>, 7> kShapes{{{"square", s
                                                                     {"spiral", spiral},
                                                                     {"script", script}}};
 
-/// The axes of W to the right and upwards in the plane.
+/// Returns the axes of W that point right and up in the plane.
 std::pair<Vec3, Vec3> axes(std::string_view plane) {
   if (plane == "xy") return {Vec3::UnitX(), Vec3::UnitY()};
   if (plane == "yz") return {Vec3::UnitY(), Vec3::UnitZ()};

@@ -17,7 +17,7 @@ constexpr EnumNames<Interpolation, 4> kNames{"interpolation", {"hold", "linear",
 constexpr double kShortestStep = 1e-9;  // [s]
 constexpr double kLongestPath = 1e9;    // [s]
 
-// Derivatives at its end of x = L (t / h)^3, the steepest a movement may be between two samples.
+// Derivatives at the end of x = L (t / h)^3, the steepest movement allowed between two samples.
 constexpr double kMaxVelocity = 3;      // [L / h]
 constexpr double kMaxAcceleration = 6;  // [L / h^2]
 
@@ -36,11 +36,11 @@ std::vector<double> time_from(double begin, const Path& path, std::uint64_t rows
   return time;
 }
 
-/// Slopes at the knots of the C2 cubic spline through `value` over `time`, given the slopes at both ends.
+/// Returns the slopes at the knots of the C2 cubic spline through `value` over `time`, given the slopes at both ends.
 ///
 /// At every inner knot i, with h_i = t_{i+1} - t_i, chords d_i and w = h_i / (h_{i-1} + h_i), continuity of the second
-/// derivative is  w m_{i-1} + 2 m_i + (1 - w) m_{i+1} = 3 (w d_{i-1} + (1 - w) d_i)  (de Boor, ch. IV): diagonally
-/// dominant whatever the steps, so elimination without pivoting is stable.
+/// derivative is  w m_{i-1} + 2 m_i + (1 - w) m_{i+1} = 3 (w d_{i-1} + (1 - w) d_i)  (de Boor, ch. IV). This system is
+/// diagonally dominant for any steps, so elimination without pivoting is stable.
 std::vector<Vec3> spline_slopes(const std::vector<double>& time, const std::vector<Vec3>& value, const Vec3& first,
                                 const Vec3& last) {
   const std::size_t n = time.size();
@@ -60,8 +60,8 @@ std::vector<Vec3> spline_slopes(const std::vector<double>& time, const std::vect
   return slope;
 }
 
-/// How much a curve bends on the path's own velocities, how little one could, and what a millionth of the speed bends:
-/// a straight line has no other, and rounding must not decide about it.
+/// Bending of the curve on the path's own velocities, the least possible bending, and the bending of a millionth of the
+/// speed. A straight line has no other bending, and rounding must not decide the comparison.
 struct Bending {
   double own = 0, least = 0, rounding = 0;
 };
@@ -83,12 +83,13 @@ void add_bending(const Path& path, Bending& sum) {
   }
 }
 
-/// The second derivative of the cubic Hermite curve at its end `here`, `h` (negative from its far end) before `there`.
+/// Returns the second derivative of the cubic Hermite curve at its end `here`. `h` is the time from `here` to `there`,
+/// negative at the far end.
 Vec3 end_acceleration(const Vec3& here, const Vec3& there, const Vec3& v_here, const Vec3& v_there, double h) {
   return (6 * (there - here) / h - 4 * v_here - 2 * v_there) / h;
 }
 
-/// Scales every derivative down to at most `largest` / h^power, with h the longer of the steps beside it.
+/// Scales every derivative down to at most `largest` / h^power, where h is the longer of the two adjacent steps.
 void bound(std::vector<Vec3>& derivative, const std::vector<double>& time, double largest, int power) {
   for (std::size_t i = 0; i < derivative.size(); ++i) {
     const double before = i > 0 ? time[i] - time[i - 1] : 0;
@@ -99,8 +100,8 @@ void bound(std::vector<Vec3>& derivative, const std::vector<double>& time, doubl
   }
 }
 
-/// The quintic Hermite functions of the end at u = 0, with w = 1 - u: those of unit velocity and of unit acceleration
-/// there, both vanishing with two derivatives at u = 1; and their derivatives with respect to u.
+/// The quintic Hermite functions of the end at u = 0, with w = 1 - u, for unit velocity and for unit acceleration
+/// there, and their derivatives with respect to u. Both vanish with two derivatives at u = 1.
 struct QuinticEnd {
   double v, dv, ddv, a, da, dda;
 
@@ -157,7 +158,7 @@ Trajectory::Trajectory(const Path& piece, Interpolation interpolation, const Who
   if (size() == 1 || !uses_velocities(interpolation)) return;
 
   const std::size_t n = size();
-  // The path itself starts and ends at rest; a piece of it goes on.
+  // The whole path starts and ends at rest; a piece of it continues.
   const bool starts = piece.time.front() <= whole.begin, ends = piece.time.back() >= whole.end;
   const bool own_velocities = whole.own_velocities && whole.smoothing == 0;
   if (own_velocities) {
@@ -217,8 +218,8 @@ Reference Trajectory::sample(double t, Cursor& cursor) const noexcept {
       break;
     }
     case Interpolation::quintic: {
-      // The Hermite basis of degree 5, written as the blend s of rest to rest plus what velocities and accelerations
-      // at either end add to it; the far end is the near end mirrored, t -> -t.
+      // The Hermite basis of degree 5, written as the rest-to-rest blend s plus the contributions of velocities and
+      // accelerations at both ends. The far end is the near end mirrored, t -> -t.
       const MinJerk s = MinJerk::at(u);
       const Vec3 a = h * velocity_[i], b = h * velocity_[i + 1];
       const Vec3 aa = h * h * acceleration_[i], bb = h * h * acceleration_[i + 1];
@@ -229,7 +230,7 @@ Reference Trajectory::sample(double t, Cursor& cursor) const noexcept {
       break;
     }
   }
-  // A stamp gives its sample to the last bit; the last one is the only stamp at the far end of a segment.
+  // The position at a stamp is bit-exact. Only the last stamp is at the far end of a segment.
   if (t == time_.back()) r.position = position_.back();
   return r;
 }
