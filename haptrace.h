@@ -7,7 +7,7 @@
 //     const auto plan = haptrace::plan_playback(device->info(), path, options);
 //     const haptrace::PlayResult result = haptrace::play(*device, plan, options, haptrace::StopRequest{});
 //
-// The headers that this one reaches are the public ones, and those that are installed.
+// The public headers are those that this header includes, directly or indirectly. Only they are installed.
 #pragma once
 
 #include "base/error.h"                      // Error: the one exception

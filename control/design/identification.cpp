@@ -20,15 +20,15 @@ using Eigen::VectorXd;
 constexpr double kTwoPi = 2 * std::numbers::pi;
 constexpr double kInterval = 1.96;  // standard deviations of a 95 % interval
 
-// What the model leaves out, friction that changes sides under the dither and actuators that hardly move, is no noise
-// that a fit could see: twice the standard deviation of what it cost over random simulated devices, as shares.
+// Model errors that the fit cannot see as noise: friction that changes sides under the excitation signal, and actuators
+// that hardly move. Each is twice the standard deviation of the error over random simulated devices, as a fraction.
 constexpr double kMassLeftOut = 0.04;
 constexpr double kFrictionLeftOut = 0.1;
 constexpr double kDelayLeftOut = 0.1e-3;  // [s]
 
 // ------------------------------------------------------------------------------------------------ linear algebra
 
-// Of one type each, since Eigen is compiled anew for every other: written out below, these took most of a minute.
+// Each function has a single type. Eigen compiles every other type anew, and inline these took most of a minute.
 
 MatrixXd product(const MatrixXd& a, const MatrixXd& b) {
   return a * b;
@@ -48,14 +48,14 @@ MatrixXd least_squares(const MatrixXd& a, const MatrixXd& b) {
   return a.colPivHouseholderQr().solve(b);
 }
 
-/// Computes what A X lacks of B with that X.
+/// Computes the residual B - A X with that X.
 MatrixXd least_squares_rest(const MatrixXd& a, const MatrixXd& b) {
   return b - product(a, least_squares(a, b));
 }
 
-// ---------------------------------------------------------------------------------------------------- the lines
+// ------------------------------------------------------------------------------------------- the spectral lines
 
-/// Position and force at one line, coherent over every window.
+/// Position and force amplitudes at one spectral line, averaged coherently over all windows.
 struct Line {
   double w = 0;  ///< [rad/s]
   Eigen::Vector3cd position = Eigen::Vector3cd::Zero(), force = Eigen::Vector3cd::Zero();
@@ -66,7 +66,8 @@ struct Spectrum {
   double noise = 0;  ///< standard deviation of a position amplitude, per component [m]
 };
 
-/// Amplitudes in windows of one period by least squares rather than by correlation, so that missed ticks do no harm.
+/// Estimates amplitudes in windows of one period by least squares instead of correlation, so that missed ticks do no
+/// harm.
 class SpectrumEstimator {
  public:
   SpectrumEstimator(const Multisine& dither, double rate_hz) : period_(dither.period()), rate_hz_(rate_hz) {
@@ -99,9 +100,9 @@ class SpectrumEstimator {
   }
 
  private:
-  static constexpr int kTrend = 4;           // powers of time
-  static constexpr double kSlowest = 40;     // up to which the slow movement's harmonics are taken along [Hz]
-  static constexpr double kCoverage = 0.95;  // of a window, that must have been sampled
+  static constexpr int kTrend = 4;           // number of powers of time that model the trend
+  static constexpr double kSlowest = 40;     // highest harmonic of the slow movement in the basis [Hz]
+  static constexpr double kCoverage = 0.95;  // required fraction of samples in a window
 
   void add_window(std::span<const TickRow> rows) {
     if (static_cast<double>(rows.size()) < kCoverage * period_ * rate_hz_) return;
@@ -148,7 +149,7 @@ class SpectrumEstimator {
   double windows_ = 0;
 };
 
-/// The response at the lines as the header states it.
+/// Fits the response at the spectral lines; see identify() for the model.
 class MobilityFit {
  public:
   struct Result {
@@ -177,13 +178,13 @@ class MobilityFit {
   }
 
  private:
-  static constexpr int kPowers = 4;               // of 1 / s that stand for what holds the device
-  static constexpr double kModelError = 0.02;     // share of a response that the model is not trusted with
-  static constexpr double kLag = 0.5e-3;          // of an actuator and its amplifier, expected [s]
+  static constexpr int kPowers = 4;               // powers of 1 / s that model the hand and the mechanism
+  static constexpr double kModelError = 0.02;     // assumed model error as a fraction of the response
+  static constexpr double kLag = 0.5e-3;          // expected lag of an actuator and its amplifier [s]
   static constexpr double kLagSpread = 0.3e-3;    // [s]
   static constexpr double kLongestDelay = 10e-3;  // [s]
   static constexpr double kDelayStep = 0.1e-3;    // [s]
-  static constexpr double kScale = kTwoPi * 50;   // of frequencies, for the condition of the least squares [rad/s]
+  static constexpr double kScale = kTwoPi * 50;   // frequency scale that conditions the least squares [rad/s]
 
   [[nodiscard]] Eigen::Index axes() const { return static_cast<Eigen::Index>(axes_.size()); }
   [[nodiscard]] Eigen::Index columns() const { return axes() * (1 + kPowers); }
@@ -193,7 +194,7 @@ class MobilityFit {
     return std::hypot(spectrum_.noise, kModelError * std::abs(line.position[axis]), 1e-12);
   }
 
-  /// Weighted regressors and response of one axis; complex equations as two real ones.
+  /// Computes the weighted regressors and the response of one axis. Each complex equation gives two real ones.
   void equations(const Eigen::Vector2d& theta, int axis, MatrixXd& regressors, VectorXd& response) const {
     regressors.resize(rows(), columns());
     response.resize(rows());
@@ -221,7 +222,8 @@ class MobilityFit {
     }
   }
 
-  /// Of every axis, with the best mobility for this delay and lag; last what is expected of the lag.
+  /// Returns the residuals of every axis with the best mobility for this delay and lag. The last entry is the deviation
+  /// from the expected lag.
   [[nodiscard]] VectorXd residuals(const Eigen::Vector2d& theta) const {
     VectorXd all(axes() * rows() + 1);
     MatrixXd regressors;
@@ -236,7 +238,7 @@ class MobilityFit {
 
   [[nodiscard]] double cost(const Eigen::Vector2d& theta) const { return residuals(theta).squaredNorm(); }
 
-  /// Columns: d residual / d delay, d residual / d lag.
+  /// Returns d residual / d delay and d residual / d lag as columns.
   [[nodiscard]] MatrixXd slopes(const Eigen::Vector2d& theta) const {
     constexpr double kStep = 1e-6;  // [s]
     MatrixXd result(axes() * rows() + 1, 2);
@@ -290,7 +292,7 @@ class MobilityFit {
         equations(at, axis, regressors, response);
         return least_squares(regressors, response);
       };
-      // How the mobility moves with delay and lag, whose uncertainty it shares.
+      // Sensitivity of the mobility to delay and lag. It carries their uncertainty into the interval of the mass.
       Eigen::Vector2d leaning;
       constexpr double kStep = 1e-6;
       for (int t = 0; t < 2; ++t)
@@ -326,17 +328,17 @@ constexpr double kKernel = 8e-3;      // standard deviation of the Gaussian kern
 constexpr double kKernelReach = 4;    // standard deviations
 constexpr double kKernelStep = 4e-3;  // between filtered rows [s]
 constexpr int kColumns = 7;
-/// What the force of a sweep is made of. Beyond friction: whatever is linear in the movement, as powers of frequency
-/// from -1 to 4, of which jerk and snap stand for a hand that swings on its grip.
+/// Regressors of the force of a sweep. Beside friction they are linear in the movement, with powers of frequency from
+/// -1 to 4. Jerk and snap model a hand that swings on its grip.
 enum Column { kSign, kSpeed, kAcceleration, kPlace, kIntegral, kJerk, kSnap };
 
-/// One axis of a stretch through the kernel.
+/// One axis of a stretch after the Gaussian kernel.
 struct Filtered {
   double time = 0, x = 0, v = 0, a = 0, jerk = 0, snap = 0, u = 0;
 };
 
-/// Position and its derivatives, and the force as the motors had it, through the same Gaussian; nothing where ticks
-/// were missed within its reach.
+/// Filters position, its derivatives and the delayed force with the same Gaussian. Skips instants with missed ticks
+/// within the reach of the kernel.
 std::vector<Filtered> filter(std::span<const TickRow> rows, int axis, double delay, double period) {
   std::vector<Filtered> result;
   if (rows.empty()) return result;
@@ -376,7 +378,7 @@ std::vector<Filtered> filter(std::span<const TickRow> rows, int axis, double del
   return result;
 }
 
-/// Least squares that can forget a part of its rows.
+/// Normal equations. Blocks of rows can be subtracted again, as the jackknife needs.
 template <int columns>
 struct NormalEquations {
   using Square = Eigen::Matrix<double, columns, columns>;
@@ -400,11 +402,11 @@ struct SweepFit {
   double coulomb = 0, viscous = 0, gravity = 0, gradient = 0;
   double coulomb_half = 0, viscous_half = 0, gravity_half = 0, gradient_half = 0;
   double residual = 0;     ///< [N]
-  double unexplained = 1;  ///< share of the force, rms
-  std::size_t blocks = 0;  ///< that the intervals rest on
+  double unexplained = 1;  ///< rms fraction of the force
+  std::size_t blocks = 0;  ///< number of blocks in the jackknife
 };
 
-/// What kColumns columns lack of the force, which is the last one.
+/// Returns the residual of the force, the last column, after a fit of the first kColumns columns.
 VectorXd rest_of(const MatrixXd& columns, const Normal::Column& beta) {
   Eigen::Matrix<double, kColumns + 1, 1> weights;
   weights << -beta, 1;
@@ -413,10 +415,10 @@ VectorXd rest_of(const MatrixXd& columns, const Normal::Column& beta) {
 
 SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   struct Block {
-    MatrixXd columns;  ///< kColumns and the force
+    MatrixXd columns;  ///< kColumns regressors and the force
   };
   struct Part {
-    MatrixXd columns, drift;  ///< before the drift was taken out
+    MatrixXd columns, drift;  ///< before the drift is removed
   };
   const double period = 1 / experiment.rate_hz;
   std::vector<Block> blocks;
@@ -434,7 +436,7 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
     const double duration = rows.back().time - rows.front().time;
     const double cycles = std::max(0.5 * reversals, 1.0);
 
-    // What stays: sliding, and not just begun.
+    // Keeps samples that slide and did not just start to slide.
     constexpr std::size_t kAround = 5;
     std::vector<std::size_t> kept;
     std::vector<double> integral(rows.size(), 0.0);
@@ -504,7 +506,7 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   fit.viscous_half = half[kSpeed];
   fit.gradient = -beta[kPlace];
   fit.gradient_half = half[kPlace];
-  // The mean that the drift took along, stretch by stretch.
+  // Gravity is the mean force that the drift terms removed, averaged over the stretches.
   double sum = 0, sum_of_squares = 0;
   for (const Part& part : parts) {
     const double mean = least_squares(part.drift, rest_of(part.columns, beta))(0, 0);
@@ -522,14 +524,14 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
 
 // --------------------------------------------------------------------------------------------- the coarse model
 
-/// All movement along the axes at low frequencies, as the header states it.
+/// Fits all movement along the axes at low frequencies; see identify_coarsely().
 class CoarseFit {
  public:
   struct Result {
     Vec3 mass = Vec3::Zero(), mass_half = Vec3::Zero();
     Vec3 coulomb = Vec3::Zero(), coulomb_half = Vec3::Zero();
     double delay = 0, delay_half = 0;
-    double residual = 1;  ///< share of the force that is not explained, rms
+    double residual = 1;  ///< unexplained fraction of the force, rms
   };
 
   explicit CoarseFit(const Experiment& experiment) : period_(1 / experiment.rate_hz) {
@@ -572,7 +574,8 @@ class CoarseFit {
   }
 
  private:
-  /// Beside kSign to kPlace: the harmonics of the place, from a period of kPlacePeriod on, for whatever pulls by place.
+  /// After kSign to kPlace come harmonics of the position, with periods of kPlacePeriod and below. They model forces
+  /// that depend on position.
   static constexpr int kHarmonics = 5, kOwn = kPlace + 1, kAll = kOwn + 2 * kHarmonics;
   static constexpr double kPlacePeriod = 0.05;  // [m]
   using Beta = NormalEquations<kAll>::Column;
@@ -588,7 +591,7 @@ class CoarseFit {
   static constexpr double kLongestDelay = 20e-3;      // [s]
   static constexpr double kDelayStep = 1e-3;          // [s]
   static constexpr double kBlock = 0.33;              // [s]
-  static constexpr double kCoarseMassLeftOut = 0.15;  // of a mass, by what a handle with play adds or does not
+  static constexpr double kCoarseMassLeftOut = 0.15;  // fraction of the mass; backlash may hide or add that of a handle
   static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
   [[nodiscard]] std::vector<Block> blocks(const Experiment& experiment, int axis, double delay) const {
@@ -614,7 +617,7 @@ class CoarseFit {
         }
         columns(i, kAll) = row.u;
       }
-      for (Eigen::Index column = 0; column <= kAll; ++column)  // the offset
+      for (Eigen::Index column = 0; column <= kAll; ++column)  // removes the offset
         columns.col(column).array() -= columns.col(column).mean();
       for (Eigen::Index piece = 0; piece < pieces; ++piece) {
         const Eigen::Index begin = n * piece / pieces, end = n * (piece + 1) / pieces;
@@ -639,7 +642,7 @@ class CoarseFit {
     return all;
   }
 
-  /// Mean over the axes of the share of the squared force.
+  /// Returns the unexplained fraction of the squared force, averaged over the axes.
   [[nodiscard]] static double unexplained(const Late& late, std::size_t without) {
     double shares = 0, axes = 0;
     for (const std::vector<Block>& own : late.blocks) {
@@ -651,7 +654,7 @@ class CoarseFit {
     return axes > 0 ? shares / axes : 1;
   }
 
-  /// That leaves least unexplained, by the parabola through the best three [s].
+  /// Returns the delay with the smallest unexplained fraction, from the parabola through the best three values [s].
   [[nodiscard]] double delay(std::size_t without) const {
     std::vector<double> shares;
     for (const Late& late : late_) shares.push_back(unexplained(late, without));
@@ -667,8 +670,8 @@ class CoarseFit {
   std::vector<Late> late_;
 };
 
-/// rms per axis of what is white in the positions, beside the quantum's share [m]: a third difference of white noise
-/// has 20 times its variance, and hardly anything of a movement.
+/// Returns the rms of the white noise in the positions per axis, without the share of the encoder resolution [m]. A
+/// third difference has 20 times the variance of white noise and contains almost no movement.
 double white_noise(std::span<const TickRow> rows, const std::array<bool, 3>& axes, double quantum) {
   std::vector<double> squares;
   for (std::size_t k = 3; k < rows.size(); ++k) {
@@ -683,11 +686,11 @@ double white_noise(std::span<const TickRow> rows, const std::array<bool, 3>& axe
   return std::sqrt(std::max(beyond, 0.0));
 }
 
-constexpr double kMostUnexplained = 0.5;  // share of a response or a force, beyond which a model does not fit
-constexpr double kLeastCertain = 0.35;    // half width of a mass' interval, as a share of it, beyond which it is none
-constexpr double kLeastCertainCoarse = 0.75;  // the same of a coarse model
+constexpr double kMostUnexplained = 0.5;      // limit of the unexplained fraction of a response or a force
+constexpr double kLeastCertain = 0.35;        // largest half width of a mass interval, as a fraction of the mass
+constexpr double kLeastCertainCoarse = 0.75;  // the same for a coarse model
 
-/// Why not to believe what was found of an axis; empty when there is no reason.
+/// Returns the reason to doubt the result of an axis; empty when there is none.
 std::string doubt_about(int axis, const Identification& found, const SweepFit& sweeps) {
   const char name = "xyz"[axis];
   const double mass = found.plant.mass[axis], half = found.half_width.mass[axis];
@@ -733,7 +736,7 @@ double position_quantum(std::span<const TickRow> rows) {
   }
   if (steps.size() < 10) return 0;
   std::sort(steps.begin(), steps.end());
-  // Steps of a lattice repeat to the last digits; those of a continuum do not.
+  // Steps on a lattice repeat to the last digits; continuous steps do not.
   constexpr double kSame = 1e-4;
   const auto again = static_cast<std::size_t>(
       std::upper_bound(steps.begin(), steps.end(), steps.front() * (1 + kSame)) - steps.begin());

@@ -18,20 +18,21 @@ using Complex = std::complex<double>;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// A lag shorter than this part of a period is a delay of the same length: nobody could tell.
+/// A lag shorter than this fraction of a period is treated as a delay of the same length; the difference is negligible.
 constexpr double kShortestLag = 1e-6;
 
 Complex unit(double theta) {
   return std::polar(1.0, -theta);
 }
 
-/// 1 - exp(-j theta), without cancellation.
+/// Returns 1 - exp(-j theta) without cancellation.
 Complex one_minus_unit(double theta) {
   const double half = std::sin(theta / 2);
   return {2 * half * half, std::sin(theta)};
 }
 
-/// The sum of c_k w^k by Horner, in real numbers: the products of std::complex look for infinities.
+/// Returns the sum of c_k w^k by Horner's scheme. It uses real numbers because products of std::complex check for
+/// infinities.
 Complex polynomial(const std::vector<double>& c, const Complex& w) {
   double re = 0, im = 0;
   for (std::size_t k = c.size(); k-- > 0;) {
@@ -54,7 +55,7 @@ void check(const LoopModel& model) {
   }
 }
 
-/// Where `f` changes its sign between `low` and `high`.
+/// Returns the zero of `f` between `low` and `high`.
 template <class Function>
 double root_between(double low, double high, const Function& f) {
   const bool rises = f(low) < 0;
@@ -66,7 +67,7 @@ double root_between(double low, double high, const Function& f) {
   return 0.5 * (low + high);
 }
 
-/// Where `f` is least between `low` and `high`, by golden sections.
+/// Returns the minimum of `f` between `low` and `high` by golden-section search.
 template <class Function>
 double least_between(double low, double high, const Function& f, int sections) {
   constexpr double kGolden = 1 / std::numbers::phi;
@@ -84,7 +85,7 @@ double least_between(double low, double high, const Function& f, int sections) {
   return at_a < at_b ? a : b;
 }
 
-/// [0, 2 pi).
+/// Returns the angle in [0, 2 pi).
 double wrapped(double angle) {
   angle = std::fmod(angle, 2 * pi);
   return angle < 0 ? angle + 2 * pi : angle;
@@ -113,7 +114,7 @@ LoopAnalysis::LoopAnalysis(const LoopModel& model) : model_(model), period_(1 / 
   make_grid();
 }
 
-/// The plant over a period, in units of T and T^2 / m: x' = v, v' = f - (bT/m) v, f' = (u - f) T / lag.
+/// Solves the plant over a period, in units of T and T^2 / m: x' = v, v' = f - (bT/m) v, f' = (u - f) T / lag.
 void LoopAnalysis::discretise() {
   const double damping = model_.viscous * period_ / model_.mass, lag = model_.lag / period_;
   lags_ = lag > kShortestLag;
@@ -121,7 +122,7 @@ void LoopAnalysis::discretise() {
   whole_delay_ = static_cast<int>(std::floor(delay + 1e-9));
   part_delay_ = std::max(delay - whole_delay_, 0.0);
 
-  Eigen::Matrix4d rates = Eigen::Matrix4d::Zero();  // of x, v, f and u, which is held
+  Eigen::Matrix4d rates = Eigen::Matrix4d::Zero();  // rates of x, v, f and the held u
   rates(0, 1) = 1;
   rates(1, 1) = -damping;
   if (lags_) {
@@ -131,7 +132,7 @@ void LoopAnalysis::discretise() {
   } else {
     rates(1, 3) = 1;
   }
-  // First the command before acts, for the part of the period by which the newest is late.
+  // The previous command acts first, for the fraction of the period by which the newest one is late.
   const Eigen::Matrix4d first = (part_delay_ * rates).exp(), rest = ((1 - part_delay_) * rates).exp();
   const Eigen::Matrix3d over_rest = rest.topLeftCorner<3, 3>(), over_all = over_rest * first.topLeftCorner<3, 3>();
   Eigen::Map<Vec3>(newest_.data()) = rest.topRightCorner<3, 1>();
@@ -145,7 +146,7 @@ void LoopAnalysis::discretise() {
   v_from_f_ = lags_ ? over_all(1, 2) : 0;
 }
 
-/// The response of the estimator to a step of position: a step so small that foaw keeps its longest window.
+/// Measures the response of the estimator to a step of position, so small that foaw keeps its longest window.
 void LoopAnalysis::measure_velocity() {
   constexpr int kLongestWindow = 512, kQuiet = 64;
   constexpr std::size_t kLongest = 1 << 18;
@@ -159,15 +160,15 @@ void LoopAnalysis::measure_velocity() {
     sum += v;
     quiet = std::abs(v) < 1e-12 * model_.rate_hz ? quiet + 1 : 0;
   }
-  // All of a step is seen in the end.
+  // The estimated velocity must integrate to the full step.
   if (velocity_.size() > kLongest || std::abs(sum * period_ - 1) > 1e-6)
     throw input_error(fmt::format("loop analysis: the velocity estimator '{}' remembers more than {} samples at {} Hz",
                                   model_.velocity, kLongest, model_.rate_hz));
   velocity_.resize(velocity_.size() - kQuiet);
 }
 
-/// Even steps that resolve every turn of the delay and of the estimator's memory, and from low frequencies on even
-/// ratios, which resolve whatever decays slowly.
+/// Combines even steps, which resolve every turn of the delay and of the estimator's memory, with even ratios from low
+/// frequencies upwards, which resolve slow decays.
 void LoopAnalysis::make_grid() {
   constexpr double kLowest = 1e-7, kPerDecade = 40, kForgotten = 1e-3;
   double weight = 0, remembered = 0;
@@ -211,7 +212,7 @@ LoopAnalysis::Point LoopAnalysis::at(double theta) const {
   if (const auto& observer = model_.observer) {
     const double g = 2 * pi * observer->bandwidth_hz, gain = -std::expm1(-g * period_), keeps = 1 - gain;
     const Complex slow = gain + keeps * less, high = keeps * less / slow, low = gain / slow;  // 1 - Q, Q
-    // D = w^(1 + n) (1 - part (1 - w)): the mean over the last period of a command that is late by n + part periods.
+    // D = w^(1 + n) (1 - part (1 - w)): the mean over the last period of a command with a delay of n + part periods.
     const double late = (model_.delay + model_.lag) / period_, whole = std::floor(late + 1e-9);
     const double part = std::max(late - whole, 0.0);
     const Complex past = unit(theta * (whole + 1));
@@ -223,12 +224,13 @@ LoopAnalysis::Point LoopAnalysis::at(double theta) const {
   return point;
 }
 
-/// Centre and slack of (1 / T) sum over n of G(j w_n) Y, where Y is anything in the disc through 0 and 1 (in units of
-/// 1 / b), G the hold, delay, lag and integration of a force into a position, and w_n = w + 2 pi n / T.
+/// Returns centre and slack of (1 / T) sum over n of G(j w_n) Y. Y is any value in the disc through 0 and 1 (in units
+/// of 1 / b). G contains the hold, the delay, the lag and the integration of a force to a position. The frequencies are
+/// w_n = w + 2 pi n / T.
 LoopAnalysis::Disc LoopAnalysis::disc(double theta) const {
   const Complex less = one_minus_unit(theta);
   if (!lags_) {
-    // In closed form: between two whole delays the sum is the straight line between theirs.
+    // Closed form: between two whole delays the sum is linear in the delay.
     const Complex late = unit(theta * whole_delay_) * (1.0 - part_delay_ * less);
     return {theta, -less * late * period_ / std::norm(less), period_ * period_ * part_delay_ * (1 - part_delay_)};
   }
@@ -244,7 +246,7 @@ LoopAnalysis::Disc LoopAnalysis::disc(double theta) const {
       centre += alias;
       radius += std::abs(alias);
     }
-  // What is left out weighs less than this.
+  // Upper bound of the aliases that are left out.
   radius += 2 / (2 * pi * pi * (kAliases - 0.5)) / (1 + 2 * pi * (kAliases - 0.5) * lag);
   const double slack =
       2 * std::abs(main) * radius - 2 * std::real(main * std::conj(centre)) + radius * radius - std::norm(centre);
@@ -256,7 +258,7 @@ bool LoopAnalysis::stable(double kp, double kd) const {
   constexpr double kSharpTurn = 0.8;  // [rad]
   constexpr int kDeepest = 60;
   bool on_boundary = false;
-  // The turn of det from one point to the next, in steps that cannot hide a whole one.
+  // Returns the change of arg(det) from one point to the next, in steps too small to hide a full turn.
   const auto turn = [&](const auto& self, double from, Complex det_from, double to, Complex det_to,
                         int depth) -> double {
     const double angle = std::arg(det_to * std::conj(det_from));
@@ -305,7 +307,7 @@ std::vector<double> LoopAnalysis::crossings(const LineAt& line_at) const {
     const Line line = line_at(grid_[i]);
     const double now = off_axis(line);
     if (i + 1 == grid_.size()) {
-      keep(line);  // theta = pi, where everything is real
+      keep(line);  // at theta = pi everything is real
     } else if (i > 0 && (now < 0) != (previous < 0)) {
       keep(line_at(at(root_between(grid_[i - 1].theta, grid_[i].theta,
                                    [&](double theta) { return off_axis(line_at(at(theta))); }))));
@@ -318,7 +320,7 @@ std::vector<double> LoopAnalysis::crossings(const LineAt& line_at) const {
 
 template <class StableAt>
 double LoopAnalysis::largest_stable(const std::vector<double>& crossings, const StableAt& stable_at) {
-  // Between neighbours the number of unstable poles does not change.
+  // Between neighbouring crossings the number of unstable poles does not change.
   for (std::size_t i = crossings.size(); i-- > 0;) {
     const double high = crossings[i], low = i > 0 ? crossings[i - 1] : high / 4;
     if (high > low * (1 + 1e-9) && stable_at(std::sqrt(low * high))) return high;
@@ -397,7 +399,7 @@ double LoopAnalysis::stiffest_within(double kd, const MarginFloor& floor) const 
 }
 
 AxisGains LoopAnalysis::stiffest_pair(const MarginFloor& floor) const {
-  // Stiffness rises with kd up to a peak and falls to nothing at the largest kd that is stable at all.
+  // Stiffness rises with kd to a peak, then falls to zero at the largest stable kd.
   constexpr double kDecades = 4;
   constexpr int kPerDecade = 6;
   const double largest = most_damped(1e-9 * model_.mass / (period_ * period_));

@@ -1,4 +1,4 @@
-// Where a sampled PD loop is passive, where it is stable, and with how much margin.
+// Passivity, stability and margins of a sampled PD loop.
 #pragma once
 
 #include "control/design/plant_model.h"
@@ -16,37 +16,37 @@ namespace haptrace {
 ///     load = Q(u' + g M v) - g M v,   u = pd + load,   g = 2 pi f
 ///
 /// where Q is the first-order low pass y += (1 - exp(-g T)) (input - y), v the estimated velocity, and u' the mean
-/// force that the plant has had over the last period: u held and late by the plant's delay and lag.
+/// force on the plant over the last period, which is u after the hold and the plant's delay and lag.
 struct ObserverModel {
   double bandwidth_hz = 10;  ///< f
   double nominal_mass = 0;   ///< M [kg]
 };
 
-/// One axis of a plant and what closes the loop round it.
+/// One axis of a plant, with the elements that close the loop around it.
 struct LoopModel {
-  double mass = 0;                       ///< [kg]
-  double viscous = 0;                    ///< b [N s/m]
-  double delay = 0;                      ///< from the tick that commands a force to the motor, any part of a period [s]
-  double lag = 0;                        ///< of the motor, first order, beside `delay` [s]
-  double rate_hz = 1000;                 ///< 1 / T
+  double mass = 0;        ///< [kg]
+  double viscous = 0;     ///< b [N s/m]
+  double delay = 0;       ///< from the tick that commands a force to the motor; any fraction of a period is allowed [s]
+  double lag = 0;         ///< first-order lag of the motor, in addition to `delay` [s]
+  double rate_hz = 1000;  ///< 1 / T
   std::string velocity = "lowpass:100";  ///< see make_velocity_estimator
-  double resolution = 0;                 ///< of the positions that it sees [m]
+  double resolution = 0;                 ///< position resolution [m]
   std::optional<ObserverModel> observer;
 };
 
-/// `axis` of `plant`; `lag` [s] is the part of the plant's delay that is the motor's lag.
+/// Returns the loop model of one axis of `plant`. `lag` [s] is the part of the plant's delay that is the motor's lag.
 LoopModel loop_of(const PlantModel& plant, int axis, double rate_hz, const std::string& velocity, double lag = 0);
 
-/// What a stable loop bears before it is unstable. All zero of a loop that is not stable.
+/// Stability margins of a loop. All are zero for an unstable loop.
 struct Margins {
-  double gain_up = 0;    ///< the loop gain may be multiplied by less than this; infinity: by anything
-  double gain_down = 0;  ///< and must be multiplied by more than this
-  double phase = 0;      ///< least lag or lead that it does not bear [rad]
-  double delay = 0;      ///< further delay, with the phase of exp(-j w delay) [s]; infinity: any
-  double modulus = 0;    ///< least |1 + L|, which is 1 over the largest sensitivity
+  double gain_up = 0;    ///< upper limit of the factor on the loop gain; infinity: none
+  double gain_down = 0;  ///< lower limit of the factor on the loop gain
+  double phase = 0;      ///< phase margin: the smallest lag or lead that makes the loop unstable [rad]
+  double delay = 0;      ///< largest additional delay, with the phase of exp(-j w delay) [s]; infinity: any
+  double modulus = 0;    ///< modulus margin: the smallest |1 + L|, which is 1 over the largest sensitivity
 };
 
-/// What is asked of a loop. 0.5 and 2 are the textbook's (Astrom and Murray, Feedback Systems, 10.3 and 12.3).
+/// Required margins. 0.5 and 2 are textbook values (Astrom and Murray, Feedback Systems, 10.3 and 12.3).
 struct MarginFloor {
   double modulus = 0.5;
   double gain = 2;
@@ -58,48 +58,50 @@ struct AxisGains {
   double kd = 0;  ///< [N s/m]
 };
 
-/// The linear loop u = -(kp x + kd v) (+ observer) round m x'' + b x' = F, where F is u, held for a period T, late by
-/// `delay`, through 1 / (lag s + 1). Coulomb friction, gravity's gradient and quantisation are not in it.
+/// Analyses the linear loop u = -(kp x + kd v) (+ observer) around m x'' + b x' = F, where F is u, held for a period T,
+/// delayed by `delay` and filtered by 1 / (lag s + 1). The model has no Coulomb friction, gravity gradient or
+/// quantisation.
 ///
-/// With w = 1 / z, the loop is det(w) = A(w) + N(w) (kp + kd V(w)) = 0: A holds the poles of the sampled plant, N its
-/// zeros (zero-order hold, solved by the matrix exponential), V the velocity estimator, whose response is measured from
-/// the very estimator that a session uses. Of foaw, which is not linear, that is its longest window, the laggiest of
-/// its answers. det is analytic within the unit circle, where its zeros are the unstable poles of the loop: they are
-/// counted by its argument along the circle (Cauchy), and where gains are on the boundary follows from det = 0 at a
-/// point of it (D-decomposition; Neimark 1949). Nothing is approximated but the end of V's response, at 1e-12 of it.
+/// With w = 1 / z, the loop is det(w) = A(w) + N(w) (kp + kd V(w)) = 0. A contains the poles of the sampled plant, and
+/// N its zeros (zero-order hold, solved by the matrix exponential). V is the velocity estimator; its response is
+/// measured from the estimator that a session uses. foaw is not linear: V is then its longest window, the one with the
+/// most lag. Within the unit circle det is analytic, and its zeros are the unstable poles of the loop. They are counted
+/// by the argument of det along the circle (Cauchy). Gains on the stability boundary follow from det = 0 at a point of
+/// the circle (D-decomposition; Neimark 1949). The only approximation is that V's response is cut off at 1e-12.
 ///
-/// Immutable: any number of threads.
+/// Immutable; safe to share between threads.
 class LoopAnalysis {
  public:
-  static constexpr double kLongestDelay = 64;  ///< periods, and as many of lag
+  static constexpr double kLongestDelay = 64;  ///< limit of `delay`, and of `lag` [periods]
 
-  /// Throws Error(input) naming what is out of its range: the mass must be positive, b, delay and lag not negative and
-  /// at most kLongestDelay, the estimator settled within 2^18 samples.
+  /// Throws Error(input) naming the value that is out of range. The mass must be positive. b, delay and lag must not be
+  /// negative, and delay and lag at most kLongestDelay. The estimator must settle within 2^18 samples.
   explicit LoopAnalysis(const LoopModel& model);
 
-  /// Every pole is within the unit circle. Not without stiffness: kp = 0 leaves one on it.
+  /// Returns whether every pole is inside the unit circle. Without stiffness (kp = 0) one pole is on it: not stable.
   [[nodiscard]] bool stable(double kp, double kd) const;
 
-  /// Damping [N s/m] that the device must exceed for the law to be passive, with whatever passive hand:
+  /// Returns the damping [N s/m] that the device must exceed for the law to be passive with any passive hand:
   ///
   ///     b > T / (2 (1 - cos wT)) Re{(1 - exp(-jwT)) H(exp(jwT))}   for 0 < w <= pi / T
   ///
-  /// (Colgate and Schenkel, J. Robotic Systems 14(1), 1997), which is K T / 2 + |B| for kp = K and kd = B by the first
-  /// difference. A force that arrives late by a part of a period, or through the lag, weighs the aliases w + 2 pi n / T
-  /// differently; then their argument gives the disc of centre c and radius r that b takes out of the plane, and
-  /// 2 b > -Re(c H) + sqrt(Re(c H)^2 + |H|^2 (r^2 - |c|^2)). With an observer it is infinite in effect.
+  /// (Colgate and Schenkel, J. Robotic Systems 14(1), 1997). With kp = K, kd = B and the first difference this is
+  /// K T / 2 + |B|. A force that arrives late by a fraction of a period, or through the lag, changes the weights of the
+  /// aliases w + 2 pi n / T. The argument of Colgate and Schenkel then excludes a disc of centre c and radius r, and
+  /// gives 2 b > -Re(c H) + sqrt(Re(c H)^2 + |H|^2 (r^2 - |c|^2)). With an observer the damping is practically
+  /// infinite.
   [[nodiscard]] double passive_damping(double kp, double kd) const;
   [[nodiscard]] bool passive(double kp, double kd) const { return model_.viscous > passive_damping(kp, kd); }
 
-  /// Of the loop opened at the motor: L = N (kp + kd V) / A, with the observer's parts in it.
+  /// Returns the margins of the loop opened at the motor: L = N (kp + kd V) / A, with the terms of the observer.
   [[nodiscard]] Margins margins(double kp, double kd) const;
 
-  /// The largest stable kp with this kd; 0: none is. With an observer what is stable may fall apart into intervals;
-  /// this is the end of the highest.
+  /// Returns the largest stable kp for this kd; 0 when there is none. With an observer the stable gains may form
+  /// several intervals; the result is the end of the highest.
   [[nodiscard]] double stiffest(double kd) const;
-  /// The largest stable kd with this kp > 0; 0: none is.
+  /// Returns the largest stable kd for this kp > 0; 0 when there is none.
   [[nodiscard]] double most_damped(double kp) const;
-  /// The pair of largest kp that keeps the margins, to a thousandth; zeros: none does.
+  /// Returns the gains with the largest kp that keep the margins, to a thousandth; zeros when there are none.
   [[nodiscard]] AxisGains stiffest_pair(const MarginFloor& floor) const;
 
   [[nodiscard]] const LoopModel& model() const noexcept { return model_; }
@@ -107,10 +109,10 @@ class LoopAnalysis {
  private:
   using Complex = std::complex<double>;
 
-  /// Everything that does not depend on the gains, at w = exp(-j theta).
+  /// All quantities that do not depend on the gains, at w = exp(-j theta).
   struct Point {
     double theta = 0;       ///< frequency [rad per sample]
-    Complex poles;          ///< of the sampled plant, times the observer's feedback 1 - Q D
+    Complex poles;          ///< poles of the sampled plant, times the observer's feedback 1 - Q D
     Complex plant;          ///< N [m/N]
     Complex velocity;       ///< V [1/s]
     Complex observer;       ///< g M (1 - Q) V [N/m]
@@ -120,11 +122,11 @@ class LoopAnalysis {
     [[nodiscard]] Complex det(double kp, double kd) const { return poles + plant * law(kp, kd); }
     [[nodiscard]] double sensitivity_inverse(double kp, double kd) const { return std::abs(det(kp, kd) / poles); }
   };
-  /// fixed + s moving, at a point.
+  /// The line fixed + s moving, at one point of the circle.
   struct Line {
     Complex fixed, moving;
   };
-  /// What the hold, the delay and the lag make of aliases: see passive_damping.
+  /// Effect of hold, delay and lag on the aliases; see passive_damping.
   struct Disc {
     double theta;
     Complex centre;
@@ -136,7 +138,7 @@ class LoopAnalysis {
   void make_grid();
   [[nodiscard]] Disc disc(double theta) const;
   [[nodiscard]] Point at(double theta) const;
-  /// Positive s at which fixed + s moving vanishes somewhere on the circle, ascending.
+  /// Returns the positive s at which fixed + s moving vanishes somewhere on the circle, in ascending order.
   template <class LineAt>
   [[nodiscard]] std::vector<double> crossings(const LineAt& line_at) const;
   template <class StableAt>
@@ -145,14 +147,14 @@ class LoopAnalysis {
 
   LoopModel model_;
   double period_;
-  // The sampled plant: x, v, f after a period from x, v, f, the newest command that acts and the one before it.
-  int whole_delay_ = 0;    ///< in periods
-  double part_delay_ = 0;  ///< of a period
+  // The sampled plant maps x, v, f, the newest active command and the previous one to x, v, f after a period.
+  int whole_delay_ = 0;    ///< whole periods of the delay
+  double part_delay_ = 0;  ///< remaining fraction of a period
   bool lags_ = false;
-  double pole_v_ = 0, lacks_v_ = 0, pole_f_ = 0, lacks_f_ = 0;  ///< exp(-bT/m) and exp(-T/lag), and 1 less them
+  double pole_v_ = 0, lacks_v_ = 0, pole_f_ = 0, lacks_f_ = 0;  ///< exp(-bT/m) and exp(-T/lag), and 1 minus each
   double x_from_v_ = 0, x_from_f_ = 0, v_from_f_ = 0;
   std::array<double, 3> newest_{}, before_{};
-  std::vector<double> velocity_;  ///< V's response to a step of position [1/s]
+  std::vector<double> velocity_;  ///< V's response to a position step [1/s]
   std::vector<Point> grid_;
   std::vector<Disc> discs_;
 };

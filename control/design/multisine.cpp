@@ -26,7 +26,7 @@ Multisine::Multisine(double low_hz, double high_hz, double period, const std::ar
                                     low_hz, high_hz, lines.size(), period));
     double power = 0;
     for (const SpectralLine& line : lines) power += line.amplitude * line.amplitude;
-    // Schroeder: the phase turns by 2 pi times the share of the power that lies below, line after line.
+    // Schroeder: the phase changes from line to line by 2 pi times the fraction of the power up to that line.
     double below = 0, phase = 0;
     for (SpectralLine& line : lines) {
       line.phase = -phase;

@@ -1,4 +1,4 @@
-// A force that excites many frequencies at once without ever being large.
+// Excitation signal with many frequencies and low peaks.
 #pragma once
 
 #include "base/types.h"
@@ -8,27 +8,27 @@
 
 namespace haptrace {
 
-/// One line of a multi-sine.
+/// One spectral line of a multisine.
 struct SpectralLine {
   double frequency_hz = 0;
-  double amplitude = 0;  ///< share of the rms: the squares of an axis' lines sum to 2
+  double amplitude = 0;  ///< relative to the rms; the squares of the amplitudes of an axis sum to 2
   double phase = 0;      ///< [rad]
 };
 
-/// A sum of cosines for each axis of W, of rms 1 on every axis that has lines; no two axes share a frequency, so that
-/// an axis' part in a response shows. Phases are Schroeder's (IEEE Trans. Information Theory 16(1), 1970), which keep
-/// the peaks low. It repeats after period(), and no line is a multiple of 2 / period(), which is left to whatever moves
-/// slowly meanwhile.
+/// A sum of cosines for each axis of W, with rms 1 on every axis that has lines. No two axes share a frequency, so that
+/// the contribution of each axis to a response is separable. The phases are Schroeder's (IEEE Trans. Information Theory
+/// 16(1), 1970), which keep the peaks low. The signal repeats after period(). No line is a multiple of 2 / period(), so
+/// that a slow movement of that period does not disturb the lines.
 ///
 /// Real-time: value.
 class Multisine {
  public:
-  /// Lines at odd multiples of 1 / `period` from `low_hz` to `high_hz`, dealt to `axes` in turn; a line's velocity
-  /// response of a mass falls as the square root of its frequency. Throws Error(input) when an axis would have fewer
-  /// than four lines.
+  /// Places lines at odd multiples of 1 / `period` from `low_hz` to `high_hz` and assigns them to `axes` in turn. The
+  /// amplitudes rise such that the velocity of a mass falls with the square root of the frequency. Throws Error(input)
+  /// when an axis would have fewer than four lines.
   Multisine(double low_hz, double high_hz, double period, const std::array<bool, 3>& axes);
 
-  /// At `time` [s].
+  /// Returns the signal at `time` [s].
   [[nodiscard]] Vec3 value(double time) const noexcept;
 
   [[nodiscard]] const std::vector<SpectralLine>& lines(int axis) const { return lines_.at(static_cast<size_t>(axis)); }

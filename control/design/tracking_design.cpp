@@ -16,27 +16,28 @@
 namespace haptrace {
 namespace {
 
-constexpr double kMassFactor = 1.1;  // of the observer's mass over the identified
-constexpr double kFrequency = 0.4;   // w times (delay + period)
+constexpr double kMassFactor = 1.1;  // mass of the observer over the identified mass
+constexpr double kFrequency = 0.4;   // bandwidth w times (delay + period)
 constexpr double kDampingRatio = 0.75;
-constexpr double kObserverFactor = 1.5;  // of the observer's poles over w
-// Of the load's compensation [Hz]. A heavy hand on a stiff grip makes a light device two and a half times as heavy
-// below its resonance near 10 Hz; a compensation as fast as that leaves next to no damping there.
+constexpr double kObserverFactor = 1.5;  // observer poles over w
+// Bandwidth of the load compensation [Hz]. A heavy hand on a stiff grip makes a light device two and a half times as
+// heavy below its resonance near 10 Hz. A compensation as fast as that leaves almost no damping there.
 constexpr double kLoad = 5;
-constexpr double kAuthority = 0.7;    // of the device's force
-constexpr double kLargestRaise = 3;   // beyond which gains only hum
-constexpr double kMargin = 2;         // of the stable gains over the designed
+constexpr double kAuthority = 0.7;    // fraction of the device's maximum force
+constexpr double kLargestRaise = 3;   // higher gains only cause vibration
+constexpr double kMargin = 2;         // stable gains over design gains
 constexpr double kRippleCutoff = 25;  // [Hz]
-// Of a closed loop's ripple over the open one's, measured on simulated devices.
+// Ripple of a closed loop over that of the open loop, measured on simulated devices.
 constexpr double kRippleRise = 1.11, kPlainRippleRise = 1.29;
-// What a real device differs by from what was identified: it is lighter, and slower to answer.
+// Assumed difference between a real device and the identified model: it is lighter and responds later.
 constexpr double kLighter = 0.8;
-constexpr double kLater = 0.5;  // ticks
+constexpr double kLater = 0.5;  // [ticks]
 
 const PdGains kPlainGains{Vec3::Constant(3000), Vec3::Constant(25)};
 constexpr double kPlainVelocityCutoff = 100;  // [Hz]
 
-/// rms of the high-passed answer of a linear law to white noise of unit variance, from its answer to a unit impulse.
+/// Returns the rms of the high-passed output of a linear law for white noise of unit variance, computed from its
+/// impulse response.
 double noise_gain(double rate_hz, const std::function<double(double)>& law) {
   Ripple ripple(kRippleCutoff, rate_hz);
   double energy = 0;
@@ -55,7 +56,7 @@ double plain_ripple(double rate_hz) {
   });
 }
 
-/// One axis of the law, of unit mass: its gains scale with the mass.
+/// One axis of the law for unit mass. The gains scale with the mass.
 struct UnitLaw {
   double w;  ///< [rad/s]
   double delay, rate_hz;
@@ -70,7 +71,7 @@ struct UnitLaw {
   }
 };
 
-/// Of the command above 25 Hz for white noise of unit variance in the position [N/m per kg].
+/// Returns the ripple of the command above 25 Hz for white noise of unit variance in the position [N/m per kg].
 double ripple(const UnitLaw& law) {
   StateObserver observer = law.observer();
   return noise_gain(law.rate_hz, [&](double x) {
@@ -80,12 +81,12 @@ double ripple(const UnitLaw& law) {
   });
 }
 
-/// Whether the loop of a free mass, lighter and later than the unit mass that the law knows of, calms down after a push
-/// when its PD gains are `factor` times the law's.
+/// Returns whether the loop of a free mass settles after a push when its PD gains are `factor` times those of the law.
+/// The mass is lighter and responds later than the unit mass in the law.
 bool calms_down(const UnitLaw& law, double factor) {
   StateObserver observer = law.observer();
   const double period = 1 / law.rate_hz;
-  const double delay = law.delay * law.rate_hz + kLater;  // all of it, also where the observer knows of less
+  const double delay = law.delay * law.rate_hz + kLater;  // full delay, even if the observer models less
   const auto whole = static_cast<std::size_t>(delay);
   const double part = delay - static_cast<double>(whole);
   std::vector<double> sent(whole + 2, 0.0);  // newest first
@@ -100,7 +101,7 @@ bool calms_down(const UnitLaw& law, double factor) {
     const double force = -factor * (law.kp() * estimate.position.x() + law.kd() * estimate.velocity.x()) + load;
     std::rotate(sent.rbegin(), sent.rbegin() + 1, sent.rend());
     sent[0] = force;
-    // Held from this tick on, arriving `part` of a period after a tick.
+    // The force is held from this tick on and arrives `part` of a period after a tick.
     for (const auto& [u, h] : {std::pair{sent[whole + 1], part * period}, {sent[whole], (1 - part) * period}}) {
       x += h * v + 0.5 * h * h * u / kLighter;
       v += h * u / kLighter;
@@ -111,7 +112,7 @@ bool calms_down(const UnitLaw& law, double factor) {
   return late < 0.02 * sum;
 }
 
-/// How far the PD gains may grow before the free device is unstable.
+/// Returns the factor by which the PD gains can grow before the free device becomes unstable.
 double gain_margin(const UnitLaw& law) {
   double stable = 1, unstable = 16;
   if (!calms_down(law, stable)) return 0;
@@ -123,7 +124,7 @@ double gain_margin(const UnitLaw& law) {
   return stable;
 }
 
-/// At most half of what a plain PD loop is stable with, on a device that nobody holds.
+/// Returns gains for a plain PD law: at most half of those with which the free device is still stable.
 PdGains plain_gains(const PlantModel& plant, const PdGains& designed, double rate_hz) {
   PdGains plain = designed;
   for (int axis = 0; axis < 3; ++axis) {
@@ -156,7 +157,7 @@ TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& opt
         "can "
         "be reckoned with; choose a rate of at most {:.0f} Hz",
         1e3 * plant.delay, ticks, rate_hz, LoopAnalysis::kLongestDelay, LoopAnalysis::kLongestDelay / plant.delay));
-  // A quantum's error is uniform: its variance is a twelfth of its square.
+  // The quantisation error is uniform, so its variance is a twelfth of the squared resolution.
   const double noise = std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise);
   const double allowed =
       options.max_ripple > 0 ? options.max_ripple / noise : kPlainRippleRise * std::sqrt(3.0) * plain_ripple(rate_hz);
