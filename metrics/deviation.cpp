@@ -49,7 +49,7 @@ std::optional<Deviation> deviation(std::span<const double> time, std::span<const
     total += weight;
   }
   if (peak < 0) return std::nullopt;
-  // Rows that stand alone last no time: of them only the largest is known.
+  // Isolated rows have no duration: only the largest error is known.
   return Deviation{.rms = total > 0 ? std::sqrt(squares / total) : peak, .peak = peak};
 }
 
@@ -95,7 +95,7 @@ std::vector<Vec3> force_by_arc_length(std::span<const double> arc, std::span<con
   for (std::size_t i = 1; i < arc.size(); ++i) {
     if (!std::isfinite(arc[i]) || !std::isfinite(arc[i - 1]) || !is_finite(force[i]) || !is_finite(force[i - 1]))
       continue;
-    // From the smaller arc length to the larger, whichever way it went.
+    // Goes from the smaller arc length to the larger, whatever the direction of the movement.
     const bool forwards = arc[i] >= arc[i - 1];
     const std::size_t a = forwards ? i - 1 : i, b = forwards ? i : i - 1;
     const double from = std::clamp(arc[a], 0.0, length), to = std::clamp(arc[b], 0.0, length);

@@ -1,4 +1,4 @@
-// How far a movement was from what it should have been: at the same instant, from the curve, and in its forces.
+// Deviation of a movement from its reference at the same instant, from a curve, and in its forces.
 #pragma once
 
 #include "metrics/polyline.h"
@@ -10,47 +10,49 @@
 
 namespace haptrace {
 
-/// Distances in m, or differences of forces in N.
+/// Distances in m, or force differences in N.
 struct Deviation {
   double rms = 0, peak = 0;
 };
 
-// Columns below have the length of `time` [s], which strictly increases and need not be even; Error(input) is thrown
-// otherwise. A row counts for half of the time to its neighbours, so that figures do not depend on how a movement was
-// sampled; rows that are not finite, and the time beside them, are left out. Undefined when no row is left.
+// Columns below have the length of `time` [s], which strictly increases; the steps may vary. The functions throw
+// Error(input) otherwise. A row is weighted by half of the time to its neighbours, so that metrics do not depend on the
+// sampling of a movement. Rows that are not finite, and the time beside them, are left out. The functions return
+// nothing when no row is left.
 //
 // Threads: free functions without state. Real-time: no.
 
-/// From the reference at the same instant: sqrt(integral of |x - r|^2 dt / integral of dt) and max |x - r|.
+/// Computes the deviation from the reference at the same instant: sqrt(integral of |x - r|^2 dt / integral of dt) and
+/// max |x - r|.
 std::optional<Deviation> deviation(std::span<const double> time, std::span<const Vec3> position,
                                    std::span<const Vec3> reference);
 
-/// From the curve (contour error): the same of the distance from the foot points, of which `arc` are the arc lengths
-/// [m]; see foot_points(). Who is late on the path has none.
+/// Computes the deviation from the curve (contour error), with the distances from the foot points. `arc` holds the arc
+/// lengths of these [m]; see foot_points(). Being late on the path does not count.
 std::optional<Deviation> contour_deviation(std::span<const double> time, std::span<const Vec3> position,
                                            const Polyline& curve, std::span<const double> arc);
 
-/// The share of time spent within a radius around the curve [m], which may vary with the arc length, from 0 to 1.
-/// Between two rows, radius less distance is a straight line. The time of a row or radius that is not finite is left
-/// out.
+/// Returns the fraction of the time spent within a radius around the curve [m], from 0 to 1. The radius may vary with
+/// the arc length. Radius minus distance is linear between two rows. Rows whose position or radius is not finite are
+/// left out with their time.
 std::optional<double> share_in_tunnel(std::span<const double> time, std::span<const Vec3> position,
                                       const Polyline& curve, std::span<const double> arc,
                                       const std::function<double(double arc)>& radius);
 
-/// Mean force in each of the cells of `spacing` [m] that a curve of `length` [m] is cut into, the last of which may be
-/// shorter; NaN where none was. A step from one row to the next spreads its force, linear between the rows, over the
-/// arc lengths that it passed: forwards, backwards and repeatedly, but standing still it has no weight. So neither
-/// speed nor rate matters.
+/// Divides a curve of `length` [m] into cells of `spacing` [m] and returns the mean force in each; the last cell may be
+/// shorter. Cells without force are NaN. A step from one row to the next spreads its force, linear between the rows,
+/// over the arc lengths it passes, forwards, backwards or repeatedly. Standing still has no weight. So neither speed
+/// nor rate matters.
 std::vector<Vec3> force_by_arc_length(std::span<const double> arc, std::span<const Vec3> force, double length,
                                       double spacing = 1e-3);
 
 struct ForceDeviation {
   Deviation error;      ///< [N]
-  double compared = 0;  ///< share of the cells that both have
+  double compared = 0;  ///< fraction of the cells in which both have a force
 };
 
-/// The force of a trainee against that of an expert, cell by cell of force_by_arc_length() of the same curve.
-/// Undefined when they have no cell in common. Throws Error(input) when they have different numbers of cells.
+/// Compares the force of a trainee with that of an expert, cell by cell of force_by_arc_length() on the same curve.
+/// Returns nothing when they have no cell in common. Throws Error(input) when they have different numbers of cells.
 std::optional<ForceDeviation> force_deviation(std::span<const Vec3> trainee, std::span<const Vec3> expert);
 
 }  // namespace haptrace

@@ -25,7 +25,7 @@ std::vector<Point> measured(std::span<const double> figure) {
   return points;
 }
 
-/// What is left of `first` at repetition n: 1 at the first, 0 at infinity.
+/// Returns the weight of `first` at repetition n: 1 at the first, 0 at infinity.
 double left(LearningLaw law, double rate, double n) {
   return law == LearningLaw::power ? std::pow(n, -rate) : std::exp(-rate * (n - 1));
 }
@@ -43,7 +43,7 @@ double residual(const std::vector<Point>& points, const LearningCurve& curve) {
   return squares;
 }
 
-/// The best curve of this rate: e = first * w + plateau * (1 - w), both at least `least`.
+/// Returns the best curve of this rate: e = first * w + plateau * (1 - w), both at least `least`.
 LearningCurve best_of_rate(const std::vector<Point>& points, LearningLaw law, double rate, double least) {
   double ww = 0, wu = 0, uu = 0, we = 0, ue = 0;
   for (const Point& p : points) {
@@ -58,7 +58,7 @@ LearningCurve best_of_rate(const std::vector<Point>& points, LearningLaw law, do
   const double determinant = ww * uu - wu * wu;
   curve.first = (we * uu - ue * wu) / determinant;
   curve.plateau = (ue * ww - we * wu) / determinant;
-  // Of two unknowns, a bound that is crossed is kept to; what it leaves of the other is a problem of one.
+  // If one unknown crosses its bound, it stays on the bound, and the other becomes a problem of one unknown.
   if (curve.plateau < least) {
     curve.plateau = least;
     curve.first = std::max((we - least * wu) / ww, least);
@@ -83,7 +83,7 @@ std::optional<LearningCurve> fit_learning_curve(std::span<const double> figure, 
                                   bounds.slowest, bounds.fastest));
   std::vector<Point> points = measured(figure);
   if (points.size() < kFewest) return std::nullopt;
-  // In shares of the largest, so that no figure is too small or too large to be squared.
+  // Scales by the largest value, so that no metric is too small or too large to be squared.
   double size = 0;
   for (const Point& p : points) size = std::max(size, std::abs(p.figure));
   if (size == 0) return std::nullopt;
@@ -106,7 +106,7 @@ std::optional<LearningCurve> fit_learning_curve(std::span<const double> figure, 
       least = squares;
       best = i;
     }
-  constexpr int kBits = 26;  // a parabola's minimum shows no more of a double
+  constexpr int kBits = 26;  // a double resolves the minimum of a parabola no better
   const double log_rate = boost::math::tools::brent_find_minima(left_over, begin + std::max(best - 1, 0) * step,
                                                                 begin + std::min(best + 1, kSteps) * step, kBits)
                               .first;

@@ -1,4 +1,4 @@
-// How a figure changes over repetitions: learning curves and the straight line.
+// Changes of a metric over repetitions: learning curves and the straight line.
 #pragma once
 
 #include <limits>
@@ -7,7 +7,7 @@
 
 namespace haptrace {
 
-/// The law that a learning curve follows; n = 1, 2, ... counts repetitions.
+/// The law of a learning curve; n = 1, 2, ... counts repetitions.
 enum class LearningLaw {
   power,        ///< e(n) = plateau + (first - plateau) n^-rate                 (Newell and Rosenbloom 1981)
   exponential,  ///< e(n) = plateau + (first - plateau) exp(-rate (n - 1))      (Heathcote, Brown, Mewhort 2000)
@@ -15,27 +15,27 @@ enum class LearningLaw {
 
 struct LearningCurve {
   LearningLaw law = LearningLaw::power;
-  double first = 0;      ///< e(1), in the unit of the figure
+  double first = 0;      ///< e(1), in the unit of the metric
   double plateau = 0;    ///< e(infinity)
-  double rate = 0;       ///< no unit, or per repetition
-  double r_squared = 0;  ///< share of the variance that the curve explains
+  double rate = 0;       ///< dimensionless, or per repetition
+  double r_squared = 0;  ///< fraction of the variance that the curve explains
 
   [[nodiscard]] double at(double n) const;
 };
 
 struct LearningBounds {
-  /// Below which neither `first` nor `plateau` can be: 0 for an error. A figure such as SPARC has no such bound.
+  /// Lower bound of `first` and `plateau`: 0 for an error. A metric such as SPARC has none.
   double least = 0;
-  double slowest = 1e-2, fastest = 10;  ///< rate
+  double slowest = 1e-2, fastest = 10;  ///< bounds of the rate
 };
 
-/// The curve through a figure of repetitions 1, 2, ..., least squares within the bounds: for a given rate, first and
-/// plateau are a linear problem of two unknowns; the rate that leaves least is looked for on a grid and then between
-/// its points (variable projection, Golub and Pereyra 1973). Figures that fall and figures that rise.
+/// Fits a curve to a metric of repetitions 1, 2, ... by least squares within the bounds. For a given rate, first and
+/// plateau are a linear problem of two unknowns. The rate with the smallest residual is found on a grid and then
+/// between its points (variable projection, Golub and Pereyra 1973). The metric may fall or rise.
 ///
-/// NaN is a repetition that was not measured; it keeps its number. Undefined for fewer than 4 measured repetitions, and
-/// when all are equal. Of four points, three parameters leave little to judge by: read r_squared with that in mind.
-/// Throws Error(input) when the bounds are not in order.
+/// NaN marks a repetition that was not measured; it keeps its number. Returns nothing for fewer than 4 measured
+/// repetitions, and when all are equal. With four points for three parameters, r_squared says little. Throws
+/// Error(input) when the bounds are not in order.
 ///
 /// Threads: free functions without state.
 std::optional<LearningCurve> fit_learning_curve(std::span<const double> figure, LearningLaw law,
@@ -43,13 +43,13 @@ std::optional<LearningCurve> fit_learning_curve(std::span<const double> figure, 
 
 /// A straight line over repetitions.
 struct LearningTrend {
-  double first = 0;             ///< of the line, at repetition 1
+  double first = 0;             ///< value of the line at repetition 1
   double slope = 0;             ///< per repetition
-  double slope_half_width = 0;  ///< of its 95 % interval, by Student's t with N - 2 degrees of freedom
+  double slope_half_width = 0;  ///< half width of the 95 % confidence interval (Student's t, N - 2 degrees of freedom)
   double r_squared = 0;         ///< 0 when all are equal
 };
 
-/// Ordinary least squares. NaN as above; undefined for fewer than 4 measured repetitions.
+/// Fits a straight line by ordinary least squares. NaN as above; returns nothing for fewer than 4 measured repetitions.
 std::optional<LearningTrend> fit_trend(std::span<const double> figure);
 
 }  // namespace haptrace

@@ -11,7 +11,7 @@
 namespace haptrace {
 namespace {
 
-constexpr double kStepsPerCutoff = 100;  // of the even samples
+constexpr double kStepsPerCutoff = 100;  // even samples per period of the cut-off
 constexpr double kMostSteps = 1e8;
 
 /// Even instants.
@@ -23,7 +23,7 @@ struct Grid {
   [[nodiscard]] double end() const { return at(size - 1); }
 };
 
-/// The rows of a column that were measured.
+/// The measured rows of a column.
 struct Column {
   std::vector<double> time;
   std::vector<Vec3> value;
@@ -36,7 +36,7 @@ struct Column {
     }
   }
 
-  /// Whether no instant from `begin` to `end` is farther than `gap` between two rows.
+  /// Returns whether no gap between rows, from `begin` to `end`, is longer than `gap`.
   [[nodiscard]] bool covers(double begin, double end, double gap) const {
     if (time.empty() || time.front() - begin > gap || end - time.back() > gap) return false;
     return std::adjacent_find(time.begin(), time.end(), [gap](double a, double b) { return b - a > gap; }) ==
@@ -44,7 +44,7 @@ struct Column {
   }
 };
 
-/// Straight lines between the rows of a column, constant before and after, and their integral.
+/// Interpolates a column linearly between its rows, with constant values before and after, and integrates it.
 class Lines {
  public:
   explicit Lines(const Column& column) : column_(column), integral_(column.time.size(), Vec3::Zero()) {
@@ -52,7 +52,7 @@ class Lines {
       integral_[i + 1] = integral_[i] + area(i, column.time[i + 1]);
   }
 
-  /// Up to t, from the first row. Questions come in order; `row` remembers the last.
+  /// Returns the integral from the first row to t. Queries come in order; `row` remembers the last.
   [[nodiscard]] Vec3 integral(double t, std::size_t& row) const {
     if (t <= column_.time.front()) return (t - column_.time.front()) * column_.value.front();
     if (t >= column_.time.back()) return integral_.back() + (t - column_.time.back()) * column_.value.back();
@@ -86,7 +86,7 @@ std::vector<Vec3> resampled(const Column& column, const Grid& grid) {
   std::vector<Vec3> even(grid.size);
   std::size_t lower = 0, upper = 0;
   for (std::size_t k = 0; k < grid.size; ++k) {
-    // At the ends the mean is over no time at all: it must not be over one side.
+    // At the ends the interval shrinks to a point, because it must not cover one side only.
     const double t = grid.at(k), half = k == 0 || k + 1 == grid.size ? 0 : grid.step / 2;
     even[k] = half == 0 ? lines.value(t)
                         : Vec3((lines.integral(t + half, upper) - lines.integral(t - half, lower)) / (2 * half));
@@ -103,10 +103,10 @@ std::vector<Vec3> central_differences(const std::vector<Vec3>& x, double step) {
   return v;
 }
 
-/// Maxima that rise above both valleys beside them by `prominence`.
+/// Counts the maxima that rise above both adjacent valleys by `prominence`.
 int count_peaks(std::span<const double> speed, double prominence) {
   int peaks = 0;
-  bool rising = false;  // above the last valley, by enough
+  bool rising = false;  // above the last valley by at least the prominence
   double lowest = speed.front(), highest = speed.front();
   for (const double v : speed) {
     if (rising) {
@@ -127,13 +127,13 @@ int count_peaks(std::span<const double> speed, double prominence) {
 
 /// The low-passed trial from onset to end, at even steps.
 struct Movement {
-  std::size_t first = 0, last = 0;  ///< of the grid
+  std::size_t first = 0, last = 0;  ///< indices into the grid
   double step = 0;                  // [s]
-  double slow = 0;                  ///< speed below which it dwells [m/s]
+  double slow = 0;                  ///< speed below which the hand dwells [m/s]
   std::vector<Vec3> position, velocity;
   std::vector<double> speed;
 
-  /// The integral over the movement of what `rate` says at a row, by the trapezoidal rule.
+  /// Returns the integral of `rate` over the movement, by the trapezoidal rule.
   template <class Rate>
   [[nodiscard]] double integral(const Rate& rate) const {
     double sum = 0;
@@ -142,7 +142,7 @@ struct Movement {
   }
 };
 
-/// Time slower than the threshold, the speed a straight line from row to row.
+/// Returns the time below the threshold [s]; the speed is linear between rows.
 double dwell_time(const Movement& movement) {
   double steps = 0;
   for (std::size_t i = movement.first; i < movement.last; ++i) {
@@ -240,7 +240,7 @@ std::optional<MovementFigures> movement_figures(const Trial& trial, const Moveme
   const auto moves = [&](double v) { return v >= movement.slow; };
   movement.first = static_cast<std::size_t>(std::find_if(speed.begin(), speed.end(), moves) - speed.begin());
   movement.last = static_cast<std::size_t>(speed.rend() - std::find_if(speed.rbegin(), speed.rend(), moves)) - 1;
-  // Between this row, which is slower, and the next towards the movement.
+  // Interpolates between this slower row and the next one towards the movement.
   const auto crossing = [&](std::size_t slow, std::size_t fast) {
     const double u = (movement.slow - speed[slow]) / (speed[fast] - speed[slow]);
     return grid.at(slow) - begin + u * (grid.at(fast) - grid.at(slow));

@@ -39,9 +39,9 @@ double Polyline::nearest(const Vec3& point, double from, double to) const noexce
   to = std::clamp(to, from, length());
   double best = from, least = (at(from) - point).squaredNorm();
   const std::size_t first = segment_at(from);
-  // An upper bound of the distance, from a few points of the curve. Lengths along the curve are no shorter than those
-  // across, so that no point of the curve nearer than (distance of a vertex - bound) to that vertex, along the curve,
-  // can be the nearest one: most segments are passed over.
+  // Bounds the smallest distance from above by a few points of the curve. A length along the curve is at least the
+  // straight distance. So points closer along the curve to a vertex than (its distance - bound) cannot be the nearest,
+  // and most segments are skipped.
   constexpr std::size_t kStride = 16;
   constexpr double kRounding = 1 + 1e-9;
   double bound = least;

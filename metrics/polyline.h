@@ -1,4 +1,4 @@
-// A path as a curve: straight lines between points, by their arc length. When it was where does not matter.
+// A path as a curve: straight segments between points, by arc length and without time.
 #pragma once
 
 #include "base/types.h"
@@ -8,7 +8,8 @@
 
 namespace haptrace {
 
-/// Immutable. Points that are not finite are left out, and so are those that repeat the one before.
+/// A curve of straight segments. Immutable. Points that are not finite, and points equal to the previous one, are left
+/// out.
 ///
 /// The noise of recorded positions makes a path longer: smooth it first (control/path/path_smoothing.h), or thin it.
 ///
@@ -20,37 +21,36 @@ class Polyline {
 
   [[nodiscard]] double length() const noexcept { return arc_.back(); }  ///< [m]
 
-  /// The point at arc length s [m], an end beyond the ends; the start for NaN. O(log n).
+  /// Returns the point at arc length s [m], clamped to the ends; NaN gives the start. O(log n).
   [[nodiscard]] Vec3 at(double s) const noexcept;
 
-  /// The arc length of the point nearest to `point` among those from arc length `from` to `to` [m]; of equally near
-  /// ones the first. O(segments between) at worst; of a smooth curve, most segments are passed over.
+  /// Returns the arc length of the point nearest to `point` between the arc lengths `from` and `to` [m]; the first one
+  /// if several are equally near. O(segments between) at worst; on a smooth curve most segments are skipped.
   [[nodiscard]] double nearest(const Vec3& point, double from, double to) const noexcept;
 
-  /// Points `spacing` apart, or a little nearer or farther so that they are evenly apart and both ends are among them;
-  /// the start alone for a curve of length 0. Throws Error(input) when that were more than 10^7 points.
+  /// Returns points about `spacing` apart, adjusted so that they are evenly spaced and include both ends. A curve of
+  /// length 0 gives its start alone. Throws Error(input) when this would be more than 10^7 points.
   [[nodiscard]] std::vector<Vec3> resampled(double spacing) const;
 
  private:
   [[nodiscard]] std::size_t segment_at(double s) const noexcept;
 
   std::vector<Vec3> points_;
-  std::vector<double> arc_;  ///< of the points, strictly increasing [m]
+  std::vector<double> arc_;  ///< arc lengths of the points, strictly increasing [m]
 };
 
-/// Where along the curve a hand is looked for, as arc length.
+/// Search range of foot points along the curve, as arc lengths.
 struct FootSearch {
-  double start = 0;      ///< where first [m]
-  double back = 5e-3;    ///< behind the farthest that it was found [m]
-  double ahead = 10e-3;  ///< of where it was last, beside twice what it moved since [m]
+  double start = 0;      ///< first position searched [m]
+  double back = 5e-3;    ///< range behind the farthest foot point so far [m]
+  double ahead = 10e-3;  ///< range ahead of the last foot point, in addition to twice the movement since [m]
 };
 
-/// Arc lengths of the foot points of a hand: for each of its positions the nearest point of the curve, looked for only
-/// around the one before. So it stays on its branch where the curve crosses or retraces itself; the nearest point of
-/// the whole curve jumps there. A hand that goes back by more than `back`, or leaves out more of the curve than
-/// `ahead`, is waited for.
-/// NaN where the position is not finite. Throws Error(input) when the search leads nowhere (`ahead` not positive,
-/// `back` negative). O(positions * segments within the search).
+/// Returns the arc lengths of the foot points of a hand: for each position, the nearest point of the curve around the
+/// previous foot point. So it stays on its branch where the curve crosses or retraces itself; the nearest point of the
+/// whole curve would jump there. If the hand goes back by more than `back`, or skips more of the curve than `ahead`,
+/// the foot point waits for it. The result is NaN where the position is not finite. Throws Error(input) when the search
+/// range is invalid (`ahead` not positive, `back` negative). O(positions * segments within the search).
 std::vector<double> foot_points(const Polyline& curve, std::span<const Vec3> position, const FootSearch& search = {});
 
 }  // namespace haptrace

@@ -18,7 +18,7 @@ constexpr std::array<std::string_view, 10> kTrialColumns{
     "time",          "position", "force", "force_measured", "reference_position", "reference_force", "progress",
     "tunnel_radius", "phase",    "tick"};
 
-/// A text or number of a recording's configuration.
+/// Returns a text or number of a recording's configuration, or `otherwise`.
 template <class Value>
 Value configured(const nlohmann::json& config, const char* key, Value otherwise) {
   const auto found = config.is_object() ? config.find(key) : config.end();
@@ -35,8 +35,8 @@ TrialKind kind_of(const RecordingHeader& header, const RecordingColumns& columns
   return configured<std::string>(header.config, "mode", "tunnel") == "cursor" ? TrialKind::cursor : TrialKind::guided;
 }
 
-/// The curve through `points`, which has a finite one, with the forces there. An expert without forces has none, or
-/// zeros.
+/// Builds the curve through `points`, at least one of which is finite, with the forces there. An expert's forces may be
+/// missing or zero.
 TrialPath path_through(std::span<const Vec3> points, std::span<const Vec3> forces) {
   TrialPath path{.curve = Polyline(points)};
   const bool any = std::any_of(forces.begin(), forces.end(), [](const Vec3& f) { return f.squaredNorm() > 0; });
@@ -55,8 +55,8 @@ TrialPath path_through(std::span<const Vec3> points, std::span<const Vec3> force
   return path;
 }
 
-/// A way without the steps that are shorter than `spacing` [m]: a hand that rests trembles, and a device counts, which
-/// would make it longer than any band.
+/// Returns the path without steps shorter than `spacing` [m]. The tremor of a resting hand and encoder counts would
+/// otherwise make the path longer than any band.
 Polyline without_noise(std::span<const Vec3> way, double spacing) {
   std::vector<Vec3> points;
   for (const Vec3& p : way)
@@ -68,7 +68,7 @@ bool any_finite(std::span<const Vec3> points) {
   return std::any_of(points.begin(), points.end(), [](const Vec3& p) { return p.allFinite(); });
 }
 
-/// Nothing where no component is known.
+/// Clears the column if none of its rows is finite.
 void drop_unknown(std::vector<Vec3>& column) {
   if (!any_finite(column)) column.clear();
 }
@@ -170,7 +170,7 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   for (const RecordingSummary& block : reader.overview()) runs += block.run_rows;
 
   double scale = configured(header.config, "force-scale", 1.0);
-  // Who was left alone felt no force, and none is missing.
+  // Without guidance there is no expert's force to feel, and none is missing.
   if (configured<std::string>(header.config, "mode", "") == "free") scale = 0;
   if (configured<std::string>(header.config, "feel", "active") == "resist") scale = -scale;
 
@@ -221,7 +221,7 @@ std::optional<TrialPath> path_of(const RecordedTrial& trial) {
   if (!any_finite(trial.reference)) return std::nullopt;
   TrialPath path = [&] {
     if (trial.progress.empty()) return path_through(trial.reference, {});
-    // The place of a guided trial stands still, and may go back: every place once.
+    // The reference of a guided trial stands still and may go back. Keeps every point once.
     std::vector<Vec3> points, forces;
     double farthest = -1;
     for (std::size_t i = 0; i < trial.reference.size(); ++i) {
@@ -249,7 +249,7 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
       if (s > walked) walked = s;
     if (path->whole) figures.completion = std::min(1.0, walked / length);
     figures.contour = contour_deviation(trial.time, trial.position, path->curve, arc);
-    // A hand that rests trembles along a path, but does not walk it.
+    // A resting hand trembles along the path but does not follow it.
     constexpr double kLeastShare = 0.05, kLeastWalk = 2e-3;
     const bool walks = walked >= std::max(kLeastWalk, kLeastShare * length);
     if (walks) movement.reference_length = walked;
@@ -261,7 +261,7 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
       warping.band = std::max(warping.band, 1.1 * std::abs(hand.length() - length));
       if (hand.length() <= kLongestWay * length) figures.shape_distance = warping_distance(path->curve, hand, warping);
     }
-    // Nobody else was to feel it.
+    // In other kinds of trials the hand does not feel the expert's force.
     const bool guided = trial.kind == TrialKind::guided || trial.kind == TrialKind::cursor;
     if (walks && guided && trial.force_scale != 0 && !path->expert.empty() && !trial.force.empty()) {
       std::vector<Vec3> expert = path->expert;
@@ -270,7 +270,7 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
     }
   }
   if (!trial.radius.empty() && !trial.reference.empty()) {
-    // The radius and the place that the session itself went by.
+    // Uses the tunnel radius and the reference of the session itself.
     double inside = 0, known = 0;
     for (std::size_t i = 0; i + 1 < trial.time.size(); ++i) {
       const double distance = (trial.position[i] - trial.reference[i]).norm();

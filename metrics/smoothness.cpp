@@ -14,7 +14,7 @@
 namespace haptrace {
 namespace {
 
-/// Whether there is anything to tell of this speed; throws when it is none.
+/// Returns whether this speed has smoothness metrics. Throws when the rate or the speed is invalid.
 bool is_movement(std::span<const double> speed, double rate_hz) {
   if (!(rate_hz > 0) || !std::isfinite(rate_hz))
     throw input_error(fmt::format("a speed at {} Hz: the rate has to be positive", rate_hz));
@@ -29,11 +29,12 @@ bool is_movement(std::span<const double> speed, double rate_hz) {
   return *std::max_element(speed.begin(), speed.end()) > 0;
 }
 
-/// Magnitudes of the lines 0 to `last` of the transform of x, padded with zeros to 2^pad_level times `length`.
+/// Computes the magnitudes of the lines 0 to `last` of the transform of x, padded with zeros to 2^pad_level times
+/// `length`.
 ///
 /// Line R k + r of the padded transform, R = 2^pad_level, is line k of the transform of x[i] exp(-2 pi j r i / (R
-/// length)): R transforms of what x has, instead of one of mostly zeros, which for an hour at 1 kHz would take a
-/// gigabyte. x is real: lines n - k are lines k, so that half of the r are enough.
+/// length)). So R transforms of the unpadded length replace one that is mostly zeros and would take a gigabyte for an
+/// hour at 1 kHz. x is real: lines n - k equal lines k, so that half of the r are enough.
 std::vector<double> padded_spectrum(std::span<const double> x, std::size_t length, int pad_level, std::size_t last) {
   using Complex = std::complex<double>;
   const std::size_t repeats = std::size_t{1} << pad_level, lines = length * repeats;
@@ -78,7 +79,7 @@ std::optional<double> sparc(std::span<const double> speed, double rate_hz, const
 
 std::optional<double> dimensionless_jerk(std::span<const double> speed, double rate_hz) {
   if (!is_movement(speed, rate_hz)) return std::nullopt;
-  // With durations in samples and speeds in shares of the peak, the rate and the peak cancel out.
+  // With durations in samples and speeds relative to the peak, the rate and the peak cancel out.
   const double peak = *std::max_element(speed.begin(), speed.end());
   double sum = 0;
   for (std::size_t i = 2; i < speed.size(); ++i) {

@@ -1,4 +1,4 @@
-// How smooth a movement was, from its speed.
+// Smoothness of a movement, from its speed.
 #pragma once
 
 #include <optional>
@@ -6,41 +6,41 @@
 
 namespace haptrace {
 
-/// The values that Balasubramanian and others (2015) use.
+/// The defaults are those of Balasubramanian and others (2015).
 struct SparcOptions {
-  int pad_level = 4;        ///< zeros make the transform 2^pad_level times as long, from 0 to 16
-  double cutoff_hz = 10;    ///< above it nothing counts; at most half the rate does
-  double threshold = 0.05;  ///< the spectrum ends at its last line of this share of the largest
+  int pad_level = 4;        ///< zero padding makes the transform 2^pad_level times as long, from 0 to 16
+  double cutoff_hz = 10;    ///< frequencies above it are ignored; at most half the rate is used
+  double threshold = 0.05;  ///< the spectrum ends at the last line with at least this fraction of the largest
 };
 
-/// The spectral arc length (SPARC) of a speed: the negative length of the curve of its spectrum V(f), divided by V(0),
-/// from 0 to f_c, the last line up to the cut-off that is not below the threshold:
+/// Computes the spectral arc length (SPARC) of a speed: the negative length of the curve of its spectrum V(f), divided
+/// by V(0), from 0 to f_c. f_c is the last line up to the cut-off that is not below the threshold:
 ///
 ///     SPARC = - integral over [0, f_c] of sqrt((1 / f_c)^2 + (d(V / V(0)) / df)^2) df
 ///
 /// as the sum over the lines k rate / n of the transform, n = 2^(ceil(log2 N) + pad_level). (Balasubramanian,
 /// Melendez-Calderon, Roby-Brami, Burdet 2015, On the analysis of movement smoothness; a speed is nowhere negative, so
-/// that its largest line is that at 0.) No unit: -1.40 for a minimum-jerk movement, the more negative the less smooth.
-/// It is the same for every amplitude, and but for the distance of the lines (1 %) for every duration, as long as the
-/// speed is that of the movement alone, without the rest before and after: see movement.h.
+/// that its largest line is that at 0.) Dimensionless: -1.40 for a minimum-jerk movement; more negative is less smooth.
+/// It does not depend on the amplitude, nor on the duration except through the spacing of the lines (1 %). The speed
+/// must be that of the movement alone, without the rest before and after: see movement.h.
 ///
-/// Undefined for fewer than 3 samples, for a sample that is not finite, for rest, and when only one line is left.
-/// Throws Error(input) for a negative speed (that is a component of the velocity), a rate that is not positive and
-/// options that mean nothing.
+/// Returns nothing for fewer than 3 samples, for a sample that is not finite, for rest, and when only one line is left.
+/// Throws Error(input) for a negative speed (which is a component of the velocity), a rate that is not positive and
+/// invalid options.
 ///
-/// Costs O(N log N) time and O(N) memory, times 2^pad_level / 2 the time. Threads: free functions without state.
+/// Costs O(N log N) time, times 2^pad_level / 2, and O(N) memory. Threads: free functions without state.
 std::optional<double> sparc(std::span<const double> speed, double rate_hz, const SparcOptions& options = {});
 
-/// The dimensionless jerk of a speed v sampled N times, dt apart:
+/// Computes the dimensionless jerk of a speed v sampled N times, dt apart:
 ///
 ///     DLJ = - (N dt)^3 / v_peak^2 * sum of (second difference of v / dt^2)^2 dt
 ///
-/// (Hogan and Sternad 2009, Sensitivity of smoothness measures to movement duration, amplitude, and arrests). -204.8
-/// for a minimum-jerk movement of any amplitude and duration. Noise counts with the sixth power of its frequency: the
-/// speed has to be low-passed. Undefined and throwing as sparc().
+/// (Hogan and Sternad 2009, Sensitivity of smoothness measures to movement duration, amplitude, and arrests). It is
+/// -204.8 for a minimum-jerk movement of any amplitude and duration. The weight of noise rises with the sixth power of
+/// its frequency, so the speed must be low-passed. Undefined and invalid speeds are those of sparc().
 std::optional<double> dimensionless_jerk(std::span<const double> speed, double rate_hz);
 
-/// -ln |DLJ|: -5.32 for a minimum-jerk movement. Undefined also where there is no jerk at all.
+/// Computes -ln |DLJ|: -5.32 for a minimum-jerk movement. Also undefined without any jerk.
 std::optional<double> log_dimensionless_jerk(std::span<const double> speed, double rate_hz);
 
 }  // namespace haptrace

@@ -11,7 +11,7 @@
 namespace haptrace {
 
 std::optional<double> warping_distance(const Polyline& a, const Polyline& b, const WarpingOptions& options) {
-  constexpr double kWidest = 1e6;  // points
+  constexpr double kWidest = 1e6;  // [points]
   if (!(options.spacing > 0) || !(options.band >= 0) || !(options.band / options.spacing < kWidest))
     throw input_error(
         fmt::format("time warping with points {} m apart in a band of {} m: the spacing has to be positive "
@@ -27,8 +27,8 @@ std::optional<double> warping_distance(const Polyline& a, const Polyline& b, con
                     "than they differ",
                     options.band, a.length(), b.length()));
 
-  // Cell (i, j) lies at j - i + radius of its row: that above it one place further on, that before it one place back,
-  // and the diagonal one in the same place. A margin of one cell on both sides is out of reach.
+  // Cell (i, j) is at index j - i + radius + 1 of its row. The cell above is one index further, the previous cell one
+  // index back, and the diagonal cell at the same index. A margin of one cell on both sides is out of reach.
   constexpr double kOutOfReach = std::numeric_limits<double>::infinity();
   std::vector<double> above(static_cast<std::size_t>(2 * radius + 3), kOutOfReach), row = above;
   for (std::ptrdiff_t i = 0; i < rows; ++i) {
