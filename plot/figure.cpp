@@ -44,7 +44,7 @@ constexpr Rgb kInk{0.13, 0.13, 0.15}, kFaint{0.42, 0.42, 0.45}, kGrid{0.90, 0.90
 // Text heights and distances [px].
 constexpr double kFigureTitle = 17, kPanelTitle = 13, kText = 11.5, kMargin = 18, kGap = 22, kTick = 6,
                  kTickSpacing = 22;
-constexpr double kEntryLine = 22, kEntryGap = 6;  // of a legend
+constexpr double kEntryLine = 22, kEntryGap = 6;  // legend entries
 
 const Rgb& color_of(const Series& s) {
   constexpr int n = static_cast<int>(kPalette.size());
@@ -62,7 +62,7 @@ struct Range {
   [[nodiscard]] double size() const { return high - low; }
   [[nodiscard]] double center() const { return low + 0.5 * size(); }
 
-  /// Wider by a fraction of its size per side; a constant gets room around it.
+  /// Returns the range widened by a fraction of its size per side. A constant gets room around it.
   [[nodiscard]] Range padded(double fraction) const {
     if (empty()) return {0, 1};
     const double largest = std::max(std::abs(low), std::abs(high));
@@ -78,7 +78,7 @@ struct Rect {
   double x = 0, y = 0, w = 0, h = 0;
 };
 
-/// Ticks of one axis as they are written: values divided by 10^exponent, with as many decimals as their step has.
+/// Labelled ticks of one axis: values divided by 10^exponent, with as many decimals as their step has.
 struct Axis {
   Range range;
   std::vector<double> ticks;
@@ -94,7 +94,7 @@ std::string superscript(int n) {
   return text;
 }
 
-/// Of a range of decimal logarithms: decades, and 2 and 5 times them where there is room.
+/// Makes the axis for a range of decimal logarithms: decades, and 2 and 5 times these if there is room.
 Axis make_log_axis(const Range& range, std::size_t most) {
   constexpr double kBetween[] = {1, 2, 5};
   Axis axis{range, {}, {}, 0};
@@ -115,7 +115,7 @@ Axis make_log_axis(const Range& range, std::size_t most) {
   return axis;
 }
 
-/// `log`: of a range of decimal logarithms.
+/// If `log` is set, `range` holds decimal logarithms.
 Axis make_axis(const Range& range, std::size_t most, bool log) {
   if (log) return make_log_axis(range, most);
   Axis axis{range, tick_values(range.low, range.high, most), {}, 0};
@@ -141,7 +141,7 @@ std::string with_exponent(const std::string& label, const Axis& axis) {
 
 enum class Align { left, center, right };
 
-/// Cairo with the few things a figure is made of. Coordinates in px, y downwards.
+/// The few Cairo operations that a figure needs. Coordinates in px, y downwards.
 class Canvas {
  public:
   explicit Canvas(cairo_t* cairo) : c_(cairo) {
@@ -170,7 +170,7 @@ class Canvas {
     cairo_show_text(c_, text.c_str());
   }
 
-  /// The same, smaller if it has to be for `width`.
+  /// The same, in a smaller font if `width` requires it.
   void text_within(double x, double y, const std::string& what, Align align, double size, bool bold, double width) {
     font(size, bold);
     const double wide = text_width(what);
@@ -215,7 +215,7 @@ class Canvas {
   cairo_t* c_;
 };
 
-/// A panel's ranges and where they are on the canvas.
+/// A panel's area on the canvas and its axes.
 struct Plot {
   Rect area;
   Axis x, y;
@@ -224,12 +224,13 @@ struct Plot {
   [[nodiscard]] double py(double v) const { return area.y + area.h * (1 - (v - y.range.low) / y.range.size()); }
 };
 
-/// A point far outside is moved to where it cannot be seen but Cairo's fixed-point coordinates can hold it.
+/// Clamps a coordinate to the range of Cairo's fixed-point numbers. A clamped point is outside the figure.
 double on_paper(double v) {
   return std::clamp(v, -2e4, 2e4);
 }
 
-/// The runs of a line between its breaks, in px, without points too near to their predecessor to be seen.
+/// Returns the runs of a line between its breaks, in px, without points that are too near to the previous one to be
+/// seen.
 std::vector<std::vector<std::pair<double, double>>> runs_of(const Series& series, const Plot& plot) {
   const std::size_t n = std::min(series.x.size(), series.y.size());
   const bool over_time = std::is_sorted(series.x.begin(), series.x.begin() + static_cast<std::ptrdiff_t>(n));
@@ -263,7 +264,7 @@ void draw_series(Canvas& canvas, const Series& series, const Plot& plot) {
       canvas.dot(run[0].first, run[0].second, std::max(1.5 * width, 2.5));
       continue;
     }
-    // In pieces: a stroke costs the square of the crossings within it.
+    // Draws in pieces, because the cost of a stroke grows with the square of the crossings within it.
     constexpr std::size_t kPiece = 500;
     for (std::size_t from = 0; from + 1 < run.size(); from += kPiece) {
       if (series.dashed) cairo_set_dash(c, dashes.data(), dashes.size(), drawn);
@@ -278,7 +279,7 @@ void draw_series(Canvas& canvas, const Series& series, const Plot& plot) {
   cairo_set_dash(c, nullptr, 0, 0);
 }
 
-/// One entry of a legend: a piece of the line, then what it is. `y` is the base line. Answers where the entry ends.
+/// Draws one legend entry: a piece of the line and its label. `y` is the base line. Returns the right end of the entry.
 double draw_entry(Canvas& canvas, const Series& s, double x, double y) {
   const double width = std::max(s.width, 1.4) * kPx;
   const std::array dashes{3 * width, 2.2 * width};
@@ -291,8 +292,8 @@ double draw_entry(Canvas& canvas, const Series& s, double x, double y) {
   return x + kEntryLine + kEntryGap + canvas.text_width(s.label);
 }
 
-/// Where a box of this size hides the least of the lines: corners first, then the middles of the edges, then the
-/// centre.
+/// Returns the position at which a box of this size hides the least of the lines. It tries the corners first, then the
+/// middles of the edges, then the centre.
 Rect least_hiding(const Panel& panel, const Plot& plot, double w, double h) {
   const Rect& a = plot.area;
   const std::array xs{a.x + a.w - w - 8, a.x + 8, a.x + (a.w - w) / 2},
@@ -322,7 +323,7 @@ bool has_legend(const Panel& panel) {
   return std::any_of(panel.series.begin(), panel.series.end(), [](const Series& s) { return !s.label.empty(); });
 }
 
-/// Beside the panel's title where there is room for it in one line, else in a box over the lines.
+/// Draws the legend beside the panel's title if one line has room for it, else in a box over the lines.
 void draw_legend(Canvas& canvas, const Panel& panel, const Plot& plot) {
   constexpr double kPad = 7, kHeight = 17, kBetween = 16;
   if (!has_legend(panel)) return;
@@ -381,7 +382,7 @@ Ranges ranges_of(const Panel& panel) {
   return r;
 }
 
-/// Widens one of two ranges so that both have the same scale on `area`.
+/// Widens one of the two ranges so that both have the same scale on `area`.
 void equalise(Ranges& r, const Rect& area) {
   const double scale = std::max(r.x.size() / area.w, r.y.size() / area.h);
   const auto widened = [scale](const Range& range, double pixels) {
@@ -401,7 +402,7 @@ double widest(Canvas& canvas, const std::vector<std::string>& labels) {
   return width;
 }
 
-/// As many ticks as have room for their labels.
+/// Returns an axis with as many ticks as there is room for labels.
 Axis horizontal_axis(Canvas& canvas, const Range& range, double pixels, bool log) {
   for (std::size_t most = ticks_for(pixels, 50); most > 2; --most) {
     Axis axis = make_axis(range, most, log);
@@ -489,7 +490,7 @@ std::vector<std::string> wrapped(Canvas& canvas, const std::string& text, double
   return lines;
 }
 
-/// With decimal logarithms on its logarithmic axes.
+/// Returns the panel with decimal logarithms on its logarithmic axes.
 Panel in_logarithms(Panel panel) {
   const auto take = [](std::vector<double>& values) {
     for (double& v : values) v = v > 0 ? std::log10(v) : std::numeric_limits<double>::quiet_NaN();
@@ -533,7 +534,7 @@ void draw(Canvas& canvas, Figure figure) {
   for (const auto& row : figure.rows) shares += share(row);
   const double room = bottom - top - kGap * static_cast<double>(std::max<std::size_t>(figure.rows.size(), 1) - 1);
 
-  // One left margin for a column, so that the axes of stacked panels stand in line.
+  // All panels of a column have the same left margin, so that their axes are aligned.
   std::vector<double> left;
   for (const auto& row : figure.rows)
     for (std::size_t i = 0; i < row.size(); ++i) {
@@ -561,7 +562,7 @@ cairo_status_t append(void* to, const unsigned char* bytes, unsigned int count) 
 using SurfacePtr = std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)>;
 using CairoPtr = std::unique_ptr<cairo_t, decltype(&cairo_destroy)>;
 
-/// The whole file in memory.
+/// Returns the contents of the file.
 std::string rendered(const Figure& figure, const std::string& file, const std::string& ending) {
   constexpr double kPngScale = 2;
   std::string bytes;
@@ -618,7 +619,7 @@ Series decimate(const Series& series, std::size_t points) {
   thin.x.clear();
   thin.y.clear();
   for (std::size_t bin = 0; bin < bins; ++bin) {
-    // Indices of what to keep: first, lowest, highest, last, and one break.
+    // Indices to keep: first, lowest, highest, last, and one break.
     constexpr std::size_t none = std::numeric_limits<std::size_t>::max();
     std::array<std::size_t, 5> keep{};
     keep.fill(none);

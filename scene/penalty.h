@@ -1,4 +1,4 @@
-// The spring and damper of a surface that the tool may enter.
+// Penalty force of a surface: a spring and a damper.
 #pragma once
 
 #include "base/json_reader.h"
@@ -9,45 +9,47 @@
 
 namespace haptrace {
 
-/// How hard a surface is.
+/// Stiffness and damping of a surface.
 struct PenaltySpec {
   double stiffness = 0;  ///< [N/m], 0 to 1e9
-  double damping = 0;    ///< resists penetration, never the way out [N s/m], 0 to 1e5
-  double lead = 0;       ///< how far ahead of the tool the spring is evaluated [ticks], 0 to 3
+  double damping = 0;    ///< resists only further penetration, not the way out [N s/m], 0 to 1e5
+  double lead = 0;       ///< time by which the spring is evaluated ahead of the tool [ticks], 0 to 3
 };
 
-/// The keys `stiffness` (must be there), `damping` and `lead`. Throws Error(input) naming the key.
+/// Reads the keys `stiffness` (required), `damping` and `lead`. Throws Error(input) naming the key.
 PenaltySpec read_penalty(JsonReader& reader);
 
-/// Basdogan and Srinivasan, Fig. 6.2, with a damper that never pulls. For depth > 0 along the normal n, v the velocity:
+/// Penalty force of Basdogan and Srinivasan, Fig. 6.2, with a damper that never pulls. For depth > 0 along the normal n
+/// and the velocity v:
 ///
 ///     F = (k depth + b max(0, -v.n)) n      stored energy k depth^2 / 2
 ///
-/// Where it is evaluated is the knob `lead`: at position + lead T v, T the tick. The force of a tick acts until the
-/// next, so that against what a spring would do in continuous time, at a steady speed u of penetration,
+/// The accuracy setting `lead` sets the point of evaluation: position + lead T v, with T the tick. The force of a tick
+/// acts until the next. Compared with a spring in continuous time, at a steady speed u of penetration,
 ///
 ///     the error is at most k u T max(lead, |1 - lead|), k u T sqrt(1/12 + (lead - 1/2)^2) rms,
 ///     and a press to depth D and back creates the energy k u T (1 - 2 lead) D.
 ///
-/// Half a tick ahead creates none, to the first order (Ellis, Sarkar and Jenkins 1996); what it costs is the velocity's
-/// noise, times k lead T. A device that applies forces a tick late bears a lead of one tick more.
+/// A lead of half a tick creates no energy to the first order (Ellis, Sarkar and Jenkins 1996). Its cost is the noise
+/// of the velocity times k lead T. On a device that applies forces one tick late, the same holds for one tick more of
+/// lead.
 ///
 /// Real-time: place and contact.
 class Penalty {
  public:
-  /// `name` of the object, for errors. Throws Error(input) naming what is out of range.
+  /// `name` is the object's name, for errors. Throws Error(input) naming the value that is out of range.
   Penalty(const std::string& name, const PenaltySpec& spec);
 
   void prepare(const SceneTiming& timing) noexcept;
 
   [[nodiscard]] Knob knob() const { return {"lead", "ticks", {0, 0.5}, spec_.lead}; }
-  /// Throws as the constructor.
+  /// Throws like the constructor.
   void set_lead(const std::string& name, double lead);
 
-  /// Where the surface is asked about.
+  /// Returns the point at which the surface is evaluated.
   [[nodiscard]] Vec3 place(const Touch& touch) const noexcept { return touch.position + ahead_ * touch.velocity; }
 
-  /// Of the tool at place(touch), `depth` inside a surface with this normal.
+  /// Returns the contact of a tool at place(touch), `depth` inside a surface with this normal.
   [[nodiscard]] Contact contact(const Touch& touch, const Vec3& place, const Vec3& normal,
                                 double depth) const noexcept {
     Contact contact{

@@ -15,7 +15,7 @@ SceneController::SceneController(std::shared_ptr<Touchable> touchable, std::vect
 
 void SceneController::start(const State&) noexcept {
   touchable_->reset();
-  // What was touched before a gap is not told as left: nobody knows when it was.
+  // A contact from before a gap gets no `left` event, because its end is not known.
   std::fill(episodes_.begin(), episodes_.end(), Episode{});
   if (layer_) layer_->reset();
 }
@@ -48,7 +48,7 @@ void SceneController::follow(std::size_t object, const Contact& contact, double 
   figures.max_depth = std::max(figures.max_depth, contact.depth);
 }
 
-/// One at a tick: what else there is to tell waits for the next.
+/// Reports one event per tick; further events wait for the next ticks.
 std::optional<Event> SceneController::tell() noexcept {
   for (std::size_t i = 0; i < episodes_.size(); ++i) {
     Episode& episode = episodes_[i];

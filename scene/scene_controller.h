@@ -1,4 +1,4 @@
-// A scene as a controller: the hand touches what is there.
+// A controller that sends the contact forces of a scene.
 #pragma once
 
 #include "control/controller.h"
@@ -13,21 +13,21 @@
 
 namespace haptrace {
 
-/// What a hand felt of one object.
+/// Statistics of the contacts with one object.
 struct TouchFigures {
-  std::string name;      ///< of the object
-  int times = 0;         ///< that it was touched; a gap of less than SceneController::kLeft is none
-  double seconds = 0;    ///< in which it was
-  double max_force = 0;  ///< magnitude, as the object answered it, before limits and fades [N]
+  std::string name;      ///< name of the object
+  int times = 0;         ///< number of contacts; gaps shorter than SceneController::kLeft are ignored
+  double seconds = 0;    ///< total contact time [s]
+  double max_force = 0;  ///< largest magnitude of the object's answers, before limits and fades [N]
   double max_depth = 0;  ///< [m]
 };
 
-/// Sends the force of what is touched, and tells the events `touched` and `left`.
+/// Sends the contact force and reports the events `touched` and `left`.
 ///
 /// With a passivity layer, it adds the force that takes back the energy that sampling created in the contacts.
 class SceneController final : public Controller {
  public:
-  static constexpr double kLeft = 0.02;  ///< without contact, after which an object is left [s]
+  static constexpr double kLeft = 0.02;  ///< time without contact after which an object counts as left [s]
 
   /// `names` of the objects, as many as `touchable` answers contacts.
   SceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names,
@@ -37,19 +37,19 @@ class SceneController final : public Controller {
   [[nodiscard]] Command update(const State& state) noexcept override;
   void between_ticks(bool may_wait) noexcept override { touchable_->between_ticks(may_wait); }
 
-  /// Since the construction. Not for the tick.
+  /// Returns the statistics since the construction. Not real-time.
   [[nodiscard]] std::vector<TouchFigures> figures() const { return figures_; }
   [[nodiscard]] std::vector<std::string> remarks() const { return touchable_->remarks(); }
   /// The passivity layer, or null without one.
   [[nodiscard]] const PassivityLayer* layer() const noexcept { return layer_ ? &*layer_ : nullptr; }
 
  private:
-  /// The contact with one object.
+  /// The current contact with one object.
   struct Episode {
-    bool begun = false, told = false;  ///< told: that it began
-    double force = 0;                  ///< newest, magnitude [N]
-    double depth = 0;                  ///< the largest [m]
-    double seconds = 0, since = 0;     ///< touched, and not touched since [s]
+    bool begun = false, told = false;  ///< told: the `touched` event was reported
+    double force = 0;                  ///< magnitude of the newest force [N]
+    double depth = 0;                  ///< largest penetration depth [m]
+    double seconds = 0, since = 0;     ///< time in contact, and time since the last contact [s]
   };
   void follow(std::size_t object, const Contact& contact, double dt) noexcept;
   std::optional<Event> tell() noexcept;
@@ -60,9 +60,9 @@ class SceneController final : public Controller {
   std::optional<PassivityLayer> layer_;
 };
 
-/// The controller that lets a hand touch `scene`, which it prepares: for this servo rate or, when `slow` says so, for a
-/// rate of its own. With `passivity` a layer supervises it, whatever the scene says. Throws as Scene::prepare,
-/// SlowScene and PassivityLayer do.
+/// Makes the controller that lets a hand touch `scene`, and prepares the scene: for this servo rate, or for the rate in
+/// `slow`. With `passivity` a layer supervises the force, even if the scene does not ask for it. Throws what
+/// Scene::prepare, SlowScene and PassivityLayer throw.
 std::unique_ptr<SceneController> make_scene_controller(
     const std::shared_ptr<Scene>& scene, double rate_hz, const std::optional<SlowSceneOptions>& slow = std::nullopt,
     const std::optional<PassivityLayer::Options>& passivity = std::nullopt);

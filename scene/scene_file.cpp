@@ -12,10 +12,10 @@
 namespace haptrace {
 namespace {
 
-/// One kind of object. A new one joins by being listed.
+/// One kind of object. A new kind only needs an entry in the list below.
 struct SceneKind {
   const char* kind;
-  /// Asks for every key but `kind` and `name`.
+  /// Reads every key but `kind` and `name`.
   std::unique_ptr<SceneObject> (*read)(JsonReader& reader, const std::string& name);
 };
 

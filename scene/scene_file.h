@@ -9,12 +9,12 @@
 
 namespace haptrace {
 
-/// Reads {"objects": [{"kind": "sphere", ...}, ...], "passivity": false}; docs/scene.md has the keys of every kind. An
-/// object without a name is called as its kind. Throws Error(input) naming `where` and the key: unknown, missing, or
-/// out of its range.
+/// Reads {"objects": [{"kind": "sphere", ...}, ...], "passivity": false}; docs/scene.md lists the keys of every kind.
+/// The default name of an object is its kind. Throws Error(input) naming `where` and the key when a key is unknown,
+/// missing or out of range.
 std::shared_ptr<Scene> read_scene(const nlohmann::json& json, const std::string& where);
 
-/// The same of a file.
+/// Reads a scene from a file.
 std::shared_ptr<Scene> load_scene(const std::string& file);
 
 }  // namespace haptrace

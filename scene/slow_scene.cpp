@@ -106,7 +106,7 @@ void SlowScene::reset() noexcept {
 }
 
 SceneAnswer SlowScene::answer(const Touch& touch) noexcept {
-  // Ticks that were missed have passed all the same.
+  // Time also passes during missed ticks.
   if (!std::exchange(first_, false)) time_ += std::max<std::int64_t>(1, std::llround(touch.dt * servo_rate_hz_));
   take();
   if (time_ >= next_) ask(touch);
@@ -163,7 +163,8 @@ Contact SlowScene::extrapolated(std::size_t object) const noexcept {
   return contact;
 }
 
-/// What pushes along the normal follows its plane; what does not is held while the plane is touched.
+/// The force along the normal follows the plane of the contact. The rest of the force is held while the plane is
+/// touched.
 Contact SlowScene::modelled(std::size_t object, const Touch& touch) const noexcept {
   Contact contact = newest_.contacts[object];
   if (contact.normal.isZero(0)) return contact;

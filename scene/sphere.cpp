@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kMinRadius = 1e-6, kMaxRadius = 100;  // [m]
 constexpr double kMaxCentre = 100;                     // [m], of each coordinate
-constexpr double kCentre2 = 1e-24;                     // square of the distance that is none [m^2]
+constexpr double kCentre2 = 1e-24;                     // squared distance below which the tool is at the centre [m^2]
 
 }  // namespace
 

@@ -1,4 +1,4 @@
-// A sphere without friction: the first object of the chapter, Fig. 6.2.
+// A frictionless sphere: the first object of the chapter, Fig. 6.2.
 #pragma once
 
 #include "scene/penalty.h"
@@ -14,22 +14,22 @@ struct SphereSpec {
   double renew = 0;  ///< see Sphere [m], 0 to the radius
 };
 
-/// Pushes the tool out along the radius it stands on; nothing outside. In the centre, which no radius passes alone, the
-/// last normal holds, or z when there was none. Who pushes through the centre is let out on the other side.
+/// Pushes the tool out along its radius; no force outside. At the centre, where the radius has no direction, the last
+/// normal applies, or z if there is none. A tool pushed through the centre leaves on the other side.
 ///
-/// Its knob `renew`: how far the tool may move before the normal is computed anew; until then the sphere is the plane
-/// that touches it where the radius through the tool did. With r the tool's distance from the centre at that moment and
-/// e = min(renew, r / 2),
+/// The accuracy setting `renew` is the distance that the tool may move before the normal is computed again. Until then
+/// the sphere is replaced by its tangent plane at that normal. With r the tool's distance from the centre at that
+/// moment and e = min(renew, r / 2),
 ///
 ///     the plane is deeper than the sphere, by at most e^2 / (2 r),
 ///     and its normal is off by at most asin(e / r).
 ///
-/// Renewing only ever lowers the energy that the spring holds, so that coarser is not less passive: it drags a little.
+/// Renewing can only lower the energy in the spring, so a coarser setting is not less passive; it adds a slight drag.
 ///
 /// Memory: that plane.
 class Sphere final : public SceneObject {
  public:
-  /// Throws Error(input) naming what is out of range.
+  /// Throws Error(input) naming the value that is out of range.
   Sphere(std::string name, const SphereSpec& spec);
 
   [[nodiscard]] const std::string& name() const noexcept override { return name_; }
@@ -47,11 +47,11 @@ class Sphere final : public SceneObject {
   SphereSpec spec_;
   Penalty surface_;
   Vec3 normal_ = Vec3::UnitZ();
-  Vec3 from_ = nan3();  ///< where the normal was computed; NaN before the first time [m]
-  double reach2_ = 0;   ///< square of how far from there it holds [m^2]
+  Vec3 from_ = nan3();  ///< tool position at which the normal was computed; NaN before the first time [m]
+  double reach2_ = 0;   ///< squared distance from there within which the normal applies [m^2]
 };
 
-/// {"kind": "sphere", "centre": [x, y, z], "radius": m, "stiffness": N/m, "damping", "lead", "renew"}
+/// Reads {"kind": "sphere", "centre": [x, y, z], "radius": m, "stiffness": N/m, "damping", "lead", "renew"}
 std::unique_ptr<SceneObject> read_sphere(JsonReader& reader, const std::string& name);
 
 }  // namespace haptrace
