@@ -28,7 +28,7 @@ struct Span {
   [[nodiscard]] bool empty() const { return !(low <= high); }
   [[nodiscard]] double size() const { return high - low; }
 
-  /// With room at its ends; of a constant, around it.
+  /// Returns the span with room at its ends; a constant gets room around it.
   [[nodiscard]] Span padded(double share) const {
     const double room = size() > 1e-9 * std::abs(high) ? share * size() : std::max(0.1 * std::abs(high), 1e-3);
     return {low - room, high + room};
@@ -49,7 +49,7 @@ class Plot {
 
   [[nodiscard]] double px(double v) const { return kLeft + (v - x_.low) / x_.size() * (kWidth - kLeft - kRight); }
   [[nodiscard]] double py(double v) const { return kTop + (1 - (v - y_.low) / y_.size()) * (height_ - kTop - kBottom); }
-  [[nodiscard]] double scale() const { return (kWidth - kLeft - kRight) / x_.size(); }  ///< [px] of one in x
+  [[nodiscard]] double scale() const { return (kWidth - kLeft - kRight) / x_.size(); }  ///< [px] per unit of x
 
   void axes(const std::string& x_label, const std::string& y_label, bool whole_x = false) {
     const double bottom = height_ - kBottom;
@@ -81,7 +81,7 @@ class Plot {
     add_text(node, what);
   }
 
-  /// A line through points in the units of the axes; NaN breaks it.
+  /// Draws a line through points in the units of the axes. NaN breaks it.
   pugi::xml_node curve(const std::string& name, const std::vector<double>& x, const std::vector<double>& y) {
     std::string data;
     bool pen_down = false;
@@ -98,7 +98,7 @@ class Plot {
     return node;
   }
 
-  /// The area between two lines over the same x, between breaks.
+  /// Fills the area between two lines over the same x, between breaks.
   void band(const std::string& name, const std::vector<double>& x, const std::vector<double>& low,
             const std::vector<double>& high) {
     std::string data;
@@ -114,7 +114,7 @@ class Plot {
     set(child("path", name), "d", data);
   }
 
-  /// With a text that browsers show to who points at it.
+  /// Draws a dot with a tooltip.
   void dot(const std::string& name, double x, double y, const std::string& what) {
     pugi::xml_node node = child("circle", name);
     set(node, "cx", fmt::format("{:.1f}", px(x)));
@@ -156,7 +156,7 @@ pugi::xml_node begin_figure(pugi::xml_node parent) {
   return figure;
 }
 
-/// The title of a figure, what is in it, and the keys of its lines: class and words.
+/// Adds the title of a figure, a description, and the keys of its lines (class and words).
 void add_caption(pugi::xml_node figure, const std::string& title, const std::string& text,
                  const std::vector<std::pair<std::string, std::string>>& keys = {}) {
   pugi::xml_node caption = figure.append_child("figcaption");
@@ -173,7 +173,7 @@ std::vector<double> scaled(std::vector<double> values, double by) {
   return values;
 }
 
-/// The class of a repetition's lines, by its place in the order.
+/// Returns the class of a repetition's lines, by its position in the order.
 std::string class_of(const ReportExercise& exercise, std::size_t i) {
   const std::size_t n = exercise.trials.size();
   const std::size_t shade = n > 1 ? (4 * i + (n - 1) / 2) / (n - 1) : 4;
@@ -186,7 +186,7 @@ std::string class_of(const ReportExercise& exercise, std::size_t i) {
   return name;
 }
 
-/// Keys of the repetitions of which `drawn` says that they are there.
+/// Returns the keys of the repetitions that `drawn` accepts.
 template <class Drawn>
 std::vector<std::pair<std::string, std::string>> keys_of_trials(const ReportExercise& exercise, const Drawn& drawn) {
   std::size_t count = 0;
@@ -205,7 +205,7 @@ std::vector<std::pair<std::string, std::string>> keys_of_trials(const ReportExer
   return keys;
 }
 
-/// Two axes of W, the first to the right, in which the points are largest.
+/// Returns the two axes of W with the largest extent; the first points right.
 std::array<int, 2> plane_of(const Box& box) {
   int least = 2;
   for (const int axis : {1, 0})
@@ -219,7 +219,7 @@ std::vector<double> component(const std::vector<Vec3>& points, int axis) {
   return values;
 }
 
-/// The value of a line at an arc length.
+/// Returns the value of a line at an arc length.
 double at(const ReportLine& line, double arc) {
   const auto after = std::lower_bound(line.arc.begin(), line.arc.end(), arc);
   if (after == line.arc.begin()) return line.value.front();
@@ -229,7 +229,7 @@ double at(const ReportLine& line, double arc) {
   return line.value[i - 1] + share * (line.value[i] - line.value[i - 1]);
 }
 
-/// The tunnel as strokes as wide as it is.
+/// Draws the tunnel as strokes of its width.
 void draw_tunnel(Plot& plot, const ReportExercise& exercise, const std::array<int, 2>& plane) {
   if (exercise.radius.arc.empty() || exercise.curve.size() < 2) return;
   pugi::xml_node group = plot.child("g", "tunnel");
@@ -282,7 +282,7 @@ std::string in_words(const ReportTrend& trend) {
   if (!trend.line) return "";
   const TrialFigure& figure = all_trial_figures()[trend.figure];
   const double slope = trend.line->slope, half = trend.line->slope_half_width;
-  // A slope is smaller than what it is of: two digits of its interval are shown.
+  // Shows two digits of the interval, because a slope is smaller than the metric itself.
   TrialFigure finer = figure;
   const double shown_half = std::max(figure.scale * half, 1e-12);
   finer.digits = std::clamp(1 - static_cast<int>(std::floor(std::log10(shown_half))), figure.digits, figure.digits + 4);
@@ -312,7 +312,7 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   double room = 0;
   for (const double radius : exercise.radius.value) room = std::max(room, radius);
   room = std::min(room, box.size().maxCoeff());
-  // The same scale on both axes.
+  // Same scale on both axes.
   const double least = std::max(1e-3, 0.02 * box.size().maxCoeff());
   const double wide = kWidth - kLeft - kRight, high = kWayHeight - kTop - kBottom;
   const double metre = std::max((box.size()[plane[0]] + 2 * room + 2 * least) / wide,
@@ -358,7 +358,7 @@ void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise) 
     lines += trial.deviation.arc.empty() ? 0 : 1;
   }
   if (lines == 0 || !(x.size() > 0)) return;
-  // A tunnel far wider than all deviations is not what the picture is about.
+  // A tunnel far wider than all deviations is left out, so that the deviations stay visible.
   constexpr double kMostTunnel = 3;
   const double largest = y.high;
   for (const double v : exercise.radius.value)
@@ -442,7 +442,7 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
     y.include(figure_of.scale * v);
     defined += std::isfinite(v) ? 1 : 0;
   }
-  constexpr std::size_t kFewest = 4;  // points that a fit has; a table tells fewer better
+  constexpr std::size_t kFewest = 4;  // points needed for a fit; the table shows fewer better
   if (defined < kFewest) return;
   std::vector<double> x_fit, y_fit;
   constexpr int kSteps = 80;
@@ -453,7 +453,7 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
                     (trend.curve ? trend.curve->at(at) : trend.line->first + trend.line->slope * (at - 1)));
     y.include(y_fit.back());
   }
-  // Near zero, zero is in the picture.
+  // Includes zero if the values come near it.
   if (y.low > 0 && y.low < 0.6 * y.high) y.low = 0;
   const bool from_zero = y.low == 0;
   y = y.padded(0.08);

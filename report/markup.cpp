@@ -7,7 +7,7 @@ namespace {
 
 constexpr std::string_view kReplacement = "\uFFFD";
 
-/// Bytes of the character that `text` begins with; 0 when it is none that a document may hold.
+/// Returns the length of the first character of `text` in bytes; 0 when a document may not contain it.
 std::size_t character(std::string_view text) {
   const auto [bytes, code] = first_character(text);
   const bool blank = code == '\t' || code == '\n' || code == '\r';

@@ -38,7 +38,7 @@ std::string date_of(const std::string& time) {
   return fmt::format("{:%d %B %Y, %H:%M} UTC", utc);
 }
 
-/// A session among several: what is done again has the same title.
+/// Returns the title of a session with its date, because repeated sessions have the same title.
 std::string dated(const ReportSession& session) {
   const std::string date = date_of(session.created);
   return date.empty() ? session.title : fmt::format("{}, {}", session.title, date.substr(0, date.find(',')));
@@ -51,7 +51,7 @@ std::string lasting(double seconds) {
   return fmt::format("{}{}h {}{}min", minutes / 60, kNarrowSpace, minutes % 60, kNarrowSpace);
 }
 
-/// What the device did, in words.
+/// Returns the action of the device, in words.
 std::string mode_in_words(const ReportExercise& exercise) {
   static const std::map<std::string, std::string> kWords{{"passive", "moved the hand along the path"},
                                                          {"assisted", "helped as much as was needed"},
@@ -73,14 +73,14 @@ std::size_t finished(const ReportExercise& exercise) {
                                                 [](const ReportTrial& trial) { return trial.finished(); }));
 }
 
-/// The trend of the figure by which an exercise is told.
+/// Returns the trend of the main metric of an exercise.
 const ReportTrend* main_trend(const ReportExercise& exercise) {
   for (const ReportTrend& trend : exercise.trends)
     if (all_trial_figures()[trend.figure].name == exercise.figure) return &trend;
   return nullptr;
 }
 
-/// First and last repetition in which a figure is defined.
+/// Returns the values of the first and last repetition in which a metric is defined.
 std::pair<double, double> ends_of(const ReportTrend& trend) {
   double first = kNaN, last = kNaN;
   for (const double v : trend.values)
@@ -96,10 +96,10 @@ std::size_t defined(const ReportTrend& trend) {
       std::count_if(trend.values.begin(), trend.values.end(), [](double v) { return std::isfinite(v); }));
 }
 
-/// A table with a caption in a box that scrolls sideways, by keys as well.
+/// A table with a caption in a box that scrolls sideways, also with the keyboard.
 class Table {
  public:
-  /// Of `rows`; on paper, few stay together.
+  /// A table with few `rows` stays on one printed page.
   Table(xml_node parent, const std::string& caption, std::size_t rows) {
     constexpr std::size_t kFew = 16;
     xml_node box = parent.append_child("div");
@@ -125,7 +125,7 @@ class Table {
     set(cell, "scope", "row");
     return row_;
   }
-  /// The row's title.
+  /// Returns the title cell of the row.
   [[nodiscard]] xml_node title() const { return row_.first_child(); }
 
   xml_node text(const std::string& what) { return add(row_, "td", what); }
@@ -174,7 +174,7 @@ class Page {
 
   void add_head(xml_node head) {
     set(head.append_child("meta"), "charset", "utf-8");
-    // Nothing is fetched and nothing runs, whatever a title holds.
+    // Forbids the page to load or run anything, whatever a title contains.
     xml_node policy = head.append_child("meta");
     set(policy, "http-equiv", "Content-Security-Policy");
     set(policy, "content", "default-src 'none'; style-src 'unsafe-inline'");
@@ -220,7 +220,7 @@ class Page {
       for (const ReportSession& session : report_.sessions) add_remarks(main, session);
   }
 
-  /// What was done and how it went.
+  /// Returns one sentence with the number of repetitions and their result.
   [[nodiscard]] std::string sentence() const {
     std::size_t exercises = 0, begun = 0, ended = 0, late = 0;
     double duration = 0;
@@ -229,7 +229,9 @@ class Page {
     const ReportExercise* told = nullptr;
     for (const ReportSession& session : report_.sessions) {
       duration += session.duration;
-      people.insert(session.subject.empty() ? session.source : session.subject);  // nobody knows who has no name
+      people.insert(session.subject.empty()
+                        ? session.source
+                        : session.subject);  // without a name, every session counts as a different participant
       for (const ReportExercise& exercise : session.exercises) {
         if (exercise.trials.empty()) continue;
         ++exercises;
@@ -328,7 +330,7 @@ class Page {
       }
   }
 
-  /// Whether a figure stands in the first table; the others are folded away.
+  /// Returns whether a metric is in the first table; the others are collapsed.
   static bool is_main(std::size_t figure) {
     static const std::set<std::string_view> kMain{
         "contour_rms_m",   "contour_peak_m", "deviation_rms_m", "time_in_tunnel",    "completion",
@@ -363,7 +365,7 @@ class Page {
     Table table(parent, caption, figures.size());
     table.column("Figure");
     const ReportComparison::Group& first = comparison.groups.front();
-    // Repetitions in which nothing is undefined; where a figure has fewer, it says so.
+    // Number of repetitions; a metric that is undefined in some of them shows its own number.
     const auto repetitions = [](const ReportComparison::Group& group) {
       std::size_t most = 0;
       for (const std::vector<double>& values : group.values) most = std::max(most, values.size());
@@ -442,7 +444,7 @@ class Page {
     return name == exercise.figure || name == "movement_time_s" || name == "sparc";
   }
 
-  /// Whether what assisted was not the same all the time.
+  /// Returns whether the assistance differed between repetitions.
   static bool changes(const ReportExercise& exercise) {
     const ReportTrial& first = exercise.trials.front();
     const auto differs = [](const std::optional<double>& a, const std::optional<double>& b) {
@@ -454,7 +456,7 @@ class Page {
     });
   }
 
-  /// A setting as a column.
+  /// A setting that has a column in the table.
   struct Setting {
     const char* title;
     std::optional<double> ReportTrial::*value;

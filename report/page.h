@@ -1,4 +1,4 @@
-// A report as one page for people.
+// A report as one HTML page for readers.
 #pragma once
 
 #include "report/session_report.h"
@@ -7,8 +7,9 @@
 
 namespace haptrace {
 
-/// HTML 5, in UTF-8, that is also well-formed XML: style and pictures are in it, it runs no script, asks no network,
-/// follows the reader's light or dark, and prints on A4. About 10 kB a repetition at most, and the programme.
+/// Returns the report as HTML 5 in UTF-8, which is also well-formed XML. Styles and charts are embedded. The page runs
+/// no script, uses no network, follows the reader's light or dark theme, and prints on A4. Its size is the programme
+/// and at most about 10 kB per repetition.
 std::string report_page(const Report& report);
 
 }  // namespace haptrace

@@ -1,4 +1,4 @@
-// page.css, as the build found it. Private to report.
+// The contents of page.css, embedded by the build. Private to report.
 #pragma once
 
 namespace haptrace {

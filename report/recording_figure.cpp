@@ -14,11 +14,11 @@
 namespace haptrace {
 namespace {
 
-constexpr std::size_t kPoints = 4000;  // of a line over the whole width, more than any screen shows
+constexpr std::size_t kPoints = 4000;  // points of a line over the whole width, more than any screen shows
 
 enum Color : int { kBlue = 0, kOrange = 1, kGreen = 2, kBlack = 7 };
 
-/// A line over time that is thinned as it grows.
+/// A line over time that is thinned while it grows.
 class TimeLine {
  public:
   TimeLine(std::string label, int color, std::uint64_t rows)
@@ -33,7 +33,7 @@ class TimeLine {
   }
 
   void end_block() {
-    // However many blocks there are.
+    // Keeps the memory bounded for any number of blocks.
     if (series_.x.size() > 4 * kPoints) series_ = decimate(series_, 2 * kPoints);
     const auto points = static_cast<std::size_t>(std::ceil(points_per_row_ * static_cast<double>(block_.x.size())));
     const Series thin = decimate(block_, std::max<std::size_t>(points, 4));
@@ -50,8 +50,8 @@ class TimeLine {
   Series series_, block_;
 };
 
-/// A curve in space that is thinned as it grows: of every so many points, the first and the extremes in every axis, in
-/// order, and one break where there is any.
+/// A curve in space that is thinned while it grows. Of every bin of points it keeps the first and the extremes in every
+/// axis, in order, and one break if there is any.
 class SpaceLine {
  public:
   explicit SpaceLine(std::uint64_t rows) : span_(rows <= kPoints ? 1 : (rows + kBins - 1) / kBins) {}
@@ -71,7 +71,7 @@ class SpaceLine {
     }
   }
 
-  /// When all points are there.
+  /// Ends a bin; also called after the last point.
   void end_bin() {
     std::sort(bin_.begin(), bin_.end(), [](const Point& a, const Point& b) { return a.row < b.row; });
     for (std::size_t i = 0; i < bin_.size() && bin_[i].row != kNone; ++i)
@@ -94,7 +94,7 @@ class SpaceLine {
   static constexpr std::size_t kFirst = 6, kBreak = 7;  // after the lowest and the highest of every axis
 
   struct Point {
-    std::uint64_t row = kNone;  ///< in the bin
+    std::uint64_t row = kNone;  ///< row within the bin
     Vec3 point = nan3();
   };
 
@@ -107,14 +107,14 @@ class SpaceLine {
   std::vector<Vec3> points_;
 };
 
-/// Axes of a box, widest first.
+/// Returns the axes of a box, the widest first.
 std::array<int, 3> by_extent(const Box& box) {
   std::array<int, 3> order{0, 1, 2};
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return box.size()[a] > 1.001 * box.size()[b]; });
   return order;
 }
 
-/// The planes to look at: pairs of (horizontal, vertical) axes, in the order x, y, z within a pair.
+/// Returns the planes to draw: pairs of (horizontal, vertical) axes, in the order x, y, z within a pair.
 std::vector<std::pair<int, int>> planes_of(const Box& box) {
   const auto [first, second, third] = by_extent(box);
   std::vector<std::pair<int, int>> planes{std::minmax(first, second)};
@@ -122,7 +122,7 @@ std::vector<std::pair<int, int>> planes_of(const Box& box) {
   return planes;
 }
 
-constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
+constexpr double kDegrees = 180 / std::numbers::pi;  // degrees per radian
 constexpr std::array<int, 3> kAxisColors{kBlue, kOrange, kGreen};
 
 std::vector<Panel> space_panels(const Box& box, const SpaceLine& path, const char* path_label,
@@ -141,7 +141,7 @@ std::vector<Panel> space_panels(const Box& box, const SpaceLine& path, const cha
   return panels;
 }
 
-/// A panel over the whole of `duration` [s], so that panels below each other tell of the same instants.
+/// Returns a panel over the whole `duration` [s], so that stacked panels show the same instants.
 Panel time_panel(std::string title, std::string y_label, std::vector<TimeLine>& lines, double duration) {
   Panel panel{.title = std::move(title), .x_label = "time [s]", .y_label = std::move(y_label)};
   if (duration > 0) panel.x_range = {0, duration};
@@ -149,8 +149,8 @@ Panel time_panel(std::string title, std::string y_label, std::vector<TimeLine>& 
   return panel;
 }
 
-/// How the tool pointed: the angle to its reference, or, without one, its rotation vector from where it pointed first;
-/// and the torque that turned it.
+/// Orientation and torque over time: the angle to the reference, or, without one, the rotation vector from the first
+/// orientation; and the torque.
 class TurningLines {
  public:
   TurningLines(const RecordingColumns& columns, std::uint64_t rows)
@@ -186,7 +186,7 @@ class TurningLines {
       for (TimeLine& line : *lines) line.end_block();
   }
 
-  /// A row for each that the recording knows.
+  /// Adds a row for each quantity in the recording.
   void draw(Figure& figure, double duration) {
     if (pointed_)
       add_row(figure, tracked_ ? time_panel("deviation of the orientation", "deviation [degrees]", rotation_, duration)

@@ -1,4 +1,4 @@
-// A recording as a picture: the path in space, and what happened over time.
+// Figures of a recording: its path in space, and its quantities over time.
 #pragma once
 
 #include "control/path/path.h"
@@ -11,14 +11,14 @@
 
 namespace haptrace {
 
-/// Panels: the path in the plane of its two largest extents (and a second plane when the third counts), with the
-/// reference where there is one; deviation over time (position where there is no reference); force over time.
-/// Memory is flat in the recording's length, and no extreme is lost, neither over time nor in space. All rows are read,
-/// and told to `progress` as they are.
+/// Draws the path in the plane of its two largest extents (and in a second plane if the third extent is significant),
+/// with the reference if there is one; deviation over time (without a reference, position); and force over time. The
+/// memory does not grow with the length of the recording, and thinning keeps every extreme, over time and in space. The
+/// function reads all rows and reports their number to `progress`.
 Figure figure_of(const RecordingReader& reader, const std::string& title,
                  const std::function<void(std::uint64_t)>& progress = {});
 
-/// A path as a picture: in space, and position and speed over time.
+/// Draws a path in space, and its position and speed over time.
 Figure figure_of(const Path& path);
 
 }  // namespace haptrace

@@ -6,7 +6,7 @@
 namespace haptrace {
 namespace {
 
-/// A line of fields; texts are quoted where RFC 4180 asks for it.
+/// A line of fields. Texts are quoted where RFC 4180 requires it.
 class TableRow {
  public:
   void add(std::string_view text) {

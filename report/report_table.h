@@ -7,8 +7,8 @@
 
 namespace haptrace {
 
-/// CSV (RFC 4180, a point in numbers, SI): a header, then one row per repetition, stopped ones included. Figures have
-/// the names of all_trial_figures(); the field of one that is undefined is empty.
+/// Returns CSV (RFC 4180, decimal points, SI): a header, then one row per repetition, including stopped ones. Metrics
+/// have the names of all_trial_figures(); an undefined metric has an empty field.
 std::string report_table(const Report& report);
 
 }  // namespace haptrace

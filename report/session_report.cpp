@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 constexpr std::size_t kWayPoints = 400, kLinePoints = 300;
 constexpr double kForceCells = 250;
 
-/// A path that repetitions are drawn against.
+/// The path with which repetitions are compared.
 struct DrawnPath {
   TrialPath path;
   double cell = 1e-3;  ///< [m]
@@ -40,7 +40,7 @@ std::vector<double> magnitudes(const std::vector<Vec3>& forces, double scale = 1
   return result;
 }
 
-/// Means of neighbouring cells of the path's own spacing.
+/// Returns the means over neighbouring cells of the path's own spacing.
 std::vector<double> expert_force(const DrawnPath& drawn, double scale) {
   if (drawn.path.expert.empty() || scale == 0) return {};
   std::vector<double> arc;
@@ -49,7 +49,7 @@ std::vector<double> expert_force(const DrawnPath& drawn, double scale) {
   return magnitudes(force_by_arc_length(arc, drawn.path.expert, drawn.path.curve.length(), drawn.cell), scale);
 }
 
-/// What is drawn of a repetition.
+/// Adds the curves of a repetition.
 void add_curves(ReportTrial& trial, const RecordedTrial& recorded, const std::optional<DrawnPath>& drawn) {
   trial.way = thinned(recorded.position, kWayPoints);
   if (!drawn || !(drawn->path.curve.length() > 0)) return;
@@ -62,7 +62,7 @@ void add_curves(ReportTrial& trial, const RecordedTrial& recorded, const std::op
     trial.force = magnitudes(force_by_arc_length(arc, recorded.force, curve.length(), drawn->cell));
 }
 
-/// The tunnel by place: of the last of those repetitions that came about as far as any.
+/// Sets the tunnel radius along the path: that of the last repetition that came about as far as the farthest.
 void add_tunnel(ReportExercise& exercise, const RecordedTrial& trial) {
   if (trial.radius.empty() || trial.progress.empty()) return;
   constexpr double kAboutAsFar = 0.95;
@@ -95,7 +95,7 @@ std::vector<std::optional<double>> values_of(const TrialFigures& figures) {
   return values;
 }
 
-/// As a log has them.
+/// Returns the metrics from a session log.
 std::vector<std::optional<double>> values_of(const nlohmann::json& figures) {
   std::vector<std::optional<double>> values;
   for (const TrialFigure& figure : all_trial_figures()) values.push_back(figure_in(figures, figure.name));
@@ -124,7 +124,8 @@ void add_warnings(std::vector<ReportEvent>& to, const RecordingHeader& header, c
     if (!is_of_event(warning.code) && warning.code != "stopped") to.push_back({.where = place, .text = warning.text});
 }
 
-/// Adds the events of one recording, those that came often once. `place` says in words where one was.
+/// Adds the events of one recording; repeated events are added once, with their number. `place` returns the place of an
+/// event in words.
 void add_events(std::vector<ReportEvent>& to, const std::vector<StoredEvent>& events,
                 const std::function<std::string(double time)>& place) {
   std::map<std::pair<std::int32_t, std::string>, std::size_t> known;
@@ -147,7 +148,7 @@ void add_events(std::vector<ReportEvent>& to, const std::vector<StoredEvent>& ev
   }
 }
 
-// Trends, and the figure by which an exercise is told.
+// Trends, and the main metric of an exercise.
 
 std::vector<double> column(const ReportExercise& exercise, std::size_t figure) {
   std::vector<double> values;
@@ -168,7 +169,7 @@ std::size_t index_of(std::string_view name) {
   return static_cast<std::size_t>(&trial_figure(name) - all_trial_figures().data());
 }
 
-/// `asked`: the figure that a programme goes by; may be empty.
+/// `asked` is the metric that the programme uses; it may be empty.
 void add_trends(ReportExercise& exercise, const std::string& asked) {
   const std::span<const TrialFigure> figures = all_trial_figures();
   const auto defined = [&](std::size_t figure) {
@@ -227,7 +228,8 @@ std::optional<double> typical(std::vector<double> values) {
   return values.empty() ? std::nullopt : std::optional(median(std::move(values)));
 }
 
-/// Says of every repetition of a recording whether it came to its end. Files without events are other programs'.
+/// Sets the end of every repetition of a recording. Files without events come from other programs and count as
+/// finished.
 void tell_ends(std::vector<ReportTrial>& trials, const std::vector<RecordedTrial>& recorded,
                const std::vector<StoredEvent>& events, bool complete) {
   if (trials.empty()) return;
@@ -295,7 +297,7 @@ ReportSession session_of_recording(const std::string& file) {
   }
   tell_ends(exercise.trials, recorded, events, header.complete);
 
-  // Its repetitions are about one path, which the one that came farthest knows best.
+  // The repetitions share one path. The one that came farthest knows most of it.
   std::optional<DrawnPath> drawn;
   for (const RecordedTrial& one : recorded)
     if (std::optional<TrialPath> path = path_of(one);
@@ -327,7 +329,7 @@ ReportSession session_of_recording(const std::string& file) {
 
 // A session of a programme.
 
-/// Numbers for curves as they were followed: the same for the same, whatever their files are called.
+/// Numbers paths by their shape and duration: equal paths have equal numbers, whatever their files are called.
 class Tasks {
  public:
   std::size_t number_of(const Path& path) {
@@ -363,7 +365,7 @@ std::string path_in_words(const Programme& programme, const Exercise& exercise) 
   return text;
 }
 
-/// What a repetition was set to, of what its mode uses, as it was logged.
+/// Adds the logged settings that the mode of the exercise uses.
 void add_settings(ReportTrial& trial, const TrialSettings& settings, const Exercise& exercise) {
   using enum ExerciseMode;
   const ExerciseMode mode = exercise.mode;
@@ -381,7 +383,7 @@ std::string place_of(const ReportSession& session, const LoggedTrial& trial) {
   return text;
 }
 
-/// The session of a programme that `where` names, while it is gathered.
+/// Gathers the session of a programme that `where` names.
 class SessionReading {
  public:
   SessionReading(const std::string& where, Tasks& tasks)
@@ -451,7 +453,7 @@ class SessionReading {
                                   .test = test ? to_string(exercise.test) : "",
                                   .warm_up = i < programme_.warm_up.size(),
                                   .path = path_in_words(programme_, exercise)});
-    // What the person was to feel.
+    // Scale of the expert's force as the participant should feel it.
     const bool guided = exercise.mode != ExerciseMode::passive && exercise.mode != ExerciseMode::free;
     scales_[i] = guided ? exercise.force_scale : 0;
     try {
@@ -486,7 +488,7 @@ class SessionReading {
       trial.missing = error.what();
       session_.remarks.push_back(fmt::format("the recording of {} cannot be shown: {}", place, error.what()));
     }
-    // Its recording says where it was by then; one that is missing does not.
+    // A recording contains the event of its end. If it is missing, the log provides one.
     if (trial.out_of_time() &&
         std::none_of(session_.events.begin() + static_cast<std::ptrdiff_t>(first), session_.events.end(),
                      [](const ReportEvent& event) { return event.kind == ReportEvent::Kind::stop; }))
@@ -512,7 +514,7 @@ class SessionReading {
     std::optional<DrawnPath>& path = paths_[logged.exercise];
     if (!path)
       if (std::optional<TrialPath> own = path_of(run)) path.emplace(std::move(*own));
-    // An old log, or one that was cut short.
+    // An old log, or an incomplete one, has no metrics.
     if ((trial.finished() || trial.out_of_time()) && logged.figures.is_null())
       trial.figures =
           values_of(trial_figures(run, path ? std::optional(path->path) : std::optional<TrialPath>(), plant_));
@@ -525,7 +527,7 @@ class SessionReading {
   SessionLog log_;
   Programme programme_;
   std::vector<std::optional<DrawnPath>> paths_;  ///< by exercise
-  std::vector<double> scales_;                   ///< of the expert's force, by exercise
+  std::vector<double> scales_;                   ///< factors on the expert's force, by exercise
   std::optional<PlantModel> plant_;
   ReportSession session_;
 };
@@ -536,7 +538,7 @@ constexpr std::array kTests{"before", "after", "retention"};
 
 std::vector<ReportComparison> compare(const std::vector<ReportSession>& sessions) {
   std::vector<ReportComparison> comparisons;
-  // Whoever has no name may be another in another session.
+  // A participant without a name may be a different one in another session.
   std::map<std::tuple<std::string, std::optional<std::size_t>, std::size_t>, std::size_t> known;
   for (const char* test : kTests)
     for (std::size_t s = 0; s < sessions.size(); ++s)
@@ -559,14 +561,14 @@ std::vector<ReportComparison> compare(const std::vector<ReportSession>& sessions
 
 // Files.
 
-/// Where a name leads to, through links; also of what is not there.
+/// Returns the absolute name of a file with links resolved; the file need not exist.
 std::string canonical_name(const fs::path& file) {
   std::error_code failed;
   const fs::path absolute = fs::absolute(file, failed), canonical = fs::weakly_canonical(absolute, failed);
   return (failed ? absolute : canonical).string();
 }
 
-/// The file of an input by which it is told from others.
+/// Returns the file that identifies an input.
 fs::path main_file(const std::string& input) {
   return is_session(input) && fs::is_directory(input) ? fs::path(input) / kSessionFile : fs::path(input);
 }
@@ -577,7 +579,7 @@ void add_recording_files(std::set<std::string>& files, const fs::path& recording
     files.insert(canonical_name(part_file(recording.string(), part)));
 }
 
-/// All that a report is made of, whether it is there or not.
+/// Returns all files from which a report is made, whether they exist or not.
 std::set<std::string> files_of(std::span<const std::string> inputs) {
   std::set<std::string> files;
   for (const std::string& input : inputs) {
@@ -632,7 +634,7 @@ Report gather_report(std::span<const std::string> inputs,
     report.sessions.push_back(is_session(input) ? SessionReading(input, tasks).read(progress)
                                                 : session_of_recording(input));
   }
-  // Times are UTC, and so in the order of their texts.
+  // Times are in UTC, so that their texts sort by time.
   std::stable_sort(report.sessions.begin(), report.sessions.end(),
                    [](const ReportSession& a, const ReportSession& b) { return a.created < b.created; });
   report.comparisons = compare(report.sessions);

@@ -1,5 +1,5 @@
-// What was done with a device and how it went: sessions of programmes and single recordings as plain data, which a
-// page, a table and a JSON object show.
+// Sessions of programmes and single recordings, with their metrics, as plain data. A page, a table and a JSON object
+// show this data.
 #pragma once
 
 #include "formats/documents/programme.h"
@@ -16,8 +16,8 @@
 
 namespace haptrace {
 
-/// Values along a path, thinned for drawing: no value is farther from the line than 1/2000 of the largest, as long as
-/// that leaves few enough points.
+/// Values along a path, thinned for drawing. No value is farther from the line than 1/2000 of the largest, unless that
+/// leaves too many points.
 struct ReportLine {
   std::vector<double> arc;    ///< [m]
   std::vector<double> value;  ///< SI
@@ -27,111 +27,115 @@ struct ReportLine {
 struct ReportTrial {
   int round = 1, repetition = 1, attempt = 1;
   std::string began;                    ///< RFC 3339; may be empty
-  std::string file;                     ///< its recording, as the session names it
-  std::string stopped_by = "finished";  ///< or what ended it; empty when nobody could write that down
-  std::string detail;                   ///< of that, in words
-  std::string missing;                  ///< why its recording is not drawn; empty when it is
-  std::optional<double> pace, radius, stiffness, assistance, level;  ///< what it was set to, see TrialSettings
+  std::string file;                     ///< its recording, with the name in the session
+  std::string stopped_by = "finished";  ///< "finished", or the reason of the end; empty if it was not written down
+  std::string detail;                   ///< details of the reason, in words
+  std::string missing;                  ///< reason why its recording is not drawn; empty when it is
+  std::optional<double> pace, radius, stiffness, assistance, level;  ///< see TrialSettings
   double duration = 0;                                               ///< [s]
-  std::vector<std::optional<double>> figures;                        ///< one for each of all_trial_figures()
+  std::vector<std::optional<double>> figures;                        ///< one per entry of all_trial_figures()
 
-  std::vector<Vec3> way;      ///< of the hand, thinned [m]
-  ReportLine deviation;       ///< distance from the path [m]
-  std::vector<double> force;  ///< magnitude of the felt force by place, mean of each cell [N]; NaN where none was
+  std::vector<Vec3> way;  ///< path of the hand, thinned [m]
+  ReportLine deviation;   ///< distance from the path [m]
+  std::vector<double>
+      force;  ///< magnitude of the felt force along the path, mean of each cell [N]; NaN in cells without force
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
-  /// Done, but not finished: its figures are of what was done until then, and count in nothing that is made of several.
+  /// Returns whether time ran out. Such a repetition has metrics of the part that was done. They count in no trend,
+  /// mean or comparison.
   [[nodiscard]] bool out_of_time() const { return stopped_by == "time_over"; }
   [[nodiscard]] std::string end_in_words() const;
 };
 
-/// How a figure went over the repetitions of an exercise. Those that were not finished count as not measured.
+/// A metric over the repetitions of an exercise. Repetitions that were not finished count as not measured.
 struct ReportTrend {
-  std::size_t figure = 0;              ///< of all_trial_figures()
+  std::size_t figure = 0;              ///< index into all_trial_figures()
   std::vector<double> values;          ///< by repetition, NaN where undefined
-  std::optional<LearningCurve> curve;  ///< the better of both laws; of figures of which less is better
+  std::optional<LearningCurve> curve;  ///< the better of both laws; only for metrics of which less is better
   std::optional<LearningTrend> line;
 };
 
 struct ReportExercise {
   std::string name;
-  std::string mode;  ///< of a programme, see ExerciseMode; "playback" and "recording" of what else was recorded
+  std::string mode;  ///< mode of a programme, see ExerciseMode; "playback" or "recording" for other recordings
   std::string test;  ///< "before", "after", "retention", or empty
   bool warm_up = false;
-  std::string path;                  ///< where it comes from, in words
-  std::optional<std::size_t> task;   ///< of tests: the same number for the same curve; none where it cannot be read
-  double path_length = 0;            ///< [m]; 0 without a path
-  std::vector<Vec3> curve;           ///< the path, thinned [m]
-  ReportLine radius;                 ///< of the tunnel, as it was last
-  double cell = 1e-3;                ///< of forces by place [m]
-  std::vector<double> expert_force;  ///< magnitude by place, as it was to be felt [N]; empty without
-  std::string figure;                ///< by which it is told in a sentence; empty when none is defined
+  std::string path;                 ///< source of the path, in words
+  std::optional<std::size_t> task;  ///< for tests: equal paths have equal numbers; none if the path cannot be read
+  double path_length = 0;           ///< [m]; 0 without a path
+  std::vector<Vec3> curve;          ///< the path, thinned [m]
+  ReportLine radius;                ///< tunnel radius of the last repetition
+  double cell = 1e-3;               ///< length of the cells of forces along the path [m]
+  std::vector<double>
+      expert_force;    ///< magnitude along the path, as the participant should feel it [N]; empty without force
+  std::string figure;  ///< main metric, shown in the summary; empty when none is defined
   std::vector<ReportTrial> trials;
-  std::vector<ReportTrend> trends;  ///< of every figure that is defined in a finished repetition
+  std::vector<ReportTrend> trends;  ///< for every metric that is defined in a finished repetition
 };
 
-/// Something that happened, once or often, in one recording.
+/// An event of one recording; it may occur several times.
 struct ReportEvent {
   enum class Kind { stop, warning, mark };
   Kind kind = Kind::warning;
-  std::string where;           ///< which exercise and repetition, in words
-  std::optional<double> time;  ///< of the first, since the recording's first row [s]
+  std::string where;           ///< exercise and repetition, in words
+  std::optional<double> time;  ///< time of the first one, since the first row of the recording [s]
   int times = 1;
-  std::string text;  ///< of the first
+  std::string text;  ///< text of the first one
 };
 
 /// One session of a programme, or one recording.
 struct ReportSession {
-  std::string source;  ///< as it was given
+  std::string source;  ///< input as given by the user
   std::string title, subject, operator_name, notes;
   std::string created;   ///< RFC 3339
-  std::string software;  ///< that recorded it
+  std::string software;  ///< software that recorded it
   std::string device;    ///< in words
   bool complete = false;
-  double duration = 0;  ///< rests included [s]
+  double duration = 0;  ///< including rests [s]
   std::vector<Sitting> sittings;
   std::vector<ReportExercise> exercises;
   std::vector<ReportEvent> events;
-  std::vector<std::string> remarks;  ///< what a reader must know: what is missing, what was not finished
-  nlohmann::json settings;           ///< the programme, or the recording's configuration
+  std::vector<std::string> remarks;  ///< warnings for the reader: missing or unfinished parts
+  nlohmann::json settings;           ///< the programme, or the configuration of the recording
 };
 
-/// The unguided tests of one person on one curve, by whatever name; of somebody without a name, those of one session.
+/// The unguided tests of one participant on one path, whatever its name; without a participant's name, those of one
+/// session.
 struct ReportComparison {
   struct Group {
     std::string test;                         ///< before | after | retention
-    std::vector<std::vector<double>> values;  ///< by figure: of every finished repetition in which it is defined
+    std::vector<std::vector<double>> values;  ///< by metric: values of all finished repetitions in which it is defined
 
     [[nodiscard]] double mean(std::size_t figure) const;    ///< NaN without values
-    [[nodiscard]] double spread(std::size_t figure) const;  ///< standard deviation; NaN of fewer than two
+    [[nodiscard]] double spread(std::size_t figure) const;  ///< standard deviation; NaN for fewer than two values
   };
   std::string subject, task;           ///< in words
-  std::optional<std::size_t> session;  ///< of Report::sessions, the only one, when the person has no name
-  std::vector<Group> groups;           ///< in that order; those that there are
+  std::optional<std::size_t> session;  ///< index into Report::sessions; set if the participant has no name
+  std::vector<Group> groups;           ///< in the order of the tests; only existing ones
 };
 
 struct Report {
-  std::vector<ReportSession> sessions;        ///< by when they were begun
-  std::vector<ReportComparison> comparisons;  ///< where there is something to compare
+  std::vector<ReportSession> sessions;        ///< sorted by their start
+  std::vector<ReportComparison> comparisons;  ///< only those with several tests
 };
 
-/// Reads sessions (their folders, or their session.json) and recordings, and takes their figures. Those of a session's
-/// repetitions are what its log says, so that both agree; of a recording, and where the log has none, they are taken
-/// from its rows. A recording of a session that is missing or damaged is named in `remarks` and leaves its repetition
-/// without curves. An input that is given twice, by whatever name, counts once. `progress` is told each input, then
-/// each recording of a session.
+/// Reads sessions (their folders, or their session.json) and recordings, with their metrics. Metrics of a session's
+/// repetitions come from its log, so that both agree. For a recording, and where the log has none, they are computed
+/// from the rows. If a recording of a session is missing or damaged, `remarks` names it and its repetition has no
+/// curves. An input that is given twice, under any name, counts once. The function reports each input to `progress`,
+/// then each recording of a session.
 ///
-/// Memory is that of the longest recording. Throws Error(input) naming the file: an input that is neither, or cannot be
-/// read. Threads: free function without state.
+/// The memory is that of the longest recording. Throws Error(input) naming the file when an input is neither a session
+/// nor a recording, or cannot be read. Threads: free function without state.
 Report gather_report(std::span<const std::string> inputs,
                      const std::function<void(const std::string& file)>& progress = {});
 
-/// Throws Error(input) naming the output that would take the place of a file which such a report is made of (recordings
-/// with their further parts; of sessions log, profile, paths and recordings), of any session's log, or of another
-/// output. Links are followed. Throws like gather_report when a session's log cannot be read.
+/// Throws Error(input) naming an output that would replace an input file of the report (recordings with their further
+/// parts; log, profile, paths and recordings of sessions), the log of any session, or another output. Links are
+/// followed. Throws like gather_report when the log of a session cannot be read.
 void check_report_outputs(std::span<const std::string> outputs, std::span<const std::string> inputs);
 
-/// All numbers but curves, which are in the recordings. SI; null where something is undefined.
+/// Returns all numbers except curves, which are in the recordings. SI; null where a value is undefined.
 nlohmann::json to_json(const Report& report);
 
 }  // namespace haptrace

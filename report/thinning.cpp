@@ -28,7 +28,7 @@ std::vector<Vec3> thinned(std::span<const Vec3> points, std::size_t most) {
   if (box.min.x() > box.max.x()) return {};
 
   double tolerance = box.size().maxCoeff() / 2000;
-  // What rests, or trembles within the tolerance, is one point; this leaves little to the quadratic worst case below.
+  // Rest, and tremor within the tolerance, become one point. This keeps the quadratic worst case below away.
   Curve curve;
   for (const Vec3& p : points)
     if (p.allFinite() && (curve.empty() || (p - vector_of(curve.back())).norm() > tolerance / 2))
