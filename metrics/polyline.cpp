@@ -40,8 +40,8 @@ double Polyline::nearest(const Vec3& point, double from, double to) const noexce
   double best = from, least = (at(from) - point).squaredNorm();
   const std::size_t first = segment_at(from);
   // Bounds the smallest distance from above by a few points of the curve. A length along the curve is at least the
-  // straight distance. So points closer along the curve to a vertex than (its distance - bound) cannot be the nearest,
-  // and most segments are skipped.
+  // straight distance. So a point of the curve closer to a vertex, along the curve, than (distance of the vertex -
+  // bound) cannot be the nearest, and most segments are skipped.
   constexpr std::size_t kStride = 16;
   constexpr double kRounding = 1 + 1e-9;
   double bound = least;

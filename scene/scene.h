@@ -44,7 +44,7 @@ class Scene final : public Touchable {
   /// Throws Error(input) when there is no object, or when two have the same name.
   explicit Scene(std::vector<std::unique_ptr<SceneObject>> objects, bool passivity = false);
 
-  /// Prepares every object. Throws what they throw, and Error(input) when the rate is not from 0.1 to 1e6 Hz.
+  /// Prepares every object. Throws their errors, and Error(input) when the rate is not from 0.1 to 1e6 Hz.
   void prepare(const SceneTiming& timing);
   void reset() noexcept override;
   [[nodiscard]] SceneAnswer answer(const Touch& touch) noexcept override;

@@ -9,8 +9,8 @@ namespace haptrace {
 /// Parameters of a tracking law with an observer.
 struct TrackingDesign {
   PdGains gains;    ///< stiff, with margins
-  PdGains largest;  ///< for tuning: half of the gains that destabilise the free device, at most three times `gains`
-  PdGains plain;    ///< for a PD law without the observer, with the same margin
+  PdGains largest;  ///< tuning limit: half of the gains that destabilise the free device, at most 3 times `gains`
+  PdGains plain;    ///< gains of a PD law without the observer, with the same margin
   Vec3 mass = Vec3::Zero();  ///< mass in the observer, per axis of W [kg]
   double delay = 0;          ///< from the tick that commands a force to the force [s]
   double observer_hz = 0;    ///< triple pole of the state observer [Hz]
@@ -30,8 +30,8 @@ struct IdentifiedDevice {
 struct DesignOptions {
   double rate_hz = 1000;
   double max_force = 0;   ///< maximum force of the device [N]
-  double max_ripple = 0;  ///< of the command above 25 Hz [N]; 0: that of a plain PD law of 3000 N/m and 25 N s/m whose
-                          ///< velocity is low-passed at 100 Hz
+  double max_ripple = 0;  ///< allowed ripple of the command above 25 Hz [N]; 0: that of a plain PD law of 3000 N/m and
+                          ///< 25 N s/m with a velocity low pass of 100 Hz
   double bandwidth = 1;   ///< fraction of w to use; less for an inaccurate model
 };
 

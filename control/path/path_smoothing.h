@@ -34,8 +34,8 @@ constexpr double smoothing_reach(double time_constant) {
   return 30 * time_constant;
 }
 
-/// Returns the standard deviation of the position noise in each axis [m]; 0 when noise cannot be told from movement. It
-/// is the larger of two estimates:
+/// Returns the standard deviation of the position noise in each axis [m]; 0 when noise and movement cannot be
+/// separated. It is the larger of two estimates:
 /// - the distance of samples from the cubic polynomial through their four neighbours, scaled to one sample (the
 ///   difference estimate of Gasser, Sroka and Jennen-Steinmetz 1986, for uneven steps). It is a quantile rather than a
 ///   mean square, because a corner is not noise;
