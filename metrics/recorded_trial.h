@@ -69,8 +69,7 @@ struct TrialFigures {
   std::optional<double> completion;      ///< fraction of the path covered, 0 to 1; requires the whole path
   std::optional<double> shape_distance;  ///< distance between the whole path and the hand's path (dynamic time warping)
                                          ///< [m]; for trials that reached the end with at most ten times its length
-  std::optional<ForceDeviation>
-      force_error;  ///< felt force against the expert's, by position on the path, if it was replayed
+  std::optional<ForceDeviation> force_error;  ///< felt force against the expert's, along the path, if it was replayed
   std::optional<MovementFigures> movement;
 };
 

@@ -35,10 +35,9 @@ struct ReportTrial {
   double duration = 0;                                               ///< [s]
   std::vector<std::optional<double>> figures;                        ///< one per entry of all_trial_figures()
 
-  std::vector<Vec3> way;  ///< path of the hand, thinned [m]
-  ReportLine deviation;   ///< distance from the path [m]
-  std::vector<double>
-      force;  ///< magnitude of the felt force along the path, mean of each cell [N]; NaN in cells without force
+  std::vector<Vec3> way;      ///< path of the hand, thinned [m]
+  ReportLine deviation;       ///< distance from the path [m]
+  std::vector<double> force;  ///< magnitude of the felt force along the path, mean of each cell [N]; NaN where none
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
   /// Returns whether time ran out. Such a repetition has metrics of the part that was done. They count in no trend,
@@ -60,15 +59,14 @@ struct ReportExercise {
   std::string mode;  ///< mode of a programme, see ExerciseMode; "playback" or "recording" for other recordings
   std::string test;  ///< "before", "after", "retention", or empty
   bool warm_up = false;
-  std::string path;                 ///< source of the path, in words
-  std::optional<std::size_t> task;  ///< for tests: equal paths have equal numbers; none if the path cannot be read
-  double path_length = 0;           ///< [m]; 0 without a path
-  std::vector<Vec3> curve;          ///< the path, thinned [m]
-  ReportLine radius;                ///< tunnel radius of the last repetition
-  double cell = 1e-3;               ///< length of the cells of forces along the path [m]
-  std::vector<double>
-      expert_force;    ///< magnitude along the path, as the participant should feel it [N]; empty without force
-  std::string figure;  ///< main metric, shown in the summary; empty when none is defined
+  std::string path;                  ///< source of the path, in words
+  std::optional<std::size_t> task;   ///< for tests: equal paths have equal numbers; none if the path cannot be read
+  double path_length = 0;            ///< [m]; 0 without a path
+  std::vector<Vec3> curve;           ///< the path, thinned [m]
+  ReportLine radius;                 ///< tunnel radius of the last repetition
+  double cell = 1e-3;                ///< length of the cells of forces along the path [m]
+  std::vector<double> expert_force;  ///< magnitude along the path, as the trainee should feel it [N]; empty without
+  std::string figure;                ///< main metric, shown in the summary; empty when none is defined
   std::vector<ReportTrial> trials;
   std::vector<ReportTrend> trends;  ///< for every metric that is defined in a finished repetition
 };
