@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/suggest.h"
 #include "base/text_file.h"
+#include "base/printable.h"
 
 #include <algorithm>
 #include <cerrno>
@@ -22,7 +23,7 @@ using nlohmann::json;
 std::string shown_json(const json& value) {
   constexpr std::size_t kLongest = 40;
   std::string text = value.dump(-1, ' ', false, json::error_handler_t::replace);
-  if (text.size() > kLongest) text = text.substr(0, kLongest) + "...";
+  if (text.size() > kLongest) text = std::string(utf8_prefix(text, kLongest)) + "...";
   return text;
 }
 

@@ -27,7 +27,7 @@ std::string file_ending(const std::string& file) {
 
 std::string shown(std::string_view text) {
   constexpr std::size_t kLongest = 40;
-  const std::string result = printable(text.substr(0, kLongest));
+  const std::string result = printable(utf8_prefix(text, kLongest));
   return text.size() > kLongest ? result + "..." : result;
 }
 

@@ -57,8 +57,6 @@ class PassivityLayer {
   /// Returns the energy given to the hand beyond the energy in springs [J]. A positive value was created and is not yet
   /// taken back; a negative value is credit.
   [[nodiscard]] double energy() const noexcept { return energy_; }
-  /// Returns the damping since the last update [N s/m].
-  [[nodiscard]] double damping() const noexcept { return damping_; }
 
  private:
   void begin_at(const Vec3& position) noexcept;

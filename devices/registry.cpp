@@ -92,7 +92,7 @@ ZeroForce zero_when_back(const DeviceInfo& lost) {
         device->close();
         *zero = device->zero_force();
         return;
-      } catch (const Error&) {
+      } catch (const std::exception&) {
         std::this_thread::sleep_for(kZeroingRetry);  // the device is not back yet
       }
     } while (std::chrono::steady_clock::now() < until);

@@ -59,30 +59,6 @@ std::optional<Deviation> contour_deviation(std::span<const double> time, std::sp
   return deviation(time, position, points_at(curve, arc));
 }
 
-std::optional<double> share_in_tunnel(std::span<const double> time, std::span<const Vec3> position,
-                                      const Polyline& curve, std::span<const double> arc,
-                                      const std::function<double(double arc)>& radius) {
-  require_equal(time.size(), position.size(), "positions");
-  require_equal(time.size(), arc.size(), "arc lengths");
-  require_increasing(time);
-  const auto room = [&](std::size_t i) {
-    return std::isfinite(arc[i]) ? radius(arc[i]) - (position[i] - curve.at(arc[i])).norm() : kNaN;
-  };
-  double inside = 0, total = 0, before = kNaN;
-  for (std::size_t i = 0; i < time.size(); ++i) {
-    const double now = room(i);
-    if (i > 0 && std::isfinite(now) && std::isfinite(before)) {
-      const double step = time[i] - time[i - 1];
-      const double most = std::max(before, now), least = std::min(before, now);
-      total += step;
-      inside += step * (least >= 0 ? 1 : most < 0 ? 0 : most / (most - least));
-    }
-    before = now;
-  }
-  if (total > 0) return inside / total;
-  return std::nullopt;
-}
-
 std::vector<Vec3> force_by_arc_length(std::span<const double> arc, std::span<const Vec3> force, double length,
                                       double spacing) {
   constexpr double kMostCells = 1e7;

@@ -3,7 +3,6 @@
 
 #include "metrics/polyline.h"
 
-#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
@@ -31,13 +30,6 @@ std::optional<Deviation> deviation(std::span<const double> time, std::span<const
 /// lengths of these [m]; see foot_points(). Being late on the path does not count.
 std::optional<Deviation> contour_deviation(std::span<const double> time, std::span<const Vec3> position,
                                            const Polyline& curve, std::span<const double> arc);
-
-/// Returns the fraction of the time spent within a radius around the curve [m], from 0 to 1. The radius may vary with
-/// the arc length. Radius minus distance is linear between two rows. Rows whose position or radius is not finite are
-/// left out with their time.
-std::optional<double> share_in_tunnel(std::span<const double> time, std::span<const Vec3> position,
-                                      const Polyline& curve, std::span<const double> arc,
-                                      const std::function<double(double arc)>& radius);
 
 /// Divides a curve of `length` [m] into cells of `spacing` [m] and returns the mean force in each; the last cell may be
 /// shorter. Cells without force are NaN. A step from one row to the next spreads its force, linear between the rows,

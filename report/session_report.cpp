@@ -76,8 +76,8 @@ void add_tunnel(ReportExercise& exercise, const RecordedTrial& trial) {
   }
   line = thinned(line.arc, line.value, kLinePoints);
   if (line.arc.empty()) return;
-  if (exercise.radius.arc.empty() || line.arc.back() >= kAboutAsFar * exercise.radius.arc.back())
-    exercise.radius = std::move(line);
+  exercise.farthest = std::max(exercise.farthest, line.arc.back());
+  if (line.arc.back() >= kAboutAsFar * exercise.farthest) exercise.radius = std::move(line);
 }
 
 void add_path(ReportExercise& exercise, const std::optional<DrawnPath>& drawn, double force_scale) {

@@ -64,6 +64,7 @@ struct ReportExercise {
   double path_length = 0;            ///< [m]; 0 without a path
   std::vector<Vec3> curve;           ///< the path, thinned [m]
   ReportLine radius;                 ///< tunnel radius of the last repetition
+  double farthest = 0;               ///< progress of the repetition that came farthest [m]
   double cell = 1e-3;                ///< length of the cells of forces along the path [m]
   std::vector<double> expert_force;  ///< magnitude along the path, as the trainee should feel it [N]; empty without
   std::string figure;                ///< main metric, shown in the summary; empty when none is defined

@@ -123,10 +123,12 @@ void read_falcon_fault(std::string_view text, const std::string& where, FalconFa
 FalconFaults FalconFaults::parse(std::string_view text, const std::string& where) {
   FalconFaults faults;
   std::string_view rest = text;
-  do {
+  bool more = true;
+  while (more) {
+    more = rest.find('+') != std::string_view::npos;
     const std::string_view part = take_part(rest, '+');
     read_falcon_fault(part.empty() ? std::string_view(" ") : part, where, faults);
-  } while (!rest.empty());
+  }
   return faults;
 }
 

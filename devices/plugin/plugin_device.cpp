@@ -102,6 +102,8 @@ auto calling(const std::string& library, const std::string& words, Call call) {
     return call();
   } catch (const std::exception& error) {
     throw refuse(library, fmt::format("threw an exception while it was opened: {}", error.what()));
+  } catch (...) {
+    throw refuse(library, "threw an exception while it was opened");
   }
 }
 
@@ -213,7 +215,7 @@ void PluginDevice::close() noexcept {
     const ForeignCall foreign(words.c_str(), ForeignCall::Thread::loose);
     try {
       close(device);
-    } catch (const std::exception&) {
+    } catch (...) {
       // The device is closed as far as possible.
     }
   });
@@ -227,7 +229,11 @@ ZeroForce PluginDevice::zero_force() noexcept {
 ZeroForce PluginDevice::emergency_stop() noexcept {
   if (stop_ == nullptr || zero_ == ZeroForce::confirmed) return zero_;
   const ForeignCall foreign(words_.c_str());
-  return stop_(device_) == 0 ? ZeroForce::confirmed : ZeroForce::failed;
+  try {
+    return stop_(device_) == 0 ? ZeroForce::confirmed : ZeroForce::failed;
+  } catch (...) {
+    return ZeroForce::failed;
+  }
 }
 
 std::string PluginDevice::lost_reason() const {

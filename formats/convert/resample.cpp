@@ -74,13 +74,13 @@ class Resampled final : public ResampledSource {
     report_.max_gap = options.max_gap > 0 ? options.max_gap : 20 * step;
     const bool lower = step > 0 && options.rate_hz * step < kLower;
     report_.low_pass_hz = options.low_pass_hz.value_or(lower ? options.rate_hz / kBelowNewRate : 0);
+    if (report_.low_pass_hz > 0 && !(2 * report_.low_pass_hz < options.rate_hz))
+      throw input_error(
+          fmt::format("--low-pass: {:g} Hz is not below half of {:g} Hz", report_.low_pass_hz, options.rate_hz));
     // The filter needs a grid as fine as the source to see what it removes.
     if (report_.low_pass_hz > 0 && step > 0)
       finer_ = static_cast<std::uint64_t>(std::max(1.0, std::ceil(1 / (options.rate_hz * step))));
     options_.rate_hz *= static_cast<double>(finer_);
-    if (report_.low_pass_hz > 0 && !(2 * report_.low_pass_hz < options_.rate_hz))
-      throw input_error(
-          fmt::format("--low-pass: {:g} Hz is not below half of {:g} Hz", report_.low_pass_hz, options_.rate_hz));
   }
 
   /// Return the rate of the grid [Hz], and its multiple of the requested rate, which exceeds 1 only for a low-pass

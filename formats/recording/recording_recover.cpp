@@ -69,7 +69,8 @@ class Salvage {
       else
         samples = mended(std::move(samples), first);
       visit(samples);
-      if (progress) progress(static_cast<double>(first) / static_cast<double>(reader_.rows()));
+      if (progress)
+        progress(static_cast<double>(std::min(first + block_rows_, reader_.rows())) / static_cast<double>(reader_.rows()));
     }
   }
 

@@ -52,6 +52,8 @@ std::vector<StoredColumn> report_storage(const std::string& file, RecordingSourc
     last_ns = block.back().time_ns;
     row += block.size();
   }
+  if (row != reader.rows())
+    throw input_error(fmt::format("{}: has {} rows, which is not what was written", file, reader.rows()));
 
   const hdf5::Silence silence;
   const hdf5::File opened = hdf5::open_to_read(file);

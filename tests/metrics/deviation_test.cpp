@@ -66,7 +66,6 @@ TEST(Deviation, DoesNotDependOnPlaceAndDirection) {
 
 TEST(Deviation, DoesNotDependOnHowAMovementWasSampled) {
   const Polyline curve = around();
-  // The deviation is 5 mm times a sine, which is below 2.5 mm for a third of the time.
   for (const Sampling& sampling : {Sampling{.rate_hz = 250}, Sampling{.rate_hz = 4000}, Sampling{.jitter = 0.8},
                                    Sampling{.rate_hz = 250, .start = 1e5}}) {
     const Sampled movement = sampled(kAround, wavering, no_force, sampling);
@@ -79,8 +78,6 @@ TEST(Deviation, DoesNotDependOnHowAMovementWasSampled) {
     EXPECT_NEAR(same_time->peak, 5e-3, 5e-6);
     EXPECT_NEAR(contour->rms, same_time->rms, 5e-6);
     EXPECT_NEAR(contour->peak, same_time->peak, 5e-6);
-    EXPECT_NEAR(*share_in_tunnel(movement.time, movement.position, curve, feet, [](double) { return 2.5e-3; }), 1.0 / 3,
-                1e-3);
   }
 }
 
@@ -115,8 +112,6 @@ TEST(Deviation, WhatWasNotMeasuredIsLeftOut) {
   EXPECT_NEAR(error->peak, 5e-3, 1e-6);
   const auto feet = foot_points(curve, movement.position);
   EXPECT_NEAR(contour_deviation(movement.time, movement.position, curve, feet)->rms, error->rms, 3e-5);
-  const auto wide = [](double) { return 6e-3; };
-  EXPECT_EQ(*share_in_tunnel(movement.time, movement.position, curve, feet, wide), 1);
 }
 
 TEST(Deviation, OfNothingIsUndefinedAndOfOneSampleIsItsDistance) {
@@ -126,7 +121,6 @@ TEST(Deviation, OfNothingIsUndefinedAndOfOneSampleIsItsDistance) {
   EXPECT_NEAR(deviation(time, here, there)->peak, 5e-3, 1e-15);
   EXPECT_FALSE(deviation(time, here, nowhere));
   EXPECT_FALSE(deviation({}, {}, {}));
-  EXPECT_FALSE(share_in_tunnel(time, here, Polyline(there), std::vector<double>{0}, [](double) { return 1.0; }));
 }
 
 TEST(Deviation, SaysWhichColumnIsWrong) {
@@ -137,17 +131,6 @@ TEST(Deviation, SaysWhichColumnIsWrong) {
   EXPECT_THAT(error_of([&] { return deviation(time, three, three); }), testing::HasSubstr("row 3"));
   EXPECT_THAT(error_of([&] { return contour_deviation(time, three, Polyline(three), {}); }),
               testing::HasSubstr("0 arc lengths"));
-}
-
-TEST(ShareInTunnel, TheRadiusMayVaryAlongTheCurve) {
-  const Polyline curve = around();
-  const Sampled movement = sampled(
-      kAround, [](double t) -> Vec3 { return 1.1 * circle(t); }, no_force);
-  const auto feet = foot_points(curve, movement.position);
-  const double quarter = curve.length() / 4;
-  const auto share = share_in_tunnel(movement.time, movement.position, curve, feet,
-                                     [quarter](double arc) { return arc < quarter ? 4e-3 : 6e-3; });
-  EXPECT_NEAR(*share, 0.75, 1e-3);
 }
 
 /// Returns a force whose y component depends on the arc length and whose x component is constant [N].

@@ -211,6 +211,7 @@ TEST(Resample, WithACutOffOfOnesOwnFiltersAtAnyRate) {
   const Result out = run(sine(100, 6000), {.rate_hz = 2000, .low_pass_hz = 20.0});
   EXPECT_LT(amplitude(out.samples, 100, 1), 0.002);
   for (const double hz : {-1.0, 500.0, kNaN}) EXPECT_THROW(run(sine(1, 100), {.low_pass_hz = hz}), Error) << hz;
+  EXPECT_THROW(run(sine(1, 100), {.rate_hz = 100, .low_pass_hz = 50.0}), Error) << "a new rate needs its own half";
 }
 
 TEST(Resample, IsAsGoodAtTheEndsAsInTheMiddle) {
