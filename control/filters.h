@@ -36,10 +36,11 @@ class BasicButterworth2 {
 
   Signal update(const Signal& x) noexcept {
     if (!all_finite(x)) return y_;
-    y_ = b0_ * x + z1_;
-    z1_ = b1_ * x - a1_ * y_ + z2_;
-    z2_ = b0_ * x - a2_ * y_;
-    return y_;
+    const Signal y = b0_ * x + z1_;
+    z1_ = b1_ * x - a1_ * y + z2_;
+    z2_ = b0_ * x - a2_ * y;
+    y_ = y;
+    return y;
   }
 
   /// Forgets everything, as if `x` had always been the input.

@@ -4,6 +4,7 @@
 #include <future>
 #include <gtest/gtest.h>
 #include <pty.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <utility>
@@ -36,6 +37,7 @@ Command::Command(const std::vector<std::string>& arguments, Input input, const s
   int terminal = -1;
   pid_ = input == Input::terminal ? forkpty(&terminal, nullptr, nullptr, nullptr) : fork();
   if (pid_ == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);  // a session without an end fills the disk when its test is killed
     dup2(out[1], STDOUT_FILENO);
     if (input != Input::terminal) dup2(err[1], STDERR_FILENO);
     if (input == Input::pipe) dup2(in[0], STDIN_FILENO);
