@@ -35,8 +35,8 @@ double checked_number(const json& value, const std::string& name, const char* ex
   if (!value.is_number()) wrong_type(name, expected, value);
   const double number = value.get<double>();
   if (!std::isfinite(number)) throw input_error(fmt::format("{}: {} is not a finite number", name, number));
-  if (number < min) throw input_error(fmt::format("{}: {} is too small; the least is {}", name, number, min));
-  if (number > max) throw input_error(fmt::format("{}: {} is too large; the most is {}", name, number, max));
+  if (number < min) throw input_error(fmt::format("{}: {} is too small; the minimum is {}", name, number, min));
+  if (number > max) throw input_error(fmt::format("{}: {} is too large; the maximum is {}", name, number, max));
   return number;
 }
 
@@ -59,7 +59,7 @@ json parse_json(const std::string& text, const std::string& where) {
     if (event == json::parse_event_t::object_start) keys.emplace_back();
     if (event == json::parse_event_t::object_end) keys.pop_back();
     if (event == json::parse_event_t::key && !keys.back().insert(parsed.get<std::string>()).second)
-      throw input_error(fmt::format("{}: key '{}' stands twice in one object", where, parsed.get<std::string>()));
+      throw input_error(fmt::format("{}: key '{}' appears twice in one object", where, parsed.get<std::string>()));
     return true;
   };
   try {

@@ -85,7 +85,7 @@ OutputFile::OutputFile(const std::string& file, bool overwrite) : name_(file), t
   if (replaces_ && !overwrite)
     throw input_error(file + ": exists already; choose another name or allow it to be replaced (--overwrite)");
   if (replaces_ && has_writer(file))
-    throw input_error(file + ": is a recording that is being written; it can be replaced when that has ended");
+    throw input_error(file + ": is a recording that is still being written; replace it after that session has ended");
   if (replaces_) target_ = fs::canonical(file, error).string();  // replaces the target of a link, not the link
   folder_ = replaces_ ? fs::path(target_).parent_path().string() : folder.string();
   if (replaces_)
@@ -127,7 +127,7 @@ void create_private_folders(const std::string& folder) {
   for (const fs::path& part : fs::path(folder)) {
     made /= part;
     if (mkdir(made.c_str(), 0700) != 0 && !fs::is_directory(made))
-      throw input_error(fmt::format("{}: cannot be made: {}", folder, std::strerror(errno)));
+      throw input_error(fmt::format("{}: cannot be created: {}", folder, std::strerror(errno)));
   }
 }
 
@@ -155,7 +155,7 @@ OutputFile::~OutputFile() {
 
 void OutputFile::commit() {
   if (!force_to_disk(path_))
-    throw input_error(fmt::format("{}: cannot be forced to the disk: {}", name_, std::strerror(errno)));
+    throw input_error(fmt::format("{}: cannot be synced to the disk: {}", name_, std::strerror(errno)));
   commit_without_waiting();
   (void)force_to_disk(folder_);  // some file systems cannot; the file already has its name
 }

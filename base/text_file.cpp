@@ -75,7 +75,7 @@ Error LineReader::error(const std::string& what) const {
 bool LineReader::refill() {
   constexpr std::size_t kBlock = 1 << 20, kLongestLine = 1 << 20;
   if (end_ - begin_ > kLongestLine)
-    throw input_error(fmt::format("{}:{}: no line ends here; is this {}?", file_, number_ + 1, what_));
+    throw input_error(fmt::format("{}:{}: the line is longer than 1 MiB; is this {}?", file_, number_ + 1, what_));
   std::memmove(buffer_.data(), buffer_.data() + begin_, end_ - begin_);
   end_ -= begin_;
   begin_ = 0;

@@ -91,7 +91,8 @@ Guidance::Guidance(GuideTerms terms, const Options& options)
       budget_(options.energy) {
   const auto restores = [](const auto& term) { return term->kind() == GuideTerm::Kind::restoring; };
   if (!terms_.empty() && std::none_of(terms_.begin(), terms_.end(), restores))
-    throw input_error("guidance without walls would let replayed forces drift away; give the tunnel a stiffness");
+    throw input_error(
+        "without walls, replayed forces would push the hand away from the path; give the tunnel a stiffness");
 }
 
 double Guidance::gate(const PathProjection::Foot& foot) const noexcept {

@@ -28,9 +28,9 @@ HandWatchOptions hand_watch_of(double max_force) {
 void validate(const HandWatchOptions& options) {
   check_range("hand watch: the needed force [N]", options.needed, 0, 1e3);
   check_range("hand watch: the resisting force [N]", options.resisting, 0.01, 1e3);
-  check_range("hand watch: the time of resisting [s]", options.resist_time, 0, 60);
-  check_range("hand watch: the load that can be let go [N]", options.held, 0.01, 1e3);
-  check_range("hand watch: the time of holding [s]", options.held_time, 0, 60);
+  check_range("hand watch: the resistance time [s]", options.resist_time, 0, 60);
+  check_range("hand watch: the load that the hand can let go [N]", options.held, 0.01, 1e3);
+  check_range("hand watch: the holding time [s]", options.held_time, 0, 60);
 }
 
 HandWatch::HandWatch(const HandWatchOptions& options) : options_(options) {

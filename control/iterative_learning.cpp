@@ -65,8 +65,9 @@ IterativeLearning::IterativeLearning(const Options& options, ForceTable known, i
   for (const double mass : options_.mass) check_range("learning: the mass", mass, 0, 1e4, "kg");
   const double session = options_.duration / options_.speed;
   if (!(session > 0 && session <= kLongest))
-    throw input_error(fmt::format(
-        "a repetition lasts {:.1f} s; to be learned it must last longer than 0 and at most {} s", session, kLongest));
+    throw input_error(
+        fmt::format("a repetition lasts {:.1f} s; learning needs repetitions longer than 0 s and of at most {} s",
+                    session, kLongest));
   if (!table_.force.empty() && !(table_.step > 0 && std::isfinite(table_.step)))
     throw input_error(fmt::format("the step of a learned force is {} s; it must be above 0", table_.step));
   if (table_.force.empty()) {

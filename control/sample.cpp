@@ -42,28 +42,29 @@ constexpr EventWords kEventWords[] = {
     {EventCode::paused, "paused", kSilent},  // the operator asked for it
     {EventCode::resumed, "resumed", kSilent},
     {EventCode::triggered, "triggered", kSilent},
-    {EventCode::path_waits, "path_waits", kWarning, "the path waited until it was read"},
+    {EventCode::path_waits, "path_waits", kWarning, "the path waited until its next part was read"},
     {EventCode::path_unreadable, "path_unreadable", kSilent, "", true},
     {EventCode::device_found, "device_found", kNote, "the device came back"},
-    {EventCode::time_over, "time_over", kNote, "the time was over", true},
+    {EventCode::time_over, "time_over", kNote, "the time limit was reached", true},
     {EventCode::rotation_limit, "rotation_limit", kSilent, "", true},
     {EventCode::touched, "touched", kSilent},
     {EventCode::left, "left", kSilent},
     {EventCode::reference_waits, "reference_waits", kWarning, "the reference waited for the hand"},
     {EventCode::reference_goes_on, "reference_goes_on", kSilent},
     {EventCode::states_stopped, "states_stopped", kWarning, "the device sent no fresh state, and the force faded out"},
-    {EventCode::states_resumed, "states_resumed", kNote, "fresh states came again"},
+    {EventCode::states_resumed, "states_resumed", kNote, "the device sent fresh states again"},
     {EventCode::outside_workspace, "outside_workspace", kSilent, "", true},
-    {EventCode::force_resisted, "force_resisted", kWarning, "the hand resisted the force for long"},
-    {EventCode::force_held, "force_held", kWarning, "the motors kept a force because none could be sent"},
+    {EventCode::force_resisted, "force_resisted", kWarning, "the hand resisted the force for a long time"},
+    {EventCode::force_held, "force_held", kWarning,
+     "the motors kept the last force because no new force could be sent"},
     {EventCode::resistance_limit, "resistance_limit", kSilent, "", true},
     {EventCode::vibrates, "vibrates", kWarning, "the force vibrated", false, 2},
     {EventCode::vibrates_regularly, "vibrates_regularly", kWarning, "the force alternated", false, 2},
     {EventCode::bounces, "bounces", kWarning, "the tool bounced", false, 2},
-    {EventCode::sways, "sways", kNote, "loop or hand swayed", false, 2},
+    {EventCode::sways, "sways", kNote, "the loop or the hand swayed", false, 2},
     {EventCode::vibration_stays, "vibration_stays", kSilent, "", true, 2},
     {EventCode::torque_vibrates, "torque_vibrates", kWarning, "the torque vibrated", false, 2},
-    {EventCode::sway_over, "sway_over", kNote, "loop and hand were calm again", false, 2},
+    {EventCode::sway_over, "sway_over", kNote, "the loop and the hand were calm again", false, 2},
     {EventCode::recording_resumed, "recording_resumed", kSilent},  // the recorder creates these two and warns itself
     {EventCode::recording_ended, "recording_ended", kSilent},
     {EventCode::values_lost, "values_lost", kSilent},
@@ -138,7 +139,7 @@ std::string describe(const Event& event) {
     case EventCode::recovered:
       return fmt::format("recovered after its writer died: {:.0f} samples kept, {:.0f} could not be read", a, b);
     case EventCode::force_limit:
-      return fmt::format("force limited: {:.3g} N asked, {:.3g} N allowed", a, b);
+      return fmt::format("force limited: {:.3g} N requested, {:.3g} N allowed", a, b);
     case EventCode::continuous_limit:
       if (c == 1) return fmt::format("continuous torque limited to {:.3g} N m", a);
       if (b > 0)
@@ -152,14 +153,18 @@ std::string describe(const Event& event) {
     case EventCode::deviation_over:
       return fmt::format("{:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
     case EventCode::oscillation:
-      if (!std::isfinite(c)) return fmt::format("oscillates at {:.0f} Hz, {:.2f} mm", b, 1e3 * a);
-      return fmt::format("oscillates at {:.0f} Hz, {:.2f} mm: gains softened to {:.0f} %", b, 1e3 * a, 100 * c);
+      if (!std::isfinite(c)) return fmt::format("the loop oscillates at {:.0f} Hz, {:.2f} mm", b, 1e3 * a);
+      return fmt::format("the loop oscillates at {:.0f} Hz, {:.2f} mm: gains softened to {:.0f} %", b, 1e3 * a,
+                         100 * c);
     case EventCode::oscillation_stays:
-      return fmt::format("still oscillates at {:.0f} Hz, {:.2f} mm with {:.0f} % of its gains", b, 1e3 * a, 100 * c);
+      return fmt::format("the loop still oscillates at {:.0f} Hz, {:.2f} mm with {:.0f} % of its gains", b, 1e3 * a,
+                         100 * c);
     case EventCode::warming:
       if (!std::isfinite(b))
-        return fmt::format("motors warm: {:.0f} % of the heat from which they are limited", 100 * a);
-      return fmt::format("motors warm: {:.0f} % of the heat from which they are limited, in {:.0f} s", 100 * a, b);
+        return fmt::format("motors warm: {:.0f} % of the heat at which the force is limited", 100 * a);
+      return fmt::format(
+          "motors warm: {:.0f} % of the heat at which the force is limited; at this force they reach it in {:.0f} s",
+          100 * a, b);
     case EventCode::hand_resists:
       return fmt::format("the hand resists with {:.1f} N for {:.1f} s", a, b);
     case EventCode::hand_let_go:
@@ -187,11 +192,11 @@ std::string describe(const Event& event) {
       if (a == 1) return fmt::format("triggered: a speed of {:.3g} m/s is over {:.3g} m/s", b, event.values[2]);
       return "triggered: a button was pressed";
     case EventCode::path_waits:
-      return fmt::format("the path waits at {:.3f} s: what follows was not read in time", a);
+      return fmt::format("the path waits at {:.3f} s: its next part was not read in time", a);
     case EventCode::path_unreadable:
       return fmt::format("stopped: the path cannot be played beyond {:.3f} s", a);
     case EventCode::time_over:
-      return fmt::format("the time is over at {:.3f} m of {:.3f} m", a, b);
+      return fmt::format("the time limit was reached at {:.3f} m of {:.3f} m", a, b);
     case EventCode::rotation_limit:
       return fmt::format("stopped: the tool points {:.1f} degrees off, the limit is {:.1f}", kDegrees * a,
                          kDegrees * b);
@@ -203,15 +208,15 @@ std::string describe(const Event& event) {
       return fmt::format("the reference waits for the hand: {:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a,
                          1e3 * b);
     case EventCode::reference_goes_on:
-      return "the hand is back: the reference goes on";
+      return "the hand is back: the reference continues";
     case EventCode::states_stopped:
       return fmt::format("no fresh state from the device for {:.0f} ms: the force fades to zero", 1e3 * a);
     case EventCode::states_resumed:
-      return fmt::format("fresh states again after {:.0f} ms: the force fades in", 1e3 * a);
+      return fmt::format("the device sends fresh states again after {:.0f} ms: the force fades in", 1e3 * a);
     case EventCode::outside_workspace:
       return fmt::format(
-          "stopped: the device's position is {:.3g} m from the centre of its workspace, no hand reaches beyond {:.3g} "
-          "m",
+          "stopped: the device's position is {:.3g} m from the centre of its workspace, and no hand reaches beyond "
+          "{:.3g} m",
           a, b);
     case EventCode::force_resisted:
       if (std::isnan(a)) return fmt::format("the hand does not yield: the session ends in {:.0f} s", b);
@@ -226,7 +231,8 @@ std::string describe(const Event& event) {
     case EventCode::bounces:
       return fmt::format("the tool bounces at {:.1f} Hz, {:.2g} N: feedback softened to {:.0f} %", b, a, 100 * c);
     case EventCode::sways:
-      return fmt::format("loop or hand sways at {:.1f} Hz, {:.2g} N: feedback at {:.0f} % for now", b, a, 100 * c);
+      return fmt::format("the loop or the hand sways at {:.1f} Hz, {:.2g} N: feedback softened to {:.0f} % for now", b,
+                         a, 100 * c);
     case EventCode::vibration_stays:
       return fmt::format("stopped: the force still vibrates at {:.0f} Hz, {:.2g} N rms with {:.0f} % of the feedback",
                          b, a, 100 * c);
@@ -234,10 +240,12 @@ std::string describe(const Event& event) {
       return fmt::format("the torque vibrates at {:.0f} Hz, {:.2g} N m rms: feedback softened to {:.0f} %", b, a,
                          100 * c);
     case EventCode::sway_over:
-      return fmt::format("loop and hand are calm again: feedback back at {:.0f} %", 100 * c);
+      return fmt::format("the loop and the hand are calm again: feedback back at {:.0f} %", 100 * c);
     case EventCode::recording_resumed:
       return fmt::format(
-          "recording goes on in a further file: the disk refused for {:.2f} s, {:.0f} samples are missing", a, b);
+          "recording continues in a further file: its file could not be written for {:.2f} s, {:.0f} samples are "
+          "missing",
+          a, b);
     case EventCode::recording_ended:
       return "the recording ends here: there is no room left for it";
     case EventCode::values_lost:

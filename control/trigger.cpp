@@ -14,7 +14,7 @@ namespace {
 Error not_understood(std::string_view text) {
   return input_error("trigger '" + std::string(text) +
                      "' is not understood; write force>0.5N, speed>0.02m/s (thresholds of at least 0), button or "
-                     "button2, or several of them with | in between");
+                     "button2, or several of them separated by |");
 }
 
 }  // namespace

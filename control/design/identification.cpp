@@ -695,11 +695,12 @@ std::string doubt_about(int axis, const Identification& found, const SweepFit& s
   const char name = "xyz"[axis];
   const double mass = found.plant.mass[axis], half = found.half_width.mass[axis];
   if (!(mass > 0))
-    return fmt::format("the response in {} from 15 to 120 Hz is not that of a mass: its mechanism swings, or has play",
-                       name);
+    return fmt::format(
+        "the response in {} from 15 to 120 Hz is not that of a mass: the mechanism resonates or has backlash", name);
   if (!(half < kLeastCertain * mass))
     return fmt::format("the mass in {} is uncertain: {:.3f} +- {:.3f} kg", name, mass, half);
-  if (sweeps.blocks < 2) return fmt::format("too little of the sweeps in {} was sliding, or ticks were missed", name);
+  if (sweeps.blocks < 2)
+    return fmt::format("the device slid for too little of the sweeps in {}, or ticks were missed", name);
   if (sweeps.unexplained > kMostUnexplained)
     return fmt::format("the model does not explain {:.0f} % of the force of the sweeps in {}", 100 * sweeps.unexplained,
                        name);

@@ -95,8 +95,8 @@ double wrapped(double angle) {
 
 LoopModel loop_of(const PlantModel& plant, int axis, double rate_hz, const std::string& velocity, double lag) {
   if (!(lag >= 0 && lag <= plant.delay))
-    throw input_error(fmt::format("loop analysis: the motor's lag is {} s; it is a part of the plant's delay of {} s",
-                                  lag, plant.delay));
+    throw input_error(fmt::format(
+        "loop analysis: the motor's lag is {} s; it must be from 0 to the plant's delay of {} s", lag, plant.delay));
   return {.mass = plant.mass[axis],
           .viscous = plant.viscous[axis],
           .delay = plant.delay - lag,
@@ -162,8 +162,9 @@ void LoopAnalysis::measure_velocity() {
   }
   // The estimated velocity must integrate to the full step.
   if (velocity_.size() > kLongest || std::abs(sum * period_ - 1) > 1e-6)
-    throw input_error(fmt::format("loop analysis: the velocity estimator '{}' remembers more than {} samples at {} Hz",
-                                  model_.velocity, kLongest, model_.rate_hz));
+    throw input_error(fmt::format(
+        "loop analysis: the impulse response of the velocity estimator '{}' is longer than {} samples at {} Hz",
+        model_.velocity, kLongest, model_.rate_hz));
   velocity_.resize(velocity_.size() - kQuiet);
 }
 

@@ -22,8 +22,9 @@ Multisine::Multisine(double low_hz, double high_hz, double period, const std::ar
   for (const std::size_t axis : driven) {
     std::vector<SpectralLine>& lines = lines_[axis];
     if (lines.size() < 4)
-      throw input_error(fmt::format("{} to {} Hz hold only {} lines of a period of {} s for an axis; four are needed",
-                                    low_hz, high_hz, lines.size(), period));
+      throw input_error(fmt::format(
+          "the band from {} to {} Hz has only {} lines for an axis with a period of {} s; an axis needs four", low_hz,
+          high_hz, lines.size(), period));
     double power = 0;
     for (const SpectralLine& line : lines) power += line.amplitude * line.amplitude;
     // Schroeder: the phase changes from line to line by 2 pi times the fraction of the power up to that line.

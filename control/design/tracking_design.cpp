@@ -153,9 +153,8 @@ TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& opt
   const double rate_hz = options.rate_hz;
   if (const double ticks = plant.delay * rate_hz; !(ticks <= LoopAnalysis::kLongestDelay))
     throw input_error(fmt::format(
-        "a tracking law cannot be designed: the plant's delay of {:.4g} ms is {:.0f} ticks at {} Hz, and at most {} "
-        "can "
-        "be reckoned with; choose a rate of at most {:.0f} Hz",
+        "a tracking law cannot be designed: the plant's delay of {:.4g} ms is {:.0f} ticks at {} Hz, but the design "
+        "compensates for at most {}; choose a rate of at most {:.0f} Hz",
         1e3 * plant.delay, ticks, rate_hz, LoopAnalysis::kLongestDelay, LoopAnalysis::kLongestDelay / plant.delay));
   // The quantisation error is uniform, so its variance is a twelfth of the squared resolution.
   const double noise = std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise);

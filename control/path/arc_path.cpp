@@ -66,7 +66,7 @@ void ArcPath::Builder::add(double time, const Vec3& position, const Vec3& force)
 }
 
 ArcPath ArcPath::Builder::finish(double radius) {
-  if (position_.empty()) throw input_error("a path without samples guides nobody");
+  if (position_.empty()) throw input_error("a path without samples cannot guide a hand");
   // Adds the end point unless it coincides with the last knot. A path without length still needs one force.
   const double rest = (last_ - position_.back()).norm();
   if (rest > 1e-6 * spacing_) {

@@ -25,10 +25,11 @@ template <class Value>
 void check_column(const Path& path, const std::vector<Value>& column, const char* name, std::uint64_t rows_before,
                   bool (*is_good)(const Value&), const char* what) {
   if (column.size() != path.size())
-    throw input_error(fmt::format("{}: {} has {} rows but time has {}", path.name, name, column.size(), path.size()));
+    throw input_error(
+        fmt::format("{}: {} has {} samples, but time has {}", path.name, name, column.size(), path.size()));
   const auto bad = std::find_if_not(column.begin(), column.end(), is_good);
   if (bad != column.end())
-    throw input_error(fmt::format("{}: row {}: {} is not a {}", path.name,
+    throw input_error(fmt::format("{}: sample {}: {} is not a {}", path.name,
                                   rows_before + static_cast<std::uint64_t>(bad - column.begin()) + 1, name, what));
 }
 
@@ -44,11 +45,11 @@ void validate(const Path& path, std::uint64_t rows_before) {
   if (path.time.empty()) throw input_error(fmt::format("{}: the path has no samples", path.name));
   for (std::size_t i = 0; i < path.size(); ++i) {
     if (!std::isfinite(path.time[i]))
-      throw input_error(fmt::format("{}: row {}: time is not a finite number", path.name, rows_before + i + 1));
+      throw input_error(fmt::format("{}: sample {}: time is not a finite number", path.name, rows_before + i + 1));
     if (i > 0 && path.time[i] <= path.time[i - 1])
-      throw input_error(
-          fmt::format("{}: row {}: time {} s does not come after {} s of the row before; time stamps must increase",
-                      path.name, rows_before + i + 1, path.time[i], path.time[i - 1]));
+      throw input_error(fmt::format(
+          "{}: sample {}: time {} s does not come after {} s of the previous sample; time stamps must increase",
+          path.name, rows_before + i + 1, path.time[i], path.time[i - 1]));
   }
   check_column(path, path.position, "position", rows_before, is_number, "finite number");
   if (!path.velocity.empty()) check_column(path, path.velocity, "velocity", rows_before, is_number, "finite number");
@@ -64,8 +65,7 @@ void validate_size(const std::string& name, const Box& box) {
   if (std::max(extent, reach) > kLargestExtent)
     throw input_error(fmt::format(
         "{}: the path is {:.4g} m wide and reaches {:.4g} m from the origin; positions are in metres, and these look "
-        "like {}: "
-        "divide them by {}",
+        "like {}: divide them by {}",
         name, extent, reach, reach > 5e4 ? "micrometres" : "millimetres", reach > 5e4 ? "1 000 000" : "1000"));
 }
 

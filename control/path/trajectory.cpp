@@ -26,9 +26,9 @@ std::vector<double> time_from(double begin, const Path& path, std::uint64_t rows
   for (std::size_t i = 0; i < time.size(); ++i) {
     time[i] = path.time[i] - begin;
     if (i > 0 && !(time[i] - time[i - 1] >= kShortestStep))
-      throw input_error(
-          fmt::format("{}: row {}: time is {} s after the row before; steps must be at least 1 ns. Is time in seconds?",
-                      path.name, rows_before + i + 1, time[i] - time[i - 1]));
+      throw input_error(fmt::format(
+          "{}: sample {}: time is {} s after the previous sample; steps must be at least 1 ns. Is time in seconds?",
+          path.name, rows_before + i + 1, time[i] - time[i - 1]));
   }
   if (!(time.back() <= kLongestPath))
     throw input_error(

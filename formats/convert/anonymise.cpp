@@ -82,6 +82,8 @@ std::string device_choices(std::string_view text, bool& complete) {
 const std::set<std::string>& words_of_events() {
   static const std::set<std::string> kWords = [] {
     std::set<std::string> words{"inf", "nan", "e"};
+    for (const char* earlier : {"asked", "disk", "follows", "none", "refused", "what"})  // in texts of version 1.0
+      words.emplace(earlier);
     for (int code = 0; code < 256; ++code)
       for (const double value : {0.0, 1.0, 2.0, kNaN}) {
         const std::string text = describe({0, static_cast<EventCode>(code), {value, value, value}});

@@ -69,7 +69,7 @@ class CsvSource final : public RecordingSource {
   [[nodiscard]] std::vector<std::string> notes() const override {
     std::vector<std::string> notes = reader_.notes();
     notes.insert(notes.end(), left_out_notes_.begin(), left_out_notes_.end());
-    if (!header_.complete) notes.emplace_back("the recording was not finished; what there is was read");
+    if (!header_.complete) notes.emplace_back("the recording was not finished; the samples in the file were read");
     return notes;
   }
 
@@ -95,7 +95,7 @@ class CsvSource final : public RecordingSource {
       left_out_.push_back(all_or_none[i]);
       if (lacking[i] < count)
         left_out_notes_.push_back(
-            fmt::format("{} left out: {} of {} samples have none", all_or_none[i]->column->name, lacking[i], count));
+            fmt::format("{} left out: {} of {} samples lack it", all_or_none[i]->column->name, lacking[i], count));
     }
   }
 

@@ -57,7 +57,7 @@ class JsonlSource final : public RecordingSource {
 
   [[nodiscard]] std::vector<std::string> notes() const override {
     if (header_.complete) return {};
-    return {"the recording was not finished; what there is was read"};
+    return {"the recording was not finished; the samples in the file were read"};
   }
 
  private:
@@ -78,10 +78,10 @@ class JsonlSource final : public RecordingSource {
   }
 
   void read_sample(const json& object) {
-    if (!object.is_object()) throw lines_.error("a sample is an object");
+    if (!object.is_object()) throw lines_.error("a sample must be a JSON object");
     for (const char* kind : {"event", "clock"})
       if (object.contains(kind))
-        throw lines_.error(fmt::format("{}s stand before the samples, after the header", kind));
+        throw lines_.error(fmt::format("{}s must come after the header and before the samples", kind));
     cells_ = unknown_;
     for (const auto& item : object.items()) {
       const std::string& key = item.key();
@@ -94,7 +94,8 @@ class JsonlSource final : public RecordingSource {
       }
       read_column(*column, item.value());
     }
-    if (!(std::abs(cells_[0]) < layout::kLongestTime)) throw lines_.error("time is missing or no time in seconds");
+    if (!(std::abs(cells_[0]) < layout::kLongestTime))
+      throw lines_.error("time is missing or is not a time in seconds");
     if (!object.contains("tick")) cells_[tick_] = static_cast<double>(rows_);
     if (!object.contains("phase")) cells_[phase_] = static_cast<double>(Phase::run);
     ++rows_;

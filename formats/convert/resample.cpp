@@ -105,14 +105,14 @@ class Resampled final : public ResampledSource {
   [[nodiscard]] std::vector<std::string> notes() const override {
     std::vector<std::string> notes = source_->notes();
     const auto count = [&](std::uint64_t number, const char* what) {
-      if (number > 0) notes.push_back(fmt::format("{} rows left out: {}", number, what));
+      if (number > 0) notes.push_back(fmt::format("{} samples left out: {}", number, what));
     };
-    count(report_.duplicates, "their stamp equals that of the row before");
-    count(report_.backward, "their stamp lies before that of an earlier row");
+    count(report_.duplicates, "their time stamp equals that of the previous sample");
+    count(report_.backward, "their time stamp is before that of an earlier sample");
     count(report_.without_position, "they have no position");
     if (report_.gaps > 0)
-      notes.push_back(fmt::format("{} gaps longer than {:.4g} s stay gaps, the longest of {:.4g} s", report_.gaps,
-                                  report_.max_gap, report_.longest_gap));
+      notes.push_back(fmt::format("{} gaps longer than {:.4g} s were not filled; the longest lasts {:.4g} s",
+                                  report_.gaps, report_.max_gap, report_.longest_gap));
     return notes;
   }
 
@@ -340,8 +340,8 @@ class Thinned final : public ResampledSource {
   [[nodiscard]] std::vector<std::string> notes() const override {
     std::vector<std::string> notes = source_->notes();
     notes.push_back(
-        fmt::format("low-passed at {:.4g} Hz, which took {:.3g} mm rms out of the position; --low-pass 0 "
-                    "leaves that in",
+        fmt::format("low-pass filter at {:.4g} Hz: it removed {:.3g} mm rms from the position; --low-pass 0 "
+                    "switches it off",
                     report_.low_pass_hz, 1e3 * report_.rms_difference));
     return notes;
   }

@@ -76,12 +76,12 @@ bool ChunkWalk::next() {
     }
     // If other chunks follow, a length beyond the end of the file is damage. Otherwise the last chunk is cut off.
     if (find_boundary()) {
-      note(fmt::format("damaged at byte {}: read on from the next boundary, at byte {}", begin, position_));
+      note(fmt::format("damaged at byte {}: reading continued at the next boundary, at byte {}", begin, position_));
       continue;
     }
     position_ = size_;
-    note(known ? fmt::format("ends within a chunk, at byte {}: its writer was cut off", size_)
-               : fmt::format("damaged at byte {}; what stands before it was read", begin));
+    note(known ? fmt::format("ends within a chunk, at byte {}: the file was cut off", size_)
+               : fmt::format("damaged at byte {}; only the data before it were read", begin));
     return known;
   }
   return false;
@@ -145,7 +145,8 @@ StreamInfo parse_stream_header(std::uint32_t id, const std::string& xml) {
   if (!(info.nominal_rate >= 0 && std::isfinite(info.nominal_rate))) info.nominal_rate = 0;
   const std::uint64_t count = node.child("channel_count").text().as_ullong();
   if (count == 0 || count > kMostChannels)
-    throw input_error(fmt::format("stream {} ('{}') has {} channels", id, info.name, text_of(node, "channel_count")));
+    throw input_error(fmt::format("stream {} ('{}') has an invalid number of channels: {}", id, info.name,
+                                  text_of(node, "channel_count")));
   info.channel_count = count;
 
   constexpr std::array<std::string_view, 7> kFormats{"float32", "double64", "int8",  "int16",

@@ -181,13 +181,14 @@ class XdfSource final : public RecordingSource {
     std::vector<std::string> notes = notes_;
     if (left_out_ > 0)
       notes.push_back(
-          fmt::format("{} rows left out: there is no {} at their time (streams begin and end at different "
+          fmt::format("{} samples left out: there is no {} at their time (streams begin and end at different "
                       "times, and a value is held for {:g} s)",
                       left_out_, fmt::join(whole_names(), " or no "), kStale));
     for (const Reading& reading : cursors_)
       if (reading.cursor.broken_chunks() > 0)
-        notes.push_back(fmt::format("stream '{}': {} chunks of samples are damaged or cut off; what could be read was",
-                                    reading.stream->info.name, reading.cursor.broken_chunks()));
+        notes.push_back(
+            fmt::format("stream '{}': {} chunks of samples are damaged or cut off; their readable samples were kept",
+                        reading.stream->info.name, reading.cursor.broken_chunks()));
     return notes;
   }
 
@@ -237,7 +238,7 @@ class XdfSource final : public RecordingSource {
               std::chrono::floor<std::chrono::seconds>(std::chrono::nanoseconds(*created))));
         else if (!written.empty())
           notes_.push_back(
-              fmt::format("its date '{}' was left out: it is not a time with a zone, as in "
+              fmt::format("the file's date '{}' was left out: it is not a time with a zone, as in "
                           "2026-03-01T12:00:00+01:00",
                           shown(written)));
       }
@@ -246,8 +247,8 @@ class XdfSource final : public RecordingSource {
       stream->clock = std::move(clocks[stream->info.id]);
       stream->clock.fit();
       if (stream->clock.parts() > 1)
-        notes_.push_back(fmt::format("the clock of stream '{}' was set anew {} times", stream->info.name,
-                                     stream->clock.parts() - 1));
+        notes_.push_back(
+            fmt::format("the clock of stream '{}' was reset {} times", stream->info.name, stream->clock.parts() - 1));
     }
     if (!unreadable_.empty()) notes_.push_back("left out: " + unreadable_.substr(2));
     notes_.insert(notes_.end(), walk.notes().begin(), walk.notes().end());
@@ -290,7 +291,8 @@ class XdfSource final : public RecordingSource {
       for (const auto& stream : streams_)
         if (stream->info.name == name || stream->info.type == name) found.push_back(stream.get());
       if (found.size() == 1 && found.front()->info.format == xdf::Format::text)
-        throw input_error(fmt::format("{}: stream '{}' holds markers; they become events by themselves", file_, name));
+        throw input_error(fmt::format(
+            "{}: stream '{}' holds markers, which become events automatically; remove it from --stream", file_, name));
       if (found.size() != 1)
         throw input_error(fmt::format("{}: {} streams have the name or type '{}'; {}", file_,
                                       found.empty() ? "no" : fmt::format("{}", found.size()), name, listed()));
@@ -301,7 +303,7 @@ class XdfSource final : public RecordingSource {
       if (has_position(*stream)) chosen_.push_back(stream.get());
     if (chosen_.size() != 1)
       throw input_error(fmt::format(
-          "{}: {} with channels x, y and z; choose by --stream NAME and, if labels differ, --map x=LABEL,...; {}",
+          "{}: {} with channels x, y and z; choose one with --stream NAME and, if labels differ, --map x=LABEL,...; {}",
           file_, chosen_.empty() ? "there is no stream" : "there are several streams", listed()));
   }
 
@@ -318,7 +320,7 @@ class XdfSource final : public RecordingSource {
   double factor(const xdf::Channel& channel, const Target& target) {
     if (channel.unit.empty() || target.units == "1") return 1;
     if (const Unit* unit = find_unit(channel.unit, target.units)) return 1 / unit->per_si;
-    notes_.push_back(fmt::format("channel '{}' is in '{}', which is no unit of {}; its values are taken as {}",
+    notes_.push_back(fmt::format("channel '{}' is in '{}', which is not a unit of {}; its values are read as {}",
                                  channel.label, channel.unit, target.name, target.units));
     return 1;
   }
@@ -331,12 +333,12 @@ class XdfSource final : public RecordingSource {
         throw input_error(
             fmt::format("--map {}={}: '{}' is not a column{}", name, label, name, suggestion(name, known)));
       if (!mapped_[name])
-        throw input_error(fmt::format("--map {}={}: no channel of the streams that are read has this label; {} {}",
-                                      name, label, file_, listed()));
+        throw input_error(fmt::format("--map {}={}: no channel of the chosen streams has this label; {} {}", name,
+                                      label, file_, listed()));
     }
     if (!mapped_["x"] || !mapped_["y"] || !mapped_["z"])
       throw input_error(
-          fmt::format("{}: the streams that were chosen have no x, y and z; say which channels they are by "
+          fmt::format("{}: the chosen streams have no channels x, y and z; name them with "
                       "--map x=LABEL,y=LABEL,z=LABEL; {}",
                       file_, listed()));
     for (const TextColumn& column : text_columns()) {
@@ -352,7 +354,7 @@ class XdfSource final : public RecordingSource {
   void fit_even_clock() {
     const double period = main().info.nominal_rate > 0 ? 1 / main().info.nominal_rate : 0;
     if (period == 0)
-      throw input_error(fmt::format("{}: --dejitter: stream '{}' is irregular by its own account: it has no even clock",
+      throw input_error(fmt::format("{}: --dejitter: stream '{}' declares an irregular rate, so it has no even clock",
                                     file_, main().info.name));
     StreamCursor cursor(file_, main().info, main().clock);
     double before = 0;

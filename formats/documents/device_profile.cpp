@@ -186,10 +186,10 @@ DeviceProfile profile_from_json(const json& object, const std::string& where) {
   Required required(reader);
   if (const std::string format = required.text("format"); format != kProfileFormat)
     throw input_error(
-        fmt::format("{}: is no device profile: its format is '{}', not '{}'", where, format, kProfileFormat));
+        fmt::format("{}: is not a device profile: its format is '{}', not '{}'", where, format, kProfileFormat));
   if (const std::string version = required.text("format_version"); version != kProfileVersion)
     throw input_error(
-        fmt::format("{}: is of format version '{}', and this program reads {}; calibrate again (haptrace calibrate)",
+        fmt::format("{}: has format version '{}', but this program reads {}; calibrate again (haptrace calibrate)",
                     where, version, kProfileVersion));
   DeviceProfile profile;
   profile.created = required.text("created");
@@ -250,8 +250,8 @@ std::string profile_folder() {
   if (!home.is_absolute()) home = home_of_user();
   if (!home.is_absolute())
     throw input_error(
-        "there is no place for device profiles, because neither HOME nor the system's list of users names a folder of "
-        "this user; set HOME or HAPTRACE_PROFILES");
+        "no folder for device profiles: neither HOME nor the system's list of users names the home folder of this "
+        "user; set HOME or HAPTRACE_PROFILES");
   return (home / ".local/share/haptrace/profiles").string();
 }
 
@@ -275,11 +275,11 @@ std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& de
                           double rate_hz, std::chrono::system_clock::time_point now) {
   constexpr const char* kAgain = "calibrate again (haptrace calibrate)";
   if (profile.device != device)
-    return fmt::format("the profile is of another device: of {}, and this is {}", name_of(profile.device),
+    return fmt::format("the profile belongs to another device: {}, and this is {}", name_of(profile.device),
                        name_of(device));
   if (!profile.fits) return fmt::format("the profile's model does not fit the device ({}); {}", profile.reason, kAgain);
   if (std::abs(rate_hz - profile.rate_hz) > kProfileRateTolerance * profile.rate_hz)
-    return fmt::format("the profile is for a servo rate of {:g} Hz, and this is {:g} Hz; {} at this rate",
+    return fmt::format("the profile is for a servo rate of {:g} Hz, but the rate is {:g} Hz; {} at this rate",
                        profile.rate_hz, rate_hz, kAgain);
   const auto changed = [&](const char* what) {
     return fmt::format("the device's {} changed since the profile was made; {}", what, kAgain);
@@ -292,7 +292,7 @@ std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& de
   const auto made = parse_rfc3339(profile.created);
   const double age = made ? std::chrono::duration<double>(now - *made).count() : kNaN;
   if (!(age <= kProfileLifetime))
-    return fmt::format("the profile is {:.0f} days old, and after {:.0f} it is stale; {}", age / 86400,
+    return fmt::format("the profile is {:.0f} days old, but it is valid for {:.0f} days only; {}", age / 86400,
                        kProfileLifetime / 86400, kAgain);
   return "";
 }

@@ -22,7 +22,7 @@ constexpr double kSameSpeed = 1e-9;  // relative difference of equal speeds
 
 std::vector<Vec3> rows_from_json(const json& rows, const std::string& where) {
   if (!rows.is_array() || rows.empty() || static_cast<double>(rows.size()) > kMostRows)
-    throw input_error(fmt::format("{}: force_n: expected 1 to {:.0f} rows", where, kMostRows));
+    throw input_error(fmt::format("{}: force_n: expected 1 to {:.0f} forces", where, kMostRows));
   std::vector<Vec3> result;
   result.reserve(rows.size());
   for (const json& row : rows) {
@@ -81,8 +81,9 @@ void save_learned(const LearnedPath& learned, const std::string& file) {
   const fs::path folder = fs::path(file).parent_path();
   if (!folder.empty()) fs::create_directories(folder, error);  // a bare file name lies in the working folder
   if (error)
-    throw input_error(fmt::format("{}: the folder cannot be made ({}); --learned FILE.json chooses another place",
-                                  folder.string(), error.message()));
+    throw input_error(
+        fmt::format("{}: the folder cannot be created ({}); choose another place with --learned FILE.json",
+                    folder.string(), error.message()));
   json rows = json::array();
   for (const Vec3& force : learned.table.force) rows.push_back(rounded(force));
   save_json({{"format", kLearnedFormat},
@@ -109,7 +110,7 @@ std::optional<LearnedPath> load_learned(const std::string& file) {
   if (const std::string format = reader.text("format", ""); format != kLearnedFormat)
     throw input_error(fmt::format("{}: format is '{}', not {}", file, format, kLearnedFormat));
   if (const std::string version = reader.text("format_version", ""); version != kLearnedVersion)
-    throw input_error(fmt::format("{}: format_version is '{}'; this software knows {}; learn anew (--forget)", file,
+    throw input_error(fmt::format("{}: format_version is '{}', but this program reads {}; learn again (--forget)", file,
                                   version, kLearnedVersion));
   LearnedPath learned;
   learned.created = reader.text("created", "");
@@ -121,7 +122,7 @@ std::optional<LearnedPath> load_learned(const std::string& file) {
   learned.repetitions = static_cast<int>(reader.number("repetitions", 0, 0, 1e6));
   learned.rms_error = reader.number("rms_error_m", 0, 0, 1e3);
   learned.table.step = reader.number("step_s", 0, 1e-6, 1e3);
-  if (learned.table.step == 0) throw input_error(file + ": step_s is missing; learn anew (--forget)");
+  if (learned.table.step == 0) throw input_error(file + ": step_s is missing; learn again (--forget)");
   learned.table.force = rows_from_json(root.value("force_n", json()), file);
   return learned;
 }
@@ -130,11 +131,11 @@ std::string check_learned(const LearnedPath& learned, const DeviceIdentity& devi
                           double speed, const Vec3& mass) {
   if (learned.device != device)
     return fmt::format("it was learned on another device, {} {}", learned.device.model, learned.device.serial);
-  if (learned.path_digest != path_digest) return "the path is another one now";
+  if (learned.path_digest != path_digest) return "it was learned on another path";
   if (std::abs(learned.speed - speed) > kSameSpeed * speed)
     return fmt::format("it was learned at {} times the path's speed", learned.speed);
   if ((learned.mass - mass).norm() > kSameMass * mass.norm())
-    return "the device was calibrated anew since, and found of another mass";
+    return "a later calibration of the device found another mass";
   return {};
 }
 

@@ -48,7 +48,7 @@ void check_meaning(const JsonReader& reader, const char* prefix, const std::stri
     if (name != key || modes.contains(mode)) continue;
     std::string others;
     for (const ExerciseMode other : modes) others += (others.empty() ? "" : ", ") + std::string(to_string(other));
-    throw input_error(fmt::format("{}.{}{}: means nothing in mode {}; it is for {}", reader.where(), prefix, key,
+    throw input_error(fmt::format("{}.{}{}: does not apply in mode {}; it applies in {}", reader.where(), prefix, key,
                                   to_string(mode), others));
   }
 }
@@ -81,13 +81,14 @@ Progression read_progression(JsonReader reader, ExerciseMode mode) {
   Progression progression;
   progression.figure = reader.text("figure", progression.figure);
   progression.target = reader.require("target").number("target", 0, -1e6, 1e6);
-  if (progression.target == 0) throw input_error(reader.where() + ".target: 0 cannot be reached; what is good enough?");
+  if (progression.target == 0)
+    throw input_error(reader.where() + ".target: 0 cannot be reached; give a value that is good enough");
   progression.tolerance = reader.number("tolerance", progression.tolerance, 0, 100);
   progression.window = reader.integer("window", progression.window, 1, 100);
   if (std::optional<JsonReader> assistance = reader.object("assistance")) {
     if (mode != kAssisted)
       throw input_error(
-          fmt::format("{}: means nothing in mode {}; it is for assisted", assistance->where(), to_string(mode)));
+          fmt::format("{}: does not apply in mode {}; it applies in assisted", assistance->where(), to_string(mode)));
     Progression::Assistance law;
     law.start = assistance->number("start", law.start, 0, 1);
     law.forget = assistance->number("forget", law.forget, 0, 0.999);
@@ -105,7 +106,7 @@ Progression read_progression(JsonReader reader, ExerciseMode mode) {
     law.stiffness = read_range(*difficulty, "stiffness", kLeastStiffness, kMostStiffness);
     law.pace = read_range(*difficulty, "pace", kLeastPace, kMostPace);
     if (!law.radius && !law.stiffness && !law.pace)
-      throw input_error(difficulty->where() + ": what is to change? Give radius, stiffness or pace from easy to hard");
+      throw input_error(difficulty->where() + ": nothing adapts; give radius, stiffness or pace from easy to hard");
     difficulty->finish();
     progression.difficulty = law;
   }
@@ -131,7 +132,7 @@ Path path_of_shape(JsonReader reader) {
   reader.finish();
   constexpr double kLongest = 3600;  // [s]
   if (shape.duration * shape.turns > kLongest)
-    throw input_error(fmt::format("{}: {} turns of {} s are {:.0f} s; an exercise takes an hour at most",
+    throw input_error(fmt::format("{}: {} turns of {} s are {:.0f} s; an exercise may last at most one hour",
                                   reader.where(), shape.turns, shape.duration, shape.duration * shape.turns));
   Path path = make_shape(kind, shape);
   path.name = kind;
@@ -148,7 +149,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
     exercise.shape = reader.value("shape");
   }
   if (exercise.path.empty() == !exercise.shape)
-    throw input_error(reader.where() + ": needs a path (a file) or a shape, one of them");
+    throw input_error(reader.where() + ": needs either a path (a file) or a shape");
   exercise.change = read_change(reader);
   reader.require("mode");
   exercise.mode = choose(reader, "mode", kModeNames, kTunnel);
@@ -174,10 +175,11 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   if (std::optional<JsonReader> progression = reader.object("progression"))
     exercise.progression = read_progression(*progression, exercise.mode);
   if (exercise.progression && (exercise.mode == kFree || exercise.test != TestLabel::none))
-    throw input_error(reader.where() + ".progression: what is not guided, or compared, must stay the same");
+    throw input_error(reader.where() +
+                      ".progression: an exercise in mode free, or a test, must stay the same; remove the progression");
   if (exercise.test != TestLabel::none && exercise.mode != kFree)
-    throw input_error(fmt::format("{}.test: a test is without guidance, in mode free; the mode is {}", reader.where(),
-                                  to_string(exercise.mode)));
+    throw input_error(fmt::format("{}.test: a test must be without guidance, in mode free; the mode is {}",
+                                  reader.where(), to_string(exercise.mode)));
   reader.finish();
   return exercise;
 }
@@ -241,7 +243,7 @@ Programme programme_from_json(const nlohmann::json& json, const std::string& whe
   programme.warm_up = read_exercises(reader, "warm_up", "warm-up");
   programme.exercises = read_exercises(reader, "exercises", "exercise");
   reader.finish();
-  if (programme.exercises.empty()) throw input_error(where + ": exercises: a programme has at least one");
+  if (programme.exercises.empty()) throw input_error(where + ": exercises: a programme needs at least one exercise");
   return programme;
 }
 

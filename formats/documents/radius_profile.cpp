@@ -38,12 +38,12 @@ RadiusProfile load_radius_profile(const std::string& file) {
   RadiusProfile profile{.s = lengths_of(reader, "s", kLongest), .radius = lengths_of(reader, "radius", kWidest)};
   reader.finish();
   if (profile.s.size() != profile.radius.size())
-    throw input_error(
-        fmt::format("{}: {} places and {} radii; each place has one", file, profile.s.size(), profile.radius.size()));
+    throw input_error(fmt::format("{}: s has {} values and radius has {}; give one radius for each s", file,
+                                  profile.s.size(), profile.radius.size()));
   const auto stuck = std::adjacent_find(profile.s.begin(), profile.s.end(), std::greater_equal<>());
   if (stuck != profile.s.end())
-    throw input_error(
-        fmt::format("{}: s[{}]: {} does not come after {}", file, stuck - profile.s.begin() + 1, *(stuck + 1), *stuck));
+    throw input_error(fmt::format("{}: s[{}]: {} does not come after {}; s must increase", file,
+                                  stuck - profile.s.begin() + 1, *(stuck + 1), *stuck));
   return profile;
 }
 

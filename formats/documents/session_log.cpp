@@ -60,7 +60,7 @@ std::vector<std::string> texts_from(JsonReader& reader, const std::string& key) 
   if (value.is_null()) return texts;
   const bool all_texts =
       value.is_array() && std::all_of(value.begin(), value.end(), [](const json& text) { return text.is_string(); });
-  if (!all_texts) throw input_error(fmt::format("{}: '{}' is no list of texts", reader.where(), key));
+  if (!all_texts) throw input_error(fmt::format("{}: '{}' is not a list of texts", reader.where(), key));
   return value.get<std::vector<std::string>>();
 }
 
@@ -79,7 +79,7 @@ LoggedTrial trial_from(JsonReader& reader) {
   trial.notices = texts_from(reader, "notices");
   trial.figures = reader.value("figures");
   if (!trial.figures.is_null() && !trial.figures.is_object())
-    throw input_error(reader.where() + ".figures: is no object");
+    throw input_error(reader.where() + ".figures: is not an object");
   reader.finish();
   return trial;
 }
@@ -169,12 +169,14 @@ SessionLog load_session_log(const std::string& where) {
   for (JsonReader& one : reader.objects("trials")) {
     log.trials.push_back(trial_from(one));
     if (log.trials.back().exercise >= programme.size())
-      throw input_error(fmt::format("{}.exercise: there are {}", one.where(), programme.size()));
+      throw input_error(
+          fmt::format("{}.exercise: is out of range; the number of exercises is {}", one.where(), programme.size()));
   }
   log.complete = reader.boolean("complete", false);
   reader.finish();
   if (log.paths.size() != programme.size())
-    throw input_error(fmt::format("{}: paths: {} for {} exercises", file, log.paths.size(), programme.size()));
+    throw input_error(
+        fmt::format("{}: paths: has {} paths for {} exercises", file, log.paths.size(), programme.size()));
   return log;
 }
 

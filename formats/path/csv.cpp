@@ -17,7 +17,7 @@ void settle(std::vector<Value>& column, const char* name, std::vector<std::strin
   if (known == std::ssize(column)) return;
   if (known > 0)
     notes.push_back(
-        fmt::format("{} left out: {} of {} samples have none", name, std::ssize(column) - known, column.size()));
+        fmt::format("{} left out: {} of {} samples lack it", name, std::ssize(column) - known, column.size()));
   column.clear();
 }
 
@@ -30,8 +30,8 @@ CsvReader::CsvReader(const std::string& file, Options options)
       cells_(unknown_cells()) {
   if (head_.recording && !options_.csv.empty())
     throw input_error(lines_.file() +
-                      ": is a recording of haptrace's own, whose columns and units are known; leave "
-                      "--columns and --units out");
+                      ": is a recording that haptrace wrote; its columns and units are known. Remove "
+                      "--columns and --units");
   std::string_view line;
   while (lines_.number() < head_.last_line && lines_.next(line)) {
   }
@@ -42,7 +42,7 @@ std::vector<std::string> CsvReader::notes() const {
   if (line_of_comma_ > 0) notes.emplace_back("numbers have decimal commas");
   if (lost_ > 0)
     notes.push_back(
-        fmt::format("{} of {} rows have no position (it was not seen) and were left out", lost_, lost_ + rows_));
+        fmt::format("{} of {} rows have no position (the body was not seen) and were left out", lost_, lost_ + rows_));
   if (!head_.ignored.empty()) notes.push_back("columns left out: " + head_.ignored);
   return notes;
 }
@@ -79,10 +79,11 @@ double CsvReader::parse_time(std::string_view field, bool quoted) {
   if (!stamp)
     throw lines_.error(fmt::format(
         "column {}: '{}' is {}", head_.labels[0], shown(field),
-        head_.stamps == StampForm::exact  ? "not a number"
-        : head_.stamps == StampForm::date ? "not a date and time, as the first row has: 2026-01-31T12:00:00.000Z"
-        : head_.date_field.has_value()    ? "not a time of day, or its date is none"
-                                          : "not a time of day, as the first row has: 12:00:00.000"));
+        head_.stamps == StampForm::exact ? "not a number"
+        : head_.stamps == StampForm::date
+            ? "not a date and time like that of the first row, such as 2026-01-31T12:00:00.000Z"
+        : head_.date_field.has_value() ? "not a time of day, or its date is invalid"
+                                       : "not a time of day like that of the first row, such as 12:00:00.000"));
   std::int64_t since_start = 0;
   if (__builtin_sub_overflow(*stamp, head_.start_ns, &since_start))
     throw lines_.error(
@@ -95,7 +96,7 @@ void CsvReader::check_time(double t) const {
   const std::string remedy = options_.remedy.empty() ? "" : "; " + options_.remedy;
   if (t == time_before_)
     throw lines_.error(
-        fmt::format("column t: {} s stands in line {} as well; time stamps must increase{}", t, line_before_, remedy));
+        fmt::format("column t: {} s is in line {} as well; time stamps must increase{}", t, line_before_, remedy));
   throw lines_.error(fmt::format("column t: {} s comes after {} s in line {}; time stamps must increase{}", t,
                                  time_before_, line_before_, remedy));
 }
@@ -149,8 +150,7 @@ void CsvReader::check_row() const {
     if (std::abs(cells_[cell]) > kFarthestWithoutUnit)
       throw lines_.error(
           fmt::format("column {}: {:.6g} m is farther than a hand device reaches, and no unit is stated. Are these "
-                      "millimetres? Say "
-                      "--units mm, or --units m if they are metres",
+                      "millimetres? Use --units mm, or --units m if they are metres",
                       head_.labels[cell], cells_[cell]));
   const TextColumn& orientation = text_columns()[kPathColumns - 1];
   const Quat q(cells_[orientation.first], cells_[orientation.first + 1], cells_[orientation.first + 2],

@@ -181,7 +181,7 @@ class Assigner {
       } else if (taken_[*field]) {
         if (result_.lacks.empty())
           result_.lacks =
-              fmt::format("--columns {}={}: this column is given to another one as well", column, shown(name));
+              fmt::format("--columns {}={}: another column uses the same column of the file", column, shown(name));
       } else {
         result_.field_of[cell] = *field;
         taken_[*field] = true;
@@ -195,8 +195,9 @@ class Assigner {
     if (result_.readings[first].rank == 0)
       result_.twice = fmt::format("the header names the column {} twice", name);
     else
-      result_.twice = fmt::format("the header names the column {} twice, as '{}' and '{}'; --columns {}=NAME chooses",
-                                  name, shown(result_.names[first]), shown(result_.names[second]), name);
+      result_.twice =
+          fmt::format("the header names the column {} twice, as '{}' and '{}'; choose one with --columns {}=NAME", name,
+                      shown(result_.names[first]), shown(result_.names[second]), name);
   }
 
   void take_time() {
@@ -371,7 +372,7 @@ class HeadReader {
       if (assign(candidate).usable()) {
         if (candidate.line != first->line)
           header_.notes.push_back(
-              fmt::format("the header is line {}; what stands before it is not read", candidate.line));
+              fmt::format("the header is line {}; the lines before it were ignored", candidate.line));
         return choose(candidate);
       }
       if (commented && is_row_of(*commented, line)) {
@@ -469,7 +470,7 @@ class HeadReader {
           motive_
               ? fmt::format("no rigid body or marker has a position X, Y, Z; there are {}", name_list(motive_->assets))
               : fmt::format("the header lacks {}; it must name t,x,y,z, separated by comma, semicolon or tab; "
-                            "found '{}'; --columns {} says which columns they are",
+                            "found '{}'; name the columns with --columns {}",
                             fmt::join(missing, ", "), shown(header_text_), fmt::join(example, ",")));
     }
 
@@ -560,7 +561,7 @@ class HeadReader {
     for (const Unit& each : units())
       if (each.si == si && each.name.size() < 5) known.emplace_back(each.name);
     throw input_error(
-        fmt::format("{}: column '{}' is in '{}', which is none of {}; convert it, or say what it is in "
+        fmt::format("{}: column '{}' is in '{}', which is none of {}; convert it, or state its unit "
                     "with --units",
                     lines_.file(), shown(assignment_.names[field]), shown(unit), fmt::join(known, ", ")));
   }
@@ -592,7 +593,7 @@ class HeadReader {
         of_vector = find_unit(motive_->length, si);
         why = "its Length Units say so";
         if (of_vector == nullptr && !asked.contains(si))
-          throw error_at(1, fmt::format("Length Units are '{}', which is no unit that is known; say it with --units",
+          throw error_at(1, fmt::format("Length Units are '{}', which is not a known unit; state it with --units",
                                         shown(motive_->length)));
       }
       if (motive_ && i == 0) of_vector = find_unit("s", "s");
@@ -617,10 +618,10 @@ class HeadReader {
         time_unit_ = of_vector;
         time_why_ = why;
       } else {
-        tell_vector(column, of_vector, of_vector == nullptr ? "nothing names a unit" : why);
+        tell_vector(column, of_vector, of_vector == nullptr ? "no unit is stated" : why);
       }
       if (of_other != nullptr)
-        header_.notes.push_back(fmt::format("--units says that {} is in {}, the file says {}: --units wins",
+        header_.notes.push_back(fmt::format("--units states {} in {}, but the file states {}; --units takes precedence",
                                             column.column->name, of_vector->name, of_other->name));
     }
   }
@@ -690,7 +691,7 @@ class HeadReader {
       header_.notes.push_back(fmt::format("time is read from {} in {}: {}", source, time_unit_->name, why));
     else if (!plain)
       header_.notes.push_back(fmt::format("time is read from {} in seconds: {}", source,
-                                          time_unit_ == nullptr ? "nothing names a unit" : why));
+                                          time_unit_ == nullptr ? "no unit is stated" : why));
     if (magnitude / per_second >= kSince1970) {
       header_.stamps = StampForm::exact;
       if (const auto stamp = parse_stamp(header_, text, "", true)) {
@@ -735,7 +736,7 @@ class HeadReader {
     const double moved = std::max({most[1] - least[1], most[2] - least[2], most[3] - least[3]});
     if (!(step >= kNoMovement) && !(step >= kSlow && speed < kCreeping && moved > kMoved)) return;
     throw input_error(fmt::format(
-        "{}: in seconds, {:.4g} s would lie between two rows. Are these {}? Say --units {}, or --units s if they are "
+        "{}: in seconds, two rows would be {:.4g} s apart. Are these {}? Use --units {}, or --units s if they are "
         "seconds",
         lines_.file(), step,
         step < 1e3   ? "milliseconds"
@@ -763,8 +764,9 @@ class HeadReader {
         }
     header_.notes.insert(
         header_.notes.begin(),
-        fmt::format("a Motive export: the path is that of '{}'{}", shown(asset),
-                    others.empty() ? "" : fmt::format("; --columns x=NAME chooses another: {}", name_list(others))));
+        fmt::format(
+            "a Motive export: the path is that of '{}'{}", shown(asset),
+            others.empty() ? "" : fmt::format("; choose another with --columns x=NAME: {}", name_list(others))));
   }
 
   const CsvOptions& options_;
@@ -830,7 +832,7 @@ std::map<std::string_view, const Unit*> asked_units(const CsvOptions& options) {
       std::vector<std::string> known;
       for (const Unit& each : units())
         if (each.name.size() < 5) known.emplace_back(each.name == "nm" ? "Nm" : each.name);
-      throw input_error(fmt::format("--units {}: '{}' is no unit that is known; known: {}", options.units, shown(name),
+      throw input_error(fmt::format("--units {}: '{}' is not a known unit; known: {}", options.units, shown(name),
                                     fmt::join(known, ", ")));
     }
     if (!asked.emplace(unit->si, unit).second)

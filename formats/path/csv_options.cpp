@@ -30,7 +30,7 @@ void add_columns(std::map<std::string, std::string>& columns, std::string_view t
     const std::size_t equals = part.find('=');
     if (equals == std::string_view::npos) {
       if (last == added.end())
-        throw input_error(fmt::format("--columns {}: is written as COLUMN=NAME, for example t=time,x=x_mm", text));
+        throw input_error(fmt::format("--columns {}: write it as COLUMN=NAME, for example t=time,x=x_mm", text));
       last->second += ',';
       last->second += part;
     } else {
@@ -45,7 +45,7 @@ void add_columns(std::map<std::string, std::string>& columns, std::string_view t
   }
   for (const auto& [column, name] : added)
     if (trim(name).empty())
-      throw input_error(fmt::format("--columns {}: column {} has no name of a column in the file", text, column));
+      throw input_error(fmt::format("--columns {}: the name of the file's column for {} is missing", text, column));
   columns.merge(added);
 }
 

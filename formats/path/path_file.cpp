@@ -51,7 +51,7 @@ void write_recording(const Path& path, const std::string& file, const std::strin
     sample.time_ns = std::llround((path.time[i] - path.time.front()) * 1e9);
     if (i > 0 && sample.time_ns <= samples[i - 1].time_ns)
       throw input_error(
-          fmt::format("{}: sample {} comes less than 1 ns after the one before; a recording keeps "
+          fmt::format("{}: sample {} comes less than 1 ns after the previous one; a recording keeps "
                       "nanoseconds. Is time in seconds?",
                       path.name, i + 1));
     sample.position = path.position[i];

@@ -28,7 +28,8 @@ double seconds(std::int64_t ns) {
 
 void check(const PathSelection& selection, const std::string& name) {
   if (!(selection.from <= selection.to))
-    throw input_error(fmt::format("{}: from {} s to {} s is no stretch of time", name, selection.from, selection.to));
+    throw input_error(
+        fmt::format("{}: from {} s to {} s is not a valid time range", name, selection.from, selection.to));
 }
 
 Error nothing_between(const PathSelection& selection, const std::string& name, double begin, double end) {
@@ -116,14 +117,14 @@ class RecordedPath final : public PathSource {
     const std::vector<RecordingSummary> overview = reader_.overview(progress);
     RecordingSummary whole;
     for (const RecordingSummary& block : overview) whole.join(block);
-    if (!reader_.header().complete) note("the recording was not finished; what there is was read");
+    if (!reader_.header().complete) note("the recording was not finished; the samples in the file were read");
 
     rows_ = choose(overview, whole, selection);
     if (rows_.size() < whole.rows && whole.runs > 0)
-      note(fmt::format("{} of {} samples are of phase run{}; the others were left out", whole.run_rows, whole.rows,
+      note(fmt::format("{} of {} samples are in phase run{}; the others were left out", whole.run_rows, whole.rows,
                        whole.runs > 1 ? fmt::format(", in {} repetitions", whole.runs) : ""));
     if (whole.runs > 1 && !selection.repetition)
-      note(fmt::format("of {} repetitions, the last is the path; --repetition 1 to {} chooses another", whole.runs,
+      note(fmt::format("the path is the last of {} repetitions; choose another with --repetition 1 to {}", whole.runs,
                        whole.runs));
     cut(selection);
     measure(overview, whole.runs > 0);
@@ -169,7 +170,7 @@ class RecordedPath final : public PathSource {
     const auto asked =
         static_cast<std::uint64_t>(std::max(selection.repetition.value_or(static_cast<int>(whole.runs)), 0));
     if (asked < 1 || asked > whole.runs)
-      throw input_error(fmt::format("{}: repetition {} was asked for; the recording holds {}", facts_.name,
+      throw input_error(fmt::format("{}: there is no repetition {}; the recording has {}", facts_.name,
                                     *selection.repetition, whole.runs));
     return find_run(overview, asked);
   }
@@ -276,7 +277,7 @@ class RecordedPath final : public PathSource {
     const auto first = std::find_if(orientation.begin(), orientation.end(), known);
     if (first == orientation.end())
       throw input_error(
-          fmt::format("{}: from row {} on, {} rows do not know how the tool pointed; --position-only plays "
+          fmt::format("{}: from sample {} on, {} samples have no orientation; --position-only plays "
                       "the path without orientation",
                       facts_.name, first_row + 1, orientation.size()));
     Quat last = *first;
@@ -295,7 +296,7 @@ class RecordedPath final : public PathSource {
   /// Returns true if every row has a value. Adds a note if only some rows have one.
   bool usable(std::uint64_t known, const char* name) {
     if (known > 0 && known < rows_.size())
-      note(fmt::format("{} left out: {} of {} samples have none", name, rows_.size() - known, rows_.size()));
+      note(fmt::format("{} left out: {} of {} samples lack it", name, rows_.size() - known, rows_.size()));
     return known == rows_.size();
   }
 

@@ -78,7 +78,7 @@ class ThinnedPath final : public PathSource {
 std::shared_ptr<const PathSource> thinned(std::shared_ptr<const PathSource> path, int every) {
   if (every < 1 || every > kMostThinning)
     throw input_error(
-        fmt::format("every {}th sample of a path cannot be kept; it must be 1 to {}", every, kMostThinning));
+        fmt::format("cannot keep every {}th sample of a path; the number must be 1 to {}", every, kMostThinning));
   if (every == 1) return path;
   return std::make_shared<ThinnedPath>(std::move(path), static_cast<std::uint64_t>(every));
 }

@@ -46,7 +46,8 @@ std::optional<CutFile> CutFile::of(const std::string& file) {
   const std::optional<std::uint64_t> whole = hdf5::stored_end(file);
   if (error || !whole || present >= *whole) return std::nullopt;
   const auto refuse = [&] {
-    return input_error(fmt::format("{}: is cut off, and what is there cannot be copied: {}", file, strerror(errno)));
+    return input_error(
+        fmt::format("{}: is cut off, and its remaining data cannot be copied: {}", file, strerror(errno)));
   };
   const Descriptor from(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
   if (!from) throw refuse();

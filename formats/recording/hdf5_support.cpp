@@ -281,7 +281,8 @@ void require_inside(hid_t file, const std::string& path, const std::string& outs
   if (outside.empty()) return;
   std::array<char, 4096> name{};
   H5Fget_name(file, name.data(), name.size());
-  throw input_error(fmt::format("{}: {}: {}; haptrace reads no other file for it", name.data(), path, outside));
+  throw input_error(
+      fmt::format("{}: {}: {}; haptrace does not read data outside the file", name.data(), path, outside));
 }
 
 /// Resolves the path. Throws if it leads out of the file.
@@ -410,9 +411,9 @@ File open_to_read(const std::string& file, bool patiently) {
     throw input_error(file + ": is open for writing in another program; close it there first");
   const std::uint64_t bytes = fs::file_size(file, error);
   if (const auto whole = stored_end(file); whole && bytes < *whole)
-    throw input_error(
-        fmt::format("{}: is cut off: it has {} of {} bytes. Copy it again; haptrace recover saves what is there", file,
-                    bytes, *whole));
+    throw input_error(fmt::format(
+        "{}: is cut off: it has {} of {} bytes. Copy it again, or save the remaining data with haptrace recover", file,
+        bytes, *whole));
   throw input_error(fmt::format("{}: HDF5 cannot open it: {}", file, reason));
 }
 

@@ -108,7 +108,7 @@ void check_attribute(hid_t root, const layout::Attribute& attribute, Findings& f
     if (!hdf5::read_attribute(root, attribute.name, flag)) return wrong_type("an integer, 0 or 1");
     if (!flag && std::string_view(attribute.name) == "complete")
       findings.add(Severity::warning, where,
-                   "the recording was not finished: its writer is at work, was killed or failed");
+                   "the recording was not finished: its writer is still running, was killed or failed");
     return;
   }
   if (!hdf5::read_attribute(root, attribute.name, text)) return wrong_type("text");
@@ -261,10 +261,11 @@ void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows, 
     progress(first + count);
   }
   if (all_or_none && nans > 0 && nans < rows)
-    findings.add(values_lost ? Severity::warning : Severity::error, fmt::format("{}[{}]", path, first_nan),
-                 values_lost
-                     ? fmt::format("is NaN ({} rows in all): these could not be recovered", nans)
-                     : fmt::format("is NaN ({} rows in all); the column must be known in every row or in none", nans));
+    findings.add(
+        values_lost ? Severity::warning : Severity::error, fmt::format("{}[{}]", path, first_nan),
+        values_lost
+            ? fmt::format("is NaN ({} rows in all): these could not be recovered", nans)
+            : fmt::format("is NaN ({} rows in all); the column must have a value in every row or in none", nans));
 }
 
 bool tells_of_gap(EventCode code) {
@@ -300,7 +301,7 @@ class Laws {
     const auto phase = static_cast<unsigned>(s.phase);
     if (phase > static_cast<unsigned>(Phase::stopped))
       findings_.add_row(Severity::error, "/samples/phase", row, "",
-                        fmt::format("is {}, which is no phase (0 to 5)", phase));
+                        fmt::format("is {}, which is not a phase (0 to 5)", phase));
     const double force = s.force.norm();
     if (header_.max_force_n > 0 && force > header_.max_force_n * (1 + kForceTolerance))
       findings_.add_row(
@@ -336,7 +337,7 @@ class Laws {
       if (told == losses_.end() || *told > s.time_ns + kEventSlack)
         findings_.add_row(
             Severity::warning, "/samples/tick", row, "gap",
-            fmt::format("{} ticks are missing before it, and no event tells of them", s.tick - previous_.tick - 1));
+            fmt::format("{} ticks are missing before it, and no event reports them", s.tick - previous_.tick - 1));
     }
     // A tick wakes on the grid of the rate, later by its latency. A path stored as a recording has no such grid.
     const double on_grid = static_cast<double>(s.tick - first_.tick) / header_.rate_hz + s.latency - first_.latency;
@@ -367,7 +368,7 @@ void check_events(const std::vector<StoredEvent>& events, double begin, double e
                        fmt::format("its code, {}, is not positive", events[i].code));
     if (events[i].code == static_cast<int>(EventCode::values_lost))
       findings.add_row(Severity::warning, layout::kEvents, i, "damage",
-                       fmt::format("tells of damage before haptrace recover: {}", events[i].text));
+                       fmt::format("reports damage from before haptrace recover: {}", events[i].text));
   }
 }
 
@@ -403,7 +404,7 @@ class OverviewLaw {
       field.pack(found, b.data());
       if (same(field, a.data(), b.data())) continue;
       findings_.add_row(Severity::error, layout::kOverview, block_, field.name,
-                        fmt::format("its {} is not that of the rows", field.name));
+                        fmt::format("its {} differs from that of the rows", field.name));
     }
   }
 
@@ -446,7 +447,7 @@ void check_clocks(hid_t file, const RecordingReader& reader, Findings& findings)
   if (!dataset) return;
   const std::vector<ClockReading> readings = reader.clocks();
   if (const std::vector<hsize_t> shape = hdf5::shape(dataset.get()); shape.size() != 2 || readings.size() != shape[0])
-    findings.add(Severity::error, layout::kClocks, "is damaged: not all readings are those that were recorded");
+    findings.add(Severity::error, layout::kClocks, "is damaged: some readings differ from those that were recorded");
   for (std::size_t i = 1; i < readings.size(); ++i)
     if (readings[i].time_ns <= readings[i - 1].time_ns)
       findings.add_row(Severity::error, layout::kClocks, i, "order", "does not come after the reading before");
@@ -474,7 +475,7 @@ void check_event_list(hid_t file, const std::vector<StoredEvent>& events, Findin
         same = std::memcmp(row, &events[i].code, column.bytes) == 0;
       else
         same = std::string_view(row, strnlen(row, column.bytes)) == events[i].text;
-      if (!same) findings.add_row(Severity::error, column.path, i, "event", "is not what /events has there");
+      if (!same) findings.add_row(Severity::error, column.path, i, "event", "differs from the entry in /events");
     }
   }
 }
@@ -536,7 +537,7 @@ std::vector<Finding> check_file(const std::string& file, const std::function<voi
     check_values(opened.get(), file, progress, findings);
   } catch (const Error& error) {
     if (findings.any_error())
-      findings.add(Severity::note, "/samples", fmt::format("values were not all checked: {}", error.what()));
+      findings.add(Severity::note, "/samples", fmt::format("not all values were checked: {}", error.what()));
     else
       findings.add(Severity::error, "/samples", error.what());
   }
@@ -555,7 +556,7 @@ std::vector<Finding> check_recording(const std::string& file, const std::functio
     files = reader.files();
     for (const std::string& missing : reader.missing_parts())
       all.push_back({partial ? Severity::warning : Severity::error, missing,
-                     "is missing or cannot be read, and is a part of this recording"});
+                     "is a part of this recording, but is missing or cannot be read"});
   } catch (const Error&) {
     // check_file() reports why.
   }

@@ -26,7 +26,7 @@ inline constexpr std::size_t kSourceBlock = 4096;
 std::string new_uuid();
 
 /// Remedy for stamps that do not increase, for messages.
-inline constexpr const char* kResampleRemedy = "haptrace convert --resample HZ leaves such rows out";
+inline constexpr const char* kResampleRemedy = "haptrace convert --resample HZ leaves such samples out";
 
 /// Throws Error(input) unless the times and ticks of a block increase. `before` is the last row of the previous block.
 void check_order(std::span<const Sample> samples, std::optional<Sample>& before, const std::string& file);

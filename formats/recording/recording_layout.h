@@ -117,7 +117,7 @@ std::span<const OverviewField> overview_fields();
 inline constexpr const char* kOverview = "/overview";
 inline constexpr const char* kOverviewUnits = "SI";
 inline constexpr const char* kOverviewDescription =
-    "figures of consecutive blocks of rows, so that a long recording need not be read to be told; may lag behind";
+    "statistics of consecutive blocks of rows, to summarise a recording without reading the rows; may lag behind";
 inline constexpr std::uint64_t kOverviewRows = 8192;  ///< per block, except the last
 
 /// XXH3 (64 bits) of the bytes of each column in each block of rows; 0: unknown. uint64 [blocks, columns].
@@ -136,7 +136,7 @@ inline constexpr const char* kOverviewChecksum = "overview_checksum";
 inline constexpr const char* kClocks = "/clocks";
 inline constexpr const char* kClockUnits = "ns";
 inline constexpr const char* kClockDescription =
-    "what the computer's clocks said: time of the recording, CLOCK_REALTIME, CLOCK_MONOTONIC, uncertainty, XXH3 of "
+    "readings of the computer clocks: time of the recording, CLOCK_REALTIME, CLOCK_MONOTONIC, uncertainty, XXH3 of "
     "these four";
 using ClockRow = std::array<std::int64_t, 5>;
 ClockRow pack(const ClockReading& reading);
@@ -186,6 +186,6 @@ class DecimalGrid {
 inline constexpr const char* kMeta = "/meta";
 
 inline constexpr const char* kEventDescription =
-    "what happened: time since the first sample, code (10 overrun, 11 samples lost, 20 to 24 limits, 50 mark), text";
+    "session event: time since the first sample, code (10 overrun, 11 samples lost, 20 to 24 limits, 50 mark), text";
 
 }  // namespace haptrace::layout

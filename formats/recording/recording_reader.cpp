@@ -53,8 +53,9 @@ void check_version(const std::string& file, const std::string& version, Lost los
     return tolerate(
         lost, [&] { throw input_error(fmt::format("{}: format_version '{}' is not of the form 1.0", file, version)); });
   if (*major > layout::kMajorVersion)
-    throw input_error(fmt::format("{}: format_version {} is newer than this program knows ({}.x); use a newer haptrace",
-                                  file, version, layout::kMajorVersion));
+    throw input_error(
+        fmt::format("{}: format_version {} is newer than this program supports ({}.x); use a newer haptrace", file,
+                    version, layout::kMajorVersion));
 }
 
 RecordingHeader read_header(hid_t root, const std::string& file, Lost lost) {
@@ -269,7 +270,7 @@ class RecordingReader::Part {
  private:
   static constexpr const char* kNoChecksum = "has no checksum, though the recording was finished";
   static constexpr const char* kNotRecorded =
-      "holds other values than those that were recorded: the disk or a program changed them";
+      "holds values that differ from the recorded ones: the disk or a program changed them";
 
   struct Opened {
     const layout::Column* column;
@@ -306,7 +307,7 @@ class RecordingReader::Part {
     tolerate(lost, [&] { open_events(missing); });
     tolerate(lost, [&] {
       if (!missing.empty())
-        throw input_error(fmt::format("{}: is not a whole recording: it lacks {}", name_, fmt::join(missing, ", ")));
+        throw input_error(fmt::format("{}: is not a complete recording: it lacks {}", name_, fmt::join(missing, ", ")));
     });
     open_overview();
     open_clocks();
@@ -317,7 +318,8 @@ class RecordingReader::Part {
   void require_inside() const {
     for (const std::string& path : layout::paths())
       if (const std::string outside = hdf5::why_outside(file_.get(), path); !outside.empty())
-        throw input_error(fmt::format("{}: {}: {}; haptrace reads no other file for it", name_, path, outside));
+        throw input_error(
+            fmt::format("{}: {}: {}; haptrace does not read data outside the file", name_, path, outside));
   }
 
   void open_events(std::vector<std::string>& missing) {
@@ -480,8 +482,8 @@ class RecordingReader::Part {
     // The columns grow one after the other while the file is written.
     if (const std::uint64_t times = rows_of(opened_.front()); header_.complete && rows_ < times)
       throw input_error(
-          fmt::format("{}: {} has {} rows where /samples/time has {}; haptrace recover saves what is there", name_,
-                      shortest->column->path(), rows_, times));
+          fmt::format("{}: {} has {} rows where /samples/time has {}; haptrace recover saves the complete samples",
+                      name_, shortest->column->path(), rows_, times));
     check_length("/samples/time", rows_);
     // A writer that found the disk full extended its datasets before it failed to fill them; time is filled last.
     std::array<double, kReadBlock> time{};
@@ -498,7 +500,7 @@ class RecordingReader::Part {
 
   /// Counts the rows of the time, which is written last. Without it, counts the rows that all columns have.
   void count_rows_of_damaged() {
-    if (opened_.empty()) throw input_error(name_ + ": nothing of its samples can be opened");
+    if (opened_.empty()) throw input_error(name_ + ": none of its samples can be opened");
     rows_ = std::numeric_limits<std::uint64_t>::max();
     for (const Opened& entry : opened_) {
       rows_ = std::min<std::uint64_t>(rows_, hdf5::shape(entry.dataset.get())[0]);
@@ -596,7 +598,7 @@ void RecordingReader::open_further_parts() {
   }
   if (missing_.empty() || which_ == Parts::present) return;
   throw input_error(
-      fmt::format("{}: {} {} missing, which {} of this recording; put {} there, or go on without: --partial", name,
+      fmt::format("{}: {} {} missing, which {} of this recording; put {} there, or continue without (--partial)", name,
                   fmt::join(missing_, ", "), missing_.size() > 1 ? "are" : "is",
                   missing_.size() > 1 ? "are parts" : "is a part", missing_.size() > 1 ? "them" : "it"));
 }

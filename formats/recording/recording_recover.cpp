@@ -105,7 +105,7 @@ class Salvage {
   }
 
   [[nodiscard]] Damage unlawful(std::size_t count, std::uint64_t first) const {
-    return {reader_.files().front(), "/samples/time", first, count, "holds what cannot be"};
+    return {reader_.files().front(), "/samples/time", first, count, "holds impossible values"};
   }
 
   static bool is_time(const Sample& sample) {
@@ -230,9 +230,10 @@ class Salvage {
 };
 
 std::string words_of(const Salvage::Stretch& damage) {
-  return fmt::format("{} {} in rows {} to {}", damage.path,
-                     damage.readable ? "holds values that are not those recorded, and were kept," : "cannot be read",
-                     damage.first, damage.first + damage.count - 1);
+  return fmt::format(
+      "{} {} in rows {} to {}", damage.path,
+      damage.readable ? "holds values that differ from the recorded ones and were kept," : "cannot be read",
+      damage.first, damage.first + damage.count - 1);
 }
 
 void append_event(RecordingWriter& writer, double time, EventCode code, const std::string& text) {
@@ -250,7 +251,7 @@ void copy_part(RecordingReader& reader, const std::string& name, const std::stri
   };
   for (const std::string& lost : reader.lost()) recovery.notes.push_back(lost);
   for (const std::string& path : reader.foreign())
-    recovery.notes.push_back(fmt::format("{}: {} is of another program, and is not copied", name, path));
+    recovery.notes.push_back(fmt::format("{}: {} belongs to another program and is not copied", name, path));
   RecordingWriter writer(copy, reader.header(), reader.columns(),
                          {.overwrite = true, .storage = {.deflate = reader.deflate()}, .keep_part = true});
   double end = 0;
@@ -294,7 +295,8 @@ void copy_part(RecordingReader& reader, const std::string& name, const std::stri
   }
 
   if (events_changed)
-    append_event(writer, end, EventCode::values_lost, "the events hold times or texts that are not those recorded");
+    append_event(writer, end, EventCode::values_lost,
+                 "the events hold times or texts that differ from the recorded ones");
   recovery.damaged = recovery.damaged || events_changed || !salvage.damage().empty() || !reader.lost().empty();
   std::size_t told = 0;
   for (const Salvage::Stretch& damage : salvage.damage()) {
@@ -303,7 +305,7 @@ void copy_part(RecordingReader& reader, const std::string& name, const std::stri
     recovery.notes.push_back(fmt::format("{}: {}", name, words_of(damage)));
   }
   if (salvage.damage().size() > kMostNotes) {
-    const std::string rest = fmt::format("{} further stretches are damaged", salvage.damage().size() - kMostNotes);
+    const std::string rest = fmt::format("{} further ranges are damaged", salvage.damage().size() - kMostNotes);
     append_event(writer, end, EventCode::values_lost, rest);
     recovery.notes.push_back(fmt::format("{}: {}", name, rest));
   }
@@ -319,7 +321,8 @@ void copy_part(RecordingReader& reader, const std::string& name, const std::stri
   again.for_each(
       [&](const std::vector<Sample>& samples) {
         if (!same(samples, written.read(row, samples.size()), reader.columns()))
-          throw input_error(fmt::format("{}: what was written is not what is read back; is the disk broken?", copy));
+          throw input_error(
+              fmt::format("{}: the data read back differ from the data written; is the disk broken?", copy));
         row += samples.size();
       },
       half(0.5));
@@ -352,7 +355,7 @@ Recovery recover_recording(const std::string& file, const std::string& output, b
   const std::vector<std::string> files = all.files();
   for (const std::string& source : files)
     if (has_writer(source))
-      throw input_error(fmt::format("{}: is being written by a running session; end that first", source));
+      throw input_error(fmt::format("{}: is being written by a running session; end the session first", source));
 
   Recovery recovery;
   for (const std::string& missing : all.missing_parts())

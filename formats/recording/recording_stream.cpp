@@ -47,7 +47,7 @@ class Hdf5Source final : public RecordingSource {
       return {fmt::format("parts of the recording are missing and were left out: {}",
                           fmt::join(reader_.missing_parts(), ", "))};
     if (header_.complete) return {};
-    return {"the recording was not finished; what there is was read"};
+    return {"the recording was not finished; the samples in the file were read"};
   }
 
  private:
@@ -214,15 +214,15 @@ std::string new_uuid() {
 void check_order(std::span<const Sample> samples, std::optional<Sample>& before, const std::string& file) {
   for (const Sample& sample : samples) {
     if (before && sample.time_ns <= before->time_ns)
-      throw input_error(
-          fmt::format("{}: time {:.9f} s comes less than 1 ns after the row before; a recording keeps nanoseconds. Is "
-                      "time in seconds? If it is, {}",
-                      file, 1e-9 * static_cast<double>(sample.time_ns), kResampleRemedy));
+      throw input_error(fmt::format(
+          "{}: time {:.9f} s comes less than 1 ns after the previous sample; a recording keeps nanoseconds. Is "
+          "time in seconds? If it is, {}",
+          file, 1e-9 * static_cast<double>(sample.time_ns), kResampleRemedy));
     if (before && sample.tick <= before->tick)
-      throw input_error(
-          fmt::format("{}: tick {} at time {:.9f} s does not come after {} of the row before. Leave the ticks out, and "
-                      "rows are counted",
-                      file, sample.tick, 1e-9 * static_cast<double>(sample.time_ns), before->tick));
+      throw input_error(fmt::format(
+          "{}: tick {} at time {:.9f} s does not come after {} of the previous sample. Remove the ticks, and "
+          "haptrace counts the samples",
+          file, sample.tick, 1e-9 * static_cast<double>(sample.time_ns), before->tick));
     before = sample;
   }
 }
@@ -250,7 +250,7 @@ std::unique_ptr<RecordingSource> open_source(const std::string& file, const Sour
     return std::make_unique<Hdf5Source>(file, options.parts);
   }
   if (begin == "XDF:" || name == ".xdf") {
-    refuse_csv_options(options.csv, file, "XDF, whose channels --map finds");
+    refuse_csv_options(options.csv, file, "XDF, whose channels are named with --map");
     return open_xdf(file, options);
   }
   if (begin.starts_with("{") || name == ".jsonl") {
@@ -271,7 +271,7 @@ std::unique_ptr<RecordingSink> create_sink(const std::string& file, const Record
     hdf5.overwrite = options.overwrite;
     return std::make_unique<Hdf5Sink>(file, header, columns, events, options.clocks, hdf5);
   }
-  throw input_error(fmt::format("{}: is written as .h5, .csv or .jsonl; choose one of these endings", file));
+  throw input_error(fmt::format("{}: has no known ending; choose .h5, .csv or .jsonl", file));
 }
 
 std::unique_ptr<RecordingSource> cut(std::unique_ptr<RecordingSource> source, double from, double to) {

@@ -450,7 +450,7 @@ class RecordingWriter::File {
   void sync() {
     flush();
     while (fdatasync(reserve_->descriptor()) != 0)
-      if (errno != EINTR) throw input_error(fmt::format("cannot be forced to the disk: {}", std::strerror(errno)));
+      if (errno != EINTR) throw input_error(fmt::format("cannot be synced to the disk: {}", std::strerror(errno)));
   }
 
   void warn(const nlohmann::json& warnings) {
@@ -646,7 +646,7 @@ class RecordingWriter::File {
     if (!uuid_at_) return;
     const ssize_t count = pread(reserve_->descriptor(), found.data(), found.size(), *uuid_at_);
     if (count < 0 || std::string_view(found.data(), static_cast<std::size_t>(count)) == uuid_) return;
-    throw input_error("another program wrote over it");
+    throw input_error("another program overwrote it");
   }
 
   void close() {
@@ -853,7 +853,7 @@ RecordingHeader RecordingWriter::header_of_next() const {
 }
 
 void RecordingWriter::start_part() {
-  if (!options_.in_parts) throw input_error(name_ + ": was not begun as a recording in parts");
+  if (!options_.in_parts) throw input_error(name_ + ": was not started as a recording in parts");
   file_->guarded([] {});
   RecordingHeader header = header_of_next();
   std::unique_ptr<File> next;
@@ -876,7 +876,7 @@ void RecordingWriter::start_part() {
 
 std::uint64_t RecordingWriter::resume() {
   if (!file_->failed() || file_->kept_elsewhere())
-    throw Error(Error::Kind::fault, file_->name() + ": has not failed, or is kept");
+    throw Error(Error::Kind::fault, file_->name() + ": has not failed, or was kept elsewhere");
   RecordingHeader header = header_of_next();
   std::unique_ptr<File> next;
   std::uint64_t lost = 0;

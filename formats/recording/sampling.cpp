@@ -300,11 +300,11 @@ std::vector<std::string> notes(const Sampling& sampling, bool kept) {
   std::vector<std::string> notes;
   if (sampling.rows < 3) return notes;
   if (sampling.median_step >= 0.5 && sampling.rows > kFew)
-    notes.push_back(fmt::format("the median step of time is {:.4g} s; is t in milliseconds? It is taken as seconds",
+    notes.push_back(fmt::format("the median step of time is {:.4g} s; is t in milliseconds? It was read as seconds",
                                 sampling.median_step));
   if (sampling.duplicates + sampling.backward > 0)
     notes.push_back(
-        fmt::format("{} stamps are equal to the one before, {} lie before it", sampling.duplicates, sampling.backward));
+        fmt::format("{} time stamps equal the previous one, {} are before it", sampling.duplicates, sampling.backward));
   if (!sampling.steady) {
     std::vector<std::string> parts;
     for (std::size_t i = 0; i < std::min<std::size_t>(3, sampling.commonest.size()); ++i)
@@ -315,11 +315,11 @@ std::vector<std::string> notes(const Sampling& sampling, bool kept) {
     if (!sampling.pattern.empty()) {
       std::vector<std::string> steps;
       for (const double step : sampling.pattern) steps.push_back(milliseconds(step));
-      note += fmt::format("; in {:.0f} % of the rows they repeat {} ms", 100 * sampling.pattern_share,
+      note += fmt::format("; in {:.0f} % of the samples they repeat {} ms", 100 * sampling.pattern_share,
                           fmt::join(steps, ", "));
     }
     if (sampling.clock_period > 0)
-      note += fmt::format("; {} of a clock of {:.4g} Hz, of which {:.0f} % of the ticks are missing",
+      note += fmt::format("; {} of a clock of {:.4g} Hz that lacks {:.0f} % of its ticks",
                           sampling.pattern.empty() ? "they are multiples" : "that is the pattern",
                           1 / sampling.clock_period, 100 * sampling.missing);
     if (sampling.gaps > 0)
@@ -333,12 +333,13 @@ std::vector<std::string> notes(const Sampling& sampling, bool kept) {
                     "than the samples, about {:.3g} new values a second",
                     held.name, 100 * held.share, held.rate));
   for (const Sampling::Stuck& stuck : sampling.stuck)
-    notes.push_back(fmt::format("{} does not change for {:.3g} s from {:.3f} s on, while others do: was it stuck?",
-                                stuck.name, stuck.duration, stuck.from));
+    notes.push_back(
+        fmt::format("{} does not change for {:.3g} s from {:.3f} s on, while others do: was the sensor stuck?",
+                    stuck.name, stuck.duration, stuck.from));
   constexpr double kDisagrees = 0.1;
   if (std::abs(sampling.motion_ratio - 1) > kDisagrees)
     notes.push_back(fmt::format(
-        "the position moves {:.3g} times as far as velocities and time stamps say: at a mean rate of {:.4g} "
+        "the position moves {:.3g} times as far as velocities and time stamps imply: at a mean rate of {:.4g} "
         "Hz instead of {:.4g} Hz they would agree",
         sampling.motion_ratio, sampling.mean_rate / sampling.motion_ratio, sampling.mean_rate));
   return notes;

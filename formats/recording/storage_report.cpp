@@ -45,7 +45,8 @@ std::vector<StoredColumn> report_storage(const std::string& file, RecordingSourc
   for (std::span<const Sample> block = original.next(); !block.empty(); block = original.next()) {
     const std::vector<Sample> stored = reader.read(row, block.size());
     if (stored.size() != block.size())
-      throw input_error(fmt::format("{}: has {} rows, which is not what was written", file, reader.rows()));
+      throw input_error(
+          fmt::format("{}: has {} samples, which is not the number that was written", file, reader.rows()));
     for (std::size_t i = 0; i < columns.size(); ++i)
       if (columns[i]->element == layout::Element::float64) losses[i].add(*columns[i], block, stored);
     if (row == 0) first_ns = block.front().time_ns;

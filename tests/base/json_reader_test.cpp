@@ -22,7 +22,7 @@ TEST(ParseJson, NamesLineAndColumn) {
 
 TEST(ParseJson, RefusesAKeyThatStandsTwice) {
   expect_error([] { parse_json(R"({"a": {"b": 1, "c": 2, "b": 3}})", "my.json"); }, Error::Kind::input,
-               {"my.json: key 'b' stands twice"});
+               {"my.json: key 'b' appears twice"});
   EXPECT_NO_THROW(parse_json(R"({"a": {"b": 1}, "b": {"a": 1}})", "my.json"));
 }
 
@@ -73,8 +73,8 @@ TEST(JsonReader, NamesThePathOfAKeyThatIsWrong) {
   };
   bad([&] { hand->vector("mass", Vec3::Zero()); }, "my.json: hand.mass[1]: expected a number, found \"two\"");
   bad([&] { hand->object("arm")->number("stiffness", 0, 0); },
-      "my.json: hand.arm.stiffness: -4 is too small; the least is 0");
-  bad([&] { hand->object("arm")->number("stiffness", 0, -9, -5); }, "-4 is too large; the most is -5");
+      "my.json: hand.arm.stiffness: -4 is too small; the minimum is 0");
+  bad([&] { hand->object("arm")->number("stiffness", 0, -9, -5); }, "-4 is too large; the maximum is -5");
   bad([&] { hand->number("n", 0); }, "my.json: hand.n: expected a number, found null");
   bad([&] { reader.vector("v", Vec3::Zero()); },
       "my.json: v: expected a number or an array of three numbers, found [1,2]");

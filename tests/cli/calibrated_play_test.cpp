@@ -61,7 +61,7 @@ TEST_F(CalibratedPlay, KeepsWhatItLearnedForThisDeviceAndPathAndForgetsWhenAsked
   EXPECT_EQ(faster.exit_code, 0);
   EXPECT_THAT(faster.err, AllOf(HasSubstr("is not used"), HasSubstr("1 times the path's speed")));
   ASSERT_EQ(haptrace("shape", "circle", "--size", "0.05", "--duration", "2", "--overwrite", "-o", path_).exit_code, 0);
-  EXPECT_THAT(play({}).err, HasSubstr("the path is another one now"));
+  EXPECT_THAT(play({}).err, HasSubstr("it was learned on another path"));
 
   const Answer broken = play({"--learned", folder_.write("broken.json", "{\"format\": 1")});
   EXPECT_EQ(broken.exit_code, 0) << "what was learned is a help, not a need";

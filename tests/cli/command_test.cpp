@@ -349,7 +349,7 @@ TEST(ALostDevice, IsWaitedForAndGoneOnWith) {
       << "the path's own second, and gathering speed again";
   expect_sound(folder / "out.h5");
   EXPECT_EQ(haptrace("check", folder / "out.h5").exit_code, 0);
-  EXPECT_THAT(haptrace("check", folder / "out.h5").out, testing::Not(HasSubstr("no event tells of them")));
+  EXPECT_THAT(haptrace("check", folder / "out.h5").out, testing::Not(HasSubstr("no event reports them")));
 
   std::vector<std::string> told;
   const RecordingReader reader(folder / "out.h5");

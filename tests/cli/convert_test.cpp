@@ -64,7 +64,7 @@ TEST(ConvertCommand, ResamplesCutsAndSaysHowFarTheRowsMoved) {
   const std::string twice = folder.write("twice.csv", "t,x,y,z\n0,0,0,0\n0,1,0,0\n0.001,0,0,0\n0.002,0,0,0\n");
   const Answer refused = haptrace("convert", twice);
   EXPECT_EQ(refused.exit_code, 2);
-  EXPECT_THAT(refused.err, HasSubstr("twice.csv:3: column t: 0 s stands in line 2 as well"));
+  EXPECT_THAT(refused.err, HasSubstr("twice.csv:3: column t: 0 s is in line 2 as well"));
   EXPECT_THAT(refused.err, HasSubstr("--resample"));
   EXPECT_FALSE(std::filesystem::exists(folder / "twice.h5"));
   EXPECT_EQ(haptrace("convert", twice, "--resample", "1000", "--json").json()["resample"]["duplicates"], 1);

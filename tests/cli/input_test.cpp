@@ -65,7 +65,8 @@ TEST(Input, TakesColumnsAndUnitsInEveryVerbThatReadsAPath) {
   EXPECT_EQ(RecordingReader(folder / "played.h5").header().config["units"], "mm");
   EXPECT_THAT(haptrace("info", file, "--columns", "x=A B,y=b,z=c").err,
               HasSubstr("--columns x=A B: the file has no column 'A B'; it has time_ms, a, b, c"));
-  EXPECT_THAT(haptrace("info", file, "--units", "parsec").err, HasSubstr("--units parsec: 'parsec' is no unit"));
+  EXPECT_THAT(haptrace("info", file, "--units", "parsec").err,
+              HasSubstr("--units parsec: 'parsec' is not a known unit"));
   EXPECT_THAT(haptrace("info", folder / "a.h5", "--units", "mm").err, HasSubstr("is a recording (HDF5)"));
 }
 

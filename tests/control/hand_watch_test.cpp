@@ -110,7 +110,7 @@ TEST(HandWatch, NamesTheOptionThatIsWrong) {
   const auto error_of = [](const HandWatchOptions& options) { return test::error_of([&] { validate(options); }); };
   EXPECT_EQ(error_of({}), "no error");
   EXPECT_THAT(error_of({.needed = -1}), testing::HasSubstr("the needed force [N] is -1"));
-  EXPECT_THAT(error_of({.held = kNaN}), testing::HasSubstr("the load that can be let go [N] is nan"));
+  EXPECT_THAT(error_of({.held = kNaN}), testing::HasSubstr("the load that the hand can let go [N] is nan"));
 }
 
 }  // namespace

@@ -201,9 +201,9 @@ TEST(Path, RefusesAnOrientationThatIsNoUnitQuaternion) {
   Path path = path_of(even(0.1, 4), turning);
   validate(path);
   path.orientation[2] = Quat(0.5, 0, 0, 0);
-  EXPECT_THAT(error_of([&] { validate(path); }), testing::HasSubstr("row 3: orientation is not a unit quaternion"));
+  EXPECT_THAT(error_of([&] { validate(path); }), testing::HasSubstr("sample 3: orientation is not a unit quaternion"));
   path.orientation.pop_back();
-  EXPECT_THAT(error_of([&] { validate(path); }), testing::HasSubstr("orientation has 3 rows"));
+  EXPECT_THAT(error_of([&] { validate(path); }), testing::HasSubstr("orientation has 3 samples"));
 }
 
 }  // namespace

@@ -92,7 +92,7 @@ TEST(ReactionLadder, GivesBackWhatAHintTookUntilTheHintCameBackThreeTimes) {
     EXPECT_EQ(ladder.share(), 1);
     ASSERT_EQ(events.size(), 1U) << "of its end";
     EXPECT_EQ(events[0].code, EventCode::sway_over);
-    EXPECT_EQ(describe(events[0]), "loop and hand are calm again: feedback back at 100 %");
+    EXPECT_EQ(describe(events[0]), "the loop and the hand are calm again: feedback back at 100 %");
   }
   run(ladder, kHint, 0.3);
   run(ladder, std::nullopt, 60);

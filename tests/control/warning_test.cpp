@@ -51,7 +51,7 @@ TEST(Warning, OfOneEventIsItsOwnLine) {
   const EventWords* words = words_of(EventCode::oscillation);
   ASSERT_NE(words, nullptr);
   EventCount events{1, {.time_ns = 450'000'000, .code = EventCode::oscillation, .values = {3e-4, 59, 0.5}}, {}};
-  EXPECT_EQ(warning_of(*words, events).text, "oscillates at 59 Hz, 0.30 mm: gains softened to 50 %, at 0.5 s");
+  EXPECT_EQ(warning_of(*words, events).text, "the loop oscillates at 59 Hz, 0.30 mm: gains softened to 50 %, at 0.5 s");
   events.count = 3;
   events.last = {.time_ns = 900'000'000, .code = EventCode::oscillation, .values = {3e-4, 59, 0.125}};
   EXPECT_THAT(warning_of(*words, events).text, HasSubstr("3 times, first at 0.5 s; last: "));

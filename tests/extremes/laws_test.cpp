@@ -137,7 +137,8 @@ TEST(Laws, RefuseToLearnWithNumbersThatNoneCanBe) {
   for (const double bad : {0., -1., test::kInfinity, kNaN}) {
     EXPECT_THAT(error_of([&] { IterativeLearning(Options{.cutoff_hz = bad, .duration = 1}); }), HasSubstr("cut-off"));
     EXPECT_THAT(error_of([&] { IterativeLearning(Options{.rate_hz = bad, .duration = 1}); }), HasSubstr("rate"));
-    EXPECT_THAT(error_of([&] { IterativeLearning(Options{.duration = bad}); }), HasSubstr("must last longer than 0"));
+    EXPECT_THAT(error_of([&] { IterativeLearning(Options{.duration = bad}); }),
+                HasSubstr("needs repetitions longer than 0"));
     EXPECT_THAT(error_of([&] { IterativeLearning(Options{.speed = bad, .duration = 1}); }), HasSubstr("speed"));
   }
   for (const double bad : {-1e-9, test::kInfinity, kNaN}) {

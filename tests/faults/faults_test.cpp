@@ -251,7 +251,7 @@ class PassingFaults : public testing::TestWithParam<LiveFault> {};
 TEST_P(PassingFaults, CostNoSampleAndAreEventsOfTheNextPart) {
   Endless session(split(GetParam().disk), GetParam().rate);
   ASSERT_TRUE(session.says(GetParam().says));
-  ASSERT_TRUE(session.says("recording goes on in a further file"));
+  ASSERT_TRUE(session.says("recording continues in a further file"));
   std::this_thread::sleep_for(300ms);
   const Answer answer = session.end(130);
   EXPECT_EQ(answer.json()["lost"], 0);
@@ -294,8 +294,8 @@ TEST(Recording, OverWhichAnotherFileIsCopiedGoesOnInAFurtherPart) {
   ASSERT_EQ(test::haptrace("record", other, "--device", kFalcon, "--duration", "1").exit_code, 0);
   const std::string bytes = read_bytes(other);
   Endless session({"FAULT_COPY=" + other, "FAULT_COPY_AFTER=2000000"}, "10000");  // memory cannot hold all samples
-  ASSERT_TRUE(session.says("another program wrote over it"));
-  ASSERT_TRUE(session.says("recording goes on in a further file"));
+  ASSERT_TRUE(session.says("another program overwrote it"));
+  ASSERT_TRUE(session.says("recording continues in a further file"));
   const Answer answer = session.end(1);  // samples that were only in the file are lost
   EXPECT_EQ(read_bytes(session.file), bytes) << "nothing of ours is written into it";
   const std::string part = part_file(session.file, 2);
@@ -363,7 +363,7 @@ TEST(Recording, GoesOnInAFurtherFileAtALimitOnTheSizeOfFilesThatComesInBetween) 
   session.wait_for_rows();
   const rlimit limit{fs::file_size(session.file) + 3'000'000, RLIM_INFINITY};
   ASSERT_EQ(prlimit(session.pid(), RLIMIT_FSIZE, &limit, nullptr), 0);
-  ASSERT_TRUE(session.says("recording goes on in a further file"));
+  ASSERT_TRUE(session.says("recording continues in a further file"));
   const Answer answer = session.end(130);
   EXPECT_EQ(answer.json()["lost"], 0);
   EXPECT_GE(answer.json()["parts"], 2);
@@ -460,7 +460,7 @@ TEST(Recording, ThatOverflowsAfterAllCountsEveryLossAndShowsTheGap) {
 TEST(Recording, SaysAtOnceThatTheDiskCannotBeWaitedFor) {
   const TempFolder folder;
   Command session = known_movement(folder / "out.h5", {"clock=real", "sync=0.2"}, {"FAULT_SYNC=1"});
-  ASSERT_TRUE(session.says("cannot be forced to the disk: Input/output error"));
+  ASSERT_TRUE(session.says("cannot be synced to the disk: Input/output error"));
   kill(session.pid(), SIGINT);
   EXPECT_EQ(session.wait().exit_code, 1);
   EXPECT_GT(rows_of(folder / "out.h5").size(), 100U);

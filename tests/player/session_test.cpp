@@ -295,7 +295,8 @@ TEST(Session, WarnsOfOscillationsAsOneAndKeepsTheShareOfTheGainsThatIsLeft) {
   PointMass device;
   const SessionResult session = run_session(device, controller, {}, {}, options_for("").session, StopRequest{});
   const Warning warning = warning_in(session, "oscillation");
-  EXPECT_THAT(warning.text, HasSubstr("the loop oscillated 2 times, first at 0.1 s; last: oscillates at 59 Hz"));
+  EXPECT_THAT(warning.text,
+              HasSubstr("the loop oscillated 2 times, first at 0.1 s; last: the loop oscillates at 59 Hz"));
   EXPECT_NEAR(warning.time, 0.1, 0.002);
   EXPECT_EQ(session.gain_share, 0.25);
 }

@@ -225,7 +225,7 @@ TEST(Capture, KeepsEveryRowWhileThePathOfAPlaybackWaitsForTheHand) {
   List list;
   Capture capture({}, list);
   capture.feed(std::vector{at(0), at(1), at(2), at(3), at(4)},
-               {{1 * kMs, EventCode::reference_waits, "waits"}, {3 * kMs, EventCode::reference_goes_on, "goes on"}});
+               {{1 * kMs, EventCode::reference_waits, "waits"}, {3 * kMs, EventCode::reference_goes_on, "continues"}});
   EXPECT_FALSE(capture.paused());
   EXPECT_EQ(std::count_if(list.items.begin(), list.items.end(), [](const Kept& item) { return item.tick >= 0; }), 5);
 }

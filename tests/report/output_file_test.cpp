@@ -145,7 +145,7 @@ TEST(PrivateFolders, AreMadeForThisUserAloneAsFarAsTheyAreMissing) {
   EXPECT_EQ(mode_of(folder / "shared/session"), 0700U);
   EXPECT_EQ(mode_of(folder / "shared/session/paths"), 0700U);
   const std::string file = folder.write("file", "");
-  expect_error([&] { create_private_folders(file + "/session"); }, Error::Kind::input, {"cannot be made"});
+  expect_error([&] { create_private_folders(file + "/session"); }, Error::Kind::input, {"session: cannot be created"});
 }
 
 }  // namespace

@@ -238,7 +238,7 @@ TEST(SessionReport, SaysWhichRepetitionRanOutOfTimeAndWhichWasStopped) {
        rows_of(path, {.until = 0.3}, Reference::guidance, rows.back().time_ns + 4'000'000, rows.back().tick + 1))
     rows.push_back(row);
   test::Recorded recorded;
-  recorded.events = {{0, 1, "started"}, {second + 2, 63, "the time is over"}, {second + 3, 2, "finished"}};
+  recorded.events = {{0, 1, "started"}, {second + 2, 63, "the time limit was reached"}, {second + 3, 2, "finished"}};
   test::write(folder / "time.h5", rows, Reference::guidance, recorded);
   const Report report = report_of(folder / "time.h5");
   const std::vector<ReportTrial>& trials = report.sessions[0].exercises[0].trials;

@@ -49,7 +49,7 @@ TEST(SceneFile, NamesWhatIsWrongAndWhere) {
   EXPECT_THAT(error(kFloor + R"(, {"kind": "sphere", "radius": 0.03})"),
               HasSubstr("my.json: objects[1]: 'stiffness' is missing"));
   EXPECT_THAT(error(R"({"kind": "sphere", "radius": 0.03, "stiffness": 1e10})"),
-              AllOf(HasSubstr("objects[0].stiffness"), HasSubstr("the most is 1000000000")));
+              AllOf(HasSubstr("objects[0].stiffness"), HasSubstr("the maximum is 1000000000")));
   EXPECT_THAT(error(R"({"kind": "sphere", "radius": 0, "stiffness": 1})"), HasSubstr("objects[0].radius"));
   EXPECT_THAT(error(R"({"kind": "sphere", "radius": 0.03, "stiffness": 1, "renew": 0.04})"),
               HasSubstr("objects[0].renew"));

@@ -331,11 +331,12 @@ TEST(LoopAnalysis, NamesWhatIsOutOfItsRange) {
   EXPECT_THAT(error_of({.mass = 1, .viscous = -1}), testing::HasSubstr("viscous friction is -1"));
   EXPECT_THAT(error_of({.mass = 1, .delay = 1}), testing::HasSubstr("delay is 1 s"));
   EXPECT_THAT(error_of({.mass = 1, .velocity = "guess"}), testing::HasSubstr("'guess' is not known"));
-  EXPECT_THAT(error_of({.mass = 1, .rate_hz = 20000, .velocity = "lowpass:0.1"}), testing::HasSubstr("remembers more"));
+  EXPECT_THAT(error_of({.mass = 1, .rate_hz = 20000, .velocity = "lowpass:0.1"}),
+              testing::HasSubstr("impulse response of the velocity estimator"));
   PlantModel plant;
   plant.delay = 1e-3;
   EXPECT_THAT(test::error_of([&] { (void)loop_of(plant, 0, 1000, "difference", 2e-3); }),
-              testing::HasSubstr("part of the plant's delay"));
+              testing::HasSubstr("from 0 to the plant's delay"));
 }
 
 }  // namespace

@@ -41,21 +41,21 @@ TEST(Path, RefusesTimeThatDoesNotIncreaseAndNamesTheRow) {
   path.time[2] = 0.5;
   EXPECT_THAT(error_of(path), HasSubstr("row 3"));
   path.time[2] = kNaN;
-  EXPECT_THAT(error_of(path), HasSubstr("row 3: time is not a finite number"));
+  EXPECT_THAT(error_of(path), HasSubstr("sample 3: time is not a finite number"));
 }
 
 TEST(Path, RefusesValuesThatAreNotFiniteAndNamesTheRow) {
   Path path = line({Vec3::Zero(), Vec3(0, kNaN, 0)});
-  EXPECT_THAT(error_of(path), HasSubstr("row 2: position is not a finite number"));
+  EXPECT_THAT(error_of(path), HasSubstr("sample 2: position is not a finite number"));
   path = line({Vec3::Zero(), Vec3::UnitX()});
   path.force = {Vec3::Zero(), Vec3(0, 0, std::numeric_limits<double>::infinity())};
-  EXPECT_THAT(error_of(path), HasSubstr("row 2: force is not a finite number"));
+  EXPECT_THAT(error_of(path), HasSubstr("sample 2: force is not a finite number"));
 }
 
 TEST(Path, RefusesColumnsOfAnotherLength) {
   Path path = line({Vec3::Zero(), Vec3::UnitX()});
   path.velocity = {Vec3::Zero()};
-  EXPECT_THAT(error_of(path), HasSubstr("velocity has 1 rows but time has 2"));
+  EXPECT_THAT(error_of(path), HasSubstr("velocity has 1 samples, but time has 2"));
 }
 
 TEST(Path, FourHundredMetresWideIsAUnitMistakeAndTheErrorSaysWhich) {

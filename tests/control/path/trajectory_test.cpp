@@ -504,7 +504,7 @@ TEST(Trajectory, RefusesStampsThatCanOnlyBeAUnitMistake) {
   const auto build = [](std::vector<double> time) {
     return message_of([&] { Trajectory(sampled(kEllipse, time, false), Interpolation::cubic); });
   };
-  EXPECT_THAT(build({0, 1, 1 + 1e-12}), HasSubstr("test path: row 3: time is 1.00"));
+  EXPECT_THAT(build({0, 1, 1 + 1e-12}), HasSubstr("test path: sample 3: time is 1.00"));
   EXPECT_THAT(build({0, 1, 1 + 1e-12}), HasSubstr("at least 1 ns"));
   EXPECT_THAT(build({-1e20, 1, 2}), HasSubstr("row 3"));
   EXPECT_THAT(build({0, 3.6e12}), HasSubstr("test path: the path lasts 3.6e+12 s"));

@@ -151,7 +151,7 @@ TEST(FalconCalibration, RefusesWhatCannotBe) {
   EXPECT_THAT(refusal(R"({"encoder_sign": [1, 0, 1]})"), HasSubstr("encoder_sign: a sign is 1 or -1"));
   EXPECT_THAT(refusal(R"({"motor_sign": 0.5})"), HasSubstr("motor_sign: a sign is 1 or -1"));
   EXPECT_THAT(refusal(R"({"motor_sign": 2})"), HasSubstr("motor_sign: 2 is too large"));
-  EXPECT_THAT(refusal(R"({"max_motor_counts": 40000})"), HasSubstr("the most is 32767"));
+  EXPECT_THAT(refusal(R"({"max_motor_counts": 40000})"), HasSubstr("the maximum is 32767"));
   EXPECT_THAT(refusal(R"({"max_motor_counts": 0.5})"), HasSubstr("max_motor_counts"));
   EXPECT_THAT(refusal(R"({"flags": {"red": 3}})"), HasSubstr("red: 3 is not one bit"));
   EXPECT_THAT(refusal(R"({"flags": {"homing": 2}})"), HasSubstr("green: 2 is another flag's bit"));

@@ -34,19 +34,21 @@ std::string personal(const TempFolder& folder) {
                    {"device", "sim:preset=falcon,hand=relaxed,intent=/home/Jane/a.csv,seed=3,serial=99,label=Jane"}};
   header.meta = {{"patient", "Jane"}, {"ward", "Jane's"}};
   const std::string file = folder / "a.h5";
-  write_recording(file, random_session(3, 100, {}), {}, header,
-                  {{0.01, 50, "Jane slipped"},
-                   {0.02, 10, "overrun: 3 ticks missed, woke 3.000 ms late"},
-                   {0.03, 51, "paused by Jane"},
-                   {0.04, 40, "repetition 2"},
-                   {0.05, 1234, "Jane"},
-                   {0.06, 50, "mark"},
-                   {0.07, 20, "force limited: 3 N asked by Jane"},
-                   {0.08, 33, "the device was lost: /dev/serial/by-id/Jane-4711"},
-                   {0.09, 50, "4711"},
-                   {0.10, 20, "force limited: 12.5 N asked, 8.9 N allowed"},
-                   {0.11, 26, "motors warm: 80 % of the heat from which they are limited, in 1e+06 s"},
-                   {0.12, 21, "continuous force limited to J\xe4ne N"}});
+  write_recording(
+      file, random_session(3, 100, {}), {}, header,
+      {{0.01, 50, "Jane slipped"},
+       {0.02, 10, "overrun: 3 ticks missed, woke 3.000 ms late"},
+       {0.03, 51, "paused by Jane"},
+       {0.04, 40, "repetition 2"},
+       {0.05, 1234, "Jane"},
+       {0.06, 50, "mark"},
+       {0.07, 20, "force limited: 3 N requested by Jane"},
+       {0.08, 33, "the device was lost: /dev/serial/by-id/Jane-4711"},
+       {0.09, 50, "4711"},
+       {0.10, 20, "force limited: 12.5 N asked, 8.9 N allowed"},
+       {0.11, 26,
+        "motors warm: 80 % of the heat at which the force is limited; at this force they reach it in 1e+06 s"},
+       {0.12, 21, "continuous force limited to J\xe4ne N"}});
   return file;
 }
 
@@ -84,10 +86,12 @@ TEST(Anonymise, KeepsNumbersChoicesSamplesAndTheTextsOfNumbers) {
   EXPECT_EQ(header.uuid.size(), 36U);
   std::vector<std::string> texts;
   for (const StoredEvent& event : source->events()) texts.push_back(event.text);
-  EXPECT_EQ(texts, (std::vector<std::string>{
-                       "mark", "overrun: 3 ticks missed, woke 3.000 ms late", "paused", "repetition 2", "event 1234",
-                       "mark", "event 20", "event 33", "mark", "force limited: 12.5 N asked, 8.9 N allowed",
-                       "motors warm: 80 % of the heat from which they are limited, in 1e+06 s", "event 21"}));
+  EXPECT_EQ(texts,
+            (std::vector<std::string>{
+                "mark", "overrun: 3 ticks missed, woke 3.000 ms late", "paused", "repetition 2", "event 1234", "mark",
+                "event 20", "event 33", "mark", "force limited: 12.5 N asked, 8.9 N allowed",
+                "motors warm: 80 % of the heat at which the force is limited; at this force they reach it in 1e+06 s",
+                "event 21"}));
   expect_same(source->next(), random_session(3, 100, {}));
 }
 

@@ -152,7 +152,7 @@ TEST(Convert, MakesTheSameRecordingOfAPathAsSavingItDoes) {
   const std::string csv = folder.write("a.csv", "t,x,y,z,fx,fy,fz,colour\n5,1,2,3,4,5,6,red\n5.5,1,2,3,nan,,6,blue\n");
   const auto source = open_source(csv);
   EXPECT_EQ(source->notes(),
-            (std::vector<std::string>{"columns left out: colour", "force left out: 1 of 2 samples have none"}));
+            (std::vector<std::string>{"columns left out: colour", "force left out: 1 of 2 samples lack it"}));
   EXPECT_EQ(load_path(csv).notes, source->notes());
   const std::span<const Sample> samples = source->next();
   ASSERT_EQ(samples.size(), 2U);
@@ -277,25 +277,26 @@ TEST(Convert, SaysWhatIsWrongWithAText) {
           ":2: ", "'postion' is not a column; did you mean 'position'?");
   refused("a.jsonl", header + "{\"time\":0,\"position\":[1,2]}", ":2: ", "position must be an array of 3 numbers");
   refused("a.jsonl", header + "{\"time\":0,\"position\":[1,2,\"a\"]}", ":2: ", "position: '\"a\"' is not a number");
-  refused("a.jsonl", header + "{\"time\":null}", ":2: ", "time is missing or no time in seconds");
-  refused("a.jsonl", header + "{\"time\":1e10}", ":2: ", "time is missing or no time in seconds");
+  refused("a.jsonl", header + "{\"time\":null}", ":2: ", "time is missing or is not a time in seconds");
+  refused("a.jsonl", header + "{\"time\":1e10}", ":2: ", "time is missing or is not a time in seconds");
   refused("a.jsonl", header + "{\"time\":0,\"tick\":-1}", ":2: ", "tick: -1 is not a whole number from 0 to");
   refused("a.jsonl", header + "{\"time\":0,\"phase\":256}", ":2: ", "phase: 256 is not a whole number from 0 to 255");
-  refused("a.jsonl", header + "{\"time\":0}\n{\"event\":{}}", ":3: ", "events stand before the samples");
+  refused("a.jsonl", header + "{\"time\":0}\n{\"event\":{}}",
+          ":3: ", "events must come after the header and before the samples");
   refused("a.jsonl", header + "{\"time\":0", ":2: ", "syntax error");
-  refused("a.jsonl", header + "17", ":2: ", "a sample is an object");
+  refused("a.jsonl", header + "17", ":2: ", "a sample must be a JSON object");
   refused("a.jsonl", header + "{\"time\":1}\n{\"time\":1}", ": ", "--resample");
-  refused("a.csv", "t,x,y,z\n1,0,0,0\n1,0,0,0\n", ":3: ", "haptrace convert --resample HZ leaves such rows out");
+  refused("a.csv", "t,x,y,z\n1,0,0,0\n1,0,0,0\n", ":3: ", "haptrace convert --resample HZ leaves such samples out");
   refused("a.csv", "t,x,y,z\n0,0,0,0\n1e-10,0,0,0\n", ": ", "less than 1 ns");
   refused("a.csv", "t,x,y,z\n0,0,0,0\n1e11,0,0,0\n", ":3: ", "is over 290 years");
   refused("a.csv", "t,x,y,z,tick\n0,0,0,0,0.5\n", ":2: ", "column tick: 0.5 is not a whole number");
   refused("a.csv", "# haptrace {\"rate_hz\":1000}\nt,x,y,z,tick\n0,0,0,0,5\n0.001,0,0,0,5\n", ": ",
-          "tick 5 at time 0.001000000 s does not come after 5 of the row before");
+          "tick 5 at time 0.001000000 s does not come after 5 of the previous sample");
   refused("a.csv", "# haptrace {\"rate_hz\":\"fast\"}\nt,x,y,z\n", ": header", "rate_hz: expected a number");
   expect_error([&] { (void)open_source(folder / "absent.csv"); }, Error::Kind::input, {"no such file"});
   expect_error([&] { (void)open_source(folder.path()); }, Error::Kind::input, {"is a folder"});
   expect_error([&] { (void)create_sink(folder / "a.txt", {}, {}, {}, {}); }, Error::Kind::input,
-               {"a.txt: is written as .h5, .csv or .jsonl"});
+               {"a.txt: has no known ending; choose .h5, .csv or .jsonl"});
 }
 
 TEST(Convert, CountsRowsThatHaveNoTick) {

@@ -163,7 +163,7 @@ TEST(Resample, ToALowerRateLeavesNothingThatWouldFoldBack) {
     EXPECT_LT(amplitude(out.samples, std::abs(hz - 100 * std::round(hz / 100)), 1), 0.002) << hz;
     EXPECT_NEAR(out.report.low_pass_hz, 100 / 2.4, 1e-9);
     EXPECT_NEAR(out.report.rms_difference, std::sqrt(0.5), 0.1) << hz;
-    EXPECT_THAT(out.notes, Contains(HasSubstr("low-passed at 41.67 Hz")));
+    EXPECT_THAT(out.notes, Contains(HasSubstr("low-pass filter at 41.67 Hz")));
   }
 }
 
@@ -264,7 +264,7 @@ TEST(Resample, LeavesGapsAndNamesThem) {
   }
   EXPECT_EQ(jumps, 2U);
   ASSERT_EQ(out.notes.size(), 1U);
-  EXPECT_NE(out.notes[0].find("2 gaps longer than 0.02 s stay gaps"), std::string::npos) << out.notes[0];
+  EXPECT_NE(out.notes[0].find("2 gaps longer than 0.02 s were not filled"), std::string::npos) << out.notes[0];
   const Result bridged = run(in, {.rate_hz = 1000, .max_gap = 10});
   EXPECT_EQ(bridged.report.gaps, 0U);
   EXPECT_EQ(bridged.samples.back().tick + 1, bridged.samples.size());

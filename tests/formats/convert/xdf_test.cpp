@@ -145,16 +145,17 @@ TEST(Xdf, LeavesOutRowsOfWhichTheForceIsNotKnownSoThatTheFileItMakesIsValid) {
     for (const Finding& finding : check_recording(file))
       EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
     EXPECT_EQ(RecordingReader(file).header().created, "2026-03-01T12:00:00Z");
-    EXPECT_THAT(source->notes(), Contains(HasSubstr(fmt::format("{} rows left out: there is no position or no force at "
-                                                                "their time",
-                                                                2000 - rows))));
+    EXPECT_THAT(source->notes(),
+                Contains(HasSubstr(fmt::format("{} samples left out: there is no position or no force at "
+                                               "their time",
+                                               2000 - rows))));
   }
 }
 
 TEST(Xdf, SaysThatItsDateWasNoTime) {
   const Read all = read(late_force(10, "last Tuesday\x1b[2J"), {.streams = {"Hand"}});
   EXPECT_EQ(all.header.created, "");
-  EXPECT_THAT(all.notes, Contains(HasSubstr("its date 'last Tuesday")));
+  EXPECT_THAT(all.notes, Contains(HasSubstr("the file's date 'last Tuesday")));
 }
 
 TEST(Xdf, FitsALineThroughOffsetsThatANetworkMadeNoisy) {
@@ -195,7 +196,7 @@ TEST(Xdf, FindsChannelsByTheirLabelsOrByWhatItIsToldAndTurnsUnitsIntoSi) {
   EXPECT_TRUE(told.columns.force_measured);
   EXPECT_FALSE(found.columns.force_measured);
   ASSERT_EQ(told.notes.size(), 1U);
-  EXPECT_NE(told.notes[0].find("'sensor C' is in 'furlong', which is no unit of mz"), std::string::npos)
+  EXPECT_NE(told.notes[0].find("'sensor C' is in 'furlong', which is not a unit of mz"), std::string::npos)
       << told.notes[0];
 }
 
@@ -293,7 +294,7 @@ TEST(Xdf, GoesOnBehindTheNextBoundaryWhereAChunkIsDamaged) {
   EXPECT_EQ(all.samples[1].position, Vec3(4, 5, 6));
   ASSERT_EQ(all.notes.size(), 1U);
   EXPECT_NE(all.notes[0].find("damaged at byte"), std::string::npos);
-  EXPECT_NE(all.notes[0].find("read on from the next boundary"), std::string::npos);
+  EXPECT_NE(all.notes[0].find("reading continued at the next boundary"), std::string::npos);
 }
 
 TEST(Xdf, ComesThroughAFileThatIsDamagedInManyThousandPlaces) {
@@ -337,14 +338,14 @@ TEST(Xdf, NeverCrashesOnAFlippedByte) {
 }
 
 TEST(Xdf, SaysWhatIsWrongAndWhatToDo) {
-  expect_refused("XDF:", "there is no stream with channels x, y and z; choose by --stream NAME");
+  expect_refused("XDF:", "there is no stream with channels x, y and z; choose one with --stream NAME");
   expect_refused("\x1F\x8B\x08\x08", "a.xdf: is compressed; unpack it first");
   expect_refused("XDX:abc", "is not XDF");
   expect_refused(two_machines(), "no streams have the name or type 'hand'", {.streams = {"hand"}});
   expect_refused(two_machines(), "it has 'Hand' (Position) with x, y, z; 'Sensor' (Force) with Fx, Fy, Fz; 'Keys'",
                  {.streams = {"hand"}});
   expect_refused(two_machines(), "stream 'Keys' holds markers", {.streams = {"Keys"}});
-  expect_refused(two_machines(), "the streams that were chosen have no x, y and z", {.streams = {"Sensor"}});
+  expect_refused(two_machines(), "the chosen streams have no channels x, y and z", {.streams = {"Sensor"}});
   expect_error(
       [&] {
         (void)read(two_machines(), {.channels = {{"w", "x"}}});

@@ -138,7 +138,7 @@ TEST(CheckProfile, SaysWhyAProfileMustNotBeUsed) {
   };
   DeviceProfile profile = example();
   profile.device.serial = "other";
-  expect(verdict(profile), "of another device");
+  expect(verdict(profile), "belongs to another device");
   profile = example();
   profile.device.model = "omega.3";
   expect(verdict(profile), "omega.3");
@@ -155,9 +155,9 @@ TEST(CheckProfile, SaysWhyAProfileMustNotBeUsed) {
   profile = example();
   profile.facts.workspace.max.y() = 0.2;
   expect(verdict(profile), "workspace changed");
-  expect(verdict(example(), 1150), "servo rate of 1000 Hz, and this is 1150 Hz");
+  expect(verdict(example(), 1150), "servo rate of 1000 Hz, but the rate is 1150 Hz");
   expect(verdict(example(), 850), "850 Hz");
-  expect(verdict(example(), 1000, 181), "stale");
+  expect(verdict(example(), 1000, 181), "181 days old, but it is valid for 180 days only");
   profile = example();
   profile.created = "yesterday";
   EXPECT_NE(verdict(profile), "");
@@ -180,7 +180,7 @@ TEST(ProfileFromJson, NamesWhatIsMissingUnknownOrWrong) {
     }
     refused([&](json& object) { object[part]["surplus"] = 1; }, "surplus");
   }
-  refused([](json& object) { object["format"] = "haptrace-recording"; }, "is no device profile");
+  refused([](json& object) { object["format"] = "haptrace-recording"; }, "is not a device profile");
   refused([](json& object) { object["format_version"] = "2.0"; }, "format version '2.0'");
   refused([](json& object) { object["surplus"] = 1; }, "surplus");
   refused([](json& object) { object["created"] = "2026-31-31"; }, "created");

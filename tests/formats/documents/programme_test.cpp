@@ -68,9 +68,9 @@ TEST(Programme, NamesThePathOfTheKeyThatIsWrong) {
   expect_refused(circle_with(R"("mode": "tunnel", "repetitions": 2.5)"), {"exercises[0].repetitions", "whole number"});
   expect_refused(circle_with(R"("mode": "tunnel", "raduis": 1)"), {"exercises[0]: key 'raduis'", "radius"});
   expect_refused(circle_with(R"("name": "a")"), {"p.json: exercises[0]: 'mode' is missing"});
-  expect_refused(programme_of(R"("mode": "tunnel")"), {"exercises[0]: needs a path (a file) or a shape"});
+  expect_refused(programme_of(R"("mode": "tunnel")"), {"exercises[0]: needs either a path (a file) or a shape"});
   expect_refused(circle_with(R"("mode": "tunnel", "path": "a.csv")"),
-                 {"exercises[0]: needs a path (a file) or a shape"});
+                 {"exercises[0]: needs either a path (a file) or a shape"});
   expect_refused(parse_json(R"({"exercises": []})", "p"), {"p.json: 'haptrace_programme' is missing"});
   expect_refused(parse_json(R"({"haptrace_programme": 1, "exercises": []})", "p"), {"at least one"});
   expect_refused(parse_json(R"({"haptrace_programme": 2, "exercises": []})", "p"),
@@ -80,7 +80,7 @@ TEST(Programme, NamesThePathOfTheKeyThatIsWrong) {
   expect_refused(parse_json(R"({"haptrace_programme": 1, "exercises": [3]})", "p"),
                  {"exercises[0]: expected an object"});
   expect_refused(programme_of(R"("mode": "free", "shape": {"kind": "circle", "duration": 60, "turns": 100})"),
-                 {"exercises[0].shape: 100 turns of 60 s are 6000 s; an exercise takes an hour at most"});
+                 {"exercises[0].shape: 100 turns of 60 s are 6000 s; an exercise may last at most one hour"});
   expect_refused(programme_of(R"("name": "disc", "mode": "tunnel", "shape": {"kind": "disc"})"),
                  {"p.json: exercises[0].shape.kind: 'disc'", "circle"});
 }
@@ -88,18 +88,18 @@ TEST(Programme, NamesThePathOfTheKeyThatIsWrong) {
 TEST(Programme, RefusesWhatMeansNothingInItsMode) {
   expect_refused(
       circle_with(R"("mode": "passive", "radius": 0.01)"),
-      {"exercises[0].radius: means nothing in mode passive; it is for assisted, tunnel, cursor, resist, free"});
+      {"exercises[0].radius: does not apply in mode passive; it applies in assisted, tunnel, cursor, resist, free"});
   expect_refused(circle_with(R"("mode": "tunnel", "pace": 1)"), {"exercises[0].pace", "passive, assisted, cursor"});
   expect_refused(circle_with(R"("mode": "tunnel", "test": "before")"), {"exercises[0].test", "mode free"});
   expect_refused(circle_with(R"("mode": "tunnel", "progression": {"target": 1, "assistance": {}})"),
                  {"exercises[0].progression.assistance", "assisted"});
   expect_refused(
       circle_with(R"("mode": "tunnel", "progression": {"target": 1, "difficulty": {"pace": {"easy": 1, "hard": 2}}})"),
-      {"progression.difficulty.pace: means nothing in mode tunnel"});
+      {"progression.difficulty.pace: does not apply in mode tunnel"});
   expect_refused(circle_with(R"("mode": "tunnel", "progression": {"target": 1})"), {"nothing adapts"});
   expect_refused(circle_with(R"("mode": "tunnel", "progression": {"target": 0, "difficulty": {}})"), {"target: 0"});
   expect_refused(circle_with(R"("mode": "tunnel", "progression": {"target": 1, "difficulty": {"step": 0.1}})"),
-                 {"difficulty: what is to change?"});
+                 {"difficulty: nothing adapts; give radius, stiffness or pace"});
 }
 
 TEST(Programme, MirrorsAndScalesAPathForAPersonAndMirrorsItsForcesOnly) {

@@ -27,8 +27,9 @@ TEST(RadiusProfile, NamesWhatIsWrongWithAFile) {
   expect_refused(R"({"s": [], "radius": []})", {"r.json: s: expected an array of lengths"});
   expect_refused(R"({"s": [0, 1], "radius": [0.01, -0.01]})", {"radius: expected an array of lengths from 0 to 1 m"});
   expect_refused(R"({"s": [0, "a"], "radius": [0.01, 0.01]})", {"s: expected an array"});
-  expect_refused(R"({"s": [0, 1], "radius": [0.01]})", {"2 places and 1 radii"});
-  expect_refused(R"({"s": [0, 1, 1], "radius": [0.01, 0.01, 0.01]})", {"s[2]: 1 does not come after 1"});
+  expect_refused(R"({"s": [0, 1], "radius": [0.01]})", {"s has 2 values and radius has 1;"});
+  expect_refused(R"({"s": [0, 1, 1], "radius": [0.01, 0.01, 0.01]})",
+                 {"s[2]: 1 does not come after 1; s must increase"});
   expect_refused(R"({"s": [0], "radius": [0.01], "x": 1})", {"key 'x'"});
 }
 

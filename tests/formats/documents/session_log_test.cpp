@@ -95,13 +95,13 @@ TEST(SessionLog, NamesWhatIsWrongInIt) {
   expect_refused(bad, {"bad.json: trials[0].exercise"});
   bad = good;
   bad["trials"][0]["notices"] = {1};
-  expect_refused(bad, {"trials[0]: 'notices' is no list of texts"});
+  expect_refused(bad, {"trials[0]: 'notices' is not a list of texts"});
   bad = good;
   bad["programme"]["exercises"][0]["mode"] = "x";
   expect_refused(bad, {"bad.json: programme: exercises[0].mode"});
   bad = good;
   bad["paths"] = {"a"};
-  expect_refused(bad, {"bad.json: paths: 1 for 2 exercises"});
+  expect_refused(bad, {"bad.json: paths: has 1 paths for 2 exercises"});
   bad = good;
   bad["haptrace_session"] = 2;
   expect_refused(bad, {"haptrace_session: 2"});

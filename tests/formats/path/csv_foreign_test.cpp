@@ -71,7 +71,7 @@ INSTANTIATE_TEST_SUITE_P(
                     "0,2026-01-31 12:00:00.990000+01:00,0.001,0.002,0.003,\"a, b\"\n"
                     "1,2026-01-31 12:00:01+01:00,0.0015,-0.002,0.003,\"say \"\"hi\"\"\"\n",
                     {"time is read from 'timestamp' as dates and times; time 0 is 2026-01-31T11:00:00.990000000Z",
-                     "in metres: nothing names a unit", "columns left out: label"}},
+                     "in metres: no unit is stated", "columns left out: label"}},
         ForeignFile{"LabView",
                     "Time\tPosition X (mm)\tPosition Y (mm)\tPosition Z (mm)\t\n"
                     "12:00:00,990\t1,000\t2,000\t3,000\t\n12:00:01,000\t1,500\t-2,0E+0\t3,000\t\n",
@@ -97,7 +97,7 @@ INSTANTIATE_TEST_SUITE_P(
         ForeignFile{"TitleLines",
                     "Trial 7; subject 3\nsome device, serial 4\n\ntime_us;x_um;y_um;z_um\n0;1000;2000;3000\n"
                     "% a pause\n10000;1500;-2000;3000\n",
-                    {"the header is line 4; what stands before it is not read"}},
+                    {"the header is line 4; the lines before it were ignored"}},
         ForeignFile{"DateAndTime",
                     "Date,Time,X (cm),Y (cm),Z (cm)\n31.01.2026,23:59:59.995,0.1,0.2,0.3\n"
                     "01.02.2026,00:00:00.005,0.15,-0.2,0.3\n",
@@ -123,7 +123,7 @@ INSTANTIATE_TEST_SUITE_P(
                     "0,0.000000,0,0,0,1,1,2,3,0.0001,9,9,9\n"
                     "1,0.005000,,,,,,,,,9,9,9\n"
                     "2,0.010000,0,0,0,1,1.5,-2,3,0.0001,,,\n",
-                    {"a Motive export: the path is that of 'Hand'; --columns x=NAME chooses another: Tip",
+                    {"a Motive export: the path is that of 'Hand'; choose another with --columns x=NAME: Tip",
                      "in mm: its Length Units say so", "1 of 3 rows have no position"}},
         ForeignFile{"Motive3",
                     "Format Version,1.24,Take Name,\"Take, 1\",Length Units,Meters\n"
@@ -203,20 +203,22 @@ TEST(ForeignCsvColumns, AreRecognisedByManyNames) {
 TEST(ForeignCsvColumns, AreChosenByTheUserAndThoseThatAreNotThereAreListed) {
   const std::string text = "clock,\"a, b\",b,c\n0,1,2,3\n10,1.5,-2,3\n";
   expect_two_rows(read_foreign(text, asking("t=clock,x=a, b,y=b,z=c", "mm,ms")));
-  expect_foreign_refused(text, {"a.csv:1: the header lacks t, x, y, z;", "--columns t=NAME,x=NAME,y=NAME,z=NAME says"});
+  expect_foreign_refused(
+      text, {"a.csv:1: the header lacks t, x, y, z;", "name the columns with --columns t=NAME,x=NAME,y=NAME,z=NAME"});
   expect_foreign_refused(text, {":1: --columns t=klock: the file has no column 'klock'; it has clock, a, b, b, c"},
                          asking("t=klock,x=b"));
-  expect_foreign_refused(text, {"--columns y=b: this column is given to another one as well"},
+  expect_foreign_refused(text, {"--columns y=b: another column uses the same column of the file"},
                          asking("t=clock,x=b,y=b,z=c"));
   expect_error([] { (void)asking("q=a"); }, Error::Kind::input, {"--columns q=...: haptrace has no column 'q'"});
-  expect_error([] { (void)asking("x"); }, Error::Kind::input, {"--columns x: is written as COLUMN=NAME"});
+  expect_error([] { (void)asking("x"); }, Error::Kind::input, {"--columns x: write it as COLUMN=NAME"});
   expect_error([] { (void)asking("x=a,x=b"); }, Error::Kind::input, {"column x is given twice"});
-  expect_error([] { (void)asking("x="); }, Error::Kind::input, {"column x has no name"});
+  expect_error([] { (void)asking("x="); }, Error::Kind::input, {"the name of the file's column for x is missing"});
   // The most certain of several matches wins, and a named column wins over a recognised one.
   EXPECT_EQ(read_foreign("t,x,y,z,tip_pos_x,tip_pos_y,tip_pos_z\n0,1,2,3,4,4,4\n").position[0], Vec3(1, 2, 3));
   EXPECT_EQ(read_foreign("t,x,y,z,tip_pos_x,tip_pos_y,tip_pos_z\n0,1,2,3,4,4,4\n", asking("x=tip_pos_x")).position[0],
             Vec3(4, 2, 3));
-  expect_foreign_refused("t,Pos X,pos_x,y,z\n0,1,2,3,4\n", {"x twice, as 'Pos X' and 'pos_x'; --columns x=NAME"});
+  expect_foreign_refused("t,Pos X,pos_x,y,z\n0,1,2,3,4\n",
+                         {"x twice, as 'Pos X' and 'pos_x'; choose one with --columns x=NAME"});
   EXPECT_EQ(read_foreign("t,Pos X,pos_x,y,z\n0,1,2,3,4\n", asking("x=pos_x")).position[0], Vec3(2, 3, 4));
 }
 
@@ -248,12 +250,13 @@ TEST(ForeignCsvUnits, OfTheUserWinWithAWord) {
   expect_two_rows(path);
   EXPECT_EQ(path.velocity[0], Vec3(1, 0, 0)) << "as the positions are in mm";
   EXPECT_EQ(path.force[0], Vec3(0.5, 0, 0));
-  expect_note(path, "--units says that position is in mm, the file says m: --units wins");
-  expect_note(path, "--units says that time is in ms, the file says s: --units wins");
+  expect_note(path, "--units states position in mm, but the file states m; --units takes precedence");
+  expect_note(path, "--units states time in ms, but the file states s; --units takes precedence");
   expect_note(path, "velocity is read from 'vx', 'vy', 'vz' in mm/s: the positions are in that unit");
-  expect_error([] { check(asking("", "furlong")); }, Error::Kind::input, {"--units furlong: 'furlong' is no unit"});
+  expect_error([] { check(asking("", "furlong")); }, Error::Kind::input,
+               {"--units furlong: 'furlong' is not a known unit"});
   expect_error([] { check(asking("", "mm,cm")); }, Error::Kind::input, {"two units of one quantity"});
-  expect_error([] { check(asking("", "mm,,ms")); }, Error::Kind::input, {"'' is no unit"});
+  expect_error([] { check(asking("", "mm,,ms")); }, Error::Kind::input, {"'' is not a known unit"});
   expect_foreign_refused("t;x;y;z\ns;px;px;px\n0;1;2;3\n", {"column 'x' is in 'px'", "--units"});
   expect_foreign_refused("t,x [px],y [px],z [px]\n0,1,2,3\n", {"column 'x [px]' is in 'px'"});
   EXPECT_EQ(read_foreign("t,x [px],y [px],z [px]\n0,1,2,3\n", asking("", "cm")).position[0], Vec3(0.01, 0.02, 0.03));
@@ -267,7 +270,7 @@ TEST(ForeignCsvUnits, OfHaptracesOwnNamesStayMetresAndSecondsWithoutAWord) {
 
 TEST(ForeignCsvUnits, AreAskedForWhereAHandDeviceCannotReach) {
   expect_foreign_refused("t,x,y,z\n0,0,0,0\n1,50,0,0\n",
-                         {"a.csv:3: column x: 50 m is farther than a hand device reaches", "Say --units mm"});
+                         {"a.csv:3: column x: 50 m is farther than a hand device reaches", "Use --units mm"});
   expect_foreign_refused("time;Pos X;Pos Y;Pos Z\n0;0;0;-5,1\n", {"column z ('Pos Z'): -5.1 m is farther"});
   EXPECT_EQ(read_foreign("t,x,y,z\n0,0,0,0\n1,50,0,0\n", asking("", "mm")).position[1], Vec3(0.05, 0, 0));
   EXPECT_EQ(read_foreign("t,x,y,z\n0,0,0,0\n1,6,0,0\n", asking("", "m")).position[1], Vec3(6, 0, 0));
@@ -280,10 +283,10 @@ TEST(ForeignCsvTime, IsAskedAboutWhereStepsAreNoneOfAMovementInSeconds) {
     for (int i = 0; i < 50; ++i) text += fmt::format("{},{},0,0\n", step * i, speed * i);
     return text;
   };
-  expect_foreign_refused(log(1, 2e-4), {"1 s would lie between two rows. Are these milliseconds? Say --units ms"});
+  expect_foreign_refused(log(1, 2e-4), {"two rows would be 1 s apart. Are these milliseconds? Use --units ms"});
   expect_foreign_refused(log(16, 1e-3), {"Are these milliseconds?"});
-  expect_foreign_refused(log(1000, 0), {"Are these microseconds? Say --units us"});
-  expect_foreign_refused(log(1e6, 0), {"Are these nanoseconds? Say --units ns"});
+  expect_foreign_refused(log(1000, 0), {"Are these microseconds? Use --units us"});
+  expect_foreign_refused(log(1e6, 0), {"Are these nanoseconds? Use --units ns"});
   EXPECT_NEAR(read_foreign(log(1, 2e-4), asking("", "ms")).duration(), 0.049, 1e-12);
   EXPECT_EQ(read_foreign(log(1, 2e-4), asking("", "s")).duration(), 49);
   EXPECT_EQ(read_foreign(log(1, 0.02)).duration(), 49) << "a hand that is looked at once a second";
@@ -371,9 +374,9 @@ TEST(ForeignCsvRows, WithoutAVelocityOrForceMakeARecordingWithoutOneThatIsValid)
   const Path path = load_path(file), converted = load_path(folder / "a.h5");
   EXPECT_TRUE(path.velocity.empty() && path.force.empty());
   EXPECT_TRUE(converted.velocity.empty() && converted.force.empty());
-  expect_note(path, "velocity left out: 2 of 3 samples have none");
+  expect_note(path, "velocity left out: 2 of 3 samples lack it");
   const std::vector<std::string> notes = source->notes();
-  EXPECT_NE(std::find(notes.begin(), notes.end(), "velocity left out: 2 of 3 samples have none"), notes.end());
+  EXPECT_NE(std::find(notes.begin(), notes.end(), "velocity left out: 2 of 3 samples lack it"), notes.end());
   EXPECT_TRUE(source->columns().orientation);
 }
 
@@ -395,7 +398,7 @@ TEST(ForeignCsvOptions, DoNotTouchWhatHaptraceWroteItself) {
   sink->finish();
   EXPECT_EQ(open_source(folder / "a.csv")->next()[7].position, session[7].position);
   expect_error([&] { (void)open_source(folder / "a.csv", {.csv = asking("", "mm")}); }, Error::Kind::input,
-               {"a.csv: is a recording of haptrace's own"});
+               {"a.csv: is a recording that haptrace wrote"});
 }
 
 TEST(ForeignCsvHostile, IsRefusedWithoutDelay) {

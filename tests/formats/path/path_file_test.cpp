@@ -95,8 +95,7 @@ TEST(Csv, NamesTheFileLineAndColumnOfEveryFault) {
   expect_refused(header + "0,1,2,-inf\n", ":2", "column z: '-inf' is not a finite number");
   expect_refused(header + "0,1,2\n", ":2", "3 columns where the header has 4");
   expect_refused(header + "0,1,2,3,4\n", ":2", "5 columns where the header has 4");
-  expect_refused(header + "0,1,2,3\n0,1,2,3\n", ":3",
-                 "column t: 0 s stands in line 2 as well; time stamps must increase");
+  expect_refused(header + "0,1,2,3\n0,1,2,3\n", ":3", "column t: 0 s is in line 2 as well; time stamps must increase");
   expect_refused(header + "0,1,2,3\n2,1,2,3\n1.5,1,2,3\n", ":4",
                  "column t: 1.5 s comes after 2 s in line 3; time stamps must increase");
   expect_refused(header + "0,1,2,3\n\n1,1,2,3\n", ":4", "line 3 is blank, but rows follow it");
@@ -105,7 +104,7 @@ TEST(Csv, NamesTheFileLineAndColumnOfEveryFault) {
   expect_refused(header + "0,0,0,25,0,3,0,1\n", ":2",
                  "numbers need a decimal point, or semicolons between the columns");
   expect_refused(std::string("t,x,y,z\n0,1,2,\0\n", 16), ":2", "column z: '\\x00' is not a number");
-  expect_refused(header + std::string(3 << 20, 'x'), ":2", "no line ends here; is this CSV?");
+  expect_refused(header + std::string(3 << 20, 'x'), ":2", "the line is longer than 1 MiB; is this CSV?");
 }
 
 TEST(LoadPath, SaysWhyAFileCannotBeRead) {
@@ -127,7 +126,7 @@ TEST(LoadPath, NotesWhatAPersonShouldKnowOfTheTimeStamps) {
   std::string milliseconds = "t,x,y,z\n";
   for (int i = 0; i < 30; ++i) milliseconds += std::to_string(i) + ",0,0,0\n";
   EXPECT_EQ(notes_of(load_text(milliseconds)),
-            "the median step of time is 1 s; is t in milliseconds? It is taken as seconds\n");
+            "the median step of time is 1 s; is t in milliseconds? It was read as seconds\n");
 
   EXPECT_EQ(
       notes_of(load_text("t,x,y,z\n0,0,0,0\n0.001,0,0,0\n0.002,0,0,0\n0.004,0,0,0\n0.005,0,0,0\n0.015,0,0,0\n")),
@@ -217,7 +216,7 @@ TEST(LoadPath, TakesOfASessionOnlyPhaseRun) {
   ASSERT_EQ(path.size(), 150U);
   EXPECT_EQ(path.position.front(), session[100].position);
   EXPECT_EQ(path.force.back(), session[249].force);
-  EXPECT_EQ(notes_of(path), "150 of 300 samples are of phase run; the others were left out\n");
+  EXPECT_EQ(notes_of(path), "150 of 300 samples are in phase run; the others were left out\n");
   for (Sample& sample : session) sample.phase = Phase::idle;
   write_recording(folder / "b.h5", session);
   EXPECT_EQ(load_path(folder / "b.h5").size(), 300U);
@@ -236,7 +235,8 @@ TEST(LoadPath, NotesARecordingThatWasNotFinishedAndVelocitiesThatAreNotThroughou
   EXPECT_TRUE(path.velocity.empty());
   EXPECT_EQ(path.force.size(), 30U);
   EXPECT_EQ(notes_of(path),
-            "the recording was not finished; what there is was read\nvelocity left out: 1 of 30 samples have none\n");
+            "the recording was not finished; the samples in the file were read\nvelocity left out: 1 of 30 samples "
+            "lack it\n");
 }
 
 TEST(SampleStroke, IsWhatItsDescriptionSays) {

@@ -166,11 +166,11 @@ TEST(PathSource, TakesTheRowsOfTheRunThatIsAskedFor) {
     const auto last = source_of(RecordingReader(file), file);
     expect_rows(last->read(0, session.size()), session, runs.back().first, runs.back().second);
     if (runs.size() > 1) {
-      EXPECT_THAT(last->facts().notes, Contains(HasSubstr("the last is the path; --repetition 1 to")));
+      EXPECT_THAT(last->facts().notes, Contains(HasSubstr("choose another with --repetition 1 to")));
     }
     for (const int wrong : {-1, 0, static_cast<int>(runs.size()) + 1})
       expect_error([&] { source_of(RecordingReader(file), file, {.repetition = wrong}); }, Error::Kind::input,
-                   {fmt::format("repetition {} was asked for; the recording holds {}", wrong, runs.size())});
+                   {fmt::format("there is no repetition {}; the recording has {}", wrong, runs.size())});
   }
 }
 
@@ -179,7 +179,7 @@ TEST(PathSource, SaysWhyNothingCanBeChosen) {
   const std::string file = folder / "a.h5";
   write_recording(file, free_session(1, 1000));
   expect_error([&] { open_path(file, {.from = 2}); }, Error::Kind::input, {"no sample from 2 s", "0.999 s"});
-  expect_error([&] { open_path(file, {.from = 0.5, .to = 0.4}); }, Error::Kind::input, {"is no stretch of time"});
+  expect_error([&] { open_path(file, {.from = 0.5, .to = 0.4}); }, Error::Kind::input, {"is not a valid time range"});
   expect_error([&] { open_path(file, {.from = 0.1001, .to = 0.1002}); }, Error::Kind::input, {"no sample from"});
   const std::string csv = folder.write("a.csv", "t,x,y,z\n0,0,0,0\n1,0,0,0\n");
   expect_error([&] { open_path(csv, {.from = 2}); }, Error::Kind::input, {"no sample from 2 s", "1.000 s"});
@@ -192,7 +192,8 @@ TEST(PathSource, NamesTheRowOfAPositionThatIsNotANumber) {
   std::vector<Sample> session = free_session(1, 20'000);
   session[12'344].position.y() = kNaN;
   write_recording(folder / "a.h5", session);
-  expect_error([&] { open_path(folder / "a.h5"); }, Error::Kind::input, {"row 12345: position is not a finite number"});
+  expect_error([&] { open_path(folder / "a.h5"); }, Error::Kind::input,
+               {"sample 12345: position is not a finite number"});
   EXPECT_EQ(open_path(folder / "a.h5", {.to = 12.343})->facts().rows, 12'344U);
 }
 

@@ -60,7 +60,7 @@ TEST(CheckRecording, NamesTheRowOfAValueThatMayNotBe) {
       },
       Severity::error, "/samples/velocity[7]", "is infinite (2 rows in all)");
   expect_value_finding([](Rows& s, Events&, Header&) { s[3].force.z() = kNaN; }, Severity::error, "/samples/force[3]",
-                       "is NaN (1 rows in all); the column must be known in every row or in none");
+                       "is NaN (1 rows in all); the column must have a value in every row or in none");
   expect_value_finding([](Rows& s, Events&, Header&) { s[299].latency = std::numeric_limits<float>::quiet_NaN(); },
                        Severity::error, "/samples/latency[299]", "is NaN");
   expect_value_finding(
@@ -84,7 +84,7 @@ TEST(CheckRecording, NamesTheRowOfAValueThatMayNotBe) {
   expect_value_finding([](Rows& s, Events&, Header&) { s[4].orientation = Quat(2, 0, 0, 0); }, Severity::error,
                        "/samples/orientation[4]", "is not a unit quaternion: its norm is 2");
   expect_value_finding([](Rows& s, Events&, Header&) { s[4].phase = static_cast<Phase>(6); }, Severity::error,
-                       "/samples/phase[4]", "is 6, which is no phase (0 to 5)");
+                       "/samples/phase[4]", "is 6, which is not a phase (0 to 5)");
   expect_value_finding(
       [](Rows& s, Events&, Header& h) {
         h.max_force_n = 5;
@@ -122,7 +122,7 @@ TEST(CheckRecording, WarnsOfMissingTicksUnlessAnEventTellsOfThem) {
   const auto miss = [](std::vector<Sample>& s) { s.erase(s.begin() + 50, s.begin() + 80); };
   expect_value_finding([&](std::vector<Sample>& s, std::vector<StoredEvent>&, RecordingHeader&) { miss(s); },
                        Severity::warning, "/samples/tick[50]",
-                       "30 ticks are missing before it, and no event tells of them");
+                       "30 ticks are missing before it, and no event reports them");
   // If a device repeats its state for less than 20 ms, the loop stores no sample and no event.
   const TempFolder short_gap;
   std::vector<Sample> repeated = random_session(3, 300, {});
@@ -145,7 +145,7 @@ TEST(CheckRecording, WarnsOfARecordingThatWasNotFinished) {
     writer.append(random_session(4, 10, {}));
   }
   EXPECT_EQ(text_of(check_recording(folder / "a.h5")),
-            "1 /@complete: the recording was not finished: its writer is at work, was killed or failed\n");
+            "1 /@complete: the recording was not finished: its writer is still running, was killed or failed\n");
 }
 
 TEST(CheckRecording, ThrowsOnlyWhenThereIsNothingToCheck) {
@@ -245,7 +245,7 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"OtherFormat", with_text("format", "nwb"), "/@format", "is not 'haptrace-recording'",
              "is HDF5, but not a haptrace recording"},
         Case{"NewerMajorVersion", with_text("format_version", "2.0"), "/@format_version", "'2.0' is not a version 1.x",
-             "format_version 2.0 is newer than this program knows (1.x)"},
+             "format_version 2.0 is newer than this program supports (1.x)"},
         Case{"NoVersion", with_text("format_version", "new"), "/@format_version", "'new' is not a version 1.x",
              "format_version 'new' is not of the form 1.0"},
         Case{"NoUuid", without_attribute("uuid"), "/@uuid", "is missing", ""},
@@ -263,12 +263,12 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"BrokenConfig", with_text("config", "{\"a\": "), "/@config", "not JSON: line 1, column 7",
              "attribute config: line 1, column 7"},
         Case{"NoPosition", without("/samples/position"), "/samples/position", "is missing",
-             "is not a whole recording: it lacks /samples/position"},
+             "is not a complete recording: it lacks /samples/position"},
         Case{"NoSamples", without("/samples"), "/samples/time", "is missing",
-             "is not a whole recording: it lacks /samples/time, /samples/tick, /samples/position"},
+             "is not a complete recording: it lacks /samples/time, /samples/tick, /samples/position"},
         Case{"HalfAReference", without("/samples/reference_velocity"), "/samples/reference_velocity", "is missing",
-             "is not a whole recording: it lacks /samples/reference_velocity"},
-        Case{"NoEvents", without("/events"), "/events", "is missing", "is not a whole recording: it lacks /events"},
+             "is not a complete recording: it lacks /samples/reference_velocity"},
+        Case{"NoEvents", without("/events"), "/events", "is missing", "is not a complete recording: it lacks /events"},
         Case{"PlainEvents", [](hid_t f) { replace_dataset(f, "/events", H5T_IEEE_F64LE, {3}); }, "/events",
              "is not a compound", "/events is not a list of time, code and text"},
         Case{"IntegerPosition",

@@ -120,7 +120,7 @@ TEST(BitRot, InABlockOfAnyPlaceAndColumnIsSavedAround) {
           told = true;
         }
       EXPECT_TRUE(told) << path << block;
-      EXPECT_THAT(check_recording(file), Contains(testing::Field(&Finding::what, HasSubstr("tells of damage"))));
+      EXPECT_THAT(check_recording(file), Contains(testing::Field(&Finding::what, HasSubstr("reports damage"))));
     }
 }
 
@@ -314,7 +314,8 @@ TEST(Recover, SaysWhatItDoesNotCopy) {
   H5Fclose(opened);
   flip(file, place_of_chunk(file, "/samples/force", 0).first + 9);
   const std::vector<std::string> notes = recover_recording(file).notes;
-  for (const char* path : {" /emg is of another", " /samples/emg is of another", " /@session is of another"})
+  for (const char* path :
+       {" /emg belongs to another", " /samples/emg belongs to another", " /@session belongs to another"})
     EXPECT_THAT(notes, Contains(HasSubstr(path)));
   EXPECT_THAT(notes, Not(Contains(HasSubstr("/samples/time"))));
 }
@@ -516,7 +517,7 @@ TEST(RecordingWriter, EndsWithAnErrorAndNothingOfItsOwnInAFileThatAnotherProgram
         writer.append(std::span(session).subspan(7000));
         writer.flush();
       },
-      Error::Kind::fault, {"another program wrote over it"});
+      Error::Kind::fault, {"another program overwrote it"});
   EXPECT_EQ(read_bytes(file), "mine");
   // Memory still holds the chunk before the one that could not be written.
   EXPECT_EQ(writer.resume(), 4096U);

@@ -96,7 +96,7 @@ TEST(Sampling, FindsTheClockOfALogThatLostRowsAtRandomAndNoPattern) {
   EXPECT_TRUE(found.pattern.empty());
   EXPECT_NEAR(found.clock_period, 1e-3, 1e-9);
   EXPECT_NEAR(found.missing, 0.2, 0.02);
-  EXPECT_NE(all_notes(found).find("they are multiples of a clock of 1000 Hz, of which 20 % of the ticks are missing"),
+  EXPECT_NE(all_notes(found).find("they are multiples of a clock of 1000 Hz that lacks 20 % of its ticks"),
             std::string::npos)
       << all_notes(found);
 }

@@ -68,8 +68,8 @@ TEST(LearnedMemory, RefusesWhatDoesNotHoldHereAndBeginsAnew) {
   };
   EXPECT_THAT(refused({"sim", "a device", "8"}, 1, kMass, session), HasSubstr("another device"));
   EXPECT_THAT(refused(kDevice, 0.5, kMass, session), HasSubstr("speed"));
-  EXPECT_THAT(refused(kDevice, 1, 2 * kMass, session), HasSubstr("calibrated anew"));
-  EXPECT_THAT(refused(kDevice, 1, kMass, other), HasSubstr("the path is another one now"));
+  EXPECT_THAT(refused(kDevice, 1, 2 * kMass, session), HasSubstr("a later calibration"));
+  EXPECT_THAT(refused(kDevice, 1, kMass, other), HasSubstr("it was learned on another path"));
 
   LearnedMemory memory(file, kDevice, 0.5, kMass);
   (void)memory.recall(session.plan.path.source());
