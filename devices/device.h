@@ -67,7 +67,8 @@ constexpr const char* to_string(ZeroForce zero) noexcept {
 
 /// Returns a clause for messages to the user.
 constexpr const char* describe(ZeroForce zero) noexcept {
-  constexpr std::array kWords{"the force is zero", "zero force was sent, but the device does not say whether it came",
+  constexpr std::array kWords{"the force is zero",
+                              "zero force was sent, but the device does not confirm that it arrived",
                               "the force could not be set to zero: switch the device off"};
   return kWords[static_cast<std::size_t>(zero)];
 }

@@ -12,7 +12,7 @@ namespace haptrace {
 
 DeviceSpec DeviceSpec::parse(std::string_view text) {
   const auto refuse = [text](const std::string& why) {
-    return input_error(fmt::format("--device '{}': {}; it reads NAME[:key=value[,key=value...]]", text, why));
+    return input_error(fmt::format("--device '{}': {}; expected NAME[:key=value[,key=value...]]", text, why));
   };
 
   DeviceSpec spec;
@@ -21,7 +21,7 @@ DeviceSpec DeviceSpec::parse(std::string_view text) {
   spec.name = text.substr(0, colon);
   if (spec.name.empty()) throw refuse("the device has no name");
   if (const auto bad = spec.name.find_first_of("=,"); bad != std::string::npos)
-    throw refuse(fmt::format("'{}' cannot stand in a name; options follow a ':'", spec.name[bad]));
+    throw refuse(fmt::format("a name cannot contain '{}'; options follow a ':'", spec.name[bad]));
   if (colon == std::string_view::npos) return spec;
 
   std::string_view rest = text.substr(colon + 1);
@@ -37,7 +37,7 @@ DeviceSpec DeviceSpec::parse(std::string_view text) {
     const auto end = key == "options" ? std::string_view::npos : comma;
     const std::string value(rest.substr(equals + 1, end == std::string_view::npos ? end : end - equals - 1));
     if (value.empty()) throw refuse(fmt::format("the option '{}' has no value", key));
-    if (!spec.options.emplace(key, value).second) throw refuse(fmt::format("the option '{}' stands twice", key));
+    if (!spec.options.emplace(key, value).second) throw refuse(fmt::format("the option '{}' is given twice", key));
 
     more = end != std::string_view::npos;
     if (more) rest.remove_prefix(end + 1);

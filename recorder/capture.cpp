@@ -13,8 +13,8 @@ namespace haptrace {
 
 void validate(const CaptureOptions& options) {
   if (options.pre && !(*options.pre >= 0 && *options.pre <= kLongestPre))
-    throw input_error(
-        fmt::format("what is kept before the trigger is {} s; it must be from 0 to {} s", *options.pre, kLongestPre));
+    throw input_error(fmt::format("the time to keep before the trigger is {} s; it must be from 0 to {} s",
+                                  *options.pre, kLongestPre));
 }
 
 void Capture::feed(std::span<const Sample> samples, std::vector<TimedEvent> events) {

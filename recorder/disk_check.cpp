@@ -88,12 +88,14 @@ std::vector<Diagnosis> examine_disk(const DiskMeasurement& disk, double patience
     const std::string figures = fmt::format("{} for {:.0f} ms of samples; busy {:.2g} % of the time",
                                             quantiles_text(stalls), 1e3 * disk.flush_period, 100 * busy);
     if (busy >= 1)
-      found.push_back({worst, check, figures + ": slower than the samples come", otherwise});
+      found.push_back({worst, check, figures + ": slower than the samples arrive", otherwise});
     else if (stalls.max() >= patience)
-      found.push_back({worst, check, fmt::format("{}: the ring bridges {:g} s", figures, patience), otherwise});
+      found.push_back(
+          {worst, check, fmt::format("{}: the ring buffer bridges only {:g} s", figures, patience), otherwise});
     else if (stalls.max() >= patience / 4)
       found.push_back({Severity::warning, check,
-                       fmt::format("{}: more than a quarter of what the ring bridges", figures), otherwise});
+                       fmt::format("{}: more than a quarter of the time that the ring buffer bridges", figures),
+                       otherwise});
     else
       found.push_back({Severity::ok, check, figures, ""});
   };
@@ -102,7 +104,7 @@ std::vector<Diagnosis> examine_disk(const DiskMeasurement& disk, double patience
   judge("disk sync", disk.sync, disk.sync_total, Severity::warning, other_folder);
 
   constexpr double kScarce = 1;  // [h]
-  const std::string space = fmt::format("{:.4g} GB free in {}: {:.3g} h of recording, {:.3g} MB each",
+  const std::string space = fmt::format("{:.4g} GB free in {}: {:.3g} h of recording at {:.3g} MB/h",
                                         1e-9 * disk.free_bytes, disk.folder, disk.hours(), 1e-6 * disk.bytes_per_hour);
   found.push_back({disk.hours() < kScarce ? Severity::warning : Severity::ok, "disk space", space,
                    disk.hours() < kScarce ? other_folder : ""});

@@ -83,8 +83,8 @@ RecordingWriter::Options writer_options(const Recorder::Options& options, double
   const std::size_t packed = rows_in(options.flush_period, rate_hz, 1);
   if (options.storage.filtered() && packed < kSmallestPacked)
     throw input_error(fmt::format(
-        "at {:g} Hz a recording cannot be packed while it grows: a packed piece of {} samples would be larger than the "
-        "samples. Record it as it is and use haptrace convert --compress afterwards",
+        "at {:g} Hz a recording cannot be compressed while it grows: a compressed chunk of {} samples would be larger "
+        "than the samples. Record without compression, and use haptrace convert --compress afterwards",
         rate_hz, packed));
   result.storage.rows_per_chunk =
       options.storage.filtered() ? packed : std::min(rows_in(kChunkSpan, rate_hz, 64), kLargestChunk);
@@ -278,7 +278,7 @@ class Recorder::Writer final : private Capture::Output {
         warn(Warning::Severity::warning, "no_trigger", file + ": the trigger did not fire; nothing was recorded");
     } catch (const std::exception& error) {
       warn(Warning::Severity::error, "recording_failed",
-           std::string(error.what()) + "; the session goes on without it");
+           std::string(error.what()) + "; the session continues without the recording");
       error_ = std::current_exception();
       count_failure();
     }
@@ -307,7 +307,8 @@ class Recorder::Writer final : private Capture::Output {
   void interrupt(const Error& error) {
     refusal_ = error.what();
     refused_since_ = Clock::now();
-    warn(Warning::Severity::warning, "recording_interrupted", refusal_ + "; it is tried to go on in a further file");
+    warn(Warning::Severity::warning, "recording_interrupted",
+         refusal_ + "; the recorder tries to continue in a further file");
     interrupted_.store(true, std::memory_order_relaxed);
   }
 

@@ -26,7 +26,7 @@ class RecordedRows {
  public:
   explicit RecordedRows(const std::string& file) : reader_(file) {
     const RecordingSummary summary = summarise(reader_);
-    if (summary.rows == summary.without_position) throw input_error(file + ": holds no position to replay");
+    if (summary.rows == summary.without_position) throw input_error(file + ": the file contains no position to replay");
     info_.natural_duration = summary.duration();
     set_workspace(info_, summary.bounds);
     const RecordingHeader header = reader_.header();
@@ -90,7 +90,7 @@ std::unique_ptr<Device> replay_path(const std::string& file, const std::string& 
 std::unique_ptr<Device> open_replay(const DeviceSpec& spec) {
   const auto file = spec.options.find("file");
   if (file == spec.options.end())
-    throw input_error(fmt::format("--device '{}': which recording? Say replay:file=NAME.h5", spec.text));
+    throw input_error(fmt::format("--device '{}': the option file is missing; use replay:file=NAME.h5", spec.text));
   return is_hdf5(file->second) ? replay_recording(file->second, spec.text) : replay_path(file->second, spec.text);
 }
 
@@ -158,7 +158,7 @@ std::string ReplayDevice::lost_reason() const {
 DeviceBackend replay_backend() {
   return {.name = "replay",
           .summary = "a recording that answers as if it were the device, in virtual time",
-          .options = {{"file", "the recording: HDF5, or a path as CSV"}},
+          .options = {{"file", "recording (HDF5) or path (CSV)"}},
           .presets = {},
           .open = open_replay};
 }

@@ -10,7 +10,7 @@ namespace haptrace {
 
 Scene::Scene(std::vector<std::unique_ptr<SceneObject>> objects, bool passivity)
     : objects_(std::move(objects)), contacts_(objects_.size()), passivity_(passivity) {
-  if (objects_.empty()) throw input_error("the scene has no objects: nothing could be touched");
+  if (objects_.empty()) throw input_error("the scene has no objects; add at least one");
   std::vector<std::string> sorted = names();
   std::sort(sorted.begin(), sorted.end());
   const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
@@ -67,7 +67,7 @@ void Scene::set(const std::string& knob, double level) {
       return object->set(knob.substr(dot + 1), level);
   std::vector<std::string> known;
   for (const Knob& own : knobs()) known.push_back(own.name);
-  throw input_error(fmt::format("the scene has no knob '{}'{}", knob, suggestion(knob, known)));
+  throw input_error(fmt::format("the scene has no accuracy setting '{}'{}", knob, suggestion(knob, known)));
 }
 
 }  // namespace haptrace

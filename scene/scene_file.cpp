@@ -30,7 +30,7 @@ std::unique_ptr<SceneObject> read_object(JsonReader& reader) {
   const std::string word = reader.require("kind").choice("kind", "", known);
   const auto kind = std::find_if(kSceneKinds.begin(), kSceneKinds.end(), [&](const auto& k) { return k.kind == word; });
   const std::string name = reader.text("name", word);
-  if (name.empty()) throw input_error(reader.where() + ".name: is empty");
+  if (name.empty()) throw input_error(reader.where() + ".name: the name is empty");
   auto object = kind->read(reader, name);
   reader.finish();
   return object;

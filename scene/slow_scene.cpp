@@ -189,11 +189,12 @@ Contact SlowScene::modelled(std::size_t object, const Touch& touch) const noexce
 std::vector<std::string> SlowScene::remarks() const {
   std::vector<std::string> remarks;
   if (late_ > 0)
-    remarks.push_back(
-        fmt::format("the scene did not keep its rate: {} times it had no answer when the next was due", late_));
+    remarks.push_back(fmt::format(
+        "the scene did not keep its rate: {} times, its answer was not ready when the next one was due", late_));
   if (stale_ > 0)
     remarks.push_back(
-        fmt::format("for {} ticks its last answer was more than {} periods old: nothing was touched", stale_, kStale));
+        fmt::format("for {} ticks, the last answer of the scene was more than {} periods old, so no object was touched",
+                    stale_, kStale));
   return remarks;
 }
 

@@ -38,7 +38,7 @@ std::unique_ptr<SceneObject> read_wall(JsonReader& reader, const std::string& na
   spec.point = reader.require("point").vector("point", spec.point, -kMaxPoint, kMaxPoint);
   spec.normal = reader.require("normal").vector("normal", spec.normal, -kMaxNormal, kMaxNormal);
   if (!(spec.normal.stableNorm() >= kMinNormal && spec.normal.stableNorm() <= kMaxNormal))
-    throw input_error(reader.where() + ".normal: has no direction");
+    throw input_error(reader.where() + ".normal: the vector has no direction");
   spec.surface = read_penalty(reader);
   return std::make_unique<Wall>(name, spec);
 }

@@ -21,29 +21,29 @@ struct Law {
 };
 
 constexpr Law kLaws[] = {
-    {"description", "says coherently what it is"},
+    {"description", "describes itself consistently"},
     {"ready", "becomes ready for forces"},
-    {"measures", "measures what it says it measures, and nothing else"},
-    {"exchange", "exchanges within a tick"},
-    {"rate", "has a new state for nearly every tick"},
-    {"fresh", "answers with fresh states"},
-    {"noise", "is quiet at rest"},
-    {"follows", "measures where its handle is"},
-    {"gentle", "moves slowly and not far under small forces"},
-    {"force_x", "moves along a force along x"},
-    {"force_y", "moves along a force along y"},
-    {"force_z", "moves along a force along z"},
-    {"latency", "answers a force soon"},
-    {"resolution", "resolves as finely as it says"},
-    {"opposes", "opposes a hand when it is told to"},
-    {"stated_force", "bears the force that it states"},
-    {"nan_force", "takes a force that is not a number for none"},
-    {"host_pause", "lets go of its force when the host pauses"},
-    {"finite", "answers with positions that are numbers"},
-    {"stays", "stays there while it is used"},
-    {"closes", "is lost once it is closed"},
-    {"reopens", "opens again after it was closed"},
-    {"repeats", "answers equal commands equally, in virtual time"},
+    {"measures", "measures exactly the quantities that it states"},
+    {"exchange", "completes its exchanges within a tick"},
+    {"rate", "provides a new state for nearly every tick"},
+    {"fresh", "answers with recent states"},
+    {"noise", "measures a position with little noise at rest"},
+    {"follows", "measures the position of its handle"},
+    {"gentle", "moves slowly, and by a short distance, under small forces"},
+    {"force_x", "moves along x under a force along x"},
+    {"force_y", "moves along y under a force along y"},
+    {"force_z", "moves along z under a force along z"},
+    {"latency", "responds to a force without a long delay"},
+    {"resolution", "measures positions with the stated resolution"},
+    {"opposes", "opposes the hand when a spring is commanded"},
+    {"stated_force", "produces the force that it states"},
+    {"nan_force", "treats a force that is not finite as zero"},
+    {"host_pause", "removes its force when the host pauses"},
+    {"finite", "answers with finite positions"},
+    {"stays", "stays connected while it is used"},
+    {"closes", "reports that it is lost after it is closed"},
+    {"reopens", "can be opened again after it is closed"},
+    {"repeats", "answers identical commands identically, in virtual time"},
 };
 
 constexpr const char* kAxisLaws[] = {"force_x", "force_y", "force_z"};
@@ -77,9 +77,10 @@ constexpr double kLouderBy = 1.5;
 constexpr double kShortestHold = 0.1;  // twice the time that a watchdog may take [s]
 constexpr double kLetGo = 0.6;         // largest share of the path under a held force. A mass whose force ends
                                        // after 50 ms of 200 goes half of it; friction and a hand reduce that
-constexpr const char* kOutside = "the handle is not inside the workspace, with room for a force to move it";
+constexpr const char* kOutside = "the handle is outside the workspace, or too close to its edge for a force to move it";
 constexpr const char* kNoWatchdog =
-    ": it keeps its last force. Its driver needs a watchdog that sends zero within 50 ms without an exchange";
+    ": it keeps its last force. Its driver needs a watchdog that sends zero force after at most 50 ms without an "
+    "exchange";
 constexpr double kUnmoved = 1e-3;    // largest motion under a force that is not finite [m]
 constexpr double kShortFade = 0.05;  // [s]
 
@@ -186,15 +187,15 @@ class Examination {
       case StopCause::finished:
         return true;
       case StopCause::interrupted:
-        over_ = "it was stopped before";
+        over_ = "the test was stopped earlier";
         report_.interrupted = true;
         break;
       case StopCause::device_lost:
         lost_ = true;
-        over_ = "the device was lost before";
+        over_ = "the device was lost earlier";
         break;
       case StopCause::not_finite:
-        over_ = "it gave a position that is not a number before";
+        over_ = "an earlier position was not finite";
         break;
       default:
         break;
@@ -211,25 +212,25 @@ class Examination {
     expect(!info_.model.empty() || info_.backend == "replay", "model is empty");
     expect(is_finite(info_.workspace_min) && is_finite(info_.workspace_max), "workspace is not finite");
     expect((info_.workspace_min.array() < info_.workspace_max.array()).all(),
-           "workspace_min does not lie below workspace_max in every axis");
+           "workspace_min is not below workspace_max in every axis");
     expect(info_.workspace_min.cwiseAbs().maxCoeff() <= kWidest && info_.workspace_max.cwiseAbs().maxCoeff() <= kWidest,
-           fmt::format("the workspace reaches farther than {} m; it is stated in metres", kWidest));
+           fmt::format("the workspace reaches farther than {} m; its unit is the metre", kWidest));
     expect(std::isfinite(info_.position_resolution) && info_.position_resolution >= 0,
            "position_resolution is negative or not finite");
     expect(!(info_.position_resolution > kCoarsest),
-           fmt::format("position_resolution is {} m, which no encoder has", info_.position_resolution));
+           fmt::format("position_resolution is {} m, which is too coarse for an encoder", info_.position_resolution));
     expect(std::isfinite(info_.max_force) && info_.max_force > 0, "max_force is not above 0");
-    expect(!(info_.max_force > kStrongest),
-           fmt::format("max_force is {:.3g} N; no device that a hand holds has more than {} N, and every limit of a "
-                       "session follows from it",
-                       info_.max_force, kStrongest));
+    expect(!(info_.max_force > kStrongest), fmt::format("max_force is {:.3g} N; no haptic device has more than {} N. "
+                                                        "Every limit of a session depends on this value",
+                                                        info_.max_force, kStrongest));
     expect(info_.max_torque >= 0 && info_.max_torque <= kStrongestTurn,
-           fmt::format("max_torque is {:.3g} N m; it has to be between 0 and {}", info_.max_torque, kStrongestTurn));
+           fmt::format("max_torque is {:.3g} N m; it must be between 0 and {}", info_.max_torque, kStrongestTurn));
     expect(info_.max_continuous_force >= 0 && info_.max_continuous_force <= info_.max_force,
            "max_continuous_force is not between 0 and max_force");
     expect(std::isfinite(info_.nominal_rate) && info_.nominal_rate > 0, "nominal_rate is not above 0");
-    expect(!(info_.nominal_rate > kFastestRate), fmt::format("nominal_rate is {:.3g} Hz", info_.nominal_rate));
-    expect(info_.force_axes[0] || info_.force_axes[1] || info_.force_axes[2], "no axis takes a force");
+    expect(!(info_.nominal_rate > kFastestRate),
+           fmt::format("nominal_rate is {:.3g} Hz; it must be at most {:g} Hz", info_.nominal_rate, kFastestRate));
+    expect(info_.force_axes[0] || info_.force_axes[1] || info_.force_axes[2], "no axis can produce a force");
     judge("description", wrong.empty(),
           wrong.empty() ? fmt::format("{}, {:.3g} N, {:.4g} Hz", info_.model, info_.max_force, info_.nominal_rate)
                         : fmt::format("{}", fmt::join(wrong, "; ")));
@@ -240,8 +241,8 @@ class Examination {
         fmt::format("no force for {:.3g} s: hold the handle still, near the middle of its workspace", options_.rest);
     DeviceState first;
     if (device_->exchange({}, 0, first) == Device::Status::ok && !first.ready)
-      request =
-          fmt::format("it is not ready yet, and has {:.3g} s to become so; then {}", options_.ready_timeout, request);
+      request = fmt::format("the device is not ready yet; it must become ready within {:.3g} s. Then {}",
+                            options_.ready_timeout, request);
     for (const std::string& note : info_.notes) request += "\n  " + note;
     if (is_real()) user_.does(request);
 
@@ -251,7 +252,7 @@ class Examination {
     const auto& rows = rest_rows_ = device_->rows();
     if (whole || !rows.empty())
       judge("ready", ready,
-            ready ? "it allows forces" : "it withdrew its permission while no force was sent: " + last_.detail);
+            ready ? "it allows forces" : "it stopped allowing forces although no force was sent: " + last_.detail);
     else if (!ready)
       judge("ready", false, last_.detail);
     if (!ready && over_.empty()) over_ = "it is not ready for forces";
@@ -267,17 +268,17 @@ class Examination {
       const double rate = static_cast<double>(fresh) / span, expected = std::min(options_.rate_hz, info_.nominal_rate),
                    share = options_.busy_machine ? kNewStatesBusy : kNewStates;
       judge("rate", rate >= share * expected,
-            fmt::format("{:.0f} new states per second of {:.0f}; {:.2g} % of the exchanges brought none", rate,
+            fmt::format("{:.0f} of {:.0f} new states per second; {:.2g} % of the exchanges returned no new state", rate,
                         expected, 100 * (1 - static_cast<double>(fresh) / static_cast<double>(rows.size() - 1))),
             {{"rate", rate, "Hz"}});
     } else {
-      leave_out("rate", "its time is that of the exchanges");
+      leave_out("rate", "its virtual time advances only with the exchanges");
     }
     const double noise = noise_of(rows),
                  limit = info_.position_resolution > 0 ? kLoudCounts * info_.position_resolution : kLoud;
     noise_ = noise;
     judge("noise", noise <= limit,
-          fmt::format("{} rms per axis; at most {}", distance_text(noise), distance_text(limit)),
+          fmt::format("{} rms per axis; the limit is {}", distance_text(noise), distance_text(limit)),
           {{"noise", noise, "m"}});
     // Only the last 0.2 s: earlier motion may come from a hand that settles.
     const auto late = std::find_if(rows.begin(), rows.end(),
@@ -298,8 +299,8 @@ class Examination {
     std::vector<std::string> wrong;
     const auto expect = [&](const char* what, bool says, const auto& measured) {
       if (!all(says, measured))
-        wrong.push_back(
-            fmt::format("it says that it {} {}, and answers otherwise", says ? "measures" : "does not measure", what));
+        wrong.push_back(fmt::format("it states that it {} {}, but its answers contradict this",
+                                    says ? "measures" : "does not measure", what));
     };
     expect("velocity", info_.measures_velocity, [](const DeviceState& s) { return is_finite(s.velocity); });
     expect("orientation", info_.measures_orientation,
@@ -316,7 +317,7 @@ class Examination {
     if (!over_.empty()) return over_;
     if (!options_.no_forces.empty()) return options_.no_forces;
     if (creep_ > kCreeps)
-      return fmt::format("it moves by itself, {}/s, which hides what a small force does; hold it still",
+      return fmt::format("it moves by itself at {}/s, which hides the effect of a small force; hold it still",
                          distance_text(creep_));
     if (is_inside()) return "";
     if (is_real() && user_.does("no force: move the handle into the middle of its workspace, and hold it there")) {
@@ -340,7 +341,7 @@ class Examination {
     judge_gentleness();
     judge_latency();
     const std::string tried =
-        most_sent_ > 0 ? fmt::format("at most {:.3g} N was sent", most_sent_) : "nothing was sent";
+        most_sent_ > 0 ? fmt::format("the test sent at most {:.3g} N", most_sent_) : "the test sent no force";
     leave_out("stated_force", fmt::format("it states {:.3g} N; {}", info_.max_force, tried));
     send_no_number();
     pause_while_it_pushes();
@@ -352,10 +353,10 @@ class Examination {
     why = !over_.empty() ? over_ : no_more_forces_;
     if (why.empty() && stop_.count() > 0) {
       report_.interrupted = true;
-      why = over_ = "it was stopped before";
+      why = over_ = "the test was stopped earlier";
     }
     if (why.empty() && !user_.allows(what))
-      why = stop_.count() > 0 ? "it was stopped before" : "its force was not allowed";
+      why = stop_.count() > 0 ? "the test was stopped earlier" : "the user did not allow its force";
     return why.empty();
   }
 
@@ -384,7 +385,7 @@ class Examination {
     const bool whole = force_session(controller, seconds, why);
     farthest_ = std::max(farthest_, controller.farthest());
     if (!controller.went_too_far()) return whole;
-    why = fmt::format("the handle went {} far, or out of its workspace, under at most {:.2g} N",
+    why = fmt::format("the handle moved by {}, or left its workspace, under at most {:.2g} N",
                       distance_text(controller.farthest()), last_.max_force);
     send_no_more(why);
     return false;
@@ -398,12 +399,13 @@ class Examination {
   void push(int axis) {
     const char* const id = kAxisLaws[axis];
     const char name = "xyz"[axis];
-    if (!info_.force_axes[static_cast<std::size_t>(axis)]) return leave_out(id, "it has no motor there");
+    if (!info_.force_axes[static_cast<std::size_t>(axis)]) return leave_out(id, "this axis has no motor");
     std::string why;
     const std::string announcement = fmt::format(
-        "a force along {}, forth and back, that grows to at most {:.3g} N and turns round once the handle has "
+        "a force along {}, forwards and then backwards. It grows to at most {:.3g} N and reverses once the handle has "
         "moved by {:.0f} mm{}",
-        name, options_.max_force, 1e3 * PushController::kReach, is_real() ? "; hold it loosely, and let it move" : "");
+        name, options_.max_force, 1e3 * PushController::kReach,
+        is_real() ? ". Hold the handle loosely, and let it move" : "");
     if (!may_send(announcement, why)) return leave_out(id, why);
 
     FirstPush push{axis, options_.max_force, std::max({5e-5, 2 * info_.position_resolution, 5 * noise_}), {}};
@@ -422,10 +424,12 @@ class Examination {
     Push push{.response = response(strokes)};
     const double size = push.response.norm();
     if (size < kLeastResponse)
-      return leave_out(id, fmt::format("{:.3g} N moved it by {}: friction hides where to; allow more with --max-force",
-                                       options_.max_force, distance_text(size)));
+      return leave_out(
+          id,
+          fmt::format("{:.3g} N moved it by {}: friction hides the direction. Allow a larger force with --max-force",
+                      options_.max_force, distance_text(size)));
     if ((strokes[0].path + strokes[1].path).norm() > 2 * kOwnMotion * size)
-      return leave_out(id, "it moved much the same whatever the force was: hold it more loosely, and still");
+      return leave_out(id, "its motion hardly depended on the force: hold it still, but more loosely");
 
     const double cosine = push.response[axis] / size;
     push.aligned = cosine >= kAligned;
@@ -444,12 +448,12 @@ class Examination {
     for (std::size_t k = 0; k < strokes.size() && push.aligned; ++k)
       if (const double delay = latency_of(device_->rows(), strokes[k], axis, info_.virtual_time); std::isfinite(delay))
         delays_.push_back(delay);
-    std::string detail = fmt::format("it moved {:.0f} degrees away from the force, by {:.2g}, {:.2g}, {:.2g} mm",
+    std::string detail = fmt::format("it moved at {:.0f} degrees to the force, by {:.2g}, {:.2g}, {:.2g} mm",
                                      angle * 180 / std::numbers::pi, 1e3 * push.response.x(), 1e3 * push.response.y(),
                                      1e3 * push.response.z());
     if (!push.aligned)
-      detail += cosine < -kAligned ? ": the sign of this axis is wrong, of its motor or of its encoder"
-                                   : ": axes are swapped or turned between its motors and its encoders";
+      detail += cosine < -kAligned ? ": the motor or the encoder of this axis has the wrong sign"
+                                   : ": axes are swapped or rotated between its motors and its encoders";
     judge(id, push.aligned, detail,
           {{"angle", angle, "rad"}, {"motion", size, "m"}, {"moving_force", push.moving_force, "N"}});
     pushes_[static_cast<std::size_t>(axis)] = push;
@@ -457,51 +461,52 @@ class Examination {
 
   void judge_gentleness() {
     if (!too_fast_.empty())
-      judge("gentle", false, too_fast_ + "; are its forces larger than it is told, or does something else push it?");
+      judge("gentle", false, too_fast_ + ". Its forces are larger than commanded, or something else pushes it");
     else if (lightest_ < kLightest)
       judge("gentle", false,
-            fmt::format("it moved as if it weighed {:.2g} g: its forces are larger than it is told", 1e3 * lightest_),
+            fmt::format("its apparent mass was {:.2g} g: its forces are larger than commanded", 1e3 * lightest_),
             {{"mass", lightest_, "kg"}});
     else if (most_sent_ > 0)
-      judge("gentle", true, fmt::format("at most {} away under at most {:.2g} N", distance_text(farthest_), most_sent_),
+      judge("gentle", true,
+            fmt::format("it moved by at most {} under at most {:.2g} N", distance_text(farthest_), most_sent_),
             {{"distance", farthest_, "m"}, {"force", most_sent_, "N"}});
     else
       leave_out("gentle", over_.empty() ? no_more_forces_.empty() ? "no force was sent" : no_more_forces_ : over_);
   }
 
   void judge_latency() {
-    if (delays_.empty()) return leave_out("latency", "no force moved it far enough to tell");
+    if (delays_.empty()) return leave_out("latency", "no force moved it far enough for this test");
     const double typical = median(delays_);
     judge("latency", typical <= kSoon,
-          fmt::format("{:.1f} ms, give or take 2, from a force that is sent to the motion that is seen; median of {}",
+          fmt::format("{:.1f} ms, within 2 ms, from sending a force to measuring its motion; median of {}",
                       1e3 * typical, delays_.size()),
           {{"latency", typical, "s"}});
   }
 
   /// Lets the user feel a spring, if no axis pushes the wrong way.
   void feel() {
-    if (!is_real()) return leave_out("opposes", "nobody can feel it in virtual time");
-    if (!user_.is_there()) return leave_out("opposes", "nobody is there to feel it");
+    if (!is_real()) return leave_out("opposes", "no user can feel a force in virtual time");
+    if (!user_.is_there()) return leave_out("opposes", "no user is at the device to feel it");
     for (std::size_t axis = 0; axis < 3; ++axis)
       if (info_.force_axes[axis] && !(pushes_[axis] && pushes_[axis]->aligned))
-        return leave_out("opposes", "only where every axis was seen to move along its force");
+        return leave_out("opposes", "this test needs every axis to move along its force first");
     std::string why;
     if (!may_send(
-            fmt::format("a soft spring of at most {:.3g} N to where the handle is, for {:.0f} s: move it to and fro "
-                        "by a few millimetres, and feel whether it pulls back",
+            fmt::format("a soft spring of at most {:.3g} N that holds the handle at its present position, for {:.0f} "
+                        "s. Move the handle back and forth by a few millimetres, and feel whether it pulls back",
                         options_.max_force, options_.feel),
             why))
       return leave_out("opposes", why);
     SpringController spring(info_, options_.max_force, options_.feel);
     if (!force_session(spring, options_.feel, why)) return leave_out("opposes", why);
-    const auto felt = user_.answers("did it pull back to where it was?");
-    if (!felt) return leave_out("opposes", "nobody could tell");
-    judge("opposes", *felt, *felt ? "felt by hand" : "nothing like a spring was felt");
+    const auto felt = user_.answers("did the handle pull back to its first position?");
+    if (!felt) return leave_out("opposes", "the user gave no answer");
+    judge("opposes", *felt, *felt ? "the user felt the spring" : "the user felt no spring");
   }
 
   void send_no_number() {
     std::string why;
-    if (!may_send(fmt::format("for {:.0f} ms a force that is not a number; the handle must not move",
+    if (!may_send(fmt::format("for {:.0f} ms, a force that is not finite; the handle must not move",
                               1e3 * RestController::kSpoilt),
                   why))
       return leave_out("nan_force", why);
@@ -526,22 +531,23 @@ class Examination {
     }
     const double allowed = kUnmoved + 3 * before;
     judge("nan_force", after <= allowed,
-          fmt::format("it moved by {}; at most {}", distance_text(after), distance_text(allowed)),
+          fmt::format("it moved by {}; the limit is {}", distance_text(after), distance_text(allowed)),
           {{"motion", after, "m"}});
   }
 
   void pause_while_it_pushes() {
-    if (!is_real()) return leave_out("host_pause", "its time stands still while the host pauses");
+    if (!is_real()) return leave_out("host_pause", "its virtual time stops while the host pauses");
     const auto easiest = easiest_push();
     if (!easiest)
-      return leave_out("host_pause", no_more_forces_.empty() && over_.empty() ? "no force moved it far enough to tell"
-                                     : over_.empty()                          ? no_more_forces_
-                                                                              : over_);
+      return leave_out("host_pause", no_more_forces_.empty() && over_.empty()
+                                         ? "no force moved it far enough for this test"
+                                     : over_.empty() ? no_more_forces_
+                                                     : over_);
     const auto [axis, force] = *easiest;
     std::string why;
-    if (!may_send(fmt::format("{:.2g} N along {} for {:.0f} ms, and then more, until it moves by {:.0f} mm, at most "
-                              "{:.3g} N. Then once more the same, while the host pauses, and the device has to let go "
-                              "by itself; hold it loosely",
+    if (!may_send(fmt::format("{:.2g} N along {} for {:.0f} ms, then larger forces until the handle moves by {:.0f} "
+                              "mm, at most {:.3g} N. Then the same force again while the host pauses: the device must "
+                              "remove it by itself. Hold the handle loosely",
                               force, "xyz"[axis], 1e3 * HoldController::kLongest, 1e3 * kHeldPath, options_.max_force),
                   why))
       return leave_out("host_pause", why);
@@ -555,13 +561,13 @@ class Examination {
       const bool kept = share <= kLetGo, alike = after->way() > 0.5 * before->way();
       if (alike && kept == (paused->way() <= kLetGo * after->way()))
         return judge("host_pause", kept,
-                     fmt::format("it went {:.0f} % of the way that it goes under a force that is held{}",
+                     fmt::format("it moved {:.0f} % of the distance that it moves under a force that continues{}",
                                  100 * std::max(share, 0.0), kept ? "" : kNoWatchdog),
                      {{"share", share, "1"}});
       // A hand moves by itself and does not always hold equally tight. A larger force outweighs both.
       if (round == kLouder || before->force >= options_.max_force || before->seconds < HoldController::kLongest)
         return leave_out("host_pause",
-                         "the same force moved it differently each time: hold it more loosely, and still");
+                         "the same force moved it by a different distance each time: hold it still, but more loosely");
       before = hold(axis, std::min(kLouderBy * before->force, options_.max_force), HoldController::kLongest,
                     HoldController::Host::goes_on);
     }
@@ -599,11 +605,12 @@ class Examination {
       const double path = held->path;
       if (path >= enough && held->seconds >= kShortestHold) return held;
       if (path >= enough || force >= options_.max_force) {
-        leave_out("host_pause", path >= enough
-                                    ? fmt::format("{:.2g} N moved it too fast, and a little less not at all", force)
-                                    : fmt::format("{:.2g} N moved it by {}: too little to tell; allow more with "
-                                                  "--max-force",
-                                                  force, distance_text(std::max(path, 0.0))));
+        leave_out(
+            "host_pause",
+            path >= enough
+                ? fmt::format("{:.2g} N moved it too fast, and a slightly smaller force did not move it", force)
+                : fmt::format("{:.2g} N moved it by {}, which is too little. Allow a larger force with --max-force",
+                              force, distance_text(std::max(path, 0.0))));
         return std::nullopt;
       }
       force = std::min(kHarder * force, options_.max_force);
@@ -619,10 +626,10 @@ class Examination {
     if (whole) return Hold{force, controller.held(), controller.path()};
     if (pauses && last_.cause == StopCause::device_lost) {
       lost_ = false;
-      over_ = "it gave up when the host paused";
-      judge("host_pause", true, "it gave up the connection, which is safe: " + last_.detail);
+      over_ = "it ended the connection when the host paused";
+      judge("host_pause", true, "it ended the connection, which is safe: " + last_.detail);
     } else if (pauses && last_.cause == StopCause::device_not_ready) {
-      judge("host_pause", true, "it withdrew its permission for forces, which is safe");
+      judge("host_pause", true, "it stopped allowing forces, which is safe");
     } else if (pauses && (last_.cause == StopCause::velocity || controller.went_too_far())) {
       judge("host_pause", false, why + kNoWatchdog);
     } else {
@@ -636,19 +643,19 @@ class Examination {
     if (const DurationHistogram& time = device_->exchange_time(); time.count() > 0) {
       const double tick = 1 / options_.rate_hz, late = options_.busy_machine ? kLateBusy : kLate;
       judge("exchange", time.quantile(1 - late) <= tick,
-            fmt::format("p50 {}, p99 {}, max {} of a tick of {}", duration_text(time.quantile(0.5)),
+            fmt::format("p50 {}, p99 {}, max {}; a tick lasts {}", duration_text(time.quantile(0.5)),
                         duration_text(time.quantile(0.99)), duration_text(time.max()), duration_text(tick)),
             {{"p50", time.quantile(0.5), "s"}, {"p99", time.quantile(0.99), "s"}, {"max", time.max(), "s"}});
     }
     if (ages_.count() > 0) {
       const double median = ages_.quantile(0.5), most = options_.busy_machine ? kStaleBusy : kStale;
       judge("fresh", !wrong_age_ && median <= most,
-            wrong_age_ ? "an age is negative or not a number"
-                       : fmt::format("age p50 {}, p99 {}; at most {} half of the time", duration_text(median),
+            wrong_age_ ? "an age is negative or not finite"
+                       : fmt::format("age p50 {}, p99 {}; the limit of p50 is {}", duration_text(median),
                                      duration_text(ages_.quantile(0.99)), duration_text(most)),
             {{"p50", median, "s"}, {"p99", ages_.quantile(0.99), "s"}});
       judge("finite", !not_finite_,
-            not_finite_ ? "a position was not a number" : fmt::format("{} positions", ages_.count()));
+            not_finite_ ? "a position was not finite" : fmt::format("{} positions", ages_.count()));
     }
     judge("stays", !lost_, lost_ ? last_.detail : "it answered every exchange");
     judge_whether_it_follows();
@@ -659,9 +666,10 @@ class Examination {
   /// that moves the handle, or a force above any friction, can tell the two apart.
   void judge_whether_it_follows() {
     if (moved_) return judge("follows", true, "its position changed");
-    if (!first_position_) return leave_out("follows", over_.empty() ? "there was nothing to judge" : over_);
+    if (!first_position_) return leave_out("follows", over_.empty() ? "the test collected no data" : over_);
     constexpr const char* kFrozen =
-        "its position stood still, to the last digit, {}: are its encoders connected, and is each state a new one?";
+        "its position stayed the same, to the last digit, {}. Check that its encoders are connected and that each "
+        "state is a new one";
     const std::string pushed = fmt::format("under forces of up to {:.3g} N", most_sent_);
     if (most_sent_ >= kStiction) return judge("follows", false, fmt::format(kFrozen, pushed));
     const bool asked =
@@ -670,17 +678,18 @@ class Examination {
     RestController rest(kLook);
     if (asked && session(rest, kLook, false))
       return judge("follows", moved_, moved_ ? "its position changed" : fmt::format(kFrozen, "although it was moved"));
-    leave_out("follows", fmt::format("its position never changed{}: its friction or a firm hand holds it, or it does "
-                                     "not measure. Run the test at a terminal and move the handle when asked",
-                                     most_sent_ > 0 ? " " + pushed : ""));
+    leave_out("follows",
+              fmt::format("its position never changed{}: friction or a firm hand holds the handle, or the encoders do "
+                          "not count. Run the test at a terminal, and move the handle when the test asks you to",
+                          most_sent_ > 0 ? " " + pushed : ""));
   }
 
   void judge_resolution() {
     const double step = steps_.distance, stated = info_.position_resolution;
     const std::vector<LawFinding::Figure> figures{{"smallest_step", step, "m"}, {"stated", stated, "m"}};
     if (steps_.steps < kLeastSteps) return tell("resolution", Verdict::not_tested, "it hardly moved", figures);
-    const std::string seen = fmt::format("the smallest step of {} was {}", steps_.steps, distance_text(step));
-    if (stated <= 0) return tell("resolution", Verdict::not_tested, "it states none; " + seen, figures);
+    const std::string seen = fmt::format("the smallest of {} steps was {}", steps_.steps, distance_text(step));
+    if (stated <= 0) return tell("resolution", Verdict::not_tested, "it states no resolution; " + seen, figures);
     judge("resolution", step <= kCoarser * stated && stated <= kFiner * step,
           fmt::format("{}; it states {}", seen, distance_text(stated)), figures);
   }
@@ -694,7 +703,7 @@ class Examination {
     device_->close();
     const bool still = device_->exchange({}, 1e-3, state) == Device::Status::lost;
     judge("closes", lost && still,
-          !lost || !still ? "it answered after close" : "also when it is closed twice: " + device_->lost_reason());
+          !lost || !still ? "it still answers after close" : "also after a second close: " + device_->lost_reason());
 
     if (lost_ || report_.interrupted) return leave_out("reopens", over_);
     try {
@@ -703,8 +712,8 @@ class Examination {
       const bool same = info.backend == info_.backend && info.model == info_.model && info.serial == info_.serial;
       const bool answers = device_->exchange({}, 0, state) == Device::Status::ok;
       judge("reopens", same && answers,
-            !same     ? fmt::format("another one answers: {} {}", info.model, info.serial)
-            : answers ? "and is the same"
+            !same     ? fmt::format("another device answers: {} {}", info.model, info.serial)
+            : answers ? "the same device answers"
                       : device_->lost_reason());
       if (same && answers && !is_real()) repeat();
     } catch (const Error& error) {
@@ -727,23 +736,24 @@ class Examination {
     std::size_t exchanges = device_->rows().size();
     bool same = equal(rest_rows_);
     std::string why;
-    if (same && first_push_ &&
-        may_send("the first of these forces once more, which is to be answered as before", why)) {
+    if (same && first_push_ && may_send("the first of these forces again; the response must be the same", why)) {
       PushController controller = first_push_->controller(info_);
       if (!probe(controller, controller.duration(), why)) return;
       same = equal(first_push_->rows);
       exchanges += device_->rows().size();
     }
     judge("repeats", same,
-          same ? fmt::format("{} answers were the same, to the last digit", exchanges)
-               : "opened again and told the same, it answered otherwise");
+          same ? fmt::format("{} answers were identical to the last digit", exchanges)
+               : "after it was opened again, it answered the same commands differently");
   }
 
   ConformanceReport conclude() {
     for (const Law& law : kLaws) {
       if (is_told(law.id)) continue;
       const bool other_clock = std::string_view(law.id) == "repeats" && is_real();
-      leave_out(law.id, other_clock ? "it lives in real time" : over_.empty() ? "there was nothing to judge" : over_);
+      leave_out(law.id, other_clock     ? "the device runs in real time"
+                        : over_.empty() ? "the test collected no data"
+                                        : over_);
     }
     const auto place = [](const LawFinding& finding) {
       return std::find_if(std::begin(kLaws), std::end(kLaws), [&](const Law& law) { return finding.id == law.id; });
@@ -805,7 +815,7 @@ ConformanceReport test_conformance(const std::function<std::unique_ptr<Device>()
   check_range("--max-force", options.max_force, 1e-3, 100, "N");
   check_range("the largest velocity", options.max_velocity, 1e-3, 10, "m/s");
   check_range("the time at rest", options.rest, 0.1, 3600, "s");
-  check_range("the time of the spring", options.feel, 0.1, 60, "s");
+  check_range("the duration of the spring", options.feel, 0.1, 60, "s");
   return Examination(open, options, user, stop).run();
 }
 

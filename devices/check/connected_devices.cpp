@@ -34,8 +34,8 @@ std::vector<FoundDevice> connected_devices(const std::vector<DeviceBackend>& bac
                            .serial = plugged.serial,
                            .where = plugged.where,
                            .obstacle = "haptrace has no driver for it",
-                           .remedy = "write a plug-in, one C file against devices/plugin.h as samples/plugins/mass.c "
-                                     "is, and say --device plugin:path=./libmine.so"});
+                           .remedy = "write a plug-in, one C file that implements devices/plugin.h (example: "
+                                     "samples/plugins/mass.c), and use --device plugin:path=./libmine.so"});
   }
   return connected;
 }

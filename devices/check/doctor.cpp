@@ -65,7 +65,8 @@ Diagnosis examine_governor(const fs::path& root) {
   }
   if (cpus == 0) return unknown(kCheck, "no frequency scaling is visible (a fixed clock, or a virtual machine)");
   if (others.empty()) return {Severity::ok, kCheck, fmt::format("performance, {} processors", cpus), ""};
-  return {Severity::warning, kCheck, fmt::format("{}: slow clocks make late ticks", fmt::join(others, ", ")),
+  return {Severity::warning, kCheck,
+          fmt::format("{}: a slow processor clock makes ticks late", fmt::join(others, ", ")),
           "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"};
 }
 
@@ -115,7 +116,7 @@ Diagnosis examine_preemption(const fs::path& root) {
   const Preemption found = find_preemption(root);
   if (found.model.empty()) return unknown(kCheck, "the kernel's configuration cannot be read");
   const std::string measured = fmt::format("{}{} ({})", found.model == "rt" ? "PREEMPT_RT" : found.model,
-                                           found.dynamic ? ", can be changed while it runs" : "", found.source);
+                                           found.dynamic ? ", can be changed at run time" : "", found.source);
   const std::string remedy = found.dynamic
                                  ? "echo full | sudo tee /sys/kernel/debug/sched/preempt   # to keep it: preempt=full "
                                    "in GRUB_CMDLINE_LINUX of /etc/default/grub, sudo update-grub"
@@ -134,7 +135,7 @@ std::vector<Diagnosis> examine_permissions(const PluggedUsbDevice& device) {
   std::vector<Diagnosis> found;
   for (const UsbNode& node : device.nodes)
     if (node.obstacle.empty())
-      found.push_back({Severity::ok, check, fmt::format("{}: {} may be opened", name, node.path), ""});
+      found.push_back({Severity::ok, check, fmt::format("{}: {} can be opened", name, node.path), ""});
     else
       found.push_back(
           {Severity::problem, check, fmt::format("{}: {}: {}", name, node.path, node.obstacle), node.remedy});
@@ -146,16 +147,16 @@ Diagnosis examine_autosuspend(const fs::path& root, const PluggedUsbDevice& devi
   const auto control = read_text(root / "sys/bus/usb/devices" / device.port / "power/control");
   if (!control) return unknown(check, "its power/control cannot be read");
   if (*control == "on") return {Severity::ok, check, "off", ""};
-  return {Severity::warning, check, fmt::format("{} may fall asleep between two exchanges", device.known->name),
+  return {Severity::warning, check, fmt::format("{} may suspend between two exchanges", device.known->name),
           fmt::format("echo on | sudo tee /sys/bus/usb/devices/{}/power/control", device.port)};
 }
 
 Diagnosis examine_autosuspend_default(const fs::path& root) {
   constexpr const char* kCheck = "usb autosuspend";
   const auto seconds = number_of<int>(read_text(root / "sys/module/usbcore/parameters/autosuspend").value_or(""));
-  if (!seconds) return unknown(kCheck, "no USB is visible");
+  if (!seconds) return unknown(kCheck, "no USB bus is visible");
   if (*seconds < 0) return {Severity::ok, kCheck, "off", ""};
-  return {Severity::note, kCheck, fmt::format("devices that allow it sleep after {} s", *seconds),
+  return {Severity::note, kCheck, fmt::format("devices that allow it suspend after {} s", *seconds),
           "echo -1 | sudo tee /sys/module/usbcore/parameters/autosuspend   # before plugging a device in"};
 }
 
@@ -202,16 +203,16 @@ Diagnosis examine_rules(const fs::path& root, const std::vector<PluggedUsbDevice
 
   for (const PluggedUsbDevice& device : plugged)
     if (!has_rule(rules, *device.known))
-      return {Severity::warning, kCheck, fmt::format("none names {} ({})", device.ids, device.known->name),
+      return {Severity::warning, kCheck, fmt::format("no rule names {} ({})", device.ids, device.known->name),
               device.known->install_rule()};
-  if (!plugged.empty()) return {Severity::ok, kCheck, "name every device that is plugged in", ""};
+  if (!plugged.empty()) return {Severity::ok, kCheck, "the rules name every device that is plugged in", ""};
 
   std::vector<std::string> missing;
   for (const KnownUsbDevice& device : known_usb_devices())
     if (!has_rule(rules, device)) missing.emplace_back(device.name);
-  if (missing.empty()) return {Severity::ok, kCheck, "name every known device; none is plugged in", ""};
+  if (missing.empty()) return {Severity::ok, kCheck, "the rules name every known device; none is plugged in", ""};
   return {Severity::note, kCheck,
-          fmt::format("no known device is plugged in; none names: {}", fmt::join(missing, ", ")),
+          fmt::format("no known device is plugged in; no rule names: {}", fmt::join(missing, ", ")),
           fmt::format("haptrace doctor --udev-rules | sudo tee {} && {}", kUdevRulesFile, kReloadUdevRules)};
 }
 
@@ -291,7 +292,7 @@ Diagnosis examine_timer_slack(const LoopMeasurement& loop, const fs::path& root)
   const std::string measured = fmt::format("{} ns", loop.timer_slack_ns);
   if (loop.realtime.realtime) return {Severity::ok, kCheck, measured + "; real-time threads have none", ""};
   if (loop.timer_slack_ns <= kFine) return {Severity::ok, kCheck, measured, ""};
-  return {Severity::warning, kCheck, measured + " by which every wake-up may be late: the kernel refused 1 ns",
+  return {Severity::warning, kCheck, measured + ": every wake-up may be this late, because the kernel refused 1 ns",
           raise_limit(root, "rtprio")};
 }
 
@@ -302,13 +303,16 @@ Diagnosis examine_hypervisor(const LoopMeasurement& loop, const fs::path& root) 
   const bool guest =
       cpuinfo->find(" hypervisor") != std::string::npos || read_text(root / "sys/hypervisor/type").has_value();
   if (*loop.stolen > 0)
-    return {*loop.stolen > kMostMissed * loop.duration ? Severity::warning : Severity::note, kCheck,
-            fmt::format("took {} of the {:g} s: the longest latencies are its own, not this system's",
-                        duration_text(*loop.stolen), loop.duration),
-            "measure without a virtual machine, or give this one processors of its own on the host"};
+    return {
+        *loop.stolen > kMostMissed * loop.duration ? Severity::warning : Severity::note, kCheck,
+        fmt::format("it took {} of the {:g} s: the longest latencies come from the hypervisor, not from this system",
+                    duration_text(*loop.stolen), loop.duration),
+        "measure without a virtual machine, or reserve processors for this one on the host"};
   if (guest)
-    return {Severity::note, kCheck,
-            "a virtual machine, from which nothing was taken during the measurement; it may be at another time", ""};
+    return {
+        Severity::note, kCheck,
+        "a virtual machine; its host took no processor time during the measurement, but may take some at another time",
+        ""};
   return {Severity::ok, kCheck, "none", ""};
 }
 
@@ -318,9 +322,9 @@ Diagnosis examine_rate(const LoopMeasurement& loop) {
   if (loop.holds_rate())
     return {Severity::ok, "servo loop", fmt::format("holds {:g} Hz: {}", loop.rate_hz, figures), ""};
   return {Severity::problem, "servo loop",
-          fmt::format("does not hold {:g} Hz: {} (at most {:g} % may be, and p99.9 at most {})", loop.rate_hz, figures,
+          fmt::format("does not hold {:g} Hz: {} (limits: {:g} % missed, p99.9 {})", loop.rate_hz, figures,
                       100 * kMostMissed, duration_text(kLatestWakeUp / loop.rate_hz)),
-          fmt::format("haptrace doctor --rate {:g}   # after mending what is named here", loop.rate_hz / 2)};
+          fmt::format("haptrace doctor --rate {:g}   # after fixing the problems listed here", loop.rate_hz / 2)};
 }
 
 // ---- measuring ----
@@ -450,7 +454,8 @@ DurationHistogram measure_cyclictest(double rate_hz, double duration) {
       "cyclictest --quiet --policy=fifo --priority={} --interval={} --loops={} --mlockall --histogram=100000 2>&1",
       kServoPriority, std::llround(1e6 / rate_hz), std::max(1LL, std::llround(duration * rate_hz)));
   FILE* pipe = popen(command.c_str(), "re");
-  if (pipe == nullptr) throw Error(Error::Kind::fault, fmt::format("cyclictest: {}", std::strerror(errno)));
+  if (pipe == nullptr)
+    throw Error(Error::Kind::fault, fmt::format("cyclictest cannot be started: {}", std::strerror(errno)));
   std::string output;
   std::array<char, 4096> buffer{};
   std::size_t count = 0;
@@ -465,7 +470,7 @@ DurationHistogram measure_cyclictest(double rate_hz, double duration) {
     const auto lines = lines_of(output);
     throw Error(Error::Kind::fault,
                 fmt::format("cyclictest cannot run at SCHED_FIFO {} ({}): {}", kServoPriority,
-                            lines.empty() ? "it said nothing" : lines.front(), raise_limit("/", "rtprio")));
+                            lines.empty() ? "it printed nothing" : lines.front(), raise_limit("/", "rtprio")));
   }
   return *histogram;
 }

@@ -70,7 +70,7 @@ PluggedUsbDevice plugged_usb_device(const KnownUsbDevice& known, const fs::path&
     device.nodes.push_back(std::move(node));
   }
   if (device.nodes.empty()) {
-    device.obstacle = "no driver has made a node of it";
+    device.obstacle = "no driver has created a device file for it";
     device.remedy = kMakeUsbNodes;
   }
   return device;

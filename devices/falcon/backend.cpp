@@ -18,9 +18,9 @@ bool is_emulated_falcon(const DeviceSpec& spec) {
       emulated ? std::vector<std::string>{"serial", "port"} : std::vector<std::string>{"fault"};
   for (const std::string& key : others)
     if (spec.options.contains(key))
-      throw input_error(fmt::format("--device '{}': {}: is for {}", spec.text, key,
-                                    emulated ? "a device that is plugged in; leave it out"
-                                             : "an emulated device; add emulated=true, or leave it out"));
+      throw input_error(fmt::format(
+          "--device '{}': {}: this option is for {}", spec.text, key,
+          emulated ? "a real device; leave it out" : "an emulated device; add emulated=true, or leave it out"));
   return emulated;
 }
 
@@ -44,8 +44,8 @@ std::unique_ptr<Device> open_falcon(const DeviceSpec& spec) {
   std::unique_ptr<FalconLink> link = start_falcon(open_link, firmware);
   if (!emulated && !link->guarded_port())
     info.notes.emplace_back(
-        "no guardian watches: libusb does not show the device's file; a program that is killed leaves its last force "
-        "in the motors");
+        "no guardian watches this program, because libusb does not show the device's file: if the program is killed, "
+        "the motors keep its last force");
   return std::make_unique<ThreadedDevice>(std::make_unique<FalconDriver>(std::move(link), calibration, info));
 }
 
@@ -54,10 +54,10 @@ std::unique_ptr<Device> open_falcon(const DeviceSpec& spec) {
 DeviceBackend falcon_backend() {
   DeviceBackend backend{.name = "falcon",
                         .summary = "a Novint Falcon on USB (docs/devices/falcon.md)",
-                        .options = {{"serial", "of several, the one with this serial number"},
-                                    {"port", "of several, the one plugged in here, for example 1-1.2"},
-                                    {"firmware", "Novint's firmware, loaded when none runs: a file of yours"},
-                                    {"calibration", "what was measured of this device: a JSON file"}},
+                        .options = {{"serial", "serial number of the device, if several are plugged in"},
+                                    {"port", "USB port of the device, if several are plugged in, for example 1-1.2"},
+                                    {"firmware", "file with Novint's firmware, loaded if none runs"},
+                                    {"calibration", "JSON file with the calibration of this device"}},
                         .presets = {},
                         .open = open_falcon,
                         .find = [] { return found_falcons(find_falcon_ports()); },

@@ -44,7 +44,7 @@ std::uint8_t read_flag(JsonReader& reader, const char* key, std::uint8_t fallbac
   if (!std::has_single_bit(flag))
     throw input_error(fmt::format("{}: {}: {} is not one bit: 1, 2, 4, 8, 16, 32 or 64", reader.where(), key, flag));
   if ((taken & flag) != 0)
-    throw input_error(fmt::format("{}: {}: {} is another flag's bit already", reader.where(), key, flag));
+    throw input_error(fmt::format("{}: {}: {} is already the bit of another flag", reader.where(), key, flag));
   taken |= flag;
   return static_cast<std::uint8_t>(flag);
 }
@@ -52,14 +52,15 @@ std::uint8_t read_flag(JsonReader& reader, const char* key, std::uint8_t fallbac
 void check_reach(const FalconCalibration& falcon, const std::string& where) {
   const FalconKinematics kinematics = mechanism(falcon.geometry, where);
   if (!kinematics.at_angles(falcon.home_angle))
-    throw input_error(fmt::format("{}: home_angle: legs of this geometry cannot stand at these angles", where));
+    throw input_error(fmt::format("{}: home_angle: the legs of this geometry cannot reach these angles", where));
   for (int corner = 0; corner < 8; ++corner) {
     const Vec3 side((corner & 1) != 0 ? 1 : -1, (corner & 2) != 0 ? 1 : -1, (corner & 4) != 0 ? 1 : -1);
     const Vec3 place = falcon.workspace.cwiseProduct(side);
     if (!kinematics.at_position(falcon.origin + place))
-      throw input_error(fmt::format(
-          "{}: workspace: its corner ({:g}, {:g}, {:g}) is out of the legs' reach; make it smaller or move the origin",
-          where, place.x(), place.y(), place.z()));
+      throw input_error(
+          fmt::format("{}: workspace: its corner ({:g}, {:g}, {:g}) is out of the legs' reach; make the workspace "
+                      "smaller or move the origin",
+                      where, place.x(), place.y(), place.z()));
   }
 }
 

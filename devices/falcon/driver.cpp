@@ -46,7 +46,7 @@ FalconDriver::FalconDriver(std::unique_ptr<FalconLink> link, const FalconCalibra
   if (!state.ready)
     info_.notes.emplace_back(
         "the Falcon is not homed: pull its grip all the way out, then push it all the way in, until its logo turns "
-        "from red to green; there is no force before");
+        "from red to green. No force acts before that");
 }
 
 /// Returns the motor counts for `force`; zero unless the last report was believed.

@@ -113,7 +113,7 @@ void read_falcon_fault(std::string_view text, const std::string& where, FalconFa
   }
   if (!right || std::isnan(numbers[0]))
     throw input_error(
-        fmt::format("{}: '{}': expected {}{}, with numbers in SI{}", where, text, kind.name, kind.numbers,
+        fmt::format("{}: '{}': expected {}{}, with numbers in SI units{}", where, text, kind.name, kind.numbers,
                     kind.most > 0 ? fmt::format(", the first from {:g} to {:g}", kind.least, kind.most) : ""));
   kind.set(faults, numbers[0], numbers[1]);
 }
@@ -135,7 +135,7 @@ FalconFaults FalconFaults::parse(std::string_view text, const std::string& where
 std::string FalconFaults::help() {
   std::vector<std::string> names;
   for (const auto& kind : kFalconFaults) names.push_back(std::string(kind.name) + kind.numbers);
-  return fmt::format("what goes wrong, joined by '+': {}", fmt::join(names, ", "));
+  return fmt::format("faults to emulate, joined by '+': {}", fmt::join(names, ", "));
 }
 
 /// One direction of the serial line: bytes, and the time at which each arrives.
@@ -588,7 +588,8 @@ class EmulatedFalconLink final : public FalconLink {
 
   void control(Request request, std::uint16_t value) override {
     const auto handshake = falcon().control(static_cast<std::uint8_t>(request), value, monotonic_ns());
-    if (handshake == Handshake::later) throw device_error("the emulated Falcon's USB chip hangs; open it anew");
+    if (handshake == Handshake::later)
+      throw device_error("the emulated Falcon's USB chip hangs; open the device again");
     check(handshake);
     if (request == Request::purge) first_ = end_ = 0;
   }
@@ -632,8 +633,9 @@ class EmulatedFalconLink final : public FalconLink {
 
   static void check(Handshake handshake) {
     if (handshake == Handshake::gone)
-      throw device_error("the emulated Falcon's USB cable is out; wait until it is in again");
-    if (handshake == Handshake::stalled) throw device_error("the emulated Falcon's USB chip has stalled; open it anew");
+      throw device_error("the emulated Falcon's USB cable is unplugged; wait until it is plugged in again");
+    if (handshake == Handshake::stalled)
+      throw device_error("the emulated Falcon's USB chip has stalled; open the device again");
   }
 
   /// Fetches the next packet, if there is one, into the empty buffer.
@@ -685,11 +687,11 @@ std::unique_ptr<FalconLink> open_emulated_falcon_link(const DeviceSpec& device, 
     auto& lasting = lasting_falcon(device.text);
     if (!lasting) lasting = make_emulated_falcon(device, calibration, faults);
     if (lasting.use_count() > 1)
-      throw device_error(fmt::format("--device '{}': it is open already; close it first", device.text));
+      throw device_error(fmt::format("--device '{}': the device is already open; close it first", device.text));
     falcon = lasting;
     falcon->advance_to(monotonic_ns());
     if (!falcon->is_there())
-      throw device_error(fmt::format("--device '{}': its USB cable is out; put it in again", device.text));
+      throw device_error(fmt::format("--device '{}': its USB cable is unplugged; plug it in again", device.text));
   } else {
     falcon = make_emulated_falcon(device, calibration, faults);
   }

@@ -36,7 +36,7 @@ constexpr double kEchoTime = 0.5;
 constexpr double kSilence = 0.03;  // silence after which no more bytes are expected
 
 void falcon_send(FalconLink& link, FalconByteSpan bytes) {
-  if (!link.write(bytes, kEchoTime)) throw device_error("its USB chip takes no data");
+  if (!link.write(bytes, kEchoTime)) throw device_error("its USB chip accepts no data");
 }
 
 /// Returns the bytes that come within `timeout` [s], or until `enough` accepts them.
@@ -94,12 +94,12 @@ void send_falcon_image(FalconLink& link, FalconByteSpan image) {
     if (wrong != chunk.end()) {
       const auto place = sent + static_cast<std::size_t>(wrong - chunk.begin());
       throw device_error(returned == echo.end()
-                             ? fmt::format("after {} of {} bytes its loader fell silent", place, image.size())
+                             ? fmt::format("after {} of {} bytes, its loader stopped answering", place, image.size())
                              : fmt::format("byte {} of {} was sent as {:02x} and came back as {:02x}", place + 1,
                                            image.size(), *wrong, *returned));
     }
     if (echo.size() > chunk.size())
-      throw device_error(fmt::format("more came back than was sent, after {} of {} bytes", sent, image.size()));
+      throw device_error(fmt::format("more bytes came back than were sent, after {} of {} bytes", sent, image.size()));
   }
 }
 
@@ -120,7 +120,7 @@ void load_falcon_firmware(FalconLink& link, FalconByteSpan image) {
   falcon_send(link, kBegin);
   const auto heard = falcon_hear(link, kEchoTime, [](FalconByteSpan bytes) { return !bytes.empty(); });
   if (!std::ranges::equal(heard, kBegin))
-    throw device_error(fmt::format("its loader answered {} where it begins", falcon_hex(heard)));
+    throw device_error(fmt::format("its loader answered {} to the start command", falcon_hex(heard)));
   send_falcon_image(link, image);
 }
 
@@ -172,13 +172,15 @@ class FalconFailures {
 FalconFirmware read_falcon_firmware(const std::string& file) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(file, error))
-    throw input_error(fmt::format("{}: there is no such file; firmware=FILE names a Falcon's firmware", file));
+    throw input_error(
+        fmt::format("{}: there is no such file; set firmware=FILE to a file with a Falcon's firmware", file));
   const auto size = std::filesystem::file_size(file, error);
   if (error || size < FalconFirmware::kLeast || size > FalconFirmware::kMost)
-    throw input_error(fmt::format("{}: has {} bytes; a Falcon's firmware has 7 to 9 kB", file, error ? 0 : size));
+    throw input_error(
+        fmt::format("{}: the file has {} bytes; a Falcon's firmware has 7 to 9 kB", file, error ? 0 : size));
   std::ifstream stream(file, std::ios::binary);
   FalconFirmware firmware{.file = file, .image = {std::istreambuf_iterator<char>(stream), {}}};
-  if (!stream || firmware.image.size() != size) throw input_error(fmt::format("{}: cannot be read", file));
+  if (!stream || firmware.image.size() != size) throw input_error(fmt::format("{}: the file cannot be read", file));
   return firmware;
 }
 
@@ -188,9 +190,9 @@ std::unique_ptr<FalconLink> start_falcon(const OpenFalconLink& open, const std::
   if (falcon_runs(*link)) return link;
   if (!firmware)
     throw device_error(
-        "no firmware runs on the Falcon, as always after it was switched on, and none was named. Say "
-        "falcon:firmware=FILE; libnifalcon's sources have one, firmware/nvent_firmware.bin, under a licence of "
-        "Novint's that haptrace cannot pass on");
+        "no firmware runs on the Falcon, which is normal after it is switched on, and no firmware file is given. Use "
+        "falcon:firmware=FILE. The sources of libnifalcon contain such a file, firmware/nvent_firmware.bin; Novint's "
+        "licence does not allow haptrace to include it");
 
   FalconFailures failures;
   for (int tries = 0; tries < kLoadingTries; ++tries) {
@@ -199,15 +201,15 @@ std::unique_ptr<FalconLink> start_falcon(const OpenFalconLink& open, const std::
       load_falcon_firmware(*link, firmware->image);
       set_falcon_running(*link);
       if (falcon_runs(*link)) return link;
-      failures.add("all of it was taken, but it does not answer");
+      failures.add("the firmware was loaded, but it does not answer");
     } catch (const Error& error) {
       failures.add(error.what());
     }
     link.reset();
   }
   throw device_error(
-      fmt::format("{}: could not be loaded into the Falcon in {} tries ({}). Switch its power off and on; "
-                  "then try another USB port, without a hub or with one that has its own power",
+      fmt::format("{}: the firmware could not be loaded into the Falcon in {} tries ({}). Switch its power off and on. "
+                  "Then try another USB port, without a hub or with a hub that has its own power supply",
                   firmware->file, kLoadingTries, failures.text()));
 }
 

@@ -47,7 +47,7 @@ FalconKinematics::FalconKinematics(const FalconGeometry& geometry) : geometry_(g
   sin_ = g.azimuths.array().sin();
   const auto turn = [this](int from, int to) { return cos_[from] * sin_[to] - sin_[from] * cos_[to]; };
   const double spread = turn(0, 1) + turn(1, 2) + turn(2, 0);
-  if (std::abs(spread) < kLeastSpread) throw input_error("azimuths: two legs stand in one place, or nearly");
+  if (std::abs(spread) < kLeastSpread) throw input_error("azimuths: two legs are at the same place, or nearly");
   orientation_ = std::copysign(1.0, spread);
   front_ = Vec3(0, 0, g.thigh + g.shin);
 }

@@ -10,7 +10,7 @@
 namespace haptrace {
 namespace {
 
-constexpr const char* kHomeAgain = "look at its cables, switch its power off and on, and home it again";
+constexpr const char* kHomeAgain = "check its cables, switch its power off and on, and home it again";
 
 double falcon_seconds(std::int64_t from_ns, std::int64_t to_ns) {
   return 1e-9 * static_cast<double>(to_ns - from_ns);
@@ -81,15 +81,15 @@ bool FalconTracker::jumped(const FalconReport& report) const noexcept {
 
 void FalconTracker::lose(Doubt why, const FalconReport& report) const {
   if (why == Doubt::jump)
-    throw device_error(fmt::format(
-        "its encoders jumped from {} to {} counts and stayed there, further than a hand moves them: counts or homing "
-        "were lost; {}",
-        fmt::join(last_.encoders, ", "), fmt::join(report.encoders, ", "), kHomeAgain));
+    throw device_error(
+        fmt::format("its encoders jumped from {} to {} counts and stayed there, farther than a hand can move them: "
+                    "counts or the homing were lost; {}",
+                    fmt::join(last_.encoders, ", "), fmt::join(report.encoders, ", "), kHomeAgain));
   const Vec3 degrees = calibration_.angles(report.encoders) * (180 / std::numbers::pi);
-  throw device_error(
-      fmt::format("its legs stand at {:.0f}, {:.0f} and {:.0f} degrees, where they hold the handle nowhere: its homing "
-                  "was lost, or its calibration is not this device's (home_angle, encoder_sign, geometry); {}",
-                  degrees[0], degrees[1], degrees[2], kHomeAgain));
+  throw device_error(fmt::format(
+      "its legs are at {:.0f}, {:.0f} and {:.0f} degrees, and no position of the handle has these angles: its homing "
+      "was lost, or the calibration belongs to another device (home_angle, encoder_sign, geometry); {}",
+      degrees[0], degrees[1], degrees[2], kHomeAgain));
 }
 
 void FalconEncoderWatch::take(const std::array<std::int16_t, 3>& encoders, const std::array<std::int16_t, 3>& motors,
@@ -104,7 +104,7 @@ void FalconEncoderWatch::take(const std::array<std::int16_t, 3>& encoders, const
     leg.most = std::max(leg.most, motor);
     if (leg.pushed_ns < 0 && leg.most - leg.least > much_) leg.pushed_ns = now_ns;
     if (leg.pushed_ns >= 0 && falcon_seconds(leg.pushed_ns, now_ns) > kPatience)
-      throw device_error(fmt::format("the encoder of leg {} stands still at {} although its motor pushes; {}", i + 1,
+      throw device_error(fmt::format("the encoder of leg {} stays at {} although its motor pushes; {}", i + 1,
                                      leg.encoder, kHomeAgain));
   }
 }

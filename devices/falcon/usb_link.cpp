@@ -51,17 +51,17 @@ class UsbDeadline {
 const char* falcon_request_text(FalconLink::Request request) noexcept {
   switch (request) {
     case FalconLink::Request::purge:
-      return "to forget what it holds";
+      return "to clear its buffers";
     case FalconLink::Request::modem:
-      return "its modem lines";
+      return "to set its modem lines";
     case FalconLink::Request::flow:
-      return "its flow control";
+      return "to set its flow control";
     case FalconLink::Request::baud:
-      return "its baud rate";
+      return "to set its baud rate";
     case FalconLink::Request::line:
-      return "its line format";
+      return "to set its line format";
     case FalconLink::Request::latency_timer:
-      return "its latency timer";
+      return "to set its latency timer";
   }
   return "a request";
 }
@@ -83,7 +83,7 @@ std::string usb_holder_remedy(const std::string& node) {
       return fmt::format("end {} (process {})", name, process->path().filename().string());
     }
   }
-  return fmt::format("end it; sudo fuser -v {} says which it is", node);
+  return fmt::format("end it; sudo fuser -v {} names it", node);
 }
 
 class UsbFalconLink final : public FalconLink {
@@ -143,7 +143,7 @@ UsbFalconLink::UsbFalconLink(const FalconPort& port) : where_("usb " + port.port
 void UsbFalconLink::open(const FalconPort& port) {
   libusb_context* context = nullptr;
   if (const int error = libusb_init(&context); error != 0)
-    throw lost(fmt::format("libusb cannot begin: {}", libusb_strerror(error)));
+    throw lost(fmt::format("libusb cannot start: {}", libusb_strerror(error)));
   context_.reset(context);
 
   libusb_device** devices = nullptr;
@@ -164,7 +164,7 @@ void UsbFalconLink::open(const FalconPort& port) {
 
   (void)libusb_set_auto_detach_kernel_driver(handle_.get(), port.driver == kFtdiDriver ? 1 : 0);
   error = libusb_claim_interface(handle_.get(), kFalconInterface);
-  if (error == LIBUSB_ERROR_BUSY) throw lost("another program has it: " + usb_holder_remedy(port.node));
+  if (error == LIBUSB_ERROR_BUSY) throw lost("another program uses it: " + usb_holder_remedy(port.node));
   if (error != 0) throw lost(fmt::format("it cannot be claimed: {}; plug it in again", libusb_strerror(error)));
 }
 
@@ -241,7 +241,7 @@ void UsbFalconLink::handle_events(double seconds) {
   wait.tv_usec = static_cast<suseconds_t>(1e6 * (seconds - static_cast<double>(wait.tv_sec)));
   const int error = libusb_handle_events_timeout_completed(context_.get(), &wait, nullptr);
   if (error != 0 && error != LIBUSB_ERROR_INTERRUPTED)
-    throw lost(fmt::format("USB fails: {}; plug it in again", libusb_strerror(error)));
+    throw lost(fmt::format("USB communication failed: {}; plug it in again", libusb_strerror(error)));
 }
 
 void UsbFalconLink::control(Request request, std::uint16_t value) {
@@ -275,7 +275,7 @@ bool UsbFalconLink::send(std::span<const std::uint8_t> piece, const UsbDeadline&
   do {
     if (const int error = submit(sender_); error != 0) {
       expect_here();
-      throw lost(fmt::format("USB takes nothing: {}; plug it in again", libusb_strerror(error)));
+      throw lost(fmt::format("USB accepts no data: {}; plug it in again", libusb_strerror(error)));
     }
     do {
       handle_events(deadline.left());

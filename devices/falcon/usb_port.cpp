@@ -70,13 +70,13 @@ FalconObstacle falcon_obstacle(const FalconPort& port) {
     const auto falcon = std::find_if(known.begin(), known.end(), [](const KnownUsbDevice& device) {
       return std::string_view(device.vendor) == kFalconVendor && std::string_view(device.product) == kFalconProduct;
     });
-    return {fmt::format("{} may not be opened by this user", port.node), falcon->install_rule()};
+    return {fmt::format("{} cannot be opened by this user", port.node), falcon->install_rule()};
   }
   if (port.refused != 0)
     return {fmt::format("{} cannot be opened: {}", port.node, std::strerror(port.refused)),
             "sudo udevadm trigger   # or plug it in again"};
   if (!port.driver.empty() && port.driver != kFtdiDriver && port.driver != kUserDriver)
-    return {fmt::format("the kernel's driver {} has it", port.driver),
+    return {fmt::format("the kernel's driver {} uses it", port.driver),
             fmt::format("echo '{}:1.0' | sudo tee /sys/bus/usb/drivers/{}/unbind", port.port, port.driver)};
   return {};
 }
@@ -98,18 +98,18 @@ std::vector<FalconPort> find_falcon_ports(const std::string& root) {
 
 FalconPort choose_falcon_port(const std::vector<FalconPort>& ports, std::string_view serial, std::string_view port) {
   if (ports.empty())
-    throw device_error("no Novint Falcon (USB 0403:cb48) is plugged in; look at its USB cable and at its power supply");
+    throw device_error("no Novint Falcon (USB 0403:cb48) is plugged in; check its USB cable and its power supply");
   std::vector<FalconPort> chosen;
   std::copy_if(ports.begin(), ports.end(), std::back_inserter(chosen), [&](const FalconPort& one) {
     return (serial.empty() || one.serial == serial) && (port.empty() || one.port == port);
   });
   if (chosen.size() == 1) return chosen.front();
   if (chosen.empty())
-    throw device_error(fmt::format("no Novint Falcon with{}{} is plugged in, but {}",
+    throw device_error(fmt::format("no Novint Falcon with{}{} is plugged in. Use one that is: {}",
                                    serial.empty() ? "" : fmt::format(" serial={}", serial),
                                    port.empty() ? "" : fmt::format(" port={}", port), falcon_specs(ports)));
   throw device_error(
-      fmt::format("{} Novint Falcons are plugged in; say which: {}", chosen.size(), falcon_specs(ports)));
+      fmt::format("{} Novint Falcons are plugged in; select one: {}", chosen.size(), falcon_specs(ports)));
 }
 
 std::vector<FoundDevice> found_falcons(const std::vector<FalconPort>& ports) {

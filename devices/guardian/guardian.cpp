@@ -29,7 +29,8 @@ constexpr double kLongestFarewell = 5;  // longest wait for the guardian's end; 
 class AboveStandard {
  public:
   explicit AboveStandard(int descriptor) : copy_(fcntl(descriptor, F_DUPFD_CLOEXEC, STDERR_FILENO + 1)) {
-    if (copy_ < 0) throw device_error(fmt::format("no descriptor for the guardian: {}", std::strerror(errno)));
+    if (copy_ < 0)
+      throw device_error(fmt::format("no descriptor is available for the guardian: {}", std::strerror(errno)));
   }
   ~AboveStandard() { ::close(copy_); }
   AboveStandard(const AboveStandard&) = delete;
@@ -67,7 +68,8 @@ pid_t spawn_guardian(const std::string& program, const AboveStandard& line, cons
   const int refused = posix_spawn(&child, program.c_str(), &files, &attributes, arguments, environment);
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&files);
-  if (refused != 0) throw device_error(fmt::format("{}: cannot be run: {}", program, std::strerror(refused)));
+  if (refused != 0)
+    throw device_error(fmt::format("{}: the guardian cannot be run: {}", program, std::strerror(refused)));
   return child;
 }
 
@@ -111,12 +113,12 @@ Guardian::Guardian(const GuardedPort& port, const LastWords& words) {
   const std::string program = guardian_program();
   if (program.empty())
     throw device_error(
-        fmt::format("haptrace-guardian, which stops the motors when this program dies, is missing: install haptrace "
-                    "whole (it belongs to {})",
+        fmt::format("haptrace-guardian, which stops the motors if this program dies, is missing. Install haptrace "
+                    "completely (the file belongs at {})",
                     HAPTRACE_GUARDIAN_INSTALLED));
   int ends[2];
   if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
-    throw device_error(fmt::format("no socket for the guardian: {}", std::strerror(errno)));
+    throw device_error(fmt::format("no socket is available for the guardian: {}", std::strerror(errno)));
   line_ = ends[0];
   try {
     process_ = spawn_guardian(program, AboveStandard(ends[1]), AboveStandard(port.descriptor));
@@ -134,7 +136,9 @@ Guardian::Guardian(const GuardedPort& port, const LastWords& words) {
   if (guardian_answer(line_, kLongestStart) != kGuardianReady) {
     (void)leave();
     ::close(line_);
-    throw device_error(fmt::format("{}: does not run, and would not stop the motors when this program dies", program));
+    throw device_error(fmt::format(
+        "{}: the guardian does not run, and would not stop the motors if this program died. Install haptrace again",
+        program));
   }
   fcntl(line_, F_SETFL, O_NONBLOCK);
 }
@@ -150,8 +154,7 @@ void Guardian::beat() {
   beaten_ns_ = now;
   if (send(line_, &kGuardianBeat, 1, MSG_NOSIGNAL) == 1 || errno == EAGAIN) return;
   throw device_error(
-      "the process that stops its motors when this one dies was ended itself (haptrace-guardian); open the device "
-      "again");
+      "haptrace-guardian, the process that stops the motors if this program dies, has ended; open the device again");
 }
 
 bool Guardian::speak() noexcept {

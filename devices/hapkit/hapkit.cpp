@@ -34,7 +34,7 @@ DeviceInfo describe_hapkit(const HapkitCalibration& kit, const HapkitOptions& op
   info.position_resolution = kit.handle_radius * kit.rad_per_count;
   info.max_force = kit.max_force();
   info.nominal_rate = 1000;
-  info.notes.emplace_back("its handle has to be upright while it is opened: it counts from there");
+  info.notes.emplace_back("its handle must be upright while the device is opened: its encoder counts from there");
   return info;
 }
 
@@ -93,14 +93,14 @@ void HapkitDriver::greet(double patience) {
     if (const auto welcome = line_->ask(HAPKIT_HELLO, 0, kGreetingPeriod)) {
       if (welcome->version == HAPKIT_VERSION) return;
       throw device_error(
-          fmt::format("{}: its sketch speaks version {} of the protocol, this program version {}: flash "
-                      "the sketch that came with it (samples/hapkit/hapkit.ino)",
+          fmt::format("{}: its sketch uses version {} of the protocol, but this program uses version {}. Flash the "
+                      "sketch that belongs to this program (samples/hapkit/hapkit.ino)",
                       port_.path(), welcome->version, HAPKIT_VERSION));
     }
     if (1e-9 * static_cast<double>(monotonic_ns() - begin) > patience)
       throw device_error(
-          fmt::format("{}: no board answers there in the language of samples/hapkit/hapkit.ino: flash that sketch, or "
-                      "name another port with port=; {}",
+          fmt::format("{}: no board answers there with the protocol of samples/hapkit/hapkit.ino. Flash that sketch, "
+                      "or name another port with port=; {}",
                       port_.path(), describe(usb_serial_ports())));
   }
 }
@@ -112,14 +112,14 @@ bool HapkitDriver::round(const Wrench& wrench, DeviceState& state) {
   if (!answer) return false;
   if ((answer->flags & HAPKIT_GREETED) == 0)
     throw device_error(
-        "its board started anew (a reset, or a supply that broke down under the motor's current) and does not know "
-        "where its handle is: put it upright and open the device again");
+        "its board restarted (a reset, or the motor's current was too large for the supply) and does not know the "
+        "position of its handle. Put the handle upright and open the device again");
   const double position = calibration_.position(answer->position);
   if (std::abs(position) > calibration_.handle_radius * calibration_.stop_angle)
-    throw device_error(
-        fmt::format("its handle is {:.0f} mm from the middle, beyond its stop: it was not upright when the device was "
-                    "opened, or the calibration is another's. Put it upright and open the device again",
-                    1e3 * std::abs(position)));
+    throw device_error(fmt::format(
+        "its handle is {:.0f} mm from the middle, beyond its stop: it was not upright when the device was opened, or "
+        "the calibration belongs to another device. Put the handle upright and open the device again",
+        1e3 * std::abs(position)));
   state = DeviceState{};
   state.position = Vec3(position, 0, 0);
   return true;
@@ -183,8 +183,8 @@ std::unique_ptr<Device> open_hapkit(const DeviceSpec& device) {
 DeviceBackend hapkit_backend() {
   DeviceBackend backend{.name = "hapkit",
                         .summary = "a Hapkit-class device of one axis with our open sketch, on a serial port",
-                        .options = {{"port", "its serial port (default: the only one of its kind)"},
-                                    {"calibration", "a JSON file of what was measured on this one"}},
+                        .options = {{"port", "serial port of the device (default: the only suitable one)"},
+                                    {"calibration", "JSON file with the calibration of this device"}},
                         .presets = {},
                         .open = open_hapkit,
                         .find = find_hapkits,

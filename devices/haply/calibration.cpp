@@ -50,10 +50,10 @@ void check_plane(const TwoDiyCalibration& device, const std::string& where) {
       const Vec3 place(device.workspace.x() * i / kSteps, device.workspace.y() * j / kSteps, 0);
       const auto pose = kinematics.at_position(device.to_mechanism(place));
       if (!pose || pose->angles[0] > device.arms[0].stop_angle || pose->angles[1] < device.arms[1].stop_angle)
-        throw input_error(fmt::format(
-            "{}: workspace: ({:g}, {:g}) m is out of the arms' reach or beyond their stops; make it smaller or move "
-            "the origin",
-            where, place.x(), place.y()));
+        throw input_error(
+            fmt::format("{}: workspace: ({:g}, {:g}) m is out of the arms' reach or beyond their stops; make the "
+                        "workspace smaller or move the origin",
+                        where, place.x(), place.y()));
     }
 }
 
@@ -88,7 +88,7 @@ TwoDiyCalibration two_diy_calibration(const std::string& generation, const std::
     device.max_force = 2.3;
   } else {
     throw input_error(
-        fmt::format("{}: generation: '{}' is none of {}", where, generation, fmt::join(kGenerations, ", ")));
+        fmt::format("{}: generation: '{}' is not one of {}", where, generation, fmt::join(kGenerations, ", ")));
   }
   return device;
 }
@@ -107,7 +107,8 @@ TwoDiyCalibration read_two_diy_calibration(const nlohmann::json& json, const std
   read_arm(reader, "arm1", device.arms[0]);
   read_arm(reader, "arm2", device.arms[1]);
   if (device.arms[0].port == device.arms[1].port)
-    throw input_error(fmt::format("{}: arm2.port: {} is the first arm's already", where, device.arms[1].port));
+    throw input_error(
+        fmt::format("{}: arm2.port: {} is already the port of the first arm", where, device.arms[1].port));
   device.device_id = reader.integer("device_id", device.device_id, 0, 255);
   device.max_torque = reader.number("max_torque", device.max_torque, 1e-4, 10);
   device.axis_sign = read_plane(reader, "axis_sign", device.axis_sign, -1, 1);

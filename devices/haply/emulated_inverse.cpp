@@ -327,8 +327,8 @@ class EmulatedInverseService::Server {
       events_port_ = listen_on_free_port(events_acceptor_);
     } catch (const boost::system::system_error& error) {
       throw device_error(
-          fmt::format("the emulated Inverse Service gets no port of this machine: {}; close programs "
-                      "that hold many connections",
+          fmt::format("the emulated Inverse Service cannot open a port of this machine: {}; close programs that hold "
+                      "many connections",
                       error.code().message()));
     }
     accept();

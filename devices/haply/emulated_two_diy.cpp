@@ -44,8 +44,8 @@ EmulatedTwoDiy::EmulatedTwoDiy(LivePlant plant, TwoDiyCalibration truth, bool ve
                      (corner & 2) != 0 ? info.workspace_max.y() : info.workspace_min.y(), 0);
     if (!kinematics_.at_position(truth_.to_mechanism(place)))
       throw input_error(
-          fmt::format("{}: its workspace reaches to ({:g}, {:g}) m, where the arms of the emulated 2DIY "
-                      "do not; give it a smaller one",
+          fmt::format("{}: its workspace contains ({:g}, {:g}) m, which the arms of the emulated 2DIY do not reach; "
+                      "make the workspace smaller",
                       info.model, place.x(), place.y()));
   }
   pose_ = *kinematics_.at_position(truth_.to_mechanism(Vec3::Zero()));

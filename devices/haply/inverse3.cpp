@@ -35,7 +35,7 @@ constexpr std::size_t kInverseLongest = 1U << 20U;  // longest message [bytes]
 
 constexpr const char* kStartService =
     "start Haply's Inverse Service (sudo systemctl start haply-inverse-service, or open the Haply Hub)";
-constexpr const char* kRestartService = "restart it: sudo systemctl restart haply-inverse-service";
+constexpr const char* kRestartService = "restart the service: sudo systemctl restart haply-inverse-service";
 
 struct InverseUrl {
   std::string text, host, path;
@@ -46,10 +46,10 @@ struct InverseUrl {
 /// Parses a URL. Asks no name server, because such a query cannot be cancelled in time.
 InverseUrl parse_inverse_url(const std::string& text, bool remote) {
   const auto refuse = [&](const std::string& why) {
-    return input_error(fmt::format("url '{}': {}; it reads ws://localhost:10001", text, why));
+    return input_error(fmt::format("url '{}': {}; expected, for example, ws://localhost:10001", text, why));
   };
   constexpr std::string_view kScheme = "ws://";
-  if (!text.starts_with(kScheme)) throw refuse("does not begin with ws://");
+  if (!text.starts_with(kScheme)) throw refuse("it does not begin with ws://");
   const std::string rest = text.substr(kScheme.size());
   const auto slash = rest.find('/');
   const std::string authority = rest.substr(0, slash);
@@ -60,7 +60,7 @@ InverseUrl parse_inverse_url(const std::string& text, bool remote) {
   if (colon != std::string::npos && authority.find(']', colon) == std::string::npos) {
     name = authority.substr(0, colon);
     url.port = number_of<std::uint16_t>(std::string_view(authority).substr(colon + 1)).value_or(0);
-    if (url.port == 0) throw refuse("its port is not 1 to 65535");
+    if (url.port == 0) throw refuse("its port is not from 1 to 65535");
   }
   if (name == "localhost") {
     url.addresses = {asio::ip::address_v4::loopback(), asio::ip::address_v6::loopback()};
@@ -69,11 +69,9 @@ InverseUrl parse_inverse_url(const std::string& text, bool remote) {
   if (name.size() > 2 && name.front() == '[' && name.back() == ']') name = name.substr(1, name.size() - 2);
   error_code error;
   url.addresses = {asio::ip::make_address(name, error)};
-  if (error) throw refuse("its host is neither localhost nor an address in digits");
+  if (error) throw refuse("its host is neither localhost nor a numeric address");
   if (!remote && !url.addresses.front().is_loopback())
-    throw refuse(
-        "it leads to another machine, where a network that stalls lets go of the hand; add remote=true if "
-        "that is meant");
+    throw refuse("it leads to another machine, and a stalled network removes the force; add remote=true to allow this");
   return url;
 }
 
@@ -114,7 +112,7 @@ class InverseConnection {
   /// broke or the service takes no more messages.
   void send(std::string message, double timeout) {
     if (!wait(timeout, [this] { return !writing_ || failure_; }))
-      throw device_error(fmt::format("the Inverse Service takes no more messages; {}", kRestartService));
+      throw device_error(fmt::format("the Inverse Service accepts no more messages; {}", kRestartService));
     check();
     outgoing_ = std::move(message);
     writing_ = true;
@@ -205,7 +203,7 @@ class InverseConnection {
       answer = make_error_code(boost::system::errc::timed_out);
     }
     if (*answer)
-      throw device_error(fmt::format("what listens at {} is no Inverse Service ({}); look at url, or {}", url.text,
+      throw device_error(fmt::format("the program at {} is not an Inverse Service ({}); check the url, or {}", url.text,
                                      answer->message(), kRestartService));
   }
 
@@ -230,7 +228,7 @@ class InverseConnection {
 void await_inventory(InverseConnection& connection, const InverseUrl& url, double patience, InverseServiceView& view) {
   const auto inventory = connection.receive(patience);
   if (!inventory)
-    throw device_error(fmt::format("the Inverse Service at {} says nothing; {}", url.text, kRestartService));
+    throw device_error(fmt::format("the Inverse Service at {} sends nothing; {}", url.text, kRestartService));
   view.take(*inventory);
 }
 
@@ -241,18 +239,18 @@ std::string inverse_model(const std::string& type) {
   return "Haply " + type;
 }
 
-constexpr const char* kNoArm = "look at its cable and its power, and whether the Haply Hub shows it";
+constexpr const char* kNoArm = "check its cable and its power, and whether the Haply Hub shows it";
 
 /// Returns the requested arm. Throws Error(device) if there is none or the choice is ambiguous.
 std::string chosen_arm(const InverseServiceView& view, const std::string& asked) {
   const std::vector<std::string>& listed = view.listed();
   if (listed.empty()) throw device_error(fmt::format("the Inverse Service lists no Inverse3; {}", kNoArm));
   if (!asked.empty() && !view.lists(asked))
-    throw device_error(
-        fmt::format("the Inverse Service lists no Inverse3 '{}', but {}; {}", asked, fmt::join(listed, ", "), kNoArm));
+    throw device_error(fmt::format("the Inverse Service does not list an Inverse3 '{}'. It lists {}; {}", asked,
+                                   fmt::join(listed, ", "), kNoArm));
   if (asked.empty() && listed.size() > 1)
-    throw device_error(fmt::format("the Inverse Service lists {}; say which with device_id={}", fmt::join(listed, ", "),
-                                   listed.front()));
+    throw device_error(fmt::format("the Inverse Service lists {}; select one, for example with device_id={}",
+                                   fmt::join(listed, ", "), listed.front()));
   return asked.empty() ? listed.front() : asked;
 }
 
@@ -281,7 +279,7 @@ class Inverse3Driver final : public DeviceDriver {
       silence_ += std::min(since(asked_ns), 2 * kInverseReply);  // a longer wait means that this process was stopped
       if (silence_ > (answered_ ? kInverseSilence : kInverseFirstReply))
         throw device_error(
-            fmt::format("the Inverse Service gives no answer{}; {}", answered_ ? " any more" : "", kRestartService));
+            fmt::format("the Inverse Service does not answer{}; {}", answered_ ? " any more" : "", kRestartService));
       return false;
     }
     answered_ = true;
@@ -325,10 +323,10 @@ class Inverse3Driver final : public DeviceDriver {
     const InverseArm arm = view_.arm(id_);
     refuse_obstacle(id_, arm, false);
     if (!arm.displaced.empty() && !options.calibration)
-      throw device_error(fmt::format(
-          "Inverse3 {}: its service was told to move its axes ({}), so that they are not those of the documentation; "
-          "choose the preset 'defaults' in the Haply Hub, or say where they are with calibration=FILE",
-          id_, fmt::join(arm.displaced, ", ")));
+      throw device_error(
+          fmt::format("Inverse3 {}: a setting of its service moves its axes ({}), so they differ from the documented "
+                      "axes; choose the preset 'defaults' in the Haply Hub, or describe the axes with calibration=FILE",
+                      id_, fmt::join(arm.displaced, ", ")));
     opened_as_ = arm;
     listen_to_events(options, url);
     force_key_ = options.force_key.value_or(view_.force_key());
@@ -543,18 +541,19 @@ std::vector<FoundDevice> find_inverse3(const std::string& url_text) {
 }
 
 DeviceBackend inverse3_backend() {
-  DeviceBackend backend{.name = "inverse3",
-                        .summary = "Haply Inverse3, through Haply's Inverse Service (docs/devices/inverse3.md)",
-                        .options = {{"url", "of the service (default ws://localhost:10001)"},
-                                    {"device_id", "which of several, as haptrace devices shows it"},
-                                    {"remote", "true: the url may lead to another machine, by its address in digits"},
-                                    {"events", "of the service's event channel (default: its host, port 10020); off"},
-                                    {"force_key", "vector (3.5) or values (3.1), if the service is not recognised"},
-                                    {"calibration", "a JSON file: where W lies, and what the arm bears"}},
-                        .presets = {},
-                        .open = open_inverse3,
-                        .find = [] { return find_inverse3(Inverse3Options{}.url); },
-                        .opens_still = true};
+  DeviceBackend backend{
+      .name = "inverse3",
+      .summary = "Haply Inverse3, through Haply's Inverse Service (docs/devices/inverse3.md)",
+      .options = {{"url", "URL of the service (default ws://localhost:10001)"},
+                  {"device_id", "id of the device, if there are several; haptrace devices shows it"},
+                  {"remote", "true: allow a url with the numeric address of another machine"},
+                  {"events", "URL of the service's event channel (default: its host, port 10020), or off"},
+                  {"force_key", "key of a force, if the service is not recognised: vector (3.5) or values (3.1)"},
+                  {"calibration", "JSON file with the axes, origin, workspace and force limits of the arm"}},
+      .presets = {},
+      .open = open_inverse3,
+      .find = [] { return find_inverse3(Inverse3Options{}.url); },
+      .opens_still = true};
   for (DeviceBackend::Option& option : emulated_options()) backend.options.push_back(std::move(option));
   return backend;
 }

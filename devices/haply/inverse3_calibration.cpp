@@ -32,8 +32,8 @@ Eigen::Matrix3d read_inverse3_axes(const std::string& text, const std::string& w
   // The triple product is 1 only if each of the three axes occurs once and they are right-handed.
   if (!read || row != 3 || axes.row(0).cross(axes.row(1)).dot(axes.row(2)) < 0.5)
     throw input_error(
-        fmt::format("{}: '{}' names no three right-handed axes; it reads for example XZ-Y, where W's x is "
-                    "the service's x, W's y its z, and W's z its -y",
+        fmt::format("{}: '{}' does not name three right-handed axes; expected, for example, XZ-Y: W's x is the "
+                    "service's x, W's y its z, and W's z its -y",
                     where, text));
   return axes;
 }

@@ -17,9 +17,10 @@ constexpr const char* kInverseArms = "inverse3";
 constexpr std::array kInverseGrips{"wireless_verse_grip", "verse_grip"};
 
 Error inverse_wrong(const std::string& key, const json& found) {
-  return device_error(fmt::format(
-      "the Inverse Service says '{}: {:.40}', which is not what its versions 3.1 to 3.5 say; update it, or haptrace",
-      key, found.dump(-1, ' ', false, json::error_handler_t::replace)));
+  return device_error(
+      fmt::format("the Inverse Service sends '{}: {:.40}', which its versions 3.1 to 3.5 do not send; update the "
+                  "service or haptrace",
+                  key, found.dump(-1, ' ', false, json::error_handler_t::replace)));
 }
 
 /// Returns the value under `key`; null if there is none.
@@ -120,7 +121,8 @@ json inverse_parsed(const std::string& message) {
   try {
     parsed = parse_json(message, "its message");
   } catch (const Error& error) {
-    throw device_error(fmt::format("what answers is not Haply's Inverse Service: {}; look at url", error.what()));
+    throw device_error(
+        fmt::format("the program that answers is not Haply's Inverse Service: {}; check the url", error.what()));
   }
   if (!parsed.is_object()) throw inverse_wrong("message", parsed);
   return parsed;
@@ -135,14 +137,15 @@ const char* to_string(InverseForceKey key) noexcept {
 InverseObstacle obstacle_of(const InverseArm& arm, bool ours) {
   if (!arm.powered)
     return {"it has no power supply, and USB alone moves no motor",
-            "plug its power supply in and switch it on, until the service says power_supply"};
+            "plug its power supply in and switch it on, until the service reports power_supply"};
   if (arm.in_use && !ours)
-    return {"another program uses it", "close that one (a demo of the Haply Hub, another haptrace), then try again"};
+    return {"another program uses it",
+            "close that program (a demo of the Haply Hub, another haptrace), then try again"};
   if (!arm.calibrated)
-    return {"it is not calibrated, so that its positions mean nothing",
-            "put the grip into the inkwell and wait until the light says that it is calibrated"};
+    return {"it is not calibrated, so its positions are meaningless",
+            "put the grip into the inkwell and wait until the light shows that it is calibrated"};
   if (!arm.ready)
-    return {"its service says that it is not ready",
+    return {"its service reports that it is not ready",
             "wait until its light is steady; then pull the emergency stop out if it has one, or restart the service"};
   return {};
 }

@@ -162,8 +162,8 @@ void TwoDiyDriver::believe(const Vec2& counted, std::int64_t now_ns) {
   if (!homing_.is_homed()) return;
   if (const double beyond = homing_.beyond(counted); beyond > 0)
     throw device_error(
-        fmt::format("an arm is {:.0f} degrees beyond its stop, so it was not in the stop when it was taken to be: "
-                    "open the device anew, swing both arms inward and press them into their stops",
+        fmt::format("an arm is {:.0f} degrees beyond its stop, so it was not at its stop during homing: open the "
+                    "device again, swing both arms inward and press them into their stops",
                     beyond * 180 / std::numbers::pi));
   pose_ = kinematics_.at_angles(homing_.angles(counted));
   if (pose_) position_ = calibration_.to_world(pose_->position);
@@ -230,16 +230,17 @@ std::unique_ptr<Device> open_two_diy(const DeviceSpec& device) {
 }  // namespace
 
 DeviceBackend two_diy_backend() {
-  DeviceBackend backend{.name = "haply2diy",
-                        .summary = "a Haply 2DIY or development kit, on a serial port",
-                        .options = {{"port", "its serial port (default: the only one of its kind)"},
-                                    {"generation", "gen3 (default), gen2 or devkit"},
-                                    {"calibration", "a JSON file of what was measured on this one"},
-                                    {"homed", "true: both arms are in their stops now, and it is ready at once"}},
-                        .presets = {},
-                        .open = open_two_diy,
-                        .find = find_two_diys,
-                        .opens_still = true};
+  DeviceBackend backend{
+      .name = "haply2diy",
+      .summary = "a Haply 2DIY or development kit, on a serial port",
+      .options = {{"port", "serial port of the device (default: the only suitable one)"},
+                  {"generation", "generation of the device: gen3 (default), gen2 or devkit"},
+                  {"calibration", "JSON file with the calibration of this device"},
+                  {"homed", "true: both arms are in their stops now, so the device is ready at once"}},
+      .presets = {},
+      .open = open_two_diy,
+      .find = find_two_diys,
+      .opens_still = true};
   for (auto& option : emulated_options()) backend.options.push_back(std::move(option));
   return backend;
 }

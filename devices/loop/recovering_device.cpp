@@ -101,11 +101,11 @@ RecoveringDevice::Search::Place RecoveringDevice::Search::seek() noexcept {
       device = std::move(opened);
       return Place::found;
     }
-    note(found_not_, fmt::format("another device answers in its place, {}, where {} was; it is refused",
+    note(found_not_, fmt::format("another device answers in its place, {} instead of {}, and is rejected",
                                  identity(opened->info()), identity(info_)));
     return Place::replaced;
   } catch (const std::exception& error) {
-    note(found_not_, fmt::format("opening it again: {}", error.what()));
+    note(found_not_, fmt::format("it cannot be opened again: {}", error.what()));
     return Place::gone;
   }
 }

@@ -97,7 +97,7 @@ void ServoLoop::validate(const DeviceInfo& device, const Options& options) {
     throw input_error(
         fmt::format("the rate is {} Hz; it must be from {} to {} Hz", options.rate_hz, kLowestRate, kHighestRate));
   if (options.virtual_time && !device.virtual_time)
-    throw input_error(fmt::format("the device {} lives in real time; use --clock real", device.name));
+    throw input_error(fmt::format("the device {} runs in real time; use --clock real", device.name));
   check_range("the time to wait until a device is ready", options.ready_timeout, 0, kLongestWait, "s");
   if (!(options.away_timeout >= 0 && options.away_timeout <= kLongestWait))
     throw input_error(fmt::format("the time to wait for a lost device is {} s; it must be from 0 (not at all) to {} s",
@@ -170,13 +170,13 @@ class ServoLoop::Session {
   /// Returns why the device was lost, in words.
   [[nodiscard]] std::string lost_reason() const {
     std::string reason = loop_.device_.lost_reason();
-    if (silent_) reason = "it answers, but takes no new sample";
+    if (silent_) reason = "it answers, but measures no new sample";
     if (sparse_gap_)
       reason = fmt::format("its samples come {:.0f} ms apart; a force needs one every {:.0f} ms", 1e3 * *sparse_gap_,
                            1e-6 * static_cast<double>(stale_after_ns_));
     if (answers_ && moves_) reason = fmt::format("it answers again, but {}", kMoves);
     if (answers_ && !moves_) reason = "it answers again, but does not allow forces" + loop_.not_ready_hint();
-    if (waited_in_vain_ > 0) reason += fmt::format("; it was waited for {:.3g} s", waited_in_vain_);
+    if (waited_in_vain_ > 0) reason += fmt::format("; the session waited {:.3g} s for it", waited_in_vain_);
     return reason;
   }
 
@@ -786,7 +786,7 @@ ServoReport ServoLoop::run(const StopRequest& stop) noexcept {
     if (report.cause == StopCause::device_lost) report.detail = "the device was lost: " + session.lost_reason();
     if (report.cause == StopCause::device_not_ready)
       report.detail = report.samples > 0
-                          ? "the device does not allow forces any more" + not_ready_hint()
+                          ? "the device no longer allows forces" + not_ready_hint()
                           : fmt::format("the device did not become ready within {} s{}", options_.ready_timeout,
                                         session.moves() ? fmt::format("; {}", kMoves) : not_ready_hint());
   } else if (report.cause == StopCause::interrupted) {

@@ -155,7 +155,7 @@ void ThreadedDevice::Rounds::run() noexcept {
         silence += std::min(since(round_ns), kLongestRound);
         if (silence > kPatience)
           throw device_error(
-              fmt::format("it gave no answer for {:.0f} ms; look at its cable and its power", 1e3 * silence));
+              fmt::format("it did not answer for {:.0f} ms; check its cable and its power", 1e3 * silence));
       }
       round_ns = monotonic_ns();
     }

@@ -54,7 +54,7 @@ const char* crash_name(int signal) noexcept {
     case SIGILL:
       return "crashed (SIGILL)";
     case SIGABRT:
-      return "was aborted (SIGABRT), as by an exception that nobody caught";
+      return "was aborted (SIGABRT), for example by an uncaught exception";
     default:
       return "called exit()";
   }
@@ -135,7 +135,7 @@ class Watchdog::Thread {
         break;
       case TickPulse::Place::sinks:
       case TickPulse::Place::outside:
-        what = fmt::format("what keeps the samples has not returned for {} s", kPatience);
+        what = fmt::format("the recorder, or another receiver of the samples, has not returned for {} s", kPatience);
         break;
     }
     end(what, stop_device(), place == TickPulse::Place::device ? kExitNoDevice : kExitStopped);
@@ -186,8 +186,9 @@ class Watchdog::Thread {
         *whole = true;
       });
     const std::string all = session_.keep == nullptr ? words
-                            : kept && *whole         ? words + "; the recording keeps what came before"
-                                                     : words + "; the recording is not finished: haptrace recover";
+                            : kept && *whole
+                                ? words + "; the recording keeps what happened before"
+                                : words + "; the recording is not finished: repair it with haptrace recover";
     (void)call_within(kLongestTelling, [all, zero, exit_code] { last_words()(all, zero, exit_code); });
     std::_Exit(exit_code);
   }

@@ -53,7 +53,7 @@ DeviceInfo read_info(haptrace_plugin_info& raw, const std::string& file) {
   info.max_continuous_force = raw.max_continuous_force;
   info.nominal_rate = raw.nominal_rate;
 
-  expect((raw.axes >> 6) == 0, "axes", "has bits beyond the six of force and torque");
+  expect((raw.axes >> 6) == 0, "axes", "has bits beyond the six for force and torque");
   expect(is_finite(info.workspace_min) && is_finite(info.workspace_max), "workspace", "is not finite");
   expect((info.workspace_min.array() < info.workspace_max.array()).all(), "workspace_min",
          "must lie below workspace_max in every axis");
@@ -85,7 +85,8 @@ std::string read_options(const DeviceSpec& spec) {
 std::unique_ptr<Device> open_plugin(const DeviceSpec& spec) {
   const auto path = spec.options.find("path");
   if (path == spec.options.end())
-    throw input_error(fmt::format("--device '{}': which library? Say plugin:path=./libmine.so", spec.text));
+    throw input_error(
+        fmt::format("--device '{}': the option path is missing; use plugin:path=./libmine.so", spec.text));
   const std::string options = read_options(spec);
   if (!std::filesystem::is_regular_file(path->second))
     throw device_error(fmt::format("--device '{}': path: there is no file '{}'", spec.text, path->second));
@@ -125,11 +126,11 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& option
   if (version == 0 && symbols == SharedLibrary::Symbols::local)
     throw refuse(
         library,
-        "says that it speaks version 0 of the plug-in ABI, as one made with Python does when its interpreter "
-        "does not start; if modules of it lack symbols, let them see the plug-in's: plugin:path=...,global=true");
+        "reports version 0 of the plug-in ABI, as a Python plug-in does if its interpreter does not start. If Python "
+        "modules lack symbols, make the plug-in's symbols visible to them: plugin:path=...,global=true");
   if (version != HAPTRACE_PLUGIN_ABI)
-    throw refuse(library, fmt::format("speaks version {} of the plug-in ABI, this haptrace speaks {}; rebuild it with "
-                                      "this haptrace's devices/plugin.h",
+    throw refuse(library, fmt::format("uses version {} of the plug-in ABI, but this haptrace uses {}; rebuild the "
+                                      "plug-in with this haptrace's devices/plugin.h",
                                       version, HAPTRACE_PLUGIN_ABI));
   const decltype(&haptrace_plugin_open) open = library_->function("haptrace_plugin_open", kPluginRule);
   exchange_ = library_->function("haptrace_plugin_exchange", kPluginRule);
@@ -145,7 +146,7 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& option
       calling(library, words_, [&] { return open(options.c_str(), &device, &raw, error, sizeof(error)); });
   if (result < 0) {
     const std::string why = terminated(error);
-    throw refuse(library, why.empty() ? fmt::format("refuses to open ({}) and does not say why", result) : why);
+    throw refuse(library, why.empty() ? fmt::format("refuses to open ({}) and gives no reason", result) : why);
   }
   device_ = device;
   try {
@@ -186,7 +187,7 @@ Device::Status PluginDevice::exchange(const Wrench& wrench, double dt, DeviceSta
   } catch (const std::exception& error) {
     remember_thrown(error.what());
   } catch (...) {
-    remember_thrown("something that is no std::exception");
+    remember_thrown("an object that is not a std::exception");
   }
   if (failure_ < 0) return Status::lost;
   if (zero) zero_ = ZeroForce::confirmed;
@@ -245,9 +246,10 @@ std::string PluginDevice::lost_reason() const {
 DeviceBackend plugin_backend() {
   return {.name = "plugin",
           .summary = "a device in a shared library of your own (devices/plugin.h)",
-          .options = {{"path", "the library, for example ./libmine.so"},
-                      {"global", "true: other libraries see its symbols, as modules of an embedded Python need"},
-                      {"options", "a JSON object for it, or @FILE; stands last"}},
+          .options = {{"path", "path of the library, for example ./libmine.so"},
+                      {"global",
+                       "true: make its symbols visible to other libraries, as modules of an embedded Python need"},
+                      {"options", "JSON object for the plug-in, or @FILE; must be the last option"}},
           .presets = {},
           .open = open_plugin};
 }

@@ -30,7 +30,7 @@ EmulatedLine::EmulatedLine(std::unique_ptr<EmulatedBoard> board) : board_(std::m
       ptsname_r(master_, name.data(), name.size()) != 0) {
     const int cause = errno;
     if (master_ >= 0) close(master_);
-    throw device_error(fmt::format("no pseudo-terminal for the emulated board: {}", std::strerror(cause)));
+    throw device_error(fmt::format("no pseudo-terminal is available for the emulated board: {}", std::strerror(cause)));
   }
   path_ = name.data();
   // The terminal must not echo before a driver opens the port and after it closes it.

@@ -36,7 +36,7 @@ Error port_error(const std::string& path, int cause, const std::string& remedy) 
 }
 
 Error port_gone(const std::string& path, int cause) {
-  return port_error(path, cause, "the port is gone: look at its cable and its power");
+  return port_error(path, cause, "the port is gone: check its cable and its power");
 }
 
 /// Returns why the port cannot be opened, and what to do.
@@ -45,16 +45,17 @@ Error not_opened(const std::string& path, int cause) {
     case ENOENT:
     case ENODEV:
     case ENXIO:
-      return port_error(path, cause,
-                        fmt::format("there is no such port; {}. Is it plugged in?", describe(usb_serial_ports())));
+      return port_error(
+          path, cause,
+          fmt::format("there is no such port; {}. Check that the device is plugged in", describe(usb_serial_ports())));
     case EACCES:
     case EPERM:
-      return port_error(path, cause, fmt::format("it may not be opened: {}", kSerialPermission));
+      return port_error(path, cause, fmt::format("this user may not open it: {}", kSerialPermission));
     case EBUSY:
     case EWOULDBLOCK:
       return device_error(
-          fmt::format("{}: in use by another program; end it (fuser -v {} names it; ModemManager lets go of a new port "
-                      "after some seconds)",
+          fmt::format("{}: in use by another program; end that program (fuser -v {} names it; ModemManager releases a "
+                      "new port after some seconds)",
                       path, path));
     default:
       return port_error(path, cause, "it cannot be opened");
@@ -67,7 +68,7 @@ SerialPort::SerialPort(const std::string& path, int baud) : path_(path) {
   fd_ = open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   if (fd_ < 0) throw not_opened(path, errno);
   try {
-    if (isatty(fd_) == 0) throw port_error(path, ENOTTY, "it is no serial port; " + describe(usb_serial_ports()));
+    if (isatty(fd_) == 0) throw port_error(path, ENOTTY, "it is not a serial port; " + describe(usb_serial_ports()));
     // TIOCEXCL does not bind root; a lock on the file does.
     if (flock(fd_, LOCK_EX | LOCK_NB) != 0) throw not_opened(path, errno);
     if (tcgetattr(fd_, &found_) != 0) throw not_opened(path, errno);
@@ -83,7 +84,8 @@ void SerialPort::configure(int baud) {
   const SerialSpeed* speed = nullptr;
   for (const SerialSpeed& known : kSerialSpeeds)
     if (known.baud == baud) speed = &known;
-  if (speed == nullptr) throw device_error(fmt::format("{}: {} baud is no speed of a serial port here", path_, baud));
+  if (speed == nullptr)
+    throw device_error(fmt::format("{}: {} baud is not a supported speed of a serial port", path_, baud));
   termios raw = found_;
   cfmakeraw(&raw);
   raw.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | CRTSCTS);
@@ -91,7 +93,8 @@ void SerialPort::configure(int baud) {
   raw.c_cc[VMIN] = raw.c_cc[VTIME] = 0;
   cfsetispeed(&raw, speed->code);
   cfsetospeed(&raw, speed->code);
-  if (tcsetattr(fd_, TCSANOW, &raw) != 0) throw port_error(path_, errno, fmt::format("it does not take {} baud", baud));
+  if (tcsetattr(fd_, TCSANOW, &raw) != 0)
+    throw port_error(path_, errno, fmt::format("it does not accept {} baud", baud));
   ioctl(fd_, TIOCEXCL);
   discard_input();
 }

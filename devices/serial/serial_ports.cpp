@@ -93,21 +93,21 @@ std::string chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>
   if (std::string port = device.option("port"); !port.empty()) return port;
   if (found.empty())
     throw device_error(
-        fmt::format("--device '{}': no board of its kind is plugged in; {}. Name its port: {}:port=/dev/...",
+        fmt::format("--device '{}': no board of this kind is plugged in; {}. Name the port: {}:port=/dev/...",
                     device.text, describe(usb_serial_ports()), device.name));
   if (found.size() > 1) {
     std::vector<std::string> specs;
     for (const FoundDevice& one : found) specs.push_back(one.spec);
-    throw device_error(
-        fmt::format("--device '{}': there are several: say which, {}", device.text, fmt::join(specs, " or ")));
+    throw device_error(fmt::format("--device '{}': several boards of this kind are plugged in; select one: {}",
+                                   device.text, fmt::join(specs, " or ")));
   }
   return found.front().spec.substr(found.front().spec.find('=') + 1);
 }
 
 void refuse_port_of_emulated(const DeviceSpec& device) {
   if (device.options.contains("port"))
-    throw input_error(
-        fmt::format("--device '{}': port: an emulated device is on no port of yours; leave one out", device.text));
+    throw input_error(fmt::format(
+        "--device '{}': port: an emulated device uses no real port; leave out port or emulated", device.text));
 }
 
 }  // namespace haptrace

@@ -23,8 +23,9 @@ bool is_emulated(const DeviceSpec& device) {
   if (device.flag("emulated")) return true;
   for (const auto& of_plant : sim_backend().options)
     if (device.options.contains(of_plant.key))
-      throw input_error(fmt::format("--device '{}': {}: is for an emulated device; add emulated=true, or leave it out",
-                                    device.text, of_plant.key));
+      throw input_error(
+          fmt::format("--device '{}': {}: this option is for an emulated device; add emulated=true, or leave it out",
+                      device.text, of_plant.key));
   return false;
 }
 
@@ -38,7 +39,7 @@ LivePlant open_live_plant(const DeviceSpec& device, const std::string& preset) {
 
 std::vector<DeviceBackend::Option> emulated_options() {
   std::vector<DeviceBackend::Option> options{
-      {"emulated", "true: emulate the device on a simulated mechanism; takes the options of sim too"}};
+      {"emulated", "true: emulate the device with a simulated mechanism; accepts the options of sim as well"}};
   for (const auto& option : sim_backend().options) options.push_back(option);
   return options;
 }

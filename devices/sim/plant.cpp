@@ -94,8 +94,8 @@ Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double
   const double stable = by_matrices ? stable_step() : accurate_step();
   if (by_matrices && !(stable >= kShortestStep))
     throw input_error(
-        fmt::format("integrator {}: no step is stable for the {}: springs of it have next to no damping; "
-                    "give it some, or take another integrator",
+        fmt::format("integrator {}: no step is stable for the {}, because some of its springs have almost no damping; "
+                    "add damping, or use another integrator",
                     to_string(integrator), spec.model));
   longest_step_ = std::min(longest_step, stable);
   if (by_matrices) linear_.resize(kStepsKnown);

@@ -72,10 +72,11 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
   for (int axis = 0; axis < 3; ++axis) force_axes_[axis] = spec.axes[static_cast<std::size_t>(axis)] ? 1 : 0;
   info_.notes = options.notes;
   if (plant_.longest_step() < options.longest_step && options.longest_step != SimOptions{}.longest_step)
-    info_.notes.push_back(fmt::format(
-        "integrated in steps of {:.3g} s at most, not of {:.3g} s: {}", plant_.longest_step(), options.longest_step,
-        options.integrator == Integrator::semi_implicit ? "springs of it ask for that"
-                                                        : "longer ones would not be stable"));
+    info_.notes.push_back(fmt::format("the simulation uses steps of {:.3g} s at most, not of {:.3g} s: {}",
+                                      plant_.longest_step(), options.longest_step,
+                                      options.integrator == Integrator::semi_implicit
+                                          ? "stiff springs need short steps"
+                                          : "longer steps would not be stable"));
   if (follows_intent(spec, options)) {
     intent_ = *options.intent;
     info_.natural_duration = intent_.duration();
@@ -249,7 +250,7 @@ SimPathReader path_reader = nullptr;
 void read_intent(const DeviceSpec& device, const SimSpec& spec, SimOptions& options) {
   const bool fit = device.flag("fit");
   if (path_reader == nullptr)
-    throw input_error(device.where() + ": intent: this program reads no paths; call use_recorded_devices() first");
+    throw input_error(device.where() + ": intent: this program cannot read paths; call use_recorded_devices() first");
   Path path = path_reader(spec.hand->intent);
   for (const std::string& note : path.notes) options.notes.push_back(fmt::format("{}: {}", path.name, note));
   const double outside = distance_outside(path, spec.workspace);
@@ -284,7 +285,7 @@ SimParts read_sim_device(const DeviceSpec& device) {
   SimSpec spec = read_sim_spec(json_spec, file.empty() ? device.where() : file,
                                std::filesystem::path(file).parent_path().string());
   if (!intent.empty() && !spec.hand)
-    throw input_error(device.where() + ": intent: nobody holds the device; hand=none cannot follow a path");
+    throw input_error(device.where() + ": intent: no hand holds the device (hand=none), so none can follow a path");
   if (!intent.empty()) spec.hand->intent = intent;
 
   SimOptions options{
@@ -295,8 +296,7 @@ SimParts read_sim_device(const DeviceSpec& device) {
   options.lost_at = device.number("lost_at", 0.0, kNoLimit, SimOptions::kNever, "s");
   options.lost_for = device.number("lost_for", 0.0, kNoLimit, SimOptions::kNever, "s");
   if (options.lost_for < SimOptions::kNever && options.lost_at == SimOptions::kNever)
-    throw input_error(device.where() +
-                      ": lost_for: says how long the cable is out; say when it slips out with lost_at");
+    throw input_error(device.where() + ": lost_for: the time of the loss is missing; set it with lost_at");
   options.longest_step = device.number("step", kShortestOption, kLongestOption, options.longest_step, "s");
   options.integrator = parse_integrator(device.option("integrator", to_string(options.integrator)));
   if (spec.hand && !spec.hand->intent.empty()) read_intent(device, spec, options);
@@ -309,22 +309,25 @@ std::unique_ptr<SimDevice> open_sim_device(const DeviceSpec& device) {
 }
 
 DeviceBackend sim_backend() {
-  return {.name = "sim",
-          .summary = "a simulated device in virtual time, held by a simulated hand",
-          .options = {{"preset", "the device: a name of the list (default reference)"},
-                      {"spec", "the device: a JSON file; with preset, what it changes"},
-                      {"hand", fmt::format("who holds it: {}", fmt::join(hand_preset_names(), ", "))},
-                      {"intent", "the path that the hand intends to follow: CSV or HDF5"},
-                      {"intent_after", "when it begins to, in the device's own time [s]"},
-                      {"intent_speed", "times as fast as the path"},
-                      {"fit", "true: scale and move the intent into the workspace"},
-                      {"seed", "of tremor and noise (default 1)"},
-                      {"integrator", "semi-implicit (default), euler, verlet, rk4, implicit, exact"},
-                      {"step", "of integration, at most; stiff parts shorten it (default 5e-5) [s]"},
-                      {"lost_at", "its cable slips out at this time of its own, to try that out [s]"},
-                      {"lost_for", "and is in again after so long [s]; without it, when it is opened anew"}},
-          .presets = device_preset_names(),
-          .open = [](const DeviceSpec& device) -> std::unique_ptr<Device> { return open_sim_device(device); }};
+  return {
+      .name = "sim",
+      .summary = "a simulated device in virtual time, held by a simulated hand",
+      .options = {{"preset", "preset of the device, from the list (default reference)"},
+                  {"spec", "JSON file of the device; with preset, only the changes"},
+                  {"hand",
+                   fmt::format("simulated hand that holds the device: {}", fmt::join(hand_preset_names(), ", "))},
+                  {"intent", "path that the hand intends to follow: CSV or HDF5"},
+                  {"intent_after", "time at which the hand starts to follow it, on the device's clock (default 0) [s]"},
+                  {"intent_speed", "factor on the speed of the path (default 1)"},
+                  {"fit", "true: scale and move the intent into the workspace"},
+                  {"seed", "seed of tremor and noise (default 1)"},
+                  {"integrator", "integration method: semi-implicit (default), euler, verlet, rk4, implicit, exact"},
+                  {"step", "longest integration step; stiff parts shorten it (default 5e-5) [s]"},
+                  {"lost_at", "time at which the simulated cable is unplugged, on the device's clock [s]"},
+                  {"lost_for",
+                   "time for which the cable stays unplugged (default: until the device is opened again) [s]"}},
+      .presets = device_preset_names(),
+      .open = [](const DeviceSpec& device) -> std::unique_ptr<Device> { return open_sim_device(device); }};
 }
 
 }  // namespace haptrace

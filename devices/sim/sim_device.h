@@ -42,7 +42,7 @@ class SimDevice final : public Device {
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void close() noexcept override { closed_ = true; }
   [[nodiscard]] std::string lost_reason() const override {
-    return closed_ ? "the simulated device is closed" : "its simulated cable slipped out (lost_at)";
+    return closed_ ? "the simulated device is closed" : "its simulated cable was unplugged (lost_at)";
   }
 
   /// Returns the true position and velocity of the handle, which no controller can measure [m, m/s in W].

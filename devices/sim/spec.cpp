@@ -77,7 +77,7 @@ Eigen::Matrix3d read_gradient(JsonReader& reader, const json& spec) {
     gradient.row(row) = rows.vector(std::string(1, "xyz"[row]), Vec3::Zero(), -kMaxStiffness, kMaxStiffness);
   rows.finish();
   if (gradient != gradient.transpose())
-    throw spec_error(rows, "is not symmetric, so the force would have no potential and create energy");
+    throw spec_error(rows, "it is not symmetric, so the force would have no potential and create energy");
   return gradient;
 }
 
@@ -98,10 +98,10 @@ std::array<bool, 3> read_axes(JsonReader& reader) {
   for (const char c : text) {
     const std::size_t axis = std::string_view("xyz").find(c);
     if (axis == std::string_view::npos || axes[axis])
-      throw spec_error(reader, fmt::format("axes: '{}' is not a choice of x, y and z", text));
+      throw spec_error(reader, fmt::format("axes: '{}' is not a selection of x, y and z", text));
     axes[axis] = true;
   }
-  if (text.empty()) throw spec_error(reader, "axes: a device needs an axis to move in");
+  if (text.empty()) throw spec_error(reader, "axes: a device needs at least one axis");
   return axes;
 }
 
@@ -109,13 +109,13 @@ void read_friction(JsonReader& reader, SimSpec& spec) {
   spec.coulomb = reader.vector("coulomb", Vec3::Zero(), 0, kMaxForce);
   const bool slides = !spec.coulomb.isZero(0);
   if (auto stribeck = reader.object("stribeck")) {
-    if (!slides) throw spec_error(*stribeck, "shapes 'coulomb', which is missing");
+    if (!slides) throw spec_error(*stribeck, "it needs 'coulomb', which is missing");
     spec.static_ratio = stribeck->number("static_ratio", 1, 1, 100);
     spec.stribeck_velocity = stribeck->number("velocity", 0.01, kMinSpeed, kMaxSpeed);
     stribeck->finish();
   }
   if (auto presliding = reader.object("presliding")) {
-    if (!slides) throw spec_error(*presliding, "shapes 'coulomb', which is missing");
+    if (!slides) throw spec_error(*presliding, "it needs 'coulomb', which is missing");
     if (presliding->has("distance") == presliding->has("stiffness"))
       throw spec_error(*presliding, "give either 'distance' (m) or 'stiffness' (N/m)");
     const Vec3 distance = presliding->vector("distance", Vec3::Ones(), 1e-12, kMaxLength);
@@ -137,7 +137,7 @@ void read_structure(JsonReader& reader, SimSpec& spec) {
   }
   spec.backlash = reader.number("backlash", 0, 0, kMaxLength);
   if (spec.backlash > 0 && !spec.structural_mode)
-    throw spec_error(reader, "backlash: is play between motor and handle, so it needs a 'structural_mode' too");
+    throw spec_error(reader, "backlash: it acts between motor and handle, so it needs a 'structural_mode' as well");
 }
 
 void read_wrist(JsonReader& reader, SimSpec& spec) {
@@ -220,8 +220,8 @@ SimSpec sim_spec_of(const PlantModel& plant, double max_force, double lag) {
   if (plant.gravity_gradient != plant.gravity_gradient.transpose())
     throw input_error("plant model: the gravity gradient is not symmetric, so the force would create energy");
   if (!(lag >= 0 && lag <= plant.delay))
-    throw input_error(
-        fmt::format("plant model: the motor's lag of {} s is a part of the delay, which is {} s", lag, plant.delay));
+    throw input_error(fmt::format("plant model: the motor's lag of {} s must be from 0 to the delay, which is {} s",
+                                  lag, plant.delay));
   SimSpec sim;
   sim.max_force = sim.max_continuous_force = max_force;  // the model contains no motor heating
   sim.delay = plant.delay - lag;

@@ -45,14 +45,15 @@ enum FdStatus : std::size_t { kFdReset = 3, kFdForce = 5, kFdForceOffCause = 14,
 
 /// Reasons why the device or its library switched the forces off, with remedies, indexed by the cause in dhdGetStatus.
 constexpr std::array kFdForceOff{
-    "forces are off, and the library does not say why; is it switched on? Press its force button",
+    "its forces are off, and the library gives no reason; check that the device is switched on, and press its force "
+    "button",
     "its force button was pressed; press it again to allow forces",
-    "it moved faster than its own limit, and switched its forces off; hold it, and begin anew",
-    "it was sent nothing for so long that its watchdog switched the forces off; begin anew, on a machine that is less "
+    "it moved faster than its own limit and switched its forces off; hold it, and start again",
+    "it received nothing for so long that its watchdog switched the forces off; start again on a machine that is less "
     "busy (haptrace doctor)",
-    "a program switched its forces off; end other programs that use it, and begin anew",
-    "its USB connection broke, and it switched its forces off; look at the cable, and begin anew",
-    "nobody holds it (its dead man's switch is open); take the handle",
+    "a program switched its forces off; end other programs that use it, and start again",
+    "its USB connection broke, and it switched its forces off; check the cable, and start again",
+    "no hand is on it (its dead man's switch is open); take the handle",
 };
 
 /// The vendor's C interface: the device's number is always its last argument, and results below 0 are errors. The
@@ -167,7 +168,7 @@ ForceDimensionDriver::ForceDimensionDriver(const FdOptions& options)
     // Checks the status now, so that an obstacle becomes a note. Forces may take a while to come on.
     const std::int64_t begin = monotonic_ns();
     while (true) {
-      if (!look()) throw refuse("it does not say how it is", "look at its cable and its power");
+      if (!look()) throw refuse("it does not report its status", "check its cable and its power");
       if (ready_ || !enabled_ || monotonic_ns() - begin > kSwitchOnNs) break;
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
@@ -184,8 +185,8 @@ Error ForceDimensionDriver::refuse(const std::string& why, const std::string& re
 
 void ForceDimensionDriver::open(const FdOptions& options) {
   if (const int devices = api_.device_count(); devices <= 0)
-    throw refuse("its library was found, but no device",
-                 "plug it in, switch it on, and see haptrace doctor for who may open it");
+    throw refuse("its library was found, but no device was",
+                 "plug it in, switch it on, and check the permissions with haptrace doctor");
   // The watchdog is one of the library's expert functions.
   if (api_.enable_expert_mode != nullptr) (void)api_.enable_expert_mode();
 
@@ -200,7 +201,7 @@ void ForceDimensionDriver::open(const FdOptions& options) {
   if (id < 0)
     throw refuse(options.serial ? fmt::format("no device with serial number {} can be opened", *options.serial)
                                 : fmt::format("device {} cannot be opened", options.index),
-                 "end other programs that use it, and see haptrace doctor for who may open it");
+                 "end other programs that use it, and check the permissions with haptrace doctor");
   id_ = static_cast<char>(id);
   is_open_ = true;
 
@@ -211,10 +212,10 @@ void ForceDimensionDriver::open(const FdOptions& options) {
     (void)api_.set_watchdog(0, id_);
   else
     info_.notes.emplace_back(
-        "its watchdog cannot be set: should this program be killed, its last force may last; keep a hand on its "
+        "its watchdog cannot be set: if this program is killed, the device may keep its last force; keep a hand on its "
         "switch");
   if (api_.gravity_compensation(options.gravity_compensation ? 1 : 0, id_) < 0)
-    info_.notes.push_back(fmt::format("its gravity compensation cannot be chosen: {}", api_.last_error()));
+    info_.notes.push_back(fmt::format("its gravity compensation cannot be set: {}", api_.last_error()));
 }
 
 void ForceDimensionDriver::describe(const FdOptions& options) {
@@ -222,7 +223,7 @@ void ForceDimensionDriver::describe(const FdOptions& options) {
   const ForceDimensionModel* model = force_dimension_model(type);
   if (model == nullptr && options.max_force <= 0)
     throw device_error(
-        fmt::format("{}: nothing is known of devices of type {}; say what force it bears, as in "
+        fmt::format("{}: haptrace does not know devices of type {}; state the largest force in newtons, for example "
                     "forcedimension:max_force=8",
                     info_.name, type));
   constexpr ForceDimensionModel kUnknown{-1, "unknown model", 0, 0, 0.04, 0.04, 0.04, 0};
@@ -255,9 +256,8 @@ void ForceDimensionDriver::describe(const FdOptions& options) {
   int version[4] = {};
   api_.sdk_version(&version[0], &version[1], &version[2], &version[3]);
   info_.notes.push_back(
-      fmt::format("driven by {} (version {}.{}.{}); nobody tried haptrace with it on a device yet, and limits are "
-                  "those said of the "
-                  "model",
+      fmt::format("driven by {} (version {}.{}.{}); haptrace has not been tried with it on a real device yet, and the "
+                  "limits are the published limits of the model",
                   api_.library.file(), version[0], version[1], version[2]));
 }
 
@@ -265,14 +265,14 @@ void ForceDimensionDriver::describe(const FdOptions& options) {
 void ForceDimensionDriver::initialise() {
   if (!is_drd_ || api_.drd_is_initialized == nullptr || api_.drd_auto_init == nullptr || api_.drd_stop == nullptr)
     throw device_error(
-        fmt::format("{}: initialise: its library cannot initialise this device by its motors; do it with "
-                    "the vendor's own program, without serial=",
+        fmt::format("{}: initialise: its library cannot initialise this device with its motors; leave out serial=, or "
+                    "use the vendor's own program",
                     info_.name));
   if (api_.drd_is_initialized(id_)) return;
   const bool done = api_.drd_auto_init(id_) >= 0;
   const bool stopped = api_.drd_stop(true, id_) >= 0;  // the library's control loop would keep holding the handle
   if (!done || !stopped)
-    throw refuse("it could not initialise itself", "take everything away from the handle, let go of it, and try again");
+    throw refuse("it could not initialise itself", "remove everything from the handle, let go of it, and try again");
 }
 
 bool ForceDimensionDriver::is_calibrated(const int* status) const {
@@ -289,12 +289,13 @@ bool ForceDimensionDriver::look() {
   if (!is_calibrated(status.data())) {
     why = api_.system_type(id_) == kFdFalcon
               ? "it is not calibrated: pull its handle all the way out, and push it in"
-              : "it is not calibrated: let go of it and run haptrace devices forcedimension:initialise=true, by which "
-                "its motors move the handle to its stops";
+              : "it is not calibrated: let go of it and run haptrace devices forcedimension:initialise=true; its "
+                "motors then move the handle to its stops";
   } else {
     if (!enabled_) enabled_ = api_.enable_force(1, id_) >= 0;
     if (!enabled_) {
-      why = fmt::format("its forces cannot be switched on: {}; is it switched on?", api_.last_error());
+      why =
+          fmt::format("its forces cannot be switched on: {}; check that the device is switched on", api_.last_error());
     } else if (api_.status(status.data(), id_) < 0) {
       return false;
     } else if (status[kFdForce] == 0) {
@@ -356,7 +357,7 @@ bool ForceDimensionDriver::bear(const char* call) {
   if (!failing_since_) failing_since_ = now;
   if (now - *failing_since_ > kBearNs)
     throw device_error(
-        fmt::format("{} failed for {} ms: {}; look at its cable and its power", call, kBearNs / 1'000'000, why));
+        fmt::format("{} failed for {} ms: {}; check its cable and its power", call, kBearNs / 1'000'000, why));
   return false;
 }
 
@@ -386,7 +387,7 @@ std::unique_ptr<Device> open_force_dimension(const DeviceSpec& spec) {
   if (const std::string file = spec.option("library"); !file.empty()) options.library.places = {file};
   if (spec.options.contains("serial")) {
     if (spec.options.contains("index"))
-      throw input_error(fmt::format("--device '{}': serial and index both say which device; leave one out", spec.text));
+      throw input_error(fmt::format("--device '{}': serial and index both select a device; leave one out", spec.text));
     options.serial = spec.number("serial", 0, 65535, 0);
   }
   options.index = spec.number("index", 0, 15, 0);
@@ -426,8 +427,8 @@ WantedLibrary force_dimension_library() {
   WantedLibrary wanted{.what = "Force Dimension's library libdrd",
                        .places = library_files(folders, "libdrd.so"),
                        .remedy =
-                           "install the vendor's SDK (forcedimension.com) and libusb-1.0, and set FDSDK to its "
-                           "folder, or say where it is: forcedimension:library=/path/libdrd.so"};
+                           "install the vendor's SDK (forcedimension.com) and libusb-1.0, and set FDSDK to its folder, "
+                           "or name the file: forcedimension:library=/path/libdrd.so"};
   wanted.places.emplace_back("libdrd.so");
   return wanted;
 }
@@ -435,12 +436,12 @@ WantedLibrary force_dimension_library() {
 DeviceBackend force_dimension_backend() {
   return {.name = kForceDimension,
           .summary = "omega, delta, sigma and lambda, through Force Dimension's own library",
-          .options = {{"library", "the vendor's libdrd.so, unless it is where it is looked for"},
-                      {"serial", "which device, by its serial number"},
-                      {"index", "which of several, from 0"},
-                      {"initialise", "true: let its motors move the handle to its stops, when it is not calibrated"},
-                      {"gravity_compensation", "false: without the library's own"},
-                      {"max_force", "less than the model bears [N]"}},
+          .options = {{"library", "path of the vendor's libdrd.so (default: search the usual folders)"},
+                      {"serial", "serial number of the device, if there are several"},
+                      {"index", "index of the device, if there are several, from 0"},
+                      {"initialise", "true: let its motors move the handle to its stops if it is not calibrated"},
+                      {"gravity_compensation", "false: switch off the library's gravity compensation"},
+                      {"max_force", "force limit below that of the model [N]"}},
           .presets = {},
           .open = open_force_dimension,
           .find = [] { return find_plugged("Force Dimension", kForceDimension, force_dimension_library()); },

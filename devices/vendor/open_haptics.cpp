@@ -240,8 +240,8 @@ void OpenHapticsDevice::init(const HdOptions& options) {
                               : "'" + options.name + "'";
   throw refuse(
       fmt::format("its library was found, but {} cannot be opened: {}", who, error != nullptr ? error : "no handle"),
-      "is it plugged in, switched on, and set up by the vendor's Touch_Setup under that name? haptrace doctor "
-      "says who may open it");
+      "check that it is plugged in, switched on, and set up with the vendor's Touch_Setup under that name, and check "
+      "the permissions with haptrace doctor");
 }
 
 void OpenHapticsDevice::describe(const HdOptions& options) {
@@ -267,7 +267,7 @@ void OpenHapticsDevice::describe(const HdOptions& options) {
   info_.torque_axes.fill(takes_torque_);
   info_.max_force = number(kHdMaxForce);
   if (info_.max_force <= 0)
-    throw refuse("its library does not say what force it bears", "set it up by the vendor's Touch_Setup");
+    throw refuse("its library does not report its largest force", "set it up with the vendor's Touch_Setup");
   info_.max_continuous_force = std::min(number(kHdMaxContinuousForce), info_.max_force);
   if (options.rate > 0) info_.nominal_rate = static_cast<double>(options.rate);
 
@@ -282,14 +282,14 @@ void OpenHapticsDevice::describe(const HdOptions& options) {
     break;
   }
   if (info_.workspace_min == info_.workspace_max)
-    throw refuse("its library does not say what its workspace is", "set it up by the vendor's Touch_Setup");
+    throw refuse("its library does not report its workspace", "set it up with the vendor's Touch_Setup");
 
   styles_ = integer(kHdCalibrationStyle);
-  info_.notes.push_back(fmt::format("driven by {} ({}); nobody tried haptrace with it on a device yet",
+  info_.notes.push_back(fmt::format("driven by {} ({}); haptrace has not been tried with it on a real device yet",
                                     api_.library.file(), text(kHdVersion)));
   info_.notes.push_back(
-      fmt::format("its library has limits of its own: forces fade in ({:.3g}/s), and it stops beyond {:.3g} m/s or "
-                  "sudden changes of {:.3g} N (0: unknown); a stiff playback of a fast path may trip them",
+      fmt::format("its library has its own limits: forces fade in ({:.3g}/s), and it stops beyond {:.3g} m/s or sudden "
+                  "changes of {:.3g} N (0: unknown); a stiff playback of a fast path may exceed them",
                   number(kHdRampingRate), kHdLength * number(kHdVelocityLimit), number(kHdImpulseLimit)));
   (void)api_.error();  // clears the errors of queries that this library does not know
 }
@@ -299,12 +299,13 @@ void OpenHapticsDevice::schedule(const HdOptions& options) {
   if (options.rate > 0) {
     api_.set_scheduler_rate(options.rate);
     if (const char* error = api_.error())
-      info_.notes.push_back(fmt::format("its rate stays its own: {} ({} Hz were asked for)", error, options.rate));
+      info_.notes.push_back(
+          fmt::format("its library keeps its own rate: {} ({} Hz was requested)", error, options.rate));
   }
   api_.enable(kHdMaxForceClamping);
   api_.enable(kHdForceOutput);
   if (const char* error = api_.error())
-    throw refuse(fmt::format("its forces cannot be switched on: {}", error), "look at its power");
+    throw refuse(fmt::format("its forces cannot be switched on: {}", error), "check its power");
 
   if ((styles_ & (kHdInkwell | kHdAuto)) != 0) calibrator_ = std::thread([this] { calibrate_when_asked(); });
   scheduled_ = api_.schedule(&OpenHapticsDevice::frame, this, kHdHighestPriority);
@@ -316,7 +317,7 @@ void OpenHapticsDevice::schedule(const HdOptions& options) {
   while (newest_.frame_ns == 0) {
     if (monotonic_ns() - begin > 1'000'000'000)
       throw refuse("it was opened, but its servo loop does not run",
-                   "end other programs that use it, plug it in again");
+                   "end other programs that use it, and plug it in again");
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
     newest_ = answer_.latest();
   }
@@ -470,18 +471,18 @@ void OpenHapticsDevice::close() noexcept {
 std::string OpenHapticsDevice::lost_reason() const {
   if (closed_ && !lost_) return "the device is closed";
   const bool is_faulty = newest_.fault_ns != 0 && newest_.frame_ns - newest_.fault_ns <= kCalmNs;
-  if (!is_faulty) return "its library's servo loop stands still; look at its cable and its power";
-  return fmt::format("its library says: {}; hold it and move slowly, with softer gains, and let warm motors cool",
+  if (!is_faulty) return "its library's servo loop has stopped; check its cable and its power";
+  return fmt::format("its library reports: {}; hold it, move slowly, use softer gains, and let warm motors cool",
                      newest_.fault.data());
 }
 
 std::string OpenHapticsDevice::not_ready_reason() const {
   if (newest_.calibration == kHdCalibrated) return "";
-  if ((styles_ & kHdInkwell) != 0) return "it is not calibrated: put its stylus into the inkwell, until it stays ready";
+  if ((styles_ & kHdInkwell) != 0) return "it is not calibrated: put its stylus into the inkwell until it stays ready";
   if ((styles_ & kHdEncoderReset) != 0)
     return "it is not calibrated: hold its arm in the reset position that its manual shows, and open it with "
            "openhaptics:reset_encoders=true";
-  return "it is not calibrated: move it slowly through its workspace; else calibrate it by the vendor's "
+  return "it is not calibrated: move it slowly through its workspace. If it stays uncalibrated, use the vendor's "
          "Touch_Diagnostic";
 }
 
@@ -511,7 +512,7 @@ WantedLibrary open_haptics_library() {
                        .places = library_files(folders, "libHD.so"),
                        .remedy =
                            "install 3D Systems' OpenHaptics and the Touch Device Driver (support.3dsystems.com), or "
-                           "say where it is: openhaptics:library=/path/libHD.so"};
+                           "name the file: openhaptics:library=/path/libHD.so"};
   wanted.places.emplace_back("libHD.so");
   return wanted;
 }
@@ -519,10 +520,10 @@ WantedLibrary open_haptics_library() {
 DeviceBackend open_haptics_backend() {
   return {.name = kOpenHaptics,
           .summary = "Touch and PHANTOM, through 3D Systems' OpenHaptics",
-          .options = {{"library", "the vendor's libHD.so, unless it is where it is looked for"},
-                      {"name", "as the vendor's Touch_Setup named it, unless it is the default device"},
-                      {"rate", "of the vendor's servo loop, unless its own [Hz]"},
-                      {"reset_encoders", "true: its arm is in its reset position now, for models without an inkwell"}},
+          .options = {{"library", "path of the vendor's libHD.so (default: search the usual folders)"},
+                      {"name", "name of the device in the vendor's Touch_Setup (default: the default device)"},
+                      {"rate", "rate of the vendor's servo loop (default: the library's own) [Hz]"},
+                      {"reset_encoders", "true: its arm is in its reset position now (for models without an inkwell)"}},
           .presets = {},
           .open = open_open_haptics,
           .find = [] { return find_plugged("3D Systems Touch", kOpenHaptics, open_haptics_library()); }};

@@ -56,7 +56,8 @@ class SharedLibrary {
 
   /// Returns a function. Throws Error(device) naming the library, the function and `remedy` if there is none of this
   /// name.
-  [[nodiscard]] Symbol function(const char* name, const std::string& remedy = "it is another version of it") const;
+  [[nodiscard]] Symbol function(const char* name,
+                                const std::string& remedy = "it is another version of the library") const;
 
   /// Returns a function; null if there is none of this name.
   [[nodiscard]] Symbol function_if_any(const char* name) const noexcept;

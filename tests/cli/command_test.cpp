@@ -367,8 +367,8 @@ TEST(ALostDevice, EndsTheSessionWhenItDoesNotComeBackInTime) {
     EXPECT_EQ(answer.exit_code, 3) << answer.err;
     EXPECT_EQ(answer.json()["stopped_by"], "device_lost");
     const std::string why = answer.json()["stopped_because"];
-    EXPECT_THAT(why, HasSubstr("the device was lost: its simulated cable slipped out"));
-    EXPECT_EQ(why.find("it was waited for 0.2 s") != std::string::npos, std::string(patience) == "0.2") << why;
+    EXPECT_THAT(why, HasSubstr("the device was lost: its simulated cable was unplugged"));
+    EXPECT_EQ(why.find("the session waited 0.2 s for it") != std::string::npos, std::string(patience) == "0.2") << why;
     EXPECT_NEAR(answer.json()["samples"].get<double>(), 1000, 2);
   }
 }
@@ -403,7 +403,7 @@ TEST(ALostDevice, IsNotReplacedByAnother) {
                std::string("plugin:path=" FAULTY_PLUGIN R"(,options={"fault":"swapped","tick":900})"));
   EXPECT_EQ(answer.exit_code, 3) << answer.err;
   EXPECT_THAT(answer.json()["stopped_because"].get<std::string>(),
-              AllOf(HasSubstr("another device answers in its place"), HasSubstr("it is refused")));
+              AllOf(HasSubstr("another device answers in its place"), HasSubstr("is rejected")));
 }
 
 TEST(ALostDevice, IsWaitedForByRecordToo) {

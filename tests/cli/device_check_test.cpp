@@ -51,8 +51,8 @@ TEST(DeviceCheck, WaitsForLeaveBeforeEveryForce) {
   const Answer answer = command.wait();
   EXPECT_EQ(answer.exit_code, 130);
   EXPECT_EQ(finding(answer, "force_x")["verdict"], "passed");
-  EXPECT_EQ(finding(answer, "force_y")["detail"], "its force was not allowed");
-  EXPECT_EQ(finding(answer, "force_z")["detail"], "it was stopped before");
+  EXPECT_EQ(finding(answer, "force_y")["detail"], "the user did not allow its force");
+  EXPECT_EQ(finding(answer, "force_z")["detail"], "the test was stopped earlier");
 }
 
 TEST(DeviceCheck, RefusesWhatItCannotTest) {

@@ -84,7 +84,7 @@ TEST(PluggedUsbDevices, SayWhyTheyCannotBeOpened) {
   const auto plugged = plugged_usb_devices(machine.root());
   ASSERT_EQ(plugged.size(), 1U);
   EXPECT_EQ(plugged[0].ids, "16c0:0486");
-  EXPECT_THAT(plugged[0].obstacle, HasSubstr("no driver has made a node"));
+  EXPECT_THAT(plugged[0].obstacle, HasSubstr("no driver has created a device file"));
   EXPECT_THAT(plugged[0].remedy, HasSubstr("udevadm trigger"));
 }
 

@@ -48,7 +48,7 @@ TEST(DeviceSpec, NamesThePartItCannotRead) {
   EXPECT_THAT(refusal("sim:=firm"), HasSubstr("no key"));
   EXPECT_THAT(refusal("sim:hand="), HasSubstr("the option 'hand' has no value"));
   EXPECT_THAT(refusal("sim:hand=,seed=1"), HasSubstr("the option 'hand' has no value"));
-  EXPECT_THAT(refusal("sim:hand=firm,hand=none"), HasSubstr("the option 'hand' stands twice"));
+  EXPECT_THAT(refusal("sim:hand=firm,hand=none"), HasSubstr("the option 'hand' is given twice"));
   EXPECT_THAT(refusal("plugin:options="), HasSubstr("the option 'options' has no value"));
   EXPECT_THAT(refusal("sim:hand"), HasSubstr("NAME[:key=value[,key=value...]]"));
 }

@@ -128,7 +128,7 @@ TEST_P(FaultsInVirtualTime, CostNoRowThatCouldBeKept) {
 
   const Answer answer = Command(play.words("out.h5"), kNoInput, disk(split(GetParam().disk))).wait();
   const std::vector<Sample> rows = rows_of(play / "out.h5");
-  EXPECT_EQ(answer.json()["stopped_by"], "finished") << "the session goes on";
+  EXPECT_EQ(answer.json()["stopped_by"], "finished") << "the session continues";
   EXPECT_EQ(answer.json()["session_samples"], whole.size());
   EXPECT_EQ(answer.json()["samples"], rows.size()) << "what is said is what is in the file";
   EXPECT_EQ(answer.json()["lost"], whole.size() - rows.size());
@@ -280,7 +280,7 @@ INSTANTIATE_TEST_SUITE_P(Of, PassingFaults,
 
 TEST(Recording, GivesUpOnADiskThatIsNotBackWhenTheSessionEnds) {
   Endless session({"FAULT_AFTER=400000"});
-  ASSERT_TRUE(session.says("it is tried to go on in a further file"));
+  ASSERT_TRUE(session.says("the recorder tries to continue in a further file"));
   std::this_thread::sleep_for(500ms);
   const Answer answer = session.end(1);
   EXPECT_EQ(answer.json()["samples"], rows_of(session.file).size());

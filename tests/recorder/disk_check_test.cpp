@@ -47,7 +47,8 @@ TEST(DiskCheck, JudgesADiskByWhatTheRecordersRingBridges) {
   };
   EXPECT_THAT(write(0.9), finding(Severity::ok, HasSubstr("max 900 ms"), IsEmpty()));
   EXPECT_THAT(write(1.1), finding(Severity::warning, HasSubstr("quarter"), HasSubstr("--folder")));
-  EXPECT_THAT(write(4.1), finding(Severity::problem, HasSubstr("the ring bridges 4 s"), HasSubstr("--folder")));
+  EXPECT_THAT(write(4.1),
+              finding(Severity::problem, HasSubstr("the ring buffer bridges only 4 s"), HasSubstr("--folder")));
 
   // Only a recording with --sync waits for the disk, so a slow sync is a warning.
   disk.write_total = disk.sync_total = 25;

@@ -394,7 +394,7 @@ TEST(Recorder, RefusesOptionsThatMakeNoSense) {
   refuses({.capture = {.pre = -1}}, {}, "before the trigger is -1 s");
   RecordingHeader slow;
   slow.rate_hz = 100;
-  refuses({.storage = {.deflate = 1}}, slow, "cannot be packed while it grows");
+  refuses({.storage = {.deflate = 1}}, slow, "cannot be compressed while it grows");
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 

@@ -56,7 +56,7 @@ TEST(SceneFile, NamesWhatIsWrongAndWhere) {
   EXPECT_THAT(error(R"({"kind": "sphere", "radius": 0.03, "stiffness": 1, "center": [0, 0, 0]})"),
               AllOf(HasSubstr("'center'"), HasSubstr("did you mean 'centre'?")));
   EXPECT_THAT(error(R"({"kind": "wall", "point": [0, 0, 0], "normal": [0, 0, 0], "stiffness": 1})"),
-              HasSubstr("objects[0].normal: has no direction"));
+              HasSubstr("objects[0].normal: the vector has no direction"));
   EXPECT_THAT(error(R"({"kind": "wall", "name": "", "point": 0, "normal": [0, 0, 1], "stiffness": 1})"),
               HasSubstr("objects[0].name"));
   EXPECT_THAT(error(kBall + "," + kBall), AllOf(HasSubstr("my.json: two objects"), HasSubstr("'ball'")));

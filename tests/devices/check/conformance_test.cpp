@@ -196,7 +196,7 @@ TEST_F(Conformance, FindsForcesThatAreLargerThanTold) {
   wrong_.force = [](const Vec3& f) { return Vec3(100 * f); };
   test_mass();
   EXPECT_THAT(broken(), ElementsAre("gentle")) << describe(report_);
-  EXPECT_THAT(finding("gentle").detail, HasSubstr("larger than it is told"));
+  EXPECT_THAT(finding("gentle").detail, HasSubstr("larger than commanded"));
 }
 
 TEST_F(Conformance, FindsAWrongResolution) {

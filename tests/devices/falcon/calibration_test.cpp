@@ -146,7 +146,7 @@ TEST(FalconCalibration, RefusesWhatItDoesNotKnowWithTheNearest) {
 TEST(FalconCalibration, RefusesWhatCannotBe) {
   EXPECT_THAT(refusal(R"({"counts_per_rad": [1572, 0, 1572]})"), HasSubstr("counts_per_rad[1]: 0 is too small"));
   EXPECT_THAT(refusal(R"({"home_angle": 35})"), HasSubstr("home_angle: 35 is too large"));
-  EXPECT_THAT(refusal(R"({"home_angle": [3, 3, 3]})"), HasSubstr("home_angle: legs of this geometry cannot stand"));
+  EXPECT_THAT(refusal(R"({"home_angle": [3, 3, 3]})"), HasSubstr("home_angle: the legs of this geometry cannot reach"));
   EXPECT_THAT(refusal(R"({"counts_per_n_m": -10000})"), HasSubstr("counts_per_n_m: -10000 is too small"));
   EXPECT_THAT(refusal(R"({"encoder_sign": [1, 0, 1]})"), HasSubstr("encoder_sign: a sign is 1 or -1"));
   EXPECT_THAT(refusal(R"({"motor_sign": 0.5})"), HasSubstr("motor_sign: a sign is 1 or -1"));
@@ -154,15 +154,15 @@ TEST(FalconCalibration, RefusesWhatCannotBe) {
   EXPECT_THAT(refusal(R"({"max_motor_counts": 40000})"), HasSubstr("the maximum is 32767"));
   EXPECT_THAT(refusal(R"({"max_motor_counts": 0.5})"), HasSubstr("max_motor_counts"));
   EXPECT_THAT(refusal(R"({"flags": {"red": 3}})"), HasSubstr("red: 3 is not one bit"));
-  EXPECT_THAT(refusal(R"({"flags": {"homing": 2}})"), HasSubstr("green: 2 is another flag's bit"));
+  EXPECT_THAT(refusal(R"({"flags": {"homing": 2}})"), HasSubstr("green: 2 is already the bit of another flag"));
   EXPECT_THAT(refusal(R"({"flags": {"red": 128}})"), HasSubstr("red: 128 is too large"));
   EXPECT_THAT(refusal(R"({"max_force": 0})"), HasSubstr("max_force: 0 is too small"));
   EXPECT_THAT(refusal(R"({"geometry": {"thigh": 60}})"), HasSubstr("my.json: geometry: thigh is 60 m"));
   EXPECT_THAT(refusal(R"({"geometry": {"azimuths": 1}})"),
-              HasSubstr("geometry: azimuths: two legs stand in one place"));
+              HasSubstr("geometry: azimuths: two legs are at the same place"));
   EXPECT_THAT(refusal(R"({"workspace": 0.08})"), HasSubstr("workspace: its corner (-0.08, -0.08, -0.08)"));
   EXPECT_THAT(refusal(R"({"origin": [0, 0, 0.15]})"), HasSubstr("out of the legs' reach"));
-  EXPECT_THAT(refusal(R"({"geometry": {"shin": 0.02}})"), HasSubstr("home_angle: legs of this geometry"));
+  EXPECT_THAT(refusal(R"({"geometry": {"shin": 0.02}})"), HasSubstr("home_angle: the legs of this geometry"));
 }
 
 }  // namespace

@@ -407,7 +407,8 @@ TEST_F(FalconTrackerTest, IsLostWhereTheLegsHoldTheHandleNowhere) {
     const Counts counts{count, static_cast<std::int16_t>(-count), 0};
     if (take(counts) == Belief::doubted) why = lost(counts);
   }
-  EXPECT_THAT(why, AllOf(HasSubstr("degrees, where they hold the handle nowhere"), HasSubstr("home_angle")));
+  EXPECT_THAT(why,
+              AllOf(HasSubstr("degrees, and no position of the handle has these angles"), HasSubstr("home_angle")));
 }
 
 TEST_F(FalconTrackerTest, IsNotHomedAnyMoreWhenTheReportsGoOnSayingSo) {
@@ -440,7 +441,7 @@ TEST(FalconEncoderWatchTest, NoticesAnEncoderThatStandsStillWhileItsMotorPushes)
   };
   const auto still = [](int) { return std::int16_t{77}; };
   const auto swings = [](int k) { return static_cast<std::int16_t>(1200 * std::sin(0.01 * k)); };
-  EXPECT_THAT(watch(still, swings), HasSubstr("encoder of leg 2 stands still at 77"));
+  EXPECT_THAT(watch(still, swings), HasSubstr("encoder of leg 2 stays at 77"));
   EXPECT_EQ(watch([](int k) { return static_cast<std::int16_t>(k / 400); }, swings), "no error") << "it moves, slowly";
   EXPECT_EQ(watch(still, [](int) { return std::int16_t{0}; }), "no error") << "a hand that holds still";
   EXPECT_EQ(watch(still, [](int k) { return static_cast<std::int16_t>(500 * std::sin(0.01 * k)); }), "no error")

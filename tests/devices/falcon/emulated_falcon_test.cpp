@@ -464,7 +464,7 @@ TEST(EmulatedFalconLink, IsTheSameDeviceAgainAfterItsCableWasOut) {
   in_real_time();
   const std::string fault = ",fault=unplug:0.05:0.1";
   auto link = open_link(fault);
-  EXPECT_THAT(error_of([&] { (void)open_link(fault); }, Error::Kind::device), HasSubstr("open already"));
+  EXPECT_THAT(error_of([&] { (void)open_link(fault); }, Error::Kind::device), HasSubstr("already open"));
   link->control(Request::latency_timer, 1);
   link->control(Request::baud, 0x0002);
   EXPECT_THAT(error_of(
@@ -473,9 +473,9 @@ TEST(EmulatedFalconLink, IsTheSameDeviceAgainAfterItsCableWasOut) {
                     }
                   },
                   Error::Kind::device),
-              HasSubstr("cable is out"));
+              HasSubstr("cable is unplugged"));
   link->close();
-  EXPECT_THAT(error_of([&] { (void)open_link(fault); }, Error::Kind::device), HasSubstr("cable is out"));
+  EXPECT_THAT(error_of([&] { (void)open_link(fault); }, Error::Kind::device), HasSubstr("cable is unplugged"));
   std::this_thread::sleep_for(std::chrono::milliseconds(150));
   link = open_link(fault);
   link->control(Request::latency_timer, 1);

@@ -145,15 +145,16 @@ TEST_F(FalconFirmwareTest, SaysAfterTenTriesWhatWentWrongInEach) {
 
 TEST_F(FalconFirmwareTest, TellsOneFailureFromTheOther) {
   device_->silent_after = 620;
-  EXPECT_THAT(failure(), HasSubstr("after 620 of 8492 bytes its loader fell silent"));
+  EXPECT_THAT(failure(), HasSubstr("after 620 of 8492 bytes, its loader stopped answering"));
   device_ = switched_on();
   device_->one_more_at = 620;
-  EXPECT_THAT(failure(), AllOf(HasSubstr("tries 1 to 10: more came back than was sent, after 620 of 8492 bytes")));
+  EXPECT_THAT(failure(),
+              AllOf(HasSubstr("tries 1 to 10: more bytes came back than were sent, after 620 of 8492 bytes")));
   device_ = switched_on();
   device_->begins = {0x41, 0x41};
-  EXPECT_THAT(failure(), HasSubstr("its loader answered 41 41 where it begins"));
+  EXPECT_THAT(failure(), HasSubstr("its loader answered 41 41 to the start command"));
   device_->begins = {0x40};
-  EXPECT_THAT(failure(), HasSubstr("its loader answered 40 where it begins"));
+  EXPECT_THAT(failure(), HasSubstr("its loader answered 40 to the start command"));
   device_ = switched_on();
   device_->welcome = {0x0a, 0x44, 0x2d, 0x0d};
   EXPECT_THAT(failure(), HasSubstr("its loader answered 0a 44 2d 0d to the greeting"));
@@ -161,7 +162,7 @@ TEST_F(FalconFirmwareTest, TellsOneFailureFromTheOther) {
   EXPECT_THAT(failure(), HasSubstr("its loader answered nothing to the greeting"));
   device_ = switched_on();
   device_->starts = false;
-  EXPECT_THAT(failure(), HasSubstr("all of it was taken, but it does not answer"));
+  EXPECT_THAT(failure(), HasSubstr("the firmware was loaded, but it does not answer"));
 }
 
 TEST_F(FalconFirmwareTest, TakesTheWelcomeInItsOtherFormAndOneThatComesTwice) {

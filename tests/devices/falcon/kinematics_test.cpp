@@ -263,7 +263,7 @@ TEST(FalconKinematics, RefusesLengthsThatNoDeviceHas) {
   EXPECT_THAT(refusal([](auto& g) { g.shin_offset = -0.01; }), HasSubstr("shin_offset"));
   EXPECT_THAT(refusal([](auto& g) { g.base_radius = kNaN; }), HasSubstr("base_radius"));
   EXPECT_THAT(refusal([](auto& g) { g.azimuths = Vec3(105, -15, -135); }), HasSubstr("azimuths is 105 rad"));
-  EXPECT_THAT(refusal([](auto& g) { g.azimuths = Vec3(1, 1, -2); }), HasSubstr("two legs stand in one place"));
+  EXPECT_THAT(refusal([](auto& g) { g.azimuths = Vec3(1, 1, -2); }), HasSubstr("two legs are at the same place"));
 }
 
 }  // namespace

@@ -65,12 +65,12 @@ TEST_F(FalconPorts, AreChosenBySerialNumberOrPort) {
   EXPECT_THAT(refusal("", ""), AllOf(HasSubstr("no Novint Falcon (USB 0403:cb48)"), HasSubstr("power supply")));
   plug("1-2", 7, "B");
   EXPECT_EQ(choose_falcon_port(ports(), "", "").serial, "B");
-  EXPECT_THAT(refusal("A", ""), HasSubstr("with serial=A is plugged in, but falcon"));
+  EXPECT_THAT(refusal("A", ""), HasSubstr("with serial=A is plugged in. Use one that is: falcon"));
   plug("1-1", 5, "A");
   EXPECT_EQ(choose_falcon_port(ports(), "A", "").port, "1-1");
   EXPECT_EQ(choose_falcon_port(ports(), "", "1-2").serial, "B");
   EXPECT_THAT(refusal("", ""),
-              HasSubstr("2 Novint Falcons are plugged in; say which: falcon:serial=A, falcon:serial=B"));
+              HasSubstr("2 Novint Falcons are plugged in; select one: falcon:serial=A, falcon:serial=B"));
   EXPECT_THAT(refusal("A", "1-2"), HasSubstr("with serial=A port=1-2"));
 }
 
@@ -103,14 +103,14 @@ TEST_F(FalconPorts, SayWhatIsInTheWayAndWhatMendsIt) {
   EXPECT_THAT(obstacle().remedy, HasSubstr("udevadm trigger"));
 
   found.front().refused = EACCES;
-  EXPECT_THAT(obstacle().obstacle, HasSubstr("may not be opened by this user"));
+  EXPECT_THAT(obstacle().obstacle, HasSubstr("cannot be opened by this user"));
   EXPECT_THAT(obstacle().remedy, HasSubstr(known_usb_devices().front().udev_rule()));
   EXPECT_THAT(error_of([&] { (void)open_usb_falcon_link(found.front()); }, Error::Kind::device),
               AllOf(HasSubstr("Novint Falcon at usb 1-1: "), HasSubstr("70-haptrace.rules")));
 
   found.front().refused = 0;
   found.front().driver = "falcon_hid";
-  EXPECT_THAT(obstacle().obstacle, HasSubstr("the kernel's driver falcon_hid has it"));
+  EXPECT_THAT(obstacle().obstacle, HasSubstr("the kernel's driver falcon_hid uses it"));
   EXPECT_THAT(obstacle().remedy, HasSubstr("echo '1-1:1.0' | sudo tee /sys/bus/usb/drivers/falcon_hid/unbind"));
   found.front().driver = "usbfs";
   EXPECT_EQ(obstacle().obstacle, "") << "whoever has it may let go of it";
@@ -135,9 +135,11 @@ TEST(FalconBackend, RefusesWhatItCannotUseBeforeItTouchesADevice) {
   const TempFolder folder;
   EXPECT_THAT(open_error("falcon:calibration=" + folder.write("my.json", R"({"max_forse": 3})")),
               HasSubstr("did you mean 'max_force'?"));
-  EXPECT_THAT(open_error("falcon:emulated=true,serial=3"), HasSubstr("serial: is for a device that is plugged in"));
-  EXPECT_THAT(open_error("falcon:fault=silent"), HasSubstr("fault: is for an emulated device; add emulated=true"));
-  EXPECT_THAT(open_error("falcon:hand=relaxed"), HasSubstr("hand: is for an emulated device; add emulated=true"));
+  EXPECT_THAT(open_error("falcon:emulated=true,serial=3"), HasSubstr("serial: this option is for a real device"));
+  EXPECT_THAT(open_error("falcon:fault=silent"),
+              HasSubstr("fault: this option is for an emulated device; add emulated=true"));
+  EXPECT_THAT(open_error("falcon:hand=relaxed"),
+              HasSubstr("hand: this option is for an emulated device; add emulated=true"));
 }
 
 TEST(FalconBackend, OpensAnEmulatedOneThatIsReadyOnceItWasHomed) {

@@ -135,7 +135,7 @@ TEST_F(FalconUsb, TellsItsPlaceToACountAndPushesWhereItIsTold) {
 TEST_F(FalconUsb, IsOnlyOneProgramsAtATime) {
   plug_in(Start::homed);
   const auto device = open_device("falcon");
-  EXPECT_THAT(open_error("falcon", Error::Kind::device), HasSubstr("another program has it"));
+  EXPECT_THAT(open_error("falcon", Error::Kind::device), HasSubstr("another program uses it"));
   DeviceState state;
   EXPECT_TRUE(exchange_until(*device, Vec3::Zero(), state, [&] { return state.ready; }));
 }

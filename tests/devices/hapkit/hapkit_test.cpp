@@ -225,7 +225,7 @@ TEST_F(Hapkit, IsLostWithCauseAndRemedyWhenItsBoardStartedAnew) {
         for (int k = 0; k < 100; ++k) (void)driver->round({Vec3(2, 0, 0), Vec3::Zero()}, state_);
       },
       Error::Kind::device);
-  EXPECT_THAT(error, testing::AllOf(HasSubstr("started anew"), HasSubstr("put it upright")));
+  EXPECT_THAT(error, testing::AllOf(HasSubstr("restarted"), HasSubstr("Put the handle upright")));
   EXPECT_EQ(bench_.board->force(), 0);
 }
 
@@ -249,14 +249,14 @@ TEST_F(Hapkit, IsLostWithCauseAndRemedyWhenItsCableIsOutOrItFallsSilent) {
 TEST_F(Hapkit, SaysWhichSketchItNeeds) {
   bench_.board->speak_version(9);
   EXPECT_THAT(error_of([&] { (void)bench_.driver(); }, Error::Kind::device),
-              testing::AllOf(HasSubstr("speaks version 9"), HasSubstr("samples/hapkit/hapkit.ino")));
+              testing::AllOf(HasSubstr("uses version 9"), HasSubstr("samples/hapkit/hapkit.ino")));
 }
 
 TEST_F(Hapkit, SaysThatNobodyAnswersThere) {
   bench_.line->fall_silent(true);
   const HapkitOptions options{.name = "bench", .port = bench_.line->path(), .serial = "", .greeting_patience = 0.2};
   EXPECT_THAT(error_of([&] { const HapkitDriver driver(bench_.truth, options); }, Error::Kind::device),
-              testing::AllOf(HasSubstr("no board answers"), HasSubstr("flash that sketch")));
+              testing::AllOf(HasSubstr("no board answers"), HasSubstr("Flash that sketch")));
 }
 
 TEST_F(Hapkit, SaysThatItsHandleWasNotUpright) {

@@ -451,13 +451,13 @@ TEST_F(Inverse3, IsLostWithoutForceWhenItsServiceFails) {
 
 TEST_F(Inverse3, IsNotOpenedWhenItCannotBeUsed) {
   for (const FaultCase& c : {FaultCase{InverseFault::mute, "no Inverse Service", "systemctl restart"},
-                             {InverseFault::silent, "gives no answer", "systemctl restart"},
+                             {InverseFault::silent, "does not answer", "systemctl restart"},
                              {InverseFault::closes, "closed the connection", "systemctl start"},
                              {InverseFault::garbage, "not Haply's Inverse Service", "url"},
                              {InverseFault::unpowered, "no power supply", "plug its power supply in"},
                              {InverseFault::uncalibrated, "not calibrated", "inkwell"},
                              {InverseFault::not_ready, "not ready", "wait"},
-                             {InverseFault::in_use, "another program uses it", "close that one"},
+                             {InverseFault::in_use, "another program uses it", "close that program"},
                              {InverseFault::unplugged, "lists no Inverse3", "cable"}}) {
     serve();
     service_->inject(c.fault);
@@ -489,12 +489,12 @@ TEST_F(Inverse3, IsNotOpenedWithAxesOfSomebodyElse) {
 
 TEST_F(Inverse3, RefusesUrlsThatLeadAwayAndOptionsItCannotRead) {
   for (const auto& [url, why] : {std::pair{"http://localhost", "ws://"},
-                                 {"ws://haply.example:10001", "address in digits"},
+                                 {"ws://haply.example:10001", "numeric address"},
                                  {"ws://192.0.2.1:10001", "remote=true"},
                                  {"ws://localhost:0", "port"},
                                  {"ws://localhost:99999", "port"},
-                                 {"ws://[::1", "address in digits"},
-                                 {"ws://", "address in digits"}})
+                                 {"ws://[::1", "numeric address"},
+                                 {"ws://", "numeric address"}})
     EXPECT_THAT(open_error(std::string("inverse3:url=") + url), HasSubstr(why)) << url;
   EXPECT_THAT(open_error("inverse3:remote=yes"), HasSubstr("remote"));
   EXPECT_THAT(open_error("inverse3:force_key=force"), HasSubstr("vector or values"));

@@ -136,7 +136,7 @@ TEST(TwoDiyCalibration, RefusesWhatCannotBeNamingTheKey) {
     return error_of([&] { read_two_diy_calibration(nlohmann::json::parse(json), "my.json"); });
   };
   EXPECT_THAT(refusal(R"({"generation": "gen4"})"), HasSubstr("my.json: generation: 'gen4'"));
-  EXPECT_THAT(refusal(R"({"arm1": {"port": 1}})"), HasSubstr("arm2.port: 1 is the first arm's"));
+  EXPECT_THAT(refusal(R"({"arm1": {"port": 1}})"), HasSubstr("arm2.port: 1 is already the port of the first arm"));
   EXPECT_THAT(refusal(R"({"arm2": {"motor": "left"}})"), HasSubstr("arm2.motor"));
   EXPECT_THAT(refusal(R"({"axis_sign": {"x": 0.5}})"), HasSubstr("axis_sign: a sign is 1 or -1"));
   EXPECT_THAT(refusal(R"({"workspace": {"x": 0.06}})"), HasSubstr("workspace: (-0.06, "));

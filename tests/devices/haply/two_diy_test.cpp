@@ -434,10 +434,10 @@ TEST_F(TwoDiy, LeaksNothingWhenItIsOpenedAndClosedManyTimes) {
 
 TEST(TwoDiyBackend, RefusesOptionsThatContradictEachOther) {
   EXPECT_THAT(open_error("haply2diy:emulated=true,port=/dev/ttyACM0"), HasSubstr("port: an emulated device"));
-  EXPECT_THAT(open_error("haply2diy:hand=relaxed"), HasSubstr("hand: is for an emulated device"));
+  EXPECT_THAT(open_error("haply2diy:hand=relaxed"), HasSubstr("hand: this option is for an emulated device"));
   EXPECT_THAT(open_error("haply2diy:homed=yes"), HasSubstr("homed: expected true or false"));
   EXPECT_THAT(open_error("haply2diy:generation=gen9"), HasSubstr("gen9"));
-  EXPECT_THAT(open_error("haply2diy:emulated=true,preset=planar"), HasSubstr("where the arms of the emulated 2DIY"));
+  EXPECT_THAT(open_error("haply2diy:emulated=true,preset=planar"), HasSubstr("which the arms of the emulated 2DIY"));
   EXPECT_THAT(open_error("haply2diy:port=/dev/ttyACM999", Error::Kind::device), HasSubstr("/dev/ttyACM999: No such"));
 }
 

@@ -146,7 +146,7 @@ TEST(RecoveringDevice, RefusesAnotherDeviceInItsPlaceAndOpensItNoMore) {
   EXPECT_EQ(cable.open, 0);
   EXPECT_EQ(cable.first_forces.size(), 0U) << "and nothing is ever sent to it";
   EXPECT_THAT(device.lost_reason(), AllOf(HasSubstr("test plugged, serial number 8"), HasSubstr("serial number 7"),
-                                          HasSubstr("it is refused")));
+                                          HasSubstr("is rejected")));
 }
 
 TEST(RecoveringDevice, IsLostForGoodWhenOpeningItWouldBeginAnew) {

@@ -298,7 +298,7 @@ INSTANTIATE_TEST_SUITE_P(
                                }},
                     WayOut{.name = "DeviceNoLongerReady",
                            .cause = StopCause::device_not_ready,
-                           .detail = "does not allow forces any more: its lid is open",
+                           .detail = "no longer allows forces: its lid is open",
                            .faults = {.ready_until = 600}},
                     WayOut{.name = "DeviceLost",
                            .cause = StopCause::device_lost,
@@ -784,7 +784,7 @@ TEST(ServoLoop, EndsWhenADeviceDoesNotComeBackInTimeAndSaysHowLongItWaited) {
   const Outcome result = run(device, controller, kPatient);
   EXPECT_EQ(result.report.cause, StopCause::device_lost);
   EXPECT_THAT(result.report.detail, testing::AllOf(HasSubstr("the device was lost: the device stopped answering"),
-                                                   HasSubstr("it was waited for 1 s")));
+                                                   HasSubstr("the session waited 1 s for it")));
   EXPECT_EQ(result.log.samples.size(), 600U);
   ASSERT_FALSE(result.report.flight_record.empty());
   EXPECT_EQ(result.log.events.back().code, EventCode::device_lost);
@@ -1287,7 +1287,7 @@ TEST(ServoLoop, LosesADeviceWhoseFirstStateIsOldAndStaysSo) {
   Resuming controller(5000);
   const Outcome result = run(device, controller, kVirtual);
   EXPECT_EQ(result.report.cause, StopCause::device_lost);
-  EXPECT_THAT(result.report.detail, HasSubstr("it answers, but takes no new sample"));
+  EXPECT_THAT(result.report.detail, HasSubstr("it answers, but measures no new sample"));
   EXPECT_EQ(result.report.samples, 0U);
   EXPECT_TRUE(controller.states.empty());
 }

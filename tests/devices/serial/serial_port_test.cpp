@@ -101,9 +101,10 @@ TEST_F(SerialPortTest, SaysWhenTheCableIsOut) {
 TEST_F(SerialPortTest, NamesPathCauseAndRemedy) {
   EXPECT_THAT(error_of_opening("/dev/ttyACM999"),
               testing::AllOf(HasSubstr("/dev/ttyACM999: No such file"), HasSubstr("serial ports on USB"),
-                             HasSubstr("plugged in?")));
-  EXPECT_THAT(error_of_opening("/dev/null"), HasSubstr("/dev/null: Inappropriate ioctl for device; it is no serial"));
-  EXPECT_THAT(error_of_opening(line_.path(), 12345), HasSubstr("12345 baud is no speed"));
+                             HasSubstr("Check that the device is plugged in")));
+  EXPECT_THAT(error_of_opening("/dev/null"),
+              HasSubstr("/dev/null: Inappropriate ioctl for device; it is not a serial"));
+  EXPECT_THAT(error_of_opening(line_.path(), 12345), HasSubstr("12345 baud is not a supported speed"));
 }
 
 // The machine has an Arduino Due on ttyACM0 and a tty that is not on USB.

@@ -141,7 +141,7 @@ TEST(SimOptions, GiveEveryMechanismASerialNumberOfItsOwn) {
 TEST(SimOptions, AreCheckedOneByOne) {
   EXPECT_THAT(open_error("sim:seed=-1"), HasSubstr("seed: expected a whole number from 0, found '-1'"));
   EXPECT_THAT(open_error("sim:seed=1.5"), HasSubstr("seed: expected a whole number"));
-  EXPECT_THAT(open_error("sim:hand=none,intent=a.csv"), HasSubstr("hand=none cannot follow a path"));
+  EXPECT_THAT(open_error("sim:hand=none,intent=a.csv"), HasSubstr("no hand holds the device (hand=none)"));
 }
 
 TEST(SimOptions, LetTheHandFollowAFile) {
@@ -219,7 +219,7 @@ TEST(SimCable, IsReadWithCare) {
   EXPECT_THAT(open_error("sim:lost_at=-1"), HasSubstr("lost_at: expected a number from 0 s, found '-1'"));
   EXPECT_THAT(open_error("sim:lost_at=2s"), HasSubstr("lost_at: expected a number from 0 s, found '2s'"));
   EXPECT_THAT(open_error("sim:lost_at=nan"), HasSubstr("lost_at: expected a number"));
-  EXPECT_THAT(open_error("sim:lost_for=1"), HasSubstr("say when it slips out with lost_at"));
+  EXPECT_THAT(open_error("sim:lost_for=1"), HasSubstr("set it with lost_at"));
 }
 
 }  // namespace

@@ -195,7 +195,7 @@ TEST(SimIntegrators, EulerIsRefusedWhereNoStepIsStable) {
   const SimSpec ringing = spec_with({R"({"mass": 0.1, "max_force": 9, "hand": {"mass": 1, "grip_stiffness": 1e5}})"});
   EXPECT_THAT(error_of([&] { SimDevice(ringing, by(Integrator::euler, 50e-6)); }),
               testing::AllOf(HasSubstr("integrator euler: no step is stable for the simulated device"),
-                             HasSubstr("take another integrator")));
+                             HasSubstr("use another integrator")));
   const SimDevice taken(ringing, by(Integrator::verlet, 50e-6));
   EXPECT_EQ(taken.plant().longest_step(), 50e-6);
 }

@@ -46,8 +46,9 @@ TEST(SimSpec, RefusesADeviceWithoutMassOrForce) {
 
 TEST(SimSpec, RefusesWhatCannotBe) {
   EXPECT_THAT(refused_spec(R"({"delay_s": -0.001})"), HasSubstr("delay_s: -0.001 is too small"));
-  EXPECT_THAT(refused_spec(R"({"stribeck": {"static_ratio": 1.2}})"), HasSubstr("shapes 'coulomb', which is missing"));
-  EXPECT_THAT(refused_spec(R"({"presliding": {"distance": 1e-4}})"), HasSubstr("shapes 'coulomb', which is missing"));
+  EXPECT_THAT(refused_spec(R"({"stribeck": {"static_ratio": 1.2}})"),
+              HasSubstr("it needs 'coulomb', which is missing"));
+  EXPECT_THAT(refused_spec(R"({"presliding": {"distance": 1e-4}})"), HasSubstr("it needs 'coulomb', which is missing"));
   EXPECT_THAT(refused_spec(R"({"coulomb": 1, "presliding": {}})"),
               HasSubstr("either 'distance' (m) or 'stiffness' (N/m)"));
   EXPECT_THAT(refused_spec(R"({"coulomb": 1, "presliding": {"distance": 1e-4, "stiffness": 1e4}})"),
@@ -57,8 +58,8 @@ TEST(SimSpec, RefusesWhatCannotBe) {
   EXPECT_THAT(refused_spec(R"({"workspace": {"min": 0.1, "max": -0.1}})"), HasSubstr("'min' must lie below 'max'"));
   EXPECT_THAT(refused_spec(R"({"gravity_gradient": {"x": [0, 1, 0]}})"), HasSubstr("not symmetric"));
   EXPECT_THAT(refused_spec(R"({"max_continuous_force": 11})"), HasSubstr("max_continuous_force: 11 is too large"));
-  EXPECT_THAT(refused_spec(R"({"axes": "xyy"})"), HasSubstr("'xyy' is not a choice of x, y and z"));
-  EXPECT_THAT(refused_spec(R"({"axes": ""})"), HasSubstr("needs an axis"));
+  EXPECT_THAT(refused_spec(R"({"axes": "xyy"})"), HasSubstr("'xyy' is not a selection of x, y and z"));
+  EXPECT_THAT(refused_spec(R"({"axes": ""})"), HasSubstr("needs at least one axis"));
   EXPECT_THAT(refused_spec(R"({"axes": "xy", "actuator_rotation": [0.1, 0, 1]})"), HasSubstr("can only turn about it"));
   EXPECT_THAT(refused_spec(R"({"axes": "xy", "workspace": {"min": 0.1, "max": 0.2}})"), HasSubstr("z is held at 0"));
 }

@@ -200,7 +200,7 @@ TEST_F(ForceDimension, LetsGoWhenItCannotInitialiseItself) {
   EXPECT_EQ(fake_.robotic_stops, 1);
   EXPECT_EQ(fake_.closed, 1);
   renew(fake_).opens_robotic = fake_.calibrated = false;
-  EXPECT_THAT(refusal(",initialise=true"), HasSubstr("cannot initialise this device by its motors"));
+  EXPECT_THAT(refusal(",initialise=true"), HasSubstr("cannot initialise this device with its motors"));
 }
 
 TEST_F(ForceDimension, IsOpenedWithoutRoboticsOrBySerialNumberToo) {

@@ -167,7 +167,7 @@ TEST_F(OpenHaptics, IsLostWhenItsServoLoopStandsStill) {
   exchange_until(*device, {Vec3(0.1, 0, 0), Vec3::Zero()},
                  [](auto status, const auto&) { return status == Device::Status::lost; });
   EXPECT_EQ(device->exchange({}, 1e-3, state), Device::Status::lost);
-  EXPECT_THAT(device->lost_reason(), HasSubstr("servo loop stands still"));
+  EXPECT_THAT(device->lost_reason(), HasSubstr("servo loop has stopped"));
   device->close();
   EXPECT_FALSE(fake_.pushes());
   EXPECT_EQ(fake_.closed, 1);
@@ -193,7 +193,7 @@ TEST_F(OpenHaptics, SendsNoForceThatIsNotANumber) {
 TEST_F(OpenHaptics, TakesARateThatIsRefusedForANote) {
   fake_.takes_rate = false;
   const auto device = open(",rate=500");
-  EXPECT_THAT(device->info().notes, Contains(HasSubstr("does not take this value (500 Hz were asked for)")));
+  EXPECT_THAT(device->info().notes, Contains(HasSubstr("does not take this value (500 Hz was requested)")));
   EXPECT_TRUE(exchange_until(*device, {}, is_ready).ready);
 }
 
