@@ -28,12 +28,12 @@ std::string axes_of(const CalibrationPlan& plan) {
 
 std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
   return fmt::format(
-      "calibrating {} for about {:.0f} s: it moves to the centre of its workspace, swings around, "
-      "then sweeps along each of {}\n"
-      "  at most {:.0f} mm from the middle and {:.2f} m/s, with up to {:.1f} N, of which up to {:.1f} N rms per "
-      "axis are the excitation signal\n"
+      "calibrating {} for about {:.0f} s: it moves to the centre of its workspace, swings around it, then sweeps along "
+      "each axis ({})\n"
+      "  limits: at most {:.0f} mm from the centre, {:.2f} m/s and {:.1f} N; the excitation signal uses up to {:.1f} N "
+      "rms per axis\n"
       "  if it does not respond like a mass, it then follows a small circle for up to half a minute\n"
-      "  hold it loosely, as in later use, and let it move; Ctrl+C ends the calibration at any moment",
+      "  hold it loosely, as in later sessions, and let it move; Ctrl+C ends the calibration at any time",
       info.name, plan.duration + 1, axes_of(plan), 1e3 * plan.reach.maxCoeff(), plan.max_speed, plan.max_force,
       plan.max_dither);
 }
@@ -41,7 +41,7 @@ std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
 /// Returns false if a stop was requested meanwhile.
 bool count_down(const Output& output, const StopRequest& stop) {
   for (int left = kCountdown; left > 0; --left) {
-    output.remark(fmt::format("begins in {} s", left));
+    output.remark(fmt::format("starts in {} s", left));
     for (int part = 0; part < 20; ++part) {
       if (stop.count() > 0) return false;
       std::this_thread::sleep_for(std::chrono::milliseconds(50));
@@ -67,12 +67,13 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
   text += row("friction", "N", plan, plant.coulomb, half.coulomb, 3);
   text += row("viscous damping", "N s/m", plan, plant.viscous, half.viscous, 2);
   text += row("gravity", "N", plan, plant.gravity, half.gravity, 2);
-  text += row("its gradient", "N/m", plan, plant.gravity_gradient.diagonal(), half.gravity_gradient.diagonal(), 1);
+  text += row("gravity gradient", "N/m", plan, plant.gravity_gradient.diagonal(), half.gravity_gradient.diagonal(), 1);
   text += fmt::format("  delay {:.2f} +- {:.2f} ms; position resolution {:.4f} mm, noise {:.4f} mm\n",
                       1e3 * plant.delay, 1e3 * half.delay, 1e3 * plant.position_resolution, 1e3 * plant.position_noise);
-  text += fmt::format(
-      "  not explained: {:.0f} % of the {}, {:.3f} N rms of the sweeps\n", 100 * result.identification.line_residual,
-      result.identification.coarse ? "force" : "response to the excitation", result.identification.sweep_residual);
+  text += fmt::format("  not explained by the model: {:.0f} % of the {}, {:.3f} N rms in the sweeps\n",
+                      100 * result.identification.line_residual,
+                      result.identification.coarse ? "force" : "response to the excitation",
+                      result.identification.sweep_residual);
   if (!result.design) return text;
   const TrackingDesign& design = *result.design;
   const auto gains = [](const char* name, const Vec3& kp, const Vec3& kd) {
@@ -83,7 +84,7 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
     text += fmt::format(
         "  coarse: {}. The model therefore covers slow movement only (to 20 Hz).\n"
         "  A trial on a small circle was stable, with a margin, at {:.0f} % of its bandwidth;\n"
-        "  playback follows less closely than usual\n",
+        "  playback is less accurate than usual\n",
         result.doubt, 100 * result.bandwidth);
   text += gains("gains", design.gains.kp, design.gains.kd);
   text += gains("largest stable gains", design.largest.kp, design.largest.kd);
@@ -96,7 +97,7 @@ Verb add_calibrate(CLI::App& app) {
   const auto arguments = std::make_shared<CalibrateArguments>();
   CLI::App* verb = app.add_subcommand("calibrate", "identify a device's dynamics and compute gains for it");
   verb->footer(
-      "The device moves by itself. The result is a profile, without -o in the profile folder\n"
+      "The device moves by itself. The result is a profile; without -o, it is written to the profile folder\n"
       "($HAPTRACE_PROFILES, $XDG_DATA_HOME/haptrace/profiles or ~/.local/share/haptrace/profiles).\n"
       "  haptrace calibrate -d falcon\n"
       "  haptrace calibrate -d sim:preset=omega3,hand=relaxed --full -o omega3.json --record calibration.h5");
@@ -105,7 +106,7 @@ Verb add_calibrate(CLI::App& app) {
   verb->add_flag("--quick", arguments->quick, "measure for about ten seconds (the default)");
   verb->add_flag("--full", arguments->full, "measure for about half a minute");
   verb->add_option("--force-share", arguments->force_share,
-                   "share of the largest force that is never exceeded, 0.1 to 1")
+                   "force limit as a share of the device's largest force, 0.1 to 1")
       ->capture_default_str()
       ->group("Safety");
   verb->add_flag("-y,--yes", arguments->yes, "start at once, without a countdown")->group("Safety");
@@ -114,8 +115,7 @@ Verb add_calibrate(CLI::App& app) {
 
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "--device");
-            if (arguments->quick && arguments->full)
-              throw input_error("--quick and --full both say how long; use one of them");
+            if (arguments->quick && arguments->full) throw input_error("--quick and --full exclude each other");
             CalibrationOptions options{
                 .full = arguments->full,
                 .force_share = arguments->force_share,
@@ -158,7 +158,7 @@ Verb add_calibrate(CLI::App& app) {
               place = fmt::format("  the profile is in {}\n", file);
             } catch (const Error& error) {  // the results of the calibration stay valid
               json["error"] = error.what();
-              output.remark(fmt::format("{}; the profile is not kept", error.what()));
+              output.remark(fmt::format("{}; the profile was not saved", error.what()));
               if (code == kDone) code = kStopped;
             }
             output.tell(json, fmt::format("{}: calibrated\n{}{}{}", info.name, table(plan, result),

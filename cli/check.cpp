@@ -12,7 +12,7 @@ Verb add_check(CLI::App& app) {
   const auto partial = std::make_shared<bool>(false);
   CLI::App* verb = app.add_subcommand("check", "check a recording against the file format");
   verb->footer(
-      "Prints each problem and its place. Exit code 2 when one of them is an error.\n"
+      "Prints each problem and its location. The exit code is 2 if one of them is an error.\n"
       "  haptrace check played.h5");
   verb->add_option("file", *file, "recording (HDF5)")->type_name("FILE.h5");
   add_partial(*verb, *partial);

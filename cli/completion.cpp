@@ -249,7 +249,7 @@ std::vector<std::pair<std::string, std::string>> files_of(const CLI::App& app, c
   if (shell == "zsh") return {{"_haptrace", zsh_completion(app)}};
   if (shell == "fish") return {{"haptrace.fish", fish_completion(app)}};
   if (shell != "man")
-    throw input_error(fmt::format("'{}' is no shell that haptrace knows: bash, zsh, fish, or man", shell));
+    throw input_error(fmt::format("unknown shell '{}'; give bash, zsh, fish, or man for manual pages", shell));
   std::vector<std::pair<std::string, std::string>> pages;
   for (const auto& apps : {parents_of(app), leaves_of(app)})
     for (const CLI::App* page : apps) pages.emplace_back(page_name(*page) + ".1", manual_page(*page));

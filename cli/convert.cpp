@@ -56,7 +56,7 @@ SourceOptions source_options(const ConvertArguments& arguments, const CsvOptions
   for (const std::string& entry : arguments.map) {
     const std::size_t equals = entry.find('=');
     if (equals == std::string::npos)
-      throw input_error(fmt::format("--map {}: is written as COLUMN=LABEL, for example x=PosX", entry));
+      throw input_error(fmt::format("--map {} must be COLUMN=LABEL, for example x=PosX", entry));
     options.channels[entry.substr(0, equals)] = entry.substr(equals + 1);
   }
   return options;
@@ -91,10 +91,11 @@ SinkOptions sink_options(const ConvertArguments& arguments) {
   options.overwrite = arguments.overwrite;
   options.digits = arguments.digits;
   if (arguments.digits < 0 || arguments.digits > 17)
-    throw input_error(fmt::format("--digits {}: must be 1 to 17, or 0 for as many as it takes", arguments.digits));
+    throw input_error(
+        fmt::format("--digits {} must be 1 to 17, or 0 for as many digits as restore every number", arguments.digits));
   if (arguments.libver != "1.8" && arguments.libver != "1.10")
     throw input_error(
-        fmt::format("--libver {}: is 1.10 or, for readers such as MATLAB before R2021b, 1.8", arguments.libver));
+        fmt::format("--libver {} must be 1.10 or, for readers such as MATLAB before R2021b, 1.8", arguments.libver));
   options.hdf5.for_hdf5_1_8 = arguments.libver == "1.8";
   options.hdf5.storage.deflate = arguments.compress;
   options.hdf5.storage.precision = parse_precision(arguments.precision);
@@ -137,11 +138,11 @@ nlohmann::json to_json(const std::vector<StoredColumn>& columns) {
 
 std::string text_of(const AnonymiseReport& report) {
   std::string text =
-      fmt::format("  dropped: {}\n", report.dropped.empty() ? "nothing, there was nothing"
+      fmt::format("  dropped: {}\n", report.dropped.empty() ? "nothing, since none of these fields was present"
                                                             : fmt::format("{}", fmt::join(report.dropped, ", ")));
   if (report.texts > 0) text += fmt::format("  dropped: the texts of {} events\n", report.texts);
   if (!report.kept.empty())
-    text += fmt::format("  kept, and may still tell who or when: {}, and the movement itself\n",
+    text += fmt::format("  kept, and may still identify the participant or the date: {}, and the movement itself\n",
                         fmt::join(report.kept, ", "));
   return text;
 }
@@ -159,11 +160,11 @@ std::string text_of(const std::vector<StoredColumn>& columns) {
 int convert(const ConvertArguments& arguments, const InputFile& input, const Output& output) {
   SinkOptions options = sink_options(arguments);
   if (arguments.to_standard_output() && output.json)
-    throw input_error("-o - writes rows to standard output, and so does --json; leave one of them out");
+    throw input_error("-o - and --json both write to standard output; leave one of them out");
   const Signals signals;
   const auto stopped = [&] { return signals.stop().count() > 0; };
   const auto interrupted = [&] {
-    output.remark(arguments.to_standard_output() ? "interrupted; the rows that are out are not all"
+    output.remark(arguments.to_standard_output() ? "interrupted; the output is incomplete"
                                                  : "interrupted; nothing was written");
     return kInterrupted;
   };
@@ -172,7 +173,7 @@ int convert(const ConvertArguments& arguments, const InputFile& input, const Out
   RecordingSource& source = *pipeline.source;
   std::uint64_t rows = 0;
   {
-    ReadProgress progress(output, arguments.file + ", read back");
+    ReadProgress progress(output, "writing " + arguments.file);
     options.clocks = source.clocks();
     const auto sink = create_sink(arguments.file, source.header(), source.columns(), source.events(), options);
     rows = copy(source, *sink, {.report = progress.share_callback(), .stopped = stopped});
@@ -191,22 +192,23 @@ int convert(const ConvertArguments& arguments, const InputFile& input, const Out
                       {"bytes_in", bytes_in},     {"bytes", bytes_out},     {"sampling", json_of(sampling)}};
   std::string text = arguments.to_standard_output()
                          ? fmt::format("{} samples\n", rows)
-                         : fmt::format("{}: {} samples, {:.3f} MB of {:.3f} MB\n", arguments.file, rows,
+                         : fmt::format("{}: {} samples, {:.3f} MB from {:.3f} MB\n", arguments.file, rows,
                                        1e-6 * static_cast<double>(bytes_out), 1e-6 * static_cast<double>(bytes_in));
   if (pipeline.resampled != nullptr) {
     const ResampleReport& report = pipeline.resampled->report();
     json["resample"] = to_json(report);
-    text += fmt::format("  {} rows at {:g} Hz made of {}; they differ from {} by {:.3g} mm rms, {:.3g} mm at most\n",
-                        report.rows_out, arguments.resample_hz, report.rows_in,
-                        report.low_pass_hz > 0 ? "what they would be without the low pass" : "the samples between them",
-                        1e3 * report.rms_difference, 1e3 * report.max_difference);
+    text += fmt::format(
+        "  {} samples at {:g} Hz from {} samples; they differ from {} by {:.3g} mm rms, {:.3g} mm at most\n",
+        report.rows_out, arguments.resample_hz, report.rows_in,
+        report.low_pass_hz > 0 ? "the unfiltered samples" : "the original samples", 1e3 * report.rms_difference,
+        1e3 * report.max_difference);
   }
   if (pipeline.anonymised != nullptr) {
     json["anonymised"] = to_json(pipeline.anonymised->report());
     text += text_of(pipeline.anonymised->report());
   }
   if (options.hdf5.storage.filtered() && !arguments.to_standard_output() && is_hdf5(arguments.file)) {
-    ReadProgress progress(output, arguments.file + ", read back");
+    ReadProgress progress(output, "reading back " + arguments.file);
     Pipeline again = open_pipeline(arguments, input);
     const RecordingSource& original = *again.source;
     again.source =
@@ -231,19 +233,17 @@ Verb add_convert(CLI::App& app) {
   ConvertArguments& a = *arguments;
   CLI::App* verb = app.add_subcommand("convert", "convert the format, size or time base of a recording");
   verb->footer(
-      "Reads HDF5, CSV, JSON lines (.jsonl) and XDF (Lab Streaming Layer); writes .h5, .csv and .jsonl. convert "
-      "changes\n"
-      "nothing unasked, except that it low-passes the data before it lowers the rate. It reports irregular time "
-      "stamps\n"
-      "and channels, recognises the headers, units and time stamps of other programs' CSV files, and prints its\n"
-      "assumptions. - is standard input, and as -o standard output (CSV).\n"
+      "Reads HDF5, CSV, JSON lines (.jsonl) and XDF (Lab Streaming Layer); writes .h5, .csv and .jsonl. By default,\n"
+      "convert changes no data, except that it low-pass filters them before it lowers the rate. It reports\n"
+      "irregular time stamps and channels, recognises the headers, units and time stamps of other programs' CSV\n"
+      "files, and prints its assumptions. As FILE, - is standard input; as -o, it is standard output (CSV).\n"
       "  haptrace convert a.h5 -o a.csv\n"
       "  haptrace convert excel.csv -o excel.h5 --columns t=Zeit,x=Weg --units mm,ms\n"
       "  haptrace convert - -o - < motive.csv > path.csv\n"
       "  haptrace convert log.csv -o log.h5 --resample 1000 --method cubic\n"
       "  haptrace convert lab.xdf -o lab.h5 --stream Hand --stream Force --map x=PosX,y=PosY,z=PosZ\n"
       "  haptrace convert a.h5 -o shared.h5 --anonymise --precision 1um,1mN --compress 6");
-  verb->add_option("file", a.input, "recording or path; - is standard input")->type_name("FILE");
+  verb->add_option("file", a.input, "recording or path (-: standard input)")->type_name("FILE");
   verb->add_option(
       "-o,--output", a.file,
       "file to write (-: CSV on standard output; default: the input's name with .h5, or .csv if it is HDF5)");
@@ -252,24 +252,25 @@ Verb add_convert(CLI::App& app) {
   add_input_options(*verb, a.csv);
   verb->add_option("--from", a.from, "drop samples before this time [s]")->group("Samples");
   verb->add_option("--to", a.to, "drop samples after this time [s]")->group("Samples");
-  verb->add_option("--resample", a.resample_hz, "resample to this rate [Hz]; gaps stay gaps")->group("Samples");
+  verb->add_option("--resample", a.resample_hz, "resample to this rate [Hz]; gaps are kept")->group("Samples");
   verb->add_option("--method", a.method, "interpolation of --resample: hold | linear | cubic | quintic")
       ->capture_default_str()
       ->group("Samples");
-  verb->add_option("--max-gap", a.max_gap, "longest step that --resample bridges [s] (0: 20 median steps)")
+  verb->add_option("--max-gap", a.max_gap, "longest gap that --resample interpolates [s] (0: 20 median steps)")
       ->capture_default_str()
       ->group("Samples");
-  verb->add_option("--low-pass", a.low_pass_hz,
-                   "low-pass before --resample [Hz] (0: none; default: rate / 2.4 when the rate falls)")
+  verb->add_option(
+          "--low-pass", a.low_pass_hz,
+          "cut-off of the low-pass filter before --resample [Hz] (0: none; default: rate / 2.4 if the rate is lowered)")
       ->group("Samples");
   verb->add_flag("--anonymise", a.anonymise,
                  "remove subject, operator, notes, serial numbers, metadata, file names and mark texts")
       ->group("Samples");
   verb->add_option("--digits", a.digits,
-                   "significant digits in CSV and JSON lines (0: as many as restore every number)")
+                   "significant digits in CSV and JSON lines (0: as many as needed to restore every number)")
       ->capture_default_str()
       ->group("Storage");
-  verb->add_option("--compress", a.compress, "HDF5: deflate, 0 (none) to 9; without a number 6")
+  verb->add_option("--compress", a.compress, "HDF5: deflate level, 0 (none) to 9 (without a value: 6)")
       ->expected(0, 1)
       ->group("Storage");
   verb->add_option("--precision", a.precision, "HDF5: largest rounding errors, as in 1um,1mN; the losses are reported")
@@ -277,14 +278,14 @@ Verb add_convert(CLI::App& app) {
   verb->add_option("--libver", a.libver, "HDF5: 1.10, or 1.8 for older readers (MATLAB before R2021b)")
       ->capture_default_str()
       ->group("Storage");
-  verb->add_option("--stream", a.streams, "XDF: name or type of a stream; the first one gives the rows")
+  verb->add_option("--stream", a.streams, "XDF: name or type of a stream; the samples have the first one's times")
       ->take_all()
       ->expected(1)
       ->group("XDF");
   verb->add_option("--map", a.map, "XDF: channel labels of the columns, as in x=PosX,fz=Fz")
       ->delimiter(',')
       ->group("XDF");
-  verb->add_flag("--dejitter", a.dejitter, "XDF: replace the time stamps by an even clock fitted to them")
+  verb->add_flag("--dejitter", a.dejitter, "XDF: replace the time stamps by evenly spaced ones fitted to them")
       ->group("XDF");
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
@@ -293,7 +294,7 @@ Verb add_convert(CLI::App& app) {
             const InputFile input(arguments->input, arguments->csv);
             if (input.passed_through() && arguments->file.empty())
               throw input_error(
-                  fmt::format("haptrace convert {} needs -o: there is no name that the output could have; "
+                  fmt::format("haptrace convert {} needs -o, because the input has no file name; "
                               "-o - writes CSV to standard output",
                               arguments->input));
             if (arguments->file.empty()) {

@@ -30,14 +30,14 @@ class TerminalUser final : public ConformanceUser {
 
   bool allows(const std::string& force) override {
     const std::string line =
-        ask(fmt::format("next: {}\n", force), "      Enter sends it, s leaves it out, q ends the test: ");
+        ask(fmt::format("next: {}\n", force), "      Enter sends it, s skips it, q ends the test: ");
     if (!is_there()) return yes_ && stop_.count() == 0;
     if (line == "q") stop_.raise();
     return line.empty() && stop_.count() == 0;
   }
 
   bool does(const std::string& request) override {
-    const std::string line = ask(fmt::format("next: {}\n", request), "      Enter goes on, q ends the test: ");
+    const std::string line = ask(fmt::format("next: {}\n", request), "      Enter continues, q ends the test: ");
     if (line == "q") stop_.raise();
     return is_there() && stop_.count() == 0;
   }
@@ -115,7 +115,7 @@ DeviceCheck::DeviceCheck(CLI::App& devices) : arguments_(std::make_shared<Argume
       ->needs(test)
       ->group("Test");
   devices.add_option("--rate", arguments.rate_hz, "servo rate [Hz]")->capture_default_str()->needs(test)->group("Test");
-  devices.add_flag("-y,--yes", arguments.yes, "send test forces without asking; needed where there is no terminal")
+  devices.add_flag("-y,--yes", arguments.yes, "send test forces without asking; required without a terminal")
       ->needs(test)
       ->group("Test");
 }
@@ -125,13 +125,13 @@ bool DeviceCheck::wanted() const {
 }
 
 int DeviceCheck::run(const std::string& device, const Output& output) const {
-  if (device.empty()) throw input_error("--test: which device? Say haptrace devices --test NAME[:key=value,...]");
+  if (device.empty()) throw input_error("--test needs a device: haptrace devices --test NAME[:key=value,...]");
   const Signals signals;
   StopRequest stop(&signals.stop());
   TerminalUser user(output, arguments_->yes, stop);
   ConformanceOptions options{.rate_hz = arguments_->rate_hz, .max_force = arguments_->max_force};
   if (!user.is_there() && !arguments_->yes)
-    options.no_forces = "no force is sent without a terminal to ask at; allow all of them with --yes";
+    options.no_forces = "without a terminal to confirm forces, none is sent; allow all forces with --yes";
   const ConformanceReport report = test_conformance([&device] { return open_device(device); }, options, user, stop);
 
   const int failed = report.count(LawFinding::Verdict::failed);

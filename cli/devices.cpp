@@ -86,7 +86,7 @@ std::string describe(const FoundDevice& found) {
 }
 
 std::string list_connected(const std::vector<FoundDevice>& connected) {
-  if (connected.empty()) return "connected: no device that haptrace knows\n\n";
+  if (connected.empty()) return "connected: no known device\n\n";
   std::string text = "connected:\n";
   for (const FoundDevice& found : connected) text += describe(found);
   return text + "\n";
@@ -97,7 +97,7 @@ int watch(const Output& output) {
   constexpr int kSlices = 10;
   constexpr std::chrono::milliseconds kSlice{50};
   const Signals signals;
-  output.remark("watching for devices; Ctrl+C ends");
+  output.remark("watching for devices until Ctrl+C");
   std::vector<FoundDevice> before;
   while (signals.stop().count() == 0) {
     const std::vector<FoundDevice> after = connected_devices();
@@ -132,7 +132,7 @@ std::string list_backends() {
     for (const auto& option : own_options(backend))
       text += fmt::format("{:<10}   {:<12} {}\n", "", option.key, option.help);
   }
-  return text + "\nhaptrace devices NAME[:key=value,...] opens one and says what it can do.\n";
+  return text + "\nhaptrace devices NAME[:key=value,...] opens a device and describes it.\n";
 }
 
 nlohmann::json json_of_backends() {
@@ -164,9 +164,9 @@ Verb add_devices(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = app.add_subcommand("devices", "list connected devices and every name that --device takes");
   verb->footer(
-      "Without a name: what is plugged in or offered by a program, why it cannot be opened and what mends that, then\n"
-      "every kind of device with its options. --watch tells what comes and goes until Ctrl+C; with --json a line "
-      "each.\n"
+      "Without a name, lists the devices that are plugged in or offered by a program, with the reason and the\n"
+      "remedy if one cannot be opened; then every kind of device with its options. --watch reports devices that\n"
+      "come and go until Ctrl+C; with --json, one line for each.\n"
       "  haptrace devices\n"
       "  haptrace devices --watch\n"
       "  haptrace devices sim:preset=touch,hand=relaxed\n"

@@ -179,9 +179,9 @@ int examine(const DoctorArguments& arguments, const Output& output) {
   const auto problems = std::count_if(diagnoses.begin(), diagnoses.end(), [](const Diagnosis& diagnosis) {
     return diagnosis.severity == Diagnosis::Severity::problem;
   });
-  output.tell(json,
-              table_of(diagnoses) + fmt::format("this machine {} {:g} Hz; problems: {}\n",
-                                                loop.holds_rate() ? "holds" : "does not hold", loop.rate_hz, problems));
+  output.tell(json, table_of(diagnoses) + fmt::format("this machine {} {:g} Hz; problems: {}\n",
+                                                      loop.holds_rate() ? "sustains" : "does not sustain", loop.rate_hz,
+                                                      problems));
   return problems == 0 ? kDone : kStopped;
 }
 
@@ -192,21 +192,21 @@ Verb add_doctor(CLI::App& app) {
   CLI::App* verb =
       app.add_subcommand("doctor", "check whether this machine can sustain the servo rate, and how to fix it if not");
   verb->footer(fmt::format(
-      "Runs the servo loop on a simulated device in real time, writes to the disk as the recorder does, and looks at\n"
-      "what the system allows. Every finding is ok, a note, a warning or a problem, with the command that mends it.\n"
-      "Exit code 1 when there is a problem: more than {:g} % of the ticks missed, p99.9 of the wake-up latency above\n"
-      "{:g} of a period, a disk too slow for the recorder, or a known device that is plugged in but may not be "
-      "opened.\n"
+      "Runs the servo loop on a simulated device in real time, writes to the disk as the recorder does, and checks\n"
+      "the settings of the system. Every result is ok, a note, a warning or a problem, with the command that fixes\n"
+      "it. The exit code is 1 if there is a problem: more than {:g} % of the ticks missed, p99.9 of the wake-up\n"
+      "latency above {:g} of a period, a disk too slow for the recorder, or a known device that is plugged in but\n"
+      "that you may not open.\n"
       "  haptrace doctor\n"
       "  haptrace doctor --cyclictest --duration 60",
       100 * kMostMissed, kLatestWakeUp));
   verb->add_option("--rate", arguments->rate_hz, "servo rate to sustain [Hz], 10 to 20000")->capture_default_str();
-  verb->add_option("--duration", arguments->duration, "time of the loop's measurement [s]")->capture_default_str();
-  verb->add_option("--folder", arguments->folder, "folder of recordings, whose disk is measured")
+  verb->add_option("--duration", arguments->duration, "duration of the loop's measurement [s]")->capture_default_str();
+  verb->add_option("--folder", arguments->folder, "folder of the recordings; its disk is measured")
       ->type_name("DIR")
       ->capture_default_str();
   verb->add_flag("--cyclictest", arguments->cyclictest,
-                 "run Debian's cyclictest (package rt-tests) in turns with the loop, and compare");
+                 "run Debian's cyclictest (package rt-tests) in turns with the loop, and compare the latencies");
   verb->add_flag("--udev-rules", arguments->udev_rules, "print the udev rules of every known device, and nothing else");
   return {verb, [arguments](const Output& output) {
             if (!arguments->udev_rules) return examine(*arguments, output);

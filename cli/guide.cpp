@@ -40,7 +40,7 @@ void set_radius(const Arguments& arguments, GuideOptions& options) {
     return;
   }
   if (!arguments.spread.empty())
-    throw input_error("--spread goes with --radius auto; a radius that is given does not depend on other experts");
+    throw input_error("--spread needs --radius auto; a fixed radius does not depend on other experts");
   if (std::filesystem::path(text).extension() == ".json") {
     options.radius_profile = load_radius_profile(text);
     return;
@@ -48,7 +48,7 @@ void set_radius(const Arguments& arguments, GuideOptions& options) {
   const std::optional<double> radius = parse_quantity(text, "m");
   if (!radius)
     throw input_error(fmt::format(
-        "--radius is '{}'; it must be a length such as 0.005, 5mm, or auto, or a profile along the path: FILE.json",
+        "--radius is '{}'; it must be a length such as 0.005 or 5mm, auto, or a profile along the path (FILE.json)",
         text));
   options.radius = *radius;
 }
@@ -64,14 +64,13 @@ std::string summary(const Arguments& arguments, const GuideResult& result, const
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
     const GuideFigures& figures = result.repetitions[i];
     text += fmt::format(
-        "  {}{:.1f} s, {:.0f} of {:.0f} mm, {} of the time in the tunnel, off the path by {:.2f} mm rms, {:.2f} mm at "
-        "most\n",
+        "  {}{:.1f} s, {:.0f} of {:.0f} mm, {} of the time in the tunnel, deviation {:.2f} mm rms, {:.2f} mm at most\n",
         result.repetitions.size() > 1 ? fmt::format("repetition {}: ", i + 1) : "", figures.tracking.duration,
         1e3 * figures.progress, 1e3 * result.plan.path->length(), percent(figures.time_in_tunnel),
         1e3 * figures.tracking.rms_error, 1e3 * figures.tracking.peak_error);
   }
-  text += fmt::format("  walls of {:.0f} N/m; {:.2f} J given of {:.2f} J allowed\n", result.plan.stiffness,
-                      result.energy_given, result.energy_budget);
+  text += fmt::format("  wall stiffness {:.0f} N/m; guidance added {:.2f} J of {:.2f} J allowed\n",
+                      result.plan.stiffness, result.energy_given, result.energy_budget);
   text += session_summary(result.session);
   if (!arguments.record.empty()) text += fmt::format("  recorded in {}\n", arguments.record);
   return text;
@@ -85,8 +84,9 @@ Verb add_guide(CLI::App& app) {
   GuidanceOptions& guidance = guide_options.guidance;
   CLI::App* verb = app.add_subcommand("guide", "guide a trainee along an expert's recording");
   verb->footer(
-      "The trainee moves; the device keeps them in a tunnel around the expert's path and renders the expert's forces\n"
-      "at their place on the path (--mode tunnel), or around a cursor that moves as the expert did (--mode cursor).\n"
+      "The trainee moves; the device keeps them in a tunnel around the expert's path and renders the expert's\n"
+      "forces at their position on the path (--mode tunnel), or around a cursor that moves as the expert did\n"
+      "(--mode cursor).\n"
       "  haptrace guide expert.h5 -d falcon --radius 5mm --record trainee.h5\n"
       "  haptrace guide expert.h5 -d falcon --radius auto --spread second.h5 third.h5\n"
       "  haptrace guide expert.h5 -d falcon --mode cursor --wait 0.02 --speed 0.5\n"
@@ -95,8 +95,9 @@ Verb add_guide(CLI::App& app) {
                    "expert's recording (HDF5) or path (HDF5, CSV with t,x,y,z; -: standard input)")
       ->type_name("EXPERT");
   verb->add_option("--record", arguments->record, "write a recording of the session")->type_name("OUT.h5");
-  verb->add_option("--mode", arguments->mode,
-                   "guidance: tunnel (the trainee sets the pace) | cursor (the expert's time) | free (no force at all)")
+  verb->add_option(
+          "--mode", arguments->mode,
+          "guidance: tunnel (the trainee sets the pace) | cursor (the expert sets the pace) | free (no force at all)")
       ->capture_default_str();
   verb->add_option("--radius", arguments->radius,
                    "tunnel radius: a length, such as 5mm; auto, from the experts of --spread; or a profile along the "
@@ -111,9 +112,8 @@ Verb add_guide(CLI::App& app) {
       ->group("Tunnel");
   verb->add_flag("--expert", guide_options.expert, "do not limit the stiffness to the stable range of the device")
       ->group("Tunnel");
-  verb->add_option(
-          "--spacing", guide_options.spacing,
-          "spacing of the path's knots, along which the trainee is located [m] (default: 0.25 mm on a desktop device)")
+  verb->add_option("--spacing", guide_options.spacing,
+                   "spacing of the path's knots [m] (default: 0.25 mm on a desktop device)")
       ->group("Path");
   verb->add_option("--onset", guide_options.onset, "distance over which the stiffness rises [m]")
       ->capture_default_str()
@@ -122,7 +122,7 @@ Verb add_guide(CLI::App& app) {
       ->capture_default_str()
       ->group("Tunnel");
   verb->add_flag("--allow-back", guidance.allow_back, "let the trainee move backwards along the path")->group("Tunnel");
-  verb->add_option("--force-scale", guide_options.force_scale, "factor of the expert's forces (0: no force)")
+  verb->add_option("--force-scale", guide_options.force_scale, "factor on the expert's forces (0: no force)")
       ->capture_default_str()
       ->group("Forces");
   verb->add_option("--feel", arguments->feel,
@@ -131,9 +131,11 @@ Verb add_guide(CLI::App& app) {
                    "has to overcome)")
       ->capture_default_str()
       ->group("Forces");
-  verb->add_option("--pace", arguments->pace, "help along the path when slower than this share of the expert's speed")
+  verb->add_option("--pace", arguments->pace,
+                   "help along the path if the trainee is slower than this share of the expert's speed")
       ->group("Forces");
-  verb->add_option("--pace-margin", arguments->pace_margin, "share of speed below the pace that gets no help yet")
+  verb->add_option("--pace-margin", arguments->pace_margin,
+                   "share by which the trainee may be slower than the pace without help")
       ->capture_default_str()
       ->group("Forces");
   verb->add_option("--pace-force", arguments->pace_force, "largest helping force [N]")
@@ -142,22 +144,22 @@ Verb add_guide(CLI::App& app) {
   verb->add_option("--resistance", guide_options.resistance, "resistance to movement along the path [N s/m]")
       ->group("Forces");
   verb->add_option("--viscosity", guide_options.viscosity, "resistance to all movement [N s/m]")->group("Forces");
-  verb->add_option("--amplify", guide_options.amplify, "force away from the path, by the error within the tunnel [N/m]")
+  verb->add_option("--amplify", guide_options.amplify, "force away from the path per error within the tunnel [N/m]")
       ->group("Forces");
   verb->add_option("--amplify-force", guide_options.amplify_force, "largest force away from the path [N]")
       ->capture_default_str()
       ->group("Forces");
-  verb->add_option("--speed", guidance.speed, "speed of the cursor as a multiple of the expert's")
+  verb->add_option("--speed", guidance.speed, "speed of the cursor as a multiple of the expert's speed")
       ->capture_default_str()
       ->group("Cursor");
   verb->add_option("--wait", guidance.wait,
-                   "distance to the trainee from which the cursor waits [m] (0: it never waits)")
+                   "distance from the trainee at which the cursor waits [m] (0: it never waits)")
       ->capture_default_str()
       ->group("Cursor");
   arguments->along.add_to(*verb);
   add_input_options(*verb, arguments->csv);
   verb->add_option("--time-limit", guidance.time_limit,
-                   "longest repetition [s] (0: none; in virtual time, ten times the expert's time and 10 s)")
+                   "longest repetition [s] (0: no limit; in virtual time, ten times the expert's duration plus 10 s)")
       ->capture_default_str()
       ->group("Path");
   verb->add_option("--energy", guide_options.energy, "energy that guidance may add beyond the expert's [J]")

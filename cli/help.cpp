@@ -159,12 +159,13 @@ std::string option_list(const CLI::App& app, bool all) {
   const bool more = std::any_of(options.begin(), options.end(), [](const CLI::Option* o) { return !is_common(*o); });
   if (more && !all) {
     std::string topics = fmt::format("{}", fmt::join(headings, ", "));
-    text += "\n" + paragraph(fmt::format("More options, with --help-all: {}.", topics));
+    text += "\n" + paragraph(fmt::format("--help-all lists more options: {}.", topics));
   }
   const bool quantities = std::any_of(options.begin(), options.end(), [](const CLI::Option* o) {
     return !bracketed_unit(o->get_description()).empty();
   });
-  if (quantities) text += paragraph("Quantities are SI, or take a unit: 20mm, 0.5s, 2N, 1kHz.");
+  if (quantities)
+    text += paragraph("Quantities without a unit are in SI units; a unit may follow: 20mm, 0.5s, 2N, 1kHz.");
   return text;
 }
 
@@ -243,7 +244,8 @@ void accept_units(CLI::App& verb) {
           const bool number = take_number<double>(rest) && !rest.empty();
           const std::optional<double> value = parse_quantity(text, unit);
           if (number && !value)
-            throw CLI::ValidationError(fmt::format("'{}' has no unit of this quantity; the SI unit is {}", text, unit));
+            throw CLI::ValidationError(
+                fmt::format("'{}' has the wrong unit for this quantity; its SI unit is {}", text, unit));
           return value ? fmt::format("{}", *value) : text;
         },
         "");

@@ -26,7 +26,7 @@ int tell_of_path(const InputFile& input, const Output& output) {
   const Box& box = path.bounds;
   const double rate = path.duration() > 0 ? static_cast<double>(path.rows - 1) / path.duration() : 0;
   std::string text =
-      fmt::format("{}: a path\n  {:<20} {}\n  {:<20} {:.3f} s\n  {:<20} {:.1f} Hz in the mean\n  {:<20} {}\n", file,
+      fmt::format("{}: a path\n  {:<20} {}\n  {:<20} {:.3f} s\n  {:<20} {:.1f} Hz on average\n  {:<20} {}\n", file,
                   "samples", path.rows, "duration", path.duration(), "rate", rate, "size", millimetres(box));
   text += fmt::format("  {:<20} {}{}\n", "columns", path.velocity ? "position, velocity" : "position",
                       path.force ? ", force" : "");
@@ -83,15 +83,15 @@ int tell_of_recording(const InputFile& input, bool partial, const Output& output
   for (const auto& [key, value] : header.meta) line(key.c_str(), value);
   line("created", header.created);
   if (!clocks.is_null())
-    line("time 0",
-         fmt::format("{}, within {:.3g} us{}", clocks["time_0"].get<std::string>(),
-                     1e6 * clocks["uncertainty_s"].get<double>(),
-                     clocks.contains("drift") ? fmt::format("; the wall clock ran {:+.3g} ppm off the monotonic one",
-                                                            1e6 * clocks["drift"].get<double>())
-                                              : std::string()));
+    line("time 0", fmt::format("{}, within {:.3g} us{}", clocks["time_0"].get<std::string>(),
+                               1e6 * clocks["uncertainty_s"].get<double>(),
+                               clocks.contains("drift")
+                                   ? fmt::format("; the wall clock drifted by {:+.3g} ppm from the monotonic clock",
+                                                 1e6 * clocks["drift"].get<double>())
+                                   : std::string()));
   line("device", fmt::format("{} ({})", header.device_name, header.device_model));
   line("samples", fmt::format("{} in {:.3f} s", summary.rows, summary.duration()));
-  line("rate", fmt::format("{:.2f} Hz in the mean, {:g} Hz asked, {} clock", summary.mean_rate(), header.rate_hz,
+  line("rate", fmt::format("{:.2f} Hz on average, {:g} Hz requested, {} clock", summary.mean_rate(), header.rate_hz,
                            header.clock));
   if (header.part == 1 && reader.parts() > 1) line("parts", fmt::format("{} files", reader.parts()));
   for (const std::string& missing : reader.missing_parts()) line("missing", missing);
@@ -161,7 +161,7 @@ Verb add_info(CLI::App& app) {
   const auto csv = std::make_shared<CsvOptions>();
   CLI::App* verb = app.add_subcommand("info", "print the contents of a recording or a path");
   verb->footer(
-      "Reads unfinished recordings, too, and never changes a file. FILE may be - for standard input.\n"
+      "Also reads unfinished recordings, and never changes a file. FILE may be - for standard input.\n"
       "  haptrace info played.h5\n"
       "  haptrace info played.h5 --json");
   verb->add_option("file", *file, "recording (HDF5) or path (CSV)")->type_name("FILE");

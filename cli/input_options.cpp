@@ -50,7 +50,7 @@ void add_input_options(CLI::App& app, CsvOptions& options) {
            options.columns.clear();
            for (const std::string& text : given) add_columns(options.columns, text);
          },
-         "CSV: the file's names of haptrace's columns, as in t=time,x=Pos X (default: recognised)")
+         "CSV: names of the columns in the file, as in t=time,x=Pos X (default: recognised)")
       ->take_all()
       ->expected(1)
       ->type_name("COLUMN=NAME,...")
@@ -85,7 +85,8 @@ void InputFile::spool(int from) {
   const fs::path temporary = fs::temp_directory_path(error);
   const std::string folder = error ? "/tmp" : temporary.string();
   Descriptor to(open_unnamed(folder));
-  if (!to) throw input_error(fmt::format("{}: cannot be kept in {}: {}", name(), folder, std::strerror(errno)));
+  if (!to)
+    throw input_error(fmt::format("{} cannot be stored temporarily in {}: {}", name(), folder, std::strerror(errno)));
   std::vector<char> block(kBlock);
   std::size_t total = 0;
   bool line_ended = false;
@@ -98,11 +99,11 @@ void InputFile::spool(int from) {
     const std::string_view bytes(block.data(), static_cast<std::size_t>(count));
     line_ended = line_ended || (total == 0 && bytes.starts_with("XDF:")) || bytes.find('\n') != std::string_view::npos;
     if (fs::space(folder, error).available < kLeast && !error)
-      refuse(fmt::format("there is no room for it in {}; say in TMPDIR where there is", folder));
+      refuse(fmt::format("there is not enough space for it in {}; set TMPDIR to a folder with more space", folder));
     for (std::size_t written = 0; written < bytes.size();) {
       const ssize_t done = ::write(to.get(), bytes.data() + written, bytes.size() - written);
       if (done < 0 && errno == EINTR) continue;
-      if (done < 0) refuse(fmt::format("cannot be kept in {}: {}", folder, std::strerror(errno)));
+      if (done < 0) refuse(fmt::format("cannot be stored temporarily in {}: {}", folder, std::strerror(errno)));
       written += static_cast<std::size_t>(done);
     }
     total += bytes.size();
@@ -120,8 +121,8 @@ void InputFile::give_name(const std::string& folder) {
       fmt::format("{}/haptrace-{:08x}{:08x}.h5", folder, std::random_device{}(), std::random_device{}());
   if (::linkat(AT_FDCWD, path_.c_str(), AT_FDCWD, named.c_str(), AT_SYMLINK_FOLLOW) != 0)
     throw input_error(
-        fmt::format("{}: is HDF5, which cannot be read through a pipe with temporary files in {}: {}; give "
-                    "the file itself",
+        fmt::format("{} is HDF5, which cannot be read through a pipe with temporary files in {}: {}. Give the name of "
+                    "the file instead",
                     name(), folder, std::strerror(errno)));
   path_ = to_remove_ = std::move(named);
 }

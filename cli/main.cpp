@@ -20,8 +20,7 @@
 namespace haptrace::cli {
 namespace {
 
-constexpr const char* kDescription =
-    "Records what a hand does with a force-feedback device, plays it back, and teaches it.";
+constexpr const char* kDescription = "Records, plays back and teaches hand movements with force-feedback devices.";
 
 constexpr const char* kFooter =
     "  haptrace shape square --size 80mm --duration 8 -o square.h5\n"
@@ -73,7 +72,7 @@ void refuse_extras(const CLI::App& verb) {
       throw input_error(fmt::format("unknown option '{}' of haptrace {}{}", name, full_name(verb),
                                     suggestion(name, option_names(verb))));
     }
-    throw input_error(fmt::format("'{}' is one word too many; see haptrace {} --help", word, full_name(verb)));
+    throw input_error(fmt::format("unexpected argument '{}'; see haptrace {} --help", word, full_name(verb)));
   }
 }
 
@@ -83,8 +82,7 @@ void refuse_invalid_texts(const CLI::App& verb) {
     for (const std::string& text : option->results())
       if (const std::size_t at = find_invalid_utf8(text); at != std::string::npos)
         throw input_error(
-            fmt::format("{}: '{}' is not UTF-8 from byte {} on; type it in a terminal of that encoding, or rename the "
-                        "file",
+            fmt::format("{}: '{}' is not valid UTF-8 from byte {}. Type it in a UTF-8 terminal, or rename the file",
                         option->get_name(), printable(text), at + 1));
 }
 
@@ -99,9 +97,7 @@ void refuse_empty_values(const CLI::App& verb) {
     for (const std::string& text : option->results())
       if (text.find_first_not_of(" \t\n") == std::string::npos)
         throw input_error(
-            fmt::format("{}: is empty; give it a value, or leave it out (is a variable of the shell not "
-                        "set?)",
-                        name));
+            fmt::format("{} is empty. Give it a value or leave it out (a shell variable may be unset)", name));
   }
 }
 
@@ -110,7 +106,7 @@ void refuse_empty_values(const CLI::App& verb) {
 int with_results(int code, const CLI::App& verb) {
   const bool session = verb.get_option_no_throw("--device") != nullptr;
   if (!results_lost() || session || code != kDone) return code;
-  write_out(stderr, "haptrace: the results could not be written to standard output: no room is left there\n");
+  write_out(stderr, "haptrace: the results could not be written to standard output: no space is left\n");
   return kBadInput;
 }
 
@@ -119,8 +115,9 @@ Error lacks_experiment(const CLI::App& verb) {
   for (const std::string& word : verb.remaining())
     for (const auto& [option, experiment] : kMovedOptions)
       if (word.substr(0, word.find('=')) == option)
-        return input_error(fmt::format("{} is a sub-command now: haptrace {} {}; haptrace help {} lists all of them",
-                                       option, full_name(verb), experiment, full_name(verb)));
+        return input_error(
+            fmt::format("{} is a sub-command now: use haptrace {} {}. haptrace help {} lists all sub-commands", option,
+                        full_name(verb), experiment, full_name(verb)));
   std::vector<std::string> names;
   for (const CLI::App* inner : verb.get_subcommands([](const CLI::App*) { return true; }))
     names.push_back(inner->get_name());
@@ -179,9 +176,9 @@ int run(int argc, char** argv) {
   for (const Verb& verb : verbs) {
     verb.app->allow_extras();
     accept_units(*verb.app);
-    verb.app->add_flag("--json", output.json, "print one JSON object, numbers in SI")->group("Output");
+    verb.app->add_flag("--json", output.json, "print one JSON object with numbers in SI units")->group("Output");
     verb.app->add_flag("-q,--quiet", output.quiet, "print no summary and no progress")->group("Output");
-    verb.app->add_option("--config", config, "read options from this JSON file; the command line wins")
+    verb.app->add_option("--config", config, "read options from this JSON file (the command line takes precedence)")
         ->type_name("FILE.json")
         ->group("Output");
   }
@@ -215,7 +212,7 @@ int run(int argc, char** argv) {
   } catch (const Error& error) {
     return report(output, exit_code(error.kind()), error.what());
   } catch (const std::exception& error) {
-    return report(output, kStopped, fmt::format("unexpected: {}", error.what()));
+    return report(output, kStopped, fmt::format("unexpected error: {}", error.what()));
   }
 }
 

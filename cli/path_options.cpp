@@ -10,18 +10,19 @@ void PathArguments::add_to(CLI::App& app) {
   app.add_flag("--fit", fit, "move and scale the path into the workspace")->group("Path");
   app.add_option("--from", selection.from, "start at this time of the recording [s]")->group("Path");
   app.add_option("--to", selection.to, "end at this time of the recording [s]")->group("Path");
-  app.add_option("--repetition", selection.repetition, "number of the repetition to use, from 1 (default: the last)")
+  app.add_option("--repetition", selection.repetition,
+                 "number of the repetition to use, from 1 (default: the last one)")
       ->group("Path");
   app.add_option("--smoothing", smoothing,
                  "time constant of the smoothing of positions [s] (0: none; default: from their noise)")
       ->group("Path");
-  app.add_option("--repeat", repeat, "repetitions")->capture_default_str()->group("Path");
+  app.add_option("--repeat", repeat, "number of repetitions")->capture_default_str()->group("Path");
   app.add_flag("--loop", loop, "repeat until Ctrl+C")->group("Path");
   app.add_option("--hold", hold, "time to hold at the end of a repetition [s]")->capture_default_str()->group("Path");
   app.add_option("--approach-speed", approach_speed, "peak speed of the approach [m/s]")
       ->capture_default_str()
       ->group("Path");
-  app.add_option("--max-deviation", max_deviation, "largest distance from the path before the session stops [m]")
+  app.add_option("--max-deviation", max_deviation, "distance from the path at which the session stops [m]")
       ->capture_default_str()
       ->group("Safety");
 }

@@ -40,7 +40,7 @@ struct PlayArguments {
 
 std::optional<PdGains> gains_from(const PlayArguments& arguments) {
   if (!arguments.gains.empty()) {
-    if (arguments.kp || arguments.kd) throw input_error("--gains and --kp, --kd both give the gains; use one of them");
+    if (arguments.kp || arguments.kd) throw input_error("--gains excludes --kp and --kd; give the gains in one way");
     return gains_from_json(load_json(arguments.gains), arguments.gains);
   }
   if (!arguments.kp && !arguments.kd) return std::nullopt;
@@ -86,14 +86,14 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
   LiveTuning::Options options{
       .composed = plan.composed,
       .remedy = play.identified
-                    ? "begin the session without --without, or with --learn"
+                    ? "start the session without --without, or with --learn"
                     : fmt::format("calibrate the device first: haptrace calibrate --device {}", device.name)};
   if (!arguments.tuning.expert) {
     options.limits = limits_of_unidentified(device.max_force, session.loop.rate_hz);
     if (play.identified) {
       options.limits.largest = plan.composed.observer ? play.identified->design.largest : play.identified->design.plain;
       options.limits.observer_hz = 2 * play.identified->design.load_hz;
-      options.limits.because = "the device bears";
+      options.limits.because = "the device is stable up to";
     }
   }
   if (session.recording) options.annotations = session.recording->options.annotations;
@@ -105,9 +105,9 @@ const char* lesson_text(IterativeLearning::Outcome outcome) {
     case IterativeLearning::Outcome::learned:
       return "learned";
     case IterativeLearning::Outcome::converged:
-      return "nothing left to learn: what remains does not repeat";
+      return "nothing left to learn: the remaining error does not repeat";
     case IterativeLearning::Outcome::undone:
-      return "worse than the best before it: what made it so was undone";
+      return "worse than the best repetition before it: its changes were undone";
     case IterativeLearning::Outcome::skipped:
       return "interrupted; nothing was learned from it";
   }
@@ -130,9 +130,8 @@ std::string law_text(const PlayArguments& arguments, const PlayResult& result, c
   std::string text = fmt::format("  law: {}; {}\n", text_of(result.tuning.gains),
                                  terms.empty() ? "PD alone" : fmt::format("PD with {}", fmt::join(terms, ", ")));
   if (const double share = result.session.gain_share; share < 1)
-    text +=
-        fmt::format("  softened to {:.0f} %: {} in force at the end\n", 100 * share, text_of(result.gains_in_force()));
-  return text + (profile ? fmt::format("  profile: {}, of {}\n", arguments.profile.used(device), profile->created)
+    text += fmt::format("  gains softened to {:.0f} %: {} at the end\n", 100 * share, text_of(result.gains_in_force()));
+  return text + (profile ? fmt::format("  profile: {}, created {}\n", arguments.profile.used(device), profile->created)
                          : std::string("  profile: none\n"));
 }
 
@@ -165,9 +164,9 @@ Verb add_play(CLI::App& app) {
   CLI::App* verb = app.add_subcommand("play", "play a recording or a path back through a device");
   verb->footer(
       "The device moves to the start of the path, follows it at the path's own time stamps, holds, and lets go.\n"
-      "Keys: + or ] stiffer and - or [ softer by 10 %, o the observer, l what was learned, f feedforward on and off, "
-      "r back to the start's, q end;\n"
-      "while it is recorded: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text.\n"
+      "Keys: + or ] makes the gains 10 % stiffer, - or [ 10 % softer; o, l and f switch the observer, the learned\n"
+      "force and the feedforward on and off; r restores the gains of the start; q ends the session. While\n"
+      "recording, m or space sets a mark, 1 to 9 a mark with one of --mark-texts, and t a mark with a typed text.\n"
       "  haptrace play square.h5 -d sim:preset=falcon,hand=relaxed --kp 1500 --kd 15 --record played.h5\n"
       "  haptrace play stroke.csv -d sim:preset=touch --fit --speed 0.5 --repeat 3");
   verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z; -: standard input)")
@@ -175,7 +174,7 @@ Verb add_play(CLI::App& app) {
   verb->add_option("--record", arguments->record, "write a recording of the session")->type_name("OUT.h5");
   arguments->along.add_to(*verb);
   add_input_options(*verb, arguments->csv);
-  verb->add_option("--speed", arguments->speed, "speed as a multiple of the path's own")
+  verb->add_option("--speed", arguments->speed, "speed as a multiple of the path's own speed")
       ->capture_default_str()
       ->group("Path");
   verb->add_option("--interpolation", arguments->interpolation,
@@ -204,8 +203,9 @@ Verb add_play(CLI::App& app) {
       ->type_name("FILE.json")
       ->group("Learning");
   verb->add_flag("--forget", arguments->forget, "ignore the learned force that is stored")->group("Learning");
-  verb->add_option("--on-deviation", arguments->on_deviation,
-                   "policy beyond it: stop | pause (the path waits) | soften (the force grows no further)")
+  verb->add_option(
+          "--on-deviation", arguments->on_deviation,
+          "reaction beyond --max-deviation: stop | pause (the path waits) | soften (the force grows no further)")
       ->capture_default_str()
       ->group("Safety");
   verb->add_option("--kp-rotation", arguments->kp_rotation,
@@ -217,7 +217,7 @@ Verb add_play(CLI::App& app) {
   verb->add_option("--max-torque", arguments->max_torque, "torque limit [N m] (default and maximum: the device's)")
       ->group("Safety");
   verb->add_option("--max-rotation", arguments->turn.max_deviation,
-                   "largest rotation off the path before the session stops [rad]")
+                   "rotation away from the path at which the session stops [rad]")
       ->capture_default_str()
       ->group("Safety");
   arguments->tuning.add_to(*verb);
@@ -253,8 +253,8 @@ Verb add_play(CLI::App& app) {
             const InputFile input(arguments->path, arguments->csv);
             if (input.passed_through() && arguments->learn > 0 && arguments->learned.empty())
               throw input_error(
-                  fmt::format("--learn of {} needs --learned: there is no path beside which what is "
-                              "learned could be kept",
+                  fmt::format("--learn with {} needs --learned, because the input has no "
+                              "folder for the learned force",
                               input.name()));
             const auto path = [&] {
               ReadProgress progress(output, input.name());
@@ -273,10 +273,10 @@ Verb add_play(CLI::App& app) {
             options.identified = identified(profile);
             PlayPlan plan = plan_playback(device->info(), path, options);
             if (!profile && !arguments->profile.none)
-              plan.notes.push_back(fmt::format(
-                  "{} is not calibrated: a PD law alone follows the path, as a rule millimetres off; calibrate it with "
-                  "haptrace calibrate --device {}",
-                  device->info().model, device->info().name));
+              plan.notes.push_back(
+                  fmt::format("{} is not calibrated: PD control alone follows the path, usually with an error of "
+                              "millimetres. Calibrate it: haptrace calibrate --device {}",
+                              device->info().model, device->info().name));
             note_before(output, options.session, "plan", plan.notes);
             notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
             std::optional<LearnedMemory> memory;
@@ -320,7 +320,7 @@ Verb add_play(CLI::App& app) {
                 json["learned_file"] = memory->file();
               } catch (const Error& error) {  // the results of the session stay valid
                 json["learned_error"] = error.what();
-                output.remark(fmt::format("{}; what was learned is not kept", error.what()));
+                output.remark(fmt::format("{}; the learned force was not saved", error.what()));
                 if (code == kDone) code = kStopped;
               }
             }

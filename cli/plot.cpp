@@ -27,8 +27,8 @@ Verb add_plot(CLI::App& app) {
             require(*verb, "file");
             const InputFile input(arguments->input, arguments->csv);
             if (input.passed_through() && arguments->file.empty())
-              throw input_error(fmt::format("haptrace plot {} needs -o: there is no name that the picture could have",
-                                            arguments->input));
+              throw input_error(
+                  fmt::format("haptrace plot {} needs -o, because the input has no file name", arguments->input));
             const std::filesystem::path name = input.name();
             const std::string file = arguments->file.empty()
                                          ? std::filesystem::path(name).replace_extension(".png").string()

@@ -23,26 +23,29 @@ struct RecordArguments {
 void add_scene(const RecordArguments& arguments, RecordOptions& options, std::vector<std::string>& notes) {
   if (arguments.scene.empty()) {
     if (arguments.scene_rate != 0 || !arguments.prediction.empty())
-      throw input_error("--scene-rate and --prediction say how a scene is served; give a --scene as well");
+      throw input_error("--scene-rate and --prediction apply to a scene; give a --scene as well");
     return;
   }
   options.scene = load_scene(arguments.scene);
   if (arguments.scene_rate == 0) {
     if (!arguments.prediction.empty())
       throw input_error(
-          "--prediction says what the force is between the answers of a slow scene; give its --scene-rate as well");
+          "--prediction sets the force between two results of a slow scene; give its --scene-rate as well");
     return;
   }
   const double servo_rate = options.session.loop.rate_hz;
   const int ticks = SlowScene::ticks_between(arguments.scene_rate, servo_rate);
   options.slow_scene.emplace(SlowSceneOptions{.rate_hz = arguments.scene_rate});
   if (arguments.prediction.empty())
-    notes.emplace_back("between two answers of the scene the last force is held (--prediction hold, linear or model)");
+    notes.emplace_back(
+        "between two results of the scene, the last force is held (--prediction: hold, linear or model)");
   else
     options.slow_scene->prediction = parse_prediction(arguments.prediction);
   if (const double rate = servo_rate / ticks; std::abs(rate - arguments.scene_rate) > 1e-6 * rate)
-    notes.push_back(fmt::format("the scene is asked at {:.4g} Hz, every {} ticks: {:g} Hz are no whole number of them",
-                                rate, ticks, arguments.scene_rate));
+    notes.push_back(
+        fmt::format("the scene is computed at {:.4g} Hz, every {} ticks, because a period of {:g} Hz is not a whole "
+                    "number of ticks",
+                    rate, ticks, arguments.scene_rate));
 }
 
 /// Returns a note for each object that the device cannot reach.
@@ -63,7 +66,7 @@ RecordOptions options_of(const RecordArguments& arguments, const CLI::App& verb)
     options.trigger = Trigger::parse(arguments.trigger);
     recording.options.capture.pre = arguments.pre;
   } else if (arguments.pre != 0) {
-    throw input_error("--pre says what to keep from before the trigger; give a --trigger as well");
+    throw input_error("--pre keeps samples from before the trigger; give a --trigger as well");
   }
   return options;
 }
@@ -97,24 +100,22 @@ Verb add_record(CLI::App& app) {
   const auto arguments = std::make_shared<RecordArguments>();
   CLI::App* verb = app.add_subcommand("record", "record the hand's movement and force");
   verb->footer(
-      "The hand moves freely: no force is sent, unless there is a --scene to touch. Ctrl+C ends the recording and "
-      "keeps every sample.\n"
-      "Keys while it runs: m or space a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a text to type, p\n"
-      "pause and resume, q end.\n"
+      "The hand moves freely: without a --scene, no force is sent. Ctrl+C ends the recording and keeps every sample.\n"
+      "Keys: m or space sets a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a typed text; p pauses\n"
+      "and resumes; q ends the recording.\n"
       "  haptrace record out.h5 -d falcon --duration 10\n"
       "  haptrace record out.h5 -d sim:preset=omega3,hand=firm,intent=stroke.csv --fit\n"
       "  haptrace record felt.h5 -d falcon --scene samples/scenes/sphere.json --duration 20\n"
-      "  haptrace record reach.h5 -d falcon --trigger 'speed>0.02|button' --pre 2 --duration 5 --count 20 "
-      "--pause 3");
+      "  haptrace record reach.h5 -d falcon --trigger 'speed>0.02|button' --pre 2 --duration 5 --count 20 --pause 3");
   verb->add_option("file", arguments->file, "recording to write (HDF5)")->type_name("OUT.h5");
   verb->add_option("--duration", arguments->duration,
-                   "time from the start or the trigger [s] (0: until the device has nothing more to play, or Ctrl+C)")
+                   "duration from the start or the trigger [s] (0: until the device's own movement ends, or Ctrl+C)")
       ->capture_default_str();
   verb->add_flag("--fit", arguments->fit, "move and scale the simulated hand's path into the workspace");
   verb->add_option("--trigger", arguments->trigger,
                    "start at this condition: force>0.5N, speed>0.02m/s, button or button2; join several with |")
       ->group("Capture");
-  verb->add_option("--pre", arguments->pre, "time to keep from before the trigger [s]")
+  verb->add_option("--pre", arguments->pre, "time before the trigger to keep [s]")
       ->capture_default_str()
       ->group("Capture");
   verb->add_option("--count", arguments->count, "number of trials, written to OUT-001.h5, OUT-002.h5, ...")

@@ -15,7 +15,7 @@ Verb add_recover(CLI::App& app) {
   CLI::App* verb = app.add_subcommand("recover", "repair a recording whose writer was killed or whose file is damaged");
   verb->footer(
       "Writes the readable data into a new file, verifies it, and only then replaces the old file.\n"
-      "Every verb reads an unfinished recording as it is; other programs may not.\n"
+      "Every haptrace verb reads an unfinished recording as it is; other programs may not.\n"
       "  haptrace recover session.h5");
   verb->add_option("file", arguments->file, "recording (HDF5)")->type_name("FILE.h5");
   verb->add_option("-o,--output", arguments->output, "write this file and leave FILE.h5 unchanged")
@@ -34,7 +34,8 @@ Verb add_recover(CLI::App& app) {
             for (const std::string& note : recovery.notes) output.remark(note);
             const std::string text =
                 !recovery.needed
-                    ? fmt::format("{}: is whole, {} samples; nothing to do\n", arguments->file, recovery.samples)
+                    ? fmt::format("{}: the recording is complete, {} samples; nothing to do\n", arguments->file,
+                                  recovery.samples)
                     : fmt::format("{}: {} samples recovered{}\n", fmt::join(recovery.files, ", "), recovery.samples,
                                   recovery.unreadable > 0 ? fmt::format(", {} could not be read", recovery.unreadable)
                                                           : std::string());

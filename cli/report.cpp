@@ -35,8 +35,9 @@ Verb add_report(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = app.add_subcommand("report", "write an HTML report of sessions and recordings");
   verb->footer(
-      "One page without network: what was done, deviation and force along the path, every repetition, trends,\n"
-      "unguided tests compared, stops and warnings. --json and --csv have the numbers for statistics, in SI.\n"
+      "The page needs no network. It shows the exercises, deviation and force along the path, every repetition,\n"
+      "trends, a comparison of unguided tests, stops and warnings. --json and --csv contain the numbers for\n"
+      "statistics, in SI units.\n"
       "  haptrace report sessions/ada-monday sessions/ada-friday -o ada.html\n"
       "  haptrace report trainee.h5 --no-page --csv -");
   verb->add_option("session", arguments->inputs,
@@ -53,11 +54,11 @@ Verb add_report(CLI::App& app) {
             require(*verb, "session");
             const bool table_out = arguments->table == kStandardOutput;
             if (table_out && output.json)
-              throw input_error("--csv - and --json both ask for standard output; give --csv a file");
+              throw input_error("--csv - and --json both write to standard output; give --csv a file");
             if (arguments->no_page && !arguments->page.empty())
               throw input_error("--no-page and --output exclude each other");
             if (arguments->no_page && arguments->table.empty() && !output.json)
-              throw input_error("--no-page leaves nothing to do; add --json or --csv");
+              throw input_error("--no-page leaves nothing to write; add --json or --csv");
             if (arguments->page.empty()) arguments->page = page_beside(arguments->inputs.front());
 
             // Check that the files can be written before hours of recordings are read.

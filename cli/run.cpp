@@ -118,10 +118,10 @@ std::string resume_command(const CLI::App& verb, const nlohmann::json& config, c
 void require_confirmed(const CLI::App& verb, const nlohmann::json& config, const std::string& folder) {
   for (const auto& [option, words] : options_to_confirm(verb, config))
     if (option->count() == 0)
-      throw input_error(fmt::format(
-          "{}: no session takes its device and its safety limits from a folder. This one was begun with those of this "
-          "command; check and repeat them: {}",
-          folder, resume_command(verb, config, folder)));
+      throw input_error(
+          fmt::format("{}: the device and the safety limits of a session are not taken from its folder. This command "
+                      "repeats those with which the session was started; check them first: {}",
+                      folder, resume_command(verb, config, folder)));
 }
 
 /// Summarises the result; `resume` is the command that resumes the session.
@@ -133,7 +133,7 @@ std::string result_text(const ProgrammeResult& result, const std::string& folder
                                  finished, result.log.complete ? ", the programme is complete" : "",
                                  minutes(sitting.duration), sitting.force_dose);
   if (!result.log.complete)
-    text += fmt::format("  ended: {}{}{}; go on with: {}\n", sitting.ended_by, sitting.detail.empty() ? "" : ", ",
+    text += fmt::format("  ended: {}{}{}; resume with: {}\n", sitting.ended_by, sitting.detail.empty() ? "" : ", ",
                         sitting.detail, resume);
   return text;
 }
@@ -159,10 +159,11 @@ nlohmann::json shared_config(const CLI::App& verb) {
 
 /// Rejects a complete session, and options that may only be given at the start.
 void check_resume(const CLI::App& verb, const SessionLog& log, const std::string& folder) {
-  if (log.complete) throw input_error(folder + ": is complete; there is nothing to go on with");
+  if (log.complete) throw input_error(folder + ": the session is complete; there is nothing to resume");
   for (const char* option : {"--mirror", "--scale", "--fit", "--output", "--profile", "--no-profile", "--dry-run"})
     if (verb.get_option(option)->count() > 0)
-      throw input_error(fmt::format("{} says how a session begins; --resume goes on as {} was begun", option, folder));
+      throw input_error(
+          fmt::format("{} applies only to the start of a session; --resume keeps the settings of {}", option, folder));
 }
 
 /// Returns the folder that relative file names in the programme refer to.
@@ -179,7 +180,7 @@ class TrialDevices {
       : session_(session), mark_(session.device.find(kPathMark)), opened_(opened) {
     if (mark_ != std::string::npos && folder.find(',') != std::string::npos)
       throw input_error(
-          fmt::format("{}: a simulated trainee's path must not hold a comma; choose another folder", folder));
+          fmt::format("{}: a simulated trainee's path must not contain a comma; choose another folder", folder));
   }
 
   /// Returns the properties of the device, which are the same with and without a path.
@@ -225,7 +226,7 @@ class TrialDevices {
     std::string description = session_.device;
     const std::size_t begin = description.find_last_of(",:", mark_), end = description.find(',', mark_);
     if (begin == std::string::npos)
-      throw input_error(fmt::format("--device {}: {} stands for the value of an option, as in intent={}", description,
+      throw input_error(fmt::format("--device {}: {} must be the value of an option, as in intent={}", description,
                                     kPathMark, kPathMark));
     const bool first = description[begin] == ':';
     description.erase(begin, end == std::string::npos ? end : end - begin);
@@ -245,13 +246,11 @@ Verb add_run(CLI::App& app) {
   const auto arguments = std::make_shared<RunArguments>();
   CLI::App* verb = app.add_subcommand("run", "run a programme of exercises; one recording per repetition");
   verb->footer(
-      "A programme is a JSON file: docs/programmes.md, and three of them in samples/programmes. The session is a "
-      "folder "
-      "with\n"
-      "session.json, a recording for every repetition and the paths as they were followed; haptrace report shows it.\n"
-      "Keys while it runs: p pauses before the next repetition and goes on, m or space a mark, 1 to 9 a mark with one "
-      "of\n"
-      "--mark-texts, t a mark with a text, q end; --resume goes on where it ended, today or tomorrow.\n"
+      "A programme is a JSON file (docs/programmes.md; examples in samples/programmes). The session is a folder\n"
+      "with session.json, a recording of every repetition and the paths that were followed; haptrace report shows it.\n"
+      "Keys: p pauses before the next repetition and resumes; m or space sets a mark, 1 to 9 a mark with one of\n"
+      "--mark-texts, t a mark with a typed text; q ends the session. --resume continues it later, even on another "
+      "day.\n"
       "  haptrace run reaching.json --dry-run\n"
       "  haptrace run reaching.json -d falcon --subject P07 --mirror x -o p07-monday\n"
       "  haptrace run --resume p07-monday -d falcon\n"
@@ -260,7 +259,7 @@ Verb add_run(CLI::App& app) {
   verb->add_option("-o,--output", arguments->folder, "folder of the session (default: beside the programme)")
       ->type_name("FOLDER");
   verb->add_option("--resume", arguments->resume,
-                   "resume an unfinished session; give the device and unusual limits again")
+                   "resume an unfinished session; give the device and all changed limits again")
       ->type_name("FOLDER");
   verb->add_flag("--dry-run", arguments->dry_run, "print the plan and its duration; with --device, also check it");
   verb->add_option("--mirror", arguments->mirror,
@@ -269,8 +268,7 @@ Verb add_run(CLI::App& app) {
   verb->add_option("--scale", arguments->scale, "scale the paths by this factor (default: the programme's)")
       ->group("Person");
   verb->add_flag("--fit", arguments->fit, "move and scale all paths together into the workspace")->group("Person");
-  verb->add_option("--max-deviation", arguments->max_deviation,
-                   "largest distance from the path before the session stops [m]")
+  verb->add_option("--max-deviation", arguments->max_deviation, "distance from the path at which the session stops [m]")
       ->capture_default_str()
       ->group("Safety");
   arguments->profile.add_to(*verb, "Safety", "run without a device profile");
@@ -281,11 +279,11 @@ Verb add_run(CLI::App& app) {
       verb, [verb, arguments](const Output& output) -> int {
         const bool resumes = !arguments->resume.empty();
         if (resumes == !arguments->programme.empty())
-          throw input_error(resumes ? "--resume has the programme in the session; name no other"
+          throw input_error(resumes ? "--resume uses the programme of the session; do not name another one"
                                     : "haptrace run needs PROGRAMME.json, or --resume FOLDER; see haptrace run --help");
         arguments->profile.check();
         if (arguments->dry_run && arguments->fit && arguments->session.device.empty())
-          throw input_error("--fit needs to know the workspace: give --device too");
+          throw input_error("--fit needs the workspace of a device: give --device too");
         const std::string folder = resumes ? arguments->resume
                                    : arguments->folder.empty()
                                        ? fs::path(arguments->programme).replace_extension().string() + "-session"
@@ -295,7 +293,7 @@ Verb add_run(CLI::App& app) {
           log = load_session_log(folder);
           check_resume(*verb, *log, folder);
           if (const std::string& asked = arguments->session.subject; !asked.empty() && asked != log->subject)
-            throw input_error(fmt::format("{}: is a session of '{}', not of '{}'", folder, log->subject, asked));
+            throw input_error(fmt::format("{} is a session of '{}', not of '{}'", folder, log->subject, asked));
           require_confirmed(*verb, log->config, folder);
           apply_config(*verb, log->config, folder);
         }
@@ -361,7 +359,7 @@ Verb add_run(CLI::App& app) {
         options.rests = [&](double left) {
           if (!live) return;
           if (std::isnan(left))
-            show_line("paused; p goes on");
+            show_line("paused; p resumes");
           else
             show_line(fmt::format("rest {:.0f} s", left));
         };

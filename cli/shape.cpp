@@ -18,7 +18,7 @@ Verb add_shape(CLI::App& app) {
   ShapeOptions& shape = arguments->shape;
   CLI::App* verb = app.add_subcommand("shape", "make a path: square, circle, line, figure8, reach, spiral or script");
   verb->footer(
-      "The whole path is one minimum-jerk movement along its arc; script is written evenly.\n"
+      "The whole path is one minimum-jerk movement along its arc; script has an even rhythm.\n"
       "  haptrace shape square --size 0.1 --duration 8 -o square.h5\n"
       "  haptrace shape circle --turns 3 --plane yz -o circle.csv");
   verb->add_option("name", arguments->name, fmt::format("{}", fmt::join(shape_names(), " | ")))->type_name("SHAPE");
@@ -28,7 +28,7 @@ Verb add_shape(CLI::App& app) {
   verb->add_option("--turns", shape.turns, "number of turns")->capture_default_str();
   verb->add_option("--blend", shape.blend, "corner radius of the square [m] (0: sharp)")->capture_default_str();
   verb->add_option("--centre,--center", arguments->centre, "centre of the shape: x y z [m]")->expected(3);
-  verb->add_option("--plane", shape.plane, "xy | yz | zx")->capture_default_str();
+  verb->add_option("--plane", shape.plane, "plane of the shape: xy | yz | zx")->capture_default_str();
   verb->add_option("--angle", shape.angle, "direction of line and reach in the plane [rad]")->capture_default_str();
   verb->add_option("--sample-rate", shape.rate_hz, "sample rate of the path [Hz]")->capture_default_str();
   verb->add_flag("--constant-speed", shape.constant_speed, "move at constant speed instead of minimum jerk");

@@ -46,16 +46,18 @@ std::string time_left(double seconds) {
 std::string text_of(const StabilityMap& map, const std::string& device) {
   const auto verdict = [](bool yes) { return yes ? "yes" : "no"; };
   std::string text = fmt::format(
-      "{}: a PD law of {:.0f} N/m and {:.1f} N s/m along {}, where it has least margin\n"
-      "  passive {}, stable by analysis {}, in simulation {}, with friction and resolution {}\n",
+      "{}: PD control of {:.0f} N/m and {:.1f} N s/m along {}, the axis with the smallest margin\n"
+      "  passive: {}; stable by analysis: {}; in simulation: {}; in simulation with friction and encoder resolution: "
+      "{}\n",
       device, map.present.kp, map.present.kd, "xyz"[map.axis], verdict(map.at_present.passive),
       verdict(map.at_present.stable), verdict(map.at_present.simulated), verdict(map.at_present.simulated_fully));
   text += fmt::format("  margins: gain {:.1f} times, phase {:.0f} degrees, delay {:.2f} ms, modulus {:.2f}\n",
                       map.margins.gain_up, map.margins.phase * 180 / std::numbers::pi, 1e3 * map.margins.delay,
                       map.margins.modulus);
   if (map.suggested.kp > 0)
-    text += fmt::format("  stiffest with modulus {:.1f} and gain {:.0f}: {:.0f} N/m and {:.1f} N s/m\n",
-                        map.floor.modulus, map.floor.gain, map.suggested.kp, map.suggested.kd);
+    text += fmt::format(
+        "  stiffest gains with a modulus margin of {:.1f} and a gain margin of {:.0f}: {:.0f} N/m and {:.1f} N s/m\n",
+        map.floor.modulus, map.floor.gain, map.suggested.kp, map.suggested.kd);
   return text;
 }
 
@@ -65,9 +67,9 @@ void map_gains(const StabilityArguments& arguments, const Output& output, const 
   const DeviceInfo& info = device->info();
   const auto profile = profile_for(info, arguments.profile, arguments.rate_hz, output);
   if (!profile)
-    throw input_error(fmt::format(
-        "{} is not calibrated yet, so that its stable gains are unknown; run haptrace calibrate --device {}",
-        info.model, info.name));
+    throw input_error(
+        fmt::format("{} is not calibrated yet, so its stable gains are unknown; run haptrace calibrate --device {}",
+                    info.model, info.name));
   PdGains gains = profile->design.plain;
   if (arguments.kp) gains.kp = Vec3::Constant(*arguments.kp);
   if (arguments.kd) gains.kd = Vec3::Constant(*arguments.kd);
@@ -135,7 +137,7 @@ void climb_staircase(const StabilityArguments& arguments, const Output& output, 
   if (!arguments.device.empty()) {
     const DeviceSpec device = DeviceSpec::parse(arguments.device);
     if (device.name != "sim")
-      throw input_error(device.where() + ": the staircase taps walls with a simulated device; give sim, or no device");
+      throw input_error(device.where() + ": the staircase needs a simulated device; give sim, or no device");
     options.device = read_sim_device(device).spec;
   }
   ReadProgress progress(output, "");
@@ -156,7 +158,7 @@ int run_experiment(Experiment experiment, const StabilityArguments& arguments, c
   const Signals signals;
   Findings findings;
   experiment(arguments, output, signals.stop(), findings);
-  if (!findings.complete) output.remark("interrupted; the results are of the part that was finished");
+  if (!findings.complete) output.remark("interrupted; the results cover only the finished part");
   if (!arguments.output.empty()) save_json(findings.json, arguments.output, arguments.overwrite);
   if (!arguments.figure.empty() && !findings.figure.rows.empty())
     save_figure(findings.figure, arguments.figure, arguments.overwrite);
@@ -176,7 +178,8 @@ Verb add_experiment(CLI::App& parent, const char* name, const char* description,
   if (draws_figure)
     verb->add_option("--figure", arguments->figure, "draw the result: .png, .svg or .pdf")->type_name("FILE");
   verb->add_flag("--overwrite", arguments->overwrite, "replace existing files");
-  verb->add_option("--jobs", arguments->jobs, "threads (0: one for every core); results do not depend on it")
+  verb->add_option("--jobs", arguments->jobs,
+                   "number of threads (0: one for every core); the results do not depend on it")
       ->capture_default_str();
   return {verb, [=](const Output& output) { return run_experiment(experiment, *arguments, output); }};
 }
@@ -196,19 +199,19 @@ void add_seed(CLI::App& verb, const SharedArguments& arguments) {
 
 Verb add_map(CLI::App& parent) {
   const auto arguments = std::make_shared<StabilityArguments>();
-  Verb verb = add_experiment(
-      parent, "map", "map the gains for which a calibrated device is passive and stable",
-      "  haptrace stability map -d falcon --figure map.png\n"
-      "The map is that of a PD law on the device's profile: where it is passive, stable by analysis with delay and "
-      "zero-order hold, and stable in simulation. Nothing moves.",
-      true, arguments, map_gains);
+  Verb verb = add_experiment(parent, "map", "map the gains for which a calibrated device is passive and stable",
+                             "  haptrace stability map -d falcon --figure map.png\n"
+                             "The map shows where PD control of the profiled device is passive, stable by analysis "
+                             "with delay and zero-order hold, and stable in simulation. The device does not move.",
+                             true, arguments, map_gains);
   verb.app->add_option("-d,--device", arguments->device, "calibrated device")->type_name("NAME[:...]");
   verb.app->add_option("--profile", arguments->profile, "device profile from calibrate (default: the stored one)")
       ->type_name("FILE.json");
   verb.app->add_option("--rate", arguments->rate_hz, "servo rate [Hz]")->capture_default_str();
-  verb.app->add_option("--velocity", arguments->velocity, "velocity estimator of the PD law")->capture_default_str();
-  verb.app->add_option("--kp", arguments->kp, "proportional gain to judge [N/m] (default: the profile's)");
-  verb.app->add_option("--kd", arguments->kd, "derivative gain to judge [N s/m] (default: the profile's)");
+  verb.app->add_option("--velocity", arguments->velocity, "velocity estimator of the PD control")
+      ->capture_default_str();
+  verb.app->add_option("--kp", arguments->kp, "proportional gain to evaluate [N/m] (default: the profile's)");
+  verb.app->add_option("--kd", arguments->kd, "derivative gain to evaluate [N s/m] (default: the profile's)");
   const auto run = std::move(verb.run);
   verb.run = [run, app = verb.app](const Output& output) {
     require(*app, "--device");
@@ -223,9 +226,9 @@ Verb add_ensemble(CLI::App& parent) {
       parent, "ensemble", "measure playback on many random devices and hands",
       "  haptrace stability ensemble --draws 200 -o stability.json --figure stability.png\n"
       "  haptrace stability ensemble --draws 1 --first 137     one draw again\n"
-      "Each random device, with the hand that holds it, is calibrated blind. Then circle, square, script and further "
-      "paths are played with plain PD, stiff and cautious, and by the calibrated player; then the device is held, and "
-      "driven with gains beyond its stable range. Virtual time; the seed determines every result.",
+      "Each random device is calibrated blind, in the hand that holds it. Then circle, square, script and further "
+      "paths are played with stiff PD, with cautious PD, and by the calibrated player. Then the device is held at "
+      "rest, and driven with gains beyond its stable range. Time is virtual; the seed determines every result.",
       true, arguments, try_ensemble);
   add_draws(*verb.app, arguments);
   add_seed(*verb.app, arguments);
@@ -240,8 +243,8 @@ Verb add_guidance(CLI::App& parent) {
       parent, "guidance", "measure the safety of guidance on many random trainees",
       "  haptrace stability guidance --draws 1000 -o guidance.json\n"
       "Random hands that wander, stop, turn back, leave the tunnel, push against its walls and let go are guided along "
-      "seven paths, at 250 Hz to 10 kHz, with up to 5 ms more delay. The experiment fails (exit code 1) when a hand "
-      "is given more energy than the budget allows, or oscillates.",
+      "seven paths, at 250 Hz to 10 kHz, with up to 5 ms of additional delay. The experiment fails (exit code 1) if a "
+      "hand is given more energy than the budget allows, or oscillates.",
       false, arguments, try_guidance);
   add_draws(*verb.app, arguments);
   add_seed(*verb.app, arguments);
@@ -250,13 +253,12 @@ Verb add_guidance(CLI::App& parent) {
 
 Verb add_staircase(CLI::App& parent) {
   const auto arguments = std::make_shared<StabilityArguments>();
-  Verb verb = add_experiment(
-      parent, "staircase", "measure the energy that sampled walls create",
-      "  haptrace stability staircase --figure staircase.png\n"
-      "Presses a sampled wall and compares the energy that it creates, against rate and stiffness, with the closed "
-      "form. Then lets a simulated device fall on walls, without and with a passivity layer, and reports on which it "
-      "comes to rest.",
-      true, arguments, climb_staircase);
+  Verb verb = add_experiment(parent, "staircase", "measure the energy that sampled walls create",
+                             "  haptrace stability staircase --figure staircase.png\n"
+                             "Presses a sampled wall and compares the energy that it creates, against rate and "
+                             "stiffness, with the closed form. Then lets a simulated device fall on walls, without and "
+                             "with a passivity layer, and reports the walls on which it comes to rest.",
+                             true, arguments, climb_staircase);
   verb.app->add_option("-d,--device", arguments->device, "simulated device that taps the wall")->type_name("sim[:...]");
   verb.app->add_option("--scene", arguments->scene, "scene to press (default: walls of 100 N/m to 100 kN/m)")
       ->type_name("FILE.json");

@@ -59,7 +59,7 @@ TradeFiles files_of(const TradeoffArguments& arguments) {
   for (const std::string& file : {files.json, files.figure, files.config, files.profile}) {
     if (file.empty()) continue;
     if (std::find(names.begin(), names.end(), file) != names.end())
-      throw input_error(file + ": is to be two files at once; give --output, --figure and --save names of their own");
+      throw input_error(file + ": two output files have this name; give --output, --figure and --save different names");
     names.push_back(file);
     check_output(file, arguments.overwrite);
   }
@@ -83,19 +83,20 @@ std::shared_ptr<const PathSource> busiest(std::shared_ptr<const PathSource> sour
     }
   }
   const double from = path.time[best];
-  output.remark(fmt::format("{} lasts {:.0f} s; the {:.0f} s from {:.2f} s on, in which it moves most, stand for it",
-                            path.name, source->facts().duration(), kLongestTried, from));
+  output.remark(
+      fmt::format("{} lasts {:.0f} s; only the {:.0f} s from {:.2f} s on, which have the most movement, are played",
+                  path.name, source->facts().duration(), kLongestTried, from));
   return source_of(std::move(path), {.from = from, .to = from + kLongestTried});
 }
 
 /// Identifies a virtual device as `calibrate` does.
 std::optional<DeviceProfile> calibrated_here(Device& device, const Output& output, const StopRequest& stop) {
   const DeviceInfo& info = device.info();
-  output.remark(fmt::format("{} was not calibrated; it is now, in virtual time", info.name));
+  output.remark(fmt::format("{} is not calibrated; it is calibrated now, in virtual time", info.name));
   const CalibrationOptions options{.session = {.loop = {.limits = {.max_velocity = 1.5}}}};
   const CalibrationResult result = calibrate(device, options, stop);
   if (!result.succeeded()) {
-    output.remark(result.reason + "; only a PD law is tried");
+    output.remark(result.reason + "; only PD control is tried");
     return std::nullopt;
   }
   return profile_of(info, result, options.session.loop.rate_hz);
@@ -123,24 +124,23 @@ Workplace workplace(const TradeoffArguments& arguments, const Output& output, co
   place.varies = seeded || !info.virtual_time;
   if (!place.varies) {
     place.model_error = kUnseenError;
-    output.remark(
-        fmt::format("every run of this device is the same, so its runs show no interval: {:.0f} % either way "
-                    "is assumed",
-                    100 * kUnseenError));
+    output.remark(fmt::format(
+        "every run of this device is the same, so the runs give no confidence interval; +-{:.0f} % is assumed",
+        100 * kUnseenError));
   }
   place.profile = arguments.profile.find(info, arguments.base.rate_hz, output);
   if (!place.profile && !arguments.profile.none && info.virtual_time)
     place.profile = calibrated_here(*device, output, stop);
   if (!info.virtual_time) {
     if (!place.profile)
-      throw input_error(fmt::format("nobody knows yet what {} is like; calibrate it: haptrace calibrate --device {}",
-                                    info.model, info.name));
+      throw input_error(fmt::format(
+          "the dynamics of {} are unknown; calibrate it first: haptrace calibrate --device {}", info.model, info.name));
     output.remark(
-        fmt::format("{} does not move: what calibration found out about it is played on, in a relaxed hand; "
-                    "the intervals count {:.0f} % either way for what the model leaves out",
+        fmt::format("{} does not move: its profile is simulated, in a relaxed hand; the intervals include +-{:.0f} % "
+                    "for effects that the model leaves out",
                     info.model, 100 * kStandInError));
     if (!(info.max_force > 0))
-      output.remark(fmt::format("{} states no largest force: {:g} N are assumed", info.model, kUnstatedForce));
+      output.remark(fmt::format("{} does not state its largest force; {:g} N is assumed", info.model, kUnstatedForce));
     place.device_in_tick = false;
     place.model_error = kStandInError;
     place.open = [info, profile = *place.profile](std::uint64_t seed) { return stand_in(info, profile, seed); };
@@ -208,7 +208,7 @@ void add_sides(const TradeoffArguments& arguments, const Workbench& bench, Trade
     report.sides.push_back(trade_of_scene(
         bench, arguments.base.rate_hz, [&] { return load_scene(arguments.scene); }, !arguments.no_instructions));
     if (report.sides.back().levels.empty())
-      output.remark(fmt::format("{}: {} touches nothing of it", arguments.scene, arguments.path));
+      output.remark(fmt::format("{}: {} touches none of its objects", arguments.scene, arguments.path));
   }
   const DeviceSpec spec = DeviceSpec::parse(arguments.device);
   if (spec.name != "sim" || stop.count() > 0) return;
@@ -226,27 +226,27 @@ void add_sides(const TradeoffArguments& arguments, const Workbench& bench, Trade
 
 Verb add_tradeoff(CLI::App& app) {
   const auto arguments = std::make_shared<TradeoffArguments>();
-  CLI::App* verb =
-      app.add_subcommand("tradeoff", "measure what speed costs in accuracy, and find the cheapest settings");
+  CLI::App* verb = app.add_subcommand(
+      "tradeoff", "measure the cost and the error of every accuracy setting, and find the cheapest configuration");
   verb->footer(
-      "Plays the path on the device in virtual time with every accuracy setting varied by itself, then in "
-      "combinations. A real device does not move: its profile is simulated. With --budget, the configuration that "
-      "keeps it goes into a file for --config of play, guide and record.\n"
+      "Plays the path on the device in virtual time with every accuracy setting varied by itself, then in\n"
+      "combinations. A real device does not move: its profile is simulated. With --budget, the configuration that\n"
+      "keeps it is written to a file for --config of play, guide and record.\n"
       "Bounds: error, peak [mm]; force, ripple [N]; margin (>=); tick [us]; instructions; load [MIPS]; start [ms];\n"
       "bytes [MB/h].\n"
       "  haptrace tradeoff circle.h5 -d sim:preset=falcon,hand=relaxed -o tradeoff.json\n"
       "  haptrace tradeoff circle.h5 -d falcon --budget 'error<=0.1mm, ripple<=0.3N' --explain -o tradeoff.json\n"
       "  haptrace play circle.h5 -d falcon --config tradeoff-config.json");
   verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
-  verb->add_option("-d,--device", arguments->device, "device, NAME[:key=value,...]")->type_name("NAME[:...]");
+  verb->add_option("-d,--device", arguments->device, "device, with options as key=value,...")->type_name("NAME[:...]");
   verb->add_option("--budget", arguments->budget, "bounds to keep, as in 'error<=0.1mm, tick<=2us'")
       ->type_name("BOUNDS");
   verb->add_option("--scene", arguments->scene, "scene whose accuracy settings are varied, with the tool on the path")
       ->type_name("FILE.json");
   verb->add_flag("--explain", arguments->explain, "leave out each term in turn, and report the change and the saving");
-  verb->add_option("-o,--output", arguments->output, "JSON to write; the picture goes beside it")
+  verb->add_option("-o,--output", arguments->output, "JSON file to write; the figure is written beside it")
       ->type_name("FILE.json");
-  verb->add_option("--figure", arguments->figure, "picture, .png .svg or .pdf")->type_name("FILE");
+  verb->add_option("--figure", arguments->figure, "figure to write: .png, .svg or .pdf")->type_name("FILE");
   verb->add_option("--save", arguments->save, "configuration that keeps the budget (default: beside the JSON)")
       ->type_name("FILE.json");
   verb->add_flag("--no-instructions", arguments->no_instructions,
@@ -255,22 +255,22 @@ Verb add_tradeoff(CLI::App& app) {
   verb->add_option("--runs", arguments->runs, "runs of every configuration, each with other noise, 1 to 100")
       ->capture_default_str();
   verb->add_option("--rates", arguments->rates,
-                   "servo rates to try [Hz]; without it, 100 Hz to 20 kHz, of a device that "
-                   "is no simulation up to its own")
+                   "servo rates to try [Hz] (default: 100 Hz to 20 kHz; for a real device, up to its own rate)")
       ->delimiter(',');
   verb->add_option("--seed", arguments->seed, "seed of the first run")->capture_default_str();
-  verb->add_option("--jobs", arguments->jobs, "threads (0: one for every core); results do not depend on it")
+  verb->add_option("--jobs", arguments->jobs,
+                   "number of threads (0: one for every core); the results do not depend on it")
       ->capture_default_str();
   arguments->profile.add_to(*verb, "Base", "compare PD control alone, without the device's profile");
   verb->add_option("--rate", arguments->base.rate_hz, "servo rate [Hz]")->capture_default_str()->group("Base");
   verb->add_option("--velocity", arguments->base.velocity, "velocity estimator")->capture_default_str()->group("Base");
-  verb->add_option("--interpolation", arguments->interpolation, "between samples")
+  verb->add_option("--interpolation", arguments->interpolation, "interpolation between samples")
       ->capture_default_str()
       ->group("Base");
   verb->add_option("--learn", arguments->learn, "learning repetitions of a calibrated device (0: none)")
       ->capture_default_str()
       ->group("Base");
-  verb->add_option("--speed", arguments->base.speed, "speed as a multiple of the path's own")
+  verb->add_option("--speed", arguments->base.speed, "speed as a multiple of the path's own speed")
       ->capture_default_str()
       ->group("Path");
   verb->add_flag("--fit", arguments->fit, "move and scale the path into the workspace")->group("Path");
@@ -319,7 +319,7 @@ Verb add_tradeoff(CLI::App& app) {
 
             const std::optional<Choice> choice = budget.empty() ? std::nullopt : choose(report, budget);
             if (!budget.empty() && report.complete && !choice)
-              output.remark("nothing could be chosen: no configuration was played to its end");
+              output.remark("no configuration was chosen: none was played to its end");
             if (choice) {
               const Configuration& chosen = choice->outcome.configuration;
               const std::optional<DeviceProfile> profile = bench.profile_at(chosen.rate_hz);
@@ -340,8 +340,8 @@ Verb add_tradeoff(CLI::App& app) {
               json["config_file"] = files.config;
               json["predicted"] = predicted_by(choice->outcome);
               text += text_of(*choice, budget);
-              text += fmt::format("  in {}: haptrace play {} --device {} --config {}\n", files.config, arguments->path,
-                                  arguments->device, files.config);
+              text += fmt::format("  written to {}; use it: haptrace play {} --device {} --config {}\n", files.config,
+                                  arguments->path, arguments->device, files.config);
             }
             if (arguments->explain && report.complete) {
               ReadProgress progress(output, "leaving out each term");
@@ -366,10 +366,10 @@ Verb add_tradeoff(CLI::App& app) {
             json["complete"] = report.complete;
             draw(report, choice ? &*choice : nullptr);
             if (!files.json.empty()) save_json(json, files.json, arguments->overwrite);
-            if (!files.figure.empty()) text += fmt::format("  picture: {}\n", files.figure);
+            if (!files.figure.empty()) text += fmt::format("  figure: {}\n", files.figure);
             output.tell(json, text);
             if (!report.complete) {
-              output.remark("interrupted; what was finished is told");
+              output.remark("interrupted; the results cover only the finished part");
               return static_cast<int>(kInterrupted);
             }
             return static_cast<int>(!budget.empty() && !(choice && choice->kept) ? kStopped : kDone);

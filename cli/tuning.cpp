@@ -16,16 +16,15 @@ void TuningArguments::add_to(CLI::App& app) {
                       ->expected(0, 1)
                       ->group("Tuning");
   app.add_option("--tune-port", port,
-                 "read the same commands from a TCP port of this machine alone; a client's first line is the session's "
-                 "token (0: any free port, which is printed)")
+                 "read the same commands from a TCP port on this machine only; a client's first line must be the "
+                 "session's token (0: any free port, which is printed)")
       ->type_name("PORT")
       ->group("Tuning");
-  app.add_option(
-         "--tune-token-file", token_file,
-         "file of the token of --tune-port, written if it does not exist (default: a new token for every session)")
+  app.add_option("--tune-token-file", token_file,
+                 "token file for --tune-port, written if it does not exist (default: a new token for every session)")
       ->type_name("FILE")
       ->group("Tuning");
-  app.add_option("--tune-file", file, "read the same commands from this file, one a line, whenever it changes")
+  app.add_option("--tune-file", file, "read the same commands from this file, one per line, whenever it changes")
       ->type_name("FILE")
       ->group("Tuning");
   app.add_flag("--expert", expert, "allow any gains while tuning")->group("Tuning");
@@ -33,7 +32,7 @@ void TuningArguments::add_to(CLI::App& app) {
 
 TuningInputs::TuningInputs(const TuningArguments& arguments, LiveTuning& tuning) {
   if (!arguments.token_file.empty() && arguments.port.empty())
-    throw input_error("--tune-token-file holds the token of --tune-port; give that too");
+    throw input_error("--tune-token-file applies to --tune-port; give --tune-port as well");
   // Apply the file first: its settings are in force before the session starts.
   if (!arguments.file.empty()) file_.emplace(tuning, arguments.file);
   const bool on_socket = arguments.socket_option != nullptr && arguments.socket_option->count() > 0;

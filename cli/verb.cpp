@@ -60,12 +60,14 @@ std::map<std::string, std::string> metadata(const std::string& file, const std::
   std::vector<std::string> wanted;
   if (!file.empty()) {
     const nlohmann::json json = load_json(file);
-    if (!json.is_object()) throw input_error(fmt::format("{}: a template is a JSON object of keys and values", file));
+    if (!json.is_object())
+      throw input_error(fmt::format("{}: the template must be a JSON object of keys and values", file));
     for (const auto& [key, value] : json.items()) {
       if (value.is_null())
         wanted.push_back(key);
       else if (value.is_structured())
-        throw input_error(fmt::format("{}: key '{}': a value is a text, a number, true, false or null", file, key));
+        throw input_error(
+            fmt::format("{}: key '{}': the value must be a string, a number, true, false or null", file, key));
       else
         meta[key] = text_of(value);
     }
@@ -76,7 +78,7 @@ std::map<std::string, std::string> metadata(const std::string& file, const std::
   }
   std::erase_if(wanted, [&](const std::string& key) { return meta.contains(key); });
   if (!wanted.empty())
-    throw input_error(fmt::format("{} asks for {}: give {} with --meta {}=...", file, fmt::join(wanted, ", "),
+    throw input_error(fmt::format("{} requires {}: give {} with --meta {}=...", file, fmt::join(wanted, ", "),
                                   wanted.size() > 1 ? "them" : "it", wanted.front()));
   return meta;
 }
@@ -111,7 +113,7 @@ void Output::warn(const Warning& warning) const {
 }
 
 void SessionArguments::add_to(CLI::App& app) {
-  app.add_option("-d,--device", device, "device, with options as key=value,...; `haptrace devices` lists all")
+  app.add_option("-d,--device", device, "device, with options as key=value,... (`haptrace devices` lists all)")
       ->type_name("NAME[:...]");
   app.add_option("--rate", rate_hz, "servo rate [Hz], 10 to 20000")->capture_default_str()->group("Loop");
   app.add_option("--clock", clock,
@@ -124,16 +126,16 @@ void SessionArguments::add_to(CLI::App& app) {
                  "alpha-beta-gamma:HZ")
       ->capture_default_str()
       ->group("Loop");
-  app.add_option("--seed", seed, "seed of a simulated device")->group("Loop");
+  app.add_option("--seed", seed, "random seed of a simulated device")->group("Loop");
   app.add_flag("--no-realtime", no_realtime, "do not request real-time scheduling and locked memory")->group("Loop");
-  app.add_option("--max-force", limits.max_force, "force limit [N] (0: the device's)")
+  app.add_option("--max-force", limits.max_force, "force limit [N] (0: the device's limit)")
       ->capture_default_str()
       ->group("Safety");
   app.add_option("--max-continuous-force", limits.max_continuous_force,
-                 "limit of the force over 10 s [N] (0: the device's, or 0.3 of its peak over 20 s)")
+                 "rms force limit over 10 s [N] (0: the device's limit, or 0.3 of its peak force over 20 s)")
       ->capture_default_str()
       ->group("Safety");
-  app.add_option("--max-velocity", limits.max_velocity, "largest tool speed before the session stops [m/s] (0: off)")
+  app.add_option("--max-velocity", limits.max_velocity, "tool speed above which the session stops [m/s] (0: off)")
       ->capture_default_str()
       ->group("Safety");
   app.add_option("--soft-start", limits.soft_start, "time over which forces fade in [s]")
@@ -142,24 +144,27 @@ void SessionArguments::add_to(CLI::App& app) {
   app.add_option("--release", limits.release, "time over which forces fade out [s]")
       ->capture_default_str()
       ->group("Safety");
-  app.add_option("--title", title, "stored in the recording")->group("Recording");
-  app.add_option("--subject", subject, "stored in the recording")->group("Recording");
-  app.add_option("--operator", operator_name, "stored in the recording")->group("Recording");
-  app.add_option("--notes", notes, "stored in the recording")->group("Recording");
-  app.add_option("--meta", meta, "further metadata; may be repeated")->type_name("KEY=VALUE")->group("Recording");
+  app.add_option("--title", title, "title, stored in the recording")->group("Recording");
+  app.add_option("--subject", subject, "participant, stored in the recording")->group("Recording");
+  app.add_option("--operator", operator_name, "operator, stored in the recording")->group("Recording");
+  app.add_option("--notes", notes, "notes, stored in the recording")->group("Recording");
+  app.add_option("--meta", meta, "further metadata of the recording; may be repeated")
+      ->type_name("KEY=VALUE")
+      ->group("Recording");
   app.add_option("--meta-file", meta_file,
-                 "template of what to keep: a JSON object; a key that is null must be given with --meta")
+                 "template of the metadata: a JSON object; a key whose value is null must be given with --meta")
       ->type_name("FILE.json")
       ->group("Recording");
-  app.add_option("--split", split, "start another file every 30min, 2h or 1GiB; the parts read as one recording")
+  app.add_option("--split", split,
+                 "start a new file every 30min, 2h or 1GiB; all verbs read the files as one recording")
       ->type_name("TIME|SIZE")
       ->group("Recording");
   app.add_option("--sync", sync,
-                 "interval of writes through to the disk, against power cuts [s] (0: the system decides)")
+                 "interval of forced writes to the disk, against power cuts [s] (0: the system decides)")
       ->capture_default_str()
       ->group("Recording");
   app.add_option("--precision", precision,
-                 "round stored values to these errors, as in 1um,1mN (m, m/s, N, Nm) (default: exact)")
+                 "largest rounding errors of stored values, as in 1um,1mN (m, m/s, N, Nm) (default: exact)")
       ->type_name("BOUNDS")
       ->group("Recording");
   app.add_option("--compress", compress, "compression level, 1 to 9 (0: none)")
@@ -169,7 +174,7 @@ void SessionArguments::add_to(CLI::App& app) {
   app.add_option("--mark-texts", mark_texts, "texts of the mark keys 1 to 9, separated by commas")
       ->delimiter(',')
       ->group("Recording");
-  app.add_flag("--keys", keys, "read keys also when standard input is not a terminal")->group("Recording");
+  app.add_flag("--keys", keys, "read keys even if standard input is not a terminal")->group("Recording");
   app.add_flag("--overwrite", overwrite, "replace an existing file")->group("Recording");
 }
 
@@ -211,7 +216,7 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   constexpr std::string_view kOthers[] = {".csv", ".tsv", ".txt", ".json", ".jsonl", ".xdf", ".mat", ".png", ".svg"};
   if (std::find(std::begin(kOthers), std::end(kOthers), file_ending(file)) != std::end(kOthers))
     throw input_error(
-        fmt::format("{}: a session is recorded as HDF5; name it {}, and haptrace convert makes others of it", file,
+        fmt::format("{}: a session is recorded as HDF5. Name the file {}; haptrace convert writes other formats", file,
                     std::filesystem::path(file).replace_extension(".h5").string()));
   // Values in the device description, such as the simulated hand's path or the recording of a replay device.
   std::vector<std::string> of_device;
@@ -220,8 +225,8 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   keep_inputs(file, of_device);
   for (const std::string& text : mark_texts)
     if (text.size() > kLongestEventText)
-      throw input_error(
-          fmt::format("--mark-texts: '{}' has {} bytes; a text may have {}", text, text.size(), kLongestEventText));
+      throw input_error(fmt::format("--mark-texts: '{}' has {} bytes; a text may have at most {}", text, text.size(),
+                                    kLongestEventText));
 
   SessionOptions::Recording recording{.file = file, .config = config};
   recording.options.overwrite = overwrite;
@@ -254,12 +259,13 @@ void keep_inputs(const std::string& output, std::span<const std::string> inputs)
   for (const std::string& input : inputs)
     if (!output.empty() && !input.empty() && std::filesystem::equivalent(output, input, none))
       throw input_error(
-          fmt::format("{}: is what is read, and would be replaced by what is written; choose another name", output));
+          fmt::format("{} is an input of this command and would be overwritten; choose another name", output));
 }
 
 void clean_up(const Output& output, const std::string& file) {
   for (const std::string& left : remove_leftovers(file))
-    output.remark(fmt::format("removed {}, which was left unfinished by a process that is gone", printable(left)));
+    output.remark(
+        fmt::format("removed {}, which was left unfinished by a process that no longer runs", printable(left)));
 }
 
 void apply_config(CLI::App& verb, const std::string& file) {
@@ -267,7 +273,8 @@ void apply_config(CLI::App& verb, const std::string& file) {
 }
 
 void apply_config(CLI::App& verb, const nlohmann::json& config, const std::string& file) {
-  if (!config.is_object()) throw input_error(fmt::format("{}: a configuration is a JSON object of options", file));
+  if (!config.is_object())
+    throw input_error(fmt::format("{}: the configuration must be a JSON object of options", file));
   std::vector<std::string> known;
   std::vector<CLI::Option*> options;  // one per name
   for (CLI::Option* option : verb.get_options()) {
@@ -283,7 +290,8 @@ void apply_config(CLI::App& verb, const nlohmann::json& config, const std::strin
     apply_config(verb, *own, fmt::format("{}: {}", file, name));
   for (const auto& [key, value] : config.items()) {
     if (key == "verb") {
-      if (value != name) throw input_error(fmt::format("{}: is a configuration of haptrace {}", file, text_of(value)));
+      if (value != name)
+        throw input_error(fmt::format("{}: this configuration is for haptrace {}", file, text_of(value)));
       continue;
     }
     if (value.is_object() && is_verb(root_of(verb), key)) continue;
@@ -422,7 +430,7 @@ int conclude(const Output& output, const SessionResult& result) {
 }
 
 void add_partial(CLI::App& verb, bool& partial) {
-  verb.add_flag("--partial", partial, "read a split recording although parts are missing");
+  verb.add_flag("--partial", partial, "read a split recording even if parts are missing");
 }
 
 RecordingReader::Parts parts_of(bool partial) {
@@ -432,7 +440,7 @@ RecordingReader::Parts parts_of(bool partial) {
 std::string session_summary(const SessionResult& result) {
   const ServoReport& servo = result.servo;
   std::string text =
-      fmt::format("  {} samples in {:.3f} s, {:.1f} Hz achieved of {:g} Hz asked, {} missed in {} overruns\n",
+      fmt::format("  {} samples in {:.3f} s, {:.1f} Hz achieved of {:g} Hz requested, {} ticks missed in {} overruns\n",
                   servo.samples, servo.duration, servo.achieved_rate(), servo.asked_rate, servo.missed, servo.overruns);
   if (result.virtual_time)
     text += fmt::format("  virtual time; tick p50 {}, p99 {}\n", duration_text(servo.tick_time.quantile(0.5)),
@@ -444,23 +452,25 @@ std::string session_summary(const SessionResult& result) {
                         duration_text(servo.latency.quantile(0.999)), duration_text(servo.latency.max()));
   if (servo.stale > 0)
     text +=
-        fmt::format("  {} of {} ticks found no new sample of the device\n", servo.stale, servo.samples + servo.stale);
+        fmt::format("  {} of {} ticks had no new sample from the device\n", servo.stale, servo.samples + servo.stale);
   if (servo.gaps > 0)
-    text += fmt::format("  {} gaps without a new sample; after each the force faded in from zero\n", servo.gaps);
+    text += fmt::format("  {} gaps without a new sample; the force faded in from zero after each\n", servo.gaps);
   if (servo.returns > 0)
-    text += fmt::format("  {:.3f} s of it without the device, which was lost and found again{}\n", servo.away,
+    text += fmt::format("  {:.3f} s without the device, which was lost and reconnected{}\n", servo.away,
                         servo.returns > 1 ? fmt::format(" {} times", servo.returns) : "");
   for (const TouchFigures& touch : result.touches)
-    text += touch.times == 0
-                ? fmt::format("  {}: not touched\n", touch.name)
-                : fmt::format("  {}: touched {} times, {:.3f} s, up to {:.2f} N and {:.2f} mm deep\n", touch.name,
-                              touch.times, touch.seconds, touch.max_force, 1e3 * touch.max_depth);
+    text +=
+        touch.times == 0
+            ? fmt::format("  {}: not touched\n", touch.name)
+            : fmt::format("  {}: touched {} times for {:.3f} s, force up to {:.2f} N, penetration up to {:.2f} mm\n",
+                          touch.name, touch.times, touch.seconds, touch.max_force, 1e3 * touch.max_depth);
   if (result.recording && result.recording->written != servo.samples)
     text += fmt::format("  {} of these samples are in the recording\n", result.recording->written);
-  if (result.recording && result.recording->parts > 1) text += fmt::format("  in {} files\n", result.recording->parts);
+  if (result.recording && result.recording->parts > 1)
+    text += fmt::format("  the recording has {} files\n", result.recording->parts);
   if (result.recording && result.recording->lost > 0)
     text += fmt::format("  {} samples LOST: the disk {}\n", result.recording->lost,
-                        result.recording->failed ? "refused them" : "could not keep up");
+                        result.recording->failed ? "returned an error" : "could not keep up");
   for (const Warning& warning : result.warnings)
     if (warning.severity != Warning::Severity::note)
       text += fmt::format("  {}: {}\n", to_string(warning.severity), warning.text);

@@ -35,7 +35,7 @@ TEST(Calibrate, WritesAProfileThatIsFoundByTheDeviceAndARecordingOfTheSession) {
   EXPECT_EQ(load_profile(json["profile_file"]).plant.mass, profile.plant.mass);
 }
 
-TEST(Calibrate, CalibratesADeviceOfALabsOwn) {
+TEST(Calibrate, CalibratesAPlugInDevice) {
   const TempFolder folder;
   const std::string device = "plugin:path=" MASS_PLUGIN R"(,options={"mass":0.35,"viscous":1})";
   const Answer answer = calibrate_into(folder, {"--device", device, "-o", folder / "own.json"});
@@ -49,7 +49,7 @@ TEST(Calibrate, CalibratesADeviceOfALabsOwn) {
   EXPECT_THAT(refused.err, HasSubstr("--overwrite"));
 }
 
-TEST(Calibrate, KnowsADeviceWithPlayCoarselyAndSaysSo) {
+TEST(Calibrate, CalibratesADeviceWithBacklashCoarselyAndReportsIt) {
   const TempFolder folder;
   const std::string device =
       "plugin:path=" AWKWARD_PLUGIN R"(,options={"backlash":1e-4,"handle":0.3,"quantum":5e-5,"gravity":1})";
@@ -66,7 +66,7 @@ TEST(Calibrate, KnowsADeviceWithPlayCoarselyAndSaysSo) {
   EXPECT_FALSE(load_profile(calibrate_into(folder, {"--device", kFalcon, "--json"}).json()["profile_file"]).coarse);
 }
 
-TEST(Calibrate, RefusesWhatItCannotDoAndWritesNothing) {
+TEST(Calibrate, RejectsInvalidRequestsAndWritesNothing) {
   const TempFolder folder;
   EXPECT_THAT(calibrate_into(folder, {"--device", kFalcon, "--quick", "--full"}).err, HasSubstr("--full"));
   EXPECT_EQ(calibrate_into(folder, {}).exit_code, 2);
@@ -82,7 +82,7 @@ TEST(Calibrate, RefusesWhatItCannotDoAndWritesNothing) {
   EXPECT_FALSE(std::filesystem::exists(folder / "profiles"));
 }
 
-TEST(Calibrate, RefusesAPlaceForTheProfileBeforeAnythingMoves) {
+TEST(Calibrate, RejectsAnUnwritableProfileBeforeAnythingMoves) {
   const TempFolder folder;
   const Answer answer =
       calibrate_into(folder, {"--device", kFalcon, "-o", "/proc/profile.json", "--record", folder / "c.h5"});
@@ -102,7 +102,7 @@ TEST(Calibrate, CountsDownOnTheRealClockAndCanBeStoppedThere) {
   const TempFolder folder;
   Command command({"calibrate", "--device", kFalcon, "--clock", "real"}, Command::Input::none,
                   {"HAPTRACE_PROFILES=" + folder.path() + "/profiles"});
-  ASSERT_TRUE(command.says("begins in 3 s"));
+  ASSERT_TRUE(command.says("starts in 3 s"));
   kill(command.pid(), SIGINT);
   const Answer answer = command.wait();
   EXPECT_EQ(answer.exit_code, 130);

@@ -44,7 +44,7 @@ TEST_F(CalibratedPlay, FindsTheProfileAndFollowsThreeTimesAsWellAsStiffPd) {
   EXPECT_THAT(play({"--without", "frction"}).err, HasSubstr("did you mean 'friction'"));
 }
 
-TEST_F(CalibratedPlay, KeepsWhatItLearnedForThisDeviceAndPathAndForgetsWhenAsked) {
+TEST_F(CalibratedPlay, StoresTheLearnedForceForThisDeviceAndPathAndForgetsItOnRequest) {
   const nlohmann::json learning = play({"--learn", "3"}).json();
   EXPECT_EQ(learning["repetitions"].size(), 3U);
   EXPECT_EQ(learning["learning"].size(), 3U);
@@ -68,7 +68,7 @@ TEST_F(CalibratedPlay, KeepsWhatItLearnedForThisDeviceAndPathAndForgetsWhenAsked
   EXPECT_THAT(broken.err, HasSubstr("is not used"));
 }
 
-TEST_F(CalibratedPlay, RefusesAPlaceForWhatItLearnsBeforeItMoves) {
+TEST_F(CalibratedPlay, RejectsAnUnwritableLearnedFileBeforeItMoves) {
   const std::string file = folder_.write("file", "");
   for (const std::string& place : {std::string("/proc/learned.json"), file + "/learned.json", folder_.path()}) {
     const Answer answer = play({"--learn", "2", "--learned", place, "--record", folder_ / "a.h5"});
@@ -78,7 +78,7 @@ TEST_F(CalibratedPlay, RefusesAPlaceForWhatItLearnsBeforeItMoves) {
   }
 }
 
-TEST_F(CalibratedPlay, AnswersAlsoWhenWhatItLearnedCannotBeKept) {
+TEST_F(CalibratedPlay, ReportsItsResultsIfTheLearnedForceCannotBeSaved) {
   std::filesystem::create_directory(folder_ / "place");
   Command command({"play", path_, "--device", kFalcon, "--json", "--learn", "2", "--clock", "real", "--speed", "2",
                    "--learned", folder_ / "place/learned.json", "--record", folder_ / "a.h5"},
@@ -91,10 +91,10 @@ TEST_F(CalibratedPlay, AnswersAlsoWhenWhatItLearnedCannotBeKept) {
   EXPECT_EQ(answer.exit_code, 1) << answer.err;
   EXPECT_EQ(answer.json()["repetitions"].size(), 2U) << "what was measured is told";
   EXPECT_THAT(answer.json()["learned_error"].get<std::string>(), HasSubstr("place"));
-  EXPECT_THAT(answer.err, HasSubstr("what was learned is not kept"));
+  EXPECT_THAT(answer.err, HasSubstr("the learned force was not saved"));
 }
 
-TEST_F(CalibratedPlay, RefusesAForeignProfileThatWasAskedForAndDoesWithoutOneThatWasFound) {
+TEST_F(CalibratedPlay, RejectsARequestedForeignProfileAndIgnoresAStoredOne) {
   const std::string profile = std::filesystem::directory_iterator(folder_.path() + "/profiles")->path().string();
   const Answer foreign = play({"--profile", profile}, "sim:preset=omega3,hand=relaxed");
   EXPECT_EQ(foreign.exit_code, 2);
@@ -106,7 +106,7 @@ TEST_F(CalibratedPlay, RefusesAForeignProfileThatWasAskedForAndDoesWithoutOneTha
   EXPECT_THAT(play({"--learn", "2"}, "sim:preset=omega3").err, HasSubstr("haptrace calibrate --device"));
 }
 
-TEST_F(CalibratedPlay, SoftensGainsThatTheDeviceDoesNotBearAndSaysSo) {
+TEST_F(CalibratedPlay, SoftensUnstableGainsAndReportsIt) {
   const Answer answer =
       play({"--no-profile", "--kp", "20000", "--kd", "20", "--max-deviation", "0.2", "--record", folder_ / "over.h5"},
            "sim:preset=falcon,hand=none");
@@ -115,7 +115,7 @@ TEST_F(CalibratedPlay, SoftensGainsThatTheDeviceDoesNotBearAndSaysSo) {
   EXPECT_THAT(events.out + answer.out, HasSubstr("feedback softened to")) << answer.err;
 }
 
-TEST_F(CalibratedPlay, MapsTheGainsThatTheDeviceBears) {
+TEST_F(CalibratedPlay, MapsTheStableGainsOfADevice) {
   const Answer map = run({"stability", "map", "--device", kFalcon, "--json", "--figure", folder_ / "map.svg"});
   ASSERT_EQ(map.exit_code, 0) << map.err;
   EXPECT_TRUE(map.json()["map"]["present"]["stable"].get<bool>()) << map.json()["map"]["present"];

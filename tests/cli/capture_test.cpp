@@ -34,7 +34,7 @@ std::string moving_hand(const TempFolder& folder) {
   return "sim:preset=falcon,hand=firm,seed=1,intent=" + (folder / "line.h5");
 }
 
-TEST(Capture, BeginsAroundTheTrigger) {
+TEST(Capture, StartsBeforeTheTrigger) {
   const TempFolder folder;
   const Answer answer = haptrace("record", folder / "a.h5", "--device", moving_hand(folder), "--trigger", "speed>0.02",
                                  "--pre", "0.1", "--duration", "0.5", "--json");
@@ -82,7 +82,7 @@ TEST(Capture, RecordsTrialAfterTrialIntoNumberedFiles) {
   }
 }
 
-TEST(Capture, RefusesTrialsOfWhichOneIsThereAlready) {
+TEST(Capture, RejectsTrialsIfOneFileExists) {
   const TempFolder folder;
   const std::string there = folder.write("reach-002.h5", "mine");
   const Answer answer =
@@ -103,7 +103,7 @@ TEST(Capture, EndsTheTrialsWhenOneIsInterrupted) {
   EXPECT_FALSE(fs::exists(folder / "a-002.h5"));
 }
 
-TEST(Capture, KeepsMetadataFromTheLineAndATemplate) {
+TEST(Capture, KeepsMetadataFromTheCommandLineAndATemplate) {
   const TempFolder folder;
   const std::string form =
       folder.write("form.json", R"({"subject": null, "hand": null, "table_height_m": 0.72, "operator": "R. Lee"})");
@@ -150,7 +150,7 @@ TEST(Capture, TakesMarksPausesAndTheEndFromKeys) {
   EXPECT_EQ(haptrace("check", folder / "a.h5").exit_code, 0);
 }
 
-TEST(Capture, TakesKeysFromAPipeOnlyWhenAsked) {
+TEST(Capture, TakesKeysFromAPipeOnlyOnRequest) {
   const TempFolder folder;
   for (const bool asked : {false, true}) {
     std::vector<std::string> words{"record", folder / "a.h5", "--device", kFalcon,      "--clock",
@@ -163,7 +163,7 @@ TEST(Capture, TakesKeysFromAPipeOnlyWhenAsked) {
   }
 }
 
-TEST(Capture, GoesOnInFurtherFilesThatEveryVerbReadsAsOne) {
+TEST(Capture, ContinuesInFurtherFilesThatEveryVerbReadsAsOne) {
   const TempFolder folder;
   const Answer answer = haptrace("record", folder / "a.h5", "--device", kFalcon, "--duration", "5", "--split", "2s",
                                  "--sync", "1", "--json");
@@ -180,7 +180,7 @@ TEST(Capture, GoesOnInFurtherFilesThatEveryVerbReadsAsOne) {
   EXPECT_THAT(slip.err, HasSubstr("30min or 1GiB"));
 }
 
-TEST(Capture, PacksAndRoundsWhileItRecords) {
+TEST(Capture, CompressesAndRoundsWhileItRecords) {
   const TempFolder folder;
   ASSERT_EQ(haptrace("record", folder / "a.h5", "--device", kFalcon, "--duration", "5").exit_code, 0);
   ASSERT_EQ(haptrace("record", folder / "b.h5", "--device", kFalcon, "--duration", "5", "--compress", "1",
@@ -201,7 +201,7 @@ TEST(Capture, PacksAndRoundsWhileItRecords) {
   EXPECT_THAT(slow.err, HasSubstr("haptrace convert --compress"));
 }
 
-TEST(Recover, MakesTheRecordingOfAKilledSessionWhole) {
+TEST(Recover, CompletesTheRecordingOfAKilledSession) {
   const TempFolder folder;
   Command command({"record", folder / "a.h5", "--device", kFalcon, "--clock", "real", "--duration", "60"});
   ASSERT_TRUE(test::wait_for_rows(folder / "a.h5", 300));

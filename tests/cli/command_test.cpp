@@ -40,7 +40,7 @@ TEST(TheCommand, ShowsItsVersionAndHelpWithEveryVerb) {
   }
 }
 
-TEST(TheCommand, RecordsWhatASimulatedHandIntendsAndPlaysItBackOnAnotherDevice) {
+TEST(TheCommand, RecordsASimulatedHandAndPlaysItBackOnAnotherDevice) {
   const TempFolder folder;
   const std::string path = square(folder);
   const Answer recorded =
@@ -68,7 +68,7 @@ TEST(TheCommand, RecordsWhatASimulatedHandIntendsAndPlaysItBackOnAnotherDevice) 
   EXPECT_EQ(test::read_bytes(folder / "p.png").substr(1, 3), "PNG");
 }
 
-TEST(TheCommand, IsTheSameToTheBitFromTheSameSeed) {
+TEST(TheCommand, RepeatsASessionBitForBitFromTheSameSeed) {
   const TempFolder folder;
   const std::string path = square(folder);
   for (const char* name : {"a.h5", "b.h5"})
@@ -82,7 +82,7 @@ TEST(TheCommand, IsTheSameToTheBitFromTheSameSeed) {
   }
 }
 
-TEST(TheCommand, TakesAnyOptionFromAConfigurationAndTheLineWins) {
+TEST(TheCommand, TakesAnyOptionFromAConfigurationAndPrefersTheCommandLine) {
   const TempFolder folder;
   const std::string path = square(folder);
   const std::string config =
@@ -96,7 +96,7 @@ TEST(TheCommand, TakesAnyOptionFromAConfigurationAndTheLineWins) {
   EXPECT_THAT(wrong.err, AllOf(HasSubstr("bad.json: unknown key 'repaet'"), HasSubstr("did you mean 'repeat'")));
 }
 
-TEST(TheCommand, PlaysTheConfigurationThatARecordingKept) {
+TEST(TheCommand, PlaysTheConfigurationOfARecording) {
   const TempFolder folder;
   const std::string path = square(folder);
   ASSERT_EQ(
@@ -109,7 +109,7 @@ TEST(TheCommand, PlaysTheConfigurationThatARecordingKept) {
   EXPECT_EQ(again.json()["gains"]["kp"][0], 900);
 }
 
-TEST(TheCommand, FitsWhatAHandIntendsOnlyWhenAskedAndSaysHow) {
+TEST(TheCommand, FitsThePathOfAHandOnlyOnRequestAndReportsHow) {
   const TempFolder folder;
   const std::string far = folder.write("far.csv", "t,x,y,z\n0,1,0,0\n0.2,1.05,0,0\n0.5,1.1,0.05,0\n");
   const std::string device = "sim:preset=omega3,hand=firm,intent=" + far;
@@ -144,7 +144,7 @@ const std::vector<std::pair<std::string, std::string>> kBadFiles{
 
 class Mistakes : public testing::TestWithParam<Mistake> {};
 
-TEST_P(Mistakes, AreAnsweredWithWhatWhereAndWhatToDo) {
+TEST_P(Mistakes, AreReportedWithCausePlaceAndRemedy) {
   const TempFolder folder;
   const std::string path = square(folder);
   for (const auto& [name, content] : kBadFiles) std::ofstream(folder / name) << content;
@@ -216,13 +216,13 @@ INSTANTIATE_TEST_SUITE_P(
         Mistake{"UnknownPictureKind", {"plot", "SQUARE", "-o", "FOLDER/out.bmp"}, 2, {".png"}}),
     [](const auto& instance) { return instance.param.name; });
 
-TEST(TheCommand, TellsErrorsAsJsonToo) {
+TEST(TheCommand, ReportsErrorsAsJsonToo) {
   const Answer answer = haptrace("info", "/no/such.h5", "--json");
   EXPECT_EQ(answer.exit_code, 2);
   EXPECT_THAT(answer.json()["error"].get<std::string>(), HasSubstr("/no/such.h5"));
 }
 
-TEST(TheCommand, ReplacesAFileOnlyWhenToldTo) {
+TEST(TheCommand, ReplacesAFileOnlyOnRequest) {
   const TempFolder folder;
   const std::string path = square(folder);
   ASSERT_EQ(haptrace("play", path, "--device", kFalcon, "--record", folder / "a.h5").exit_code, 0);
@@ -275,7 +275,7 @@ TEST(TheCommand, EndsAnEndlessRecordingOnAnInterrupt) {
   expect_sound(folder / "out.h5");
 }
 
-TEST(TheCommand, RecordsInFurtherFilesWhereOneMayNotBecomeLongerAndSaysSo) {
+TEST(TheCommand, ContinuesInAnotherFileAtTheFileSizeLimitAndReportsIt) {
   const TempFolder folder;
   const std::string path = square(folder);
   rlimit before{};
@@ -334,7 +334,7 @@ INSTANTIATE_TEST_SUITE_P(MidSession, MisbehavingPlugins,
 
 // -------------------------------------------------------------------------------------------- a device lost and found
 
-TEST(ALostDevice, IsWaitedForAndGoneOnWith) {
+TEST(ALostDevice, ResumesTheSessionWhenItReturns) {
   const TempFolder folder;
   const std::string path = square(folder);
   const Answer answer = haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--wait-for-device",
@@ -373,7 +373,7 @@ TEST(ALostDevice, EndsTheSessionWhenItDoesNotComeBackInTime) {
   }
 }
 
-TEST(ALostDevice, IsOpenedAgainByThePlugInsOwnOpenAsOftenAsItIsLost) {
+TEST(ALostDevice, IsReopenedByItsPlugInEveryTimeItIsLost) {
   const TempFolder folder;
   const std::string path = square(folder);
   const Answer answer =

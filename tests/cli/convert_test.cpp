@@ -28,7 +28,7 @@ bool valid(const std::string& file) {
   return haptrace("check", file).exit_code == 0;
 }
 
-TEST(ConvertCommand, TellsWhatIsOddAboutALogAndConvertsItThereAndBack) {
+TEST(ConvertCommand, ReportsAnIrregularLogAndConvertsItThereAndBack) {
   const TempFolder folder;
   const std::string log = log_of(folder);
   const Answer there = haptrace("convert", log, "--json");
@@ -49,7 +49,7 @@ TEST(ConvertCommand, TellsWhatIsOddAboutALogAndConvertsItThereAndBack) {
   EXPECT_EQ(read_bytes(folder / "a.jsonl"), read_bytes(folder / "c.jsonl"));
 }
 
-TEST(ConvertCommand, ResamplesCutsAndSaysHowFarTheRowsMoved) {
+TEST(ConvertCommand, ResamplesCutsAndReportsTheDifference) {
   const TempFolder folder;
   const std::string log = log_of(folder);
   const Answer answer =
@@ -70,7 +70,7 @@ TEST(ConvertCommand, ResamplesCutsAndSaysHowFarTheRowsMoved) {
   EXPECT_EQ(haptrace("convert", twice, "--resample", "1000", "--json").json()["resample"]["duplicates"], 1);
 }
 
-TEST(ConvertCommand, PacksAndRoundsWithinTheBoundAndMeasuresWhatItCosts) {
+TEST(ConvertCommand, CompressesAndRoundsWithinTheBoundAndReportsTheLoss) {
   const TempFolder folder;
   const std::string log = log_of(folder, 5000);
   ASSERT_EQ(haptrace("convert", log, "-o", folder / "plain.h5").exit_code, 0);
@@ -91,7 +91,7 @@ TEST(ConvertCommand, PacksAndRoundsWithinTheBoundAndMeasuresWhatItCosts) {
   EXPECT_TRUE(valid(folder / "rounded.h5"));
 }
 
-TEST(ConvertCommand, AnonymisesWritesForOldReadersAndRefusesWhatItCannotDo) {
+TEST(ConvertCommand, AnonymisesWritesForOldReadersAndRejectsInvalidOptions) {
   const TempFolder folder;
   ASSERT_EQ(haptrace("record", folder / "a.h5", "--device", "sim:hand=relaxed", "--duration", "0.2", "--subject",
                      "Jane", "--notes", "Jane's first")
@@ -101,7 +101,7 @@ TEST(ConvertCommand, AnonymisesWritesForOldReadersAndRefusesWhatItCannotDo) {
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   EXPECT_THAT(answer.out,
               HasSubstr("dropped: subject, notes, device_serial, uuid, config.file, config.notes, config.subject\n"));
-  EXPECT_THAT(answer.out, HasSubstr("kept, and may still tell who or when: created"));
+  EXPECT_THAT(answer.out, HasSubstr("kept, and may still identify the participant or the date: created"));
   EXPECT_EQ(read_bytes(folder / "b.h5").find("Jane"), std::string::npos);
   EXPECT_EQ(read_bytes(folder / "a.h5")[8], 3);
   EXPECT_EQ(read_bytes(folder / "b.h5")[8], 2) << "the superblock of HDF5 1.8";
@@ -112,13 +112,13 @@ TEST(ConvertCommand, AnonymisesWritesForOldReadersAndRefusesWhatItCannotDo) {
     EXPECT_THAT(said.err, HasSubstr(what));
     EXPECT_FALSE(std::filesystem::exists(folder / "x.h5"));
   };
-  refused("--libver", "1.6", "--libver 1.6: is 1.10 or");
-  refused("--digits", "18", "--digits 18: must be 1 to 17");
+  refused("--libver", "1.6", "--libver 1.6 must be 1.10 or");
+  refused("--digits", "18", "--digits 18 must be 1 to 17");
   refused("--resample", "-5", "is not a rate");
   refused("--from", "99", "no sample is between them");
   refused("--precision", "1parsec", "parsec");
   refused("--compress", "10", "");
-  refused("--map", "x", "--map x: is written as COLUMN=LABEL");
+  refused("--map", "x", "--map x must be COLUMN=LABEL");
   EXPECT_THAT(haptrace("convert", folder / "a.h5", "-o", folder / "b.h5").err, HasSubstr("exists already"));
   EXPECT_EQ(haptrace("convert", folder / "a.h5", "-o", folder / "a.xyz").exit_code, 2);
   EXPECT_EQ(haptrace("convert").exit_code, 2);

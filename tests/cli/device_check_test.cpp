@@ -23,14 +23,14 @@ TEST(DeviceCheck, PassesADeviceThatKeepsItsLaws) {
   EXPECT_THAT(answer.err, HasSubstr("a force along z"));
 }
 
-TEST(DeviceCheck, SaysWhatADeviceBreaks) {
+TEST(DeviceCheck, ReportsTheLawsThatADeviceBreaks) {
   const std::string backwards = "plugin:path=" FAULTY_PLUGIN R"(,options={"fault":"backwards"})";
   const Answer answer = haptrace("devices", backwards, "--test", "--yes");
   EXPECT_EQ(answer.exit_code, 1);
   EXPECT_THAT(answer.out, AllOf(HasSubstr("FAILED      force_y"), HasSubstr("breaks a law"), HasSubstr("3 failed")));
 }
 
-TEST(DeviceCheck, SendsNoForceWhereNobodyCanBeAsked) {
+TEST(DeviceCheck, SendsNoForceWithoutATerminal) {
   const Answer answer = Command({"devices", "--test", kMass, "--json"}, Command::Input::pipe).wait();
   EXPECT_EQ(answer.exit_code, 0);
   for (const char* law : {"force_x", "force_y", "force_z", "gentle", "nan_force"}) {
@@ -40,7 +40,7 @@ TEST(DeviceCheck, SendsNoForceWhereNobodyCanBeAsked) {
   EXPECT_EQ(finding(answer, "repeats")["verdict"], "passed");
 }
 
-TEST(DeviceCheck, WaitsForLeaveBeforeEveryForce) {
+TEST(DeviceCheck, AsksForPermissionBeforeEveryForce) {
   Command command({"devices", "--test", kMass, "--json"}, Command::Input::terminal);
   ASSERT_TRUE(command.says("along x"));
   command.type("\n");
@@ -55,7 +55,7 @@ TEST(DeviceCheck, WaitsForLeaveBeforeEveryForce) {
   EXPECT_EQ(finding(answer, "force_z")["detail"], "the test was stopped earlier");
 }
 
-TEST(DeviceCheck, RefusesWhatItCannotTest) {
+TEST(DeviceCheck, RejectsInvalidDevicesAndOptions) {
   EXPECT_EQ(haptrace("devices", "--test", "plugin:path=/no/such.so").exit_code, 3);
   EXPECT_EQ(haptrace("devices", "--test").exit_code, 2);
   EXPECT_EQ(haptrace("devices", kMass, "--yes").exit_code, 2);

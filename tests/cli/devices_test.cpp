@@ -55,7 +55,7 @@ class Machine {
   TempFolder folder_;
 };
 
-TEST(ConnectedDevices, AreThoseOfEveryFinder) {
+TEST(ConnectedDevices, IncludeTheDevicesOfEveryFinder) {
   const TempFolder nothing_plugged;
   EXPECT_THAT(connected_devices({backend("sim", nullptr), backend("arm", find_arm), backend("teensy", find_teensy)},
                                 nothing_plugged.path()),
@@ -63,7 +63,7 @@ TEST(ConnectedDevices, AreThoseOfEveryFinder) {
   EXPECT_THAT(connected_devices({backend("sim", nullptr)}, nothing_plugged.path()), IsEmpty());
 }
 
-TEST(ConnectedDevices, AreAlsoKnownOnesThatNoFinderFindsWithThePlugInAsTheWay) {
+TEST(ConnectedDevices, IncludeKnownDevicesWithoutADriverAndSuggestAPlugIn) {
   const Machine machine;
   const auto connected = connected_devices({backend("arm", find_arm)}, machine.root());
   ASSERT_EQ(connected.size(), 2U);
@@ -96,7 +96,7 @@ std::vector<std::pair<std::string, std::string>> changes(const std::vector<Found
   return told;
 }
 
-TEST(DeviceChanges, AreWhatCameWhatWentAndWhatBecameOfTheRest) {
+TEST(DeviceChanges, ListFoundGoneAndChangedDevices) {
   FoundDevice blocked = kArm;
   blocked.obstacle = "not calibrated";
   EXPECT_THAT(changes({}, {kArm, kTeensy}), ElementsAre(Pair("found", "An Arm"), Pair("found", "A Teensy")));
@@ -108,7 +108,7 @@ TEST(DeviceChanges, AreWhatCameWhatWentAndWhatBecameOfTheRest) {
   EXPECT_THAT(changes({kTeensy}, {elsewhere}), ElementsAre(Pair("gone", "A Teensy"), Pair("found", "A Teensy")));
 }
 
-TEST(TheDevicesVerb, TellsWhatIsConnectedAndWhatCanBeNamed) {
+TEST(TheDevicesVerb, ListsConnectedDevicesAndBackends) {
   const Answer text = haptrace("devices");
   EXPECT_EQ(text.exit_code, 0);
   EXPECT_THAT(text.out, AllOf(testing::StartsWith("connected:"), HasSubstr("\nsim "), HasSubstr("\ninverse3 ")));

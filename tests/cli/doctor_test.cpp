@@ -23,7 +23,7 @@ void put_cyclictest(const TempFolder& folder, const std::string& script) {
   std::filesystem::permissions(folder.write("cyclictest", "#!/bin/sh\n" + script), std::filesystem::perms::owner_all);
 }
 
-TEST(TheDoctor, MeasuresThisMachineAndItsExitCodeSaysWhetherThereIsAProblem) {
+TEST(TheDoctor, MeasuresThisMachineAndReportsProblemsInItsExitCode) {
   const TempFolder folder;
   const Answer answer = haptrace("doctor", "--duration", "1", "--rate", "500", "--folder", folder.path(), "--json");
   const nlohmann::json json = answer.json();
@@ -55,12 +55,12 @@ TEST(TheDoctor, MeasuresThisMachineAndItsExitCodeSaysWhetherThereIsAProblem) {
   EXPECT_EQ(answer.exit_code, problem ? 1 : 0);
 }
 
-TEST(TheDoctor, AnswersPeopleWithATableAndItsVerdict) {
+TEST(TheDoctor, PrintsATableAndAVerdict) {
   const TempFolder folder;
   const Answer answer = haptrace("doctor", "--duration", "0.2", "--folder", folder.path());
   for (const char* check : {"cpu governor", "preemption", "udev rules", "disk write", "scheduling", "servo loop"})
     EXPECT_THAT(answer.out, HasSubstr(check));
-  EXPECT_THAT(answer.out, HasSubstr(answer.exit_code == 0 ? "holds 1000 Hz; problems: 0\n" : "problems: "));
+  EXPECT_THAT(answer.out, HasSubstr(answer.exit_code == 0 ? "sustains 1000 Hz; problems: 0\n" : "problems: "));
   EXPECT_THAT(answer.err, IsEmpty());  // progress is for terminals
 }
 
@@ -102,7 +102,7 @@ TEST(TheDoctor, PrintsTheRulesOfEveryKnownDevice) {
                                     R"(SUBSYSTEM=="usb", ATTR{idVendor}=="0403", ATTR{idProduct}=="cb48", )"));
 }
 
-TEST(TheDoctor, RefusesWhatItCannotMeasure) {
+TEST(TheDoctor, RejectsInvalidOptions) {
   const auto refused = [](const char* option, const char* value, const char* because) {
     const Answer answer = haptrace("doctor", option, value);
     EXPECT_EQ(answer.exit_code, 2) << option;

@@ -25,7 +25,7 @@ struct Death {
 
 class DeadlyPlugin : public testing::TestWithParam<Death> {};
 
-TEST_P(DeadlyPlugin, EndsTheSessionWithWordsAndAWholeFile) {
+TEST_P(DeadlyPlugin, EndsTheSessionWithAMessageAndACompleteFile) {
   const TempFolder folder;
   const std::string path = folder / "square.h5", file = folder / "out.h5";
   ASSERT_EQ(test::haptrace("shape", "square", "--duration", "60", "-o", path).exit_code, 0);
@@ -42,7 +42,7 @@ TEST_P(DeadlyPlugin, EndsTheSessionWithWordsAndAWholeFile) {
 }
 
 INSTANTIATE_TEST_SUITE_P(
-    OfEveryKind, DeadlyPlugin,
+    EveryKind, DeadlyPlugin,
     testing::Values(Death{"hangs", "has not returned from an exchange for 0.5 s", "switch the device off"},
                     Death{"stoppable", "has not returned from an exchange for 0.5 s", "the force is zero"},
                     Death{"crashes", "crashed (SIGSEGV)", "switch the device off"},
@@ -55,7 +55,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Death{"throws_number", "the plug-in threw an exception in exchange", "switch the device off"}),
     [](const auto& tested) { return std::string(tested.param.fault); });
 
-TEST(DeadlyPlugins, ThatWereSentNoForceHaveNone) {
+TEST(DeadlyPlugins, ThatReceivedNoForceAreReportedWithZeroForce) {
   const TempFolder folder;
   for (const char* fault : {"hangs", "crashes", "throws"}) {
     const Answer answer = test::haptrace("record", folder / fmt::format("{}.h5", fault), "--device", deadly(fault),
@@ -65,7 +65,7 @@ TEST(DeadlyPlugins, ThatWereSentNoForceHaveNone) {
   }
 }
 
-TEST(DeadlyPlugins, SayWhoTheyAreWhenTheyDieWhileTheyAreOpened) {
+TEST(DeadlyPlugins, AreNamedWhenTheyFailDuringOpening) {
   const TempFolder folder;
   const auto record = [&](const char* fault) {
     return test::haptrace("record", folder / "out.h5", "--device", deadly(fault), "--duration", "1");
@@ -81,7 +81,7 @@ TEST(DeadlyPlugins, SayWhoTheyAreWhenTheyDieWhileTheyAreOpened) {
   EXPECT_THAT(crashed.err, AllOf(HasSubstr(DEADLY_PLUGIN), HasSubstr("crashed (SIGSEGV)")));
 }
 
-TEST(DeadlyPlugins, ThatDoNotCloseKeepNoSessionFromItsEnd) {
+TEST(DeadlyPlugins, ThatDoNotCloseLetTheSessionEnd) {
   const TempFolder folder;
   const std::pair<const char*, const char*> faults[] = {{"close_hangs", ""},
                                                         {"close_throws", ""},
@@ -116,7 +116,7 @@ TEST(DeadlyPlugins, AreNotMistakenForAProcessThatWasStopped) {
   EXPECT_GE(answer.json()["gaps"], 2) << "a stall is a gap; the first may have come before the first tick";
 }
 
-TEST(Terminals, ThatStandStillKeepNoSessionFromItsEnd) {
+TEST(Terminals, ThatAcceptNoOutputLetTheSessionEnd) {
   const TempFolder folder;
   test::Command command({"record", folder / "out.h5", "--device", kFalcon, "--clock", "real", "--no-realtime"},
                         test::Command::Input::terminal);
@@ -136,7 +136,7 @@ TEST(Terminals, ThatStandStillKeepNoSessionFromItsEnd) {
   EXPECT_EQ(command.wait().exit_code, 130);
 }
 
-TEST(LostDevices, AreToldToBeSwitchedOffWhenTheirForceMayStay) {
+TEST(LostDevices, MustBeSwitchedOffIfTheirForceMayRemain) {
   test::in_real_time();
   const TempFolder folder;
   const std::string path = folder / "square.h5";
@@ -154,7 +154,7 @@ TEST(LostDevices, AreToldToBeSwitchedOffWhenTheirForceMayStay) {
   }
 }
 
-TEST(LostDevices, ThatConfirmTheirZeroForceAreSaidToHaveNone) {
+TEST(ZeroForce, IsReportedAsConfirmedWhenTheDeviceConfirmsIt) {
   test::in_real_time();
   const TempFolder folder;
   const Answer answer = test::haptrace("record", folder / "out.h5", "--device", "falcon:emulated=true,hand=relaxed",

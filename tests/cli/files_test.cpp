@@ -23,7 +23,7 @@ std::string path_in(const TempFolder& folder, const std::string& name = "square.
   return file;
 }
 
-TEST(TheCommand, RefusesEmptyNamesAndSaysWhichOption) {
+TEST(TheCommand, RejectsEmptyNamesAndNamesTheOption) {
   const TempFolder folder;
   const std::string path = path_in(folder), before = read_bytes(path);
   const std::vector<std::pair<std::vector<std::string>, std::string>> slips{
@@ -52,7 +52,7 @@ TEST(TheCommand, RefusesEmptyNamesAndSaysWhichOption) {
             0);
 }
 
-TEST(TheCommand, NeverReplacesWhatItReads) {
+TEST(TheCommand, NeverReplacesItsInput) {
   const TempFolder folder;
   const std::string path = path_in(folder), before = read_bytes(path), link = folder / "link.h5";
   fs::create_symlink(path, link);
@@ -93,7 +93,7 @@ TEST(TheCommand, DoesNotReplaceARecordingThatIsBeingWritten) {
   EXPECT_EQ(haptrace("record", file, "--device", kFalcon, "--duration", "0.1", "--overwrite").exit_code, 0);
 }
 
-TEST(TheCommand, RemovesWhatAKilledConversionLeftAndNothingElse) {
+TEST(TheCommand, RemovesTheFilesOfAKilledConversionAndNothingElse) {
   const TempFolder folder;
   const std::string file = folder / "long.csv", converted = folder / "long.h5";
   {
@@ -130,7 +130,7 @@ TEST(TheCommand, RemovesWhatAKilledConversionLeftAndNothingElse) {
   EXPECT_EQ(haptrace("check", converted).exit_code, 0);
 }
 
-TEST(TheCommand, SaysThatAFullStandardOutputLostItsResults) {
+TEST(TheCommand, ReportsThatAFullStandardOutputLostItsResults) {
   const TempFolder folder;
   const std::string path = path_in(folder);
   const std::string words = fmt::format("'{}' info '{}' --json", HAPTRACE_COMMAND, path);
@@ -143,7 +143,7 @@ TEST(TheCommand, SaysThatAFullStandardOutputLostItsResults) {
   EXPECT_THAT(pipe.wait().err, Not(HasSubstr("standard output")));
 }
 
-TEST(TheCommand, RecordsNoHdf5IntoAFileOfAnotherKind) {
+TEST(TheCommand, RejectsOtherFileTypesForARecording) {
   const TempFolder folder;
   for (const char* name : {"x.csv", "x.CSV", "x.jsonl", "x.xdf", "x.txt"}) {
     const Answer answer = haptrace("record", folder / name, "--device", kFalcon, "--duration", "0.1");
@@ -154,7 +154,7 @@ TEST(TheCommand, RecordsNoHdf5IntoAFileOfAnotherKind) {
   EXPECT_EQ(haptrace("record", folder / "trial.2", "--device", kFalcon, "--duration", "0.1").exit_code, 0);
 }
 
-TEST(TheCommand, RefusesATextOfAMarkThatAFileWouldCut) {
+TEST(TheCommand, RejectsATextOfAMarkThatIsTooLong) {
   const TempFolder folder;
   const std::string longest(kLongestEventText, 'a');
   EXPECT_EQ(
@@ -166,7 +166,7 @@ TEST(TheCommand, RefusesATextOfAMarkThatAFileWouldCut) {
   EXPECT_THAT(answer.err, AllOf(HasSubstr("--mark-texts"), HasSubstr("128 bytes"), HasSubstr("127")));
 }
 
-TEST(TheCommand, MakesOnlyFilesThatPassCheckWithoutAFinding) {
+TEST(TheCommand, WritesOnlyFilesThatPassCheckWithoutAFinding) {
   const TempFolder folder;
   const std::string path = path_in(folder), base = folder / "";
   const auto run = [&](std::vector<std::string> words) {

@@ -15,7 +15,7 @@ std::string expert(const TempFolder& folder) {
   return file;
 }
 
-TEST(GuideCommand, GuidesATraineeAndSaysHowItWent) {
+TEST(GuideCommand, GuidesATraineeAndReportsTheResult) {
   const TempFolder folder;
   const std::string path = expert(folder);
   for (const char* mode : {"tunnel", "cursor"}) {
@@ -54,7 +54,7 @@ TEST(GuideCommand, TakesATunnelThatChangesAlongThePath) {
   EXPECT_GT(rows, 500);
 }
 
-TEST(GuideCommand, NamesTheOptionThatIsWrong) {
+TEST(GuideCommand, NamesTheInvalidOption) {
   const TempFolder folder;
   const std::string path = expert(folder);
   const auto error = [&](const std::vector<std::string>& more) {
@@ -76,7 +76,7 @@ TEST(GuideCommand, NamesTheOptionThatIsWrong) {
   EXPECT_THAT(haptrace("guide", folder / "none.h5", "--device", kFalcon).err, HasSubstr("none.h5"));
 }
 
-TEST(GuideCommand, GoesOnWithADeviceThatIsPluggedInAgain) {
+TEST(GuideCommand, ResumesWithADeviceThatIsPluggedInAgain) {
   const TempFolder folder;
   const std::string path = expert(folder);
   const Answer answer = haptrace("guide", path, "--radius", "0.02", "--wait-for-device", "30", "--device",
@@ -88,7 +88,7 @@ TEST(GuideCommand, GoesOnWithADeviceThatIsPluggedInAgain) {
   EXPECT_LE(answer.json()["energy_given_j"], answer.json()["energy_budget_j"]);
 }
 
-TEST(GuideCommand, EndsARepetitionOfWhichNobodyComesToTheEnd) {
+TEST(GuideCommand, EndsARepetitionAtTheTimeLimit) {
   const TempFolder folder;
   const Answer answer = haptrace("guide", expert(folder), "--time-limit", "0.5", "--device", kFalcon, "--json");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;

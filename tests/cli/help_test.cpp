@@ -75,7 +75,7 @@ TEST(HelpPages, FitAScreenAndBeginWithExamples) {
   }
 }
 
-TEST(HelpPages, ShowEveryOptionWhenAskedTo) {
+TEST(HelpPages, ShowEveryOptionWithHelpAll) {
   EXPECT_THAT(help_of("play"), Not(HasSubstr("--interpolation")));
   EXPECT_THAT(help_of("play"), HasSubstr("--help-all"));
   const std::string all = help_of("play", "--help-all");
@@ -92,7 +92,7 @@ TEST(HelpPages, DescribeOptionsInPlainWords) {
       EXPECT_FALSE(std::regex_search(line, fragment)) << verb << ": " << line;
 }
 
-TEST(HelpPages, AnswerTheVerbHelpAlike) {
+TEST(HelpPages, AreAlsoPrintedByTheVerbHelp) {
   EXPECT_EQ(haptrace("help").out, haptrace("--help").out);
   EXPECT_EQ(haptrace("help", "play").out, haptrace("play", "--help").out);
   EXPECT_EQ(haptrace("help", "stability", "map").out, haptrace("stability", "map", "--help").out);
@@ -115,7 +115,7 @@ TEST(Quantities, TakeAUnitWhereverAnOptionStatesOne) {
   EXPECT_EQ(test::read_bytes(with), test::read_bytes(without));
   const Answer wrong = haptrace("shape", "square", "--size", "80kg", "-o", folder / "x.csv");
   EXPECT_EQ(wrong.exit_code, 2);
-  EXPECT_THAT(wrong.err, HasSubstr("'80kg' has no unit of this quantity; the SI unit is m"));
+  EXPECT_THAT(wrong.err, HasSubstr("'80kg' has the wrong unit for this quantity; its SI unit is m"));
   const std::string config = folder.write("c.json", R"({"size": "80mm", "duration": "500ms", "sample-rate": "1kHz",
       "angle": "90deg", "output": ")" + (folder / "config.csv") +
                                                         "\"}");
@@ -179,7 +179,7 @@ TEST(Completion, IsRefusedForAShellThatIsNotKnown) {
   EXPECT_EQ(haptrace("completion").exit_code, 2);
 }
 
-TEST(ManualPages, HaveOneForEveryVerbAndNoFault) {
+TEST(ManualPages, ExistForEveryVerbAndAreWellFormed) {
   const TempFolder folder;
   ASSERT_EQ(haptrace("completion", "man", "-o", folder.path()).exit_code, 0);
   for (const std::string& verb : verb_names()) {

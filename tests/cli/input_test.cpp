@@ -31,7 +31,7 @@ std::string stroke_in_millimetres(const TempFolder& folder) {
   return folder.write("stroke.csv", text);
 }
 
-TEST(Input, OfAnotherProgramIsConvertedPrintedAndValid) {
+TEST(Input, FromAnotherProgramIsConvertedPrintedAndValid) {
   const TempFolder folder;
   const std::string file = folder.write("excel.csv", kExcel);
   const Answer answer = haptrace("convert", file, "--json");
@@ -150,7 +150,7 @@ TEST(Input, MayBeAPipeWithANameAndWaitsForItsWriter) {
   }
 }
 
-TEST(Input, WhoseHeaderIsLatin1IsReadAndEveryAnswerIsUtf8) {
+TEST(Input, WithALatin1HeaderIsReadAndEveryAnswerIsUtf8) {
   const TempFolder folder;
   const std::string file = folder.write("a.csv",
                                         "Zeit;L\xE4nge;Gr\xF6\xDF"

@@ -16,7 +16,7 @@ std::string played(const TempFolder& folder) {
   return file;
 }
 
-TEST(ReportCommand, MakesAPageBesideTheRecordingAndReplacesNone) {
+TEST(ReportCommand, WritesAPageBesideTheRecordingAndReplacesNone) {
   const TempFolder folder;
   const std::string file = played(folder), page = folder / "played.report.html";
   Answer answer = haptrace("report", file);
@@ -31,7 +31,7 @@ TEST(ReportCommand, MakesAPageBesideTheRecordingAndReplacesNone) {
   EXPECT_TRUE(std::filesystem::exists(folder / "other.html"));
 }
 
-TEST(ReportCommand, HasTheNumbersForStatistics) {
+TEST(ReportCommand, WritesTheNumbersForStatistics) {
   const TempFolder folder;
   const std::string file = played(folder);
   Answer answer = haptrace("report", file, "--no-page", "--json");
@@ -52,7 +52,7 @@ TEST(ReportCommand, HasTheNumbersForStatistics) {
   EXPECT_EQ(read_bytes(folder / "table.csv"), answer.out);
 }
 
-TEST(ReportCommand, ReplacesNothingThatWasRecordedAndNoOutputByAnother) {
+TEST(ReportCommand, ReplacesNeitherRecordedDataNorItsOwnOutput) {
   const TempFolder folder;
   const std::string file = played(folder), session = folder / "lesson";
   std::filesystem::create_directory(session);
@@ -93,7 +93,7 @@ TEST(ReportCommand, ReplacesNothingThatWasRecordedAndNoOutputByAnother) {
   EXPECT_FALSE(std::filesystem::exists(folder / "x.html"));
 }
 
-TEST(ReportCommand, SaysWhatIsWrong) {
+TEST(ReportCommand, ReportsErrors) {
   const TempFolder folder;
   const auto error = [&](const std::vector<std::string>& words) {
     std::vector<std::string> all{"report"};

@@ -23,7 +23,7 @@ std::string programme(const TempFolder& folder, const std::string& mode = "tunne
   return folder.write("circles.json", json.dump());
 }
 
-TEST(RunCommand, SaysWhatItWouldDoWithoutADevice) {
+TEST(RunCommand, PrintsItsPlanWithoutADevice) {
   const TempFolder folder;
   const Answer answer = haptrace("run", programme(folder), "--dry-run", "--json");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
@@ -37,7 +37,7 @@ TEST(RunCommand, SaysWhatItWouldDoWithoutADevice) {
               HasSubstr("leaves the workspace"));
 }
 
-TEST(RunCommand, SaysNothingWhenItIsToBeQuiet) {
+TEST(RunCommand, PrintsNothingWithQuiet) {
   const TempFolder folder;
   const Answer answer = haptrace("run", programme(folder), "--device", kTrainee, "-q");
   EXPECT_EQ(answer.exit_code, 0);
@@ -62,7 +62,7 @@ TEST(RunCommand, RunsTheSampleProgrammes) {
   }
 }
 
-TEST(RunCommand, KeepsInEveryRecordingWhatRepeatsItsTrial) {
+TEST(RunCommand, KeepsTheConfigurationOfItsTrialInEveryRecording) {
   const TempFolder folder;
   for (const char* mode : {"passive", "assisted", "tunnel", "cursor", "resist", "free"}) {
     const std::string session = folder / mode;
@@ -79,7 +79,7 @@ TEST(RunCommand, KeepsInEveryRecordingWhatRepeatsItsTrial) {
   }
 }
 
-TEST(RunCommand, IsInterruptedWithItsDataKeptAndGoesOn) {
+TEST(RunCommand, KeepsItsDataWhenInterruptedAndResumes) {
   const TempFolder folder;
   const std::string session = folder / "monday";
   Command command({"run", programme(folder, "free", 3), "--device", kTrainee, "-o", session, "--clock", "real",
@@ -94,7 +94,8 @@ TEST(RunCommand, IsInterruptedWithItsDataKeptAndGoesOn) {
   const Answer other = haptrace("run", "--resume", session, "--subject", "P99");
   EXPECT_EQ(other.exit_code, 2);
   EXPECT_THAT(other.err, HasSubstr("a session of 'P07', not of 'P99'"));
-  EXPECT_THAT(haptrace("run", "--resume", session, "--scale", "2").err, HasSubstr("--scale says how a session begins"));
+  EXPECT_THAT(haptrace("run", "--resume", session, "--scale", "2").err,
+              HasSubstr("--scale applies only to the start of a session"));
   const Answer again = haptrace("run", "--resume", session, "--device", kTrainee, "--clock", "virtual", "--json");
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_TRUE(load_session_log(session).complete);
@@ -117,7 +118,7 @@ TEST(RunCommand, TakesNoDeviceAndNoLimitsFromAFolder) {
   kill(command.pid(), SIGINT);
   const std::string resume = "haptrace run --resume '" + folder.path() + "/it'\\''s monday' --device '" +
                              std::string(kTrainee) + "' --max-force 2.5 --max-velocity 3";
-  EXPECT_THAT(command.wait().out, HasSubstr("go on with: " + resume));
+  EXPECT_THAT(command.wait().out, HasSubstr("resume with: " + resume));
 
   // A folder from another user names another device: a library, and no speed limit.
   nlohmann::json log = nlohmann::json::parse(test::read_bytes(session + "/session.json"));
@@ -132,8 +133,9 @@ TEST(RunCommand, TakesNoDeviceAndNoLimitsFromAFolder) {
     words.insert(words.end(), given.begin(), given.end());
     const Answer answer = Command(words).wait();
     EXPECT_EQ(answer.exit_code, 2);
-    EXPECT_THAT(answer.err, AllOf(HasSubstr("no session takes its device"), HasSubstr("--max-velocity 0"),
-                                  HasSubstr("--device 'plugin:path=" MASS_PLUGIN "'")));
+    EXPECT_THAT(answer.err,
+                AllOf(HasSubstr("the device and the safety limits of a session are not taken from its folder"),
+                      HasSubstr("--max-velocity 0"), HasSubstr("--device 'plugin:path=" MASS_PLUGIN "'")));
   }
   EXPECT_EQ(load_session_log(session).sittings.size(), 1U);
   const Answer again = haptrace("run", "--resume", session, "--clock", "virtual", "--device", kTrainee, "--max-force",
@@ -143,7 +145,7 @@ TEST(RunCommand, TakesNoDeviceAndNoLimitsFromAFolder) {
   EXPECT_EQ(haptrace("info", last, "--json").json()["config"]["max-force"], 2) << "the line decides";
 }
 
-TEST(RunCommand, MakesASessionThatNobodyElseCanOpen) {
+TEST(RunCommand, CreatesASessionThatNoOtherUserCanOpen) {
   const TempFolder folder;
   const mode_t before = umask(022);
   std::filesystem::permissions(folder.path(), std::filesystem::perms(0755));
@@ -168,7 +170,7 @@ TEST(RunCommand, LetsNoSecondProcessIntoItsSession) {
   EXPECT_EQ(load_session_log(session).sittings.size(), 1U);
 }
 
-TEST(RunCommand, PausesAndGoesOnByAKey) {
+TEST(RunCommand, PausesAndResumesByAKey) {
   const TempFolder folder;
   Command command(
       {"run", programme(folder, "free", 2), "--device", kTrainee, "-o", folder / "s", "--keys", "--clock", "real"},
@@ -185,7 +187,7 @@ TEST(RunCommand, PausesAndGoesOnByAKey) {
   EXPECT_EQ(load_session_log(folder / "s").trials.size(), 2U);
 }
 
-TEST(RunCommand, NamesWhatIsWrongBeforeAnythingIsMade) {
+TEST(RunCommand, ReportsErrorsBeforeItWritesAnything) {
   const TempFolder folder;
   const std::string file = programme(folder);
   const auto error = [&](const std::vector<std::string>& words) {
@@ -200,7 +202,7 @@ TEST(RunCommand, NamesWhatIsWrongBeforeAnythingIsMade) {
   EXPECT_THAT(error({folder / "none.json", "--dry-run"}), HasSubstr("none.json: cannot be read"));
   EXPECT_THAT(error({programme(folder, "tunel"), "--dry-run"}), HasSubstr("exercises[0].mode: 'tunel'"));
   EXPECT_THAT(error({file, "--mirror", "up", "--dry-run"}), HasSubstr("person.mirror: 'up'"));
-  EXPECT_THAT(error({file, "--resume", folder.path()}), HasSubstr("name no other"));
+  EXPECT_THAT(error({file, "--resume", folder.path()}), HasSubstr("do not name another one"));
   EXPECT_THAT(error({"--resume", folder.path(), "--device", kTrainee}), HasSubstr("session.json"));
   EXPECT_THAT(error({file, "--device", kTrainee, "--profile", "a.json", "--no-profile"}),
               HasSubstr("exclude each other"));

@@ -7,7 +7,7 @@
 namespace haptrace {
 namespace {
 
-TEST(RecordScene, LetsAHandTouchWhatTheFileNamesAndTellsWhatItFelt) {
+TEST(RecordScene, LetsAHandTouchTheObjectsOfAFileAndReportsTheTouches) {
   const TempFolder folder;
   const std::string scenes = std::string(HAPTRACE_SAMPLES) + "/scenes/";
   const std::string device = "sim:preset=omega3,hand=firm,seed=1,intent=" +
@@ -32,7 +32,7 @@ TEST(RecordScene, LetsAHandTouchWhatTheFileNamesAndTellsWhatItFelt) {
   EXPECT_EQ(slow.json()["notes"].size(), 2U);
 }
 
-TEST(RecordScene, SaysWhatIsWrongBeforeAnyFileIsThere) {
+TEST(RecordScene, ReportsErrorsBeforeItWritesAFile) {
   const TempFolder folder;
   const auto refused = [&](const std::vector<std::string>& words) {
     std::vector<std::string> all{"record", folder / "a.h5", "--device", kFalcon, "--duration", "0.1"};

@@ -42,7 +42,7 @@ TEST_P(EndingSignals, FadeTheForceOutAndKeepTheFile) {
   EXPECT_EQ(test::haptrace("check", file).exit_code, 0);
 }
 
-INSTANTIATE_TEST_SUITE_P(OfEveryKind, EndingSignals,
+INSTANTIATE_TEST_SUITE_P(EveryKind, EndingSignals,
                          testing::Values(SIGQUIT, SIGTSTP, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGXCPU,
                                          SIGPWR, SIGRTMIN + 3));
 
@@ -62,7 +62,7 @@ TEST(IgnoredSignals, NeitherStopNorEndASession) {
 
 class StoppedProcesses : public testing::TestWithParam<const char*> {};
 
-TEST_P(StoppedProcesses, GoOnAsAfterAGapOfTheDevice) {
+TEST_P(StoppedProcesses, ResumeAsAfterAGapOfTheDevice) {
   test::in_real_time();
   const TempFolder folder;
   const std::string path = folder / "circle.h5", file = folder / "out.h5";
@@ -102,7 +102,7 @@ int code_with(const std::string& redirection, const std::string& arguments) {
 constexpr std::array kDeadStreams{"2> >(true)", "> >(true)", ">/dev/full",  "2>/dev/full",
                                   "2>&-",       ">&-",       ">&- 2>&- <&-"};
 
-TEST(DeadStreams, EndNoProgrammeBeforeItsTime) {
+TEST(DeadStreams, DoNotEndAProgrammeEarly) {
   const TempFolder folder;
   const nlohmann::json programme{{"haptrace_programme", 1},
                                  {"title", "two circles"},
@@ -139,7 +139,7 @@ TEST(ATerminalThatIsClosed, EndsASessionInGoodOrder) {
   EXPECT_EQ(test::haptrace("check", file).exit_code, 0);
 }
 
-TEST(DeadStreams, EndNoSessionBeforeItsTime) {
+TEST(DeadStreams, DoNotEndASessionEarly) {
   const TempFolder folder;
   int number = 0;
   for (const char* more : {"", "--json"})

@@ -5,7 +5,7 @@
 namespace haptrace {
 namespace {
 
-TEST(StabilityCommand, TriesAnEnsembleAndTellsFilesAndPeopleTheSame) {
+TEST(StabilityCommand, RunsAnEnsembleAndPrintsTheContentsOfItsFile) {
   const TempFolder folder;
   const std::string path = folder / "reach.csv";
   ASSERT_EQ(haptrace("shape", "reach", "--size", "0.05", "--duration", "1", "-o", path).exit_code, 0);
@@ -25,7 +25,7 @@ TEST(StabilityCommand, TriesAnEnsembleAndTellsFilesAndPeopleTheSame) {
   EXPECT_THAT(test::read_bytes(folder / "s.svg"), HasSubstr("</svg>"));
 }
 
-TEST(StabilityCommand, TriesGuidanceOnAnEnsemble) {
+TEST(StabilityCommand, MeasuresGuidanceOnAnEnsemble) {
   const Answer answer = haptrace("stability", "guidance", "--draws", "1", "--seed", "3", "--json");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   const nlohmann::json guidance = answer.json()["guidance"];
@@ -35,7 +35,7 @@ TEST(StabilityCommand, TriesGuidanceOnAnEnsemble) {
   EXPECT_LT(guidance["energy_excess_j"]["max"], guidance["criteria"]["excess_j"]);
 }
 
-TEST(StabilityCommand, ClimbsTheStaircase) {
+TEST(StabilityCommand, RunsTheStaircase) {
   const TempFolder folder;
   const std::string wall = folder.write("wall.json", R"({"objects": [{"kind": "wall", "point": [0, 0, -0.01],
       "normal": [0, 0, 1], "stiffness": 2500}]})");
@@ -50,7 +50,7 @@ TEST(StabilityCommand, ClimbsTheStaircase) {
   EXPECT_THAT(haptrace("stability", "staircase", "--device", "falcon").err, HasSubstr("give sim, or no device"));
 }
 
-TEST(StabilityCommand, RefusesBeforeItWorks) {
+TEST(StabilityCommand, RejectsInvalidOptionsBeforeItStarts) {
   const TempFolder folder;
   EXPECT_THAT(haptrace("stability", "map").err, HasSubstr("haptrace stability map needs --device"));
   const std::string kept = folder.write("kept.json", "{}");

@@ -51,7 +51,7 @@ TEST(TheCommand, RefusesAFileOfOptionsThatIsNotUtf8AndNamesIt) {
     }
 }
 
-TEST(TheCommand, PrintsNothingOfAFileThatATerminalWouldObey) {
+TEST(TheCommand, PrintsNoControlSequencesOfAFile) {
   const TempFolder folder;
   const std::string hostile = "a\x1b[2J\x1b]0;owned\x07\u009b31m\u202eb\r\n  event   0.000 s  nothing\xff";
   RecordingHeader header;
@@ -98,7 +98,7 @@ TEST(TheCommand, PrintsNothingOfAFileThatATerminalWouldObey) {
   expect_printable(haptrace("info", folder / "no\x1b[2Jfile"));
 }
 
-TEST(TheCommand, GoesOnWithoutAHome) {
+TEST(TheCommand, PlaysWithoutAHomeFolder) {
   const TempFolder folder;
   const std::string path = folder / "circle.h5";
   ASSERT_EQ(haptrace("shape", "circle", "--size", "0.04", "--duration", "0.5", "-o", path).exit_code, 0);

@@ -12,7 +12,7 @@
 namespace haptrace {
 namespace {
 
-TEST(TradeoffCommand, ChoosesAConfigurationThatHoldsWhenItIsUsed) {
+TEST(TradeoffCommand, ChoosesAConfigurationThatKeepsItsPredictionInUse) {
   const TempFolder folder;
   const std::string path = folder / "circle.h5", played = folder / "played.h5";
   ASSERT_EQ(haptrace("shape", "circle", "--size", "0.04", "--duration", "2", "-o", path).exit_code, 0);
@@ -95,14 +95,14 @@ void expect_a_choice(const std::string& device, const PlantModel& plant, const c
   EXPECT_GE(outcome["runs"], 4);
   EXPECT_EQ(json["predicted"]["confidence"], 0.95);
   EXPECT_EQ(json["predicted"]["half_width"]["rms_error_m"], outcome["rms_error_m"]["half_width"]);
-  EXPECT_THAT(answer.err, HasSubstr("for what the model leaves out"));
+  EXPECT_THAT(answer.err, HasSubstr("for effects that the model leaves out"));
 }
 
-TEST(TradeoffCommand, TriesWhatCalibrationFoundOutAboutADeviceThatIsNotVirtual) {
+TEST(TradeoffCommand, SimulatesTheProfileOfADeviceThatIsNotVirtual) {
   expect_a_choice("falcon:emulated=true,hand=relaxed", falcon_like_plant(), "circle");
 }
 
-TEST(TradeoffCommand, TriesADeviceOfOneAxis) {
+TEST(TradeoffCommand, SimulatesADeviceWithOneAxis) {
   PlantModel plant = falcon_like_plant();
   plant.mass = Vec3(0.2, 0, 0);
   plant.viscous = Vec3(1, 0, 0);
@@ -110,7 +110,7 @@ TEST(TradeoffCommand, TriesADeviceOfOneAxis) {
   expect_a_choice("plugin:path=" SLIDE_PLUGIN, plant, "line");
 }
 
-TEST(TradeoffCommand, RefusesBeforeItWorks) {
+TEST(TradeoffCommand, RejectsInvalidOptionsBeforeItStarts) {
   const TempFolder folder;
   EXPECT_THAT(haptrace("tradeoff").err, HasSubstr("needs path"));
   EXPECT_THAT(haptrace("tradeoff", "no.csv", "--device", kFalcon, "--budget", "error<=1").err, HasSubstr("its unit"));
@@ -122,7 +122,7 @@ TEST(TradeoffCommand, RefusesBeforeItWorks) {
               HasSubstr("none does not exist; create it first"));
   EXPECT_THAT(
       haptrace("tradeoff", "no.csv", "--device", kFalcon, "-o", folder / "t.json", "--save", folder / "t.json").err,
-      HasSubstr("two files at once"));
+      HasSubstr("two output files have this name"));
   EXPECT_THAT(haptrace("tradeoff", "no.csv", "--device", kFalcon, "--speed", "0").err, HasSubstr("--speed"));
   // A verb's own section takes precedence over the settings for all verbs.
   const auto sections = folder.write("s.json", R"({"duration": 5, "record": {"duration": 0.2}, "play": {"speed": 2}})");

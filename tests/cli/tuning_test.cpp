@@ -91,7 +91,7 @@ TEST_F(Tuning, ThroughTheSocketWithoutAPathIsInTheRuntimeFolderOfThisUser) {
   EXPECT_EQ(command.wait().exit_code, 130);
 }
 
-TEST_F(Tuning, ThroughThePortWantsTheTokenThatTheSessionPrints) {
+TEST_F(Tuning, ThroughThePortNeedsTheTokenThatTheSessionPrints) {
   const std::vector<std::string> runtime{"XDG_RUNTIME_DIR=" + folder.path()};
   Command command(endless({"--tune-port", "0"}), Command::Input::pipe, runtime);
   ASSERT_TRUE(command.says("| nc"));
@@ -109,7 +109,7 @@ TEST_F(Tuning, ThroughThePortWantsTheTokenThatTheSessionPrints) {
   EXPECT_FALSE(std::filesystem::exists(file)) << "a token ends with its session";
 }
 
-TEST_F(Tuning, ThroughThePortIsClosedToWhatAPageMakesABrowserSend) {
+TEST_F(Tuning, ThroughThePortRejectsTheRequestsOfABrowser) {
   if (!std::filesystem::exists(CURL)) GTEST_SKIP() << "needs curl, a web client that is not ours";
   Command command(endless({"--tune-port", "0"}), Command::Input::pipe, {"XDG_RUNTIME_DIR=" + folder.path()});
   ASSERT_TRUE(command.says("| nc"));
@@ -127,7 +127,7 @@ TEST_F(Tuning, ThroughThePortIsClosedToWhatAPageMakesABrowserSend) {
   EXPECT_EQ(command.wait().json()["tuning"]["changed"], 0);
 }
 
-TEST_F(Tuning, ThroughThePortTakesATokenThatWasKept) {
+TEST_F(Tuning, ThroughThePortAcceptsAStoredToken) {
   const std::string file = folder / "token";
   std::string first;
   for (int session = 0; session < 2; ++session) {
@@ -145,7 +145,7 @@ TEST_F(Tuning, ThroughThePortTakesATokenThatWasKept) {
   EXPECT_THAT(haptrace("play", circle, "--device", kFalcon, "--tune-token-file", file).err, HasSubstr("--tune-port"));
 }
 
-TEST_F(Tuning, ThroughAFileThatIsThereAppliesBeforeTheSessionStarts) {
+TEST_F(Tuning, ThroughAnExistingFileAppliesBeforeTheSessionStarts) {
   const std::string file = folder.write("tune", "kp 2500\nkd 25\nkq 1\n");
   const Answer soft = haptrace("play", circle, "--device", kFalcon, "--kp", "300", "--kd", "4", "--json");
   const Answer stiff =
@@ -156,7 +156,7 @@ TEST_F(Tuning, ThroughAFileThatIsThereAppliesBeforeTheSessionStarts) {
   EXPECT_EQ(soft.json()["tuning"]["changed"], 0);
 }
 
-TEST_F(Tuning, ThroughAFileThatComesLaterAndChanges) {
+TEST_F(Tuning, ThroughAFileFollowsItsCreationAndChanges) {
   const std::string file = folder / "tune";
   Command command(endless({"--tune-file", file}), Command::Input::pipe);
   (void)folder.write("tune", "kp 700\n");
@@ -167,7 +167,7 @@ TEST_F(Tuning, ThroughAFileThatComesLaterAndChanges) {
   EXPECT_EQ(texts_of_changes(command.wait().json()), (std::vector<std::string>{"kp 700", "kp 800"}));
 }
 
-TEST_F(Tuning, ByKeysLivesWithMarksAndIsShown) {
+TEST_F(Tuning, ByKeysWorksBesideMarksAndIsShown) {
   Command command(endless({"--record", folder / "a.h5"}), Command::Input::terminal, {"COLUMNS=200"});
   ASSERT_TRUE(command.says("kp 500 kd 6  [+-olfr]"));
   command.type("+");
@@ -188,7 +188,7 @@ TEST_F(Tuning, ByKeysLivesWithMarksAndIsShown) {
                                       "tuned: reset to kp 500 kd 6"}));
 }
 
-TEST_F(Tuning, ByKeysAlsoWithoutARecording) {
+TEST_F(Tuning, ByKeysWorksWithoutARecording) {
   Command command(endless({}), Command::Input::terminal, {"COLUMNS=200"});
   ASSERT_TRUE(command.says("kp 500 kd 6  [+-olfr]"));
   command.type("m1tp+");
@@ -197,20 +197,20 @@ TEST_F(Tuning, ByKeysAlsoWithoutARecording) {
   EXPECT_EQ(command.wait().exit_code, 130);
 }
 
-TEST_F(Tuning, ByKeysWantsATerminal) {
+TEST_F(Tuning, ByKeysNeedsATerminal) {
   Command command({"play", circle, "--device", kFalcon, "--clock", "real", "--json"}, Command::Input::pipe);
   command.type("+++");
   EXPECT_EQ(command.wait().json()["tuning"]["changed"], 0);
 }
 
-TEST_F(Tuning, OfAnExpertIsTrustedWithMore) {
+TEST_F(Tuning, WithExpertAllowsAnyGains) {
   const std::string file = folder.write("tune", "kp 9000\nkd 2\ngains * 0.1");
   const Answer expert = haptrace("play", circle, "--device", kFalcon, "--tune-file", file, "--expert", "--json");
   EXPECT_EQ(texts_of_changes(expert.json()).front(), "kp 9000");
   EXPECT_THAT(expert.err, Not(HasSubstr("clamped")));
 }
 
-TEST_F(Tuning, RefusesAPortThatOthersCouldReachOrHave) {
+TEST_F(Tuning, RejectsAPortThatOthersCanReachOrUse) {
   const Answer open = haptrace("play", circle, "--device", kFalcon, "--tune-port", "0.0.0.0:5005");
   EXPECT_EQ(open.exit_code, 2);
   EXPECT_THAT(open.err, AllOf(HasSubstr("--tune-port"), HasSubstr("this machine alone"), HasSubstr("ssh -L")));

@@ -69,7 +69,7 @@ TEST(ProgressLine, FitsTheTerminal) {
   }
 }
 
-TEST(Quiet, StillSaysWhyALimitStopped) {
+TEST(Quiet, StillReportsTheLimitThatStoppedTheSession) {
   const TempFolder folder;
   const Answer answer =
       haptrace("play", square(folder), "--device", kFalcon, "--no-profile", "--max-deviation", "0.0001", "-q");
@@ -78,7 +78,7 @@ TEST(Quiet, StillSaysWhyALimitStopped) {
   EXPECT_THAT(answer.err, HasSubstr("mm off the path, the limit is 0.1 mm"));
 }
 
-TEST(Quiet, HidesWarningsOfASessionThatGoesOn) {
+TEST(Quiet, HidesWarningsOfASessionThatContinues) {
   const TempFolder folder;
   const std::string path = square(folder);
   const std::vector<std::string> words{"play",        path,  "--device",        kFalcon, "--no-profile",
@@ -125,7 +125,7 @@ TEST(Warnings, ReachTheTerminalTheSummaryTheJsonTheFileAndTheReport) {
   EXPECT_THAT(shown, HasSubstr("orce limited"));
 }
 
-TEST(Play, SaysWhichLawAndProfileItUsed) {
+TEST(Play, ReportsItsControlLawAndProfile) {
   const TempFolder folder;
   const std::string path = square(folder), profile = folder / "falcon.json";
   const Answer before = haptrace("play", path, "--device", kFalcon);
@@ -142,7 +142,7 @@ TEST(Play, SaysWhichLawAndProfileItUsed) {
   EXPECT_THAT(after.err, Not(HasSubstr("haptrace calibrate")));
 }
 
-TEST(Play, RefusesToLoopAndToCountRepetitionsAtOnce) {
+TEST(Play, RejectsLoopTogetherWithRepeat) {
   const TempFolder folder;
   const Answer answer = haptrace("play", square(folder), "--device", kFalcon, "--loop", "--repeat", "3");
   EXPECT_EQ(answer.exit_code, 2);
