@@ -196,12 +196,13 @@ Verb add_doctor(CLI::App& app) {
       "the settings of the system. Every result is ok, a note, a warning or a problem, with the command that fixes\n"
       "it. The exit code is 1 if there is a problem: more than {:g} % of the ticks missed, p99.9 of the wake-up\n"
       "latency above {:g} of a period, a disk too slow for the recorder, or a known device that is plugged in but\n"
-      "that you may not open.\n"
+      "that you have no permission to open.\n"
       "  haptrace doctor\n"
       "  haptrace doctor --cyclictest --duration 60",
       100 * kMostMissed, kLatestWakeUp));
   verb->add_option("--rate", arguments->rate_hz, "servo rate to sustain [Hz], 10 to 20000")->capture_default_str();
-  verb->add_option("--duration", arguments->duration, "duration of the loop's measurement [s]")->capture_default_str();
+  verb->add_option("--duration", arguments->duration, "duration of the measurement of the loop [s]")
+      ->capture_default_str();
   verb->add_option("--folder", arguments->folder, "folder of the recordings; its disk is measured")
       ->type_name("DIR")
       ->capture_default_str();

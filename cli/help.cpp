@@ -164,8 +164,7 @@ std::string option_list(const CLI::App& app, bool all) {
   const bool quantities = std::any_of(options.begin(), options.end(), [](const CLI::Option* o) {
     return !bracketed_unit(o->get_description()).empty();
   });
-  if (quantities)
-    text += paragraph("Quantities without a unit are in SI units; a unit may follow: 20mm, 0.5s, 2N, 1kHz.");
+  if (quantities) text += paragraph("Quantities are in SI units, or have a unit: 20mm, 0.5s, 2N, 1kHz.");
   return text;
 }
 

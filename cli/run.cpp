@@ -264,10 +264,10 @@ Verb add_run(CLI::App& app) {
   verb->add_flag("--dry-run", arguments->dry_run, "print the plan and its duration; with --device, also check it");
   verb->add_option("--mirror", arguments->mirror,
                    "mirror the paths along an axis: none | x | y | z (default: the programme's)")
-      ->group("Person");
+      ->group("Participant");
   verb->add_option("--scale", arguments->scale, "scale the paths by this factor (default: the programme's)")
-      ->group("Person");
-  verb->add_flag("--fit", arguments->fit, "move and scale all paths together into the workspace")->group("Person");
+      ->group("Participant");
+  verb->add_flag("--fit", arguments->fit, "move and scale all paths together into the workspace")->group("Participant");
   verb->add_option("--max-deviation", arguments->max_deviation, "distance from the path at which the session stops [m]")
       ->capture_default_str()
       ->group("Safety");

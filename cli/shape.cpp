@@ -18,7 +18,8 @@ Verb add_shape(CLI::App& app) {
   ShapeOptions& shape = arguments->shape;
   CLI::App* verb = app.add_subcommand("shape", "make a path: square, circle, line, figure8, reach, spiral or script");
   verb->footer(
-      "The whole path is one minimum-jerk movement along its arc; script has an even rhythm.\n"
+      "The path is one minimum-jerk movement along its arc; line has one in each direction, and script has the even\n"
+      "rhythm of handwriting.\n"
       "  haptrace shape square --size 0.1 --duration 8 -o square.h5\n"
       "  haptrace shape circle --turns 3 --plane yz -o circle.csv");
   verb->add_option("name", arguments->name, fmt::format("{}", fmt::join(shape_names(), " | ")))->type_name("SHAPE");

@@ -252,7 +252,7 @@ Verb add_tradeoff(CLI::App& app) {
   verb->add_flag("--no-instructions", arguments->no_instructions,
                  "measure load in time only, without counting instructions");
   verb->add_flag("--overwrite", arguments->overwrite, "replace existing files");
-  verb->add_option("--runs", arguments->runs, "runs of every configuration, each with other noise, 1 to 100")
+  verb->add_option("--runs", arguments->runs, "runs of every configuration, each with different noise, 1 to 100")
       ->capture_default_str();
   verb->add_option("--rates", arguments->rates,
                    "servo rates to try [Hz] (default: 100 Hz to 20 kHz; for a real device, up to its own rate)")
