@@ -62,7 +62,7 @@ TEST_P(DeviceLaws, DescribesItselfCoherently) {
   EXPECT_TRUE(info.force_axes[0] || info.force_axes[1] || info.force_axes[2]);
 }
 
-TEST_P(DeviceLaws, MeasuresWhatItSaysItMeasures) {
+TEST_P(DeviceLaws, MeasuresTheQuantitiesThatItStates) {
   step(*device_, Vec3::Zero(), 0);
   const DeviceState state = step(*device_, Vec3::Zero(), 1e-3);
   EXPECT_EQ(is_finite(state.force), device_->info().measures_force);
@@ -71,7 +71,7 @@ TEST_P(DeviceLaws, MeasuresWhatItSaysItMeasures) {
   EXPECT_TRUE(state.ready);
 }
 
-TEST_P(VirtualDeviceLaws, StandsStillWhileTimeDoes) {
+TEST_P(VirtualDeviceLaws, StandsStillWhileTimeStandsStill) {
   // A force without time must not change later states. This needs two devices, since measurements may be noisy.
   const auto twin = GetParam().open();
   exchange(*device_, Vec3::Zero(), 0);
@@ -140,12 +140,12 @@ TEST_P(RealTimeForceLaws, MovesAlongTheForce) {
   }
 }
 
-TEST_P(RestLaws, RestsWhenNothingPulls) {
+TEST_P(RestLaws, RestsWithoutForces) {
   const Vec3 start = step(*device_, Vec3::Zero(), 0).position;
   for (int k = 0; k < 200; ++k) EXPECT_EQ(step(*device_, Vec3::Zero(), 1e-3).position, start);
 }
 
-TEST_P(RealTimeDeviceLaws, AnswersFreshly) {
+TEST_P(RealTimeDeviceLaws, AnswersWithRecentStates) {
   // Other tests on the machine delay some states; a driver that does not keep up delays most.
   std::vector<double> ages;
   for (int k = 0; k < 500; ++k) {
@@ -159,7 +159,7 @@ TEST_P(RealTimeDeviceLaws, AnswersFreshly) {
   EXPECT_LT(ages[250], 0.01);
 }
 
-TEST_P(VirtualDeviceLaws, TakesAForceThatIsNotANumberForNone) {
+TEST_P(VirtualDeviceLaws, TreatsAForceThatIsNotFiniteAsZero) {
   const auto twin = GetParam().open();
   const double infinity = std::numeric_limits<double>::infinity();
   const Vec3 bad[] = {nan3(), Vec3(infinity, 0, 0), Vec3(0, -infinity, kNaN)};
@@ -171,7 +171,7 @@ TEST_P(VirtualDeviceLaws, TakesAForceThatIsNotANumberForNone) {
   }
 }
 
-TEST_P(VirtualDeviceLaws, RunsTwiceTheSame) {
+TEST_P(VirtualDeviceLaws, RunsIdenticallyTwice) {
   const auto twin = GetParam().open();
   RandomForce force(5, device_->info().max_force), same(5, device_->info().max_force);
   for (int k = 0; k < 1000; ++k) {

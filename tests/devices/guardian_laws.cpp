@@ -50,14 +50,14 @@ class GuardianLaws : public testing::TestWithParam<ListedPort> {
   std::optional<Guardian> guardian_;
 };
 
-TEST_P(GuardianLaws, SpeaksWhenItsHostIsSilentAndAgainWhenItIsGone) {
+TEST_P(GuardianLaws, SendsItsLastWordsWhenItsHostIsSilentAndAgainWhenItsHostIsGone) {
   watch();
   EXPECT_TRUE(hears_in_the_end({kSilent}));
   EXPECT_TRUE(guardian_->speak_and_go());
   EXPECT_TRUE(hears_in_the_end({kDead, kDead}));
 }
 
-TEST_P(GuardianLaws, SpeaksThreeTimesForASilentHostAndAnewAfterItsNextBeat) {
+TEST_P(GuardianLaws, SendsItsLastWordsThreeTimesForASilentHostAndAgainAfterItsNextBeat) {
   watch();
   EXPECT_TRUE(hears_in_the_end({kSilent, kSilent, kSilent}));
   std::this_thread::sleep_for(300ms);
@@ -66,7 +66,7 @@ TEST_P(GuardianLaws, SpeaksThreeTimesForASilentHostAndAnewAfterItsNextBeat) {
   EXPECT_TRUE(hears_in_the_end({kSilent, kSilent, kSilent, kSilent}));
 }
 
-TEST_P(GuardianLaws, SpeaksAtOnceWhenAnotherThreadAsksAndSaysThatItDid) {
+TEST_P(GuardianLaws, SendsItsLastWordsAtOnceWhenAnotherThreadAsksAndConfirmsThem) {
   watch().beat();
   bool spoke = false;
   std::thread([&] { spoke = guardian_->speak(); }).join();
@@ -77,7 +77,7 @@ TEST_P(GuardianLaws, SpeaksAtOnceWhenAnotherThreadAsksAndSaysThatItDid) {
   EXPECT_FALSE(guardian_->speak()) << "nobody is there";
 }
 
-TEST_P(GuardianLaws, SaysNothingForOneThatWasKilled) {
+TEST_P(GuardianLaws, SendsNothingAfterItIsKilled) {
   watch();
   kill(guardian_->process(), SIGKILL);
   EXPECT_FALSE(guardian_->speak());
@@ -85,7 +85,7 @@ TEST_P(GuardianLaws, SaysNothingForOneThatWasKilled) {
   EXPECT_THAT(bench_->heard(), testing::Not(testing::Contains(kDead)));
 }
 
-TEST_P(GuardianLaws, GoesWithoutAWordWhenItIsDismissed) {
+TEST_P(GuardianLaws, EndsWithoutAMessageWhenItIsDismissed) {
   watch().beat();
   guardian_->dismiss();
   std::this_thread::sleep_for(20ms);
@@ -103,7 +103,7 @@ TEST_P(GuardianLaws, LeavesNoProcessBehind) {
   EXPECT_EQ(errno, ECHILD) << "a zombie";
 }
 
-TEST_P(GuardianLaws, DoesNotListenToTheSignalsOfATerminal) {
+TEST_P(GuardianLaws, IgnoresTheSignalsOfATerminal) {
   watch();
   for (const int signal : {SIGINT, SIGHUP, SIGTERM, SIGQUIT}) kill(guardian_->process(), signal);
   std::this_thread::sleep_for(20ms);
@@ -111,7 +111,7 @@ TEST_P(GuardianLaws, DoesNotListenToTheSignalsOfATerminal) {
   EXPECT_NE(getsid(guardian_->process()), getsid(0)) << "nor is it in the group that they go to";
 }
 
-TEST_P(GuardianLaws, IsMissedByItsHost) {
+TEST_P(GuardianLaws, IsReportedAsMissingByItsHost) {
   watch();
   kill(guardian_->process(), SIGKILL);
   const std::string error = error_of(
@@ -125,7 +125,7 @@ TEST_P(GuardianLaws, IsMissedByItsHost) {
   EXPECT_THAT(error, HasSubstr("haptrace-guardian"));
 }
 
-TEST_P(GuardianLaws, HasTheSocketAndThePortAndNothingElseOfItsHost) {
+TEST_P(GuardianLaws, InheritsOnlyTheSocketAndThePortOfItsHost) {
   const int other = open("/dev/null", O_RDONLY);  // any child process except a guardian would inherit it
   watch();
   std::vector<std::string> files;

@@ -51,7 +51,7 @@ TEST(Estimators, AnswerARampAtEveryRateFrom1HzTo1MHz) {
     }
 }
 
-TEST(Filters, BeyondNyquistPassWhatTheyAreGiven) {
+TEST(Filters, PassTheirInputAboveTheNyquistFrequency) {
   Gaussian random(3, 3);
   for (const char* name : {"lowpass:1e5", "alpha-beta-gamma:1e5"})
     for (const double rate : {1., 10., 1e3}) {
@@ -79,7 +79,7 @@ TEST(Filters, BeyondNyquistPassWhatTheyAreGiven) {
   for (int i = 0; i < 1000; ++i) EXPECT_LT(ripple.update(random.vector()), 1e3);
 }
 
-TEST(Observers, AtTheSamplingRateAndBeyondFollowWhatIsMeasured) {
+TEST(Observers, FollowTheMeasurementAtTheSamplingRateAndAbove) {
   Gaussian random(4, 4);
   for (const double rate : {10., 1e3, 2e4})
     for (const double of_rate : {0., 1e-6, 0.1, 0.5, 1., 10., 1e6})
@@ -103,7 +103,7 @@ TEST(Observers, AtTheSamplingRateAndBeyondFollowWhatIsMeasured) {
         }
 }
 
-TEST(Denormals, AreNotMetByEstimatorsAtRest) {
+TEST(Denormals, DoNotOccurInEstimatorsAtRest) {
   if (is_subnormal(1e-310 * 1.5)) {
     (void)met_denormals();
     volatile double tiny = 1e-310;

@@ -118,7 +118,7 @@ TEST(Integrators, TheMeasuredLimitIsThatOfTheoryWithinAPerCent) {
         }
 }
 
-TEST(Integrators, SoItIsOfADamperAloneAndOfNothingAtAll) {
+TEST(Integrators, TheMeasuredLimitIsThatOfTheoryForADamperAloneAndForNoForces) {
   for (const double m : kMasses) {
     for (const Integrator method : {Integrator::semi_implicit, Integrator::euler, Integrator::rk4}) {
       const double limit = stability_limit(method, body(m, 3, 0));
@@ -228,7 +228,7 @@ TEST(Integrators, OneExactStepOfAChainIsAnyNumberOfThem) {
   EXPECT_LT((end - c).norm(), 1e-9 * end.norm());  // an independent method
 }
 
-TEST(Integrators, WhatIsInEquilibriumStaysThere) {
+TEST(Integrators, ABodyInEquilibriumStaysThere) {
   for (const Integrator method : kMethods)
     for (const double h : {1e-6, 1e-3}) {
       const LinearBodies bodies = chain(300);
@@ -240,7 +240,7 @@ TEST(Integrators, WhatIsInEquilibriumStaysThere) {
     }
 }
 
-TEST(Integrators, WhatNothingHoldsKeepsItsMomentum) {
+TEST(Integrators, AFreeBodyKeepsItsMomentum) {
   const LinearBodies bodies = chain(300, End::free);
   const Eigen::Vector3d mass = bodies.inverse_mass.cwiseInverse(), f(4, -1, 2);
   Eigen::VectorXd x(6);

@@ -17,7 +17,7 @@ namespace {
 using test::error_of;
 using testing::HasSubstr;
 
-TEST(Laws, BearMassesFromNothingToATonneAndAnyGain) {
+TEST(Laws, WithstandMassesFromNothingToATonneAndAnyGain) {
   for (const double mass : {0., 1e-9, 1e-3, 1., 1e3})
     for (const double gain : {0., 1e3, 1e9})
       for (const double authority : {0., 1., 1e9}) {
@@ -72,7 +72,7 @@ TEST(Laws, LimitAnyForceAndForgetIt) {
       }
 }
 
-TEST(Laws, OfMonitorsAndGuardBearAnyAmplitudeRateAndDevice) {
+TEST(Laws, WithstandAnyAmplitudeRateAndDeviceInMonitorsAndTheGuard) {
   for (const double rate : {10., 1e3, 2e4})
     for (const double amplitude : {0., 1e-300, 1e-12, 1e-3, 10.})
       for (const double force : {1e-6, 10., 1e9})
@@ -113,7 +113,7 @@ RepetitionLog repetition(double duration, double rate, double force) {
   return log;
 }
 
-TEST(Laws, LearnFromAnyForceMassDelayAndCutOff) {
+TEST(Laws, LearnWithAnyForceMassDelayAndCutOff) {
   for (const double rate : {10., 1000., 20000.})
     for (const double cutoff : {1e-3, 15., 0.5 * rate, 1e5})
       for (const double mass : {0., 1e-9, 1e3})
@@ -132,7 +132,7 @@ TEST(Laws, LearnFromAnyForceMassDelayAndCutOff) {
         }
 }
 
-TEST(Laws, RefuseToLearnWithNumbersThatNoneCanBe) {
+TEST(Laws, RefuseToLearnWithInvalidParameters) {
   using Options = IterativeLearning::Options;
   for (const double bad : {0., -1., test::kInfinity, kNaN}) {
     EXPECT_THAT(error_of([&] { IterativeLearning(Options{.cutoff_hz = bad, .duration = 1}); }), HasSubstr("cut-off"));
@@ -148,7 +148,7 @@ TEST(Laws, RefuseToLearnWithNumbersThatNoneCanBe) {
   }
 }
 
-TEST(Laws, OfGuidanceBearWallsUpToABillionAndForcesOfAnyScale) {
+TEST(Laws, WithstandWallsUpToABillionAndForcesOfAnyScaleInGuidance) {
   ArcPath::Builder builder(1e-3);
   for (int i = 0; i <= 100; ++i) builder.add(0.01 * i, Vec3(1e-3 * i, 0, 0), Vec3(3, -1e6, 0));
   const ArcPath path = builder.finish(2e-3);

@@ -88,7 +88,7 @@ TEST(Loop, RefusesRatesBeyondItsEnds) {
                 HasSubstr("it must be from 10 to 20000 Hz"));
 }
 
-TEST(Loop, BearsGainsUpToABillion) {
+TEST(Loop, WithstandsGainsUpToABillion) {
   for (const double kp : {0., 1e3, kLargestKp, 1e9})
     for (const double kd : {0., 10., kLargestKd, 1e9}) {
       SCOPED_TRACE(fmt::format("{} N/m, {} N s/m", kp, kd));
@@ -131,7 +131,7 @@ TEST(Loop, FollowsThroughDelaysOfUpToSixteenTicks) {
   }
 }
 
-TEST(Loop, FollowsThroughQuantaOfUpToAMillimetre) {
+TEST(Loop, FollowsWithPositionResolutionsOfUpToAMillimetre) {
   for (const double quantum : {0., 1e-12, 1e-9, 1e-6, 5e-5, 1e-3}) {
     SCOPED_TRACE(fmt::format("{} m", quantum));
     const SimSpec spec = mechanism(1e-3, quantum);
@@ -141,7 +141,7 @@ TEST(Loop, FollowsThroughQuantaOfUpToAMillimetre) {
   }
 }
 
-TEST(Loop, BearsDevicesOfAMicronewtonAndOfAHundredThousand) {
+TEST(Loop, WithstandsDevicesOfAMicronewtonAndOfAHundredThousandNewtons) {
   for (const double force : {1e-6, 1e-3, 1., 1e3, 1e5}) {
     SCOPED_TRACE(fmt::format("{} N", force));
     const SimSpec spec = mechanism(1e-3, 5e-5, force);

@@ -73,7 +73,7 @@ TEST(NotANumber, FromAControllerEndsTheSessionAtThatTick) {
     }
 }
 
-TEST(NotANumber, InWhatADeviceMeasuresBesidesChangesNoForce) {
+TEST(NotANumber, InOtherMeasurementsOfADeviceChangesNoForce) {
   // The device's velocities, forces and orientations are not finite for some ticks, then valid again.
   const Path path = test::circle();
   std::vector<Sample> expected;
@@ -98,7 +98,7 @@ TEST(NotANumber, InWhatADeviceMeasuresBesidesChangesNoForce) {
   }
 }
 
-TEST(NotANumber, OfAWrenchOrAStepIsNoForceAndNoStepForADevice) {
+TEST(NotANumber, InAWrenchOrAStepIsTreatedAsNoForceAndNoStepByADevice) {
   const auto open = [](bool plugin) -> std::unique_ptr<Device> {
     if (plugin) return std::make_unique<PluginDevice>(FAULTY_PLUGIN, "{}", "plug-in");
     return std::make_unique<SimDevice>(test::sim_spec(R"({"mass": 0.4, "max_force": 20, "hand": "relaxed"})"));
@@ -168,7 +168,7 @@ Vec3 or_bad(const Vec3& x, double bad) {
   return bad == 0 ? x : Vec3(bad, x.y(), bad);
 }
 
-TEST(NotANumber, IsForgottenByEveryFilterThatBeginsAnew) {
+TEST(NotANumber, IsForgottenByEveryFilterThatRestarts) {
   StateObserver::Options options{.mass = Vec3(0.4, 1, 0), .delay = 2.5e-3, .bandwidth_hz = 20};
   expect_forgotten(
       StateObserver(options), StateObserver(options),
@@ -202,7 +202,7 @@ TEST(NotANumber, IsForgottenByEveryFilterThatBeginsAnew) {
       [](HandWatch& hand) { hand.reset(); });
 }
 
-TEST(NotANumber, IsNotRememberedByFiltersThatGoOn) {
+TEST(NotANumber, IsNotRememberedByFiltersThatContinue) {
   Gaussian random(2, 2);
   for (const std::string& name : velocity_estimator_names()) {
     const auto one = make_velocity_estimator(name, 1000, 5e-5), fresh = make_velocity_estimator(name, 1000, 5e-5);
@@ -256,7 +256,7 @@ TEST(NotANumber, IsNotRememberedByFiltersThatGoOn) {
   EXPECT_GT(found, 0) << "this test could not fail";
 }
 
-TEST(NotANumber, GivesNoForceToGuidanceAndLeavesItsTankAlone) {
+TEST(NotANumber, CausesNoGuidanceForceAndLeavesTheEnergyTankAlone) {
   ArcPath::Builder builder(1e-3);
   for (int i = 0; i <= 100; ++i) builder.add(0.01 * i, Vec3(1e-3 * i, 0, 0), Vec3(3, 0, 0));
   const ArcPath path = builder.finish(2e-3);

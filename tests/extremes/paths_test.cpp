@@ -91,7 +91,7 @@ Path line(const std::vector<double>& time, const std::vector<double>& x) {
   return path;
 }
 
-TEST(Paths, WithoutLengthRest) {
+TEST(Paths, RestWithoutLength) {
   for (const int rows : {1, 2, 3, 8, 5000}) {
     SCOPED_TRACE(fmt::format("{} rows", rows));
     Path path{.name = "rest"};
@@ -106,7 +106,7 @@ TEST(Paths, WithoutLengthRest) {
   }
 }
 
-TEST(Paths, OfOneAndTwoPointsAreFollowed) {
+TEST(Paths, AreFollowedWithOneAndTwoPoints) {
   for (const auto& path : {line({3}, {0.02}), line({3, 3.5}, {0, 0.05}), line({-1e9 + 1, -1e9 + 2}, {0.05, 0})}) {
     expect_trajectories(path);
     expect_guidance(path);
@@ -114,7 +114,7 @@ TEST(Paths, OfOneAndTwoPointsAreFollowed) {
   }
 }
 
-TEST(Paths, FromANanometreToTenMetresAreFollowed) {
+TEST(Paths, AreFollowedFromANanometreToTenMetres) {
   for (const double size : {1e-12, 1e-9, 1e-6, 1e-3, 0.1, 10.}) {
     SCOPED_TRACE(fmt::format("{} m", size));
     Path path = test::circle(0.06, 2);
@@ -126,7 +126,7 @@ TEST(Paths, FromANanometreToTenMetresAreFollowed) {
   }
 }
 
-TEST(Paths, OfNanometresBesideTenMetresAreFollowed) {
+TEST(Paths, AreFollowedWithNanometresBesideTenMetres) {
   // Steps of a nanometre, of ten metres and of zero, in both directions and mixed.
   Path path{.name = "uneven"};
   double t = 0, x = 0;
@@ -142,7 +142,7 @@ TEST(Paths, OfNanometresBesideTenMetresAreFollowed) {
   expect_playback(path, 100);
 }
 
-TEST(Paths, WithStepsFromANanosecondToYearsAreFollowed) {
+TEST(Paths, AreFollowedWithStepsFromANanosecondToYears) {
   const Path path = line({0, 1e-9, 2e-9, 1e-3, 1, 1 + 1e-6, 3600, 1e8, 1e8 + 1, 1e9},
                          {0, 1e-9, 0, 1e-3, 0.05, 0.05, 0, 0.05, 0, 0.05});
   expect_trajectories(path);
@@ -184,7 +184,7 @@ class EndlessLoops final : public PathSource {
   }
 };
 
-TEST(Paths, OfTenMillionPointsAreFollowedFromTheirStartToTheirEnd) {
+TEST(Paths, AreFollowedThroughTenMillionPoints) {
   constexpr std::uint64_t kRows = 10'000'000;
   const auto source = std::make_shared<const EndlessLoops>(kRows);
   const TrajectoryPieces pieces(source, Interpolation::cubic);

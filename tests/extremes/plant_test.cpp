@@ -28,7 +28,7 @@ void push_about(const SimSpec& spec, int ticks, double longest_step = SimOptions
   }
 }
 
-TEST(Plant, BearsMassesFromAMilligramToTenTonnes) {
+TEST(Plant, WithstandsMassesFromAMilligramToTenTonnes) {
   for (const char* mass : {"1e-6", "1e-3", "1", "1000", "1e4"})
     for (const char* hand : {"none", "finger", "tense"}) {
       SCOPED_TRACE(fmt::format("{} kg held by {}", mass, hand));
@@ -42,7 +42,7 @@ TEST(Plant, BearsMassesFromAMilligramToTenTonnes) {
                 HasSubstr("mass"));
 }
 
-TEST(Plant, BearsStiffnessesUpToABillion) {
+TEST(Plant, WithstandsStiffnessesUpToABillion) {
   for (const char* stiffness : {"1e-6", "1", "1e5", "1e9"}) {
     SCOPED_TRACE(fmt::format("{} N/m", stiffness));
     // A stiff grip on a heavy hand, a stiff arm behind a soft grip, and a field that pulls back.
@@ -63,7 +63,7 @@ TEST(Plant, BearsStiffnessesUpToABillion) {
              100);
 }
 
-TEST(Plant, BearsDampingUpToAHundredThousand) {
+TEST(Plant, WithstandsDampingUpToAHundredThousand) {
   for (const char* mass : {"1e-6", "0.4"})
     for (const char* viscous : {"0", "1e-6", "1e5"}) {
       SCOPED_TRACE(fmt::format("{} kg, {} N s/m", mass, viscous));
@@ -71,7 +71,7 @@ TEST(Plant, BearsDampingUpToAHundredThousand) {
     }
 }
 
-TEST(Plant, BearsStepsFromANanosecondToAnHour) {
+TEST(Plant, WithstandsStepsFromANanosecondToAnHour) {
   const SimSpec spec = sim_spec(R"({"mass": 0.4, "viscous": 2, "coulomb": 0.3, "max_force": 8, "hand": "relaxed",
                                     "delay_s": 0.016, "actuator_bandwidth_hz": 1e5})");
   for (const double dt : {1e-9, 1e-6, 0.3, 10.}) {
@@ -95,7 +95,7 @@ TEST(Plant, BearsStepsFromANanosecondToAnHour) {
   }
 }
 
-TEST(Plant, WithAFieldThatThrowsItOutEndsTheSession) {
+TEST(Plant, EndsTheSessionInAFieldThatThrowsItOut) {
   // The spec itself is unstable, not its integration: the device leaves through its walls, and the force ends.
   SimDevice sim(sim_spec(R"({"mass": 1, "max_force": 8, "gravity_gradient": 1e9, "gravity_bias": 1e-3})"));
   test::Watched device(sim);
@@ -132,7 +132,7 @@ TEST(Friction, IsStableAndPassiveAtAnyStiffness) {
       }
 }
 
-TEST(Friction, HoldsWhatItCanAtAnyStiffness) {
+TEST(Friction, HoldsForcesUpToItsLimitAtAnyStiffness) {
   // Rigid friction does not move. A bristle yields and then creeps by a few of its lengths (LuGre).
   for (const auto& [presliding, allowed] : {std::pair{"", 0.0},
                                             {R"("presliding": {"stiffness": 1e5, "damping": 20},)", 20 * 0.7 / 1e5},

@@ -21,7 +21,7 @@ using test::Log, test::Watched;
 constexpr std::int64_t kSecond = 1'000'000'000, kDay = 86400 * kSecond, kWeek = 7 * kDay;
 const std::initializer_list<double> kNoSteps{0.0, -0.0, -1e-3, -test::kInfinity, kNaN};  // [s]
 
-TEST(Time, OfADeviceDoesNotDriftInADayOrAWeek) {
+TEST(Time, DoesNotDriftForADeviceInADayOrAWeek) {
   NanoTime time;
   for (int hour = 0; hour < 24; ++hour) time.advance(3600);
   EXPECT_EQ(time.ns(), kDay);
@@ -87,7 +87,7 @@ TEST(Time, TicksStayOnTheirGridADayAndAWeekLater) {
     }
 }
 
-TEST(Time, OfAPathDoesNotDriftInAWeek) {
+TEST(Time, DoesNotDriftForAPathInAWeek) {
   constexpr double kPathWeek = 7 * 86400;  // [s]
   Path path{.name = "a week", .time = {0, kPathWeek}, .position = {Vec3::Zero(), Vec3(0.1, 0, 0)}};
   // No double represents these steps exactly. They are as long as allowed, so that a week takes a million of them.
@@ -126,7 +126,7 @@ TEST(Time, StampsOfTheUnixEpochPlayLikeThoseFromZero) {
   }
 }
 
-TEST(Time, OfARecordingIsExactToTheNanosecondAfterAWeek) {
+TEST(Time, IsExactToTheNanosecondInARecordingAfterAWeek) {
   const test::TempFolder folder;
   Recorder recorder(folder / "week.h5", {}, {});
   constexpr std::int64_t kTick = 333'333;

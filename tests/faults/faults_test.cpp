@@ -121,7 +121,7 @@ TEST(KilledWithinAWrite, AFileCanBeReadWhereverTheWriteEnds) {
   EXPECT_GT(readable, 20);
 }
 
-TEST_P(FaultsInVirtualTime, CostNoRowThatCouldBeKept) {
+TEST_P(FaultsInVirtualTime, CostNoSampleThatCouldBeKept) {
   const Play play;
   ASSERT_EQ(Command(play.words("whole.h5")).wait().exit_code, 0);
   const std::vector<Sample> whole = rows_of(play / "whole.h5");
@@ -152,7 +152,7 @@ TEST_P(FaultsInVirtualTime, CostNoRowThatCouldBeKept) {
 }
 
 INSTANTIATE_TEST_SUITE_P(
-    Of, FaultsInVirtualTime,
+    Disks, FaultsInVirtualTime,
     testing::Values(Fault{"AFullDisk", full(4'500'000), "No space left on device"},
                     Fault{"AUsedUpQuota", full(5'000'001, EDQUOT), "Disk quota exceeded"},
                     Fault{"AFullDiskThatHdf5Meets", "FAULT_DELAY_MS=2|FAULT_NO_CLAIM=1|" + full(2'000'000),
@@ -225,7 +225,7 @@ void PrintTo(const LiveFault& fault, std::ostream* out) {
 
 class FaultsInRealTime : public testing::TestWithParam<LiveFault> {};
 
-TEST_P(FaultsInRealTime, AreToldAtOnceAndTheSessionGoesOn) {
+TEST_P(FaultsInRealTime, AreReportedAtOnceAndTheSessionContinues) {
   Endless session(split(GetParam().disk), GetParam().rate);
   ASSERT_TRUE(session.says(GetParam().says));
   const Answer answer = session.end(1);
@@ -238,7 +238,7 @@ TEST_P(FaultsInRealTime, AreToldAtOnceAndTheSessionGoesOn) {
 }
 
 INSTANTIATE_TEST_SUITE_P(
-    Of, FaultsInRealTime,
+    Disks, FaultsInRealTime,
     testing::Values(LiveFault{"AFullDisk", full(3'300'000), "No space left on device", "20000"},
                     LiveFault{"AUsedUpQuota", full(3'500'000, EDQUOT), "Disk quota exceeded", "20000"},
                     LiveFault{"AFullDiskThatHdf5Meets", "FAULT_DELAY_MS=2|FAULT_NO_CLAIM=1|" + full(400'000),
@@ -270,7 +270,7 @@ TEST_P(PassingFaults, CostNoSampleAndAreEventsOfTheNextPart) {
   EXPECT_THAT(codes, testing::IsSupersetOf({"recording_interrupted", "recording_resumed"}));
 }
 
-INSTANTIATE_TEST_SUITE_P(Of, PassingFaults,
+INSTANTIATE_TEST_SUITE_P(Disks, PassingFaults,
                          testing::Values(LiveFault{"ADiskThatIsBackAfterHalfASecond",
                                                    "FAULT_AFTER=400000|FAULT_BACK_MS=500", "Input/output error",
                                                    "1000"},
@@ -288,7 +288,7 @@ TEST(Recording, GivesUpOnADiskThatIsNotBackWhenTheSessionEnds) {
   EXPECT_EQ(fs::exists(part_file(session.file, 2)), false);
 }
 
-TEST(Recording, OverWhichAnotherFileIsCopiedGoesOnInAFurtherPart) {
+TEST(Recording, ContinuesInAFurtherPartWhenAnotherFileIsCopiedOverIt) {
   const TempFolder folder;
   const std::string other = folder / "other.h5";
   ASSERT_EQ(test::haptrace("record", other, "--device", kFalcon, "--duration", "1").exit_code, 0);
@@ -317,7 +317,7 @@ TEST(Recording, KeepsUpWithASlowNetworkMount) {
   expect_whole(session.file, session.end(130, SIGHUP));
 }
 
-TEST(Recording, OfARemovedFolderIsRescued) {
+TEST(Recording, IsRescuedFromARemovedFolder) {
   Endless session;
   session.wait_for_rows();
   fs::remove_all(session.folder / "in");
@@ -327,7 +327,7 @@ TEST(Recording, OfARemovedFolderIsRescued) {
   expect_whole(session.folder / "out.h5", answer);
 }
 
-TEST(Recording, WhoseFileIsReplacedIsKeptBesideTheOther) {
+TEST(Recording, IsKeptBesideAFileThatReplacesIt) {
   Endless session;
   session.wait_for_rows();
   fs::rename(session.folder.write("other", "other"), session.file);
@@ -338,7 +338,7 @@ TEST(Recording, WhoseFileIsReplacedIsKeptBesideTheOther) {
   EXPECT_EQ(read_bytes(session.file), "other");
 }
 
-TEST(Recording, WhoseFileIsMovedGoesOnWhereItIsNow) {
+TEST(Recording, ContinuesInAFileThatIsMoved) {
   Endless session;
   session.wait_for_rows();
   fs::rename(session.file, session.folder / "elsewhere.h5");
@@ -346,7 +346,7 @@ TEST(Recording, WhoseFileIsMovedGoesOnWhereItIsNow) {
   expect_whole(session.folder / "elsewhere.h5", session.end(130));
 }
 
-TEST(Recording, DoesNotMindThatItsPermissionsAreTakenAway) {
+TEST(Recording, ContinuesWithoutThePermissionsOfItsFile) {
   Endless session;
   session.wait_for_rows();
   fs::permissions(session.file, fs::perms::none);
@@ -358,7 +358,7 @@ TEST(Recording, DoesNotMindThatItsPermissionsAreTakenAway) {
   expect_whole(session.file, answer);
 }
 
-TEST(Recording, GoesOnInAFurtherFileAtALimitOnTheSizeOfFilesThatComesInBetween) {
+TEST(Recording, ContinuesInAFurtherFileAtASizeLimitSetDuringTheSession) {
   Endless session({}, "20000");
   session.wait_for_rows();
   const rlimit limit{fs::file_size(session.file) + 3'000'000, RLIM_INFINITY};
@@ -425,7 +425,7 @@ std::int64_t known_position(std::uint64_t row) {
   return std::llabs(static_cast<std::int64_t>(row % 100'000) - 50'000);
 }
 
-TEST(Recording, ThatOverflowsAfterAllCountsEveryLossAndShowsTheGap) {
+TEST(Recording, CountsEveryLossAndShowsTheGapWhenItOverflows) {
   const TempFolder folder;
   const std::string file = folder / "out.h5";
   Command session =
@@ -457,7 +457,7 @@ TEST(Recording, ThatOverflowsAfterAllCountsEveryLossAndShowsTheGap) {
   EXPECT_EQ(told, lost);
 }
 
-TEST(Recording, SaysAtOnceThatTheDiskCannotBeWaitedFor) {
+TEST(Recording, ReportsAtOnceThatItCannotWaitForTheDisk) {
   const TempFolder folder;
   Command session = known_movement(folder / "out.h5", {"clock=real", "sync=0.2"}, {"FAULT_SYNC=1"});
   ASSERT_TRUE(session.says("cannot be synced to the disk: Input/output error"));
@@ -466,7 +466,7 @@ TEST(Recording, SaysAtOnceThatTheDiskCannotBeWaitedFor) {
   EXPECT_GT(rows_of(folder / "out.h5").size(), 100U);
 }
 
-TEST(Recording, InPartsKeepsThoseBeforeTheDiskBroke) {
+TEST(Recording, KeepsThePartsBeforeTheDiskBroke) {
   const TempFolder folder;
   const std::string file = folder / "out.h5";
   for (const auto& [faults, says] : {std::pair<Words, std::string>{{"FAULT_AFTER=5000000"}, "Input/output error"},
@@ -486,7 +486,7 @@ TEST(Recording, InPartsKeepsThoseBeforeTheDiskBroke) {
   }
 }
 
-TEST(Recording, ThatCannotBeCreatedLeavesNothingBehind) {
+TEST(Recording, LeavesNothingBehindIfItCannotBeCreated) {
   for (const int error : {ENOSPC, EDQUOT, EROFS, EACCES}) {
     const TempFolder folder;
     const Answer answer = Command({"record", folder / "out.h5", "--device", kFalcon, "--duration", "1"}, kNoInput,
@@ -518,7 +518,7 @@ class SmallDisk {
   Words variables_;
 };
 
-TEST(Recording, OnADiskThatIsTooSmallEndsWithEverySampleThatFits) {
+TEST(Recording, EndsWithEverySampleThatFitsOnASmallDisk) {
   const TempFolder folder;
   const SmallDisk small(folder.path(), 8U << 20U);
   const std::string file = folder / "out.h5";

@@ -98,7 +98,7 @@ std::vector<Kept> feed(const Session& session, std::mt19937* random) {
   return list.items;
 }
 
-TEST(Capture, KeepsTheSameWhateverTheSizesOfTheBatches) {
+TEST(Capture, KeepsTheSameSamplesForAnyBatchSizes) {
   std::mt19937 random(1);
   for (int i = 0; i < 3000; ++i) {
     const Session session = random_session(random);
@@ -190,7 +190,7 @@ Sample at(std::int64_t ms) {
   return sample;
 }
 
-TEST(Capture, ThatIsArmedSaysSoAndKeepsNothing) {
+TEST(Capture, ReportsThatItIsArmedAndKeepsNothing) {
   List list;
   Capture capture({.pre = 0.01}, list);
   for (int i = 0; i < 100; ++i) capture.feed(std::vector{at(i)}, {{i * kMs, EventCode::mark, "m"}});
@@ -200,7 +200,7 @@ TEST(Capture, ThatIsArmedSaysSoAndKeepsNothing) {
   EXPECT_TRUE(list.items.empty());
 }
 
-TEST(Capture, BeginsItsTimeWithTheTriggerWhenThereIsNothingBeforeIt) {
+TEST(Capture, StartsItsTimeAtTheTriggerWithoutEarlierSamples) {
   List list;
   Capture capture({.pre = 0}, list);
   capture.feed(std::vector{at(0), at(1), at(2), at(3)}, {{2 * kMs, EventCode::triggered, "now"}});
@@ -221,7 +221,7 @@ TEST(Capture, ActsOnAnEventThatComesLateBeforeTheNextSample) {
   EXPECT_EQ(list.items[3].time_ns, kMs);
 }
 
-TEST(Capture, KeepsEveryRowWhileThePathOfAPlaybackWaitsForTheHand) {
+TEST(Capture, KeepsEverySampleWhileThePathOfAPlaybackWaitsForTheHand) {
   List list;
   Capture capture({}, list);
   capture.feed(std::vector{at(0), at(1), at(2), at(3), at(4)},
@@ -230,7 +230,7 @@ TEST(Capture, KeepsEveryRowWhileThePathOfAPlaybackWaitsForTheHand) {
   EXPECT_EQ(std::count_if(list.items.begin(), list.items.end(), [](const Kept& item) { return item.tick >= 0; }), 5);
 }
 
-TEST(Capture, RefusesATimeBeforeTheTriggerThatMakesNoSense) {
+TEST(Capture, RejectsAnInvalidTimeBeforeTheTrigger) {
   for (const double pre : {-0.1, 601.0, std::nan(""), std::numeric_limits<double>::infinity()})
     EXPECT_THAT(test::error_of([&] { validate(CaptureOptions{.pre = pre}); }), HasSubstr("must be from 0 to 600 s"));
   validate(CaptureOptions{.pre = 0});

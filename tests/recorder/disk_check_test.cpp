@@ -30,11 +30,11 @@ TEST(DiskCheck, MeasuresAFolderAsTheRecorderFindsItAndLeavesNothing) {
   }
 }
 
-TEST(DiskCheck, RefusesAFolderThatIsNone) {
+TEST(DiskCheck, RejectsAPathThatIsNotAFolder) {
   EXPECT_THROW((void)measure_disk("/nonexistent", 1000), Error);
 }
 
-TEST(DiskCheck, JudgesADiskByWhatTheRecordersRingBridges) {
+TEST(DiskCheck, JudgesADiskByTheTimeThatTheRecordersRingBridges) {
   DiskMeasurement disk{.folder = "data", .bytes_per_hour = 3.5e8, .free_bytes = 3.5e9};
   const auto write = [&](double stall) {
     disk.write = disk.sync = {};

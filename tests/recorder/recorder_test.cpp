@@ -49,7 +49,7 @@ void expect_prefix(const std::string& file, std::uint64_t least) {
   }
 }
 
-TEST(Recorder, WritesEveryRowAndEventInOrder) {
+TEST(Recorder, WritesEverySampleAndEventInOrder) {
   const TempFolder folder;
   Recorder recorder(folder / "a.h5", {}, {});
   for (std::uint64_t i = 0; i < 12345; ++i) {
@@ -105,7 +105,7 @@ TEST(Recorder, MakesTheServoLoopWaitInVirtualTimeAndLosesNothingThere) {
   expect_prefix(folder / "a.h5", 50'000);
 }
 
-TEST(Recorder, CountsWhatFoundTheRingFullAndTellsInTheFile) {
+TEST(Recorder, CountsTheSamplesThatAFullRingLosesAndReportsThemInTheFile) {
   const TempFolder folder;
   Recorder recorder(folder / "a.h5", {}, {}, {.ring_seconds = 0});
   constexpr std::uint64_t kPushed = 50'000;
@@ -135,7 +135,7 @@ TEST(Recorder, AllocatesNothingInAPush) {
   EXPECT_EQ(test::allocations(), before);
 }
 
-TEST(Recorder, AbandonedKeepsItsRowsButIsNotComplete) {
+TEST(Recorder, KeepsItsSamplesWhenItIsAbandonedButIsNotComplete) {
   const TempFolder folder;
   {
     Recorder recorder(folder / "a.h5", {}, {});
@@ -170,7 +170,7 @@ TEST(Recorder, CanBeReadWhileItRecords) {
   recorder.finish();
 }
 
-TEST(Recorder, GoesOnInFurtherFilesAtALimitOnTheirSize) {
+TEST(Recorder, ContinuesInFurtherFilesAtALimitOnTheirSize) {
   const TempFolder folder;
   signal(SIGXFSZ, SIG_IGN);
   rlimit before{};
@@ -260,7 +260,7 @@ TEST(Recorder, CutsPartsBeforeTheyAreLarger) {
   expect_prefix(folder / "a.h5", 30'000);
 }
 
-TEST(Recorder, ThatWaitsForTheDiskKeepsTheSame) {
+TEST(Recorder, KeepsTheSameSamplesWhenItWaitsForTheDisk) {
   const TempFolder folder;
   Recorder recorder(folder / "a.h5", {}, {}, {.sync_period = 0.02});
   for (std::uint64_t i = 0; i < 10; ++i) {
@@ -313,7 +313,7 @@ TEST(Recorder, KeepsMarksAndPausesThatComeFromAnotherThread) {
   EXPECT_EQ(recorder.status().lost, 0U) << "what is left out on purpose is not lost";
 }
 
-TEST(Recorder, TellsThatItIsPausedAndKeepsNothingMeanwhile) {
+TEST(Recorder, ReportsThatItIsPausedAndKeepsNothingMeanwhile) {
   const TempFolder folder;
   const auto annotations = std::make_shared<Annotations>();
   Recorder recorder(folder / "a.h5", {}, {}, {.annotations = annotations});
@@ -333,7 +333,7 @@ TEST(Recorder, TellsThatItIsPausedAndKeepsNothingMeanwhile) {
   EXPECT_EQ(rows[100].tick, 400U - rows.size());
 }
 
-TEST(Recorder, BeginsWithWhatCameBeforeTheTrigger) {
+TEST(Recorder, StartsWithTheSamplesBeforeTheTrigger) {
   const TempFolder folder;
   Recorder recorder(folder / "a.h5", {}, {}, {.capture = {.pre = 0.25}});
   push_rows(recorder, 0, 1000);
@@ -352,7 +352,7 @@ TEST(Recorder, BeginsWithWhatCameBeforeTheTrigger) {
   EXPECT_DOUBLE_EQ(events.front().time, 0.25);
 }
 
-TEST(Recorder, SaysThatTheTriggerDidNotFire) {
+TEST(Recorder, ReportsThatTheTriggerDidNotFire) {
   const TempFolder folder;
   Recorder recorder(folder / "a.h5", {}, {}, {.capture = {.pre = 1}});
   push_rows(recorder, 0, 5000);
@@ -367,7 +367,7 @@ TEST(Recorder, SaysThatTheTriggerDidNotFire) {
   EXPECT_TRUE(reader.header().complete);
 }
 
-TEST(Recorder, TellsHowLongTheDiskWillLastAndHowLongItHasNotAnswered) {
+TEST(Recorder, ReportsTheRemainingTimeOfTheDiskAndTheTimeWithoutAnAnswer) {
   const TempFolder folder;
   Recorder recorder(folder / "a.h5", {}, {});
   const std::filesystem::space_info space = std::filesystem::space(folder.path());
@@ -383,7 +383,7 @@ TEST(Recorder, TellsHowLongTheDiskWillLastAndHowLongItHasNotAnswered) {
   EXPECT_EQ(recorder.status().stalled, 0);
 }
 
-TEST(Recorder, RefusesOptionsThatMakeNoSense) {
+TEST(Recorder, RejectsInvalidOptions) {
   const TempFolder folder;
   const auto refuses = [&](const Recorder::Options& options, const RecordingHeader& header, const char* part) {
     EXPECT_THAT(test::error_of([&] { Recorder(folder / "a.h5", header, {}, options); }), HasSubstr(part));

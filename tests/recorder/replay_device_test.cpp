@@ -134,7 +134,7 @@ TEST(ReplayDevice, GoesThroughALongRecordingBlockByBlockAndAllocatesNothingMeanw
   EXPECT_EQ(allocated, 0U);
 }
 
-TEST(ReplayDevice, HoldsTheLastRowItHasWhileTheNextIsNotRead) {
+TEST(ReplayDevice, HoldsItsLastSampleWhileTheNextIsNotRead) {
   std::atomic<bool> open{false};
   const auto device = in_blocks([&](std::size_t block) {
     if (block >= 2) open.wait(false);
@@ -166,7 +166,7 @@ TEST(ReplayDevice, IsLostWhereTheRecordingCannotBeRead) {
   EXPECT_EQ(device->lost_reason(), "take.h5 is damaged");
 }
 
-TEST(ReplayDevice, AnswersEveryRowOfARecordingOfSeveralBlocks) {
+TEST(ReplayDevice, AnswersEverySampleOfARecordingOfSeveralBlocks) {
   const TempFolder folder;
   constexpr std::size_t kRows = 2 * ReplayDevice::kBlock + 100;
   {
@@ -190,7 +190,7 @@ TEST(ReplayDevice, AnswersEveryRowOfARecordingOfSeveralBlocks) {
   }
 }
 
-TEST(ReplayDevice, SaysWhichFileItCannotRead) {
+TEST(ReplayDevice, NamesAFileThatItCannotRead) {
   EXPECT_THAT(open_error("replay"), HasSubstr("replay:file=NAME.h5"));
   EXPECT_THAT(open_error("replay:file=/no/such.h5"), HasSubstr("/no/such.h5"));
 }

@@ -98,7 +98,7 @@ class SceneObjectLaws : public testing::TestWithParam<ObjectCase> {
   }
 };
 
-TEST_P(SceneObjectLaws, PushesNobodyWhoIsOutside) {
+TEST_P(SceneObjectLaws, PushesNoToolThatIsOutside) {
   const auto scene = make();
   int outside = 0, inside = 0;
   for (Touch touch : walk(1, 4000)) {
@@ -161,7 +161,7 @@ TEST_P(SceneObjectLaws, GivesNoEnergyToAHandThatMovesSlowlyRoundAClosedPath) {
   }
 }
 
-TEST_P(SceneObjectLaws, StoresWhatWasSpentOnPressingIt) {
+TEST_P(SceneObjectLaws, StoresTheEnergyOfPressingIt) {
   const auto scene = make();
   double spent = 0;
   Contact contact, before;
@@ -186,7 +186,7 @@ TEST_P(SceneObjectLaws, AnswersWithoutAllocating) {
   EXPECT_GT(sum.norm(), 0);
 }
 
-TEST_P(SceneObjectLaws, TakesNonsenseForNoContactAndRemembersNothingOfIt) {
+TEST_P(SceneObjectLaws, TreatsAnInvalidStateAsNoContactAndForgetsIt) {
   const auto scene = make(), spared = make();
   const std::vector<Touch> nonsense{{.position = nan3()},
                                     {.velocity = Vec3(0, kNaN, 0)},
@@ -204,7 +204,7 @@ TEST_P(SceneObjectLaws, TakesNonsenseForNoContactAndRemembersNothingOfIt) {
   }
 }
 
-TEST_P(SceneObjectLaws, ForgetsWhatWasWhenItIsReset) {
+TEST_P(SceneObjectLaws, ForgetsItsContactsWhenItIsReset) {
   const auto scene = make();
   for (const Touch& touch : walk(5, 500)) (void)scene->answer(touch);
   scene->reset();
@@ -217,7 +217,7 @@ TEST_P(SceneObjectLaws, ForgetsWhatWasWhenItIsReset) {
   }
 }
 
-TEST_P(SceneObjectLaws, BearsTheEndsOfItsRange) {
+TEST_P(SceneObjectLaws, WorksAtTheEndsOfItsRange) {
   const ObjectCase& object = GetParam();
   for (const char* stiffness : {"0", "1e9"}) {
     ObjectCase extreme = object;
@@ -257,7 +257,7 @@ double error_of_level(ObjectCase object, const std::string& knob, double level) 
 /// Laws of undamped objects with their defaults: their error comes from the accuracy setting alone.
 class SceneKnobLaws : public SceneObjectLaws {};
 
-TEST_P(SceneKnobLaws, ErrsLessWithEveryLevelOfAKnobTowardsTheMostExact) {
+TEST_P(SceneKnobLaws, ErrsLessWithEveryMoreAccurateLevelOfASetting) {
   const ObjectCase& object = GetParam();
   const std::vector<Knob> knobs = scene_with(object.json)->object(0).knobs();
   ASSERT_FALSE(knobs.empty());
@@ -272,7 +272,7 @@ TEST_P(SceneKnobLaws, ErrsLessWithEveryLevelOfAKnobTowardsTheMostExact) {
   }
 }
 
-TEST_P(SceneObjectLaws, NamesItselfAndTheRangeWhenAKnobIsTurnedTooFar) {
+TEST_P(SceneObjectLaws, NamesItselfAndTheRangeWhenASettingIsOutOfRange) {
   const auto scene = make();
   const std::string& name = scene->object(0).name();
   for (const Knob& knob : scene->knobs()) {
@@ -304,7 +304,7 @@ TEST(Sphere, PushesWithStiffnessTimesDepthAlongTheRadius) {
   EXPECT_EQ(outside.normal, Vec3::UnitZ());
 }
 
-TEST(Sphere, AnswersInItsCentreAsItDidBeforeIt) {
+TEST(Sphere, KeepsItsDirectionInItsCentre) {
   Sphere sphere("ball", {.radius = 0.03, .surface = {.stiffness = 1000}});
   EXPECT_EQ(sphere.answer({}).force, Vec3(0, 0, 30)) << "z, where there was nothing before";
   (void)sphere.answer({.position = Vec3(0.01, 0, 0)});
@@ -315,7 +315,7 @@ TEST(Sphere, AnswersInItsCentreAsItDidBeforeIt) {
   EXPECT_EQ(sphere.answer({}).force, Vec3(0, 0, 30));
 }
 
-TEST(Sphere, DampsTheWayInAndNotTheWayOut) {
+TEST(Sphere, DampsMotionIntoItAndNotOutOfIt) {
   Sphere sphere("ball", {.radius = 0.03, .surface = {.stiffness = 100, .damping = 4}});
   const Vec3 inside(0, 0, 0.02);
   EXPECT_NEAR(sphere.answer({inside, Vec3(0.3, 0, -0.5)}).force.z(), 1 + 2, 1e-12);
@@ -400,7 +400,7 @@ TEST(Lead, ErrsAsMuchAsStated) {
   }
 }
 
-TEST(Wall, KnowsWhatOfItIsInAWorkspace) {
+TEST(Wall, KnowsWhetherItIsInAWorkspace) {
   const Box box{Vec3::Constant(-0.1), Vec3::Constant(0.1)};
   const auto wall = [](const Vec3& point, const Vec3& normal) { return Wall("wall", {point, normal, {}}); };
   EXPECT_TRUE(wall({0, 0, -0.05}, {0, 0, 1}).meets(box));

@@ -40,7 +40,7 @@ TEST(SceneFile, ReadsTheSamples) {
   EXPECT_FALSE(both->passivity());
 }
 
-TEST(SceneFile, NamesWhatIsWrongAndWhere) {
+TEST(SceneFile, NamesTheErrorAndItsPlace) {
   const auto error = [](const std::string& object) { return error_of([&] { scene_of(object); }); };
   EXPECT_THAT(error(R"({"kind": "spere"})"), HasSubstr("my.json: objects[0].kind: 'spere' is not known; did you mean "
                                                        "'sphere'?"));
@@ -67,7 +67,7 @@ TEST(SceneFile, NamesWhatIsWrongAndWhere) {
   EXPECT_THAT(error_of([] { load_scene("/nowhere/scene.json"); }), HasSubstr("/nowhere/scene.json"));
 }
 
-TEST(Scene, AddsUpWhatItsObjectsAnswer) {
+TEST(Scene, AddsTheAnswersOfItsObjects) {
   const auto both = scene_of(kBall + "," + kFloor), ball = scene_of(kBall), floor = scene_of(kFloor);
   for (const auto& scene : {both, ball, floor}) scene->prepare({});
   const Touch touch{.position = Vec3(0.001, 0.002, -0.025)};
@@ -80,7 +80,7 @@ TEST(Scene, AddsUpWhatItsObjectsAnswer) {
   EXPECT_NEAR(sum.contacts[1].depth, 0.005, 1e-15);
 }
 
-TEST(Scene, HasTheKnobsOfItsObjectsByTheirNames) {
+TEST(Scene, HasTheSettingsOfItsObjectsByTheirNames) {
   const auto scene = scene_of(kBall + "," + kFloor);
   scene->set("ball.renew", 0.002);
   scene->set("floor.lead", 0.5);
@@ -89,7 +89,7 @@ TEST(Scene, HasTheKnobsOfItsObjectsByTheirNames) {
   EXPECT_EQ(levels, (std::map<std::string, double>{{"ball.lead", 0}, {"ball.renew", 0.002}, {"floor.lead", 0.5}}));
 }
 
-TEST(Scene, KnowsWhatNobodyCanReach) {
+TEST(Scene, KnowsTheObjectsThatAreOutOfReach) {
   const auto scene =
       scene_of(kFloor + R"(, {"kind": "sphere", "name": "far", "centre": [1, 0, 0], "radius": 0.03, "stiffness": 1})");
   EXPECT_THAT(scene->out_of({Vec3::Constant(-0.1), Vec3::Constant(0.1)}), ElementsAre("far"));
@@ -104,7 +104,7 @@ State state_at(const Vec3& position, int tick) {
   return state;
 }
 
-TEST(SceneController, TellsOfEveryTouchOnceAndOfItsEndWhenItLasts) {
+TEST(SceneController, ReportsEveryTouchOnceAndItsLastingEnd) {
   const auto controller = make_scene_controller(scene_of(kBall + "," + kFloor), 1000);
   std::vector<std::pair<int, Event>> events;
   int tick = 0;
@@ -173,7 +173,7 @@ TEST(TimedController, LosesNoEventToItsTrigger) {
   EXPECT_EQ(ended, 5) << "3 ms after the trigger";
 }
 
-TEST(RecordedScene, PushesTheToolOutAndTellsWhatTheHandFelt) {
+TEST(RecordedScene, PushesTheToolOutAndReportsTheForceOnTheHand) {
   const TempFolder folder;
   PointMass device;
   device.place({0, 0, 0.02});
@@ -211,7 +211,7 @@ TEST(RecordedScene, StopsAToolThatItMadeTooFast) {
       << "without a scene no force is sent, and no speed is too fast";
 }
 
-TEST(RecordedScene, RefusesARateThatNoSceneHas) {
+TEST(RecordedScene, RejectsAnInvalidSceneRate) {
   EXPECT_THAT(error_of([] { make_scene_controller(scene_of(kBall), 0); }), HasSubstr("the rate of the scene"));
 }
 

@@ -50,7 +50,7 @@ Touch touch_at(int tick) {
           .dt = tick == 0 ? 0 : 1e-3};
 }
 
-TEST(SlowScene, IsAskedAtEveryNthTickAndHeardOnePeriodLater) {
+TEST(SlowScene, ComputesAtEveryNthTickAndActsOnePeriodLater) {
   SlowScene slow(slow_test_scene(kBallOnly), {.rate_hz = 100}, 1000);
   const auto scene = slow_test_scene(kBallOnly);
   scene->prepare({.rate_hz = 100});
@@ -82,7 +82,7 @@ TEST(SlowScene, IsTheWallItselfWhereAPlaneIsPredicted) {
   }
 }
 
-TEST(SlowScene, NeverPullsAndNeverRunsAwayWhateverIsPredicted) {
+TEST(SlowScene, NeverPullsAndNeverRunsAwayForAnyPrediction) {
   for (const Prediction prediction : {Prediction::hold, Prediction::linear, Prediction::model}) {
     SlowScene slow(slow_test_scene(kBallOnly), {.rate_hz = 50, .prediction = prediction}, 1000);
     const auto scene = slow_test_scene(kBallOnly);
@@ -106,7 +106,7 @@ TEST(SlowScene, NeverPullsAndNeverRunsAwayWhateverIsPredicted) {
   }
 }
 
-TEST(SlowScene, AllocatesNothingInTheTickAndForgetsWhatWasBeforeAReset) {
+TEST(SlowScene, AllocatesNothingInTheTickAndForgetsAnswersFromBeforeAReset) {
   for (const Prediction prediction : {Prediction::hold, Prediction::linear, Prediction::model}) {
     const auto scene = slow_test_scene(kBallOnly);
     scene->set("sphere.renew", 0.003);  // gives the scene a state to forget
@@ -144,7 +144,7 @@ class Stalling final : public SceneObject {
   std::shared_ptr<std::atomic<bool>> stalls_;
 };
 
-TEST(SlowScene, LetsGoOfAnAnswerThatIsStaleAndSaysSo) {
+TEST(SlowScene, DropsAStaleAnswerAndReportsIt) {
   const auto stalls = std::make_shared<std::atomic<bool>>(false);
   std::vector<std::unique_ptr<SceneObject>> objects;
   objects.push_back(std::make_unique<Stalling>(stalls));
@@ -171,7 +171,7 @@ TEST(SlowScene, LetsGoOfAnAnswerThatIsStaleAndSaysSo) {
               AllOf(HasSubstr("did not keep its rate"), HasSubstr("10 periods old")));
 }
 
-TEST(SlowScene, RefusesRatesAndPredictionsThatDoNotExist) {
+TEST(SlowScene, RejectsInvalidRatesAndPredictions) {
   const auto scene = slow_test_scene(kBallOnly);
   EXPECT_THAT(error_of([&] { SlowScene(scene, {.rate_hz = 1001}, 1000); }), HasSubstr("from 0.1 to 1000 Hz"));
   EXPECT_THAT(error_of([&] { SlowScene(scene, {.rate_hz = 0}, 1000); }), HasSubstr("from 0.1"));

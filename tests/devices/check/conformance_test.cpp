@@ -97,7 +97,7 @@ class Conformance : public testing::Test {
   }
 };
 
-TEST_F(Conformance, FindsSomethingAboutEveryLawOnceAndAtOnce) {
+TEST_F(Conformance, ReportsEveryLawOnceAndImmediately) {
   test_mass();
   std::set<std::string> ids, told(user_.told.begin(), user_.told.end());
   for (const LawFinding& finding : report_.findings) {
@@ -133,7 +133,7 @@ TEST_F(Conformance, SendsNoForceThatIsNotAllowed) {
   EXPECT_EQ(finding("force_x").detail, "nobody is there");
 }
 
-TEST_F(Conformance, SaysWhatForceComesBeforeIt) {
+TEST_F(Conformance, AnnouncesEveryForce) {
   test_mass();
   EXPECT_THAT(user_.asked, Contains(AllOf(HasSubstr("along y"), HasSubstr("at most 0.5 N"))));
 }
@@ -152,7 +152,7 @@ TEST_F(Conformance, MeasuresTheDelayOfADevice) {
   }
 }
 
-TEST_F(Conformance, IsHonestWhenFrictionHidesWhatAForceDoes) {
+TEST_F(Conformance, IsHonestWhenFrictionHidesTheEffectOfAForce) {
   EXPECT_TRUE(test("sim:preset=falcon").kept()) << describe(report_);
   EXPECT_THAT(laws(Verdict::not_tested), IsSupersetOf({"force_x", "force_y", "force_z", "latency"}));
   EXPECT_THAT(finding("force_x").detail, HasSubstr("--max-force"));
@@ -192,7 +192,7 @@ TEST_F(Conformance, StopsAtAForceThatIgnoresItsSize) {
   EXPECT_THAT(finding("force_y").detail, HasSubstr("no force was sent after that"));
 }
 
-TEST_F(Conformance, FindsForcesThatAreLargerThanTold) {
+TEST_F(Conformance, FindsForcesThatAreLargerThanCommanded) {
   wrong_.force = [](const Vec3& f) { return Vec3(100 * f); };
   test_mass();
   EXPECT_THAT(broken(), ElementsAre("gentle")) << describe(report_);
@@ -207,7 +207,7 @@ TEST_F(Conformance, FindsAWrongResolution) {
   }
 }
 
-TEST_F(Conformance, FindsADescriptionThatCannotBe) {
+TEST_F(Conformance, FindsAnInvalidDescription) {
   wrong_.info = [](DeviceInfo& info) { info.max_continuous_force = 1000; };
   test_mass();
   EXPECT_THAT(broken(), ElementsAre("description"));
@@ -288,7 +288,7 @@ TEST_F(Conformance, FindsAPositionThatStandsStillUnderAForceThatNoFrictionHolds)
   EXPECT_THAT(broken(), ElementsAre("follows")) << describe(report_);
 }
 
-TEST_F(Conformance, FindsWhatIsNotMeasured) {
+TEST_F(Conformance, FindsQuantitiesThatAreNotMeasured) {
   wrong_.info = [](DeviceInfo& info) { info.measures_velocity = true; };
   test_mass();
   EXPECT_THAT(broken(), ElementsAre("measures"));
@@ -339,7 +339,7 @@ TEST_F(Conformance, FindsNoise) {
   EXPECT_THAT(broken(), ElementsAre("noise")) << describe(report_);
 }
 
-TEST_F(Conformance, FindsAPositionThatIsNotANumber) {
+TEST_F(Conformance, FindsAPositionThatIsNotFinite) {
   wrong_.answer = [](int exchange, DeviceState& state) {
     if (exchange == 200) state.position.y() = kNaN;
     return Device::Status::ok;
@@ -348,7 +348,7 @@ TEST_F(Conformance, FindsAPositionThatIsNotANumber) {
   EXPECT_THAT(broken(), ElementsAre("finite")) << describe(report_);
 }
 
-TEST_F(Conformance, FindsAForceThatIsNotANumberTakenForOne) {
+TEST_F(Conformance, FindsADeviceThatMovesAfterAForceThatIsNotFinite) {
   wrong_.force = [](const Vec3& f) { return is_finite(f) ? f : Vec3(20, 0, 0); };
   test_mass();
   EXPECT_THAT(broken(), ElementsAre("nan_force")) << describe(report_);

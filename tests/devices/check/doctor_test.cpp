@@ -71,7 +71,7 @@ Diagnosis system(const FakeRoot& root, const std::string& check) {
 
 // ---- laws ----
 
-TEST(Doctor, FindsOutNothingAboutAMachineWithoutFilesAndSaysSo) {
+TEST(Doctor, ReportsUnknownValuesForAMachineWithoutFiles) {
   const FakeRoot empty;
   for (const char* check : {"cpu governor", "preemption", "usb autosuspend"})
     EXPECT_THAT(system(empty, check), finding(Severity::note, StartsWith("unknown: "), IsEmpty()));
@@ -82,7 +82,7 @@ TEST(Doctor, FindsOutNothingAboutAMachineWithoutFilesAndSaysSo) {
               finding(Severity::warning, HasSubstr("rtprio is unknown"), HasSubstr("limits.d")));
 }
 
-TEST(Doctor, TakesAnyBytesInAnyFileWithoutAnError) {
+TEST(Doctor, AcceptsAnyBytesInAnyFileWithoutAnError) {
   std::mt19937 random(7);
   const std::vector<std::string> pieces{"\n",
                                         " ",
@@ -123,7 +123,7 @@ TEST(Doctor, TakesAnyBytesInAnyFileWithoutAnError) {
   }
 }
 
-TEST(Doctor, TakesFoldersInThePlaceOfFiles) {
+TEST(Doctor, AcceptsFoldersInPlaceOfFiles) {
   FakeRoot root;
   root.put("proc/version/x", "").put("sys/kernel/realtime/x", "").put("proc/stat/x", "").put("proc/cpuinfo/x", "");
   EXPECT_THAT(system(root, "preemption"), finding(Severity::note, StartsWith("unknown"), IsEmpty()));
@@ -221,7 +221,7 @@ TEST(Doctor, ReadsACompressedKernelConfiguration) {
 
 // ---- devices ----
 
-TEST(Doctor, SaysThatAPluggedDeviceMayBeOpenedOrInstallsItsRule) {
+TEST(Doctor, ReportsThatAPluggedDeviceCanBeOpenedOrShowsHowToInstallItsRule) {
   FakeRoot root;
   root.plug_falcon();
   const fs::path node = root.path() + "/dev/bus/usb/001/007";
@@ -299,7 +299,7 @@ TEST(Doctor, WritesTheRulesThatThePackageInstalls) {
       << "haptrace doctor --udev-rules > devices/udev/70-haptrace.rules";
 }
 
-TEST(Doctor, TellsRulesThatNameADeviceFromThoseThatDoNot) {
+TEST(Doctor, DistinguishesRulesThatNameADeviceFromRulesThatDoNot) {
   const auto verdict = [](const std::string& folder, const std::string& rules) {
     FakeRoot root;
     root.plug_falcon().put(folder + "/50-a.rules", "\n" + rules + "\n");
@@ -350,7 +350,7 @@ FakeRoot& with_limits(FakeRoot& root, const std::string& rtprio, const std::stri
       .put("proc/self/status", "Name:\tx\nCapEff:\t" + capabilities + "\n");
 }
 
-TEST(Doctor, SaysWhichSchedulingWasObtainedOrWhyNot) {
+TEST(Doctor, ReportsTheSchedulingOrWhyItWasRefused) {
   FakeRoot root;
   with_limits(root, "0", "0000000000000000");
   const auto scheduling = [&](const LoopMeasurement& loop) {
@@ -377,7 +377,7 @@ TEST(Doctor, SaysWhichSchedulingWasObtainedOrWhyNot) {
   EXPECT_THAT(scheduling(refused), finding(Severity::warning, HasSubstr("control group"), HasSubstr("cgroup.procs")));
 }
 
-TEST(Doctor, SaysWhetherMemoryIsLockedAndTimersAreFine) {
+TEST(Doctor, ReportsWhetherMemoryIsLockedAndTimersAreFine) {
   FakeRoot root;
   with_limits(root, "0", "0");
   LoopMeasurement loop = good_loop();
@@ -395,7 +395,7 @@ TEST(Doctor, SaysWhetherMemoryIsLockedAndTimersAreFine) {
   EXPECT_THAT(find(examine_loop(loop, root.path()), "timer slack"), finding(Severity::ok, "1 ns", IsEmpty()));
 }
 
-TEST(Doctor, BlamesTheHypervisorForWhatItTook) {
+TEST(Doctor, BlamesTheHypervisorForStolenTime) {
   FakeRoot root;
   root.put("proc/cpuinfo", "flags\t\t: fpu sse2\n");
   const auto hypervisor = [&](double stolen) {
@@ -443,7 +443,7 @@ TEST(Doctor, HoldsTheRateUpToOneTickInAThousandAndHalfAPeriod) {
   EXPECT_TRUE(loop.holds_rate());
 }
 
-TEST(Doctor, HoldsNothingThatWasNotMeasured) {
+TEST(Doctor, DoesNotHoldARateThatWasNotMeasured) {
   EXPECT_FALSE(LoopMeasurement{}.holds_rate());
 }
 

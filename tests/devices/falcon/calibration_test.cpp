@@ -66,7 +66,7 @@ TEST(FalconCalibration, KeepsTheDirectionOfAForceThatIsTooLarge) {
   EXPECT_LT(bounded, 4500);
 }
 
-TEST(FalconCalibration, SendsNothingForTorquesThatAreNone) {
+TEST(FalconCalibration, SendsNothingForTorquesThatAreNotFinite) {
   const FalconCalibration falcon;
   EXPECT_THAT(falcon.motors(Vec3::Zero()), ElementsAre(0, 0, 0));
   EXPECT_THAT(falcon.motors(Vec3(kNaN, 0.1, 0.1)), ElementsAre(0, 0, 0));
@@ -75,7 +75,7 @@ TEST(FalconCalibration, SendsNothingForTorquesThatAreNone) {
   EXPECT_THAT(falcon.motors(Vec3(1e300, 0, 0)), ElementsAre(-4095, 0, 0));
 }
 
-TEST(FalconCalibration, AsksForLightsAndHomingInBitsOfTheirOwn) {
+TEST(FalconCalibration, RequestsLightsAndHomingWithSeparateBits) {
   FalconCalibration falcon;
   EXPECT_EQ(falcon.flags({}, false), 0);
   EXPECT_EQ(falcon.flags({}, true), 0x01);
@@ -96,7 +96,7 @@ TEST(FalconCalibration, AllocatesNothingInATick) {
   EXPECT_EQ(words[2], -4095);
 }
 
-TEST(FalconCalibration, KeepsItsDefaultsForWhatNobodyMeasured) {
+TEST(FalconCalibration, KeepsItsDefaultsForMissingKeys) {
   const FalconCalibration falcon = read(R"({"counts_per_n_m": [9000, 9100, 9200], "geometry": {"thigh": 0.061}})");
   EXPECT_EQ(falcon.counts_per_n_m, Vec3(9000, 9100, 9200));
   EXPECT_EQ(falcon.geometry.thigh, 0.061);
@@ -135,7 +135,7 @@ TEST(FalconCalibration, HasASampleOfEveryKeyAndItsDefault) {
   EXPECT_EQ(sample["flags"].size(), 4);
 }
 
-TEST(FalconCalibration, RefusesWhatItDoesNotKnowWithTheNearest) {
+TEST(FalconCalibration, RejectsUnknownKeysAndSuggestsTheNearest) {
   EXPECT_THAT(refusal(R"({"counts_per_nm": 1e4})"),
               AllOf(HasSubstr("my.json"), HasSubstr("did you mean 'counts_per_n_m'?")));
   EXPECT_THAT(refusal(R"({"geometry": {"thig": 0.06}})"), HasSubstr("did you mean 'thigh'?"));
@@ -143,7 +143,7 @@ TEST(FalconCalibration, RefusesWhatItDoesNotKnowWithTheNearest) {
   EXPECT_THAT(refusal("[]"), HasSubstr("my.json: expected an object"));
 }
 
-TEST(FalconCalibration, RefusesWhatCannotBe) {
+TEST(FalconCalibration, RejectsInvalidValues) {
   EXPECT_THAT(refusal(R"({"counts_per_rad": [1572, 0, 1572]})"), HasSubstr("counts_per_rad[1]: 0 is too small"));
   EXPECT_THAT(refusal(R"({"home_angle": 35})"), HasSubstr("home_angle: 35 is too large"));
   EXPECT_THAT(refusal(R"({"home_angle": [3, 3, 3]})"), HasSubstr("home_angle: the legs of this geometry cannot reach"));

@@ -126,7 +126,7 @@ TEST_F(FalconDriverTest, ShowsNothingOfTheJumpAtHoming) {
 
 // ---- force ----
 
-TEST_F(FalconDriverTest, SendsTheForceThatIsAskedForWhereverTheHandleIs) {
+TEST_F(FalconDriverTest, SendsTheCommandedForceAtEveryPosition) {
   Gaussian random(3, 1);
   for (int k = 0; k < 50; ++k) {
     const Vec3 angles = FalconKinematics().at_position(Vec3(0, 0, 0.12) + 0.01 * random.vector())->angles;
@@ -153,7 +153,7 @@ TEST_F(FalconDriverTest, NeverSendsMoreThanItIsAllowedTo) {
   EXPECT_EQ(last_sent().words, kNoForce);
 }
 
-TEST_F(FalconDriverTest, LightsItsLogoByWhatItDoes) {
+TEST_F(FalconDriverTest, LightsItsLogoAccordingToItsState) {
   const auto driver = open();
   (void)round(*driver);
   EXPECT_EQ(last_sent().flags, calibration_.flags({.green = true}, true));
@@ -174,7 +174,7 @@ TEST_F(FalconDriverTest, LetsGoWithZeroForceAndLightsOff) {
   EXPECT_EQ(script_.closed, 1);
 }
 
-TEST_F(FalconDriverTest, LetsGoOfWhatIsGone) {
+TEST_F(FalconDriverTest, ReleasesADeviceThatIsGone) {
   const auto driver = open();
   script_.gone = true;
   DeviceState state;
@@ -183,7 +183,7 @@ TEST_F(FalconDriverTest, LetsGoOfWhatIsGone) {
   EXPECT_EQ(script_.closed, 1);
 }
 
-TEST_F(FalconDriverTest, SaysWhatItCanDo) {
+TEST_F(FalconDriverTest, DescribesItself) {
   calibration_.max_force = 5;
   const DeviceInfo info = open()->info();
   EXPECT_EQ(info.backend, "falcon");
@@ -194,7 +194,7 @@ TEST_F(FalconDriverTest, SaysWhatItCanDo) {
 
 // ---- answers ----
 
-TEST_F(FalconDriverTest, DoesNotBelieveOneWrongCountAndSendsNoForceOnIt) {
+TEST_F(FalconDriverTest, RejectsOneWrongCountAndSendsNoForceForIt) {
   const auto driver = open();
   const Vec3 before = round(*driver, Vec3(2, 0, 0)).position;
   says_.words[1] += 0x1000;
@@ -267,7 +267,7 @@ TEST_F(FalconDialogueTest, IsInStepAgainAfterAnswersThatCameLate) {
   }
 }
 
-TEST_F(FalconDialogueTest, IgnoresWhatCameUnasked) {
+TEST_F(FalconDialogueTest, IgnoresUnrequestedBytes) {
   script_.say(encode({{999, 0, 0}, 0}));
   script_.line.push_back({'<', 'A', 'A'});
   EXPECT_EQ(ask(5), 5);
@@ -276,7 +276,7 @@ TEST_F(FalconDialogueTest, IgnoresWhatCameUnasked) {
   expect_in_step(10);
 }
 
-TEST_F(FalconDialogueTest, BelievesNoAnswerFromBeforeItsProcessStoodStill) {
+TEST_F(FalconDialogueTest, RejectsAnswersFromBeforeItsProcessStoodStill) {
   const auto answers = script_.on_write;
   script_.on_write = [&](const Bytes& bytes) {
     answers(bytes);
@@ -290,7 +290,7 @@ TEST_F(FalconDialogueTest, BelievesNoAnswerFromBeforeItsProcessStoodStill) {
 }
 
 // Other firmware may look for packets in another way than our decoder. No variant may keep the host's force.
-TEST(FalconLastWords, TakeTheForceAwayWhereverTheHostsLastPacketBrokeOff) {
+TEST(FalconLastWords, RemoveTheForceWhereverTheHostsLastPacketBrokeOff) {
   const FalconBytes push = encode({{4095, -4095, 1234}, 0x7f});
   const auto words = falcon_last_words({});
   for (const auto& last : {words.when_silent, words.when_dead})
@@ -329,7 +329,7 @@ TEST_F(FalconDialogueTest, LosesOneRoundForADamagedAnswer) {
   }
 }
 
-TEST_F(FalconDialogueTest, GoesOnWhenAPacketCouldNotBeSent) {
+TEST_F(FalconDialogueTest, ContinuesWhenAPacketCouldNotBeSent) {
   script_.takes = false;
   EXPECT_EQ(ask(1), std::nullopt);
   script_.takes = true;
@@ -398,7 +398,7 @@ TEST_F(FalconTrackerTest, IsLostWhenAJumpPersistsHoweverLongItWaits) {
   }
 }
 
-TEST_F(FalconTrackerTest, IsLostWhereTheLegsHoldTheHandleNowhere) {
+TEST_F(FalconTrackerTest, IsLostAtAnglesWithoutAHandlePosition) {
   home();
   // A hand can move in such steps.
   std::string why;
@@ -411,7 +411,7 @@ TEST_F(FalconTrackerTest, IsLostWhereTheLegsHoldTheHandleNowhere) {
               AllOf(HasSubstr("degrees, and no position of the handle has these angles"), HasSubstr("home_angle")));
 }
 
-TEST_F(FalconTrackerTest, IsNotHomedAnyMoreWhenTheReportsGoOnSayingSo) {
+TEST_F(FalconTrackerTest, IsNoLongerHomedWhenTheReportsKeepStatingIt) {
   home({40, 50, 60});
   double doubted = 0;
   while (take({40, 50, 60}, 0x30) == Belief::doubted) doubted += 1e-3;

@@ -201,7 +201,7 @@ TEST(EmulatedFalcon, AnswersWithinAMillisecondAndTheTimeOfTheWire) {
   EXPECT_EQ(bench.falcon.packets(), 100);
 }
 
-TEST(EmulatedFalcon, ForgetsWhatIsPurged) {
+TEST(EmulatedFalcon, ForgetsPurgedBytes) {
   Bench bench(Start::homed);
   bench.begin_running();
   const FalconBytes bytes = encode({});
@@ -215,7 +215,7 @@ TEST(EmulatedFalcon, ForgetsWhatIsPurged) {
   EXPECT_EQ(bench.falcon.packets(), 1);
 }
 
-TEST(EmulatedFalcon, IsHomedByItsUserAndThenTellsWhereItIsToACount) {
+TEST(EmulatedFalcon, IsHomedByItsUserAndThenReportsItsPositionToACount) {
   Bench bench(Start::loaded);
   bench.begin_running();
   const auto wrong = bench.exchange({});
@@ -256,7 +256,7 @@ TEST(EmulatedFalcon, LetsItsMotorsMoveTheHandleWhileItIsHomed) {
   EXPECT_GT((place(500) - place(0)).norm(), 1e-3);
 }
 
-TEST(EmulatedFalcon, PushesTheWayItsMotorsAreTold) {
+TEST(EmulatedFalcon, PushesInTheDirectionOfItsMotorCommands) {
   const TempFolder folder;
   const std::string slow = folder.write(
       "slow.json", R"({"mass": 5, "viscous": 50, "max_force": 10, "workspace": {"min": -0.04, "max": 0.04}})");
@@ -299,7 +299,7 @@ TEST(EmulatedFalcon, SaturatesItsMotors) {
   EXPECT_GT(force.norm(), 3);
 }
 
-TEST(EmulatedFalcon, TellsItsButtonsAndTakesItsLights) {
+TEST(EmulatedFalcon, ReportsItsButtonsAndAcceptsItsLights) {
   Bench bench(Start::homed);
   bench.begin_running();
   bench.falcon.press(FalconReport::kForward | FalconReport::kMinus);
@@ -308,7 +308,7 @@ TEST(EmulatedFalcon, TellsItsButtonsAndTakesItsLights) {
   EXPECT_EQ(bench.falcon.flags(), lights);
 }
 
-TEST(EmulatedFalcon, HasEveryFaultThatItIsAskedFor) {
+TEST(EmulatedFalcon, HasEveryRequestedFault) {
   {
     Bench bench(Start::switched_on, fault("bad_echo:2"));
     for (int k = 0; k < 3; ++k) {
@@ -393,7 +393,7 @@ TEST(EmulatedFalcon, HasEveryFaultThatItIsAskedFor) {
   }
 }
 
-TEST(EmulatedFalcon, SpoilsAsManyBytesAsItIsAskedTo) {
+TEST(EmulatedFalcon, SpoilsTheRequestedNumberOfBytes) {
   for (const char* text : {"lost:0.01", "garbage:0.01", "flipped:0.01"}) {
     Bench bench(Start::homed, fault(text));
     bench.begin_running();
@@ -460,7 +460,7 @@ TEST(EmulatedFalconLink, ExchangesPacketsInRealTime) {
   EXPECT_THAT(error_of([&] { link->control(Request::purge, 1); }, Error::Kind::device), HasSubstr("closed"));
 }
 
-TEST(EmulatedFalconLink, IsTheSameDeviceAgainAfterItsCableWasOut) {
+TEST(EmulatedFalconLink, IsTheSameDeviceAgainAfterItsCableWasUnplugged) {
   in_real_time();
   const std::string fault = ",fault=unplug:0.05:0.1";
   auto link = open_link(fault);

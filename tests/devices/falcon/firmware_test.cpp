@@ -104,7 +104,7 @@ class FalconFirmwareTest : public testing::Test {
   }
 };
 
-TEST_F(FalconFirmwareTest, LoadsWhatTheUserNamedAndFindsItRunning) {
+TEST_F(FalconFirmwareTest, LoadsTheFileThatTheUserNamedAndFindsItRunning) {
   const auto link = start();
   EXPECT_TRUE(device_->has_image());
   EXPECT_EQ(device_->loadings, 1);
@@ -120,12 +120,12 @@ TEST_F(FalconFirmwareTest, LoadsNothingWhereFirmwareRuns) {
     EXPECT_EQ(std::string(bytes.begin(), bytes.end()), "<AAAAAAAAAAAAAA>") << "a probe moves nothing";
 }
 
-TEST_F(FalconFirmwareTest, SaysWhereFirmwareIsFoundWhenNoneRunsAndNoneWasNamed) {
+TEST_F(FalconFirmwareTest, NamesASourceOfFirmwareWhenNoneRunsAndNoneIsGiven) {
   EXPECT_THAT(failure(false), AllOf(HasSubstr("falcon:firmware=FILE"), HasSubstr("libnifalcon")));
   EXPECT_EQ(script_.closed, script_.opened);
 }
 
-TEST_F(FalconFirmwareTest, SucceedsInTheSixthTryOnALinkOfItsOwn) {
+TEST_F(FalconFirmwareTest, SucceedsInTheSixthTryOnItsOwnLink) {
   device_->bad_echoes = 5;
   const auto link = start();
   EXPECT_TRUE(device_->has_image());
@@ -134,7 +134,7 @@ TEST_F(FalconFirmwareTest, SucceedsInTheSixthTryOnALinkOfItsOwn) {
   EXPECT_EQ(script_.closed, 5);
 }
 
-TEST_F(FalconFirmwareTest, SaysAfterTenTriesWhatWentWrongInEach) {
+TEST_F(FalconFirmwareTest, ReportsAfterTenTriesTheErrorOfEach) {
   device_->bad_echoes = 100;
   EXPECT_THAT(failure(),
               AllOf(StartsWith("nvent.bin: could not be loaded into the Falcon in 10 tries (tries 1 to 10: byte 3100 "),
@@ -143,7 +143,7 @@ TEST_F(FalconFirmwareTest, SaysAfterTenTriesWhatWentWrongInEach) {
   EXPECT_EQ(script_.closed, 10);
 }
 
-TEST_F(FalconFirmwareTest, TellsOneFailureFromTheOther) {
+TEST_F(FalconFirmwareTest, DistinguishesFailures) {
   device_->silent_after = 620;
   EXPECT_THAT(failure(), HasSubstr("after 620 of 8492 bytes, its loader stopped answering"));
   device_ = switched_on();
@@ -176,7 +176,7 @@ TEST_F(FalconFirmwareTest, TakesTheWelcomeInItsOtherFormAndOneThatComesTwice) {
   EXPECT_NE(start(), nullptr);
 }
 
-TEST_F(FalconFirmwareTest, GoesOnTryingWhileTheDeviceIsAwayForAMoment) {
+TEST_F(FalconFirmwareTest, KeepsTryingWhileTheDeviceIsAwayForAMoment) {
   device_->bad_echoes = 1;
   int opened = 0;
   const auto link = start_falcon(
@@ -189,7 +189,7 @@ TEST_F(FalconFirmwareTest, GoesOnTryingWhileTheDeviceIsAwayForAMoment) {
   EXPECT_EQ(opened, 3);
 }
 
-TEST(FalconFirmwareFile, IsReadWholeAndRefusedWhenItCannotBeOne) {
+TEST(FalconFirmwareFile, IsReadCompletelyAndRejectedIfItsSizeIsWrong) {
   const TempFolder folder;
   const Bytes image = random_image(8492);
   const std::string file = folder.write("good.bin", std::string(image.begin(), image.end()));

@@ -50,7 +50,7 @@ double loop_error(const FalconGeometry& g, const FalconPose& pose) {
   return worst;
 }
 
-TEST(FalconKinematics, FindsThePositionThatAnglesCameFromWhereverItBegins) {
+TEST(FalconKinematics, FindsThePositionOfItsAnglesFromAnyStart) {
   const FalconKinematics falcon;
   RandomPose random(1);
   for (int i = 0; i < kDraws; ++i) {
@@ -103,7 +103,7 @@ TEST(FalconKinematics, HasTheJacobianOfItsPositions) {
   EXPECT_GT(compared, kDraws / 4);
 }
 
-TEST(FalconKinematics, TakesFromTheMotorsWhatItGivesToTheHand) {
+TEST(FalconKinematics, TakesTheWorkFromTheMotorsThatItGivesToTheHand) {
   const FalconKinematics falcon;
   RandomPose random(4);
   const double h = 1e-6;
@@ -152,7 +152,7 @@ TEST(FalconKinematics, PlacesTheHandleWhereTheSourceOfItsLengthsDoes) {
   EXPECT_NEAR(torques[0], torques[2], 1e-12);
 }
 
-TEST(FalconKinematics, NeedsTheTorquesThatWereFoundForItElsewhere) {
+TEST(FalconKinematics, NeedsTheTorquesThatOtherSourcesState) {
   const auto pose = FalconKinematics().at_position(Vec3(0, 0, 0.12));
   ASSERT_TRUE(pose);
   EXPECT_NEAR(pose->torques(Vec3(10, 0, 0)).cwiseAbs().maxCoeff(), 0.58, 0.005);
@@ -169,7 +169,7 @@ TEST(FalconKinematics, MovesTheHandleAwayFromALegThatRisesAndOutOfTheDevice) {
   EXPECT_TRUE((pose->jacobian.row(2).array() > 0.01).all());
 }
 
-TEST(FalconKinematics, ReachesABoxOf80MillimetresWholeWithRoomToSpare) {
+TEST(FalconKinematics, ReachesABoxOf80MillimetresWithRoomToSpare) {
   const FalconKinematics falcon;
   for (int x = -8; x <= 8; ++x)
     for (int y = -8; y <= 8; ++y)
@@ -182,7 +182,7 @@ TEST(FalconKinematics, ReachesABoxOf80MillimetresWholeWithRoomToSpare) {
       }
 }
 
-TEST(FalconKinematics, IsFoundOnEveryWayFromTheMiddleToItsEdge) {
+TEST(FalconKinematics, IsFoundOnEveryPathFromTheMiddleToItsEdge) {
   const FalconKinematics falcon;
   RandomPose random(6);
   for (int i = 0; i < 300; ++i) {
@@ -214,7 +214,7 @@ TEST(FalconKinematics, ReachesNothingOutside) {
   EXPECT_FALSE(falcon.at_angles(Vec3(0.6, 0.6, INFINITY), Vec3(0, 0, 0.12)));
 }
 
-TEST(FalconKinematics, BeginsAfreshWhenItIsToldNonsenseOfWhereTheHandleWas) {
+TEST(FalconKinematics, RestartsWhenItsStartPositionIsInvalid) {
   const FalconKinematics falcon;
   const FalconPose pose = *falcon.at_position(Vec3(0.01, -0.02, 0.13));
   for (const Vec3& near : {nan3(), Vec3(INFINITY, 0, 0), Vec3(0, 0, -1e300), Vec3(0, 0, -0.12), Vec3(5, 5, 5)}) {
@@ -252,7 +252,7 @@ TEST(FalconKinematics, StandsRoundItsAxisInEitherSense) {
   }
 }
 
-TEST(FalconKinematics, RefusesLengthsThatNoDeviceHas) {
+TEST(FalconKinematics, RejectsInvalidLengths) {
   const auto refusal = [](auto change) {
     FalconGeometry geometry;
     change(geometry);

@@ -42,7 +42,7 @@ class FalconPorts : public testing::Test {
   }
 };
 
-TEST_F(FalconPorts, AreFoundByWhatTheKernelSays) {
+TEST_F(FalconPorts, AreFoundInTheFilesOfTheKernel) {
   EXPECT_THAT(ports(), IsEmpty());
   plug("1-1.2", 5, "FA1B");
   plug("1-3", 6, "", "6001");
@@ -74,7 +74,7 @@ TEST_F(FalconPorts, AreChosenBySerialNumberOrPort) {
   EXPECT_THAT(refusal("A", "1-2"), HasSubstr("with serial=A port=1-2"));
 }
 
-TEST_F(FalconPorts, AreNamedSoThatEachCanBeAskedFor) {
+TEST_F(FalconPorts, AreNamedSoThatEachCanBeSelected) {
   const auto specs = [this] {
     std::vector<std::string> names;
     for (const FoundDevice& found : found_falcons(ports())) names.push_back(found.spec);
@@ -94,7 +94,7 @@ TEST_F(FalconPorts, AreNamedSoThatEachCanBeAskedFor) {
   }
 }
 
-TEST_F(FalconPorts, SayWhatIsInTheWayAndWhatMendsIt) {
+TEST_F(FalconPorts, NameTheObstacleAndTheRemedy) {
   plug("1-1", 5, "A");
   fs::remove(root_ / "dev/bus/usb/001/005");
   std::vector<FalconPort> found = ports();
@@ -128,7 +128,7 @@ TEST(FtdiStatus, IsTakenOutOfEveryPacketOfATransfer) {
   }
 }
 
-TEST(FalconBackend, RefusesWhatItCannotUseBeforeItTouchesADevice) {
+TEST(FalconBackend, RejectsInvalidOptionsBeforeItOpensADevice) {
   EXPECT_THAT(open_error("falcon:serail=3"), HasSubstr("did you mean 'serial'?"));
   EXPECT_THAT(open_error("falcon:firmware=/nonexistent.bin"), HasSubstr("/nonexistent.bin: there is no such file"));
   EXPECT_THAT(open_error("falcon:calibration=/nonexistent.json"), HasSubstr("/nonexistent.json"));
@@ -142,7 +142,7 @@ TEST(FalconBackend, RefusesWhatItCannotUseBeforeItTouchesADevice) {
               HasSubstr("hand: this option is for an emulated device; add emulated=true"));
 }
 
-TEST(FalconBackend, OpensAnEmulatedOneThatIsReadyOnceItWasHomed) {
+TEST(FalconBackend, OpensAnEmulatedDeviceThatIsReadyOnceItWasHomed) {
   in_real_time();
   const auto device = open_device("falcon:emulated=true,hand=relaxed");
   EXPECT_EQ(device->info().model, "Novint Falcon, emulated");

@@ -126,7 +126,7 @@ TEST(FalconProtocol, FindsEveryPacketBetweenAnyGarbage) {
   }
 }
 
-TEST(FalconProtocol, FindsNothingButWhatIsThere) {
+TEST(FalconProtocol, FindsNoPacketThatWasNotSent) {
   RandomBytes random(3);
   std::size_t found = 0;
   for (int i = 0; i < 2000; ++i) {
@@ -166,7 +166,7 @@ TEST(FalconProtocol, LosesOnlyThePacketThatLostAByteOrGotOneTooMany) {
   }
 }
 
-TEST(FalconProtocol, TakesAnythingInTheByteThatNobodyKnows) {
+TEST(FalconProtocol, AcceptsAnyValueInTheUndocumentedByte) {
   for (unsigned unknown = 0; unknown < 256; ++unknown) {
     const FalconPacket packet{{1, -2, 3}, 0x25};
     Bytes stream;
@@ -177,7 +177,7 @@ TEST(FalconProtocol, TakesAnythingInTheByteThatNobodyKnows) {
   }
 }
 
-TEST(FalconProtocol, ForgetsHalfAPacketWhenToldTo) {
+TEST(FalconProtocol, ForgetsHalfAPacketOnRequest) {
   FalconDecoder decoder;
   const FalconBytes bytes = encode({{7, 8, 9}, 0});
   for (std::size_t i = 0; i < 8; ++i) EXPECT_FALSE(decoder.push(bytes[i]));
@@ -200,7 +200,7 @@ TEST(FalconProtocol, NeverTurnsALargeForceRound) {
   EXPECT_EQ(falcon_word(-4095), -4095);
 }
 
-TEST(FalconProtocol, ReportsButtonsAndWhatIsHomed) {
+TEST(FalconProtocol, ReportsButtonsAndHomedLegs) {
   const FalconReport report = falcon_report({{-1, 2, -3}, 0x5 | 0x10 | 0x20});
   EXPECT_THAT(report.encoders, ElementsAre(-1, 2, -3));
   EXPECT_EQ(report.buttons, FalconReport::kPlus | FalconReport::kCentre);

@@ -115,7 +115,7 @@ TEST_F(FalconHost, LeavesNoForceWhenItIsKilledAndTheFalconIsFree) {
   EXPECT_EQ(device->exchange({}, 1e-3, state), Device::Status::ok);
 }
 
-TEST_F(FalconHost, LeavesItsForceWhenItIsKilledAndNobodySpeaks) {
+TEST_F(FalconHost, LeavesItsForceWhenItIsKilledWithoutAGuardian) {
   kill(guardian_, SIGSTOP);
   kill(host_, SIGKILL);
   EXPECT_TRUE(keeps_pushing());
@@ -123,7 +123,7 @@ TEST_F(FalconHost, LeavesItsForceWhenItIsKilledAndNobodySpeaks) {
   EXPECT_TRUE(comes_true(rests));
 }
 
-TEST_F(FalconHost, LeavesNoForceWhenItIsStoppedAndGoesOnAfterwards) {
+TEST_F(FalconHost, LeavesNoForceWhenItIsStoppedAndContinuesAfterwards) {
   for (int stops = 0; stops < 3; ++stops) {
     signal_and_wait_for_rest(SIGSTOP);
     std::this_thread::sleep_for(100ms);
@@ -134,7 +134,7 @@ TEST_F(FalconHost, LeavesNoForceWhenItIsStoppedAndGoesOnAfterwards) {
   }
 }
 
-TEST_F(FalconHost, LeavesItsForceWhenItIsStoppedAndNobodySpeaks) {
+TEST_F(FalconHost, LeavesItsForceWhenItIsStoppedWithoutAGuardian) {
   kill(guardian_, SIGSTOP);
   kill(host_, SIGSTOP);
   EXPECT_TRUE(keeps_pushing());
@@ -154,7 +154,7 @@ TEST_F(FalconHost, LeavesNoForceWhereTheEndpointHasStalled) {
   EXPECT_TRUE(comes_true(rests));
 }
 
-TEST_F(FalconHost, KnowsWhenNothingWouldStopTheMotorsAnyMore) {
+TEST_F(FalconHost, KnowsWhenNothingWouldStopTheMotors) {
   kill(guardian_, SIGKILL);
   EXPECT_TRUE(comes_true(rests));
   int status = 0;
@@ -183,7 +183,7 @@ TEST_F(GuardedFalcon, DismissesItsGuardianWhenItIsClosed) {
   EXPECT_TRUE(comes_true([] { return bus().open_handles() == 0; }));
 }
 
-TEST_F(GuardedFalcon, LetsItsGuardianSpeakWhenNothingAnswers) {
+TEST_F(GuardedFalcon, LetsItsGuardianSendTheLastWordsWhenNothingAnswers) {
   plug_in(Start::homed);
   const auto device = open_device("falcon");
   DeviceState state;
@@ -254,7 +254,7 @@ TEST_F(GuardedFalcon, IsStoppedByItsGuardianWhileARoundDoesNotReturn) {
   EXPECT_FALSE(pushes()) << "and it stays so when the round returns";
 }
 
-TEST_F(GuardedFalcon, GivesItsFileToNobodyElse) {
+TEST_F(GuardedFalcon, GivesItsFileToNoOtherProcess) {
   plug_in(Start::homed);
   const auto link = open_usb_falcon_link(choose_falcon_port(find_falcon_ports(), "", ""));
   const auto port = link->guarded_port();

@@ -94,7 +94,7 @@ TEST_F(FalconUsb, IsLoadedHoweverOftenItTakes) {
   EXPECT_EQ(bus().falcon([](const EmulatedFalcon& falcon) { return falcon.loadings(); }), 3);
 }
 
-TEST_F(FalconUsb, TellsItsPlaceToACountAndPushesWhereItIsTold) {
+TEST_F(FalconUsb, ReportsItsPositionToACountAndPushesInTheCommandedDirection) {
   const FalconCalibration calibration;
   const FalconKinematics kinematics;
   // A heavy handle in a steady hand.
@@ -132,7 +132,7 @@ TEST_F(FalconUsb, TellsItsPlaceToACountAndPushesWhereItIsTold) {
   RecordProperty("worst_angle_deg", fmt::format("{:.4f}", worst_angle));
 }
 
-TEST_F(FalconUsb, IsOnlyOneProgramsAtATime) {
+TEST_F(FalconUsb, BelongsToOneProgramAtATime) {
   plug_in(Start::homed);
   const auto device = open_device("falcon");
   EXPECT_THAT(open_error("falcon", Error::Kind::device), HasSubstr("another program uses it"));
@@ -140,7 +140,7 @@ TEST_F(FalconUsb, IsOnlyOneProgramsAtATime) {
   EXPECT_TRUE(exchange_until(*device, Vec3::Zero(), state, [&] { return state.ready; }));
 }
 
-TEST_F(FalconUsb, IsFreeOfForceWhenNobodyExchangesAnyMore) {
+TEST_F(FalconUsb, IsFreeOfForceWhenExchangesStop) {
   plug_in(Start::homed);
   const auto device = open_device("falcon");
   DeviceState state;
@@ -242,7 +242,7 @@ TEST_F(FalconUsb, IsLostWithItsCable) {
   EXPECT_FALSE(pushes());
 }
 
-TEST_F(FalconUsb, GoesOnWhenItsCableIsInAgain) {
+TEST_F(FalconUsb, ContinuesWhenItsCableIsPluggedInAgain) {
   plug_in(Start::homed);
   RecoveringDevice device([] { return open_device("falcon"); });
   std::thread somebody;
@@ -265,7 +265,7 @@ TEST_F(FalconUsb, GoesOnWhenItsCableIsInAgain) {
   EXPECT_FALSE(pushes());
 }
 
-TEST_F(FalconUsb, DoesNotGoOnWithAnother) {
+TEST_F(FalconUsb, DoesNotContinueWithAnotherDevice) {
   plug_in(Start::homed);
   RecoveringDevice device([] { return open_device("falcon"); });
   std::thread somebody;

@@ -30,7 +30,7 @@ Packet packet_of(hapkit_kind kind, std::uint16_t sequence, std::int16_t duty = 0
   return bytes;
 }
 
-TEST(HapkitPacket, HasTheCheckSumOfTheStandard) {
+TEST(HapkitPacket, HasTheStandardChecksum) {
   const char* const text = "123456789";
   EXPECT_EQ(hapkit_crc(reinterpret_cast<const std::uint8_t*>(text), 9), 0x29b1);
 }
@@ -46,7 +46,7 @@ TEST(HapkitPacket, IsTheSameInCAndInCpp) {
   EXPECT_EQ(c, spelled);
 }
 
-TEST(HapkitPacket, IsFoundAfterAnythingAndWithEveryBitOrNotAtAll) {
+TEST(HapkitPacket, IsFoundAfterAnyBytesAndRejectedIfABitIsWrong) {
   std::mt19937 random(5);
   hapkit_decoder decoder{};
   hapkit_packet found{};
@@ -96,7 +96,7 @@ class HapkitBoard : public testing::Test {
   std::uint32_t now_ms_ = 0xffffffff - 20;  // wraps around soon
 };
 
-TEST_F(HapkitBoard, ObeysNobodyWhoDidNotGreetIt) {
+TEST_F(HapkitBoard, ObeysNoHostThatDidNotGreetIt) {
   const hapkit_packet state = say(HAPKIT_COMMAND, 1000);
   EXPECT_EQ(state.duty, 0);
   EXPECT_EQ(state.flags & HAPKIT_GREETED, 0);
@@ -106,7 +106,7 @@ TEST_F(HapkitBoard, ObeysNobodyWhoDidNotGreetIt) {
   EXPECT_EQ(say(HAPKIT_HELLO).duty, 0) << "a new host begins without force";
 }
 
-TEST_F(HapkitBoard, SwitchesItsMotorOffWhenNobodyCommands) {
+TEST_F(HapkitBoard, SwitchesItsMotorOffWithoutCommands) {
   say(HAPKIT_HELLO);
   for (int k = 0; k < 100; ++k, ++now_ms_) {
     EXPECT_EQ(say(HAPKIT_COMMAND, -20000).flags, HAPKIT_GREETED);
@@ -118,7 +118,7 @@ TEST_F(HapkitBoard, SwitchesItsMotorOffWhenNobodyCommands) {
   EXPECT_EQ(say(HAPKIT_COMMAND, 5).flags, HAPKIT_GREETED);
 }
 
-TEST(HapkitSensor, CountsOnWhereItsReadingBeginsAgain) {
+TEST(HapkitSensor, ContinuesToCountWhereItsReadingWraps) {
   hapkit_sensor sensor{};
   const auto turn_to = [&sensor](int turned) {
     const int raw = turned + HAPKIT_SENSOR_MIDDLE;
@@ -147,7 +147,7 @@ TEST(HapkitCalibration, TurnsForceIntoDutyAndBack) {
   for (const double x : {-0.04, 0.0, 0.03}) EXPECT_NEAR(kit.position(kit.counts(x)), x, 2e-5);
 }
 
-TEST(HapkitCalibration, ReadsTheSampleAsItsDefaultsAndRefusesWhatCannotBe) {
+TEST(HapkitCalibration, ReadsTheSampleAsItsDefaultsAndRejectsInvalidValues) {
   const HapkitCalibration read = read_hapkit_calibration(load_json(SAMPLE_DEVICES "/hapkit.json"), "sample"), made;
   EXPECT_EQ(read.handle_radius, made.handle_radius);
   EXPECT_EQ(read.sector_radius, made.sector_radius);
@@ -183,7 +183,7 @@ class Hapkit : public testing::Test {
   }
 };
 
-TEST_F(Hapkit, PullsAlongTheForceItIsGiven) {
+TEST_F(Hapkit, PullsAlongTheCommandedForce) {
   const auto driver = pulling();
   const double before = state_.position.x();
   for (int k = 0; k < 30; ++k) {
@@ -194,7 +194,7 @@ TEST_F(Hapkit, PullsAlongTheForceItIsGiven) {
   EXPECT_EQ(state_.position.tail<2>().norm(), 0);
 }
 
-TEST_F(Hapkit, PassesOverEveryDamageOfItsLine) {
+TEST_F(Hapkit, ToleratesDamageOnItsLine) {
   const auto driver = bench_.driver();
   for (const Way way : {Way::to_board, Way::to_host})
     for (const Fault fault : {Fault::lose_byte, Fault::flip_bit, Fault::insert_garbage})
@@ -217,7 +217,7 @@ TEST_F(Hapkit, EndsWithZeroForce) {
   EXPECT_EQ(bench_.board->force(), 0);
 }
 
-TEST_F(Hapkit, IsLostWithCauseAndRemedyWhenItsBoardStartedAnew) {
+TEST_F(Hapkit, IsLostWithCauseAndRemedyWhenItsBoardRestarts) {
   const auto driver = pulling();
   bench_.line->power_cycle();
   const std::string error = error_of(
@@ -246,20 +246,20 @@ TEST_F(Hapkit, IsLostWithCauseAndRemedyWhenItsCableIsOutOrItFallsSilent) {
   }
 }
 
-TEST_F(Hapkit, SaysWhichSketchItNeeds) {
+TEST_F(Hapkit, NamesTheSketchThatItNeeds) {
   bench_.board->speak_version(9);
   EXPECT_THAT(error_of([&] { (void)bench_.driver(); }, Error::Kind::device),
               testing::AllOf(HasSubstr("uses version 9"), HasSubstr("samples/hapkit/hapkit.ino")));
 }
 
-TEST_F(Hapkit, SaysThatNobodyAnswersThere) {
+TEST_F(Hapkit, ReportsThatNoBoardAnswers) {
   bench_.line->fall_silent(true);
   const HapkitOptions options{.name = "bench", .port = bench_.line->path(), .serial = "", .greeting_patience = 0.2};
   EXPECT_THAT(error_of([&] { const HapkitDriver driver(bench_.truth, options); }, Error::Kind::device),
               testing::AllOf(HasSubstr("no board answers"), HasSubstr("Flash that sketch")));
 }
 
-TEST_F(Hapkit, SaysThatItsHandleWasNotUpright) {
+TEST_F(Hapkit, ReportsThatItsHandleWasNotUpright) {
   HapkitCalibration wrong = bench_.truth;
   wrong.angle_at_zero = 0.9;
   HapkitDriver driver(wrong, {.name = "bench", .port = bench_.line->path(), .serial = ""});

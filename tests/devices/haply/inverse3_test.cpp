@@ -52,7 +52,7 @@ std::string inventory_with(const char* pointer, const json& value) {
 
 // ---- messages ----
 
-TEST(InverseMessages, SayWhereTheArmIsAndHowItIs) {
+TEST(InverseMessages, ContainThePositionAndTheStatusOfTheArm) {
   const InverseServiceView view = view_of(kInventory);
   EXPECT_THAT(view.listed(), ElementsAre("049D"));
   const InverseArm arm = view.arm("049D");
@@ -67,7 +67,7 @@ TEST(InverseMessages, SayWhereTheArmIsAndHowItIs) {
   EXPECT_DOUBLE_EQ(view.grip()->orientation.x(), 0.6);
 }
 
-TEST(InverseMessages, KeepWhatALaterOneLeavesOutOrSaysNullOf) {
+TEST(InverseMessages, KeepValuesThatALaterMessageOmitsOrSetsToNull) {
   InverseServiceView view = view_of(kInventory);
   view.take(R"({"inverse3": [{"device_id": "049D", "state": {"cursor_position": {"x": 0.02, "z": null}}}]})");
   EXPECT_EQ(view.arm("049D").position, Vec3(0.02, -0.12, 0.15));
@@ -80,14 +80,14 @@ TEST(InverseMessages, KeepWhatALaterOneLeavesOutOrSaysNullOf) {
   EXPECT_THAT(view.listed(), IsEmpty());
 }
 
-TEST(InverseMessages, TakeWhatWasNeverToldForNoAndZero) {
+TEST(InverseMessages, TreatMissingValuesAsFalseAndZero) {
   const InverseArm arm = view_of(R"({"inverse3": [{"device_id": "1"}]})").arm("1");
   EXPECT_EQ(arm.position, Vec3::Zero());
   EXPECT_FALSE(arm.velocity || arm.powered || arm.calibrated || arm.ready || arm.in_use);
   EXPECT_FALSE(view_of("{}").grip());
 }
 
-TEST(InverseMessages, TellBothGripsAndPreferTheWirelessOne) {
+TEST(InverseMessages, ContainBothGripsAndPreferTheWirelessOne) {
   InverseServiceView view = view_of(R"({"verse_grip": [{"device_id": "1", "state": {"buttons": {"b": true}}}]})");
   EXPECT_EQ(view.grip()->buttons, 2U);
   view.take(kInventory);
@@ -96,7 +96,7 @@ TEST(InverseMessages, TellBothGripsAndPreferTheWirelessOne) {
   EXPECT_DOUBLE_EQ(view.grip()->orientation.norm(), 1);
 }
 
-TEST(InverseMessages, AreNoneWhenTheyAreNotWhatAServiceSays) {
+TEST(InverseMessages, AreRejectedUnlessTheyHaveTheFormOfTheService) {
   for (const char* text : {"", "{]", "[]", "3", "\"hello\"", R"({"inverse3": {}})", R"({"inverse3": [1]})",
                            R"({"inverse3": [{}]})", R"({"inverse3": [{"device_id": 3}]})", "{\"a\": 1e999}"})
     EXPECT_THAT(error_of([&] { view_of(text); }, Error::Kind::device), HasSubstr("Inverse Service")) << text;
@@ -112,7 +112,7 @@ TEST(InverseMessages, AreNoneWhenTheyAreNotWhatAServiceSays) {
   EXPECT_THAT(error_of([&] { (void)view.grip(); }, Error::Kind::device), HasSubstr("orientation"));
 }
 
-TEST(InverseMessages, DamagedAnyhowGiveAStateOrAnError) {
+TEST(InverseMessages, GiveAStateOrAnErrorHoweverTheyAreDamaged) {
   std::mt19937 random(5);
   const std::string whole = kInventory;
   for (int round = 0; round < 1000; ++round) {
@@ -141,7 +141,7 @@ TEST(InverseMessages, DamagedAnyhowGiveAStateOrAnError) {
   }
 }
 
-TEST(InverseMessages, ShowWhatMovesTheServicesAxes) {
+TEST(InverseMessages, ShowTheSettingsThatMoveTheServicesAxes) {
   const json turned{{"w", 0.0}, {"x", 1.0}, {"y", 0.0}, {"z", 0.0}};
   const std::vector<std::tuple<const char*, json, const char*>> cases{
       {"/inverse3/0/config/basis/permutation", "XZY", "basis XZY"},
@@ -155,7 +155,7 @@ TEST(InverseMessages, ShowWhatMovesTheServicesAxes) {
     EXPECT_THAT(view_of(inventory_with(pointer, value)).arm("049D").displaced, ElementsAre(displaced));
 }
 
-TEST(InverseMessages, ShowWhichSettingChangedWhatAPositionMeans) {
+TEST(InverseMessages, ShowTheSettingThatChangedTheMeaningOfAPosition) {
   const InverseArm before = view_of(kInventory).arm("049D");
   EXPECT_EQ(changed_setting(before, before), "");
   for (const auto& [pointer, value, what] : std::vector<std::tuple<const char*, json, const char*>>{
@@ -183,13 +183,13 @@ TEST(InverseMessages, ShowWhichSettingChangedWhatAPositionMeans) {
             "");
 }
 
-TEST(InverseMessages, ShowWhichKeyAForceGoesUnder) {
+TEST(InverseMessages, ShowTheKeyOfAForce) {
   EXPECT_EQ(view_of(kInventory).force_key(), InverseForceKey::vector);
   EXPECT_EQ(view_of(R"({"inverse3": [{"device_id": "1", "config": {"handedness": "left"}}]})").force_key(),
             InverseForceKey::values);
 }
 
-TEST(InverseMessages, AskForAForceAndSayWhoAsksOnce) {
+TEST(InverseMessages, RequestAForceAndIdentifyTheClientOnce) {
   const json first = json::parse(inverse_command("049D", Vec3(1, -2, 0.5), InverseForceKey::vector, true));
   EXPECT_EQ(first["session"]["configure"]["profile"]["name"], "haptrace");
   const json asked{{"device_id", "049D"},
@@ -228,21 +228,21 @@ TEST(Inverse3Calibration, DoesTheSameWorkInEveryFrame) {
   }
 }
 
-TEST(Inverse3Calibration, AsksForNoMoreThanTheArmBears) {
+TEST(Inverse3Calibration, RequestsNoMoreThanTheLargestForceOfTheArm) {
   const Inverse3Calibration calibration;
   const Vec3 asked = calibration.command(Vec3(300, 0, 400));
   EXPECT_NEAR(asked.norm(), calibration.max_force, 1e-12);
   EXPECT_LT((calibration.vector(asked) - Vec3(6, 0, 8)).norm(), 1e-12);
 }
 
-TEST(Inverse3Calibration, RefusesAxesThatAreNone) {
+TEST(Inverse3Calibration, RejectsInvalidAxes) {
   for (const char* text : {"", "XY", "XYZX", "XXY", "XZY", "X-YZ", "xyz", "abc", "X,Y,Z"})
     EXPECT_THAT(error_of([&] { (void)read_inverse3_axes(text, "my.json: axes"); }),
                 AllOf(HasSubstr("my.json: axes"), HasSubstr("XZ-Y")))
         << text;
 }
 
-TEST(Inverse3Calibration, OfTheSampleIsTheDefault) {
+TEST(Inverse3Calibration, ReadsTheSampleAsItsDefaults) {
   const Inverse3Calibration calibration = read_inverse3_calibration(load_json(SAMPLE_INVERSE3), "sample"), plain;
   EXPECT_EQ(calibration.axes, plain.axes);
   EXPECT_EQ(calibration.origin, plain.origin);
@@ -289,7 +289,7 @@ class Inverse3 : public testing::Test {
   }
 };
 
-TEST_F(Inverse3, PushesWhereItIsToldAndSaysWhoItIs) {
+TEST_F(Inverse3, PushesInTheCommandedDirectionAndIdentifiesItself) {
   const auto device = open();
   EXPECT_EQ(device->info().serial, "049D");
   EXPECT_EQ(device->info().model, "Haply Inverse3");
@@ -307,13 +307,13 @@ TEST_F(Inverse3, FindsTheKeyOfEveryVersion) {
     }
 }
 
-TEST_F(Inverse3, TakesTheKeyItIsGiven) {
+TEST_F(Inverse3, UsesTheConfiguredKey) {
   serve({.force_key = InverseForceKey::values});
   EXPECT_THAT(refusal(",force_key=vector"), AllOf(HasSubstr("refuses"), HasSubstr("try force_key=values")));
   push(*open(",force_key=values"), Vec3(1, 0, 0));
 }
 
-TEST_F(Inverse3, FollowsAnswersThatLeaveOutWhatHasNotChanged) {
+TEST_F(Inverse3, FollowsAnswersThatOmitUnchangedValues) {
   const auto device = open();
   service_->inject(InverseFault::partial);
   Vec3 last = Vec3::Zero();
@@ -325,7 +325,7 @@ TEST_F(Inverse3, FollowsAnswersThatLeaveOutWhatHasNotChanged) {
   EXPECT_LT(last.tail<2>().norm(), 1e-9);
 }
 
-TEST_F(Inverse3, TellsOfTheGrip) {
+TEST_F(Inverse3, ReportsTheGrip) {
   serve({.grip = true});
   const auto device = open();
   EXPECT_TRUE(device->info().measures_orientation);
@@ -405,7 +405,7 @@ TEST_F(Inverse3, IsLostWithoutForceWhenItsServiceReportsASafetyEvent) {
   }
 }
 
-TEST_F(Inverse3, SaysThatItSeesNoSafetyEventsOfAServiceWithoutTheirChannel) {
+TEST_F(Inverse3, NotesThatAServiceWithoutAnEventChannelReportsNoSafetyEvents) {
   serve();
   EXPECT_THAT(open(",events=ws://127.0.0.1:1")->info().notes, ElementsAre(HasSubstr("no event channel")));
   EXPECT_THAT(open(",events=off")->info().notes, IsEmpty());
@@ -474,20 +474,20 @@ TEST_F(Inverse3, IsNotOpenedWithoutAService) {
               AllOf(HasSubstr("no Inverse Service at " + url), HasSubstr("refused"), HasSubstr("systemctl start")));
 }
 
-TEST_F(Inverse3, AsksWhichOfSeveralIsMeant) {
+TEST_F(Inverse3, RequiresAChoiceBetweenSeveralDevices) {
   serve({.second_device_id = "0500"});
   EXPECT_THAT(refusal(), AllOf(HasSubstr("049D, 0500"), HasSubstr("device_id=")));
   EXPECT_THAT(refusal(",device_id=9999"), AllOf(HasSubstr("'9999'"), HasSubstr("049D, 0500")));
   EXPECT_EQ(open(",device_id=049D")->info().serial, "049D");
 }
 
-TEST_F(Inverse3, IsNotOpenedWithAxesOfSomebodyElse) {
+TEST_F(Inverse3, IsNotOpenedWithAxesOfAnotherProgram) {
   serve({.basis = "XZY"});
   EXPECT_THAT(refusal(), AllOf(HasSubstr("basis XZY"), HasSubstr("calibration=FILE")));
   EXPECT_NO_THROW((void)open(",calibration=" SAMPLE_INVERSE3));
 }
 
-TEST_F(Inverse3, RefusesUrlsThatLeadAwayAndOptionsItCannotRead) {
+TEST_F(Inverse3, RejectsUrlsOfOtherMachinesAndUnreadableOptions) {
   for (const auto& [url, why] : {std::pair{"http://localhost", "ws://"},
                                  {"ws://haply.example:10001", "numeric address"},
                                  {"ws://192.0.2.1:10001", "remote=true"},
@@ -502,7 +502,7 @@ TEST_F(Inverse3, RefusesUrlsThatLeadAwayAndOptionsItCannotRead) {
   EXPECT_THAT(open_error("inverse3:id=049D"), HasSubstr("device_id"));
 }
 
-TEST_F(Inverse3, IsFoundWithWhatKeepsItFromBeingUsed) {
+TEST_F(Inverse3, IsFoundWithTheObstacleToItsUse) {
   serve();
   std::vector<FoundDevice> found = find_inverse3(service_->url());
   ASSERT_EQ(found.size(), 1U);

@@ -27,7 +27,7 @@ class Pantograph : public testing::TestWithParam<const char*> {
   PantographPose pose() { return *kinematics_.at_position(device_.to_mechanism(place())); }
 };
 
-TEST_P(Pantograph, ComesBackToThePositionItWasAskedFor) {
+TEST_P(Pantograph, RecoversThePositionFromItsAngles) {
   for (int k = 0; k < 10'000; ++k) {
     const Vec3 p = place();
     const auto there = kinematics_.at_position(device_.to_mechanism(p));
@@ -65,7 +65,7 @@ TEST_P(Pantograph, HasTheJacobianOfItsFiniteDifferences) {
   }
 }
 
-TEST_P(Pantograph, PushesWhereItIsToldToAndDoesTheWorkOfTheForce) {
+TEST_P(Pantograph, PushesInTheCommandedDirectionAndDoesTheWorkOfTheForce) {
   std::uniform_real_distribution<double> turn(0, 2 * std::numbers::pi);
   for (int k = 0; k < 1000; ++k) {
     const PantographPose at = pose();
@@ -99,7 +99,7 @@ TEST_P(Pantograph, HasNoPoseWhereAMotionOrAForceIsLost) {
   EXPECT_FALSE(kinematics_.at_angles(Vec2(std::numbers::pi - wide, wide)) && g.distal - g.separation / 2 < g.proximal);
 }
 
-TEST_P(Pantograph, StandsInItsStopsWithAPoseToBeHomedIn) {
+TEST_P(Pantograph, HasAPoseInItsStopsForHoming) {
   EXPECT_TRUE(kinematics_.at_angles(device_.stops()));
 }
 
@@ -131,7 +131,7 @@ TEST(TwoDiyCalibration, ReadsTheSampleAsTheDefaultsOfItsGeneration) {
   }
 }
 
-TEST(TwoDiyCalibration, RefusesWhatCannotBeNamingTheKey) {
+TEST(TwoDiyCalibration, RejectsInvalidValuesAndNamesTheKey) {
   const auto refusal = [](const char* json) {
     return error_of([&] { read_two_diy_calibration(nlohmann::json::parse(json), "my.json"); });
   };

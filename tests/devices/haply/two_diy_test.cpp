@@ -15,7 +15,7 @@ using Way = EmulatedLine::Way;
 
 // ---- bytes ----
 
-TEST(TwoDiyProtocol, SaysWhatTheFirmwareReads) {
+TEST(TwoDiyProtocol, EncodesMessagesAsTheFirmwareReadsThem) {
   const TwoDiyCalibration gen3 = two_diy_calibration("gen3", "test");
   // Motors and encoders on ports 1 and 2, all counter-clockwise; 12 and 168 degrees, 4880 counts.
   const std::vector<std::uint8_t> setup{1,    5, 3,    1,    1,    3, 1, 1,    0,    0, 0,    0,    0x40,
@@ -30,7 +30,7 @@ TEST(TwoDiyProtocol, SaysWhatTheFirmwareReads) {
   EXPECT_EQ(two_diy_setup(gen2)[4], 1);
 }
 
-TEST(TwoDiyProtocol, BelievesAnAnswerOnlyWhenItIsOne) {
+TEST(TwoDiyProtocol, AcceptsOnlyValidAnswers) {
   const TwoDiyCalibration gen3 = two_diy_calibration("gen3", "test");
   std::vector<std::uint8_t> answer{5, 0, 0, 0x40, 0x41, 0, 0, 0x28, 0x43};
   const auto angles = two_diy_angles(gen3, answer);
@@ -75,7 +75,7 @@ class TwoDiyBoard : public testing::Test {
   EmulatedTwoDiy board_{plant_of("haply2diy"), truth_};
 };
 
-TEST_F(TwoDiyBoard, IsCalmedWhereverAMessageBrokeOff) {
+TEST_F(TwoDiyBoard, StopsWhereverAMessageBrokeOff) {
   say(two_diy_setup(truth_));
   for (std::size_t cut = 0; cut <= 10; ++cut) {
     const auto before = two_diy_angles(truth_, exchange(Vec2(0.1, -0.1)));
@@ -89,7 +89,7 @@ TEST_F(TwoDiyBoard, IsCalmedWhereverAMessageBrokeOff) {
   }
 }
 
-TEST_F(TwoDiyBoard, IsSetUpAnewWhateverStateItIsIn) {
+TEST_F(TwoDiyBoard, IsSetUpAgainInAnyState) {
   const auto setup = two_diy_setup(truth_);
   std::mt19937 random(3);
   for (int k = 0; k < 2000; ++k) {
@@ -159,7 +159,7 @@ TEST_F(Homing, NeedsBothArms) {
   }
 }
 
-TEST_F(Homing, FindsOutThatItWasDeceived) {
+TEST_F(Homing, DetectsArmsThatWereNotInTheirStops) {
   const Vec2 short_of(2.6, 0.5);
   lead(short_of, 0.3);
   lead(middle_ - Vec2(0.2, -0.2), 0.3);
@@ -215,7 +215,7 @@ class TwoDiy : public testing::Test {
   }
 };
 
-TEST_F(TwoDiy, PullsAlongTheForceItIsGiven) {
+TEST_F(TwoDiy, PullsAlongTheCommandedForce) {
   const auto driver = pulling();
   const Vec3 before = state_.position;
   for (int k = 0; k < 30; ++k) {
@@ -265,20 +265,20 @@ TEST_F(TwoDiy, LosesAByteOfATorqueAndKeepsItsReference) {
   EXPECT_TRUE(state_.ready);
 }
 
-TEST_F(TwoDiy, PassesOverGarbageInAnAnswer) {
+TEST_F(TwoDiy, IgnoresGarbageInAnAnswer) {
   const auto driver = pulling();
   suffer(*driver, [&] { bench_.line->inject(Way::to_host, Fault::insert_garbage, 2); });
   EXPECT_TRUE(state_.ready);
 }
 
-TEST_F(TwoDiy, DoesNotBelieveAnAngleThatNoArmCanHaveComeTo) {
+TEST_F(TwoDiy, RejectsAnAngleThatNoArmCanHaveReached) {
   const auto driver = pulling();
   // Byte 4 is the last byte of the first angle; the flipped bit belongs to its exponent.
   suffer(*driver, [&] { bench_.line->inject(Way::to_host, Fault::flip_bit, 4); });
   EXPECT_TRUE(state_.ready);
 }
 
-TEST_F(TwoDiy, WithholdsForceFromABoardThatStartedAnewUntilItsArmsWereInTheirStops) {
+TEST_F(TwoDiy, WithholdsForceFromARestartedBoardUntilItsArmsWereInTheirStops) {
   const auto driver = pulling();
   const Vec3 before = state_.position;
   bench_.line->power_cycle();
@@ -310,7 +310,7 @@ TEST_F(TwoDiy, WithholdsForceFromABoardThatStartedAnewUntilItsArmsWereInTheirSto
   pull(*driver);
 }
 
-TEST_F(TwoDiy, GoesOnAfterItsGuardianSpokeForAHostThatWasHeldUp) {
+TEST_F(TwoDiy, ContinuesAfterItsGuardianStoppedTheMotorsForADelayedHost) {
   const auto driver = pulling();
   const int setups = bench_.board->setups();
   wait_until([&] { return bench_.board->torque() == 0; });
@@ -328,7 +328,7 @@ TEST_F(TwoDiy, IsNotReadyBeforeItsArmsWereInTheirStops) {
   EXPECT_EQ(bench_.board->torque(), 0);
 }
 
-TEST_F(TwoDiy, SaysThatItsArmsWereNotInTheirStops) {
+TEST_F(TwoDiy, ReportsThatItsArmsWereNotInTheirStops) {
   const auto driver = pulling();
   const PantographKinematics kinematics(bench_.truth.geometry);
   const Vec2 from = kinematics.at_position(bench_.truth.to_mechanism(state_.position))->angles,
@@ -352,7 +352,7 @@ TEST_F(TwoDiy, IsStoppedByItsGuardianWhileARoundDoesNotReturn) {
   EXPECT_EQ(bench_.board->torque(), 0);
 }
 
-TEST_F(TwoDiy, EndsWithZeroTorqueOnEveryWayOut) {
+TEST_F(TwoDiy, EndsWithZeroTorqueHoweverItIsClosed) {
   EXPECT_EQ(pulling()->release(), ZeroForce::confirmed);
   EXPECT_EQ(bench_.board->torque(), 0);
   pulling().reset();
@@ -387,7 +387,7 @@ TEST_F(TwoDiy, IsLostWithCauseAndRemedyWhenItsCableIsOutOrItFallsSilent) {
   }
 }
 
-TEST_F(TwoDiy, ThatWasLostUnderForceIsOpenedAgainToTakeItAway) {
+TEST_F(TwoDiy, IsOpenedAgainToRemoveTheForceUnderWhichItWasLost) {
   const std::string text = fmt::format("haply2diy:port={},homed=true", bench_.line->path());
   auto device = open_device(text);
   EXPECT_TRUE(can_be_zeroed_again(device->info()));
@@ -404,7 +404,7 @@ TEST_F(TwoDiy, ThatWasLostUnderForceIsOpenedAgainToTakeItAway) {
   EXPECT_EQ(bench_.board->torque(), 0);
 }
 
-TEST_F(TwoDiy, ThatDoesNotComeBackIsSaidToHoldItsForce) {
+TEST_F(TwoDiy, IsReportedToHoldItsForceIfItDoesNotComeBack) {
   const auto device = open_device(fmt::format("haply2diy:port={},homed=true", bench_.line->path()));
   wait_until([&] {
     (void)device->exchange({force_, Vec3::Zero()}, 1e-3, state_);

@@ -17,7 +17,7 @@ TEST(LooseThread, IsWaitedForUntilItReturned) {
   EXPECT_TRUE(LooseThread().join_within(0)) << "there was none";
 }
 
-TEST(LooseThread, IsGivenUpWithAllThatItUses) {
+TEST(LooseThread, IsAbandonedWithEverythingThatItUses) {
   const auto free = std::make_shared<std::atomic<bool>>(false);
   LooseThread thread([free] {
     while (!*free) std::this_thread::sleep_for(std::chrono::milliseconds(1));

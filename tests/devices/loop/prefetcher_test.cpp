@@ -15,7 +15,7 @@ std::unique_ptr<const Block> make_block(std::size_t index) {
   return std::make_unique<const Block>(Block{index, std::vector<std::size_t>(1000, index)});
 }
 
-TEST(Prefetcher, AnswersTheBlockThatWasAskedForAndKeepsItWhileTheNextIsMade) {
+TEST(Prefetcher, ReturnsTheRequestedBlockAndKeepsItWhileTheNextIsLoaded) {
   constexpr std::size_t kBlocks = 12;
   for (const std::size_t ahead : {1U, 2U, 5U, 20U}) {
     Prefetcher<Block> prefetcher(make_block(0), kBlocks, ahead, make_block);
@@ -36,7 +36,7 @@ TEST(Prefetcher, AnswersTheBlockThatWasAskedForAndKeepsItWhileTheNextIsMade) {
   }
 }
 
-TEST(Prefetcher, GivesWhatCameBeforeABlockThatCannotBeMadeAndSaysWhy) {
+TEST(Prefetcher, ReturnsTheBlocksBeforeOneThatCannotBeLoadedAndTheReason) {
   Prefetcher<Block> prefetcher(make_block(0), 12, 2, [](std::size_t index) {
     if (index == 4) throw std::runtime_error("block 4 is damaged");
     return make_block(index);

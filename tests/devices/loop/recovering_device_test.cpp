@@ -113,7 +113,7 @@ TEST(RecoveringDevice, IsAwayUntilTheSameDeviceIsBack) {
   EXPECT_EQ(tick(device, state), Device::Status::ok);
 }
 
-TEST(RecoveringDevice, SendsZeroForceAndNoTimeFirstToWhatIsFound) {
+TEST(RecoveringDevice, SendsZeroForceAndNoTimeFirstToADeviceThatIsFound) {
   Cable cable;
   RecoveringDevice device = plugged(cable);
   DeviceState state;
@@ -132,7 +132,7 @@ TEST(RecoveringDevice, SendsZeroForceAndNoTimeFirstToWhatIsFound) {
   }
 }
 
-TEST(RecoveringDevice, RefusesAnotherDeviceInItsPlaceAndOpensItNoMore) {
+TEST(RecoveringDevice, RejectsAnotherDeviceInItsPlaceAndDoesNotOpenItAgain) {
   Cable cable;
   RecoveringDevice device = plugged(cable);
   DeviceState state;
@@ -149,7 +149,7 @@ TEST(RecoveringDevice, RefusesAnotherDeviceInItsPlaceAndOpensItNoMore) {
                                           HasSubstr("is rejected")));
 }
 
-TEST(RecoveringDevice, IsLostForGoodWhenOpeningItWouldBeginAnew) {
+TEST(RecoveringDevice, IsLostForGoodWhenOpeningItWouldRestartIt) {
   Cable cable;
   cable.natural_duration = 3;
   RecoveringDevice device = plugged(cable);
@@ -163,7 +163,7 @@ TEST(RecoveringDevice, IsLostForGoodWhenOpeningItWouldBeginAnew) {
   EXPECT_THAT(device.lost_reason(), HasSubstr("the cable is out"));
 }
 
-TEST(RecoveringDevice, IsOpenedNoMoreOftenThanItSays) {
+TEST(RecoveringDevice, IsOpenedNoMoreOftenThanItStates) {
   Cable cable;
   RecoveringDevice device = plugged(cable);
   DeviceState state;
@@ -175,7 +175,7 @@ TEST(RecoveringDevice, IsOpenedNoMoreOftenThanItSays) {
   EXPECT_GE(cable.openings, 3);
 }
 
-TEST(RecoveringDevice, SaysThatADeviceWhichIsFoundIsNotReadyYet) {
+TEST(RecoveringDevice, ReportsThatADeviceThatIsFoundIsNotReadyYet) {
   Cable cable;
   RecoveringDevice device = plugged(cable);
   DeviceState state;
@@ -262,7 +262,7 @@ TEST(RecoveringDevice, ComesBackByItselfOnTheRealClock) {
   }
 }
 
-TEST(RecoveringDevice, PassesOnWhyTheFirstOpeningFailed) {
+TEST(RecoveringDevice, PassesOnTheErrorOfTheFirstOpening) {
   Cable cable;
   cable.out = true;
   EXPECT_THAT(error_of([&] { (void)plugged(cable); }, Error::Kind::device), HasSubstr("nothing is plugged in"));

@@ -82,7 +82,7 @@ TEST(ServoLoop, RefusesRatesItCannotKeep) {
   }
 }
 
-TEST(ServoLoop, RefusesVirtualTimeForADeviceThatLivesInRealTime) {
+TEST(ServoLoop, RejectsVirtualTimeForADeviceThatRunsInRealTime) {
   PointMass device;
   device.mutable_info().virtual_time = false;
   Scripted controller = push_until(0, Vec3::Zero());
@@ -123,7 +123,7 @@ TEST(ServoLoop, FadesForcesInAndOut) {
   EXPECT_NEAR(static_cast<double>(samples.size()), 1200, 2);
 }
 
-TEST(ServoLoop, DoesNotSayThatAHandLetGoWhereItTookTheForceAwayItself) {
+TEST(ServoLoop, ReportsNoReleasedHandWhereItRemovedTheForceItself) {
   for (const std::uint64_t let_go : {500U, 1050U}) {
     PointMass device;
     Scripted controller([&](const State& state) {
@@ -138,7 +138,7 @@ TEST(ServoLoop, DoesNotSayThatAHandLetGoWhereItTookTheForceAwayItself) {
   }
 }
 
-TEST(ServoLoop, EndsSoonForWhoAsksForItWhileTheForceFades) {
+TEST(ServoLoop, EndsSoonOnRequestWhileTheForceFades) {
   PointMass device;
   StopRequest stop;
   Scripted controller([&](const State& state) {
@@ -156,7 +156,7 @@ TEST(ServoLoop, EndsSoonForWhoAsksForItWhileTheForceFades) {
   EXPECT_EQ(device.forces().back(), Vec3::Zero());
 }
 
-TEST(ServoLoop, NeverSendsMoreThanTheDeviceBearsWhateverIsAsked) {
+TEST(ServoLoop, NeverSendsMoreThanTheLargestForceOfTheDevice) {
   PointMass device(1000);
   Scripted controller = push_until(500, Vec3(1e6, 0, 0));
   const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.max_force = 50}});
@@ -165,7 +165,7 @@ TEST(ServoLoop, NeverSendsMoreThanTheDeviceBearsWhateverIsAsked) {
   EXPECT_TRUE(result.log.has(EventCode::force_limit));
 }
 
-TEST(ServoLoop, TellsOfALimitOnceASecondNotEveryTick) {
+TEST(ServoLoop, ReportsALimitOnceASecondNotEveryTick) {
   PointMass device(1000);
   device.mutable_info().max_continuous_force = 10;
   Scripted controller = push_until(2500, Vec3(1e6, 0, 0));
@@ -196,7 +196,7 @@ struct WayOut {
 
 class EveryWayOut : public testing::TestWithParam<WayOut> {};
 
-TEST_P(EveryWayOut, EndsWithZeroForceAndSaysWhy) {
+TEST_P(EveryWayOut, EndsWithZeroForceAndReportsTheReason) {
   const WayOut& way = GetParam();
   PointMass device(0.5, 2, way.faults);
   StopRequest stop;
@@ -335,7 +335,7 @@ Scripted shaking(double hz, const Vec3& amplitude, const Vec3& feedforward, doub
   });
 }
 
-TEST(ServoLoop, SoftensAForceThatVibratesInEverySessionAndSaysSo) {
+TEST(ServoLoop, SoftensAForceThatVibratesInEverySessionAndReportsIt) {
   PointMass device(100);
   Scripted controller = shaking(60, Vec3(4, 0, 0), Vec3::Zero(), 0);
   const Outcome result = run(device, controller, kVirtual);
@@ -351,7 +351,7 @@ TEST(ServoLoop, SoftensAForceThatVibratesInEverySessionAndSaysSo) {
     EXPECT_LE(result.log.samples[i].force.norm(), 4 * result.report.vibration.share + 1e-9);
 }
 
-TEST(ServoLoop, EndsASessionWhoseForceGoesOnVibrating) {
+TEST(ServoLoop, EndsASessionWhoseForceKeepsVibrating) {
   PointMass device(100);
   Scripted controller = shaking(60, Vec3(4000, 0, 0), Vec3::Zero(), 0);
   const Outcome result = run(device, controller, kVirtual);
@@ -468,7 +468,7 @@ Scripted demand(double duration, double patience = 0) {
   });
 }
 
-TEST(ServoLoop, LimitsForcesByTheTimeForWhichTheyActWhateverTheTicksDo) {
+TEST(ServoLoop, LimitsForcesByTheirDurationAtAnyTickTimes) {
   for (const std::int64_t periods : {1, 3, 15}) {
     PointMass device(1000);
     Scripted controller = demand(3);
@@ -485,7 +485,7 @@ TEST(ServoLoop, LimitsForcesByTheTimeForWhichTheyActWhateverTheTicksDo) {
   }
 }
 
-TEST(ServoLoop, LimitsADeviceThatStatesNoContinuousForceWithCautionAndSaysSoOnce) {
+TEST(ServoLoop, LimitsADeviceThatStatesNoContinuousForceWithCautionAndReportsItOnce) {
   PointMass device(1000);
   Scripted controller = demand(12);
   const Outcome result = run(device, controller, {.virtual_time = true, .limits = {.soft_start = 0}});
@@ -523,7 +523,7 @@ TEST(ServoLoop, TakesTheContinuousForceThatDeviceOrSessionState) {
   EXPECT_NEAR(settles_at(10, 0), 10, 1e-9) << "it bears its peak for ever";
 }
 
-TEST(ServoLoop, EndsWhatAHandResistsForLongerThanItsControllerBears) {
+TEST(ServoLoop, EndsASessionThatAHandResistsForLongerThanItsControllerAllows) {
   for (const double continuous : {0.0, 4.0, 10.0}) {
     SCOPED_TRACE(continuous);
     PointMass device(1000);
@@ -562,7 +562,7 @@ TEST(ServoLoop, BlamesNoHandForAForceThatSways) {
   }
 }
 
-TEST(ServoLoop, GoesOnAgainstAHandForEverWhereItsControllerWantsIt) {
+TEST(ServoLoop, ContinuesAgainstAHandForEverIfItsControllerAllowsIt) {
   PointMass device(1000);
   Scripted controller = demand(40);
   EXPECT_EQ(run(device, controller, kVirtual).report.cause, StopCause::finished);
@@ -613,7 +613,7 @@ class PushedHome final : public Device {
   double time_ = 0;
 };
 
-TEST(ServoLoop, WaitsUntilTheHandleRestsThatIsStillPushedHome) {
+TEST(ServoLoop, WaitsUntilAHandleThatIsStillPushedHomeRests) {
   PushedHome device;
   Scripted controller = push_until(500, Vec3(5, 0, 0));
   const Outcome result = run(device, controller, kVirtual);
@@ -623,7 +623,7 @@ TEST(ServoLoop, WaitsUntilTheHandleRestsThatIsStillPushedHome) {
   EXPECT_NEAR(result.report.max_force, 5, 1e-9);
 }
 
-TEST(ServoLoop, SaysThatAHandleDoesNotComeToRest) {
+TEST(ServoLoop, ReportsThatAHandleDoesNotComeToRest) {
   PushedHome device;
   device.still_at = 1e9;
   Scripted controller = push_until(500, Vec3(5, 0, 0));
@@ -714,7 +714,7 @@ class Resuming final : public Controller {
 constexpr ServoLoop::Options kPatient{.virtual_time = true, .away_timeout = 1};
 const PointMass::Faults kGap{.away_from = 601, .away_until = 801, .moved_while_away = Vec3(0.05, 0, 0)};
 
-TEST(ServoLoop, LeavesAGapInRowsButNotInTimeWhileTheDeviceIsAway) {
+TEST(ServoLoop, LeavesAGapInTheSamplesButNotInTimeWhileTheDeviceIsAway) {
   PointMass device(0.5, 20, kGap);
   Resuming controller(1500);
   const Outcome result = run(device, controller, kPatient);
@@ -763,7 +763,7 @@ TEST(ServoLoop, ComesBackToADeviceWithZeroForceAndFadesIn) {
   EXPECT_EQ(controller.states[601].dt, 1e-3);
 }
 
-TEST(ServoLoop, DoesNotCreditMotorsThatNobodySawWithHavingCooled) {
+TEST(ServoLoop, DoesNotAssumeThatMotorsCooledWhileTheDeviceWasAway) {
   PointMass device(1000, 0, {.away_from = 4001, .away_until = 9001});
   Resuming controller(11000);
   ServoLoop::Options options{.virtual_time = true, .away_timeout = 10};
@@ -778,7 +778,7 @@ TEST(ServoLoop, DoesNotCreditMotorsThatNobodySawWithHavingCooled) {
   EXPECT_LT(strong, 150);
 }
 
-TEST(ServoLoop, EndsWhenADeviceDoesNotComeBackInTimeAndSaysHowLongItWaited) {
+TEST(ServoLoop, EndsWhenADeviceDoesNotComeBackInTimeAndReportsTheWait) {
   PointMass device(0.5, 20, {.away_from = 601});
   Resuming controller(5000);
   const Outcome result = run(device, controller, kPatient);
@@ -792,7 +792,7 @@ TEST(ServoLoop, EndsWhenADeviceDoesNotComeBackInTimeAndSaysHowLongItWaited) {
   EXPECT_EQ(describe(result.log.events.back()), "the device did not come back within 1 s");
 }
 
-TEST(ServoLoop, DoesNotWaitForADeviceUnlessItIsToldTo) {
+TEST(ServoLoop, DoesNotWaitForADeviceUnlessTheOptionIsSet) {
   PointMass device(0.5, 20, kGap);
   Resuming controller(1500);
   const Outcome result = run(device, controller, kVirtual);
@@ -804,7 +804,7 @@ TEST(ServoLoop, DoesNotWaitForADeviceUnlessItIsToldTo) {
             1);
 }
 
-TEST(ServoLoop, TakesADeviceThatIsFoundButNotReadyForAway) {
+TEST(ServoLoop, TreatsADeviceThatIsFoundButNotReadyAsAway) {
   PointMass device(0.5, 20, {.away_from = 601, .away_until = 701, .ready_from = 0});
   /// Homes for some ticks after it comes back.
   class Homing final : public Device {
@@ -865,7 +865,7 @@ TEST(ServoLoop, EndsAtOnceWhenAskedToWhileTheDeviceIsAway) {
   EXPECT_LE(raiser.last_.time_ns, 601'000'000);
 }
 
-TEST(ServoLoop, HasNothingToGoOnWithWhenADeviceIsLostWhileItsForceFadesOut) {
+TEST(ServoLoop, EndsWhenADeviceIsLostWhileItsForceFadesOut) {
   PointMass device(0.5, 20, {.away_from = 601, .away_until = 700});
   Resuming controller(500);
   const Outcome result = run(device, controller, kPatient);
@@ -950,7 +950,7 @@ class Gliding final : public Device {
   std::uint64_t calls_ = 0, sequence_ = 0;
 };
 
-TEST(ServoLoop, TakesARepeatedStateForNoSample) {
+TEST(ServoLoop, DoesNotStoreARepeatedStateAsASample) {
   Gliding device([](std::uint64_t call) { return call % 16 == 0; });
   Resuming controller(1600);
   const Outcome result = run(device, controller, kVirtual);
@@ -996,7 +996,7 @@ TEST(ServoLoop, EstimatesTheVelocityOverTheSamplesOwnTimes) {
     EXPECT_NEAR(result.log.samples[i].velocity.x(), 0.02, 1e-6) << i;
 }
 
-TEST(ServoLoop, MakesNoSpeedOfASilenceAndFadesItsForce) {
+TEST(ServoLoop, EstimatesNoSpeedFromASilenceAndFadesItsForce) {
   Gliding device([](std::uint64_t call) { return call < 601 || call >= 691; });
   device.velocity.x() = 0.1;
   Resuming controller(1500);
@@ -1101,7 +1101,7 @@ class Stalling final : public ServoClock {
   bool stalled_ = false;
 };
 
-TEST(ServoLoop, StartsAnewAfterATimeWithoutTicks) {
+TEST(ServoLoop, RestartsAfterATimeWithoutTicks) {
   Gliding device([](std::uint64_t) { return true; });
   device.velocity.x() = 0.025;  // 25 mm during the stop
   Stalling clock(600'000'000);
@@ -1161,7 +1161,7 @@ Event first_of(const Log& log, EventCode code) {
   return {};
 }
 
-TEST(ServoLoop, MakesNoFalseSpeedOfAnExchangeThatTakesLong) {
+TEST(ServoLoop, EstimatesNoFalseSpeedFromALongExchange) {
   for (const bool at_end : {true, false})
     for (const std::int64_t takes_ns : {3'000'000, 10'000'000, 18'000'000}) {
       SCOPED_TRACE(testing::Message() << takes_ns << at_end);
@@ -1178,7 +1178,7 @@ TEST(ServoLoop, MakesNoFalseSpeedOfAnExchangeThatTakesLong) {
     }
 }
 
-TEST(ServoLoop, StartsAnewAfterAnExchangeThatTookTooLongAndSaysWhatTheMotorsKept) {
+TEST(ServoLoop, RestartsAfterATooLongExchangeAndReportsTheForceThatTheMotorsKept) {
   Blocking device(100'000'000, true);
   Resuming controller(1000);
   ServoLoop::Options options = kVirtual;
@@ -1255,7 +1255,7 @@ TEST(ServoLoop, LeavesNoForceToAReleaseThatATimeWithoutTicksInterrupted) {
   for (std::size_t k = 601; k < device.forces().size(); ++k) EXPECT_EQ(device.forces()[k], Vec3::Zero()) << k;
 }
 
-TEST(ServoLoop, MakesNoFalseSpeedOfSamplesThatArriveUnevenly) {
+TEST(ServoLoop, EstimatesNoFalseSpeedFromUnevenSamples) {
   // The samples are 1 ms apart at 0.02 m/s, but every second one reports an age of 0.9 ms.
   Gliding device([](std::uint64_t) { return true; });
   struct Uneven final : Device {
@@ -1312,7 +1312,7 @@ TEST(ServoLoop, DoesNotAskTheControllerAboutAStateThatStopsTheSession) {
   }
 }
 
-TEST(ServoLoop, SaysOnceWhyItStopsAlsoWhenMoreGoesWrongMeanwhile) {
+TEST(ServoLoop, ReportsItsFirstReasonToStopOnceEvenIfOthersFollow) {
   // While the force fades after a deviation, the position jumps, is NaN, or the device is no longer ready.
   for (const PointMass::Faults& faults :
        {PointMass::Faults{.jump_at = 511}, PointMass::Faults{.nan_at = 511}, PointMass::Faults{.ready_until = 511}}) {
@@ -1368,7 +1368,7 @@ TEST(ServoLoop, RefusesAPositionThatNoHandCanReach) {
   }
 }
 
-TEST(ServoLoop, AsksNobodyAfterALimitTripsAndTellsOfOneStopOnce) {
+TEST(ServoLoop, CallsNoControllerAfterALimitTripsAndReportsTheStopOnce) {
   using Status = Command::Status;
   for (const auto& [status, code] : {std::pair{Status::deviation, EventCode::deviation_limit},
                                      {Status::oscillation, EventCode::oscillation_stays},
@@ -1418,7 +1418,7 @@ TEST(ServoLoop, AllocatesNothingWhileStatesAreStale) {
   EXPECT_EQ(after, before);
 }
 
-TEST(ServoLoop, RefusesAPatienceThatIsNone) {
+TEST(ServoLoop, RejectsAnInvalidPatience) {
   PointMass device;
   Scripted controller = push_until(0, Vec3::Zero());
   for (const double patience : {-1.0, kNaN, 1e6})

@@ -112,7 +112,7 @@ TEST_F(ThreadedDeviceTest, SendsTheNewestWrenchAndAnswersWithTheNewestState) {
   }
 }
 
-TEST_F(ThreadedDeviceTest, SendsZeroForceWhenNobodyExchangesAnyMore) {
+TEST_F(ThreadedDeviceTest, SendsZeroForceWhenExchangesStop) {
   const auto device = open();
   push(*device, 3);
   wait_until([&] { return hardware_.force == 0; });
@@ -122,7 +122,7 @@ TEST_F(ThreadedDeviceTest, SendsZeroForceWhenNobodyExchangesAnyMore) {
   EXPECT_GT(hardware_.rounds, rounds) << "the connection is kept alive";
 }
 
-TEST_F(ThreadedDeviceTest, SendsNoForceThatIsNotANumber) {
+TEST_F(ThreadedDeviceTest, SendsNoForceThatIsNotFinite) {
   const auto device = open();
   exchange(*device, Vec3(kNaN, 1, 1), std::numeric_limits<double>::quiet_NaN());
   const int rounds = hardware_.rounds;
@@ -130,7 +130,7 @@ TEST_F(ThreadedDeviceTest, SendsNoForceThatIsNotANumber) {
   EXPECT_EQ(hardware_.force, 0);
 }
 
-TEST_F(ThreadedDeviceTest, SaysHowOldAStateIs) {
+TEST_F(ThreadedDeviceTest, ReportsTheAgeOfAState) {
   const auto device = open();
   hardware_.answers = false;
   double age = 0;
@@ -229,7 +229,7 @@ TEST_F(ThreadedDeviceTest, ConfirmsZeroForceOnceARoundWithItWasAnswered) {
   EXPECT_EQ(device->zero_force(), ZeroForce::confirmed) << "its release says so";
 }
 
-TEST_F(ThreadedDeviceTest, SaysWhatItsDriverKnowsOfTheForceOnceItIsLostOrClosed) {
+TEST_F(ThreadedDeviceTest, ReportsTheDriversKnowledgeOfTheForceOnceItIsLostOrClosed) {
   for (const ZeroForce farewell : {ZeroForce::confirmed, ZeroForce::sent, ZeroForce::failed}) {
     hardware_.farewell = farewell;
     hardware_.breaks = false;
@@ -272,7 +272,7 @@ TEST_F(ThreadedDeviceTest, IsClosedEvenWhenItsDriverNeverReturns) {
   EXPECT_EQ(hardware_.releases, 1) << "and once it returns, it lets go all the same";
 }
 
-TEST_F(ThreadedDeviceTest, StopsByItsRoundsWhileThoseGoOn) {
+TEST_F(ThreadedDeviceTest, StopsByItsRoundsWhileTheyContinue) {
   const auto device = open();
   push(*device, 3);
   EXPECT_EQ(device->emergency_stop(), ZeroForce::confirmed);

@@ -19,7 +19,7 @@ std::string refused_plugin(const std::string& spec) {
   return open_error(spec, Error::Kind::device);
 }
 
-TEST(PluginDevice, TellsWhatThePluginIs) {
+TEST(PluginDevice, DescribesThePlugin) {
   const auto device = open_device("plugin:path=" MASS_PLUGIN R"(,options={"mass":0.5})");
   EXPECT_EQ(device->info().backend, "plugin");
   EXPECT_EQ(device->info().model, "point mass");
@@ -51,7 +51,7 @@ TEST(PluginDevice, RefusesOptionsThatAreNotAnObject) {
   EXPECT_THAT(open_error(path + "@/no/such.json"), HasSubstr("/no/such.json: cannot be read"));
 }
 
-TEST(PluginDevice, ShowsWhatThePluginSaysWhenItRefuses) {
+TEST(PluginDevice, ShowsTheMessageOfAPluginThatRefuses) {
   EXPECT_THAT(refused_plugin("plugin:path=" MASS_PLUGIN R"(,options={"mass":-1})"),
               HasSubstr("mass must be greater than 0"));
   EXPECT_THAT(refused_plugin(faulty("open")),
@@ -59,7 +59,7 @@ TEST(PluginDevice, ShowsWhatThePluginSaysWhenItRefuses) {
   EXPECT_THAT(refused_plugin(faulty("silent")), HasSubstr("refuses to open (-3) and gives no reason"));
 }
 
-TEST(PluginDevice, RefusesALibraryThatIsNoPlugin) {
+TEST(PluginDevice, RejectsALibraryThatIsNotAPlugin) {
   const TempFolder folder;
   EXPECT_THAT(open_error("plugin"), HasSubstr("plugin:path=./libmine.so"));
   EXPECT_THAT(refused_plugin("plugin:path=./nowhere.so"), HasSubstr("path: there is no file './nowhere.so'"));
@@ -69,18 +69,18 @@ TEST(PluginDevice, RefusesALibraryThatIsNoPlugin) {
               HasSubstr("does not export 'haptrace_plugin_exchange'"));
 }
 
-TEST(PluginDevice, RefusesADescriptionThatCannotBe) {
+TEST(PluginDevice, RejectsAnInvalidDescription) {
   EXPECT_THAT(refused_plugin(faulty("info")), HasSubstr("workspace_min must lie below workspace_max"));
   EXPECT_THAT(refused_plugin(faulty("force")), HasSubstr("max_force must be finite and greater than 0"));
 }
 
-TEST(PluginDevice, EndsStringsThatThePluginDoesNot) {
+TEST(PluginDevice, TerminatesStringsThatThePluginDoesNotTerminate) {
   const auto device = open_device(faulty("names"));
   EXPECT_EQ(device->info().model, std::string(63, 'm'));
   EXPECT_EQ(device->info().serial, std::string(63, 's'));
 }
 
-TEST(PluginDevice, KnowsWhatThePluginMeasures) {
+TEST(PluginDevice, KnowsTheQuantitiesThatThePluginMeasures) {
   const auto device = open_device(faulty("measures"));
   EXPECT_TRUE(device->info().measures_velocity);
   EXPECT_TRUE(device->info().measures_orientation);
@@ -98,7 +98,7 @@ TEST(PluginDevice, StaysLostOnceThePluginIsGone) {
   EXPECT_THAT(refused_plugin(faulty("lost", 0)), HasSubstr("exchange returned -5"));
 }
 
-TEST(PluginDevice, PassesOnWhatThePluginAnswers) {
+TEST(PluginDevice, PassesOnTheStatesOfThePlugin) {
   const auto broken = open_device(faulty("nan", 2));
   EXPECT_TRUE(is_finite(exchange(*broken, Vec3::Zero(), 1e-3).position));
   EXPECT_FALSE(is_finite(exchange(*broken, Vec3::Zero(), 1e-3).position));
@@ -112,7 +112,7 @@ TEST(PluginDevice, PassesOnWhatThePluginAnswers) {
   EXPECT_LT(exchange(*backwards, Vec3(1, 0, 0), 1e-3).position.x(), 0);
 }
 
-TEST(PluginDevice, PassesOnWhichSampleAStateIs) {
+TEST(PluginDevice, PassesOnTheSequenceNumberOfAState) {
   const auto device = open_device(faulty("repeats", 4));
   std::vector<std::uint64_t> numbers;
   for (int k = 0; k < 8; ++k) {
@@ -126,7 +126,7 @@ TEST(PluginDevice, PassesOnWhichSampleAStateIs) {
   EXPECT_EQ(silent.age, 0);
 }
 
-TEST(PluginDevice, KnowsAPluginThatLivesInRealTime) {
+TEST(PluginDevice, KnowsAPluginThatRunsInRealTime) {
   EXPECT_FALSE(open_device(faulty("clock"))->info().virtual_time);
 }
 

@@ -55,7 +55,7 @@ TEST(Tutorial, LeadsToADeviceThatPassesTheConformanceTest) {
   }
 }
 
-TEST(Tutorial, SaysWhichFindingShowsWhichMistake) {
+TEST(Tutorial, NamesTheFindingThatShowsEachMistake) {
   in_real_time();
   struct Mistake {
     const char *right, *wrong, *law;

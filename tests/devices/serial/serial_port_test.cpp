@@ -55,7 +55,7 @@ TEST_F(SerialPortTest, WaitsForTheFirstByteAndNoLonger) {
   EXPECT_EQ(port.read(std::span(&answer, 1), 0), 0U);
 }
 
-TEST_F(SerialPortTest, BelongsToOneProgramAlone) {
+TEST_F(SerialPortTest, IsOpenedByOneProgramOnly) {
   const SerialPort port(line_.path(), 115200);
   EXPECT_THAT(error_of_opening(line_.path()), HasSubstr(line_.path() + ": in use by another program"));
   EXPECT_THAT(error_of_opening(line_.path()), HasSubstr("fuser"));
@@ -83,7 +83,7 @@ TEST_F(SerialPortTest, LeavesTheLineAsItWasFound) {
   EXPECT_EQ(after.c_lflag, before.c_lflag);
 }
 
-TEST_F(SerialPortTest, SaysWhenTheCableIsOut) {
+TEST_F(SerialPortTest, ReportsAnUnpluggedCable) {
   SerialPort port(line_.path(), 115200);
   line_.unplug();
   const std::string error = error_of(
@@ -108,7 +108,7 @@ TEST_F(SerialPortTest, NamesPathCauseAndRemedy) {
 }
 
 // The machine has an Arduino Due on ttyACM0 and a tty that is not on USB.
-TEST(UsbSerialPorts, AreFoundWithTheirIdsAndWhatIsInTheWay) {
+TEST(UsbSerialPorts, AreFoundWithTheirIdsAndObstacles) {
   const TempFolder root;
   const auto usb = std::filesystem::path(root / "sys/devices/pci/usb1/1-2");
   std::filesystem::create_directories(usb / "1-2:1.0/tty/ttyACM0");
@@ -150,7 +150,7 @@ TEST(UsbSerialPorts, AreFoundWithTheirIdsAndWhatIsInTheWay) {
 
 // ---- location of the guardian ----
 
-TEST(GuardianProgram, IsLookedForBesideTheProgramThenWhereItWasInstalled) {
+TEST(GuardianProgram, IsSearchedForBesideTheProgramThenWhereItWasInstalled) {
   const auto places = guardian_places("/opt/haptrace/bin/haptrace");
   ASSERT_EQ(places.size(), 2U);
   EXPECT_THAT(places[0], testing::MatchesRegex("/opt/haptrace/lib.*/haptrace/haptrace-guardian"));

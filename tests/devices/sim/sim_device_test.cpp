@@ -129,7 +129,7 @@ TEST(SimOptions, SeedTheNoise) {
   EXPECT_EQ(after(""), after(",seed=1"));
 }
 
-TEST(SimOptions, GiveEveryMechanismASerialNumberOfItsOwn) {
+TEST(SimOptions, GiveEveryMechanismItsOwnSerialNumber) {
   const auto serial = [](const std::string& spec) { return open_device(spec)->info().serial; };
   EXPECT_THAT(serial("sim"), testing::MatchesRegex("[0-9a-f]{8}"));
   EXPECT_EQ(serial("sim"), serial("sim:hand=firm,seed=3"));
@@ -155,7 +155,7 @@ TEST(SimOptions, LetTheHandFollowAFile) {
   EXPECT_THAT(open_error("sim:intent=/no/such.csv"), HasSubstr("/no/such.csv"));
 }
 
-TEST(SimOptions, LetTheHandBeginLaterAndMoveFasterThanItsPath) {
+TEST(SimOptions, LetTheHandStartLaterAndMoveFasterThanItsPath) {
   const TempFolder folder;
   const std::string file = folder.write("reach.csv", csv(reach(), Vec3(0, 0.01, 0)));
   const std::string spec = "sim:preset=omega3,hand=firm,seed=2,intent=" + file;
@@ -188,7 +188,7 @@ TEST(SimOptions, RefuseAnIntentOutsideTheWorkspaceUnlessItMayBeFitted) {
   EXPECT_THAT(open_error("sim:preset=falcon,fit=yes,intent=" + file), HasSubstr("fit: expected true or false"));
 }
 
-TEST(SimCable, IsOutForAsLongAsItIsToldAndTheHandDoesNotWait) {
+TEST(SimCable, IsUnpluggedForTheConfiguredTimeAndTheHandDoesNotWait) {
   const auto device = open_device("sim:preset=falcon,hand=relaxed,seed=3,lost_at=0.2,lost_for=0.3");
   const auto twin = open_device("sim:preset=falcon,hand=relaxed,seed=3");
   DeviceState state;
@@ -208,14 +208,14 @@ TEST(SimCable, IsOutForAsLongAsItIsToldAndTheHandDoesNotWait) {
   }
 }
 
-TEST(SimCable, IsOutForGoodWhenItIsNotSaidForHowLong) {
+TEST(SimCable, StaysUnpluggedWithoutAConfiguredTime) {
   const auto device = open_device("sim:lost_at=0.01");
   DeviceState state;
   for (int k = 1; k < 100; ++k)
     ASSERT_EQ(device->exchange({}, 1e-3, state), k < 10 ? Device::Status::ok : Device::Status::lost) << k;
 }
 
-TEST(SimCable, IsReadWithCare) {
+TEST(SimCable, RejectsInvalidOptions) {
   EXPECT_THAT(open_error("sim:lost_at=-1"), HasSubstr("lost_at: expected a number from 0 s, found '-1'"));
   EXPECT_THAT(open_error("sim:lost_at=2s"), HasSubstr("lost_at: expected a number from 0 s, found '2s'"));
   EXPECT_THAT(open_error("sim:lost_at=nan"), HasSubstr("lost_at: expected a number"));

@@ -91,7 +91,7 @@ TEST(SimIntegrators, KeepThemUpToTwoWhereForcesBendSmoothly) {
     EXPECT_NEAR(order(spec, integrator, 1e-4, truth), 2, 0.05) << to_string(integrator);
 }
 
-TEST(SimIntegrators, ComeToTheSameMovementThroughFrictionPlayAndWalls) {
+TEST(SimIntegrators, ComeToTheSameMovementThroughFrictionBacklashAndWalls) {
   const SimSpec spec = spec_with({kLinear, kSmooth, kRough});
   const std::vector<Vec3> truth = movement(spec, Integrator::semi_implicit, 2e-6);
   for (const Integrator integrator : kEveryIntegrator) {
@@ -120,7 +120,7 @@ std::pair<double, double> energy_balance(const SimSpec& spec, Integrator integra
   return {most, least};
 }
 
-TEST(SimIntegrators, ButEulerMakeNoEnergy) {
+TEST(SimIntegrators, CreateNoEnergyExceptForEuler) {
   const SimSpec conservative = spec_with({kLinear, kSmooth, R"({"viscous": 0,
       "structural_mode": {"damping_ratio": 0}, "hand": {"grip_damping": 0, "arm_damping": 0, "arm_stiffness": 0}})"}),
                 everything = spec_with({kLinear, kSmooth, kRough});
@@ -148,7 +148,7 @@ TEST(SimIntegrators, RigidFrictionSticksByEachOfThem) {
   }
 }
 
-TEST(SimIntegrators, StayFiniteAndInsideWhateverIsAskedOfThem) {
+TEST(SimIntegrators, StayFiniteAndInsideUnderAnyForce) {
   const std::array specs{
       R"({"mass": 1e-4, "coulomb": 0.7, "viscous": 1, "presliding": {"stiffness": 1e8, "damping": 100}})",
       R"({"mass": 1e-5, "viscous": 1, "coulomb": 0.1, "hand": "loose"})",
@@ -174,7 +174,7 @@ TEST(SimIntegrators, StayFiniteAndInsideWhateverIsAskedOfThem) {
       }
 }
 
-TEST(SimIntegrators, ShortenAStepThatTheyCouldNotBearAndTellIt) {
+TEST(SimIntegrators, ShortenAnUnstableStepAndNoteIt) {
   const SimSpec spring = spec_with({R"({"mass": 0.1, "max_force": 9, "hand": {"mass": 1e4, "grip_stiffness": 1e5,
                                        "grip_damping": 20}})"});
   const auto step = [&](Integrator integrator) {

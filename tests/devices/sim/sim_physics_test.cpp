@@ -118,7 +118,7 @@ TEST(SimPhysics, AVeryStiffBristleLetsGoAtOnce) {
 
 class DelayedBy : public testing::TestWithParam<double> {};
 
-TEST_P(DelayedBy, TheForceArrivesExactlyThen) {
+TEST_P(DelayedBy, TheForceArrivesExactlyAfterTheDelay) {
   const double delay = GetParam();
   SimSpec spec = spec_of("{}");
   spec.delay = delay;
@@ -269,7 +269,7 @@ TEST(SimPhysics, TheStructureRingsAtItsFrequency) {
   EXPECT_NEAR(momentum, 3 * 0.25, 1e-9);
 }
 
-TEST(SimPhysics, PlayLetsTheMotorMoveAlone) {
+TEST(SimPhysics, BacklashLetsTheMotorMoveAlone) {
   SimDevice device = device_of(R"({"mass": 0.4, "backlash": 1e-3, "structural_mode": {"frequency_hz": 80}})");
   while (device.plant().motor_position().x() < 0.49e-3) {
     exchange(device, Vec3(1, 0, 0), 1e-4);
@@ -466,7 +466,7 @@ TEST(SimNoise, IsNormalAndItsStreamsAreIndependent) {
   EXPECT_NEAR(product / kDraws, 0, 0.01);
 }
 
-TEST(SimNoise, OfAHandKeepsItsBandAndItsRms) {
+TEST(SimNoise, KeepsTheBandAndRmsOfAHand) {
   Gaussian gaussian(6, 1);
   ColouredNoise tremor = ColouredNoise::band_pass(0.04, 6, 12, 1000), drift = ColouredNoise::low_pass(0.15, 1, 1000);
   double tremor_square = 0, drift_square = 0, before_tremor = 0, before_drift = 0;

@@ -19,7 +19,7 @@ std::string refused_spec(const char* changes) {
   return error_of([&] { (void)read_sim_spec(spec, "my.json"); });
 }
 
-TEST(SimSpec, LeavesOutWhatIsNotNamed) {
+TEST(SimSpec, LeavesOutPropertiesThatAreNotNamed) {
   const SimSpec spec = read_sim_spec(json::parse(R"({"mass": 1, "max_force": 10})"), "my.json");
   EXPECT_EQ(spec.mass, Vec3(1, 1, 1));
   EXPECT_EQ(spec.max_force, 10);
@@ -44,7 +44,7 @@ TEST(SimSpec, RefusesADeviceWithoutMassOrForce) {
   EXPECT_THAT(refused_spec(R"({"max_force": 0})"), HasSubstr("max_force: 0 is too small"));
 }
 
-TEST(SimSpec, RefusesWhatCannotBe) {
+TEST(SimSpec, RejectsInvalidValues) {
   EXPECT_THAT(refused_spec(R"({"delay_s": -0.001})"), HasSubstr("delay_s: -0.001 is too small"));
   EXPECT_THAT(refused_spec(R"({"stribeck": {"static_ratio": 1.2}})"),
               HasSubstr("it needs 'coulomb', which is missing"));
@@ -108,7 +108,7 @@ TEST(SimPresets, KnowTheOmniByBothItsNames) {
   EXPECT_EQ(device_preset("omni", "test"), device_preset("touch", "test"));
 }
 
-TEST(SimPresets, HaveHandsThatAreWhole) {
+TEST(SimPresets, HaveCompleteHands) {
   for (const std::string& name : hand_preset_names()) {
     if (name == "none") continue;
     const json spec{{"mass", 1}, {"max_force", 10}, {"hand", name}};
@@ -118,7 +118,7 @@ TEST(SimPresets, HaveHandsThatAreWhole) {
   }
 }
 
-TEST(SimSpec, OfAPlantModelMovesAsTheModelSays) {
+TEST(SimSpec, MovesLikeThePlantModelThatItWasMadeFrom) {
   PlantModel plant;
   plant.mass = Vec3(0.2, 0.4, 0.4);
   plant.viscous = Vec3(4, 0, 0);

@@ -34,7 +34,7 @@ class ForceDimension : public testing::Test {
   FakeDrd& fake_ = renew(fake_drd());
 };
 
-TEST_F(ForceDimension, TellsWhatItIs) {
+TEST_F(ForceDimension, DescribesItself) {
   const auto device = open();
   const DeviceInfo& info = device->info();
   EXPECT_EQ(info.backend, "forcedimension");
@@ -103,7 +103,7 @@ TEST_F(ForceDimension, BoundsTheTorque) {
   EXPECT_NEAR(fake_.torque[0], 0.32, 1e-12);
 }
 
-TEST_F(ForceDimension, TakesTimeGuardAndSaturationForNoErrors) {
+TEST_F(ForceDimension, DoesNotTreatTimeGuardAndSaturationAsErrors) {
   const auto device = open();
   for (const int answer : {1, 2}) {
     fake_.answer = answer;
@@ -115,7 +115,7 @@ TEST_F(ForceDimension, TakesTimeGuardAndSaturationForNoErrors) {
   }
 }
 
-TEST_F(ForceDimension, IsLostWithTheLibrarysWordsWhenErrorsLast) {
+TEST_F(ForceDimension, IsLostWithTheLibrarysMessageWhenErrorsLast) {
   for (const bool reads_only : {true, false}) {
     renew(fake_);
     const auto device = open();
@@ -135,7 +135,7 @@ TEST_F(ForceDimension, IsLostWithTheLibrarysWordsWhenErrorsLast) {
   }
 }
 
-TEST_F(ForceDimension, PassesOverAnErrorThatDoesNotLast) {
+TEST_F(ForceDimension, ToleratesAShortError) {
   const auto device = open();
   push(*device);
   fake_.position_answer = -1;
@@ -145,7 +145,7 @@ TEST_F(ForceDimension, PassesOverAnErrorThatDoesNotLast) {
   exchange(*device, Vec3::Zero(), 1e-3);
 }
 
-TEST_F(ForceDimension, SaysWhyItsForcesAreOffAndSendsNone) {
+TEST_F(ForceDimension, ReportsWhyItsForcesAreOffAndSendsNone) {
   const auto device = open();
   const char* words[] = {"",          "force button", "faster than its own limit", "watchdog",
                          "a program", "USB",          "dead man's switch"};
@@ -215,7 +215,7 @@ TEST_F(ForceDimension, IsOpenedWithoutRoboticsOrBySerialNumberToo) {
   EXPECT_EQ(fake_.closed, fake_.opened);
 }
 
-TEST_F(ForceDimension, TellsAMissingLibraryFromAMissingDevice) {
+TEST_F(ForceDimension, DistinguishesAMissingLibraryFromAMissingDevice) {
   EXPECT_THAT(open_error("forcedimension:library=/no/such.so", Error::Kind::device),
               AllOf(HasSubstr("/no/such.so (there is no such file)"), HasSubstr("install the vendor's SDK")));
   EXPECT_THAT(open_error("forcedimension:library=" FAKE_HD, Error::Kind::device),
@@ -227,7 +227,7 @@ TEST_F(ForceDimension, TellsAMissingLibraryFromAMissingDevice) {
   EXPECT_THAT(refusal(), HasSubstr("device 0 cannot be opened: the fake's own trouble"));
 }
 
-TEST_F(ForceDimension, RefusesOptionsThatCannotBe) {
+TEST_F(ForceDimension, RejectsInvalidOptions) {
   EXPECT_THAT(refusal(",serial=x", Error::Kind::input), HasSubstr("serial: expected a whole number from 0 to 65535"));
   EXPECT_THAT(refusal(",serial=1,index=1", Error::Kind::input), HasSubstr("leave one out"));
   EXPECT_THAT(refusal(",initialise=yes", Error::Kind::input), HasSubstr("initialise: expected true or false"));
@@ -235,7 +235,7 @@ TEST_F(ForceDimension, RefusesOptionsThatCannotBe) {
   EXPECT_EQ(fake_.closed, fake_.opened);
 }
 
-TEST_F(ForceDimension, BearsTheLeastOfWhatModelUserAndLibraryAllow) {
+TEST_F(ForceDimension, UsesTheSmallestForceLimitOfModelUserAndLibrary) {
   EXPECT_EQ(open(",max_force=5")->info().max_force, 5);
   fake_.software_max_force = 3;
   EXPECT_EQ(open(",max_force=5")->info().max_force, 3);
@@ -261,14 +261,14 @@ TEST_F(ForceDimension, LeavesGravityToTheUserWhenItIsAskedTo) {
   EXPECT_EQ(fake_.gravity_compensation, 0);
 }
 
-TEST_F(ForceDimension, SendsNoForceWhenNobodyExchangesAnyMore) {
+TEST_F(ForceDimension, SendsNoForceWhenExchangesStop) {
   const auto device = open();
   push(*device);
   for (int k = 0; k < 3000 && fake_.pushes(); ++k) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   EXPECT_FALSE(fake_.pushes());
 }
 
-TEST_F(ForceDimension, LetsGoWithoutForceOnEveryWayOut) {
+TEST_F(ForceDimension, EndsWithoutForceHoweverItIsClosed) {
   for (const bool closes : {true, false}) {
     renew(fake_);
     auto device = open();

@@ -32,7 +32,7 @@ class OpenHaptics : public testing::Test {
   FakeHd& fake_ = renew(fake_hd());
 };
 
-TEST_F(OpenHaptics, TellsWhatItIs) {
+TEST_F(OpenHaptics, DescribesItself) {
   const auto device = open();
   const DeviceInfo& info = device->info();
   EXPECT_EQ(info.backend, "openhaptics");
@@ -57,7 +57,7 @@ TEST_F(OpenHaptics, FindsTheDefaultDeviceByTheNameThatItsVersionKnows) {
   EXPECT_EQ(open(",name=Left Device")->info().model, "Touch");
 }
 
-TEST_F(OpenHaptics, TurnsMillimetresIntoMetresAndKeepsTheAxes) {
+TEST_F(OpenHaptics, ConvertsMillimetresToMetresAndKeepsTheAxes) {
   fake_.is_placed = true;
   for (std::size_t i = 0; i < 3; ++i) fake_.place[i] = 10.0 * static_cast<double>(i + 1);
   fake_.yaw = 0.3;
@@ -83,7 +83,7 @@ TEST_F(OpenHaptics, MeasuresTheVelocityOfItsPosition) {
   EXPECT_LT(then.velocity.x(), 1);
 }
 
-TEST_F(OpenHaptics, SendsTorquesInMillinewtonMetresToThoseThatTakeThem) {
+TEST_F(OpenHaptics, SendsTorquesInMillinewtonMetresToDevicesThatTakeThem) {
   fake_.output_dof = 6;
   const auto device = open();
   EXPECT_TRUE(device->info().takes_torque());
@@ -110,7 +110,7 @@ TEST_F(OpenHaptics, WaitsForItsStylusInTheInkwell) {
   EXPECT_EQ(device->not_ready_reason(), "");
 }
 
-TEST_F(OpenHaptics, ResetsItsEncodersOnlyWhenItIsTold) {
+TEST_F(OpenHaptics, ResetsItsEncodersOnlyOnRequest) {
   fake_.styles = 1;
   fake_.calibration = FakeHd::kNeedsManualInput;
   auto device = open();
@@ -173,7 +173,7 @@ TEST_F(OpenHaptics, IsLostWhenItsServoLoopStandsStill) {
   EXPECT_EQ(fake_.closed, 1);
 }
 
-TEST_F(OpenHaptics, SendsNoForceWhenNobodyExchangesAnyMore) {
+TEST_F(OpenHaptics, SendsNoForceWhenExchangesStop) {
   const auto device = open();
   push(*device);
   for (int k = 0; k < 3000 && fake_.pushes(); ++k) std::this_thread::sleep_for(std::chrono::milliseconds(1));
@@ -183,21 +183,21 @@ TEST_F(OpenHaptics, SendsNoForceWhenNobodyExchangesAnyMore) {
   EXPECT_GT(fake_.frames, frames) << "it is asked on";
 }
 
-TEST_F(OpenHaptics, SendsNoForceThatIsNotANumber) {
+TEST_F(OpenHaptics, SendsNoForceThatIsNotFinite) {
   const auto device = open();
   push(*device);
   exchange_until(*device, {Vec3(kNaN, 1, 1), Vec3::Zero()}, [&](auto, const auto&) { return !fake_.pushes(); });
   EXPECT_FALSE(fake_.pushes());
 }
 
-TEST_F(OpenHaptics, TakesARateThatIsRefusedForANote) {
+TEST_F(OpenHaptics, NotesARateThatItsLibraryRefuses) {
   fake_.takes_rate = false;
   const auto device = open(",rate=500");
   EXPECT_THAT(device->info().notes, Contains(HasSubstr("does not take this value (500 Hz was requested)")));
   EXPECT_TRUE(exchange_until(*device, {}, is_ready).ready);
 }
 
-TEST_F(OpenHaptics, TellsAMissingLibraryFromAMissingDevice) {
+TEST_F(OpenHaptics, DistinguishesAMissingLibraryFromAMissingDevice) {
   EXPECT_THAT(
       open_error("openhaptics:library=/no/such.so", Error::Kind::device),
       AllOf(HasSubstr("/no/such.so (there is no such file)"), HasSubstr("OpenHaptics and the Touch Device Driver")));
@@ -220,7 +220,7 @@ TEST_F(OpenHaptics, IsOpenOnceAtATime) {
   EXPECT_EQ(fake_.closed, 4);
 }
 
-TEST_F(OpenHaptics, LetsGoWithoutForceOnEveryWayOut) {
+TEST_F(OpenHaptics, EndsWithoutForceHoweverItIsClosed) {
   for (const bool closes : {true, false}) {
     renew(fake_);
     auto device = open();

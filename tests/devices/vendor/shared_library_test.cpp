@@ -49,7 +49,7 @@ TEST(SharedLibrary, HandsOutFunctionsOfTheTypeTheyAreAssignedTo) {
               AllOf(HasSubstr("the fake"), HasSubstr(FAKE_DRD), HasSubstr("'dhdFlyToTheMoon'; get a newer one")));
 }
 
-TEST(SharedLibrary, NamesEveryPlaceWhereItWasLookedForWithWhyItWasNotThat) {
+TEST(SharedLibrary, NamesEveryPlaceThatWasTriedWithTheReason) {
   const TempFolder folder;
   const std::string text = folder.write("libtext.so", "not a library");
   const WantedLibrary wanted{"the vendor's library", {"/no/such/libx.so", text, "libnosuchthing.so"}, "install it"};
@@ -72,7 +72,7 @@ TEST(SharedLibrary, FindsTheNewestVersionInAFolderFirst) {
       ElementsAre(folder / "libHD.so.3.10.0", folder / "libHD.so.3.9.0", folder / "libHD.so", "/nowhere/libHD.so"));
 }
 
-TEST(FindPlugged, TellsAMissingLibraryFromAMissingDevice) {
+TEST(FindPlugged, DistinguishesAMissingLibraryFromAMissingDevice) {
   const TempFolder root, empty;
   plug_usb(root, "1451", "0402");
   WantedLibrary library = force_dimension_library();
@@ -102,7 +102,7 @@ TEST(FindPlugged, KnowsBothIdsOfATouch) {
   }
 }
 
-TEST(FindPlugged, SaysWhenADeviceMayNotBeOpened) {
+TEST(FindPlugged, ReportsADeviceThatCannotBeOpened) {
   const TempFolder root;
   plug_usb(root, "1451", "0402");
   std::filesystem::remove(root / "dev/bus/usb/001/004");
