@@ -21,10 +21,9 @@ void check(const Trials& trials, const RecordOptions& options) {
   if (trials.count == 1 || recording.options.overwrite) return;
   for (int trial = 1; trial <= trials.count; ++trial)
     if (const std::string file = trial_file(recording.file, trial, trials.count); std::filesystem::exists(file))
-      throw input_error(
-          fmt::format("{}: exists already and would be trial {}; choose another name or allow it to be "
-                      "replaced (--overwrite)",
-                      file, trial));
+      throw input_error(fmt::format(
+          "{}: exists already and would be replaced by trial {}; choose another name, or allow this with --overwrite",
+          file, trial));
 }
 
 }  // namespace
@@ -70,12 +69,14 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
   if (duration == 0) duration = device.info().natural_duration;
   const bool real = options.session.clock == ClockChoice::real || !device.info().virtual_time;
   if (duration == 0 && !real)
-    throw input_error(fmt::format(
-        "{} advances in virtual time and would be recorded without end; say how long with --duration, or --clock real",
-        device.info().name));
+    throw input_error(
+        fmt::format("{} advances in virtual time and would be recorded without end; limit the recording with "
+                    "--duration, or use --clock real",
+                    device.info().name));
   if (options.trigger && options.trigger->needs_force_sensor() && !device.info().measures_force)
     throw input_error(
-        fmt::format("{} has no force sensor, which the trigger asks for; use speed or button, or a device with one",
+        fmt::format("{} has no force sensor, which the trigger needs; use the trigger speed or button, or a device "
+                    "with a force sensor",
                     device.info().name));
   if (options.scene) {
     std::optional<PassivityLayer::Options> passivity;

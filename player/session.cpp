@@ -136,7 +136,7 @@ class Watch {
   void warn_of_device(SessionView& view) {
     if (options_.loop.away_timeout > 0 && view.live.losses > losses_told_)
       add(view, {{Warning::Severity::warning, "device_lost", view.live.time,
-                  fmt::format("the device was lost; it is waited for, up to {:g} s, without force",
+                  fmt::format("the device was lost; the session waits up to {:g} s for its return, with zero force",
                               options_.loop.away_timeout)}});
     losses_told_ = view.live.losses;
   }
@@ -152,7 +152,7 @@ class Watch {
     if (status.lost > lost_told_ && !status.failed) {
       add(view,
           {{Warning::Severity::warning, "samples_lost", view.live.time,
-            fmt::format("{}: {} samples lost so far: the disk does not keep up", recorder_->file(), status.lost)}});
+            fmt::format("{}: {} samples were lost so far: the disk is too slow", recorder_->file(), status.lost)}});
       lost_told_ = status.lost;
       told_ = now;
     } else if (still_stalled) {
@@ -183,10 +183,11 @@ std::optional<Warning> overruns_of(const SessionResult& result) {
   if (result.virtual_time || servo.overruns == 0) return std::nullopt;
   const bool many = static_cast<double>(servo.missed) > kMostMissed * static_cast<double>(servo.samples + servo.missed);
   if (!many && servo.realtime.reason.empty()) return std::nullopt;
-  return Warning{many ? Warning::Severity::warning : Warning::Severity::note, "overruns", kNaN,
-                 fmt::format("{} of {} ticks were missed in {} overruns; {}", servo.missed,
-                             servo.samples + servo.missed, servo.overruns,
-                             servo.realtime.reason.empty() ? "haptrace doctor finds out why" : servo.realtime.reason)};
+  return Warning{
+      many ? Warning::Severity::warning : Warning::Severity::note, "overruns", kNaN,
+      fmt::format("{} of {} ticks were missed in {} overruns; {}", servo.missed, servo.samples + servo.missed,
+                  servo.overruns,
+                  servo.realtime.reason.empty() ? "run haptrace doctor to find the cause" : servo.realtime.reason)};
 }
 
 /// Adds warnings about the cause of the session's end. conclude() reports it to the user.
@@ -222,8 +223,8 @@ ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
   device.close();
   if (!can_be_zeroed_again(device.info())) return zero;
   watch.warn({Warning::Severity::warning, "device_lost", servo.duration,
-              fmt::format("the device was lost, perhaps with a force in its motors; should it return within {:g} s, it "
-                          "is opened only to take that away",
+              fmt::format("the device was lost, perhaps with a force in its motors; if it returns within {:g} s, it is "
+                          "opened only to remove this force",
                           kZeroingWindow)});
   watch.look();
   return std::min(zero, zero_when_back(device.info()));
@@ -302,11 +303,10 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   result.zero_force = zero_after(device, result.servo, watch);
   if (result.servo.vibration.watched) result.gain_share = result.servo.vibration.share;
   if (result.servo.lacks_states())
-    watch.warn(
-        {Warning::Severity::warning, "few_states", kNaN,
-         fmt::format("the device took only {:.0f} samples per second, the loop asked for {:g}; look at its cable "
-                     "and, on a serial port, at the latency timer (haptrace doctor), or ask for a lower --rate",
-                     result.servo.achieved_rate(), result.servo.asked_rate)});
+    watch.warn({Warning::Severity::warning, "few_states", kNaN,
+                fmt::format("the device delivered only {:.0f} samples per second; the loop requested {:g}; check its "
+                            "cable and, on a serial port, the latency timer (haptrace doctor), or set a lower --rate",
+                            result.servo.achieved_rate(), result.servo.asked_rate)});
 
   if (auto overruns = overruns_of(result)) watch.warn(std::move(*overruns));
   if (options.conclusions)

@@ -553,31 +553,29 @@ std::string reason_of(const CalibrationController& controller, const SessionResu
   switch (controller.verdict()) {
     case CalibrationController::Verdict::blocked:
       return fmt::format(
-          "the device hardly moves in {}: something blocks it, or its friction is more than the force it "
-          "may use; hold it loosely, or allow more force",
+          "the device hardly moves in {}: something blocks it, or its friction exceeds the permitted force; hold it "
+          "loosely, or allow more force",
           axis);
     case CalibrationController::Verdict::wrong_way:
       return fmt::format(
-          "a push in {} does not move the device in {} as it would a mass: either the driver's axes have the wrong "
-          "order or signs, or the hand holds too firmly for so light a device, or its mechanism swings below 50 Hz; "
-          "check the axes, and calibrate while nobody holds it",
+          "a force in {} does not move the device in {} like a mass: the driver's axes have the wrong order or signs, "
+          "the hand holds so light a device too firmly, or the mechanism resonates below 50 Hz; check the axes, and "
+          "calibrate while nobody holds the device",
           axis, axis);
     case CalibrationController::Verdict::unclear:
       if (const double seen = controller.amplitude(); seen < step)
         return fmt::format(
-            "the encoders are too coarse for the excitation: in {} it moves the device by {:.3f} mm, and positions "
-            "come "
-            "in steps of {:.3f} mm; allow more force (--force-share, --max-force), or use gains of your own (play "
-            "--kp, "
-            "--kd)",
+            "the encoder resolution is too coarse for the excitation: in {} the device moves by {:.3f} mm, and the "
+            "position resolution is {:.3f} mm; allow more force (--force-share, --max-force), or set the gains "
+            "yourself (play --kp, --kd)",
             axis, 1e3 * seen, 1e3 * step);
       return fmt::format(
-          "the hand moved the device in {} more than the excitation did, so that the device's answer cannot be seen: a "
-          "tremor or voluntary movement; calibrate while nobody, or a hand at rest, holds the device, or allow more "
-          "force (--force-share, --max-force)",
+          "the hand moved the device in {} more than the excitation did, so the response to the excitation is hidden "
+          "by a tremor or a voluntary movement; calibrate while nobody holds the device or while the hand rests, or "
+          "allow more force (--force-share, --max-force)",
           axis);
     case CalibrationController::Verdict::deviation:
-      return "the device was not where it was driven to (" + session.servo.detail +
+      return "the device did not follow the calibration movement (" + session.servo.detail +
              "): hold it loosely and let it move; if nobody held it, check the signs of the driver's axes";
     case CalibrationController::Verdict::none:
       break;
@@ -616,7 +614,8 @@ void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptio
       result.reason.clear();
       return;
     }
-    result.reason = fmt::format("{}; a law for a coarse model was tried out, and {}", result.doubt, trial.reason);
+    result.reason =
+        fmt::format("{}; the trial of a control law for a coarse model failed: {}", result.doubt, trial.reason);
     const StopCause cause = trial.session.servo.cause;
     if (cause == StopCause::interrupted || cause == StopCause::device_lost) {
       result.session.servo.cause = cause;
@@ -659,10 +658,8 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
     plan.centre[axis] = 0.5 * (device.workspace_max[axis] + device.workspace_min[axis]);
     plan.reach[axis] = std::min(kLargestReach, 0.4 * room);
     if (!(plan.reach[axis] >= kSmallestReach))
-      throw input_error(
-          fmt::format("the workspace of {} is {:.1f} mm wide in {}: too little to calibrate in, {:.0f} mm "
-                      "are needed",
-                      device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
+      throw input_error(fmt::format("the workspace of {} is {:.1f} mm wide in {}: calibration needs at least {:.0f} mm",
+                                    device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
     smallest = std::min(smallest, room);
   }
   plan.max_speed = kTwoPi * plan.reach.maxCoeff();  // one circle with the radius of the reach per second
@@ -703,8 +700,8 @@ CalibrationResult calibrate(Device& device, const CalibrationOptions& options, c
     if (controller.verdict() == CalibrationController::Verdict::none) return result;
     const Identification seen = identify_coarsely(log.whole(plan));
     if (!seen.fits || seen.line_residual > kMostUnseen) return result;
-    result.doubt = fmt::format("with a mass of about {:.2f} kg it could not be shaken: {}", seen.plant.mass.maxCoeff(),
-                               result.reason);
+    result.doubt = fmt::format("the device has a mass of about {:.2f} kg and could not be excited: {}",
+                               seen.plant.mass.maxCoeff(), result.reason);
     SessionOptions gentle = options.session;
     if (seen.plant.mass.maxCoeff() > kHeavy) gentle.velocity = kGentleVelocity;
     gentle.recording.reset();

@@ -19,7 +19,7 @@ constexpr double kMostTrialError = 0.3;    // share of the radius
 /// Returns a path from rest to rest that lies within the workspace, also along axes that the device does not drive.
 Path trial_path(const DeviceInfo& info, const LawTrialOptions& options) {
   const double duration = MinJerk::kPeakSpeed * kTwoTurns * options.radius / options.speed;
-  Path path{.name = "the trial's circle"};
+  Path path{.name = "the trial circle"};
   constexpr double kStep = 2e-3;  // [s]
   const auto steps = static_cast<int>(std::ceil(duration / kStep));
   for (int i = 0; i <= steps; ++i) {
@@ -60,11 +60,11 @@ LawTrial try_out(Device& device, const IdentifiedDevice& identified, const LawTr
   if (trial.session.servo.cause != StopCause::finished)
     trial.reason = "it ended early: " + trial.session.servo.detail;
   else if (trial.rms_error > kMostTrialError * options.radius)
-    trial.reason = fmt::format("it is {:.1f} mm rms off its path", 1e3 * trial.rms_error);
+    trial.reason = fmt::format("its error is {:.1f} mm rms", 1e3 * trial.rms_error);
   else if (oscillations.count() > 0)
     trial.reason = "it oscillates";
   else if (trial.force_ripple > allowed)
-    trial.reason = fmt::format("its force ripples by {:.2f} N rms above 25 Hz", trial.force_ripple);
+    trial.reason = fmt::format("its force ripple is {:.2f} N rms above 25 Hz", trial.force_ripple);
   return trial;
 }
 

@@ -205,10 +205,10 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   if (options.pace) {
     check_range("the pace", options.pace->pace, 0.01, 100, "");
     check_range("the margin of the pace", options.pace->margin, 0, 0.99, "");
-    check_range("the force of the pace", options.pace->max_force, 0, 100, "N");
+    check_range("the largest force of the pace", options.pace->max_force, 0, 100, "N");
   }
   if (!(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
-    throw input_error(fmt::format("{} has no motors; nothing can be guided with it", device.model));
+    throw input_error(fmt::format("{} has no motors and cannot guide; use a device with motors", device.model));
 
   const DevicePath played = path_for(device, std::move(expert), options.fit);
   GuidePlan plan{.fit = played.fit,
@@ -232,19 +232,20 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   plan.stiffness = options.stiffness.value_or(std::min(bears, 1000.0));
   if (plan.stiffness > bears && !options.expert) {
     plan.notes.push_back(
-        fmt::format("walls of {:.0f} N/m are more than the device bears at {:.0f} Hz; they have {:.0f} N/m",
+        fmt::format("the device is not stable with walls of {:.0f} N/m at {:.0f} Hz; the stiffness of the walls is "
+                    "limited to {:.0f} N/m",
                     plan.stiffness, options.session.loop.rate_hz, bears));
     plan.stiffness = bears;
   }
   if (options.force_scale > 0 && !plan.has_forces && !options.free)
     plan.notes.push_back(
-        fmt::format("{} holds no forces: the trainee feels the walls alone", played.source->facts().name));
-  if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a place");
+        fmt::format("{} contains no forces: the trainee feels only the walls", played.source->facts().name));
+  if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a single point");
   if (!options.identified && !options.expert)
-    plan.notes.push_back(
-        fmt::format("nobody knows yet how late {} is; its walls of {:.0f} N/m suit {:.0f} ms, and calibrated (haptrace "
-                    "calibrate) it bears stiffer ones",
-                    device.model, plan.stiffness, 1e3 * kUnknownDelay));
+    plan.notes.push_back(fmt::format(
+        "the delay of {} is unknown; walls of {:.0f} N/m are stable up to a delay of {:.0f} ms; calibrate the "
+        "device (haptrace calibrate) to allow stiffer walls",
+        device.model, plan.stiffness, 1e3 * kUnknownDelay));
   return plan;
 }
 

@@ -18,7 +18,7 @@ LearnedMemory::Recalled LearnedMemory::recall(const PathSource& path) {
   try {
     learned = load_learned(file_);
   } catch (const Error& error) {
-    return {{}, fmt::format("{} is not used", error.what())};
+    return {{}, fmt::format("{}; the learned forces are not used", error.what())};
   }
   if (!learned) return {};
   if (const std::string reason = check_learned(*learned, device_, digest_of(path), speed_, mass_); !reason.empty())

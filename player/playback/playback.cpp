@@ -85,8 +85,9 @@ ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, 
       throw Error(Error::Kind::fault, fmt::format("{} leaves the workspace of {} by {:.1f} mm between its samples",
                                                   name, model, 1e3 * excursion.outside));
     if (limit > 0 && speed * excursion.peak_speed > limit)
-      throw Error(Error::Kind::fault, fmt::format("{} moves at up to {:.2f} m/s, over the velocity limit of {:.2f} m/s",
-                                                  name, speed * excursion.peak_speed, limit));
+      throw Error(Error::Kind::fault,
+                  fmt::format("{} moves at up to {:.2f} m/s, above the velocity limit of {:.2f} m/s", name,
+                              speed * excursion.peak_speed, limit));
   };
 }
 
@@ -177,7 +178,7 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
 /// takes torque but the playback cannot follow them.
 void plan_turn(const DeviceInfo& device, const PathFacts& path, const PlayOptions& options, PlayPlan& plan) {
   const TurnOptions& turn = options.turn;
-  check_range("the limit of the orientation's deviation", turn.max_deviation, 0.01, 3, "rad");
+  check_range("the deviation limit of the orientation", turn.max_deviation, 0.01, 3, "rad");
   if (turn.gains) {
     check_range("the gain of the orientation (kp-rotation)", turn.gains->kp, 0, kLargestKp, "N m/rad");
     check_range("the gain of the orientation (kd-rotation)", turn.gains->kd, 0, kLargestKd, "N m s/rad");
@@ -186,13 +187,13 @@ void plan_turn(const DeviceInfo& device, const PathFacts& path, const PlayOption
   const auto refuse = [&](const std::string& why) {
     plan.notes.push_back(fmt::format("the path's orientations are not followed: {}", why));
   };
-  if (!device.measures_orientation) return refuse(fmt::format("{} does not measure its own", device.model));
+  if (!device.measures_orientation) return refuse(fmt::format("{} does not measure orientation", device.model));
   if (std::find(device.torque_axes.begin(), device.torque_axes.end(), false) != device.torque_axes.end())
     return refuse(fmt::format("{} has no motor about some of its axes", device.model));
   const double own = device.max_torque, asked = options.session.loop.limits.max_torque;
   const double most = own > 0 && asked > 0 ? std::min(own, asked) : std::max(own, asked);
   if (!(most > 0))
-    return refuse(fmt::format("{} does not say what torque it bears; --max-torque says it", device.model));
+    return refuse(fmt::format("{} does not state its largest torque; give it with --max-torque", device.model));
   plan.turn = OrientationFollower::Options{.gains = turn.gains.value_or(cautious_orientation_gains(most)),
                                            .max_deviation = turn.max_deviation,
                                            .rate_hz = options.session.loop.rate_hz};
@@ -239,10 +240,10 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   }
   check_range("the number of repetitions to learn from (learn)", options.learn, 0, kMostLearned);
   if (options.learn > 0 && !composed.learning)
-    throw input_error(options.identified ? "learning was asked for and switched off at once"
-                                         : fmt::format("{} must be calibrated before anything can be learned: haptrace "
-                                                       "calibrate --device {}",
-                                                       device.model, device.name));
+    throw input_error(options.identified
+                          ? "the options both request learning and switch it off; remove one of them"
+                          : fmt::format("{} must be calibrated before it can learn: haptrace calibrate --device {}",
+                                        device.model, device.name));
   if (options.gains) tuning.gains = *options.gains;
   validate(tuning.gains);
 
@@ -270,10 +271,10 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   plan.peak_speed = speed * excursion.peak_speed;
   if (composed.learning) (void)IterativeLearning(learning_of(plan, options));  // throws when it is too long
   if (plan.peak_speed > fastest)
-    throw input_error(
-        fmt::format("{} moves at up to {:.2f} m/s, too near the velocity limit of {:.2f} m/s; play it slower (--speed "
-                    "{:.2f}) or raise --max-velocity",
-                    name, plan.peak_speed, limit, std::floor(100 * speed * fastest / plan.peak_speed) / 100));
+    throw input_error(fmt::format(
+        "{} moves at up to {:.2f} m/s, too close to the velocity limit of {:.2f} m/s; play it slower (--speed "
+        "{:.2f}) or raise --max-velocity",
+        name, plan.peak_speed, limit, std::floor(100 * speed * fastest / plan.peak_speed) / 100));
   return plan;
 }
 

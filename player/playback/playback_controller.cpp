@@ -32,7 +32,7 @@ const char* to_string(DeviationPolicy policy) noexcept {
 void validate(const PlaybackOptions& options) {
   check_range("the speed factor", options.speed, 0.001, 100);
   check_range("the number of repetitions", options.repetitions, 0, 1e6);
-  check_range("the hold", options.hold, 0, 3600, "s");
+  check_range("the hold time", options.hold, 0, 3600, "s");
   check_range("the approach speed", options.approach_speed, 1e-3, 2, "m/s");
   check_range("the deviation limit", options.max_deviation, 1e-5, 10, "m");
 }

@@ -218,12 +218,14 @@ class ProgrammeRun {
       if (options_.ended) options_.ended(log().trials.back());
       if (session.servo.cause == StopCause::interrupted) return end("interrupted", "");
       if (session.servo.cause != StopCause::finished) return end("stopped", session.servo.detail);
-      if (!session.recorded_all()) return end("stopped", "the recording could not be kept: " + session.recording_error);
+      if (!session.recorded_all())
+        return end("stopped", "the recording could not be completed: " + session.recording_error);
       if (i + 1 == trials.size()) break;
       if (programme_.limits.force_dose > 0 && sitting().force_dose >= programme_.limits.force_dose)
         return end("force_dose",
                    fmt::format("{:.4g} N s of {:.4g}", sitting().force_dose, programme_.limits.force_dose));
-      if (would_pass_time(trials[i].rest, trials[i + 1])) return end("time", "the time of the sitting is over");
+      if (would_pass_time(trials[i].rest, trials[i + 1]))
+        return end("time", "the time limit of the sitting is reached");
       if (tired(trials[i].exercise))
         return end("fatigue",
                    fmt::format("the last {} repetitions of '{}' were worse than the best before them by more "
@@ -327,8 +329,8 @@ class ProgrammeRun {
     const DeviceIdentity device = identity_of(info), begun = log().device;
     if (device == begun) return;
     throw input_error(fmt::format(
-        "{}: was begun with {} {} {}, and this is {} {} {}; figures of different devices "
-        "cannot be compared: begin a session of its own",
+        "{}: this session was started with {} {} {}, but the device is {} {} {}; metrics of different devices cannot "
+        "be compared: start a new session for this device",
         options_.folder, begun.backend, begun.model, begun.serial, device.backend, device.model, device.serial));
   }
 
@@ -502,14 +504,15 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
   if (const double least = warm_up + plan.parts[programme.warm_up.size()].trial;
       programme.limits.time > 0 && least > programme.limits.time)
     throw input_error(
-        fmt::format("{}: limits.time: {:g} s are not enough for the warm-up and one repetition, which take "
-                    "{:.0f} s: no sitting would come any farther",
+        fmt::format("{}: limits.time: {:g} s are too short for the warm-up and one repetition, which take {:.0f} s; "
+                    "raise the limit",
                     where, programme.limits.time, least));
   if (fitted) plan.notes.push_back("all paths were moved and scaled into the workspace: " + describe(*fitted));
   for (const ScheduledTrial& trial : plan.trials) plan.duration += plan.parts[trial.exercise].trial + trial.rest;
   if (programme.limits.time > 0 && plan.duration > programme.limits.time)
     plan.notes.push_back(
-        fmt::format("takes about {:.0f} min, and a sitting {:.0f} min at most: it goes on in another, with --resume",
+        fmt::format("the programme takes about {:.0f} min, and a sitting lasts at most {:.0f} min: resume it in "
+                    "another sitting with --resume",
                     plan.duration / 60, programme.limits.time / 60));
   return plan;
 }
@@ -520,13 +523,12 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
   std::error_code failed;
   if (is_session(options.folder))
     throw input_error(
-        fmt::format("{}: holds a session already; go on with it (haptrace run --resume {}), or choose "
-                    "another folder",
+        fmt::format("{}: already contains a session; resume it (haptrace run --resume {}), or choose another folder",
                     options.folder, options.folder));
   const bool existed = fs::exists(folder, failed);
   if (existed && !(fs::is_directory(folder, failed) && fs::is_empty(folder, failed)))
     throw input_error(
-        fmt::format("{}: exists and is not an empty folder; choose another for the session", options.folder));
+        fmt::format("{}: exists and is not an empty folder; choose another folder for the session", options.folder));
 
   const Programme read = programme_from_json(programme, where);
   SessionLog log{

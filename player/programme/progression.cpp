@@ -16,7 +16,7 @@ void check_figure(const std::string& name, const std::string& where) {
   } catch (const Error& error) {
     throw input_error(fmt::format("{}: {}", where, error.what()));
   }
-  throw input_error(fmt::format("{}: more of {} is neither better nor worse; go by another figure", where, name));
+  throw input_error(fmt::format("{}: a larger {} is neither better nor worse; choose another metric", where, name));
 }
 
 }  // namespace

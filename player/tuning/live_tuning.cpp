@@ -49,12 +49,13 @@ std::vector<std::string> words_of(std::string_view line) {
   bool within = false;
   for (const char c : line) {
     const bool blank = c == ' ' || c == '\t' || c == '\r', sign = c == '*' || c == '/';
-    if (!blank && (c < ' ' || c > '~')) throw input_error("a command is one line of printable ASCII; help lists them");
+    if (!blank && (c < ' ' || c > '~'))
+      throw input_error("a command is one line of printable ASCII; help lists the commands");
     if (!blank && (sign || !within)) words.emplace_back();
     if (!blank) words.back() += c;
     within = !blank && !sign;
   }
-  if (words.empty()) throw input_error("no command; help lists them");
+  if (words.empty()) throw input_error("the line is empty; help lists the commands");
   return words;
 }
 
@@ -88,7 +89,7 @@ TuningLimits limits_of_unidentified(double max_force, double rate_hz) {
   constexpr double kTimes = 10;
   const PdGains cautious = cautious_gains(max_force, rate_hz);
   return {.largest = {(kTimes * cautious.kp).cwiseMin(kLargestKp), (kTimes * cautious.kd).cwiseMin(kLargestKd)},
-          .because = "without --expert a device of unknown dynamics is trusted with"};
+          .because = "without --expert the limit for a device of unknown dynamics is"};
 }
 
 LiveTuning::LiveTuning(const Tuning& start, Options options)
@@ -120,12 +121,12 @@ std::string LiveTuning::answer(Words words) {
     throw input_error(fmt::format("unknown command '{}'{}", name, suggestion(name, kCommands)));
 
   const bool alone = name == "help" || name == "quit" || name == "reset";
-  if (alone && !values.empty()) throw input_error(fmt::format("{} stands alone", name));
+  if (alone && !values.empty()) throw input_error(fmt::format("{} takes no value", name));
   if (name == "help") return kHelp;
   if (name == "quit") return "ok bye";
   if (name == "get") {
     if (values.empty()) return state(wanted_).dump();
-    if (values.size() > 1) throw input_error("get stands alone or before one name, as in get kp");
+    if (values.size() > 1) throw input_error("get takes at most one name, as in get kp");
     if (!known(values[0], kQuantities))
       throw input_error(fmt::format("unknown name '{}'{}", values[0], suggestion(values[0], kQuantities)));
     return "ok " + text_of(values[0], wanted_, false);
@@ -153,7 +154,7 @@ std::string LiveTuning::answer(Words words) {
 
 std::string LiveTuning::set_gain(const std::string& name, Words values, Tuning& tuning) const {
   if (values.size() != 1 && values.size() != 3)
-    throw input_error(fmt::format("{} takes one number for all axes or three, x y z", name));
+    throw input_error(fmt::format("{} takes one number for all axes, or three numbers x y z", name));
   Vec3 asked;
   for (int axis = 0; axis < 3; ++axis)
     asked[axis] = finite_number(name, values[values.size() == 3 ? static_cast<std::size_t>(axis) : 0]);
@@ -190,7 +191,8 @@ std::string LiveTuning::set_bandwidth(Words values, Tuning& tuning) const {
   if (values.size() != 1) throw input_error("observer_hz takes one number [Hz]");
   const double asked = finite_number("observer_hz", values[0]);
   if (asked < kLowestBandwidth)
-    throw input_error(fmt::format("observer_hz must be at least {} Hz; observer off takes it away", kLowestBandwidth));
+    throw input_error(
+        fmt::format("observer_hz must be at least {} Hz; 'observer off' switches it off", kLowestBandwidth));
   tuning.observer_hz = std::min(asked, options_.limits.observer_hz);
   if (tuning.observer_hz == asked) return {};
   return fmt::format(" clamped from {:.6g}: {} {:.6g}", asked, options_.limits.because, options_.limits.observer_hz);
@@ -212,7 +214,7 @@ void LiveTuning::set_shares(const std::string& name, Words values, Tuning& tunin
     } else {
       const double asked = finite_number(name, values[0]);
       if (!(asked >= 0 && asked <= 1))
-        throw input_error(fmt::format("{} {} is not a share from 0, none, to 1, all", name, values[0]));
+        throw input_error(fmt::format("{} {} is not a share from 0 (none) to 1 (all)", name, values[0]));
       tuning.*share.share = asked;
     }
   }
@@ -221,7 +223,7 @@ void LiveTuning::set_shares(const std::string& name, Words values, Tuning& tunin
 void LiveTuning::require_composed(const std::string& name) const {
   for (const CompensationTerm& share : shares_of(name))
     if (options_.composed.*share.composed) return;
-  throw input_error(fmt::format("{}: this session has none; {}", name, options_.remedy));
+  throw input_error(fmt::format("{}: not part of this session; {}", name, options_.remedy));
 }
 
 std::string LiveTuning::text_of(const std::string& name, const Tuning& tuning, bool brief) const {

@@ -23,8 +23,8 @@ namespace haptrace {
 /// that do not depend on a device.
 struct TuningLimits {
   PdGains largest{Vec3::Constant(kLargestKp), Vec3::Constant(kLargestKd)};
-  double observer_hz = 100;                           ///< the observer's largest bandwidth
-  std::string because = "no device bears more than";  ///< text before the limit in the message about a clamped value
+  double observer_hz = 100;                               ///< the observer's largest bandwidth
+  std::string because = "the limit for every device is";  ///< precedes the limit in the answer about a clamped value
 };
 
 /// Returns the limits of a device of which only the maximum force [N] is known: ten times its cautious_gains, so that
@@ -48,16 +48,17 @@ class LiveTuning final : public SampleSink {
   struct Options {
     TuningLimits limits;
     Compensations composed;
-    std::string remedy = "compose the session with it";  ///< advice in the error about a missing compensation
-    std::shared_ptr<Annotations> annotations;            ///< receives a mark for every change; may be null
+    std::string remedy = "start the session with it";  ///< advice in the error about a missing compensation
+    std::shared_ptr<Annotations> annotations;          ///< receives a mark for every change; may be null
   };
 
   /// Does not clamp `start`: the limits are raised to it. Throws Error(input) when its gains are invalid.
   LiveTuning(const Tuning& start, Options options);
 
   /// Executes one command and returns a line, both without the line's end: "ok kp 2000 2000 2000" with the value in
-  /// force; "ok kp 5200 5200 5200 clamped from 9000: the device bears 5200"; "error ..." (nothing was changed); for
-  /// `get` alone a JSON object. Answers are printable ASCII whatever the command. Does not throw for any command.
+  /// force; "ok kp 5200 5200 5200 clamped from 9000: the device is stable up to 5200"; "error ..." (nothing was
+  /// changed); for `get` alone a JSON object. Answers are printable ASCII whatever the command. Does not throw for any
+  /// command.
   std::string obey(std::string_view command);
 
   /// Returns the requested tuning. mailbox() holds the newest one for the servo loop.

@@ -23,14 +23,14 @@ sockaddr_un address_of(const std::string& path) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.empty() || path.size() >= sizeof address.sun_path)
-    throw input_error(fmt::format("{}: the path of a socket has 1 to {} bytes; choose a shorter one", path,
+    throw input_error(fmt::format("{}: the path of a socket has 1 to {} bytes; choose a shorter path", path,
                                   sizeof address.sun_path - 1));
   std::memcpy(address.sun_path, path.data(), path.size());
   return address;
 }
 
 Error refused(const std::string& path) {
-  return input_error(fmt::format("{}: cannot be listened on: {}", path, std::strerror(errno)));
+  return input_error(fmt::format("{}: the socket cannot be opened: {}", path, std::strerror(errno)));
 }
 
 /// Returns false if the socket refuses connections because no process listens on it any more.
@@ -73,7 +73,7 @@ PrivateSocket::PrivateSocket(std::string path) : path_(std::move(path)) {
   const Descriptor folder(open(parent.empty() ? "." : parent.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (folder.get() < 0) throw refused(path_);
   if (flock(folder.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
-    throw input_error(path_ + ": another session uses this folder just now; try again");
+    throw input_error(path_ + ": another session is opening a socket in this folder; try again");
   make_room(path_, address);
   try {
     bind_and_listen();

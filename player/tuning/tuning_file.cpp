@@ -62,13 +62,13 @@ void TuningFile::obey() {
   if (obeyed_ == Stamp{}) return;
   std::string text;
   if (const int error = read_beginning(file_, text); error != 0)
-    return tuning_.tell(fmt::format(
-        "{}: {}", file_,
-        error == EINVAL  ? "not a regular file; write the commands into one"
-        : error == EPERM ? "other users can write it, and it moves a motor: chmod o-w, in a folder of your own"
-                         : std::strerror(error)));
+    return tuning_.tell(fmt::format("{}: {}", file_,
+                                    error == EINVAL  ? "is not a regular file; write the commands into a regular file"
+                                    : error == EPERM ? "other users can write this file, which controls a motor; move "
+                                                       "it to a folder of your own and use chmod o-w"
+                                                     : std::strerror(error)));
   if (text.size() > kLargestFile)
-    return tuning_.tell(fmt::format("{}: over {} bytes; a file of commands is shorter", file_, kLargestFile));
+    return tuning_.tell(fmt::format("{}: is longer than {} bytes, the limit of a tuning file", file_, kLargestFile));
 
   std::istringstream lines(text);
   std::string line;

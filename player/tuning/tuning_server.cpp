@@ -191,7 +191,7 @@ class TuningServer::Listeners {
   Listeners(LiveTuning& tuning, Options options) : tuning_(tuning), options_(std::move(options)) {
     if (options_.port) {
       if (options_.token.size() < kShortestToken || options_.token.size() > kLongestToken)
-        throw input_error(fmt::format("the token of a tuning port has {} to {} characters, and this one {}",
+        throw input_error(fmt::format("the token of a tuning port must have {} to {} characters; this one has {}",
                                       kShortestToken, kLongestToken, options_.token.size()));
       listen(asio::ip::address_v4::loopback(), *options_.port);
       port = port_of(listeners_.front().socket);
@@ -235,8 +235,8 @@ class TuningServer::Listeners {
     try {
       listeners_.push_back({tcp::acceptor(io_, endpoint), asio::steady_timer(io_), true});
     } catch (const boost::system::system_error& error) {
-      throw input_error(fmt::format("cannot listen on port {} of {}: {}; take another, or 0 for any free one", asked,
-                                    loopback.to_string(), error.code().message()));
+      throw input_error(fmt::format("cannot listen on port {} of {}: {}; choose another port, or 0 for any free port",
+                                    asked, loopback.to_string(), error.code().message()));
     }
   }
 
@@ -291,15 +291,15 @@ std::string read_tuning_token(const std::string& file) {
   std::array<char, kTokenWord.size() + kLongestToken + 3> text{};
   const ssize_t size = known && S_ISREG(status.st_mode) ? read(descriptor, text.data(), text.size()) : -1;
   close(descriptor);
-  if (size < 0) throw refuse("is not a file that can be read");
+  if (size < 0) throw refuse("is not a readable regular file");
   if (status.st_uid != geteuid() || (status.st_mode & 0077U) != 0)
-    throw refuse("others can read or change this token; make it yours alone: chmod 600");
+    throw refuse("other users can read or change this token; make the file private: chmod 600");
   std::string_view token(text.data(), static_cast<std::size_t>(size));
   token = token.substr(0, token.find_first_of("\r\n"));
   if (token.starts_with(kTokenWord)) token.remove_prefix(kTokenWord.size());
   if (token.size() < kShortestToken || token.size() > kLongestToken || !is_printable(token) ||
       token.find_first_of(" \t") != std::string_view::npos)
-    throw refuse(fmt::format("holds no token of {} to {} letters and digits; remove the file to get a new one",
+    throw refuse(fmt::format("contains no token of {} to {} letters and digits; remove the file to get a new token",
                              kShortestToken, kLongestToken));
   return std::string(token);
 }
@@ -321,8 +321,8 @@ std::uint16_t parse_tuning_port(std::string_view text) {
   const auto port = number_of<std::uint16_t>(digits);
   if (!port)
     throw input_error(
-        fmt::format("tuning port '{}' is not 0 to 65535; the control socket is for this machine alone, so "
-                    "that no other address can be given; over a network use ssh -L",
+        fmt::format("tuning port '{}' is not a number from 0 to 65535; the port is open to this machine alone, so give "
+                    "no other address; over a network use ssh -L",
                     text));
   return *port;
 }

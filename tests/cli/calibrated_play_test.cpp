@@ -64,8 +64,8 @@ TEST_F(CalibratedPlay, StoresTheLearnedForceForThisDeviceAndPathAndForgetsItOnRe
   EXPECT_THAT(play({}).err, HasSubstr("it was learned on another path"));
 
   const Answer broken = play({"--learned", folder_.write("broken.json", "{\"format\": 1")});
-  EXPECT_EQ(broken.exit_code, 0) << "what was learned is a help, not a need";
-  EXPECT_THAT(broken.err, HasSubstr("is not used"));
+  EXPECT_EQ(broken.exit_code, 0) << "the session needs no learned forces";
+  EXPECT_THAT(broken.err, HasSubstr("the learned forces are not used"));
 }
 
 TEST_F(CalibratedPlay, RejectsAnUnwritableLearnedFileBeforeItMoves) {

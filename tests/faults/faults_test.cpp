@@ -430,7 +430,7 @@ TEST(Recording, CountsEveryLossAndShowsTheGapWhenItOverflows) {
   const std::string file = folder / "out.h5";
   Command session =
       known_movement(file, {"clock=real", "rate=10000", "ring=0"}, {"FAULT_STALL_MS=4000", "FAULT_STALL_AFTER=300000"});
-  ASSERT_TRUE(session.says("samples lost so far"));
+  ASSERT_TRUE(session.says("samples were lost so far"));
   // Wait until after the stall, so that there are rows on both sides of the gap.
   std::this_thread::sleep_for(3s);
   kill(session.pid(), SIGINT);

@@ -59,7 +59,7 @@ void expect_noticed_and_calm(const Log& log, const ServoReport& report, double l
   EXPECT_LT(ripple_at(log, *alarm + 1, rate_hz), 0.12 * max_force);
 }
 
-TEST(ForceGuard, NoticesGainsThatAnUncalibratedDeviceDoesNotBear) {
+TEST(ForceGuard, NoticesGainsThatMakeAnUncalibratedDeviceUnstable) {
   // Latest time of the alarm after the first tick [s]; the force fades in for 0.5 s.
   for (const auto& [preset, latest] :
        {std::pair{"falcon", 0.6}, {"hapkit", 0.6}, {"inverse3", 0.6}, {"reference", 0.6}, {"touch", 0.6}}) {

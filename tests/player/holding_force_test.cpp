@@ -106,7 +106,7 @@ TEST(HoldingForce, IsNotRaisedOnTheWayToTheStartWhileItWaitsForTheHand) {
   }
 }
 
-TEST(HoldingForce, OfAPlaybackThatIsNotResistedIsNothingToEndItFor) {
+TEST(HoldingForce, DoesNotEndAPlaybackThatIsNotResisted) {
   const auto device = open_device("sim:preset=falcon,hand=relaxed,seed=3");
   Log log;
   PlayOptions options;

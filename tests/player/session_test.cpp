@@ -107,7 +107,7 @@ TEST(Session, RecordsAFreeHandWithoutForce) {
 
 TEST(Session, RefusesARecordingWithoutEndInVirtualTime) {
   PointMass device;
-  EXPECT_THAT(error_of([&] { record(device, {}, StopRequest{}); }), HasSubstr("say how long with --duration"));
+  EXPECT_THAT(error_of([&] { record(device, {}, StopRequest{}); }), HasSubstr("limit the recording with --duration"));
 }
 
 TEST(Session, RefusesAPathOutsideTheWorkspaceBeforeAnyForceAndSaysHowFar) {
@@ -128,12 +128,12 @@ TEST(Session, RefusesAPathOutsideTheWorkspaceBeforeAnyForceAndSaysHowFar) {
   EXPECT_GE(played.min.minCoeff(), -0.2);
 }
 
-TEST(Session, RefusesAPathThatIsTooFastAndSaysWhichSpeedWouldDo) {
+TEST(Session, RejectsAPathThatIsTooFastAndSuggestsASpeed) {
   PointMass device;
   PlayOptions options = options_for("");
   const Path fast = make_shape("circle", {.size = 0.3, .duration = 0.5});
   const std::string error = error_of([&] { plan_playback(device.info(), fast, options); });
-  EXPECT_THAT(error, HasSubstr("too near the velocity limit of 1.50 m/s"));
+  EXPECT_THAT(error, HasSubstr("too close to the velocity limit of 1.50 m/s"));
   const double speed = std::stod(error.substr(error.find("--speed ") + 8));
   options.playback.speed = speed;
   EXPECT_NO_THROW(plan_playback(device.info(), fast, options));
@@ -165,7 +165,7 @@ TEST(Session, LeavesNoFileBehindWhenAnOptionIsWrong) {
   EXPECT_FALSE(std::filesystem::exists(folder / "never.h5"));
 }
 
-TEST(Session, KeepsWhatWasRecordedWhenTheDeviceIsLost) {
+TEST(Session, KeepsTheRecordingWhenTheDeviceIsLost) {
   const TempFolder folder;
   PointMass device(0.5, 2, {.lost_at = 1500});
   const PlayOptions options = options_for(folder / "lost.h5");
@@ -180,7 +180,7 @@ TEST(Session, KeepsWhatWasRecordedWhenTheDeviceIsLost) {
   EXPECT_EQ(events.back().code, static_cast<std::int32_t>(EventCode::device_lost));
 }
 
-TEST(Session, GoesOnWithADeviceThatWasLostAndFound) {
+TEST(Session, ContinuesWithADeviceThatWasLostAndFound) {
   const TempFolder folder;
   // The device comes back at another position, beyond the deviation limit.
   PointMass device(0.5, 2, {.away_from = 2500, .away_until = 4500, .moved_while_away = Vec3(-0.05, 0.04, 0.03)});
@@ -212,7 +212,7 @@ TEST(Session, GoesOnWithADeviceThatWasLostAndFound) {
   }
 }
 
-TEST(Session, RestartsWhatItKnowsOfTheLoadAndLearnsNothingFromARepetitionWithAGap) {
+TEST(Session, RestartsTheLoadEstimateAndLearnsNothingFromARepetitionWithAGap) {
   SimDevice device(test::true_device(), {.lost_at = 1.5, .lost_for = 0.8});
   PlayOptions options = test::everything();
   options.session.loop.away_timeout = 5;
@@ -240,7 +240,7 @@ TEST(Session, RestartsWhatItKnowsOfTheLoadAndLearnsNothingFromARepetitionWithAGa
   }
 }
 
-TEST(Session, TellsAPersonThatTheDeviceIsAwayAndBackOnTheRealClock) {
+TEST(Session, ReportsThatTheDeviceIsLostAndBackOnTheRealClock) {
   SimDevice device(test::true_device(), {.lost_at = 0.3, .lost_for = 0.5});
   RecordOptions options{.duration = 1.2};
   options.session.clock = ClockChoice::real;
@@ -251,7 +251,7 @@ TEST(Session, TellsAPersonThatTheDeviceIsAwayAndBackOnTheRealClock) {
   EXPECT_EQ(result.servo.returns, 1U);
   EXPECT_GT(result.servo.away, 0);  // counts from when the loop noticed the loss, which a busy machine may delay
   EXPECT_THAT(texts_of(result.warnings),
-              testing::IsSupersetOf({HasSubstr("the device was lost; it is waited for, up to 60 s"),
+              testing::IsSupersetOf({HasSubstr("the device was lost; the session waits up to 60 s"),
                                      HasSubstr("the device is back after")}));
 }
 
@@ -276,7 +276,7 @@ TEST(Session, WarnsOfForcesThatWereLimitedAtOnceInItsResultAndInTheRecording) {
   EXPECT_TRUE(check_recording(folder / "played.h5").empty());
 }
 
-TEST(Session, WarnsOfOscillationsAsOneAndKeepsTheShareOfTheGainsThatIsLeft) {
+TEST(Session, WarnsOnceOfAllOscillationsAndKeepsTheRemainingShareOfTheGains) {
   /// A controller that reports an oscillation twice.
   class Oscillating final : public Controller {
    public:

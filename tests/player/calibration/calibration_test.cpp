@@ -141,7 +141,7 @@ TEST(Calibration, LastsTenSecondsOrHalfAMinute) {
   EXPECT_NEAR(plan_calibration(device.info(), chosen).duration, 33, 3);
 }
 
-TEST(Calibration, KnowsNothingOfASimulatedDeviceButWhatItMeasures) {
+TEST(Calibration, UsesOnlyTheMeasurementsOfASimulatedDevice) {
   const SimSpec spec = preset("falcon", "firm");
   SimDevice known(spec), same(spec);
   test::BlindDevice unknown(same);
@@ -169,7 +169,7 @@ TEST(Calibration, LeavesTheAxisOfAPlanarRobotThatHasNoMotorOut) {
   EXPECT_EQ(result.identification.plant.mass.z(), 0);
 }
 
-TEST(Calibration, StaysInsideWhatItAnnounced) {
+TEST(Calibration, StaysWithinTheAnnouncedForceAndReach) {
   class Watch final : public Device {
    public:
     explicit Watch(Device& device) : device_(device) {}
@@ -313,7 +313,7 @@ TEST(Calibration, StopsWhenAskedAtAnyMomentAndFindsNothing) {
   }
 }
 
-TEST(Calibration, RefusesWhatItCannotCalibrateBeforeAnyForce) {
+TEST(Calibration, RejectsUnsuitableDevicesAndOptionsBeforeAnyForce) {
   PointMass device;
   device.mutable_info().force_axes = {false, false, false};
   EXPECT_THAT(error_of([&] { (void)calibrated(device); }), HasSubstr("takes no force"));
@@ -333,7 +333,7 @@ TEST(Calibration, RefusesWhatItCannotCalibrateBeforeAnyForce) {
   EXPECT_TRUE(device.forces().empty());
 }
 
-TEST(Calibration, TellsADeviceThatIsLost) {
+TEST(Calibration, ReportsALostDevice) {
   PointMass device(0.5, 2, {.lost_at = 3000});
   const CalibrationResult result = calibrated(device);
   EXPECT_FALSE(result.succeeded());

@@ -142,7 +142,7 @@ TEST(Guide, LetsTheTraineeOvercomeTheExpertsForceWhenItIsToResist) {
   EXPECT_NEAR(mean_y(resisting), -0.6, 0.15);
 }
 
-TEST(Guide, KeepsAWanderingTraineeNearerThePathThanHeWouldBe) {
+TEST(Guide, KeepsAWanderingTraineeCloserToThePath) {
   const TempFolder folder;
   Path wandering = expert();
   wandering.velocity.clear();
@@ -182,14 +182,14 @@ TEST(Guide, RecordsWhereTheTraineeWasAndWhatTheExpertFeltThere) {
     farthest = std::max(farthest, row.progress);
   }
   EXPECT_NEAR(farthest, result.plan.path->length(), 3e-3);
-  EXPECT_NEAR(result.last.tracking.duration, 10 * 16 + 10, 0.01) << "in virtual time nobody is waited for without end";
+  EXPECT_NEAR(result.last.tracking.duration, 10 * 16 + 10, 0.01) << "virtual time has a time limit";
   const nlohmann::json json = to_json(result);
   for (const char* key : {"samples", "duration_s", "rms_error_m", "peak_error_m", "force_ripple_n", "max_force_n",
                           "overruns", "latency_s", "tick_s", "stopped_by", "repetitions", "time_in_tunnel"})
     EXPECT_TRUE(json.contains(key)) << key;
 }
 
-TEST(Guide, DragsNobodyAlongWithACursorThatWaits) {
+TEST(Guide, DoesNotDragTheTraineeAlongWithACursorThatWaits) {
   const TempFolder folder;
   Path staying = expert();
   staying.velocity.clear();
@@ -255,18 +255,18 @@ TEST(PlanGuidance, NamesWhatIsWrong) {
   EXPECT_THAT(error_of([&] { (void)plan_guidance(motorless.info(), source(), {}); }), HasSubstr("has no motors"));
 }
 
-TEST(PlanGuidance, ClampsWallsToWhatDeviceAndRateBearUnlessAnExpertAsks) {
+TEST(PlanGuidance, LimitsWallsToAStableStiffnessUnlessExpertIsSet) {
   const test::PointMass device;
   GuideOptions options{.stiffness = 50000};
   const GuidePlan plan = plan_guidance(device.info(), source(), options);
   EXPECT_LT(plan.stiffness, 1000);
   ASSERT_FALSE(plan.notes.empty());
-  EXPECT_THAT(plan.notes.front(), HasSubstr("more than the device bears at 1000 Hz"));
+  EXPECT_THAT(plan.notes.front(), HasSubstr(" N/m at 1000 Hz; the stiffness of the walls is limited to"));
   options.expert = true;
   EXPECT_EQ(plan_guidance(device.info(), source(), options).stiffness, 50000);
 }
 
-TEST(PlanGuidance, ReckonsWithTheDelayAndTheDampingOfACalibratedDevice) {
+TEST(PlanGuidance, AccountsForTheDelayAndTheDampingOfACalibratedDevice) {
   const test::PointMass device;
   const auto plan = [&](double delay, double viscous) {
     PlantModel plant = test::known_plant();
@@ -294,10 +294,10 @@ TEST(PlanGuidance, SaysWhenTheExpertsForcesAreMissing) {
   const test::PointMass device;
   const GuidePlan plan = plan_guidance(device.info(), source(make_shape("circle", {})), {});
   ASSERT_FALSE(plan.notes.empty());
-  EXPECT_THAT(plan.notes.front(), HasSubstr("holds no forces"));
+  EXPECT_THAT(plan.notes.front(), HasSubstr("contains no forces"));
 }
 
-TEST(Guide, StaysAtAPathOfOnePlace) {
+TEST(Guide, StaysAtAPathOfOnePoint) {
   Path place;
   place.name = "place";
   place.time = {0};

@@ -25,7 +25,7 @@ PlayResult learned_session(const ForceTable& known = {}, double size = 0.04) {
   return play(device, plan_playback(device.info(), circle, options), options, StopRequest{});
 }
 
-TEST(LearnedMemory, HandsWhatASessionLearnedToTheNext) {
+TEST(LearnedMemory, PassesLearnedForcesToTheNextSession) {
   const TempFolder folder;
   const std::string file = folder / "learned.json";
   const PlayResult first = learned_session();
@@ -47,14 +47,14 @@ TEST(LearnedMemory, HandsWhatASessionLearnedToTheNext) {
   EXPECT_GT(load_learned(file)->repetitions, 2) << "on top of those before";
 }
 
-TEST(LearnedMemory, ForgetsWhatItDoesNotRecall) {
+TEST(LearnedMemory, CountsOnlyTheRepetitionsThatItRecalled) {
   const TempFolder folder;
   const PlayResult session = learned_session();
   for (int i = 0; i < 2; ++i) LearnedMemory(folder / "learned.json", kDevice, 1, kMass).keep(session);
   EXPECT_EQ(load_learned(folder / "learned.json")->repetitions, 2);
 }
 
-TEST(LearnedMemory, RefusesWhatDoesNotHoldHereAndBeginsAnew) {
+TEST(LearnedMemory, RejectsForcesLearnedUnderOtherConditionsAndRestarts) {
   const TempFolder folder;
   const std::string file = folder / "learned.json";
   const PlayResult session = learned_session(), other = learned_session({}, 0.05);
@@ -74,10 +74,10 @@ TEST(LearnedMemory, RefusesWhatDoesNotHoldHereAndBeginsAnew) {
   LearnedMemory memory(file, kDevice, 0.5, kMass);
   (void)memory.recall(session.plan.path.source());
   memory.keep(session);
-  EXPECT_EQ(load_learned(file)->repetitions, 2) << "what was refused does not count";
+  EXPECT_EQ(load_learned(file)->repetitions, 2) << "rejected repetitions do not count";
 
   (void)folder.write("learned.json", "{\"format\": 1");
-  EXPECT_THAT(refused(kDevice, 1, kMass, session), HasSubstr("is not used"));
+  EXPECT_THAT(refused(kDevice, 1, kMass, session), HasSubstr("the learned forces are not used"));
 }
 
 }  // namespace

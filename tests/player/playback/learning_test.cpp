@@ -72,7 +72,7 @@ TEST(LearningTerm, LearnsInAThreadOfItsOwnOnTheRealClock) {
   EXPECT_EQ(term.lessons()[0].outcome, Outcome::learned);
   for (const Vec3& force : term.table().force) ASSERT_LT((force + kLoad).norm(), 1e-6);
   bench.repeat(false, 500);
-  EXPECT_LT((bench.learned + kLoad).norm(), 1e-3) << "what was worked out is used from the next tick on";
+  EXPECT_LT((bench.learned + kLoad).norm(), 1e-3) << "the computed forces are used from the next tick on";
   term.finish();
 }
 
@@ -87,7 +87,7 @@ TEST(LearningTerm, LeavesARepetitionOutThatEndsWhileTheOneBeforeIsStillWorkedOn)
   for (const LearningTerm::Lesson& lesson : term.lessons()) EXPECT_NEAR(lesson.rms_error, 1e-3, 1e-9);
 }
 
-TEST(LearningTerm, UsesWhatIsKnownAsItIsWithoutRepetitionsToLearnFrom) {
+TEST(LearningTerm, UsesKnownForcesUnchangedWithoutRepetitionsToLearnFrom) {
   LearningTerm::Options options = options_of(0);
   options.known = {.step = 0.5, .force = {Vec3(1, 0, 0), Vec3(1, 0, 0), Vec3(1, 0, 0)}};
   LearningTerm term(options);
@@ -204,7 +204,7 @@ TEST(Learning, LowersTheErrorOfAPlaybackFromOneRepetitionToTheNext) {
   EXPECT_TRUE(later.lessons.empty());
 }
 
-TEST(Learning, GoesOnBesideASessionOnTheRealClock) {
+TEST(Learning, RunsBesideASessionOnTheRealClock) {
   SimDevice device(test::true_device());
   PlayOptions options = test::everything();
   options.session.clock = ClockChoice::real;

@@ -119,10 +119,11 @@ TEST(OrientationPlayback, SaysWhyItDoesNotTurnATool) {
     EXPECT_FALSE(plan.turn);
     return plan.notes.empty() ? "" : plan.notes.front();
   };
-  EXPECT_THAT(note([](DeviceInfo& info) { info.max_torque = 0; }), HasSubstr("--max-torque says it"));
+  EXPECT_THAT(note([](DeviceInfo& info) { info.max_torque = 0; }), HasSubstr("give it with --max-torque"));
   EXPECT_THAT(note([](DeviceInfo& info) { info.torque_axes[1] = false; }), HasSubstr("no motor about some"));
-  EXPECT_THAT(note([](DeviceInfo& info) { info.measures_orientation = false; }), HasSubstr("does not measure its own"));
-  EXPECT_EQ(note([](DeviceInfo& info) { info.torque_axes = {}; }), "") << "nobody expects it of such a device";
+  EXPECT_THAT(note([](DeviceInfo& info) { info.measures_orientation = false; }),
+              HasSubstr("does not measure orientation"));
+  EXPECT_EQ(note([](DeviceInfo& info) { info.torque_axes = {}; }), "") << "such a device needs no note";
 }
 
 TEST(OrientationPlayback, KeepsToTheTorqueLimitOfTheSession) {
@@ -216,7 +217,7 @@ TEST(OrientationPlayback, AllocatesNothingInATick) {
   EXPECT_EQ(test::allocations(), before);
   EXPECT_TRUE(is_finite(sum));
   state.orientation = nan_quat();
-  EXPECT_EQ(follower.torque(state, path.sample(1, cursor)), Vec3::Zero()) << "nobody knows how the tool points";
+  EXPECT_EQ(follower.torque(state, path.sample(1, cursor)), Vec3::Zero()) << "the orientation of the tool is unknown";
 }
 
 }  // namespace

@@ -110,7 +110,7 @@ TEST(Playback, SpeedScalesTimeVelocityAndAcceleration) {
   EXPECT_NEAR(largest(two, acceleration) / largest(one, acceleration), 4, 1e-2);
 }
 
-TEST(Playback, TellsEveryRepetition) {
+TEST(Playback, ReportsEveryRepetition) {
   auto controller = follower(timed_circle(0.2), {.repetitions = 4, .hold = 0});
   std::vector<double> told;
   for (const Command& c : drive(controller, obedient))
@@ -208,8 +208,8 @@ TEST(Playback, SoftensBeyondTheDeviationLimit) {
   auto controller = follower(timed_circle(2), {.max_deviation = 0.03, .on_deviation = DeviationPolicy::soften}, 100);
   const auto answers = drive(controller, resisting);
   EXPECT_EQ(answers.back().status, Command::Status::finished);
-  EXPECT_NEAR(answers[1500].wrench.force.norm(), 100 * 0.03, 1e-2) << "what it was at the limit";
-  EXPECT_NEAR(seconds_in(answers, Phase::run), 2, 0.0021) << "and the path goes on";
+  EXPECT_NEAR(answers[1500].wrench.force.norm(), 100 * 0.03, 1e-2) << "the force at the limit";
+  EXPECT_NEAR(seconds_in(answers, Phase::run), 2, 0.0021) << "and the path continues";
 }
 
 TEST(Playback, HasNoReferenceWhereThereIsNoMotor) {
@@ -253,7 +253,7 @@ std::vector<Command> drive_with_gap(Controller& controller, std::size_t at, cons
   return answers;
 }
 
-TEST(Playback, GoesBackAfterAGapToWhereThePathStoodAndOnFromThere) {
+TEST(Playback, ReturnsAfterAGapToTheLastReferenceAndContinuesThere) {
   const Vec3 elsewhere(0.05, 0.07, -0.03);  // beyond the deviation limit
   for (const std::size_t at : {100U, 1000U, 1600U, 2100U, 2800U}) {
     auto whole = follower(timed_circle(2), {.hold = 0.3}), broken = follower(timed_circle(2), {.hold = 0.3});
@@ -271,7 +271,7 @@ TEST(Playback, GoesBackAfterAGapToWhereThePathStoodAndOnFromThere) {
     }
     // Without the gap and the way back, the references are those of an undisturbed run, with the same durations.
     EXPECT_NEAR(seconds_in(answers, Phase::run), 2 + (at > 600 && at < 2500 ? 0.05 : 0), 0.01) << at;
-    EXPECT_NEAR(seconds_in(answers, Phase::hold), 0.3, 0.0031) << "nor does it hold anew";
+    EXPECT_NEAR(seconds_in(answers, Phase::hold), 0.3, 0.0031) << "nor does it hold again";
     EXPECT_LE((answers.back().reference.position - expected.back().reference.position).norm(), 1e-9);
     const auto told = std::count_if(answers.begin(), answers.end(),
                                     [](const Command& c) { return c.event && c.event->code == EventCode::repetition; });
@@ -298,7 +298,7 @@ TEST(Playback, LetsThePathsTimeStandStillUntilItIsBackOnIt) {
   }
 }
 
-TEST(Playback, ComesBackFromAGapWithinTheWayBackOfAnother) {
+TEST(Playback, ReturnsFromAGapThatInterruptsTheReturnFromAnother) {
   auto controller = follower(timed_circle(2), {});
   State state{.position = Vec3(0, 0, 0.02)};
   controller.start(state);
@@ -324,7 +324,7 @@ TEST(Playback, ComesBackFromAGapWithinTheWayBackOfAnother) {
   EXPECT_EQ(repetitions, 1);
 }
 
-TEST(Playback, TellsItsTermsOfAGapBeforeItAsksThem) {
+TEST(Playback, NotifiesItsTermsOfAGapBeforeItUsesThem) {
   struct Starts final : ForceTerm {
     explicit Starts(std::vector<Vec3>& at) : at_(at) {}
     void start(const State& first) noexcept override { at_.push_back(first.position); }

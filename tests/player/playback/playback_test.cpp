@@ -51,7 +51,7 @@ std::vector<std::string> composed(const PlayOptions& options) {
 
 TEST(PlayPlan, ComposesEverythingForAnIdentifiedDeviceAndSaysSo) {
   EXPECT_THAT(composed(everything()), ElementsAre("inertia", "observer", "learning"))
-      << "what is learned begins with what the model knows of gravity and friction";
+      << "learning starts from the gravity and friction of the model";
   PlayOptions options = everything();
   options.learn = 0;
   EXPECT_THAT(composed(options), ElementsAre("inertia", "gravity", "friction", "observer"))
@@ -60,7 +60,7 @@ TEST(PlayPlan, ComposesEverythingForAnIdentifiedDeviceAndSaysSo) {
   EXPECT_THAT(composed(options), ElementsAre("gravity"));
 }
 
-TEST(PlayPlan, ComposesAPdLawAloneForADeviceThatIsNot) {
+TEST(PlayPlan, ComposesAPdLawAloneForAnUnidentifiedDevice) {
   PlayOptions options;
   EXPECT_THAT(composed(options), ElementsAre());
   const PlayPlan plan = plan_playback(info(), small_circle(), options);
@@ -86,22 +86,22 @@ TEST(PlayPlan, RefusesToLearnWithoutCalibrationAndSaysWhatToDo) {
   PlayOptions options;
   options.learn = 3;
   const auto error = [&] { return test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }); };
-  EXPECT_THAT(error(), HasSubstr("must be calibrated before anything can be learned"));
+  EXPECT_THAT(error(), HasSubstr("must be calibrated before it can learn"));
   EXPECT_THAT(error(), HasSubstr("haptrace calibrate --device sim"));
   options.identified = test::identified(test::known_plant());
   EXPECT_EQ(error(), "no error");
   options.compensations.learning = false;
-  EXPECT_THAT(error(), HasSubstr("learning was asked for and switched off"));
+  EXPECT_THAT(error(), HasSubstr("both request learning and switch it off"));
 }
 
-TEST(PlayPlan, RefusesToLearnWhatLastsTooLong) {
+TEST(PlayPlan, RefusesToLearnAPathThatIsTooLong) {
   PlayOptions options = everything();
   options.playback.speed = 0.001;
   EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }),
               HasSubstr("a repetition lasts 1000.0 s"));
 }
 
-TEST(Play, RefusesToLearnFromANumberOfRepetitionsThatIsNone) {
+TEST(Play, RejectsAnInvalidNumberOfRepetitionsToLearnFrom) {
   for (const int learn : {-1, kMostLearned + 1}) {
     PlayOptions options = everything();
     options.learn = learn;
@@ -109,7 +109,7 @@ TEST(Play, RefusesToLearnFromANumberOfRepetitionsThatIsNone) {
   }
 }
 
-TEST(Play, SendsWhatAPdLawWouldWhenEverythingIsOff) {
+TEST(Play, SendsTheForceOfAPdLawWhenEveryCompensationIsOff) {
   PlayOptions known = everything();
   known.learn = 0;
   known.compensations = {};
@@ -120,7 +120,7 @@ TEST(Play, SendsWhatAPdLawWouldWhenEverythingIsOff) {
   EXPECT_TRUE(forces(known) == forces(unknown)) << "to the last bit";
 }
 
-TEST(Play, LacksWhatIsOffNotOnlyItsShare) {
+TEST(Play, OmitsTheTermsThatAreOff) {
   const auto with = forces(everything());
   for (bool Compensations::*off :
        {&Compensations::inertia, &Compensations::gravity, &Compensations::friction, &Compensations::observer}) {
@@ -130,7 +130,7 @@ TEST(Play, LacksWhatIsOffNotOnlyItsShare) {
   }
 }
 
-TEST(Play, FollowsCloserWithWhatIsKnownThanWithoutIt) {
+TEST(Play, FollowsCloserWithAModelThanWithoutIt) {
   PlayOptions unknown;
   unknown.playback.repetitions = 3;
   SimDevice one(test::true_device()), other(test::true_device());
@@ -138,7 +138,7 @@ TEST(Play, FollowsCloserWithWhatIsKnownThanWithoutIt) {
   EXPECT_LT(with.repetitions[0].rms_error, 0.1 * without.repetitions[0].rms_error);
 }
 
-TEST(Play, FollowsARecordingInCountsAsWellAsTheMovementItself) {
+TEST(Play, FollowsAQuantisedRecordingAsWellAsTheMovementItself) {
   Path movement = small_circle(2), recording = movement;
   recording.velocity.clear();
   for (Vec3& p : recording.position) p = 5e-5 * (p / 5e-5).array().round().matrix();
@@ -154,12 +154,13 @@ TEST(Play, FollowsARecordingInCountsAsWellAsTheMovementItself) {
 
   PlayOptions as_it_is = everything();
   as_it_is.smoothing = 0;
-  EXPECT_GT(followed(recording, as_it_is).last.force_ripple, 5 * counted.last.force_ripple) << "what it spares a hand";
+  EXPECT_GT(followed(recording, as_it_is).last.force_ripple, 5 * counted.last.force_ripple)
+      << "ripple without smoothing";
   as_it_is.smoothing = -1;
   EXPECT_THAT(test::error_of([&] { (void)followed(recording, as_it_is); }), HasSubstr("the smoothing is -1 s"));
 }
 
-TEST(Play, SendsBitForBitTheSameToADeviceOfWhichNothingButItsAnswersIsSeen) {
+TEST(Play, SendsIdenticalForcesToADeviceThatShowsOnlyItsMeasurements) {
   SimDevice seen(test::true_device()), hidden(test::true_device());
   test::BlindDevice blind(hidden);
   Log one, other;

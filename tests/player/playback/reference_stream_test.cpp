@@ -182,7 +182,7 @@ class Follower {
   bool first_ = true;
 };
 
-TEST(Playback, HoldsItsReferenceWhileThePathIsNotReadAndGoesOnWithoutAJump) {
+TEST(Playback, HoldsItsReferenceWhileThePathIsNotReadAndResumesWithoutAJump) {
   const Path path = wandering(kPlain, 4, 3000);
   const auto source = std::make_shared<Gated>(path, 1200, false);
   const TrajectoryPieces pieces(source, Interpolation::cubic, kSmallPieces);
@@ -283,7 +283,7 @@ TEST(Playback, StopsBeforeAPieceThatLeavesTheWorkspaceOrIsTooFast) {
     std::unique_ptr<PathSource> path_;
   };
   for (const auto& [scale, said] :
-       {std::pair{30.0, "leaves the workspace of point mass by"}, {2.0, "over the velocity limit"}}) {
+       {std::pair{30.0, "leaves the workspace of point mass by"}, {2.0, "above the velocity limit"}}) {
     const auto source = std::make_shared<Turning>(path);
     source->scale = scale;
     test::PointMass device;

@@ -54,7 +54,7 @@ TEST(TrackingMetrics, RippleIsTheForceAboveTwentyFiveHertz) {
   }
 }
 
-TEST(TrackingMetrics, KeepEveryRepetitionAndOfAnEndlessSessionTheLast) {
+TEST(TrackingMetrics, KeepEveryRepetitionButOnlyTheLastOfAnEndlessSession) {
   TrackingMetrics metrics(1000, 2);
   for (int repetition = 0; repetition < 3; ++repetition) {
     metrics.push(kRepetition);
@@ -65,7 +65,7 @@ TEST(TrackingMetrics, KeepEveryRepetitionAndOfAnEndlessSessionTheLast) {
   EXPECT_NEAR(metrics.last().rms_error, 0.003, 1e-12);
 }
 
-TEST(TrackingMetrics, DoNotCountAGapNorTheWayBackFromIt) {
+TEST(TrackingMetrics, DoNotCountAGapOrTheReturnFromIt) {
   TrackingMetrics metrics(1000, 1);
   metrics.push(kRepetition);
   int i = 0;
@@ -99,7 +99,7 @@ TEST(TrackingMetrics, AllocateNothingWhileASessionRuns) {
   EXPECT_EQ(test::allocations(), before);
 }
 
-TEST(LiveMonitor, PostsTheNewestFiguresAndTheWorstLatencySinceTheLast) {
+TEST(LiveMonitor, PostsTheNewestMetricsAndTheWorstLatencySinceTheLastPost) {
   LiveMonitor monitor;
   EXPECT_EQ(monitor.latest().samples, 0U);
   for (int i = 0; i <= 1000; ++i) {
@@ -119,7 +119,7 @@ TEST(LiveMonitor, PostsTheNewestFiguresAndTheWorstLatencySinceTheLast) {
   EXPECT_EQ(live.phase, Phase::run);
 }
 
-TEST(LiveMonitor, TellsOfADeviceThatIsAwayAlthoughThereAreNoRows) {
+TEST(LiveMonitor, ReportsALostDeviceAlthoughThereAreNoSamples) {
   LiveMonitor monitor;
   for (int i = 0; i < 1000; ++i) monitor.push(row(i, Phase::run, Vec3::Zero(), Vec3(0, 3, 4)));
   monitor.push(Event{.code = EventCode::device_lost});

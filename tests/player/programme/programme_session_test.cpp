@@ -133,7 +133,7 @@ TEST_F(ProgrammeSession, KeepsARecordingOfEveryRepetitionInEveryMode) {
   for (const std::string& path : result.log.paths) EXPECT_EQ(load_path(file(path)).size(), 1501U);
 }
 
-TEST_F(ProgrammeSession, ResistsAgainstThePersonAndHelpsWhenItAssists) {
+TEST_F(ProgrammeSession, ResistsTheParticipantAndHelpsWhenItAssists) {
   const ProgrammeResult result = run(
       programme_of({R"("mode": "resist", "resistance": 8)", R"("mode": "assisted", "pace": 3, "assist_force": 3)"}));
   ASSERT_EQ(result.log.trials.size(), 2U);
@@ -144,7 +144,7 @@ TEST_F(ProgrammeSession, ResistsAgainstThePersonAndHelpsWhenItAssists) {
   EXPECT_GT(helped.at("assist_work_j").get<double>(), helped.at("resist_work_j").get<double>());
 }
 
-TEST_F(ProgrammeSession, GoesOnTomorrowWithTheRepetitionThatWasInterrupted) {
+TEST_F(ProgrammeSession, ResumesWithTheRepetitionThatWasInterrupted) {
   const json programme =
       programme_of({R"("mode": "tunnel", "repetitions": 3)", R"("mode": "free", "repetitions": 2)"}, R"("rounds": 2,)");
   options_.begins = [&](const ScheduledTrial& trial, const TrialSettings&, std::size_t, std::size_t) {
@@ -164,7 +164,7 @@ TEST_F(ProgrammeSession, GoesOnTomorrowWithTheRepetitionThatWasInterrupted) {
                                    "0.2.2.1", "0.2.3.1", "1.2.1.1", "1.2.2.1"));
   EXPECT_EQ(second.log.sittings.size(), 2U);
   EXPECT_EQ(second.log.sittings[1].first_trial, 4U);
-  EXPECT_NE(second.log.trials[3].file, second.log.trials[4].file) << "what there is of the first attempt is kept";
+  EXPECT_NE(second.log.trials[3].file, second.log.trials[4].file) << "the recording of the first attempt is kept";
   EXPECT_TRUE(std::filesystem::exists(file(second.log.trials[3].file)));
 }
 
@@ -212,7 +212,7 @@ TEST_F(ProgrammeSession, AdaptsAsItWouldHaveWithoutAnInterruption) {
   EXPECT_EQ(settings(resume().log), whole);
 }
 
-TEST_F(ProgrammeSession, MakesWallsAsSoftAsTheAssistanceIsLittle) {
+TEST_F(ProgrammeSession, ScalesTheStiffnessOfWallsWithTheAssistance) {
   const ProgrammeResult result = run(programme_of({R"("mode": "assisted", "stiffness": 100, "repetitions": 9,
       "progression": {"target": 1, "assistance": {"forget": 0.5, "gain": 0}})"}));
   double share = 1;
@@ -227,7 +227,7 @@ TEST_F(ProgrammeSession, MakesWallsAsSoftAsTheAssistanceIsLittle) {
   }
 }
 
-TEST_F(ProgrammeSession, LeavesWhoIsFreeAloneWhereverHeIs) {
+TEST_F(ProgrammeSession, DoesNotLimitTheDeviationInAFreeExercise) {
   options_.max_deviation = 0.1;  // applies only to the approach
   options_.open = [this](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
     Path beside = load_path(path);
@@ -238,17 +238,17 @@ TEST_F(ProgrammeSession, LeavesWhoIsFreeAloneWhereverHeIs) {
   EXPECT_TRUE(run(programme_of({R"("mode": "free", "time_limit": 2)"})).log.complete);
 }
 
-TEST_F(ProgrammeSession, TakesARepetitionThatRanOutOfTimeForDoneAndFailed) {
+TEST_F(ProgrammeSession, CountsARepetitionThatRanOutOfTimeAsDoneAndFailed) {
   options_.open = [](const Exercise&, const TrialSettings&, const std::string&) -> std::shared_ptr<Device> {
     return open_device("sim:preset=omega3,hand=relaxed");  // a hand without intent
   };
   const ProgrammeResult result = run(programme_of({R"("mode": "assisted", "repetitions": 3, "assist_force": 0,
       "time_limit": 1, "progression": {"target": 0.008, "assistance": {"start": 0.5, "forget": 0.8, "gain": 0.4}})"}));
-  EXPECT_TRUE(result.log.complete) << "what was not reached today is not asked for again";
+  EXPECT_TRUE(result.log.complete) << "a target that was missed does not repeat the trial";
   ASSERT_EQ(result.log.trials.size(), 3U);
   for (const LoggedTrial& trial : result.log.trials) {
     EXPECT_EQ(trial.stopped_by, "time_over");
-    EXPECT_LT(trial.figures.at("contour_rms_m").get<double>(), 0.008) << "he is near the path, and nowhere on it";
+    EXPECT_LT(trial.figures.at("contour_rms_m").get<double>(), 0.008) << "the hand is near the path, but not on it";
   }
   EXPECT_NEAR(result.log.trials[1].settings.assistance, 0.8 * 0.5 + 0.4, 1e-12);
   EXPECT_NEAR(result.log.trials[2].settings.assistance, 1, 1e-12);
@@ -262,7 +262,7 @@ TEST_F(ProgrammeSession, LogsTheStiffnessThatTheWallsHad) {
   EXPECT_FALSE(result.log.trials.at(2).settings.stiffness);
 }
 
-TEST_F(ProgrammeSession, KeepsInItsLogWhyItFailed) {
+TEST_F(ProgrammeSession, LogsWhyItFailed) {
   int begun = 0;
   options_.open = [&](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
     // An invalid compression level makes the recording of the second repetition fail.
@@ -278,7 +278,7 @@ TEST_F(ProgrammeSession, KeepsInItsLogWhyItFailed) {
   EXPECT_EQ(log.sittings.back().ended_by, "stopped");
 }
 
-TEST_F(ProgrammeSession, LeavesNothingOfASessionThatCouldNotBegin) {
+TEST_F(ProgrammeSession, LeavesNoFilesOfASessionThatCouldNotStart) {
   const json programme = programme_of({R"("mode": "free")"});
   const auto device = open_device("sim:preset=omega3");
   ProgrammePlan plan = plan_programme(programme_from_json(programme, "p.json"), ".", "p.json", &device->info(), false);
@@ -287,7 +287,7 @@ TEST_F(ProgrammeSession, LeavesNothingOfASessionThatCouldNotBegin) {
   EXPECT_FALSE(std::filesystem::exists(options_.folder));
 }
 
-TEST_F(ProgrammeSession, BeginsEverySittingWithTheWarmUp) {
+TEST_F(ProgrammeSession, StartsEverySittingWithTheWarmUp) {
   const json programme = programme_of({R"("mode": "tunnel", "repetitions": 2)"},
                                       fmt::format(R"("warm_up": [{{{}, "mode": "passive"}}],)", kShape));
   options_.begins = [&](const ScheduledTrial& trial, const TrialSettings&, std::size_t, std::size_t) {
@@ -309,7 +309,7 @@ TEST_F(ProgrammeSession, EndsASittingWhenItsTimeIsOver) {
   EXPECT_GT(result.log.sittings[0].duration, 12);
 }
 
-TEST_F(ProgrammeSession, EndsASittingWhenTheForceWasEnough) {
+TEST_F(ProgrammeSession, EndsASittingWhenTheForceDoseIsReached) {
   const ProgrammeResult result = run(
       programme_of({R"("mode": "resist", "resistance": 10, "repetitions": 50)"}, R"("limits": {"force_dose": 5},)"));
   EXPECT_EQ(result.log.sittings[0].ended_by, "force_dose");
@@ -329,7 +329,7 @@ TEST_F(ProgrammeSession, EndsASittingWhenTheForceWasEnough) {
   EXPECT_NEAR(first.force_dose, recorded, 0.01 * recorded);
 }
 
-TEST_F(ProgrammeSession, EndsASittingWhenThePersonIsTired) {
+TEST_F(ProgrammeSession, EndsASittingWhenTheParticipantIsTired) {
   // The path stays the same, and the hand becomes slower from the third repetition on.
   options_.open = [this](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
     ++opened_;
@@ -368,7 +368,7 @@ TEST_F(ProgrammeSession, StopsWithTheDataWhenADeviceIsLost) {
   EXPECT_TRUE(resume().log.complete);
 }
 
-TEST_F(ProgrammeSession, RefusesToGoOnWithAnotherDevice) {
+TEST_F(ProgrammeSession, RefusesToResumeWithAnotherDevice) {
   options_.begins = [&](const ScheduledTrial&, const TrialSettings&, std::size_t, std::size_t) { (*stop_).raise(); };
   (void)run(programme_of({R"("mode": "tunnel")"}));
   options_.begins = nullptr;
@@ -403,7 +403,7 @@ TEST_F(ProgrammeSession, NeverWritesIntoAFolderThatHoldsSomething) {
   const json programme = programme_of({R"("mode": "free")"});
   (void)run(programme);
   EXPECT_THAT(error_of([&] { (void)run(programme); }),
-              AllOf(HasSubstr("holds a session already"), HasSubstr("--resume")));
+              AllOf(HasSubstr("already contains a session"), HasSubstr("--resume")));
   options_.folder = temp_ / "other";
   std::filesystem::create_directory(options_.folder);
   (void)temp_.write("other/notes.txt", "mine");
@@ -411,7 +411,7 @@ TEST_F(ProgrammeSession, NeverWritesIntoAFolderThatHoldsSomething) {
   EXPECT_EQ(test::read_bytes(temp_ / "other/notes.txt"), "mine");
 }
 
-TEST(ProgrammePlan, CountsWhatWillBeDone) {
+TEST(ProgrammePlan, CountsTrialsAndTheirDuration) {
   const json programme = programme_of({R"("mode": "tunnel", "repetitions": 3, "rest_after": 7)", R"("mode": "free")"},
                                       fmt::format(R"("rounds": 2, "warm_up": [{{{}, "mode": "free"}}],)", kShape));
   const Programme read = programme_from_json(programme, "p.json");
@@ -426,7 +426,7 @@ TEST(ProgrammePlan, CountsWhatWillBeDone) {
   EXPECT_NEAR(plan.duration, 9 * 2.5 + 2 * 11 + 2 - 1, 1e-6);
 }
 
-TEST(ProgrammePlan, RefusesWhatCouldNeverComeToItsEnd) {
+TEST(ProgrammePlan, RejectsAProgrammeThatCannotBeCompleted) {
   const auto error = [](const json& programme) {
     return error_of(
         [&] { (void)plan_programme(programme_from_json(programme, "p.json"), ".", "p.json", nullptr, false); });
@@ -435,7 +435,7 @@ TEST(ProgrammePlan, RefusesWhatCouldNeverComeToItsEnd) {
       error(programme_of({R"("mode": "free")"}, fmt::format(R"("limits": {{"time": 5}}, "warm_up": [{{{}, "mode":
                                                                     "passive"}}],)",
                                                             kShape))),
-      HasSubstr("p.json: limits.time: 5 s are not enough for the warm-up and one repetition"));
+      HasSubstr("p.json: limits.time: 5 s are too short for the warm-up and one repetition"));
   const TempFolder folder;
   const std::string file = folder.write("point.csv", "t,x,y,z\n0,0,0,0\n");
   const json point = {{"haptrace_programme", 1}, {"exercises", {{{"path", file}, {"mode", "tunnel"}}}}};

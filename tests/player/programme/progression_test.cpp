@@ -31,7 +31,7 @@ Exercise assisted(double forget = 0.8, double gain = 0.5) {
   return exercise;
 }
 
-TEST(Progression, TakesAssistanceAwayFromWhoNeedsNone) {
+TEST(Progression, RemovesAssistanceThatIsNotNeeded) {
   const Exercise exercise = assisted();
   ProgressionState state(exercise);
   double expected = 1;
@@ -43,7 +43,7 @@ TEST(Progression, TakesAssistanceAwayFromWhoNeedsNone) {
   EXPECT_LT(state.settings().assistance, 2e-3);
 }
 
-TEST(Progression, FadesFasterThanThePersonLearns) {
+TEST(Progression, FadesFasterThanTheTraineeLearns) {
   // The error falls by a tenth per repetition although the trainee relies on the help; the law still reduces the help.
   const Exercise exercise = assisted(0.8, 0.3);
   ProgressionState state(exercise);
@@ -58,7 +58,7 @@ TEST(Progression, FadesFasterThanThePersonLearns) {
   EXPECT_LT(before, 0.05);
 }
 
-TEST(Progression, HelpsAsMuchAsIsMissing) {
+TEST(Progression, HelpsInProportionToTheShortfall) {
   const Exercise exercise = assisted(0.5, 0.5);
   ProgressionState state(exercise);
   for (int i = 0; i < 40; ++i) state.learn(error_of_mm(3));  // exceeds the target by half
@@ -68,7 +68,7 @@ TEST(Progression, HelpsAsMuchAsIsMissing) {
   EXPECT_LE(state.settings().assistance, 1) << "never beyond all";
 }
 
-TEST(Progression, TakesATrialWithoutAFigureForOneThatFailed) {
+TEST(Progression, CountsATrialWithoutAMetricAsFailed) {
   const Exercise exercise = assisted(0.5, 0.5);
   ProgressionState state(exercise);
   for (int i = 0; i < 10; ++i) state.learn(error_of_mm(1));
@@ -76,11 +76,11 @@ TEST(Progression, TakesATrialWithoutAFigureForOneThatFailed) {
   EXPECT_GT(state.settings().assistance, 0.5);
   for (int i = 0; i < 10; ++i) state.learn(error_of_mm(1));
   state.learn({.stopped_by = "time_over", .figures = figures_of_mm(0.1)});
-  EXPECT_GT(state.settings().assistance, 0.5) << "who rests on the path has not followed it";
+  EXPECT_GT(state.settings().assistance, 0.5) << "a hand that rests on the path has not followed it";
   EXPECT_EQ(shortfall(*exercise.progression, std::nullopt), 1);
 }
 
-TEST(Progression, KnowsWhichFiguresAreBetterWhenTheyAreMore) {
+TEST(Progression, KnowsWhichMetricsAreBetterWhenTheyAreLarger) {
   EXPECT_DOUBLE_EQ(shortfall({.figure = "time_in_tunnel", .target = 0.8}, 0.9), 0);
   EXPECT_DOUBLE_EQ(shortfall({.figure = "time_in_tunnel", .target = 0.8}, 0.6), 0.25);
   EXPECT_DOUBLE_EQ(shortfall({.figure = "movement_time_s", .target = 2}, 1.5), 0);
@@ -118,7 +118,7 @@ TEST(Progression, BecomesHarderWhenItGoesWellAndEasierWhenItDoesNot) {
   EXPECT_DOUBLE_EQ(state.settings().radius, 8e-3) << "no easier than easy";
 }
 
-TEST(Progression, LeavesAnExerciseWithoutOneAsItIs) {
+TEST(Progression, LeavesAnExerciseWithoutProgressionUnchanged) {
   const Exercise exercise{.name = "a", .pace = 0.7, .radius = 3e-3, .stiffness = 120};
   ProgressionState state(exercise);
   for (int i = 0; i < 5; ++i) state.learn(error_of_mm(50));
@@ -126,7 +126,7 @@ TEST(Progression, LeavesAnExerciseWithoutOneAsItIs) {
   EXPECT_TRUE(state.settings() == expected);
 }
 
-TEST(Fatigue, IsWhatStaysWorseThanTheBest) {
+TEST(Fatigue, NeedsSeveralRepetitionsWorseThanTheBest) {
   const ProgrammeLimits::Fatigue law{.figure = "contour_rms_m", .worse = 0.5, .repetitions = 3};
   const auto tired = [&](std::initializer_list<double> errors) {
     std::vector<json> figures;
@@ -140,10 +140,10 @@ TEST(Fatigue, IsWhatStaysWorseThanTheBest) {
   EXPECT_FALSE(tired({2, 2.9, 2.9, 2.9}));
   EXPECT_TRUE(tired({9, 2, 9, 3.1, 3.1, 3.1})) << "worse than the best, not than the first";
   EXPECT_TRUE(is_tired(law, {figures_of_mm(1), json::object(), json::object(), json::object()}))
-      << "who does not move at all any more is tired";
+      << "a participant who no longer moves is tired";
 }
 
-TEST(Progression, RefusesFiguresThatSayNothing) {
+TEST(Progression, RejectsUnknownMetricsAndMetricsWithoutADirection) {
   Programme programme{.exercises = {assisted()}};
   EXPECT_NO_THROW(check_figures(programme, "p.json"));
   programme.exercises[0].progression->figure = "contour_rsm_m";

@@ -34,7 +34,7 @@ const Compensations kAll{true, true, true, true, true};
 LiveTuning::Options identified() {
   return {.limits = {.largest = {Vec3(5200, 5200, 4000), Vec3::Constant(60)},
                      .observer_hz = 25,
-                     .because = "the device bears"},
+                     .because = "the device is stable up to"},
           .composed = kAll};
 }
 
@@ -84,16 +84,18 @@ TEST(LiveTuning, GetsEverythingAsOneObject) {
   EXPECT_EQ(json["limits"]["kp"], nlohmann::json({5200, 5200, 4000}));
   EXPECT_EQ(json["limits"]["observer_hz"], 25);
   LiveTuning plain(kStart, {});
-  EXPECT_FALSE(nlohmann::json::parse(plain.obey("get")).contains("observer")) << "what is not there has no share";
+  EXPECT_FALSE(nlohmann::json::parse(plain.obey("get")).contains("observer")) << "a missing compensation has no share";
 }
 
-TEST(LiveTuning, ClampsToWhatTheDeviceBearsAndSaysSo) {
+TEST(LiveTuning, ClampsToTheLimitsOfTheDeviceAndReportsIt) {
   LiveTuning tuning(kStart, identified());
-  EXPECT_EQ(tuning.obey("kp 9000"), "ok kp 5200 5200 4000 clamped from 9000: the device bears 5200 5200 4000");
-  EXPECT_EQ(tuning.obey("kd 1e300"), "ok kd 60 60 60 clamped from 1e+300: the device bears 60");
-  EXPECT_EQ(tuning.obey("observer_hz 40"), "ok observer_hz 25 clamped from 40: the device bears 25");
+  EXPECT_EQ(tuning.obey("kp 9000"),
+            "ok kp 5200 5200 4000 clamped from 9000: the device is stable up to 5200 5200 4000");
+  EXPECT_EQ(tuning.obey("kd 1e300"), "ok kd 60 60 60 clamped from 1e+300: the device is stable up to 60");
+  EXPECT_EQ(tuning.obey("observer_hz 40"), "ok observer_hz 25 clamped from 40: the device is stable up to 25");
   LiveTuning unknown(kStart, {});
-  EXPECT_THAT(unknown.obey("kp 2e5"), StartsWith("ok kp 100000 100000 100000 clamped from 200000: no device bears"));
+  EXPECT_THAT(unknown.obey("kp 2e5"),
+              StartsWith("ok kp 100000 100000 100000 clamped from 200000: the limit for every device is"));
 }
 
 TEST(LiveTuning, ScalesAllGainsByOneFactorAlsoWhenItIsClamped) {
@@ -113,7 +115,7 @@ TEST(LiveTuning, NeverClampsBelowItsOwnStart) {
   EXPECT_THAT(error_of([] { LiveTuning({.gains = {Vec3::Constant(-1), Vec3::Zero()}}, {}); }), HasSubstr("kp"));
 }
 
-TEST(LiveTuning, TrustsADeviceOfUnknownDynamicsWithTenTimesItsCautiousGains) {
+TEST(LiveTuning, LimitsADeviceOfUnknownDynamicsToTenTimesItsCautiousGains) {
   LiveTuning tuning({.gains = cautious_gains(8, 1000)}, {.limits = limits_of_unidentified(8, 1000)});
   EXPECT_THAT(tuning.obey("kp 9000"), AllOf(StartsWith("ok kp 5000 5000 5000"), HasSubstr("--expert")));
 }
@@ -134,13 +136,13 @@ TEST(LiveTuning, RefusesWithTheReasonAndChangesNothing) {
                                                        {"gains / 0", "above 0"},
                                                        {"gains * -1", "above 0"},
                                                        {"gains / 1e-320", "above 0"},
-                                                       {"observer 1.5", "from 0, none, to 1, all"},
+                                                       {"observer 1.5", "from 0 (none) to 1 (all)"},
                                                        {"observer of", "not a number"},
                                                        {"observer_hz 0", "at least"},
                                                        {"get obsever", "'observer'"},
                                                        {"get kp kd", "one name"},
-                                                       {"reset kp", "stands alone"},
-                                                       {"", "no command"},
+                                                       {"reset kp", "takes no value"},
+                                                       {"", "the line is empty"},
                                                        {"kp \x1b[2J", "printable ASCII"},
                                                        {"kp 2000\nkd 5", "printable ASCII"},
                                                        {"k\xc3\xa4p 5", "printable ASCII"}};
@@ -154,7 +156,7 @@ TEST(LiveTuning, SaysHowToStartWithACompensationThatIsNotThere) {
   LiveTuning tuning(kStart, {.composed = {.gravity = true}, .remedy = "start it with --observer"});
   for (const char* command : {"observer off", "observer", "observer_hz 5", "get observer", "learning on"})
     EXPECT_THAT(tuning.obey(command), AllOf(StartsWith("error "), HasSubstr("start it with --observer"))) << command;
-  EXPECT_EQ(tuning.obey("feedforward 0.5"), "ok gravity 0.5") << "of the three, what is there";
+  EXPECT_EQ(tuning.obey("feedforward 0.5"), "ok gravity 0.5") << "applies to the present ones of the three";
   EXPECT_EQ(tuning.wanted().inertia, kStart.inertia);
 }
 
@@ -203,7 +205,7 @@ TEST(LiveTuning, LeavesATraceOfEveryChangeAndOfNothingElse) {
   EXPECT_EQ(history["changes"][1]["time_s"], 1.5);
 }
 
-TEST(LiveTuning, SummarisesWhatAPersonWatches) {
+TEST(LiveTuning, SummarisesGainsAndChangedShares) {
   LiveTuning tuning(kStart, identified());
   EXPECT_EQ(tuning.summary(), "kp 1000 kd 10 10 20 observer 0.8");
   tuning.obey("observer on");
@@ -295,7 +297,7 @@ TEST(TuningFile, IsObeyedAtOnceAndPassesOverComments) {
   EXPECT_EQ(tuning.wanted().observer, 0);
 }
 
-TEST(TuningFile, IsObeyedAnewWheneverItComesOrChangesOrIsReplaced) {
+TEST(TuningFile, IsObeyedAgainWhenItIsCreatedChangedOrReplaced) {
   const TempFolder folder;
   LiveTuning tuning(kStart, identified());
   const TuningFile file(tuning, folder / "tune");
@@ -315,7 +317,7 @@ TEST(TuningFile, IsObeyedAnewWheneverItComesOrChangesOrIsReplaced) {
   wait_until([&] { return kp() == 1300; });
 }
 
-TEST(TuningFile, TellsItsErrorsByLineAndObeysTheOthers) {
+TEST(TuningFile, ReportsItsErrorsByLineAndObeysTheOtherLines) {
   const TempFolder folder;
   LiveTuning tuning(kStart, identified());
   const std::string name = folder.write("tune", "kp 2000\nkq 5\nkp 9000\n\x1b[2J\n");
@@ -328,17 +330,17 @@ TEST(TuningFile, TellsItsErrorsByLineAndObeysTheOthers) {
   for (const std::string& notice : notices) EXPECT_EQ(notice.find('\x1b'), std::string::npos);
 }
 
-TEST(TuningFile, ThatOtherUsersCanWriteIsNotObeyed) {
+TEST(TuningFile, IsNotObeyedWhenOtherUsersCanWriteIt) {
   const TempFolder folder;
   const std::string name = folder.write("tune", "kp 2000\n");
   std::filesystem::permissions(name, std::filesystem::perms{0666});
   LiveTuning tuning(kStart, identified());
   const TuningFile file(tuning, name);
-  EXPECT_THAT(tuning.take_notices(), ElementsAre(HasSubstr("other users can write it")));
+  EXPECT_THAT(tuning.take_notices(), ElementsAre(HasSubstr("other users can write this file")));
   EXPECT_EQ(tuning.wanted().gains.kp, kStart.gains.kp);
 }
 
-TEST(TuningFile, RefusesWhatIsNoFileOfCommands) {
+TEST(TuningFile, RejectsFilesThatAreNotRegularOrTooLarge) {
   const TempFolder folder;
   LiveTuning tuning(kStart, identified());
   const TuningFile directory(tuning, folder.path()), endless(tuning, "/dev/zero");

@@ -88,8 +88,9 @@ class TuningServerTest : public testing::Test {
 
   const test::TempFolder folder;
   const std::string path = folder / "tune.sock";
-  LiveTuning tuning{kServed,
-                    {.limits = {.largest = {Vec3::Constant(5200), Vec3::Constant(60)}, .because = "the device bears"}}};
+  LiveTuning tuning{
+      kServed,
+      {.limits = {.largest = {Vec3::Constant(5200), Vec3::Constant(60)}, .because = "the device is stable up to"}}};
   TuningServer server{tuning, {.socket = path, .port = 0, .token = kToken}};
 };
 
@@ -97,7 +98,7 @@ TEST_F(TuningServerTest, ObeysALineAndAnswersALine) {
   Client client(path);
   EXPECT_EQ(client.ask("kp 2000"), "ok kp 2000 2000 2000");
   EXPECT_EQ(tuning.wanted().gains.kp, Vec3::Constant(2000));
-  EXPECT_EQ(client.ask("kp 9000\r"), "ok kp 5200 5200 5200 clamped from 9000: the device bears 5200");
+  EXPECT_EQ(client.ask("kp 9000\r"), "ok kp 5200 5200 5200 clamped from 9000: the device is stable up to 5200");
   EXPECT_THAT(client.ask("kq 1"), AllOf(StartsWith("error "), HasSubstr("'kp'")));
   EXPECT_EQ(nlohmann::json::parse(client.ask("get"))["kp"][0], 5200);
   EXPECT_EQ(client.ask("quit"), "ok bye");
@@ -153,7 +154,7 @@ TEST_F(TuningServerTest, MakesASocketThatOnlyItsUserCanOpenAndRemovesIt) {
   const auto mode = [](const std::string& file) { return std::filesystem::status(file).permissions(); };
   EXPECT_EQ(mode(path), std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
   EXPECT_THAT(error_of([&] { TuningServer second(tuning, {.socket = path}); }), HasSubstr("another session listens"));
-  EXPECT_EQ(Client(path).ask("get kd"), "ok kd 10 10 10") << "which goes on listening";
+  EXPECT_EQ(Client(path).ask("get kd"), "ok kd 10 10 10") << "the first server keeps listening";
 
   const std::string own = folder / "own.sock";
   { const TuningServer other(tuning, {.socket = own}); }
@@ -208,7 +209,7 @@ TEST_F(TuningServerTest, ServesSeveralClientsThatSeeOneTuning) {
   EXPECT_EQ(a.ask("kd"), "ok kd 20 20 20");
 }
 
-TEST_F(TuningServerTest, AnswersInOrderWhatCameAtOnceAndInPieces) {
+TEST_F(TuningServerTest, AnswersCommandsInOrderThatArriveTogetherOrInPieces) {
   Client client(path);
   client.send("kp 1\n\r\n\nkp 2\nkp");
   EXPECT_EQ(client.line(), "ok kp 1 1 1");
@@ -223,12 +224,12 @@ TEST_F(TuningServerTest, TakesNoCommandWhoseLineDidNotEnd) {
   Client client(path);
   client.send("kd 5\nkp 20");
   client.socket().shutdown(asio::socket_base::shutdown_send);
-  EXPECT_EQ(client.line(), "ok kd 5 5 5") << "what came whole before the end is answered";
+  EXPECT_EQ(client.line(), "ok kd 5 5 5") << "complete lines before the end are answered";
   EXPECT_EQ(client.line(), "closed");
   EXPECT_EQ(tuning.wanted().gains.kp, kServed.gains.kp);
 }
 
-TEST_F(TuningServerTest, RefusesWhatAPersonMistypesAndGoesOn) {
+TEST_F(TuningServerTest, RejectsMistypedCommandsAndContinues) {
   Client client(path);
   for (const char* mistyped : {"kp 1e999", "; rm -rf /", "get ../..", "KP 5000", "kp\t5000\t5000"}) {
     const std::string answer = client.ask(mistyped);
@@ -239,7 +240,7 @@ TEST_F(TuningServerTest, RefusesWhatAPersonMistypesAndGoesOn) {
   EXPECT_EQ(client.ask("get kp"), "ok kp 1000 1000 1000");
 }
 
-TEST_F(TuningServerTest, EndsAConnectionThatSendsWhatNoPersonTypes) {
+TEST_F(TuningServerTest, EndsAConnectionThatSendsInvalidLines) {
   for (const std::string& line :
        {std::string("\x00\xff\xfe\x01", 4), std::string("\x1b]0;x\x07"), std::string("kp \xc2\xb5"),
         std::string(257, 'x'), std::string(1U << 20U, 'k'), std::string("kp 5000 HTTP/1.1")}) {
@@ -288,7 +289,7 @@ TEST_F(TuningServerTest, GivesANewOperatorThePlaceOfTheOneThatWasSilentLongest) 
   EXPECT_EQ(clients[2]->ask("get kp"), "ok kp 1234 1234 1234");
 }
 
-TEST_F(TuningServerTest, KeepsNoOperatorOutForStrangersThatSayNothing) {
+TEST_F(TuningServerTest, AdmitsAnOperatorDespiteSilentStrangers) {
   std::vector<std::unique_ptr<Client>> silent;
   for (int i = 0; i < 200; ++i) {
     silent.push_back(std::make_unique<Client>(server.port()));
@@ -316,7 +317,7 @@ TEST(TuningServer, WaitsForATokenNoLongerThanItsPatience) {
   slow.attack("token ", 1);
   EXPECT_EQ(silent.line(), "closed");
   EXPECT_EQ(slow.line(), "closed");
-  EXPECT_EQ(known->ask("get kp"), "ok kp 1000 1000 1000") << "who was admitted may be silent";
+  EXPECT_EQ(known->ask("get kp"), "ok kp 1000 1000 1000") << "an admitted client may be silent";
 }
 
 TEST(TuningServer, EndsWithItsObjectWhileClientsAreConnected) {
@@ -338,11 +339,11 @@ TEST(TuningServer, SaysThatAPortIsTakenOrHasNoToken) {
   LiveTuning tuning(kServed, {});
   const TuningServer first(tuning, {.port = 0, .token = kToken});
   EXPECT_THAT(error_of([&] { TuningServer second(tuning, {.port = first.port(), .token = kToken}); }),
-              AllOf(HasSubstr(std::to_string(first.port())), HasSubstr("0 for any free one")));
+              AllOf(HasSubstr(std::to_string(first.port())), HasSubstr("0 for any free port")));
   EXPECT_THAT(error_of([&] { TuningServer second(tuning, {.port = 0}); }), HasSubstr("token"));
 }
 
-TEST(TuningToken, IsWrittenForItsUserAndReadFromAFileThatNobodyElseCanRead) {
+TEST(TuningToken, IsWrittenForItsUserAndReadFromAPrivateFile) {
   const test::TempFolder folder;
   const std::string file = folder / "token", token = new_tuning_token();
   EXPECT_EQ(token.size(), 32U);
@@ -359,9 +360,9 @@ TEST(TuningToken, IsWrittenForItsUserAndReadFromAFileThatNobodyElseCanRead) {
                                      std::string(200, 'x'), std::string("sixteen letters and blanks")}) {
     const std::string bad = folder.write("bad", content);
     std::filesystem::permissions(bad, std::filesystem::perms(0600));
-    EXPECT_THAT(error_of([&] { (void)read_tuning_token(bad); }), HasSubstr("holds no token")) << content;
+    EXPECT_THAT(error_of([&] { (void)read_tuning_token(bad); }), HasSubstr("contains no token")) << content;
   }
-  EXPECT_THAT(error_of([&] { (void)read_tuning_token(folder.path()); }), HasSubstr("is not a file"));
+  EXPECT_THAT(error_of([&] { (void)read_tuning_token(folder.path()); }), HasSubstr("is not a readable regular file"));
 }
 
 TEST(TuningPort, IsAPortOfTheLoopbackAndNothingElse) {
