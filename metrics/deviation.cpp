@@ -12,13 +12,13 @@ namespace {
 void require_equal(std::size_t rows, std::size_t column, const char* name) {
   if (column != rows)
     throw input_error(
-        fmt::format("a movement of {} times has {} {}: columns have to be equally long", rows, column, name));
+        fmt::format("a movement with {} times has {} {}; all columns must have the same length", rows, column, name));
 }
 
 void require_increasing(std::span<const double> time) {
   for (std::size_t i = 1; i < time.size(); ++i)
     if (!(time[i] > time[i - 1]))
-      throw input_error(fmt::format("row {} of a movement: time {} s does not come after {} s; time has to increase",
+      throw input_error(fmt::format("sample {} of a movement: time {} s is not later than {} s; the time must increase",
                                     i + 1, time[i], time[i - 1]));
 }
 
@@ -64,7 +64,7 @@ std::vector<Vec3> force_by_arc_length(std::span<const double> arc, std::span<con
   constexpr double kMostCells = 1e7;
   require_equal(arc.size(), force.size(), "forces");
   if (!(length >= 0) || !(spacing > 0) || !(length / spacing < kMostCells))
-    throw input_error(fmt::format("a curve of {} m cannot be cut into cells of {} m", length, spacing));
+    throw input_error(fmt::format("a curve of {} m cannot be divided into cells of {} m", length, spacing));
   const auto cells = static_cast<std::size_t>(std::max(std::ceil(length / spacing), 1.0));
   std::vector<Vec3> sum(cells, Vec3::Zero());
   std::vector<double> passed(cells, 0);
@@ -91,7 +91,7 @@ std::vector<Vec3> force_by_arc_length(std::span<const double> arc, std::span<con
 
 std::optional<ForceDeviation> force_deviation(std::span<const Vec3> trainee, std::span<const Vec3> expert) {
   if (trainee.size() != expert.size())
-    throw input_error(fmt::format("forces in {} and {} cells cannot be compared: take both along the same curve",
+    throw input_error(fmt::format("forces in {} and {} cells cannot be compared; compute both along the same curve",
                                   trainee.size(), expert.size()));
   double squares = 0, peak = 0, compared = 0;
   for (std::size_t cell = 0; cell < trainee.size(); ++cell) {

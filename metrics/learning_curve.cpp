@@ -79,8 +79,9 @@ std::optional<LearningCurve> fit_learning_curve(std::span<const double> figure, 
                                                 const LearningBounds& bounds) {
   if (!(bounds.slowest > 0) || !(bounds.fastest > bounds.slowest) || !std::isfinite(bounds.fastest) ||
       std::isnan(bounds.least))
-    throw input_error(fmt::format("a learning rate between {} and {}: the bounds have to be positive and in order",
-                                  bounds.slowest, bounds.fastest));
+    throw input_error(fmt::format(
+        "the bounds of the learning rate are {} and {}; they must be positive and the first must be smaller",
+        bounds.slowest, bounds.fastest));
   std::vector<Point> points = measured(figure);
   if (points.size() < kFewest) return std::nullopt;
   // Scales by the largest value, so that no metric is too small or too large to be squared.

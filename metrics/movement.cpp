@@ -187,12 +187,12 @@ void validate(const Trial& trial) {
   const auto equal = [&](std::span<const Vec3> column) { return column.empty() || column.size() == rows; };
   if (trial.position.size() != rows || !equal(trial.force) || !equal(trial.measured))
     throw input_error(
-        fmt::format("a trial of {} times has {} positions, {} forces and {} measured forces: columns "
-                    "have to be equally long, or empty for forces",
+        fmt::format("a trial with {} times has {} positions, {} forces and {} measured forces; all columns must have "
+                    "the same length, but forces may be empty",
                     rows, trial.position.size(), trial.force.size(), trial.measured.size()));
   for (std::size_t i = 0; i < rows; ++i)
     if (!std::isfinite(trial.time[i]) || (i > 0 && !(trial.time[i] > trial.time[i - 1])))
-      throw input_error(fmt::format("row {} of a trial: time {} s does not come after {} s; time has to increase",
+      throw input_error(fmt::format("sample {} of a trial: time {} s is not later than {} s; the time must increase",
                                     i + 1, trial.time[i], i > 0 ? trial.time[i - 1] : kNaN));
 }
 
@@ -203,8 +203,8 @@ void validate(const MovementOptions& options) {
       !share(options.threshold) || !share(options.prominence) ||
       (options.reference_length && !positive(*options.reference_length)))
     throw input_error(
-        "movement figures: the cut-off, the least speed, the longest gap and the reference length have to be positive, "
-        "the threshold and the prominence between 0 and 1");
+        "movement metrics: the cut-off, the least speed, the longest gap and the reference length must be positive; "
+        "the threshold and the prominence must be between 0 and 1");
 }
 
 }  // namespace
@@ -219,8 +219,9 @@ std::optional<MovementFigures> movement_figures(const Trial& trial, const Moveme
 
   const double rate = kStepsPerCutoff * options.cutoff_hz;
   if ((end - begin) * rate > kMostSteps)
-    throw input_error(fmt::format("a trial lasts {} s: more than can be low-passed at {} Hz; are its times in seconds?",
-                                  end - begin, options.cutoff_hz));
+    throw input_error(
+        fmt::format("the trial lasts {} s, which is too long for the low-pass at {} Hz; its times must be in seconds",
+                    end - begin, options.cutoff_hz));
   const auto steps = std::max(std::round((end - begin) * rate), 2.0);
   const Grid grid{.begin = begin, .step = (end - begin) / steps, .size = static_cast<std::size_t>(steps) + 1};
   const auto even = [&](const Column& column) {

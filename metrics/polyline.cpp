@@ -16,7 +16,7 @@ Polyline::Polyline(std::span<const Vec3> points) {
     points_.push_back(p);
     arc_.push_back(s);
   }
-  if (points_.empty()) throw input_error("a curve without a single finite point: it needs one");
+  if (points_.empty()) throw input_error("the curve has no finite point; it needs at least one");
 }
 
 std::size_t Polyline::segment_at(double s) const noexcept {
@@ -71,7 +71,7 @@ std::vector<Vec3> Polyline::resampled(double spacing) const {
   constexpr double kMostPoints = 1e7;
   const double steps = std::round(length() / spacing);
   if (!(spacing > 0) || !(steps < kMostPoints))
-    throw input_error(fmt::format("a curve of {} m cannot be cut into steps of {} m", length(), spacing));
+    throw input_error(fmt::format("a curve of {} m cannot be divided into steps of {} m", length(), spacing));
   if (length() == 0) return {points_.front()};
   const auto size = static_cast<std::size_t>(std::max(steps, 1.0)) + 1;
   std::vector<Vec3> points(size);
@@ -83,8 +83,8 @@ std::vector<Vec3> Polyline::resampled(double spacing) const {
 std::vector<double> foot_points(const Polyline& curve, std::span<const Vec3> position, const FootSearch& search) {
   if (!(search.ahead > 0) || !(search.back >= 0) || !std::isfinite(search.start))
     throw input_error(
-        fmt::format("foot points looked for from {} m, {} m back and {} m ahead: ahead has to be positive "
-                    "and back not negative",
+        fmt::format("search for foot points from {} m, {} m back and {} m ahead: the distance ahead must be positive "
+                    "and the distance back must not be negative",
                     search.start, search.back, search.ahead));
   std::vector<double> feet(position.size(), kNaN);
   double s = search.start, farthest = s;

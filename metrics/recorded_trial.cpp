@@ -96,69 +96,71 @@ std::optional<double> of_force(const TrialFigures& figures) {
 constexpr TrialFigure kFigures[] = {
     {"contour_rms_m", "rms deviation from the path", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return rms_of(f.contour); },
-     "Root mean square over time of the distance from the path, wherever on it the hand was; lateness does not count."},
+     "Root mean square over time of the distance from the nearest point of the path. A delay does not count."},
     {"contour_peak_m", "largest deviation from the path", "mm", 1e3, 2, -1,
-     [](const TrialFigures& f) { return peak_of(f.contour); }, "Largest distance from the path."},
+     [](const TrialFigures& f) { return peak_of(f.contour); }, "Largest distance from the nearest point of the path."},
     {"deviation_rms_m", "rms deviation at the same instant", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return rms_of(f.deviation); },
-     "Root mean square over time of the distance from where the path was at the same instant; of repetitions in which "
-     "the path has its own time."},
+     "Root mean square over time of the distance from the point of the path at the same instant. Defined for "
+     "repetitions in which the path sets the time."},
     {"deviation_peak_m", "largest deviation at the same instant", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return peak_of(f.deviation); },
-     "Largest distance from where the path was at the same instant."},
+     "Largest distance from the point of the path at the same instant."},
     {"time_in_tunnel", "time in the tunnel", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.time_in_tunnel; },
-     "Share of the time that the hand was within the tunnel's radius of its place on the path; in the mode cursor, "
-     "within that radius of the cursor, so that lateness counts."},
-    {"completion", "path walked", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
-     "Share of the path's length that was walked."},
-    {"shape_distance_m", "distance of the shapes", "mm", 1e3, 2, -1,
-     [](const TrialFigures& f) { return f.shape_distance; },
-     "Mean distance of what was walked from the whole path along their best alignment, whoever was faster where "
-     "(dynamic time warping, Sakoe and Chiba 1978); of repetitions that came to the end."},
+     "Share of the time in which the hand was within the tunnel's radius of its nearest point on the path. In the mode "
+     "cursor, the radius is around the cursor, so a delay counts."},
+    {"completion", "path completed", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
+     "Share of the path's length that the hand covered."},
+    {"shape_distance_m", "shape distance", "mm", 1e3, 2, -1, [](const TrialFigures& f) { return f.shape_distance; },
+     "Mean distance between the hand's path and the whole path along their best alignment, independent of speed "
+     "(dynamic time warping, Sakoe and Chiba 1978). Defined for repetitions that reached the end of the path."},
     {"movement_time_s", "movement time", "s", 1, 2, -1, of_movement<&MovementFigures::movement_time>,
-     "From where the speed first reaches 5 % of its peak to where it last falls below."},
+     "Time from the instant at which the speed first reaches 5 % of its peak to the instant at which it last falls "
+     "below."},
     {"dwell_time_s", "time at rest", "s", 1, 2, -1, of_movement<&MovementFigures::dwell_time>,
      "Part of the movement time in which the hand was slower than 5 % of its peak speed."},
-    {"path_length_m", "way of the hand", "mm", 1e3, 0, 0, of_movement<&MovementFigures::path_length>,
-     "Length of what the hand walked in the movement time."},
-    {"normalised_length", "way over path length", "", 1, 3, -1,
+    {"path_length_m", "path length of the hand", "mm", 1e3, 0, 0, of_movement<&MovementFigures::path_length>,
+     "Length of the hand's path in the movement time."},
+    {"normalised_length", "normalised path length", "", 1, 3, -1,
      [](const TrialFigures& f) { return f.movement ? f.movement->normalised_length : std::nullopt; },
-     "The hand's way over the length of the path that it walked; 1 is straight along it. Undefined when that is less "
-     "than 5 % of the path, or than 2 mm: a hand that rests trembles."},
+     "Length of the hand's path divided by the length of the path that it covered; 1 is exactly along the path. "
+     "Undefined when the covered length is less than 5 % of the path or less than 2 mm, because a resting hand "
+     "trembles."},
     {"mean_speed_m_per_s", "mean speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::mean_speed>,
-     "The hand's way over the movement time."},
+     "Length of the hand's path divided by the movement time."},
     {"peak_speed_m_per_s", "peak speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::peak_speed>,
-     "Largest speed of the hand, low-passed at 10 Hz."},
-    {"speed_peaks", "peaks of the speed", "", 1, 0, -1, of_movement<&MovementFigures::speed_peaks>,
-     "Maxima of the speed that rise above their surroundings by 5 % of the largest; 1 is one single stroke."},
+     "Largest speed of the hand after a low-pass filter at 10 Hz."},
+    {"speed_peaks", "speed peaks", "", 1, 0, -1, of_movement<&MovementFigures::speed_peaks>,
+     "Number of maxima of the speed that rise above their surroundings by 5 % of the largest speed; 1 is a single "
+     "stroke."},
     {"sparc", "smoothness (SPARC)", "", 1, 2, 1,
      [](const TrialFigures& f) { return f.movement ? f.movement->sparc : std::nullopt; },
-     "Spectral arc length of the speed (Balasubramanian and others 2015): -1.4 for the smoothest reach, the more "
-     "negative the less smooth. It does not depend on amplitude or duration."},
+     "Spectral arc length of the speed (Balasubramanian and others 2015): -1.4 for the smoothest reach, more negative "
+     "for less smooth movements. It does not depend on amplitude or duration."},
     {"log_jerk", "smoothness (log jerk)", "", 1, 2, 1,
      [](const TrialFigures& f) { return f.movement ? f.movement->log_jerk : std::nullopt; },
-     "Logarithm of the dimensionless jerk, with the sign turned (Hogan and Sternad 2009): -5.3 for the smoothest "
-     "reach, the more negative the less smooth."},
+     "Negative logarithm of the dimensionless jerk (Hogan and Sternad 2009): -5.3 for the smoothest reach, more "
+     "negative for less smooth movements."},
     {"force_error_rms_n", "rms difference from the expert's force", "N", 1, 2, -1,
      [](const TrialFigures& f) { return f.force_error ? std::optional(f.force_error->error.rms) : std::nullopt; },
-     "Root mean square, place by place along the path, of the difference between the force that was felt and the "
-     "expert's, where that was replayed and as much was walked."},
+     "Root mean square along the path of the difference between the felt force and the expert's force at the same "
+     "point. Defined where the expert's force was replayed and the hand covered enough of the path."},
     {"mean_force_n", "mean force of the device", "N", 1, 2, 0, of_force<&ForceFigures::mean>,
-     "Mean magnitude of the device's force on the hand. What led the hand to the start fades within the first 0.3 s of "
-     "a repetition and counts, also where nothing else is sent (free)."},
+     "Mean magnitude of the device's force on the hand. The force that leads the hand to the start fades within the "
+     "first 0.3 s of a repetition and counts, even if no other force is sent (free)."},
     {"peak_force_n", "peak force of the device", "N", 1, 2, 0, of_force<&ForceFigures::peak>,
      "Largest magnitude of the device's force on the hand."},
     {"mean_force_across_n", "mean force across the movement", "N", 1, 2, 0, of_force<&ForceFigures::mean_across>,
-     "Mean magnitude of the part of that force that is perpendicular to the movement."},
+     "Mean magnitude of the component of that force that is perpendicular to the movement."},
     {"assist_work_j", "work of the device on the hand", "mJ", 1e3, 1, 0, of_force<&ForceFigures::assist>,
-     "Work that the device did on the hand where it pushed along the movement."},
+     "Work of the device on the hand while its force acted along the movement."},
     {"resist_work_j", "work of the hand on the device", "mJ", 1e3, 1, 0, of_force<&ForceFigures::resist>,
-     "Work that the device took from the hand where it pushed against the movement."},
-    {"person_work_estimate_j", "work of the person, estimated", "mJ", 1e3, 1, 0,
+     "Work that the device took from the hand while its force acted against the movement."},
+    {"person_work_estimate_j", "work of the participant, estimated", "mJ", 1e3, 1, 0,
      [](const TrialFigures& f) { return f.movement ? f.movement->person_work_estimate : std::nullopt; },
-     "What the person did on the device: the change of its kinetic energy and what its friction took, less the work of "
-     "weight and motors. An estimate, as good as the device's calibration; it does not see a hand that pushes against "
-     "a wall."},
+     "Work of the participant on the device: the change of its kinetic energy plus the friction losses, less the work "
+     "of weight and motors. The estimate is as good as the device's calibration and does not include a hand that "
+     "pushes against a wall."},
 };
 
 }  // namespace
@@ -192,9 +194,8 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
       RecordedTrial& trial = trials.back();
       if (trial.time.size() >= kLongestTrial)
         throw input_error(
-            fmt::format("{}: repetition {} has more than {} million rows, more than a report is made of; take a part "
-                        "of it: haptrace "
-                        "convert {} --from 0 --to 3600 -o part.h5",
+            fmt::format("{}: repetition {} has more than {} million samples, the limit of a report; cut out a part of "
+                        "it: haptrace convert {} --from 0 --to 3600 -o part.h5",
                         file, trial.repetition, kLongestTrial / 1'000'000, file));
       trial.time.push_back(1e-9 * static_cast<double>(sample.time_ns));
       trial.position.push_back(sample.position);
@@ -298,7 +299,7 @@ const TrialFigure& trial_figure(std::string_view name) {
   if (found != std::end(kFigures)) return *found;
   std::vector<std::string> known;
   for (const TrialFigure& figure : kFigures) known.emplace_back(figure.name);
-  throw input_error(fmt::format("there is no figure '{}'{}", name, suggestion(name, known)));
+  throw input_error(fmt::format("there is no metric '{}'{}", name, suggestion(name, known)));
 }
 
 nlohmann::json to_json(const TrialFigures& figures) {

@@ -17,14 +17,14 @@ namespace {
 /// Returns whether this speed has smoothness metrics. Throws when the rate or the speed is invalid.
 bool is_movement(std::span<const double> speed, double rate_hz) {
   if (!(rate_hz > 0) || !std::isfinite(rate_hz))
-    throw input_error(fmt::format("a speed at {} Hz: the rate has to be positive", rate_hz));
+    throw input_error(fmt::format("the rate of the speed is {} Hz; it must be positive", rate_hz));
   if (speed.size() < 3 || !std::all_of(speed.begin(), speed.end(), [](double v) { return std::isfinite(v); }))
     return false;
   if (const auto negative = std::find_if(speed.begin(), speed.end(), [](double v) { return v < 0; });
       negative != speed.end())
     throw input_error(
-        fmt::format("sample {} of the speed is {} m/s: a speed is never negative; give the magnitude of "
-                    "the velocity, not a component",
+        fmt::format("sample {} of the speed is {} m/s; a speed must not be negative; give the magnitude of the "
+                    "velocity, not a component",
                     negative - speed.begin() + 1, *negative));
   return *std::max_element(speed.begin(), speed.end()) > 0;
 }
@@ -56,10 +56,10 @@ std::vector<double> padded_spectrum(std::span<const double> x, std::size_t lengt
 
 std::optional<double> sparc(std::span<const double> speed, double rate_hz, const SparcOptions& options) {
   if (options.pad_level < 0 || options.pad_level > 16 || !(options.cutoff_hz > 0) || !(options.threshold >= 0))
-    throw input_error(fmt::format(
-        "SPARC with pad level {}, cut-off {} Hz and threshold {}: the pad level has to be from 0 to 16, the "
-        "cut-off positive and the threshold not negative",
-        options.pad_level, options.cutoff_hz, options.threshold));
+    throw input_error(
+        fmt::format("SPARC with pad level {}, cut-off {} Hz and threshold {}: the pad level must be from 0 to 16, the "
+                    "cut-off must be positive and the threshold must not be negative",
+                    options.pad_level, options.cutoff_hz, options.threshold));
   if (!is_movement(speed, rate_hz)) return std::nullopt;
 
   const std::size_t length = std::bit_ceil(speed.size());

@@ -14,8 +14,8 @@ std::optional<double> warping_distance(const Polyline& a, const Polyline& b, con
   constexpr double kWidest = 1e6;  // [points]
   if (!(options.spacing > 0) || !(options.band >= 0) || !(options.band / options.spacing < kWidest))
     throw input_error(
-        fmt::format("time warping with points {} m apart in a band of {} m: the spacing has to be positive "
-                    "and the band not negative",
+        fmt::format("time warping with points {} m apart in a band of {} m: the spacing must be positive and the band "
+                    "must not be negative",
                     options.spacing, options.band));
   if (a.length() == 0 || b.length() == 0) return std::nullopt;
   const std::vector<Vec3> p = a.resampled(options.spacing), q = b.resampled(options.spacing);
@@ -23,8 +23,8 @@ std::optional<double> warping_distance(const Polyline& a, const Polyline& b, con
   const auto radius = static_cast<std::ptrdiff_t>(std::floor(options.band / options.spacing * (1 + 1e-12)));
   if (std::abs(rows - columns) > radius)
     throw input_error(
-        fmt::format("a band of {} m cannot join the ends of paths of {:.4g} and {:.4g} m: it has to be wider "
-                    "than they differ",
+        fmt::format("a band of {} m cannot join the ends of paths of {:.4g} and {:.4g} m; it must be wider than the "
+                    "difference of their lengths",
                     options.band, a.length(), b.length()));
 
   // Cell (i, j) is at index j - i + radius + 1 of its row. The cell above is one index further, the previous cell one

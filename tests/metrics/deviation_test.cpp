@@ -42,7 +42,7 @@ std::vector<Vec3> references(const Sampled& movement, Vec3 (*reference)(double))
   return points;
 }
 
-TEST(Deviation, OfAConstantDistanceIsTheDistance) {
+TEST(Deviation, EqualsAConstantDistance) {
   const Sampled movement = reach({.jitter = 0.4});
   std::vector<Vec3> reference = movement.position;
   for (Vec3& p : reference) p += Vec3(1e-3, 2e-3, -2e-3);
@@ -90,7 +90,7 @@ TEST(Deviation, AStretchCountsByItsTimeAndNotByItsSamples) {
   EXPECT_NEAR(deviation(time, position, reference)->rms, 1e-3 / std::numbers::sqrt2, 2e-5);
 }
 
-TEST(Deviation, WhoIsLateIsOffTheReferenceButNotOffTheCurve) {
+TEST(Deviation, ADelayDeviatesFromTheReferenceButNotFromTheCurve) {
   const Sampled movement = sampled(
       kAround, [](double t) { return circle(t - 0.2 * std::sin(t / 2)); }, no_force);
   const Polyline curve = around();
@@ -99,7 +99,7 @@ TEST(Deviation, WhoIsLateIsOffTheReferenceButNotOffTheCurve) {
   EXPECT_LT(contour_deviation(movement.time, movement.position, curve, feet)->peak, 1e-8);
 }
 
-TEST(Deviation, WhatWasNotMeasuredIsLeftOut) {
+TEST(Deviation, LeavesOutMissingSamples) {
   Sampled movement = sampled(kAround, wavering, no_force);
   const Polyline curve = around();
   auto reference = references(movement, circle);
@@ -114,7 +114,7 @@ TEST(Deviation, WhatWasNotMeasuredIsLeftOut) {
   EXPECT_NEAR(contour_deviation(movement.time, movement.position, curve, feet)->rms, error->rms, 3e-5);
 }
 
-TEST(Deviation, OfNothingIsUndefinedAndOfOneSampleIsItsDistance) {
+TEST(Deviation, IsUndefinedWithoutSamplesAndTheDistanceOfOneSample) {
   const std::vector<double> time{7};
   const std::vector<Vec3> here{Vec3(0, 3e-3, 0)}, there{Vec3(4e-3, 0, 0)}, nowhere{nan3()};
   EXPECT_NEAR(deviation(time, here, there)->rms, 5e-3, 1e-15);
@@ -123,12 +123,12 @@ TEST(Deviation, OfNothingIsUndefinedAndOfOneSampleIsItsDistance) {
   EXPECT_FALSE(deviation({}, {}, {}));
 }
 
-TEST(Deviation, SaysWhichColumnIsWrong) {
+TEST(Deviation, NamesTheInvalidColumn) {
   const std::vector<double> time{0, 1, 1};
   const std::vector<Vec3> three(3, Vec3::Zero()), two(2, Vec3::Zero());
   EXPECT_THAT(error_of([&] { return deviation(time, two, three); }), testing::HasSubstr("2 positions"));
   EXPECT_THAT(error_of([&] { return deviation(time, three, two); }), testing::HasSubstr("2 references"));
-  EXPECT_THAT(error_of([&] { return deviation(time, three, three); }), testing::HasSubstr("row 3"));
+  EXPECT_THAT(error_of([&] { return deviation(time, three, three); }), testing::HasSubstr("sample 3"));
   EXPECT_THAT(error_of([&] { return contour_deviation(time, three, Polyline(three), {}); }),
               testing::HasSubstr("0 arc lengths"));
 }
@@ -165,7 +165,7 @@ std::vector<Vec3> by_arc_length(const Pressed& trial) {
   return force_by_arc_length(trial.arc, trial.force, kLength);
 }
 
-TEST(ForceByArcLength, IsTheForceOfThePlaceWhateverTheSpeedAndRate) {
+TEST(ForceByArcLength, DoesNotDependOnTheSpeedAndRate) {
   for (const double rate : {100.0, 1000.0, 4000.0})
     for (const auto& trial : {pressed(steady, rate), pressed(hesitant, rate)}) {
       const auto cells = by_arc_length(trial);
@@ -183,7 +183,7 @@ TEST(ForceByArcLength, IsTheSameOnTheWayBack) {
   EXPECT_EQ(difference->compared, 1);
 }
 
-TEST(ForceByArcLength, WeighsByTheLengthPassed) {
+TEST(ForceByArcLength, WeighsByTheLengthCovered) {
   const std::vector<double> arc{0, 0.75e-3, 0.75e-3, 1e-3};
   const std::vector<Vec3> force{Vec3::Zero(), Vec3::Zero(), Vec3(4, 0, 0), Vec3(4, 0, 0)};
   EXPECT_NEAR(force_by_arc_length(arc, force, 1e-3).front().x(), 1, 1e-12);
@@ -198,7 +198,7 @@ TEST(ForceByArcLength, StandingStillHasNoWeight) {
   EXPECT_LT(force_deviation(by_arc_length(trial), by_arc_length(pressed(steady, 1000)))->error.peak, 1e-9);
 }
 
-TEST(ForceDeviation, IsTheDifferenceOfForcesAtTheSamePlace) {
+TEST(ForceDeviation, IsTheDifferenceOfForcesAtTheSamePoint) {
   const auto expert = by_arc_length(pressed(steady, 1000));
   const auto same = force_deviation(by_arc_length(pressed(hesitant, 800)), expert);
   EXPECT_LT(same->error.peak, 0.02);
@@ -208,7 +208,7 @@ TEST(ForceDeviation, IsTheDifferenceOfForcesAtTheSamePlace) {
   EXPECT_NEAR(more->error.peak, 0.5, 1e-9);
 }
 
-TEST(ForceDeviation, ComparesOnlyWhereBothHaveBeen) {
+TEST(ForceDeviation, ComparesOnlyPointsThatBothReached) {
   Pressed half = pressed([](double t) { return steady(t) / 2; }, 1000, {0, 0, 1});
   half.force[7].x() = kNaN;
   half.arc[900] = kNaN;
@@ -221,14 +221,15 @@ TEST(ForceDeviation, ComparesOnlyWhereBothHaveBeen) {
               testing::HasSubstr("299 and 300"));
 }
 
-TEST(ForceByArcLength, BearsAnyCurve) {
+TEST(ForceByArcLength, AcceptsAnyCurve) {
   const std::vector<double> arc{0, 0, 5, -5, 0.2};
   const std::vector<Vec3> force(5, Vec3(1, 0, 0));
   EXPECT_TRUE(std::isnan(force_by_arc_length(arc, force, 0).front().x()));
   EXPECT_EQ(force_by_arc_length(arc, force, 0.2505).size(), 251U);
   EXPECT_EQ(force_by_arc_length(arc, force, 0.2505).back(), Vec3(1, 0, 0));
   for (const double bad : {0.0, kNaN, 1e-12})
-    EXPECT_THAT(error_of([&] { return force_by_arc_length(arc, force, 0.2, bad); }), testing::HasSubstr("cut"));
+    EXPECT_THAT(error_of([&] { return force_by_arc_length(arc, force, 0.2, bad); }),
+                testing::HasSubstr("divided into cells"));
 }
 
 }  // namespace

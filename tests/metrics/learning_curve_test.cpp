@@ -22,7 +22,7 @@ std::vector<double> figures_of(const LearningCurve& curve, int repetitions) {
 
 class EveryLearningLaw : public testing::TestWithParam<LearningLaw> {};
 
-TEST_P(EveryLearningLaw, IsFoundAgainInItsOwnFigures) {
+TEST_P(EveryLearningLaw, IsRecoveredFromItsOwnValues) {
   for (const double rate : {0.1, 0.4, 1.0, 2.5})
     for (const auto& [first, plateau] : {std::pair{8e-3, 1e-3}, {5.0, 0.0}, {1.0, 3.0}})
       for (const int repetitions : {4, 10, 50}) {
@@ -36,7 +36,7 @@ TEST_P(EveryLearningLaw, IsFoundAgainInItsOwnFigures) {
       }
 }
 
-TEST_P(EveryLearningLaw, FollowsTheUnitOfTheFigure) {
+TEST_P(EveryLearningLaw, FollowsTheUnitOfTheMetric) {
   const std::vector<double> error{9.1, 6.2, 5.5, 3.9, 4.1, 3.2, 3.4, 2.9, 3.0, 2.8};
   std::vector<double> in_mm;
   for (const double e : error) in_mm.push_back(1e3 * e);
@@ -48,7 +48,7 @@ TEST_P(EveryLearningLaw, FollowsTheUnitOfTheFigure) {
   EXPECT_GT(a->r_squared, 0.95);
 }
 
-TEST_P(EveryLearningLaw, NoOtherRateLeavesLess) {
+TEST_P(EveryLearningLaw, HasTheRateWithTheSmallestResidual) {
   const std::vector<double> error{9.1, 6.2, 5.5, 3.9, 4.1, 3.2, 3.4, 2.9, 3.0, 2.8};
   const auto squares = [&](const LearningCurve& curve) {
     double sum = 0;
@@ -99,7 +99,7 @@ TEST_P(EveryLearningLaw, IsUndefinedForFewRepetitionsAndWithoutVariation) {
     EXPECT_FALSE(fit_learning_curve(std::vector<double>(20, value), GetParam())) << value;
 }
 
-TEST_P(EveryLearningLaw, BearsFiguresOfAnySize) {
+TEST_P(EveryLearningLaw, AcceptsMetricsOfAnySize) {
   const LearningCurve truth{.law = GetParam(), .first = 8, .plateau = 2, .rate = 0.7};
   for (const double size : {1e-120, 1e-9, 1e9, 1e120}) {
     auto figures = figures_of(truth, 12);
@@ -113,7 +113,7 @@ TEST_P(EveryLearningLaw, BearsFiguresOfAnySize) {
 
 INSTANTIATE_TEST_SUITE_P(All, EveryLearningLaw, testing::Values(LearningLaw::power, LearningLaw::exponential));
 
-TEST(LearningCurve, IsThatOfItsFormula) {
+TEST(LearningCurve, FollowsItsFormula) {
   const LearningCurve power{.law = LearningLaw::power, .first = 8, .plateau = 2, .rate = 0.5};
   EXPECT_EQ(power.at(1), 8);
   EXPECT_NEAR(power.at(4), 2 + 6 * 0.5, 1e-12);
@@ -122,15 +122,15 @@ TEST(LearningCurve, IsThatOfItsFormula) {
   EXPECT_NEAR(exponential.at(3), 2 + 6 * std::exp(-1), 1e-12);
 }
 
-TEST(LearningCurve, SaysWhichBoundsMeanNothing) {
+TEST(LearningCurve, RejectsInvalidBounds) {
   const std::vector<double> error{4, 3, 2, 1};
   for (const LearningBounds bounds : {LearningBounds{.slowest = 0}, {.slowest = 2, .fastest = 1}, {.fastest = kNaN}})
     EXPECT_THAT(error_of([&] { return fit_learning_curve(error, LearningLaw::power, bounds); }),
-                testing::HasSubstr("in order"));
+                testing::HasSubstr("the first must be smaller"));
 }
 
 // Anscombe 1973, Graphs in statistical analysis: the first data set of the quartet, with x from 4 to 14.
-TEST(LearningTrend, IsTheLineOfTheTextbook) {
+TEST(LearningTrend, MatchesTheTextbookExample) {
   const std::vector<double> y{4.26, 5.68, 7.24, 4.82, 6.95, 8.81, 8.04, 8.33, 10.84, 7.58, 9.96};
   const auto trend = fit_trend(y);
   EXPECT_NEAR(trend->slope, 0.5001, 5e-5);
@@ -139,7 +139,7 @@ TEST(LearningTrend, IsTheLineOfTheTextbook) {
   EXPECT_NEAR(trend->r_squared, 0.6665, 5e-5);
 }
 
-TEST(LearningTrend, ItsIntervalHoldsTheTruthNineteenTimesOfTwenty) {
+TEST(LearningTrend, ItsIntervalContainsTheTrueSlopeNineteenTimesInTwenty) {
   std::mt19937 random(5);
   std::normal_distribution<double> noise(0, 2);
   int held = 0;

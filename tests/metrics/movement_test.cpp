@@ -89,7 +89,7 @@ TEST(Movement, DoesNotDependOnUnevenStampsAndCounts) {
   }
 }
 
-TEST(Movement, DoesNotDependOnWhenItWas) {
+TEST(Movement, DoesNotDependOnItsStartTime) {
   const Named now = all(figures_of(reach()));
   for (const double start : {-3.0, 1e5}) expect_near(all(figures_of(reach({.start = start}))), now, 1e-4, "later");
 }
@@ -143,7 +143,7 @@ Sampled stroke(const std::function<Vec3(double)>& force, const Sampling& samplin
       2, [](double t) { return Vec3(0.2 * MinJerk::at(t - 0.5).s, 0, 0); }, force, sampling);
 }
 
-TEST(Movement, OfAMinimumJerkStrokeIsAsComputedByHand) {
+TEST(Movement, MatchesTheClosedFormsOfAMinimumJerkStroke) {
   const MovementFigures f = figures_of(stroke([](double) { return Vec3(2, 0.3, -0.4); }));
   // 30 u^2 (1 - u)^2 = 0.05 * 1.875 at u = 0.05943; the low pass makes the ends a little softer.
   EXPECT_NEAR(f.onset, 0.5594, 4e-3);
@@ -171,7 +171,7 @@ TEST(Movement, WorkIsSplitIntoAssistAndResist) {
   EXPECT_NEAR(f.force->resist, 1 * f.path_length / 2, 6e-3);
 }
 
-TEST(Movement, ThePersonWorksWhatTheDeviceTakesAndIsNotGiven) {
+TEST(Movement, TheWorkOfTheParticipantExcludesThatOfTheDevice) {
   // `whole` is the force that moves this plant along the stroke, m a + b v + F_c; gravity has no component along it.
   // The device supplies or takes a third of this force.
   const PlantModel p = plant();
@@ -197,7 +197,7 @@ TEST(Movement, ThePersonWorksWhatTheDeviceTakesAndIsNotGiven) {
   EXPECT_NEAR(*lifted.person_work_estimate, 2 * lifted.path_length - 0.1 * lifted.path_length, 1e-4);
 }
 
-TEST(Movement, PeaksAreThoseOfTheProminenceAskedFor) {
+TEST(Movement, CountsPeaksOfTheRequestedProminence) {
   // Three strokes: the second follows a rest, and the third is a tenth of the first.
   const auto strokes = [](double t) {
     return Vec3(0.1 * MinJerk::at(t - 0.2).s + 0.1 * MinJerk::at(t - 1.7).s + 0.01 * MinJerk::at(t - 2.7).s, 0, 0);
@@ -226,7 +226,7 @@ TEST(Movement, TimesAreFinerThanTheEvenSteps) {
   }
 }
 
-TEST(Movement, WhereItDwellsNothingIsAcross) {
+TEST(Movement, IgnoresForcesAcrossTheMovementWhileTheHandDwells) {
   const auto strokes = [](double t) { return Vec3(0.1 * (MinJerk::at(t - 0.5).s + MinJerk::at(t - 2.5).s), 0, 0); };
   const auto force = [](double t) { return Vec3(0, t > 1.6 && t < 2.4 ? 10 : 1, 0); };
   const MovementFigures f = figures_of(sampled(4, strokes, force));
@@ -234,7 +234,7 @@ TEST(Movement, WhereItDwellsNothingIsAcross) {
   EXPECT_GT(f.force->mean, 3);
 }
 
-TEST(Movement, ATrialThatWasCutGoesToItsEnds) {
+TEST(Movement, ATrialThatIsCutDuringTheMovementExtendsToItsEnds) {
   const auto steady = [](double t) { return Vec3(0.1 * t, 0, 0); };
   const MovementFigures f = figures_of(sampled(2, steady, [](double) { return Vec3(0, 1, 0); }));
   EXPECT_EQ(f.onset, 0);
@@ -282,7 +282,7 @@ TEST(Movement, ShortGapsAreBridgedAndLongOnesAreNot) {
   EXPECT_TRUE(movement_figures({.time = movement.time, .position = movement.position}, {.max_gap = 0.2}));
 }
 
-TEST(Movement, WithoutForceOrReferenceTheirFiguresAreUndefined) {
+TEST(Movement, WithoutForceOrReferenceTheirMetricsAreUndefined) {
   const Sampled movement = reach();
   const auto f = movement_figures({.time = movement.time, .position = movement.position}, {.plant = plant()});
   ASSERT_TRUE(f);
@@ -294,7 +294,7 @@ TEST(Movement, WithoutForceOrReferenceTheirFiguresAreUndefined) {
                    ->person_work_estimate);
 }
 
-TEST(Movement, WhereNothingMovesThereIsNone) {
+TEST(Movement, IsUndefinedWhenNothingMoves) {
   const auto nothing = [](double) -> Vec3 { return Vec3::Zero(); };
   const auto figures = [](const Sampled& s) { return movement_figures({.time = s.time, .position = s.position}); };
   EXPECT_FALSE(figures({}));
@@ -331,17 +331,17 @@ TEST(Movement, SaysWhatIsWrongWithATrial) {
                                      {.prominence = kNaN},
                                      {.max_gap = -1},
                                      {.reference_length = 0.0}})
-    EXPECT_THAT(message(bad), testing::HasSubstr("movement figures"));
+    EXPECT_THAT(message(bad), testing::HasSubstr("movement metrics"));
   movement.time[41] = movement.time[40];
-  EXPECT_THAT(message(), testing::HasSubstr("row 42"));
+  EXPECT_THAT(message(), testing::HasSubstr("sample 42"));
   movement.time[41] = kNaN;
-  EXPECT_THAT(message(), testing::HasSubstr("row 42"));
+  EXPECT_THAT(message(), testing::HasSubstr("sample 42"));
   movement = reach();
   movement.force.pop_back();
   EXPECT_THAT(message(), testing::HasSubstr("columns"));
   movement = reach();
   for (double& t : movement.time) t *= 1e6;  // microseconds
-  EXPECT_THAT(message({.max_gap = 1e9}), testing::HasSubstr("in seconds?"));
+  EXPECT_THAT(message({.max_gap = 1e9}), testing::HasSubstr("must be in seconds"));
 }
 
 TEST(Movement, TakesAMillionSamples) {

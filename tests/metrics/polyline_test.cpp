@@ -68,7 +68,7 @@ TEST(Polyline, IsTheSameCurveHoweverItWasSampled) {
   for (double s = 0; s <= 0.4; s += 0.0137) EXPECT_NEAR((a.at(s) - b.at(s)).norm(), 0, 1e-12) << s;
 }
 
-TEST(Polyline, TheNearestPointIsLookedForOnlyWhereItWasAsked) {
+TEST(Polyline, SearchesTheNearestPointOnlyWithinTheGivenRange) {
   const Polyline curve(points_of(1000, to_and_fro));
   EXPECT_NEAR(curve.nearest({0.03, 0.01, 0}, 0, 0.1), 0.03, 1e-12);
   EXPECT_NEAR(curve.nearest({0.03, 0.01, 0}, 0.1, 0.2), 0.17, 1e-12);
@@ -99,7 +99,7 @@ TEST(Polyline, SaysWhatIsWrong) {
   EXPECT_THAT(error_of([] { return Polyline(std::vector<Vec3>{nan3()}); }), testing::HasSubstr("finite point"));
   const Polyline curve(points_of(1000, ring));
   for (const double spacing : {0.0, -1.0, kNaN, 1e-9})
-    EXPECT_THAT(error_of([&] { return curve.resampled(spacing); }), testing::HasSubstr("cannot be cut")) << spacing;
+    EXPECT_THAT(error_of([&] { return curve.resampled(spacing); }), testing::HasSubstr("cannot be divided")) << spacing;
   EXPECT_THAT(error_of([&] { return foot_points(curve, {}, {.ahead = 0}); }), testing::HasSubstr("ahead"));
 }
 
@@ -141,7 +141,7 @@ INSTANTIATE_TEST_SUITE_P(All, FootPoints,
                                          Track{"to_and_fro", to_and_fro}, Track{"square", square}),
                          [](const auto& tested) { return tested.param.name; });
 
-TEST(FootPoint, OfAHandThatIsMissingIsMissing) {
+TEST(FootPoint, IsMissingWhereTheHandIsMissing) {
   const Polyline curve(points_of(2000, square));
   auto hand = points_of(1000, square);
   std::fill(hand.begin() + 200, hand.begin() + 240, nan3());  // a gap of 16 mm

@@ -38,7 +38,7 @@ std::vector<std::string> undefined(const TrialFigures& figures) {
   return names;
 }
 
-TEST(RecordedTrial, HasTheSameFiguresFrom250HzTo4kHz) {
+TEST(RecordedTrial, HasTheSameMetricsFrom250HzTo4kHz) {
   for (const Reference reference : {Reference::none, Reference::playback, Reference::guidance}) {
     const TrialFigures usual = figures_of({.rate_hz = 1000}, reference);
     for (const double rate : {250.0, 4000.0}) {
@@ -76,7 +76,7 @@ TEST(RecordedTrial, MeasuresAKnownDistanceFromThePath) {
   EXPECT_EQ(trial_figures(written(rows, Reference::guidance).back(), path_of(path)).time_in_tunnel, 0);
 }
 
-TEST(RecordedTrial, ComparesTheFeltForceWithTheExpertsByPlaceWhateverTheSpeed) {
+TEST(RecordedTrial, ComparesTheFeltForceWithTheExpertsAtTheSamePointWhateverTheSpeed) {
   const Path path = test::expert_path();
   for (const double speed : {0.5, 2.0}) {
     std::vector<Sample> rows = rows_of(path, {.error = 0, .speed = speed, .rate_hz = 1000}, Reference::guidance);
@@ -93,7 +93,7 @@ TEST(RecordedTrial, ComparesTheFeltForceWithTheExpertsByPlaceWhateverTheSpeed) {
   }
 }
 
-TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
+TEST(RecordedTrial, LeavesMetricsWithoutDataUndefined) {
   const Path path = test::expert_path();
   // The hand does not move.
   std::vector<Sample> rows = rows_of(path, {}, Reference::none);
@@ -103,7 +103,7 @@ TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
   EXPECT_FALSE(rest.shape_distance);
   EXPECT_FALSE(rest.time_in_tunnel);
   EXPECT_NEAR(*rest.completion, 0, 1e-3);
-  EXPECT_FALSE(figures_of({}, Reference::none).force_error) << "nobody replayed the expert's forces";
+  EXPECT_FALSE(figures_of({}, Reference::none).force_error) << "the expert's forces were not replayed";
   EXPECT_THAT(undefined(rest), testing::IsSupersetOf({"sparc", "movement_time_s", "mean_force_n", "log_jerk"}));
   EXPECT_TRUE(to_json(rest)["sparc"].is_null());
 
@@ -129,7 +129,7 @@ TEST(RecordedTrial, LeavesUndefinedWhatThereIsNot) {
   EXPECT_TRUE(written({}, Reference::none).empty());
 }
 
-TEST(RecordedTrial, ComparesNoWayWithAPathThatWasHardlyWalked) {
+TEST(RecordedTrial, DoesNotNormaliseByAPathThatWasHardlyCovered) {
   // A hand rests but trembles across the path, faster than the least speed of a movement.
   const Path path = test::expert_path();
   std::vector<Sample> rows = rows_of(path, {}, Reference::guidance);
@@ -142,7 +142,7 @@ TEST(RecordedTrial, ComparesNoWayWithAPathThatWasHardlyWalked) {
   EXPECT_FALSE(rest.movement->normalised_length);
   EXPECT_FALSE(rest.force_error);
   EXPECT_FALSE(rest.shape_distance);
-  EXPECT_NEAR(rest.contour->peak, 1e-3, 1e-4) << "where it was is known all the same";
+  EXPECT_NEAR(rest.contour->peak, 1e-3, 1e-4) << "the position is known nevertheless";
 
   // The hand covers 3 % and 10 % of 0.25 m.
   const auto walked = [](const TrialFigures& figures) { return figures.movement->normalised_length.has_value(); };
@@ -170,14 +170,14 @@ TEST(RecordedTrial, TakesTheTunnelOfACursorRoundTheCursor) {
   EXPECT_LT(late.contour->peak, 1e-5) << "it is on the path all the time";
   EXPECT_LT(*late.time_in_tunnel, 0.2) << "20 mm behind the cursor, of 5 mm";
   const std::string meaning = trial_figure("time_in_tunnel").meaning;
-  EXPECT_THAT(meaning, testing::AllOf(HasSubstr("its place on the path"), HasSubstr("cursor")));
+  EXPECT_THAT(meaning, testing::AllOf(HasSubstr("its nearest point on the path"), HasSubstr("cursor")));
 }
 
-TEST(RecordedTrial, SaysThatWhatLedTheHandToTheStartCountsAsForce) {
+TEST(RecordedTrial, DescribesThatTheForceThatLeadsToTheStartCounts) {
   EXPECT_THAT(trial_figure("mean_force_n").meaning, testing::AllOf(HasSubstr("0.3 s"), HasSubstr("free")));
 }
 
-TEST(RecordedTrial, KnowsNoCompletionOfAPathWhoseEndNobodyReached) {
+TEST(RecordedTrial, LeavesTheCompletionUndefinedWhenTheEndOfThePathIsUnknown) {
   const Path path = test::expert_path();
   for (const Reference reference : {Reference::playback, Reference::guidance}) {
     const RecordedTrial trial = written(rows_of(path, {.until = 0.5}, reference), reference).back();
@@ -192,7 +192,7 @@ TEST(RecordedTrial, KnowsNoCompletionOfAPathWhoseEndNobodyReached) {
   EXPECT_FALSE(path_of(written(rows_of(path, {}, Reference::none), Reference::none).back()));
 }
 
-TEST(RecordedTrial, KeepsInItsOwnPathTheForcesWhereTheyWere) {
+TEST(RecordedTrial, KeepsForcesAtTheirPointsOnItsOwnPath) {
   const Path path = test::expert_path();
   std::vector<Sample> rows = rows_of(path, {.error = 0, .rate_hz = 1000}, Reference::guidance);
   // The trainee starts 20 mm along the path and goes back once.
@@ -232,7 +232,7 @@ TEST(RecordedTrial, StaysOnItsBranchWhereAPathCrossesOrRetracesItself) {
   }
 }
 
-TEST(RecordedTrial, DoesNotTakeAHandThatTremblesForALongWay) {
+TEST(RecordedTrial, DoesNotTakeATremorForALongMovement) {
   // The position alternates by +-0.05 mm every millisecond for forty seconds: 4 m of travel on 0.25 m of path.
   const Path path = test::expert_path();
   std::vector<Sample> rows = rows_of(path, {.error = 0, .speed = 0.1, .rate_hz = 1000}, Reference::none);
@@ -242,7 +242,7 @@ TEST(RecordedTrial, DoesNotTakeAHandThatTremblesForALongWay) {
   EXPECT_LT(*figures.shape_distance, 6e-4);
 }
 
-TEST(RecordedTrial, IsOnePerStretchOfPhaseRun) {
+TEST(RecordedTrial, IsReadOncePerStretchOfPhaseRun) {
   const Path path = test::expert_path();
   std::vector<Sample> rows = rows_of(path, {}, Reference::playback);
   const std::vector<Sample> more =
@@ -259,7 +259,7 @@ TEST(RecordedTrial, IsOnePerStretchOfPhaseRun) {
   EXPECT_EQ(written(rows, Reference::playback).size(), 1);
 }
 
-TEST(RecordedTrial, TellsEveryFigureByItsNameAndRefusesOthers) {
+TEST(RecordedTrial, FindsEveryMetricByItsNameAndRejectsOthers) {
   const nlohmann::json json = to_json(figures_of({}, Reference::guidance));
   for (const TrialFigure& figure : all_trial_figures()) {
     EXPECT_TRUE(json.contains(figure.name));

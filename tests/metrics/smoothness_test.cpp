@@ -99,7 +99,7 @@ TEST(Smoothness, TendsToTheClosedFormOfTheMinimumJerkMovement) {
   EXPECT_NEAR(*log_dimensionless_jerk(min_jerk(1, 1e5), 1e5), -5.322034, 3e-5);
 }
 
-TEST(Smoothness, OptionsOfSparcAreTheSpectrums) {
+TEST(Smoothness, SparcUsesItsPadLevelCutOffAndThreshold) {
   const auto speed = gaussian(100);
   // A finer spectrum changes the arc little; a spectrum that ends earlier has a shorter or equal arc.
   EXPECT_NEAR(*sparc(speed, 100, {.pad_level = 6}), *sparc(speed, 100), 5e-3);
@@ -111,7 +111,7 @@ TEST(Smoothness, OptionsOfSparcAreTheSpectrums) {
             *sparc(speed, 100, {.cutoff_hz = 5000, .threshold = 0}));
 }
 
-TEST(Smoothness, AnyNumberOfSamplesWillDo) {
+TEST(Smoothness, AcceptsAnyNumberOfSamples) {
   const auto whole = min_jerk(1, 1000);
   for (const std::size_t size : {3U, 5U, 511U, 512U, 513U, 997U}) {
     std::vector<double> speed;
@@ -126,7 +126,7 @@ TEST(Smoothness, AnyNumberOfSamplesWillDo) {
   EXPECT_NEAR(*sparc(longer, 1000, {.pad_level = 2}), *sparc(whole, 1000, {.pad_level = 4}), 1e-10);
 }
 
-TEST(Smoothness, IsUndefinedWhereNothingMovesOrIsKnown) {
+TEST(Smoothness, IsUndefinedWithoutMovementOrFiniteSamples) {
   const std::vector<double> rest(100, 0.0), two{0, 1}, one{1}, none;
   for (const auto& speed : {rest, two, one, none}) {
     EXPECT_FALSE(sparc(speed, 1000));
@@ -144,7 +144,7 @@ TEST(Smoothness, IsUndefinedWhereNothingMovesOrIsKnown) {
   EXPECT_FALSE(log_dimensionless_jerk(steady, 1000));
 }
 
-TEST(Smoothness, SaysWhatIsWrongWithWhatIsNoSpeed) {
+TEST(Smoothness, RejectsInvalidSpeedsAndRates) {
   auto speed = min_jerk(1, 1000);
   speed[41] = -0.1;
   EXPECT_THAT(error_of([&] { return sparc(speed, 1000); }), testing::HasSubstr("sample 42"));

@@ -44,7 +44,7 @@ double reference_distance(const Polyline& a, const Polyline& b, double spacing, 
   return sum.back().back() / static_cast<double>(p.size() + q.size());
 }
 
-TEST(TimeWarping, EqualShapesAreNoDistanceApart) {
+TEST(TimeWarping, IsZeroForEqualShapes) {
   EXPECT_EQ(*warping_distance(curve_of(wave), curve_of(wave)), 0);
 }
 
@@ -77,19 +77,19 @@ TEST(TimeWarping, GrowsWithTheScaleOfBoth) {
               3 * *warping_distance(curve_of(wave), curve_of(flatter)), 1e-12);
 }
 
-TEST(TimeWarping, OfParallelLinesIsTheirDistance) {
+TEST(TimeWarping, EqualsTheDistanceOfParallelLines) {
   const auto line = [](double y) { return curve_of([y](double u) { return Vec3(0.1 * u, y, 0); }); };
   EXPECT_NEAR(*warping_distance(line(0), line(0.007)), 0.007, 1e-12);
 }
 
-TEST(TimeWarping, FindsWhatTheWholeMatrixWould) {
+TEST(TimeWarping, MatchesTheWholeMatrix) {
   for (const double band : {15e-3, 20e-3, 50e-3, 1.0})
     EXPECT_NEAR(*warping_distance(curve_of(wave), curve_of(flatter), {.band = band}),
                 reference_distance(curve_of(wave), curve_of(flatter), 1e-3, band), 1e-15)
         << band;
 }
 
-TEST(TimeWarping, AWiderBandIsNoFartherApart) {
+TEST(TimeWarping, DoesNotGrowWithAWiderBand) {
   double last = std::numeric_limits<double>::infinity();
   for (const double band : {15e-3, 17e-3, 20e-3, 40e-3, 80e-3}) {
     const double distance = *warping_distance(curve_of(wave), curve_of(flatter), {.band = band});
@@ -110,13 +110,13 @@ TEST(TimeWarping, RefusesABandThatCannotJoinTheEnds) {
                 testing::HasSubstr("spacing"));
 }
 
-TEST(TimeWarping, OfAPathWithoutLengthIsUndefined) {
+TEST(TimeWarping, IsUndefinedForAPathWithoutLength) {
   const std::vector<Vec3> rest(10, Vec3(1, 2, 3));
   EXPECT_FALSE(warping_distance(Polyline(rest), curve_of(wave)));
   EXPECT_FALSE(warping_distance(curve_of(wave), Polyline(rest)));
 }
 
-TEST(TimeWarping, OfVeryShortPathsIsThatOfTheirEnds) {
+TEST(TimeWarping, EqualsTheDistanceOfTheEndsOfVeryShortPaths) {
   const std::vector<Vec3> a{Vec3::Zero(), Vec3(1e-5, 0, 0)}, b{Vec3(0, 3e-5, 0), Vec3(1e-5, 3e-5, 0)};
   EXPECT_NEAR(*warping_distance(Polyline(a), Polyline(b)), 3e-5, 1e-12);
 }
