@@ -197,11 +197,11 @@ std::vector<std::pair<std::string, std::string>> keys_of_trials(const ReportExer
       stopped = stopped || !trial.finished();
     }
   std::vector<std::pair<std::string, std::string>> keys;
-  if (count == 1) keys.emplace_back("line t4 last", "the repetition");
+  if (count == 1) keys.emplace_back("line t4 last", "repetition");
   if (count > 1) keys.emplace_back("line t0 first", "first repetition");
-  if (count > 2) keys.emplace_back("line t2", "between");
+  if (count > 2) keys.emplace_back("line t2", "repetitions between");
   if (count > 1) keys.emplace_back("line t4 last", "last repetition");
-  if (stopped) keys.emplace_back("line t2 stopped", "did not come to its end");
+  if (stopped) keys.emplace_back("line t2 stopped", "not completed");
   return keys;
 }
 
@@ -287,15 +287,15 @@ std::string in_words(const ReportTrend& trend) {
   const double shown_half = std::max(figure.scale * half, 1e-12);
   finer.digits = std::clamp(1 - static_cast<int>(std::floor(std::log10(shown_half))), figure.digits, figure.digits + 4);
   if (!(std::abs(slope) > half))
-    return fmt::format("no clear trend (95\u202f% interval of the slope {} to {} a repetition)",
+    return fmt::format("no clear trend (95\u202f% confidence interval of the slope {} to {} per repetition)",
                        shown(finer, slope - half, false, true), shown(finer, slope + half, true, true));
   const bool falls = slope < 0;
   const double low = std::abs(slope) - half, high = std::abs(slope) + half;
-  return fmt::format("{} by {} a repetition (95\u202f% interval {} to {}){}", falls ? "falls" : "rises",
+  return fmt::format("{} by {} per repetition (95\u202f% confidence interval {} to {}){}", falls ? "falls" : "rises",
                      shown(finer, std::abs(slope)), shown(finer, low, false), shown(finer, high),
                      figure.better == 0             ? ""
-                     : (figure.better < 0) == falls ? ": better"
-                                                    : ": worse");
+                     : (figure.better < 0) == falls ? ", which is better"
+                                                    : ", which is worse");
 }
 
 void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
@@ -323,8 +323,8 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   };
 
   pugi::xml_node figure = begin_figure(parent);
-  Plot plot(figure, fmt::format("The way of the hand in space, {}", repetitions(ways)), kWayHeight,
-            span(plane[0], wide), span(plane[1], high));
+  Plot plot(figure, fmt::format("Path of the hand in space, {}", repetitions(ways)), kWayHeight, span(plane[0], wide),
+            span(plane[1], high));
   plot.axes(fmt::format("{} (mm)", kAxisNames[static_cast<std::size_t>(plane[0])]),
             fmt::format("{} (mm)", kAxisNames[static_cast<std::size_t>(plane[1])]));
   draw_tunnel(plot, exercise, plane);
@@ -345,7 +345,7 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   if (!exercise.curve.empty()) keys.insert(keys.begin(), {"line path", "path"});
   if (!exercise.curve.empty()) keys.emplace_back("spot", "start");
   if (!exercise.radius.arc.empty())
-    keys.emplace_back("area tunnel", tunnel_changes(exercise) ? "tunnel, as it was last" : "tunnel");
+    keys.emplace_back("area tunnel", tunnel_changes(exercise) ? "tunnel of the last repetition" : "tunnel");
   add_caption(figure, "In space,",
               fmt::format("seen along {}.", kAxisNames[static_cast<std::size_t>(3 - plane[0] - plane[1])]), keys);
 }
@@ -380,8 +380,9 @@ void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise) 
         name_of(exercise.trials[i]));
   }
   auto keys = keys_of_trials(exercise, [](const ReportTrial& trial) { return !trial.deviation.arc.empty(); });
-  if (!top.empty()) keys.emplace_back("area tunnel", tunnel_changes(exercise) ? "tunnel, as it was last" : "tunnel");
-  add_caption(figure, "Deviation", "from the path, place by place.", keys);
+  if (!top.empty())
+    keys.emplace_back("area tunnel", tunnel_changes(exercise) ? "tunnel of the last repetition" : "tunnel");
+  add_caption(figure, "Deviation", "from the path, over its length.", keys);
 }
 
 void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
@@ -424,13 +425,13 @@ void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   plot.axes("along the path (mm)", "force (N)");
   if (felt > 0) plot.curve("felt", arc, mean);
   std::vector<std::pair<std::string, std::string>> keys;
-  if (felt > 0) keys.emplace_back("line felt", felt > 1 ? "felt, mean" : "felt");
+  if (felt > 0) keys.emplace_back("line felt", felt > 1 ? "felt force, mean" : "felt force");
   if (felt > 1) keys.emplace_back("area spread", "± standard deviation over repetitions");
   if (!exercise.expert_force.empty()) {
     plot.curve("expert", arc, exercise.expert_force);
-    keys.emplace_back("line expert", "the expert's");
+    keys.emplace_back("line expert", "expert's force");
   }
-  add_caption(figure, "Force", "of the device on the hand, place by place.", keys);
+  add_caption(figure, "Force", "of the device on the hand, over the length of the path.", keys);
 }
 
 void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, const ReportTrend& trend) {

@@ -53,14 +53,15 @@ std::string lasting(double seconds) {
 
 /// Returns the action of the device, in words.
 std::string mode_in_words(const ReportExercise& exercise) {
-  static const std::map<std::string, std::string> kWords{{"passive", "moved the hand along the path"},
-                                                         {"assisted", "helped as much as was needed"},
-                                                         {"tunnel", "kept the hand in a tunnel round the path"},
-                                                         {"cursor", "pulled towards a place that moves along the path"},
-                                                         {"resist", "resisted along the path, within a tunnel"},
-                                                         {"free", "gave no guidance"},
-                                                         {"playback", "played the path back"},
-                                                         {"recording", "recorded"}};
+  static const std::map<std::string, std::string> kWords{
+      {"passive", "moved the hand along the path"},
+      {"assisted", "helped as much as needed"},
+      {"tunnel", "kept the hand in a tunnel around the path"},
+      {"cursor", "pulled the hand towards a cursor that moves along the path"},
+      {"resist", "resisted the movement along the path within a tunnel"},
+      {"free", "gave no guidance"},
+      {"playback", "played back the path"},
+      {"recording", "recorded the movement"}};
   const auto found = kWords.find(exercise.mode);
   std::string text = found == kWords.end() ? exercise.mode : found->second;
   if (!exercise.test.empty()) text += fmt::format(" (test, {})", exercise.test);
@@ -169,7 +170,7 @@ class Page {
 
   [[nodiscard]] std::string title() const {
     if (several()) return fmt::format("{} and {} more", report_.sessions.front().title, report_.sessions.size() - 1);
-    return report_.sessions.empty() ? "Nothing" : report_.sessions.front().title;
+    return report_.sessions.empty() ? "Empty report" : report_.sessions.front().title;
   }
 
   void add_head(xml_node head) {
@@ -195,8 +196,8 @@ class Page {
   static void add_facts(xml_node parent, const ReportSession& session) {
     xml_node list = parent.append_child("dl");
     set(list, "class", "facts");
-    add_fact(list, "Person", session.subject);
-    add_fact(list, "Led by", session.operator_name);
+    add_fact(list, "Participant", session.subject);
+    add_fact(list, "Operator", session.operator_name);
     add_fact(list, "Date", date_of(session.created));
     add_fact(list, "Duration", session.duration > 0 ? lasting(session.duration) : "");
     add_fact(list, "Device", session.device);
@@ -248,20 +249,20 @@ class Page {
       }
     }
     const bool named = people.size() == 1 && !report_.sessions.front().subject.empty();
-    const std::string who = named ? *people.begin() : "The person";
+    const std::string who = named ? *people.begin() : "The participant";
     std::string text = people.size() > 1 ? fmt::format("{} were made", capitalised(count(begun, "repetition")))
                                          : fmt::format("{} did {}", who, count(begun, "repetition"));
     text += fmt::format(" of {} in {}; ", count(exercises, "exercise"), lasting(duration));
     const std::size_t stopped = begun - ended - late;
     if (late > 0) text += fmt::format("{} ran out of time{}", late, stopped > 0 ? ", " : ".");
-    text += begun == 0       ? "there is nothing to tell of."
-            : ended == begun ? (begun == 1 ? "it came to its end." : "all came to their end.")
-            : stopped > 0    ? fmt::format("{} did not come to {} end.", stopped, stopped == 1 ? "its" : "their")
+    text += begun == 0       ? "there is nothing to report."
+            : ended == begun ? (begun == 1 ? "it was completed." : "all were completed.")
+            : stopped > 0    ? fmt::format("{} {} not completed.", stopped, stopped == 1 ? "was" : "were")
                              : "";
     if (best != nullptr && defined(*best) > 1) {
       const TrialFigure& figure = all_trial_figures()[best->figure];
       const auto [first, last] = ends_of(*best);
-      text += fmt::format(" In ‘{}’, {} went from {} to {}.", told->name, figure.title, shown(figure, first),
+      text += fmt::format(" In ‘{}’, {} changed from {} to {}.", told->name, figure.title, shown(figure, first),
                           shown(figure, last));
     }
     for (const ReportComparison& comparison : report_.comparisons) {
@@ -269,7 +270,7 @@ class Page {
       const ReportComparison::Group &from = comparison.groups.front(), &to = comparison.groups.back();
       const TrialFigure& figure = all_trial_figures()[i];
       if (std::isfinite(from.mean(i)) && std::isfinite(to.mean(i)))
-        text += fmt::format(" Without guidance it was {} in the test {} and {} in the test {}.",
+        text += fmt::format(" Without guidance, it was {} in the test ‘{}’ and {} in the test ‘{}’.",
                             shown(figure, from.mean(i)), from.test, shown(figure, to.mean(i)), to.test);
       break;
     }
@@ -296,8 +297,7 @@ class Page {
 
   void add_summary(xml_node main) {
     add(main, "h2", "Summary");
-    Table table(main, "Every exercise, by what it is mainly told by: its first and last finished repetition.",
-                exercises());
+    Table table(main, "Main metric of every exercise in its first and last finished repetition.", exercises());
     if (several()) table.column("Session");
     table.column("Exercise");
     table.column("The device");
@@ -344,20 +344,21 @@ class Page {
         several() ? fmt::format("Without guidance: {}, {}", whose, comparison.task)
                   : fmt::format("Without guidance: {}", comparison.task));
     add(main, "p",
-        "Repetitions without any guidance are compared with each other only. What looks better while it is guided need "
-        "not be learned, and much guidance can harm what is kept (guidance hypothesis: Salmoni, Schmidt and Walter "
-        "1984). So these are the figures to judge the practice by; that of the retention test tells most.");
+        "Repetitions without any guidance are compared only with each other. A movement that improves under guidance "
+        "is not necessarily learned, and much guidance can harm retention (guidance hypothesis: Salmoni, Schmidt and "
+        "Walter 1984). Judge the practice by these metrics; the retention test is the most informative.");
     std::vector<std::size_t> first, others;
     for (std::size_t i = 0; i < all_trial_figures().size(); ++i)
       if (std::any_of(comparison.groups.begin(), comparison.groups.end(),
                       [&](const ReportComparison::Group& group) { return !group.values[i].empty(); }))
         (is_main(i) ? first : others).push_back(i);
-    const std::string caption = "Mean ± standard deviation over repetitions, and the change of the mean from the first";
+    const std::string caption =
+        "Mean ± standard deviation over repetitions, and the change of the mean from the first test";
     add_comparison_table(main, comparison, first, caption + ".");
     if (others.empty()) return;
     xml_node details = main.append_child("details");
-    add(details, "summary", "More figures without guidance");
-    add_comparison_table(details, comparison, others, caption + ": more figures.");
+    add(details, "summary", "More metrics without guidance");
+    add_comparison_table(details, comparison, others, caption + ": more metrics.");
   }
 
   static void add_comparison_table(xml_node parent, const ReportComparison& comparison,
@@ -434,8 +435,7 @@ class Page {
       if (is_drawn(exercise, all_trial_figures()[trend.figure].name)) add_trend_chart(charts, exercise, trend);
     if (!charts.first_child()) section.remove_child(charts);
     if (changes(exercise))
-      set(add(section, "p",
-              "The settings changed from repetition to repetition, so that a trend here is not of skill alone."),
+      set(add(section, "p", "The settings changed between repetitions, so a trend here does not show skill alone."),
           "class", "soft");
     add_trials(section, exercise);
   }
@@ -466,7 +466,7 @@ class Page {
   static constexpr std::array<Setting, 5> kSettings{{{"radius (mm)", &ReportTrial::radius, 1e3, 1},
                                                      {"stiffness (N/m)", &ReportTrial::stiffness, 1, 0},
                                                      {"pace", &ReportTrial::pace, 1, 2},
-                                                     {"help (%)", &ReportTrial::assistance, 100, 0},
+                                                     {"assistance (%)", &ReportTrial::assistance, 100, 0},
                                                      {"level", &ReportTrial::level, 1, 2}}};
 
   void add_trials(xml_node section, const ReportExercise& exercise) {
@@ -475,14 +475,14 @@ class Page {
       if (std::any_of(exercise.trials.begin(), exercise.trials.end(),
                       [&](const ReportTrial& trial) { return trial.figures[i].has_value(); }))
         (is_main(i) ? first : others).push_back(i);
-    add_trial_table(section, exercise, first, true,
-                    fmt::format("{}, repetition by repetition. {} is undefined: see the end of the page.",
-                                exercise.name, kUndefined));
+    add_trial_table(
+        section, exercise, first, true,
+        fmt::format("{}: every repetition. {} means undefined; see the end of the page.", exercise.name, kUndefined));
     if (others.empty()) return;
     xml_node details = section.append_child("details");
-    add(details, "summary", fmt::format("More figures of {}", exercise.name));
+    add(details, "summary", fmt::format("More metrics of {}", exercise.name));
     add_trial_table(details, exercise, others, false,
-                    fmt::format("More figures of {}, repetition by repetition.", exercise.name));
+                    fmt::format("More metrics of {}: every repetition.", exercise.name));
   }
 
   static void add_trial_table(xml_node parent, const ReportExercise& exercise, const std::vector<std::size_t>& figures,
@@ -523,16 +523,17 @@ class Page {
   static void add_events(xml_node main, const ReportSession& session) {
     add(main, "h3", "Stops and warnings");
     if (session.events.empty()) {
-      add(main, "p", "There were none.");
+      add(main, "p", "There were no stops and no warnings.");
       return;
     }
-    Table table(main, "In the order of the repetitions; what came often in one of them is told once.",
+    Table table(main,
+                "In the order of the repetitions. An event that occurred several times in a repetition is listed once.",
                 session.events.size());
-    table.column("What");
+    table.column("Kind");
     table.column("Where");
-    table.column("After", true);
-    table.column("Times", true);
-    table.column("In words");
+    table.column("Time", true);
+    table.column("Count", true);
+    table.column("Description");
     for (const ReportEvent& event : session.events) {
       const char* kind = event.kind == ReportEvent::Kind::stop   ? "stop"
                          : event.kind == ReportEvent::Kind::mark ? "mark"
@@ -549,10 +550,10 @@ class Page {
   static void add_settings(xml_node main, const ReportSession& session) {
     add(main, "h3", "Settings");
     if (!session.sittings.empty()) {
-      Table table(main, "From when somebody sat down until he got up.", session.sittings.size());
-      for (const char* title : {"Began", "Ended by"}) table.column(title);
+      Table table(main, "Sittings of the session.", session.sittings.size());
+      for (const char* title : {"Started", "Ended by"}) table.column(title);
       table.column("Duration", true);
-      table.column("Force times time (N s)", true);
+      table.column("Force dose (N s)", true);
       for (const Sitting& sitting : session.sittings) {
         table.row(date_of(sitting.began));
         table.text(sitting.ended_by.empty() ? "unknown" : sitting.ended_by);
@@ -561,24 +562,24 @@ class Page {
       }
     }
     xml_node details = main.append_child("details");
-    add(details, "summary", "Everything that was set, as it was given");
+    add(details, "summary", "All settings");
     add(details, "p",
         fmt::format("{}{}", session.source, session.software.empty() ? "" : ", recorded by " + session.software));
     add(details, "pre", session.settings.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
   }
 
   static void add_meanings(xml_node main) {
-    add(main, "h2", "How the figures are defined");
+    add(main, "h2", "How the metrics are defined");
     add(main, "p",
-        "All are of one repetition, from when the way to the start was over. The hand is low-passed at 10 Hz without "
-        "lag, so that they do not depend on how often the device was asked.");
+        "Each metric describes one repetition after the approach to the start. The movement of the hand is low-pass "
+        "filtered at 10 Hz without lag, so the metrics do not depend on the sampling rate.");
     add(main, "p",
-        fmt::format("{} stands for what is undefined, never for zero: nothing moved, there was no path or no force to "
+        fmt::format("{} stands for an undefined value, never for zero: nothing moved, there was no path or no force to "
                     "compare with, the repetition was stopped, or its recording is missing.",
                     kUndefined));
     add(main, "p",
-        "A repetition that ran out of time has the figures of what was done until then. Like those that were stopped, "
-        "it counts in no trend, mean or comparison, and is neither first nor last.");
+        "A repetition that ran out of time has the metrics of its movement until then. Like a stopped repetition, it "
+        "counts in no trend, mean or comparison, and is neither first nor last.");
     xml_node list = main.append_child("dl");
     set(list, "class", "meanings");
     for (const TrialFigure& figure : all_trial_figures()) {
@@ -587,15 +588,16 @@ class Page {
     }
     add(list, "dt", "Trend");
     add(list, "dd",
-        "A straight line by least squares with the 95 % interval of its slope (Student's t), from four finished "
-        "repetitions on; \u201cno clear trend\u201d where that interval holds zero. The learning curve is a power law "
-        "(Newell and Rosenbloom 1981) or an exponential (Heathcote, Brown and Mewhort 2000), whichever leaves less.");
+        "A straight line fitted by least squares to at least four finished repetitions, with the 95 % confidence "
+        "interval of its slope (Student's t). \u201cNo clear trend\u201d means that this interval contains zero. The "
+        "learning curve is a power law (Newell and Rosenbloom 1981) or an exponential (Heathcote, Brown and Mewhort "
+        "2000), whichever has the smaller residual.");
   }
 
   static void add_footer(xml_node main) {
     set(add(main, "p",
-            "Made by haptrace. This page holds everything it shows; curves are thinned to what the eye can see, the "
-            "recordings keep every sample."),
+            "Made by haptrace. This page contains everything it shows. Its curves are thinned without a visible "
+            "difference; the recordings keep every sample."),
         "class", "soft");
   }
 

@@ -275,8 +275,8 @@ ReportSession session_of_recording(const std::string& file) {
                         .device = device_in_words(header),
                         .complete = header.complete,
                         .settings = header.config};
-  if (!header.complete) session.remarks.push_back(name + " was not finished; what it keeps is shown");
-  if (reader.rows() == 0) session.remarks.push_back(name + " holds no samples");
+  if (!header.complete) session.remarks.push_back(name + " is incomplete; the report shows its stored samples");
+  if (reader.rows() == 0) session.remarks.push_back(name + " contains no samples");
 
   const std::string expert = configured_text(header.config, "expert"),
                     path_name = configured_text(header.config, "path");
@@ -431,11 +431,11 @@ class SessionReading {
       if (sitting.ended_by == "complete") continue;
       session_.events.push_back({.kind = ReportEvent::Kind::stop,
                                  .where = fmt::format("sitting {}", &sitting - log_.sittings.data() + 1),
-                                 .text = sitting.ended_by.empty() ? "nobody wrote down how it ended"
+                                 .text = sitting.ended_by.empty() ? "the log does not say how it ended"
                                                                   : in_words(sitting.ended_by, sitting.detail)});
     }
-    if (!log_.complete) session_.remarks.emplace_back("the programme was not gone through to its end");
-    if (log_.trials.empty()) session_.remarks.emplace_back("no repetition was begun");
+    if (!log_.complete) session_.remarks.emplace_back("the programme was not completed");
+    if (log_.trials.empty()) session_.remarks.emplace_back("no repetition was started");
     const std::string profile = file(kSessionProfile);
     if (!fs::exists(profile)) return;
     try {
@@ -462,7 +462,7 @@ class SessionReading {
       if (test) session_.exercises.back().task = tasks_.number_of(path);
     } catch (const Error& error) {
       session_.remarks.push_back(fmt::format("the path of {} cannot be shown{}: {}", exercise.name,
-                                             test ? ", nor its tests be compared" : "", error.what()));
+                                             test ? ", and its tests cannot be compared" : "", error.what()));
     }
   }
 
@@ -499,7 +499,7 @@ class SessionReading {
   void tell_end(const ReportTrial& trial, const std::string& place) {
     session_.events.push_back({.kind = ReportEvent::Kind::stop,
                                .where = place,
-                               .text = trial.stopped_by.empty() ? "nobody wrote down how it ended"
+                               .text = trial.stopped_by.empty() ? "the log does not say how it ended"
                                                                 : in_words(trial.end_in_words(), trial.detail)});
   }
 
@@ -509,7 +509,7 @@ class SessionReading {
     const RecordingReader reader(name);
     add_events(session_.events, reader.events(), [&](double) { return place; });
     const std::vector<RecordedTrial> runs = read_trials(reader, name);
-    if (runs.empty()) throw input_error(name + ": holds no repetition");
+    if (runs.empty()) throw input_error(name + ": contains no repetition");
     const RecordedTrial& run = runs.back();
     std::optional<DrawnPath>& path = paths_[logged.exercise];
     if (!path)
@@ -599,7 +599,7 @@ std::set<std::string> files_of(std::span<const std::string> inputs) {
 }  // namespace
 
 std::string ReportTrial::end_in_words() const {
-  if (finished()) return "end";
+  if (finished()) return "finished";
   if (out_of_time()) return "ran out of time";
   if (stopped_by.empty()) return "unknown";
   std::string words = stopped_by;
@@ -630,7 +630,7 @@ Report gather_report(std::span<const std::string> inputs,
     if (progress) progress(input);
     if (fs::is_directory(input) && !is_session(input))
       throw input_error(
-          fmt::format("{}: holds no {}; a report is made of sessions and recordings (HDF5)", input, kSessionFile));
+          fmt::format("{}: contains no {}; give the folder of a session, or a recording (HDF5)", input, kSessionFile));
     report.sessions.push_back(is_session(input) ? SessionReading(input, tasks).read(progress)
                                                 : session_of_recording(input));
   }
@@ -647,7 +647,7 @@ void check_report_outputs(std::span<const std::string> outputs, std::span<const 
   for (const std::string& output : outputs) {
     const std::string name = canonical_name(output);
     if (files.contains(name) || is_session(name))
-      throw input_error(output + ": belongs to what was recorded, which a report never replaces; choose another name");
+      throw input_error(output + ": belongs to the recorded data, which a report never replaces; choose another name");
     if (!known.insert(name).second)
       throw input_error(output + ": would be both the page and the table; choose another name for one of them");
   }

@@ -22,7 +22,7 @@ TEST(ReportCommand, WritesAPageBesideTheRecordingAndReplacesNone) {
   Answer answer = haptrace("report", file);
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   EXPECT_EQ(answer.out, page + "\n");
-  EXPECT_THAT(read_bytes(page), HasSubstr("played the path back"));
+  EXPECT_THAT(read_bytes(page), HasSubstr("played back the path"));
   answer = haptrace("report", file);
   EXPECT_EQ(answer.exit_code, 2);
   EXPECT_THAT(answer.err, HasSubstr(page));
@@ -73,7 +73,7 @@ TEST(ReportCommand, ReplacesNeitherRecordedDataNorItsOwnOutput) {
     const std::string before = read_bytes(kept);
     const Answer answer = Command(all).wait();
     EXPECT_EQ(answer.exit_code, 2) << answer.err;
-    EXPECT_THAT(answer.err, HasSubstr("belongs to what was recorded"));
+    EXPECT_THAT(answer.err, HasSubstr("belongs to the recorded data"));
     EXPECT_EQ(read_bytes(kept), before);
   };
   refused({file, "-o", file, "--overwrite"}, file);

@@ -56,7 +56,7 @@ TEST(Decimate, KeepsPeaksEndsAndOrder) {
   }
 }
 
-TEST(Decimate, KeepsEveryPointItShowsWhereItWas) {
+TEST(Decimate, KeepsThePositionsOfItsPoints) {
   const Series series = noise(10'000), thin = decimate(series, 200);
   for (std::size_t i = 0; i < thin.x.size(); ++i) {
     const auto at = static_cast<std::size_t>(std::lround(1000 * thin.x[i]));
@@ -101,13 +101,13 @@ TEST(Ticks, AreRoundAndWithinTheRange) {
     }
 }
 
-TEST(Ticks, AreThoseAPersonWouldChoose) {
+TEST(Ticks, AreOneTwoOrFiveTimesAPowerOfTen) {
   EXPECT_EQ(tick_values(0, 10, 6), (std::vector<double>{0, 2, 4, 6, 8, 10}));
   EXPECT_EQ(tick_values(-40, 40, 5), (std::vector<double>{-40, -20, 0, 20, 40}));
   EXPECT_EQ(tick_values(0, 1, 3), (std::vector<double>{0, 0.5, 1}));
 }
 
-TEST(Ticks, OfNoRangeAreNone) {
+TEST(Ticks, AreAbsentWithoutARange) {
   EXPECT_TRUE(tick_values(1, 1, 5).empty());
   EXPECT_TRUE(tick_values(2, 1, 5).empty());
   EXPECT_TRUE(tick_values(kMissing, 1, 5).empty());
@@ -115,7 +115,7 @@ TEST(Ticks, OfNoRangeAreNone) {
   EXPECT_TRUE(tick_values(-1e308, 1e308, 5).empty());
 }
 
-TEST(Figure, IsOfTheKindOfItsEnding) {
+TEST(Figure, HasTheFormatOfItsEnding) {
   const TempFolder folder;
   const Figure figure = figure_with(noise(1000));
   save_figure(figure, folder / "a.png", false);
@@ -126,7 +126,7 @@ TEST(Figure, IsOfTheKindOfItsEnding) {
   EXPECT_EQ(read_bytes(folder / "a.pdf").substr(0, 5), "%PDF-");
 }
 
-TEST(Figure, InPixelsIsTwiceItsSize) {
+TEST(Figure, HasTwiceItsSizeInPixels) {
   const TempFolder folder;
   Figure figure = figure_with(noise(10));
   figure.width = 300;
@@ -136,7 +136,7 @@ TEST(Figure, InPixelsIsTwiceItsSize) {
   EXPECT_EQ(header, std::string("\0\0\x02\x58\0\0\x01\x90", 8));  // 600 x 400
 }
 
-TEST(Figure, DrawsWhateverItIsGiven) {
+TEST(Figure, DrawsAnyValues) {
   const double inf = std::numeric_limits<double>::infinity(), most = std::numeric_limits<double>::max();
   const TempFolder folder;
   const std::vector<Series> odd{{},
@@ -172,7 +172,7 @@ TEST(Figure, DrawsWhateverItIsGiven) {
   EXPECT_NO_THROW(save_figure(ranges, folder / "a.png", true));
 }
 
-TEST(Figure, OnLogarithmicAxesIsTheFigureOfTheLogarithms) {
+TEST(Figure, DrawsLogarithmicAxesLikeTheLogarithms) {
   // Without labels both have the same margins, so that the lines are drawn alike.
   const auto drawn = [](bool log) {
     const TempFolder folder;
@@ -208,7 +208,7 @@ TEST(Figure, OnLogarithmicAxesIsTheFigureOfTheLogarithms) {
   EXPECT_GT(linear[5] - linear[2], 10);
 }
 
-TEST(Figure, OfManyPointsStaysSmall) {
+TEST(Figure, StaysSmallWithManyPoints) {
   const TempFolder folder;
   save_figure(figure_with(noise(300'000)), folder / "a.svg", false);
   EXPECT_LT(read_bytes(folder / "a.svg").size(), 1'000'000u);
@@ -226,7 +226,7 @@ TEST(Figure, ReplacesAFileOnlyWhenAllowed) {
   EXPECT_EQ(std::distance(begin(files), end(files)), 1) << "something was left beside it";
 }
 
-TEST(Figure, RefusesWhatItCannotSaveSayingWhy) {
+TEST(Figure, NamesTheReasonWhenItCannotBeSaved) {
   const TempFolder folder;
   const Figure figure = figure_with(noise(10));
   expect_error([&] { save_figure(figure, folder / "a.jpg", false); }, Error::Kind::input,

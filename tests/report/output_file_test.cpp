@@ -77,7 +77,7 @@ TEST(OutputFile, KeepsThePermissionsOfTheFileThatItReplaces) {
     }
 }
 
-TEST(OutputFile, IsClosedToOthersInAFolderThatIs) {
+TEST(OutputFile, IsPrivateInAPrivateFolder) {
   const Umask usual(022);
   for (const auto& [of_folder, of_file] : {std::pair{0755U, 0644U}, std::pair{0700U, 0600U}, std::pair{0750U, 0644U}}) {
     const TempFolder folder;
@@ -89,7 +89,7 @@ TEST(OutputFile, IsClosedToOthersInAFolderThatIs) {
   }
 }
 
-TEST(OutputFile, NeverShowsOthersWhatItIsMadeOf) {
+TEST(OutputFile, KeepsItsTemporaryFilePrivate) {
   const Umask usual(022);
   const TempFolder folder;
   fs::permissions(folder.path(), fs::perms(0755));
@@ -120,7 +120,7 @@ TEST(OutputFile, RecoversARecordingWithItsPermissions) {
   EXPECT_TRUE(RecordingReader(file).header().complete);
 }
 
-TEST(OutputFile, IsTriedBeforeTheWorkAndLeavesNothing) {
+TEST(OutputFile, IsTestedBeforeTheWorkAndLeavesNothing) {
   const TempFolder folder;
   check_output(folder / "a.json", false);
   EXPECT_TRUE(fs::is_empty(folder.path()));
@@ -136,7 +136,7 @@ TEST(OutputFile, IsTriedBeforeTheWorkAndLeavesNothing) {
   expect_error([&] { check_output(folder / "none/a.json", false); }, Error::Kind::input, {"create it first"});
 }
 
-TEST(PrivateFolders, AreMadeForThisUserAloneAsFarAsTheyAreMissing) {
+TEST(PrivateFolders, AreCreatedForThisUserAloneWhereTheyAreMissing) {
   const Umask usual(022);
   const TempFolder folder;
   fs::create_directory(folder / "shared");

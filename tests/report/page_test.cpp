@@ -103,7 +103,7 @@ TEST(ReportPage, IsWellFormedReadableAndFetchesNothing) {
   expect_sound(report_page({}));
 }
 
-TEST(ReportPage, HasEveryRepetitionInATableAndInThePicture) {
+TEST(ReportPage, ShowsEveryRepetitionInATableAndInThePicture) {
   const TempFolder folder;
   const pugi::xml_document page = parsed(lesson_page(folder));
   const std::vector<std::size_t> repetitions{3, 2, 8, 3};
@@ -133,10 +133,10 @@ TEST(ReportPage, ShowsTheNumbersThatTheLogHas) {
   EXPECT_THAT(row, HasSubstr("\u22121.50"));
   EXPECT_THAT(row, HasSubstr("88"));
   EXPECT_TRUE(page.select_nodes("//section//th[contains(text(), 'movement time')]").empty())
-      << "what is nowhere defined has no column";
+      << "a metric that is nowhere defined has no column";
 }
 
-TEST(ReportPage, MarksWhatRanOutOfTimeWhereverItsFiguresStand) {
+TEST(ReportPage, MarksRepetitionsThatRanOutOfTimeInEveryTable) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   const std::size_t exercise = lesson.exercise("one", "tunnel");
@@ -155,14 +155,14 @@ TEST(ReportPage, MarksWhatRanOutOfTimeWhereverItsFiguresStand) {
     figures += text_of(row);
   }
   EXPECT_THAT(figures, testing::AllOf(HasSubstr("7.77"), HasSubstr("8.88"), HasSubstr("6.66")))
-      << "also what is defined in no other";
+      << "also a metric that no other repetition has";
   EXPECT_THAT(text_of(page.select_node("//p[@class='lead']").node()),
-              HasSubstr("1 ran out of time, 1 did not come to its end."));
+              HasSubstr("1 ran out of time, 1 was not completed."));
   EXPECT_THAT(text_of(page.select_node("//tbody/tr").node()),
               testing::AllOf(HasSubstr("1 of 3"), Not(HasSubstr("7.77"))));
 }
 
-TEST(ReportPage, TakesNobodyWithoutANameForTheSamePersonInAnotherSession) {
+TEST(ReportPage, TreatsUnnamedParticipantsOfTwoSessionsAsDifferent) {
   const TempFolder folder;
   SessionFolder first(folder / "first"), second(folder / "second");
   for (SessionFolder* session : {&first, &second}) {
@@ -194,7 +194,7 @@ TEST(ReportPage, KeepsHostileTextsInert) {
   expect_sound(page);
   EXPECT_THAT(page, Not(HasSubstr("<script")));
   EXPECT_THAT(page, Not(HasSubstr("<img")));
-  EXPECT_EQ(text_of(parsed(page).select_node("//h1").node()), evil) << "it is told as it was written";
+  EXPECT_EQ(text_of(parsed(page).select_node("//h1").node()), evil) << "it is shown as it was written";
 
   const std::string file = folder / "evil.h5";
   test::Recorded recorded;
@@ -206,10 +206,10 @@ TEST(ReportPage, KeepsHostileTextsInert) {
   const std::string other = report_page(gather_report(std::vector{file}));
   expect_sound(other);
   EXPECT_THAT(other, Not(HasSubstr("<script")));
-  EXPECT_THAT(other, HasSubstr("\uFFFD")) << "bytes that are no text";
+  EXPECT_THAT(other, HasSubstr("\uFFFD")) << "bytes that are not valid text";
 }
 
-TEST(ReportPage, TellsASlopeInDigitsThatItHas) {
+TEST(ReportPage, ShowsASlopeWithItsSignificantDigits) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   const std::size_t exercise = lesson.exercise("one", "tunnel");
@@ -228,7 +228,7 @@ TEST(ReportPage, StaysSmall) {
   expect_sound(page);
 }
 
-TEST(ReportPage, SaysWhenSomethingIsMissing) {
+TEST(ReportPage, ReportsMissingRecordings) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   write_lesson(lesson);
@@ -239,7 +239,7 @@ TEST(ReportPage, SaysWhenSomethingIsMissing) {
   expect_sound(page);
   EXPECT_THAT(page, HasSubstr(lesson.log.trials[5].file));
   EXPECT_THAT(page, HasSubstr("recording missing"));
-  EXPECT_THAT(page, HasSubstr("not gone through to its end"));
+  EXPECT_THAT(page, HasSubstr("The programme was not completed"));
 }
 
 }  // namespace

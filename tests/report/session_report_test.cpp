@@ -52,7 +52,7 @@ std::vector<std::vector<std::string>> fields_of(const std::string& table) {
   return lines;
 }
 
-TEST(SessionReport, HasEveryRepetitionWithTheFiguresOfTheLog) {
+TEST(SessionReport, HasEveryRepetitionWithTheMetricsOfTheLog) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   write_lesson(lesson);
@@ -101,7 +101,7 @@ TEST(SessionReport, FitsTrendsToFinishedRepetitionsOnly) {
   EXPECT_FALSE(trend_of(report.sessions[0].exercises[0], "contour_rms_m").line) << "three are too few";
 }
 
-TEST(SessionReport, ComparesUnguidedTestsOfOnePersonOnOnePathAlsoAcrossSessions) {
+TEST(SessionReport, ComparesUnguidedTestsOfOneParticipantOnOnePathAlsoAcrossSessions) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson"), later(folder / "later"), other(folder / "other");
   write_lesson(lesson);
@@ -117,7 +117,7 @@ TEST(SessionReport, ComparesUnguidedTestsOfOnePersonOnOnePathAlsoAcrossSessions)
   const std::vector<std::string> inputs{later.path(), lesson.path(), other.path() + "/session.json"};
   const Report report = gather_report(inputs);
   EXPECT_EQ(report.sessions.back().created, later.log.created) << "by date, in whatever order they are given";
-  ASSERT_EQ(report.comparisons.size(), 1) << "who has one test only has nothing to compare";
+  ASSERT_EQ(report.comparisons.size(), 1) << "a participant with one test has nothing to compare";
   const ReportComparison& comparison = report.comparisons[0];
   ASSERT_EQ(comparison.groups.size(), 3);
   EXPECT_EQ(comparison.subject, "Ada L.");
@@ -127,12 +127,12 @@ TEST(SessionReport, ComparesUnguidedTestsOfOnePersonOnOnePathAlsoAcrossSessions)
   EXPECT_EQ(comparison.groups[2].test, "retention");
   EXPECT_LT(comparison.groups[1].mean(rms), comparison.groups[2].mean(rms));
   EXPECT_LT(comparison.groups[2].mean(rms), comparison.groups[0].mean(rms));
-  EXPECT_TRUE(std::isnan(comparison.groups[2].spread(rms))) << "of one there is none";
+  EXPECT_TRUE(std::isnan(comparison.groups[2].spread(rms))) << "one repetition has no standard deviation";
   const std::size_t tunnel = index_of_figure("time_in_tunnel");
   EXPECT_TRUE(std::isnan(comparison.groups[0].mean(tunnel)));
 }
 
-TEST(SessionReport, NamesARecordingThatIsMissingOrDamagedAndKeepsItsFigures) {
+TEST(SessionReport, NamesARecordingThatIsMissingOrDamagedAndKeepsItsMetrics) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   write_lesson(lesson);
@@ -150,7 +150,7 @@ TEST(SessionReport, NamesARecordingThatIsMissingOrDamagedAndKeepsItsFigures) {
   EXPECT_EQ(missing.figures[0], lesson.log.trials[5].figures["contour_rms_m"].get<double>());
 }
 
-TEST(SessionReport, TellsStopsWarningsAndMarks) {
+TEST(SessionReport, ListsStopsWarningsAndMarks) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   write_lesson(lesson);
@@ -177,7 +177,7 @@ TEST(SessionReport, TellsStopsWarningsAndMarks) {
   EXPECT_EQ(events[2].kind, ReportEvent::Kind::mark);
 }
 
-TEST(SessionReport, TakesRecordingsOfEveryKind) {
+TEST(SessionReport, AcceptsRecordingsOfEveryKind) {
   const TempFolder folder;
   const Path path = test::expert_path();
   const std::vector<std::pair<Reference, std::string>> kinds{
@@ -209,7 +209,7 @@ TEST(SessionReport, TakesRecordingsOfEveryKind) {
   }
 }
 
-TEST(SessionReport, TakesARecordingThatIsEmptyOrWasCutOff) {
+TEST(SessionReport, AcceptsARecordingThatIsEmptyOrWasCutOff) {
   const TempFolder folder;
   const Path path = test::expert_path();
   test::write(folder / "empty.h5", {}, Reference::none);
@@ -222,10 +222,10 @@ TEST(SessionReport, TakesARecordingThatIsEmptyOrWasCutOff) {
   const Report cut = report_of(folder / "killed.h5");
   const ReportSession& session = cut.sessions[0];
   EXPECT_FALSE(session.complete);
-  EXPECT_THAT(session.remarks, Contains(HasSubstr("not finished")));
+  EXPECT_THAT(session.remarks, Contains(HasSubstr("is incomplete")));
   const ReportTrial& trial = session.exercises[0].trials.at(0);
   EXPECT_FALSE(trial.finished());
-  EXPECT_FALSE(trial.figures[index_of_figure("completion")]) << "nobody knows where the path ends";
+  EXPECT_FALSE(trial.figures[index_of_figure("completion")]) << "the end of the path is unknown";
   EXPECT_TRUE(session.exercises[0].trends.empty());
 }
 
@@ -255,7 +255,7 @@ TEST(SessionReport, SaysWhichRepetitionRanOutOfTimeAndWhichWasStopped) {
   EXPECT_EQ(other.sessions[0].exercises[0].trials[1].detail, "0.11 m from the path");
 }
 
-TEST(SessionReport, CountsARepetitionThatRanOutOfTimeInNothingButItsOwnRow) {
+TEST(SessionReport, CountsARepetitionThatRanOutOfTimeOnlyInItsOwnRow) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   const std::size_t before = lesson.exercise("before", "free", {{"test", "before"}}),
@@ -292,7 +292,7 @@ TEST(SessionReport, CountsARepetitionThatRanOutOfTimeInNothingButItsOwnRow) {
   EXPECT_THAT(stops, testing::UnorderedElementsAre(
                          "before, repetition 5: ran out of time", "practice, repetition 5: ran out of time",
                          "practice, repetition 6: over", "after, repetition 5: ran out of time"))
-      << "every one is told once";
+      << "every end is listed once";
 }
 
 TEST(SessionReport, ShowsTheStiffnessOfEveryRepetitionAsItWasLogged) {
@@ -312,7 +312,7 @@ TEST(SessionReport, ShowsTheStiffnessOfEveryRepetitionAsItWasLogged) {
   EXPECT_FALSE(report.sessions[0].exercises[free].trials[0].stiffness);
 }
 
-TEST(SessionReport, CountsAnInputOnceByWhateverNameItIsGiven) {
+TEST(SessionReport, CountsAnInputOnceUnderAnyName) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   write_lesson(lesson);
@@ -355,11 +355,11 @@ TEST(SessionReport, ComparesTestsOfTheSameCurveWhateverItsFileIsCalled) {
 
   std::filesystem::remove(same.file(same.log.paths[0]));
   const Report unknown = gather_report(std::vector{first.path(), same.path()});
-  EXPECT_THAT(unknown.comparisons, IsEmpty()) << "nobody knows which curve it was";
-  EXPECT_THAT(unknown.sessions[1].remarks, Contains(HasSubstr("nor its tests be compared")));
+  EXPECT_THAT(unknown.comparisons, IsEmpty()) << "the curve is unknown";
+  EXPECT_THAT(unknown.sessions[1].remarks, Contains(HasSubstr("and its tests cannot be compared")));
 }
 
-TEST(SessionReport, ComparesPersonsWithoutANameWithinOneSessionOnly) {
+TEST(SessionReport, ComparesParticipantsWithoutANameWithinOneSessionOnly) {
   const TempFolder folder;
   SessionFolder first(folder / "first"), second(folder / "second");
   first.log.subject = second.log.subject = "";
@@ -377,7 +377,7 @@ TEST(SessionReport, ComparesPersonsWithoutANameWithinOneSessionOnly) {
   EXPECT_EQ(to_json(report)["comparisons"][0]["session"], second.path());
 }
 
-TEST(SessionReport, IsWrittenOverNothingThatItIsMadeOf) {
+TEST(SessionReport, DoesNotOverwriteItsInputs) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson"), other(folder / "other");
   const std::string recording = lesson.trial(lesson.exercise("one", "tunnel"), {}).file;
@@ -393,7 +393,7 @@ TEST(SessionReport, IsWrittenOverNothingThatItIsMadeOf) {
     EXPECT_THAT(error_of([&] {
                   check_report_outputs(std::vector{page, output}, inputs);
                 }),
-                AllOf(HasSubstr(output), HasSubstr("belongs to what was recorded")));
+                AllOf(HasSubstr(output), HasSubstr("belongs to the recorded data")));
   EXPECT_THAT(error_of([&] {
                 check_report_outputs(std::vector{page, folder / "./page.html"}, inputs);
               }),
@@ -433,7 +433,7 @@ TEST(SessionReport, IsTheSameInJsonAndInATable) {
   EXPECT_TRUE(json["comparisons"][0]["tests"]["before"]["time_in_tunnel"]["mean"].is_null());
 }
 
-TEST(SessionReport, QuotesTextsOfTheTable) {
+TEST(SessionReport, QuotesTextsInTheTable) {
   Report report;
   report.sessions.push_back({.source = "a,b", .subject = "say \"hi\"\nthere"});
   report.sessions[0].exercises.push_back({.name = "plain"});
@@ -442,10 +442,10 @@ TEST(SessionReport, QuotesTextsOfTheTable) {
   EXPECT_THAT(report_table(report), HasSubstr("\r\n\"a,b\",\"say \"\"hi\"\"\nthere\",,plain,"));
 }
 
-TEST(SessionReport, RefusesWhatIsNeitherASessionNorARecording) {
+TEST(SessionReport, RejectsInputsThatAreNeitherASessionNorARecording) {
   const TempFolder folder;
   EXPECT_THAT(error_of([&] { report_of(folder / "none.h5"); }), HasSubstr("none.h5"));
-  EXPECT_THAT(error_of([&] { report_of(folder.path()); }), HasSubstr("holds no session.json"));
+  EXPECT_THAT(error_of([&] { report_of(folder.path()); }), HasSubstr("contains no session.json"));
   const std::string text = folder.write("text.csv", "t,x\n");
   EXPECT_THAT(error_of([&] { report_of(text); }), HasSubstr("text.csv"));
   const std::string broken = folder.write("session.json", "{\"haptrace_session\": 1}");

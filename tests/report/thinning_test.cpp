@@ -9,7 +9,7 @@
 namespace haptrace {
 namespace {
 
-TEST(Thinning, KeepsEveryPeakAndIsNowhereFartherThanItSays) {
+TEST(Thinning, KeepsEveryPeakAndStaysWithinItsTolerance) {
   std::vector<double> arc, value;
   for (int i = 0; i < 50'000; ++i) {
     arc.push_back(1e-5 * i);
@@ -37,7 +37,7 @@ TEST(Thinning, BoundsTheNumberOfPointsOfNoise) {
   EXPECT_LE(thinned(points, 400).size(), 400);
 }
 
-TEST(Thinning, TakesWhatIsEmptyAtRestOrNotFinite) {
+TEST(Thinning, AcceptsLinesThatAreEmptyAtRestOrNotFinite) {
   EXPECT_TRUE(thinned(std::vector<Vec3>{}, 10).empty());
   EXPECT_TRUE(thinned(std::vector<Vec3>{nan3(), nan3()}, 10).empty());
   EXPECT_EQ(thinned(std::vector<Vec3>(1000, Vec3(1, 2, 3)), 10).size(), 1);
