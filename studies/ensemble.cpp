@@ -277,9 +277,10 @@ const PdGains kStiff = gains(3000, 25), kCautious = gains(500, 6);
 EnsembleOptions completed(EnsembleOptions options) {
   check_draws(options.draws);
   if (options.learn < 0 || options.learn > 100)
-    throw input_error(fmt::format("{} learning repetitions; it must be 0 to 100", options.learn));
+    throw input_error(fmt::format("the number of learning repetitions is {}; it must be from 0 to 100", options.learn));
   if (!(options.beyond >= 0.01 && options.beyond <= 100))
-    throw input_error(fmt::format("gains {} times those of a stable loop; it must be 0.01 to 100", options.beyond));
+    throw input_error(
+        fmt::format("the factor on the gains of a stable loop is {}; it must be from 0.01 to 100", options.beyond));
   if (options.paths.empty()) options.paths = ensemble_paths();
   return options;
 }

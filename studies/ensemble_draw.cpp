@@ -25,7 +25,7 @@ HandSpec draw_hand(Lot& lot) {
 
 void check_draws(std::size_t draws) {
   if (draws < 1 || draws > 1'000'000)
-    throw input_error(fmt::format("an ensemble of {} draws; it must be 1 to 1000000", draws));
+    throw input_error(fmt::format("the number of draws is {}; it must be from 1 to 1000000", draws));
 }
 
 EnsembleDraw draw_device(std::uint64_t seed, std::uint64_t index) {

@@ -194,7 +194,7 @@ Series cumulative(std::vector<double> values, double unit, std::string label, in
 Panel panel(std::string title, std::string x_label, bool first) {
   return {.title = std::move(title),
           .x_label = std::move(x_label),
-          .y_label = first ? "draws with at most that [%]" : "",
+          .y_label = first ? "cumulative share of the draws [%]" : "",
           .y_range = std::pair{0.0, 100.0}};
 }
 
@@ -297,15 +297,16 @@ json to_json(const EnsembleReport& report) {
 
 Figure figure_of(const EnsembleReport& report) {
   Figure figure{.title = fmt::format("{} random devices and hands", report.members.size()),
-                .caption = fmt::format("Seed {}. stiff: 3000 N/m, 25 N s/m; cautious: 500 N/m, 6 N s/m; calibrated: "
-                                       "blind, then {} learning repetitions. Draws that need more force than the "
-                                       "device has are left out.",
-                                       report.seed, report.learn)};
+                .caption = fmt::format(
+                    "Seed {}. stiff: 3000 N/m, 25 N s/m; cautious: 500 N/m, 6 N s/m; calibrated: identified without "
+                    "prior knowledge, then {} learning repetitions. Draws that need more force than the "
+                    "device has are left out.",
+                    report.seed, report.learn)};
   figure.rows = {panels(report, "true error, rms", "log10 of mm", 1e-3, &EnsembleRun::rms_error),
                  panels(report, "force ripple above 25 Hz, rms", "log10 of N", 1, &EnsembleRun::force_ripple),
                  panels(report, "true ripple above 25 Hz, rms", "log10 of mm", 1e-3, &EnsembleRun::ripple),
                  {hold_panel(report, "hold: true ripple above 20 Hz, rms", true, &EnsembleHold::ripple),
-                  hold_panel(report, "hold: the same above 2 Hz", false, &EnsembleHold::hunting)}};
+                  hold_panel(report, "hold: true ripple above 2 Hz, rms", false, &EnsembleHold::hunting)}};
   figure.width = std::max(960.0, std::min(420.0 * static_cast<double>(report.paths.size()), 8000.0));
   figure.height = 1100;
   return figure;
@@ -325,8 +326,9 @@ std::string text_of(const EnsembleReport& report) {
           to_string(controller), millimetres(c.rms_error), c.force_ripple.median, c.limit_cycles.size(),
           c.stopped.size(), c.saturated.size(), c.oscillations.size());
     }
-    text += fmt::format("    calibrated is {:.1f} times as exact as stiff, {:.1f} times as cautious (medians)\n",
-                        path.stiff_over_calibrated.median, path.cautious_over_calibrated.median);
+    text += fmt::format(
+        "    calibrated is {:.1f} times as accurate as stiff and {:.1f} times as accurate as cautious (medians)\n",
+        path.stiff_over_calibrated.median, path.cautious_over_calibrated.median);
   }
   for (const EnsembleController controller : kEnsembleControllers) {
     const HoldSummary& hold = summary.holds[static_cast<std::size_t>(controller)];
@@ -336,8 +338,8 @@ std::string text_of(const EnsembleReport& report) {
   }
   const OverdriveSummary& beyond = summary.overdrive;
   text += fmt::format(
-      "  gains beyond stable: {} oscillate, noticed after {:.3f} s (p95 {:.3f}); late or never {}, "
-      "still oscillating {}, stopped {}\n",
+      "  gains beyond the stable range: {} oscillate, noticed after {:.3f} s (p95 {:.3f}); late or never {}, still "
+      "oscillating {}, stopped {}\n",
       beyond.oscillating.size(), beyond.delay.median, beyond.delay.p95, beyond.late.size(), beyond.uncalm.size(),
       beyond.stopped.size());
   if (!summary.not_calibrated.empty())

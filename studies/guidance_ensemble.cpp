@@ -329,15 +329,15 @@ std::string text_of(const GuidanceReport& report) {
                   report.members.size(), report.draws, report.paths.size(), report.seed, report.failures());
   const auto line = [&](const char* what, double unit, const char* unit_name, auto figure, const json& failed) {
     const Distribution d = distribution(report, figure);
-    text += fmt::format("  {:<28} median {:8.3f}, p95 {:8.3f}, max {:8.3f} {:<4}  beyond the bar: {}\n", what,
+    text += fmt::format("  {:<28} median {:8.3f}, p95 {:8.3f}, max {:8.3f} {:<4}  beyond the limit: {}\n", what,
                         d.median / unit, d.p95 / unit, d.max / unit, unit_name, failed.size());
   };
   line("energy beyond the budget", 1e-3, "mJ", &GuidanceRun::excess, failures_of(report, &GuidanceRun::overdrawn));
-  line("jump of the place", 1e-3, "mm", &GuidanceRun::jump, failures_of(report, &GuidanceRun::jumped));
+  line("jump of the foot point", 1e-3, "mm", &GuidanceRun::jump, failures_of(report, &GuidanceRun::jumped));
   line("ripple above 15 Hz", 1e-3, "mm", &GuidanceRun::ripple, failures_of(report, &GuidanceRun::ripples));
   line("speed at rest", 1e-3, "mm/s", &GuidanceRun::rest, failures_of(report, &GuidanceRun::restless));
-  text += fmt::format("  walls softened in {}, sessions stopped in {}\n", failures_of(report, softened).size(),
-                      failures_of(report, &GuidanceRun::stopped).size());
+  text += fmt::format("  walls softened in {} runs, sessions stopped in {} runs\n",
+                      failures_of(report, softened).size(), failures_of(report, &GuidanceRun::stopped).size());
   return text;
 }
 

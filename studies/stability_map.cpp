@@ -489,11 +489,12 @@ Figure figure_of(const StabilityMap& map) {
   for (const StabilityBoundary& boundary : map.boundaries) stiffest = std::max(stiffest, boundary.stable);
   Figure figure;
   figure.title =
-      fmt::format("Gains that the {} axis bears: {:.3g} kg, {:.3g} N s/m, {:.3g} ms late, {:g} Hz", "xyz"[map.axis],
+      fmt::format("Stable gains of the {} axis: {:.3g} kg, {:.3g} N s/m, delay {:.3g} ms, {:g} Hz", "xyz"[map.axis],
                   map.loop.mass, map.loop.viscous, 1e3 * (map.loop.delay + map.loop.lag), map.loop.rate_hz);
   figure.caption = fmt::format(
-      "Below a line the loop is passive with any passive hand; stable by analysis; stable when simulated without "
-      "friction and quantum; calm when simulated with them. Present gains {:g} N/m and {:g} N s/m: modulus margin "
+      "Below its line the loop is passive with any passive hand, stable by analysis, stable in simulation without "
+      "friction and encoder resolution, or calm in simulation with them. Present gains {:g} N/m and {:g} N s/m: "
+      "modulus margin "
       "{:.2f}, gain {:.3g}, phase {:.0f} deg, delay {:.2f} ms. Velocity: {}.{}",
       map.present.kp, map.present.kd, map.margins.modulus, map.margins.gain_up, map.margins.phase * 180 / pi,
       1e3 * map.margins.delay, map.loop.velocity,
@@ -502,7 +503,7 @@ Figure figure_of(const StabilityMap& map) {
   figure.rows = {{panel_of(map, "All", map.kd.back(), 1.1 * stiffest)}};
   const double kd_near = 3 * map.present.kd, kp_near = 3 * map.present.kp;
   if (kd_near > 0 && kp_near > 0 && kd_near < map.kd.back() && kp_near < stiffest)
-    figure.rows[0].push_back(panel_of(map, "Round the present gains", kd_near, kp_near));
+    figure.rows[0].push_back(panel_of(map, "Around the present gains", kd_near, kp_near));
   figure.height = 560;
   return figure;
 }

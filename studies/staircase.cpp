@@ -52,7 +52,7 @@ MetSurface surface_of(Scene& scene, const std::string& name) {
     if (!contact.normal.isZero() && (nearest == nullptr || contact.depth > nearest->depth)) nearest = &contact;
   if (nearest == nullptr)
     throw input_error(fmt::format(
-        "{}: no object knows from the origin where its surface is; press a scene with a wall or a sphere", name));
+        "{}: no object has a surface that is known at the origin; give a scene with a wall or a sphere", name));
   return {nearest->depth * nearest->normal, nearest->normal};
 }
 
@@ -290,7 +290,8 @@ double pushing(const StaircaseOptions& options, const SimSpec& spec) {
 }
 
 void check_staircase(const StaircaseOptions& options) {
-  if (options.rates.empty() || options.pressed.empty()) throw input_error("the staircase needs a rate and a stiffness");
+  if (options.rates.empty() || options.pressed.empty())
+    throw input_error("the staircase needs at least one rate and one stiffness");
   for (const double rate : options.rates) check_range("the rate", rate, 20, kHighestRate, "Hz");
   for (const auto* list : {&options.pressed, &options.tapped})
     for (const double k : *list) check_range("the stiffness of the wall", k, 1, 1e7, "N/m");
@@ -312,8 +313,8 @@ class StaircaseJobs {
     for (int axis = 0; axis < 3; ++axis)
       if (std::abs(normal[axis]) > 1e-9 && !spec_.axes[static_cast<std::size_t>(axis)])
         throw input_error(
-            fmt::format("{}: has no motor along {}, in which the wall stands; give a scene whose wall does "
-                        "not need one (--scene)",
+            fmt::format("{}: has no motor along {}, the axis of the wall; give a scene whose wall needs no motor along "
+                        "it (--scene)",
                         spec_.model, "xyz"[axis]));
     for (const double rate : options.rates) {
       const LoopModel loop = loop_of_tapped(spec_, rate);
@@ -509,8 +510,8 @@ std::string text_of(const StaircaseReport& report) {
     text += "\n";
   }
   text +=
-      "  passive: largest stiffness that asks for no more damping than the device has; calm: largest tried that came "
-      "to rest\n";
+      "  passive: largest stiffness that needs no more damping than the device has; calm: largest tested stiffness at "
+      "which the device came to rest\n";
   return text;
 }
 
@@ -546,7 +547,7 @@ std::pair<double, double> range_of_rates(const StaircaseReport& report) {
 }
 
 Panel panel_of_presses(const StaircaseReport& report) {
-  Panel panel{.title = "Energy that a press creates",
+  Panel panel{.title = "Energy created by a press",
               .x_label = "rate [Hz]",
               .y_label = "energy [mJ]",
               .log_x = true,
@@ -595,16 +596,20 @@ Panel panel_of_taps(const StaircaseReport& report, bool supervised) {
     bool& named = tap.calm ? calm_named : bouncing_named;
     panel.series.push_back({.label = named      ? ""
                                      : tap.calm ? "comes to rest"
-                                                : "bounces on",
+                                                : "keeps bouncing",
                             .x = {tap.rate_hz},
                             .y = {tap.stiffness},
                             .color = tap.calm ? 0 : 5,
                             .width = 2.4});
     named = true;
   }
-  Series bound{.label = "asks for the damping that the device has", .x = {}, .y = {}, .color = 7, .width = 1.4},
-      friction{
-          .label = "with friction, at rest up to here", .x = {}, .y = {}, .color = 2, .dashed = true, .width = 1.4};
+  Series bound{.label = "needs the damping of the device", .x = {}, .y = {}, .color = 7, .width = 1.4},
+      friction{.label = "with friction, comes to rest up to here",
+               .x = {},
+               .y = {},
+               .color = 2,
+               .dashed = true,
+               .width = 1.4};
   for (const double rate : report.options.rates) {
     bound.x.push_back(rate);
     bound.y.push_back(report.passive_up_to(rate));
@@ -629,9 +634,10 @@ Figure figure_of(const StaircaseReport& report) {
   Figure figure;
   figure.title = "The staircase of a sampled wall";
   figure.caption = fmt::format(
-      "Above: the force that is sent, held for a tick, as a hand presses {:g} mm deep and comes out within {:g} s. "
+      "Above: the sent force, held for one tick, while a hand presses {:g} mm deep and returns within {:g} s. "
       "Middle: energy created by such a press, mean of {} phases of the tick, and pi^2 K T D^2 / (4 t). Below: {:g} kg "
-      "with {:g} N s/m of damping, pressed by {:g} N, falls {:g} mm onto the wall; {:g} s later it rests, or bounces.",
+      "with {:g} N s/m of damping, pressed by {:g} N, fall {:g} mm onto the wall; {:g} s later the device rests or "
+      "bounces.",
       1e3 * options.depth, options.duration, options.phases, report.mass, report.viscous,
       pushing(options, *options.device), 1e3 * options.height, options.watched);
   figure.rows.push_back({panel_of_stairs(report, options.pressed.front(), highest)});

@@ -44,7 +44,7 @@ Bound parse_bound(const std::string& text) {
 
   std::string_view end = trim(std::string_view(text).substr(sign + 2));
   const auto number = take_number<double>(end);
-  if (!number || !std::isfinite(*number) || *number <= 0) throw wrong("its limit is a positive number");
+  if (!number || !std::isfinite(*number) || *number <= 0) throw wrong("its limit must be a positive number");
   const std::string_view shown = facts.unit;
   const std::optional<double> factor = factor_of(trim(end), shown);
   if (!factor)

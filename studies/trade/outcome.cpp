@@ -54,14 +54,16 @@ const std::vector<MeasureFacts>& measures() {
   static const std::vector<MeasureFacts> all{
       {Measure::error, "error", "mm", 1e-3, true, true, "rms distance from the path"},
       {Measure::peak, "peak", "mm", 1e-3, true, true, "largest distance from the path"},
-      {Measure::force, "force", "N", 1, true, true, "rms difference of the force to the finest configuration's"},
+      {Measure::force, "force", "N", 1, true, true,
+       "rms difference between the force and that of the finest configuration"},
       {Measure::ripple, "ripple", "N", 1, true, true, "rms of the force above 25 Hz"},
-      {Measure::margin, "margin", "", 1, false, true, "times the gains may be raised before the loop oscillates"},
+      {Measure::margin, "margin", "", 1, false, true,
+       "factor by which the gains may be raised before the loop oscillates"},
       {Measure::tick, "tick", "us", 1e-6, true, false, "median time of a tick"},
-      {Measure::instructions, "instructions", "", 1, true, false, "instructions of a tick"},
+      {Measure::instructions, "instructions", "", 1, true, false, "instructions per tick"},
       {Measure::load, "load", "MIPS", 1e6, true, false,
-       "instructions a second, or where they cannot be counted nanoseconds"},
-      {Measure::start, "start", "ms", 1e-3, true, false, "from a path in memory to the first tick"},
+       "instructions per second, or nanoseconds if instructions cannot be counted"},
+      {Measure::start, "start", "ms", 1e-3, true, false, "time from the path in memory to the first tick"},
       {Measure::bytes, "bytes", "MB/h", 1e6, true, false, "size of a recording"}};
   return all;
 }

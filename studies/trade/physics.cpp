@@ -8,7 +8,7 @@ namespace haptrace {
 const std::vector<PhysicsPart>& physics_parts() {
   using S = SimSpec;
   static const std::vector<PhysicsPart> parts{
-      {"force steps", [](const S& s) { return s.force_resolution > 0; }, [](S& s) { s.force_resolution = 0; }},
+      {"force resolution", [](const S& s) { return s.force_resolution > 0; }, [](S& s) { s.force_resolution = 0; }},
       {"delay", [](const S& s) { return s.delay > 0; }, [](S& s) { s.delay = 0; }},
       {"motor's lag", [](const S& s) { return s.actuator_bandwidth_hz > 0; },
        [](S& s) { s.actuator_bandwidth_hz = 0; }},
@@ -40,7 +40,8 @@ const std::vector<PhysicsPart>& physics_parts() {
          s.backlash = 0;
        }},
       {"backlash", [](const S& s) { return s.backlash > 0; }, [](S& s) { s.backlash = 0; }},
-      {"position steps", [](const S& s) { return s.position_resolution > 0; }, [](S& s) { s.position_resolution = 0; }},
+      {"position resolution", [](const S& s) { return s.position_resolution > 0; },
+       [](S& s) { s.position_resolution = 0; }},
       {"position noise", [](const S& s) { return s.position_noise > 0; }, [](S& s) { s.position_noise = 0; }},
       {"hand", [](const S& s) { return s.hand.has_value(); }, [](S& s) { s.hand.reset(); }},
       {"arm behind the hand", [](const S& s) { return s.hand && s.hand->arm_stiffness > 0; },

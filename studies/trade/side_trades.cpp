@@ -94,11 +94,11 @@ const std::vector<StorageLevel>& storage_levels() {
 
 SideTrade trade_of_storage(const Workbench& bench, const Configuration& configuration, const StopRequest& stop) {
   SideTrade trade{.knob = std::string(kStorageKnob),
-                  .what = "how a recording of it is stored",
+                  .what = "storage of the recording",
                   .columns = {{"bytes_per_hour", "MB/h", 1e6, 0},
                               {"position_error_m", "mm", 1e-3, 5},
                               {"force_error_n", "N", 1, 5},
-                              {"row_cpu_s", "us/row", 1e-6, 2}},
+                              {"row_cpu_s", "us/sample", 1e-6, 2}},
                   .levels = {}};
   for (const StorageLevel& level : storage_levels()) {
     if (stop.count() > 0) break;
@@ -116,7 +116,7 @@ SideTrade trade_of_storage(const Workbench& bench, const Configuration& configur
 
 SideTrade trade_of_projection(const Workbench& bench, bool instructions, const StopRequest& stop) {
   SideTrade trade{.knob = "spacing",
-                  .what = "spacing of the path on which guidance looks for the place of the trainee",
+                  .what = "spacing of the path's knots, along which guidance locates the trainee",
                   .columns = {{"place_error_m", "rms mm", 1e-3, 4},
                               {"peak_place_error_m", "peak mm", 1e-3, 3},
                               {"force_error_n", "force N", 1, 4},
@@ -184,7 +184,7 @@ SideTrade trade_of_simulation(
     const StopRequest& stop) {
   SideTrade trade{.knob = "simulation",
                   .what = "integrator and longest step of the simulated device",
-                  .columns = {{"way_difference_m", "way mm", 1e-3, 4},
+                  .columns = {{"way_difference_m", "path mm", 1e-3, 4},
                               {"error_change_m", "error mm", 1e-3, 4},
                               {"ripple_change_n", "ripple N", 1, 4},
                               {"millisecond_s", "us/ms", 1e-6, 2}},
@@ -200,7 +200,7 @@ SideTrade trade_of_simulation(
   const auto run = [&](const std::string& integrator, double step) {
     const auto device = open({{"integrator", integrator}, {"step", fmt::format("{:g}", step)}});
     const auto* sim = dynamic_cast<const SimDevice*>(device.get());
-    if (sim == nullptr) throw input_error("only a simulated device is integrated");
+    if (sim == nullptr) throw input_error("only a simulated device has an integrator");
     PlayOptions options = bench.options_for(plain);
     TrueWay way(*sim, static_cast<std::size_t>((bench.duration() / plain.speed + 1) * plain.rate_hz));
     options.sinks.push_back(&way);
@@ -236,7 +236,7 @@ SideTrade trade_of_simulation(
 SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::function<std::shared_ptr<Scene>()>& load,
                          bool instructions) {
   SideTrade trade{.knob = "scene",
-                  .what = "a scene's knobs, and its service at a slower rate, with the tool on the path",
+                  .what = "accuracy settings of the scene, and slower rates of the scene, with the tool on the path",
                   .columns = {{"force_error_n", "rms N", 1, 4},
                               {"peak_force_error_n", "peak N", 1, 3},
                               {"energy_created_j", "mJ", 1e-3, 3},

@@ -37,7 +37,7 @@ constexpr std::size_t kMostTold = 24;
 Panel knob_panel(const KnobSweep& sweep, const char* x_label) {
   Panel panel{.title = sweep.what, .x_label = x_label, .y_label = "mm, N, us", .log_x = true, .log_y = true};
   Series error{.label = "error, rms", .color = 0, .width = 1.6}, peak{.label = "peak", .color = 4},
-      ripple{.label = "ripple of the force", .color = 1}, tick{.label = "tick", .color = 2, .dashed = true};
+      ripple{.label = "force ripple", .color = 1}, tick{.label = "tick", .color = 2, .dashed = true};
   for (const KnobLevel& level : sweep.levels) {
     const double x = std::strtod(level.level.c_str(), nullptr);
     if (!level.outcome.ran()) continue;
@@ -56,8 +56,8 @@ Panel knob_panel(const KnobSweep& sweep, const char* x_label) {
 Panel front_panel(const TradeReport& report, const Choice* choice) {
   const bool counted = std::any_of(report.tried.begin(), report.tried.end(),
                                    [](const Outcome& o) { return std::isfinite(o.instructions); });
-  Panel panel{.title = "every configuration, and the front",
-              .x_label = counted ? "load, million instructions a second" : "load, ms a second",
+  Panel panel{.title = "all configurations and the Pareto front",
+              .x_label = counted ? "load, million instructions per second" : "load, ms per second",
               .y_label = "error, rms, mm",
               .log_x = true,
               .log_y = true};
@@ -178,7 +178,7 @@ std::string text_of(const TradeReport& report) {
       text += table_row(level.level, level.outcome, level.is_base ? "*" : " ");
   }
   for (const SideTrade& side : report.sides) text += text_of(side);
-  text += fmt::format("\nthe front, cheapest first\n{}", table_head(""));
+  text += fmt::format("\nthe Pareto front, cheapest first\n{}", table_head(""));
   const std::size_t told = std::min(report.front.size(), kMostTold);
   for (std::size_t i = 0; i < told; ++i) {
     const Outcome& outcome = report.front[told < 2 ? 0 : i * (report.front.size() - 1) / (told - 1)];
@@ -192,7 +192,7 @@ namespace {
 
 /// Returns how much of its tightest bound the choice uses.
 std::string used(const Choice& choice) {
-  if (!std::isfinite(choice.binding_ratio)) return "its value is not known";
+  if (!std::isfinite(choice.binding_ratio)) return "its value is unknown";
   return fmt::format("{:.0f} % of it {} used", 100 * choice.binding_ratio, choice.kept ? "is" : "would be");
 }
 
@@ -200,11 +200,13 @@ std::string used(const Choice& choice) {
 
 std::string text_of(const Choice& choice, const Budget& budget) {
   const Outcome& o = choice.outcome;
-  std::string text = fmt::format("\n{} {}:\n  {}\n",
-                                 budget.bounds_accuracy() ? "the cheapest that keeps" : "the most exact that keeps",
-                                 to_string(budget), describe(o.configuration));
+  std::string text = fmt::format(
+      "\n{} {}:\n  {}\n",
+      budget.bounds_accuracy() ? "the cheapest configuration that keeps" : "the most accurate configuration that keeps",
+      to_string(budget), describe(o.configuration));
   if (!choice.kept)
-    text = fmt::format("\nnothing keeps {}; the nearest is\n  {}\n", to_string(budget), describe(o.configuration));
+    text = fmt::format("\nno configuration keeps {}; the nearest is\n  {}\n", to_string(budget),
+                       describe(o.configuration));
   const auto interval = [](const Estimate& estimate, double scale, int digits) {
     return fmt::format("{:.{}f} +-{}", estimate.mean / scale, digits,
                        number_or(estimate.half_width / scale, digits == 3 ? "{:.3f}" : "{:.4f}", "?"));
@@ -213,25 +215,26 @@ std::string text_of(const Choice& choice, const Budget& budget) {
                       interval(o.rms_error, 1e-3, 4), interval(o.peak_error, 1e-3, 4), interval(o.ripple, 1, 3), o.runs,
                       text_of(Measure::tick, o.tick));
   for (const std::string& bound : choice.implied)
-    text += fmt::format("  {} was kept as well: {}\n", bound,
+    text += fmt::format("  {} is kept as well: {}\n", bound,
                         bound.starts_with("ripple") ? "the ripple of the plain law, since the budget does not bound it"
                                                     : "gains need a reserve for other hands");
-  if (choice.storage) text += fmt::format("  recordings are stored {}\n", choice.storage->name);
+  if (choice.storage) text += fmt::format("  storage of recordings: {}\n", choice.storage->name);
   if (!choice.binding.empty()) text += fmt::format("  the tightest bound is {}: {}\n", choice.binding, used(choice));
   const auto step = [&](const char* which, const Outcome& other) {
     const double load = other.load() / o.load() - 1, error = other.error.mean / o.error.mean - 1;
-    text += fmt::format("  the next {}: load {:+.0f} %, error {:+.0f} %: {}\n", which, 100 * load, 100 * error,
-                        describe(other.configuration));
+    text += fmt::format("  the next {} configuration: load {:+.0f} %, error {:+.0f} %: {}\n", which, 100 * load,
+                        100 * error, describe(other.configuration));
   };
   if (!choice.excludes.empty())
-    text += fmt::format("  the next {} breaks {}\n", budget.bounds_accuracy() ? "cheaper" : "dearer", choice.excludes);
+    text += fmt::format("  the next {} configuration breaks {}\n",
+                        budget.bounds_accuracy() ? "cheaper" : "more expensive", choice.excludes);
   if (choice.cheaper) step("cheaper", *choice.cheaper);
-  if (choice.dearer) step("dearer", *choice.dearer);
+  if (choice.dearer) step("more expensive", *choice.dearer);
   return text;
 }
 
 std::string text_of(const Explanation& explanation, const Budget& budget, const char* what) {
-  std::string text = fmt::format("\n{}\n  without each {} in turn: what changes, and what is saved\n",
+  std::string text = fmt::format("\n{}\n  each {} left out in turn: changes and savings\n",
                                  describe(explanation.of.configuration), what);
   for (const TermPrice& price : explanation.terms) {
     if (!price.without.ran()) {
@@ -241,9 +244,9 @@ std::string text_of(const Explanation& explanation, const Budget& budget, const 
     const std::string instructions =
         std::isfinite(price.instructions) ? fmt::format("{:.0f} instructions and ", price.instructions) : "";
     text += fmt::format(
-        "  {:<20} error {:+.4f} mm, ripple {:+.3f} N; saves {}{} ns a tick{}\n", price.term, 1e3 * price.error_change,
+        "  {:<20} error {:+.4f} mm, ripple {:+.3f} N; saves {}{} ns per tick{}\n", price.term, 1e3 * price.error_change,
         price.ripple_change, instructions, number_or(1e9 * price.control, "{:.0f}"),
-        price.dispensable ? fmt::format(": can be dropped, it changes less than {}", to_string(budget)) : "");
+        price.dispensable ? fmt::format("; it can be dropped, the change is smaller than {}", to_string(budget)) : "");
   }
   return text;
 }
@@ -252,14 +255,14 @@ Figure figure_of(const TradeReport& report, const Choice* choice) {
   Figure figure{.title = "speed against accuracy",
                 .caption = fmt::format("{} on {}. Base: {}. {} runs of each configuration{}.", report.path,
                                        report.device, describe(report.base.configuration), report.options.runs,
-                                       report.complete ? "" : "; not complete"),
+                                       report.complete ? "" : "; incomplete"),
                 .rows = {{front_panel(report, choice)}, {}},
                 .width = 1100,
                 .height = 900};
   for (const KnobSweep& sweep : report.sweeps) {
     if (sweep.knob == "rate") figure.rows[1].push_back(knob_panel(sweep, "Hz"));
-    if (sweep.knob == "thin") figure.rows[1].push_back(knob_panel(sweep, "samples for each that is kept"));
-    if (sweep.knob == "speed") figure.rows[1].push_back(knob_panel(sweep, "times the path's own speed"));
+    if (sweep.knob == "thin") figure.rows[1].push_back(knob_panel(sweep, "samples per stored sample"));
+    if (sweep.knob == "speed") figure.rows[1].push_back(knob_panel(sweep, "speed relative to the path"));
   }
   if (figure.rows[1].empty()) figure.rows.pop_back();
   return figure;

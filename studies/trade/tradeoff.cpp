@@ -87,33 +87,32 @@ std::vector<KnobOfPlay> knobs_of_play(const Workbench& bench, const TradeOptions
   const auto number = [](auto value) { return fmt::format("{:g}", static_cast<double>(value)); };
   std::vector<KnobOfPlay> knobs;
   knobs.push_back(knob("rate", "servo rate [Hz]", base, &Configuration::rate_hz, options.rates, number));
-  knobs.push_back(knob("interpolation", "between the samples of the path", base, &Configuration::interpolation,
-                       kInterpolations, [](Interpolation i) { return to_string(i); }));
-  knobs.push_back(knob("velocity", "estimator of the tool's velocity", base, &Configuration::velocity, kEstimators,
+  knobs.push_back(knob("interpolation", "interpolation between the samples of the path", base,
+                       &Configuration::interpolation, kInterpolations, [](Interpolation i) { return to_string(i); }));
+  knobs.push_back(knob("velocity", "velocity estimator", base, &Configuration::velocity, kEstimators,
                        [](const std::string& v) { return v; }));
   if (bench.calibrated()) {
-    KnobOfPlay without{.name = "without", .what = "a compensation left out", .levels = without_each_term(base)};
+    KnobOfPlay without{.name = "without", .what = "one compensation left out", .levels = without_each_term(base)};
     without.levels.insert(without.levels.begin(), {"nothing", base});
     const Configuration plain = plain_of(base);
     without.levels.push_back({"all", plain});
     knobs.push_back(without);
     // The observer replaces the velocity estimator. Only without it does the estimator matter.
     if (base.with.observer) {
-      knobs.push_back(knob("velocity of PD", "the same where nothing is compensated", plain, &Configuration::velocity,
-                           kEstimators, [](const std::string& v) { return v; }));
+      knobs.push_back(knob("velocity of PD", "velocity estimator without any compensation", plain,
+                           &Configuration::velocity, kEstimators, [](const std::string& v) { return v; }));
     }
     std::set<int> lessons{0, 2, 5};
     lessons.insert(base.learn);
-    knobs.push_back(knob("learn", "repetitions to learn from", base, &Configuration::learn, lessons, number));
+    knobs.push_back(knob("learn", "number of repetitions to learn from", base, &Configuration::learn, lessons, number));
   }
   std::vector<int> thinnings;
   for (const int every : kThinnings)
     if (bench.rows() / static_cast<std::uint64_t>(every) >= 4) thinnings.push_back(every);
-  knobs.push_back(
-      knob("thin", "every so many-th sample of the path is kept", base, &Configuration::thin, thinnings, number));
+  knobs.push_back(knob("thin", "every N-th sample of the path is kept", base, &Configuration::thin, thinnings, number));
   std::set<double> speeds(kSpeeds.begin(), kSpeeds.end());
   speeds.insert(base.speed);
-  knobs.push_back(knob("speed", "times the path's own", base, &Configuration::speed, speeds, number));
+  knobs.push_back(knob("speed", "playback speed relative to the path", base, &Configuration::speed, speeds, number));
   return knobs;
 }
 
@@ -356,7 +355,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
   std::vector<Configuration> swept{options.base};
   for (const KnobOfPlay& knob : knobs)
     for (const LevelOfKnob& level : knob.levels) swept.push_back(level.configuration);
-  report.complete = trials.run(swept, options.runs, stage("turning every knob", 0.02, 0.12));
+  report.complete = trials.run(swept, options.runs, stage("varying every setting", 0.02, 0.12));
   const auto without_a = [&](const std::vector<Configuration>& configurations, double Outcome::*figure) {
     std::vector<Outcome*> open;
     for (const Configuration& configuration : configurations)
@@ -408,7 +407,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
   if (draw) draw(report);
 
   find_margins(swept, stage("finding margins", 0.16, 0.2));
-  const TickPrices prices(bench, options, stop, stage("pricing the parts of a tick", 0.2, 0.4));
+  const TickPrices prices(bench, options, stop, stage("measuring the cost of each part of a tick", 0.2, 0.4));
   const auto price_all = [&] { trials.each([&](Outcome& outcome) { prices.put_on(outcome); }); };
   price_all();
   gather_sweeps();
@@ -430,7 +429,8 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
     std::vector<Configuration> unsure = on_front;
     unsure.push_back(plain_of(options.base));
     for (std::size_t times = 1; times <= kMostRepeats && !unsure.empty() && stop.count() == 0; times *= 2) {
-      report.complete = trials.run(unsure, times * least_runs, stage("making sure", 0.88, 0.96)) && report.complete;
+      report.complete =
+          trials.run(unsure, times * least_runs, stage("repeating the uncertain runs", 0.88, 0.96)) && report.complete;
       std::erase_if(unsure, [&](const Configuration& configuration) {
         const Outcome* outcome = trials.find(configuration);
         return outcome == nullptr || !outcome->ran() || !varies || interval_known(*outcome, bench.place().model_error);
@@ -439,7 +439,7 @@ TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const S
     price_all();
     on_front.push_back(plain_of(options.base));  // its ripple may become a bound, which it keeps by definition
     time_ticks(on_front, stage("timing the best", 0.96, 0.98));
-    find_margins(on_front, stage("finding their margins", 0.98, 1));
+    find_margins(on_front, stage("finding the margins of the best", 0.98, 1));
   }
   gather_front();
   // The final front contains only configurations with enough runs: a single lucky run must not displace a well-known

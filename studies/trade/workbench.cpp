@@ -197,8 +197,8 @@ Workbench::Workbench(Workplace place) : place_(std::move(place)) {
   const auto device = place_.open(place_.seed);
   info_ = device->info();
   if (!info_.virtual_time)
-    throw input_error(
-        fmt::format("{} does not advance in virtual time; configurations are tried on a simulated device", info_.name));
+    throw input_error(fmt::format(
+        "{} does not advance in virtual time; configurations are tested on a simulated device", info_.name));
   place_.path = source_of(whole_path(*place_.path));
   place_.play.session.clock = ClockChoice::virtual_time;
   place_.play.session.recording.reset();
@@ -233,7 +233,7 @@ PlayOptions Workbench::options_for(const Configuration& configuration) const {
   if (place_.profile) {
     const std::optional<DeviceProfile> profile = profile_at(configuration.rate_hz);
     if (!profile)
-      throw input_error(fmt::format("what calibration found at {:g} Hz makes no law for {:g} Hz",
+      throw input_error(fmt::format("the calibration at {:g} Hz allows no control law at {:g} Hz",
                                     place_.profile->rate_hz, configuration.rate_hz));
     options.identified = IdentifiedDevice{profile->plant, profile->design};
   }

@@ -96,7 +96,7 @@ TEST(EnsembleDraws, LieWithinTheirRangesAndUseAllOfThem) {
   for (const Seen* seen : {&mass, &viscous, &coulomb}) seen->expect_all_of_it(0.1);  // each is a product of two draws
 }
 
-TEST(EnsembleDraws, LeaveOneDeviceInTenToNobodyAndPullInEveryDirection) {
+TEST(EnsembleDraws, HaveOneDeviceInTenWithoutAHandAndGravityInEveryDirection) {
   int free = 0;
   Vec3 pull = Vec3::Zero();
   double grip = 0;
@@ -147,7 +147,7 @@ TEST(RunParallel, DoesEveryJobOnceWhateverTheThreads) {
       0, 2, StopRequest{}, [](std::size_t) { FAIL(); }, [](std::size_t) {});
 }
 
-TEST(RunParallel, BeginsNothingNewOnceStoppedAndThrowsWhatAJobThrew) {
+TEST(RunParallel, StartsNoJobAfterAStopAndRethrowsTheErrorOfAJob) {
   StopRequest stop;
   std::atomic<int> runs{0};
   const auto count_until_third = [&](std::size_t) {
@@ -260,7 +260,7 @@ TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
   EXPECT_EQ(json["paths"][0]["controllers"]["calibrated"]["rms_error_m"]["median"], 5e-5);
   EXPECT_EQ(json["paths"][0]["controllers"]["calibrated"]["limit_cycles"], nlohmann::json({4}));
   EXPECT_EQ(json["criteria"]["hold_limit_cycle_m"], ensemble::kMostHoldRipple);
-  EXPECT_THAT(text_of(report), HasSubstr("20.0 times as exact as stiff"));
+  EXPECT_THAT(text_of(report), HasSubstr("20.0 times as accurate as stiff"));
 
   const Figure figure = figure_of(report);
   ASSERT_EQ(figure.rows.size(), 4U);
@@ -271,7 +271,7 @@ TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
   EXPECT_EQ(rms.y.back(), 100);
 }
 
-TEST(EnsembleReport, OfNothingSaysSo) {
+TEST(EnsembleReport, ReportsThatItIsEmpty) {
   const EnsembleReport report{.draws = 5, .paths = {"circle"}};
   EXPECT_EQ(to_json(report)["draws"], 0);
   EXPECT_TRUE(to_json(report)["paths"][0]["stiff_over_calibrated"]["median"].is_number_float());
@@ -327,7 +327,7 @@ class TrueErrors final : public SampleSink {
   int samples_ = 0;
 };
 
-TEST(Ensemble, RunsWhatThePublicPlayDoesAndSeesTheTruePosition) {
+TEST(Ensemble, MatchesThePublicPlayAndMeasuresTheTruePosition) {
   const EnsembleOptions options = short_options(1);
   const EnsembleMember member = run_member(1, 5, options, StopRequest{});
   const EnsembleRun& run = member.trial(EnsembleController::stiff).runs.at(0);
@@ -348,7 +348,7 @@ TEST(Ensemble, RunsWhatThePublicPlayDoesAndSeesTheTruePosition) {
   EXPECT_NEAR(run.rms_error, run.measured_rms_error, 5e-5);
 }
 
-TEST(Ensemble, KnowsAPathThatNeedsMoreForceThanTheDeviceHas) {
+TEST(Ensemble, DetectsAPathThatNeedsMoreForceThanTheDeviceHas) {
   EnsembleOptions options = short_options(1);
   options.paths.push_back(make_shape("circle", {.size = 0.18, .duration = 2}));
   std::uint64_t stiff_arm = 0;
@@ -362,7 +362,7 @@ TEST(Ensemble, KnowsAPathThatNeedsMoreForceThanTheDeviceHas) {
   EXPECT_TRUE(member.beyond_force(1)) << "17 N would be needed";
 }
 
-TEST(Ensemble, OscillatesWithGainsBeyondWhatTheDeviceBears) {
+TEST(Ensemble, OscillatesWithGainsBeyondTheStableRange) {
   EnsembleOptions options = short_options(1);
   options.learn = 0;
   for (const double beyond : {0.2, 3.0}) {
@@ -407,10 +407,11 @@ TEST(Ensemble, ReportsTheDrawsThatWereFinishedWhenItIsCancelled) {
     }
 }
 
-TEST(Ensemble, RefusesWhatItCannotRunBeforeItBegins) {
-  EXPECT_THAT(error_of([] { run_ensemble({.draws = 0}, StopRequest{}); }), HasSubstr("0 draws"));
-  EXPECT_THAT(error_of([] { run_ensemble({.beyond = kNaN}, StopRequest{}); }), HasSubstr("gains nan times"));
-  EXPECT_THAT(error_of([] { run_ensemble({.learn = -1}, StopRequest{}); }), HasSubstr("-1 learning"));
+TEST(Ensemble, RejectsInvalidOptionsBeforeItStarts) {
+  EXPECT_THAT(error_of([] { run_ensemble({.draws = 0}, StopRequest{}); }), HasSubstr("the number of draws is 0;"));
+  EXPECT_THAT(error_of([] { run_ensemble({.beyond = kNaN}, StopRequest{}); }),
+              HasSubstr("gains of a stable loop is nan"));
+  EXPECT_THAT(error_of([] { run_ensemble({.learn = -1}, StopRequest{}); }), HasSubstr("learning repetitions is -1"));
   EnsembleOptions options;
   options.paths = {make_shape("circle", {.size = 0.1, .duration = 0.1})};
   EXPECT_THAT(error_of([&] { run_ensemble(options, StopRequest{}); }), HasSubstr("velocity limit"));

@@ -21,7 +21,7 @@ TEST(GuidanceDraws, AreTheSameEverywhereAndEachAnother) {
   EXPECT_NE(draw.trainee.seed, other.trainee.seed);
 }
 
-TEST(GuidanceDraws, GoAsFarAsTheyAreSaidToGo) {
+TEST(GuidanceDraws, CoverTheirStatedRanges) {
   namespace ranges = guidance_ensemble;
   int walls_alone = 0, cursors = 0, calibrated = 0, let_go = 0;
   double slowest = 1e9, fastest = 0, lightest = 1e9, heaviest = 0, latest = 0;
@@ -85,7 +85,7 @@ TEST(GuidanceEnsemble, IsStableWithinTheBudgetAndWithoutJumpsInEveryHand) {
   ASSERT_EQ(report.members.size(), 12U);
   for (const GuidanceMember& member : report.members) {
     ASSERT_EQ(member.runs.size(), guidance_paths().size());
-    for (const GuidanceRun& run : member.runs) EXPECT_GT(run.speed, 0.02) << "somebody moves";
+    for (const GuidanceRun& run : member.runs) EXPECT_GT(run.speed, 0.02) << "a trainee moves";
   }
   EXPECT_EQ(report.failures(), 0U) << failures(report);
 }
@@ -118,7 +118,7 @@ GuidanceDraw shaken() {
   return draw;
 }
 
-TEST(GuidanceEnsemble, SeesWallsThatTheDeviceDoesNotBear) {
+TEST(GuidanceEnsemble, DetectsWallsThatAreTooStiffForTheDevice) {
   GuidanceDraw draw = shaken();
   draw.guide.guard = false;
   const GuidanceRun alone = run_guidance_member(draw, {guidance_paths()[0]}, StopRequest{}).runs.at(0);
@@ -126,12 +126,12 @@ TEST(GuidanceEnsemble, SeesWallsThatTheDeviceDoesNotBear) {
   EXPECT_TRUE(alone.unstable() || alone.stopped()) << "it oscillates, or is too fast in the end";
 }
 
-TEST(GuidanceEnsemble, SoftensWallsThatTheDeviceDoesNotBear) {
+TEST(GuidanceEnsemble, SoftensWallsThatAreTooStiffForTheDevice) {
   const GuidanceRun run = run_guidance_member(shaken(), {guidance_paths()[0]}, StopRequest{}).runs.at(0);
   EXPECT_GT(run.oscillations, 0);
 }
 
-TEST(GuidanceEnsemble, CountsWhatFailsByDrawAndPath) {
+TEST(GuidanceEnsemble, CountsFailuresByDrawAndPath) {
   GuidanceReport report{.seed = 2, .draws = 2, .paths = {"circle", "line"}};
   report.members = {{.index = 4, .runs = {{.excess = -0.3}, {.excess = 0.1}}},
                     {.index = 5, .runs = {{.excess = -0.3, .jump = 3e-3}, {.ripple = 1e-3, .ripple_alone = 1e-3}}}};
@@ -149,8 +149,9 @@ TEST(GuidanceEnsemble, CountsWhatFailsByDrawAndPath) {
   EXPECT_THAT(text_of(report), HasSubstr("2 runs failed"));
 }
 
-TEST(GuidanceEnsemble, RefusesWhatItCannotRunBeforeItBegins) {
-  EXPECT_THAT(error_of([] { run_guidance_ensemble({.draws = 0}, StopRequest{}); }), HasSubstr("0 draws"));
+TEST(GuidanceEnsemble, RejectsInvalidOptionsBeforeItStarts) {
+  EXPECT_THAT(error_of([] { run_guidance_ensemble({.draws = 0}, StopRequest{}); }),
+              HasSubstr("the number of draws is 0;"));
   GuidanceEnsembleOptions options;
   options.paths = {make_shape("circle", {.size = 0.9})};
   EXPECT_THAT(error_of([&] { run_guidance_ensemble(options, StopRequest{}); }), HasSubstr("leaves the workspace"));

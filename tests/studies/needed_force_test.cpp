@@ -10,7 +10,7 @@
 namespace haptrace {
 namespace {
 
-TEST(NeededForce, IsTheSumOfWhatAMassItsFieldAndItsFrictionAskFor) {
+TEST(NeededForce, IsTheSumOfTheForcesForMassGravityAndFriction) {
   SimSpec spec;
   spec.rotation = Vec3(0, 0, std::numbers::pi / 2);  // the actuators' x is -y, their y is x
   spec.mass = Vec3(0.2, 0.5, 0.3);
@@ -30,7 +30,7 @@ TEST(NeededForce, IsTheSumOfWhatAMassItsFieldAndItsFrictionAskFor) {
   EXPECT_NEAR(up.z(), 0.3 * kPush + 3 * kPush + 0.9 + 1 + 20 * 0.5 * kPush, 2e-3);
 }
 
-TEST(NeededForce, IsWhatADeviceInAHandIsSentByWhoFollowsExactly) {
+TEST(NeededForce, MatchesTheForceThatMakesADeviceInAHandFollowExactly) {
   for (const std::uint64_t index : {0U, 5U, 9U}) {
     SimSpec spec = draw_device(1, index).spec;
     ASSERT_TRUE(spec.hand);

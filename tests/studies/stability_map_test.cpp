@@ -130,7 +130,7 @@ TEST(StabilityMap, IsTheSameOnAnyNumberOfThreads) {
   EXPECT_EQ(to_json(map_of(reference_plant(), gains(500, 6), options)).dump(), one);
 }
 
-TEST(StabilityMap, FrictionHoldsWhatWouldGrowAndQuantaMakeItBuzz) {
+TEST(StabilityMap, FrictionCalmsAnUnstableLoopAndACoarseResolutionMakesItBuzz) {
   PlantModel plant = reference_plant();
   const LoopAnalysis analysis(loop_of(plant, 0, 1000, "difference", 0.5e-3));
   StabilityOptions options = small_map();
@@ -160,7 +160,7 @@ TEST(StabilityMap, OneAxisThatDivergesLeavesTheOthersAlone) {
               testing::ElementsAre(true, false, true));
 }
 
-TEST(StabilityMap, TakesTheAxisThatBearsTheLeast) {
+TEST(StabilityMap, ChoosesTheAxisWithTheSmallestMargin) {
   StabilityOptions options = small_map();
   options.axis.reset();
   options.kp_cells = options.kd_cells = 2;
@@ -172,7 +172,7 @@ TEST(StabilityMap, TakesTheAxisThatBearsTheLeast) {
   EXPECT_EQ(map_of(plant, gains(500, 0.5), options).axis, 1);
 }
 
-TEST(StabilityMap, HoldsThePresentGainsWhereverTheyAre) {
+TEST(StabilityMap, ContainsThePresentGainsWhereverTheyAre) {
   StabilityOptions options = small_map();
   options.kp_cells = options.kd_cells = 3;
   for (const auto& present : {gains(1, 1e-3), gains(9e4, 900), gains(0, 0)}) {
@@ -187,7 +187,7 @@ TEST(StabilityMap, HoldsThePresentGainsWhereverTheyAre) {
   }
 }
 
-TEST(StabilityMap, TellsItsProgressAndCanBeStopped) {
+TEST(StabilityMap, ReportsItsProgressAndCanBeStopped) {
   double last = 0;
   StopRequest stop;
   const auto map = stability_map(reference_plant(), gains(500, 6), small_map(), stop, [&](double part) {
@@ -201,7 +201,7 @@ TEST(StabilityMap, TellsItsProgressAndCanBeStopped) {
   EXPECT_FALSE(stability_map(reference_plant(), gains(500, 6), small_map(), stop));
 }
 
-TEST(StabilityMap, IsToldAsJsonAndDrawn) {
+TEST(StabilityMap, IsWrittenAsJsonAndDrawn) {
   const StabilityMap map = map_of(reference_plant(), gains(500, 6), small_map());
   const nlohmann::json json = to_json(map);
   EXPECT_EQ(json["axis"], "x");
@@ -220,7 +220,7 @@ TEST(StabilityMap, IsToldAsJsonAndDrawn) {
   EXPECT_THAT(labels, testing::IsSupersetOf({"stable", "simulated", "passive", "present", "suggested"}));
 }
 
-TEST(StabilityMap, NamesWhatIsOutOfItsRange) {
+TEST(StabilityMap, NamesTheOptionThatIsOutOfItsRange) {
   const auto error_of = [](const StabilityOptions& options, const PdGains& present) {
     return test::error_of([&] { (void)stability_map(reference_plant(), present, options, StopRequest()); });
   };

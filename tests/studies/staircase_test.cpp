@@ -77,28 +77,28 @@ TEST(Staircase, IsAboveTheLineOnTheWayOutAndBelowItOnTheWayIn) {
   }
 }
 
-TEST(Staircase, BouncesWhereTheDeviceHasLessDampingThanTheWallAsksFor) {
+TEST(Staircase, BouncesWhereTheDeviceHasLessDampingThanTheWallNeeds) {
   // The wall needs damping of K T / 2 or, with a delay and for slow movements, K (T / 2 + delay).
   for (const double delay : {0.0, 1e-3}) {
     const double viscous = 2;
     StaircaseOptions options{
         .rates = {500, 2000}, .pressed = {1000}, .phases = 1, .device = bare_device(viscous, delay)};
     for (const double rate : options.rates) {
-      const double bears = viscous / (0.5 / rate + delay);
-      options.tapped = {0.75 * bears, 1.4 * bears};
+      const double stable_up_to = viscous / (0.5 / rate + delay);
+      options.tapped = {0.75 * stable_up_to, 1.4 * stable_up_to};
       StaircaseOptions at_this = options;
       at_this.rates = {rate};
       const StaircaseReport report = climbed(at_this);
-      SCOPED_TRACE(fmt::format("{} Hz, {} s late: bears {:.0f} N/m", rate, delay, bears));
+      SCOPED_TRACE(fmt::format("{} Hz, {} s late: stable up to {:.0f} N/m", rate, delay, stable_up_to));
       EXPECT_TRUE(tap_of(report, rate, options.tapped[0], false).calm);
       EXPECT_FALSE(tap_of(report, rate, options.tapped[1], false).calm);
-      EXPECT_NEAR(report.passive_up_to(rate), bears, delay > 0 ? 0.3 * bears : 1e-3 * bears);
+      EXPECT_NEAR(report.passive_up_to(rate), stable_up_to, delay > 0 ? 0.3 * stable_up_to : 1e-3 * stable_up_to);
       EXPECT_EQ(report.calm_up_to(rate, false, false), options.tapped[0]);
     }
   }
 }
 
-TEST(Staircase, OfAWallThatBouncesForEverStaysPassiveBecauseThePassivityLayerIsOn) {
+TEST(Staircase, ABouncingWallComesToRestWithThePassivityLayer) {
   StaircaseOptions options{.rates = {250, 1000, 4000}, .pressed = {1000}, .phases = 1};
   for (const double delay : {0.0, 1e-3}) {
     options.device = bare_device(0.5, delay);

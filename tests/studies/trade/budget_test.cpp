@@ -71,14 +71,14 @@ TEST(Budget, IsKeptWhenEveryBoundIsAndKnowsTheTightest) {
   EXPECT_FALSE(Budget{}.tightest(tight).has_value());
 }
 
-TEST(Budget, CountsTheDoubtOfAnErrorAgainstIt) {
+TEST(Budget, ComparesTheUpperEndOfTheInterval) {
   Outcome outcome = outcome_of(0.9e-4, 0.1, 1e-6);
   const Budget budget = parse_budget("error<=0.1mm");
   outcome.error.half_width = 0.2e-4;
   EXPECT_FALSE(budget.kept(outcome));
 }
 
-TEST(Budget, IsNotKeptByWhatDidNotRunOrWasNotMeasured) {
+TEST(Budget, IsNotKeptByAnOutcomeThatDidNotRunOrWasNotMeasured) {
   Outcome refused = outcome_of(0, 0, 0);
   refused.refused = "the tool was faster than its limit";
   EXPECT_FALSE(parse_budget("error<=0.1mm").kept(refused));
@@ -96,7 +96,7 @@ TEST(Estimate, IsAMeanWithStudentsInterval) {
   EXPECT_EQ(Estimate::of({1, std::numeric_limits<double>::infinity()}).mean, std::numeric_limits<double>::infinity());
 }
 
-TEST(Outcome, LoadsAMachineByItsPriceAndItsRate) {
+TEST(Outcome, LoadIsThePriceTimesTheRate) {
   Outcome outcome{.configuration = {.rate_hz = 500}, .runs = 1};
   outcome.price = 4000;
   EXPECT_DOUBLE_EQ(mean_of(outcome, Measure::load), 500 * 4000);

@@ -55,7 +55,7 @@ TEST(StandIn, IsMadeOfADeviceOfThreeAxesInAHandWithoutASecondArm) {
   EXPECT_NE(stand_in(info, profile, 1), nullptr);
 }
 
-TEST(StandIn, HoldsTheAxesThatTakeNoForceOfWhichCalibrationKnowsNoMass) {
+TEST(StandIn, HoldsTheAxesThatTakeNoForceAndHaveNoIdentifiedMass) {
   const DeviceInfo info = stated({true, false, false}, 5);
   DeviceProfile profile = profile_of_stated(info);
   profile.plant.mass = Vec3(0.2, 0, 0);
@@ -82,7 +82,7 @@ TEST(StandIn, CountsTheHandsMassOnceInACoarseModel) {
   EXPECT_DOUBLE_EQ(spec.mass.z(), 0.05);
 }
 
-TEST(StandIn, DiffersByTheSeedAsFarAsItsCalibrationIsOpen) {
+TEST(StandIn, VariesWithTheSeedWithinTheIntervalsOfItsCalibration) {
   const DeviceInfo info = stated({true, true, true}, 8);
   DeviceProfile profile = profile_of_stated(info);
   profile.half_width.mass = Vec3::Constant(0.04);

@@ -60,7 +60,7 @@ class MeasuredTrade : public testing::TestWithParam<bool> {
 INSTANTIATE_TEST_SUITE_P(All, MeasuredTrade, testing::Bool(),
                          [](const auto& each) { return each.param ? "Counted" : "Timed"; });
 
-TEST_P(MeasuredTrade, TurnsEveryKnobAndDrawsOnceOnTheWay) {
+TEST_P(MeasuredTrade, VariesEverySettingAndDrawsOnceInBetween) {
   EXPECT_TRUE(report_->complete);
   EXPECT_EQ(drawn_, 1);
   std::vector<std::string> knobs;
@@ -74,7 +74,7 @@ TEST_P(MeasuredTrade, TurnsEveryKnobAndDrawsOnceOnTheWay) {
                                           "thin", "speed"));
 }
 
-TEST_P(MeasuredTrade, HasAFrontThatNothingBeats) {
+TEST_P(MeasuredTrade, HasAFrontThatNoOutcomeDominates) {
   const std::vector<Outcome>& front = report_->front;
   ASSERT_GE(front.size(), 3U);
   for (std::size_t i = 1; i < front.size(); ++i) EXPECT_GE(front[i].load(), front[i - 1].load());
@@ -150,7 +150,7 @@ TEST_P(MeasuredTrade, ChoosesTheMostExactWhenOnlyCostsAreBounded) {
   }
 }
 
-TEST_P(MeasuredTrade, NeverChoosesWhatBearsNoStifferGainsUnlessTheBudgetSaysSo) {
+TEST_P(MeasuredTrade, RequiresAGainMarginUnlessTheBudgetBoundsIt) {
   TradeReport report = *report_;
   for (Outcome& outcome : report.front) outcome.margin = 1.2;
   report.front.back().margin = 2;
@@ -195,12 +195,12 @@ TEST_P(MeasuredTrade, FallsBackOnThePlainLawWhenTheFrontHasMoreRippleAndTheBudge
   EXPECT_EQ(choice->outcome.configuration, report.plain->configuration);
 }
 
-TEST_P(MeasuredTrade, HasAFrontOfWhatWasTriedOftenEnough) {
+TEST_P(MeasuredTrade, HasAFrontWithEnoughRuns) {
   ASSERT_FALSE(report_->front.empty());
   for (const Outcome& outcome : report_->front) EXPECT_GE(outcome.runs, 4U);
 }
 
-TEST_P(MeasuredTrade, NamesTheBoundOfWhichTheChoiceUsesMost) {
+TEST_P(MeasuredTrade, NamesTheTightestBoundOfTheChoice) {
   TradeReport report = *report_;
   report.front.resize(2);
   report.front[0].margin = 1.2;  // the margin rules out the cheaper outcome
@@ -216,7 +216,7 @@ TEST_P(MeasuredTrade, NamesTheBoundOfWhichTheChoiceUsesMost) {
   EXPECT_THAT(text_of(*choice, budget), testing::HasSubstr("the tightest bound is error<=1mm: 90 % of it is used"));
 }
 
-TEST_P(MeasuredTrade, AnswersABudgetThatNothingKeepsWithTheNearest) {
+TEST_P(MeasuredTrade, ChoosesTheNearestWhenNothingKeepsTheBudget) {
   const Budget budget = parse_budget("error<=1um, ripple<=0.001N");
   const auto choice = choose(*report_, budget);
   ASSERT_TRUE(choice);
@@ -225,10 +225,10 @@ TEST_P(MeasuredTrade, AnswersABudgetThatNothingKeepsWithTheNearest) {
     if (other.margin < kLeastMargin) continue;
     EXPECT_GE(budget.tightest(other)->ratio, budget.tightest(choice->outcome)->ratio);
   }
-  EXPECT_THAT(text_of(*choice, budget), testing::HasSubstr("nothing keeps"));
+  EXPECT_THAT(text_of(*choice, budget), testing::HasSubstr("no configuration keeps"));
 }
 
-TEST_P(MeasuredTrade, StoresAsQuicklyAsABoundOnBytesAllows) {
+TEST_P(MeasuredTrade, ChoosesTheFastestStorageThatABoundOnBytesAllows) {
   TradeReport report = *report_;
   SideTrade storage{.knob = std::string(kStorageKnob), .what = {}, .columns = {}, .levels = {}};
   for (const StorageLevel& level : storage_levels())
@@ -244,7 +244,7 @@ TEST_P(MeasuredTrade, StoresAsQuicklyAsABoundOnBytesAllows) {
   EXPECT_EQ(tight->outcome.configuration.rate_hz, 250);
 }
 
-TEST_P(MeasuredTrade, StoresAsItIsWhatCoarserStorageBringsNoNearer) {
+TEST_P(MeasuredTrade, KeepsPlainStorageWhenCoarserStorageDoesNotHelp) {
   TradeReport report = *report_;
   SideTrade storage{.knob = std::string(kStorageKnob), .what = {}, .columns = {}, .levels = {}};
   for (std::size_t i = 0; i < storage_levels().size(); ++i)
@@ -262,18 +262,18 @@ TEST_P(MeasuredTrade, ChoosesNothingBeforeItIsComplete) {
   EXPECT_FALSE(choose(report, parse_budget("error<=1mm")).has_value());
 }
 
-TEST_P(MeasuredTrade, TellsJsonAndPeopleAndDrawsAPicture) {
+TEST_P(MeasuredTrade, WritesJsonAndTextAndDrawsAPicture) {
   const Budget budget = parse_budget("error<=1mm");
   const auto choice = choose(*report_, budget);
   const nlohmann::json json = to_json(*report_);
   EXPECT_EQ(json["front"].size(), report_->front.size());
   EXPECT_EQ(json["knobs"].size(), report_->sweeps.size());
   EXPECT_EQ(predicted_by(choice->outcome)["rms_error_m"], choice->outcome.rms_error.mean);
-  EXPECT_THAT(text_of(*report_), testing::HasSubstr("the front"));
+  EXPECT_THAT(text_of(*report_), testing::HasSubstr("the Pareto front"));
   EXPECT_EQ(figure_of(*report_, &*choice).rows.size(), 2U);
 }
 
-TEST(Trade, ExplainsWhatEachTermIsGoodFor) {
+TEST(Trade, ExplainsTheBenefitOfEachTerm) {
   const Workbench bench(small_workplace());
   const Explanation explanation =
       explain(bench, full_configuration(), parse_budget("error<=1mm"), small_options(true, 1), StopRequest{});
@@ -295,7 +295,7 @@ TEST(Trade, ExplainsWhatEachTermIsGoodFor) {
   }
 }
 
-TEST(Trade, EndsWhenItIsStoppedAndTellsWhatThereIs) {
+TEST(Trade, EndsWhenItIsStoppedWithAnIncompleteReport) {
   Workbench bench(small_workplace());
   StopRequest stop;
   stop.raise();

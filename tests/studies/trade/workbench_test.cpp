@@ -16,7 +16,7 @@ using test::full_configuration;
 using test::small_workplace;
 using testing::HasSubstr;
 
-TEST(InstructionCount, CountsALoopToSomeTens) {
+TEST(InstructionCount, CountsTheInstructionsOfALoop) {
   volatile double sink = 0;
   const std::vector<std::uint64_t> counted = count_instructions(
       [&](const std::function<void()>& mark) {
@@ -37,12 +37,12 @@ TEST(InstructionCount, CountsALoopToSomeTens) {
   EXPECT_NEAR(static_cast<double>(counted[1] - counted[0]), 1000 * one, 100);
 }
 
-TEST(InstructionCount, AnswersNothingWhenThereAreTooFewMarks) {
+TEST(InstructionCount, ReturnsNothingWhenThereAreTooFewMarks) {
   EXPECT_TRUE(count_instructions([](const std::function<void()>& mark) { mark(); }).empty());
   EXPECT_TRUE(count_instructions([](const std::function<void()>&) {}).empty());
 }
 
-TEST(InstructionCount, GoesOnThroughSignalsThatTheWorkIgnores) {
+TEST(InstructionCount, ContinuesThroughSignalsThatTheWorkIgnores) {
   const auto before = std::signal(SIGWINCH, SIG_IGN);
   const auto counted = count_instructions([](const std::function<void()>& mark) {
     mark();
@@ -72,7 +72,7 @@ TEST(Workbench, GivesTheSameToTheLastBitWhateverTheThread) {
   EXPECT_NEAR(bench.judge(full_configuration(), 2).force.mean, 0, 1e-12);
 }
 
-TEST(Workbench, GivesWhatPlayTells) {
+TEST(Workbench, MatchesTheMetricsOfPlay) {
   Workplace place = small_workplace();
   Workbench bench(place);
   const Configuration configuration = full_configuration();
@@ -87,7 +87,7 @@ TEST(Workbench, GivesWhatPlayTells) {
   EXPECT_NEAR(outcome.error.mean, played.last.rms_error, 1e-9);
 }
 
-TEST(Workbench, WidensIntervalsByWhatAModelMayMissAndKnowsNoneOfOneRun) {
+TEST(Workbench, WidensIntervalsByTheModelErrorAndHasNoneForOneRun) {
   Workplace place = small_workplace();
   const Outcome sure = Workbench(place).judge(full_configuration(), 2);
   EXPECT_EQ(Workbench(place).judge(full_configuration(), 1).error.half_width, std::numeric_limits<double>::infinity());
@@ -113,7 +113,7 @@ TEST(Workbench, JudgesByThePathThatWasGivenAndNotByTheReferenceThatIsFollowed) {
   EXPECT_GT(polygon.error.mean, 3 * exact.error.mean);
 }
 
-TEST(Workbench, RefusesInWordsWhatCannotBeRun) {
+TEST(Workbench, ReportsWhyAConfigurationCannotRun) {
   const Workbench bench(small_workplace());
   Configuration fast = full_configuration();
   fast.speed = 100;
@@ -146,7 +146,7 @@ TEST(Workbench, FindsLessMarginForStifferGains) {
   EXPECT_LT(margin_of(9000, 30), 4);
 }
 
-TEST(Workbench, ChargesATermWhatItCostsAndNothingForWhatIsOff) {
+TEST(Workbench, ChargesEachTermItsCostAndNothingForAbsentTerms) {
   const Workbench bench(small_workplace());
   const Configuration plain;
   const double base = bench.count_ticks(plain);
@@ -190,7 +190,7 @@ TEST(SideTrades, StoreLessForMoreTimeAndKeepTheirBounds) {
   }
 }
 
-TEST(SideTrades, HoldASceneAgainstItselfInContinuousTimeWithItsDamping) {
+TEST(SideTrades, CompareASceneWithItselfInContinuousTime) {
   const Workbench bench(small_workplace());
   const auto load = [] {
     return read_scene({{"objects",
@@ -235,7 +235,7 @@ TEST(Workbench, CountsNoTicksOfAPathThatAThreadReads) {
   EXPECT_TRUE(std::isnan(Workbench(place).count_ticks({})));
 }
 
-TEST(SideTrades, FindThePlaceLessExactlyOnACoarserPath) {
+TEST(SideTrades, LocateTheTraineeLessExactlyOnACoarserPath) {
   const Workbench bench(small_workplace());
   const SideTrade trade = trade_of_projection(bench, true, StopRequest{});
   ASSERT_GE(trade.levels.size(), 3U);
