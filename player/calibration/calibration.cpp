@@ -560,7 +560,7 @@ std::string reason_of(const CalibrationController& controller, const SessionResu
       return fmt::format(
           "a force in {} does not move the device in {} like a mass: the driver's axes have the wrong order or signs, "
           "the hand holds so light a device too firmly, or the mechanism resonates below 50 Hz; check the axes, and "
-          "calibrate while nobody holds the device",
+          "calibrate while the device is free",
           axis, axis);
     case CalibrationController::Verdict::unclear:
       if (const double seen = controller.amplitude(); seen < step)
@@ -571,12 +571,12 @@ std::string reason_of(const CalibrationController& controller, const SessionResu
             axis, 1e3 * seen, 1e3 * step);
       return fmt::format(
           "the hand moved the device in {} more than the excitation did, so the response to the excitation is hidden "
-          "by a tremor or a voluntary movement; calibrate while nobody holds the device or while the hand rests, or "
+          "by a tremor or a voluntary movement; calibrate while the device is free or the hand rests, or "
           "allow more force (--force-share, --max-force)",
           axis);
     case CalibrationController::Verdict::deviation:
       return "the device did not follow the calibration movement (" + session.servo.detail +
-             "): hold it loosely and let it move; if nobody held it, check the signs of the driver's axes";
+             "): hold it loosely and let it move; if the device was free, check the signs of the driver's axes";
     case CalibrationController::Verdict::none:
       break;
   }

@@ -319,7 +319,7 @@ TEST(Movement, ThreeSamplesAreEnough) {
   EXPECT_NEAR(f->mean_speed, 0.1, 1e-6);
 }
 
-TEST(Movement, SaysWhatIsWrongWithATrial) {
+TEST(Movement, ReportsInvalidTrialsAndOptions) {
   Sampled movement = reach();
   const auto message = [&](const MovementOptions& options = {}) {
     return error_of([&] {

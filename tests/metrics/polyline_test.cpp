@@ -94,7 +94,7 @@ TEST(Polyline, OnePointIsACurveWithoutLength) {
   EXPECT_EQ(curve.resampled(1e-3).size(), 1U);
 }
 
-TEST(Polyline, SaysWhatIsWrong) {
+TEST(Polyline, ReportsInvalidInput) {
   EXPECT_THAT(error_of([] { return Polyline({}); }), testing::HasSubstr("finite point"));
   EXPECT_THAT(error_of([] { return Polyline(std::vector<Vec3>{nan3()}); }), testing::HasSubstr("finite point"));
   const Polyline curve(points_of(1000, ring));

@@ -237,7 +237,7 @@ TEST(PlanGuidance, WidensTheTunnelWhereExpertsDiffer) {
   EXPECT_NEAR(plan.path->at(0.5 * plan.path->length()).radius, 1e-3, 2e-4);
 }
 
-TEST(PlanGuidance, NamesWhatIsWrong) {
+TEST(PlanGuidance, NamesTheInvalidSetting) {
   const test::PointMass device;
   const auto error = [&](const GuideOptions& options, const Path& path = expert()) {
     return error_of([&] { (void)plan_guidance(device.info(), source(path), options); });

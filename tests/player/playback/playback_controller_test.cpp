@@ -59,7 +59,7 @@ TEST(Playback, ApproachesRunsHoldsAndFinishesInThatOrder) {
   EXPECT_NEAR(seconds_in(answers, Phase::hold), 0.3, 0.0021);
 }
 
-TEST(Playback, BeginsWhereTheToolIsAndKeepsTheApproachSpeed) {
+TEST(Playback, StartsWhereTheToolIsAndKeepsTheApproachSpeed) {
   auto controller = follower(timed_circle(), {.approach_speed = 0.05});
   const auto answers = drive(controller, obedient);
   EXPECT_TRUE(answers.front().reference.position.isApprox(Vec3(0, 0, 0.02), 1e-12));
