@@ -35,7 +35,7 @@ TEST(DurationHistogram, QuantilesAreTheExactOnesRoundedUpByAtMostOneThirtySecond
   EXPECT_EQ(histogram.max(), 1e-9 * static_cast<double>(values.back()));
 }
 
-TEST(DurationHistogram, MergedAreOneAsIfRecordedHere) {
+TEST(DurationHistogram, MergesAsIfRecordedHere) {
   std::mt19937_64 random(4);
   std::uniform_int_distribution<std::int64_t> duration(0, 1'000'000);
   DurationHistogram whole, first, second;
@@ -53,7 +53,7 @@ TEST(DurationHistogram, MergedAreOneAsIfRecordedHere) {
   EXPECT_EQ(first.count(), whole.count());
 }
 
-TEST(DurationHistogram, TakesNegativeZeroAndEndlessDurations) {
+TEST(DurationHistogram, AcceptsNegativeZeroAndInfiniteDurations) {
   DurationHistogram histogram;
   histogram.record(-5);
   histogram.record(0);

@@ -20,13 +20,13 @@ TEST(ParseJson, NamesLineAndColumn) {
   expect_error([] { parse_json("[1e999]", "my.json"); }, Error::Kind::input, {"my.json: number overflow", "1e999"});
 }
 
-TEST(ParseJson, RefusesAKeyThatStandsTwice) {
+TEST(ParseJson, RefusesADuplicateKey) {
   expect_error([] { parse_json(R"({"a": {"b": 1, "c": 2, "b": 3}})", "my.json"); }, Error::Kind::input,
                {"my.json: key 'b' appears twice"});
   EXPECT_NO_THROW(parse_json(R"({"a": {"b": 1}, "b": {"a": 1}})", "my.json"));
 }
 
-TEST(ParseJson, RefusesWhatIsNestedTooDeeplyToBeShownOrCopied) {
+TEST(ParseJson, RefusesNestingThatIsTooDeepToBeShownOrCopied) {
   const auto nested = [](std::size_t levels) { return std::string(levels, '[') + std::string(levels, ']'); };
   EXPECT_NO_THROW(parse_json(nested(100), "my.json"));
   expect_error([&] { parse_json(nested(1'000'000), "my.json"); }, Error::Kind::input,
@@ -91,7 +91,7 @@ TEST(JsonReader, RefusesNumbersThatAreNotFinite) {
                {"options: n: inf is not a finite number"});
 }
 
-TEST(JsonReader, RefusesAKeyThatNobodyAskedForWithTheNearestThatWas) {
+TEST(JsonReader, RefusesAnUnknownKeyAndSuggestsTheNearest) {
   const json object{{"stifness", 3}};
   JsonReader reader(object, "my.json");
   reader.number("stiffness", 0);

@@ -12,7 +12,7 @@ TEST(Printable, LeavesTextInEveryLanguageAsItIs) {
   EXPECT_EQ(printable_lines("one\n\ttwo\n"), "one\n\ttwo\n");
 }
 
-TEST(Printable, WritesOutWhatATerminalObeys) {
+TEST(Printable, WritesOutCharactersThatATerminalObeys) {
   EXPECT_EQ(printable("\x1b[2J\x1b]0;owned\x07"), "\\x1b[2J\\x1b]0;owned\\x07");
   EXPECT_EQ(printable("a\nb\tc\rd\x7f"), "a\\x0ab\\x09c\\x0dd\\x7f");
   EXPECT_EQ(printable_lines("a\rb\x08"), "a\\x0db\\x08");

@@ -7,7 +7,7 @@ namespace {
 
 const std::vector<std::string> kKeys{"stiffness", "damping", "mass", "kp", "kd"};
 
-TEST(Nearest, FindsWhatOneSlipTurnedIntoTheWord) {
+TEST(Nearest, FindsTheCandidateBehindOneTypingError) {
   EXPECT_EQ(nearest("stifness", kKeys), "stiffness");   // a letter missing
   EXPECT_EQ(nearest("dampping", kKeys), "damping");     // a letter too many
   EXPECT_EQ(nearest("masa", kKeys), "mass");            // another letter
@@ -25,7 +25,7 @@ TEST(Nearest, PrefersTheSmallerDistanceThenTheFirst) {
   EXPECT_EQ(nearest("dampin", std::vector<std::string>{"dumping", "damping"}), "damping");
 }
 
-TEST(Nearest, IsEmptyForAWordThatIsNoSlip) {
+TEST(Nearest, IsEmptyForAWordThatResemblesNone) {
   EXPECT_EQ(nearest("temperature", kKeys), "");
   EXPECT_EQ(nearest("", kKeys), "");
   EXPECT_EQ(nearest("q", std::vector<std::string>{"x"}), "");

@@ -32,7 +32,7 @@ TEST(InertiaFeedforward, IsTheMassTimesTheReferencesAcceleration) {
   EXPECT_TRUE(answer(term, reference, {.inertia = 0.25}).isApprox(Vec3(0.3, -0.5, 0), 1e-12));
 }
 
-TEST(GravityFeedforward, HoldsWhatTheFieldPullsAtWhereTheReferenceIs) {
+TEST(GravityFeedforward, CancelsGravityAtTheReference) {
   GravityFeedforward term(plant());
   const Reference reference{Vec3(0.1, 0, -0.1), Vec3(2, 2, 2), Vec3(3, 3, 3), 0};
   const Vec3 pull = Vec3(0, 0.2, -2) + Vec3(0.1 - 0.3, 0.2 - 0.5, 0.3 - 0.6);
@@ -61,7 +61,7 @@ TEST(FrictionFeedforward, TurnsItsSignSmoothly) {
   }
 }
 
-TEST(Feedforward, DoesNotNeedMoreOfAReferenceThanIsFinite) {
+TEST(Feedforward, IsFiniteForAnyFiniteReference) {
   InertiaFeedforward inertia(plant().mass);
   GravityFeedforward gravity(plant());
   FrictionFeedforward friction(plant());

@@ -46,7 +46,7 @@ TEST(Butterworth2, StaysStableWithACutoffBeyondNyquistAndNextToZero) {
   }
 }
 
-TEST(Butterworth2, IsNotPoisonedByWhatIsNotFinite) {
+TEST(Butterworth2, IgnoresValuesThatAreNotFinite) {
   Butterworth2 filter(Butterworth2::Kind::low_pass, 20, 1000);
   for (int i = 0; i < 100; ++i) filter.update(1);
   const double before = filter.update(1);

@@ -63,7 +63,7 @@ State moving(const Vec3& position, const Vec3& velocity = Vec3::Zero()) {
   return state;
 }
 
-TEST(TunnelWall, BeginsSmoothlyAndIsTheSlopeOfWhatItStores) {
+TEST(TunnelWall, BeginsSmoothlyAndIsTheSlopeOfItsStoredEnergy) {
   const ArcPath path = straight();
   TunnelWall wall({.stiffness = 1000, .onset = 1e-3, .max_force = 12});
   const auto force = [&](double y) {
@@ -81,7 +81,7 @@ TEST(TunnelWall, BeginsSmoothlyAndIsTheSlopeOfWhatItStores) {
   }
 }
 
-TEST(TunnelWall, PullsNoHarderThanItMayAndStoresWhatItTook) {
+TEST(TunnelWall, StaysBelowItsLargestForceAndStoresTheWorkDoneOnIt) {
   const ArcPath path = straight();
   for (const double most : {0.2, 3.0}) {
     TunnelWall wall({.stiffness = 1000, .onset = 1e-3, .max_force = most});
@@ -96,7 +96,7 @@ TEST(TunnelWall, PullsNoHarderThanItMayAndStoresWhatItTook) {
   }
 }
 
-TEST(WallDamping, TakesFromWhatMovesOutwardsOnly) {
+TEST(WallDamping, DampsOutwardMovementOnly) {
   const ArcPath path = straight();
   WallDamping damping(5, 1e-3);
   const auto force = [&](double y, double v) {
@@ -110,7 +110,7 @@ TEST(WallDamping, TakesFromWhatMovesOutwardsOnly) {
   EXPECT_NEAR(force(0.007, 0.1).x(), 0, 1e-12) << "along the wall";
 }
 
-TEST(GuideTerms, ThatDissipateNeverGive) {
+TEST(GuideTerms, ThatDissipateNeverAddEnergy) {
   std::mt19937 random(1);
   std::normal_distribution<double> normal;
   const ArcPath path = straight();
@@ -124,7 +124,7 @@ TEST(GuideTerms, ThatDissipateNeverGive) {
   }
 }
 
-TEST(PaceHelp, HelpsWhoIsTooSlowAndNobodyElse) {
+TEST(PaceHelp, HelpsOnlyATraineeThatIsTooSlow) {
   const ArcPath path = straight();  // at 0.1 m/s
   PaceHelp help({.pace = 1, .margin = 0.2, .gain = 20, .max_force = 1});
   const auto force = [&](double speed, double gate) {
@@ -222,7 +222,7 @@ TEST(Guidance, AllocatesNothing) {
   EXPECT_EQ(test::allocations(), before);
 }
 
-TEST(Guidance, GivesAForceThatIsPushedAgainstNoMoreThanTheTankHolds) {
+TEST(Guidance, GivesAForceNoMoreEnergyThanTheTankHolds) {
   // A force follows the hand and shakes it to and fro in one place. Without the tank it would be an endless source of
   // energy.
   const ArcPath path = straight(0.1);
@@ -338,7 +338,7 @@ Outcome guided(const Hand& hand, const Loop& loop, bool cursor, Terms terms) {
 
 class GuidedHand : public testing::TestWithParam<bool> {};
 
-TEST_P(GuidedHand, IsGivenNoMoreThanTheBudgetAndComesToRestWhenItLetsGo) {
+TEST_P(GuidedHand, ReceivesNoMoreThanTheBudgetAndComesToRestWhenItLetsGo) {
   std::mt19937 random(9);
   std::uniform_real_distribution<double> number(0, 1);
   const auto between = [&](double low, double high) { return low * std::pow(high / low, number(random)); };

@@ -21,7 +21,7 @@ std::vector<Event> watch(HandWatch& hand, double duration, Force force, double e
   return events;
 }
 
-TEST(HandWatch, TellsOnceOfAHandThatResists) {
+TEST(HandWatch, ReportsAResistingHandOnce) {
   HandWatch hand({.needed = 2, .resisting = 3, .resist_time = 0.5});
   EXPECT_TRUE(watch(hand, 0.45, [](double) { return 7.0; }).empty());
   const auto events = watch(hand, 5, [](double) { return 7.0; });
@@ -42,13 +42,13 @@ TEST(HandWatch, CountsWithHysteresis) {
   EXPECT_EQ(watch(hand, 1, [](double) { return 7.0; }).size(), 1U);
 }
 
-TEST(HandWatch, CountsOnWhileTheHandEasesALittle) {
+TEST(HandWatch, KeepsCountingWhileTheHandEasesALittle) {
   HandWatch hand({.needed = 2, .resisting = 3, .resist_time = 0.5});
   EXPECT_TRUE(watch(hand, 0.3, [](double) { return 7.0; }).empty());
   EXPECT_EQ(watch(hand, 0.5, [](double) { return 4.0; }).size(), 1U);
 }
 
-TEST(HandWatch, PassesOverWhatTheDeviceNeedsTremorAndPushesAhead) {
+TEST(HandWatch, IgnoresTheNeededForceTremorAndPushesAhead) {
   HandWatch hand, trembling, ahead;
   EXPECT_TRUE(watch(hand, 5, [](double) { return 4.5; }).empty());
   const auto tremor = [](double t) { return 2 + 4 * std::sin(2 * std::numbers::pi * 8 * t); };
@@ -70,7 +70,7 @@ TEST(HandWatch, TrustsADisturbanceEstimateMoreThanTheForce) {
   EXPECT_EQ(events, 1);
 }
 
-TEST(HandWatch, TellsOfAHandThatLetsGoButNotOfOneThatGivesWaySlowly) {
+TEST(HandWatch, ReportsAHandThatLetsGoButNotOneThatYieldsSlowly) {
   HandWatch hand({.resisting = 100});
   (void)watch(hand, 1, [](double) { return 6.0; });
   const auto events = watch(hand, 2, [](double) { return 0.5; });
@@ -84,13 +84,13 @@ TEST(HandWatch, TellsOfAHandThatLetsGoButNotOfOneThatGivesWaySlowly) {
   EXPECT_TRUE(watch(slow, 2, [](double t) { return std::max(0.5, 6 - 6 * t); }).empty());
 }
 
-TEST(HandWatch, TellsNothingOfALoadThatWasNeverThere) {
+TEST(HandWatch, ReportsNoReleaseWithoutALoad) {
   HandWatch hand({.resisting = 100});
   EXPECT_TRUE(watch(hand, 2, [](double t) { return t < 0.1 ? 8.0 : 0.0; }).empty()) << "a jolt";
   EXPECT_TRUE(watch(hand, 2, [](double t) { return t < 1 ? 2.0 : 0.0; }).empty()) << "a light hand";
 }
 
-TEST(HandWatch, PassesOverWhatIsNotFinite) {
+TEST(HandWatch, IgnoresValuesThatAreNotFinite) {
   HandWatch hand;
   (void)watch(hand, 1, [](double) { return 7.0; });
   EXPECT_FALSE(hand.update(nan3(), Vec3::Zero(), nan3(), 1e-3));
@@ -98,7 +98,7 @@ TEST(HandWatch, PassesOverWhatIsNotFinite) {
   EXPECT_NEAR(hand.opposing(), 5, 0.1);
 }
 
-TEST(HandWatch, ForgetsTheLoadWhenItIsToldTo) {
+TEST(HandWatch, ForgetsTheLoadOnRequest) {
   HandWatch hand({.resisting = 100});
   (void)watch(hand, 1, [](double) { return 6.0; });
   hand.reset();

@@ -141,7 +141,7 @@ TEST(IterativeLearning, MakesFrictionsErrorTwiceAsSmallInThreeRepetitions) {
   EXPECT_LT(session.learning.rms_error(), first / 2) << "steps have more than Q lets through";
 }
 
-TEST(IterativeLearning, LearnsTheTrueLoadAtTheTrueTimeWhateverDelayAndSpeed) {
+TEST(IterativeLearning, LearnsTheTrueLoadAtTheTrueTimeAtAnyDelayAndSpeed) {
   for (const double speed : {0.5, 1.0, 2.0}) {
     Session session(speed);
     for (int i = 0; i < 6; ++i) session.learn(sine_load);
@@ -189,7 +189,7 @@ TEST(IterativeLearning, StopsWhereNothingRepeatsAndDoesNotGrow) {
   EXPECT_LT(largest, 1.6 * first);
 }
 
-TEST(IterativeLearning, StopsWhenWhatIsLeftDoesNotRepeat) {
+TEST(IterativeLearning, StopsWhenTheResidualDoesNotRepeat) {
   Session session;
   std::mt19937 engine(5);
   Vec3 push = kNone;
@@ -205,7 +205,7 @@ TEST(IterativeLearning, StopsWhenWhatIsLeftDoesNotRepeat) {
   EXPECT_LT(session.learning.rms_error(), first / 3);
 }
 
-TEST(IterativeLearning, TakesTheTableBackThatAWorseRepetitionCameFrom) {
+TEST(IterativeLearning, RevertsATableThatMadeARepetitionWorse) {
   Session session;
   std::vector<Vec3> best;
   double rms = std::numeric_limits<double>::infinity();
@@ -243,7 +243,7 @@ TEST(IterativeLearning, SkipsARepetitionThatWasInterruptedPausedOrShort) {
   EXPECT_EQ(session.learning.learn(session.log), Learned::learned) << "and the whole one is not";
 }
 
-TEST(IterativeLearning, LeavesWhatOtherTermsCancelToThem) {
+TEST(IterativeLearning, LeavesLoadsToTheTermsThatCancelThem) {
   Session session;
   ASSERT_TRUE(session.repeat(sine_load));
   RepetitionLog log = session.log;
@@ -294,7 +294,7 @@ TEST(IterativeLearning, TakesTheInertiaAtTheTimeWhenAForceActs) {
         << delay;
 }
 
-TEST(IterativeLearning, RejectsWhatLastsTooLongOrNotAtAll) {
+TEST(IterativeLearning, RejectsRepetitionsThatAreTooLongOrHaveNoDuration) {
   const auto error_of = [](double duration, double speed) {
     return test::error_of([&] { (void)IterativeLearning({.speed = speed, .duration = duration}); });
   };
@@ -310,7 +310,7 @@ TEST(IterativeLearning, RejectsWhatLastsTooLongOrNotAtAll) {
                 testing::HasSubstr("the step of a learned force is"));
 }
 
-TEST(IterativeLearning, GoesOnFromWhatWasKnown) {
+TEST(IterativeLearning, ContinuesFromAKnownTable) {
   Session first;
   for (int i = 0; i < 4; ++i) first.learn(sine_load);
   Session second;
@@ -330,7 +330,7 @@ TEST(ForceTable, IsStraightBetweenItsRowsAndHoldsItsEnds) {
   EXPECT_EQ(ForceTable{}.at(1), kNone);
 }
 
-TEST(LearnedForce, MakesNoStepWhenTheTableChangesOrTheWayBegins) {
+TEST(LearnedForce, MakesNoStepWhenTheTableChangesOrThePathBegins) {
   ForceTable one{.step = 0.1, .force = {Vec3(5, 0, 0), Vec3(5, 0, 0)}};
   ForceTable two{.step = 0.1, .force = {Vec3(-5, 0, 0), Vec3(0, 5, 0)}};
   LearnedForce learned(1, 0);
@@ -364,7 +364,7 @@ TEST(LearnedForce, IsItsShareOfTheTable) {
   EXPECT_NEAR(learned.force({state, reference, tuning}).x(), 0.5, 1e-9);
 }
 
-TEST(LearnedForce, WritesNoRepetitionDownThatIsLongerThanItsRowsOrWithoutAny) {
+TEST(LearnedForce, LogsNoRepetitionThatExceedsItsRowsOrHasNone) {
   for (const std::size_t rows : {std::size_t{0}, std::size_t{50}, std::size_t{101}}) {
     LearnedForce learned(0.1, rows);
     RepetitionLog log;
@@ -383,7 +383,7 @@ TEST(LearnedForce, WritesNoRepetitionDownThatIsLongerThanItsRowsOrWithoutAny) {
   }
 }
 
-TEST(LearnedForce, WritesWhatEachTickSentNextToWhatItSaw) {
+TEST(LearnedForce, LogsTheSentForceBesideTheStateOfEachTick) {
   LearnedForce learned(0.1, 200);
   RepetitionLog log;
   log.reserve(200);

@@ -37,7 +37,7 @@ TEST(ForceLimiter, LeavesSmallForcesAlone) {
   EXPECT_EQ(result.verdict, ForceLimiter::Verdict::free);
 }
 
-TEST(ForceLimiter, SettlesAtTheContinuousForceUnderADemandThatStays) {
+TEST(ForceLimiter, SettlesAtTheContinuousForceUnderAConstantDemand) {
   ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});
   EXPECT_NEAR(sent(limiter, Vec3(8, 0, 0)).force.norm(), 8, 1e-12);
   ForceLimiter::Result result{};
@@ -47,7 +47,7 @@ TEST(ForceLimiter, SettlesAtTheContinuousForceUnderADemandThatStays) {
   EXPECT_EQ(result.verdict, ForceLimiter::Verdict::continuous);
 }
 
-TEST(ForceLimiter, BearsShortPeaksFarAboveTheContinuousForce) {
+TEST(ForceLimiter, AllowsShortPeaksFarAboveTheContinuousForce) {
   ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});
   for (int i = 0; i < 500; ++i) EXPECT_NEAR(sent(limiter, Vec3(0, 8, 0)).force.norm(), 8, 1e-12);
 }
@@ -59,7 +59,7 @@ TEST(ForceLimiter, RecoversAtRest) {
   EXPECT_EQ(limiter.allowed(), 8);
 }
 
-TEST(ForceLimiter, CountsTheTimeForWhichAForceActedNotHowOftenItWasAsked) {
+TEST(ForceLimiter, CountsTheTimeForWhichAForceActsAndNotTheNumberOfCalls) {
   for (const double dt : {1e-4, 1e-3, 3e-3, 0.05}) {
     ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});
     double full = 0;
@@ -82,7 +82,7 @@ TEST(ForceLimiter, LetsThePeakLastForASecondUnderTheCautiousLimitAndIsNearItAfte
   EXPECT_LT(force_at(4.7), 1.1 * 3.05);
 }
 
-TEST(ForceLimiter, SaysWhenItHoldsBackWhatIsAskedForLong) {
+TEST(ForceLimiter, ReportsWhenItHoldsBackTheForce) {
   ForceLimiter both({.max_force = 8, .max_continuous_force = 3}), peak({.max_force = 8});
   EXPECT_FALSE(both.holds_back(both.limit(Vec3(9, 0, 0)))) << "the peak is allowed for a moment";
   both.acted(Vec3(8, 0, 0), 100);
@@ -91,7 +91,7 @@ TEST(ForceLimiter, SaysWhenItHoldsBackWhatIsAskedForLong) {
   EXPECT_TRUE(peak.holds_back(peak.limit(Vec3(9, 0, 0))));
 }
 
-TEST(ResistanceTimer, IsOverOnceTheLimitsBoundForSoLong) {
+TEST(ResistanceTimer, ExpiresAfterTheLimitsActedForItsDuration) {
   ResistanceTimer timer;
   using Verdict = ResistanceTimer::Verdict;
   int begins = 0;
@@ -114,7 +114,7 @@ TEST(ResistanceTimer, IsNotResetByShaking) {
   for (int k = 0; k < 200'000; ++k) ASSERT_NE(seldom.update(k % 100 < 30, 15, 1e-3), ResistanceTimer::Verdict::over);
 }
 
-TEST(ResistanceTimer, CountsNothingWithoutPatienceAndLittleOfAStall) {
+TEST(ResistanceTimer, CountsNothingWithoutALimitAndLittleOfAStall) {
   ResistanceTimer timer;
   for (int k = 0; k < 100'000; ++k) ASSERT_EQ(timer.update(true, 0, 1e-3), ResistanceTimer::Verdict::none);
   (void)timer.update(true, 15, 3600);
@@ -150,7 +150,7 @@ TEST(MotorBudget, WarnsOnceBeforeForceIsTakenAndAgainAfterCooling) {
   EXPECT_EQ(run(8, 10), 1);
 }
 
-TEST(MotorBudget, HasNothingToTellWithoutAContinuousLimit) {
+TEST(MotorBudget, ReportsNothingWithoutAContinuousLimit) {
   ForceLimiter limiter({.max_force = 8});
   MotorBudget budget;
   for (int k = 0; k < 100000; ++k) {
@@ -168,7 +168,7 @@ TEST(Ramp, TakesItsTimeAndStaysInside) {
   EXPECT_EQ(ramp.advance(0, 1, 1), 0);
 }
 
-TEST(SafetyLimits, NameTheOneThatIsWrong) {
+TEST(SafetyLimits, NameAnInvalidLimit) {
   const auto error_of = [](const SafetyLimits& limits) { return test::error_of([&] { validate(limits); }); };
   EXPECT_EQ(error_of({}), "no error");
   EXPECT_THAT(error_of({.max_force = -1}), testing::HasSubstr("the force limit [N] is -1"));

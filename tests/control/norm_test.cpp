@@ -6,7 +6,7 @@
 namespace haptrace {
 namespace {
 
-TEST(TheNormOfAVector, IsThatOfEveryLengthThatANumberCanHave) {
+TEST(TheNormOfAVector, IsExactForEveryRepresentableLength) {
   const Vec3 way(2, -3, 6);
   for (double scale = 1e-320; scale < 1e307; scale *= 10) {
     const double expected = 7 * scale;
@@ -16,7 +16,7 @@ TEST(TheNormOfAVector, IsThatOfEveryLengthThatANumberCanHave) {
   }
 }
 
-TEST(TheNormOfAVector, IsZeroWhereItIsAndNoNumberWhereOneIsMissing) {
+TEST(TheNormOfAVector, IsZeroForZeroAndNaNForAMissingComponent) {
   EXPECT_EQ(norm_of(Vec3::Zero()), 0);
   EXPECT_EQ(norm_of(Vec3(0, -0.0, 0)), 0);
   EXPECT_TRUE(std::isnan(norm_of(Vec3(1, std::numeric_limits<double>::quiet_NaN(), 1))));

@@ -77,7 +77,7 @@ TEST(ObserverPd, CancelsAConstantLoadCompletely) {
   EXPECT_TRUE(loop.force.isApprox(-Vec3(2, -1, -3), 1e-6));
 }
 
-TEST(ObserverPd, CancelsWhatTheTermsBeforeItMissAndNoMore) {
+TEST(ObserverPd, CancelsOnlyTheLoadThatEarlierTermsMiss) {
   ObservedLoop loop;
   const Vec3 load(2, 0, -3), known(-1.5, 0, 3);
   for (int i = 0; i < 3000; ++i) loop.tick(resting_at(kNone), load, known);
@@ -85,7 +85,7 @@ TEST(ObserverPd, CancelsWhatTheTermsBeforeItMissAndNoMore) {
   EXPECT_LT((loop.force - (-load - known)).norm(), 1e-6);
 }
 
-TEST(ObserverPd, FollowsAMovementWhoseInertiaIsFedForwardButForWhatTheDelayCosts) {
+TEST(ObserverPd, FollowsAMovementWithInertiaFeedforwardUpToTheErrorOfTheDelay) {
   ObservedLoop loop;
   double worst = 0;
   const double w = 6, radius = 0.03;
@@ -130,7 +130,7 @@ double overshoot(double max_force, double held, double observer = 1) {
   return farthest - 0.03;
 }
 
-TEST(ObserverPd, DoesNotWindUpWhileAPersonHoldsItFast) {
+TEST(ObserverPd, DoesNotWindUpWhileTheUserHoldsTheDeviceStill) {
   for (const double force : {8.0, 20.0}) {
     const double never = overshoot(force, 0);
     for (const double seconds : {0.5, 5.0, 30.0})
@@ -163,7 +163,7 @@ TEST(ObserverPd, HasSofterGainsAtRestAndKeepsTheLoad) {
   EXPECT_LT((loop.force - settled).norm(), 1e-3) << "an observer would integrate";
 }
 
-TEST(ObserverPd, IsAsBeforeOnceTheReferenceMovesOrTheDeviceIsFarther) {
+TEST(ObserverPd, RestoresItsGainsWhenTheReferenceMovesOrTheDeviceIsFarther) {
   constexpr double kQuantum = 5e-5;
   ObservedLoop loop(late_plant(kQuantum));
   loop.run(1, resting_at(kNone));
@@ -194,7 +194,7 @@ TEST(ObserverPd, BeginsAndEndsRestWithoutAStepInTheForce) {
   EXPECT_LT(largest, count);
 }
 
-TEST(ObserverPd, GoesOverFromTheLoadItKeptToTheOneItMeets) {
+TEST(ObserverPd, ReplacesTheStoredLoadByTheMeasuredLoad) {
   constexpr double kQuantum = 5e-5;
   ObservedLoop loop(late_plant(kQuantum));
   loop.held = true;
@@ -210,7 +210,7 @@ TEST(ObserverPd, GoesOverFromTheLoadItKeptToTheOneItMeets) {
   EXPECT_GT((loop.force - before).norm(), 0.2) << "which is another";
 }
 
-TEST(ObserverPd, DoesNotHuntAtRestWithStictionAndAQuantum) {
+TEST(ObserverPd, DoesNotHuntAtRestWithStictionAndAFiniteResolution) {
   PlantModel model = late_plant(5e-5);
   model.coulomb = Vec3::Constant(0.7);
   model.viscous = Vec3::Constant(2);
@@ -274,7 +274,7 @@ TEST(ObserverPd, DoesNotDriveAnAxisWithoutMassWhateverItsGains) {
   EXPECT_LT(std::abs(force.x()), 0.2) << "at rest, though a hand moves where there is no motor: nothing integrates";
 }
 
-TEST(ObserverPd, IsItsSharesOfWhatItWouldBe) {
+TEST(ObserverPd, ScalesWithItsShares) {
   ObservedLoop all, none;
   none.tuning.observer = 0;
   const Vec3 load(1, 0, 0);

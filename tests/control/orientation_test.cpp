@@ -66,7 +66,7 @@ TEST(Rotation, BetweenTwoIsExpressedInTheBaseFrame) {
   EXPECT_LT((rotation_between(from, to) - Vec3(0.3, 0, 0)).norm(), 1e-12);
 }
 
-TEST(AngularVelocity, FindsThatOfASteadyTurn) {
+TEST(AngularVelocity, EqualsTheRateOfASteadyTurn) {
   AngularVelocity estimate(1000);
   const Vec3 velocity(0.4, -2, 1);
   Vec3 found = Vec3::Zero();
@@ -75,7 +75,7 @@ TEST(AngularVelocity, FindsThatOfASteadyTurn) {
   EXPECT_LT((found - velocity).norm(), 1e-6);
 }
 
-TEST(AngularVelocity, KeepsWhatItKnowsWhereAnOrientationIsMissing) {
+TEST(AngularVelocity, KeepsKnownValuesWhereAnOrientationIsMissing) {
   AngularVelocity estimate(1000);
   for (int k = 0; k < 200; ++k) (void)estimate.update(quaternion(Vec3(0, 0, 1e-3 * k)), 1e-3);
   const Vec3 before = estimate.update(nan_quat(), 1e-3);
@@ -139,7 +139,7 @@ TEST_P(OrientationInterpolations, DoNotCareOnWhichHemisphereAQuaternionIs) {
     EXPECT_LT(angle_between(one.sample(t, a).orientation, other.sample(t, b).orientation), 1e-12) << t;
 }
 
-TEST_P(OrientationInterpolations, MakeOfPiecesWhatTheyMakeOfTheWhole) {
+TEST_P(OrientationInterpolations, GiveTheSameForPiecesAsForTheWhole) {
   const Path path = path_of(even(0.05, 60), turning);
   const OrientationTrajectory whole = trajectory_of(path, GetParam());
   Path piece{.name = "piece"};
@@ -175,7 +175,7 @@ TEST(OrientationTrajectory, IsSmoothInItsRateWhereItIsCubic) {
   }
 }
 
-TEST(OrientationTrajectory, ComesNearerToASmoothTurnTheMoreSamplesThereAre) {
+TEST(OrientationTrajectory, ConvergesToASmoothTurnWithMoreSamples) {
   double before = 1;
   for (const double step : {0.2, 0.1, 0.05}) {
     const Path path = path_of(even(step, static_cast<int>(3 / step)), turning);
@@ -197,7 +197,7 @@ TEST(OrientationTrajectory, DoesNotTurnOnInAPauseOfMinutes) {
     EXPECT_LT(angle_between(trajectory.sample(t, cursor).orientation, step(1)), 1e-9) << t;
 }
 
-TEST(Path, RefusesAnOrientationThatIsNoUnitQuaternion) {
+TEST(Path, RefusesAnOrientationThatIsNotAUnitQuaternion) {
   Path path = path_of(even(0.1, 4), turning);
   validate(path);
   path.orientation[2] = Quat(0.5, 0, 0, 0);

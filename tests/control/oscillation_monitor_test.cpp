@@ -57,7 +57,7 @@ Found watch(const OscillationMonitorOptions& options, const Ripple& ripple, doub
       [&](double t) { return ripple.force(t, 1 / options.rate_hz); });
 }
 
-TEST(OscillationMonitor, FindsWhatTheForceDrivesAndMeasuresIt) {
+TEST(OscillationMonitor, FindsAndMeasuresAnOscillationThatTheForceDrives) {
   for (const double frequency_hz : {10., 16., 20., 30., 40., 70.})
     for (const double amplitude : {0.3e-3, 1e-3}) {
       const Found found = watch(kDevice, {frequency_hz, amplitude, 20});
@@ -73,19 +73,19 @@ TEST(OscillationMonitor, FindsWhatTheForceDrivesAndMeasuresIt) {
   EXPECT_NEAR(found.verdict.energy, power * OscillationMonitor::kWindow, 0.15 * power * OscillationMonitor::kWindow);
 }
 
-TEST(OscillationMonitor, LetsAHandTremble) {
+TEST(OscillationMonitor, IgnoresTremor) {
   // The law damps the hand's movement, whatever its amplitude.
   for (const double frequency_hz : {5., 8., 12., 20.})
     for (const double amplitude : {0.2e-3, 1e-3, 5e-3})
       EXPECT_TRUE(std::isnan(watch(kDevice, {frequency_hz, amplitude, -3}, 3).time)) << frequency_hz << " Hz";
 }
 
-TEST(OscillationMonitor, LetsAHandTrembleThoughTheDelayIsNotQuiteRight) {
+TEST(OscillationMonitor, IgnoresTremorWithAnInexactDelay) {
   // A sixtieth of the force appears to drive the movement.
   EXPECT_TRUE(std::isnan(watch(kDevice, {12, 5e-3, 0.5}, 3).time));
 }
 
-TEST(OscillationMonitor, LetsAHandTrembleThatTheForceIsTooWeakToMove) {
+TEST(OscillationMonitor, IgnoresTremorOfAHandThatTheForceIsTooWeakToMove) {
   // At a slow rate, a weak law feeds a tremor a little. The mass shows that the hand moves the device.
   OscillationMonitorOptions options = kDevice;
   const Ripple tremor{11, 2e-3, 3, 0.05};
@@ -94,7 +94,7 @@ TEST(OscillationMonitor, LetsAHandTrembleThatTheForceIsTooWeakToMove) {
   EXPECT_TRUE(std::isnan(watch(options, tremor).time));
 }
 
-TEST(OscillationMonitor, SeesOnlyWithTheDelayWhoDrives) {
+TEST(OscillationMonitor, NeedsTheDelayToFindTheDrivingForce) {
   // A damper that acts 10 ms late drives at 30 Hz: the sent force seems to damp, the acting force does not.
   constexpr double kDelay = 0.0103;
   const Ripple ripple{30, 0.5e-3, 6};
@@ -111,7 +111,7 @@ TEST(OscillationMonitor, SeesOnlyWithTheDelayWhoDrives) {
   EXPECT_NEAR(found.verdict.energy / OscillationMonitor::kWindow, power, 0.2 * power) << "also between two ticks";
 }
 
-TEST(OscillationMonitor, LetsAPushThatEndsRingOut) {
+TEST(OscillationMonitor, IgnoresTheRingingAfterAPush) {
   // A deflection of 3 mm against 3000 N/m is released at 1 s. It rings at 13 Hz with a damping ratio of 0.2 from the
   // device's own friction, whether the law damps or drives.
   const double w = 2 * pi * 13, decay = 0.2 * w;
@@ -137,7 +137,7 @@ TEST(OscillationMonitor, FindsAForceThatSaturatesBothWaysWhereThePositionHardlyM
   EXPECT_EQ(found.verdict.detector, OscillationVerdict::Detector::force);
 }
 
-TEST(OscillationMonitor, JudgesAlikeAtEveryRate) {
+TEST(OscillationMonitor, GivesTheSameResultAtEveryRate) {
   for (const double rate_hz : {100., 250., 500., 2000., 4000., 20000.}) {
     OscillationMonitorOptions options = kDevice;
     options.rate_hz = rate_hz;
@@ -146,7 +146,7 @@ TEST(OscillationMonitor, JudgesAlikeAtEveryRate) {
   }
 }
 
-TEST(OscillationMonitor, JudgesAlikeAfterADay) {
+TEST(OscillationMonitor, GivesTheSameResultAfterADay) {
   OscillationMonitor monitor(kDevice);
   const auto rest = [](double) { return 0.0; };
   // Very large sums must leave no residue when they have passed.
@@ -162,7 +162,7 @@ TEST(OscillationMonitor, JudgesAlikeAfterADay) {
   EXPECT_NEAR(found.verdict.amplitude, 0.3e-3, 0.05e-3);
 }
 
-TEST(OscillationMonitor, BeginsAnewAfterAGapAResetAndWithoutAReference) {
+TEST(OscillationMonitor, RestartsAfterAGapAResetAndWithoutAReference) {
   const Ripple ripple{30, 0.5e-3, 6};
   const Reference rest{Vec3::Zero(), Vec3::Zero(), Vec3::Zero()};
   for (const int kind : {0, 1, 2, 3}) {

@@ -130,7 +130,7 @@ Pressed pressed(const SampledWall& wall, const PassivityLayer::Options& options,
   return result;
 }
 
-TEST(PassivityLayer, SeesExactlyWhatASampledAndLateSpringCreates) {
+TEST(PassivityLayer, MeasuresTheEnergyThatASampledLateSpringCreates) {
   std::mt19937 random(1);
   std::normal_distribution<double> normal;
   for (const double rate : {100.0, 1000.0, 20000.0})
@@ -164,7 +164,7 @@ TEST(PassivityLayer, DoesNothingWhileTheWallIsPassive) {
   }
 }
 
-TEST(PassivityLayer, LeavesAPressedHandWithATicksWorkAtMost) {
+TEST(PassivityLayer, GivesAPressedHandAtMostTheWorkOfOneTick) {
   // Whatever the hand does, the layer gives it no more energy than arises before a damping force can act: one tick's
   // work, and that of the ticks of delay.
   for (const double rate : {100.0, 300.0, 1000.0, 4000.0, 20000.0})
@@ -185,7 +185,7 @@ TEST(PassivityLayer, LeavesAPressedHandWithATicksWorkAtMost) {
       }
 }
 
-TEST(PassivityLayer, ThrownAtAWallAMassThatWouldBounceForEverComesToRest) {
+TEST(PassivityLayer, BringsAMassToRestThatWouldBounceOffAWallForEver) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> number(0, 1);
   const auto between = [&](double low, double high) { return low * std::pow(high / low, number(random)); };
@@ -245,14 +245,14 @@ double stiffest_kept(double rate_hz, double delay, double resolution, double tol
   return stiffest;
 }
 
-TEST(PassivityLayer, CountsOnWhatIsOnItsWayToALateDevice) {
+TEST(PassivityLayer, AccountsForForcesThatALateDeviceHasNotAppliedYet) {
   // With a delay of 30 ticks, a layer that ignores pending forces would damp in 30 ticks for energy that one tick takes
   // back. Friction alone withstands 1.8 N s/m / 1.5 ms = 1200 N/m.
   for (const double rate : {1000.0, 2000.0, 5000.0, 10000.0, 20000.0})
     EXPECT_GT(stiffest_kept(rate, 1.5e-3, 0, 0), 2e4) << rate << " Hz";
 }
 
-TEST(PassivityLayer, DampsLongerThanATickWhereAQuantumIsLongerThanTheWayOfOne) {
+TEST(PassivityLayer, DampsLongerThanATickIfTheResolutionIsCoarserThanItsTravel) {
   // At 0.05 m/s an encoder count of 60 um lasts 24 ticks at 20 kHz. A layer that takes the step in one tick for the
   // speed of the hand damps in one tick of 24, and requests ever more damping.
   constexpr double kQuantum = 6e-5;
@@ -264,7 +264,7 @@ TEST(PassivityLayer, DampsLongerThanATickWhereAQuantumIsLongerThanTheWayOfOne) {
   EXPECT_EQ(PassivityLayer::held_ticks(20000, kQuantum), 12);
 }
 
-TEST(PassivityLayer, DampsAlongTheForceAndNotWhoSlides) {
+TEST(PassivityLayer, DampsAlongTheForceAndNotSliding) {
   PassivityLayer layer({.delay = 0, .rate_hz = 1000, .max_damping = 20});
   const double stiffness = 5000;
   State state;
@@ -310,7 +310,7 @@ TEST(PassivityLayer, ForgetsTheCreditOfAContactThatIsOver) {
   EXPECT_EQ(layer.energy(), 0) << "nobody knows what was before";
 }
 
-TEST(PassivityLayer, AnswersNonsenseWithNoForceAndForgetsNothing) {
+TEST(PassivityLayer, ReturnsNoForceForInvalidStatesAndKeepsItsMemory) {
   const auto run = [](bool nonsense) {
     PassivityLayer layer({.delay = 1e-3, .rate_hz = 1000, .max_damping = 20});
     State state;
@@ -350,13 +350,13 @@ TEST(PassivityLayer, AllocatesNothing) {
   EXPECT_EQ(test::allocations(), before);
 }
 
-TEST(PassivityLayer, NamesWhatIsOutOfItsRange) {
+TEST(PassivityLayer, NamesAParameterThatIsOutOfItsRange) {
   EXPECT_THAT(test::error_of([] { PassivityLayer({.delay = 1}); }), HasSubstr("the delay is 1 s"));
   EXPECT_THAT(test::error_of([] { PassivityLayer({.rate_hz = 1}); }), HasSubstr("the rate is 1 Hz"));
   EXPECT_THAT(test::error_of([] { PassivityLayer({.max_damping = kNaN}); }), HasSubstr("the damping"));
 }
 
-TEST(BearableDamping, IsHalfOfWhatShakesTheFreeDevice) {
+TEST(DampingLimit, IsHalfOfTheDampingThatDestabilisesTheFreeDevice) {
   // Without a delay, the mean speeds w of the ticks obey w' = w - c T / m (w + w_before) / 2, which is stable up to
   // c = 2 m / T.
   EXPECT_NEAR(bearable_damping({.mass = 0.2, .rate_hz = 1000}), 0.2 * 1000, 0.5);

@@ -29,7 +29,7 @@ TEST(PdForce, PullsTowardsTheReferenceAndDampsTowardsItsVelocity) {
   EXPECT_EQ(pd_force(gains, at(Vec3::Zero(), Vec3::Zero()), rest), Vec3::Zero());
 }
 
-TEST(PdGains, NameTheOneThatIsWrong) {
+TEST(PdGains, NameAnInvalidGain) {
   const auto error_of = [](const PdGains& gains) { return test::error_of([&] { validate(gains); }); };
   EXPECT_EQ(error_of({Vec3::Constant(500), Vec3::Constant(6)}), "no error");
   EXPECT_THAT(error_of({Vec3(500, -1, 500), Vec3::Zero()}), testing::HasSubstr("kp of the y axis is -1"));

@@ -49,7 +49,7 @@ TEST(ReactionLadder, SoftensToThreeTenthsWithinTwentyMillisecondsAndForGood) {
   EXPECT_NEAR(ladder.share(), 0.3, 1e-9);
 }
 
-TEST(ReactionLadder, EndsWhatThreeStepsDoNotCalmWithinASecond) {
+TEST(ReactionLadder, EndsAVibrationThatThreeStepsDoNotCalmWithinASecond) {
   ReactionLadder ladder;
   const auto events = run(ladder, kFast, 1);
   ASSERT_EQ(events.size(), 4U);
@@ -60,7 +60,7 @@ TEST(ReactionLadder, EndsWhatThreeStepsDoNotCalmWithinASecond) {
   EXPECT_EQ(ladder.steps()[static_cast<std::size_t>(VibrationRule::energy)], 3);
 }
 
-TEST(ReactionLadder, TakesDownWhatRemainsOfAVibrationMoreSlowlyAndNeverEndsForIt) {
+TEST(ReactionLadder, ReducesAResidualVibrationMoreSlowlyAndNeverEndsForIt) {
   VibrationAlarm rest = kFast;
   rest.remains = true;
   ReactionLadder ladder;
@@ -82,7 +82,7 @@ TEST(ReactionLadder, NeverEndsASessionForBouncesOrHints) {
   }
 }
 
-TEST(ReactionLadder, GivesBackWhatAHintTookUntilTheHintCameBackThreeTimes) {
+TEST(ReactionLadder, RestoresTheFeedbackAfterAHintUntilItHasReturnedThreeTimes) {
   ReactionLadder ladder;
   for (int episode = 0; episode < 3; ++episode) {
     EXPECT_EQ(run(ladder, kHint, 0.3).size(), 1U);
@@ -127,7 +127,7 @@ TEST(ForceGuard, SoftensTheFeedbackAndLeavesTheFeedforward) {
   EXPECT_NEAR(guard.soften(asked, known).torque.x(), 0.05 * guard.summary().share, 1e-9);
 }
 
-TEST(ForceGuard, SoftensWhatIsLeftOfAVibrationThatIsNoAlarmByItself) {
+TEST(ForceGuard, SoftensAResidualVibrationThatRaisesNoAlarmByItself) {
   for (const bool before : {false, true}) {
     ForceGuard guard({.monitor = {.max_force = 8}});
     double share = 1;

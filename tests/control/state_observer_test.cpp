@@ -66,7 +66,7 @@ TEST_P(StateObserverAt, ConvergesToPositionVelocityAndLoadUnderAConstantForce) {
   EXPECT_LT((now.load + load).norm(), 1e-7) << "what cancels it";
 }
 
-TEST_P(StateObserverAt, KnowsWhatKnownForcesDoWithoutALagWhateverTheBandwidth) {
+TEST_P(StateObserverAt, FollowsKnownForcesWithoutLagAtAnyBandwidth) {
   for (const double bandwidth : {0.1, 1.0, 20.0, 200.0, 1e4}) {
     Pair pair(GetParam(), bandwidth);
     Forces forces;
@@ -81,7 +81,7 @@ TEST_P(StateObserverAt, KnowsWhatKnownForcesDoWithoutALagWhateverTheBandwidth) {
   }
 }
 
-TEST_P(StateObserverAt, ForeseesTheTrueStateWhenAForceSentNowActs) {
+TEST_P(StateObserverAt, PredictsTheTrueStateAtTheTimeWhenAForceActs) {
   Pair pair(GetParam());
   EXPECT_NEAR(pair.observer.lead(), kPeriod * std::round(GetParam()), 1e-12);
   Forces forces;
@@ -106,7 +106,7 @@ INSTANTIATE_TEST_SUITE_P(All, StateObserverAt, testing::Values(0, 0.3, 0.5, 1, 1
                            return std::to_string(std::lround(1000 * delay.param)) + "ThousandthsOfATick";
                          });
 
-TEST(StateObserver, LeavesWhatIsKnownOutOfTheLoad) {
+TEST(StateObserver, ExcludesKnownForcesFromTheLoad) {
   Pair pair(2);
   const Vec3 load(2, -1, 0.5), known(-1.9, 1, 0);
   for (int i = 0; i < 2000; ++i) pair.tick(known, load, known);
@@ -174,7 +174,7 @@ TEST(StateObserver, ForgetsAnErrorWithAllThreePolesAtTheBandwidth) {
   }
 }
 
-TEST(StateObserver, BeginsAnewAfterALongGapAndKeepsTheLoad) {
+TEST(StateObserver, RestartsAfterALongGapAndKeepsTheLoad) {
   Pair pair(2);
   const Vec3 load(2, 0, 0);
   for (int i = 0; i < 1000; ++i) pair.tick(kNone, load);
@@ -210,7 +210,7 @@ TEST(StateObserver, StandsStillWhileTimeDoes) {
   EXPECT_EQ(pair.observer.now().load, before.load);
 }
 
-TEST(StateObserver, StartsAtRestAndForgetsWhatWas) {
+TEST(StateObserver, StartsAtRestAndForgetsItsHistory) {
   Pair pair(3);
   Forces forces;
   for (int i = 0; i < 50; ++i) pair.tick(forces.next(), Vec3(1, 1, 1));

@@ -49,7 +49,7 @@ TEST(Trigger, ReadsUnitsAndPrefixes) {
     EXPECT_FALSE(Trigger::parse(text).check(state));
 }
 
-TEST(Trigger, TellsButtonsApart) {
+TEST(Trigger, DistinguishesButtons) {
   State state = still();
   state.buttons = 0b100;
   EXPECT_TRUE(Trigger::parse("button").check(state));

@@ -55,12 +55,12 @@ class VelocityEstimatorLaws : public testing::TestWithParam<std::tuple<std::stri
   [[nodiscard]] int settled() const { return 400 + 2 * static_cast<int>(rate()); }
 };
 
-TEST_P(VelocityEstimatorLaws, OfAConstantPositionIsZero) {
+TEST_P(VelocityEstimatorLaws, IsZeroForAConstantPosition) {
   const auto estimator = make();
   for (int i = 0; i < 100; ++i) EXPECT_EQ(estimator->update({0.1, -0.2, 1e3}, dt()), Vec3::Zero());
 }
 
-TEST_P(VelocityEstimatorLaws, AfterAMovementIsExactlyZeroInTheEnd) {
+TEST_P(VelocityEstimatorLaws, BecomesExactlyZeroAfterAMovement) {
   const auto estimator = make();
   for (const Vec3& p : walk(1000)) estimator->update(p, dt());
   const Vec3 end(0.3, 0.1, -0.7);
@@ -73,14 +73,14 @@ TEST_P(VelocityEstimatorLaws, AfterAMovementIsExactlyZeroInTheEnd) {
   EXPECT_EQ(v, Vec3::Zero());
 }
 
-TEST_P(VelocityEstimatorLaws, OfARampIsItsSlope) {
+TEST_P(VelocityEstimatorLaws, IsTheSlopeOfARamp) {
   const auto estimator = make();
   Vec3 v = Vec3::Zero();
   for (int i = 0; i < settled(); ++i) v = estimator->update(i * dt() * kSlope, dt());
   EXPECT_LE((v - kSlope).norm(), 1e-9 * rate() / 1000 + 1e-12);
 }
 
-TEST_P(VelocityEstimatorLaws, OfARampIsItsSlopeWhateverTheSteps) {
+TEST_P(VelocityEstimatorLaws, IsTheSlopeOfARampAtAnySteps) {
   const auto estimator = make();
   std::mt19937 random(2);
   std::uniform_real_distribution<double> jitter(0.5, 1.5);
@@ -95,7 +95,7 @@ TEST_P(VelocityEstimatorLaws, OfARampIsItsSlopeWhateverTheSteps) {
   }
 }
 
-TEST_P(VelocityEstimatorLaws, OfAQuantisedRampIsItsSlopeOnAverage) {
+TEST_P(VelocityEstimatorLaws, IsTheSlopeOfAQuantisedRampOnAverage) {
   const auto estimator = make();
   Vec3 sum = Vec3::Zero();
   const int n = 20000;
@@ -106,7 +106,7 @@ TEST_P(VelocityEstimatorLaws, OfAQuantisedRampIsItsSlopeOnAverage) {
   EXPECT_LE((sum / n - kSlope).norm(), 0.02 * kSlope.norm());
 }
 
-TEST_P(VelocityEstimatorLaws, HoursLaterAndMetresAwayIsAsGood) {
+TEST_P(VelocityEstimatorLaws, IsAsGoodHoursLaterAndMetresAway) {
   const auto estimator = make();
   const Vec3 far(40, -40, 40);
   Vec3 v = Vec3::Zero();
@@ -126,7 +126,7 @@ TEST_P(VelocityEstimatorLaws, StartsAtZeroWhateverTheFirstStep) {
   }
 }
 
-TEST_P(VelocityEstimatorLaws, IgnoresWhatIsNoMeasurement) {
+TEST_P(VelocityEstimatorLaws, IgnoresInvalidMeasurements) {
   const auto disturbed = make(), undisturbed = make();
   const auto positions = walk(500);
   for (std::size_t i = 0; i < positions.size(); ++i) {
@@ -161,7 +161,7 @@ TEST_P(VelocityEstimatorLaws, IsFiniteWhateverItIsFed) {
   EXPECT_LE((v - kSlope).norm(), 1e-6) << "does not recover";
 }
 
-TEST_P(VelocityEstimatorLaws, AfterResetAnswersLikeNew) {
+TEST_P(VelocityEstimatorLaws, BehavesAsNewAfterAReset) {
   const auto used = make(), fresh = make();
   for (const Vec3& p : walk(777)) used->update(10 * p, 1.3 * dt());
   used->reset();
@@ -210,7 +210,7 @@ INSTANTIATE_TEST_SUITE_P(All, VelocityEstimatorLaws,
                            return name;
                          });
 
-TEST(VelocityEstimator, NamesAllHaveLaws) {
+TEST(VelocityEstimator, HasLawsForAllNames) {
   for (const std::string& name : velocity_estimator_names())
     EXPECT_THAT(name, testing::AnyOf("difference", "lowpass", "foaw", "least-squares", "alpha-beta-gamma"));
   EXPECT_EQ(velocity_estimator_names().size(), 5u);
@@ -314,7 +314,7 @@ TEST(LowPass, BecomesTheDifferenceAsItsCutOffPassesNyquist) {
   }
 }
 
-TEST(LowPass, AnswersAStepOfVelocityTheSameWhateverTheSteps) {
+TEST(LowPass, RespondsToAVelocityStepIndependentlyOfTheTimeSteps) {
   const auto even = make_velocity_estimator("lowpass:30", 1000, 0),
              uneven = make_velocity_estimator("lowpass:30", 1000, 0);
   std::mt19937 random(5);
@@ -344,7 +344,7 @@ double first_order_adaptive_window(const std::vector<double>& t, const std::vect
   return fitting;
 }
 
-TEST(AdaptiveWindow, IsWhatItsDefinitionSays) {
+TEST(AdaptiveWindow, MatchesItsDefinition) {
   // The band is no multiple of the resolution, so that rounding does not decide whether a position is within it.
   const double band = 1.01 * kResolution;
   const auto estimator = make_velocity_estimator("foaw:12", 1000, band);
@@ -359,7 +359,7 @@ TEST(AdaptiveWindow, IsWhatItsDefinitionSays) {
   }
 }
 
-TEST(AdaptiveWindow, AnswersAJumpAtOnceAndAStraightLineWithItsLongestWindow) {
+TEST(AdaptiveWindow, FollowsAJumpAtOnceAndAStraightLineWithItsLongestWindow) {
   const auto estimator = make_velocity_estimator("foaw:8", 1000, kResolution);
   for (int i = 0; i < 20; ++i) estimator->update({0, 0, 0}, 1e-3);
   EXPECT_DOUBLE_EQ(estimator->update({10 * kResolution, 0, 0}, 1e-3).x(), 10 * kResolution / 1e-3);
@@ -367,7 +367,7 @@ TEST(AdaptiveWindow, AnswersAJumpAtOnceAndAStraightLineWithItsLongestWindow) {
   EXPECT_DOUBLE_EQ(estimator->update({kResolution, 0, 0}, 1e-3).x(), kResolution / 8e-3);
 }
 
-TEST(AdaptiveWindow, WithoutAResolutionIsTheDifference) {
+TEST(AdaptiveWindow, EqualsTheDifferenceWithoutAResolution) {
   const auto foaw = make_velocity_estimator("foaw", 1000, 0),
              difference = make_velocity_estimator("difference", 1000, 0);
   std::mt19937 random(7);
@@ -462,7 +462,7 @@ std::string refusal(const std::string& spec, double rate = 1000, double resoluti
   return "nothing was thrown";
 }
 
-TEST(VelocityEstimator, RefusesASpecSayingWhatIsWrongWithIt) {
+TEST(VelocityEstimator, RefusesAnInvalidSpecWithAReason) {
   EXPECT_EQ(
       refusal("low-pass:80"),
       "velocity estimator 'low-pass:80': 'low-pass' is not known; known: difference, lowpass, foaw, least-squares, "
@@ -480,7 +480,7 @@ TEST(VelocityEstimator, RefusesASpecSayingWhatIsWrongWithIt) {
   EXPECT_THAT(refusal("alpha-beta-gamma:0"), HasSubstr("the bandwidth must be a number from 0.1 to 100000 Hz"));
 }
 
-TEST(VelocityEstimator, RefusesARateOrAResolutionThatCannotBe) {
+TEST(VelocityEstimator, RefusesAnInvalidRateOrResolution) {
   for (const double rate : {0.0, -1.0, kNaN, kInfinity})
     EXPECT_THAT(refusal("foaw", rate), AllOf(HasSubstr("the servo rate is"), HasSubstr("Hz; it must be 1 to 1e6")));
   for (const double resolution : {-1e-6, kNaN, kInfinity})

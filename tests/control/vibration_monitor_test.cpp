@@ -71,7 +71,7 @@ TEST(VibrationMonitor, FindsARippleOfAQuarterOfTheForceWithinHalfASecondAtEveryR
   }
 }
 
-TEST(VibrationMonitor, FindsItAlongEveryDirectionAndOnTopOfALoad) {
+TEST(VibrationMonitor, FindsAVibrationAlongEveryDirectionAndOnTopOfALoad) {
   const Vec3 direction = Vec3(1, -1, 1).normalized();
   Watched watched;
   const auto alarm = watched.first(
@@ -104,7 +104,7 @@ TEST(VibrationMonitor, LeavesTremorStepsAndNoiseAlone) {
   silent("a full swing at 2 Hz", [](double t) { return Vec3(kForce * sine(2, t), 0, 0); });
 }
 
-TEST(VibrationMonitor, TakesASwayThatAHandMayDoForAHintOnly) {
+TEST(VibrationMonitor, TreatsASwayThatAHandCanMakeAsAHintOnly) {
   for (const double hz : {5.0, 8.0, 12.0}) {
     Watched watched;
     const auto alarm = watched.first(
@@ -116,7 +116,7 @@ TEST(VibrationMonitor, TakesASwayThatAHandMayDoForAHintOnly) {
   }
 }
 
-TEST(VibrationMonitor, LeavesADeclaredTextureAloneAndFindsMoreThanThat) {
+TEST(VibrationMonitor, IgnoresADeclaredTextureAndFindsStrongerVibrations) {
   const double texture = 0.5 * kForce;
   for (const double size : {0.5, 1.0, 2.0}) {
     Watched watched;

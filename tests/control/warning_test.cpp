@@ -10,7 +10,7 @@ namespace {
 
 using testing::HasSubstr;
 
-TEST(Warning, EveryEventCodeHasARowOfWords) {
+TEST(Warning, HasATextForEveryEventCode) {
   // describe() has a line for every code: the compiler warns of a missing one.
   std::set<std::string> names;
   std::size_t codes = 0;
@@ -47,7 +47,7 @@ TEST(Warning, ReportsSeveralEventsOfAKindAsOne) {
   EXPECT_EQ(kinds, 1U);
 }
 
-TEST(Warning, OfOneEventIsItsOwnLine) {
+TEST(Warning, OfOneEventIsTheTextOfTheEvent) {
   const EventWords* words = words_of(EventCode::oscillation);
   ASSERT_NE(words, nullptr);
   EventCount events{1, {.time_ns = 450'000'000, .code = EventCode::oscillation, .values = {3e-4, 59, 0.5}}, {}};

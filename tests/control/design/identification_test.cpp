@@ -109,7 +109,7 @@ void expect_alike(const Identification& a, const Identification& b, double share
   EXPECT_NEAR(a.plant.delay, b.plant.delay, share * 1e-3);
 }
 
-TEST(IdentificationLaw, FindsWhatWasPutIn) {
+TEST(IdentificationLaw, FindsTheTrueParameters) {
   const Identification found = bench().identified();
   EXPECT_TRUE(found.fits) << found.reason;
   expect_near(found.plant.mass, bench().mass, 0.06, "mass");  // the dither reverses the friction at times
@@ -173,7 +173,7 @@ TEST(IdentificationLaw, TheOrderOfTheAxesDoesNotMatter) {
   expect_alike(turned.identified(), expected, 1e-6);
 }
 
-TEST(Identification, SeesMassesThroughAQuantumOfATwentiethMillimetre) {
+TEST(Identification, FindsMassesAtAResolutionOfATwentiethMillimetre) {
   Bench coarse;
   coarse.quantum = 5e-5;
   coarse.run();
@@ -228,7 +228,7 @@ TEST(Identification, LeavesAxesWithoutAMotorOut) {
   for (int axis = 0; axis < 2; ++axis) EXPECT_NEAR(found.plant.mass[axis], planar.mass[axis], 0.1 * planar.mass[axis]);
 }
 
-TEST(Identification, SaysWhenThereIsNothingToFindAnythingIn) {
+TEST(Identification, ReportsDataThatContainNoInformation) {
   Experiment nothing{.dither = &bench().dither};
   EXPECT_FALSE(identify(nothing).fits);
   EXPECT_NE(identify(nothing).reason, "");
@@ -266,7 +266,7 @@ TEST(CoarseIdentification, FindsMassAndDelayWithoutTheLines) {
   }
 }
 
-TEST(CoarseIdentification, BelievesNothingOfWhatDoesNotAnswerTheForce) {
+TEST(CoarseIdentification, RejectsADeviceThatDoesNotRespondToTheForce) {
   EXPECT_FALSE(identify_coarsely(Experiment{}).fits);
   EXPECT_NE(identify_coarsely(Experiment{}).reason, "");
 
@@ -281,7 +281,7 @@ TEST(CoarseIdentification, BelievesNothingOfWhatDoesNotAnswerTheForce) {
   EXPECT_FALSE(identify_coarsely(against.experiment()).fits);
 }
 
-TEST(PositionQuantum, IsTheStepOfALatticeHoweverItIsTurned) {
+TEST(PositionResolution, IsTheStepOfALatticeInAnyOrientation) {
   const Eigen::Matrix3d turn = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix();
   std::vector<TickRow> rows;
   for (int k = 0; k < 3000; ++k) {

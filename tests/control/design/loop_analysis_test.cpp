@@ -168,7 +168,7 @@ std::vector<std::string> estimators() {
 }
 INSTANTIATE_TEST_SUITE_P(All, LoopLaws, testing::ValuesIn(estimators()));
 
-TEST(LoopAnalysis, CountsWhatEigenvaluesShowAtEveryExtreme) {
+TEST(LoopAnalysis, AgreesWithEigenvaluesAtEveryExtreme) {
   Dice dice(6);
   int stable = 0, unstable = 0;
   for (int i = 0; i < 600; ++i) {
@@ -227,7 +227,7 @@ TEST(LoopAnalysis, AgreesWithLimitsThatWereSimulatedElsewhere) {
   EXPECT_NEAR(LoopAnalysis(model).stiffest(25), 9400, 0.1 * 9400);
 }
 
-TEST(Passivity, IsColgatesAndSchenkelsClosedForm) {
+TEST(Passivity, AgreesWithTheClosedFormOfColgateAndSchenkel) {
   for (const double rate : {300.0, 1000.0, 4000.0})
     for (const double kp : {0.0, 100.0, 3000.0})
       for (const double kd : {0.0, 0.5, 20.0}) {
@@ -238,14 +238,14 @@ TEST(Passivity, IsColgatesAndSchenkelsClosedForm) {
       }
 }
 
-TEST(Passivity, OfASpringCostsItsDelay) {
+TEST(Passivity, OfASpringNeedsDampingInProportionToItsDelay) {
   for (const int whole : {0, 1, 3}) {
     const LoopAnalysis analysis({.mass = 0.4, .viscous = 2, .delay = whole * 1e-3, .velocity = "difference"});
     EXPECT_NEAR(analysis.passive_damping(1000, 0), 1000 * (0.5e-3 + whole * 1e-3), 1e-5);
   }
 }
 
-TEST(Passivity, GoesOverFromDelayToLagWithoutAStep) {
+TEST(Passivity, IsContinuousBetweenDelayAndLag) {
   for (const double delay : {0.0, 0.25e-3, 1e-3}) {
     LoopModel model{.mass = 0.4, .viscous = 2, .delay = delay, .velocity = "lowpass:200"};
     const double without = LoopAnalysis(model).passive_damping(1000, 3);
@@ -258,7 +258,7 @@ TEST(Passivity, GoesOverFromDelayToLagWithoutAStep) {
   }
 }
 
-TEST(Passivity, BoundsWhatAnyPassiveHandCanDo) {
+TEST(Passivity, KeepsTheLoopStableWithAnyPassiveHand) {
   // A hand of mass, damping and spring can only make the device heavier, more damped and stiffer. A passive law is
   // stable with every such hand.
   Dice dice(8);
@@ -324,7 +324,7 @@ TEST(LoopAnalysis, NothingIsStableWithoutStiffness) {
   EXPECT_EQ(none.gain_up, 0);
 }
 
-TEST(LoopAnalysis, NamesWhatIsOutOfItsRange) {
+TEST(LoopAnalysis, NamesAParameterThatIsOutOfItsRange) {
   const auto error_of = [](const LoopModel& model) { return test::error_of([&] { const LoopAnalysis a(model); }); };
   EXPECT_EQ(error_of({.mass = 1}), "no error");
   EXPECT_THAT(error_of({.mass = 0}), testing::HasSubstr("mass is 0 kg"));

@@ -198,7 +198,7 @@ TEST(TrackingDesign, StatesTheRippleThatIsMeasured) {
       }
 }
 
-TEST(TrackingDesign, KeepsTheRippleItIsAllowed) {
+TEST(TrackingDesign, KeepsTheRippleWithinItsLimit) {
   const PlantModel plant = plant_of(0.4, 1e-3, 5e-5);
   double stiffer = std::numeric_limits<double>::infinity();
   for (const double allowed : {0.5, 0.1, 0.02}) {

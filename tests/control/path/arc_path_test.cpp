@@ -36,7 +36,7 @@ Moment circle(double t) {
   return {0.04 * Vec3(std::cos(t), std::sin(t), 0), Vec3(std::cos(t), 0, 0)};
 }
 
-TEST(ArcPath, OfALineIsItsLength) {
+TEST(ArcPath, HasTheLengthOfALine) {
   const ArcPath path = built(line, 2);
   EXPECT_NEAR(path.length(), 0.1, 1e-12);
   EXPECT_EQ(path.knots(), 401U);
@@ -53,7 +53,7 @@ TEST(ArcPath, OfALineIsItsLength) {
   }
 }
 
-TEST(ArcPath, IsTheSameWhateverTheSamplingAndTheSpeed) {
+TEST(ArcPath, DoesNotDependOnSamplingOrSpeed) {
   const ArcPath fine = built(circle, 2 * std::numbers::pi, 1e-4);
   EXPECT_NEAR(fine.length(), 0.08 * std::numbers::pi, 1e-5);
   const auto hurried = [](double t) { return circle(t * t / (2 * std::numbers::pi)); };
@@ -66,7 +66,7 @@ TEST(ArcPath, IsTheSameWhateverTheSamplingAndTheSpeed) {
   }
 }
 
-TEST(ArcPath, TakesTrembleAtRestForNoWayAndAPauseForASlowPlace) {
+TEST(ArcPath, IgnoresTremorAtRestAndTreatsAPauseAsASlowPoint) {
   const auto paused = [](double t) {
     Moment moment = line(std::clamp(t, 0.0, 1.0) + std::max(t - 3, 0.0));
     if (t > 1 && t < 3) {
@@ -100,7 +100,7 @@ TEST(ArcPath, KeepsBothLegsOfARetracedStroke) {
   EXPECT_NEAR(path.at(0.07).force.x(), -1, 1e-6);
 }
 
-TEST(ArcPath, AnswersBeyondItsEndsAsAtThem) {
+TEST(ArcPath, KeepsTheValuesOfItsEndsBeyondThem) {
   const ArcPath path = built(line, 2);
   EXPECT_EQ(path.at(-1).position, path.at(0).position);
   EXPECT_EQ(path.at(9).position, path.at(path.length()).position);
@@ -109,7 +109,7 @@ TEST(ArcPath, AnswersBeyondItsEndsAsAtThem) {
   EXPECT_EQ(path.place_at(9), path.length());
 }
 
-TEST(ArcPath, OfOnePlaceIsThatPlace) {
+TEST(ArcPath, OfOnePointStaysAtThatPoint) {
   for (const double duration : {0.0, 1.0}) {
     const ArcPath path = built([](double) { return Moment{{1, 2, 3}, {0, 1, 0}}; }, duration);
     EXPECT_EQ(path.length(), 0);
@@ -120,7 +120,7 @@ TEST(ArcPath, OfOnePlaceIsThatPlace) {
   }
 }
 
-TEST(ArcPath, IsBuiltOfAnySize) {
+TEST(ArcPath, CanHaveAnySize) {
   for (const double size : {1e-9, 1e-6, 10.0}) {
     const auto scaled = [&](double t) { return Moment{size * line(t).position / 0.1, {}}; };
     const ArcPath path = built(scaled, 2, 1e-3, ArcPath::spacing_for(size));
@@ -142,7 +142,7 @@ TEST(ArcPath, TakesARadiusForEveryKnot) {
   EXPECT_THAT(test::error_of([&] { path.set_radius(radius); }), HasSubstr("it must be at least 0"));
 }
 
-TEST(ArcPath, RefusesToBeMadeOfNothing) {
+TEST(ArcPath, NeedsASample) {
   EXPECT_THAT(test::error_of([] { (void)ArcPath::Builder(2.5e-4).finish(0); }), HasSubstr("without samples"));
   EXPECT_THAT(test::error_of([] { ArcPath::Builder(0); }), HasSubstr("must be greater than 0"));
 }

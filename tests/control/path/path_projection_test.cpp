@@ -77,7 +77,7 @@ class ProjectionLaws : public testing::TestWithParam<Curve> {
   ArcPath path_ = path_of(GetParam());
 };
 
-TEST_P(ProjectionLaws, FollowsWhoMovesExactly) {
+TEST_P(ProjectionLaws, FollowsATraineeThatMovesExactly) {
   PathProjection projection(path_, {});
   projection.start();
   for (int i = 0; i <= 8000; ++i) {
@@ -87,7 +87,7 @@ TEST_P(ProjectionLaws, FollowsWhoMovesExactly) {
   EXPECT_NEAR(projection.foot().s, path_.length(), 6e-4);
 }
 
-TEST_P(ProjectionLaws, NeverJumpsAndStaysNearTheTruePlaceForATremblingTrainee) {
+TEST_P(ProjectionLaws, NeverJumpsAndStaysNearTheTruePointForATremblingTrainee) {
   PathProjection exact(path_, {});
   std::vector<double> true_place;
   for (int i = 0; i <= 8000; ++i) true_place.push_back(exact.update(GetParam().at(i / 8000.0), 1e-3).s);
@@ -107,7 +107,7 @@ TEST_P(ProjectionLaws, NeverJumpsAndStaysNearTheTruePlaceForATremblingTrainee) {
   }
 }
 
-TEST_P(ProjectionLaws, NeverJumpsForOneWhoStopsReversesAndLeaves) {
+TEST_P(ProjectionLaws, NeverJumpsForATraineeThatStopsReversesAndLeaves) {
   for (const bool back : {false, true}) {
     PathProjection projection(path_, {.allow_back = back});
     projection.start();
@@ -137,7 +137,7 @@ TEST_P(ProjectionLaws, AllocatesNothing) {
 INSTANTIATE_TEST_SUITE_P(All, ProjectionLaws, testing::ValuesIn(kCurves),
                          [](const auto& tested) { return tested.param.name; });
 
-TEST(PathProjection, FollowsWhoTurnsBeforeTheEndOfAStroke) {
+TEST(PathProjection, FollowsATraineeThatTurnsBeforeTheEndOfAStroke) {
   const ArcPath path = path_of(kCurves[2]);  // a line of 0.1 m, there and back
   PathProjection projection(path, {});
   double before = 0;
@@ -169,7 +169,7 @@ TEST(PathProjection, LeapsNoFartherInALongTick) {
   EXPECT_GT(projection.foot().s, path.length() - 0.01);
 }
 
-TEST(PathProjection, HoldsWhoReturnsUnlessHeMay) {
+TEST(PathProjection, StaysWhenATraineeReturnsUnlessThatIsAllowed) {
   const ArcPath path = path_of(kCurves[0]);
   for (const bool back : {false, true}) {
     PathProjection projection(path, {.allow_back = back});
@@ -196,7 +196,7 @@ TEST(PathProjection, IsPerpendicularWhereItIsFree) {
   }
 }
 
-TEST(PathProjection, StaysFiniteOnAPathOfOnePlace) {
+TEST(PathProjection, StaysFiniteOnAPathOfOnePoint) {
   ArcPath::Builder builder(2.5e-4);
   builder.add(0, Vec3(1, 2, 3), Vec3::Zero());
   const ArcPath path = builder.finish(0.005);
@@ -209,7 +209,7 @@ TEST(PathProjection, StaysFiniteOnAPathOfOnePlace) {
   EXPECT_EQ(projection.update(Vec3(1, 2, 3), 1e-3).outwards, Vec3::Zero());
 }
 
-TEST(PathProjection, MovesACursorWherever) {
+TEST(PathProjection, MovesACursorAtAnyDistance) {
   const ArcPath path = path_of(kCurves[0]);
   PathProjection projection(path, {});
   EXPECT_NEAR(projection.move_to(0.05, Vec3(0, 0.03, 0), 1e-3).distance, std::hypot(0.05, 0.03), 1e-9);

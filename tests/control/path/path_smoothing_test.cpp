@@ -86,7 +86,7 @@ TEST(PathSmoothing, IsTheLowPassOfItsFormula) {
   }
 }
 
-TEST(PathSmoothing, LeavesAStraightLineWhereItIsWhateverItsSteps) {
+TEST(PathSmoothing, LeavesAStraightLineUnchangedAtAnySteps) {
   const Path line = sampled([](double t) { return Vec3(0.1 * t - 0.3, 0.02 * t, 1); }, {.jitter = 0.9});
   const std::vector<Vec3> smooth = smooth_positions(line, 0.02, {.begins_at_rest = false, .ends_at_rest = false});
   for (std::size_t i = 0; i < line.size(); ++i) ASSERT_LT((smooth[i] - line.position[i]).norm(), 1e-9);
@@ -102,7 +102,7 @@ TEST(PathSmoothing, BeginsAndEndsAtRestWhereThePathDoes) {
   EXPECT_LT(curve.sample(line.time.back() - 1e-3).velocity.x(), 0.02);
 }
 
-TEST(PathSmoothing, OfAPieceIsThatOfTheWholeButNearItsEnds) {
+TEST(PathSmoothing, OfAPieceEqualsThatOfTheWholeExceptNearItsEnds) {
   const Path whole = counted(sampled(hand, {.jitter = 0.6}), kCount);
   const double tau = 0.008;
   const std::vector<Vec3> all = smooth_positions(whole, tau);
@@ -120,7 +120,7 @@ TEST(PathSmoothing, OfAPieceIsThatOfTheWholeButNearItsEnds) {
   EXPECT_GT(compared, 1000);
 }
 
-TEST(PathSmoothing, KnowsNoiseFromMovement) {
+TEST(PathSmoothing, DistinguishesNoiseFromMovement) {
   for (const double jitter : {0.0, 0.6})
     for (const double deviation : {1e-6, 1e-5, 1e-4}) {
       const Vec3 noise = noise_of(shaken(sampled(hand, {.jitter = jitter}), deviation));
@@ -179,7 +179,7 @@ INSTANTIATE_TEST_SUITE_P(Counts, NoisyPath,
                          testing::Values(Kind{1e-5, 1e-3, 0}, Kind{5e-5, 1e-3, 0}, Kind{2e-4, 1e-3, 0},
                                          Kind{5e-5, 1e-3, 0.6}, Kind{5e-5, 2.5e-4, 0.3}, Kind{5e-5, 4e-3, 0}));
 
-TEST(PathSmoothing, TakesASlowMovementsStepsForWhatTheyAre) {
+TEST(PathSmoothing, DoesNotTakeTheStepsOfASlowMovementForNoise) {
   // At 2 mm/s every count lasts 25 ms, so the differences between successive samples do not look like noise.
   const Path slow = counted(sampled([](double t) { return Vec3(2e-3 * t, 3e-3 * t, 0); }, {.duration = 10}), kCount);
   const double tau = smoothing_of(slow);

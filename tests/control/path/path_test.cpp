@@ -34,7 +34,7 @@ TEST(Path, WithoutSamplesIsRefusedByName) {
   EXPECT_THAT(error_of(line({})), HasSubstr("line.csv: the path has no samples"));
 }
 
-TEST(Path, RefusesTimeThatDoesNotIncreaseAndNamesTheRow) {
+TEST(Path, RefusesTimeThatDoesNotIncreaseAndNamesTheSample) {
   Path path = line({Vec3::Zero(), Vec3::UnitX(), Vec3::UnitX()});
   path.time[2] = path.time[1];
   EXPECT_THAT(error_of(path), HasSubstr("row 3"));
@@ -44,7 +44,7 @@ TEST(Path, RefusesTimeThatDoesNotIncreaseAndNamesTheRow) {
   EXPECT_THAT(error_of(path), HasSubstr("sample 3: time is not a finite number"));
 }
 
-TEST(Path, RefusesValuesThatAreNotFiniteAndNamesTheRow) {
+TEST(Path, RefusesValuesThatAreNotFiniteAndNamesTheSample) {
   Path path = line({Vec3::Zero(), Vec3(0, kNaN, 0)});
   EXPECT_THAT(error_of(path), HasSubstr("sample 2: position is not a finite number"));
   path = line({Vec3::Zero(), Vec3::UnitX()});

@@ -239,7 +239,7 @@ void expect_near(const Vec3& a, const Vec3& b) {
   EXPECT_LE((a - b).norm(), 1e-12) << a.transpose();
 }
 
-TEST(Shapes, BeginWhereTheyAreSaidTo) {
+TEST(Shapes, BeginAtTheirDocumentedPoint) {
   ShapeOptions o;
   o.size = 0.1;
   o.blend = 0.01;
@@ -405,7 +405,7 @@ TEST(Shapes, RefuseOptionsNamingThemAndTheirRange) {
             "shape: duration * turns * rate is 1e+09 samples; at most 1e+08 are possible");
 }
 
-TEST(Shapes, RefuseANameNamingTheKnownOnes) {
+TEST(Shapes, RefuseAnUnknownNameAndListTheKnownOnes) {
   EXPECT_EQ(refusal("sqare", [](auto&) {}),
             "shape 'sqare' is not known; known: square, circle, line, figure8, reach, spiral, script");
 }

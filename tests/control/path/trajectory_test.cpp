@@ -275,7 +275,7 @@ TEST_P(TrajectoryLaws, AnswersTheSameWithAnyCursorInAnyOrder) {
   }
 }
 
-TEST_P(TrajectoryLaws, AllocatesNothingWhenAsked) {
+TEST_P(TrajectoryLaws, AllocatesNothingInAQuery) {
   const std::size_t before = test::allocations();
   Trajectory::Cursor cursor;
   Vec3 sum = Vec3::Zero();
@@ -455,7 +455,7 @@ TEST(Trajectory, CrossesALongPauseWithoutLeavingThePath) {
   }
 }
 
-TEST(Trajectory, RestsAtBothEndsForWantOfVelocities) {
+TEST(Trajectory, RestsAtBothEndsWithoutVelocities) {
   for (const Interpolation interpolation : {Interpolation::cubic, Interpolation::quintic}) {
     const Trajectory trajectory(sampled(kEllipse, even_steps(6, 100), false), interpolation);
     EXPECT_EQ(trajectory.sample(0).velocity, Vec3::Zero());
@@ -468,7 +468,7 @@ TEST(Trajectory, RestsAtBothEndsForWantOfVelocities) {
   EXPECT_LE((quintic.sample(0.3).position - from - MinJerk::at(0.3).s * (to - from)).norm(), 1e-16);
 }
 
-TEST(Trajectory, OfNoPathAnswersThatThereIsNone) {
+TEST(Trajectory, WithoutAPathReportsThatThereIsNone) {
   const Trajectory none;
   EXPECT_EQ(none.duration(), 0);
   EXPECT_EQ(none.size(), 0u);

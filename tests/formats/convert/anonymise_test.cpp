@@ -95,7 +95,7 @@ TEST(Anonymise, KeepsNumbersChoicesSamplesAndTheTextsOfNumbers) {
   expect_same(source->next(), random_session(3, 100, {}));
 }
 
-TEST(Anonymise, KeepsOfARealDeviceItsKindAndOfAPlugInNothingElse) {
+TEST(Anonymise, KeepsOnlyTheKindOfARealDeviceOrPlugIn) {
   const TempFolder folder;
   for (const auto& [name, kept] : {std::pair{"plugin:path=/home/Jane/libarm.so,participant=4711,mass=2", "plugin"},
                                    {"falcon:serial=A4711", "falcon"},
@@ -115,7 +115,7 @@ TEST(Anonymise, KeepsOfARealDeviceItsKindAndOfAPlugInNothingElse) {
   }
 }
 
-TEST(Anonymise, ReportsExactlyWhatItDroppedAndWhatMayStillTell) {
+TEST(Anonymise, ReportsDroppedFieldsAndFieldsThatMayRevealAPerson) {
   const TempFolder folder;
   const AnonymiseReport report = anonymise(open_source(personal(folder)))->report();
   EXPECT_THAT(report.dropped,

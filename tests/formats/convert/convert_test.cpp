@@ -203,7 +203,7 @@ TEST(Convert, WritesTimeAsADecimalOfNanoseconds) {
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(read[i].time_ns, times[i]);
 }
 
-TEST(Convert, RoundsToTheDigitsThatWereAskedForAndNeverTime) {
+TEST(Convert, RoundsToTheRequestedDigitsExceptTime) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(8, 200, {});
   for (const char* name : {"a.csv", "a.jsonl"}) {
@@ -314,7 +314,7 @@ TEST(Convert, CountsRowsThatHaveNoTick) {
   }
 }
 
-TEST(Convert, ToleratesRowsInAnyOrderWhenToldTo) {
+TEST(Convert, ToleratesRowsInAnyOrderOnRequest) {
   const TempFolder folder;
   const std::string file = folder.write("a.csv", "t,x,y,z\n1,0,0,0\n1,0,0,0\n0.5,0,0,0\n");
   EXPECT_EQ(open_source(file, {.any_order = true})->next().size(), 3U);

@@ -151,7 +151,7 @@ std::vector<Sample> sine(double hz, std::size_t rows, double rate = 1000) {
   return samples;
 }
 
-TEST(Resample, ToALowerRateLeavesNothingThatWouldFoldBack) {
+TEST(Resample, ToALowerRateRemovesAliases) {
   // Sampled at 100 Hz, 98 Hz looks like 2 Hz.
   const Result aliased = run(sine(98, 12'000), {.rate_hz = 100, .low_pass_hz = 0.0});
   EXPECT_NEAR(amplitude(aliased.samples, 2, 1), 1, 0.02);
@@ -167,7 +167,7 @@ TEST(Resample, ToALowerRateLeavesNothingThatWouldFoldBack) {
   }
 }
 
-TEST(Resample, ToALowerRateKeepsWhatIsSlowWhereAndWhenItWas) {
+TEST(Resample, ToALowerRateDoesNotChangeSlowMovements) {
   for (const double hz : {0.5, 2.0, 10.0, 30.0}) {
     const Result out = run(sine(hz, 12'000), {.rate_hz = 100});
     double worst = 0, worst_force = 0;
@@ -207,7 +207,7 @@ TEST(Resample, FiltersNoFartherThanValuesAreKnownAndLeavesStraightLinesStraight)
   EXPECT_LE(unknown, 6U);
 }
 
-TEST(Resample, WithACutOffOfOnesOwnFiltersAtAnyRate) {
+TEST(Resample, WithAnExplicitCutOffFiltersAtAnyRate) {
   const Result out = run(sine(100, 6000), {.rate_hz = 2000, .low_pass_hz = 20.0});
   EXPECT_LT(amplitude(out.samples, 100, 1), 0.002);
   for (const double hz : {-1.0, 500.0, kNaN}) EXPECT_THROW(run(sine(1, 100), {.low_pass_hz = hz}), Error) << hz;
@@ -227,7 +227,7 @@ TEST(Resample, IsAsGoodAtTheEndsAsInTheMiddle) {
   EXPECT_LT(ends, 2e-6);  // the curve has no acceleration at its ends: an error of a h^2 / 16 for a true acceleration a
 }
 
-TEST(Resample, OfAGridThatIsThereAlreadyChangesNothing) {
+TEST(Resample, ChangesNothingOnAnExistingGrid) {
   std::vector<Sample> in = movement(3000, 1, true);
   for (std::size_t i = 0; i < in.size(); ++i) in[i].time_ns = static_cast<std::int64_t>(i) * 1'000'000;
   for (const Interpolation method : {Interpolation::hold, Interpolation::linear, Interpolation::cubic}) {
@@ -289,7 +289,7 @@ TEST(Resample, DropsDuplicatesStampsThatGoBackAndRowsWithoutAPositionAndCountsTh
   EXPECT_EQ(out.notes.size(), 3U);
 }
 
-TEST(Resample, InterpolatesForcesHoldsWhatHasNoBetweenAndTurnsOrientations) {
+TEST(Resample, InterpolatesForcesHoldsDiscreteValuesAndTurnsOrientations) {
   std::vector<Sample> in(2);
   in[1].time_ns = 10'000'000;
   for (Sample& sample : in) sample.position = Vec3::Zero();
@@ -319,7 +319,7 @@ TEST(Resample, InterpolatesForcesHoldsWhatHasNoBetweenAndTurnsOrientations) {
   EXPECT_EQ(run(in, {.rate_hz = 200, .method = Interpolation::hold, .low_pass_hz = 0.0}).samples[1].force.x(), 0);
 }
 
-TEST(Resample, KeepsAVelocityThatWasRecordedAndMakesOneWhereThereIsNone) {
+TEST(Resample, KeepsARecordedVelocityAndEstimatesAMissingOne) {
   for (const Sample& sample : run(movement(2000, 1, true), {.rate_hz = 700, .low_pass_hz = 0.0}).samples)
     EXPECT_NEAR(sample.velocity.y(), 2e-9 * static_cast<double>(sample.time_ns), 1e-12);
   const std::vector<Sample> made = run(movement(2000), {.rate_hz = 700}).samples;
@@ -337,7 +337,7 @@ TEST(Resample, SaysHowFarTheNewRowsAreFromTheOld) {
   EXPECT_GE(run(in, {.rate_hz = 10, .low_pass_hz = 0.0}).report.max_difference, coarse);
 }
 
-TEST(Resample, AnswersFewSamplesAndNone) {
+TEST(Resample, AcceptsFewSamplesAndNone) {
   EXPECT_TRUE(run({}, {.rate_hz = 100}).samples.empty());
   EXPECT_EQ(run(movement(1), {.rate_hz = 100}).samples.size(), 1U);
   EXPECT_EQ(run(movement(2), {.rate_hz = 1000}).samples.back().time_ns, movement(2).back().time_ns);

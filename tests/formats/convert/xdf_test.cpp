@@ -131,7 +131,7 @@ std::string late_force(double until, const std::string& date = "2026-03-01T14:00
   return xdf.file();
 }
 
-TEST(Xdf, LeavesOutRowsOfWhichTheForceIsNotKnownSoThatTheFileItMakesIsValid) {
+TEST(Xdf, LeavesOutRowsWithoutAForceSoThatTheRecordingIsValid) {
   for (const double until : {10.0, 0.5}) {
     const TempFolder folder;
     const SourceOptions options{.streams = {"Hand", "Force"}};
@@ -152,13 +152,13 @@ TEST(Xdf, LeavesOutRowsOfWhichTheForceIsNotKnownSoThatTheFileItMakesIsValid) {
   }
 }
 
-TEST(Xdf, SaysThatItsDateWasNoTime) {
+TEST(Xdf, ReportsAnInvalidDate) {
   const Read all = read(late_force(10, "last Tuesday\x1b[2J"), {.streams = {"Hand"}});
   EXPECT_EQ(all.header.created, "");
   EXPECT_THAT(all.notes, Contains(HasSubstr("the file's date 'last Tuesday")));
 }
 
-TEST(Xdf, FitsALineThroughOffsetsThatANetworkMadeNoisy) {
+TEST(Xdf, FitsALineThroughNoisyClockOffsets) {
   const Read all = read(two_machines(2e-4), {.streams = {"Hand"}});
   ASSERT_EQ(all.samples.size(), 500U);
   for (std::size_t i = 1; i < all.samples.size(); ++i)  // even stamps stay even: single offsets would make jumps
@@ -171,7 +171,7 @@ TEST(Xdf, TakesTheOnlyStreamThatHasAPosition) {
   EXPECT_FALSE(is_finite(read(two_machines()).samples[3].force));
 }
 
-TEST(Xdf, FindsChannelsByTheirLabelsOrByWhatItIsToldAndTurnsUnitsIntoSi) {
+TEST(Xdf, FindsChannelsByLabelOrByRequestAndConvertsUnitsToSi) {
   XdfWriter xdf;
   xdf.stream(7, "Tracker", "MoCap", "float32", 100,
              {{"Pos X", "mm"},
@@ -262,7 +262,7 @@ TEST(Xdf, MakesStampsEvenOnRequestOnlyAndNotAcrossGaps) {
   expect_refused(irregular.file(), "has no even clock", {.dejitter = true});
 }
 
-TEST(Xdf, ReadsWhatThereIsOfAFileThatWasCutOffAnywhere) {
+TEST(Xdf, ReadsAFileThatWasCutOffAnywhere) {
   const std::string whole = two_machines();
   std::size_t before = 0;
   for (std::size_t size = 4; size < whole.size(); size += 97) {
@@ -282,7 +282,7 @@ TEST(Xdf, ReadsWhatThereIsOfAFileThatWasCutOffAnywhere) {
   EXPECT_NE(cut.notes.back().find("cut off"), std::string::npos) << cut.notes.back();
 }
 
-TEST(Xdf, GoesOnBehindTheNextBoundaryWhereAChunkIsDamaged) {
+TEST(Xdf, ContinuesAfterTheNextBoundaryWhereAChunkIsDamaged) {
   XdfWriter xdf;
   xdf.stream(1, "Hand", "Position", "double64", 0, kXyz);
   xdf.samples(1, {XdfWriter::sample<double>(1, {1, 2, 3})});
@@ -297,7 +297,7 @@ TEST(Xdf, GoesOnBehindTheNextBoundaryWhereAChunkIsDamaged) {
   EXPECT_NE(all.notes[0].find("reading continued at the next boundary"), std::string::npos);
 }
 
-TEST(Xdf, ComesThroughAFileThatIsDamagedInManyThousandPlaces) {
+TEST(Xdf, ReadsAFileThatIsDamagedInManyThousandPlaces) {
   XdfWriter xdf;
   xdf.stream(1, "Hand", "Position", "double64", 0, kXyz);
   for (int i = 0; i < 50'000; ++i) {
@@ -310,7 +310,7 @@ TEST(Xdf, ComesThroughAFileThatIsDamagedInManyThousandPlaces) {
   EXPECT_EQ(all.notes.size(), 10U);
 }
 
-TEST(Xdf, LeavesOutAStreamWhoseHeaderMakesNoSense) {
+TEST(Xdf, LeavesOutAStreamWithAnInvalidHeader) {
   XdfWriter xdf;
   xdf.stream(1, "Hand", "Position", "double64", 0, kXyz);
   xdf.stream(2, "New", "Position", "float16", 0, kXyz);

@@ -79,7 +79,7 @@ TEST_F(DeviceProfiles, HaveFileNamesThatEveryFileSystemTakes) {
   EXPECT_NE(profile_file({"a", "b-c", ""}), profile_file({"a-b", "c", ""}));
 }
 
-TEST_F(DeviceProfiles, LieWhereTheEnvironmentSays) {
+TEST_F(DeviceProfiles, AreStoredWhereTheEnvironmentSpecifies) {
   unsetenv("HAPTRACE_PROFILES");
   setenv("XDG_DATA_HOME", "/data", 1);
   EXPECT_EQ(profile_folder(), "/data/haptrace/profiles");
@@ -89,7 +89,7 @@ TEST_F(DeviceProfiles, LieWhereTheEnvironmentSays) {
   EXPECT_NE(profile_folder().find("/.local/share/haptrace/profiles"), std::string::npos);
 }
 
-TEST_F(DeviceProfiles, DoNotLieInTheFolderTheProcessRunsIn) {
+TEST_F(DeviceProfiles, AreNotStoredInTheWorkingFolder) {
   const std::string home = getenv("HOME") != nullptr ? getenv("HOME") : "";
   unsetenv("HAPTRACE_PROFILES");
   unsetenv("XDG_DATA_HOME");
@@ -117,7 +117,7 @@ TEST_F(DeviceProfiles, AreNotReplacedUnasked) {
   expect_error([&] { save_profile(example(), folder_ / "no/p.json", false); }, Error::Kind::input, {"folder"});
 }
 
-TEST_F(DeviceProfiles, SayWhenTheyAreCoarseAndAreReadWhenTheyAreOlderThanThat) {
+TEST_F(DeviceProfiles, StateThatTheyAreCoarseAndAreReadWithoutThatKey) {
   DeviceProfile profile = example();
   profile.coarse = true;
   nlohmann::json written = to_json(profile);
@@ -126,7 +126,7 @@ TEST_F(DeviceProfiles, SayWhenTheyAreCoarseAndAreReadWhenTheyAreOlderThanThat) {
   EXPECT_FALSE(profile_from_json(written, "test").coarse);
 }
 
-TEST(CheckProfile, AcceptsTheDeviceItWasMadeFor) {
+TEST(CheckProfile, AcceptsTheDeviceOfTheProfile) {
   EXPECT_EQ(verdict(example()), "");
   EXPECT_EQ(verdict(example(), 1090), "");
   EXPECT_EQ(verdict(example(), 1000, 179), "");
@@ -163,7 +163,7 @@ TEST(CheckProfile, SaysWhyAProfileMustNotBeUsed) {
   EXPECT_NE(verdict(profile), "");
 }
 
-TEST(ProfileFromJson, NamesWhatIsMissingUnknownOrWrong) {
+TEST(ProfileFromJson, NamesAKeyThatIsMissingUnknownOrWrong) {
   const auto refused = [](const std::function<void(json&)>& change, const std::string& part) {
     json object = to_json(example());
     change(object);

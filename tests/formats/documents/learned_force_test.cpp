@@ -32,7 +32,7 @@ LearnedPath learned() {
   return learned;
 }
 
-TEST(LearnedForceFile, ComesBackAsItWasToATenthOfAMillinewton) {
+TEST(LearnedForceFile, IsReadBackToATenthOfAMillinewton) {
   const TempFolder folder;
   const std::string file = learned_file(folder / "path.h5", kDevice);
   EXPECT_THAT(file, HasSubstr("path.h5.learned/"));
@@ -49,7 +49,7 @@ TEST(LearnedForceFile, ComesBackAsItWasToATenthOfAMillinewton) {
   for (std::size_t i = 0; i < 100; ++i) EXPECT_LT((back->table.force[i] - learned().table.force[i]).norm(), 1e-4);
 }
 
-TEST(LearnedForceFile, IsKeptByANameAloneInTheFolderThatThereIs) {
+TEST(LearnedForceFile, IsSavedInTheWorkingFolderIfItsNameHasNoFolder) {
   const test::TempFolder folder;
   const std::filesystem::path before = std::filesystem::current_path();
   std::filesystem::current_path(folder / "");
@@ -58,7 +58,7 @@ TEST(LearnedForceFile, IsKeptByANameAloneInTheFolderThatThereIs) {
   EXPECT_TRUE(load_learned(folder / "learned.json").has_value());
 }
 
-TEST(LearnedForceFile, IsRefusedWithAReasonWhereItDoesNotHold) {
+TEST(LearnedForceFile, IsRefusedWithAReasonWhereItDoesNotApply) {
   const LearnedPath l = learned();
   EXPECT_THAT(check_learned(l, kDevice, l.path_digest, 0.5, l.mass), IsEmpty());
   EXPECT_THAT(check_learned(l, {"sim", "Novint Falcon", "5678"}, l.path_digest, 0.5, l.mass), HasSubstr("device"));
@@ -83,7 +83,7 @@ TEST(LearnedForceFile, NamesTheFileAndTheKeyThatIsWrong) {
               HasSubstr("step_s"));
 }
 
-TEST(PathDigest, IsOfTimesAndPositionsAlone) {
+TEST(PathDigest, DependsOnTimesAndPositionsOnly) {
   Path circle = make_shape("circle", {.duration = 1});
   const auto digest = [](const Path& path) { return digest_of(*source_of(path)); };
   const std::string before = digest(circle);

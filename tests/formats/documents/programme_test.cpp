@@ -27,7 +27,7 @@ void expect_refused(const json& programme, std::initializer_list<std::string> pa
   expect_error([&] { (void)programme_from_json(programme, "p.json"); }, Error::Kind::input, parts);
 }
 
-TEST(Programme, KeepsWhatItIsTold) {
+TEST(Programme, ReadsEverySetting) {
   const Programme programme = programme_from_json(parse_json(R"({
       "haptrace_programme": 1, "title": "Two", "rounds": 3, "person": {"mirror": "x", "scale": 0.5},
       "limits": {"time": 600, "force_dose": 100, "fatigue": {"figure": "sparc", "worse": 0.1, "repetitions": 2}},
@@ -85,7 +85,7 @@ TEST(Programme, NamesThePathOfTheKeyThatIsWrong) {
                  {"p.json: exercises[0].shape.kind: 'disc'", "circle"});
 }
 
-TEST(Programme, RefusesWhatMeansNothingInItsMode) {
+TEST(Programme, RefusesAKeyThatDoesNotApplyInItsMode) {
   expect_refused(
       circle_with(R"("mode": "passive", "radius": 0.01)"),
       {"exercises[0].radius: does not apply in mode passive; it applies in assisted, tunnel, cursor, resist, free"});
@@ -102,7 +102,7 @@ TEST(Programme, RefusesWhatMeansNothingInItsMode) {
                  {"difficulty: nothing adapts; give radius, stiffness or pace"});
 }
 
-TEST(Programme, MirrorsAndScalesAPathForAPersonAndMirrorsItsForcesOnly) {
+TEST(Programme, MirrorsAndScalesAPathForAParticipantAndMirrorsItsForcesOnly) {
   const TempFolder folder;
   Path path{.name = "a",
             .time = {0, 1},

@@ -5,7 +5,7 @@
 namespace haptrace {
 namespace {
 
-TEST(RadiusProfile, RunsStraightBetweenItsPlaces) {
+TEST(RadiusProfile, IsLinearBetweenItsPoints) {
   const TempFolder folder;
   const RadiusProfile profile =
       load_radius_profile(folder.write("r.json", R"({"s": [0.1, 0.2, 0.4], "radius": [0.01, 0.002, 0.006]})"));

@@ -43,7 +43,7 @@ SessionLog session() {
   return log;
 }
 
-TEST(SessionLog, ComesBackAsItWas) {
+TEST(SessionLog, IsReadBackUnchanged) {
   const TempFolder folder;
   const SessionLog log = session();
   save_session_log(log, folder.path());
@@ -72,7 +72,7 @@ TEST(SessionLog, ComesBackAsItWas) {
   }
 }
 
-TEST(SessionLog, IsReplacedWhole) {
+TEST(SessionLog, IsReplacedAsAWhole) {
   const TempFolder folder;
   SessionLog log = session();
   save_session_log(log, folder.path());

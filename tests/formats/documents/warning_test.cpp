@@ -53,7 +53,7 @@ TEST(Warnings, ThatDoNotFitAreLeftOutNotesFirst) {
   EXPECT_EQ(read.back().code, "force_limit");
 }
 
-TEST(Warnings, ThatAreNoneArePassedOver) {
+TEST(Warnings, ThatAreInvalidAreSkipped) {
   EXPECT_THAT(warnings_from({{"text", "no list"}}), IsEmpty());
   EXPECT_THAT(warnings_from({1, nullptr, "text", {{"text", 5}}, {{"code", "a"}}}), IsEmpty());
   EXPECT_EQ(warnings_from({{{"text", "t"}, {"severity", "unheard of"}, {"time_s", "soon"}}}).size(), 1U);

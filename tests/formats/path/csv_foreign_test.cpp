@@ -134,7 +134,7 @@ INSTANTIATE_TEST_SUITE_P(
                     {"the path is that of 'S:Marker1'"}}),
     [](const auto& tested) { return std::string(tested.param.name); });
 
-TEST_P(ForeignCsv, IsReadAsAPathWithWhatWasAssumed) {
+TEST_P(ForeignCsv, IsReadAsAPathAndReportsItsAssumptions) {
   const Path path = read_foreign(GetParam().text);
   expect_two_rows(path);
   for (const std::string& note : GetParam().notes) expect_note(path, note);
@@ -164,7 +164,7 @@ TEST_P(ForeignCsv, MayEndItsLinesInAnyWay) {
   expect_two_rows(read_foreign(text));
 }
 
-TEST_P(ForeignCsv, IsRefusedWithWordsWhereverItIsCutOff) {
+TEST_P(ForeignCsv, IsRefusedWithAMessageWhereverItIsCutOff) {
   const std::string& text = GetParam().text;
   const TempFolder folder;
   for (std::size_t length = 0; length < text.size(); length += 3) {
@@ -200,7 +200,7 @@ TEST(ForeignCsvColumns, AreRecognisedByManyNames) {
     EXPECT_EQ(cell(name), "unknown") << name;
 }
 
-TEST(ForeignCsvColumns, AreChosenByTheUserAndThoseThatAreNotThereAreListed) {
+TEST(ForeignCsvColumns, AreChosenByTheUserAndMissingOnesAreReported) {
   const std::string text = "clock,\"a, b\",b,c\n0,1,2,3\n10,1.5,-2,3\n";
   expect_two_rows(read_foreign(text, asking("t=clock,x=a, b,y=b,z=c", "mm,ms")));
   expect_foreign_refused(
@@ -222,7 +222,7 @@ TEST(ForeignCsvColumns, AreChosenByTheUserAndThoseThatAreNotThereAreListed) {
   EXPECT_EQ(read_foreign("t,Pos X,pos_x,y,z\n0,1,2,3,4\n", asking("x=pos_x")).position[0], Vec3(2, 3, 4));
 }
 
-TEST(ForeignCsvColumns, OfAMotiveExportAreThoseOfTheBodyThatWasAskedFor) {
+TEST(ForeignCsvColumns, OfAMotiveExportBelongToTheRequestedBody) {
   const std::string text =
       "Format Version,1.23,Take Name,T\n\n,Type,Rigid Body,Rigid Body,Rigid Body,Marker,Marker,Marker\n"
       ",Name,Hand,Hand,Hand,Tip,Tip,Tip\n,ID,1,1,1,2,2,2\n,,Position,Position,Position,Position,Position,Position\n"
@@ -242,7 +242,7 @@ TEST(ForeignCsvColumns, OfAMotiveExportAreThoseOfTheBodyThatWasAskedFor) {
   expect_foreign_refused(lost, {"no row has a position"});
 }
 
-TEST(ForeignCsvUnits, OfTheUserWinWithAWord) {
+TEST(ForeignCsvUnits, OfTheUserTakePrecedenceWithANote) {
   const Path path = read_foreign(
       "time_s,x_m,y_m,z_m,vx,vy,vz,Fx (mN),Fy (mN),Fz (mN)\n0,1,2,3,1000,0,0,500,0,0\n"
       "10,1.5,-2,3,1000,0,0,500,0,0\n",
@@ -262,13 +262,13 @@ TEST(ForeignCsvUnits, OfTheUserWinWithAWord) {
   EXPECT_EQ(read_foreign("t,x [px],y [px],z [px]\n0,1,2,3\n", asking("", "cm")).position[0], Vec3(0.01, 0.02, 0.03));
 }
 
-TEST(ForeignCsvUnits, OfHaptracesOwnNamesStayMetresAndSecondsWithoutAWord) {
+TEST(ForeignCsvUnits, OfHaptracesOwnNamesAreMetresAndSecondsWithoutANote) {
   const Path path = read_foreign("t,x,y,z\n0,1,2,3\n0.01,1.5,-2,3\n");
   EXPECT_TRUE(path.notes.empty()) << path.notes.front();
   EXPECT_EQ(path.position[1], Vec3(1.5, -2, 3));
 }
 
-TEST(ForeignCsvUnits, AreAskedForWhereAHandDeviceCannotReach) {
+TEST(ForeignCsvUnits, AreRequiredForPositionsThatAHandDeviceCannotReach) {
   expect_foreign_refused("t,x,y,z\n0,0,0,0\n1,50,0,0\n",
                          {"a.csv:3: column x: 50 m is farther than a hand device reaches", "Use --units mm"});
   expect_foreign_refused("time;Pos X;Pos Y;Pos Z\n0;0;0;-5,1\n", {"column z ('Pos Z'): -5.1 m is farther"});
@@ -277,7 +277,7 @@ TEST(ForeignCsvUnits, AreAskedForWhereAHandDeviceCannotReach) {
   EXPECT_EQ(read_foreign("t,x [m],y [m],z [m]\n0,0,0,0\n1,6,0,0\n").position[1], Vec3(6, 0, 0));
 }
 
-TEST(ForeignCsvTime, IsAskedAboutWhereStepsAreNoneOfAMovementInSeconds) {
+TEST(ForeignCsvTime, NeedsAUnitIfItsStepsDoNotFitAMovementInSeconds) {
   const auto log = [](double step, double speed) {
     std::string text = "t,x,y,z\n";
     for (int i = 0; i < 50; ++i) text += fmt::format("{},{},0,0\n", step * i, speed * i);
@@ -326,7 +326,7 @@ TEST(ForeignCsvTime, MayBeRequiredToNameItsZone) {
     EXPECT_EQ(parse_date_stamp(text, true), std::nullopt) << text;
 }
 
-TEST(ForeignCsvTime, IsReadFromDatesInTheirForms) {
+TEST(ForeignCsvTime, IsReadFromDatesInManyForms) {
   const std::int64_t expected = 1769857200'123'000'000;  // 2026-01-31 11:00:00.123 UTC
   for (const char* text : {"2026-01-31T11:00:00.123Z", "2026-01-31t11:00:00.123z", "2026-01-31 11:00:00.123",
                            "2026/01/31 11:00:00.123", "2026-01-31T12:00:00.123+01:00", "2026-01-31T12:00:00.123+0100",
@@ -346,7 +346,7 @@ TEST(ForeignCsvTime, IsReadFromDatesInTheirForms) {
   expect_foreign_refused("time,x,y,z\n1700-01-31T11:00:00Z,0,0,0\n2250-01-31T11:00:10Z,0,0,0\n", {"over 290 years"});
 }
 
-TEST(ForeignCsvRows, SayWhatIsWrongInTheirWords) {
+TEST(ForeignCsvRows, AreRefusedWithTheirOwnTextInTheMessage) {
   expect_foreign_refused("t;x;y;z\n0;1,5;2.5;3\n",
                          {":2: column y: '2.5' has a decimal point, but numbers from line 2"});
   expect_foreign_refused("t;x;y;z\n0;1;2;3\n1;1.000,5;2;3\n", {":3: column x: '1.000,5' is not a number"});
@@ -389,7 +389,7 @@ TEST(ForeignCsvOptions, AreRefusedForOtherFormats) {
                {"--columns and --units are for CSV"});
 }
 
-TEST(ForeignCsvOptions, DoNotTouchWhatHaptraceWroteItself) {
+TEST(ForeignCsvOptions, AreRefusedForRecordingsThatHaptraceWrote) {
   const TempFolder folder;
   std::vector<Sample> session = random_session(3, 40, {});
   for (Sample& sample : session) sample.position *= 1e6;

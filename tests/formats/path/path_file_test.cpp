@@ -70,7 +70,7 @@ TEST(Csv, LeavesOutUnknownColumnsAndHalfVectorsWithANote) {
   EXPECT_EQ(notes_of(path), "columns left out: pressure, vx, vy, marker\n");
 }
 
-TEST(Csv, TakesNumbersBeyondTheRangeOfDoubleForZeroButNotForInfinity) {
+TEST(Csv, ReadsUnderflowAsZeroButRejectsOverflow) {
   EXPECT_EQ(load_text("t,x,y,z\n0,1e-400,2,3\n").position[0].x(), 0);
   expect_refused("t,x,y,z\n0,1e400,2,3\n", ":2", "column x: '1e400' is not a finite number");
 }
@@ -120,7 +120,7 @@ TEST(LoadPath, RefusesASizeThatCanOnlyBeAUnitMistake) {
   expect_refused("t,x,y,z\n0,0,0,0\n1,80,0,0\n", ":3", "millimetres");
 }
 
-TEST(LoadPath, NotesWhatAPersonShouldKnowOfTheTimeStamps) {
+TEST(LoadPath, NotesIrregularTimeStamps) {
   EXPECT_EQ(notes_of(load_text("t,x,y,z\n0,0,0,0\n0.001,0,0,0\n0.002,0,0,0\n0.003,0,0,0\n")), "");
 
   std::string milliseconds = "t,x,y,z\n";
@@ -192,7 +192,7 @@ TEST(SavePath, MakesACompleteRecordingWithoutFindings) {
     ADD_FAILURE() << finding.where << ": " << finding.what;
 }
 
-TEST(SavePath, RefusesUnknownEndingsPathsThatAreNoneAndStepsBelowANanosecond) {
+TEST(SavePath, RefusesUnknownEndingsInvalidPathsAndStepsBelowANanosecond) {
   const TempFolder folder;
   Path path = random_path(3, 3, false, false);
   expect_error([&] { save_path(path, folder / "a.txt", "", false); }, Error::Kind::input,
@@ -206,7 +206,7 @@ TEST(SavePath, RefusesUnknownEndingsPathsThatAreNoneAndStepsBelowANanosecond) {
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 
-TEST(LoadPath, TakesOfASessionOnlyPhaseRun) {
+TEST(LoadPath, TakesOnlyPhaseRunOfASession) {
   const TempFolder folder;
   std::vector<Sample> session = random_session(4, 300, {});
   for (std::size_t i = 0; i < session.size(); ++i)
@@ -222,7 +222,7 @@ TEST(LoadPath, TakesOfASessionOnlyPhaseRun) {
   EXPECT_EQ(load_path(folder / "b.h5").size(), 300U);
 }
 
-TEST(LoadPath, NotesARecordingThatWasNotFinishedAndVelocitiesThatAreNotThroughout) {
+TEST(LoadPath, NotesAnUnfinishedRecordingAndIncompleteVelocities) {
   const TempFolder folder;
   std::vector<Sample> session = random_session(5, 30, {});
   for (Sample& sample : session) sample.phase = Phase::run;
@@ -239,7 +239,7 @@ TEST(LoadPath, NotesARecordingThatWasNotFinishedAndVelocitiesThatAreNotThroughou
             "lack it\n");
 }
 
-TEST(SampleStroke, IsWhatItsDescriptionSays) {
+TEST(SampleStroke, MatchesItsDescription) {
   const Path path = load_path(HAPTRACE_SAMPLES "/paths/stroke.csv");
   const nlohmann::json said = load_json(HAPTRACE_SAMPLES "/paths/stroke.json");
   EXPECT_EQ(path.size(), said["rows"]);

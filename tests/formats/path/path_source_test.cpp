@@ -147,7 +147,7 @@ TEST(PathSource, KeepsItsLawsWhenItIsThinnedAndKeepsEveryNthRowAndTheLast) {
   }
 }
 
-TEST(PathSource, TakesTheRowsOfTheRunThatIsAskedFor) {
+TEST(PathSource, TakesTheSamplesOfTheRequestedRun) {
   const TempFolder folder;
   for (unsigned seed = 1; seed <= 12; ++seed) {
     const std::vector<Sample> session = session_of_runs(seed, 40'000);
@@ -187,7 +187,7 @@ TEST(PathSource, SaysWhyNothingCanBeChosen) {
   EXPECT_EQ(open_path(csv, {.from = 0.5})->facts().rows, 1U);
 }
 
-TEST(PathSource, NamesTheRowOfAPositionThatIsNotANumber) {
+TEST(PathSource, NamesTheSampleOfAPositionThatIsNotFinite) {
   const TempFolder folder;
   std::vector<Sample> session = free_session(1, 20'000);
   session[12'344].position.y() = kNaN;

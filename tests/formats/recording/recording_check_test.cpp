@@ -46,7 +46,7 @@ TEST(CheckRecording, FindsNothingInAGoodRecording) {
   EXPECT_EQ(text_of(check_recording(folder / "a.h5")), "");
 }
 
-TEST(CheckRecording, NamesTheRowOfAValueThatMayNotBe) {
+TEST(CheckRecording, NamesTheRowOfAnInvalidValue) {
   using Rows = std::vector<Sample>;
   using Events = std::vector<StoredEvent>;
   using Header = RecordingHeader;
@@ -106,7 +106,7 @@ TEST(CheckRecording, NamesTheRowOfAValueThatMayNotBe) {
       Severity::warning, "/samples", "there are no samples");
 }
 
-TEST(CheckRecording, AcceptsWhatIsNotKnownThroughout) {
+TEST(CheckRecording, AcceptsColumnsThatAreUnknownThroughout) {
   const TempFolder folder;
   std::vector<Sample> session = random_session(2, 100, kAll);
   for (Sample& s : session) {
@@ -118,7 +118,7 @@ TEST(CheckRecording, AcceptsWhatIsNotKnownThroughout) {
   EXPECT_EQ(text_of(check_recording(folder / "a.h5")), "");
 }
 
-TEST(CheckRecording, WarnsOfMissingTicksUnlessAnEventTellsOfThem) {
+TEST(CheckRecording, WarnsOfMissingTicksUnlessAnEventReportsThem) {
   const auto miss = [](std::vector<Sample>& s) { s.erase(s.begin() + 50, s.begin() + 80); };
   expect_value_finding([&](std::vector<Sample>& s, std::vector<StoredEvent>&, RecordingHeader&) { miss(s); },
                        Severity::warning, "/samples/tick[50]",
@@ -208,7 +208,7 @@ struct Case {
 
 class DamagedStructure : public testing::TestWithParam<Case> {};
 
-TEST_P(DamagedStructure, IsFoundWhereItIs) {
+TEST_P(DamagedStructure, IsReportedWithItsPlace) {
   const TempFolder folder;
   const std::string name = folder / "a.h5";
   write_recording(name, random_session(5, 60, kAll), kAll, {}, {{0.01, 50, "mark"}});

@@ -95,7 +95,7 @@ TEST(KilledWriter, LosesNothingThatWasFlushedAndInventsNothing) {
   }
 }
 
-TEST(LiveReader, SeesWhatWasFlushedSinceItOpenedTheFile) {
+TEST(LiveReader, SeesDataFlushedAfterItOpenedTheFile) {
   const std::vector<Sample> session = random_session(2, 1000, {});
   const TempFolder folder;
   WriterProcess writer(folder / "a.h5", session, 100);
@@ -190,7 +190,7 @@ void break_disk_under(const std::string& file) {
   close(refuses);
 }
 
-TEST(BrokenDisk, EndsTheRecordingWithAnErrorAndKeepsWhatWasFlushed) {
+TEST(BrokenDisk, EndsTheRecordingWithAnErrorAndKeepsFlushedData) {
   const std::vector<Sample> session = random_session(4, 5000, {});
   for (const std::size_t flushed : {0U, 50U, 450U, 3000U}) {
     const TempFolder folder;
@@ -242,7 +242,7 @@ TEST(GrownButNotFilled, RowsWithoutATimeAreLeftOut) {
   expect_same(reader.read(0, 10'350), session);
 }
 
-TEST(KilledWriter, WhoseOverviewLagsBehindLeavesNothingThatIsWrong) {
+TEST(KilledWriter, LeavesNothingWrongIfItsOverviewLagsBehind) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   // The fastest movement spans the end of the rows in /overview.

@@ -75,9 +75,9 @@ void make_virtual(hid_t file, const std::string&, const std::string& other) {
   replace_position(file, creation);
 }
 
-class Outside : public testing::TestWithParam<WayOut> {};
+class DataOutsideTheFile : public testing::TestWithParam<WayOut> {};
 
-TEST_P(Outside, IsReadByNobody) {
+TEST_P(DataOutsideTheFile, AreNotRead) {
   const WayOut& way = GetParam();
   const TempFolder folder;
   const std::string file = folder / "a.h5", other = folder / "other.h5";
@@ -113,7 +113,7 @@ TEST_P(Outside, IsReadByNobody) {
 }
 
 INSTANTIATE_TEST_SUITE_P(
-    Every, Outside,
+    Every, DataOutsideTheFile,
     testing::Values(WayOut{"ExternalLinkToADataset", "/samples/position", "link to another file", link_dataset},
                     WayOut{"ExternalLinkToAGroup", "/samples", "link to another file", link_group},
                     WayOut{"ExternalLinkToMetadata", "/meta", "link to another file", link_metadata},

@@ -30,7 +30,7 @@ TEST(PartFile, OfTheFirstPartIsTheRecordingItself) {
   EXPECT_EQ(part_file("b.h5", 1234), "b.part1234.h5");
 }
 
-TEST(RecordingInParts, ReadsAsOne) {
+TEST(RecordingInParts, IsReadAsOneRecording) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(1, 1000, {});
   write_parts(folder / "a.h5", session, {300, 1, 0, 699});
@@ -50,7 +50,7 @@ TEST(RecordingInParts, ReadsAsOne) {
   for (std::size_t row = 0; row < 1000; row += 33) EXPECT_EQ(reader.row_at(session[row].time_ns), row);
 }
 
-TEST(RecordingInParts, IsARecordingInEachOfThem) {
+TEST(RecordingInParts, HasACompleteRecordingInEachPart) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(1, 900, {});
   write_parts(folder / "a.h5", session, {300, 300, 300});
@@ -65,7 +65,7 @@ TEST(RecordingInParts, IsARecordingInEachOfThem) {
   expect_same(second.read(0, 1000), std::span(session).subspan(300, 300));
 }
 
-TEST(RecordingInParts, EndsBeforeAPartThatIsAnothers) {
+TEST(RecordingInParts, EndsBeforeAPartOfAnotherRecording) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(1, 900, {});
   write_parts(folder / "other.h5", session, {100, 100, 100, 100});
@@ -74,7 +74,7 @@ TEST(RecordingInParts, EndsBeforeAPartThatIsAnothers) {
   EXPECT_EQ(RecordingReader(folder / "a.h5").rows(), 900U);
 }
 
-TEST(RecordingInParts, IsNotReadWithoutAPartThatIsMissingUnlessThatIsAskedFor) {
+TEST(RecordingInParts, IsNotReadWithAMissingPartExceptOnRequest) {
   const std::vector<Sample> session = random_session(1, 900, {});
   for (const std::uint32_t lost : {2U, 3U}) {
     const TempFolder folder;
@@ -99,7 +99,7 @@ TEST(RecordingInParts, IsNotReadWithoutAPartThatIsMissingUnlessThatIsAskedFor) {
   }
 }
 
-TEST(RecordingInParts, DoesNotMissAPartOfAnother) {
+TEST(RecordingInParts, IgnoresAPartOfAnotherRecording) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(1, 600, {});
   write_parts(folder / "other.h5", session, {100, 100, 100, 100});
@@ -130,7 +130,7 @@ TEST(RecordingInParts, IsFollowedIntoTheNextPart) {
   expect_same(reader.read(0, 500), session);
 }
 
-TEST(RecordingInParts, RefusesToBeginWhereASecondPartWouldBeInTheWay) {
+TEST(RecordingInParts, RefusesToBeginIfAFileHasTheNameOfItsSecondPart) {
   const TempFolder folder;
   const std::string blocked = folder.write("a.part002.h5", "mine");
   expect_error([&] { RecordingWriter(folder / "a.h5", {}, {}, {.in_parts = true}); }, Error::Kind::input,
@@ -139,7 +139,7 @@ TEST(RecordingInParts, RefusesToBeginWhereASecondPartWouldBeInTheWay) {
   EXPECT_EQ(read_bytes(blocked), "mine");
 }
 
-TEST(RecordingInParts, KeepsWhatItHasWhenTheNextPartCannotBeMade) {
+TEST(RecordingInParts, KeepsItsDataWhenTheNextPartCannotBeCreated) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(1, 100, {});
   fs::create_directory(folder / "sub");
@@ -211,7 +211,7 @@ TEST(RecordingWriter, SaysWhereAFileThatWasMovedIsNow) {
   EXPECT_EQ(RecordingReader(folder / "b.h5").rows(), 50U);
 }
 
-TEST(RecordingWriter, GoesOnWhenItsFileAndFolderBecomeReadOnly) {
+TEST(RecordingWriter, ContinuesWhenItsFileAndFolderBecomeReadOnly) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(1, 5000, {});
   RecordingWriter writer(folder / "a.h5", {}, {}, {});
@@ -225,7 +225,7 @@ TEST(RecordingWriter, GoesOnWhenItsFileAndFolderBecomeReadOnly) {
   expect_same(RecordingReader(folder / "a.h5").read(0, 5000), session);
 }
 
-TEST(RecordingWriter, ForcesWhatItHasToTheDiskWhenAsked) {
+TEST(RecordingWriter, SyncsItsDataToTheDiskOnRequest) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(1, 100, {});
   RecordingWriter writer(folder / "a.h5", {}, {}, {});

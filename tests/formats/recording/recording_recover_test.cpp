@@ -68,7 +68,7 @@ TEST_P(Recover, MakesARecordingWholeWhoseWriterWasKilled) {
   expect_valid(file);
 }
 
-TEST_P(Recover, DoneTwiceIsDoneOnce) {
+TEST_P(Recover, ChangesNothingTheSecondTime) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   write_and_die(file, random_session(2, 5000, {.reference = true}), GetParam());

@@ -116,7 +116,7 @@ TEST_P(RoundedStorage, KeepsItsBoundInEverySampleAndEveryBitOfTheRest) {
   expect_same(read, session);
 }
 
-TEST(RoundedStorage, IsSmallerTheMoreMayBeLost) {
+TEST(RoundedStorage, IsSmallerAtACoarserPrecision) {
   const TempFolder folder;
   const std::vector<Sample> session = movement(30'000, 1e-9);
   std::uint64_t before = write(folder / "a.h5", session, {.deflate = 1});
@@ -127,7 +127,7 @@ TEST(RoundedStorage, IsSmallerTheMoreMayBeLost) {
   }
 }
 
-TEST(RoundedStorage, KeepsWhatTheFilterCannotHold) {
+TEST(RoundedStorage, KeepsValuesThatTheFilterCannotHold) {
   const TempFolder folder;
   std::mt19937 random(4);
   std::vector<Sample> session = movement(5000, 1e-9);

@@ -51,7 +51,7 @@ void expect_same_figures(const RecordingSummary& a, const RecordingSummary& b) {
   }
 }
 
-TEST(RecordingSummary, OfBlocksJoinedIsThatOfTheWholeHoweverItIsCut) {
+TEST(RecordingSummary, OfJoinedBlocksEqualsThatOfTheWholeHoweverItIsCut) {
   std::mt19937 random(1);
   for (unsigned seed = 0; seed < 50; ++seed) {
     const std::vector<Sample> session = eventful_session(seed, 400);
@@ -89,7 +89,7 @@ TEST(RecordingSummary, IsJoinedInAnyGrouping) {
   }
 }
 
-TEST(RecordingSummary, TellsGapsRunsAndExtremesOfAKnownSession) {
+TEST(RecordingSummary, ReportsGapsRunsAndExtremesOfAKnownSession) {
   std::vector<Sample> session(100);
   for (std::size_t i = 0; i < session.size(); ++i) {
     Sample& s = session[i];
@@ -145,7 +145,7 @@ TEST(RecordingSummary, CountsTheSpeedOfRunsByThemselves) {
   }
 }
 
-TEST(RecordingSummary, OfNothingHasNoFiguresThatLie) {
+TEST(RecordingSummary, OfNoSamplesHasNoMisleadingValues) {
   const RecordingSummary nothing;
   EXPECT_EQ(nothing.mean_rate(), 0);
   EXPECT_EQ(nothing.duration(), 0);
@@ -153,7 +153,7 @@ TEST(RecordingSummary, OfNothingHasNoFiguresThatLie) {
   EXPECT_TRUE(std::isnan(nothing.peak_error()));
 }
 
-TEST(Overview, OfAFileIsThatOfItsRowsAndMakesUpAllOfThem) {
+TEST(Overview, CoversAllRowsOfItsFile) {
   const TempFolder folder;
   const std::vector<Sample> session = eventful_session(5, 3 * 8192 + 100);
   write_recording(folder / "a.h5", session, {.reference = true});
@@ -165,7 +165,7 @@ TEST(Overview, OfAFileIsThatOfItsRowsAndMakesUpAllOfThem) {
   expect_same_figures(summarise(reader), summary_of(session));
 }
 
-TEST(Overview, OfAnUnfinishedRecordingIsCompletedFromItsRows) {
+TEST(Overview, IsCompletedFromTheRowsOfAnUnfinishedRecording) {
   const TempFolder folder;
   const std::vector<Sample> session = eventful_session(6, 2 * 8192 + 777);
   RecordingWriter writer(folder / "a.h5", {}, {.reference = true}, {});

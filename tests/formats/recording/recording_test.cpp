@@ -162,7 +162,7 @@ TEST(RecordingWriter, RefusesToReplaceAFileUnlessAllowed) {
   expect_same(RecordingReader(file).read(0, 10), session);
 }
 
-TEST(RecordingWriter, LeavesWhatItReplacesToThoseWhoReadIt) {
+TEST(RecordingWriter, LeavesAReplacedFileToItsReaders) {
   const TempFolder folder;
   const std::vector<Sample> old_session = random_session(6, 300, {}), new_session = random_session(7, 20, {});
   write_recording(folder / "a.h5", old_session);
@@ -225,7 +225,7 @@ TEST(RecordingWriter, SaysThatAFolderIsNotWritable) {
   std::filesystem::permissions(folder.path(), std::filesystem::perms(0755));
 }
 
-TEST(RecordingWriter, RefusesToGoOnAfterItsEnd) {
+TEST(RecordingWriter, RefusesToContinueAfterItsEnd) {
   const TempFolder folder;
   RecordingWriter writer(folder / "a.h5", {}, {}, {});
   writer.finish();
@@ -237,7 +237,7 @@ TEST(RecordingWriter, RefusesToGoOnAfterItsEnd) {
   EXPECT_TRUE(RecordingReader(folder / "a.h5").header().complete);
 }
 
-TEST(RecordingWriter, KeepsWhatItHasWhenItIsAbandoned) {
+TEST(RecordingWriter, KeepsItsDataWhenItIsAbandoned) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(9, 250, {});
   {

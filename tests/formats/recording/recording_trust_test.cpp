@@ -93,7 +93,7 @@ TEST_P(BitRot, IsFoundByReadersAndCheckAndRecoverSavesTheRest) {
   EXPECT_FALSE(recover_recording(file).needed);
 }
 
-TEST(BitRot, InABlockOfAnyPlaceAndColumnIsSavedAround) {
+TEST(BitRot, InAnyBlockOfAnyColumnLeavesTheRestReadable) {
   const std::vector<Sample> session = random_session(2, 20'001, {});
   for (const char* column : {"time", "tick", "position", "velocity", "force", "latency", "phase"})
     for (const hsize_t block : {0U, 4U, 5U, 8U, 10U}) {  // 4 and 8 span multiples of 8192
@@ -124,7 +124,7 @@ TEST(BitRot, InABlockOfAnyPlaceAndColumnIsSavedAround) {
     }
 }
 
-TEST(BitRot, ThatMakesAPositionWhichNoHandReachesCostsThatRow) {
+TEST(BitRot, ThatMakesAPositionImpossibleCostsOneSample) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   write_recording(file, random_session(2, 300, {}));
@@ -149,7 +149,7 @@ TEST(Checksums, ThatAreZeroInAFinishedFileAreDamage) {
   expect_error([&] { for_each_block(RecordingReader(file), [](auto) {}); }, Error::Kind::input, {"has no checksum"});
 }
 
-TEST(Recover, MendsWhatCannotBeInAFileWithoutChecksums) {
+TEST(Recover, MendsImpossibleValuesInAFileWithoutChecksums) {
   for (const double value : {kNaN, 1e300, -5.0, 0.0}) {
     const TempFolder folder;
     const std::string file = folder / "a.h5";
@@ -192,7 +192,7 @@ TEST(Recover, RefusesAFormatThatItDoesNotKnow) {
   EXPECT_EQ(read_bytes(file), before);
 }
 
-TEST(Recover, KeepsItKnownThatAPartIsMissing) {
+TEST(Recover, KeepsTheFactThatAPartIsMissing) {
   const TempFolder folder;
   const std::string file = folder / "a.h5", copy = folder / "b.h5";
   {
@@ -207,7 +207,7 @@ TEST(Recover, KeepsItKnownThatAPartIsMissing) {
   expect_error([&] { (void)RecordingReader(copy); }, Error::Kind::input, {part_file(copy, 2), "missing"});
 }
 
-TEST(Clocks, OfACutAreThoseOfItsBeginning) {
+TEST(Clocks, OfACutStartAtItsBeginning) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   const std::vector<Sample> session = random_session(2, 3000, {});
@@ -241,7 +241,7 @@ INSTANTIATE_TEST_SUITE_P(Of, BitRot, testing::ValuesIn(rots()), [](const auto& i
   return fmt::format("{}_{}", instance.param.name, instance.param.column);
 });
 
-TEST(BitRotOf, APackedTimeCostsNoRowSinceTicksTellTheTime) {
+TEST(BitRot, InAPackedTimeCostsNoSampleBecauseTicksGiveTheTime) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   const std::vector<Sample> session = random_session(2, 3000, {});
@@ -260,7 +260,7 @@ TEST(BitRotOf, APackedTimeCostsNoRowSinceTicksTellTheTime) {
     EXPECT_NEAR(static_cast<double>(rows[i].time_ns - session[i].time_ns), 0, 25'000) << i;
 }
 
-TEST(BitRotOf, AnEventIsFound) {
+TEST(BitRot, InAnEventIsFound) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   write_recording(file, random_session(3, 100, {}), {}, {}, {{0.01, 50, "left hand"}});
@@ -272,7 +272,7 @@ TEST(BitRotOf, AnEventIsFound) {
   EXPECT_EQ(errors_of(file), std::vector<std::string>());
 }
 
-TEST(BitRotOf, AReadingOfTheClocksIsFound) {
+TEST(BitRot, InAClockReadingIsFound) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   {
@@ -288,7 +288,7 @@ TEST(BitRotOf, AReadingOfTheClocksIsFound) {
   EXPECT_THAT(recover_recording(file).notes, Contains(HasSubstr("/clocks[0] is lost")));
 }
 
-TEST(BitRotOf, TheFiguresIsFoundAndTheyAreReckonedAnew) {
+TEST(BitRot, InTheOverviewIsFoundAndTheOverviewIsRecomputed) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   const std::vector<Sample> session = random_session(3, 20'000, {});
@@ -345,7 +345,7 @@ class ACutRecording : public testing::TestWithParam<Storage> {};
 INSTANTIATE_TEST_SUITE_P(EveryStorage, ACutRecording,
                          testing::Values(Storage{.rows_per_chunk = 100}, Storage{.deflate = 3, .rows_per_chunk = 100}));
 
-TEST_P(ACutRecording, IsSavedAsFarAsItsBytesGo) {
+TEST_P(ACutRecording, IsSavedUpToTheCut) {
   const TempFolder folder;
   const std::vector<Sample> session = random_session(6, 1950, {});
   {
@@ -411,7 +411,7 @@ TEST(Recover, SavesARecordingWhoseConfigurationIsDamaged) {
   expect_same(reader.read(0, 2500), session);
 }
 
-TEST(Rounding, KeepsFiguresAndChecksumsOfWhatIsRead) {
+TEST(Rounding, KeepsStatisticsAndChecksumsOfTheValuesThatAreRead) {
   // Some values are near zero, where a relative comparison sees a difference; others cannot be rounded.
   for (const Precision& precision : {Precision{.position = 1e-6, .velocity = 1e-3, .force = 1e-3},
                                      Precision{.position = 3e-7, .velocity = 7e-5, .force = 0.2},
@@ -446,7 +446,7 @@ TEST(Rounding, KeepsFiguresAndChecksumsOfWhatIsRead) {
   }
 }
 
-TEST(Clocks, ComeBackAsTheyWereReadAndTellTheDrift) {
+TEST(Clocks, AreReadBackUnchangedAndGiveTheDrift) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   std::vector<ClockReading> readings;
@@ -504,7 +504,7 @@ TEST(RecordingWriter, KeepsOtherProgramsFromWritingAndLetsThemRead) {
   EXPECT_EQ(h5py("\"r+\""), 0);
 }
 
-TEST(RecordingWriter, EndsWithAnErrorAndNothingOfItsOwnInAFileThatAnotherProgramWrote) {
+TEST(RecordingWriter, EndsWithAnErrorAndWritesNothingIntoAFileOfAnotherProgram) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
   RecordingWriter writer(file, {}, {}, {});

@@ -45,7 +45,7 @@ void expect_steps(const std::vector<double>& found, const std::vector<double>& e
   for (std::size_t i = 0; i < found.size(); ++i) EXPECT_NEAR(1e3 * found[i], expected_ms[i], 0.02) << i;
 }
 
-TEST(Sampling, SaysNothingOfAnEvenLog) {
+TEST(Sampling, ReportsNothingForAnEvenLog) {
   for (const double step : {0.05, 1.0, 10.0 / 7, 33.3}) {
     const Sampling found = sampling_of(stamps({step}, 3000));
     EXPECT_TRUE(found.even);
@@ -112,7 +112,7 @@ TEST(Sampling, MakesUpNoClockAndNoPatternForNoise) {
   EXPECT_FALSE(found.even);
 }
 
-TEST(Sampling, SaysNothingOfAClockThatMerelyJitters) {
+TEST(Sampling, ReportsNothingForAClockThatMerelyJitters) {
   std::mt19937_64 random(9);
   std::exponential_distribution<double> late(1 / 0.06);  // lateness of a tick [ms]
   std::vector<double> all;
@@ -154,7 +154,7 @@ TEST(Sampling, FindsASensorThatIsSlowerThanTheRowsAndItsRate) {
   EXPECT_TRUE(sampling_of(stamps({1}, 4000), 1000).held.empty());
 }
 
-TEST(Sampling, SaysThatStampsWhichWereMadeUpDisagreeWithTheMovement) {
+TEST(Sampling, ReportsStampsThatDisagreeWithTheMovement) {
   SamplingReport report;
   const std::vector<double> true_ms = stamps({1, 2, 1, 2, 1, 1, 2}, 5000);
   for (std::size_t i = 0; i < true_ms.size(); ++i) {
@@ -168,7 +168,7 @@ TEST(Sampling, SaysThatStampsWhichWereMadeUpDisagreeWithTheMovement) {
       << all_notes(report.result());
 }
 
-TEST(Sampling, TellsChannelsThatNeverChangeFromOnesThatStop) {
+TEST(Sampling, DistinguishesConstantChannelsFromChannelsThatStop) {
   SamplingReport report;
   for (int i = 0; i < 6000; ++i) {
     Sample sample = at(1e-3 * i);
@@ -235,7 +235,7 @@ TEST(Sampling, FindsANoisyChannelThatStopsForGood) {
   EXPECT_EQ(report.result().stuck[0].name, "fy");
 }
 
-TEST(Sampling, TakesNoNoticeOfADeviceThatRests) {
+TEST(Sampling, IgnoresADeviceAtRest) {
   SamplingReport report;
   for (int i = 0; i < 4000; ++i) {
     Sample sample = at(i < 2000 ? 1e-3 * i : 2);
@@ -246,7 +246,7 @@ TEST(Sampling, TakesNoNoticeOfADeviceThatRests) {
   EXPECT_EQ(all_notes(report.result()), "");
 }
 
-TEST(Sampling, IsAnObjectOfJsonWithTheSameFigures) {
+TEST(Sampling, IsAJsonObjectWithTheSameValues) {
   const Sampling found = sampling_of(stamps({1, 2}, 500), 100);
   const nlohmann::json json = json_of(found);
   EXPECT_EQ(json["rows"], 500);
