@@ -47,7 +47,7 @@ TEST(FrictionFeedforward, IsTheModelsFrictionAtTheReferencesVelocity) {
   };
   EXPECT_TRUE(at(Vec3(0.3, -0.4, 0)).isApprox(Vec3(0.3 + 0.7, -0.8 - 0.6, 0), 1e-9));
   EXPECT_TRUE(at(Vec3(0.3, -0.4, 0), {.friction = 0.5}).isApprox(Vec3(0.5, -0.7, 0), 1e-9));
-  EXPECT_EQ(at(Vec3::Zero()), Vec3::Zero()) << "a reference at rest asks for none";
+  EXPECT_EQ(at(Vec3::Zero()), Vec3::Zero()) << "a reference at rest needs no force";
 }
 
 TEST(FrictionFeedforward, TurnsItsSignSmoothly) {

@@ -362,7 +362,8 @@ TEST_P(GuidedHand, ReceivesNoMoreThanTheBudgetAndComesToRestWhenItLetsGo) {
     EXPECT_LT(outcome.given, 0.005) << "J beyond a budget of " << outcome.budget;
     EXPECT_LT(passive.given, 0.005);
     EXPECT_LT(outcome.farthest, 0.15);
-    EXPECT_LT(GetParam() ? 0 : passive.ripple, 0.06) << "what springs hold comes to rest; a cursor drags on";
+    EXPECT_LT(GetParam() ? 0 : passive.ripple, 0.06)
+        << "a hand that springs hold comes to rest; a cursor keeps pulling";
   }
 }
 

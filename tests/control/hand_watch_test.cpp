@@ -34,7 +34,7 @@ TEST(HandWatch, ReportsAResistingHandOnce) {
 TEST(HandWatch, CountsWithHysteresis) {
   HandWatch hand({.needed = 2, .resisting = 3, .resist_time = 0.5});
   EXPECT_EQ(watch(hand, 1, [](double) { return 7.0; }).size(), 1U);
-  EXPECT_TRUE(watch(hand, 1, [](double) { return 4.0; }).empty()) << "more than half goes on";
+  EXPECT_TRUE(watch(hand, 1, [](double) { return 4.0; }).empty()) << "the count continues above half of the force";
   EXPECT_TRUE(hand.resists());
   EXPECT_TRUE(watch(hand, 1, [](double) { return 7.0; }).empty());
   (void)watch(hand, 1, [](double) { return 3.0; });
@@ -103,7 +103,7 @@ TEST(HandWatch, ForgetsTheLoadOnRequest) {
   (void)watch(hand, 1, [](double) { return 6.0; });
   hand.reset();
   EXPECT_EQ(hand.opposing(), 0);
-  EXPECT_TRUE(watch(hand, 2, [](double) { return 0.5; }).empty()) << "nobody let go";
+  EXPECT_TRUE(watch(hand, 2, [](double) { return 0.5; }).empty()) << "the hand did not let go";
 }
 
 TEST(HandWatch, NamesTheOptionThatIsWrong) {

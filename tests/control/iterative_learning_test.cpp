@@ -138,7 +138,7 @@ TEST(IterativeLearning, MakesFrictionsErrorTwiceAsSmallInThreeRepetitions) {
   session.learn(friction_load);
   const double first = session.learning.rms_error();
   for (int i = 0; i < 3; ++i) session.learn(friction_load);
-  EXPECT_LT(session.learning.rms_error(), first / 2) << "steps have more than Q lets through";
+  EXPECT_LT(session.learning.rms_error(), first / 2) << "steps contain more than Q passes";
 }
 
 TEST(IterativeLearning, LearnsTheTrueLoadAtTheTrueTimeAtAnyDelayAndSpeed) {
@@ -218,11 +218,11 @@ TEST(IterativeLearning, RevertsATableThatMadeARepetitionWorse) {
   ASSERT_NE(session.learning.table().force, best);
   const Load other = [](double time, const Vec3&, const Vec3&) -> Vec3 { return Vec3(4 * std::sin(20 * time), 0, 0); };
   EXPECT_EQ(session.learn(other), Learned::undone);
-  EXPECT_TRUE(session.learning.table().force == best) << "the one that was driven by in the best repetition";
+  EXPECT_TRUE(session.learning.table().force == best) << "the table of the best repetition";
   const int learned = session.learning.repetitions();
   EXPECT_EQ(session.learn(other), Learned::undone);
   EXPECT_EQ(session.learning.repetitions(), learned);
-  EXPECT_EQ(session.learn(sine_load), Learned::learned) << "and goes on when things are as they were";
+  EXPECT_EQ(session.learn(sine_load), Learned::learned) << "learning continues when the conditions are as before";
 }
 
 TEST(IterativeLearning, SkipsARepetitionThatWasInterruptedPausedOrShort) {
@@ -240,7 +240,7 @@ TEST(IterativeLearning, SkipsARepetitionThatWasInterruptedPausedOrShort) {
   EXPECT_EQ(session.learning.learn({}), Learned::skipped) << "nothing";
   EXPECT_EQ(session.learning.table().force, before);
   EXPECT_EQ(session.learning.repetitions(), 0);
-  EXPECT_EQ(session.learning.learn(session.log), Learned::learned) << "and the whole one is not";
+  EXPECT_EQ(session.learning.learn(session.log), Learned::learned) << "the complete repetition is not skipped";
 }
 
 TEST(IterativeLearning, LeavesLoadsToTheTermsThatCancelThem) {

@@ -140,7 +140,7 @@ TEST(MotorBudget, WarnsOnceBeforeForceIsTakenAndAgainAfterCooling) {
     }
     return events;
   };
-  EXPECT_EQ(run(2.1, 60), 0) << "what can last for ever is not told";
+  EXPECT_EQ(run(2.1, 60), 0) << "no warning of a force that can last for ever";
   EXPECT_EQ(run(8, 60), 1);
   EXPECT_LT(told, limited);
   EXPECT_NEAR(told + told_left, limited, 0.01) << "the time left is right";

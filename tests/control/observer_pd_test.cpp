@@ -141,7 +141,7 @@ TEST(ObserverPd, DoesNotWindUpWhileTheUserHoldsTheDeviceStill) {
 
 TEST(ObserverPd, DoesNotWindUpWhileTheDeviceSaturates) {
   for (const double force : {4.0, 8.0, 20.0})
-    EXPECT_LT(overshoot(force, 0), overshoot(force, 0, 0) + 3e-3) << force << " N, beyond what a PD law makes of it";
+    EXPECT_LT(overshoot(force, 0), overshoot(force, 0, 0) + 3e-3) << force << " N, beyond the ripple of a PD law";
 }
 
 TEST(ObserverPd, HasSofterGainsAtRestAndKeepsTheLoad) {
@@ -207,7 +207,7 @@ TEST(ObserverPd, ReplacesTheStoredLoadByTheMeasuredLoad) {
   EXPECT_LT((loop.force - before).norm(), 0.05);
   loop.held = true;
   for (int i = 0; i < 300; ++i) loop.tick(leaving);
-  EXPECT_GT((loop.force - before).norm(), 0.2) << "which is another";
+  EXPECT_GT((loop.force - before).norm(), 0.2) << "the new load differs";
 }
 
 TEST(ObserverPd, DoesNotHuntAtRestWithStictionAndAFiniteResolution) {

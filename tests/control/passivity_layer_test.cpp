@@ -139,7 +139,7 @@ TEST(PassivityLayer, MeasuresTheEnergyThatASampledLateSpringCreates) {
       const auto wander = [&](double) { return z += 1e-4 * normal(random) - 0.01 * (z + 5e-3); };
       const Pressed result =
           pressed({.stiffness = 3000}, {.delay = late / rate, .rate_hz = rate, .max_damping = 0}, 2000 / rate, wander);
-      EXPECT_GT(result.left, 0) << "it was not tried";
+      EXPECT_GT(result.left, 0) << "the spring created no energy";
       EXPECT_NEAR(result.seen, result.left, 1e-9 * result.left) << rate << " Hz, " << late << " ticks late";
     }
 }
@@ -180,7 +180,7 @@ TEST(PassivityLayer, GivesAPressedHandAtMostTheWorkOfOneTick) {
         SCOPED_TRACE(fmt::format("{} Hz, {} ticks late, {:.0f} N/m", rate, late, stiffness));
         const double tick = stiffness * std::pow((0.5 + late) * fastest * period, 2);
         EXPECT_LT(kept.created, 4 * (1 + late) * tick);
-        EXPECT_GT(bare.left, 4 * kept.created) << "without it more was created";
+        EXPECT_GT(bare.left, 4 * kept.created) << "without the layer, more energy is created";
         EXPECT_GT(kept.added, 0);
       }
 }
@@ -296,9 +296,9 @@ TEST(PassivityLayer, ForgetsTheCreditOfAContactThatIsOver) {
   at(-1e-3, 3, 0.001);  // the tool absorbed 3 mJ, and the spring holds 1 mJ
   EXPECT_NEAR(layer.energy(), -2e-3, 1e-15);
   at(-1e-3, 3, 0.001);
-  EXPECT_NEAR(layer.energy(), -2e-3, 1e-15) << "in the contact it stays";
+  EXPECT_NEAR(layer.energy(), -2e-3, 1e-15) << "the credit stays during the contact";
   at(0, 1, 0);
-  EXPECT_NEAR(layer.energy(), -2e-3, 1e-15) << "a force acted still";
+  EXPECT_NEAR(layer.energy(), -2e-3, 1e-15) << "a force was still acting";
   at(0.001, 0, 0);
   EXPECT_EQ(layer.energy(), 0);
   at(0.002, 1, 0);
@@ -307,7 +307,7 @@ TEST(PassivityLayer, ForgetsTheCreditOfAContactThatIsOver) {
   EXPECT_NEAR(layer.energy(), 1e-3, 1e-15) << "a debt is not forgotten";
   layer.reset();
   at(-5e-3, 1, 1);
-  EXPECT_EQ(layer.energy(), 0) << "nobody knows what was before";
+  EXPECT_EQ(layer.energy(), 0) << "the history is unknown";
 }
 
 TEST(PassivityLayer, ReturnsNoForceForInvalidStatesAndKeepsItsMemory) {

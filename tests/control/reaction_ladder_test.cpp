@@ -65,7 +65,7 @@ TEST(ReactionLadder, ReducesAResidualVibrationMoreSlowlyAndNeverEndsForIt) {
   rest.remains = true;
   ReactionLadder ladder;
   EXPECT_TRUE(ladder.update(kFast, kTick));
-  EXPECT_TRUE(run(ladder, rest, 0.24).empty()) << "what the filters still hold of the time before the step";
+  EXPECT_TRUE(run(ladder, rest, 0.24).empty()) << "the filters still contain the time before the step";
   const auto events = run(ladder, rest, 30);
   EXPECT_FALSE(ladder.beyond_help());
   ASSERT_EQ(events.size(), 2U);
@@ -96,7 +96,7 @@ TEST(ReactionLadder, RestoresTheFeedbackAfterAHintUntilItHasReturnedThreeTimes) 
   }
   run(ladder, kHint, 0.3);
   run(ladder, std::nullopt, 60);
-  EXPECT_NEAR(ladder.share(), 0.5, 1e-9) << "the third return: it stays";
+  EXPECT_NEAR(ladder.share(), 0.5, 1e-9) << "the reduction stays after the third return";
 }
 
 TEST(ReactionLadder, WaitsTwoPeriodsForTheNextStepOfAHint) {

@@ -63,7 +63,7 @@ TEST_P(StateObserverAt, ConvergesToPositionVelocityAndLoadUnderAConstantForce) {
   const StateObserver::Estimate now = pair.observer.now();
   EXPECT_LT((now.position - pair.plant.x).norm(), 1e-9);
   EXPECT_LT((now.velocity - pair.plant.v).norm(), 1e-8);
-  EXPECT_LT((now.load + load).norm(), 1e-7) << "what cancels it";
+  EXPECT_LT((now.load + load).norm(), 1e-7) << "the force that cancels the load";
 }
 
 TEST_P(StateObserverAt, FollowsKnownForcesWithoutLagAtAnyBandwidth) {
@@ -152,7 +152,7 @@ TEST(StateObserver, LeavesAnAxisWithoutMassWhereItIsMeasured) {
       ASSERT_EQ(estimate.load.y(), 0);
     }
   }
-  EXPECT_EQ(observer.ahead().position.x(), full.ahead().position.x()) << "the others do not notice";
+  EXPECT_EQ(observer.ahead().position.x(), full.ahead().position.x()) << "the other axes do not change";
 }
 
 TEST(StateObserver, ForgetsAnErrorWithAllThreePolesAtTheBandwidth) {

@@ -148,7 +148,7 @@ TEST(VibrationMonitor, HoldsItsWindowsOverAGap) {
   const auto force = [](double t) { return Vec3(Vec3::Constant(0.25 * kForce * sine(60, t))); };
   EXPECT_FALSE(watched.first(0.1, force, any));
   EXPECT_FALSE(watched.tick(force(watched.time()), Vec3::Zero(), 0, 300)) << "a gap is no vibration";
-  EXPECT_TRUE(watched.first(0.25, force, any)) << "and what was seen before it counts";
+  EXPECT_TRUE(watched.first(0.25, force, any)) << "the time before the gap counts";
 }
 
 /// Simulates a push against a wall every `interval` [s]. The wall returns the share `restitution` of the speed. Returns
@@ -188,7 +188,7 @@ TEST(VibrationMonitor, FindsAToolThatBouncesOffAWallByItself) {
   EXPECT_EQ(slow_bounces->rule, VibrationRule::slow);
   EXPECT_FALSE(bounce(0.6, 0.25, 0.1, 20)) << "a hand that taps: the wall takes its energy";
   EXPECT_FALSE(bounce(1, 0.5, 0.1, 20)) << "slowly";
-  EXPECT_FALSE(bounce(1, 0.25, 0.005, 20)) << "slower than the contact rule looks at";
+  EXPECT_FALSE(bounce(1, 0.25, 0.005, 20)) << "slower than the range of the contact rule";
 }
 
 TEST(VibrationMonitor, IgnoresWhatIsNotFinite) {

@@ -78,7 +78,7 @@ std::vector<Extreme> extremes() {
 TEST(TrackingDesign, IsValidAndCalmsALighterAndLaterDeviceAtEveryExtreme) {
   for (const Extreme& extreme : extremes()) {
     SCOPED_TRACE(testing::Message() << extreme.mass << " kg, " << extreme.delay_ticks << " ticks, " << extreme.rate_hz
-                                    << " Hz, quantum " << extreme.resolution << " m");
+                                    << " Hz, resolution " << extreme.resolution << " m");
     PlantModel plant = plant_of(extreme.mass, extreme.delay_ticks / extreme.rate_hz, extreme.resolution);
     if (extreme.two_axes) plant.mass.z() = 0;
     const TrackingDesign design = design_tracking(plant, {.rate_hz = extreme.rate_hz, .max_force = 10});
@@ -132,7 +132,7 @@ TEST(TrackingDesign, CalmsALightDeviceInAHeavyHandOnAStiffGrip) {
     double& fastest = i < 300 ? early : late;
     if ((i >= 100 && i < 300) || i >= 500) fastest = std::max(fastest, loop.device.true_velocity().norm());
   }
-  EXPECT_LT(late, 0.75 * early) << "a compensation of 12 Hz makes it 1.2";
+  EXPECT_LT(late, 0.75 * early) << "a compensation of 12 Hz gives a ratio of 1.2";
 }
 
 TEST(TrackingDesign, IsStifferForMoreMassAndSofterForMoreDelay) {

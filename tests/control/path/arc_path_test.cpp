@@ -82,7 +82,7 @@ TEST(ArcPath, IgnoresTremorAtRestAndTreatsAPauseAsASlowPoint) {
     slowest = std::min(slowest, path.at(s).speed);
     strongest = std::max(strongest, path.at(s).force.y());
   }
-  EXPECT_NEAR(strongest, 3, 0.1) << "what he felt there most of the time";
+  EXPECT_NEAR(strongest, 3, 0.1) << "the force that the trainee felt there most of the time";
   EXPECT_LT(slowest, 5e-4);
   EXPECT_NEAR(path.at(0.02).speed, 0.05, 1e-6);
   EXPECT_NEAR(path.time_at(path.length()), 4, 1e-9);

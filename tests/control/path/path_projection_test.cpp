@@ -103,7 +103,7 @@ TEST_P(ProjectionLaws, NeverJumpsAndStaysNearTheTruePointForATremblingTrainee) {
       before = s;
       worst = std::max(worst, std::abs(s - true_place[static_cast<std::size_t>(i)]));
     }
-    EXPECT_LT(worst, 0.018) << "tremble reaches 8 mm, and passes a turn before it";
+    EXPECT_LT(worst, 0.018) << "the tremor reaches 8 mm and passes a turn before it";
   }
 }
 

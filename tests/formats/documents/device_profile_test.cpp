@@ -84,7 +84,7 @@ TEST_F(DeviceProfiles, AreStoredWhereTheEnvironmentSpecifies) {
   setenv("XDG_DATA_HOME", "/data", 1);
   EXPECT_EQ(profile_folder(), "/data/haptrace/profiles");
   setenv("XDG_DATA_HOME", "data", 1);
-  EXPECT_EQ(profile_folder().find("data"), std::string::npos) << "a folder of wherever the process runs";
+  EXPECT_EQ(profile_folder().find("data"), std::string::npos) << "a folder that depends on the working folder";
   unsetenv("XDG_DATA_HOME");
   EXPECT_NE(profile_folder().find("/.local/share/haptrace/profiles"), std::string::npos);
 }

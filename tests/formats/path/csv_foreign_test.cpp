@@ -289,7 +289,7 @@ TEST(ForeignCsvTime, NeedsAUnitIfItsStepsDoNotFitAMovementInSeconds) {
   expect_foreign_refused(log(1e6, 0), {"Are these nanoseconds? Use --units ns"});
   EXPECT_NEAR(read_foreign(log(1, 2e-4), asking("", "ms")).duration(), 0.049, 1e-12);
   EXPECT_EQ(read_foreign(log(1, 2e-4), asking("", "s")).duration(), 49);
-  EXPECT_EQ(read_foreign(log(1, 0.02)).duration(), 49) << "a hand that is looked at once a second";
+  EXPECT_EQ(read_foreign(log(1, 0.02)).duration(), 49) << "a hand that is sampled once a second";
   EXPECT_EQ(read_foreign(log(1, 0)).duration(), 49) << "a hand that rests";
 }
 

@@ -284,7 +284,7 @@ TEST(BitRot, InAClockReadingIsFound) {
   ASSERT_EQ(errors_of(file), std::vector<std::string>());
   flip(file, place_of_chunk(file, "/clocks", 0).first + 9);
   EXPECT_THAT(errors_of(file), Contains(HasSubstr("/clocks")));
-  EXPECT_TRUE(RecordingReader(file).clocks().empty()) << "a false time is worse than none";
+  EXPECT_TRUE(RecordingReader(file).clocks().empty()) << "a wrong time is worse than none";
   EXPECT_THAT(recover_recording(file).notes, Contains(HasSubstr("/clocks[0] is lost")));
 }
 
