@@ -40,7 +40,7 @@ struct PlayArguments {
 
 std::optional<PdGains> gains_from(const PlayArguments& arguments) {
   if (!arguments.gains.empty()) {
-    if (arguments.kp || arguments.kd) throw input_error("--gains excludes --kp and --kd; give the gains in one way");
+    if (arguments.kp || arguments.kd) throw input_error("--gains and --kp, --kd exclude each other");
     return gains_from_json(load_json(arguments.gains), arguments.gains);
   }
   if (!arguments.kp && !arguments.kd) return std::nullopt;

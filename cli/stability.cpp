@@ -222,15 +222,15 @@ Verb add_map(CLI::App& parent) {
 
 Verb add_ensemble(CLI::App& parent) {
   const auto arguments = std::make_shared<StabilityArguments>();
-  Verb verb = add_experiment(
-      parent, "ensemble", "measure playback on many random devices and hands",
-      "  haptrace stability ensemble --draws 200 -o stability.json --figure stability.png\n"
-      "  haptrace stability ensemble --draws 1 --first 137     repeats one draw\n"
-      "Each random device is calibrated in the hand that holds it, without knowledge of its parameters. Then circle, "
-      "square, script and further paths are played with stiff PD, with cautious PD, and by the calibrated player. Then "
-      "the device is held at rest, and driven with gains beyond its stable range. Time is virtual; the seed determines "
-      "every result.",
-      true, arguments, try_ensemble);
+  Verb verb =
+      add_experiment(parent, "ensemble", "measure playback on many random devices and hands",
+                     "  haptrace stability ensemble --draws 200 -o stability.json --figure stability.png\n"
+                     "  haptrace stability ensemble --draws 1 --first 137     repeats one draw\n"
+                     "Each random device is calibrated in the hand that holds it, without knowledge of its parameters. "
+                     "Then circle, square, script and further paths are played with stiff PD, with cautious PD, and by "
+                     "the calibrated player. Then the device holds its position, and is driven with gains beyond its "
+                     "stable range. Time is virtual; the seed determines every result.",
+                     true, arguments, try_ensemble);
   add_draws(*verb.app, arguments);
   add_seed(*verb.app, arguments);
   verb.app->add_option("--learn", arguments->learn, "learning repetitions of the calibrated player")

@@ -98,11 +98,11 @@ void run(double seconds) {
   const std::uint64_t exchanged = bus.falcon([](const EmulatedFalcon& falcon) { return falcon.packets(); }) - packets;
   device->close();
   fmt::print("{}{}\n", to_string(report.cause), report.detail.empty() ? "" : ": " + report.detail);
-  fmt::print("{} ticks in {:.1f} s, {} missed in {} overruns; {} packets taken\n", report.samples, report.duration,
+  fmt::print("{} ticks in {:.1f} s, {} missed in {} overruns; {} packets received\n", report.samples, report.duration,
              report.missed, report.overruns, exchanged);
-  fmt::print("a round of the driver: median {:.0f} us, p99 {:.0f} us\n", 1e6 * quantile(rounds, 0.5),
+  fmt::print("round of the driver: median {:.0f} us, p99 {:.0f} us\n", 1e6 * quantile(rounds, 0.5),
              1e6 * quantile(rounds, 0.99));
-  fmt::print("age of a state when it is used: median {:.0f} us, p99 {:.0f} us\n", 1e6 * quantile(watched.ages(), 0.5),
+  fmt::print("age of a state at its use: median {:.0f} us, p99 {:.0f} us\n", 1e6 * quantile(watched.ages(), 0.5),
              1e6 * quantile(watched.ages(), 0.99));
 }
 

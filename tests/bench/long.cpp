@@ -88,9 +88,9 @@ int main(int argc, char** argv) {
     }
   };
   measure("open, check, seek to the middle, first reference", [&] { begin_at(duration / 2, 0); });
-  measure("open, check, first reference at the beginning", [&] { begin_at(-1, 0); });
+  measure("open, check, first reference at the start", [&] { begin_at(-1, 0); });
   measure("the same, and the reference of 60 s", [&] { begin_at(duration / 2, 60); });
-  measure("all figures, as info tells them", [&] { (void)summarise(RecordingReader(file)); });
+  measure("all metrics of `haptrace info`", [&] { (void)summarise(RecordingReader(file)); });
   measure("open as a replay device, first exchange", [&] {
     const auto replay = open_device("replay:file=" + file);
     DeviceState state;

@@ -53,7 +53,7 @@ TEST_F(CalibratedPlay, StoresTheLearnedForceForThisDeviceAndPathAndForgetsItOnRe
   EXPECT_THAT(file, HasSubstr("circle.h5.learned/"));
 
   const nlohmann::json again = play({}).json();
-  EXPECT_THAT(again["compensations"], Each(Not("friction"))) << "the learned force has it";
+  EXPECT_THAT(again["compensations"], Each(Not("friction"))) << "the learned force contains the friction";
   EXPECT_LT(again["rms_error_m"].get<double>(), learning["repetitions"][0]["rms_error_m"].get<double>());
   EXPECT_THAT(play({"--forget"}).json()["compensations"], testing::Contains("friction"));
 
@@ -64,8 +64,8 @@ TEST_F(CalibratedPlay, StoresTheLearnedForceForThisDeviceAndPathAndForgetsItOnRe
   EXPECT_THAT(play({}).err, HasSubstr("it was learned on another path"));
 
   const Answer broken = play({"--learned", folder_.write("broken.json", "{\"format\": 1")});
-  EXPECT_EQ(broken.exit_code, 0) << "the session needs no learned forces";
-  EXPECT_THAT(broken.err, HasSubstr("the learned forces are not used"));
+  EXPECT_EQ(broken.exit_code, 0) << "playback works without the learned force";
+  EXPECT_THAT(broken.err, HasSubstr("is not used"));
 }
 
 TEST_F(CalibratedPlay, RejectsAnUnwritableLearnedFileBeforeItMoves) {
@@ -89,7 +89,7 @@ TEST_F(CalibratedPlay, ReportsItsResultsIfTheLearnedForceCannotBeSaved) {
   (void)folder_.write("place", "");
   const Answer answer = command.wait();
   EXPECT_EQ(answer.exit_code, 1) << answer.err;
-  EXPECT_EQ(answer.json()["repetitions"].size(), 2U) << "what was measured is told";
+  EXPECT_EQ(answer.json()["repetitions"].size(), 2U) << "the measurements are reported";
   EXPECT_THAT(answer.json()["learned_error"].get<std::string>(), HasSubstr("place"));
   EXPECT_THAT(answer.err, HasSubstr("the learned force was not saved"));
 }

@@ -41,7 +41,7 @@ TEST(Capture, StartsBeforeTheTrigger) {
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   const RecordingReader reader(folder / "a.h5");
   EXPECT_EQ(reader.read(0, 1).front().time_ns, 0);
-  EXPECT_GT(reader.read(0, 1).front().tick, 10U) << "the hand begins at rest";
+  EXPECT_GT(reader.read(0, 1).front().tick, 10U) << "the hand starts at rest";
   EXPECT_NEAR(duration_of(reader), 0.6, 1e-6);
   ASSERT_EQ(texts_of_events(folder / "a.h5", EventCode::triggered).size(), 1U);
   for (const Sample& sample : reader.read(0, 99)) EXPECT_LE(sample.velocity.norm(), 0.02);
@@ -78,7 +78,7 @@ TEST(Capture, RecordsTrialAfterTrialIntoNumberedFiles) {
     EXPECT_EQ(reader.header().meta.at("trials"), "3");
     EXPECT_NEAR(duration_of(reader), 1, 1e-6);
     EXPECT_GT((reader.read(999, 1).front().position - reader.read(0, 1).front().position).norm(), 0.01)
-        << "a hand that intends something does so in every trial";
+        << "the hand follows its path in every trial";
   }
 }
 

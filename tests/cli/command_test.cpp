@@ -346,7 +346,7 @@ TEST(ALostDevice, ResumesTheSessionWhenItReturns) {
   EXPECT_NEAR(answer.json()["achieved_rate_hz"].get<double>(), 1000, 1);
   ASSERT_EQ(answer.json()["repetitions"].size(), 1U);
   EXPECT_NEAR(answer.json()["repetitions"][0]["duration_s"].get<double>(), 1.05, 0.02)
-      << "the path's own second, and gathering speed again";
+      << "the path takes a second, and the device has to accelerate again";
   expect_sound(folder / "out.h5");
   EXPECT_EQ(haptrace("check", folder / "out.h5").exit_code, 0);
   EXPECT_THAT(haptrace("check", folder / "out.h5").out, testing::Not(HasSubstr("no event reports them")));
@@ -380,7 +380,7 @@ TEST(ALostDevice, IsReopenedByItsPlugInEveryTimeItIsLost) {
       haptrace("play", path, "--fit", "--record", folder / "out.h5", "--json", "--wait-for-device", "30", "--device",
                std::string("plugin:path=" FAULTY_PLUGIN R"(,options={"fault":"lost","tick":900})"));
   ASSERT_EQ(answer.exit_code, 0) << answer.err << answer.out;
-  EXPECT_GE(answer.json()["returns"], 2) << "a new one is lost after 900 ticks again";
+  EXPECT_GE(answer.json()["returns"], 2) << "every reopened device is lost again after 900 ticks";
   EXPECT_EQ(haptrace("check", folder / "out.h5").exit_code, 0);
   // Forces start at zero and grow in small steps, wherever the new device stands.
   const RecordingReader reader(folder / "out.h5");
@@ -412,7 +412,7 @@ TEST(ALostDevice, IsWaitedForByRecordToo) {
                                  "--device", kFalcon + ",lost_at=0.5,lost_for=0.5");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   EXPECT_EQ(answer.json()["returns"], 1);
-  EXPECT_NEAR(answer.json()["samples"].get<double>(), 1001, 2) << "none while it was away";
+  EXPECT_NEAR(answer.json()["samples"].get<double>(), 1001, 2) << "no samples while the device was away";
   EXPECT_NEAR(answer.json()["duration_s"].get<double>(), 1.5, 2e-3);
   EXPECT_EQ(haptrace("check", folder / "out.h5").exit_code, 0);
 }

@@ -104,7 +104,7 @@ TEST(ConvertCommand, AnonymisesWritesForOldReadersAndRejectsInvalidOptions) {
   EXPECT_THAT(answer.out, HasSubstr("kept, and may still identify the participant or the date: created"));
   EXPECT_EQ(read_bytes(folder / "b.h5").find("Jane"), std::string::npos);
   EXPECT_EQ(read_bytes(folder / "a.h5")[8], 3);
-  EXPECT_EQ(read_bytes(folder / "b.h5")[8], 2) << "the superblock of HDF5 1.8";
+  EXPECT_EQ(read_bytes(folder / "b.h5")[8], 2) << "the superblock version of HDF5 1.8";
 
   const auto refused = [&](const std::string& option, const std::string& value, const std::string& what) {
     const Answer said = haptrace("convert", folder / "a.h5", "-o", folder / "x.h5", option, value);

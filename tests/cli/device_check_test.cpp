@@ -9,7 +9,7 @@ nlohmann::json finding(const Answer& answer, const std::string& id) {
   const nlohmann::json json = answer.json();
   for (const auto& finding : json["findings"])
     if (finding["id"] == id) return finding;
-  ADD_FAILURE() << "nothing was found about " << id;
+  ADD_FAILURE() << "the report has no law " << id;
   return {};
 }
 

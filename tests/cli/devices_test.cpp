@@ -76,7 +76,7 @@ TEST(ConnectedDevices, IncludeKnownDevicesWithoutADriverAndSuggestAPlugIn) {
   EXPECT_THAT(connected[1].remedy, AllOf(HasSubstr("devices/plugin.h"), HasSubstr("plugin:path=")));
 
   EXPECT_THAT(connected_devices({backend("teensy", find_teensy)}, machine.root()), ElementsAre(kTeensy))
-      << "what a finder finds is not named again";
+      << "a device of a finder is not listed twice";
 }
 
 TEST(PluggedUsbDevices, SayWhyTheyCannotBeOpened) {

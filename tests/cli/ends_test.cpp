@@ -38,7 +38,7 @@ TEST_P(DeadlyPlugin, EndsTheSessionWithAMessageAndACompleteFile) {
   EXPECT_FALSE(answer.json()["warnings"].empty());
   const Answer checked = test::haptrace("check", file);
   EXPECT_EQ(checked.exit_code, 0) << checked.out << checked.err;
-  EXPECT_EQ(RecordingReader(file).rows(), 299U + 1) << "all that came before, and the first state";
+  EXPECT_EQ(RecordingReader(file).rows(), 299U + 1) << "all samples before the fault, and the first state";
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -150,7 +150,8 @@ TEST(LostDevices, MustBeSwitchedOffIfTheirForceMayRemain) {
     EXPECT_THAT(answer.err, AllOf(HasSubstr("the force could not be set to zero: switch the device off"),
                                   Not(HasSubstr("the force is zero"))));
     EXPECT_EQ(answer.json()["zero_force"], "failed") << fault;
-    EXPECT_THAT(test::haptrace("info", file).out, HasSubstr("switch the device off")) << "the file keeps it as well";
+    EXPECT_THAT(test::haptrace("info", file).out, HasSubstr("switch the device off"))
+        << "the file contains the message as well";
   }
 }
 

@@ -28,7 +28,7 @@ TEST(GuideCommand, GuidesATraineeAndReportsTheResult) {
     EXPECT_EQ(json["mode"], mode);
     EXPECT_EQ(json["file"], out);
     const double length = json["path_length_m"];
-    EXPECT_NEAR(length, 0.25, 0.02) << "a cautious playback cuts its way";
+    EXPECT_NEAR(length, 0.25, 0.02) << "a cautious playback cuts the corners of the path";
     EXPECT_GT(json["progress_m"].get<double>(), 0.98 * length);
     EXPECT_GE(json["time_in_tunnel"].get<double>(), 0);
     EXPECT_LE(json["energy_given_j"], json["energy_budget_j"]);

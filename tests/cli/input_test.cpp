@@ -89,7 +89,8 @@ TEST(Input, ComesThroughStandardInputAndLeavesThroughStandardOutput) {
   const Answer there = in_shell(R"(cat "$1" | "$0" convert - -o -)", {file});
   EXPECT_EQ(there.exit_code, 0) << there.err;
   EXPECT_THAT(there.out, HasSubstr("\n0,0.001,0.002,0.003,"));
-  EXPECT_EQ(std::count(there.out.begin(), there.out.end(), '\n'), 4) << "rows alone: " << there.out;
+  EXPECT_EQ(std::count(there.out.begin(), there.out.end(), '\n'), 4)
+      << "standard output has only the samples: " << there.out;
   EXPECT_THAT(there.err, AllOf(HasSubstr("2 samples"), HasSubstr("numbers have decimal commas")));
   EXPECT_EQ(in_shell(R"("$0" convert - -o - -q < "$1" | "$0" convert - -o "$2" -q)", {file, folder / "a.h5"}).err, "");
   EXPECT_EQ(haptrace("check", folder / "a.h5").exit_code, 0);

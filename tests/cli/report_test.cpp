@@ -85,7 +85,7 @@ TEST(ReportCommand, ReplacesNeitherRecordedDataNorItsOwnOutput) {
   refused({log, "--csv", trial, "--no-page", "--overwrite"}, trial);
   refused({file, "-o", log, "--overwrite"}, log);
   EXPECT_FALSE(std::filesystem::exists(folder / "played.report.html"))
-      << "the table is refused before the page is made";
+      << "the table is rejected before the page is written";
 
   const Answer same = haptrace("report", file, "-o", folder / "x.html", "--csv", folder / "./x.html", "--overwrite");
   EXPECT_EQ(same.exit_code, 2);

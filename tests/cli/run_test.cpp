@@ -31,7 +31,7 @@ TEST(RunCommand, PrintsItsPlanWithoutADevice) {
   EXPECT_EQ(json["trials"], 3);
   EXPECT_NEAR(json["duration_s"].get<double>(), 3 * 2.5 + 2 * 0.5, 1e-6);
   EXPECT_EQ(json["exercises"][0]["mode"], "tunnel");
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1) << "nothing was made";
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1) << "the dry run writes no file";
   EXPECT_THAT(haptrace("run", programme(folder), "--dry-run").out, HasSubstr("3 repetitions, about 0:09 min"));
   EXPECT_THAT(haptrace("run", programme(folder), "--dry-run", "--device", "sim:preset=omega3", "--scale", "9").err,
               HasSubstr("leaves the workspace"));
@@ -42,7 +42,8 @@ TEST(RunCommand, PrintsNothingWithQuiet) {
   const Answer answer = haptrace("run", programme(folder), "--device", kTrainee, "-q");
   EXPECT_EQ(answer.exit_code, 0);
   EXPECT_EQ(answer.out + answer.err, "");
-  EXPECT_TRUE(load_session_log(folder / "circles-session").complete) << "beside the programme, by its name";
+  EXPECT_TRUE(load_session_log(folder / "circles-session").complete)
+      << "the session is beside the programme and has its name";
 }
 
 TEST(RunCommand, RunsTheSampleProgrammes) {
@@ -102,7 +103,7 @@ TEST(RunCommand, KeepsItsDataWhenInterruptedAndResumes) {
   EXPECT_EQ(again.json()["sitting"]["number"], 2);
   const std::string last = session + "/" + load_session_log(session).trials.back().file;
   const nlohmann::json kept = haptrace("info", last, "--json").json();
-  EXPECT_EQ(kept["rate_hz"], 500) << "it goes on as it was begun";
+  EXPECT_EQ(kept["rate_hz"], 500) << "the session resumes with its first rate";
   EXPECT_EQ(kept["subject"], "P07");
   const Answer done = haptrace("run", "--resume", session);
   EXPECT_EQ(done.exit_code, 2);
@@ -142,7 +143,7 @@ TEST(RunCommand, TakesNoDeviceAndNoLimitsFromAFolder) {
                                 "2", "--max-velocity", "1.5");
   EXPECT_EQ(again.exit_code, 0) << again.err;
   const std::string last = session + "/" + load_session_log(session).trials.back().file;
-  EXPECT_EQ(haptrace("info", last, "--json").json()["config"]["max-force"], 2) << "the line decides";
+  EXPECT_EQ(haptrace("info", last, "--json").json()["config"]["max-force"], 2) << "the command line takes precedence";
 }
 
 TEST(RunCommand, CreatesASessionThatNoOtherUserCanOpen) {

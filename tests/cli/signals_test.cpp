@@ -55,7 +55,7 @@ TEST(IgnoredSignals, NeitherStopNorEndASession) {
   std::this_thread::sleep_for(std::chrono::milliseconds(50));
   std::string state;
   std::getline(std::ifstream(fmt::format("/proc/{}/stat", command.pid())), state);
-  EXPECT_EQ(state.substr(state.rfind(')') + 2).find('T'), std::string::npos) << "it stands still: " << state;
+  EXPECT_EQ(state.substr(state.rfind(')') + 2).find('T'), std::string::npos) << "the process is stopped: " << state;
   kill(command.pid(), SIGINT);
   EXPECT_EQ(command.wait().exit_code, 130);
 }
@@ -83,9 +83,9 @@ TEST_P(StoppedProcesses, ResumeAsAfterAGapOfTheDevice) {
   const RecordingReader reader(file);
   const std::vector<Sample> rows = reader.read(0, reader.rows());
   for (std::size_t k = 1; k < rows.size(); ++k) {
-    EXPECT_LT(rows[k].velocity.norm(), 1) << "at " << rows[k].time_ns << " ns: the path is slower";
+    EXPECT_LT(rows[k].velocity.norm(), 1) << "at " << rows[k].time_ns << " ns: faster than the path";
     if (rows[k].time_ns - rows[k - 1].time_ns > 500'000'000) {
-      EXPECT_LT(rows[k].force.norm(), 0.05) << "it fades in";
+      EXPECT_LT(rows[k].force.norm(), 0.05) << "the force fades in";
     }
   }
 }
@@ -131,7 +131,7 @@ TEST(ATerminalThatIsClosed, EndsASessionInGoodOrder) {
   test::Command command({"record", file, "--device", kFalcon, "--clock", "real", "--no-realtime", "--json"},
                         test::Command::Input::terminal);
   wait_for(file);
-  ASSERT_TRUE(command.says("Hz")) << "its progress is on the terminal";
+  ASSERT_TRUE(command.says("Hz")) << "the terminal shows the progress";
   command.hang_up();
   const Answer answer = command.wait();
   EXPECT_EQ(answer.exit_code, 130);

@@ -75,7 +75,7 @@ TEST(TheCommand, PrintsNoControlSequencesOfAFile) {
   const Answer info = haptrace("info", file);
   EXPECT_EQ(info.exit_code, 0) << info.err;
   EXPECT_THAT(info.out, HasSubstr("a\\x1b[2J\\x1b]0;owned\\x07\\u{009b}31m\\u{202e}b\\x0d\\x0a  event"));
-  EXPECT_THAT(info.out, Not(HasSubstr("\n  event   0.000"))) << "a title is not a line of ours";
+  EXPECT_THAT(info.out, Not(HasSubstr("\n  event   0.000"))) << "the title must not look like a line of haptrace";
   expect_printable(info);
   for (const std::vector<std::string>& words :
        std::vector<std::vector<std::string>>{{"info", file, "--json"},
@@ -106,7 +106,7 @@ TEST(TheCommand, PlaysWithoutAHomeFolder) {
                              HAPTRACE_COMMAND + " play " + path + " --device " + kFalcon;
   const Answer answer = Command({"-c", script}, Command::Input::none, {}, "/bin/sh").wait();
   EXPECT_EQ(answer.exit_code, 0) << answer.err;
-  EXPECT_FALSE(std::filesystem::exists(folder / ".local")) << "not beside whatever is here";
+  EXPECT_FALSE(std::filesystem::exists(folder / ".local")) << "nothing is written to the current folder";
 }
 
 TEST(TheCommand, KeepsThePermissionsOfAFileThatItOverwrites) {

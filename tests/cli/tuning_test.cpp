@@ -110,7 +110,7 @@ TEST_F(Tuning, ThroughThePortNeedsTheTokenThatTheSessionPrints) {
 }
 
 TEST_F(Tuning, ThroughThePortRejectsTheRequestsOfABrowser) {
-  if (!std::filesystem::exists(CURL)) GTEST_SKIP() << "needs curl, a web client that is not ours";
+  if (!std::filesystem::exists(CURL)) GTEST_SKIP() << "needs curl, an independent web client";
   Command command(endless({"--tune-port", "0"}), Command::Input::pipe, {"XDG_RUNTIME_DIR=" + folder.path()});
   ASSERT_TRUE(command.says("| nc"));
   const std::string url = "http://127.0.0.1:" + command.word_after("tune on port ") + "/";
@@ -192,7 +192,7 @@ TEST_F(Tuning, ByKeysWorksWithoutARecording) {
   Command command(endless({}), Command::Input::terminal, {"COLUMNS=200"});
   ASSERT_TRUE(command.says("kp 500 kd 6  [+-olfr]"));
   command.type("m1tp+");
-  ASSERT_TRUE(command.says("kp 550 kd 6.6  [+-olfr]")) << "marks have no place, so that t begins no text";
+  ASSERT_TRUE(command.says("kp 550 kd 6.6  [+-olfr]")) << "without a recording there are no marks, so t starts no text";
   command.type("q");
   EXPECT_EQ(command.wait().exit_code, 130);
 }

@@ -60,7 +60,7 @@ TEST(ProgressLine, FitsTheTerminal) {
       if (line.starts_with("haptrace: ")) continue;  // warnings may be long; they stay on the screen
       ++progress;
       EXPECT_LT(columns_of(line), each.columns) << line;
-      EXPECT_THAT(line, HasSubstr(" s")) << "the time is what goes last";
+      EXPECT_THAT(line, HasSubstr(" s")) << "the time is dropped last";
       if (each.columns >= 40) {
         EXPECT_THAT(line, HasSubstr("force")) << line;
       }

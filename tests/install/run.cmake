@@ -42,7 +42,7 @@ if(HARDENED)
     expect_hardened(${plugin})
   endforeach()
 else()
-  message("HAPTRACE_HARDEN is off: the programs are not looked at")
+  message("HAPTRACE_HARDEN is off: the programs are not checked")
 endif()
 step(${CMAKE_COMMAND} -E compare_files ${SOURCE}/../../devices/udev/70-haptrace.rules
      ${OUT}/prefix/lib/udev/rules.d/70-haptrace.rules)

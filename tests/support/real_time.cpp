@@ -96,7 +96,7 @@ int skipped_laws() {
   int skipped = 0;
   for_each_test([&](const testing::TestInfo& test) {
     if (!test.result()->Skipped() || name_of(test).rfind("All/", 0) != 0) return;
-    std::printf("[ SKIPPED ] %s: a law is not skipped, its parameters say what it applies to\n", name_of(test).c_str());
+    std::printf("[ SKIPPED ] %s: a law must not be skipped; its parameters select the cases\n", name_of(test).c_str());
     ++skipped;
   });
   return skipped;
@@ -111,7 +111,7 @@ std::string to_be_tried_again(int attempt) {
     const auto late = std::chrono::duration<double, std::milli>(real_time_tests->excuse(test)).count();
     all = all && late > 0;
     filter += (filter.empty() ? "" : ":") + name_of(test);
-    told += "[  AGAIN   ] " + name_of(test) + ": this machine was busy, and kept a thread waiting for " +
+    told += "[  AGAIN   ] " + name_of(test) + ": this machine was busy and delayed a thread by " +
             std::to_string(std::lround(late)) + " ms; attempt " + std::to_string(attempt + 1) + " of " +
             std::to_string(kAttempts) + "\n";
   });
