@@ -26,9 +26,7 @@ struct EnumNames {
   }
 
   /// Throws Error(input) `unknown KIND 'TEXT'` with a suggestion.
-  [[nodiscard]] Enum parse(std::string_view text) const {
-    return static_cast<Enum>(index_of_name(kind, text, list()));
-  }
+  [[nodiscard]] Enum parse(std::string_view text) const { return static_cast<Enum>(index_of_name(kind, text, list())); }
 
   [[nodiscard]] std::vector<std::string> list() const { return {names.begin(), names.end()}; }
 };

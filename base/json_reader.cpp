@@ -1,9 +1,9 @@
 #include "base/json_reader.h"
 
 #include "base/error.h"
+#include "base/printable.h"
 #include "base/suggest.h"
 #include "base/text_file.h"
-#include "base/printable.h"
 
 #include <algorithm>
 #include <cerrno>

@@ -36,11 +36,12 @@ class BasicButterworth2 {
 
   Signal update(const Signal& x) noexcept {
     if (!all_finite(x)) return y_;
-    const Signal y = b0_ * x + z1_;
-    z1_ = b1_ * x - a1_ * y + z2_;
-    z2_ = b0_ * x - a2_ * y;
-    y_ = y;
-    return y;
+    // Axis by axis: expressions of vectors take twice the instructions.
+    if constexpr (kScalar)
+      step(x, z1_, z2_, y_);
+    else
+      for (Eigen::Index axis = 0; axis < x.size(); ++axis) step(x[axis], z1_[axis], z2_[axis], y_[axis]);
+    return y_;
   }
 
   /// Forgets everything, as if `x` had always been the input.
@@ -63,6 +64,13 @@ class BasicButterworth2 {
       return std::isfinite(x);
     else
       return is_finite(x);
+  }
+
+  void step(double x, double& z1, double& z2, double& y) const noexcept {
+    const double out = b0_ * x + z1;
+    z1 = b1_ * x - a1_ * out + z2;
+    z2 = b0_ * x - a2_ * out;
+    y = out;
   }
 
   double b0_, b1_, a1_, a2_;

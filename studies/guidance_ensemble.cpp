@@ -215,11 +215,15 @@ bool softened(const GuidanceRun& run) {
 }
 
 json guidance_criteria() {
-  return {{"excess_j", guidance_ensemble::kMostExcess},          {"jump_m", guidance_ensemble::kMostJump},
-          {"ripple_above_hz", guidance_ensemble::kRippleCutoff}, {"ripple_time_s", guidance_ensemble::kRippleTime},
+  return {{"excess_j", guidance_ensemble::kMostExcess},
+          {"jump_m", guidance_ensemble::kMostJump},
+          {"ripple_above_hz", guidance_ensemble::kRippleCutoff},
+          {"ripple_time_s", guidance_ensemble::kRippleTime},
           {"ripple_m", guidance_ensemble::kMostRipple},
-          {"ripple_of_hand_alone", guidance_ensemble::kMoreThanAlone},          {"hold_s", guidance_ensemble::kHold},
-          {"rest_judged_s", guidance_ensemble::kRestJudged},     {"rest_m_per_s", guidance_ensemble::kMostRest}};
+          {"ripple_of_hand_alone", guidance_ensemble::kMoreThanAlone},
+          {"hold_s", guidance_ensemble::kHold},
+          {"rest_judged_s", guidance_ensemble::kRestJudged},
+          {"rest_m_per_s", guidance_ensemble::kMostRest}};
 }
 
 json to_json(const GuidanceRun& run) {

@@ -70,7 +70,8 @@ class Salvage {
         samples = mended(std::move(samples), first);
       visit(samples);
       if (progress)
-        progress(static_cast<double>(std::min(first + block_rows_, reader_.rows())) / static_cast<double>(reader_.rows()));
+        progress(static_cast<double>(std::min(first + block_rows_, reader_.rows())) /
+                 static_cast<double>(reader_.rows()));
     }
   }
 
