@@ -1,5 +1,7 @@
 #include "base/suggest.h"
 
+#include "base/error.h"
+
 #include <algorithm>
 #include <fmt/format.h>
 #include <numeric>

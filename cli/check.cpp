@@ -32,13 +32,13 @@ Verb add_check(CLI::App& app) {
           text +=
               fmt::format("{}: {}: {}: {}\n", input.name(), to_string(finding.severity), finding.where, finding.what);
         }
-        const auto errors = std::count_if(findings.begin(), findings.end(), [](const Finding& finding) {
-          return finding.severity == Finding::Severity::error;
+        const auto problems = std::count_if(findings.begin(), findings.end(), [](const Finding& finding) {
+          return finding.severity == Severity::problem;
         });
-        text += errors > 0 ? fmt::format("{}: {} errors\n", input.name(), errors)
-                           : fmt::format("{}: valid\n", input.name());
-        output.tell({{"file", *file}, {"valid", errors == 0}, {"findings", std::move(list)}}, text);
-        return errors > 0 ? kBadInput : kDone;
+        text += problems > 0 ? fmt::format("{}: {} problems\n", input.name(), problems)
+                             : fmt::format("{}: valid\n", input.name());
+        output.tell({{"file", *file}, {"valid", problems == 0}, {"findings", std::move(list)}}, text);
+        return problems > 0 ? kBadInput : kDone;
       }};
 }
 

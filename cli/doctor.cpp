@@ -116,7 +116,7 @@ std::vector<Diagnosis> look_at_disk(const DoctorArguments& arguments, nlohmann::
     return examine_disk(disk, Recorder::Options{}.ring_seconds);
   } catch (const Error& error) {
     json["disk"] = {{"folder", arguments.folder}, {"error", error.what()}};
-    return {{Diagnosis::Severity::problem, "disk write", error.what(), "haptrace doctor --folder DIR"}};
+    return {{Severity::problem, "disk write", error.what(), "haptrace doctor --folder DIR"}};
   }
 }
 
@@ -151,7 +151,7 @@ int examine(const DoctorArguments& arguments, const Output& output) {
   add(examine_loop(loop));
 
   if (arguments.cyclictest) {
-    Diagnosis compared{Diagnosis::Severity::note, "cyclictest", comparison.refusal, ""};
+    Diagnosis compared{Severity::note, "cyclictest", comparison.refusal, ""};
     if (comparison.refusal.empty()) {
       // Disturbances of a few turns do not change the median.
       const double ours = median(loop.p999_of_turns), theirs = median(comparison.p999_of_turns);
@@ -177,7 +177,7 @@ int examine(const DoctorArguments& arguments, const Output& output) {
                                 {"measured", diagnosis.measured},
                                 {"remedy", diagnosis.remedy}});
   const auto problems = std::count_if(diagnoses.begin(), diagnoses.end(), [](const Diagnosis& diagnosis) {
-    return diagnosis.severity == Diagnosis::Severity::problem;
+    return diagnosis.severity == Severity::problem;
   });
   output.tell(json, table_of(diagnoses) + fmt::format("this machine {} {:g} Hz; problems: {}\n",
                                                       loop.holds_rate() ? "sustains" : "does not sustain", loop.rate_hz,

@@ -218,7 +218,7 @@ Verb add_guide(CLI::App& app) {
         const GuidePlan plan = plan_guidance(device->info(), expert, options);
         const std::size_t of_device = device->info().notes.size();
         note_before(output, options.session, "device", device->info().notes);
-        note_before(output, options.session, "path", std::span(notes).subspan(of_device), Warning::Severity::warning);
+        note_before(output, options.session, "path", std::span(notes).subspan(of_device), Severity::warning);
         note_before(output, options.session, "plan", plan.notes);
         notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
 

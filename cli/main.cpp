@@ -196,9 +196,8 @@ int run(int argc, char** argv) {
       refuse_invalid_texts(*verb.app);
       if (!config.empty()) apply_config(*verb.app, config);
       tell_last_words_with([&output](const std::string& last_words, ZeroForce zero, int code) {
-        std::vector<Warning> warnings{{Warning::Severity::error, "stopped", kNaN, last_words}};
-        if (zero == ZeroForce::failed)
-          warnings.push_back({Warning::Severity::error, "force_not_zero", kNaN, describe(zero)});
+        std::vector<Warning> warnings{{Severity::problem, "stopped", kNaN, last_words}};
+        if (zero == ZeroForce::failed) warnings.push_back({Severity::problem, "force_not_zero", kNaN, describe(zero)});
         (void)report(output, code, last_words, {{"zero_force", to_string(zero)}, {"warnings", json_of(warnings)}});
       });
       return with_results(verb.run(output), *verb.app);

@@ -267,7 +267,7 @@ Verb add_play(CLI::App& app) {
               notes.push_back(fmt::format("{}: {}", input.name(), note));
             note_before(output, options.session, "device", device->info().notes);
             note_before(output, options.session, "path", std::span(notes).subspan(device->info().notes.size()),
-                        Warning::Severity::warning);
+                        Severity::warning);
             const auto profile =
                 arguments->profile.find(device->info(), arguments->session.rate_hz, output, &options.session.known);
             options.identified = identified(profile);
@@ -286,7 +286,7 @@ Verb add_play(CLI::App& app) {
               if (!arguments->forget) {
                 auto [table, refused] = memory->recall(plan.path.source());
                 if (!refused.empty())
-                  note_before(output, options.session, "learned", std::span(&refused, 1), Warning::Severity::warning);
+                  note_before(output, options.session, "learned", std::span(&refused, 1), Severity::warning);
                 options.learned = std::move(table);
               }
               if (options.learn > 0) check_learned_output(memory->file());

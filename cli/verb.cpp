@@ -106,7 +106,7 @@ void Output::fault(const std::string& text) const {
 }
 
 void Output::warn(const Warning& warning) const {
-  if (warning.severity == Warning::Severity::error)
+  if (warning.severity == Severity::problem)
     fault(warning.text);
   else
     remark(warning.text);
@@ -405,7 +405,7 @@ Progress progress_bar(const Output& output, double duration, const Keys* keys, c
 }
 
 void note_before(const Output& output, SessionOptions& session, const char* code, std::span<const std::string> texts,
-                 Warning::Severity severity) {
+                 Severity severity) {
   for (Warning& warning : known_warnings(severity, code, texts)) {
     output.warn(warning);
     session.known.push_back(std::move(warning));
@@ -472,7 +472,7 @@ std::string session_summary(const SessionResult& result) {
     text += fmt::format("  {} samples LOST: the disk {}\n", result.recording->lost,
                         result.recording->failed ? "returned an error" : "could not keep up");
   for (const Warning& warning : result.warnings)
-    if (warning.severity != Warning::Severity::note)
+    if (warning.severity != Severity::note)
       text += fmt::format("  {}: {}\n", to_string(warning.severity), warning.text);
   return text;
 }

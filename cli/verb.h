@@ -141,7 +141,7 @@ class Signals {
 
 /// Prints notes from before the session and makes them the session's first warnings.
 void note_before(const Output& output, SessionOptions& session, const char* code, std::span<const std::string> texts,
-                 Warning::Severity severity = Warning::Severity::note);
+                 Severity severity = Severity::note);
 
 /// Returns a bar of 24 characters, filled up to `share` (0 to 1).
 std::string meter(double share);

@@ -12,8 +12,8 @@ namespace {
 
 constexpr double kDegrees = 180 / std::numbers::pi;  // degrees in a radian
 
-constexpr std::optional<Warning::Severity> kSilent;
-constexpr Warning::Severity kNote = Warning::Severity::note, kWarning = Warning::Severity::warning;
+constexpr std::optional<Severity> kSilent;
+constexpr Severity kNote = Severity::note, kWarning = Severity::warning;
 
 /// Holds a row for every EventCode. Events that end a session are silent here: the end itself is a warning.
 constexpr EventWords kEventWords[] = {
@@ -73,18 +73,6 @@ static_assert(std::size(kEventWords) <= kMostEventKinds);
 
 }  // namespace
 
-const char* to_string(Warning::Severity severity) noexcept {
-  switch (severity) {
-    case Warning::Severity::note:
-      return "note";
-    case Warning::Severity::warning:
-      return "warning";
-    case Warning::Severity::error:
-      break;
-  }
-  return "error";
-}
-
 std::span<const EventWords> event_words() noexcept {
   return kEventWords;
 }
@@ -102,7 +90,7 @@ bool is_of_event(std::string_view warning_code) noexcept {
 
 Warning warning_of(const EventWords& words, const EventCount& events) {
   const double time = 1e-9 * static_cast<double>(events.first.time_ns);
-  Warning warning{words.severity.value_or(Warning::Severity::note), words.name, time, {}};
+  Warning warning{words.severity.value_or(Severity::note), words.name, time, {}};
   if (events.count < 2) {
     warning.text = fmt::format("{}, at {:.1f} s", describe(events.first), time);
     return warning;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "base/mailbox.h"
+#include "base/severity.h"
 #include "control/sample.h"
 
 #include <array>
@@ -14,25 +15,18 @@
 namespace haptrace {
 
 struct Warning {
-  enum class Severity {
-    note,     ///< worth knowing
-    warning,  ///< something is not as it should be; the session continues
-    error,    ///< ended the session, or lost data
-  };
   Severity severity = Severity::warning;
   std::string code;    ///< the kind, for programs: lower case, words joined by _
   double time = kNaN;  ///< time since the session's first tick [s]; NaN: no particular moment
   std::string text;    ///< one line of text, complete without the other members
 };
 
-const char* to_string(Warning::Severity severity) noexcept;
-
 /// Describes how the list of warnings reports an event of this kind. A new EventCode needs a row in the table beside
 /// describe().
 struct EventWords {
   EventCode code = EventCode::mark;
-  const char* name = "";                      ///< Warning::code
-  std::optional<Warning::Severity> severity;  ///< absent: the event is not a warning
+  const char* name = "";             ///< Warning::code
+  std::optional<Severity> severity;  ///< absent: the event is not a warning
   const char* repeated = "";  ///< text for repeated events, as in "the force was limited"; needed with a severity
   bool stops = false;         ///< true if the event ends a session; SessionResult warns of the end, whatever its cause
   int share = -1;             ///< index of the value that is the remaining share of the gains; -1: none

@@ -87,7 +87,7 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
         make_scene_controller(options.scene, options.session.loop.rate_hz, options.slow_scene, passivity);
     TimedController controller(*touching, duration, options.trigger);
     SessionOptions session = options.session;
-    session.conclusions = [&] { return known_warnings(Warning::Severity::warning, "scene_rate", touching->remarks()); };
+    session.conclusions = [&] { return known_warnings(Severity::warning, "scene_rate", touching->remarks()); };
     SessionResult result = run_session(device, controller, {}, {}, session, stop, progress);
     result.touches = touching->figures();
     return result;

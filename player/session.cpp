@@ -135,7 +135,7 @@ class Watch {
   /// Warns when the loop starts to wait for a lost device. Its return is an event.
   void warn_of_device(SessionView& view) {
     if (options_.loop.away_timeout > 0 && view.live.losses > losses_told_)
-      add(view, {{Warning::Severity::warning, "device_lost", view.live.time,
+      add(view, {{Severity::warning, "device_lost", view.live.time,
                   fmt::format("the device was lost; the session waits up to {:g} s for its return, with zero force",
                               options_.loop.away_timeout)}});
     losses_told_ = view.live.losses;
@@ -151,12 +151,12 @@ class Watch {
     const bool still_stalled = std::exchange(stalled_, status.stalled > 1) && stalled_;
     if (status.lost > lost_told_ && !status.failed) {
       add(view,
-          {{Warning::Severity::warning, "samples_lost", view.live.time,
+          {{Severity::warning, "samples_lost", view.live.time,
             fmt::format("{}: {} samples were lost so far: the disk is too slow", recorder_->file(), status.lost)}});
       lost_told_ = status.lost;
       told_ = now;
     } else if (still_stalled) {
-      add(view, {{Warning::Severity::warning, "disk_stalled", view.live.time,
+      add(view, {{Severity::warning, "disk_stalled", view.live.time,
                   fmt::format("{}: the disk has not answered for {:.0f} s; samples wait in memory", recorder_->file(),
                               status.stalled)}});
       told_ = now;
@@ -184,7 +184,7 @@ std::optional<Warning> overruns_of(const SessionResult& result) {
   const bool many = static_cast<double>(servo.missed) > kMostMissed * static_cast<double>(servo.samples + servo.missed);
   if (!many && servo.realtime.reason.empty()) return std::nullopt;
   return Warning{
-      many ? Warning::Severity::warning : Warning::Severity::note, "overruns", kNaN,
+      many ? Severity::warning : Severity::note, "overruns", kNaN,
       fmt::format("{} of {} ticks were missed in {} overruns; {}", servo.missed, servo.samples + servo.missed,
                   servo.overruns,
                   servo.realtime.reason.empty() ? "run haptrace doctor to find the cause" : servo.realtime.reason)};
@@ -194,13 +194,13 @@ std::optional<Warning> overruns_of(const SessionResult& result) {
 void warn_of_end(SessionResult& result) {
   const ServoReport& servo = result.servo;
   if (result.ended_by_disk)
-    result.warn(Warning::Severity::error, "disk_full", "the session ended because the disk is almost full");
+    result.warn(Severity::problem, "disk_full", "the session ended because the disk is almost full");
   if (servo.stopped_by_fault())
     result.warnings.push_back(
-        {Warning::Severity::error, "stopped", servo.duration,
+        {Severity::problem, "stopped", servo.duration,
          servo.detail.empty() ? std::string("stopped: ") + to_string(servo.cause) : servo.detail});
   if (result.zero_force == ZeroForce::failed)
-    result.warn(Warning::Severity::error, "force_not_zero", describe(result.zero_force));
+    result.warn(Severity::problem, "force_not_zero", describe(result.zero_force));
 }
 
 /// Returns a function that completes the recording when the session cannot end by itself. If the thread that watches
@@ -210,7 +210,7 @@ std::function<void(const std::string&)> keep_when_ended(Recorder& recorder, cons
   return [&recorder, &result, &looking](const std::string& words) {
     const std::unique_lock lock(looking, std::chrono::seconds(1));
     std::vector<Warning> warnings = lock ? result.warnings : std::vector<Warning>();
-    warnings.push_back({Warning::Severity::error, "process_ended", kNaN, words});
+    warnings.push_back({Severity::problem, "process_ended", kNaN, words});
     recorder.finish(json_of(warnings));
   };
 }
@@ -222,7 +222,7 @@ ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
   if (zero == ZeroForce::confirmed || servo.cause != StopCause::device_lost) return zero;
   device.close();
   if (!can_be_zeroed_again(device.info())) return zero;
-  watch.warn({Warning::Severity::warning, "device_lost", servo.duration,
+  watch.warn({Severity::warning, "device_lost", servo.duration,
               fmt::format("the device was lost, perhaps with a force in its motors; if it returns within {:g} s, it is "
                           "opened only to remove this force",
                           kZeroingWindow)});
@@ -303,7 +303,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   result.zero_force = zero_after(device, result.servo, watch);
   if (result.servo.vibration.watched) result.gain_share = result.servo.vibration.share;
   if (result.servo.lacks_states())
-    watch.warn({Warning::Severity::warning, "few_states", kNaN,
+    watch.warn({Severity::warning, "few_states", kNaN,
                 fmt::format("the device delivered only {:.0f} samples per second; the loop requested {:g}; check its "
                             "cable and, on a serial port, the latency timer (haptrace doctor), or set a lower --rate",
                             result.servo.achieved_rate(), result.servo.asked_rate)});
@@ -318,7 +318,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
       recorder->finish(json_of(result.warnings));
     } catch (const Error& error) {
       result.recording_error = error.what();
-      result.warn(Warning::Severity::error, "recording_failed", error.what());
+      result.warn(Severity::problem, "recording_failed", error.what());
     }
     result.recording = recorder->status();
     watch.look();
@@ -326,7 +326,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   return result;
 }
 
-std::vector<Warning> known_warnings(Warning::Severity severity, const char* code, std::span<const std::string> texts) {
+std::vector<Warning> known_warnings(Severity severity, const char* code, std::span<const std::string> texts) {
   std::vector<Warning> warnings;
   for (const std::string& text : texts) warnings.push_back({severity, code, kNaN, text});
   return warnings;

@@ -63,7 +63,7 @@ struct SessionResult {
   double gain_share = 1;                        ///< share of the feedback gains in force at the end, after softening
 
   /// Adds a warning after the session.
-  void warn(Warning::Severity severity, const char* code, std::string text) {
+  void warn(Severity severity, const char* code, std::string text) {
     warnings.push_back({severity, code, kNaN, std::move(text)});
   }
 
@@ -85,7 +85,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
                           const Progress& progress = {});
 
 /// Returns warnings with the given texts and no time, one for each text.
-std::vector<Warning> known_warnings(Warning::Severity severity, const char* code, std::span<const std::string> texts);
+std::vector<Warning> known_warnings(Severity severity, const char* code, std::span<const std::string> texts);
 
 /// Returns the JSON of a session: samples, duration_s, overruns, latency_s, tick_s, stopped_by, warnings and further
 /// results. "notices" holds the texts of the warnings for programs that predate "warnings".

@@ -12,7 +12,6 @@ namespace haptrace {
 namespace {
 
 namespace fs = std::filesystem;
-using Severity = Diagnosis::Severity;
 
 /// Returns a sample of a moving hand, so that the samples differ.
 Sample moving_sample(std::uint64_t tick, double rate_hz) {

@@ -145,7 +145,7 @@ class Recorder::Writer final : private Capture::Output {
         capture_(options.capture, *this) {
     look_at_disk();
     if (const double seconds = disk_seconds_.load(); options.tell_room && seconds > 0 && warnings_told_ == 0)
-      warn(Warning::Severity::note, "disk_space",
+      warn(Severity::note, "disk_space",
            fmt::format("{}: the disk has room for {}", output_.part(), for_people(seconds)));
     thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
   }
@@ -275,9 +275,9 @@ class Recorder::Writer final : private Capture::Output {
       on_disk([&] { read_last_clocks(); });
       if (interrupted_.load(std::memory_order_relaxed) && !resumed()) throw Error(Error::Kind::fault, refusal_);
       if (capture_.armed())
-        warn(Warning::Severity::warning, "no_trigger", file + ": the trigger did not fire; nothing was recorded");
+        warn(Severity::warning, "no_trigger", file + ": the trigger did not fire; nothing was recorded");
     } catch (const std::exception& error) {
-      warn(Warning::Severity::error, "recording_failed",
+      warn(Severity::problem, "recording_failed",
            std::string(error.what()) + "; the session continues without the recording");
       error_ = std::current_exception();
       count_failure();
@@ -307,8 +307,7 @@ class Recorder::Writer final : private Capture::Output {
   void interrupt(const Error& error) {
     refusal_ = error.what();
     refused_since_ = Clock::now();
-    warn(Warning::Severity::warning, "recording_interrupted",
-         refusal_ + "; the recorder tries to continue in a further file");
+    warn(Severity::warning, "recording_interrupted", refusal_ + "; the recorder tries to continue in a further file");
     interrupted_.store(true, std::memory_order_relaxed);
   }
 
@@ -329,7 +328,7 @@ class Recorder::Writer final : private Capture::Output {
     const Event resumed{.time_ns = last_time_ns_,
                         .code = EventCode::recording_resumed,
                         .values = {seconds_between(refused_since_, Clock::now()), static_cast<double>(missing), kNaN}};
-    warn(Warning::Severity::warning, "recording_resumed", fmt::format("{}: {}", output_.part(), describe(resumed)));
+    warn(Severity::warning, "recording_resumed", fmt::format("{}: {}", output_.part(), describe(resumed)));
     append(StoredEvent{.time = 1e-9 * static_cast<double>(resumed.time_ns),
                        .code = static_cast<int>(resumed.code),
                        .text = describe(resumed)});
@@ -461,7 +460,7 @@ class Recorder::Writer final : private Capture::Output {
 
   void look_at_file() {
     const std::string misplaced = output_.misplaced();
-    if (!misplaced.empty() && misplaced != misplaced_told_) warn(Warning::Severity::warning, "file_moved", misplaced);
+    if (!misplaced.empty() && misplaced != misplaced_told_) warn(Severity::warning, "file_moved", misplaced);
     misplaced_told_ = misplaced;
   }
 
@@ -473,16 +472,16 @@ class Recorder::Writer final : private Capture::Output {
     const std::size_t told_before = warnings_told_;
     while (warnings_told_ < kDiskWarnings.size() && seconds <= kDiskWarnings[warnings_told_]) ++warnings_told_;
     if (warnings_told_ > told_before)
-      warn(Warning::Severity::warning, "disk_space",
+      warn(Severity::warning, "disk_space",
            fmt::format("{}: the disk has room for {} more", output_.part(), for_people(seconds)));
     if (disk_low_.load(std::memory_order_relaxed) || space.free > std::min(kDiskFloor, space.total / 100)) return;
-    warn(Warning::Severity::warning, "disk_space",
+    warn(Severity::warning, "disk_space",
          fmt::format("{}: the disk is almost full, {:.1f} MB are left; end the session or make room", output_.part(),
                      1e-6 * static_cast<double>(space.free)));
     disk_low_.store(true, std::memory_order_relaxed);
   }
 
-  void warn(Warning::Severity severity, const char* code, std::string text) noexcept {
+  void warn(Severity severity, const char* code, std::string text) noexcept {
     const std::lock_guard lock(warnings_mutex_);
     warnings_.push_back({severity, code, kNaN, std::move(text)});
   }

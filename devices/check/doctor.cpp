@@ -27,7 +27,6 @@ namespace haptrace {
 namespace {
 
 namespace fs = std::filesystem;
-using Severity = Diagnosis::Severity;
 using system_files::entries, system_files::read_text;
 
 std::vector<std::string> lines_of(const std::string& text) {
@@ -344,20 +343,6 @@ class HandsOff final : public Controller {
 };
 
 }  // namespace
-
-const char* to_string(Diagnosis::Severity severity) noexcept {
-  switch (severity) {
-    case Severity::ok:
-      return "ok";
-    case Severity::note:
-      return "note";
-    case Severity::warning:
-      return "warning";
-    case Severity::problem:
-      return "problem";
-  }
-  return "problem";
-}
 
 std::string quantiles_text(const DurationHistogram& durations) {
   return fmt::format("p50 {}, p99 {}, p99.9 {}, max {}", duration_text(durations.quantile(0.5)),

@@ -6,6 +6,7 @@
 #pragma once
 
 #include "base/histogram.h"
+#include "base/severity.h"
 #include "devices/loop/realtime.h"
 #include "devices/loop/servo_loop.h"
 
@@ -18,19 +19,11 @@ namespace haptrace {
 
 /// Result of one check.
 struct Diagnosis {
-  enum class Severity {
-    ok,
-    note,     ///< information, or an unknown value: `measured` then begins with "unknown"
-    warning,  ///< costs latency, and sometimes samples
-    problem,  ///< the machine cannot sustain the rate, keep its recording or open a plugged-in device
-  };
   Severity severity = Severity::ok;
   std::string check;     ///< name of the check, for example "cpu governor"
   std::string measured;  ///< result of the check
   std::string remedy;    ///< command that fixes it; empty if nothing is wrong
 };
-
-const char* to_string(Diagnosis::Severity severity) noexcept;
 
 /// Returns, for example, "p50 12 us, p99 40 us, p99.9 88 us, max 12 ms".
 std::string quantiles_text(const DurationHistogram& durations);

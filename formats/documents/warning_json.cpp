@@ -26,8 +26,9 @@ std::vector<Warning> warnings_from(const nlohmann::json& list) {
     Warning warning{.code = text_of(each, "code"), .text = text_of(each, "text")};
     if (warning.text.empty()) continue;
     const std::string severity = text_of(each, "severity");
-    for (const auto known : {Warning::Severity::note, Warning::Severity::error})
+    for (const auto known : {Severity::note, Severity::problem})
       if (severity == to_string(known)) warning.severity = known;
+    if (severity == "error") warning.severity = Severity::problem;  // in files of before there was one scale
     if (const auto time = each.find("time_s"); time != each.end() && time->is_number())
       warning.time = time->get<double>();
     warnings.push_back(std::move(warning));

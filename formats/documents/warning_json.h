@@ -9,7 +9,7 @@
 
 namespace haptrace {
 
-/// Returns a list of {"severity": "note" | "warning" | "error", "code", "time_s" (null without a time), "text"}.
+/// Returns a list of {"severity": "note" | "warning" | "problem", "code", "time_s" (null without a time), "text"}.
 nlohmann::json json_of(std::span<const Warning> warnings);
 
 /// Reads the output of json_of(). Skips entries that are not warnings, since files come from anywhere.

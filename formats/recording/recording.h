@@ -1,6 +1,7 @@
 // Reading, writing and checking of recordings: HDF5, format_version "1.1". docs/file-format.md specifies the layout.
 #pragma once
 
+#include "base/severity.h"
 #include "control/warning.h"
 #include "formats/recording/recording_summary.h"
 #include "formats/recording/storage.h"
@@ -266,8 +267,7 @@ void for_each_block(const RecordingReader& reader, const std::function<void(std:
 
 /// A violation of docs/file-format.md in a recording.
 struct Finding {
-  using Severity = Warning::Severity;
-  Severity severity = Severity::error;
+  Severity severity = Severity::problem;
   std::string where;  ///< the object or row, for example "/samples/time[120]"
   std::string what;
 };

@@ -14,8 +14,6 @@
 namespace haptrace {
 namespace {
 
-using Severity = Finding::Severity;
-
 constexpr std::uint64_t kCheckedBlock = 8192;      // rows
 constexpr double kQuaternionTolerance = 1e-3;      // from the norm 1
 constexpr double kForceTolerance = 1e-6;           // relative to max_force_n
@@ -40,7 +38,7 @@ class Findings {
   }
 
   [[nodiscard]] bool any_error() const {
-    return std::any_of(list_.begin(), list_.end(), [](const Finding& f) { return f.severity == Severity::error; });
+    return std::any_of(list_.begin(), list_.end(), [](const Finding& f) { return f.severity == Severity::problem; });
   }
 
   std::vector<Finding> take() {
@@ -68,7 +66,7 @@ void check_text(const std::string& name, const std::string& text, Findings& find
       "(\\.\\d+)?([Zz]|[+-]00:00)");
   static const std::regex kVersion("1\\.\\d+");
   const auto expect = [&](bool right, const char* expected) {
-    if (!right) findings.add(Severity::error, "/@" + name, fmt::format("'{}' is not {}", text, expected));
+    if (!right) findings.add(Severity::problem, "/@" + name, fmt::format("'{}' is not {}", text, expected));
   };
   if (name == "uuid" || name == "part_of") expect(std::regex_match(text, kUuid), "a UUID");
   if (name == "created") expect(std::regex_match(text, kTime), "a time of RFC 3339 in UTC, as in 2026-01-31T12:00:00Z");
@@ -78,19 +76,19 @@ void check_text(const std::string& name, const std::string& text, Findings& find
 
 void check_number(const std::string& name, double value, Findings& findings) {
   if (!std::isfinite(value))
-    findings.add(Severity::error, "/@" + name, fmt::format("{} is not a finite number", value));
+    findings.add(Severity::problem, "/@" + name, fmt::format("{} is not a finite number", value));
   else if (value < 0 || (name == "rate_hz" && value == 0))
-    findings.add(Severity::error, "/@" + name, fmt::format("{} is not positive", value));
+    findings.add(Severity::problem, "/@" + name, fmt::format("{} is not positive", value));
 }
 
 void check_attribute(hid_t root, const layout::Attribute& attribute, Findings& findings) {
   const std::string where = std::string("/@") + attribute.name;
   if (H5Aexists(root, attribute.name) <= 0) {
-    if (!attribute.of_parts && !attribute.optional) findings.add(Severity::error, where, "is missing");
+    if (!attribute.of_parts && !attribute.optional) findings.add(Severity::problem, where, "is missing");
     return;
   }
   const auto wrong_type = [&](const char* expected) {
-    findings.add(Severity::error, where, fmt::format("is not {}", expected));
+    findings.add(Severity::problem, where, fmt::format("is not {}", expected));
   };
   std::string text;
   double number = 0;
@@ -117,7 +115,7 @@ void check_attribute(hid_t root, const layout::Attribute& attribute, Findings& f
     try {
       parse_json(text, "not JSON");
     } catch (const Error& error) {
-      findings.add(Severity::error, where, error.what());
+      findings.add(Severity::problem, where, error.what());
     }
   }
 }
@@ -126,17 +124,17 @@ void check_attribute(hid_t root, const layout::Attribute& attribute, Findings& f
 bool check_inside(hid_t file, Findings& findings) {
   for (const std::string& path : layout::paths())
     if (std::string outside = hdf5::why_outside(file, path); !outside.empty())
-      findings.add(Severity::error, path, std::move(outside));
+      findings.add(Severity::problem, path, std::move(outside));
   return !findings.any_error();
 }
 
 void check_root(hid_t root, Findings& findings) {
   std::string format;
   if (!hdf5::read_attribute(root, "format", format) || format != layout::kFormat)
-    findings.add(Severity::error, "/@format", fmt::format("is not '{}'", layout::kFormat));
+    findings.add(Severity::problem, "/@format", fmt::format("is not '{}'", layout::kFormat));
   for (const layout::Attribute& attribute : layout::attributes()) check_attribute(root, attribute, findings);
   if (H5Lexists(root, layout::kMeta, H5P_DEFAULT) > 0 && !hdf5::open_object(root, layout::kMeta))
-    findings.add(Severity::error, layout::kMeta, "is damaged: the metadata cannot be read");
+    findings.add(Severity::problem, layout::kMeta, "is damaged: the metadata cannot be read");
 }
 
 // ---- the datasets ----
@@ -146,7 +144,7 @@ void check_annotation(hid_t dataset, const std::string& path, const char* name, 
   const std::string where = path + "/@" + name;
   std::string text;
   if (!hdf5::read_attribute(dataset, name, text))
-    findings.add(Severity::error, where, "is missing");
+    findings.add(Severity::problem, where, "is missing");
   else if (expected != nullptr && text != expected)
     findings.add(severity, where, fmt::format("is '{}' instead of '{}'", text, expected));
 }
@@ -154,19 +152,19 @@ void check_annotation(hid_t dataset, const std::string& path, const char* name, 
 void check_storage(hid_t dataset, const std::string& path, Findings& findings) {
   const hdf5::Properties creation(H5Dget_create_plist(dataset));
   if (H5Pget_layout(creation.get()) != H5D_CHUNKED)
-    return findings.add(Severity::error, path, "is not chunked, so it cannot be followed live");
+    return findings.add(Severity::problem, path, "is not chunked, so it cannot be followed live");
   const hdf5::Space space(H5Dget_space(dataset));
   std::vector<hsize_t> limits(hdf5::shape(dataset).size());
   H5Sget_simple_extent_dims(space.get(), nullptr, limits.data());
   if (!limits.empty() && limits[0] != H5S_UNLIMITED)
-    findings.add(Severity::error, path, "cannot be extended: its first dimension is limited");
+    findings.add(Severity::problem, path, "cannot be extended: its first dimension is limited");
 }
 
 void check_fill_value(hid_t dataset, const std::string& path, Findings& findings) {
   const hdf5::Properties creation(H5Dget_create_plist(dataset));
   double fill = 0;
   if (H5Pget_fill_value(creation.get(), H5T_NATIVE_DOUBLE, &fill) < 0 || !std::isnan(fill))
-    findings.add(Severity::error, path, fmt::format("its fill value is {} instead of NaN", fill));
+    findings.add(Severity::problem, path, fmt::format("its fill value is {} instead of NaN", fill));
 }
 
 /// Checks a column. Returns its number of rows if it has the right shape.
@@ -174,20 +172,20 @@ std::optional<hsize_t> check_column(hid_t file, const layout::Column& column, Fi
   const std::string path = column.path();
   const hdf5::Dataset dataset = hdf5::open_dataset(file, path);
   if (!dataset) {
-    findings.add(Severity::error, path, "is missing");
+    findings.add(Severity::problem, path, "is missing");
     return std::nullopt;
   }
   const hdf5::Type type(H5Dget_type(dataset.get()));
   if (H5Tequal(type.get(), hdf5::stored_type(column.element)) <= 0)
-    findings.add(Severity::error, path, fmt::format("does not hold little-endian {}", to_string(column.element)));
+    findings.add(Severity::problem, path, fmt::format("does not hold little-endian {}", to_string(column.element)));
   check_storage(dataset.get(), path, findings);
   if (layout::is_float(column.element) && H5Tget_class(type.get()) == H5T_FLOAT)
     check_fill_value(dataset.get(), path, findings);
-  check_annotation(dataset.get(), path, "units", column.units, Severity::error, findings);
-  check_annotation(dataset.get(), path, "description", nullptr, Severity::error, findings);
+  check_annotation(dataset.get(), path, "units", column.units, Severity::problem, findings);
+  check_annotation(dataset.get(), path, "description", nullptr, Severity::problem, findings);
   const std::vector<hsize_t> shape = hdf5::shape(dataset.get());
   if (shape.size() != (column.width > 1 ? 2 : 1) || (column.width > 1 && shape[1] != column.width)) {
-    findings.add(Severity::error, path,
+    findings.add(Severity::problem, path,
                  fmt::format("has the shape [{}] instead of [N{}]", fmt::join(shape, ", "),
                              column.width > 1 ? fmt::format(", {}", column.width) : ""));
     return std::nullopt;
@@ -206,13 +204,13 @@ void check_columns(hid_t file, bool complete, Findings& findings) {
   const hsize_t longest = std::max_element(lengths.begin(), lengths.end(), by_length)->second;
   for (const auto& [path, rows] : lengths)
     if (rows < longest)
-      findings.add(complete ? Severity::error : Severity::warning, path,
+      findings.add(complete ? Severity::problem : Severity::warning, path,
                    fmt::format("has {} rows where others have {}", rows, longest));
 }
 
 void check_events_dataset(hid_t file, Findings& findings) {
   const hdf5::Dataset dataset = hdf5::open_dataset(file, layout::kEvents);
-  if (!dataset) return findings.add(Severity::error, layout::kEvents, "is missing");
+  if (!dataset) return findings.add(Severity::problem, layout::kEvents, "is missing");
   const hdf5::Type type(H5Dget_type(dataset.get()));
   const auto member_class = [&](const char* name) {
     const int index = H5Tget_class(type.get()) == H5T_COMPOUND ? H5Tget_member_index(type.get(), name) : -1;
@@ -225,12 +223,13 @@ void check_events_dataset(hid_t file, Findings& findings) {
     fixed_text = H5Tis_variable_str(text.get()) == 0;
   }
   if (member_class("time") != H5T_FLOAT || member_class("code") != H5T_INTEGER || !fixed_text)
-    findings.add(Severity::error, layout::kEvents,
+    findings.add(Severity::problem, layout::kEvents,
                  "is not a compound of time float64, code int32 and text of fixed length");
-  if (hdf5::shape(dataset.get()).size() != 1) findings.add(Severity::error, layout::kEvents, "is not of the shape [M]");
+  if (hdf5::shape(dataset.get()).size() != 1)
+    findings.add(Severity::problem, layout::kEvents, "is not of the shape [M]");
   check_storage(dataset.get(), layout::kEvents, findings);
-  check_annotation(dataset.get(), layout::kEvents, "units", nullptr, Severity::error, findings);
-  check_annotation(dataset.get(), layout::kEvents, "description", nullptr, Severity::error, findings);
+  check_annotation(dataset.get(), layout::kEvents, "units", nullptr, Severity::problem, findings);
+  check_annotation(dataset.get(), layout::kEvents, "description", nullptr, Severity::problem, findings);
 }
 
 // ---- the values ----
@@ -253,16 +252,16 @@ void check_finite(hid_t file, const layout::Column& column, std::uint64_t rows, 
       const auto begin = block.begin() + static_cast<std::ptrdiff_t>(i * column.width);
       const auto end = begin + static_cast<std::ptrdiff_t>(column.width);
       if (std::any_of(begin, end, [](double v) { return std::isinf(v); }))
-        findings.add_row(Severity::error, path, first + i, "inf", "is infinite");
+        findings.add_row(Severity::problem, path, first + i, "inf", "is infinite");
       if (std::none_of(begin, end, [](double v) { return std::isnan(v); })) continue;
       if (nans++ == 0) first_nan = first + i;
-      if (never_nan) findings.add_row(Severity::error, path, first + i, "nan", "is NaN");
+      if (never_nan) findings.add_row(Severity::problem, path, first + i, "nan", "is NaN");
     }
     progress(first + count);
   }
   if (all_or_none && nans > 0 && nans < rows)
     findings.add(
-        values_lost ? Severity::warning : Severity::error, fmt::format("{}[{}]", path, first_nan),
+        values_lost ? Severity::warning : Severity::problem, fmt::format("{}[{}]", path, first_nan),
         values_lost
             ? fmt::format("is NaN ({} rows in all): these could not be recovered", nans)
             : fmt::format("is NaN ({} rows in all); the column must have a value in every row or in none", nans));
@@ -300,12 +299,12 @@ class Laws {
   void check_alone(std::uint64_t row, const Sample& s) {
     const auto phase = static_cast<unsigned>(s.phase);
     if (phase > static_cast<unsigned>(Phase::stopped))
-      findings_.add_row(Severity::error, "/samples/phase", row, "",
+      findings_.add_row(Severity::problem, "/samples/phase", row, "",
                         fmt::format("is {}, which is not a phase (0 to 5)", phase));
     const double force = s.force.norm();
     if (header_.max_force_n > 0 && force > header_.max_force_n * (1 + kForceTolerance))
       findings_.add_row(
-          Severity::error, "/samples/force", row, "max",
+          Severity::problem, "/samples/force", row, "max",
           fmt::format("has the magnitude {:.6g} N, more than max_force_n = {:.6g} N", force, header_.max_force_n));
     check_unit(row, "/samples/orientation", s.orientation);
     check_unit(row, "/samples/reference_orientation", s.reference_orientation);
@@ -317,17 +316,17 @@ class Laws {
   void check_unit(std::uint64_t row, const char* where, const Quat& orientation) {
     const double norm = orientation.norm();
     if (!std::isnan(norm) && std::abs(norm - 1) > kQuaternionTolerance)
-      findings_.add_row(Severity::error, where, row, "unit",
+      findings_.add_row(Severity::problem, where, row, "unit",
                         fmt::format("is not a unit quaternion: its norm is {:.6g}", norm));
   }
 
   void check_step(std::uint64_t row, const Sample& s) {
     if (s.time_ns <= previous_.time_ns)
       findings_.add_row(
-          Severity::error, "/samples/time", row, "order",
+          Severity::problem, "/samples/time", row, "order",
           fmt::format("{:.9g} s does not come after {:.9g} s of the row before", seconds(s), seconds(previous_)));
     if (s.tick <= previous_.tick)
-      return findings_.add_row(Severity::error, "/samples/tick", row, "order",
+      return findings_.add_row(Severity::problem, "/samples/tick", row, "order",
                                fmt::format("{} does not come after {} of the row before", s.tick, previous_.tick));
     // Ticks without a new sample from the device leave no row, and no event if they are few.
     const bool repeats =
@@ -364,7 +363,7 @@ void check_events(const std::vector<StoredEvent>& events, double begin, double e
       findings.add_row(Severity::warning, layout::kEvents, i, "range",
                        fmt::format("its time, {:.9g} s, is outside the samples' {:.9g} to {:.9g} s", t, begin, end));
     if (events[i].code <= 0)
-      findings.add_row(Severity::error, layout::kEvents, i, "code",
+      findings.add_row(Severity::problem, layout::kEvents, i, "code",
                        fmt::format("its code, {}, is not positive", events[i].code));
     if (events[i].code == static_cast<int>(EventCode::values_lost))
       findings.add_row(Severity::warning, layout::kEvents, i, "damage",
@@ -403,7 +402,7 @@ class OverviewLaw {
       field.pack(stored, a.data());
       field.pack(found, b.data());
       if (same(field, a.data(), b.data())) continue;
-      findings_.add_row(Severity::error, layout::kOverview, block_, field.name,
+      findings_.add_row(Severity::problem, layout::kOverview, block_, field.name,
                         fmt::format("its {} differs from that of the rows", field.name));
     }
   }
@@ -447,10 +446,10 @@ void check_clocks(hid_t file, const RecordingReader& reader, Findings& findings)
   if (!dataset) return;
   const std::vector<ClockReading> readings = reader.clocks();
   if (const std::vector<hsize_t> shape = hdf5::shape(dataset.get()); shape.size() != 2 || readings.size() != shape[0])
-    findings.add(Severity::error, layout::kClocks, "is damaged: some readings differ from those that were recorded");
+    findings.add(Severity::problem, layout::kClocks, "is damaged: some readings differ from those that were recorded");
   for (std::size_t i = 1; i < readings.size(); ++i)
     if (readings[i].time_ns <= readings[i - 1].time_ns)
-      findings.add_row(Severity::error, layout::kClocks, i, "order", "does not come after the reading before");
+      findings.add_row(Severity::problem, layout::kClocks, i, "order", "does not come after the reading before");
 }
 
 /// Checks that /event_list equals /events. Files before 1.1 have none.
@@ -460,7 +459,8 @@ void check_event_list(hid_t file, const std::vector<StoredEvent>& events, Findin
     if (!dataset) continue;
     const std::vector<hsize_t> shape = hdf5::shape(dataset.get());
     if (shape.size() != 1 || shape[0] != events.size()) {
-      findings.add(Severity::error, column.path, fmt::format("is not of the shape [{}], as /events is", events.size()));
+      findings.add(Severity::problem, column.path,
+                   fmt::format("is not of the shape [{}], as /events is", events.size()));
       continue;
     }
     std::vector<char> rows(column.bytes * events.size());
@@ -475,7 +475,7 @@ void check_event_list(hid_t file, const std::vector<StoredEvent>& events, Findin
         same = std::memcmp(row, &events[i].code, column.bytes) == 0;
       else
         same = std::string_view(row, strnlen(row, column.bytes)) == events[i].text;
-      if (!same) findings.add_row(Severity::error, column.path, i, "event", "differs from the entry in /events");
+      if (!same) findings.add_row(Severity::problem, column.path, i, "event", "differs from the entry in /events");
     }
   }
 }
@@ -484,7 +484,7 @@ void check_values(hid_t file, const std::string& name, const std::function<void(
                   Findings& findings) {
   RecordingReader reader(name, RecordingReader::Parts::this_file);
   reader.on_damage([&](const RecordingReader::Damage& damage) {
-    findings.add(Severity::error, fmt::format("{}[{}]", damage.path, damage.first),
+    findings.add(Severity::problem, fmt::format("{}[{}]", damage.path, damage.first),
                  fmt::format("{} (rows {} to {})", damage.what, damage.first, damage.first + damage.count - 1));
   });
   const std::vector<StoredEvent> events = reader.events();
@@ -539,7 +539,7 @@ std::vector<Finding> check_file(const std::string& file, const std::function<voi
     if (findings.any_error())
       findings.add(Severity::note, "/samples", fmt::format("not all values were checked: {}", error.what()));
     else
-      findings.add(Severity::error, "/samples", error.what());
+      findings.add(Severity::problem, "/samples", error.what());
   }
   return findings.take();
 }
@@ -555,7 +555,7 @@ std::vector<Finding> check_recording(const std::string& file, const std::functio
     const RecordingReader reader(file, RecordingReader::Parts::present);
     files = reader.files();
     for (const std::string& missing : reader.missing_parts())
-      all.push_back({partial ? Severity::warning : Severity::error, missing,
+      all.push_back({partial ? Severity::warning : Severity::problem, missing,
                      "is a part of this recording, but is missing or cannot be read"});
   } catch (const Error&) {
     // check_file() reports why.

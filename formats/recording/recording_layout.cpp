@@ -246,7 +246,7 @@ std::string warnings_text(const nlohmann::json& warnings) {
   nlohmann::json kept = warnings.is_array() ? warnings : nlohmann::json::array();
   const auto text = [&] { return kept.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace); };
   const auto is_note = [](const nlohmann::json& warning) {
-    return warning.is_object() && warning.value("severity", "") == to_string(Warning::Severity::note);
+    return warning.is_object() && warning.value("severity", "") == to_string(Severity::note);
   };
   while (text().size() >= kWarningBytes) {
     auto& list = kept.get_ref<nlohmann::json::array_t&>();

@@ -302,9 +302,7 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   session_options.loop.watch_vibration &= options.guard;
   if (options.tuning != nullptr) {
     sinks.push_back(options.tuning);
-    session_options.warnings = [&] {
-      return known_warnings(Warning::Severity::note, "tuning", options.tuning->take_notices());
-    };
+    session_options.warnings = [&] { return known_warnings(Severity::note, "tuning", options.tuning->take_notices()); };
   }
   SessionResult session =
       run_session(device, controller, {.reference = true, .reference_orientation = plan.turn.has_value()}, sinks,

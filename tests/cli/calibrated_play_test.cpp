@@ -65,7 +65,7 @@ TEST_F(CalibratedPlay, StoresTheLearnedForceForThisDeviceAndPathAndForgetsItOnRe
 
   const Answer broken = play({"--learned", folder_.write("broken.json", "{\"format\": 1")});
   EXPECT_EQ(broken.exit_code, 0) << "playback works without the learned force";
-  EXPECT_THAT(broken.err, HasSubstr("is not used"));
+  EXPECT_THAT(broken.err, HasSubstr("are not used"));
 }
 
 TEST_F(CalibratedPlay, RejectsAnUnwritableLearnedFileBeforeItMoves) {

@@ -25,7 +25,7 @@ void expect_sound(const std::string& file) {
   EXPECT_TRUE(reader.header().complete);
   EXPECT_EQ(reader.read(reader.rows() - 1, 1).front().force, Vec3::Zero());
   for (const Finding& finding : check_recording(file))
-    EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
+    EXPECT_NE(finding.severity, Severity::problem) << finding.where << ": " << finding.what;
 }
 
 TEST(TheCommand, ShowsItsVersionAndHelpWithEveryVerb) {

@@ -42,7 +42,7 @@ TEST(Warning, ReportsSeveralEventsOfAKindAsOne) {
     EXPECT_EQ(warning.code, "force_limit");
     EXPECT_EQ(warning.text, "the force was limited 14 times, first at 3.2 s");
     EXPECT_DOUBLE_EQ(warning.time, 3.2);
-    EXPECT_EQ(warning.severity, Warning::Severity::warning);
+    EXPECT_EQ(warning.severity, Severity::warning);
   }
   EXPECT_EQ(kinds, 1U);
 }

@@ -59,7 +59,7 @@ std::vector<Sample> rows_of(const std::string& file) {
     EXPECT_GT(rows[i].tick, rows[i - 1].tick) << i;
   }
   for (const Finding& finding : check_recording(file))
-    EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
+    EXPECT_NE(finding.severity, Severity::problem) << finding.where << ": " << finding.what;
   return rows;
 }
 
@@ -301,7 +301,7 @@ TEST(Recording, ContinuesInAFurtherPartWhenAnotherFileIsCopiedOverIt) {
   const std::string part = part_file(session.file, 2);
   const RecordingReader reader(part);
   EXPECT_EQ(reader.rows() + answer.json()["lost"].get<std::size_t>(), answer.json()["session_samples"]);
-  for (const Finding& finding : check_recording(part)) EXPECT_NE(finding.severity, Finding::Severity::error);
+  for (const Finding& finding : check_recording(part)) EXPECT_NE(finding.severity, Severity::problem);
 }
 
 TEST(Recording, OutlastsAStallOfFiveSecondsAndEndsGentlyInIt) {

@@ -309,7 +309,7 @@ TEST(Session, WarnsOfTheLimitThatEndedIt) {
       play(device, plan_playback(device.info(), make_shape("square", {}), options), options, StopRequest{});
   ASSERT_EQ(result.session.servo.cause, StopCause::deviation);
   const Warning stopped = warning_in(result.session, "stopped");
-  EXPECT_EQ(stopped.severity, Warning::Severity::error);
+  EXPECT_EQ(stopped.severity, Severity::problem);
   EXPECT_EQ(stopped.text, result.session.servo.detail);
 }
 

@@ -11,7 +11,6 @@ namespace haptrace {
 namespace {
 
 namespace fs = std::filesystem;
-using Severity = Diagnosis::Severity;
 using test::find, test::finding;
 using test::TempFolder;
 using testing::HasSubstr;

@@ -37,9 +37,9 @@ TEST(Path, WithoutSamplesIsRefusedByName) {
 TEST(Path, RefusesTimeThatDoesNotIncreaseAndNamesTheSample) {
   Path path = line({Vec3::Zero(), Vec3::UnitX(), Vec3::UnitX()});
   path.time[2] = path.time[1];
-  EXPECT_THAT(error_of(path), HasSubstr("row 3"));
+  EXPECT_THAT(error_of(path), HasSubstr("sample 3"));
   path.time[2] = 0.5;
-  EXPECT_THAT(error_of(path), HasSubstr("row 3"));
+  EXPECT_THAT(error_of(path), HasSubstr("sample 3"));
   path.time[2] = kNaN;
   EXPECT_THAT(error_of(path), HasSubstr("sample 3: time is not a finite number"));
 }

@@ -506,9 +506,9 @@ TEST(Trajectory, RefusesStampsThatCanOnlyBeAUnitMistake) {
   };
   EXPECT_THAT(build({0, 1, 1 + 1e-12}), HasSubstr("test path: sample 3: time is 1.00"));
   EXPECT_THAT(build({0, 1, 1 + 1e-12}), HasSubstr("at least 1 ns"));
-  EXPECT_THAT(build({-1e20, 1, 2}), HasSubstr("row 3"));
+  EXPECT_THAT(build({-1e20, 1, 2}), HasSubstr("sample 3"));
   EXPECT_THAT(build({0, 3.6e12}), HasSubstr("test path: the path lasts 3.6e+12 s"));
-  EXPECT_THAT(build({0, 0}), HasSubstr("row 2"));
+  EXPECT_THAT(build({0, 0}), HasSubstr("sample 2"));
   EXPECT_THAT(build({}), HasSubstr("no samples"));
 }
 

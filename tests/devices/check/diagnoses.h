@@ -22,7 +22,7 @@ inline Diagnosis find(const std::vector<Diagnosis>& diagnoses, const std::string
   return {};
 }
 
-inline testing::Matcher<const Diagnosis&> finding(Diagnosis::Severity severity,
+inline testing::Matcher<const Diagnosis&> finding(Severity severity,
                                                   const testing::Matcher<const std::string&>& measured,
                                                   const testing::Matcher<const std::string&>& remedy) {
   return testing::AllOf(testing::Field("severity", &Diagnosis::severity, severity),

@@ -136,9 +136,11 @@ TEST_F(FalconFirmwareTest, SucceedsInTheSixthTryOnItsOwnLink) {
 
 TEST_F(FalconFirmwareTest, ReportsAfterTenTriesTheErrorOfEach) {
   device_->bad_echoes = 100;
-  EXPECT_THAT(failure(),
-              AllOf(StartsWith("nvent.bin: could not be loaded into the Falcon in 10 tries (tries 1 to 10: byte 3100 "),
-                    HasSubstr("Switch its power off and on")));
+  EXPECT_THAT(
+      failure(),
+      AllOf(StartsWith(
+                "nvent.bin: the firmware could not be loaded into the Falcon in 10 tries (tries 1 to 10: byte 3100 "),
+            HasSubstr("Switch its power off and on")));
   EXPECT_EQ(script_.opened, 10);
   EXPECT_EQ(script_.closed, 10);
 }

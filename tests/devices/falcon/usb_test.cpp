@@ -196,7 +196,7 @@ struct UsbFault {
 TEST_F(FalconUsb, HasNoForceInItsMotorsAfterAnyFault) {
   const UsbFault faults[] = {
       {"stall:0", StopCause::finished, ""},
-      {"silent:0", StopCause::device_lost, "no answer"},
+      {"silent:0", StopCause::device_lost, "did not answer"},
       {"frozen:0", StopCause::device_lost, "encoder"},
       {"power:0", StopCause::device_lost, "power"},
       {"lost:0.01", StopCause::finished, ""},
@@ -229,7 +229,7 @@ TEST_F(FalconUsb, EndsWhenItsChipHangs) {
   Shaking controller([] { set_faults("hang:0"); });
   const ServoReport report = run_session(*device, controller);
   EXPECT_EQ(report.cause, StopCause::device_lost);
-  EXPECT_THAT(report.detail, HasSubstr("no answer"));
+  EXPECT_THAT(report.detail, HasSubstr("did not answer"));
 }
 
 TEST_F(FalconUsb, IsLostWithItsCable) {

@@ -420,7 +420,7 @@ struct FaultCase {
 };
 
 TEST_F(Inverse3, IsLostWithoutForceWhenItsServiceFails) {
-  for (const FaultCase& c : {FaultCase{InverseFault::silent, "no answer any more", "systemctl restart"},
+  for (const FaultCase& c : {FaultCase{InverseFault::silent, "not answer any more", "systemctl restart"},
                              {InverseFault::closes, "closed the connection", "Haply Hub", false},
                              {InverseFault::garbage, "not Haply's Inverse Service", "url"},
                              {InverseFault::unpowered, "no power supply", "plug its power supply in"},
@@ -450,7 +450,7 @@ TEST_F(Inverse3, IsLostWithoutForceWhenItsServiceFails) {
 }
 
 TEST_F(Inverse3, IsNotOpenedWhenItCannotBeUsed) {
-  for (const FaultCase& c : {FaultCase{InverseFault::mute, "no Inverse Service", "systemctl restart"},
+  for (const FaultCase& c : {FaultCase{InverseFault::mute, "not an Inverse Service", "systemctl restart"},
                              {InverseFault::silent, "does not answer", "systemctl restart"},
                              {InverseFault::closes, "closed the connection", "systemctl start"},
                              {InverseFault::garbage, "not Haply's Inverse Service", "url"},

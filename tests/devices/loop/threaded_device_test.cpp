@@ -197,7 +197,7 @@ TEST_F(ThreadedDeviceTest, IsLostWhenItDoesNotAnswerForLong) {
   DeviceState state;
   wait_until([&] { return device->exchange({}, 1e-3, state) == Device::Status::lost; });
   EXPECT_EQ(device->exchange({}, 1e-3, state), Device::Status::lost);
-  EXPECT_THAT(device->lost_reason(), HasSubstr("no answer"));
+  EXPECT_THAT(device->lost_reason(), HasSubstr("did not answer"));
   wait_until([&] { return hardware_.releases == 1; });
   EXPECT_EQ(hardware_.releases, 1);
 }

@@ -143,7 +143,7 @@ TEST(Xdf, LeavesOutRowsWithoutAForceSoThatTheRecordingIsValid) {
     // The first row is left out, and the rows from a second after the last force to the next force.
     EXPECT_EQ(rows, until > 5 ? 1999U : 1999U - 755U);
     for (const Finding& finding : check_recording(file))
-      EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
+      EXPECT_NE(finding.severity, Severity::problem) << finding.where << ": " << finding.what;
     EXPECT_EQ(RecordingReader(file).header().created, "2026-03-01T12:00:00Z");
     EXPECT_THAT(source->notes(),
                 Contains(HasSubstr(fmt::format("{} samples left out: there is no position or no force at "

@@ -16,9 +16,9 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 
 const std::vector<Warning> kThree{
-    {Warning::Severity::note, "plan", kNaN, "/home/jane/a.csv: the trainee feels the walls alone"},
-    {Warning::Severity::warning, "force_limit", 3.2, "the force was limited 14 times, first at 3.2 s"},
-    {Warning::Severity::error, "stopped", 4, "stopped: 31.0 mm off the path, the limit is 30.0 mm"}};
+    {Severity::note, "plan", kNaN, "/home/jane/a.csv: the trainee feels the walls alone"},
+    {Severity::warning, "force_limit", 3.2, "the force was limited 14 times, first at 3.2 s"},
+    {Severity::problem, "stopped", 4, "stopped: 31.0 mm off the path, the limit is 30.0 mm"}};
 
 void record_warnings(const std::string& file, const nlohmann::json& warnings) {
   RecordingWriter writer(file, {}, {}, {});
@@ -57,6 +57,10 @@ TEST(Warnings, ThatAreInvalidAreSkipped) {
   EXPECT_THAT(warnings_from({{"text", "no list"}}), IsEmpty());
   EXPECT_THAT(warnings_from({1, nullptr, "text", {{"text", 5}}, {{"code", "a"}}}), IsEmpty());
   EXPECT_EQ(warnings_from({{{"text", "t"}, {"severity", "unheard of"}, {"time_s", "soon"}}}).size(), 1U);
+}
+
+TEST(Warnings, OfFilesFromBeforeTheOneScaleAreProblems) {
+  EXPECT_EQ(warnings_from({{{"text", "t"}, {"severity", "error"}}}).at(0).severity, Severity::problem);
 }
 
 TEST(Warnings, ThatMayNameFilesLoseTheirTextWhenARecordingIsAnonymised) {

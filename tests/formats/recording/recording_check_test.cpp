@@ -7,8 +7,6 @@
 namespace haptrace {
 namespace {
 
-using Severity = Finding::Severity;
-
 const RecordingColumns kAll{true, true, true, true, true};
 
 std::string text_of(const std::vector<Finding>& findings) {
@@ -51,52 +49,52 @@ TEST(CheckRecording, NamesTheRowOfAnInvalidValue) {
   using Events = std::vector<StoredEvent>;
   using Header = RecordingHeader;
   const double infinity = std::numeric_limits<double>::infinity();
-  expect_value_finding([](Rows& s, Events&, Header&) { s[7].position.y() = kNaN; }, Severity::error,
+  expect_value_finding([](Rows& s, Events&, Header&) { s[7].position.y() = kNaN; }, Severity::problem,
                        "/samples/position[7]", "is NaN");
   expect_value_finding(
       [&](Rows& s, Events&, Header&) {
         s[7].velocity.y() = infinity;
         s[9].velocity.x() = -infinity;
       },
-      Severity::error, "/samples/velocity[7]", "is infinite (2 rows in all)");
-  expect_value_finding([](Rows& s, Events&, Header&) { s[3].force.z() = kNaN; }, Severity::error, "/samples/force[3]",
+      Severity::problem, "/samples/velocity[7]", "is infinite (2 rows in all)");
+  expect_value_finding([](Rows& s, Events&, Header&) { s[3].force.z() = kNaN; }, Severity::problem, "/samples/force[3]",
                        "is NaN (1 rows in all); the column must have a value in every row or in none");
   expect_value_finding([](Rows& s, Events&, Header&) { s[299].latency = std::numeric_limits<float>::quiet_NaN(); },
-                       Severity::error, "/samples/latency[299]", "is NaN");
+                       Severity::problem, "/samples/latency[299]", "is NaN");
   expect_value_finding(
       [](Rows& s, Events&, Header&) {
         s[5].latency = -2e-6F;
         s[5].time_ns -= 7000;
       },
       Severity::warning, "/samples/latency[5]", "is negative: -2e-06 s");
-  expect_value_finding([](Rows& s, Events&, Header&) { s[8].time_ns = s[7].time_ns; }, Severity::error,
+  expect_value_finding([](Rows& s, Events&, Header&) { s[8].time_ns = s[7].time_ns; }, Severity::problem,
                        "/samples/time[8]", "0.007 s does not come after 0.007 s of the row before");
   expect_value_finding(
       [](Rows& s, Events&, Header&) {
         for (std::size_t i = 8; i < s.size(); ++i) --s[i].tick;
       },
-      Severity::error, "/samples/tick[8]", "7 does not come after 7 of the row before");
+      Severity::problem, "/samples/tick[8]", "7 does not come after 7 of the row before");
   expect_value_finding(
       [](Rows& s, Events&, Header&) {
         for (std::size_t i = 200; i < 300; ++i) s[i].time_ns += 5'000'000;
       },
       Severity::warning, "/samples/time[200]", "away from tick / rate_hz + latency (100 rows in all)");
-  expect_value_finding([](Rows& s, Events&, Header&) { s[4].orientation = Quat(2, 0, 0, 0); }, Severity::error,
+  expect_value_finding([](Rows& s, Events&, Header&) { s[4].orientation = Quat(2, 0, 0, 0); }, Severity::problem,
                        "/samples/orientation[4]", "is not a unit quaternion: its norm is 2");
-  expect_value_finding([](Rows& s, Events&, Header&) { s[4].phase = static_cast<Phase>(6); }, Severity::error,
+  expect_value_finding([](Rows& s, Events&, Header&) { s[4].phase = static_cast<Phase>(6); }, Severity::problem,
                        "/samples/phase[4]", "is 6, which is not a phase (0 to 5)");
   expect_value_finding(
       [](Rows& s, Events&, Header& h) {
         h.max_force_n = 5;
         s[11].force = Vec3(3, 4, 1);
       },
-      Severity::error, "/samples/force[11]", "has the magnitude 5.09902 N, more than max_force_n = 5 N");
+      Severity::problem, "/samples/force[11]", "has the magnitude 5.09902 N, more than max_force_n = 5 N");
   expect_value_finding(
       [](Rows&, Events& e, Header&) {
         e.push_back({7, 50, ""});
       },
       Severity::warning, "/events[1]", "its time, 7 s, is outside the samples' 0 to 0.299 s");
-  expect_value_finding([](Rows&, Events& e, Header&) { e[0].code = 0; }, Severity::error, "/events[0]",
+  expect_value_finding([](Rows&, Events& e, Header&) { e[0].code = 0; }, Severity::problem, "/events[0]",
                        "its code, 0, is not positive");
   expect_value_finding(
       [](Rows& s, Events& e, Header&) {
@@ -216,7 +214,7 @@ TEST_P(DamagedStructure, IsReportedWithItsPlace) {
   H5Ldelete(file, "/checksums", H5P_DEFAULT);  // files of other programs have no checksums either
   GetParam().damage(file);
   H5Fclose(file);
-  expect_finding(check_recording(name), Severity::error, GetParam().where, GetParam().what);
+  expect_finding(check_recording(name), Severity::problem, GetParam().where, GetParam().what);
   const auto read = [&] { return RecordingReader(name).read(0, 60); };
   if (GetParam().reader_says.empty())
     EXPECT_NO_THROW(read());

@@ -90,7 +90,7 @@ TEST(KilledWriter, LosesNothingThatWasFlushedAndInventsNothing) {
     expect_same(reader.read(0, reader.rows()), std::span(session).first(reader.rows()));
     EXPECT_GE(reader.events().size(), safe / kBatch);
     for (const Finding& finding : check_recording(file))
-      EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
+      EXPECT_NE(finding.severity, Severity::problem) << finding.where << ": " << finding.what;
     EXPECT_TRUE(read_bytes(file) == before) << "reading changed the file";
   }
 }
@@ -262,7 +262,7 @@ TEST(KilledWriter, LeavesNothingWrongIfItsOverviewLagsBehind) {
   waitpid(child, nullptr, 0);
   ASSERT_EQ(RecordingReader(file).rows(), session.size());
   for (const Finding& finding : check_recording(file))
-    EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
+    EXPECT_NE(finding.severity, Severity::problem) << finding.where << ": " << finding.what;
 }
 
 TEST(RecordingWriter, FillsTimeLastAndTheRestOfAChunkWithFillValues) {
@@ -378,7 +378,7 @@ struct Content {
 
 bool is_detected(const std::string& file) {
   for (const Finding& finding : check_recording(file))
-    if (finding.severity != Finding::Severity::note) return true;
+    if (finding.severity != Severity::note) return true;
   return false;
 }
 

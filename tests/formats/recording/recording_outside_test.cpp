@@ -99,7 +99,7 @@ TEST_P(DataOutsideTheFile, AreNotRead) {
   refused([&] { (void)recover_recording(file, folder / "b.h5"); });
   bool found = false;
   for (const Finding& finding : check_recording(file))
-    found = found || (finding.severity == Finding::Severity::error && finding.where.find(way.where) == 0 &&
+    found = found || (finding.severity == Severity::problem && finding.where.find(way.where) == 0 &&
                       finding.what.find(way.why) != std::string::npos);
   EXPECT_TRUE(found);
 

@@ -92,10 +92,10 @@ TEST(RecordingInParts, IsNotReadWithAMissingPartExceptOnRequest) {
     expect_same(reader.read(0, 900), kept);
     const auto findings = check_recording(folder / "a.h5");
     EXPECT_TRUE(std::any_of(findings.begin(), findings.end(), [&](const Finding& finding) {
-      return finding.severity == Finding::Severity::error && finding.where.ends_with(name);
+      return finding.severity == Severity::problem && finding.where.ends_with(name);
     }));
     for (const Finding& finding : check_recording(folder / "a.h5", {}, true))
-      EXPECT_NE(finding.severity, Finding::Severity::error) << finding.where << ": " << finding.what;
+      EXPECT_NE(finding.severity, Severity::problem) << finding.where << ": " << finding.what;
   }
 }
 

@@ -53,7 +53,7 @@ void flip(const std::string& file, std::uint64_t at, int bit = 3) {
 std::vector<std::string> errors_of(const std::string& file) {
   std::vector<std::string> errors;
   for (const Finding& finding : check_recording(file))
-    if (finding.severity == Finding::Severity::error) errors.push_back(finding.where + ": " + finding.what);
+    if (finding.severity == Severity::problem) errors.push_back(finding.where + ": " + finding.what);
   return errors;
 }
 

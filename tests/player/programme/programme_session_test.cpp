@@ -376,7 +376,7 @@ TEST_F(ProgrammeSession, RefusesToResumeWithAnotherDevice) {
   options_.open = [](const Exercise&, const TrialSettings&, const std::string&) {
     return std::make_shared<PointMass>();
   };
-  EXPECT_THAT(error_of([&] { (void)resume(); }), AllOf(HasSubstr("begun with sim"), HasSubstr("point mass")));
+  EXPECT_THAT(error_of([&] { (void)resume(); }), AllOf(HasSubstr("started with sim"), HasSubstr("point mass")));
   EXPECT_EQ(load_session_log(options_.folder).sittings.back().ended_by, "stopped");
   EXPECT_EQ(load_session_log(options_.folder).trials.size(), before) << "nothing was begun";
 }

@@ -1,0 +1,23 @@
+// How serious a report to a person is: of a warning of a session, a finding in a file or a diagnosis of the machine.
+#pragma once
+
+#include "base/enum_names.h"
+
+#include <cstdint>
+
+namespace haptrace {
+
+enum class Severity : std::uint8_t {
+  ok,       ///< nothing to do: a check that passed
+  note,     ///< worth knowing
+  warning,  ///< something is not as it should be; the session continues, the file can be read, the rate is kept at a cost
+  problem,  ///< ended the session, lost data, contradicts the format, or keeps the machine from its task
+};
+
+/// Returns "ok", "note", "warning" or "problem".
+constexpr const char* to_string(Severity severity) noexcept {
+  constexpr EnumNames<Severity, 4> kNames{"severity", {"ok", "note", "warning", "problem"}};
+  return kNames.name(severity);
+}
+
+}  // namespace haptrace
