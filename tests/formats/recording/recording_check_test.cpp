@@ -12,7 +12,7 @@ const RecordingColumns kAll{true, true, true, true, true};
 std::string text_of(const std::vector<Finding>& findings) {
   std::string text;
   for (const Finding& finding : findings)
-    text += fmt::format("{} {}: {}\n", static_cast<int>(finding.severity), finding.where, finding.what);
+    text += fmt::format("{} {}: {}\n", to_string(finding.severity), finding.where, finding.what);
   return text;
 }
 
@@ -143,7 +143,7 @@ TEST(CheckRecording, WarnsOfARecordingThatWasNotFinished) {
     writer.append(random_session(4, 10, {}));
   }
   EXPECT_EQ(text_of(check_recording(folder / "a.h5")),
-            "1 /@complete: the recording was not finished: its writer is still running, was killed or failed\n");
+            "warning /@complete: the recording was not finished: its writer is still running, was killed or failed\n");
 }
 
 TEST(CheckRecording, ThrowsOnlyWhenThereIsNothingToCheck) {
