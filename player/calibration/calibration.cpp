@@ -709,7 +709,7 @@ CalibrationResult calibrate(Device& device, const CalibrationOptions& options, c
     CalibrationController again(plan, seen.plant.mass);
     CalibrationLog second(again, rows);
     const bool finished = run(again, second, gentle);
-    result.session.recording = std::move(first.recording);
+    result.session.recording = first.recording;
     result.session.recording_error = std::move(first.recording_error);
     std::vector<Warning>& warnings = result.session.warnings;
     warnings.insert(warnings.begin(), first.warnings.begin(), first.warnings.end());
