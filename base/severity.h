@@ -10,7 +10,7 @@ namespace haptrace {
 enum class Severity : std::uint8_t {
   ok,       ///< nothing to do: a check that passed
   note,     ///< worth knowing
-  warning,  ///< something is not as it should be; the session continues, the file can be read, the rate is kept at a cost
+  warning,  ///< something is wrong, but the session continues, the file can be read, or the rate can be sustained
   problem,  ///< ended the session, lost data, contradicts the format, or keeps the machine from its task
 };
 
