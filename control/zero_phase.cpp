@@ -2,13 +2,18 @@
 
 #include "control/filters.h"
 
+#include <algorithm>
 #include <cstddef>
 
 namespace haptrace {
 void zero_phase_low_pass(std::vector<Vec3>& rows, double cutoff_hz, double rate_hz) {
   if (rows.size() < 2) return;
   const std::size_t last = rows.size() - 1, period = 2 * last;
-  const auto settling = static_cast<std::size_t>(3 * rate_hz / cutoff_hz);
+  // A cut-off far below one over the duration leaves hardly more than the straight line, however long the filter
+  // settles.
+  constexpr double kMostPeriods = 16;
+  const auto settling =
+      static_cast<std::size_t>(std::min(3 * rate_hz / cutoff_hz, kMostPeriods * static_cast<double>(period)));
   const Vec3 begin = rows.front(), slope = (rows.back() - rows.front()) / static_cast<double>(last);
   for (std::size_t i = 0; i <= last; ++i) rows[i] -= begin + static_cast<double>(i) * slope;
 
