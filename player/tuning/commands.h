@@ -1,0 +1,42 @@
+// Commands of one line that change a running session, and the controls that a page shows for them.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace haptrace {
+
+/// A quantity or switch of a running session that a command changes: "NAME VALUE" (docs/tuning.md).
+struct LiveControl {
+  enum class Kind { number, toggle };  ///< a toggle is 0 or 1
+
+  std::string name;               ///< first word of the command
+  std::string label;              ///< in words, for a page
+  std::string unit;               ///< of the values; empty for a share
+  double value = 0;               ///< in force
+  double least = 0, largest = 1;  ///< limits to which a command clamps
+  double step = 0.05;             ///< of a button that increases or decreases the value
+  std::string because;            ///< reason for `largest`, in words; may be empty
+  Kind kind = Kind::number;
+};
+
+/// Executes commands for a running session.
+///
+/// Threads: any.
+class Commands {
+ public:
+  virtual ~Commands() = default;
+
+  /// Executes one command and returns a line, both without the line's end: "ok ..." or "error ...". Answers are
+  /// printable ASCII whatever the command. Does not throw for any command.
+  virtual std::string obey(std::string_view command) = 0;
+
+  /// Returns the controls that the session has now, in the order of a page.
+  [[nodiscard]] virtual std::vector<LiveControl> controls() const = 0;
+
+  /// Returns those of the commands pause, resume, skip, repeat, mark and note that work now.
+  [[nodiscard]] virtual std::vector<std::string> actions() const = 0;
+};
+
+}  // namespace haptrace
