@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/number.h"
+#include "base/secret.h"
 #include "player/tuning/private_socket.h"
 
 #include <algorithm>
@@ -38,15 +39,6 @@ constexpr auto kAcceptPause = std::chrono::milliseconds(100);  // pause after a 
 
 bool is_printable(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](char c) { return (c >= ' ' && c <= '~') || c == '\t' || c == '\r'; });
-}
-
-/// Compares in constant time, which does not reveal how much of the token was right.
-bool is_same_token(std::string_view given, std::string_view token) {
-  if (given.size() != token.size()) return false;
-  unsigned difference = 0;
-  for (std::size_t i = 0; i < token.size(); ++i)
-    difference |= static_cast<unsigned>(static_cast<unsigned char>(given[i]) ^ static_cast<unsigned char>(token[i]));
-  return difference == 0;
 }
 
 class Client;
@@ -122,7 +114,7 @@ class Client : public std::enable_shared_from_this<Client> {
     std::string_view given = line.substr(kTokenWord.size());
     if (given.ends_with('\r')) given.remove_suffix(1);
     // No browser starts a request with this word, so a client that did may learn what was wrong.
-    if (!is_same_token(given, token_)) return answer("error this is not the token of this session", true);
+    if (!is_same_secret(given, token_)) return answer("error this is not the token of this session", true);
     received_.erase(0, end + 1);
     list().remove(this);
     token_ = {};

@@ -1,0 +1,80 @@
+// Data of a recording, read from its file when a page asks for them. Private to view.
+#pragma once
+
+#include "formats/recording/recording.h"
+#include "view/view_log.h"
+#include "view/view_source.h"
+
+#include <cstdint>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace haptrace {
+
+/// One recording. Its pyramid is built block by block: first the blocks that a page asks for, then their neighbours.
+/// Until a block is built, bins come from the overview in the file.
+///
+/// Threads: one at a time, which alone uses HDF5.
+class ViewedRecording final : public ViewSource {
+ public:
+  /// Opens a recording in any format. Throws Error(input).
+  explicit ViewedRecording(const std::string& file);
+  ~ViewedRecording() override;
+
+  /// Answers from what is built, after building for at most kPatience. If that is not all, the answer is coarse, and
+  /// work() gives the exact one unless the same page has asked again.
+  void ask(const ViewRequest& request, const Reply& reply) override;
+
+  /// Builds one block. Returns false if nothing is left to do.
+  bool work();
+
+  [[nodiscard]] const ViewChannels& channels() const noexcept { return channels_; }
+  [[nodiscard]] const RecordingHeader& header() const noexcept { return header_; }
+  [[nodiscard]] double duration() const noexcept { return 1e-9 * static_cast<double>(last_ns_ - first_ns_); }
+
+  /// Returns the messages `recording` and `events`, and the path.
+  [[nodiscard]] nlohmann::json recording(std::size_t index, const std::string& name) const;
+  [[nodiscard]] nlohmann::json events() const;
+  [[nodiscard]] Frame path() const;
+
+  /// Returns the message `phases`. Reads the rows of stretches that the overview does not decide.
+  [[nodiscard]] nlohmann::json phases() const;
+
+  /// Returns what is wrong with the file, in words; empty if nothing was found so far.
+  [[nodiscard]] const std::string& damage() const noexcept { return damage_; }
+
+ private:
+  struct Pending {
+    ViewRequest request;
+    Reply reply;
+  };
+
+  void open_stream(const std::string& file);
+  void read_overview();
+  [[nodiscard]] std::uint64_t row_from(std::int64_t time_ns) const;
+  void build(std::int64_t block);
+  [[nodiscard]] std::optional<std::int64_t> missing_block(const ViewRequest& request) const;
+  [[nodiscard]] std::optional<std::int64_t> next_block() const;
+  [[nodiscard]] std::int64_t width_of(const ViewRequest& request) const;
+  [[nodiscard]] Frame coarse(const ViewRequest& request) const;
+  void answer_pending();
+  [[nodiscard]] std::vector<Sample> read_run() const;
+
+  mutable std::optional<RecordingReader> reader_;  ///< absent: all rows are in memory
+  RecordingHeader header_;
+  RecordingColumns columns_;
+  ViewChannels channels_;
+  std::uint64_t rows_ = 0;
+  std::int64_t first_ns_ = 0, last_ns_ = 0;
+  std::vector<RecordingSummary> overview_;
+  std::vector<StoredEvent> events_;
+  std::optional<History> history_;
+  std::vector<Pending> pending_;
+  std::int64_t focus_first_ = 0, focus_last_ = 0;  ///< blocks that were asked for last
+  std::string damage_;
+};
+
+}  // namespace haptrace
