@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/mailbox.h"
 #include "devices/loop/clock.h"
+#include "devices/loop/loose_thread.h"
 #include "devices/loop/threaded_device.h"
 #include "devices/vendor/find_plugged.h"
 
@@ -115,26 +116,15 @@ struct HdOptions {
 
 std::atomic_flag hd_in_use;  // HD's scheduler belongs to one device at a time
 
-class OpenHapticsDevice final : public Device {
+// Bounds of close() [s], which also waits 0.1 s for the last frame.
+constexpr double kLongestCalibration = 0.5;  // within kLongestShutDown
+constexpr double kLongestShutDown = 2;
+static_assert(kLongestShutDown + 0.1 < Device::kLongestClose);
+
+/// Everything that the library's threads use. They own it together with the device, because the library may keep them
+/// for ever.
+class HdServo {
  public:
-  explicit OpenHapticsDevice(const HdOptions& options);
-  ~OpenHapticsDevice() override { OpenHapticsDevice::close(); }
-
-  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
-  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
-  void close() noexcept override;
-  [[nodiscard]] ZeroForce zero_force() noexcept override;
-  [[nodiscard]] ZeroForce emergency_stop() noexcept override;
-  [[nodiscard]] std::string lost_reason() const override;
-  [[nodiscard]] std::string not_ready_reason() const override;
-
- private:
-  static constexpr std::int64_t kCalmNs = static_cast<std::int64_t>(1e9 * kHdCalm);
-  static constexpr std::int64_t kLongestFaultNs = static_cast<std::int64_t>(1e9 * kHdLongestFault);
-  static constexpr std::int64_t kPatienceNs = static_cast<std::int64_t>(1e9 * kHdPatience);
-  static constexpr int kFramesPerCheck = 100;  ///< frames between two checks of the calibration
-  static constexpr std::chrono::milliseconds kCalibratorRest{20};
-
   struct Order {
     Wrench wrench;
     std::int64_t until_ns = 0;  ///< end of the wrench
@@ -149,64 +139,98 @@ class OpenHapticsDevice final : public Device {
     unsigned calibration = 0;
   };
 
-  void init(const HdOptions& options);
-  void describe(const HdOptions& options);
-  void schedule(const HdOptions& options);
-  [[nodiscard]] Error refuse(const std::string& what, const std::string& remedy) const;
+  static constexpr std::int64_t kCalmNs = static_cast<std::int64_t>(1e9 * kHdCalm);
 
-  // Called in HD's thread.
-  static unsigned frame(void* device) noexcept;
+  explicit HdServo(const HdOptions& options) : api{SharedLibrary(options.library, SharedLibrary::Unload::never)} {}
+
+  /// Starts the frames of `servo`.
+  static void schedule(const std::shared_ptr<HdServo>& servo);
+
+  /// Requests a last frame, with zero force, and returns whether it was sent. Waits only briefly, because a servo loop
+  /// that stands still sends nothing.
+  [[nodiscard]] bool end_frames() noexcept;
+
+  /// Stops the library's servo loop and releases the device and `hd_in_use`. The library may never return.
+  void shut_down() noexcept;
+
+  HdApi api;
+  HdHandle handle = kHdInvalid;
+  int styles = 0;  ///< bits of HdCalibrationStyle
+  bool takes_torque = false;
+  Mailbox<Order> order;
+  Mailbox<Answer> answer;
+
+ private:
+  static constexpr int kFramesPerCheck = 100;  ///< frames between two checks of the calibration
+  static constexpr std::chrono::milliseconds kCalibratorRest{20};
+
+  // Called in the library's thread.
+  static unsigned frame(void* servo) noexcept;
   void frame() noexcept;
   void read(DeviceState& state) noexcept;
   void send(const Wrench& wrench) noexcept;
   void check_calibration() noexcept;
 
-  [[nodiscard]] bool end_frames() noexcept;
-
   // Runs in the calibrator's thread.
   void calibrate_when_asked() noexcept;
 
-  HdApi api_;
-  DeviceInfo info_;
-  HdHandle handle_ = kHdInvalid;
   HdSchedulerHandle scheduled_ = kHdInvalid;
-  bool holds_scheduler_ = false;
-  int styles_ = 0;  ///< bits of HdCalibrationStyle
-  bool takes_torque_ = false;
-
-  // Used in the tick's thread.
-  bool closed_ = true;
-  bool lost_ = false;
-  ZeroForce farewell_ = ZeroForce::confirmed;  ///< result of close(); there is no force before the first frame
-  Answer newest_;
-
-  Mailbox<Order> order_;
-  Mailbox<Answer> answer_;
   std::atomic<bool> ending_{false};
   std::atomic<bool> ended_{false};  ///< zero force was sent, and nothing else will be sent
 
-  // Used in HD's thread.
+  // Used in the library's thread.
   Answer next_;
   int until_check_ = 0;
 
-  std::atomic<bool> calibration_due_{false};  ///< set by HD's thread, cleared by the calibrator's
-  std::atomic<bool> calibrator_ends_{false};
-  std::thread calibrator_;
+  std::atomic<bool> calibration_due_{false};  ///< set by the library's thread, cleared by the calibrator's
+  LooseThread calibrator_;
+};
+
+class OpenHapticsDevice final : public Device {
+ public:
+  explicit OpenHapticsDevice(const HdOptions& options);
+  ~OpenHapticsDevice() override { OpenHapticsDevice::close(); }
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
+  void close() noexcept override;
+  [[nodiscard]] ZeroForce zero_force() noexcept override;
+  [[nodiscard]] ZeroForce emergency_stop() noexcept override;
+  [[nodiscard]] std::string lost_reason() const override;
+  [[nodiscard]] std::string not_ready_reason() const override;
+
+ private:
+  static constexpr std::int64_t kLongestFaultNs = static_cast<std::int64_t>(1e9 * kHdLongestFault);
+  static constexpr std::int64_t kPatienceNs = static_cast<std::int64_t>(1e9 * kHdPatience);
+
+  void init(const HdOptions& options);
+  void describe(const HdOptions& options);
+  void start(const HdOptions& options);
+  [[nodiscard]] Error refuse(const std::string& what, const std::string& remedy) const;
+
+  const std::shared_ptr<HdServo> servo_;  ///< shared with the library's threads
+  HdApi& api_;
+  DeviceInfo info_;
+  bool closed_ = true;
+  bool lost_ = false;
+  ZeroForce farewell_ = ZeroForce::confirmed;  ///< result of close(); there is no force before the first frame
+  HdServo::Answer newest_;
 };
 
 OpenHapticsDevice::OpenHapticsDevice(const HdOptions& options)
-    : api_{SharedLibrary(options.library, SharedLibrary::Unload::never)} {
+    : servo_(std::make_shared<HdServo>(options)), api_(servo_->api) {
   info_.name = options.text;
   info_.backend = kOpenHaptics;
   if (hd_in_use.test_and_set())
-    throw device_error(
-        fmt::format("{}: another OpenHaptics device is open in this process; close it first", info_.name));
-  holds_scheduler_ = true;
+    throw device_error(fmt::format(
+        "{}: another OpenHaptics device is open in this process, or its library does not return from closing it; close "
+        "it first, or restart the program",
+        info_.name));
   closed_ = false;
   try {
     init(options);
     describe(options);
-    schedule(options);
+    start(options);
   } catch (...) {
     close();
     throw;
@@ -226,14 +250,14 @@ void OpenHapticsDevice::init(const HdOptions& options) {
   (void)api_.error();           // clears earlier errors
   const char* error = nullptr;  // error of the first attempt
   for (const char* name : names) {
-    handle_ = api_.init_device(name);
+    servo_->handle = api_.init_device(name);
     const char* refused = api_.error();
-    if (refused == nullptr && handle_ != kHdInvalid) {
-      api_.make_current(handle_);
+    if (refused == nullptr && servo_->handle != kHdInvalid) {
+      api_.make_current(servo_->handle);
       return;
     }
     if (error == nullptr) error = refused;
-    if (handle_ != kHdInvalid) api_.disable_device(std::exchange(handle_, kHdInvalid));
+    if (servo_->handle != kHdInvalid) api_.disable_device(std::exchange(servo_->handle, kHdInvalid));
   }
   const std::string who = options.name.empty()
                               ? "the default device (also tried as 'Default Device' and 'Default PHANToM')"
@@ -263,8 +287,8 @@ void OpenHapticsDevice::describe(const HdOptions& options) {
   info_.serial = text(kHdSerial);
   info_.measures_velocity = true;
   info_.measures_orientation = true;
-  takes_torque_ = integer(kHdOutputDof) >= 6;
-  info_.torque_axes.fill(takes_torque_);
+  servo_->takes_torque = integer(kHdOutputDof) >= 6;
+  info_.torque_axes.fill(servo_->takes_torque);
   info_.max_force = number(kHdMaxForce);
   if (info_.max_force <= 0)
     throw refuse("its library does not report its largest force", "set it up with the vendor's Touch_Setup");
@@ -284,7 +308,7 @@ void OpenHapticsDevice::describe(const HdOptions& options) {
   if (info_.workspace_min == info_.workspace_max)
     throw refuse("its library does not report its workspace", "set it up with the vendor's Touch_Setup");
 
-  styles_ = integer(kHdCalibrationStyle);
+  servo_->styles = integer(kHdCalibrationStyle);
   info_.notes.push_back(fmt::format("driven by {} ({}); haptrace has not been tried with it on a real device yet",
                                     api_.library.file(), text(kHdVersion)));
   info_.notes.push_back(
@@ -294,7 +318,7 @@ void OpenHapticsDevice::describe(const HdOptions& options) {
   (void)api_.error();  // clears the errors of queries that this library does not know
 }
 
-void OpenHapticsDevice::schedule(const HdOptions& options) {
+void OpenHapticsDevice::start(const HdOptions& options) {
   if (options.reset_encoders) api_.update_calibration(kHdEncoderReset);
   if (options.rate > 0) {
     api_.set_scheduler_rate(options.rate);
@@ -307,9 +331,7 @@ void OpenHapticsDevice::schedule(const HdOptions& options) {
   if (const char* error = api_.error())
     throw refuse(fmt::format("its forces cannot be switched on: {}", error), "check its power");
 
-  if ((styles_ & (kHdInkwell | kHdAuto)) != 0) calibrator_ = std::thread([this] { calibrate_when_asked(); });
-  scheduled_ = api_.schedule(&OpenHapticsDevice::frame, this, kHdHighestPriority);
-  api_.start_scheduler();
+  HdServo::schedule(servo_);
   if (const char* error = api_.error())
     throw refuse(fmt::format("its servo loop cannot be started: {}", error), "end other programs that use it");
 
@@ -319,34 +341,41 @@ void OpenHapticsDevice::schedule(const HdOptions& options) {
       throw refuse("it was opened, but its servo loop does not run",
                    "end other programs that use it, and plug it in again");
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    newest_ = answer_.latest();
+    newest_ = servo_->answer.latest();
   }
   if (const std::string why = not_ready_reason(); !why.empty()) info_.notes.push_back(why);
 }
 
-// ---- in HD's thread ----
+// ---- in the library's thread ----
 
-unsigned OpenHapticsDevice::frame(void* device) noexcept {
-  static_cast<OpenHapticsDevice*>(device)->frame();
+void HdServo::schedule(const std::shared_ptr<HdServo>& servo) {
+  if ((servo->styles & (kHdInkwell | kHdAuto)) != 0)
+    servo->calibrator_ = LooseThread([servo] { servo->calibrate_when_asked(); });
+  servo->scheduled_ = servo->api.schedule(&HdServo::frame, servo.get(), kHdHighestPriority);
+  servo->api.start_scheduler();
+}
+
+unsigned HdServo::frame(void* servo) noexcept {
+  static_cast<HdServo*>(servo)->frame();
   return kHdGoOn;
 }
 
-void OpenHapticsDevice::frame() noexcept {
+void HdServo::frame() noexcept {
   const bool ending = ending_.load(std::memory_order_acquire);
   DeviceState state;
 
-  api_.begin_frame(handle_);
+  api.begin_frame(handle);
   const std::int64_t now = monotonic_ns();
   if (until_check_-- <= 0) check_calibration();
   read(state);
-  const Order& order = order_.latest();
+  const Order& newest = order.latest();
   const bool calm = next_.fault_ns == 0 || now - next_.fault_ns > kCalmNs;
-  const bool may_push = !ending && calm && next_.calibration == kHdCalibrated && now < order.until_ns;
-  send(may_push ? order.wrench : Wrench{});
-  api_.end_frame(handle_);
+  const bool may_push = !ending && calm && next_.calibration == kHdCalibrated && now < newest.until_ns;
+  send(may_push ? newest.wrench : Wrench{});
+  api.end_frame(handle);
 
   next_.frame_ns = now;
-  if (const char* error = api_.error()) {
+  if (const char* error = api.error()) {
     if (calm) next_.fault_since_ns = now;
     next_.fault_ns = now;
     std::strncpy(next_.fault.data(), error, next_.fault.size() - 1);
@@ -355,17 +384,17 @@ void OpenHapticsDevice::frame() noexcept {
     next_.state = state;
     next_.taken_ns = now;
   }
-  answer_.post(next_);
+  answer.post(next_);
   if (ending) ended_.store(true, std::memory_order_release);
 }
 
-void OpenHapticsDevice::read(DeviceState& state) noexcept {
+void HdServo::read(DeviceState& state) noexcept {
   double position[3] = {}, velocity[3] = {}, transform[16] = {};
   int buttons = 0;
-  api_.get_doubles(kHdPosition, position);
-  api_.get_doubles(kHdVelocity, velocity);
-  api_.get_doubles(kHdTransform, transform);
-  api_.get_integers(kHdButtons, &buttons);
+  api.get_doubles(kHdPosition, position);
+  api.get_doubles(kHdVelocity, velocity);
+  api.get_doubles(kHdTransform, transform);
+  api.get_integers(kHdButtons, &buttons);
   state.position = kHdLength * Vec3(position);
   state.velocity = kHdLength * Vec3(velocity);
   state.orientation = orientation_from_open_haptics(transform);
@@ -373,16 +402,16 @@ void OpenHapticsDevice::read(DeviceState& state) noexcept {
   state.ready = next_.calibration == kHdCalibrated;
 }
 
-void OpenHapticsDevice::send(const Wrench& wrench) noexcept {
-  api_.set_doubles(kHdForce, wrench.force.data());
-  if (!takes_torque_) return;
+void HdServo::send(const Wrench& wrench) noexcept {
+  api.set_doubles(kHdForce, wrench.force.data());
+  if (!takes_torque) return;
   const Vec3 torque = wrench.torque / kHdTorque;
-  api_.set_doubles(kHdTorqueOut, torque.data());
+  api.set_doubles(kHdTorqueOut, torque.data());
 }
 
-void OpenHapticsDevice::check_calibration() noexcept {
+void HdServo::check_calibration() noexcept {
   until_check_ = kFramesPerCheck;
-  next_.calibration = api_.check_calibration();
+  next_.calibration = api.check_calibration();
   if (next_.calibration == kHdNeedsUpdate) calibration_due_.store(true, std::memory_order_relaxed);
 }
 
@@ -390,31 +419,55 @@ void OpenHapticsDevice::check_calibration() noexcept {
 
 /// Updates the calibration outside the library's servo loop, because the call may take longer than a frame. An
 /// automatic calibration happens at once, one in an inkwell once the stylus is there.
-void OpenHapticsDevice::calibrate_when_asked() noexcept {
-  const HdEnum style = (styles_ & kHdInkwell) != 0 ? kHdInkwell : kHdAuto;
-  while (!calibrator_ends_.load(std::memory_order_relaxed)) {
+void HdServo::calibrate_when_asked() noexcept {
+  const HdEnum style = (styles & kHdInkwell) != 0 ? kHdInkwell : kHdAuto;
+  while (!ending_.load(std::memory_order_relaxed)) {
     if (calibration_due_.exchange(false, std::memory_order_relaxed)) {
-      api_.make_current(handle_);
-      api_.update_calibration(style);
-      (void)api_.error();  // the next check of the calibration shows whether it worked
+      api.make_current(handle);
+      api.update_calibration(style);
+      (void)api.error();  // the next check of the calibration shows whether it worked
     }
     std::this_thread::sleep_for(kCalibratorRest);
   }
+}
+
+// ---- in the thread that closes the device ----
+
+bool HdServo::end_frames() noexcept {
+  ending_.store(true, std::memory_order_release);
+  if (scheduled_ == kHdInvalid) return true;  // no frame has sent a force
+  for (int k = 0; k < 100 && !ended_.load(std::memory_order_acquire); ++k)
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  return ended_.load(std::memory_order_acquire);
+}
+
+void HdServo::shut_down() noexcept {
+  (void)calibrator_.join_within(kLongestCalibration);
+  if (handle != kHdInvalid) {
+    if (scheduled_ != kHdInvalid) {
+      api.unschedule(scheduled_);
+      api.stop_scheduler();
+    }
+    api.make_current(handle);
+    api.disable(kHdForceOutput);
+    api.disable_device(handle);
+  }
+  hd_in_use.clear();
 }
 
 // ---- in the tick's thread ----
 
 Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
   if (closed_ || lost_) return Status::lost;
-  order_.post({sendable(wrench), monotonic_ns() + ThreadedDevice::watched_ns(dt)});
-  newest_ = answer_.latest();
+  servo_->order.post({sendable(wrench), monotonic_ns() + ThreadedDevice::watched_ns(dt)});
+  newest_ = servo_->answer.latest();
   const std::int64_t now = monotonic_ns();  // taken after the newest frame, so that its age is not negative
   if (const std::int64_t silence = now - newest_.frame_ns; silence > kPatienceNs) {
     if (silence < kLongestFaultNs) return Status::away;
     lost_ = true;
     return Status::lost;
   }
-  if (newest_.fault_ns != 0 && now - newest_.fault_ns <= kCalmNs) {
+  if (newest_.fault_ns != 0 && now - newest_.fault_ns <= HdServo::kCalmNs) {
     if (newest_.fault_ns - newest_.fault_since_ns < kLongestFaultNs) return Status::away;
     lost_ = true;
     return Status::lost;
@@ -425,20 +478,11 @@ Device::Status OpenHapticsDevice::exchange(const Wrench& wrench, double dt, Devi
   return Status::ok;
 }
 
-/// Requests a last frame, with zero force, and returns whether it was sent. Waits only briefly, because a servo loop
-/// that stands still sends nothing.
-bool OpenHapticsDevice::end_frames() noexcept {
-  ending_.store(true, std::memory_order_release);
-  for (int k = 0; k < 100 && !ended_.load(std::memory_order_acquire); ++k)
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  return ended_.load(std::memory_order_acquire);
-}
-
 ZeroForce OpenHapticsDevice::zero_force() noexcept {
   if (closed_) return farewell_;
   const std::int64_t begin = monotonic_ns();
   for (int k = 0; k < 100; ++k) {
-    const Answer& answer = answer_.latest();
+    const HdServo::Answer& answer = servo_->answer.latest();
     if (answer.frame_ns > begin && answer.fault_ns != answer.frame_ns) return ZeroForce::confirmed;
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
@@ -446,31 +490,18 @@ ZeroForce OpenHapticsDevice::zero_force() noexcept {
 }
 
 ZeroForce OpenHapticsDevice::emergency_stop() noexcept {
-  return end_frames() ? ZeroForce::confirmed : ZeroForce::failed;
+  return servo_->end_frames() ? ZeroForce::confirmed : ZeroForce::failed;
 }
 
 void OpenHapticsDevice::close() noexcept {
-  closed_ = true;
-  calibrator_ends_.store(true, std::memory_order_relaxed);
-  if (calibrator_.joinable()) calibrator_.join();
-  if (handle_ != kHdInvalid) {
-    if (scheduled_ != kHdInvalid) {
-      farewell_ = end_frames() ? ZeroForce::confirmed : ZeroForce::failed;
-      api_.unschedule(scheduled_);
-      api_.stop_scheduler();
-      scheduled_ = kHdInvalid;
-    }
-    api_.make_current(handle_);
-    api_.disable(kHdForceOutput);
-    api_.disable_device(handle_);
-    handle_ = kHdInvalid;
-  }
-  if (std::exchange(holds_scheduler_, false)) hd_in_use.clear();
+  if (std::exchange(closed_, true)) return;
+  farewell_ = servo_->end_frames() ? ZeroForce::confirmed : ZeroForce::failed;
+  (void)call_within(kLongestShutDown, [servo = servo_] { servo->shut_down(); });
 }
 
 std::string OpenHapticsDevice::lost_reason() const {
   if (closed_ && !lost_) return "the device is closed";
-  const bool is_faulty = newest_.fault_ns != 0 && newest_.frame_ns - newest_.fault_ns <= kCalmNs;
+  const bool is_faulty = newest_.fault_ns != 0 && newest_.frame_ns - newest_.fault_ns <= HdServo::kCalmNs;
   if (!is_faulty) return "its library's servo loop has stopped; check its cable and its power";
   return fmt::format("its library reports: {}; hold it, move slowly, use softer gains, and let warm motors cool",
                      newest_.fault.data());
@@ -478,8 +509,9 @@ std::string OpenHapticsDevice::lost_reason() const {
 
 std::string OpenHapticsDevice::not_ready_reason() const {
   if (newest_.calibration == kHdCalibrated) return "";
-  if ((styles_ & kHdInkwell) != 0) return "it is not calibrated: put its stylus into the inkwell until it stays ready";
-  if ((styles_ & kHdEncoderReset) != 0)
+  if ((servo_->styles & kHdInkwell) != 0)
+    return "it is not calibrated: put its stylus into the inkwell until it stays ready";
+  if ((servo_->styles & kHdEncoderReset) != 0)
     return "it is not calibrated: hold its arm in the reset position that its manual shows, and open it with "
            "openhaptics:reset_encoders=true";
   return "it is not calibrated: move it slowly through its workspace. If it stays uncalibrated, use the vendor's "

@@ -27,6 +27,9 @@ WantedLibrary open_haptics_library();
 /// After an error in a frame the device is `away`: no force is sent until kHdCalm has passed without another error. The
 /// device is also `away` if HD does not call for kHdPatience, but then nothing can be sent. It is `lost` if either
 /// lasts for kHdLongestFault.
+///
+/// If the vendor's library does not return from a call of close(), close() gives it up (LooseThread). Frames then still
+/// send zero force, and no further device can be opened until the call returns.
 DeviceBackend open_haptics_backend();
 
 inline constexpr double kHdCalm = 0.1;        ///< [s]

@@ -62,6 +62,12 @@ bool belongs_here() {
   return false;
 }
 
+void may_hang(FakeHd::Call call) {
+  if (fake.hangs_in != call) return;
+  fake.hung = call;
+  while (fake.hangs_in == call) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
+
 void copy(const Vec3& from, double* to) {
   for (Eigen::Index i = 0; i < 3; ++i) to[i] = from[i];
 }
@@ -93,6 +99,7 @@ unsigned hdInitDevice(const char* name) {
   return kHandle;
 }
 void hdDisableDevice(unsigned) {
+  may_hang(FakeHd::Call::disable_device);
   rest();
   ++fake.closed;
 }
@@ -180,6 +187,7 @@ unsigned hdCheckCalibration() {
   return fake.calibration;
 }
 void hdUpdateCalibration(unsigned style) {
+  may_hang(FakeHd::Call::update_calibration);
   if (serves) ++fake.misused;
   ++fake.updates;
   fake.updated_style = static_cast<int>(style);
@@ -193,6 +201,7 @@ void hdStartScheduler() {
   });
 }
 void hdStopScheduler() {
+  may_hang(FakeHd::Call::stop_scheduler);
   if (!fake.running.exchange(false)) return;
   servo.join();
   rest();
@@ -208,6 +217,7 @@ unsigned long hdScheduleAsynchronous(unsigned (*function)(void*), void* data, un
   return kScheduled;
 }
 void hdUnschedule(unsigned long) {
+  may_hang(FakeHd::Call::unschedule);
   const std::scoped_lock lock(schedule);
   callback = nullptr;
   fake.scheduled = false;

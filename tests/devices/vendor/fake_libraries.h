@@ -3,6 +3,7 @@
 
 #include <array>
 #include <atomic>
+#include <cstdint>
 
 namespace haptrace::test {
 
@@ -48,6 +49,9 @@ struct FakeHd {
   std::atomic<int> output_dof{3};
   std::atomic<bool> frozen{false};  ///< the servo loop stops, and the motors keep their force
   std::atomic<unsigned> fault{0};   ///< error of every frame
+  enum class Call : std::uint8_t { none, unschedule, stop_scheduler, disable_device, update_calibration };
+  std::atomic<Call> hangs_in{Call::none};  ///< this call does not return until the value changes
+  std::atomic<Call> hung{Call::none};      ///< last call that did not return at once
   std::atomic<int> buttons{0};
   std::atomic<double> yaw{0};  ///< angle of the stylus about y [rad]
   std::atomic<bool> is_placed{false};

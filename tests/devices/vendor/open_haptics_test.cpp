@@ -1,5 +1,6 @@
 #include "devices/vendor/open_haptics.h"
 
+#include "devices/loop/loose_thread.h"
 #include "devices/loop/threaded_device.h"
 #include "tests/devices/vendor/support.h"
 #include "tests/support/real_time.h"
@@ -233,6 +234,46 @@ TEST_F(OpenHaptics, EndsWithoutForceHoweverItIsClosed) {
     EXPECT_FALSE(fake_.running || fake_.output || fake_.scheduled);
     EXPECT_EQ(fake_.closed, 1);
     EXPECT_EQ(fake_.misused, 0) << "states and forces belong into frames";
+  }
+}
+
+TEST_F(OpenHaptics, ClosesInTimeThoughItsLibraryDoesNotReturn) {
+  using enum FakeHd::Call;
+  for (const FakeHd::Call call : {unschedule, stop_scheduler, disable_device, update_calibration}) {
+    SCOPED_TRACE(static_cast<int>(call));
+    renew(fake_);
+    auto device = open();
+    push(*device);
+    fake_.hangs_in = call;
+    if (call == update_calibration) {
+      fake_.calibration = FakeHd::kNeedsUpdate;
+      for (int k = 0; k < 3000 && fake_.hung != call; ++k) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    const auto begin = std::chrono::steady_clock::now();
+    device->close();
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::duration<double>(Device::kLongestClose));
+    EXPECT_EQ(fake_.hung, call);
+    EXPECT_FALSE(fake_.pushes());
+    EXPECT_EQ(device->zero_force(), ZeroForce::confirmed);
+    EXPECT_TRUE(LooseThread::any_given_up()) << "the program must not end through its destructors";
+    device.reset();
+    EXPECT_FALSE(fake_.pushes()) << "the library may call its frames on";
+
+    // A calibration that hangs does not keep the library from closing the device.
+    if (call != update_calibration) {
+      EXPECT_THAT(refusal(), HasSubstr("its library does not return from closing it"));
+    }
+    fake_.hangs_in = none;
+    std::unique_ptr<Device> next;
+    for (int k = 0; k < 3000 && next == nullptr; ++k) {
+      try {
+        next = open();
+      } catch (const Error&) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      }
+    }
+    EXPECT_NE(next, nullptr) << "the call that hung has returned";
+    EXPECT_EQ(fake_.closed, 1);
   }
 }
 
