@@ -162,7 +162,7 @@ std::string describe(const Event& event) {
     case EventCode::device_not_ready:
       return "the device does not allow forces";
     case EventCode::device_ready:
-      return "the device allows forces";
+      return fmt::format("the device was ready after {:.3g} s", a);
     case EventCode::device_lost:
       return std::isfinite(a) ? fmt::format("the device did not come back within {:.3g} s", a) : "the device was lost";
     case EventCode::device_found:

@@ -215,6 +215,9 @@ class ServoLoop::Session {
       const bool answers = status == Device::Status::ok;
       if (answers && is_settled(deadline_ns_)) {
         away_since_ns_.reset();
+        if (dt > 0)
+          push_event(0, {.code = EventCode::device_ready,
+                         .values = {1e-9 * static_cast<double>(deadline_ns_ - start_ns_), kNaN, kNaN}});
         return true;
       }
       if (stop.count() > 0) return fail(StopCause::interrupted);

@@ -413,6 +413,26 @@ TEST(ServoLoop, WaitsForADeviceThatIsNotReadyYetAndSendsItNoForce) {
   EXPECT_EQ(result.log.samples.front().tick, 0U);
 }
 
+TEST(ServoLoop, ReportsThatADeviceBecameReadyAndAfterHowLong) {
+  const auto codes_of = [](std::uint64_t ready_from) {
+    PointMass device(0.5, 2, {.ready_from = ready_from});
+    Scripted controller = push_until(10, Vec3(1, 0, 0));
+    const Outcome result = run(device, controller, kVirtual);
+    std::vector<EventCode> codes;
+    for (const Event& event : result.log.events) {
+      codes.push_back(event.code);
+      EXPECT_EQ(event.time_ns == 0, event.code != EventCode::finished) << "before the first tick";
+      if (event.code == EventCode::device_ready) {
+        EXPECT_EQ(describe(event), "the device was ready after 0.6 s");
+      }
+    }
+    return codes;
+  };
+  using enum EventCode;
+  EXPECT_THAT(codes_of(300), testing::ElementsAre(device_not_ready, device_ready, started, finished));
+  EXPECT_THAT(codes_of(0), testing::ElementsAre(started, finished)) << "a device that is ready at once needs no event";
+}
+
 TEST(ServoLoop, GivesUpOnADeviceThatNeverGetsReady) {
   PointMass device(0.5, 2, {.ready_from = PointMass::kNever});
   Scripted controller = push_until(200, Vec3(1, 0, 0));
