@@ -1,0 +1,205 @@
+// Draws a picture on a 2-D canvas where the browser has no WebGL: path, tunnel as a band, movement, trail, tool, force.
+import { axesOf, metresPerPixel, projectWith } from "./camera";
+import { ARROW_SCALE, GAP, type Painter, type Picture } from "./picture";
+import { cividis, cssColour, mix } from "./theme";
+
+export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
+  // Without a GPU a canvas that the processor reads is several times faster to draw.
+  const context = canvas.getContext("2d", { willReadFrequently: true, alpha: false });
+  if (context === null) throw new Error("This browser draws neither WebGL nor a 2-D canvas.");
+  let width = 1;
+  let height = 1;
+  let ratio = 1;
+  const spot = [0, 0, 0];
+
+  const draw = (p: Picture): void => {
+    const c = context;
+    const axes = axesOf(p.camera);
+    const t = p.theme;
+    const at = (x: number, y: number, z: number): boolean => {
+      projectWith(p.camera, axes, x, y, z, spot);
+      return spot[2]! > 0 && Number.isFinite(spot[0]! + spot[1]!);
+    };
+    const line = (xyz: ArrayLike<number>, from: number, to: number): void => {
+      c.beginPath();
+      for (let i = from, started = false; i < to; i++) {
+        if (!at(xyz[3 * i]!, xyz[3 * i + 1]!, xyz[3 * i + 2]!)) continue;
+        if (started) c.lineTo(spot[0]!, spot[1]!);
+        else c.moveTo(spot[0]!, spot[1]!);
+        started = true;
+      }
+    };
+    const stroke = (colour: string, size: number, alpha = 1): void => {
+      c.globalAlpha = alpha;
+      c.strokeStyle = colour;
+      c.lineWidth = size;
+      c.stroke();
+      c.globalAlpha = 1;
+    };
+    const circle = (at3: readonly [number, number, number], radius: number): boolean => {
+      if (!at(at3[0], at3[1], at3[2])) return false;
+      c.beginPath();
+      c.arc(spot[0]!, spot[1]!, radius, 0, 2 * Math.PI);
+      return true;
+    };
+
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    c.lineJoin = "round";
+    c.lineCap = "round";
+    c.fillStyle = t.background;
+    c.fillRect(0, 0, width, height);
+
+    const f = p.floor;
+    if (f.visible) {
+      c.beginPath();
+      const edge = (x0: number, y0: number, x1: number, y1: number): void => {
+        if (!at(x0, y0, f.z)) return;
+        c.moveTo(spot[0]!, spot[1]!);
+        if (at(x1, y1, f.z)) c.lineTo(spot[0]!, spot[1]!);
+      };
+      for (let i = Math.round(f.x0 / f.step); i * f.step <= f.x1 + 1e-9; i++) edge(i * f.step, f.y0, i * f.step, f.y1);
+      for (let i = Math.round(f.y0 / f.step); i * f.step <= f.y1 + 1e-9; i++) edge(f.x0, i * f.step, f.x1, i * f.step);
+      stroke(t.path, 1, 0.3);
+    }
+    const path = p.path;
+    if (p.showTunnel && path.count > 1) {
+      c.lineCap = "butt";
+      // A band as wide as the tunnel: on a flat canvas it takes the glass's place.
+      const step = Math.max(1, Math.floor(path.count / 400));
+      for (let i = 0; i + step < path.count; i += step) {
+        const radius = path.radius[i]!;
+        if (!(radius > 0)) continue;
+        line(path.xyz, i, Math.min(path.count, i + step + 1));
+        const size = (2 * radius) / metresPerPixel(p.camera, Math.max(1e-4, spot[2]!));
+        stroke(mix(t.path, t.background, 0.82), size);
+      }
+      c.lineCap = "round";
+    }
+    if (p.showPath && path.count > 1) {
+      line(path.xyz, 0, path.count);
+      stroke(t.path, 2);
+      if (p.done > 0) {
+        let end = 0;
+        while (end < path.count && path.length[end]! <= p.done) end++;
+        line(path.xyz, 0, end);
+        stroke(t.actual, 2.6);
+      }
+    }
+    const m = p.movement;
+    if (p.showMovement && m.count > 1) {
+      if (p.colour.mode === "one") {
+        for (let from = 0, i = 0; i < m.count; i++) {
+          if (i + 1 < m.count && m.value[i] !== GAP) continue;
+          line(m.xyz, from, i + 1);
+          stroke(mix(t.actual, t.background, 0.35), 1.7);
+          from = i + 1;
+        }
+      } else {
+        for (let i = 0; i + 1 < m.count; i++) {
+          if (m.value[i] === GAP) continue;
+          line(m.xyz, i, i + 2);
+          const share = (m.value[i]! - p.colour.low) / Math.max(1e-12, p.colour.high - p.colour.low);
+          stroke(cssColour(cividis(share, t.dark)), 1.7);
+        }
+      }
+    }
+    const tool = p.showTool && at(p.tool[0], p.tool[1], p.tool[2]);
+    if (tool && f.visible) {
+      line([...p.tool, p.tool[0], p.tool[1], f.z], 0, 2);
+      stroke(t.path, 1, 0.7);
+    }
+    if (tool && p.showTrail) {
+      for (let i = 0; i + 1 < p.trail.count; i++) {
+        line(p.trail.xyz, i, i + 2);
+        const fresh = Math.max(0, 1 - p.trail.age[i + 1]!);
+        stroke(t.actual, 1.2 * p.toolSize * fresh, 0.5 * fresh);
+      }
+    }
+    for (const ring of [p.goal, p.start]) {
+      if (ring.visible && circle(ring.at, 1.6 * p.toolSize)) stroke(ring.colour, 0.5 * p.toolSize);
+    }
+    if (tool && p.deviation.visible) {
+      line([...p.tool, ...p.reference], 0, 2);
+      stroke(p.deviation.outside ? t.stop : t.second, p.deviation.outside ? 2.6 : 1.5);
+    }
+    if (tool && p.arrow.visible) arrow(c, p, at, spot);
+    if (tool && circle(p.tool, p.toolSize)) {
+      c.fillStyle = t.actual;
+      c.fill();
+    }
+    if (p.showReference && at(...p.reference)) {
+      const r = 0.9 * p.toolSize;
+      c.beginPath();
+      for (const [dx, dy] of [[0, -r], [r, 0], [0, r], [-r, 0]] as const) c.lineTo(spot[0]! + dx, spot[1]! + dy);
+      c.closePath();
+      c.fillStyle = t.expert;
+      c.fill();
+    }
+    if (p.intention.visible && circle(p.intention.at, 1.5 * p.toolSize)) stroke(t.text, 2);
+    if (p.sheet.visible) sheet(c, p, at, spot);
+  };
+
+  return {
+    kind: "flat",
+    canvas,
+    lost: false,
+    resize(w, h, r) {
+      width = w;
+      height = h;
+      ratio = r;
+      canvas.width = Math.round(w * r);
+      canvas.height = Math.round(h * r);
+    },
+    draw,
+    memory: () => ({ geometries: 0, textures: 0 }),
+    dispose: () => undefined,
+  };
+}
+
+type At = (x: number, y: number, z: number) => boolean;
+
+function arrow(c: CanvasRenderingContext2D, p: Picture, at: At, spot: number[]): void {
+  const [fx, fy, fz] = p.arrow.force;
+  if (!at(...p.tool)) return;
+  const [x0, y0] = [spot[0]!, spot[1]!];
+  if (!at(p.tool[0] + ARROW_SCALE * fx, p.tool[1] + ARROW_SCALE * fy, p.tool[2] + ARROW_SCALE * fz)) return;
+  const [x1, y1] = [spot[0]!, spot[1]!];
+  const run = Math.hypot(x1 - x0, y1 - y0);
+  if (run < 1) return;
+  const [ux, uy] = [(x1 - x0) / run, (y1 - y0) / run];
+  const head = Math.min(18, 0.6 * run);
+  c.strokeStyle = c.fillStyle = p.theme.force;
+  c.lineWidth = 5;
+  c.lineCap = "butt";
+  c.beginPath();
+  c.moveTo(x0, y0);
+  c.lineTo(x1 - head * ux, y1 - head * uy);
+  c.stroke();
+  c.beginPath();
+  c.moveTo(x1, y1);
+  c.lineTo(x1 - head * ux - 0.4 * head * uy, y1 - head * uy + 0.4 * head * ux);
+  c.lineTo(x1 - head * ux + 0.4 * head * uy, y1 - head * uy - 0.4 * head * ux);
+  c.closePath();
+  c.fill();
+  c.lineCap = "round";
+}
+
+function sheet(c: CanvasRenderingContext2D, p: Picture, at: At, spot: number[]): void {
+  const { axis, half } = p.sheet;
+  c.beginPath();
+  for (const [a, b] of [[-1, -1], [1, -1], [1, 1], [-1, 1]] as const) {
+    const corner: [number, number, number] = [...p.sheet.at];
+    corner[(axis + 1) % 3]! += a * half;
+    corner[(axis + 2) % 3]! += b * half;
+    if (at(...corner)) c.lineTo(spot[0]!, spot[1]!);
+  }
+  c.closePath();
+  c.globalAlpha = 0.07;
+  c.fillStyle = p.theme.actual;
+  c.fill();
+  c.globalAlpha = 0.5;
+  c.strokeStyle = p.theme.second;
+  c.lineWidth = 1;
+  c.stroke();
+  c.globalAlpha = 1;
+}

@@ -1,0 +1,85 @@
+// What a frame of the scene shows. The scene fills it from the model; a painter draws it, by WebGL or on a 2-D canvas.
+import type { Camera } from "./camera";
+import type { Polyline } from "./polyline";
+import type { Theme } from "./theme";
+
+/** Colour of the recorded movement. */
+export type ColourMode = "one" | "deviation" | "speed" | "force";
+
+/** Points of a movement in the order of time. Capacity is fixed. */
+export interface Movement {
+  readonly capacity: number;
+  count: number;
+  /** x, y, z of each point [m]. */
+  readonly xyz: Float32Array;
+  /** Value that colours the point; GAP if no line leads from this point to the next. */
+  readonly value: Float32Array;
+  /** Counts changes, so that a painter uploads new data only. */
+  version: number;
+}
+
+/** Value of a point after which the line has a gap. */
+export const GAP = -1e30;
+
+export interface Ring {
+  readonly at: [number, number, number];
+  visible: boolean;
+  colour: string;
+}
+
+export interface Arrow {
+  visible: boolean;
+  /** Force [N]. */
+  readonly force: [number, number, number];
+}
+
+export interface Picture {
+  camera: Camera;
+  theme: Theme;
+  /** Counts changes of the path. */
+  pathVersion: number;
+  path: Polyline;
+  showPath: boolean;
+  showTunnel: boolean;
+  /** Arc length up to which the path is done [m]; NaN: not shown. */
+  done: number;
+  /** Tool, NaN while unknown [m]. */
+  tool: [number, number, number];
+  showTool: boolean;
+  /** Radius of the ball [CSS px]. */
+  toolSize: number;
+  reference: [number, number, number];
+  showReference: boolean;
+  deviation: { visible: boolean; outside: boolean };
+  arrow: Arrow;
+  trail: { count: number; xyz: Float32Array; age: Float32Array };
+  showTrail: boolean;
+  movement: Movement;
+  showMovement: boolean;
+  colour: { mode: ColourMode; low: number; high: number };
+  /** Floor grid: height [m], step [m] and extent [m]; hidden in the training screen. */
+  floor: { visible: boolean; z: number; step: number; x0: number; x1: number; y0: number; y1: number };
+  workspace: { visible: boolean; min: [number, number, number]; max: [number, number, number] };
+  start: Ring;
+  goal: Ring;
+  /** Where the person wants the hand to be: a ring apart from the tool. */
+  intention: { visible: boolean; at: [number, number, number] };
+  /** Drawing plane through `at` across a base axis, as a faint sheet. */
+  sheet: { visible: boolean; at: [number, number, number]; axis: 0 | 1 | 2; half: number };
+}
+
+/** Millimetres an arrow is long for each newton, in metres. */
+export const ARROW_SCALE = 0.012;
+
+export interface Painter {
+  /** "webgl" or "flat" (2-D canvas). */
+  readonly kind: "webgl" | "flat";
+  readonly canvas: HTMLCanvasElement;
+  /** True while the graphics context is lost: nothing can be drawn. */
+  readonly lost: boolean;
+  resize(width: number, height: number, ratio: number): void;
+  draw(picture: Picture): void;
+  /** Numbers of geometries and textures held; stays flat when paths are replaced. */
+  memory(): { geometries: number; textures: number };
+  dispose(): void;
+}
