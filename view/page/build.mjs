@@ -16,7 +16,7 @@ const out = outAt >= 0 ? resolve(process.argv[outAt + 1]) : join(here, "dist");
 const common = { absWorkingDir: here, minify: true, legalComments: "none", logLevel: "warning", target: ["chrome100", "firefox100", "safari15"] };
 await mkdir(out, { recursive: true });
 await build({ ...common, entryPoints: ["src/main.ts"], bundle: true, format: "iife", outfile: join(out, "app.js"), charset: "utf8", define: { "process.env.NODE_ENV": '"production"' } });
-await build({ ...common, entryPoints: ["app.css"], outfile: join(out, "app.css") });
+await build({ ...common, entryPoints: ["app.css"], bundle: true, outfile: join(out, "app.css") });
 for (const name of ["index.html", "icon.svg"]) {
   const text = await readFile(join(here, name), "utf8");
   // Indentation carries no meaning in these two files.

@@ -23,6 +23,8 @@ import { BlockCache, nearestRow, RowRing, rowAt, type RowSource } from "./rows";
 export const LIVE_DELAY = 0.035;
 // A value older than this is not shown as present [s].
 export const STALE = 0.25;
+// After this long without a row a live session shows no values [s].
+const SILENT = 0.5;
 export const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4, 8] as const;
 
 export type ModelEvent =
@@ -111,6 +113,8 @@ export class Model {
   loopOn = false;
   // Live: the picture follows the newest rows. False: the picture is frozen or plays from an earlier time.
   following = false;
+  // The shown time was reached by steps of one sample: figures show more digits.
+  stepped = false;
   // Session time minus performance.now()/1000 [s], as the client estimates it.
   clockOffset = NaN;
 
@@ -217,15 +221,19 @@ export class Model {
   take(message: ServerMessage): void {
     switch (message.type) {
       case "hello":
+        // A reconnection leaves a frozen picture frozen.
+        if (this.hello === null) this.following = this.playing = message.live;
         this.hello = message;
-        this.following = message.live;
-        this.playing = message.live;
         this.emit("hello");
         break;
       case "recording":
         this.takeRecording(message);
         break;
       case "status":
+        if (message.ended && this.status?.ended !== true) {
+          this.following = this.playing = false;
+          this.emit("play");
+        }
         this.status = message;
         this.statusAt = performance.now();
         this.lostRows = message.lost_rows;
@@ -305,6 +313,7 @@ export class Model {
   play(): void {
     if (!this.live && this.shown >= this.end - this.period / 2) this.shown = this.loopOn && this.loop ? this.loop.t0 : this.start;
     this.playing = true;
+    this.stepped = false;
     this.emit("play");
   }
 
@@ -322,21 +331,33 @@ export class Model {
 
   seek(time: number): void {
     this.following = false;
+    this.stepped = false;
     this.shown = Math.min(this.end, Math.max(this.start, time));
     this.emit("play");
   }
 
-  // Moves the shown time by whole rows and pauses. Rows are numbered by time, so a step has the same size everywhere.
+  // Moves the shown time by whole rows and pauses. Without rows there (they are not here yet, or a gap), by the period.
   step(rows: number): void {
     this.playing = false;
-    const base = Number.isFinite(this.shownRowTime) && Math.abs(this.shownRowTime - this.shown) <= this.period ? this.shownRowTime : this.shown;
-    this.seek(base + rows * this.period);
+    let target = this.shown + rows * this.period;
+    const source = this.sourceAt(this.shown);
+    if (source !== null) {
+      const row = nearestRow(source, this.shown, this.period * 0.75);
+      const next = row + rows;
+      if (row >= 0 && next >= source.first && next < source.end) {
+        const time = source.timeOf(next);
+        if (Math.abs(time - this.shown) < 3 * this.period * Math.abs(rows)) target = time;
+      }
+    }
+    this.seek(target);
+    this.stepped = true;
   }
 
   goLive(): void {
     if (this.hello?.live !== true) return;
     this.following = true;
     this.playing = true;
+    this.stepped = false;
     this.speed = 1;
     this.emit("play");
   }
@@ -377,7 +398,7 @@ export class Model {
       }
       this.shown = t;
     }
-    this.readShownRow();
+    this.readShownRow(now);
     return this.shown !== before;
   }
 
@@ -571,8 +592,10 @@ export class Model {
     return Math.min(newest, Math.max(t, newest - 0.5));
   }
 
-  private readShownRow(): void {
-    const source = this.sourceAt(this.shown);
+  private readShownRow(now: number): void {
+    // The newest row of a stream that stopped is no present value.
+    const silent = this.following && this.recording?.virtual_time !== true && now + this.clockOffset - this.ring.newest > SILENT;
+    const source = silent ? null : this.sourceAt(this.shown);
     const tolerance = Math.max(this.period * 0.75, this.following ? STALE : 0.02);
     const row = source === null ? -1 : nearestRow(source, this.shown, tolerance);
     if (source === null || row < 0) {

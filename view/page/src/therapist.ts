@@ -1,0 +1,422 @@
+// The therapist's parts: the programme, the trend of the repetitions, the controls and actions of the session.
+import type { Client } from "./client";
+import { button, el, icon, returnFocus, setAttribute, setClass, setHidden, setIcon, setText, type Icon } from "./dom";
+import { clock, decimals, shownAs } from "./format";
+import { FONT, FONT_BOLD, readColours, Surface, type Colours } from "./graphics";
+import type { Model } from "./model";
+import type { Control, TrialResult } from "./protocol";
+import { roundStep, ticks } from "./scale";
+
+// --- programme --------------------------------------------------------------------------------------------------------
+
+export function createProgramme(host: HTMLElement, model: Model): void {
+  const list = el("ol", { class: "exercises" });
+  const title = el("h2", {}, "Programme");
+  host.append(title, list);
+  const show = (): void => {
+    const p = model.programme;
+    if (p === null) return;
+    setText(title, p.title === "" ? "Programme" : p.title);
+    list.replaceChildren(
+      ...p.exercises.map((e, i) => {
+        const state = i === p.current ? "current" : e.done >= e.repetitions ? "done" : "";
+        const words = [e.mode, e.settings, e.test ? "test" : ""].filter((w) => w !== "").join(" · ");
+        const mark: Icon = state === "current" ? "play" : state === "done" ? "tick" : "dot";
+        const item = el("li", { class: `exercise ${state}`, "aria-current": state === "current" ? "step" : undefined });
+        item.append(icon(mark), el("b", {}, e.name), el("span", {}, `${e.done} / ${e.repetitions}`), el("small", {}, words));
+        return item;
+      }),
+    );
+    list.querySelector(".current")?.scrollIntoView({ block: "nearest", inline: "nearest" });
+  };
+  model.on("programme", show);
+  show();
+}
+
+// --- trend ------------------------------------------------------------------------------------------------------------
+
+// What the trend says in words, for those who do not see it.
+export function trendWords(trials: readonly TrialResult[]): string {
+  const known = trials.filter((t) => t.rms_m !== null);
+  if (known.length === 0) return "No repetition is finished yet.";
+  const words = known.map((t) => `repetition ${t.repetition}: ${decimals(t.rms_m! * 1000, 1)} mm${t.help !== null ? `, help ${decimals(t.help * 100, 0)} %` : ""}${t.partial ? ", not complete" : ""}`);
+  return words.join("; ") + ".";
+}
+
+export class Trend {
+  private readonly model: Model;
+  private readonly surface: Surface;
+  private readonly title: HTMLElement;
+  private readonly words = el("p", { class: "unseen", id: "trend-words" });
+  private colours: Colours = readColours();
+  private dirty = true;
+
+  constructor(host: HTMLElement, title: HTMLElement, model: Model, software: boolean) {
+    this.model = model;
+    this.title = title;
+    this.surface = new Surface(host, software, () => (this.dirty = true));
+    this.surface.canvas.setAttribute("role", "img");
+    this.surface.canvas.setAttribute("aria-label", "Deviation of each repetition, with the help given");
+    this.surface.canvas.setAttribute("aria-describedby", "trend-words");
+    host.append(this.words);
+    model.on("programme", () => (this.dirty = true));
+    model.on("theme", () => {
+      this.colours = readColours();
+      this.dirty = true;
+    });
+  }
+
+  useSoftware(): void {
+    this.surface.useSoftware();
+  }
+
+  draw(): boolean {
+    if (!this.dirty || this.surface.width < 20) return false;
+    this.dirty = false;
+    const trials = this.model.programme?.trials ?? [];
+    const target = [...trials].reverse().find((t) => t.target_m !== null)?.target_m ?? null;
+    setText(this.title, `Deviation of each repetition (rms, mm).${target !== null ? ` Target ${decimals(target * 1000, 1)} mm` : ""}`);
+    setText(this.words, trendWords(trials));
+    this.paint(trials, target);
+    return true;
+  }
+
+  private paint(all: readonly TrialResult[], target: number | null): void {
+    const c = this.surface.begin();
+    const col = this.colours;
+    const { width, height } = this.surface;
+    const left = 48;
+    const right = 14;
+    const top = 22;
+    const bottom = height - 22;
+    c.font = FONT;
+    c.textBaseline = "middle";
+    if (all.length === 0) {
+      c.fillStyle = col.second;
+      c.textAlign = "left";
+      c.fillText("No repetition is finished yet.", left, (top + bottom) / 2);
+      return;
+    }
+    const pitch = 46;
+    const room = Math.max(1, Math.floor((width - left - right) / pitch));
+    const trials = all.slice(-room);
+    const most = Math.max(0.001, target ?? 0, ...trials.map((t) => t.rms_m ?? 0)) * 1000;
+    const step = roundStep(most / 2);
+    const high = Math.ceil((most * 1.02) / step) * step;
+    const yOf = (mm: number): number => bottom - (mm / high) * (bottom - top);
+    c.strokeStyle = col.grid;
+    c.fillStyle = col.second;
+    c.lineWidth = 1;
+    c.textAlign = "right";
+    c.beginPath();
+    for (const v of ticks(0, high, 3)) {
+      const y = Math.round(yOf(v)) + 0.5;
+      c.moveTo(left, y);
+      c.lineTo(width - right, y);
+      c.fillText(decimals(v, step < 1 ? 1 : 0), left - 8, y);
+    }
+    c.stroke();
+    const xOf = (i: number): number => left + pitch * (i + 0.5);
+
+    // Help below the line: better with more help is no progress.
+    c.fillStyle = col.run;
+    const half = (bottom - top) * 0.45;
+    trials.forEach((t, i) => {
+      if (t.help !== null) c.fillRect(xOf(i) - 15, bottom - half * Math.min(1, Math.max(0, t.help)), 30, half * Math.min(1, Math.max(0, t.help)));
+    });
+    if (trials.some((t) => t.help !== null)) {
+      const x = xOf(trials.length - 1) + 34;
+      if (x + 100 < width) {
+        c.fillStyle = col.second;
+        c.textAlign = "left";
+        c.fillText("bars: help given", x, bottom - 10);
+      }
+    }
+    if (target !== null) {
+      c.strokeStyle = col.go;
+      c.lineWidth = 2;
+      c.setLineDash([6, 4]);
+      c.beginPath();
+      c.moveTo(left, yOf(target * 1000));
+      c.lineTo(width - right, yOf(target * 1000));
+      c.stroke();
+      c.setLineDash([]);
+    }
+    c.strokeStyle = col.actual;
+    c.lineWidth = 1.7;
+    c.beginPath();
+    let exercise = -1;
+    trials.forEach((t, i) => {
+      if (t.rms_m === null) return;
+      if (t.exercise === exercise) c.lineTo(xOf(i), yOf(t.rms_m * 1000));
+      else c.moveTo(xOf(i), yOf(t.rms_m * 1000));
+      exercise = t.exercise;
+    });
+    c.stroke();
+    trials.forEach((t, i) => {
+      const x = xOf(i);
+      c.textAlign = "center";
+      c.font = FONT;
+      c.fillStyle = col.second;
+      c.fillText(String(t.repetition), x, bottom + 12);
+      if (t.rms_m === null) return;
+      const y = yOf(t.rms_m * 1000);
+      c.beginPath();
+      c.arc(x, y, 6, 0, 2 * Math.PI);
+      c.fillStyle = t.partial ? col.surface : col.actual;
+      c.fill();
+      c.lineWidth = 2.5;
+      c.strokeStyle = col.actual;
+      c.stroke();
+      c.font = FONT_BOLD;
+      c.fillStyle = col.text;
+      c.fillText(decimals(t.rms_m * 1000, 1), x, Math.max(8, y - 15));
+    });
+  }
+}
+
+// --- controls ---------------------------------------------------------------------------------------------------------
+
+// The value of a control as it is shown. A control without a unit from 0 to about 1 is a share.
+export function controlText(control: Pick<Control, "unit" | "kind" | "least" | "largest" | "step">, value: number): string {
+  if (control.kind === "switch") return value >= 0.5 ? "on" : "off";
+  if (control.unit === "") return `${decimals(value * 100, 0)} %`;
+  const how = shownAs("", control.unit);
+  const step = control.step * how.factor;
+  const digits = step > 0 ? Math.min(4, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9))) : how.digits;
+  return `${decimals(value * how.factor, digits)} ${how.unit}`;
+}
+
+// The line that sets a control.
+export function controlLine(name: string, value: number): string {
+  return `${name} ${Number(value.toPrecision(6))}`;
+}
+
+// Returns `value` moved by one step, at a multiple of the step if it was near one, within the range.
+export function stepped(control: Pick<Control, "least" | "largest" | "step">, value: number, direction: 1 | -1): number {
+  const step = control.step > 0 ? control.step : (control.largest - control.least) / 20;
+  const moved = value + direction * step;
+  const snapped = Math.round(moved / step) * step;
+  const next = Math.abs(snapped - moved) < step * 0.01 ? snapped : moved;
+  return Math.min(control.largest, Math.max(control.least, next));
+}
+
+interface Row {
+  root: HTMLElement;
+  update(control: Control): void;
+}
+
+const ACTIONS: { name: string; text: string; icon: Icon }[] = [
+  { name: "repeat", text: "Repeat", icon: "repeat" },
+  { name: "skip", text: "Skip", icon: "skip" },
+  { name: "mark", text: "Mark", icon: "mark" },
+  { name: "note", text: "Note", icon: "note" },
+];
+
+const ARMED_FOR = 5000; // [ms]
+
+export interface ControlsHost {
+  mark(withText: boolean): void;
+}
+
+export class Controls {
+  readonly root = el("div", { class: "controls" });
+  private readonly model: Model;
+  private readonly client: Client;
+  private readonly pause: HTMLButtonElement;
+  private readonly actions = new Map<string, HTMLButtonElement>();
+  private readonly rows = new Map<string, Row>();
+  private readonly list = el("div", { class: "control-list" });
+  private readonly undoButton: HTMLButtonElement;
+  private readonly messages = el("div", { class: "messages", "aria-live": "polite" });
+  private readonly answer = el("p", { class: "message", role: "status", hidden: true });
+  private undone: { name: string; label: string; value: number } | null = null;
+  private armed = 0;
+  private answerTimer = 0;
+
+  constructor(host: HTMLElement, model: Model, client: Client, page: ControlsHost) {
+    this.model = model;
+    this.client = client;
+    this.pause = button("Pause after this repetition", { icon: "pause", text: "Pause after this repetition", class: "button first" }, () => this.pauseOrResume());
+    const grid = el("div", { class: "actions", role: "group", "aria-label": "Session" }, this.pause);
+    for (const a of ACTIONS) {
+      const b = button(a.text, { icon: a.icon, text: a.text }, () => {
+        if (a.name === "mark") page.mark(false);
+        else if (a.name === "note") page.mark(true);
+        else void this.send(a.name, `${a.text} after this repetition`);
+      });
+      this.actions.set(a.name, b);
+      grid.append(b);
+    }
+    this.undoButton = button("Undo the last change", { icon: "repeat", text: "Undo", class: "button undo" }, () => void this.undo());
+    this.undoButton.hidden = true;
+    this.root.append(grid, this.answer, this.list, this.undoButton, this.messages);
+    host.append(this.root);
+    model.on("controls", () => this.show());
+    model.on("programme", () => this.showActions());
+    model.on("status", () => this.showActions());
+    model.on("connection", () => this.showActions());
+    model.on("warning", () => this.showWarnings());
+    this.show();
+    this.showWarnings();
+  }
+
+  // Sends a line and shows its answer in words if it is not just "ok".
+  async send(line: string, done = ""): Promise<string> {
+    const text = await this.client.command(line);
+    this.say(text, done);
+    return text;
+  }
+
+  say(answer: string, done = ""): void {
+    window.clearTimeout(this.answerTimer);
+    const error = answer.startsWith("error");
+    const clamped = /clamped/.test(answer);
+    const words = error ? answer.replace(/^error:?\s*/, "Not done: ") : clamped ? answer.replace(/^ok\s*/, "") : done;
+    setHidden(this.answer, words === "");
+    setText(this.answer, words);
+    setClass(this.answer, "problem", error);
+    this.answerTimer = window.setTimeout(() => setHidden(this.answer, true), error || clamped ? 10000 : 4000);
+  }
+
+  private get paused(): boolean {
+    return this.model.programme?.paused === true || this.model.status?.paused === true;
+  }
+
+  private can(action: string): boolean {
+    return this.model.connected && this.model.status?.ended !== true && (this.model.controls?.actions.includes(action) ?? false);
+  }
+
+  // Pausing takes one press; going on takes two: the device will move.
+  private pauseOrResume(): void {
+    if (!this.paused) {
+      void this.send("pause", "The session pauses after this repetition");
+      return;
+    }
+    if (performance.now() - this.armed < ARMED_FOR) {
+      this.armed = 0;
+      void this.send("resume", "The session goes on");
+    } else {
+      this.armed = performance.now();
+      window.setTimeout(() => this.showActions(), ARMED_FOR + 50);
+    }
+    this.showActions();
+  }
+
+  private showActions(): void {
+    const paused = this.paused;
+    const armed = paused && performance.now() - this.armed < ARMED_FOR;
+    const text = armed ? "Press again: the device will move" : paused ? "Resume the session" : "Pause after this repetition";
+    setText(this.pause.querySelector("span")!, text);
+    setIcon(this.pause, armed ? "triangle" : paused ? "play" : "pause");
+    setAttribute(this.pause, "title", text);
+    setClass(this.pause, "armed", armed);
+    this.pause.disabled = !this.can(paused ? "resume" : "pause");
+    setHidden(this.pause, !this.known("pause") && !this.known("resume"));
+    for (const [name, b] of this.actions) {
+      b.disabled = !this.can(name);
+      setHidden(b, !this.known(name));
+    }
+  }
+
+  // Actions that this session has had at any time: a button that comes and goes is looked for.
+  private readonly seen = new Set<string>();
+  private known(action: string): boolean {
+    for (const a of this.model.controls?.actions ?? []) this.seen.add(a);
+    return this.seen.has(action);
+  }
+
+  private show(): void {
+    const list = this.model.controls?.list ?? [];
+    const names = list.map((c) => `${c.name} ${c.kind}`);
+    if (names.join() !== [...this.rows.keys()].join()) {
+      this.rows.clear();
+      for (const c of list) this.rows.set(`${c.name} ${c.kind}`, c.kind === "switch" ? this.switchRow(c) : this.numberRow(c));
+      this.list.replaceChildren(...[...this.rows.values()].map((r) => r.root));
+    }
+    for (const c of list) this.rows.get(`${c.name} ${c.kind}`)?.update(c);
+    this.showActions();
+  }
+
+  private async set(control: Control, value: number): Promise<void> {
+    if (value === control.value) return;
+    const before = { name: control.name, label: control.label, value: control.value };
+    const text = await this.client.command(controlLine(control.name, value));
+    this.say(text);
+    if (text.startsWith("error")) {
+      this.rows.get(`${control.name} ${control.kind}`)?.update(control);
+      return;
+    }
+    this.undone = before;
+    setText(this.undoButton.querySelector("span")!, `Undo: ${before.label} ${controlText(control, before.value)}`);
+    setHidden(this.undoButton, false);
+  }
+
+  private async undo(): Promise<void> {
+    const u = this.undone;
+    if (u === null) return;
+    this.undone = null;
+    setHidden(this.undoButton, true);
+    this.say(await this.client.command(controlLine(u.name, u.value)));
+  }
+
+  private numberRow(first: Control): Row {
+    let control = first;
+    let held = false;
+    const value = el("span", {});
+    const head = el("div", { class: "control-head" }, el("span", {}, first.label), value);
+    const slider = el("input", { type: "range", "aria-label": first.label });
+    const least = el("span", {});
+    const largest = el("span", {});
+    const less = button(`Less: ${first.label}`, { text: "−" }, () => void this.set(control, stepped(control, control.value, -1)));
+    const more = button(`More: ${first.label}`, { text: "+" }, () => void this.set(control, stepped(control, control.value, 1)));
+    const root = el("div", { class: "control", role: "group", "aria-label": first.label }, head, less, slider, more, el("div", { class: "control-range" }, least, largest));
+    const say = (v: number): void => {
+      setText(value, controlText(control, v));
+      setAttribute(slider, "aria-valuetext", controlText(control, v));
+    };
+    slider.addEventListener("pointerdown", () => (held = true));
+    for (const end of ["pointerup", "pointercancel", "blur"]) slider.addEventListener(end, () => (held = false));
+    slider.addEventListener("input", () => say(Number(slider.value)));
+    slider.addEventListener("change", () => void this.set(control, Number(slider.value)));
+    returnFocus(slider);
+    const update = (c: Control): void => {
+      control = c;
+      slider.min = String(c.least);
+      slider.max = String(c.largest);
+      slider.step = String(c.step > 0 ? c.step : "any");
+      setText(least, controlText(c, c.least));
+      setText(largest, c.because === "" ? controlText(c, c.largest) : `${controlText(c, c.largest)}: ${c.because}`);
+      less.disabled = c.value <= c.least;
+      more.disabled = c.value >= c.largest;
+      if (held) return;
+      slider.value = String(c.value);
+      say(c.value);
+    };
+    return { root, update };
+  }
+
+  private switchRow(first: Control): Row {
+    let control = first;
+    const box = el("input", { type: "checkbox" });
+    const value = el("span", { class: "quiet" });
+    const root = el("label", { class: "check" }, box, el("span", {}, first.label), value);
+    box.addEventListener("change", () => void this.set(control, box.checked ? 1 : 0));
+    returnFocus(box);
+    return {
+      root,
+      update: (c) => {
+        control = c;
+        box.checked = c.value >= 0.5;
+        setText(value, c.because);
+      },
+    };
+  }
+
+  private showWarnings(): void {
+    const last = this.model.warnings.filter((w) => w.severity === "warning" || w.severity === "problem").slice(-3);
+    this.messages.replaceChildren(
+      ...last.map((w) => el("p", { class: w.severity === "problem" ? "message problem" : "message" }, `${w.time !== null ? `${clock(w.time, 0)} ` : ""}${w.text}`)),
+    );
+  }
+}
