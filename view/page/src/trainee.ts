@@ -1,0 +1,260 @@
+// The training screen: the scene above, large words below, sounds, one Start click. It shows no reason and no blame, and
+// no number while the hand moves.
+import type { Client } from "./client";
+import type { Model } from "./model";
+import type { SceneView } from "./scene/scene";
+import { createSection, type Section } from "./section";
+import { Sounds } from "./sounds";
+import { lookOf, screenState, soundOf, wordsOf, type ScreenState, type Words } from "./training";
+
+// Without a word of the server for this long, the connection counts as lost [ms]: its status comes each 250 ms.
+const SILENCE = 1500;
+// The rest ends with a tick this long before the next repetition [s].
+const TICK = 3;
+const MOST_DOTS = 12;
+
+export interface Trainee {
+  // Updates words and scene. Called once a frame before the scene draws, with performance.now() [ms].
+  draw(now: number): void;
+  readonly state: ScreenState;
+  dispose(): void;
+}
+
+export function createTrainee(host: HTMLElement, model: Model, client: Client, scene: SceneView): Trainee {
+  return new TraineeScreen(host, model, client, scene);
+}
+
+class TraineeScreen implements Trainee {
+  state: ScreenState = "none";
+  private readonly sounds = new Sounds();
+  private readonly root = part("section", "trainee");
+  private readonly exercise = part("h1", "trainee-exercise");
+  private readonly count = part("span", "trainee-count");
+  private readonly dots = part("span", "trainee-dots");
+  private readonly stop = part("button", "trainee-stop");
+  private readonly band = part("div", "trainee-band");
+  private readonly live = part("div", "trainee-words");
+  private readonly line = part("p", "trainee-line");
+  private readonly word = part("strong", "trainee-word");
+  private readonly beside = part("span", "trainee-beside");
+  private readonly sentence = part("p", "trainee-sentence");
+  private readonly figures = part("div", "trainee-figures");
+  private readonly best = part("p", "trainee-best");
+  private readonly start = part("div", "trainee-start");
+  private readonly startButton = part("button", "trainee-start-button");
+  private readonly disc = part("canvas", "trainee-section");
+  private readonly section: Section;
+  private readonly abort = new AbortController();
+  private started = false;
+  private hadConnection = false;
+  private restEnds = NaN;
+  private ticked = false;
+  private key = "";
+  private headKey = "";
+  private lookKey = "";
+  private frame = 0;
+  // Go or done, painted by the last frame: it is reported when the next one begins.
+  private painted: { what: "go" | "done"; trial: number; frame: number; time: number } | null = null;
+  private reported = "";
+  private wakeLock: { release(): Promise<void> } | null = null;
+
+  constructor(
+    host: HTMLElement,
+    private readonly model: Model,
+    private readonly client: Client,
+    private readonly scene: SceneView,
+  ) {
+    const head = part("header", "trainee-head");
+    const title = part("div", "trainee-title");
+    const steps = part("div", "trainee-steps");
+    this.root.setAttribute("aria-label", "Training");
+    this.dots.setAttribute("aria-hidden", "true");
+    this.live.setAttribute("role", "status");
+    this.live.setAttribute("aria-atomic", "true");
+    this.beside.setAttribute("aria-hidden", "true");
+    this.stop.type = "button";
+    const octagon = part("span", "trainee-octagon");
+    octagon.setAttribute("aria-hidden", "true");
+    this.stop.append(octagon, "Stop");
+    this.startButton.type = "button";
+    this.startButton.textContent = "Start";
+    const about = part("p", "trainee-sentence");
+    about.textContent = "Opens sound and full screen";
+    this.start.append(this.startButton, about);
+    steps.append(this.count, this.dots);
+    title.append(this.exercise, steps);
+    head.append(title, this.stop);
+    this.line.append(this.word, this.beside);
+    this.live.append(this.line, this.figures, this.best, this.sentence);
+    this.band.append(this.live, this.disc, this.start);
+    this.root.append(head, this.band);
+    host.append(this.root);
+    this.section = createSection(this.disc, model, scene, { words: false });
+    this.listen();
+    this.takeTraining();
+    this.draw(performance.now());
+  }
+
+  dispose(): void {
+    this.abort.abort();
+    this.section.dispose();
+    this.sounds.close();
+    void this.wakeLock?.release().catch(() => undefined);
+    this.scene.setTraining(null);
+    this.root.remove();
+  }
+
+  draw(now: number): void {
+    this.report();
+    this.frame++;
+    if (this.model.connected) this.hadConnection = true;
+    const training = this.model.training;
+    const state = screenState({
+      training,
+      heard: this.model.connected && (!Number.isFinite(this.model.statusAt) || now - this.model.statusAt < SILENCE),
+      hadConnection: this.hadConnection,
+      ended: this.model.status?.ended === true,
+    });
+    const entered = state !== this.state;
+    this.state = state;
+    const rest = (this.restEnds - now) / 1000;
+    this.say(wordsOf(state, training, rest), state);
+    this.head();
+    const look = lookOf(state, training?.show ?? null);
+    const lookKey = JSON.stringify(look);
+    if (lookKey !== this.lookKey) {
+      this.lookKey = lookKey;
+      this.scene.setTraining(look);
+    }
+    const sound = entered ? soundOf(state) : null;
+    if (sound !== null) this.sounds.play(sound);
+    if (state === "rest" && !this.ticked && rest <= TICK && rest > 0) {
+      this.ticked = true;
+      this.sounds.play("tick");
+    }
+    // One report for each trial and state, also if the message comes again.
+    const report = `${state} ${training?.trial ?? 0}`;
+    if ((state === "go" || state === "done") && report !== this.reported) {
+      this.reported = report;
+      this.painted = { what: state, trial: training?.trial ?? 0, frame: this.frame, time: this.newest() };
+    }
+    this.disc.hidden = state !== "moving" || training?.show.tunnel !== true || training.show.tool !== true;
+    if (!this.disc.hidden) this.section.draw(now);
+  }
+
+  // The frame after the one that painted the word: only now it was handed to the screen.
+  private report(): void {
+    const painted = this.painted;
+    if (painted === null) return;
+    this.painted = null;
+    this.client.shown(painted.what, painted.trial, painted.frame, painted.time);
+  }
+
+  // Session time of the newest row that this frame shows [s].
+  private newest(): number {
+    const row = this.model.shownRowTime;
+    return Number.isFinite(row) ? row : (this.model.status?.time ?? 0);
+  }
+
+  private takeTraining(): void {
+    const training = this.model.training;
+    const rests = training?.state === "rest" && training.rest_s !== null;
+    this.restEnds = rests ? performance.now() + 1000 * training!.rest_s! : NaN;
+    if (!rests) this.ticked = false;
+  }
+
+  private say(words: Words, state: ScreenState): void {
+    const key = JSON.stringify([words, this.started]);
+    if (key === this.key) return;
+    this.key = key;
+    this.root.dataset.state = state;
+    this.band.dataset.tone = words.tone;
+    setText(this.word, words.word);
+    setText(this.beside, words.beside);
+    setText(this.sentence, words.sentence);
+    setText(this.best, words.best);
+    this.line.hidden = words.word === "";
+    this.figures.replaceChildren(
+      ...words.figures.map((figure) => {
+        const box = part("div", "trainee-figure");
+        const value = part("strong", "trainee-figure-value");
+        const unit = part("span", "trainee-figure-unit");
+        const label = part("span", "trainee-figure-label");
+        value.textContent = figure.value;
+        unit.textContent = ` ${figure.unit}`;
+        label.textContent = figure.label;
+        const numbers = part("span", "trainee-figure-numbers");
+        numbers.append(value, unit);
+        box.append(numbers, label);
+        return box;
+      }),
+    );
+    // Words that must be read come before the invitation to start.
+    const urgent = words.tone === "stop" || words.tone === "warning" || state === "finished";
+    this.start.hidden = this.started || urgent;
+    this.live.hidden = !this.start.hidden;
+  }
+
+  private head(): void {
+    const t = this.model.training;
+    const key = t === null ? "" : [t.exercise, t.repetition, t.repetitions, t.state].join("|");
+    if (key === this.headKey) return;
+    this.headKey = key;
+    setText(this.exercise, t?.exercise ?? "");
+    const many = t?.repetitions ?? 0;
+    const done = t?.state === "done" || t?.state === "rest" || t?.state === "finished";
+    setText(this.count, t !== null && many > 1 ? `${t.repetition} of ${many}` : "");
+    const dots = t === null || many < 2 || many > MOST_DOTS ? 0 : many;
+    this.dots.replaceChildren(
+      ...Array.from({ length: dots }, (_, i) => {
+        const number = i + 1;
+        const now = number === t!.repetition;
+        const past = number < t!.repetition || (now && done);
+        return part("span", `trainee-dot${now ? " trainee-dot-now" : past ? " trainee-dot-past" : ""}`);
+      }),
+    );
+  }
+
+  private listen(): void {
+    const signal = this.abort.signal;
+    const end = this.model.on("training", () => this.takeTraining());
+    signal.addEventListener("abort", end);
+    // Stop waits for no release of the button and for no frame.
+    this.stop.addEventListener("pointerdown", (event) => {
+      if (event.button === 0) this.client.stop();
+    }, { signal });
+    this.stop.addEventListener("click", () => this.client.stop(), { signal });
+    this.startButton.addEventListener("click", () => this.open(), { signal });
+    document.addEventListener("visibilitychange", () => {
+      if (this.started && document.visibilityState === "visible") this.keepAwake();
+    }, { signal });
+  }
+
+  private open(): void {
+    this.started = true;
+    this.sounds.open();
+    const page = document.documentElement;
+    if (typeof page.requestFullscreen === "function") void page.requestFullscreen().catch(() => undefined);
+    this.keepAwake();
+    this.key = "";
+    this.startButton.blur();
+  }
+
+  private keepAwake(): void {
+    const lock = (navigator as { wakeLock?: { request(type: "screen"): Promise<{ release(): Promise<void> }> } }).wakeLock;
+    void lock?.request("screen").then(
+      (held) => (this.wakeLock = held),
+      () => undefined,
+    );
+  }
+}
+
+function part<K extends keyof HTMLElementTagNameMap>(tag: K, name: string): HTMLElementTagNameMap[K] {
+  const made = document.createElement(tag);
+  made.className = name;
+  return made;
+}
+
+function setText(target: HTMLElement, text: string): void {
+  if (target.textContent !== text) target.textContent = text;
+}
