@@ -27,22 +27,22 @@ export function createTrainee(host: HTMLElement, model: Model, client: Client, s
 class TraineeScreen implements Trainee {
   state: ScreenState = "none";
   private readonly sounds = new Sounds();
-  private readonly root = part("section", "trainee");
-  private readonly exercise = part("h1", "trainee-exercise");
-  private readonly count = part("span", "trainee-count");
-  private readonly dots = part("span", "trainee-dots");
-  private readonly stop = part("button", "trainee-stop");
-  private readonly band = part("div", "trainee-band");
-  private readonly live = part("div", "trainee-words");
-  private readonly line = part("p", "trainee-line");
-  private readonly word = part("strong", "trainee-word");
-  private readonly beside = part("span", "trainee-beside");
-  private readonly sentence = part("p", "trainee-sentence");
-  private readonly figures = part("div", "trainee-figures");
-  private readonly best = part("p", "trainee-best");
-  private readonly start = part("div", "trainee-start");
-  private readonly startButton = part("button", "trainee-start-button");
-  private readonly disc = part("canvas", "trainee-section");
+  private readonly root = part("section", "training");
+  private readonly exercise = part("h1", "training-exercise");
+  private readonly count = part("span", "training-count");
+  private readonly dots = part("span", "training-dots");
+  private readonly stop = part("button", "training-stop");
+  private readonly band = part("div", "training-band");
+  private readonly live = part("div", "training-words");
+  private readonly line = part("p", "training-line");
+  private readonly word = part("strong", "training-word");
+  private readonly beside = part("span", "training-beside");
+  private readonly sentence = part("p", "training-sentence");
+  private readonly figures = part("div", "training-figures");
+  private readonly best = part("p", "training-best");
+  private readonly start = part("div", "training-start");
+  private readonly startButton = part("button", "training-start-button");
+  private readonly disc = part("canvas", "training-section");
   private readonly section: Section;
   private readonly abort = new AbortController();
   private started = false;
@@ -64,21 +64,21 @@ class TraineeScreen implements Trainee {
     private readonly client: Client,
     private readonly scene: SceneView,
   ) {
-    const head = part("header", "trainee-head");
-    const title = part("div", "trainee-title");
-    const steps = part("div", "trainee-steps");
+    const head = part("header", "training-head");
+    const title = part("div", "training-title");
+    const steps = part("div", "training-steps");
     this.root.setAttribute("aria-label", "Training");
     this.dots.setAttribute("aria-hidden", "true");
     this.live.setAttribute("role", "status");
     this.live.setAttribute("aria-atomic", "true");
     this.beside.setAttribute("aria-hidden", "true");
     this.stop.type = "button";
-    const octagon = part("span", "trainee-octagon");
+    const octagon = part("span", "training-octagon");
     octagon.setAttribute("aria-hidden", "true");
     this.stop.append(octagon, "Stop");
     this.startButton.type = "button";
     this.startButton.textContent = "Start";
-    const about = part("p", "trainee-sentence");
+    const about = part("p", "training-sentence");
     about.textContent = "Opens sound and full screen";
     this.start.append(this.startButton, about);
     steps.append(this.count, this.dots);
@@ -176,14 +176,14 @@ class TraineeScreen implements Trainee {
     this.line.hidden = words.word === "";
     this.figures.replaceChildren(
       ...words.figures.map((figure) => {
-        const box = part("div", "trainee-figure");
-        const value = part("strong", "trainee-figure-value");
-        const unit = part("span", "trainee-figure-unit");
-        const label = part("span", "trainee-figure-label");
+        const box = part("div", "training-figure");
+        const value = part("strong", "training-figure-value");
+        const unit = part("span", "training-figure-unit");
+        const label = part("span", "training-figure-label");
         value.textContent = figure.value;
         unit.textContent = ` ${figure.unit}`;
         label.textContent = figure.label;
-        const numbers = part("span", "trainee-figure-numbers");
+        const numbers = part("span", "training-figure-numbers");
         numbers.append(value, unit);
         box.append(numbers, label);
         return box;
@@ -210,7 +210,7 @@ class TraineeScreen implements Trainee {
         const number = i + 1;
         const now = number === t!.repetition;
         const past = number < t!.repetition || (now && done);
-        return part("span", `trainee-dot${now ? " trainee-dot-now" : past ? " trainee-dot-past" : ""}`);
+        return part("span", `training-dot${now ? " training-dot-now" : past ? " training-dot-past" : ""}`);
       }),
     );
   }

@@ -402,7 +402,7 @@ class GlPainter implements Painter {
     const hasPath = p.showPath && p.path.count > 1;
     this.line(m.pathShadow, hasPath && p.floor.visible, t.path, 1.5, 0.28);
     this.line(m.path, hasPath, t.path, 2, 1);
-    this.line(m.done, hasPath && Number.isFinite(p.done) && p.done > 0, t.actual, 2.6, 1, p.done);
+    this.line(m.done, hasPath && Number.isFinite(p.done) && p.done > 0, t.actual, 4, 1, p.done);
     m.tube.visible = p.showTunnel && this.tube.indices > 0;
     set(m.tube, t.path);
     // Paler than the tool, by colour: segments overlap, so an opacity would not be even.

@@ -340,7 +340,10 @@ class SceneOfModel implements SceneView {
     const changes = (look === null) !== (this.training === null);
     this.training = look;
     this.host.classList.toggle("scene-training", look !== null);
-    if (changes) this.fit();
+    if (changes) {
+      this.sizeTool();
+      this.fit();
+    }
     this.dirty = true;
   }
 
@@ -392,7 +395,7 @@ class SceneOfModel implements SceneView {
     const share = (px: number, of: number): number => Math.min(0.3, px / Math.max(1, of));
     if (this.training !== null) {
       // The lower 27 % belongs to the words in every state, so that the scene never moves.
-      return { left: share(32, width), right: share(32, width), top: share(56, height), bottom: 0.27 };
+      return { left: share(32, width), right: share(32, width), top: share(80, height), bottom: 0.27 + share(12, height) };
     }
     const narrow = width < 500;
     return {
@@ -628,10 +631,16 @@ class SceneOfModel implements SceneView {
     const changed = width !== this.camera.width || height !== this.camera.height;
     this.camera.width = width;
     this.camera.height = height;
-    this.picture.toolSize = this.training !== null ? Math.max(9, 0.021 * Math.min(width, height)) : Math.max(8, Math.min(12, 0.02 * Math.min(width, height)));
+    this.sizeTool();
     this.painter.resize(width, height, this.ratio());
     if (changed && (!this.touched || this.training !== null)) this.fitted = "";
     this.dirty = true;
+  }
+
+  /** The trainee may sit far from the screen: the tool is larger there. */
+  private sizeTool(): void {
+    const size = Math.min(this.camera.width, this.camera.height);
+    this.picture.toolSize = this.training !== null ? Math.max(9, 0.028 * size) : Math.max(8, Math.min(12, 0.02 * size));
   }
 
   private ratio(): number {
