@@ -95,6 +95,7 @@ export class Model {
   programme: ProgrammeMessage | null = null;
   training: TrainingMessage | null = null;
   path: Path | null = null;
+  // Events of the session and the marks of this page, in the order of their times.
   events: EventEntry[] = [];
   phases: PhaseEntry[] = [];
   phasesDone = false;
@@ -129,6 +130,9 @@ export class Model {
   // Time of the shown row [s]; NaN without a row.
   shownRowTime = NaN;
 
+  // Events that the server told, and marks of this page.
+  private told: EventEntry[] = [];
+  ownMarks: EventEntry[] = [];
   private columnOf = new Map<string, number>();
   private readonly listeners = new Map<ModelEvent, Set<() => void>>();
   private source: Source | null = null;
@@ -240,10 +244,8 @@ export class Model {
         this.emit("status");
         break;
       case "events":
-        this.events = message.reset ? message.list.slice() : this.events.concat(message.list);
-        this.events.sort((a, b) => a.time - b.time);
-        if (this.events.length > MOST_EVENTS) this.events.splice(0, this.events.length - MOST_EVENTS);
-        this.emit("events");
+        this.told = message.reset ? message.list.slice() : this.told.concat(message.list);
+        this.joinEvents();
         break;
       case "phases": {
         this.phases = message.reset ? message.list.slice() : mergePhases(this.phases, message.list);
@@ -296,6 +298,12 @@ export class Model {
       length: frame.length,
     };
     this.emit("path");
+  }
+
+  // Adds a mark that only this page keeps: a viewer cannot write into a recording.
+  addOwnMark(time: number, text: string): void {
+    this.ownMarks.push({ time, code: "page", name: "mark", text, severity: "" });
+    this.joinEvents();
   }
 
   setConnected(connected: boolean, refused = ""): void {
@@ -564,6 +572,8 @@ export class Model {
       this.movementKey = "";
       if (this.hello?.live !== true) {
         this.path = null;
+        this.told = [];
+        this.ownMarks = [];
         this.events = [];
         this.phases = [];
         this.repetitions = [];
@@ -576,6 +586,13 @@ export class Model {
     }
     this.emit("recording");
     this.changed();
+  }
+
+  private joinEvents(): void {
+    this.told.sort((a, b) => a.time - b.time);
+    if (this.told.length > MOST_EVENTS) this.told.splice(0, this.told.length - MOST_EVENTS);
+    this.events = this.told.concat(this.ownMarks).sort((a, b) => a.time - b.time);
+    this.emit("events");
   }
 
   private changed(): void {

@@ -1,0 +1,132 @@
+// Dialogs: the table of keys, the table of values, a mark's text.
+import { button, el, setText } from "./dom";
+import { clock, decimals, quantity, shownAs } from "./format";
+import { KEY_TABLE, lettersOn, setLetters } from "./keys";
+import type { Model } from "./model";
+
+function open(title: string, ...body: Node[]): HTMLDialogElement {
+  const dialog = el("dialog", { "aria-label": title });
+  const close = button("Close", { text: "Close", class: "button" }, () => dialog.close());
+  dialog.append(el("div", { class: "dialog-head" }, el("h2", {}, title), close), el("div", { class: "dialog-body" }, ...body));
+  dialog.addEventListener("close", () => dialog.remove());
+  dialog.addEventListener("click", (event) => {
+    if (event.target === dialog) dialog.close();
+  });
+  document.body.append(dialog);
+  dialog.showModal();
+  return dialog;
+}
+
+let help: HTMLDialogElement | null = null;
+
+// Opens the table of keys, or closes it.
+export function toggleHelp(live: boolean): void {
+  if (help !== null && help.open) {
+    help.close();
+    return;
+  }
+  const rows = KEY_TABLE.map(([keys, meaning]) => {
+    const cell = el("td", {});
+    keys.forEach((k, i) => cell.append(...(i > 0 ? [" "] : []), el("kbd", {}, k)));
+    return el("tr", {}, cell, el("td", {}, meaning));
+  });
+  const letters = el("input", { type: "checkbox" });
+  letters.checked = lettersOn();
+  letters.addEventListener("change", () => setLetters(letters.checked));
+  help = open(
+    "Keys",
+    el("table", {}, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Key"), el("th", { scope: "col" }, "Meaning"))), el("tbody", {}, ...rows)),
+    el("label", { class: "check" }, letters, el("span", {}, "Letters and signs are keys")),
+    el("p", { class: "quiet" }, "Scene: drag turns, right drag moves, the wheel zooms, double click fits. Timeline and charts: click or drag to seek, Shift and drag to select a loop, the wheel zooms."),
+    ...(live ? [el("p", { class: "quiet" }, "Freezing the picture does not pause the session. Stop ends it: the force goes to zero at once.")] : []),
+  );
+}
+
+// Opens the present values and the facts of the session as a table, kept up to date.
+export function openValues(model: Model): void {
+  const body = el("tbody", {});
+  const cells: { name: string; unit: string; cell: HTMLElement }[] = [];
+  const recording = model.recording;
+  for (const column of recording?.columns ?? []) {
+    const how = shownAs(column.name, column.unit);
+    const cell = el("td", { class: "number" });
+    cells.push({ name: column.name, unit: column.unit, cell });
+    body.append(el("tr", {}, el("th", { scope: "row" }, column.name), cell, el("td", {}, how.unit)));
+  }
+  const caption = el("caption", { class: "quiet" });
+  const values = el("table", {}, caption, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Quantity"), el("th", { scope: "col", class: "number" }, "Value"), el("th", { scope: "col" }, "Unit"))), body);
+  const facts = el("tbody", {});
+  const summary = el("table", {}, facts);
+  const marks = el("tbody", {});
+  const update = (): void => {
+    setText(caption, `At ${clock(model.shown)}`);
+    for (const { name, unit, cell } of cells) {
+      const how = shownAs(name, unit);
+      setText(cell, decimals(model.value(name) * how.factor, how.unit === "mm" ? 3 : how.digits));
+    }
+    const next = sessionFacts(model);
+    facts.replaceChildren(...next.map(([name, text]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, text))));
+  };
+  const listed = model.events.slice(-200).reverse();
+  for (const e of listed) marks.append(el("tr", {}, el("td", {}, clock(e.time, 1)), el("td", {}, e.severity), el("td", {}, e.text || e.name)));
+  for (const w of model.warnings.slice(-50).reverse()) marks.append(el("tr", {}, el("td", {}, w.time !== null ? clock(w.time, 1) : "–"), el("td", {}, w.severity), el("td", {}, w.text)));
+  update();
+  const parts: Node[] = [values, el("h3", {}, "Session"), summary];
+  if (marks.childElementCount > 0) parts.push(el("h3", {}, "Events and warnings"), el("table", {}, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Time"), el("th", { scope: "col" }, "Kind"), el("th", { scope: "col" }, "Text"))), marks));
+  const dialog = open("Values", ...parts);
+  const timer = window.setInterval(update, 500);
+  dialog.addEventListener("close", () => window.clearInterval(timer));
+}
+
+// The facts of a session, in words.
+export function sessionFacts(model: Model): [string, string][] {
+  const r = model.recording;
+  const s = model.status;
+  const out: [string, string][] = [];
+  const add = (name: string, text: string | undefined): void => {
+    if (text !== undefined && text !== "") out.push([name, text]);
+  };
+  if (r !== null) {
+    add("Name", r.title || r.name);
+    add("Participant", r.subject);
+    add("Session", [r.verb, r.mode].filter((w) => w !== "").join(", "));
+    add("Device", [r.device.name, r.device.model].filter((w, i, all) => w !== "" && all.indexOf(w) === i).join(", "));
+    add("Input", r.input);
+    add("Rate", r.rate_hz > 0 ? `${decimals(r.rate_hz, 0)} Hz` : "");
+    add("Duration", `${clock(model.end - model.start)}`);
+    add("Largest force of the device", r.device.max_force !== undefined ? quantity(r.device.max_force, "N", 1) : undefined);
+    add("Limit of the force", r.limits.max_force !== undefined ? quantity(r.limits.max_force, "N", 1) : undefined);
+    add("Limit of the deviation", r.limits.max_deviation !== undefined ? quantity(r.limits.max_deviation, "m", 1) : undefined);
+    add("Limit of the speed", r.limits.max_speed !== undefined ? quantity(r.limits.max_speed, "m/s", 0) : undefined);
+    add("Clock", r.virtual_time ? "virtual: faster or slower than real time" : "");
+  }
+  if (s !== null) {
+    add("Fresh samples", `${decimals(s.rate, 0)} Hz of ${decimals(s.asked_rate, 0)} Hz`);
+    add("Late ticks", decimals(s.overruns, 0));
+    add("Share of the feedback in force", `${decimals(s.share * 100, 0)} %`);
+    add("Samples that did not reach this page", decimals(s.lost_rows, 0));
+    add("Open pages", decimals(s.pages, 0));
+    add("Zero force at the end", s.zero_force);
+  }
+  add("Software", model.hello?.software);
+  return out;
+}
+
+// Asks for the text of a mark. Returns null if the person cancels. Playback goes on.
+export function askText(title: string, label: string): Promise<string | null> {
+  return new Promise((resolve) => {
+    const field = el("input", { type: "text", class: "text-field", maxlength: 200, id: "mark-text" });
+    let text: string | null = null;
+    const form = el("form", { method: "dialog" });
+    const save = el("button", { type: "submit", class: "button" }, "Save");
+    form.append(el("label", { for: "mark-text" }, label), field, el("div", { class: "dialog-foot" }, save));
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      text = field.value.trim();
+      dialog.close();
+    });
+    const dialog = open(title, form);
+    dialog.addEventListener("close", () => resolve(text));
+    field.focus();
+  });
+}

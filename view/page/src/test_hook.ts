@@ -1,0 +1,68 @@
+// Lets a test in a real browser compare what the page shows with the file. Only with ?test in the address.
+import type { Shell } from "./shell";
+
+interface TestHook {
+  // Script time of each frame [ms], newest last.
+  times(): number[];
+  resetTimes(): void;
+  frames(): number;
+  shown(): { time: number; rowTime: number; values: Record<string, number> };
+  lanes(): { name: string; value: number; text: string }[];
+  drawn(column: string): { t: number; min: number; max: number }[];
+  window(): { t0: number; t1: number };
+  // Place of the tool in the window [CSS px]; null if it is not known.
+  tool(): { x: number; y: number } | null;
+  state(): Record<string, unknown>;
+  seek(time: number): void;
+  play(speed?: number): void;
+  pause(): void;
+  span(seconds: number): void;
+}
+
+export function installTestHook(shell: Shell): void {
+  const m = shell.model;
+  const hook: TestHook = {
+    times: () => shell.times.slice(),
+    resetTimes: () => void (shell.times.length = 0),
+    frames: () => shell.frames,
+    shown: () => ({
+      time: m.shown,
+      rowTime: m.shownRowTime,
+      values: Object.fromEntries((m.recording?.columns ?? []).map((c) => [c.name, m.value(c.name)])),
+    }),
+    lanes: () => shell.lanes?.shownValues() ?? [],
+    drawn: (column) => shell.lanes?.drawnBins(column) ?? [],
+    window: () => ({ ...(shell.lanes?.window ?? { t0: NaN, t1: NaN }) }),
+    tool: () => shell.scene?.place(m.value("x"), m.value("y"), m.value("z")) ?? null,
+    state: () => ({
+      connected: m.connected,
+      refused: m.refused,
+      live: m.live,
+      following: m.following,
+      playing: m.playing,
+      lag: m.lag,
+      software: shell.software,
+      renderer: shell.rendererName,
+      start: m.start,
+      end: m.end,
+      ended: m.status?.ended ?? false,
+      zeroForce: m.status?.zero_force ?? "",
+      repetitions: m.repetitions.length,
+      events: m.events.length,
+      ringRows: m.ring.end,
+      blocks: m.blocks.size,
+      lostRows: m.lostRows,
+      roundTrip: shell.client.roundTrip,
+      path: m.path?.count ?? 0,
+      movement: m.movement?.count ?? 0,
+    }),
+    seek: (time) => m.seek(time),
+    play: (speed) => {
+      if (speed !== undefined) m.setSpeed(speed);
+      m.play();
+    },
+    pause: () => m.pause(),
+    span: (seconds) => shell.lanes?.setSpan(seconds),
+  };
+  (window as unknown as { haptraceTest: TestHook }).haptraceTest = hook;
+}
