@@ -7,6 +7,8 @@ import { pointAt, type Polyline } from "./polyline";
 export const REACH = 0.025;
 /** Fastest movement along the path [m/s]: a step to another branch is spread, a movement of a hand is not slowed. */
 const FASTEST = 0.6;
+/** A path whose ends are nearer than this is closed [m]. */
+const CLOSED = 0.002;
 /** Time in which the depth of the tool at the press gives way to the depth of the path [s]. */
 const BLEND = 0.25;
 
@@ -17,6 +19,8 @@ export class Hand {
   private place = NaN;
   /** Difference of the tool's and the path's depth at the press; it fades [m]. */
   private extra = 0;
+  /** Length of a closed path, whose end leads on to its start [m]; 0: it is open. */
+  private round = 0;
   private readonly found: NearestToRay = { length: 0, depth: 0, distance: 0 };
   private readonly spot = [0, 0, 0];
   private plane: { through: Triple; axis: 0 | 1 | 2 };
@@ -35,7 +39,11 @@ export class Hand {
     this.now = [...tool];
     this.plane = { through: [...tool], axis: planeAxis(view) };
     if (path === null || path.count < 2) return;
+    const end = path.count - 1;
+    const gap = Math.hypot(...[0, 1, 2].map((k) => path.xyz[3 * end + k]! - path.xyz[k]!));
+    if (gap < CLOSED && path.length[end]! > 4 * REACH) this.round = path.length[end]!;
     this.place = nearestToPoint(path, tool, -Infinity, Infinity);
+    if (nearestToRay(path, ray, this.place - REACH, this.place + REACH, this.found)) this.place = this.found.length;
     pointAt(path, this.place, this.spot);
     this.extra = dot(tool, this.spot, ray.direction);
   }
@@ -65,17 +73,31 @@ export class Hand {
       if (Number.isFinite(depth)) this.now = along(ray, depth);
       return this.now;
     }
-    const from = this.place - REACH;
-    if (!nearestToRay(this.path, ray, from, this.place + REACH, this.found)) return this.now;
+    const step = this.stepTo(this.path, ray);
+    if (Number.isNaN(step)) return this.now;
     const most = FASTEST * Math.min(0.1, Math.max(0.001, dt));
-    const step = this.found.length - this.place;
     // Up to the fastest step the place follows at once: smoothing a hand's own movement would only delay it.
-    this.place += Math.min(most, Math.max(-most, step));
+    const next = this.place + Math.min(most, Math.max(-most, step));
+    this.place = this.round > 0 ? next - this.round * Math.floor(next / this.round) : next;
     pointAt(this.path, this.place, this.spot);
     this.extra *= Math.exp(-Math.max(0, dt) / BLEND);
     const depth = dot(this.spot, ray.origin, ray.direction) + this.extra;
     if (depth > 0) this.now = along(ray, depth);
     return this.now;
+  }
+
+  /** Signed length along the path to the place nearest to the ray [m]; NaN if there is none. A closed path goes on. */
+  private stepTo(path: Polyline, ray: Ray): number {
+    let step = NaN;
+    let best = Infinity;
+    for (const turns of this.round > 0 ? [0, -1, 1] : [0]) {
+      const from = this.place + turns * this.round;
+      if (!nearestToRay(path, ray, from - REACH, from + REACH, this.found)) continue;
+      if (this.found.distance >= best) continue;
+      best = this.found.distance;
+      step = this.found.length - from;
+    }
+    return step;
   }
 
   /** Moves the drawing plane along its axis, away from the eye if `distance` is positive [m]. */
