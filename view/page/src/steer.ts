@@ -351,13 +351,14 @@ class SteeringOfScene implements Steering {
     this.show();
     if (this.waiting !== 0) return;
     const wait = this.lastSent + LEAST_GAP - performance.now();
-    if (wait <= 0) this.sendNow();
-    else {
-      this.waiting = window.setTimeout(() => {
-        this.waiting = 0;
-        this.sendNow();
-      }, wait);
+    if (wait <= 0) {
+      this.sendNow();
+      return;
     }
+    this.waiting = window.setTimeout(() => {
+      this.waiting = 0;
+      this.sendNow();
+    }, Math.ceil(wait));
   }
 
   private sendNow(): void {
@@ -387,10 +388,13 @@ class SteeringOfScene implements Steering {
     p.sheet.visible = sheet !== null;
     if (grasp !== null) p.intention.at = this.bounded(grasp.hand.at);
     if (sheet !== null) {
-      p.sheet.at = [...grasp!.hand.at];
-      p.sheet.axis = sheet.axis;
+      // The sheet spans the workspace; without one, the surroundings of the hand.
       const box = this.model.recording?.device.workspace;
-      p.sheet.half = box === undefined ? 0.05 : 0.5 * Math.max(...[0, 1, 2].map((k) => box.max[k]! - box.min[k]!));
+      p.sheet.axis = sheet.axis;
+      for (const k of [0, 1, 2] as const) {
+        p.sheet.at[k] = box === undefined || k === sheet.axis ? grasp!.hand.at[k] : (box.min[k] + box.max[k]) / 2;
+        p.sheet.half[k] = box === undefined ? 0.05 : (box.max[k] - box.min[k]) / 2;
+      }
     }
     this.scene.invalidate();
   }

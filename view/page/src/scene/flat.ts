@@ -189,8 +189,8 @@ function sheet(c: CanvasRenderingContext2D, p: Picture, at: At, spot: number[]):
   c.beginPath();
   for (const [a, b] of [[-1, -1], [1, -1], [1, 1], [-1, 1]] as const) {
     const corner: [number, number, number] = [...p.sheet.at];
-    corner[(axis + 1) % 3]! += a * half;
-    corner[(axis + 2) % 3]! += b * half;
+    corner[(axis + 1) % 3]! += a * half[(axis + 1) % 3]!;
+    corner[(axis + 2) % 3]! += b * half[(axis + 2) % 3]!;
     if (at(...corner)) c.lineTo(spot[0]!, spot[1]!);
   }
   c.closePath();

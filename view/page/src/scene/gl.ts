@@ -546,8 +546,8 @@ class GlPainter implements Painter {
     const v = (axis + 2) % 3;
     const corners = [[-1, -1], [1, -1], [-1, 1], [1, 1]].map(([a, b]) => {
       const corner: [number, number, number] = [...at];
-      corner[u]! += a! * half;
-      corner[v]! += b! * half;
+      corner[u]! += a! * half[u]!;
+      corner[v]! += b! * half[v]!;
       return corner;
     });
     const places = sheet.geometry.getAttribute("position");

@@ -64,8 +64,8 @@ export interface Picture {
   goal: Ring;
   /** Where the person wants the hand to be: a ring apart from the tool. */
   intention: { visible: boolean; at: [number, number, number] };
-  /** Drawing plane through `at` across a base axis, as a faint sheet. */
-  sheet: { visible: boolean; at: [number, number, number]; axis: 0 | 1 | 2; half: number };
+  /** Drawing plane across a base axis, as a faint sheet around `at` with half of its size along each axis [m]. */
+  sheet: { visible: boolean; at: [number, number, number]; axis: 0 | 1 | 2; half: [number, number, number] };
 }
 
 /** Millimetres an arrow is long for each newton, in metres. */

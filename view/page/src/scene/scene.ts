@@ -87,6 +87,8 @@ export interface SceneView {
   /** Place of a point of W in the window [CSS px]; null behind the eye. */
   place(x: number, y: number, z: number): { x: number; y: number } | null;
   axes(): Axes;
+  /** Draws fewer pixels: the browser turned out to draw without a GPU. */
+  useSoftware(): void;
   /** Asks for a frame: something outside the model changed. */
   invalidate(): void;
 }
@@ -116,6 +118,7 @@ class SceneOfModel implements SceneView {
   private readonly pointers = new Map<number, { x: number; y: number; pans: boolean }>();
   private readonly abort = new AbortController();
   private readonly observer: ResizeObserver | null;
+  private software = false;
   private dirty = true;
   private touched = false;
   private fitted = "";
@@ -648,7 +651,10 @@ class SceneOfModel implements SceneView {
     return this.software ? 1 : Math.min(2, window.devicePixelRatio || 1);
   }
 
-  private software = false;
+  useSoftware(): void {
+    this.software = true;
+    this.resize();
+  }
 
   dispose(): void {
     this.abort.abort();
@@ -704,7 +710,7 @@ function emptyPicture(camera: Camera, host: Element): Picture {
     start: { at: [0, 0, 0], visible: false, colour: "" },
     goal: { at: [0, 0, 0], visible: false, colour: "" },
     intention: { visible: false, at: [0, 0, 0] },
-    sheet: { visible: false, at: [0, 0, 0], axis: 1, half: 0.05 },
+    sheet: { visible: false, at: [0, 0, 0], axis: 1, half: [0.05, 0.05, 0.05] },
   };
 }
 
