@@ -43,7 +43,7 @@ export function toggleHelp(live: boolean): void {
 }
 
 // Opens the present values and the facts of the session as a table, kept up to date.
-export function openValues(model: Model): void {
+export function openValues(model: Model, drawing: string): void {
   const body = el("tbody", {});
   const cells: { name: string; unit: string; cell: HTMLElement }[] = [];
   const recording = model.recording;
@@ -65,6 +65,7 @@ export function openValues(model: Model): void {
       setText(cell, decimals(model.value(name) * how.factor, how.unit === "mm" ? 3 : how.digits));
     }
     const next = sessionFacts(model);
+    if (drawing !== "") next.push(["Drawing", drawing]);
     facts.replaceChildren(...next.map(([name, text]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, text))));
   };
   const listed = model.events.slice(-200).reverse();

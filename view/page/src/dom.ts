@@ -46,8 +46,8 @@ const ICONS = {
   tick: "M2 8.500l1.5-1.500L6.5 10l6-6.500L14 5l-7.5 8z",
   triangle: "M8 1.500L15 14H1zM7.2 6v4h1.600V6zM7.2 11v1.600h1.600V11z",
   full: "M2 2h5v2H4v3H2zM9 2h5v5h-2V4H9zM2 9h2v3h3v2H2zM12 9h2v5H9v-2h3z",
-  dot: "M8 5a3 3 0 1 0 0 6a3 3 0 0 0 0-6z",
-  square: "M4 4h8v8H4z",
+  dot: "M8 3.5a4.5 4.5 0 1 0 0 9a4.5 4.5 0 0 0 0-9z",
+  square: "M2.5 2.5h11v11h-11z",
   table: "M2 2h12v12H2zM3.5 6v2h4V6zM8.5 6v2h4V6zM3.5 9.500v2.500h4V9.500zM8.5 9.500v2.500h4V9.500z",
 } as const;
 

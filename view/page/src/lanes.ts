@@ -73,7 +73,7 @@ export class Lanes {
   window: Span = { t0: 0, t1: 10 };
   // Left and right of the plot [px].
   left = 84;
-  right = 104;
+  right = 122;
   readonly root: HTMLElement;
   private readonly model: Model;
   private readonly surface: Surface;
@@ -166,6 +166,11 @@ export class Lanes {
     return Math.max(10, this.surface.width - this.left - this.right);
   }
 
+  // The lanes have room on the screen.
+  get visible(): boolean {
+    return this.surface.width >= 20 && this.surface.height >= 20;
+  }
+
   timeAt(clientX: number): number {
     const box = this.plot.getBoundingClientRect();
     return this.window.t0 + ((clientX - box.left - this.left) / this.plotWidth) * (this.window.t1 - this.window.t0);
@@ -193,7 +198,7 @@ export class Lanes {
   // Draws if something changed. `now` is performance.now() [ms].
   draw(now: number): boolean {
     const m = this.model;
-    if (m.recording === null || this.surface.width < 20) return false;
+    if (m.recording === null || !this.visible) return false;
     if (this.layoutDue) this.layout();
     const mode = m.following ? "live" : m.playing ? "playing" : "rest";
     let window = this.window;
@@ -281,7 +286,7 @@ export class Lanes {
   private layout(): void {
     this.layoutDue = false;
     this.left = this.narrow.matches ? 50 : 84;
-    this.right = this.narrow.matches ? 72 : 104;
+    this.right = this.narrow.matches ? 76 : 122;
     for (const lane of this.lanes) {
       lane.top = lane.row.offsetTop;
       lane.height = lane.row.offsetHeight;
@@ -367,7 +372,7 @@ export class Lanes {
     c.textBaseline = "middle";
     c.lineJoin = "round";
 
-    const step = timeStep(w.t1 - w.t0, Math.max(2, Math.floor(width / 90)));
+    const step = timeStep(w.t1 - w.t0, Math.max(2, Math.floor(width / 68)));
     c.strokeStyle = col.grid;
     c.lineWidth = 1;
     c.beginPath();
@@ -418,14 +423,14 @@ export class Lanes {
     c.lineWidth = 1;
     c.textAlign = "right";
     c.beginPath();
-    const marks = ticks(range.low, range.high, Math.max(1, Math.min(4, Math.floor(lane.height / 32))));
+    const marks = ticks(range.low, range.high, Math.max(2, Math.min(5, Math.floor((lane.height - 2 * pad) / 22))));
     const digits = marks.length > 1 ? Math.max(0, -Math.floor(Math.log10(marks[1]! - marks[0]!) + 1e-9)) : 0;
     for (const v of marks) {
       const y = Math.round(ay + by * v) + 0.5;
       c.moveTo(left, y);
       c.lineTo(left + width, y);
       // The first line of a lane is its name.
-      if (y > lane.top + 24 || this.left > 60) c.fillText(decimals(v, digits), left - 8, Math.min(lane.top + lane.height - 9, Math.max(lane.top + 8, y)));
+      if (y > lane.top + 26 || (this.left > 60 && lane.kind.label.length === 1)) c.fillText(decimals(v, digits), left - 8, Math.min(lane.top + lane.height - 9, Math.max(lane.top + 8, y)));
     }
     c.stroke();
     c.beginPath();

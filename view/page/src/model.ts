@@ -406,6 +406,7 @@ export class Model {
       }
       this.shown = t;
     }
+    this.growLastPhase();
     this.readShownRow(now);
     return this.shown !== before;
   }
@@ -512,9 +513,9 @@ export class Model {
     if (this.following) {
       if (now < this.movementDue) return;
       this.movementDue = now + 0.1;
-      const rep = this.repetitionAt(this.shown);
+      const rep = this.repetitionAt(this.shown) ?? (this.repetitions.length > 0 ? this.repetitionBefore(this.shown) : null);
       const t0 = Math.max(this.ring.oldest, rep !== null ? rep.t0 : this.shown - 15);
-      if (Number.isFinite(t0)) this.movementFromRing(t0, this.shown);
+      if (Number.isFinite(t0)) this.movementFromRing(t0, rep !== null ? Math.min(rep.t1, this.shown) : this.shown);
       this.movementKey = "";
       return;
     }
@@ -586,6 +587,15 @@ export class Model {
     }
     this.emit("recording");
     this.changed();
+  }
+
+  // The phase that is on has no end yet: it reaches to the newest row.
+  private growLastPhase(): void {
+    const last = this.phases[this.phases.length - 1];
+    if (last === undefined || !this.live || this.phasesDone || this.status?.phase !== last[2] || !(this.ring.newest > last[1])) return;
+    last[1] = this.ring.newest;
+    const rep = this.repetitions[this.repetitions.length - 1];
+    if (last[2] === "run" && rep !== undefined && rep.t0 === last[0]) rep.t1 = last[1];
   }
 
   private joinEvents(): void {

@@ -5,7 +5,7 @@ import { button, el, icon, returnFocus, setAttribute, setClass, setHidden, setIc
 import { clock, decimals, lagWord, phaseWord, UNKNOWN } from "./format";
 import { findRenderer } from "./graphics";
 import { listenToKeys, loopRepetition, seekRepetition } from "./keys";
-import { Lanes } from "./lanes";
+import { Lanes, NARROW } from "./lanes";
 import { SPEEDS, type Model } from "./model";
 import type { Role } from "./protocol";
 import { createScene, type ColourMode, type SceneView } from "./scene/scene";
@@ -26,6 +26,7 @@ const COLOURS: { mode: ColourMode; text: string }[] = [
 const STOP_PATIENCE = 1000;
 // A Stop that found no connection is sent when the connection is back, within this time [ms].
 const STOP_KEPT = 10000;
+const SOFTWARE = "Drawn without a graphics processor: at most 30 frames a second, no smooth edges.";
 const SLOW_FRAME = 40; // [ms]
 const STATUS_STALE = 1500; // [ms]
 
@@ -154,7 +155,7 @@ export class Shell {
   }
 
   private buildView(): void {
-    const screen = el("div", { class: "screen view" });
+    const screen = el("div", { class: this.model.hello?.live === true ? "screen view live" : "screen view" });
     const main = el("main", { class: "main" });
     const panel = el("section", { class: "scene-panel", "aria-label": "Scene" });
     main.append(panel);
@@ -220,15 +221,16 @@ export class Shell {
     const title = el("span", { class: "title", id: "title" });
     const liveWord = el("span", {});
     const livePill = el("span", { class: "pill live" }, icon("dot"), liveWord);
+    const narrow = matchMedia(NARROW);
     const phaseWordNode = el("span", { role: "status" });
     const phaseIcon = el("span", { class: "pill-icon" });
     const phase = el("span", { class: "pill go" }, phaseIcon, phaseWordNode);
     const facts = el("span", { class: "pill wide" });
     const missed = el("span", { class: "pill wide" });
     const input = el("span", { class: "pill wide" });
-    const clockPill = el("span", { class: "pill" });
+    const clockPill = el("span", { class: "pill wide" });
     const warnings = el("button", { type: "button", class: "pill warning", title: "Events and warnings" }, icon("triangle"), el("span", {}, ""));
-    warnings.addEventListener("click", () => openValues(m));
+    warnings.addEventListener("click", () => this.openValues());
     returnFocus(warnings);
     const header = el("header", { class: "header" }, el("span", { class: "brand" }, "haptrace"));
     const recordings = m.hello?.recordings ?? [];
@@ -247,12 +249,14 @@ export class Shell {
     } else {
       header.append(title);
     }
-    if (live) header.append(livePill);
-    header.append(phase);
-    if (m.hello?.role === "therapist" && m.programme !== null) header.append(el("span", { class: "space" }), clockPill);
-    else header.append(facts, missed, input);
-    header.append(warnings, el("span", { class: "space" }));
-    header.append(button("Table of values", { icon: "table", class: "button plain" }, () => openValues(m)));
+    const pills = el("div", { class: "pills" });
+    if (live) pills.append(livePill);
+    pills.append(phase, warnings);
+    const timed = m.hello?.role === "therapist" && m.programme !== null;
+    if (!timed) pills.append(facts, missed, input);
+    header.append(pills, el("span", { class: "space" }));
+    if (timed) header.append(clockPill);
+    header.append(button("Table of values", { icon: "table", class: "button plain" }, () => this.openValues()));
     header.append(button("Keys and help", { text: "?", class: "button plain" }, () => toggleHelp(live)));
     if (live && withStop) header.append(this.stopButton());
 
@@ -264,12 +268,12 @@ export class Shell {
       const s = m.status;
       if (live) {
         const old = !m.connected || now - m.statusAt > STATUS_STALE;
-        setText(liveWord, s?.ended === true ? "Ended" : old ? "No news" : s?.paused === true || m.programme?.paused === true ? "Paused" : m.following ? "Live" : "Frozen");
+        setText(liveWord, s?.ended === true ? "Ended" : old ? "No news" : s?.paused === true || m.programme?.paused === true ? "Paused" : m.following ? "Live" : m.playing ? "Replay" : "Frozen");
         setClass(livePill, "go", false);
       }
       const name = live && m.following && s !== null ? s.phase : m.phaseAt(m.shown);
       const rep = m.repetitionAt(m.shown);
-      const words = phaseWord(name) + (rep !== null ? ` · rep ${rep.number}` : "");
+      const words = phaseWord(name) + (rep !== null && !(live && narrow.matches) ? ` · rep ${rep.number}` : "");
       setHidden(phase, name === "");
       setText(phaseWordNode, words);
       setClass(phase, "go", name === "run");
@@ -325,11 +329,8 @@ export class Shell {
     const section = el("div", { class: "section-panel" }, canvas);
     panel.append(section);
     const disc = createSection(canvas, m, this.scene!);
-    let empty = true;
     this.drawers.push((now) => {
-      const has = m.has("radius") && m.value("radius") > 0;
-      if (has || m.path === null) empty = !has;
-      setHidden(section, empty && !m.has("radius"));
+      setHidden(section, !(m.value("radius") > 0));
       disc.draw(now);
     });
   }
@@ -363,11 +364,16 @@ export class Shell {
       if (m.loop === null) loopRepetition(m);
       else m.setLoop(m.loop, !m.loopOn);
     });
-    const mark = button("Mark", { icon: "mark", text: "Mark", class: "button" }, () => void this.mark(false));
+    const mark = button("Mark", { icon: "mark", text: "Mark", class: live ? "button narrow-icon" : "button" }, () => void this.mark(false));
     const full = button("Full screen", { icon: "full", class: "button wide" }, () => this.fullScreen());
     const transport = el("div", { class: "transport", role: "group", "aria-label": "Playback" }, previous, play, next, time);
     if (live) transport.append(edge);
     transport.append(el("span", { class: "space" }), speed, colour, loop, mark, full);
+    transport.append(
+      button("Table of values", { icon: "table", class: "button narrow-only" }, () => this.openValues()),
+      button("Keys and help", { text: "?", class: "button narrow-only" }, () => toggleHelp(live)),
+    );
+    const narrow = matchMedia(NARROW);
     const footer = el("footer", { class: "footer" }, transport);
     this.timeline = new Timeline(footer, m, this.client, this.lanes, this.software);
     let due = 0;
@@ -387,7 +393,8 @@ export class Shell {
         const ended = m.status?.ended === true;
         setHidden(edge, ended);
         edge.disabled = m.following;
-        const words = m.following ? "Live" : `Go live · ${lagWord(m.lag)} behind`;
+        setClass(transport, "at-edge", m.following);
+        const words = m.following ? "Live" : narrow.matches ? `Go live ${lagWord(m.lag)}` : `Go live · ${lagWord(m.lag)} behind`;
         const span = edge.lastElementChild;
         if (span !== null) setText(span, words);
         setAttribute(edge, "aria-label", m.following ? "Live" : `Go live, ${lagWord(m.lag)} behind`);
@@ -441,6 +448,10 @@ export class Shell {
     m.addOwnMark(time, text);
     this.saveMarks();
     this.passing(`Marked ${clock(time, 1)} in this browser. The recording does not change.`);
+  }
+
+  private openValues(): void {
+    openValues(this.model, this.software ? SOFTWARE : this.renderer);
   }
 
   private get marksKey(): string {
@@ -528,12 +539,13 @@ export class Shell {
   }
 
   private passingTimer = 0;
+  private softwareSaid = false;
 
   // Shows a message for a few seconds.
-  private passing(text: string): void {
+  private passing(text: string, time = 4000): void {
     window.clearTimeout(this.passingTimer);
     this.banner("passing", "note", text);
-    this.passingTimer = window.setTimeout(() => this.banner("passing", "note", ""), 4000);
+    this.passingTimer = window.setTimeout(() => this.banner("passing", "note", ""), time);
   }
 
   private showTitle(): void {
@@ -589,9 +601,9 @@ export class Shell {
   }
 
   private showSoftware(): void {
-    if (this.software && this.role !== "trainee") {
-      this.banner("software", "note", "This browser draws without a graphics processor: at most 30 frames a second, without smooth edges.", false, true);
-    }
+    if (!this.software || this.role === "trainee" || this.softwareSaid) return;
+    this.softwareSaid = true;
+    this.passing(SOFTWARE, 12000);
   }
 
   // A hidden tab wants no rows; when it is seen again it wants the newest.

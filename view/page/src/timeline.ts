@@ -120,7 +120,7 @@ export class Timeline {
     this.keepInView();
     this.fetch(now / 1000);
     const view = this.view;
-    const w = this.lanes?.window;
+    const w = this.lanes?.visible === true ? this.lanes.window : undefined;
     // A live timeline moves by less than a pixel a frame: it is drawn when a quarter of one has passed.
     const pixel = (view.t1 - view.t0) / this.surface.width / 4;
     const q = (t: number): number => Math.round(t / pixel);
@@ -231,7 +231,7 @@ export class Timeline {
     this.paintTicks(c, view, xOf, width, bottom);
     this.paintFlags(c, xOf, width, top, bottom);
 
-    const w = this.lanes?.window;
+    const w = this.lanes?.visible === true ? this.lanes.window : undefined;
     if (w !== undefined) {
       const x0 = Math.max(1, xOf(Math.max(m.start, w.t0)));
       const x1 = Math.min(width - 1, xOf(Math.min(view.t1, w.t1)));
