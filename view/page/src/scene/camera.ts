@@ -164,49 +164,44 @@ export function fit(c: Camera, spheres: ArrayLike<number>, insets: Insets): void
     }
   }
   for (const k of [0, 1, 2] as const) c.centre[k] = (low[k] + high[k]) / 2;
-  const aspect = c.width / c.height;
-  const freeX = Math.max(0.1, 1 - insets.left - insets.right);
-  const freeY = Math.max(0.1, 1 - insets.top - insets.bottom);
-  const tx = TANGENT * aspect * freeX;
-  const ty = TANGENT * freeY;
+  const tx = TANGENT * (c.width / c.height);
+  const ty = TANGENT;
+  // The free part of the picture, in tangents of the angle of view.
+  const free = {
+    left: (2 * insets.left - 1) * tx,
+    right: (1 - 2 * insets.right) * tx,
+    bottom: (2 * insets.bottom - 1) * ty,
+    top: (1 - 2 * insets.top) * ty,
+  };
+  const wide = Math.max(0.05 * tx, free.right - free.left);
+  const tall = Math.max(0.05 * ty, free.top - free.bottom);
+  const size = Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
+  c.distance = Math.max(1e-3, size / Math.min(wide, tall));
   c.shiftX = 0;
   c.shiftY = 0;
-  // Two rounds of "distance, then centre" suffice: the second changes less than a pixel.
-  let midX = 0;
-  let midY = 0;
-  for (let round = 0; round < 3; round++) {
-    let distance = 1e-3;
-    let left = Infinity;
-    let right = -Infinity;
-    let bottom = Infinity;
-    let top = -Infinity;
-    for (let pass = 0; pass < 2; pass++) {
-      for (let i = 0; i < count; i++) {
-        const dx = spheres[4 * i]! - c.centre[0];
-        const dy = spheres[4 * i + 1]! - c.centre[1];
-        const dz = spheres[4 * i + 2]! - c.centre[2];
-        const radius = Math.max(0, spheres[4 * i + 3]!);
-        const x = dx * axes.right[0] + dy * axes.right[1] + dz * axes.right[2];
-        const y = dx * axes.up[0] + dy * axes.up[1] + dz * axes.up[2];
-        const z = dx * axes.back[0] + dy * axes.back[1] + dz * axes.back[2];
-        if (pass === 0) {
-          distance = Math.max(distance, (Math.abs(x - midX) + radius) / tx + z, (Math.abs(y - midY) + radius) / ty + z);
-        } else {
-          const depth = Math.max(1e-6, distance - z);
-          left = Math.min(left, (x - midX - radius) / depth);
-          right = Math.max(right, (x - midX + radius) / depth);
-          bottom = Math.min(bottom, (y - midY - radius) / depth);
-          top = Math.max(top, (y - midY + radius) / depth);
-        }
-      }
+  // Size and middle depend on each other by perspective: some rounds bring both below a tenth of a pixel.
+  for (let round = 0; round < 12; round++) {
+    let [left, right, bottom, top, deepest] = [Infinity, -Infinity, Infinity, -Infinity, -Infinity];
+    for (let i = 0; i < count; i++) {
+      const dx = spheres[4 * i]! - c.centre[0];
+      const dy = spheres[4 * i + 1]! - c.centre[1];
+      const dz = spheres[4 * i + 2]! - c.centre[2];
+      const radius = Math.max(0, spheres[4 * i + 3]!);
+      const x = dx * axes.right[0] + dy * axes.right[1] + dz * axes.right[2] - c.shiftX;
+      const y = dx * axes.up[0] + dy * axes.up[1] + dz * axes.up[2] - c.shiftY;
+      const z = dx * axes.back[0] + dy * axes.back[1] + dz * axes.back[2];
+      const depth = Math.max(0.05 * c.distance, c.distance - z);
+      deepest = Math.max(deepest, z + radius);
+      left = Math.min(left, (x - radius) / depth);
+      right = Math.max(right, (x + radius) / depth);
+      bottom = Math.min(bottom, (y - radius) / depth);
+      top = Math.max(top, (y + radius) / depth);
     }
-    c.distance = distance;
-    midX += ((left + right) / 2) * distance;
-    midY += ((bottom + top) / 2) * distance;
+    c.shiftX += ((left + right - free.left - free.right) / 2) * c.distance;
+    c.shiftY += ((bottom + top - free.bottom - free.top) / 2) * c.distance;
+    const scale = Math.max((right - left) / wide, (top - bottom) / tall);
+    c.distance = Math.max(1e-3, c.distance * scale, 1.1 * deepest);
   }
-  // The free part's middle lies off the picture's middle by the difference of the insets.
-  c.shiftX = midX - c.distance * TANGENT * aspect * (insets.left - insets.right);
-  c.shiftY = midY - c.distance * TANGENT * (insets.bottom - insets.top);
 }
 
 function wrap(angle: number): number {

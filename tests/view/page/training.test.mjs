@@ -1,0 +1,98 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { load } from "./load.mjs";
+
+const { screenState, wordsOf, lookOf, soundOf, describe } = await load("training", "section");
+
+const STATES = ["waiting", "approach", "go", "moving", "done", "rest", "stopped", "finished"];
+const SHOW = { tool: true, path: true, tunnel: true, trail: true, score: true };
+const message = (state, changes = {}) => ({
+  type: "training", state, exercise: "Curve", mode: "tunnel", trial: 3, of: 8, repetition: 3, repetitions: 8, show: SHOW,
+  rest_s: 12, next: "curve, repetition 4 of 8", score: { time_in_tunnel: 0.934, time_s: 6.24, best: true }, ...changes,
+});
+const all = (w) => [w.word, w.beside, w.sentence, w.best, ...w.figures.flatMap((f) => [f.value, f.unit, f.label])].join(" ");
+const situation = (changes) => ({ training: message("moving"), heard: true, hadConnection: true, ended: false, ...changes });
+
+test("Each state has its words", () => {
+  const words = Object.fromEntries(STATES.map((s) => [s, wordsOf(s, message(s), 11.2)]));
+  assert.equal(words.waiting.word, "Hold the handle");
+  assert.deepEqual([words.approach.word, words.approach.sentence], ["The device moves you", "Let your hand follow"]);
+  assert.deepEqual([words.go.word, words.go.tone], ["Go", "go"]);
+  assert.deepEqual([words.rest.word, words.rest.beside], ["Rest", "12 s"]);
+  assert.equal(words.rest.sentence, "Next: curve, repetition 4 of 8");
+  assert.deepEqual([words.finished.word, words.finished.sentence], ["Finished", "Thank you"]);
+  assert.deepEqual([words.stopped.word, words.stopped.sentence, words.stopped.tone], ["Stopped", "The force is off. Please wait", "stop"]);
+  assert.deepEqual([wordsOf("lost", null, NaN).word, wordsOf("lost", null, NaN).tone], ["One moment", "warning"]);
+});
+
+test("No word and no number is shown while the hand moves", () => {
+  assert.equal(all(wordsOf("moving", message("moving"), 3)).trim(), "");
+});
+
+test("The score has at most two numbers, and praise only for the best", () => {
+  const best = wordsOf("done", message("done"), NaN);
+  assert.deepEqual(best.figures.map((f) => `${f.value} ${f.unit}`), ["93 %", "6.2 s"]);
+  assert.equal(best.best, "Your best so far");
+  const plain = wordsOf("done", message("done", { score: { time_in_tunnel: 0.5, time_s: 7, best: false } }), NaN);
+  assert.equal(plain.best, "");
+  const partly = wordsOf("done", message("done", { score: { time_in_tunnel: null, time_s: 7, best: false } }), NaN);
+  assert.deepEqual(partly.figures.map((f) => f.value), ["7.0"]);
+});
+
+test("A hidden or missing score says that the repetition is done, and nothing else", () => {
+  for (const changes of [{ show: { ...SHOW, score: false } }, { score: null }]) {
+    const words = wordsOf("done", message("done", changes), NaN);
+    assert.equal(words.word, "Done");
+    assert.ok(!/\d|best/.test(all(words)), all(words));
+  }
+});
+
+test("The trainee reads no reason and no blame", () => {
+  for (const state of [...STATES, "lost", "none"]) {
+    const text = all(wordsOf(state, message(state, { reason: "deviation_limit" }), 3));
+    assert.ok(!/limit|error|wrong|fail|slow|bad|because|deviation/i.test(text), text);
+  }
+});
+
+test("A lost connection shows after there was one, and an end stays on the screen", () => {
+  assert.equal(screenState(situation({})), "moving");
+  assert.equal(screenState(situation({ heard: false })), "lost");
+  assert.equal(screenState(situation({ heard: false, hadConnection: false, training: null })), "none");
+  assert.equal(screenState(situation({ heard: false, training: message("finished") })), "finished");
+  assert.equal(screenState(situation({ heard: false, training: message("stopped") })), "stopped");
+});
+
+test("A session that ends during a movement is stopped, after a repetition it is finished", () => {
+  for (const state of ["waiting", "approach", "go", "moving"]) {
+    assert.equal(screenState(situation({ ended: true, training: message(state) })), "stopped");
+  }
+  for (const state of ["done", "rest"]) assert.equal(screenState(situation({ ended: true, training: message(state) })), "finished");
+});
+
+test("The camera is held in every state, and the programme's switches hide what they name", () => {
+  for (const state of [...STATES, "lost", "none"]) {
+    assert.equal(lookOf(state, SHOW).hold, true);
+    for (const part of ["tool", "path", "tunnel", "trail"]) {
+      assert.equal(lookOf(state, { ...SHOW, [part]: false })[part], false, `${part} in ${state}`);
+    }
+    assert.equal(lookOf(state, { ...SHOW, trail: false }).movement, false, "no trail, no movement afterwards");
+  }
+  assert.equal(lookOf("done", SHOW).movement, true);
+  assert.equal(lookOf("moving", SHOW).movement, false);
+  assert.equal(lookOf("moving", SHOW).done, true);
+  assert.equal(lookOf("moving", { ...SHOW, path: false }).done, false);
+  assert.deepEqual(["waiting", "approach", "go", "moving"].map((s) => lookOf(s, SHOW).start), ["waiting", "approach", "go", null]);
+});
+
+test("Go, done, stop and a lost connection have a sound", () => {
+  assert.deepEqual(["go", "done", "stopped", "lost", "moving", "rest", "waiting"].map(soundOf),
+    ["go", "done", "stopped", "lost", null, null, null]);
+});
+
+test("The section says in words where the tool is", () => {
+  assert.equal(describe(0.0061, [0.0016, 0.0012]),
+    "Section of the tunnel. Its radius is 6.1 mm. The tool is 1.2 mm above and 1.6 mm to the right of the middle, inside the tunnel.");
+  assert.match(describe(0.003, [-0.004, 0]), /4\.0 mm to the left of the middle, outside/);
+  assert.match(describe(0.003, [0, 0]), /in the middle, inside/);
+  assert.match(describe(0.003, [NaN, 0]), /not known/);
+});
