@@ -117,6 +117,7 @@ std::vector<SessionResult> record_trials(const Trials& trials, const RecordOptio
       // The loop keeps serving the device, so that it neither sleeps nor loses its home position.
       RecordOptions rest{.duration = trials.pause, .session = options.session};
       rest.session.recording.reset();
+      rest.session.observer = nullptr;
       if (record(*device, rest, stop, {}).servo.cause != StopCause::finished) break;
     }
     if (trial > 1 && device->info().natural_duration > 0) {

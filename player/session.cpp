@@ -82,6 +82,7 @@ class Watch {
     warn_of_device(view);
     if (options_.warnings) add(view, options_.warnings());
     add(view, std::exchange(late_, {}));
+    if (options_.observer != nullptr) options_.observer->shows(view);
     if (progress_) progress_(view);
   }
 
@@ -259,15 +260,19 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   std::vector<SampleSink*> sinks(extra_sinks.begin(), extra_sinks.end());
   sinks.push_back(&monitor);
   sinks.push_back(&tally);
+  columns.orientation = info.measures_orientation;
+  columns.torque = info.takes_torque();
+  columns.force_measured = info.measures_force;
 
   std::optional<Recorder> recorder;
   if (options.recording) {
-    columns.orientation = info.measures_orientation;
-    columns.torque = info.takes_torque();
-    columns.force_measured = info.measures_force;
     recorder.emplace(options.recording->file, header_for(options, info, result.virtual_time), columns,
                      options.recording->options);
     sinks.push_back(&*recorder);
+  }
+  if (options.observer != nullptr) {
+    sinks.push_back(&options.observer->sink());
+    options.observer->begins(device, options, columns, result.virtual_time);
   }
   ServoLoop loop(device, controller, *estimator, sinks, loop_options);
 
@@ -323,6 +328,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
     result.recording = recorder->status();
     watch.look();
   }
+  if (options.observer != nullptr) options.observer->ends(result);
   return result;
 }
 

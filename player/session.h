@@ -24,6 +24,41 @@ enum class ClockChoice {
 
 ClockChoice parse_clock(std::string_view name);  ///< "real" | "virtual" | "auto"; throws Error(input)
 
+struct SessionView;
+struct SessionResult;
+struct SessionOptions;
+
+/// The path that a session follows, for a view of it: at most kMostPathPoints points in the order of the movement.
+struct FollowedPath {
+  static constexpr std::size_t kMostPathPoints = 4000;
+
+  std::string mode;            ///< of the guidance: "tunnel", "cursor", "free"; empty for a playback
+  std::vector<double> time;    ///< at which the recorded movement reaches each point [s]
+  std::vector<Vec3> position;  ///< in W [m]
+  std::vector<double> radius;  ///< of the tunnel at each point [m]; empty: no tunnel
+};
+
+/// Watches a session from outside its loop, as a live view does.
+///
+/// Threads: all but sink() are called in the thread that called run_session.
+class SessionObserver {
+ public:
+  virtual ~SessionObserver() = default;
+
+  /// Returns the sink that receives every sample and event, in the servo loop.
+  [[nodiscard]] virtual SampleSink& sink() noexcept = 0;
+
+  /// Called before the first tick. The arguments outlive the session.
+  virtual void begins(Device& device, const SessionOptions& options, const RecordingColumns& columns,
+                      bool virtual_time) = 0;
+
+  /// Called about ten times a second.
+  virtual void shows(const SessionView& view) = 0;
+
+  /// Called after the last tick, when the result is complete.
+  virtual void ends(const SessionResult& result) = 0;
+};
+
 struct SessionOptions {
   ServoLoop::Options loop;  ///< `clock` decides about its virtual time
   ClockChoice clock = ClockChoice::automatic;
@@ -31,6 +66,8 @@ struct SessionOptions {
   std::vector<Warning> known;                      ///< before the session, and shown by then: the first of its warnings
   std::function<std::vector<Warning>()> warnings;  ///< further ones; asked whenever a view is made
   std::function<std::vector<Warning>()> conclusions;  ///< further ones; asked once, when the loop has ended
+  SessionObserver* observer = nullptr;                ///< borrowed; null: none
+  FollowedPath followed;                              ///< for the observer; play() and guide() fill it
 
   struct Recording {
     std::string file;

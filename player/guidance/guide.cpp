@@ -249,6 +249,20 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   return plan;
 }
 
+FollowedPath followed_path(const GuidePlan& plan, const GuideOptions& options) {
+  FollowedPath followed{.mode = options.free ? "free" : options.guidance.cursor ? "cursor" : "tunnel"};
+  const ArcPath& path = *plan.path;
+  const std::size_t points = std::min(path.knots(), FollowedPath::kMostPathPoints);
+  for (std::size_t i = 0; i < points; ++i) {
+    const double s = points > 1 ? path.length() * static_cast<double>(i) / static_cast<double>(points - 1) : 0;
+    const ArcPath::Place place = path.at(s);
+    followed.time.push_back(path.time_at(s));
+    followed.position.push_back(place.position);
+    if (!options.free) followed.radius.push_back(place.radius);
+  }
+  return followed;
+}
+
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.loop.rate_hz;
@@ -275,6 +289,7 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& ask
   GuideMetrics metrics(plan, options);
   options.sinks.push_back(&tracking);
   options.sinks.push_back(&metrics);
+  if (options.session.observer != nullptr) options.session.followed = followed_path(plan, options);
   GuideResult result{.plan = plan};
   result.session = run_session(device, controller, {.reference = true, .guidance = true, .tunnel = true}, options.sinks,
                                options.session, stop, progress);

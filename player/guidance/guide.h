@@ -94,6 +94,9 @@ struct GuideResult {
 /// one.
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options);
 
+/// Returns the path and the tunnel of `plan`, for a view.
+FollowedPath followed_path(const GuidePlan& plan, const GuideOptions& options);
+
 /// Guides a trainee who holds `device` along `plan`. In virtual time, a repetition without a time limit ends after ten
 /// times the expert's duration plus 10 s.
 GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& options, const StopRequest& stop,

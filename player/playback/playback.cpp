@@ -278,6 +278,27 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   return plan;
 }
 
+FollowedPath followed_path(const TrajectoryPieces& pieces) {
+  FollowedPath followed;
+  const PathSource& source = pieces.source();
+  const auto points =
+      static_cast<std::size_t>(std::min<std::uint64_t>(source.facts().rows, FollowedPath::kMostPathPoints));
+  Trajectory::Cursor cursor;
+  for (std::size_t i = 0; i < points; ++i) {
+    if (pieces.count() == 1) {
+      const double share = points > 1 ? static_cast<double>(i) / static_cast<double>(points - 1) : 0;
+      followed.time.push_back(share * pieces.duration());
+      followed.position.push_back(pieces.first()->trajectory.sample(followed.time.back(), cursor).position);
+      continue;
+    }
+    // Only rows: the curve between them would cost a piece of the path for every point.
+    const Path row = source.read(i * (source.facts().rows - 1) / (points - 1), 1);
+    followed.time.push_back(row.time.front() - source.facts().begin);
+    followed.position.push_back(row.position.front());
+  }
+  return followed;
+}
+
 PlayPlan plan_playback(const DeviceInfo& device, Path path, const PlayOptions& options) {
   return plan_playback(device, source_of(std::move(path)), options);
 }
@@ -300,6 +321,7 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   sinks.push_back(&metrics);
   SessionOptions session_options = options.session;
   session_options.loop.watch_vibration &= options.guard;
+  if (session_options.observer != nullptr) session_options.followed = followed_path(plan.path);
   if (options.tuning != nullptr) {
     sinks.push_back(options.tuning);
     session_options.warnings = [&] { return known_warnings(Severity::note, "tuning", options.tuning->take_notices()); };

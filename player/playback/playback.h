@@ -89,6 +89,9 @@ struct PlayResult {
   }
 };
 
+/// Returns the path of a playback, for a view. Throws what PathSource::read throws.
+FollowedPath followed_path(const TrajectoryPieces& pieces);
+
 /// The controller that play() runs, for sessions of another kind. It does not learn: what of `options` is learned is
 /// what was learned before.
 PlaybackController playback_controller(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options);

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -340,6 +341,75 @@ TEST(Session, StopsInEveryPhaseWhenAsked) {
     EXPECT_EQ(result.servo.cause, StopCause::interrupted) << at;
     EXPECT_LE(result.servo.samples, static_cast<std::uint64_t>(at) + 260) << at;
     EXPECT_EQ(device.forces().back(), Vec3::Zero()) << at;
+  }
+}
+
+/// Keeps what a session tells its observer.
+class Observed final : public SessionObserver {
+ public:
+  test::Log log;
+  std::vector<std::string> calls;
+  FollowedPath followed;
+  RecordingColumns columns;
+  SessionResult result;
+
+  SampleSink& sink() noexcept override { return log; }
+  void begins(Device& device, const SessionOptions& options, const RecordingColumns& has, bool virtual_time) override {
+    calls.push_back(fmt::format("begins {} {} after {} samples", device.info().name, virtual_time, log.samples.size()));
+    followed = options.followed;
+    columns = has;
+  }
+  void shows(const SessionView&) override { shown = true; }
+  void ends(const SessionResult& whole) override {
+    calls.emplace_back("ends");
+    result = whole;
+  }
+  bool shown = false;
+};
+
+TEST(Session, ShowsItsObserverThePathEverySampleAndTheResult) {
+  PointMass device;
+  Observed observed;
+  PlayOptions options = options_for("");
+  options.session.observer = &observed;
+  const PlayPlan plan = plan_playback(device.info(), make_shape("square", {.size = 0.04, .duration = 2}), options);
+  const PlayResult result = play(device, plan, options, StopRequest{});
+  EXPECT_EQ(observed.calls,
+            (std::vector{fmt::format("begins {} true after 0 samples", device.info().name), std::string("ends")}));
+  EXPECT_TRUE(observed.shown);
+  EXPECT_TRUE(observed.columns.reference);
+  EXPECT_EQ(observed.log.samples.size(), result.session.servo.samples);
+  EXPECT_EQ(observed.result.servo.samples, result.session.servo.samples);
+  // The path as it is played, from its start to its end.
+  ASSERT_GT(observed.followed.time.size(), 100U);
+  EXPECT_EQ(observed.followed.time.front(), 0);
+  EXPECT_NEAR(observed.followed.time.back(), plan.path.duration(), 1e-12);
+  EXPECT_TRUE(observed.followed.radius.empty());
+  const Path square = make_shape("square", {.size = 0.04, .duration = 2});
+  for (std::size_t i = 0; i < observed.followed.time.size(); i += 37) {
+    const Reference reference = plan.path.first()->trajectory.sample(observed.followed.time[i]);
+    ASSERT_LE((observed.followed.position[i] - reference.position).norm(), 1e-12);
+  }
+  EXPECT_LE((observed.followed.position.back() - square.position.back()).norm(), 1e-3);
+}
+
+TEST(Session, ShowsItsObserverALongPathInFewPointsOverItsWholeLength) {
+  PointMass device;
+  Path path;
+  for (int i = 0; i < 200'000; ++i) {
+    const double t = 1e-3 * i;
+    path.time.push_back(5 + t);
+    path.position.emplace_back(0.02 * std::cos(t), 0.02 * std::sin(t), 0);
+  }
+  const TrajectoryPieces pieces(source_of(path), Interpolation::cubic);
+  ASSERT_GT(pieces.count(), 1U);
+  const FollowedPath followed = followed_path(pieces);
+  ASSERT_EQ(followed.time.size(), FollowedPath::kMostPathPoints);
+  EXPECT_EQ(followed.time.front(), 0);
+  EXPECT_NEAR(followed.time.back(), 199.999, 1e-9);
+  for (std::size_t i = 0; i < followed.time.size(); ++i) {
+    const double t = followed.time[i];
+    ASSERT_LE((followed.position[i] - Vec3(0.02 * std::cos(t), 0.02 * std::sin(t), 0)).norm(), 1e-9);
   }
 }
 

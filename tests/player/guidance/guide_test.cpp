@@ -125,6 +125,26 @@ TEST(Guide, LetsATraineeWhoFollowsAtTheExpertsPaceFeelNoWallAndNoHelp) {
   }
 }
 
+TEST(Guide, ShowsItsPathAndTunnelToAnObserver) {
+  GuideOptions options;
+  options.radius_profile = RadiusProfile{.s = {0, 0.3}, .radius = {8e-3, 2e-3}};
+  const auto device = open_device("sim:preset=omega3,hand=firm");
+  const GuidePlan plan = plan_guidance(device->info(), source(), options);
+  const FollowedPath followed = followed_path(plan, options);
+  EXPECT_EQ(followed.mode, "tunnel");
+  ASSERT_EQ(followed.position.size(), followed.radius.size());
+  ASSERT_EQ(followed.position.size(), followed.time.size());
+  EXPECT_LE((followed.position.front() - plan.path->position_at(0)).norm(), 1e-12);
+  EXPECT_LE((followed.position.back() - plan.path->position_at(plan.path->length())).norm(), 1e-12);
+  EXPECT_NEAR(followed.radius.front(), 8e-3, 1e-9);
+  EXPECT_LT(followed.radius.back(), followed.radius.front());
+  EXPECT_TRUE(std::is_sorted(followed.time.begin(), followed.time.end()));
+
+  options.free = true;
+  EXPECT_EQ(followed_path(plan, options).mode, "free");
+  EXPECT_TRUE(followed_path(plan, options).radius.empty());
+}
+
 TEST(Guide, LetsTheTraineeOvercomeTheExpertsForceWhenItIsToResist) {
   const TempFolder folder;
   const auto active_device = trainee(folder, expert(), 1), resisting_device = trainee(folder, expert(), 1);
