@@ -7,6 +7,7 @@
 #include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
+#include "cli/tuning.h"
 #include "formats/path/path_file.h"
 
 #include <filesystem>
@@ -26,6 +27,7 @@ struct Arguments {
   GuideOptions guide;
   std::optional<double> pace;
   double pace_margin = 0.2, pace_force = 1;
+  TuningArguments tuning{.example = "radius 6mm"};
 };
 
 const std::vector<std::string> kModes{"tunnel", "cursor", "free"};
@@ -76,6 +78,15 @@ std::string summary(const Arguments& arguments, const GuideResult& result, const
   return text;
 }
 
+/// Returns the commands of the session, for guidance as planned.
+std::unique_ptr<LiveGuidance> commands_of(const GuidePlan& plan, const GuideOptions& options, StopRequest& stop) {
+  LiveSession::Options session{.stop = &stop, .endless = options.guidance.repetitions == 0};
+  if (options.session.recording) session.annotations = options.session.recording->options.annotations;
+  auto commands = std::make_unique<LiveGuidance>(std::move(session));
+  commands->begin(guide_scope(plan, options));
+  return commands;
+}
+
 }  // namespace
 
 Verb add_guide(CLI::App& app) {
@@ -87,6 +98,8 @@ Verb add_guide(CLI::App& app) {
       "The trainee moves; the device keeps them in a tunnel around the expert's path and renders the expert's\n"
       "forces at their position on the path (--mode tunnel), or around a cursor that moves as the expert did\n"
       "(--mode cursor).\n"
+      "Keys: + or ] makes the walls 10 % stiffer, - or [ softer; w and n make the tunnel wider and narrower; r\n"
+      "restores the start; p pauses and resumes; s skips and a repeats a repetition; q ends the session.\n"
       "  haptrace guide expert.h5 -d falcon --radius 5mm --record trainee.h5\n"
       "  haptrace guide expert.h5 -d falcon --radius auto --spread second.h5 third.h5\n"
       "  haptrace guide expert.h5 -d falcon --mode cursor --wait 0.02 --speed 0.5\n"
@@ -166,6 +179,7 @@ Verb add_guide(CLI::App& app) {
       ->capture_default_str()
       ->group("Safety");
   arguments->profile.add_to(*verb, "Safety", "guide without a device profile");
+  arguments->tuning.add_to(*verb, false);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
@@ -222,14 +236,22 @@ Verb add_guide(CLI::App& app) {
         note_before(output, options.session, "plan", plan.notes);
         notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
 
+        StopRequest stop(&signals.stop());
+        const std::unique_ptr<LiveGuidance> commands = commands_of(plan, options, stop);
+        options.live = commands.get();
+        const TuningInputs outside(arguments->tuning, *commands);
+        for (const std::string& hint : outside.hints()) output.remark(hint);
+
         const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
-                        arguments->session.mark_texts, nullptr, arguments->session.keys);
+                        arguments->session.mark_texts, arguments->session.keys, *commands, Keys::guide_keys());
         const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);
-        const GuideResult result = guide(*device, plan, options, signals.stop(), progress_bar(output, expected, &keys));
+        const GuideResult result =
+            guide(*device, plan, options, stop, progress_bar(output, expected, &keys, commands.get()));
 
         nlohmann::json json = to_json(result);
         json["mode"] = arguments->mode;
         json["feel"] = arguments->feel;
+        json["tuning"] = commands->history();
         json["notes"] = notes;
         if (!arguments->record.empty()) json["file"] = arguments->record;
         const int code = conclude(output, result.session);

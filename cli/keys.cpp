@@ -31,9 +31,39 @@ struct Keys::Terminal {
   Terminal& operator=(const Terminal&) = delete;
 };
 
-Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always,
-           LiveTuning* tuning)
-    : annotations_(std::move(annotations)), texts_(std::move(texts)), pause_(std::move(pause)), tuning_(tuning) {
+std::span<const Keys::Binding> Keys::play_keys() {
+  static constexpr std::array<Binding, 6> kKeys{{{"+]", "gains * 1.1"},
+                                                 {"-[", "gains / 1.1"},
+                                                 {"o", "observer toggle"},
+                                                 {"l", "learning toggle"},
+                                                 {"f", "feedforward toggle"},
+                                                 {"r", "reset"}}};
+  return kKeys;
+}
+
+std::span<const Keys::Binding> Keys::guide_keys() {
+  static constexpr std::array<Binding, 7> kKeys{{{"+]", "stiffness * 1.1"},
+                                                 {"-[", "stiffness / 1.1"},
+                                                 {"w", "radius * 1.1"},
+                                                 {"n", "radius / 1.1"},
+                                                 {"s", "skip"},
+                                                 {"a", "repeat"},
+                                                 {"r", "reset"}}};
+  return kKeys;
+}
+
+Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always)
+    : annotations_(std::move(annotations)), texts_(std::move(texts)), pause_(std::move(pause)) {
+  start(always);
+}
+
+Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool always, Commands& commands,
+           std::span<const Binding> bindings)
+    : annotations_(std::move(annotations)), texts_(std::move(texts)), commands_(&commands), bindings_(bindings) {
+  start(always);
+}
+
+void Keys::start(bool always) {
   // The system stops a background process that reads its terminal, with a force in the motors.
   const bool foreground = isatty(STDIN_FILENO) != 0 && tcgetpgrp(STDIN_FILENO) == getpgrp();
   if (foreground) terminal_ = std::make_unique<Terminal>();
@@ -45,6 +75,12 @@ Keys::~Keys() = default;
 
 Keys::Pause Keys::recording_pause(std::shared_ptr<Annotations> annotations) {
   return [annotations = std::move(annotations)](bool paused) { paused ? annotations->pause() : annotations->resume(); };
+}
+
+std::string Keys::letters() const {
+  std::string letters;
+  for (const Binding& binding : bindings_) letters += binding.keys.front();
+  return letters;
 }
 
 std::string Keys::typing() const {
@@ -71,25 +107,24 @@ void Keys::press(char key) {
   if (key == 'q') (void)kill(getpid(), SIGINT);
   if (key == 'p' && pause_) pause_(paused_ = !paused_);
   if (annotations_) annotate(key);
-  if (tuning_ != nullptr) tune(key);
+  if (commands_ != nullptr) command(key);
 }
 
-void Keys::tune(char key) {
-  struct Command {
-    std::string_view keys, text;
-  };
-  static constexpr std::array<Command, 6> kCommands{{{"+]", "gains * 1.1"},
-                                                     {"-[", "gains / 1.1"},
-                                                     {"o", "observer toggle"},
-                                                     {"l", "learning toggle"},
-                                                     {"f", "feedforward toggle"},
-                                                     {"r", "reset"}}};
-  for (const Command& command : kCommands) {
-    if (command.keys.find(key) == std::string_view::npos) continue;
-    const std::string answer = tuning_->obey(command.text);
-    if (answer.starts_with("error") || answer.find(" clamped ") != std::string::npos)
-      tuning_->tell(fmt::format("key {}: {}", key, answer));
+void Keys::command(char key) {
+  if (key == 'p') {
+    // Others may pause and resume as well.
+    const std::vector<std::string> actions = commands_->actions();
+    const bool paused = std::find(actions.begin(), actions.end(), "resume") != actions.end();
+    return give(key, paused ? "resume" : "pause");
   }
+  for (const Binding& binding : bindings_)
+    if (binding.keys.find(key) != std::string_view::npos) give(key, binding.command);
+}
+
+void Keys::give(char key, std::string_view command) {
+  const std::string answer = commands_->obey(command);
+  if (answer.starts_with("error") || answer.find(" clamped ") != std::string::npos)
+    commands_->tell(fmt::format("key {}: {}", key, answer));
 }
 
 void Keys::annotate(char key) {

@@ -1,14 +1,16 @@
 // Keys that annotate and tune a running session.
 #pragma once
 
-#include "player/tuning/live_tuning.h"
+#include "player/tuning/commands.h"
 #include "recorder/annotations.h"
 
 #include <atomic>
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
@@ -20,22 +22,37 @@ namespace haptrace::cli {
 ///     1 to 9      a mark with one of `texts`               q  ends the session, as Ctrl+C does
 ///     t TEXT ⏎    a mark with text at the time of t
 ///
-/// and, in a session that can be tuned:
+/// and, in a playback (play_keys):
 ///
 ///     + or ]      stiffer: all gains by 10 %                o  disturbance observer on, off
 ///     - or [      softer: all gains by 10 %                 l  learned correction on, off
 ///     r           back to the values at the start           f  feedforward on, off
 ///
+/// or in guidance and programmes (guide_keys):
+///
+///     + or ]      stiffer walls by 10 %                     w  wider tunnel by 10 %
+///     - or [      softer walls by 10 %                      n  narrower tunnel by 10 %
+///     r           back to the values at the start           s  skips the repetition
+///     a           repeats the repetition after it
+///
 /// Reads a terminal only if this process is in its foreground. With `always`, also reads input that is not a terminal.
 class Keys {
  public:
+  /// Keys that give a command.
+  struct Binding {
+    std::string_view keys, command;
+  };
+  static std::span<const Binding> play_keys();
+  static std::span<const Binding> guide_keys();
+
   /// Called by the key p to pause or to resume, from another thread.
   using Pause = std::function<void(bool paused)>;
 
-  /// Without `annotations` there are no marks, without `pause` no pauses, and without `tuning`, which is borrowed, no
-  /// tuning.
-  Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always,
-       LiveTuning* tuning = nullptr);
+  /// Without `annotations` there are no marks, and without `pause` no pauses.
+  Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always);
+  /// Pauses and gives the commands of `bindings` through `commands`, which is borrowed.
+  Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool always, Commands& commands,
+       std::span<const Binding> bindings);
   /// Returns a Pause that omits the pauses from a recording.
   static Pause recording_pause(std::shared_ptr<Annotations> annotations);
 
@@ -45,20 +62,27 @@ class Keys {
 
   [[nodiscard]] bool active() const noexcept { return thread_.joinable(); }
 
+  /// Returns the first keys of the commands.
+  [[nodiscard]] std::string letters() const;
+
   /// Returns the text that is being typed after t, or an empty text. From any thread.
   [[nodiscard]] std::string typing() const;
 
  private:
+  void start(bool always);
   void run(const std::stop_token& stop);
   void press(char key);
   void annotate(char key);
-  void tune(char key);
+  void command(char key);
+  /// Executes a command, and shows its answer if that is not simply "ok".
+  void give(char key, std::string_view command);
   void type(char key);
 
   std::shared_ptr<Annotations> annotations_;
   std::vector<std::string> texts_;
   Pause pause_;
-  LiveTuning* tuning_;
+  Commands* commands_ = nullptr;
+  std::span<const Binding> bindings_;
   struct Terminal;
   std::unique_ptr<Terminal> terminal_;
 

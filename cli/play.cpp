@@ -81,13 +81,15 @@ double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
 
 /// Returns the tunable parts of the session: its gains, and the terms of its law.
 LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const PlayOptions& play,
-                     const DeviceInfo& device) {
+                     const DeviceInfo& device, StopRequest& stop) {
   const SessionOptions& session = play.session;
   LiveTuning::Options options{
       .composed = plan.composed,
       .remedy = play.identified
                     ? "start the session without --without, or with --learn"
-                    : fmt::format("calibrate the device first: haptrace calibrate --device {}", device.name)};
+                    : fmt::format("calibrate the device first: haptrace calibrate --device {}", device.name),
+      .stop = &stop,
+      .endless = play.playback.repetitions == 0};
   if (!arguments.tuning.expert) {
     options.limits = limits_of_unidentified(device.max_force, session.loop.rate_hz);
     if (play.identified) {
@@ -165,7 +167,7 @@ Verb add_play(CLI::App& app) {
   verb->footer(
       "The device moves to the start of the path, follows it at the path's own time stamps, holds, and lets go.\n"
       "Keys: + or ] makes the gains 10 % stiffer, - or [ 10 % softer; o, l and f switch the observer, the learned\n"
-      "force and the feedforward on and off; r restores the gains of the start; q ends the session. While\n"
+      "force and the feedforward on and off; r restores the gains of the start; p pauses; q ends the session. While\n"
       "recording, m or space sets a mark, 1 to 9 a mark with one of --mark-texts, and t a mark with a typed text.\n"
       "  haptrace play square.h5 -d sim:preset=falcon,hand=relaxed --kp 1500 --kd 15 --record played.h5\n"
       "  haptrace play stroke.csv -d sim:preset=touch --fit --speed 0.5 --repeat 3");
@@ -295,16 +297,17 @@ Verb add_play(CLI::App& app) {
             if (arguments->along.loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
               output.remark("looping in virtual time until Ctrl+C");
 
-            LiveTuning tuning = tuning_of(*arguments, plan, options, device->info());
+            StopRequest stop(&signals.stop());
+            LiveTuning tuning = tuning_of(*arguments, plan, options, device->info(), stop);
             options.tuning = &tuning;
             const TuningInputs inputs(arguments->tuning, tuning);
             for (const std::string& hint : inputs.hints()) output.remark(hint);
 
             const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
-                            arguments->session.mark_texts, nullptr, arguments->session.keys, &tuning);
+                            arguments->session.mark_texts, arguments->session.keys, tuning, Keys::play_keys());
             const double expected = expected_duration(plan, options.playback);
             const PlayResult result =
-                play(*device, plan, options, signals.stop(), progress_bar(output, expected, &keys, &tuning));
+                play(*device, plan, options, stop, progress_bar(output, expected, &keys, &tuning));
 
             nlohmann::json json = to_json(result);
             json["tuning"] = tuning.history();

@@ -2,11 +2,11 @@
 #include "base/json_reader.h"
 #include "cli/profile.h"
 #include "cli/terminal.h"
+#include "cli/tuning.h"
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
 #include "player/programme/programme_session.h"
 
-#include <atomic>
 #include <filesystem>
 #include <fmt/format.h>
 #include <unistd.h>
@@ -23,6 +23,7 @@ struct RunArguments {
   std::optional<double> scale;
   double max_deviation = 0.1;
   bool dry_run = false, fit = false;
+  TuningArguments tuning{.example = "radius 6mm"};
 };
 
 constexpr std::string_view kPathMark = "{path}";
@@ -152,7 +153,7 @@ nlohmann::json programme_for(const RunArguments& arguments) {
 nlohmann::json shared_config(const CLI::App& verb) {
   nlohmann::json config = effective_config(verb);
   for (const char* key : {"verb", "programme", "output", "resume", "dry-run", "mirror", "scale", "fit", "profile",
-                          "no-profile", "overwrite"})
+                          "no-profile", "overwrite", "tune-socket", "tune-port", "tune-token-file", "tune-file"})
     config.erase(key);
   return config;
 }
@@ -240,6 +241,11 @@ class TrialDevices {
   std::uint64_t opened_;
 };
 
+/// Returns the options of the commands of all repetitions.
+LiveSession::Options command_options(const ProgrammeOptions& options, StopRequest& stop) {
+  return {.annotations = options.session.recording->options.annotations, .stop = &stop, .programme = true};
+}
+
 }  // namespace
 
 Verb add_run(CLI::App& app) {
@@ -248,9 +254,9 @@ Verb add_run(CLI::App& app) {
   verb->footer(
       "A programme is a JSON file (docs/programmes.md; examples in samples/programmes). The session is a folder\n"
       "with session.json, a recording of every repetition and the paths that were followed; haptrace report shows it.\n"
-      "Keys: p pauses before the next repetition and resumes; m or space sets a mark, 1 to 9 a mark with one of\n"
-      "--mark-texts, t a mark with a typed text; q ends the session. --resume continues it later, even on another "
-      "day.\n"
+      "Keys: p pauses after the repetition and resumes; s skips, a repeats a repetition; + - stiffer or softer walls;\n"
+      "w n wider or narrower tunnel; r resets; m or space sets a mark, 1 to 9 a mark with one of --mark-texts, t a\n"
+      "mark with a typed text; q ends the session. --resume continues it later, even on another day.\n"
       "  haptrace run reaching.json --dry-run\n"
       "  haptrace run reaching.json -d falcon --subject P07 --mirror x -o p07-monday\n"
       "  haptrace run --resume p07-monday -d falcon\n"
@@ -272,6 +278,7 @@ Verb add_run(CLI::App& app) {
       ->capture_default_str()
       ->group("Safety");
   arguments->profile.add_to(*verb, "Safety", "run without a device profile");
+  arguments->tuning.add_to(*verb, false);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
@@ -333,11 +340,13 @@ Verb add_run(CLI::App& app) {
           options.profile = profile_for(*device, kept, arguments->session.rate_hz, output);
         if (!resumes) log = begin_session(json, where, *plan, *device, options);
 
-        std::atomic<bool> pause{false};
-        options.pause = &pause;
-        const Keys keys(
-            options.session.recording->options.annotations, arguments->session.mark_texts,
-            [&](bool paused) { pause = paused; }, arguments->session.keys);
+        StopRequest stop(&signals.stop());
+        LiveGuidance commands(command_options(options, stop));
+        options.live = &commands;
+        const TuningInputs inputs(arguments->tuning, commands);
+        for (const std::string& hint : inputs.hints()) output.remark(hint);
+        const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,
+                        arguments->session.keys, commands, Keys::guide_keys());
         const bool live = !output.quiet && isatty(STDERR_FILENO) != 0;
         const auto clear_line = [&] {
           if (live) cli::clear_line();
@@ -363,14 +372,18 @@ Verb add_run(CLI::App& app) {
           else
             show_line(fmt::format("rest {:.0f} s", left));
         };
-        const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
-        const ProgrammeResult result = run_programme(options, signals.stop(), progress);
+        const Progress progress = [&](const SessionView& view) {
+          progress_bar(output, expected, &keys, &commands)(view);
+        };
+        const ProgrammeResult result = run_programme(options, stop, progress);
         clear_line();
 
         nlohmann::json answer = to_json(result);
         answer["folder"] = folder;
-        int code = result.last ? conclude(output, *result.last) : kDone;
-        if (code == kDone && signals.stop().count() > 0) code = kInterrupted;
+        answer["tuning"] = commands.history();
+        const bool skipped = !result.log.trials.empty() && result.log.trials.back().skipped();
+        int code = result.last && !skipped ? conclude(output, *result.last) : kDone;
+        if (code == kDone && stop.count() > 0) code = kInterrupted;
         output.tell(answer, result_text(result, folder, resume_command(*verb, shared_config(*verb), folder)));
         return code;
       }};

@@ -8,7 +8,7 @@
 
 namespace haptrace::cli {
 
-void TuningArguments::add_to(CLI::App& app) {
+void TuningArguments::add_to(CLI::App& app, bool gains) {
   socket_option = app.add_option("--tune-socket", socket,
                                  "read commands such as 'kp 2000' from a Unix socket that only this user can open "
                                  "(default path: $XDG_RUNTIME_DIR/haptrace/tune.sock)")
@@ -27,19 +27,19 @@ void TuningArguments::add_to(CLI::App& app) {
   app.add_option("--tune-file", file, "read the same commands from this file, one per line, whenever it changes")
       ->type_name("FILE")
       ->group("Tuning");
-  app.add_flag("--expert", expert, "allow any gains while tuning")->group("Tuning");
+  if (gains) app.add_flag("--expert", expert, "allow any gains while tuning")->group("Tuning");
 }
 
-TuningInputs::TuningInputs(const TuningArguments& arguments, LiveTuning& tuning) {
+TuningInputs::TuningInputs(const TuningArguments& arguments, Commands& commands) : example_(arguments.example) {
   if (!arguments.token_file.empty() && arguments.port.empty())
     throw input_error("--tune-token-file applies to --tune-port; give --tune-port as well");
   // Apply the file first: its settings are in force before the session starts.
-  if (!arguments.file.empty()) file_.emplace(tuning, arguments.file);
+  if (!arguments.file.empty()) file_.emplace(commands, arguments.file);
   const bool on_socket = arguments.socket_option != nullptr && arguments.socket_option->count() > 0;
   if (!on_socket && arguments.port.empty()) return;
   try {
     if (on_socket) socket_ = arguments.socket.empty() ? runtime_folder() + "/tune.sock" : arguments.socket;
-    listen(arguments, tuning);
+    listen(arguments, commands);
   } catch (const Error& error) {
     throw Error(error.kind(), fmt::format("{}{}{}: {}", on_socket ? "--tune-socket" : "",
                                           on_socket && !arguments.port.empty() ? " and " : "",
@@ -47,7 +47,7 @@ TuningInputs::TuningInputs(const TuningArguments& arguments, LiveTuning& tuning)
   }
 }
 
-void TuningInputs::listen(const TuningArguments& arguments, LiveTuning& tuning) {
+void TuningInputs::listen(const TuningArguments& arguments, Commands& commands) {
   TuningServer::Options options{.socket = socket_};
   if (!arguments.port.empty()) {
     options.port = parse_tuning_port(arguments.port);
@@ -56,7 +56,7 @@ void TuningInputs::listen(const TuningArguments& arguments, LiveTuning& tuning) 
     options.token = token_ = kept ? read_tuning_token(token_file_) : new_tuning_token();
     if (!kept && !token_file_.empty()) write_tuning_token(token_, token_file_);
   }
-  server_.emplace(tuning, std::move(options));
+  server_.emplace(commands, std::move(options));
   if (arguments.port.empty() || !token_file_.empty()) return;
   // No two servers share a port, so an existing token file is left from a session that died.
   token_file_ = fmt::format("{}/tune-{}.token", runtime_folder(), server_->port());
@@ -73,12 +73,12 @@ TuningInputs::~TuningInputs() {
 std::vector<std::string> TuningInputs::hints() const {
   std::vector<std::string> hints;
   if (!socket_.empty())
-    hints.push_back(fmt::format("tune on socket {0} : printf 'kp 800\\nquit\\n' | nc -U {0}", socket_));
+    hints.push_back(fmt::format("tune on socket {0} : printf '{1}\\nquit\\n' | nc -U {0}", socket_, example_));
   if (!token_.empty())
     hints.push_back(
-        fmt::format("tune on port {0} of this machine, token in {1} : printf 'token {2}\\nkp 800\\nquit\\n' | "
+        fmt::format("tune on port {0} of this machine, token in {1} : printf 'token {2}\\n{3}\\nquit\\n' | "
                     "nc 127.0.0.1 {0}",
-                    server_->port(), token_file_, token_));
+                    server_->port(), token_file_, token_, example_));
   return hints;
 }
 

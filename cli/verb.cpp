@@ -387,18 +387,18 @@ std::string meter(double share) {
   return text;
 }
 
-Progress progress_bar(const Output& output, double duration, const Keys* keys, const LiveTuning* tuning) {
+Progress progress_bar(const Output& output, double duration, const Keys* keys, const LiveSession* live) {
   const bool terminal = !output.quiet && isatty(STDERR_FILENO) != 0;
-  return [output, duration, terminal, keys, tuning](const SessionView& view) {
+  return [output, duration, terminal, keys, live](const SessionView& view) {
     if (terminal && !view.warnings.empty()) clear_line();
     for (const Warning& warning : view.warnings) output.warn(warning);
     if (!terminal) return;
     if (const std::string typing = keys != nullptr ? keys->typing() : std::string(); !typing.empty())
       return show_line(typing);
     std::vector<LinePart> parts = bar_of(view, duration);
-    if (tuning != nullptr) {
-      parts.push_back({6, tuning->summary()});
-      if (keys != nullptr && keys->active()) parts.push_back({8, "[+-olfr]"});
+    if (live != nullptr) {
+      parts.push_back({6, live->summary()});
+      if (keys != nullptr && keys->active()) parts.push_back({8, fmt::format("[{}]", keys->letters())});
     }
     show_line(std::move(parts));
   };

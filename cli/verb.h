@@ -6,7 +6,7 @@
 #include "devices/loop/watchdog.h"
 #include "devices/registry.h"
 #include "player/session.h"
-#include "player/tuning/live_tuning.h"
+#include "player/tuning/live_session.h"
 
 #include <CLI/CLI.hpp>
 #include <csignal>
@@ -147,10 +147,10 @@ void note_before(const Output& output, SessionOptions& session, const char* code
 std::string meter(double share);
 
 /// Returns a callback that prints warnings at once on standard error, and a progress line with live numbers if that is
-/// a terminal. `duration` [s] of the session; 0: unknown. `keys` and `tuning` may be null; otherwise they must outlive
+/// a terminal. `duration` [s] of the session; 0: unknown. `keys` and `live` may be null; otherwise they must outlive
 /// the result.
 Progress progress_bar(const Output& output, double duration, const Keys* keys = nullptr,
-                      const LiveTuning* tuning = nullptr);
+                      const LiveSession* live = nullptr);
 
 /// Returns the exit code of a session, and prints on standard error why it ended.
 int conclude(const Output& output, const SessionResult& result);

@@ -3,11 +3,22 @@
 #include "base/error.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fmt/format.h>
 
 namespace haptrace {
 namespace {
+
+constexpr std::array kTuned{&GuideTuning::radius_scale, &GuideTuning::radius_offset, &GuideTuning::stiffness,
+                            &GuideTuning::damping,      &GuideTuning::force,         &GuideTuning::assist,
+                            &GuideTuning::share};
+
+/// Returns the part of the way to its target that a value moves in `dt` [s]: all but 2 % in 0.2 s.
+double blend(double dt) {
+  constexpr double kTimeConstant = 0.05;  // [s]
+  return -std::expm1(-std::max(0.0, dt) / kTimeConstant);
+}
 
 double depth(const PathProjection::Foot& foot) {
   return foot.distance - foot.place.radius;
@@ -25,15 +36,15 @@ const Guidance::Options& checked_guidance(const Guidance::Options& options) {
 }  // namespace
 
 Vec3 TunnelWall::force(const GuideInput& input) noexcept {
-  const auto& [k, w, most] = options_;
+  const double w = options_.onset, most = options_.max_force, k = input.tuning.stiffness * options_.stiffness;
   const double d = depth(input.foot);
   if (!(d > 0)) return Vec3::Zero();
   const double f = d < w ? 0.5 * k * d * d / w : k * (d - 0.5 * w);
   return -std::min(f, most) * input.foot.outwards;
 }
 
-double TunnelWall::stored(const PathProjection::Foot& foot) const noexcept {
-  const auto& [k, w, most] = options_;
+double TunnelWall::stored(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
+  const double w = options_.onset, most = options_.max_force, k = tuning.stiffness * options_.stiffness;
   const double d = depth(foot);
   if (!(d > 0) || !(k > 0)) return 0;
   // Depth at which the force stops growing, in the onset or beyond it.
@@ -47,23 +58,23 @@ double TunnelWall::stored(const PathProjection::Foot& foot) const noexcept {
 Vec3 WallDamping::force(const GuideInput& input) noexcept {
   const double d = depth(input.foot), v = input.state.velocity.dot(input.foot.outwards);
   if (!(d > 0) || !(v > 0)) return Vec3::Zero();
-  return -damping_ * std::min(d / onset_, 1.0) * v * input.foot.outwards;
+  return -input.tuning.damping * damping_ * std::min(d / onset_, 1.0) * v * input.foot.outwards;
 }
 
 Vec3 ExpertForce::force(const GuideInput& input) noexcept {
   share_ = std::min(input.gate, share_ + input.state.dt / kReturn);
-  return share_ * scale_ * input.foot.place.force;
+  return share_ * input.tuning.force * scale_ * input.foot.place.force;
 }
 
-double ExpertForce::allowance(const PathProjection::Foot& foot) const noexcept {
-  return std::abs(scale_ * foot.place.force.dot(foot.place.tangent));
+double ExpertForce::allowance(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
+  return std::abs(tuning.force * scale_ * foot.place.force.dot(foot.place.tangent));
 }
 
 Vec3 PaceHelp::force(const GuideInput& input) noexcept {
   const PathProjection::Foot& foot = input.foot;
   const double lacking = (1 - options_.margin) * options_.pace * foot.expert_speed - kUnnoticed - foot.speed;
   if (!(lacking > 0)) return Vec3::Zero();
-  return input.gate * std::min(options_.gain * lacking, options_.max_force) * foot.place.tangent;
+  return input.gate * input.tuning.assist * std::min(options_.gain * lacking, options_.max_force) * foot.place.tangent;
 }
 
 Vec3 Resistance::force(const GuideInput& input) noexcept {
@@ -101,13 +112,39 @@ double Guidance::gate(const PathProjection::Foot& foot) const noexcept {
   return 1 - u * u * (3 - 2 * u);
 }
 
-void Guidance::account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
-  double stored = 0, allowance = 0;
-  for (const auto& term : terms_) {
-    stored += term->stored(foot);
-    allowance += term->allowance(foot);
+double Guidance::stored(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
+  PathProjection::Foot tuned = foot;
+  tuned.place.radius = tuning.radius(foot.place.radius);
+  double stored = 0;
+  for (const auto& term : terms_) stored += term->stored(tuned, tuning);
+  return tuning.share * stored;
+}
+
+void Guidance::rest(double dt) noexcept {
+  const double share = blend(dt);
+  for (const auto value : kTuned) tuning_.*value += share * (target_.*value - tuning_.*value);
+}
+
+void Guidance::approach(const PathProjection::Foot& foot, double dt) noexcept {
+  const double share = blend(dt);
+  double held = stored(foot, tuning_), spare = std::max(0.0, tank_.level());
+  // One value at a time: an affordable change does not wait for one that is not.
+  for (const auto value : kTuned) {
+    if (tuning_.*value == target_.*value) continue;
+    GuideTuning next = tuning_;
+    next.*value += share * (target_.*value - tuning_.*value);
+    const double holds = stored(foot, next);
+    if (holds - held > spare) continue;
+    spare -= std::max(0.0, holds - held);
+    held = holds;
+    tuning_ = next;
   }
-  if (const std::optional<double> given = account_.update(state, stored)) {
+}
+
+void Guidance::account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
+  double allowance = 0;
+  for (const auto& term : terms_) allowance += tuning_.share * term->allowance(foot, tuning_);
+  if (const std::optional<double> given = account_.update(state, stored(foot, tuning_))) {
     given_ += *given;
     tank_.charge(*given);
     double credit = 0;
@@ -126,7 +163,10 @@ Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool
     return Vec3::Zero();
   }
   account(state, foot, cursor);
-  const GuideInput input{state, foot, gate(foot)};
+  approach(foot, state.dt);
+  PathProjection::Foot tuned = foot;
+  tuned.place.radius = tuning_.radius(foot.place.radius);
+  const GuideInput input{state, tuned, gate(tuned), tuning_};
   Vec3 spring = Vec3::Zero(), passive = Vec3::Zero(), active = Vec3::Zero();
   for (const auto& term : terms_) {
     Vec3& sum = term->kind() == GuideTerm::Kind::restoring     ? spring
@@ -134,8 +174,8 @@ Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool
                                                                : active;
     sum += term->force(input);
   }
-  spring_ = spring;
-  Vec3 force = spring + passive + tank_.share() * active;
+  spring_ = tuning_.share * spring;
+  Vec3 force = tuning_.share * (spring + passive + tank_.share() * active);
   // If the tank is overdrawn, damping takes the energy back within a tick, up to what the device withstands.
   if (const double damping = recovering_damping(-tank_.level(), state.velocity, options_.rate_hz, options_.max_damping);
       damping > 0)

@@ -6,16 +6,35 @@
 #include "control/energy_tank.h"
 #include "control/path/path_projection.h"
 
+#include <algorithm>
 #include <memory>
 #include <vector>
 
 namespace haptrace {
 
+/// Changes of guidance while it runs, relative to the terms as they were composed. Plain data, to be posted through a
+/// Mailbox.
+struct GuideTuning {
+  double radius_scale = 1;   ///< factor on the path's radius ...
+  double radius_offset = 0;  ///< ... to which this is added [m]
+  double stiffness = 1;      ///< factor on the stiffness of the walls
+  double damping = 1;        ///< factor on the damping in the walls
+  double force = 1;          ///< factor on the expert's force
+  double assist = 1;         ///< factor on the force that helps along the path
+  double share = 1;          ///< factor on all forces, 0 to 1
+
+  /// Returns the radius of the tunnel for a path's `radius` [m].
+  [[nodiscard]] double radius(double radius) const noexcept {
+    return std::max(0.0, radius_scale * radius + radius_offset);
+  }
+};
+
 /// Input of a guidance term.
 struct GuideInput {
   const State& state;
-  const PathProjection::Foot& foot;
-  double gate = 1;  ///< closeness of the trainee to the path: 1 within the tunnel, 0 far from it
+  const PathProjection::Foot& foot;  ///< with the radius in force
+  double gate = 1;                   ///< closeness of the trainee to the path: 1 within the tunnel, 0 far from it
+  GuideTuning tuning = {};           ///< in force
 };
 
 /// One summand of guidance. A session holds only the terms that it is composed of.
@@ -34,14 +53,14 @@ class GuideTerm {
   [[nodiscard]] virtual Kind kind() const noexcept = 0;
   /// Returns the force on the hand, in W [N].
   [[nodiscard]] virtual Vec3 force(const GuideInput& input) noexcept = 0;
-  /// Returns the energy that a restoring term holds [J].
-  [[nodiscard]] virtual double stored(const PathProjection::Foot& foot) const noexcept {
-    (void)foot;
+  /// Returns the energy that a restoring term holds [J]. The foot has the radius in force.
+  [[nodiscard]] virtual double stored(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
+    (void)foot, (void)tuning;
     return 0;
   }
   /// Returns the energy that the path allows an active term to give per metre, on the first pass [J/m].
-  [[nodiscard]] virtual double allowance(const PathProjection::Foot& foot) const noexcept {
-    (void)foot;
+  [[nodiscard]] virtual double allowance(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
+    (void)foot, (void)tuning;
     return 0;
   }
 };
@@ -62,7 +81,7 @@ class TunnelWall final : public GuideTerm {
   explicit TunnelWall(const Options& options) noexcept : options_(options) {}
   [[nodiscard]] Kind kind() const noexcept override { return Kind::restoring; }
   [[nodiscard]] Vec3 force(const GuideInput& input) noexcept override;
-  [[nodiscard]] double stored(const PathProjection::Foot& foot) const noexcept override;
+  [[nodiscard]] double stored(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept override;
 
  private:
   Options options_;
@@ -87,7 +106,7 @@ class ExpertForce final : public GuideTerm {
   [[nodiscard]] Kind kind() const noexcept override { return Kind::active; }
   [[nodiscard]] Vec3 force(const GuideInput& input) noexcept override;
   /// Returns the scaled force of the expert along the path, regardless of its direction.
-  [[nodiscard]] double allowance(const PathProjection::Foot& foot) const noexcept override;
+  [[nodiscard]] double allowance(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept override;
 
   static constexpr double kReturn = 0.3;  ///< [s]
 
@@ -109,7 +128,9 @@ class PaceHelp final : public GuideTerm {
   explicit PaceHelp(const Options& options) noexcept : options_(options) {}
   [[nodiscard]] Kind kind() const noexcept override { return Kind::active; }
   [[nodiscard]] Vec3 force(const GuideInput& input) noexcept override;
-  [[nodiscard]] double allowance(const PathProjection::Foot&) const noexcept override { return options_.max_force; }
+  [[nodiscard]] double allowance(const PathProjection::Foot&, const GuideTuning& tuning) const noexcept override {
+    return tuning.assist * options_.max_force;
+  }
 
   /// Speed difference that causes no help: no hand keeps a speed so closely, and no device measures it [m/s].
   static constexpr double kUnnoticed = 5e-3;
@@ -166,6 +187,10 @@ double largest_wall_stiffness(double rate_hz, double delay, double damping = 1);
 ///
 ///     given to the hand  <=  energy + allowances of the path + work of the cursor's drag.
 ///
+/// The terms can be retuned while they act. Every value approaches its target by all but 2 % of the difference in
+/// 0.2 s. A narrower or stiffer wall holds more energy at the same depth, which it would give to the hand: the account
+/// charges the difference to the tank, and such a change waits while the tank does not hold enough.
+///
 /// Real-time: all but the constructor. Threads: one at a time.
 class Guidance {
  public:
@@ -187,6 +212,16 @@ class Guidance {
     farthest_ = 0;
   }
 
+  /// Sets the tuning that the terms approach from now on; with `at_once`, they have it now. Values must be finite.
+  void tune(const GuideTuning& target, bool at_once = false) noexcept {
+    target_ = target;
+    if (at_once) tuning_ = target;
+  }
+  /// Approaches the tuning for `dt` [s] in which the terms do not act.
+  void rest(double dt) noexcept;
+  /// Returns the tuning in force.
+  [[nodiscard]] const GuideTuning& tuning() const noexcept { return tuning_; }
+
   /// Returns the force on the hand, in W [N]. `cursor` means that the foot moves by itself. If the state is not finite,
   /// returns zero and charges nothing.
   [[nodiscard]] Vec3 update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
@@ -200,11 +235,16 @@ class Guidance {
  private:
   [[nodiscard]] double gate(const PathProjection::Foot& foot) const noexcept;
   void account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
+  /// Returns the energy that the springs hold with `tuning` [J]. `foot` has the path's own radius.
+  [[nodiscard]] double stored(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept;
+  /// Approaches the target as far as the tank allows.
+  void approach(const PathProjection::Foot& foot, double dt) noexcept;
 
   GuideTerms terms_;
   Options options_;
   EnergyTank tank_;
   EnergyAccount account_;
+  GuideTuning target_, tuning_;
   double given_ = 0, budget_ = 0;
   Vec3 place_ = Vec3::Zero();   ///< foot at the previous tick [m]
   double farthest_ = 0;         ///< largest arc length reached [m]

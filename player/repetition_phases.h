@@ -53,19 +53,39 @@ class RepetitionPhases {
 
   void pass(double step) noexcept { elapsed_ += step; }
 
-  /// Returns true once a hold is over and another repetition is to start; after the last one the session is finished.
-  [[nodiscard]] bool next_repetition() noexcept {
-    if (elapsed_ < hold_ || finished_) return false;
-    ++repetition_;
-    finished_ = repetitions_ > 0 && repetition_ >= repetitions_;
-    return !finished_;
+  /// Ends the present repetition: the next one, if there is one, can start at once. An approach continues, because the
+  /// next repetition starts at the same place; one that leads back into a repetition then ends it.
+  void skip() noexcept {
+    if (phase_ != Phase::approach) {
+      enter(Phase::hold);
+      elapsed_ = hold_;
+    } else if (interrupted_) {
+      interrupted_ = Interrupted{Phase::hold, hold_};
+    } else {
+      (void)count();
+    }
   }
+
+  /// Adds repetitions, unless they never end.
+  void add(int repetitions) noexcept {
+    if (repetitions_ > 0 && !finished_) repetitions_ += repetitions;
+  }
+
+  /// Returns true once a hold is over and another repetition is to start; after the last one the session is finished.
+  [[nodiscard]] bool next_repetition() noexcept { return elapsed_ >= hold_ && !finished_ && count(); }
 
  private:
   struct Interrupted {
     Phase phase;
     double elapsed;  ///< [s]
   };
+
+  /// Counts a repetition as done. Returns false after the last one.
+  bool count() noexcept {
+    ++repetition_;
+    finished_ = finished_ || (repetitions_ > 0 && repetition_ >= repetitions_);
+    return !finished_;
+  }
 
   void enter(Phase phase) noexcept {
     phase_ = phase;

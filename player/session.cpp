@@ -233,6 +233,18 @@ ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
 
 }  // namespace
 
+void SessionOptions::also_warn(std::function<std::vector<Warning>()> more) {
+  if (!warnings) {
+    warnings = std::move(more);
+    return;
+  }
+  warnings = [first = std::move(warnings), more = std::move(more)] {
+    std::vector<Warning> all = first();
+    std::ranges::move(more(), std::back_inserter(all));
+    return all;
+  };
+}
+
 ClockChoice parse_clock(std::string_view name) {
   static constexpr EnumNames<ClockChoice, 3> kClocks{"clock", {"auto", "real", "virtual"}};
   return kClocks.parse(name);

@@ -78,6 +78,9 @@ struct SessionOptions {
     bool end_when_disk_is_low = false;  ///< end the session before the disk is full; for sessions that only record
   };
   std::optional<Recording> recording;
+
+  /// Adds a source to those of `warnings`.
+  void also_warn(std::function<std::vector<Warning>()> more);
 };
 
 /// Status of a running session for display.

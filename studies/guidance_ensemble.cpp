@@ -119,7 +119,7 @@ class GuidanceJudge final : public SampleSink {
     PathProjection::Foot foot;
     foot.place = path_.at(sample.progress);
     foot.distance = (device_.true_position() - sample.reference_position).norm();
-    return wall_.stored(foot);
+    return wall_.stored(foot, {});
   }
 
   const SimDevice& device_;

@@ -25,6 +25,7 @@ json json_of(const TrialSettings& settings) {
               {"assistance", settings.assistance},
               {"level", settings.level}};
   if (settings.stiffness) result["stiffness"] = *settings.stiffness;
+  if (settings.force_scale) result["force_scale"] = *settings.force_scale;
   return result;
 }
 
@@ -34,6 +35,7 @@ TrialSettings settings_from(JsonReader reader) {
                          .assistance = reader.number("assistance", 1, 0, 1),
                          .level = reader.number("level", 0, 0, 1)};
   if (reader.has("stiffness")) settings.stiffness = reader.number("stiffness", 0, 0, kLongest);
+  if (reader.has("force_scale")) settings.force_scale = reader.number("force_scale", 1, 0, kLongest);
   reader.finish();
   return settings;
 }

@@ -15,10 +15,11 @@ namespace haptrace {
 /// Settings of an exercise for one repetition; see Exercise. Values that its mode does not use have no meaning.
 struct TrialSettings {
   double pace = 1;
-  double radius = 0;                ///< [m]
-  std::optional<double> stiffness;  ///< [N/m]
-  double assistance = 1;            ///< 0 to 1
-  double level = 0;                 ///< of difficulty, 0 to 1
+  double radius = 0;                  ///< [m]
+  std::optional<double> stiffness;    ///< [N/m]
+  double assistance = 1;              ///< 0 to 1
+  double level = 0;                   ///< of difficulty, 0 to 1
+  std::optional<double> force_scale;  ///< factor on the expert's force, if a command changed it
 
   bool operator==(const TrialSettings&) const = default;
 };
@@ -33,14 +34,16 @@ struct LoggedTrial {
   std::string began;       ///< RFC 3339
   double duration = 0;     ///< of its session, including the approach to the start [s]
   double force_dose = 0;   ///< [N s]
-  std::string stopped_by;  ///< "finished", "time_over", or another cause (StopCause); empty while it runs
+  std::string stopped_by;  ///< "finished", "time_over", "skipped", or another cause (StopCause); empty while it runs
   std::string detail;      ///< further explanation, if there is any
   std::vector<std::string> notices;
   nlohmann::json figures;  ///< to_json(TrialFigures); null if it was stopped
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
-  /// Returns true if it need not be repeated: the participant reached the end, or their time was over.
-  [[nodiscard]] bool done() const { return finished() || stopped_by == "time_over"; }
+  [[nodiscard]] bool skipped() const { return stopped_by == "skipped"; }  ///< by a command
+  /// Returns true if it need not be repeated: the participant reached the end, their time was over, or a command
+  /// skipped it.
+  [[nodiscard]] bool done() const { return finished() || stopped_by == "time_over" || skipped(); }
 };
 
 /// One stay of the participant at the device.

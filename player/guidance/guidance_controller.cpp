@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -43,7 +44,18 @@ GuidanceController::GuidanceController(std::shared_ptr<const ArcPath> path, Guid
   haptrace::validate(approach);
 }
 
+void GuidanceController::obey(Mailbox<SessionRequests>& requests, Mailbox<GuideTuning>& tunings) noexcept {
+  mailbox_ = &requests;
+  tunings_ = &tunings;
+}
+
 void GuidanceController::start(const State& first) noexcept {
+  requests_ = RequestFollower(mailbox_);
+  if (tunings_ != nullptr) {
+    GuideTuning tuning = tunings_->latest();
+    tuning.share = requests_.paused() ? 0 : requests_.wanted_share();
+    guidance_.tune(tuning, true);
+  }
   begin_approach(first.position);
 }
 
@@ -75,7 +87,29 @@ void GuidanceController::watch_deviation(double deviation, Command& command) con
   command.event = Event{.code = EventCode::deviation_limit, .values = {deviation, limit, kNaN}};
 }
 
+bool GuidanceController::follow_requests(const State& state) noexcept {
+  requests_.update(state.dt);
+  phases_.add(requests_.take_repeats());
+  if (requests_.take_skip()) phases_.skip();
+  const bool was_paused = std::exchange(paused_, requests_.paused());
+  GuideTuning target = tunings_ != nullptr ? tunings_->latest() : GuideTuning{};
+  target.share = paused_ ? 0 : requests_.wanted_share();
+  guidance_.tune(target);
+  if (was_paused && !paused_) {
+    // No force has led the hand meanwhile. The law must not pull it from afar.
+    const bool near = norm_of(state.position - projection_.foot().place.position) <= 0.5 * options_.max_deviation;
+    hand_.reset();
+    if (phases_.phase() == Phase::approach || (phases_.phase() == Phase::run && !near)) {
+      blend_ = Ramp(0);
+      guidance_.begin();
+      begin_approach(state.position);
+    }
+  }
+  return paused_;
+}
+
 void GuidanceController::advance(const State& state, Command& command) noexcept {
+  if (follow_requests(state)) return;
   phases_.pass(std::min(state.dt, kLongestCursorStep / options_.rate_hz));
   switch (phases_.phase()) {
     case Phase::approach:
@@ -100,7 +134,8 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
 }
 
 const PathProjection::Foot& GuidanceController::follow(const State& state) noexcept {
-  if (phases_.phase() != Phase::run) return projection_.move_to(projection_.foot().s, state.position, state.dt);
+  if (phases_.phase() != Phase::run || paused_)
+    return projection_.move_to(projection_.foot().s, state.position, state.dt);
   if (!options_.cursor) return projection_.update(state.position, state.dt);
   const bool waits = options_.wait > 0 && projection_.foot().distance > options_.wait;
   const double pace = pace_.advance(waits ? 0 : 1, state.dt, kCursorPause);
@@ -126,11 +161,13 @@ Command GuidanceController::update(const State& state) noexcept {
              .acceleration = Vec3::Zero()};
       command.reference_force = foot.place.force;
       command.progress = foot.s;
-      command.tunnel_radius = foot.place.radius;
-      if (!phases_.finished()) watch_deviation(foot.distance, command);
+      command.tunnel_radius = guidance_.tuning().radius(foot.place.radius);
+      if (!phases_.finished() && !paused_) watch_deviation(foot.distance, command);
     }
+  } else {
+    guidance_.rest(state.dt);
   }
-  if (!guides && options_.led) watch_deviation(norm_of(way.position - state.position), command);
+  if (!guides && options_.led && !paused_) watch_deviation(norm_of(way.position - state.position), command);
   command.reference = way;
   command.patience = guides ? options_.patience : kPatience;
   if (command.patience > 0) {
@@ -140,7 +177,7 @@ Command GuidanceController::update(const State& state) noexcept {
   if (share < 1 && options_.led) {
     Reference held = way;
     if (guides) held.velocity = state.velocity;  // the law does not brake a trainee who moves on
-    command.wrench.force += (1 - share) * pd_force(approach_gains_, state, held);
+    command.wrench.force += (1 - share) * guidance_.tuning().share * pd_force(approach_gains_, state, held);
   }
 
   command.phase = phases_.phase();

@@ -8,6 +8,7 @@
 #include "control/limits.h"
 #include "control/pd.h"
 #include "player/repetition_phases.h"
+#include "player/tuning/session_requests.h"
 
 #include <memory>
 
@@ -54,6 +55,12 @@ class GuidanceController final : public Controller {
   GuidanceController(std::shared_ptr<const ArcPath> path, Guidance guidance, const PdGains& approach,
                      const GuidanceOptions& options);
 
+  /// Obeys the requests and approaches the tunings that arrive in `requests` and `tunings`, which must outlive the
+  /// controller. While a pause lasts, the force is zero, the place on the path stands still, and the deviation has no
+  /// limit. After it the repetition continues where it was, or restarts if the hand is beyond the deviation limit.
+  /// Before start.
+  void obey(Mailbox<SessionRequests>& requests, Mailbox<GuideTuning>& tunings) noexcept;
+
   void start(const State& first) noexcept override;
   /// Restarts the repetition with the approach to its start.
   void resume(const State& first) noexcept override;
@@ -63,6 +70,8 @@ class GuidanceController final : public Controller {
 
  private:
   void begin_approach(const Vec3& from) noexcept;
+  /// Follows the requests. Returns true while the session is paused.
+  bool follow_requests(const State& state) noexcept;
   /// Advances the time and switches between the phases.
   void advance(const State& state, Command& command) noexcept;
   /// Updates and returns the place of the trainee or the cursor on the path.
@@ -85,6 +94,10 @@ class GuidanceController final : public Controller {
   Ramp pace_{1};             ///< of the cursor: 0 while it waits
   HandWatch hand_{options_.hand};
   Ramp blend_{0};  ///< 0: PD law, 1: guidance
+  RequestFollower requests_;
+  Mailbox<SessionRequests>* mailbox_ = nullptr;
+  Mailbox<GuideTuning>* tunings_ = nullptr;
+  bool paused_ = false;
 };
 
 }  // namespace haptrace

@@ -119,15 +119,18 @@ GuideTerms compose(const GuidePlan& plan, const GuideOptions& options) {
   return terms;
 }
 
+/// Returns the number of repetitions whose metrics are kept.
+std::size_t kept_repetitions(const GuideOptions& options) {
+  const int asked = std::max(options.guidance.repetitions, 1);
+  return static_cast<std::size_t>(options.live != nullptr ? asked + LiveSession::kMostRepeats : asked);
+}
+
 /// Computes the metrics of each repetition that TrackingMetrics does not have.
 class GuideMetrics final : public SampleSink {
  public:
   GuideMetrics(const GuidePlan& plan, const GuideOptions& options)
-      : path_(plan.path),
-        scale_(felt_scale(options)),
-        forces_(plan.has_forces && options.force_scale > 0 && !options.free),
-        sums_(1) {
-    sums_.reserve(static_cast<std::size_t>(std::max(options.guidance.repetitions, 1)) + 1);
+      : scale_(felt_scale(options)), forces_(plan.has_forces && options.force_scale > 0 && !options.free), sums_(1) {
+    sums_.reserve(kept_repetitions(options) + 1);
   }
 
   void push(const Sample& sample) noexcept override {
@@ -136,7 +139,7 @@ class GuideMetrics final : public SampleSink {
     const double distance = (sample.position - sample.reference_position).norm();
     ++sums.samples;
     sums.progress = std::max(sums.progress, sample.progress);
-    if (distance > path_->at(sample.progress).radius) return;
+    if (distance > sample.tunnel_radius) return;
     ++sums.inside;
     sums.force_error2 += (sample.force - scale_ * sample.reference_force).squaredNorm();
   }
@@ -169,7 +172,6 @@ class GuideMetrics final : public SampleSink {
     double progress = 0, force_error2 = 0;
   };
 
-  std::shared_ptr<const ArcPath> path_;
   double scale_;
   bool forces_;
   std::vector<Sums> sums_;
@@ -230,6 +232,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
         damping = std::min(damping, std::max(options.identified->plant.viscous[axis], 0.2));
   const double bears = largest_wall_stiffness(options.session.loop.rate_hz, plan.delay, damping);
   plan.stiffness = options.stiffness.value_or(std::min(bears, 1000.0));
+  plan.largest_stiffness = options.expert ? 1e6 : bears;
   if (plan.stiffness > bears && !options.expert) {
     plan.notes.push_back(
         fmt::format("the device is not stable with walls of {:.0f} N/m at {:.0f} Hz; the stiffness of the walls is "
@@ -263,6 +266,27 @@ FollowedPath followed_path(const GuidePlan& plan, const GuideOptions& options) {
   return followed;
 }
 
+LiveGuidance::Scope guide_scope(const GuidePlan& plan, const GuideOptions& options) {
+  const bool varies = options.radius_profile.has_value() || !options.spread.empty();
+  const GuidanceValues values{.radius = varies ? 1 : options.radius,
+                              .stiffness = plan.stiffness,
+                              .force = options.force_scale,
+                              .assist = 1,
+                              .damping = options.damping};
+  return {.start = values,
+          .composed = values,
+          .varies = varies,
+          .largest_radius = options.guidance.max_deviation,
+          .largest_stiffness = plan.largest_stiffness,
+          .because = options.expert       ? "the limit for every device is"
+                     : options.identified ? "the device is stable up to"
+                                          : "a device of unknown dynamics is stable up to",
+          .walls = !options.free,
+          .expert_force = !options.free && options.force_scale > 0 && plan.has_forces,
+          .help = !options.free && options.pace.has_value(),
+          .without = options.free ? "no force acts in mode free" : ""};
+}
+
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.loop.rate_hz;
@@ -285,7 +309,14 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& ask
     options.guidance.time_limit = 10 * plan.duration + 10;
   GuidanceController controller = guidance_controller(device.info(), plan, options);
 
-  TrackingMetrics tracking(options.session.loop.rate_hz, static_cast<std::size_t>(options.guidance.repetitions));
+  if (options.live != nullptr) {
+    controller.obey(options.live->requests(), options.live->mailbox());
+    options.sinks.push_back(options.live);
+    options.session.also_warn(
+        [live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
+  }
+
+  TrackingMetrics tracking(options.session.loop.rate_hz, kept_repetitions(options));
   GuideMetrics metrics(plan, options);
   options.sinks.push_back(&tracking);
   options.sinks.push_back(&metrics);

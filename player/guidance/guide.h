@@ -6,6 +6,7 @@
 #include "formats/documents/radius_profile.h"
 #include "formats/path/path_source.h"
 #include "player/guidance/guidance_controller.h"
+#include "player/guidance/live_guidance.h"
 #include "player/playback/tracking_metrics.h"
 #include "player/session.h"
 
@@ -50,6 +51,9 @@ struct GuideOptions {
   std::optional<IdentifiedDevice> identified;
   SessionOptions session;
   std::vector<SampleSink*> sinks;  ///< borrowed
+  /// Borrowed, may be null. Changes the guidance while it runs; begin() was called with guide_scope(). Its notices
+  /// become warnings of the session.
+  LiveGuidance* live = nullptr;
 };
 
 /// Assumed delay from the sending of a force to its effect on an uncalibrated device [s]. It is the longest delay of
@@ -62,6 +66,7 @@ struct GuidePlan {
   std::optional<Fit> fit;
   double duration = 0;             ///< duration of the expert's path [s]
   double stiffness = 0;            ///< stiffness of the walls, after clamping [N/m]
+  double largest_stiffness = 0;    ///< largest stiffness that commands may set [N/m]
   double delay = 0;                ///< delay in the energy account [s]
   double wall_force = 0;           ///< largest force of the walls [N]
   bool has_forces = false;         ///< the expert's recording contains forces
@@ -72,6 +77,9 @@ struct GuidePlan {
 /// Throws Error(input).
 GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSource> expert,
                         const GuideOptions& options);
+
+/// Returns what commands can change of guidance that runs `plan`.
+LiveGuidance::Scope guide_scope(const GuidePlan& plan, const GuideOptions& options);
 
 /// Metrics of one repetition, over phase run.
 struct GuideFigures {

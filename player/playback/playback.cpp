@@ -316,15 +316,19 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   LearningTerm* learning = nullptr;
   PlaybackController controller = controller_of(device.info(), plan, options, learning);
 
-  TrackingMetrics metrics(options.session.loop.rate_hz, static_cast<std::size_t>(options.playback.repetitions));
+  LiveSession* live = options.tuning != nullptr ? options.tuning : options.live;
+  TrackingMetrics metrics(
+      options.session.loop.rate_hz,
+      static_cast<std::size_t>(options.playback.repetitions + (live != nullptr ? LiveSession::kMostRepeats : 0)));
   std::vector<SampleSink*> sinks = options.sinks;
   sinks.push_back(&metrics);
   SessionOptions session_options = options.session;
   session_options.loop.watch_vibration &= options.guard;
   if (session_options.observer != nullptr) session_options.followed = followed_path(plan.path);
-  if (options.tuning != nullptr) {
-    sinks.push_back(options.tuning);
-    session_options.warnings = [&] { return known_warnings(Severity::note, "tuning", options.tuning->take_notices()); };
+  if (live != nullptr) {
+    controller.obey(live->requests());
+    sinks.push_back(live);
+    session_options.also_warn([live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
   }
   SessionResult session =
       run_session(device, controller, {.reference = true, .reference_orientation = plan.turn.has_value()}, sinks,

@@ -53,6 +53,8 @@ struct PlayOptions {
   /// Borrowed, may be null. Changes the tuning during the playback, which starts with plan.tuning. Its notices become
   /// warnings of the session.
   LiveTuning* tuning = nullptr;
+  /// Borrowed, may be null. Commands about the whole session, for a playback without `tuning`.
+  LiveSession* live = nullptr;
 };
 
 /// Playback that was checked against a device and is ready to run. No force has been sent yet.

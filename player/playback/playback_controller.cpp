@@ -50,6 +50,7 @@ PlaybackController::PlaybackController(ReferenceStream path, ForceTerms terms, c
 }
 
 void PlaybackController::start(const State& first) noexcept {
+  requests_ = RequestFollower(mailbox_);
   for (const auto& term : terms_) term->start(first);
   if (orientation_) orientation_->start(first);
   begin_repetition(first.position);
@@ -64,6 +65,7 @@ void PlaybackController::resume(const State& first) noexcept {
   if (phases_.phase() != Phase::approach) pace_ = Ramp(0);
   phases_.interrupt();
   begin_approach(first.position);
+  if (std::exchange(skips_, false)) phases_.skip();
 }
 
 void PlaybackController::begin_repetition(const Vec3& from) noexcept {
@@ -86,6 +88,16 @@ void PlaybackController::between_ticks(bool may_wait) noexcept {
     path_.wait(path_time_.seconds() + options_.speed * kLongestStep / options_.rate_hz);
 }
 
+void PlaybackController::follow_requests(double dt) noexcept {
+  requests_.update(dt);
+  phases_.add(requests_.take_repeats());
+  if (!requests_.take_skip()) return;
+  if (phases_.phase() == Phase::run)
+    skips_ = true;
+  else
+    phases_.skip();
+}
+
 void PlaybackController::follow_hand(const State& state, Reference& reference) const noexcept {
   for (int axis = 0; axis < 3; ++axis) {
     if (options_.axes[static_cast<std::size_t>(axis)]) continue;
@@ -97,6 +109,7 @@ void PlaybackController::follow_hand(const State& state, Reference& reference) c
 
 Command PlaybackController::update(const State& state) noexcept {
   Command command;
+  follow_requests(state.dt);
   Reference reference = advance(std::min(state.dt, kLongestStep / options_.rate_hz), command);
   if (has_undriven_axes_) follow_hand(state, reference);
 
@@ -107,9 +120,11 @@ Command PlaybackController::update(const State& state) noexcept {
     command.wrench.force += force;
     if (!term->feeds_back()) command.feedforward += force;
   }
+  const double share = requests_.share();
+  if (share < 1) command.wrench.force = command.feedforward + share * (command.wrench.force - command.feedforward);
   command.wrench.force *= scale;
   command.feedforward *= scale;
-  if (orientation_) turn_tool(state, scale, command);
+  if (orientation_) turn_tool(state, share * scale, command);
   if (guard_) keep_guard(state, reference, command);
   command.reference = reference;
   command.phase = phases_.phase();
@@ -185,14 +200,21 @@ Reference PlaybackController::advance(double step, Command& command) noexcept {
     }
     case Phase::run:
       if (path_time_.seconds() >= path_.duration()) {
+        skips_ = false;
         phases_.begin_hold();
       } else {
         pace_.advance(wanted_pace(), step, kPauseTime);
+        if (skips_ && pace_.value() == 0) {
+          skips_ = false;
+          phases_.skip();
+          break;
+        }
         const RunningTime next = path_time_.after(options_.speed * pace_.value() * step);
         follow(next.seconds() < path_.duration() ? next : RunningTime(path_.duration()), command);
       }
       break;
     default:
+      if (requests_.paused()) break;
       phases_.pass(step);
       // From the reference, not from the hand: the force goes on without a step.
       if (phases_.next_repetition()) {

@@ -10,6 +10,7 @@
 #include "player/playback/reference_stream.h"
 #include "player/playback/tracking_guard.h"
 #include "player/repetition_phases.h"
+#include "player/tuning/session_requests.h"
 
 #include <array>
 #include <memory>
@@ -65,6 +66,10 @@ class PlaybackController final : public Controller {
   /// From now on the tool is turned along the path's orientations as well. Before start.
   void turn(const OrientationFollower::Options& options) { orientation_.emplace(options); }
 
+  /// Obeys the requests that arrive in `requests`, which must outlive the controller: while a pause lasts, the
+  /// reference stands still. Before start.
+  void obey(Mailbox<SessionRequests>& requests) noexcept { mailbox_ = &requests; }
+
   void start(const State& first) noexcept override;
   void resume(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
@@ -81,9 +86,11 @@ class PlaybackController final : public Controller {
   void begin_repetition(const Vec3& from) noexcept;
   /// Begins an approach to the reference at its current place on the path.
   void begin_approach(const Vec3& from) noexcept;
-  /// Returns 0 while the reference waits for the hand, else 1.
+  /// Follows the requests.
+  void follow_requests(double dt) noexcept;
+  /// Returns 0 while the reference waits for the hand or is to stand still, else 1.
   [[nodiscard]] double wanted_pace() const noexcept {
-    return beyond_ && options_.on_deviation == DeviationPolicy::pause ? 0 : 1;
+    return requests_.paused() || skips_ || (beyond_ && options_.on_deviation == DeviationPolicy::pause) ? 0 : 1;
   }
   /// How fast the path's time passes: times its own.
   [[nodiscard]] double pace() const noexcept {
@@ -111,6 +118,9 @@ class PlaybackController final : public Controller {
   bool waiting_ = false;  ///< the path has not been read yet
   Ramp pace_{1};          ///< 1: running, 0: paused
   bool beyond_ = false;
+  Mailbox<SessionRequests>* mailbox_ = nullptr;
+  RequestFollower requests_;
+  bool skips_ = false;  ///< the reference comes to rest, and the repetition ends
 };
 
 }  // namespace haptrace

@@ -132,7 +132,7 @@ class ProgrammeRun {
       curves_.push_back(path_of(paths_.back()));
     }
     for (const LoggedTrial& trial : result_.log.trials)
-      if (trial.done()) states_[trial.exercise].learn(trial);
+      if (trial.done() && !trial.skipped()) states_[trial.exercise].learn(trial);
     if (options_.profile) identified_ = IdentifiedDevice{options_.profile->plant, options_.profile->design};
   }
 
@@ -210,16 +210,18 @@ class ProgrammeRun {
   }
 
   void go_through() {
-    const std::vector<ScheduledTrial> trials = left();
+    std::vector<ScheduledTrial> trials = left();
     for (std::size_t i = 0; i < trials.size(); ++i) {
       if (!wait_while_paused()) return end("interrupted", "");
       if (options_.begins) options_.begins(trials[i], states_[trials[i].exercise].settings(), i + 1, trials.size());
       const SessionResult& session = run_trial(trials[i]);
       if (options_.ended) options_.ended(log().trials.back());
-      if (session.servo.cause == StopCause::interrupted) return end("interrupted", "");
-      if (session.servo.cause != StopCause::finished) return end("stopped", session.servo.detail);
+      const bool skipped = log().trials.back().skipped();
+      if (session.servo.cause == StopCause::interrupted && !skipped) return end("interrupted", "");
+      if (session.servo.cause != StopCause::finished && !skipped) return end("stopped", session.servo.detail);
       if (!session.recorded_all())
         return end("stopped", "the recording could not be completed: " + session.recording_error);
+      if (options_.live != nullptr && options_.live->take_repeat()) repeat(trials, i);
       if (i + 1 == trials.size()) break;
       if (programme_.limits.force_dose > 0 && sitting().force_dose >= programme_.limits.force_dose)
         return end("force_dose",
@@ -238,6 +240,14 @@ class ProgrammeRun {
     end("complete", "");
   }
 
+  /// Schedules trial `i` once more, directly after itself.
+  void repeat(std::vector<ScheduledTrial>& trials, std::size_t i) const {
+    ScheduledTrial again = trials[i];
+    // The last repetition had no rest after it.
+    trials[i].rest = std::max(trials[i].rest, programme_.exercise(again.exercise).rest);
+    trials.insert(trials.begin() + static_cast<std::ptrdiff_t>(i) + 1, again);
+  }
+
   [[nodiscard]] bool would_pass_time(double rest, const ScheduledTrial& trial) {
     return programme_.limits.time > 0 &&
            sitting().duration + rest + expected_time(programme_.exercise(trial.exercise), paths_[trial.exercise]) >
@@ -248,14 +258,14 @@ class ProgrammeRun {
     if (!programme_.limits.fatigue || programme_.exercise(exercise).test != TestLabel::none) return false;
     std::vector<nlohmann::json> figures;
     for (std::size_t i = sitting().first_trial; i < log().trials.size(); ++i)
-      if (const LoggedTrial& trial = log().trials[i]; trial.exercise == exercise && trial.done())
+      if (const LoggedTrial& trial = log().trials[i]; trial.exercise == exercise && trial.done() && !trial.skipped())
         figures.push_back(trial.finished() ? trial.figures : nlohmann::json());
     return is_tired(*programme_.limits.fatigue, figures);
   }
 
   /// Returns false when a stop was requested meanwhile.
   bool wait_while_paused() {
-    while (options_.pause != nullptr && *options_.pause && stop_.count() == 0) sitting().duration += idle(kNaN);
+    while (options_.live != nullptr && options_.live->paused() && stop_.count() == 0) sitting().duration += idle(kNaN);
     return stop_.count() == 0;
   }
 
@@ -291,6 +301,8 @@ class ProgrammeRun {
                       .repetition = scheduled.repetition,
                       .settings = states_[i].settings(),
                       .began = now_text()};
+    const std::optional<double> helped = options_.live != nullptr ? options_.live->assist_of(i) : std::nullopt;
+    if (helped) trial.settings.assistance = *helped;
     name_attempt(scheduled, trial);
     const std::shared_ptr<Device> device = options_.open(exercise, trial.settings, file(log().paths[i]));
     check(device->info());
@@ -299,8 +311,11 @@ class ProgrammeRun {
 
     virtual_ = device->info().virtual_time && options_.session.clock != ClockChoice::real;
     TrialWatch watch;
-    TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch)
-                                                          : guide_trial(*device, exercise, trial, watch);
+    StopRequest end(&stop_);
+    if (options_.live != nullptr) options_.live->begin_trial(end, trial.file);
+    TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch, end)
+                                                          : guide_trial(*device, exercise, trial, watch, end);
+    const bool skipped = options_.live != nullptr && options_.live->end_trial();
     // A note that concerns the device rather than the trial is reported once.
     for (std::string& note : run.notes)
       if (told_.insert(note).second) trial.notices.push_back(std::move(note));
@@ -311,9 +326,15 @@ class ProgrammeRun {
     trial.force_dose = watch.dose();
     trial.stopped_by = to_string(run.session.servo.cause);
     if (trial.finished() && watch.time_over()) trial.stopped_by = "time_over";
+    // A skip may come too late to matter, and Ctrl+C counts for more.
+    if (skipped && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
+      trial.stopped_by = "skipped";
     trial.detail = run.session.servo.detail;
-    if (exercise.mode != ExerciseMode::passive) trial.settings.stiffness = run.stiffness;
-    if (trial.done()) {
+    if (exercise.mode != ExerciseMode::passive) {
+      trial.settings.stiffness = run.stiffness;
+      if (options_.live != nullptr) note_changes(i, run, trial.settings);
+    }
+    if (trial.done() && !trial.skipped()) {
       trial.figures = figures_of(trial);
       states_[i].learn(trial);
     }
@@ -323,6 +344,18 @@ class ProgrammeRun {
     save();
     result_.last = std::move(run.session);
     return *result_.last;
+  }
+
+  /// Logs the values that commands put in force.
+  void note_changes(std::size_t i, const TrialRun& run, TrialSettings& settings) const {
+    const Exercise& exercise = programme_.exercise(i);
+    const GuidanceValues values = options_.live->wanted();
+    const bool assisted = exercise.mode == ExerciseMode::assisted;
+    if (assisted) settings.assistance = values.assist;
+    if (!run.stiffness) return;  // no force acted
+    settings.radius = values.radius;
+    settings.stiffness = values.stiffness * (assisted ? values.assist : 1);
+    if (!paths_[i].force.empty() && values.force != exercise.force_scale) settings.force_scale = values.force;
   }
 
   void check(const DeviceInfo& info) {
@@ -367,7 +400,8 @@ class ProgrammeRun {
     return session;
   }
 
-  TrialRun move(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch) {
+  TrialRun move(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch,
+                const StopRequest& stop) {
     const std::string path = file(log().paths[trial.exercise]);
     PlayOptions options{.identified = identified_,
                         .playback = {.speed = trial.settings.pace,
@@ -379,12 +413,15 @@ class ProgrammeRun {
                                                 {"path", absolute(log().paths[trial.exercise])},
                                                 {"speed", trial.settings.pace},
                                                 {"max-deviation", options_.max_deviation}}),
-                        .sinks = {&watch}};
+                        .sinks = {&watch},
+                        .live = options_.live};
     const PlayPlan plan = plan_playback(device.info(), open_path(path), options);
-    return {play(device, plan, options, stop_, progress_).session, {}, {}};
+    if (options_.live != nullptr) options_.live->begin_unguided("the device moves the participant in this exercise");
+    return {play(device, plan, options, stop, progress_).session, {}, {}};
   }
 
-  TrialRun guide_trial(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch) {
+  TrialRun guide_trial(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch,
+                       const StopRequest& stop) {
     const std::string path = file(log().paths[trial.exercise]);
     const TrialSettings& settings = trial.settings;
     const double assistance = exercise.mode == ExerciseMode::assisted ? settings.assistance : 1;
@@ -405,7 +442,8 @@ class ProgrammeRun {
                          .feel = exercise.resist_forces ? Feel::resist : Feel::active,
                          .viscosity = exercise.viscosity,
                          .identified = identified_,
-                         .sinks = {&watch}};
+                         .sinks = {&watch},
+                         .live = options_.live};
     nlohmann::json config{{"verb", "guide"},
                           {"expert", absolute(log().paths[trial.exercise])},
                           {"mode", options.free ? "free"
@@ -432,13 +470,33 @@ class ProgrammeRun {
     }
 
     GuidePlan plan = plan_guidance(device.info(), open_path(path), options);
+    if (options_.live != nullptr) options_.live->begin(scope_of(exercise, trial, plan, options), trial.exercise);
     plan.stiffness *= assistance;
     if (!options.free) config["stiffness"] = plan.stiffness;
+    if (options_.live != nullptr && !options.free) {
+      const GuidanceValues values = options_.live->wanted();
+      config.update({{"radius", values.radius},
+                     {"stiffness", values.stiffness * (exercise.mode == ExerciseMode::assisted ? values.assist : 1)},
+                     {"force-scale", values.force}});
+    }
     config["max-deviation"] = options.guidance.max_deviation;
     config["allow-back"] = exercise.allow_back;
     options.session = session_for(device.info(), exercise, trial, std::move(config));
-    return {guide(device, plan, options, stop_, progress_).session, plan.notes,
+    return {guide(device, plan, options, stop, progress_).session, plan.notes,
             options.free ? std::nullopt : std::optional(plan.stiffness)};
+  }
+
+  /// Returns what commands can change of a repetition, before its assistance scales the walls of `plan`.
+  [[nodiscard]] LiveGuidance::Scope scope_of(const Exercise& exercise, const LoggedTrial& trial, const GuidePlan& plan,
+                                             const GuideOptions& options) const {
+    LiveGuidance::Scope scope = guide_scope(plan, options);
+    if (exercise.mode == ExerciseMode::free) scope.without = "no force acts in a free exercise";
+    if (exercise.mode != ExerciseMode::assisted) return scope;
+    scope.start.assist = states_[trial.exercise].settings().assistance;
+    scope.composed.assist = trial.settings.assistance;
+    scope.walls_help = true;
+    scope.adapts = options.free;
+    return scope;
   }
 
   SessionLock lock_;

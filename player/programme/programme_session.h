@@ -3,9 +3,9 @@
 
 #include "formats/documents/device_profile.h"
 #include "formats/documents/session_log.h"
+#include "player/guidance/live_guidance.h"
 #include "player/session.h"
 
-#include <atomic>
 #include <functional>
 #include <memory>
 #include <string>
@@ -54,7 +54,9 @@ struct ProgrammeOptions {
   std::function<std::shared_ptr<Device>(const Exercise& exercise, const TrialSettings& settings,
                                         const std::string& path)>
       open;
-  const std::atomic<bool>* pause = nullptr;  ///< while true, no trial begins
+  /// Borrowed, may be null. Commands for all repetitions; its options say `programme`. While it is paused, no trial
+  /// begins. A value that it changes holds for later repetitions of the same exercise.
+  LiveGuidance* live = nullptr;
 
   std::function<void(const ScheduledTrial&, const TrialSettings&, std::size_t number, std::size_t of)> begins;
   std::function<void(const LoggedTrial&)> ended;

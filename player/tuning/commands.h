@@ -37,6 +37,9 @@ class Commands {
 
   /// Returns those of the commands pause, resume, skip, repeat, mark and note that work now.
   [[nodiscard]] virtual std::vector<std::string> actions() const = 0;
+
+  /// Takes a notice for the user from a source of commands that has no reader for the answers, such as a file.
+  virtual void tell(std::string notice) { (void)notice; }
 };
 
 }  // namespace haptrace

@@ -10,29 +10,20 @@
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <utility>
 
 namespace haptrace {
 namespace {
 
-constexpr std::size_t kLongestHistory = 1000;  // changes
-constexpr std::size_t kMostNotices = 1000;
 constexpr double kLowestBandwidth = 0.01;  // [Hz]
 
 const std::vector<std::string> kQuantities{"kp",       "kd",       "gains",    "inertia",     "gravity",
                                            "friction", "observer", "learning", "feedforward", "observer_hz"};
-const std::vector<std::string> kCommands{"kp",       "kd",       "gains",    "inertia",     "gravity",
-                                         "friction", "observer", "learning", "feedforward", "observer_hz",
-                                         "get",      "reset",    "help",     "quit"};
 constexpr const char* kHelp =
-    "ok kp X | kp X Y Z | kd X | kd X Y Z [SI] ; gains * F | gains / F ; "
-    "inertia, gravity, friction, feedforward, observer, learning: SHARE 0 to 1 | on | off | toggle ; "
-    "observer_hz HZ ; get | get NAME ; reset ; help ; quit";
-
-bool known(const std::string& name, const std::vector<std::string>& names) {
-  return std::find(names.begin(), names.end(), name) != names.end();
-}
+    "kp X | kp X Y Z | kd X | kd X Y Z [SI] ; gains * F | gains / F ; "
+    "inertia, gravity, friction, feedforward, observer, learning: SHARE 0 to 1 | on | off | toggle ; observer_hz HZ";
 
 /// The shares that a name stands for; none for a name of something else.
 std::vector<CompensationTerm> shares_of(std::string_view name) {
@@ -40,29 +31,6 @@ std::vector<CompensationTerm> shares_of(std::string_view name) {
   for (const CompensationTerm& share : kCompensationTerms)
     if (name == share.name || (name == "feedforward" && share.feedforward)) shares.push_back(share);
   return shares;
-}
-
-/// Splits a line at blanks; * and / are always words of their own. Throws for characters that are not printable ASCII,
-/// because commands are echoed to terminals.
-std::vector<std::string> words_of(std::string_view line) {
-  std::vector<std::string> words;
-  bool within = false;
-  for (const char c : line) {
-    const bool blank = c == ' ' || c == '\t' || c == '\r', sign = c == '*' || c == '/';
-    if (!blank && (c < ' ' || c > '~'))
-      throw input_error("a command is one line of printable ASCII; help lists the commands");
-    if (!blank && (sign || !within)) words.emplace_back();
-    if (!blank) words.back() += c;
-    within = !blank && !sign;
-  }
-  if (words.empty()) throw input_error("the line is empty; help lists the commands");
-  return words;
-}
-
-double finite_number(const std::string& name, const std::string& text) {
-  const auto value = number_of<double>(text);
-  if (!value || !std::isfinite(*value)) throw input_error(fmt::format("{}: '{}' is not a number", name, text));
-  return *value;
 }
 
 std::string gain_text(const Vec3& v, bool brief) {
@@ -93,7 +61,8 @@ TuningLimits limits_of_unidentified(double max_force, double rate_hz) {
 }
 
 LiveTuning::LiveTuning(const Tuning& start, Options options)
-    : start_(start),
+    : LiveSession({.annotations = options.annotations, .stop = options.stop, .endless = options.endless}),
+      start_(start),
       options_([&] {
         validate(start.gains);
         options.limits.largest.kp = options.limits.largest.kp.cwiseMax(start.gains.kp).cwiseMin(kLargestKp);
@@ -104,40 +73,20 @@ LiveTuning::LiveTuning(const Tuning& start, Options options)
       wanted_(start),
       mailbox_(start) {}
 
-std::string LiveTuning::obey(std::string_view command) {
-  try {
-    const std::vector<std::string> words = words_of(command);
-    const std::lock_guard lock(mutex_);
-    return answer(words);
-  } catch (const Error& error) {
-    return std::string("error ") + error.what();
-  }
+const std::vector<std::string>& LiveTuning::quantities() const {
+  return kQuantities;
 }
 
-std::string LiveTuning::answer(Words words) {
-  const std::string& name = words.front();
-  const Words values = words.subspan(1);
-  if (!known(name, kCommands))
-    throw input_error(fmt::format("unknown command '{}'{}", name, suggestion(name, kCommands)));
+std::string LiveTuning::help() const {
+  return kHelp;
+}
 
-  const bool alone = name == "help" || name == "quit" || name == "reset";
-  if (alone && !values.empty()) throw input_error(fmt::format("{} takes no value", name));
-  if (name == "help") return kHelp;
-  if (name == "quit") return "ok bye";
-  if (name == "get") {
-    if (values.empty()) return state(wanted_).dump();
-    if (values.size() > 1) throw input_error("get takes at most one name, as in get kp");
-    if (!known(values[0], kQuantities))
-      throw input_error(fmt::format("unknown name '{}'{}", values[0], suggestion(values[0], kQuantities)));
-    return "ok " + text_of(values[0], wanted_, false);
-  }
-  if (name == "reset") {
-    const std::string text = text_of("gains", start_, false);
-    put_in_force(start_, name, "reset to " + text_of("gains", start_, true));
-    return "ok reset to " + text;
-  }
-  if (values.empty()) return "ok " + text_of(name, wanted_, false);
+std::string LiveTuning::reset() {
+  put_in_force(start_, "reset", "reset to " + text_of("gains", start_, true));
+  return text_of("gains", start_, false);
+}
 
+std::string LiveTuning::change(const std::string& name, Words values) {
   Tuning tuning = wanted_;
   std::string clamped;
   if (name == "kp" || name == "kd")
@@ -149,7 +98,7 @@ std::string LiveTuning::answer(Words words) {
   else
     set_shares(name, values, tuning);
   put_in_force(tuning, name, text_of(name, tuning, true));
-  return "ok " + text_of(name, tuning, false) + clamped;
+  return text_of(name, tuning, false) + clamped;
 }
 
 std::string LiveTuning::set_gain(const std::string& name, Words values, Tuning& tuning) const {
@@ -170,12 +119,9 @@ std::string LiveTuning::set_gain(const std::string& name, Words values, Tuning& 
 }
 
 std::string LiveTuning::scale_gains(Words values, Tuning& tuning) const {
-  const bool divides = !values.empty() && values[0] == "/";
-  if (values.size() != 2 || (values[0] != "*" && !divides))
-    throw input_error("gains take a factor, as in gains * 1.1 or gains / 1.1; kp and kd take values");
-  const double number = finite_number("gains", values[1]);
-  const double asked = divides ? 1 / number : number;
-  if (!(number > 0 && asked > 0 && std::isfinite(asked))) throw input_error("gains: the factor must be above 0");
+  const std::optional<double> factor_asked = factor_of("gains", values);
+  if (!factor_asked) throw input_error("gains take a factor, as in gains * 1.1 or gains / 1.1; kp and kd take values");
+  const double asked = *factor_asked;
 
   // All gains have the same factor, so that their ratios stay.
   const double factor = std::min(asked, largest_factor(tuning.gains, options_.limits.largest));
@@ -259,27 +205,15 @@ void LiveTuning::put_in_force(const Tuning& tuning, const std::string& subject, 
   wanted_ = tuning;
   mailbox_.post(tuning);
 
-  const std::int64_t now_ns = now_ns_.load(std::memory_order_relaxed);
-  if (options_.annotations) options_.annotations->mark("tuned: " + text);
-  add_notice({"tuned: " + text, subject});
-  changes_.push_back({now_ns, text});
-  if (changes_.size() > kLongestHistory) changes_.pop_front();
-  ++changed_;
-}
-
-void LiveTuning::add_notice(Notice notice) {
-  if (!notices_.empty() && !notice.subject.empty() && notices_.back().subject == notice.subject) notices_.pop_back();
-  notices_.push_back(std::move(notice));
-  if (notices_.size() > kMostNotices) notices_.pop_front();
+  log_change(subject, text);
 }
 
 Tuning LiveTuning::wanted() const {
-  const std::lock_guard lock(mutex_);
+  const std::lock_guard lock(mutex());
   return wanted_;
 }
 
-std::string LiveTuning::summary() const {
-  const std::lock_guard lock(mutex_);
+std::string LiveTuning::summarise() const {
   std::string text = text_of("gains", wanted_, true);
   for (const CompensationTerm& share : kCompensationTerms)
     if (const double value = wanted_.*share.share; options_.composed.*share.composed && value != 1)
@@ -287,27 +221,46 @@ std::string LiveTuning::summary() const {
   return text;
 }
 
-std::vector<std::string> LiveTuning::take_notices() {
-  const std::lock_guard lock(mutex_);
-  std::vector<std::string> texts;
-  for (Notice& notice : notices_) texts.push_back(std::move(notice.text));
-  notices_.clear();
-  return texts;
-}
-
-void LiveTuning::tell(std::string notice) {
-  const std::lock_guard lock(mutex_);
-  add_notice({std::move(notice), {}});
-}
-
-nlohmann::json LiveTuning::history() const {
-  const std::lock_guard lock(mutex_);
-  nlohmann::json json = state(wanted_);
-  json["changed"] = changed_;
-  json["changes"] = nlohmann::json::array();
-  for (const Change& change : changes_)
-    json["changes"].push_back({{"time_s", 1e-9 * static_cast<double>(change.time_ns)}, {"text", change.text}});
-  return json;
+std::vector<LiveControl> LiveTuning::list_controls() const {
+  static const std::map<std::string, std::string> kLabels{{"inertia", "Compensation of inertia"},
+                                                          {"gravity", "Compensation of gravity"},
+                                                          {"friction", "Compensation of friction"},
+                                                          {"observer", "Disturbance observer"},
+                                                          {"learning", "Learned force"}};
+  constexpr double kSteps = 20;  // from none to the largest value
+  std::vector<LiveControl> controls;
+  // One number changes all axes, and so would hide that they differ.
+  const auto add_gain = [&](const char* name, const char* label, const char* unit, const Vec3& gain, const Vec3& most) {
+    if (!(gain.array() == gain[0]).all()) return;
+    const double largest = most.maxCoeff();
+    controls.push_back({.name = name,
+                        .label = label,
+                        .unit = unit,
+                        .value = gain[0],
+                        .largest = largest,
+                        .step = largest / kSteps,
+                        .because = options_.limits.because});
+  };
+  const PdGains &gains = wanted_.gains, &largest = options_.limits.largest;
+  add_gain("kp", "Stiffness", "N/m", gains.kp, largest.kp);
+  add_gain("kd", "Damping", "N s/m", gains.kd, largest.kd);
+  for (const CompensationTerm& share : kCompensationTerms)
+    if (options_.composed.*share.composed)
+      controls.push_back({.name = share.name,
+                          .label = kLabels.at(share.name),
+                          .unit = "",
+                          .value = wanted_.*share.share,
+                          .because = ""});
+  if (options_.composed.observer)
+    controls.push_back({.name = "observer_hz",
+                        .label = "Bandwidth of the disturbance observer",
+                        .unit = "Hz",
+                        .value = wanted_.observer_hz,
+                        .least = kLowestBandwidth,
+                        .largest = options_.limits.observer_hz,
+                        .step = 1,
+                        .because = options_.limits.because});
+  return controls;
 }
 
 }  // namespace haptrace

@@ -46,7 +46,7 @@ int read_beginning(const std::string& file, std::string& text) {
 
 }  // namespace
 
-TuningFile::TuningFile(LiveTuning& tuning, std::string file) : tuning_(tuning), file_(std::move(file)) {
+TuningFile::TuningFile(Commands& commands, std::string file) : commands_(commands), file_(std::move(file)) {
   obeyed_ = look();
   obey();
   thread_ = std::jthread([this](const std::stop_token& stop) { watch(stop); });
@@ -62,22 +62,23 @@ void TuningFile::obey() {
   if (obeyed_ == Stamp{}) return;
   std::string text;
   if (const int error = read_beginning(file_, text); error != 0)
-    return tuning_.tell(fmt::format("{}: {}", file_,
-                                    error == EINVAL  ? "is not a regular file; write the commands into a regular file"
-                                    : error == EPERM ? "other users can write this file, which controls a motor; move "
-                                                       "it to a folder of your own and use chmod o-w"
-                                                     : std::strerror(error)));
+    return commands_.tell(fmt::format("{}: {}", file_,
+                                      error == EINVAL ? "is not a regular file; write the commands into a regular file"
+                                      : error == EPERM
+                                          ? "other users can write this file, which controls a motor; move "
+                                            "it to a folder of your own and use chmod o-w"
+                                          : std::strerror(error)));
   if (text.size() > kLargestFile)
-    return tuning_.tell(fmt::format("{}: is longer than {} bytes, the limit of a tuning file", file_, kLargestFile));
+    return commands_.tell(fmt::format("{}: is longer than {} bytes, the limit of a tuning file", file_, kLargestFile));
 
   std::istringstream lines(text);
   std::string line;
   for (int number = 1; std::getline(lines, line); ++number) {
     line.resize(std::min(line.size(), line.find('#')));
     if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
-    const std::string answer = tuning_.obey(line);
+    const std::string answer = commands_.obey(line);
     if (answer.starts_with("error") || answer.find(" clamped ") != std::string::npos)
-      tuning_.tell(fmt::format("{}: line {}: {}", file_, number, answer));
+      commands_.tell(fmt::format("{}: line {}: {}", file_, number, answer));
   }
 }
 

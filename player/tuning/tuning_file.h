@@ -1,7 +1,7 @@
-// Control file: executes the commands of a LiveTuning whenever the file changes.
+// Control file: executes the commands of a session whenever the file changes.
 #pragma once
 
-#include "player/tuning/live_tuning.h"
+#include "player/tuning/commands.h"
 
 #include <cstdint>
 #include <string>
@@ -11,15 +11,15 @@ namespace haptrace {
 
 /// Executes the lines of a file in order: at once if the file exists, and again within 0.3 s of every change. A change
 /// counts once the file has not changed for 0.1 s, so that a half-written file is not executed. Empty lines and text
-/// after # are ignored. The file may appear, disappear and be replaced. Errors become notices of `tuning`, "FILE: line
-/// 3: ..."; the other lines are executed. Only regular files up to 64 KiB are read; a file that other users can write
-/// is refused.
+/// after # are ignored. The file may appear, disappear and be replaced. Errors become notices of `commands`, "FILE:
+/// line 3: ..."; the other lines are executed. Only regular files up to 64 KiB are read; a file that other users can
+/// write is refused.
 ///
 /// Threads: one of its own, which ends with the object.
 class TuningFile {
  public:
-  /// `tuning` is borrowed and must outlive this.
-  TuningFile(LiveTuning& tuning, std::string file);
+  /// `commands` is borrowed and must outlive this.
+  TuningFile(Commands& commands, std::string file);
 
  private:
   /// Identity of one version of the file.
@@ -33,7 +33,7 @@ class TuningFile {
   void obey();
   void watch(const std::stop_token& stop);
 
-  LiveTuning& tuning_;
+  Commands& commands_;
   std::string file_;
   Stamp obeyed_;
   std::jthread thread_;

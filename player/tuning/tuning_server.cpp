@@ -52,8 +52,12 @@ struct Clients {
 class Client : public std::enable_shared_from_this<Client> {
  public:
   /// `token`: token that makes a stranger an operator; empty: the client is an operator.
-  Client(Stream::socket socket, LiveTuning& tuning, Clients& clients, std::string_view token)
-      : socket_(std::move(socket)), timer_(socket_.get_executor()), tuning_(tuning), clients_(clients), token_(token) {
+  Client(Stream::socket socket, Commands& commands, Clients& clients, std::string_view token)
+      : socket_(std::move(socket)),
+        timer_(socket_.get_executor()),
+        commands_(commands),
+        clients_(clients),
+        token_(token) {
     list().push_back(this);
   }
   ~Client() { list().remove(this); }
@@ -142,7 +146,7 @@ class Client : public std::enable_shared_from_this<Client> {
     if (!is_printable(line)) return answer("error a command is a line of printable ASCII", true);
     list().remove(this);
     list().push_back(this);
-    const std::string reply = tuning_.obey(line);
+    const std::string reply = commands_.obey(line);
     answer(reply, reply == "ok bye");
   }
 
@@ -168,7 +172,7 @@ class Client : public std::enable_shared_from_this<Client> {
 
   Stream::socket socket_;
   asio::steady_timer timer_;  ///< pause after a command, or time limit of a stranger
-  LiveTuning& tuning_;
+  Commands& commands_;
   Clients& clients_;
   std::string_view token_;
   std::array<char, 4096> chunk_{};
@@ -180,7 +184,7 @@ class Client : public std::enable_shared_from_this<Client> {
 /// Listening sockets and the thread that serves their clients.
 class TuningServer::Listeners {
  public:
-  Listeners(LiveTuning& tuning, Options options) : tuning_(tuning), options_(std::move(options)) {
+  Listeners(Commands& commands, Options options) : commands_(commands), options_(std::move(options)) {
     if (options_.port) {
       if (options_.token.size() < kShortestToken || options_.token.size() > kLongestToken)
         throw input_error(fmt::format("the token of a tuning port must have {} to {} characters; this one has {}",
@@ -236,7 +240,7 @@ class TuningServer::Listeners {
     listener.socket.async_accept([this, &listener](error_code error, Stream::socket socket) {
       if (!error) {
         if (listener.strangers || is_peer_trusted(socket.native_handle()))
-          std::make_shared<Client>(std::move(socket), tuning_, clients_,
+          std::make_shared<Client>(std::move(socket), commands_, clients_,
                                    listener.strangers ? std::string_view(options_.token) : std::string_view{})
               ->start(options_.patience);
         return accept(listener);
@@ -249,7 +253,7 @@ class TuningServer::Listeners {
     });
   }
 
-  LiveTuning& tuning_;
+  Commands& commands_;
   const Options options_;
   std::optional<PrivateSocket> unix_;
   Clients clients_;  ///< declared before io_, whose destructor ends the clients
@@ -258,8 +262,8 @@ class TuningServer::Listeners {
   std::jthread thread_;
 };
 
-TuningServer::TuningServer(LiveTuning& tuning, Options options)
-    : listeners_(std::make_unique<Listeners>(tuning, std::move(options))) {}
+TuningServer::TuningServer(Commands& commands, Options options)
+    : listeners_(std::make_unique<Listeners>(commands, std::move(options))) {}
 
 TuningServer::~TuningServer() = default;
 

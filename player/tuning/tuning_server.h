@@ -1,7 +1,7 @@
-// Control socket: lets programs on the same machine send the commands of a LiveTuning.
+// Control socket: lets programs on the same machine send the commands of a session.
 #pragma once
 
-#include "player/tuning/live_tuning.h"
+#include "player/tuning/commands.h"
 
 #include <chrono>
 #include <cstdint>
@@ -27,7 +27,7 @@ std::string read_tuning_token(const std::string& file);
 /// Writes the line "token TOKEN" into a new file of mode 0600. Throws Error(input).
 void write_tuning_token(const std::string& token, const std::string& file);
 
-/// Executes the commands (LiveTuning::obey) of up to 16 clients, one per line, and answers each with a line. Listens on
+/// Executes the commands (Commands::obey) of up to 16 clients, one per line, and answers each with a line. Listens on
 /// a Unix socket that only this user and root can open, on the loopback of TCP (127.0.0.1 and, where there is IPv6,
 /// ::1), or on both; never on a network interface.
 ///
@@ -51,9 +51,9 @@ class TuningServer {
     std::chrono::milliseconds patience{5000};  ///< time limit for strangers
   };
 
-  /// `tuning` is borrowed and must outlive this. Throws Error(input) when the token is invalid or the socket or the
+  /// `commands` is borrowed and must outlive this. Throws Error(input) when the token is invalid or the socket or the
   /// port is not available.
-  TuningServer(LiveTuning& tuning, Options options);
+  TuningServer(Commands& commands, Options options);
   ~TuningServer();
   TuningServer(const TuningServer&) = delete;
   TuningServer& operator=(const TuningServer&) = delete;

@@ -70,7 +70,7 @@ TEST(TunnelWall, BeginsSmoothlyAndIsTheSlopeOfItsStoredEnergy) {
     const State state = moving(Vec3(0.1, y, 0));
     return wall.force({state, foot_at(path, state.position)});
   };
-  const auto stored = [&](double y) { return wall.stored(foot_at(path, Vec3(0.1, y, 0))); };
+  const auto stored = [&](double y) { return wall.stored(foot_at(path, Vec3(0.1, y, 0)), {}); };
   EXPECT_EQ(force(0.004), Vec3::Zero());
   EXPECT_LT(force(0.005).norm(), 1e-12);
   EXPECT_NEAR(force(0.0155).y(), -1000 * 0.01, 1e-6);
@@ -92,7 +92,7 @@ TEST(TunnelWall, StaysBelowItsLargestForceAndStoresTheWorkDoneOnIt) {
       ASSERT_LE(f, most * (1 + 1e-12));
       work += 1e-6 * f;
     }
-    EXPECT_NEAR(work, wall.stored(foot_at(path, Vec3(0.1, 0.015, 0))), 1e-5);
+    EXPECT_NEAR(work, wall.stored(foot_at(path, Vec3(0.1, 0.015, 0)), {}), 1e-5);
   }
 }
 
@@ -323,7 +323,7 @@ Outcome guided(const Hand& hand, const Loop& loop, bool cursor, Terms terms) {
       acting = late.front();
       late.pop_front();
     }
-    outcome.given = std::max(outcome.given, given + wall.stored(foot) - guidance.budget());
+    outcome.given = std::max(outcome.given, given + wall.stored(foot, {}) - guidance.budget());
     if (t > 1) outcome.farthest = std::max(outcome.farthest, foot.distance);
     slow += -std::expm1(-period / 0.08) * (v - slow);
     if (t > duration - 0.5) {

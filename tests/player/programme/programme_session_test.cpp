@@ -382,18 +382,21 @@ TEST_F(ProgrammeSession, RefusesToResumeWithAnotherDevice) {
 }
 
 TEST_F(ProgrammeSession, WaitsWhileItIsPaused) {
-  std::atomic<bool> pause{false};
-  options_.pause = &pause;
+  LiveGuidance live({.programme = true});
+  options_.live = &live;
   int waited = 0;
   std::size_t begun = 0;
   options_.begins = [&](const ScheduledTrial&, const TrialSettings&, std::size_t, std::size_t) {
-    ++begun;
-    pause = begun == 1;
+    if (++begun == 1) {
+      EXPECT_EQ(live.obey("pause"), "ok pause");
+    }
   };
   options_.rests = [&](double left) {
     EXPECT_TRUE(std::isnan(left)) << "in virtual time rests take no time";
     EXPECT_EQ(begun, 1U);
-    if (++waited == 3) pause = false;
+    if (++waited == 3) {
+      EXPECT_EQ(live.obey("resume"), "ok resume");
+    }
   };
   EXPECT_TRUE(run(programme_of({R"("mode": "free", "repetitions": 2)"})).log.complete);
   EXPECT_EQ(waited, 3);

@@ -1,0 +1,292 @@
+#include "player/tuning/live_session.h"
+
+#include "base/error.h"
+#include "base/number.h"
+#include "base/printable.h"
+#include "base/suggest.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace haptrace {
+namespace {
+
+constexpr std::size_t kLongestHistory = 1000;  // changes
+constexpr std::size_t kMostNotices = 1000;
+constexpr std::size_t kLongestText = 120;  // of a mark or a note [bytes]
+
+const std::vector<std::string> kActions{"pause", "resume",  "skip", "repeat", "mark", "note", "soften",
+                                        "stop",  "restore", "get",  "reset",  "help", "quit"};
+constexpr const char* kHelp =
+    "pause ; resume ; skip ; repeat ; mark [TEXT] ; note TEXT ; soften ; restore ; stop ; get ; get NAME ; reset ; "
+    "help ; quit";
+
+bool known(const std::string& name, const std::vector<std::string>& names) {
+  return std::find(names.begin(), names.end(), name) != names.end();
+}
+
+/// Splits a line at blanks; * and / are always words of their own. Throws for characters that are not printable ASCII,
+/// because commands are echoed to terminals.
+std::vector<std::string> words_of(std::string_view line) {
+  std::vector<std::string> words;
+  bool within = false;
+  for (const char c : line) {
+    const bool blank = c == ' ' || c == '\t' || c == '\r', sign = c == '*' || c == '/';
+    if (!blank && (c < ' ' || c > '~'))
+      throw input_error("a command is one line of printable ASCII; help lists the commands");
+    if (!blank && (sign || !within)) words.emplace_back();
+    if (!blank) words.back() += c;
+    within = !blank && !sign;
+  }
+  if (words.empty()) throw input_error("the line is empty; help lists the commands");
+  return words;
+}
+
+std::string_view trimmed(std::string_view text) {
+  constexpr const char* kBlanks = " \t\r";
+  const std::size_t first = text.find_first_not_of(kBlanks);
+  if (first == std::string_view::npos) return {};
+  return text.substr(first, text.find_last_not_of(kBlanks) - first + 1);
+}
+
+}  // namespace
+
+LiveSession::LiveSession(Options options) : options_(std::move(options)) {}
+
+std::string LiveSession::obey(std::string_view command) {
+  try {
+    const std::lock_guard lock(mutex_);
+    const std::string text = answer(trimmed(command));
+    return text.starts_with('{') ? text : "ok " + text;
+  } catch (const Error& error) {
+    return std::string("error ") + error.what();
+  }
+}
+
+std::string LiveSession::answer(std::string_view command) {
+  // The texts of marks and notes may be in any language. They are not echoed.
+  const std::size_t end = std::min(command.find_first_of(" \t"), command.size());
+  if (const std::string first(command.substr(0, end)); first == "mark" || first == "note")
+    return annotate(first, trimmed(command.substr(end)));
+
+  const std::vector<std::string> words = words_of(command);
+  const std::string& name = words.front();
+  const Words values = Words(words).subspan(1);
+  std::vector<std::string> names = quantities();
+  names.insert(names.end(), kActions.begin(), kActions.end());
+  if (!known(name, names)) throw input_error(fmt::format("unknown command '{}'{}", name, suggestion(name, names)));
+  if (name == "get") {
+    if (values.empty()) return whole_state().dump();
+    if (values.size() > 1) throw input_error("get takes at most one name, as in get kp");
+    if (!known(values[0], quantities()))
+      throw input_error(fmt::format("unknown name '{}'{}", values[0], suggestion(values[0], quantities())));
+    return text_of(values[0]);
+  }
+  if (known(name, kActions)) {
+    if (!values.empty()) throw input_error(fmt::format("{} takes no value", name));
+    return act(name);
+  }
+  return values.empty() ? text_of(name) : change(name, values);
+}
+
+std::string LiveSession::act(const std::string& name) {
+  if (name == "help") return fmt::format("{} ; {}", help(), kHelp);
+  if (name == "quit") return "bye";
+  if (name == "reset") return "reset to " + reset();
+  if (name == "pause" || name == "resume") return pause(name == "pause");
+  if (name == "skip") return skip();
+  if (name == "repeat") return repeat();
+  if (name == "soften" || name == "restore") return soften(name == "soften");
+  if (options_.stop == nullptr) throw input_error("stop: this session cannot be stopped by a command; use Ctrl+C");
+  if (options_.stop->count() == 0) log("session: stop", "stop", {});
+  options_.stop->raise();
+  return "stop: the force fades out and the session ends; another stop ends it at once";
+}
+
+std::string LiveSession::pause(bool paused) {
+  if (wanted_.paused == paused)
+    throw input_error(paused ? "pause: the session is paused already; resume continues it"
+                             : "resume: the session is not paused");
+  wanted_.paused = paused;
+  // In a programme, the present repetition comes to its end first.
+  if (!options_.programme) requests_.post(wanted_);
+  log(paused ? "session: pause" : "session: resume", paused ? "pause" : "resume", {});
+  if (!paused) return "resume";
+  return options_.programme && trial_ != nullptr ? "pause after this repetition" : "pause";
+}
+
+std::string LiveSession::skip() {
+  if (options_.programme) {
+    if (trial_ == nullptr) throw input_error("skip: no repetition is running");
+    if (!std::exchange(skipped_, true)) trial_->raise();
+  } else {
+    ++wanted_.skips;
+    requests_.post(wanted_);
+  }
+  log("session: skip", "skip", {});
+  return "skip: this repetition ends";
+}
+
+std::string LiveSession::repeat() {
+  if (options_.endless) throw input_error("repeat: the session repeats until it is stopped");
+  if (options_.programme) {
+    if (trial_ == nullptr && recording_.empty()) throw input_error("repeat: no repetition has begun yet");
+    if (std::exchange(repeats_, true)) throw input_error("repeat: this repetition is done once more already");
+  } else {
+    if (wanted_.repeats >= kMostRepeats)
+      throw input_error(fmt::format("repeat: a session repeats at most {} times more", kMostRepeats));
+    ++wanted_.repeats;
+    requests_.post(wanted_);
+  }
+  log("session: repeat", "repeat", {});
+  return "repeat: once more after this repetition";
+}
+
+std::string LiveSession::soften(bool softened) {
+  const double share = softened ? kSoftened : 1;
+  if (wanted_.share != share) {
+    wanted_.share = share;
+    // A programme's own pause does not reach the servo loop.
+    SessionRequests posted = wanted_;
+    posted.paused = wanted_.paused && !options_.programme;
+    requests_.post(posted);
+    log(softened ? "session: soften" : "session: restore", softened ? "soften" : "restore", {});
+  }
+  return fmt::format("{}: feedback forces at {:.0f} %", softened ? "soften" : "restore", 100 * share);
+}
+
+std::string LiveSession::annotate(const std::string& name, std::string_view text) {
+  if (printable(text) != text)
+    throw input_error(fmt::format("{}: the text must be UTF-8 without control characters", name));
+  if (text.size() > kLongestText)
+    throw input_error(fmt::format("{}: the text has {} bytes; at most {} are kept", name, text.size(), kLongestText));
+  const bool note = name == "note";
+  if (note && text.empty()) throw input_error("note takes a text, as in note tired");
+  const std::string mark = note           ? fmt::format("note: {}", text)
+                           : text.empty() ? fmt::format("mark {}", ++marks_)
+                                          : std::string(text);
+  log(mark, note || text.empty() ? mark : "mark: " + mark, {});
+  return name + (options_.annotations ? "" : ": kept in the history only; the session is not recorded");
+}
+
+void LiveSession::log_change(const std::string& subject, const std::string& text) {
+  log("tuned: " + text, text, subject);
+}
+
+void LiveSession::log(const std::string& mark, const std::string& text, const std::string& subject) {
+  const std::int64_t now_ns = now_ns_.load(std::memory_order_relaxed);
+  if (options_.annotations) options_.annotations->mark(mark);
+  add_notice({mark, subject});
+  changes_.push_back({now_ns, text, recording_});
+  if (changes_.size() > kLongestHistory) changes_.pop_front();
+  ++changed_;
+}
+
+void LiveSession::add_notice(Notice notice) {
+  if (!notices_.empty() && !notice.subject.empty() && notices_.back().subject == notice.subject) notices_.pop_back();
+  notices_.push_back(std::move(notice));
+  if (notices_.size() > kMostNotices) notices_.pop_front();
+}
+
+std::vector<LiveControl> LiveSession::controls() const {
+  const std::lock_guard lock(mutex_);
+  return list_controls();
+}
+
+std::vector<std::string> LiveSession::actions() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::string> names{wanted_.paused ? "resume" : "pause"};
+  if (!options_.programme || (trial_ != nullptr && !skipped_)) names.emplace_back("skip");
+  const bool repeatable =
+      options_.programme ? !recording_.empty() && !repeats_ : !options_.endless && wanted_.repeats < kMostRepeats;
+  if (repeatable) names.emplace_back("repeat");
+  names.insert(names.end(), {"mark", "note"});
+  return names;
+}
+
+void LiveSession::tell(std::string notice) {
+  const std::lock_guard lock(mutex_);
+  add_notice({std::move(notice), {}});
+}
+
+bool LiveSession::paused() const {
+  const std::lock_guard lock(mutex_);
+  return wanted_.paused;
+}
+
+double LiveSession::share() const {
+  const std::lock_guard lock(mutex_);
+  return wanted_.share;
+}
+
+std::string LiveSession::summary() const {
+  const std::lock_guard lock(mutex_);
+  return fmt::format("{}{}{}", wanted_.paused ? "paused " : "", wanted_.share < 1 ? "softened " : "", summarise());
+}
+
+std::vector<std::string> LiveSession::take_notices() {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::string> texts;
+  for (Notice& notice : notices_) texts.push_back(std::move(notice.text));
+  notices_.clear();
+  return texts;
+}
+
+nlohmann::json LiveSession::whole_state() const {
+  nlohmann::json json = state();
+  json["paused"] = wanted_.paused;
+  json["share"] = wanted_.share;
+  return json;
+}
+
+nlohmann::json LiveSession::history() const {
+  const std::lock_guard lock(mutex_);
+  nlohmann::json json = whole_state();
+  json["changed"] = changed_;
+  json["changes"] = nlohmann::json::array();
+  for (const Change& change : changes_) {
+    json["changes"].push_back({{"time_s", 1e-9 * static_cast<double>(change.time_ns)}, {"text", change.text}});
+    if (!change.recording.empty()) json["changes"].back()["recording"] = change.recording;
+  }
+  return json;
+}
+
+void LiveSession::begin_trial(StopRequest& end, std::string file) {
+  const std::lock_guard lock(mutex_);
+  trial_ = &end;
+  recording_ = std::move(file);
+  skipped_ = repeats_ = false;
+  now_ns_.store(0, std::memory_order_relaxed);
+}
+
+bool LiveSession::end_trial() {
+  const std::lock_guard lock(mutex_);
+  trial_ = nullptr;
+  return skipped_;
+}
+
+bool LiveSession::take_repeat() {
+  const std::lock_guard lock(mutex_);
+  return std::exchange(repeats_, false);
+}
+
+double LiveSession::finite_number(const std::string& name, const std::string& text) {
+  const auto value = number_of<double>(text);
+  if (!value || !std::isfinite(*value)) throw input_error(fmt::format("{}: '{}' is not a number", name, text));
+  return *value;
+}
+
+std::optional<double> LiveSession::factor_of(const std::string& name, Words values) {
+  const bool divides = !values.empty() && values[0] == "/";
+  if (values.size() != 2 || (values[0] != "*" && !divides)) return std::nullopt;
+  const double number = finite_number(name, values[1]);
+  const double factor = divides ? 1 / number : number;
+  if (!(number > 0 && factor > 0 && std::isfinite(factor)))
+    throw input_error(fmt::format("{}: the factor must be above 0", name));
+  return factor;
+}
+
+}  // namespace haptrace
