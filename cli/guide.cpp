@@ -4,6 +4,7 @@
 #include "base/suggest.h"
 #include "base/units.h"
 #include "cli/input_options.h"
+#include "cli/live_page.h"
 #include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
@@ -28,6 +29,7 @@ struct Arguments {
   std::optional<double> pace;
   double pace_margin = 0.2, pace_force = 1;
   TuningArguments tuning{.example = "radius 6mm"};
+  ViewArguments view;
 };
 
 const std::vector<std::string> kModes{"tunnel", "cursor", "free"};
@@ -180,6 +182,7 @@ Verb add_guide(CLI::App& app) {
       ->group("Safety");
   arguments->profile.add_to(*verb, "Safety", "guide without a device profile");
   arguments->tuning.add_to(*verb, false);
+  arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
@@ -223,6 +226,9 @@ Verb add_guide(CLI::App& app) {
           options.spread.push_back(open(file, file == arguments->expert ? along.selection : PathSelection{}, csv));
         }
         const Signals signals;
+        StopRequest stop(&signals.stop());
+        LivePage page(arguments->view, arguments->session, output, "guide", stop);
+        page.watch(options.session);
         const auto device = arguments->session.open();
         std::vector<std::string> notes = device->info().notes;
         for (const std::string& note : expert->facts().notes)
@@ -236,9 +242,9 @@ Verb add_guide(CLI::App& app) {
         note_before(output, options.session, "plan", plan.notes);
         notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
 
-        StopRequest stop(&signals.stop());
         const std::unique_ptr<LiveGuidance> commands = commands_of(plan, options, stop);
         options.live = commands.get();
+        page.use(commands.get());
         const TuningInputs outside(arguments->tuning, *commands);
         for (const std::string& hint : outside.hints()) output.remark(hint);
 

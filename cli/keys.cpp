@@ -52,18 +52,9 @@ std::span<const Keys::Binding> Keys::guide_keys() {
   return kKeys;
 }
 
-Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always)
-    : annotations_(std::move(annotations)), texts_(std::move(texts)), pause_(std::move(pause)) {
-  start(always);
-}
-
 Keys::Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool always, Commands& commands,
            std::span<const Binding> bindings)
-    : annotations_(std::move(annotations)), texts_(std::move(texts)), commands_(&commands), bindings_(bindings) {
-  start(always);
-}
-
-void Keys::start(bool always) {
+    : annotations_(std::move(annotations)), texts_(std::move(texts)), commands_(commands), bindings_(bindings) {
   // The system stops a background process that reads its terminal, with a force in the motors.
   const bool foreground = isatty(STDIN_FILENO) != 0 && tcgetpgrp(STDIN_FILENO) == getpgrp();
   if (foreground) terminal_ = std::make_unique<Terminal>();
@@ -72,10 +63,6 @@ void Keys::start(bool always) {
 }
 
 Keys::~Keys() = default;
-
-Keys::Pause Keys::recording_pause(std::shared_ptr<Annotations> annotations) {
-  return [annotations = std::move(annotations)](bool paused) { paused ? annotations->pause() : annotations->resume(); };
-}
 
 std::string Keys::letters() const {
   std::string letters;
@@ -105,15 +92,14 @@ void Keys::run(const std::stop_token& stop) {
 
 void Keys::press(char key) {
   if (key == 'q') (void)kill(getpid(), SIGINT);
-  if (key == 'p' && pause_) pause_(paused_ = !paused_);
   if (annotations_) annotate(key);
-  if (commands_ != nullptr) command(key);
+  command(key);
 }
 
 void Keys::command(char key) {
   if (key == 'p') {
     // Others may pause and resume as well.
-    const std::vector<std::string> actions = commands_->actions();
+    const std::vector<std::string> actions = commands_.actions();
     const bool paused = std::find(actions.begin(), actions.end(), "resume") != actions.end();
     return give(key, paused ? "resume" : "pause");
   }
@@ -122,9 +108,9 @@ void Keys::command(char key) {
 }
 
 void Keys::give(char key, std::string_view command) {
-  const std::string answer = commands_->obey(command);
+  const std::string answer = commands_.obey(command);
   if (answer.starts_with("error") || answer.find(" clamped ") != std::string::npos)
-    commands_->tell(fmt::format("key {}: {}", key, answer));
+    commands_.tell(fmt::format("key {}: {}", key, answer));
 }
 
 void Keys::annotate(char key) {

@@ -5,7 +5,6 @@
 #include "recorder/annotations.h"
 
 #include <atomic>
-#include <functional>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -45,16 +44,10 @@ class Keys {
   static std::span<const Binding> play_keys();
   static std::span<const Binding> guide_keys();
 
-  /// Called by the key p to pause or to resume, from another thread.
-  using Pause = std::function<void(bool paused)>;
-
-  /// Without `annotations` there are no marks, and without `pause` no pauses.
-  Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, Pause pause, bool always);
-  /// Pauses and gives the commands of `bindings` through `commands`, which is borrowed.
+  /// Pauses and gives the commands of `bindings` through `commands`, which is borrowed. Without `annotations` there are
+  /// no marks.
   Keys(std::shared_ptr<Annotations> annotations, std::vector<std::string> texts, bool always, Commands& commands,
-       std::span<const Binding> bindings);
-  /// Returns a Pause that omits the pauses from a recording.
-  static Pause recording_pause(std::shared_ptr<Annotations> annotations);
+       std::span<const Binding> bindings = {});
 
   ~Keys();  ///< restores the terminal
   Keys(const Keys&) = delete;
@@ -69,7 +62,6 @@ class Keys {
   [[nodiscard]] std::string typing() const;
 
  private:
-  void start(bool always);
   void run(const std::stop_token& stop);
   void press(char key);
   void annotate(char key);
@@ -80,13 +72,11 @@ class Keys {
 
   std::shared_ptr<Annotations> annotations_;
   std::vector<std::string> texts_;
-  Pause pause_;
-  Commands* commands_ = nullptr;
+  Commands& commands_;
   std::span<const Binding> bindings_;
   struct Terminal;
   std::unique_ptr<Terminal> terminal_;
 
-  bool paused_ = false;
   int marks_ = 0;
   std::int64_t typed_at_ns_ = 0;
   mutable std::mutex mutex_;

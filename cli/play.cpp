@@ -2,6 +2,7 @@
 #include "base/json_reader.h"
 #include "base/suggest.h"
 #include "cli/input_options.h"
+#include "cli/live_page.h"
 #include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
@@ -23,6 +24,7 @@ constexpr double kDegrees = 180 / std::numbers::pi;  // degrees per radian
 struct PlayArguments {
   SessionArguments session;
   TuningArguments tuning;
+  ViewArguments view;
   std::string path, record, gains, learned;
   CsvOptions csv;
   ProfileArguments profile;
@@ -223,6 +225,7 @@ Verb add_play(CLI::App& app) {
       ->capture_default_str()
       ->group("Safety");
   arguments->tuning.add_to(*verb);
+  arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
@@ -263,6 +266,9 @@ Verb add_play(CLI::App& app) {
               return open_path(input.path(), arguments->along.selection, progress.callback(), input.csv());
             }();
             const Signals signals;
+            StopRequest stop(&signals.stop());
+            LivePage page(arguments->view, arguments->session, output, "play", stop);
+            page.watch(options.session);
             const auto device = arguments->session.open();
             std::vector<std::string> notes = device->info().notes;
             for (const std::string& note : path->facts().notes)
@@ -297,9 +303,9 @@ Verb add_play(CLI::App& app) {
             if (arguments->along.loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
               output.remark("looping in virtual time until Ctrl+C");
 
-            StopRequest stop(&signals.stop());
             LiveTuning tuning = tuning_of(*arguments, plan, options, device->info(), stop);
             options.tuning = &tuning;
+            page.use(&tuning);
             const TuningInputs inputs(arguments->tuning, tuning);
             for (const std::string& hint : inputs.hints()) output.remark(hint);
 

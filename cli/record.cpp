@@ -1,8 +1,10 @@
 #include "player/record.h"
 
 #include "base/error.h"
+#include "cli/live_page.h"
 #include "cli/profile.h"
 #include "cli/verb.h"
+#include "player/tuning/live_recording.h"
 #include "scene/scene_file.h"
 
 #include <fmt/format.h>
@@ -12,6 +14,7 @@ namespace {
 
 struct RecordArguments {
   SessionArguments session;
+  ViewArguments view;
   std::string file, trigger, scene, prediction;
   double duration = 0, pre = 0, pause = 0;
   double scene_rate = 0;
@@ -132,6 +135,7 @@ Verb add_record(CLI::App& app) {
   verb->add_option("--prediction", arguments->prediction,
                    "force between two results of a slow scene: hold | linear | model")
       ->group("Scene");
+  arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
@@ -160,11 +164,16 @@ Verb add_record(CLI::App& app) {
               if (arguments->count > 1) output.remark(fmt::format("trial {} of {}: {}", trial, arguments->count, file));
             };
             const Signals signals;
+            StopRequest stop(&signals.stop());
+            LivePage page(arguments->view, arguments->session, output, "record", stop);
+            page.watch(options.session);
+            LiveRecording commands(options.session.recording->options.annotations, stop);
+            options.live = &commands;
+            page.use(&commands);
             const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,
-                            Keys::recording_pause(options.session.recording->options.annotations),
-                            arguments->session.keys);
+                            arguments->session.keys, commands);
             const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
-            const std::vector<SessionResult> results = record_trials(trials, options, signals.stop(), progress);
+            const std::vector<SessionResult> results = record_trials(trials, options, stop, progress);
 
             nlohmann::json json = json_of_trials(results, *arguments);
             json["notes"] = notes;

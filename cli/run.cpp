@@ -1,5 +1,6 @@
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "cli/live_page.h"
 #include "cli/profile.h"
 #include "cli/terminal.h"
 #include "cli/tuning.h"
@@ -24,6 +25,7 @@ struct RunArguments {
   double max_deviation = 0.1;
   bool dry_run = false, fit = false;
   TuningArguments tuning{.example = "radius 6mm"};
+  ViewArguments view;
 };
 
 constexpr std::string_view kPathMark = "{path}";
@@ -152,8 +154,10 @@ nlohmann::json programme_for(const RunArguments& arguments) {
 /// stores elsewhere. Later sittings and repetitions of a trial use this configuration.
 nlohmann::json shared_config(const CLI::App& verb) {
   nlohmann::json config = effective_config(verb);
-  for (const char* key : {"verb", "programme", "output", "resume", "dry-run", "mirror", "scale", "fit", "profile",
-                          "no-profile", "overwrite", "tune-socket", "tune-port", "tune-token-file", "tune-file"})
+  for (const char* key :
+       {"verb",      "programme", "output",     "resume",       "dry-run",         "mirror",    "scale",
+        "fit",       "profile",   "no-profile", "overwrite",    "tune-socket",     "tune-port", "tune-token-file",
+        "tune-file", "view",      "control",    "on-page-lost", "view-token-file", "no-browser"})
     config.erase(key);
   return config;
 }
@@ -279,6 +283,7 @@ Verb add_run(CLI::App& app) {
       ->group("Safety");
   arguments->profile.add_to(*verb, "Safety", "run without a device profile");
   arguments->tuning.add_to(*verb, false);
+  arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
@@ -309,6 +314,8 @@ Verb add_run(CLI::App& app) {
         const Programme programme = programme_from_json(json, where);
 
         const Signals signals;
+        StopRequest stop(&signals.stop());
+        LivePage page(arguments->view, arguments->session, output, "run", stop);
         TrialDevices devices(arguments->session, resumes ? log->trials.size() : 0, folder);
         std::optional<DeviceInfo> device;
         if (!arguments->session.device.empty()) device = devices.info();
@@ -340,9 +347,10 @@ Verb add_run(CLI::App& app) {
           options.profile = profile_for(*device, kept, arguments->session.rate_hz, output);
         if (!resumes) log = begin_session(json, where, *plan, *device, options);
 
-        StopRequest stop(&signals.stop());
+        page.watch(options.session);
         LiveGuidance commands(command_options(options, stop));
         options.live = &commands;
+        page.use(&commands);
         const TuningInputs inputs(arguments->tuning, commands);
         for (const std::string& hint : inputs.hints()) output.remark(hint);
         const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,

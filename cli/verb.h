@@ -61,6 +61,7 @@ Verb add_play(CLI::App& app);
 Verb add_guide(CLI::App& app);
 Verb add_run(CLI::App& app);
 Verb add_calibrate(CLI::App& app);
+Verb add_view(CLI::App& app);
 Verb add_info(CLI::App& app);
 Verb add_check(CLI::App& app);
 Verb add_convert(CLI::App& app);

@@ -30,6 +30,12 @@ void check(const Trials& trials, const RecordOptions& options) {
 
 Command TimedController::update(const State& state) noexcept {
   Command command = inner_.update(state);
+  requests_.update(state.dt);
+  if (const double share = requests_.share(); share < 1) {
+    command.wrench.force *= share;
+    command.wrench.torque *= share;
+    command.feedforward *= share;
+  }
   if (kept_) std::swap(kept_, command.event);
   if (waits_) {
     const auto fired = trigger_->check(state);
@@ -78,6 +84,12 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
         fmt::format("{} has no force sensor, which the trigger needs; use the trigger speed or button, or a device "
                     "with a force sensor",
                     device.info().name));
+  SessionOptions session = options.session;
+  std::vector<SampleSink*> sinks;
+  if (options.live != nullptr) {
+    sinks.push_back(options.live);
+    session.also_warn([live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
+  }
   if (options.scene) {
     std::optional<PassivityLayer::Options> passivity;
     if (options.scene->passivity())
@@ -86,18 +98,17 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
     const auto touching =
         make_scene_controller(options.scene, options.session.loop.rate_hz, options.slow_scene, passivity);
     TimedController controller(*touching, duration, options.trigger);
-    SessionOptions session = options.session;
+    if (options.live != nullptr) controller.obey(options.live->requests());
     session.conclusions = [&] { return known_warnings(Severity::warning, "scene_rate", touching->remarks()); };
-    SessionResult result = run_session(device, controller, {}, {}, session, stop, progress);
+    SessionResult result = run_session(device, controller, {}, sinks, session, stop, progress);
     result.touches = touching->figures();
     return result;
   }
   // Only zero force is sent, so the speed of the hand needs no limit.
-  RecordOptions free = options;
-  free.session.loop.limits.max_velocity = 0;
+  session.loop.limits.max_velocity = 0;
   PassiveController passive;
   TimedController controller(passive, duration, options.trigger);
-  return run_session(device, controller, {}, {}, free.session, stop, progress);
+  return run_session(device, controller, {}, sinks, session, stop, progress);
 }
 
 std::string trial_file(const std::string& file, int trial, int count) {
@@ -118,6 +129,7 @@ std::vector<SessionResult> record_trials(const Trials& trials, const RecordOptio
       RecordOptions rest{.duration = trials.pause, .session = options.session};
       rest.session.recording.reset();
       rest.session.observer = nullptr;
+      rest.live = nullptr;
       if (record(*device, rest, stop, {}).servo.cause != StopCause::finished) break;
     }
     if (trial > 1 && device->info().natural_duration > 0) {

@@ -4,6 +4,7 @@
 #include "control/design/plant_model.h"
 #include "control/trigger.h"
 #include "player/session.h"
+#include "player/tuning/live_session.h"
 #include "scene/scene_controller.h"
 
 #include <functional>
@@ -33,11 +34,15 @@ class TimedController final : public Controller {
   [[nodiscard]] Command update(const State& state) noexcept override;
   void between_ticks(bool may_wait) noexcept override { inner_.between_ticks(may_wait); }
 
+  /// Scales the forces of `inner` by the share that these requests state. Borrows them.
+  void obey(Mailbox<SessionRequests>& requests) noexcept { requests_ = RequestFollower(&requests); }
+
  private:
   Controller& inner_;
   double duration_;
   std::optional<Trigger> trigger_;
   bool waits_;  ///< waits for the trigger
+  RequestFollower requests_;
   std::int64_t begin_ns_ = 0;
   std::optional<Event> kept_;  ///< event of `inner_`, delayed by the trigger's event
 };
@@ -51,6 +56,7 @@ struct RecordOptions {
   /// calibrated.
   std::function<std::optional<PlantModel>(const DeviceInfo&)> identified;
   SessionOptions session;
+  LiveSession* live = nullptr;  ///< borrowed, may be null: commands to the session, whose notices become warnings
 };
 
 /// Returns the options of a scene's passivity layer for a device with this position resolution [m] and calibrated model

@@ -75,6 +75,18 @@ RecordingColumns complete(RecordingColumns columns, const DeviceInfo& device) {
   return columns;
 }
 
+/// Returns the token to use: `asked`, or a new one. It is a part of an address, so it has no other characters than
+/// these.
+std::string token_from(const std::string& asked) {
+  if (asked.empty()) return new_tuning_token();
+  constexpr std::size_t kShortest = 16;
+  constexpr std::string_view kAllowed = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ";
+  if (asked.size() < kShortest || asked.find_first_not_of(kAllowed) != std::string::npos)
+    throw input_error(
+        fmt::format("a token of the view must have at least {} letters and digits, and nothing else", kShortest));
+  return asked;
+}
+
 }  // namespace
 
 PageLost parse_page_lost(std::string_view name) {
@@ -91,7 +103,7 @@ class LiveView::Sessions final : private PageHandler {
   explicit Sessions(const Options& options)
       : options_(options),
         server_({.port = options.port,
-                 .tokens = {{ViewRole::therapist, new_tuning_token()}, {ViewRole::trainee, new_tuning_token()}}},
+                 .tokens = {{ViewRole::therapist, token_from(options.token)}, {ViewRole::trainee, new_tuning_token()}}},
                 *this) {
     server_.every(kBatch, [this] { beat(); });
   }

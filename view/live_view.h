@@ -62,13 +62,15 @@ class LiveView {
  public:
   struct Options {
     std::uint16_t port = 0;  ///< 0: any free port
+    std::string token;       ///< of the therapist, at least 16 letters and digits; empty: a new one
     bool control = false;    ///< allow commands
     bool steer = false;      ///< allow a page to move the simulated hand
     PageLost on_page_lost = PageLost::soften;
     double page_patience = 2;  ///< silence after which a page counts as lost [s]
   };
 
-  /// Listens on 127.0.0.1 and ::1. Throws Error(input): the port is taken, or the patience is not from 0.5 to 60 s.
+  /// Listens on 127.0.0.1 and ::1. Throws Error(input): the port is taken, the token has other
+  /// characters, or the patience is not from 0.5 to 60 s.
   explicit LiveView(const Options& options);
 
   /// Closes all pages.

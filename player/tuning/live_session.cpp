@@ -111,6 +111,10 @@ std::string LiveSession::pause(bool paused) {
     throw input_error(paused ? "pause: the session is paused already; resume continues it"
                              : "resume: the session is not paused");
   wanted_.paused = paused;
+  if (options_.records) {
+    if (options_.annotations) paused ? options_.annotations->pause() : options_.annotations->resume();
+    return paused ? "pause" : "resume";
+  }
   // In a programme, the present repetition comes to its end first.
   if (!options_.programme) requests_.post(wanted_);
   log(paused ? "session: pause" : "session: resume", paused ? "pause" : "resume", {});
@@ -119,6 +123,7 @@ std::string LiveSession::pause(bool paused) {
 }
 
 std::string LiveSession::skip() {
+  if (options_.records) throw input_error("skip: a recording has no repetitions; mark what to skip");
   if (options_.programme) {
     if (trial_ == nullptr) throw input_error("skip: no repetition is running");
     if (!std::exchange(skipped_, true)) trial_->raise();
@@ -131,6 +136,7 @@ std::string LiveSession::skip() {
 }
 
 std::string LiveSession::repeat() {
+  if (options_.records) throw input_error("repeat: a recording has no repetitions; --count records several trials");
   if (options_.endless) throw input_error("repeat: the session repeats until it is stopped");
   if (options_.programme) {
     if (trial_ == nullptr && recording_.empty()) throw input_error("repeat: no repetition has begun yet");
@@ -199,9 +205,10 @@ std::vector<LiveControl> LiveSession::controls() const {
 std::vector<std::string> LiveSession::actions() const {
   const std::lock_guard lock(mutex_);
   std::vector<std::string> names{wanted_.paused ? "resume" : "pause"};
-  if (!options_.programme || (trial_ != nullptr && !skipped_)) names.emplace_back("skip");
-  const bool repeatable =
-      options_.programme ? !recording_.empty() && !repeats_ : !options_.endless && wanted_.repeats < kMostRepeats;
+  if (options_.programme ? trial_ != nullptr && !skipped_ : !options_.records) names.emplace_back("skip");
+  const bool repeatable = options_.records     ? false
+                          : options_.programme ? !recording_.empty() && !repeats_
+                                               : !options_.endless && wanted_.repeats < kMostRepeats;
   if (repeatable) names.emplace_back("repeat");
   names.insert(names.end(), {"mark", "note"});
   return names;

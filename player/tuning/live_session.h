@@ -39,6 +39,7 @@ class LiveSession : public Commands, public SampleSink {
     StopRequest* stop = nullptr;               ///< raised by `stop`; borrowed; null: the session cannot be stopped
     bool programme = false;  ///< pause, skip and repeat concern the repetitions of a programme, which are sessions each
     bool endless = false;    ///< the session repeats until it is stopped
+    bool records = false;    ///< the session only records: pause leaves samples out, and there are no repetitions
   };
 
   /// Share of the feedback forces after `soften`.

@@ -15,6 +15,7 @@ const std::vector<std::string>& verb_names() {
                                               "guide",
                                               "run",
                                               "calibrate",
+                                              "view",
                                               "info",
                                               "check",
                                               "plot",

@@ -1,0 +1,63 @@
+// The live view of a session, as options of a verb.
+#pragma once
+
+#include "cli/verb.h"
+#include "player/tuning/commands.h"
+#include "view/live_view.h"
+
+#include <optional>
+#include <string>
+
+namespace haptrace::cli {
+
+/// Throws Error(input) if this build has no page.
+void require_page();
+
+/// Opens an address in the user's browser, if there is a display. Returns false if nothing could be started.
+bool open_in_browser(const std::string& address);
+
+struct ViewArguments {
+  std::string port;        ///< of --view; empty: any free one
+  std::string token_file;  ///< keeps the therapist's token; empty: a new token for every session
+  std::string on_page_lost = "soften";
+  bool control = false, no_browser = false;
+  const CLI::Option* option = nullptr;
+
+  void add_to(CLI::App& app);
+  [[nodiscard]] bool asked() const { return option != nullptr && option->count() > 0; }
+};
+
+/// Shows the sessions of a verb on the page. Does nothing unless --view was given.
+///
+/// Threads: one.
+class LivePage final : public SessionObserver {
+ public:
+  /// Starts the server, prints its addresses, and opens the browser. Throws Error(input): the port is taken, this
+  /// haptrace has no page, or an option needs --view. `verb` names the session; a page raises `stop`, which is
+  /// borrowed.
+  LivePage(const ViewArguments& arguments, const SessionArguments& session, const Output& output, std::string verb,
+           StopRequest& stop);
+
+  /// Lets the page watch and end the session. A simulated device runs on the real clock, because people watch it.
+  void watch(SessionOptions& session);
+
+  /// Sets what executes the page's commands; null: none. Borrowed until the next call.
+  void use(Commands* commands) noexcept { commands_ = commands; }
+
+  [[nodiscard]] LiveView* view() noexcept { return view_ ? &*view_ : nullptr; }
+
+  [[nodiscard]] SampleSink& sink() noexcept override { return view_->sink(); }
+  void begins(Device& device, const SessionOptions& options, const RecordingColumns& columns,
+              bool virtual_time) override;
+  void shows(const SessionView& view) override { view_->show(view); }
+  void ends(const SessionResult& result) override { view_->end(result); }
+
+ private:
+  const Output& output_;
+  std::string verb_;
+  StopRequest& stop_;
+  std::optional<LiveView> view_;
+  Commands* commands_ = nullptr;
+};
+
+}  // namespace haptrace::cli

@@ -1,0 +1,163 @@
+// Tests of haptrace view, and of --view on the verbs that run sessions.
+#include "formats/recording/recording.h"
+#include "tests/cli/command.h"
+#include "tests/view/page_client.h"
+
+#include <csignal>
+#include <cstring>
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+using test::BinaryMessage;
+using test::PageClient;
+using test::port_of;
+using test::token_of;
+
+/// Records a playback of a square to look at.
+std::string a_recording(const TempFolder& folder) {
+  const std::string file = folder / "played.h5";
+  EXPECT_EQ(haptrace("shape", "square", "--size", "40mm", "--duration", "2", "-o", folder / "square.h5").exit_code, 0);
+  EXPECT_EQ(haptrace("play", folder / "square.h5", "-d", kFalcon, "--no-profile", "--record", file).exit_code, 0);
+  return file;
+}
+
+TEST(View, ShowsARecordingToAPageWithItsToken) {
+  const TempFolder folder;
+  const std::string file = a_recording(folder);
+  Command command({"view", file, "--no-browser"});
+  ASSERT_TRUE(command.says("(Ctrl+C ends it)"));
+  const std::string address = command.word_after("view: ");
+  EXPECT_THAT(address, testing::MatchesRegex("http://127\\.0\\.0\\.1:[0-9]+/#[0-9a-f]{32}"));
+
+  PageClient page(port_of(address));
+  page.hello(token_of(address));
+  const nlohmann::json hello = page.wait_for("hello");
+  EXPECT_EQ(hello.at("role"), "viewer");
+  EXPECT_EQ(hello.at("live"), false);
+  EXPECT_EQ(hello.at("control"), false);
+  const nlohmann::json recording = page.wait_for("recording");
+  EXPECT_EQ(recording.at("rate_hz"), 1000);
+
+  // Rows as the file has them, in single precision.
+  const RecordingReader reader(file);
+  page.send({{"type", "rows"}, {"id", 7}, {"t0", 0.5}, {"t1", 0.6}});
+  const BinaryMessage rows = page.wait_for_answer(7);
+  const std::vector<Sample> samples = reader.read(0, reader.rows());
+  const std::vector<float> time = rows.plane(0), x = rows.plane(1);
+  ASSERT_GE(rows.rows, 100U);
+  for (std::size_t i = 0; i < rows.rows; ++i) {
+    const auto row = static_cast<std::size_t>(std::lround(1000 * (rows.t0 + static_cast<double>(time[i]))));
+    ASSERT_EQ(x[i], static_cast<float>(samples.at(row).position.x()));
+  }
+  kill(command.pid(), SIGINT);
+  EXPECT_EQ(command.wait().exit_code, 0);
+}
+
+TEST(View, PrintsItsAddressAndFilesAsJson) {
+  const TempFolder folder;
+  const std::string file = a_recording(folder);
+  Command command({"view", file, "--no-browser", "--json"});
+  ASSERT_TRUE(command.says("(Ctrl+C ends it)"));
+  const std::string address = command.word_after("view: ");
+  kill(command.pid(), SIGTERM);
+  const nlohmann::json json = command.wait().json();
+  EXPECT_EQ(json.at("address"), address);
+  EXPECT_EQ(json.at("files"), nlohmann::json::array({file}));
+}
+
+TEST(View, SaysWhatIsWrongWithAFile) {
+  const TempFolder folder;
+  const Answer missing = haptrace("view", folder / "none.h5");
+  EXPECT_EQ(missing.exit_code, 2);
+  EXPECT_THAT(missing.err, HasSubstr("none.h5"));
+  const Answer nothing = haptrace("view");
+  EXPECT_EQ(nothing.exit_code, 2);
+  EXPECT_THAT(nothing.err, HasSubstr("needs file"));
+}
+
+TEST(View, RejectsOptionsThatNeedIt) {
+  const Answer control = haptrace("record", "x.h5", "-d", kFalcon, "--duration", "1", "--control");
+  EXPECT_EQ(control.exit_code, 2);
+  EXPECT_THAT(control.err, HasSubstr("give --view as well"));
+  const Answer lost = haptrace("record", "x.h5", "-d", kFalcon, "--duration", "1", "--view", "--on-page-lost", "sopften");
+  EXPECT_EQ(lost.exit_code, 2);
+  EXPECT_THAT(lost.err, HasSubstr("did you mean 'soften'?"));
+}
+
+TEST(View, StopsASessionForAPageThatMayOnlyWatch) {
+  const TempFolder folder;
+  const std::string file = folder / "stopped.h5";
+  ASSERT_EQ(haptrace("shape", "circle", "--size", "40mm", "--duration", "30", "-o", folder / "circle.h5").exit_code, 0);
+  Command command({"play", folder / "circle.h5", "-d", kFalcon, "--no-profile", "--view", "--no-browser", "--record",
+                   file, "--release", "2"});
+  ASSERT_TRUE(command.says("view for the trainee: "));
+  const std::string address = command.word_after("view for the trainee: ");
+  PageClient page(port_of(address));
+  page.hello(token_of(address));
+  EXPECT_EQ(page.wait_for("hello").at("role"), "trainee");
+  page.wait_for("status", [](const nlohmann::json& status) { return status.at("force").get<double>() > 0.05; });
+  page.send({{"type", "command"}, {"id", 1}, {"line", "kp 100"}});
+  EXPECT_THAT(page.wait_for("answer").at("text").get<std::string>(), HasSubstr("error"));
+  page.send({{"type", "stop"}});
+  const nlohmann::json ended =
+      page.wait_for("status", [](const nlohmann::json& status) { return status.at("ended").get<bool>(); });
+  EXPECT_EQ(ended.at("zero_force"), "confirmed");
+  EXPECT_EQ(command.wait().exit_code, 130);
+
+  // The force was zero at once: no row fades out, although --release asks for two seconds of it.
+  const RecordingReader reader(file);
+  const std::vector<Sample> samples = reader.read(reader.rows() - 3, 3);
+  EXPECT_EQ(samples.back().force, Vec3::Zero());
+  EXPECT_GT(samples.front().force.norm(), 0);
+}
+
+TEST(View, LetsTheTherapistTuneAPlaybackWithinTheLimitsOfTheDevice) {
+  const TempFolder folder;
+  ASSERT_EQ(haptrace("shape", "circle", "--size", "40mm", "--duration", "30", "-o", folder / "circle.h5").exit_code, 0);
+  Command command({"play", folder / "circle.h5", "-d", kFalcon, "--no-profile", "--view", "--no-browser", "--control"});
+  ASSERT_TRUE(command.says("view for the trainee: "));
+  const std::string address = command.word_after("view: ");
+  PageClient page(port_of(address));
+  page.hello(token_of(address));
+  EXPECT_EQ(page.wait_for("hello").at("control"), true);
+  const nlohmann::json controls =
+      page.wait_for("controls", [](const nlohmann::json& message) { return !message.at("list").empty(); });
+  EXPECT_EQ(controls.at("list").at(0).at("name"), "kp");
+  page.send({{"type", "command"}, {"id", 1}, {"line", "kp 400"}});
+  EXPECT_EQ(page.wait_for("answer").at("text"), "ok kp 400 400 400");
+  page.send({{"type", "command"}, {"id", 2}, {"line", "kp 90000"}});
+  EXPECT_THAT(page.wait_for("answer").at("text").get<std::string>(), HasSubstr("clamped from 90000"));
+  page.send({{"type", "stop"}});
+  EXPECT_EQ(command.wait().exit_code, 130);
+}
+
+TEST(View, StartsASteeredSessionWhenThePageIsOpenAndRecordsWhatTheHandDid) {
+  const TempFolder folder;
+  const std::string file = folder / "drawn.h5";
+  Command command({"record", file, "-d", "sim:preset=falcon,hand=relaxed,intent=view", "--view", "--no-browser",
+                   "--duration", "3"});
+  ASSERT_TRUE(command.says("the session starts when the page is open"));
+  const std::string address = command.word_after("view: ");
+  PageClient page(port_of(address));
+  page.hello(token_of(address));
+  EXPECT_EQ(page.wait_for("hello").at("steer"), true);
+  for (int i = 0; i < 60; ++i) {  // the hand is taken 30 mm to the side, and held there
+    page.intend(1e-3 * std::min(i, 30), 0, 0, 1);
+    page.wait_for("status");
+    if (i > 8) break;
+  }
+  page.intend(0.03, 0, 0, 1);
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 0) << answer.err;
+  const RecordingReader reader(file);
+  EXPECT_EQ(reader.header().meta.at("input"), "view");
+  double farthest = 0;
+  for (const Sample& sample : reader.read(0, reader.rows())) farthest = std::max(farthest, sample.position.x());
+  EXPECT_GT(farthest, 5e-3);
+}
+
+}  // namespace
+}  // namespace haptrace
