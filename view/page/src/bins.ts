@@ -20,9 +20,12 @@ export function binWidth(span: number, pixels: number, period: number): number {
   return width;
 }
 
+// Times come as float32 after the start of their batch: up to 12 s of them are rounded by less than this [s].
+export const ROUNDING = 1e-6;
+
 // Returns the bin that holds `time`. A time that is a bin's start up to rounding belongs to that bin.
 export function binOf(time: number, width: number): number {
-  return Math.floor(time / width + 1e-6);
+  return Math.floor((time + ROUNDING) / width);
 }
 
 // Shows bins of the server as a view.

@@ -1,5 +1,6 @@
 // What the page knows: the session or recording, its rows, path, events, phases, and the one time that scene, lanes and
 // figures show. It draws nothing and needs no browser.
+import { binOf, ROUNDING } from "./bins";
 import { Latest } from "./latest";
 import type {
   BinsFrame,
@@ -455,12 +456,12 @@ export class Model {
         t = (this.blocks.indexOf(t) + 1) * this.blocks.span;
         continue;
       }
-      let row = Math.max(source.first, rowAt(source, t - 1e-9) + 1);
+      let row = Math.max(source.first, rowAt(source, t - ROUNDING) + 1);
       let time = NaN;
       for (; row < source.end; row++) {
         time = source.timeOf(row);
-        if (time > t1 + 1e-9) break;
-        const c = Math.floor(time / step + 1e-6);
+        if (time > t1 + ROUNDING) break;
+        const c = binOf(time, step);
         last = source;
         lastRow = row;
         lastVisited = c !== cell;

@@ -1,0 +1,297 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { helloOf, pathFrame, recordingOf, samplesFrame } from "./frames.mjs";
+import { load } from "./load.mjs";
+
+const { Model, decodeFrame, Latest, ClockOffset, RowRing, LIVE_DELAY, rowAt, nearestRow, BlockCache } = await load("model", "protocol", "latest", "client", "rows");
+
+// Rows at 1 kHz from `t0` on; x is the row's number since time 0.
+function rows(t0, count, options = {}) {
+  const first = Math.round(t0 * 1000);
+  const time = Array.from({ length: count }, (_, i) => i / 1000);
+  return decodeFrame(samplesFrame([time, time.map((_, i) => first + i), time.map(() => 0.5)], { t0, ...options }));
+}
+
+// A recording of 10 s whose rows and bins come when asked.
+function recorded(options = {}) {
+  const asked = [];
+  const model = new Model();
+  model.setSource({
+    async requestRows(t0, t1) {
+      asked.push([t0, t1]);
+      const end = Math.min(t1, 10);
+      return rows(t0, Math.round((end - t0) * 1000));
+    },
+    async requestBins() {
+      return null;
+    },
+  });
+  model.take(helloOf(false));
+  model.setConnected(true);
+  model.take(recordingOf(["x", "deviation"], options));
+  return { model, asked };
+}
+const settle = () => new Promise((resolve) => setImmediate(resolve));
+
+function live() {
+  const model = new Model();
+  model.take(helloOf(true));
+  model.setConnected(true);
+  model.take(recordingOf(["x", "deviation"], { end: 0 }));
+  return model;
+}
+
+test("the shown row is the row nearest to the shown time", async () => {
+  const { model } = recorded();
+  model.seek(3.2);
+  model.need();
+  await settle();
+  model.tick(1);
+  assert.equal(model.value("x"), 3200);
+  assert.ok(Math.abs(model.shownRowTime - 3.2) < 1e-6);
+  assert.equal(model.value("deviation"), 0.5);
+  assert.ok(Number.isNaN(model.value("force")));
+});
+
+test("without rows at the shown time there is no value, rather than an old one", async () => {
+  const { model } = recorded();
+  model.seek(1);
+  model.need();
+  await settle();
+  model.tick(1);
+  assert.equal(model.value("x"), 1000);
+  model.seek(9);
+  model.tick(2);
+  assert.ok(Number.isNaN(model.value("x")));
+});
+
+test("sixty seeks a second leave one question outstanding and ask for the newest place last", async () => {
+  const { model, asked } = recorded({ end: 4000 });
+  for (let i = 0; i < 60; i++) {
+    model.seek(i * 60);
+    model.need();
+  }
+  await settle();
+  await settle();
+  assert.equal(asked.length, 2);
+  assert.ok(asked[1][0] <= 59 * 60 && asked[1][1] > 59 * 60);
+});
+
+test("a step moves by one sample, also from between two samples", async () => {
+  const { model } = recorded();
+  model.seek(2.0004);
+  model.need();
+  await settle();
+  model.tick(1);
+  model.step(1);
+  model.tick(2);
+  assert.equal(model.value("x"), 2001);
+  model.step(-1);
+  model.step(-1);
+  model.tick(3);
+  assert.equal(model.value("x"), 1999);
+  assert.equal(model.playing, false);
+});
+
+test("playing moves the shown time by the clock times the speed, and stops at the end", () => {
+  const { model } = recorded();
+  model.seek(1);
+  model.setSpeed(2);
+  model.play();
+  model.tick(100);
+  model.tick(100.1);
+  assert.ok(Math.abs(model.shown - 1.2) < 1e-9);
+  model.seek(9.95);
+  model.play();
+  model.tick(100.2);
+  assert.equal(model.shown, 10);
+  assert.equal(model.playing, false);
+  model.play();
+  assert.equal(model.shown, 0);
+});
+
+test("a loop jumps back to its start", () => {
+  const { model } = recorded();
+  model.setLoop({ t0: 2, t1: 3 });
+  model.seek(2.9);
+  model.play();
+  model.tick(5);
+  model.tick(5.2);
+  assert.ok(Math.abs(model.shown - 2.1) < 1e-9, String(model.shown));
+});
+
+test("a tab that slept does not jump: one frame moves the time by a quarter of a second at most", () => {
+  const { model } = recorded();
+  model.play();
+  model.tick(5);
+  model.tick(500);
+  assert.ok(model.shown <= 0.25 + 1e-9);
+});
+
+test("a live picture is 35 ms behind the newest row by one's own clock and never beyond it", () => {
+  const model = live();
+  model.takeRows(rows(0, 1000));
+  model.clockOffset = 0.999 - 50; // the newest row came at 50 s of the page's clock
+  model.tick(50.01);
+  assert.ok(Math.abs(model.shown - (0.999 + 0.01 - LIVE_DELAY)) < 1e-9);
+  model.tick(50.2);
+  assert.equal(model.shown, model.ring.newest);
+});
+
+test("a live picture whose rows stopped shows no values after half a second", () => {
+  const model = live();
+  model.takeRows(rows(0, 1000));
+  model.clockOffset = 0.999 - 50;
+  model.tick(50.3);
+  assert.equal(model.value("x"), 999);
+  model.tick(50.6);
+  assert.ok(Number.isNaN(model.value("x")));
+});
+
+test("freezing keeps the shown time while rows come, and the lag grows; going live ends that", () => {
+  const model = live();
+  model.takeRows(rows(0, 1000));
+  model.clockOffset = -49;
+  model.tick(50);
+  model.pause();
+  const frozen = model.shown;
+  model.takeRows(rows(1, 2000));
+  model.tick(52);
+  assert.equal(model.shown, frozen);
+  assert.ok(model.lag > 1.9);
+  model.goLive();
+  model.tick(52.02);
+  assert.ok(model.lag < 0.1);
+});
+
+test("a reconnection leaves a frozen picture frozen", () => {
+  const model = live();
+  model.takeRows(rows(0, 1000));
+  model.seek(0.5);
+  model.pause();
+  model.take(helloOf(true));
+  model.take(recordingOf(["x", "deviation"], { end: 0 }));
+  assert.equal(model.following, false);
+  assert.equal(model.ring.end, 1000);
+});
+
+test("rows that come twice are kept once, and an older clock begins anew", () => {
+  const model = live();
+  model.takeRows(rows(5, 1000));
+  model.takeRows(rows(5.5, 1000, { flags: 2 }));
+  assert.equal(model.ring.end, 1500);
+  assert.ok(Math.abs(model.ring.newest - 6.499) < 1e-6);
+  model.takeRows(rows(0, 100));
+  assert.equal(model.ring.end, 100);
+});
+
+test("the ring keeps its size for hours and finds its rows", () => {
+  const ring = new RowRing(1, 1000);
+  const before = ring.capacity;
+  for (let k = 0; k < 500; k++) ring.push({ header: { t0: k * 0.1 }, time: Float32Array.from({ length: 100 }, (_, i) => i / 1000), planes: [new Float32Array(100).fill(k)] });
+  assert.equal(ring.capacity, before);
+  assert.equal(ring.end - ring.first, 1024);
+  assert.equal(ring.value(0, nearestRow(ring, 49.05, 0.001)), 490);
+  assert.equal(rowAt(ring, 1e9), ring.end - 1);
+  assert.equal(nearestRow(ring, 3, 0.02), -1);
+});
+
+test("a cache of blocks forgets the one that was not used for longest", () => {
+  const cache = new BlockCache(4, 2);
+  cache.put(0, rows(0, 10));
+  cache.put(1, rows(4, 10));
+  cache.get(0);
+  cache.put(2, rows(8, 10));
+  assert.ok(cache.has(0) && cache.has(2) && !cache.has(1));
+});
+
+test("the trail's points are the same rows in every frame", async () => {
+  const { model } = recorded();
+  model.seek(2);
+  model.need();
+  await settle();
+  const points = (t) => {
+    const out = [];
+    model.seek(t);
+    model.eachRow(t - 0.3, t, 0.01, (source, row) => out.push(source.value(0, row)));
+    return out.slice(0, -1); // the last one is the shown row itself
+  };
+  const a = points(2);
+  const b = points(2.0037);
+  assert.ok(a.length >= 29);
+  assert.deepEqual(b.filter((v) => v > 1710 && v < 1990), a.filter((v) => v > 1710 && v < 1990));
+  assert.ok(a.every((v) => v % 10 === 0 || v === 1700), String(a));
+});
+
+test("rows across two blocks are walked once each", async () => {
+  const { model } = recorded();
+  for (const t of [3.9, 4.1]) {
+    model.seek(t);
+    model.need();
+    await settle();
+  }
+  const seen = [];
+  model.eachRow(3.99, 4.01, 0.001, (source, row) => seen.push(source.value(0, row)));
+  assert.deepEqual(seen, Array.from({ length: 21 }, (_, i) => 3990 + i));
+});
+
+test("repetitions are the stretches along the path; the phase that is on reaches to the newest row", () => {
+  const model = live();
+  model.take({ type: "phases", reset: true, done: false, list: [[0, 1, "approach"], [1, 1.2, "run"]] });
+  model.take({ type: "status", time: 2, phase: "run", ended: false, lost_rows: 0 });
+  model.takeRows(rows(0, 2000));
+  model.tick(50);
+  assert.deepEqual(model.repetitions.map((r) => [r.number, r.t0]), [[1, 1]]);
+  assert.equal(model.repetitionAt(1.9)?.number, 1);
+  assert.equal(model.phaseAt(0.5), "approach");
+  model.take({ type: "phases", reset: false, done: false, list: [[1, 2, "run"], [2, 2.5, "hold"]] });
+  assert.equal(model.phases.length, 3);
+  assert.equal(model.repetitions.length, 1);
+});
+
+test("an older path does not replace a newer one", () => {
+  const model = live();
+  const path = (id, x) => decodeFrame(pathFrame([[0], [x], [0], [0], [NaN], [0]], { request: id }));
+  model.takePath(path(4, 1));
+  model.takePath(path(3, 2));
+  assert.equal(model.path.x[0], 1);
+  model.takePath(path(5, 3));
+  assert.equal(model.path.x[0], 3);
+});
+
+test("a session that ended is no live session: the picture stops and the past can be seen", () => {
+  const model = live();
+  model.takeRows(rows(0, 1000));
+  model.take({ type: "status", time: 1, phase: "stopped", ended: true, reason: "stopped from the page", zero_force: "confirmed", lost_rows: 0 });
+  assert.equal(model.live, false);
+  assert.equal(model.following, false);
+  model.seek(0.5);
+  model.tick(60);
+  assert.equal(model.value("x"), 500);
+});
+
+test("a newer question replaces the one that waits, and an answer that fails frees the place", async () => {
+  const asked = [];
+  const got = [];
+  const waiting = [];
+  const latest = new Latest((q) => { asked.push(q); return new Promise((resolve, reject) => waiting.push({ resolve, reject })); }, (q, a) => got.push([q, a]));
+  for (const q of [1, 2, 3, 4]) latest.request(q);
+  assert.deepEqual(asked, [1]);
+  waiting[0].reject(new Error("lost"));
+  await settle();
+  assert.deepEqual(asked, [1, 4]);
+  waiting[1].resolve("a");
+  await settle();
+  assert.deepEqual(got, [[4, "a"]]);
+  assert.equal(latest.busy, false);
+});
+
+test("the clock's offset is that of the row that came with the least delay", () => {
+  const clock = new ClockOffset();
+  clock.add(10, 100.02);
+  clock.add(10.016, 100.021); // less delay
+  clock.add(10.032, 100.09); // late
+  assert.ok(Math.abs(clock.value - (10.016 - 100.021)) < 1e-3);
+  clock.add(50, 100.1); // the session's clock jumped
+  assert.ok(Math.abs(clock.value + 50.1) < 1e-9);
+});

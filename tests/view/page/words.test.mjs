@@ -1,0 +1,63 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { load } from "./load.mjs";
+
+const { clock, decimals, quantity, nextSpeed, controlLine, controlText, stepped, trendWords, lagWord } = await load("format", "keys", "therapist");
+
+test("numbers have a real minus, and an en dash for what is not known", () => {
+  assert.equal(decimals(-1.25, 1), "−1.3");
+  assert.equal(decimals(NaN, 1), "–");
+  assert.equal(decimals(Infinity, 1), "–");
+  assert.equal(decimals(-0.001, 1), "0.0");
+  assert.equal(quantity(0.0072, "m"), "7.2 mm");
+  assert.equal(quantity(NaN, "N"), "– N");
+});
+
+test("times are m:ss.mmm, and carry into minutes and hours", () => {
+  assert.equal(clock(5.05), "0:05.050");
+  assert.equal(clock(59.9996), "1:00.000");
+  assert.equal(clock(3599.99, 1), "1:00:00.0");
+  assert.equal(clock(36000, 0), "10:00:00");
+  assert.equal(clock(-90, 0), "−1:30");
+  assert.equal(clock(-0.2, 0), "0:00");
+  assert.equal(clock(NaN), "–");
+  assert.equal(lagWord(3.21), "3.2 s");
+  assert.equal(lagWord(75), "1:15");
+});
+
+test("speeds go from 0.05 to 8 in steps and stay within", () => {
+  let s = 1;
+  const up = [];
+  for (let i = 0; i < 5; i++) up.push((s = nextSpeed(s, 1)));
+  assert.deepEqual(up, [2, 4, 8, 8, 8]);
+  const down = [];
+  for (let i = 0; i < 9; i++) down.push((s = nextSpeed(s, -1)));
+  assert.deepEqual(down, [4, 2, 1, 0.5, 0.25, 0.1, 0.05, 0.05, 0.05]);
+});
+
+test("a control is shown in its unit, a share in per cent, a switch in words", () => {
+  const c = { kind: "number", least: 0, largest: 1, step: 0.05 };
+  assert.equal(controlText({ ...c, unit: "" }, 0.6), "60 %");
+  assert.equal(controlText({ ...c, unit: "m", step: 0.0005 }, 0.0072), "7.2 mm");
+  assert.equal(controlText({ ...c, unit: "N/m", step: 10 }, 180), "180 N/m");
+  assert.equal(controlText({ ...c, unit: "", kind: "switch" }, 1), "on");
+});
+
+test("the buttons of a control move it by one step and not beyond its limits", () => {
+  const c = { least: 0.003, largest: 0.01, step: 0.0005 };
+  assert.equal(stepped(c, 0.0072, 1).toFixed(6), "0.007700");
+  assert.equal(stepped(c, 0.01, 1), 0.01);
+  assert.equal(stepped(c, 0.0031, -1), 0.003);
+  assert.ok(stepped({ least: 0, largest: 10, step: 0 }, 5, 1) > 5);
+});
+
+test("a control's command is a name and a number in SI", () => {
+  assert.equal(controlLine("radius", 0.1 + 0.2), "radius 0.3");
+  assert.equal(controlLine("kp", 2000), "kp 2000");
+});
+
+test("the trend in words names what was not complete, and leaves out what was not measured", () => {
+  const t = { exercise: 0, target_m: null, time_in_tunnel: null };
+  assert.equal(trendWords([{ ...t, repetition: 1, rms_m: 0.0042, help: 0.9, partial: false }, { ...t, repetition: 2, rms_m: null, help: null, partial: false }, { ...t, repetition: 3, rms_m: 0.003, help: null, partial: true }]), "repetition 1: 4.2 mm, help 90 %; repetition 3: 3.0 mm, not complete.");
+  assert.equal(trendWords([]), "No repetition is finished yet.");
+});
