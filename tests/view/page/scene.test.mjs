@@ -68,6 +68,27 @@ for (const [name, points] of Object.entries(paths())) {
   });
 }
 
+test("Frames along a coarse helix turn against its torsion, as exact rotation-minimising frames do", () => {
+  const [r, pitch, turns, n] = [0.03, 0.01, 2, 160];
+  const angle = (i) => (2 * Math.PI * turns * i) / (n - 1);
+  const line = prepared(Array.from({ length: n }, (_, i) => [r * Math.cos(angle(i)), r * Math.sin(angle(i)), pitch * angle(i)]));
+  const f = createFrames(n);
+  fillFrames(line, f);
+  // Angle of u in the plane of the helix's normal (towards the axis) and binormal.
+  const against = (i) => {
+    const normal = [-Math.cos(angle(i)), -Math.sin(angle(i)), 0];
+    const t = at(f.tangent, i);
+    const b = [t[1] * normal[2] - t[2] * normal[1], t[2] * normal[0] - t[0] * normal[2], t[0] * normal[1] - t[1] * normal[0]];
+    return Math.atan2(dot(at(f.u, i), b), dot(at(f.u, i), normal));
+  };
+  const size = Math.hypot(r, pitch);
+  const torsion = pitch / size ** 2;
+  const expected = -torsion * size * (angle(n - 5) - angle(4));
+  const turned = against(n - 5) - against(4) - expected;
+  const wrapped = turned - 2 * Math.PI * Math.round(turned / (2 * Math.PI));
+  assert.ok(Math.abs(wrapped) < 0.002, `${wrapped} rad off after two turns`);
+});
+
 test("Every point of the tube lies at its radius from the path, and its normal points out", () => {
   const line = prepared(paths().circle, 256);
   for (let i = 0; i < line.count; i++) line.radius[i] = 0.004 + 0.001 * Math.sin(i / 20);
@@ -253,27 +274,38 @@ test("The section's axes lie across the path and agree with the camera", () => {
   assert.ok(dot(right, axes.right) > 0.999 && dot(up, axes.up) > 0.999, "a path that leads away");
   const beside = page.sectionAxes(axes.right, axes, null);
   assert.ok(dot(beside.up, axes.up) > 0.999);
-  assert.ok(dot(beside.right, far) > 0.999, "a path to the right shows the depth to the right");
+  assert.ok(dot(beside.right, axes.back) > 0.999, "of a path to the right, the right side is near the camera");
   const rising = page.sectionAxes(axes.up, axes, null);
   assert.ok(dot(rising.right, axes.right) > 0.999);
-  assert.ok(dot(rising.up, far) > 0.999, "a path upwards shows the depth upwards");
+  assert.ok(dot(rising.up, axes.back) > 0.999, "of a path upwards, the upper side is near the camera");
+  const towards = page.sectionAxes(axes.back, axes, null);
+  assert.ok(dot(towards.right, axes.right) > 0.999 && dot(towards.up, axes.up) > 0.999, "a path that comes nearer");
 });
 
 test("The section does not flip while the path turns", () => {
   const axes = page.axesOf(camera());
-  const far = axes.back.map((b) => -b);
-  let last = null;
-  for (let i = 0; i <= 400; i++) {
-    // From "to the right" through "away" almost to "to the left".
-    const angle = (Math.PI * 0.9 * i) / 400;
-    const t = [0, 1, 2].map((k) => Math.cos(angle) * axes.right[k] + Math.sin(angle) * far[k] + 0.1 * axes.up[k]);
-    const size = Math.hypot(...t);
-    const now = page.sectionAxes(t.map((x) => x / size), axes, last);
-    assert.ok(Math.abs(dot(now.right, t)) < 1e-6 * size + 1e-6 && Math.abs(dot(now.up, t)) < 1e-6);
-    if (last !== null && Math.abs(dot(now.right, axes.right)) < 0.34) {
-      assert.ok(dot(now.right, last.right) > 0.9, `flips at ${angle}`);
+  const sweep = (from, to, last) => {
+    let flips = 0;
+    for (let i = 0; i <= 400; i++) {
+      // Angle from "to the right" over "away" to "to the left".
+      const angle = from + ((to - from) * i) / 400;
+      const t = [0, 1, 2].map((k) => Math.cos(angle) * axes.right[k] - Math.sin(angle) * axes.back[k] + 0.1 * axes.up[k]);
+      const size = Math.hypot(...t);
+      const now = page.sectionAxes(t.map((x) => x / size), axes, last);
+      assert.ok(Math.abs(dot(now.right, t)) < 1e-6 && Math.abs(dot(now.up, t)) < 1e-6, "across the path");
+      if (last !== null && dot(now.right, last.right) < 0) flips++;
+      last = now;
     }
-    last = now;
+    return { flips, last };
+  };
+  assert.equal(sweep(0, Math.PI, null).flips, 0, "from right over away to left");
+  let { last } = sweep(-Math.PI / 2, -0.5, null);
+  for (let i = 0; i < 3; i++) {
+    for (const [from, to] of [[-0.3, 0.3], [0.3, -0.3]]) {
+      const swept = sweep(from, to, last);
+      assert.equal(swept.flips, 0, "a path that wavers about the right");
+      last = swept.last;
+    }
   }
 });
 

@@ -132,8 +132,12 @@ test("A ray along the drawing plane leaves the hand where it was", () => {
   const camera = createCamera();
   Object.assign(camera, { width: 900, height: 700, azimuth: 0, elevation: 0, distance: 0.4 });
   const hand = new Hand(null, [0, 0, 0], rayThrough(camera, 450, 350), [0, 0, -1]);
-  const at = hand.move(rayThrough(camera, 600, 350), 0.01);
-  assert.deepEqual([...at], [0, 0, 0]);
+  // Along the plane, and almost along it: the cut would be metres away.
+  camera.centre = [0, 0, 0.001];
+  for (const [x, y] of [[600, 350], [600, 353]]) {
+    const at = hand.move(rayThrough(camera, x, y), 0.01);
+    assert.deepEqual([...at], [0, 0, 0]);
+  }
 });
 
 test("A stick has a dead zone of 0.12 and is cubic beyond it", () => {

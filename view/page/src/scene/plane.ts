@@ -12,22 +12,19 @@ export interface SectionAxes {
 const CLEAR = 0.35;
 
 /**
- * Returns two unit vectors across a direction of the path. They agree with the camera's right and up. Where the path
- * runs along one of these, the section shows the depth instead: what is far away lies to the right, or above. Between,
- * the axes of the last call decide, so that the section does not flip while the path turns.
+ * Returns two unit vectors across a direction of the path: right and up of an observer who looks along it. They agree
+ * with the camera's right and up; for a path that leads towards the camera they are turned round. Where a path runs
+ * across the view, the axes of the last call decide, so that the section does not flip while the path turns.
  */
 export function sectionAxes(tangent: readonly number[], camera: Axes, last: SectionAxes | null): SectionAxes {
   const alongRight = Math.abs(dot(tangent, camera.right));
   const alongUp = Math.abs(dot(tangent, camera.up));
-  const far: Triple = [-camera.back[0], -camera.back[1], -camera.back[2]];
   if (alongUp <= alongRight || alongUp < 0.8) {
     const up = across(camera.up, tangent);
-    const right = cross(tangent, up);
-    return { up, right: sided(right, camera.right, far, last?.right) };
+    return { up, right: sided(cross(tangent, up), camera.right, last?.right) };
   }
   const right = across(camera.right, tangent);
-  const up = cross(tangent, right);
-  return { right, up: sided(up, camera.up, far, last?.up) };
+  return { right, up: sided(cross(right, tangent), camera.up, last?.up) };
 }
 
 /** Writes the offset of a point from a place in the axes of a section: right, up [m]. */
@@ -36,13 +33,12 @@ export function rightOf(axes: SectionAxes, point: readonly number[], place: read
   return [dot(d, axes.right), dot(d, axes.up)];
 }
 
-/** Turns `v` to the side of `wish` if it is clear which that is; else as it was; else to the side of `other`. */
-function sided(v: Triple, wish: Triple, other: Triple, last: Triple | undefined): Triple {
+/** Turns `v` to the side of `wish` if it is clear which that is; else as it was; else leaves it. */
+function sided(v: Triple, wish: Triple, last: Triple | undefined): Triple {
   const clear = dot(v, wish);
-  let sign: number;
+  let sign = 1;
   if (Math.abs(clear) >= CLEAR) sign = clear;
   else if (last !== undefined && Math.abs(dot(v, last)) > 0.5) sign = dot(v, last);
-  else sign = dot(v, other);
   return sign < 0 ? [-v[0], -v[1], -v[2]] : v;
 }
 
