@@ -66,10 +66,11 @@ test("a peak of one sample is in the bins of every width", () => {
 
 test("values that were not measured leave a bin without a value", () => {
   const live = new LiveBins(["x"], [0], 64);
-  live.update(ringOf([1, NaN, NaN, NaN, NaN, 6, NaN, 8]), 0.002);
+  live.update(ringOf([1, NaN, NaN, NaN, 6, NaN, NaN, 8]), 0.002);
   const c = live.channel("x");
   assert.deepEqual(plain(c.first.slice(0, 4)), [1, NaN, 6, 8]);
   assert.deepEqual(plain(c.max.slice(0, 4)), [1, NaN, 6, 8]);
+  assert.deepEqual(plain(c.last.slice(0, 4)), [1, NaN, 6, 8]);
 });
 
 test("a ring of bins forgets the oldest and stays anchored in time", () => {

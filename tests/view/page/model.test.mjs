@@ -274,15 +274,18 @@ test("a newer question replaces the one that waits, and an answer that fails fre
   const asked = [];
   const got = [];
   const waiting = [];
-  const latest = new Latest((q) => { asked.push(q); return new Promise((resolve, reject) => waiting.push({ resolve, reject })); }, (q, a) => got.push([q, a]));
+  const latest = new Latest((q) => { asked.push(q); return new Promise((resolve, reject) => waiting.push({ resolve, reject })); }, (q, a) => got.push([q, a]), 5);
   for (const q of [1, 2, 3, 4]) latest.request(q);
   assert.deepEqual(asked, [1]);
   waiting[0].reject(new Error("lost"));
   await settle();
-  assert.deepEqual(asked, [1, 4]);
+  latest.request(5); // not asked at once: the server just refused
+  assert.deepEqual(asked, [1]);
+  while (asked.length < 2) await settle();
+  assert.deepEqual(asked, [1, 5]);
   waiting[1].resolve("a");
   await settle();
-  assert.deepEqual(got, [[4, "a"]]);
+  assert.deepEqual(got, [[5, "a"]]);
   assert.equal(latest.busy, false);
 });
 

@@ -146,7 +146,7 @@ export class Client {
     const answer = this.answerOf(id);
     if (!this.send({ type: "bins", id, t0, t1, pixels, channels })) this.settle(id, null);
     const frame = (await answer) as Frame | null;
-    return frame !== null && frame.kind === Kind.bins ? frame : null;
+    return frame !== null && frame.kind === Kind.bins && frame.channels.length === channels.length ? frame : null;
   }
 
   async requestRows(t0: number, t1: number): Promise<RowsFrame | null> {
@@ -244,7 +244,11 @@ export class Client {
         this.settle(message.id, message.text);
         break;
       case "error":
-        if (message.id !== undefined) this.settle(message.id, null);
+        // A request without an answer is asked again; no person needs to know.
+        if (message.id !== undefined && message.id !== 0 && this.waiting.has(message.id)) {
+          this.settle(message.id, null);
+          break;
+        }
         this.model.take({ type: "warning", severity: "warning", code: "page", time: null, text: message.text });
         break;
       case "pong":

@@ -6,7 +6,7 @@ import { FONT, FONT_BOLD, readColours, Surface, type Colours } from "./graphics"
 import { Latest } from "./latest";
 import type { Client } from "./client";
 import type { Model } from "./model";
-import type { BinsFrame } from "./protocol";
+import { FLAG_COARSE, type BinsFrame } from "./protocol";
 import { follow, growRange, SPAN_LEAST, SPAN_MOST, ticks, timeStep, zoomAbout, type Range, type Span } from "./scale";
 
 interface LaneKind {
@@ -63,6 +63,8 @@ export const NARROW = "(max-width: 759px)";
 const AXIS = 29; // [px]
 const VALUES_EVERY = 66; // [ms]: digits that change faster cannot be read
 const LIVE_BINS = 8192;
+// A coarse answer is asked for again after this time [ms].
+export const ASK_AGAIN = 400;
 
 export interface LanesOptions {
   software: boolean;
@@ -87,6 +89,8 @@ export class Lanes {
   private selected = "";
   private colours: Colours = readColours();
   private stored: FrameBins | null = null;
+  private storedAt = 0;
+  private coarse = false;
   private storedWidth = 0;
   private storedSpan: Span = { t0: 0, t1: 0 };
   private live: LiveBins | null = null;
@@ -117,7 +121,9 @@ export class Lanes {
         return client.requestBins(q.t0, q.t1, pixels, this.names);
       },
       (q, frame) => {
-        if (q.generation !== this.generation || frame.channels.length !== this.names.length) return;
+        if (q.generation !== this.generation) return;
+        this.coarse = (frame.header.flags & FLAG_COARSE) !== 0;
+        this.storedAt = performance.now();
         this.stored = new FrameBins(frame, this.names);
         this.storedWidth = q.width;
         this.storedSpan = { t0: q.t0, t1: q.t1 };
@@ -128,7 +134,11 @@ export class Lanes {
       const generation = this.generation;
       const names = this.names.slice();
       const frame = await client.requestBins(model.start, model.end, 64, names);
-      if (frame === null || generation !== this.generation || frame.channels.length !== names.length) return;
+      if (generation !== this.generation) return;
+      if (frame === null) {
+        window.setTimeout(() => (this.askedRanges = false), 1000);
+        return;
+      }
       const view = new FrameBins(frame, names);
       for (const lane of this.lanes) this.grow(lane, view, view.k0, view.k1);
       this.key = "";
@@ -316,7 +326,8 @@ export class Lanes {
     if (t0 >= ringFrom - width) return;
     const span = w.t1 - w.t0;
     const t1 = Math.min(w.t1, m.live ? Math.min(m.end, Number.isFinite(ringFrom) ? ringFrom + 1 : m.end) : m.end);
-    const has = this.stored !== null && this.storedWidth === width && this.storedSpan.t0 <= t0 + 1e-9 && this.storedSpan.t1 >= t1 - 1e-9;
+    const again = this.coarse && now - this.storedAt > ASK_AGAIN;
+    const has = this.stored !== null && !again && this.storedWidth === width && this.storedSpan.t0 <= t0 + 1e-9 && this.storedSpan.t1 >= t1 - 1e-9;
     const ahead = m.playing && !m.following ? Math.min(m.end, w.t1 + span * 0.5) : t1;
     if (has && this.storedSpan.t1 >= ahead - 1e-9) return;
     const q: Question = { t0: Math.max(m.start, w.t0 - span), t1: Math.min(m.end, w.t1 + span), width, generation: this.generation };

@@ -3,12 +3,17 @@
 export class Latest<Question, Answer> {
   private waiting: Question | null = null;
   private asking: Question | null = null;
+  private paused = false;
+  private readonly pause: number;
   private readonly ask: (question: Question) => Promise<Answer | null>;
   private readonly take: (question: Question, answer: Answer) => void;
 
-  constructor(ask: (question: Question) => Promise<Answer | null>, take: (question: Question, answer: Answer) => void) {
+  // `ask` gives null if there is no answer; the next question then waits for `pause` ms, so that a server that refuses is
+  // not asked in every frame.
+  constructor(ask: (question: Question) => Promise<Answer | null>, take: (question: Question, answer: Answer) => void, pause = 250) {
     this.ask = ask;
     this.take = take;
+    this.pause = pause;
   }
 
   get busy(): boolean {
@@ -20,19 +25,31 @@ export class Latest<Question, Answer> {
   }
 
   request(question: Question): void {
-    if (this.asking !== null) {
+    if (this.asking !== null || this.paused) {
       this.waiting = question;
       return;
     }
     this.asking = question;
     const done = (answer: Answer | null): void => {
       this.asking = null;
-      const next = this.waiting;
-      this.waiting = null;
-      if (answer !== null) this.take(question, answer);
-      if (next !== null) this.request(next);
+      if (answer !== null) {
+        this.take(question, answer);
+        this.next();
+        return;
+      }
+      this.paused = true;
+      setTimeout(() => {
+        this.paused = false;
+        this.next();
+      }, this.pause);
     };
     this.ask(question).then(done, () => done(null));
+  }
+
+  private next(): void {
+    const next = this.waiting;
+    this.waiting = null;
+    if (next !== null) this.request(next);
   }
 
   forget(): void {

@@ -17,7 +17,7 @@ import type {
   TrainingMessage,
   WarningMessage,
 } from "./protocol";
-import { FLAG_GAP } from "./protocol";
+import { FLAG_COARSE, FLAG_GAP } from "./protocol";
 import { BlockCache, nearestRow, RowRing, rowAt, type RowSource } from "./rows";
 
 // Live rows are shown this much later than the newest one [s]: batches arrive each 16 ms and late ones do not stutter.
@@ -162,7 +162,14 @@ export class Model {
       async (q) =>
         this.source === null || q.generation !== this.generation ? null : this.source.requestBins(q.t0, q.t1, MOVEMENT_POINTS, this.movementChannels()),
       (q, frame) => {
-        if (q.generation === this.generation) this.takeMovement(frame);
+        if (q.generation !== this.generation) return;
+        // Coarse bins are boxes about the movement, not its places.
+        if ((frame.header.flags & FLAG_COARSE) !== 0) {
+          this.movementKey = "";
+          this.movementDue = performance.now() / 1000 + 0.4;
+        } else {
+          this.takeMovement(frame);
+        }
       },
     );
   }
@@ -524,7 +531,7 @@ export class Model {
     const t0 = rep !== null ? rep.t0 : this.start;
     const t1 = rep !== null ? rep.t1 : this.end;
     const key = `${this.generation} ${t0} ${this.live && rep === null ? Math.floor(t1 / 5) : t1}`;
-    if (key === this.movementKey || !this.connected || !(t1 > t0)) return;
+    if (key === this.movementKey || !this.connected || !(t1 > t0) || now < this.movementDue) return;
     this.movementKey = key;
     this.movementRequests.request({ t0, t1, generation: this.generation });
   }
@@ -569,7 +576,10 @@ export class Model {
     }
     if (!same) {
       this.generation++;
-      this.blocks.clear();
+      // A block is one request: at most 16 000 rows.
+      let span = 4;
+      while (span * message.rate_hz > 16000) span /= 2;
+      this.blocks = new BlockCache(span, 24);
       this.moved = null;
       this.movementKey = "";
       if (this.hello?.live !== true) {

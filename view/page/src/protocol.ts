@@ -15,6 +15,8 @@ export const enum Kind {
 export const FLAG_GAP = 1;
 export const FLAG_BACKFILL = 2;
 export const FLAG_CUT = 4;
+// Bins of a recording that is not read yet: an exact answer needs another question.
+export const FLAG_COARSE = 8;
 
 export type Role = "viewer" | "therapist" | "trainee";
 export type Vec3 = [number, number, number];

@@ -4,10 +4,10 @@ import type { Client } from "./client";
 import { el, setAttribute } from "./dom";
 import { clock } from "./format";
 import { FONT, FONT_BOLD, readColours, Surface, type Colours } from "./graphics";
-import type { Lanes } from "./lanes";
+import { ASK_AGAIN, type Lanes } from "./lanes";
 import { Latest } from "./latest";
 import type { Model } from "./model";
-import type { BinsFrame, EventEntry } from "./protocol";
+import { FLAG_COARSE, type BinsFrame, type EventEntry } from "./protocol";
 import { edgeScroll, timeStep, within, zoomAbout, type Span } from "./scale";
 
 const LABELS = 17; // height of the repetitions' names [px]
@@ -49,6 +49,8 @@ export class Timeline {
   private stored: FrameBins | null = null;
   private storedSpan: Span = { t0: 0, t1: 0 };
   private storedPixels = 0;
+  private storedAt = 0;
+  private coarse = false;
   private generation = 0;
   private readonly requests: Latest<Question, BinsFrame>;
   private names: string[] = [];
@@ -69,7 +71,9 @@ export class Timeline {
     this.requests = new Latest(
       (q) => client.requestBins(q.t0, q.t1, q.pixels, this.names),
       (q, frame) => {
-        if (q.generation !== this.generation || frame.channels.length !== this.names.length) return;
+        if (q.generation !== this.generation) return;
+        this.coarse = (frame.header.flags & FLAG_COARSE) !== 0;
+        this.storedAt = performance.now();
         this.stored = new FrameBins(frame, this.names);
         this.storedSpan = { t0: q.t0, t1: q.t1 };
         this.storedPixels = q.pixels;
@@ -157,7 +161,8 @@ export class Timeline {
     if (!m.connected || this.names.length === 0 || !(m.end > m.start)) return;
     const view = this.view;
     const pixels = Math.max(64, Math.ceil(this.surface.width / BAR));
-    const same = this.stored !== null && Math.abs(this.storedSpan.t0 - view.t0) < 1e-6 && this.storedPixels === pixels;
+    const again = this.coarse && 1000 * now - this.storedAt > ASK_AGAIN;
+    const same = this.stored !== null && !again && Math.abs(this.storedSpan.t0 - view.t0) < 1e-6 && this.storedPixels === pixels;
     const done = same && (m.live ? now - this.asked < LIVE_EVERY : Math.abs(this.storedSpan.t1 - view.t1) < 1e-6);
     if (done) return;
     const asked = this.requests.outstanding;
