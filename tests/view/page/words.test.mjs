@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { load } from "./load.mjs";
 
-const { clock, decimals, quantity, nextSpeed, controlLine, controlText, stepped, trendWords, lagWord } = await load("format", "keys", "therapist");
+const { cellText, columnWord, clock, decimals, quantity, nextSpeed, controlLine, controlText, stepped, trendWords, lagWord } = await load("format", "keys", "therapist");
 
 test("numbers have a real minus, and an en dash for what is not known", () => {
   assert.equal(decimals(-1.25, 1), "−1.3");
@@ -11,6 +11,15 @@ test("numbers have a real minus, and an en dash for what is not known", () => {
   assert.equal(decimals(-0.001, 1), "0.0");
   assert.equal(quantity(0.0072, "m"), "7.2 mm");
   assert.equal(quantity(NaN, "N"), "– N");
+});
+
+test("columns and phases are named in words", () => {
+  assert.equal(columnWord("rx"), "path x");
+  assert.equal(columnWord("mz"), "measured force z");
+  assert.equal(columnWord("force"), "force");
+  assert.equal(cellText("phase", 2, ""), "Moving");
+  assert.equal(cellText("phase", NaN, ""), "–");
+  assert.equal(cellText("x", 0.0012345, "m"), "1.234");
 });
 
 test("times are m:ss.mmm, and carry into minutes and hours", () => {

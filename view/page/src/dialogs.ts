@@ -1,6 +1,6 @@
 // Dialogs: the table of keys, the table of values, a mark's text.
 import { button, el, setText } from "./dom";
-import { clock, decimals, quantity, shownAs } from "./format";
+import { cellText, clock, columnWord, decimals, quantity, shownAs } from "./format";
 import { KEY_TABLE, lettersOn, setLetters } from "./keys";
 import type { Model } from "./model";
 
@@ -51,7 +51,7 @@ export function openValues(model: Model, drawing: string): void {
     const how = shownAs(column.name, column.unit);
     const cell = el("td", { class: "number" });
     cells.push({ name: column.name, unit: column.unit, cell });
-    body.append(el("tr", {}, el("th", { scope: "row" }, column.name), cell, el("td", {}, how.unit)));
+    body.append(el("tr", {}, el("th", { scope: "row" }, columnWord(column.name)), cell, el("td", {}, how.unit)));
   }
   const caption = el("caption", { class: "quiet" });
   const values = el("table", {}, caption, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Quantity"), el("th", { scope: "col", class: "number" }, "Value"), el("th", { scope: "col" }, "Unit"))), body);
@@ -61,8 +61,7 @@ export function openValues(model: Model, drawing: string): void {
   const update = (): void => {
     setText(caption, `At ${clock(model.shown)}`);
     for (const { name, unit, cell } of cells) {
-      const how = shownAs(name, unit);
-      setText(cell, decimals(model.value(name) * how.factor, how.unit === "mm" ? 3 : how.digits));
+      setText(cell, cellText(name, model.value(name), unit));
     }
     const next = sessionFacts(model);
     if (drawing !== "") next.push(["Drawing", drawing]);

@@ -78,8 +78,9 @@ export function button(label: string, options: { icon?: Icon; text?: string; cla
   const node = el("button", { type: "button", class: options.class ?? "button", "aria-label": options.text === label ? undefined : label, title: label });
   if (options.icon !== undefined) setIcon(node, options.icon);
   if (options.text !== undefined) node.append(el("span", {}, options.text));
-  node.addEventListener("click", action);
+  // First the focus, then the action: a dialog gives the focus back to where it was when it opened.
   returnFocus(node);
+  node.addEventListener("click", action);
   return node;
 }
 

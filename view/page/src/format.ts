@@ -63,3 +63,28 @@ export function phaseWord(phase: string): string {
 export function lagWord(seconds: number): string {
   return seconds < 10 ? `${decimals(seconds, 1)} s` : clock(seconds, 0);
 }
+
+const WORDS: Record<string, string> = {
+  r: "path",
+  f: "force sent",
+  e: "reference force",
+  m: "measured force",
+  q: "orientation",
+};
+
+// The name of a column in words: "path x" for rx.
+export function columnWord(name: string): string {
+  const group = /^([rfemq])([xyzw])$/.exec(name);
+  if (group !== null) return `${WORDS[group[1]!]} ${group[2]}`;
+  return name === "radius" ? "tunnel radius" : name;
+}
+
+// The phases in the order of their numbers.
+const PHASE_ORDER = ["idle", "approach", "run", "hold", "release", "stopped"];
+
+// A value as a cell of a table.
+export function cellText(name: string, value: number, unit: string): string {
+  if (name === "phase") return Number.isFinite(value) ? phaseWord(PHASE_ORDER[value] ?? "") || UNKNOWN : UNKNOWN;
+  const how = shownAs(name, unit);
+  return decimals(value * how.factor, how.unit === "mm" ? 3 : how.digits);
+}
