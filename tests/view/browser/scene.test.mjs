@@ -1,0 +1,303 @@
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { start } from "./chromium.mjs";
+import { frames, openStage } from "./stage.mjs";
+
+let browser;
+before(async () => (browser = await start()));
+after(() => browser.close());
+
+async function withStage(settings, check) {
+  const stage = await openStage(browser, settings);
+  try {
+    await check(stage.tab, stage);
+    // SwiftShader announces slow reads of pixels; anything else is a fault.
+    const faults = stage.errors.filter((text) => !/ReadPixels|GPU stall|software WebGL/i.test(text));
+    assert.deepEqual(faults, []);
+  } finally {
+    await stage.close();
+  }
+}
+
+const near = (a, b, most) => a.every((x, i) => Math.abs(x - b[i]) <= most);
+const tool = (tab) =>
+  tab.evaluate(() => {
+    const p = globalThis.stage.scene.picture;
+    const { x, y } = globalThis.stage.scene.place(...p.tool);
+    return { x, y, colour: p.theme.actual, background: p.theme.background };
+  });
+const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
+
+for (const flat of [false, true]) {
+  for (const dark of [false, true]) {
+    const name = `${flat ? "2-D canvas" : "WebGL"}, ${dark ? "dark" : "light"}`;
+    test(`The tool is drawn where the data have it, in the colour of its role (${name})`, () =>
+      withStage({ options: { flat }, dark }, async (tab) => {
+        const { x, y, colour, background } = await tool(tab);
+        const pixel = await tab.evaluate(([px, py]) => globalThis.stage.pixel(px, py), [x, y]);
+        assert.ok(near(pixel, rgb(colour), 3), `${pixel} for ${colour}`);
+        const corner = await tab.evaluate(() => globalThis.stage.pixel(3, 200));
+        assert.ok(near(corner, rgb(background), 40), `${corner} for ${background}`);
+        assert.equal(await tab.evaluate(() => globalThis.stage.scene.painter.kind), flat ? "flat" : "webgl");
+      }));
+  }
+}
+
+test("Replacing the path keeps the numbers of geometries and textures, whatever its size", () =>
+  withStage({}, async (tab) => {
+    const memory = () => tab.evaluate(() => globalThis.stage.scene.painter.memory());
+    await frames(tab, 3);
+    const first = await memory();
+    for (let i = 0; i < 30; i++) {
+      await tab.evaluate((n) => globalThis.stage.path(n + 2, [2, 50, 400, 4000][n % 4], 0.3 + 0.02 * n), i);
+      await frames(tab, 1);
+    }
+    await frames(tab, 2);
+    assert.deepEqual(await memory(), first);
+    assert.ok(first.geometries > 3);
+  }));
+
+test("A longer path that replaces a shorter one is drawn to its end", () =>
+  withStage({}, async (tab) => {
+    const end = () =>
+      tab.evaluate(() => {
+        const { path } = globalThis.stage.scene.picture;
+        const k = 3 * (path.count - 3);
+        const { x, y } = globalThis.stage.scene.place(path.xyz[k], path.xyz[k + 1], path.xyz[k + 2]);
+        return globalThis.stage.pixel(x, y);
+      });
+    await tab.evaluate(() => globalThis.stage.path(2, 20, 0.1));
+    await frames(tab, 2);
+    await tab.evaluate(() => globalThis.stage.path(3, 2000, 0.6));
+    await frames(tab, 2);
+    const path = await tab.evaluate(() => globalThis.stage.scene.picture.theme.path);
+    assert.ok(near(await end(), rgb(path), 60), `${await end()} for ${path}`);
+  }));
+
+test("The scene draws only when something changes", () =>
+  withStage({}, async (tab) => {
+    const drawn = () => tab.evaluate(() => globalThis.stage.drawn);
+    await tab.evaluate(() => globalThis.stage.model.pause());
+    await frames(tab, 5);
+    const before = await drawn();
+    await frames(tab, 20);
+    assert.equal(await drawn(), before);
+    await tab.mouse.move(300, 500);
+    await tab.mouse.down();
+    await tab.mouse.move(340, 480, { steps: 4 });
+    await tab.mouse.up();
+    await frames(tab, 2);
+    assert.ok((await drawn()) > before, "a drag turns the camera");
+  }));
+
+test("A lost WebGL context is said in words, and the picture returns with the context", () =>
+  withStage({}, async (tab, stage) => {
+    await tab.evaluate(() => {
+      const gl = globalThis.stage.scene.canvas.getContext("webgl2");
+      globalThis.loser = gl.getExtension("WEBGL_lose_context");
+      globalThis.loser.loseContext();
+    });
+    await tab.waitForFunction(() => document.querySelector(".scene-notice").textContent !== "");
+    assert.match(await tab.textContent(".scene-notice"), /graphics were lost/);
+    await tab.evaluate(() => globalThis.loser.restoreContext());
+    await tab.waitForFunction(() => document.querySelector(".scene-notice").textContent === "");
+    await frames(tab, 3);
+    const { x, y, colour } = await tool(tab);
+    const pixel = await tab.evaluate(([px, py]) => globalThis.stage.pixel(px, py), [x, y]);
+    assert.ok(near(pixel, rgb(colour), 3), `${pixel} for ${colour}`);
+    stage.errors.length = 0;
+  }));
+
+test("Without WebGL the scene is drawn flat and says so", async () => {
+  const without = await start(["--disable-gpu", "--disable-3d-apis"]);
+  try {
+    const stage = await openStage(without);
+    assert.equal(await stage.tab.evaluate(() => globalThis.stage.scene.painter.kind), "flat");
+    assert.match(await stage.tab.textContent(".scene-notice"), /no WebGL/);
+    const { x, y, colour } = await tool(stage.tab);
+    const pixel = await stage.tab.evaluate(([px, py]) => globalThis.stage.pixel(px, py), [x, y]);
+    assert.ok(near(pixel, rgb(colour), 3), `${pixel} for ${colour}`);
+  } finally {
+    await without.close();
+  }
+});
+
+test("The axes are buttons of 24 px that a keyboard reaches, and turn the camera", () =>
+  withStage({}, async (tab) => {
+    const boxes = await tab.locator(".scene-axis").evaluateAll((all) => all.map((b) => ({ width: b.offsetWidth, height: b.offsetHeight })));
+    assert.equal(boxes.length, 6);
+    for (const box of boxes) assert.ok(box.width >= 24 && box.height >= 24);
+    await tab.getByRole("button", { name: "From above, along z" }).focus();
+    await tab.keyboard.press("Enter");
+    await frames(tab, 2);
+    assert.ok((await tab.evaluate(() => globalThis.stage.scene.axes().back[2])) > 0.99);
+  }));
+
+test("Pressing the tool holds it; the intention follows the pointer and lets go with it", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => globalThis.stage.steer());
+    await frames(tab, 2);
+    const { x, y } = await tool(tab);
+    await tab.mouse.move(x + 2, y + 1);
+    await tab.mouse.down();
+    for (let i = 1; i <= 30; i++) await tab.mouse.move(x + 2 - i, y + 1 - i / 3);
+    await tab.waitForTimeout(450);
+    const held = await tab.evaluate(() => globalThis.stage.sent.filter((e) => e[0] === "intention"));
+    assert.ok(held.every((e) => e[2].grip === 1 && e[2].input === 1 && e[2].depth === 1));
+    const gaps = held.slice(1).map((e, i) => e[1] - held[i][1]);
+    assert.ok(Math.min(...gaps) >= 7.9, `a message after ${Math.min(...gaps)} ms`);
+    assert.ok(held.length >= 4, "a pointer at rest goes on sending");
+    const shown = await tab.evaluate(() => {
+      const p = globalThis.stage.scene.picture;
+      return { ring: p.intention.visible, place: globalThis.stage.scene.place(...p.intention.at) };
+    });
+    assert.ok(shown.ring && Math.hypot(shown.place.x - (x - 30), shown.place.y - (y - 10)) < 1, JSON.stringify(shown));
+    await tab.mouse.up();
+    const last = await tab.evaluate(() => globalThis.stage.sent.at(-1)[2]);
+    assert.equal(last.grip, 0);
+    await frames(tab, 2);
+    assert.equal(await tab.evaluate(() => globalThis.stage.scene.picture.intention.visible), false);
+  }));
+
+test("A press beside the tool turns the camera and holds nothing", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => globalThis.stage.steer());
+    await frames(tab, 2);
+    const { x, y } = await tool(tab);
+    await tab.mouse.move(x + 60, y);
+    await tab.mouse.down();
+    await tab.mouse.move(x + 90, y + 20, { steps: 3 });
+    await tab.mouse.up();
+    assert.deepEqual(await tab.evaluate(() => globalThis.stage.sent), []);
+  }));
+
+for (const [what, lose] of [
+  ["the window loses the focus", () => window.dispatchEvent(new Event("blur"))],
+  ["the connection is lost", () => globalThis.stage.model.setConnected(false)],
+]) {
+  test(`The hand lets go when ${what}`, () =>
+    withStage({}, async (tab) => {
+      await tab.evaluate(() => globalThis.stage.steer());
+      await frames(tab, 2);
+      const { x, y } = await tool(tab);
+      await tab.mouse.move(x, y);
+      await tab.mouse.down();
+      await tab.mouse.move(x + 5, y);
+      await tab.evaluate(lose);
+      assert.equal(await tab.evaluate(() => globalThis.stage.sent.at(-1)[2].grip), 0);
+      const count = await tab.evaluate(() => globalThis.stage.sent.length);
+      await tab.mouse.move(x + 25, y);
+      await tab.waitForTimeout(200);
+      assert.equal(await tab.evaluate(() => globalThis.stage.sent.length), count, "it sends nothing more");
+      await tab.mouse.up();
+    }));
+}
+
+test("H takes the hand by keyboard: arrows move it along the path, H lets go", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => globalThis.stage.steer());
+    await frames(tab, 2);
+    await tab.keyboard.press("h");
+    await tab.keyboard.down("ArrowLeft");
+    await tab.waitForFunction(() => globalThis.stage.sent.length > 8);
+    await tab.keyboard.up("ArrowLeft");
+    const sent = await tab.evaluate(() => globalThis.stage.sent.map((e) => e[2]));
+    assert.ok(sent.every((e) => e.input === 5 && e.grip === 1));
+    assert.ok(Math.hypot(sent.at(-1).x - sent[0].x, sent.at(-1).y - sent[0].y) > 0.0005);
+    await tab.keyboard.press("h");
+    assert.equal(await tab.evaluate(() => globalThis.stage.sent.at(-1)[2].grip), 0);
+  }));
+
+const SHOW = { tool: true, path: true, tunnel: true, trail: true, score: true };
+const training = (state, changes = {}) => ({
+  type: "training", state, exercise: "Curve", mode: "tunnel", trial: 3, of: 8, repetition: 3, repetitions: 8, show: SHOW,
+  rest_s: 12, next: "curve, repetition 4 of 8", score: { time_in_tunnel: 0.93, time_s: 6.2, best: true }, ...changes,
+});
+const STATES = ["waiting", "approach", "go", "moving", "done", "rest", "stopped", "finished"];
+
+test("The training screen's camera and scale are the same in every state", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate((m) => globalThis.stage.train(m), training("waiting"));
+    await frames(tab, 3);
+    const camera = () => tab.evaluate(() => JSON.stringify(globalThis.stage.scene.camera));
+    const first = await camera();
+    for (const state of STATES) {
+      await tab.evaluate((m) => globalThis.stage.training(m), training(state));
+      await tab.mouse.move(200, 300);
+      await tab.mouse.down();
+      await tab.mouse.move(260, 330);
+      await tab.mouse.up();
+      await tab.mouse.wheel(0, 200);
+      await frames(tab, 2);
+      assert.equal(await camera(), first, state);
+    }
+  }));
+
+for (const [width, height] of [[360, 640], [390, 844], [640, 360], [1280, 800], [1920, 1080]]) {
+  test(`Every state's words and the Stop button fit into ${width} x ${height}`, () =>
+    withStage({ width, height }, async (tab) => {
+      await tab.evaluate((m) => globalThis.stage.train(m), training("waiting"));
+      await frames(tab, 2);
+      for (const started of [false, true]) {
+        if (started) await tab.evaluate(() => document.querySelector(".training-start-button").click());
+        for (const state of STATES) {
+          await tab.evaluate((m) => globalThis.stage.training(m), training(state));
+          await frames(tab, 2);
+          const { band, parts, stop } = await tab.evaluate(() => {
+            const box = (e) => e.getBoundingClientRect().toJSON();
+            const all = [...document.querySelectorAll(".training-band *")].filter((e) => e.offsetParent !== null && e.offsetWidth > 0);
+            return { band: box(document.querySelector(".training-band")), parts: all.map(box), stop: box(document.querySelector(".training-stop")) };
+          });
+          assert.ok(Math.abs(band.height - 0.27 * height) < 1, "the words have 27 % of the height");
+          for (const p of parts) {
+            assert.ok(p.top >= band.top - 1 && p.bottom <= height + 1 && p.left >= -1 && p.right <= width + 1,
+              `${state}: ${JSON.stringify(p)} in ${JSON.stringify(band)}`);
+          }
+          assert.ok(stop.height >= 60 && stop.left >= 0 && stop.right <= width && stop.top >= 0 && stop.bottom <= height);
+        }
+      }
+    }));
+}
+
+test("Go is reported once, with the frame that showed it, after that frame", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate((m) => globalThis.stage.train(m), training("waiting"));
+    await frames(tab, 3);
+    assert.deepEqual(await tab.evaluate(() => globalThis.stage.sent), []);
+    const same = await tab.evaluate(async (m) => {
+      const next = () => new Promise((done) => requestAnimationFrame(done));
+      globalThis.stage.training(m);
+      globalThis.stage.training(m);
+      await next();
+      // Callbacks of one frame run in the order of their requests: this one ran after the scene's.
+      const painted = { word: document.querySelector(".training-word").textContent, sent: globalThis.stage.sent.length };
+      await next();
+      await next();
+      return { painted, sent: globalThis.stage.sent };
+    }, training("go"));
+    assert.equal(same.painted.word, "Go");
+    assert.equal(same.painted.sent, 0, "not before the next frame");
+    assert.equal(same.sent.length, 1);
+    const [kind, what, trial, frame, time] = same.sent[0];
+    assert.deepEqual([kind, what, trial], ["shown", "go", 3]);
+    assert.ok(frame > 3 && Math.abs(time - 2.999) < 0.01, `${frame}, ${time}`);
+  }));
+
+test("Stop on the training screen is sent when it is pressed, not when it is released", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate((m) => globalThis.stage.train(m), training("moving"));
+    await frames(tab, 2);
+    const box = await tab.locator(".training-stop").boundingBox();
+    await tab.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+    await tab.mouse.down();
+    assert.deepEqual(await tab.evaluate(() => globalThis.stage.sent), [["stop"]]);
+    await tab.mouse.up();
+  }));
+
+test("The section describes the place of the tool in words", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => globalThis.stage.section());
+    await frames(tab, 2);
+    const label = await tab.getAttribute(".section", "aria-label");
+    assert.match(label, /radius is 5\.0 mm.*inside the tunnel/);
+  }));
