@@ -16,6 +16,7 @@ import {
 } from "./protocol";
 
 const TOKEN_KEY = "haptrace-token";
+const TEST_KEY = "haptrace-test";
 const RECONNECT_FIRST = 0.25; // [s]
 const RECONNECT_MOST = 5; // [s]
 const PING_EVERY = 0.5; // [s]
@@ -23,15 +24,16 @@ const PING_EVERY = 0.5; // [s]
 const SILENCE = 3;
 const REQUEST_TIMEOUT = 10; // [s]
 
-// Takes the token out of the address and keeps it in the tab, so that a reload works and no history has it.
-export function takeToken(): string {
-  const fragment = location.hash.replace(/^#/, "");
-  if (/^[0-9a-f]{32}$/i.test(fragment)) {
-    sessionStorage.setItem(TOKEN_KEY, fragment);
-    history.replaceState(null, "", location.pathname + location.search);
-    return fragment;
+// Takes the token out of the address and keeps it in the tab, so that a reload works and no history has it. "&test" after
+// the token asks for the test hook.
+export function takeToken(): { token: string; test: boolean } {
+  const found = /^#([0-9a-f]{32})(&test)?$/i.exec(location.hash);
+  if (found !== null) {
+    sessionStorage.setItem(TOKEN_KEY, found[1]!);
+    sessionStorage.setItem(TEST_KEY, found[2] !== undefined ? "on" : "off");
+    history.replaceState(null, "", location.pathname);
   }
-  return sessionStorage.getItem(TOKEN_KEY) ?? "";
+  return { token: sessionStorage.getItem(TOKEN_KEY) ?? "", test: sessionStorage.getItem(TEST_KEY) === "on" };
 }
 
 interface Waiting {

@@ -1,6 +1,6 @@
 // The lanes: charts of position, deviation, force and progress under one time axis, each with its present value.
 import { binOf, binWidth, drawBins, FrameBins, LiveBins, rangeOf, type BinView } from "./bins";
-import { el, setAttribute, setClass, setText } from "./dom";
+import { el, setAttribute, setClass, setHidden, setText } from "./dom";
 import { clock, decimals, shownAs, UNKNOWN } from "./format";
 import { FONT, FONT_BOLD, readColours, Surface, type Colours } from "./graphics";
 import { Latest } from "./latest";
@@ -140,7 +140,14 @@ export class Lanes {
         return;
       }
       const view = new FrameBins(frame, names);
-      for (const lane of this.lanes) this.grow(lane, view, view.k0, view.k1);
+      for (const lane of this.lanes) {
+        this.grow(lane, view, view.k0, view.k1);
+        // A recording's column without a value is no lane: a path has no force.
+        const empty = lane.range === null && model.hello?.live !== true && (frame.header.flags & FLAG_COARSE) === 0;
+        setHidden(lane.row, empty);
+        setHidden(lane.tab, empty);
+        if (empty) this.layoutDue = true;
+      }
       this.key = "";
     };
     this.narrow.addEventListener("change", () => (this.layoutDue = true));
@@ -240,8 +247,11 @@ export class Lanes {
     } else {
       for (const lane of this.lanes) {
         lane.column = m.column(lane.kind.column);
+        setHidden(lane.row, false);
+        setHidden(lane.tab, false);
         if (!m.live) lane.range = null;
       }
+      this.layoutDue = true;
     }
     this.live = m.hello?.live === true ? new LiveBins(this.names, this.names.map((n) => m.column(n)), LIVE_BINS) : null;
     if (!m.live) {

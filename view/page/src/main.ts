@@ -6,8 +6,9 @@ import { installTestHook } from "./test_hook";
 const app = document.getElementById("app");
 if (app !== null) {
   const model = new Model();
-  const client = new Client(model, takeToken());
+  const { token, test } = takeToken();
+  const client = new Client(model, token);
   const shell = new Shell(app, model, client);
-  if (new URLSearchParams(location.search).has("test")) installTestHook(shell);
+  if (test) installTestHook(shell);
   client.start();
 }

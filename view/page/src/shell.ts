@@ -315,14 +315,15 @@ export class Shell {
         const v = m.value(column);
         const text = decimals(v * factor, m.stepped && unit === "mm" ? 3 : digits);
         if (value.data !== text) value.data = text;
-        setHidden(root, !m.has(column));
+        // The speed stands in for the deviation of a session without a path.
+        setHidden(root, !m.has(column) || (column === "speed" && m.has("deviation")));
         if (column === "deviation") setClass(root, "outside", v > m.value("radius"));
       });
       return root;
     };
     const figures = el("div", { class: "figures", role: "group", "aria-label": "Present values" });
     figures.append(figure("deviation", "deviation", 1, 1000, "mm", false));
-    if (!m.has("deviation")) figures.append(figure("speed", "speed", 0, 1000, "mm/s", false));
+    figures.append(figure("speed", "speed", 0, 1000, "mm/s", false));
     figures.append(figure("force", "force", 1, 1, "N", true));
     panel.append(figures);
     const canvas = el("canvas", {});

@@ -1,4 +1,4 @@
-// Lets a test in a real browser compare what the page shows with the file. Only with ?test in the address.
+// Lets a test in a real browser compare what the page shows with the file. Only with "&test" after the token.
 import type { Shell } from "./shell";
 
 interface TestHook {

@@ -1,5 +1,5 @@
 // The timeline: the whole session at a glance, with repetitions, phases, peaks, marks, the lanes' window and the loop.
-import { FrameBins } from "./bins";
+import { FrameBins, rangeOf } from "./bins";
 import type { Client } from "./client";
 import { el, setAttribute } from "./dom";
 import { clock } from "./format";
@@ -55,6 +55,7 @@ export class Timeline {
   private readonly requests: Latest<Question, BinsFrame>;
   private names: string[] = [];
   private most = 0;
+  private height: string | undefined;
   private key = "";
   private version = 0;
   private asked = -Infinity;
@@ -150,9 +151,7 @@ export class Timeline {
     this.zoomed = null;
     this.most = 0;
     this.asked = -Infinity;
-    const height = ["deviation", "force", "speed"].find((n) => m.has(n));
-    this.names = height === undefined ? [] : [height];
-    if (height === "deviation" && m.has("radius")) this.names.push("radius");
+    this.names = ["deviation", "force", "speed", "radius"].filter((n) => m.has(n));
     this.key = "";
   }
 
@@ -264,9 +263,14 @@ export class Timeline {
   // Bars of the largest deviation, force or speed; where it left the tunnel, in the colour of what is outside.
   private paintPeaks(c: CanvasRenderingContext2D, xOf: (t: number) => number, top: number, bottom: number): void {
     const s = this.stored;
-    const channel = s?.channel(this.names[0] ?? "") ?? null;
-    if (s === null || channel === null) return;
-    const radius = this.names[1] !== undefined ? s.channel(this.names[1]) : null;
+    if (s === null) return;
+    // The first of these that was measured: the deviation, else the force, else the speed.
+    const name = this.names.find((n) => n !== "radius" && rangeOf(s, s.channel(n)!, s.k0, s.k1) !== null);
+    const channel = name === undefined ? null : s.channel(name);
+    if (channel === null) return;
+    if (name !== this.height) this.most = 0;
+    this.height = name;
+    const radius = name === "deviation" ? s.channel("radius") : null;
     for (let i = 0; i < s.k1 - s.k0; i++) if (channel.max[i]! > this.most) this.most = channel.max[i]!;
     if (!(this.most > 0)) return;
     const inside: number[] = [];
