@@ -298,3 +298,17 @@ test("the clock's offset is that of the row that came with the least delay", () 
   clock.add(50, 100.1); // the session's clock jumped
   assert.ok(Math.abs(clock.value + 50.1) < 1e-9);
 });
+
+test("the next repetition of a live session begins anew and is followed, although its clock restarts", () => {
+  const model = live();
+  model.takeRows(rows(0, 5000));
+  model.take({ type: "phases", reset: true, done: true, list: [[1, 4, "run"]] });
+  model.take({ type: "status", time: 5, phase: "stopped", ended: true, reason: "", zero_force: "confirmed", lost_rows: 0 });
+  model.seek(2);
+  model.take(recordingOf(["x", "deviation"], { end: 0, session: "next" }));
+  model.takeRows(rows(0, 100));
+  assert.equal(model.ring.end, 100);
+  assert.equal(model.live, true);
+  assert.equal(model.following, true);
+  assert.equal(model.repetitions.length, 0);
+});

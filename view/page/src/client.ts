@@ -206,7 +206,8 @@ export class Client {
     this.socket = null;
     this.clock.reset();
     for (const id of [...this.waiting.keys()]) this.settle(id, null);
-    const over = code === 1001;
+    // After the end of a session the server is gone; an address that is kept may have another one soon.
+    const over = code === 1001 || (this.model.refused === "over" && code === 1006);
     const refused = code === 1008;
     if (refused) this.closed = true;
     this.model.setConnected(false, refused ? reason || "The server refused this page" : over ? "over" : "");

@@ -571,6 +571,8 @@ export class Model {
     if (this.hello?.live === true) {
       const capacity = Math.ceil(RING_SECONDS * Math.max(100, message.rate_hz || 1000));
       if (!sameColumns || this.ring.capacity < capacity) this.ring = new RowRing(columns.length, capacity);
+      // The clock of the next repetition begins anew.
+      else if (!same || message.end < this.ring.newest - 0.5) this.ring.clear();
     } else if (!same) {
       this.ring = new RowRing(0, 2);
     }
@@ -582,19 +584,24 @@ export class Model {
       this.blocks = new BlockCache(span, 24);
       this.moved = null;
       this.movementKey = "";
-      if (this.hello?.live !== true) {
-        this.path = null;
-        this.told = [];
-        this.ownMarks = [];
-        this.events = [];
-        this.phases = [];
-        this.repetitions = [];
-        this.loop = null;
-        this.loopOn = false;
+      this.told = [];
+      this.ownMarks = [];
+      this.events = [];
+      this.phases = [];
+      this.repetitions = [];
+      this.loop = null;
+      this.loopOn = false;
+      this.shown = message.start;
+      if (this.hello?.live === true) {
+        // The next repetition is shown live, also if the last one was frozen or has ended.
+        this.status = null;
+        this.following = this.playing = true;
+      } else {
         this.playing = false;
-        this.shown = message.start;
+        this.path = null;
         this.emit("path");
       }
+      for (const event of ["events", "phases", "play"] as const) this.emit(event);
     }
     this.emit("recording");
     this.changed();
