@@ -1,0 +1,128 @@
+// Starts haptrace and a browser for a test. HAPTRACE_COMMAND is the haptrace to test; HAPTRACE_CHROMIUM the browser, else
+// chromium, chromium-browser or google-chrome of the PATH.
+import { execFile, spawn } from "node:child_process";
+import { accessSync, constants, mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { delimiter, join } from "node:path";
+import { promisify } from "node:util";
+import { chromium } from "playwright-core";
+
+export const haptrace = process.env.HAPTRACE_COMMAND ?? "";
+if (haptrace === "") throw new Error("HAPTRACE_COMMAND is not set. Set it to the haptrace command to test.");
+
+function findBrowser() {
+  if (process.env.HAPTRACE_CHROMIUM) return process.env.HAPTRACE_CHROMIUM;
+  for (const name of ["chromium", "chromium-browser", "google-chrome"]) {
+    for (const folder of (process.env.PATH ?? "").split(delimiter)) {
+      const file = join(folder, name);
+      try {
+        accessSync(file, constants.X_OK);
+        return file;
+      } catch {
+        // not there
+      }
+    }
+  }
+  throw new Error("No Chromium was found. Install the package chromium, or set HAPTRACE_CHROMIUM.");
+}
+
+// A folder for the files of a test; removed with `after`.
+export function scratch(t) {
+  const folder = mkdtempSync(join(tmpdir(), "haptrace-view-"));
+  t.after(() => rmSync(folder, { recursive: true, force: true }));
+  return folder;
+}
+
+// Opens a browser for a test. It draws without a GPU, as on a machine that has none.
+export async function browser(t, options = {}) {
+  const args = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", ...(options.args ?? [])];
+  const opened = await chromium.launch({ executablePath: findBrowser(), args });
+  t.after(() => opened.close());
+  return opened;
+}
+
+// Runs haptrace to its end.
+export async function run(...args) {
+  return promisify(execFile)(haptrace, args, { maxBuffer: 1 << 28 });
+}
+
+const ADDRESS = /http:\/\/127\.0\.0\.1:(\d+)\/#([0-9a-f]{32})/;
+
+// Starts haptrace with a view and waits for its addresses. `end` asks it to end and gives its exit code and output.
+export async function start(t, ...args) {
+  const child = spawn(haptrace, args, { stdio: ["ignore", "pipe", "pipe"] });
+  let output = "";
+  let wake = () => {};
+  const more = (data) => {
+    output += data;
+    wake();
+  };
+  child.stdout.on("data", more);
+  child.stderr.on("data", more);
+  const ended = new Promise((resolve) => child.on("close", (code) => {
+    resolve(code);
+    wake();
+  }));
+  t.after(async () => {
+    if (child.exitCode === null && child.signalCode === null) child.kill("SIGINT");
+    const patience = setTimeout(() => child.kill("SIGKILL"), 10000);
+    await ended;
+    clearTimeout(patience);
+  });
+  const lines = () => output.split("\n").filter((line) => ADDRESS.test(line));
+  const address = (line) => ADDRESS.exec(line)?.[0];
+  while (lines().length === 0) {
+    await new Promise((resolve) => (wake = resolve));
+    if (child.exitCode !== null && lines().length === 0) throw new Error(`haptrace ${args.join(" ")} ended without a view:\n${output}`);
+  }
+  return {
+    child,
+    ended,
+    output: () => output,
+    address: address(lines()[0]),
+    trainee: () => address(lines().find((line) => /trainee/.test(line)) ?? ""),
+    end: async () => {
+      child.kill("SIGINT");
+      return { code: await ended, output };
+    },
+  };
+}
+
+// Opens the address in a page with the test hook and waits until it shows a session. Errors of the page fail the test.
+export async function open(t, opened, address, options = {}) {
+  const context = await opened.newContext({ viewport: { width: 1280, height: 800 }, ...options });
+  t.after(() => context.close());
+  const page = await context.newPage();
+  page.errors = [];
+  page.on("pageerror", (error) => page.errors.push(String(error.stack ?? error)));
+  page.on("console", (message) => {
+    if (message.type() === "error" || /Content Security Policy/i.test(message.text())) page.errors.push(message.text());
+  });
+  await page.goto(`${address}&test`);
+  await page.waitForFunction(() => window.haptraceTest?.state().connected === true && window.haptraceTest.frames() > 3);
+  return page;
+}
+
+export const state = (page) => page.evaluate(() => window.haptraceTest.state());
+export const shown = (page) => page.evaluate(() => window.haptraceTest.shown());
+
+// Waits until the row at the shown time is here, and gives it.
+export async function rowAt(page, time) {
+  await page.evaluate((t) => window.haptraceTest.seek(t), time);
+  await page.waitForFunction((t) => {
+    const s = window.haptraceTest.shown();
+    return Math.abs(s.time - t) < 1e-6 && Math.abs(s.rowTime - t) < 0.002 && Number.isFinite(s.values.x);
+  }, time);
+  return shown(page);
+}
+
+// Reads the samples of a recording: an object of arrays, one for each column of its CSV.
+export async function samplesOf(file, folder) {
+  const csv = join(folder, "samples.csv");
+  await run("convert", file, "-o", csv, "--overwrite");
+  const lines = readFileSync(csv, "utf8").split("\n").filter((line) => line !== "" && !line.startsWith("#"));
+  const names = lines[0].split(",");
+  const out = Object.fromEntries(names.map((name) => [name, []]));
+  for (const line of lines.slice(1)) line.split(",").forEach((value, i) => out[names[i]].push(value === "" ? NaN : Number(value)));
+  return out;
+}
