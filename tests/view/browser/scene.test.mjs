@@ -208,6 +208,132 @@ test("H takes the hand by keyboard: arrows move it along the path, H lets go", (
     assert.equal(await tab.evaluate(() => globalThis.stage.sent.at(-1)[2].grip), 0);
   }));
 
+const pointer = (tab, type, x, y, init = {}) =>
+  tab.evaluate(([t, px, py, rest]) => {
+    const { canvas } = globalThis.stage.scene;
+    // A synthetic pointer cannot be captured.
+    canvas.setPointerCapture = () => undefined;
+    const event = { pointerId: 7, bubbles: true, cancelable: true, clientX: px, clientY: py, buttons: 1, isPrimary: true, ...rest };
+    canvas.dispatchEvent(new PointerEvent(t, event));
+  }, [type, x, y, init]);
+const intentions = (tab) => tab.evaluate(() => globalThis.stage.sent.filter((e) => e[0] === "intention").map((e) => e[2]));
+
+test("The pressure of a pen is the firmness of the hold", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => globalThis.stage.steer());
+    await frames(tab, 2);
+    const { x, y } = await tool(tab);
+    await pointer(tab, "pointerdown", x, y, { pointerType: "pen", pressure: 0.5 });
+    await pointer(tab, "pointerrawupdate", x + 1, y, { pointerType: "pen", pressure: 1 });
+    await pointer(tab, "pointermove", x + 1, y, { pointerType: "pen", pressure: 1 });
+    await tab.waitForFunction(() => globalThis.stage.sent.some((e) => e[2].grip === 1));
+    await pointer(tab, "pointercancel", x, y, { pointerType: "pen" });
+    const sent = await intentions(tab);
+    assert.ok(sent.every((e) => e.input === 2));
+    assert.ok(Math.abs(sent[0].grip - 0.6) < 1e-9, `${sent[0].grip}`);
+    assert.equal(sent.at(-1).grip, 0, "a cancelled pointer lets go");
+  }));
+
+test("A finger on the tool holds it, a finger elsewhere turns, two fingers zoom", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => globalThis.stage.steer());
+    await frames(tab, 2);
+    const { x, y } = await tool(tab);
+    const camera = () => tab.evaluate(() => ({ ...globalThis.stage.scene.camera }));
+    const touch = { pointerType: "touch", pressure: 0.5 };
+    const before = await camera();
+    await pointer(tab, "pointerdown", x + 18, y, touch);
+    await pointer(tab, "pointermove", x + 30, y, touch);
+    await pointer(tab, "pointerup", x + 30, y, { ...touch, buttons: 0 });
+    assert.deepEqual(await camera(), before, "the camera stays while the hand is held");
+    const sent = await intentions(tab);
+    assert.ok(sent.length >= 2 && sent.every((e) => e.input === 3) && sent.at(-1).grip === 0);
+
+    await pointer(tab, "pointerdown", 100, 500, touch);
+    await pointer(tab, "pointermove", 150, 500, touch);
+    const turned = await camera();
+    assert.notEqual(turned.azimuth, before.azimuth);
+    await pointer(tab, "pointerdown", 300, 500, { ...touch, pointerId: 8 });
+    await pointer(tab, "pointermove", 400, 500, { ...touch, pointerId: 8 });
+    const zoomed = await camera();
+    assert.ok(Math.abs(zoomed.distance / turned.distance - 150 / 250) < 0.01, "fingers that part bring the scene nearer");
+    assert.equal(zoomed.azimuth, turned.azimuth);
+    assert.equal((await intentions(tab)).length, sent.length);
+  }));
+
+test("A gamepad holds by its trigger, moves by its sticks and stops by its button B", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => {
+      const button = () => ({ pressed: false, value: 0 });
+      globalThis.pad = { connected: true, axes: [0, 0, 0, 0], buttons: Array.from({ length: 16 }, button) };
+      navigator.getGamepads = () => [null, globalThis.pad];
+      globalThis.stage.steer();
+    });
+    await frames(tab, 3);
+    assert.deepEqual(await intentions(tab), [], "sticks without a grip hold nothing");
+    await tab.evaluate(() => {
+      globalThis.pad.buttons[7].value = 0.7;
+      globalThis.pad.axes = [0.05, 0, 0, -0.5];
+    });
+    await tab.waitForFunction(() => globalThis.stage.sent.length > 6);
+    const sent = await intentions(tab);
+    assert.ok(sent.every((e) => e.input === 4 && e.depth === 0 && Math.abs(e.grip - 0.7) < 1e-9));
+    const back = await tab.evaluate(() => globalThis.stage.scene.axes().back);
+    const moved = ["x", "y", "z"].map((k) => sent.at(-1)[k] - sent[0][k]);
+    const away = -moved.reduce((sum, m, k) => sum + m * back[k], 0);
+    assert.ok(away > 0.0003 && Math.abs(Math.hypot(...moved) - away) < 1e-6, "straight away: 0.05 is in the dead zone");
+    await tab.evaluate(() => {
+      globalThis.pad.buttons[1].pressed = true;
+    });
+    await frames(tab, 4);
+    const all = await tab.evaluate(() => globalThis.stage.sent.map((e) => (e[0] === "stop" ? "stop" : e[2].grip)));
+    assert.deepEqual(all.slice(-2), [0, "stop"], "one stop for one press, after letting go");
+  }));
+
+test("A session that nobody may steer sends no intention", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => {
+      globalThis.stage.model.hello.steer = false;
+      globalThis.stage.steer();
+    });
+    await frames(tab, 2);
+    const { x, y } = await tool(tab);
+    await tab.mouse.move(x, y);
+    await tab.mouse.down();
+    await tab.mouse.move(x + 20, y);
+    await tab.mouse.up();
+    await tab.keyboard.press("h");
+    assert.deepEqual(await intentions(tab), []);
+    assert.equal(await tab.isVisible(".scene-hint"), false);
+  }));
+
+test("Without a path the hand moves in a sheet, which the wheel and Q and E move by 1 mm", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => {
+      globalThis.stage.path(2, 2, 0);
+      globalThis.stage.steer();
+    });
+    await frames(tab, 2);
+    const { x, y } = await tool(tab);
+    const place = () => tab.evaluate(() => [...globalThis.stage.scene.picture.intention.at]);
+    await tab.mouse.move(x, y);
+    await tab.mouse.down();
+    await tab.mouse.move(x + 40, y - 10, { steps: 5 });
+    await frames(tab, 2);
+    const sheet = await tab.evaluate(() => globalThis.stage.scene.picture.sheet);
+    assert.ok(sheet.visible && sheet.axis === 1);
+    const first = await place();
+    await tab.mouse.wheel(0, -100);
+    await frames(tab, 2);
+    const second = await place();
+    assert.ok(Math.abs(second[1] - first[1] - 0.001) < 1e-9, `${second[1] - first[1]}`);
+    await tab.keyboard.press("q");
+    await frames(tab, 2);
+    assert.ok(Math.abs((await place())[1] - first[1]) < 1e-9);
+    await tab.mouse.up();
+    assert.ok((await intentions(tab)).every((e) => e.depth === 0));
+  }));
+
 const SHOW = { tool: true, path: true, tunnel: true, trail: true, score: true };
 const training = (state, changes = {}) => ({
   type: "training", state, exercise: "Curve", mode: "tunnel", trial: 3, of: 8, repetition: 3, repetitions: 8, show: SHOW,

@@ -27,7 +27,10 @@ export async function openStage(browser, { width = 800, height = 600, options = 
   tab.on("console", (message) => {
     if (["error", "warning"].includes(message.type())) errors.push(message.text());
   });
-  await tab.setContent(`<!doctype html><style>${style} #stage { position: fixed; inset: 0; }</style><div><div id="stage"></div></div>`);
+  // An origin of its own, as the real page has: storage and raw pointer events need one. Nothing leaves the browser.
+  const html = `<!doctype html><title>stage</title><style>${style} #stage { position: fixed; inset: 0; }</style><div><div id="stage"></div></div>`;
+  await context.route("**/*", (route) => route.fulfill({ contentType: "text/html; charset=utf-8", body: html }));
+  await tab.goto("http://localhost/");
   await tab.addScriptTag({ content: script });
   await tab.evaluate((o) => globalThis.stage.start(o), options);
   await frames(tab, 3);

@@ -1,6 +1,7 @@
 // Mouse, pen, touch, gamepad and keys as a hand: a person's intention for a simulated hand. The device answers by itself;
 // a ring shows the intention apart from the tool.
 import type { Client } from "./client";
+import { lettersOn } from "./keys";
 import type { Model } from "./model";
 import { Depth, Input } from "./protocol";
 import { clampTo, gripOf, Hand, stick } from "./scene/hand";
@@ -69,7 +70,9 @@ class SteeringOfScene implements Steering {
   private lastFrame = NaN;
   private stopWasDown = false;
   private everHeld = false;
-  private readonly hint = document.createElement("p");
+  private readonly hint = document.createElement("div");
+  private readonly hintText = document.createElement("span");
+  private readonly hintButton = document.createElement("button");
   private readonly abort = new AbortController();
   private readonly raw: boolean;
 
@@ -115,7 +118,11 @@ class SteeringOfScene implements Steering {
     });
     signal.addEventListener("abort", stop);
     this.hint.className = "scene-hint";
-    this.hint.setAttribute("role", "status");
+    this.hintText.setAttribute("role", "status");
+    this.hintButton.type = "button";
+    this.hintButton.className = "scene-hint-button";
+    this.hintButton.addEventListener("click", () => this.toggleKeys(), { signal });
+    this.hint.append(this.hintText, this.hintButton);
     scene.host.append(this.hint);
   }
 
@@ -261,11 +268,12 @@ class SteeringOfScene implements Steering {
     if (event.ctrlKey || event.altKey || event.metaKey || isTyping(event.target)) return;
     const key = keyOf(event);
     this.slow = event.shiftKey;
-    if (key === "h" && this.available && !event.repeat) {
+    const letters = lettersOn();
+    if (key === "h" && letters && this.available && !event.repeat) {
       this.toggleKeys();
     } else if (this.grasp === null) {
       return;
-    } else if (key === "q" || key === "e") {
+    } else if (letters && (key === "q" || key === "e")) {
       if (this.grasp.hand.fromPath) return;
       this.shift(key === "e" ? 1 : -1);
     } else if (this.grasp.input === Input.keys && key.startsWith("arrow")) {
@@ -401,6 +409,7 @@ class SteeringOfScene implements Steering {
 
   private say(): void {
     const grasp = this.grasp;
+    const ready = this.available && this.tool() !== null;
     let text = "";
     if (grasp !== null) {
       const depth =
@@ -409,11 +418,16 @@ class SteeringOfScene implements Steering {
           : grasp.hand.fromPath
             ? "depth from the path"
             : "wheel or Q and E: depth";
-      text = grasp.input === Input.keys ? `Arrow keys move the hand, ${depth}. H lets go.` : `Held by ${this.holding}, ${depth}.`;
-    } else if (this.available && !this.everHeld && this.tool() !== null) {
-      text = "Press the ball and move it. H: hold it by keyboard.";
+      text = grasp.input === Input.keys ? `Arrow keys move the hand, ${depth}.` : `Held by ${this.holding}, ${depth}.`;
+    } else if (ready && !this.everHeld) {
+      text = "Press the ball and move it.";
     }
-    if (this.hint.textContent !== text) this.hint.textContent = text;
+    // Also where letters are no keys, the hand can be taken without a pointer.
+    const button = grasp?.input === Input.keys ? "Let go (H)" : "Hold by keys (H)";
+    this.hint.hidden = !ready;
+    this.hintButton.hidden = grasp !== null && grasp.input !== Input.keys;
+    if (this.hintText.textContent !== text) this.hintText.textContent = text;
+    if (this.hintButton.textContent !== button) this.hintButton.textContent = button;
   }
 }
 

@@ -439,7 +439,7 @@ class GlPainter implements Painter {
     }
     this.placeArrow(p, axes, tool);
     this.mark(m.tool, tool, p.tool, t.actual, p.toolSize, 0, t.background);
-    this.mark(m.reference, p.showReference, p.reference, t.expert, 0.8 * p.toolSize, 2, t.background);
+    this.mark(m.reference, p.showReference, p.reference, t.expert, p.toolSize, 2, t.background);
     this.mark(m.start, p.start.visible, p.start.at, p.start.colour, 1.9 * p.toolSize, 1);
     this.mark(m.goal, p.goal.visible, p.goal.at, p.goal.colour, 1.7 * p.toolSize, 1);
     this.mark(m.intention, p.intention.visible, p.intention.at, t.text, 1.5 * p.toolSize, 1);
@@ -453,6 +453,8 @@ class GlPainter implements Painter {
     for (const mesh of Object.values(this.meshes)) mesh.geometry.dispose();
     for (const material of this.materials) material.dispose();
     this.renderer.dispose();
+    // Browsers keep few contexts: this one goes now, not when the collector comes.
+    this.renderer.forceContextLoss();
   }
 
   private depth(p: Picture, axes: ReturnType<typeof axesOf>, x: number, y: number, z: number): number {

@@ -421,7 +421,7 @@ class SceneOfModel implements SceneView {
     fit(this.camera, contents, this.insets());
     this.placeFloor(contents);
     // A recording without a path is fitted once more when its movement is here.
-    const waits = line.count < 2 && this.picture.movement.count < 2 && this.model.hello?.live !== true;
+    const waits = !this.touched && line.count < 2 && this.picture.movement.count < 2 && this.model.hello?.live !== true;
     this.fitted = waits ? "" : "done";
   }
 
@@ -478,8 +478,10 @@ class SceneOfModel implements SceneView {
     const on = <K extends keyof HTMLElementEventMap>(type: K, handler: (event: HTMLElementEventMap[K]) => void): void =>
       canvas.addEventListener(type, handler, { signal, passive: false });
     on("contextmenu", (event) => event.preventDefault());
+    let claimed = false;
     on("pointerdown", (event) => {
-      if (this.claim?.(event)) {
+      claimed = this.claim?.(event) === true;
+      if (claimed) {
         event.preventDefault();
         return;
       }
@@ -502,7 +504,7 @@ class SceneOfModel implements SceneView {
       this.zoomAt(Math.exp(0.0015 * lines * event.deltaY), event.clientX, event.clientY);
     });
     on("dblclick", () => {
-      if (!this.held) this.fit();
+      if (!this.held && !claimed) this.fit();
     });
   }
 
@@ -566,11 +568,14 @@ class SceneOfModel implements SceneView {
       const run = Math.hypot(dx, dy);
       const ux = run > 4 ? dx / run : 0;
       const uy = run > 4 ? dy / run : -1;
-      const clear = Math.max(0, p.toolSize + 4 - run);
       const text = `${decimal(force, 1)} N`;
       if (this.label.textContent !== text) this.label.textContent = text;
-      const x = Math.min(this.camera.width - 26, Math.max(26, tip[0] + (26 + clear) * ux));
-      const y = Math.min(this.camera.height - 12, Math.max(12, tip[1] + (14 + clear) * uy));
+      // The label's edge is 6 px beyond the tip, and clear of the ball if the arrow points at the eye.
+      const half = 3.7 * text.length + 5;
+      const reach = Math.min(half / Math.max(0.01, Math.abs(ux)), 11 / Math.max(0.01, Math.abs(uy)));
+      const off = reach + 6 + Math.max(0, p.toolSize + 6 - run);
+      const x = Math.min(this.camera.width - half, Math.max(half, tip[0] + off * ux));
+      const y = Math.min(this.camera.height - 12, Math.max(12, tip[1] + off * uy));
       this.label.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
     }
     this.placeLegend();
