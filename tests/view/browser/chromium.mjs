@@ -1,10 +1,11 @@
-// Starts the browser of the tests. HAPTRACE_BROWSER names another command than `chromium`.
+// Starts the browser of the tests. HAPTRACE_CHROMIUM names another command than chromium,
+// chromium-browser or google-chrome of the PATH.
 import { accessSync, constants } from "node:fs";
 import { delimiter, join } from "node:path";
 import { chromium } from "playwright-core";
 
 function find() {
-  if (process.env.HAPTRACE_BROWSER) return process.env.HAPTRACE_BROWSER;
+  if (process.env.HAPTRACE_CHROMIUM) return process.env.HAPTRACE_CHROMIUM;
   for (const folder of (process.env.PATH ?? "").split(delimiter)) {
     for (const name of ["chromium", "chromium-browser", "google-chrome"]) {
       try {
@@ -15,7 +16,7 @@ function find() {
       }
     }
   }
-  throw new Error("No Chromium found. Install the package chromium, or name its command in HAPTRACE_BROWSER.");
+  throw new Error("No Chromium found. Install the package chromium, or name its command in HAPTRACE_CHROMIUM.");
 }
 
 // WebGL without a GPU, drawn by SwiftShader; `flags` are added.

@@ -1,30 +1,13 @@
-// Starts haptrace and a browser for a test. HAPTRACE_COMMAND is the haptrace to test; HAPTRACE_CHROMIUM the browser, else
-// chromium, chromium-browser or google-chrome of the PATH.
+// Starts haptrace and a browser for a test. HAPTRACE_COMMAND is the haptrace to test.
 import { execFile, spawn } from "node:child_process";
-import { accessSync, constants, mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
-import { delimiter, join } from "node:path";
+import { join } from "node:path";
 import { promisify } from "node:util";
-import { chromium } from "playwright-core";
+import { start } from "./chromium.mjs";
 
 export const haptrace = process.env.HAPTRACE_COMMAND ?? "";
 if (haptrace === "") throw new Error("HAPTRACE_COMMAND is not set. Set it to the haptrace command to test.");
-
-function findBrowser() {
-  if (process.env.HAPTRACE_CHROMIUM) return process.env.HAPTRACE_CHROMIUM;
-  for (const name of ["chromium", "chromium-browser", "google-chrome"]) {
-    for (const folder of (process.env.PATH ?? "").split(delimiter)) {
-      const file = join(folder, name);
-      try {
-        accessSync(file, constants.X_OK);
-        return file;
-      } catch {
-        // not there
-      }
-    }
-  }
-  throw new Error("No Chromium was found. Install the package chromium, or set HAPTRACE_CHROMIUM.");
-}
 
 // A folder for the files of a test; removed with `after`.
 export function scratch(t) {
@@ -35,8 +18,7 @@ export function scratch(t) {
 
 // Opens a browser for a test. It draws without a GPU, as on a machine that has none.
 export async function browser(t, options = {}) {
-  const args = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", ...(options.args ?? [])];
-  const opened = await chromium.launch({ executablePath: findBrowser(), args });
+  const opened = await start(options.args);
   t.after(() => opened.close());
   return opened;
 }

@@ -217,8 +217,9 @@ class SceneOfModel implements SceneView {
     p.showTunnel = t === null || t.tunnel;
     p.showTrail = t === null || t.trail;
     p.showMovement = t === null || t.movement;
-    // Beside a tunnel the reference is the nearest place of the path, not an expert that moves.
-    p.showReference = hasReference && mode !== "tunnel" && mode !== "free" && (t === null ? true : mode === "cursor" && t.path);
+    // In a tunnel the reference is the nearest place of the path; an expert that moves is something to follow.
+    const follows = mode === "cursor" || mode === "passive" || m.recording?.verb === "play";
+    p.showReference = hasReference && (t === null ? follows : mode === "cursor" && t.path);
     p.arrow.visible = t === null && force >= LEAST_FORCE;
     p.deviation.visible = t === null && hasReference && deviation > 0;
     p.deviation.outside = deviation > radius;
