@@ -20,7 +20,7 @@ function find() {
 }
 
 // WebGL without a GPU, drawn by SwiftShader; `flags` are added.
-export function start(flags = []) {
+export function launch(flags = []) {
   return chromium.launch({
     executablePath: find(),
     args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", ...flags],

@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { start } from "./chromium.mjs";
+import { launch } from "./chromium.mjs";
 import { frames, openStage } from "./stage.mjs";
 
 let browser;
-before(async () => (browser = await start()));
+before(async () => (browser = await launch()));
 after(() => browser.close());
 
 async function withStage(settings, check) {
@@ -109,7 +109,7 @@ test("A lost WebGL context is said in words, and the picture returns with the co
   }));
 
 test("Without WebGL the scene is drawn flat and says so", async () => {
-  const without = await start(["--disable-gpu", "--disable-3d-apis"]);
+  const without = await launch(["--disable-gpu", "--disable-3d-apis"]);
   try {
     const stage = await openStage(without);
     assert.equal(await stage.tab.evaluate(() => globalThis.stage.scene.painter.kind), "flat");

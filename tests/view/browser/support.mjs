@@ -4,7 +4,7 @@ import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { promisify } from "node:util";
-import { start } from "./chromium.mjs";
+import { launch } from "./chromium.mjs";
 
 export const haptrace = process.env.HAPTRACE_COMMAND ?? "";
 if (haptrace === "") throw new Error("HAPTRACE_COMMAND is not set. Set it to the haptrace command to test.");
@@ -18,7 +18,7 @@ export function scratch(t) {
 
 // Opens a browser for a test. It draws without a GPU, as on a machine that has none.
 export async function browser(t, options = {}) {
-  const opened = await start(options.args);
+  const opened = await launch(options.args);
   t.after(() => opened.close());
   return opened;
 }
