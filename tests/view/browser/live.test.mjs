@@ -1,0 +1,141 @@
+import assert from "node:assert/strict";
+import { join } from "node:path";
+import test from "node:test";
+import { browser, open, run, samplesOf, scratch, start, state } from "./support.mjs";
+
+const HAND = "sim:preset=falcon,hand=firm";
+
+async function square(folder, duration = "4") {
+  const path = join(folder, "square.h5");
+  await run("shape", "square", "--size", "60mm", "--duration", duration, "-o", path);
+  return path;
+}
+
+// All rows that the page has of a column, bin by bin of one row.
+async function rowsOf(page, column) {
+  const { start: from, end } = await state(page);
+  const out = new Map();
+  for (let t = from; t < end; t += 0.3) {
+    const bins = await page.evaluate(async ([time, name]) => {
+      window.haptraceTest.seek(time);
+      window.haptraceTest.span(0.4);
+      await new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+      return window.haptraceTest.drawn(name);
+    }, [t, column]);
+    for (const b of bins) out.set(Math.round(b.t * 1000), b);
+  }
+  return out;
+}
+
+test("the curve of a live session equals the recorded file", async (t) => {
+  const folder = scratch(t);
+  const file = join(folder, "live.h5");
+  const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "2", "--record", file, "--view", "--no-browser");
+  const page = await open(t, await browser(t), session.address);
+  assert.equal((await state(page)).live, true);
+  await page.waitForFunction(() => window.haptraceTest.state().ended, null, { timeout: 60000 });
+  const bins = await rowsOf(page, "x");
+  assert.equal(await session.ended, 0, session.output());
+  const samples = await samplesOf(file, folder);
+  const byTime = new Map(samples.t.map((time, i) => [Math.round(time * 1000), samples.x[i]]));
+  let compared = 0;
+  for (const [ms, bin] of bins) {
+    const x = byTime.get(ms);
+    if (x === undefined || bin.min !== bin.max) continue; // two rows of one millisecond: the clock is real
+    assert.ok(Math.abs(bin.min - x) < 1e-6, `at ${ms} ms: ${bin.min}, the file has ${x}`);
+    compared++;
+  }
+  assert.ok(compared > 0.9 * Math.min(bins.size, samples.t.length), `${compared} rows of ${samples.t.length} were compared`);
+  assert.ok(bins.size > 3000, `${bins.size} rows`);
+  assert.deepEqual(page.errors.filter((e) => !/WebSocket|ERR_CONNECTION/.test(e)), []);
+});
+
+for (const [how, press] of [
+  ["the button", async (page) => {
+    const box = await page.locator("[data-stop]").boundingBox();
+    await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+    await page.mouse.down(); // at the press already, not at the release
+  }],
+  ["the Esc key", (page) => page.keyboard.press("Escape")],
+  ["the Esc key in a dialog", async (page) => {
+    await page.keyboard.press("?");
+    await page.waitForSelector("dialog[open]");
+    await page.keyboard.press("Escape");
+  }],
+]) {
+  test(`Stop by ${how} ends a session without --control, with zero force, and the page says so`, async (t) => {
+    const folder = scratch(t);
+    const file = join(folder, "stopped.h5");
+    const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--record", file, "--view", "--no-browser");
+    const page = await open(t, await browser(t), session.address);
+    await page.waitForFunction(() => Number.isFinite(window.haptraceTest.shown().values.force));
+    await press(page);
+    await page.getByText(/The session ended/).waitFor();
+    await page.getByText(/Zero force is confirmed/).waitFor();
+    await session.ended;
+    const samples = await samplesOf(file, folder);
+    assert.deepEqual([samples.fx.at(-1), samples.fy.at(-1), samples.fz.at(-1)].map(Math.abs), [0, 0, 0]);
+    assert.deepEqual(page.errors.filter((e) => !/WebSocket|ERR_CONNECTION/.test(e)), []);
+  });
+}
+
+test("freezing the picture does not pause the session, and Go live shows the newest rows", async (t) => {
+  const folder = scratch(t);
+  const session = await start(t, "record", join(folder, "live.h5"), "-d", HAND, "--duration", "600", "--clock", "real", "--view", "--no-browser");
+  const page = await open(t, await browser(t), session.address);
+  await page.waitForFunction(() => window.haptraceTest.state().ringRows > 500);
+  await page.keyboard.press("Space");
+  const frozen = await page.evaluate(() => window.haptraceTest.shown().time);
+  await page.waitForFunction(() => window.haptraceTest.state().lag > 1.5);
+  assert.equal(await page.evaluate(() => window.haptraceTest.shown().time), frozen);
+  await page.getByRole("button", { name: /Go live/ }).click();
+  await page.waitForFunction(() => window.haptraceTest.state().lag < 0.3 && window.haptraceTest.state().following);
+  assert.deepEqual(page.errors, []);
+});
+
+test("a hidden tab takes no rows and shows the newest on return", async (t) => {
+  const folder = scratch(t);
+  const session = await start(t, "record", join(folder, "live.h5"), "-d", HAND, "--duration", "600", "--clock", "real", "--view", "--no-browser");
+  const page = await open(t, await browser(t), session.address);
+  await page.waitForFunction(() => window.haptraceTest.state().ringRows > 500);
+  const hide = (hidden) => page.evaluate((value) => {
+    Object.defineProperty(document, "visibilityState", { value: value ? "hidden" : "visible", configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+  }, hidden);
+  await hide(true);
+  // Two statuses later nothing is on its way any more.
+  const rows = async () => (await state(page)).ringRows;
+  let before = await rows();
+  for (;;) {
+    await new Promise((resolve) => setTimeout(resolve, 500));
+    const now = await rows();
+    if (now === before) break;
+    before = now;
+  }
+  await new Promise((resolve) => setTimeout(resolve, 1500));
+  assert.equal(await rows(), before);
+  await hide(false);
+  await page.waitForFunction((n) => window.haptraceTest.state().ringRows > n && window.haptraceTest.state().lag < 0.3, before);
+  assert.deepEqual(page.errors, []);
+});
+
+test("with --control the page changes a gain and sets a mark; without it there is no control", async (t) => {
+  const folder = scratch(t);
+  const path = await square(folder);
+  const arguments_ = ["play", path, "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--view", "--no-browser"];
+  const opened = await browser(t);
+  const plain = await start(t, ...arguments_);
+  const watched = await open(t, opened, plain.address);
+  assert.equal(await watched.locator(".controls").count(), 0);
+  assert.equal(await watched.locator("[data-stop]").isEnabled(), true);
+  await plain.end();
+
+  const file = join(folder, "controlled.h5");
+  const session = await start(t, ...arguments_, "--control", "--record", file);
+  const page = await open(t, opened, session.address);
+  await page.getByRole("button", { name: /^Less/ }).first().click();
+  await page.getByRole("button", { name: /^Undo/ }).waitFor();
+  await page.locator(".actions").getByRole("button", { name: "Mark" }).click();
+  await page.waitForFunction(() => window.haptraceTest.state().events > 0);
+  assert.deepEqual(page.errors, []);
+});
