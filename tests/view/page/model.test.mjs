@@ -312,3 +312,12 @@ test("the next repetition of a live session begins anew and is followed, althoug
   assert.equal(model.following, true);
   assert.equal(model.repetitions.length, 0);
 });
+
+test("between repetitions the last one that began is the one to show, before all the first", () => {
+  const { model } = recorded();
+  model.take({ type: "phases", reset: true, done: true, list: [[1, 2, "run"], [2, 3, "idle"], [3, 4, "run"]] });
+  assert.equal(model.repetitionAt(2.5), null);
+  assert.equal(model.repetitionBefore(2.5).number, 1);
+  assert.equal(model.repetitionBefore(9).number, 2);
+  assert.equal(model.repetitionBefore(0).number, 1);
+});
