@@ -78,7 +78,7 @@ class TraineeScreen implements Trainee {
     this.stop.append(octagon, "Stop");
     this.startButton.type = "button";
     this.startButton.textContent = "Start";
-    const about = part("p", "training-sentence");
+    const about = part("p", "training-about");
     about.textContent = "Opens sound and full screen";
     this.start.append(this.startButton, about);
     steps.append(this.count, this.dots);
@@ -189,10 +189,8 @@ class TraineeScreen implements Trainee {
         return box;
       }),
     );
-    // Words that must be read come before the invitation to start.
-    const urgent = words.tone === "stop" || words.tone === "warning" || state === "finished";
-    this.start.hidden = this.started || urgent;
-    this.live.hidden = !this.start.hidden;
+    // The invitation stands beside what the person does first, and never takes the place of a word.
+    this.start.hidden = this.started || (state !== "none" && state !== "waiting");
   }
 
   private head(): void {

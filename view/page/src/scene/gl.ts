@@ -332,17 +332,13 @@ class GlPainter implements Painter {
     };
     uniforms(this.meshes.pathShadow).flatten!.value = 1;
 
-    const lost = (event: Event): void => {
-      event.preventDefault();
+    // The renderer asks for the context back, and uploads everything again when it comes.
+    const lost = (): void => {
       this.lost = true;
       changed();
     };
     const restored = (): void => {
       this.lost = false;
-      this.pathVersion = -1;
-      this.movementVersion = -1;
-      this.gridKey = "";
-      this.boxKey = "";
       changed();
     };
     canvas.addEventListener("webglcontextlost", lost);
