@@ -274,14 +274,20 @@ test("a newer question replaces the one that waits, and an answer that fails fre
   const asked = [];
   const got = [];
   const waiting = [];
-  const latest = new Latest((q) => { asked.push(q); return new Promise((resolve, reject) => waiting.push({ resolve, reject })); }, (q, a) => got.push([q, a]), 5);
+  let goOn;
+  const ask = (q) => {
+    asked.push(q);
+    return new Promise((resolve, reject) => waiting.push({ resolve, reject }));
+  };
+  const latest = new Latest(ask, (q, a) => got.push([q, a]), () => new Promise((resolve) => (goOn = resolve)));
   for (const q of [1, 2, 3, 4]) latest.request(q);
   assert.deepEqual(asked, [1]);
   waiting[0].reject(new Error("lost"));
   await settle();
   latest.request(5); // not asked at once: the server just refused
   assert.deepEqual(asked, [1]);
-  while (asked.length < 2) await settle();
+  goOn();
+  await settle();
   assert.deepEqual(asked, [1, 5]);
   waiting[1].resolve("a");
   await settle();
@@ -320,4 +326,19 @@ test("between repetitions the last one that began is the one to show, before all
   assert.equal(model.repetitionBefore(2.5).number, 1);
   assert.equal(model.repetitionBefore(9).number, 2);
   assert.equal(model.repetitionBefore(0).number, 1);
+});
+
+test("a screen that is replaced leaves no listener behind", () => {
+  const { model } = recorded();
+  let calls = 0;
+  const end = model.collect(() => {
+    model.on("play", () => calls++);
+    model.on("data", () => calls++);
+  });
+  model.on("play", () => calls++);
+  model.pause();
+  assert.equal(calls, 2);
+  end();
+  model.pause();
+  assert.equal(calls, 3);
 });

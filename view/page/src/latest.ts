@@ -1,16 +1,18 @@
+const quarterSecond = (): Promise<void> => new Promise((resolve) => setTimeout(resolve, 250));
+
 // Asks one question at a time and forgets all but the newest of those that wait: a person who drags asks sixty
 // times a second, and only the last place matters.
 export class Latest<Question, Answer> {
   private waiting: Question | null = null;
   private asking: Question | null = null;
   private paused = false;
-  private readonly pause: number;
+  private readonly pause: () => Promise<void>;
   private readonly ask: (question: Question) => Promise<Answer | null>;
   private readonly take: (question: Question, answer: Answer) => void;
 
-  // `ask` gives null if there is no answer; the next question then waits for `pause` ms, so that a server that refuses is
-  // not asked in every frame.
-  constructor(ask: (question: Question) => Promise<Answer | null>, take: (question: Question, answer: Answer) => void, pause = 250) {
+  // `ask` gives null if there is no answer; the next question then waits for `pause`, so that a server that refuses is not
+  // asked in every frame.
+  constructor(ask: (question: Question) => Promise<Answer | null>, take: (question: Question, answer: Answer) => void, pause = quarterSecond) {
     this.ask = ask;
     this.take = take;
     this.pause = pause;
@@ -38,10 +40,10 @@ export class Latest<Question, Answer> {
         return;
       }
       this.paused = true;
-      setTimeout(() => {
+      void this.pause().then(() => {
         this.paused = false;
         this.next();
-      }, this.pause);
+      });
     };
     this.ask(question).then(done, () => done(null));
   }

@@ -136,6 +136,7 @@ export class Model {
   ownMarks: EventEntry[] = [];
   private columnOf = new Map<string, number>();
   private readonly listeners = new Map<ModelEvent, Set<() => void>>();
+  private collected: (() => void)[] | null = null;
   private source: Source | null = null;
   private generation = 0;
   private pathVersion = 0;
@@ -178,7 +179,21 @@ export class Model {
     let set = this.listeners.get(event);
     if (set === undefined) this.listeners.set(event, (set = new Set()));
     set.add(listener);
-    return () => set.delete(listener);
+    const end = (): void => void set.delete(listener);
+    this.collected?.push(end);
+    return end;
+  }
+
+  // Calls `build` and returns a function that ends all subscriptions that it made.
+  collect(build: () => void): () => void {
+    const ends: (() => void)[] = [];
+    this.collected = ends;
+    try {
+      build();
+    } finally {
+      this.collected = null;
+    }
+    return () => ends.forEach((end) => end());
   }
 
   emit(event: ModelEvent): void {

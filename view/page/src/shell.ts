@@ -47,6 +47,7 @@ export class Shell {
   private controls: Controls | null = null;
   private steering: Steering | null = null;
   private trainee: Trainee | null = null;
+  private endListening: () => void = () => undefined;
   private drawers: ((now: number) => void)[] = [];
   private colour = 0;
   private colourSelect: HTMLSelectElement | null = null;
@@ -124,9 +125,13 @@ export class Shell {
     this.drawers = [];
     this.scene = this.lanes = this.timeline = this.trend = this.controls = null;
     this.steering = this.trainee = null;
-    if (this.role === "trainee") this.buildTrainee();
-    else if (this.role === "therapist" && (m.programme !== null || m.hello.control)) this.buildTherapist();
-    else this.buildView();
+    this.endListening();
+    const { control } = m.hello;
+    this.endListening = m.collect(() => {
+      if (this.role === "trainee") this.buildTrainee();
+      else if (this.role === "therapist" && (m.programme !== null || control)) this.buildTherapist();
+      else this.buildView();
+    });
     this.client.want(this.role === "trainee" ? "state" : "samples");
     this.showTitle();
     this.showConnection();
