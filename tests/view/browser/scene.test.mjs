@@ -432,6 +432,9 @@ test("Stop on the training screen is sent when it is pressed, not when it is rel
     await tab.mouse.down();
     assert.deepEqual(await tab.evaluate(() => globalThis.stage.sent), [["stop"]]);
     await tab.mouse.up();
+    await tab.focus(".training-stop");
+    await tab.keyboard.press("Enter");
+    assert.deepEqual(await tab.evaluate(() => globalThis.stage.sent), [["stop"], ["stop"]], "the keyboard stops too");
   }));
 
 test("The section describes the place of the tool in words", () =>

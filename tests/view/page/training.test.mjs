@@ -14,7 +14,7 @@ const all = (w) => [w.word, w.beside, w.sentence, w.best, ...w.figures.flatMap((
 const situation = (changes) => ({ training: message("moving"), heard: true, hadConnection: true, ended: false, ...changes });
 
 test("Each state has its words", () => {
-  const words = Object.fromEntries(STATES.map((s) => [s, wordsOf(s, message(s), 11.2)]));
+  const words = Object.fromEntries(STATES.map((s) => [s, wordsOf(s, message(s), 11.2, "confirmed")]));
   assert.equal(words.waiting.word, "Hold the handle");
   assert.deepEqual([words.approach.word, words.approach.sentence], ["The device moves you", "Let your hand follow"]);
   assert.deepEqual([words.go.word, words.go.tone], ["Go", "go"]);
@@ -23,6 +23,13 @@ test("Each state has its words", () => {
   assert.deepEqual([words.finished.word, words.finished.sentence], ["Finished", "Thank you"]);
   assert.deepEqual([words.stopped.word, words.stopped.sentence, words.stopped.tone], ["Stopped", "The force is off. Please wait", "stop"]);
   assert.deepEqual([wordsOf("lost", null, NaN).word, wordsOf("lost", null, NaN).tone], ["One moment", "warning"]);
+});
+
+test("The screen says that the force is off only where the device confirmed it", () => {
+  const sentence = (zeroForce) => wordsOf("stopped", message("stopped"), NaN, zeroForce).sentence;
+  assert.match(sentence("confirmed"), /force is off/);
+  assert.equal(sentence("failed"), "Let go of the handle");
+  for (const zeroForce of ["", "sent"]) assert.equal(sentence(zeroForce), "Please wait");
 });
 
 test("No word and no number is shown while the hand moves", () => {

@@ -118,7 +118,7 @@ class TraineeScreen implements Trainee {
     const entered = state !== this.state;
     this.state = state;
     const rest = (this.restEnds - now) / 1000;
-    this.say(wordsOf(state, training, rest), state);
+    this.say(wordsOf(state, training, rest, this.model.status?.zero_force ?? ""), state);
     this.head();
     const look = lookOf(state, training?.show ?? null);
     const lookKey = JSON.stringify(look);
@@ -221,7 +221,10 @@ class TraineeScreen implements Trainee {
     this.stop.addEventListener("pointerdown", (event) => {
       if (event.button === 0) this.client.stop();
     }, { signal });
-    this.stop.addEventListener("click", () => this.client.stop(), { signal });
+    // From the keyboard or a screen reader a click comes without a press of the pointer.
+    this.stop.addEventListener("click", (event) => {
+      if (event.detail === 0) this.client.stop();
+    }, { signal });
     this.startButton.addEventListener("click", () => this.open(), { signal });
     document.addEventListener("visibilitychange", () => {
       if (this.started && document.visibilityState === "visible") this.keepAwake();

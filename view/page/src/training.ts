@@ -44,8 +44,9 @@ export function screenState(s: Situation): ScreenState {
   return state;
 }
 
-// Words of a state. `rest` is what remains of a rest [s].
-export function wordsOf(state: ScreenState, training: TrainingMessage | null, rest: number): Words {
+// Words of a state. `rest` is what remains of a rest [s]; `zeroForce` is how the request of zero force ended: "confirmed",
+// "sent", "failed", or "" while that is not known. The screen says that the force is off only where the device confirmed it.
+export function wordsOf(state: ScreenState, training: TrainingMessage | null, rest: number, zeroForce = ""): Words {
   const words: Words = { word: "", beside: "", sentence: "", figures: [], best: "", tone: "plain" };
   switch (state) {
     case "none":
@@ -81,7 +82,8 @@ export function wordsOf(state: ScreenState, training: TrainingMessage | null, re
       break;
     case "stopped":
       words.word = "Stopped";
-      words.sentence = "The force is off. Please wait";
+      words.sentence =
+        zeroForce === "confirmed" ? "The force is off. Please wait" : zeroForce === "failed" ? "Let go of the handle" : "Please wait";
       words.tone = "stop";
       break;
     case "lost":
