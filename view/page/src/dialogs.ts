@@ -78,6 +78,12 @@ export function openValues(model: Model, drawing: string): void {
   dialog.addEventListener("close", () => window.clearInterval(timer));
 }
 
+const PAGE_LOST: Record<string, string> = {
+  soften: "the forces soften after 2 s",
+  stop: "the session stops after 2 s",
+  ignore: "nothing happens",
+};
+
 // The facts of a session, in words.
 export function sessionFacts(model: Model): [string, string][] {
   const r = model.recording;
@@ -105,6 +111,7 @@ export function sessionFacts(model: Model): [string, string][] {
     add("Late ticks", decimals(s.overruns, 0));
     add("Share of the feedback in force", `${decimals(s.share * 100, 0)} %`);
     add("Samples that did not reach this page", decimals(s.lost_rows, 0));
+    if (model.hello?.control === true) add("If the controlling page is lost", PAGE_LOST[model.hello.on_page_lost] ?? model.hello.on_page_lost);
     add("Open pages", decimals(s.pages, 0));
     add("Zero force at the end", s.zero_force);
   }

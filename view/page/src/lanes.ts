@@ -31,7 +31,7 @@ const KINDS: LaneKind[] = [
   { column: "deviation", label: "Deviation", short: "Dev.", limit: "radius", role: "actual", second: "radius", tall: true, floor: 0.002 },
   { column: "force", label: "Force", short: "Force", role: "force", second: "", tall: true, floor: 0.5 },
   { column: "progress", label: "Progress", short: "Progress", role: "actual", second: "", tall: false, floor: 0.01 },
-  { column: "speed", label: "Speed", short: "Speed", role: "actual", second: "", tall: false, floor: 0.05 },
+  { column: "speed", label: "Speed", short: "Speed", role: "actual", second: "", tall: false, floor: 0.005 },
 ];
 
 // In a narrow window the lane that says most comes first.

@@ -52,7 +52,7 @@ export interface Span {
 
 export const PLAYHEAD = 0.65;
 export const SPAN_LEAST = 0.05; // [s]
-export const SPAN_MOST = 4 * 3600; // [s]
+export const SPAN_MOST = 7 * 86400; // [s]
 
 // Returns the window of the lanes. Live: it ends at the shown time. Playing: the playhead runs to 65 % of the window and
 // stays there. At rest: the window stays where it is as long as it holds the shown time.

@@ -232,6 +232,7 @@ export class Shell {
     const phase = el("span", { class: "pill go" }, phaseIcon, phaseWordNode);
     const facts = el("span", { class: "pill wide" });
     const missed = el("span", { class: "pill wide" });
+    const softened = el("span", { class: "pill warning", role: "status", hidden: true });
     const input = el("span", { class: "pill wide" });
     const clockPill = el("span", { class: "pill wide" });
     const warnings = el("button", { type: "button", class: "pill warning", title: "Events and warnings" }, icon("triangle"), el("span", {}, ""));
@@ -256,7 +257,7 @@ export class Shell {
     }
     const pills = el("div", { class: "pills" });
     if (live) pills.append(livePill);
-    pills.append(phase, warnings);
+    pills.append(phase, softened, warnings);
     const timed = m.hello?.role === "therapist" && m.programme !== null;
     if (!timed) pills.append(facts, missed, input);
     header.append(pills, el("span", { class: "space" }));
@@ -274,7 +275,6 @@ export class Shell {
       if (live) {
         const old = !m.connected || now - m.statusAt > STATUS_STALE;
         setText(liveWord, s?.ended === true ? "Ended" : old ? "No news" : s?.paused === true || m.programme?.paused === true ? "Paused" : m.following ? "Live" : m.playing ? "Replay" : "Frozen");
-        setClass(livePill, "go", false);
       }
       const name = live && m.following && s !== null ? s.phase : m.phaseAt(m.shown);
       const rep = m.repetitionAt(m.shown);
@@ -290,8 +290,12 @@ export class Shell {
       const r = m.recording;
       const rate = live && s !== null ? s.rate : (r?.rate_hz ?? NaN);
       const virtual = r?.virtual_time === true ? "virtual time · " : "";
-      setText(facts, live ? `${virtual}${decimals(rate, 0)} Hz` : `${decimals(m.end - m.start, 1)} s · ${decimals(rate, 0)} Hz`);
-      setClass(facts, "bad", false);
+      setText(facts, live ? `${virtual}${decimals(rate, 0)} Hz` : `${m.end - m.start < 100 ? `${decimals(m.end - m.start, 1)} s` : clock(m.end - m.start, 0)} · ${decimals(rate, 0)} Hz`);
+      // Fewer fresh samples than asked for, and softened forces, are seen without opening a table.
+      setClass(facts, "warning", live && s !== null && !s.ended && s.rate < 0.9 * s.asked_rate);
+      const soft = live && s !== null && !s.ended && s.share < 0.995;
+      setHidden(softened, !soft);
+      if (soft) setText(softened, `Forces softened to ${decimals(s.share * 100, 0)} %`);
       setHidden(missed, s === null);
       setText(missed, `${decimals(s?.overruns ?? NaN, 0)} late`);
       setHidden(input, (r?.input ?? "") === "");

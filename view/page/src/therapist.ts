@@ -250,7 +250,7 @@ export class Controls {
     }
     this.undoButton = button("Undo the last change", { icon: "repeat", text: "Undo", class: "button undo" }, () => void this.undo());
     this.undoButton.hidden = true;
-    this.root.append(grid, this.answer, this.list, this.undoButton, this.messages);
+    this.root.append(grid, this.answer, this.undoButton, this.list, this.messages);
     host.append(this.root);
     model.on("controls", () => this.show());
     model.on("programme", () => this.showActions());
