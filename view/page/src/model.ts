@@ -26,6 +26,7 @@ export const LIVE_DELAY = 0.035;
 export const STALE = 0.25;
 // After this long without a row a live session shows no values [s].
 const SILENT = 0.5;
+const SILENT_TICKS = 6;
 export const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4, 8] as const;
 
 export type ModelEvent =
@@ -144,6 +145,7 @@ export class Model {
   private movementKey = "";
   private movementDue = 0;
   private lastTick = NaN;
+  private ticksWithoutRows = 0;
   private readonly rowRequests: Latest<{ index: number; generation: number }, RowsFrame>;
   private readonly movementRequests: Latest<{ t0: number; t1: number; generation: number }, BinsFrame>;
 
@@ -304,7 +306,10 @@ export class Model {
     const last = frame.time.length > 0 ? frame.header.t0 + frame.time[frame.time.length - 1]! : NaN;
     // A clock that went back belongs to a new session.
     if (last < this.ring.oldest) this.ring.clear();
-    if (this.ring.push(frame) > 0) this.changed();
+    if (this.ring.push(frame) > 0) {
+      this.ticksWithoutRows = 0;
+      this.changed();
+    }
   }
 
   takePath(frame: PathFrame): void {
@@ -654,7 +659,10 @@ export class Model {
 
   private readShownRow(now: number): void {
     // The newest row of a stream that stopped is no present value.
-    const silent = this.following && this.recording?.virtual_time !== true && now + this.clockOffset - this.ring.newest > SILENT;
+    // A page that was busy for half a second has rows waiting: it looks a few frames later.
+    this.ticksWithoutRows++;
+    const silent =
+      this.following && this.recording?.virtual_time !== true && this.ticksWithoutRows > SILENT_TICKS && now + this.clockOffset - this.ring.newest > SILENT;
     const source = silent ? null : this.sourceAt(this.shown);
     const tolerance = Math.max(this.period * 0.75, this.following ? STALE : 0.02);
     const row = source === null ? -1 : nearestRow(source, this.shown, tolerance);

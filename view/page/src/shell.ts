@@ -238,7 +238,7 @@ export class Shell {
     const warnings = el("button", { type: "button", class: "pill warning", title: "Events and warnings" }, icon("triangle"), el("span", {}, ""));
     warnings.addEventListener("click", () => this.openValues());
     returnFocus(warnings);
-    const header = el("header", { class: "header" }, el("span", { class: "brand" }, "haptrace"));
+    const header = el("header", { class: "header" }, el("h1", { class: "unseen", id: "heading" }, "haptrace"), el("span", { class: "brand", "aria-hidden": "true" }, "haptrace"));
     const recordings = m.hello?.recordings ?? [];
     if (recordings.length > 1) {
       const select = el("select", { class: "select", "aria-label": "Recording" });
@@ -569,6 +569,8 @@ export class Shell {
       setText(node, shown);
       setAttribute(node, "title", name.join(" · "));
     }
+    const heading = document.getElementById("heading");
+    if (heading !== null) setText(heading, `haptrace ${shown}`);
     document.title = shown === "" ? "haptrace" : `${shown} · haptrace`;
   }
 
