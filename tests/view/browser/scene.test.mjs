@@ -361,6 +361,47 @@ test("The training screen's camera and scale are the same in every state", () =>
     }
   }));
 
+test("A path of another exercise is fitted after the movement, never during it", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate((m) => globalThis.stage.train(m), training("moving"));
+    await frames(tab, 3);
+    const camera = () => tab.evaluate(() => JSON.stringify(globalThis.stage.scene.camera));
+    const first = await camera();
+    await tab.evaluate(() => globalThis.stage.path(2, 400));
+    await frames(tab, 2);
+    await tab.evaluate((m) => globalThis.stage.training(m), training("done"));
+    await frames(tab, 2);
+    assert.equal(await camera(), first, "the same path again");
+    await tab.evaluate((m) => globalThis.stage.training(m), training("moving"));
+    await tab.evaluate(() => globalThis.stage.path(3, 400, 0.5, 0.2));
+    await frames(tab, 3);
+    assert.equal(await camera(), first, "during the movement");
+    await tab.evaluate((m) => globalThis.stage.training(m), training("rest"));
+    await frames(tab, 3);
+    assert.notEqual(await camera(), first, "after it");
+  }));
+
+test("A camera that a person turned stays for the next repetition of the same path", () =>
+  withStage({}, async (tab) => {
+    await tab.mouse.move(200, 500);
+    await tab.mouse.down();
+    await tab.mouse.move(300, 520, { steps: 3 });
+    await tab.mouse.up();
+    await frames(tab, 2);
+    const camera = () => tab.evaluate(() => JSON.stringify(globalThis.stage.scene.camera));
+    const turned = await camera();
+    await tab.evaluate(() => {
+      globalThis.stage.model.take({ ...globalThis.stage.model.recording, session: "next" });
+      globalThis.stage.path(2, 400);
+    });
+    await frames(tab, 3);
+    assert.equal(await camera(), turned);
+    await tab.evaluate(() => globalThis.stage.path(3, 400, 1, 0.3));
+    await frames(tab, 3);
+    assert.notEqual(await camera(), turned, "a path elsewhere is fitted");
+    assert.equal(JSON.parse(await camera()).azimuth, JSON.parse(turned).azimuth, "in the same direction of view");
+  }));
+
 for (const [width, height] of [[360, 640], [390, 844], [640, 360], [1280, 800], [1920, 1080]]) {
   test(`Every state's words and the Stop button fit into ${width} x ${height}`, () =>
     withStage({ width, height }, async (tab) => {

@@ -12,6 +12,8 @@ interface TestHook {
   window(): { t0: number; t1: number };
   // Place of the tool in the window [CSS px]; null if it is not known.
   tool(): { x: number; y: number } | null;
+  // Places of the path's points in the window [CSS px], in order.
+  path(): { x: number; y: number }[];
   state(): Record<string, unknown>;
   seek(time: number): void;
   play(speed?: number): void;
@@ -34,6 +36,14 @@ export function installTestHook(shell: Shell): void {
     drawn: (column) => shell.lanes?.drawnBins(column) ?? [],
     window: () => ({ ...(shell.lanes?.window ?? { t0: NaN, t1: NaN }) }),
     tool: () => shell.scene?.place(m.value("x"), m.value("y"), m.value("z")) ?? null,
+    path: () => {
+      const line = shell.scene?.picture.path;
+      if (line === undefined) return [];
+      const places = Array.from({ length: line.count }, (_, i) =>
+        shell.scene!.place(line.xyz[3 * i]!, line.xyz[3 * i + 1]!, line.xyz[3 * i + 2]!),
+      );
+      return places.filter((place) => place !== null);
+    },
     state: () => ({
       connected: m.connected,
       refused: m.refused,

@@ -138,7 +138,7 @@ class TraineeScreen implements Trainee {
       this.reported = report;
       this.painted = { what: state, trial: training?.trial ?? 0, frame: this.frame, time: this.newest() };
     }
-    this.disc.hidden = state !== "moving" || training?.show.tunnel !== true || training.show.tool !== true;
+    this.disc.hidden = state !== "moving" || training?.show?.tunnel !== true || training.show.tool !== true;
     if (!this.disc.hidden) this.section.draw(now);
   }
 

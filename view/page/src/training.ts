@@ -124,6 +124,7 @@ export function lookOf(state: ScreenState, show: Show | null): TrainingLook {
     start: before ? (state as "waiting" | "approach" | "go") : null,
     goal: before || state === "moving",
     hold: true,
+    moving: state === "go" || state === "moving",
   };
 }
 

@@ -20,7 +20,7 @@ import { createGizmo, type Gizmo } from "./gizmo";
 import { createGlPainter } from "./gl";
 import type { Ray, Triple } from "./nearest";
 import { ARROW_SCALE, GAP, type ColourMode, type Painter, type Picture } from "./picture";
-import { createPolyline, fillPolyline, pointAt } from "./polyline";
+import { createPolyline, fillPolyline, pointAt, type Polyline } from "./polyline";
 import { cividis, cssColour, readTheme, sameTheme } from "./theme";
 
 export type { ColourMode } from "./picture";
@@ -59,8 +59,10 @@ export interface TrainingLook {
   /** Colour role of the ring at the start of the path; null: no ring. */
   start: "waiting" | "approach" | "go" | null;
   goal: boolean;
-  /** Holds the camera: an exercise is on. */
+  /** Keeps a person's pointer from turning the camera. */
   hold: boolean;
+  /** A person moves now: nothing moves the camera. */
+  moving: boolean;
 }
 
 export interface SceneView {
@@ -121,7 +123,10 @@ class SceneOfModel implements SceneView {
   private software = false;
   private dirty = true;
   private touched = false;
-  private fitted = "";
+  /** The picture shows what it should; false: the next frame fits the camera. */
+  private fitted = false;
+  private fitDue = false;
+  private box: Box | null = null;
   private training: TrainingLook | null = null;
   private key = "";
   private themeDue = 0;
@@ -156,11 +161,7 @@ class SceneOfModel implements SceneView {
     this.observer?.observe(host);
     const stop = [
       model.on("path", () => this.takePath()),
-      model.on("recording", () => {
-        this.fitted = "";
-        this.touched = false;
-        this.takePath();
-      }),
+      model.on("recording", () => this.takeRecording()),
       model.on("theme", () => (this.themeDue = 0)),
     ];
     this.abort.signal.addEventListener("abort", () => stop.forEach((end) => end()));
@@ -190,7 +191,11 @@ class SceneOfModel implements SceneView {
     this.key = key;
     this.dirty = false;
     this.read();
-    if (this.fitted === "") this.fitOnce();
+    if (this.fitDue && !this.moving) {
+      this.fitDue = false;
+      this.fitted = false;
+    }
+    if (!this.fitted) this.fitOnce();
     this.painter.draw(p);
     this.placeOverlays();
     return true;
@@ -320,7 +325,7 @@ class SceneOfModel implements SceneView {
 
   fit(): void {
     this.touched = false;
-    this.fitted = "";
+    this.fitted = false;
     this.dirty = true;
   }
 
@@ -355,6 +360,16 @@ class SceneOfModel implements SceneView {
     return this.training !== null && this.training.hold;
   }
 
+  private takeRecording(): void {
+    if (this.model.hello?.live !== true) {
+      this.touched = false;
+      this.fitted = false;
+    } else if (!this.touched && this.picture.path.count < 2) {
+      this.fitted = false;
+    }
+    this.dirty = true;
+  }
+
   private takePath(): void {
     const path = this.model.path;
     const line = this.picture.path;
@@ -363,8 +378,20 @@ class SceneOfModel implements SceneView {
     else fillPolyline(path, line);
     this.picture.pathVersion++;
     this.dirty = true;
-    // A first path is fitted. A later one is fitted only if nobody turned the camera, and not during an exercise.
-    if (!had || (!this.touched && !this.held && this.model.phaseAt(this.model.shown) !== "run")) this.fitted = "";
+    if (line.count < 2) return;
+    const box = boundsOf(line);
+    const elsewhere = !alike(box, this.box);
+    this.box = box;
+    // A first path is fitted at once. A later one is fitted after the movement, and keeps the camera of a person who
+    // turned it, unless the path is somewhere else.
+    if (!had) this.fitted = false;
+    else if (elsewhere || !this.touched) this.fitDue = true;
+  }
+
+  /** A person moves now: the camera stays, whatever arrives. */
+  private get moving(): boolean {
+    if (this.training !== null) return this.training.moving;
+    return this.model.live && this.model.phaseAt(this.model.shown) === "run";
   }
 
   /** Spheres (x, y, z, radius) that a fit shows: the path, else the movement, else the workspace. */
@@ -423,7 +450,7 @@ class SceneOfModel implements SceneView {
     this.placeFloor(contents);
     // A recording without a path is fitted once more when its movement is here.
     const waits = !this.touched && line.count < 2 && this.picture.movement.count < 2 && this.model.hello?.live !== true;
-    this.fitted = waits ? "" : "done";
+    this.fitted = !waits;
   }
 
   private placeFloor(contents: number[]): void {
@@ -642,7 +669,7 @@ class SceneOfModel implements SceneView {
     this.camera.height = height;
     this.sizeTool();
     this.painter.resize(width, height, this.ratio());
-    if (changed && (!this.touched || this.training !== null)) this.fitted = "";
+    if (changed && (!this.touched || this.training !== null)) this.fitted = false;
     this.dirty = true;
   }
 
@@ -718,6 +745,27 @@ function emptyPicture(camera: Camera, host: Element): Picture {
     intention: { visible: false, at: [0, 0, 0] },
     sheet: { visible: false, at: [0, 0, 0], axis: 1, half: [0.05, 0.05, 0.05] },
   };
+}
+
+type Box = readonly number[];
+
+/** Least and largest x, y, z of a path [m]. */
+function boundsOf(line: Polyline): Box {
+  const box = [Infinity, Infinity, Infinity, -Infinity, -Infinity, -Infinity];
+  for (let i = 0; i < line.count; i++) {
+    for (let k = 0; k < 3; k++) {
+      box[k] = Math.min(box[k]!, line.xyz[3 * i + k]!);
+      box[k + 3] = Math.max(box[k + 3]!, line.xyz[3 * i + k]!);
+    }
+  }
+  return box;
+}
+
+/** Whether two paths fill about the same space. */
+function alike(a: Box, b: Box | null): boolean {
+  if (b === null) return false;
+  const size = Math.hypot(a[3]! - a[0]!, a[4]! - a[1]!, a[5]! - a[2]!);
+  return a.every((value, i) => Math.abs(value - b[i]!) < 0.2 * size);
 }
 
 function triple(out: Triple, x: number, y: number, z: number): void {
