@@ -635,8 +635,9 @@ Figure figure_of(const StaircaseReport& report) {
   figure.title = "The staircase of a sampled wall";
   figure.caption = fmt::format(
       "Above: the sent force, held for one tick, while a hand presses {:g} mm deep and returns within {:g} s. "
-      "Middle: energy created by such a press, mean of {} phases of the tick, and pi^2 K T D^2 / (4 t). Below: {:g} kg "
-      "with {:g} N s/m of damping, pressed by {:g} N, fall {:g} mm onto the wall; {:g} s later the device rests or "
+      "Middle: energy created by such a press, mean of {} phases of the tick, and pi^2 K T D^2 / (4 t). Below: a mass "
+      "of {:g} kg "
+      "with {:g} N s/m of damping, pressed by {:g} N, falls {:g} mm onto the wall; {:g} s later the device rests or "
       "bounces.",
       1e3 * options.depth, options.duration, options.phases, report.mass, report.viscous,
       pushing(options, *options.device), 1e3 * options.height, options.watched);

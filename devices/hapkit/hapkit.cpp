@@ -164,10 +164,9 @@ std::unique_ptr<Device> open_hapkit(const DeviceSpec& device) {
       file.empty() ? HapkitCalibration{} : read_hapkit_calibration(load_json(file), file);
   HapkitOptions options{.name = device.text, .port = "", .serial = ""};
   if (!is_emulated(device)) {
-    const std::vector<FoundDevice> found = find_hapkits();
-    options.port = chosen_port(device, found);
-    for (const FoundDevice& one : found)
-      if (one.spec == "hapkit:port=" + options.port) options.serial = one.serial;
+    const ChosenPort port = chosen_port(device, find_hapkits());
+    options.port = port.path;
+    options.serial = port.serial;
     return std::make_unique<ThreadedDevice>(std::make_unique<HapkitDriver>(calibration, options));
   }
   refuse_port_of_emulated(device);

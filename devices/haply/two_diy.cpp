@@ -212,10 +212,9 @@ std::unique_ptr<Device> open_two_diy(const DeviceSpec& device) {
   const TwoDiyCalibration calibration = calibration_of(device);
   TwoDiyOptions options{.name = device.text, .port = "", .serial = "", .homed = device.flag("homed")};
   if (!is_emulated(device)) {
-    const std::vector<FoundDevice> found = find_two_diys();
-    options.port = chosen_port(device, found);
-    for (const FoundDevice& one : found)
-      if (one.spec == "haply2diy:port=" + options.port) options.serial = one.serial;
+    const ChosenPort port = chosen_port(device, find_two_diys());
+    options.port = port.path;
+    options.serial = port.serial;
     return std::make_unique<ThreadedDevice>(std::make_unique<TwoDiyDriver>(calibration, options));
   }
   refuse_port_of_emulated(device);

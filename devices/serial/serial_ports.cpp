@@ -89,8 +89,12 @@ std::vector<FoundDevice> found_on_serial_ports(const std::string& name, const st
   return found;
 }
 
-std::string chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>& found) {
-  if (std::string port = device.option("port"); !port.empty()) return port;
+ChosenPort chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>& found) {
+  const auto path_of = [](const FoundDevice& one) { return one.spec.substr(one.spec.find('=') + 1); };
+  if (std::string path = device.option("port"); !path.empty()) {
+    const auto same = std::find_if(found.begin(), found.end(), [&](const auto& one) { return path_of(one) == path; });
+    return {std::move(path), same != found.end() ? same->serial : ""};
+  }
   if (found.empty())
     throw device_error(
         fmt::format("--device '{}': no board of this kind is plugged in; {}. Name the port: {}:port=/dev/...",
@@ -101,7 +105,7 @@ std::string chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>
     throw device_error(fmt::format("--device '{}': several boards of this kind are plugged in; select one: {}",
                                    device.text, fmt::join(specs, " or ")));
   }
-  return found.front().spec.substr(found.front().spec.find('=') + 1);
+  return {path_of(found.front()), found.front().serial};
 }
 
 void refuse_port_of_emulated(const DeviceSpec& device) {

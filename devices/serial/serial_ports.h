@@ -35,9 +35,15 @@ std::vector<FoundDevice> found_on_serial_ports(const std::string& name, const st
                                                const std::function<bool(const UsbSerialPort&)>& is_ours,
                                                const std::string& root = "/");
 
+/// Serial port of a device.
+struct ChosenPort {
+  std::string path;
+  std::string serial;  ///< serial number that USB reports; empty if unknown
+};
+
 /// Returns the port of the option port=, or else the only one of `found`. Throws Error(device) if there is none, or
 /// there are several.
-std::string chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>& found);
+ChosenPort chosen_port(const DeviceSpec& device, const std::vector<FoundDevice>& found);
 
 /// Throws Error(input) if an emulated device has the option port=.
 void refuse_port_of_emulated(const DeviceSpec& device);

@@ -142,8 +142,12 @@ TEST(UsbSerialPorts, AreFoundWithTheirIdsAndObstacles) {
   EXPECT_EQ(describe(usb_serial_ports(root.path())), "the serial ports on USB are /dev/ttyACM0 (Arduino Due)");
 
   const DeviceSpec bare = DeviceSpec::parse("haply2diy"), named = DeviceSpec::parse("haply2diy:port=/dev/ttyS9");
-  EXPECT_EQ(chosen_port(bare, found), "/dev/ttyACM0");
-  EXPECT_EQ(chosen_port(named, found), "/dev/ttyS9");
+  const DeviceSpec same = DeviceSpec::parse("haply2diy:port=/dev/ttyACM0");
+  EXPECT_EQ(chosen_port(bare, found).path, "/dev/ttyACM0");
+  EXPECT_EQ(chosen_port(bare, found).serial, "75330303035351");
+  EXPECT_EQ(chosen_port(same, found).serial, "75330303035351");
+  EXPECT_EQ(chosen_port(named, found).path, "/dev/ttyS9");
+  EXPECT_EQ(chosen_port(named, found).serial, "") << "USB does not know this port";
   EXPECT_THAT(error_of([&] { chosen_port(bare, {}); }, Error::Kind::device), HasSubstr("haply2diy:port=/dev/..."));
   EXPECT_THAT(error_of([&] { chosen_port(bare, {found[0], found[0]}); }, Error::Kind::device), HasSubstr("several"));
 }
