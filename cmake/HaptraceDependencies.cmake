@@ -1,4 +1,4 @@
-# What the libraries need, for the build and for programs that use the installed package.
+# Finds the dependencies of the libraries, for the build and for programs that use the installed package.
 find_package(Threads REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(fmt 9 REQUIRED)

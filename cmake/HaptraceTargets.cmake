@@ -4,13 +4,13 @@ add_library(haptrace_build_flags INTERFACE)
 target_compile_options(haptrace_build_flags INTERFACE
   $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Woverloaded-virtual
     -Wno-missing-field-initializers>
-  # Of sources that are compiled as one, the names of one shadow another's, and all look like headers.
+  # If sources are compiled as one, the names of one shadow another's, and all sources look like headers.
   $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<BOOL:$<TARGET_PROPERTY:UNITY_BUILD>>>:-Wno-shadow -Wshadow=local
     -Wno-subobject-linkage>
   $<$<COMPILE_LANGUAGE:C>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion>
   $<$<BOOL:${HAPTRACE_WERROR}>:-Werror>)
-# Of what is installed and of plug-ins: files and packets are read there that others wrote. Tests and benchmarks replace
-# functions of the C library, which FORTIFY does too; sanitizers check more than it does.
+# Hardens installed code and plug-ins, because they read files and packets that others wrote. Tests and benchmarks
+# replace functions of the C library, which FORTIFY does too; sanitizers check more than FORTIFY does.
 add_library(haptrace_hardening INTERFACE)
 if(HAPTRACE_HARDEN)
   target_compile_options(haptrace_hardening INTERFACE -fstack-protector-strong)
@@ -60,8 +60,8 @@ if(HAPTRACE_BUILD_TESTS AND HAPTRACE_MOLD AND NOT HAPTRACE_SANITIZE AND NOT HAPT
   add_link_options(-fuse-ld=mold)
 endif()
 
-# What nearly every source reads, and what takes long to read, is read once, for all libraries together. A source
-# includes what it uses all the same: the preset dev builds without.
+# Headers that nearly every source includes, or that take long to compile, are precompiled once for all libraries. A
+# source still includes every header that it uses: the preset dev builds without precompiled headers.
 set(HAPTRACE_PRECOMPILED <Eigen/Geometry> <algorithm> <array> <cmath> <filesystem> <functional> <map> <memory>
   <optional> <span> <string> <string_view> <vector> <nlohmann/json.hpp>)
 file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/precompiled.cpp CONTENT "")
@@ -112,7 +112,7 @@ function(haptrace_test name)
   # An eighth, writing down for a debugger what the preset dev has, too.
   target_compile_options(test_${name} PRIVATE $<$<CONFIG:Release>:-g0>)
   if(ARG_AS_SHIPPED)
-    # Whose precompiled headers would have to be optimised alike.
+    # Its precompiled headers would have to be optimised in the same way.
   elseif(first)
     target_precompile_headers(test_${name} REUSE_FROM ${first})
   else()

@@ -17,8 +17,8 @@
 
 namespace haptrace {
 
-/// Provides blocks 0 to count - 1 in order and wraps to block 0 as often as needed. Block 0 stays in memory. Of the
-/// others, the block in use and the next `ahead` blocks are in memory; the first blocks follow the last one.
+/// Provides blocks 0 to count - 1 in order and wraps to block 0 as often as needed. Block 0, the block in use and the
+/// next `ahead` blocks are in memory; the first blocks follow the last one.
 ///
 /// Threads: get, failed and wait from one thread. Real-time: get and failed are wait-free and neither allocate nor free
 /// memory. The loader thread frees the blocks that are no longer needed.
