@@ -68,6 +68,8 @@ constexpr EventWords kEventWords[] = {
     {EventCode::recording_resumed, "recording_resumed", kSilent},  // the recorder creates these two and warns itself
     {EventCode::recording_ended, "recording_ended", kSilent},
     {EventCode::values_lost, "values_lost", kSilent},
+    {EventCode::shown_go, "shown_go", kSilent},
+    {EventCode::shown_done, "shown_done", kSilent},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
@@ -238,6 +240,10 @@ std::string describe(const Event& event) {
       return "the recording ends here: there is no room left for it";
     case EventCode::values_lost:
       return "values could not be recovered";
+    case EventCode::shown_go:
+      return "go shown";
+    case EventCode::shown_done:
+      return "done shown";
     case EventCode::force_held:
       return fmt::format("no force could be sent for {:.0f} ms: the motors kept {:.1f} N", 1e3 * a, b);
   }

@@ -82,6 +82,8 @@ enum class EventCode : std::int32_t {
   recording_ended = 86,     ///< the recording ends before the session: no space is left for the file
   values_lost = 87,         ///< from haptrace recover; its text names the rows and columns
   force_held = 88,          ///< the loop or the device stood still; values: duration [s], force kept [N]
+  shown_go = 90,            ///< a page of the view showed "go" to the trainee; its text names the trial and the frame
+  shown_done = 91,          ///< a page showed "done"
 };
 
 /// An event at a tick. Plain data: describe() makes its text outside the tick.

@@ -59,7 +59,9 @@ void History::append(std::int64_t time_ns, std::span<const float> values) {
   }
   last_ns_ = time_ns;
   Block& block = block_at(index);
+  if (block.rows.size() == 0) cell_bytes_ -= block.pyramid.bytes();
   block.pyramid.add((time_ns - block_begin(index)) / period_ns_, values);
+  if (block.rows.size() == 0) cell_bytes_ += block.pyramid.bytes();
   block.rows.add(time_ns, values);
   block.used = ++uses_;
   row_bytes_ += bytes_per_row();

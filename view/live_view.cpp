@@ -23,11 +23,11 @@ namespace {
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-constexpr auto kBatch = 16ms;                // period of the samples
-constexpr int kBatchesPerStatus = 16;        // 4 Hz
-constexpr std::size_t kLargestBatch = 2048;  // rows of a frame
-constexpr double kBackfill = 12;             // [s]
-constexpr std::size_t kMostEvents = 20000;   // kept for pages that join later
+constexpr auto kBatch = 16ms;                                  // period of the samples
+constexpr int kStatusesPerSecond = 4, kBatchesPerStatus = 16;  // 4 Hz
+constexpr std::size_t kLargestBatch = 2048;                    // rows of a frame
+constexpr double kBackfill = 12;                               // [s]
+constexpr std::size_t kMostEvents = 20000;                     // kept for pages that join later
 constexpr std::size_t kMostWarnings = 1000;
 constexpr double kMargin = 0.1;       // by which an intention may leave the workspace, as a share of its size
 constexpr double kHoldSilence = 0.3;  // silence after which a page lets go of the hand [s]
@@ -120,6 +120,8 @@ class LiveView::Sessions final : private PageHandler {
       sink.prepare(session.rate_hz);
       source_.emplace(*session_);
       path_ = frame_of(session_->path);
+      path_.request = static_cast<std::uint32_t>(trial_ + 1);
+      annotations_seen_ = targets.annotations != nullptr ? targets.annotations->count() : 0;
       events_ = nlohmann::json::array();
       warnings_shown_ = nlohmann::json::array();
       view_ = {};
@@ -270,7 +272,8 @@ class LiveView::Sessions final : private PageHandler {
     using Type = PageMessage::Type;
     if (message.type == Type::stop) {
       // Twice: the loop then sends zero force at this tick, whatever the time of the release.
-      if (targets_.stop != nullptr) targets_.stop->raise(), targets_.stop->raise();
+      StopRequest* const stop = running_ ? targets_.stop : options_.stop_between;
+      if (stop != nullptr) stop->raise(), stop->raise();
       return;
     }
     if (controls(page)) heard();
@@ -328,10 +331,9 @@ class LiveView::Sessions final : private PageHandler {
     const bool go = message.what == "go";
     if (!go && message.what != "done") return;
     const double time = std::clamp(message.time, 0.0, source_->time());
-    const std::string text =
-        fmt::format("{} shown: trial {}, frame {}", go ? "go" : "done", message.trial, message.frame);
-    targets_.annotations->mark(text, nanoseconds(time));
-    tell({event_json(time, static_cast<std::int32_t>(EventCode::mark), text)});
+    targets_.annotations->add(
+        {nanoseconds(time), go ? EventCode::shown_go : EventCode::shown_done,
+         fmt::format("{} shown: trial {}, frame {}", go ? "go" : "done", message.trial, message.frame)});
   }
 
   void steered(ViewPage& page, const PageIntention& intention) override {
@@ -396,12 +398,10 @@ class LiveView::Sessions final : private PageHandler {
       take_samples();
       watch_control(now);
       if (holder_ != nullptr && seconds_between(held_, now) > kHoldSilence) let_go();
-      if (++beats_ % kBatchesPerStatus == 0) {
-        broadcast(status());
-        show_controls();
-      }
-    } else if (source_ && ++beats_ % kBatchesPerStatus == 0) {
-      broadcast(status());
+    }
+    if (++beats_ % kBatchesPerStatus == 0 && source_) {
+      show_status();
+      show_controls();
     }
     beat_ = now;
   }
@@ -416,6 +416,14 @@ class LiveView::Sessions final : private PageHandler {
                   if (std::isfinite(share)) share_ = share;
                 }
               });
+    if (targets_.annotations != nullptr) {
+      const std::uint64_t count = targets_.annotations->count();
+      const std::vector<TimedEvent> said = targets_.annotations->from(annotations_seen_);
+      for (const TimedEvent& event : said)
+        events.push_back(
+            event_json(1e-9 * static_cast<double>(event.time_ns), static_cast<std::int32_t>(event.code), event.text));
+      annotations_seen_ = std::max(annotations_seen_ + said.size(), count);
+    }
     if (!events.empty()) tell(std::move(events));
     nlohmann::json phases = source_->phases.take(false);
     if (!phases["list"].empty()) broadcast(phases);
@@ -474,6 +482,15 @@ class LiveView::Sessions final : private PageHandler {
             {"lost_rows", sink.lost()}};
   }
 
+  /// Sends the status, more rarely to pages that nobody looks at.
+  void show_status() {
+    const SharedText text = text_of(status());
+    const bool rare = ++statuses_ % kStatusesPerSecond == 0;
+    const auto pages = server_.pages();
+    for (const auto& page : pages)
+      if (rare || page->wants != PageWants::none) page->send(text);
+  }
+
   /// Sends the controls to the pages that may use them, if they changed.
   void show_controls() {
     if (!options_.control || targets_.commands == nullptr) return;
@@ -527,7 +544,7 @@ class LiveView::Sessions final : private PageHandler {
   int trial_ = 0;
   SharedText controls_text_;
   std::map<std::string, SharedText> kept_;  ///< programme and training
-  std::uint64_t beats_ = 0, lost_told_ = 0;
+  std::uint64_t beats_ = 0, statuses_ = 0, lost_told_ = 0, annotations_seen_ = 0;
   Clock::time_point beat_ = Clock::now();
 
   bool control_seen_ = false, softened_ = false, lost_stop_ = false;

@@ -67,6 +67,9 @@ class LiveView {
     bool steer = false;      ///< allow a page to move the simulated hand
     PageLost on_page_lost = PageLost::soften;
     double page_patience = 2;  ///< silence after which a page counts as lost [s]
+    /// Raised by a page's stop while no session runs, for example in a rest of a programme. Borrowed for the life of
+    /// the view; may be null.
+    StopRequest* stop_between = nullptr;
   };
 
   /// Listens on 127.0.0.1 and ::1. Throws Error(input): the port is taken, the token has other

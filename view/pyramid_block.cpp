@@ -50,8 +50,7 @@ void PyramidBin::add(const PyramidBin& later) noexcept {
   cell.last = later.cell.last;
 }
 
-PyramidBlock::PyramidBlock(std::size_t channels)
-    : channels_(channels), cells_(kCells * channels, PyramidBin().cell), min_first_(kCells * channels, true) {}
+PyramidBlock::PyramidBlock(std::size_t channels) : channels_(channels) {}
 
 std::size_t PyramidBlock::at(int level, std::int64_t index, std::size_t channel) const noexcept {
   const std::size_t cell = kCellsBefore[static_cast<std::size_t>(level)] -
@@ -73,6 +72,10 @@ void PyramidBlock::store(std::size_t place, const PyramidBin& bin) noexcept {
 
 void PyramidBlock::add(std::int64_t slot, std::span<const float> values) {
   const std::int64_t base = slot / kBase;
+  if (cells_.empty()) {
+    cells_.assign(kCells * channels_, PyramidBin().cell);
+    min_first_.assign(kCells * channels_, true);
+  }
   if (base != open_) {
     settle();
     open_ = base;
@@ -99,12 +102,13 @@ void PyramidBlock::settle() {
 }
 
 PyramidBin PyramidBlock::bin(int level, std::int64_t index, std::size_t channel) const noexcept {
+  if (cells_.empty()) return {};
   if (level >= floor_) return load(at(level, index, channel));
   return load(at(floor_, index * width(level) / width(floor_), channel));
 }
 
 void PyramidBlock::thin(int level) {
-  if (level <= floor_) return;
+  if (level <= floor_ || cells_.empty()) return;
   settle();
   const auto gone = static_cast<std::ptrdiff_t>(at(level, 0, 0));
   cells_.erase(cells_.begin(), cells_.begin() + gone);

@@ -55,8 +55,8 @@ class PyramidBlock {
   static PyramidBin stored(const PyramidCell& cell, bool min_first) noexcept;
 
   std::size_t channels_;
-  int floor_ = 0;  ///< lowest level that is stored
-  std::vector<PyramidCell> cells_;
+  int floor_ = 0;                   ///< lowest level that is stored
+  std::vector<PyramidCell> cells_;  ///< empty until there is a row
   std::vector<bool> min_first_;
   std::int64_t open_ = -1;  ///< base cell of the last row, which the wider cells may lack
 };

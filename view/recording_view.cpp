@@ -190,7 +190,9 @@ class RecordingView::Shelf final : private PageHandler {
       const auto send = [&](const nlohmann::json& message) { post_text(to, text_of(message)); };
       send(source.recording(index, list_[index].name));
       send(source.events());
-      post_frame(to, source.path());
+      Frame path = source.path();
+      path.request = ++paths_;
+      post_frame(to, std::move(path));
       send(source.phases());
       if (!source.damage().empty())
         send({{"type", "warning"},
@@ -203,13 +205,11 @@ class RecordingView::Shelf final : private PageHandler {
 
   void request(ViewPage& page, const PageMessage& message) {
     if (page.is_busy()) return refuse(page, message.id, "earlier answers are not fetched yet");
-    const void* asker = &page;
-    give(page, message.id, [this, message, asker, index = shown_[&page], to = handle_of(page)] {
+    give(page, message.id, [this, message, index = shown_[&page], to = handle_of(page)] {
       ViewedRecording& source = opened(index);
       auto parsed = request_of(message, source.channels());
       if (std::holds_alternative<std::string>(parsed))
         return post_text(to, text_of(error_of(message.id, std::get<std::string>(parsed))));
-      std::get<ViewRequest>(parsed).asker = asker;
       source.ask(std::get<ViewRequest>(parsed), [this, to](Frame frame) { post_frame(to, std::move(frame)); });
     });
   }
@@ -262,6 +262,7 @@ class RecordingView::Shelf final : private PageHandler {
   }
 
   std::vector<Listed> list_;                      ///< constant once the server runs
+  std::uint32_t paths_ = 0;                       ///< the worker's; paths that were sent
   std::deque<Open> open_;                         ///< the worker's; the one that was used last first
   std::map<const ViewPage*, std::size_t> shown_;  ///< the server's; recording of each page
   std::mutex mutex_;

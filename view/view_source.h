@@ -25,13 +25,12 @@ struct ViewRequest {
   double t0 = 0, t1 = 0;              ///< [s]
   std::uint32_t pixels = 1;           ///< largest number of bins
   std::vector<std::size_t> channels;  ///< of bins
-  const void* asker = nullptr;        ///< page that asks; a later request of the same page replaces an unfinished one
 };
 
 /// Returns the request of a message for a source with these columns, or the reason why it is none.
 std::variant<ViewRequest, std::string> request_of(const PageMessage& message, const ViewChannels& channels);
 
-/// Answers requests. A coarse answer has the flag `coarse`, and a finer one follows.
+/// Answers requests. A coarse answer has the flag `coarse`; the page asks again.
 class ViewSource {
  public:
   using Reply = std::function<void(Frame)>;

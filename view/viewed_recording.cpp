@@ -17,11 +17,11 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr auto kPatience = std::chrono::milliseconds(100);  // time for an answer before it is a coarse one
-constexpr std::uint64_t kChunk = 8192;                      // rows read at once
-constexpr std::uint64_t kMostOfBlock = 4'000'000;           // rows of a block whose times are far denser than its rate
-constexpr std::uint64_t kMostOfPath = 400'000;              // rows of a run that are searched for its path
-constexpr double kFull = 0.9;  // share of the memory for cells beyond which nothing is built ahead
+constexpr std::uint64_t kChunk = 8192;             // rows read at once
+constexpr std::uint64_t kMostOfBlock = 4'000'000;  // rows of a block whose times are far denser than its rate
+constexpr std::uint64_t kMostOfPath = 400'000;     // rows of a run that are searched for its path
+constexpr std::int64_t kMostBlocks = 20'000;       // of a recording; a longer one has a longer row period
+constexpr double kFull = 0.9;                      // share of the memory for cells beyond which nothing is built ahead
 
 /// Ends the reading of an overview that the file does not have.
 struct NoOverview : std::exception {};
@@ -39,7 +39,7 @@ void put_limit(nlohmann::json& limits, const char* name, const nlohmann::json& c
 
 }  // namespace
 
-ViewedRecording::ViewedRecording(const std::string& file) {
+ViewedRecording::ViewedRecording(const std::string& file, std::chrono::milliseconds patience) : patience_(patience) {
   if (!is_hdf5(file)) {
     open_stream(file);
     return;
@@ -63,9 +63,9 @@ ViewedRecording::ViewedRecording(const std::string& file) {
   const double mean =
       last_ns_ > first_ns_ ? 1e9 * static_cast<double>(rows_ - 1) / static_cast<double>(last_ns_ - first_ns_) : 1000;
   const double rate = std::isfinite(header_.rate_hz) && header_.rate_hz >= mean / 2 ? header_.rate_hz : mean;
-  history_.emplace(channels_.size(), std::llround(1e9 / std::clamp(rate, 1e-3, 1e9)));
-  focus_first_ = history_->block_of(first_ns_);
-  focus_last_ = focus_first_;
+  const std::int64_t shortest = (last_ns_ - first_ns_) / (kMostBlocks * PyramidBlock::kRows);
+  history_.emplace(channels_.size(), std::max<std::int64_t>(std::llround(1e9 / std::clamp(rate, 1e-3, 1e9)), shortest));
+  focus_ = history_->block_of(first_ns_);
 }
 
 ViewedRecording::~ViewedRecording() = default;
@@ -155,7 +155,6 @@ std::optional<std::int64_t> ViewedRecording::missing_block(const ViewRequest& re
 }
 
 void ViewedRecording::ask(const ViewRequest& request, const Reply& reply) {
-  std::erase_if(pending_, [&](const Pending& pending) { return pending.request.asker == request.asker; });
   const auto began = Clock::now();
   const bool rows = request.kind == ViewRequest::Kind::rows;
   ViewRequest bounded = request;
@@ -163,10 +162,10 @@ void ViewedRecording::ask(const ViewRequest& request, const Reply& reply) {
   if (rows)
     bounded.t1 = std::min(request.t1,
                           request.t0 + 4e-9 * static_cast<double>(kMostRows) * static_cast<double>(history_->period()));
-  focus_first_ = history_->block_of(std::clamp(nanoseconds(request.t0), first_ns_, last_ns_));
-  focus_last_ = history_->block_of(std::clamp(nanoseconds(request.t1), first_ns_, last_ns_));
+  const double middle = request.t0 / 2 + request.t1 / 2;
+  focus_ = history_->block_of(std::clamp(nanoseconds(middle), first_ns_, last_ns_));
   std::optional<std::int64_t> missing = missing_block(bounded);
-  while (missing && (rows || Clock::now() - began < kPatience)) {
+  while (missing && (rows || Clock::now() - began < patience_)) {
     build(*missing);
     missing = missing_block(bounded);
   }
@@ -175,8 +174,9 @@ void ViewedRecording::ask(const ViewRequest& request, const Reply& reply) {
     if (rows && bounded.t1 < std::min(request.t1, 1e-9 * static_cast<double>(last_ns_))) frame.flags |= FrameFlags::cut;
     return reply(std::move(frame));
   }
+  wanted_.push_front(request);
+  if (wanted_.size() > kMostWanted) wanted_.pop_back();
   reply(coarse(request));
-  pending_.push_back({request, reply});
 }
 
 /// Returns bins from the blocks that are there, and from the overview elsewhere.
@@ -216,39 +216,27 @@ Frame ViewedRecording::coarse(const ViewRequest& request) const {
   return frame;
 }
 
-void ViewedRecording::answer_pending() {
-  for (std::size_t i = 0; i < pending_.size();) {
-    if (missing_block(pending_[i].request)) {
-      ++i;
-      continue;
-    }
-    const Pending pending = std::move(pending_[i]);
-    pending_.erase(pending_.begin() + static_cast<std::ptrdiff_t>(i));
-    pending.reply(answer_from(*history_, pending.request, first_ns_, last_ns_));
-  }
-}
-
 /// Returns the nearest block to what was asked for last that is not built.
 std::optional<std::int64_t> ViewedRecording::next_block() const {
   if (!reader_ || rows_ == 0) return std::nullopt;
   if (static_cast<double>(history_->cell_memory()) > kFull * static_cast<double>(History::Bounds().cells))
     return std::nullopt;
   const std::int64_t first = history_->block_of(first_ns_), last = history_->block_of(last_ns_);
-  constexpr std::int64_t kFarthest = 20'000;  // blocks: a recording of days
-  for (std::int64_t away = 0; away < kFarthest && (focus_last_ + away <= last || focus_first_ - away >= first); ++away)
-    for (const std::int64_t block : {focus_last_ + away, focus_first_ - away})
+  for (std::int64_t away = 0; focus_ + away <= last || focus_ - away >= first; ++away)
+    for (const std::int64_t block : {focus_ + away, focus_ - away})
       if (block >= first && block <= last && !history_->has_cells(block, PyramidBlock::kBase)) return block;
   return std::nullopt;
 }
 
 bool ViewedRecording::work() {
-  std::optional<std::int64_t> block;
-  for (const Pending& pending : pending_)
-    if ((block = missing_block(pending.request))) break;
-  if (!block) block = next_block();
+  std::erase_if(wanted_, [this](const ViewRequest& request) { return !missing_block(request); });
+  // A short stretch is soon ready.
+  const auto shortest =
+      std::min_element(wanted_.begin(), wanted_.end(),
+                       [](const ViewRequest& a, const ViewRequest& b) { return a.t1 - a.t0 < b.t1 - b.t0; });
+  const std::optional<std::int64_t> block = shortest != wanted_.end() ? missing_block(*shortest) : next_block();
   if (!block) return false;
   build(*block);
-  answer_pending();
   return true;
 }
 

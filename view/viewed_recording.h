@@ -5,7 +5,9 @@
 #include "view/view_log.h"
 #include "view/view_source.h"
 
+#include <chrono>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
@@ -20,12 +22,14 @@ namespace haptrace {
 /// Threads: one at a time, which alone uses HDF5.
 class ViewedRecording final : public ViewSource {
  public:
+  static constexpr std::chrono::milliseconds kPatience{100};
+
   /// Opens a recording in any format. Throws Error(input).
-  explicit ViewedRecording(const std::string& file);
+  explicit ViewedRecording(const std::string& file, std::chrono::milliseconds patience = kPatience);
   ~ViewedRecording() override;
 
-  /// Answers from what is built, after building for at most kPatience. If that is not all, the answer is coarse, and
-  /// work() gives the exact one unless the same page has asked again.
+  /// Answers from what is built, after building for about the patience. If that is not all, the answer is coarse, and
+  /// work() builds this stretch next.
   void ask(const ViewRequest& request, const Reply& reply) override;
 
   /// Builds one block. Returns false if nothing is left to do.
@@ -47,10 +51,7 @@ class ViewedRecording final : public ViewSource {
   [[nodiscard]] const std::string& damage() const noexcept { return damage_; }
 
  private:
-  struct Pending {
-    ViewRequest request;
-    Reply reply;
-  };
+  static constexpr std::size_t kMostWanted = 4;
 
   void open_stream(const std::string& file);
   void read_overview();
@@ -60,10 +61,10 @@ class ViewedRecording final : public ViewSource {
   [[nodiscard]] std::optional<std::int64_t> next_block() const;
   [[nodiscard]] std::int64_t width_of(const ViewRequest& request) const;
   [[nodiscard]] Frame coarse(const ViewRequest& request) const;
-  void answer_pending();
   [[nodiscard]] std::vector<Sample> read_run() const;
 
-  mutable std::optional<RecordingReader> reader_;  ///< absent: all rows are in memory
+  std::chrono::milliseconds patience_;
+  std::optional<RecordingReader> reader_;  ///< absent: all rows are in memory
   RecordingHeader header_;
   RecordingColumns columns_;
   ViewChannels channels_;
@@ -72,8 +73,8 @@ class ViewedRecording final : public ViewSource {
   std::vector<RecordingSummary> overview_;
   std::vector<StoredEvent> events_;
   std::optional<History> history_;
-  std::vector<Pending> pending_;
-  std::int64_t focus_first_ = 0, focus_last_ = 0;  ///< blocks that were asked for last
+  std::deque<ViewRequest> wanted_;  ///< the last ones that could not be answered exactly
+  std::int64_t focus_ = 0;          ///< block that was asked for last
   std::string damage_;
 };
 

@@ -224,7 +224,8 @@ BinaryMessage PageClient::wait_for_binary(std::uint8_t kind) {
 }
 
 BinaryMessage PageClient::wait_for_answer(std::uint32_t request) {
-  return wait_for_binary([request](const BinaryMessage& message) { return message.request == request; });
+  return wait_for_binary(
+      [request](const BinaryMessage& message) { return message.request == request && message.kind != 4; });
 }
 
 unsigned PageClient::wait_for_close() {

@@ -73,7 +73,7 @@ class PageClient {
   /// Waits for the next binary message that `matches`; discards others.
   BinaryMessage wait_for_binary(const std::function<bool(const BinaryMessage&)>& matches);
   BinaryMessage wait_for_binary(std::uint8_t kind);
-  BinaryMessage wait_for_answer(std::uint32_t request);
+  BinaryMessage wait_for_answer(std::uint32_t request);  ///< not a path, which has ids of its own
 
   /// Waits until the server closes the connection. Returns the code, or 0 without a close message.
   unsigned wait_for_close();
