@@ -1,5 +1,7 @@
 #include "view/frames.h"
 
+#include "view/view_time.h"
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -28,10 +30,6 @@ Value value_at(std::string_view message, std::size_t offset) {
   Value value{};
   std::memcpy(&value, message.data() + offset, sizeof value);
   return value;
-}
-
-double seconds(std::int64_t time_ns) {
-  return 1e-9 * static_cast<double>(time_ns);
 }
 
 }  // namespace

@@ -171,7 +171,8 @@ void History::add_rows(const Block& block, std::int64_t first_ns, std::int64_t w
 }
 
 ViewBins History::bins(std::int64_t from_ns, std::int64_t to_ns, std::int64_t width,
-                       std::span<const std::size_t> channels) const {
+                       std::span<const std::size_t> channels) {
+  if (const auto newest = blocks_.find(block_of(last_ns_)); newest != blocks_.end()) newest->second.pyramid.settle();
   ViewBins result;
   const std::int64_t first = floor_div(floor_div(from_ns, period_ns_), width);
   const std::int64_t last = floor_div(floor_div(std::max(from_ns, to_ns), period_ns_), width);

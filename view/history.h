@@ -69,7 +69,7 @@ class History {
   /// Computes bins that cover [from, to] for the columns `channels`. Bins narrower than a base cell come from the rows
   /// where these are kept, otherwise from the cells.
   [[nodiscard]] ViewBins bins(std::int64_t from_ns, std::int64_t to_ns, std::int64_t width,
-                              std::span<const std::size_t> channels) const;
+                              std::span<const std::size_t> channels);
 
   /// Returns the kept rows in [from, to], at most `most`. `cut`: there are more, or some are no longer kept.
   [[nodiscard]] ViewRows rows(std::int64_t from_ns, std::int64_t to_ns, std::size_t most, bool& cut) const;

@@ -53,7 +53,7 @@ ViewRows LiveSource::rows_after(double time, double most) const {
 }
 
 double LiveSource::time() const noexcept {
-  return newest_ ? 1e-9 * static_cast<double>(newest_->time_ns) : 0;
+  return newest_ ? seconds(newest_->time_ns) : 0;
 }
 
 double LiveSource::rate() const noexcept {

@@ -420,8 +420,7 @@ class LiveView::Sessions final : private PageHandler {
       const std::uint64_t count = targets_.annotations->count();
       const std::vector<TimedEvent> said = targets_.annotations->from(annotations_seen_);
       for (const TimedEvent& event : said)
-        events.push_back(
-            event_json(1e-9 * static_cast<double>(event.time_ns), static_cast<std::int32_t>(event.code), event.text));
+        events.push_back(event_json(seconds(event.time_ns), static_cast<std::int32_t>(event.code), event.text));
       annotations_seen_ = std::max(annotations_seen_ + said.size(), count);
     }
     if (!events.empty()) tell(std::move(events));

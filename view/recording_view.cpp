@@ -22,7 +22,7 @@ namespace {
 
 constexpr std::size_t kMostOpen = 4;         // recordings
 constexpr std::size_t kMostDescribed = 200;  // recordings whose title and duration the list has
-constexpr std::size_t kMostJobs = 256;
+constexpr int kMostJobs = 32;                // of a page, that wait
 
 /// Entry of the list of recordings.
 struct Listed {
@@ -37,16 +37,14 @@ class Worker {
   explicit Worker(std::function<bool()> idle)
       : idle_(std::move(idle)), thread_([this](const std::stop_token& stop) { run(stop); }) {}
 
-  /// Adds a job. Returns false if too many wait.
-  bool add(std::function<void()> job) {
+  /// Adds a job. After stop() it is never done.
+  void add(std::function<void()> job) {
     const std::lock_guard lock(mutex_);
-    if (jobs_.size() >= kMostJobs || thread_.get_stop_token().stop_requested()) return false;
     jobs_.push_back(std::move(job));
     changed_.notify_one();
-    return true;
   }
 
-  /// Ends the thread after its present job. Later jobs are refused.
+  /// Ends the thread after its present job.
   void stop() {
     thread_.request_stop();
     thread_.join();
@@ -117,6 +115,11 @@ class RecordingView::Shelf final : private PageHandler {
   /// A page that a job may outlive.
   using Page = std::weak_ptr<ViewPage>;
 
+  struct Reader {
+    std::size_t index = 0;  ///< recording that the page shows
+    std::shared_ptr<std::atomic<int>> waiting = std::make_shared<std::atomic<int>>(0);  ///< jobs for the page
+  };
+
   struct Open {
     std::size_t index;
     std::unique_ptr<ViewedRecording> source;
@@ -168,7 +171,7 @@ class RecordingView::Shelf final : private PageHandler {
   }
 
   void left(ViewPage& page) override {
-    shown_.erase(&page);
+    pages_.erase(&page);
     count_pages();
   }
 
@@ -184,7 +187,7 @@ class RecordingView::Shelf final : private PageHandler {
 
   void show(ViewPage& page, std::size_t index, std::uint32_t id) {
     if (index >= list_.size()) return refuse(page, id, "there is no recording of this number");
-    shown_[&page] = index;
+    pages_[&page].index = index;
     give(page, id, [this, index, to = handle_of(page)] {
       const ViewedRecording& source = opened(index);
       const auto send = [&](const nlohmann::json& message) { post_text(to, text_of(message)); };
@@ -205,7 +208,7 @@ class RecordingView::Shelf final : private PageHandler {
 
   void request(ViewPage& page, const PageMessage& message) {
     if (page.is_busy()) return refuse(page, message.id, "earlier answers are not fetched yet");
-    give(page, message.id, [this, message, index = shown_[&page], to = handle_of(page)] {
+    give(page, message.id, [this, message, index = pages_[&page].index, to = handle_of(page)] {
       ViewedRecording& source = opened(index);
       auto parsed = request_of(message, source.channels());
       if (std::holds_alternative<std::string>(parsed))
@@ -216,14 +219,18 @@ class RecordingView::Shelf final : private PageHandler {
 
   /// Lets the worker do a job for a page, and reports its errors to the page.
   void give(ViewPage& page, std::uint32_t id, std::function<void()> job) {
-    const bool added = worker_->add([this, id, to = handle_of(page), job = std::move(job)] {
+    const auto& waiting = pages_[&page].waiting;
+    if (*waiting >= kMostJobs) return refuse(page, id, "too many requests wait");
+    ++*waiting;
+    worker_->add([this, id, waiting, to = handle_of(page), job = std::move(job)] {
+      --*waiting;
+      if (to.expired()) return;
       try {
         job();
       } catch (const std::exception& error) {
         post_text(to, text_of(error_of(id, error.what())));
       }
     });
-    if (!added) refuse(page, id, "too many requests wait");
   }
 
   static nlohmann::json error_of(std::uint32_t id, const std::string& text) {
@@ -261,10 +268,10 @@ class RecordingView::Shelf final : private PageHandler {
     changed_.notify_all();
   }
 
-  std::vector<Listed> list_;                      ///< constant once the server runs
-  std::uint32_t paths_ = 0;                       ///< the worker's; paths that were sent
-  std::deque<Open> open_;                         ///< the worker's; the one that was used last first
-  std::map<const ViewPage*, std::size_t> shown_;  ///< the server's; recording of each page
+  std::vector<Listed> list_;                 ///< constant once the server runs
+  std::uint32_t paths_ = 0;                  ///< the worker's; paths that were sent
+  std::deque<Open> open_;                    ///< the worker's; the one that was used last first
+  std::map<const ViewPage*, Reader> pages_;  ///< the server's
   std::mutex mutex_;
   std::condition_variable changed_;
   std::atomic<std::size_t> page_count_{0};

@@ -1,18 +1,11 @@
 #include "view/view_log.h"
 
 #include "control/warning.h"
+#include "view/view_time.h"
 
 #include <utility>
 
 namespace haptrace {
-namespace {
-
-double seconds(std::int64_t time_ns) {
-  return 1e-9 * static_cast<double>(time_ns);
-}
-
-}  // namespace
-
 nlohmann::json event_json(double time, std::int32_t code, const std::string& text) {
   const EventWords* words = words_of(static_cast<EventCode>(code));
   const char* severity = "";

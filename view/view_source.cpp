@@ -23,7 +23,7 @@ std::variant<ViewRequest, std::string> request_of(const PageMessage& message, co
   return request;
 }
 
-Frame answer_from(const History& history, const ViewRequest& request, std::int64_t first_ns, std::int64_t last_ns) {
+Frame answer_from(History& history, const ViewRequest& request, std::int64_t first_ns, std::int64_t last_ns) {
   const std::int64_t from = std::clamp(nanoseconds(request.t0), first_ns, std::max(first_ns, last_ns));
   const std::int64_t to = std::clamp(nanoseconds(request.t1), from, std::max(from, last_ns));
   Frame frame;
@@ -45,11 +45,6 @@ nlohmann::json json_of(const ViewChannels& channels) {
   for (std::size_t i = 0; i < channels.size(); ++i)
     columns.push_back({{"name", channels[i].name}, {"unit", channels[i].unit}});
   return columns;
-}
-
-std::int64_t nanoseconds(double seconds) noexcept {
-  constexpr double kMost = 9.2e9;  // [s]
-  return std::isfinite(seconds) ? std::llround(1e9 * std::clamp(seconds, -kMost, kMost)) : 0;
 }
 
 }  // namespace haptrace

@@ -4,6 +4,7 @@
 #include "view/frames.h"
 #include "view/page_message.h"
 #include "view/view_channels.h"
+#include "view/view_time.h"
 
 #include <functional>
 #include <nlohmann/json_fwd.hpp>
@@ -43,12 +44,9 @@ class ViewSource {
 };
 
 /// Returns the answer from rows in memory. `first_ns`, `last_ns`: extent of the data.
-Frame answer_from(const History& history, const ViewRequest& request, std::int64_t first_ns, std::int64_t last_ns);
+Frame answer_from(History& history, const ViewRequest& request, std::int64_t first_ns, std::int64_t last_ns);
 
 /// Returns the text of the columns for the message `recording`.
 nlohmann::json json_of(const ViewChannels& channels);
-
-/// Returns a time in nanoseconds.
-std::int64_t nanoseconds(double seconds) noexcept;
 
 }  // namespace haptrace

@@ -159,9 +159,10 @@ void ViewedRecording::ask(const ViewRequest& request, const Reply& reply) {
   const bool rows = request.kind == ViewRequest::Kind::rows;
   ViewRequest bounded = request;
   // An answer of rows never needs more than these.
-  if (rows)
-    bounded.t1 = std::min(request.t1,
-                          request.t0 + 4e-9 * static_cast<double>(kMostRows) * static_cast<double>(history_->period()));
+  if (rows) {
+    bounded.t0 = std::max(request.t0, seconds(first_ns_));
+    bounded.t1 = std::min(request.t1, bounded.t0 + 4 * static_cast<double>(kMostRows) * seconds(history_->period()));
+  }
   const double middle = request.t0 / 2 + request.t1 / 2;
   focus_ = history_->block_of(std::clamp(nanoseconds(middle), first_ns_, last_ns_));
   std::optional<std::int64_t> missing = missing_block(bounded);
@@ -171,7 +172,7 @@ void ViewedRecording::ask(const ViewRequest& request, const Reply& reply) {
   }
   if (!missing) {
     Frame frame = answer_from(*history_, bounded, first_ns_, last_ns_);
-    if (rows && bounded.t1 < std::min(request.t1, 1e-9 * static_cast<double>(last_ns_))) frame.flags |= FrameFlags::cut;
+    if (rows && bounded.t1 < std::min(request.t1, seconds(last_ns_))) frame.flags |= FrameFlags::cut;
     return reply(std::move(frame));
   }
   wanted_.push_front(request);
@@ -180,7 +181,7 @@ void ViewedRecording::ask(const ViewRequest& request, const Reply& reply) {
 }
 
 /// Returns bins from the blocks that are there, and from the overview elsewhere.
-Frame ViewedRecording::coarse(const ViewRequest& request) const {
+Frame ViewedRecording::coarse(const ViewRequest& request) {
   const std::int64_t from = std::clamp(nanoseconds(request.t0), first_ns_, last_ns_);
   const std::int64_t to = std::clamp(nanoseconds(request.t1), from, last_ns_);
   const std::int64_t width = width_of(request);
@@ -258,8 +259,8 @@ nlohmann::json ViewedRecording::recording(std::size_t index, const std::string& 
                          {"verb", text_in(config, "verb")},
                          {"mode", text_in(config, "mode")},
                          {"rate_hz", json_of_number(header_.rate_hz)},
-                         {"start", 1e-9 * static_cast<double>(first_ns_)},
-                         {"end", 1e-9 * static_cast<double>(last_ns_)},
+                         {"start", seconds(first_ns_)},
+                         {"end", seconds(last_ns_)},
                          {"device",
                           {{"name", header_.device_name},
                            {"model", header_.device_model},
@@ -354,7 +355,7 @@ Frame ViewedRecording::path() const {
                        [](const Sample& a, const Sample& b) { return a.progress < b.progress; });
     }
     for (const Sample& sample : run) {
-      path.time.push_back(1e-9 * static_cast<double>(sample.time_ns));
+      path.time.push_back(seconds(sample.time_ns));
       path.position.push_back(sample.reference_position);
       if (columns_.tunnel) path.radius.push_back(sample.tunnel_radius);
     }

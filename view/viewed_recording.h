@@ -37,7 +37,7 @@ class ViewedRecording final : public ViewSource {
 
   [[nodiscard]] const ViewChannels& channels() const noexcept { return channels_; }
   [[nodiscard]] const RecordingHeader& header() const noexcept { return header_; }
-  [[nodiscard]] double duration() const noexcept { return 1e-9 * static_cast<double>(last_ns_ - first_ns_); }
+  [[nodiscard]] double duration() const noexcept { return seconds(last_ns_ - first_ns_); }
 
   /// Returns the messages `recording` and `events`, and the path.
   [[nodiscard]] nlohmann::json recording(std::size_t index, const std::string& name) const;
@@ -60,7 +60,7 @@ class ViewedRecording final : public ViewSource {
   [[nodiscard]] std::optional<std::int64_t> missing_block(const ViewRequest& request) const;
   [[nodiscard]] std::optional<std::int64_t> next_block() const;
   [[nodiscard]] std::int64_t width_of(const ViewRequest& request) const;
-  [[nodiscard]] Frame coarse(const ViewRequest& request) const;
+  [[nodiscard]] Frame coarse(const ViewRequest& request);
   [[nodiscard]] std::vector<Sample> read_run() const;
 
   std::chrono::milliseconds patience_;

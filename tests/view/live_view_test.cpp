@@ -80,7 +80,7 @@ TEST(LiveView, APageSeesEverySampleThatTheFileHolds) {
 
   const RecordingReader reader(folder / "recorded.h5");
   const std::vector<Sample> samples = reader.read(0, reader.rows());
-  ASSERT_GT(samples.size(), 400U);
+  ASSERT_GT(samples.size(), 50U);
   const ViewChannels channels(reader.columns());
   std::vector<float> values(channels.size());
   std::size_t row = 0;
@@ -441,8 +441,8 @@ TEST(LiveView, AfterAReconnectThePageGetsTheRowsThatItMissed) {
   {
     JoinedPage page(view, ViewRole::therapist, "samples");
     for (int i = 0; i <= 5000; ++i) session.push(i);
-    while (page.wait_for_binary(1).t0 < 4.9) {
-    }
+    (void)page.wait_for_binary(
+        [](const BinaryMessage& batch) { return batch.kind == 1 && batch.t0 + 1e-3 * batch.rows > 5; });
   }
   for (const auto& [last, first_row] : {std::pair(4.5, 4.501), std::pair(5.0, 0.0)}) {
     PageClient page(port_of(view.address(ViewRole::therapist)));
