@@ -30,7 +30,7 @@ struct LiveGuidance::Quantity {
 
 const std::vector<LiveGuidance::Quantity>& LiveGuidance::all() {
   static const std::vector<Quantity> kAll{
-      {"radius", "Radius of the tunnel", "m", "a tunnel", &GuidanceValues::radius, &Changed::radius,
+      {"radius", "Radius of the tunnel", "m", "tunnel", &GuidanceValues::radius, &Changed::radius,
        [](const Scope& scope) { return scope.walls; },
        [](const Scope& scope) { return scope.varies ? kLeastRadiusFactor : kLeastRadius; },
        [](const Scope& scope) { return scope.varies ? kLargestRadiusFactor : scope.largest_radius; },
@@ -38,7 +38,7 @@ const std::vector<LiveGuidance::Quantity>& LiveGuidance::all() {
       {"stiffness", "Stiffness of the walls", "N/m", "walls", &GuidanceValues::stiffness, &Changed::stiffness,
        [](const Scope& scope) { return scope.walls; }, [](const Scope&) { return kLeastStiffness; },
        [](const Scope& scope) { return scope.largest_stiffness; }, nullptr},
-      {"force", "Share of the expert's force", "", "a force of the expert", &GuidanceValues::force, &Changed::force,
+      {"force", "Share of the expert's force", "", "force of the expert", &GuidanceValues::force, &Changed::force,
        [](const Scope& scope) { return scope.expert_force; }, [](const Scope&) { return 0.0; },
        [](const Scope& scope) { return std::max(kLargestForce, scope.start.force); },
        "the limit for the expert's force is"},
