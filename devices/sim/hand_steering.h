@@ -8,6 +8,8 @@
 
 namespace haptrace {
 
+class Device;
+
 /// Where a person wants a simulated hand to be.
 struct HandIntention {
   Vec3 position = Vec3::Zero();  ///< in W [m]
@@ -30,5 +32,13 @@ class HandSteering {
  private:
   Mailbox<HandIntention> mailbox_;
 };
+
+/// Returns the intentions of the person at the live view, which steer every simulated hand with intent=view. A process
+/// steers one such hand at a time.
+HandSteering& view_steering() noexcept;
+
+/// Returns the intentions that steer the simulated hand of `device`, which may be wrapped or emulated; null if nobody
+/// steers it.
+HandSteering* steering_of(const Device& device);
 
 }  // namespace haptrace

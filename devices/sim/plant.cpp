@@ -85,8 +85,8 @@ Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double
     arm_relaxation_ = spec.hand->arm_relaxation;
     arm_damping_ = spec.hand->arm_damping;
     if (follows_intent) {
-      intent_stiffness_ = spec.hand->intent_stiffness;
-      intent_damping_ = spec.hand->intent_damping;
+      intent_stiffness_ = full_intent_stiffness_ = spec.hand->intent_stiffness;
+      intent_damping_ = full_intent_damping_ = spec.hand->intent_damping;
     }
   }
 
@@ -103,6 +103,14 @@ Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double
                             : spec.presliding_stiffness.isZero(0) ? Friction::rigid
                                                                   : Friction::lugre;
   advance_ = choose(friction, structure_, spec.hand.has_value(), by_matrices);
+}
+
+void Plant::follow_intent(double share) noexcept {
+  const double stiffness = share * full_intent_stiffness_;
+  if (stiffness == intent_stiffness_) return;
+  intent_stiffness_ = stiffness;
+  intent_damping_ = share * full_intent_damping_;
+  for (LinearSteps& known : linear_) known.h = 0;
 }
 
 /// Returns an upper bound of the stiffness of the position-dependent forces [N/m].

@@ -78,6 +78,9 @@ class Plant {
     for (LinearSteps& known : linear_) known.h = 0;
   }
 
+  /// Scales the spring and the damper with which the hand follows its intent, from 0 (none) to 1.
+  void follow_intent(double share) noexcept;
+
   [[nodiscard]] double longest_step() const noexcept { return longest_step_; }
 
  private:
@@ -160,6 +163,7 @@ class Plant {
   double grip_stiffness_ = 0, grip_damping_ = 0;
   double arm_stiffness_ = 0, arm_relaxation_ = 0, arm_damping_ = 0;
   double intent_stiffness_ = 0, intent_damping_ = 0;
+  double full_intent_stiffness_ = 0, full_intent_damping_ = 0;  ///< of a hand that follows its intent completely
   Vec3 arm_force_ = Vec3::Zero();
   Vec3 contact_force_ = Vec3::Zero();
 };

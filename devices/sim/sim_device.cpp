@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "control/norm.h"
+#include "devices/loop/clock.h"
 #include "devices/sim/presets.h"
 
 #include <algorithm>
@@ -31,7 +32,7 @@ DeviceInfo describe(const SimSpec& spec, const SimOptions& options) {
   info.serial = options.serial;
   info.backend = "sim";
   info.model = spec.model;
-  info.virtual_time = true;
+  info.virtual_time = options.steering == nullptr;  // a person's time does not wait
   info.force_axes = spec.axes;
   info.measures_force = spec.force_sensor;
   info.workspace_min = spec.workspace.min;
@@ -47,6 +48,8 @@ DeviceInfo describe(const SimSpec& spec, const SimOptions& options) {
   }
   return info;
 }
+
+constexpr double kBeyond = 0.02;  // how far outside the workspace a person can pull the hand [m]
 
 bool follows_intent(const SimSpec& spec, const SimOptions& options) {
   return spec.hand && options.intent && options.intent->size() > 0;
@@ -64,11 +67,13 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
       force_noise_(spec.force_noise),
       delay_line_(std::llround(spec.delay * 1e9)),
       plant_(spec, follows_intent(spec, options) ? options.intent->sample(0).position : Vec3::Zero(),
-             follows_intent(spec, options), options.longest_step, options.integrator),
+             follows_intent(spec, options) || options.steering != nullptr, options.longest_step, options.integrator),
       sensor_noise_(options.seed, 1),
       hand_noise_(options.seed, 2),
       tremor_(ColouredNoise::band_pass(spec.hand ? spec.hand->tremor : 0, 6, 12, kHandRate)),
-      drift_(ColouredNoise::low_pass(spec.hand ? spec.hand->drift : 0, 1, kHandRate)) {
+      drift_(ColouredNoise::low_pass(spec.hand ? spec.hand->drift : 0, 1, kHandRate)),
+      steering_(spec.hand ? options.steering : nullptr),
+      clock_(options.clock != nullptr ? options.clock : &monotonic_ns) {
   for (int axis = 0; axis < 3; ++axis) force_axes_[axis] = spec.axes[static_cast<std::size_t>(axis)] ? 1 : 0;
   info_.notes = options.notes;
   if (plant_.longest_step() < options.longest_step && options.longest_step != SimOptions{}.longest_step)
@@ -94,7 +99,8 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
                                  .intent_cursor = {},
                                  .intended = start});
   }
-  hand_acts_ = intent_.size() > 0 || (spec.hand && (spec.hand->tremor > 0 || spec.hand->drift > 0));
+  hand_acts_ =
+      steering_ != nullptr || intent_.size() > 0 || (spec.hand && (spec.hand->tremor > 0 || spec.hand->drift > 0));
   if (hand_acts_) {
     next_intent_ = plant_.hand_position();
     plan_hand();
@@ -103,6 +109,7 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
 
 Device::Status SimDevice::exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept {
   if (closed_) return Status::lost;
+  if (steering_ != nullptr) clock_ns_ = clock_();
   const std::int64_t now = time_.ns();
   delay_line_.push(now, cable_is_out() ? Vec3::Zero() : motor_command(wrench));
   input_.command = delay_line_.output();
@@ -173,10 +180,29 @@ void SimDevice::plan_hand() noexcept {
   next_hand_force_ = tremor_.next(hand_noise_) + drift_.next(hand_noise_);
   input_.hand_force_rate = kHandRate * (next_hand_force_ - input_.hand_force);
   input_.intent = next_intent_;
+  if (steering_ != nullptr) follow_person();
   if (intent_.size() > 0) {
     next_intent_ = plant_.rotation() * intent_.sample(1e-9 * static_cast<double>(hand_tick_), intent_cursor_).position;
     input_.intent_velocity = kHandRate * (next_intent_ - input_.intent);
   }
+}
+
+void SimDevice::follow_person() noexcept {
+  HandIntention intention = steering_->latest();
+  // Neither a bound nor a rotation may turn NaN into a place.
+  if (is_finite(intention.position)) {
+    const Vec3 beyond = Vec3::Constant(kBeyond);
+    intention.position =
+        plant_.rotation() *
+        intention.position.cwiseMax(info_.workspace_min - beyond).cwiseMin(info_.workspace_max + beyond);
+  }
+  const bool held = steered_.grip() > 0;
+  steered_.update(intention, clock_ns_, plant_.hand_position(), 1 / kHandRate);
+  plant_.follow_intent(steered_.grip());
+  next_intent_ = steered_.position();
+  // A hand that takes hold has no velocity from before.
+  if (!held) input_.intent = next_intent_;
+  input_.intent_velocity = kHandRate * (next_intent_ - input_.intent);
 }
 
 void SimDevice::measure(DeviceState& state) noexcept {
@@ -299,6 +325,14 @@ SimParts read_sim_device(const DeviceSpec& device) {
     throw input_error(device.where() + ": lost_for: the time of the loss is missing; set it with lost_at");
   options.longest_step = device.number("step", kShortestOption, kLongestOption, options.longest_step, "s");
   options.integrator = parse_integrator(device.option("integrator", to_string(options.integrator)));
+  if (spec.hand && intent == kIntentOfView) {
+    for (const char* key : {"intent_after", "intent_speed", "fit"})
+      if (!device.option(key).empty())
+        throw input_error(fmt::format("{}: {} applies to the path of a hand, but a person steers this one (intent={})",
+                                      device.where(), key, kIntentOfView));
+    spec.hand->intent.clear();
+    options.steering = &view_steering();
+  }
   if (spec.hand && !spec.hand->intent.empty()) read_intent(device, spec, options);
   return {std::move(spec), std::move(options)};
 }
@@ -312,20 +346,20 @@ DeviceBackend sim_backend() {
   return {
       .name = "sim",
       .summary = "a simulated device in virtual time, held by a simulated hand",
-      .options = {{"preset", "preset of the device, from the list (default reference)"},
-                  {"spec", "JSON file of the device; with preset, only the changes"},
-                  {"hand",
-                   fmt::format("simulated hand that holds the device: {}", fmt::join(hand_preset_names(), ", "))},
-                  {"intent", "path that the hand intends to follow: CSV or HDF5"},
-                  {"intent_after", "time at which the hand starts to follow it, on the device's clock (default 0) [s]"},
-                  {"intent_speed", "factor on the speed of the path (default 1)"},
-                  {"fit", "true: scale and move the intent into the workspace"},
-                  {"seed", "seed of tremor and noise (default 1)"},
-                  {"integrator", "integration method: semi-implicit (default), euler, verlet, rk4, implicit, exact"},
-                  {"step", "longest integration step; stiff parts shorten it (default 5e-5) [s]"},
-                  {"lost_at", "time at which the simulated cable is unplugged, on the device's clock [s]"},
-                  {"lost_for",
-                   "time for which the cable stays unplugged (default: until the device is opened again) [s]"}},
+      .options =
+          {{"preset", "preset of the device, from the list (default reference)"},
+           {"spec", "JSON file of the device; with preset, only the changes"},
+           {"hand", fmt::format("simulated hand that holds the device: {}", fmt::join(hand_preset_names(), ", "))},
+           {"intent",
+            "path that the hand intends to follow: CSV or HDF5; view: the live view's mouse, pen, touch or gamepad"},
+           {"intent_after", "time at which the hand starts to follow it, on the device's clock (default 0) [s]"},
+           {"intent_speed", "factor on the speed of the path (default 1)"},
+           {"fit", "true: scale and move the intent into the workspace"},
+           {"seed", "seed of tremor and noise (default 1)"},
+           {"integrator", "integration method: semi-implicit (default), euler, verlet, rk4, implicit, exact"},
+           {"step", "longest integration step; stiff parts shorten it (default 5e-5) [s]"},
+           {"lost_at", "time at which the simulated cable is unplugged, on the device's clock [s]"},
+           {"lost_for", "time for which the cable stays unplugged (default: until the device is opened again) [s]"}},
       .presets = device_preset_names(),
       .open = [](const DeviceSpec& device) -> std::unique_ptr<Device> { return open_sim_device(device); }};
 }

@@ -9,9 +9,13 @@
 #include "devices/sim/noise.h"
 #include "devices/sim/plant.h"
 #include "devices/sim/spec.h"
+#include "devices/sim/steered_hand.h"
 #include "devices/sim/wrist.h"
 
 namespace haptrace {
+
+/// Value of the option `intent` of a hand that a person steers (HandSteering).
+inline constexpr const char* kIntentOfView = "view";
 
 struct SimOptions {
   static constexpr double kNever = std::numeric_limits<double>::infinity();
@@ -23,10 +27,13 @@ struct SimOptions {
   /// there is no intent.
   std::optional<Trajectory> intent;
   OrientationTrajectory intent_orientation;  ///< intended orientation of the tool; empty: the identity
-  std::vector<std::string> notes;            ///< for DeviceInfo::notes
-  double lost_at = kNever;                   ///< time at which the cable slips out [s]
-  double lost_for = kNever;                  ///< time until the cable is back [s]; kNever: the device is lost for good
-  double lets_go_at = kNever;                ///< time at which the hand lets go [s]
+  /// Intentions that the hand follows instead of a path; borrowed, null: none. The device then lives in real time.
+  HandSteering* steering = nullptr;
+  std::int64_t (*clock)() noexcept = nullptr;  ///< of the intentions [ns]; null: CLOCK_MONOTONIC
+  std::vector<std::string> notes;              ///< for DeviceInfo::notes
+  double lost_at = kNever;                     ///< time at which the cable slips out [s]
+  double lost_for = kNever;     ///< time until the cable is back [s]; kNever: the device is lost for good
+  double lets_go_at = kNever;   ///< time at which the hand lets go [s]
   double longest_step = 50e-6;  ///< longest step of integration [s]; change it only for studies of the integration
   Integrator integrator = Integrator::semi_implicit;  ///< change it only for such studies, see Plant
 };
@@ -41,6 +48,8 @@ class SimDevice final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override;
   void close() noexcept override { closed_ = true; }
+  [[nodiscard]] ZeroForce zero_force() noexcept override { return ZeroForce::confirmed; }
+  [[nodiscard]] ZeroForce emergency_stop() noexcept override { return ZeroForce::confirmed; }
   [[nodiscard]] std::string lost_reason() const override {
     return closed_ ? "the simulated device is closed" : "its simulated cable was unplugged (lost_at)";
   }
@@ -57,6 +66,7 @@ class SimDevice final : public Device {
   [[nodiscard]] Vec3 motor_command(const Wrench& wrench) const noexcept;
   void advance(std::int64_t now, std::int64_t end) noexcept;
   void plan_hand() noexcept;
+  void follow_person() noexcept;
   void measure(DeviceState& state) noexcept;
   [[nodiscard]] Vec3 wrist_command(const Wrench& wrench) const noexcept;
   void turn(std::int64_t now, double span) noexcept;
@@ -92,6 +102,10 @@ class SimDevice final : public Device {
   Trajectory intent_;
   Trajectory::Cursor intent_cursor_;
   std::int64_t hand_tick_ = 0;  ///< time of the next plan [ns]
+  HandSteering* steering_;
+  std::int64_t (*clock_)() noexcept;
+  std::int64_t clock_ns_ = 0;  ///< at this exchange
+  SteeredHand steered_;        ///< in actuator axes
 };
 
 /// The spec and options that `sim` reads from a device's options.
