@@ -16,8 +16,8 @@ constexpr std::size_t kPageWidth = 80, kNameWidth = 28;
 /// Options that most sessions use, among those that --help-all lists under a heading. Options without a heading are
 /// common, too.
 constexpr std::array kCommonOptions{
-    "--speed",   "--repeat",        "--fit",       "--kp",    "--kd",    "--learn", "--radius", "--pace",
-    "--trigger", "--max-deviation", "--max-force", "--scene", "--title", "--json",  "--config", "--stiffness"};
+    "--speed",   "--repeat",        "--fit",       "--view",  "--kp",    "--kd",   "--learn",  "--radius",   "--pace",
+    "--trigger", "--max-deviation", "--max-force", "--scene", "--title", "--json", "--config", "--stiffness"};
 
 bool is_headed(const CLI::Option& option) {
   return option.get_group() != "Options" && !option.get_group().empty();
