@@ -242,16 +242,27 @@ test("rows across two blocks are walked once each", async () => {
 
 test("repetitions are the stretches along the path; the phase that is on reaches to the newest row", () => {
   const model = live();
-  model.take({ type: "phases", reset: true, done: false, list: [[0, 1, "approach"], [1, 1.2, "run"]] });
-  model.take({ type: "status", time: 2, phase: "run", ended: false, lost_rows: 0 });
+  const status = (phase) => model.take({ type: "status", time: 2, phase, ended: false, lost_rows: 0 });
+  model.take({ type: "phases", reset: true, done: false, list: [[0, 1, "approach"]] });
+  status("run");
   model.takeRows(rows(0, 2000));
   model.tick(50);
   assert.deepEqual(model.repetitions.map((r) => [r.number, r.t0]), [[1, 1]]);
   assert.equal(model.repetitionAt(1.9)?.number, 1);
   assert.equal(model.phaseAt(0.5), "approach");
-  model.take({ type: "phases", reset: false, done: false, list: [[1, 2, "run"], [2, 2.5, "hold"]] });
-  assert.equal(model.phases.length, 3);
+  model.takeRows(rows(2, 1000));
+  model.tick(51);
+  assert.ok(Math.abs(model.repetitions[0].t1 - 2.999) < 1e-6);
+
+  // The repetition ended, but the status does not know it yet: it is not a second one.
+  model.take({ type: "phases", reset: false, done: false, list: [[1, 3, "run"]] });
+  model.takeRows(rows(3, 200));
+  model.tick(51.2);
   assert.equal(model.repetitions.length, 1);
+  status("hold");
+  model.tick(51.3);
+  assert.deepEqual(model.phases.map((p) => p[2]), ["approach", "run", "hold"]);
+  assert.equal(model.repetitions[0].t1, 3);
 });
 
 test("an older path does not replace a newer one", () => {

@@ -132,6 +132,7 @@ export class Model {
   // Time of the shown row [s]; NaN without a row.
   shownRowTime = NaN;
 
+  private endedPhases: PhaseEntry[] = [];
   // Events that the server told, and marks of this page.
   private told: EventEntry[] = [];
   ownMarks: EventEntry[] = [];
@@ -273,7 +274,8 @@ export class Model {
         this.joinEvents();
         break;
       case "phases": {
-        this.phases = message.reset ? message.list.slice() : mergePhases(this.phases, message.list);
+        this.endedPhases = message.reset ? message.list.slice() : mergePhases(this.endedPhases, message.list);
+        this.phases = this.endedPhases.map((p): PhaseEntry => [p[0], p[1], p[2]]);
         this.phasesDone = message.done;
         this.repetitions = repetitionsOf(this.phases);
         this.emit("phases");
@@ -607,6 +609,7 @@ export class Model {
       this.told = [];
       this.ownMarks = [];
       this.events = [];
+      this.endedPhases = [];
       this.phases = [];
       this.repetitions = [];
       this.loop = null;
@@ -627,13 +630,28 @@ export class Model {
     this.changed();
   }
 
-  // The phase that is on has no end yet: it reaches to the newest row.
+  // The server lists the phases that have ended; the one that is on reaches from there to the newest row.
   private growLastPhase(): void {
-    const last = this.phases[this.phases.length - 1];
-    if (last === undefined || !this.live || this.phasesDone || this.status?.phase !== last[2] || !(this.ring.newest > last[1])) return;
-    last[1] = this.ring.newest;
-    const rep = this.repetitions[this.repetitions.length - 1];
-    if (last[2] === "run" && rep !== undefined && rep.t0 === last[0]) rep.t1 = last[1];
+    const newest = this.ring.newest;
+    if (!this.live || this.phasesDone || this.status === null || this.status.phase === "" || !Number.isFinite(newest)) return;
+    const name = this.status.phase;
+    const ended = this.endedPhases;
+    const last = ended[ended.length - 1];
+    // A status is a quarter of a second old at most: the phase that just ended may still be in it.
+    const joins = last !== undefined && last[2] === name;
+    const from = joins ? last[0] : (last?.[1] ?? this.start);
+    if (newest <= from) return;
+    const open = this.phases[this.phases.length - 1];
+    if (this.phases.length === ended.length + (joins ? 0 : 1) && open !== undefined && open[0] === from && open[2] === name) {
+      open[1] = Math.max(open[1], newest);
+      const rep = this.repetitions[this.repetitions.length - 1];
+      if (name === "run" && rep !== undefined && rep.t0 === from) rep.t1 = open[1];
+      return;
+    }
+    this.phases = (joins ? ended.slice(0, -1) : ended).map((p): PhaseEntry => [p[0], p[1], p[2]]);
+    this.phases.push([from, newest, name]);
+    this.repetitions = repetitionsOf(this.phases);
+    this.emit("phases");
   }
 
   private joinEvents(): void {
