@@ -440,6 +440,22 @@ test("Go is shown also to those who did not click Start, and Start never takes t
     assert.equal(await tab.isVisible(".training-start-button"), false);
   }));
 
+test("A score is read before the rest that begins at once", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate((m) => globalThis.stage.train(m), training("moving"));
+    await tab.evaluate((m) => globalThis.stage.training(m), training("done", { score: null }));
+    await frames(tab, 2);
+    assert.ok(await tab.getByText("Done", { exact: true }).isVisible());
+    await tab.evaluate((m) => globalThis.stage.training(m), training("rest"));
+    await frames(tab, 2);
+    assert.ok(await tab.getByText("93", { exact: true }).isVisible());
+    await tab.getByText("Rest", { exact: true }).waitFor();
+    assert.equal(await tab.getByText("93", { exact: true }).isVisible(), false);
+    await tab.evaluate((m) => globalThis.stage.training(m), training("rest", { trial: 4, rest_s: 2 }));
+    await frames(tab, 2);
+    assert.ok(await tab.getByText("Rest", { exact: true }).isVisible(), "a short rest is announced at once");
+  }));
+
 test("Go is reported once, with the frame that showed it, after that frame", () =>
   withStage({}, async (tab) => {
     await tab.evaluate((m) => globalThis.stage.train(m), training("waiting"));

@@ -5,13 +5,15 @@ import type { Model } from "./model";
 import type { SceneView } from "./scene/scene";
 import { createSection, type Section } from "./section";
 import { Sounds } from "./sounds";
-import { lookOf, screenState, soundOf, wordsOf, type ScreenState, type Words } from "./training";
+import { hasScore, lookOf, screenState, soundOf, wordsOf, type ScreenState, type Words } from "./training";
 
 // Without a word of the server for this long, the connection counts as lost [ms]: its status comes each 250 ms.
 const SILENCE = 1500;
 // The rest ends with a tick this long before the next repetition [s].
 const TICK = 3;
 const MOST_DOTS = 12;
+// A score stays at least this long, also if the rest begins at once [ms].
+const SCORE_TIME = 4000;
 
 export interface Trainee {
   // Updates words and scene. Called once a frame before the scene draws, with performance.now() [ms].
@@ -56,6 +58,8 @@ class TraineeScreen implements Trainee {
   // Go or done, painted by the last frame: it is reported when the next one begins.
   private painted: { what: "go" | "done"; trial: number; frame: number; time: number } | null = null;
   private reported = "";
+  private scoreTrial = NaN;
+  private scoreUntil = -Infinity;
   private wakeLock: { release(): Promise<void> } | null = null;
 
   constructor(
@@ -118,7 +122,8 @@ class TraineeScreen implements Trainee {
     const entered = state !== this.state;
     this.state = state;
     const rest = (this.restEnds - now) / 1000;
-    this.say(wordsOf(state, training, rest, this.model.status?.zero_force ?? ""), state);
+    const words = wordsOf(this.readState(state, rest, now), training, rest, this.model.status?.zero_force ?? "");
+    this.say(words, state);
     this.head();
     const look = lookOf(state, training?.show ?? null);
     const lookKey = JSON.stringify(look);
@@ -140,6 +145,17 @@ class TraineeScreen implements Trainee {
     }
     this.disc.hidden = state !== "moving" || training?.show?.tunnel !== true || training.show.tool !== true;
     if (!this.disc.hidden) this.section.draw(now);
+  }
+
+  // State whose words are shown: a score that came just now is read before the rest.
+  private readState(state: ScreenState, rest: number, now: number): ScreenState {
+    const training = this.model.training;
+    if ((state !== "done" && state !== "rest") || training === null || !hasScore(training)) return state;
+    if (training.trial !== this.scoreTrial) {
+      this.scoreTrial = training.trial;
+      this.scoreUntil = now + SCORE_TIME;
+    }
+    return now < this.scoreUntil && !(rest <= TICK) ? "done" : state;
   }
 
   // The frame after the one that painted the word: only now it was handed to the screen.

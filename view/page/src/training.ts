@@ -95,6 +95,10 @@ export function wordsOf(state: ScreenState, training: TrainingMessage | null, re
   return words;
 }
 
+export function hasScore(training: TrainingMessage): boolean {
+  return figuresOf(training.show, training.score).length > 0;
+}
+
 // At most two numbers, and only if the programme shows the score.
 function figuresOf(show: Show | undefined, score: Score | null): Figure[] {
   if (show?.score !== true || score === null) return [];
