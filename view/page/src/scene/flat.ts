@@ -1,6 +1,6 @@
 // Draws a picture on a 2-D canvas where the browser has no WebGL: path, tunnel as a band, movement, trail, tool, force.
 import { axesOf, metresPerPixel, projectWith } from "./camera";
-import { ARROW_SCALE, GAP, type Painter, type Picture } from "./picture";
+import { ARROW_SCALE, GAP, UNKNOWN, type Painter, type Picture } from "./picture";
 import { cividis, cssColour, mix } from "./theme";
 
 export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
@@ -99,7 +99,8 @@ export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
           if (m.value[i] === GAP) continue;
           line(m.xyz, i, i + 2);
           const share = (m.value[i]! - p.colour.low) / Math.max(1e-12, p.colour.high - p.colour.low);
-          stroke(cssColour(cividis(share, t.dark)), 1.7);
+          const known = m.value[i] !== UNKNOWN;
+          stroke(known ? cssColour(cividis(share, t.dark)) : mix(t.actual, t.background, 0.35), 1.7);
         }
       }
     }

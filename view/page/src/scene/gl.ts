@@ -91,7 +91,7 @@ const LINE_FRAGMENT = /* glsl */ `
   varying float vSide;
   void main() {
     vec3 shade = colour;
-    if (mapped > 0.5) {
+    if (mapped > 0.5 && vValue >= range.x - 1e-9) {
       float share = clamp((vValue - range.x) / max(range.y - range.x, 1e-12), 0.0, 1.0);
       float at = mix(ends.x, ends.y, share) * 9.0;
       int i = int(min(floor(at), 8.0));
@@ -402,7 +402,7 @@ class GlPainter implements Painter {
     m.tube.visible = p.showTunnel && this.tube.indices > 0;
     set(m.tube, t.path);
     // Paler than the tool, by colour: segments overlap, so an opacity would not be even.
-    this.line(m.movement, p.showMovement && p.movement.count > 1, mix(t.actual, t.background, 0.35), 1.7, 1);
+    this.line(m.movement, p.showMovement && p.movement.count > 1, mix(t.actual, t.background, 0.35), p.colour.mode === "one" ? 1.7 : 2.2, 1);
     const movement = uniforms(m.movement);
     movement.mapped!.value = p.colour.mode === "one" ? 0 : 1;
     (movement.range!.value as Vector2).set(p.colour.low, p.colour.high);

@@ -21,6 +21,9 @@ export interface Movement {
 /** Value of a point after which the line has a gap. */
 export const GAP = -1e30;
 
+/** Value of a point where nothing was measured: it keeps the colour of the tool's role. */
+export const UNKNOWN = -1;
+
 export interface Ring {
   readonly at: [number, number, number];
   visible: boolean;

@@ -19,7 +19,7 @@ import { createFlatPainter } from "./flat";
 import { createGizmo, type Gizmo } from "./gizmo";
 import { createGlPainter } from "./gl";
 import type { Ray, Triple } from "./nearest";
-import { ARROW_SCALE, GAP, type ColourMode, type Painter, type Picture } from "./picture";
+import { ARROW_SCALE, GAP, UNKNOWN, type ColourMode, type Painter, type Picture } from "./picture";
 import { createPolyline, fillPolyline, pointAt, type Polyline } from "./polyline";
 import { cividis, cssColour, readTheme, sameTheme } from "./theme";
 
@@ -310,7 +310,7 @@ class SceneOfModel implements SceneView {
       to.xyz[3 * n + 1] = y;
       to.xyz[3 * n + 2] = z;
       const value = values === null ? 0 : Math.abs(values[i]!);
-      to.value[n] = Number.isFinite(value) ? value : 0;
+      to.value[n] = Number.isFinite(value) ? value : UNKNOWN;
       if (Number.isFinite(value)) most = Math.max(most, value);
       n++;
     }
