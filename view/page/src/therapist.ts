@@ -231,7 +231,7 @@ export class Controls {
   private readonly messages = el("div", { class: "messages", "aria-live": "polite" });
   private readonly answer = el("p", { class: "message", role: "status", hidden: true });
   private undone: { name: string; label: string; value: number } | null = null;
-  private armed = 0;
+  private armed = -Infinity;
   private answerTimer = 0;
 
   constructor(host: HTMLElement, model: Model, client: Client, page: ControlsHost) {
@@ -294,7 +294,7 @@ export class Controls {
       return;
     }
     if (performance.now() - this.armed < ARMED_FOR) {
-      this.armed = 0;
+      this.armed = -Infinity;
       void this.send("resume", "The session goes on");
     } else {
       this.armed = performance.now();
