@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { load } from "./load.mjs";
 
-const { screenState, wordsOf, lookOf, soundOf, describe } = await load("training", "section");
+const { screenState, wordsOf, lookOf, soundOf, describe, describeScene, nice, round } = await load("training", "section", "scene/scene");
 
 const STATES = ["waiting", "approach", "go", "moving", "done", "rest", "stopped", "finished"];
 const SHOW = { tool: true, path: true, tunnel: true, trail: true, score: true };
@@ -102,4 +102,20 @@ test("The section says in words where the tool is", () => {
   assert.match(describe(0.003, [-0.004, 0]), /4\.0 mm to the left of the middle, outside/);
   assert.match(describe(0.003, [0, 0]), /in the middle, inside/);
   assert.match(describe(0.003, [NaN, 0]), /not known/);
+});
+
+test("The scene has a summary in words", () => {
+  assert.equal(
+    describeScene([0.0311, -0.0072, -0.0325], true, 0.002, 0.0061, 1.13),
+    "The movement in three dimensions. The tool is at x 31.1, y −7.2, z −32.5 mm. " +
+      "It is 2.0 mm from the path, inside the tunnel of 6.1 mm. The force is 1.1 N.",
+  );
+  assert.match(describeScene([0, 0, 0], true, 0.007, 0.006, 0), /7\.0 mm from the path, outside the tunnel.*There is no force/);
+  assert.match(describeScene([NaN, 0, 0], false, NaN, NaN, NaN), /not known\. There is no path\.$/);
+});
+
+test("Scale bars have lengths of 1, 2 or 5; ranges of colours have round ends that are not below the data", () => {
+  assert.deepEqual([0.0034, 0.9, 1, 4.99, 5, 23, 180].map(nice), [0.002, 0.5, 1, 2, 5, 20, 100]);
+  assert.deepEqual([0.0031, 0.9, 1, 2.2, 7, 81].map(round), [0.004, 1, 1, 3, 8, 100]);
+  assert.deepEqual([nice(0), round(NaN)], [0, 0]);
 });

@@ -133,6 +133,7 @@ class SceneOfModel implements SceneView {
   private movementVersion = -1;
   private movementMode: ColourMode = "one";
   private legendKey = "";
+  private summaryDue = 0;
   private noticeKey = "";
   private readonly spot = [0, 0, 0];
 
@@ -608,6 +609,21 @@ class SceneOfModel implements SceneView {
     }
     this.placeLegend();
     this.placeNotice();
+    this.summarise(performance.now());
+  }
+
+  /** Says in words what the canvas shows, once a second: a screen reader could not follow more. */
+  private summarise(now: number): void {
+    if (now < this.summaryDue) return;
+    this.summaryDue = now + 1000;
+    const p = this.picture;
+    const m = this.model;
+    // The trainee gets no numbers while the hand moves.
+    const text =
+      this.training !== null
+        ? "The movement in three dimensions"
+        : describeScene(p.tool, p.path.count > 1, m.value("deviation"), m.value("radius"), Math.hypot(...p.arrow.force));
+    if (this.canvas.getAttribute("aria-label") !== text) this.canvas.setAttribute("aria-label", text);
   }
 
   private projected(x: number, y: number, z: number): [number, number] {
@@ -772,6 +788,24 @@ function triple(out: Triple, x: number, y: number, z: number): void {
   out[0] = x;
   out[1] = y;
   out[2] = z;
+}
+
+/** Summary of the scene in words; lengths in m, force in N, NaN: not known. */
+export function describeScene(tool: readonly number[], hasPath: boolean, deviation: number, radius: number, force: number): string {
+  const mm = (value: number): string => decimal(1000 * value, 1);
+  const parts = ["The movement in three dimensions."];
+  if (tool.every(Number.isFinite)) {
+    parts.push(`The tool is at x ${mm(tool[0]!)}, y ${mm(tool[1]!)}, z ${mm(tool[2]!)} mm.`);
+    if (deviation >= 0) {
+      const where = radius > 0 ? `, ${deviation > radius ? "outside" : "inside"} the tunnel of ${mm(radius)} mm` : "";
+      parts.push(`It is ${mm(deviation)} mm from the path${where}.`);
+    }
+  } else {
+    parts.push("The place of the tool is not known.");
+  }
+  if (!hasPath) parts.push("There is no path.");
+  if (Number.isFinite(force)) parts.push(force < LEAST_FORCE ? "There is no force." : `The force is ${decimal(force, 1)} N.`);
+  return parts.join(" ");
 }
 
 /** Largest of 1, 2, 5 times a power of ten that is not above `value`. */
