@@ -8,6 +8,7 @@ import { listenToKeys, loopRepetition, seekRepetition } from "./keys";
 import { Lanes, NARROW } from "./lanes";
 import { SPEEDS, type Model } from "./model";
 import type { Role } from "./protocol";
+import { toggleFullScreen, watchFullScreen } from "./fullscreen";
 import { createScene, type ColourMode, type SceneView } from "./scene/scene";
 import { createSection } from "./section";
 import { createSteering, type Steering } from "./steer";
@@ -80,13 +81,17 @@ export class Shell {
     model.on("status", () => this.showStop());
     model.on("warning", () => this.showWarnings());
     document.addEventListener("visibilitychange", () => this.showVisibility());
+    // In full screen the browser takes the Esc that stops a session.
+    watchFullScreen(() => {
+      if (model.live) this.stop();
+    });
     listenToKeys(model, {
       stop: () => this.stop(),
       mark: (withText) => void this.mark(withText),
       axisView: (axis) => this.scene?.axisView(axis),
       fit: () => this.scene?.fit(),
       colour: () => this.setColour((this.colour + 1) % COLOURS.length),
-      fullScreen: () => this.fullScreen(),
+      fullScreen: () => toggleFullScreen(),
       theme: () => this.toggleTheme(),
       help: () => toggleHelp(model.hello?.live === true),
       command: (line) => void this.command(line),
@@ -375,7 +380,7 @@ export class Shell {
       else m.setLoop(m.loop, !m.loopOn);
     });
     const mark = button("Mark", { icon: "mark", text: "Mark", class: live ? "button narrow-icon" : "button" }, () => void this.mark(false));
-    const full = button("Full screen", { icon: "full", class: "button wide" }, () => this.fullScreen());
+    const full = button("Full screen", { icon: "full", class: "button wide" }, () => toggleFullScreen());
     const transport = el("div", { class: "transport", role: "group", "aria-label": "Playback" }, previous, play, next, time);
     if (live) transport.append(edge);
     transport.append(el("span", { class: "space" }), speed, colour, loop, mark, full);
@@ -499,11 +504,6 @@ export class Shell {
     this.colour = index;
     this.scene?.setColour(COLOURS[index]!.mode);
     if (this.colourSelect !== null) this.colourSelect.value = String(index);
-  }
-
-  private fullScreen(): void {
-    if (document.fullscreenElement !== null) void document.exitFullscreen();
-    else void document.documentElement.requestFullscreen?.().catch(() => undefined);
   }
 
   private applyTheme(): void {

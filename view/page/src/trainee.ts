@@ -1,6 +1,7 @@
 // The training screen: the scene above, large words below, sounds, one Start click. It shows no reason and no blame, and
 // no number while the hand moves.
 import type { Client } from "./client";
+import { openFullScreen } from "./fullscreen";
 import type { Model } from "./model";
 import type { SceneView } from "./scene/scene";
 import { createSection, type Section } from "./section";
@@ -250,8 +251,7 @@ class TraineeScreen implements Trainee {
   private open(): void {
     this.started = true;
     this.sounds.open();
-    const page = document.documentElement;
-    if (typeof page.requestFullscreen === "function") void page.requestFullscreen().catch(() => undefined);
+    openFullScreen();
     this.keepAwake();
     this.key = "";
     this.startButton.blur();
