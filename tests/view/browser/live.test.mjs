@@ -16,10 +16,10 @@ async function rowsOf(page, column) {
   const { start: from, end } = await state(page);
   const out = new Map();
   for (let t = from; t < end; t += 0.3) {
-    const bins = await page.evaluate(async ([time, name]) => {
+    const bins = await page.evaluate(([time, name]) => {
       window.haptraceTest.seek(time);
       window.haptraceTest.span(0.4);
-      await new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+      window.haptraceTest.frame();
       return window.haptraceTest.drawn(name);
     }, [t, column]);
     for (const b of bins) out.set(Math.round(b.t * 1000), b);

@@ -103,7 +103,8 @@ test("sixty seeks a second end at the last one", async (t) => {
   await page.evaluate(async (until) => {
     for (let i = 0; i < 120; i++) {
       window.haptraceTest.seek((until * ((i * 37) % 120)) / 120);
-      await new Promise((resolve) => requestAnimationFrame(resolve));
+      window.haptraceTest.frame();
+      await new Promise((resolve) => setTimeout(resolve, 16));
     }
   }, end);
   const last = await rowAt(page, Math.floor(end * 500) / 1000);

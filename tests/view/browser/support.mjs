@@ -28,6 +28,9 @@ export async function run(...args) {
   return promisify(execFile)(haptrace, args, { maxBuffer: 1 << 28 });
 }
 
+// A busy machine is slow; a test that fails takes this long [ms].
+export const PATIENCE = 120000;
+
 const ADDRESS = /http:\/\/127\.0\.0\.1:(\d+)\/#([0-9a-f]{32})/;
 
 // Starts haptrace with a view and waits for its addresses. `end` asks it to end and gives its exit code and output.
@@ -75,6 +78,7 @@ export async function open(t, opened, address, options = {}) {
   const context = await opened.newContext({ viewport: { width: 1280, height: 800 }, ...options });
   t.after(() => context.close());
   const page = await context.newPage();
+  page.setDefaultTimeout(PATIENCE);
   page.errors = [];
   page.on("pageerror", (error) => page.errors.push(String(error.stack ?? error)));
   page.on("console", (message) => {

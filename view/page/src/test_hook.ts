@@ -19,6 +19,8 @@ interface TestHook {
   play(speed?: number): void;
   pause(): void;
   span(seconds: number): void;
+  // Draws one frame now, whatever the display's rate.
+  frame(): void;
 }
 
 export function installTestHook(shell: Shell): void {
@@ -73,6 +75,7 @@ export function installTestHook(shell: Shell): void {
     },
     pause: () => m.pause(),
     span: (seconds) => shell.lanes?.setSpan(seconds),
+    frame: () => shell.draw(performance.now(), true),
   };
   (window as unknown as { haptraceTest: TestHook }).haptraceTest = hook;
 }
