@@ -653,6 +653,76 @@ TEST(ServoLoop, ReportsThatAHandleDoesNotComeToRest) {
   EXPECT_FALSE(device.pushed_while_moving);
 }
 
+/// A handle that nobody moves. Its measured position jumps once, as after a lost count of an encoder.
+class Jumping final : public Device {
+ public:
+  explicit Jumping(double jump) : jump_(jump) {
+    info_.name = "jumping encoder";
+    info_.virtual_time = true;
+    info_.workspace_min = Vec3::Constant(-0.1);
+    info_.workspace_max = Vec3::Constant(0.1);
+    info_.max_force = 10;
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  Status exchange(const Wrench& wrench, double, DeviceState& state) noexcept override {
+    force = wrench.force.x();
+    state = DeviceState{};
+    state.ready = true;
+    if (++calls_ > 500) state.position.x() = jump_;
+    return Status::ok;
+  }
+  void close() noexcept override {}
+
+  double force = 0;  ///< last force received [N]
+
+ private:
+  DeviceInfo info_;
+  double jump_;
+  int calls_ = 0;
+};
+
+TEST(ServoLoop, BoundsTheKickAfterAJumpOfThePositionThatTheSpeedLimitLetsPass) {
+  // The numbers are in docs/safety.md: the default velocity estimator shows a jump as a speed of at most 280 / s times
+  // its length.
+  constexpr double kSpeedOfJump = 280, kKp = 3000, kKd = 25;
+  for (const double jump : {0.1e-3, 1e-3, 1.4e-3, 5e-3, 5.5e-3}) {
+    SCOPED_TRACE(jump);
+    Jumping device(jump);
+    Scripted controller([&](const State& state) {
+      Command command;
+      command.phase = Phase::run;
+      command.wrench.force = -kKp * state.position - kKd * state.velocity;
+      if (state.tick >= 600) command.status = Command::Status::finished;
+      return command;
+    });
+    Log log;
+    SampleSink* const sinks[] = {&log};
+    const auto estimator = make_velocity_estimator("lowpass:100", 1000, 0);
+    ServoLoop::Options options = kVirtual;
+    options.limits = {.max_velocity = 1.5};
+    const ServoReport report = ServoLoop(device, controller, *estimator, sinks, options).run({});
+    double speed = 0, force = 0, later = 0;
+    for (const Sample& sample : log.samples) {
+      speed = std::max(speed, sample.velocity.norm());
+      force = std::max(force, sample.force.norm());
+      if (sample.tick > 510) later = std::max(later, sample.force.norm());
+    }
+    EXPECT_EQ(device.force, 0);
+    EXPECT_LE(speed, kSpeedOfJump * jump);
+    if (kSpeedOfJump * jump > 1.5) {
+      EXPECT_EQ(report.cause, StopCause::velocity);
+      EXPECT_LE(force, std::min(10.0, kKp * jump + kKd * 1.5));
+      EXPECT_EQ(later, 0);
+      continue;
+    }
+    EXPECT_EQ(report.cause, StopCause::finished);
+    EXPECT_GT(speed, 0.95 * kSpeedOfJump * jump);
+    EXPECT_LE(force, std::min(10.0, kKp * jump + kKd * kSpeedOfJump * jump));
+    EXPECT_GE(force, std::min(10.0, 0.9 * (kKp * jump + kKd * kSpeedOfJump * jump)));
+    EXPECT_LT(later, 1.1 * kKp * jump) << "after 10 ms, the spring alone is left";
+  }
+}
+
 TEST(ServoLoop, IsTheSameToTheBitInVirtualTime) {
   const auto session = [] {
     PointMass device;
