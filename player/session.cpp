@@ -307,7 +307,8 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
       .device = device,
       .stop = ours,
       .keep = recorder ? keep_when_ended(*recorder, result, looking) : std::function<void(const std::string&)>(),
-      .realtime = options.loop.realtime && !result.virtual_time});
+      .realtime = options.loop.realtime && !result.virtual_time,
+      .virtual_time = result.virtual_time});
   while (report.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
     look();
     if (!watch.disk_is_low() || !options.recording->end_when_disk_is_low || result.ended_by_disk) continue;

@@ -17,7 +17,9 @@ namespace haptrace {
 namespace {
 
 constexpr std::chrono::milliseconds kWakeUp{50};
-constexpr int kPatientWakeUps = 10;    // Watchdog::kPatience
+constexpr int wake_ups_in(double seconds) {
+  return static_cast<int>(1e3 * seconds / static_cast<double>(kWakeUp.count()));
+}
 constexpr double kLongestStop = 0.3;   // longest stop of a device [s]
 constexpr double kLongestEnd = 3;      // longest end of a session whose ticks continue [s]
 constexpr double kLongestKeep = 5;     // longest completion of a recording [s]
@@ -102,7 +104,10 @@ void on_exit_call() {
 
 class Watchdog::Thread {
  public:
-  explicit Thread(Session session) : session_(std::move(session)), thread_([this] { run(); }) {}
+  explicit Thread(Session session)
+      : session_(std::move(session)),
+        patience_(session_.virtual_time ? kVirtualPatience : kPatience),
+        thread_([this] { run(); }) {}
   ~Thread() {
     ending_.release();
     thread_.join();
@@ -119,7 +124,7 @@ class Watchdog::Thread {
       const bool hangs = beat == last && TickPulse::place_of(beat) != TickPulse::Place::outside;
       still = hangs ? still + 1 : 0;
       last = beat;
-      if (still >= kPatientWakeUps) return end_for_hang(TickPulse::place_of(beat));
+      if (still >= wake_ups_in(patience_)) return end_for_hang(TickPulse::place_of(beat));
     }
   }
 
@@ -128,14 +133,14 @@ class Watchdog::Thread {
     std::string what;
     switch (place) {
       case TickPulse::Place::device:
-        what = fmt::format("the device {} has not returned from an exchange for {} s", name, kPatience);
+        what = fmt::format("the device {} has not returned from an exchange for {} s", name, patience_);
         break;
       case TickPulse::Place::controller:
-        what = fmt::format("the controller has not returned for {} s", kPatience);
+        what = fmt::format("the controller has not returned for {} s", patience_);
         break;
       case TickPulse::Place::sinks:
       case TickPulse::Place::outside:
-        what = fmt::format("the recorder, or another receiver of the samples, has not returned for {} s", kPatience);
+        what = fmt::format("the recorder, or another receiver of the samples, has not returned for {} s", patience_);
         break;
     }
     end(what, stop_device(), place == TickPulse::Place::device ? kExitNoDevice : kExitStopped);
@@ -158,7 +163,7 @@ class Watchdog::Thread {
       const std::uint64_t beat = session_.pulse.beat();
       still = beat == last ? still + 1 : 0;
       last = beat;
-      if (still >= kPatientWakeUps) return TickPulse::place_of(beat) == TickPulse::Place::outside;
+      if (still >= wake_ups_in(kPatience)) return TickPulse::place_of(beat) == TickPulse::Place::outside;
     }
     return false;
   }
@@ -194,6 +199,7 @@ class Watchdog::Thread {
   }
 
   const Session session_;
+  const double patience_;  ///< [s]
   std::binary_semaphore ending_{0};
   std::thread thread_;
 };

@@ -12,10 +12,11 @@
 
 namespace haptrace {
 
-/// Watches a session from its own thread. It acts if a tick has not returned for kPatience, or if the process crashed
-/// or was asked to exit during the session (CrashWatch). It stops the device (Device::emergency_stop), completes the
-/// recording, reports the cause, and ends the process: a thread that hangs cannot be ended, and its resources cannot be
-/// released. If only another thread crashed, the session's own end takes the force away first.
+/// Watches a session from its own thread. It acts if a tick has not returned for kPatience (kVirtualPatience), or if
+/// the process crashed or was asked to exit during the session (CrashWatch). It stops the device
+/// (Device::emergency_stop), completes the recording, reports the cause, and ends the process: a thread that hangs
+/// cannot be ended, and its resources cannot be released. If only another thread crashed, the session's own end takes
+/// the force away first.
 ///
 /// Patience is counted in the watchdog's own wake-ups: time in which the whole process was stopped does not count.
 ///
@@ -23,6 +24,8 @@ namespace haptrace {
 class Watchdog {
  public:
   static constexpr double kPatience = 0.5;  ///< [s]
+  /// In virtual time no motor waits for the tick, and a busy machine may keep a thread from running for long [s].
+  static constexpr double kVirtualPatience = 20;
 
   struct Session {
     const TickPulse& pulse;
@@ -31,7 +34,8 @@ class Watchdog {
     /// Completes the recording and stores these words in it; empty if there is no recording. Called in another thread
     /// while the session's thread may be anywhere. Everything it needs must live as long as the process.
     std::function<void(const std::string& words)> keep;
-    bool realtime = false;  ///< request a priority above the servo thread's
+    bool realtime = false;      ///< request a priority above the servo thread's
+    bool virtual_time = false;  ///< wait for kVirtualPatience
   };
 
   explicit Watchdog(Session session);
