@@ -28,3 +28,5 @@
 #include "player/record.h"                   // record()
 #include "recorder/recorded_devices.h"       // use_recorded_devices()
 #include "scene/scene.h"                     // Scene: objects that a hand can touch
+#include "view/live_view.h"                  // LiveView: shows a session in a browser
+#include "view/recording_view.h"             // RecordingView: shows recordings in a browser
