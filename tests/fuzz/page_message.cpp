@@ -49,7 +49,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     fuzz::require(frame.request == message->id);
     fuzz::require(frame.rows <= std::max<std::size_t>(kMostRows, kMostPixels + 2));
     if (frame.kind == FrameKind::bins)
-      fuzz::require(frame.rows <= std::max(message->pixels, std::uint32_t{1}) + 2);
+      fuzz::require(frame.rows <= std::max<std::size_t>(message->pixels, 1) + 2);
     else
       fuzz::require(frame.body.size() == 4 * frame.rows * (source().channels().size() + 1));
   });
