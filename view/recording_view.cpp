@@ -97,10 +97,7 @@ class RecordingView::Shelf final : private PageHandler {
     server_ = std::make_unique<ViewServer>(
         ViewServer::Options{.port = options.port, .tokens = {{ViewRole::viewer, new_tuning_token()}}}, handler);
   }
-  ~Shelf() override {
-    worker_->stop();
-    server_.reset();
-  }
+  ~Shelf() override { worker_->stop(); }
   Shelf(const Shelf&) = delete;
   Shelf& operator=(const Shelf&) = delete;
 
@@ -275,8 +272,8 @@ class RecordingView::Shelf final : private PageHandler {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::atomic<std::size_t> page_count_{0};
-  std::unique_ptr<ViewServer> server_;
-  std::unique_ptr<Worker> worker_;
+  std::unique_ptr<Worker> worker_;      ///< stops before the server that its jobs use
+  std::unique_ptr<ViewServer> server_;  ///< last: its thread uses the members above
 };
 
 RecordingView::RecordingView(std::vector<std::string> files, const Options& options)

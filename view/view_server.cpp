@@ -71,6 +71,7 @@ class ViewServer::Listeners final : public PageRegistry {
   ~Listeners() override {
     asio::post(io_, [this] { close(); });
     thread_.join();
+    pages_.clear();  // while io_ lives: a page that took no goodbye still has its socket
   }
   Listeners(const Listeners&) = delete;
   Listeners& operator=(const Listeners&) = delete;

@@ -79,6 +79,15 @@ class ViewServerTest : public testing::Test {
   std::unique_ptr<ViewServer> server = std::make_unique<ViewServer>(options(), handler);
 };
 
+TEST_F(ViewServerTest, EndsAlthoughAPageTakesNoGoodbye) {
+  PageClient page(port());
+  page.hello(kTherapist);
+  page.wait_for("hello");
+  // The page reads nothing from now on, as one that stands still in a debugger.
+  server.reset();
+  EXPECT_EQ(handler.joins, 1);
+}
+
 TEST_F(ViewServerTest, ThePageComesWithHeadersThatKeepOtherSitesAway) {
   const HttpAnswer answer = http_get(port(), "/");
   EXPECT_EQ(answer.status, 200U);

@@ -34,7 +34,7 @@ try {
   writeFileSync(join(folder, "radius.json"), JSON.stringify({ s: [0, 0.03, 0.06, 0.09, 0.13], radius: [8e-3, 5e-3, 7e-3, 4e-3, 7e-3] }));
   const file = join(folder, "guided.h5");
   await run("guide", join(folder, "expert.csv"), "-d", `sim:preset=falcon,hand=relaxed,seed=4,intent=${join(folder, "expert.csv")}`,
-    "--radius", join(folder, "radius.json"), "--repeat", "3", "--record", file, "--title", "Guided along an expert's curve");
+    "--radius", join(folder, "radius.json"), "--record", file, "--title", "Guided along an expert's curve");
   const view = await start(t, "view", file, "--no-browser");
   const browser = await launch();
   t.after(() => browser.close());
@@ -52,7 +52,7 @@ try {
     await page.screenshot({ path: name });
     frames.push(name);
   }
-  execFileSync("convert", ["-delay", "10", "-loop", "0", ...frames, "-resize", "960x", "-layers", "OptimizeFrame", "-colors", "64", join(out, "view.gif")]);
+  execFileSync("/usr/bin/convert", ["-delay", "10", "-loop", "0", ...frames, "-resize", "960x", "-layers", "OptimizeFrame", "-colors", "64", join(out, "view.gif")]);
 } finally {
   for (const action of undo) await action();
   rmSync(folder, { recursive: true, force: true });
