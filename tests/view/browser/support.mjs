@@ -79,6 +79,9 @@ export async function open(t, opened, address, options = {}) {
   t.after(() => context.close());
   const page = await context.newPage();
   page.setDefaultTimeout(PATIENCE);
+  // A machine without a GPU that is busy shows few frames: conditions are looked at by the clock.
+  const wait = page.waitForFunction.bind(page);
+  page.waitForFunction = (condition, argument, more = {}) => wait(condition, argument, { polling: 100, ...more });
   page.errors = [];
   page.on("pageerror", (error) => page.errors.push(String(error.stack ?? error)));
   page.on("console", (message) => {

@@ -198,15 +198,15 @@ export class Lanes {
     return this.lanes.map((l) => ({ name: l.kind.column, value: this.model.value(l.kind.column), text: l.value.data }));
   }
 
-  // Returns the points of a lane as they are drawn: for each bin its time, least and largest value in SI. For tests.
-  drawnBins(column: string): { t: number; min: number; max: number }[] {
-    const out: { t: number; min: number; max: number }[] = [];
+  // Returns the bins of a lane as they are drawn: start, width, least and largest value in SI. For tests.
+  drawnBins(column: string): { t: number; width: number; min: number; max: number }[] {
+    const out: { t: number; width: number; min: number; max: number }[] = [];
     for (const { view, k0, k1 } of this.views()) {
       const channel = view.channel(column);
       if (channel === null) continue;
       for (let k = Math.max(k0, view.k0); k < Math.min(k1, view.k1); k++) {
         const i = (k - view.base) & view.mask;
-        if (channel.min[i] === channel.min[i]) out.push({ t: k * view.width, min: channel.min[i]!, max: channel.max[i]! });
+        if (channel.min[i] === channel.min[i]) out.push({ t: k * view.width, width: view.width, min: channel.min[i]!, max: channel.max[i]! });
       }
     }
     return out;

@@ -8,7 +8,7 @@ interface TestHook {
   frames(): number;
   shown(): { time: number; rowTime: number; values: Record<string, number> };
   lanes(): { name: string; value: number; text: string }[];
-  drawn(column: string): { t: number; min: number; max: number }[];
+  drawn(column: string): { t: number; width: number; min: number; max: number }[];
   window(): { t0: number; t1: number };
   // Place of the tool in the window [CSS px]; null if it is not known.
   tool(): { x: number; y: number } | null;
