@@ -15,10 +15,10 @@ async function square(folder, duration = "4") {
 async function rowsOf(page, column) {
   const { start: from, end } = await state(page);
   const out = new Map();
-  for (let t = from; t < end; t += 0.3) {
+  for (let t = from; t < end + 0.2; t += 0.2) {
     const bins = await page.evaluate(([time, name]) => {
       window.haptraceTest.seek(time);
-      window.haptraceTest.span(0.4);
+      window.haptraceTest.span(0.3);
       window.haptraceTest.frame();
       return window.haptraceTest.drawn(name);
     }, [t, column]);
