@@ -1,8 +1,7 @@
 // How serious a report to a person is: of a warning of a session, a finding in a file or a diagnosis of the machine.
 #pragma once
 
-#include "base/enum_names.h"
-
+#include <array>
 #include <cstdint>
 
 namespace haptrace {
@@ -16,8 +15,8 @@ enum class Severity : std::uint8_t {
 
 /// Returns "ok", "note", "warning" or "problem".
 constexpr const char* to_string(Severity severity) noexcept {
-  constexpr EnumNames<Severity, 4> kNames{"severity", {"ok", "note", "warning", "problem"}};
-  return kNames.name(severity);
+  constexpr std::array kNames{"ok", "note", "warning", "problem"};
+  return kNames[static_cast<std::size_t>(severity)];
 }
 
 }  // namespace haptrace

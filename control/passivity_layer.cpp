@@ -1,6 +1,7 @@
 #include "control/passivity_layer.h"
 
 #include "base/error.h"
+#include "control/design/loop_analysis.h"
 
 namespace haptrace {
 namespace {

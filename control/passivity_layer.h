@@ -1,12 +1,13 @@
 // Removal of the energy that sampling creates in virtual objects.
 #pragma once
 
-#include "control/design/loop_analysis.h"
 #include "control/energy_account.h"
 
 #include <vector>
 
 namespace haptrace {
+
+struct LoopModel;
 
 /// A time-domain passivity observer and controller for a device that measures positions and takes forces (Hannaford and
 /// Ryu, IEEE Trans. Robotics and Automation 18(1), 2002).

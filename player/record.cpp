@@ -1,6 +1,7 @@
 #include "player/record.h"
 
 #include "base/error.h"
+#include "control/design/loop_analysis.h"
 #include "player/guidance/guide.h"
 
 #include <algorithm>

@@ -1,6 +1,7 @@
 #include "recorder/replay_device.h"
 
 #include "base/error.h"
+#include "devices/loop/prefetcher.h"
 #include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
 

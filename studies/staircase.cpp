@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/parallel.h"
+#include "control/design/loop_analysis.h"
 #include "control/passivity_layer.h"
 #include "control/velocity_estimator.h"
 #include "devices/sim/sim_device.h"

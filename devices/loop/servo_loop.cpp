@@ -5,6 +5,7 @@
 #include "control/budgets.h"
 #include "control/norm.h"
 #include "control/resistance_timer.h"
+#include "devices/loop/clock.h"
 #include "devices/rest_watch.h"
 
 #include <algorithm>

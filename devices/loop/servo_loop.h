@@ -12,7 +12,6 @@
 #include "control/sample.h"
 #include "control/velocity_estimator.h"
 #include "devices/device.h"
-#include "devices/loop/clock.h"
 #include "devices/loop/realtime.h"
 #include "devices/loop/tick_pulse.h"
 
@@ -22,6 +21,8 @@
 #include <vector>
 
 namespace haptrace {
+
+class ServoClock;
 
 inline constexpr double kLowestRate = 10;      // [Hz]
 inline constexpr double kHighestRate = 20000;  // [Hz]

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "control/path/path_smoothing.h"
+#include "devices/loop/prefetcher.h"
 
 #include <algorithm>
 #include <cmath>
@@ -97,6 +98,14 @@ ReferenceStream::ReferenceStream(Trajectory trajectory) : duration_(trajectory.d
   auto piece = std::make_shared<TrajectoryPiece>(TrajectoryPiece{0, duration_, std::move(trajectory), {}});
   prefetcher_ = std::make_unique<Prefetcher<TrajectoryPiece>>(std::move(piece), 1, 0, nullptr);
   piece_ = prefetcher_->get(0);
+}
+
+ReferenceStream::ReferenceStream(ReferenceStream&&) noexcept = default;
+ReferenceStream& ReferenceStream::operator=(ReferenceStream&&) noexcept = default;
+ReferenceStream::~ReferenceStream() = default;
+
+const std::string& ReferenceStream::error() const noexcept {
+  return prefetcher_->error();
 }
 
 ReferenceStream::Answer ReferenceStream::sample(double t, Reference& reference) noexcept {

@@ -3,7 +3,6 @@
 
 #include "control/path/orientation_trajectory.h"
 #include "control/path/trajectory.h"
-#include "devices/loop/prefetcher.h"
 #include "formats/path/path_source.h"
 
 #include <cstdint>
@@ -14,6 +13,9 @@
 #include <vector>
 
 namespace haptrace {
+
+template <class Block>
+class Prefetcher;
 
 /// Trajectory through consecutive samples of a path.
 struct TrajectoryPiece {
@@ -91,6 +93,9 @@ class ReferenceStream {
 
   /// Makes a stream of a complete trajectory.
   ReferenceStream(Trajectory trajectory);  // NOLINT(google-explicit-constructor): it is one
+  ReferenceStream(ReferenceStream&&) noexcept;
+  ReferenceStream& operator=(ReferenceStream&&) noexcept;
+  ~ReferenceStream();
 
   /// Sets `reference` to the reference at `t` [s] if it returns `ready`. `t` must not decrease, except to a time within
   /// the first piece.
@@ -107,7 +112,7 @@ class ReferenceStream {
   [[nodiscard]] double duration() const noexcept { return duration_; }  ///< [s]
 
   /// Returns why sample() returned `unreadable`.
-  [[nodiscard]] const std::string& error() const noexcept { return prefetcher_->error(); }
+  [[nodiscard]] const std::string& error() const noexcept;
 
   static constexpr double kAhead = 10;  // [s]
 

@@ -1,5 +1,6 @@
 #include "control/passivity_layer.h"
 
+#include "control/design/loop_analysis.h"
 #include "tests/support/allocations.h"
 #include "tests/support/delayed_mass.h"
 #include "tests/support/errors.h"

@@ -5,6 +5,7 @@
 #include "control/hand_watch.h"
 #include "control/observer_pd.h"
 #include "control/reaction_ladder.h"
+#include "devices/loop/clock.h"
 #include "recorder/recorder.h"
 #include "tests/extremes/support.h"
 #include "tests/support/temp_folder.h"

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "control/pd.h"
 #include "control/resistance_timer.h"
+#include "devices/loop/clock.h"
 #include "devices/rest_watch.h"
 #include "tests/support/allocations.h"
 #include "tests/support/point_mass.h"
