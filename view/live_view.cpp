@@ -27,8 +27,9 @@ constexpr auto kBatch = 16ms;                                  // period of the 
 constexpr int kStatusesPerSecond = 4, kBatchesPerStatus = 16;  // 4 Hz
 constexpr std::size_t kLargestBatch = 2048;                    // rows of a frame
 constexpr double kBackfill = 12;                               // [s]
-constexpr std::size_t kMostEvents = 20000;                     // kept for pages that join later
-constexpr std::size_t kMostWarnings = 1000;
+constexpr std::size_t kMostEvents = 2000;                      // kept for pages that join later
+constexpr std::size_t kMostWarnings = 500;
+constexpr double kStale = 0.3;        // time without rows after which the status has no values [s]
 constexpr double kMargin = 0.1;       // by which an intention may leave the workspace, as a share of its size
 constexpr double kHoldSilence = 0.3;  // silence after which a page lets go of the hand [s]
 
@@ -129,8 +130,7 @@ class LiveView::Sessions final : private PageHandler {
       running_ = true;
       reason_.clear();
       zero_force_.clear();
-      control_seen_ = softened_ = lost_stop_ = false;
-      silence_ = 0;
+      softened_ = lost_stop_ = false;
       controls_text_.reset();
       ++trial_;
       const auto pages = server_.pages();
@@ -272,7 +272,7 @@ class LiveView::Sessions final : private PageHandler {
     using Type = PageMessage::Type;
     if (message.type == Type::stop) {
       // Twice: the loop then sends zero force at this tick, whatever the time of the release.
-      StopRequest* const stop = running_ ? targets_.stop : options_.stop_between;
+      StopRequest* const stop = running_ && targets_.stop != nullptr ? targets_.stop : options_.stop_between;
       if (stop != nullptr) stop->raise(), stop->raise();
       return;
     }
@@ -355,7 +355,7 @@ class LiveView::Sessions final : private PageHandler {
 
   /// Notes a sign of life of a page with control.
   void heard() {
-    control_seen_ = control_seen_ || running_;
+    control_seen_ = true;
     silence_ = 0;
     if (!std::exchange(softened_, false) || targets_.commands == nullptr) return;
     (void)targets_.commands->obey("restore");
@@ -365,7 +365,7 @@ class LiveView::Sessions final : private PageHandler {
   /// Reacts to the silence of all pages with control. Time in which this thread did not run does not count.
   void watch_control(Clock::time_point now) {
     constexpr double kLongestStep = 0.1;  // [s]
-    silence_ += std::min(seconds_between(beat_, now), kLongestStep);
+    silence_ = std::min(silence_ + std::min(seconds_between(beat_, now), kLongestStep), 2 * options_.page_patience);
     if (!running_ || !control_seen_ || silence_ < options_.page_patience || softened_ || lost_stop_) return;
     switch (options_.on_page_lost) {
       case PageLost::soften: {
@@ -395,10 +395,10 @@ class LiveView::Sessions final : private PageHandler {
   void beat() {
     const Clock::time_point now = Clock::now();
     if (running_) {
-      take_samples();
-      watch_control(now);
+      take_samples(now);
       if (holder_ != nullptr && seconds_between(held_, now) > kHoldSilence) let_go();
     }
+    watch_control(now);
     if (++beats_ % kBatchesPerStatus == 0 && source_) {
       show_status();
       show_controls();
@@ -406,7 +406,7 @@ class LiveView::Sessions final : private PageHandler {
     beat_ = now;
   }
 
-  void take_samples() {
+  void take_samples(Clock::time_point now) {
     nlohmann::json events = nlohmann::json::array();
     sink.take([this](const Sample& sample) { source_->add(sample); },
               [&](const Event& event) {
@@ -427,7 +427,9 @@ class LiveView::Sessions final : private PageHandler {
     nlohmann::json phases = source_->phases.take(false);
     if (!phases["list"].empty()) broadcast(phases);
     const ViewRows rows = source_->take();
-    if (rows.size() > 0) stream(rows);
+    if (rows.size() == 0) return;
+    fresh_ = now;
+    stream(rows);
   }
 
   void stream(const ViewRows& rows) {
@@ -455,21 +457,23 @@ class LiveView::Sessions final : private PageHandler {
   }
 
   void tell(nlohmann::json events) {
-    for (const nlohmann::json& event : events)
-      if (events_.size() < kMostEvents) events_.push_back(event);
+    for (const nlohmann::json& event : events) events_.push_back(event);
+    if (events_.size() > kMostEvents) events_.erase(events_.begin(), events_.end() - kMostEvents);
     broadcast(events_message(std::move(events), false));
   }
 
   [[nodiscard]] nlohmann::json status() const {
-    const std::optional<Sample>& newest = source_->newest();
-    const Sample sample = newest.value_or(Sample{});
+    // Old values are no values: without fresh rows, nothing is known of the device.
+    const bool fresh = seconds_between(fresh_, Clock::now()) < kStale;
+    const bool known = fresh && running_ && source_->newest();
+    const Sample sample = known ? *source_->newest() : Sample{.force = nan3()};
     return {{"type", "status"},
             {"time", source_->time()},
-            {"phase", to_string(sample.phase)},
-            {"rate", source_->rate()},
+            {"phase", to_string(source_->newest().value_or(Sample{}).phase)},
+            {"rate", fresh ? source_->rate() : 0},
             {"asked_rate", session_->rate_hz},
             {"overruns", view_.live.overruns},
-            {"force", json_of_number(running_ ? sample.force.norm() : 0)},
+            {"force", json_of_number(sample.force.norm())},
             {"deviation", json_of_number((sample.position - sample.reference_position).norm())},
             {"speed", json_of_number(sample.velocity.norm())},
             {"share", share_},
@@ -544,7 +548,7 @@ class LiveView::Sessions final : private PageHandler {
   SharedText controls_text_;
   std::map<std::string, SharedText> kept_;  ///< programme and training
   std::uint64_t beats_ = 0, statuses_ = 0, lost_told_ = 0, annotations_seen_ = 0;
-  Clock::time_point beat_ = Clock::now();
+  Clock::time_point beat_ = Clock::now(), fresh_{};  ///< last beat, last rows
 
   bool control_seen_ = false, softened_ = false, lost_stop_ = false;
   double silence_ = 0;                ///< of all pages with control [s]

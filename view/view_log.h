@@ -37,7 +37,7 @@ class PhaseLog {
     std::int64_t from, to;
     Phase phase;
   };
-  static constexpr std::size_t kMost = 20000;  ///< later stretches are not kept
+  static constexpr std::size_t kMost = 4000;  ///< later stretches are not kept
 
   [[nodiscard]] nlohmann::json message(std::size_t first, bool reset, bool done) const;
 

@@ -9,6 +9,7 @@
 #include <chrono>
 #include <cmath>
 #include <exception>
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -20,6 +21,7 @@ using Clock = std::chrono::steady_clock;
 constexpr std::uint64_t kChunk = 8192;             // rows read at once
 constexpr std::uint64_t kMostOfBlock = 4'000'000;  // rows of a block whose times are far denser than its rate
 constexpr std::uint64_t kMostOfPath = 400'000;     // rows of a run that are searched for its path
+constexpr std::size_t kMostEvents = 4000;          // that a page gets
 constexpr std::int64_t kMostBlocks = 20'000;       // of a recording; a longer one has a longer row period
 constexpr double kFull = 0.9;                      // share of the memory for cells beyond which nothing is built ahead
 
@@ -279,7 +281,11 @@ nlohmann::json ViewedRecording::recording(std::size_t index, const std::string& 
 
 nlohmann::json ViewedRecording::events() const {
   nlohmann::json list = nlohmann::json::array();
-  for (const StoredEvent& event : events_) list.push_back(event_json(event));
+  for (const StoredEvent& event : std::span(events_).first(std::min(events_.size(), kMostEvents)))
+    list.push_back(event_json(event));
+  if (events_.size() > kMostEvents)
+    list.push_back(event_json(events_[kMostEvents].time, static_cast<std::int32_t>(EventCode::mark),
+                              fmt::format("{} further events are not shown", events_.size() - kMostEvents)));
   return events_message(std::move(list), true);
 }
 
