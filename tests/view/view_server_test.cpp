@@ -194,9 +194,10 @@ TEST_F(ViewServerTest, StrangersKeepNobodyOut) {
   page.hello(kTherapist);
   EXPECT_EQ(page.wait_for("hello")["role"], "therapist");
   EXPECT_EQ(http_get(port(), "/").status, 200U);
+  EXPECT_EQ(strangers.front()->wait_for_close(), 0U) << "the first had to give way";
 }
 
-TEST_F(ViewServerTest, ALateconnectedPageTakesThePlaceOfTheOneThatWasSilentLongest) {
+TEST_F(ViewServerTest, ALatePageTakesThePlaceOfTheOneThatWasSilentLongest) {
   ViewServer::Options few = options();
   few.most_pages = 2;
   serve(few);
