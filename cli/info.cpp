@@ -81,6 +81,8 @@ int tell_of_recording(const InputFile& input, bool partial, const Output& output
   line("operator", header.operator_name);
   line("notes", header.notes);
   for (const auto& [key, value] : header.meta) line(key.c_str(), value);
+  if (const auto of = header.meta.find("input"); of != header.meta.end() && of->second == "view")
+    line("note", "a person steered a simulated hand through the live view: not a measure of skill");
   line("created", header.created);
   if (!clocks.is_null())
     line("time 0", fmt::format("{}, within {:.3g} us{}", clocks["time_0"].get<std::string>(),

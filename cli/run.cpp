@@ -7,6 +7,7 @@
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
 #include "player/programme/programme_session.h"
+#include "player/programme/training_screen.h"
 
 #include <filesystem>
 #include <fmt/format.h>
@@ -33,16 +34,6 @@ constexpr std::string_view kPathMark = "{path}";
 std::string minutes(double seconds) {
   const auto whole = static_cast<long>(std::lround(seconds));
   return fmt::format("{}:{:02} min", whole / 60, whole % 60);
-}
-
-std::string settings_text(const Exercise& exercise, const TrialSettings& settings) {
-  std::string text = to_string(exercise.mode);
-  if (exercise.mode != ExerciseMode::free && exercise.mode != ExerciseMode::passive)
-    text += fmt::format(", radius {:.1f} mm", 1e3 * settings.radius);
-  if (exercise.mode == ExerciseMode::assisted) text += fmt::format(", assistance {:.0f} %", 100 * settings.assistance);
-  if (settings.pace != 1) text += fmt::format(", pace {:.2f}", settings.pace);
-  if (exercise.test != TestLabel::none) text += fmt::format(", test {}", to_string(exercise.test));
-  return text;
 }
 
 std::string figures_text(const nlohmann::json& figures) {

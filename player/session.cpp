@@ -6,6 +6,7 @@
 #include "base/suggest.h"
 #include "devices/loop/watchdog.h"
 #include "devices/registry.h"
+#include "devices/sim/sim_device.h"
 #include "formats/documents/warning_json.h"
 
 #include <algorithm>
@@ -278,8 +279,9 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
 
   std::optional<Recorder> recorder;
   if (options.recording) {
-    recorder.emplace(options.recording->file, header_for(options, info, result.virtual_time), columns,
-                     options.recording->options);
+    RecordingHeader header = header_for(options, info, result.virtual_time);
+    if (steering_of(device) != nullptr) header.meta["input"] = kIntentOfView;
+    recorder.emplace(options.recording->file, header, columns, options.recording->options);
     sinks.push_back(&*recorder);
   }
   if (options.observer != nullptr) {

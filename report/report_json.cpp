@@ -95,7 +95,8 @@ json json_of_session(const ReportSession& session) {
           {"operator", session.operator_name}, {"notes", session.notes},          {"created", session.created},
           {"software", session.software},      {"device", session.device},        {"complete", session.complete},
           {"duration_s", session.duration},    {"sittings", std::move(sittings)}, {"exercises", std::move(exercises)},
-          {"events", std::move(events)},       {"remarks", session.remarks},      {"settings", session.settings}};
+          {"events", std::move(events)},       {"remarks", session.remarks},      {"settings", session.settings},
+          {"steered", session.steered}};
 }
 
 json json_of_comparison(const ReportComparison& comparison, const Report& report) {

@@ -106,6 +106,14 @@ std::string in_words(const std::string& a, const std::string& b) {
   return a.empty() || b.empty() || a == b ? a + (a == b ? "" : b) : fmt::format("{} ({})", a, b);
 }
 
+/// Marks a session whose simulated hand a person steered through the live view.
+void mark_steered(ReportSession& session) {
+  session.steered = true;
+  session.remarks.emplace_back(
+      "a person steered a simulated hand through the live view, so the metrics do not measure skill at a device; no "
+      "trend or comparison contains them");
+}
+
 // Events.
 
 bool is_stop(EventCode code) {
@@ -275,6 +283,8 @@ ReportSession session_of_recording(const std::string& file) {
                         .device = device_in_words(header),
                         .complete = header.complete,
                         .settings = header.config};
+  if (const auto input = header.meta.find("input"); input != header.meta.end() && input->second == "view")
+    mark_steered(session);
   if (!header.complete) session.remarks.push_back(name + " is incomplete; the report shows its stored samples");
   if (reader.rows() == 0) session.remarks.push_back(name + " contains no samples");
 
@@ -316,7 +326,7 @@ ReportSession session_of_recording(const std::string& file) {
     add_tunnel(exercise, recorded[i]);
     session.duration = recorded[i].time.back();
   }
-  add_trends(exercise, "");
+  if (!session.steered) add_trends(exercise, "");
   add_events(session.events, events, [&](double time) -> std::string {
     for (std::size_t i = recorded.size(); i-- > 0;)
       if (recorded.size() > 1 && time >= recorded[i].time.front()) return fmt::format("repetition {}", i + 1);
@@ -407,7 +417,7 @@ class SessionReading {
       ReportExercise& exercise = session_.exercises[i];
       const Exercise& asked = programme_.exercise(i);
       add_path(exercise, paths_[i], scales_[i]);
-      add_trends(exercise, asked.progression ? asked.progression->figure : "");
+      if (!session_.steered) add_trends(exercise, asked.progression ? asked.progression->figure : "");
     }
     return std::move(session_);
   }
@@ -434,6 +444,9 @@ class SessionReading {
                                  .text = sitting.ended_by.empty() ? "the log does not say how it ended"
                                                                   : in_words(sitting.ended_by, sitting.detail)});
     }
+    if (std::any_of(log_.trials.begin(), log_.trials.end(),
+                    [](const LoggedTrial& trial) { return !trial.input.empty(); }))
+      mark_steered(session_);
     if (!log_.complete) session_.remarks.emplace_back("the programme was not completed");
     if (log_.trials.empty()) session_.remarks.emplace_back("no repetition was started");
     const std::string profile = file(kSessionProfile);
@@ -543,7 +556,7 @@ std::vector<ReportComparison> compare(const std::vector<ReportSession>& sessions
   for (const char* test : kTests)
     for (std::size_t s = 0; s < sessions.size(); ++s)
       for (const ReportExercise& exercise : sessions[s].exercises) {
-        if (exercise.test != test || exercise.warm_up || !exercise.task) continue;
+        if (exercise.test != test || exercise.warm_up || !exercise.task || sessions[s].steered) continue;
         const std::string& subject = sessions[s].subject;
         const std::optional<std::size_t> only = subject.empty() ? std::optional(s) : std::nullopt;
         const auto [found, added] = known.try_emplace({subject, only, *exercise.task}, comparisons.size());

@@ -90,7 +90,8 @@ struct ReportSession {
   std::string software;  ///< software that recorded it
   std::string device;    ///< in words
   bool complete = false;
-  double duration = 0;  ///< including rests [s]
+  bool steered = false;  ///< a person steered a simulated hand: no trend or comparison contains it
+  double duration = 0;   ///< including rests [s]
   std::vector<Sitting> sittings;
   std::vector<ReportExercise> exercises;
   std::vector<ReportEvent> events;

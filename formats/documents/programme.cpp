@@ -22,6 +22,9 @@ constexpr EnumNames<TestLabel, 4> kTestNames{"test", {"none", "before", "after",
 constexpr EnumNames<int, 4> kMirrorNames{"plane", {"none", "x", "y", "z"}};
 constexpr EnumNames<int, 2> kFeelNames{"feel", {"active", "resist"}};
 
+constexpr EnumNames<ScreenPart, kScreenParts> kPartNames{"part of the screen",
+                                                         {"tool", "path", "tunnel", "trail", "score"}};
+
 using Modes = std::set<ExerciseMode>;
 constexpr auto kPassive = ExerciseMode::passive, kAssisted = ExerciseMode::assisted, kTunnel = ExerciseMode::tunnel,
                kCursor = ExerciseMode::cursor, kResist = ExerciseMode::resist, kFree = ExerciseMode::free;
@@ -139,6 +142,41 @@ Path path_of_shape(JsonReader reader) {
   return path;
 }
 
+/// Reads "always", "never", a share, or {"from": share, "to": share}.
+ShownShare read_shown(JsonReader& reader, const std::string& key) {
+  const nlohmann::json value = reader.value(key);
+  if (value.is_string()) {
+    static const std::vector<std::string> kWords{"always", "never"};
+    const double share = reader.choice(key, "always", kWords) == "always" ? 1 : 0;
+    return {share, share};
+  }
+  if (value.is_object()) {
+    JsonReader fading = *reader.object(key);
+    const ShownShare share{.from = fading.require("from").number("from", 1, 0, 1),
+                           .to = fading.require("to").number("to", 1, 0, 1)};
+    fading.finish();
+    return share;
+  }
+  if (!value.is_number())
+    throw input_error(
+        fmt::format("{}.{}: must be \"always\", \"never\", a share from 0 to 1, or from one share to another, as in "
+                    "{{\"from\": 1, \"to\": 0.2}}",
+                    reader.where(), key));
+  const double share = reader.number(key, 1, 0, 1);
+  return {share, share};
+}
+
+ShownShares read_show(JsonReader& owner) {
+  ShownShares shares;
+  std::optional<JsonReader> reader = owner.object("show");
+  if (!reader) return shares;
+  for (std::size_t part = 0; part < kScreenParts; ++part)
+    if (const std::string key = to_string(static_cast<ScreenPart>(part)); reader->has(key))
+      shares[part] = read_shown(*reader, key);
+  reader->finish();
+  return shares;
+}
+
 Exercise read_exercise(JsonReader reader, const std::string& name) {
   Exercise exercise;
   exercise.name = reader.text("name", name);
@@ -172,6 +210,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   exercise.resist_forces = choose(reader, "feel", kFeelNames, 0) == 1;
   exercise.wait = reader.number("wait", exercise.wait, 0, 10);
   exercise.allow_back = reader.boolean("allow_back", exercise.allow_back);
+  exercise.show = read_show(reader);
   if (std::optional<JsonReader> progression = reader.object("progression"))
     exercise.progression = read_progression(*progression, exercise.mode);
   if (exercise.progression && (exercise.mode == kFree || exercise.test != TestLabel::none))
@@ -217,6 +256,40 @@ const char* to_string(TestLabel label) {
   return kTestNames.name(label);
 }
 
+const char* to_string(ScreenPart part) {
+  return kPartNames.name(part);
+}
+
+ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart part) {
+  const Exercise& exercise = programme.exercise(i);
+  const auto at = static_cast<std::size_t>(part);
+  if (exercise.show[at]) return *exercise.show[at];
+  const bool is_test = exercise.test != TestLabel::none || exercise.mode == ExerciseMode::free;
+  if (is_test && part != ScreenPart::tool && part != ScreenPart::path) return {0, 0};
+  return programme.show[at].value_or(ShownShare{});
+}
+
+ShownParts shown_parts(const Programme& programme, std::size_t i, int round, int repetition) {
+  const bool warm_up = i < programme.warm_up.size();
+  const int repetitions = programme.exercise(i).repetitions, count = repetitions * (warm_up ? 1 : programme.rounds);
+  const int index = std::clamp((warm_up ? 0 : round - 1) * repetitions + repetition - 1, 0, count - 1);
+  // Exercises with few repetitions each begin elsewhere, so that a share of 0.5 shows every other one of them.
+  constexpr double kGolden = 0.6180339887498949;
+  const double offset = std::fmod(0.5 + kGolden * static_cast<double>(i), 1.0);
+  ShownParts parts{};
+  for (std::size_t part = 0; part < kScreenParts; ++part) {
+    const auto [from, to] = shown_share(programme, i, static_cast<ScreenPart>(part));
+    // The sum of the shares of the first n repetitions. A repetition shows the part where the sum passes a whole
+    // number.
+    const auto sum = [&, from = from, to = to](int n) {
+      const double slope = count > 1 ? (to - from) / (count - 1) : 0;
+      return offset + n * from + slope * 0.5 * n * (n - 1);
+    };
+    parts[part] = std::floor(sum(index + 1) + 1e-9) > std::floor(sum(index) + 1e-9);
+  }
+  return parts;
+}
+
 double DifficultyRange::at(double level) const {
   return easy * std::pow(hard / easy, level);
 }
@@ -239,6 +312,7 @@ Programme programme_from_json(const nlohmann::json& json, const std::string& whe
     person->finish();
   }
   if (std::optional<JsonReader> limits = reader.object("limits")) programme.limits = read_limits(*limits);
+  programme.show = read_show(reader);
   programme.rounds = reader.integer("rounds", 1, 1, 1000);
   programme.warm_up = read_exercises(reader, "warm_up", "warm-up");
   programme.exercises = read_exercises(reader, "exercises", "exercise");

@@ -3,6 +3,8 @@
 
 #include "control/path/path.h"
 
+#include <array>
+#include <cstddef>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -65,6 +67,26 @@ struct PathChange {
   void apply(Path& path) const;
 };
 
+/// Share of the repetitions that show something to the trainee. It changes evenly from the first to the last
+/// repetition.
+struct ShownShare {
+  double from = 1, to = 1;
+
+  bool operator==(const ShownShare&) const = default;
+};
+
+/// Parts of a trainee's screen.
+enum class ScreenPart { tool, path, tunnel, trail, score };
+inline constexpr std::size_t kScreenParts = 5;
+
+const char* to_string(ScreenPart part);
+
+/// Shares by ScreenPart; absent: the default.
+using ShownShares = std::array<std::optional<ShownShare>, kScreenParts>;
+
+/// What one repetition shows, by ScreenPart.
+using ShownParts = std::array<bool, kScreenParts>;
+
 /// One exercise: repetitions of one path.
 struct Exercise {
   std::string name;
@@ -89,6 +111,7 @@ struct Exercise {
   double wait = 0;                  ///< distance at which a cursor waits for the participant [m]; 0: it does not wait
   bool allow_back = false;
   std::optional<Progression> progression;
+  ShownShares show;
 };
 
 /// Limits that end a sitting before the programme is complete. 0: no limit.
@@ -109,6 +132,7 @@ struct Programme {
   std::string title, description;
   PathChange person;  ///< applied to every path after the exercise's own change
   ProgrammeLimits limits;
+  ShownShares show;               ///< of exercises that do not say otherwise
   int rounds = 1;                 ///< number of passes through the exercises
   std::vector<Exercise> warm_up;  ///< done once, before the exercises; excluded from comparisons
   std::vector<Exercise> exercises;
@@ -123,6 +147,15 @@ struct Programme {
 /// Reads a programme. Throws Error(input) naming `where` and the path of the key if a key is unknown, missing, of the
 /// wrong type, out of range, or without meaning in the exercise's mode. programme.schema.json states keys and ranges.
 Programme programme_from_json(const nlohmann::json& json, const std::string& where);
+
+/// Returns the share of the repetitions of exercise `i` that show a part: its own, that of the programme, or all. Tests
+/// and exercises in mode free show no tunnel, trail or score unless they say so themselves, because a test must not
+/// train.
+ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart part);
+
+/// Returns what a repetition of exercise `i` shows. Repetitions count from 1 in every round; those of the warm-up have
+/// one round. The repetitions that show a part are spread evenly, and the same ones in every run of the programme.
+ShownParts shown_parts(const Programme& programme, std::size_t i, int round, int repetition);
 
 /// Returns the path of an exercise for the participant. Files are relative to `folder`. Throws Error(input).
 Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder);

@@ -40,20 +40,38 @@ TrialSettings settings_from(JsonReader reader) {
   return settings;
 }
 
+json json_of(const ShownParts& shown) {
+  json result = json::object();
+  for (std::size_t part = 0; part < kScreenParts; ++part)
+    result[to_string(static_cast<ScreenPart>(part))] = shown[part];
+  return result;
+}
+
+ShownParts shown_from(JsonReader reader) {
+  ShownParts shown{};
+  for (std::size_t part = 0; part < kScreenParts; ++part)
+    shown[part] = reader.boolean(to_string(static_cast<ScreenPart>(part)), true);
+  reader.finish();
+  return shown;
+}
+
 json json_of(const LoggedTrial& trial) {
-  return {{"exercise", trial.exercise},
-          {"round", trial.round},
-          {"repetition", trial.repetition},
-          {"attempt", trial.attempt},
-          {"settings", json_of(trial.settings)},
-          {"file", trial.file},
-          {"began", trial.began},
-          {"duration_s", trial.duration},
-          {"force_dose_n_s", trial.force_dose},
-          {"stopped_by", trial.stopped_by},
-          {"detail", trial.detail},
-          {"notices", trial.notices},
-          {"figures", trial.figures}};
+  json result{{"exercise", trial.exercise},
+              {"round", trial.round},
+              {"repetition", trial.repetition},
+              {"attempt", trial.attempt},
+              {"settings", json_of(trial.settings)},
+              {"file", trial.file},
+              {"began", trial.began},
+              {"duration_s", trial.duration},
+              {"force_dose_n_s", trial.force_dose},
+              {"stopped_by", trial.stopped_by},
+              {"detail", trial.detail},
+              {"notices", trial.notices},
+              {"figures", trial.figures}};
+  if (!trial.input.empty()) result["input"] = trial.input;
+  if (trial.shown) result["shown"] = json_of(*trial.shown);
+  return result;
 }
 
 std::vector<std::string> texts_from(JsonReader& reader, const std::string& key) {
@@ -78,6 +96,8 @@ LoggedTrial trial_from(JsonReader& reader) {
   trial.force_dose = reader.number("force_dose_n_s", 0, 0, kLongest);
   trial.stopped_by = reader.text("stopped_by", "");
   trial.detail = reader.text("detail", "");
+  trial.input = reader.text("input", "");
+  if (std::optional<JsonReader> shown = reader.object("shown")) trial.shown = shown_from(*shown);
   trial.notices = texts_from(reader, "notices");
   trial.figures = reader.value("figures");
   if (!trial.figures.is_null() && !trial.figures.is_object())

@@ -5,6 +5,7 @@
 #include "base/rfc3339.h"
 #include "control/norm.h"
 #include "control/path/min_jerk.h"
+#include "devices/sim/sim_device.h"
 #include "formats/path/path_file.h"
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
@@ -132,7 +133,7 @@ class ProgrammeRun {
       curves_.push_back(path_of(paths_.back()));
     }
     for (const LoggedTrial& trial : result_.log.trials)
-      if (trial.done() && !trial.skipped()) states_[trial.exercise].learn(trial);
+      if (measures(trial)) states_[trial.exercise].learn(trial);
     if (options_.profile) identified_ = IdentifiedDevice{options_.profile->plant, options_.profile->design};
   }
 
@@ -195,6 +196,9 @@ class ProgrammeRun {
                        [&](const LoggedTrial& logged) { return same(logged, trial) && logged.done(); });
   }
 
+  /// Returns true if a trial measures the participant's skill: it was done, by the participant's own hand.
+  static bool measures(const LoggedTrial& trial) { return trial.done() && !trial.skipped() && trial.input.empty(); }
+
   /// Sets the attempt's number and a file name that does not exist yet.
   void name_attempt(const ScheduledTrial& scheduled, LoggedTrial& trial) const {
     trial.attempt =
@@ -213,6 +217,7 @@ class ProgrammeRun {
     std::vector<ScheduledTrial> trials = left();
     for (std::size_t i = 0; i < trials.size(); ++i) {
       if (!wait_while_paused()) return end("interrupted", "");
+      if (options_.announces) options_.announces(training_trial(trials, i));
       if (options_.begins) options_.begins(trials[i], states_[trials[i].exercise].settings(), i + 1, trials.size());
       const SessionResult& session = run_trial(trials[i]);
       if (options_.ended) options_.ended(log().trials.back());
@@ -240,6 +245,19 @@ class ProgrammeRun {
     end("complete", "");
   }
 
+  [[nodiscard]] TrainingTrial training_trial(const std::vector<ScheduledTrial>& trials, std::size_t i) const {
+    const ScheduledTrial& trial = trials[i];
+    const Exercise& exercise = programme_.exercise(trial.exercise);
+    return {.exercise = exercise.name,
+            .mode = to_string(exercise.mode),
+            .number = i + 1,
+            .of = trials.size(),
+            .repetition = trial.repetition,
+            .repetitions = exercise.repetitions,
+            .show = shown_parts(programme_, trial.exercise, trial.round, trial.repetition),
+            .next = i + 1 < trials.size() ? programme_.exercise(trials[i + 1].exercise).name : ""};
+  }
+
   /// Schedules trial `i` once more, directly after itself.
   void repeat(std::vector<ScheduledTrial>& trials, std::size_t i) const {
     ScheduledTrial again = trials[i];
@@ -258,7 +276,7 @@ class ProgrammeRun {
     if (!programme_.limits.fatigue || programme_.exercise(exercise).test != TestLabel::none) return false;
     std::vector<nlohmann::json> figures;
     for (std::size_t i = sitting().first_trial; i < log().trials.size(); ++i)
-      if (const LoggedTrial& trial = log().trials[i]; trial.exercise == exercise && trial.done() && !trial.skipped())
+      if (const LoggedTrial& trial = log().trials[i]; trial.exercise == exercise && measures(trial))
         figures.push_back(trial.finished() ? trial.figures : nlohmann::json());
     return is_tired(*programme_.limits.fatigue, figures);
   }
@@ -300,12 +318,14 @@ class ProgrammeRun {
                       .round = scheduled.round,
                       .repetition = scheduled.repetition,
                       .settings = states_[i].settings(),
-                      .began = now_text()};
+                      .began = now_text(),
+                      .shown = shown_parts(programme_, i, scheduled.round, scheduled.repetition)};
     const std::optional<double> helped = options_.live != nullptr ? options_.live->assist_of(i) : std::nullopt;
     if (helped) trial.settings.assistance = *helped;
     name_attempt(scheduled, trial);
     const std::shared_ptr<Device> device = options_.open(exercise, trial.settings, file(log().paths[i]));
     check(device->info());
+    if (steering_of(*device) != nullptr) trial.input = kIntentOfView;
     log().trials.push_back(trial);
     save();
 
@@ -336,7 +356,7 @@ class ProgrammeRun {
     }
     if (trial.done() && !trial.skipped()) {
       trial.figures = figures_of(trial);
-      states_[i].learn(trial);
+      if (measures(trial)) states_[i].learn(trial);
     }
     sitting().duration += trial.duration;
     sitting().force_dose += trial.force_dose;

@@ -20,6 +20,15 @@ struct ScheduledTrial {
   double rest = 0;  ///< rest after the repetition [s]
 };
 
+/// One repetition, as it is announced to a trainee.
+struct TrainingTrial {
+  std::string exercise, mode;           ///< name of the exercise, and of its mode
+  std::size_t number = 1, of = 1;       ///< among all repetitions that are left
+  int repetition = 1, repetitions = 1;  ///< of the exercise, in its round
+  ShownParts show{true, true, true, true, true};
+  std::string next;  ///< name of the next exercise; empty after the last repetition
+};
+
 /// Returns every repetition in order: the warm-up once, then the exercises, round by round. The last repetition has no
 /// rest.
 std::vector<ScheduledTrial> schedule(const Programme& programme);
@@ -59,6 +68,7 @@ struct ProgrammeOptions {
   LiveGuidance* live = nullptr;
 
   std::function<void(const ScheduledTrial&, const TrialSettings&, std::size_t number, std::size_t of)> begins;
+  std::function<void(const TrainingTrial&)> announces;  ///< called before `begins`
   std::function<void(const LoggedTrial&)> ended;
   std::function<void(double seconds_left)> rests;  ///< called about ten times a second; NaN while paused
 };

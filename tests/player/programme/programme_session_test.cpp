@@ -12,8 +12,10 @@
 
 #include <filesystem>
 #include <fmt/format.h>
+#include <functional>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -35,6 +37,25 @@ json programme_of(const std::vector<std::string>& exercises, const std::string& 
   return parse_json(fmt::format(R"({{"haptrace_programme": 1, "title": "test", {} "exercises": [{}]}})", keys, text),
                     "p.json");
 }
+
+/// Acts once, half a second into its session.
+class CommandingDevice final : public Device {
+ public:
+  CommandingDevice(std::shared_ptr<Device> device, std::function<void()> act)
+      : device_(std::move(device)), act_(std::move(act)) {}
+  ~CommandingDevice() override { device_->close(); }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_->info(); }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+    if (++calls_ == 500) act_();
+    return device_->exchange(wrench, dt, state);
+  }
+  void close() noexcept override { device_->close(); }
+
+ private:
+  std::shared_ptr<Device> device_;
+  std::function<void()> act_;
+  int calls_ = 0;
+};
 
 class ProgrammeSession : public testing::Test {
  protected:
@@ -379,6 +400,85 @@ TEST_F(ProgrammeSession, RefusesToResumeWithAnotherDevice) {
   EXPECT_THAT(error_of([&] { (void)resume(); }), AllOf(HasSubstr("started with sim"), HasSubstr("point mass")));
   EXPECT_EQ(load_session_log(options_.folder).sittings.back().ended_by, "stopped");
   EXPECT_EQ(load_session_log(options_.folder).trials.size(), before) << "nothing was begun";
+}
+
+TEST_F(ProgrammeSession, SkipsARepetitionAndGoesOnWithTheNext) {
+  LiveGuidance live({.programme = true});
+  options_.live = &live;
+  EXPECT_EQ(live.obey("skip"), "error skip: no repetition is running");
+  const auto open = options_.open;
+  options_.open = [&, first = true](const Exercise& exercise, const TrialSettings& settings,
+                                    const std::string& path) mutable -> std::shared_ptr<Device> {
+    const auto device = open(exercise, settings, path);
+    if (!std::exchange(first, false)) return device;
+    return std::make_shared<CommandingDevice>(device, [&] { (void)live.obey("skip"); });
+  };
+  const SessionLog log = run(programme_of({R"("mode": "free", "repetitions": 2)"})).log;
+  EXPECT_TRUE(log.complete);
+  ASSERT_EQ(log.trials.size(), 2U);
+  EXPECT_EQ(log.trials[0].stopped_by, "skipped");
+  EXPECT_TRUE(log.trials[0].figures.is_null());
+  EXPECT_TRUE(log.trials[1].finished());
+  EXPECT_TRUE(load_session_log(options_.folder).trials[0].skipped());
+}
+
+TEST_F(ProgrammeSession, RepeatsARepetitionOnceMoreAfterIt) {
+  LiveGuidance live({.programme = true});
+  options_.live = &live;
+  std::vector<std::string> order;
+  options_.begins = [&](const ScheduledTrial& trial, const TrialSettings&, std::size_t number, std::size_t of) {
+    order.push_back(fmt::format("{}:{}/{}", trial.repetition, number, of));
+  };
+  options_.ended = [&](const LoggedTrial& trial) {
+    if (trial.repetition == 1 && trial.attempt == 1) {
+      EXPECT_EQ(live.obey("repeat"), "ok repeat: once more after this repetition");
+    }
+  };
+  const SessionLog log = run(programme_of({R"("mode": "free", "repetitions": 2)"})).log;
+  EXPECT_TRUE(log.complete);
+  EXPECT_THAT(order, testing::ElementsAre("1:1/2", "1:2/3", "2:3/3"));
+  EXPECT_THAT(trials(log), testing::ElementsAre("0.1.1.1", "0.1.1.2", "0.1.2.1"));
+}
+
+TEST_F(ProgrammeSession, KeepsAChangedTunnelForTheExerciseAndLogsIt) {
+  LiveGuidance live({.programme = true});
+  options_.live = &live;
+  std::string answer;
+  options_.ended = [&](const LoggedTrial& trial) {
+    if (trial.exercise == 0 && trial.repetition == 1) answer = live.obey("radius 8mm");
+  };
+  const SessionLog log = run(programme_of({R"("mode": "tunnel", "radius": 0.005, "repetitions": 2)",
+                                           R"("mode": "tunnel", "radius": 0.005)"}))
+                             .log;
+  EXPECT_EQ(answer, "ok radius 8mm");
+  ASSERT_EQ(log.trials.size(), 3U);
+  EXPECT_NEAR(log.trials[0].settings.radius, 0.005, 1e-9);
+  EXPECT_NEAR(log.trials[1].settings.radius, 0.008, 1e-9);
+  EXPECT_NEAR(log.trials[2].settings.radius, 0.005, 1e-9) << "another exercise";
+  const std::string recording = file(log.trials[1].file);
+  EXPECT_NEAR(read_trials(RecordingReader(recording), recording).back().radius.front(), 0.008, 1e-5)
+      << "in force from the start";
+  EXPECT_EQ(live.history()["changes"][0]["recording"], log.trials[0].file);
+}
+
+TEST_F(ProgrammeSession, LogsWhatEachRepetitionShowedAndAnnouncesIt) {
+  std::vector<TrainingTrial> announced;
+  options_.announces = [&](const TrainingTrial& trial) { announced.push_back(trial); };
+  const SessionLog log =
+      run(programme_of(
+              {R"("mode": "free", "name": "Test", "test": "before")",
+               R"("mode": "free", "name": "Curve", "repetitions": 2, "show": {"score": 0.5, "trail": "always"})"}))
+          .log;
+  const SessionLog read = load_session_log(options_.folder);
+  ASSERT_EQ(announced.size(), 3U);
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(read.trials[i].shown, announced[i].show) << i;
+  const auto score = static_cast<std::size_t>(ScreenPart::score), trail = static_cast<std::size_t>(ScreenPart::trail);
+  EXPECT_FALSE(announced[0].show[trail]) << "a test";
+  EXPECT_TRUE(announced[1].show[trail]);
+  EXPECT_NE(announced[1].show[score], announced[2].show[score]) << "every other one";
+  EXPECT_EQ(announced[0].next, "Curve");
+  EXPECT_EQ(announced[2].next, "");
+  EXPECT_EQ(announced[2].number, 3U);
 }
 
 TEST_F(ProgrammeSession, WaitsWhileItIsPaused) {
