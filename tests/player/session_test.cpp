@@ -1,4 +1,5 @@
 #include "control/path/shapes.h"
+#include "devices/registry.h"
 #include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
 #include "player/playback/playback.h"
@@ -104,6 +105,20 @@ TEST(Session, RecordsAFreeHandWithoutForce) {
   EXPECT_EQ(reader.header().title, "a title");
   EXPECT_FALSE(reader.columns().reference);
   EXPECT_NEAR(static_cast<double>(reader.rows()), 501, 1);
+}
+
+TEST(Session, SaysInTheRecordingThatAPersonSteeredTheHand) {
+  const TempFolder folder;
+  for (const auto& [intent, input] : {std::pair{",intent=view", "view"}, std::pair{"", ""}}) {
+    const auto device = open_device(std::string("sim:preset=omega3,hand=relaxed") + intent);
+    RecordOptions options{.duration = 0.05};
+    options.session.recording = SessionOptions::Recording{.file = folder / (std::string(input) + "x.h5")};
+    const SessionResult result = record(*device, options, StopRequest{});
+    EXPECT_EQ(result.virtual_time, *input == '\0') << "a person's time does not wait";
+    const RecordingHeader header = RecordingReader(options.session.recording->file).header();
+    const auto found = header.meta.find("input");
+    EXPECT_EQ(found != header.meta.end() ? found->second : "", input);
+  }
 }
 
 TEST(Session, RefusesARecordingWithoutEndInVirtualTime) {

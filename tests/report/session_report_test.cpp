@@ -209,6 +209,28 @@ TEST(SessionReport, AcceptsRecordingsOfEveryKind) {
   }
 }
 
+TEST(SessionReport, TakesNoSteeredHandForAMeasureOfSkill) {
+  const TempFolder folder;
+  test::Recorded steered;
+  steered.header.meta["input"] = "view";
+  test::write(folder / "steered.h5", rows_of(test::expert_path(), {}, Reference::guidance), Reference::guidance,
+              steered);
+  const ReportSession recording = report_of(folder / "steered.h5").sessions[0];
+  EXPECT_TRUE(recording.steered);
+  EXPECT_THAT(recording.remarks, Contains(HasSubstr("do not measure skill")));
+  EXPECT_THAT(recording.exercises[0].trends, IsEmpty());
+
+  SessionFolder lesson(folder / "lesson");
+  write_lesson(lesson);
+  EXPECT_FALSE(report_of(lesson.path()).comparisons.empty());
+  for (LoggedTrial& trial : lesson.log.trials) trial.input = "view";
+  save_session_log(lesson.log, lesson.path());
+  const Report report = report_of(lesson.path());
+  EXPECT_TRUE(report.sessions[0].steered);
+  EXPECT_THAT(report.comparisons, IsEmpty());
+  for (const ReportExercise& exercise : report.sessions[0].exercises) EXPECT_THAT(exercise.trends, IsEmpty());
+}
+
 TEST(SessionReport, AcceptsARecordingThatIsEmptyOrWasCutOff) {
   const TempFolder folder;
   const Path path = test::expert_path();
