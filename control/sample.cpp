@@ -70,6 +70,7 @@ constexpr EventWords kEventWords[] = {
     {EventCode::values_lost, "values_lost", kSilent},
     {EventCode::shown_go, "shown_go", kSilent},
     {EventCode::shown_done, "shown_done", kSilent},
+    {EventCode::input, "input", kSilent},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
@@ -246,6 +247,12 @@ std::string describe(const Event& event) {
       return "done shown";
     case EventCode::force_held:
       return fmt::format("no force could be sent for {:.0f} ms: the motors kept {:.1f} N", 1e3 * a, b);
+    case EventCode::input: {
+      constexpr std::array kInputs{"mouse", "pen", "touch", "gamepad", "keys"};
+      const bool known = a >= 1 && a <= static_cast<double>(kInputs.size());
+      return fmt::format("input: {}, depth from {}", known ? kInputs[static_cast<std::size_t>(a) - 1] : "unknown",
+                         b == 1 ? "path" : "a plane");
+    }
   }
   return fmt::format("event {}", static_cast<int>(event.code));
 }

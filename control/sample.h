@@ -49,9 +49,9 @@ enum class EventCode : std::int32_t {
   oscillation_stays = 29,  ///< values: amplitude [m], frequency [Hz], share of the gains, which is the least
   not_finite = 30,         ///< values: 0 for the device's position, 1 for the controller's force
   device_not_ready = 31,   ///< the device does not allow forces
-  device_ready = 32,
-  device_lost = 33,  ///< values: time waited in vain [s]; NaN when the device was just lost
-  repetition = 40,   ///< values: index from 0
+  device_ready = 32,       ///< values: time that the session waited for it, before its time 0 [s]
+  device_lost = 33,        ///< values: time waited in vain [s]; NaN when the device was just lost
+  repetition = 40,         ///< values: index from 0
   mark = 50,
   paused = 51,
   resumed = 52,
@@ -84,6 +84,8 @@ enum class EventCode : std::int32_t {
   force_held = 88,          ///< the loop or the device stood still; values: duration [s], force kept [N]
   shown_go = 90,            ///< a page of the view showed "go" to the trainee; its text names the trial and the frame
   shown_done = 91,          ///< a page showed "done"
+  input = 92,  ///< what a person steers a simulated hand with; values: 1 mouse, 2 pen, 3 touch, 4 gamepad, 5 keys;
+               ///< depth 0 from a plane, 1 from the path
 };
 
 /// An event at a tick. Plain data: describe() makes its text outside the tick.

@@ -43,6 +43,13 @@ class Annotations {
   void pause() { add({now(), EventCode::paused, "paused"}); }
   void resume() { add({now(), EventCode::resumed, "resumed"}); }
 
+  /// Notes what a person steers a simulated hand with, see EventCode::input.
+  void input(int device, bool depth_from_path) {
+    const Event event{.code = EventCode::input,
+                      .values = {static_cast<double>(device), depth_from_path ? 1.0 : 0.0, kNaN}};
+    add({now(), event.code, describe(event)});
+  }
+
   [[nodiscard]] std::int64_t now() const noexcept { return now_ns_.load(std::memory_order_relaxed); }
 
   /// Sets the time of the session's newest tick.

@@ -141,7 +141,7 @@ void add_events(std::vector<ReportEvent>& to, const std::vector<StoredEvent>& ev
     const auto code = static_cast<EventCode>(event.code);
     if (!is_told(code)) continue;
     const std::string where = place(event.time);
-    const bool mark = code == EventCode::mark;
+    const bool mark = code == EventCode::mark || code == EventCode::input;
     const auto [found, added] = mark ? std::pair{known.end(), true} : known.try_emplace({event.code, where}, to.size());
     if (!added) {
       ++to[found->second].times;

@@ -1,5 +1,6 @@
 #include "view/live_view.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "devices/loop/clock.h"

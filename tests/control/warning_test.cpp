@@ -58,5 +58,11 @@ TEST(Warning, OfOneEventIsTheTextOfTheEvent) {
   EXPECT_THAT(warning_of(*words, events).text, HasSubstr("softened to 12 %"));
 }
 
+TEST(Events, SayWhatAPersonSteersASimulatedHandWith) {
+  EXPECT_EQ(describe({.code = EventCode::input, .values = {1, 1, kNaN}}), "input: mouse, depth from path");
+  EXPECT_EQ(describe({.code = EventCode::input, .values = {5, 0, kNaN}}), "input: keys, depth from a plane");
+  EXPECT_EQ(describe({.code = EventCode::input, .values = {kNaN, kNaN, kNaN}}), "input: unknown, depth from a plane");
+}
+
 }  // namespace
 }  // namespace haptrace
