@@ -11,6 +11,7 @@
 #include "cli/tuning.h"
 #include "formats/path/path_file.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <fmt/format.h>
 #include <span>
@@ -78,6 +79,11 @@ std::string summary(const Arguments& arguments, const GuideResult& result, const
   text += session_summary(result.session);
   if (!arguments.record.empty()) text += fmt::format("  recorded in {}\n", arguments.record);
   return text;
+}
+
+/// Returns the name that a trainee reads: that of the file, without folder and ending.
+std::string exercise_name(const std::string& input) {
+  return std::filesystem::path(input).stem().string();
 }
 
 /// Returns the commands of the session, for guidance as planned.
@@ -251,9 +257,21 @@ Verb add_guide(CLI::App& app) {
         const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
                         arguments->session.mark_texts, arguments->session.keys, *commands, Keys::guide_keys());
         const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);
+        page.training([&](TrainingProgress& screen) {
+          TrainingTrial trial{.exercise = exercise_name(input.name()), .mode = arguments->mode};
+          trial.repetitions = std::max(options.guidance.repetitions, 1);
+          trial.of = static_cast<std::size_t>(trial.repetitions);
+          screen.begin(trial);
+        });
         const GuideResult result =
             guide(*device, plan, options, stop, progress_bar(output, expected, &keys, commands.get()));
 
+        page.training([&](TrainingProgress& screen) {
+          const bool stopped = result.session.servo.cause != StopCause::finished;
+          screen.end(stopped, TrainingScore{.time_in_tunnel = result.last.time_in_tunnel,
+                                            .time = result.last.tracking.duration});
+          screen.finish(stopped);
+        });
         nlohmann::json json = to_json(result);
         json["mode"] = arguments->mode;
         json["feel"] = arguments->feel;

@@ -114,6 +114,8 @@ LivePage::LivePage(const ViewArguments& arguments, const SessionArguments& sessi
                                   .control = arguments.control,
                                   .steer = session.device.find("intent=view") != std::string::npos,
                                   .on_page_lost = on_page_lost});
+  training_.emplace(*view_);
+  sinks_.view = &view_->sink();
   const std::string address = view_->address(ViewRole::therapist);
   output.remark("view: " + address);
   output.remark("view for the trainee: " + view_->address(ViewRole::trainee));
@@ -125,6 +127,16 @@ void LivePage::watch(SessionOptions& session) {
   session.observer = this;
   if (session.clock == ClockChoice::automatic) session.clock = ClockChoice::real;
   session.also_warn([this] { return view_->warnings(); });
+}
+
+void LivePage::programme(const nlohmann::json& state) {
+  if (view_) view_->programme(state);
+}
+
+void LivePage::training(const std::function<void(TrainingProgress&)>& how) {
+  if (!training_) return;
+  sinks_.training = &*training_;
+  training_->change(how);
 }
 
 void LivePage::begins(Device& device, const SessionOptions& options, const RecordingColumns& columns,

@@ -1,6 +1,7 @@
 // The live view of a session, as options of a verb.
 #pragma once
 
+#include "cli/live_training.h"
 #include "cli/verb.h"
 #include "player/tuning/commands.h"
 #include "view/live_view.h"
@@ -44,19 +45,39 @@ class LivePage final : public SessionObserver {
   /// Sets what executes the page's commands; null: none. Borrowed until the next call.
   void use(Commands* commands) noexcept { commands_ = commands; }
 
-  [[nodiscard]] LiveView* view() noexcept { return view_ ? &*view_ : nullptr; }
+  /// Shows the therapist the state of a programme (programme_message).
+  void programme(const nlohmann::json& state);
 
-  [[nodiscard]] SampleSink& sink() noexcept override { return view_->sink(); }
+  /// Changes what the trainee sees; its states follow the samples. Without a change, there is no training screen.
+  void training(const std::function<void(TrainingProgress&)>& how);
+
+  [[nodiscard]] SampleSink& sink() noexcept override { return sinks_; }
   void begins(Device& device, const SessionOptions& options, const RecordingColumns& columns,
               bool virtual_time) override;
   void shows(const SessionView& view) override { view_->show(view); }
   void ends(const SessionResult& result) override { view_->end(result); }
 
  private:
+  /// Passes everything on to the view, and samples to the training screen too.
+  struct Sinks final : SampleSink {
+    SampleSink* view = nullptr;
+    LiveTraining* training = nullptr;
+
+    void start(std::int64_t monotonic_ns) noexcept override { view->start(monotonic_ns); }
+    void push(const Sample& sample) noexcept override {
+      view->push(sample);
+      if (training != nullptr) training->push(sample);
+    }
+    void push(const Event& event) noexcept override { view->push(event); }
+    void between_ticks(bool may_wait) noexcept override { view->between_ticks(may_wait); }
+  };
+
   const Output& output_;
   std::string verb_;
   StopRequest& stop_;
   std::optional<LiveView> view_;
+  std::optional<LiveTraining> training_;
+  Sinks sinks_;
   Commands* commands_ = nullptr;
 };
 

@@ -9,6 +9,7 @@
 #include "player/programme/programme_session.h"
 #include "player/programme/training_screen.h"
 
+#include <chrono>
 #include <filesystem>
 #include <fmt/format.h>
 #include <unistd.h>
@@ -351,6 +352,17 @@ Verb add_run(CLI::App& app) {
           if (live) cli::clear_line();
         };
         double expected = 0;
+        SessionLog shown = *log;  // the log as the page shows it
+        ProgrammeProgress progressed;
+        const auto sitting_began = std::chrono::steady_clock::now();
+        const auto show_programme = [&] {
+          progressed.paused = commands.paused();
+          progressed.elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - sitting_began).count();
+          page.programme(programme_message(programme, shown, progressed));
+        };
+        options.announces = [&](const TrainingTrial& trial) {
+          page.training([&](TrainingProgress& screen) { screen.begin(trial); });
+        };
         options.begins = [&](const ScheduledTrial& trial, const TrialSettings& settings, std::size_t number,
                              std::size_t of) {
           const Exercise& exercise = programme.exercise(trial.exercise);
@@ -359,12 +371,19 @@ Verb add_run(CLI::App& app) {
                                     programme.rounds > 1 ? fmt::format(", round {}", trial.round) : "",
                                     settings_text(exercise, settings)));
           expected = plan ? plan->parts[trial.exercise].trial : 0;
+          progressed.current = trial.exercise;
+          show_programme();
         };
         options.ended = [&](const LoggedTrial& trial) {
           clear_line();
           if (const std::string text = figures_text(trial.figures); !text.empty()) output.remark("  " + text);
+          page.training([&](TrainingProgress& screen) { screen.end(trial, shown.trials); });
+          shown.trials.push_back(trial);
+          show_programme();
         };
         options.rests = [&](double left) {
+          page.training([&](TrainingProgress& screen) { screen.rest(left); });
+          show_programme();
           if (!live) return;
           if (std::isnan(left))
             show_line("paused; p resumes");
@@ -375,6 +394,7 @@ Verb add_run(CLI::App& app) {
           progress_bar(output, expected, &keys, &commands)(view);
         };
         const ProgrammeResult result = run_programme(options, stop, progress);
+        page.training([&](TrainingProgress& screen) { screen.finish(!result.log.complete); });
         clear_line();
 
         nlohmann::json answer = to_json(result);
