@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { load } from "./load.mjs";
 
-const { cellText, columnWord, clock, decimals, quantity, nextSpeed, controlLine, controlText, stepped, trendWords, lagWord } = await load("format", "keys", "therapist");
+const { limitText, cellText, columnWord, clock, decimals, quantity, nextSpeed, controlLine, controlText, stepped, trendWords, lagWord } = await load("format", "keys", "therapist");
 
 test("numbers have a real minus, and an en dash for what is not known", () => {
   assert.equal(decimals(-1.25, 1), "−1.3");
@@ -50,6 +50,12 @@ test("a control is shown in its unit, a share in per cent, a switch in words", (
   assert.equal(controlText({ ...c, unit: "m", step: 0.0005 }, 0.0072), "7.2 mm");
   assert.equal(controlText({ ...c, unit: "N/m", step: 10 }, 180), "180 N/m");
   assert.equal(controlText({ ...c, unit: "", kind: "switch" }, 1), "on");
+});
+
+test("the largest value of a control follows its reason", () => {
+  const c = { kind: "number", least: 0, largest: 180, step: 10, unit: "N/m" };
+  assert.equal(limitText({ ...c, because: "" }), "180 N/m");
+  assert.equal(limitText({ ...c, because: "the device is stable up to" }), "the device is stable up to 180 N/m");
 });
 
 test("the buttons of a control move it by one step and not beyond its limits", () => {

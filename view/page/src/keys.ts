@@ -78,7 +78,8 @@ function typing(target: EventTarget | null): boolean {
 export function listenToKeys(model: Model, actions: Actions): () => void {
   const handle = (event: KeyboardEvent): void => {
     if (event.key === "Escape") {
-      if (model.hello?.live === true && model.status?.ended !== true) actions.stop();
+      // Also while no repetition runs: a programme goes on after a rest.
+      if (model.hello?.live === true) actions.stop();
       return;
     }
     if (event.defaultPrevented || event.ctrlKey || event.metaKey || typing(event.target)) return;

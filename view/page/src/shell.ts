@@ -75,6 +75,8 @@ export class Shell {
       this.build();
       this.showTitle();
       this.loadMarks();
+      // The end of the last repetition is no news any more.
+      if (model.hello?.live === true && model.status === null) this.banner("stop", "note", "");
     });
     model.on("programme", () => this.build());
     model.on("connection", () => this.showConnection());
@@ -438,9 +440,11 @@ export class Shell {
     const sent = this.client.stop();
     const now = performance.now();
     this.steering?.release();
-    if (this.model.status?.ended === true) return;
+    const ended = this.model.status?.ended === true;
+    if (ended && !sent) return; // over
     if (sent) {
-      this.stopSent = now;
+      // Nothing runs: there is no end to wait for.
+      this.stopSent = ended ? NaN : now;
       this.banner("stop", "problem", "Stop was sent.", true);
     } else {
       this.stopPending = now;
@@ -602,7 +606,8 @@ export class Shell {
     const force = s.zero_force === "" ? "" : /confirm/i.test(s.zero_force) ? " Zero force is confirmed." : ` Zero force: ${s.zero_force}.`;
     const reason = s.reason === "" ? "" : `: ${s.reason}`;
     this.stopSent = NaN;
-    this.banner("stop", "problem", `The session ended${reason}.${force}`, true);
+    const usual = s.reason === "" || s.reason === "finished";
+    this.banner("stop", usual ? "note" : "problem", `The session ended${reason}.${force}`, !usual);
   }
 
   private showWarnings(): void {

@@ -187,6 +187,12 @@ export function controlText(control: Pick<Control, "unit" | "kind" | "least" | "
   return `${decimals(value * how.factor, digits)} ${how.unit}`;
 }
 
+// The largest value of a control with its reason, which ends before the number: "the device is stable up to 180 N/m".
+export function limitText(control: Control): string {
+  const value = controlText(control, control.largest);
+  return control.because === "" ? value : `${control.because} ${value}`;
+}
+
 // The line that sets a control.
 export function controlLine(name: string, value: number): string {
   return `${name} ${Number(value.toPrecision(6))}`;
@@ -386,7 +392,7 @@ export class Controls {
       slider.max = String(c.largest);
       slider.step = String(c.step > 0 ? c.step : "any");
       setText(least, controlText(c, c.least));
-      setText(largest, c.because === "" ? controlText(c, c.largest) : `${controlText(c, c.largest)}: ${c.because}`);
+      setText(largest, limitText(c));
       less.disabled = c.value <= c.least;
       more.disabled = c.value >= c.largest;
       if (held) return;
