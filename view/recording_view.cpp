@@ -20,9 +20,10 @@
 namespace haptrace {
 namespace {
 
-constexpr std::size_t kMostOpen = 4;         // recordings
-constexpr std::size_t kMostDescribed = 200;  // recordings whose title and duration the list has
-constexpr int kMostJobs = 32;                // of a page, that wait
+constexpr std::size_t kMostOpen = 4;            // recordings
+constexpr std::size_t kMostDescribed = 200;     // recordings whose title and duration the list has
+constexpr std::chrono::milliseconds kScan{50};  // time for phases between two requests
+constexpr int kMostJobs = 32;                   // of a page, that wait
 
 /// Entry of the list of recordings.
 struct Listed {
@@ -112,7 +113,15 @@ class RecordingView::Shelf final : private PageHandler {
   /// A page that a job may outlive.
   using Page = std::weak_ptr<ViewPage>;
 
+  /// A page's wish to see a recording, until it wishes to see another.
+  struct Opening {
+    std::shared_ptr<std::atomic<std::uint64_t>> openings;
+    std::uint64_t number;
+    [[nodiscard]] bool is_current() const noexcept { return *openings == number; }
+  };
+
   struct Reader {
+    std::shared_ptr<std::atomic<std::uint64_t>> openings = std::make_shared<std::atomic<std::uint64_t>>(0);
     std::size_t index = 0;  ///< recording that the page shows
     std::shared_ptr<std::atomic<int>> waiting = std::make_shared<std::atomic<int>>(0);  ///< jobs for the page
   };
@@ -184,22 +193,42 @@ class RecordingView::Shelf final : private PageHandler {
 
   void show(ViewPage& page, std::size_t index, std::uint32_t id) {
     if (index >= list_.size()) return refuse(page, id, "there is no recording of this number");
-    pages_[&page].index = index;
-    give(page, id, [this, index, to = handle_of(page)] {
-      const ViewedRecording& source = opened(index);
+    Reader& reader = pages_[&page];
+    reader.index = index;
+    const Opening opening{reader.openings, ++*reader.openings};
+    give(page, id, [this, index, opening, to = handle_of(page)] {
+      ViewedRecording& source = opened(index);
       const auto send = [&](const nlohmann::json& message) { post_text(to, text_of(message)); };
       send(source.recording(index, list_[index].name));
       send(source.events());
       Frame path = source.path();
       path.request = ++paths_;
       post_frame(to, std::move(path));
-      send(source.phases());
       if (!source.damage().empty())
         send({{"type", "warning"},
               {"severity", "problem"},
               {"code", "damage"},
               {"time", nullptr},
               {"text", source.damage()}});
+      show_phases(index, to, opening, 0);
+    });
+  }
+
+  /// Sends the phases from the stretch of a number on, and continues after other jobs until all are known or the page
+  /// has opened another recording. A job of the worker.
+  void show_phases(std::size_t index, const Page& to, const Opening& opening, std::size_t first) {
+    ViewedRecording& source = opened(index);
+    const bool done = source.scan_phases(kScan);
+    const std::size_t next = source.phases().size();
+    if (first == 0 || next > first || done) post_text(to, text_of(source.phases().message(first, first == 0, done)));
+    if (done) return;
+    worker_->add([this, index, to, opening, next] {
+      if (to.expired() || !opening.is_current()) return;
+      try {
+        show_phases(index, to, opening, next);
+      } catch (const std::exception& error) {
+        post_text(to, text_of(error_of(0, error.what())));
+      }
     });
   }
 

@@ -61,8 +61,4 @@ nlohmann::json PhaseLog::take(bool done) {
   return message(std::exchange(taken_, ended_.size()), false, done);
 }
 
-nlohmann::json PhaseLog::all(bool done) const {
-  return message(0, true, done);
-}
-
 }  // namespace haptrace

@@ -30,7 +30,11 @@ class PhaseLog {
 
   /// Returns the message `phases` with the stretches that ended since the last call, or with all.
   nlohmann::json take(bool done);
-  [[nodiscard]] nlohmann::json all(bool done) const;
+  [[nodiscard]] nlohmann::json all(bool done) const { return message(0, true, done); }
+
+  /// Returns the message with the stretches from the one of this number on. `reset`: they replace earlier ones.
+  [[nodiscard]] nlohmann::json message(std::size_t first, bool reset, bool done) const;
+  [[nodiscard]] std::size_t size() const noexcept { return ended_.size(); }
 
  private:
   struct Stretch {
@@ -38,8 +42,6 @@ class PhaseLog {
     Phase phase;
   };
   static constexpr std::size_t kMost = 4000;  ///< later stretches are not kept
-
-  [[nodiscard]] nlohmann::json message(std::size_t first, bool reset, bool done) const;
 
   std::vector<Stretch> ended_;
   std::size_t taken_ = 0;

@@ -20,7 +20,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::uint64_t kChunk = 8192;             // rows read at once
 constexpr std::uint64_t kMostOfBlock = 4'000'000;  // rows of a block whose times are far denser than its rate
-constexpr std::uint64_t kMostOfPath = 400'000;     // rows of a run that are searched for its path
+constexpr std::uint64_t kMostOfPath = 120'000;     // rows of a run that are searched for its path
 constexpr std::size_t kMostEvents = 4000;          // that a page gets
 constexpr std::int64_t kMostBlocks = 20'000;       // of a recording; a longer one has a longer row period
 constexpr double kFull = 0.9;                      // share of the memory for cells beyond which nothing is built ahead
@@ -289,40 +289,53 @@ nlohmann::json ViewedRecording::events() const {
   return events_message(std::move(list), true);
 }
 
-nlohmann::json ViewedRecording::phases() const {
-  PhaseLog log;
+bool ViewedRecording::scan_phases(std::chrono::milliseconds patience) {
+  const auto began = Clock::now();
+  while (!phases_known_) {
+    try {
+      scan_some_phases();
+    } catch (const Error& error) {
+      if (damage_.empty()) damage_ = error.what();
+      scanned_ = rows_;  // the stretches up to the damage are known
+    }
+    if (scanned_ >= rows_) {
+      phases_.finish();
+      phases_known_ = true;
+    } else if (Clock::now() - began >= patience) {
+      break;
+    }
+  }
+  return phases_known_;
+}
+
+/// Looks at the next rows, or at a block of the overview that holds nothing but a run.
+void ViewedRecording::scan_some_phases() {
   if (!reader_) {
     const auto phase = channels_.find("phase");
     bool cut = false;
     const ViewRows rows = history_->rows(first_ns_, last_ns_, static_cast<std::size_t>(-1), cut);
     for (std::size_t row = 0; row < rows.size(); ++row)
-      log.add(rows.time_ns[row], static_cast<Phase>(std::lround(rows.planes[*phase][row])));
-    log.finish();
-    return log.all(true);
+      phases_.add(rows.time_ns[row], static_cast<Phase>(std::lround(rows.planes[*phase][row])));
+    scanned_ = rows_;
+    return;
   }
-  try {
-    constexpr std::array<std::string_view, 2> kNames{"time", "phase"};
-    std::uint64_t row = 0;
-    for (const RecordingSummary& part : overview_) {
+  if (scanned_ >= scan_end_) {
+    scan_end_ = rows_;
+    if (scanned_parts_ < overview_.size()) {
+      const RecordingSummary& part = overview_[scanned_parts_++];
+      scan_end_ = std::min(rows_, scanned_ + part.rows);
       if (part.run_rows == part.rows && part.runs == 1) {
-        log.add(part.first_ns, Phase::run);
-        log.add(part.last_ns, Phase::run);
-      } else {
-        for (const Sample& sample : reader_->read(row, part.rows, kNames)) log.add(sample.time_ns, sample.phase);
+        phases_.add(part.first_ns, Phase::run);
+        phases_.add(part.last_ns, Phase::run);
+        scanned_ = scan_end_;
+        return;
       }
-      row += part.rows;
     }
-    while (row < rows_) {
-      const std::vector<Sample> samples = reader_->read(row, kChunk, kNames);
-      if (samples.empty()) break;
-      for (const Sample& sample : samples) log.add(sample.time_ns, sample.phase);
-      row += samples.size();
-    }
-  } catch (const Error&) {
-    // The stretches up to the damage are known.
   }
-  log.finish();
-  return log.all(true);
+  constexpr std::array<std::string_view, 2> kNames{"time", "phase"};
+  const std::vector<Sample> samples = reader_->read(scanned_, std::min(kChunk, scan_end_ - scanned_), kNames);
+  for (const Sample& sample : samples) phases_.add(sample.time_ns, sample.phase);
+  scanned_ = samples.empty() && scan_end_ > scanned_ ? rows_ : scanned_ + samples.size();
 }
 
 /// Returns the rows of the first run.

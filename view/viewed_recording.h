@@ -44,8 +44,9 @@ class ViewedRecording final : public ViewSource {
   [[nodiscard]] nlohmann::json events() const;
   [[nodiscard]] Frame path() const;
 
-  /// Returns the message `phases`. Reads the rows of stretches that the overview does not decide.
-  [[nodiscard]] nlohmann::json phases() const;
+  /// Looks for the phases of further rows, for about `patience`. Returns true when all rows were seen.
+  bool scan_phases(std::chrono::milliseconds patience);
+  [[nodiscard]] const PhaseLog& phases() const noexcept { return phases_; }
 
   /// Returns what is wrong with the file, in words; empty if nothing was found so far.
   [[nodiscard]] const std::string& damage() const noexcept { return damage_; }
@@ -61,6 +62,7 @@ class ViewedRecording final : public ViewSource {
   [[nodiscard]] std::optional<std::int64_t> next_block() const;
   [[nodiscard]] std::int64_t width_of(const ViewRequest& request) const;
   [[nodiscard]] Frame coarse(const ViewRequest& request);
+  void scan_some_phases();
   [[nodiscard]] std::vector<Sample> read_run() const;
 
   std::chrono::milliseconds patience_;
@@ -74,7 +76,11 @@ class ViewedRecording final : public ViewSource {
   std::vector<StoredEvent> events_;
   std::optional<History> history_;
   std::deque<ViewRequest> wanted_;  ///< the last ones that could not be answered exactly
-  std::int64_t focus_ = 0;          ///< block that was asked for last
+  PhaseLog phases_;
+  std::uint64_t scanned_ = 0, scan_end_ = 0;  ///< rows whose phase is known; end of the present block of the overview
+  std::size_t scanned_parts_ = 0;             ///< blocks of the overview that were looked at
+  bool phases_known_ = false;
+  std::int64_t focus_ = 0;  ///< block that was asked for last
   std::string damage_;
 };
 

@@ -19,8 +19,9 @@ using test::TempFolder;
 
 class RecordingViewTest : public testing::Test {
  protected:
-  /// Writes a recording of `count` rows of 1 ms with x = offset + row, and returns its file.
-  std::string write(const std::string& name, int count, double offset = 0) {
+  /// Writes a recording of `count` rows of 1 ms with x = offset + row, and returns its file. Runs and holds alternate,
+  /// with as many rows as `stretch`.
+  std::string write(const std::string& name, int count, double offset = 0, std::size_t stretch = 1'000'000) {
     RecordingHeader header;
     header.title = "title of " + name;
     RecordingWriter writer(folder / name, header, {}, {});
@@ -30,6 +31,7 @@ class RecordingViewTest : public testing::Test {
       rows[i].time_ns = static_cast<std::int64_t>(i) * 1'000'000;
       rows[i].position = Vec3(offset + static_cast<double>(i), 0, 0);
       rows[i].velocity = Vec3::Zero();
+      rows[i].phase = i / stretch % 2 == 0 ? Phase::run : Phase::hold;
     }
     writer.append(rows);
     writer.finish();
@@ -92,6 +94,25 @@ TEST_F(RecordingViewTest, PagesLookAtDifferentRecordingsOfASession) {
   }
   second->send({{"type", "open"}, {"id", 4}, {"recording", 7}});
   EXPECT_EQ(second->wait_for("error")["id"], 4);
+}
+
+TEST_F(RecordingViewTest, ThePhasesOfALongRecordingComeInPiecesAndKeepNoAnswerWaiting) {
+  const RecordingView view({write("long.h5", 1'500'000, 0, 10'000), write("short.h5", 10)}, {});
+  const auto page = join(view);
+  page->send({{"type", "rows"}, {"id", 5}, {"t0", 1000}, {"t1", 1000.1}});
+  EXPECT_EQ(page->wait_for_answer(5).rows, 101U);
+  std::vector<nlohmann::json> stretches;
+  for (bool done = false; !done;) {
+    const nlohmann::json phases = page->wait_for("phases");
+    EXPECT_EQ(phases["reset"], stretches.empty());
+    for (const nlohmann::json& stretch : phases["list"]) stretches.push_back(stretch);
+    done = phases["done"];
+  }
+  ASSERT_EQ(stretches.size(), 150U);
+  for (std::size_t i = 0; i < stretches.size(); ++i) {
+    EXPECT_EQ(stretches[i][2], i % 2 == 0 ? "run" : "hold");
+    EXPECT_EQ(stretches[i][0], 10.0 * static_cast<double>(i));
+  }
 }
 
 TEST_F(RecordingViewTest, AFileThatCannotBeReadIsReportedWhenItIsOpened) {

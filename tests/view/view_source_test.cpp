@@ -273,7 +273,7 @@ TEST_F(ViewedRecordingTest, AShortStretchIsBuiltBeforeALongOneAndThenItsNeighbou
 
 TEST_F(ViewedRecordingTest, TheMessagesDescribeTheFile) {
   write(20'000);
-  const ViewedRecording recording(file);
+  ViewedRecording recording(file);
   const nlohmann::json message = recording.recording(3, "movement.h5");
   EXPECT_EQ(message["index"], 3);
   EXPECT_EQ(message["name"], "movement.h5");
@@ -295,7 +295,9 @@ TEST_F(ViewedRecordingTest, TheMessagesDescribeTheFile) {
   EXPECT_EQ(events["list"][1]["name"], "force_limit");
   EXPECT_EQ(events["list"][1]["severity"], "warning");
 
-  const nlohmann::json phases = recording.phases();
+  while (!recording.scan_phases(std::chrono::milliseconds(0))) {
+  }
+  const nlohmann::json phases = recording.phases().all(true);
   EXPECT_EQ(phases["done"], true);
   ASSERT_EQ(phases["list"].size(), 2U);
   EXPECT_EQ(phases["list"][0][2], "approach");
@@ -327,7 +329,8 @@ TEST_F(ViewedRecordingTest, AFileInATextFormatIsReadIntoMemory) {
                 [&](Frame frame) { answer = std::move(frame); });
   ASSERT_TRUE(answer);
   EXPECT_EQ(answer->rows, 3U);
-  EXPECT_EQ(recording.phases()["list"].size(), 1U);
+  EXPECT_TRUE(recording.scan_phases(std::chrono::milliseconds(0)));
+  EXPECT_EQ(recording.phases().size(), 1U);
   EXPECT_FALSE(recording.work());
 }
 
