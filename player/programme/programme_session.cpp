@@ -217,6 +217,8 @@ class ProgrammeRun {
     std::vector<ScheduledTrial> trials = left();
     for (std::size_t i = 0; i < trials.size(); ++i) {
       if (!wait_while_paused()) return end("interrupted", "");
+      // Asked for in the rest or the pause.
+      if (i > 0 && options_.live != nullptr && options_.live->take_repeat()) repeat(trials, i - 1);
       if (options_.announces) options_.announces(training_trial(trials, i));
       if (options_.begins) options_.begins(trials[i], states_[trials[i].exercise].settings(), i + 1, trials.size());
       const SessionResult& session = run_trial(trials[i]);

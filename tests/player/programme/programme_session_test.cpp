@@ -440,6 +440,22 @@ TEST_F(ProgrammeSession, RepeatsARepetitionOnceMoreAfterIt) {
   EXPECT_THAT(trials(log), testing::ElementsAre("0.1.1.1", "0.1.1.2", "0.1.2.1"));
 }
 
+TEST_F(ProgrammeSession, RepeatsARepetitionThatIsAskedForInThePauseAfterIt) {
+  LiveGuidance live({.programme = true});
+  options_.live = &live;
+  std::vector<int> order;
+  options_.begins = [&](const ScheduledTrial& trial, const TrialSettings&, std::size_t, std::size_t) {
+    order.push_back(trial.repetition);
+    if (order.size() == 1) (void)live.obey("pause");
+  };
+  options_.rests = [&](double) {
+    EXPECT_EQ(live.obey("repeat"), "ok repeat: once more after this repetition");
+    EXPECT_EQ(live.obey("resume"), "ok resume");
+  };
+  EXPECT_TRUE(run(programme_of({R"("mode": "free", "repetitions": 2)"})).log.complete);
+  EXPECT_THAT(order, testing::ElementsAre(1, 1, 2));
+}
+
 TEST_F(ProgrammeSession, KeepsAChangedTunnelForTheExerciseAndLogsIt) {
   LiveGuidance live({.programme = true});
   options_.live = &live;
