@@ -14,7 +14,7 @@ namespace {
 
 using test::error_of;
 using testing::HasSubstr;
-using State = TrainingScreen::State;
+using Screen = TrainingScreen::State;
 
 Programme shown_programme(const std::string& exercise, const std::string& keys = "", const std::string& warm_up = "") {
   const std::string shape = R"("shape": {"kind": "circle"})";
@@ -102,18 +102,18 @@ LoggedTrial scored(double inside, double time, double assistance = 1) {
 TEST(TrainingProgress, PassesThroughTheStatesOfARepetition) {
   TrainingProgress progress;
   progress.begin({.exercise = "Curve", .mode = "tunnel", .number = 2, .of = 8, .next = "Test"});
-  EXPECT_EQ(progress.screen().state, State::waiting);
+  EXPECT_EQ(progress.screen().state, Screen::waiting);
   EXPECT_TRUE(progress.observe(training_sample(0, Phase::approach)));
-  EXPECT_EQ(progress.screen().state, State::approach);
+  EXPECT_EQ(progress.screen().state, Screen::approach);
   EXPECT_FALSE(progress.observe(training_sample(0.1, Phase::approach)));
   progress.observe(training_sample(1, Phase::run));
-  EXPECT_EQ(progress.screen().state, State::go);
+  EXPECT_EQ(progress.screen().state, Screen::go);
   progress.observe(training_sample(1.5, Phase::run, 1e-3));
-  EXPECT_EQ(progress.screen().state, State::go) << "nobody has moved yet";
+  EXPECT_EQ(progress.screen().state, Screen::go) << "nobody has moved yet";
   progress.observe(training_sample(1.6, Phase::run, 3e-3));
-  EXPECT_EQ(progress.screen().state, State::moving);
+  EXPECT_EQ(progress.screen().state, Screen::moving);
   progress.observe(training_sample(5, Phase::hold, 0.1));
-  EXPECT_EQ(progress.screen().state, State::done);
+  EXPECT_EQ(progress.screen().state, Screen::done);
   EXPECT_FALSE(progress.screen().score) << "not measured yet";
   progress.end(scored(0.93, 6.2), {});
   ASSERT_TRUE(progress.screen().score);
@@ -128,9 +128,9 @@ TEST(TrainingProgress, PassesThroughTheStatesOfARepetition) {
   EXPECT_EQ(json["show"]["tunnel"], true);
   EXPECT_EQ(json["score"]["time_s"], 6.2);
   progress.rest(kNaN);
-  EXPECT_EQ(progress.screen().state, State::waiting) << "paused";
+  EXPECT_EQ(progress.screen().state, Screen::waiting) << "paused";
   progress.finish(false);
-  EXPECT_EQ(progress.screen().state, State::finished);
+  EXPECT_EQ(progress.screen().state, Screen::finished);
 }
 
 TEST(TrainingProgress, EndsTheStateGoAfterASecond) {
@@ -138,23 +138,23 @@ TEST(TrainingProgress, EndsTheStateGoAfterASecond) {
   progress.begin({});
   progress.observe(training_sample(1, Phase::run));
   progress.observe(training_sample(1.9, Phase::run));
-  EXPECT_EQ(progress.screen().state, State::go);
+  EXPECT_EQ(progress.screen().state, Screen::go);
   progress.observe(training_sample(2.1, Phase::run));
-  EXPECT_EQ(progress.screen().state, State::moving);
+  EXPECT_EQ(progress.screen().state, Screen::moving);
 }
 
 TEST(TrainingProgress, HidesTheScoreOfATestAndOfAStoppedRepetition) {
   TrainingProgress progress;
   progress.begin({.show = {true, true, false, false, false}});
   progress.end(scored(0.9, 5), {});
-  EXPECT_EQ(progress.screen().state, State::done);
+  EXPECT_EQ(progress.screen().state, Screen::done);
   EXPECT_FALSE(progress.screen().score);
 
   progress.begin({});
   LoggedTrial stopped = scored(0.9, 5);
   stopped.stopped_by = "deviation";
   progress.end(stopped, {});
-  EXPECT_EQ(progress.screen().state, State::stopped);
+  EXPECT_EQ(progress.screen().state, Screen::stopped);
   EXPECT_FALSE(progress.screen().score);
   EXPECT_FALSE(progress.observe(training_sample(9, Phase::run))) << "a late sample does not undo it";
 }
