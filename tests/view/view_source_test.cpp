@@ -225,7 +225,7 @@ class ViewedRecordingTest : public testing::Test {
 };
 
 TEST_F(ViewedRecordingTest, BeforeItIsBuiltBinsComeFromTheOverviewAndContainTheExactOnes) {
-  write(600'000);
+  write(300'000);
   ViewedRecording recording(file, std::chrono::milliseconds(0));
   const ViewChannels channels(kAllColumns);
   std::vector<Frame> answers;
@@ -253,11 +253,11 @@ TEST_F(ViewedRecordingTest, BeforeItIsBuiltBinsComeFromTheOverviewAndContainTheE
 }
 
 TEST_F(ViewedRecordingTest, AShortStretchIsBuiltBeforeALongOneAndThenItsNeighbours) {
-  write(600'000);
+  write(400'000);
   ViewedRecording recording(file, std::chrono::milliseconds(0));
   bool coarse = false;
   const auto note = [&](const Frame& frame) { coarse = (frame.flags & FrameFlags::coarse) != 0; };
-  const ViewRequest near_end{.id = 1, .t0 = 500, .t1 = 520, .pixels = 50, .channels = {0}};
+  const ViewRequest near_end{.id = 1, .t0 = 300, .t1 = 320, .pixels = 50, .channels = {0}};
   const ViewRequest all{.id = 2, .t0 = 0, .t1 = 1e6, .pixels = 50, .channels = {0}};
   recording.ask(near_end, note);
   EXPECT_TRUE(coarse);
@@ -268,7 +268,7 @@ TEST_F(ViewedRecordingTest, AShortStretchIsBuiltBeforeALongOneAndThenItsNeighbou
   while (recording.work()) ++steps;
   recording.ask(all, note);
   EXPECT_FALSE(coarse);
-  EXPECT_GE(steps, 9) << "ten minutes are more than nine blocks";
+  EXPECT_GE(steps, 6) << "seven minutes are more than six blocks";
 }
 
 TEST_F(ViewedRecordingTest, TheMessagesDescribeTheFile) {
