@@ -103,7 +103,9 @@ LivePage::LivePage(const ViewArguments& arguments, const SessionArguments& sessi
                    std::string verb, StopRequest& stop)
     : output_(output), verb_(std::move(verb)), stop_(stop) {
   const PageLost on_page_lost = parse_page_lost(arguments.on_page_lost);
+  const bool steered = session.device.find("intent=view") != std::string::npos;
   if (!arguments.asked()) {
+    if (steered) output.remark("intent=view: nobody moves the simulated hand without --view");
     if (arguments.control || arguments.no_browser || !arguments.token_file.empty())
       throw input_error("--control, --no-browser and --view-token-file apply to the live view; give --view as well");
     return;
@@ -112,8 +114,9 @@ LivePage::LivePage(const ViewArguments& arguments, const SessionArguments& sessi
   view_.emplace(LiveView::Options{.port = port_of(arguments.port),
                                   .token = kept_token(arguments.token_file),
                                   .control = arguments.control,
-                                  .steer = session.device.find("intent=view") != std::string::npos,
-                                  .on_page_lost = on_page_lost});
+                                  .steer = steered,
+                                  .on_page_lost = on_page_lost,
+                                  .stop_between = &stop_});
   training_.emplace(*view_);
   sinks_.view = &view_->sink();
   const std::string address = view_->address(ViewRole::therapist);

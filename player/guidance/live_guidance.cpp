@@ -132,7 +132,7 @@ std::string LiveGuidance::reset() {
   changed_.erase(exercise_);
   const bool differs = !(wanted_ == scope_->start);
   wanted_ = scope_->start;
-  const std::string text = summarise();
+  std::string text = summarise();
   if (differs) {
     post();
     log_change("reset", "reset to " + text);

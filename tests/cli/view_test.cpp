@@ -4,9 +4,9 @@
 #include "tests/view/page_client.h"
 
 #include <csignal>
-#include <cstring>
 #include <filesystem>
 #include <fmt/format.h>
+#include <fstream>
 
 namespace haptrace {
 namespace {
@@ -132,6 +132,40 @@ TEST(View, LetsTheTherapistTuneAPlaybackWithinTheLimitsOfTheDevice) {
   page.send({{"type", "command"}, {"id", 2}, {"line", "kp 90000"}});
   EXPECT_THAT(page.wait_for("answer").at("text").get<std::string>(), HasSubstr("clamped from 90000"));
   page.send({{"type", "stop"}});
+  EXPECT_EQ(command.wait().exit_code, 130);
+}
+
+TEST(View, ShowsAProgrammeToTherapistAndTraineeAndStopsItInARest) {
+  const TempFolder folder;
+  std::ofstream(folder / "short.json")
+      << R"({"haptrace_programme": 1, "title": "Short", "exercises": [{"name": "Line", "shape": {"kind": "line",
+      "size": 0.03, "duration": 1}, "mode": "passive", "repetitions": 3, "rest": 60}]})";
+  Command command({"run", folder / "short.json", "-d", kFalcon, "--no-profile", "--view", "--no-browser", "-o",
+                   folder / "session"});
+  ASSERT_TRUE(command.says("1 of 3: "));  // a line after the addresses
+  PageClient therapist(port_of(command.word_after("view: ")));
+  therapist.hello(token_of(command.word_after("view: ")));
+  PageClient trainee(port_of(command.word_after("view for the trainee: ")));
+  trainee.hello(token_of(command.word_after("view for the trainee: ")));
+
+  const nlohmann::json programme = therapist.wait_for("programme");
+  EXPECT_EQ(programme.at("title"), "Short");
+  EXPECT_EQ(programme.at("exercises").at(0).at("repetitions"), 3);
+  // The states in their order, until the rest.
+  std::vector<std::string> states;
+  const nlohmann::json rest = trainee.wait_for("training", [&](const nlohmann::json& message) {
+    const auto state = message.at("state").get<std::string>();
+    if (states.empty() || states.back() != state) states.push_back(state);
+    return state == "rest";
+  });
+  EXPECT_THAT(states, testing::IsSupersetOf({"moving", "done", "rest"})) << testing::PrintToString(states);
+  EXPECT_GT(rest.at("rest_s"), 10);
+  EXPECT_EQ(rest.at("trial"), 1);
+  const nlohmann::json after =
+      therapist.wait_for("programme", [](const nlohmann::json& message) { return message.at("trials").size() == 1; });
+  EXPECT_EQ(after.at("exercises").at(0).at("done"), 1);
+
+  trainee.send({{"type", "stop"}});
   EXPECT_EQ(command.wait().exit_code, 130);
 }
 

@@ -175,7 +175,7 @@ test("a reconnection leaves a frozen picture frozen", () => {
   model.seek(0.5);
   model.pause();
   model.take(helloOf(true));
-  model.take(recordingOf(["x", "deviation"], { end: 0 }));
+  model.take(recordingOf(["x", "deviation"], { end: 1.2 }));
   assert.equal(model.following, false);
   assert.equal(model.ring.end, 1000);
 });
@@ -327,7 +327,7 @@ test("the next repetition of a live session begins anew and is followed, althoug
   model.take({ type: "phases", reset: true, done: true, list: [[1, 4, "run"]] });
   model.take({ type: "status", time: 5, phase: "stopped", ended: true, reason: "", zero_force: "confirmed", lost_rows: 0 });
   model.seek(2);
-  model.take(recordingOf(["x", "deviation"], { end: 0, session: "next" }));
+  model.take(recordingOf(["x", "deviation"], { end: 0, trial: 2 }));
   model.takeRows(rows(0, 100));
   assert.equal(model.ring.end, 100);
   assert.equal(model.live, true);

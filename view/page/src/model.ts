@@ -586,7 +586,7 @@ export class Model {
     const before = this.recording;
     const columns = message.columns.map((c) => c.name);
     const sameColumns = before !== null && columns.join(" ") === before.columns.map((c) => c.name).join(" ");
-    const same = sameColumns && before.index === message.index && before.session === message.session && before.name === message.name;
+    const same = sameColumns && before.index === message.index && before.trial === message.trial && before.session === message.session && before.name === message.name;
     this.recording = message;
     this.columnOf = new Map(columns.map((name, index) => [name, index]));
     if (!sameColumns) this.values = new Float32Array(columns.length).fill(NaN);

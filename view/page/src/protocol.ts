@@ -48,6 +48,8 @@ export interface Column {
 export interface RecordingMessage {
   type: "recording";
   index: number;
+  // Live: counts the repetitions of this server.
+  trial?: number;
   name: string;
   title: string;
   subject: string;
