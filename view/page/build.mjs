@@ -13,7 +13,7 @@ if (outAt >= 0 && process.argv[outAt + 1] === undefined) {
 }
 const out = outAt >= 0 ? resolve(process.argv[outAt + 1]) : join(here, "dist");
 
-const common = { absWorkingDir: here, minify: true, legalComments: "none", logLevel: "warning", target: ["chrome100", "firefox100", "safari15"] };
+const common = { absWorkingDir: here, minify: true, legalComments: "eof", logLevel: "warning", target: ["chrome100", "firefox100", "safari15"] };
 await mkdir(out, { recursive: true });
 await build({ ...common, entryPoints: ["src/main.ts"], bundle: true, format: "iife", outfile: join(out, "app.js"), charset: "utf8", define: { "process.env.NODE_ENV": '"production"' } });
 await build({ ...common, entryPoints: ["app.css"], bundle: true, outfile: join(out, "app.css") });

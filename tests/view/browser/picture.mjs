@@ -46,14 +46,14 @@ try {
   await page.screenshot({ path: join(out, "view.png") });
 
   const frames = [];
-  for (let i = 0; i < 60; ++i) {
-    await rowAt(page, 1 + i / 10);
+  for (let i = 0; i < 18; ++i) {
+    await rowAt(page, 0.5 + i / 4.25);
     const name = join(folder, `frame-${String(i).padStart(3, "0")}.png`);
     await page.screenshot({ path: name });
     frames.push(name);
   }
-  execFileSync("/usr/bin/convert", ["-delay", "10", "-loop", "0", ...frames, "-resize", "960x", "-layers", "OptimizeFrame", "-colors", "64", join(out, "view.gif")]);
+  execFileSync("convert", ["-delay", "24", "-loop", "0", ...frames, "-resize", "800x", "+dither", "-colors", "96", "-layers", "OptimizeTransparency", join(out, "view.gif")]);
 } finally {
-  for (const action of undo) await action();
+  for (const action of undo) await Promise.resolve(action()).catch(() => {});
   rmSync(folder, { recursive: true, force: true });
 }

@@ -33,7 +33,7 @@ const PATH_POINTS = 4096;
 const MOVEMENT_CAPACITY = 4096;
 /** Forces below this draw no arrow [N]: they are below what a hand feels. */
 export const LEAST_FORCE = 0.05;
-/** Two rows of a movement further apart than this are not joined [s]. */
+/** Two rows of a movement further apart than this are not joined [s], unless all are as far apart, as bins of hours are. */
 const LONGEST_JOIN = 0.25;
 const FLOOR_STEP = 0.01;
 
@@ -299,6 +299,8 @@ class SceneOfModel implements SceneView {
     this.movementVersion = from.version;
     this.movementMode = colour.mode;
     const values = colour.mode === "one" ? null : from[colour.mode];
+    const usual = from.count > 1 ? (from.time[from.count - 1]! - from.time[0]!) / (from.count - 1) : 0;
+    const longestJoin = Math.max(LONGEST_JOIN, 2.5 * usual);
     let most = 0;
     let n = 0;
     for (let i = 0; i < from.count && n < to.capacity; i++) {
@@ -306,7 +308,7 @@ class SceneOfModel implements SceneView {
       const y = from.y[i]!;
       const z = from.z[i]!;
       if (!Number.isFinite(x + y + z)) continue;
-      if (n > 0 && from.time[i]! - from.time[i - 1]! > LONGEST_JOIN) to.value[n - 1] = GAP;
+      if (n > 0 && from.time[i]! - from.time[i - 1]! > longestJoin) to.value[n - 1] = GAP;
       to.xyz[3 * n] = x;
       to.xyz[3 * n + 1] = y;
       to.xyz[3 * n + 2] = z;
