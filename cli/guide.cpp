@@ -250,7 +250,7 @@ Verb add_guide(CLI::App& app) {
 
         const std::unique_ptr<LiveGuidance> commands = commands_of(plan, options, stop);
         options.live = commands.get();
-        page.use(commands.get());
+        const LivePage::Use use(page, *commands);
         const TuningInputs outside(arguments->tuning, *commands);
         for (const std::string& hint : outside.hints()) output.remark(hint);
 

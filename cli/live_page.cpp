@@ -28,7 +28,7 @@ std::uint16_t port_of(const std::string& text) {
 std::string kept_token(const std::string& file) {
   if (file.empty()) return "";
   if (std::filesystem::exists(std::filesystem::symlink_status(file))) return read_tuning_token(file);
-  const std::string token = new_tuning_token();
+  std::string token = new_tuning_token();
   write_tuning_token(token, file);
   return token;
 }
@@ -130,6 +130,13 @@ void LivePage::watch(SessionOptions& session) {
   session.observer = this;
   if (session.clock == ClockChoice::automatic) session.clock = ClockChoice::real;
   session.also_warn([this] { return view_->warnings(); });
+}
+
+void LivePage::release() {
+  commands_ = nullptr;
+  if (!view_) return;
+  view_->abandon("the session could not be run");
+  view_->over();
 }
 
 void LivePage::programme(const nlohmann::json& state) {

@@ -42,8 +42,17 @@ class LivePage final : public SessionObserver {
   /// Lets the page watch and end the session. A simulated device runs on the real clock, because people watch it.
   void watch(SessionOptions& session);
 
-  /// Sets what executes the page's commands; null: none. Borrowed until the next call.
-  void use(Commands* commands) noexcept { commands_ = commands; }
+  /// Lets a page give commands as long as it lives. Destroy it before the commands.
+  class [[nodiscard]] Use {
+   public:
+    Use(LivePage& page, Commands& commands) : page_(page) { page_.commands_ = &commands; }
+    ~Use() { page_.release(); }
+    Use(const Use&) = delete;
+    Use& operator=(const Use&) = delete;
+
+   private:
+    LivePage& page_;
+  };
 
   /// Shows the therapist the state of a programme (programme_message).
   void programme(const nlohmann::json& state);
@@ -55,7 +64,7 @@ class LivePage final : public SessionObserver {
   void begins(Device& device, const SessionOptions& options, const RecordingColumns& columns,
               bool virtual_time) override;
   void shows(const SessionView& view) override { view_->show(view); }
-  void ends(const SessionResult& result) override { view_->end(result); }
+  void ends(const SessionResult& result) override { view_->end(result, verb_ == "run"); }
 
  private:
   /// Passes everything on to the view, and samples to the training screen too.
@@ -71,6 +80,9 @@ class LivePage final : public SessionObserver {
     void push(const Event& event) noexcept override { view->push(event); }
     void between_ticks(bool may_wait) noexcept override { view->between_ticks(may_wait); }
   };
+
+  /// Ends what is shown: also a session that threw, and a programme after its last repetition.
+  void release();
 
   const Output& output_;
   std::string verb_;

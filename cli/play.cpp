@@ -305,7 +305,7 @@ Verb add_play(CLI::App& app) {
 
             LiveTuning tuning = tuning_of(*arguments, plan, options, device->info(), stop);
             options.tuning = &tuning;
-            page.use(&tuning);
+            const LivePage::Use use(page, tuning);
             const TuningInputs inputs(arguments->tuning, tuning);
             for (const std::string& hint : inputs.hints()) output.remark(hint);
 

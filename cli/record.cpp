@@ -169,7 +169,7 @@ Verb add_record(CLI::App& app) {
             page.watch(options.session);
             LiveRecording commands(options.session.recording->options.annotations, stop);
             options.live = &commands;
-            page.use(&commands);
+            const LivePage::Use use(page, commands);
             const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,
                             arguments->session.keys, commands);
             const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };

@@ -342,7 +342,7 @@ Verb add_run(CLI::App& app) {
         page.watch(options.session);
         LiveGuidance commands(command_options(options, stop));
         options.live = &commands;
-        page.use(&commands);
+        const LivePage::Use use(page, commands);
         const TuningInputs inputs(arguments->tuning, commands);
         for (const std::string& hint : inputs.hints()) output.remark(hint);
         const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,

@@ -115,7 +115,7 @@ class LiveView::Sessions final : private PageHandler {
 
   void begin(const ViewedSession& session, const ViewTargets& targets) {
     server_.run([&] {
-      release("");
+      release("", false);
       session_ = session;
       session_->columns = complete(session.columns, session.device);
       targets_ = targets;
@@ -129,6 +129,7 @@ class LiveView::Sessions final : private PageHandler {
       view_ = {};
       share_ = 1;
       running_ = true;
+      more_ = false;
       reason_.clear();
       zero_force_.clear();
       softened_ = lost_stop_ = false;
@@ -140,13 +141,22 @@ class LiveView::Sessions final : private PageHandler {
     sink.let_wait(true);
   }
 
-  void end(const std::string& reason, const char* zero_force, double share) {
+  void end(const std::string& reason, const char* zero_force, double share, bool more) {
     server_.run([&] {
       if (!running_) return;
       beat();
       zero_force_ = zero_force;
       if (share >= 0) share_ = share;
-      release(reason);
+      release(reason, more);
+    });
+  }
+
+  void over() {
+    server_.run([&] {
+      targets_ = {};
+      if (!std::exchange(more_, false) || !source_) return;
+      controls_text_.reset();
+      broadcast(status());
     });
   }
 
@@ -479,9 +489,9 @@ class LiveView::Sessions final : private PageHandler {
             {"speed", json_of_number(sample.velocity.norm())},
             {"share", share_},
             {"paused", view_.recording && view_.recording->paused},
-            {"ended", !running_},
-            {"reason", reason_},
-            {"zero_force", zero_force_},
+            {"ended", !running_ && !more_},
+            {"reason", more_ ? std::string() : reason_},
+            {"zero_force", more_ ? std::string() : zero_force_},
             {"pages", server_.pages().size()},
             {"lost_rows", sink.lost()}};
   }
@@ -509,13 +519,14 @@ class LiveView::Sessions final : private PageHandler {
       if (controls(*page)) page->send(controls_text_);
   }
 
-  /// Lets go of the targets, after the session.
-  void release(const std::string& reason) {
+  /// Lets go of the targets after the session, but for the commands if there is `more`.
+  void release(const std::string& reason, bool more) {
     if (!running_) return;
     let_go();
     running_ = false;
+    more_ = more;
     reason_ = reason;
-    targets_ = {};
+    targets_ = {.commands = more ? targets_.commands : nullptr};
     source_->phases.finish();
     broadcast(source_->phases.take(true));
     broadcast(status());
@@ -543,7 +554,7 @@ class LiveView::Sessions final : private PageHandler {
   nlohmann::json events_ = nlohmann::json::array(), warnings_shown_ = nlohmann::json::array();
   SessionView view_;
   double share_ = 1;
-  bool running_ = false;
+  bool running_ = false, more_ = false;
   std::string reason_, zero_force_;
   int trial_ = 0;
   SharedText controls_text_;
@@ -588,14 +599,18 @@ void LiveView::show(const SessionView& view) {
   sessions_->show(view);
 }
 
-void LiveView::end(const SessionResult& result) {
+void LiveView::end(const SessionResult& result, bool more) {
   const ServoReport& servo = result.servo;
   sessions_->end(servo.detail.empty() ? to_string(servo.cause) : servo.detail, to_string(result.zero_force),
-                 result.gain_share);
+                 result.gain_share, more);
+}
+
+void LiveView::over() {
+  sessions_->over();
 }
 
 void LiveView::abandon(const std::string& reason) {
-  sessions_->end(reason, "", -1);
+  sessions_->end(reason, "", -1, false);
 }
 
 void LiveView::programme(const nlohmann::json& state) {

@@ -94,8 +94,12 @@ class LiveView {
   /// Shows the status and the warnings of the running session. Call it from Progress.
   void show(const SessionView& view);
 
-  /// Shows the result and lets go of the targets. Pages can still see what happened.
-  void end(const SessionResult& result);
+  /// Shows the result and lets go of the targets. Pages can still see what happened. With `more`, as after a repetition
+  /// of a programme, another session follows: pages see no end, and the commands stay borrowed until over().
+  void end(const SessionResult& result, bool more = false);
+
+  /// Ends what `more` announced, and lets go of all targets.
+  void over();
 
   /// Ends a session that gave no result, for example because it threw. Does nothing if none is running.
   void abandon(const std::string& reason);

@@ -4,9 +4,11 @@
 #include "base/json_reader.h"
 #include "base/statistics.h"
 #include "metrics/recorded_trial.h"
+#include "player/programme/progression.h"
 
 #include <algorithm>
-#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <iterator>
 #include <utility>
 
 namespace haptrace {
@@ -30,6 +32,18 @@ double spread(const std::vector<double>& values) {
 bool beats(double value, const std::vector<double>& earlier) {
   return value > *std::max_element(earlier.begin(), earlier.end()) &&
          value - median(earlier) > kSpreads * spread(earlier);
+}
+
+/// Returns the settings of a repetition that its exercise's mode uses, in words.
+std::vector<std::string> setting_words(const Exercise& exercise, const TrialSettings& settings) {
+  std::vector<std::string> words;
+  if (exercise.mode != ExerciseMode::free && exercise.mode != ExerciseMode::passive)
+    words.push_back(fmt::format("radius {:.1f} mm", 1e3 * settings.radius));
+  if (exercise.mode == ExerciseMode::assisted)
+    words.push_back(fmt::format("assistance {:.0f} %", 100 * settings.assistance));
+  if (settings.pace != 1) words.push_back(fmt::format("pace {:.2f}", settings.pace));
+  if (settings.force_scale) words.push_back(fmt::format("force {:.0f} %", 100 * *settings.force_scale));
+  return words;
 }
 
 }  // namespace
@@ -147,14 +161,10 @@ void TrainingProgress::finish(bool stopped) {
 }
 
 std::string settings_text(const Exercise& exercise, const TrialSettings& settings) {
-  std::string text = to_string(exercise.mode);
-  if (exercise.mode != ExerciseMode::free && exercise.mode != ExerciseMode::passive)
-    text += fmt::format(", radius {:.1f} mm", 1e3 * settings.radius);
-  if (exercise.mode == ExerciseMode::assisted) text += fmt::format(", assistance {:.0f} %", 100 * settings.assistance);
-  if (settings.pace != 1) text += fmt::format(", pace {:.2f}", settings.pace);
-  if (settings.force_scale) text += fmt::format(", force {:.0f} %", 100 * *settings.force_scale);
-  if (exercise.test != TestLabel::none) text += fmt::format(", test {}", to_string(exercise.test));
-  return text;
+  std::vector<std::string> words{to_string(exercise.mode)};
+  std::ranges::move(setting_words(exercise, settings), std::back_inserter(words));
+  if (exercise.test != TestLabel::none) words.push_back(fmt::format("test {}", to_string(exercise.test)));
+  return fmt::format("{}", fmt::join(words, ", "));
 }
 
 nlohmann::json programme_message(const Programme& programme, const SessionLog& log, const ProgrammeProgress& progress) {
@@ -180,8 +190,9 @@ nlohmann::json programme_message(const Programme& programme, const SessionLog& l
         {{"name", exercise.name},
          {"mode", to_string(exercise.mode)},
          {"settings",
-          settings_text(exercise, last != nullptr ? last->settings
-                                                  : TrialSettings{.pace = exercise.pace, .radius = exercise.radius})},
+          fmt::format("{}", fmt::join(setting_words(exercise, last != nullptr ? last->settings
+                                                                              : ProgressionState(exercise).settings()),
+                                      ", "))},
          {"repetitions", exercise.repetitions * (i < programme.warm_up.size() ? 1 : programme.rounds)},
          {"done", done},
          {"test", exercise.test != TestLabel::none}});

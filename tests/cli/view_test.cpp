@@ -165,6 +165,11 @@ TEST(View, ShowsAProgrammeToTherapistAndTraineeAndStopsItInARest) {
       therapist.wait_for("programme", [](const nlohmann::json& message) { return message.at("trials").size() == 1; });
   EXPECT_EQ(after.at("exercises").at(0).at("done"), 1);
 
+  // A rest is no end, for neither of them, and the commands still work.
+  EXPECT_EQ(trainee.wait_for("status").at("ended"), false);
+  therapist.send({{"type", "ping"}, {"id", 5}, {"sent", 0}});
+  therapist.wait_for("pong");
+
   trainee.send({{"type", "stop"}});
   EXPECT_EQ(command.wait().exit_code, 130);
 }
