@@ -17,6 +17,8 @@ test("Each state has its words", () => {
   const words = Object.fromEntries(STATES.map((s) => [s, wordsOf(s, message(s), 11.2, "confirmed")]));
   assert.equal(words.waiting.word, "Hold the handle");
   assert.deepEqual([words.approach.word, words.approach.sentence], ["The device moves you", "Let your hand follow"]);
+  // In a free exercise no force leads the hand.
+  assert.equal(wordsOf("approach", { mode: "free" }, NaN).word, "Move to the ring");
   assert.deepEqual([words.go.word, words.go.tone], ["Go", "go"]);
   assert.deepEqual([words.rest.word, words.rest.beside], ["Rest", "12 s"]);
   assert.equal(words.rest.sentence, "Next: curve, repetition 4 of 8");

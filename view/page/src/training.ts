@@ -56,8 +56,13 @@ export function wordsOf(state: ScreenState, training: TrainingMessage | null, re
       words.word = "Hold the handle";
       break;
     case "approach":
-      words.word = "The device moves you";
-      words.sentence = "Let your hand follow";
+      // In a free exercise no force leads the hand.
+      if (training?.mode === "free") {
+        words.word = "Move to the ring";
+      } else {
+        words.word = "The device moves you";
+        words.sentence = "Let your hand follow";
+      }
       break;
     case "go":
       words.word = "Go";
