@@ -133,6 +133,7 @@ class LiveView::Sessions final : private PageHandler {
       reason_.clear();
       zero_force_.clear();
       softened_ = lost_stop_ = false;
+      input_ = {};
       controls_text_.reset();
       ++trial_;
       const auto pages = server_.pages();
@@ -354,8 +355,20 @@ class LiveView::Sessions final : private PageHandler {
     if (holder_ == nullptr && intention.grip <= 0) return;
     holder_ = intention.grip > 0 ? &page : nullptr;
     held_ = Clock::now();
+    note_input(intention);
     targets_.steering->post({within(session_->device, intention.position), intention.grip, monotonic_ns()});
     hand_ = intention.position;
+  }
+
+  /// Notes what moves the hand, whenever that changes. Unknown numbers are not noted.
+  void note_input(const PageIntention& intention) {
+    constexpr std::uint32_t kMostInputs = 5, kMostDepths = 1;
+    const std::pair now(intention.input, intention.depth);
+    if (targets_.annotations == nullptr || now == input_ || now.first < 1 || now.first > kMostInputs ||
+        now.second > kMostDepths)
+      return;
+    input_ = now;
+    targets_.annotations->input(static_cast<int>(now.first), now.second == 1);
   }
 
   void let_go() {
@@ -567,6 +580,7 @@ class LiveView::Sessions final : private PageHandler {
   const ViewPage* holder_ = nullptr;  ///< page that moves the hand
   Clock::time_point held_;
   Vec3 hand_ = Vec3::Zero();
+  std::pair<std::uint32_t, std::uint32_t> input_{};  ///< of the hand, as noted in the recording
 
   mutable std::mutex mutex_;  ///< of the next two
   std::condition_variable changed_;

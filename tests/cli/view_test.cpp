@@ -199,6 +199,10 @@ TEST(View, StartsASteeredSessionWhenThePageIsOpenAndRecordsWhatTheHandDid) {
   double farthest = 0;
   for (const Sample& sample : reader.read(0, reader.rows())) farthest = std::max(farthest, sample.position.x());
   EXPECT_GT(farthest, 0.01);
+  std::vector<std::string> inputs;
+  for (const StoredEvent& event : reader.events())
+    if (event.code == static_cast<std::int32_t>(EventCode::input)) inputs.push_back(event.text);
+  EXPECT_EQ(inputs, std::vector<std::string>{"input: mouse, depth from path"});  // once, although it came often
 }
 
 }  // namespace

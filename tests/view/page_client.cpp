@@ -182,6 +182,8 @@ void PageClient::intend(double x, double y, double z, double grip) {
     std::memcpy(message.data() + offset, &single, sizeof single);
     offset += sizeof single;
   }
+  message[offset] = 1;      // mouse
+  message[offset + 4] = 1;  // depth from the path
   send_binary(message);
 }
 
