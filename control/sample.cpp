@@ -71,6 +71,7 @@ constexpr EventWords kEventWords[] = {
     {EventCode::shown_go, "shown_go", kSilent},
     {EventCode::shown_done, "shown_done", kSilent},
     {EventCode::input, "input", kSilent},
+    {EventCode::began_inside, "began_inside", kWarning, "the tool began inside objects"},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
@@ -193,6 +194,9 @@ std::string describe(const Event& event) {
                          kDegrees * b);
     case EventCode::touched:
       return fmt::format("object {:.0f} touched: {:.2g} N", a + 1, b);
+    case EventCode::began_inside:
+      return fmt::format("the tool began inside object {:.0f}, which pushes it out softly: {:.2f} mm deep", a + 1,
+                         1e3 * b);
     case EventCode::left:
       return fmt::format("object {:.0f} left: {:.2f} mm deep at most, {:.2f} s", a + 1, 1e3 * b, c);
     case EventCode::reference_waits:

@@ -86,6 +86,7 @@ enum class EventCode : std::int32_t {
   shown_done = 91,          ///< a page showed "done"
   input = 92,  ///< what a person steers a simulated hand with; values: 1 mouse, 2 pen, 3 touch, 4 gamepad, 5 keys;
                ///< depth 0 from a plane, 1 from the path
+  began_inside = 94,  ///< the tool was inside an object when the session started; values: its index, depth [m]
 };
 
 /// An event at a tick. Plain data: describe() makes its text outside the tick.

@@ -93,7 +93,7 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
   }
   if (options.scene) {
     std::optional<PassivityLayer::Options> passivity;
-    if (options.scene->passivity())
+    if (options.scene->options().passivity)
       passivity = passivity_for(options.identified ? options.identified(device.info()) : std::nullopt,
                                 options.session.loop.rate_hz, device.info().position_resolution);
     const auto touching =

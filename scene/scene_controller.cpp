@@ -3,6 +3,7 @@
 #include "control/norm.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace haptrace {
 
@@ -11,32 +12,39 @@ SceneController::SceneController(std::shared_ptr<Touchable> touchable, std::vect
     : touchable_(std::move(touchable)), episodes_(names.size()) {
   if (passivity) layer_.emplace(*passivity);
   for (std::string& name : names) figures_.push_back({.name = std::move(name)});
+  open_.reserve(figures_.size());
 }
 
 void SceneController::start(const State&) noexcept {
   touchable_->reset();
   // A contact from before a gap gets no `left` event, because its end is not known.
   std::fill(episodes_.begin(), episodes_.end(), Episode{});
+  open_.clear();
   if (layer_) layer_->reset();
 }
 
 Command SceneController::update(const State& state) noexcept {
   const SceneAnswer answer =
       touchable_->answer({.position = state.position, .velocity = state.velocity, .dt = state.dt});
-  for (std::size_t i = 0; i < episodes_.size(); ++i) follow(i, answer.contacts[i], state.dt);
+  for (const std::size_t open : open_) episodes_[open].since += state.dt;
   Command command;
   command.wrench.force = answer.force;
+  for (const Contact& contact : answer.contacts) {
+    follow(contact, state.dt);
+    command.vibration += contact.vibration;
+  }
   if (layer_) command.wrench.force += layer_->update(state, answer.stored);
   command.event = tell();
   return command;
 }
 
-void SceneController::follow(std::size_t object, const Contact& contact, double dt) noexcept {
-  Episode& episode = episodes_[object];
-  TouchFigures& figures = figures_[object];
-  if (!contact.touched()) {
-    episode.since += dt;
-    return;
+void SceneController::follow(const Contact& contact, double dt) noexcept {
+  if (!contact.touched()) return;
+  Episode& episode = episodes_[contact.object];
+  TouchFigures& figures = figures_[contact.object];
+  if (!episode.begun) {
+    open_.push_back(contact.object);
+    episode.inside = contact.pushed_out;
   }
   episode.begun = true;
   episode.since = 0;
@@ -50,17 +58,20 @@ void SceneController::follow(std::size_t object, const Contact& contact, double 
 
 /// Reports one event per tick; further events wait for the next ticks.
 std::optional<Event> SceneController::tell() noexcept {
-  for (std::size_t i = 0; i < episodes_.size(); ++i) {
-    Episode& episode = episodes_[i];
-    const auto index = static_cast<double>(i);
-    if (episode.begun && !episode.told) {
+  for (auto open = open_.begin(); open != open_.end(); ++open) {
+    Episode& episode = episodes_[*open];
+    const auto index = static_cast<double>(*open);
+    if (std::exchange(episode.inside, false))
+      return Event{.code = EventCode::began_inside, .values = {index, episode.depth, kNaN}};
+    if (!episode.told) {
       episode.told = true;
-      ++figures_[i].times;
+      ++figures_[*open].times;
       return Event{.code = EventCode::touched, .values = {index, episode.force, kNaN}};
     }
-    if (episode.told && episode.since >= kLeft) {
+    if (episode.since >= kLeft) {
       const Event event{.code = EventCode::left, .values = {index, episode.depth, episode.seconds}};
       episode = {};
+      open_.erase(open);
       return event;
     }
   }

@@ -22,7 +22,8 @@ struct TouchFigures {
   double max_depth = 0;  ///< [m]
 };
 
-/// Sends the contact force and reports the events `touched` and `left`.
+/// Sends the contact force and reports the events `touched` and `left`, and `began_inside` where the tool was inside an
+/// object at the start.
 ///
 /// With a passivity layer, it adds the force that takes back the energy that sampling created in the contacts.
 class SceneController final : public Controller {
@@ -47,16 +48,18 @@ class SceneController final : public Controller {
   /// The current contact with one object.
   struct Episode {
     bool begun = false, told = false;  ///< told: the `touched` event was reported
+    bool inside = false;               ///< the tool began inside, which is not yet reported
     double force = 0;                  ///< magnitude of the newest force [N]
     double depth = 0;                  ///< largest penetration depth [m]
     double seconds = 0, since = 0;     ///< time in contact, and time since the last contact [s]
   };
-  void follow(std::size_t object, const Contact& contact, double dt) noexcept;
+  void follow(const Contact& contact, double dt) noexcept;
   std::optional<Event> tell() noexcept;
 
   std::shared_ptr<Touchable> touchable_;
   std::vector<TouchFigures> figures_;
   std::vector<Episode> episodes_;
+  std::vector<std::size_t> open_;  ///< episodes that have begun
   std::optional<PassivityLayer> layer_;
 };
 

@@ -2,57 +2,101 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
-#include "scene/sphere.h"
-#include "scene/wall.h"
+#include "scene/shape/shape_kinds.h"
+#include "scene/surface/elastic.h"
 
-#include <algorithm>
 #include <array>
+#include <cmath>
 #include <fmt/format.h>
 
 namespace haptrace {
 namespace {
 
-/// One kind of object. A new kind only needs an entry in the list below.
-struct SceneKind {
-  const char* kind;
-  /// Reads every key but `kind` and `name`.
-  std::unique_ptr<SceneObject> (*read)(JsonReader& reader, const std::string& name);
-};
+constexpr double kFarthestPose = 100;  // [m]
+constexpr double kLargestTool = 0.1;   // radius [m]
+constexpr double kLeastQuaternion = 1e-6;
 
-constexpr std::array kSceneKinds{
-    SceneKind{"sphere", read_sphere},
-    SceneKind{"wall", read_wall},
-};
-
-std::unique_ptr<SceneObject> read_object(JsonReader& reader) {
-  std::vector<std::string> known;
-  for (const SceneKind& kind : kSceneKinds) known.emplace_back(kind.kind);
-  const std::string word = reader.require("kind").choice("kind", "", known);
-  const auto kind = std::find_if(kSceneKinds.begin(), kSceneKinds.end(), [&](const auto& k) { return k.kind == word; });
-  const std::string name = reader.text("name", word);
-  if (name.empty()) throw input_error(reader.where() + ".name: the name is empty");
-  auto object = kind->read(reader, name);
+/// Reads {"position": [x, y, z], "rotation": [w, x, y, z]}.
+Pose read_pose(JsonReader reader) {
+  Pose pose;
+  pose.position = reader.vector("position", pose.position, -kFarthestPose, kFarthestPose);
+  const nlohmann::json value = reader.value("rotation");
+  if (!value.is_null()) {
+    const bool numbers = value.is_array() && value.size() == 4 &&
+                         std::all_of(value.begin(), value.end(), [](const auto& entry) { return entry.is_number(); });
+    const std::string where = reader.where() + ".rotation: ";
+    if (!numbers) throw input_error(where + "expected a quaternion, an array of four numbers [w, x, y, z]");
+    Eigen::Vector4d q(value[0], value[1], value[2], value[3]);
+    if (!q.allFinite() || !(q.stableNorm() > kLeastQuaternion))
+      throw input_error(where + "the quaternion has no direction");
+    q.stableNormalize();
+    pose.axes = Quat(q[0], q[1], q[2], q[3]).toRotationMatrix();
+  }
   reader.finish();
-  return object;
+  return pose;
+}
+
+/// Reads an object: either {"shape": {"kind", ...}, "surface": {...}}, or all keys of both in the object itself.
+std::unique_ptr<Object> read_object(JsonReader& reader, SceneFiles& files) {
+  std::optional<JsonReader> of_shape = reader.object("shape"), of_surface = reader.object("surface");
+  const ShapeKind& kind = read_kind(of_shape ? *of_shape : reader);
+  const std::string name = reader.text("name", kind.kind);
+  if (name.empty()) throw input_error(reader.where() + ".name: the name is empty");
+  std::unique_ptr<Shape> shape;
+  std::unique_ptr<Surface> surface;
+  std::optional<Pose> pose;
+  if (std::optional<JsonReader> of_pose = reader.object("pose")) pose = read_pose(std::move(*of_pose));
+  if (std::optional<JsonReader> body = reader.object("body")) {
+    const std::array<std::string, 1> bodies{"fixed"};
+    (void)body->require("kind").choice("kind", "", bodies);
+    body->finish();
+  }
+  try {
+    shape = kind.read(of_shape ? *of_shape : reader, files);
+    surface = read_surface(of_surface ? *of_surface : reader);
+  } catch (const Error& error) {
+    const std::string text = error.what();
+    throw input_error(text.starts_with(reader.where()) ? text : reader.where() + ": " + text);
+  }
+  for (const std::optional<JsonReader>* part : {&of_shape, &of_surface})
+    if (*part) (*part)->finish();
+  reader.finish();
+  return make_fixed_object(name, kind.kind, std::move(shape), std::move(surface), pose);
+}
+
+PointTool read_tool(JsonReader reader) {
+  const std::array<std::string, 1> kinds{"point"};
+  (void)reader.choice("kind", "point", kinds);
+  PointTool tool{.radius = reader.number("radius", 0, 0, kLargestTool)};
+  reader.finish();
+  return tool;
 }
 
 }  // namespace
 
-std::shared_ptr<Scene> read_scene(const nlohmann::json& json, const std::string& where) {
+std::shared_ptr<Scene> read_scene(const nlohmann::json& json, const std::string& where, SceneFiles& files) {
   JsonReader reader(json, where);
-  std::vector<std::unique_ptr<SceneObject>> objects;
-  for (JsonReader& object : reader.require("objects").objects("objects")) objects.push_back(read_object(object));
-  const bool passivity = reader.boolean("passivity", false);
+  SceneOptions options;
+  if (std::optional<JsonReader> tool = reader.object("tool")) options.tool = read_tool(std::move(*tool));
+  std::vector<std::unique_ptr<Object>> objects;
+  for (JsonReader& object : reader.require("objects").objects("objects")) objects.push_back(read_object(object, files));
+  options.passivity = reader.boolean("passivity", false);
   reader.finish();
   try {
-    return std::make_shared<Scene>(std::move(objects), passivity);
+    return std::make_shared<Scene>(std::move(objects), options);
   } catch (const Error& error) {
     throw input_error(where + ": " + error.what());
   }
 }
 
+std::shared_ptr<Scene> read_scene(const nlohmann::json& json, const std::string& where) {
+  SceneFiles files;
+  return read_scene(json, where, files);
+}
+
 std::shared_ptr<Scene> load_scene(const std::string& file) {
-  return read_scene(load_json(file), file);
+  SceneFiles files(std::filesystem::path(file).parent_path());
+  return read_scene(load_json(file), file, files);
 }
 
 }  // namespace haptrace

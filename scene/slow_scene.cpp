@@ -15,8 +15,10 @@ namespace haptrace {
 namespace {
 
 constexpr EnumNames<Prediction, 3> kPredictions{"prediction", {"hold", "linear", "model"}};
-constexpr double kFurthest = 1;    // that a line is followed, in times of the distance between its points: 2 oscillate
-constexpr double kMostOver = 1.5;  // what it may come to, times the last force
+constexpr double kFurthest = 1;  // that a line is followed, in times of the distance between its points: 2 oscillate
+// A prediction knows the surfaces that the tool reaches at this speed while an answer is in use.
+constexpr double kSpeedAhead = 1, kPeriodsAhead = 3;  // [m/s], [periods]
+constexpr double kMostOver = 1.5;                     // what it may come to, times the last force
 
 double penetration(const Vec3& velocity, const Vec3& normal) {
   return std::max(0.0, -velocity.dot(normal));
@@ -42,12 +44,13 @@ SlowScene::SlowScene(std::shared_ptr<Scene> scene, const SlowSceneOptions& optio
       prediction_(options.prediction),
       servo_rate_hz_(servo_rate_hz),
       period_(ticks_between(options.rate_hz, servo_rate_hz)),
-      newest_{.contacts = std::vector<Contact>(scene_->size())},
+      newest_{.contacts = ContactList(scene_->size())},
       before_(newest_),
       predicted_(scene_->size()),
       served_(newest_),
       answers_(newest_) {
-  scene_->prepare({.rate_hz = servo_rate_hz / period_});
+  const double rate = servo_rate_hz / period_;
+  scene_->prepare({.rate_hz = rate, .ahead = kSpeedAhead * kPeriodsAhead / rate});
   thread_ = std::thread([this] { serve(); });
 }
 
@@ -78,7 +81,7 @@ void SlowScene::serve(Question question) noexcept {
   }
   const std::span<const Contact> contacts = scene_->answer(question.touch).contacts;
   served_.question = question;
-  std::copy(contacts.begin(), contacts.end(), served_.contacts.begin());
+  served_.contacts.assign(contacts);
   answers_.post(served_);
   answered_ = question.number;
 }
@@ -101,7 +104,7 @@ void SlowScene::reset() noexcept {
   first_ = true;
   for (Answer* answer : {&newest_, &before_}) {
     answer->question = {};
-    std::fill(answer->contacts.begin(), answer->contacts.end(), Contact{});
+    answer->contacts.clear();
   }
 }
 
@@ -111,15 +114,18 @@ SceneAnswer SlowScene::answer(const Touch& touch) noexcept {
   take();
   if (time_ >= next_) ask(touch);
 
-  SceneAnswer sum{.contacts = predicted_};
+  SceneAnswer sum;
+  predicted_.clear();
   const bool stale = time_ - newest_.question.time > static_cast<std::int64_t>(kStale) * period_;
   stale_ += stale ? 1 : 0;
-  for (std::size_t i = 0; i < predicted_.size(); ++i) {
-    Contact& contact = predicted_[i];
-    contact = stale || !touch.valid() ? Contact{} : predicted(i, touch);
+  if (stale || !touch.valid()) return sum;
+  for (const Contact& last : newest_.contacts.all()) {
+    const Contact contact = predicted(last, touch);
     sum.force += contact.force;
     sum.stored += contact.stored;
+    predicted_.add(contact);
   }
+  sum.contacts = predicted_.all();
   return sum;
 }
 
@@ -139,25 +145,26 @@ void SlowScene::ask(const Touch& touch) noexcept {
   unsent_ = true;
 }
 
-Contact SlowScene::predicted(std::size_t object, const Touch& touch) const noexcept {
+Contact SlowScene::predicted(const Contact& last, const Touch& touch) const noexcept {
   switch (prediction_) {
     case Prediction::linear:
-      return extrapolated(object);
+      return extrapolated(last);
     case Prediction::model:
-      return modelled(object, touch);
+      return modelled(last, touch);
     case Prediction::hold:
       break;
   }
-  return newest_.contacts[object];
+  return last;
 }
 
-Contact SlowScene::extrapolated(std::size_t object) const noexcept {
-  Contact contact = newest_.contacts[object];
+Contact SlowScene::extrapolated(Contact contact) const noexcept {
   if (before_.question.number == 0 || !contact.touched()) return contact;
+  const Contact* const before = before_.contacts.find(contact.object);
+  const Vec3 force_before = before != nullptr ? before->force : Vec3::Zero();
   const double apart = static_cast<double>(newest_.question.time - before_.question.time);
   const double ahead = std::min(static_cast<double>(time_ - newest_.question.time) / apart, kFurthest);
   const double most = kMostOver * norm_of(contact.force);
-  contact.force += ahead * (contact.force - before_.contacts[object].force);
+  contact.force += ahead * (contact.force - force_before);
   contact.force -= std::min(0.0, contact.force.dot(contact.normal)) * contact.normal;
   if (const double size = norm_of(contact.force); size > most) contact.force *= most / size;
   return contact;
@@ -165,8 +172,7 @@ Contact SlowScene::extrapolated(std::size_t object) const noexcept {
 
 /// The force along the normal follows the plane of the contact. The rest of the force is held while the plane is
 /// touched.
-Contact SlowScene::modelled(std::size_t object, const Touch& touch) const noexcept {
-  Contact contact = newest_.contacts[object];
+Contact SlowScene::modelled(Contact contact, const Touch& touch) const noexcept {
   if (contact.normal.isZero(0)) return contact;
   const double before = std::max(0.0, contact.depth), damped_before = contact.touched() ? contact.damping : 0;
   contact.depth -= contact.normal.dot(touch.position - contact.place);

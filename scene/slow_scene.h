@@ -66,16 +66,16 @@ class SlowScene final : public Touchable {
   };
   struct Answer {
     Question question;
-    std::vector<Contact> contacts;
+    ContactList contacts;
   };
 
   void serve() noexcept;  ///< runs in its own thread until the end
   void serve(Question question) noexcept;
   void take() noexcept;
   void ask(const Touch& touch) noexcept;
-  [[nodiscard]] Contact predicted(std::size_t object, const Touch& touch) const noexcept;
-  [[nodiscard]] Contact extrapolated(std::size_t object) const noexcept;
-  [[nodiscard]] Contact modelled(std::size_t object, const Touch& touch) const noexcept;
+  [[nodiscard]] Contact predicted(const Contact& last, const Touch& touch) const noexcept;
+  [[nodiscard]] Contact extrapolated(Contact contact) const noexcept;
+  [[nodiscard]] Contact modelled(Contact contact, const Touch& touch) const noexcept;
 
   std::shared_ptr<Scene> scene_;
   Prediction prediction_;
@@ -90,7 +90,7 @@ class SlowScene final : public Touchable {
   Answer newest_, before_;  ///< number 0: none
   Question question_;       ///< the newest query
   bool unsent_ = false;     ///< the newest query is not yet sent
-  std::vector<Contact> predicted_;
+  ContactList predicted_;
   std::uint64_t late_ = 0, stale_ = 0;  ///< late answers, ticks with a stale answer
 
   Answer served_;  ///< last answer; used only by the thread that answers

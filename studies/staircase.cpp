@@ -9,7 +9,8 @@
 #include "devices/sim/sim_device.h"
 #include "scene/scene_controller.h"
 #include "scene/scene_file.h"
-#include "scene/wall.h"
+#include "scene/shape/plane.h"
+#include "scene/surface/elastic.h"
 
 #include <algorithm>
 #include <array>
@@ -27,6 +28,7 @@ constexpr double kSwingWindow = 0.25;  // window of a swing measurement [s]
 constexpr std::size_t kLast = 4;       // windows in which the swing of a moving device must shrink
 constexpr double kDecays = 0.7;        // ... to this share, for the device to count as calm
 constexpr double kThrownBy = 100;      // energy at which the tap ends, relative to that of the fall
+constexpr double kLookout = 1;         // distance from the origin within which a scene has a surface [m]
 constexpr const char* kVelocity = "lowpass:100";
 
 // --- Scene and loop -------------------------------------------------------------------------------------------------
@@ -38,15 +40,15 @@ struct MetSurface {
 
 std::shared_ptr<Scene> pressed_scene(const StaircaseOptions& options, double stiffness) {
   if (!options.scene.is_null()) return read_scene(options.scene, options.scene_name);
-  std::vector<std::unique_ptr<SceneObject>> objects;
-  objects.push_back(std::make_unique<Wall>("wall", WallSpec{.surface = {.stiffness = stiffness}}));
+  std::vector<std::unique_ptr<Object>> objects;
+  objects.push_back(make_fixed_object("wall", "plane", std::make_unique<Plane>(PlaneSpec{}),
+                                      std::make_unique<ElasticSurface>(ElasticSpec{.stiffness = stiffness})));
   return std::make_shared<Scene>(std::move(objects));
 }
 
 /// Returns the nearest surface that an object of the scene knows from the origin.
 MetSurface surface_of(Scene& scene, const std::string& name) {
-  scene.prepare({});
-  scene.reset();
+  scene.prepare({.ahead = kLookout});
   const Contact* nearest = nullptr;
   const SceneAnswer answer = scene.answer({});
   for (const Contact& contact : answer.contacts)

@@ -37,14 +37,14 @@ TEST(SceneFile, ReadsTheSamples) {
   EXPECT_THAT(load_scene(folder + "wall.json")->names(), ElementsAre("floor"));
   const auto both = load_scene(folder + "sphere_on_wall.json");
   EXPECT_THAT(both->names(), ElementsAre("ball", "floor"));
-  EXPECT_FALSE(both->passivity());
+  EXPECT_FALSE(both->options().passivity);
 }
 
 TEST(SceneFile, NamesTheErrorAndItsPlace) {
   const auto error = [](const std::string& object) { return error_of([&] { scene_of(object); }); };
   EXPECT_THAT(error(R"({"kind": "spere"})"), HasSubstr("my.json: objects[0].kind: 'spere' is not known; did you mean "
                                                        "'sphere'?"));
-  EXPECT_THAT(error(R"({"kind": "cube"})"), HasSubstr("known: sphere, wall"));
+  EXPECT_THAT(error(R"({"kind": "cube"})"), HasSubstr("known: sphere, wall, plane"));
   EXPECT_THAT(error(R"({"radius": 1})"), HasSubstr("'kind' is missing"));
   EXPECT_THAT(error(kFloor + R"(, {"kind": "sphere", "radius": 0.03})"),
               HasSubstr("my.json: objects[1]: 'stiffness' is missing"));
@@ -63,13 +63,16 @@ TEST(SceneFile, NamesTheErrorAndItsPlace) {
   EXPECT_THAT(error(""), HasSubstr("my.json: the scene has no objects"));
   EXPECT_THAT(error_of([] { read_scene(parse_json("{}", "a.json"), "a.json"); }), HasSubstr("'objects' is missing"));
   EXPECT_THAT(error_of([] { scene_of(kBall, R"(, "pasivity": true)"); }), HasSubstr("did you mean 'passivity'?"));
-  EXPECT_TRUE(scene_of(kBall, R"(, "passivity": true)")->passivity());
+  EXPECT_TRUE(scene_of(kBall, R"(, "passivity": true)")->options().passivity);
   EXPECT_THAT(error_of([] { load_scene("/nowhere/scene.json"); }), HasSubstr("/nowhere/scene.json"));
 }
 
 TEST(Scene, AddsTheAnswersOfItsObjects) {
   const auto both = scene_of(kBall + "," + kFloor), ball = scene_of(kBall), floor = scene_of(kFloor);
-  for (const auto& scene : {both, ball, floor}) scene->prepare({});
+  for (const auto& scene : {both, ball, floor}) {
+    scene->prepare({});
+    (void)scene->answer({.position = Vec3(0, 0, 1)});
+  }
   const Touch touch{.position = Vec3(0.001, 0.002, -0.025)};
   const SceneAnswer sum = both->answer(touch), a = ball->answer(touch), b = floor->answer(touch);
   EXPECT_EQ(sum.force, a.force + b.force);
@@ -176,7 +179,8 @@ TEST(TimedController, LosesNoEventToItsTrigger) {
 TEST(RecordedScene, PushesTheToolOutAndReportsTheForceOnTheHand) {
   const TempFolder folder;
   PointMass device;
-  device.place({0, 0, 0.02});
+  device.place({0, 0, 0.0305});
+  device.throw_at({0, 0, -0.2});
   RecordOptions options{.duration = 0.5, .scene = scene_of(kBall)};
   options.session.recording = SessionOptions::Recording{.file = folder / "touched.h5"};
   options.session.loop.limits.soft_start = 0;
@@ -185,19 +189,43 @@ TEST(RecordedScene, PushesTheToolOutAndReportsTheForceOnTheHand) {
   ASSERT_EQ(result.touches.size(), 1U);
   EXPECT_EQ(result.touches[0].name, "ball");
   EXPECT_EQ(result.touches[0].times, 1);
-  EXPECT_NEAR(result.touches[0].max_force, 8, 1e-9);
-  EXPECT_NEAR(result.touches[0].max_depth, 0.01, 1e-12);
+  EXPECT_NEAR(result.touches[0].max_force, 800 * result.touches[0].max_depth, 1e-9);
+  EXPECT_GT(result.touches[0].max_depth, 0.003);
   EXPECT_EQ(to_json(result)["touches"][0]["object"], "ball");
 
   const RecordingReader reader(folder / "touched.h5");
   const auto rows = reader.read(0, reader.rows());
-  EXPECT_NEAR(rows.front().force.z(), 8, 1e-9);
   EXPECT_GT(rows.back().position.z(), 0.03);
   for (const Sample& row : rows)
     EXPECT_NEAR(row.force.z(), row.phase == Phase::release ? 0 : 800 * std::max(0.0, 0.03 - row.position.z()), 1e-9);
   std::vector<int> codes;
   for (const StoredEvent& event : reader.events()) codes.push_back(event.code);
   EXPECT_THAT(codes, testing::IsSupersetOf({65, 66}));
+}
+
+TEST(RecordedScene, PushesAToolThatBeginsInsideOutSoftlyAndWarns) {
+  const TempFolder folder;
+  PointMass device;
+  device.place({0, 0, 0.02});
+  RecordOptions options{.duration = 1.5, .scene = scene_of(kBall)};
+  options.session.recording = SessionOptions::Recording{.file = folder / "inside.h5"};
+  options.session.loop.limits.soft_start = 0;
+  const SessionResult result = record(device, options, StopRequest{});
+  EXPECT_EQ(result.servo.cause, StopCause::finished);
+  ASSERT_GE(result.warnings.size(), 1U);
+  EXPECT_EQ(result.warnings[0].code, "began_inside");
+  EXPECT_THAT(result.warnings[0].text, HasSubstr("began inside object 1, which pushes it out softly: 10.00 mm deep"));
+  const RecordingReader reader(folder / "inside.h5");
+  const auto rows = reader.read(0, reader.rows());
+  EXPECT_EQ(rows.front().force, Vec3::Zero());
+  EXPECT_GT(rows.back().position.z(), 0.03);
+  Vec3 before = Vec3::Zero();
+  for (const Sample& row : rows) {
+    EXPECT_LE(row.force.z(), before.z() + 8 * 1e-3 / Object::kPushOut * 1.01);
+    before = row.force;
+  }
+  const auto events = reader.events();
+  EXPECT_TRUE(std::any_of(events.begin(), events.end(), [](const StoredEvent& event) { return event.code == 94; }));
 }
 
 TEST(RecordedScene, StopsAToolThatItMadeTooFast) {

@@ -7,6 +7,7 @@
 #include "formats/path/path_file.h"
 #include "player/record.h"
 #include "scene/scene_file.h"
+#include "scene/surface/elastic.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
@@ -93,7 +94,7 @@ TEST(SlowScene, NeverPullsAndNeverRunsAwayForAnyPrediction) {
     for (int tick = 0; tick < 600; ++tick) {
       const SceneAnswer answer = slow.answer(touch_at(tick));
       slow.between_ticks(true);
-      const Contact& contact = answer.contacts[0];
+      const Contact contact = answer.contacts.empty() ? Contact{} : answer.contacts[0];
       ASSERT_GE(contact.force.dot(contact.normal), -1e-12);
       const int asked = tick / 20 * 20 - 20;
       const double held = asked < 0 ? 0 : scene->answer(touch_at(asked)).force.norm();
@@ -127,27 +128,31 @@ TEST(SlowScene, AllocatesNothingInTheTickAndForgetsAnswersFromBeforeAReset) {
   }
 }
 
-/// An object whose answer blocks while a flag is set.
-class Stalling final : public SceneObject {
+/// A shape that blocks while a flag is set, and holds the tool everywhere.
+class Stalling final : public Shape {
  public:
   explicit Stalling(std::shared_ptr<std::atomic<bool>> stalls) : stalls_(std::move(stalls)) {}
-  [[nodiscard]] const std::string& name() const noexcept override { return name_; }
-  [[nodiscard]] Contact answer(const Touch& touch) noexcept override {
+  void follow(const ToolStep& step, Proxy& proxy) const noexcept override {
     while (*stalls_) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    return {.force = Vec3::UnitZ(), .place = touch.position, .normal = Vec3::UnitZ(), .depth = 1e-3};
+    proxy = {.position = step.to + 1e-3 * Vec3::UnitZ(),
+             .normal = Vec3::UnitZ(),
+             .depth = 1e-3,
+             .known = true,
+             .touching = true};
   }
-  [[nodiscard]] std::vector<Knob> knobs() const override { return {}; }
-  void set(const std::string& knob, double) override { throw unknown_knob(*this, knob); }
+  [[nodiscard]] SurfacePoint nearest(const Vec3&) const noexcept override { return {}; }
+  [[nodiscard]] Box bounds() const noexcept override { return {Vec3::Constant(-1), Vec3::Constant(1)}; }
+  [[nodiscard]] TriangleMesh tessellated(double, const Box&) const override { return {}; }
 
  private:
-  std::string name_ = "stalling";
   std::shared_ptr<std::atomic<bool>> stalls_;
 };
 
 TEST(SlowScene, DropsAStaleAnswerAndReportsIt) {
   const auto stalls = std::make_shared<std::atomic<bool>>(false);
-  std::vector<std::unique_ptr<SceneObject>> objects;
-  objects.push_back(std::make_unique<Stalling>(stalls));
+  std::vector<std::unique_ptr<Object>> objects;
+  objects.push_back(make_fixed_object("stalling", "stalling", std::make_unique<Stalling>(stalls),
+                                      std::make_unique<ElasticSurface>(ElasticSpec{.stiffness = 1000})));
   SlowScene slow(std::make_shared<Scene>(std::move(objects)), {.rate_hz = 100}, 1000);
   slow.reset();
   int tick = 0;
@@ -267,7 +272,8 @@ TEST(SlowSceneInAHand, IsTheSameToTheLastBitInVirtualTime) {
 TEST(SlowSceneInAHand, ServesADeviceInRealTime) {
   PointMass device;
   device.mutable_info().virtual_time = false;
-  device.place({0, 0, 0.028});
+  device.place({0, 0, 0.031});
+  device.throw_at({0, 0, -0.1});
   RecordOptions options{.duration = 0.3,
                         .scene = slow_test_scene(kBallOnly),
                         .slow_scene = SlowSceneOptions{.rate_hz = 100, .prediction = Prediction::model}};
@@ -277,7 +283,7 @@ TEST(SlowSceneInAHand, ServesADeviceInRealTime) {
   EXPECT_FALSE(result.virtual_time);
   ASSERT_EQ(result.touches.size(), 1U);
   EXPECT_EQ(result.touches[0].times, 1);
-  EXPECT_NEAR(result.touches[0].max_force, 1.6, 1e-9);
+  EXPECT_NEAR(result.touches[0].max_force, 800 * result.touches[0].max_depth, 1e-9);
 }
 
 }  // namespace

@@ -67,6 +67,7 @@ class PointMass final : public Device {
 
   DeviceInfo& mutable_info() { return info_; }
   void place(const Vec3& position) { position_ = position; }
+  void throw_at(const Vec3& velocity) { velocity_ = velocity; }
 
   /// Returns every force sent, in order [N].
   [[nodiscard]] const std::vector<Vec3>& forces() const { return forces_; }

@@ -1,0 +1,32 @@
+// The files that a scene names.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace haptrace {
+
+/// Finds the files that a scene names, which lie beside the scene's own file, and keeps a list of them.
+class SceneFiles {
+ public:
+  /// `folder` of the scene's own file; empty: the current folder.
+  explicit SceneFiles(std::filesystem::path folder = {}) : folder_(std::move(folder)) {}
+
+  /// Returns the path of a file that the scene names, and adds it to the list.
+  std::string find(const std::string& name) {
+    const std::filesystem::path path(name);
+    std::string found = (path.is_absolute() ? path : folder_ / path).string();
+    used_.push_back(found);
+    return found;
+  }
+
+  /// Returns the paths of all files that the scene named, in the order in which it named them.
+  [[nodiscard]] const std::vector<std::string>& used() const noexcept { return used_; }
+
+ private:
+  std::filesystem::path folder_;
+  std::vector<std::string> used_;
+};
+
+}  // namespace haptrace

@@ -1,0 +1,35 @@
+#include "scene/shape/shape_kinds.h"
+
+#include "scene/shape/plane.h"
+#include "scene/shape/sphere.h"
+
+#include <algorithm>
+#include <array>
+#include <vector>
+
+namespace haptrace {
+namespace {
+
+using Made = std::unique_ptr<Shape>;
+
+constexpr std::array kShapeKinds{
+    ShapeKind{"sphere", [](JsonReader& reader, SceneFiles&) -> Made { return read_sphere(reader); }},
+    ShapeKind{"wall", [](JsonReader& reader, SceneFiles&) -> Made { return read_plane(reader); }},
+    ShapeKind{"plane", [](JsonReader& reader, SceneFiles&) -> Made { return read_plane(reader); }},
+};
+
+}  // namespace
+
+std::span<const ShapeKind> shape_kinds() noexcept {
+  return kShapeKinds;
+}
+
+const ShapeKind& read_kind(JsonReader& reader) {
+  std::vector<std::string> known;
+  for (const ShapeKind& kind : kShapeKinds) known.emplace_back(kind.kind);
+  const std::string word = reader.require("kind").choice("kind", "", known);
+  return *std::find_if(kShapeKinds.begin(), kShapeKinds.end(),
+                       [&](const ShapeKind& kind) { return kind.kind == word; });
+}
+
+}  // namespace haptrace

@@ -1,0 +1,54 @@
+// Interface of surfaces: what a contact feels like, whatever the shape.
+#pragma once
+
+#include "scene/shape/shape.h"
+#include "scene/touch.h"
+
+#include <array>
+
+namespace haptrace {
+
+/// A contact as its surface sees it, in the shape's frame.
+struct Press {
+  const Shape& shape;  ///< to ask it for slide() and smooth()
+  const Proxy& proxy;  ///< `known`
+  const ToolStep& step;
+  Vec3 velocity = Vec3::Zero();  ///< of the tool [m/s]
+  double dt = 0;                 ///< time since the last query [s]; 0: not known
+
+  /// Returns the point of the surface that is touched [m].
+  [[nodiscard]] Vec3 place() const noexcept { return proxy.position - step.radius * proxy.normal; }
+};
+
+/// What a surface remembers of a contact: the state of friction and adhesion. It belongs to the contact.
+struct SurfaceMemory {
+  Vec3 bristle = Vec3::Zero();  ///< elastic part of the tangential displacement [m]
+  Vec3 place = nan3();          ///< touched point of the last query [m]
+  bool slides = false;
+  bool used = false;              ///< holds anything: set by surfaces that remember
+  std::array<double, 4> value{};  ///< of the surface's own
+};
+
+/// Turns a contact into a force.
+///
+/// Order of calls: set() any number of times, prepare(), then all others. Real-time: press allocates nothing, locks
+/// nothing, throws nothing.
+class Surface : public Adjustable {
+ public:
+  virtual void prepare(const SceneTiming& timing) { (void)timing; }
+
+  /// Returns the time by which contacts are evaluated ahead of the tool [s].
+  [[nodiscard]] double ahead() const noexcept { return ahead_; }
+
+  /// Returns the distance in front of the surface within which a contact lasts [m].
+  [[nodiscard]] virtual double reach() const noexcept { return 0; }
+
+  /// Returns the contact, in the shape's frame. If the proxy is not touching, its force is zero, and the memory is
+  /// new.
+  [[nodiscard]] virtual Contact press(const Press& press, SurfaceMemory& memory) const noexcept = 0;
+
+ protected:
+  double ahead_ = 0;
+};
+
+}  // namespace haptrace
