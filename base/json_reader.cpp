@@ -69,13 +69,17 @@ json parse_json(const std::string& text, const std::string& where) {
   }
 }
 
-json load_json(const std::string& file) {
+std::string load_text(const std::string& file) {
   std::error_code ignored;
   if (std::filesystem::is_directory(file, ignored)) throw input_error(file + ": is a folder, not a JSON file");
   std::ifstream stream(file, std::ios::binary);
-  const std::string text{std::istreambuf_iterator<char>(stream), {}};
+  std::string text{std::istreambuf_iterator<char>(stream), {}};
   if (!stream) throw input_error(fmt::format("{}: cannot be read: {}", file, std::strerror(errno)));
-  return parse_json(text, file);
+  return text;
+}
+
+json load_json(const std::string& file) {
+  return parse_json(load_text(file), file);
 }
 
 void save_json(const json& json, const std::string& file, bool overwrite) {

@@ -14,6 +14,9 @@
 
 namespace haptrace {
 
+/// Returns the whole text of a JSON file. Throws Error(input) if it cannot be read.
+std::string load_text(const std::string& file);
+
 /// Reads a JSON file (comments allowed). Throws Error(input) with file, line and column, or with the name of a key that
 /// an object has twice.
 nlohmann::json load_json(const std::string& file);

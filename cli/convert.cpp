@@ -186,6 +186,9 @@ int convert(const ConvertArguments& arguments, const InputFile& input, const Out
   const auto bytes_out = arguments.to_standard_output() ? 0 : fs::file_size(arguments.file, ignored);
   const Sampling sampling = pipeline.sampling->result();
   std::vector<std::string> remarks = source.notes();
+  const std::string ending = file_ending(arguments.file);
+  if (source.columns().contacts && ending != ".h5" && ending != ".hdf5")
+    remarks.emplace_back("the contacts with the scene were left out: text formats have no place for them");
   for (std::string& note : notes(sampling, pipeline.resampled == nullptr)) remarks.push_back(std::move(note));
 
   nlohmann::json json{{"input", arguments.input}, {"file", arguments.file}, {"samples", rows},

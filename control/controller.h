@@ -5,6 +5,7 @@
 #include "control/sample.h"
 
 #include <optional>
+#include <span>
 
 namespace haptrace {
 
@@ -55,7 +56,8 @@ struct Command {
   /// True while the hand does not yield: the controller detects its resistance, or waits or softens because the hand is
   /// off the reference. Counts against `patience` like a force that the limits reduce, even if it may act for ever.
   bool resisted = false;
-  std::optional<Event> event;  ///< event to report; the loop stamps its time
+  std::optional<Event> event;               ///< event to report; the loop stamps its time
+  std::span<const ContactSample> contacts;  ///< to report; valid until the next update; the loop stamps tick and time
 };
 
 /// Computes the force of a session. Only the servo loop calls it, in its own thread.

@@ -29,6 +29,17 @@ struct Sample {
   float latency = 0;  ///< wake-up minus deadline [s]
 };
 
+/// A contact of the tool with an object of a scene at one tick, as plain data.
+struct ContactSample {
+  std::uint64_t tick = 0;     ///< tick and time of the sample
+  std::int64_t time_ns = 0;   ///< [ns]
+  std::uint32_t object = 0;   ///< index in the scene
+  Vec3 proxy = nan3();        ///< where the surface holds the tool back, in W [m]
+  Vec3 normal = nan3();       ///< unit normal, out of the object
+  double depth = 0;           ///< of the tool behind the proxy [m]
+  Vec3 force = Vec3::Zero();  ///< of this object on the hand, before fades and limits [N]
+};
+
 /// Kinds of events, as stored in /events/code. Append only: files store the numbers.
 enum class EventCode : std::int32_t {
   started = 1,
@@ -116,6 +127,8 @@ class SampleSink {
   virtual void start(std::int64_t monotonic_ns) noexcept { (void)monotonic_ns; }
   virtual void push(const Sample& sample) noexcept = 0;
   virtual void push(const Event& event) noexcept { (void)event; }
+  /// Takes a contact. Those of a tick come before its sample.
+  virtual void push_contact(const ContactSample& contact) noexcept { (void)contact; }
 
   /// Called after every tick, outside of it. On the virtual clock, where time stands still meanwhile, a sink may wait
   /// here for a slower thread; on the monotonic clock it must return at once.

@@ -1,6 +1,7 @@
 #include "player/record.h"
 
 #include "base/error.h"
+#include "base/file_hash.h"
 #include "control/design/loop_analysis.h"
 #include "player/guidance/guide.h"
 
@@ -69,6 +70,13 @@ PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, do
   return passivity_layer_for(loop);
 }
 
+/// Returns what a recording keeps of a scene.
+static RecordedScene recorded(const Scene& scene) {
+  RecordedScene kept{.text = scene.options().source.text, .objects = scene.names(), .files = {}};
+  for (const std::string& file : scene.options().source.files) kept.files[file] = file_hash(file);
+  return kept;
+}
+
 SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop, const Progress& progress) {
   double duration = options.duration;
   if (!(duration >= 0 && duration <= 1e7))
@@ -101,7 +109,8 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
     TimedController controller(*touching, duration, options.trigger);
     if (options.live != nullptr) controller.obey(options.live->requests());
     session.conclusions = [&] { return known_warnings(Severity::warning, "scene_rate", touching->remarks()); };
-    SessionResult result = run_session(device, controller, {}, sinks, session, stop, progress);
+    if (session.recording) session.recording->scene = recorded(*options.scene);
+    SessionResult result = run_session(device, controller, {.contacts = true}, sinks, session, stop, progress);
     result.touches = touching->figures();
     return result;
   }

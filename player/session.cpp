@@ -34,6 +34,7 @@ RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info
   header.operator_name = recording.operator_name;
   header.notes = recording.notes;
   header.meta = recording.meta;
+  header.scene = recording.scene;
   header.rate_hz = options.loop.rate_hz;
   header.clock = virtual_time ? "virtual" : "monotonic";
   header.config = recording.config;

@@ -75,6 +75,7 @@ struct SessionOptions {
     std::string title, subject, operator_name, notes;
     std::map<std::string, std::string> meta;
     nlohmann::json config = nlohmann::json::object();
+    RecordedScene scene;
     bool end_when_disk_is_low = false;  ///< end the session before the disk is full; for sessions that only record
   };
   std::optional<Recording> recording;

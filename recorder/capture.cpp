@@ -17,7 +17,9 @@ void validate(const CaptureOptions& options) {
                                   *options.pre, kLongestPre));
 }
 
-void Capture::feed(std::span<const Sample> samples, std::vector<TimedEvent> events) {
+void Capture::feed(std::span<const Sample> samples, std::vector<TimedEvent> events,
+                   std::span<const ContactSample> contacts) {
+  contacts_.insert(contacts_.end(), contacts.begin(), contacts.end());
   const auto older = [](const TimedEvent& a, const TimedEvent& b) { return a.time_ns < b.time_ns; };
   waiting_.insert(waiting_.end(), std::make_move_iterator(events.begin()), std::make_move_iterator(events.end()));
   std::stable_sort(waiting_.begin(), waiting_.end(), older);
@@ -55,11 +57,17 @@ void Capture::take(std::span<const Sample> samples) {
 }
 
 void Capture::keep(std::span<const Sample> samples) {
-  if (samples.empty() || paused_) return;
+  if (samples.empty()) return;
+  if (paused_) return forget_contacts_before(samples.back().tick + 1);
   if (!armed()) return write(samples);
   before_.insert(before_.end(), samples.begin(), samples.end());
   const auto oldest = samples.back().time_ns - std::llround(1e9 * *options_.pre);
   while (before_.front().time_ns < oldest) before_.pop_front();
+  forget_contacts_before(before_.front().tick);
+}
+
+void Capture::forget_contacts_before(std::uint64_t tick) {
+  while (!contacts_.empty() && contacts_.front().tick < tick) contacts_.pop_front();
 }
 
 void Capture::take(const TimedEvent& event) {
@@ -79,10 +87,16 @@ void Capture::take(const TimedEvent& event) {
 
 void Capture::write(std::span<const Sample> samples) {
   if (samples.empty()) return;
-  if (begin_ns_ == 0) return output_.append(samples);
+  forget_contacts_before(samples.front().tick);
+  scratch_contacts_.clear();
+  for (; !contacts_.empty() && contacts_.front().tick <= samples.back().tick; contacts_.pop_front()) {
+    scratch_contacts_.push_back(contacts_.front());
+    scratch_contacts_.back().time_ns -= begin_ns_;
+  }
+  if (begin_ns_ == 0) return output_.append(samples, scratch_contacts_);
   scratch_.assign(samples.begin(), samples.end());
   for (Sample& sample : scratch_) sample.time_ns -= begin_ns_;
-  output_.append(scratch_);
+  output_.append(scratch_, scratch_contacts_);
 }
 
 void Capture::write(const TimedEvent& event) {

@@ -31,15 +31,17 @@ class Capture {
   class Output {
    public:
     virtual ~Output() = default;
-    virtual void append(std::span<const Sample> samples) = 0;
+    /// `contacts` are those of the ticks up to the last sample.
+    virtual void append(std::span<const Sample> samples, std::span<const ContactSample> contacts) = 0;
     virtual void append(const StoredEvent& event) = 0;
   };
 
   Capture(const CaptureOptions& options, Output& output) : options_(options), output_(output) {}
 
-  /// Takes the next samples, and events in any order. An event acts before the first sample that is not older. An event
-  /// that is younger than all of `samples` waits for the following samples.
-  void feed(std::span<const Sample> samples, std::vector<TimedEvent> events);
+  /// Takes the next samples with their contacts, and events in any order. An event acts before the first sample that is
+  /// not older. An event that is younger than all of `samples` waits for the following samples.
+  void feed(std::span<const Sample> samples, std::vector<TimedEvent> events,
+            std::span<const ContactSample> contacts = {});
 
   /// Ends the input and writes the events that still wait.
   void finish();
@@ -52,6 +54,7 @@ class Capture {
   void take(const TimedEvent& event);
   void keep(std::span<const Sample> samples);
   void write(std::span<const Sample> samples);
+  void forget_contacts_before(std::uint64_t tick);
   void write(const TimedEvent& event);
 
   CaptureOptions options_;
@@ -59,6 +62,8 @@ class Capture {
   std::vector<TimedEvent> waiting_;  ///< events younger than every sample so far, oldest first
   std::deque<Sample> before_;        ///< the last `pre` seconds while armed
   std::vector<Sample> scratch_;
+  std::deque<ContactSample> contacts_;  ///< of ticks whose samples were not written yet
+  std::vector<ContactSample> scratch_contacts_;
   bool triggered_ = false;
   bool paused_ = false;
   std::uint32_t buttons_ = 0;

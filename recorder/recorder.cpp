@@ -33,6 +33,7 @@ constexpr std::size_t kLargestBatch = 1024;  // rows
 // Time between two polls of the ring. Waking up costs more than the work itself, and at real speed the ring holds
 // seconds.
 constexpr auto kPoll = std::chrono::milliseconds(25), kPollInVirtualTime = std::chrono::milliseconds(5);
+constexpr std::size_t kContactsPerTick = 2, kMostContactsOfATick = 1024;  // that the ring has room for
 constexpr double kRestPerFlush = 4;
 constexpr auto kRetry = std::chrono::milliseconds(50);  // time between two attempts on a disk that refuses
 constexpr double kVirtualPatience = 2;                  // time for such attempts if the session waits for the disk [s]
@@ -143,6 +144,8 @@ class Recorder::Writer final : private Capture::Output {
         loop_waits_(header.clock == "virtual"),
         output_(name, header, columns, writer_options(options, header.rate_hz)),
         capture_(options.capture, *this) {
+    if (columns.contacts)
+      contacts.emplace(kContactsPerTick * rows_in(options.ring_seconds, header.rate_hz, kSmallestRing));
     look_at_disk();
     if (const double seconds = disk_seconds_.load(); options.tell_room && seconds > 0 && warnings_told_ == 0)
       warn(Severity::note, "disk_space",
@@ -161,10 +164,15 @@ class Recorder::Writer final : private Capture::Output {
     if (!events.push(event)) lose();
   }
 
+  void push_contact(const ContactSample& contact) noexcept {
+    if (contacts && !contacts->push(contact)) lose();
+  }
+
   void lose() noexcept { lost_.fetch_add(1, std::memory_order_relaxed); }
 
   void wait_for_room() noexcept {
-    while (samples.write_available() == 0 && !failed_.load(std::memory_order_acquire))
+    while ((samples.write_available() == 0 || (contacts && contacts->write_available() < kMostContactsOfATick)) &&
+           !failed_.load(std::memory_order_acquire))
       std::this_thread::sleep_for(std::chrono::microseconds(100));
   }
 
@@ -230,6 +238,7 @@ class Recorder::Writer final : private Capture::Output {
   const std::string file;
   boost::lockfree::spsc_queue<Sample> samples;
   boost::lockfree::spsc_queue<Event> events;
+  std::optional<boost::lockfree::spsc_queue<ContactSample>> contacts;
 
  private:
   /// Runs until a stop is requested and the rings are empty.
@@ -333,7 +342,7 @@ class Recorder::Writer final : private Capture::Output {
                        .code = static_cast<int>(resumed.code),
                        .text = describe(resumed)});
     for (const StoredEvent& event : std::exchange(waiting_events_, {})) append(event);
-    put(std::exchange(waiting_, {}));
+    put(std::exchange(waiting_, {}), std::exchange(waiting_contacts_, {}));
     on_disk([&] { read_clocks_at(std::nullopt); });
     written_.store(output_.rows(), std::memory_order_relaxed);
     return !interrupted_.load(std::memory_order_relaxed);
@@ -352,6 +361,8 @@ class Recorder::Writer final : private Capture::Output {
     while (batch_.size() < kLargestBatch &&
            samples.consume_one([&](const Sample& sample) { batch_.push_back(sample); })) {
     }
+    std::vector<ContactSample> touched;
+    if (contacts) contacts->consume_all([&](const ContactSample& contact) { touched.push_back(contact); });
     std::vector<TimedEvent> happened;
     events.consume_all([&](const Event& event) { happened.push_back({event.time_ns, event.code, describe(event)}); });
     if (options_.annotations) {
@@ -360,8 +371,8 @@ class Recorder::Writer final : private Capture::Output {
     }
     if (!batch_.empty()) last_time_ns_ = batch_.back().time_ns;
     tell_losses(happened);
-    if (batch_.empty() && happened.empty()) return false;
-    capture_.feed(batch_, std::move(happened));
+    if (batch_.empty() && happened.empty() && touched.empty()) return false;
+    capture_.feed(batch_, std::move(happened), touched);
     batch_.clear();
     armed_.store(capture_.armed(), std::memory_order_relaxed);
     paused_.store(capture_.paused(), std::memory_order_relaxed);
@@ -378,12 +389,12 @@ class Recorder::Writer final : private Capture::Output {
     lost_told_ = lost;
   }
 
-  void append(std::span<const Sample> kept) override {
+  void append(std::span<const Sample> kept, std::span<const ContactSample> touched) override {
     appended_ += kept.size();
-    put(kept);
+    put(kept, touched);
   }
 
-  void put(std::span<const Sample> kept) {
+  void put(std::span<const Sample> kept, std::span<const ContactSample> touched) {
     on_disk([&] {
       if (!kept.empty()) read_due_clocks(kept.front().time_ns);
       while (!kept.empty()) {
@@ -395,10 +406,16 @@ class Recorder::Writer final : private Capture::Output {
         }
         kept = kept.subspan(count);  // the writer keeps these, even if the disk refuses
         output_.append(here);
+        const auto end = std::find_if(touched.begin(), touched.end(),
+                                      [&](const ContactSample& contact) { return contact.tick > here.back().tick; });
+        const std::span<const ContactSample> of_here(touched.begin(), end);
+        touched = touched.subspan(of_here.size());
+        output_.append(of_here);
         written_.store(output_.rows(), std::memory_order_relaxed);
       }
     });
     waiting_.insert(waiting_.end(), kept.begin(), kept.end());
+    waiting_contacts_.insert(waiting_contacts_.end(), touched.begin(), touched.end());
   }
 
   /// Returns how many of these rows the current part takes at once; 0: it is full.
@@ -513,6 +530,7 @@ class Recorder::Writer final : private Capture::Output {
   Clock::time_point refused_since_;
   std::vector<Sample> waiting_;  ///< rows of the interrupted block that wait for the disk
   std::vector<StoredEvent> waiting_events_;
+  std::vector<ContactSample> waiting_contacts_;
   bool clocks_read_ = false;
   std::int64_t clocks_read_ns_ = 0;  ///< time of the last reading
 
@@ -542,6 +560,10 @@ void Recorder::push(const Sample& sample) noexcept {
 
 void Recorder::push(const Event& event) noexcept {
   writer_->push(event);
+}
+
+void Recorder::push_contact(const ContactSample& contact) noexcept {
+  writer_->push_contact(contact);
 }
 
 void Recorder::between_ticks(bool may_wait) noexcept {

@@ -56,6 +56,7 @@ class Recorder final : public SampleSink {
   void start(std::int64_t monotonic_ns) noexcept override;
   void push(const Sample& sample) noexcept override;
   void push(const Event& event) noexcept override;
+  void push_contact(const ContactSample& contact) noexcept override;
   void between_ticks(bool may_wait) noexcept override;
 
   /// Writes the remaining samples and the session's `warnings` (see json_of), marks the recording complete and closes

@@ -38,9 +38,16 @@ class Touchable {
   [[nodiscard]] virtual std::vector<std::string> remarks() const { return {}; }
 };
 
+/// Where a scene comes from.
+struct SceneSource {
+  std::string text;                ///< of its file
+  std::vector<std::string> files;  ///< paths of the files that it names
+};
+
 struct SceneOptions {
   bool passivity = false;  ///< a passivity layer supervises the sum
   PointTool tool;
+  SceneSource source;
 };
 
 /// A set of independent objects; their forces add up. The cost is the sum of the costs of those near the tool.

@@ -13,6 +13,7 @@ SceneController::SceneController(std::shared_ptr<Touchable> touchable, std::vect
   if (passivity) layer_.emplace(*passivity);
   for (std::string& name : names) figures_.push_back({.name = std::move(name)});
   open_.reserve(figures_.size());
+  contacts_.resize(figures_.size());
 }
 
 void SceneController::start(const State&) noexcept {
@@ -29,10 +30,18 @@ Command SceneController::update(const State& state) noexcept {
   for (const std::size_t open : open_) episodes_[open].since += state.dt;
   Command command;
   command.wrench.force = answer.force;
+  std::size_t count = 0;
   for (const Contact& contact : answer.contacts) {
+    if (!contact.touched() && contact.force.isZero(0)) continue;
     follow(contact, state.dt);
     command.vibration += contact.vibration;
+    contacts_[count++] = {.object = contact.object,
+                          .proxy = contact.proxy,
+                          .normal = contact.normal,
+                          .depth = contact.depth,
+                          .force = contact.force};
   }
+  command.contacts = {contacts_.data(), count};
   if (layer_) command.wrench.force += layer_->update(state, answer.stored);
   command.event = tell();
   return command;

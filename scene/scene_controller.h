@@ -59,7 +59,8 @@ class SceneController final : public Controller {
   std::shared_ptr<Touchable> touchable_;
   std::vector<TouchFigures> figures_;
   std::vector<Episode> episodes_;
-  std::vector<std::size_t> open_;  ///< episodes that have begun
+  std::vector<ContactSample> contacts_;  ///< of the present tick; as long as there are objects
+  std::vector<std::size_t> open_;        ///< episodes that have begun
   std::optional<PassivityLayer> layer_;
 };
 

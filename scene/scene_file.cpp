@@ -82,6 +82,7 @@ std::shared_ptr<Scene> read_scene(const nlohmann::json& json, const std::string&
   for (JsonReader& object : reader.require("objects").objects("objects")) objects.push_back(read_object(object, files));
   options.passivity = reader.boolean("passivity", false);
   reader.finish();
+  options.source = {.text = files.text().empty() ? json.dump(2) : files.text(), .files = files.used()};
   try {
     return std::make_shared<Scene>(std::move(objects), options);
   } catch (const Error& error) {
@@ -95,8 +96,8 @@ std::shared_ptr<Scene> read_scene(const nlohmann::json& json, const std::string&
 }
 
 std::shared_ptr<Scene> load_scene(const std::string& file) {
-  SceneFiles files(std::filesystem::path(file).parent_path());
-  return read_scene(load_json(file), file, files);
+  SceneFiles files(std::filesystem::path(file).parent_path(), load_text(file));
+  return read_scene(parse_json(files.text(), file), file, files);
 }
 
 }  // namespace haptrace

@@ -10,8 +10,12 @@ namespace haptrace {
 /// Finds the files that a scene names, which lie beside the scene's own file, and keeps a list of them.
 class SceneFiles {
  public:
-  /// `folder` of the scene's own file; empty: the current folder.
-  explicit SceneFiles(std::filesystem::path folder = {}) : folder_(std::move(folder)) {}
+  /// `folder` and `text` of the scene's own file; no folder: the current one.
+  explicit SceneFiles(std::filesystem::path folder = {}, std::string text = {})
+      : folder_(std::move(folder)), text_(std::move(text)) {}
+
+  /// Returns the text of the scene's own file; empty if the scene has none.
+  [[nodiscard]] const std::string& text() const noexcept { return text_; }
 
   /// Returns the path of a file that the scene names, and adds it to the list.
   std::string find(const std::string& name) {
@@ -26,6 +30,7 @@ class SceneFiles {
 
  private:
   std::filesystem::path folder_;
+  std::string text_;
   std::vector<std::string> used_;
 };
 

@@ -667,6 +667,11 @@ class ServoLoop::Session {
     loop_.pulse_.at(TickPulse::Place::sinks);
     if (first_ && !loop_.options_.virtual_time)
       for (SampleSink* sink : loop_.sinks_) sink->start(start_ns_);
+    for (ContactSample contact : command.contacts) {
+      contact.tick = sample.tick;
+      contact.time_ns = sample.time_ns;
+      for (SampleSink* sink : loop_.sinks_) sink->push_contact(contact);
+    }
     for (SampleSink* sink : loop_.sinks_) sink->push(sample);
     loop_.pulse_.at(TickPulse::Place::outside);
     flight_.push(sample);

@@ -141,6 +141,8 @@ class Anonymised final : public AnonymisedSource {
       drop(header_.software, "software");
     for (const auto& [key, value] : header_.meta) report_.dropped.push_back("meta." + key);
     header_.meta.clear();
+    if (!header_.scene.empty()) report_.dropped.emplace_back("scene");
+    header_.scene = {};
     clean(header_.config, "config", "");
     if (header_.config.is_null()) header_.config = json::object();
     header_.uuid = new_uuid();
@@ -159,6 +161,7 @@ class Anonymised final : public AnonymisedSource {
   [[nodiscard]] const RecordingColumns& columns() const override { return source_->columns(); }
   [[nodiscard]] std::vector<StoredEvent> events() const override { return events_; }
   std::span<const Sample> next() override { return source_->next(); }
+  [[nodiscard]] std::span<const ContactSample> contacts() const override { return source_->contacts(); }
   [[nodiscard]] double fraction() const override { return source_->fraction(); }
   [[nodiscard]] const AnonymiseReport& report() const override { return report_; }
 

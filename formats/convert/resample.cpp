@@ -68,6 +68,8 @@ class Resampled final : public ResampledSource {
       : source_(std::move(source)), options_(options), header_(source_->header()) {
     header_.uuid = new_uuid();
     header_.rate_hz = options.rate_hz;
+    columns_ = source_->columns();
+    columns_.contacts = false;
     input_ = source_->next();
     if (!input_.empty()) start_ns_ = input_.front().time_ns;
     const double step = median_step(input_);
@@ -89,7 +91,7 @@ class Resampled final : public ResampledSource {
   [[nodiscard]] std::uint64_t finer() const { return finer_; }
 
   [[nodiscard]] const RecordingHeader& header() const override { return header_; }
-  [[nodiscard]] const RecordingColumns& columns() const override { return source_->columns(); }
+  [[nodiscard]] const RecordingColumns& columns() const override { return columns_; }
   [[nodiscard]] std::vector<StoredEvent> events() const override { return source_->events(); }
   [[nodiscard]] std::vector<ClockReading> clocks() const override { return source_->clocks(); }
   [[nodiscard]] double fraction() const override { return source_->fraction(); }
@@ -110,6 +112,8 @@ class Resampled final : public ResampledSource {
     count(report_.duplicates, "their time stamp equals that of the previous sample");
     count(report_.backward, "their time stamp is before that of an earlier sample");
     count(report_.without_position, "they have no position");
+    if (source_->columns().contacts)
+      notes.emplace_back("the contacts with the scene were left out: they belong to the ticks of the session");
     if (report_.gaps > 0)
       notes.push_back(fmt::format("{} gaps longer than {:.4g} s were not filled; the longest lasts {:.4g} s",
                                   report_.gaps, report_.max_gap, report_.longest_gap));
@@ -286,6 +290,7 @@ class Resampled final : public ResampledSource {
   std::unique_ptr<RecordingSource> source_;
   ResampleOptions options_;
   RecordingHeader header_;
+  RecordingColumns columns_;
   ResampleReport report_;
   std::int64_t start_ns_ = 0;
   std::uint64_t finer_ = 1;

@@ -116,6 +116,21 @@ Type event_column_type(const layout::EventColumn& column) {
   return Type(H5Tcopy(column.bytes == sizeof(double) ? H5T_IEEE_F64LE : H5T_STD_I32LE));
 }
 
+Type contact_type() {
+  using Row = layout::ContactRow;
+  Type type(H5Tcreate(H5T_COMPOUND, Row::kBytes));
+  const hsize_t width = 3;
+  const Type vector(H5Tarray_create2(H5T_IEEE_F64LE, 1, &width));
+  H5Tinsert(type.get(), "time", Row::kTime, H5T_IEEE_F64LE);
+  H5Tinsert(type.get(), "tick", Row::kTick, H5T_STD_U64LE);
+  H5Tinsert(type.get(), "object", Row::kObject, H5T_STD_U32LE);
+  H5Tinsert(type.get(), "proxy", Row::kProxy, vector.get());
+  H5Tinsert(type.get(), "normal", Row::kNormal, vector.get());
+  H5Tinsert(type.get(), "depth", Row::kDepth, H5T_IEEE_F64LE);
+  H5Tinsert(type.get(), "force", Row::kForce, vector.get());
+  return type;
+}
+
 Type overview_type() {
   std::size_t bytes = 0;
   for (const layout::OverviewField& field : layout::overview_fields()) bytes += field.bytes();
@@ -325,6 +340,7 @@ RecordingColumns present_columns(hid_t file) {
   RecordingColumns columns;
   for (const layout::Column& column : layout::columns())
     if (column.option != nullptr && exists(file, column.path())) columns.*column.option = true;
+  columns.contacts = exists(file, layout::kContacts);
   return columns;
 }
 

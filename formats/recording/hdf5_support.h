@@ -87,6 +87,9 @@ Type event_type(H5T_cset_t characters = H5T_CSET_UTF8);
 /// unchanged.
 Type event_column_type(const layout::EventColumn& column);
 
+/// Returns the type of a row of /contacts, see layout::ContactRow.
+Type contact_type();
+
 /// Returns the type of a row of /overview, see layout::overview_fields().
 Type overview_type();
 

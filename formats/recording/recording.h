@@ -18,6 +18,15 @@
 
 namespace haptrace {
 
+/// The scene of a session, as its recording keeps it.
+struct RecordedScene {
+  std::string text;                          ///< of the scene file; empty: the session had no scene
+  std::vector<std::string> objects;          ///< names, in the order of ContactSample::object
+  std::map<std::string, std::string> files;  ///< files that the scene names, and their hashes
+
+  [[nodiscard]] bool empty() const noexcept { return text.empty(); }
+};
+
 /// Root attributes of a recording.
 struct RecordingHeader {
   std::string format_version = "1.1";
@@ -36,6 +45,7 @@ struct RecordingHeader {
   /// Warnings of the session, known once it has ended: see json_of(warnings) in formats/documents/warning_json.h.
   nlohmann::json warnings = nlohmann::json::array();
 
+  RecordedScene scene;
   std::map<std::string, std::string> meta;  ///< further metadata of the experimenter, by key
 
   /// In a recording of several files: the number of this part, from 1, and the uuid of the first one. 0: a single file.
@@ -69,6 +79,7 @@ struct RecordingColumns {
   bool guidance = false;   ///< reference_force and progress
   bool tunnel = false;     ///< tunnel_radius
   bool reference_orientation = false;
+  bool contacts = false;  ///< the table /contacts, beside /samples
 };
 
 /// Returns the size of a row without compression [bytes].
@@ -115,6 +126,8 @@ class RecordingWriter {
   /// Cuts a text beyond kLongestEventText after a whole character, and ends it with "...".
   void append(const StoredEvent& event);
   void append(const ClockReading& reading);
+  /// Appends contacts in order. Without `columns.contacts` they are left out.
+  void append(std::span<const ContactSample> contacts);
 
   /// Makes everything appended so far visible to readers and safe from the death of this process. With filtered
   /// storage, this applies to whole chunks only.
@@ -227,6 +240,15 @@ class RecordingReader {
   [[nodiscard]] std::uint64_t checksum_rows() const noexcept;  ///< per checksum in the first part; 1 without any
 
   [[nodiscard]] std::vector<StoredEvent> events() const;
+  /// Returns the number of contacts; 0 if the recording has no table of them.
+  [[nodiscard]] std::uint64_t contact_rows() const;
+  /// Reads contacts [first, first + count), fewer at the end, in the order of their times. Throws like read().
+  [[nodiscard]] std::vector<ContactSample> contacts(std::uint64_t first, std::uint64_t count) const;
+  /// Returns the first contact whose time is at least `time_ns`; contact_rows() if there is none. Costs O(log rows).
+  [[nodiscard]] std::uint64_t contact_at(std::int64_t time_ns) const;
+  /// Reads all contacts and reports those that differ from the recorded ones to on_damage(); without it, throws.
+  void verify_contacts() const;
+
   [[nodiscard]] std::vector<ClockReading> clocks() const;  ///< of the file, or of all parts; empty for older files
 
   /// Returns summaries of consecutive blocks that cover all rows. Stored summaries take milliseconds at any length. For

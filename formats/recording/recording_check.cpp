@@ -452,6 +452,31 @@ void check_clocks(hid_t file, const RecordingReader& reader, Findings& findings)
       findings.add_row(Severity::problem, layout::kClocks, i, "order", "does not come after the reading before");
 }
 
+/// Checks the rules of /contacts.
+void check_contacts(const RecordingReader& reader, Findings& findings) {
+  if (!reader.columns().contacts) return;
+  constexpr double kSlack = 1e-6;  // of a unit vector's length
+  const std::size_t objects = reader.header().scene.objects.size();
+  std::optional<ContactSample> before;
+  for (std::uint64_t first = 0; first < reader.contact_rows(); first += kCheckedBlock) {
+    const std::vector<ContactSample> block = reader.contacts(first, kCheckedBlock);
+    for (std::size_t i = 0; i < block.size(); ++i) {
+      const ContactSample& contact = block[i];
+      const auto add = [&](const char* kind, const char* what) {
+        findings.add_row(Severity::problem, layout::kContacts, first + i, kind, what);
+      };
+      if (before && std::pair(contact.tick, contact.object) <= std::pair(before->tick, before->object))
+        add("order", "does not come after the contact before, in the order of ticks and objects");
+      if (objects > 0 && contact.object >= objects) add("object", "names an object that the scene does not have");
+      if (!is_finite(contact.proxy) || !is_finite(contact.force) || !std::isfinite(contact.depth))
+        add("finite", "is not finite");
+      if (!(std::abs(contact.normal.norm() - 1) < kSlack)) add("normal", "has a normal that is no unit vector");
+      before = contact;
+    }
+  }
+  reader.verify_contacts();
+}
+
 /// Checks that /event_list equals /events. Files before 1.1 have none.
 void check_event_list(hid_t file, const std::vector<StoredEvent>& events, Findings& findings) {
   for (const layout::EventColumn& column : layout::kEventColumns) {
@@ -521,6 +546,7 @@ void check_values(hid_t file, const std::string& name, const std::function<void(
   }
   check_events(events, begin, laws.end(), findings);
   check_clocks(file, reader, findings);
+  check_contacts(reader, findings);
   if (reader.header().complete) check_event_list(file, events, findings);
 }
 

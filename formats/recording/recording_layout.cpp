@@ -283,8 +283,36 @@ const char* to_string(Element element) {
   return kElements.name(element);
 }
 
+std::array<std::byte, ContactRow::kBytes> pack(const ContactSample& contact) {
+  std::array<std::byte, ContactRow::kBytes> row{};
+  const double time = 1e-9 * static_cast<double>(contact.time_ns);
+  const auto put = [&](std::size_t at, const auto& value, std::size_t bytes) { std::memcpy(&row[at], &value, bytes); };
+  put(ContactRow::kTime, time, sizeof time);
+  put(ContactRow::kTick, contact.tick, sizeof contact.tick);
+  put(ContactRow::kObject, contact.object, sizeof contact.object);
+  put(ContactRow::kProxy, *contact.proxy.data(), 3 * sizeof(double));
+  put(ContactRow::kNormal, *contact.normal.data(), 3 * sizeof(double));
+  put(ContactRow::kDepth, contact.depth, sizeof contact.depth);
+  put(ContactRow::kForce, *contact.force.data(), 3 * sizeof(double));
+  return row;
+}
+
+ContactSample unpack_contact(const std::byte* row) {
+  ContactSample contact;
+  double time = 0;
+  std::memcpy(&time, row + ContactRow::kTime, sizeof time);
+  contact.time_ns = std::abs(time) < kLongestTime ? std::llround(1e9 * time) : 0;
+  std::memcpy(&contact.tick, row + ContactRow::kTick, sizeof contact.tick);
+  std::memcpy(&contact.object, row + ContactRow::kObject, sizeof contact.object);
+  std::memcpy(contact.proxy.data(), row + ContactRow::kProxy, 3 * sizeof(double));
+  std::memcpy(contact.normal.data(), row + ContactRow::kNormal, 3 * sizeof(double));
+  std::memcpy(&contact.depth, row + ContactRow::kDepth, sizeof contact.depth);
+  std::memcpy(contact.force.data(), row + ContactRow::kForce, 3 * sizeof(double));
+  return contact;
+}
+
 std::vector<std::string> paths() {
-  std::vector<std::string> paths{kMeta, kEvents, kOverview, kChecksums, kClocks, kEventList};
+  std::vector<std::string> paths{kMeta, kScene, kContacts, kEvents, kOverview, kChecksums, kClocks, kEventList};
   for (const EventColumn& column : kEventColumns) paths.emplace_back(column.path);
   for (const Column& column : columns()) paths.push_back(column.path());
   return paths;

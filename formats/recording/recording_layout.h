@@ -103,6 +103,27 @@ inline constexpr std::array<EventColumn, 3> kEventColumns{
      {"/event_list/text", EventRow::kText, EventRow::kTextBytes, "1"}}};
 inline constexpr const char* kEventListDescription = "the same as in /events, for programs that read no compounds";
 
+/// Byte layout of a row of /contacts, a compound type.
+struct ContactRow {
+  static constexpr std::size_t kTime = 0, kTick = 8, kObject = 16, kProxy = 20, kNormal = 44, kDepth = 68, kForce = 76,
+                               kBytes = 100;
+};
+inline constexpr const char* kContacts = "/contacts";
+inline constexpr const char* kContactUnits = "time: s, proxy: m, depth: m, force: N";
+inline constexpr const char* kContactDescription =
+    "contacts with the objects of the scene, one row per tick and object: index of the object from 0, where its "
+    "surface holds the tool back, normal out of it, depth of the tool behind that place, force of the object alone";
+std::array<std::byte, ContactRow::kBytes> pack(const ContactSample& contact);
+ContactSample unpack_contact(const std::byte* row);
+inline constexpr const char* kContactsChecksum = "contacts_checksum";
+
+/// Group that describes the scene of a session: attributes with the scene file's text and the names of its objects, and
+/// one for each file that the scene names, with that file's hash.
+inline constexpr const char* kScene = "/scene";
+inline constexpr const char* kSceneText = "text";
+inline constexpr const char* kSceneObjects = "objects";
+inline constexpr const char* kSceneFile = "file:";  ///< prefix of the attribute of a file
+
 /// A field of a row of /overview and its member of RecordingSummary: one or three numbers of 8 bytes.
 struct OverviewField {
   const char* name;

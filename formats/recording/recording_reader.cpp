@@ -30,6 +30,25 @@ std::map<std::string, std::string> read_meta(hid_t file) {
   return meta;
 }
 
+RecordedScene read_scene_group(hid_t file, const std::string& name) {
+  RecordedScene scene;
+  if (!hdf5::exists(file, layout::kScene)) return scene;
+  const hdf5::Object group = hdf5::open_object(file, layout::kScene);
+  const std::string prefix = layout::kSceneFile;
+  for (const std::string& key : hdf5::attribute_names(group.get())) {
+    std::string value;
+    if (!hdf5::read_attribute(group.get(), key.c_str(), value)) continue;
+    if (key == layout::kSceneText) scene.text = value;
+    if (key == layout::kSceneObjects) {
+      const nlohmann::json names = parse_json(value, fmt::format("{}: {}", name, layout::kScene));
+      for (const nlohmann::json& object : names)
+        if (object.is_string()) scene.objects.push_back(object.get<std::string>());
+    }
+    if (key.starts_with(prefix)) scene.files.emplace(key.substr(prefix.size()), value);
+  }
+  return scene;
+}
+
 /// Receives the messages of failed reads. Null: these errors are thrown.
 using Lost = std::vector<std::string>*;
 
@@ -83,6 +102,7 @@ RecordingHeader read_header(hid_t root, const std::string& file, Lost lost) {
         attribute.member);
   check_version(file, header.format_version, lost);
   tolerate(lost, [&] { header.meta = read_meta(root); });
+  tolerate(lost, [&] { header.scene = read_scene_group(root, file); });
   return header;
 }
 
@@ -135,7 +155,7 @@ class RecordingReader::Part {
     hdf5::read_attribute(root.get(), "complete", header_.complete);
     hdf5::read_attribute(root.get(), layout::kContinued, header_.continued);
     hdf5::checked(H5Drefresh(events_.get()), what);
-    for (const hdf5::Dataset* dataset : {&overview_, &checksums_, &clocks_})
+    for (const hdf5::Dataset* dataset : {&contacts_, &overview_, &checksums_, &clocks_})
       if (*dataset) hdf5::checked(H5Drefresh(dataset->get()), what);
     for (const Opened& entry : opened_) hdf5::checked(H5Drefresh(entry.dataset.get()), what);
     count_rows();
@@ -179,6 +199,7 @@ class RecordingReader::Part {
     const auto attributes = layout::attributes();
     for (const std::string& name : hdf5::attribute_names(file_.get()))
       if (name != "format" && name != layout::kEventsChecksum && name != layout::kOverviewChecksum &&
+          name != layout::kContactsChecksum &&
           std::none_of(attributes.begin(), attributes.end(), [&](const auto& ours) { return name == ours.name; }))
         found.push_back("/@" + name);
   }
@@ -208,6 +229,36 @@ class RecordingReader::Part {
     }
     if (is_other(layout::kEventsChecksum, sum))
       tell({name_, layout::kEvents, 0, std::max<hsize_t>(count, 1), kNotRecorded}, told);
+  }
+
+  [[nodiscard]] std::uint64_t contact_rows() const { return contacts_ ? hdf5::shape(contacts_.get())[0] : 0; }
+
+  /// Appends contacts [first, first + count), which must be there. `sum`: takes their bytes; may be null.
+  void append_contacts(std::uint64_t first, std::uint64_t count, std::vector<ContactSample>& contacts,
+                       layout::Checksum* sum) const {
+    const hdf5::Type type = hdf5::contact_type();
+    std::vector<std::byte> rows;
+    for (std::uint64_t done = 0; done < count; done += kReadBlock) {
+      const hsize_t block = std::min<hsize_t>(kReadBlock, count - done);
+      rows.resize(block * layout::ContactRow::kBytes);
+      hdf5::read_rows(contacts_.get(), fmt::format("{}: {}", name_, layout::kContacts), type.get(), first + done, block,
+                      rows.data());
+      if (sum != nullptr) sum->add(rows);
+      for (std::size_t row = 0; row < block; ++row)
+        contacts.push_back(layout::unpack_contact(rows.data() + row * layout::ContactRow::kBytes));
+    }
+  }
+
+  /// Reports contacts that differ from the recorded ones.
+  void verify_contacts(const Told& told) const {
+    layout::Checksum sum;
+    std::vector<ContactSample> block;
+    for (std::uint64_t first = 0; first < contact_rows(); first += kReadBlock) {
+      block.clear();
+      append_contacts(first, std::min<std::uint64_t>(kReadBlock, contact_rows() - first), block, &sum);
+    }
+    if (is_other(layout::kContactsChecksum, sum))
+      tell({name_, layout::kContacts, 0, std::max<std::uint64_t>(contact_rows(), 1), kNotRecorded}, told);
   }
 
   /// Omits a reading that differs from the recorded one, and reports it if there is `told`: the other readings agree
@@ -309,6 +360,7 @@ class RecordingReader::Part {
       if (!missing.empty())
         throw input_error(fmt::format("{}: is not a complete recording: it lacks {}", name_, fmt::join(missing, ", ")));
     });
+    tolerate(lost, [&] { open_contacts(); });
     open_overview();
     open_clocks();
     tolerate(lost, [&] { open_checksums(); });
@@ -329,6 +381,16 @@ class RecordingReader::Part {
     if (H5Tget_class(type.get()) == H5T_COMPOUND && hdf5::shape(events_.get()).size() == 1) return;
     events_ = hdf5::Dataset{};
     throw input_error(fmt::format("{}: {} is not a list of time, code and text", name_, layout::kEvents));
+  }
+
+  void open_contacts() {
+    contacts_ = open(layout::kContacts);
+    if (!contacts_) return;
+    const hdf5::Type row(H5Dget_type(contacts_.get()));
+    if (H5Tequal(row.get(), hdf5::contact_type().get()) > 0 && hdf5::shape(contacts_.get()).size() == 1)
+      return check_length(layout::kContacts, hdf5::shape(contacts_.get())[0]);
+    contacts_ = hdf5::Dataset{};
+    throw input_error(fmt::format("{}: {} is not a list of contacts", name_, layout::kContacts));
   }
 
   // If the following datasets are absent or have another shape, that costs time or information, but no data.
@@ -551,7 +613,7 @@ class RecordingReader::Part {
   RecordingHeader header_;
   RecordingColumns columns_;
   std::vector<Opened> opened_;  ///< time is the first
-  hdf5::Dataset events_, overview_, checksums_, clocks_;
+  hdf5::Dataset events_, contacts_, overview_, checksums_, clocks_;
   std::uint64_t rows_ = 0;
   std::uint64_t checksum_rows_ = 0;  ///< per block, except the last
   std::size_t checksum_columns_ = 0;
@@ -744,6 +806,47 @@ std::vector<StoredEvent> RecordingReader::events() const {
   std::vector<StoredEvent> events;
   for (const auto& part : parts_) part->append_events(events, told_);
   return events;
+}
+
+std::uint64_t RecordingReader::contact_rows() const {
+  const hdf5::Silence silence;
+  std::uint64_t rows = 0;
+  for (const auto& part : parts_) rows += part->contact_rows();
+  return rows;
+}
+
+std::vector<ContactSample> RecordingReader::contacts(std::uint64_t first, std::uint64_t count) const {
+  const hdf5::Silence silence;
+  std::vector<ContactSample> contacts;
+  for (const auto& part : parts_) {
+    const std::uint64_t rows = part->contact_rows();
+    if (first < rows) {
+      const std::uint64_t here = std::min(count, rows - first);
+      part->append_contacts(first, here, contacts, nullptr);
+      count -= here;
+      first = 0;
+    } else {
+      first -= rows;
+    }
+  }
+  return contacts;
+}
+
+std::uint64_t RecordingReader::contact_at(std::int64_t time_ns) const {
+  std::uint64_t low = 0, high = contact_rows();
+  while (low < high) {
+    const std::uint64_t middle = low + (high - low) / 2;
+    if (contacts(middle, 1).front().time_ns < time_ns)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  return low;
+}
+
+void RecordingReader::verify_contacts() const {
+  const hdf5::Silence silence;
+  for (const auto& part : parts_) part->verify_contacts(told_);
 }
 
 std::vector<ClockReading> RecordingReader::clocks() const {

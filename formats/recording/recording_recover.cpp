@@ -284,6 +284,15 @@ void copy_part(RecordingReader& reader, const std::string& name, const std::stri
     recovery.notes.push_back(fmt::format("the events are lost: {}", error.what()));
     recovery.damaged = true;
   }
+  try {
+    constexpr std::uint64_t kBlock = 8192;
+    for (std::uint64_t first = 0; first < reader.contact_rows(); first += kBlock)
+      writer.append(std::span<const ContactSample>(reader.contacts(first, kBlock)));
+    reader.verify_contacts();
+  } catch (const Error& error) {
+    recovery.notes.push_back(fmt::format("contacts are lost: {}", error.what()));
+    recovery.damaged = true;
+  }
   reader.on_damage([&](const Damage& damage) {
     recovery.notes.push_back(fmt::format("{}: {}[{}] is lost: it {}", name, damage.path, damage.first, damage.what));
     recovery.damaged = true;
@@ -341,6 +350,7 @@ bool is_whole(RecordingReader& reader, const std::string& file) {
   try {
     (void)reader.events();
     (void)reader.clocks();
+    reader.verify_contacts();
     (void)reader.overview();
   } catch (const Error&) {
     return false;

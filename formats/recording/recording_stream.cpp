@@ -32,11 +32,15 @@ class Hdf5Source final : public RecordingSource {
   std::span<const Sample> next() override {
     block_ = reader_.read(row_, kSourceBlock);
     row_ += block_.size();
+    take_contacts();
     return block_;
   }
 
+  [[nodiscard]] std::span<const ContactSample> contacts() const override { return contacts_; }
+
   void skip_to(std::int64_t time_ns) override {
     if (reader_.rows() > 0) row_ = std::max(row_, reader_.row_at(time_ns));
+    contact_ = std::max(contact_, reader_.contact_at(time_ns));
   }
 
   [[nodiscard]] double fraction() const override {
@@ -51,10 +55,25 @@ class Hdf5Source final : public RecordingSource {
   }
 
  private:
+  /// Takes the contacts up to the end of the block.
+  void take_contacts() {
+    contacts_.clear();
+    if (block_.empty() || !reader_.columns().contacts) return;
+    for (;;) {
+      const std::vector<ContactSample> next = reader_.contacts(contact_, kSourceBlock);
+      const auto end = std::find_if(next.begin(), next.end(),
+                                    [&](const ContactSample& contact) { return contact.tick > block_.back().tick; });
+      contacts_.insert(contacts_.end(), next.begin(), end);
+      contact_ += static_cast<std::uint64_t>(end - next.begin());
+      if (end != next.end() || next.empty()) return;
+    }
+  }
+
   RecordingReader reader_;
   RecordingHeader header_;
-  std::uint64_t row_ = 0;
+  std::uint64_t row_ = 0, contact_ = 0;
   std::vector<Sample> block_;
+  std::vector<ContactSample> contacts_;
 };
 
 class Hdf5Sink final : public RecordingSink {
@@ -68,6 +87,7 @@ class Hdf5Sink final : public RecordingSink {
   }
 
   void append(std::span<const Sample> samples) override { writer_.append(samples); }
+  void append_contacts(std::span<const ContactSample> contacts) override { writer_.append(contacts); }
   void finish() override {
     writer_.finish();
     output_.commit();
@@ -139,6 +159,8 @@ class Cut final : public RecordingSource {
     return block_;
   }
 
+  [[nodiscard]] std::span<const ContactSample> contacts() const override { return contacts_; }
+
   [[nodiscard]] double fraction() const override { return done_ ? 1 : source_->fraction(); }
   [[nodiscard]] std::vector<std::string> notes() const override {
     std::vector<std::string> notes = source_->notes();
@@ -164,6 +186,7 @@ class Cut final : public RecordingSource {
   /// Stops at a block that lies entirely after the end. A single stamp that jumps ahead does not stop it.
   void take(std::span<const Sample> samples) {
     block_.clear();
+    contacts_.clear();
     done_ = done_ || std::all_of(samples.begin(), samples.end(), [&](const Sample& s) { return s.time_ns > to_; });
     if (done_) return;
     for (const Sample& sample : samples) {
@@ -173,6 +196,11 @@ class Cut final : public RecordingSource {
       block_.push_back(sample);
       block_.back().time_ns -= start_;
     }
+    for (const ContactSample& contact : source_->contacts()) {
+      if (!started_ || contact.time_ns < start_ || contact.time_ns > to_) continue;
+      contacts_.push_back(contact);
+      contacts_.back().time_ns -= start_;
+    }
   }
 
   std::unique_ptr<RecordingSource> source_;
@@ -180,6 +208,7 @@ class Cut final : public RecordingSource {
   std::int64_t from_, to_, start_ = 0;
   bool first_taken_ = false, started_ = false, done_ = false;
   std::vector<Sample> block_;
+  std::vector<ContactSample> contacts_;
 };
 
 class Observed final : public RecordingSource {
@@ -199,6 +228,7 @@ class Observed final : public RecordingSource {
     see_(block);
     return block;
   }
+  [[nodiscard]] std::span<const ContactSample> contacts() const override { return source_->contacts(); }
 
  private:
   std::unique_ptr<RecordingSource> source_;
@@ -288,6 +318,7 @@ std::uint64_t copy(RecordingSource& source, RecordingSink& sink, const CopyProgr
   std::uint64_t rows = 0;
   for (std::span<const Sample> block = source.next(); !block.empty(); block = source.next()) {
     sink.append(block);
+    sink.append_contacts(source.contacts());
     rows += block.size();
     if (progress.report) progress.report(source.fraction());
     if (progress.stopped && progress.stopped()) return rows;

@@ -36,6 +36,9 @@ class RecordingSource {
   /// damage, naming file and row.
   virtual std::span<const Sample> next() = 0;
 
+  /// Returns the contacts of the samples that next() returned last. A source whose columns() have none has none.
+  [[nodiscard]] virtual std::span<const ContactSample> contacts() const { return {}; }
+
   /// Skips samples before `time_ns` if that is quick. Some may still come.
   virtual void skip_to(std::int64_t time_ns) { (void)time_ns; }
 
@@ -53,6 +56,8 @@ class RecordingSink {
   virtual ~RecordingSink() = default;
   /// Throws Error if a write to the disk fails.
   virtual void append(std::span<const Sample> samples) = 0;
+  /// Takes the contacts of these samples. Text formats have no place for them.
+  virtual void append_contacts(std::span<const ContactSample> contacts) { (void)contacts; }
   /// Completes the file. Throws like append.
   virtual void finish() = 0;
 };

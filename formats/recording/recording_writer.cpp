@@ -59,6 +59,14 @@ std::vector<std::byte> overview_row(const RecordingSummary& block) {
   return row;
 }
 
+/// Returns the fill value of /contacts.
+std::vector<std::byte> no_contact() {
+  const auto row = layout::pack({.depth = kNaN, .force = nan3()});
+  std::vector<std::byte> fill(row.begin(), row.end());
+  std::memcpy(fill.data() + layout::ContactRow::kTime, &kNaN, sizeof kNaN);
+  return fill;
+}
+
 std::vector<std::byte> event_row(const StoredEvent& event) {
   std::vector<std::byte> row(layout::EventRow::kBytes);
   std::memcpy(row.data() + layout::EventRow::kTime, &event.time, sizeof event.time);
@@ -287,6 +295,21 @@ void make_utf8(RecordingHeader& header) {
   std::map<std::string, std::string> meta;
   for (const auto& [key, value] : header.meta) meta[utf8_text(key)] = utf8_text(value);
   header.meta = std::move(meta);
+  header.scene.text = utf8_text(header.scene.text);
+  for (std::string& name : header.scene.objects) name = utf8_text(name);
+}
+
+/// Attributes of any size have their place outside the group's header.
+void create_scene(hid_t file, const RecordedScene& scene) {
+  if (scene.empty()) return;
+  const hdf5::Properties creation(H5Pcreate(H5P_GROUP_CREATE));
+  H5Pset_attr_phase_change(creation.get(), 0, 0);
+  const hdf5::Group group(
+      checked(H5Gcreate2(file, layout::kScene, H5P_DEFAULT, creation.get(), H5P_DEFAULT), layout::kScene));
+  hdf5::create_attribute(group.get(), layout::kSceneText, scene.text);
+  hdf5::create_attribute(group.get(), layout::kSceneObjects, dump(nlohmann::json(scene.objects)));
+  for (const auto& [name, hash] : scene.files)
+    hdf5::create_attribute(group.get(), (layout::kSceneFile + name).c_str(), hash);
 }
 
 void create_attributes(hid_t file, const RecordingHeader& header) {
@@ -304,6 +327,7 @@ void create_attributes(hid_t file, const RecordingHeader& header) {
         },
         attribute.member);
   }
+  create_scene(file, header.scene);
   if (header.meta.empty()) return;
   const hdf5::Properties creation(H5Pcreate(H5P_GROUP_CREATE));
   H5Pset_attr_phase_change(creation.get(), 64, 0);
@@ -397,7 +421,7 @@ class RecordingWriter::File {
     } catch (const Error& error) {
       if (file_) close_broken();
       kept_elsewhere_ = error.kind() == Error::Kind::fault;
-      in_file_ = kept_elsewhere_ ? Content{rows_, events_->rows()} : content().value_or(in_file_);
+      in_file_ = kept_elsewhere_ ? all() : content().value_or(in_file_);
       fail(kept_elsewhere_
                ? error.what()
                : fmt::format("{}: recording stopped after {} samples: {}", name_, in_file_.rows, error.what()));
@@ -435,6 +459,11 @@ class RecordingWriter::File {
 
   void append(const StoredEvent& event) { append_event(event_row(event)); }
 
+  void append(std::span<const ContactSample> contacts) {
+    if (!contacts_) return;
+    for (const ContactSample& contact : contacts) append_contact(layout::pack(contact));
+  }
+
   void append(const ClockReading& reading) {
     const layout::ClockRow row = layout::pack(reading);
     clocks_->append_and_write_full(std::as_bytes(std::span(row)));
@@ -443,7 +472,8 @@ class RecordingWriter::File {
   void flush() {
     if (!filtered_) write_samples();
     write_rest();
-    in_file_ = {tables_.front().rows_written(), events_->rows()};
+    in_file_ = all();
+    in_file_.rows = tables_.front().rows_written();
     claim_room();
   }
 
@@ -480,6 +510,12 @@ class RecordingWriter::File {
     const Table& events = *broken.events_;
     for (hsize_t row = std::max<hsize_t>(broken.in_file_.events, events.first_held()); row < events.rows(); ++row)
       append_event({events.held(row), layout::EventRow::kBytes});
+    if (contacts_ && broken.contacts_) {
+      const Table& contacts = *broken.contacts_;
+      for (hsize_t row = std::max<hsize_t>(broken.in_file_.contacts, contacts.first_held()); row < contacts.rows();
+           ++row)
+        append_contact({contacts.held(row), layout::ContactRow::kBytes});
+    }
     flush();
     return first - broken.in_file_.rows;
   }
@@ -494,6 +530,7 @@ class RecordingWriter::File {
     std::uint64_t bytes = size() + kIndexes;
     for (const Table& table : tables_) bytes += table.growth(more);
     bytes += events_->growth(kEventsPerChunk) + clocks_->growth(1);
+    if (contacts_) bytes += contacts_->growth(more);
     for (const Table& table : event_list_) bytes += table.growth(kEventsPerChunk);
     bytes += overview_->growth(more / layout::kOverviewRows + 2);
     return bytes + checksums_->growth(more / rows_per_chunk_ + 2);
@@ -529,8 +566,11 @@ class RecordingWriter::File {
   }
 
   struct Content {
-    std::uint64_t rows = 0, events = 0;
+    std::uint64_t rows = 0, events = 0, contacts = 0;
   };
+
+  /// Returns what was appended.
+  [[nodiscard]] Content all() const { return {rows_, events_->rows(), contacts_ ? contacts_->rows() : 0}; }
 
   /// Returns the content of the file on the disk, as readers see it now; nothing if it cannot be read, and no rows if
   /// another file has its name.
@@ -538,7 +578,7 @@ class RecordingWriter::File {
     try {
       const RecordingReader reader(name_, RecordingReader::Parts::this_file);
       if (reader.header().uuid != uuid_) return Content{};
-      return Content{reader.rows(), reader.events().size()};
+      return Content{reader.rows(), reader.events().size(), reader.contact_rows()};
     } catch (const std::exception&) {
       return std::nullopt;
     }
@@ -573,6 +613,11 @@ class RecordingWriter::File {
           row.subspan(layout::kEventColumns[i].offset, layout::kEventColumns[i].bytes));
   }
 
+  void append_contact(std::span<const std::byte> row) {
+    contacts_sum_.add(row);
+    contacts_->append_and_write_full(row);
+  }
+
   /// Puts rows into the tables, which must have room. Returns the rows as readers will see them.
   std::span<const Sample> put(std::span<const Sample> samples) {
     bool rounded = false;
@@ -600,6 +645,7 @@ class RecordingWriter::File {
   void write_rest() {
     require_ours();
     events_->write();
+    if (contacts_) contacts_->write();
     for (Table& table : event_list_) table.write();
     overview_->write();
     clocks_->write();
@@ -613,6 +659,7 @@ class RecordingWriter::File {
     checksums_->write();
     hdf5::update_attribute(file_.get(), layout::kEventsChecksum, events_sum_.take());
     hdf5::update_attribute(file_.get(), layout::kOverviewChecksum, overview_sum_.take());
+    if (contacts_) hdf5::update_attribute(file_.get(), layout::kContactsChecksum, contacts_sum_.take());
     write_rest();
   }
 
@@ -652,7 +699,7 @@ class RecordingWriter::File {
   void close() {
     release();
     if (!file_.close()) throw input_error("cannot be closed: " + hdf5::last_error());
-    in_file_ = {rows_, events_->rows()};
+    in_file_ = all();
     struct stat status {};
     if (fstat(reserve_->descriptor(), &status) == 0 && status.st_nlink == 0) rescue(reserve_->descriptor(), name_);
     reserve_.reset();
@@ -677,7 +724,7 @@ class RecordingWriter::File {
   void for_each_table(const Visit& visit) {
     for (Table& table : tables_) visit(table);
     for (Table& table : event_list_) visit(table);
-    for (std::optional<Table>* table : {&events_, &overview_, &checksums_, &clocks_})
+    for (std::optional<Table>* table : {&events_, &contacts_, &overview_, &checksums_, &clocks_})
       if (*table) visit(**table);
   }
 
@@ -701,6 +748,11 @@ class RecordingWriter::File {
       tables_.emplace_back(file_.get(), column, rows_per_chunk_, options.storage);
     }
     const hid_t file = file_.get();
+    if (chosen.contacts) {
+      hdf5::create_attribute(file, layout::kContactsChecksum, std::uint64_t{0});
+      contacts_.emplace(file, layout::kContacts, hdf5::contact_type().get(), 1, std::min(rows_per_chunk_, kPlainRows),
+                        layout::kContactUnits, layout::kContactDescription, no_contact());
+    }
     events_.emplace(file, layout::kEvents, hdf5::event_type().get(), 1, kEventsPerChunk, layout::kEventUnits,
                     layout::kEventDescription, event_row({kNaN, 0, ""}));
     const hdf5::Group list(
@@ -761,11 +813,11 @@ class RecordingWriter::File {
   std::vector<const layout::Column*> columns_;
   std::vector<Table> tables_;      ///< one per column
   std::vector<Table> event_list_;  ///< one per column of /event_list
-  std::optional<Table> events_, overview_, checksums_, clocks_;
+  std::optional<Table> events_, contacts_, overview_, checksums_, clocks_;
   std::vector<Sample> rounded_;
   std::vector<Sample> waiting_;  ///< samples that reached no table before the failure
   Summariser summariser_;        ///< of the rows that are not in /overview yet
-  layout::Checksum events_sum_, overview_sum_;
+  layout::Checksum events_sum_, contacts_sum_, overview_sum_;
   std::uint64_t rows_ = 0;
   double last_time_ = 0;         ///< [s]
   Content in_file_;              ///< at the last flush, or at the failure
@@ -830,6 +882,10 @@ void RecordingWriter::append(std::span<const Sample> samples) {
 
 void RecordingWriter::append(const StoredEvent& event) {
   file_->guarded([&] { file_->append(event); });
+}
+
+void RecordingWriter::append(std::span<const ContactSample> contacts) {
+  file_->guarded([&] { file_->append(contacts); });
 }
 
 void RecordingWriter::append(const ClockReading& reading) {

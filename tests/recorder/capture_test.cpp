@@ -31,13 +31,15 @@ void PrintTo(const Kept& kept, std::ostream* out) {
 
 class List final : public Capture::Output {
  public:
-  void append(std::span<const Sample> samples) override {
+  void append(std::span<const Sample> samples, std::span<const ContactSample> touched) override {
     for (const Sample& s : samples) items.push_back({s.time_ns, static_cast<std::int64_t>(s.tick), 0, {}});
+    contacts.insert(contacts.end(), touched.begin(), touched.end());
   }
   void append(const StoredEvent& event) override {
     items.push_back({std::llround(1e9 * event.time), -1, event.code, event.text});
   }
   std::vector<Kept> items;
+  std::vector<ContactSample> contacts;
 };
 
 /// A session: samples with gaps in ticks and times, and events at any time, some at the time of a sample.
@@ -228,6 +230,32 @@ TEST(Capture, KeepsEverySampleWhileThePathOfAPlaybackWaitsForTheHand) {
                {{1 * kMs, EventCode::reference_waits, "waits"}, {3 * kMs, EventCode::reference_goes_on, "continues"}});
   EXPECT_FALSE(capture.paused());
   EXPECT_EQ(std::count_if(list.items.begin(), list.items.end(), [](const Kept& item) { return item.tick >= 0; }), 5);
+}
+
+TEST(Capture, KeepsTheContactsOfTheSamplesThatItKeeps) {
+  const auto touch = [](std::int64_t ms) {
+    return ContactSample{.tick = static_cast<std::uint64_t>(ms), .time_ns = ms * kMs};
+  };
+  List list;
+  Capture capture({.pre = 0.002}, list);
+  std::vector<Sample> samples;
+  std::vector<ContactSample> contacts;
+  for (int ms = 0; ms < 20; ++ms) {
+    samples.push_back(at(ms));
+    if (ms % 2 == 0) contacts.insert(contacts.end(), {touch(ms), touch(ms)});
+  }
+  capture.feed(
+      samples,
+      {{9 * kMs, EventCode::triggered, "now"}, {12 * kMs, EventCode::paused, "p"}, {17 * kMs, EventCode::resumed, "r"}},
+      contacts);
+  capture.finish();
+  std::vector<std::int64_t> ticks, times;
+  for (const ContactSample& contact : list.contacts) {
+    ticks.push_back(static_cast<std::int64_t>(contact.tick));
+    times.push_back(contact.time_ns / kMs);
+  }
+  EXPECT_EQ(ticks, (std::vector<std::int64_t>{8, 8, 10, 10, 18, 18}));
+  EXPECT_EQ(times, (std::vector<std::int64_t>{1, 1, 3, 3, 11, 11})) << "time 0 is 2 ms before the trigger";
 }
 
 TEST(Capture, RejectsAnInvalidTimeBeforeTheTrigger) {

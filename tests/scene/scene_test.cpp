@@ -201,6 +201,24 @@ TEST(RecordedScene, PushesTheToolOutAndReportsTheForceOnTheHand) {
   std::vector<int> codes;
   for (const StoredEvent& event : reader.events()) codes.push_back(event.code);
   EXPECT_THAT(codes, testing::IsSupersetOf({65, 66}));
+
+  const auto contacts = reader.contacts(0, reader.contact_rows());
+  ASSERT_FALSE(contacts.empty());
+  std::size_t i = 0;
+  for (const Sample& row : rows) {
+    if (!(row.position.z() < 0.03)) continue;
+    ASSERT_LT(i, contacts.size());
+    EXPECT_EQ(contacts[i].tick, row.tick);
+    EXPECT_EQ(contacts[i].time_ns, row.time_ns);
+    EXPECT_NEAR(contacts[i].proxy.z(), 0.03, 1e-12);
+    EXPECT_NEAR(contacts[i].depth, 0.03 - row.position.z(), 1e-12);
+    EXPECT_NEAR(contacts[i].force.z(), 800 * contacts[i].depth, 1e-9);
+    ++i;
+  }
+  EXPECT_EQ(i, contacts.size());
+  EXPECT_EQ(reader.header().scene.objects, std::vector<std::string>{"ball"});
+  EXPECT_NE(reader.header().scene.text.find("sphere"), std::string::npos);
+  EXPECT_TRUE(check_recording(folder / "touched.h5").empty());
 }
 
 TEST(RecordedScene, PushesAToolThatBeginsInsideOutSoftlyAndWarns) {
