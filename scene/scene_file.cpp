@@ -3,7 +3,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "scene/shape/shape_kinds.h"
-#include "scene/surface/elastic.h"
+#include "scene/surface/detailed.h"
 
 #include <array>
 #include <cmath>
@@ -53,7 +53,7 @@ std::unique_ptr<Object> read_object(JsonReader& reader, SceneFiles& files) {
   }
   try {
     shape = kind.read(of_shape ? *of_shape : reader, files);
-    surface = read_surface(of_surface ? *of_surface : reader);
+    surface = read_surface(of_surface ? *of_surface : reader, files);
   } catch (const Error& error) {
     const std::string text = error.what();
     throw input_error(text.starts_with(reader.where()) ? text : reader.where() + ": " + text);

@@ -47,6 +47,7 @@ struct SceneTiming {
   /// Distance from an object within which its contact states the nearest surface of an object that is not touched, for
   /// a prediction [m]. Shapes that know it at no cost state it at any distance.
   double ahead = 0;
+  double resolution = 0;  ///< distance between the device's positions; 0: not known [m]
 };
 
 }  // namespace haptrace

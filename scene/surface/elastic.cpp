@@ -12,9 +12,14 @@ constexpr double kMaxLead = 3;                // [ticks]
 }  // namespace
 
 ElasticSpec read_elastic(JsonReader& reader) {
-  return {.stiffness = reader.require("stiffness").number("stiffness", 0, 0, kMaxSurfaceStiffness),
-          .damping = reader.number("damping", 0, 0, kMaxSurfaceDamping),
-          .lead = reader.number("lead", 0, 0, kMaxLead)};
+  const double stiffness = reader.require("stiffness").number("stiffness", 0, 0, kMaxSurfaceStiffness);
+  ElasticSpec spec = read_damping(reader);
+  spec.stiffness = stiffness;
+  return spec;
+}
+
+ElasticSpec read_damping(JsonReader& reader) {
+  return {.damping = reader.number("damping", 0, 0, kMaxSurfaceDamping), .lead = reader.number("lead", 0, 0, kMaxLead)};
 }
 
 ElasticSurface::ElasticSurface(const ElasticSpec& spec) : spec_(spec) {
@@ -33,10 +38,6 @@ std::vector<Knob> ElasticSurface::knobs() const {
 
 void ElasticSurface::set(const std::string& knob, double level) {
   if (knob == "lead") spec_.lead = level;
-}
-
-std::unique_ptr<Surface> read_surface(JsonReader& reader) {
-  return std::make_unique<ElasticSurface>(read_elastic(reader));
 }
 
 }  // namespace haptrace

@@ -18,6 +18,8 @@ struct ElasticSpec {
 
 /// Reads the keys `stiffness` (required), `damping` and `lead`. Throws Error(input) naming the key.
 ElasticSpec read_elastic(JsonReader& reader);
+/// The same without `stiffness`, which stays 0.
+ElasticSpec read_damping(JsonReader& reader);
 
 /// Penalty force of Basdogan and Srinivasan, Fig. 6.2, with a damper that never pulls. For depth > 0 along the normal n
 /// and the velocity v:
@@ -62,8 +64,5 @@ class ElasticSurface final : public Surface {
 
 /// Returns the accuracy setting `lead`, which every surface has.
 Knob lead_knob(double level);
-
-/// Reads a surface: the plain one unless the keys name more.
-std::unique_ptr<Surface> read_surface(JsonReader& reader);
 
 }  // namespace haptrace

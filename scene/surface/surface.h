@@ -5,6 +5,8 @@
 #include "scene/touch.h"
 
 #include <array>
+#include <string>
+#include <vector>
 
 namespace haptrace {
 
@@ -42,6 +44,9 @@ class Surface : public Adjustable {
 
   /// Returns the distance in front of the surface within which a contact lasts [m].
   [[nodiscard]] virtual double reach() const noexcept { return 0; }
+
+  /// Returns notes for the user on the prepared surface: what the rate or the device does not do justice to.
+  [[nodiscard]] virtual std::vector<std::string> remarks() const { return {}; }
 
   /// Returns the contact, in the shape's frame. If the proxy is not touching, its force is zero, and the memory is
   /// new.

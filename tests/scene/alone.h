@@ -28,7 +28,10 @@ class Alone {
     (void)scene_->answer({.position = from_});
   }
 
-  Contact answer(const Touch& touch) { return scene_->answer(touch).contacts[0]; }
+  Contact answer(const Touch& touch) {
+    const SceneAnswer answer = scene_->answer(touch);
+    return answer.contacts.empty() ? Contact{} : answer.contacts[0];
+  }
   [[nodiscard]] const Object& object() const { return scene_->object(0); }
   [[nodiscard]] Scene& scene() { return *scene_; }
 

@@ -1,0 +1,67 @@
+// Dry and viscous friction of a contact.
+#pragma once
+
+#include "base/json_reader.h"
+#include "base/types.h"
+#include "scene/surface/surface.h"
+
+#include <cstdint>
+#include <optional>
+
+namespace haptrace {
+
+struct FrictionSpec {
+  double fixed = 0;    ///< static coefficient, 0 to 10; at least the dynamic one
+  double dynamic = 0;  ///< Coulomb coefficient while sliding, 0 to 10
+  double bristle = 0;  ///< stiffness before the tool slides [N/m], above 0 to 1e9
+  double damping = 0;  ///< of the bristle, before the tool slides [N s/m], 0 to 1e4
+  double viscous = 0;  ///< force per speed [N s/m], 0 to 100
+
+  /// The coefficients vary with the place: periodically along an axis of the shape's frame, ...
+  struct Periodic {
+    double period = 1e-3;       ///< [m]
+    double amplitude = 0;       ///< share of the coefficient, 0 to 1
+    Vec3 axis = Vec3::UnitX();  ///< unit
+  };
+  std::optional<Periodic> periodic;
+  /// ... or from grain to grain, with a normal distribution cut off at zero (Green and Salisbury 1997). Drawn from the
+  /// place, so that a second stroke feels the same.
+  struct Sandpaper {
+    double sigma = 0;     ///< of the coefficient, as a share of it
+    double grain = 1e-3;  ///< edge of a grain [m]
+    std::uint64_t seed = 0;
+  };
+  std::optional<Sandpaper> sandpaper;
+};
+
+/// Friction of Coulomb in series with a damped elastic bristle (Kikuuwe, Takesue, Sano, Mochiyama and Fujimoto 2006),
+/// by one implicit step a tick. The bristle is stretched by the tool's tangential movement. Where the surface turns,
+/// the bristle is projected onto it. The energy in the bristle, K z^2 / 2, is therefore never more than what the
+/// movement put in, on any shape, and sliding only takes energy.
+///
+/// Real-time: pull.
+class Friction {
+ public:
+  /// Throws Error(input) naming the value that is out of range.
+  explicit Friction(const FrictionSpec& spec);
+
+  /// Returns the force on the hand [N], and moves the bristle. `normal` is the surface's unit normal, `load` the normal
+  /// force [N]; no load, no friction.
+  [[nodiscard]] Vec3 pull(const Press& press, const Vec3& normal, double load, SurfaceMemory& memory) const noexcept;
+
+  /// Returns the energy in the bristle [J].
+  [[nodiscard]] double stored(const SurfaceMemory& memory) const noexcept {
+    return 0.5 * spec_.bristle * memory.bristle.squaredNorm();
+  }
+
+ private:
+  [[nodiscard]] double variation(const Vec3& place) const noexcept;
+
+  FrictionSpec spec_;
+};
+
+/// Reads {"static", "dynamic", "bristle", "damping", "viscous", "periodic": {...}, "sandpaper": {...}}. `bristle`
+/// defaults to `stiffness` [N/m].
+Friction read_friction(JsonReader reader, double stiffness);
+
+}  // namespace haptrace
