@@ -92,8 +92,8 @@ void ViewArguments::add_to(CLI::App& app) {
       ->capture_default_str()
       ->group("View");
   app.add_option("--view-token-file", token_file,
-                 "keep the address of --view PORT for several sessions: its token is in this file, which is written if "
-                 "it does not exist")
+                 "keep the addresses of --view PORT for several sessions: their tokens are in this file and in "
+                 "FILE.trainee, which are written if they do not exist")
       ->type_name("FILE")
       ->group("View");
   app.add_flag("--no-browser", no_browser, "print the addresses of --view only")->group("View");
@@ -111,12 +111,14 @@ LivePage::LivePage(const ViewArguments& arguments, const SessionArguments& sessi
     return;
   }
   require_page();
-  view_.emplace(LiveView::Options{.port = port_of(arguments.port),
-                                  .token = kept_token(arguments.token_file),
-                                  .control = arguments.control,
-                                  .steer = steered,
-                                  .on_page_lost = on_page_lost,
-                                  .stop_between = &stop_});
+  view_.emplace(LiveView::Options{
+      .port = port_of(arguments.port),
+      .token = kept_token(arguments.token_file),
+      .trainee_token = kept_token(arguments.token_file.empty() ? "" : arguments.token_file + ".trainee"),
+      .control = arguments.control,
+      .steer = steered,
+      .on_page_lost = on_page_lost,
+      .stop_between = &stop_});
   training_.emplace(*view_);
   sinks_.view = &view_->sink();
   const std::string address = view_->address(ViewRole::therapist);

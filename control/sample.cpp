@@ -87,6 +87,20 @@ const EventWords* words_of(EventCode code) noexcept {
   return found == std::end(kEventWords) ? nullptr : found;
 }
 
+const char* interruption_text(StopSource source) noexcept {
+  switch (source) {
+    case StopSource::page:
+      return "interrupted by a page of the view";
+    case StopSource::lost_page:
+      return "interrupted because the controlling page is silent";
+    case StopSource::command:
+      return "interrupted by a command";
+    case StopSource::user:
+      break;
+  }
+  return "interrupted";
+}
+
 bool is_of_event(std::string_view warning_code) noexcept {
   return std::any_of(std::begin(kEventWords), std::end(kEventWords),
                      [warning_code](const EventWords& words) { return words.severity && warning_code == words.name; });
@@ -121,7 +135,8 @@ std::string describe(const Event& event) {
     case EventCode::finished:
       return "finished";
     case EventCode::interrupted:
-      return "interrupted: releasing";
+      return std::string(interruption_text(a > 0 && a < 4 ? static_cast<StopSource>(a) : StopSource::user)) +
+             ": releasing";
     case EventCode::overrun:
       if (std::isfinite(c))
         return fmt::format("overrun: {:.0f} ticks missed, the exchange with the device took {:.1f} ms", a, 1e3 * c);

@@ -1,6 +1,7 @@
 // Data of one tick: the sample that a recording stores, and the events beside it.
 #pragma once
 
+#include "base/stop_request.h"
 #include "base/types.h"
 
 #include <array>
@@ -44,7 +45,7 @@ struct ContactSample {
 enum class EventCode : std::int32_t {
   started = 1,
   finished = 2,
-  interrupted = 3,         ///< SIGINT, SIGTERM or the caller asks to stop
+  interrupted = 3,         ///< something asks to stop; values: the StopSource
   overrun = 10,            ///< values: missed ticks, lateness [s], time of the exchange [s] if that is the cause
   samples_lost = 11,       ///< values: number of samples that found the ring full
   recovered = 12,          ///< from haptrace recover; values: samples kept, samples that could not be read
@@ -112,6 +113,9 @@ constexpr bool is_oscillation(EventCode code) noexcept {
   return code == EventCode::oscillation || code == EventCode::oscillation_stays ||
          (code >= EventCode::vibrates && code <= EventCode::torque_vibrates && code != EventCode::sways);
 }
+
+/// Returns the end of a session in words: "interrupted", and by what unless by the user.
+const char* interruption_text(StopSource source) noexcept;
 
 /// Returns one line of text, at most 127 bytes of UTF-8. Not for the tick: it allocates.
 std::string describe(const Event& event);

@@ -372,30 +372,38 @@ nlohmann::json to_json(const VibrationSummary& vibration) {
   return json;
 }
 
+/// Returns the name of what asked for a stop, for programs.
+static nlohmann::json name_of(StopSource source) {
+  constexpr std::array kNames{"user", "page", "lost_page", "command"};
+  return kNames.at(static_cast<std::size_t>(source));
+}
+
 nlohmann::json to_json(const SessionResult& result) {
   const ServoReport& servo = result.servo;
   // "samples" counts those in the file if there is a recording.
-  nlohmann::json json{{"samples", result.recording ? result.recording->written : servo.samples},
-                      {"session_samples", servo.samples},
-                      {"ticks", servo.samples + servo.stale},
-                      {"missed", servo.missed},
-                      {"overruns", servo.overruns},
-                      {"returns", servo.returns},
-                      {"gaps", servo.gaps},
-                      {"duration_s", servo.duration},
-                      {"away_s", servo.away},
-                      {"asked_rate_hz", servo.asked_rate},
-                      {"achieved_rate_hz", servo.achieved_rate()},
-                      {"tick_rate_hz", servo.exchange_rate()},
-                      {"max_force_n", servo.max_force},
-                      {"latency_s", to_json(servo.latency)},
-                      {"tick_s", to_json(servo.tick_time)},
-                      {"stopped_by", to_string(servo.cause)},
-                      {"zero_force", to_string(result.zero_force)},
-                      {"clock", result.virtual_time ? "virtual" : "monotonic"},
-                      {"realtime",
-                       {{"scheduler", result.virtual_time ? "none (virtual time)" : servo.realtime.scheduler},
-                        {"memory_locked", servo.realtime.memory_locked}}}};
+  nlohmann::json json{
+      {"samples", result.recording ? result.recording->written : servo.samples},
+      {"session_samples", servo.samples},
+      {"ticks", servo.samples + servo.stale},
+      {"missed", servo.missed},
+      {"overruns", servo.overruns},
+      {"returns", servo.returns},
+      {"gaps", servo.gaps},
+      {"duration_s", servo.duration},
+      {"away_s", servo.away},
+      {"asked_rate_hz", servo.asked_rate},
+      {"achieved_rate_hz", servo.achieved_rate()},
+      {"tick_rate_hz", servo.exchange_rate()},
+      {"max_force_n", servo.max_force},
+      {"latency_s", to_json(servo.latency)},
+      {"tick_s", to_json(servo.tick_time)},
+      {"stopped_by", to_string(servo.cause)},
+      {"stopped_from", servo.cause == StopCause::interrupted ? name_of(servo.stopped_from) : nlohmann::json()},
+      {"zero_force", to_string(result.zero_force)},
+      {"clock", result.virtual_time ? "virtual" : "monotonic"},
+      {"realtime",
+       {{"scheduler", result.virtual_time ? "none (virtual time)" : servo.realtime.scheduler},
+        {"memory_locked", servo.realtime.memory_locked}}}};
   if (servo.vibration.watched) json["vibration"] = to_json(servo.vibration);
   if (!servo.detail.empty()) json["stopped_because"] = servo.detail;
   if (!servo.realtime.reason.empty()) json["realtime"]["reason"] = servo.realtime.reason;

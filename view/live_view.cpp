@@ -70,13 +70,6 @@ Vec3 within(const DeviceInfo& device, const Vec3& position) {
   return position.cwiseMax(device.workspace_min - margin).cwiseMin(device.workspace_max + margin);
 }
 
-RecordingColumns complete(RecordingColumns columns, const DeviceInfo& device) {
-  columns.orientation = device.measures_orientation;
-  columns.torque = device.takes_torque();
-  columns.force_measured = device.measures_force;
-  return columns;
-}
-
 /// Returns the token to use: `asked`, or a new one. It is a part of an address, so it has no other characters than
 /// these.
 std::string token_from(const std::string& asked) {
@@ -105,7 +98,8 @@ class LiveView::Sessions final : private PageHandler {
   explicit Sessions(const Options& options)
       : options_(options),
         server_({.port = options.port,
-                 .tokens = {{ViewRole::therapist, token_from(options.token)}, {ViewRole::trainee, new_tuning_token()}}},
+                 .tokens = {{ViewRole::therapist, token_from(options.token)},
+                            {ViewRole::trainee, token_from(options.trainee_token)}}},
                 *this) {
     server_.every(kBatch, [this] { beat(); });
   }
@@ -117,7 +111,6 @@ class LiveView::Sessions final : private PageHandler {
     server_.run([&] {
       release("", false);
       session_ = session;
-      session_->columns = complete(session.columns, session.device);
       targets_ = targets;
       sink.prepare(session.rate_hz);
       source_.emplace(*session_);
@@ -203,6 +196,7 @@ class LiveView::Sessions final : private PageHandler {
 
   void joined(ViewPage& page, const PageMessage& hello) override {
     count_pages();
+    if (controls(page)) heard();
     page.send({{"type", "hello"},
                {"version", 1},
                {"role", to_string(page.role())},
@@ -285,7 +279,7 @@ class LiveView::Sessions final : private PageHandler {
     if (message.type == Type::stop) {
       // Twice: the loop then sends zero force at this tick, whatever the time of the release.
       StopRequest* const stop = running_ && targets_.stop != nullptr ? targets_.stop : options_.stop_between;
-      if (stop != nullptr) stop->raise(), stop->raise();
+      if (stop != nullptr) stop->raise(StopSource::page), stop->raise(StopSource::page);
       return;
     }
     if (controls(page)) heard();
@@ -330,10 +324,13 @@ class LiveView::Sessions final : private PageHandler {
   }
 
   void command(ViewPage& page, const PageMessage& message) {
-    std::string answer = "error this page may not send commands; the session needs --control";
-    if (controls(page))
-      answer =
-          targets_.commands != nullptr ? targets_.commands->obey(message.line) : "error no session takes commands now";
+    std::string answer = "error no session takes commands now";
+    if (page.role() != ViewRole::therapist)
+      answer = "error the trainee's page sends no commands; the therapist's page does";
+    else if (!options_.control)
+      answer = "error this page may not send commands; the session needs --control";
+    else if (targets_.commands != nullptr)
+      answer = targets_.commands->obey(message.line);
     page.send({{"type", "answer"}, {"id", message.id}, {"text", answer}});
     if (controls(page)) show_controls();
   }
@@ -382,7 +379,7 @@ class LiveView::Sessions final : private PageHandler {
     control_seen_ = true;
     silence_ = 0;
     if (!std::exchange(softened_, false) || targets_.commands == nullptr) return;
-    (void)targets_.commands->obey("restore");
+    (void)targets_.commands->attend(true);
     warn({Severity::note, "page_back", source_->time(), "the controlling page is back"});
   }
 
@@ -394,16 +391,16 @@ class LiveView::Sessions final : private PageHandler {
     switch (options_.on_page_lost) {
       case PageLost::soften: {
         softened_ = true;
-        const std::string answer = targets_.commands != nullptr ? targets_.commands->obey("soften") : "error";
+        const bool softens = targets_.commands != nullptr && targets_.commands->attend(false);
         warn({Severity::warning, "page_lost", source_->time(),
-              answer.starts_with("ok") ? "the controlling page is silent: the feedback is softened until it is back"
-                                       : "the controlling page is silent"});
+              softens ? "the controlling page is silent: the feedback is softened until it is back"
+                      : "the controlling page is silent"});
         break;
       }
       case PageLost::stop:
         lost_stop_ = true;
         warn({Severity::problem, "page_lost", source_->time(), "the controlling page is silent: the session stops"});
-        if (targets_.stop != nullptr) targets_.stop->raise();
+        if (targets_.stop != nullptr) targets_.stop->raise(StopSource::lost_page);
         break;
       case PageLost::ignore:
         break;
@@ -500,7 +497,7 @@ class LiveView::Sessions final : private PageHandler {
             {"force", json_of_number(sample.force.norm())},
             {"deviation", json_of_number((sample.position - sample.reference_position).norm())},
             {"speed", json_of_number(sample.velocity.norm())},
-            {"share", share_},
+            {"share", std::min(share_, targets_.commands != nullptr ? targets_.commands->share() : 1)},
             {"paused", view_.recording && view_.recording->paused},
             {"ended", !running_ && !more_},
             {"reason", more_ ? std::string() : reason_},

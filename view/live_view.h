@@ -39,7 +39,7 @@ struct ViewedSession {
   DeviceInfo device;
   double rate_hz = 1000;
   bool virtual_time = false;
-  RecordingColumns columns;  ///< `reference`, `guidance` and `tunnel`; the device determines the others
+  RecordingColumns columns;                                         ///< of the session's samples
   double max_force = kNaN, max_deviation = kNaN, max_speed = kNaN;  ///< limits of the session [N, m, m/s]
   ViewPath path;                                                    ///< may be empty
 };
@@ -61,10 +61,11 @@ struct ViewTargets {
 class LiveView {
  public:
   struct Options {
-    std::uint16_t port = 0;  ///< 0: any free port
-    std::string token;       ///< of the therapist, at least 16 letters and digits; empty: a new one
-    bool control = false;    ///< allow commands
-    bool steer = false;      ///< allow a page to move the simulated hand
+    std::uint16_t port = 0;     ///< 0: any free port
+    std::string token;          ///< of the therapist, at least 16 letters and digits; empty: a new one
+    std::string trainee_token;  ///< of the trainee, likewise
+    bool control = false;       ///< allow commands
+    bool steer = false;         ///< allow a page to move the simulated hand
     PageLost on_page_lost = PageLost::soften;
     double page_patience = 2;  ///< silence after which a page counts as lost [s]
     /// Raised by a page's stop while no session runs, for example in a rest of a programme. Borrowed for the life of

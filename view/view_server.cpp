@@ -57,13 +57,7 @@ void protect(Response& response) {
 class ViewServer::Listeners final : public PageRegistry {
  public:
   Listeners(Options options, PageHandler& handler) : options_(std::move(options)), handler_(handler) {
-    listen(asio::ip::address_v4::loopback(), options_.port);
-    port_ = acceptors_.front().socket.local_endpoint().port();
-    try {
-      listen(asio::ip::address_v6::loopback(), port_);
-    } catch (const Error&) {
-      // There is no IPv6, or another program has the port. 127.0.0.1 is the printed address.
-    }
+    listen_on_both();
     for (Acceptor& acceptor : acceptors_) accept(acceptor);
     thread_ = std::jthread([this] { io_.run(); });
   }
@@ -154,10 +148,38 @@ class ViewServer::Listeners final : public PageRegistry {
     http::response<http::empty_body> head;
   };
 
+  /// Listens on the port of both loopback addresses. A browser may take "localhost" for either, so no other program
+  /// may have the port on ::1. A machine without IPv6 has no such address.
+  void listen_on_both() {
+    constexpr int kAttempts = 16;
+    for (int attempt = 1;; ++attempt) {
+      listen(asio::ip::address_v4::loopback(), options_.port);
+      port_ = acceptors_.front().socket.local_endpoint().port();
+      try {
+        listen(asio::ip::address_v6::loopback(), port_);
+        return;
+      } catch (const Taken&) {
+        if (options_.port != 0 || attempt == kAttempts) throw;
+        acceptors_.clear();
+      } catch (const Error&) {
+        return;
+      }
+    }
+  }
+
+  /// The port belongs to another program.
+  struct Taken : Error {
+    using Error::Error;
+  };
+
   void listen(const asio::ip::address& loopback, std::uint16_t asked) {
     try {
       acceptors_.push_back({tcp::acceptor(io_, tcp::endpoint(loopback, asked)), asio::steady_timer(io_)});
     } catch (const boost::system::system_error& error) {
+      if (error.code() == asio::error::address_in_use)
+        throw Taken(Error::Kind::input,
+                    fmt::format("another program listens on port {} of {}; choose another port, or 0 for any free port",
+                                asked, loopback.to_string()));
       throw input_error(fmt::format("cannot listen on port {} of {}: {}; choose another port, or 0 for any free port",
                                     asked, loopback.to_string(), error.code().message()));
     }
@@ -253,10 +275,15 @@ class ViewServer::Listeners final : public PageRegistry {
 
   void admit(const std::shared_ptr<PageConnection>& page) override {
     if (pages_.size() >= options_.most_pages) {
-      // The page that was silent longest is the least likely to be looked at.
-      const auto silent = std::min_element(pages_.begin(), pages_.end(), [](const auto& a, const auto& b) {
-        return static_cast<PageConnection&>(*a).last_heard() < static_cast<PageConnection&>(*b).last_heard();
-      });
+      // The page that was silent longest is the least likely to be looked at. No trainee's page displaces a
+      // therapist's.
+      const auto rank = [](const std::shared_ptr<ViewPage>& known) {
+        return std::pair(known->role() == ViewRole::therapist, static_cast<PageConnection&>(*known).last_heard());
+      };
+      const auto silent = std::min_element(pages_.begin(), pages_.end(),
+                                           [&](const auto& a, const auto& b) { return rank(a) < rank(b); });
+      if ((*silent)->role() == ViewRole::therapist && page->role() != ViewRole::therapist)
+        return page->close(boost::beast::websocket::close_code::policy_error, "too many pages are open");
       const std::shared_ptr<ViewPage> leaving = *silent;
       leaving->close(boost::beast::websocket::close_code::policy_error, "too many pages are open");
       std::erase(pages_, leaving);

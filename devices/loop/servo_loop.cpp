@@ -387,7 +387,7 @@ class ServoLoop::Session {
       wrench_ = {share * stale_wrench_.force, share * stale_wrench_.torque};
     }
     if (stop.count() > 1 || (stop.count() > 0 && mode_ == Mode::running && is_released(wrench_))) {
-      stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, time_ns);
+      stop_now(StopCause::interrupted, interruption(stop), time_ns);
     } else if (is_released(wrench_) && ends_in_gap()) {
       return;
     } else if (silence_ > std::max(kSilence, 1e-9 * static_cast<double>(kSilentPeriods * period_ns_))) {
@@ -445,7 +445,7 @@ class ServoLoop::Session {
       stop_now(StopCause::device_lost, {.code = EventCode::device_lost, .values = {waited, kNaN, kNaN}}, time_ns);
     } else {
       if (just_lost) push_event(time_ns, {.code = EventCode::device_lost});
-      if (stop.count() > 0) stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, time_ns);
+      if (stop.count() > 0) stop_now(StopCause::interrupted, interruption(stop), time_ns);
     }
   }
 
@@ -482,9 +482,9 @@ class ServoLoop::Session {
         begin_fading(*fault, command);
         fault_ = command.event;
       } else if (stop.count() > 0) {
-        begin_release(StopCause::interrupted, EventCode::interrupted, state.time_ns);
+        begin_release(StopCause::interrupted, interruption(stop), state.time_ns);
       } else if (command.status == Command::Status::finished) {
-        begin_release(StopCause::finished, EventCode::finished, state.time_ns);
+        begin_release(StopCause::finished, {.code = EventCode::finished}, state.time_ns);
       }
     }
     // The force would restart its fade-in after every gap and never arrive, while the session would seem to play.
@@ -506,13 +506,18 @@ class ServoLoop::Session {
       stop_now(StopCause::velocity, {.code = EventCode::velocity_limit, .values = {speed, fastest, kNaN}},
                state.time_ns);
     else if (stop.count() > 1)
-      stop_now(StopCause::interrupted, {.code = EventCode::interrupted}, state.time_ns);
+      stop_now(StopCause::interrupted, interruption(stop), state.time_ns);
   }
 
-  void begin_release(StopCause cause, EventCode code, std::int64_t time_ns) noexcept {
+  /// Returns the event of a stop that was asked for.
+  static Event interruption(const StopRequest& stop) noexcept {
+    return {.code = EventCode::interrupted, .values = {static_cast<double>(stop.source()), kNaN, kNaN}};
+  }
+
+  void begin_release(StopCause cause, const Event& event, std::int64_t time_ns) noexcept {
     mode_ = Mode::releasing;
     report_.cause = cause;
-    push_event(time_ns, {.code = code});
+    push_event(time_ns, event);
   }
 
   /// Turns the requested force into the force to send: fades it, then limits it.
@@ -799,7 +804,8 @@ ServoReport ServoLoop::run(const StopRequest& stop) noexcept {
                           : fmt::format("the device did not become ready within {} s{}", options_.ready_timeout,
                                         session.moves() ? fmt::format("; {}", kMoves) : not_ready_hint());
   } else if (report.cause == StopCause::interrupted) {
-    report.detail = "interrupted";
+    report.stopped_from = stop.source();
+    report.detail = interruption_text(report.stopped_from);
   }
   return report;
 }

@@ -47,7 +47,8 @@ const char* to_string(StopCause cause) noexcept;
 /// Report of one session of the loop.
 struct ServoReport {
   StopCause cause = StopCause::finished;
-  std::string detail;           ///< why the session stopped, in words; empty if finished
+  std::string detail;                          ///< why the session stopped, in words; empty if finished
+  StopSource stopped_from = StopSource::user;  ///< what asked for an interruption
   std::uint64_t samples = 0;    ///< fresh states that the controller answered: the samples of a recording
   std::uint64_t stale = 0;      ///< ticks without a fresh state; they give no sample
   std::uint64_t gaps = 0;       ///< times without a fresh state that lasted longer than stale_after_ns()

@@ -70,6 +70,7 @@ json json_of(const LoggedTrial& trial) {
               {"notices", trial.notices},
               {"figures", trial.figures}};
   if (!trial.input.empty()) result["input"] = trial.input;
+  if (trial.unattended) result["unattended"] = true;
   if (trial.shown) result["shown"] = json_of(*trial.shown);
   return result;
 }
@@ -97,6 +98,7 @@ LoggedTrial trial_from(JsonReader& reader) {
   trial.stopped_by = reader.text("stopped_by", "");
   trial.detail = reader.text("detail", "");
   trial.input = reader.text("input", "");
+  trial.unattended = reader.boolean("unattended", false);
   if (std::optional<JsonReader> shown = reader.object("shown")) trial.shown = shown_from(*shown);
   trial.notices = texts_from(reader, "notices");
   trial.figures = reader.value("figures");

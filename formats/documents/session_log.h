@@ -37,6 +37,7 @@ struct LoggedTrial {
   std::string stopped_by;  ///< "finished", "time_over", "skipped", or another cause (StopCause); empty while it runs
   std::string detail;      ///< further explanation, if there is any
   std::string input;       ///< of a person who steered a simulated hand ("view"): no measure of skill; else empty
+  bool unattended = false;  ///< softened because the controlling page was lost: it teaches the programme nothing
   std::optional<ShownParts> shown;  ///< to the trainee; absent in logs of older versions
   std::vector<std::string> notices;
   nlohmann::json figures;  ///< to_json(TrialFigures); null if it was stopped

@@ -206,6 +206,8 @@ bool follows_orientation(const DeviceInfo& device, const PlayOptions& options) {
 PlaybackController controller_of(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options,
                                  LearningTerm*& learning) {
   PlaybackOptions playback = options.playback;
+  const double asked = options.session.loop.limits.max_force;
+  playback.softened_force = asked > 0 ? asked : device.max_force;
   playback.rate_hz = options.session.loop.rate_hz;
   playback.axes = device.force_axes;
   PlaybackController controller({plan.path, check_of(device, plan, options), playback.speed},

@@ -121,7 +121,12 @@ Command PlaybackController::update(const State& state) noexcept {
     if (!term->feeds_back()) command.feedforward += force;
   }
   const double share = requests_.share();
-  if (share < 1) command.wrench.force = command.feedforward + share * (command.wrench.force - command.feedforward);
+  if (share < 1) {
+    Vec3 feedback = share * (command.wrench.force - command.feedforward);
+    const double most = share * options_.softened_force, size = norm_of(feedback);
+    if (most > 0 && size > most) feedback *= most / size;
+    command.wrench.force = command.feedforward + feedback;
+  }
   command.wrench.force *= scale;
   command.feedforward *= scale;
   if (orientation_) turn_tool(state, share * scale, command);

@@ -37,6 +37,9 @@ struct PlaybackOptions {
   double max_deviation = 0.03;  ///< largest distance from the reference [m]
   DeviationPolicy on_deviation = DeviationPolicy::stop;
   double rate_hz = 1000;                       ///< rate of the servo loop [Hz]
+  /// Largest feedback force while the session is softened, as a multiple of the share that is left [N]; 0: no limit. The
+  /// deviation grows as the gains fall, so the gains alone would not soften the force.
+  double softened_force = 0;
   std::array<bool, 3> axes{true, true, true};  ///< axes that the device can drive; the others have no reference
 };
 

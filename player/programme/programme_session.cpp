@@ -197,7 +197,9 @@ class ProgrammeRun {
   }
 
   /// Returns true if a trial measures the participant's skill: it was done, by the participant's own hand.
-  static bool measures(const LoggedTrial& trial) { return trial.done() && !trial.skipped() && trial.input.empty(); }
+  static bool measures(const LoggedTrial& trial) {
+    return trial.done() && !trial.skipped() && trial.input.empty() && !trial.unattended;
+  }
 
   /// Sets the attempt's number and a file name that does not exist yet.
   void name_attempt(const ScheduledTrial& scheduled, LoggedTrial& trial) const {
@@ -337,7 +339,9 @@ class ProgrammeRun {
     if (options_.live != nullptr) options_.live->begin_trial(end, trial.file);
     TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch, end)
                                                           : guide_trial(*device, exercise, trial, watch, end);
-    const bool skipped = options_.live != nullptr && options_.live->end_trial();
+    const LiveSession::TrialEnd end_of_trial =
+        options_.live != nullptr ? options_.live->end_trial() : LiveSession::TrialEnd{};
+    trial.unattended = end_of_trial.unattended;
     // A note that concerns the device rather than the trial is reported once.
     for (std::string& note : run.notes)
       if (told_.insert(note).second) trial.notices.push_back(std::move(note));
@@ -349,7 +353,7 @@ class ProgrammeRun {
     trial.stopped_by = to_string(run.session.servo.cause);
     if (trial.finished() && watch.time_over()) trial.stopped_by = "time_over";
     // A skip may come too late to matter, and Ctrl+C counts for more.
-    if (skipped && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
+    if (end_of_trial.skipped && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
       trial.stopped_by = "skipped";
     trial.detail = run.session.servo.detail;
     if (exercise.mode != ExerciseMode::passive) {

@@ -38,6 +38,17 @@ class Commands {
   /// Returns those of the commands pause, resume, skip, repeat, mark and note that work now.
   [[nodiscard]] virtual std::vector<std::string> actions() const = 0;
 
+  /// Tells whether someone attends the session at a controlling page. While nobody does, the feedback is softened as by
+  /// `soften`; a `soften` or `restore` of before holds again when someone is back. Returns false if the session cannot
+  /// soften anything.
+  virtual bool attend(bool attended) {
+    (void)attended;
+    return false;
+  }
+
+  /// Returns the share of the feedback forces that commands ask for, 0 to 1.
+  [[nodiscard]] virtual double share() const { return 1; }
+
   /// Takes a notice for the user from a source of commands that has no reader for the answers, such as a file.
   virtual void tell(std::string notice) { (void)notice; }
 };

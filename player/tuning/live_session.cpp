@@ -102,7 +102,7 @@ std::string LiveSession::act(const std::string& name) {
   if (name == "soften" || name == "restore") return soften(name == "soften");
   if (options_.stop == nullptr) throw input_error("stop: this session cannot be stopped by a command; use Ctrl+C");
   if (options_.stop->count() == 0) log("session: stop", "stop", {});
-  options_.stop->raise();
+  options_.stop->raise(StopSource::command);
   return "stop: the force fades out and the session ends; another stop ends it at once";
 }
 
@@ -152,16 +152,32 @@ std::string LiveSession::repeat() {
 }
 
 std::string LiveSession::soften(bool softened) {
-  const double share = softened ? kSoftened : 1;
-  if (wanted_.share != share) {
-    wanted_.share = share;
-    // A programme's own pause does not reach the servo loop.
-    SessionRequests posted = wanted_;
-    posted.paused = wanted_.paused && !options_.programme;
-    requests_.post(posted);
+  if (std::exchange(softened_, softened) != softened) {
+    post_share();
     log(softened ? "session: soften" : "session: restore", softened ? "soften" : "restore", {});
   }
-  return fmt::format("{}: feedback forces at {:.0f} %", softened ? "soften" : "restore", 100 * share);
+  return fmt::format("{}: feedback forces at {:.0f} %{}", softened ? "soften" : "restore", 100 * wanted_.share,
+                     !softened && !attended_ ? " until the controlling page is back" : "");
+}
+
+bool LiveSession::attend(bool attended) {
+  const std::lock_guard lock(mutex_);
+  if (std::exchange(attended_, attended) == attended) return true;
+  unattended_in_trial_ |= !attended && trial_ != nullptr;
+  post_share();
+  log(attended ? "session: the controlling page is back" : "session: the controlling page is silent, softened",
+      attended ? "attended" : "unattended", {});
+  return true;
+}
+
+void LiveSession::post_share() {
+  const double share = softened_ || !attended_ ? kSoftened : 1;
+  if (wanted_.share == share) return;
+  wanted_.share = share;
+  // A programme's own pause does not reach the servo loop.
+  SessionRequests posted = wanted_;
+  posted.paused = wanted_.paused && !options_.programme;
+  requests_.post(posted);
 }
 
 std::string LiveSession::annotate(const std::string& name, std::string_view text) {
@@ -266,13 +282,14 @@ void LiveSession::begin_trial(StopRequest& end, std::string file) {
   trial_ = &end;
   recording_ = std::move(file);
   skipped_ = repeats_ = false;
+  unattended_in_trial_ = !attended_;
   now_ns_.store(0, std::memory_order_relaxed);
 }
 
-bool LiveSession::end_trial() {
+LiveSession::TrialEnd LiveSession::end_trial() {
   const std::lock_guard lock(mutex_);
   trial_ = nullptr;
-  return skipped_;
+  return {.skipped = skipped_, .unattended = unattended_in_trial_};
 }
 
 bool LiveSession::take_repeat() {

@@ -57,8 +57,9 @@ class LiveSession : public Commands, public SampleSink {
   /// Holds the newest requests for the servo loop.
   [[nodiscard]] Mailbox<SessionRequests>& requests() noexcept { return requests_; }
   [[nodiscard]] bool paused() const;
-  /// Returns the wanted share of the feedback forces: 1, or kSoftened after `soften`.
-  [[nodiscard]] double share() const;
+  bool attend(bool attended) final;
+  /// Returns the wanted share of the feedback forces: 1, or kSoftened after `soften` and while nobody attends.
+  [[nodiscard]] double share() const final;
 
   /// Returns the values in force for a progress line.
   [[nodiscard]] std::string summary() const;
@@ -73,8 +74,13 @@ class LiveSession : public Commands, public SampleSink {
 
   /// In a programme: a repetition begins, which `end` ends early and `file` records. Borrows `end` until end_trial().
   void begin_trial(StopRequest& end, std::string file);
-  /// In a programme: the repetition is over. Returns true if a command ended it.
-  bool end_trial();
+  /// How a repetition of a programme went on.
+  struct TrialEnd {
+    bool skipped = false;     ///< a command ended it
+    bool unattended = false;  ///< it was softened because nobody attended
+  };
+  /// In a programme: the repetition is over.
+  TrialEnd end_trial();
   /// In a programme: returns true once if the last repetition is to be done again.
   bool take_repeat();
 
@@ -127,6 +133,8 @@ class LiveSession : public Commands, public SampleSink {
   std::string skip();
   std::string repeat();
   std::string soften(bool softened);
+  /// Posts the share that softening asks for, by command and because nobody attends.
+  void post_share();
   std::string annotate(const std::string& name, std::string_view text);
   void log(const std::string& mark, const std::string& text, const std::string& subject);
   void add_notice(Notice notice);
@@ -140,6 +148,8 @@ class LiveSession : public Commands, public SampleSink {
   StopRequest* trial_ = nullptr;  ///< ends the present repetition of a programme
   std::string recording_;         ///< of that repetition
   bool skipped_ = false, repeats_ = false;
+  bool softened_ = false;  ///< by a command
+  bool attended_ = true, unattended_in_trial_ = false;
   int marks_ = 0;
   std::deque<Change> changes_;
   std::size_t changed_ = 0;

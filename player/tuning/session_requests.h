@@ -21,7 +21,8 @@ struct SessionRequests {
 /// Real-time: all.
 class RequestFollower {
  public:
-  static constexpr double kFade = 0.2;  ///< time in which the forces fade out or in completely [s]
+  static constexpr double kFade = 0.2;  ///< time in which the forces fade out completely [s]
+  static constexpr double kReturn = 1;  ///< ... and come back; slower, because the hand may be far from the path
 
   RequestFollower() = default;
   /// Borrows `requests`; may be null. Requests to skip or repeat from before this call have no effect.
@@ -36,7 +37,7 @@ class RequestFollower {
   /// Reads the newest requests, `dt` [s] after the last call.
   void update(double dt) noexcept {
     if (requests_ != nullptr) now_ = requests_->latest();
-    share_.advance(now_.share, dt, kFade);
+    share_.advance(now_.share, dt, now_.share > share_.value() ? kReturn : kFade);
   }
 
   [[nodiscard]] bool paused() const noexcept { return now_.paused; }

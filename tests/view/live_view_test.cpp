@@ -177,6 +177,12 @@ class NotedCommands final : public Commands {
         {.name = "kp", .label = "Stiffness", .unit = "N/m", .value = value_, .least = 0, .largest = 2000, .step = 10}};
   }
   [[nodiscard]] std::vector<std::string> actions() const override { return {"pause", "mark"}; }
+  bool attend(bool attended) override {
+    const std::lock_guard lock(mutex_);
+    lines_.emplace_back(attended ? "attended" : "unattended");
+    return true;
+  }
+  [[nodiscard]] double share() const override { return 0.3; }
 
   [[nodiscard]] std::vector<std::string> lines() const {
     const std::lock_guard lock(mutex_);
@@ -275,15 +281,22 @@ TEST(LiveView, ASilentControllingPageSoftensTheFeedbackUntilItIsBack) {
   JoinedPage page(view, ViewRole::therapist);
   StandingSession session(view, {.commands = &commands});
   session.push(1);
-  page.send({{"type", "ping"}, {"id", 2}, {"sent", 0}});
-  commands.wait_for("soften");
-  EXPECT_THAT(commands.lines(), testing::ElementsAre("soften")) << "once";
+  commands.wait_for("unattended");
+  EXPECT_THAT(commands.lines(), testing::ElementsAre("unattended")) << "once, though the page said no more than hello";
   std::vector<Warning> warnings = view.warnings();
   while (warnings.empty()) warnings = view.warnings();
   EXPECT_EQ(warnings.front().code, "page_lost");
   EXPECT_EQ(warnings.front().severity, Severity::warning);
   page.send({{"type", "ping"}, {"id", 3}, {"sent", 0}});
-  commands.wait_for("restore");
+  commands.wait_for("attended");
+}
+
+TEST(LiveView, TheStatusStatesTheShareThatCommandsAskFor) {
+  NotedCommands commands;
+  LiveView view({});
+  const StandingSession session(view, {.commands = &commands});
+  JoinedPage page(view, ViewRole::trainee);
+  EXPECT_EQ(page.wait_for("status")["share"], 0.3);
 }
 
 TEST(LiveView, WhenAskedASilentControllingPageStopsTheSessionWithARelease) {
@@ -291,11 +304,10 @@ TEST(LiveView, WhenAskedASilentControllingPageStopsTheSessionWithARelease) {
   LiveView view({.control = true, .on_page_lost = PageLost::stop, .page_patience = 0.5});
   auto page = std::make_unique<JoinedPage>(view, ViewRole::therapist);
   const StandingSession session(view, {.stop = &stop});
-  page->send({{"type", "ping"}, {"id", 2}, {"sent", 0}});
-  (void)page->wait_for("pong");
   page.reset();  // closed: that is silence, too
   while (stop.count() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   EXPECT_EQ(stop.count(), 1);
+  EXPECT_EQ(stop.source(), StopSource::lost_page);
   std::vector<Warning> warnings = view.warnings();
   while (warnings.empty()) warnings = view.warnings();
   EXPECT_EQ(warnings.front().severity, Severity::problem);
@@ -311,7 +323,7 @@ TEST(LiveView, AControllingPageThatWasLostInARestSoftensTheNextRepetition) {
   std::this_thread::sleep_for(std::chrono::milliseconds(700));
   EXPECT_TRUE(commands.lines().empty()) << "no session runs";
   const StandingSession session(view, {.commands = &commands});
-  commands.wait_for("soften");
+  commands.wait_for("unattended");
 }
 
 TEST(LiveView, TheStatusHasNoValuesWhenRowsStopComing) {
@@ -340,6 +352,7 @@ TEST(LiveView, AStopBetweenTwoSessionsIsObeyedToo) {
   stop();
   EXPECT_EQ(between.count(), 2);
   EXPECT_EQ(within.count(), 2);
+  EXPECT_EQ(within.source(), StopSource::page);
 }
 
 TEST(LiveView, APageThatJoinsAfterVeryManyEventsGetsTheNewest) {

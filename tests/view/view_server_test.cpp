@@ -7,6 +7,8 @@
 #include "view/page_connection.h"
 
 #include <atomic>
+#include <boost/asio.hpp>
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <memory>
@@ -210,11 +212,49 @@ TEST_F(ViewServerTest, ALatePageTakesThePlaceOfTheOneThatWasSilentLongest) {
   lively.hello(kTherapist);
   (void)lively.wait_for("hello");
   PageClient late(port());
-  late.hello(kTrainee);
+  late.hello(kTherapist);
   (void)late.wait_for("hello");
   EXPECT_EQ(silent.wait_for_close(), 1008U);
   lively.send({{"type", "ping"}, {"id", 3}});
   EXPECT_EQ(lively.wait_for("pong")["id"], 3);
+}
+
+TEST_F(ViewServerTest, TraineesPagesNeverTakeThePlaceOfATherapists) {
+  ViewServer::Options few = options();
+  few.most_pages = 2;
+  serve(few);
+  PageClient therapist(port()), first(port()), second(port());
+  therapist.hello(kTherapist);
+  (void)therapist.wait_for("hello");
+  first.hello(kTrainee);
+  (void)first.wait_for("hello");
+  second.hello(kTrainee);
+  (void)second.wait_for("hello");
+  EXPECT_EQ(first.wait_for_close(), 1008U) << "though the therapist was silent for longer";
+  PageClient colleague(port());
+  colleague.hello(kTherapist);
+  (void)colleague.wait_for("hello");
+  EXPECT_EQ(second.wait_for_close(), 1008U);
+  PageClient third(port());
+  third.hello(kTrainee);
+  EXPECT_EQ(third.wait_for_close(), 1008U) << "there is no place left but the therapists'";
+  therapist.send({{"type", "ping"}, {"id", 3}});
+  EXPECT_EQ(therapist.wait_for("pong")["id"], 3);
+}
+
+TEST(ViewServerPort, BelongsToNoOtherProgramOnEitherLoopbackAddress) {
+  boost::asio::io_context io;
+  const auto loopback = boost::asio::ip::address_v6::loopback();
+  boost::system::error_code error;
+  boost::asio::ip::tcp::acceptor other(io);
+  other.open(boost::asio::ip::tcp::v6(), error);
+  if (!error) other.bind({loopback, 0}, error);
+  if (!error) other.listen(5, error);
+  if (error) GTEST_SKIP() << "this machine has no IPv6";
+  Answering nobody;
+  const std::uint16_t port = other.local_endpoint().port();
+  EXPECT_THAT(test::error_of([&] { ViewServer server({.port = port}, nobody); }),
+              testing::HasSubstr(fmt::format("another program listens on port {} of ::1", port)));
 }
 
 TEST_F(ViewServerTest, AnOversizedMessageClosesTheConnection) {
@@ -371,7 +411,7 @@ TEST_F(ViewServerTest, APortThatIsTakenIsReported) {
   ViewServer::Options same = options();
   same.port = port();
   EXPECT_THAT(test::error_of([&] { ViewServer(same, handler); }),
-              HasSubstr("cannot listen on port " + std::to_string(port())));
+              HasSubstr("another program listens on port " + std::to_string(port())));
 }
 
 }  // namespace
