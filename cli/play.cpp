@@ -97,7 +97,7 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
     if (play.identified) {
       options.limits.largest = plan.composed.observer ? play.identified->design.largest : play.identified->design.plain;
       options.limits.observer_hz = 2 * play.identified->design.load_hz;
-      options.limits.because = "the device is stable up to";
+      options.limits.because = "stability limit of this device";
     }
   }
   if (session.recording) options.annotations = session.recording->options.annotations;

@@ -278,9 +278,9 @@ LiveGuidance::Scope guide_scope(const GuidePlan& plan, const GuideOptions& optio
           .varies = varies,
           .largest_radius = options.guidance.max_deviation,
           .largest_stiffness = plan.largest_stiffness,
-          .because = options.expert       ? "the limit for every device is"
-                     : options.identified ? "the device is stable up to"
-                                          : "a device of unknown dynamics is stable up to",
+          .because = options.expert       ? "limit for every device"
+                     : options.identified ? "stability limit of this device"
+                                          : "limit without a calibration or --expert",
           .walls = !options.free,
           .expert_force = !options.free && options.force_scale > 0 && plan.has_forces,
           .help = !options.free && options.pace.has_value(),

@@ -25,7 +25,7 @@ struct LiveGuidance::Quantity {
   bool (*present)(const Scope&);
   double (*least)(const Scope&);
   double (*largest)(const Scope&);
-  const char* because;  ///< reason for the largest value; null: that of the scope
+  const char* because;  ///< name of the largest value; null: that of the scope
 };
 
 const std::vector<LiveGuidance::Quantity>& LiveGuidance::all() {
@@ -34,20 +34,19 @@ const std::vector<LiveGuidance::Quantity>& LiveGuidance::all() {
        [](const Scope& scope) { return scope.walls; },
        [](const Scope& scope) { return scope.varies ? kLeastRadiusFactor : kLeastRadius; },
        [](const Scope& scope) { return scope.varies ? kLargestRadiusFactor : scope.largest_radius; },
-       "the session stops at this distance from the path, so the limit is"},
+       "distance at which the session stops"},
       {"stiffness", "Stiffness of the walls", "N/m", "walls", &GuidanceValues::stiffness, &Changed::stiffness,
        [](const Scope& scope) { return scope.walls; }, [](const Scope&) { return kLeastStiffness; },
        [](const Scope& scope) { return scope.largest_stiffness; }, nullptr},
       {"force", "Share of the expert's force", "", "force of the expert", &GuidanceValues::force, &Changed::force,
        [](const Scope& scope) { return scope.expert_force; }, [](const Scope&) { return 0.0; },
-       [](const Scope& scope) { return std::max(kLargestForce, scope.start.force); },
-       "the limit for the expert's force is"},
+       [](const Scope& scope) { return std::max(kLargestForce, scope.start.force); }, "limit for the expert's force"},
       {"assist", "Help", "", "help along the path", &GuidanceValues::assist, &Changed::assist,
        [](const Scope& scope) { return scope.help || scope.adapts; }, [](const Scope&) { return 0.0; },
-       [](const Scope&) { return 1.0; }, "the whole help is"},
+       [](const Scope&) { return 1.0; }, "full help"},
       {"damping", "Damping of the walls", "N s/m", "damping in walls", &GuidanceValues::damping, &Changed::damping,
        [](const Scope& scope) { return scope.walls && scope.composed.damping > 0; }, [](const Scope&) { return 0.0; },
-       [](const Scope& scope) { return scope.start.damping; }, "the limit is the damping at the start,"},
+       [](const Scope& scope) { return scope.start.damping; }, "damping at the start"},
   };
   return kAll;
 }
@@ -120,9 +119,8 @@ std::string LiveGuidance::change(const std::string& name, Words values) {
   std::string text = text_of(name);
   if (value != asked)
     text +=
-        fmt::format(" clamped from {}: {} {}", value_text(one, asked),
-                    value < asked ? (one.because != nullptr ? one.because : scope_->because.c_str()) : "the least is",
-                    value_text(one, value));
+        fmt::format(" clamped from {}: {} is the {}", value_text(one, asked), value_text(one, value),
+                    value < asked ? (one.because != nullptr ? one.because : scope_->because.c_str()) : "least value");
   if (scope_->adapts) text += " from the next repetition";
   return text;
 }

@@ -17,7 +17,7 @@ struct LiveControl {
   double value = 0;               ///< in force
   double least = 0, largest = 1;  ///< limits to which a command clamps
   double step = 0.05;             ///< of a button that increases or decreases the value
-  std::string because;            ///< reason for `largest`, in words; may be empty
+  std::string because;            ///< name of the limit `largest`, without an article; may be empty
   Kind kind = Kind::number;
 };
 

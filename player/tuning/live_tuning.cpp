@@ -57,7 +57,7 @@ TuningLimits limits_of_unidentified(double max_force, double rate_hz) {
   constexpr double kTimes = 10;
   const PdGains cautious = cautious_gains(max_force, rate_hz);
   return {.largest = {(kTimes * cautious.kp).cwiseMin(kLargestKp), (kTimes * cautious.kd).cwiseMin(kLargestKd)},
-          .because = "without --expert the limit for a device of unknown dynamics is"};
+          .because = "limit without a calibration or --expert"};
 }
 
 LiveTuning::LiveTuning(const Tuning& start, Options options)
@@ -114,8 +114,8 @@ std::string LiveTuning::set_gain(const std::string& name, Words values, Tuning& 
   const Vec3 borne = asked.cwiseMin(largest);
   (name == "kp" ? tuning.gains.kp : tuning.gains.kd) = borne;
   if (borne == asked) return {};
-  return fmt::format(" clamped from {}: {} {}", gain_text(asked, true), options_.limits.because,
-                     gain_text(largest, true));
+  return fmt::format(" clamped from {}: {} is the {}", gain_text(asked, true), gain_text(largest, true),
+                     options_.limits.because);
 }
 
 std::string LiveTuning::scale_gains(Words values, Tuning& tuning) const {
@@ -128,8 +128,8 @@ std::string LiveTuning::scale_gains(Words values, Tuning& tuning) const {
   tuning.gains.kp = (factor * tuning.gains.kp).cwiseMin(options_.limits.largest.kp);
   tuning.gains.kd = (factor * tuning.gains.kd).cwiseMin(options_.limits.largest.kd);
   if (factor == asked) return {};
-  return fmt::format(" clamped from * {:.6g}: {} {}", asked, options_.limits.because,
-                     gain_text(options_.limits.largest, true));
+  return fmt::format(" clamped from * {:.6g}: {} is the {}", asked, gain_text(options_.limits.largest, true),
+                     options_.limits.because);
 }
 
 std::string LiveTuning::set_bandwidth(Words values, Tuning& tuning) const {
@@ -141,7 +141,8 @@ std::string LiveTuning::set_bandwidth(Words values, Tuning& tuning) const {
         fmt::format("observer_hz must be at least {} Hz; 'observer off' switches it off", kLowestBandwidth));
   tuning.observer_hz = std::min(asked, options_.limits.observer_hz);
   if (tuning.observer_hz == asked) return {};
-  return fmt::format(" clamped from {:.6g}: {} {:.6g}", asked, options_.limits.because, options_.limits.observer_hz);
+  return fmt::format(" clamped from {:.6g}: {:.6g} is the {}", asked, options_.limits.observer_hz,
+                     options_.limits.because);
 }
 
 void LiveTuning::set_shares(const std::string& name, Words values, Tuning& tuning) const {

@@ -17,7 +17,7 @@ namespace haptrace {
 struct TuningLimits {
   PdGains largest{Vec3::Constant(kLargestKp), Vec3::Constant(kLargestKd)};
   double observer_hz = 100;                               ///< the observer's largest bandwidth
-  std::string because = "the limit for every device is";  ///< precedes the limit in the answer about a clamped value
+  std::string because = "limit for every device";  ///< names the limits, without an article
 };
 
 /// Returns the limits of a device of which only the maximum force [N] is known: ten times its cautious_gains, so that

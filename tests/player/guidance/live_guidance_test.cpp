@@ -27,7 +27,7 @@ LiveGuidance::Scope live_scope() {
           .composed = values,
           .largest_radius = 0.1,
           .largest_stiffness = 800,
-          .because = "the device is stable up to",
+          .because = "stability limit of this device",
           .expert_force = true,
           .help = true};
 }
@@ -63,14 +63,12 @@ TEST(LiveGuidance, AnswersWithTheValueInForceAndItsLimit) {
   const std::pair<const char*, const char*> dialogue[] = {
       {"radius 6mm", "ok radius 6mm"},
       {"radius 0.008", "ok radius 8mm"},
-      {"radius 1 m",
-       "ok radius 100mm clamped from 1000mm: the session stops at this distance from the path, so the "
-       "limit is 100mm"},
-      {"radius 0", "ok radius 0.1mm clamped from 0mm: the least is 0.1mm"},
+      {"radius 1 m", "ok radius 100mm clamped from 1000mm: 100mm is the distance at which the session stops"},
+      {"radius 0", "ok radius 0.1mm clamped from 0mm: 0.1mm is the least value"},
       {"stiffness 500", "ok stiffness 500"},
       {"stiffness * 1.1", "ok stiffness 550"},
-      {"stiffness 5000", "ok stiffness 800 clamped from 5000: the device is stable up to 800"},
-      {"force 2", "ok force 1.5 clamped from 2: the limit for the expert's force is 1.5"},
+      {"stiffness 5000", "ok stiffness 800 clamped from 5000: 800 is the stability limit of this device"},
+      {"force 2", "ok force 1.5 clamped from 2: 1.5 is the limit for the expert's force"},
       {"assist 0.25", "ok assist 0.25"},
       {"damping 1", "ok damping 1"},
       {"get stiffness", "ok stiffness 800"},
@@ -149,7 +147,7 @@ TEST(LiveGuidance, ListsWhatAPageShows) {
   }
   EXPECT_THAT(names, ElementsAre("radius", "stiffness", "force", "assist", "damping"));
   EXPECT_THAT(live.actions(), ElementsAre("pause", "skip", "repeat", "mark", "note"));
-  EXPECT_EQ(live.controls()[1].because, "the device is stable up to");
+  EXPECT_EQ(live.controls()[1].because, "stability limit of this device");
 }
 
 struct LiveRun {

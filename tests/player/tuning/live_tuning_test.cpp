@@ -34,7 +34,7 @@ const Compensations kAll{true, true, true, true, true};
 LiveTuning::Options identified() {
   return {.limits = {.largest = {Vec3(5200, 5200, 4000), Vec3::Constant(60)},
                      .observer_hz = 25,
-                     .because = "the device is stable up to"},
+                     .because = "stability limit of this device"},
           .composed = kAll};
 }
 
@@ -90,12 +90,13 @@ TEST(LiveTuning, GetsEverythingAsOneObject) {
 TEST(LiveTuning, ClampsToTheLimitsOfTheDeviceAndReportsIt) {
   LiveTuning tuning(kStart, identified());
   EXPECT_EQ(tuning.obey("kp 9000"),
-            "ok kp 5200 5200 4000 clamped from 9000: the device is stable up to 5200 5200 4000");
-  EXPECT_EQ(tuning.obey("kd 1e300"), "ok kd 60 60 60 clamped from 1e+300: the device is stable up to 60");
-  EXPECT_EQ(tuning.obey("observer_hz 40"), "ok observer_hz 25 clamped from 40: the device is stable up to 25");
+            "ok kp 5200 5200 4000 clamped from 9000: 5200 5200 4000 is the stability limit of this device");
+  EXPECT_EQ(tuning.obey("kd 1e300"), "ok kd 60 60 60 clamped from 1e+300: 60 is the stability limit of this device");
+  EXPECT_EQ(tuning.obey("observer_hz 40"),
+            "ok observer_hz 25 clamped from 40: 25 is the stability limit of this device");
   LiveTuning unknown(kStart, {});
   EXPECT_THAT(unknown.obey("kp 2e5"),
-              StartsWith("ok kp 100000 100000 100000 clamped from 200000: the limit for every device is"));
+              StartsWith("ok kp 100000 100000 100000 clamped from 200000: 100000 is the limit for every device"));
 }
 
 TEST(LiveTuning, ScalesAllGainsByOneFactorAlsoWhenItIsClamped) {

@@ -90,7 +90,7 @@ class TuningServerTest : public testing::Test {
   const std::string path = folder / "tune.sock";
   LiveTuning tuning{
       kServed,
-      {.limits = {.largest = {Vec3::Constant(5200), Vec3::Constant(60)}, .because = "the device is stable up to"}}};
+      {.limits = {.largest = {Vec3::Constant(5200), Vec3::Constant(60)}, .because = "stability limit of this device"}}};
   TuningServer server{tuning, {.socket = path, .port = 0, .token = kToken}};
 };
 
@@ -98,7 +98,8 @@ TEST_F(TuningServerTest, ObeysALineAndAnswersALine) {
   Client client(path);
   EXPECT_EQ(client.ask("kp 2000"), "ok kp 2000 2000 2000");
   EXPECT_EQ(tuning.wanted().gains.kp, Vec3::Constant(2000));
-  EXPECT_EQ(client.ask("kp 9000\r"), "ok kp 5200 5200 5200 clamped from 9000: the device is stable up to 5200");
+  EXPECT_EQ(client.ask("kp 9000\r"),
+            "ok kp 5200 5200 5200 clamped from 9000: 5200 is the stability limit of this device");
   EXPECT_THAT(client.ask("kq 1"), AllOf(StartsWith("error "), HasSubstr("'kp'")));
   EXPECT_EQ(nlohmann::json::parse(client.ask("get"))["kp"][0], 5200);
   EXPECT_EQ(client.ask("quit"), "ok bye");
