@@ -180,11 +180,12 @@ nlohmann::json programme_message(const Programme& programme, const SessionLog& l
   for (std::size_t i = 0; i < programme.size(); ++i) {
     const Exercise& exercise = programme.exercise(i);
     const LoggedTrial* last = nullptr;
-    int done = 0;
+    int done = 0, skipped = 0;
     for (const LoggedTrial& trial : log.trials) {
       if (trial.exercise != i) continue;
       last = &trial;
-      done += trial.done() ? 1 : 0;
+      skipped += trial.skipped() ? 1 : 0;
+      done += trial.done() && !trial.skipped() ? 1 : 0;
     }
     json["exercises"].push_back(
         {{"name", exercise.name},
@@ -195,6 +196,7 @@ nlohmann::json programme_message(const Programme& programme, const SessionLog& l
                                       ", "))},
          {"repetitions", exercise.repetitions * (i < programme.warm_up.size() ? 1 : programme.rounds)},
          {"done", done},
+         {"skipped", skipped},
          {"test", exercise.test != TestLabel::none}});
   }
   for (const LoggedTrial& trial : log.trials) {
@@ -209,7 +211,8 @@ nlohmann::json programme_message(const Programme& programme, const SessionLog& l
           exercise.mode == ExerciseMode::assisted ? nlohmann::json(trial.settings.assistance) : nlohmann::json()},
          {"target_m", has_target ? nlohmann::json(exercise.progression->target) : nlohmann::json()},
          {"time_in_tunnel", json_of_number(figure_in(trial.figures, "time_in_tunnel").value_or(kNaN))},
-         {"partial", !trial.finished()}});
+         {"partial", !trial.finished()},
+         {"skipped", trial.skipped()}});
   }
   return json;
 }

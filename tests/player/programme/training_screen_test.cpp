@@ -186,8 +186,9 @@ TEST(ProgrammeMessage, HasExercisesAndTheTrendOfTheirRepetitions) {
   LoggedTrial trial = scored(0.9, 5, 0.6);
   trial.exercise = 1;
   trial.figures["contour_rms_m"] = 0.0018;
-  log.trials = {trial, trial, LoggedTrial{.exercise = 1}};
+  log.trials = {trial, trial, trial, LoggedTrial{.exercise = 1}};
   log.trials[1].stopped_by = "time_over";
+  log.trials[2].stopped_by = "skipped";
   const nlohmann::json json = programme_message(programme, log, {.current = 1, .paused = true, .elapsed = 90});
   EXPECT_EQ(json["title"], "Monday");
   EXPECT_EQ(json["limit_s"], 1800);
@@ -195,12 +196,15 @@ TEST(ProgrammeMessage, HasExercisesAndTheTrendOfTheirRepetitions) {
   ASSERT_EQ(json["exercises"].size(), 2U);
   EXPECT_EQ(json["exercises"][1]["repetitions"], 8);
   EXPECT_EQ(json["exercises"][1]["done"], 2);
-  ASSERT_EQ(json["trials"].size(), 2U) << "the running one has no figures";
+  EXPECT_EQ(json["exercises"][1]["skipped"], 1);
+  ASSERT_EQ(json["trials"].size(), 3U) << "the running one has no figures";
   EXPECT_EQ(json["trials"][0]["rms_m"], 0.0018);
   EXPECT_EQ(json["trials"][0]["help"], 0.6);
   EXPECT_EQ(json["trials"][0]["target_m"], 0.002);
   EXPECT_EQ(json["trials"][0]["partial"], false);
   EXPECT_EQ(json["trials"][1]["partial"], true);
+  EXPECT_EQ(json["trials"][1]["skipped"], false);
+  EXPECT_EQ(json["trials"][2]["skipped"], true);
 }
 
 }  // namespace

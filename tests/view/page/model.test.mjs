@@ -53,6 +53,28 @@ test("the shown row is the row nearest to the shown time", async () => {
   assert.ok(Number.isNaN(model.value("force")));
 });
 
+test("after the end of a session the force is zero only where the device confirmed it, and no old force", () => {
+  for (const [zero_force, expected] of [["confirmed", 0], ["sent", NaN], ["failed", NaN], ["", NaN]]) {
+    const model = new Model();
+    model.take(helloOf(true));
+    model.setConnected(true);
+    model.take(recordingOf(["x", "fx", "force"], { end: 0 }));
+    const time = Array.from({ length: 1000 }, (_, i) => i / 1000);
+    model.takeRows(decodeFrame(samplesFrame([time, time, time.map(() => 1.5), time.map(() => 1.5)])));
+    model.tick(1);
+    assert.equal(model.value("force"), 1.5);
+    assert.equal(model.over, false);
+    model.take({ type: "status", time: 1, phase: "stopped", ended: true, reason: "finished", zero_force, lost_rows: 0 });
+    model.tick(1.1);
+    assert.deepEqual([model.value("fx"), model.value("force")], [expected, expected], zero_force);
+    assert.ok(Number.isFinite(model.value("x")), "the place is still known");
+    assert.equal(model.over, true);
+    model.seek(0.2);
+    model.tick(1.2);
+    assert.equal(model.value("force"), 1.5, "earlier forces are shown as they were");
+  }
+});
+
 test("without rows at the shown time there is no value, rather than an old one", async () => {
   const { model } = recorded();
   model.seek(1);

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { load } from "./load.mjs";
 
-const { limitText, cellText, columnWord, clock, decimals, quantity, nextSpeed, controlLine, controlText, stepped, trendWords, lagWord } = await load("format", "keys", "therapist");
+const { limitText, cellText, columnWord, clock, decimals, quantity, nextSpeed, controlLine, controlText, stepped, exerciseState, trendWords, lagWord } = await load("format", "keys", "therapist");
 
 test("numbers have a real minus, and an en dash for what is not known", () => {
   assert.equal(decimals(-1.25, 1), "−1.3");
@@ -55,7 +55,7 @@ test("a control is shown in its unit, a share in per cent, a switch in words", (
 test("the largest value of a control follows its reason", () => {
   const c = { kind: "number", least: 0, largest: 180, step: 10, unit: "N/m" };
   assert.equal(limitText({ ...c, because: "" }), "180 N/m");
-  assert.equal(limitText({ ...c, because: "the device is stable up to" }), "the device is stable up to 180 N/m");
+  assert.equal(limitText({ ...c, because: "stability limit of this device" }), "180 N/m (stability limit of this device)");
 });
 
 test("the buttons of a control move it by one step and not beyond its limits", () => {
@@ -69,6 +69,19 @@ test("the buttons of a control move it by one step and not beyond its limits", (
 test("a control's command is a name and a number in SI", () => {
   assert.equal(controlLine("radius", 0.1 + 0.2), "radius 0.3");
   assert.equal(controlLine("kp", 2000), "kp 2000");
+});
+
+test("an exercise whose repetitions were all skipped is not done", () => {
+  const e = { repetitions: 3, done: 0, skipped: 0 };
+  assert.equal(exerciseState(e, true), "current");
+  assert.equal(exerciseState({ ...e, done: 2 }, false), "");
+  assert.equal(exerciseState({ ...e, done: 2, skipped: 1 }, false), "done");
+  assert.equal(exerciseState({ ...e, skipped: 3 }, false), "skipped");
+});
+
+test("the trend in words says which repetition was skipped, without its deviation", () => {
+  const t = { exercise: 0, repetition: 2, rms_m: 0.004, help: 0.5, target_m: null, time_in_tunnel: null, partial: true, skipped: true };
+  assert.equal(trendWords([t]), "repetition 2: skipped.");
 });
 
 test("the trend in words names what was not complete, and leaves out what was not measured", () => {

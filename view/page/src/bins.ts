@@ -77,7 +77,7 @@ export class LiveBins implements BinView {
     return i < 0 ? null : this.data[i]!;
   }
 
-  // Adds the rows of `source` that came since the last call. Another width, or lost rows, begins anew.
+  // Adds the rows of `source` that came since the last call. Starts again after another width, or after lost rows.
   update(source: RowSource, width: number): void {
     if (width !== this.width || this.nextRow < source.first || this.nextRow > source.end) {
       this.width = width;

@@ -84,6 +84,13 @@ export function button(label: string, options: { icon?: Icon; text?: string; cla
   return node;
 }
 
+// Shows whether Stop has a session to stop. It is never disabled: a Stop that was not needed does no harm.
+export function setStopIdle(stop: HTMLElement, word: HTMLElement, idle: boolean): void {
+  setClass(stop, "idle", idle);
+  setText(word, idle ? "Session over" : "Stop");
+  setAttribute(stop, "title", idle ? "The session is over" : "Ends the session: zero force at once (Esc)");
+}
+
 // A control that was clicked gives the focus back, so that Space goes on to play and pause. One that was reached by Tab
 // keeps it, and Space presses it.
 export function returnFocus(node: HTMLElement): void {

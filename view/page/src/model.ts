@@ -1,5 +1,5 @@
-// What the page knows: the session or recording, its rows, path, events, phases, and the one time that scene, lanes and
-// figures show. It draws nothing and needs no browser.
+// Holds the state of the page: the session or recording, its rows, path, events, phases, and the one time that scene,
+// lanes and figures show. It draws nothing and needs no browser.
 import { binOf, ROUNDING } from "./bins";
 import { Latest } from "./latest";
 import type {
@@ -84,6 +84,8 @@ export interface Repetition {
 
 export const MOVEMENT_POINTS = 2000;
 const RING_SECONDS = 40;
+// Columns of the force that the device exerts on the hand.
+const FORCES = ["fx", "fy", "fz", "force"] as const;
 const MOST_EVENTS = 5000;
 const MOST_WARNINGS = 100;
 
@@ -133,8 +135,8 @@ export class Model {
   shownRowTime = NaN;
 
   private endedPhases: PhaseEntry[] = [];
-  // Events that the server told, and marks of this page.
-  private told: EventEntry[] = [];
+  // Events of the session, and marks of this page.
+  private sessionEvents: EventEntry[] = [];
   ownMarks: EventEntry[] = [];
   private columnOf = new Map<string, number>();
   private readonly listeners = new Map<ModelEvent, Set<() => void>>();
@@ -227,6 +229,16 @@ export class Model {
     return rate > 0 ? 1 / rate : 0.001;
   }
 
+  // A live session is over and the page shows its end.
+  get atEnd(): boolean {
+    return this.hello?.live === true && this.status?.ended === true && this.shown >= this.end - STALE;
+  }
+
+  // A live session is over: Stop has nothing to stop.
+  get over(): boolean {
+    return this.hello?.live === true && (this.status?.ended === true || this.refused === "over");
+  }
+
   // How far the shown time is behind the newest row [s].
   get lag(): number {
     return Math.max(0, this.end - this.shown);
@@ -270,7 +282,7 @@ export class Model {
         this.emit("status");
         break;
       case "events":
-        this.told = message.reset ? message.list.slice() : this.told.concat(message.list);
+        this.sessionEvents = message.reset ? message.list.slice() : this.sessionEvents.concat(message.list);
         this.joinEvents();
         break;
       case "phases": {
@@ -593,7 +605,7 @@ export class Model {
     if (this.hello?.live === true) {
       const capacity = Math.ceil(RING_SECONDS * Math.max(100, message.rate_hz || 1000));
       if (!sameColumns || this.ring.capacity < capacity) this.ring = new RowRing(columns.length, capacity);
-      // The clock of the next repetition begins anew.
+      // The clock of the next repetition starts at zero.
       else if (!same || message.end < this.ring.newest - 0.5) this.ring.clear();
     } else if (!same) {
       this.ring = new RowRing(0, 2);
@@ -606,7 +618,7 @@ export class Model {
       this.blocks = new BlockCache(span, 24);
       this.moved = null;
       this.movementKey = "";
-      this.told = [];
+      this.sessionEvents = [];
       this.ownMarks = [];
       this.events = [];
       this.endedPhases = [];
@@ -655,9 +667,9 @@ export class Model {
   }
 
   private joinEvents(): void {
-    this.told.sort((a, b) => a.time - b.time);
-    if (this.told.length > MOST_EVENTS) this.told.splice(0, this.told.length - MOST_EVENTS);
-    this.events = this.told.concat(this.ownMarks).sort((a, b) => a.time - b.time);
+    this.sessionEvents.sort((a, b) => a.time - b.time);
+    if (this.sessionEvents.length > MOST_EVENTS) this.sessionEvents.splice(0, this.sessionEvents.length - MOST_EVENTS);
+    this.events = this.sessionEvents.concat(this.ownMarks).sort((a, b) => a.time - b.time);
     this.emit("events");
   }
 
@@ -691,6 +703,16 @@ export class Model {
     }
     for (let c = 0; c < this.values.length; c++) this.values[c] = source.value(c, row);
     this.shownRowTime = source.timeOf(row);
+    if (this.atEnd) this.showFinalForce();
+  }
+
+  // After the end, the force of the last row is no present force: it is zero if the device confirmed it, else unknown.
+  private showFinalForce(): void {
+    const force = this.status?.zero_force === "confirmed" ? 0 : NaN;
+    for (const name of FORCES) {
+      const c = this.columnOf.get(name);
+      if (c !== undefined) this.values[c] = force;
+    }
   }
 
   private movementChannels(): string[] {

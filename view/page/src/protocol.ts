@@ -151,7 +151,9 @@ export interface Exercise {
   mode: string;
   settings: string;
   repetitions: number;
+  // Repetitions that ended by themselves, and those that a command skipped.
   done: number;
+  skipped: number;
   test: boolean;
 }
 
@@ -163,6 +165,7 @@ export interface TrialResult {
   target_m: number | null;
   time_in_tunnel: number | null;
   partial: boolean;
+  skipped: boolean;
 }
 
 export interface ProgrammeMessage {

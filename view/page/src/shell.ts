@@ -1,7 +1,7 @@
 // The page: its three screens, the header, figures, Stop, transport, warnings, and the loop that draws.
 import { Client } from "./client";
 import { askText, openValues, toggleHelp } from "./dialogs";
-import { button, el, icon, returnFocus, setAttribute, setClass, setHidden, setIcon, setText, type Icon } from "./dom";
+import { button, el, icon, returnFocus, setAttribute, setClass, setHidden, setIcon, setStopIdle, setText, type Icon } from "./dom";
 import { clock, decimals, lagWord, phaseWord, UNKNOWN } from "./format";
 import { findRenderer } from "./graphics";
 import { listenToKeys, loopRepetition, seekRepetition } from "./keys";
@@ -421,8 +421,11 @@ export class Shell {
   }
 
   private stopButton(): HTMLButtonElement {
-    const stop = el("button", { type: "button", class: "stop", "data-stop": true }, icon("stop"), el("span", {}, "Stop"));
-    stop.title = "Ends the session: zero force at once (Esc)";
+    const word = el("span", {}, "Stop");
+    const stop = el("button", { type: "button", class: "stop", "data-stop": true }, icon("stop"), word);
+    const show = (): void => setStopIdle(stop, word, this.model.over);
+    for (const event of ["status", "recording", "connection"] as const) this.model.on(event, show);
+    show();
     stop.addEventListener("pointerdown", (event) => {
       if (event.button === 0) this.stop();
     });
@@ -440,11 +443,10 @@ export class Shell {
     const sent = this.client.stop();
     const now = performance.now();
     this.steering?.release();
-    const ended = this.model.status?.ended === true;
-    if (ended && !sent) return; // over
+    // Nothing runs: there is no end to wait for.
+    if (this.model.over) return;
     if (sent) {
-      // Nothing runs: there is no end to wait for.
-      this.stopSent = ended ? NaN : now;
+      this.stopSent = now;
       this.banner("stop", "problem", "Stop was sent.", true);
     } else {
       this.stopPending = now;

@@ -4,10 +4,17 @@ import { button, el, icon, returnFocus, setAttribute, setClass, setHidden, setIc
 import { clock, decimals, shownAs } from "./format";
 import { FONT, FONT_BOLD, readColours, Surface, type Colours } from "./graphics";
 import type { Model } from "./model";
-import type { Control, TrialResult } from "./protocol";
+import type { Control, Exercise, TrialResult } from "./protocol";
 import { roundStep, ticks } from "./scale";
 
 // --- programme --------------------------------------------------------------------------------------------------------
+
+// Returns the state of an exercise in the list: "skipped" if it is over and no repetition ended by itself.
+export function exerciseState(exercise: Exercise, current: boolean): "current" | "done" | "skipped" | "" {
+  if (current) return "current";
+  if (exercise.done + exercise.skipped < exercise.repetitions) return "";
+  return exercise.done > 0 ? "done" : "skipped";
+}
 
 export function createProgramme(host: HTMLElement, model: Model): void {
   const list = el("ol", { class: "exercises" });
@@ -19,9 +26,9 @@ export function createProgramme(host: HTMLElement, model: Model): void {
     setText(title, p.title === "" ? "Programme" : p.title);
     list.replaceChildren(
       ...p.exercises.map((e, i) => {
-        const state = i === p.current ? "current" : e.done >= e.repetitions ? "done" : "";
-        const words = [e.mode, e.settings, e.test ? "test" : ""].filter((w) => w !== "").join(" · ");
-        const mark: Icon = state === "current" ? "play" : state === "done" ? "tick" : "dot";
+        const state = exerciseState(e, i === p.current);
+        const words = [e.skipped > 0 ? `${e.skipped} skipped` : "", e.mode, e.settings, e.test ? "test" : ""].filter((w) => w !== "").join(" · ");
+        const mark: Icon = state === "current" ? "play" : state === "done" ? "tick" : state === "skipped" ? "skip" : "dot";
         const item = el("li", { class: `exercise ${state}`, "aria-current": state === "current" ? "step" : undefined });
         item.append(icon(mark), el("b", {}, e.name), el("span", {}, `${e.done} / ${e.repetitions}`), el("small", {}, words));
         return item;
@@ -35,11 +42,11 @@ export function createProgramme(host: HTMLElement, model: Model): void {
 
 // --- trend ------------------------------------------------------------------------------------------------------------
 
-// What the trend says in words, for those who do not see it.
+// Describes the trend in words, for a screen reader.
 export function trendWords(trials: readonly TrialResult[]): string {
-  const known = trials.filter((t) => t.rms_m !== null);
+  const known = trials.filter((t) => t.rms_m !== null || t.skipped);
   if (known.length === 0) return "No repetition is finished yet.";
-  const words = known.map((t) => `repetition ${t.repetition}: ${decimals(t.rms_m! * 1000, 1)} mm${t.help !== null ? `, help ${decimals(t.help * 100, 0)} %` : ""}${t.partial ? ", not complete" : ""}`);
+  const words = known.map((t) => t.skipped ? `repetition ${t.repetition}: skipped` : `repetition ${t.repetition}: ${decimals(t.rms_m! * 1000, 1)} mm${t.help !== null ? `, help ${decimals(t.help * 100, 0)} %` : ""}${t.partial ? ", not complete" : ""}`);
   return words.join("; ") + ".";
 }
 
@@ -100,7 +107,7 @@ export class Trend {
     const pitch = 46;
     const room = Math.max(1, Math.floor((width - left - right) / pitch));
     const trials = all.slice(-room);
-    const most = Math.max(0.001, target ?? 0, ...trials.map((t) => t.rms_m ?? 0)) * 1000;
+    const most = Math.max(0.001, target ?? 0, ...trials.map((t) => (t.skipped ? 0 : (t.rms_m ?? 0)))) * 1000;
     const step = roundStep(most / 2);
     const high = Math.ceil((most * 1.02) / step) * step;
     const yOf = (mm: number): number => bottom - (mm / high) * (bottom - top);
@@ -122,7 +129,7 @@ export class Trend {
     c.fillStyle = col.run;
     const half = (bottom - top) * 0.45;
     trials.forEach((t, i) => {
-      if (t.help !== null) c.fillRect(xOf(i) - 15, bottom - half * Math.min(1, Math.max(0, t.help)), 30, half * Math.min(1, Math.max(0, t.help)));
+      if (t.help !== null && !t.skipped) c.fillRect(xOf(i) - 15, bottom - half * Math.min(1, Math.max(0, t.help)), 30, half * Math.min(1, Math.max(0, t.help)));
     });
     if (trials.some((t) => t.help !== null)) {
       const x = xOf(trials.length - 1) + 34;
@@ -147,7 +154,7 @@ export class Trend {
     c.beginPath();
     let exercise = -1;
     trials.forEach((t, i) => {
-      if (t.rms_m === null) return;
+      if (t.rms_m === null || t.skipped) return;
       if (t.exercise === exercise) c.lineTo(xOf(i), yOf(t.rms_m * 1000));
       else c.moveTo(xOf(i), yOf(t.rms_m * 1000));
       exercise = t.exercise;
@@ -159,6 +166,10 @@ export class Trend {
       c.font = FONT;
       c.fillStyle = col.second;
       c.fillText(String(t.repetition), x, bottom + 12);
+      if (t.skipped) {
+        c.fillText("skipped", x, bottom - 10);
+        return;
+      }
       if (t.rms_m === null) return;
       const y = yOf(t.rms_m * 1000);
       c.beginPath();
@@ -187,10 +198,10 @@ export function controlText(control: Pick<Control, "unit" | "kind" | "least" | "
   return `${decimals(value * how.factor, digits)} ${how.unit}`;
 }
 
-// The largest value of a control with its reason, which ends before the number: "the device is stable up to 180 N/m".
+// Returns the largest value of a control with the name of that limit: "180 N/m (stability limit of this device)".
 export function limitText(control: Control): string {
   const value = controlText(control, control.largest);
-  return control.because === "" ? value : `${control.because} ${value}`;
+  return control.because === "" ? value : `${value} (${control.because})`;
 }
 
 // The line that sets a control.

@@ -1,6 +1,7 @@
 // The training screen: the scene above, large words below, sounds, one Start click. It shows no reason and no blame, and
 // no number while the hand moves.
 import type { Client } from "./client";
+import { setStopIdle } from "./dom";
 import { openFullScreen } from "./fullscreen";
 import type { Model } from "./model";
 import type { SceneView } from "./scene/scene";
@@ -35,6 +36,7 @@ class TraineeScreen implements Trainee {
   private readonly count = part("span", "training-count");
   private readonly dots = part("span", "training-dots");
   private readonly stop = part("button", "training-stop");
+  private readonly stopWord = part("span", "training-stop-word");
   private readonly band = part("div", "training-band");
   private readonly live = part("div", "training-words");
   private readonly line = part("p", "training-line");
@@ -80,7 +82,7 @@ class TraineeScreen implements Trainee {
     this.stop.type = "button";
     const octagon = part("span", "training-octagon");
     octagon.setAttribute("aria-hidden", "true");
-    this.stop.append(octagon, "Stop");
+    this.stop.append(octagon, this.stopWord);
     this.startButton.type = "button";
     this.startButton.textContent = "Start";
     const about = part("p", "training-about");
@@ -126,6 +128,7 @@ class TraineeScreen implements Trainee {
     const words = wordsOf(this.readState(state, rest, now), training, rest, this.model.status?.zero_force ?? "");
     this.say(words, state);
     this.head();
+    setStopIdle(this.stop, this.stopWord, this.model.over);
     const look = lookOf(state, training?.show ?? null);
     const lookKey = JSON.stringify(look);
     if (lookKey !== this.lookKey) {

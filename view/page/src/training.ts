@@ -1,4 +1,4 @@
-// What the training screen says and shows in each state. Pure: no page, no clock of its own.
+// Chooses the words and the picture of the training screen in each state. Pure: no page, no clock of its own.
 import type { Score, Show, TrainingMessage, TrainingState } from "./protocol";
 import type { TrainingLook } from "./scene/scene";
 import type { SoundName } from "./sounds";
@@ -37,7 +37,7 @@ export interface Situation {
 
 export function screenState(s: Situation): ScreenState {
   const state = s.training?.state ?? "none";
-  // What is over stays on the screen: the server goes away after it.
+  // A final state stays on the screen: the server goes away after it.
   if (state === "finished" || state === "stopped") return state;
   if (s.ended) return state === "done" || state === "rest" ? "finished" : "stopped";
   if (!s.heard && s.hadConnection) return "lost";

@@ -22,7 +22,7 @@ export interface NearestToRay {
  * Finds where a ray and the stretch [from, to] of a path come nearest. Returns false if the stretch is empty.
  *
  * Each segment is compared with the line of the ray in closed form (the two-line problem, with the segment's parameter
- * held to the segment and the ray's to the half in front of the eye).
+ * held to the segment and the ray's to the half in front of the eye). A direction of zero length makes the ray a point.
  */
 export function nearestToRay(line: Polyline, ray: Ray, from: number, to: number, out: NearestToRay): boolean {
   const [ox, oy, oz] = ray.origin;
@@ -73,34 +73,13 @@ export function nearestToRay(line: Polyline, ray: Ray, from: number, to: number,
   return best < Infinity;
 }
 
+const spot: NearestToRay = { length: 0, depth: 0, distance: 0 };
+
 /** Finds the arc length of the place of the stretch [from, to] nearest to a point; NaN if the stretch is empty. */
 export function nearestToPoint(line: Polyline, p: readonly number[], from: number, to: number): number {
-  let best = Infinity;
-  let found = NaN;
-  for (let i = 0; i + 1 < line.count; i++) {
-    const l0 = line.length[i]!;
-    const l1 = line.length[i + 1]!;
-    if (l1 < from) continue;
-    if (l0 > to) break;
-    const k = 3 * i;
-    const ax = line.xyz[k]!;
-    const ay = line.xyz[k + 1]!;
-    const az = line.xyz[k + 2]!;
-    const ex = line.xyz[k + 3]! - ax;
-    const ey = line.xyz[k + 4]! - ay;
-    const ez = line.xyz[k + 5]! - az;
-    const wx = p[0]! - ax;
-    const wy = p[1]! - ay;
-    const wz = p[2]! - az;
-    const ee = ex * ex + ey * ey + ez * ez;
-    const s = ee > 0 ? Math.min(1, Math.max(0, (wx * ex + wy * ey + wz * ez) / ee)) : 0;
-    const square = (wx - s * ex) ** 2 + (wy - s * ey) ** 2 + (wz - s * ez) ** 2;
-    if (square < best) {
-      best = square;
-      found = l0 + s * (l1 - l0);
-    }
-  }
-  return found;
+  // A point is a ray without a direction.
+  const point: Ray = { origin: [p[0]!, p[1]!, p[2]!], direction: [0, 0, 0] };
+  return nearestToRay(line, point, from, to, spot) ? spot.length : NaN;
 }
 
 /** Point of a ray at a distance from its origin. */

@@ -1,4 +1,4 @@
-// What a frame of the scene shows. The scene fills it from the model; a painter draws it, by WebGL or on a 2-D canvas.
+// Describes one frame of the scene. The scene fills it from the model; a painter draws it, by WebGL or on a 2-D canvas.
 import type { Camera } from "./camera";
 import type { Polyline } from "./polyline";
 import type { Theme } from "./theme";

@@ -46,7 +46,7 @@ export interface SceneOptions {
   training?: boolean;
 }
 
-/** What the training screen shows. */
+/** Parts of the scene that the training screen shows. */
 export interface TrainingLook {
   tool: boolean;
   path: boolean;
