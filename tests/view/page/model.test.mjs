@@ -3,7 +3,7 @@ import test from "node:test";
 import { helloOf, pathFrame, recordingOf, samplesFrame } from "./frames.mjs";
 import { load } from "./load.mjs";
 
-const { Model, decodeFrame, Latest, ClockOffset, RowRing, LIVE_DELAY, rowAt, nearestRow, BlockCache } = await load("model", "protocol", "latest", "client", "rows");
+const { Model, decodeFrame, Latest, ClockOffset, RowRing, LIVE_DELAY, rowAt, nearestRow, BlockCache, seekRepetition } = await load("model", "protocol", "latest", "client", "rows", "keys");
 
 // Rows at 1 kHz from `t0` on; x is the row's number since time 0.
 function rows(t0, count, options = {}) {
@@ -379,4 +379,30 @@ test("a screen that is replaced leaves no listener behind", () => {
   end();
   model.pause();
   assert.equal(calls, 3);
+});
+
+test("presses of a key in quick succession add up, however far the picture plays between two frames", () => {
+  const { model } = recorded();
+  model.take({ type: "phases", reset: true, list: [[0, 1, "approach"], [1, 3, "run"], [3, 4, "hold"], [4, 6, "run"], [7, 9, "run"]], done: true });
+  model.tick(0);
+  model.setSpeed(8);
+  model.play();
+  model.seek(8);
+  // Each frame takes 250 ms and plays 2 s: from the start of a repetition back beyond its end.
+  for (const [i, expected] of [7, 4, 1, 0].entries()) {
+    seekRepetition(model, -1, 1000 + 200 * i);
+    assert.equal(model.shown, expected);
+    model.tick(0.25 * (i + 1));
+  }
+  model.seek(2);
+  for (let i = 0; i < 3; i++) {
+    model.seekByKey(3000 + 100 * i, (from) => from + 1);
+    model.tick(2 + 0.25 * i);
+  }
+  model.pause();
+  assert.ok(model.shown >= 5 && model.shown <= 7, `${model.shown} after three seconds on from 2`);
+  model.seekByKey(9000, (from) => from - 1);
+  const later = model.shown;
+  model.seekByKey(9100, (from) => from - 1);
+  assert.ok(Math.abs(later - 1 - model.shown) < 1e-9);
 });

@@ -54,20 +54,25 @@ export function nextSpeed(speed: number, direction: 1 | -1): number {
   return list[0] ?? speed;
 }
 
-// Moves to the previous or next mark or warning. Without one it stays.
-export function seekFlag(model: Model, direction: 1 | -1): void {
+// Moves to the previous or next mark or warning. Without one it stays. `now` is the time of the press [ms].
+export function seekFlag(model: Model, direction: 1 | -1, now = performance.now()): void {
   const times = flagsOf(model.events).map((e) => e.time);
-  const slack = Math.max(model.period, direction < 0 && model.playing ? 0.5 : model.period);
-  const target = direction > 0 ? times.find((t) => t > model.shown + slack / 2) : times.filter((t) => t < model.shown - slack / 2).pop();
-  if (target !== undefined) model.seek(target);
+  model.seekByKey(now, (from, again) => {
+    // A press while one plays leads to the mark before the one that was just passed.
+    const slack = Math.max(model.period, direction < 0 && model.playing && !again ? 0.5 : model.period) / 2;
+    return direction > 0 ? times.find((t) => t > from + slack) : times.filter((t) => t < from - slack).pop();
+  });
 }
 
-// Moves to the previous or next repetition. While one runs, "previous" is its start.
-export function seekRepetition(model: Model, direction: 1 | -1): void {
+// Moves to the previous or next repetition. While one runs, "previous" is its start. `now` is the time of the press [ms].
+export function seekRepetition(model: Model, direction: 1 | -1, now = performance.now()): void {
   const starts = model.repetitions.map((r) => r.t0);
-  const target = direction > 0 ? starts.find((t) => t > model.shown + 0.01) : starts.filter((t) => t < model.shown - (model.playing ? 0.5 : 0.01)).pop();
-  if (target !== undefined) model.seek(target);
-  else if (direction < 0) model.seek(model.start);
+  model.seekByKey(now, (from, again) => {
+    if (direction > 0) return starts.find((t) => t > from + 0.01);
+    // Where the last press led, the next one leads on, also if some of the repetition has played since.
+    const slack = model.playing && !again ? 0.5 : 0.01;
+    return starts.filter((t) => t < from - slack).pop() ?? model.start;
+  });
 }
 
 function typing(target: EventTarget | null): boolean {
@@ -100,14 +105,14 @@ export function listenToKeys(model: Model, actions: Actions): () => void {
       case "ArrowLeft":
       case "ArrowRight": {
         const size = event.shiftKey ? 5 : alt ? 0.1 : 1;
-        model.seek(model.shown + (key === "ArrowLeft" ? -size : size));
+        model.seekByKey(event.timeStamp, (from) => from + (key === "ArrowLeft" ? -size : size));
         return true;
       }
       case "PageUp":
-        seekRepetition(model, -1);
+        seekRepetition(model, -1, event.timeStamp);
         return true;
       case "PageDown":
-        seekRepetition(model, 1);
+        seekRepetition(model, 1, event.timeStamp);
         return true;
       case "Home":
         actions.fit();
@@ -135,10 +140,10 @@ export function listenToKeys(model: Model, actions: Actions): () => void {
         model.step(1);
         return true;
       case "[":
-        seekFlag(model, -1);
+        seekFlag(model, -1, event.timeStamp);
         return true;
       case "]":
-        seekFlag(model, 1);
+        seekFlag(model, 1, event.timeStamp);
         return true;
       case "i":
         model.setLoop({ t0: model.shown, t1: Math.max(model.loop?.t1 ?? model.end, model.shown + model.period) }, model.loopOn);

@@ -83,6 +83,8 @@ export interface Repetition {
 }
 
 export const MOVEMENT_POINTS = 2000;
+// Keys that are pressed within this time of each other add up [ms].
+const SUCCESSION = 800;
 const RING_SECONDS = 40;
 // Columns of the force that the device exerts on the hand.
 const FORCES = ["fx", "fy", "fz", "force"] as const;
@@ -147,6 +149,8 @@ export class Model {
   private moved: Movement | null = null;
   private movementKey = "";
   private movementDue = 0;
+  // Where the last key led, and the time of its press [ms]; null after any other seek.
+  private aim: { time: number; at: number } | null = null;
   private lastTick = NaN;
   private ticksWithoutRows = 0;
   private readonly rowRequests: Latest<{ index: number; generation: number }, RowsFrame>;
@@ -380,10 +384,22 @@ export class Model {
   }
 
   seek(time: number): void {
+    this.aim = null;
     this.following = false;
     this.stepped = false;
     this.shown = Math.min(this.end, Math.max(this.start, time));
     this.emit("play");
+  }
+
+  // Moves the shown time to where a key pressed at `now` [ms] leads from the place that the last keys aimed at. Presses in
+  // quick succession add up, however few frames the page draws and however far it plays between them. `lead` gets the
+  // place to start at, and whether a key led there; it returns the target, or undefined to stay.
+  seekByKey(now: number, lead: (from: number, again: boolean) => number | undefined): void {
+    const aim = this.aim !== null && now - this.aim.at < SUCCESSION ? this.aim : null;
+    const target = lead(aim?.time ?? this.shown, aim !== null);
+    if (target === undefined) return;
+    this.seek(target);
+    this.aim = { time: this.shown, at: now };
   }
 
   // Moves the shown time by whole rows and pauses. Without rows there (they are not here yet, or a gap), by the period.
@@ -405,6 +421,7 @@ export class Model {
 
   goLive(): void {
     if (this.hello?.live !== true) return;
+    this.aim = null;
     this.following = true;
     this.playing = true;
     this.stepped = false;
