@@ -212,11 +212,11 @@ test("H takes the hand by keyboard: arrows move it along the path, H lets go", (
 
 const pointer = (tab, type, x, y, init = {}) =>
   tab.evaluate(([t, px, py, rest]) => {
-    const { canvas } = globalThis.stage.scene;
+    const { target } = globalThis.stage.scene;
     // A synthetic pointer cannot be captured.
-    canvas.setPointerCapture = () => undefined;
+    target.setPointerCapture = () => undefined;
     const event = { pointerId: 7, bubbles: true, cancelable: true, clientX: px, clientY: py, buttons: 1, isPrimary: true, ...rest };
-    canvas.dispatchEvent(new PointerEvent(t, event));
+    target.dispatchEvent(new PointerEvent(t, event));
   }, [type, x, y, init]);
 const intentions = (tab) => tab.evaluate(() => globalThis.stage.sent.filter((e) => e[0] === "intention").map((e) => e[2]));
 

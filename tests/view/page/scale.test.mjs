@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { load } from "./load.mjs";
 
-const { edgeScroll, follow, growRange, roundStep, ticks, timeStep, within, zoomAbout } = await load("scale");
+const { edgeScroll, follow, growRange, RangeRest, roundStep, ticks, timeStep, within, zoomAbout } = await load("scale");
 
 const near = (a, b) => assert.ok(Math.abs(a - b) < 1e-9, `${a} is not ${b}`);
 
@@ -37,6 +37,26 @@ test("a range grows to hold the data and never shrinks", () => {
 test("a range does not change while the data stay within it", () => {
   const range = growRange(null, -51, 48, 10);
   assert.equal(growRange(range, -40, 40, 10), range);
+});
+
+test("a range shrinks ten seconds after a peak has left, once, and not while the hand moves", () => {
+  const rest = new RangeRest();
+  const wide = growRange(null, 0, 40, 0.5);
+  const at = (now, still, high = 3) => rest.shrink(wide, 0, high, 0.5, now, still);
+  assert.equal(at(0, true, 40), wide, "the peak is still in the window");
+  assert.equal(at(1, true), wide);
+  assert.equal(at(10.9, true), wide);
+  assert.equal(at(12, false), wide, "the hand moves");
+  const narrow = at(13, true);
+  assert.ok(narrow.high >= 3 && narrow.high < 5, `${narrow.high}`);
+  assert.equal(at(13.1, true), wide, "the ten seconds start again");
+  at(30, true, 35);
+  assert.equal(at(39, true), wide, "a peak in between starts them again");
+});
+
+test("values that are never negative have no negative end, however little they vary", () => {
+  for (const [low, high] of [[0, 0], [0, 0.1], [2, 2.1], [180, 180]]) assert.ok(growRange(null, low, high, 10).low >= 0);
+  assert.ok(growRange(growRange(null, 0, 0, 10), 0, 180, 10).low === 0);
 });
 
 test("a range of values from zero keeps zero as its end", () => {

@@ -7,7 +7,7 @@ import { Latest } from "./latest";
 import type { Client } from "./client";
 import type { Model } from "./model";
 import { FLAG_COARSE, type BinsFrame } from "./protocol";
-import { follow, growRange, SPAN_LEAST, SPAN_MOST, ticks, timeStep, zoomAbout, type Range, type Span } from "./scale";
+import { follow, growRange, RangeRest, SPAN_LEAST, SPAN_MOST, ticks, timeStep, zoomAbout, type Range, type Span } from "./scale";
 
 interface LaneKind {
   column: string;
@@ -48,6 +48,7 @@ interface Lane {
   value: Text;
   second: HTMLElement;
   range: Range | null;
+  rest: RangeRest;
   top: number;
   height: number;
 }
@@ -141,7 +142,8 @@ export class Lanes {
       }
       const view = new FrameBins(frame, names);
       for (const lane of this.lanes) {
-        this.grow(lane, view, view.k0, view.k1);
+        const r = this.extent(lane, view, view.k0, view.k1);
+        if (r !== null) lane.range = growRange(lane.range, ...r, lane.kind.floor * lane.factor);
         // A recording's column without a value is no lane: a path has no force.
         const empty = lane.range === null && model.hello?.live !== true && (frame.header.flags & FLAG_COARSE) === 0;
         setHidden(lane.row, empty);
@@ -274,7 +276,7 @@ export class Lanes {
       const tab = el("button", { type: "button", class: "lane-tab", role: "tab" }, kind.label);
       tab.addEventListener("click", () => this.select(kind.column));
       this.rows.append(row);
-      return { kind, column: m.column(kind.column), factor: how.factor, unit: how.unit, digits: how.digits, row, tab, value, second, range: null, top: 0, height: 0 };
+      return { kind, column: m.column(kind.column), factor: how.factor, unit: how.unit, digits: how.digits, row, tab, value, second, range: null, rest: new RangeRest(), top: 0, height: 0 };
     });
     const order = [...this.lanes].sort((a, b) => NARROW_ORDER.indexOf(a.kind.column) - NARROW_ORDER.indexOf(b.kind.column));
     this.tabs.append(...order.map((l) => l.tab));
@@ -361,7 +363,27 @@ export class Lanes {
     return out;
   }
 
-  private grow(lane: Lane, view: BinView, k0: number, k1: number): void {
+  // Fits the range of a lane to bins. Live, it shrinks long after a peak, but not while the hand moves.
+  private fitRange(lane: Lane, views: { view: BinView; k0: number; k1: number }[]): void {
+    let low = Infinity;
+    let high = -Infinity;
+    for (const { view, k0, k1 } of views) {
+      const r = this.extent(lane, view, k0, k1);
+      if (r === null) continue;
+      low = Math.min(low, r[0]);
+      high = Math.max(high, r[1]);
+    }
+    if (!(low <= high)) return;
+    const floor = lane.kind.floor * lane.factor;
+    lane.range = growRange(lane.range, low, high, floor);
+    const m = this.model;
+    if (!m.live || !m.following) return;
+    const still = m.status?.phase !== "run" || m.recording?.verb === "record";
+    lane.range = lane.rest.shrink(lane.range, low, high, floor, performance.now() / 1000, still);
+  }
+
+  // Least and largest value of a lane in bins, in the unit that is shown, so that round ends are round there.
+  private extent(lane: Lane, view: BinView, k0: number, k1: number): [number, number] | null {
     let low = Infinity;
     let high = -Infinity;
     for (const name of [lane.kind.column, lane.kind.reference, lane.kind.limit]) {
@@ -371,11 +393,10 @@ export class Lanes {
       low = Math.min(low, r[0]);
       high = Math.max(high, r[1]);
     }
-    if (!(low <= high)) return;
-    // In the unit that is shown, so that the ends are round there.
+    if (!(low <= high)) return null;
     const f = lane.factor;
     if (lane.kind.column === "deviation" || lane.kind.column === "force") low = Math.min(low, 0);
-    lane.range = growRange(lane.range, low * f, high * f, lane.kind.floor * f);
+    return [low * f, high * f];
   }
 
   private paint(): void {
@@ -409,7 +430,7 @@ export class Lanes {
 
     for (const lane of this.lanes) {
       if (lane.height <= 0) continue;
-      for (const { view, k0, k1 } of views) this.grow(lane, view, k0, k1);
+      this.fitRange(lane, views);
       this.paintLane(c, lane, views, ax, bx);
     }
 

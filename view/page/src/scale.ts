@@ -1,4 +1,4 @@
-// Maths of axes: round ticks, ranges that only grow, the lanes' window, the timeline's zoom.
+// Maths of axes: round ticks, ranges that grow at once and shrink late, the lanes' window, the timeline's zoom.
 
 // Returns 1, 2 or 5 times a power of ten that is at least `least`.
 export function roundStep(least: number): number {
@@ -30,19 +30,46 @@ export interface Range {
   high: number;
 }
 
-// Returns `range` grown to hold [low, high], in round steps: a range that jumps with each sample cannot be read. `floor`
-// is the least distance of low and high.
+// Returns a range with round ends that holds [low, high] with a margin. `floor` is the least distance of low and high.
+export function roundRange(low: number, high: number, floor: number): Range {
+  const middle = (low + high) / 2;
+  const half = Math.max((high - low) / 2, floor / 2);
+  // A margin of 6 %, then the next round step outward. A force or a deviation has no less than zero.
+  const step = roundStep(half / 4);
+  const from = Math.floor((middle - half * 1.06) / step) * step;
+  return {
+    low: low < 0 ? from : low < 0.25 * high ? 0 : Math.max(0, from),
+    high: Math.ceil((middle + half * 1.06) / step) * step,
+  };
+}
+
+// Returns `range` grown to hold [low, high], in round steps: a range that jumps with each sample cannot be read.
 export function growRange(range: Range | null, low: number, high: number, floor: number): Range {
   if (range !== null && low >= range.low && high <= range.high) return range;
-  const from = Math.min(low, range?.low ?? low);
-  const to = Math.max(high, range?.high ?? high);
-  const middle = (from + to) / 2;
-  const half = Math.max((to - from) / 2, floor / 2);
-  // A margin of 6 %, then the next round step outward. Zero stays zero: a force or a deviation has no less.
-  const step = roundStep(half / 4);
-  const grownLow = from >= 0 && from < 0.25 * to ? 0 : Math.floor((middle - half * 1.06) / step) * step;
-  const grownHigh = Math.ceil((middle + half * 1.06) / step) * step;
-  return { low: Math.min(grownLow, range?.low ?? grownLow), high: Math.max(grownHigh, range?.high ?? grownHigh) };
+  const fresh = roundRange(low, high, floor);
+  return range === null ? fresh : { low: Math.min(fresh.low, range.low), high: Math.max(fresh.high, range.high) };
+}
+
+// A range shrinks once its data have filled less than this share of it for this time [s].
+const ROOMY = 0.5;
+const SHRINK_AFTER = 10;
+
+// Lets the range of a lane shrink after a peak, slowly: once for all, long after the peak has left the window.
+export class RangeRest {
+  private since = NaN;
+
+  // Returns the range to use at `now` [s] for data in [low, high]. `still`: nobody reads the lane now, so it may shrink.
+  shrink(range: Range, low: number, high: number, floor: number, now: number, still: boolean): Range {
+    const fresh = roundRange(low, high, floor);
+    if (fresh.high - fresh.low > ROOMY * (range.high - range.low)) {
+      this.since = NaN;
+      return range;
+    }
+    if (!Number.isFinite(this.since)) this.since = now;
+    if (now - this.since < SHRINK_AFTER || !still) return range;
+    this.since = NaN;
+    return fresh;
+  }
 }
 
 export interface Span {

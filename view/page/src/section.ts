@@ -24,7 +24,7 @@ export interface Section {
 
 export function createSection(canvas: HTMLCanvasElement, model: Model, scene: SceneView, options: SectionOptions = {}): Section {
   const words = options.words !== false;
-  const context = canvas.getContext("2d");
+  const context = canvas.getContext("2d", { willReadFrequently: true });
   canvas.setAttribute("role", "img");
   canvas.classList.add("section");
   let key = "";

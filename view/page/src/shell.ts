@@ -6,6 +6,7 @@ import { clock, decimals, lagWord, phaseWord, UNKNOWN } from "./format";
 import { findRenderer } from "./graphics";
 import { listenToKeys, loopRepetition, seekRepetition } from "./keys";
 import { Lanes, NARROW } from "./lanes";
+import { Pace, SLOW, SLOW_SOFTWARE } from "./pace";
 import { SPEEDS, type Model } from "./model";
 import type { Role } from "./protocol";
 import { toggleFullScreen, watchFullScreen } from "./fullscreen";
@@ -28,7 +29,7 @@ const STOP_PATIENCE = 1000;
 // A Stop that found no connection is sent when the connection is back, within this time [ms].
 const STOP_KEPT = 10000;
 const SOFTWARE = "Drawn without a graphics processor: at most 30 frames a second, no smooth edges.";
-const SLOW_FRAME = 40; // [ms]
+const FLAT = "This computer draws slowly, so the scene is drawn flat. Load the page again to try the full picture.";
 const STATUS_STALE = 1500; // [ms]
 
 export class Shell {
@@ -54,8 +55,9 @@ export class Shell {
   private colourSelect: HTMLSelectElement | null = null;
   private readonly banners = new Map<string, HTMLElement>();
   private readonly bannerHost = el("div", { class: "banners" });
-  private slowSince = NaN;
-  private lastFrame = NaN;
+  // Draws the scene on a 2-D canvas: frames of WebGL came too slowly.
+  flat = false;
+  private readonly pace = new Pace();
   private lastDrawn = -Infinity;
   private stopSent = NaN;
   private stopPending = NaN;
@@ -67,6 +69,7 @@ export class Shell {
     this.client = client;
     const found = findRenderer();
     this.software = found.software;
+    this.pace.most = found.software ? SLOW_SOFTWARE : SLOW;
     this.renderer = found.name;
     this.applyTheme();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.applyTheme());
@@ -151,7 +154,7 @@ export class Shell {
   private buildScene(host: HTMLElement, training: boolean): SceneView {
     const panel = el("div", { class: "scene-host" });
     host.append(panel);
-    const scene = createScene(panel, this.model, { software: this.software, training });
+    const scene = createScene(panel, this.model, { software: this.software, flat: this.flat, training });
     this.scene = scene;
     if (this.model.hello?.steer === true) this.steering = createSteering(scene, this.model, this.client);
     return scene;
@@ -241,6 +244,7 @@ export class Shell {
     const missed = el("span", { class: "pill wide" });
     const softened = el("span", { class: "pill warning", role: "status", hidden: true });
     const input = el("span", { class: "pill wide" });
+    const simple = el("span", { class: "pill wide", hidden: true, title: FLAT }, "Simple graphics");
     const clockPill = el("span", { class: "pill wide" });
     const warnings = el("button", { type: "button", class: "pill warning", title: "Events and warnings" }, icon("triangle"), el("span", {}, ""));
     warnings.addEventListener("click", () => this.openValues());
@@ -267,6 +271,7 @@ export class Shell {
     pills.append(phase, softened, warnings);
     const timed = m.hello?.role === "therapist" && m.programme !== null;
     if (!timed) pills.append(facts, missed, input);
+    pills.append(simple);
     header.append(pills, el("span", { class: "space" }));
     if (timed) header.append(clockPill);
     header.append(button("Table of values", { icon: "table", class: "button plain" }, () => this.openValues()));
@@ -303,6 +308,7 @@ export class Shell {
       const soft = live && s !== null && !s.ended && s.share < 0.995;
       setHidden(softened, !soft);
       if (soft) setText(softened, `Forces softened to ${decimals(s.share * 100, 0)} %`);
+      setHidden(simple, !this.flat);
       setHidden(missed, s === null);
       setText(missed, `${decimals(s?.overruns ?? NaN, 0)} late`);
       setHidden(input, (r?.input ?? "") === "");
@@ -472,7 +478,7 @@ export class Shell {
   }
 
   private openValues(): void {
-    openValues(this.model, this.software ? SOFTWARE : this.renderer);
+    openValues(this.model, this.flat ? FLAT : this.software ? SOFTWARE : this.renderer);
   }
 
   private get marksKey(): string {
@@ -555,7 +561,7 @@ export class Shell {
   }
 
   private passingTimer = 0;
-  private softwareSaid = false;
+  private softwareSaid = "";
 
   // Shows a message for a few seconds.
   private passing(text: string, time = 4000): void {
@@ -620,25 +626,26 @@ export class Shell {
   }
 
   private showSoftware(): void {
-    if (!this.software || this.role === "trainee" || this.softwareSaid) return;
-    this.softwareSaid = true;
-    this.passing(SOFTWARE, 12000);
+    const words = this.flat ? FLAT : this.software ? SOFTWARE : "";
+    if (words === "" || this.role === "trainee" || words === this.softwareSaid) return;
+    this.softwareSaid = words;
+    this.passing(words, 12000);
   }
 
   // A hidden tab wants no rows; when it is seen again it wants the newest.
   private showVisibility(): void {
     const wanted = this.role === "trainee" ? "state" : "samples";
     this.client.want(document.visibilityState === "hidden" ? "none" : wanted);
-    this.lastFrame = NaN;
+    this.pace.reset();
   }
 
   // --- drawing ----------------------------------------------------------------------------------------------------------
 
   // Draws a frame. Without a GPU, only each 33 ms, unless `always`.
   draw(now: number, always = false): void {
-    this.watchSpeed(now);
     if (this.software && !always && now - this.lastDrawn < 30) return;
     this.lastDrawn = now;
+    this.watchSpeed(now);
     const began = performance.now();
     const m = this.model;
     if (Number.isFinite(this.stopSent) && began - this.stopSent > STOP_PATIENCE && m.status?.ended !== true) {
@@ -661,24 +668,24 @@ export class Shell {
     if (this.times.length > 4096) this.times.splice(0, 2048);
   }
 
-  // A machine that shows fewer than 25 frames a second for one second draws on the CPU from then on.
+  // Draws more cheaply where frames come slowly, by their measured times: first charts on the CPU, then the scene too.
   private watchSpeed(now: number): void {
-    const passed = now - this.lastFrame;
-    this.lastFrame = now;
-    if (this.software || document.visibilityState === "hidden" || !(this.model.playing || this.model.following)) {
-      this.slowSince = NaN;
+    if (this.flat || document.visibilityState === "hidden" || !(this.model.playing || this.model.following)) {
+      this.pace.reset();
       return;
     }
-    if (!(passed > SLOW_FRAME) || passed > 1000) {
-      this.slowSince = NaN;
-      return;
+    if (!this.pace.slow(now)) return;
+    if (this.software) {
+      this.flat = true;
+      this.scene?.useFlat();
+    } else {
+      this.software = true;
+      this.pace.most = SLOW_SOFTWARE;
+      this.scene?.useSoftware();
+      this.lanes?.useSoftware();
+      this.timeline?.useSoftware();
+      this.trend?.useSoftware();
     }
-    if (!Number.isFinite(this.slowSince)) this.slowSince = now;
-    if (now - this.slowSince < 1000) return;
-    this.software = true;
-    this.lanes?.useSoftware();
-    this.timeline?.useSoftware();
-    this.trend?.useSoftware();
     this.showSoftware();
   }
 

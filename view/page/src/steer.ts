@@ -88,10 +88,10 @@ class SteeringOfScene implements Steering {
       this.shift(event.deltaY < 0 ? 1 : -1);
       return true;
     };
-    const canvas = scene.canvas;
-    this.raw = "onpointerrawupdate" in canvas && window.isSecureContext;
-    if (this.raw) canvas.addEventListener("pointerrawupdate", (event) => this.drag(event as PointerEvent), { signal });
-    canvas.addEventListener(
+    const { target } = scene;
+    this.raw = "onpointerrawupdate" in target && window.isSecureContext;
+    if (this.raw) target.addEventListener("pointerrawupdate", (event) => this.drag(event as PointerEvent), { signal });
+    target.addEventListener(
       "pointermove",
       (event) => {
         if (!this.raw) this.drag(event);
@@ -100,7 +100,7 @@ class SteeringOfScene implements Steering {
       { signal },
     );
     for (const type of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
-      canvas.addEventListener(type, (event) => {
+      target.addEventListener(type, (event) => {
         if (this.grasp?.pointer === event.pointerId) this.release();
       }, { signal });
     }
@@ -155,7 +155,7 @@ class SteeringOfScene implements Steering {
     const depth = grasp.hand.fromPath ? Depth.path : Depth.plane;
     this.client.intention({ x, y, z, grip: 0, input: grasp.input, depth });
     this.lastSent = performance.now();
-    this.scene.canvas.style.cursor = "";
+    this.scene.target.style.cursor = "";
     this.show();
   }
 
@@ -179,7 +179,7 @@ class SteeringOfScene implements Steering {
     const place = tool === null ? null : this.scene.place(...tool);
     if (tool === null || place === null) return false;
     this.release();
-    this.scene.canvas.setPointerCapture(event.pointerId);
+    this.scene.target.setPointerCapture(event.pointerId);
     const grasp = this.take(input, tool, event.pointerId);
     grasp.offsetX = place.x - event.clientX;
     grasp.offsetY = place.y - event.clientY;
@@ -187,7 +187,7 @@ class SteeringOfScene implements Steering {
     grasp.lastY = event.clientY;
     grasp.lastTime = event.timeStamp;
     grasp.grip = input === Input.pen ? gripOf(event.pressure) : 1;
-    this.scene.canvas.style.cursor = "grabbing";
+    this.scene.target.style.cursor = "grabbing";
     this.send();
     return true;
   }
@@ -210,7 +210,7 @@ class SteeringOfScene implements Steering {
   private hover(event: PointerEvent): void {
     const over = this.available && event.buttons === 0 && this.near(event);
     const cursor = over ? "grab" : "";
-    if (this.scene.canvas.style.cursor !== cursor) this.scene.canvas.style.cursor = cursor;
+    if (this.scene.target.style.cursor !== cursor) this.scene.target.style.cursor = cursor;
   }
 
   private near(event: PointerEvent): boolean {

@@ -54,6 +54,8 @@ export function installTestHook(shell: Shell): void {
       playing: m.playing,
       lag: m.lag,
       software: shell.software,
+      flat: shell.flat,
+      painter: shell.scene?.painter.kind ?? "",
       renderer: shell.rendererName,
       start: m.start,
       end: m.end,

@@ -62,19 +62,7 @@ export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
       stroke(t.path, 1, 0.3);
     }
     const path = p.path;
-    if (p.showTunnel && path.count > 1) {
-      c.lineCap = "butt";
-      // A band as wide as the tunnel: on a flat canvas it takes the glass's place.
-      const step = Math.max(1, Math.floor(path.count / 400));
-      for (let i = 0; i + step < path.count; i += step) {
-        const radius = path.radius[i]!;
-        if (!(radius > 0)) continue;
-        line(path.xyz, i, Math.min(path.count, i + step + 1));
-        const size = (2 * radius) / metresPerPixel(p.camera, Math.max(1e-4, spot[2]!));
-        stroke(mix(t.path, t.background, 0.82), size);
-      }
-      c.lineCap = "round";
-    }
+    if (p.showTunnel && path.count > 1) tunnel(c, p, at, spot);
     if (p.showPath && path.count > 1) {
       line(path.xyz, 0, path.count);
       stroke(t.path, 2);
@@ -158,6 +146,51 @@ export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
 }
 
 type At = (x: number, y: number, z: number) => boolean;
+
+/** Stretches of a tunnel whose widths on the screen differ by less than this factor are drawn as one line. */
+const EVEN = 1.08;
+
+/** Draws the tunnel as a band as wide as it is, with an edge: on a flat canvas it takes the place of the glass. */
+function tunnel(c: CanvasRenderingContext2D, p: Picture, at: At, spot: number[]): void {
+  const { path, theme } = p;
+  const step = Math.max(1, Math.floor(path.count / 400));
+  const steps = Math.ceil((path.count - 1) / step);
+  for (const [more, share] of [[2, 0.45], [0, 0.85]] as const) {
+    c.strokeStyle = mix(theme.path, theme.background, share);
+    let width = NaN;
+    const end = (): void => {
+      if (width === width) c.stroke();
+      width = NaN;
+    };
+    for (let n = 0; n <= steps; n++) {
+      const i = Math.min(n * step, path.count - 1);
+      const k = 3 * i;
+      const radius = path.radius[i]!;
+      if (!(radius > 0) || !at(path.xyz[k]!, path.xyz[k + 1]!, path.xyz[k + 2]!)) {
+        end();
+        continue;
+      }
+      const [x, y] = [spot[0]!, spot[1]!];
+      const size = (2 * radius) / metresPerPixel(p.camera, spot[2]!);
+      if (width === width) c.lineTo(x, y);
+      if (width === width && size < width * EVEN && size * EVEN > width) continue;
+      const joins = width === width;
+      end();
+      c.beginPath();
+      if (joins) {
+        const b = 3 * (n - 1) * step;
+        at(path.xyz[b]!, path.xyz[b + 1]!, path.xyz[b + 2]!);
+        c.moveTo(spot[0]!, spot[1]!);
+        c.lineTo(x, y);
+      } else {
+        c.moveTo(x, y);
+      }
+      width = size;
+      c.lineWidth = size + more;
+    }
+    end();
+  }
+}
 
 function arrow(c: CanvasRenderingContext2D, p: Picture, at: At, spot: number[]): void {
   const [fx, fy, fz] = p.arrow.force;

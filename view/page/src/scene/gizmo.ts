@@ -59,7 +59,7 @@ export function createGizmo(look: (axis: 0 | 1 | 2, fromOtherSide: boolean) => v
         canvas.width = SIZE * ratio;
         canvas.height = SIZE * ratio;
       }
-      const context = canvas.getContext("2d");
+      const context = canvas.getContext("2d", { willReadFrequently: true });
       if (context === null) return;
       context.setTransform(ratio, 0, 0, ratio, 0, 0);
       context.clearRect(0, 0, SIZE, SIZE);

@@ -67,6 +67,8 @@ export interface TrainingLook {
 
 export interface SceneView {
   readonly host: HTMLElement;
+  /** Receives the pointers. The canvas in it may be replaced by another painter's. */
+  readonly target: HTMLElement;
   readonly canvas: HTMLCanvasElement;
   readonly camera: Camera;
   readonly picture: Picture;
@@ -91,6 +93,8 @@ export interface SceneView {
   axes(): Axes;
   /** Draws fewer pixels: the browser turned out to draw without a GPU. */
   useSoftware(): void;
+  /** Draws on a 2-D canvas from the next frame in which nobody trains: WebGL turned out to be too slow. */
+  useFlat(): void;
   /** Asks for a frame: something outside the model changed. */
   invalidate(): void;
 }
@@ -106,6 +110,7 @@ class SceneOfModel implements SceneView {
   claim: ((event: PointerEvent) => boolean) | null = null;
   claimWheel: ((event: WheelEvent) => boolean) | null = null;
 
+  readonly target = element("div", "scene-target");
   private readonly gizmo: Gizmo;
   private readonly label = element("span", "scene-label");
   private readonly bars = element("div", "scene-bars");
@@ -121,11 +126,13 @@ class SceneOfModel implements SceneView {
   private readonly abort = new AbortController();
   private readonly observer: ResizeObserver | null;
   private software = false;
+  private withoutGl = false;
   private dirty = true;
   private touched = false;
   /** The picture shows what it should; false: the next frame fits the camera. */
   private fitted = false;
   private fitDue = false;
+  private flatDue = false;
   private box: Box | null = null;
   private training: TrainingLook | null = null;
   private key = "";
@@ -145,10 +152,9 @@ class SceneOfModel implements SceneView {
     this.picture = emptyPicture(this.camera, host);
     host.classList.add("scene");
     this.painter = this.createPainter(options);
-    const canvas = this.painter.canvas;
-    canvas.className = "scene-canvas";
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", "The movement in three dimensions");
+    this.target.setAttribute("role", "img");
+    this.target.setAttribute("aria-label", "The movement in three dimensions");
+    this.showCanvas();
     this.gizmo = createGizmo((axis, otherSide) => this.axisView(axis, otherSide));
     this.bars.append(this.newtons.root, this.millimetres.root);
     this.bars.prepend(this.legend);
@@ -156,8 +162,8 @@ class SceneOfModel implements SceneView {
     this.legend.hidden = true;
     this.notice.setAttribute("role", "status");
     for (const part of [this.label, this.bars]) part.setAttribute("aria-hidden", "true");
-    host.append(canvas, this.label, this.bars, this.gizmo.root, this.notice);
-    this.listen(canvas);
+    host.append(this.target, this.label, this.bars, this.gizmo.root, this.notice);
+    this.listen(this.target);
     this.observer = typeof ResizeObserver === "undefined" ? null : new ResizeObserver(() => this.resize());
     this.observer?.observe(host);
     const stop = [
@@ -187,6 +193,8 @@ class SceneOfModel implements SceneView {
         this.legendKey = "";
       }
     }
+    // Another look of the scene is a surprise: not while the trainee moves.
+    if (this.flatDue && this.training?.moving !== true) this.changePainter();
     const key = [this.model.shown, this.model.dataVersion, this.model.movement?.version ?? 0, this.painter.lost].join();
     if (!this.dirty && key === this.key) return false;
     this.key = key;
@@ -489,14 +497,14 @@ class SceneOfModel implements SceneView {
   // --- pointer ----------------------------------------------------------------------------------------------------------
 
   ray(clientX: number, clientY: number): Ray {
-    const box = this.canvas.getBoundingClientRect();
+    const box = this.target.getBoundingClientRect();
     return rayThrough(this.camera, clientX - box.left, clientY - box.top);
   }
 
   place(x: number, y: number, z: number): { x: number; y: number } | null {
     project(this.camera, x, y, z, this.spot);
     if (!(this.spot[2]! > 0)) return null;
-    const box = this.canvas.getBoundingClientRect();
+    const box = this.target.getBoundingClientRect();
     return { x: this.spot[0]! + box.left, y: this.spot[1]! + box.top };
   }
 
@@ -504,10 +512,10 @@ class SceneOfModel implements SceneView {
     return axesOf(this.camera);
   }
 
-  private listen(canvas: HTMLCanvasElement): void {
+  private listen(target: HTMLElement): void {
     const signal = this.abort.signal;
     const on = <K extends keyof HTMLElementEventMap>(type: K, handler: (event: HTMLElementEventMap[K]) => void): void =>
-      canvas.addEventListener(type, handler, { signal, passive: false });
+      target.addEventListener(type, handler, { signal, passive: false });
     on("contextmenu", (event) => event.preventDefault());
     let claimed = false;
     on("pointerdown", (event) => {
@@ -517,7 +525,7 @@ class SceneOfModel implements SceneView {
         return;
       }
       if (this.held || event.button > 2) return;
-      canvas.setPointerCapture(event.pointerId);
+      target.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, {
         x: event.clientX,
         y: event.clientY,
@@ -566,7 +574,7 @@ class SceneOfModel implements SceneView {
   }
 
   private zoomAt(factor: number, clientX: number, clientY: number): void {
-    const box = this.canvas.getBoundingClientRect();
+    const box = this.target.getBoundingClientRect();
     zoom(this.camera, factor, clientX - box.left, clientY - box.top, 0.02, 20);
     this.touched = true;
     this.dirty = true;
@@ -625,7 +633,7 @@ class SceneOfModel implements SceneView {
       this.training !== null
         ? "The movement in three dimensions"
         : describeScene(p.tool, p.path.count > 1, m.value("deviation"), m.value("radius"), Math.hypot(...p.arrow.force));
-    if (this.canvas.getAttribute("aria-label") !== text) this.canvas.setAttribute("aria-label", text);
+    if (this.target.getAttribute("aria-label") !== text) this.target.setAttribute("aria-label", text);
   }
 
   private projected(x: number, y: number, z: number): [number, number] {
@@ -668,7 +676,7 @@ class SceneOfModel implements SceneView {
   private placeNotice(): void {
     const text = this.painter.lost
       ? "The graphics were lost. The scene returns when the browser gives them back."
-      : this.painter.kind === "flat"
+      : this.withoutGl && this.training === null
         ? "This browser has no WebGL. The scene is drawn flat."
         : "";
     if (text === this.noticeKey) return;
@@ -707,11 +715,31 @@ class SceneOfModel implements SceneView {
     this.resize();
   }
 
+  useFlat(): void {
+    this.software = true;
+    this.flatDue = this.painter.kind !== "flat";
+    this.dirty = true;
+  }
+
+  private changePainter(): void {
+    this.flatDue = false;
+    const old = this.painter;
+    this.painter = createFlatPainter(document.createElement("canvas"));
+    old.dispose();
+    this.showCanvas();
+    this.resize();
+  }
+
+  private showCanvas(): void {
+    this.canvas.className = "scene-canvas";
+    this.target.replaceChildren(this.canvas);
+  }
+
   dispose(): void {
     this.abort.abort();
     this.observer?.disconnect();
     this.painter.dispose();
-    for (const part of [this.canvas, this.label, this.bars, this.gizmo.root, this.notice]) part.remove();
+    for (const part of [this.target, this.label, this.bars, this.gizmo.root, this.notice]) part.remove();
     this.host.classList.remove("scene", "scene-training");
   }
 
@@ -723,6 +751,7 @@ class SceneOfModel implements SceneView {
         return createGlPainter(document.createElement("canvas"), this.picture, this.software, changed);
       } catch {
         // No WebGL here: the 2-D canvas below shows path, tool and trail.
+        this.withoutGl = true;
       }
     }
     return createFlatPainter(document.createElement("canvas"));
