@@ -145,3 +145,59 @@ test("with --control the page changes a gain and sets a mark; without it there i
   await page.waitForFunction(() => window.haptraceTest.state().events > 0);
   assert.deepEqual(page.errors, []);
 });
+
+// Keeps the main thread of the page busy `times` times for `busy` ms, with short breaks for what waits.
+const occupy = (page, busy, times) => page.evaluate(async ([ms, count]) => {
+  for (let i = 0; i < count; i++) {
+    for (const end = performance.now() + ms; performance.now() < end;);
+    await new Promise((resolve) => setTimeout(resolve, 20));
+  }
+}, [busy, times]);
+
+test("a controlling page that draws less than one frame in two seconds is not lost; one whose main thread hangs is", async (t) => {
+  const folder = scratch(t);
+  const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--view", "--no-browser", "--control");
+  const page = await open(t, await browser(t), session.address);
+  await occupy(page, 2600, 3);
+  assert.equal((await state(page)).connected, true);
+  assert.equal(await page.evaluate(() => window.haptraceTest.warnings().includes("page_lost")), false);
+  await occupy(page, 6000, 1);
+  await page.waitForFunction(() => window.haptraceTest.warnings().includes("page_lost"));
+  await page.waitForFunction(() => window.haptraceTest.warnings().includes("page_back"));
+  assert.deepEqual(page.errors, []);
+});
+
+test("where frames come slowly, the scene is drawn flat and the page says so; its frames come faster", async (t) => {
+  const folder = scratch(t);
+  const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--view", "--no-browser");
+  const page = await open(t, await browser(t), session.address);
+  // A script that takes 60 ms of each frame stands for a slow machine: a fast one draws without a GPU at any rate.
+  await page.evaluate(() => {
+    const slow = () => {
+      if (window.haptraceTest.state().painter !== "webgl") return;
+      for (const end = performance.now() + 60; performance.now() < end;);
+      requestAnimationFrame(slow);
+    };
+    slow();
+  });
+  await page.waitForFunction(() => window.haptraceTest.state().painter === "flat");
+  await page.getByText(/the scene is drawn flat/).waitFor();
+  assert.equal(await page.getByText("Simple graphics").isVisible(), true);
+  assert.equal(await page.evaluate(() => document.querySelectorAll(".scene-canvas").length), 1);
+  // At 1280 x 800, without a GPU, at least 10 frames within some second.
+  await page.waitForFunction(async () => {
+    const before = [performance.now(), window.haptraceTest.frames()];
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+    return (1000 * (window.haptraceTest.frames() - before[1])) / (performance.now() - before[0]) >= 10;
+  });
+  // The tool is where the data have it, and pointers still turn the camera.
+  await page.keyboard.press("Space");
+  await page.evaluate(() => window.haptraceTest.frame());
+  const { x, y } = await page.evaluate(() => window.haptraceTest.tool());
+  await page.mouse.move(x + 80, y + 60);
+  await page.mouse.down();
+  await page.mouse.move(x + 140, y + 60);
+  await page.mouse.up();
+  await page.waitForFunction((before) => Math.abs(window.haptraceTest.tool().x - before) > 0.5, x);
+  assert.deepEqual(page.errors, []);
+});

@@ -43,7 +43,7 @@ const upgrade = (host, origin) => ({
 
 test("the page comes with a strict policy and without leave for other sites", async (t) => {
   const { port } = await viewed(t);
-  for (const path of ["/", "/app.js", "/app.css", "/icon.svg"]) {
+  for (const path of ["/", "/app.js", "/wire.js", "/app.css", "/icon.svg"]) {
     const { status, headers } = await ask(port, path, { Host: `127.0.0.1:${port}` });
     assert.equal(status, 200, path);
     assert.match(headers["content-security-policy"], /default-src 'self'/);

@@ -3,7 +3,7 @@ import test from "node:test";
 import { helloOf, pathFrame, recordingOf, samplesFrame } from "./frames.mjs";
 import { load } from "./load.mjs";
 
-const { Model, decodeFrame, Latest, ClockOffset, RowRing, LIVE_DELAY, rowAt, nearestRow, BlockCache, seekRepetition } = await load("model", "protocol", "latest", "client", "rows", "keys");
+const { Model, decodeFrame, Latest, ClockOffset, RowRing, LIVE_DELAY, rowAt, nearestRow, BlockCache, seekRepetition, SignOfLife, Pace } = await load("life", "pace", "model", "protocol", "latest", "client", "rows", "keys");
 
 // Rows at 1 kHz from `t0` on; x is the row's number since time 0.
 function rows(t0, count, options = {}) {
@@ -405,4 +405,28 @@ test("presses of a key in quick succession add up, however far the picture plays
   const later = model.shown;
   model.seekByKey(9100, (from) => from - 1);
   assert.ok(Math.abs(later - 1 - model.shown) < 1e-9);
+});
+
+test("the sign of life is sent only while the main thread runs, and a silent server is given up", () => {
+  const life = new SignOfLife();
+  assert.equal(life.pings(0), false, "the main thread has not run yet");
+  life.mainRan(10);
+  life.serverSpoke(10);
+  assert.equal(life.pings(11.9), true, "a frame of 1.9 s");
+  assert.equal(life.pings(12.1), false, "a main thread that hangs takes no Stop");
+  assert.equal(life.serverLost(12.9), false);
+  assert.equal(life.serverLost(13.1), true);
+});
+
+test("a machine is slow if half of its frames are late, not if one is", () => {
+  const judge = (frames) => {
+    const pace = new Pace();
+    let now = 0;
+    return frames.map((passed) => pace.slow((now += passed))).some((slow) => slow);
+  };
+  assert.equal(judge(Array(200).fill(16.7)), false);
+  assert.equal(judge(Array(60).fill(80)), true);
+  assert.equal(judge([...Array(20).fill(16.7), 5000, ...Array(200).fill(16.7)]), false, "the machine slept");
+  assert.equal(judge([3000, 3000, 3000, 3000, 3000, 3000]), true, "one frame in three seconds is slow too");
+  assert.equal(judge(Array(10).fill(80)), false, "it judges after 1.5 s");
 });

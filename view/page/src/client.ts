@@ -1,4 +1,4 @@
-// The connection to the server: one WebSocket, the token, reconnection, the clock, requests with their answers.
+// The connection to the server: one WebSocket in a worker, the token, reconnection, the clock, requests with their answers.
 import type { Model } from "./model";
 import {
   decodeFrame,
@@ -14,14 +14,12 @@ import {
   type RowsFrame,
   type Want,
 } from "./protocol";
+import { Wire } from "./wire";
 
 const TOKEN_KEY = "haptrace-token";
 const TEST_KEY = "haptrace-test";
 const RECONNECT_FIRST = 0.25; // [s]
 const RECONNECT_MOST = 5; // [s]
-const PING_EVERY = 0.5; // [s]
-// Without a word of the server for this long the connection counts as lost [s]: a live server sends its status at 4 Hz.
-const SILENCE = 3;
 const REQUEST_TIMEOUT = 10; // [s]
 
 // Takes the token out of the address and keeps it in the tab, so that a reload works and no history has it. "&test" after
@@ -69,39 +67,46 @@ export class Client {
   roundTrip = NaN;
   private readonly model: Model;
   private readonly token: string;
-  private socket: WebSocket | null = null;
+  private readonly wire: Wire;
+  // The socket is open or being opened.
+  private connecting = false;
   private wanted: Want = "samples";
   private nextId = 1;
   private binary = 0;
   private wait = RECONNECT_FIRST;
   private readonly waiting = new Map<number, Waiting>();
-  private pingTimer = 0;
-  private lastWord = 0;
   private closed = false;
   private readonly clock = new ClockOffset();
 
   constructor(model: Model, token: string) {
     this.model = model;
     this.token = token;
+    this.wire = new Wire({
+      open: () => this.greet(),
+      message: (data) => {
+        if (typeof data === "string") this.takeText(data);
+        else this.takeFrame(data);
+      },
+      closed: (code, reason) => this.lost(code, reason),
+    });
     model.setSource(this);
   }
 
   start(): void {
     this.connect();
-    this.pingTimer = window.setInterval(() => this.ping(), 1000 * PING_EVERY);
     window.addEventListener("online", () => {
-      if (this.socket === null && !this.closed) this.connect();
+      if (!this.connecting && !this.closed) this.connect();
     });
   }
 
   get ready(): boolean {
-    return this.socket !== null && this.socket.readyState === WebSocket.OPEN;
+    return this.wire.ready;
   }
 
   // Sends a text message. Returns false if there is no connection.
   send(message: PageMessage): boolean {
     if (!this.ready) return false;
-    this.socket!.send(JSON.stringify(message));
+    this.wire.send(JSON.stringify(message));
     return true;
   }
 
@@ -139,7 +144,7 @@ export class Client {
   // Sends the intention of the hand. The caller keeps the rate: at most one each 8 ms, at least one each 0.1 s while held.
   intention(intention: Intention): boolean {
     if (!this.ready) return false;
-    this.socket!.send(encodeIntention(intention, this.binary++));
+    this.wire.send(encodeIntention(intention, this.binary++));
     return true;
   }
 
@@ -181,29 +186,18 @@ export class Client {
 
   private connect(): void {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/ws`);
-    socket.binaryType = "arraybuffer";
-    this.socket = socket;
-    this.lastWord = performance.now();
-    socket.onopen = () => {
-      this.lastWord = performance.now();
-      const last = this.model.ring.newest;
-      this.binary = 0;
-      this.send(Number.isFinite(last) ? { type: "hello", version: PROTOCOL_VERSION, token: this.token, last } : { type: "hello", version: PROTOCOL_VERSION, token: this.token });
-    };
-    socket.onmessage = (event: MessageEvent) => {
-      if (socket !== this.socket) return;
-      this.lastWord = performance.now();
-      if (typeof event.data === "string") this.takeText(event.data);
-      else this.takeFrame(event.data as ArrayBuffer);
-    };
-    socket.onclose = (event: CloseEvent) => {
-      if (socket === this.socket) this.lost(event.code, event.reason);
-    };
+    this.connecting = true;
+    this.wire.open(`${scheme}://${location.host}/ws`);
+  }
+
+  private greet(): void {
+    const last = this.model.ring.newest;
+    this.binary = 0;
+    this.send(Number.isFinite(last) ? { type: "hello", version: PROTOCOL_VERSION, token: this.token, last } : { type: "hello", version: PROTOCOL_VERSION, token: this.token });
   }
 
   private lost(code: number, reason: string): void {
-    this.socket = null;
+    this.connecting = false;
     this.clock.reset();
     for (const id of [...this.waiting.keys()]) this.settle(id, null);
     // After the end of a session the server is gone; an address that is kept may have another one soon.
@@ -211,26 +205,11 @@ export class Client {
     const refused = code === 1008;
     if (refused) this.closed = true;
     this.model.setConnected(false, refused ? reason || "The server refused this page" : over ? "over" : "");
-    if (this.closed) {
-      window.clearInterval(this.pingTimer);
-      return;
-    }
+    if (this.closed) return;
     window.setTimeout(() => {
-      if (this.socket === null && !this.closed) this.connect();
+      if (!this.connecting && !this.closed) this.connect();
     }, 1000 * this.wait);
     this.wait = Math.min(RECONNECT_MOST, 2 * this.wait);
-  }
-
-  private ping(): void {
-    if (this.socket === null) return;
-    if (performance.now() - this.lastWord > 1000 * SILENCE) {
-      // A socket that says nothing is as good as closed; a new one says which.
-      const old = this.socket;
-      this.lost(1006, "");
-      old.close();
-      return;
-    }
-    this.send({ type: "ping", id: this.nextId++, sent: performance.now() / 1000 });
   }
 
   private takeText(text: string): void {
@@ -255,7 +234,7 @@ export class Client {
         this.model.take({ type: "warning", severity: "warning", code: "page", time: null, text: message.text });
         break;
       case "pong":
-        this.roundTrip = performance.now() / 1000 - message.sent;
+        this.roundTrip = (performance.timeOrigin + performance.now()) / 1000 - message.sent;
         break;
       default:
         this.model.take(message);

@@ -15,6 +15,8 @@ interface TestHook {
   // Places of the path's points in the window [CSS px], in order.
   path(): { x: number; y: number }[];
   state(): Record<string, unknown>;
+  // Codes of the warnings and notes that came.
+  warnings(): string[];
   seek(time: number): void;
   play(speed?: number): void;
   pause(): void;
@@ -70,6 +72,7 @@ export function installTestHook(shell: Shell): void {
       path: m.path?.count ?? 0,
       movement: m.movement?.count ?? 0,
     }),
+    warnings: () => m.warnings.map((w) => w.code),
     seek: (time) => m.seek(time),
     play: (speed) => {
       if (speed !== undefined) m.setSpeed(speed);
