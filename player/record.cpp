@@ -104,8 +104,10 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
     if (options.scene->options().passivity)
       passivity = passivity_for(options.identified ? options.identified(device.info()) : std::nullopt,
                                 options.session.loop.rate_hz, device.info().position_resolution);
-    const auto touching =
-        make_scene_controller(options.scene, options.session.loop.rate_hz, options.slow_scene, passivity);
+    const auto touching = make_scene_controller(options.scene, options.session.loop.rate_hz, options.slow_scene,
+                                                passivity, device.info().position_resolution);
+    for (Warning& note : known_warnings(Severity::note, "scene", options.scene->notes()))
+      session.known.push_back(std::move(note));
     TimedController controller(*touching, duration, options.trigger);
     if (options.live != nullptr) controller.obey(options.live->requests());
     session.conclusions = [&] { return known_warnings(Severity::warning, "scene_rate", touching->remarks()); };

@@ -89,6 +89,15 @@ std::vector<std::string> Scene::names() const {
   return names;
 }
 
+std::vector<std::string> Scene::notes() const {
+  std::vector<std::string> notes;
+  for (const auto& object : objects_) {
+    for (const std::string& note : object->shape().remarks()) notes.push_back(object->name() + ": " + note);
+    for (const std::string& note : object->surface().remarks()) notes.push_back(object->name() + ": " + note);
+  }
+  return notes;
+}
+
 std::vector<std::string> Scene::out_of(const Box& workspace) const {
   std::vector<std::string> names;
   for (const auto& object : objects_)

@@ -68,6 +68,8 @@ class Scene final : public Touchable {
   [[nodiscard]] const Object& object(std::size_t index) const { return *objects_.at(index); }
   [[nodiscard]] std::vector<std::string> names() const;
   [[nodiscard]] const SceneOptions& options() const noexcept { return options_; }
+  /// Returns notes for the user on the prepared objects, with their names.
+  [[nodiscard]] std::vector<std::string> notes() const;
   /// Returns the names of the objects that lie outside `workspace`.
   [[nodiscard]] std::vector<std::string> out_of(const Box& workspace) const;
 

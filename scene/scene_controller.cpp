@@ -89,12 +89,13 @@ std::optional<Event> SceneController::tell() noexcept {
 
 std::unique_ptr<SceneController> make_scene_controller(const std::shared_ptr<Scene>& scene, double rate_hz,
                                                        const std::optional<SlowSceneOptions>& slow,
-                                                       const std::optional<PassivityLayer::Options>& passivity) {
+                                                       const std::optional<PassivityLayer::Options>& passivity,
+                                                       double resolution) {
   std::shared_ptr<Touchable> touchable = scene;
   if (slow)
-    touchable = std::make_shared<SlowScene>(scene, *slow, rate_hz);
+    touchable = std::make_shared<SlowScene>(scene, *slow, rate_hz, resolution);
   else
-    scene->prepare({.rate_hz = rate_hz});
+    scene->prepare({.rate_hz = rate_hz, .resolution = resolution});
   return std::make_unique<SceneController>(std::move(touchable), scene->names(), passivity);
 }
 

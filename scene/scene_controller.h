@@ -67,8 +67,9 @@ class SceneController final : public Controller {
 /// Makes the controller that lets a hand touch `scene`, and prepares the scene: for this servo rate, or for the rate in
 /// `slow`. With `passivity` a layer supervises the force, even if the scene does not ask for it. Throws what
 /// Scene::prepare, SlowScene and PassivityLayer throw.
+/// `resolution` of the device's positions [m]; 0: not known.
 std::unique_ptr<SceneController> make_scene_controller(
     const std::shared_ptr<Scene>& scene, double rate_hz, const std::optional<SlowSceneOptions>& slow = std::nullopt,
-    const std::optional<PassivityLayer::Options>& passivity = std::nullopt);
+    const std::optional<PassivityLayer::Options>& passivity = std::nullopt, double resolution = 0);
 
 }  // namespace haptrace

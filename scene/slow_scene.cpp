@@ -39,7 +39,8 @@ int SlowScene::ticks_between(double rate_hz, double servo_rate_hz) {
   return std::max(1, static_cast<int>(std::lround(servo_rate_hz / rate_hz)));
 }
 
-SlowScene::SlowScene(std::shared_ptr<Scene> scene, const SlowSceneOptions& options, double servo_rate_hz)
+SlowScene::SlowScene(std::shared_ptr<Scene> scene, const SlowSceneOptions& options, double servo_rate_hz,
+                     double resolution)
     : scene_(std::move(scene)),
       prediction_(options.prediction),
       servo_rate_hz_(servo_rate_hz),
@@ -50,7 +51,7 @@ SlowScene::SlowScene(std::shared_ptr<Scene> scene, const SlowSceneOptions& optio
       served_(newest_),
       answers_(newest_) {
   const double rate = servo_rate_hz / period_;
-  scene_->prepare({.rate_hz = rate, .ahead = kSpeedAhead * kPeriodsAhead / rate});
+  scene_->prepare({.rate_hz = rate, .ahead = kSpeedAhead * kPeriodsAhead / rate, .resolution = resolution});
   thread_ = std::thread([this] { serve(); });
 }
 

@@ -43,7 +43,7 @@ class SlowScene final : public Touchable {
   static constexpr int kStale = 10;  ///< [periods]
 
   /// Prepares `scene` for its rate. Throws Error(input) when the rate is not from 0.1 Hz to the servo rate.
-  SlowScene(std::shared_ptr<Scene> scene, const SlowSceneOptions& options, double servo_rate_hz);
+  SlowScene(std::shared_ptr<Scene> scene, const SlowSceneOptions& options, double servo_rate_hz, double resolution = 0);
   ~SlowScene() override;
   SlowScene(const SlowScene&) = delete;
   SlowScene& operator=(const SlowScene&) = delete;

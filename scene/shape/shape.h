@@ -82,6 +82,9 @@ class Shape : public Adjustable {
     return proxy.normal;
   }
 
+  /// Returns notes for the user on the prepared shape: what was found and changed while it was loaded.
+  [[nodiscard]] virtual std::vector<std::string> remarks() const { return {}; }
+
   /// Returns the smallest known box around the shape; infinite where the shape is [m].
   [[nodiscard]] virtual Box bounds() const noexcept = 0;
 
