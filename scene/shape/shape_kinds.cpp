@@ -1,5 +1,6 @@
 #include "scene/shape/shape_kinds.h"
 
+#include "scene/shape/mesh.h"
 #include "scene/shape/plane.h"
 #include "scene/shape/sphere.h"
 
@@ -13,6 +14,7 @@ namespace {
 using Made = std::unique_ptr<Shape>;
 
 constexpr std::array kShapeKinds{
+    ShapeKind{"mesh", read_mesh},
     ShapeKind{"sphere", [](JsonReader& reader, SceneFiles&) -> Made { return read_sphere(reader); }},
     ShapeKind{"wall", [](JsonReader& reader, SceneFiles&) -> Made { return read_plane(reader); }},
     ShapeKind{"plane", [](JsonReader& reader, SceneFiles&) -> Made { return read_plane(reader); }},

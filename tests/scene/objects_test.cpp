@@ -4,6 +4,8 @@
 #include "scene/shape/plane.h"
 #include "scene/shape/sphere.h"
 #include "tests/scene/alone.h"
+#include "tests/scene/meshes.h"
+#include "tests/support/temp_folder.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 
@@ -40,6 +42,16 @@ void PrintTo(const ObjectCase& object, std::ostream* out) {
   *out << object.name << ' ' << object.knob << ' ' << object.level;
 }
 
+/// Returns a file with a block whose upper side is the plane z = 0.01.
+std::string mesh_file() {
+  static const test::TempFolder folder;
+  std::string text;
+  const TriangleMesh mesh = test::box_mesh(Vec3(0.4, 0.4, 0.2), 4);
+  for (const Vec3& v : mesh.vertices) text += fmt::format("v {} {} {}\n", v.x(), v.y(), v.z() - 0.09);
+  for (const auto& t : mesh.triangles) text += fmt::format("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1);
+  return folder.write("block.obj", text);
+}
+
 /// Returns every object with its defaults, and with every level of every accuracy setting.
 std::vector<ObjectCase> every_object() {
   const auto ball = [](const Vec3& p) { return 0.03 - (p - Vec3(0.01, 0, -0.02)).norm(); };
@@ -47,7 +59,16 @@ std::vector<ObjectCase> every_object() {
   const std::string sphere = R"("kind": "sphere", "centre": [0.01, 0, -0.02], "radius": 0.03, "stiffness": 900)";
   const std::string wall = R"("kind": "wall", "point": [0, 0, 0.01], "normal": [3, 0, 4], "stiffness": 1200)";
   const Vec3 top(0.01, 0, 0.01), up(0, 0, 1), on(0, 0, 0.01), out(0.6, 0, 0.8);
+  const std::string file = mesh_file();
+  const auto block = [](const Vec3& p) { return 0.01 - p.z(); };
+  const std::string mesh = R"("shape": {"kind": "mesh", "file": ")" + file + R"("}, )";
+  const std::string plain = R"("surface": {"stiffness": 1000})";
   const std::vector<ObjectCase> objects{
+      {"Mesh", "{" + mesh + plain + "}", "", 0, block, on, up},
+      {"PosedSphere",
+       R"({"shape": {"kind": "sphere", "radius": 0.03}, "surface": {"stiffness": 900},
+           "pose": {"position": [0.01, 0, -0.02], "rotation": [0.5, 0.5, 0.5, 0.5]}})",
+       "", 0, ball, top, up},
       {"Sphere", "{" + sphere + "}", "", 0, ball, top, up},
       {"DampedSphere", "{" + sphere + R"(, "damping": 5})", "", 0, ball, top, up},
       {"Wall", "{" + wall + "}", "", 0, slope, on, out},

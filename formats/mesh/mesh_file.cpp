@@ -1,0 +1,457 @@
+#include "formats/mesh/mesh_file.h"
+
+#include "base/error.h"
+#include "base/text_file.h"
+#include "base/units.h"
+
+#include <algorithm>
+#include <array>
+#include <assimp/Importer.hpp>
+#include <assimp/scene.h>
+#include <bit>
+#include <cerrno>
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <fcntl.h>
+#include <filesystem>
+#include <fmt/format.h>
+#include <limits>
+#include <new>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <unordered_map>
+
+// Debian's library reads numbers in single precision.
+#define TINYOBJLOADER_USE_DOUBLE
+#define TINYOBJLOADER_IMPLEMENTATION
+#include <tiny_obj_loader.h>
+
+namespace haptrace {
+namespace {
+
+constexpr std::uintmax_t kLargestFile = std::uintmax_t{4} << 30U;
+constexpr std::size_t kMostTriangles = 20'000'000;
+constexpr double kFlat = 1e-14;              // area over the square of the longest edge, from which on rounding decides
+constexpr double kHuge = 3, kTiny = 1e-3;    // sizes that suggest another unit [m]
+
+/// Checks the coordinates of an OBJ file. tinyobjloader takes what is no number for zero.
+void check_obj_numbers(const std::string& file) {
+  LineReader lines(file, "an OBJ file");
+  std::string_view line;
+  for (std::size_t number = 1; lines.next(line); ++number) {
+    line = trim(line);
+    if (!line.starts_with("v ") && !line.starts_with("v\t")) continue;
+    line.remove_prefix(2);
+    for (int axis = 0; axis < 3; ++axis) {
+      line = trim(line);
+      const std::string_view word = line.substr(0, line.find_first_of(" \t"));
+      double value = 0;
+      if (!parse_number(word, value) || !std::isfinite(value))
+        throw input_error(fmt::format("{}: line {}: '{}' is no coordinate of a vertex", file, number, shown(word)));
+      line.remove_prefix(word.size());
+    }
+  }
+}
+
+TriangleMesh load_obj(const std::string& file) {
+  check_obj_numbers(file);
+  tinyobj::ObjReaderConfig config;
+  config.triangulate = true;
+  config.vertex_color = false;
+  config.mtl_search_path = "/nonexistent/";  // materials are not needed, and other files are not to be read
+  tinyobj::ObjReader reader;
+  if (!reader.ParseFromFile(file, config)) {
+    const std::string why = reader.Error().empty() ? "it cannot be parsed" : reader.Error();
+    throw input_error(fmt::format("{}: is no valid OBJ file: {}", file, shown(trim(why))));
+  }
+  TriangleMesh mesh;
+  const std::vector<tinyobj::real_t>& numbers = reader.GetAttrib().vertices;
+  mesh.vertices.reserve(numbers.size() / 3);
+  for (std::size_t i = 0; i + 2 < numbers.size(); i += 3)
+    mesh.vertices.emplace_back(numbers[i], numbers[i + 1], numbers[i + 2]);
+  for (const tinyobj::shape_t& shape : reader.GetShapes()) {
+    std::size_t at = 0;
+    for (const auto corners : shape.mesh.num_face_vertices) {
+      if (corners == 3) {
+        std::array<std::uint32_t, 3> triangle{};
+        for (std::size_t i = 0; i < 3; ++i) {
+          const int index = shape.mesh.indices[at + i].vertex_index;
+          if (index < 0 || static_cast<std::size_t>(index) >= mesh.vertices.size())
+            throw input_error(fmt::format("{}: face {} names vertex {}, but there are {}", file, mesh.triangles.size() + 1,
+                                          index + 1, mesh.vertices.size()));
+          triangle[i] = static_cast<std::uint32_t>(index);
+        }
+        mesh.triangles.push_back(triangle);
+      }
+      at += corners;
+    }
+  }
+  return mesh;
+}
+
+/// Adds the meshes of a node and its children. Polygons become fans of triangles.
+void add_node(const aiScene& scene, const aiNode& node, const aiMatrix4x4& parent, int depth, TriangleMesh& mesh,
+              const std::string& file) {
+  constexpr int kDeepest = 200;
+  if (depth > kDeepest) throw input_error(file + ": its parts are nested more than 200 levels deep");
+  const aiMatrix4x4 placed = parent * node.mTransformation;
+  for (unsigned m = 0; m < node.mNumMeshes; ++m) {
+    const aiMesh& part = *scene.mMeshes[node.mMeshes[m]];
+    const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
+    if (mesh.vertices.size() + part.mNumVertices > 3 * kMostTriangles)
+      throw input_error(fmt::format("{}: has more than {} vertices", file, 3 * kMostTriangles));
+    for (unsigned i = 0; i < part.mNumVertices; ++i) {
+      const aiVector3D v = placed * part.mVertices[i];
+      mesh.vertices.emplace_back(v.x, v.y, v.z);
+    }
+    for (unsigned i = 0; i < part.mNumFaces; ++i) {
+      const aiFace& face = part.mFaces[i];
+      for (unsigned k = 0; k < face.mNumIndices; ++k)
+        if (face.mIndices[k] >= part.mNumVertices)
+          throw input_error(fmt::format("{}: face {} names vertex {}, but there are {}", file, i, face.mIndices[k],
+                                        part.mNumVertices));
+      for (unsigned k = 2; k < face.mNumIndices; ++k)
+        mesh.triangles.push_back({first + face.mIndices[0], first + face.mIndices[k - 1], first + face.mIndices[k]});
+    }
+  }
+  for (unsigned i = 0; i < node.mNumChildren; ++i) add_node(scene, *node.mChildren[i], placed, depth + 1, mesh, file);
+}
+
+TriangleMesh load_with_assimp(const std::string& file) {
+  Assimp::Importer importer;
+  const aiScene* const scene = importer.ReadFile(file, 0);
+  if (scene == nullptr || scene->mRootNode == nullptr)
+    throw input_error(fmt::format("{}: cannot be read as a mesh (OBJ, STL, PLY, glTF): {}", file,
+                                  shown(trim(importer.GetErrorString()))));
+  TriangleMesh mesh;
+  add_node(*scene, *scene->mRootNode, aiMatrix4x4(), 0, mesh, file);
+  return mesh;
+}
+
+/// Writes or reads all bytes. Returns false if that fails.
+bool transfer(int descriptor, void* bytes, std::size_t count, bool writes) {
+  for (auto* at = static_cast<char*>(bytes); count > 0;) {
+    const ssize_t done = writes ? ::write(descriptor, at, count) : ::read(descriptor, at, count);
+    if (done < 0 && errno == EINTR) continue;
+    if (done <= 0) return false;
+    at += done;
+    count -= static_cast<std::size_t>(done);
+  }
+  return true;
+}
+
+/// What a process that reads a mesh says first: the sizes of what follows.
+struct Announcement {
+  std::uint64_t error = 0;  ///< bytes of a message
+  std::uint64_t vertices = 0, triangles = 0;
+};
+
+/// Reads a file in a process of its own, within limits of memory and time: assimp ends the process at some broken files.
+[[noreturn]] void serve_mesh(const std::string& file, int out) {
+  constexpr rlim_t kMemory = rlim_t{12} << 30U, kSeconds = 120;
+  const rlimit memory{kMemory, kMemory}, seconds{kSeconds, kSeconds}, none{0, 0};
+  (void)setrlimit(RLIMIT_AS, &memory);
+  (void)setrlimit(RLIMIT_CPU, &seconds);
+  (void)setrlimit(RLIMIT_CORE, &none);
+  const int nowhere = open("/dev/null", O_WRONLY);
+  if (nowhere >= 0) (void)dup2(nowhere, STDERR_FILENO);  // assimp prints before it ends the process
+  for (const int signal : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGXCPU}) (void)::signal(signal, SIG_DFL);
+  TriangleMesh mesh;
+  std::string error;
+  try {
+    mesh = load_with_assimp(file);
+  } catch (const std::bad_alloc&) {
+    error = file + ": does not fit into memory";
+  } catch (const std::exception& thrown) {
+    error = thrown.what();
+  }
+  Announcement said{error.size(), mesh.vertices.size(), mesh.triangles.size()};
+  if (!error.empty()) said.vertices = said.triangles = 0;
+  const bool sent = transfer(out, &said, sizeof said, true) && transfer(out, error.data(), error.size(), true) &&
+                    transfer(out, mesh.vertices.data(), said.vertices * sizeof(Vec3), true) &&
+                    transfer(out, mesh.triangles.data(), said.triangles * sizeof mesh.triangles[0], true);
+  _exit(sent ? 0 : 1);
+}
+
+TriangleMesh load_other(const std::string& file) {
+  static_assert(sizeof(Vec3) == 3 * sizeof(double));
+  std::array<int, 2> ends{};
+  if (pipe2(ends.data(), O_CLOEXEC) != 0)
+    throw input_error(fmt::format("{}: no pipe to read it through: {}", file, std::strerror(errno)));
+  const pid_t child = fork();
+  if (child == 0) serve_mesh(file, ends[1]);
+  (void)close(ends[1]);
+  TriangleMesh mesh;
+  Announcement said;
+  std::string error;
+  bool whole = child > 0 && transfer(ends[0], &said, sizeof said, false);
+  if (whole) {
+    error.resize(said.error);
+    mesh.vertices.resize(said.vertices);
+    mesh.triangles.resize(said.triangles);
+    whole = transfer(ends[0], error.data(), error.size(), false) &&
+            transfer(ends[0], mesh.vertices.data(), said.vertices * sizeof(Vec3), false) &&
+            transfer(ends[0], mesh.triangles.data(), said.triangles * sizeof mesh.triangles[0], false);
+  }
+  (void)close(ends[0]);
+  int status = 0;
+  while (child > 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  if (!whole)
+    throw input_error(fmt::format("{}: cannot be read as a mesh: the program that reads such files {}", file,
+                                  WIFSIGNALED(status) ? fmt::format("ended with signal {}", WTERMSIG(status))
+                                                      : std::string("ended early")));
+  if (!error.empty()) throw input_error(error);
+  return mesh;
+}
+
+/// Makes one vertex of those at the same place.
+void weld(TriangleMesh& mesh) {
+  struct Hash {
+    std::size_t operator()(const std::array<std::uint64_t, 3>& key) const noexcept {
+      std::uint64_t hash = 0;
+      for (std::uint64_t part : key) {
+        part *= 0x9e3779b97f4a7c15;
+        hash = (hash ^ part ^ (part >> 29U)) * 0xbf58476d1ce4e5b9;
+      }
+      return static_cast<std::size_t>(hash ^ (hash >> 32U));
+    }
+  };
+  std::unordered_map<std::array<std::uint64_t, 3>, std::uint32_t, Hash> known;
+  known.reserve(mesh.vertices.size());
+  std::vector<std::uint32_t> index(mesh.vertices.size());
+  std::vector<Vec3> kept;
+  kept.reserve(mesh.vertices.size());
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
+    const Vec3 place = mesh.vertices[i] + Vec3::Zero();  // -0 becomes 0
+    const std::array key{std::bit_cast<std::uint64_t>(place.x()), std::bit_cast<std::uint64_t>(place.y()),
+                         std::bit_cast<std::uint64_t>(place.z())};
+    const auto [found, added] = known.emplace(key, static_cast<std::uint32_t>(kept.size()));
+    if (added) kept.push_back(place);
+    index[i] = found->second;
+  }
+  for (auto& triangle : mesh.triangles)
+    for (std::uint32_t& corner : triangle) corner = index[corner];
+  mesh.vertices = std::move(kept);
+}
+
+bool is_flat(const TriangleMesh& mesh, const std::array<std::uint32_t, 3>& t) {
+  if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0]) return true;
+  const Vec3 &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
+  const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
+  return !((b - a).cross(c - a).norm() > kFlat * longest);
+}
+
+/// Joins of triangles at their edges.
+struct Joins {
+  struct Edge {
+    std::uint64_t key;
+    std::uint32_t triangle;
+    std::uint8_t corner;
+    bool forwards;
+  };
+  explicit Joins(const TriangleMesh& mesh) {
+    edges.reserve(3 * mesh.triangles.size());
+    for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t)
+      for (std::uint8_t i = 0; i < 3; ++i) {
+        const std::uint32_t a = mesh.triangles[t][i], b = mesh.triangles[t][(i + 1U) % 3];
+        edges.push_back({(static_cast<std::uint64_t>(std::min(a, b)) << 32U) | std::max(a, b), t, i, a < b});
+      }
+    std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) {
+      return a.key != b.key ? a.key < b.key : a.triangle < b.triangle;
+    });
+  }
+  template <class Visit>
+  void each(const Visit& visit) const {
+    for (std::size_t i = 0; i < edges.size();) {
+      std::size_t end = i + 1;
+      while (end < edges.size() && edges[end].key == edges[i].key) ++end;
+      visit(&edges[i], end - i);
+      i = end;
+    }
+  }
+  std::vector<Edge> edges;
+};
+
+/// Turns triangles over until neighbours agree on the outside. Throws Error(input) if they cannot.
+void orient(TriangleMesh& mesh, MeshReport& report, const std::string& name) {
+  const std::size_t count = mesh.triangles.size();
+  struct Neighbour {
+    std::uint32_t triangle;
+    bool agrees;
+  };
+  std::vector<std::uint32_t> first(count + 1, 0);
+  const Joins joins(mesh);
+  joins.each([&](const Joins::Edge* edge, std::size_t number) {
+    if (number == 1) {
+      if (report.open_edges++ == 0) {
+        const auto& t = mesh.triangles[edge->triangle];
+        report.open_at = 0.5 * (mesh.vertices[t[edge->corner]] + mesh.vertices[t[(edge->corner + 1U) % 3]]);
+      }
+    } else if (number == 2) {
+      ++first[edge[0].triangle + 1];
+      ++first[edge[1].triangle + 1];
+    } else {
+      ++report.shared_edges;
+    }
+  });
+  for (std::size_t t = 0; t < count; ++t) first[t + 1] += first[t];
+  std::vector<Neighbour> list(first.back());
+  std::vector<std::uint32_t> next(first.begin(), first.end() - 1);
+  joins.each([&](const Joins::Edge* edge, std::size_t number) {
+    if (number != 2) return;
+    const bool agrees = edge[0].forwards != edge[1].forwards;
+    list[next[edge[0].triangle]++] = {edge[1].triangle, agrees};
+    list[next[edge[1].triangle]++] = {edge[0].triangle, agrees};
+  });
+
+  enum class Turn : std::uint8_t { unknown, stays, turns };
+  std::vector<Turn> turn(count, Turn::unknown);
+  std::vector<std::uint32_t> part;
+  for (std::uint32_t seed = 0; seed < count; ++seed) {
+    if (turn[seed] != Turn::unknown) continue;
+    ++report.parts;
+    part.assign(1, seed);
+    turn[seed] = Turn::stays;
+    std::size_t turning = 0;
+    for (std::size_t i = 0; i < part.size(); ++i) {
+      const std::uint32_t t = part[i];
+      turning += turn[t] == Turn::turns ? 1 : 0;
+      for (std::uint32_t k = first[t]; k < first[t + 1]; ++k) {
+        const Turn wanted = list[k].agrees == (turn[t] == Turn::stays) ? Turn::stays : Turn::turns;
+        Turn& other = turn[list[k].triangle];
+        if (other == Turn::unknown) {
+          other = wanted;
+          part.push_back(list[k].triangle);
+        } else if (other != wanted) {
+          const Vec3& at = mesh.vertices[mesh.triangles[t][0]];
+          throw input_error(fmt::format(
+              "{}: near ({:.4g}, {:.4g}, {:.4g}) m the triangles form a surface with only one side, like a Moebius strip, "
+              "which has no outside",
+              name, at.x(), at.y(), at.z()));
+        }
+      }
+    }
+    // The majority of a part knows better.
+    const Turn flipped = 2 * turning > part.size() ? Turn::stays : Turn::turns;
+    for (const std::uint32_t t : part)
+      if (turn[t] == flipped) {
+        std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
+        ++report.turned;
+      }
+  }
+}
+
+double volume_of(const TriangleMesh& mesh, const Vec3& around) {
+  double sum = 0;
+  for (const auto& t : mesh.triangles)
+    sum += (mesh.vertices[t[0]] - around).dot((mesh.vertices[t[1]] - around).cross(mesh.vertices[t[2]] - around));
+  return sum / 6;
+}
+
+/// Drops vertices that no triangle uses.
+void compact(TriangleMesh& mesh) {
+  constexpr std::uint32_t kUnused = 0xffffffff;
+  std::vector<std::uint32_t> index(mesh.vertices.size(), kUnused);
+  std::vector<Vec3> kept;
+  for (auto& triangle : mesh.triangles)
+    for (std::uint32_t& corner : triangle) {
+      if (index[corner] == kUnused) {
+        index[corner] = static_cast<std::uint32_t>(kept.size());
+        kept.push_back(mesh.vertices[corner]);
+      }
+      corner = index[corner];
+    }
+  mesh.vertices = std::move(kept);
+}
+
+std::vector<std::string> remarks_on(const MeshReport& report, bool closed) {
+  std::vector<std::string> remarks;
+  const auto add = [&](std::size_t number, const std::string& text) {
+    if (number > 0) remarks.push_back(text);
+  };
+  add(report.flat, fmt::format("{} triangles have no area and were left out", report.flat));
+  add(report.repeated, fmt::format("{} triangles are there twice; one of each was left out", report.repeated));
+  add(report.turned, fmt::format("{} triangles were wound the other way round, and were turned over", report.turned));
+  add(report.inside_out ? 1 : 0, "the mesh was inside out, and was turned over");
+  add(report.open_edges, fmt::format("{} edges are open, the first at ({:.4g}, {:.4g}, {:.4g}) m: the tool can get behind the "
+                                     "surface there",
+                                     report.open_edges, report.open_at.x(), report.open_at.y(), report.open_at.z()));
+  add(report.shared_edges, fmt::format("{} edges belong to more than two triangles: the tool does not slide across them",
+                                       report.shared_edges));
+  const double size = report.size.maxCoeff();
+  add(size > kHuge || size < kTiny ? 1 : 0,
+      fmt::format("the mesh is {:.3g} m x {:.3g} m x {:.3g} m large; is its unit right?", report.size.x(), report.size.y(),
+                  report.size.z()));
+  (void)closed;
+  return remarks;
+}
+
+}  // namespace
+
+MeshLoad clean_mesh(TriangleMesh mesh, const std::string& name) {
+  MeshLoad load;
+  MeshReport& report = load.report;
+  report.vertices_in_file = mesh.vertices.size();
+  report.triangles_in_file = mesh.triangles.size();
+  if (mesh.triangles.empty()) throw input_error(name + ": has no triangles");
+  if (mesh.triangles.size() > kMostTriangles)
+    throw input_error(fmt::format("{}: has {} triangles; the most is {}", name, mesh.triangles.size(), kMostTriangles));
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i)
+    if (!is_finite(mesh.vertices[i]) || !(mesh.vertices[i].cwiseAbs().maxCoeff() < 1e6))
+      throw input_error(fmt::format("{}: vertex {} is not finite, or beyond 1000 km", name, i + 1));
+  weld(mesh);
+  report.flat = std::erase_if(mesh.triangles, [&](const auto& triangle) { return is_flat(mesh, triangle); });
+  if (mesh.triangles.empty()) throw input_error(name + ": none of its triangles has an area");
+  // Twice the same triangle, wherever its first corner is.
+  const auto canonical = [](std::array<std::uint32_t, 3> t) {
+    std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
+    return t;
+  };
+  {
+    std::vector<std::array<std::uint32_t, 3>> sorted(mesh.triangles.size());
+    std::transform(mesh.triangles.begin(), mesh.triangles.end(), sorted.begin(), canonical);
+    std::sort(sorted.begin(), sorted.end());
+    if (std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end()) {
+      sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+      report.repeated = mesh.triangles.size() - sorted.size();
+      mesh.triangles = std::move(sorted);
+    }
+  }
+  compact(mesh);
+  orient(mesh, report, name);
+  Vec3 least = mesh.vertices.front(), most = least;
+  for (const Vec3& vertex : mesh.vertices) {
+    least = least.cwiseMin(vertex);
+    most = most.cwiseMax(vertex);
+  }
+  report.size = most - least;
+  const bool closed = report.open_edges == 0;
+  if (closed) {
+    report.volume = volume_of(mesh, 0.5 * (least + most));
+    if (report.volume < 0) {
+      report.inside_out = true;
+      report.volume = -report.volume;
+      for (auto& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
+    }
+  }
+  load.mesh = std::move(mesh);
+  load.remarks = remarks_on(report, closed);
+  return load;
+}
+
+MeshLoad load_mesh(const std::string& file, const std::string& unit) {
+  namespace fs = std::filesystem;
+  const Unit* const length = find_unit(unit, "m");
+  if (length == nullptr) throw input_error(fmt::format("{}: unit '{}' is no length; give m, mm, cm, um or in", file, unit));
+  std::error_code error;
+  if (!fs::is_regular_file(file, error)) throw input_error(file + ": no such file");
+  if (fs::file_size(file, error) > kLargestFile) throw input_error(file + ": is larger than 4 GiB");
+  TriangleMesh mesh = file_ending(file) == ".obj" ? load_obj(file) : load_other(file);
+  for (Vec3& vertex : mesh.vertices) vertex /= length->per_si;
+  return clean_mesh(std::move(mesh), file);
+}
+
+}  // namespace haptrace

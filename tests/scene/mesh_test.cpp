@@ -1,0 +1,560 @@
+// Meshes: their files, the search for contacts, and the proxies of a point and a ball.
+#include "scene/shape/mesh.h"
+
+#include "formats/mesh/mesh_file.h"
+#include "scene/shape/constraint_planes.h"
+#include "tests/scene/meshes.h"
+#include "tests/support/allocations.h"
+#include "tests/support/errors.h"
+#include "tests/support/temp_folder.h"
+
+#include <cmath>
+#include <cstring>
+#include <fmt/format.h>
+#include <fstream>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <random>
+
+namespace haptrace {
+namespace {
+
+using test::box_mesh;
+using test::bumpy_sphere;
+using test::error_of;
+using test::TempFolder;
+using testing::HasSubstr;
+
+Mesh mesh_of(TriangleMesh triangles) {
+  MeshLoad load = clean_mesh(std::move(triangles), "test");
+  return {std::move(load.mesh), std::move(load.remarks)};
+}
+
+/// A tool that touches a mesh.
+struct MeshHand {
+  explicit MeshHand(const Mesh& touched, double ball = 0) : mesh(touched), radius(ball) {}
+  const Proxy& to(const Vec3& place) {
+    mesh.follow({.from = at, .to = place, .radius = radius}, proxy);
+    at = place;
+    return proxy;
+  }
+  const Mesh& mesh;
+  double radius;
+  Vec3 at = nan3();
+  Proxy proxy;
+};
+
+/// Returns the signed volume seen from a place, over 4 pi: 1 inside of a closed mesh, 0 outside.
+double winding_number(const TriangleMesh& mesh, const Vec3& place) {
+  double sum = 0;
+  for (const auto& t : mesh.triangles) {
+    const Vec3 a = mesh.vertices[t[0]] - place, b = mesh.vertices[t[1]] - place, c = mesh.vertices[t[2]] - place;
+    const double la = a.norm(), lb = b.norm(), lc = c.norm();
+    sum += 2 * std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+  }
+  return sum / (4 * std::numbers::pi);
+}
+
+// --- Search ---
+
+TEST(TriangleTree, FindsTheCrossingsAndTheClosestPointsThatASearchThroughAllFinds) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> side(-0.06, 0.06);
+  const TriangleMesh mesh = bumpy_sphere(0.05, 0.002, 3000);
+  const TriangleTree tree(mesh);
+  int crossed = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const Vec3 from(side(random), side(random), side(random)), to(side(random), side(random), side(random));
+    const Segment segment(from, to);
+    double first = 2, least = 1;
+    for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+      first = std::min(first, segment.crossing(tree.corner(t, 0), tree.corner(t, 1), tree.corner(t, 2)));
+      least = std::min(least, (closest_on_triangle(from, tree.corner(t, 0), tree.corner(t, 1), tree.corner(t, 2)).position -
+                               from).squaredNorm());
+    }
+    const TriangleTree::Hit hit = tree.sweep(from, to);
+    ASSERT_EQ(static_cast<bool>(hit), first <= 1);
+    if (hit) {
+      ASSERT_EQ(hit.share, first);
+      // From its front: the way goes against the triangle's normal.
+      const Vec3 normal = (tree.corner(hit.triangle, 1) - tree.corner(hit.triangle, 0))
+                              .cross(tree.corner(hit.triangle, 2) - tree.corner(hit.triangle, 0));
+      ASSERT_LT(normal.dot(to - from), 0);
+      ++crossed;
+    }
+    ASSERT_EQ(tree.nearest(from).distance2, least);
+  }
+  EXPECT_GT(crossed, 300);
+}
+
+TEST(TriangleTree, LeavesNoGapAtEdgesAndCorners) {
+  const TriangleMesh mesh = box_mesh(Vec3(0.02, 0.02, 0.02), 4);
+  const Mesh box = mesh_of(mesh);
+  const TriangleTree tree(box.triangles());
+  // Straight at every vertex and at points of every edge, from outside.
+  for (const auto& t : box.triangles().triangles)
+    for (std::size_t i = 0; i < 3; ++i)
+      for (const double share : {0.0, 0.1, 0.5, 0.77}) {
+        const Vec3 a = box.triangles().vertices[t[i]], b = box.triangles().vertices[t[(i + 1) % 3]];
+        const Vec3 place = a + share * (b - a);
+        ASSERT_TRUE(tree.sweep(3 * place, 0.5 * place)) << place.transpose();
+      }
+}
+
+// --- Point ---
+
+TEST(MeshPoint, FindsACornerOfACubeExactly) {
+  const Mesh box = mesh_of(box_mesh(Vec3::Constant(0.02)));
+  MeshHand hand(box);
+  hand.to({0.012, 0.001, 0.002});
+  hand.to({0.0095, 0.0093, 0.0092});
+  const Proxy& proxy = hand.to({0.0095, 0.0093, 0.0092});
+  ASSERT_TRUE(proxy.touching);
+  EXPECT_NEAR(proxy.position.x(), 0.01, 1e-15) << "the face through which it came";
+  // Pulled beyond the corner from inside, the proxy waits at the corner's nearest place.
+  hand.to({0.0095, 0.0105, 0.0092});
+  hand.to({0.0095, 0.0105, 0.0105});
+  EXPECT_FALSE(hand.proxy.touching) << "outside of the box, the tool is free";
+}
+
+TEST(MeshPoint, NeverLeavesAThinPlateOnTheWrongSide) {
+  for (const int parts : {1, 20}) {
+    const Mesh plate = mesh_of(box_mesh(Vec3(0.1, 0.1, 0.001), parts));
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> side(-0.04, 0.04);
+    int touched = 0;
+    for (int entry = 0; entry < 200; ++entry) {
+      MeshHand hand(plate);
+      const Vec3 over(side(random), side(random), 0.005);
+      Vec3 slide(side(random), side(random), 0);
+      slide = 0.1 * slide;
+      hand.to(over);
+      for (int tick = 0; tick <= 400; ++tick) {
+        const double a = std::numbers::pi * tick / 400;
+        // 4 mm beyond the far side, and back.
+        const Proxy& proxy = hand.to(over + std::sin(a) * Vec3(0, 0, -0.0095) + tick / 400.0 * slide);
+        if (!proxy.touching) continue;
+        ++touched;
+        ASSERT_GT(proxy.normal.z(), 1 - 1e-12) << "pushed the wrong way";
+        ASSERT_NEAR(proxy.position.z(), 0.0005, 1e-12);
+      }
+      ASSERT_FALSE(hand.proxy.touching) << "released";
+    }
+    EXPECT_GT(touched, 30'000);
+  }
+}
+
+TEST(MeshPoint, IsHeldByAVGrooveInTheMiddle) {
+  TriangleMesh groove;
+  groove.vertices = {{-0.02, -0.05, 0.02}, {0, -0.05, 0}, {0.02, -0.05, 0.02}, {-0.02, 0.05, 0.02}, {0, 0.05, 0}, {0.02, 0.05, 0.02}};
+  groove.triangles = {{0, 1, 4}, {0, 4, 3}, {1, 2, 5}, {1, 5, 4}};
+  const Mesh mesh = mesh_of(groove);
+  MeshHand hand(mesh);
+  hand.to({0.001, 0, 0.01});
+  hand.to({0.001, 0, -0.002});
+  const Proxy& proxy = hand.to({0, 0, -0.005});
+  ASSERT_TRUE(proxy.touching);
+  EXPECT_LT(proxy.position.norm(), 1e-15) << "the bottom of the groove";
+  EXPECT_LT((proxy.normal - Vec3::UnitZ()).norm(), 1e-12) << "both sides push alike";
+}
+
+TEST(MeshPoint, StaysOnAClosedMeshThroughoutARandomWalk) {
+  for (const double relief : {0.0, 0.0015}) {
+    const Mesh mesh = mesh_of(bumpy_sphere(0.05, relief, 10'000));
+    std::mt19937 random(4);
+    std::normal_distribution<double> push;
+    MeshHand hand(mesh);
+    Vec3 place(0, 0, 0.06), velocity = Vec3::Zero();
+    hand.to(place);
+    int inside = 0, checked = 0;
+    const std::size_t allocated = test::allocations();
+    std::vector<std::pair<Vec3, bool>> seen;
+    seen.reserve(30'000);
+    const std::size_t before = test::allocations();
+    for (int tick = 0; tick < 30'000; ++tick) {
+      velocity += 1e-3 * (Vec3(push(random), push(random), push(random)) * 30 - 400 * (place - 0.05 * place.normalized())) -
+                  0.01 * velocity;
+      place += 1e-3 * velocity;
+      const Proxy& proxy = hand.to(place);
+      if (!proxy.touching) {
+        if (tick % 23 == 0) seen.emplace_back(place, false);
+        continue;
+      }
+      ++inside;
+      ASSERT_TRUE(is_finite(proxy.position));
+      ASSERT_NEAR(proxy.normal.norm(), 1, 1e-9);
+      ASSERT_GE(proxy.depth, 0);
+      // It is on the surface, and the tool behind it.
+      ASSERT_LT((proxy.position - place - proxy.depth * proxy.normal).norm(), 1e-12);
+    }
+    EXPECT_EQ(test::allocations(), before);
+    (void)allocated;
+    for (const auto& [where, held] : seen) {
+      ++checked;
+      ASSERT_LT(std::abs(winding_number(mesh.triangles(), where)), 0.5) << "free, though it is inside: it leaked";
+    }
+    EXPECT_GT(inside, 3000);
+    EXPECT_GT(checked, 100);
+  }
+}
+
+TEST(MeshPoint, ConvergesToTheSphereThatTheTrianglesStandFor) {
+  double before = 1;
+  for (const int triangles : {500, 2000, 8000, 32'000}) {
+    const Mesh mesh = mesh_of(bumpy_sphere(0.03, 0, triangles));
+    double worst = 0;
+    for (int i = 0; i < 400; ++i) {
+      MeshHand hand(mesh);
+      const double a = 0.1 + 0.015 * i, b = 1.1 * std::sin(3.1 * i);
+      const Vec3 out(std::cos(a) * std::cos(b), std::sin(a) * std::cos(b), std::sin(b));
+      hand.to(0.04 * out);
+      const Proxy& proxy = hand.to(0.025 * out);
+      ASSERT_TRUE(proxy.touching);
+      worst = std::max(worst, std::abs(proxy.depth - 0.005));
+    }
+    EXPECT_LT(worst, 0.5 * before) << triangles;
+    before = worst;
+  }
+  EXPECT_LT(before, 1.2e-5);
+}
+
+TEST(MeshPoint, IsStoppedByAThinWallAtAnySpeed) {
+  const Mesh plate = mesh_of(box_mesh(Vec3(0.1, 0.1, 0.0005)));
+  MeshHand hand(plate);
+  hand.to({0.01, 0.01, 0.1});
+  const Proxy& proxy = hand.to({0.012, 0.01, -0.9});
+  ASSERT_TRUE(proxy.touching);
+  EXPECT_NEAR(proxy.position.z(), 0.00025, 1e-12);
+  EXPECT_GT(proxy.normal.z(), 0.999);
+}
+
+TEST(MeshPoint, TouchesEdgesFromAMicrometreToTenMetres) {
+  // A floor of 10 m with a tip of 1 um on it.
+  TriangleMesh mesh = box_mesh(Vec3(10, 10, 1));
+  test::join(mesh, box_mesh(Vec3::Constant(1e-6)), Vec3(0.3, 0.2, 0.5 + 1e-6));
+  const Mesh both = mesh_of(mesh);
+  MeshHand far(both);
+  far.to({-4, 3, 0.6});
+  ASSERT_TRUE(far.to({-4, 3, 0.499}).touching);
+  EXPECT_NEAR(far.proxy.depth, 0.001, 1e-12);
+  MeshHand tip(both);
+  tip.to({0.3, 0.2, 0.5001});
+  ASSERT_TRUE(tip.to({0.3 + 1e-7, 0.2, 0.5 + 1.2e-6}).touching);
+  EXPECT_NEAR(tip.proxy.position.z(), 0.5 + 1.5e-6, 1e-12);
+}
+
+TEST(MeshPoint, SlidesOffAnOpenEdgeAndIsFree) {
+  TriangleMesh sheet;
+  sheet.vertices = {{0, 0, 0}, {0.02, 0, 0}, {0.02, 0.02, 0}, {0, 0.02, 0}};
+  sheet.triangles = {{0, 1, 2}, {0, 2, 3}};
+  const Mesh mesh = mesh_of(sheet);
+  MeshHand hand(mesh);
+  hand.to({0.01, 0.01, 0.001});
+  ASSERT_TRUE(hand.to({0.01, 0.012, -0.001}).touching);
+  ASSERT_TRUE(hand.to({0.019, 0.012, -0.001}).touching);
+  EXPECT_FALSE(hand.to({0.021, 0.012, -0.001}).touching);
+}
+
+TEST(MeshPoint, IsStoppedByAnotherPartWhenAsked) {
+  // A pillar stands on a floor: two parts, which no edge joins.
+  TriangleMesh mesh = box_mesh(Vec3(0.1, 0.1, 0.01));
+  test::join(mesh, box_mesh(Vec3(0.01, 0.01, 0.02)), Vec3(0.02, 0, 0.012));
+  Mesh both = mesh_of(mesh);
+  both.set("verify", 1);
+  MeshHand hand(both);
+  hand.to({0, 0, 0.007});
+  Proxy proxy;
+  for (int i = 0; i <= 200; ++i) proxy = hand.to({0.0001 * i, 0, 0.004});
+  ASSERT_TRUE(proxy.touching);
+  EXPECT_LE(proxy.position.x(), 0.015 + 1e-9) << "in front of the pillar";
+  EXPECT_GT(proxy.position.x(), 0.0148);
+  EXPECT_NEAR(proxy.position.z(), 0.005, 1e-6);
+}
+
+TEST(MeshPoint, BeginsAtTheNearestPlaceIfTheToolIsInsideAtFirst) {
+  const Mesh box = mesh_of(box_mesh(Vec3(0.02, 0.04, 0.06)));
+  MeshHand hand(box);
+  const Proxy& proxy = hand.to({0.008, 0.001, 0.002});
+  ASSERT_TRUE(proxy.touching);
+  EXPECT_TRUE(proxy.began_inside);
+  EXPECT_NEAR(proxy.position.x(), 0.01, 1e-15);
+  MeshHand outside(box);
+  EXPECT_FALSE(outside.to({0.03, 0, 0}).touching);
+}
+
+TEST(MeshPoint, KnowsHowItsProxyMovesWithTheTool) {
+  const Mesh mesh = mesh_of(box_mesh(Vec3::Constant(0.02), 3));
+  const auto expect_slide = [&](const Vec3& place) {
+    MeshHand hand(mesh);
+    hand.to(place * 3);
+    hand.to(place);
+    ASSERT_TRUE(hand.proxy.touching);
+    const Proxy here = hand.proxy;
+    const Eigen::Matrix3d slide = mesh.slide(here);
+    for (int axis = 0; axis < 3; ++axis) {
+      MeshHand moved = hand;
+      const Vec3 step = 1e-7 * Vec3::Unit(axis);
+      const Vec3 change = moved.to(place + step).position - here.position;
+      EXPECT_LT((slide * step - change).norm(), 1e-12);
+    }
+  };
+  expect_slide({0.009, 0.0011, 0.0023});
+  expect_slide({0.0021, -0.0013, -0.009});
+}
+
+TEST(MeshPoint, TurnsItsShadedNormalContinuouslyOverEdgesButNotOverCreases) {
+  const Mesh ball = mesh_of(bumpy_sphere(0.03, 0, 800));
+  MeshHand hand(ball);
+  hand.to({0.05, 0, 0.003});
+  Vec3 before = Vec3::Zero(), flat_before = Vec3::Zero();
+  double largest = 0, flat = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const double a = 5e-4 * i;
+    const Proxy& proxy = hand.to(0.028 * Vec3(std::cos(a), std::sin(a), 0.1));
+    ASSERT_TRUE(proxy.touching);
+    const Vec3 normal = ball.smooth(proxy, 0.8);
+    if (i > 0) {
+      largest = std::max(largest, (normal - before).norm());
+      flat = std::max(flat, (proxy.normal - flat_before).norm());
+    }
+    before = normal;
+    flat_before = proxy.normal;
+  }
+  EXPECT_GT(flat, 5 * largest) << "unshaded, the normal jumps from face to face";
+  const Mesh box = mesh_of(box_mesh(Vec3::Constant(0.02)));
+  MeshHand edge(box);
+  edge.to({0.02, 0.009, 0});
+  EXPECT_LT((box.smooth(edge.to({0.0095, 0.009, 0}), 0.8) - Vec3::UnitX()).norm(), 1e-12) << "a crease stays";
+}
+
+// --- Ball ---
+
+TEST(MeshBall, StaysAtItsRadiusFromAPlate) {
+  const Mesh plate = mesh_of(box_mesh(Vec3(0.1, 0.1, 0.001), 3));
+  MeshHand hand(plate, 0.002);
+  hand.to({0.001, 0.002, 0.01});
+  for (int i = 0; i <= 300; ++i) {
+    const Proxy& proxy = hand.to({0.001 + 1e-4 * i, 0.002, 0.01 - 5e-5 * i});
+    if (0.01 - 5e-5 * i > 0.0026) {
+      EXPECT_FALSE(proxy.touching);
+    } else if (0.01 - 5e-5 * i < 0.0024) {
+      ASSERT_TRUE(proxy.touching);
+      EXPECT_NEAR(proxy.position.z(), 0.0025, 1e-8);
+      EXPECT_GT(proxy.normal.z(), 1 - 1e-6);
+    }
+  }
+}
+
+TEST(MeshBall, RoundsAnEdgeAndFillsAGrooveByItsRadius) {
+  const Mesh box = mesh_of(box_mesh(Vec3::Constant(0.02)));
+  MeshHand hand(box, 0.003);
+  hand.to({0.02, 0.02, 0});
+  const Proxy& edge = hand.to({0.0105, 0.0105, 0});
+  ASSERT_TRUE(edge.touching);
+  EXPECT_NEAR((edge.position - Vec3(0.01, 0.01, 0)).norm(), 0.003, 1e-7) << "at its radius from the edge";
+  EXPECT_NEAR(edge.normal.x(), std::sqrt(0.5), 1e-3);
+
+  TriangleMesh groove;
+  groove.vertices = {{-0.02, -0.05, 0.02}, {0, -0.05, 0}, {0.02, -0.05, 0.02}, {-0.02, 0.05, 0.02}, {0, 0.05, 0}, {0.02, 0.05, 0.02}};
+  groove.triangles = {{0, 1, 4}, {0, 4, 3}, {1, 2, 5}, {1, 5, 4}};
+  const Mesh valley = mesh_of(groove);
+  MeshHand ball(valley, 0.003);
+  ball.to({0.0002, 0, 0.012});
+  const Proxy* proxy = nullptr;
+  for (int i = 0; i < 40; ++i) proxy = &ball.to({0.0002 * std::cos(i), 0, 0.012 - 0.0004 * i});
+  ASSERT_TRUE(proxy->touching);
+  EXPECT_NEAR(proxy->position.x(), 0, 2e-5);
+  EXPECT_NEAR(proxy->position.z(), 0.003 * std::sqrt(2), 2e-5) << "both sides hold it";
+}
+
+TEST(MeshBall, NeverComesNearerThanItsRadiusInARandomWalk) {
+  const Mesh mesh = mesh_of(bumpy_sphere(0.05, 0.0015, 3000));
+  std::mt19937 random(6);
+  std::normal_distribution<double> push;
+  MeshHand hand(mesh, 0.002);
+  Vec3 place(0, 0, 0.06), velocity = Vec3::Zero();
+  hand.to(place);
+  int touched = 0;
+  for (int tick = 0; tick < 15'000; ++tick) {
+    velocity += 1e-3 * (Vec3(push(random), push(random), push(random)) * 30 - 400 * (place - 0.051 * place.normalized())) -
+                0.01 * velocity;
+    place += 1e-3 * velocity;
+    const Proxy& proxy = hand.to(place);
+    if (!proxy.touching) continue;
+    ++touched;
+    const SurfacePoint nearest = mesh.nearest(proxy.position);
+    ASSERT_GT(nearest.distance, 0.002 * (1 - 1e-6));
+    ASSERT_LT(nearest.distance, 0.002 * 1.01);
+  }
+  EXPECT_GT(touched, 2000);
+}
+
+TEST(ConstraintPlanes, GiveTheNearestPlaceThatAllAllow) {
+  std::mt19937 random(7);
+  std::normal_distribution<double> number;
+  for (int i = 0; i < 2000; ++i) {
+    ConstraintPlanes planes;
+    planes.count = 1 + static_cast<std::size_t>(i) % 3;
+    const Vec3 allowed(number(random), number(random), number(random));
+    for (std::size_t k = 0; k < planes.count; ++k) {
+      planes.normal[k] = Vec3(number(random), number(random), number(random)).normalized();
+      planes.height[k] = planes.normal[k].dot(allowed) - std::abs(number(random));
+    }
+    const Vec3 goal = 3 * Vec3(number(random), number(random), number(random));
+    const Vec3 found = nearest_in_front(goal, planes);
+    for (std::size_t k = 0; k < planes.count; ++k) ASSERT_GT(planes.normal[k].dot(found), planes.height[k] - 1e-9);
+    // No other place that is allowed is nearer: random ones around.
+    for (int j = 0; j < 50; ++j) {
+      const Vec3 other = found + 0.3 * Vec3(number(random), number(random), number(random));
+      bool ok = true;
+      for (std::size_t k = 0; k < planes.count; ++k) ok = ok && planes.normal[k].dot(other) >= planes.height[k];
+      if (ok) {
+        ASSERT_GE((other - goal).norm(), (found - goal).norm() - 1e-9);
+      }
+    }
+  }
+}
+
+// --- Files ---
+
+std::string obj_of(const TriangleMesh& mesh) {
+  std::string text = "# made by a test\n";
+  for (const Vec3& v : mesh.vertices) text += fmt::format("v {} {} {}\n", v.x(), v.y(), v.z());
+  for (const auto& t : mesh.triangles) text += fmt::format("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1);
+  return text;
+}
+
+std::string stl_of(const TriangleMesh& mesh, bool binary) {
+  std::string text = binary ? std::string(80, ' ') : "solid test\n";
+  const auto put = [&](const auto& value) { text.append(reinterpret_cast<const char*>(&value), sizeof value); };
+  if (binary) put(static_cast<std::uint32_t>(mesh.triangles.size()));
+  for (const auto& t : mesh.triangles) {
+    if (binary) {
+      for (int i = 0; i < 3; ++i) put(0.0F);
+    } else {
+      text += "facet normal 0 0 0\nouter loop\n";
+    }
+    for (const std::uint32_t corner : t) {
+      const Vec3& v = mesh.vertices[corner];
+      if (binary)
+        for (int i = 0; i < 3; ++i) put(static_cast<float>(v[i]));
+      else
+        text += fmt::format("vertex {} {} {}\n", static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z()));
+    }
+    if (binary)
+      put(std::uint16_t{0});
+    else
+      text += "endloop\nendfacet\n";
+  }
+  return binary ? text : text + "endsolid test\n";
+}
+
+std::string ply_of(const TriangleMesh& mesh) {
+  std::string text = fmt::format("ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+                                 "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+                                 mesh.vertices.size(), mesh.triangles.size());
+  for (const Vec3& v : mesh.vertices) text += fmt::format("{} {} {}\n", v.x(), v.y(), v.z());
+  for (const auto& t : mesh.triangles) text += fmt::format("3 {} {} {}\n", t[0], t[1], t[2]);
+  return text;
+}
+
+TEST(MeshFiles, AreReadAlikeFromObjStlAndPly) {
+  const TempFolder folder;
+  const TriangleMesh mesh = bumpy_sphere(32, 1, 400);
+  const MeshLoad truth = clean_mesh(mesh, "truth");
+  for (const auto& [name, content] : std::vector<std::pair<std::string, std::string>>{
+           {"a.obj", obj_of(mesh)}, {"a.stl", stl_of(mesh, false)}, {"b.stl", stl_of(mesh, true)}, {"a.ply", ply_of(mesh)}}) {
+    const MeshLoad load = load_mesh(folder.write(name, content), "mm");
+    EXPECT_EQ(load.mesh.triangles.size(), truth.mesh.triangles.size()) << name;
+    EXPECT_EQ(load.mesh.vertices.size(), truth.mesh.vertices.size()) << name << ": welded";
+    EXPECT_EQ(load.report.open_edges, 0U) << name;
+    EXPECT_NEAR(load.report.volume, 1e-9 * truth.report.volume, 1e-7 * load.report.volume) << name;
+    EXPECT_THAT(load.remarks, testing::IsEmpty()) << name;
+  }
+}
+
+TEST(MeshFiles, AreRepairedWithANoteWhereThatIsPossible) {
+  const auto remarks_of = [](TriangleMesh mesh) { return testing::PrintToString(clean_mesh(std::move(mesh), "m").remarks); };
+  const TriangleMesh good = box_mesh(Vec3::Constant(0.02), 2);
+  EXPECT_EQ(remarks_of(good), "{}");
+  TriangleMesh mesh = good;
+  std::swap(mesh.triangles[3][0], mesh.triangles[3][1]);
+  EXPECT_THAT(remarks_of(mesh), HasSubstr("1 triangles were wound the other way round"));
+  mesh = good;
+  for (auto& t : mesh.triangles) std::swap(t[0], t[1]);
+  EXPECT_THAT(remarks_of(mesh), HasSubstr("inside out"));
+  EXPECT_GT(clean_mesh(mesh, "m").report.volume, 0);
+  mesh = good;
+  mesh.triangles.push_back({0, 0, 1});
+  mesh.triangles.push_back(mesh.triangles[5]);
+  EXPECT_THAT(remarks_of(mesh), testing::AllOf(HasSubstr("1 triangles have no area"), HasSubstr("1 triangles are there twice")));
+  mesh = good;
+  mesh.triangles.pop_back();
+  EXPECT_THAT(remarks_of(mesh), HasSubstr("3 edges are open"));
+  mesh = good;
+  for (Vec3& v : mesh.vertices) v *= 1000;
+  EXPECT_THAT(remarks_of(mesh), HasSubstr("is its unit right?"));
+}
+
+TEST(MeshFiles, AreRefusedWithTheReason) {
+  const TempFolder folder;
+  const auto error = [&](const std::string& name, const std::string& content) {
+    return error_of([&] { load_mesh(folder.write(name, content), "mm"); });
+  };
+  EXPECT_THAT(error_of([&] { load_mesh(folder / "none.obj", "mm"); }), HasSubstr("none.obj: no such file"));
+  EXPECT_THAT(error_of([&] { load_mesh(folder.write("a.obj", "v 0 0 0\n"), "parsec"); }), HasSubstr("unit 'parsec' is no length"));
+  EXPECT_THAT(error("a.obj", "v 0 0 0\n"), HasSubstr("a.obj: has no triangles"));
+  EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 9\n"), HasSubstr("a.obj"));
+  EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n"), HasSubstr("a.obj: line 3: 'nan' is no coordinate"));
+  EXPECT_THAT(error("a.stl", "solid nothing"), HasSubstr("a.stl"));
+  EXPECT_THAT(error("a.xyz", "hello"), HasSubstr("cannot be read as a mesh"));
+  EXPECT_THAT(error("a.glb", "glTF rubbish"), HasSubstr("a.glb"));
+  TriangleMesh flat;
+  flat.vertices = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}};
+  flat.triangles = {{0, 1, 2}};
+  EXPECT_THAT(error_of([&] { clean_mesh(flat, "m"); }), HasSubstr("none of its triangles has an area"));
+  // A Moebius strip.
+  TriangleMesh strip;
+  constexpr int kParts = 20;
+  for (int i = 0; i < kParts; ++i)
+    for (const double side : {-1.0, 1.0}) {
+      const double a = 2 * std::numbers::pi * i / kParts;
+      strip.vertices.emplace_back((2 + 0.5 * side * std::cos(a / 2)) * std::cos(a),
+                                  (2 + 0.5 * side * std::cos(a / 2)) * std::sin(a), 0.5 * side * std::sin(a / 2));
+    }
+  for (std::uint32_t i = 0; i < kParts; ++i) {
+    const std::uint32_t a = 2 * i, b = 2 * i + 1;
+    const bool last = i + 1 == kParts;
+    const std::uint32_t c = last ? 1 : a + 2, d = last ? 0 : b + 2;
+    strip.triangles.push_back({a, c, b});
+    strip.triangles.push_back({c, d, b});
+  }
+  EXPECT_THAT(error_of([&] { clean_mesh(strip, "m"); }), HasSubstr("only one side"));
+}
+
+TEST(MeshFiles, NeverCrashHoweverTheyAreBroken) {
+  const TempFolder folder;
+  std::mt19937 random(8);
+  const TriangleMesh mesh = box_mesh(Vec3::Constant(20));
+  int read = 0, refused = 0;
+  for (const auto& [name, whole] : std::vector<std::pair<std::string, std::string>>{
+           {"a.obj", obj_of(mesh)}, {"a.stl", stl_of(mesh, false)}, {"b.stl", stl_of(mesh, true)}, {"a.ply", ply_of(mesh)}})
+    for (int i = 0; i < 150; ++i) {
+      std::string content = whole;
+      if (i % 3 == 0) content.resize(random() % whole.size());
+      if (i % 3 == 1) content[random() % whole.size()] = static_cast<char>(random());
+      if (i % 3 == 2) content.insert(random() % whole.size(), std::to_string(static_cast<std::int32_t>(random())));
+      try {
+        (void)load_mesh(folder.write(name, content), "mm");
+        ++read;
+      } catch (const Error& error) {
+        ++refused;
+        EXPECT_THAT(error.what(), HasSubstr(name));
+      }
+    }
+  EXPECT_GT(read, 20);
+  EXPECT_GT(refused, 20);
+}
+
+}  // namespace
+}  // namespace haptrace

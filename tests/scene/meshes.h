@@ -1,0 +1,52 @@
+// Meshes for tests, made from formulas.
+#pragma once
+
+#include "base/triangle_mesh.h"
+#include "scene/shape/grid_mesh.h"
+
+#include <cmath>
+#include <functional>
+#include <numbers>
+
+namespace haptrace::test {
+
+/// Returns a sphere of about `triangles` triangles with a relief: closed, and without poles' slivers of no area.
+inline TriangleMesh bumpy_sphere(double radius, double relief, int triangles) {
+  const int turns = std::max(6, static_cast<int>(std::sqrt(triangles)));
+  return grid_mesh(turns, turns / 2, {.wraps_u = true}, [&](double u, double v) -> Vec3 {
+    using std::numbers::pi;
+    const double along = 2 * pi * u, up = pi * (v - 0.5);
+    const Vec3 out(std::cos(up) * std::cos(along), std::cos(up) * std::sin(along), std::sin(up));
+    const double height = std::sin(7 * out.x() + 1) * std::sin(9 * out.y()) * std::cos(8 * out.z());
+    return (radius + relief * height) * out;
+  });
+}
+
+/// Returns a box of 12 triangles or, with `parts` above 1, of that many squares along each edge of a side.
+inline TriangleMesh box_mesh(const Vec3& size, int parts = 1) {
+  TriangleMesh mesh;
+  for (int axis = 0; axis < 3; ++axis)
+    for (const double sign : {-1.0, 1.0}) {
+      const int a = (axis + 1) % 3, b = (axis + 2) % 3;
+      const TriangleMesh side = grid_mesh(parts, parts, {}, [&](double u, double v) {
+        Vec3 place;
+        place[axis] = 0.5 * sign * size[axis];
+        place[a] = (u - 0.5) * size[a] * sign;
+        place[b] = (v - 0.5) * size[b];
+        return place;
+      });
+      const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
+      mesh.vertices.insert(mesh.vertices.end(), side.vertices.begin(), side.vertices.end());
+      for (const auto& t : side.triangles) mesh.triangles.push_back({first + t[0], first + t[1], first + t[2]});
+    }
+  return mesh;
+}
+
+/// Adds the triangles of another mesh, moved.
+inline void join(TriangleMesh& mesh, const TriangleMesh& other, const Vec3& shift) {
+  const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
+  for (const Vec3& vertex : other.vertices) mesh.vertices.push_back(vertex + shift);
+  for (const auto& t : other.triangles) mesh.triangles.push_back({first + t[0], first + t[1], first + t[2]});
+}
+
+}  // namespace haptrace::test
