@@ -33,8 +33,8 @@ namespace {
 
 constexpr std::uintmax_t kLargestFile = std::uintmax_t{4} << 30U;
 constexpr std::size_t kMostTriangles = 20'000'000;
-constexpr double kFlat = 1e-14;              // area over the square of the longest edge, from which on rounding decides
-constexpr double kHuge = 3, kTiny = 1e-3;    // sizes that suggest another unit [m]
+constexpr double kFlat = 1e-14;            // area over the square of the longest edge, from which on rounding decides
+constexpr double kHuge = 3, kTiny = 1e-3;  // sizes that suggest another unit [m]
 
 /// Checks the coordinates of an OBJ file. tinyobjloader takes what is no number for zero.
 void check_obj_numbers(const std::string& file) {
@@ -79,8 +79,8 @@ TriangleMesh load_obj(const std::string& file) {
         for (std::size_t i = 0; i < 3; ++i) {
           const int index = shape.mesh.indices[at + i].vertex_index;
           if (index < 0 || static_cast<std::size_t>(index) >= mesh.vertices.size())
-            throw input_error(fmt::format("{}: face {} names vertex {}, but there are {}", file, mesh.triangles.size() + 1,
-                                          index + 1, mesh.vertices.size()));
+            throw input_error(fmt::format("{}: face {} names vertex {}, but there are {}", file,
+                                          mesh.triangles.size() + 1, index + 1, mesh.vertices.size()));
           triangle[i] = static_cast<std::uint32_t>(index);
         }
         mesh.triangles.push_back(triangle);
@@ -148,10 +148,14 @@ struct Announcement {
   std::uint64_t vertices = 0, triangles = 0;
 };
 
-/// Reads a file in a process of its own, within limits of memory and time: assimp ends the process at some broken files.
+/// Reads a file in a process of its own, within limits of memory and time: assimp ends the process at some broken
+/// files.
 [[noreturn]] void serve_mesh(const std::string& file, int out) {
-  constexpr rlim_t kMemory = rlim_t{12} << 30U, kSeconds = 120;
-  const rlimit memory{kMemory, kMemory}, seconds{kSeconds, kSeconds}, none{0, 0};
+  // In proportion to the file: a broken one may state any number of triangles.
+  std::error_code ignored;
+  const rlim_t bytes = std::filesystem::file_size(file, ignored);
+  const rlim_t space = (rlim_t{256} << 20U) + 100 * bytes, time = 2 + bytes / 2'000'000;
+  const rlimit memory{space, space}, seconds{time, time}, none{0, 0};
   (void)setrlimit(RLIMIT_AS, &memory);
   (void)setrlimit(RLIMIT_CPU, &seconds);
   (void)setrlimit(RLIMIT_CORE, &none);
@@ -200,9 +204,9 @@ TriangleMesh load_other(const std::string& file) {
   while (child > 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) {
   }
   if (!whole)
-    throw input_error(fmt::format("{}: cannot be read as a mesh: the program that reads such files {}", file,
-                                  WIFSIGNALED(status) ? fmt::format("ended with signal {}", WTERMSIG(status))
-                                                      : std::string("ended early")));
+    throw input_error(fmt::format(
+        "{}: cannot be read as a mesh: the program that reads such files {}", file,
+        WIFSIGNALED(status) ? fmt::format("ended with signal {}", WTERMSIG(status)) : std::string("ended early")));
   if (!error.empty()) throw input_error(error);
   return mesh;
 }
@@ -259,9 +263,8 @@ struct Joins {
         const std::uint32_t a = mesh.triangles[t][i], b = mesh.triangles[t][(i + 1U) % 3];
         edges.push_back({(static_cast<std::uint64_t>(std::min(a, b)) << 32U) | std::max(a, b), t, i, a < b});
       }
-    std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) {
-      return a.key != b.key ? a.key < b.key : a.triangle < b.triangle;
-    });
+    std::sort(edges.begin(), edges.end(),
+              [](const Edge& a, const Edge& b) { return a.key != b.key ? a.key < b.key : a.triangle < b.triangle; });
   }
   template <class Visit>
   void each(const Visit& visit) const {
@@ -327,10 +330,11 @@ void orient(TriangleMesh& mesh, MeshReport& report, const std::string& name) {
           part.push_back(list[k].triangle);
         } else if (other != wanted) {
           const Vec3& at = mesh.vertices[mesh.triangles[t][0]];
-          throw input_error(fmt::format(
-              "{}: near ({:.4g}, {:.4g}, {:.4g}) m the triangles form a surface with only one side, like a Moebius strip, "
-              "which has no outside",
-              name, at.x(), at.y(), at.z()));
+          throw input_error(
+              fmt::format("{}: near ({:.4g}, {:.4g}, {:.4g}) m the triangles form a surface with only one side, like a "
+                          "Moebius strip, "
+                          "which has no outside",
+                          name, at.x(), at.y(), at.z()));
         }
       }
     }
@@ -376,15 +380,17 @@ std::vector<std::string> remarks_on(const MeshReport& report, bool closed) {
   add(report.repeated, fmt::format("{} triangles are there twice; one of each was left out", report.repeated));
   add(report.turned, fmt::format("{} triangles were wound the other way round, and were turned over", report.turned));
   add(report.inside_out ? 1 : 0, "the mesh was inside out, and was turned over");
-  add(report.open_edges, fmt::format("{} edges are open, the first at ({:.4g}, {:.4g}, {:.4g}) m: the tool can get behind the "
-                                     "surface there",
-                                     report.open_edges, report.open_at.x(), report.open_at.y(), report.open_at.z()));
-  add(report.shared_edges, fmt::format("{} edges belong to more than two triangles: the tool does not slide across them",
-                                       report.shared_edges));
+  add(report.open_edges,
+      fmt::format("{} edges are open, the first at ({:.4g}, {:.4g}, {:.4g}) m: the tool can get behind the "
+                  "surface there",
+                  report.open_edges, report.open_at.x(), report.open_at.y(), report.open_at.z()));
+  add(report.shared_edges,
+      fmt::format("{} edges belong to more than two triangles: the tool does not slide across them",
+                  report.shared_edges));
   const double size = report.size.maxCoeff();
   add(size > kHuge || size < kTiny ? 1 : 0,
-      fmt::format("the mesh is {:.3g} m x {:.3g} m x {:.3g} m large; is its unit right?", report.size.x(), report.size.y(),
-                  report.size.z()));
+      fmt::format("the mesh is {:.3g} m x {:.3g} m x {:.3g} m large; is its unit right?", report.size.x(),
+                  report.size.y(), report.size.z()));
   (void)closed;
   return remarks;
 }
@@ -445,7 +451,8 @@ MeshLoad clean_mesh(TriangleMesh mesh, const std::string& name) {
 MeshLoad load_mesh(const std::string& file, const std::string& unit) {
   namespace fs = std::filesystem;
   const Unit* const length = find_unit(unit, "m");
-  if (length == nullptr) throw input_error(fmt::format("{}: unit '{}' is no length; give m, mm, cm, um or in", file, unit));
+  if (length == nullptr)
+    throw input_error(fmt::format("{}: unit '{}' is no length; give m, mm, cm, um or in", file, unit));
   std::error_code error;
   if (!fs::is_regular_file(file, error)) throw input_error(file + ": no such file");
   if (fs::file_size(file, error) > kLargestFile) throw input_error(file + ": is larger than 4 GiB");

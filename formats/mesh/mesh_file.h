@@ -11,16 +11,16 @@ namespace haptrace {
 /// What was found in the file of a mesh.
 struct MeshReport {
   std::size_t vertices_in_file = 0, triangles_in_file = 0;
-  std::size_t flat = 0;            ///< triangles without an area, left out
-  std::size_t repeated = 0;        ///< triangles that were there twice, left out
-  std::size_t turned = 0;          ///< triangles turned over, so that neighbours agree on the outside
-  std::size_t open_edges = 0;      ///< edges of one triangle
-  std::size_t shared_edges = 0;    ///< edges of more than two triangles
-  std::size_t parts = 0;           ///< that no edge joins
-  bool inside_out = false;         ///< the whole mesh was turned over: its volume was negative
-  double volume = 0;               ///< of a closed mesh [m^3]
-  Vec3 size = Vec3::Zero();        ///< of its box [m]
-  Vec3 open_at = Vec3::Zero();     ///< middle of an open edge, if there is one [m]
+  std::size_t flat = 0;          ///< triangles without an area, left out
+  std::size_t repeated = 0;      ///< triangles that were there twice, left out
+  std::size_t turned = 0;        ///< triangles turned over, so that neighbours agree on the outside
+  std::size_t open_edges = 0;    ///< edges of one triangle
+  std::size_t shared_edges = 0;  ///< edges of more than two triangles
+  std::size_t parts = 0;         ///< that no edge joins
+  bool inside_out = false;       ///< the whole mesh was turned over: its volume was negative
+  double volume = 0;             ///< of a closed mesh [m^3]
+  Vec3 size = Vec3::Zero();      ///< of its box [m]
+  Vec3 open_at = Vec3::Zero();   ///< middle of an open edge, if there is one [m]
 };
 
 struct MeshLoad {

@@ -38,8 +38,9 @@ class TriangleTree {
     std::uint32_t triangle = 0;
     [[nodiscard]] explicit operator bool() const noexcept { return share <= 1; }
   };
-  /// Returns the first triangle that the way from `from` to `to` crosses from its front, edges and corners included: two
-  /// triangles with a common edge leave no gap (Woop, Benthin and Wald 2013). `skips`: whether a triangle is left out.
+  /// Returns the first triangle that the way from `from` to `to` crosses from its front, edges and corners included:
+  /// two triangles with a common edge leave no gap (Woop, Benthin and Wald 2013). `skips`: whether a triangle is left
+  /// out.
   template <class Skips>
   [[nodiscard]] Hit sweep(const Vec3& from, const Vec3& to, const Skips& skips) const noexcept;
   [[nodiscard]] Hit sweep(const Vec3& from, const Vec3& to) const noexcept {

@@ -15,8 +15,8 @@ struct ConstraintPlanes {
   std::size_t count = 0;
 };
 
-/// Returns the place nearest to `goal` in front of all planes: the solution of the quadratic programme of the god object,
-/// by trying the few sets of planes that can be active. Real-time.
+/// Returns the place nearest to `goal` in front of all planes: the solution of the quadratic programme of the god
+/// object, by trying the few sets of planes that can be active. Real-time.
 Vec3 nearest_in_front(const Vec3& goal, const ConstraintPlanes& planes) noexcept;
 
 }  // namespace haptrace

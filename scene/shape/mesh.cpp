@@ -49,7 +49,8 @@ MeshTopology::MeshTopology(const TriangleMesh& mesh) {
     for (std::uint8_t i = 0; i < 3; ++i) {
       const std::uint32_t from = corners[i], to = corners[(i + 1U) % 3];
       edges.push_back({(static_cast<std::uint64_t>(std::min(from, to)) << 32U) | std::max(from, to), t, i, from < to});
-      vertex_normals[from] += angle_at(mesh.vertices[from], mesh.vertices[to], mesh.vertices[corners[(i + 2U) % 3]]) * normal;
+      vertex_normals[from] +=
+          angle_at(mesh.vertices[from], mesh.vertices[to], mesh.vertices[corners[(i + 2U) % 3]]) * normal;
       ++first_of[from + 1];
     }
   }
@@ -60,9 +61,8 @@ MeshTopology::MeshTopology(const TriangleMesh& mesh) {
   for (std::uint32_t t = 0; t < count; ++t)
     for (const std::uint32_t corner : mesh.triangles[t]) around[next[corner]++] = t;
 
-  std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) {
-    return std::pair(a.key, a.triangle) < std::pair(b.key, b.triangle);
-  });
+  std::sort(edges.begin(), edges.end(),
+            [](const Edge& a, const Edge& b) { return std::pair(a.key, a.triangle) < std::pair(b.key, b.triangle); });
   for (std::size_t i = 0; i < edges.size();) {
     std::size_t end = i + 1;
     while (end < edges.size() && edges[end].key == edges[i].key) ++end;
@@ -82,7 +82,8 @@ Mesh::Mesh(TriangleMesh mesh, std::vector<std::string> remarks)
 }
 
 std::vector<Knob> Mesh::knobs() const {
-  return {{"verify", "", {0, 1}, verify_ ? 1.0 : 0.0, 0, 1}, {"rounds", "", {1, 2, 4, 8}, static_cast<double>(rounds_), 1, 16}};
+  return {{"verify", "", {0, 1}, verify_ ? 1.0 : 0.0, 0, 1},
+          {"rounds", "", {1, 2, 4, 8}, static_cast<double>(rounds_), 1, 16}};
 }
 
 void Mesh::set(const std::string& knob, double level) {
@@ -101,8 +102,8 @@ void Mesh::follow(const ToolStep& step, Proxy& proxy) const noexcept {
 // --- A point ---
 
 Mesh::Foot Mesh::foot_on(std::uint32_t triangle, const Vec3& place) const noexcept {
-  return {triangle, closest_on_triangle(place, tree_.corner(triangle, 0), tree_.corner(triangle, 1),
-                                        tree_.corner(triangle, 2))};
+  return {triangle,
+          closest_on_triangle(place, tree_.corner(triangle, 0), tree_.corner(triangle, 1), tree_.corner(triangle, 2))};
 }
 
 Mesh::Foot Mesh::walk(Foot foot, const Vec3& to) const noexcept {
@@ -175,7 +176,8 @@ void Mesh::stand(const Foot& foot, const ToolStep& step, Proxy& proxy) const noe
   if (!lasts || beyond_open_edge(foot, step.to)) return release(proxy);
   proxy.position = place;
   const Vec3& face = topology_.face_normals[foot.triangle];
-  // On a face the normal is the face's, to the last digit; on edges and corners it is the way that the tool is held back.
+  // On a face the normal is the face's, to the last digit; on edges and corners it is the way that the tool is held
+  // back.
   proxy.normal = foot.point.on == On::inside || !(distance > 0) ? face : Vec3((side >= 0 ? 1 : -1) / distance * back);
   proxy.depth = side >= 0 ? (foot.point.on == On::inside ? face.dot(back) : distance) : -distance;
   proxy.known = proxy.touching = true;
@@ -184,7 +186,8 @@ void Mesh::stand(const Foot& foot, const ToolStep& step, Proxy& proxy) const noe
 
 Mesh::Foot Mesh::foot_of(const Proxy& proxy) const noexcept {
   return {proxy.memory.index[0],
-          {proxy.position, static_cast<On>(proxy.memory.index[1] / 4), static_cast<std::uint8_t>(proxy.memory.index[1] % 4)}};
+          {proxy.position, static_cast<On>(proxy.memory.index[1] / 4),
+           static_cast<std::uint8_t>(proxy.memory.index[1] % 4)}};
 }
 
 void Mesh::follow_point(const ToolStep& step, Proxy& proxy) const noexcept {
@@ -212,8 +215,8 @@ void Mesh::follow_point(const ToolStep& step, Proxy& proxy) const noexcept {
   proxy.began_inside = inside && proxy.touching;
 }
 
-/// Sweeps from the last place of the proxy to the new one. Where another part of the mesh is in the way, the proxy stands
-/// at the place nearest to the tool that this part and the face below allow.
+/// Sweeps from the last place of the proxy to the new one. Where another part of the mesh is in the way, the proxy
+/// stands at the place nearest to the tool that this part and the face below allow.
 Vec3 Mesh::held_back(const Vec3& from, Foot foot, const Vec3& to, Proxy& proxy) const noexcept {
   const std::uint32_t own = proxy.memory.index[0];
   ConstraintPlanes planes;
@@ -229,8 +232,8 @@ Vec3 Mesh::held_back(const Vec3& from, Foot foot, const Vec3& to, Proxy& proxy) 
     const Vec3 lift = rounding * base;
     const auto hit = tree_.sweep(place + lift, goal + lift, [&](std::uint32_t triangle) {
       return triangle == own || triangle == foot.triangle ||
-             std::find(topology_.neighbours[foot.triangle].begin(), topology_.neighbours[foot.triangle].end(), triangle) !=
-                 topology_.neighbours[foot.triangle].end();
+             std::find(topology_.neighbours[foot.triangle].begin(), topology_.neighbours[foot.triangle].end(),
+                       triangle) != topology_.neighbours[foot.triangle].end();
     });
     if (!hit) break;
     const Vec3& normal = topology_.face_normals[hit.triangle];
@@ -266,8 +269,8 @@ void Mesh::begin_inside(const ToolStep& step, Proxy& proxy) const noexcept {
 
 // --- A ball ---
 
-/// Moves the centre of a ball of this radius towards `target` until it touches. Samples lie less than two radii apart, so
-/// that nothing thin is between them. Returns whether it got there.
+/// Moves the centre of a ball of this radius towards `target` until it touches. Samples lie less than two radii apart,
+/// so that nothing thin is between them. Returns whether it got there.
 bool Mesh::advance_ball(Vec3& centre, const Vec3& target, double radius) const noexcept {
   const Vec3 way = target - centre;
   const double length = norm_of(way);
@@ -395,8 +398,9 @@ Vec3 Mesh::smooth(const Proxy& proxy, double crease) const noexcept {
   const double area2 = across.squaredNorm();
   if (!(area2 > 0)) return face;
   const Vec3 p = proxy.position;
-  const Vec3 weights = Vec3((b - p).cross(c - p).dot(across), (c - p).cross(a - p).dot(across),
-                            (a - p).cross(b - p).dot(across)) / area2;
+  const Vec3 weights =
+      Vec3((b - p).cross(c - p).dot(across), (c - p).cross(a - p).dot(across), (a - p).cross(b - p).dot(across)) /
+      area2;
   const double limit = std::cos(crease);
   Vec3 sum = Vec3::Zero();
   for (int i = 0; i < 3; ++i) {

@@ -36,12 +36,12 @@ struct MeshTopology {
 /// of the sum of the normals around an edge or a vertex, or beyond an open edge.
 ///
 /// Ball: its centre moves on the level set of the distance, as a god object does on planes (Zilles and Salisbury 1995;
-/// Ruspini, Kolarov and Khatib 1997): straight on until it touches, then along the planes that it touches, and so on. It
-/// overlaps the mesh by at most 1e-7 of its radius.
+/// Ruspini, Kolarov and Khatib 1997): straight on until it touches, then along the planes that it touches, and so on.
+/// It overlaps the mesh by at most 1e-7 of its radius.
 ///
-/// Settings: `verify` 1 lets a sweep look at every step of a point's proxy, which then also stops at parts that the walk
-/// does not know, such as another mesh in the same file; `rounds` is the number of planes that a ball's proxy meets in a
-/// tick at most.
+/// Settings: `verify` 1 lets a sweep look at every step of a point's proxy, which then also stops at parts that the
+/// walk does not know, such as another mesh in the same file; `rounds` is the number of planes that a ball's proxy
+/// meets in a tick at most.
 class Mesh final : public Shape {
  public:
   /// `mesh` must be welded, without triangles of zero area, and wound so that normals point outwards: see load_mesh().
