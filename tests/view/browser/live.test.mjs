@@ -122,6 +122,17 @@ test("a hidden tab takes no rows and shows the newest on return", async (t) => {
   assert.equal(await rows(), before);
   await hide(false);
   await page.waitForFunction((n) => window.haptraceTest.state().ringRows > n && window.haptraceTest.state().lag < 0.3, before);
+  // The charts get from the server what the tab missed: no bin is missing, at any zoom.
+  await page.keyboard.press("Space");
+  for (const span of [10, 40]) {
+    await page.evaluate((s) => window.haptraceTest.span(s), span);
+    await page.waitForFunction(() => {
+      const bins = window.haptraceTest.drawn("x");
+      const { t0, t1 } = window.haptraceTest.window();
+      const whole = bins.length > 0 && bins[0].t <= Math.max(0.1, t0) && bins.at(-1).t > t1 - 0.5;
+      return whole && bins.every((b, i) => i === 0 || b.t - bins[i - 1].t < bins[i - 1].width + 0.003);
+    });
+  }
   assert.deepEqual(page.errors, []);
 });
 

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { binsFrame } from "./frames.mjs";
+import { binsFrame, samplesFrame } from "./frames.mjs";
 import { load } from "./load.mjs";
 
 const { binOf, binWidth, drawBins, FrameBins, LiveBins, rangeOf, RowRing, decodeFrame } = await load("bins", "rows", "protocol");
@@ -137,4 +137,29 @@ test("bins are drawn at the same places whatever part of them is asked for", () 
     return pen.points;
   };
   assert.deepEqual(draw(late), draw(all));
+});
+
+test("after a hole the bins start again, and say from where they are whole", () => {
+  const ring = new RowRing(1, 4096);
+  const push = (t0, count, flags = 0) => {
+    const time = Array.from({ length: count }, (_, i) => i / 1000);
+    ring.push(decodeFrame(samplesFrame([time, time.map(() => 1)], { t0, flags })));
+  };
+  const live = new LiveBins(["x"], [0], 64);
+  push(0, 1000);
+  live.update(ring, 0.256, 0);
+  assert.equal(live.full, 0, "the session begins here");
+  push(1, 500);
+  live.update(ring, 0.256, 0);
+  assert.equal(live.full, 0, "rows without a hole");
+  push(1.6, 400, 1);
+  live.update(ring, 0.256, 0);
+  assert.ok(Math.abs(live.full - 1.792) < 1e-9, `the bin from 1.536 lacks rows: ${live.full}`);
+  assert.ok(Math.abs(ring.oldest - 1.6) < 1e-6);
+  push(10, 300);
+  live.update(ring, 0.256, 0);
+  assert.ok(Math.abs(live.full - 10.24) < 1e-9, `a hidden tab came back: ${live.full}`);
+  const late = new LiveBins(["x"], [0], 64);
+  late.update(ring, 0.256, 0);
+  assert.ok(Math.abs(late.full - 10.24) < 1e-9, "a page that came late has no whole bin of its first row");
 });

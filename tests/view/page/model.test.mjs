@@ -430,3 +430,37 @@ test("a machine is slow if half of its frames are late, not if one is", () => {
   assert.equal(judge([3000, 3000, 3000, 3000, 3000, 3000]), true, "one frame in three seconds is slow too");
   assert.equal(judge(Array(10).fill(80)), false, "it judges after 1.5 s");
 });
+
+test("rows that the page missed are asked for, and rows that the session no longer keeps are named", async () => {
+  const asked = [];
+  const model = new Model();
+  let cut = false;
+  model.setSource({
+    async requestRows(t0, t1) {
+      asked.push(t0);
+      return cut ? decodeFrame(samplesFrame([[], [], []], { t0, flags: 4 })) : rows(t0, Math.round((t1 - t0) * 1000));
+    },
+    async requestBins() {
+      return null;
+    },
+  });
+  model.take(helloOf(true));
+  model.setConnected(true);
+  model.take(recordingOf(["x", "deviation"], { end: 0 }));
+  model.takeRows(rows(0, 1000));
+  model.takeRows(rows(40, 1000)); // the tab was hidden
+  model.seek(0.5);
+  model.need();
+  await settle();
+  model.tick(1);
+  assert.deepEqual(asked, [0]);
+  assert.equal(model.value("x"), 500);
+  assert.equal(model.thinned, false);
+  cut = true;
+  model.seek(20.5);
+  model.need();
+  await settle();
+  model.tick(1.1);
+  assert.ok(Number.isNaN(model.value("x")));
+  assert.equal(model.thinned, true);
+});

@@ -1,7 +1,7 @@
 // Min-max bins: what the lanes draw. A bin keeps the first, least, largest and last value of its rows, so that a peak of
 // one sample is seen at every zoom. Bins are anchored in absolute time: bin k covers [k w, (k + 1) w).
 import type { BinChannel, BinsFrame } from "./protocol";
-import type { RowSource } from "./rows";
+import type { RowRing, RowSource } from "./rows";
 
 // A stretch of bins of several channels. Bin k is at index (k - base) & mask of the arrays.
 export interface BinView {
@@ -50,6 +50,9 @@ export class FrameBins implements BinView {
   }
 }
 
+// The first row of a session comes within this time of its start [s].
+const FIRST_ROW = 0.02;
+
 // Keeps bins of the newest rows, bin by bin as rows arrive. Memory is allocated once.
 export class LiveBins implements BinView {
   width = 0;
@@ -60,7 +63,10 @@ export class LiveBins implements BinView {
   private readonly names: readonly string[];
   private readonly columns: readonly number[];
   private readonly data: BinChannel[];
+  // The first bin that has all its rows begins here [s].
+  full = -Infinity;
   private nextRow = 0;
+  private stretch = 0;
 
   // `capacity` bins, rounded up to a power of two.
   constructor(names: readonly string[], columns: readonly number[], capacity: number) {
@@ -77,10 +83,12 @@ export class LiveBins implements BinView {
     return i < 0 ? null : this.data[i]!;
   }
 
-  // Adds the rows of `source` that came since the last call. Starts again after another width, or after lost rows.
-  update(source: RowSource, width: number): void {
-    if (width !== this.width || this.nextRow < source.first || this.nextRow > source.end) {
+  // Adds the rows of `source` that came since the last call. Starts again after another width, or after a hole.
+  // `start` is the time before which the session has no rows [s].
+  update(source: RowRing, width: number, start: number): void {
+    if (width !== this.width || source.stretch !== this.stretch || this.nextRow < source.first || this.nextRow > source.end) {
       this.width = width;
+      this.stretch = source.stretch;
       this.k0 = this.k1 = 0;
       this.nextRow = source.first;
       // Rows older than the capacity have no bin.
@@ -90,18 +98,23 @@ export class LiveBins implements BinView {
         while (this.nextRow < source.end && source.timeOf(this.nextRow) < oldest) this.nextRow++;
       }
     }
-    for (; this.nextRow < source.end; this.nextRow++) this.add(source, this.nextRow);
+    for (; this.nextRow < source.end; this.nextRow++) this.add(source, this.nextRow, start);
   }
 
-  private add(source: RowSource, row: number): void {
+  private add(source: RowSource, row: number, start: number): void {
     const k = binOf(source.timeOf(row), this.width);
     if (this.k1 === this.k0) {
       this.k0 = k;
       this.k1 = k;
+      this.full = source.timeOf(row) - start < FIRST_ROW ? k * this.width : (k + 1) * this.width;
     }
     if (k < this.k1 - 1) return; // a row of the past
     const size = this.mask + 1;
-    if (k >= this.k1 + size) this.k0 = this.k1 = k; // a gap longer than all that is kept
+    if (k >= this.k1 + size) {
+      // A gap longer than all that is kept.
+      this.k0 = this.k1 = k;
+      this.full = (k + 1) * this.width;
+    }
     for (; this.k1 <= k; this.k1++) {
       const i = this.k1 & this.mask;
       for (const c of this.data) {
@@ -109,7 +122,10 @@ export class LiveBins implements BinView {
         c.order[i] = 0;
       }
     }
-    if (this.k1 - this.k0 > size) this.k0 = this.k1 - size;
+    if (this.k1 - this.k0 > size) {
+      this.k0 = this.k1 - size;
+      this.full = Math.max(this.full, this.k0 * this.width);
+    }
     const i = k & this.mask;
     for (let n = 0; n < this.columns.length; n++) {
       const value = source.value(this.columns[n]!, row);

@@ -66,6 +66,8 @@ const VALUES_EVERY = 66; // [ms]: digits that change faster cannot be read
 const LIVE_BINS = 8192;
 // A coarse answer is asked for again after this time [ms].
 export const ASK_AGAIN = 400;
+// What a live session adds is asked for this often [ms].
+const ASK_LIVE = 1000;
 
 export interface LanesOptions {
   software: boolean;
@@ -94,6 +96,9 @@ export class Lanes {
   private coarse = false;
   private storedWidth = 0;
   private storedSpan: Span = { t0: 0, t1: 0 };
+  // End of the whole bins that are stored [s].
+  private storedEnd = -Infinity;
+  private askedAt = -Infinity;
   private live: LiveBins | null = null;
   private generation = 0;
   private readonly requests: Latest<Question, BinsFrame>;
@@ -128,6 +133,8 @@ export class Lanes {
         this.stored = new FrameBins(frame, this.names);
         this.storedWidth = q.width;
         this.storedSpan = { t0: q.t0, t1: q.t1 };
+        // Live, the last bin of the answer was not over.
+        this.storedEnd = model.live ? binOf(q.t1, frame.width) * frame.width : q.t1;
         this.key = "";
       },
     );
@@ -327,39 +334,57 @@ export class Lanes {
     const m = this.model;
     const w = this.window;
     const width = this.width;
-    if (this.live !== null && m.ring.end > 0) this.live.update(m.ring, width);
+    if (this.live !== null && m.ring.end > 0) this.live.update(m.ring, width, m.start);
     if (!m.connected) return;
     if (!this.askedRanges && m.end > m.start && (m.hello?.live !== true || now > 0)) {
       this.askedRanges = true;
       void this.askRanges();
     }
-    const ringFrom = m.ring.end > 0 ? m.ring.oldest : Infinity;
-    const t0 = Math.max(w.t0, m.start);
-    if (t0 >= ringFrom - width) return;
     const span = w.t1 - w.t0;
-    const t1 = Math.min(w.t1, m.live ? Math.min(m.end, Number.isFinite(ringFrom) ? ringFrom + 1 : m.end) : m.end);
+    const t0 = Math.max(w.t0, m.start);
+    const t1 = this.neededEnd(width);
+    if (t0 >= t1) return;
+    const left = this.stored !== null && this.storedWidth === width && this.storedSpan.t0 <= t0 + 1e-9;
     const again = this.coarse && now - this.storedAt > ASK_AGAIN;
-    const has = this.stored !== null && !again && this.storedWidth === width && this.storedSpan.t0 <= t0 + 1e-9 && this.storedSpan.t1 >= t1 - 1e-9;
-    const ahead = m.playing && !m.following ? Math.min(m.end, w.t1 + span * 0.5) : t1;
-    if (has && this.storedSpan.t1 >= ahead - 1e-9) return;
+    if (left && !again) {
+      const ahead = m.playing && !m.following ? Math.min(m.end, w.t1 + span * 0.5) : t1;
+      if (this.storedEnd >= Math.max(t1, m.live ? t1 : ahead) - 1e-9) return;
+      // A live session grows in each frame.
+      if (m.live && now - this.askedAt < ASK_LIVE) return;
+    }
     const q: Question = { t0: Math.max(m.start, w.t0 - span), t1: Math.min(m.end, w.t1 + span), width, generation: this.generation };
     const asked = this.requests.outstanding;
     if (asked !== null && asked.width === q.width && asked.generation === q.generation && asked.t0 <= t0 && asked.t1 >= t1) return;
-    if (q.t1 > q.t0) this.requests.request(q);
+    if (!(q.t1 > q.t0)) return;
+    this.askedAt = now;
+    this.requests.request(q);
+  }
+
+  // End of what the lanes need from the server [s]: live, of the last whole bin that the page does not have itself.
+  private neededEnd(width: number): number {
+    const m = this.model;
+    const end = Math.min((binOf(this.window.t1, width) + 1) * width, m.end);
+    const own = this.ownBins();
+    if (own === null) return m.live ? binOf(end, width) * width : Math.min(this.window.t1, m.end);
+    return binOf(Math.min(end, own.full), width) * width;
+  }
+
+  private ownBins(): LiveBins | null {
+    return this.live !== null && this.live.k1 > this.live.k0 ? this.live : null;
   }
 
   // The bins to draw, oldest first: the server's, then those of the live rows.
   private views(): { view: BinView; k0: number; k1: number }[] {
     const w = this.window;
     const out: { view: BinView; k0: number; k1: number }[] = [];
-    const live = this.live !== null && this.live.k1 > this.live.k0 ? this.live : null;
-    // The oldest bin of the ring may be half.
-    const liveFrom = live === null ? Infinity : (live.k0 + (this.model.ring.first > 0 ? 1 : 0)) * live.width;
-    if (this.stored !== null && w.t0 < liveFrom) {
-      const s = this.stored;
-      out.push({ view: s, k0: binOf(w.t0, s.width) - 1, k1: Math.min(binOf(w.t1, s.width) + 2, Number.isFinite(liveFrom) ? binOf(liveFrom, s.width) : Infinity) });
+    const live = this.ownBins();
+    const s = this.stored;
+    // A bin that is not whole, here or there, gives way to one that is.
+    const split = live === null ? Infinity : s === null ? -Infinity : Math.max(live.k0 * live.width, Math.min(live.full, this.storedEnd));
+    if (s !== null && w.t0 < split) {
+      out.push({ view: s, k0: binOf(w.t0, s.width) - 1, k1: Math.min(binOf(w.t1, s.width) + 2, Number.isFinite(split) ? binOf(split, s.width) : Infinity) });
     }
-    if (live !== null && w.t1 > liveFrom) out.push({ view: live, k0: Math.max(binOf(w.t0, live.width) - 1, binOf(liveFrom, live.width)), k1: binOf(w.t1, live.width) + 2 });
+    if (live !== null && w.t1 > split) out.push({ view: live, k0: Math.max(binOf(w.t0, live.width) - 1, Number.isFinite(split) ? binOf(split, live.width) : live.k0), k1: binOf(w.t1, live.width) + 2 });
     return out;
   }
 

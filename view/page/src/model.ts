@@ -83,6 +83,8 @@ export interface Repetition {
 }
 
 export const MOVEMENT_POINTS = 2000;
+// A block of a live session that was not complete is asked for again after this time [ms].
+const ASK_AGAIN = 1000;
 // Keys that are pressed within this time of each other add up [ms].
 const SUCCESSION = 800;
 const RING_SECONDS = 40;
@@ -164,7 +166,8 @@ export class Model {
       },
       (q, frame) => {
         if (q.generation !== this.generation) return;
-        this.blocks.put(q.index, frame);
+        const complete = this.hello?.live !== true || this.end >= (q.index + 1) * this.blocks.span + STALE;
+        this.blocks.put(q.index, frame, complete ? Infinity : performance.now() + ASK_AGAIN);
         this.changed();
       },
     );
@@ -236,6 +239,11 @@ export class Model {
   // A live session is over and the page shows its end.
   get atEnd(): boolean {
     return this.hello?.live === true && this.status?.ended === true && this.shown >= this.end - STALE;
+  }
+
+  // The server no longer keeps the rows of the shown time: only the charts have them, as least and largest values.
+  get thinned(): boolean {
+    return !Number.isFinite(this.shownRowTime) && this.blocks.at(this.shown)?.cut === true;
   }
 
   // A live session is over: Stop has nothing to stop.
@@ -552,7 +560,7 @@ export class Model {
       }
     }
     for (const k of wanted) {
-      if (this.blocks.has(k) || (k + 1) * this.blocks.span <= this.start || k * this.blocks.span > this.end) continue;
+      if (this.blocks.has(k, performance.now()) || (k + 1) * this.blocks.span <= this.start || k * this.blocks.span > this.end) continue;
       const asked = this.rowRequests.outstanding;
       if (asked === null || asked.index !== k || asked.generation !== this.generation) this.rowRequests.request({ index: k, generation: this.generation });
       break;

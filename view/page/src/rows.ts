@@ -1,5 +1,5 @@
 // Rows of a session as the page keeps them: a ring of fixed size for live rows, blocks for stretches of a recording.
-import type { RowsFrame } from "./protocol";
+import { FLAG_CUT, FLAG_GAP, type RowsFrame } from "./protocol";
 
 export interface RowSource {
   // First and one past the last row that is still there.
@@ -37,11 +37,18 @@ export function nearestRow(source: RowSource, time: number, tolerance: number): 
   return best;
 }
 
-// Keeps the newest rows of a live session. Memory is allocated once; the oldest row makes place for the newest.
+// A step of time longer than this is a hole: a hidden tab, a lost connection [s].
+const HOLE = 0.25;
+
+// Keeps the newest rows of a live session, without holes: after a hole it starts again, since the server has what is
+// missing. Memory is allocated once; the oldest row makes place for the newest.
 export class RowRing implements RowSource {
   readonly capacity: number;
   readonly columns: number;
   end = 0;
+  // Counts the holes: each starts a new stretch of rows.
+  stretch = 0;
+  private start = 0;
   private readonly mask: number;
   private readonly times: Float64Array;
   private readonly data: Float32Array[];
@@ -56,7 +63,7 @@ export class RowRing implements RowSource {
   }
 
   get first(): number {
-    return Math.max(0, this.end - this.capacity);
+    return Math.max(this.start, this.end - this.capacity);
   }
 
   get newest(): number {
@@ -76,7 +83,8 @@ export class RowRing implements RowSource {
   }
 
   clear(): void {
-    this.end = 0;
+    this.end = this.start = 0;
+    this.stretch++;
   }
 
   // Appends the rows of a frame that are newer than the newest row. Returns how many those were.
@@ -88,6 +96,10 @@ export class RowRing implements RowSource {
     for (let i = 0; i < frame.time.length; i++) {
       const time = t0 + frame.time[i]!;
       if (time <= known) continue;
+      if (added === 0 && this.end > this.start && ((frame.header.flags & FLAG_GAP) !== 0 || time - known > HOLE)) {
+        this.start = this.end;
+        this.stretch++;
+      }
       const at = this.end & this.mask;
       this.times[at] = time;
       for (let c = 0; c < planes; c++) this.data[c]![at] = frame.planes[c]![i]!;
@@ -106,9 +118,15 @@ export class RowBlock implements RowSource {
   // The stretch that this block answers for [s].
   readonly t0: number;
   readonly t1: number;
+  // The server no longer keeps some of these rows.
+  readonly cut: boolean;
+  // A live session went on after this block was asked for: it is asked for again from this time on [ms].
+  readonly again: number;
   private readonly frame: RowsFrame;
 
-  constructor(frame: RowsFrame, t0: number, t1: number) {
+  constructor(frame: RowsFrame, t0: number, t1: number, again = Infinity) {
+    this.cut = (frame.header.flags & FLAG_CUT) !== 0;
+    this.again = again;
     this.frame = frame;
     this.end = frame.time.length;
     this.t0 = t0;
@@ -153,13 +171,15 @@ export class BlockCache {
     return block;
   }
 
-  has(index: number): boolean {
-    return this.blocks.has(index);
+  // `now`: performance.now() [ms].
+  has(index: number, now = 0): boolean {
+    const block = this.blocks.get(index);
+    return block !== undefined && now < block.again;
   }
 
-  put(index: number, frame: RowsFrame): void {
+  put(index: number, frame: RowsFrame, again = Infinity): void {
     this.blocks.delete(index);
-    this.blocks.set(index, new RowBlock(frame, index * this.span, (index + 1) * this.span));
+    this.blocks.set(index, new RowBlock(frame, index * this.span, (index + 1) * this.span, again));
     while (this.blocks.size > this.most) this.blocks.delete(this.blocks.keys().next().value as number);
   }
 

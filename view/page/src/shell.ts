@@ -30,6 +30,7 @@ const STOP_PATIENCE = 1000;
 const STOP_KEPT = 10000;
 const SOFTWARE = "Drawn without a graphics processor: at most 30 frames a second, no smooth edges.";
 const FLAT = "This computer draws slowly, so the scene is drawn flat. Load the page again to try the full picture.";
+const THINNED = "The session no longer keeps the samples of this moment. The charts show their least and largest values.";
 const STATUS_STALE = 1500; // [ms]
 
 export class Shell {
@@ -403,6 +404,7 @@ export class Shell {
     this.drawers.push((t) => {
       if (t < due && (m.playing || m.following)) return;
       due = t + 33;
+      this.banner("thinned", "note", m.thinned ? THINNED : "");
       const text = clock(m.shown, m.following ? 1 : 3);
       if (now.data !== text) now.data = text;
       setText(total, live ? "" : ` / ${clock(m.end)}`);

@@ -264,8 +264,8 @@ export class Timeline {
   private paintPeaks(c: CanvasRenderingContext2D, xOf: (t: number) => number, top: number, bottom: number): void {
     const s = this.stored;
     if (s === null) return;
-    // The first of these that was measured: the deviation, else the force, else the speed.
-    const name = this.names.find((n) => n !== "radius" && rangeOf(s, s.channel(n)!, s.k0, s.k1) !== null);
+    // The first of these that is not always zero: the deviation, else the force, else the speed.
+    const name = this.names.find((n) => n !== "radius" && (rangeOf(s, s.channel(n)!, s.k0, s.k1)?.[1] ?? 0) > 0);
     const channel = name === undefined ? null : s.channel(name);
     if (channel === null) return;
     if (name !== this.height) this.most = 0;
