@@ -1,5 +1,6 @@
 // The page fits every window, in both themes: nothing overflows, no text is too small, and texts have contrast.
 import assert from "node:assert/strict";
+import { writeFileSync } from "node:fs";
 import { join } from "node:path";
 import test from "node:test";
 import { browser, open, rowAt, run, scratch, start } from "./support.mjs";
@@ -90,4 +91,51 @@ for (const scheme of ["light", "dark"]) {
       await page.context().close();
     }
   });
+}
+
+// The therapist's screens: of a playback, and of a programme. A phone has both orientations.
+const PHONES = [[360, 640], [640, 360], [390, 844], [844, 390]];
+
+// Names of the controls that are not whole in the window, or that something else covers.
+function hidden() {
+  const out = [];
+  for (const [name, button] of [["Stop", document.querySelector("[data-stop]")], ...["Pause", "Repeat", "Skip", "Mark"].map((word) => [word, [...document.querySelectorAll(".actions button")].find((b) => b.textContent.includes(word))])]) {
+    const box = button?.getBoundingClientRect();
+    if (box === undefined || !button.checkVisibility()) out.push(`${name} is missing`);
+    else if (box.left < 0 || box.top < 0 || box.right > innerWidth || box.bottom > innerHeight) out.push(`${name} is outside the window`);
+    else if (Math.min(box.width, box.height) < 44) out.push(`${name} is ${box.width} x ${box.height}`);
+    else if (!button.contains(document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2))) out.push(`${name} is covered`);
+  }
+  return out;
+}
+
+for (const [what, arguments_] of [
+  ["a playback", (folder) => ["play", join(folder, "square.h5"), "--repeat", "200"]],
+  ["a programme", (folder) => ["run", join(folder, "lesson.json"), "--subject", "P07", "-o", join(folder, "session")]],
+]) {
+  for (const scheme of ["light", "dark"]) {
+    test(`the therapist of ${what} reaches Stop, Pause, Repeat, Skip and Mark without scrolling, ${scheme}`, async (t) => {
+      const folder = scratch(t);
+      const path = join(folder, "square.h5");
+      await run("shape", "square", "--size", "60mm", "--duration", "4", "-o", path);
+      const exercise = { name: "A square with a name that takes some room", path: "square.h5", mode: "tunnel", repetitions: 50, radius: 0.005 };
+      writeFileSync(join(folder, "lesson.json"), JSON.stringify({ haptrace_programme: 1, title: "Monday", exercises: [exercise, { ...exercise, name: "Again" }] }));
+      const session = await start(t, ...arguments_(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--view", "--no-browser", "--control");
+      const opened = await browser(t);
+      for (const [width, height] of [...PHONES, [1280, 800], [1920, 1080]]) {
+        const page = await open(t, opened, session.address, { viewport: { width, height }, colorScheme: scheme });
+        await page.locator(".actions").getByRole("button", { name: "Skip" }).waitFor();
+        await page.waitForFunction(() => window.haptraceTest.state().ringRows > 100);
+        assert.deepEqual(await page.evaluate(problems), [], `${width} x ${height}`);
+        for (const scroll of [0, 1e6]) {
+          // A wide and low window scrolls the actions away below; a phone keeps them.
+          if (scroll > 0 && width >= 760) continue;
+          await page.evaluate((y) => window.scrollTo(0, y), scroll);
+          assert.deepEqual(await page.evaluate(hidden), [], `${width} x ${height}, scrolled to ${scroll}`);
+        }
+        assert.deepEqual(page.errors, []);
+        await page.context().close();
+      }
+    });
+  }
 }

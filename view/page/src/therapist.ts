@@ -241,6 +241,9 @@ export class Controls {
   private readonly model: Model;
   private readonly client: Client;
   private readonly pause: HTMLButtonElement;
+  // Its words, and one word where there is little room.
+  private readonly pauseLong = el("span", { class: "long" });
+  private readonly pauseShort = el("span", { class: "short", "aria-hidden": "true" });
   private readonly actions = new Map<string, HTMLButtonElement>();
   private readonly rows = new Map<string, Row>();
   private readonly list = el("div", { class: "control-list" });
@@ -254,7 +257,8 @@ export class Controls {
   constructor(host: HTMLElement, model: Model, client: Client, page: ControlsHost) {
     this.model = model;
     this.client = client;
-    this.pause = button("Pause after this repetition", { icon: "pause", text: "Pause after this repetition", class: "button first" }, () => this.pauseOrResume());
+    this.pause = button("Pause after this repetition", { icon: "pause", class: "button first" }, () => this.pauseOrResume());
+    this.pause.append(this.pauseLong, this.pauseShort);
     const grid = el("div", { class: "actions", role: "group", "aria-label": "Session" }, this.pause);
     for (const a of ACTIONS) {
       const b = button(a.text, { icon: a.icon, text: a.text }, () => {
@@ -267,7 +271,8 @@ export class Controls {
     }
     this.undoButton = button("Undo the last change", { icon: "repeat", text: "Undo", class: "button undo" }, () => void this.undo());
     this.undoButton.hidden = true;
-    this.root.append(grid, this.answer, this.undoButton, this.list, this.messages);
+    grid.append(this.answer);
+    this.root.append(grid, this.undoButton, this.list, this.messages);
     host.append(this.root);
     model.on("controls", () => this.show());
     model.on("programme", () => this.showActions());
@@ -312,9 +317,10 @@ export class Controls {
     }
     if (performance.now() - this.armed < ARMED_FOR) {
       this.armed = -Infinity;
-      void this.send("resume", "The session goes on");
+      void this.send("resume", "The session resumes");
     } else {
       this.armed = performance.now();
+      this.say("", "Press Resume again: the device will move");
       window.setTimeout(() => this.showActions(), ARMED_FOR + 50);
     }
     this.showActions();
@@ -323,8 +329,10 @@ export class Controls {
   private showActions(): void {
     const paused = this.paused;
     const armed = paused && performance.now() - this.armed < ARMED_FOR;
-    const text = armed ? "Press again: the device will move" : paused ? "Resume the session" : "Pause after this repetition";
-    setText(this.pause.querySelector("span")!, text);
+    const text = armed ? "Resume: press again, the device will move" : paused ? "Resume the session" : "Pause after this repetition";
+    setText(this.pauseLong, text);
+    setText(this.pauseShort, paused ? "Resume" : "Pause");
+    setAttribute(this.pause, "aria-label", text);
     setIcon(this.pause, armed ? "triangle" : paused ? "play" : "pause");
     setAttribute(this.pause, "title", text);
     setClass(this.pause, "armed", armed);
