@@ -27,8 +27,6 @@ class MotorBudget {
     return Event{.code = EventCode::warming, .values = {heat, limiter.time_left(force), kNaN}};
   }
 
-  [[nodiscard]] bool warm() const noexcept { return warned_; }
-
  private:
   bool warned_ = false;
 };

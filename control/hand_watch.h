@@ -46,7 +46,6 @@ class HandWatch {
   void reset() noexcept;
 
   [[nodiscard]] bool resists() const noexcept { return resists_; }
-  [[nodiscard]] double opposing() const noexcept { return opposing_; }  ///< force beyond `needed` [N]
 
  private:
   HandWatchOptions options_;

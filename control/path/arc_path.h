@@ -84,7 +84,6 @@ class ArcPath {
     double s = 0, squared_distance = 0;
   };
   [[nodiscard]] Nearest nearest_on(std::size_t i, const Vec3& point) const noexcept;
-  [[nodiscard]] std::size_t segments() const noexcept { return position_.size() - 1; }
   /// Returns the index of the segment that contains arc length `s`.
   [[nodiscard]] std::size_t segment_at(double s) const noexcept;
 

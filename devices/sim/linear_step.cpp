@@ -218,18 +218,6 @@ LinearStep linear_step(Integrator integrator, const LinearBodies& bodies, double
   }
 }
 
-double spectral_radius(const LinearStep& step) {
-  // Balance the matrix: choose the unit of velocity that makes both off-diagonal blocks equally large.
-  const Eigen::Index n = step.phi.rows() / 2;
-  const double of_v = step.phi.bottomLeftCorner(n, n).cwiseAbs().maxCoeff(),
-               of_q = step.phi.topRightCorner(n, n).cwiseAbs().maxCoeff();
-  const double unit = of_v > 0 && of_q > 0 ? std::sqrt(of_v / of_q) : 1;
-  Square phi = step.phi;
-  phi.topRightCorner(n, n) *= unit;
-  phi.bottomLeftCorner(n, n) /= unit;
-  return eigenvalues_of(phi).cwiseAbs().maxCoeff();
-}
-
 double stability_limit(Integrator integrator, const LinearBodies& bodies) {
   switch (integrator) {
     case Integrator::semi_implicit:

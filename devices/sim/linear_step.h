@@ -62,9 +62,6 @@ struct LinearStep {
 /// body is. Allocates nothing.
 LinearStep linear_step(Integrator integrator, const LinearBodies& bodies, double h);
 
-/// Returns the largest modulus of the eigenvalues of phi. Above 1, a movement grows by itself.
-double spectral_radius(const LinearStep& step);
-
 /// Returns the largest step with which no movement grows [s]; infinity: every step is stable, 0: no step is.
 ///
 /// With several bodies, euler and rk4 take the least of the limits of the eigenvalues of q'' = -W (B q' + K q), and

@@ -284,9 +284,6 @@ class RecordingReader {
   std::function<void(const Damage&)> told_;
 };
 
-/// Calls `visit` with consecutive blocks of rows. Memory does not grow with the length of the recording.
-void for_each_block(const RecordingReader& reader, const std::function<void(std::span<const Sample>)>& visit);
-
 /// A violation of docs/file-format.md in a recording.
 struct Finding {
   Severity severity = Severity::problem;

@@ -892,11 +892,6 @@ std::uint64_t RecordingReader::row_at(std::int64_t time_ns) const {
   return low;
 }
 
-void for_each_block(const RecordingReader& reader, const std::function<void(std::span<const Sample>)>& visit) {
-  constexpr std::uint64_t kRows = 8192;
-  for (std::uint64_t first = 0; first < reader.rows(); first += kRows) visit(reader.read(first, kRows));
-}
-
 bool is_hdf5(const std::string& file) {
   constexpr std::string_view kSignature = "\x89HDF\r\n\x1a\n";
   std::array<char, kSignature.size()> head{};

@@ -2,6 +2,7 @@
 #include "devices/sim/linear_step.h"
 #include "tests/support/errors.h"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 #include <array>
@@ -21,6 +22,19 @@ constexpr std::array kMethods{Integrator::semi_implicit, Integrator::euler,    I
 constexpr std::array kLimited{Integrator::semi_implicit, Integrator::euler, Integrator::verlet, Integrator::rk4};
 constexpr std::array kMasses{1e-6, 1e-3, 1.0, 1e3};
 constexpr std::array kStiffnesses{1.0, 1e3, 1e6, 1e9};
+
+/// Returns the largest modulus of the eigenvalues of phi. Above 1, a movement grows by itself.
+double spectral_radius(const LinearStep& step) {
+  // Balance the matrix: choose the unit of velocity that makes both off-diagonal blocks equally large.
+  const Eigen::Index n = step.phi.rows() / 2;
+  const double of_v = step.phi.bottomLeftCorner(n, n).cwiseAbs().maxCoeff(),
+               of_q = step.phi.topRightCorner(n, n).cwiseAbs().maxCoeff();
+  const double unit = of_v > 0 && of_q > 0 ? std::sqrt(of_v / of_q) : 1;
+  auto phi = step.phi;
+  phi.topRightCorner(n, n) *= unit;
+  phi.bottomLeftCorner(n, n) /= unit;
+  return phi.eigenvalues().cwiseAbs().maxCoeff();
+}
 
 LinearBodies body(double m, double b, double k) {
   LinearBodies bodies;
