@@ -14,19 +14,19 @@
 #include "base/stop_request.h"               // StopRequest: ends a session from any thread
 #include "control/controller.h"              // Controller: from state to force
 #include "control/path/shapes.h"             // make_shape(): squares, circles and the like
-#include "control/pd.h"                      // PD control
 #include "devices/device.h"                  // Device: what every driver implements
-#include "devices/loop/servo_loop.h"         // ServoLoop: the loop of every session
+#include "devices/loop/servo_session.h"      // ServoOptions and ServoReport of the loop of every session
 #include "devices/plugin.h"                  // the C interface of plug-ins
 #include "devices/registry.h"                // open_device()
-#include "formats/path/path_file.h"          // load_path(), save_path()
+#include "formats/path/path_file.h"          // load_path(), open_path(), save_path()
 #include "formats/recording/recording.h"     // RecordingReader and RecordingWriter
 #include "metrics/movement.h"                // metrics of a movement
 #include "player/calibration/calibration.h"  // calibrate()
 #include "player/guidance/guide.h"           // guide()
 #include "player/playback/playback.h"        // play()
 #include "player/record.h"                   // record()
+#include "player/session.h"                  // run_session(): runs a controller on a device
 #include "recorder/recorded_devices.h"       // use_recorded_devices()
-#include "scene/scene.h"                     // Scene: objects that a hand can touch
+#include "scene/scene_file.h"                // load_scene(): objects that a hand can touch
 #include "view/live_view.h"                  // LiveView: shows a session in a browser
 #include "view/recording_view.h"             // RecordingView: shows recordings in a browser

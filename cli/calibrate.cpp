@@ -2,6 +2,7 @@
 #include "base/output_file.h"
 #include "cli/profile.h"
 #include "player/calibration/calibration.h"
+#include "player/calibration/calibration_plan.h"
 
 #include <chrono>
 #include <fmt/format.h>

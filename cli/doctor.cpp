@@ -113,7 +113,7 @@ std::vector<Diagnosis> look_at_disk(const DoctorArguments& arguments, nlohmann::
   try {
     const DiskMeasurement disk = measure_disk(arguments.folder, arguments.rate_hz);
     json["disk"] = to_json(disk);
-    return examine_disk(disk, Recorder::Options{}.ring_seconds);
+    return examine_disk(disk, RecorderOptions{}.ring_seconds);
   } catch (const Error& error) {
     json["disk"] = {{"folder", arguments.folder}, {"error", error.what()}};
     return {{Severity::problem, "disk write", error.what(), "haptrace doctor --folder DIR"}};

@@ -206,7 +206,7 @@ Verb add_guide(CLI::App& app) {
         options.guidance.led = !options.free;
         options.feel = parse_feel(arguments->feel);
         if (arguments->pace)
-          options.pace = PaceHelp::Options{
+          options.pace = PaceHelpOptions{
               .pace = *arguments->pace, .margin = arguments->pace_margin, .max_force = arguments->pace_force};
         const PathArguments& along = arguments->along;
         options.fit = along.fit;

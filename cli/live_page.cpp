@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/number.h"
+#include "devices/sim/hand_steering.h"
 #include "player/tuning/private_socket.h"
 #include "player/tuning/tuning_server.h"
 
@@ -163,7 +164,7 @@ void LivePage::begins(Device& device, const SessionOptions& options, const Recor
                         .columns = columns,
                         .max_force = limits.max_force > 0 ? limits.max_force : device.info().max_force,
                         .max_speed = limits.max_velocity > 0 ? limits.max_velocity : kNaN,
-                        .path = {followed.time, followed.position, followed.radius}};
+                        .path = followed};
   ViewTargets targets{.commands = commands_, .steering = steering_of(device), .stop = &stop_};
   if (options.recording) {
     session.name = std::filesystem::path(options.recording->file).filename().string();

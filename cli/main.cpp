@@ -6,6 +6,7 @@
 #include "cli/input_options.h"
 #include "cli/terminal.h"
 #include "cli/verb.h"
+#include "control/event_words.h"
 #include "devices/loop/loose_thread.h"
 #include "devices/loop/watchdog.h"
 #include "formats/documents/warning_json.h"

@@ -10,6 +10,8 @@
 #include "formats/path/path_file.h"
 #include "player/playback/learned_memory.h"
 #include "player/playback/playback.h"
+#include "player/playback/reference_stream.h"
+#include "player/tuning/live_tuning.h"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -104,15 +106,15 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
   return {plan.tuning, std::move(options)};
 }
 
-const char* lesson_text(IterativeLearning::Outcome outcome) {
+const char* lesson_text(LearningOutcome outcome) {
   switch (outcome) {
-    case IterativeLearning::Outcome::learned:
+    case LearningOutcome::learned:
       return "learned";
-    case IterativeLearning::Outcome::converged:
+    case LearningOutcome::converged:
       return "nothing left to learn: the remaining error does not repeat";
-    case IterativeLearning::Outcome::undone:
+    case LearningOutcome::undone:
       return "worse than the best repetition before it: its changes were undone";
-    case IterativeLearning::Outcome::skipped:
+    case LearningOutcome::skipped:
       return "interrupted; nothing was learned from it";
   }
   return "";
@@ -153,7 +155,7 @@ std::string summary(const PlayArguments& arguments, const PlayResult& result, co
     text += fmt::format("  orientation: rms error {:.2f} degrees, peak {:.2f} degrees\n",
                         kDegrees * result.last.rms_rotation_error, kDegrees * result.last.peak_rotation_error);
   for (std::size_t i = 0; i < result.lessons.size(); ++i)
-    if (result.lessons[i].outcome != IterativeLearning::Outcome::learned)
+    if (result.lessons[i].outcome != LearningOutcome::learned)
       text += fmt::format("  repetition {}: {}\n", i + 1, lesson_text(result.lessons[i].outcome));
   text += law_text(arguments, result, device, profile);
   text += session_summary(result.session);

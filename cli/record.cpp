@@ -5,7 +5,9 @@
 #include "cli/profile.h"
 #include "cli/verb.h"
 #include "player/tuning/live_recording.h"
+#include "scene/scene.h"
 #include "scene/scene_file.h"
+#include "scene/slow_scene.h"
 
 #include <fmt/format.h>
 

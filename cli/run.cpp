@@ -4,6 +4,7 @@
 #include "cli/profile.h"
 #include "cli/terminal.h"
 #include "cli/tuning.h"
+#include "devices/device_spec.h"
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
 #include "player/programme/programme_session.h"

@@ -3,6 +3,7 @@
 #include "base/output_file.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
+#include "control/design/identification.h"
 #include "devices/sim/sim_device.h"
 #include "formats/path/path_file.h"
 #include "studies/ensemble_report.h"

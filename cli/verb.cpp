@@ -10,6 +10,7 @@
 #include "cli/help.h"
 #include "cli/input_options.h"
 #include "cli/terminal.h"
+#include "devices/device_spec.h"
 #include "devices/loop/recovering_device.h"
 
 #include <algorithm>

@@ -3,23 +3,13 @@
 
 #include "control/reaction_ladder.h"
 #include "control/vibration_monitor.h"
+#include "control/vibration_summary.h"
 
 namespace haptrace {
 
 struct ForceGuardOptions {
   VibrationMonitorOptions monitor;
   double max_torque = 0;  ///< torque limit of the session; 0: torques are not watched [N m]
-};
-
-/// Observations and reactions of a session's ForceGuard.
-struct VibrationSummary {
-  bool watched = false;                      ///< false if the session sent no force or the guard was off
-  double share = 1;                          ///< share of the feedback at the end
-  double worst_ripple = 0;                   ///< largest rms of the force above 20 Hz over about 50 ms [N]
-  double frequency_hz = kNaN;                ///< frequency of the last alarm that caused a reaction
-  double ripple = kNaN;                      ///< ripple of the same alarm [N]
-  std::array<int, kVibrationRules> steps{};  ///< steps down, by VibrationRule
-  bool ended = false;                        ///< true if the session ended because the vibration persisted
 };
 
 /// Scales the feedback of a controller by the share from ReactionLadder, and watches the wrench that was sent.

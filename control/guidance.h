@@ -4,6 +4,7 @@
 #include "control/controller.h"
 #include "control/energy_account.h"
 #include "control/energy_tank.h"
+#include "control/guidance_options.h"
 #include "control/path/path_projection.h"
 
 #include <algorithm>
@@ -119,13 +120,7 @@ class ExpertForce final : public GuideTerm {
 /// slows the trainee down, and its force is bounded, so that it does not drag them.
 class PaceHelp final : public GuideTerm {
  public:
-  struct Options {
-    double pace = 1;       ///< factor on the expert's speed
-    double margin = 0.2;   ///< share of that speed by which the trainee may be slower without help
-    double gain = 20;      ///< [N s/m]
-    double max_force = 1;  ///< [N]
-  };
-  explicit PaceHelp(const Options& options) noexcept : options_(options) {}
+  explicit PaceHelp(const PaceHelpOptions& options) noexcept : options_(options) {}
   [[nodiscard]] Kind kind() const noexcept override { return Kind::active; }
   [[nodiscard]] Vec3 force(const GuideInput& input) noexcept override;
   [[nodiscard]] double allowance(const PathProjection::Foot&, const GuideTuning& tuning) const noexcept override {
@@ -136,7 +131,7 @@ class PaceHelp final : public GuideTerm {
   static constexpr double kUnnoticed = 5e-3;
 
  private:
-  Options options_;
+  PaceHelpOptions options_;
 };
 
 /// Resists movement along the path, in both directions: f = -b (v . t) t.

@@ -41,6 +41,20 @@ std::vector<Vec3> resampled(const std::vector<double>& time, const std::vector<V
 
 }  // namespace
 
+const char* to_string(LearningOutcome outcome) noexcept {
+  switch (outcome) {
+    case LearningOutcome::learned:
+      return "learned";
+    case LearningOutcome::converged:
+      return "converged";
+    case LearningOutcome::undone:
+      return "undone";
+    case LearningOutcome::skipped:
+      return "skipped";
+  }
+  return "unknown";
+}
+
 Vec3 ForceTable::at(double time) const noexcept {
   if (force.empty()) return Vec3::Zero();
   return interpolated(force, time / step);
@@ -118,14 +132,14 @@ bool IterativeLearning::only_noise(const std::vector<Vec3>& error) const {
   return repeats - differs < kNoise * (repeats + differs);
 }
 
-IterativeLearning::Outcome IterativeLearning::learn(const RepetitionLog& log) {
+LearningOutcome IterativeLearning::learn(const RepetitionLog& log) {
   const double tick = options_.speed / options_.rate_hz;
   const std::size_t n = log.size();
-  if (n < 8 || log.time.back() < options_.duration - 2 * tick) return Outcome::skipped;
+  if (n < 8 || log.time.back() < options_.duration - 2 * tick) return LearningOutcome::skipped;
   std::size_t crept = 0;
   for (std::size_t i = 1; i < n; ++i)
     if (log.time[i] - log.time[i - 1] < kSteadyStep * tick) ++crept;
-  if (static_cast<double>(crept) > kUnsteady * static_cast<double>(n)) return Outcome::skipped;
+  if (static_cast<double>(crept) > kUnsteady * static_cast<double>(n)) return LearningOutcome::skipped;
 
   double sum = 0;
   std::vector<Vec3> error(n);
@@ -140,7 +154,7 @@ IterativeLearning::Outcome IterativeLearning::learn(const RepetitionLog& log) {
     table_ = best_;
     caution_ *= 0.5;
     error_.clear();
-    return Outcome::undone;
+    return LearningOutcome::undone;
   }
   if (best_rms_ == 0 || rms_ < best_rms_) {
     best_ = table_;
@@ -148,13 +162,13 @@ IterativeLearning::Outcome IterativeLearning::learn(const RepetitionLog& log) {
   }
   const bool noise = only_noise(along);
   error_ = std::move(along);
-  if (noise && repetitions_ >= kFewest) return Outcome::converged;
+  if (noise && repetitions_ >= kFewest) return LearningOutcome::converged;
 
   const double lambda = caution_ * (repetitions_ == 0 ? 1.0 : 1 / (repetitions_ + kFirst));
   const std::vector<Vec3> load = met_load(log);
   for (std::size_t i = 0; i < load.size(); ++i) table_.force[i] += lambda * (load[i] - table_.force[i]);
   ++repetitions_;
-  return Outcome::learned;
+  return LearningOutcome::learned;
 }
 
 void LearnedForce::start(const State&) noexcept {

@@ -1,6 +1,7 @@
 // Learning of the force that repeats from one repetition of a movement to the next.
 #pragma once
 
+#include "control/force_table.h"
 #include "control/pd.h"
 
 #include <memory>
@@ -8,17 +9,6 @@
 #include <vector>
 
 namespace haptrace {
-
-/// A force over the time along a path, at equal steps from its start.
-struct ForceTable {
-  double step = 0.004;      ///< step of the time along the path [s]
-  std::vector<Vec3> force;  ///< [N]
-
-  /// Returns the force at `time` [s] by linear interpolation, the end forces beyond the table, or zero if it is empty.
-  ///
-  /// Real-time.
-  [[nodiscard]] Vec3 at(double time) const noexcept;
-};
 
 /// Log of one repetition, with a sample per tick of phase run.
 struct RepetitionLog {
@@ -66,13 +56,6 @@ class IterativeLearning {
     double duration = 0;       ///< of the path [s]
   };
 
-  enum class Outcome {
-    learned,
-    converged,  ///< the remaining error does not repeat; the table stays
-    undone,     ///< this repetition was worse: the best table is restored
-    skipped,    ///< the repetition was interrupted or paused: nothing can be learned from it
-  };
-
   static constexpr double kNoise = 0.03;
   static constexpr double kWorse = 1.3;
   static constexpr double kLongest = 600;  ///< longest repetition that can be learned, in time of the session [s]
@@ -82,7 +65,7 @@ class IterativeLearning {
   explicit IterativeLearning(const Options& options, ForceTable known = {}, int repetitions = 0);
 
   /// Learns from a repetition that was driven with table(). Allocates; std::bad_alloc leaves the table unchanged.
-  Outcome learn(const RepetitionLog& log);
+  LearningOutcome learn(const RepetitionLog& log);
 
   [[nodiscard]] const ForceTable& table() const noexcept { return table_; }
   [[nodiscard]] int repetitions() const noexcept { return repetitions_; }  ///< number of repetitions learned from

@@ -3,6 +3,7 @@
 
 #include "base/types.h"
 #include "control/filters.h"
+#include "control/tuning.h"
 
 #include <array>
 
@@ -66,14 +67,6 @@ class AngularVelocity {
   BasicButterworth2<Vec3> filter_;
   Quat before_ = nan_quat();
   Vec3 velocity_ = Vec3::Zero();
-};
-
-/// Gains that are equal in every direction: the inertia of a wrist is hardly known, and nearly isotropic.
-struct OrientationGains {
-  double kp = 0;  ///< [N m/rad]
-  double kd = 0;  ///< [N m s/rad]
-
-  bool operator==(const OrientationGains&) const = default;
 };
 
 /// Returns tau = Kp e + Kd (w_d - w) on the hand, in W [N m], with e the rotation from the tool to its reference. This

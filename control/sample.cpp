@@ -1,6 +1,6 @@
 #include "control/sample.h"
 
-#include "control/warning.h"
+#include "control/event_words.h"
 
 #include <algorithm>
 #include <cmath>

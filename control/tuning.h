@@ -17,6 +17,14 @@ struct PdGains {
   Vec3 kd = Vec3::Zero();  ///< derivative gain [N s/m]
 };
 
+/// Gains that are equal in every direction: the inertia of a wrist is hardly known, and nearly isotropic.
+struct OrientationGains {
+  double kp = 0;  ///< [N m/rad]
+  double kd = 0;  ///< [N m s/rad]
+
+  bool operator==(const OrientationGains&) const = default;
+};
+
 /// Largest gains. Higher ones are a mistake: no device that a hand can hold withstands them.
 inline constexpr double kLargestKp = 1e5;  // [N/m]
 inline constexpr double kLargestKd = 1e3;  // [N s/m]

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "base/types.h"
+#include "control/vibration_summary.h"
 
 #include <algorithm>
 #include <array>
@@ -9,17 +10,6 @@
 #include <optional>
 
 namespace haptrace {
-
-/// The rule of VibrationMonitor that raised an alarm, the most certain one first.
-enum class VibrationRule : std::uint8_t {
-  energy,       ///< the force above 20 Hz is large
-  half_cycles,  ///< the force alternates regularly, faster than 15 Hz
-  contacts,     ///< the tool bounces off the same wall faster than a hand can tap
-  slow,         ///< the force alternates at 4.5 to 16 Hz, or the tool bounces slowly: a hand may do that as well
-  torque,       ///< the torque above 20 Hz is large: the energy rule, see ForceGuard
-};
-
-inline constexpr int kVibrationRules = 5;
 
 struct VibrationAlarm {
   VibrationRule rule = VibrationRule::energy;

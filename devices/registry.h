@@ -2,13 +2,14 @@
 #pragma once
 
 #include "devices/device.h"
-#include "devices/device_spec.h"
 
 #include <memory>
 #include <string>
 #include <vector>
 
 namespace haptrace {
+
+struct DeviceSpec;
 
 /// A device that is plugged in, or offered by a program on this machine.
 struct FoundDevice {

@@ -4,6 +4,7 @@
 #include "base/json_reader.h"
 #include "base/suggest.h"
 #include "control/path/path_smoothing.h"
+#include "formats/recording/recording_summary.h"
 #include "metrics/time_warping.h"
 
 #include <algorithm>

@@ -2,11 +2,12 @@
 
 #include "base/error.h"
 #include "base/file_hash.h"
-#include "control/design/loop_analysis.h"
-#include "player/guidance/guide.h"
+#include "player/record_controllers.h"
+#include "player/tuning/live_session.h"
+#include "scene/scene.h"
+#include "scene/scene_controller.h"
 
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
 #include <utility>
@@ -28,54 +29,14 @@ void check(const Trials& trials, const RecordOptions& options) {
           file, trial));
 }
 
-}  // namespace
-
-Command TimedController::update(const State& state) noexcept {
-  Command command = inner_.update(state);
-  requests_.update(state.dt);
-  if (const double share = requests_.share(); share < 1) {
-    command.wrench.force *= share;
-    command.wrench.torque *= share;
-    command.feedforward *= share;
-  }
-  if (kept_) std::swap(kept_, command.event);
-  if (waits_) {
-    const auto fired = trigger_->check(state);
-    if (!fired) return command;
-    kept_ = std::exchange(command.event, fired);
-    waits_ = false;  // the trigger is kept: a tick must not free memory
-    begin_ns_ = state.time_ns;
-  }
-  if (duration_ > 0 && 1e-9 * static_cast<double>(state.time_ns - begin_ns_) >= duration_)
-    command.status = Command::Status::finished;
-  return command;
-}
-
-PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz, double resolution) {
-  LoopModel loop{.mass = kUnknownMass, .delay = kUnknownDelay, .rate_hz = rate_hz, .resolution = resolution};
-  if (plant) {
-    loop.delay = plant->delay;
-    // Only axes with a motor were identified.
-    double mass = std::numeric_limits<double>::infinity(), viscous = mass;
-    for (int axis = 0; axis < 3; ++axis) {
-      if (!(plant->mass[axis] > 0)) continue;
-      mass = std::min(mass, plant->mass[axis]);
-      viscous = std::min(viscous, std::max(plant->viscous[axis], 0.0));
-    }
-    if (std::isfinite(mass)) {
-      loop.mass = mass;
-      loop.viscous = viscous;
-    }
-  }
-  return passivity_layer_for(loop);
-}
-
 /// Returns what a recording keeps of a scene.
-static RecordedScene recorded(const Scene& scene) {
+RecordedScene recorded(const Scene& scene) {
   RecordedScene kept{.text = scene.options().source.text, .objects = scene.names(), .files = {}};
   for (const std::string& file : scene.options().source.files) kept.files[file] = file_hash(file);
   return kept;
 }
+
+}  // namespace
 
 SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop, const Progress& progress) {
   double duration = options.duration;

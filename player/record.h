@@ -3,9 +3,9 @@
 
 #include "control/design/plant_model.h"
 #include "control/trigger.h"
+#include "devices/device.h"
 #include "player/session.h"
-#include "player/tuning/live_session.h"
-#include "scene/scene_controller.h"
+#include "scene/scene_session.h"
 
 #include <functional>
 #include <memory>
@@ -15,37 +15,8 @@
 
 namespace haptrace {
 
-/// Sends no force: the hand moves freely, and the loop records it.
-class PassiveController final : public Controller {
- public:
-  [[nodiscard]] Command update(const State&) noexcept override { return {}; }
-};
-
-/// Ends another controller after a given time and reports when its trigger fires.
-class TimedController final : public Controller {
- public:
-  /// Ends `duration` [s] after the start or, if there is a trigger, after it fired, which is reported as an event. 0:
-  /// never ends. `inner` must outlive this object.
-  TimedController(Controller& inner, double duration, std::optional<Trigger> trigger = std::nullopt)
-      : inner_(inner), duration_(duration), trigger_(std::move(trigger)), waits_(trigger_.has_value()) {}
-
-  void start(const State& first) noexcept override { inner_.start(first); }
-  void resume(const State& first) noexcept override { inner_.resume(first); }
-  [[nodiscard]] Command update(const State& state) noexcept override;
-  void between_ticks(bool may_wait) noexcept override { inner_.between_ticks(may_wait); }
-
-  /// Scales the forces of `inner` by the share that these requests state. Borrows them.
-  void obey(Mailbox<SessionRequests>& requests) noexcept { requests_ = RequestFollower(&requests); }
-
- private:
-  Controller& inner_;
-  double duration_;
-  std::optional<Trigger> trigger_;
-  bool waits_;  ///< waits for the trigger
-  RequestFollower requests_;
-  std::int64_t begin_ns_ = 0;
-  std::optional<Event> kept_;  ///< event of `inner_`, delayed by the trigger's event
-};
+class LiveSession;
+class Scene;
 
 struct RecordOptions {
   double duration = 0;  ///< [s], from the trigger if there is one; 0: the device's natural duration, or until stopped
@@ -58,13 +29,6 @@ struct RecordOptions {
   SessionOptions session;
   LiveSession* live = nullptr;  ///< borrowed, may be null: commands to the session, whose notices become warnings
 };
-
-/// Returns the options of a scene's passivity layer for a device with this position resolution [m] and calibrated model
-/// `plant`. An uncalibrated device is assumed to be as late as in guidance (kUnknownDelay) and light (kUnknownMass).
-/// That is safe: an overestimated delay overestimates the energy that the loop creates.
-PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz, double resolution);
-
-inline constexpr double kUnknownMass = 0.1;  ///< [kg]
 
 /// Records the hand while it moves freely or touches the scene. Throws Error(input) when a session in virtual time
 /// would never end, when the trigger needs a sensor that the device does not have, and as make_scene_controller does.

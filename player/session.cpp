@@ -4,10 +4,14 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
+#include "control/event_words.h"
+#include "control/velocity_estimator.h"
 #include "devices/loop/watchdog.h"
 #include "devices/registry.h"
 #include "devices/sim/sim_device.h"
 #include "formats/documents/warning_json.h"
+#include "player/tuning/live_monitor.h"
+#include "recorder/recorder.h"
 
 #include <algorithm>
 #include <array>
@@ -149,7 +153,7 @@ class Watch {
   void warn_of_losses(SessionView& view) {
     const auto now = Clock::now();
     if (now - told_ < std::chrono::seconds(1)) return;
-    const Recorder::Status& status = *view.recording;
+    const RecorderStatus& status = *view.recording;
     // A single stalled reading does not count: after a stop of the whole process, the writer soon answers again.
     const bool still_stalled = std::exchange(stalled_, status.stalled > 1) && stalled_;
     if (status.lost > lost_told_ && !status.failed) {
@@ -263,7 +267,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   SessionResult result;
   result.virtual_time = choose_virtual(options.clock, info);
 
-  ServoLoop::Options loop_options = options.loop;
+  ServoOptions loop_options = options.loop;
   loop_options.virtual_time = result.virtual_time;
   // Before the recorder is there, so that a wrong option leaves no file behind.
   ServoLoop::validate(info, loop_options);

@@ -1,17 +1,23 @@
 // Runs a session: a device, a controller, the servo loop that connects them, and the recording.
 #pragma once
 
+#include "base/stop_request.h"
+#include "control/controller.h"
 #include "control/warning.h"
-#include "devices/loop/servo_loop.h"
-#include "player/tuning/live_monitor.h"
-#include "recorder/recorder.h"
-#include "scene/scene_controller.h"
+#include "devices/device.h"
+#include "devices/loop/servo_session.h"
+#include "formats/recording/recording.h"
+#include "recorder/recorder_options.h"
+#include "scene/scene_session.h"
 
 #include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace haptrace {
 
@@ -60,7 +66,7 @@ class SessionObserver {
 };
 
 struct SessionOptions {
-  ServoLoop::Options loop;  ///< `clock` decides about its virtual time
+  ServoOptions loop;  ///< `clock` decides about its virtual time
   ClockChoice clock = ClockChoice::automatic;
   std::string velocity = "lowpass:100";            ///< see make_velocity_estimator
   std::vector<Warning> known;                      ///< before the session, and shown by then: the first of its warnings
@@ -71,7 +77,7 @@ struct SessionOptions {
 
   struct Recording {
     std::string file;
-    Recorder::Options options;
+    RecorderOptions options;
     std::string title, subject, operator_name, notes;
     std::map<std::string, std::string> meta;
     nlohmann::json config = nlohmann::json::object();
@@ -84,10 +90,25 @@ struct SessionOptions {
   void also_warn(std::function<std::vector<Warning>()> more);
 };
 
-/// Status of a running session for display.
+/// Current status of a session.
+struct LiveStatus {
+  double time = 0;          ///< since the first tick [s]
+  double rate = 0;          ///< ticks per second of the session's clock, since the first tick [Hz]
+  double jitter = 0;        ///< largest wake-up latency since the last status [s]
+  double force = 0;         ///< magnitude sent [N]
+  double deviation = kNaN;  ///< distance from the reference [m]
+  double speed = 0;         ///< speed of the tool [m/s]
+  Phase phase = Phase::idle;
+  std::uint64_t samples = 0;
+  std::uint64_t overruns = 0;
+  std::uint64_t losses = 0;  ///< number of times the device was lost
+  bool away = false;         ///< the device is lost
+};
+
+/// Status of a running session with its recording and its news, for display.
 struct SessionView {
   LiveStatus live;
-  std::optional<Recorder::Status> recording;
+  std::optional<RecorderStatus> recording;
   std::vector<Warning> warnings;  ///< warnings since the last view, to be shown at once
 };
 
@@ -95,7 +116,7 @@ struct SessionView {
 struct SessionResult {
   ServoReport servo;
   bool virtual_time = false;
-  std::optional<Recorder::Status> recording;
+  std::optional<RecorderStatus> recording;
   std::string recording_error;                  ///< error message of the recording; empty if it succeeded
   bool ended_by_disk = false;                   ///< see end_when_disk_is_low
   ZeroForce zero_force = ZeroForce::confirmed;  ///< known state of the motors after the session

@@ -3,6 +3,7 @@
 
 #include "formats/recording/recording.h"
 #include "recorder/annotations.h"
+#include "recorder/recorder_options.h"
 
 #include <deque>
 #include <optional>
@@ -10,17 +11,6 @@
 #include <vector>
 
 namespace haptrace {
-
-struct CaptureOptions {
-  /// Time before the event `triggered` at which the recording starts [s]. Without a value, everything is kept.
-  std::optional<double> pre;
-  bool mark_buttons = false;  ///< mark the press of a button
-};
-
-inline constexpr double kLongestPre = 600;  // [s]
-
-/// Throws Error(input) unless `pre` is 0 to kLongestPre.
-void validate(const CaptureOptions& options);
 
 /// Filters the samples and events of a session in time order, in the writer thread: waits for the trigger, omits
 /// pauses, turns button presses into marks. Times in the output start with the session, or with the first sample that

@@ -4,6 +4,8 @@
 #include "base/error.h"
 #include "base/number.h"
 #include "formats/documents/warning_json.h"
+#include "recorder/annotations.h"
+#include "recorder/capture.h"
 
 #include <algorithm>
 #include <array>
@@ -77,7 +79,7 @@ ClockReading read_clocks() {
   return best;
 }
 
-RecordingWriter::Options writer_options(const Recorder::Options& options, double rate_hz) {
+RecordingWriter::Options writer_options(const RecorderOptions& options, double rate_hz) {
   RecordingWriter::Options result{
       .overwrite = options.overwrite, .storage = options.storage, .in_parts = options.split.any()};
   // Packed chunks are written when they are full, so they hold one flush period. Other chunks may have any size.
@@ -92,7 +94,7 @@ RecordingWriter::Options writer_options(const Recorder::Options& options, double
   return result;
 }
 
-void check(const Recorder::Options& options) {
+void check(const RecorderOptions& options) {
   validate(options.storage);
   validate(options.capture);
   if (!(options.sync_period >= 0 && options.sync_period <= 3600))
@@ -135,7 +137,7 @@ Split parse_split(std::string_view text) {
 class Recorder::Writer final : private Capture::Output {
  public:
   Writer(const std::string& name, const RecordingHeader& header, const RecordingColumns& columns,
-         const Options& options)
+         const RecorderOptions& options)
       : file(name),
         samples(rows_in(options.ring_seconds, header.rate_hz, kSmallestRing)),
         events(rows_in(options.ring_seconds, header.rate_hz, kSmallestRing)),
@@ -214,16 +216,16 @@ class Recorder::Writer final : private Capture::Output {
     written_.store(output_.rows(), std::memory_order_relaxed);
   }
 
-  [[nodiscard]] Status status() const noexcept {
-    Status status{.written = written_.load(std::memory_order_relaxed),
-                  .lost = lost_.load(std::memory_order_relaxed),
-                  .interrupted = interrupted_.load(std::memory_order_relaxed),
-                  .failed = failed_.load(std::memory_order_acquire),
-                  .armed = armed_.load(std::memory_order_relaxed),
-                  .paused = paused_.load(std::memory_order_relaxed),
-                  .disk_low = disk_low_.load(std::memory_order_relaxed),
-                  .parts = parts_.load(std::memory_order_relaxed),
-                  .disk_seconds = disk_seconds_.load(std::memory_order_relaxed)};
+  [[nodiscard]] RecorderStatus status() const noexcept {
+    RecorderStatus status{.written = written_.load(std::memory_order_relaxed),
+                          .lost = lost_.load(std::memory_order_relaxed),
+                          .interrupted = interrupted_.load(std::memory_order_relaxed),
+                          .failed = failed_.load(std::memory_order_acquire),
+                          .armed = armed_.load(std::memory_order_relaxed),
+                          .paused = paused_.load(std::memory_order_relaxed),
+                          .disk_low = disk_low_.load(std::memory_order_relaxed),
+                          .parts = parts_.load(std::memory_order_relaxed),
+                          .disk_seconds = disk_seconds_.load(std::memory_order_relaxed)};
     if (!status.failed && thread_.joinable())
       status.stalled =
           seconds_between(Clock::time_point(Clock::duration(alive_.load(std::memory_order_relaxed))), Clock::now());
@@ -503,7 +505,7 @@ class Recorder::Writer final : private Capture::Output {
     warnings_.push_back({severity, code, kNaN, std::move(text)});
   }
 
-  const Options options_;
+  const RecorderOptions options_;
   const double bytes_per_second_;  ///< per second of the session
   const bool loop_waits_;          ///< in virtual time the loop can wait for the disk, see between_ticks
   std::atomic<std::uint64_t> written_{0}, lost_{0};
@@ -538,13 +540,13 @@ class Recorder::Writer final : private Capture::Output {
 };
 
 Recorder::Recorder(const std::string& file, const RecordingHeader& header, const RecordingColumns& columns,
-                   const Options& options) {
+                   const RecorderOptions& options) {
   check(options);
   writer_ = std::make_unique<Writer>(file, header, columns, options);
 }
 
 Recorder::Recorder(const std::string& file, const RecordingHeader& header, const RecordingColumns& columns)
-    : Recorder(file, header, columns, Options{}) {}
+    : Recorder(file, header, columns, RecorderOptions{}) {}
 
 Recorder::~Recorder() {
   abandon();
@@ -578,7 +580,7 @@ void Recorder::abandon() noexcept {
   writer_->abandon();
 }
 
-Recorder::Status Recorder::status() const noexcept {
+RecorderStatus Recorder::status() const noexcept {
   return writer_->status();
 }
 

@@ -1,9 +1,11 @@
 #include "recorder/replay_device.h"
 
 #include "base/error.h"
+#include "devices/device_spec.h"
 #include "devices/loop/prefetcher.h"
 #include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
+#include "formats/recording/recording_summary.h"
 
 #include <algorithm>
 #include <array>

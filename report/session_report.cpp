@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/statistics.h"
+#include "control/event_words.h"
 #include "formats/documents/warning_json.h"
 #include "formats/path/path_file.h"
 #include "report/thinning.h"

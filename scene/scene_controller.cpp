@@ -1,6 +1,7 @@
 #include "scene/scene_controller.h"
 
 #include "control/norm.h"
+#include "scene/slow_scene.h"
 
 #include <algorithm>
 #include <utility>

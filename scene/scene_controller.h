@@ -4,7 +4,7 @@
 #include "control/controller.h"
 #include "control/passivity_layer.h"
 #include "scene/scene.h"
-#include "scene/slow_scene.h"
+#include "scene/scene_session.h"
 
 #include <memory>
 #include <optional>
@@ -12,15 +12,6 @@
 #include <vector>
 
 namespace haptrace {
-
-/// Statistics of the contacts with one object.
-struct TouchFigures {
-  std::string name;      ///< name of the object
-  int times = 0;         ///< number of contacts; gaps shorter than SceneController::kLeft are ignored
-  double seconds = 0;    ///< total contact time [s]
-  double max_force = 0;  ///< largest magnitude of the object's answers, before limits and fades [N]
-  double max_depth = 0;  ///< [m]
-};
 
 /// Sends the contact force and reports the events `touched` and `left`, and `began_inside` where the tool was inside an
 /// object at the start.

@@ -2,12 +2,15 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "scene/scene.h"
+#include "scene/scene_files.h"
 #include "scene/shape/shape_kinds.h"
 #include "scene/surface/detailed.h"
 
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 namespace haptrace {
 namespace {

@@ -1,14 +1,14 @@
 // Scenes in JSON.
 #pragma once
 
-#include "scene/scene.h"
-#include "scene/scene_files.h"
-
 #include <memory>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 namespace haptrace {
+
+class Scene;
+class SceneFiles;
 
 /// Reads {"objects": [{"kind": "sphere", ...}, ...], "tool": {...}, "passivity": false}; docs/scene.md lists the keys.
 /// The default name of an object is its kind. Throws Error(input) naming `where` and the key when a key is unknown,

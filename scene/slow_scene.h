@@ -3,6 +3,7 @@
 
 #include "base/mailbox.h"
 #include "scene/scene.h"
+#include "scene/scene_session.h"
 
 #include <atomic>
 #include <cstdint>
@@ -13,21 +14,6 @@
 #include <vector>
 
 namespace haptrace {
-
-/// Prediction of the force between two answers of a slow scene (Ellis, Sarkar and Jenkins 1996; Basdogan 2000).
-enum class Prediction : std::uint8_t {
-  hold,    ///< last answer
-  linear,  ///< line through the last two answers, over time, for a period; never pulls, never over 1.5 times the last
-  model,   ///< plane and stiffness of the last contact, at the tool's current position (Adachi, Kumano and Ogino 1995)
-};
-
-Prediction parse_prediction(std::string_view name);  ///< "hold" | "linear" | "model"; throws Error(input)
-const char* to_string(Prediction prediction) noexcept;
-
-struct SlowSceneOptions {
-  double rate_hz = 100;  ///< rate of the queries, rounded so that the period is a whole number of ticks
-  Prediction prediction = Prediction::hold;
-};
 
 /// Queries a scene at every n-th tick, in its own thread, and predicts its force at every tick from the answers
 /// received.

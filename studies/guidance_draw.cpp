@@ -147,7 +147,7 @@ GuidanceDraw draw_guidance(std::uint64_t seed, std::uint64_t index) {
   guide.force_scale = lot.in(guidance_ensemble::kForceScale);
   guide.feel = lot.happens(0.5) ? Feel::active : Feel::resist;
   guide.pace =
-      PaceHelp::Options{.pace = lot.in(guidance_ensemble::kPace), .max_force = lot.in(guidance_ensemble::kPaceForce)};
+      PaceHelpOptions{.pace = lot.in(guidance_ensemble::kPace), .max_force = lot.in(guidance_ensemble::kPaceForce)};
   guide.resistance = lot.in(guidance_ensemble::kResistance);
   guide.viscosity = lot.in(guidance_ensemble::kViscosity);
   guide.amplify = lot.in(guidance_ensemble::kAmplify);

@@ -1,8 +1,13 @@
 #include "studies/guidance_ensemble.h"
 
 #include "base/error.h"
+#include "control/guidance.h"
+#include "control/path/arc_path.h"
+#include "control/path/path_projection.h"
 #include "control/ripple.h"
 #include "devices/sim/sim_device.h"
+#include "formats/path/path_source.h"
+#include "player/guidance/guidance_controller.h"
 #include "studies/ensemble_report.h"
 
 #include <algorithm>

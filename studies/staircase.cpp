@@ -90,7 +90,7 @@ class Touched {
 /// Runs the servo loop of a session in virtual time, without its fades, limits and guard.
 void run_loop(Device& device, Controller& controller, SampleSink& sink, double rate_hz, const StopRequest& end) {
   const auto estimator = make_velocity_estimator(kVelocity, rate_hz, device.info().position_resolution);
-  ServoLoop::Options options{.rate_hz = rate_hz, .virtual_time = true, .realtime = false, .watch_vibration = false};
+  ServoOptions options{.rate_hz = rate_hz, .virtual_time = true, .realtime = false, .watch_vibration = false};
   options.limits.soft_start = options.limits.release = 0;
   std::array<SampleSink*, 1> sinks{&sink};
   (void)ServoLoop(device, controller, *estimator, sinks, options).run(end);

@@ -80,7 +80,7 @@ Frame frame_of(const ViewBins& bins) {
   return frame;
 }
 
-Frame frame_of(const ViewPath& path) {
+Frame frame_of(const FollowedPath& path) {
   Frame frame{.kind = FrameKind::path};
   const std::size_t size = std::min(path.time.size(), path.position.size());
   std::vector<std::size_t> points;

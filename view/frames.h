@@ -2,8 +2,8 @@
 #pragma once
 
 #include "base/types.h"
+#include "player/session.h"
 #include "view/history.h"
-#include "view/view_path.h"
 
 #include <array>
 #include <cstdint>
@@ -51,7 +51,7 @@ inline constexpr std::size_t kMostPathPoints = 4000;
 
 /// Returns a frame of a path of at most kMostPathPoints points, thinned evenly by arc length. Ignores points that are
 /// not finite.
-Frame frame_of(const ViewPath& path);
+Frame frame_of(const FollowedPath& path);
 
 /// What a page says of the hand of its user.
 struct PageIntention {

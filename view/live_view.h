@@ -3,12 +3,8 @@
 
 #include "control/warning.h"
 #include "devices/device.h"
-#include "devices/sim/hand_steering.h"
 #include "formats/recording/recording.h"
 #include "player/session.h"
-#include "player/tuning/commands.h"
-#include "recorder/annotations.h"
-#include "view/view_path.h"
 #include "view/view_role.h"
 
 #include <chrono>
@@ -19,6 +15,10 @@
 #include <vector>
 
 namespace haptrace {
+
+class Annotations;
+class Commands;
+class HandSteering;
 
 /// Reaction to a page with control that falls silent.
 enum class PageLost : std::uint8_t {
@@ -41,7 +41,7 @@ struct ViewedSession {
   bool virtual_time = false;
   RecordingColumns columns;                                         ///< of the session's samples
   double max_force = kNaN, max_deviation = kNaN, max_speed = kNaN;  ///< limits of the session [N, m, m/s]
-  ViewPath path;                                                    ///< may be empty
+  FollowedPath path;                                                ///< may be empty
 };
 
 /// Objects of a session that pages act on. All are borrowed, and any may be null.

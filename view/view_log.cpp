@@ -1,5 +1,6 @@
 #include "view/view_log.h"
 
+#include "control/event_words.h"
 #include "control/warning.h"
 #include "view/view_time.h"
 

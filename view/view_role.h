@@ -1,8 +1,7 @@
 // Roles of the people who look at a live view.
 #pragma once
 
-#include "base/enum_names.h"
-
+#include <array>
 #include <cstdint>
 
 namespace haptrace {
@@ -15,8 +14,8 @@ enum class ViewRole : std::uint8_t {
 
 /// Returns "viewer", "therapist" or "trainee".
 constexpr const char* to_string(ViewRole role) noexcept {
-  constexpr EnumNames<ViewRole, 3> kNames{"role", {"viewer", "therapist", "trainee"}};
-  return kNames.name(role);
+  constexpr std::array kNames{"viewer", "therapist", "trainee"};
+  return kNames[static_cast<std::size_t>(role)];
 }
 
 }  // namespace haptrace

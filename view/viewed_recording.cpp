@@ -362,7 +362,7 @@ std::vector<Sample> ViewedRecording::read_run() const {
 }
 
 Frame ViewedRecording::path() const {
-  ViewPath path;
+  FollowedPath path;
   if (!columns_.reference || !reader_) return frame_of(path);
   try {
     std::vector<Sample> run = read_run();

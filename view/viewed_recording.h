@@ -2,6 +2,7 @@
 #pragma once
 
 #include "formats/recording/recording.h"
+#include "formats/recording/recording_summary.h"
 #include "view/view_log.h"
 #include "view/view_source.h"
 

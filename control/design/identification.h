@@ -40,18 +40,6 @@ struct Experiment {
   std::array<std::vector<Stretch>, 3> sweeps;
 };
 
-/// Result of an identification.
-struct Identification {
-  PlantModel plant;          ///< zero on axes without force output
-  PlantModel half_width;     ///< half widths of the 95 % confidence intervals; zero where there is none
-  double line_residual = 0;  ///< unexplained fraction of the response at the spectral lines, rms; in a coarse model, of
-                             ///< the force below 20 Hz
-  double sweep_residual = 0;  ///< rms force of the sweeps that the model does not explain [N]
-  bool fits = false;
-  bool coarse = false;  ///< from identify_coarsely(): accurate enough only for a controller that is tested first
-  std::string reason;   ///< reason why the model does not fit; empty when it does
-};
-
 /// Identifies a plant from an experiment.
 ///
 /// Mass and delay come from the response to the excitation signal. Above the resonance of a hand on its grip, the hand

@@ -3,6 +3,8 @@
 
 #include "base/types.h"
 
+#include <string>
+
 namespace haptrace {
 
 /// A mass with friction in a position-dependent field, behind a delay. The axes of W are independent:
@@ -20,6 +22,18 @@ struct PlantModel {
   double delay = 0;                ///< from the tick that commands a force to the force: transport and actuator lag [s]
   double position_resolution = 0;  ///< encoder resolution; 0: none found [m]
   double position_noise = 0;       ///< rms per axis, in addition to the quantisation noise [m]
+};
+
+/// Result of an identification, see identify().
+struct Identification {
+  PlantModel plant;          ///< zero on axes without force output
+  PlantModel half_width;     ///< half widths of the 95 % confidence intervals; zero where there is none
+  double line_residual = 0;  ///< unexplained fraction of the response at the spectral lines, rms; in a coarse model, of
+                             ///< the force below 20 Hz
+  double sweep_residual = 0;  ///< rms force of the sweeps that the model does not explain [N]
+  bool fits = false;
+  bool coarse = false;  ///< from identify_coarsely(): accurate enough only for a controller that is tested first
+  std::string reason;   ///< reason why the model does not fit; empty when it does
 };
 
 }  // namespace haptrace

@@ -1,5 +1,6 @@
 #include "control/path/path.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 
 #include <algorithm>
@@ -7,6 +8,8 @@
 
 namespace haptrace {
 namespace {
+
+constexpr EnumNames<Interpolation, 4> kInterpolations{"interpolation", {"hold", "linear", "cubic", "quintic"}};
 
 /// Larger than any workspace. A path that exceeds it has the wrong unit, usually millimetres.
 constexpr double kLargestExtent = 50;  // [m]
@@ -34,6 +37,14 @@ void check_column(const Path& path, const std::vector<Value>& column, const char
 }
 
 }  // namespace
+
+Interpolation parse_interpolation(std::string_view name) {
+  return kInterpolations.parse(name);
+}
+
+const char* to_string(Interpolation interpolation) noexcept {
+  return kInterpolations.name(interpolation);
+}
 
 Box Path::bounds() const {
   Box box;

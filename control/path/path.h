@@ -4,7 +4,9 @@
 #include "base/types.h"
 
 #include <cstdint>
+#include <limits>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace haptrace {
@@ -36,6 +38,18 @@ struct Path {
   [[nodiscard]] double duration() const { return time.empty() ? 0 : time.back() - time.front(); }
   [[nodiscard]] Box bounds() const;
 };
+
+/// Interpolation between samples. Every method passes through every sample at its stamp; cubic and quintic pass through
+/// the smoothed samples when smoothing is requested.
+enum class Interpolation {
+  hold,     ///< the position of the last sample, at rest (C^-1)
+  linear,   ///< straight lines (C0)
+  cubic,    ///< cubic Hermite on the path's velocities if these add little bending (C1), else the C2 cubic spline
+  quintic,  ///< quintic Hermite (C2): velocities as for cubic, accelerations from the spline through them
+};
+
+Interpolation parse_interpolation(std::string_view name);  ///< throws Error(input) naming the known ones
+const char* to_string(Interpolation interpolation) noexcept;
 
 /// Throws Error(input) naming the row unless the path has a sample, columns of equal length, finite values, unit
 /// quaternions and strictly increasing time. Also throws when the path is so large that its unit must be wrong (wider

@@ -1,6 +1,5 @@
 #include "control/path/trajectory.h"
 
-#include "base/enum_names.h"
 #include "base/error.h"
 #include "control/path/min_jerk.h"
 #include "control/path/path_smoothing.h"
@@ -11,8 +10,6 @@
 
 namespace haptrace {
 namespace {
-
-constexpr EnumNames<Interpolation, 4> kNames{"interpolation", {"hold", "linear", "cubic", "quintic"}};
 
 constexpr double kShortestStep = 1e-9;  // [s]
 constexpr double kLongestPath = 1e9;    // [s]
@@ -121,14 +118,6 @@ Reference rest(const Vec3& position) {
 }
 
 }  // namespace
-
-Interpolation parse_interpolation(std::string_view name) {
-  return kNames.parse(name);
-}
-
-const char* to_string(Interpolation interpolation) noexcept {
-  return kNames.name(interpolation);
-}
 
 bool Trajectory::agree(std::span<const Path> stretches) {
   Bending sum;

@@ -12,18 +12,6 @@
 
 namespace haptrace {
 
-/// Interpolation between samples. Every method passes through every sample at its stamp; cubic and quintic pass through
-/// the smoothed samples when smoothing is requested.
-enum class Interpolation {
-  hold,     ///< the position of the last sample, at rest (C^-1)
-  linear,   ///< straight lines (C0)
-  cubic,    ///< cubic Hermite on the path's velocities if these add little bending (C1), else the C2 cubic spline
-  quintic,  ///< quintic Hermite (C2): velocities as for cubic, accelerations from the spline through them
-};
-
-Interpolation parse_interpolation(std::string_view name);  ///< throws Error(input) naming the known ones
-const char* to_string(Interpolation interpolation) noexcept;
-
 /// Evaluates a path at any time. Immutable after construction; time 0 is the path's first stamp. Before its start and
 /// after its end the trajectory rests at the first and last position, with zero velocity and acceleration.
 ///

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/statistics.h"
 #include "base/units.h"
+#include "control/velocity_estimator.h"
 #include "devices/check/conformance_probe.h"
 #include "devices/loop/watchdog.h"
 
@@ -156,14 +157,14 @@ class Examination {
   /// Runs one session. Returns true if it ran to its end. An interruption, a loss or a position that is not finite also
   /// ends all further tests.
   bool session(Controller& controller, double seconds, bool with_force) {
-    ServoLoop::Options options{.rate_hz = options_.rate_hz,
-                               .virtual_time = info_.virtual_time,
-                               .realtime = options_.realtime,
-                               .limits = {.max_force = options_.max_force,
-                                          .max_velocity = with_force ? options_.max_velocity : 0,
-                                          .soft_start = kShortFade,
-                                          .release = kShortFade},
-                               .ready_timeout = options_.ready_timeout};
+    ServoOptions options{.rate_hz = options_.rate_hz,
+                         .virtual_time = info_.virtual_time,
+                         .realtime = options_.realtime,
+                         .limits = {.max_force = options_.max_force,
+                                    .max_velocity = with_force ? options_.max_velocity : 0,
+                                    .soft_start = kShortFade,
+                                    .release = kShortFade},
+                         .ready_timeout = options_.ready_timeout};
     const auto estimator = make_velocity_estimator("lowpass:100", options_.rate_hz, info_.position_resolution);
     device_->observe(static_cast<std::size_t>(options_.rate_hz * (seconds + 0.5)));
     ServoLoop loop(*device_, controller, *estimator, {}, options);

@@ -4,8 +4,12 @@
 #include "base/number.h"
 #include "base/system_files.h"
 #include "base/units.h"
+#include "control/controller.h"
+#include "control/event_words.h"
 #include "control/velocity_estimator.h"
 #include "devices/check/usb_devices.h"
+#include "devices/loop/realtime.h"
+#include "devices/loop/servo_loop.h"
 #include "devices/registry.h"
 
 #include <algorithm>

@@ -7,8 +7,8 @@
 
 #include "base/histogram.h"
 #include "base/severity.h"
-#include "devices/loop/realtime.h"
-#include "devices/loop/servo_loop.h"
+#include "base/stop_request.h"
+#include "devices/loop/servo_session.h"
 
 #include <cstdint>
 #include <optional>

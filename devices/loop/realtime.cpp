@@ -1,5 +1,7 @@
 #include "devices/loop/realtime.h"
 
+#include "devices/loop/servo_session.h"
+
 #include <cerrno>
 #include <cstring>
 #include <sched.h>

@@ -1,20 +1,12 @@
 // Real-time setup of a servo thread, and the settings that the operating system granted.
 #pragma once
 
-#include <string>
-
 namespace haptrace {
 
 /// Priority of a servo thread in SCHED_FIFO (1 to 99): above the kernel's interrupt threads (50).
 inline constexpr int kServoPriority = 80;
 
-/// Settings that the operating system granted. Every session reports them.
-struct RealtimeStatus {
-  std::string scheduler = "SCHED_OTHER";  ///< for example "SCHED_FIFO 80"
-  bool realtime = false;                  ///< the thread has a real-time scheduling class
-  bool memory_locked = false;
-  std::string reason;  ///< what was refused and how to fix it; empty if everything was granted
-};
+struct RealtimeStatus;
 
 /// Requests SCHED_FIFO for the calling thread, locked memory for the process and the finest timer slack. Touches the
 /// thread's stack to avoid page faults later. The scheduling class ends with the thread.

@@ -3,9 +3,13 @@
 #include "base/enum_names.h"
 #include "base/error.h"
 #include "control/budgets.h"
+#include "control/force_guard.h"
+#include "control/limits.h"
 #include "control/norm.h"
 #include "control/resistance_timer.h"
+#include "control/velocity_estimator.h"
 #include "devices/loop/clock.h"
+#include "devices/loop/realtime.h"
 #include "devices/rest_watch.h"
 
 #include <algorithm>
@@ -93,7 +97,7 @@ std::int64_t stale_after_ns(double rate_hz) noexcept {
   return static_cast<std::int64_t>(1e9 * std::max(kAge, std::min(kPeriods / rate_hz, kLongest)));
 }
 
-void ServoLoop::validate(const DeviceInfo& device, const Options& options) {
+void ServoLoop::validate(const DeviceInfo& device, const ServoOptions& options) {
   if (!(options.rate_hz >= kLowestRate && options.rate_hz <= kHighestRate))
     throw input_error(
         fmt::format("the rate is {} Hz; it must be from {} to {} Hz", options.rate_hz, kLowestRate, kHighestRate));
@@ -107,7 +111,7 @@ void ServoLoop::validate(const DeviceInfo& device, const Options& options) {
 }
 
 ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& estimator,
-                     std::span<SampleSink* const> sinks, const Options& options)
+                     std::span<SampleSink* const> sinks, const ServoOptions& options)
     : device_(device),
       controller_(controller),
       estimator_(estimator),
@@ -192,7 +196,7 @@ class ServoLoop::Session {
 
   /// Returns no guard without a force limit, because the guard has no scale for forces then.
   static std::optional<ForceGuard> guard_of(const ServoLoop& loop) {
-    const Options& options = loop.options_;
+    const ServoOptions& options = loop.options_;
     if (!options.watch_vibration || !(options.limits.max_force > 0)) return std::nullopt;
     const double resolution = loop.device_.info().position_resolution;
     return ForceGuard({.monitor = {.rate_hz = options.rate_hz,

@@ -4,83 +4,19 @@
 //                                  \-> Sample -> sinks
 #pragma once
 
-#include "base/histogram.h"
 #include "base/stop_request.h"
 #include "control/controller.h"
-#include "control/force_guard.h"
-#include "control/limits.h"
-#include "control/sample.h"
-#include "control/velocity_estimator.h"
 #include "devices/device.h"
-#include "devices/loop/realtime.h"
+#include "devices/loop/servo_session.h"
 #include "devices/loop/tick_pulse.h"
 
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 namespace haptrace {
 
-class ServoClock;
-
-inline constexpr double kLowestRate = 10;      // [Hz]
-inline constexpr double kHighestRate = 20000;  // [Hz]
-
-/// Cause of the end of a session.
-enum class StopCause {
-  finished,           ///< the controller was done
-  interrupted,        ///< StopRequest
-  deviation,          ///< the tracking error passed its limit
-  resistance,         ///< the hand resisted more than the force limits allow, for longer than the controller's patience
-  oscillation,        ///< the loop oscillated although its force was softened
-  no_path,            ///< the controller could not get the rest of the path
-  velocity,           ///< the tool was faster than its limit, or its position jumped
-  not_finite,         ///< the device's position or the controller's force was not finite
-  outside_workspace,  ///< the device reported a position beyond the reach of a hand
-  device_not_ready,   ///< the device did not allow forces, or stopped allowing them
-  device_lost,
-};
-
-const char* to_string(StopCause cause) noexcept;
-
-/// Report of one session of the loop.
-struct ServoReport {
-  StopCause cause = StopCause::finished;
-  std::string detail;                          ///< why the session stopped, in words; empty if finished
-  StopSource stopped_from = StopSource::user;  ///< what asked for an interruption
-  std::uint64_t samples = 0;    ///< fresh states that the controller answered: the samples of a recording
-  std::uint64_t stale = 0;      ///< ticks without a fresh state; they give no sample
-  std::uint64_t gaps = 0;       ///< times without a fresh state that lasted longer than stale_after_ns()
-  std::uint64_t missed = 0;     ///< ticks that did not run because an earlier tick was late
-  std::uint64_t overruns = 0;   ///< number of times that ticks were missed
-  std::uint64_t returns = 0;    ///< number of times that the device was lost and found again
-  double duration = 0;          ///< time from the first to the last sample, by the session's clock [s]
-  double away = 0;              ///< part of duration in gaps and without the device [s]
-  double asked_rate = 0;        ///< [Hz]
-  double max_force = 0;         ///< largest magnitude sent [N]
-  DurationHistogram latency;    ///< wake-up minus deadline
-  DurationHistogram tick_time;  ///< wake-up to end of tick, always on the monotonic clock
-  RealtimeStatus realtime;
-  VibrationSummary vibration;         ///< vibration that ForceGuard detected, and its reaction
-  std::vector<Sample> flight_record;  ///< the last 200 ms before a limit or a fault stopped the session; else empty
-
-  /// Returns the fresh states per second of the session's clock, while the device was present [Hz].
-  [[nodiscard]] double achieved_rate() const noexcept { return rate_of(samples); }
-  /// Returns the exchanges per second in the same time, with a fresh state or without [Hz].
-  [[nodiscard]] double exchange_rate() const noexcept { return rate_of(samples + stale); }
-  /// Returns true if the device delivers fewer fresh states than requested: in less than 0.9 of the exchanges.
-  [[nodiscard]] bool lacks_states() const noexcept { return samples > 0 && stale > (samples + stale) / 10; }
-  /// Returns true if a limit or a fault ended the session, and not the controller or a request.
-  [[nodiscard]] bool stopped_by_fault() const noexcept {
-    return cause != StopCause::finished && cause != StopCause::interrupted;
-  }
-
- private:
-  [[nodiscard]] double rate_of(std::uint64_t count) const noexcept {
-    return duration > away && count > 0 ? static_cast<double>(count - 1) / (duration - away) : 0;
-  }
-};
+class VelocityEstimator;
 
 /// Returns the age beyond which a state is stale [ns]: 20 ms, or three periods (at most 1 s) if these are longer.
 [[nodiscard]] std::int64_t stale_after_ns(double rate_hz) noexcept;
@@ -117,23 +53,12 @@ class ServoLoop {
   static constexpr double kStaleFade = 0.01;  ///< [s]
   static constexpr double kSilence = 0.25;    ///< time without a fresh state, and at least five periods [s]
 
-  struct Options {
-    double rate_hz = 1000;
-    bool virtual_time = false;  ///< run as fast as the machine allows; else on the monotonic clock
-    bool realtime = true;       ///< request a real-time thread (monotonic clock only)
-    SafetyLimits limits;  ///< force limits never exceed the device's own; 0 selects the device's own (see the class)
-    bool watch_vibration = true;  ///< use ForceGuard on devices with a force limit; false only for experiments
-    double ready_timeout = 30;    ///< longest wait for a device that is not ready, or not at rest after that [s]
-    double away_timeout = 0;      ///< longest wait for a device that is away [s]; 0: it is lost at once
-    ServoClock* clock = nullptr;  ///< borrowed; replaces both clocks, for studies of timing
-  };
-
   /// Throws Error(input) if an option is out of range, or if virtual time is requested for a device in real time.
-  static void validate(const DeviceInfo& device, const Options& options);
+  static void validate(const DeviceInfo& device, const ServoOptions& options);
 
   /// Borrows all arguments; they must outlive run(). Throws what validate throws.
   ServoLoop(Device& device, Controller& controller, VelocityEstimator& estimator, std::span<SampleSink* const> sinks,
-            const Options& options);
+            const ServoOptions& options);
 
   /// Runs one session in the calling thread until the controller is finished, `stop` is raised or a limit stops the
   /// session. Sends zero force before it returns. Does not throw.
@@ -151,7 +76,7 @@ class ServoLoop {
   Controller& controller_;
   VelocityEstimator& estimator_;
   std::vector<SampleSink*> sinks_;
-  Options options_;
+  ServoOptions options_;
   TickPulse pulse_;
   double assumed_continuous_force_ = 0;  ///< used if neither the device nor the session states one [N]
 };

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/mailbox.h"
 #include "devices/loop/clock.h"
+#include "devices/loop/realtime.h"
 
 #include <algorithm>
 #include <atomic>

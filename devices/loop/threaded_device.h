@@ -3,7 +3,7 @@
 
 #include "devices/device.h"
 #include "devices/loop/loose_thread.h"
-#include "devices/loop/realtime.h"
+#include "devices/loop/servo_session.h"
 
 #include <cstdint>
 #include <memory>

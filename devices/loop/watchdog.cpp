@@ -1,6 +1,7 @@
 #include "devices/loop/watchdog.h"
 
 #include "devices/loop/loose_thread.h"
+#include "devices/loop/realtime.h"
 
 #include <array>
 #include <atomic>

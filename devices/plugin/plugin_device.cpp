@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "devices/device_spec.h"
 #include "devices/loop/loose_thread.h"
 #include "devices/loop/watchdog.h"
 

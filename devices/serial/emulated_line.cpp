@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "devices/loop/clock.h"
 #include "devices/loop/realtime.h"
+#include "devices/loop/servo_session.h"
 
 #include <array>
 #include <cerrno>

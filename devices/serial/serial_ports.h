@@ -1,6 +1,7 @@
 // Search for serial ports on USB.
 #pragma once
 
+#include "devices/device_spec.h"
 #include "devices/registry.h"
 
 #include <functional>

@@ -1,6 +1,7 @@
 // A simulated device in real time, as the mechanism of an emulated device.
 #pragma once
 
+#include "devices/device_spec.h"
 #include "devices/sim/sim_device.h"
 
 #include <cstdint>

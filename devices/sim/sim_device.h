@@ -4,6 +4,7 @@
 #include "base/nano_time.h"
 #include "control/path/orientation_trajectory.h"
 #include "control/path/trajectory.h"
+#include "devices/device_spec.h"
 #include "devices/registry.h"
 #include "devices/sim/delay_line.h"
 #include "devices/sim/noise.h"

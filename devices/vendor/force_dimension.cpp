@@ -1,6 +1,7 @@
 #include "devices/vendor/force_dimension.h"
 
 #include "base/error.h"
+#include "devices/device_spec.h"
 #include "devices/loop/clock.h"
 #include "devices/loop/threaded_device.h"
 #include "devices/vendor/find_plugged.h"

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/mailbox.h"
+#include "devices/device_spec.h"
 #include "devices/loop/clock.h"
 #include "devices/loop/loose_thread.h"
 #include "devices/loop/threaded_device.h"

@@ -2,6 +2,7 @@
 
 #include "base/printable.h"
 #include "base/text_file.h"
+#include "control/event_words.h"
 #include "formats/documents/warning_json.h"
 #include "formats/recording/recording_formats.h"
 

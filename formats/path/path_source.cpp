@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "control/rotation.h"
 #include "formats/path/path_blocks.h"
+#include "formats/recording/recording_summary.h"
 
 #include <algorithm>
 #include <array>

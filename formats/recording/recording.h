@@ -2,8 +2,7 @@
 #pragma once
 
 #include "base/severity.h"
-#include "control/warning.h"
-#include "formats/recording/recording_summary.h"
+#include "control/sample.h"
 #include "formats/recording/storage.h"
 
 #include <cstddef>
@@ -17,6 +16,8 @@
 #include <vector>
 
 namespace haptrace {
+
+struct RecordingSummary;
 
 /// The scene of a session, as its recording keeps it.
 struct RecordedScene {

@@ -5,6 +5,7 @@
 #include "base/printable.h"
 #include "base/statistics.h"
 #include "base/writer_mark.h"
+#include "control/event_words.h"
 #include "formats/recording/hdf5_support.h"
 #include "formats/recording/recording_layout.h"
 

@@ -1,8 +1,11 @@
 #include "player/calibration/calibration.h"
 
 #include "base/error.h"
+#include "control/design/identification.h"
+#include "control/design/multisine.h"
 #include "control/path/min_jerk.h"
 #include "control/pd.h"
+#include "player/calibration/calibration_plan.h"
 #include "player/calibration/law_trial.h"
 #include "player/playback/approach.h"
 

@@ -1,7 +1,7 @@
 // Calibration of a device: a session that moves the device and identifies its dynamics.
 #pragma once
 
-#include "control/design/identification.h"
+#include "control/design/plant_model.h"
 #include "control/design/tracking_design.h"
 #include "player/session.h"
 
@@ -15,27 +15,6 @@ struct CalibrationOptions {
   double force_share = 0.7;  ///< force bound, as a share of the device's largest force, 0.1 to 1
   SessionOptions session;
 };
-
-/// Movement, forces and bounds of a calibration.
-struct CalibrationPlan {
-  bool full = false;
-  double rate_hz = 1000;
-  std::array<bool, 3> axes{};   ///< axes that take a force
-  Vec3 centre = Vec3::Zero();   ///< centre of the movements: the middle of the workspace [m]
-  Vec3 reach = Vec3::Zero();    ///< largest distance from the centre, per axis [m]
-  double max_force = 0;         ///< bound on the magnitude [N]
-  double device_force = 0;      ///< largest force that the device and the session's limits allow [N]
-  double max_dither = 0;        ///< bound on the excitation signal, rms per axis [N]
-  double max_speed = 0;         ///< peak speed of the sweeps [m/s]
-  double max_deviation = 0;     ///< distance from the reference beyond which the session stops [m]
-  double approach_speed = 0.1;  ///< peak speed of the approach [m/s]
-  double duration = 0;          ///< without the approach to the centre [s]
-  Multisine dither;
-};
-
-/// Returns the plan for a device. Throws Error(input) when the device takes no force, its largest force is unknown, its
-/// workspace leaves less than 3 mm to move, or the rate is too low for the excitation signal.
-CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOptions& options);
 
 struct CalibrationResult {
   SessionResult session;

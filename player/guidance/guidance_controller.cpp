@@ -21,18 +21,6 @@ double approach_limit(const GuidanceOptions& options) noexcept {
 
 }  // namespace
 
-void validate(const GuidanceOptions& options) {
-  check_range("the speed factor", options.speed, 0.001, 100, "");
-  check_range("the distance at which the cursor waits", options.wait, 0, 10, "m");
-  check_range("the number of repetitions", options.repetitions, 0, 1e6, "");
-  check_range("the hold time", options.hold, 0, 3600, "s");
-  check_range("the approach speed", options.approach_speed, 1e-3, 2, "m/s");
-  check_range("the time limit", options.time_limit, 0, 1e6, "s");
-  check_range("the deviation limit", options.max_deviation, 1e-5, 10, "m");
-  check_range("the deviation limit of the approach", approach_limit(options), 1e-5, 10, "m");
-  check_range("the time for which a hand may resist", options.patience, 0, 3600, "s");
-}
-
 GuidanceController::GuidanceController(std::shared_ptr<const ArcPath> path, Guidance guidance, const PdGains& approach,
                                        const GuidanceOptions& options)
     : path_(std::move(path)),

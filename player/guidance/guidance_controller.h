@@ -4,6 +4,7 @@
 #include "base/running_time.h"
 #include "control/controller.h"
 #include "control/guidance.h"
+#include "control/guidance_options.h"
 #include "control/hand_watch.h"
 #include "control/limits.h"
 #include "control/pd.h"
@@ -14,26 +15,9 @@
 
 namespace haptrace {
 
-struct GuidanceOptions {
-  bool cursor = false;      ///< the place on the path is a cursor that moves in the expert's time, else the trainee's
-  bool allow_back = false;  ///< the place may move backwards
-  double speed = 1;         ///< speed of the cursor, relative to the expert's
-  double wait = 0;          ///< distance at which the cursor waits for the trainee [m]; 0: never
-  int repetitions = 1;      ///< 0: until stopped
-  double hold = 0.5;        ///< pause at the end of every repetition [s]
-  double approach_speed = 0.1;  ///< peak speed of the movement to the start [m/s]
-  double time_limit = 0;        ///< time limit of a repetition [s]; 0: none
-  double max_deviation = 0.1;   ///< distance from the path beyond which the session stops [m]
-  /// Distance from the reference during the approach beyond which the session stops [m]; max_deviation when absent.
-  std::optional<double> max_approach_deviation;
-  bool led = true;        ///< a force leads the hand to the start; else no force is sent during the approach
-  double patience = 0;    ///< how long a hand may resist on the path [s], see Command; kPatience during the approach
-  HandWatchOptions hand;  ///< load from which the hand counts as resisting
-  double rate_hz = 1000;
-};
-
-/// Throws Error(input) that names the option that is out of range.
-void validate(const GuidanceOptions& options);
+struct DeviceInfo;
+struct GuideOptions;
+struct GuidePlan;
 
 /// Guides a trainee along a path in repetitions of three phases: approach, run and hold.
 ///
@@ -60,6 +44,9 @@ class GuidanceController final : public Controller {
   /// limit. After it the repetition continues where it was, or restarts if the hand is beyond the deviation limit.
   /// Before start.
   void obey(Mailbox<SessionRequests>& requests, Mailbox<GuideTuning>& tunings) noexcept;
+
+  /// From now on the load in `hand` decides when the hand resists. Before start. Throws the errors of validate().
+  void watch(const HandWatchOptions& hand) { hand_ = HandWatch(hand); }
 
   void start(const State& first) noexcept override;
   /// Restarts the repetition with the approach to its start.
@@ -92,12 +79,16 @@ class GuidanceController final : public Controller {
   RepetitionPhases phases_{options_.repetitions, options_.hold, options_.approach_speed};
   RunningTime cursor_time_;  ///< of the expert
   Ramp pace_{1};             ///< of the cursor: 0 while it waits
-  HandWatch hand_{options_.hand};
+  HandWatch hand_;
   Ramp blend_{0};  ///< 0: PD law, 1: guidance
   RequestFollower requests_;
   Mailbox<SessionRequests>* mailbox_ = nullptr;
   Mailbox<GuideTuning>* tunings_ = nullptr;
   bool paused_ = false;
 };
+
+/// Returns the controller that guide() runs, for other kinds of sessions. It has no time limit unless the options set
+/// one.
+GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options);
 
 }  // namespace haptrace

@@ -4,9 +4,18 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
+#include "control/guidance.h"
+#include "control/hand_watch.h"
+#include "control/path/arc_path.h"
+#include "control/path/path_projection.h"
+#include "control/pd.h"
 #include "control/resistance_timer.h"
 #include "player/device_path.h"
+#include "player/guidance/guidance_controller.h"
+#include "player/guidance/live_guidance.h"
 #include "player/playback/reference_stream.h"
+#include "player/playback/tracking_metrics.h"
+#include "player/tuning/live_session.h"
 
 #include <algorithm>
 #include <cmath>
@@ -290,14 +299,15 @@ LiveGuidance::Scope guide_scope(const GuidePlan& plan, const GuideOptions& optio
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.loop.rate_hz;
-  guidance.hand = hand_watch_of(device.max_force);
   // A trainee may touch the walls for any time, but a reference that moves by itself must not push against a hand for
   // ever.
   if (guidance.cursor || options.pace) guidance.patience = kPatience;
-  return GuidanceController(
+  GuidanceController controller(
       plan.path,
       Guidance(compose(plan, options), {.energy = options.energy, .delay = plan.delay, .rate_hz = guidance.rate_hz}),
       cautious_gains(device.max_force, guidance.rate_hz), guidance);
+  controller.watch(hand_watch_of(device.max_force));
+  return controller;
 }
 
 GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& asked, const StopRequest& stop,

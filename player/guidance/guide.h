@@ -2,12 +2,10 @@
 #pragma once
 
 #include "control/design/tracking_design.h"
-#include "control/path/trajectory.h"
+#include "control/guidance_options.h"
+#include "control/path/path.h"
 #include "formats/documents/radius_profile.h"
-#include "formats/path/path_source.h"
-#include "player/guidance/guidance_controller.h"
-#include "player/guidance/live_guidance.h"
-#include "player/playback/tracking_metrics.h"
+#include "player/playback/tracking_figures.h"
 #include "player/session.h"
 
 #include <memory>
@@ -17,6 +15,10 @@
 #include <vector>
 
 namespace haptrace {
+
+class ArcPath;
+class LiveGuidance;
+class PathSource;
 
 /// Sign of the expert's force that the trainee feels. Recorded forces act on the hand and are expressed in W.
 enum class Feel {
@@ -39,7 +41,7 @@ struct GuideOptions {
   double damping = 3;               ///< damping of outward movement in the wall [N s/m]
   double force_scale = 1;           ///< scale of the expert's forces; 0: none
   Feel feel = Feel::active;
-  std::optional<PaceHelp::Options> pace;
+  std::optional<PaceHelpOptions> pace;
   double resistance = 0, viscosity = 0;  ///< [N s/m]
   double amplify = 0;                    ///< amplification of errors within the tunnel [N/m]
   double amplify_force = 1;              ///< largest force of the amplification [N]
@@ -78,9 +80,6 @@ struct GuidePlan {
 GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSource> expert,
                         const GuideOptions& options);
 
-/// Returns what commands can change of guidance that runs `plan`.
-LiveGuidance::Scope guide_scope(const GuidePlan& plan, const GuideOptions& options);
-
 /// Metrics of one repetition, over phase run.
 struct GuideFigures {
   TrackingFigures tracking;      ///< the error is the distance from the path
@@ -97,10 +96,6 @@ struct GuideResult {
   double energy_given = 0;   ///< energy given to the hand beyond what springs store [J]
   double energy_budget = 0;  ///< upper bound on energy_given [J]
 };
-
-/// Returns the controller that guide() runs, for other kinds of sessions. It has no time limit unless the options set
-/// one.
-GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options);
 
 /// Returns the path and the tunnel of `plan`, for a view.
 FollowedPath followed_path(const GuidePlan& plan, const GuideOptions& options);

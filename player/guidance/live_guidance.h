@@ -13,6 +13,9 @@
 
 namespace haptrace {
 
+struct GuideOptions;
+struct GuidePlan;
+
 /// Quantities of guidance that commands change.
 struct GuidanceValues {
   double radius = 0;     ///< of the tunnel [m], or the factor on a radius that varies along the path
@@ -91,5 +94,8 @@ class LiveGuidance final : public LiveSession {
   std::map<std::size_t, Changed> changed_;
   Mailbox<GuideTuning> mailbox_;
 };
+
+/// Returns what commands can change of guidance that runs `plan`.
+LiveGuidance::Scope guide_scope(const GuidePlan& plan, const GuideOptions& options);
 
 }  // namespace haptrace

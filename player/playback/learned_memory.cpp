@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/rfc3339.h"
+#include "player/playback/reference_stream.h"
 
 #include <chrono>
 #include <fmt/format.h>
@@ -29,10 +30,10 @@ LearnedMemory::Recalled LearnedMemory::recall(const PathSource& path) {
 
 void LearnedMemory::keep(const PlayResult& result) const {
   int repetitions = repetitions_;
-  for (const LearningTerm::Lesson& lesson : result.lessons)
-    if (lesson.outcome == IterativeLearning::Outcome::learned) ++repetitions;
+  for (const Lesson& lesson : result.lessons)
+    if (lesson.outcome == LearningOutcome::learned) ++repetitions;
   save_learned({.device = device_,
-                .path_digest = digest_of(result.plan.path.source()),
+                .path_digest = digest_of(result.plan.path->source()),
                 .speed = speed_,
                 .mass = mass_,
                 .repetitions = repetitions,

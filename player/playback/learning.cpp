@@ -15,20 +15,6 @@ std::size_t rows_of(const LearningTerm::Options& options) {
 
 }  // namespace
 
-const char* to_string(IterativeLearning::Outcome outcome) noexcept {
-  switch (outcome) {
-    case IterativeLearning::Outcome::learned:
-      return "learned";
-    case IterativeLearning::Outcome::converged:
-      return "converged";
-    case IterativeLearning::Outcome::undone:
-      return "undone";
-    case IterativeLearning::Outcome::skipped:
-      return "skipped";
-  }
-  return "unknown";
-}
-
 LearningTerm::LearningTerm(const Options& options)
     : law_(options.law, options.known, options.known_counts),
       left_(options.repetitions),
@@ -77,7 +63,7 @@ void LearningTerm::work() noexcept {
 }
 
 void LearningTerm::learn() noexcept {
-  Lesson lesson{IterativeLearning::Outcome::skipped, kNaN};
+  Lesson lesson{LearningOutcome::skipped, kNaN};
   try {
     lesson.outcome = law_.learn(log_);
     lesson.rms_error = law_.rms_error();

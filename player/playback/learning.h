@@ -1,6 +1,7 @@
 // Iterative learning over the repetitions of a session.
 #pragma once
 
+#include "control/force_table.h"
 #include "control/iterative_learning.h"
 
 #include <atomic>
@@ -21,12 +22,6 @@ class LearningTerm final : public ForceTerm {
     ForceTable known;      ///< initial force from a model or an earlier session, or empty
     int known_counts = 0;  ///< number of repetitions that `known` counts as
     int repetitions = 0;   ///< repetitions to learn from; 0: `known` is used unchanged
-  };
-
-  /// Result of one repetition. If the memory did not suffice, the outcome is `skipped` and the error NaN.
-  struct Lesson {
-    IterativeLearning::Outcome outcome;
-    double rms_error;  ///< measured error [m]
   };
 
   /// Throws what IterativeLearning throws.
@@ -62,7 +57,5 @@ class LearningTerm final : public ForceTerm {
   std::atomic<bool> ending_{false};
   std::jthread worker_;
 };
-
-const char* to_string(IterativeLearning::Outcome outcome) noexcept;
 
 }  // namespace haptrace

@@ -4,6 +4,7 @@
 #include "control/controller.h"
 #include "control/path/min_jerk.h"
 #include "control/rotation.h"
+#include "player/playback/playback_options.h"
 
 namespace haptrace {
 
@@ -13,15 +14,9 @@ namespace haptrace {
 /// Real-time: all but the constructor.
 class OrientationFollower {
  public:
-  struct Options {
-    OrientationGains gains;
-    double max_deviation = 1;  ///< largest angle to the reference [rad]
-    double rate_hz = 1000;     ///< rate of the servo loop [Hz]
-  };
-
   static constexpr double kApproachSpeed = 0.6;  ///< peak speed of the approach [rad/s]
 
-  explicit OrientationFollower(const Options& options) : options_(options), velocity_(options.rate_hz) {}
+  explicit OrientationFollower(const OrientationOptions& options) : options_(options), velocity_(options.rate_hz) {}
 
   /// Resets to the first state of a session, or the first after a gap.
   void start(const State& first) noexcept;
@@ -36,10 +31,10 @@ class OrientationFollower {
 
   /// Returns the angle to the reference at the last call of torque() [rad].
   [[nodiscard]] double deviation() const noexcept { return deviation_; }
-  [[nodiscard]] const Options& options() const noexcept { return options_; }
+  [[nodiscard]] const OrientationOptions& options() const noexcept { return options_; }
 
  private:
-  Options options_;
+  OrientationOptions options_;
   AngularVelocity velocity_;
   Quat reference_ = nan_quat();  ///< last reference
   Quat from_ = nan_quat();

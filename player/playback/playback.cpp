@@ -3,9 +3,21 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "control/feedforward.h"
+#include "control/hand_watch.h"
+#include "control/iterative_learning.h"
 #include "control/observer_pd.h"
+#include "control/oscillation_monitor.h"
+#include "control/path/trajectory.h"
+#include "devices/loop/servo_loop.h"
 #include "formats/path/path_thinning.h"
 #include "player/device_path.h"
+#include "player/playback/learning.h"
+#include "player/playback/playback_controller.h"
+#include "player/playback/reference_stream.h"
+#include "player/playback/tracking_guard.h"
+#include "player/playback/tracking_metrics.h"
+#include "player/tuning/live_session.h"
+#include "player/tuning/live_tuning.h"
 
 #include <algorithm>
 #include <cmath>
@@ -78,7 +90,7 @@ Excursion look_ahead(const TrajectoryPieces& pieces, Interpolation interpolation
 /// Returns a check for the pieces that the plan did not examine.
 ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options) {
   const double limit = options.session.loop.limits.max_velocity;
-  return [name = plan.path.source().facts().name, model = device.model, workspace = workspace_of(device), limit,
+  return [name = plan.path->source().facts().name, model = device.model, workspace = workspace_of(device), limit,
           speed = options.playback.speed](const TrajectoryPiece& piece) {
     const Excursion excursion = look_ahead(piece, workspace);
     if (excursion.outside > 0)
@@ -96,7 +108,7 @@ IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& 
           .delay = options.identified->design.delay,
           .rate_hz = options.session.loop.rate_hz,
           .speed = options.playback.speed,
-          .duration = plan.path.duration()};
+          .duration = plan.path->duration()};
 }
 
 /// Returns no guard for a device with unknown largest force: the guard judges forces relative to it.
@@ -131,10 +143,10 @@ ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
   const State state;
   ForceTable table{.step = step, .force = {}};
   double t = 0;
-  for (std::size_t i = 0; i < plan.path.count(); ++i) {
-    const TrajectoryPiece piece = plan.path.make(i);
+  for (std::size_t i = 0; i < plan.path->count(); ++i) {
+    const TrajectoryPiece piece = plan.path->make(i);
     Trajectory::Cursor cursor;
-    const bool last = i + 1 == plan.path.count();
+    const bool last = i + 1 == plan.path->count();
     for (; last ? t < piece.end + step : t < piece.end; t = step * static_cast<double>(table.force.size())) {
       Reference reference = piece.trajectory.sample(t, cursor);
       reference.velocity *= speed;
@@ -194,9 +206,9 @@ void plan_turn(const DeviceInfo& device, const PathFacts& path, const PlayOption
   const double most = own > 0 && asked > 0 ? std::min(own, asked) : std::max(own, asked);
   if (!(most > 0))
     return refuse(fmt::format("{} does not state its largest torque; give it with --max-torque", device.model));
-  plan.turn = OrientationFollower::Options{.gains = turn.gains.value_or(cautious_orientation_gains(most)),
-                                           .max_deviation = turn.max_deviation,
-                                           .rate_hz = options.session.loop.rate_hz};
+  plan.turn = OrientationOptions{.gains = turn.gains.value_or(cautious_orientation_gains(most)),
+                                 .max_deviation = turn.max_deviation,
+                                 .rate_hz = options.session.loop.rate_hz};
 }
 
 bool follows_orientation(const DeviceInfo& device, const PlayOptions& options) {
@@ -210,7 +222,7 @@ PlaybackController controller_of(const DeviceInfo& device, const PlayPlan& plan,
   playback.softened_force = asked > 0 ? asked : device.max_force;
   playback.rate_hz = options.session.loop.rate_hz;
   playback.axes = device.force_axes;
-  PlaybackController controller({plan.path, check_of(device, plan, options), playback.speed},
+  PlaybackController controller({*plan.path, check_of(device, plan, options), playback.speed},
                                 compose(device, plan, options, learning), plan.tuning, playback,
                                 options.tuning != nullptr ? &options.tuning->mailbox() : nullptr);
   if (const auto guard = guard_of(device, options)) controller.guard(*guard);
@@ -219,11 +231,6 @@ PlaybackController controller_of(const DeviceInfo& device, const PlayPlan& plan,
 }
 
 }  // namespace
-
-OrientationGains cautious_orientation_gains(double max_torque) {
-  const double kp = max_torque / (20 * std::numbers::pi / 180);
-  return {.kp = kp, .kd = 0.02 * kp};
-}
 
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
   validate(options.playback);
@@ -253,18 +260,19 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   const DevicePath played = path_for(device, thinned(std::move(path), options.thin), options.fit);
   const std::string name = played.source->facts().name;
 
-  PlayPlan plan{
-      .path = TrajectoryPieces(played.source, options.interpolation,
-                               {.smoothing = options.smoothing, .orientation = follows_orientation(device, options)}),
-      .fit = played.fit,
-      .tuning = tuning,
-      .composed = composed,
-      .turn = {},
-      .notes = {}};
+  PlayPlan plan{.path = std::make_shared<const TrajectoryPieces>(
+                    played.source, options.interpolation,
+                    TrajectoryPieces::Options{.smoothing = options.smoothing,
+                                              .orientation = follows_orientation(device, options)}),
+                .fit = played.fit,
+                .tuning = tuning,
+                .composed = composed,
+                .turn = {},
+                .notes = {}};
   plan_turn(device, played.source->facts(), options, plan);
   const double limit = options.session.loop.limits.max_velocity, speed = options.playback.speed;
   const double fastest = limit > 0 ? 0.9 * limit : std::numeric_limits<double>::infinity();
-  const Excursion excursion = look_ahead(plan.path, options.interpolation, workspace, fastest / speed);
+  const Excursion excursion = look_ahead(*plan.path, options.interpolation, workspace, fastest / speed);
   if (excursion.outside > 0)
     throw input_error(fmt::format(
         "{} leaves the workspace of {} by {:.1f} mm between its samples, where they are far apart; use --interpolation "
@@ -326,7 +334,7 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   sinks.push_back(&metrics);
   SessionOptions session_options = options.session;
   session_options.loop.watch_vibration &= options.guard;
-  if (session_options.observer != nullptr) session_options.followed = followed_path(plan.path);
+  if (session_options.observer != nullptr) session_options.followed = followed_path(*plan.path);
   if (live != nullptr) {
     controller.obey(live->requests());
     sinks.push_back(live);
@@ -381,10 +389,10 @@ nlohmann::json to_json(const PlayResult& result) {
   json["compensations"] = names_of(result.plan.composed);
   if (!result.lessons.empty()) {
     json["learning"] = nlohmann::json::array();
-    for (const LearningTerm::Lesson& lesson : result.lessons)
+    for (const Lesson& lesson : result.lessons)
       json["learning"].push_back({{"outcome", to_string(lesson.outcome)}, {"rms_error_m", lesson.rms_error}});
   }
-  json["path_smoothing_s"] = result.plan.path.smoothing();
+  json["path_smoothing_s"] = result.plan.path->smoothing();
   json["peak_speed_m_per_s"] = result.plan.peak_speed;
   if (result.plan.fit)
     json["fit"] = {{"scale", result.plan.fit->scale}, {"offset_m", json_of(result.plan.fit->offset)}};

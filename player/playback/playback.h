@@ -2,34 +2,26 @@
 #pragma once
 
 #include "control/design/tracking_design.h"
+#include "control/force_table.h"
 #include "control/path/path.h"
-#include "control/path/trajectory.h"
-#include "control/pd.h"
-#include "player/playback/learning.h"
-#include "player/playback/playback_controller.h"
-#include "player/playback/reference_stream.h"
-#include "player/playback/tracking_metrics.h"
+#include "control/tuning.h"
+#include "player/playback/playback_options.h"
+#include "player/playback/tracking_figures.h"
 #include "player/session.h"
-#include "player/tuning/live_tuning.h"
 
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <vector>
 
 namespace haptrace {
 
+class LiveSession;
+class LiveTuning;
+class PathSource;
+class TrajectoryPieces;
+
 inline constexpr int kMostLearned = 1000;  ///< largest number of learned repetitions per session
-
-/// Settings for following a path's orientations. They apply if the path has orientations and the device takes torque
-/// about every axis.
-struct TurnOptions {
-  bool off = false;
-  std::optional<OrientationGains> gains;  ///< absent: cautious_orientation_gains
-  double max_deviation = 1;               ///< angle to the reference orientation [rad]
-};
-
-/// Returns gains that reach `max_torque` [N m] at 20 degrees, with kd = 20 ms * kp.
-OrientationGains cautious_orientation_gains(double max_torque);
 
 struct PlayOptions {
   std::optional<PdGains> gains;  ///< absent: those of the identified device, or cautious_gains
@@ -59,13 +51,13 @@ struct PlayOptions {
 
 /// Playback that was checked against a device and is ready to run. No force has been sent yet.
 struct PlayPlan {
-  TrajectoryPieces path;  ///< the path as it will be played
+  std::shared_ptr<const TrajectoryPieces> path;  ///< the path as it will be played
   std::optional<Fit> fit;
   Tuning tuning;           ///< initial tuning
   Compensations composed;  ///< terms of the law besides PD
   double peak_speed = 0;   ///< peak speed of the reference [m/s]
   /// Present when the playback also controls the tool's orientation.
-  std::optional<OrientationFollower::Options> turn;
+  std::optional<OrientationOptions> turn;
   std::vector<std::string> notes;  ///< messages for the user
 };
 
@@ -81,9 +73,9 @@ struct PlayResult {
   PlayPlan plan;
   std::vector<TrackingFigures> repetitions;
   TrackingFigures last;
-  std::vector<LearningTerm::Lesson> lessons;  ///< results of the repetitions to learn from
-  ForceTable learned;                         ///< empty without learning
-  Tuning tuning;                              ///< tuning at the end, as requested
+  std::vector<Lesson> lessons;  ///< results of the repetitions to learn from
+  ForceTable learned;           ///< empty without learning
+  Tuning tuning;                ///< tuning at the end, as requested
 
   /// Returns the gains in force at the end. They are softer than `tuning.gains` after a vibration.
   [[nodiscard]] PdGains gains_in_force() const {
@@ -93,10 +85,6 @@ struct PlayResult {
 
 /// Returns the path of a playback, for a view. Throws what PathSource::read throws.
 FollowedPath followed_path(const TrajectoryPieces& pieces);
-
-/// The controller that play() runs, for sessions of another kind. It does not learn: what of `options` is learned is
-/// what was learned before.
-PlaybackController playback_controller(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options);
 
 /// Plays `plan` on `device`. A thread of the session reads the path meanwhile.
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,

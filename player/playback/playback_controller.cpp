@@ -17,25 +17,7 @@ namespace {
 constexpr double kPauseTime = 0.1;  // time in which the reference stops or resumes its speed [s]
 constexpr double kLongestStep = 5;  // largest step of the path's time [ticks]
 
-constexpr EnumNames<DeviationPolicy, 3> kPolicies{"deviation policy", {"stop", "pause", "soften"}};
-
 }  // namespace
-
-DeviationPolicy parse_deviation_policy(std::string_view name) {
-  return kPolicies.parse(name);
-}
-
-const char* to_string(DeviationPolicy policy) noexcept {
-  return kPolicies.name(policy);
-}
-
-void validate(const PlaybackOptions& options) {
-  check_range("the speed factor", options.speed, 0.001, 100);
-  check_range("the number of repetitions", options.repetitions, 0, 1e6);
-  check_range("the hold time", options.hold, 0, 3600, "s");
-  check_range("the approach speed", options.approach_speed, 1e-3, 2, "m/s");
-  check_range("the deviation limit", options.max_deviation, 1e-5, 10, "m");
-}
 
 PlaybackController::PlaybackController(ReferenceStream path, ForceTerms terms, const Tuning& tuning,
                                        const PlaybackOptions& options, Mailbox<Tuning>* changes)

@@ -7,6 +7,7 @@
 #include "control/limits.h"
 #include "control/pd.h"
 #include "player/playback/orientation_follower.h"
+#include "player/playback/playback_options.h"
 #include "player/playback/reference_stream.h"
 #include "player/playback/tracking_guard.h"
 #include "player/repetition_phases.h"
@@ -19,32 +20,9 @@
 
 namespace haptrace {
 
-/// Reaction of a playback when the hand is farther from the reference than allowed.
-enum class DeviationPolicy {
-  stop,    ///< the session ends and the force fades
-  pause,   ///< the reference waits, also during the approach, until the hand is back within half the limit
-  soften,  ///< the reference continues; the force grows no further than at the limit
-};
-
-DeviationPolicy parse_deviation_policy(std::string_view name);  ///< throws Error(input)
-const char* to_string(DeviationPolicy policy) noexcept;
-
-struct PlaybackOptions {
-  double speed = 1;             ///< speed relative to the path's own time
-  int repetitions = 1;          ///< 0: until stopped
-  double hold = 0.5;            ///< pause at the end of every repetition [s]
-  double approach_speed = 0.1;  ///< peak speed of the movement to the start [m/s]
-  double max_deviation = 0.03;  ///< largest distance from the reference [m]
-  DeviationPolicy on_deviation = DeviationPolicy::stop;
-  double rate_hz = 1000;                       ///< rate of the servo loop [Hz]
-  /// Largest feedback force while the session is softened, as a multiple of the share that is left [N]; 0: no limit. The
-  /// deviation grows as the gains fall, so the gains alone would not soften the force.
-  double softened_force = 0;
-  std::array<bool, 3> axes{true, true, true};  ///< axes that the device can drive; the others have no reference
-};
-
-/// Throws Error(input) that names the option that is out of range.
-void validate(const PlaybackOptions& options);
+struct DeviceInfo;
+struct PlayOptions;
+struct PlayPlan;
 
 /// Follows a trajectory with the sum of its terms: F = sum_i term_i(x, x_d). Except during the approach to its start,
 /// the reference has a time on the path.
@@ -67,7 +45,7 @@ class PlaybackController final : public Controller {
   void guard(const TrackingGuard::Options& options) { guard_.emplace(options); }
 
   /// From now on the tool is turned along the path's orientations as well. Before start.
-  void turn(const OrientationFollower::Options& options) { orientation_.emplace(options); }
+  void turn(const OrientationOptions& options) { orientation_.emplace(options); }
 
   /// Obeys the requests that arrive in `requests`, which must outlive the controller: while a pause lasts, the
   /// reference stands still. Before start.
@@ -125,5 +103,9 @@ class PlaybackController final : public Controller {
   RequestFollower requests_;
   bool skips_ = false;  ///< the reference comes to rest, and the repetition ends
 };
+
+/// The controller that play() runs, for sessions of another kind. It does not learn: what of `options` is learned is
+/// what was learned before.
+PlaybackController playback_controller(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options);
 
 }  // namespace haptrace

@@ -3,24 +3,12 @@
 
 #include "control/ripple.h"
 #include "control/sample.h"
+#include "player/playback/tracking_figures.h"
 
-#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <vector>
 
 namespace haptrace {
-
-/// Metrics of one repetition, over phase run.
-struct TrackingFigures {
-  std::uint64_t samples = 0;
-  double duration = 0;               ///< without the time during which the device was away or returned to its place [s]
-  double rms_error = 0;              ///< 3-D distance to the reference at the same instant [m]
-  double peak_error = 0;             ///< [m]
-  double force_ripple = 0;           ///< sent force above 25 Hz, rms [N]
-  double max_force = 0;              ///< largest magnitude sent [N]
-  double rms_rotation_error = kNaN;  ///< rms angle to the reference orientation [rad]; NaN without one
-  double peak_rotation_error = kNaN;  ///< [rad]
-};
 
 /// Accumulates metrics per repetition. The filter of the force ripple runs in every phase, so that it has settled when
 /// phase run begins.
@@ -54,7 +42,5 @@ class TrackingMetrics final : public SampleSink {
   std::optional<std::int64_t> last_ns_;  ///< time of the last counted sample, unless a gap followed
   Ripple ripple_;
 };
-
-nlohmann::json to_json(const TrackingFigures& figures);
 
 }  // namespace haptrace

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/rfc3339.h"
+#include "control/event_words.h"
 #include "control/norm.h"
 #include "control/path/min_jerk.h"
 #include "devices/sim/sim_device.h"
@@ -482,7 +483,7 @@ class ProgrammeRun {
                           {"viscosity", exercise.viscosity}};
     if (cursor) config.update({{"speed", settings.pace}, {"wait", exercise.wait}});
     if (exercise.mode == ExerciseMode::assisted) {
-      options.pace = PaceHelp::Options{.pace = settings.pace, .max_force = assistance * exercise.assist_force};
+      options.pace = PaceHelpOptions{.pace = settings.pace, .max_force = assistance * exercise.assist_force};
       config.update({{"pace", settings.pace}, {"pace-force", options.pace->max_force}});
     }
     if (exercise.mode == ExerciseMode::resist) {

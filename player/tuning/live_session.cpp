@@ -4,6 +4,7 @@
 #include "base/number.h"
 #include "base/printable.h"
 #include "base/suggest.h"
+#include "control/event_words.h"
 
 #include <algorithm>
 #include <cmath>

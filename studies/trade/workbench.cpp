@@ -3,9 +3,13 @@
 #include "base/error.h"
 #include "base/statistics.h"
 #include "control/oscillation_count.h"
+#include "control/velocity_estimator.h"
+#include "devices/loop/servo_loop.h"
 #include "formats/recording/recording_stream.h"
 #include "formats/recording/storage_report.h"
 #include "player/device_path.h"
+#include "player/playback/playback_controller.h"
+#include "player/playback/reference_stream.h"
 #include "studies/trade/instruction_count.h"
 
 #include <algorithm>
@@ -203,8 +207,8 @@ Workbench::Workbench(Workplace place) : place_(std::move(place)) {
   place_.play.session.clock = ClockChoice::virtual_time;
   place_.play.session.recording.reset();
   const PlayPlan plan = plan_playback(info_, place_.path, place_.play);
-  exact_ = plan.path.first()->trajectory;
-  if (plan.path.count() > 1) {
+  exact_ = plan.path->first()->trajectory;
+  if (plan.path->count() > 1) {
     const TrajectoryPieces whole(
         path_for(info_, place_.path, place_.play.fit).source, Interpolation::cubic,
         {.undivided = std::numeric_limits<std::uint64_t>::max(), .smoothing = place_.play.smoothing});
@@ -378,7 +382,7 @@ double Workbench::count_ticks(const Configuration& configuration) const {
   const PlayOptions options = tick_options(configuration);
   PlayPlan plan = plan_playback(info_, place_.path, options);
   // A path of several pieces needs its reading thread, which a copy of this process would not have.
-  if (plan.path.count() > 1) return kNaN;
+  if (plan.path->count() > 1) return kNaN;
   const auto device = place_.open(place_.seed);
   const Rehearsal session(*device, std::move(plan), options, duration());
   if (session.ticks_of_the_path() < 2 * kCountedTicks) return kNaN;

@@ -1,4 +1,5 @@
 // Duration of an exchange with a Falcon over USB, with an emulated chip at the other end (tests/bench/falcon_usb).
+#include "control/velocity_estimator.h"
 #include "devices/falcon/driver.h"
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"

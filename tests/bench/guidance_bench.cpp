@@ -24,7 +24,7 @@ void guidance_tick(benchmark::State& bench) {
   terms.push_back(std::make_unique<TunnelWall>(TunnelWall::Options{}));
   terms.push_back(std::make_unique<WallDamping>(3, 1e-3));
   terms.push_back(std::make_unique<ExpertForce>(1));
-  terms.push_back(std::make_unique<PaceHelp>(PaceHelp::Options{}));
+  terms.push_back(std::make_unique<PaceHelp>(PaceHelpOptions{}));
   terms.push_back(std::make_unique<Viscosity>(1));
   Guidance guidance(std::move(terms), {});
   PathProjection projection(path, {});

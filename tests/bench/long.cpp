@@ -2,7 +2,9 @@
 //   haptrace_long FILE.h5 [ROWS]
 #include "devices/registry.h"
 #include "formats/path/path_file.h"
+#include "formats/recording/recording_summary.h"
 #include "player/playback/playback.h"
+#include "player/playback/reference_stream.h"
 
 #include <algorithm>
 #include <chrono>
@@ -80,7 +82,7 @@ int main(int argc, char** argv) {
   const auto device = open_device("sim:preset=omega3");
   const auto begin_at = [&](double from, double seconds) {
     const PlayPlan plan = plan_playback(device->info(), open_path(file, {.from = from}), {});
-    ReferenceStream stream(plan.path, {});
+    ReferenceStream stream(*plan.path, {});
     Reference reference;
     for (double t = 0; t <= seconds; t += 1e-3) {
       stream.wait(t);

@@ -1,11 +1,16 @@
 // Sessions for the benchmarks.
 #pragma once
 
+#include "base/mailbox.h"
 #include "control/feedforward.h"
+#include "control/iterative_learning.h"
 #include "control/observer_pd.h"
 #include "control/path/shapes.h"
 #include "devices/loop/servo_loop.h"
+#include "formats/path/path_source.h"
 #include "player/playback/playback.h"
+#include "player/playback/playback_controller.h"
+#include "player/playback/reference_stream.h"
 #include "player/record.h"
 
 #include <memory>

@@ -6,7 +6,10 @@
 // a playback: gravity, friction, inertia, learned, observer, guard, tuning, orientation, interpolation=NAME. Parts of
 // guidance: wall-damping, expert-force, pace-help, viscosity, resistance, amplification.
 #include "control/guidance.h"
+#include "control/velocity_estimator.h"
 #include "player/guidance/guidance_controller.h"
+#include "player/playback/tracking_metrics.h"
+#include "player/record_controllers.h"
 #include "recorder/recorder.h"
 #include "tests/bench/session.h"
 
@@ -75,7 +78,7 @@ GuidanceController guided(const Parts& parts) {
   terms.push_back(std::make_unique<TunnelWall>(TunnelWall::Options{}));
   if (parts.has("wall-damping")) terms.push_back(std::make_unique<WallDamping>(3, 1e-3));
   if (parts.has("expert-force")) terms.push_back(std::make_unique<ExpertForce>(1));
-  if (parts.has("pace-help")) terms.push_back(std::make_unique<PaceHelp>(PaceHelp::Options{}));
+  if (parts.has("pace-help")) terms.push_back(std::make_unique<PaceHelp>(PaceHelpOptions{}));
   if (parts.has("viscosity")) terms.push_back(std::make_unique<Viscosity>(1));
   if (parts.has("resistance")) terms.push_back(std::make_unique<Resistance>(1));
   if (parts.has("amplification")) terms.push_back(std::make_unique<ErrorAmplification>(100, 1));

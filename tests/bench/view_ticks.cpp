@@ -3,6 +3,7 @@
 //   haptrace_view_ticks [PAIRS [SECONDS]]      default 10 pairs of 20 s
 #include "devices/registry.h"
 #include "player/record.h"
+#include "player/record_controllers.h"
 #include "tests/view/page_client.h"
 #include "view/live_view.h"
 

@@ -1,5 +1,6 @@
 // Tests of recording in experiments: triggers, trials, marks, metadata, parts, and the recording of a killed session.
 #include "formats/recording/recording.h"
+#include "formats/recording/recording_summary.h"
 #include "tests/cli/command.h"
 #include "tests/cli/live_recording.h"
 

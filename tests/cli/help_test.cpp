@@ -1,4 +1,5 @@
 // Tests of help pages, and of the completions and manual pages made from the same options.
+#include "control/event_words.h"
 #include "tests/cli/command.h"
 
 #include <filesystem>

@@ -48,7 +48,7 @@ GuideTerms damped_walls(double stiffness) {
 GuideTerms everything(double stiffness = 1000) {
   GuideTerms terms = damped_walls(stiffness);
   terms.push_back(std::make_unique<ExpertForce>(1));
-  terms.push_back(std::make_unique<PaceHelp>(PaceHelp::Options{}));
+  terms.push_back(std::make_unique<PaceHelp>(PaceHelpOptions{}));
   terms.push_back(std::make_unique<Resistance>(1));
   terms.push_back(std::make_unique<Viscosity>(0.5));
   terms.push_back(std::make_unique<ErrorAmplification>(100, 0.5));
@@ -158,7 +158,7 @@ TEST(Guidance, LetsAFaithfulTraineeFeelTheExpertAlone) {
   Guidance guidance(everything(), {});
   GuideTerms walls_and_force = walls();
   walls_and_force.push_back(std::make_unique<ExpertForce>(1));
-  walls_and_force.push_back(std::make_unique<PaceHelp>(PaceHelp::Options{}));
+  walls_and_force.push_back(std::make_unique<PaceHelp>(PaceHelpOptions{}));
   Guidance plain(std::move(walls_and_force), {});
   PathProjection projection(path, {});
   for (int i = 0; i < 1900; ++i) {

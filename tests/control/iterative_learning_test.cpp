@@ -17,7 +17,7 @@ using test::DelayedMass;
 using test::kNone;
 using test::kPeriod;
 using test::late_plant;
-using Learned = IterativeLearning::Outcome;
+using Learned = LearningOutcome;
 
 constexpr double kDuration = 2;  // duration of the path [s]
 

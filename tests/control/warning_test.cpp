@@ -1,5 +1,8 @@
 #include "control/warning.h"
 
+#include "control/event_words.h"
+#include "control/sample.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <set>

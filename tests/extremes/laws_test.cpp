@@ -161,7 +161,7 @@ TEST(Laws, WithstandWallsUpToABillionAndForcesOfAnyScaleInGuidance) {
             std::make_unique<TunnelWall>(TunnelWall::Options{.stiffness = stiffness, .onset = onset, .max_force = 5}));
         terms.push_back(std::make_unique<WallDamping>(1e3, onset));
         terms.push_back(std::make_unique<ExpertForce>(scale));
-        terms.push_back(std::make_unique<PaceHelp>(PaceHelp::Options{.pace = 100}));
+        terms.push_back(std::make_unique<PaceHelp>(PaceHelpOptions{.pace = 100}));
         terms.push_back(std::make_unique<ErrorAmplification>(1e4, 100));
         Guidance guidance(std::move(terms), {});
         PathProjection projection(path, {.allow_back = true});

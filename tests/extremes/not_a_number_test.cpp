@@ -366,9 +366,8 @@ TEST(NotANumber, IsRefusedWhereverANumberIsGiven) {
       limits.*field = bad;
       EXPECT_TRUE(refused([&] { validate(limits); }));
     }
-    for (const auto field :
-         {&ServoLoop::Options::rate_hz, &ServoLoop::Options::ready_timeout, &ServoLoop::Options::away_timeout}) {
-      ServoLoop::Options options{.virtual_time = true};
+    for (const auto field : {&ServoOptions::rate_hz, &ServoOptions::ready_timeout, &ServoOptions::away_timeout}) {
+      ServoOptions options{.virtual_time = true};
       options.*field = bad;
       EXPECT_TRUE(refused([&] { ServoLoop::validate(info, options); }));
     }

@@ -54,7 +54,7 @@ void expect_guidance(const Path& path) {
     GuideTerms terms;
     terms.push_back(std::make_unique<TunnelWall>(TunnelWall::Options{}));
     terms.push_back(std::make_unique<ExpertForce>(1));
-    terms.push_back(std::make_unique<PaceHelp>(PaceHelp::Options{}));
+    terms.push_back(std::make_unique<PaceHelp>(PaceHelpOptions{}));
     GuidanceController controller(
         arc, Guidance(std::move(terms), {}), cautious_gains(10, 1000),
         {.cursor = cursor, .hold = 0, .approach_speed = 2, .time_limit = 1, .max_deviation = 10});

@@ -3,6 +3,7 @@
 
 #include "control/design/tracking_design.h"
 #include "control/path/shapes.h"
+#include "control/velocity_estimator.h"
 #include "devices/loop/servo_loop.h"
 #include "devices/sim/noise.h"
 #include "devices/sim/presets.h"
@@ -58,7 +59,7 @@ class Watched final : public Device {
 };
 
 /// Runs one session in virtual time and expects safe forces and finite rows.
-inline ServoReport run(Watched& device, Controller& controller, Log& log, ServoLoop::Options options = {},
+inline ServoReport run(Watched& device, Controller& controller, Log& log, ServoOptions options = {},
                        const std::string& estimator = "lowpass") {
   options.virtual_time = true;
   const auto velocity = make_velocity_estimator(estimator, options.rate_hz, device.info().position_resolution);

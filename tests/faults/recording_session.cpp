@@ -6,6 +6,7 @@
 // Row i has the position x = 1e-6 |i mod 100000 - 50000| m.
 #include "player/playback/playback.h"
 #include "player/record.h"
+#include "player/record_controllers.h"
 
 #include <csignal>
 #include <cstdio>
@@ -76,7 +77,7 @@ int run(const std::string& file, const std::map<std::string, std::string>& given
   SessionOptions options;
   options.loop.rate_hz = number("rate", "1000");
   options.clock = parse_clock(text("clock", "virtual"));
-  Recorder::Options recorder;
+  RecorderOptions recorder;
   recorder.ring_seconds = number("ring", "8");
   recorder.flush_period = number("flush", "0.1");
   recorder.sync_period = number("sync", "0");

@@ -1,8 +1,11 @@
 // Tests of the guard against vibration in sessions on simulated devices, in virtual time. The guard detects loops that
 // vibrate by themselves, and calms or ends them in time. It does not react to hands. docs/monitor.md has the statistics
 // of many more cases.
+#include "control/force_guard.h"
+
 #include "control/filters.h"
 #include "control/path/shapes.h"
+#include "control/velocity_estimator.h"
 #include "devices/loop/servo_loop.h"
 #include "devices/sim/sim_device.h"
 #include "player/playback/playback.h"

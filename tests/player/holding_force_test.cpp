@@ -1,4 +1,5 @@
 // Tests of forces against a hand that does not yield: on the approach, along the path and at its end.
+#include "control/limits.h"
 #include "control/path/shapes.h"
 #include "control/resistance_timer.h"
 #include "devices/registry.h"

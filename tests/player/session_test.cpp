@@ -1,9 +1,13 @@
 #include "control/path/shapes.h"
+#include "control/pd.h"
 #include "devices/registry.h"
 #include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
 #include "player/playback/playback.h"
+#include "player/playback/playback_controller.h"
+#include "player/playback/reference_stream.h"
 #include "player/record.h"
+#include "player/record_controllers.h"
 #include "tests/player/calibration/identified_device.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
@@ -139,7 +143,7 @@ TEST(Session, RefusesAPathOutsideTheWorkspaceBeforeAnyForceAndSaysHowFar) {
   options.fit = true;
   const PlayPlan plan = plan_playback(device.info(), far, options);
   ASSERT_TRUE(plan.fit);
-  const Box played = plan.path.source().facts().bounds;
+  const Box played = plan.path->source().facts().bounds;
   EXPECT_LE(played.max.maxCoeff(), 0.2);
   EXPECT_GE(played.min.minCoeff(), -0.2);
 }
@@ -239,8 +243,8 @@ TEST(Session, RestartsTheLoadEstimateAndLearnsNothingFromARepetitionWithAGap) {
   ASSERT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
   EXPECT_EQ(result.session.servo.returns, 1U);
   ASSERT_EQ(result.lessons.size(), 2U);
-  EXPECT_EQ(result.lessons[0].outcome, IterativeLearning::Outcome::skipped);
-  EXPECT_EQ(result.lessons[1].outcome, IterativeLearning::Outcome::learned);
+  EXPECT_EQ(result.lessons[0].outcome, LearningOutcome::skipped);
+  EXPECT_EQ(result.lessons[1].outcome, LearningOutcome::learned);
   EXPECT_LT(result.repetitions[2].rms_error, 0.7 * result.repetitions[1].rms_error);
   // The gap raises no alarm about the hand and causes no larger steps of the force.
   EXPECT_FALSE(log.has(EventCode::hand_let_go));
@@ -350,7 +354,7 @@ TEST(Session, StopsInEveryPhaseWhenAsked) {
 
     ForceTerms terms;
     terms.push_back(std::make_unique<PdLaw>());
-    PlaybackController controller(ReferenceStream(plan.path, {}), std::move(terms), plan.tuning, options.playback);
+    PlaybackController controller(ReferenceStream(*plan.path, {}), std::move(terms), plan.tuning, options.playback);
     SampleSink* const sinks[] = {&raiser};
     const SessionResult result = run_session(device, controller, {.reference = true}, sinks, options.session, stop);
     EXPECT_EQ(result.servo.cause, StopCause::interrupted) << at;
@@ -398,11 +402,11 @@ TEST(Session, ShowsItsObserverThePathEverySampleAndTheResult) {
   // The path as it is played, from its start to its end.
   ASSERT_GT(observed.followed.time.size(), 100U);
   EXPECT_EQ(observed.followed.time.front(), 0);
-  EXPECT_NEAR(observed.followed.time.back(), plan.path.duration(), 1e-12);
+  EXPECT_NEAR(observed.followed.time.back(), plan.path->duration(), 1e-12);
   EXPECT_TRUE(observed.followed.radius.empty());
   const Path square = make_shape("square", {.size = 0.04, .duration = 2});
   for (std::size_t i = 0; i < observed.followed.time.size(); i += 37) {
-    const Reference reference = plan.path.first()->trajectory.sample(observed.followed.time[i]);
+    const Reference reference = plan.path->first()->trajectory.sample(observed.followed.time[i]);
     ASSERT_LE((observed.followed.position[i] - reference.position).norm(), 1e-12);
   }
   EXPECT_LE((observed.followed.position.back() - square.position.back()).norm(), 1e-3);

@@ -1,6 +1,7 @@
 #include "recorder/recorder.h"
 
 #include "base/error.h"
+#include "recorder/annotations.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 #include "tests/support/temp_folder.h"
@@ -185,7 +186,7 @@ TEST(Recorder, ContinuesInFurtherFilesAtALimitOnTheirSize) {
   }
   recorder.finish();
   setrlimit(RLIMIT_FSIZE, &before);
-  const Recorder::Status status = recorder.status();
+  const RecorderStatus status = recorder.status();
   EXPECT_FALSE(status.failed);
   EXPECT_EQ(status.lost, 0U);
   EXPECT_EQ(status.written, 100'000U);
@@ -385,7 +386,7 @@ TEST(Recorder, ReportsTheRemainingTimeOfTheDiskAndTheTimeWithoutAnAnswer) {
 
 TEST(Recorder, RejectsInvalidOptions) {
   const TempFolder folder;
-  const auto refuses = [&](const Recorder::Options& options, const RecordingHeader& header, const char* part) {
+  const auto refuses = [&](const RecorderOptions& options, const RecordingHeader& header, const char* part) {
     EXPECT_THAT(test::error_of([&] { Recorder(folder / "a.h5", header, {}, options); }), HasSubstr(part));
   };
   refuses({.sync_period = -1}, {}, "--sync is -1 s");

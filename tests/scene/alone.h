@@ -2,7 +2,9 @@
 #pragma once
 
 #include "base/json_reader.h"
+#include "scene/scene.h"
 #include "scene/scene_file.h"
+#include "scene/touch.h"
 
 #include <string>
 

@@ -1,8 +1,14 @@
 // Scene files, scenes, and sessions in which a hand touches a scene.
+#include "scene/scene.h"
+
 #include "base/json_reader.h"
 #include "formats/recording/recording.h"
 #include "player/record.h"
+#include "player/record_controllers.h"
+#include "scene/knob.h"
+#include "scene/scene_controller.h"
 #include "scene/scene_file.h"
+#include "scene/touch.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"

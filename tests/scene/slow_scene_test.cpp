@@ -6,6 +6,8 @@
 #include "devices/registry.h"
 #include "formats/path/path_file.h"
 #include "player/record.h"
+#include "player/record_controllers.h"
+#include "scene/scene_controller.h"
 #include "scene/scene_file.h"
 #include "scene/surface/elastic.h"
 #include "tests/support/allocations.h"

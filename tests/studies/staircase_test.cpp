@@ -1,7 +1,9 @@
 #include "studies/staircase.h"
 
+#include "control/passivity_layer.h"
 #include "devices/sim/sim_device.h"
 #include "player/record.h"
+#include "player/record_controllers.h"
 #include "scene/scene_file.h"
 #include "tests/support/errors.h"
 

@@ -46,7 +46,7 @@ TEST(ViewProtocol, RowsTravelAsPlanesAfterAHeaderOf32Bytes) {
 }
 
 TEST(ViewProtocol, ALongPathIsThinnedEvenlyByArcLengthAndKeepsItsEnds) {
-  ViewPath path;
+  FollowedPath path;
   constexpr int kPoints = 50'000;
   for (int i = 0; i < kPoints; ++i) {
     const double angle = 2 * std::numbers::pi * i * i / (1.0 * kPoints * kPoints);  // faster and faster
@@ -68,7 +68,8 @@ TEST(ViewProtocol, ALongPathIsThinnedEvenlyByArcLengthAndKeepsItsEnds) {
 }
 
 TEST(ViewProtocol, APathWithoutTunnelHasNoRadius) {
-  const BinaryMessage message = sent(frame_of(ViewPath{{0, 1}, {Vec3(0, 0, 0), Vec3(0, 0, 2)}, {}}));
+  const BinaryMessage message =
+      sent(frame_of(FollowedPath{.time = {0, 1}, .position = {Vec3(0, 0, 0), Vec3(0, 0, 2)}}));
   EXPECT_TRUE(std::isnan(message.plane(4)[0]));
   EXPECT_THAT(message.plane(5), testing::ElementsAre(0, 2));
 }

@@ -1,4 +1,5 @@
 // Tests of the Novint Falcon through an unmodified libusb, with an emulated chip.
+#include "control/velocity_estimator.h"
 #include "devices/falcon/firmware.h"
 #include "devices/falcon/usb_link.h"
 #include "devices/loop/recovering_device.h"
@@ -180,7 +181,7 @@ class Shaking final : public Controller {
 };
 
 ServoReport run_session(Device& device, Controller& controller, double away_timeout = 0) {
-  ServoLoop::Options options{.realtime = false, .away_timeout = away_timeout};
+  ServoOptions options{.realtime = false, .away_timeout = away_timeout};
   options.limits.soft_start = 0.02;
   options.limits.release = 0.02;
   const auto estimator = make_velocity_estimator("lowpass", 1000, 0);

@@ -1,6 +1,7 @@
 #include "devices/loop/recovering_device.h"
 
 #include "base/error.h"
+#include "control/velocity_estimator.h"
 #include "devices/loop/servo_loop.h"
 #include "tests/devices/support.h"
 #include "tests/support/allocations.h"

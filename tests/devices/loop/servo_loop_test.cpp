@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "control/pd.h"
 #include "control/resistance_timer.h"
+#include "control/velocity_estimator.h"
 #include "devices/loop/clock.h"
 #include "devices/rest_watch.h"
 #include "tests/support/allocations.h"
@@ -43,7 +44,7 @@ struct Outcome {
   Log log;
 };
 
-Outcome run(Device& device, Controller& controller, ServoLoop::Options options, const StopRequest& stop = {}) {
+Outcome run(Device& device, Controller& controller, ServoOptions options, const StopRequest& stop = {}) {
   Outcome result;
   SampleSink* const sinks[] = {&result.log};
   const auto estimator = make_velocity_estimator("difference", 1000, 0);
@@ -51,7 +52,7 @@ Outcome run(Device& device, Controller& controller, ServoLoop::Options options, 
   return result;
 }
 
-constexpr ServoLoop::Options kVirtual{.virtual_time = true};
+constexpr ServoOptions kVirtual{.virtual_time = true};
 
 TEST(ServoLoop, TicksAtItsRateInWholeNanoseconds) {
   for (const double rate : {10.0, 250.0, 1000.0, 3000.0, 20000.0}) {
@@ -494,7 +495,7 @@ TEST(ServoLoop, LimitsForcesByTheirDurationAtAnyTickTimes) {
     PointMass device(1000);
     Scripted controller = demand(3);
     SlowClock clock(periods);
-    ServoLoop::Options options{.virtual_time = true, .clock = &clock};
+    ServoOptions options{.virtual_time = true, .clock = &clock};
     options.limits = {.max_continuous_force = 3, .soft_start = 0};
     const Outcome result = run(device, controller, options);
     const auto& rows = result.log.samples;
@@ -699,7 +700,7 @@ TEST(ServoLoop, BoundsTheKickAfterAJumpOfThePositionThatTheSpeedLimitLetsPass) {
     Log log;
     SampleSink* const sinks[] = {&log};
     const auto estimator = make_velocity_estimator("lowpass:100", 1000, 0);
-    ServoLoop::Options options = kVirtual;
+    ServoOptions options = kVirtual;
     options.limits = {.max_velocity = 1.5};
     const ServoReport report = ServoLoop(device, controller, *estimator, sinks, options).run({});
     double speed = 0, force = 0, later = 0;
@@ -802,7 +803,7 @@ class Resuming final : public Controller {
   std::uint64_t last_;
 };
 
-constexpr ServoLoop::Options kPatient{.virtual_time = true, .away_timeout = 1};
+constexpr ServoOptions kPatient{.virtual_time = true, .away_timeout = 1};
 const PointMass::Faults kGap{.away_from = 601, .away_until = 801, .moved_while_away = Vec3(0.05, 0, 0)};
 
 TEST(ServoLoop, LeavesAGapInTheSamplesButNotInTimeWhileTheDeviceIsAway) {
@@ -830,7 +831,7 @@ TEST(ServoLoop, LeavesAGapInTheSamplesButNotInTimeWhileTheDeviceIsAway) {
 TEST(ServoLoop, ComesBackToADeviceWithZeroForceAndFadesIn) {
   PointMass device(0.5, 20, kGap);
   Resuming controller(1500);
-  ServoLoop::Options options = kPatient;
+  ServoOptions options = kPatient;
   options.limits = {.max_velocity = 1, .soft_start = 0.1};
   const Outcome result = run(device, controller, options);
   EXPECT_EQ(result.report.cause, StopCause::finished) << "the jump of the position is no speed";
@@ -857,7 +858,7 @@ TEST(ServoLoop, ComesBackToADeviceWithZeroForceAndFadesIn) {
 TEST(ServoLoop, DoesNotAssumeThatMotorsCooledWhileTheDeviceWasAway) {
   PointMass device(1000, 0, {.away_from = 4001, .away_until = 9001});
   Resuming controller(11000);
-  ServoLoop::Options options{.virtual_time = true, .away_timeout = 10};
+  ServoOptions options{.virtual_time = true, .away_timeout = 10};
   options.limits = {.max_continuous_force = 1, .continuous_time = 2};
   const Outcome result = run(device, controller, options);
   const auto& rows = result.log.samples;
@@ -1091,7 +1092,7 @@ TEST(ServoLoop, EstimatesNoSpeedFromASilenceAndFadesItsForce) {
   Gliding device([](std::uint64_t call) { return call < 601 || call >= 691; });
   device.velocity.x() = 0.1;
   Resuming controller(1500);
-  ServoLoop::Options options = kVirtual;
+  ServoOptions options = kVirtual;
   options.limits = {.max_velocity = 0.2, .soft_start = 0.1};
   const Outcome result = run(device, controller, options);
   EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
@@ -1148,7 +1149,7 @@ TEST(ServoLoop, EndsOrWaitsWhenADeviceStaysSilent) {
   for (const double patience : {0.0, 1.0}) {
     Gliding device([](std::uint64_t call) { return call < 601; });
     Resuming controller(5000);
-    ServoLoop::Options options = kVirtual;
+    ServoOptions options = kVirtual;
     options.away_timeout = patience;
     const Outcome result = run(device, controller, options);
     EXPECT_EQ(result.report.cause, StopCause::device_lost);
@@ -1197,7 +1198,7 @@ TEST(ServoLoop, RestartsAfterATimeWithoutTicks) {
   device.velocity.x() = 0.025;  // 25 mm during the stop
   Stalling clock(600'000'000);
   Resuming controller(2500);
-  ServoLoop::Options options = kVirtual;
+  ServoOptions options = kVirtual;
   options.clock = &clock;
   options.limits = {.max_velocity = 0.05, .soft_start = 0.1};
   const Outcome result = run(device, controller, options);
@@ -1258,7 +1259,7 @@ TEST(ServoLoop, EstimatesNoFalseSpeedFromALongExchange) {
       SCOPED_TRACE(testing::Message() << takes_ns << at_end);
       Blocking device(takes_ns, at_end);
       Resuming controller(600);
-      ServoLoop::Options options = kVirtual;
+      ServoOptions options = kVirtual;
       options.clock = &device;
       const Outcome result = run(device, controller, options);
       ASSERT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
@@ -1272,7 +1273,7 @@ TEST(ServoLoop, EstimatesNoFalseSpeedFromALongExchange) {
 TEST(ServoLoop, RestartsAfterATooLongExchangeAndReportsTheForceThatTheMotorsKept) {
   Blocking device(100'000'000, true);
   Resuming controller(1000);
-  ServoLoop::Options options = kVirtual;
+  ServoOptions options = kVirtual;
   options.clock = &device;
   options.limits = {.max_velocity = 0.3, .soft_start = 0.1};
   const Outcome result = run(device, controller, options);
@@ -1292,7 +1293,7 @@ TEST(ServoLoop, KeepsTheZeroForceThatATimeWithoutTicksEndsAFadeWith) {
   Gliding device([](std::uint64_t) { return true; });
   Stalling clock(600'000'000);
   Resuming controller(500);
-  ServoLoop::Options options = kVirtual;
+  ServoOptions options = kVirtual;
   options.clock = &clock;
   options.limits = {.release = 1};
   const Outcome result = run(device, controller, options);
@@ -1310,7 +1311,7 @@ TEST(ServoLoop, DoesNotLoseADeviceWhoseNewestStateIsFromBeforeATimeWithoutTicks)
   Gliding device([](std::uint64_t call) { return call < 601 || call >= 604; });
   Stalling clock(600'000'000);
   Resuming controller(2500);
-  ServoLoop::Options options = kVirtual;
+  ServoOptions options = kVirtual;
   options.clock = &clock;
   const Outcome result = run(device, controller, options);
   EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
@@ -1323,7 +1324,7 @@ TEST(ServoLoop, StaysLostWithTheDeviceThatRepeatsItsState) {
   // A device that comes back but repeats the same sample has not returned.
   Gliding device([](std::uint64_t call) { return call < 601 || call >= 1300; });
   Resuming controller(2500);
-  ServoLoop::Options options = kVirtual;
+  ServoOptions options = kVirtual;
   options.away_timeout = 2;
   const Outcome result = run(device, controller, options);
   EXPECT_EQ(result.report.cause, StopCause::finished) << result.report.detail;
@@ -1337,7 +1338,7 @@ TEST(ServoLoop, LeavesNoForceToAReleaseThatATimeWithoutTicksInterrupted) {
   PointMass device(0.5, 20);
   Stalling clock(600'000'000);
   Resuming controller(550);
-  ServoLoop::Options options = kVirtual;
+  ServoOptions options = kVirtual;
   options.clock = &clock;
   options.limits = {.release = 0.25};
   const Outcome result = run(device, controller, options);
@@ -1393,7 +1394,7 @@ TEST(ServoLoop, DoesNotAskTheControllerAboutAStateThatStopsTheSession) {
         Stop{{.ready_until = 601}, EventCode::device_not_ready}}) {
     PointMass device(0.5, 20, stop.faults);
     Resuming controller(1500);
-    ServoLoop::Options options = kVirtual;
+    ServoOptions options = kVirtual;
     options.limits = {.max_velocity = 5};
     const Outcome result = run(device, controller, options);
     EXPECT_TRUE(result.report.stopped_by_fault());
@@ -1413,7 +1414,7 @@ TEST(ServoLoop, ReportsItsFirstReasonToStopOnceEvenIfOthersFollow) {
       if (state.tick >= 500) command.event = Event{.code = EventCode::deviation_limit, .values = {0.05, 0.03, kNaN}};
       return command;
     });
-    ServoLoop::Options options = kVirtual;
+    ServoOptions options = kVirtual;
     options.limits = {.max_velocity = 5};
     const Outcome result = run(device, controller, options);
     EXPECT_EQ(result.report.cause, StopCause::deviation) << to_string(result.report.cause);

@@ -1,6 +1,7 @@
 // Common parts of the tests of serial devices.
 #pragma once
 
+#include "devices/device_spec.h"
 #include "devices/hapkit/emulated_hapkit.h"
 #include "devices/hapkit/hapkit.h"
 #include "devices/haply/emulated_two_diy.h"

@@ -2,6 +2,7 @@
 
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
+#include "player/calibration/calibration_plan.h"
 #include "studies/ensemble_draw.h"
 #include "tests/support/allocations.h"
 #include "tests/support/blind_device.h"

@@ -1,10 +1,14 @@
 // Tests of guidance on the simulated device, held by hands with their own intent.
 #include "player/guidance/guide.h"
 
+#include "control/guidance.h"
+#include "control/path/arc_path.h"
 #include "control/path/shapes.h"
+#include "control/pd.h"
 #include "devices/registry.h"
 #include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
+#include "player/guidance/guidance_controller.h"
 #include "studies/guidance_draw.h"
 #include "tests/player/calibration/identified_device.h"
 #include "tests/support/allocations.h"
@@ -113,7 +117,7 @@ TEST(Guide, LetsATraineeWhoFollowsAtTheExpertsPaceFeelNoWallAndNoHelp) {
     const double length = plan_guidance(test::PointMass().info(), source(recording), {}).path->length();
     double most = 0;
     int samples = 0;
-    felt(folder, recording, 1, {.radius = 0.02, .force_scale = 0, .pace = PaceHelp::Options{}},
+    felt(folder, recording, 1, {.radius = 0.02, .force_scale = 0, .pace = PaceHelpOptions{}},
          [&](const Sample& sample) {
            // Friction makes the trainee start and arrive more slowly than the expert.
            if (std::abs(sample.progress / length - 0.5) > 0.45) return;

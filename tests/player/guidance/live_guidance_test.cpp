@@ -2,6 +2,9 @@
 #include "player/guidance/live_guidance.h"
 
 #include "control/path/shapes.h"
+#include "control/pd.h"
+#include "formats/path/path_source.h"
+#include "player/guidance/guidance_controller.h"
 #include "player/guidance/guide.h"
 #include "tests/support/allocations.h"
 #include "tests/support/point_mass.h"

@@ -1,6 +1,7 @@
 #include "player/playback/learned_memory.h"
 
 #include "control/path/shapes.h"
+#include "player/playback/reference_stream.h"
 #include "tests/player/calibration/identified_device.h"
 #include "tests/support/temp_folder.h"
 
@@ -30,7 +31,7 @@ TEST(LearnedMemory, PassesLearnedForcesToTheNextSession) {
   const std::string file = folder / "learned.json";
   const PlayResult first = learned_session();
   ASSERT_EQ(first.lessons.size(), 2U);
-  const PathSource& path = first.plan.path.source();
+  const PathSource& path = first.plan.path->source();
   LearnedMemory memory(file, kDevice, 1, kMass);
   EXPECT_TRUE(memory.recall(path).table.force.empty()) << "nothing was kept yet";
   EXPECT_EQ(memory.recall(path).refused, "");
@@ -61,7 +62,7 @@ TEST(LearnedMemory, RejectsForcesLearnedUnderOtherConditionsAndRestarts) {
   LearnedMemory(file, kDevice, 1, kMass).keep(session);
   const auto refused = [&](const DeviceIdentity& device, double speed, const Vec3& mass, const PlayResult& played) {
     LearnedMemory memory(file, device, speed, mass);
-    const LearnedMemory::Recalled recalled = memory.recall(played.plan.path.source());
+    const LearnedMemory::Recalled recalled = memory.recall(played.plan.path->source());
     EXPECT_TRUE(recalled.table.force.empty());
     EXPECT_THAT(recalled.refused, HasSubstr(file));
     return recalled.refused;
@@ -72,7 +73,7 @@ TEST(LearnedMemory, RejectsForcesLearnedUnderOtherConditionsAndRestarts) {
   EXPECT_THAT(refused(kDevice, 1, kMass, other), HasSubstr("it was learned on another path"));
 
   LearnedMemory memory(file, kDevice, 0.5, kMass);
-  (void)memory.recall(session.plan.path.source());
+  (void)memory.recall(session.plan.path->source());
   memory.keep(session);
   EXPECT_EQ(load_learned(file)->repetitions, 2) << "rejected repetitions do not count";
 

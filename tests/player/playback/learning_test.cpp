@@ -11,7 +11,7 @@
 namespace haptrace {
 namespace {
 
-using Outcome = IterativeLearning::Outcome;
+using Outcome = LearningOutcome;
 
 constexpr double kPeriod = 1e-3;
 const Vec3 kLoad(0, 0, -2);  // constant; at rest, the applied force cancels it
@@ -84,7 +84,7 @@ TEST(LearningTerm, LeavesARepetitionOutThatEndsWhileTheOneBeforeIsStillWorkedOn)
   EXPECT_GE(term.lessons().size(), 1U);
   EXPECT_LE(term.lessons().size(), 50U);
   for (const Vec3& force : term.table().force) ASSERT_LT((force + kLoad).norm(), 1e-6);
-  for (const LearningTerm::Lesson& lesson : term.lessons()) EXPECT_NEAR(lesson.rms_error, 1e-3, 1e-9);
+  for (const Lesson& lesson : term.lessons()) EXPECT_NEAR(lesson.rms_error, 1e-3, 1e-9);
 }
 
 TEST(LearningTerm, UsesKnownForcesUnchangedWithoutRepetitionsToLearnFrom) {

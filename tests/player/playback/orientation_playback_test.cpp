@@ -3,6 +3,7 @@
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
 #include "formats/path/path_file.h"
+#include "player/playback/orientation_follower.h"
 #include "player/playback/playback.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"

@@ -3,6 +3,7 @@
 #include "control/path/shapes.h"
 #include "formats/path/path_file.h"
 #include "player/playback/playback.h"
+#include "player/playback/playback_controller.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
@@ -352,7 +353,7 @@ double memory_of_playing(const std::string& file, double from) {
   const double before = PeakMemory::now("VmRSS:");
   test::PointMass device;
   const PlayPlan plan = plan_playback(device.info(), open_path(file, {.from = from}), {});
-  ReferenceStream stream(plan.path, {});
+  ReferenceStream stream(*plan.path, {});
   Reference reference;
   for (double t = 0; t < std::min(300.0, stream.duration()); t += 1e-2) {
     stream.wait(t);

@@ -2,8 +2,12 @@
 #include "player/tuning/live_session.h"
 
 #include "control/path/shapes.h"
+#include "control/path/trajectory.h"
+#include "control/pd.h"
 #include "player/playback/playback.h"
+#include "player/playback/playback_controller.h"
 #include "player/tuning/live_recording.h"
+#include "player/tuning/live_tuning.h"
 #include "tests/support/allocations.h"
 #include "tests/support/point_mass.h"
 

@@ -2,6 +2,7 @@
 #include "player/tuning/live_tuning.h"
 
 #include "control/path/shapes.h"
+#include "control/pd.h"
 #include "formats/recording/recording.h"
 #include "player/playback/playback.h"
 #include "player/tuning/tuning_file.h"

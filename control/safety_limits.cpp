@@ -1,7 +1,8 @@
-#include "control/limits.h"
+#include "control/safety_limits.h"
 
 #include "base/error.h"
 
+#include <cmath>
 #include <fmt/format.h>
 
 namespace haptrace {

@@ -1,0 +1,32 @@
+// The plan of a calibration.
+#pragma once
+
+#include "control/design/multisine.h"
+#include "player/calibration/calibration.h"
+
+#include <array>
+
+namespace haptrace {
+
+/// Movement, forces and bounds of a calibration.
+struct CalibrationPlan {
+  bool full = false;
+  double rate_hz = 1000;
+  std::array<bool, 3> axes{};   ///< axes that take a force
+  Vec3 centre = Vec3::Zero();   ///< centre of the movements: the middle of the workspace [m]
+  Vec3 reach = Vec3::Zero();    ///< largest distance from the centre, per axis [m]
+  double max_force = 0;         ///< bound on the magnitude [N]
+  double device_force = 0;      ///< largest force that the device and the session's limits allow [N]
+  double max_dither = 0;        ///< bound on the excitation signal, rms per axis [N]
+  double max_speed = 0;         ///< peak speed of the sweeps [m/s]
+  double max_deviation = 0;     ///< distance from the reference beyond which the session stops [m]
+  double approach_speed = 0.1;  ///< peak speed of the approach [m/s]
+  double duration = 0;          ///< without the approach to the centre [s]
+  Multisine dither;
+};
+
+/// Returns the plan for a device. Throws Error(input) when the device takes no force, its largest force is unknown, its
+/// workspace leaves less than 3 mm to move, or the rate is too low for the excitation signal.
+CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOptions& options);
+
+}  // namespace haptrace
