@@ -58,6 +58,30 @@ void set_radius(const Arguments& arguments, GuideOptions& options) {
   options.radius = *radius;
 }
 
+/// Returns the options that do not depend on files and the device.
+GuideOptions options_of(const Arguments& arguments) {
+  GuideOptions options = arguments.guide;
+  set_radius(arguments, options);
+  const auto mode = std::find(kModes.begin(), kModes.end(), arguments.mode);
+  if (mode == kModes.end())
+    throw input_error(fmt::format("unknown mode '{}'{}", arguments.mode, suggestion(arguments.mode, kModes)));
+  options.guidance.cursor = *mode == "cursor";
+  options.free = *mode == "free";
+  options.guidance.led = !options.free;
+  options.feel = parse_feel(arguments.feel);
+  if (arguments.pace)
+    options.pace =
+        PaceHelpOptions{.pace = *arguments.pace, .margin = arguments.pace_margin, .max_force = arguments.pace_force};
+  const PathArguments& along = arguments.along;
+  options.fit = along.fit;
+  options.smoothing = along.smoothing;
+  options.guidance.repetitions = along.repetitions();
+  options.guidance.hold = along.hold;
+  options.guidance.approach_speed = along.approach_speed;
+  options.guidance.max_deviation = along.max_deviation;
+  return options;
+}
+
 std::string percent(double share) {
   return std::isfinite(share) ? fmt::format("{:.0f} %", 100 * share) : "undefined";
 }
@@ -95,12 +119,76 @@ std::unique_ptr<LiveGuidance> commands_of(const GuidePlan& plan, const GuideOpti
   return commands;
 }
 
+void add_tunnel_options(CLI::App& verb, Arguments& arguments) {
+  verb.add_option("--radius", arguments.radius,
+                  "tunnel radius: a length, such as 5mm; auto, from the experts of --spread; or a profile along the "
+                  "path, FILE.json")
+      ->capture_default_str()
+      ->group("Tunnel");
+  verb.add_option("--spread", arguments.spread, "further experts' recordings, for --radius auto")
+      ->type_name("FILE...")
+      ->group("Tunnel");
+  verb.add_option("--stiffness", arguments.guide.stiffness,
+                  "stiffness of the walls [N/m] (default: the largest stable one, at most 1000)")
+      ->group("Tunnel");
+  verb.add_flag("--expert", arguments.guide.expert, "do not limit the stiffness to the stable range of the device")
+      ->group("Tunnel");
+  verb.add_option("--spacing", arguments.guide.spacing,
+                  "spacing of the path's knots [m] (default: 0.25 mm on a desktop device)")
+      ->group("Path");
+  verb.add_option("--onset", arguments.guide.onset, "distance over which the stiffness rises [m]")
+      ->capture_default_str()
+      ->group("Tunnel");
+  verb.add_option("--damping", arguments.guide.damping, "damping of outward movement in the wall [N s/m]")
+      ->capture_default_str()
+      ->group("Tunnel");
+  verb.add_flag("--allow-back", arguments.guide.guidance.allow_back, "let the trainee move backwards along the path")
+      ->group("Tunnel");
+}
+
+void add_force_options(CLI::App& verb, Arguments& arguments) {
+  verb.add_option("--force-scale", arguments.guide.force_scale, "factor on the expert's forces (0: no force)")
+      ->capture_default_str()
+      ->group("Forces");
+  verb.add_option("--feel", arguments.feel,
+                  "recorded force: active (pushes the trainee as it pushed the expert) | resist (its opposite, which "
+                  "the trainee has to overcome)")
+      ->capture_default_str()
+      ->group("Forces");
+  verb.add_option("--pace", arguments.pace,
+                  "help along the path if the trainee is slower than this share of the expert's speed")
+      ->group("Forces");
+  verb.add_option("--pace-margin", arguments.pace_margin,
+                  "share by which the trainee may be slower than the pace without help")
+      ->capture_default_str()
+      ->group("Forces");
+  verb.add_option("--pace-force", arguments.pace_force, "largest helping force [N]")
+      ->capture_default_str()
+      ->group("Forces");
+  verb.add_option("--resistance", arguments.guide.resistance, "resistance to movement along the path [N s/m]")
+      ->group("Forces");
+  verb.add_option("--viscosity", arguments.guide.viscosity, "resistance to all movement [N s/m]")->group("Forces");
+  verb.add_option("--amplify", arguments.guide.amplify, "force away from the path per error within the tunnel [N/m]")
+      ->group("Forces");
+  verb.add_option("--amplify-force", arguments.guide.amplify_force, "largest force away from the path [N]")
+      ->capture_default_str()
+      ->group("Forces");
+}
+
+void add_cursor_options(CLI::App& verb, Arguments& arguments) {
+  verb.add_option("--speed", arguments.guide.guidance.speed, "speed of the cursor as a multiple of the expert's speed")
+      ->capture_default_str()
+      ->group("Cursor");
+  verb.add_option("--wait", arguments.guide.guidance.wait,
+                  "distance from the trainee at which the cursor waits [m] (0: it never waits)")
+      ->capture_default_str()
+      ->group("Cursor");
+}
+
 }  // namespace
 
 Verb add_guide(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  GuideOptions& guide_options = arguments->guide;
-  GuidanceOptions& guidance = guide_options.guidance;
   CLI::App* verb = app.add_subcommand("guide", "guide a trainee along an expert's recording");
   verb->footer(
       "The trainee moves; the device keeps them in a tunnel around the expert's path and renders the expert's\n"
@@ -120,70 +208,16 @@ Verb add_guide(CLI::App& app) {
           "--mode", arguments->mode,
           "guidance: tunnel (the trainee sets the pace) | cursor (the expert sets the pace) | free (no force at all)")
       ->capture_default_str();
-  verb->add_option("--radius", arguments->radius,
-                   "tunnel radius: a length, such as 5mm; auto, from the experts of --spread; or a profile along the "
-                   "path, FILE.json")
-      ->capture_default_str()
-      ->group("Tunnel");
-  verb->add_option("--spread", arguments->spread, "further experts' recordings, for --radius auto")
-      ->type_name("FILE...")
-      ->group("Tunnel");
-  verb->add_option("--stiffness", guide_options.stiffness,
-                   "stiffness of the walls [N/m] (default: the largest stable one, at most 1000)")
-      ->group("Tunnel");
-  verb->add_flag("--expert", guide_options.expert, "do not limit the stiffness to the stable range of the device")
-      ->group("Tunnel");
-  verb->add_option("--spacing", guide_options.spacing,
-                   "spacing of the path's knots [m] (default: 0.25 mm on a desktop device)")
-      ->group("Path");
-  verb->add_option("--onset", guide_options.onset, "distance over which the stiffness rises [m]")
-      ->capture_default_str()
-      ->group("Tunnel");
-  verb->add_option("--damping", guide_options.damping, "damping of outward movement in the wall [N s/m]")
-      ->capture_default_str()
-      ->group("Tunnel");
-  verb->add_flag("--allow-back", guidance.allow_back, "let the trainee move backwards along the path")->group("Tunnel");
-  verb->add_option("--force-scale", guide_options.force_scale, "factor on the expert's forces (0: no force)")
-      ->capture_default_str()
-      ->group("Forces");
-  verb->add_option("--feel", arguments->feel,
-                   "recorded force: active (pushes the trainee as it pushed the expert) | resist (its opposite, which "
-                   "the trainee "
-                   "has to overcome)")
-      ->capture_default_str()
-      ->group("Forces");
-  verb->add_option("--pace", arguments->pace,
-                   "help along the path if the trainee is slower than this share of the expert's speed")
-      ->group("Forces");
-  verb->add_option("--pace-margin", arguments->pace_margin,
-                   "share by which the trainee may be slower than the pace without help")
-      ->capture_default_str()
-      ->group("Forces");
-  verb->add_option("--pace-force", arguments->pace_force, "largest helping force [N]")
-      ->capture_default_str()
-      ->group("Forces");
-  verb->add_option("--resistance", guide_options.resistance, "resistance to movement along the path [N s/m]")
-      ->group("Forces");
-  verb->add_option("--viscosity", guide_options.viscosity, "resistance to all movement [N s/m]")->group("Forces");
-  verb->add_option("--amplify", guide_options.amplify, "force away from the path per error within the tunnel [N/m]")
-      ->group("Forces");
-  verb->add_option("--amplify-force", guide_options.amplify_force, "largest force away from the path [N]")
-      ->capture_default_str()
-      ->group("Forces");
-  verb->add_option("--speed", guidance.speed, "speed of the cursor as a multiple of the expert's speed")
-      ->capture_default_str()
-      ->group("Cursor");
-  verb->add_option("--wait", guidance.wait,
-                   "distance from the trainee at which the cursor waits [m] (0: it never waits)")
-      ->capture_default_str()
-      ->group("Cursor");
+  add_tunnel_options(*verb, *arguments);
+  add_force_options(*verb, *arguments);
+  add_cursor_options(*verb, *arguments);
   arguments->along.add_to(*verb);
   add_input_options(*verb, arguments->csv);
-  verb->add_option("--time-limit", guidance.time_limit,
+  verb->add_option("--time-limit", arguments->guide.guidance.time_limit,
                    "longest repetition [s] (0: no limit; in virtual time, ten times the expert's duration plus 10 s)")
       ->capture_default_str()
       ->group("Path");
-  verb->add_option("--energy", guide_options.energy, "energy that guidance may add beyond the expert's [J]")
+  verb->add_option("--energy", arguments->guide.energy, "energy that guidance may add beyond the expert's [J]")
       ->capture_default_str()
       ->group("Safety");
   arguments->profile.add_to(*verb, "Safety", "guide without a device profile");
@@ -192,96 +226,79 @@ Verb add_guide(CLI::App& app) {
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
-  return {
-      verb, [verb, arguments](const Output& output) {
-        require(*verb, "expert");
-        require(*verb, "--device");
-        GuideOptions options = arguments->guide;
-        set_radius(*arguments, options);
-        const auto mode = std::find(kModes.begin(), kModes.end(), arguments->mode);
-        if (mode == kModes.end())
-          throw input_error(fmt::format("unknown mode '{}'{}", arguments->mode, suggestion(arguments->mode, kModes)));
-        options.guidance.cursor = *mode == "cursor";
-        options.free = *mode == "free";
-        options.guidance.led = !options.free;
-        options.feel = parse_feel(arguments->feel);
-        if (arguments->pace)
-          options.pace = PaceHelpOptions{
-              .pace = *arguments->pace, .margin = arguments->pace_margin, .max_force = arguments->pace_force};
-        const PathArguments& along = arguments->along;
-        options.fit = along.fit;
-        options.smoothing = along.smoothing;
-        options.guidance.repetitions = along.repetitions();
-        options.guidance.hold = along.hold;
-        options.guidance.approach_speed = along.approach_speed;
-        options.guidance.max_deviation = along.max_deviation;
-        std::vector<std::string> inputs = arguments->spread;
-        inputs.push_back(arguments->expert);
-        keep_inputs(arguments->record, inputs);
-        options.session = arguments->session.options(arguments->record, effective_config(*verb));
+  return {verb, [verb, arguments](const Output& output) {
+            require(*verb, "expert");
+            require(*verb, "--device");
+            GuideOptions options = options_of(*arguments);
+            std::vector<std::string> inputs = arguments->spread;
+            inputs.push_back(arguments->expert);
+            keep_inputs(arguments->record, inputs);
+            options.session = arguments->session.options(arguments->record, effective_config(*verb));
 
-        const auto open = [&](const std::string& file, const PathSelection& selection, const CsvOptions& csv) {
-          ReadProgress progress(output, csv.name);
-          return open_path(file, selection, progress.callback(), csv);
-        };
-        const InputFile input(arguments->expert, arguments->csv);
-        const std::shared_ptr<const PathSource> expert = open(input.path(), along.selection, input.csv());
-        for (const std::string& file : arguments->spread) {
-          CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments->csv;
-          csv.name = file;
-          options.spread.push_back(open(file, file == arguments->expert ? along.selection : PathSelection{}, csv));
-        }
-        const Signals signals;
-        StopRequest stop(&signals.stop());
-        LivePage page(arguments->view, arguments->session, output, "guide", stop);
-        page.watch(options.session);
-        const auto device = arguments->session.open();
-        std::vector<std::string> notes = device->info().notes;
-        for (const std::string& note : expert->facts().notes)
-          notes.push_back(fmt::format("{}: {}", input.name(), note));
-        options.identified = identified(
-            arguments->profile.find(device->info(), arguments->session.rate_hz, output, &options.session.known));
-        const GuidePlan plan = plan_guidance(device->info(), expert, options);
-        const std::size_t of_device = device->info().notes.size();
-        note_before(output, options.session, "device", device->info().notes);
-        note_before(output, options.session, "path", std::span(notes).subspan(of_device), Severity::warning);
-        note_before(output, options.session, "plan", plan.notes);
-        notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
+            const auto open = [&](const std::string& file, const PathSelection& selection, const CsvOptions& csv) {
+              ReadProgress progress(output, csv.name);
+              return open_path(file, selection, progress.callback(), csv);
+            };
+            const InputFile input(arguments->expert, arguments->csv);
+            const std::shared_ptr<const PathSource> expert =
+                open(input.path(), arguments->along.selection, input.csv());
+            for (const std::string& file : arguments->spread) {
+              CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments->csv;
+              csv.name = file;
+              options.spread.push_back(
+                  open(file, file == arguments->expert ? arguments->along.selection : PathSelection{}, csv));
+            }
+            const Signals signals;
+            StopRequest stop(&signals.stop());
+            LivePage page(arguments->view, arguments->session, output, "guide", stop);
+            page.watch(options.session);
+            const auto device = arguments->session.open();
+            std::vector<std::string> notes = device->info().notes;
+            for (const std::string& note : expert->facts().notes)
+              notes.push_back(fmt::format("{}: {}", input.name(), note));
+            options.identified = identified(
+                arguments->profile.find(device->info(), arguments->session.rate_hz, output, &options.session.known));
+            const GuidePlan plan = plan_guidance(device->info(), expert, options);
+            const std::size_t of_device = device->info().notes.size();
+            note_before(output, options.session, "device", device->info().notes);
+            note_before(output, options.session, "path", std::span(notes).subspan(of_device), Severity::warning);
+            note_before(output, options.session, "plan", plan.notes);
+            notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
 
-        const std::unique_ptr<LiveGuidance> commands = commands_of(plan, options, stop);
-        options.live = commands.get();
-        const LivePage::Use use(page, *commands);
-        const TuningInputs outside(arguments->tuning, *commands);
-        for (const std::string& hint : outside.hints()) output.remark(hint);
+            const std::unique_ptr<LiveGuidance> commands = commands_of(plan, options, stop);
+            options.live = commands.get();
+            const LivePage::Use use(page, *commands);
+            const TuningInputs outside(arguments->tuning, *commands);
+            for (const std::string& hint : outside.hints()) output.remark(hint);
 
-        const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
-                        arguments->session.mark_texts, arguments->session.keys, *commands, Keys::guide_keys());
-        const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);
-        page.training([&](TrainingProgress& screen) {
-          TrainingTrial trial{.exercise = exercise_name(input.name()), .mode = arguments->mode};
-          trial.repetitions = std::max(options.guidance.repetitions, 1);
-          trial.of = static_cast<std::size_t>(trial.repetitions);
-          screen.begin(trial);
-        });
-        const GuideResult result =
-            guide(*device, plan, options, stop, progress_bar(output, expected, &keys, commands.get()));
+            const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
+                            arguments->session.mark_texts, arguments->session.keys, *commands, Keys::guide_keys());
+            const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);
+            page.training([&](TrainingProgress& screen) {
+              TrainingTrial trial{.exercise = exercise_name(input.name()), .mode = arguments->mode};
+              trial.repetitions = std::max(options.guidance.repetitions, 1);
+              trial.of = static_cast<std::size_t>(trial.repetitions);
+              screen.begin(trial);
+            });
+            const GuideResult result =
+                guide(*device, plan, options, stop, progress_bar(output, expected, &keys, commands.get()));
 
-        page.training([&](TrainingProgress& screen) {
-          const bool stopped = result.session.servo.cause != StopCause::finished;
-          screen.end(stopped, TrainingScore{.time_in_tunnel = result.last.time_in_tunnel,
-                                            .time = result.last.tracking.duration});
-          screen.finish(stopped);
-        });
-        nlohmann::json json = to_json(result);
-        json["mode"] = arguments->mode;
-        json["feel"] = arguments->feel;
-        json["tuning"] = commands->history();
-        json["notes"] = notes;
-        if (!arguments->record.empty()) json["file"] = arguments->record;
-        const int code = conclude(output, result.session);
-        output.tell(json, summary(*arguments, result, device->info(), input.name()));
-        return code;
-      }};
+            page.training([&](TrainingProgress& screen) {
+              const bool stopped = result.session.servo.cause != StopCause::finished;
+              screen.end(stopped, TrainingScore{.time_in_tunnel = result.last.time_in_tunnel,
+                                                .time = result.last.tracking.duration});
+              screen.finish(stopped);
+            });
+            nlohmann::json json = to_json(result);
+            json["mode"] = arguments->mode;
+            json["feel"] = arguments->feel;
+            json["tuning"] = commands->history();
+            json["notes"] = notes;
+            if (!arguments->record.empty()) json["file"] = arguments->record;
+            const int code = conclude(output, result.session);
+            output.tell(json, summary(*arguments, result, device->info(), input.name()));
+            return code;
+          }};
 }
 
 }  // namespace haptrace::cli

@@ -80,7 +80,7 @@ LearnedMemory memory_of(const PlayArguments& arguments, const DeviceInfo& info, 
 }
 
 double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
-  return options.repetitions * (plan.path.duration() / options.speed + options.hold + 0.5);
+  return options.repetitions * (plan.path->duration() / options.speed + options.hold + 0.5);
 }
 
 /// Returns the tunable parts of the session: its gains, and the terms of its law.
@@ -104,6 +104,30 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
   }
   if (session.recording) options.annotations = session.recording->options.annotations;
   return {plan.tuning, std::move(options)};
+}
+
+/// Returns the options that do not depend on files and the device.
+PlayOptions options_of(const PlayArguments& arguments) {
+  PlayOptions options;
+  options.gains = gains_from(arguments);
+  options.interpolation = parse_interpolation(arguments.interpolation);
+  options.smoothing = arguments.along.smoothing;
+  options.thin = arguments.thin;
+  options.fit = arguments.along.fit;
+  options.playback = {.speed = arguments.speed,
+                      .repetitions = arguments.along.repetitions(),
+                      .hold = arguments.along.hold,
+                      .approach_speed = arguments.along.approach_speed,
+                      .max_deviation = arguments.along.max_deviation,
+                      .on_deviation = parse_deviation_policy(arguments.on_deviation)};
+  check_range("--learn", arguments.learn, 0, kMostLearned);
+  options.learn = arguments.learn;
+  if (arguments.learn > 0 && !arguments.along.loop)
+    options.playback.repetitions = std::max(arguments.learn, arguments.along.repeat);
+  options.compensations = compensations_from(arguments.without);
+  options.turn = arguments.turn;
+  options.turn.gains = orientation_gains_from(arguments);
+  return options;
 }
 
 const char* lesson_text(LearningOutcome outcome) {
@@ -163,6 +187,77 @@ std::string summary(const PlayArguments& arguments, const PlayResult& result, co
   return text;
 }
 
+/// Stores the learned force, and names its file in `json`. The results of the session stay valid if that fails: then
+/// tells of it and returns false.
+bool keep_learned(LearnedMemory& memory, const PlayResult& result, nlohmann::json& json, const Output& output) {
+  try {
+    memory.keep(result);
+    json["learned_file"] = memory.file();
+    return true;
+  } catch (const Error& error) {
+    json["learned_error"] = error.what();
+    output.remark(fmt::format("{}; the learned force was not saved", error.what()));
+    return false;
+  }
+}
+
+void add_path_options(CLI::App& verb, PlayArguments& arguments) {
+  verb.add_option("--speed", arguments.speed, "speed as a multiple of the path's own speed")
+      ->capture_default_str()
+      ->group("Path");
+  verb.add_option("--interpolation", arguments.interpolation,
+                  "interpolation between samples: hold | linear | cubic | quintic")
+      ->capture_default_str()
+      ->group("Path");
+  verb.add_option("--thin", arguments.thin, "keep every N-th sample of the path (1: keep all)")
+      ->capture_default_str()
+      ->group("Path");
+  verb.add_flag("--position-only", arguments.turn.off, "follow positions only, not orientations")->group("Path");
+}
+
+void add_control_options(CLI::App& verb, PlayArguments& arguments) {
+  verb.add_option("--gains", arguments.gains, R"(gains from a file: {"kp": 1500, "kd": [15, 15, 10]})")
+      ->type_name("FILE.json")
+      ->group("Control");
+  verb.add_option("--kp", arguments.kp, "proportional gain [N/m] (default: from the profile, else cautious)")
+      ->group("Control");
+  verb.add_option("--kd", arguments.kd, "derivative gain [N s/m]")->group("Control");
+  arguments.profile.add_to(verb, "Control", "play with PD control alone, without the device's profile");
+  verb.add_option("--without", arguments.without,
+                  "leave force terms out of a calibrated playback: inertia, gravity, friction, observer, learning, all")
+      ->delimiter(',')
+      ->group("Control");
+  verb.add_option("--kp-rotation", arguments.kp_rotation,
+                  "proportional gain of the orientation [N m/rad] (default: cautious)")
+      ->group("Control");
+  verb.add_option("--kd-rotation", arguments.kd_rotation, "derivative gain of the orientation [N m s/rad]")
+      ->group("Control");
+}
+
+void add_learning_options(CLI::App& verb, PlayArguments& arguments) {
+  verb.add_option("--learn", arguments.learn,
+                  "learn over this many repetitions; the learned force is stored for this path on this device")
+      ->group("Learning");
+  verb.add_option("--learned", arguments.learned, "file of the learned force (default: in a folder beside the path)")
+      ->type_name("FILE.json")
+      ->group("Learning");
+  verb.add_flag("--forget", arguments.forget, "ignore the learned force that is stored")->group("Learning");
+}
+
+void add_safety_options(CLI::App& verb, PlayArguments& arguments) {
+  verb.add_option(
+          "--on-deviation", arguments.on_deviation,
+          "reaction beyond --max-deviation: stop | pause (the path waits) | soften (the force grows no further)")
+      ->capture_default_str()
+      ->group("Safety");
+  verb.add_option("--max-torque", arguments.max_torque, "torque limit [N m] (default and maximum: the device's)")
+      ->group("Safety");
+  verb.add_option("--max-rotation", arguments.turn.max_deviation,
+                  "rotation away from the path at which the session stops [rad]")
+      ->capture_default_str()
+      ->group("Safety");
+}
+
 }  // namespace
 
 Verb add_play(CLI::App& app) {
@@ -180,52 +275,10 @@ Verb add_play(CLI::App& app) {
   verb->add_option("--record", arguments->record, "write a recording of the session")->type_name("OUT.h5");
   arguments->along.add_to(*verb);
   add_input_options(*verb, arguments->csv);
-  verb->add_option("--speed", arguments->speed, "speed as a multiple of the path's own speed")
-      ->capture_default_str()
-      ->group("Path");
-  verb->add_option("--interpolation", arguments->interpolation,
-                   "interpolation between samples: hold | linear | cubic | quintic")
-      ->capture_default_str()
-      ->group("Path");
-  verb->add_option("--thin", arguments->thin, "keep every N-th sample of the path (1: keep all)")
-      ->capture_default_str()
-      ->group("Path");
-  verb->add_option("--gains", arguments->gains, R"(gains from a file: {"kp": 1500, "kd": [15, 15, 10]})")
-      ->type_name("FILE.json")
-      ->group("Control");
-  verb->add_option("--kp", arguments->kp, "proportional gain [N/m] (default: from the profile, else cautious)")
-      ->group("Control");
-  verb->add_option("--kd", arguments->kd, "derivative gain [N s/m]")->group("Control");
-  arguments->profile.add_to(*verb, "Control", "play with PD control alone, without the device's profile");
-  verb->add_option(
-          "--without", arguments->without,
-          "leave force terms out of a calibrated playback: inertia, gravity, friction, observer, learning, all")
-      ->delimiter(',')
-      ->group("Control");
-  verb->add_option("--learn", arguments->learn,
-                   "learn over this many repetitions; the learned force is stored for this path on this device")
-      ->group("Learning");
-  verb->add_option("--learned", arguments->learned, "file of the learned force (default: in a folder beside the path)")
-      ->type_name("FILE.json")
-      ->group("Learning");
-  verb->add_flag("--forget", arguments->forget, "ignore the learned force that is stored")->group("Learning");
-  verb->add_option(
-          "--on-deviation", arguments->on_deviation,
-          "reaction beyond --max-deviation: stop | pause (the path waits) | soften (the force grows no further)")
-      ->capture_default_str()
-      ->group("Safety");
-  verb->add_option("--kp-rotation", arguments->kp_rotation,
-                   "proportional gain of the orientation [N m/rad] (default: cautious)")
-      ->group("Control");
-  verb->add_option("--kd-rotation", arguments->kd_rotation, "derivative gain of the orientation [N m s/rad]")
-      ->group("Control");
-  verb->add_flag("--position-only", arguments->turn.off, "follow positions only, not orientations")->group("Path");
-  verb->add_option("--max-torque", arguments->max_torque, "torque limit [N m] (default and maximum: the device's)")
-      ->group("Safety");
-  verb->add_option("--max-rotation", arguments->turn.max_deviation,
-                   "rotation away from the path at which the session stops [rad]")
-      ->capture_default_str()
-      ->group("Safety");
+  add_path_options(*verb, *arguments);
+  add_control_options(*verb, *arguments);
+  add_learning_options(*verb, *arguments);
+  add_safety_options(*verb, *arguments);
   arguments->tuning.add_to(*verb);
   arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);
@@ -234,28 +287,10 @@ Verb add_play(CLI::App& app) {
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "path");
             require(*verb, "--device");
-            PlayOptions options;
-            options.gains = gains_from(*arguments);
-            options.interpolation = parse_interpolation(arguments->interpolation);
-            options.smoothing = arguments->along.smoothing;
-            options.thin = arguments->thin;
-            options.fit = arguments->along.fit;
-            options.playback = {.speed = arguments->speed,
-                                .repetitions = arguments->along.repetitions(),
-                                .hold = arguments->along.hold,
-                                .approach_speed = arguments->along.approach_speed,
-                                .max_deviation = arguments->along.max_deviation,
-                                .on_deviation = parse_deviation_policy(arguments->on_deviation)};
-            check_range("--learn", arguments->learn, 0, kMostLearned);
-            options.learn = arguments->learn;
-            if (arguments->learn > 0 && !arguments->along.loop)
-              options.playback.repetitions = std::max(arguments->learn, arguments->along.repeat);
-            options.compensations = compensations_from(arguments->without);
+            PlayOptions options = options_of(*arguments);
             keep_inputs(arguments->record, std::span(&arguments->path, 1));
             options.session = arguments->session.options(arguments->record, effective_config(*verb));
             options.session.loop.limits.max_torque = arguments->max_torque;
-            options.turn = arguments->turn;
-            options.turn.gains = orientation_gains_from(*arguments);
 
             const InputFile input(arguments->path, arguments->csv);
             if (input.passed_through() && arguments->learn > 0 && arguments->learned.empty())
@@ -294,7 +329,7 @@ Verb add_play(CLI::App& app) {
                 !(input.passed_through() && arguments->learned.empty())) {
               memory.emplace(memory_of(*arguments, device->info(), options.identified->design.mass));
               if (!arguments->forget) {
-                auto [table, refused] = memory->recall(plan.path.source());
+                auto [table, refused] = memory->recall(plan.path->source());
                 if (!refused.empty())
                   note_before(output, options.session, "learned", std::span(&refused, 1), Severity::warning);
                 options.learned = std::move(table);
@@ -325,16 +360,8 @@ Verb add_play(CLI::App& app) {
                                       : nlohmann::json();
             if (!arguments->record.empty()) json["file"] = arguments->record;
             int code = conclude(output, result.session);
-            if (memory && !result.lessons.empty()) {
-              try {
-                memory->keep(result);
-                json["learned_file"] = memory->file();
-              } catch (const Error& error) {  // the results of the session stay valid
-                json["learned_error"] = error.what();
-                output.remark(fmt::format("{}; the learned force was not saved", error.what()));
-                if (code == kDone) code = kStopped;
-              }
-            }
+            if (memory && !result.lessons.empty() && !keep_learned(*memory, result, json, output) && code == kDone)
+              code = kStopped;
             output.tell(json, summary(*arguments, result, device->info(), profile, input.name()));
             return code;
           }};

@@ -243,6 +243,97 @@ LiveSession::Options command_options(const ProgrammeOptions& options, StopReques
   return {.annotations = options.session.recording->options.annotations, .stop = &stop, .programme = true};
 }
 
+/// Returns the log of the session to resume, and sets the options with which it began. Throws Error(input) when they
+/// differ from those given, or the session cannot be resumed.
+SessionLog resumed(CLI::App& verb, const RunArguments& arguments, const std::string& folder) {
+  SessionLog log = load_session_log(folder);
+  check_resume(verb, log, folder);
+  if (const std::string& asked = arguments.session.subject; !asked.empty() && asked != log.subject)
+    throw input_error(fmt::format("{} is a session of '{}', not of '{}'", folder, log.subject, asked));
+  require_confirmed(verb, log.config, folder);
+  apply_config(verb, log.config, folder);
+  return log;
+}
+
+/// Shows a programme on the terminal and on the page while it runs.
+class ProgrammeScreen {
+ public:
+  /// Borrows everything. Without a plan, the length of a repetition is unknown.
+  ProgrammeScreen(const Programme& programme, const std::optional<ProgrammePlan>& plan, const SessionLog& log,
+                  const LiveGuidance& commands, LivePage& page, const Output& output)
+      : programme_(programme), plan_(plan), shown_(log), commands_(commands), page_(page), output_(output) {}
+
+  /// Is told of every step from now on.
+  void watch(ProgrammeOptions& options) {
+    options.announces = [this](const TrainingTrial& trial) {
+      page_.training([&](TrainingProgress& screen) { screen.begin(trial); });
+    };
+    options.begins = [this](const ScheduledTrial& trial, const TrialSettings& settings, std::size_t number,
+                            std::size_t of) { begin(trial, settings, number, of); };
+    options.ended = [this](const LoggedTrial& trial) { end(trial); };
+    options.rests = [this](double left) { rest(left); };
+  }
+
+  void finish(bool complete) {
+    page_.training([&](TrainingProgress& screen) { screen.finish(!complete); });
+    clear();
+  }
+
+  /// Returns the expected duration of the present repetition [s]; 0: unknown.
+  [[nodiscard]] double expected() const noexcept { return expected_; }
+
+ private:
+  void begin(const ScheduledTrial& trial, const TrialSettings& settings, std::size_t number, std::size_t of) {
+    const Exercise& exercise = programme_.exercise(trial.exercise);
+    clear();
+    output_.remark(fmt::format("{} of {}: {}, repetition {}{} ({})", number, of, exercise.name, trial.repetition,
+                               programme_.rounds > 1 ? fmt::format(", round {}", trial.round) : "",
+                               settings_text(exercise, settings)));
+    expected_ = plan_ ? plan_->parts[trial.exercise].trial : 0;
+    progress_.current = trial.exercise;
+    show();
+  }
+
+  void end(const LoggedTrial& trial) {
+    clear();
+    if (const std::string text = figures_text(trial.figures); !text.empty()) output_.remark("  " + text);
+    page_.training([&](TrainingProgress& screen) { screen.end(trial, shown_.trials); });
+    shown_.trials.push_back(trial);
+    show();
+  }
+
+  void rest(double left) {
+    page_.training([&](TrainingProgress& screen) { screen.rest(left); });
+    show();
+    if (!live_) return;
+    if (std::isnan(left))
+      show_line("paused; p resumes");
+    else
+      show_line(fmt::format("rest {:.0f} s", left));
+  }
+
+  void show() {
+    progress_.paused = commands_.paused();
+    progress_.elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
+    page_.programme(programme_message(programme_, shown_, progress_));
+  }
+
+  void clear() const {
+    if (live_) clear_line();
+  }
+
+  const Programme& programme_;
+  const std::optional<ProgrammePlan>& plan_;
+  SessionLog shown_;  ///< the log as the page shows it
+  const LiveGuidance& commands_;
+  LivePage& page_;
+  const Output& output_;
+  const bool live_ = !output_.quiet && isatty(STDERR_FILENO) != 0;
+  const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
+  ProgrammeProgress progress_;
+  double expected_ = 0;
+};
+
 }  // namespace
 
 Verb add_run(CLI::App& app) {
@@ -280,133 +371,84 @@ Verb add_run(CLI::App& app) {
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
-  return {
-      verb, [verb, arguments](const Output& output) -> int {
-        const bool resumes = !arguments->resume.empty();
-        if (resumes == !arguments->programme.empty())
-          throw input_error(resumes ? "--resume uses the programme of the session; do not name another one"
+  return {verb, [verb, arguments](const Output& output) -> int {
+            const bool resumes = !arguments->resume.empty();
+            if (resumes == !arguments->programme.empty())
+              throw input_error(resumes
+                                    ? "--resume uses the programme of the session; do not name another one"
                                     : "haptrace run needs PROGRAMME.json, or --resume FOLDER; see haptrace run --help");
-        arguments->profile.check();
-        if (arguments->dry_run && arguments->fit && arguments->session.device.empty())
-          throw input_error("--fit needs the workspace of a device: give --device too");
-        const std::string folder = resumes ? arguments->resume
-                                   : arguments->folder.empty()
-                                       ? fs::path(arguments->programme).replace_extension().string() + "-session"
-                                       : arguments->folder;
-        std::optional<SessionLog> log;
-        if (resumes) {
-          log = load_session_log(folder);
-          check_resume(*verb, *log, folder);
-          if (const std::string& asked = arguments->session.subject; !asked.empty() && asked != log->subject)
-            throw input_error(fmt::format("{} is a session of '{}', not of '{}'", folder, log->subject, asked));
-          require_confirmed(*verb, log->config, folder);
-          apply_config(*verb, log->config, folder);
-        }
-        const nlohmann::json json = resumes ? log->programme : programme_for(*arguments);
-        const std::string where = resumes ? folder : arguments->programme;
-        const Programme programme = programme_from_json(json, where);
+            arguments->profile.check();
+            if (arguments->dry_run && arguments->fit && arguments->session.device.empty())
+              throw input_error("--fit needs the workspace of a device: give --device too");
+            const std::string folder = resumes ? arguments->resume
+                                       : arguments->folder.empty()
+                                           ? fs::path(arguments->programme).replace_extension().string() + "-session"
+                                           : arguments->folder;
+            std::optional<SessionLog> log;
+            if (resumes) log = resumed(*verb, *arguments, folder);
+            const nlohmann::json json = resumes ? log->programme : programme_for(*arguments);
+            const std::string where = resumes ? folder : arguments->programme;
+            const Programme programme = programme_from_json(json, where);
 
-        const Signals signals;
-        StopRequest stop(&signals.stop());
-        LivePage page(arguments->view, arguments->session, output, "run", stop);
-        TrialDevices devices(arguments->session, resumes ? log->trials.size() : 0, folder);
-        std::optional<DeviceInfo> device;
-        if (!arguments->session.device.empty()) device = devices.info();
-        std::optional<ProgrammePlan> plan;
-        if (!resumes) {
-          plan = plan_programme(programme, folder_of(arguments->programme), where, device ? &*device : nullptr,
-                                arguments->fit);
-          for (const std::string& note : plan->notes) output.remark(note);
-        }
-        if (arguments->dry_run) {
-          output.tell(to_json(*plan, programme), plan_text(programme, *plan));
-          return kDone;
-        }
-        require(*verb, "--device");
-        for (const std::string& note : device->notes) output.remark(note);
+            const Signals signals;
+            StopRequest stop(&signals.stop());
+            LivePage page(arguments->view, arguments->session, output, "run", stop);
+            TrialDevices devices(arguments->session, resumes ? log->trials.size() : 0, folder);
+            std::optional<DeviceInfo> device;
+            if (!arguments->session.device.empty()) device = devices.info();
+            std::optional<ProgrammePlan> plan;
+            if (!resumes) {
+              plan = plan_programme(programme, folder_of(arguments->programme), where, device ? &*device : nullptr,
+                                    arguments->fit);
+              for (const std::string& note : plan->notes) output.remark(note);
+            }
+            if (arguments->dry_run) {
+              output.tell(to_json(*plan, programme), plan_text(programme, *plan));
+              return kDone;
+            }
+            require(*verb, "--device");
+            for (const std::string& note : device->notes) output.remark(note);
 
-        ProgrammeOptions options{
-            .folder = folder,
-            .session = arguments->session.options((fs::path(folder) / "trial.h5").string(), shared_config(*verb)),
-            .max_deviation = arguments->max_deviation,
-            .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
-              return devices.open(exercise, settings.pace, path);
-            }};
-        // The profile from the start applies to the whole session.
-        const std::string kept = (fs::path(folder) / kSessionProfile).string();
-        if (!resumes)
-          options.profile = arguments->profile.find(*device, arguments->session.rate_hz, output);
-        else if (fs::exists(kept))
-          options.profile = profile_for(*device, kept, arguments->session.rate_hz, output);
-        if (!resumes) log = begin_session(json, where, *plan, *device, options);
+            ProgrammeOptions options{
+                .folder = folder,
+                .session = arguments->session.options((fs::path(folder) / "trial.h5").string(), shared_config(*verb)),
+                .max_deviation = arguments->max_deviation,
+                .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
+                  return devices.open(exercise, settings.pace, path);
+                }};
+            // The profile from the start applies to the whole session.
+            const std::string kept = (fs::path(folder) / kSessionProfile).string();
+            if (!resumes)
+              options.profile = arguments->profile.find(*device, arguments->session.rate_hz, output);
+            else if (fs::exists(kept))
+              options.profile = profile_for(*device, kept, arguments->session.rate_hz, output);
+            if (!resumes) log = begin_session(json, where, *plan, *device, options);
 
-        page.watch(options.session);
-        LiveGuidance commands(command_options(options, stop));
-        options.live = &commands;
-        const LivePage::Use use(page, commands);
-        const TuningInputs inputs(arguments->tuning, commands);
-        for (const std::string& hint : inputs.hints()) output.remark(hint);
-        const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,
-                        arguments->session.keys, commands, Keys::guide_keys());
-        const bool live = !output.quiet && isatty(STDERR_FILENO) != 0;
-        const auto clear_line = [&] {
-          if (live) cli::clear_line();
-        };
-        double expected = 0;
-        SessionLog shown = *log;  // the log as the page shows it
-        ProgrammeProgress progressed;
-        const auto sitting_began = std::chrono::steady_clock::now();
-        const auto show_programme = [&] {
-          progressed.paused = commands.paused();
-          progressed.elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - sitting_began).count();
-          page.programme(programme_message(programme, shown, progressed));
-        };
-        options.announces = [&](const TrainingTrial& trial) {
-          page.training([&](TrainingProgress& screen) { screen.begin(trial); });
-        };
-        options.begins = [&](const ScheduledTrial& trial, const TrialSettings& settings, std::size_t number,
-                             std::size_t of) {
-          const Exercise& exercise = programme.exercise(trial.exercise);
-          clear_line();
-          output.remark(fmt::format("{} of {}: {}, repetition {}{} ({})", number, of, exercise.name, trial.repetition,
-                                    programme.rounds > 1 ? fmt::format(", round {}", trial.round) : "",
-                                    settings_text(exercise, settings)));
-          expected = plan ? plan->parts[trial.exercise].trial : 0;
-          progressed.current = trial.exercise;
-          show_programme();
-        };
-        options.ended = [&](const LoggedTrial& trial) {
-          clear_line();
-          if (const std::string text = figures_text(trial.figures); !text.empty()) output.remark("  " + text);
-          page.training([&](TrainingProgress& screen) { screen.end(trial, shown.trials); });
-          shown.trials.push_back(trial);
-          show_programme();
-        };
-        options.rests = [&](double left) {
-          page.training([&](TrainingProgress& screen) { screen.rest(left); });
-          show_programme();
-          if (!live) return;
-          if (std::isnan(left))
-            show_line("paused; p resumes");
-          else
-            show_line(fmt::format("rest {:.0f} s", left));
-        };
-        const Progress progress = [&](const SessionView& view) {
-          progress_bar(output, expected, &keys, &commands)(view);
-        };
-        const ProgrammeResult result = run_programme(options, stop, progress);
-        page.training([&](TrainingProgress& screen) { screen.finish(!result.log.complete); });
-        clear_line();
+            page.watch(options.session);
+            LiveGuidance commands(command_options(options, stop));
+            options.live = &commands;
+            const LivePage::Use use(page, commands);
+            const TuningInputs inputs(arguments->tuning, commands);
+            for (const std::string& hint : inputs.hints()) output.remark(hint);
+            const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,
+                            arguments->session.keys, commands, Keys::guide_keys());
+            ProgrammeScreen screen(programme, plan, *log, commands, page, output);
+            screen.watch(options);
+            const Progress progress = [&](const SessionView& view) {
+              progress_bar(output, screen.expected(), &keys, &commands)(view);
+            };
+            const ProgrammeResult result = run_programme(options, stop, progress);
+            screen.finish(result.log.complete);
 
-        nlohmann::json answer = to_json(result);
-        answer["folder"] = folder;
-        answer["tuning"] = commands.history();
-        const bool skipped = !result.log.trials.empty() && result.log.trials.back().skipped();
-        int code = result.last && !skipped ? conclude(output, *result.last) : kDone;
-        if (code == kDone && stop.count() > 0) code = kInterrupted;
-        output.tell(answer, result_text(result, folder, resume_command(*verb, shared_config(*verb), folder)));
-        return code;
-      }};
+            nlohmann::json answer = to_json(result);
+            answer["folder"] = folder;
+            answer["tuning"] = commands.history();
+            const bool skipped = !result.log.trials.empty() && result.log.trials.back().skipped();
+            int code = result.last && !skipped ? conclude(output, *result.last) : kDone;
+            if (code == kDone && stop.count() > 0) code = kInterrupted;
+            output.tell(answer, result_text(result, folder, resume_command(*verb, shared_config(*verb), folder)));
+            return code;
+          }};
 }
 
 }  // namespace haptrace::cli

@@ -222,6 +222,91 @@ void add_sides(const TradeoffArguments& arguments, const Workbench& bench, Trade
       stop));
 }
 
+/// Writes the configuration that was chosen, with the profile that it needs, and tells of both.
+void keep_choice(const TradeoffArguments& arguments, const Choice& choice, const Budget& budget, const Workbench& bench,
+                 const TradeFiles& files, nlohmann::json& json, std::string& text) {
+  const Configuration& chosen = choice.outcome.configuration;
+  const std::optional<DeviceProfile> profile = bench.profile_at(chosen.rate_hz);
+  if (profile) save_profile(*profile, files.profile, arguments.overwrite);
+  nlohmann::json config =
+      config_file(chosen, bench.place().play, profile ? std::filesystem::absolute(files.profile).string() : "",
+                  choice.storage ? &choice.storage->storage : nullptr);
+  for (const auto& [key, time] : {std::pair{"from", arguments.selection.from}, {"to", arguments.selection.to}})
+    if (std::isfinite(time)) config["play"][key] = config["guide"][key] = time;
+  for (const auto& [column, name] : arguments.csv.columns)
+    for (const char* key : {"play", "guide"}) config[key]["columns"].push_back(fmt::format("{}={}", column, name));
+  if (!arguments.csv.units.empty()) config["play"]["units"] = config["guide"]["units"] = arguments.csv.units;
+  save_json(config, files.config, arguments.overwrite);
+  json["choice"] = to_json(choice, budget);
+  json["config_file"] = files.config;
+  json["predicted"] = predicted_by(choice.outcome);
+  text += text_of(choice, budget);
+  text += fmt::format("  written to {}; use it: haptrace play {} --device {} --config {}\n", files.config,
+                      arguments.path, arguments.device, files.config);
+}
+
+/// Explains the base and, where it learns, the base without learning, by leaving out each term.
+void add_explanations(const TradeoffArguments& arguments, const Workbench& bench, const Budget& budget,
+                      const TradeOptions& options, const Output& output, const StopRequest& stop, nlohmann::json& json,
+                      std::string& text) {
+  ReadProgress progress(output, "leaving out each term");
+  std::vector<Configuration> explained{options.base};
+  // Learning takes the place of the model's knowledge of the load.
+  if (options.base.learn > 0) {
+    explained.push_back(options.base);
+    explained.back().learn = 0;
+  }
+  json["explanations"] = nlohmann::json::array();
+  for (const Configuration& configuration : explained) {
+    const Explanation explanation = explain(bench, configuration, budget, options, stop);
+    json["explanations"].push_back(to_json(explanation));
+    text += text_of(explanation, budget, "term");
+  }
+  if (const auto physics = explain_simulation(arguments, bench, budget, options, stop)) {
+    json["physics"] = to_json(*physics);
+    text += text_of(*physics, budget, "part of the simulated device");
+  }
+}
+
+void add_measuring_options(CLI::App& verb, TradeoffArguments& arguments) {
+  verb.add_option("--runs", arguments.runs, "runs of every configuration, each with different noise, 1 to 100")
+      ->capture_default_str();
+  verb.add_option("--rates", arguments.rates,
+                  "servo rates to try [Hz] (default: 100 Hz to 20 kHz; for a real device, up to its own rate)")
+      ->delimiter(',');
+  verb.add_option("--seed", arguments.seed, "seed of the first run")->capture_default_str();
+  verb.add_option("--jobs", arguments.jobs,
+                  "number of threads (0: one for every core); the results do not depend on it")
+      ->capture_default_str();
+}
+
+void add_base_options(CLI::App& verb, TradeoffArguments& arguments) {
+  arguments.profile.add_to(verb, "Base", "compare PD control alone, without the device's profile");
+  verb.add_option("--rate", arguments.base.rate_hz, "servo rate [Hz]")->capture_default_str()->group("Base");
+  verb.add_option("--velocity", arguments.base.velocity, "velocity estimator")->capture_default_str()->group("Base");
+  verb.add_option("--interpolation", arguments.interpolation, "interpolation between samples")
+      ->capture_default_str()
+      ->group("Base");
+  verb.add_option("--learn", arguments.learn, "learning repetitions of a calibrated device (0: none)")
+      ->capture_default_str()
+      ->group("Base");
+}
+
+void add_path_options(CLI::App& verb, TradeoffArguments& arguments) {
+  verb.add_option("--speed", arguments.base.speed, "speed as a multiple of the path's own speed")
+      ->capture_default_str()
+      ->group("Path");
+  verb.add_flag("--fit", arguments.fit, "move and scale the path into the workspace")->group("Path");
+  add_input_options(verb, arguments.csv);
+  verb.add_option("--from", arguments.selection.from, "start at this time of the recording [s]")->group("Path");
+  verb.add_option("--to", arguments.selection.to, "end at this time of the recording [s]")->group("Path");
+  verb.add_option("--smoothing", arguments.smoothing, "smoothing of the path's positions, as in play [s]")
+      ->group("Path");
+  verb.add_option("--max-deviation", arguments.max_deviation, "largest deviation, as in play [m]")
+      ->capture_default_str()
+      ->group("Path");
+}
+
 }  // namespace
 
 Verb add_tradeoff(CLI::App& app) {
@@ -252,36 +337,9 @@ Verb add_tradeoff(CLI::App& app) {
   verb->add_flag("--no-instructions", arguments->no_instructions,
                  "measure load in time only, without counting instructions");
   verb->add_flag("--overwrite", arguments->overwrite, "replace existing files");
-  verb->add_option("--runs", arguments->runs, "runs of every configuration, each with different noise, 1 to 100")
-      ->capture_default_str();
-  verb->add_option("--rates", arguments->rates,
-                   "servo rates to try [Hz] (default: 100 Hz to 20 kHz; for a real device, up to its own rate)")
-      ->delimiter(',');
-  verb->add_option("--seed", arguments->seed, "seed of the first run")->capture_default_str();
-  verb->add_option("--jobs", arguments->jobs,
-                   "number of threads (0: one for every core); the results do not depend on it")
-      ->capture_default_str();
-  arguments->profile.add_to(*verb, "Base", "compare PD control alone, without the device's profile");
-  verb->add_option("--rate", arguments->base.rate_hz, "servo rate [Hz]")->capture_default_str()->group("Base");
-  verb->add_option("--velocity", arguments->base.velocity, "velocity estimator")->capture_default_str()->group("Base");
-  verb->add_option("--interpolation", arguments->interpolation, "interpolation between samples")
-      ->capture_default_str()
-      ->group("Base");
-  verb->add_option("--learn", arguments->learn, "learning repetitions of a calibrated device (0: none)")
-      ->capture_default_str()
-      ->group("Base");
-  verb->add_option("--speed", arguments->base.speed, "speed as a multiple of the path's own speed")
-      ->capture_default_str()
-      ->group("Path");
-  verb->add_flag("--fit", arguments->fit, "move and scale the path into the workspace")->group("Path");
-  add_input_options(*verb, arguments->csv);
-  verb->add_option("--from", arguments->selection.from, "start at this time of the recording [s]")->group("Path");
-  verb->add_option("--to", arguments->selection.to, "end at this time of the recording [s]")->group("Path");
-  verb->add_option("--smoothing", arguments->smoothing, "smoothing of the path's positions, as in play [s]")
-      ->group("Path");
-  verb->add_option("--max-deviation", arguments->max_deviation, "largest deviation, as in play [m]")
-      ->capture_default_str()
-      ->group("Path");
+  add_measuring_options(*verb, *arguments);
+  add_base_options(*verb, *arguments);
+  add_path_options(*verb, *arguments);
 
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "path");
@@ -320,48 +378,9 @@ Verb add_tradeoff(CLI::App& app) {
             const std::optional<Choice> choice = budget.empty() ? std::nullopt : choose(report, budget);
             if (!budget.empty() && report.complete && !choice)
               output.remark("no configuration was chosen: none was played to its end");
-            if (choice) {
-              const Configuration& chosen = choice->outcome.configuration;
-              const std::optional<DeviceProfile> profile = bench.profile_at(chosen.rate_hz);
-              if (profile) save_profile(*profile, files.profile, arguments->overwrite);
-              nlohmann::json config = config_file(chosen, bench.place().play,
-                                                  profile ? std::filesystem::absolute(files.profile).string() : "",
-                                                  choice->storage ? &choice->storage->storage : nullptr);
-              for (const auto& [key, time] :
-                   {std::pair{"from", arguments->selection.from}, {"to", arguments->selection.to}})
-                if (std::isfinite(time)) config["play"][key] = config["guide"][key] = time;
-              for (const auto& [column, name] : arguments->csv.columns)
-                for (const char* key : {"play", "guide"})
-                  config[key]["columns"].push_back(fmt::format("{}={}", column, name));
-              if (!arguments->csv.units.empty())
-                config["play"]["units"] = config["guide"]["units"] = arguments->csv.units;
-              save_json(config, files.config, arguments->overwrite);
-              json["choice"] = to_json(*choice, budget);
-              json["config_file"] = files.config;
-              json["predicted"] = predicted_by(choice->outcome);
-              text += text_of(*choice, budget);
-              text += fmt::format("  written to {}; use it: haptrace play {} --device {} --config {}\n", files.config,
-                                  arguments->path, arguments->device, files.config);
-            }
-            if (arguments->explain && report.complete) {
-              ReadProgress progress(output, "leaving out each term");
-              std::vector<Configuration> explained{options.base};
-              // Learning takes the place of the model's knowledge of the load.
-              if (options.base.learn > 0) {
-                explained.push_back(options.base);
-                explained.back().learn = 0;
-              }
-              json["explanations"] = nlohmann::json::array();
-              for (const Configuration& configuration : explained) {
-                const Explanation explanation = explain(bench, configuration, budget, options, signals.stop());
-                json["explanations"].push_back(to_json(explanation));
-                text += text_of(explanation, budget, "term");
-              }
-              if (const auto physics = explain_simulation(*arguments, bench, budget, options, signals.stop())) {
-                json["physics"] = to_json(*physics);
-                text += text_of(*physics, budget, "part of the simulated device");
-              }
-            }
+            if (choice) keep_choice(*arguments, *choice, budget, bench, files, json, text);
+            if (arguments->explain && report.complete)
+              add_explanations(*arguments, bench, budget, options, output, signals.stop(), json, text);
             report.complete = report.complete && signals.stop().count() == 0;
             json["complete"] = report.complete;
             draw(report, choice ? &*choice : nullptr);
