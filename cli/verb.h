@@ -64,6 +64,7 @@ Verb add_calibrate(CLI::App& app);
 Verb add_view(CLI::App& app);
 Verb add_info(CLI::App& app);
 Verb add_check(CLI::App& app);
+Verb add_scene(CLI::App& app);
 Verb add_convert(CLI::App& app);
 Verb add_recover(CLI::App& app);
 Verb add_plot(CLI::App& app);

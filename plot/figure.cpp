@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/output_file.h"
+#include "plot/palette.h"
 
 #include <algorithm>
 #include <array>
@@ -26,19 +27,6 @@ bool drawable(double x, double y) {
   return std::abs(x) < kBeyondPlotting && std::abs(y) < kBeyondPlotting;
 }
 
-struct Rgb {
-  double r, g, b;
-};
-
-// Okabe and Ito, Color Universal Design, 2008.
-constexpr std::array<Rgb, 8> kPalette{{{0.000, 0.447, 0.698},
-                                       {0.835, 0.369, 0.000},
-                                       {0.000, 0.620, 0.451},
-                                       {0.800, 0.475, 0.655},
-                                       {0.337, 0.706, 0.914},
-                                       {0.902, 0.624, 0.000},
-                                       {0.941, 0.894, 0.259},
-                                       {0.000, 0.000, 0.000}}};
 constexpr Rgb kInk{0.13, 0.13, 0.15}, kFaint{0.42, 0.42, 0.45}, kGrid{0.90, 0.90, 0.92}, kFrame{0.55, 0.55, 0.58};
 
 // Text heights and distances [px].
@@ -47,8 +35,7 @@ constexpr double kFigureTitle = 17, kPanelTitle = 13, kText = 11.5, kMargin = 18
 constexpr double kEntryLine = 22, kEntryGap = 6;  // legend entries
 
 const Rgb& color_of(const Series& s) {
-  constexpr int n = static_cast<int>(kPalette.size());
-  return kPalette[static_cast<std::size_t>((s.color % n + n) % n)];
+  return palette(s.color);
 }
 
 struct Range {
