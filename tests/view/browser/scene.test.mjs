@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { launch } from "./chromium.mjs";
+import { ballMesh, boxMesh, meshFrame, sceneOf } from "../page/frames.mjs";
 import { frames, openStage } from "./stage.mjs";
 
 let browser;
@@ -72,6 +73,89 @@ test("A longer path that replaces a shorter one is drawn to its end", () =>
     await frames(tab, 2);
     const path = await tab.evaluate(() => globalThis.stage.scene.picture.theme.path);
     assert.ok(near(await end(), rgb(path), 60), `${await end()} for ${path}`);
+  }));
+
+// A box of 40 mm left of the path and a ball of 30 mm right of it, as a server sends them.
+const OBJECTS = [
+  { name: "box", mesh: boxMesh(0.02, 0.02, 0.02), position: [-0.05, 0, 0], colour: "#2E8B57" },
+  { name: "ball", kind: "sphere", mesh: ballMesh(0.015), position: [0.05, 0, 0] },
+];
+const objectMessages = (id, objects = OBJECTS) => [
+  JSON.stringify(sceneOf(id, objects)),
+  ...objects.map(({ mesh }, i) => [...new Uint8Array(meshFrame(i, mesh.vertices, mesh.triangles, { request: id }))]),
+];
+const pixelAt = (tab, place) =>
+  tab.evaluate((p) => {
+    const { x, y } = globalThis.stage.scene.place(...p);
+    return globalThis.stage.pixel(x, y);
+  }, place);
+const apart = (a, b) => Math.hypot(...a.map((x, i) => x - b[i]));
+
+for (const flat of [false, true]) {
+  for (const dark of [false, true]) {
+    test(`Objects are drawn at their places, the touched one stands out, and the tool shows in front (${flat ? "2-D canvas" : "WebGL"}, ${dark ? "dark" : "light"})`, () =>
+      withStage({ options: { flat }, dark }, async (tab) => {
+        await tab.evaluate(() => globalThis.stage.touch([-0.05, 0, 0.017], NaN, [NaN, NaN, NaN], [NaN, NaN, NaN]));
+        await tab.evaluate(() => globalThis.stage.path(2, 2, 0));
+        await frames(tab, 2);
+        const inBox = [-0.042, -0.02, -0.006];
+        const inBall = [0.053, -0.014, -0.003];
+        const before = [await pixelAt(tab, inBox), await pixelAt(tab, inBall)];
+        await tab.evaluate((m) => globalThis.stage.take(m), objectMessages(1));
+        await frames(tab, 3);
+        const shown = [await pixelAt(tab, inBox), await pixelAt(tab, inBall)];
+        for (const i of [0, 1]) assert.ok(apart(before[i], shown[i]) > 25, `${before[i]} became ${shown[i]}`);
+        assert.ok(shown[0][1] > shown[0][0] + 10 && shown[0][1] > shown[0][2] + 5, `the box is green: ${shown[0]}`);
+        // Pressed 3 mm into the top of the box.
+        await tab.evaluate(() => globalThis.stage.touch([-0.05, 0, 0.017], 0, [-0.05, 0, 0.02], [0, 0, 1]));
+        await tab.evaluate((m) => globalThis.stage.take(m), objectMessages(2));
+        await frames(tab, 3);
+        const touched = [await pixelAt(tab, inBox), await pixelAt(tab, inBall)];
+        assert.ok(apart(touched[0], shown[0]) > 12, `the touched box: ${shown[0]} became ${touched[0]}`);
+        assert.ok(apart(touched[1], shown[1]) < 6, `the ball stays: ${shown[1]} became ${touched[1]}`);
+        const { colour, text, toolPixel, ring } = await tab.evaluate(() => {
+          const { scene } = globalThis.stage;
+          const { theme, toolSize, tool, proxy } = scene.picture;
+          const at = scene.place(...tool);
+          const p = scene.place(...proxy.at);
+          // The ring's line is about 0.64 of the tool's radius from its middle; left of it nothing else is.
+          const ring = [0.55, 0.6, 0.65, 0.7].map((r) => globalThis.stage.pixel(p.x - r * toolSize, p.y));
+          return { colour: theme.actual, text: theme.text, toolPixel: globalThis.stage.pixel(at.x, at.y + 0.5 * toolSize), ring };
+        });
+        assert.ok(near(toolPixel, rgb(colour), 6), `${toolPixel} for the tool's ${colour}`);
+        assert.ok(ring.some((pixel) => near(pixel, rgb(text), 60)), `${JSON.stringify(ring)} for the proxy's ${text}`);
+        assert.match(await tab.getAttribute(".scene-target", "aria-label"), /movement/);
+      }));
+  }
+}
+
+test("Scenes that replace each other keep the number of geometries, and an empty one removes the objects", () =>
+  withStage({}, async (tab) => {
+    const memory = () => tab.evaluate(() => globalThis.stage.scene.painter.memory());
+    await frames(tab, 3);
+    const without = await memory();
+    const counts = [];
+    for (let id = 1; id <= 10; id++) {
+      await tab.evaluate((m) => globalThis.stage.take(m), objectMessages(id));
+      await frames(tab, 2);
+      counts.push((await memory()).geometries);
+    }
+    assert.deepEqual(new Set(counts), new Set([without.geometries + 2]));
+    await tab.evaluate((m) => globalThis.stage.take(m), objectMessages(11, []));
+    await frames(tab, 2);
+    assert.deepEqual(await memory(), without);
+  }));
+
+test("Without a path the camera fits the objects when their meshes come", () =>
+  withStage({}, async (tab) => {
+    await tab.evaluate(() => globalThis.stage.path(2, 1, 0));
+    await tab.evaluate(() => globalThis.stage.scene.fit());
+    await frames(tab, 2);
+    const camera = () => tab.evaluate(() => globalThis.stage.scene.camera.distance);
+    const before = await camera();
+    await tab.evaluate((m) => globalThis.stage.take(m), objectMessages(1));
+    await frames(tab, 2);
+    assert.ok((await camera()) < 0.8 * before, "nearer than the workspace asks");
   }));
 
 test("The scene draws only when something changes", () =>

@@ -28,7 +28,7 @@ export async function openStage(browser, { width = 800, height = 600, options = 
     if (["error", "warning"].includes(message.type())) errors.push(message.text());
   });
   // An origin of its own, as the real page has: storage and raw pointer events need one. Nothing leaves the browser.
-  const html = `<!doctype html><title>stage</title><style>${style} #stage { position: fixed; inset: 0; }</style><div><div id="stage"></div></div>`;
+  const html = `<!doctype html><html data-theme="${dark ? "dark" : "light"}"><title>stage</title><style>${style} #stage { position: fixed; inset: 0; }</style><div><div id="stage"></div></div>`;
   await context.route("**/*", (route) => route.fulfill({ contentType: "text/html; charset=utf-8", body: html }));
   await tab.goto("http://localhost/");
   await tab.addScriptTag({ content: script });

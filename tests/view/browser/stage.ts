@@ -1,6 +1,6 @@
 // A scene with a synthetic session, without a server: what the tests of the scene open in a browser.
 import { Model } from "../../../view/page/src/model";
-import type { PathFrame, RowsFrame, ServerMessage } from "../../../view/page/src/protocol";
+import { decodeFrame, type MeshFrame, type PathFrame, type RowsFrame, type ServerMessage } from "../../../view/page/src/protocol";
 import { createScene, type SceneOptions, type SceneView } from "../../../view/page/src/scene/scene";
 import { createSection } from "../../../view/page/src/section";
 import { createSteering } from "../../../view/page/src/steer";
@@ -116,6 +116,24 @@ class Stage {
 
   path(id: number, points: number, share = 1, shift = 0): void {
     this.model.takePath(path(id, points, share, shift));
+  }
+
+  // Takes the messages of a scene as they come from a server: text, and bytes of meshes.
+  take(messages: (string | number[])[]): void {
+    for (const message of messages) {
+      if (typeof message === "string") this.model.take(JSON.parse(message) as ServerMessage);
+      else this.model.takeMesh(decodeFrame(new Uint8Array(message).buffer) as MeshFrame);
+    }
+  }
+
+  // Shows the tool pressed into the object of a scene; its surface holds the tool back at the proxy.
+  touch(tool: number[], object: number, proxy: number[], normal: number[]): void {
+    const columns = ["x", "y", "z", "fx", "fy", "fz", "contact", "proxy_x", "proxy_y", "proxy_z", "normal_x", "normal_y", "normal_z"];
+    this.model.take({ ...this.model.recording!, columns: columns.map((name) => ({ name, unit: "" })), session: `touch ${this.newest}` });
+    const values = [...tool, ...normal.map((n) => 2 * n), object, ...proxy, ...normal];
+    const header = { kind: 1, version: 1, flags: 0, sequence: 0, rows: 100, request: 0, t0: this.newest, sent: 0 };
+    const time = Float32Array.from({ length: 100 }, (_, i) => i / RATE);
+    this.model.takeRows({ kind: 1, header, time, planes: values.map((value) => new Float32Array(100).fill(value)) } as RowsFrame);
   }
 
   // Adds rows until `time` [s].

@@ -42,6 +42,50 @@ export function pathFrame(planes, options = {}) {
   return samplesFrame(planes, { ...options, kind: 4 });
 }
 
+// Kind 5: the mesh of an object. `vertices` are [x, y, z], `triangles` [i, j, k].
+export function meshFrame(object, vertices, triangles, options = {}) {
+  const { buffer, v } = header(5, { ...options, rows: vertices.length }, 8 + 12 * vertices.length + 12 * triangles.length);
+  v.setUint32(32, object, true);
+  v.setUint32(36, triangles.length, true);
+  vertices.flat().forEach((x, i) => v.setFloat32(40 + 4 * i, x, true));
+  triangles.flat().forEach((index, i) => v.setUint32(40 + 12 * vertices.length + 4 * i, index, true));
+  return buffer;
+}
+
+// A box about the origin with half sides [m]: 8 vertices, 12 triangles, counter-clockwise from outside.
+export function boxMesh(x, y, z) {
+  const vertices = Array.from({ length: 8 }, (_, i) => [i & 1 ? x : -x, i & 2 ? y : -y, i & 4 ? z : -z]);
+  const faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+  return { vertices, triangles: faces.flatMap(([a, b, c, d]) => [[a, b, c], [a, c, d]]) };
+}
+
+// A ball about the origin, by latitude and longitude; the seam and the poles repeat their vertices.
+export function ballMesh(radius, sides = 24) {
+  const vertices = [];
+  const triangles = [];
+  for (let i = 0; i <= sides / 2; i++) {
+    for (let j = 0; j <= sides; j++) {
+      const [a, b] = [(2 * Math.PI * i) / sides, (2 * Math.PI * (j % sides)) / sides];
+      vertices.push([radius * Math.sin(a) * Math.cos(b), radius * Math.sin(a) * Math.sin(b), radius * Math.cos(a)]);
+      if (i === 0 || j === 0) continue;
+      const k = i * (sides + 1) + j;
+      triangles.push([k - sides - 2, k - 1, k], [k - sides - 2, k, k - sides - 1]);
+    }
+  }
+  return { vertices, triangles };
+}
+
+// The message that announces objects with these meshes.
+export function sceneOf(id, objects) {
+  return {
+    type: "scene", id,
+    objects: objects.map(({ mesh, ...rest }) => ({
+      kind: "box", position: [0, 0, 0], rotation: [1, 0, 0, 0], ...rest,
+      mesh: mesh === null ? null : { vertices: mesh.vertices.length, triangles: mesh.triangles.length },
+    })),
+  };
+}
+
 // Messages of a recording with these columns.
 export function recordingOf(columns, options = {}) {
   return {

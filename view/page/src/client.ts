@@ -247,6 +247,8 @@ export class Client {
     const header = frame.header;
     if (frame.kind === Kind.path) {
       this.model.takePath(frame);
+    } else if (frame.kind === Kind.mesh) {
+      this.model.takeMesh(frame);
     } else if (header.request !== 0) {
       this.settle(header.request, frame);
     } else if (frame.kind !== Kind.bins) {

@@ -36,7 +36,7 @@ export function shownAs(name: string, unit: string): Shown {
   if (unit === "m") return { factor: 1000, unit: "mm", digits: 1 };
   if (unit === "m/s") return { factor: 1000, unit: "mm/s", digits: 0 };
   if (unit === "N") return { factor: 1, unit: "N", digits: 2 };
-  if (name === "phase" || name === "buttons") return { factor: 1, unit: "", digits: 0 };
+  if (name === "phase" || name === "buttons" || name === "contact") return { factor: 1, unit: "", digits: 0 };
   return { factor: 1, unit, digits: 3 };
 }
 
@@ -76,6 +76,9 @@ const WORDS: Record<string, string> = {
 export function columnWord(name: string): string {
   const group = /^([rfemq])([xyzw])$/.exec(name);
   if (group !== null) return `${WORDS[group[1]!]} ${group[2]}`;
+  const vector = /^(proxy|normal)_([xyz])$/.exec(name);
+  if (vector !== null) return `${vector[1] === "proxy" ? "proxy" : "contact normal"} ${vector[2]}`;
+  if (name === "contact") return "touched object";
   return name === "radius" ? "tunnel radius" : name;
 }
 

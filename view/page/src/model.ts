@@ -7,6 +7,7 @@ import type {
   ControlsMessage,
   EventEntry,
   HelloMessage,
+  MeshFrame,
   PathFrame,
   PhaseEntry,
   ProgrammeMessage,
@@ -18,6 +19,7 @@ import type {
   WarningMessage,
 } from "./protocol";
 import { FLAG_COARSE, FLAG_GAP } from "./protocol";
+import { objectOf, shapeOf, type VirtualScene } from "./scene/objects";
 import { BlockCache, nearestRow, RowRing, rowAt, type RowSource } from "./rows";
 
 // Live rows are shown this much later than the newest one [s]: batches arrive each 16 ms and late ones do not stutter.
@@ -33,6 +35,7 @@ export type ModelEvent =
   | "hello"
   | "recording"
   | "path"
+  | "scene" // objects, or the mesh of one
   | "status"
   | "events"
   | "phases"
@@ -103,6 +106,7 @@ export class Model {
   programme: ProgrammeMessage | null = null;
   training: TrainingMessage | null = null;
   path: Path | null = null;
+  scene: VirtualScene | null = null;
   // Events of the session and the marks of this page, in the order of their times.
   events: EventEntry[] = [];
   phases: PhaseEntry[] = [];
@@ -148,6 +152,7 @@ export class Model {
   private source: Source | null = null;
   private generation = 0;
   private pathVersion = 0;
+  private sceneVersion = 0;
   private moved: Movement | null = null;
   private movementKey = "";
   private movementDue = 0;
@@ -318,6 +323,10 @@ export class Model {
         this.programme = message;
         this.emit("programme");
         break;
+      case "scene":
+        this.scene = { id: message.id, version: ++this.sceneVersion, objects: message.objects.map(objectOf) };
+        this.emit("scene");
+        break;
       case "training":
         this.training = message;
         this.emit("training");
@@ -352,6 +361,18 @@ export class Model {
       length: frame.length,
     };
     this.emit("path");
+  }
+
+  // Takes the mesh of an object of the present scene. One that contradicts its message is ignored.
+  takeMesh(frame: MeshFrame): void {
+    const scene = this.scene;
+    const object = scene?.objects[frame.object];
+    if (scene === null || object === undefined || frame.header.request !== scene.id) return;
+    const { mesh } = object;
+    if (mesh === null || mesh.vertices !== frame.header.rows || 3 * mesh.triangles !== frame.triangles.length) return;
+    object.shape = shapeOf(frame.vertices, frame.triangles, object.position, object.rotation);
+    scene.version = ++this.sceneVersion;
+    this.emit("scene");
   }
 
   // Adds a mark that only this page keeps: a viewer cannot write into a recording.
@@ -652,6 +673,8 @@ export class Model {
       this.loop = null;
       this.loopOn = false;
       this.shown = message.start;
+      this.scene = null;
+      this.emit("scene");
       if (this.hello?.live === true) {
         // The next repetition is shown live, also if the last one was frozen or has ended.
         this.status = null;

@@ -9,6 +9,7 @@ export const enum Kind {
   state = 2,
   bins = 3,
   path = 4,
+  mesh = 5,
   intention = 8,
 }
 
@@ -180,6 +181,24 @@ export interface ProgrammeMessage {
   trials: TrialResult[];
 }
 
+export interface SceneObject {
+  name: string;
+  kind: string;
+  // Pose of the object in W: position [m], rotation as a quaternion w x y z.
+  position: Vec3;
+  rotation: [number, number, number, number];
+  // "#rrggbb"; absent: the page chooses.
+  colour?: string | null;
+  // Numbers of the mesh that follows; null: the object is not drawn.
+  mesh: { vertices: number; triangles: number } | null;
+}
+
+export interface SceneMessage {
+  type: "scene";
+  id: number;
+  objects: SceneObject[];
+}
+
 export type TrainingState = "waiting" | "approach" | "go" | "moving" | "done" | "rest" | "stopped" | "finished";
 
 export interface Show {
@@ -235,6 +254,7 @@ export type ServerMessage =
   | AnswerMessage
   | ProgrammeMessage
   | TrainingMessage
+  | SceneMessage
   | PongMessage
   | ErrorMessage;
 
@@ -313,7 +333,18 @@ export interface PathFrame {
   length: Float32Array;
 }
 
-export type Frame = RowsFrame | BinsFrame | PathFrame;
+export interface MeshFrame {
+  kind: Kind.mesh;
+  header: Header;
+  // Index of the object in the scene.
+  object: number;
+  // x y z of each vertex in the frame of the object [m].
+  vertices: Float32Array;
+  // Three indices of vertices for each triangle, counter-clockwise as seen from outside.
+  triangles: Uint32Array;
+}
+
+export type Frame = RowsFrame | BinsFrame | PathFrame | MeshFrame;
 
 const littleEndian = new Uint8Array(new Uint16Array([1]).buffer)[0] === 1;
 
@@ -323,6 +354,12 @@ function plane(buffer: ArrayBuffer, byte: number, rows: number): Float32Array {
   const out = new Float32Array(rows);
   for (let i = 0; i < rows; i++) out[i] = view.getFloat32(byte + 4 * i, true);
   return out;
+}
+
+function indices(buffer: ArrayBuffer, byte: number, count: number): Uint32Array {
+  if (littleEndian) return new Uint32Array(buffer, byte, count);
+  const view = new DataView(buffer);
+  return Uint32Array.from({ length: count }, (_, i) => view.getUint32(byte + 4 * i, true));
 }
 
 // Reads the header of a binary frame. Returns null if the frame is too short or of another version.
@@ -387,6 +424,15 @@ export function decodeFrame(buffer: ArrayBuffer): Frame | null {
       if (body !== 24 * rows) return null;
       const p = (i: number): Float32Array => plane(buffer, HEADER_BYTES + 4 * rows * i, rows);
       return { kind: Kind.path, header, time: p(0), x: p(1), y: p(2), z: p(3), radius: p(4), length: p(5) };
+    }
+    case Kind.mesh: {
+      if (body < 8) return null;
+      const v = new DataView(buffer);
+      const count = v.getUint32(HEADER_BYTES + 4, true);
+      if (body !== 8 + 12 * rows + 12 * count) return null;
+      const triangles = indices(buffer, HEADER_BYTES + 8 + 12 * rows, 3 * count);
+      if (triangles.some((index) => index >= rows)) return null;
+      return { kind: Kind.mesh, header, object: v.getUint32(HEADER_BYTES, true), vertices: plane(buffer, HEADER_BYTES + 8, 3 * rows), triangles };
     }
     default:
       return null;

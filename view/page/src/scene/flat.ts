@@ -1,7 +1,7 @@
 // Draws a picture on a 2-D canvas where the browser has no WebGL: path, tunnel as a band, movement, trail, tool, force.
 import { axesOf, metresPerPixel, projectWith } from "./camera";
-import { ARROW_SCALE, GAP, UNKNOWN, type Painter, type Picture } from "./picture";
-import { cividis, cssColour, mix } from "./theme";
+import { ARROW_SCALE, GAP, NORMAL_LENGTH, OBJECT_ALPHA, objectColour, UNKNOWN, type Painter, type Picture } from "./picture";
+import { cividis, cssColour, mix, parseColour } from "./theme";
 
 export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
   // Without a GPU a canvas that the processor reads is several times faster to draw.
@@ -11,6 +11,8 @@ export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
   let height = 1;
   let ratio = 1;
   const spot = [0, 0, 0];
+  const objects = new Layer();
+  const band = new Layer();
 
   const draw = (p: Picture): void => {
     const c = context;
@@ -61,8 +63,11 @@ export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
       for (let i = Math.round(f.y0 / f.step); i * f.step <= f.y1 + 1e-9; i++) edge(f.x0, i * f.step, f.x1, i * f.step);
       stroke(t.path, 1, 0.3);
     }
+    if (p.scene !== null && p.scene.objects.some((o) => o.shape !== null)) {
+      objects.draw(c, p, ratio, `${p.scene.version} ${p.touched} ${p.theme.object}`, OBJECT_ALPHA + 0.1, (layer) => paintObjects(layer, p));
+    }
     const path = p.path;
-    if (p.showTunnel && path.count > 1) tunnel(c, p, at, spot);
+    if (p.showTunnel && path.count > 1) band.draw(c, p, ratio, String(p.pathVersion), 0.6, (layer) => tunnel(layer, p, at, spot));
     if (p.showPath && path.count > 1) {
       line(path.xyz, 0, path.count);
       stroke(t.path, 2);
@@ -111,6 +116,7 @@ export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
       line([...p.tool, ...p.reference], 0, 2);
       stroke(p.deviation.outside ? t.stop : t.second, p.deviation.outside ? 2.6 : 1.5);
     }
+    if (tool && p.proxy.visible) proxy(c, p, at, spot);
     if (tool && p.arrow.visible) arrow(c, p, at, spot);
     if (tool && circle(p.tool, p.toolSize)) {
       c.fillStyle = t.actual;
@@ -147,6 +153,108 @@ export function createFlatPainter(canvas: HTMLCanvasElement): Painter {
 
 type At = (x: number, y: number, z: number) => boolean;
 
+/** Draws the contact: a line from the tool to the surface, a ring there, and the normal. */
+function proxy(c: CanvasRenderingContext2D, p: Picture, at: At, spot: number[]): void {
+  const { at: place, normal } = p.proxy;
+  if (!at(...place)) return;
+  const [x, y, depth] = [spot[0]!, spot[1]!, spot[2]!];
+  if (p.proxy.showNormal) {
+    const length = NORMAL_LENGTH * p.toolSize * metresPerPixel(p.camera, depth);
+    if (at(place[0] + length * normal[0], place[1] + length * normal[1], place[2] + length * normal[2])) {
+      segment(c, x, y, spot[0]!, spot[1]!, p.theme.second, 2.5);
+    }
+  }
+  if (at(...p.tool)) segment(c, spot[0]!, spot[1]!, x, y, p.theme.text, 2);
+  c.beginPath();
+  c.arc(x, y, 0.65 * p.toolSize, 0, 2 * Math.PI);
+  c.strokeStyle = p.theme.text;
+  c.lineWidth = 0.25 * p.toolSize;
+  c.stroke();
+}
+
+function segment(c: CanvasRenderingContext2D, x0: number, y0: number, x1: number, y1: number, colour: string, width: number): void {
+  c.beginPath();
+  c.moveTo(x0, y0);
+  c.lineTo(x1, y1);
+  c.strokeStyle = colour;
+  c.lineWidth = width;
+  c.stroke();
+}
+
+/** More triangles than this are thinned: a canvas draws about this many in a frame. */
+const MOST_TRIANGLES = 20000;
+
+/**
+ * Part of the picture that is kept until its key, the camera or the theme changes. It is drawn as one translucent picture,
+ * so that what overlaps in it does not add up.
+ */
+class Layer {
+  private readonly canvas = document.createElement("canvas");
+  private key = "";
+
+  draw(c: CanvasRenderingContext2D, p: Picture, ratio: number, own: string, alpha: number, paint: (c: CanvasRenderingContext2D) => void): void {
+    const { centre, azimuth, elevation, distance, shiftX, shiftY, width, height } = p.camera;
+    const key = [own, ...centre, azimuth, elevation, distance, shiftX, shiftY, width, height, ratio, p.theme.background, p.theme.path].join();
+    if (key !== this.key) {
+      this.key = key;
+      this.canvas.width = Math.round(width * ratio);
+      this.canvas.height = Math.round(height * ratio);
+      const context = this.canvas.getContext("2d", { willReadFrequently: true });
+      if (context === null) return;
+      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+      context.lineJoin = "round";
+      context.lineCap = "round";
+      paint(context);
+    }
+    c.globalAlpha = alpha;
+    c.drawImage(this.canvas, 0, 0, width, height);
+    c.globalAlpha = 1;
+  }
+}
+
+/** Fills the triangles of all objects, the farthest first. */
+function paintObjects(c: CanvasRenderingContext2D, p: Picture): void {
+  const axes = axesOf(p.camera);
+  const spot = [0, 0, 0];
+  const drawn: { depth: number; places: number[]; colour: string }[] = [];
+  const all = p.scene!.objects.reduce((sum, o) => sum + (o.shape?.count ?? 0), 0);
+  const step = Math.max(1, Math.ceil(all / MOST_TRIANGLES));
+  p.scene!.objects.forEach(({ shape }, index) => {
+    if (shape === null) return;
+    const base = parseColour(objectColour(p, index));
+    for (let t = 0; t < shape.count; t += step) {
+      const places: number[] = [];
+      let depth = 0;
+      let behind = false;
+      for (let j = 0; j < 3; j++) {
+        const k = 9 * t + 3 * j;
+        projectWith(p.camera, axes, shape.position[k]!, shape.position[k + 1]!, shape.position[k + 2]!, spot);
+        behind ||= !(spot[2]! > 0);
+        depth += spot[2]!;
+        places.push(spot[0]!, spot[1]!);
+      }
+      if (behind) continue;
+      const n = shape.face.subarray(3 * t, 3 * t + 3);
+      const seen = (a: readonly number[]): number => n[0]! * a[0]! + n[1]! * a[1]! + n[2]! * a[2]!;
+      const light = 0.66 + 0.34 * Math.abs(-0.4 * seen(axes.right) + 0.75 * seen(axes.up) + 0.53 * seen(axes.back));
+      drawn.push({ depth, places, colour: cssColour([base[0] * light, base[1] * light, base[2] * light]) });
+    }
+  });
+  drawn.sort((a, b) => b.depth - a.depth);
+  c.lineWidth = 0.7;
+  for (const { places, colour } of drawn) {
+    c.beginPath();
+    c.moveTo(places[0]!, places[1]!);
+    c.lineTo(places[2]!, places[3]!);
+    c.lineTo(places[4]!, places[5]!);
+    c.closePath();
+    c.fillStyle = c.strokeStyle = colour;
+    c.fill();
+    // Closes the fine gaps between neighbours.
+    c.stroke();
+  }
+}
+
 /** Stretches of a tunnel whose widths on the screen differ by less than this factor are drawn as one line. */
 const EVEN = 1.08;
 
@@ -155,7 +263,7 @@ function tunnel(c: CanvasRenderingContext2D, p: Picture, at: At, spot: number[])
   const { path, theme } = p;
   const step = Math.max(1, Math.floor(path.count / 400));
   const steps = Math.ceil((path.count - 1) / step);
-  for (const [more, share] of [[2, 0.45], [0, 0.85]] as const) {
+  for (const [more, share] of [[2.5, 0.2], [0, 0.7]] as const) {
     c.strokeStyle = mix(theme.path, theme.background, share);
     let width = NaN;
     const end = (): void => {

@@ -20,13 +20,16 @@ import {
   type IUniform,
 } from "three";
 import { axesOf, eyeOf, FIELD_OF_VIEW, metresPerPixel, projectWith } from "./camera";
-import { ARROW_SCALE, type Painter, type Picture } from "./picture";
+import { ARROW_SCALE, NORMAL_LENGTH, OBJECT_ALPHA, objectColour, TOUCHED_ALPHA, type Painter, type Picture } from "./picture";
 import { createPolyline, fillPolyline, type Polyline } from "./polyline";
 import { createRibbon, fillRibbon } from "./ribbon";
 import { CIVIDIS, cividisRange, mix, parseColour } from "./theme";
 import { createFrames, createTube, fillFrames, fillTube } from "./tube";
 
 ColorManagement.enabled = false;
+
+/** Objects are drawn after floor, shadows and drop line, which have the orders 0 to 4. */
+const OBJECT_ORDER = 4.5;
 
 /** Largest number of lines of the floor grid and of the workspace box. */
 const GRID_LINES = 512;
@@ -188,6 +191,25 @@ const SOLID_FRAGMENT = /* glsl */ `
   void main() { gl_FragColor = vec4(colour * min(vLight, 1.0), alpha); }
 `;
 
+// An object's surface, lit from the eye's upper left, from both sides.
+const OBJECT_VERTEX = /* glsl */ `
+  varying vec3 vNormal;
+  void main() {
+    vNormal = normalMatrix * normal;
+    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  }
+`;
+
+const OBJECT_FRAGMENT = /* glsl */ `
+  uniform vec3 colour;
+  uniform float alpha;
+  varying vec3 vNormal;
+  void main() {
+    float light = abs(dot(normalize(vNormal), vec3(-0.4, 0.75, 0.53)));
+    gl_FragColor = vec4(colour * (0.66 + 0.34 * light), alpha);
+  }
+`;
+
 type Uniforms = Record<string, IUniform>;
 
 /** Uniforms that every material shares: one value for all. */
@@ -261,6 +283,10 @@ class GlPainter implements Painter {
   private readonly dropData = pairs(1);
   private readonly deviationData = pairs(1);
   private readonly sheetData = pairs(4);
+  private readonly proxyData = pairs(1);
+  private readonly normalData = pairs(1);
+  private objects: { index: number; depth: Mesh; surface: Mesh }[] = [];
+  private sceneVersion = -1;
   private readonly meshes;
   private readonly axis = new Vector3();
   private readonly up = new Vector3(0, 0, 1);
@@ -305,6 +331,7 @@ class GlPainter implements Painter {
     sheet.setIndex([0, 1, 2, 2, 1, 3]);
 
     // In the order of drawing. Nothing but the arrow needs a depth test: what is nearer does not hide the movement.
+    // Objects are translucent, but hide each other by a depth that is written first and forgotten before the arrow.
     let order = 0;
     const line = (data: LineData): Mesh => this.add(data.geometry, this.lineMaterial(), order++);
     const mark = (): Mesh => this.add(quad, this.markMaterial(), order++);
@@ -314,6 +341,7 @@ class GlPainter implements Painter {
       pathShadow: line(this.pathData),
       toolShadow: this.add(disc(24), this.solidMaterial(false), order++),
       drop: line(this.dropData),
+      // The objects stand here: see OBJECT_ORDER.
       sheet: this.add(sheet, this.ribbonMaterial(), order++),
       sheetEdge: line(this.sheetData),
       path: line(this.pathData),
@@ -324,13 +352,20 @@ class GlPainter implements Painter {
       goal: mark(),
       start: mark(),
       deviation: line(this.deviationData),
+      proxyLine: line(this.proxyData),
+      normal: line(this.normalData),
       arrow: this.add(arrowShape(20), this.solidMaterial(true), order++),
       head: this.add(coneShape(20), this.solidMaterial(true), order++),
       tool: mark(),
+      proxy: mark(),
       reference: mark(),
       intention: mark(),
     };
     uniforms(this.meshes.pathShadow).flatten!.value = 1;
+    this.meshes.arrow.onBeforeRender = () => {
+      this.renderer.state.buffers.depth.setMask(true);
+      this.renderer.clearDepth();
+    };
 
     // The renderer asks for the context back, and uploads everything again when it comes.
     const lost = (): void => {
@@ -392,6 +427,7 @@ class GlPainter implements Painter {
       this.movementData.upload(p.movement.count);
     }
     this.placeFloor(p);
+    this.placeObjects(p);
 
     const known = Number.isFinite(p.tool[0] + p.tool[1] + p.tool[2]);
     const tool = p.showTool && known;
@@ -435,6 +471,7 @@ class GlPainter implements Painter {
     }
     this.placeArrow(p, axes, tool);
     this.mark(m.tool, tool, p.tool, t.actual, p.toolSize, 0, t.background);
+    this.placeProxy(p, axes, tool);
     this.mark(m.reference, p.showReference, p.reference, t.expert, p.toolSize, 2, t.background);
     this.mark(m.start, p.start.visible, p.start.at, p.start.colour, 1.9 * p.toolSize, 1);
     this.mark(m.goal, p.goal.visible, p.goal.at, p.goal.colour, 1.7 * p.toolSize, 1);
@@ -447,6 +484,7 @@ class GlPainter implements Painter {
   dispose(): void {
     this.stopListening();
     for (const mesh of Object.values(this.meshes)) mesh.geometry.dispose();
+    this.dropObjects();
     for (const material of this.materials) material.dispose();
     this.renderer.dispose();
     // Browsers keep few contexts: this one goes now, not when the collector comes.
@@ -509,6 +547,59 @@ class GlPainter implements Painter {
       }
       this.boxData.upload(2 * n);
     }
+  }
+
+  private dropObjects(): void {
+    for (const { depth, surface } of this.objects) {
+      this.scene.remove(depth, surface);
+      surface.geometry.dispose();
+      for (const mesh of [depth, surface]) (mesh.material as ShaderMaterial).dispose();
+    }
+    this.objects = [];
+  }
+
+  private placeObjects(p: Picture): void {
+    const version = p.scene?.version ?? 0;
+    if (version !== this.sceneVersion) {
+      this.sceneVersion = version;
+      this.dropObjects();
+      p.scene?.objects.forEach(({ shape }, index) => {
+        if (shape === null) return;
+        const geometry = new BufferGeometry();
+        geometry.setAttribute("position", new BufferAttribute(shape.position, 3));
+        geometry.setAttribute("normal", new BufferAttribute(shape.normal, 3));
+        const material = (): ShaderMaterial =>
+          new ShaderMaterial({
+            vertexShader: OBJECT_VERTEX,
+            fragmentShader: OBJECT_FRAGMENT,
+            uniforms: { colour: { value: new Color() }, alpha: { value: 1 } },
+            transparent: true,
+            side: DoubleSide,
+          });
+        const depth = this.add(geometry, material(), OBJECT_ORDER);
+        (depth.material as ShaderMaterial).colorWrite = false;
+        const surface = this.add(geometry, material(), OBJECT_ORDER + 0.1);
+        (surface.material as ShaderMaterial).depthWrite = false;
+        this.objects.push({ index, depth, surface });
+      });
+    }
+    for (const { index, surface } of this.objects) {
+      set(surface, objectColour(p, index));
+      uniforms(surface).alpha!.value = index === p.touched ? TOUCHED_ALPHA : OBJECT_ALPHA;
+    }
+  }
+
+  private placeProxy(p: Picture, axes: ReturnType<typeof axesOf>, tool: boolean): void {
+    const m = this.meshes;
+    const { at, normal } = p.proxy;
+    const visible = tool && p.proxy.visible;
+    this.mark(m.proxy, visible, at, p.theme.text, 0.75 * p.toolSize, 1);
+    this.line(m.proxyLine, visible, p.theme.text, 2, 1);
+    this.line(m.normal, visible && p.proxy.showNormal, p.theme.second, 2.5, 1);
+    if (!visible) return;
+    this.segment(this.proxyData, p.tool, at);
+    const length = NORMAL_LENGTH * p.toolSize * metresPerPixel(p.camera, this.depth(p, axes, ...at));
+    this.segment(this.normalData, at, [0, 1, 2].map((k) => at[k]! + length * normal[k]!));
   }
 
   private placeArrow(p: Picture, axes: ReturnType<typeof axesOf>, tool: boolean): void {

@@ -1,7 +1,8 @@
 // Describes one frame of the scene. The scene fills it from the model; a painter draws it, by WebGL or on a 2-D canvas.
 import type { Camera } from "./camera";
+import type { VirtualScene } from "./objects";
 import type { Polyline } from "./polyline";
-import type { Theme } from "./theme";
+import { mix, type Theme } from "./theme";
 
 /** Colour of the recorded movement. */
 export type ColourMode = "one" | "deviation" | "speed" | "force";
@@ -38,6 +39,12 @@ export interface Arrow {
 
 export interface Picture {
   camera: Camera;
+  /** Objects of a virtual scene; null: there is none. */
+  scene: VirtualScene | null;
+  /** Index of the touched object; -1: none. */
+  touched: number;
+  /** Where the surface of the touched object holds the tool back, and its unit normal there. */
+  proxy: { visible: boolean; at: [number, number, number]; normal: [number, number, number]; showNormal: boolean };
   theme: Theme;
   /** Counts changes of the path. */
   pathVersion: number;
@@ -69,6 +76,20 @@ export interface Picture {
   intention: { visible: boolean; at: [number, number, number] };
   /** Drawing plane across a base axis, as a faint sheet around `at` with half of its size along each axis [m]. */
   sheet: { visible: boolean; at: [number, number, number]; axis: 0 | 1 | 2; half: [number, number, number] };
+}
+
+/** Length of a contact's normal on the screen, in radii of the tool. */
+export const NORMAL_LENGTH = 3;
+
+/** Opacity of an object, and of the touched one: path, tool and grid stay visible. */
+export const OBJECT_ALPHA = 0.55;
+export const TOUCHED_ALPHA = 0.8;
+
+/** Colour of an object: its own or that of its role; paler unless it is touched. */
+export function objectColour(p: Picture, index: number): string {
+  const own = p.scene?.objects[index]?.colour;
+  const colour = typeof own === "string" && /^#[0-9a-f]{6}$/i.test(own) ? own : p.theme.object;
+  return index === p.touched ? mix(colour, p.theme.dark ? "#FFFFFF" : colour, 0.25) : mix(colour, p.theme.background, 0.35);
 }
 
 /** Millimetres an arrow is long for each newton, in metres. */

@@ -143,6 +143,7 @@ class SceneOfModel implements SceneView {
   private summaryDue = 0;
   private noticeKey = "";
   private readonly spot = [0, 0, 0];
+  private objectsFitted = 0;
 
   constructor(
     readonly host: HTMLElement,
@@ -169,11 +170,13 @@ class SceneOfModel implements SceneView {
     const stop = [
       model.on("path", () => this.takePath()),
       model.on("recording", () => this.takeRecording()),
+      model.on("scene", () => this.takeScene()),
       model.on("theme", () => (this.themeDue = 0)),
     ];
     this.abort.signal.addEventListener("abort", () => stop.forEach((end) => end()));
     this.resize();
     this.takePath();
+    this.takeScene();
   }
 
   get canvas(): HTMLCanvasElement {
@@ -238,6 +241,13 @@ class SceneOfModel implements SceneView {
     p.deviation.visible = t === null && hasReference && deviation > 0;
     p.deviation.outside = deviation > radius;
     p.done = t !== null && t.done ? this.doneLength() : NaN;
+    const object = m.value("contact");
+    triple(p.proxy.at, m.value("proxy_x"), m.value("proxy_y"), m.value("proxy_z"));
+    triple(p.proxy.normal, m.value("normal_x"), m.value("normal_y"), m.value("normal_z"));
+    p.touched = Number.isInteger(object) ? object : -1;
+    p.proxy.visible = p.touched >= 0 && p.showTool && Number.isFinite(p.proxy.at[0] + p.proxy.at[1] + p.proxy.at[2]);
+    // The trainee sees where the surface is, not the vectors of it.
+    p.proxy.showNormal = t === null && Number.isFinite(p.proxy.normal[0] + p.proxy.normal[1] + p.proxy.normal[2]);
     p.floor.visible = t === null;
     p.workspace.visible = t === null && m.recording?.device.workspace !== undefined;
     this.readRings();
@@ -399,13 +409,39 @@ class SceneOfModel implements SceneView {
     else if (elsewhere || !this.touched) this.fitDue = true;
   }
 
+  private takeScene(): void {
+    this.picture.scene = this.model.scene;
+    this.dirty = true;
+    // Meshes come one by one: the picture is fitted when one is here that was not.
+    const shapes = this.model.scene?.objects.filter((o) => o.shape !== null).length ?? 0;
+    const grown = shapes > this.objectsFitted;
+    this.objectsFitted = shapes;
+    if (grown && !this.touched && this.picture.path.count < 2 && !this.moving) this.fitted = false;
+  }
+
   /** A person moves now: the camera stays, whatever arrives. */
   private get moving(): boolean {
     if (this.training !== null) return this.training.moving;
     return this.model.live && this.model.phaseAt(this.model.shown) === "run";
   }
 
-  /** Spheres (x, y, z, radius) that a fit shows: the path, else the movement, else the workspace. */
+  /** Box of the objects of a scene, within the workspace if that is known; null without any. */
+  private objectsBox(workspace: { min: Triple; max: Triple } | undefined): { min: Triple; max: Triple } | null {
+    const shapes = this.model.scene?.objects.flatMap((o) => (o.shape === null ? [] : [o.shape])) ?? [];
+    if (shapes.length === 0) return null;
+    const side = (k: 0 | 1 | 2): [number, number] => {
+      const low = Math.min(...shapes.map((s) => s.min[k]));
+      const high = Math.max(...shapes.map((s) => s.max[k]));
+      if (workspace === undefined) return [low, high];
+      // The tool comes to all of its workspace, and a plane reaches far beyond it.
+      return [Math.max(low, workspace.min[k]), Math.min(high, workspace.max[k])];
+    };
+    const [x, y, z] = [side(0), side(1), side(2)];
+    if (x[0] > x[1] || y[0] > y[1] || z[0] > z[1]) return null;
+    return { min: [x[0], y[0], z[0]], max: [x[1], y[1], z[1]] };
+  }
+
+  /** Spheres (x, y, z, radius) that a fit shows: the path, else the movement, else objects, else the workspace. */
   private contents(): number[] {
     const out: number[] = [];
     const { path, movement } = this.picture;
@@ -424,8 +460,9 @@ class SceneOfModel implements SceneView {
       }
       return out;
     }
-    const low = box?.min ?? [-0.05, -0.05, -0.05];
-    const high = box?.max ?? [0.05, 0.05, 0.05];
+    const objects = this.objectsBox(box);
+    const low = objects?.min ?? box?.min ?? [-0.05, -0.05, -0.05];
+    const high = objects?.max ?? box?.max ?? [0.05, 0.05, 0.05];
     for (let i = 0; i < 8; i++) {
       out.push(i & 1 ? high[0] : low[0], i & 2 ? high[1] : low[1], i & 4 ? high[2] : low[2], 0);
     }
@@ -632,7 +669,7 @@ class SceneOfModel implements SceneView {
     const text =
       this.training !== null
         ? "The movement in three dimensions"
-        : describeScene(p.tool, p.path.count > 1, m.value("deviation"), m.value("radius"), Math.hypot(...p.arrow.force));
+        : describeScene(p.tool, p.path.count > 1, m.value("deviation"), m.value("radius"), Math.hypot(...p.arrow.force), p.scene?.objects[p.touched]?.name);
     if (this.target.getAttribute("aria-label") !== text) this.target.setAttribute("aria-label", text);
   }
 
@@ -761,6 +798,9 @@ class SceneOfModel implements SceneView {
 function emptyPicture(camera: Camera, host: Element): Picture {
   return {
     camera,
+    scene: null,
+    touched: -1,
+    proxy: { visible: false, at: [NaN, NaN, NaN], normal: [NaN, NaN, NaN], showNormal: false },
     theme: readTheme(host),
     pathVersion: 0,
     path: createPolyline(PATH_POINTS),
@@ -821,8 +861,8 @@ function triple(out: Triple, x: number, y: number, z: number): void {
   out[2] = z;
 }
 
-/** Summary of the scene in words; lengths in m, force in N, NaN: not known. */
-export function describeScene(tool: readonly number[], hasPath: boolean, deviation: number, radius: number, force: number): string {
+/** Summary of the scene in words; lengths in m, force in N, NaN: not known. `touched`: name of the touched object. */
+export function describeScene(tool: readonly number[], hasPath: boolean, deviation: number, radius: number, force: number, touched?: string): string {
   const mm = (value: number): string => decimal(1000 * value, 1);
   const parts = ["The movement in three dimensions."];
   if (tool.every(Number.isFinite)) {
@@ -834,6 +874,7 @@ export function describeScene(tool: readonly number[], hasPath: boolean, deviati
   } else {
     parts.push("The place of the tool is not known.");
   }
+  if (touched !== undefined) parts.push(`It touches ${touched}.`);
   if (!hasPath) parts.push("There is no path.");
   if (Number.isFinite(force)) parts.push(force < LEAST_FORCE ? "There is no force." : `The force is ${decimal(force, 1)} N.`);
   return parts.join(" ");

@@ -10,6 +10,7 @@ export interface Theme {
   readonly expert: string;
   readonly force: string;
   readonly go: string;
+  readonly object: string;
   readonly warning: string;
   readonly stop: string;
 }
@@ -29,6 +30,7 @@ export function readTheme(element: Element): Theme {
     expert: value("--role-expert", "#B44FCB"),
     force: value("--role-force", "#C07A00"),
     go: value("--role-go", "#00785F"),
+    object: value("--role-object", "#C9AE86"),
     warning: value("--role-warning", "#7D5A00"),
     stop: value("--role-stop", "#9E0F1A"),
   };
