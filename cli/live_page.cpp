@@ -5,6 +5,7 @@
 #include "devices/sim/hand_steering.h"
 #include "player/tuning/private_socket.h"
 #include "player/tuning/tuning_server.h"
+#include "view/shown_scene.h"
 
 #include <array>
 #include <cstdlib>
@@ -133,6 +134,10 @@ void LivePage::watch(SessionOptions& session) {
   session.observer = this;
   if (session.clock == ClockChoice::automatic) session.clock = ClockChoice::real;
   session.also_warn([this] { return view_->warnings(); });
+}
+
+void LivePage::scene(const Scene& scene) {
+  if (view_) view_->scene(shown_objects(scene));
 }
 
 void LivePage::release() {

@@ -9,6 +9,10 @@
 #include <optional>
 #include <string>
 
+namespace haptrace {
+class Scene;
+}
+
 namespace haptrace::cli {
 
 /// Throws Error(input) if this build has no page.
@@ -54,6 +58,9 @@ class LivePage final : public SessionObserver {
     LivePage& page_;
   };
 
+  /// Shows the scene that the sessions from now on touch.
+  void scene(const Scene& scene);
+
   /// Shows the therapist the state of a programme (programme_message).
   void programme(const nlohmann::json& state);
 
@@ -78,6 +85,7 @@ class LivePage final : public SessionObserver {
       if (training != nullptr) training->push(sample);
     }
     void push(const Event& event) noexcept override { view->push(event); }
+    void push_contact(const ContactSample& contact) noexcept override { view->push_contact(contact); }
     void between_ticks(bool may_wait) noexcept override { view->between_ticks(may_wait); }
   };
 

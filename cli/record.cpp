@@ -169,6 +169,7 @@ Verb add_record(CLI::App& app) {
             StopRequest stop(&signals.stop());
             LivePage page(arguments->view, arguments->session, output, "record", stop);
             page.watch(options.session);
+            if (options.scene) page.scene(*options.scene);
             LiveRecording commands(options.session.recording->options.annotations, stop);
             options.live = &commands;
             const LivePage::Use use(page, commands);

@@ -1,3 +1,5 @@
+#include "scene/scene.h"
+
 #include "base/error.h"
 #include "cli/verb.h"
 #include "plot/shaded.h"

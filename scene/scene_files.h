@@ -21,9 +21,14 @@ class SceneFiles {
   std::string find(const std::string& name) {
     const std::filesystem::path path(name);
     std::string found = (path.is_absolute() ? path : folder_ / path).string();
+    for (const std::string& known : expected_)
+      if (known == name || known.ends_with("/" + name)) found = known;
     used_.push_back(found);
     return found;
   }
+
+  /// From now on the file that ends in this name is found at this path, wherever the scene's own file is.
+  void expect(std::string path) { expected_.push_back(std::move(path)); }
 
   /// Returns the paths of all files that the scene named, in the order in which it named them.
   [[nodiscard]] const std::vector<std::string>& used() const noexcept { return used_; }
@@ -31,7 +36,7 @@ class SceneFiles {
  private:
   std::filesystem::path folder_;
   std::string text_;
-  std::vector<std::string> used_;
+  std::vector<std::string> used_, expected_;
 };
 
 }  // namespace haptrace

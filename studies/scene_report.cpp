@@ -34,13 +34,13 @@ double tick_at(Scene& scene, const Vec3& place, const Vec3& across, double rate_
 }
 
 /// A place in an object, and the way out.
-struct Press {
+struct TouchedPlace {
   Vec3 place = nan3(), normal = Vec3::UnitZ();
 };
 
 /// Returns the middle of the object's largest triangle, pressed in along its normal.
-Press press_of(const TriangleMesh& mesh) {
-  Press press;
+TouchedPlace place_to_touch(const TriangleMesh& mesh) {
+  TouchedPlace press;
   double largest = 0;
   for (const auto& t : mesh.triangles) {
     const Vec3 &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
@@ -85,7 +85,7 @@ SceneReport report_scene(Scene& scene, double rate_hz) {
                      .triangles = mesh.triangles.size(),
                      .knobs = object.knobs(),
                      .touched_s = kNaN};
-    const Press press = press_of(mesh);
+    const TouchedPlace press = place_to_touch(mesh);
     if (is_finite(press.place)) {
       scene.reset();
       const double radius = report.tool_radius;

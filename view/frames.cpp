@@ -114,6 +114,18 @@ Frame frame_of(const FollowedPath& path) {
   return frame;
 }
 
+Frame frame_of(const TriangleMesh& mesh, std::uint32_t object) {
+  Frame frame{.kind = FrameKind::mesh, .rows = static_cast<std::uint32_t>(mesh.vertices.size())};
+  frame.body.reserve(8 + 12 * (mesh.vertices.size() + mesh.triangles.size()));
+  append(frame.body, object);
+  append(frame.body, static_cast<std::uint32_t>(mesh.triangles.size()));
+  for (const Vec3& vertex : mesh.vertices)
+    for (int axis = 0; axis < 3; ++axis) append(frame.body, static_cast<float>(vertex[axis]));
+  for (const auto& triangle : mesh.triangles)
+    for (const std::uint32_t corner : triangle) append(frame.body, corner);
+  return frame;
+}
+
 std::optional<PageIntention> parse_intention(std::string_view message) {
   constexpr std::size_t kBytes = kFrameHeader + 4 * sizeof(float) + 2 * sizeof(std::uint32_t);
   if (message.size() < kBytes || value_at<FrameKind>(message, 0) != FrameKind::intention) return std::nullopt;

@@ -1,6 +1,7 @@
 // Binary messages of the live view (docs/view-protocol.md). Private to view.
 #pragma once
 
+#include "base/triangle_mesh.h"
 #include "base/types.h"
 #include "player/session.h"
 #include "view/history.h"
@@ -15,7 +16,7 @@
 
 namespace haptrace {
 
-enum class FrameKind : std::uint8_t { samples = 1, state = 2, bins = 3, path = 4, intention = 8 };
+enum class FrameKind : std::uint8_t { samples = 1, state = 2, bins = 3, path = 4, mesh = 5, intention = 8 };
 
 /// Flags of a frame; they may be combined.
 struct FrameFlags {
@@ -52,6 +53,9 @@ inline constexpr std::size_t kMostPathPoints = 4000;
 /// Returns a frame of a path of at most kMostPathPoints points, thinned evenly by arc length. Ignores points that are
 /// not finite.
 Frame frame_of(const FollowedPath& path);
+
+/// Returns a frame of the mesh of an object of the scene.
+Frame frame_of(const TriangleMesh& mesh, std::uint32_t object);
 
 /// What a page says of the hand of its user.
 struct PageIntention {

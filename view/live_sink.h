@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <thread>
 
 namespace haptrace {
@@ -25,13 +26,25 @@ class LiveSink final : public SampleSink {
     rows_ = rows;
     rings_->samples.consume_all([](const Sample&) {});
     rings_->events.consume_all([](const Event&) {});
+    rings_->contacts.consume_all([](const ContactSample&) {});
+    strongest_ = {.tick = static_cast<std::uint64_t>(-1)};
+    touched_ = false;
+    waiting_.reset();
     lost_.store(0, std::memory_order_relaxed);
   }
 
   void push(const Sample& sample) noexcept override {
+    if (touched_) (void)rings_->contacts.push(strongest_);
+    touched_ = false;
     if (!rings_->samples.push(sample)) lost_.fetch_add(1, std::memory_order_relaxed);
   }
   void push(const Event& event) noexcept override { (void)rings_->events.push(event); }
+  /// Keeps the strongest contact of a tick.
+  void push_contact(const ContactSample& contact) noexcept override {
+    if (strongest_.tick == contact.tick && strongest_.force.squaredNorm() >= contact.force.squaredNorm()) return;
+    strongest_ = contact;
+    touched_ = true;
+  }
 
   void between_ticks(bool may_wait) noexcept override {
     while (may_wait && rings_->samples.write_available() == 0 && waits_.load(std::memory_order_relaxed))
@@ -45,24 +58,39 @@ class LiveSink final : public SampleSink {
   /// there was anything.
   template <class TakeSample, class TakeEvent>
   bool take(const TakeSample& sample, const TakeEvent& event) {
-    const std::size_t samples = rings_->samples.consume_all(sample);
+    const std::size_t samples =
+        rings_->samples.consume_all([&](const Sample& taken) { sample(taken, contact_of(taken.tick)); });
     return rings_->events.consume_all(event) + samples > 0;
   }
 
   [[nodiscard]] std::uint64_t lost() const noexcept { return lost_.load(std::memory_order_relaxed); }
 
  private:
+  /// Returns the contact of a tick, which was pushed before its sample; null if nothing was touched.
+  const ContactSample* contact_of(std::uint64_t tick) {
+    while (!waiting_ || waiting_->tick < tick) {
+      ContactSample next;
+      if (!rings_->contacts.pop(next)) return nullptr;
+      waiting_ = next;
+    }
+    return waiting_->tick == tick ? &*waiting_ : nullptr;
+  }
+
   static constexpr double kRingSeconds = 2, kSmallestRing = 16384;  // [s], rows
   static constexpr std::size_t kMostEvents = 4096;
 
   struct Rings {
-    explicit Rings(std::size_t rows) : samples(rows), events(kMostEvents) {}
+    explicit Rings(std::size_t rows) : samples(rows), events(kMostEvents), contacts(rows) {}
     boost::lockfree::spsc_queue<Sample> samples;
     boost::lockfree::spsc_queue<Event> events;
+    boost::lockfree::spsc_queue<ContactSample> contacts;
   };
 
   std::unique_ptr<Rings> rings_ = std::make_unique<Rings>(static_cast<std::size_t>(kSmallestRing));
   std::size_t rows_ = static_cast<std::size_t>(kSmallestRing);
+  ContactSample strongest_{.tick = static_cast<std::uint64_t>(-1)};  ///< of the present tick; used by the loop
+  bool touched_ = false;
+  std::optional<ContactSample> waiting_;  ///< the next contact; used by the thread of the view
   std::atomic<std::uint64_t> lost_{0};
   std::atomic<bool> waits_{true};
 };

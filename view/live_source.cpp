@@ -24,8 +24,8 @@ void LiveSource::ask(const ViewRequest& request, const Reply& reply) {
   reply(answer_from(history_, request, 0, std::max<std::int64_t>(history_.last_time(), 0)));
 }
 
-void LiveSource::add(const Sample& sample) {
-  channels_.fill(sample, values_);
+void LiveSource::add(const Sample& sample, const ContactSample* contact) {
+  channels_.fill(sample, values_, contact);
   history_.append(sample.time_ns, values_);
   fresh_.add(sample.time_ns, values_);
   phases.add(sample.time_ns, sample.phase);

@@ -20,7 +20,7 @@ class LiveSource final : public ViewSource {
   void ask(const ViewRequest& request, const Reply& reply) override;
 
   /// Adds a sample to the rows that wait for take().
-  void add(const Sample& sample);
+  void add(const Sample& sample, const ContactSample* contact = nullptr);
 
   /// Returns the rows since the last call.
   ViewRows take();

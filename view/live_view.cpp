@@ -10,6 +10,7 @@
 #include "recorder/annotations.h"
 #include "view/live_sink.h"
 #include "view/live_source.h"
+#include "view/scene_messages.h"
 #include "view/view_server.h"
 
 #include <algorithm>
@@ -157,6 +158,15 @@ class LiveView::Sessions final : private PageHandler {
     });
   }
 
+  void scene(const std::vector<ShownObject>& objects) {
+    server_.run([&] {
+      scene_ = {};
+      if (objects.empty()) return;
+      scene_.message = text_of(scene_message(objects, ++scenes_));
+      scene_.meshes = mesh_frames(objects, scenes_);
+    });
+  }
+
   void show(const SessionView& view) {
     server_.post([this, view] {
       view_ = view;
@@ -221,6 +231,8 @@ class LiveView::Sessions final : private PageHandler {
   void introduce(ViewPage& page) {
     if (!source_) return;
     page.send(recording());
+    if (scene_.message) page.send(scene_.message);
+    page.meshes_sent = 0;
     page.send(events_message(events_, true));
     page.send(source_->phases.all(!running_));
     for (const nlohmann::json& warning : warnings_shown_) page.send(warning);
@@ -423,6 +435,7 @@ class LiveView::Sessions final : private PageHandler {
       if (holder_ != nullptr && seconds_between(held_, now) > kHoldSilence) let_go();
     }
     watch_control(now);
+    send_meshes();
     if (++beats_ % kBatchesPerStatus == 0 && source_) {
       show_status();
       show_controls();
@@ -430,9 +443,18 @@ class LiveView::Sessions final : private PageHandler {
     beat_ = now;
   }
 
+  /// Sends every page the next mesh of the scene, when it has taken the one before.
+  void send_meshes() {
+    if (!scene_.message || !source_) return;
+    const auto pages = server_.pages();
+    for (const auto& page : pages)
+      if (page->meshes_sent < scene_.meshes.size() && !page->is_busy())
+        page->answer(scene_.meshes[page->meshes_sent++]);
+  }
+
   void take_samples(Clock::time_point now) {
     nlohmann::json events = nlohmann::json::array();
-    sink.take([this](const Sample& sample) { source_->add(sample); },
+    sink.take([this](const Sample& sample, const ContactSample* contact) { source_->add(sample, contact); },
               [&](const Event& event) {
                 events.push_back(event_json(event));
                 if (const EventWords* words = words_of(event.code); words != nullptr && words->share >= 0) {
@@ -570,6 +592,11 @@ class LiveView::Sessions final : private PageHandler {
   bool running_ = false, more_ = false;
   std::string reason_, zero_force_;
   int trial_ = 0;
+  struct {
+    SharedText message;  ///< null: the session has no scene
+    std::vector<Frame> meshes;
+  } scene_;
+  std::uint32_t scenes_ = 0;
   SharedText controls_text_;
   std::map<std::string, SharedText> kept_;  ///< programme and training
   std::uint64_t beats_ = 0, statuses_ = 0, lost_told_ = 0, annotations_seen_ = 0;
@@ -607,6 +634,10 @@ SampleSink& LiveView::sink() noexcept {
 
 void LiveView::begin(const ViewedSession& session, const ViewTargets& targets) {
   sessions_->begin(session, targets);
+}
+
+void LiveView::scene(const std::vector<ShownObject>& objects) {
+  sessions_->scene(objects);
 }
 
 void LiveView::show(const SessionView& view) {

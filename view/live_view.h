@@ -19,6 +19,7 @@ namespace haptrace {
 class Annotations;
 class Commands;
 class HandSteering;
+struct ShownObject;
 
 /// Reaction to a page with control that falls silent.
 enum class PageLost : std::uint8_t {
@@ -91,6 +92,9 @@ class LiveView {
 
   /// Shows a session, or the next repetition of a programme, from now on. The targets are borrowed until end().
   void begin(const ViewedSession& session, const ViewTargets& targets);
+
+  /// Sets the virtual scene of the sessions that begin from now on; none: no scene.
+  void scene(const std::vector<ShownObject>& objects);
 
   /// Shows the status and the warnings of the running session. Call it from Progress.
   void show(const SessionView& view);

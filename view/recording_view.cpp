@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "player/session.h"
 #include "player/tuning/tuning_server.h"
+#include "view/scene_messages.h"
 #include "view/view_server.h"
 #include "view/viewed_recording.h"
 
@@ -200,6 +201,11 @@ class RecordingView::Shelf final : private PageHandler {
       ViewedRecording& source = opened(index);
       const auto send = [&](const nlohmann::json& message) { post_text(to, text_of(message)); };
       send(source.recording(index, list_[index].name));
+      if (const RecordedScene& scene = source.header().scene; !scene.empty()) {
+        const std::vector<ShownObject> objects = shown_objects(scene);
+        send(scene_message(objects, ++scenes_));
+        for (Frame& mesh : mesh_frames(objects, scenes_)) post_frame(to, std::move(mesh));
+      }
       send(source.events());
       Frame path = source.path();
       path.request = ++paths_;
@@ -295,7 +301,7 @@ class RecordingView::Shelf final : private PageHandler {
   }
 
   std::vector<Listed> list_;                 ///< constant once the server runs
-  std::uint32_t paths_ = 0;                  ///< the worker's; paths that were sent
+  std::uint32_t paths_ = 0, scenes_ = 0;     ///< the worker's; paths and scenes that were sent
   std::deque<Open> open_;                    ///< the worker's; the one that was used last first
   std::map<const ViewPage*, Reader> pages_;  ///< the server's
   std::mutex mutex_;

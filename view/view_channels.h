@@ -16,7 +16,7 @@ namespace haptrace {
 struct ViewChannel {
   const char* name;  ///< as in docs/view-protocol.md
   const char* unit;
-  double (*value)(const Sample& sample);  ///< NaN: not measured
+  double (*value)(const Sample& sample, const ContactSample* contact);  ///< NaN: not measured
   bool (*in)(const RecordingColumns& columns);
 };
 
@@ -34,8 +34,9 @@ class ViewChannels {
   /// Returns the index of a column; nothing if the session does not have it.
   [[nodiscard]] std::optional<std::size_t> find(std::string_view name) const noexcept;
 
-  /// Writes the values of a sample, one for each column.
-  void fill(const Sample& sample, std::span<float> values) const;
+  /// Writes the values of a sample, one for each column. `contact`: the strongest of its tick; null: nothing is
+  /// touched.
+  void fill(const Sample& sample, std::span<float> values, const ContactSample* contact = nullptr) const;
 
  private:
   std::vector<const ViewChannel*> channels_;

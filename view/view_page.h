@@ -49,6 +49,7 @@ class ViewPage {
   virtual void close(std::uint16_t code, std::string_view reason) = 0;
 
   PageWants wants = PageWants::none;
+  std::size_t meshes_sent = 0;  ///< of the present scene
 };
 
 /// Takes what pages send. Called in the server's thread.

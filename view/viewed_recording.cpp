@@ -11,6 +11,7 @@
 #include <exception>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <unordered_map>
 #include <utility>
 
 namespace haptrace {
@@ -24,6 +25,33 @@ constexpr std::uint64_t kMostOfPath = 120'000;     // rows of a run that are sea
 constexpr std::size_t kMostEvents = 4000;          // that a page gets
 constexpr std::int64_t kMostBlocks = 20'000;       // of a recording; a longer one has a longer row period
 constexpr double kFull = 0.9;                      // share of the memory for cells beyond which nothing is built ahead
+
+/// The strongest contact of each tick of some samples.
+class StrongestContacts {
+ public:
+  StrongestContacts(const RecordingReader& reader, std::span<const Sample> samples) {
+    if (!reader.columns().contacts) return;
+    constexpr std::uint64_t kBlock = 8192;
+    for (std::uint64_t first = reader.contact_at(samples.front().time_ns);; first += kBlock) {
+      const std::vector<ContactSample> block = reader.contacts(first, kBlock);
+      for (const ContactSample& contact : block) {
+        if (contact.tick > samples.back().tick) return;
+        const auto [found, added] = contacts_.try_emplace(contact.tick, contact);
+        if (!added && contact.force.squaredNorm() > found->second.force.squaredNorm()) found->second = contact;
+      }
+      if (block.size() < kBlock) return;
+    }
+  }
+
+  /// Returns null if nothing was touched.
+  [[nodiscard]] const ContactSample* of(std::uint64_t tick) const {
+    const auto found = contacts_.find(tick);
+    return found == contacts_.end() ? nullptr : &found->second;
+  }
+
+ private:
+  std::unordered_map<std::uint64_t, ContactSample> contacts_;
+};
 
 /// Ends the reading of an overview that the file does not have.
 struct NoOverview : std::exception {};
@@ -122,10 +150,11 @@ void ViewedRecording::build(std::int64_t block) {
     while (row < past) {
       const std::vector<Sample> samples = reader_->read(row, std::min(kChunk, past - row));
       if (samples.empty()) break;
+      const StrongestContacts contacts(*reader_, samples);
       for (const Sample& sample : samples) {
         if (history_->block_of(sample.time_ns) != block) continue;
         if (rows.size() > 0 && sample.time_ns <= rows.time_ns.back()) continue;
-        channels_.fill(sample, values);
+        channels_.fill(sample, values, contacts.of(sample.tick));
         rows.add(sample.time_ns, values);
       }
       row += samples.size();

@@ -2,6 +2,7 @@
 #include "formats/recording/recording.h"
 
 #include "formats/path/path_file.h"
+#include "formats/recording/recording_summary.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace haptrace;

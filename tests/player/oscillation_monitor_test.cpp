@@ -47,9 +47,9 @@ class Pushed final : public Device {
 };
 
 /// The rms of a signal between 8 and 120 Hz, over 50 ms and three axes.
-class Ripple {
+class VibrationSize {
  public:
-  explicit Ripple(double rate_hz) : ticks_(std::max<std::size_t>(1, static_cast<std::size_t>(0.05 * rate_hz))) {
+  explicit VibrationSize(double rate_hz) : ticks_(std::max<std::size_t>(1, static_cast<std::size_t>(0.05 * rate_hz))) {
     squares_.reserve(1 << 18);  // a tick allocates nothing
     rms.reserve(1 << 18);
     for (int axis = 0; axis < 3; ++axis) {
@@ -123,7 +123,7 @@ class Watched final : public Controller {
   }
 
   Watching outcome;
-  Ripple position, force;
+  VibrationSize position, force;
 
  private:
   PlaybackController& playback_;
@@ -134,7 +134,7 @@ class Watched final : public Controller {
 /// Returns the onset of a real oscillation [s]. Either the ripple of the true position exceeds 0.08 mm (and 1.6 encoder
 /// counts) rms with a force ripple above 8 % of the largest force, or the force ripple alone exceeds 40 %. For 0.3 s it
 /// must not fall below 0.7 of these levels, nor below half of its own maximum.
-double onset(const Ripple& position, const Ripple& force, double quantum, double rate_hz) {
+double onset(const VibrationSize& position, const VibrationSize& force, double quantum, double rate_hz) {
   const double least = std::max(8e-5, 1.6 * quantum);
   const auto lasts = [&](std::size_t from, const std::vector<double>& rms, double level, double force_level) {
     double most = 0;

@@ -2,6 +2,7 @@
 #include "scene/broad_phase.h"
 
 #include "base/json_reader.h"
+#include "scene/scene.h"
 #include "scene/scene_file.h"
 
 #include <algorithm>

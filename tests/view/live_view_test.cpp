@@ -585,7 +585,7 @@ TEST(LiveView, ItsSinkAllocatesNothingAndNeverWaitsInRealTime) {
   }
   EXPECT_EQ(test::allocations(), before);
   std::size_t kept = 0;
-  sink.take([&](const Sample&) { ++kept; }, [](const Event&) {});
+  sink.take([&](const Sample&, const ContactSample*) { ++kept; }, [](const Event&) {});
   EXPECT_EQ(kept + sink.lost(), 50'000U) << "what does not fit is counted";
   EXPECT_GE(kept, 16'384U);
 }

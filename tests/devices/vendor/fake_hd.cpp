@@ -1,6 +1,7 @@
 // A fake of OpenHaptics' HD API: its C interface and its servo thread in front of a simulated device.
 #include "devices/loop/clock.h"
 #include "devices/loop/realtime.h"
+#include "devices/loop/servo_session.h"
 #include "devices/sim/live_plant.h"
 #include "tests/devices/vendor/fake_libraries.h"
 

@@ -1,0 +1,54 @@
+#include "view/scene_messages.h"
+
+#include "base/error.h"
+#include "base/file_hash.h"
+#include "base/json_reader.h"
+#include "scene/scene.h"
+#include "scene/scene_file.h"
+#include "scene/scene_files.h"
+
+#include <nlohmann/json.hpp>
+
+namespace haptrace {
+
+nlohmann::json scene_message(const std::vector<ShownObject>& objects, std::uint32_t id) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const ShownObject& object : objects) {
+    const nlohmann::json sizes{{"vertices", object.mesh.vertices.size()}, {"triangles", object.mesh.triangles.size()}};
+    list.push_back({{"name", object.name},
+                    {"kind", object.kind},
+                    {"position", {0, 0, 0}},
+                    {"rotation", {1, 0, 0, 0}},
+                    {"colour", nullptr},
+                    {"mesh", object.mesh.triangles.empty() ? nlohmann::json() : sizes}});
+  }
+  return {{"type", "scene"}, {"id", id}, {"objects", std::move(list)}};
+}
+
+std::vector<Frame> mesh_frames(const std::vector<ShownObject>& objects, std::uint32_t id) {
+  std::vector<Frame> frames;
+  for (std::uint32_t i = 0; i < objects.size(); ++i) {
+    if (objects[i].mesh.triangles.empty()) continue;
+    frames.push_back(frame_of(objects[i].mesh, i));
+    frames.back().request = id;
+  }
+  return frames;
+}
+
+std::vector<ShownObject> shown_objects(const RecordedScene& scene) {
+  try {
+    for (const auto& [file, hash] : scene.files)
+      if (file_hash(file) != hash) throw input_error(file + ": has changed since the recording");
+    SceneFiles files;
+    for (const auto& [file, hash] : scene.files) files.expect(file);
+    const nlohmann::json json = parse_json(scene.text, "the scene of the recording");
+    return shown_objects(*read_scene(json, "the scene of the recording", files));
+  } catch (const Error&) {
+    // What was touched is in the recording; only its picture is not.
+    std::vector<ShownObject> named;
+    for (const std::string& name : scene.objects) named.push_back({name, "", {}});
+    return named;
+  }
+}
+
+}  // namespace haptrace
