@@ -79,6 +79,7 @@ PointTool read_tool(JsonReader reader) {
 
 std::shared_ptr<Scene> read_scene(const nlohmann::json& json, const std::string& where, SceneFiles& files) {
   JsonReader reader(json, where);
+  (void)reader.text("$schema", "");
   SceneOptions options;
   if (std::optional<JsonReader> tool = reader.object("tool")) options.tool = read_tool(std::move(*tool));
   std::vector<std::unique_ptr<Object>> objects;

@@ -36,7 +36,7 @@ struct PngFailure {
 void keep_failure(png_structp png, png_const_charp text) {
   auto* const failure = static_cast<PngFailure*>(png_get_error_ptr(png));
   std::snprintf(failure->text.data(), failure->text.size(), "%s", text);
-  longjmp(png_jmpbuf(png), 1);
+  longjmp(png_jmpbuf(png), 1);  // NOLINT(cert-err52-cpp): the way of libpng
 }
 
 void ignore_warning(png_structp, png_const_charp) {}
@@ -126,7 +126,7 @@ GreyImage load_pgm(const std::string& file, std::FILE* stream, bool text) {
     } else {
       const int high = wide ? std::fgetc(stream) : 0, low = std::fgetc(stream);
       if (high == EOF || low == EOF) throw input_error(fmt::format("{}: ends at pixel {} of {}", file, i, count));
-      value = static_cast<std::uint64_t>(high * 256 + low);
+      value = 256 * static_cast<std::uint64_t>(high) + static_cast<std::uint64_t>(low);
     }
     if (value > white)
       throw input_error(fmt::format("{}: pixel {} is {}, above the largest value {}", file, i, value, white));

@@ -70,7 +70,7 @@ class TriangleTree {
  private:
   static constexpr int kDeepest = 64;
   struct Node {
-    std::array<float, 3> min, max;
+    std::array<float, 3> min{}, max{};
     std::uint32_t first = 0;  ///< of the children, which are neighbours, or of the triangles in order_
     std::uint32_t count = 0;  ///< of triangles; 0: an inner node
   };
@@ -152,7 +152,8 @@ TriangleTree::Hit TriangleTree::sweep(const Vec3& from, const Vec3& to, const Sk
   Hit hit;
   const Segment segment(from, to);
   if (nodes_.empty() || !segment.moves()) return hit;
-  std::array<std::uint32_t, kDeepest> stack;
+  std::array<std::uint32_t, kDeepest>
+      stack;  // NOLINT(cppcoreguidelines-pro-type-member-init): written before it is read
   std::size_t depth = 0;
   stack[depth++] = 0;
   while (depth > 0) {
@@ -176,7 +177,8 @@ template <class Visit>
 void TriangleTree::each_within(const Vec3& place, double reach, const Visit& visit) const noexcept {
   if (nodes_.empty()) return;
   const double most2 = reach * reach;
-  std::array<std::uint32_t, kDeepest> stack;
+  std::array<std::uint32_t, kDeepest>
+      stack;  // NOLINT(cppcoreguidelines-pro-type-member-init): written before it is read
   std::size_t depth = 0;
   stack[depth++] = 0;
   while (depth > 0) {

@@ -30,7 +30,10 @@ TriangleMesh grid_mesh(int nu, int nv, const GridEnds& ends, const std::function
     index.push_back(found->second);
   }
 
-  const auto at = [&](int i, int j) { return index[static_cast<std::size_t>(j % rows * columns + i % columns)]; };
+  const auto at = [&](int i, int j) {
+    return index[static_cast<std::size_t>(j % rows) * static_cast<std::size_t>(columns) +
+                 static_cast<std::size_t>(i % columns)];
+  };
   const auto add = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
     if (a != b && b != c && c != a) mesh.triangles.push_back({a, b, c});
   };

@@ -1,8 +1,13 @@
 #include "scene/shape/shape_kinds.h"
 
+#include "scene/shape/box.h"
+#include "scene/shape/cone.h"
+#include "scene/shape/cylinder.h"
+#include "scene/shape/ellipsoid.h"
 #include "scene/shape/mesh.h"
 #include "scene/shape/plane.h"
 #include "scene/shape/sphere.h"
+#include "scene/shape/torus.h"
 
 #include <algorithm>
 #include <array>
@@ -14,8 +19,13 @@ namespace {
 using Made = std::unique_ptr<Shape>;
 
 constexpr std::array kShapeKinds{
+    ShapeKind{"box", [](JsonReader& reader, SceneFiles&) -> Made { return read_box(reader); }},
+    ShapeKind{"cone", [](JsonReader& reader, SceneFiles&) -> Made { return read_cone(reader); }},
+    ShapeKind{"cylinder", [](JsonReader& reader, SceneFiles&) -> Made { return read_cylinder(reader); }},
+    ShapeKind{"ellipsoid", [](JsonReader& reader, SceneFiles&) -> Made { return read_ellipsoid(reader); }},
     ShapeKind{"mesh", read_mesh},
     ShapeKind{"sphere", [](JsonReader& reader, SceneFiles&) -> Made { return read_sphere(reader); }},
+    ShapeKind{"torus", [](JsonReader& reader, SceneFiles&) -> Made { return read_torus(reader); }},
     ShapeKind{"wall", [](JsonReader& reader, SceneFiles&) -> Made { return read_plane(reader); }},
     ShapeKind{"plane", [](JsonReader& reader, SceneFiles&) -> Made { return read_plane(reader); }},
 };

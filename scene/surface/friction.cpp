@@ -88,7 +88,7 @@ Friction read_friction(JsonReader reader, double stiffness) {
   spec.damping = reader.number("damping", 0, 0, kMostDamping);
   spec.viscous = reader.number("viscous", 0, 0, kMostViscous);
   if (std::optional<JsonReader> periodic = reader.object("periodic")) {
-    FrictionSpec::Periodic& wave = spec.periodic.emplace();
+    PeriodicFriction& wave = spec.periodic.emplace();
     wave.period = periodic->require("period").number("period", 0, 1e-6, 10);
     wave.amplitude = periodic->require("amplitude").number("amplitude", 0, 0, 1);
     const Vec3 axis = periodic->vector("axis", wave.axis, -1e6, 1e6);
@@ -97,7 +97,7 @@ Friction read_friction(JsonReader reader, double stiffness) {
     periodic->finish();
   }
   if (std::optional<JsonReader> paper = reader.object("sandpaper")) {
-    FrictionSpec::Sandpaper& grains = spec.sandpaper.emplace();
+    SandpaperFriction& grains = spec.sandpaper.emplace();
     grains.sigma = paper->require("sigma").number("sigma", 0, 0, 10);
     grains.grain = paper->require("grain").number("grain", 0, 1e-6, 1);
     grains.seed = static_cast<std::uint64_t>(paper->integer("seed", 0, 0, 1'000'000'000));

@@ -10,28 +10,29 @@
 
 namespace haptrace {
 
+/// Coefficients that vary along an axis of the shape's frame.
+struct PeriodicFriction {
+  double period = 1e-3;       ///< [m]
+  double amplitude = 0;       ///< share of the coefficient, 0 to 1
+  Vec3 axis = Vec3::UnitX();  ///< unit
+};
+
+/// Coefficients that vary from grain to grain, with a normal distribution cut off at zero (Green and Salisbury 1997).
+/// They are drawn from the place, so that a second stroke feels the same.
+struct SandpaperFriction {
+  double sigma = 0;     ///< of the coefficient, as a share of it
+  double grain = 1e-3;  ///< edge of a grain [m]
+  std::uint64_t seed = 0;
+};
+
 struct FrictionSpec {
   double fixed = 0;    ///< static coefficient, 0 to 10; at least the dynamic one
   double dynamic = 0;  ///< Coulomb coefficient while sliding, 0 to 10
   double bristle = 0;  ///< stiffness before the tool slides [N/m], above 0 to 1e9
   double damping = 0;  ///< of the bristle, before the tool slides [N s/m], 0 to 1e4
   double viscous = 0;  ///< force per speed [N s/m], 0 to 100
-
-  /// The coefficients vary with the place: periodically along an axis of the shape's frame, ...
-  struct Periodic {
-    double period = 1e-3;       ///< [m]
-    double amplitude = 0;       ///< share of the coefficient, 0 to 1
-    Vec3 axis = Vec3::UnitX();  ///< unit
-  };
-  std::optional<Periodic> periodic;
-  /// ... or from grain to grain, with a normal distribution cut off at zero (Green and Salisbury 1997). Drawn from the
-  /// place, so that a second stroke feels the same.
-  struct Sandpaper {
-    double sigma = 0;     ///< of the coefficient, as a share of it
-    double grain = 1e-3;  ///< edge of a grain [m]
-    std::uint64_t seed = 0;
-  };
-  std::optional<Sandpaper> sandpaper;
+  std::optional<PeriodicFriction> periodic;
+  std::optional<SandpaperFriction> sandpaper;
 };
 
 /// Friction of Coulomb in series with a damped elastic bristle (Kikuuwe, Takesue, Sano, Mochiyama and Fujimoto 2006),

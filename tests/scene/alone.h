@@ -3,7 +3,6 @@
 
 #include "base/json_reader.h"
 #include "scene/scene.h"
-#include "scene/scene.h"
 #include "scene/scene_file.h"
 #include "scene/touch.h"
 

@@ -50,7 +50,7 @@ TEST(SceneFile, NamesTheErrorAndItsPlace) {
   const auto error = [](const std::string& object) { return error_of([&] { scene_of(object); }); };
   EXPECT_THAT(error(R"({"kind": "spere"})"), HasSubstr("my.json: objects[0].kind: 'spere' is not known; did you mean "
                                                        "'sphere'?"));
-  EXPECT_THAT(error(R"({"kind": "cube"})"), HasSubstr("known: mesh, sphere"));
+  EXPECT_THAT(error(R"({"kind": "cube"})"), HasSubstr("known: box, cone"));
   EXPECT_THAT(error(R"({"radius": 1})"), HasSubstr("'kind' is missing"));
   EXPECT_THAT(error(kFloor + R"(, {"kind": "sphere", "radius": 0.03})"),
               HasSubstr("my.json: objects[1]: 'stiffness' is missing"));

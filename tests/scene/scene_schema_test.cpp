@@ -1,0 +1,129 @@
+// The scene's schema for editors and other programs agrees with haptrace's reader.
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "scene/scene.h"
+#include "scene/scene_file.h"
+#include "tests/support/temp_folder.h"
+
+#include <cstdlib>
+#include <filesystem>
+#include <fmt/format.h>
+#include <fstream>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using nlohmann::json;
+using test::TempFolder;
+
+bool scene_is_read(const json& scene) {
+  try {
+    (void)read_scene(scene, "scene.json");
+    return true;
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+/// Returns for each scene whether it is valid by the schema.
+std::vector<bool> scenes_by_schema(const std::vector<json>& scenes) {
+  const TempFolder folder;
+  std::string lines;
+  for (const json& scene : scenes) lines += scene.dump() + "\n";
+  const std::string file = folder.write("scenes.jsonl", lines);
+  const std::string script = folder.write("check.py", R"(
+import json, sys, jsonschema
+schema = json.load(open(sys.argv[1]))
+jsonschema.Draft7Validator.check_schema(schema)
+validator = jsonschema.Draft7Validator(schema)
+print("".join("1" if validator.is_valid(json.loads(line)) else "0" for line in open(sys.argv[2])))
+)");
+  const std::string answer = folder / "answer.txt";
+  EXPECT_EQ(
+      std::system(fmt::format("python3 {} {}/scene.schema.json {} > {}", script, HAPTRACE_SCENE, file, answer).c_str()),
+      0);
+  std::vector<bool> valid;
+  std::ifstream stream(answer);
+  for (char c = 0; stream.get(c);)
+    if (c == '0' || c == '1') valid.push_back(c == '1');
+  return valid;
+}
+
+/// Appends copies of the scene with one change each: a missing key, an unknown key, a value of another type or range.
+void change_scene(const json& whole, const json& part, const json::json_pointer& at, std::vector<json>& changed) {
+  const auto with = [&](const json& value) {
+    json copy = whole;
+    copy[at] = value;
+    changed.push_back(std::move(copy));
+  };
+  if (part.is_object()) {
+    json more = part;
+    more["zzz"] = 1;
+    with(more);
+    for (const auto& [key, value] : part.items()) {
+      json less = part;
+      less.erase(key);
+      with(less);
+      change_scene(whole, value, at / key, changed);
+    }
+  } else if (part.is_array()) {
+    with(json::object());
+    for (std::size_t i = 0; i < part.size(); ++i) change_scene(whole, part[i], at / i, changed);
+  } else if (part.is_number()) {
+    for (const double value : {-1e12, 1e12}) with(value);
+    with("text");
+  } else {
+    with("other");
+    with(5);
+  }
+}
+
+TEST(SceneSchema, TakesWhatTheReaderTakesAndNothingElse) {
+  const std::vector<json> whole{
+      json::parse(R"({"tool": {"kind": "point", "radius": 0.002}, "passivity": true, "objects": [
+        {"name": "a", "shape": {"kind": "sphere", "centre": [0, 0, 0], "radius": 0.03, "renew": 0.001},
+         "surface": {"stiffness": 500, "damping": 1, "lead": 0.5, "shading": {"crease": 30},
+           "friction": {"static": 0.5, "dynamic": 0.3, "bristle": 1000, "damping": 1, "viscous": 1,
+             "periodic": {"period": 0.002, "amplitude": 0.5, "axis": [1, 0, 0]},
+             "sandpaper": {"sigma": 0.3, "grain": 0.001, "seed": 3}},
+           "texture": {"kind": "perlin", "amplitude": 0.0001, "wavelength": 0.002, "seed": 1, "law": "bump"},
+           "adhesion": {"force": 0.5, "stiffness": 500}},
+         "pose": {"position": [0, 0, 0.1], "rotation": [1, 0, 0, 0]}, "body": {"kind": "fixed"}}]})"),
+      json::parse(R"({"objects": [
+        {"shape": {"kind": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]},
+         "surface": {"hertz": {"modulus": 100000, "radius": 0.01},
+           "texture": {"kind": "fourier", "waves": [{"wavelength": 0.002, "amplitude": 0.0001, "direction": [1, 0, 0], "phase": 1}]}}},
+        {"shape": {"kind": "box", "centre": [0, 0, 0], "size": [0.1, 0.1, 0.02]}, "surface": {"stiffness": 500}},
+        {"shape": {"kind": "torus", "radius": 0.03, "tube": 0.01}, "surface": {"stiffness": 500}},
+        {"shape": {"kind": "cone", "radius": 0.03, "height": 0.01}, "surface": {"stiffness": 500}},
+        {"shape": {"kind": "cylinder", "radius": 0.03, "height": 0.01}, "surface": {"stiffness": 500}},
+        {"shape": {"kind": "ellipsoid", "radii": [0.03, 0.02, 0.01]}, "surface": {"stiffness": 500}},
+        {"name": "b", "shape": {"kind": "wall", "point": [0, 0, 0], "normal": [0, 0, 1]},
+         "surface": {"table": [[0, 0], [0.001, 1]], "texture": {"kind": "reaction-diffusion", "amplitude": 0.0001,
+           "side": 16, "steps": 5, "feed": 0.03, "kill": 0.06, "seed": 1,
+           "mapping": {"kind": "cube", "origin": [0, 0, 0], "size": 0.05, "repeat": 2}}}}]})"),
+  };
+  std::vector<json> scenes = whole;
+  for (const json& scene : whole) change_scene(scene, scene, json::json_pointer(), scenes);
+  ASSERT_GT(scenes.size(), 250U);
+  const std::vector<bool> valid = scenes_by_schema(scenes);
+  ASSERT_EQ(valid.size(), scenes.size());
+  for (std::size_t i = 0; i < valid.size(); ++i)
+    EXPECT_EQ(scene_is_read(scenes[i]), valid[i])
+        << (valid[i] ? "only the schema takes " : "only the reader takes ") << scenes[i].dump();
+}
+
+TEST(SceneSchema, TakesTheSamples) {
+  std::vector<json> scenes;
+  for (const auto& entry : std::filesystem::directory_iterator(std::string(HAPTRACE_SAMPLES) + "/scenes")) {
+    if (entry.path().extension() != ".json") continue;
+    scenes.push_back(load_json(entry.path().string()));
+    EXPECT_NO_THROW((void)load_scene(entry.path().string())) << entry.path();
+  }
+  ASSERT_GE(scenes.size(), 6U);
+  for (const bool valid : scenes_by_schema(scenes)) EXPECT_TRUE(valid);
+}
+
+}  // namespace
+}  // namespace haptrace
