@@ -1,4 +1,5 @@
 #include "base/error.h"
+#include "base/text_file.h"
 #include "cli/input_options.h"
 #include "cli/read_progress.h"
 #include "cli/verb.h"

@@ -32,7 +32,8 @@ void check(const Trials& trials, const RecordOptions& options) {
 /// Returns what a recording keeps of a scene.
 RecordedScene recorded(const Scene& scene) {
   RecordedScene kept{.text = scene.options().source.text, .objects = scene.names(), .files = {}};
-  for (const std::string& file : scene.options().source.files) kept.files[std::filesystem::absolute(file).string()] = file_hash(file);
+  for (const std::string& file : scene.options().source.files)
+    kept.files[std::filesystem::absolute(file).string()] = file_hash(file);
   return kept;
 }
 

@@ -30,13 +30,13 @@ struct LoggedTrial {
   int round = 1, repetition = 1;
   int attempt = 1;  ///< above 1 if the earlier ones did not reach their end
   TrialSettings settings;
-  std::string file;        ///< recording, relative to the session's folder
-  std::string began;       ///< RFC 3339
-  double duration = 0;     ///< of its session, including the approach to the start [s]
-  double force_dose = 0;   ///< [N s]
-  std::string stopped_by;  ///< "finished", "time_over", "skipped", or another cause (StopCause); empty while it runs
-  std::string detail;      ///< further explanation, if there is any
-  std::string input;       ///< of a person who steered a simulated hand ("view"): no measure of skill; else empty
+  std::string file;         ///< recording, relative to the session's folder
+  std::string began;        ///< RFC 3339
+  double duration = 0;      ///< of its session, including the approach to the start [s]
+  double force_dose = 0;    ///< [N s]
+  std::string stopped_by;   ///< "finished", "time_over", "skipped", or another cause (StopCause); empty while it runs
+  std::string detail;       ///< further explanation, if there is any
+  std::string input;        ///< of a person who steered a simulated hand ("view"): no measure of skill; else empty
   bool unattended = false;  ///< softened because the controlling page was lost: it teaches the programme nothing
   std::optional<ShownParts> shown;  ///< to the trainee; absent in logs of older versions
   std::vector<std::string> notices;

@@ -16,7 +16,7 @@ namespace haptrace {
 /// that do not depend on a device.
 struct TuningLimits {
   PdGains largest{Vec3::Constant(kLargestKp), Vec3::Constant(kLargestKd)};
-  double observer_hz = 100;                               ///< the observer's largest bandwidth
+  double observer_hz = 100;                        ///< the observer's largest bandwidth
   std::string because = "limit for every device";  ///< names the limits, without an article
 };
 

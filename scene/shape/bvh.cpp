@@ -163,7 +163,9 @@ TriangleTree::Nearest TriangleTree::nearest(const Vec3& place, double most2) con
     std::uint32_t node;
     double distance2;
   };
-  std::array<Entry, kDeepest> stack;  // NOLINT(cppcoreguidelines-pro-type-member-init): written before it is read
+  // Written before it is read.
+  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-member-init)
+  std::array<Entry, kDeepest> stack;
   std::size_t depth = 0;
   stack[depth++] = {0, distance2(nodes_[0], place)};
   while (depth > 0) {

@@ -152,8 +152,9 @@ TriangleTree::Hit TriangleTree::sweep(const Vec3& from, const Vec3& to, const Sk
   Hit hit;
   const Segment segment(from, to);
   if (nodes_.empty() || !segment.moves()) return hit;
-  std::array<std::uint32_t, kDeepest>
-      stack;  // NOLINT(cppcoreguidelines-pro-type-member-init): written before it is read
+  // Written before it is read.
+  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-member-init)
+  std::array<std::uint32_t, kDeepest> stack;
   std::size_t depth = 0;
   stack[depth++] = 0;
   while (depth > 0) {
@@ -177,8 +178,9 @@ template <class Visit>
 void TriangleTree::each_within(const Vec3& place, double reach, const Visit& visit) const noexcept {
   if (nodes_.empty()) return;
   const double most2 = reach * reach;
-  std::array<std::uint32_t, kDeepest>
-      stack;  // NOLINT(cppcoreguidelines-pro-type-member-init): written before it is read
+  // Written before it is read.
+  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-member-init)
+  std::array<std::uint32_t, kDeepest> stack;
   std::size_t depth = 0;
   stack[depth++] = 0;
   while (depth > 0) {

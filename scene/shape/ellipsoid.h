@@ -45,8 +45,8 @@ class Ellipsoid final : public Convex {
   [[nodiscard]] std::pair<double, double> excess(const Vec3& place, double shift) const noexcept;
 
   Vec3 radii_;
-  Vec3 gap_;      ///< a_i^2 - c^2 [m^2]
-  int shortest_;  ///< axis of c
+  Vec3 gap_;          ///< a_i^2 - c^2 [m^2]
+  int shortest_ = 0;  ///< axis of c
 };
 
 /// Reads the keys `radii` and `centre`.

@@ -53,8 +53,9 @@ class Detailed final : public Surface {
 
     Vec3 direction = proxy.normal;
     if constexpr ((Parts & kShading) != 0) direction = press.shape.smooth(proxy, *spec_.crease);
-    const Vec3 normal =
-        direction;  // NOLINT(performance-unnecessary-copy-initialization): a texture turns the direction
+    // A texture turns the direction.
+    // NOLINTNEXTLINE(performance-unnecessary-copy-initialization)
+    const Vec3 normal = direction;
     double depth = proxy.depth;
     if constexpr ((Parts & kTexture) != 0) raise(press, depth, direction, contact.vibration);
     const Elastic elastic = depth > 0 ? spring(depth) : Elastic{};
