@@ -87,6 +87,20 @@ const EventWords* words_of(EventCode code) noexcept {
   return found == std::end(kEventWords) ? nullptr : found;
 }
 
+const char* to_string(StopSource source) noexcept {
+  switch (source) {
+    case StopSource::page:
+      return "page";
+    case StopSource::lost_page:
+      return "lost_page";
+    case StopSource::command:
+      return "command";
+    case StopSource::user:
+      break;
+  }
+  return "user";
+}
+
 const char* interruption_text(StopSource source) noexcept {
   switch (source) {
     case StopSource::page:

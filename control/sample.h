@@ -116,6 +116,7 @@ constexpr bool is_oscillation(EventCode code) noexcept {
 
 /// Returns the end of a session in words: "interrupted", and by what unless by the user.
 const char* interruption_text(StopSource source) noexcept;
+const char* to_string(StopSource source) noexcept;  ///< for programs: "user" | "page" | "lost_page" | "command"
 
 /// Returns one line of text, at most 127 bytes of UTF-8. Not for the tick: it allocates.
 std::string describe(const Event& event);

@@ -376,12 +376,6 @@ nlohmann::json to_json(const VibrationSummary& vibration) {
   return json;
 }
 
-/// Returns the name of what asked for a stop, for programs.
-static nlohmann::json name_of(StopSource source) {
-  constexpr std::array kNames{"user", "page", "lost_page", "command"};
-  return kNames.at(static_cast<std::size_t>(source));
-}
-
 nlohmann::json to_json(const SessionResult& result) {
   const ServoReport& servo = result.servo;
   // "samples" counts those in the file if there is a recording.
@@ -402,7 +396,8 @@ nlohmann::json to_json(const SessionResult& result) {
       {"latency_s", to_json(servo.latency)},
       {"tick_s", to_json(servo.tick_time)},
       {"stopped_by", to_string(servo.cause)},
-      {"stopped_from", servo.cause == StopCause::interrupted ? name_of(servo.stopped_from) : nlohmann::json()},
+      {"stopped_from",
+       servo.cause == StopCause::interrupted ? nlohmann::json(to_string(servo.stopped_from)) : nlohmann::json()},
       {"zero_force", to_string(result.zero_force)},
       {"clock", result.virtual_time ? "virtual" : "monotonic"},
       {"realtime",

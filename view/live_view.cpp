@@ -126,10 +126,12 @@ class LiveView::Sessions final : private PageHandler {
       view_ = {};
       share_ = 1;
       running_ = true;
+      // The commands of a programme outlive its repetitions, and so does what a lost page has softened.
+      softened_ = softened_ && more_;
+      lost_stop_ = false;
       more_ = false;
       reason_.clear();
       zero_force_.clear();
-      softened_ = lost_stop_ = false;
       input_ = {};
       controls_text_.reset();
       ++trial_;

@@ -109,19 +109,22 @@ LoggedTrial trial_from(JsonReader& reader) {
 }
 
 json json_of(const Sitting& sitting) {
-  return {{"began", sitting.began},
-          {"ended", sitting.ended},
-          {"ended_by", sitting.ended_by},
-          {"detail", sitting.detail},
-          {"first_trial", sitting.first_trial},
-          {"duration_s", sitting.duration},
-          {"force_dose_n_s", sitting.force_dose}};
+  json result{{"began", sitting.began},
+              {"ended", sitting.ended},
+              {"ended_by", sitting.ended_by},
+              {"detail", sitting.detail},
+              {"first_trial", sitting.first_trial},
+              {"duration_s", sitting.duration},
+              {"force_dose_n_s", sitting.force_dose}};
+  if (!sitting.stopped_from.empty()) result["stopped_from"] = sitting.stopped_from;
+  return result;
 }
 
 Sitting sitting_from(JsonReader& reader) {
   Sitting sitting{.began = reader.text("began", ""),
                   .ended = reader.text("ended", ""),
                   .ended_by = reader.text("ended_by", ""),
+                  .stopped_from = reader.text("stopped_from", ""),
                   .detail = reader.text("detail", ""),
                   .first_trial = static_cast<std::size_t>(reader.integer("first_trial", 0, 0, 1 << 30)),
                   .duration = reader.number("duration_s", 0, 0, kLongest),

@@ -53,6 +53,7 @@ struct LoggedTrial {
 struct Sitting {
   std::string began, ended;  ///< RFC 3339; `ended` is empty during the sitting, and if the process died
   std::string ended_by;      ///< "complete" | "time" | "force_dose" | "fatigue" | "stopped" | "interrupted"
+  std::string stopped_from;  ///< "user" | "page" | "lost_page" | "command" if it was interrupted; else empty
   std::string detail;
   std::size_t first_trial = 0;
   double duration = 0;    ///< including rests [s]

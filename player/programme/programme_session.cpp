@@ -219,7 +219,7 @@ class ProgrammeRun {
   void go_through() {
     std::vector<ScheduledTrial> trials = left();
     for (std::size_t i = 0; i < trials.size(); ++i) {
-      if (!wait_while_paused()) return end("interrupted", "");
+      if (!wait_while_paused()) return interrupted();
       // Asked for in the rest or the pause.
       if (i > 0 && options_.live != nullptr && options_.live->take_repeat()) repeat(trials, i - 1);
       if (options_.announces) options_.announces(training_trial(trials, i));
@@ -227,7 +227,7 @@ class ProgrammeRun {
       const SessionResult& session = run_trial(trials[i]);
       if (options_.ended) options_.ended(log().trials.back());
       const bool skipped = log().trials.back().skipped();
-      if (session.servo.cause == StopCause::interrupted && !skipped) return end("interrupted", "");
+      if (session.servo.cause == StopCause::interrupted && !skipped) return interrupted();
       if (session.servo.cause != StopCause::finished && !skipped) return end("stopped", session.servo.detail);
       if (!session.recorded_all())
         return end("stopped", "the recording could not be completed: " + session.recording_error);
@@ -244,10 +244,18 @@ class ProgrammeRun {
                                "than {:.0f} %",
                                programme_.limits.fatigue->repetitions, programme_.exercise(trials[i].exercise).name,
                                100 * programme_.limits.fatigue->worse));
-      if (!rest(trials[i].rest)) return end("interrupted", "");
+      if (!rest(trials[i].rest)) return interrupted();
     }
     log().complete = true;
     end("complete", "");
+  }
+
+  /// Ends the sitting because something asked for it, which the programme or the repetition knows.
+  void interrupted() {
+    const bool within = stop_.count() == 0 && result_.last;
+    const StopSource source = within ? result_.last->servo.stopped_from : stop_.source();
+    sitting().stopped_from = to_string(source);
+    end("interrupted", source == StopSource::user ? "" : interruption_text(source));
   }
 
   [[nodiscard]] TrainingTrial training_trial(const std::vector<ScheduledTrial>& trials, std::size_t i) const {
@@ -337,11 +345,10 @@ class ProgrammeRun {
     virtual_ = device->info().virtual_time && options_.session.clock != ClockChoice::real;
     TrialWatch watch;
     StopRequest end(&stop_);
-    if (options_.live != nullptr) options_.live->begin_trial(end, trial.file);
+    LiveSession::Trial commanded(options_.live, end, trial.file);
     TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch, end)
                                                           : guide_trial(*device, exercise, trial, watch, end);
-    const LiveSession::TrialEnd end_of_trial =
-        options_.live != nullptr ? options_.live->end_trial() : LiveSession::TrialEnd{};
+    const LiveSession::TrialEnd end_of_trial = commanded.finish();
     trial.unattended = end_of_trial.unattended;
     // A note that concerns the device rather than the trial is reported once.
     for (std::string& note : run.notes)
@@ -684,11 +691,14 @@ nlohmann::json to_json(const ProgrammeResult& result) {
                               {"radius_m", trial.settings.radius},
                               {"pace", trial.settings.pace},
                               {"stopped_by", trial.stopped_by},
+                              {"unattended", trial.unattended},
                               {"figures", trial.figures}});
   if (!log.sittings.empty()) {
     const Sitting& sitting = log.sittings.back();
     json["sitting"] = {{"number", log.sittings.size()},
                        {"ended_by", sitting.ended_by},
+                       {"stopped_from",
+                        sitting.stopped_from.empty() ? nlohmann::json() : nlohmann::json(sitting.stopped_from)},
                        {"detail", sitting.detail},
                        {"duration_s", sitting.duration},
                        {"force_dose_n_s", sitting.force_dose}};

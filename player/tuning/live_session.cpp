@@ -278,6 +278,19 @@ nlohmann::json LiveSession::history() const {
   return json;
 }
 
+LiveSession::Trial::Trial(LiveSession* session, StopRequest& end, std::string file) : session_(session) {
+  if (session_ != nullptr) session_->begin_trial(end, std::move(file));
+}
+
+LiveSession::Trial::~Trial() {
+  finish();
+}
+
+LiveSession::TrialEnd LiveSession::Trial::finish() {
+  LiveSession* const session = std::exchange(session_, nullptr);
+  return session != nullptr ? session->end_trial() : TrialEnd{};
+}
+
 void LiveSession::begin_trial(StopRequest& end, std::string file) {
   const std::lock_guard lock(mutex_);
   trial_ = &end;

@@ -72,15 +72,26 @@ class LiveSession : public Commands, public SampleSink {
   /// and "changed", their total number. In a programme, each has its "recording" too.
   [[nodiscard]] nlohmann::json history() const;
 
-  /// In a programme: a repetition begins, which `end` ends early and `file` records. Borrows `end` until end_trial().
-  void begin_trial(StopRequest& end, std::string file);
   /// How a repetition of a programme went on.
   struct TrialEnd {
     bool skipped = false;     ///< a command ended it
     bool unattended = false;  ///< it was softened because nobody attended
   };
-  /// In a programme: the repetition is over.
-  TrialEnd end_trial();
+  /// A repetition of a programme, as long as it runs. Commands can end it early.
+  class Trial {
+   public:
+    /// The repetition begins, which `end` ends early and `file` records. Borrows both objects. `session` may be null.
+    Trial(LiveSession* session, StopRequest& end, std::string file);
+    /// The repetition is over, also when it threw.
+    ~Trial();
+    Trial(const Trial&) = delete;
+    Trial& operator=(const Trial&) = delete;
+    /// Ends the repetition and returns how it went on; a second call returns the default.
+    TrialEnd finish();
+
+   private:
+    LiveSession* session_;
+  };
   /// In a programme: returns true once if the last repetition is to be done again.
   bool take_repeat();
 
@@ -126,6 +137,8 @@ class LiveSession : public Commands, public SampleSink {
     std::string text, subject;  ///< a notice replaces the last one if both have the same subject; empty: never
   };
 
+  void begin_trial(StopRequest& end, std::string file);
+  TrialEnd end_trial();
   std::string answer(std::string_view command);
   /// Executes a command without a value that concerns the session. Returns an empty text for others.
   std::string act(const std::string& name);

@@ -91,6 +91,7 @@ TEST(RunCommand, KeepsItsDataWhenInterruptedAndResumes) {
   EXPECT_EQ(answer.exit_code, 130) << answer.err;
   EXPECT_THAT(answer.out, HasSubstr("haptrace run --resume"));
   EXPECT_EQ(load_session_log(session).sittings.back().ended_by, "interrupted");
+  EXPECT_EQ(load_session_log(session).sittings.back().stopped_from, "user");
 
   const Answer other = haptrace("run", "--resume", session, "--subject", "P99");
   EXPECT_EQ(other.exit_code, 2);

@@ -330,6 +330,20 @@ TEST(LiveView, AControllingPageThatWasLostInARestSoftensTheNextRepetition) {
   commands.wait_for("unattended");
 }
 
+TEST(LiveView, AControllingPageThatIsBackInTheNextRepetitionLiftsTheSofteningOfTheOneBefore) {
+  NotedCommands commands;
+  LiveView view({.control = true, .page_patience = 0.5});
+  JoinedPage page(view, ViewRole::therapist);
+  const std::unique_ptr<Device> device = open_device(kSimulated);
+  view.begin(session_of(*device), {.commands = &commands});
+  commands.wait_for("unattended");
+  view.end(SessionResult{}, true);
+  view.begin(session_of(*device), {.commands = &commands});
+  page.send({{"type", "ping"}, {"id", 3}, {"sent", 0}});
+  commands.wait_for("attended");
+  view.abandon("over");
+}
+
 TEST(LiveView, TheStatusHasNoValuesWhenRowsStopComing) {
   LiveView view({});
   StandingSession session(view);

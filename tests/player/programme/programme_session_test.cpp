@@ -189,6 +189,24 @@ TEST_F(ProgrammeSession, ResumesWithTheRepetitionThatWasInterrupted) {
   EXPECT_TRUE(std::filesystem::exists(file(second.log.trials[3].file)));
 }
 
+TEST_F(ProgrammeSession, LogsWhatStoppedIt) {
+  options_.begins = [&](const ScheduledTrial& trial, const TrialSettings&, std::size_t, std::size_t) {
+    if (trial.repetition == 2) (*stop_).raise(StopSource::page);
+  };
+  const ProgrammeResult within = run(programme_of({R"("mode": "free", "repetitions": 3)"}));
+  EXPECT_EQ(within.log.sittings.back().ended_by, "interrupted");
+  EXPECT_EQ(load_session_log(options_.folder).sittings.back().stopped_from, "page");
+  EXPECT_THAT(within.log.sittings.back().detail, HasSubstr("by a page of the view"));
+  EXPECT_EQ(to_json(within)["sitting"]["stopped_from"], "page");
+  EXPECT_EQ(to_json(within)["trials"][0]["unattended"], false);
+
+  options_.begins = nullptr;
+  options_.ended = [&](const LoggedTrial&) { (*stop_).raise(StopSource::command); };
+  const ProgrammeResult between = resume();
+  EXPECT_EQ(between.log.sittings.back().ended_by, "interrupted");
+  EXPECT_EQ(between.log.sittings.back().stopped_from, "command");
+}
+
 TEST_F(ProgrammeSession, LosesOnlyTheRepetitionInWhichAProcessDied) {
   const json programme = programme_of({R"("mode": "tunnel", "repetitions": 3)"});
   (void)run(programme);
@@ -297,6 +315,17 @@ TEST_F(ProgrammeSession, LogsWhyItFailed) {
   EXPECT_NE(log.trials[1].detail, "");
   EXPECT_EQ(log.sittings.back().detail, log.trials[1].detail);
   EXPECT_EQ(log.sittings.back().ended_by, "stopped");
+}
+
+TEST_F(ProgrammeSession, LetsNoCommandReachARepetitionThatFailed) {
+  LiveGuidance live({.programme = true});
+  options_.live = &live;
+  options_.open = [&](const Exercise&, const TrialSettings&, const std::string& path) -> std::shared_ptr<Device> {
+    options_.session.recording->options.storage.deflate = 99;  // the recording fails
+    return open_device("sim:preset=omega3,hand=relaxed,intent=" + path);
+  };
+  EXPECT_NE(error_of([&] { (void)run(programme_of({R"("mode": "tunnel")"})); }), "no error");
+  EXPECT_EQ(live.obey("skip"), "error skip: no repetition is running");
 }
 
 TEST_F(ProgrammeSession, LeavesNoFilesOfASessionThatCouldNotStart) {
