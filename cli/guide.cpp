@@ -185,6 +185,77 @@ void add_cursor_options(CLI::App& verb, Arguments& arguments) {
       ->group("Cursor");
 }
 
+/// Runs the verb and returns its exit code.
+int guide_command(const CLI::App& verb, Arguments& arguments, const Output& output) {
+  require(verb, "expert");
+  require(verb, "--device");
+  GuideOptions options = options_of(arguments);
+  std::vector<std::string> inputs = arguments.spread;
+  inputs.push_back(arguments.expert);
+  keep_inputs(arguments.record, inputs);
+  options.session = arguments.session.options(arguments.record, effective_config(verb));
+
+  const auto open = [&](const std::string& file, const PathSelection& selection, const CsvOptions& csv) {
+    ReadProgress progress(output, csv.name);
+    return open_path(file, selection, progress.callback(), csv);
+  };
+  const InputFile input(arguments.expert, arguments.csv);
+  const std::shared_ptr<const PathSource> expert = open(input.path(), arguments.along.selection, input.csv());
+  for (const std::string& file : arguments.spread) {
+    CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments.csv;
+    csv.name = file;
+    options.spread.push_back(open(file, file == arguments.expert ? arguments.along.selection : PathSelection{}, csv));
+  }
+  const Signals signals;
+  StopRequest stop(&signals.stop());
+  LivePage page(arguments.view, arguments.session, output, "guide", stop);
+  page.watch(options.session);
+  const auto device = arguments.session.open();
+  std::vector<std::string> notes = device->info().notes;
+  for (const std::string& note : expert->facts().notes) notes.push_back(fmt::format("{}: {}", input.name(), note));
+  options.identified =
+      identified(arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known));
+  const GuidePlan plan = plan_guidance(device->info(), expert, options);
+  const std::size_t of_device = device->info().notes.size();
+  note_before(output, options.session, "device", device->info().notes);
+  note_before(output, options.session, "path", std::span(notes).subspan(of_device), Severity::warning);
+  note_before(output, options.session, "plan", plan.notes);
+  notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
+
+  const std::unique_ptr<LiveGuidance> commands = commands_of(plan, options, stop);
+  options.live = commands.get();
+  const LivePage::Use use(page, *commands);
+  const TuningInputs outside(arguments.tuning, *commands);
+  for (const std::string& hint : outside.hints()) output.remark(hint);
+
+  const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
+                  arguments.session.mark_texts, arguments.session.keys, *commands, Keys::guide_keys());
+  const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);
+  page.training([&](TrainingProgress& screen) {
+    TrainingTrial trial{.exercise = exercise_name(input.name()), .mode = arguments.mode};
+    trial.repetitions = std::max(options.guidance.repetitions, 1);
+    trial.of = static_cast<std::size_t>(trial.repetitions);
+    screen.begin(trial);
+  });
+  const GuideResult result = guide(*device, plan, options, stop, progress_bar(output, expected, &keys, commands.get()));
+
+  page.training([&](TrainingProgress& screen) {
+    const bool stopped = result.session.servo.cause != StopCause::finished;
+    screen.end(stopped,
+               TrainingScore{.time_in_tunnel = result.last.time_in_tunnel, .time = result.last.tracking.duration});
+    screen.finish(stopped);
+  });
+  nlohmann::json json = to_json(result);
+  json["mode"] = arguments.mode;
+  json["feel"] = arguments.feel;
+  json["tuning"] = commands->history();
+  json["notes"] = notes;
+  if (!arguments.record.empty()) json["file"] = arguments.record;
+  const int code = conclude(output, result.session);
+  output.tell(json, summary(arguments, result, device->info(), input.name()));
+  return code;
+}
+
 }  // namespace
 
 Verb add_guide(CLI::App& app) {
@@ -226,79 +297,7 @@ Verb add_guide(CLI::App& app) {
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
-  return {verb, [verb, arguments](const Output& output) {
-            require(*verb, "expert");
-            require(*verb, "--device");
-            GuideOptions options = options_of(*arguments);
-            std::vector<std::string> inputs = arguments->spread;
-            inputs.push_back(arguments->expert);
-            keep_inputs(arguments->record, inputs);
-            options.session = arguments->session.options(arguments->record, effective_config(*verb));
-
-            const auto open = [&](const std::string& file, const PathSelection& selection, const CsvOptions& csv) {
-              ReadProgress progress(output, csv.name);
-              return open_path(file, selection, progress.callback(), csv);
-            };
-            const InputFile input(arguments->expert, arguments->csv);
-            const std::shared_ptr<const PathSource> expert =
-                open(input.path(), arguments->along.selection, input.csv());
-            for (const std::string& file : arguments->spread) {
-              CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments->csv;
-              csv.name = file;
-              options.spread.push_back(
-                  open(file, file == arguments->expert ? arguments->along.selection : PathSelection{}, csv));
-            }
-            const Signals signals;
-            StopRequest stop(&signals.stop());
-            LivePage page(arguments->view, arguments->session, output, "guide", stop);
-            page.watch(options.session);
-            const auto device = arguments->session.open();
-            std::vector<std::string> notes = device->info().notes;
-            for (const std::string& note : expert->facts().notes)
-              notes.push_back(fmt::format("{}: {}", input.name(), note));
-            options.identified = identified(
-                arguments->profile.find(device->info(), arguments->session.rate_hz, output, &options.session.known));
-            const GuidePlan plan = plan_guidance(device->info(), expert, options);
-            const std::size_t of_device = device->info().notes.size();
-            note_before(output, options.session, "device", device->info().notes);
-            note_before(output, options.session, "path", std::span(notes).subspan(of_device), Severity::warning);
-            note_before(output, options.session, "plan", plan.notes);
-            notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
-
-            const std::unique_ptr<LiveGuidance> commands = commands_of(plan, options, stop);
-            options.live = commands.get();
-            const LivePage::Use use(page, *commands);
-            const TuningInputs outside(arguments->tuning, *commands);
-            for (const std::string& hint : outside.hints()) output.remark(hint);
-
-            const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
-                            arguments->session.mark_texts, arguments->session.keys, *commands, Keys::guide_keys());
-            const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);
-            page.training([&](TrainingProgress& screen) {
-              TrainingTrial trial{.exercise = exercise_name(input.name()), .mode = arguments->mode};
-              trial.repetitions = std::max(options.guidance.repetitions, 1);
-              trial.of = static_cast<std::size_t>(trial.repetitions);
-              screen.begin(trial);
-            });
-            const GuideResult result =
-                guide(*device, plan, options, stop, progress_bar(output, expected, &keys, commands.get()));
-
-            page.training([&](TrainingProgress& screen) {
-              const bool stopped = result.session.servo.cause != StopCause::finished;
-              screen.end(stopped, TrainingScore{.time_in_tunnel = result.last.time_in_tunnel,
-                                                .time = result.last.tracking.duration});
-              screen.finish(stopped);
-            });
-            nlohmann::json json = to_json(result);
-            json["mode"] = arguments->mode;
-            json["feel"] = arguments->feel;
-            json["tuning"] = commands->history();
-            json["notes"] = notes;
-            if (!arguments->record.empty()) json["file"] = arguments->record;
-            const int code = conclude(output, result.session);
-            output.tell(json, summary(*arguments, result, device->info(), input.name()));
-            return code;
-          }};
+  return {verb, [verb, arguments](const Output& output) { return guide_command(*verb, *arguments, output); }};
 }
 
 }  // namespace haptrace::cli

@@ -258,6 +258,85 @@ void add_safety_options(CLI::App& verb, PlayArguments& arguments) {
       ->group("Safety");
 }
 
+/// Runs the verb and returns its exit code.
+int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& output) {
+  require(verb, "path");
+  require(verb, "--device");
+  PlayOptions options = options_of(arguments);
+  keep_inputs(arguments.record, std::span(&arguments.path, 1));
+  options.session = arguments.session.options(arguments.record, effective_config(verb));
+  options.session.loop.limits.max_torque = arguments.max_torque;
+
+  const InputFile input(arguments.path, arguments.csv);
+  if (input.passed_through() && arguments.learn > 0 && arguments.learned.empty())
+    throw input_error(
+        fmt::format("--learn with {} needs --learned, because the input has no "
+                    "folder for the learned force",
+                    input.name()));
+  const auto path = [&] {
+    ReadProgress progress(output, input.name());
+    return open_path(input.path(), arguments.along.selection, progress.callback(), input.csv());
+  }();
+  const Signals signals;
+  StopRequest stop(&signals.stop());
+  LivePage page(arguments.view, arguments.session, output, "play", stop);
+  page.watch(options.session);
+  const auto device = arguments.session.open();
+  std::vector<std::string> notes = device->info().notes;
+  for (const std::string& note : path->facts().notes) notes.push_back(fmt::format("{}: {}", input.name(), note));
+  note_before(output, options.session, "device", device->info().notes);
+  note_before(output, options.session, "path", std::span(notes).subspan(device->info().notes.size()),
+              Severity::warning);
+  const auto profile =
+      arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known);
+  options.identified = identified(profile);
+  PlayPlan plan = plan_playback(device->info(), path, options);
+  if (!profile && !arguments.profile.none)
+    plan.notes.push_back(
+        fmt::format("{} is not calibrated: PD control alone follows the path, usually with an error of "
+                    "millimetres. Calibrate it: haptrace calibrate --device {}",
+                    device->info().model, device->info().name));
+  note_before(output, options.session, "plan", plan.notes);
+  notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
+  std::optional<LearnedMemory> memory;
+  if (options.identified && options.compensations.learning && !(input.passed_through() && arguments.learned.empty())) {
+    memory.emplace(memory_of(arguments, device->info(), options.identified->design.mass));
+    if (!arguments.forget) {
+      auto [table, refused] = memory->recall(plan.path->source());
+      if (!refused.empty()) note_before(output, options.session, "learned", std::span(&refused, 1), Severity::warning);
+      options.learned = std::move(table);
+    }
+    if (options.learn > 0) check_learned_output(memory->file());
+    if (!options.learned.force.empty()) plan = plan_playback(device->info(), path, options);
+  }
+  if (arguments.along.loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
+    output.remark("looping in virtual time until Ctrl+C");
+
+  LiveTuning tuning = tuning_of(arguments, plan, options, device->info(), stop);
+  options.tuning = &tuning;
+  const LivePage::Use use(page, tuning);
+  const TuningInputs inputs(arguments.tuning, tuning);
+  for (const std::string& hint : inputs.hints()) output.remark(hint);
+
+  const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
+                  arguments.session.mark_texts, arguments.session.keys, tuning, Keys::play_keys());
+  const double expected = expected_duration(plan, options.playback);
+  const PlayResult result = play(*device, plan, options, stop, progress_bar(output, expected, &keys, &tuning));
+
+  nlohmann::json json = to_json(result);
+  json["tuning"] = tuning.history();
+  json["notes"] = notes;
+  json["profile"] =
+      profile ? nlohmann::json{{"file", arguments.profile.used(device->info())}, {"created", profile->created}}
+              : nlohmann::json();
+  if (!arguments.record.empty()) json["file"] = arguments.record;
+  int code = conclude(output, result.session);
+  if (memory && !result.lessons.empty() && !keep_learned(*memory, result, json, output) && code == kDone)
+    code = kStopped;
+  output.tell(json, summary(arguments, result, device->info(), profile, input.name()));
+  return code;
+}
+
 }  // namespace
 
 Verb add_play(CLI::App& app) {
@@ -284,87 +363,7 @@ Verb add_play(CLI::App& app) {
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
-  return {verb, [verb, arguments](const Output& output) {
-            require(*verb, "path");
-            require(*verb, "--device");
-            PlayOptions options = options_of(*arguments);
-            keep_inputs(arguments->record, std::span(&arguments->path, 1));
-            options.session = arguments->session.options(arguments->record, effective_config(*verb));
-            options.session.loop.limits.max_torque = arguments->max_torque;
-
-            const InputFile input(arguments->path, arguments->csv);
-            if (input.passed_through() && arguments->learn > 0 && arguments->learned.empty())
-              throw input_error(
-                  fmt::format("--learn with {} needs --learned, because the input has no "
-                              "folder for the learned force",
-                              input.name()));
-            const auto path = [&] {
-              ReadProgress progress(output, input.name());
-              return open_path(input.path(), arguments->along.selection, progress.callback(), input.csv());
-            }();
-            const Signals signals;
-            StopRequest stop(&signals.stop());
-            LivePage page(arguments->view, arguments->session, output, "play", stop);
-            page.watch(options.session);
-            const auto device = arguments->session.open();
-            std::vector<std::string> notes = device->info().notes;
-            for (const std::string& note : path->facts().notes)
-              notes.push_back(fmt::format("{}: {}", input.name(), note));
-            note_before(output, options.session, "device", device->info().notes);
-            note_before(output, options.session, "path", std::span(notes).subspan(device->info().notes.size()),
-                        Severity::warning);
-            const auto profile =
-                arguments->profile.find(device->info(), arguments->session.rate_hz, output, &options.session.known);
-            options.identified = identified(profile);
-            PlayPlan plan = plan_playback(device->info(), path, options);
-            if (!profile && !arguments->profile.none)
-              plan.notes.push_back(
-                  fmt::format("{} is not calibrated: PD control alone follows the path, usually with an error of "
-                              "millimetres. Calibrate it: haptrace calibrate --device {}",
-                              device->info().model, device->info().name));
-            note_before(output, options.session, "plan", plan.notes);
-            notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
-            std::optional<LearnedMemory> memory;
-            if (options.identified && options.compensations.learning &&
-                !(input.passed_through() && arguments->learned.empty())) {
-              memory.emplace(memory_of(*arguments, device->info(), options.identified->design.mass));
-              if (!arguments->forget) {
-                auto [table, refused] = memory->recall(plan.path->source());
-                if (!refused.empty())
-                  note_before(output, options.session, "learned", std::span(&refused, 1), Severity::warning);
-                options.learned = std::move(table);
-              }
-              if (options.learn > 0) check_learned_output(memory->file());
-              if (!options.learned.force.empty()) plan = plan_playback(device->info(), path, options);
-            }
-            if (arguments->along.loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
-              output.remark("looping in virtual time until Ctrl+C");
-
-            LiveTuning tuning = tuning_of(*arguments, plan, options, device->info(), stop);
-            options.tuning = &tuning;
-            const LivePage::Use use(page, tuning);
-            const TuningInputs inputs(arguments->tuning, tuning);
-            for (const std::string& hint : inputs.hints()) output.remark(hint);
-
-            const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
-                            arguments->session.mark_texts, arguments->session.keys, tuning, Keys::play_keys());
-            const double expected = expected_duration(plan, options.playback);
-            const PlayResult result =
-                play(*device, plan, options, stop, progress_bar(output, expected, &keys, &tuning));
-
-            nlohmann::json json = to_json(result);
-            json["tuning"] = tuning.history();
-            json["notes"] = notes;
-            json["profile"] = profile ? nlohmann::json{{"file", arguments->profile.used(device->info())},
-                                                       {"created", profile->created}}
-                                      : nlohmann::json();
-            if (!arguments->record.empty()) json["file"] = arguments->record;
-            int code = conclude(output, result.session);
-            if (memory && !result.lessons.empty() && !keep_learned(*memory, result, json, output) && code == kDone)
-              code = kStopped;
-            output.tell(json, summary(*arguments, result, device->info(), profile, input.name()));
-            return code;
-          }};
+  return {verb, [verb, arguments](const Output& output) { return play_command(*verb, *arguments, output); }};
 }
 
 }  // namespace haptrace::cli

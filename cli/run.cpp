@@ -334,6 +334,86 @@ class ProgrammeScreen {
   double expected_ = 0;
 };
 
+/// Runs the verb and returns its exit code.
+int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
+  const bool resumes = !arguments.resume.empty();
+  if (resumes == !arguments.programme.empty())
+    throw input_error(resumes ? "--resume uses the programme of the session; do not name another one"
+                              : "haptrace run needs PROGRAMME.json, or --resume FOLDER; see haptrace run --help");
+  arguments.profile.check();
+  if (arguments.dry_run && resumes)
+    throw input_error("--dry-run prints the plan of a new session; haptrace report shows what --resume would continue");
+  if (arguments.dry_run && arguments.fit && arguments.session.device.empty())
+    throw input_error("--fit needs the workspace of a device: give --device too");
+  const std::string folder = resumes ? arguments.resume
+                             : arguments.folder.empty()
+                                 ? fs::path(arguments.programme).replace_extension().string() + "-session"
+                                 : arguments.folder;
+  std::optional<SessionLog> log;
+  if (resumes) log = resumed(verb, arguments, folder);
+  const nlohmann::json json = resumes ? log->programme : programme_for(arguments);
+  const std::string where = resumes ? folder : arguments.programme;
+  const Programme programme = programme_from_json(json, where);
+
+  const Signals signals;
+  StopRequest stop(&signals.stop());
+  LivePage page(arguments.view, arguments.session, output, "run", stop);
+  TrialDevices devices(arguments.session, resumes ? log->trials.size() : 0, folder);
+  std::optional<DeviceInfo> device;
+  if (!arguments.session.device.empty()) device = devices.info();
+  std::optional<ProgrammePlan> plan;
+  if (!resumes) {
+    plan = plan_programme(programme, folder_of(arguments.programme), where, device ? &*device : nullptr, arguments.fit);
+    for (const std::string& note : plan->notes) output.remark(note);
+  }
+  if (arguments.dry_run) {
+    output.tell(to_json(*plan, programme), plan_text(programme, *plan));
+    return kDone;
+  }
+  require(verb, "--device");
+  for (const std::string& note : device->notes) output.remark(note);
+
+  ProgrammeOptions options{
+      .folder = folder,
+      .session = arguments.session.options((fs::path(folder) / "trial.h5").string(), shared_config(verb)),
+      .max_deviation = arguments.max_deviation,
+      .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
+        return devices.open(exercise, settings.pace, path);
+      }};
+  // The profile from the start applies to the whole session.
+  const std::string kept = (fs::path(folder) / kSessionProfile).string();
+  if (!resumes)
+    options.profile = arguments.profile.find(*device, arguments.session.rate_hz, output);
+  else if (fs::exists(kept))
+    options.profile = profile_for(*device, kept, arguments.session.rate_hz, output);
+  if (!resumes) log = begin_session(json, where, *plan, *device, options);
+
+  page.watch(options.session);
+  LiveGuidance commands(command_options(options, stop));
+  options.live = &commands;
+  const LivePage::Use use(page, commands);
+  const TuningInputs inputs(arguments.tuning, commands);
+  for (const std::string& hint : inputs.hints()) output.remark(hint);
+  const Keys keys(options.session.recording->options.annotations, arguments.session.mark_texts, arguments.session.keys,
+                  commands, Keys::guide_keys());
+  ProgrammeScreen screen(programme, plan, *log, commands, page, output);
+  screen.watch(options);
+  const Progress progress = [&](const SessionView& view) {
+    progress_bar(output, screen.expected(), &keys, &commands)(view);
+  };
+  const ProgrammeResult result = run_programme(options, stop, progress);
+  screen.finish(result.log.complete);
+
+  nlohmann::json answer = to_json(result);
+  answer["folder"] = folder;
+  answer["tuning"] = commands.history();
+  const bool skipped = !result.log.trials.empty() && result.log.trials.back().skipped();
+  int code = result.last && !skipped ? conclude(output, *result.last) : kDone;
+  if (code == kDone && stop.count() > 0) code = kInterrupted;
+  output.tell(answer, result_text(result, folder, resume_command(verb, shared_config(verb), folder)));
+  return code;
+}
+
 }  // namespace
 
 Verb add_run(CLI::App& app) {
@@ -371,84 +451,7 @@ Verb add_run(CLI::App& app) {
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
 
-  return {verb, [verb, arguments](const Output& output) -> int {
-            const bool resumes = !arguments->resume.empty();
-            if (resumes == !arguments->programme.empty())
-              throw input_error(resumes
-                                    ? "--resume uses the programme of the session; do not name another one"
-                                    : "haptrace run needs PROGRAMME.json, or --resume FOLDER; see haptrace run --help");
-            arguments->profile.check();
-            if (arguments->dry_run && arguments->fit && arguments->session.device.empty())
-              throw input_error("--fit needs the workspace of a device: give --device too");
-            const std::string folder = resumes ? arguments->resume
-                                       : arguments->folder.empty()
-                                           ? fs::path(arguments->programme).replace_extension().string() + "-session"
-                                           : arguments->folder;
-            std::optional<SessionLog> log;
-            if (resumes) log = resumed(*verb, *arguments, folder);
-            const nlohmann::json json = resumes ? log->programme : programme_for(*arguments);
-            const std::string where = resumes ? folder : arguments->programme;
-            const Programme programme = programme_from_json(json, where);
-
-            const Signals signals;
-            StopRequest stop(&signals.stop());
-            LivePage page(arguments->view, arguments->session, output, "run", stop);
-            TrialDevices devices(arguments->session, resumes ? log->trials.size() : 0, folder);
-            std::optional<DeviceInfo> device;
-            if (!arguments->session.device.empty()) device = devices.info();
-            std::optional<ProgrammePlan> plan;
-            if (!resumes) {
-              plan = plan_programme(programme, folder_of(arguments->programme), where, device ? &*device : nullptr,
-                                    arguments->fit);
-              for (const std::string& note : plan->notes) output.remark(note);
-            }
-            if (arguments->dry_run) {
-              output.tell(to_json(*plan, programme), plan_text(programme, *plan));
-              return kDone;
-            }
-            require(*verb, "--device");
-            for (const std::string& note : device->notes) output.remark(note);
-
-            ProgrammeOptions options{
-                .folder = folder,
-                .session = arguments->session.options((fs::path(folder) / "trial.h5").string(), shared_config(*verb)),
-                .max_deviation = arguments->max_deviation,
-                .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
-                  return devices.open(exercise, settings.pace, path);
-                }};
-            // The profile from the start applies to the whole session.
-            const std::string kept = (fs::path(folder) / kSessionProfile).string();
-            if (!resumes)
-              options.profile = arguments->profile.find(*device, arguments->session.rate_hz, output);
-            else if (fs::exists(kept))
-              options.profile = profile_for(*device, kept, arguments->session.rate_hz, output);
-            if (!resumes) log = begin_session(json, where, *plan, *device, options);
-
-            page.watch(options.session);
-            LiveGuidance commands(command_options(options, stop));
-            options.live = &commands;
-            const LivePage::Use use(page, commands);
-            const TuningInputs inputs(arguments->tuning, commands);
-            for (const std::string& hint : inputs.hints()) output.remark(hint);
-            const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,
-                            arguments->session.keys, commands, Keys::guide_keys());
-            ProgrammeScreen screen(programme, plan, *log, commands, page, output);
-            screen.watch(options);
-            const Progress progress = [&](const SessionView& view) {
-              progress_bar(output, screen.expected(), &keys, &commands)(view);
-            };
-            const ProgrammeResult result = run_programme(options, stop, progress);
-            screen.finish(result.log.complete);
-
-            nlohmann::json answer = to_json(result);
-            answer["folder"] = folder;
-            answer["tuning"] = commands.history();
-            const bool skipped = !result.log.trials.empty() && result.log.trials.back().skipped();
-            int code = result.last && !skipped ? conclude(output, *result.last) : kDone;
-            if (code == kDone && stop.count() > 0) code = kInterrupted;
-            output.tell(answer, result_text(result, folder, resume_command(*verb, shared_config(*verb), folder)));
-            return code;
-          }};
+  return {verb, [verb, arguments](const Output& output) { return run_command(*verb, *arguments, output); }};
 }
 
 }  // namespace haptrace::cli

@@ -695,13 +695,13 @@ nlohmann::json to_json(const ProgrammeResult& result) {
                               {"figures", trial.figures}});
   if (!log.sittings.empty()) {
     const Sitting& sitting = log.sittings.back();
-    json["sitting"] = {{"number", log.sittings.size()},
-                       {"ended_by", sitting.ended_by},
-                       {"stopped_from",
-                        sitting.stopped_from.empty() ? nlohmann::json() : nlohmann::json(sitting.stopped_from)},
-                       {"detail", sitting.detail},
-                       {"duration_s", sitting.duration},
-                       {"force_dose_n_s", sitting.force_dose}};
+    json["sitting"] = {
+        {"number", log.sittings.size()},
+        {"ended_by", sitting.ended_by},
+        {"stopped_from", sitting.stopped_from.empty() ? nlohmann::json() : nlohmann::json(sitting.stopped_from)},
+        {"detail", sitting.detail},
+        {"duration_s", sitting.duration},
+        {"force_dose_n_s", sitting.force_dose}};
   }
   return json;
 }

@@ -93,6 +93,7 @@ TEST(RunCommand, KeepsItsDataWhenInterruptedAndResumes) {
   EXPECT_EQ(load_session_log(session).sittings.back().ended_by, "interrupted");
   EXPECT_EQ(load_session_log(session).sittings.back().stopped_from, "user");
 
+  EXPECT_EQ(haptrace("run", "--resume", session, "--dry-run").exit_code, 2);
   const Answer other = haptrace("run", "--resume", session, "--subject", "P99");
   EXPECT_EQ(other.exit_code, 2);
   EXPECT_THAT(other.err, HasSubstr("a session of 'P07', not of 'P99'"));

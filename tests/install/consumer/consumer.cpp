@@ -1,5 +1,5 @@
-// Checks that the installed library works in a program outside its tree: plays a circle on a simulated device, reads the
-// recording, measures it, and runs a controller of its own.
+// Checks that the installed library works in a program outside its tree: plays a circle on a simulated device, reads
+// the recording, measures it, and runs a controller of its own.
 #include "haptrace.h"
 
 #include <cstdio>
