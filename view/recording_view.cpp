@@ -1,6 +1,7 @@
 #include "view/recording_view.h"
 
 #include "base/error.h"
+#include "base/severity.h"
 #include "player/session.h"
 #include "player/tuning/tuning_server.h"
 #include "view/scene_messages.h"
@@ -210,12 +211,14 @@ class RecordingView::Shelf final : private PageHandler {
       Frame path = source.path();
       path.request = ++paths_;
       post_frame(to, std::move(path));
-      if (!source.damage().empty())
-        send({{"type", "warning"},
-              {"severity", "problem"},
-              {"code", "damage"},
-              {"time", nullptr},
-              {"text", source.damage()}});
+      const auto warn = [&](Severity severity, const char* code, const std::string& text) {
+        send({{"type", "warning"}, {"severity", to_string(severity)}, {"code", code}, {"time", nullptr}, {"text", text}});
+      };
+      if (!source.damage().empty()) warn(Severity::problem, "damage", source.damage());
+      if (source.unfinished())
+        warn(Severity::warning, "unfinished",
+             "the recording is not finished: this page shows what it held when it was opened. If its session still "
+             "runs, open it again later, or give --view to the session; if it was killed, use haptrace recover");
       show_phases(index, to, opening, 0);
     });
   }

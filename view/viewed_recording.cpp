@@ -79,6 +79,7 @@ ViewedRecording::ViewedRecording(const std::string& file, std::chrono::milliseco
     if (damage_.empty()) damage_ = damage.file + ": " + damage.path + ": " + damage.what;
   });
   header_ = reader_->header();
+  unfinished_ = !header_.complete;
   columns_ = reader_->columns();
   channels_ = ViewChannels(columns_);
   rows_ = reader_->rows();

@@ -51,6 +51,8 @@ class ViewedRecording final : public ViewSource {
 
   /// Returns what is wrong with the file, in words; empty if nothing was found so far.
   [[nodiscard]] const std::string& damage() const noexcept { return damage_; }
+  /// Returns true if the recording has no end: a session still writes it, or was killed.
+  [[nodiscard]] bool unfinished() const noexcept { return unfinished_; }
 
  private:
   static constexpr std::size_t kMostWanted = 4;
@@ -82,6 +84,7 @@ class ViewedRecording final : public ViewSource {
   std::size_t scanned_parts_ = 0;             ///< blocks of the overview that were looked at
   bool phases_known_ = false;
   std::int64_t focus_ = 0;  ///< block that was asked for last
+  bool unfinished_ = false;
   std::string damage_;
 };
 

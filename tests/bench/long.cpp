@@ -5,6 +5,7 @@
 #include "formats/recording/recording_summary.h"
 #include "player/playback/playback.h"
 #include "player/playback/reference_stream.h"
+#include "recorder/recorded_devices.h"
 
 #include <algorithm>
 #include <chrono>
@@ -69,6 +70,7 @@ void measure(const char* name, const std::function<void()>& action) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  use_recorded_devices();
   if (argc < 2) {
     fmt::print(stderr, "haptrace_long FILE.h5 [ROWS]\n");
     return 2;

@@ -96,6 +96,17 @@ TEST_F(RecordingViewTest, PagesLookAtDifferentRecordingsOfASession) {
   EXPECT_EQ(second->wait_for("error")["id"], 4);
 }
 
+TEST_F(RecordingViewTest, APageIsWarnedOfARecordingThatIsStillWritten) {
+  RecordingWriter writer(folder / "a.h5", {}, {}, {});
+  writer.append(std::vector<Sample>(10));
+  writer.flush();
+  const RecordingView view({folder / "a.h5"}, {});
+  const nlohmann::json warning = join(view)->wait_for("warning");
+  EXPECT_EQ(warning["code"], "unfinished");
+  EXPECT_EQ(warning["severity"], "warning");
+  writer.finish();
+}
+
 TEST_F(RecordingViewTest, ThePhasesOfALongRecordingComeInPiecesAndKeepNoAnswerWaiting) {
   const RecordingView view({write("long.h5", 600'000, 0, 10'000), write("short.h5", 10)}, {});
   const auto page = join(view);
