@@ -9,6 +9,7 @@
 #include "player/calibration/calibration.h"
 #include "scene/scene_file.h"
 #include "studies/trade/physics.h"
+#include "studies/trade/scene_trade.h"
 #include "studies/trade/stand_in.h"
 #include "studies/trade/trade_report.h"
 
@@ -22,7 +23,7 @@ constexpr double kLongestTried = 30;  // longest part of a path to play [s]
 constexpr double kUnseenError = 0.2;  // assumed relative error of a result if all runs are equal
 
 struct TradeoffArguments {
-  std::string path, device, budget, output, figure, save, scene;
+  std::string path, device, budget, output, figure, save, scene, scene_budget;
   ProfileArguments profile;
   PathSelection selection;
   CsvOptions csv;
@@ -39,7 +40,7 @@ struct TradeoffArguments {
 
 /// Files that the verb writes.
 struct TradeFiles {
-  std::string json, figure, config, profile;
+  std::string json, figure, config, profile, scene;
 };
 
 std::string beside(const std::string& file, const std::string& ending) {
@@ -48,15 +49,21 @@ std::string beside(const std::string& file, const std::string& ending) {
 }
 
 TradeFiles files_of(const TradeoffArguments& arguments) {
-  TradeFiles files{.json = arguments.output, .figure = arguments.figure, .config = arguments.save, .profile = ""};
+  TradeFiles files{
+      .json = arguments.output, .figure = arguments.figure, .config = arguments.save, .profile = "", .scene = ""};
   if (files.figure.empty() && !files.json.empty()) files.figure = beside(files.json, ".png");
   if (!arguments.budget.empty() && files.config.empty())
     files.config = beside(files.json.empty() ? std::filesystem::path(arguments.path).filename().string() : files.json,
                           "-config.json");
   if (!files.config.empty()) files.profile = beside(files.config, "-profile.json");
+  if (!arguments.scene_budget.empty())
+    files.scene = beside(!files.json.empty()     ? files.json
+                         : !files.config.empty() ? files.config
+                                                 : std::filesystem::path(arguments.scene).filename().string(),
+                         "-scene.json");
   if (!files.figure.empty()) check_figure_name(files.figure);
   std::vector<std::string> names;
-  for (const std::string& file : {files.json, files.figure, files.config, files.profile}) {
+  for (const std::string& file : {files.json, files.figure, files.config, files.profile, files.scene}) {
     if (file.empty()) continue;
     if (std::find(names.begin(), names.end(), file) != names.end())
       throw input_error(file + ": two output files have this name; give --output, --figure and --save different names");
@@ -198,6 +205,29 @@ std::optional<Explanation> explain_simulation(const TradeoffArguments& arguments
   return explain_physics(bench.place(), parts.spec, make, configuration, budget, options, stop);
 }
 
+SceneBench scene_bench(const TradeoffArguments& arguments, const Workbench& bench) {
+  return {bench, arguments.base.rate_hz, [&] { return load_scene(arguments.scene); }, !arguments.no_instructions};
+}
+
+/// Chooses the settings of the scene that keep its budget, writes the scene with them, and tells of it. Returns whether
+/// they keep it.
+bool keep_scene(const TradeoffArguments& arguments, const Workbench& bench, const std::string& file,
+                const Output& output, const StopRequest& stop, nlohmann::json& json, std::string& text) {
+  const SceneBudget budget = parse_scene_budget(arguments.scene_budget);
+  const SceneBench measured = scene_bench(arguments, bench);
+  if (!measured.touches()) return false;
+  ReadProgress progress(output, "choosing settings of the scene");
+  const SceneChoice choice = measured.choose(budget, stop);
+  const std::string folder = std::filesystem::path(arguments.scene).parent_path().string();
+  save_json(scene_with(load_json(arguments.scene), folder, choice.levels), file, arguments.overwrite);
+  json["scene_choice"] = to_json(choice);
+  json["scene_choice"]["file"] = file;
+  text += text_of(choice, budget);
+  text += fmt::format("    written to {}; use it: haptrace record felt.h5 --device {} --scene {}\n", file,
+                      arguments.device, file);
+  return choice.kept;
+}
+
 void add_sides(const TradeoffArguments& arguments, const Workbench& bench, TradeReport& report, const Output& output,
                const StopRequest& stop) {
   ReadProgress progress(output, "storing, guiding, simulating");
@@ -205,8 +235,7 @@ void add_sides(const TradeoffArguments& arguments, const Workbench& bench, Trade
   weigh_recordings(report);
   report.sides.push_back(trade_of_projection(bench, !arguments.no_instructions, stop));
   if (!arguments.scene.empty()) {
-    report.sides.push_back(trade_of_scene(
-        bench, arguments.base.rate_hz, [&] { return load_scene(arguments.scene); }, !arguments.no_instructions));
+    report.sides.push_back(scene_bench(arguments, bench).trade());
     if (report.sides.back().levels.empty())
       output.remark(fmt::format("{}: {} touches none of its objects", arguments.scene, arguments.path));
   }
@@ -328,6 +357,9 @@ Verb add_tradeoff(CLI::App& app) {
       ->type_name("BOUNDS");
   verb->add_option("--scene", arguments->scene, "scene whose accuracy settings are varied, with the tool on the path")
       ->type_name("FILE.json");
+  verb->add_option("--scene-budget", arguments->scene_budget,
+                   "bounds on the scene's force error and time, as in 'error<=20mN, time<=500ns'")
+      ->type_name("BOUNDS");
   verb->add_flag("--explain", arguments->explain, "leave out each term in turn, and report the change and the saving");
   verb->add_option("-o,--output", arguments->output, "JSON file to write; the figure is written beside it")
       ->type_name("FILE.json");
@@ -350,6 +382,10 @@ Verb add_tradeoff(CLI::App& app) {
             const Budget budget = arguments->budget.empty() ? Budget{} : parse_budget(arguments->budget);
             const TradeFiles files = files_of(*arguments);
             if (!arguments->scene.empty()) (void)load_scene(arguments->scene);
+            if (!arguments->scene_budget.empty()) {
+              if (arguments->scene.empty()) throw input_error("--scene-budget bounds a scene: give its --scene too");
+              (void)parse_scene_budget(arguments->scene_budget);
+            }
             const Signals signals;
             Workbench bench(workplace(*arguments, output, signals.stop()));
             TradeOptions options{.base = base_of(*arguments, bench.calibrated()),
@@ -379,6 +415,8 @@ Verb add_tradeoff(CLI::App& app) {
             if (!budget.empty() && report.complete && !choice)
               output.remark("no configuration was chosen: none was played to its end");
             if (choice) keep_choice(*arguments, *choice, budget, bench, files, json, text);
+            const bool scene_kept = files.scene.empty() || !report.complete ||
+                                    keep_scene(*arguments, bench, files.scene, output, signals.stop(), json, text);
             if (arguments->explain && report.complete)
               add_explanations(*arguments, bench, budget, options, output, signals.stop(), json, text);
             report.complete = report.complete && signals.stop().count() == 0;
@@ -391,7 +429,7 @@ Verb add_tradeoff(CLI::App& app) {
               output.remark("interrupted; the results cover only the finished part");
               return static_cast<int>(kInterrupted);
             }
-            return static_cast<int>(!budget.empty() && !(choice && choice->kept) ? kStopped : kDone);
+            return static_cast<int>((!budget.empty() && !(choice && choice->kept)) || !scene_kept ? kStopped : kDone);
           }};
 }
 

@@ -7,7 +7,6 @@
 #include "devices/sim/noise.h"
 #include "devices/sim/sim_device.h"
 #include "player/device_path.h"
-#include "scene/slow_scene.h"
 #include "studies/trade/instruction_count.h"
 
 #include <algorithm>
@@ -228,93 +227,6 @@ SideTrade trade_of_simulation(
         row.refused = error.what();
       }
       trade.levels.push_back(std::move(row));
-    }
-  }
-  return trade;
-}
-
-SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::function<std::shared_ptr<Scene>()>& load,
-                         bool instructions) {
-  SideTrade trade{.knob = "scene",
-                  .what = "accuracy settings of the scene, and slower rates of the scene, with the tool on the path",
-                  .columns = {{"force_error_n", "rms N", 1, 4},
-                              {"peak_force_error_n", "peak N", 1, 3},
-                              {"energy_created_j", "mJ", 1e-3, 3},
-                              {"answer_s", "ns", 1e-9, 0},
-                              {"instructions", "instr.", 1, 0}},
-                  .levels = {}};
-  const double period = 1 / rate_hz;
-  const Trajectory& path = bench.exact();
-  const auto ticks = static_cast<std::size_t>(path.duration() * rate_hz);
-  std::vector<Touch> touches;
-  std::vector<Vec3> truth;
-  std::vector<bool> touched;
-  const std::shared_ptr<Scene> exact = load();
-  for (const Knob& knob : exact->knobs()) exact->set(knob.name, knob.name.ends_with(".lead") ? 0 : knob.levels.back());
-  exact->prepare({.rate_hz = rate_hz});
-  exact->reset();
-  Trajectory::Cursor cursor;
-  std::size_t first_touch = ticks;
-  for (std::size_t i = 0; i < ticks; ++i) {
-    const Reference here = path.sample(static_cast<double>(i) * period, cursor);
-    const Reference middle = path.sample((static_cast<double>(i) + 0.5) * period, cursor);
-    touches.push_back({here.position, here.velocity, i > 0 ? period : 0});
-    const SceneAnswer answer = exact->answer({middle.position, middle.velocity, i > 0 ? period : 0});
-    truth.push_back(answer.force);
-    touched.push_back(std::any_of(answer.contacts.begin(), answer.contacts.end(),
-                                  [](const Contact& contact) { return contact.touched(); }));
-    if (touched.back()) first_touch = std::min(first_touch, i);
-  }
-  if (first_touch == ticks) return trade;
-
-  const auto try_out = [&](const std::string& name, bool is_default, Touchable& scene) {
-    SideTrade::Level row{.level = name, .is_default = is_default, .values = {}, .refused = {}};
-    double squares = 0, peak = 0, work = 0, stored = 0, seconds = 0;
-    std::size_t count = 0;
-    scene.reset();
-    SceneAnswer answer;
-    for (std::size_t i = 0; i < ticks; ++i) {
-      const double begin = seconds_now();
-      answer = scene.answer(touches[i]);
-      seconds += seconds_now() - begin;
-      scene.between_ticks(true);
-      if (i == 0) stored = answer.stored;
-      if (i + 1 < ticks) work += answer.force.dot(touches[i + 1].position - touches[i].position);
-      if (!touched[i]) continue;
-      ++count;
-      const double off = (answer.force - truth[i]).norm();
-      squares += off * off;
-      peak = std::max(peak, off);
-    }
-    row.values = {std::sqrt(squares / static_cast<double>(count)), peak, work + answer.stored - stored,
-                  seconds / static_cast<double>(ticks), kNaN};
-    constexpr std::size_t kCounted = 25;
-    if (instructions && dynamic_cast<Scene*>(&scene) != nullptr && first_touch + kCounted < ticks) {
-      const auto counted = count_instructions([&](const std::function<void()>& mark) {
-        mark();
-        for (std::size_t i = 0; i < kCounted; ++i) (void)scene.answer(touches[first_touch + i]);
-        mark();
-      });
-      if (!counted.empty()) row.values.back() = static_cast<double>(counted.front()) / kCounted;
-    }
-    trade.levels.push_back(std::move(row));
-  };
-
-  const std::shared_ptr<Scene> asked = load();
-  asked->prepare({.rate_hz = rate_hz});
-  try_out("as it is", true, *asked);
-  for (const Knob& knob : asked->knobs()) {
-    for (const double level : knob.levels) {
-      const std::shared_ptr<Scene> turned = load();
-      turned->set(knob.name, level);
-      turned->prepare({.rate_hz = rate_hz});
-      try_out(fmt::format("{} {:g}{}{}", knob.name, level, knob.unit.empty() ? "" : " ", knob.unit), false, *turned);
-    }
-  }
-  for (const double share : {0.1, 0.05}) {
-    for (const Prediction prediction : {Prediction::hold, Prediction::linear, Prediction::model}) {
-      SlowScene slow(load(), {.rate_hz = share * rate_hz, .prediction = prediction}, rate_hz);
-      try_out(fmt::format("at {:g} Hz, {}", share * rate_hz, to_string(prediction)), false, slow);
     }
   }
   return trade;

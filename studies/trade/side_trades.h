@@ -1,8 +1,7 @@
-// Trade-offs outside the playback loop: recordings, projection onto a path, simulation and scenes.
+// Trade-offs outside the playback loop: recordings, projection onto a path and simulation.
 #pragma once
 
 #include "formats/recording/storage.h"
-#include "scene/scene.h"
 #include "studies/trade/workbench.h"
 
 #include <nlohmann/json.hpp>
@@ -58,13 +57,6 @@ SideTrade trade_of_simulation(
     const Workbench& bench, const Configuration& configuration,
     const std::function<std::unique_ptr<Device>(const std::vector<std::pair<std::string, std::string>>&)>& open,
     const StopRequest& stop);
-
-/// Measures every setting of a scene's objects, and the scene at a tenth and a twentieth of the rate with each
-/// prediction, while the tool follows the path. Reports the difference between the force held over a tick and that of
-/// the continuous scene in the middle of the tick during contact, and the energy created. There are no levels if the
-/// path touches nothing. `load` makes the scene as described. Throws what `load` throws.
-SideTrade trade_of_scene(const Workbench& bench, double rate_hz, const std::function<std::shared_ptr<Scene>()>& load,
-                         bool instructions);
 
 nlohmann::json to_json(const SideTrade& trade);
 std::string text_of(const SideTrade& trade);

@@ -18,9 +18,9 @@ TEST(TradeoffCommand, ChoosesAConfigurationThatKeepsItsPredictionInUse) {
   ASSERT_EQ(haptrace("shape", "circle", "--size", "0.04", "--duration", "2", "-o", path).exit_code, 0);
   const auto scene = folder.write(
       "scene.json", R"({"objects": [{"kind": "sphere", "name": "ball", "radius": 0.03, "stiffness": 500}]})");
-  const Answer answer =
-      haptrace("tradeoff", path, "--device", kFalcon, "--budget", "error<=0.3mm, bytes<=300MB/h", "--rates", "500,1000",
-               "--learn", "0", "--runs", "2", "--no-instructions", "--scene", scene, "-o", folder / "t.json", "--json");
+  const Answer answer = haptrace("tradeoff", path, "--device", kFalcon, "--budget", "error<=0.3mm, bytes<=300MB/h",
+                                 "--rates", "500,1000", "--learn", "0", "--runs", "2", "--no-instructions", "--scene",
+                                 scene, "--scene-budget", "error<=50mN", "-o", folder / "t.json", "--json");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   const nlohmann::json json = answer.json();
   EXPECT_EQ(json, nlohmann::json::parse(std::ifstream(folder / "t.json")));
@@ -30,6 +30,10 @@ TEST(TradeoffCommand, ChoosesAConfigurationThatKeepsItsPredictionInUse) {
   std::vector<std::string> sides;
   for (const nlohmann::json& side : json["sides"]) sides.push_back(side["knob"]);
   EXPECT_THAT(sides, testing::ElementsAre("storage", "spacing", "scene", "simulation"));
+
+  EXPECT_EQ(json["scene_choice"]["kept"], true);
+  EXPECT_EQ(json["scene_choice"]["file"], folder / "t-scene.json");
+  EXPECT_EQ(haptrace("scene", folder / "t-scene.json").exit_code, 0);
 
   const Answer used = haptrace("play", path, "--device", "sim:preset=falcon,hand=relaxed,seed=77", "--config",
                                folder / "t-config.json", "--record", played, "--json");

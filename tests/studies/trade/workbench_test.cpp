@@ -1,9 +1,12 @@
 #include "studies/trade/workbench.h"
 
+#include "base/json_reader.h"
 #include "scene/scene_file.h"
 #include "studies/trade/instruction_count.h"
+#include "studies/trade/scene_trade.h"
 #include "studies/trade/side_trades.h"
 #include "tests/studies/trade/support.h"
+#include "tests/support/errors.h"
 
 #include <csignal>
 #include <gmock/gmock.h>
@@ -202,7 +205,7 @@ TEST(SideTrades, CompareASceneWithItselfInContinuousTime) {
                           {"damping", 3}}}}},
                       "the test's scene");
   };
-  const SideTrade trade = trade_of_scene(bench, 1000, load, false);
+  const SideTrade trade = SceneBench(bench, 1000, load, false).trade();
   const auto error_of_level = [&](const std::string& name) {
     for (const SideTrade::Level& level : trade.levels)
       if (level.level.starts_with(name)) return level.values[0];
@@ -219,7 +222,56 @@ TEST(SideTrades, CompareASceneWithItselfInContinuousTime) {
     return read_scene({{"objects", {{{"kind", "sphere"}, {"centre", {1, 1, 1}}, {"radius", 0.01}, {"stiffness", 1}}}}},
                       "far away");
   };
-  EXPECT_TRUE(trade_of_scene(bench, 1000, away, false).levels.empty());
+  EXPECT_FALSE(SceneBench(bench, 1000, away, false).touches());
+  EXPECT_TRUE(SceneBench(bench, 1000, away, false).trade().levels.empty());
+}
+
+/// A wall with a texture of four octaves, across the path of small_workplace().
+nlohmann::json textured_wall() {
+  return parse_json(R"({"objects": [{"kind": "wall", "name": "floor", "point": [0, 0.005, 0], "normal": [0, 1, 0],
+    "surface": {"stiffness": 800, "texture": {"kind": "fractal", "amplitude": 2e-4, "wavelength": 4e-3, "octaves": 4}}}]})",
+                    "the test's scene");
+}
+
+TEST(SceneBudgets, ChooseTheCheapestSettingsWhoseErrorIsSmallEnough) {
+  const Workbench bench(small_workplace());
+  const SceneBench scene(
+      bench, 1000, [] { return read_scene(textured_wall(), "the test's scene"); }, true);
+  const SceneChoice exact = scene.choose(parse_scene_budget("time<=1s"), StopRequest{});
+  EXPECT_TRUE(exact.kept);
+  const SceneChoice cheap = scene.choose(parse_scene_budget("error<=10N"), StopRequest{});
+  EXPECT_TRUE(cheap.kept);
+  EXPECT_LT(cheap.levels.at("floor.octaves"), exact.levels.at("floor.octaves"));
+  EXPECT_GT(cheap.error, exact.error);
+  const SceneChoice between = scene.choose({.error = 0.5 * (cheap.error + exact.error)}, StopRequest{});
+  EXPECT_TRUE(between.kept);
+  EXPECT_LE(between.error, 0.5 * (cheap.error + exact.error));
+  const SceneChoice nearest = scene.choose({.error = 1e-3 * exact.error}, StopRequest{});
+  EXPECT_FALSE(nearest.kept);
+  EXPECT_DOUBLE_EQ(nearest.error, exact.error);
+}
+
+TEST(SceneBudgets, WriteTheSettingsWhereTheSceneFileHasThem) {
+  const nlohmann::json changed = scene_with(textured_wall(), "", {{"floor.octaves", 2}, {"floor.lead", 0.5}});
+  EXPECT_EQ(changed["objects"][0]["surface"]["texture"]["octaves"], 2);
+  EXPECT_EQ(changed["objects"][0]["surface"]["lead"], 0.5);
+  EXPECT_EQ(scene_with(textured_wall(), "", {{"floor.octaves", 4}}), textured_wall()) << "it has that level already";
+  EXPECT_THAT(test::error_of([] {
+                (void)scene_with(textured_wall(), "", {{"floor.teeth", 2}});
+              }),
+              testing::HasSubstr("'floor.teeth'"));
+}
+
+TEST(SceneBudgets, NameThePartThatIsWrong) {
+  for (const auto& [text, part] : std::vector<std::pair<std::string, std::string>>{{"error<=20", "error<=20"},
+                                                                                   {"error<=20mNs", "error<=20mNs"},
+                                                                                   {"error>=1N", "error>=1N"},
+                                                                                   {"eror<=1N", "error"},
+                                                                                   {"error<=0N", "error<=0N"},
+                                                                                   {"error<=1N,", "''"},
+                                                                                   {"time<=2N", "time<=2N"}})
+    EXPECT_THAT(test::error_of([&] { (void)parse_scene_budget(text); }), testing::HasSubstr(part)) << text;
+  EXPECT_EQ(to_string(parse_scene_budget("error<=20mN,time <= 500ns")), "error<=0.02N, time<=500ns");
 }
 
 TEST(Workbench, CountsNoTicksOfAPathThatAThreadReads) {
