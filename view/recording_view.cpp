@@ -212,7 +212,11 @@ class RecordingView::Shelf final : private PageHandler {
       path.request = ++paths_;
       post_frame(to, std::move(path));
       const auto warn = [&](Severity severity, const char* code, const std::string& text) {
-        send({{"type", "warning"}, {"severity", to_string(severity)}, {"code", code}, {"time", nullptr}, {"text", text}});
+        send({{"type", "warning"},
+              {"severity", to_string(severity)},
+              {"code", code},
+              {"time", nullptr},
+              {"text", text}});
       };
       if (!source.damage().empty()) warn(Severity::problem, "damage", source.damage());
       if (source.unfinished())
