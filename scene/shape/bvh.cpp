@@ -1,21 +1,10 @@
 #include "scene/shape/bvh.h"
 
-#include <algorithm>
 #include <cmath>
 #include <numeric>
 
 namespace haptrace {
 namespace {
-
-float rounded_down(double value) {
-  const auto near = static_cast<float>(value);
-  return near <= value ? near : std::nextafter(near, -std::numeric_limits<float>::infinity());
-}
-
-float rounded_up(double value) {
-  const auto near = static_cast<float>(value);
-  return near >= value ? near : std::nextafter(near, std::numeric_limits<float>::infinity());
-}
 
 double area_of(const Box& box) {
   const Vec3 size = box.size();
@@ -27,93 +16,195 @@ void include(Box& box, const Box& other) {
   box.max = box.max.cwiseMax(other.max);
 }
 
-}  // namespace
-
-TrianglePoint closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) noexcept {
-  using On = TrianglePoint::On;
-  const Vec3 ab = b - a, ac = c - a, ap = p - a;
-  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
-  if (d1 <= 0 && d2 <= 0) return {a, On::corner, 0};
-  const Vec3 bp = p - b;
-  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
-  if (d3 >= 0 && d4 <= d3) return {b, On::corner, 1};
-  const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0 && d1 >= 0 && d3 <= 0) return {a + d1 / (d1 - d3) * ab, On::edge, 0};
-  const Vec3 cp = p - c;
-  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d6 >= 0 && d5 <= d6) return {c, On::corner, 2};
-  const double vb = d5 * d2 - d1 * d6;
-  if (vb <= 0 && d2 >= 0 && d6 <= 0) return {a + d2 / (d2 - d6) * ac, On::edge, 2};
-  const double va = d3 * d6 - d5 * d4;
-  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) return {b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b), On::edge, 1};
-  const double scale = 1 / (va + vb + vc);
-  return {a + vb * scale * ab + vc * scale * ac, On::inside, 0};
+/// Returns the sign of a b - c d, exactly. The products are finite.
+int sign_of_difference(double a, double b, double c, double d) noexcept {
+  const double p = a * b, q = c * d;
+  if (p > q) return 1;
+  if (p < q) return -1;
+  const double difference = std::fma(a, b, -p) - std::fma(c, d, -q);
+  return difference > 0 ? 1 : difference < 0 ? -1 : 0;
 }
 
-/// Splits sets of triangles in two until they are small.
+/// Returns on which side of the line from a to b the origin is, in a plane: 1 if to its left. It never is on the line:
+/// it counts as moved to x by next to nothing, and to y by next to nothing of that.
+int side_of_line(double ax, double ay, double bx, double by) noexcept {
+  const int sign = sign_of_difference(ax, by, ay, bx);
+  if (sign != 0) return sign;
+  if (ay != by) return ay > by ? 1 : -1;
+  return bx > ax ? 1 : bx < ax ? -1 : 0;
+}
+
+}  // namespace
+
+Face make_face(const Vec3& a, const Vec3& b, const Vec3& c) noexcept {
+  using Long = Eigen::Matrix<long double, 3, 1>;
+  // From the corner between the shorter edges: their directions differ most.
+  const double ab = (b - a).squaredNorm(), bc = (c - b).squaredNorm(), ca = (a - c).squaredNorm();
+  const Vec3& first = bc >= ab && bc >= ca ? a : ca >= ab ? b : c;
+  const Vec3& second = &first == &a ? b : &first == &b ? c : a;
+  const Vec3& third = &first == &a ? c : &first == &b ? a : b;
+  const Long origin = first.cast<long double>();
+  const Long across = (second.cast<long double>() - origin).cross(third.cast<long double>() - origin);
+  const long double size = across.norm();
+  Face face;
+  face.corners = {a, b, c};
+  face.normal = size > 0 ? Vec3((across / size).cast<double>()) : Vec3(Vec3::Zero());
+  face.double_area = static_cast<double>(size);
+  return face;
+}
+
+TrianglePoint closest_on(const Face& face, const Vec3& p) noexcept {
+  using On = TrianglePoint::On;
+  const Vec3 &a = face.corners[0], &b = face.corners[1], &c = face.corners[2];
+  const Vec3 ap = p - a, ab = b - a, ac = c - a;
+  const Vec3 across = ap.cross(face.normal);
+  // Twice the signed areas over the edges: negative beyond an edge.
+  const double over_ab = ab.dot(across), over_ca = -ac.dot(across), over_bc = face.double_area - over_ab - over_ca;
+  if (over_ab >= 0 && over_bc >= 0 && over_ca >= 0) return {p - face.normal.dot(ap) * face.normal, On::inside, 0};
+  // It is on an edge that looks towards p, of which there are one or two.
+  TrianglePoint best;
+  double least = std::numeric_limits<double>::infinity();
+  const auto try_edge = [&](const Vec3& from, const Vec3& way, const Vec3& to, std::uint8_t corner) {
+    const double along = way.dot(p - from), length2 = way.squaredNorm();
+    TrianglePoint point;
+    if (along <= 0)
+      point = {from, On::corner, corner};
+    else if (along >= length2)
+      point = {to, On::corner, static_cast<std::uint8_t>(corner == 2 ? 0 : corner + 1)};
+    else
+      point = {from + along / length2 * way, On::edge, corner};
+    const double square = (point.position - p).squaredNorm();
+    if (square < least) {
+      least = square;
+      best = point;
+    }
+  };
+  if (over_ab < 0) try_edge(a, ab, b, 0);
+  if (over_bc < 0) try_edge(b, c - b, c, 1);
+  if (over_ca < 0) try_edge(c, -ac, a, 2);
+  return best;
+}
+
+double Segment::doubtful(const Vec3& a, const Vec3& b, const Vec3& c) const noexcept {
+  using Long = Eigen::Matrix<long double, 3, 1>;
+  constexpr long double kRounding = 96 * std::numeric_limits<long double>::epsilon();
+  const Long from = from_.cast<long double>();
+  const Long pa = a.cast<long double>() - from, pb = b.cast<long double>() - from, pc = c.cast<long double>() - from;
+  const long double length = way_[z_], sx = way_[x_] / length, sy = way_[y_] / length;
+  const long double ax = pa[x_] - sx * pa[z_], ay = pa[y_] - sy * pa[z_];
+  const long double bx = pb[x_] - sx * pb[z_], by = pb[y_] - sy * pb[z_];
+  const long double cx = pc[x_] - sx * pc[z_], cy = pc[y_] - sy * pc[z_];
+  const long double u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
+  const long double far = std::max({pa.cwiseAbs().maxCoeff(), pb.cwiseAbs().maxCoeff(), pc.cwiseAbs().maxCoeff()});
+  const long double doubt = kRounding * far * far, sum = u + v + w;
+  // Edge on, it is not crossed: its neighbours are.
+  if (std::min({u, v, w}) < -doubt || !(sum > 0)) return kNever;
+  const long double share = (u * pa[z_] + v * pb[z_] + w * pc[z_]) / sum / length;
+  // The share lies between those of the corners, however doubtful it is. The ends are places in double precision.
+  const long double slack = (48 * static_cast<long double>(std::numeric_limits<double>::epsilon()) * far +
+                             kRounding * far * far * far / sum) /
+                            std::abs(length);
+  if (share < -slack || share > 1 + slack) return kNever;
+  return static_cast<double>(std::clamp(share, 0.0L, 1.0L));
+}
+
+/// Splits sets of triangles until they are small.
 struct TriangleTree::Builder {
   static constexpr std::uint32_t kLeaf = 4;  // triangles
   static constexpr int kBins = 16;
+  static constexpr int kHalvesFrom = 16;  // depth from which on halves keep the tree flat
+
+  struct Bounded {
+    Box box;
+    std::uint32_t triangle;
+    [[nodiscard]] double centre(int axis) const { return 0.5 * (box.min[axis] + box.max[axis]); }
+  };
+  struct Range {
+    std::uint32_t begin = 0, end = 0;
+    int depth = 0;
+    Box box, of_centres;
+    [[nodiscard]] std::uint32_t size() const { return end - begin; }
+  };
 
   Builder(TriangleTree& made, const TriangleMesh& mesh) : tree(made) {
-    boxes.reserve(mesh.triangles.size());
-    for (const auto& triangle : mesh.triangles) {
+    items.reserve(mesh.triangles.size());
+    for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
       Box box;
-      for (const std::uint32_t corner : triangle) box.include(mesh.vertices[corner]);
-      boxes.push_back(box);
-      centres.push_back(box.center());
+      for (const std::uint32_t corner : mesh.triangles[t]) box.include(mesh.vertices[corner]);
+      items.push_back({box, t});
     }
-    tree.order_.resize(mesh.triangles.size());
-    std::iota(tree.order_.begin(), tree.order_.end(), 0U);
-    tree.nodes_.reserve(mesh.triangles.size());
+    const Range all = range(0, static_cast<std::uint32_t>(items.size()), 0);
+    tree.centre_ = all.box.center();
+    // Wider than the roundings of boxes and places to single precision.
+    tree.half_ = 0.5 * all.box.size();
+    slack = std::ldexp(tree.half_.maxCoeff(), -20);
+    tree.half_ += Vec3::Constant(slack);
+    tree.nodes_.reserve(items.size() / 2);
     tree.nodes_.emplace_back();
-    build(0, 0, static_cast<std::uint32_t>(tree.order_.size()), 1);
+    build(0, all);
   }
 
-  void build(std::uint32_t index, std::uint32_t begin, std::uint32_t end, int depth) {
-    Box box, of_centres;
+  [[nodiscard]] Range range(std::uint32_t begin, std::uint32_t end, int depth) const {
+    Range made{begin, end, depth, {}, {}};
     for (std::uint32_t i = begin; i < end; ++i) {
-      include(box, boxes[tree.order_[i]]);
-      of_centres.include(centres[tree.order_[i]]);
+      include(made.box, items[i].box);
+      made.of_centres.include(0.5 * (items[i].box.min + items[i].box.max));
     }
-    Node& node = tree.nodes_[index];
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      node.min[axis] = rounded_down(box.min[static_cast<int>(axis)]);
-      node.max[axis] = rounded_up(box.max[static_cast<int>(axis)]);
+    return made;
+  }
+
+  void build(std::uint32_t index, const Range& whole) {
+    std::array<Range, kWide> parts{whole};
+    std::size_t count = 1;
+    while (count < kWide) {
+      std::size_t largest = count;
+      for (std::size_t i = 0; i < count; ++i)
+        if (parts[i].size() > kLeaf && (largest == count || area_of(parts[i].box) * parts[i].size() >
+                                                                area_of(parts[largest].box) * parts[largest].size()))
+          largest = i;
+      if (largest == count) break;
+      const Range part = parts[largest];
+      const std::uint32_t middle = split(part);
+      parts[largest] = range(part.begin, middle, part.depth + 1);
+      parts[count++] = range(middle, part.end, part.depth + 1);
     }
-    const std::uint32_t count = end - begin;
-    if (count <= kLeaf || depth >= kDeepest / 2 - 1) {
-      node.first = begin;
-      node.count = count;
-      return;
+    constexpr float kNowhere = 1e30F;
+    for (std::size_t i = 0; i < kWide; ++i) {
+      const bool used = i < count && parts[i].size() > 0;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const auto lane = static_cast<int>(i), at = static_cast<int>(axis);
+        Node& node = tree.nodes_[index];
+        node.min[axis][lane] = used ? static_cast<float>(parts[i].box.min[at] - tree.centre_[at] - slack) : kNowhere;
+        node.max[axis][lane] = used ? static_cast<float>(parts[i].box.max[at] - tree.centre_[at] + slack) : kNowhere;
+      }
+      if (!used) continue;
+      if (parts[i].size() <= kLeaf) {
+        tree.nodes_[index].first[i] = parts[i].begin;
+        tree.nodes_[index].count[i] = parts[i].size();
+        continue;
+      }
+      const auto child = static_cast<std::uint32_t>(tree.nodes_.size());
+      tree.nodes_[index].first[i] = child;
+      tree.nodes_.emplace_back();
+      build(child, parts[i]);
     }
-    const std::uint32_t middle = split(begin, end, of_centres, depth);
-    const auto children = static_cast<std::uint32_t>(tree.nodes_.size());
-    tree.nodes_[index].first = children;
-    tree.nodes_[index].count = 0;
-    tree.nodes_.emplace_back();
-    tree.nodes_.emplace_back();
-    build(children, begin, middle, depth + 1);
-    build(children + 1, middle, end, depth + 1);
   }
 
   /// Orders the triangles of a set into two sets, and returns the first of the second.
-  std::uint32_t split(std::uint32_t begin, std::uint32_t end, const Box& of_centres, int depth) {
-    const auto first = tree.order_.begin() + begin, last = tree.order_.begin() + end;
+  std::uint32_t split(const Range& part) {
+    const auto first = items.begin() + part.begin, last = items.begin() + part.end;
     int axis = 0;
-    const double size = of_centres.size().maxCoeff(&axis);
-    // Near the largest depth, halves keep the tree within it.
-    constexpr int kHalvesFrom = kDeepest / 4;
-    if (size > 0 && depth < kHalvesFrom) {
-      const double low = of_centres.min[axis], scale = kBins / size;
-      const auto bin_of = [&](std::uint32_t triangle) {
-        return std::min(kBins - 1, static_cast<int>((centres[triangle][axis] - low) * scale));
+    const double size = part.of_centres.size().maxCoeff(&axis);
+    if (size > 0 && part.depth < kHalvesFrom) {
+      const double low = part.of_centres.min[axis], scale = kBins / size;
+      const auto bin_of = [&](const Bounded& item) {
+        return std::min(kBins - 1, static_cast<int>((item.centre(axis) - low) * scale));
       };
       std::array<Box, kBins> bins;
       std::array<std::uint32_t, kBins> counts{};
       for (auto at = first; at != last; ++at) {
         const auto bin = static_cast<std::size_t>(bin_of(*at));
-        include(bins[bin], boxes[*at]);
+        include(bins[bin], at->box);
         ++counts[bin];
       }
       std::array<double, kBins> left{};
@@ -132,63 +223,80 @@ struct TriangleTree::Builder {
         include(sum, bins[i]);
         count += counts[i];
         const double cost = left[i - 1] + area_of(sum) * count;
-        if (count == 0 || count == end - begin || !(cost < best)) continue;
+        if (count == 0 || count == part.size() || !(cost < best)) continue;
         best = cost;
         cut = static_cast<int>(i);
       }
       if (cut > 0) {
-        const auto middle = std::partition(first, last, [&](std::uint32_t triangle) { return bin_of(triangle) < cut; });
-        if (middle != first && middle != last) return static_cast<std::uint32_t>(middle - tree.order_.begin());
+        const auto middle = std::partition(first, last, [&](const Bounded& item) { return bin_of(item) < cut; });
+        if (middle != first && middle != last) return static_cast<std::uint32_t>(middle - items.begin());
       }
     }
     const auto middle = first + (last - first) / 2;
     std::nth_element(first, middle, last,
-                     [&](std::uint32_t a, std::uint32_t b) { return centres[a][axis] < centres[b][axis]; });
-    return static_cast<std::uint32_t>(middle - tree.order_.begin());
+                     [&](const Bounded& a, const Bounded& b) { return a.centre(axis) < b.centre(axis); });
+    return static_cast<std::uint32_t>(middle - items.begin());
   }
 
   TriangleTree& tree;
-  std::vector<Box> boxes;
-  std::vector<Vec3> centres;
+  std::vector<Bounded> items;
+  double slack = 0;
 };
 
-TriangleTree::TriangleTree(const TriangleMesh& mesh) : mesh_(&mesh) {
-  if (!mesh.triangles.empty()) Builder(*this, mesh);
+TriangleTree::TriangleTree(TriangleMesh& mesh) {
+  if (mesh.triangles.empty()) return;
+  const Builder builder(*this, mesh);
+  std::vector<std::array<std::uint32_t, 3>> sorted;
+  sorted.reserve(mesh.triangles.size());
+  faces_.reserve(mesh.triangles.size());
+  for (const auto& item : builder.items) {
+    const auto& t = sorted.emplace_back(mesh.triangles[item.triangle]);
+    faces_.push_back(make_face(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]));
+  }
+  mesh.triangles = std::move(sorted);
 }
 
 TriangleTree::Nearest TriangleTree::nearest(const Vec3& place, double most2) const noexcept {
   Nearest best{.distance2 = most2, .triangle = 0, .point = {}};
-  if (nodes_.empty()) return best;
-  struct Entry {
-    std::uint32_t node;
-    double distance2;
-  };
-  // Written before it is read.
-  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-member-init)
-  std::array<Entry, kDeepest> stack;
-  std::size_t depth = 0;
-  stack[depth++] = {0, distance2(nodes_[0], place)};
-  while (depth > 0) {
-    const Entry entry = stack[--depth];
-    if (!(entry.distance2 < best.distance2)) continue;
-    const Node& node = nodes_[entry.node];
-    if (node.count == 0) {
-      Entry near{node.first, distance2(nodes_[node.first], place)};
-      Entry far{node.first + 1, distance2(nodes_[node.first + 1], place)};
-      if (far.distance2 < near.distance2) std::swap(near, far);
-      stack[depth++] = far;
-      stack[depth++] = near;
-      continue;
-    }
-    for (std::uint32_t i = 0; i < node.count; ++i) {
-      const std::uint32_t triangle = order_[node.first + i];
-      const TrianglePoint point =
-          closest_on_triangle(place, corner(triangle, 0), corner(triangle, 1), corner(triangle, 2));
-      const double square = (point.position - place).squaredNorm();
-      if (square < best.distance2) best = {square, triangle, point};
-    }
-  }
+  const Eigen::Vector3f at = local(place);
+  float limit = rounded_up(most2);
+  descend(
+      limit, [&](const Node& node) { return distance2(node, at); },
+      [&](std::uint32_t triangle) {
+        const TrianglePoint point = closest_on(faces_[triangle], place);
+        const double square = (point.position - place).squaredNorm();
+        if (square < best.distance2) {
+          best = {square, triangle, point};
+          limit = rounded_up(square);
+        }
+        return limit;
+      });
   return best;
+}
+
+int TriangleTree::winding(const Vec3& place) const noexcept {
+  int sum = 0;
+  const Eigen::Vector3f at = local(place);
+  // A ray along z: of boxes that it meets, the key is 0.
+  const auto keys = [&](const Node& node) {
+    constexpr float kNever = std::numeric_limits<float>::infinity();
+    return ((node.min[0] <= at.x()) && (node.max[0] >= at.x()) && (node.min[1] <= at.y()) && (node.max[1] >= at.y()) &&
+            (node.max[2] >= at.z()))
+        .select(Lanes::Zero(), Lanes::Constant(kNever));
+  };
+  descend(0.0F, keys, [&](std::uint32_t triangle) {
+    const Face& face = faces_[triangle];
+    const Vec3 a = face.corners[0] - place, b = face.corners[1] - place, c = face.corners[2] - place;
+    const int over_ab = side_of_line(a.x(), a.y(), b.x(), b.y()), over_bc = side_of_line(b.x(), b.y(), c.x(), c.y());
+    if (over_ab == 0 || over_bc != over_ab || side_of_line(c.x(), c.y(), a.x(), a.y()) != over_ab) return 0.0F;
+    // The ray's line goes through: in front of the place, or behind it.
+    const double wa = b.x() * c.y() - b.y() * c.x(), wb = c.x() * a.y() - c.y() * a.x(),
+                 wc = a.x() * b.y() - a.y() * b.x();
+    const double height = (wa * a.z() + wb * b.z() + wc * c.z()) * over_ab;
+    sum += height >= 0 ? over_ab : 0;
+    return 0.0F;
+  });
+  return sum;
 }
 
 }  // namespace haptrace

@@ -8,11 +8,10 @@ namespace {
 
 /// Returns whether a place is in front of all planes, but for rounding.
 bool allowed(const Vec3& place, const ConstraintPlanes& planes) noexcept {
-  constexpr double kRounding = 1e-12;
-  for (std::size_t i = 0; i < planes.count; ++i) {
-    const double height = planes.normal[i].dot(place);
-    if (height < planes.height[i] - kRounding * (std::abs(height) + std::abs(planes.height[i]))) return false;
-  }
+  constexpr double kRounding = 16 * std::numeric_limits<double>::epsilon();
+  const double size = place.cwiseAbs().sum();
+  for (std::size_t i = 0; i < planes.count; ++i)
+    if (planes.normal[i].dot(place) < planes.height[i] - kRounding * (size + std::abs(planes.height[i]))) return false;
   return true;
 }
 
@@ -38,14 +37,16 @@ Vec3 nearest_in_front(const Vec3& goal, const ConstraintPlanes& planes) noexcept
       const double a = behind(i), b = behind(j);
       consider(goal + ((a - cosine * b) * planes.normal[i] + (b - cosine * a) * planes.normal[j]) / determinant);
     }
-  if (planes.count == 3) {
-    const Vec3 cross = planes.normal[1].cross(planes.normal[2]);
-    const double determinant = planes.normal[0].dot(cross);
-    if (std::abs(determinant) > 1e-12)
-      consider((planes.height[0] * cross + planes.height[1] * planes.normal[2].cross(planes.normal[0]) +
-                planes.height[2] * planes.normal[0].cross(planes.normal[1])) /
-               determinant);
-  }
+  for (std::size_t i = 0; i < planes.count; ++i)
+    for (std::size_t j = i + 1; j < planes.count; ++j)
+      for (std::size_t k = j + 1; k < planes.count; ++k) {
+        const Vec3 cross = planes.normal[j].cross(planes.normal[k]);
+        const double determinant = planes.normal[i].dot(cross);
+        if (std::abs(determinant) > 1e-12)
+          consider((planes.height[i] * cross + planes.height[j] * planes.normal[k].cross(planes.normal[i]) +
+                    planes.height[k] * planes.normal[i].cross(planes.normal[j])) /
+                   determinant);
+      }
   // Planes that leave no place, but for rounding: the deepest one decides.
   if (least < std::numeric_limits<double>::infinity()) return best;
   std::size_t deepest = 0;

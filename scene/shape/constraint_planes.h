@@ -8,10 +8,10 @@
 
 namespace haptrace {
 
-/// Up to three planes, of which a place must be in front.
+/// Up to four planes, of which a place must be in front.
 struct ConstraintPlanes {
-  std::array<Vec3, 3> normal{};
-  std::array<double, 3> height{};  ///< normal . place >= height
+  std::array<Vec3, 4> normal{};
+  std::array<double, 4> height{};  ///< normal . place >= height
   std::size_t count = 0;
 };
 

@@ -1,84 +1,29 @@
 #include "scene/shape/mesh.h"
 
-#include "base/error.h"
 #include "control/norm.h"
 #include "formats/mesh/mesh_file.h"
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <utility>
 
 namespace haptrace {
 namespace {
 
 using On = TrianglePoint::On;
-constexpr std::uint32_t kNone = MeshTopology::kNone;
 constexpr int kLongestWalk = 4096;  // steps; each goes downhill, so only a huge jump needs many
-constexpr double kOverlap = 1e-7;   // clearance or overlap of a ball that touches, as a share of its radius
-constexpr int kMostParts = 256;     // of the way of a ball in a tick
-
-/// Returns the angle of a triangle at corner i [rad].
-double angle_at(const Vec3& a, const Vec3& b, const Vec3& c) {
-  const Vec3 ab = b - a, ac = c - a;
-  return std::atan2(ab.cross(ac).norm(), ab.dot(ac));
-}
+constexpr int kMostLeaps = 16;      // of a proxy from one part of the surface to another in a tick
 
 }  // namespace
 
-MeshTopology::MeshTopology(const TriangleMesh& mesh) {
-  const std::size_t count = mesh.triangles.size();
-  neighbours.assign(count, {kNone, kNone, kNone});
-  face_normals.reserve(count);
-  vertex_normals.assign(mesh.vertices.size(), Vec3::Zero());
-  first_of.assign(mesh.vertices.size() + 1, 0);
-
-  struct Edge {
-    std::uint64_t key;
-    std::uint32_t triangle;
-    std::uint8_t corner;
-    bool forwards;
-  };
-  std::vector<Edge> edges;
-  edges.reserve(3 * count);
-  for (std::uint32_t t = 0; t < count; ++t) {
-    const auto& corners = mesh.triangles[t];
-    const Vec3 &a = mesh.vertices[corners[0]], &b = mesh.vertices[corners[1]], &c = mesh.vertices[corners[2]];
-    const Vec3 normal = (b - a).cross(c - a).stableNormalized();
-    face_normals.push_back(normal);
-    for (std::uint8_t i = 0; i < 3; ++i) {
-      const std::uint32_t from = corners[i], to = corners[(i + 1U) % 3];
-      edges.push_back({(static_cast<std::uint64_t>(std::min(from, to)) << 32U) | std::max(from, to), t, i, from < to});
-      vertex_normals[from] +=
-          angle_at(mesh.vertices[from], mesh.vertices[to], mesh.vertices[corners[(i + 2U) % 3]]) * normal;
-      ++first_of[from + 1];
-    }
-  }
-  for (Vec3& normal : vertex_normals) normal = normal.stableNormalized();
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) first_of[v + 1] += first_of[v];
-  around.resize(3 * count);
-  std::vector<std::uint32_t> next(first_of.begin(), first_of.end() - 1);
-  for (std::uint32_t t = 0; t < count; ++t)
-    for (const std::uint32_t corner : mesh.triangles[t]) around[next[corner]++] = t;
-
-  std::sort(edges.begin(), edges.end(),
-            [](const Edge& a, const Edge& b) { return std::pair(a.key, a.triangle) < std::pair(b.key, b.triangle); });
-  for (std::size_t i = 0; i < edges.size();) {
-    std::size_t end = i + 1;
-    while (end < edges.size() && edges[end].key == edges[i].key) ++end;
-    if (end - i == 2 && edges[i].forwards != edges[i + 1].forwards) {
-      neighbours[edges[i].triangle][edges[i].corner] = edges[i + 1].triangle;
-      neighbours[edges[i + 1].triangle][edges[i + 1].corner] = edges[i].triangle;
-    } else {
-      open_edges += end - i;
-    }
-    i = end;
-  }
-}
-
 Mesh::Mesh(TriangleMesh mesh, std::vector<std::string> remarks)
-    : mesh_(std::move(mesh)), topology_(mesh_), tree_(mesh_), remarks_(std::move(remarks)) {
-  for (const Vec3& vertex : mesh_.vertices) bounds_.include(vertex);
+    : mesh_(std::move(mesh)), tree_(mesh_), topology_(mesh_, tree_), remarks_(std::move(remarks)) {
+  double largest = 0;
+  for (const Vec3& vertex : mesh_.vertices) {
+    bounds_.include(vertex);
+    largest = std::max(largest, vertex.cwiseAbs().maxCoeff());
+  }
+  rounding_ = 16 * std::numeric_limits<double>::epsilon() * largest;
 }
 
 std::vector<Knob> Mesh::knobs() const {
@@ -101,85 +46,114 @@ void Mesh::follow(const ToolStep& step, Proxy& proxy) const noexcept {
 
 // --- A point ---
 
-Mesh::Foot Mesh::foot_on(std::uint32_t triangle, const Vec3& place) const noexcept {
-  return {triangle,
-          closest_on_triangle(place, tree_.corner(triangle, 0), tree_.corner(triangle, 1), tree_.corner(triangle, 2))};
+/// Returns the foot after one step downhill from a foot that is the closest point of its triangle; the same foot if
+/// there is none.
+Mesh::Foot Mesh::downhill(const Foot& foot, const Vec3& to) const noexcept {
+  Foot best = foot;
+  double square = (foot.point.position - to).squaredNorm();
+  const auto look_at = [&](std::uint32_t triangle) {
+    const Foot other = foot_on(triangle, to);
+    const double other_square = (other.point.position - to).squaredNorm();
+    // The distances of two feet that are close to each other differ by less than their rounding. A foot in the inside
+    // of a triangle that holds the present place is not further away.
+    if (other_square < square || (other.point.on == On::inside && best.point.on != On::inside)) {
+      square = std::min(square, other_square);
+      best = other;
+    }
+  };
+  const Face& face = tree_.face(foot.triangle);
+  if (foot.point.on == On::edge) {
+    const std::uint32_t other = face.neighbours[foot.point.corner];
+    if (other != Face::kNone) look_at(other);
+  } else if (foot.point.on == On::corner) {
+    const std::uint32_t vertex = face.vertices[foot.point.corner];
+    const Vec3 &place = face.corners[foot.point.corner], out = to - place;
+    for (std::uint32_t i = topology_.first_of[vertex]; i < topology_.first_of[vertex + 1]; ++i) {
+      const std::uint32_t triangle = topology_.around[i];
+      if (triangle == foot.triangle) continue;
+      // Both edges at the vertex lead uphill: so does the triangle.
+      const Face& other = tree_.face(triangle);
+      const std::size_t corner = other.vertices[0] == vertex ? 0 : other.vertices[1] == vertex ? 1 : 2;
+      if ((other.corners[(corner + 1) % 3] - place).dot(out) <= 0 &&
+          (other.corners[(corner + 2) % 3] - place).dot(out) <= 0)
+        continue;
+      look_at(triangle);
+    }
+  }
+  return best;
 }
 
 Mesh::Foot Mesh::walk(Foot foot, const Vec3& to) const noexcept {
   foot = foot_on(foot.triangle, to);
-  double square = (foot.point.position - to).squaredNorm();
   for (int step = 0; step < kLongestWalk && foot.point.on != On::inside; ++step) {
-    Foot best = foot;
-    const auto look_at = [&](std::uint32_t triangle) {
-      if (triangle == kNone || triangle == foot.triangle) return;
-      const Foot other = foot_on(triangle, to);
-      const double other_square = (other.point.position - to).squaredNorm();
-      if (other_square < square) {
-        square = other_square;
-        best = other;
-      }
-    };
-    if (foot.point.on == On::edge) {
-      look_at(topology_.neighbours[foot.triangle][foot.point.corner]);
-    } else {
-      const std::uint32_t vertex = mesh_.triangles[foot.triangle][foot.point.corner];
-      for (std::uint32_t i = topology_.first_of[vertex]; i < topology_.first_of[vertex + 1]; ++i)
-        look_at(topology_.around[i]);
-    }
-    if (best.triangle == foot.triangle) break;
-    foot = best;
+    const Foot next = downhill(foot, to);
+    if (next.triangle == foot.triangle) break;
+    foot = next;
   }
   return foot;
 }
 
 Vec3 Mesh::pseudo_normal(const Foot& foot) const noexcept {
+  const Face& face = tree_.face(foot.triangle);
   switch (foot.point.on) {
     case On::edge: {
-      const std::uint32_t other = topology_.neighbours[foot.triangle][foot.point.corner];
-      if (other == kNone) break;
-      return topology_.face_normals[foot.triangle] + topology_.face_normals[other];
+      const std::uint32_t other = face.neighbours[foot.point.corner];
+      if (other == Face::kNone) break;
+      return face.normal + tree_.face(other).normal;
     }
     case On::corner:
-      return topology_.vertex_normals[mesh_.triangles[foot.triangle][foot.point.corner]];
+      return topology_.vertex_normals[face.vertices[foot.point.corner]];
     case On::inside:
       break;
   }
-  return topology_.face_normals[foot.triangle];
+  return face.normal;
 }
 
 /// Returns whether the tool has slid off the mesh: its foot is on an open edge, and it is further out.
 bool Mesh::beyond_open_edge(const Foot& foot, const Vec3& to) const noexcept {
-  if (topology_.open_edges == 0 || foot.point.on == On::inside) return false;
-  const auto is_open = [&](std::uint32_t triangle, std::size_t corner) {
-    if (topology_.neighbours[triangle][corner] != kNone) return false;
-    const Vec3 &a = tree_.corner(triangle, corner), &b = tree_.corner(triangle, (corner + 1) % 3);
-    return (b - a).cross(topology_.face_normals[triangle]).dot(to - a) > 0;
+  if (is_closed() || foot.point.on == On::inside) return false;
+  const auto is_open = [&](const Face& face, std::size_t corner) {
+    if (face.neighbours[corner] != Face::kNone) return false;
+    const Vec3 &a = face.corners[corner], &b = face.corners[(corner + 1) % 3];
+    return (b - a).cross(face.normal).dot(to - a) > 0;
   };
-  if (foot.point.on == On::edge) return is_open(foot.triangle, foot.point.corner);
-  const std::uint32_t vertex = mesh_.triangles[foot.triangle][foot.point.corner];
+  const Face& own = tree_.face(foot.triangle);
+  if (foot.point.on == On::edge) return is_open(own, foot.point.corner);
+  const std::uint32_t vertex = own.vertices[foot.point.corner];
   for (std::uint32_t i = topology_.first_of[vertex]; i < topology_.first_of[vertex + 1]; ++i) {
-    const std::uint32_t triangle = topology_.around[i];
-    const auto& corners = mesh_.triangles[triangle];
+    const Face& face = tree_.face(topology_.around[i]);
     for (std::size_t corner = 0; corner < 3; ++corner)
-      if ((corners[corner] == vertex || corners[(corner + 1) % 3] == vertex) && is_open(triangle, corner)) return true;
+      if ((face.vertices[corner] == vertex || face.vertices[(corner + 1) % 3] == vertex) && is_open(face, corner))
+        return true;
   }
   return false;
 }
 
-void Mesh::stand(const Foot& foot, const ToolStep& step, Proxy& proxy) const noexcept {
+/// Returns the first surface in the way from a foot to a tool in front of it. The triangles that hold the foot are
+/// none.
+TriangleTree::Hit Mesh::ahead(const Foot& foot, const Vec3& to) const noexcept {
+  const auto& own = mesh_.triangles[foot.triangle];
+  return tree_.sweep(foot.point.position, to, [&](std::uint32_t triangle) {
+    if (triangle == foot.triangle) return true;
+    if (foot.point.on == On::edge) return triangle == tree_.face(foot.triangle).neighbours[foot.point.corner];
+    const auto& other = mesh_.triangles[triangle];
+    return foot.point.on == On::corner && std::find(other.begin(), other.end(), own[foot.point.corner]) != other.end();
+  });
+}
+
+void Mesh::stand(const Foot& foot, const Vec3& to, Side side, Proxy& proxy) const noexcept {
   const Vec3& place = foot.point.position;
-  const Vec3 back = place - step.to;
-  const Vec3 outward = pseudo_normal(foot);
-  const double distance = norm_of(back), side = back.dot(outward);
-  const bool lasts = side >= 0 || distance <= step.reach;
-  if (!lasts || beyond_open_edge(foot, step.to)) return release(proxy);
+  const Vec3 back = place - to;
+  const double distance = norm_of(back);
   proxy.position = place;
-  const Vec3& face = topology_.face_normals[foot.triangle];
   // On a face the normal is the face's, to the last digit; on edges and corners it is the way that the tool is held
   // back.
-  proxy.normal = foot.point.on == On::inside || !(distance > 0) ? face : Vec3((side >= 0 ? 1 : -1) / distance * back);
-  proxy.depth = side >= 0 ? (foot.point.on == On::inside ? face.dot(back) : distance) : -distance;
+  const bool flat = (foot.point.on == On::inside && side != Side::in_crease) || !(distance > 0);
+  const double sign = side == Side::in_front ? -1 : 1;
+  const Vec3& face = tree_.face(foot.triangle).normal;
+  proxy.normal = flat ? face : Vec3(sign / distance * back);
+  proxy.depth = flat ? face.dot(back) : sign * distance;
+  if (side != Side::in_front) proxy.depth = std::max(0.0, proxy.depth);
   proxy.known = proxy.touching = true;
   proxy.memory.index = {foot.triangle, static_cast<std::uint32_t>(foot.point.on) * 4 + foot.point.corner};
 }
@@ -191,173 +165,121 @@ Mesh::Foot Mesh::foot_of(const Proxy& proxy) const noexcept {
 }
 
 void Mesh::follow_point(const ToolStep& step, Proxy& proxy) const noexcept {
-  if (!proxy.touching) {
+  const Vec3& to = step.to;
+  Foot foot;
+  if (proxy.touching) {
+    foot = foot_of(proxy);
+  } else {
     if (std::isnan(step.from.x())) return begin_inside(step, proxy);
-    const TriangleTree::Hit hit = tree_.sweep(step.from, step.to);
+    const TriangleTree::Hit hit = tree_.sweep(step.from, to);
     proxy.known = false;
     if (!hit) return;
-    const Vec3 crossed = step.from + hit.share * (step.to - step.from);
-    Proxy begun;
-    begun.touching = true;
-    const Foot first = foot_on(hit.triangle, crossed);
-    begun.position = first.point.position;
-    begun.memory.index = {hit.triangle, static_cast<std::uint32_t>(first.point.on) * 4 + first.point.corner};
-    proxy = begun;
+    foot = foot_on(hit.triangle, step.from + hit.share * (to - step.from));
+    proxy = {};
   }
-  const Foot before = foot_of(proxy);
-  const Foot foot = walk(before, step.to);
-  if (verify_) {
-    const Vec3 held = held_back(before.point.position, foot, step.to, proxy);
-    if (!held.isApprox(foot.point.position, 0)) return;  // `proxy` stands there
+  for (int leap = 0; leap < kMostLeaps; ++leap) {
+    if (verify_) {
+      const Step walked = verified_walk(foot, to);
+      foot = walked.foot;
+      if (walked.held) return stand(foot, to, Side::in_crease, proxy);
+    } else {
+      foot = walk(foot, to);
+    }
+    if (beyond_open_edge(foot, to)) return release(proxy);
+    const Vec3 back = foot.point.position - to;
+    if (back.dot(pseudo_normal(foot)) >= 0) return stand(foot, to, Side::behind, proxy);
+    const TriangleTree::Hit hit = ahead(foot, to);
+    if (hit) {
+      foot = foot_on(hit.triangle, foot.point.position + hit.share * (to - foot.point.position));
+      continue;
+    }
+    if (norm_of(back) <= step.reach) return stand(foot, to, Side::in_front, proxy);
+    if (!is_closed() || tree_.winding(to) == 0) return release(proxy);
+    // Rounding hides the surface between the foot and the tool.
+    const TriangleTree::Nearest nearest = tree_.nearest(to);
+    return stand({nearest.triangle, nearest.point}, to, Side::behind, proxy);
   }
-  const bool inside = proxy.began_inside;
-  stand(foot, step, proxy);
-  proxy.began_inside = inside && proxy.touching;
+  if (is_closed() && tree_.winding(to) == 0) return release(proxy);
+  stand(foot, to, Side::behind, proxy);
 }
 
-/// Sweeps from the last place of the proxy to the new one. Where another part of the mesh is in the way, the proxy
-/// stands at the place nearest to the tool that this part and the face below allow.
-Vec3 Mesh::held_back(const Vec3& from, Foot foot, const Vec3& to, Proxy& proxy) const noexcept {
-  const std::uint32_t own = proxy.memory.index[0];
-  ConstraintPlanes planes;
-  const Vec3 base = topology_.face_normals[foot.triangle];
-  planes.normal[0] = base;
-  planes.height[0] = base.dot(foot.point.position);
-  planes.count = 1;
-  Vec3 goal = foot.point.position;
-  Vec3 place = from;
-  for (int round = 0; round < 3; ++round) {
-    // A little above the surface, so that the faces walked over are not in the way: by the rounding of their place.
-    const double rounding = 1e-12 * (bounds_.size().maxCoeff() + goal.cwiseAbs().maxCoeff());
-    const Vec3 lift = rounding * base;
-    const auto hit = tree_.sweep(place + lift, goal + lift, [&](std::uint32_t triangle) {
-      return triangle == own || triangle == foot.triangle ||
-             std::find(topology_.neighbours[foot.triangle].begin(), topology_.neighbours[foot.triangle].end(),
-                       triangle) != topology_.neighbours[foot.triangle].end();
-    });
-    if (!hit) break;
-    const Vec3& normal = topology_.face_normals[hit.triangle];
-    // The walk itself crosses convex parts from inside; only a face that looks against the way stops it.
-    place = place + hit.share * (goal - place);
-    if (planes.count == 3) break;
-    planes.normal[planes.count] = normal;
-    planes.height[planes.count++] = normal.dot(tree_.corner(hit.triangle, 0)) + rounding;
-    goal = nearest_in_front(to, planes);
+/// Returns the first part of the surface in the way of a proxy that moves in the plane of a triangle, and along that of
+/// another if there is one. Triangles with a common vertex are none: they continue the surface.
+TriangleTree::Hit Mesh::obstacle(std::uint32_t triangle, std::uint32_t other, const Vec3& from,
+                                 const Vec3& to) const noexcept {
+  const auto continues = [this](std::uint32_t one, std::uint32_t two) {
+    if (one == Face::kNone) return false;
+    const auto &a = mesh_.triangles[one], &b = mesh_.triangles[two];
+    return std::any_of(a.begin(), a.end(), [&](std::uint32_t v) { return v == b[0] || v == b[1] || v == b[2]; });
+  };
+  // In front of the planes by the rounding of places in them.
+  Vec3 lift = rounding_ * tree_.face(triangle).normal;
+  if (other != Face::kNone) lift += rounding_ * tree_.face(other).normal;
+  return tree_.sweep(from + lift, to + lift,
+                     [&](std::uint32_t hit) { return continues(triangle, hit) || continues(other, hit); });
+}
+
+/// Walks downhill as walk() does, and sweeps every step. Where another part of the surface is in the way, it goes on
+/// along that part, or along both as far as that leads towards the tool.
+Mesh::Step Mesh::verified_walk(Foot foot, const Vec3& to) const noexcept {
+  constexpr double kStandoff = 8;   // roundings between a proxy and the part that holds it
+  constexpr int kMostCreases = 16;  // triangles passed along such a part in a tick
+  int creases = 0;
+  Vec3 from = foot.point.position;
+  Foot next = foot_on(foot.triangle, to);
+  for (int step = 0; step < kLongestWalk; ++step) {
+    TriangleTree::Hit hit = obstacle(next.triangle, Face::kNone, from, next.point.position);
+    if (!hit) {
+      foot = next;
+      if (foot.point.on == On::inside) return {foot, false};
+      next = downhill(foot, to);
+      if (next.triangle == foot.triangle) return {foot, false};
+      from = foot.point.position;
+      continue;
+    }
+    std::uint32_t own = next.triangle;
+    Vec3 place = from + hit.share * (next.point.position - from);
+    for (;;) {
+      const Face &face = tree_.face(own), &wall = tree_.face(hit.triangle);
+      ConstraintPlanes planes;
+      planes.count = 2;
+      planes.normal = {face.normal, wall.normal};
+      planes.height = {face.normal.dot(place), wall.normal.dot(wall.corners[0]) + kStandoff * rounding_};
+      const Vec3 goal = nearest_in_front(to, planes);
+      if (face.normal.dot(goal - place) > kStandoff * rounding_) {
+        // It leaves the face, up the part in the way.
+        from = place;
+        foot = {hit.triangle, {place, On::inside, 0}};
+        next = foot_on(hit.triangle, to);
+        break;
+      }
+      // Along both, within the triangle.
+      const Foot reached = foot_on(own, goal);
+      const TriangleTree::Hit further = obstacle(own, hit.triangle, place, reached.point.position);
+      if (further) {
+        place += further.share * (reached.point.position - place);
+        return {{own, {place, On::inside, 0}}, true};
+      }
+      place = reached.point.position;
+      const bool beyond = norm_of(goal - place) > kStandoff * rounding_;
+      const std::uint32_t across =
+          beyond && reached.point.on == On::edge ? face.neighbours[reached.point.corner] : Face::kNone;
+      if (across == Face::kNone || ++creases > kMostCreases) return {{own, {place, On::inside, 0}}, true};
+      own = across;
+    }
+    if (++creases > kMostCreases) return {{foot.triangle, {from, On::inside, 0}}, true};
   }
-  if (planes.count == 1) return foot.point.position;
-  const Vec3 back = goal - to;
-  const double distance = norm_of(back);
-  proxy.position = goal;
-  proxy.normal = distance > 0 ? Vec3(back / distance) : base;
-  proxy.depth = distance;
-  proxy.known = proxy.touching = true;
-  // It stands on the face below as far as the walk of the next tick is concerned.
-  proxy.memory.index = {foot.triangle, 0};
-  return goal;
+  return {foot, false};
 }
 
 /// Begins a contact with a tool that is inside a closed mesh when it is first seen.
 void Mesh::begin_inside(const ToolStep& step, Proxy& proxy) const noexcept {
   proxy = {};
+  if (!is_closed() || tree_.winding(step.to) == 0) return;
   const TriangleTree::Nearest nearest = tree_.nearest(step.to);
-  if (!(nearest.distance2 < std::numeric_limits<double>::infinity()) || topology_.open_edges > 0) return;
-  const Foot foot{nearest.triangle, nearest.point};
-  if (!((foot.point.position - step.to).dot(pseudo_normal(foot)) > 0)) return;
-  stand(foot, step, proxy);
-  proxy.began_inside = proxy.touching;
-}
-
-// --- A ball ---
-
-/// Moves the centre of a ball of this radius towards `target` until it touches. Samples lie less than two radii apart,
-/// so that nothing thin is between them. Returns whether it got there.
-bool Mesh::advance_ball(Vec3& centre, const Vec3& target, double radius) const noexcept {
-  const Vec3 way = target - centre;
-  const double length = norm_of(way);
-  if (!(length > 0)) return true;
-  const Vec3 direction = way / length;
-  const double touching = radius * (1 - kOverlap);
-  double done = 0, step = std::min(length, radius);
-  for (int part = 0; part < kMostParts && done < length; ++part) {
-    step = std::min(step, length - done);
-    const Vec3 next = centre + step * direction;
-    const TriangleTree::Nearest nearest = tree_.nearest(next, std::pow(2 * radius + step, 2));
-    const double distance = std::sqrt(nearest.distance2);
-    if (distance >= touching) {
-      centre = next;
-      done += step;
-      // As far as the distance to that part allows, at the rate at which it falls.
-      const double rate = nearest.distance2 < std::numeric_limits<double>::infinity() && distance > 0
-                              ? -(next - nearest.point.position).dot(direction) / distance
-                              : 0;
-      const double clearance = distance - radius;
-      step = rate > 1e-3 ? std::clamp(clearance / rate, kOverlap * radius, radius) : radius;
-      if (rate > 1e-3 && clearance <= kOverlap * radius) return done >= length;
-      continue;
-    }
-    if (step <= kOverlap * radius) return false;
-    // Too far: back to where the last known part would be touched.
-    const double overlap = radius - distance;
-    const double rate = distance > 0 ? -(next - nearest.point.position).dot(direction) / distance : 1;
-    const double back = rate > 0.05 ? overlap / rate : step;
-    step = back < step ? std::max(step - back, 0.1 * step) : 0.5 * step;
-  }
-  return done >= length;
-}
-
-/// Returns the planes at which a ball is held on its way to `goal`.
-ConstraintPlanes Mesh::planes_of_ball(const Vec3& centre, const Vec3& goal, double radius) const noexcept {
-  ConstraintPlanes planes;
-  tree_.each_within(centre, radius * (1 + 4 * kOverlap), [&](std::uint32_t, const TrianglePoint& point) {
-    const Vec3 out = centre - point.position;
-    const double distance = norm_of(out);
-    if (!(distance > 0) || planes.count == planes.normal.size()) return;
-    const Vec3 normal = out / distance;
-    if ((goal - centre).dot(normal) >= 0) return;
-    for (std::size_t i = 0; i < planes.count; ++i)
-      if (planes.normal[i].dot(normal) > 1 - 1e-9) return;
-    planes.normal[planes.count] = normal;
-    planes.height[planes.count++] = normal.dot(point.position) + radius;
-  });
-  return planes;
-}
-
-void Mesh::follow_ball(const ToolStep& step, Proxy& proxy) const noexcept {
-  const double radius = step.radius;
-  Vec3 centre = proxy.touching ? proxy.position : step.from;
-  bool inside = proxy.touching && proxy.began_inside;
-  if (std::isnan(centre.x())) {
-    // First seen: a ball that touches the surface or is behind it begins at the nearest place that is free.
-    const TriangleTree::Nearest nearest = tree_.nearest(step.to);
-    proxy = {};
-    if (!(nearest.distance2 < std::numeric_limits<double>::infinity())) return;
-    const Foot foot{nearest.triangle, nearest.point};
-    const Vec3 normal = pseudo_normal(foot).stableNormalized();
-    const Vec3 out = step.to - foot.point.position;
-    const double distance = out.dot(normal) >= 0 ? norm_of(out) : -norm_of(out);
-    if (distance >= radius || (distance < 0 && topology_.open_edges > 0)) return;
-    centre = foot.point.position + radius * normal;
-    inside = true;
-  }
-
-  const Vec3& goal = step.to;
-  for (int round = 0; round < rounds_; ++round) {
-    if (advance_ball(centre, goal, radius)) return release(proxy);
-    const ConstraintPlanes planes = planes_of_ball(centre, goal, radius);
-    if (planes.count == 0) break;
-    const Vec3 target = nearest_in_front(goal, planes);
-    const Vec3 before = centre;
-    (void)advance_ball(centre, target, radius);
-    if ((centre - before).norm() <= kOverlap * radius) break;
-  }
-  if (advance_ball(centre, goal, radius)) return release(proxy);
-  const Vec3 back = centre - goal;
-  const double distance = norm_of(back);
-  proxy.position = centre;
-  proxy.normal = back / distance;
-  proxy.depth = distance;
-  proxy.known = proxy.touching = true;
-  proxy.began_inside = inside;
+  if (!(nearest.distance2 < std::numeric_limits<double>::infinity())) return;
+  stand({nearest.triangle, nearest.point}, step.to, Side::behind, proxy);
+  proxy.began_inside = true;
 }
 
 // --- What others ask ---
@@ -379,7 +301,7 @@ Eigen::Matrix3d Mesh::slide(const Proxy& proxy) const noexcept {
   const Foot foot = foot_of(proxy);
   if (foot.point.on == On::corner) return Eigen::Matrix3d::Zero();
   if (foot.point.on == On::inside) {
-    const Vec3& normal = topology_.face_normals[foot.triangle];
+    const Vec3& normal = tree_.face(foot.triangle).normal;
     return Eigen::Matrix3d::Identity() - normal * normal.transpose();
   }
   const Vec3 along =
@@ -390,36 +312,32 @@ Eigen::Matrix3d Mesh::slide(const Proxy& proxy) const noexcept {
 
 Vec3 Mesh::smooth(const Proxy& proxy, double crease) const noexcept {
   if (radius_ > 0) return proxy.normal;
-  const std::uint32_t triangle = proxy.memory.index[0];
-  const Vec3& face = topology_.face_normals[triangle];
-  const auto& corners = mesh_.triangles[triangle];
-  const Vec3 &a = mesh_.vertices[corners[0]], &b = mesh_.vertices[corners[1]], &c = mesh_.vertices[corners[2]];
-  const Vec3 across = (b - a).cross(c - a);
-  const double area2 = across.squaredNorm();
-  if (!(area2 > 0)) return face;
+  const Face& face = tree_.face(proxy.memory.index[0]);
+  const Vec3 &a = face.corners[0], &b = face.corners[1], &c = face.corners[2];
   const Vec3 p = proxy.position;
-  const Vec3 weights =
-      Vec3((b - p).cross(c - p).dot(across), (c - p).cross(a - p).dot(across), (a - p).cross(b - p).dot(across)) /
-      area2;
+  const Vec3 weights = Vec3((b - p).cross(c - p).dot(face.normal), (c - p).cross(a - p).dot(face.normal),
+                            (a - p).cross(b - p).dot(face.normal)) /
+                       face.double_area;
   const double limit = std::cos(crease);
   Vec3 sum = Vec3::Zero();
   for (int i = 0; i < 3; ++i) {
     // At a crease the vertex keeps the normal of the faces on this side of it.
-    const std::uint32_t vertex = corners[static_cast<std::size_t>(i)];
+    const std::uint32_t vertex = face.vertices[static_cast<std::size_t>(i)];
     Vec3 normal = topology_.vertex_normals[vertex];
+    const auto normal_of = [&](std::uint32_t k) -> const Vec3& { return tree_.face(topology_.around[k]).normal; };
     bool creased = false;
     for (std::uint32_t k = topology_.first_of[vertex]; k < topology_.first_of[vertex + 1]; ++k)
-      creased = creased || topology_.face_normals[topology_.around[k]].dot(face) < limit;
+      creased = creased || normal_of(k).dot(face.normal) < limit;
     if (creased) {
       normal.setZero();
       for (std::uint32_t k = topology_.first_of[vertex]; k < topology_.first_of[vertex + 1]; ++k)
-        if (const Vec3& other = topology_.face_normals[topology_.around[k]]; other.dot(face) >= limit) normal += other;
+        if (const Vec3& other = normal_of(k); other.dot(face.normal) >= limit) normal += other;
       normal = normal.stableNormalized();
     }
     sum += std::max(0.0, weights[i]) * normal;
   }
   const double size = norm_of(sum);
-  return size > 0 ? Vec3(sum / size) : face;
+  return size > 0 ? Vec3(sum / size) : face.normal;
 }
 
 TriangleMesh Mesh::tessellated(double, const Box&) const {

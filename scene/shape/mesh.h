@@ -5,6 +5,7 @@
 #include "scene/scene_files.h"
 #include "scene/shape/bvh.h"
 #include "scene/shape/constraint_planes.h"
+#include "scene/shape/mesh_topology.h"
 #include "scene/shape/shape.h"
 
 #include <memory>
@@ -13,31 +14,19 @@
 
 namespace haptrace {
 
-/// A mesh whose triangles know their neighbours.
-struct MeshTopology {
-  static constexpr std::uint32_t kNone = 0xffffffff;
-
-  /// `mesh` must have consistent winding, and at most two triangles at an edge; a further one counts as not joined.
-  explicit MeshTopology(const TriangleMesh& mesh);
-
-  std::vector<std::array<std::uint32_t, 3>> neighbours;  ///< beyond the edge from corner i to i + 1; kNone: open
-  std::vector<std::uint32_t> first_of;  ///< of a vertex's triangles in `around`; one more than there are vertices
-  std::vector<std::uint32_t> around;
-  std::vector<Vec3> face_normals;    ///< unit
-  std::vector<Vec3> vertex_normals;  ///< weighted with the angles of the triangles (Thuermer and Wuethrich 1998), unit
-  std::size_t open_edges = 0;
-};
-
 /// A mesh that is touched by a point or a ball.
 ///
 /// Point: the first contact is found by a sweep through a tree of boxes. Then the proxy walks over faces, edges and
 /// vertices, always downhill towards the tool and only through parts that hold the present place (Ho, Basdogan and
-/// Srinivasan 1999), so it cannot jump through a thin part. The contact ends when the tool is in front of the face, or
-/// of the sum of the normals around an edge or a vertex, or beyond an open edge.
+/// Srinivasan 1999), so it cannot jump through a thin part. Where the tool is in front of the face, or of the sum of
+/// the normals around an edge or a vertex, the proxy leaves the surface and goes straight to the tool: to the next
+/// surface in the way, such as the other flank of a crease, or all the way, which ends the contact. On a closed mesh
+/// the contact ends only if the mesh does not wind around the tool.
 ///
 /// Ball: its centre moves on the level set of the distance, as a god object does on planes (Zilles and Salisbury 1995;
 /// Ruspini, Kolarov and Khatib 1997): straight on until it touches, then along the planes that it touches, and so on.
-/// It overlaps the mesh by at most 1e-7 of its radius.
+/// The distance of a moving ball from a triangle is a convex function of the way, so Newton's method finds the first
+/// touch from the free side. The ball overlaps the mesh by at most 1e-7 of its radius.
 ///
 /// Settings: `verify` 1 lets a sweep look at every step of a point's proxy, which then also stops at parts that the
 /// walk does not know, such as another mesh in the same file; `rounds` is the number of planes that a ball's proxy
@@ -59,7 +48,6 @@ class Mesh final : public Shape {
   void set(const std::string& knob, double level) override;
 
   [[nodiscard]] const TriangleMesh& triangles() const noexcept { return mesh_; }
-  [[nodiscard]] const MeshTopology& topology() const noexcept { return topology_; }
 
  private:
   /// Part of the surface on which a point's proxy stands.
@@ -67,24 +55,39 @@ class Mesh final : public Shape {
     std::uint32_t triangle = 0;
     TrianglePoint point;
   };
+  /// Where a verified step of a point's proxy ends.
+  struct Step {
+    Foot foot;
+    bool held = false;  ///< between the face and a part in the way
+  };
+  /// The surroundings of a ball.
+  class Ball;
 
   void follow_point(const ToolStep& step, Proxy& proxy) const noexcept;
   void follow_ball(const ToolStep& step, Proxy& proxy) const noexcept;
+  [[nodiscard]] bool place_ball(const Vec3& to, Ball& ball) const noexcept;
   void begin_inside(const ToolStep& step, Proxy& proxy) const noexcept;
-  bool advance_ball(Vec3& centre, const Vec3& target, double radius) const noexcept;
-  [[nodiscard]] ConstraintPlanes planes_of_ball(const Vec3& centre, const Vec3& goal, double radius) const noexcept;
-  [[nodiscard]] Foot foot_on(std::uint32_t triangle, const Vec3& place) const noexcept;
+  [[nodiscard]] bool is_closed() const noexcept { return topology_.open_edges == 0; }
+  [[nodiscard]] Foot foot_on(std::uint32_t triangle, const Vec3& place) const noexcept {
+    return {triangle, closest_on(tree_.face(triangle), place)};
+  }
+  [[nodiscard]] Foot downhill(const Foot& foot, const Vec3& to) const noexcept;
   [[nodiscard]] Foot walk(Foot foot, const Vec3& to) const noexcept;
+  [[nodiscard]] Step verified_walk(Foot foot, const Vec3& to) const noexcept;
+  [[nodiscard]] TriangleTree::Hit obstacle(std::uint32_t triangle, std::uint32_t other, const Vec3& from,
+                                           const Vec3& to) const noexcept;
+  [[nodiscard]] TriangleTree::Hit ahead(const Foot& foot, const Vec3& to) const noexcept;
   [[nodiscard]] Vec3 pseudo_normal(const Foot& foot) const noexcept;
   [[nodiscard]] bool beyond_open_edge(const Foot& foot, const Vec3& to) const noexcept;
-  void stand(const Foot& foot, const ToolStep& step, Proxy& proxy) const noexcept;
-  [[nodiscard]] Vec3 held_back(const Vec3& from, Foot foot, const Vec3& to, Proxy& proxy) const noexcept;
+  enum class Side : std::uint8_t { behind, in_front, in_crease };
+  void stand(const Foot& foot, const Vec3& to, Side side, Proxy& proxy) const noexcept;
   [[nodiscard]] Foot foot_of(const Proxy& proxy) const noexcept;
 
   TriangleMesh mesh_;
-  MeshTopology topology_;
   TriangleTree tree_;
+  MeshTopology topology_;
   Box bounds_;
+  double rounding_ = 0;  // of a place on the mesh [m]
   std::vector<std::string> remarks_;
   double radius_ = 0;
   bool verify_ = false;

@@ -22,6 +22,35 @@ inline TriangleMesh bumpy_sphere(double radius, double relief, int triangles) {
   });
 }
 
+/// Returns a sphere of about `triangles` triangles with sharp teeth all around: every other ring is higher.
+inline TriangleMesh toothed_sphere(double radius, double teeth, int triangles) {
+  const int turns = std::max(8, static_cast<int>(std::sqrt(triangles)) / 4 * 4), rings = turns / 2;
+  return grid_mesh(turns, rings, {.wraps_u = true}, [&](double u, double v) -> Vec3 {
+    using std::numbers::pi;
+    const double along = 2 * pi * u, up = pi * (v - 0.5);
+    const bool high = std::lround(v * rings) % 2 == 1;
+    return (radius + (high ? teeth : 0.0)) *
+           Vec3(std::cos(up) * std::cos(along), std::cos(up) * std::sin(along), std::sin(up));
+  });
+}
+
+/// Returns a bumpy sphere of about `triangles` triangles, every other of which is this much thinner than its
+/// neighbour.
+inline TriangleMesh sphere_with_slivers(double radius, double relief, int triangles, double thin) {
+  const int turns = std::max(8, static_cast<int>(std::sqrt(triangles)) / 4 * 4), rings = turns / 2;
+  const auto warped = [&](double share, int count) {
+    const auto i = std::lround(share * count);
+    return (static_cast<double>(i / 2) * (1 + thin) + static_cast<double>(i % 2)) / (0.5 * count * (1 + thin));
+  };
+  return grid_mesh(turns, rings, {.wraps_u = true}, [&](double u, double v) -> Vec3 {
+    using std::numbers::pi;
+    const double along = 2 * pi * warped(u, turns), up = pi * (warped(v, rings) - 0.5);
+    const Vec3 out(std::cos(up) * std::cos(along), std::cos(up) * std::sin(along), std::sin(up));
+    const double height = std::sin(7 * out.x() + 1) * std::sin(9 * out.y()) * std::cos(8 * out.z());
+    return (radius + relief * height) * out;
+  });
+}
+
 /// Returns a box of 12 triangles or, with `parts` above 1, of that many squares along each edge of a side.
 inline TriangleMesh box_mesh(const Vec3& size, int parts = 1) {
   TriangleMesh mesh;
