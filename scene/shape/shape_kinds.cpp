@@ -4,6 +4,7 @@
 #include "scene/shape/cone.h"
 #include "scene/shape/cylinder.h"
 #include "scene/shape/ellipsoid.h"
+#include "scene/shape/implicit_kinds.h"
 #include "scene/shape/mesh.h"
 #include "scene/shape/plane.h"
 #include "scene/shape/sphere.h"
@@ -21,9 +22,12 @@ using Made = std::unique_ptr<Shape>;
 constexpr std::array kShapeKinds{
     ShapeKind{"box", [](JsonReader& reader, SceneFiles&) -> Made { return read_box(reader); }},
     ShapeKind{"cone", [](JsonReader& reader, SceneFiles&) -> Made { return read_cone(reader); }},
+    ShapeKind{"csg", [](JsonReader& reader, SceneFiles&) -> Made { return read_csg(reader); }},
     ShapeKind{"cylinder", [](JsonReader& reader, SceneFiles&) -> Made { return read_cylinder(reader); }},
     ShapeKind{"ellipsoid", [](JsonReader& reader, SceneFiles&) -> Made { return read_ellipsoid(reader); }},
+    ShapeKind{"implicit", [](JsonReader& reader, SceneFiles&) -> Made { return read_implicit(reader); }},
     ShapeKind{"mesh", read_mesh},
+    ShapeKind{"metaballs", [](JsonReader& reader, SceneFiles&) -> Made { return read_metaballs(reader); }},
     ShapeKind{"sphere", [](JsonReader& reader, SceneFiles&) -> Made { return read_sphere(reader); }},
     ShapeKind{"torus", [](JsonReader& reader, SceneFiles&) -> Made { return read_torus(reader); }},
     ShapeKind{"wall", [](JsonReader& reader, SceneFiles&) -> Made { return read_plane(reader); }},
