@@ -66,9 +66,17 @@ inline Interval inverse_of(Interval a) noexcept {
 }
 /// a^n for n from 0 up.
 inline Interval power_of(Interval a, int n) noexcept {
-  const double p = std::pow(a.lo, n), q = std::pow(a.hi, n);
-  if (n % 2 != 0) return widened(p, q, 4);
-  return widened(n > 0 && a.has(0) ? 0 : std::min(p, q), std::max(p, q), 4);
+  double p = 1, q = 1, lo = a.lo, hi = a.hi;
+  for (unsigned rest = static_cast<unsigned>(n); rest != 0; rest /= 2) {
+    if (rest % 2 != 0) {
+      p *= lo;
+      q *= hi;
+    }
+    lo *= lo;
+    hi *= hi;
+  }
+  if (n % 2 != 0) return widened(p, q, n + 1);
+  return widened(n > 0 && a.has(0) ? 0 : std::min(p, q), std::max(p, q), n + 1);
 }
 inline Interval sine_of(Interval a) noexcept {
   constexpr double kTurn = 2 * std::numbers::pi, kFar = 1e9;  // beyond kFar the phase has few digits

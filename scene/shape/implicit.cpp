@@ -16,6 +16,8 @@ constexpr int kMostMoves = 24;           // of a proxy in a tick
 constexpr int kMostParts = 400;          // of a line that is searched for a root
 constexpr double kLongestMove = 0.1;     // of the radius of curvature
 constexpr double kNothing = 1e-13;       // of the size: a move that is none
+constexpr double kLeft = 1e-10;          // of the size: error of the proxy along the surface
+constexpr double kShort = 1e-6;          // of the size: nothing is looked for within so short a move
 constexpr double kUnseen = 1e-10;        // of the size: thinner parts are not seen by a proxy that moves on the surface
 constexpr double kParallel = 1e-10;      // determinant of normals that say the same
 constexpr double kLeastStretch = 1e-3;   // where the tool reaches the centre of curvature
@@ -219,7 +221,7 @@ Implicit::Sweep Implicit::sweep(const Vec3& from, const Vec3& to) const noexcept
 /// Looks for the solid between the proxy and its next place, a little outside the pieces that hold it.
 Implicit::Sweep Implicit::between(const Stand& stand, const Move& move) const noexcept {
   const double length = norm_of(move.step);
-  if (!(length > kUnseen * size_)) return {};
+  if (!(length > kShort * size_)) return {};
   const double lift = move.bend * length * length + 1e-6 * length + kUnseen * size_;
   const Vec3 up = lift * move.out;
   if (lift > 1e-4 * size_) {
@@ -343,14 +345,19 @@ bool Implicit::walk(const Vec3& to, bool pulls, Stand& stand) const noexcept {
       continue;
     }
     stand.place += move.step;
-    if (length <= kNothing * size_) return true;
     const FieldTree::Active active = field_.active(stand.place);
+    bool changed = false;
     if (!held.has(active.piece)) {
+      changed = true;
       if (active.value > kUnseen * size_ * move.slope)
         held.count = 0;  // over an outer edge
       else if (active.value < -kUnseen * size_ * move.slope)
         held.add(active.piece);
+      else
+        changed = false;
     }
+    // What is left is the square of the step; polish() sees to the part along the normal.
+    if (held.count > 0 && !changed && !limited && move.bend * length * length <= kLeft * size_) return true;
     if (!limited) ++steps;
   }
   if (held.count > 0) return true;
