@@ -10,6 +10,7 @@
 #include "devices/registry.h"
 #include "devices/sim/sim_device.h"
 #include "formats/documents/warning_json.h"
+#include "metrics/touches.h"
 #include "player/tuning/live_monitor.h"
 #include "recorder/recorder.h"
 
@@ -413,12 +414,7 @@ nlohmann::json to_json(const SessionResult& result) {
     json["parts"] = result.recording->parts;
     if (result.recording->disk_seconds > 0) json["disk_lasts_s"] = result.recording->disk_seconds;
   }
-  for (const TouchFigures& touch : result.touches)
-    json["touches"].push_back({{"object", touch.name},
-                               {"times", touch.times},
-                               {"seconds", touch.seconds},
-                               {"max_force_n", touch.max_force},
-                               {"max_depth_m", touch.max_depth}});
+  if (!result.touches.empty()) json["touches"] = json_of(result.touches);
   json["warnings"] = json_of(result.warnings);
   for (const Warning& warning : result.warnings) json["notices"].push_back(warning.text);
   json["gain_share"] = result.gain_share;

@@ -409,6 +409,7 @@ class Page {
       set(section, "id", anchor(s, e));
       add_exercise(section, session.exercises[e]);
     }
+    add_touches(main, session);
     add_events(main, session);
     add_settings(main, session);
   }
@@ -517,6 +518,25 @@ class Page {
       }
       for (const std::size_t i : figures)
         table.number(shown(all_trial_figures()[i], trial.figures[i].value_or(kNaN), false));
+    }
+  }
+
+  static void add_touches(xml_node main, const ReportSession& session) {
+    if (session.touches.empty()) return;
+    add(main, "h3", "Touched objects");
+    Table table(main, "The objects of the scene. Depth and force are the largest ones.", session.touches.size());
+    table.column("Object");
+    table.column("Touches", true);
+    table.column("Time (s)", true);
+    table.column("Depth (mm)", true);
+    table.column("Force (N)", true);
+    for (const TouchFigures& touch : session.touches) {
+      const bool touched = touch.times > 0;
+      table.row(touch.name);
+      table.number(fmt::format("{}", touch.times));
+      table.number(touched ? fmt::format("{:.2f}", touch.seconds) : kUndefined);
+      table.number(touched ? fmt::format("{:.2f}", 1e3 * touch.max_depth) : kUndefined);
+      table.number(touched ? fmt::format("{:.2f}", touch.max_force) : kUndefined);
     }
   }
 

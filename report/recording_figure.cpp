@@ -2,6 +2,7 @@
 
 #include "control/rotation.h"
 #include "formats/recording/recording_summary.h"
+#include "metrics/touches.h"
 
 #include <algorithm>
 #include <array>
@@ -9,6 +10,7 @@
 #include <fmt/format.h>
 #include <limits>
 #include <numbers>
+#include <optional>
 #include <string_view>
 
 namespace haptrace {
@@ -126,7 +128,7 @@ constexpr double kDegrees = 180 / std::numbers::pi;  // degrees per radian
 constexpr std::array<int, 3> kAxisColors{kBlue, kOrange, kGreen};
 
 std::vector<Panel> space_panels(const Box& box, const SpaceLine& path, const char* path_label,
-                                const SpaceLine& reference) {
+                                const SpaceLine& reference, const SpaceLine& proxy) {
   std::vector<Panel> panels;
   for (const auto& [horizontal, vertical] : planes_of(box)) {
     Panel panel{.title = "path",
@@ -136,6 +138,7 @@ std::vector<Panel> space_panels(const Box& box, const SpaceLine& path, const cha
     panel.series.push_back(path.projected(horizontal, vertical, path_label, kBlue, false));
     if (!reference.empty())
       panel.series.push_back(reference.projected(horizontal, vertical, "reference", kOrange, true));
+    if (!proxy.empty()) panel.series.push_back(proxy.projected(horizontal, vertical, "proxy", kGreen, false));
     panels.push_back(std::move(panel));
   }
   return panels;
@@ -148,6 +151,77 @@ Panel time_panel(std::string title, std::string y_label, std::vector<TimeLine>& 
   for (TimeLine& line : lines) panel.series.push_back(line.take());
   return panel;
 }
+
+/// Contacts with virtual objects over time: the depth in each of the most touched objects, and the proxy in space.
+class ContactLines {
+ public:
+  explicit ContactLines(const RecordingReader& reader) : proxy_(reader.contact_rows()) {
+    constexpr std::size_t kMost = 7;  // as many as there are colours beside black
+    const std::vector<TouchFigures> figures = touch_figures(reader);
+    std::vector<std::size_t> order;
+    for (std::size_t i = 0; i < figures.size(); ++i)
+      if (figures[i].times > 0) order.push_back(i);
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::size_t a, std::size_t b) { return figures[a].seconds > figures[b].seconds; });
+    left_out_ = order.size() > kMost ? order.size() - kMost : 0;
+    order.resize(std::min(order.size(), kMost));
+    lines_.resize(figures.size());
+    for (std::size_t i = 0; i < order.size(); ++i)
+      lines_[order[i]].emplace(figures[order[i]].name, static_cast<int>(i), reader.contact_rows());
+    std::uint64_t count = 0;
+    (void)touch_figures(reader, [&](const ContactSample& contact) {
+      add(contact);
+      if (++count % 8192 == 0) end_block();
+    });
+    end_block();
+    proxy_.end_bin();
+  }
+
+  [[nodiscard]] const SpaceLine& proxy() const noexcept { return proxy_; }
+
+  /// Adds a row with the depths, if any object was touched.
+  void draw(Figure& figure, double duration) {
+    std::vector<TimeLine> lines;
+    for (std::optional<Line>& line : lines_)
+      if (line) lines.push_back(std::move(line->depth));
+    if (lines.empty()) return;
+    figure.rows.push_back({time_panel(left_out_ > 0 ? fmt::format("depth in the {} most touched objects of {}",
+                                                                  lines.size(), lines.size() + left_out_)
+                                                    : "depth in touched objects",
+                                      "depth [mm]", lines, duration)});
+    figure.height += 200;
+  }
+
+ private:
+  struct Line {
+    Line(const std::string& name, int color, std::uint64_t rows) : depth(name, color, rows) {}
+    TimeLine depth;
+    double last = kNaN;
+  };
+
+  void add(const ContactSample& contact) {
+    if (!(contact.depth > 0)) return;
+    const double t = 1e-9 * static_cast<double>(contact.time_ns);
+    // The proxy's way breaks where the hand left all objects.
+    if (t - last_ >= TouchFigures::kLeft) proxy_.add(nan3());
+    last_ = t;
+    proxy_.add(contact.proxy);
+    if (contact.object >= lines_.size() || !lines_[contact.object]) return;
+    Line& line = *lines_[contact.object];
+    if (t - line.last >= TouchFigures::kLeft) line.depth.add(t, kNaN);
+    line.last = t;
+    line.depth.add(t, 1e3 * contact.depth);
+  }
+  void end_block() {
+    for (std::optional<Line>& line : lines_)
+      if (line) line->depth.end_block();
+  }
+
+  SpaceLine proxy_;
+  std::vector<std::optional<Line>> lines_;  ///< by object
+  std::size_t left_out_ = 0;
+  double last_ = kNaN;
+};
 
 /// Orientation and torque over time: the angle to the reference, or, without one, the rotation vector from the first
 /// orientation; and the torque.
@@ -221,6 +295,7 @@ Figure figure_of(const RecordingReader& reader, const std::string& title,
     for (std::size_t axis = 0; axis < 3; ++axis) upper.emplace_back(kAxisNames[axis], kAxisColors[axis], rows);
   }
   TurningLines turning(reader.columns(), rows);
+  ContactLines contacts(reader);
   const bool sensed = reader.columns().force_measured && summary.max_force == 0;
   for (std::size_t axis = 0; axis < 3; ++axis) force.emplace_back(kAxisNames[axis], kAxisColors[axis], rows);
 
@@ -258,13 +333,15 @@ Figure figure_of(const RecordingReader& reader, const std::string& title,
   if (tracked)
     figure.caption +=
         fmt::format(" · rms error {:.3f} mm, peak {:.3f} mm", 1e3 * summary.rms_error(), 1e3 * summary.peak_error());
-  figure.rows.push_back(space_panels(summary.bounds, path, tracked ? "played" : "recorded", reference));
+  figure.rows.push_back(
+      space_panels(summary.bounds, path, tracked ? "played" : "recorded", reference, contacts.proxy()));
   Panel over_time = tracked ? time_panel("deviation from the reference", "deviation [mm]", upper, summary.duration())
                             : time_panel("position", "position [mm]", upper, summary.duration());
   if (summary.peak_error() > 0) over_time.y_range = {0, 1.05e3 * summary.peak_error()};
   figure.rows.push_back({std::move(over_time)});
   figure.rows.push_back({time_panel(sensed ? "force measured" : "force sent", "force [N]", force, summary.duration())});
   figure.height = 900;
+  contacts.draw(figure, summary.duration());
   turning.draw(figure, summary.duration());
   return figure;
 }
@@ -287,7 +364,7 @@ Figure figure_of(const Path& path) {
   Figure figure;
   figure.title = path.name;
   figure.caption = fmt::format("{} samples in {:.2f} s", path.size(), path.duration());
-  figure.rows.push_back(space_panels(path.bounds(), space, "path", SpaceLine(0)));
+  figure.rows.push_back(space_panels(path.bounds(), space, "path", SpaceLine(0), SpaceLine(0)));
   figure.rows.push_back({time_panel("position", "position [mm]", position, path.duration())});
   figure.rows.push_back({time_panel("speed", "speed [m/s]", speed, path.duration())});
   figure.height = 900;

@@ -91,12 +91,23 @@ json json_of_session(const ReportSession& session) {
                       {"time_s", json_of_optional(event.time)},
                       {"times", event.times},
                       {"text", event.text}});
-  return {{"source", session.source},          {"title", session.title},          {"subject", session.subject},
-          {"operator", session.operator_name}, {"notes", session.notes},          {"created", session.created},
-          {"software", session.software},      {"device", session.device},        {"complete", session.complete},
-          {"duration_s", session.duration},    {"sittings", std::move(sittings)}, {"exercises", std::move(exercises)},
-          {"events", std::move(events)},       {"remarks", session.remarks},      {"settings", session.settings},
-          {"steered", session.steered}};
+  return {{"source", session.source},
+          {"title", session.title},
+          {"subject", session.subject},
+          {"operator", session.operator_name},
+          {"notes", session.notes},
+          {"created", session.created},
+          {"software", session.software},
+          {"device", session.device},
+          {"complete", session.complete},
+          {"duration_s", session.duration},
+          {"sittings", std::move(sittings)},
+          {"exercises", std::move(exercises)},
+          {"events", std::move(events)},
+          {"remarks", session.remarks},
+          {"settings", session.settings},
+          {"steered", session.steered},
+          {"touches", json_of(session.touches)}};
 }
 
 json json_of_comparison(const ReportComparison& comparison, const Report& report) {

@@ -334,6 +334,7 @@ ReportSession session_of_recording(const std::string& file) {
     return "";
   });
   add_warnings(session.events, header, "");
+  session.touches = touch_figures(reader);
   session.exercises.push_back(std::move(exercise));
   return session;
 }

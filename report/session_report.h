@@ -6,6 +6,7 @@
 #include "formats/documents/session_log.h"
 #include "metrics/learning_curve.h"
 #include "metrics/recorded_trial.h"
+#include "metrics/touches.h"
 
 #include <functional>
 #include <nlohmann/json.hpp>
@@ -95,8 +96,9 @@ struct ReportSession {
   std::vector<Sitting> sittings;
   std::vector<ReportExercise> exercises;
   std::vector<ReportEvent> events;
-  std::vector<std::string> remarks;  ///< warnings for the reader: missing or unfinished parts
-  nlohmann::json settings;           ///< the programme, or the configuration of the recording
+  std::vector<TouchFigures> touches;  ///< of a recording with a scene: every object, touched or not
+  std::vector<std::string> remarks;   ///< warnings for the reader: missing or unfinished parts
+  nlohmann::json settings;            ///< the programme, or the configuration of the recording
 };
 
 /// The unguided tests of one participant on one path, whatever its name; without a participant's name, those of one

@@ -78,7 +78,7 @@ std::optional<Event> SceneController::tell() noexcept {
       ++figures_[*open].times;
       return Event{.code = EventCode::touched, .values = {index, episode.force, kNaN}};
     }
-    if (episode.since >= kLeft) {
+    if (episode.since >= TouchFigures::kLeft) {
       const Event event{.code = EventCode::left, .values = {index, episode.depth, episode.seconds}};
       episode = {};
       open_.erase(open);

@@ -19,7 +19,6 @@ namespace haptrace {
 /// With a passivity layer, it adds the force that takes back the energy that sampling created in the contacts.
 class SceneController final : public Controller {
  public:
-  static constexpr double kLeft = 0.02;  ///< time without contact after which an object counts as left [s]
 
   /// `names` of the objects, as many as `touchable` answers contacts.
   SceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names,

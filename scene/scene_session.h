@@ -25,8 +25,11 @@ struct SlowSceneOptions {
 
 /// Statistics of the contacts with one object.
 struct TouchFigures {
+  /// Time without contact after which an object counts as left [s].
+  static constexpr double kLeft = 0.02;
+
   std::string name;      ///< name of the object
-  int times = 0;         ///< number of contacts; gaps shorter than SceneController::kLeft are ignored
+  int times = 0;         ///< number of contacts; gaps shorter than kLeft are ignored
   double seconds = 0;    ///< total contact time [s]
   double max_force = 0;  ///< largest magnitude of the object's answers, before limits and fades [N]
   double max_depth = 0;  ///< [m]

@@ -1,5 +1,8 @@
 // Tests of record --scene: a hand touches the objects of a scene file.
+#include "base/json_reader.h"
 #include "formats/recording/recording.h"
+#include "metrics/touches.h"
+#include "report/recording_figure.h"
 #include "tests/cli/command.h"
 
 #include <filesystem>
@@ -23,6 +26,28 @@ TEST(RecordScene, LetsAHandTouchTheObjectsOfAFileAndReportsTheTouches) {
   EXPECT_EQ(reader.header().config["scene"], scenes + "sphere.json");
   for (const Sample& row : reader.read(1000, 900)) EXPECT_GT(row.force.norm(), 1);
   EXPECT_EQ(haptrace("check", folder / "a.h5").exit_code, 0);
+
+  // What was recorded tells the same as the session.
+  const std::vector<TouchFigures> recorded = touch_figures(reader);
+  ASSERT_EQ(recorded.size(), felt.json()["touches"].size());
+  for (std::size_t i = 0; i < recorded.size(); ++i) {
+    const nlohmann::json told = felt.json()["touches"][i];
+    EXPECT_EQ(recorded[i].name, told["object"]);
+    EXPECT_EQ(recorded[i].times, told["times"]);
+    EXPECT_NEAR(recorded[i].seconds, told["seconds"], 0.002 * (1 + recorded[i].times));
+    EXPECT_DOUBLE_EQ(recorded[i].max_force, told["max_force_n"]);
+    EXPECT_DOUBLE_EQ(recorded[i].max_depth, told["max_depth_m"]);
+  }
+  const Figure figure = figure_of(reader, "felt");
+  EXPECT_EQ(figure.rows.size(), 4U);
+  EXPECT_EQ(figure.rows.back()[0].title, "depth in touched objects");
+  double deepest = 0;
+  for (const Series& line : figure.rows.back()[0].series)
+    for (const double depth : line.y) deepest = std::max(deepest, depth);
+  EXPECT_DOUBLE_EQ(deepest, 1e3 * recorded[0].max_depth);
+  EXPECT_EQ(figure.rows[0][0].series.back().label, "proxy");
+  ASSERT_EQ(haptrace("report", folder / "a.h5", "-o", folder / "a.html").exit_code, 0);
+  EXPECT_THAT(load_text(folder / "a.html"), HasSubstr("Touched objects"));
 
   const Answer slow = haptrace("record", folder / "b.h5", "--device", device, "--scene", scenes + "sphere_on_wall.json",
                                "--scene-rate", "300", "--json");
