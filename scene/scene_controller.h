@@ -19,7 +19,6 @@ namespace haptrace {
 /// With a passivity layer, it adds the force that takes back the energy that sampling created in the contacts.
 class SceneController final : public Controller {
  public:
-
   /// `names` of the objects, as many as `touchable` answers contacts.
   SceneController(std::shared_ptr<Touchable> touchable, std::vector<std::string> names,
                   const std::optional<PassivityLayer::Options>& passivity = std::nullopt);
