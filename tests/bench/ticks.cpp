@@ -4,13 +4,16 @@
 // Sessions: playback, guidance, noise (a random force in three axes); without any of them, a free hand. Parts of every
 // session: metrics, record, velocity=ESTIMATOR, torque, plane (no motor in z), watch (for a vibrating force). Parts of
 // a playback: gravity, friction, inertia, learned, observer, guard, tuning, orientation, interpolation=NAME. Parts of
-// guidance: wall-damping, expert-force, pace-help, viscosity, resistance, amplification.
+// guidance: wall-damping, expert-force, pace-help, viscosity, resistance, amplification. A session with scene=FILE touches
+// the objects of that file: the tool stands in the middle of the device.
 #include "control/guidance.h"
 #include "control/velocity_estimator.h"
 #include "player/guidance/guidance_controller.h"
 #include "player/playback/tracking_metrics.h"
 #include "player/record_controllers.h"
 #include "recorder/recorder.h"
+#include "scene/scene_controller.h"
+#include "scene/scene_file.h"
 #include "tests/bench/session.h"
 
 #include <algorithm>
@@ -102,7 +105,10 @@ std::uint64_t run(double seconds, const Parts& parts) {
   // The path lasts 1000 s for every N, so that its construction costs the same in every run.
   std::optional<PlaybackController> following;
   std::optional<GuidanceController> guidance;
+  std::unique_ptr<SceneController> scene;
   PassiveController passive;
+  if (const std::string scene_file = parts.value("scene", ""); !scene_file.empty())
+    scene = make_scene_controller(load_scene(scene_file), 1000, std::nullopt, std::nullopt);
   if (parts.has("playback"))
     following.emplace(bench::playback(1000, {.axes = device.info().force_axes},
                                       {.observer = parts.has("observer"),
@@ -118,6 +124,7 @@ std::uint64_t run(double seconds, const Parts& parts) {
   Noise noise;
   Controller* inner = &passive;
   if (parts.has("noise")) inner = &noise;
+  if (scene) inner = scene.get();
   if (following) inner = &*following;
   if (guidance) inner = &*guidance;
   Until controller(*inner, seconds);
