@@ -9,6 +9,7 @@
 #include "scene/shape/plane.h"
 #include "scene/shape/sphere.h"
 #include "scene/shape/torus.h"
+#include "scene/shape/volume.h"
 
 #include <algorithm>
 #include <array>
@@ -30,6 +31,7 @@ constexpr std::array kShapeKinds{
     ShapeKind{"metaballs", [](JsonReader& reader, SceneFiles&) -> Made { return read_metaballs(reader); }},
     ShapeKind{"sphere", [](JsonReader& reader, SceneFiles&) -> Made { return read_sphere(reader); }},
     ShapeKind{"torus", [](JsonReader& reader, SceneFiles&) -> Made { return read_torus(reader); }},
+    ShapeKind{"volume", read_volume},
     ShapeKind{"wall", [](JsonReader& reader, SceneFiles&) -> Made { return read_plane(reader); }},
     ShapeKind{"plane", [](JsonReader& reader, SceneFiles&) -> Made { return read_plane(reader); }},
 };

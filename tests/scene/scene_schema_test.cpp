@@ -121,7 +121,7 @@ TEST(SceneSchema, TakesTheSamples) {
     scenes.push_back(load_json(entry.path().string()));
     EXPECT_NO_THROW((void)load_scene(entry.path().string())) << entry.path();
   }
-  ASSERT_GE(scenes.size(), 6U);
+  ASSERT_GE(scenes.size(), 7U);
   for (const bool valid : scenes_by_schema(scenes)) EXPECT_TRUE(valid);
 }
 
