@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes the meshes and images of the sample scenes. Run it in this folder; it needs Python 3 alone."""
+"""Makes the meshes, patches and images of the sample scenes. Run it in this folder; it needs Python 3 alone."""
 import math
 import random
 import struct
@@ -88,6 +88,43 @@ def relief_plate(name, size, thickness, height, cells):
     write_obj(name, vertices, faces)
 
 
+def bowl(name, profile):
+    """A bowl whose wall a cubic B-spline sweeps round z, from the axis below to the axis above; in millimetres."""
+    half = math.sqrt(0.5)
+    round_z = [(1, 0, 1), (1, 1, half), (0, 1, 1), (-1, 1, half), (-1, 0, 1), (-1, -1, half), (0, -1, 1), (1, -1, half),
+               (1, 0, 1)]
+    rows = ["[" + ", ".join("[{:g}, {:g}, {:g}, {:.16g}]".format(x * rho, y * rho, z, w) for rho, z in profile) + "]"
+            for x, y, w in round_z]
+    inner = len(profile) - 4
+    knots = [0] * 4 + list(range(1, inner + 1)) + [inner + 1] * 4
+    with open(name, "w") as out:
+        out.write("""{{
+  // A bowl of rational B-splines, round to the last digit. Made by make_meshes.py, in millimetres.
+  "tool": {{"radius": 0.002}},
+  "objects": [
+    {{
+      "name": "bowl",
+      "shape": {{
+        "kind": "nurbs",
+        "unit": "mm",
+        "patches": [
+          {{
+            "degree": [2, 3],
+            "knots_u": [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4],
+            "knots_v": {},
+            "points": [
+              {}
+            ]
+          }}
+        ]
+      }},
+      "surface": {{"stiffness": 800, "friction": {{"static": 0.2, "dynamic": 0.15, "damping": 2}}}}
+    }}
+  ]
+}}
+""".format(knots, ",\n              ".join(rows)))
+
+
 def write_png(name, columns, rows, value):
     """A grey image of 16 bits; value(u, v) from 0 to 1."""
     def chunk(tag, data):
@@ -112,3 +149,4 @@ random.seed(1)
 relief_ball("relief_ball.obj", 30, 1.5, 96)
 relief_plate("hills.obj", 80, 5, 6, 48)
 write_png("weave.png", 128, 128, weave)
+bowl("bowl.json", [(0, -24), (20, -24), (40, -16), (45, 8), (42, 14), (38, 8), (34, -12), (18, -18), (0, -18)])

@@ -6,6 +6,7 @@
 #include "scene/shape/ellipsoid.h"
 #include "scene/shape/implicit_kinds.h"
 #include "scene/shape/mesh.h"
+#include "scene/shape/nurbs.h"
 #include "scene/shape/plane.h"
 #include "scene/shape/sphere.h"
 #include "scene/shape/torus.h"
@@ -29,6 +30,7 @@ constexpr std::array kShapeKinds{
     ShapeKind{"implicit", [](JsonReader& reader, SceneFiles&) -> Made { return read_implicit(reader); }},
     ShapeKind{"mesh", read_mesh},
     ShapeKind{"metaballs", [](JsonReader& reader, SceneFiles&) -> Made { return read_metaballs(reader); }},
+    ShapeKind{"nurbs", read_nurbs},
     ShapeKind{"sphere", [](JsonReader& reader, SceneFiles&) -> Made { return read_sphere(reader); }},
     ShapeKind{"torus", [](JsonReader& reader, SceneFiles&) -> Made { return read_torus(reader); }},
     ShapeKind{"volume", read_volume},

@@ -114,6 +114,65 @@ TEST(SceneSchema, TakesWhatTheReaderTakesAndNothingElse) {
         << (valid[i] ? "only the schema takes " : "only the reader takes ") << scenes[i].dump();
 }
 
+TEST(SceneSchema, TakesThePatchesThatTheReaderTakes) {
+  const json good = json::parse(R"({"degree": [1, 1], "knots_u": [0, 0, 1, 1], "knots_v": [0, 0, 1, 1],
+    "points": [[[0, 0, 0, 1], [0, 0.1, 0, 1]], [[0.1, 0, 0, 1], [0.1, 0.1, 0, 1]]],
+    "trim": {"outer": [[[0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [0.1, 0.9]]],
+             "holes": [[{"degree": 1, "knots": [0, 0, 1, 2, 2], "points": [[0.2, 0.2, 1], [0.4, 0.2], [0.2, 0.4]]}]]}})");
+  std::vector<json> patches{good};
+  const auto change = [&](const char* at, const json& value) {
+    json patch = good;
+    patch[json::json_pointer(at)] = value;
+    patches.push_back(patch);
+  };
+  change("/degree", 1);
+  for (const json& degree : {json(0), json(6), json(1.5), json("1"), json{1}, json{1, 1, 1}, json{1, 6}})
+    change("/degree", degree);
+  for (const char* key : {"/knots_u", "/knots_v", "/points", "/points/0", "/points/0/1", "/trim", "/trim/outer",
+                          "/trim/holes", "/trim/holes/0", "/trim/holes/0/0/knots", "/trim/holes/0/0/points"}) {
+    change(key, "text");
+    change(key, 5);
+    change(key, true);
+  }
+  for (const double weight : {0.0, -1.0, 1e-7, 1e7, 2.0}) change("/points/0/1/3", weight);
+  for (const double weight : {0.0, -1.0, 1e-7, 1e7, 2.0}) change("/trim/holes/0/0/points/0/2", weight);
+  change("/points/0/1", {0, 0.1, 0});
+  change("/points/0/1", {0, 0.1});
+  change("/points/0/1", {0, 0.1, 0, 1, 1});
+  change("/trim/outer/0/0", {0.1, 0.1, 0.1});
+  change("/trim/holes/0/0/degree", 6);
+  change("/trim/holes/0/0/zzz", 6);
+  change("/trim/zzz", 6);
+  change("/zzz", 6);
+  for (const char* key : {"degree", "knots_u", "knots_v", "points", "trim"}) {
+    json patch = good;
+    patch.erase(key);
+    patches.push_back(patch);
+  }
+  std::vector<json> scenes;
+  const auto scene_of = [](json shape) {
+    shape["kind"] = "nurbs";
+    return json{{"objects", {{{"shape", shape}, {"surface", {{"stiffness", 500}}}}}}};
+  };
+  for (const json& patch : patches) scenes.push_back(scene_of({{"patches", {patch}}}));
+  scenes.push_back(scene_of({{"patches", {good}}, {"unit", "mm"}, {"flip", true}}));
+  scenes.push_back(scene_of({{"patches", {good}}, {"unit", 5}}));
+  scenes.push_back(scene_of({{"patches", {good}}, {"flip", 1}}));
+  for (const json& steps : {json(1), json(6), json(0), json(7), json(1.5), json("1")})
+    scenes.push_back(scene_of({{"patches", {good}}, {"steps", steps}}));
+  for (const json& tolerance : {json(1e-6), json(1e-2), json(1e-7), json(2e-2), json("1")})
+    scenes.push_back(scene_of({{"patches", {good}}, {"tessellation", tolerance}}));
+  scenes.push_back(scene_of({{"patches", json::array()}}));
+  scenes.push_back(scene_of({{"patches", {good}}, {"file", "a.json"}}));
+  scenes.push_back(scene_of(json::object()));
+  const std::vector<bool> valid = scenes_by_schema(scenes);
+  ASSERT_EQ(valid.size(), scenes.size());
+  EXPECT_TRUE(valid[0]);
+  for (std::size_t i = 0; i < valid.size(); ++i)
+    EXPECT_EQ(scene_is_read(scenes[i]), valid[i])
+        << (valid[i] ? "only the schema takes " : "only the reader takes ") << scenes[i].dump();
+}
+
 TEST(SceneSchema, TakesTheSamples) {
   std::vector<json> scenes;
   for (const auto& entry : std::filesystem::directory_iterator(std::string(HAPTRACE_SAMPLES) + "/scenes")) {
