@@ -385,8 +385,7 @@ std::vector<std::string> remarks_on(const MeshReport& report, bool closed) {
                   "surface there",
                   report.open_edges, report.open_at.x(), report.open_at.y(), report.open_at.z()));
   add(report.shared_edges,
-      fmt::format("{} edges belong to more than two triangles: the tool does not slide across them",
-                  report.shared_edges));
+      fmt::format("{} edges belong to more than two triangles: parts of the surface touch there", report.shared_edges));
   const double size = report.size.maxCoeff();
   add(size > kHuge || size < kTiny ? 1 : 0,
       fmt::format("the mesh is {:.3g} m x {:.3g} m x {:.3g} m large; is its unit right?", report.size.x(),

@@ -34,6 +34,20 @@ int side_of_line(double ax, double ay, double bx, double by) noexcept {
   return bx > ax ? 1 : bx < ax ? -1 : 0;
 }
 
+/// Returns the closest point of the edge from one corner along `way` to the next.
+inline TrianglePoint closest_on_edge(const Vec3& from, const Vec3& way, const Vec3& to, std::uint8_t corner,
+                                     const Vec3& p) noexcept {
+  using On = TrianglePoint::On;
+  const double along = way.dot(p - from), length2 = way.squaredNorm();
+  if (along <= 0) return {from, On::corner, corner};
+  if (along >= length2) return {to, On::corner, static_cast<std::uint8_t>(corner == 2 ? 0 : corner + 1)};
+  return {from + along / length2 * way, On::edge, corner};
+}
+
+inline TrianglePoint nearer(const TrianglePoint& one, const TrianglePoint& other, const Vec3& p) noexcept {
+  return (other.position - p).squaredNorm() < (one.position - p).squaredNorm() ? other : one;
+}
+
 }  // namespace
 
 Face make_face(const Vec3& a, const Vec3& b, const Vec3& c) noexcept {
@@ -62,27 +76,16 @@ TrianglePoint closest_on(const Face& face, const Vec3& p) noexcept {
   const double over_ab = ab.dot(across), over_ca = -ac.dot(across), over_bc = face.double_area - over_ab - over_ca;
   if (over_ab >= 0 && over_bc >= 0 && over_ca >= 0) return {p - face.normal.dot(ap) * face.normal, On::inside, 0};
   // It is on an edge that looks towards p, of which there are one or two.
-  TrianglePoint best;
-  double least = std::numeric_limits<double>::infinity();
-  const auto try_edge = [&](const Vec3& from, const Vec3& way, const Vec3& to, std::uint8_t corner) {
-    const double along = way.dot(p - from), length2 = way.squaredNorm();
-    TrianglePoint point;
-    if (along <= 0)
-      point = {from, On::corner, corner};
-    else if (along >= length2)
-      point = {to, On::corner, static_cast<std::uint8_t>(corner == 2 ? 0 : corner + 1)};
-    else
-      point = {from + along / length2 * way, On::edge, corner};
-    const double square = (point.position - p).squaredNorm();
-    if (square < least) {
-      least = square;
-      best = point;
-    }
-  };
-  if (over_ab < 0) try_edge(a, ab, b, 0);
-  if (over_bc < 0) try_edge(b, c - b, c, 1);
-  if (over_ca < 0) try_edge(c, -ac, a, 2);
-  return best;
+  const auto on_ab = [&] { return closest_on_edge(a, ab, b, 0, p); };
+  const auto on_bc = [&] { return closest_on_edge(b, c - b, c, 1, p); };
+  const auto on_ca = [&] { return closest_on_edge(c, -ac, a, 2, p); };
+  if (over_ab < 0 && over_bc >= 0 && over_ca >= 0) return on_ab();
+  if (over_bc < 0 && over_ab >= 0 && over_ca >= 0) return on_bc();
+  if (over_ca < 0 && over_ab >= 0 && over_bc >= 0) return on_ca();
+  // Compared within the plane: the distances from a place far above it differ by less than their rounding.
+  const Vec3 below = p - face.normal.dot(ap) * face.normal;
+  if (over_ab >= 0) return nearer(on_bc(), on_ca(), below);
+  return over_bc < 0 ? nearer(on_ab(), on_bc(), below) : nearer(on_ab(), on_ca(), below);
 }
 
 double Segment::doubtful(const Vec3& a, const Vec3& b, const Vec3& c) const noexcept {

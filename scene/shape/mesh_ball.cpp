@@ -21,14 +21,16 @@ class Mesh::Ball {
 
   /// Moves the centre straight towards a place until the ball touches. Returns whether it got there.
   bool move(const Vec3& to) noexcept {
-    const double share = is_near(to) ? share_among_near(to) : share_in_tree(to);
-    if (share >= 1) {
-      centre_ = to;
-      return true;
+    if (known_ && is_near(to)) return advance(to, share_among_near(to));
+    if (known_) {
+      // Most ways are blocked near their start.
+      const Vec3 way = to - centre_, out = centre_ - gathered_;
+      const double length = norm_of(way), along = out.dot(way) / length;
+      const double room = std::sqrt(std::max(0.0, along * along + margin_ * margin_ - out.squaredNorm())) - along;
+      const Vec3 edge = centre_ + std::min(1.0, 0.999 * room / length) * way;
+      if (is_near(edge) && !advance(edge, share_among_near(edge))) return false;
     }
-    centre_ += share * (to - centre_);
-    known_ = false;
-    return false;
+    return advance(to, share_in_tree(to));
   }
 
   /// Looks at the triangles around the ball, and for movements of up to `margin` remembers those that it can meet.
@@ -39,6 +41,7 @@ class Mesh::Ball {
     for (std::size_t i = 0; i < count_; ++i) {
       Near& near = near_[i];
       near.gap = near.gap_at_first - moved;
+      near.exact = false;
       if (near.gap <= touching()) look_at(near);
     }
     known_ = true;
@@ -90,8 +93,9 @@ class Mesh::Ball {
   struct Near {
     std::uint32_t triangle;
     double gap_at_first;  // where the triangles were gathered
-    double gap;           // at the centre, or less
-    Vec3 normal;          // from the triangle to the centre, if the gap is exact
+    double gap;           // at the centre; a lower bound if it is not exact
+    bool exact;
+    Vec3 normal;  // from the triangle to the centre, if the gap is exact
   };
   struct Gap {
     double gap;
@@ -108,12 +112,22 @@ class Mesh::Ball {
   void look_at(Near& near) const noexcept {
     const Gap found = gap_of(near.triangle, centre_);
     near.gap = found.gap;
+    near.exact = true;
     near.normal = found.normal;
   }
 
   /// Returns whether the remembered triangles are all that a ball there can meet.
   [[nodiscard]] bool is_near(const Vec3& place) const noexcept {
     return (place - gathered_).squaredNorm() <= margin_ * margin_;
+  }
+
+  bool advance(const Vec3& to, double share) noexcept {
+    known_ = false;
+    if (share >= 1)
+      centre_ = to;
+    else
+      centre_ += share * (to - centre_);
+    return share >= 1;
   }
 
   void gather(double margin) noexcept {
@@ -126,7 +140,7 @@ class Mesh::Ball {
         const Gap found = gap_of(triangle, centre_);
         if (found.gap > margin_ + touching()) return;
         full = count_ == near_.size();
-        if (!full) near_[count_++] = {triangle, found.gap, found.gap, found.normal};
+        if (!full) near_[count_++] = {triangle, found.gap, found.gap, true, found.normal};
       });
       if (!full) break;
       if (margin_ < touching()) {
@@ -154,30 +168,33 @@ class Mesh::Ball {
     return share;
   }
 
+  /// Needs the gaps at the centre.
   [[nodiscard]] double share_among_near(const Vec3& to) noexcept {
     const Vec3 way = to - centre_;
-    const double moved = std::sqrt(std::max((centre_ - gathered_).squaredNorm(), (to - gathered_).squaredNorm()));
+    const double length = norm_of(way);
     double best = 1;
     for (std::size_t i = 0; i < count_; ++i) {
-      const Near& near = near_[i];
-      if (near.gap_at_first > moved) continue;
-      // Most are passed: this shows at the end of the way, where the distance is known next.
-      Gap at{near.gap, near.normal};
-      if (near.gap > touching() || !known_) at = gap_of(near.triangle, centre_);
-      best = touch(near.triangle, way, at, best);
+      Near& near = near_[i];
+      if (near.gap > best * length) continue;
+      if (!near.exact) look_at(near);
+      best = touch(near.triangle, way, {near.gap, near.normal}, best);
     }
-    known_ = false;
     return best;
   }
 
   [[nodiscard]] double share_in_tree(const Vec3& to) noexcept {
     const Vec3 way = to - centre_;
     double best = 1;
-    tree_.each_along(centre_, to, radius_, [&](std::uint32_t triangle) {
+    const auto visit = [&](std::uint32_t triangle) {
       best = touch(triangle, way, gap_of(triangle, centre_), best);
       return best;
-    });
-    known_ = false;
+    };
+    // A ball around a short way meets fewer boxes than the way with boxes that are wider by the radius.
+    const double half = 0.5 * norm_of(way);
+    if (half < radius_)
+      tree_.each_near(centre_ + 0.5 * way, radius_ + half, visit);
+    else
+      tree_.each_along(centre_, to, radius_, visit);
     return best;
   }
 
@@ -230,7 +247,7 @@ void Mesh::follow_ball(const ToolStep& step, Proxy& proxy) const noexcept {
   if (proxy.touching) {
     // On flat ground the proxy moves as far as the tool does along it.
     const Vec3 way = goal - start;
-    margin = std::min(radius, 1.5 * norm_of(way - way.dot(proxy.normal) * proxy.normal) + 0.01 * radius);
+    margin = std::min(radius, 1.25 * norm_of(way - way.dot(proxy.normal) * proxy.normal) + 0.005 * radius);
     ball.put(start);
   } else if (!std::isnan(start.x())) {
     ball.put(start);

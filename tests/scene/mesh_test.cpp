@@ -86,6 +86,49 @@ TEST(TriangleTree, FindsTheCrossingsAndTheClosestPointsThatASearchThroughAllFind
   EXPECT_GT(crossed, 300);
 }
 
+TEST(TriangleTree, WindsOnceAroundPlacesInsideAndNeverAroundThoseOutside) {
+  std::mt19937 random(2);
+  std::uniform_real_distribution<double> side(-0.06, 0.06);
+  for (TriangleMesh mesh : {bumpy_sphere(0.05, 0.002, 2000), box_mesh(Vec3(0.08, 0.06, 0.05), 4)}) {
+    const TriangleTree tree(mesh);
+    int inside = 0;
+    for (int i = 0; i < 1000; ++i) {
+      Vec3 place(side(random), side(random), side(random));
+      if (i % 4 == 1) place.head<2>() = mesh.vertices[random() % mesh.vertices.size()].head<2>();  // below a vertex
+      if (i % 4 == 2) place.x() = 0;                                                               // below edges
+      if (tree.nearest(place).distance2 < 1e-24) continue;  // on the surface
+      const long expected = std::lround(winding_number(mesh, place));
+      ASSERT_EQ(tree.winding(place), expected) << place.transpose();
+      inside += static_cast<int>(expected);
+    }
+    EXPECT_GT(inside, 100);
+  }
+}
+
+TEST(TriangleTree, FindsTheClosestPointOfSliversToSomeRoundings) {
+  std::mt19937 random(9);
+  std::normal_distribution<double> number;
+  const auto any = [&] { return Vec3(number(random), number(random), number(random)); };
+  for (int i = 0; i < 20'000; ++i) {
+    // Of any length, and up to a million times longer than wide; the place is near or far.
+    const double length = std::pow(10.0, -6 + i % 7), width = length * std::pow(10.0, -(i % 6));
+    const Vec3 along = any().normalized(), across = along.cross(any()).normalized();
+    const Vec3 a = 0.01 * any(), b = a + length * along, c = a + 0.3 * length * along + width * across;
+    const Face face = make_face(a, b, c);
+    const Vec3 p = a + length * any() + std::pow(10.0, -(i % 5)) * face.normal;
+    const TrianglePoint found = closest_on(face, p);
+    const double distance = (p - found.position).norm(), rounding = 1e-14 * (distance + length + a.norm());
+    // Within the triangle, and no other place of it is nearer: this holds for one in a plane that is at right angles.
+    const Vec3 out = (p - found.position) / std::max(distance, 1e-300);
+    for (const Vec3& corner : face.corners) ASSERT_LE(out.dot(corner - found.position), rounding) << i;
+    ASSERT_LE(std::abs(face.normal.dot(found.position - a)), rounding) << i;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vec3 edge = (face.corners[(k + 1) % 3] - face.corners[k]).normalized();
+      ASSERT_GE(face.normal.cross(edge).dot(found.position - face.corners[k]), -rounding) << i;
+    }
+  }
+}
+
 TEST(TriangleTree, LeavesNoGapAtEdgesAndCorners) {
   const TriangleMesh mesh = box_mesh(Vec3(0.02, 0.02, 0.02), 4);
   const Mesh box = mesh_of(mesh);
@@ -117,30 +160,37 @@ TEST(MeshPoint, FindsACornerOfACubeExactly) {
   EXPECT_FALSE(hand.proxy.touching) << "outside of the box, the tool is free";
 }
 
-TEST(MeshPoint, NeverLeavesAThinPlateOnTheWrongSide) {
-  for (const int parts : {1, 20}) {
-    const Mesh plate = mesh_of(box_mesh(Vec3(0.1, 0.1, 0.001), parts));
-    std::mt19937 random(3);
-    std::uniform_real_distribution<double> side(-0.04, 0.04);
-    int touched = 0;
-    for (int entry = 0; entry < 200; ++entry) {
-      MeshHand hand(plate);
-      const Vec3 over(side(random), side(random), 0.005);
-      Vec3 slide(side(random), side(random), 0);
-      slide = 0.1 * slide;
-      hand.to(over);
-      for (int tick = 0; tick <= 400; ++tick) {
-        const double a = std::numbers::pi * tick / 400;
-        // 4 mm beyond the far side, and back.
-        const Proxy& proxy = hand.to(over + std::sin(a) * Vec3(0, 0, -0.0095) + tick / 400.0 * slide);
-        if (!proxy.touching) continue;
-        ++touched;
-        ASSERT_GT(proxy.normal.z(), 1 - 1e-12) << "pushed the wrong way";
-        ASSERT_NEAR(proxy.position.z(), 0.0005, 1e-12);
-      }
-      ASSERT_FALSE(hand.proxy.touching) << "released";
+/// Pushes a tool 200 times through a plate of 1 mm, 4 mm beyond its far side, and back.
+void expect_right_side_of_a_plate(int parts, double radius, bool verify) {
+  Mesh plate = mesh_of(box_mesh(Vec3(0.1, 0.1, 0.001), parts));
+  plate.set("verify", verify ? 1 : 0);
+  plate.prepare(radius);
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> side(-0.04, 0.04);
+  int touched = 0;
+  for (int entry = 0; entry < 200; ++entry) {
+    MeshHand hand(plate, radius);
+    const Vec3 over(side(random), side(random), 0.005 + radius);
+    Vec3 slide(side(random), side(random), 0);
+    slide = 0.1 * slide;
+    hand.to(over);
+    for (int tick = 0; tick <= 400; ++tick) {
+      const double a = std::numbers::pi * tick / 400;
+      const Proxy& proxy = hand.to(over + std::sin(a) * Vec3(0, 0, -0.0095 - radius) + tick / 400.0 * slide);
+      if (!proxy.touching) continue;
+      ++touched;
+      ASSERT_GT(proxy.normal.z(), 1 - 1e-6) << "pushed the wrong way";
+      ASSERT_NEAR(proxy.position.z(), 0.0005 + radius, radius > 0 ? 2e-7 * radius : 1e-12);
     }
-    EXPECT_GT(touched, 30'000);
+    ASSERT_FALSE(hand.proxy.touching) << "released";
+  }
+  EXPECT_GT(touched, 30'000);
+}
+
+TEST(MeshPoint, NeverLeavesAThinPlateOnTheWrongSide) {
+  for (const int parts : {1, 16}) {
+    expect_right_side_of_a_plate(parts, 0, false);
+    expect_right_side_of_a_plate(parts, 0, true);
   }
 }
 
@@ -245,6 +295,35 @@ TEST(MeshPoint, TouchesEdgesFromAMicrometreToTenMetres) {
   EXPECT_NEAR(tip.proxy.position.z(), 0.5 + 1.5e-6, 1e-12);
 }
 
+TEST(MeshPoint, GoesOnWithTheOtherFlankOfACreaseThatItCrosses) {
+  // A deep V: the tool jumps from one flank through the space into the other.
+  TriangleMesh groove;
+  groove.vertices = {{-0.01, -0.05, 0.02}, {0, -0.05, 0}, {0.01, -0.05, 0.02},
+                     {-0.01, 0.05, 0.02},  {0, 0.05, 0},  {0.01, 0.05, 0.02}};
+  groove.triangles = {{0, 1, 4}, {0, 4, 3}, {1, 2, 5}, {1, 5, 4}};
+  const Mesh mesh = mesh_of(groove);
+  MeshHand hand(mesh);
+  hand.to({0, 0, 0.015});
+  ASSERT_TRUE(hand.to({-0.009, 0, 0.015}).touching);
+  EXPECT_GT(hand.proxy.normal.x(), 0.8) << "the left flank";
+  ASSERT_TRUE(hand.to({0.009, 0, 0.015}).touching);
+  EXPECT_LT(hand.proxy.normal.x(), -0.8) << "the right flank";
+}
+
+TEST(MeshPoint, SlidesOverAnEdgeAtWhichFourTrianglesMeet) {
+  // Two cubes side by side: their tops meet where their sides meet.
+  TriangleMesh mesh = box_mesh(Vec3::Constant(1.0 / 64));
+  test::join(mesh, box_mesh(Vec3::Constant(1.0 / 64)), Vec3(1.0 / 64, 0, 0));
+  const Mesh both = mesh_of(mesh);
+  MeshHand hand(both);
+  hand.to({0, 0, 0.02});
+  for (int i = 0; i <= 100; ++i) {
+    ASSERT_TRUE(hand.to({1.0 / 64 * i / 100, 0, 0.007}).touching) << i;
+    ASSERT_NEAR(hand.proxy.position.z(), 0.5 / 64, 1e-15) << i;
+    ASSERT_NEAR(hand.proxy.position.x(), 1.0 / 64 * i / 100, 1e-15) << "it does not wait at the seam";
+  }
+}
+
 TEST(MeshPoint, SlidesOffAnOpenEdgeAndIsFree) {
   TriangleMesh sheet;
   sheet.vertices = {{0, 0, 0}, {0.02, 0, 0}, {0.02, 0.02, 0}, {0, 0.02, 0}};
@@ -345,6 +424,11 @@ TEST(MeshBall, StaysAtItsRadiusFromAPlate) {
       EXPECT_GT(proxy.normal.z(), 1 - 1e-6);
     }
   }
+}
+
+TEST(MeshBall, NeverLeavesAThinPlateOnTheWrongSide) {
+  for (const int parts : {1, 16})
+    for (const double radius : {2e-4, 2e-3}) expect_right_side_of_a_plate(parts, radius, false);
 }
 
 TEST(MeshBall, RoundsAnEdgeAndFillsAGrooveByItsRadius) {

@@ -7,6 +7,8 @@
 #include "tests/scene/mesh_referee.h"
 #include "tests/scene/meshes.h"
 
+#include <bit>
+#include <cmath>
 #include <cstdio>
 #include <fmt/format.h>
 #include <functional>
@@ -19,12 +21,34 @@ namespace {
 struct WalkCase {
   std::string name;
   std::function<TriangleMesh(int)> make;  ///< from the number of triangles
+  bool pinched = false;  ///< parts of it touch: they hold a tool that came between them, though it sees the other side
 };
 
 std::vector<WalkCase> walk_cases() {
   return {{"Bumpy", [](int triangles) { return test::bumpy_sphere(0.05, 0.0015, triangles); }},
           {"Toothed", [](int triangles) { return test::toothed_sphere(0.05, 0.003, triangles); }},
-          {"Slivers", [](int triangles) { return test::sphere_with_slivers(0.05, 0.0015, triangles, 1e-6); }}};
+          {"Slivers", [](int triangles) { return test::sphere_with_slivers(0.05, 0.0015, triangles, 1e-6); }},
+          // Edges of four triangles, vertices at which parts meet only in this point, coincident faces.
+          {"TouchingParts",
+           [](int triangles) {
+             // Powers of two, so that what touches is at the same place to the last digit.
+             constexpr double kSide = 1.0 / 64;
+             const auto parts = std::bit_floor(static_cast<unsigned>(std::sqrt(triangles / 60.0)));
+             const TriangleMesh box = test::box_mesh(Vec3::Constant(kSide), static_cast<int>(parts));
+             TriangleMesh mesh = box;
+             for (const Vec3& shift : {Vec3(1, 1, 0), Vec3(0, 0, 1), Vec3(-1, -1, -1), Vec3(1, 0, -1)})
+               test::join(mesh, box, kSide * shift);
+             return mesh;
+           },
+           true},
+          // From edges of a micrometre to edges of metres.
+          {"TipsOnABlock", [](int) {
+             TriangleMesh mesh = test::box_mesh(Vec3(10, 10, 1));
+             test::join(mesh, test::box_mesh(Vec3::Constant(1e-6)), Vec3(0.3, 0.2, 0.5 + 1e-6));
+             test::join(mesh, test::box_mesh(Vec3(1e-3, 1e-6, 0.1), 3), Vec3(0.1, 0.2, 0.6));
+             test::join(mesh, test::toothed_sphere(0.02, 0.004, 1000), Vec3(-0.1, 0, 0.7));
+             return mesh;
+           }}};
 }
 
 struct Tool {
@@ -45,7 +69,7 @@ void expect_no_fault(const WalkCase& shape, int triangles, const Tool& tool, std
   EXPECT_EQ(faults.leaked, 0) << what;
   EXPECT_EQ(faults.sunk, 0) << what;
   EXPECT_EQ(faults.astray, 0) << what;
-  EXPECT_EQ(faults.stuck, 0) << what;
+  EXPECT_TRUE(shape.pinched || faults.stuck == 0) << faults.stuck << what;
   EXPECT_GT(faults.touched, ticks / 10) << what;
   EXPECT_GT(faults.released, ticks / 1000) << what;
   if (ticks >= 100'000)
