@@ -51,6 +51,7 @@ double whole_power(double x, int n) noexcept {
 
 Unary power_and_slopes(double x, double c) noexcept {
   const int n = static_cast<int>(c);
+  if (n == 0) return {1, 0, 0};
   if (n == 2) return {x * x, 2 * x, 2};
   return {whole_power(x, n), c * whole_power(x, n - 1), n == 1 ? 0 : c * (c - 1) * whole_power(x, n - 2)};
 }
@@ -276,10 +277,6 @@ N joined(const Instruction& step, const N& a, const N& b) noexcept {
   }
 }
 
-Interval product_of(Interval a, Interval b) noexcept {
-  return a * b;
-}
-
 /// Bounds of the angle of (ordinate, abscissa): at the corners of the rectangle, unless it holds the jump or the
 /// origin.
 Interval angle_of(Interval y, Interval x) noexcept {
@@ -300,7 +297,7 @@ Interval joined(const Instruction& step, Interval a, Interval b) noexcept {
     case Op::subtract:
       return a - b;
     case Op::multiply:
-      return product_of(a, b);
+      return a * b;
     case Op::divide:
       return a * inverse_of(b);
     case Op::raise:
@@ -408,6 +405,7 @@ class Expression::Parser {
     if (at_ < text_.size())
       fail(text_[at_] == ')' ? "there is no '(' for this ')'" : "expected an operator (+ - * / ^) or the end");
     check_stack();
+    check_variables();
     return std::move(code_);
   }
 
@@ -528,7 +526,10 @@ class Expression::Parser {
     while (at_ < text_.size() && (is_letter(text_[at_]) || (text_[at_] >= '0' && text_[at_] <= '9'))) ++at_;
     const std::string word(text_.substr(begin, at_ - begin));
     for (std::size_t i = 0; i < variables_.size(); ++i)
-      if (word == variables_[i]) return push({.op = Op::variable, .index = static_cast<std::uint8_t>(i)}, begin);
+      if (word == variables_[i]) {
+        names_variable_ = true;
+        return push({.op = Op::variable, .index = static_cast<std::uint8_t>(i)}, begin);
+      }
     if (word == "pi") return push({.op = Op::number, .number = pi}, begin);
     if (word == "e") return push({.op = Op::number, .number = std::numbers::e}, begin);
     const auto* function =
@@ -632,9 +633,17 @@ class Expression::Parser {
                       most, kMostNumbers));
   }
 
+  void check_variables() const {
+    if (names_variable_) return;
+    std::string list;
+    for (const std::string_view name : variables_) list += (list.empty() ? "" : ", ") + std::string(name);
+    throw input_error("the expression has no variable; known: " + list);
+  }
+
   std::string_view text_;
   std::span<const std::string_view> variables_;
   std::size_t at_ = 0;
+  bool names_variable_ = false;
   std::vector<Instruction> code_;
 };
 

@@ -27,7 +27,8 @@ class Expression {
   static constexpr std::size_t kMostCharacters = 4096, kMostInstructions = 512, kMostNumbers = 32;
   static constexpr int kMostNesting = 64;
 
-  /// Throws Error(input) that states the column, and what is wrong or known there. `variables`: their names.
+  /// Throws Error(input) that states the column, and what is wrong or known there; or that no variable is in the text.
+  /// `variables`: their names.
   Expression(std::string_view text, std::span<const std::string_view> variables);
 
   [[nodiscard]] double value(const Vec3& place) const noexcept;

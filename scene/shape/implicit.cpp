@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kCoarse = 32;              // cells along each side for the start of a search
 constexpr int kMostMoves = 24;           // of a proxy in a tick
-constexpr int kMostParts = 400;          // of a line that is searched for a root
+constexpr int kMostParts = 200;          // of a line that is searched for a root
 constexpr double kLongestMove = 0.1;     // of the radius of curvature
 constexpr double kNothing = 1e-13;       // of the size: a move that is none
 constexpr double kLeft = 1e-10;          // of the size: error of the proxy along the surface
@@ -103,7 +103,9 @@ Implicit::Implicit(FieldNode root, const Box& box, std::vector<std::string> rema
   if (coarse_.triangles.empty())
     throw input_error(fmt::format(
         "no place is inside the surface: f < 0 on none of {} x {} x {} points of the box from [{:g}, {:g}, {:g}] to "
-        "[{:g}, {:g}, {:g}] m. Check the box, the sign (f < 0 is inside) and the unit (metres)",
+        "[{:g}, {:g}, {:g}] m. Check the box, the sign (f < 0 is inside) and the unit (metres); a thin solid needs a "
+        "box that fits "
+        "it",
         kCoarse + 1, kCoarse + 1, kCoarse + 1, box.min.x(), box.min.y(), box.min.z(), box.max.x(), box.max.y(),
         box.max.z()));
   // A gradient that belongs to the values of the field is about their range per size of the box.

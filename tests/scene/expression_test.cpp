@@ -26,7 +26,7 @@ Expression compiled(const std::string& text) {
 }
 
 double number(const std::string& text, const Vec3& place = Vec3::Zero()) {
-  return compiled(text).value(place);
+  return compiled(text + " + 0*x").value(place);
 }
 
 TEST(Expressions, FollowTheRulesOfArithmetic) {
@@ -132,7 +132,7 @@ TEST(Expressions, AreWithinTheirBoundsOverABoxAndAlongALine) {
 }
 
 TEST(Expressions, HaveNoDerivativeThatIsNotFiniteAtARootOfZero) {
-  for (const char* text : {"sqrt(x^2 + y^2)", "(x^2 + y^2)^0.5", "abs(x)", "atan2(y, x)"}) {
+  for (const char* text : {"sqrt(x^2 + y^2)", "(x^2 + y^2)^0.5", "abs(x)", "atan2(y, x)", "x^0 + y^1"}) {
     const Jet jet = compiled(text).jet(Vec3::Zero());
     EXPECT_TRUE(is_finite(jet.vector())) << text;
     EXPECT_TRUE(jet.matrix().allFinite()) << text;
@@ -158,6 +158,7 @@ TEST(Expressions, SayTheColumnAndWhatIsKnown) {
   EXPECT_THAT(error("x + \xff"), HasSubstr("0xff"));
   EXPECT_THAT(error("x + 1e999"), HasSubstr("too large"));
   EXPECT_THAT(error("x^1e99"), HasSubstr("too large"));
+  EXPECT_THAT(error("2 + pi"), AllOf(HasSubstr("no variable"), HasSubstr("x, y, z")));
 }
 
 TEST(Expressions, RefuseWhatIsNestedOrLongWithoutLimit) {
@@ -201,7 +202,7 @@ TEST(Expressions, SurviveEveryText) {
                   std::string(error.what()).find("expression") != std::string::npos);
     }
   }
-  EXPECT_GT(valid, 3000);
+  EXPECT_GT(valid, 1000);
 }
 
 TEST(Expressions, AreEvaluatedWithoutAllocating) {

@@ -103,6 +103,20 @@ TEST(SceneSchema, TakesWhatTheReaderTakesAndNothingElse) {
          "surface": {"table": [[0, 0], [0.001, 1]], "texture": {"kind": "reaction-diffusion", "amplitude": 0.0001,
            "side": 16, "steps": 5, "feed": 0.03, "kill": 0.06, "seed": 1,
            "mapping": {"kind": "cube", "origin": [0, 0, 0], "size": 0.05, "repeat": 2}}}}]})"),
+      json::parse(R"({"objects": [
+        {"shape": {"kind": "implicit", "expression": "x^2 + y^2 + z^2 - 1e-4", "steps": 2,
+                   "box": {"min": [-0.02, -0.02, -0.02], "max": [0.02, 0.02, 0.02]}},
+         "surface": {"stiffness": 500, "texture": {"kind": "expression", "height": "1e-4*sin(2000*u) + 0", "wavelength": 0.003,
+           "mapping": {"kind": "plane"}}}},
+        {"shape": {"kind": "metaballs", "threshold": 0.2, "steps": 2,
+                   "balls": [{"centre": [0, 0, 0], "radius": 0.02, "weight": 1}, {"centre": [0, 0, 0.02], "radius": 0.02}]},
+         "surface": {"stiffness": 500}},
+        {"shape": {"kind": "csg", "operation": "difference", "blend": 0.001, "steps": 2, "parts": [
+           {"kind": "sphere", "radius": 0.02},
+           {"kind": "csg", "operation": "union", "parts": [{"kind": "box", "size": [0.01, 0.01, 0.01]},
+              {"kind": "implicit", "expression": "z", "box": {"min": -0.01, "max": 0.01}}]},
+           {"kind": "plane", "point": [0, 0, 0.01], "normal": [0, 0, -1]}]},
+         "surface": {"stiffness": 500}}]})"),
   };
   std::vector<json> scenes = whole;
   for (const json& scene : whole) change_scene(scene, scene, json::json_pointer(), scenes);

@@ -45,6 +45,8 @@ std::map<std::string, std::string> every_texture(const std::string& image) {
       {"Turbulence", R"("kind": "fractal", "amplitude": 2e-4, "wavelength": 2e-3, "sum": "turbulence", "octaves": 2)"},
       {"Fourier", R"("kind": "fourier", "waves": [{"wavelength": 2e-3, "amplitude": 2e-4, "direction": [1, 0.3, 0.1]},
                                                   {"wavelength": 3e-3, "amplitude": 1e-4, "direction": [0, 1, 0], "phase": 1}])"},
+      {"Expression", R"("kind": "expression", "wavelength": 2e-3,
+                        "height": "2e-4*sin(2*pi*u/0.002)*cos(2*pi*v/0.003) + 0")"},
       {"Pink", R"("kind": "pink", "amplitude": 1e-4, "wavelength": 8e-3, "shortest": 1.5e-3)"},
       {"Spots", R"("kind": "spots", "amplitude": 1e-4, "wavelength": 2e-3)"},
       {"Cellular", R"("kind": "cellular", "amplitude": 2e-4, "wavelength": 2e-3)"},
@@ -140,6 +142,40 @@ TEST_F(Textures, GiveWorkInAClosedScanUnderTheBumpLaw) {
     last = place;
   }
   EXPECT_GT(std::abs(given), 1e-4 * work) << "this is what the potential avoids";
+}
+
+TEST(ExpressionTexture, IsItsFormulaAndDeclaresItsMeasuredAmplitude) {
+  const Texture texture =
+      texture_of(R"("kind": "expression", "height": "3e-4*sin(2*pi*u/0.002) + 1e-4*v/0.1", "wavelength": 2e-3)");
+  for (const double u : {0.0, 0.0003, -0.0117}) {
+    const HeightSample sample = texture.height->at({u, 0.02, 5}, 0);
+    EXPECT_NEAR(sample.value, 3e-4 * std::sin(2 * pi * u / 0.002) + 2e-5, 1e-16);
+    EXPECT_NEAR(sample.gradient.x(), 3e-4 * 2 * pi / 0.002 * std::cos(2 * pi * u / 0.002), 1e-12);
+    EXPECT_NEAR(sample.gradient.y(), 1e-3, 1e-15);
+    EXPECT_EQ(sample.gradient.z(), 0);
+  }
+  EXPECT_NEAR(texture.height->amplitude(), 4e-4, 4e-6) << "within 0.1 m";
+  EXPECT_LE(texture.height->amplitude(), 4e-4);
+  EXPECT_EQ(texture.height->wavelength(), 2e-3);
+  EXPECT_EQ(texture.height->at({0.0005, 0, 0}, 0.004).value, 0) << "faded";
+  // Around a cylinder u is an angle times the size: 20 waves.
+  const Texture round = texture_of(R"("kind": "expression", "height": "1e-4*cos(2*pi*u/0.001) + 0", "wavelength": 1e-3,
+      "mapping": {"kind": "cylinder", "size": 0.02})");
+  for (const double a : {0.0, 0.1, 2.0})
+    EXPECT_NEAR(round.height->at(0.03 * Vec3(std::cos(a), std::sin(a), 0), 0).value, 1e-4 * std::cos(20 * a), 1e-15);
+}
+
+TEST(ExpressionTexture, IsRefusedWithTheReason) {
+  const auto keys = [](const std::string& height) {
+    return fmt::format(R"("kind": "expression", "wavelength": 1e-3, "height": "{}")", height);
+  };
+  const auto error = [&](const std::string& height) { return error_of([&] { (void)texture_of(keys(height)); }); };
+  EXPECT_THAT(error("sin(x)"), testing::AllOf(HasSubstr("height: column 5"), HasSubstr("known: u, v, pi")));
+  EXPECT_THAT(error("sin(u*100)"), testing::AllOf(HasSubstr("height: the height is"), HasSubstr("metres")));
+  EXPECT_THAT(error_of([] { (void)texture_of(R"("kind": "expression", "height": "u")"); }), HasSubstr("wavelength"));
+  const Texture broken = texture_of(keys("1e-6*log(u)"));
+  EXPECT_EQ(broken.height->at({-0.01, 0, 0}, 0).value, 0) << "no height where it is not finite";
+  EXPECT_EQ(broken.height->at({0, 0, 0}, 0).gradient, Vec3::Zero());
 }
 
 TEST_F(Textures, FadeWhereTheToolIsTooFastForTheRate) {

@@ -3,6 +3,7 @@
 #include "base/enum_names.h"
 #include "base/error.h"
 #include "formats/image/grey_image.h"
+#include "scene/surface/texture/expression_height.h"
 #include "scene/surface/texture/grid_height.h"
 #include "scene/surface/texture/noise.h"
 
@@ -101,6 +102,18 @@ std::unique_ptr<Height> read_reaction(JsonReader& reader, SceneFiles&) {
   return std::make_unique<GridHeight>(reaction_diffusion(side, steps, feed, kill, seed), mapping, amplitude);
 }
 
+std::unique_ptr<Height> read_expression(JsonReader& reader, SceneFiles&) {
+  constexpr std::array<std::string_view, 2> kVariables{"u", "v"};
+  const std::string text = reader.require("height").text("height", "");
+  const double wavelength = reader.require("wavelength").number("wavelength", 0, kLeastWave, kMostWave);
+  const Mapping mapping = mapping_of(reader);
+  try {
+    return std::make_unique<ExpressionHeight>(Expression(text, kVariables), mapping, wavelength, kMostHeight);
+  } catch (const Error& error) {
+    throw input_error(reader.where() + ".height: " + error.what());
+  }
+}
+
 /// One kind of texture. A new kind needs only an entry in the list below.
 struct TextureKind {
   const char* kind;
@@ -108,10 +121,11 @@ struct TextureKind {
 };
 
 constexpr std::array kTextureKinds{
-    TextureKind{"perlin", read_perlin},   TextureKind{"fractal", read_fractal},
-    TextureKind{"fourier", read_fourier}, TextureKind{"pink", read_pink},
-    TextureKind{"spots", read_spots},     TextureKind{"cellular", read_cellular},
-    TextureKind{"image", read_image},     TextureKind{"reaction-diffusion", read_reaction},
+    TextureKind{"perlin", read_perlin},         TextureKind{"fractal", read_fractal},
+    TextureKind{"fourier", read_fourier},       TextureKind{"pink", read_pink},
+    TextureKind{"spots", read_spots},           TextureKind{"cellular", read_cellular},
+    TextureKind{"image", read_image},           TextureKind{"reaction-diffusion", read_reaction},
+    TextureKind{"expression", read_expression},
 };
 
 }  // namespace

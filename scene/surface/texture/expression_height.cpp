@@ -1,0 +1,44 @@
+#include "scene/surface/texture/expression_height.h"
+
+#include "base/error.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+
+ExpressionHeight::ExpressionHeight(Expression expression, const Mapping& mapping, double wavelength, double most)
+    : expression_(std::move(expression)), mapping_(mapping), wavelength_(wavelength) {
+  // Evenly spread, and in step with no wave: multiples of the plastic number (Roberts 2018).
+  constexpr double kFirst = 0.7548776662466927, kSecond = 0.5698402909980532;
+  constexpr int kSamples = 40'000;
+  for (int i = 0; i < kSamples; ++i) {
+    const double u = kReach * (2 * std::fmod(0.5 + kFirst * i, 1) - 1);
+    const double v = kReach * (2 * std::fmod(0.5 + kSecond * i, 1) - 1);
+    const double height = std::abs(expression_.value({u, v, 0}));
+    if (!std::isfinite(height)) continue;
+    if (height > most)
+      throw input_error(fmt::format(
+          "the height is {:.3g} m at u = {:.3g}, v = {:.3g} m; at most {:g} m are possible. Heights, u and v "
+          "are in metres",
+          height, u, v, most));
+    amplitude_ = std::max(amplitude_, height);
+  }
+}
+
+HeightSample ExpressionHeight::at(const Vec3& place, double finest) const noexcept {
+  const MappedPlace mapped = mapping_.at(place);
+  const double size = mapping_.size;
+  // The mapping stretches the texture: a wave is shorter where u and v change faster than the place.
+  const double fastest = size * std::max(mapped.du.norm(), mapped.dv.norm());
+  const double share = fastest > 0 ? fade(wavelength_ / fastest, finest) : 0;
+  if (share == 0) return {};
+  const Slope slope = expression_.slope({size * mapped.u, size * mapped.v, 0});
+  const HeightSample sample{share * slope.value,
+                            share * size * (slope.gradient[0] * mapped.du + slope.gradient[1] * mapped.dv)};
+  if (!std::isfinite(sample.value) || !is_finite(sample.gradient)) return {};
+  return sample;
+}
+
+}  // namespace haptrace
