@@ -4,8 +4,8 @@
 // Sessions: playback, guidance, noise (a random force in three axes); without any of them, a free hand. Parts of every
 // session: metrics, record, velocity=ESTIMATOR, torque, plane (no motor in z), watch (for a vibrating force). Parts of
 // a playback: gravity, friction, inertia, learned, observer, guard, tuning, orientation, interpolation=NAME. Parts of
-// guidance: wall-damping, expert-force, pace-help, viscosity, resistance, amplification. A session with scene=FILE touches
-// the objects of that file: the tool stands in the middle of the device.
+// guidance: wall-damping, expert-force, pace-help, viscosity, resistance, amplification. A session with scene=FILE
+// touches the objects of that file: the tool stands in the middle of the device.
 #include "control/guidance.h"
 #include "control/velocity_estimator.h"
 #include "player/guidance/guidance_controller.h"

@@ -1,7 +1,8 @@
 // Fuzz target: a mesh in a file. The first byte names the format; what is read is touched.
+#include "scene/shape/mesh.h"
+
 #include "base/triangle_mesh.h"
 #include "formats/mesh/mesh_file.h"
-#include "scene/shape/mesh.h"
 #include "tests/fuzz/fuzz.h"
 
 #include <algorithm>

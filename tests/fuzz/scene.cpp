@@ -21,9 +21,8 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     scene->reset();
     for (int i = 0; i < 40; ++i) {
       const double t = 0.005 * i - 0.1;
-      const SceneAnswer answer = scene->answer({.position = Vec3(t, 0.3 * t, 0.01 * (i % 5)),
-                                                .velocity = Vec3(5, 1.5, 0),
-                                                .dt = i > 0 ? 1e-3 : 0});
+      const SceneAnswer answer = scene->answer(
+          {.position = Vec3(t, 0.3 * t, 0.01 * (i % 5)), .velocity = Vec3(5, 1.5, 0), .dt = i > 0 ? 1e-3 : 0});
       fuzz::require(is_finite(answer.force) && std::isfinite(answer.stored));
     }
     (void)scene->notes();

@@ -96,7 +96,7 @@ TEST(TriangleTree, WindsOnceAroundPlacesInsideAndNeverAroundThoseOutside) {
       Vec3 place(side(random), side(random), side(random));
       if (i % 4 == 1) place.head<2>() = mesh.vertices[random() % mesh.vertices.size()].head<2>();  // below a vertex
       if (i % 4 == 2) place.x() = 0;                                                               // below edges
-      if (tree.nearest(place).distance2 < 1e-24) continue;  // on the surface
+      if (tree.nearest(place).distance2 < 1e-24) continue;                                         // on the surface
       const long expected = std::lround(winding_number(mesh, place));
       ASSERT_EQ(tree.winding(place), expected) << place.transpose();
       inside += static_cast<int>(expected);
