@@ -338,10 +338,12 @@ class Laws {
             Severity::warning, "/samples/tick", row, "gap",
             fmt::format("{} ticks are missing before it, and no event reports them", s.tick - previous_.tick - 1));
     }
-    // A tick wakes on the grid of the rate, later by its latency. A path stored as a recording has no such grid.
-    const double on_grid = static_cast<double>(s.tick - first_.tick) / header_.rate_hz + s.latency - first_.latency;
-    const double off = seconds(s) - seconds(first_) - on_grid;
-    if (paced_ && std::abs(off) > 1 / header_.rate_hz + kGridSlack + 1e-4 * on_grid)
+    // A tick wakes on the grid of the rate, later by its latency. A resampled row lies on the grid itself, with the
+    // latency of the row before it. A path stored as a recording has no such grid.
+    const double grid = static_cast<double>(s.tick - first_.tick) / header_.rate_hz;
+    const double from_grid = seconds(s) - seconds(first_) - grid;
+    const double off = from_grid - (s.latency - first_.latency);
+    if (paced_ && std::min(std::abs(off), std::abs(from_grid)) > 1 / header_.rate_hz + kGridSlack + 1e-4 * grid)
       findings_.add_row(Severity::warning, "/samples/time", row, "grid",
                         fmt::format("is {:.3g} s away from tick / rate_hz + latency", off));
   }

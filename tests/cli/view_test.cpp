@@ -99,7 +99,9 @@ TEST(View, StopsASessionForAPageThatMayOnlyWatch) {
   PageClient page(port_of(address));
   page.hello(token_of(address));
   EXPECT_EQ(page.wait_for("hello").at("role"), "trainee");
-  page.wait_for("status", [](const nlohmann::json& status) { return status.at("force").get<double>() > 0.05; });
+  page.wait_for("status", [](const nlohmann::json& status) {
+    return status.at("force").is_number() && status.at("force").get<double>() > 0.05;
+  });
   page.send({{"type", "command"}, {"id", 1}, {"line", "kp 100"}});
   EXPECT_THAT(page.wait_for("answer").at("text").get<std::string>(), HasSubstr("error"));
   page.send({{"type", "stop"}});

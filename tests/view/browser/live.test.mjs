@@ -1,4 +1,5 @@
 import assert from "node:assert/strict";
+import { writeFileSync } from "node:fs";
 import { join } from "node:path";
 import test from "node:test";
 import { browser, open, run, samplesOf, scratch, start, state } from "./support.mjs";
@@ -210,5 +211,33 @@ test("where frames come slowly, the scene is drawn flat and the page says so; it
   await page.mouse.move(x + 140, y + 60);
   await page.mouse.up();
   await page.waitForFunction((before) => Math.abs(window.haptraceTest.tool().x - before) > 0.5, x);
+  assert.deepEqual(page.errors, []);
+});
+
+test("a hand that a mouse moves touches the objects of a scene, which hold it back; the page shows the proxy", async (t) => {
+  const folder = scratch(t);
+  const file = join(folder, "felt.h5"), scene = join(folder, "walls.json");
+  // Walls left and right of the tool: one of them is in the way of the mouse.
+  writeFileSync(scene, JSON.stringify({ objects: [[8, -1], [-8, 1]].map(([x, n]) =>
+    ({ kind: "wall", name: `wall at ${x} mm`, point: [0.001 * x, 0, 0], normal: [n, 0, 0], stiffness: 1000 })) }));
+  const session = await start(t, "record", file, "-d", `${HAND},intent=view`, "--scene", scene, "--view", "--no-browser");
+  const page = await open(t, await browser(t), session.address, { viewport: { width: 800, height: 600 } });
+  await page.waitForFunction(() => window.haptraceTest.tool() !== null);
+  const tool = await page.evaluate(() => window.haptraceTest.tool());
+  await page.mouse.move(tool.x, tool.y);
+  await page.mouse.down();
+  for (let i = 1; i <= 400 && !(await page.evaluate(() => Number.isFinite(window.haptraceTest.shown().values.contact))); i++) {
+    await page.mouse.move(tool.x + Math.min(2 * i, 300), tool.y);
+    await page.waitForTimeout(20);
+  }
+  await page.waitForFunction(() => Math.abs(Math.abs(window.haptraceTest.shown().values.proxy_x) - 0.008) < 1e-6);
+  await page.mouse.up();
+  const { output } = await session.end();
+  const samples = await samplesOf(file, folder);
+  const deepest = Math.max(...samples.x.map(Math.abs)) - 0.008;
+  const force = Math.max(...samples.fx.map(Math.abs));
+  assert.ok(deepest > 0, output);
+  assert.ok(force > 0 && force < 1000 * deepest + 0.5, `${force} N at ${deepest} m`);
+  assert.match(output, /wall at -?8 mm: /);
   assert.deepEqual(page.errors, []);
 });
