@@ -13,3 +13,22 @@ pkg_check_modules(PUGIXML REQUIRED IMPORTED_TARGET pugixml>=1.13)
 pkg_check_modules(ASSIMP REQUIRED IMPORTED_TARGET assimp>=5.2)
 pkg_check_modules(PNG REQUIRED IMPORTED_TARGET libpng>=1.6)
 pkg_check_modules(XXHASH REQUIRED IMPORTED_TARGET libxxhash>=0.8)
+
+# OCCT reads STEP and IGES files. It is large, and used where it is found: HAPTRACE_OCCT AUTO, ON (it must be there) or
+# OFF.
+if(NOT HAPTRACE_OCCT STREQUAL "OFF" AND NOT TARGET haptrace_occt)
+  find_path(HAPTRACE_OCCT_INCLUDE STEPControl_Reader.hxx PATH_SUFFIXES opencascade)
+  set(HAPTRACE_OCCT_LIBRARIES)
+  foreach(part TKIGES TKSTEP TKXSBase TKShHealing TKTopAlgo TKBRep TKGeomBase TKG3d TKG2d TKMath TKernel)
+    find_library(HAPTRACE_OCCT_${part} ${part})
+    list(APPEND HAPTRACE_OCCT_LIBRARIES ${HAPTRACE_OCCT_${part}})
+  endforeach()
+  if(HAPTRACE_OCCT_INCLUDE AND NOT HAPTRACE_OCCT_LIBRARIES MATCHES "NOTFOUND")
+    add_library(haptrace_occt INTERFACE IMPORTED)
+    set_target_properties(haptrace_occt PROPERTIES INTERFACE_LINK_LIBRARIES "${HAPTRACE_OCCT_LIBRARIES}")
+    target_include_directories(haptrace_occt SYSTEM INTERFACE ${HAPTRACE_OCCT_INCLUDE})
+  elseif(HAPTRACE_OCCT STREQUAL "ON")
+    message(FATAL_ERROR "STEP and IGES files need libocct-data-exchange-dev and libocct-modeling-algorithms-dev. Install "
+                        "them, or configure with -DHAPTRACE_OCCT=OFF.")
+  endif()
+endif()

@@ -7,6 +7,8 @@
 #include "tests/support/errors.h"
 #include "tests/support/temp_folder.h"
 
+#include <fmt/format.h>
+#include <fstream>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <random>
@@ -663,6 +665,102 @@ TEST(NurbsFile, IsRefusedWithItsNameAndThePlaceInIt) {
               HasSubstr("no such file"));
   if (!reads_step_files()) {
     EXPECT_THAT(refusal("d.step", "ISO-10303-21;"), AllOf(HasSubstr("d.step"), HasSubstr("libocct-data-exchange-dev")));
+  }
+}
+
+// --- Files of CAD programs ---
+
+/// Tests of STEP and IGES files. They need a build with OCCT.
+class NurbsCad : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!reads_step_files())
+      GTEST_SKIP() << "this build reads no STEP and IGES files: install libocct-data-exchange-dev and "
+                      "libocct-modeling-algorithms-dev";
+  }
+  [[nodiscard]] static std::string cad(const std::string& name) {
+    return json{{"kind", "nurbs"}, {"file", std::string(HAPTRACE_CAD) + "/" + name}}.dump();
+  }
+};
+
+TEST_F(NurbsCad, TouchesTheBallOfAStepFileAsASphere) {
+  NurbsHand hand(cad("ball.step"));
+  std::mt19937 random(8);
+  std::normal_distribution<double> push(0, 1);
+  EXPECT_TRUE(hand.shape->remarks().empty()) << "closed";
+  for (int i = 0; i < 3000; ++i) {
+    const Vec3 out = Vec3(push(random), push(random), push(random)).normalized();
+    hand.proxy = {};
+    hand.at = 0.033 * out;
+    const Proxy& proxy = hand.to(0.028 * out);
+    ASSERT_TRUE(proxy.touching) << out.transpose();
+    ASSERT_NEAR(proxy.depth, 0.002, 1e-12) << out.transpose();
+    ASSERT_LT((proxy.normal - out).norm(), 1e-8);
+  }
+}
+
+TEST_F(NurbsCad, TouchesAPlateWithAHoleOnAllItsSides) {
+  // 100 x 60 x 10 mm below z = 0, with a hole of radius 10 mm along z.
+  const auto distance = [](const Vec3& p) {
+    return std::max(test::box_distance({0.05, 0.03, 0.005})(p + Vec3(0, 0, 0.005)), 0.01 - p.head<2>().norm());
+  };
+  for (const char* file : {"plate.step", "plate.igs"}) {
+    NurbsHand hand(cad(file));
+    EXPECT_TRUE(hand.shape->remarks().empty()) << "closed, and all faces agree where the outside is";
+    std::mt19937 random(9);
+    std::normal_distribution<double> push(0, 1);
+    std::uniform_real_distribution<double> side(-1, 1);
+    Vec3 place(0.03, 0.01, 0.005), velocity = Vec3::Zero(), goal = Vec3::Zero();
+    int touched = 0, outside = 0, in_hole = 0;
+    for (int tick = 0; tick < 60'000; ++tick) {
+      if (tick % 200 == 0) goal = Vec3(0.055 * side(random), 0.035 * side(random), -0.005 + 0.009 * side(random));
+      velocity += 0.02 * Vec3(push(random), push(random), push(random)) + 0.5 * (goal - place);
+      velocity *= 0.98;
+      place += 1e-3 * velocity;
+      const Proxy& proxy = hand.to(place);
+      const double off = distance(place);
+      // The edge of the hole is a polyline.
+      if (std::abs(off) < 2e-5) continue;
+      // A tool that was pushed through to the other side is still held by the side that it entered.
+      if (off > 0 && proxy.touching && proxy.depth > 0.005) continue;
+      ASSERT_EQ(proxy.touching, off < 0) << file << ' ' << tick << ' ' << place.transpose() << ' ' << off;
+      ++(off < 0 ? touched : outside);
+      if (off > 0 && off < 0.01 && place.head<2>().norm() < 0.01) ++in_hole;
+      if (off < 0) {
+        ASSERT_NEAR(distance(proxy.position), 0, 1e-5) << tick;
+        ASSERT_GE(proxy.depth, -off - 1e-5);
+      }
+    }
+    EXPECT_GT(touched, 5000);
+    EXPECT_GT(outside, 5000);
+    EXPECT_GT(in_hole, 200);
+  }
+}
+
+TEST_F(NurbsCad, RefusesBrokenFilesWithTheirName) {
+  const TempFolder folder;
+  std::ifstream stream(std::string(HAPTRACE_CAD) + "/plate.step");
+  const std::string whole((std::istreambuf_iterator<char>(stream)), std::istreambuf_iterator<char>());
+  ASSERT_GT(whole.size(), 1000U);
+  const auto result = [&](const std::string& name, const std::string& text) {
+    const std::string file = folder.write(name, text);
+    return error_of([&] { (void)shape_of(json{{"kind", "nurbs"}, {"file", file}}.dump()); });
+  };
+  EXPECT_THAT(result("empty.step", ""), HasSubstr("empty.step"));
+  EXPECT_THAT(result("text.step", "a recipe"), HasSubstr("text.step"));
+  EXPECT_THAT(result("text.igs", "a recipe"), HasSubstr("text.igs"));
+  EXPECT_THAT(result("half.step", whole.substr(0, whole.size() / 2)), HasSubstr("half.step"));
+  // Numbers and references that are wrong: an error with the name, or a surface, but no end of the program.
+  std::mt19937 random(10);
+  for (int i = 0; i < 12; ++i) {
+    std::string changed = whole;
+    for (int k = 0; k < 20; ++k)
+      changed[changed.find("DATA;") + random() % (changed.size() - changed.find("DATA;"))] =
+          "0123456789#,()."[random() % 15];
+    const std::string text = result(fmt::format("changed{}.step", i), changed);
+    if (text != "no error") {
+      EXPECT_THAT(text, HasSubstr(fmt::format("changed{}.step", i)));
+    }
   }
 }
 
