@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "scene/field_object.h"
 #include "scene/scene.h"
 #include "scene/scene_files.h"
 #include "scene/shape/shape_kinds.h"
@@ -47,6 +48,7 @@ std::unique_ptr<Object> read_object(JsonReader& reader, SceneFiles& files) {
   if (name.empty()) throw input_error(reader.where() + ".name: the name is empty");
   std::unique_ptr<Shape> shape;
   std::unique_ptr<Surface> surface;
+  std::optional<FieldSpec> field;
   std::optional<Pose> pose;
   if (std::optional<JsonReader> of_pose = reader.object("pose")) pose = read_pose(std::move(*of_pose));
   if (std::optional<JsonReader> body = reader.object("body")) {
@@ -56,7 +58,11 @@ std::unique_ptr<Object> read_object(JsonReader& reader, SceneFiles& files) {
   }
   try {
     shape = kind.read(of_shape ? *of_shape : reader, files);
-    surface = read_surface(of_surface ? *of_surface : reader, files);
+    JsonReader& felt = of_surface ? *of_surface : reader;
+    if (std::optional<JsonReader> of_field = felt.object("field"))
+      field = read_field(std::move(*of_field));
+    else
+      surface = read_surface(felt, files);
   } catch (const Error& error) {
     const std::string text = error.what();
     throw input_error(text.starts_with(reader.where()) ? text : reader.where() + ": " + text);
@@ -64,6 +70,16 @@ std::unique_ptr<Object> read_object(JsonReader& reader, SceneFiles& files) {
   for (const std::optional<JsonReader>* part : {&of_shape, &of_surface})
     if (*part) (*part)->finish();
   reader.finish();
+  if (field) {
+    std::unique_ptr<Volume> volume(dynamic_cast<Volume*>(shape.get()));
+    if (!volume) throw input_error(reader.where() + ".field: only a volume has a field");
+    (void)shape.release();
+    try {
+      return make_field_object(name, kind.kind, std::move(volume), std::move(*field), pose);
+    } catch (const Error& error) {
+      throw input_error(reader.where() + "." + error.what());
+    }
+  }
   return make_fixed_object(name, kind.kind, std::move(shape), std::move(surface), pose);
 }
 

@@ -15,6 +15,7 @@ namespace {
 constexpr int kMostSteps = 10;   // of the setting
 constexpr int kMostMoves = 200;  // in a tick, of a fast tool
 constexpr double kLeastShare = 0.05;
+constexpr const char* kCut = "the surface is cut";
 
 Eigen::Matrix3d without(const Vec3& normal) {
   return Eigen::Matrix3d::Identity() - normal * normal.transpose();
@@ -68,10 +69,9 @@ void Volume::build() {
   field_ = std::make_unique<ScalarField>(*data_, spec_.order, change,
                                          [floor](float border) { return std::max(border, floor); });
   longest_ = 0.5 * field_->spacing().minCoeff();
-  std::erase_if(remarks_, [](const std::string& remark) { return remark.starts_with("the surface is cut"); });
+  std::erase_if(remarks_, [](const std::string& remark) { return remark.starts_with(kCut); });
   if (cut > 0)
-    remarks_.push_back(
-        fmt::format("the surface is cut by the border of the grid, at {} samples, and closed there", cut));
+    remarks_.push_back(fmt::format("{} by the border of the grid, at {} samples, and closed there", kCut, cut));
   bounds_ = {};
   field_->each_zero_cell([&](int i, int j, int k) {
     for (int corner = 0; corner < 8; ++corner)
@@ -81,8 +81,17 @@ void Volume::build() {
 }
 
 void Volume::prepare(double radius) {
+  if (shown_only_) return;
   if (field_->order() != spec_.order) build();
   if (radius > 0) check_ball(radius);
+}
+
+void Volume::only_show(const Box& bounds) {
+  if (spec_.order != 3)
+    throw input_error("interpolation: a field needs 3, because its force is the gradient of its energy");
+  shown_only_ = true;
+  bounds_ = bounds;
+  std::erase_if(remarks_, [](const std::string& remark) { return remark.starts_with(kCut); });
 }
 
 /// Throws Error(input) if a ball that touches some point of the surface reaches beyond another.
@@ -350,6 +359,7 @@ TriangleMesh Volume::tessellated(double tolerance, const Box&) const {
 }
 
 std::vector<Knob> Volume::knobs() const {
+  if (shown_only_) return {};
   return {{"interpolation", "", {1, 3}, static_cast<double>(spec_.order), 0, 3},
           {"steps", "", {1, 2, 3}, static_cast<double>(spec_.steps), 0, kMostSteps}};
 }

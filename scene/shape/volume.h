@@ -50,6 +50,9 @@ class Volume final : public Shape {
   [[nodiscard]] std::vector<Knob> knobs() const override;
   void set(const std::string& knob, double level) override;
 
+  /// Shows the surface of an object without contact with it, whose bounds are given: a field.
+  void only_show(const Box& bounds);
+
   /// Returns the values as they were read.
   [[nodiscard]] const std::shared_ptr<const VolumeData>& data() const noexcept { return data_; }
   [[nodiscard]] const ScalarField& field() const noexcept { return *field_; }
@@ -71,6 +74,7 @@ class Volume final : public Shape {
   std::unique_ptr<ScalarField> field_;
   double longest_ = 0;  ///< step of a proxy [m]
   Box bounds_;
+  bool shown_only_ = false;
 };
 
 /// Reads the keys `file`, `unit`, `iso`, `inside`, `interpolation` and `steps`.
