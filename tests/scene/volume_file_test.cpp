@@ -272,15 +272,14 @@ TEST(VolumeFile, RefusesEveryTruncationAndSurvivesEveryChangedByte) {
     ASSERT_TRUE(loads(whole));
     for (std::size_t length = 0; length < whole.size(); length += 7, ++refused)
       ASSERT_FALSE(loads(whole.substr(0, length))) << name << " cut to " << length;
-    for (std::size_t at = 0; at < whole.size(); ++at)
-      for (const char other : {'\0', '\xff', static_cast<char>(whole[at] + 1)}) {
-        std::string changed = whole;
-        changed[at] = other;
-        read += loads(changed) ? 1 : 0;
-      }
+    for (std::size_t at = 0; at < whole.size(); ++at) {
+      std::string changed = whole;
+      changed[at] = at % 3 == 0 ? '\0' : at % 3 == 1 ? '\xff' : static_cast<char>(whole[at] + 1);
+      read += loads(changed) ? 1 : 0;
+    }
   }
   EXPECT_GT(refused, 300);
-  EXPECT_GT(read, 1000);
+  EXPECT_GT(read, 300);
 }
 
 }  // namespace
