@@ -472,6 +472,28 @@ TEST(Csg, HoldsTheToolInAGrooveAndTheForceBisects) {
   }
 }
 
+TEST(Csg, StopsAProxyThatSlidesFastAgainstAThinFence) {
+  // A floor with a fence of 0.2 mm; the tool is pressed 2 mm deep and moves by up to 8 mm a tick.
+  const auto fence = shape_of(R"({"kind": "csg", "operation": "union", "parts": [
+      {"kind": "box", "centre": [0, 0, -0.02], "size": [0.1, 0.1, 0.04]},
+      {"kind": "box", "centre": [0.01, 0, 0], "size": [0.0002, 0.1, 0.03]}]})");
+  for (const double step : {1e-4, 1e-3, 3e-3, 8e-3}) {
+    Proxy proxy;
+    Vec3 from = nan3();
+    for (double x = -0.03; x < 0.03; x += step) {
+      const Vec3 to(x, 0, from.allFinite() ? -0.002 : 0.002);
+      fence->follow({.from = from, .to = to}, proxy);
+      from = to;
+      if (x < -0.02) continue;
+      ASSERT_TRUE(proxy.touching) << step;
+      ASSERT_LE(proxy.position.x(), 0.0099 + 1e-9) << step << " at " << x;
+      if (x > 0.0105) {
+        ASSERT_LT((proxy.position - Vec3(0.0099, 0, 0)).norm(), 1e-9) << step << " at " << x;
+      }
+    }
+  }
+}
+
 TEST(Csg, HoldsTheToolInACornerOfThreeSides) {
   // A box cut out of a box: its corner is an inner one.
   const auto corner = shape_of(R"({"kind": "csg", "operation": "difference", "parts": [
