@@ -86,7 +86,7 @@ class Expression {
 };
 
 struct Expression::Sides {
-  bool least;  ///< min; otherwise max
+  bool least = false;  ///< min; otherwise max
   Expression a, b;
 };
 

@@ -179,7 +179,7 @@ TransferFunction read_points(JsonReader& reader, const std::string& key, double 
   for (const nlohmann::json& pair : value) {
     const std::string at = fmt::format("{}[{}]: ", where, points.size());
     if (!pair.is_array() || pair.size() != 2 || !pair[0].is_number() || !pair[1].is_number())
-      throw input_error(at + "expected two numbers [value of the volume, " + key + "]");
+      throw input_error(fmt::format("{}expected two numbers [value of the volume, {}]", at, key));
     const TransferFunction::Point point{pair[0].get<double>(), pair[1].get<double>()};
     check_range(at + "the value of the volume", point.at, -1e30, 1e30);
     check_range(at + key, point.value, 0, most, key == "drag" ? "N s/m" : "J");

@@ -191,7 +191,7 @@ bool Nurbs::cross(Foot& foot, const Vec3& tool) const noexcept {
   // Notes how steeply it leads down from a place, in the directions that its edges leave.
   const auto look = [&](const Candidate& one) {
     const SheetPatch& patch = sheet_.patches()[one.place.patch];
-    const SurfaceJet jet = patch.surface.jet(one.place.at.x(), one.place.at.y());
+    SurfaceJet jet = patch.surface.jet(one.place.at.x(), one.place.at.y());
     const Vec3 back = jet.s - tool;
     const double least = kRounding * (sheet_.size() + jet.s.norm());
     double slope = 0;

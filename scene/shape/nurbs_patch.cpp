@@ -191,7 +191,7 @@ NurbsTrim::NurbsTrim(const NurbsData& data) {
 
   // A cell is on the surface if its middle is, and no part of a loop is near.
   inside_.assign(kCells * kCells, 1);
-  const auto at = [](int i, int j) { return static_cast<std::size_t>(i * kCells + j); };
+  const auto at = [](int i, int j) { return static_cast<std::size_t>(i) * kCells + static_cast<std::size_t>(j); };
   for (const Part& part : parts_) {
     const Vec2 low = part.from.cwiseMin(part.to), high = part.from.cwiseMax(part.to);
     const int i0 = std::max(0, cell_of(low.x(), 0) - 1), i1 = std::min(kCells - 1, cell_of(high.x(), 0) + 1);
@@ -217,7 +217,7 @@ bool NurbsTrim::clear(const Vec2& a, const Vec2& b) const noexcept {
   if ((i1 - i0 + 1) * (j1 - j0 + 1) > 16) return false;
   for (int i = i0; i <= i1; ++i)
     for (int j = j0; j <= j1; ++j)
-      if (inside_[static_cast<std::size_t>(i * kCells + j)] == 0) return false;
+      if (inside_[static_cast<std::size_t>(i) * kCells + static_cast<std::size_t>(j)] == 0) return false;
   return true;
 }
 

@@ -119,7 +119,7 @@ bool ScalarField::covers(const Vec3& place) const noexcept {
 template <bool kHessian>
 FieldPoint ScalarField::sample(const Vec3& index) const noexcept {
   std::array<int, 3> cell{};
-  std::array<Weights, 3> weight;
+  std::array<Weights, 3> weight{};
   for (int axis = 0; axis < 3; ++axis) {
     const auto a = static_cast<std::size_t>(axis);
     const double most = size_[a] - 2, u = std::clamp(index[axis], 1.0, most);

@@ -188,7 +188,7 @@ Vec3 Volume::first_contact(const ToolStep& step, bool outside) const noexcept {
     const int places = std::clamp(static_cast<int>(std::min(1e6, 2 * norm_of(way) / step.radius)) + 1, 1, kMostPlaces);
     for (int i = 1; i <= places; ++i) {
       const double share = static_cast<double>(i) / places;
-      const Vec3 foot = field_->zero_near(step.from + std::min(hit, share) * way, step.radius);
+      Vec3 foot = field_->zero_near(step.from + std::min(hit, share) * way, step.radius);
       if (is_finite(foot)) return foot;
       if (share > hit) break;
     }

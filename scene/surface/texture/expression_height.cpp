@@ -35,8 +35,8 @@ HeightSample ExpressionHeight::at(const Vec3& place, double finest) const noexce
   const double share = fastest > 0 ? fade(wavelength_ / fastest, finest) : 0;
   if (share == 0) return {};
   const Slope slope = expression_.slope({size * mapped.u, size * mapped.v, 0});
-  const HeightSample sample{share * slope.value,
-                            share * size * (slope.gradient[0] * mapped.du + slope.gradient[1] * mapped.dv)};
+  HeightSample sample{share * slope.value,
+                      share * size * (slope.gradient[0] * mapped.du + slope.gradient[1] * mapped.dv)};
   if (!std::isfinite(sample.value) || !is_finite(sample.gradient)) return {};
   return sample;
 }
