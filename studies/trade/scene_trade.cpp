@@ -321,7 +321,8 @@ nlohmann::json scene_with(const nlohmann::json& scene, const std::string& folder
   const std::vector<Knob> knobs = read_scene(scene, "scene", files)->knobs();
   const std::vector<std::string> names = read_scene(scene, "scene", files)->names();
   nlohmann::json changed = scene;
-  for (const auto& [setting, level] : levels) {
+  for (const auto& [name, level] : levels) {
+    const std::string& setting = name;
     const auto own = std::find_if(knobs.begin(), knobs.end(), [&](const Knob& knob) { return knob.name == setting; });
     if (own != knobs.end() && own->level == level) continue;
     const std::size_t dot = setting.rfind('.');
