@@ -130,7 +130,8 @@ bool is_told(EventCode code) {
 /// Adds the warnings of one recording that are not among its events.
 void add_warnings(std::vector<ReportEvent>& to, const RecordingHeader& header, const std::string& place) {
   for (const Warning& warning : warnings_from(header.warnings))
-    if (!is_of_event(warning.code) && warning.code != "stopped") to.push_back({.where = place, .text = warning.text});
+    if (warning.severity != Severity::note && !is_of_event(warning.code) && warning.code != "stopped")
+      to.push_back({.where = place, .text = warning.text});
 }
 
 /// Adds the events of one recording; repeated events are added once, with their number. `place` returns the place of an
