@@ -29,7 +29,7 @@ bool pass(int descriptor, char* bytes, std::size_t count, bool writes) {
   return true;
 }
 
-/// What the process says first: the size of what follows, and whether it is a message.
+/// Header of the answer: the size of the bytes that follow, and whether they are an error message.
 struct Announcement {
   std::uint64_t bytes = 0;
   std::uint64_t failed = 0;
@@ -39,10 +39,12 @@ bool pass(int descriptor, Announcement& said, bool writes) {
   return pass(descriptor, reinterpret_cast<char*>(&said), sizeof said, writes);  // NOLINT(*-reinterpret-cast)
 }
 
-[[noreturn]] void serve(const std::string& file, int out, const std::function<std::string()>& read) {
+[[noreturn]] void serve(const std::string& file, int out, const ReaderLimits& limits,
+                        const std::function<std::string()>& read) {
   std::error_code ignored;
   const rlim_t bytes = std::filesystem::file_size(file, ignored);
-  const rlim_t space = (rlim_t{2} << 30U) + 200 * bytes, time = 20 + bytes / 100'000;
+  const rlim_t space = limits.memory + limits.memory_per_byte * bytes;
+  const rlim_t time = limits.seconds + bytes / limits.bytes_per_second;
   const rlimit memory{space, space}, seconds{time, time}, none{0, 0};
   (void)setrlimit(RLIMIT_AS, &memory);
   (void)setrlimit(RLIMIT_CPU, &seconds);
@@ -69,13 +71,13 @@ bool pass(int descriptor, Announcement& said, bool writes) {
 
 }  // namespace
 
-std::string read_in_process(const std::string& file, const std::string& what,
+std::string read_in_process(const std::string& file, const std::string& what, const ReaderLimits& limits,
                             const std::function<std::string()>& read) {
   int ends[2] = {-1, -1};  // NOLINT(*-avoid-c-arrays)
   if (pipe2(ends, O_CLOEXEC) != 0)
     throw input_error(fmt::format("{}: no pipe to read it through: {}", file, std::strerror(errno)));
   const pid_t child = fork();
-  if (child == 0) serve(file, ends[1], read);
+  if (child == 0) serve(file, ends[1], limits, read);
   (void)close(ends[1]);
   Announcement said;
   std::string answer;

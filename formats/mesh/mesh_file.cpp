@@ -3,24 +3,18 @@
 #include "base/error.h"
 #include "base/text_file.h"
 #include "base/units.h"
+#include "formats/reader_process.h"
 
 #include <algorithm>
 #include <array>
 #include <assimp/Importer.hpp>
 #include <assimp/scene.h>
 #include <bit>
-#include <cerrno>
 #include <cmath>
-#include <csignal>
 #include <cstring>
-#include <fcntl.h>
 #include <filesystem>
 #include <fmt/format.h>
 #include <limits>
-#include <new>
-#include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
 #include <unordered_map>
 
 // Debian's library reads numbers in single precision.
@@ -130,85 +124,38 @@ TriangleMesh load_with_assimp(const std::string& file) {
   return mesh;
 }
 
-/// Writes or reads all bytes. Returns false if that fails.
-bool transfer(int descriptor, void* bytes, std::size_t count, bool writes) {
-  for (auto* at = static_cast<char*>(bytes); count > 0;) {
-    const ssize_t done = writes ? ::write(descriptor, at, count) : ::read(descriptor, at, count);
-    if (done < 0 && errno == EINTR) continue;
-    if (done <= 0) return false;
-    at += done;
-    count -= static_cast<std::size_t>(done);
-  }
-  return true;
-}
-
-/// What a process that reads a mesh says first: the sizes of what follows.
-struct Announcement {
-  std::uint64_t error = 0;  ///< bytes of a message
-  std::uint64_t vertices = 0, triangles = 0;
-};
-
-/// Reads a file in a process of its own, within limits of memory and time: assimp ends the process at some broken
-/// files.
-[[noreturn]] void serve_mesh(const std::string& file, int out) {
-  // In proportion to the file: a broken one may state any number of triangles.
-  std::error_code ignored;
-  const rlim_t bytes = std::filesystem::file_size(file, ignored);
-  const rlim_t space = (rlim_t{256} << 20U) + 100 * bytes, time = 2 + bytes / 2'000'000;
-  const rlimit memory{space, space}, seconds{time, time}, none{0, 0};
-  (void)setrlimit(RLIMIT_AS, &memory);
-  (void)setrlimit(RLIMIT_CPU, &seconds);
-  (void)setrlimit(RLIMIT_CORE, &none);
-  const int nowhere = open("/dev/null", O_WRONLY);
-  if (nowhere >= 0) (void)dup2(nowhere, STDERR_FILENO);  // assimp prints before it ends the process
-  for (const int signal : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGXCPU}) (void)::signal(signal, SIG_DFL);
-  TriangleMesh mesh;
-  std::string error;
-  try {
-    mesh = load_with_assimp(file);
-  } catch (const std::bad_alloc&) {
-    error = file + ": does not fit into memory";
-  } catch (const std::exception& thrown) {
-    error = thrown.what();
-  }
-  Announcement said{error.size(), mesh.vertices.size(), mesh.triangles.size()};
-  if (!error.empty()) said.vertices = said.triangles = 0;
-  const bool sent = transfer(out, &said, sizeof said, true) && transfer(out, error.data(), error.size(), true) &&
-                    transfer(out, mesh.vertices.data(), said.vertices * sizeof(Vec3), true) &&
-                    transfer(out, mesh.triangles.data(), said.triangles * sizeof mesh.triangles[0], true);
-  _exit(sent ? 0 : 1);
-}
-
-TriangleMesh load_other(const std::string& file) {
+/// Returns a mesh as bytes: the numbers of vertices and triangles, and both.
+std::string packed(const TriangleMesh& mesh) {
   static_assert(sizeof(Vec3) == 3 * sizeof(double));
-  std::array<int, 2> ends{};
-  if (pipe2(ends.data(), O_CLOEXEC) != 0)
-    throw input_error(fmt::format("{}: no pipe to read it through: {}", file, std::strerror(errno)));
-  const pid_t child = fork();
-  if (child == 0) serve_mesh(file, ends[1]);
-  (void)close(ends[1]);
+  const std::array<std::uint64_t, 2> counts{mesh.vertices.size(), mesh.triangles.size()};
+  const std::size_t of_vertices = mesh.vertices.size() * sizeof(Vec3),
+                    of_triangles = mesh.triangles.size() * sizeof mesh.triangles[0];
+  std::string bytes(sizeof counts + of_vertices + of_triangles, '\0');
+  std::memcpy(bytes.data(), counts.data(), sizeof counts);
+  if (of_vertices > 0) std::memcpy(bytes.data() + sizeof counts, mesh.vertices.data(), of_vertices);
+  if (of_triangles > 0) std::memcpy(bytes.data() + sizeof counts + of_vertices, mesh.triangles.data(), of_triangles);
+  return bytes;
+}
+
+/// Returns the mesh of bytes from packed().
+TriangleMesh unpacked(const std::string& bytes) {
+  std::array<std::uint64_t, 2> counts{};
+  std::memcpy(counts.data(), bytes.data(), sizeof counts);
   TriangleMesh mesh;
-  Announcement said;
-  std::string error;
-  bool whole = child > 0 && transfer(ends[0], &said, sizeof said, false);
-  if (whole) {
-    error.resize(said.error);
-    mesh.vertices.resize(said.vertices);
-    mesh.triangles.resize(said.triangles);
-    whole = transfer(ends[0], error.data(), error.size(), false) &&
-            transfer(ends[0], mesh.vertices.data(), said.vertices * sizeof(Vec3), false) &&
-            transfer(ends[0], mesh.triangles.data(), said.triangles * sizeof mesh.triangles[0], false);
-  }
-  (void)close(ends[0]);
-  int status = 0;
-  while (child > 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) {
-  }
-  if (!whole)
-    throw input_error(fmt::format(
-        "{}: cannot be read as a mesh: the program that reads such files {}", file,
-        WIFSIGNALED(status) ? fmt::format("ended with signal {}", WTERMSIG(status)) : std::string("ended early")));
-  if (!error.empty()) throw input_error(error);
+  mesh.vertices.resize(counts[0]);
+  mesh.triangles.resize(counts[1]);
+  const std::size_t of_vertices = counts[0] * sizeof(Vec3), of_triangles = counts[1] * sizeof mesh.triangles[0];
+  const char* const values = bytes.data() + sizeof counts;
+  if (of_vertices > 0) std::memcpy(static_cast<void*>(mesh.vertices.data()), values, of_vertices);
+  if (of_triangles > 0) std::memcpy(mesh.triangles.data(), values + of_vertices, of_triangles);
   return mesh;
+}
+
+/// Reads a file in a process of its own: assimp ends the process at some broken files.
+TriangleMesh load_other(const std::string& file) {
+  constexpr ReaderLimits kLimits{
+      .memory = 256U << 20U, .memory_per_byte = 100, .seconds = 2, .bytes_per_second = 2'000'000};
+  return unpacked(read_in_process(file, "a mesh", kLimits, [&] { return packed(load_with_assimp(file)); }));
 }
 
 /// Makes one vertex of those at the same place.

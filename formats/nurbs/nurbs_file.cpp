@@ -22,6 +22,8 @@ constexpr double kLeastWeight = 1e-6, kMostWeight = 1e6;
 constexpr double kLeastKnotStep = 1e-9;  // share of the domain, below which rounding decides
 constexpr int kPartsOfSpan = 16;         // of a trimming curve, per degree
 constexpr std::uintmax_t kLargestJson = std::uintmax_t{256} << 20U;
+constexpr ReaderLimits kOcctLimits{
+    .memory = std::uint64_t{2} << 30U, .memory_per_byte = 200, .seconds = 20, .bytes_per_second = 100'000};
 
 [[noreturn]] void expected(const std::string& where, const std::string& what) {
   throw input_error(where + ": expected " + what);
@@ -380,7 +382,7 @@ std::vector<NurbsData> load_nurbs(const std::string& file) {
                     "libocct-modeling-algorithms-dev, and build haptrace again",
                     file));
   std::vector<NurbsData> patches =
-      unpacked(read_in_process(file, "patches", [&] { return packed(load_nurbs_with_occt(file)); }));
+      unpacked(read_in_process(file, "patches", kOcctLimits, [&] { return packed(load_nurbs_with_occt(file)); }));
   if (patches.empty()) throw input_error(file + ": has no surface");
   if (patches.size() > kMostPatches)
     throw input_error(fmt::format("{}: there are {} patches; the most is {}", file, patches.size(), kMostPatches));
