@@ -209,8 +209,8 @@ SceneBench scene_bench(const TradeoffArguments& arguments, const Workbench& benc
   return {bench, arguments.base.rate_hz, [&] { return load_scene(arguments.scene); }, !arguments.no_instructions};
 }
 
-/// Chooses the settings of the scene that keep its budget, writes the scene with them, and tells of it. Returns whether
-/// they keep it.
+/// Chooses the settings of the scene that keep its budget, writes the scene with them, and reports both. Returns
+/// whether they keep it.
 bool keep_scene(const TradeoffArguments& arguments, const Workbench& bench, const std::string& file,
                 const Output& output, const StopRequest& stop, nlohmann::json& json, std::string& text) {
   const SceneBudget budget = parse_scene_budget(arguments.scene_budget);

@@ -1,4 +1,4 @@
-// What a recording holds of the contacts with virtual objects.
+// Statistics of the contacts with virtual objects in a recording.
 #pragma once
 
 #include "formats/recording/recording.h"

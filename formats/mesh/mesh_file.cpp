@@ -132,7 +132,8 @@ std::string packed(const TriangleMesh& mesh) {
                     of_triangles = mesh.triangles.size() * sizeof mesh.triangles[0];
   std::string bytes(sizeof counts + of_vertices + of_triangles, '\0');
   std::memcpy(bytes.data(), counts.data(), sizeof counts);
-  if (of_vertices > 0) std::memcpy(bytes.data() + sizeof counts, mesh.vertices.data(), of_vertices);
+  if (of_vertices > 0)
+    std::memcpy(bytes.data() + sizeof counts, static_cast<const void*>(mesh.vertices.data()), of_vertices);
   if (of_triangles > 0) std::memcpy(bytes.data() + sizeof counts + of_vertices, mesh.triangles.data(), of_triangles);
   return bytes;
 }

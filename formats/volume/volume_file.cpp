@@ -31,7 +31,7 @@ constexpr double kFlat = 1e-6;             // volume of a cell over that of the 
 constexpr double kSkew = 1e-3;             // cosine between axes from which on a note states the angle
 constexpr std::size_t kLongestHeader = 1U << 20U;
 
-/// What a header states.
+/// Layout and place of a volume, as its header states them.
 struct Header {
   std::vector<std::uint64_t> sizes;
   Vec3 origin = Vec3::Zero();  // in `unit`, as the steps

@@ -358,7 +358,7 @@ bool Implicit::walk(const Vec3& to, bool pulls, Stand& stand) const noexcept {
       else
         changed = false;
     }
-    // What is left is the square of the step; polish() sees to the part along the normal.
+    // The remaining error is of the order of the step squared; polish() removes its part along the normal.
     if (held.count > 0 && !changed && !limited && move.bend * length * length <= kLeft * size_) return true;
     if (!limited) ++steps;
   }

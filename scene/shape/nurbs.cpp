@@ -428,7 +428,7 @@ bool Nurbs::stand(const Foot& foot, const ToolStep& step, Proxy& proxy) const no
   proxy.depth = depth;
   proxy.known = proxy.touching = true;
   proxy.memory.value = {foot.place.at.x(), foot.place.at.y()};
-  // Of a patch that is trimmed, where on its edge; of all, whether an edge holds the tool.
+  // The part of a trimmed edge that holds the tool; for every patch, whether an edge holds it.
   proxy.memory.index = {foot.place.patch, foot.part};
   proxy.memory.place = foot.held == Foot::Held::inside ? nan3() : foot.along;
   return true;

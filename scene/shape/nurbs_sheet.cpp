@@ -369,7 +369,7 @@ std::array<int, 2> cells_of(const SheetPatch& patch, double tolerance) {
       uv = std::max(uv, jet.uv.norm() * extent.x() * extent.y());
       vv = std::max(vv, jet.vv.norm() * extent.y() * extent.y());
     }
-  // Of linear interpolation: (uu / nu^2 + 2 uv / (nu nv) + vv / nv^2) / 8, a third each.
+  // Error of linear interpolation: (uu / nu^2 + 2 uv / (nu nv) + vv / nv^2) / 8, a third each.
   const auto cells = [&](double bend) {
     return std::clamp(std::ceil(std::sqrt(3 * bend / (8 * tolerance))), 1.0, 1e4);
   };

@@ -23,7 +23,7 @@ struct SheetMesh {
   std::vector<SheetPlace> places;  ///< of the vertices
 };
 
-/// What lies beyond a part of a patch's edge.
+/// The neighbour beyond a part of a patch's edge.
 struct SheetJoin {
   static constexpr std::uint32_t kOpen = 0xffffffff;
   std::uint32_t patch = kOpen;

@@ -27,7 +27,7 @@ TEST(RecordScene, LetsAHandTouchTheObjectsOfAFileAndReportsTheTouches) {
   for (const Sample& row : reader.read(1000, 900)) EXPECT_GT(row.force.norm(), 1);
   EXPECT_EQ(haptrace("check", folder / "a.h5").exit_code, 0);
 
-  // What was recorded tells the same as the session.
+  // The recording gives the same figures as the session.
   const std::vector<TouchFigures> recorded = touch_figures(reader);
   ASSERT_EQ(recorded.size(), felt.json()["touches"].size());
   for (std::size_t i = 0; i < recorded.size(); ++i) {
