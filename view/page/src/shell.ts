@@ -691,6 +691,11 @@ export class Shell {
     this.showSoftware();
   }
 
+  // What holds the simulated hand; empty if nothing does.
+  get holding(): string {
+    return this.steering?.holding ?? "";
+  }
+
   get rendererName(): string {
     return this.renderer;
   }

@@ -58,6 +58,7 @@ export function installTestHook(shell: Shell): void {
       software: shell.software,
       flat: shell.flat,
       painter: shell.scene?.painter.kind ?? "",
+      holding: shell.holding,
       renderer: shell.rendererName,
       start: m.start,
       end: m.end,
