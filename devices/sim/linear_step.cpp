@@ -1,9 +1,9 @@
 #include "devices/sim/linear_step.h"
 
+#include "base/eigenvalues.h"
 #include "base/enum_names.h"
 #include "base/error.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 #include <algorithm>
@@ -24,11 +24,6 @@ using Square = decltype(LinearStep::phi);
 constexpr int kMostRows = 3 * LinearBodies::kMost;
 /// Matrix over q, v and the held f.
 using Augmented = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostRows, kMostRows>;
-
-/// Takes one type for all matrices, because Eigen's solver takes 16 s to compile for every type.
-auto eigenvalues_of(const Square& matrix) {
-  return matrix.eigenvalues().eval();
-}
 
 LinearBodies::Matrix over_mass(const LinearBodies& bodies, const LinearBodies::Matrix& m) {
   return bodies.inverse_mass.asDiagonal() * m;
@@ -134,8 +129,14 @@ std::vector<std::complex<double>> decay_rates(const LinearBodies& bodies) {
     const double fast = a + std::sqrt(a * a - w2);
     return {-fast, fast > 0 ? -w2 / fast : 0};
   }
-  const auto found = eigenvalues_of(companion(bodies, -1));
-  return {found.begin(), found.end()};
+  return eigenvalues_of(companion(bodies, -1));
+}
+
+/// Returns the largest real part of the eigenvalues.
+double largest_eigenvalue(const Eigen::MatrixXd& matrix) {
+  double largest = -std::numeric_limits<double>::infinity();
+  for (const std::complex<double>& value : eigenvalues_of(matrix)) largest = std::max(largest, value.real());
+  return largest;
 }
 
 /// Returns the largest h at which |1 + z + ... + z^4 / 24| <= 1 for z = h `rate`.
@@ -221,10 +222,9 @@ LinearStep linear_step(Integrator integrator, const LinearBodies& bodies, double
 double stability_limit(Integrator integrator, const LinearBodies& bodies) {
   switch (integrator) {
     case Integrator::semi_implicit:
-      return time_of(2, eigenvalues_of(companion(bodies, 1)).real().maxCoeff());
+      return time_of(2, largest_eigenvalue(companion(bodies, 1)));
     case Integrator::verlet:
-      return time_of(2,
-                     std::sqrt(std::max(0.0, eigenvalues_of(over_mass(bodies, bodies.stiffness)).real().maxCoeff())));
+      return time_of(2, std::sqrt(std::max(0.0, largest_eigenvalue(over_mass(bodies, bodies.stiffness)))));
     case Integrator::euler:
       return least_limit(bodies, euler_limit);
     case Integrator::rk4:

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "control/norm.h"
 #include "scene/shape/level_set.h"
+#include "scene/shape/sign_change.h"
 
 #include <algorithm>
 #include <cmath>
@@ -132,8 +133,7 @@ void Implicit::prepare(double radius) {
   if (radius > 0)
     throw input_error(
         "a ball cannot touch an implicit surface: its centre would have to keep the distance of its radius, and a "
-        "field "
-        "states no distance. Use a point (\"tool\": {\"radius\": 0}), or make the object a mesh");
+        "field states no distance. Use a point (\"tool\": {\"radius\": 0}), or make the object a mesh");
 }
 
 // --- Lines ---
@@ -147,27 +147,13 @@ Implicit::Sweep Implicit::sweep(const Vec3& from, const Vec3& to) const noexcept
   const double least = std::max(1e-12 * size_ / length, 1e-15);
   const auto at = [&](double t) { return field_.value(from + t * way); };
   const auto root = [&](double out, double in) {
-    // Regula falsi (Illinois) with bisection, until the two sides are next to each other.
-    double f_out = at(out), f_in = at(in);
-    if (!(f_out >= 0)) in = out;
-    for (int step = 0; step < 100 && in - out > 0.1 * least; ++step) {
-      double t = out + (in - out) * f_out / (f_out - f_in);
-      if (!(t > out && t < in) || step % 4 == 3) t = 0.5 * (out + in);
-      const double f = at(t);
-      if (f < 0) {
-        in = t;
-        f_in = f;
-        f_out *= 0.5;
-      } else {
-        out = t;
-        f_out = f;
-        f_in *= 0.5;
-      }
-    }
+    const double value = at(out);
+    const SignChange change = value >= 0 ? narrow(at, {.in = in, .out = out}, at(in), value, 0.1 * least, 100)
+                                         : SignChange{.in = out, .out = out};  // inside already, but for rounding
     result.hit = true;
-    result.share = out;
-    result.place = from + out * way;
-    result.piece = field_.active(from + in * way).piece;
+    result.share = change.out;
+    result.place = from + change.out * way;
+    result.piece = field_.active(from + change.in * way).piece;
   };
 
   std::array<double, 64> ends{};

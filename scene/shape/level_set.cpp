@@ -1,5 +1,7 @@
 #include "scene/shape/level_set.h"
 
+#include "scene/shape/sign_change.h"
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -91,23 +93,9 @@ class Marching {
                                                        static_cast<std::uint32_t>(mesh_.vertices.size()));
     if (!is_new) return entry->second;
     const Vec3 from = place(in), way = place(out) - from;
-    // Regula falsi (Illinois); where the field is not finite, bisection.
-    double lo = 0, hi = 1, f_lo = values_[a], f_hi = values_[b];
-    for (int step = 0; step < 40 && hi - lo > 1e-9; ++step) {
-      double t = lo + (hi - lo) * f_lo / (f_lo - f_hi);
-      if (!(t > lo && t < hi) || step % 3 == 2) t = 0.5 * (lo + hi);
-      const double f = f_(from + t * way);
-      if (f < 0) {
-        lo = t;
-        f_lo = f;
-        f_hi *= 0.5;
-      } else {
-        hi = t;
-        f_hi = f;
-        f_lo *= 0.5;
-      }
-    }
-    mesh_.vertices.push_back(from + std::clamp(0.5 * (lo + hi), kFromCorner, 1 - kFromCorner) * way);
+    const auto [inside, outside] =
+        narrow([&](double t) { return f_(from + t * way); }, {.in = 0, .out = 1}, values_[a], values_[b], 1e-9, 40);
+    mesh_.vertices.push_back(from + std::clamp(0.5 * (inside + outside), kFromCorner, 1 - kFromCorner) * way);
     return entry->second;
   }
 

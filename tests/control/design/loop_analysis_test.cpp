@@ -1,9 +1,8 @@
 #include "control/design/loop_analysis.h"
 
+#include "base/eigenvalues.h"
 #include "control/velocity_estimator.h"
 #include "tests/support/errors.h"
-
-#include <Eigen/Eigenvalues>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -71,7 +70,7 @@ double spectral_radius(const LoopModel& model, double kp, double kd) {
   tick.row(1) += speed(1 - part) * command(n) + (speed(1) - speed(1 - part)) * command(n + 1);
   tick(2, 0) = 1;
   for (int ago = 1; ago <= n + 1; ++ago) tick.row(2 + ago) = command(ago - 1);
-  return tick.eigenvalues().cwiseAbs().maxCoeff();
+  return haptrace::spectral_radius(tick);
 }
 
 class LoopLaws : public testing::TestWithParam<std::string> {

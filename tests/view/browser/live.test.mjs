@@ -158,21 +158,30 @@ test("with --control the page changes a gain and sets a mark; without it there i
   assert.deepEqual(page.errors, []);
 });
 
-// Keeps the main thread of the page busy `times` times for `busy` ms, with short breaks for what waits.
+// Keeps the main thread of the page busy `times` times for `busy` ms, with short breaks for what waits. Returns the
+// longest time from break to break [ms]: what waits takes long on a machine that has other work.
 const occupy = (page, busy, times) => page.evaluate(async ([ms, count]) => {
+  let longest = 0;
   for (let i = 0; i < count; i++) {
-    for (const end = performance.now() + ms; performance.now() < end;);
+    const begin = performance.now();
+    while (performance.now() < begin + ms);
     await new Promise((resolve) => setTimeout(resolve, 20));
+    longest = Math.max(longest, performance.now() - begin);
   }
+  return longest;
 }, [busy, times]);
 
 test("a controlling page that draws less than one frame in two seconds is not lost; one whose main thread hangs is", async (t) => {
   const folder = scratch(t);
   const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--view", "--no-browser", "--control");
   const page = await open(t, await browser(t), session.address);
-  await occupy(page, 2600, 3);
+  const lost = () => page.evaluate(() => window.haptraceTest.warnings().includes("page_lost"));
+  const before = await lost();
+  const longest = await occupy(page, 2600, 3);
   assert.equal((await state(page)).connected, true);
-  assert.equal(await page.evaluate(() => window.haptraceTest.warnings().includes("page_lost")), false);
+  // The server waits for 2 s after the last 2 s in which the main thread ran: a page that took longer is lost rightly.
+  if (before || longest > 3000) t.diagnostic(`this machine is too busy: the page drew after ${longest} ms`);
+  else assert.equal(await lost(), false);
   await occupy(page, 6000, 1);
   await page.waitForFunction(() => window.haptraceTest.warnings().includes("page_lost"));
   await page.waitForFunction(() => window.haptraceTest.warnings().includes("page_back"));
