@@ -121,7 +121,7 @@ function(haptrace_test name)
     set_property(GLOBAL PROPERTY HAPTRACE_FIRST_TEST test_${name})
   endif()
   # Suites of laws (All/...) hold hundreds of short tests: one process runs them together, each of the others its own.
-  gtest_discover_tests(test_${name} DISCOVERY_MODE PRE_TEST NO_PRETTY_VALUES TEST_FILTER "-All/*:*DISABLED_*"
+  gtest_discover_tests(test_${name} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 600 NO_PRETTY_VALUES TEST_FILTER "-All/*:*DISABLED_*"
     PROPERTIES TIMEOUT ${HAPTRACE_TEST_HANGS})
   if(ARG_LAWS)
     add_test(NAME Laws.${ARG_LAWS} COMMAND test_${name} --gtest_brief=1 --gtest_filter=All/*)

@@ -44,6 +44,21 @@ void PrintTo(const ObjectCase& object, std::ostream* out) {
   *out << object.name << ' ' << object.knob << ' ' << object.level;
 }
 
+using Levels = std::vector<std::pair<std::string, std::vector<double>>>;
+
+/// Returns the accuracy settings of an object and their levels. They are written down here because the names of the
+/// tests need them: every process that runs one of the tests would have to load all objects to ask them.
+Levels levels_of(const ObjectCase& object) {
+  const std::string kind = nlohmann::json::parse(object.json).at("kind");
+  Levels levels;
+  if (kind == "implicit" || kind == "metaballs" || kind == "csg") levels = {{"steps", {1, 2, 4}}};
+  if (kind == "nurbs") levels = {{"steps", {1, 2, 3}}, {"tessellation", {1e-3, 1e-4}}};
+  if (kind == "sphere") levels = {{"renew", {0.03 / 5, 0.03 / 20, 0}}};
+  if (kind == "volume") levels = {{"interpolation", {1, 3}}, {"steps", {1, 2, 3}}};
+  levels.push_back({"lead", {0, 0.5}});
+  return levels;
+}
+
 /// Returns every object with its defaults, and with every level of every accuracy setting.
 std::vector<ObjectCase> every_object() {
   const auto ball = [](const Vec3& p) { return 0.03 - (p - Vec3(0.01, 0, -0.02)).norm(); };
@@ -99,10 +114,10 @@ std::vector<ObjectCase> every_object() {
   std::vector<ObjectCase> cases;
   for (const ObjectCase& object : objects) {
     cases.push_back(object);
-    for (const Knob& knob : scene_with(object.json)->object(0).knobs())
-      for (const double level : knob.levels) {
+    for (const auto& [knob, levels] : levels_of(object))
+      for (const double level : levels) {
         cases.push_back(object);
-        cases.back().knob = knob.name;
+        cases.back().knob = knob;
         cases.back().level = level;
       }
   }
@@ -359,6 +374,15 @@ std::vector<ObjectCase> objects_with_knobs() {
 
 INSTANTIATE_TEST_SUITE_P(All, SceneObjectLaws, testing::ValuesIn(every_object()));
 INSTANTIATE_TEST_SUITE_P(All, SceneKnobLaws, testing::ValuesIn(objects_with_knobs()));
+
+TEST(SceneObjects, HaveTheLevelsThatTheLawsTry) {
+  for (const ObjectCase& object : every_object()) {
+    if (!object.knob.empty()) continue;
+    Levels levels;
+    for (const Knob& knob : scene_with(object.json)->object(0).knobs()) levels.emplace_back(knob.name, knob.levels);
+    EXPECT_EQ(levels, levels_of(object)) << object.name;
+  }
+}
 
 TEST(Sphere, PushesWithStiffnessTimesDepthAlongTheRadius) {
   Alone sphere(R"({"kind": "sphere", "centre": [0.01, 0, 0], "radius": 0.03, "stiffness": 700})");

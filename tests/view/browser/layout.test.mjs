@@ -3,7 +3,8 @@ import assert from "node:assert/strict";
 import { writeFileSync } from "node:fs";
 import { join } from "node:path";
 import test from "node:test";
-import { browser, open, rowAt, run, scratch, start } from "./support.mjs";
+import { browser } from "./browser.mjs";
+import { open, rowAt, run, scratch, start } from "./support.mjs";
 
 const SIZES = [[360, 640], [390, 844], [640, 400], [1280, 800], [1920, 1080]];
 

@@ -2,7 +2,8 @@ import assert from "node:assert/strict";
 import { writeFileSync } from "node:fs";
 import { join } from "node:path";
 import test from "node:test";
-import { PATIENCE, browser, open, run, samplesOf, scratch, start, state } from "./support.mjs";
+import { browser } from "./browser.mjs";
+import { PATIENCE, open, run, samplesOf, scratch, start, state } from "./support.mjs";
 
 const HAND = "sim:preset=falcon,hand=firm";
 

@@ -4,7 +4,8 @@
 import { mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import { browser, open, run, start } from "./support.mjs";
+import { launch } from "./chromium.mjs";
+import { open, run, start } from "./support.mjs";
 
 const seconds = Number(process.argv[2] ?? 30);
 const RUNS = 5;
@@ -47,7 +48,8 @@ try {
   const path = join(folder, "square.h5"), file = join(folder, "played.h5");
   await run("shape", "square", "--size", "60mm", "--duration", "4", "-o", path);
   await run("play", path, "-d", "sim:preset=falcon,hand=relaxed", "--repeat", "3", "--record", file);
-  const opened = await browser(t);
+  const opened = await launch();
+  endings.unshift(() => opened.close());
 
   const recording = await start(t, "view", file, "--no-browser");
   const firsts = [];

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { join } from "node:path";
 import test from "node:test";
-import { browser, open, rowAt, run, samplesOf, scratch, shown, start, state } from "./support.mjs";
+import { browser } from "./browser.mjs";
+import { open, rowAt, run, samplesOf, scratch, shown, start, state } from "./support.mjs";
 
 // A square walked four times by a simulated device, in virtual time.
 async function played(folder) {

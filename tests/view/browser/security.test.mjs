@@ -4,7 +4,8 @@ import { createServer, request } from "node:http";
 import { randomBytes } from "node:crypto";
 import { join } from "node:path";
 import test from "node:test";
-import { browser, open, run, scratch, start } from "./support.mjs";
+import { browser } from "./browser.mjs";
+import { open, run, scratch, start } from "./support.mjs";
 
 async function viewed(t) {
   const folder = scratch(t);

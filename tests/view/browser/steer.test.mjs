@@ -2,7 +2,8 @@
 import assert from "node:assert/strict";
 import { join } from "node:path";
 import test from "node:test";
-import { browser, open, run, samplesOf, scratch, start } from "./support.mjs";
+import { browser } from "./browser.mjs";
+import { open, run, samplesOf, scratch, start } from "./support.mjs";
 
 const HAND = "sim:preset=falcon,hand=firm,intent=view";
 const RADIUS = 0.005;

@@ -4,7 +4,6 @@ import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { promisify } from "node:util";
-import { launch } from "./chromium.mjs";
 
 export const haptrace = process.env.HAPTRACE_COMMAND ?? "";
 if (haptrace === "") throw new Error("HAPTRACE_COMMAND is not set. Set it to the haptrace command to test.");
@@ -14,13 +13,6 @@ export function scratch(t) {
   const folder = mkdtempSync(join(tmpdir(), "haptrace-view-"));
   t.after(() => rmSync(folder, { recursive: true, force: true }));
   return folder;
-}
-
-// Opens a browser for a test. It draws without a GPU, as on a machine that has none.
-export async function browser(t, options = {}) {
-  const opened = await launch(options.args);
-  t.after(() => opened.close());
-  return opened;
 }
 
 // Runs haptrace to its end.
