@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/text_file.h"
 #include "base/units.h"
+#include "formats/mesh/polygon.h"
 #include "formats/reader_process.h"
 
 #include <algorithm>
@@ -10,17 +11,14 @@
 #include <assimp/Importer.hpp>
 #include <assimp/scene.h>
 #include <bit>
+#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <fmt/format.h>
 #include <limits>
+#include <span>
 #include <unordered_map>
-
-// Debian's library reads numbers in single precision.
-#define TINYOBJLOADER_USE_DOUBLE
-#define TINYOBJLOADER_IMPLEMENTATION
-#include <tiny_obj_loader.h>
 
 namespace haptrace {
 namespace {
@@ -30,62 +28,86 @@ constexpr std::size_t kMostTriangles = 20'000'000;
 constexpr double kFlat = 1e-14;            // area over the square of the longest edge, from which on rounding decides
 constexpr double kHuge = 3, kTiny = 1e-3;  // sizes that suggest another unit [m]
 
-/// Checks the coordinates of an OBJ file. tinyobjloader takes what is no number for zero.
-void check_obj_numbers(const std::string& file) {
-  LineReader lines(file, "an OBJ file");
-  std::string_view line;
-  for (std::size_t number = 1; lines.next(line); ++number) {
-    line = trim(line);
-    if (!line.starts_with("v ") && !line.starts_with("v\t")) continue;
-    line.remove_prefix(2);
-    for (int axis = 0; axis < 3; ++axis) {
-      line = trim(line);
-      const std::string_view word = line.substr(0, line.find_first_of(" \t"));
-      double value = 0;
-      if (!parse_number(word, value) || !std::isfinite(value))
-        throw input_error(fmt::format("{}: line {}: '{}' is no coordinate of a vertex", file, number, shown(word)));
-      line.remove_prefix(word.size());
-    }
+/// Adds a polygon, whose corners are indices of the mesh's vertices.
+void add_polygon(std::span<const std::uint32_t> corners, const std::string& file, TriangleMesh& mesh) {
+  constexpr std::size_t kMostCorners = 10'000;
+  if (corners.size() > kMostCorners)
+    throw input_error(fmt::format("{}: a face has {} corners; at most {} are possible. Split it", file, corners.size(),
+                                  kMostCorners));
+  if (corners.size() == 3) {
+    mesh.triangles.push_back({corners[0], corners[1], corners[2]});
+    return;
   }
+  std::vector<Vec3> places;
+  places.reserve(corners.size());
+  for (const std::uint32_t corner : corners) places.push_back(mesh.vertices[corner]);
+  for (const auto& t : triangles_of(places)) mesh.triangles.push_back({corners[t[0]], corners[t[1]], corners[t[2]]});
 }
 
+/// Takes the first word off a line.
+std::string_view taken(std::string_view& line) {
+  line = trim(line);
+  const std::string_view word = line.substr(0, line.find_first_of(" \t"));
+  line.remove_prefix(word.size());
+  return word;
+}
+
+/// Reads the vertices and faces of an OBJ file; nothing else in it has a place.
 TriangleMesh load_obj(const std::string& file) {
-  check_obj_numbers(file);
-  tinyobj::ObjReaderConfig config;
-  config.triangulate = true;
-  config.vertex_color = false;
-  config.mtl_search_path = "/nonexistent/";  // materials are not needed, and other files are not to be read
-  tinyobj::ObjReader reader;
-  if (!reader.ParseFromFile(file, config)) {
-    const std::string why = reader.Error().empty() ? "it cannot be parsed" : reader.Error();
-    throw input_error(fmt::format("{}: is no valid OBJ file: {}", file, shown(trim(why))));
-  }
+  LineReader lines(file, "an OBJ file");
   TriangleMesh mesh;
-  const std::vector<tinyobj::real_t>& numbers = reader.GetAttrib().vertices;
-  mesh.vertices.reserve(numbers.size() / 3);
-  for (std::size_t i = 0; i + 2 < numbers.size(); i += 3)
-    mesh.vertices.emplace_back(numbers[i], numbers[i + 1], numbers[i + 2]);
-  for (const tinyobj::shape_t& shape : reader.GetShapes()) {
-    std::size_t at = 0;
-    for (const auto corners : shape.mesh.num_face_vertices) {
-      if (corners == 3) {
-        std::array<std::uint32_t, 3> triangle{};
-        for (std::size_t i = 0; i < 3; ++i) {
-          const int index = shape.mesh.indices[at + i].vertex_index;
-          if (index < 0 || static_cast<std::size_t>(index) >= mesh.vertices.size())
-            throw input_error(fmt::format("{}: face {} names vertex {}, but there are {}", file,
-                                          mesh.triangles.size() + 1, index + 1, mesh.vertices.size()));
-          triangle[i] = static_cast<std::uint32_t>(index);
-        }
-        mesh.triangles.push_back(triangle);
-      }
-      at += corners;
+  struct Face {
+    std::size_t line, first;  // the number of its line; of `corners`
+  };
+  std::vector<Face> faces;
+  std::vector<std::int64_t> corners;  // vertices from 0, which may follow later in the file
+  std::string joined;
+  for (std::string_view line; lines.next(line);) {
+    line = trim(line);
+    if (line.ends_with('\\')) {  // goes on in the next line
+      joined.append(line.substr(0, line.size() - 1)).push_back(' ');
+      continue;
     }
+    if (!joined.empty()) line = joined.append(line);
+    const std::string_view kind = taken(line);
+    if (kind == "v") {
+      Vec3 place;
+      for (int axis = 0; axis < 3; ++axis) {
+        const std::string_view word = taken(line);
+        if (!parse_number(word, place[axis]) || !std::isfinite(place[axis]))
+          throw lines.error(fmt::format("'{}' is no coordinate of a vertex", shown(word)));
+      }
+      mesh.vertices.push_back(place);
+    } else if (kind == "f") {
+      faces.push_back({lines.number(), corners.size()});
+      for (std::string_view word = taken(line); !word.empty() && word[0] != '#'; word = taken(line)) {
+        const std::string_view number = word.substr(0, word.find('/'));
+        std::int64_t index = 0;
+        const auto [end, failure] = std::from_chars(number.data(), number.data() + number.size(), index);
+        if (failure != std::errc() || end != number.data() + number.size() || index == 0)
+          throw lines.error(fmt::format("'{}' is no vertex of a face", shown(word)));
+        corners.push_back(index > 0 ? index - 1 : static_cast<std::int64_t>(mesh.vertices.size()) + index);
+      }
+    }
+    joined.clear();
+  }
+  if (!joined.empty()) throw lines.error("the line goes on, but the file ends");
+  const auto count = static_cast<std::int64_t>(mesh.vertices.size());
+  std::vector<std::uint32_t> polygon;
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    polygon.clear();
+    for (std::size_t i = faces[f].first; i < (f + 1 < faces.size() ? faces[f + 1].first : corners.size()); ++i) {
+      if (corners[i] < 0 || corners[i] >= count)
+        throw input_error(fmt::format("{}:{}: the face names vertex {}, but there are {}", file, faces[f].line,
+                                      corners[i] + 1, count));
+      polygon.push_back(static_cast<std::uint32_t>(corners[i]));
+    }
+    add_polygon(polygon, file, mesh);
   }
   return mesh;
 }
 
-/// Adds the meshes of a node and its children. Polygons become fans of triangles.
+/// Adds the meshes of a node and its children.
 void add_node(const aiScene& scene, const aiNode& node, const aiMatrix4x4& parent, int depth, TriangleMesh& mesh,
               const std::string& file) {
   constexpr int kDeepest = 200;
@@ -100,14 +122,17 @@ void add_node(const aiScene& scene, const aiNode& node, const aiMatrix4x4& paren
       const aiVector3D v = placed * part.mVertices[i];
       mesh.vertices.emplace_back(v.x, v.y, v.z);
     }
+    std::vector<std::uint32_t> polygon;
     for (unsigned i = 0; i < part.mNumFaces; ++i) {
       const aiFace& face = part.mFaces[i];
-      for (unsigned k = 0; k < face.mNumIndices; ++k)
+      polygon.clear();
+      for (unsigned k = 0; k < face.mNumIndices; ++k) {
         if (face.mIndices[k] >= part.mNumVertices)
           throw input_error(fmt::format("{}: face {} names vertex {}, but there are {}", file, i, face.mIndices[k],
                                         part.mNumVertices));
-      for (unsigned k = 2; k < face.mNumIndices; ++k)
-        mesh.triangles.push_back({first + face.mIndices[0], first + face.mIndices[k - 1], first + face.mIndices[k]});
+        polygon.push_back(first + face.mIndices[k]);
+      }
+      add_polygon(polygon, file, mesh);
     }
   }
   for (unsigned i = 0; i < node.mNumChildren; ++i) add_node(scene, *node.mChildren[i], placed, depth + 1, mesh, file);

@@ -14,6 +14,8 @@
 #include <fstream>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <map>
+#include <numbers>
 #include <random>
 
 namespace haptrace {
@@ -565,6 +567,72 @@ TEST(MeshFiles, AreReadAlikeFromObjStlAndPly) {
   }
 }
 
+/// Returns a prism of height 1 over a polygon as OBJ or PLY.
+std::string prism_of(const std::vector<Vec3>& base, bool ply) {
+  const std::size_t n = base.size(), first = ply ? 0 : 1;
+  std::string vertices, faces;
+  for (const double z : {0.0, 1.0})
+    for (const Vec3& corner : base) vertices += fmt::format("{}{} {} {}\n", ply ? "" : "v ", corner.x(), corner.y(), z);
+  const auto face = [&](const std::vector<std::size_t>& corners) {
+    faces += ply ? fmt::format("{}", corners.size()) : "f";
+    for (const std::size_t corner : corners) faces += fmt::format(" {}", corner + first);
+    faces += '\n';
+  };
+  std::vector<std::size_t> top, bottom;
+  for (std::size_t i = 0; i < n; ++i) {
+    top.push_back(n + i);
+    bottom.push_back(n - 1 - i);
+    face({i, (i + 1) % n, n + (i + 1) % n, n + i});
+  }
+  face(top);
+  face(bottom);
+  if (!ply) return vertices + faces;
+  return fmt::format(
+             "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n"
+             "element face {}\nproperty list int int vertex_indices\nend_header\n",
+             2 * n, n + 2) +
+         vertices + faces;
+}
+
+TEST(MeshFiles, StayClosedWhereTheirPolygonsAreHollow) {
+  std::map<std::string, std::vector<Vec3>> polygons{
+      {"square", {{0, 0, 0}, {4, 0, 0}, {4, 4, 0}, {0, 4, 0}}},
+      {"arrow", {{0, 0, 0}, {4, 0, 0}, {1, 1, 0}, {0, 4, 0}}},
+      {"dent", {{0, 0, 0}, {4, 0, 0}, {4, 4, 0}, {2, 1, 0}, {0, 4, 0}}},
+      {"corners on a side", {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {4, 0, 0}, {4, 4, 0}, {0, 4, 0}, {0, 2, 0}}},
+      {"C", {{0, 0, 0}, {4, 0, 0}, {4, 1, 0}, {1, 1, 0}, {1, 3, 0}, {4, 3, 0}, {4, 4, 0}, {0, 4, 0}}}};
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> radius(0.2, 2);
+  for (const int corners : {10, 57, 300})
+    for (int i = 0; i < corners; ++i) {
+      const double angle = 2 * std::numbers::pi * i / corners;
+      polygons[fmt::format("star of {}", corners)].push_back(radius(random) *
+                                                             Vec3(std::cos(angle), std::sin(angle), 0));
+    }
+  const TempFolder folder;
+  for (const auto& [name, base] : polygons) {
+    double area = 0;
+    for (std::size_t i = 0; i < base.size(); ++i) area += 0.5 * base[i].cross(base[(i + 1) % base.size()]).z();
+    for (const bool ply : {false, true}) {
+      const MeshLoad load = load_mesh(folder.write(ply ? "a.ply" : "a.obj", prism_of(base, ply)), "m");
+      EXPECT_EQ(load.report.open_edges, 0U) << name << (ply ? " ply" : " obj");
+      EXPECT_NEAR(load.report.volume, area, 1e-6 * area) << name;
+      EXPECT_EQ(load.mesh.triangles.size(), 4 * base.size() - 4) << name << ": each covered once";
+    }
+  }
+}
+
+TEST(MeshFiles, OfObjGoOnInTheNextLineAndCountBackwards) {
+  const TempFolder folder;
+  const std::string cube =
+      "# a cube\r\nv -1 -1 -1\r\nv 1 -1 -1 1.0\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\n\tv 1 -1 1\nv 1 1 1 0.1 0.2 0.3\n"
+      "v -1 1 1\nvn 0 0 1\nvt 0 0\nmtllib none.mtl\nusemtl none\ng a b\ns 1\nl 1 2\n"
+      "f 1/1/1 4/1/1 3//1 \\\n 2/1 # the bottom\nf -4 -3 -2 -1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8";
+  const MeshLoad load = load_mesh(folder.write("cube.obj", cube), "mm");
+  EXPECT_THAT(load.remarks, testing::IsEmpty());
+  EXPECT_NEAR(load.report.volume, 8e-9, 1e-20);
+}
+
 TEST(MeshFiles, AreRepairedWithANoteWhereThatIsPossible) {
   const auto remarks_of = [](TriangleMesh mesh) {
     return testing::PrintToString(clean_mesh(std::move(mesh), "m").remarks);
@@ -601,8 +669,13 @@ TEST(MeshFiles, AreRefusedWithTheReason) {
               HasSubstr("unit 'parsec' is no length"));
   EXPECT_THAT(error("a.obj", "v 0 0 0\n"), HasSubstr("a.obj: has no triangles"));
   EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 9\n"), HasSubstr("a.obj"));
-  EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n"),
-              HasSubstr("a.obj: line 3: 'nan' is no coordinate"));
+  EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\n\nf 1 2 9\n"),
+              HasSubstr("a.obj:5: the face names vertex 9, but there are 3"));
+  EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 0 1 2\n"), HasSubstr("a.obj:4: '0' is no vertex of a face"));
+  EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3x\n"), HasSubstr("'3x' is no vertex of a face"));
+  EXPECT_THAT(error("a.obj", "v 0 0 0\nf 1 1 \\"), HasSubstr("a.obj:2: the line goes on"));
+  EXPECT_THAT(error("a.obj", "v 0 0\n"), HasSubstr("a.obj:1: '' is no coordinate"));
+  EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n"), HasSubstr("a.obj:3: 'nan' is no coordinate"));
   EXPECT_THAT(error("a.stl", "solid nothing"), HasSubstr("a.stl"));
   EXPECT_THAT(error("a.xyz", "hello"), HasSubstr("cannot be read as a mesh"));
   EXPECT_THAT(error("a.glb", "glTF rubbish"), HasSubstr("a.glb"));
