@@ -4,7 +4,9 @@
 #include "control/path/path.h"
 #include "scene/expression.h"
 
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -22,11 +24,14 @@ class Field {
   [[nodiscard]] virtual Interval over(const Box& box) const noexcept = 0;
 };
 
-/// The field of an expression in x, y, z.
+/// The field of an expression in x, y, z. Where the expression is no number, as the root of a negative one, is outside.
 class ExpressionField final : public Field {
  public:
   explicit ExpressionField(Expression expression) : expression_(std::move(expression)) {}
-  [[nodiscard]] double value(const Vec3& place) const noexcept override { return expression_.value(place); }
+  [[nodiscard]] double value(const Vec3& place) const noexcept override {
+    const double value = expression_.value(place);
+    return std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
+  }
   [[nodiscard]] Slope slope(const Vec3& place) const noexcept override { return expression_.slope(place); }
   [[nodiscard]] Jet jet(const Vec3& place) const noexcept override { return expression_.jet(place); }
   [[nodiscard]] Span along(const Vec3& from, const Vec3& way, Interval share) const noexcept override {

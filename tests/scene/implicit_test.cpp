@@ -252,6 +252,22 @@ TEST(Implicits, FeelNothingWhereTheGradientVanishes) {
   EXPECT_THAT(flat->remarks().back(), HasSubstr("gradient"));
 }
 
+TEST(Implicits, AreOutsideWhereTheirExpressionIsNoNumber) {
+  // The logarithm is negative from 0 to 1, and no number below.
+  const auto half = shape_of(implicit("log(x)", Vec3::Constant(0.05)));
+  EXPECT_NEAR(pressed(*half, {0.06, 0, 0}, {0.048, 0, 0}).depth, 0.002, 1e-12);
+  EXPECT_FALSE(pressed(*half, {-0.06, 0, 0}, {-0.048, 0, 0}).touching);
+  EXPECT_FALSE(pressed(*half, {-0.02, 0.06, 0}, {-0.02, 0.048, 0}).touching);
+  EXPECT_THAT(error_of([] { (void)shape_of(implicit("sqrt(x)", Vec3::Constant(0.05))); }),
+              HasSubstr("no place is inside"));
+  // What is outside of a part stays when the part is taken away.
+  const auto rest = shape_of(
+      fmt::format(R"({{"kind": "csg", "operation": "difference", "parts": [{{"kind": "box", "size": 0.06}}, {}]}})",
+                  implicit("sqrt(x) - 10", Vec3::Constant(0.05))));
+  EXPECT_NEAR(pressed(*rest, {-0.02, 0, 0.04}, {-0.02, 0, 0.028}).depth, 0.002, 1e-12);
+  EXPECT_FALSE(pressed(*rest, {0.02, 0, 0.04}, {0.02, 0, 0.028}).touching);
+}
+
 TEST(Implicits, AreTessellatedWithinTheTolerance) {
   const auto distances =
       std::vector<test::Distance>{test::ellipsoid_distance(Vec3::Constant(0.03)),
