@@ -243,17 +243,28 @@ std::span<const OverviewField> overview_fields() {
 }
 
 std::string warnings_text(const nlohmann::json& warnings) {
-  nlohmann::json kept = warnings.is_array() ? warnings : nlohmann::json::array();
-  const auto text = [&] { return kept.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace); };
-  const auto is_note = [](const nlohmann::json& warning) {
-    return warning.is_object() && warning.value("severity", "") == to_string(Severity::note);
+  struct Entry {
+    std::string text;
+    bool is_note;
   };
-  while (text().size() >= kWarningBytes) {
-    auto& list = kept.get_ref<nlohmann::json::array_t&>();
-    const auto note = std::find_if(list.rbegin(), list.rend(), is_note);
-    list.erase(note != list.rend() ? std::prev(note.base()) : std::prev(list.end()));
+  std::vector<Entry> kept;
+  std::size_t bytes = 2;  // of the list's brackets
+  for (const nlohmann::json& warning : warnings.is_array() ? warnings : nlohmann::json::array()) {
+    kept.push_back({warning.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace),
+                    warning.is_object() && warning.value("severity", "") == to_string(Severity::note)});
+    bytes += kept.back().text.size() + 1;
   }
-  return text();
+  // The last notes go first, then the last warnings.
+  for (const bool notes : {true, false})
+    for (std::size_t i = kept.size(); i-- > 0 && bytes > kWarningBytes;)
+      if (kept[i].is_note == notes) {
+        bytes -= kept[i].text.size() + 1;
+        kept[i].text.clear();
+      }
+  std::string text = "[";
+  for (const Entry& entry : kept)
+    if (!entry.text.empty()) text += (text.size() > 1 ? "," : "") + entry.text;
+  return text + "]";
 }
 
 std::span<const Attribute> attributes() {
