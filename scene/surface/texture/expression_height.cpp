@@ -13,11 +13,13 @@ ExpressionHeight::ExpressionHeight(Expression expression, const Mapping& mapping
   // Evenly spread, and in step with no wave: multiples of the plastic number (Roberts 2018).
   constexpr double kFirst = 0.7548776662466927, kSecond = 0.5698402909980532;
   constexpr int kSamples = 40'000;
+  bool anywhere = false;
   for (int i = 0; i < kSamples; ++i) {
     const double u = kReach * (2 * std::fmod(0.5 + kFirst * i, 1) - 1);
     const double v = kReach * (2 * std::fmod(0.5 + kSecond * i, 1) - 1);
     const double height = std::abs(expression_.value({u, v, 0}));
     if (!std::isfinite(height)) continue;
+    anywhere = true;
     if (height > most)
       throw input_error(fmt::format(
           "the height is {:.3g} m at u = {:.3g}, v = {:.3g} m; at most {:g} m are possible. Heights, u and v "
@@ -25,6 +27,7 @@ ExpressionHeight::ExpressionHeight(Expression expression, const Mapping& mapping
           height, u, v, most));
     amplitude_ = std::max(amplitude_, height);
   }
+  if (!anywhere) throw input_error(fmt::format("the height is no number at any u and v within {:g} m", kReach));
 }
 
 HeightSample ExpressionHeight::at(const Vec3& place, double finest) const noexcept {
