@@ -12,7 +12,8 @@ namespace {
 
 using On = TrianglePoint::On;
 constexpr int kLongestWalk = 4096;  // steps; each goes downhill, so only a huge jump needs many
-constexpr int kMostLeaps = 16;      // of a proxy from one part of the surface to another in a tick
+constexpr int kMostRounds = 16;
+constexpr int kMostLeaps = 16;  // of a proxy from one part of the surface to another in a tick
 
 }  // namespace
 
@@ -28,7 +29,7 @@ Mesh::Mesh(TriangleMesh mesh, std::vector<std::string> remarks)
 
 std::vector<Knob> Mesh::knobs() const {
   return {{"verify", "", {0, 1}, verify_ ? 1.0 : 0.0, 0, 1},
-          {"rounds", "", {1, 2, 4, 8}, static_cast<double>(rounds_), 1, 16}};
+          {"rounds", "", {1, 2, 4, 8}, static_cast<double>(rounds_), 1, kMostRounds}};
 }
 
 void Mesh::set(const std::string& knob, double level) {
@@ -350,6 +351,7 @@ std::unique_ptr<Shape> read_mesh(JsonReader& reader, SceneFiles& files) {
   MeshLoad load = load_mesh(file, unit);
   auto mesh = std::make_unique<Mesh>(std::move(load.mesh), std::move(load.remarks));
   if (reader.boolean("verify", false)) mesh->set("verify", 1);
+  mesh->set("rounds", reader.integer("rounds", 4, 1, kMostRounds));
   return mesh;
 }
 

@@ -77,8 +77,9 @@ std::unique_ptr<Shape> read_plane(JsonReader& reader) {
   PlaneSpec spec;
   spec.point = reader.require("point").vector("point", spec.point, -kMaxPoint, kMaxPoint);
   spec.normal = reader.require("normal").vector("normal", spec.normal, -kMaxNormal, kMaxNormal);
-  if (!(spec.normal.stableNorm() >= kMinNormal && spec.normal.stableNorm() <= kMaxNormal))
+  if (!(spec.normal.stableNorm() >= kMinNormal))
     throw input_error(reader.where() + ".normal: the vector has no direction");
+  spec.normal.stableNormalize();
   return std::make_unique<Plane>(spec);
 }
 

@@ -8,12 +8,15 @@
 #include "scene/knob.h"
 #include "scene/scene_controller.h"
 #include "scene/scene_file.h"
+#include "scene/scene_files.h"
 #include "scene/touch.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/temp_folder.h"
 
+#include <algorithm>
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -63,6 +66,7 @@ TEST(SceneFile, NamesTheErrorAndItsPlace) {
               AllOf(HasSubstr("'center'"), HasSubstr("did you mean 'centre'?")));
   EXPECT_THAT(error(R"({"kind": "wall", "point": [0, 0, 0], "normal": [0, 0, 0], "stiffness": 1})"),
               HasSubstr("objects[0].normal: the vector has no direction"));
+  EXPECT_EQ(scene_of(R"({"kind": "wall", "point": 0, "normal": [1e6, 1e6, 1e6], "stiffness": 1})")->size(), 1U);
   EXPECT_THAT(error(R"({"kind": "wall", "name": "", "point": 0, "normal": [0, 0, 1], "stiffness": 1})"),
               HasSubstr("objects[0].name"));
   EXPECT_THAT(error(kBall + "," + kBall), AllOf(HasSubstr("my.json: two objects"), HasSubstr("'ball'")));
@@ -96,6 +100,35 @@ TEST(Scene, HasTheSettingsOfItsObjectsByTheirNames) {
   std::map<std::string, double> levels;
   for (const Knob& knob : scene->knobs()) levels[knob.name] = knob.level;
   EXPECT_EQ(levels, (std::map<std::string, double>{{"ball.lead", 0}, {"ball.renew", 0.002}, {"floor.lead", 0.5}}));
+}
+
+TEST(SceneFile, TakesEverySettingOfItsObjectsAsAKey) {
+  for (const char* const file : {"relief", "sphere_on_wall", "textures", "drum"}) {
+    const std::string path = fmt::format("{}/scenes/{}.json", HAPTRACE_SAMPLES, file);
+    const nlohmann::json json = load_json(path);
+    const auto scene = load_scene(path);
+    for (std::size_t i = 0; i < scene->size(); ++i)
+      for (const Knob& knob : scene->object(i).knobs())
+        for (const double level : knob.levels) {
+          bool taken = false;
+          for (const char* const part : {"", "/shape", "/surface", "/surface/texture"})
+            for (const nlohmann::json& value : {nlohmann::json(level), nlohmann::json(level != 0)}) {
+              nlohmann::json changed = json;
+              nlohmann::json& object = changed["objects"][i];
+              const nlohmann::json::json_pointer at(part);
+              if (taken || !object.contains(at)) continue;
+              object[at][knob.name] = value;
+              SceneFiles files(std::string(HAPTRACE_SAMPLES) + "/scenes");
+              try {
+                const std::vector<Knob> now = read_scene(changed, "scene", files)->object(i).knobs();
+                taken = std::any_of(now.begin(), now.end(),
+                                    [&](const Knob& other) { return other.name == knob.name && other.level == level; });
+              } catch (const Error&) {
+              }
+            }
+          EXPECT_TRUE(taken) << file << ": " << scene->object(i).name() << "." << knob.name << " " << level;
+        }
+  }
 }
 
 TEST(Scene, KnowsTheObjectsThatAreOutOfReach) {

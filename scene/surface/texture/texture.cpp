@@ -83,13 +83,24 @@ Mapping mapping_of(JsonReader& reader) {
   return mapping ? read_mapping(std::move(*mapping)) : Mapping{};
 }
 
+/// Makes the height of a grid with its accuracy settings.
+std::unique_ptr<Height> grid_height(JsonReader& reader, HeightGrid grid) {
+  const int all = std::max(grid.columns, grid.rows);
+  const Mapping mapping = mapping_of(reader);
+  auto height = std::make_unique<GridHeight>(std::move(grid), mapping,
+                                             reader.require("amplitude").number("amplitude", 0, 0, kMostHeight));
+  const int order = reader.integer("order", 3, 1, 3);
+  if (order == 2) throw input_error(reader.where() + ".order: 2 is not known; known: 1, 3");
+  height->set("order", order);
+  height->set("texels", reader.integer("texels", all, 1, all));
+  return height;
+}
+
 std::unique_ptr<Height> read_image(JsonReader& reader, SceneFiles& files) {
   const GreyImage image = load_grey_image(files.find(reader.require("file").text("file", "")));
   HeightGrid grid{image.columns, image.rows, image.values};
   for (float& value : grid.values) value = 2 * value - 1;
-  const Mapping mapping = mapping_of(reader);
-  return std::make_unique<GridHeight>(std::move(grid), mapping,
-                                      reader.require("amplitude").number("amplitude", 0, 0, kMostHeight));
+  return grid_height(reader, std::move(grid));
 }
 
 std::unique_ptr<Height> read_reaction(JsonReader& reader, SceneFiles&) {
@@ -97,9 +108,7 @@ std::unique_ptr<Height> read_reaction(JsonReader& reader, SceneFiles&) {
   const int steps = reader.integer("steps", 4000, 0, 100'000);
   const double feed = reader.number("feed", 0.037, 0, 0.1), kill = reader.number("kill", 0.06, 0, 0.1);
   const auto seed = static_cast<std::uint64_t>(reader.integer("seed", 1, 0, 1'000'000'000));
-  const Mapping mapping = mapping_of(reader);
-  const double amplitude = reader.require("amplitude").number("amplitude", 0, 0, kMostHeight);
-  return std::make_unique<GridHeight>(reaction_diffusion(side, steps, feed, kill, seed), mapping, amplitude);
+  return grid_height(reader, reaction_diffusion(side, steps, feed, kill, seed));
 }
 
 std::unique_ptr<Height> read_expression(JsonReader& reader, SceneFiles&) {
