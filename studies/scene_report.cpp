@@ -131,7 +131,7 @@ std::string text_of(const SceneReport& report) {
     const Vec3 size = object.bounds.size();
     std::string settings;
     for (const Knob& knob : object.knobs)
-      settings += fmt::format("{}{} {:g}{}{}", settings.empty() ? "" : ", ", knob.name, knob.level,
+      settings += fmt::format("{}{} {:.10g}{}{}", settings.empty() ? "" : ", ", knob.name, knob.level,
                               knob.unit.empty() ? "" : " ", knob.unit);
     text += fmt::format(
         "  {:<16} {:<10} {:>24} {:>10}  {}\n", object.name, object.kind,

@@ -24,8 +24,6 @@ namespace haptrace {
 namespace {
 
 constexpr std::uintmax_t kLargestFile = std::uintmax_t{4} << 30U;
-constexpr std::size_t kMostTriangles = 20'000'000;
-constexpr double kFlat = 1e-14;            // area over the square of the longest edge, from which on rounding decides
 constexpr double kHuge = 3, kTiny = 1e-3;  // sizes that suggest another unit [m]
 
 /// Adds a polygon, whose corners are indices of the mesh's vertices.
@@ -116,8 +114,8 @@ void add_node(const aiScene& scene, const aiNode& node, const aiMatrix4x4& paren
   for (unsigned m = 0; m < node.mNumMeshes; ++m) {
     const aiMesh& part = *scene.mMeshes[node.mMeshes[m]];
     const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
-    if (mesh.vertices.size() + part.mNumVertices > 3 * kMostTriangles)
-      throw input_error(fmt::format("{}: has more than {} vertices", file, 3 * kMostTriangles));
+    if (mesh.vertices.size() + part.mNumVertices > 3 * kMostMeshTriangles)
+      throw input_error(fmt::format("{}: has more than {} vertices", file, 3 * kMostMeshTriangles));
     for (unsigned i = 0; i < part.mNumVertices; ++i) {
       const aiVector3D v = placed * part.mVertices[i];
       mesh.vertices.emplace_back(v.x, v.y, v.z);
@@ -212,13 +210,6 @@ void weld(TriangleMesh& mesh) {
   for (auto& triangle : mesh.triangles)
     for (std::uint32_t& corner : triangle) corner = index[corner];
   mesh.vertices = std::move(kept);
-}
-
-bool is_flat(const TriangleMesh& mesh, const std::array<std::uint32_t, 3>& t) {
-  if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0]) return true;
-  const Vec3 &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
-  const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
-  return !((b - a).cross(c - a).norm() > kFlat * longest);
 }
 
 /// Joins of triangles at their edges.
@@ -375,8 +366,9 @@ MeshLoad clean_mesh(TriangleMesh mesh, const std::string& name) {
   report.vertices_in_file = mesh.vertices.size();
   report.triangles_in_file = mesh.triangles.size();
   if (mesh.triangles.empty()) throw input_error(name + ": has no triangles");
-  if (mesh.triangles.size() > kMostTriangles)
-    throw input_error(fmt::format("{}: has {} triangles; the most is {}", name, mesh.triangles.size(), kMostTriangles));
+  if (mesh.triangles.size() > kMostMeshTriangles)
+    throw input_error(
+        fmt::format("{}: has {} triangles; the most is {}", name, mesh.triangles.size(), kMostMeshTriangles));
   for (std::size_t i = 0; i < mesh.vertices.size(); ++i)
     if (!is_finite(mesh.vertices[i]) || !(mesh.vertices[i].cwiseAbs().maxCoeff() < 1e6))
       throw input_error(fmt::format("{}: vertex {} is not finite, or beyond 1000 km", name, i + 1));

@@ -8,6 +8,8 @@
 
 namespace haptrace {
 
+inline constexpr std::size_t kMostMeshTriangles = 20'000'000;
+
 /// What was found in the file of a mesh.
 struct MeshReport {
   std::size_t vertices_in_file = 0, triangles_in_file = 0;

@@ -2,9 +2,11 @@
 
 #include "control/norm.h"
 #include "formats/mesh/mesh_file.h"
+#include "scene/shape/mesh_simplifier.h"
 
 #include <algorithm>
 #include <cmath>
+#include <fmt/format.h>
 #include <utility>
 
 namespace haptrace {
@@ -18,7 +20,18 @@ constexpr int kMostLeaps = 16;  // of a proxy from one part of the surface to an
 }  // namespace
 
 Mesh::Mesh(TriangleMesh mesh, std::vector<std::string> remarks)
-    : mesh_(std::move(mesh)), tree_(mesh_), topology_(mesh_, tree_), remarks_(std::move(remarks)) {
+    : remarks_(std::move(remarks)),
+      given_(mesh.triangles.size()),
+      wanted_(std::max(given_, kFewestTriangles)),
+      prepared_for_(wanted_) {
+  build(std::move(mesh));
+}
+
+void Mesh::build(TriangleMesh mesh) {
+  mesh_ = std::move(mesh);
+  tree_ = TriangleTree(mesh_);
+  topology_ = MeshTopology(mesh_, tree_);
+  bounds_ = {};
   double largest = 0;
   for (const Vec3& vertex : mesh_.vertices) {
     bounds_.include(vertex);
@@ -27,12 +40,51 @@ Mesh::Mesh(TriangleMesh mesh, std::vector<std::string> remarks)
   rounding_ = 16 * std::numeric_limits<double>::epsilon() * largest;
 }
 
+void Mesh::prepare(double radius) {
+  radius_ = radius;
+  if (wanted_ == prepared_for_) return;
+  if (!whole_.triangles.empty()) build(std::exchange(whole_, {}));
+  simplified_.clear();
+  if (wanted_ < given_) simplify();
+  prepared_for_ = wanted_;
+}
+
+void Mesh::simplify() {
+  TriangleMesh fewer = simplified(mesh_, tree_, topology_, wanted_);
+  const TriangleTree whole_tree = std::move(tree_);
+  whole_ = std::move(mesh_);
+  build(std::move(fewer));
+  const SurfaceDistance moved = distance_between(whole_tree, tree_);
+  const std::size_t count = mesh_.triangles.size();
+  simplified_ =
+      fmt::format("simplified from {} to {} triangles, which moved the surface by {:.2g} mm rms, {:.2g} mm at most",
+                  given_, count, 1e3 * moved.rms, 1e3 * moved.largest);
+  if (count > wanted_)
+    simplified_ += fmt::format(
+        "; `triangles` asks for {}, but no fewer than {} were found that neither open nor fold the "
+        "surface, and keep its parts and holes",
+        wanted_, count);
+}
+
+std::vector<std::string> Mesh::remarks() const {
+  std::vector<std::string> remarks = remarks_;
+  if (!simplified_.empty()) remarks.push_back(simplified_);
+  return remarks;
+}
+
 std::vector<Knob> Mesh::knobs() const {
-  return {{"verify", "", {0, 1}, verify_ ? 1.0 : 0.0, 0, 1},
+  // A quarter of the triangles doubles the error.
+  constexpr std::size_t kCoarser = 3, kCoarsest = 100;
+  std::vector<double> levels{static_cast<double>(std::max(given_, kFewestTriangles))};
+  for (std::size_t count = given_ / 4; levels.size() <= kCoarser && count >= kCoarsest; count /= 4)
+    levels.insert(levels.begin(), static_cast<double>(count));
+  return {{"triangles", "", std::move(levels), static_cast<double>(wanted_), kFewestTriangles, kMostMeshTriangles},
+          {"verify", "", {0, 1}, verify_ ? 1.0 : 0.0, 0, 1},
           {"rounds", "", {1, 2, 4, 8}, static_cast<double>(rounds_), 1, kMostRounds}};
 }
 
 void Mesh::set(const std::string& knob, double level) {
+  if (knob == "triangles") wanted_ = static_cast<std::size_t>(std::lround(level));
   if (knob == "verify") verify_ = level >= 0.5;
   if (knob == "rounds") rounds_ = static_cast<int>(std::lround(level));
 }
@@ -350,8 +402,11 @@ std::unique_ptr<Shape> read_mesh(JsonReader& reader, SceneFiles& files) {
   const std::string unit = reader.text("unit", "m");
   MeshLoad load = load_mesh(file, unit);
   auto mesh = std::make_unique<Mesh>(std::move(load.mesh), std::move(load.remarks));
-  if (reader.boolean("verify", false)) mesh->set("verify", 1);
-  mesh->set("rounds", reader.integer("rounds", 4, 1, kMostRounds));
+  mesh->set("verify", reader.boolean("verify", false) ? 1 : 0);
+  for (const Knob& knob : mesh->knobs())
+    if (knob.name != "verify")
+      mesh->set(knob.name, reader.integer(knob.name, static_cast<int>(knob.level), static_cast<int>(knob.least),
+                                          static_cast<int>(knob.most)));
   return mesh;
 }
 

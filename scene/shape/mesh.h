@@ -28,25 +28,27 @@ namespace haptrace {
 /// The distance of a moving ball from a triangle is a convex function of the way, so Newton's method finds the first
 /// touch from the free side. The ball overlaps the mesh by at most 1e-7 of its radius.
 ///
-/// Settings: `verify` 1 lets a sweep look at every step of a point's proxy, which then also stops at parts that the
-/// walk does not know, such as another mesh in the same file; `rounds` is the number of planes that a ball's proxy
-/// meets in a tick at most.
+/// Settings: `triangles` is the number to which the mesh is simplified at the next preparation, if it has more: the
+/// error falls with its square root. `verify` 1 lets a sweep look at every step of a point's proxy, which then also
+/// stops at parts that the walk does not know, such as another mesh in the same file; `rounds` is the number of planes
+/// that a ball's proxy meets in a tick at most.
 class Mesh final : public Shape {
  public:
   /// `mesh` must be welded, without triangles of zero area, and wound so that normals point outwards: see load_mesh().
   Mesh(TriangleMesh mesh, std::vector<std::string> remarks);
 
-  void prepare(double radius) override { radius_ = radius; }
+  void prepare(double radius) override;
   void follow(const ToolStep& step, Proxy& proxy) const noexcept override;
   [[nodiscard]] SurfacePoint nearest(const Vec3& place) const noexcept override;
   [[nodiscard]] Eigen::Matrix3d slide(const Proxy& proxy) const noexcept override;
   [[nodiscard]] Vec3 smooth(const Proxy& proxy, double crease) const noexcept override;
-  [[nodiscard]] std::vector<std::string> remarks() const override { return remarks_; }
+  [[nodiscard]] std::vector<std::string> remarks() const override;
   [[nodiscard]] Box bounds() const noexcept override { return bounds_; }
   [[nodiscard]] TriangleMesh tessellated(double tolerance, const Box& space) const override;
   [[nodiscard]] std::vector<Knob> knobs() const override;
   void set(const std::string& knob, double level) override;
 
+  /// Returns the triangles that are touched: those of the last preparation.
   [[nodiscard]] const TriangleMesh& triangles() const noexcept { return mesh_; }
 
  private:
@@ -63,6 +65,8 @@ class Mesh final : public Shape {
   /// The surroundings of a ball.
   class Ball;
 
+  void build(TriangleMesh mesh);
+  void simplify();
   void follow_point(const ToolStep& step, Proxy& proxy) const noexcept;
   void follow_ball(const ToolStep& step, Proxy& proxy) const noexcept;
   [[nodiscard]] bool place_ball(const Vec3& to, Ball& ball) const noexcept;
@@ -89,12 +93,17 @@ class Mesh final : public Shape {
   Box bounds_;
   double rounding_ = 0;  // of a place on the mesh [m]
   std::vector<std::string> remarks_;
+  TriangleMesh whole_;            // as it was given; empty while mesh_ is this
+  std::size_t given_ = 0;         // number of its triangles
+  std::size_t wanted_ = 0;        // number of triangles, at most
+  std::size_t prepared_for_ = 0;  // wanted_ of mesh_
+  std::string simplified_;        // note on it; empty: mesh_ is as it was given
   double radius_ = 0;
   bool verify_ = false;
   int rounds_ = 4;
 };
 
-/// Reads the keys `file`, `unit` and `verify`.
+/// Reads the keys `file` and `unit`, and the settings.
 std::unique_ptr<Shape> read_mesh(JsonReader& reader, SceneFiles& files);
 
 }  // namespace haptrace

@@ -248,7 +248,7 @@ SideTrade SceneBench::trade() const {
       const std::shared_ptr<Scene> turned = load_();
       turned->set(knob.name, level);
       turned->prepare({.rate_hz = rate_hz_});
-      add(fmt::format("{} {:g}{}{}", knob.name, level, knob.unit.empty() ? "" : " ", knob.unit), false, *turned,
+      add(fmt::format("{} {:.10g}{}{}", knob.name, level, knob.unit.empty() ? "" : " ", knob.unit), false, *turned,
           instructions_);
     }
   }
@@ -348,7 +348,7 @@ nlohmann::json to_json(const SceneChoice& choice) {
 std::string text_of(const SceneChoice& choice, const SceneBudget& budget) {
   std::string settings;
   for (const auto& [setting, level] : choice.levels)
-    settings += fmt::format("{}{} {:g}", settings.empty() ? "" : ", ", setting, level);
+    settings += fmt::format("{}{} {:.10g}", settings.empty() ? "" : ", ", setting, level);
   return fmt::format("  scene: {}\n    {} {}: error {:.4f} N rms, {:.3f} N peak, {:.0f} ns an answer\n",
                      settings.empty() ? "it has no accuracy settings" : settings,
                      choice.kept ? "keeps" : "no settings keep", to_string(budget), choice.error, choice.peak,

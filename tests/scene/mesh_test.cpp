@@ -24,6 +24,7 @@ namespace {
 using test::box_mesh;
 using test::bumpy_sphere;
 using test::error_of;
+using test::obj_of;
 using test::TempFolder;
 using testing::HasSubstr;
 
@@ -506,13 +507,6 @@ TEST(ConstraintPlanes, GiveTheNearestPlaceThatAllAllow) {
 }
 
 // --- Files ---
-
-std::string obj_of(const TriangleMesh& mesh) {
-  std::string text = "# made by a test\n";
-  for (const Vec3& v : mesh.vertices) text += fmt::format("v {} {} {}\n", v.x(), v.y(), v.z());
-  for (const auto& t : mesh.triangles) text += fmt::format("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1);
-  return text;
-}
 
 std::string stl_of(const TriangleMesh& mesh, bool binary) {
   std::string text = binary ? std::string(80, ' ') : "solid test\n";

@@ -22,6 +22,7 @@ struct WalkCase {
   std::string name;
   std::function<TriangleMesh(int)> make;  ///< from the number of triangles
   bool pinched = false;  ///< parts of it touch: they hold a tool that came between them, though it sees the other side
+  int times = 1;         ///< it is made with so many times the triangles, and simplified
 };
 
 std::vector<WalkCase> walk_cases() {
@@ -42,13 +43,22 @@ std::vector<WalkCase> walk_cases() {
            },
            true},
           // From edges of a micrometre to edges of metres.
-          {"TipsOnABlock", [](int) {
+          {"TipsOnABlock",
+           [](int) {
              TriangleMesh mesh = test::box_mesh(Vec3(10, 10, 1));
              test::join(mesh, test::box_mesh(Vec3::Constant(1e-6)), Vec3(0.3, 0.2, 0.5 + 1e-6));
              test::join(mesh, test::box_mesh(Vec3(1e-3, 1e-6, 0.1), 3), Vec3(0.1, 0.2, 0.6));
              test::join(mesh, test::toothed_sphere(0.02, 0.004, 1000), Vec3(-0.1, 0, 0.7));
              return mesh;
-           }}};
+           }},
+          {"SimplifiedBumpy", [](int triangles) { return test::bumpy_sphere(0.05, 0.0015, triangles); }, false, 4},
+          {"SimplifiedTeeth", [](int triangles) { return test::toothed_sphere(0.05, 0.003, triangles); }, false, 8},
+          {"SimplifiedBlock",
+           [](int triangles) {
+             const auto parts = std::bit_floor(static_cast<unsigned>(std::sqrt(triangles / 12.0)));
+             return test::box_mesh(Vec3(1.0 / 16, 1.0 / 8, 1.0 / 32), static_cast<int>(parts));
+           },
+           false, 16}};
 }
 
 struct Tool {
@@ -58,10 +68,11 @@ struct Tool {
 };
 
 void expect_no_fault(const WalkCase& shape, int triangles, const Tool& tool, std::int64_t ticks, unsigned seed) {
-  MeshLoad load = clean_mesh(shape.make(triangles), shape.name);
+  MeshLoad load = clean_mesh(shape.make(shape.times * triangles), shape.name);
   ASSERT_EQ(load.report.open_edges, 0U);
   Mesh mesh(std::move(load.mesh), {});
   mesh.set("verify", tool.verify ? 1 : 0);
+  if (shape.times > 1) mesh.set("triangles", triangles);
   mesh.prepare(tool.radius);
   const test::WalkFaults faults = test::walk_around(mesh, tool.radius, ticks, seed);
   const std::string what =

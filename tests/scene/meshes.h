@@ -5,8 +5,10 @@
 #include "scene/shape/grid_mesh.h"
 
 #include <cmath>
+#include <fmt/format.h>
 #include <functional>
 #include <numbers>
+#include <string>
 
 namespace haptrace::test {
 
@@ -69,6 +71,14 @@ inline TriangleMesh box_mesh(const Vec3& size, int parts = 1) {
       for (const auto& t : side.triangles) mesh.triangles.push_back({first + t[0], first + t[1], first + t[2]});
     }
   return mesh;
+}
+
+/// Returns the text of an OBJ file.
+inline std::string obj_of(const TriangleMesh& mesh) {
+  std::string text = "# made by a test\n";
+  for (const Vec3& v : mesh.vertices) text += fmt::format("v {} {} {}\n", v.x(), v.y(), v.z());
+  for (const auto& t : mesh.triangles) text += fmt::format("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1);
+  return text;
 }
 
 /// Adds the triangles of another mesh, moved.

@@ -187,6 +187,28 @@ TEST(SceneSchema, TakesThePatchesThatTheReaderTakes) {
         << (valid[i] ? "only the schema takes " : "only the reader takes ") << scenes[i].dump();
 }
 
+TEST(SceneSchema, TakesTheSettingsOfAMeshThatTheReaderTakes) {
+  std::vector<json> scenes;
+  const auto add = [&](const char* key, const json& value) {
+    json shape{{"kind", "mesh"}, {"file", std::string(HAPTRACE_SAMPLES) + "/scenes/hills.obj"}, {"unit", "mm"}};
+    shape[key] = value;
+    scenes.push_back({{"objects", {{{"shape", shape}, {"surface", {{"stiffness", 500}}}}}}});
+  };
+  add("unit", "m");
+  for (const json& count : {json(4), json(1000.0), json(20'000'000), json(3), json(0), json(-1), json(20'000'001),
+                            json(1000.5), json("1000"), json(true), json(nullptr)})
+    add("triangles", count);
+  for (const json& rounds : {json(1), json(16), json(0), json(17), json(1.5), json("1")}) add("rounds", rounds);
+  for (const json& verify : {json(true), json(false), json(1), json("true")}) add("verify", verify);
+  add("triangle", 1000);
+  const std::vector<bool> valid = scenes_by_schema(scenes);
+  ASSERT_EQ(valid.size(), scenes.size());
+  EXPECT_TRUE(valid[0]);
+  for (std::size_t i = 0; i < valid.size(); ++i)
+    EXPECT_EQ(scene_is_read(scenes[i]), valid[i])
+        << (valid[i] ? "only the schema takes " : "only the reader takes ") << scenes[i].dump();
+}
+
 TEST(SceneSchema, TakesTheSamples) {
   std::vector<json> scenes;
   for (const auto& entry : std::filesystem::directory_iterator(std::string(HAPTRACE_SAMPLES) + "/scenes")) {

@@ -2,11 +2,14 @@
 
 #include "base/json_reader.h"
 #include "scene/scene_file.h"
+#include "scene/scene_files.h"
 #include "studies/trade/instruction_count.h"
 #include "studies/trade/scene_trade.h"
 #include "studies/trade/side_trades.h"
+#include "tests/scene/meshes.h"
 #include "tests/studies/trade/support.h"
 #include "tests/support/errors.h"
+#include "tests/support/temp_folder.h"
 
 #include <csignal>
 #include <gmock/gmock.h>
@@ -260,6 +263,45 @@ TEST(SceneBudgets, WriteTheSettingsWhereTheSceneFileHasThem) {
                 (void)scene_with(textured_wall(), "", {{"floor.teeth", 2}});
               }),
               testing::HasSubstr("'floor.teeth'"));
+}
+
+TEST(SceneBudgets, ChooseTheNumberOfTrianglesOfAMesh) {
+  const Workbench bench(small_workplace());
+  const test::TempFolder folder;
+  TriangleMesh ball;
+  test::join(ball, test::bumpy_sphere(0.05, 0.0015, 10'000), Vec3(0, -0.045, 0));
+  (void)folder.write("ball.obj", test::obj_of(ball));
+  const nlohmann::json described = parse_json(R"({"objects": [{"name": "ball",
+    "shape": {"kind": "mesh", "file": "ball.obj"}, "surface": {"stiffness": 800}}]})",
+                                              "the test's scene");
+  const auto load = [&] {
+    SceneFiles files(folder.path());
+    return read_scene(described, "the test's scene", files);
+  };
+  const SceneBench scene(bench, 1000, load, false);
+  ASSERT_TRUE(scene.touches());
+  std::vector<double> errors;
+  for (const SideTrade::Level& level : scene.trade().levels)
+    if (level.level.starts_with("ball.triangles ")) errors.push_back(level.values[0]);
+  ASSERT_EQ(errors.size(), 4U);
+  EXPECT_LT(errors[1], errors[0]);
+  EXPECT_LT(errors[2], errors[1]);
+  EXPECT_LT(errors[3], errors[2]);
+
+  const SceneChoice cheap = scene.choose({.error = 1.1 * errors[2], .time = 1}, StopRequest{});
+  EXPECT_TRUE(cheap.kept);
+  const SceneChoice exact = scene.choose(parse_scene_budget("time<=1s"), StopRequest{});
+  EXPECT_EQ(exact.levels.at("ball.triangles"), 9800);
+  // What the budget chooses is what the scene's file takes.
+  const nlohmann::json changed =
+      scene_with(described, folder.path(), {{"ball.triangles", 2450}, {"ball.verify", 1}, {"ball.rounds", 2}});
+  const nlohmann::json& shape = changed["objects"][0]["shape"];
+  EXPECT_EQ(shape["triangles"], 2450);
+  EXPECT_TRUE(shape["triangles"].is_number_integer());
+  EXPECT_EQ(shape["verify"], true);
+  EXPECT_EQ(shape["rounds"], 2);
+  SceneChoice many{.levels = {{"ball.triangles", 1'234'567}}};
+  EXPECT_THAT(text_of(many, {.error = 1}), HasSubstr("ball.triangles 1234567\n"));
 }
 
 TEST(SceneBudgets, NameThePartThatIsWrong) {
