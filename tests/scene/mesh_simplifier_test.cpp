@@ -24,14 +24,10 @@ namespace {
 using test::box_mesh;
 using test::bumpy_sphere;
 using test::error_of;
+using test::mesh_of;
 using testing::AllOf;
 using testing::HasSubstr;
 using testing::IsEmpty;
-
-Mesh mesh_of(TriangleMesh triangles) {
-  MeshLoad load = clean_mesh(std::move(triangles), "test");
-  return {std::move(load.mesh), std::move(load.remarks)};
-}
 
 Mesh simplified_to(int count, TriangleMesh triangles) {
   Mesh mesh = mesh_of(std::move(triangles));

@@ -24,14 +24,10 @@ namespace {
 using test::box_mesh;
 using test::bumpy_sphere;
 using test::error_of;
+using test::mesh_of;
 using test::obj_of;
 using test::TempFolder;
 using testing::HasSubstr;
-
-Mesh mesh_of(TriangleMesh triangles) {
-  MeshLoad load = clean_mesh(std::move(triangles), "test");
-  return {std::move(load.mesh), std::move(load.remarks)};
-}
 
 /// A tool that touches a mesh.
 struct MeshHand {

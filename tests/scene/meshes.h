@@ -2,7 +2,9 @@
 #pragma once
 
 #include "base/triangle_mesh.h"
+#include "formats/mesh/mesh_file.h"
 #include "scene/shape/grid_mesh.h"
+#include "scene/shape/mesh.h"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -86,6 +88,12 @@ inline void join(TriangleMesh& mesh, const TriangleMesh& other, const Vec3& shif
   const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
   for (const Vec3& vertex : other.vertices) mesh.vertices.push_back(vertex + shift);
   for (const auto& t : other.triangles) mesh.triangles.push_back({first + t[0], first + t[1], first + t[2]});
+}
+
+/// Returns a mesh that the hand can touch, loaded as from a file.
+inline Mesh mesh_of(TriangleMesh triangles) {
+  MeshLoad load = clean_mesh(std::move(triangles), "test");
+  return {std::move(load.mesh), std::move(load.remarks)};
 }
 
 }  // namespace haptrace::test
