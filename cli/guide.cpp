@@ -8,6 +8,7 @@
 #include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
+#include "cli/scene_options.h"
 #include "cli/tuning.h"
 #include "formats/path/path_file.h"
 
@@ -31,6 +32,7 @@ struct Arguments {
   double pace_margin = 0.2, pace_force = 1;
   TuningArguments tuning{.example = "radius 6mm"};
   ViewArguments view;
+  TouchArguments scene;
 };
 
 const std::vector<std::string> kModes{"tunnel", "cursor", "free"};
@@ -194,6 +196,7 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   inputs.push_back(arguments.expert);
   keep_inputs(arguments.record, inputs);
   options.session = arguments.session.options(arguments.record, effective_config(verb));
+  const std::vector<std::string> of_scene = arguments.scene.apply(options.session);
 
   const auto open = [&](const std::string& file, const PathSelection& selection, const CsvOptions& csv) {
     ReadProgress progress(output, csv.name);
@@ -215,7 +218,9 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   for (const std::string& note : expert->facts().notes) notes.push_back(fmt::format("{}: {}", input.name(), note));
   options.identified =
       identified(arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known));
-  const GuidePlan plan = plan_guidance(device->info(), expert, options);
+  GuidePlan plan = plan_guidance(device->info(), expert, options);
+  plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
+  std::ranges::move(notes_on_reach(options.session, device->info()), std::back_inserter(plan.notes));
   const std::size_t of_device = device->info().notes.size();
   note_before(output, options.session, "device", device->info().notes);
   note_before(output, options.session, "path", std::span(notes).subspan(of_device), Severity::warning);
@@ -270,6 +275,7 @@ Verb add_guide(CLI::App& app) {
       "  haptrace guide expert.h5 -d falcon --radius 5mm --record trainee.h5\n"
       "  haptrace guide expert.h5 -d falcon --radius auto --spread second.h5 third.h5\n"
       "  haptrace guide expert.h5 -d falcon --mode cursor --wait 0.02 --speed 0.5\n"
+      "  haptrace guide expert.h5 -d falcon --scene samples/scenes/sphere.json\n"
       "  haptrace guide expert.h5 -d sim:preset=falcon,hand=relaxed,intent=expert.h5 --feel resist");
   verb->add_option("expert", arguments->expert,
                    "expert's recording (HDF5) or path (HDF5, CSV with t,x,y,z; -: standard input)")
@@ -292,6 +298,7 @@ Verb add_guide(CLI::App& app) {
       ->capture_default_str()
       ->group("Safety");
   arguments->profile.add_to(*verb, "Safety", "guide without a device profile");
+  arguments->scene.add_to(*verb);
   arguments->tuning.add_to(*verb, false);
   arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);

@@ -136,10 +136,6 @@ void LivePage::watch(SessionOptions& session) {
   session.also_warn([this] { return view_->warnings(); });
 }
 
-void LivePage::scene(const Scene& scene) {
-  if (view_) view_->scene(shown_objects(scene));
-}
-
 void LivePage::release() {
   commands_ = nullptr;
   if (!view_) return;
@@ -176,6 +172,10 @@ void LivePage::begins(Device& device, const SessionOptions& options, const Recor
     session.title = options.recording->title;
     session.subject = options.recording->subject;
     targets.annotations = options.recording->options.annotations.get();
+  }
+  if (scene_ != options.touch.scene) {
+    scene_ = options.touch.scene;
+    view_->scene(scene_ ? shown_objects(*scene_) : std::vector<ShownObject>());
   }
   view_->begin(session, targets);
   if (targets.steering != nullptr && view_->pages() == 0) {

@@ -6,12 +6,9 @@
 #include "player/tuning/commands.h"
 #include "view/live_view.h"
 
+#include <memory>
 #include <optional>
 #include <string>
-
-namespace haptrace {
-class Scene;
-}
 
 namespace haptrace::cli {
 
@@ -58,9 +55,6 @@ class LivePage final : public SessionObserver {
     LivePage& page_;
   };
 
-  /// Shows the scene that the sessions from now on touch.
-  void scene(const Scene& scene);
-
   /// Shows the therapist the state of a programme (programme_message).
   void programme(const nlohmann::json& state);
 
@@ -95,6 +89,7 @@ class LivePage final : public SessionObserver {
   const Output& output_;
   std::string verb_;
   StopRequest& stop_;
+  std::shared_ptr<const Scene> scene_;  ///< that the page shows
   std::optional<LiveView> view_;
   std::optional<LiveTraining> training_;
   Sinks sinks_;

@@ -6,6 +6,7 @@
 #include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
+#include "cli/scene_options.h"
 #include "cli/tuning.h"
 #include "formats/path/path_file.h"
 #include "player/playback/learned_memory.h"
@@ -27,6 +28,7 @@ struct PlayArguments {
   SessionArguments session;
   TuningArguments tuning;
   ViewArguments view;
+  TouchArguments scene;
   std::string path, record, gains, learned;
   CsvOptions csv;
   ProfileArguments profile;
@@ -266,6 +268,7 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   keep_inputs(arguments.record, std::span(&arguments.path, 1));
   options.session = arguments.session.options(arguments.record, effective_config(verb));
   options.session.loop.limits.max_torque = arguments.max_torque;
+  const std::vector<std::string> of_scene = arguments.scene.apply(options.session);
 
   const InputFile input(arguments.path, arguments.csv);
   if (input.passed_through() && arguments.learn > 0 && arguments.learned.empty())
@@ -291,6 +294,8 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
       arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known);
   options.identified = identified(profile);
   PlayPlan plan = plan_playback(device->info(), path, options);
+  plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
+  std::ranges::move(notes_on_reach(options.session, device->info()), std::back_inserter(plan.notes));
   if (!profile && !arguments.profile.none)
     plan.notes.push_back(
         fmt::format("{} is not calibrated: PD control alone follows the path, usually with an error of "
@@ -348,7 +353,8 @@ Verb add_play(CLI::App& app) {
       "force and the feedforward on and off; r restores the gains of the start; p pauses; q ends the session. While\n"
       "recording, m or space sets a mark, 1 to 9 a mark with one of --mark-texts, and t a mark with a typed text.\n"
       "  haptrace play square.h5 -d sim:preset=falcon,hand=relaxed --kp 1500 --kd 15 --record played.h5\n"
-      "  haptrace play stroke.csv -d sim:preset=touch --fit --speed 0.5 --repeat 3");
+      "  haptrace play stroke.csv -d sim:preset=touch --fit --speed 0.5 --repeat 3\n"
+      "  haptrace play square.h5 -d falcon --scene samples/scenes/sphere.json --record felt.h5");
   verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z; -: standard input)")
       ->type_name("PATH");
   verb->add_option("--record", arguments->record, "write a recording of the session")->type_name("OUT.h5");
@@ -358,6 +364,7 @@ Verb add_play(CLI::App& app) {
   add_control_options(*verb, *arguments);
   add_learning_options(*verb, *arguments);
   add_safety_options(*verb, *arguments);
+  arguments->scene.add_to(*verb);
   arguments->tuning.add_to(*verb);
   arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);

@@ -3,11 +3,9 @@
 #include "base/error.h"
 #include "cli/live_page.h"
 #include "cli/profile.h"
+#include "cli/scene_options.h"
 #include "cli/verb.h"
 #include "player/tuning/live_recording.h"
-#include "scene/scene.h"
-#include "scene/scene_file.h"
-#include "scene/slow_scene.h"
 
 #include <fmt/format.h>
 
@@ -17,50 +15,12 @@ namespace {
 struct RecordArguments {
   SessionArguments session;
   ViewArguments view;
-  std::string file, trigger, scene, prediction;
+  TouchArguments scene;
+  std::string file, trigger;
   double duration = 0, pre = 0, pause = 0;
-  double scene_rate = 0;
   int count = 1;
   bool fit = false;
 };
-
-/// Adds the scene to the options, and information about it for the user to `notes`.
-void add_scene(const RecordArguments& arguments, RecordOptions& options, std::vector<std::string>& notes) {
-  if (arguments.scene.empty()) {
-    if (arguments.scene_rate != 0 || !arguments.prediction.empty())
-      throw input_error("--scene-rate and --prediction apply to a scene; give a --scene as well");
-    return;
-  }
-  options.scene = load_scene(arguments.scene);
-  if (arguments.scene_rate == 0) {
-    if (!arguments.prediction.empty())
-      throw input_error(
-          "--prediction sets the force between two results of a slow scene; give its --scene-rate as well");
-    return;
-  }
-  const double servo_rate = options.session.loop.rate_hz;
-  const int ticks = SlowScene::ticks_between(arguments.scene_rate, servo_rate);
-  options.slow_scene.emplace(SlowSceneOptions{.rate_hz = arguments.scene_rate});
-  if (arguments.prediction.empty())
-    notes.emplace_back(
-        "between two results of the scene, the last force is held (--prediction: hold, linear or model)");
-  else
-    options.slow_scene->prediction = parse_prediction(arguments.prediction);
-  if (const double rate = servo_rate / ticks; std::abs(rate - arguments.scene_rate) > 1e-6 * rate)
-    notes.push_back(
-        fmt::format("the scene is computed at {:.4g} Hz, every {} ticks, because a period of {:g} Hz is not a whole "
-                    "number of ticks",
-                    rate, ticks, arguments.scene_rate));
-}
-
-/// Returns a note for each object that the device cannot reach.
-std::vector<std::string> notes_on_reach(const Scene* scene, const DeviceInfo& info) {
-  std::vector<std::string> notes;
-  if (scene != nullptr)
-    for (const std::string& name : scene->out_of({info.workspace_min, info.workspace_max}))
-      notes.push_back(fmt::format("'{}' lies outside the workspace of {}: it cannot be touched", name, info.name));
-  return notes;
-}
 
 RecordOptions options_of(const RecordArguments& arguments, const CLI::App& verb) {
   RecordOptions options{.duration = arguments.duration,
@@ -127,16 +87,7 @@ Verb add_record(CLI::App& app) {
       ->capture_default_str()
       ->group("Capture");
   verb->add_option("--pause", arguments->pause, "time between two trials [s]")->capture_default_str()->group("Capture");
-  verb->add_option("--scene", arguments->scene, "scene that the hand can touch (docs/scene.md)")
-      ->type_name("FILE.json")
-      ->group("Scene");
-  verb->add_option("--scene-rate", arguments->scene_rate,
-                   "compute a slow scene beside the servo loop, at this rate [Hz] (0: in the loop)")
-      ->capture_default_str()
-      ->group("Scene");
-  verb->add_option("--prediction", arguments->prediction,
-                   "force between two results of a slow scene: hold | linear | model")
-      ->group("Scene");
+  arguments->scene.add_to(*verb);
   arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
@@ -146,8 +97,8 @@ Verb add_record(CLI::App& app) {
             require(*verb, "--device");
             RecordOptions options = options_of(*arguments, *verb);
 
-            std::vector<std::string> scene_notes, notes;
-            add_scene(*arguments, options, scene_notes);
+            const std::vector<std::string> scene_notes = arguments->scene.apply(options.session);
+            std::vector<std::string> notes;
             options.identified = [&output, &options](const DeviceInfo& info) -> std::optional<PlantModel> {
               const auto profile = profile_for(info, "", options.session.loop.rate_hz, output, &options.session.known);
               return profile ? std::optional(profile->plant) : std::nullopt;
@@ -160,8 +111,7 @@ Verb add_record(CLI::App& app) {
               expected = options.duration > 0 ? options.duration : device.info().natural_duration;
               notes = device.info().notes;
               notes.insert(notes.end(), scene_notes.begin(), scene_notes.end());
-              for (std::string& note : notes_on_reach(options.scene.get(), device.info()))
-                notes.push_back(std::move(note));
+              for (std::string& note : notes_on_reach(options.session, device.info())) notes.push_back(std::move(note));
               if (trial == 1) note_before(output, options.session, "plan", notes);
               if (arguments->count > 1) output.remark(fmt::format("trial {} of {}: {}", trial, arguments->count, file));
             };
@@ -169,7 +119,6 @@ Verb add_record(CLI::App& app) {
             StopRequest stop(&signals.stop());
             LivePage page(arguments->view, arguments->session, output, "record", stop);
             page.watch(options.session);
-            if (options.scene) page.scene(*options.scene);
             LiveRecording commands(options.session.recording->options.annotations, stop);
             options.live = &commands;
             const LivePage::Use use(page, commands);

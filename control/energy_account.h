@@ -1,7 +1,7 @@
 // Energy that a device gives to a hand, and the damping that takes it back.
 #pragma once
 
-#include "control/controller.h"
+#include "base/types.h"
 #include "control/sent_forces.h"
 
 #include <algorithm>
@@ -30,14 +30,15 @@ class EnergyAccount {
   }
 
   /// Returns the energy given to the hand since the previous tick [J], or nothing at the first tick since begin().
-  /// `stored` [J] is the energy in springs at this tick's position.
-  [[nodiscard]] std::optional<double> update(const State& state, double stored) noexcept {
-    sent_.push(state.force_applied);
+  /// `force` [N] is the port's part of the force sent at the previous tick, and `stored` [J] the energy in springs at
+  /// this tick's `position` [m].
+  [[nodiscard]] std::optional<double> update(const Vec3& position, const Vec3& force, double stored) noexcept {
+    sent_.push(force);
     force_ = sent_.acted(delay_);
     std::optional<double> given;
-    if (begun_) given = force_.dot(state.position - position_) + stored - stored_;
+    if (begun_) given = force_.dot(position - position_) + stored - stored_;
     begun_ = true;
-    position_ = state.position;
+    position_ = position;
     stored_ = stored;
     return given;
   }

@@ -25,9 +25,11 @@ class ForceGuard {
 
   /// Returns the wrench to send in place of `asked`. Does not scale `feedforward` [N], the part that cannot vibrate.
   [[nodiscard]] Wrench soften(const Wrench& asked, const Vec3& feedforward) const noexcept {
-    const double share = ladder_.share();
-    return {.force = feedforward + share * (asked.force - feedforward), .torque = share * asked.torque};
+    return {.force = feedforward + share() * (asked.force - feedforward), .torque = share() * asked.torque};
   }
+
+  /// Returns the share to which soften() scales feedback.
+  [[nodiscard]] double share() const noexcept { return ladder_.share(); }
 
   /// Takes the wrench sent at this tick (after all limits, without its feedforward) and the position that it responds
   /// to. `declared` is the amplitude of an intended vibration [N], `dt` the time since the previous tick [s]. Returns

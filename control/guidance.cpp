@@ -144,7 +144,8 @@ void Guidance::approach(const PathProjection::Foot& foot, double dt) noexcept {
 void Guidance::account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
   double allowance = 0;
   for (const auto& term : terms_) allowance += tuning_.share * term->allowance(foot, tuning_);
-  if (const std::optional<double> given = account_.update(state, stored(foot, tuning_))) {
+  if (const std::optional<double> given =
+          account_.update(state.position, state.force_applied - state.force_touched, stored(foot, tuning_))) {
     given_ += *given;
     tank_.charge(*given);
     double credit = 0;

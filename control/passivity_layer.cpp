@@ -55,7 +55,7 @@ Vec3 PassivityLayer::update(const State& state, double stored) noexcept {
     damping_ = 0;
     return send(Vec3::Zero());
   }
-  const std::optional<double> given = account_.update(state, stored);
+  const std::optional<double> given = account_.update(state.position, state.force_applied, stored);
   if (!given || !(state.dt > 0)) {
     begin_at(state.position);
     return send(force_);

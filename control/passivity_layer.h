@@ -1,6 +1,7 @@
 // Removal of the energy that sampling creates in virtual objects.
 #pragma once
 
+#include "control/controller.h"
 #include "control/energy_account.h"
 
 #include <vector>

@@ -9,6 +9,10 @@
 
 namespace haptrace {
 
+/// Note of a session with a scene whose path was moved into the workspace.
+inline constexpr const char* kFitMovesNoScene =
+    "--fit moved the path, but not the scene: its objects are where their file places them";
+
 struct DevicePath {
   std::shared_ptr<const PathSource> source;
   std::optional<Fit> fit;  ///< translation and scale, if the path was fitted

@@ -1,11 +1,9 @@
 #include "player/record.h"
 
 #include "base/error.h"
-#include "base/file_hash.h"
 #include "player/record_controllers.h"
 #include "player/tuning/live_session.h"
 #include "scene/scene.h"
-#include "scene/scene_controller.h"
 
 #include <algorithm>
 #include <filesystem>
@@ -27,14 +25,6 @@ void check(const Trials& trials, const RecordOptions& options) {
       throw input_error(fmt::format(
           "{}: exists already and would be replaced by trial {}; choose another name, or allow this with --overwrite",
           file, trial));
-}
-
-/// Returns what a recording keeps of a scene.
-RecordedScene recorded(const Scene& scene) {
-  RecordedScene kept{.text = scene.options().source.text, .objects = scene.names(), .files = {}};
-  for (const std::string& file : scene.options().source.files)
-    kept.files[std::filesystem::absolute(file).string()] = file_hash(file);
-  return kept;
 }
 
 }  // namespace
@@ -61,25 +51,13 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
     sinks.push_back(options.live);
     session.also_warn([live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
   }
-  if (options.scene) {
-    std::optional<PassivityLayer::Options> passivity;
-    if (options.scene->options().passivity)
-      passivity = passivity_for(options.identified ? options.identified(device.info()) : std::nullopt,
-                                options.session.loop.rate_hz, device.info().position_resolution);
-    const auto touching = make_scene_controller(options.scene, options.session.loop.rate_hz, options.slow_scene,
-                                                passivity, device.info().position_resolution);
-    for (Warning& note : known_warnings(Severity::note, "scene", options.scene->notes()))
-      session.known.push_back(std::move(note));
-    TimedController controller(*touching, duration, options.trigger);
-    if (options.live != nullptr) controller.obey(options.live->requests());
-    session.conclusions = [&] { return known_warnings(Severity::warning, "scene_rate", touching->remarks()); };
-    if (session.recording) session.recording->scene = recorded(*options.scene);
-    SessionResult result = run_session(device, controller, {.contacts = true}, sinks, session, stop, progress);
-    result.touches = touching->figures();
-    return result;
+  if (const Scene* scene = session.touch.scene.get()) {
+    if (scene->options().passivity && options.identified) session.touch.plant = options.identified(device.info());
+    if (options.live != nullptr) session.touch.requests = &options.live->requests();
+  } else {
+    // Only zero force is sent, so the speed of the hand needs no limit.
+    session.loop.limits.max_velocity = 0;
   }
-  // Only zero force is sent, so the speed of the hand needs no limit.
-  session.loop.limits.max_velocity = 0;
   PassiveController passive;
   TimedController controller(passive, duration, options.trigger);
   return run_session(device, controller, {}, sinks, session, stop, progress);
@@ -103,6 +81,7 @@ std::vector<SessionResult> record_trials(const Trials& trials, const RecordOptio
       RecordOptions rest{.duration = trials.pause, .session = options.session};
       rest.session.recording.reset();
       rest.session.observer = nullptr;
+      rest.session.touch = {};
       rest.live = nullptr;
       if (record(*device, rest, stop, {}).servo.cause != StopCause::finished) break;
     }

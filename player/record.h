@@ -5,7 +5,6 @@
 #include "control/trigger.h"
 #include "devices/device.h"
 #include "player/session.h"
-#include "scene/scene_session.h"
 
 #include <functional>
 #include <memory>
@@ -16,22 +15,19 @@
 namespace haptrace {
 
 class LiveSession;
-class Scene;
 
 struct RecordOptions {
   double duration = 0;  ///< [s], from the trigger if there is one; 0: the device's natural duration, or until stopped
-  std::optional<Trigger> trigger;              ///< needs session.recording->options.capture.pre of at least 0
-  std::shared_ptr<Scene> scene;                ///< scene that the hand can touch; null: no scene and no force
-  std::optional<SlowSceneOptions> slow_scene;  ///< present when the scene runs slower than the loop
+  std::optional<Trigger> trigger;  ///< needs session.recording->options.capture.pre of at least 0
   /// Returns the calibrated model of a device, for a scene with a passivity layer. If not set, no device counts as
   /// calibrated.
   std::function<std::optional<PlantModel>(const DeviceInfo&)> identified;
-  SessionOptions session;
+  SessionOptions session;       ///< without a scene in `touch`, no force is sent
   LiveSession* live = nullptr;  ///< borrowed, may be null: commands to the session, whose notices become warnings
 };
 
 /// Records the hand while it moves freely or touches the scene. Throws Error(input) when a session in virtual time
-/// would never end, when the trigger needs a sensor that the device does not have, and as make_scene_controller does.
+/// would never end, when the trigger needs a sensor that the device does not have, and as run_session does.
 SessionResult record(Device& device, const RecordOptions& options, const StopRequest& stop,
                      const Progress& progress = {});
 

@@ -1,12 +1,8 @@
 // Controllers of recordings.
 #pragma once
 
-#include "base/mailbox.h"
 #include "control/controller.h"
-#include "control/design/plant_model.h"
-#include "control/passivity_layer.h"
 #include "control/trigger.h"
-#include "player/tuning/session_requests.h"
 
 #include <cstdint>
 #include <optional>
@@ -33,24 +29,13 @@ class TimedController final : public Controller {
   [[nodiscard]] Command update(const State& state) noexcept override;
   void between_ticks(bool may_wait) noexcept override { inner_.between_ticks(may_wait); }
 
-  /// Scales the forces of `inner` by the share that these requests state. Borrows them.
-  void obey(Mailbox<SessionRequests>& requests) noexcept { requests_ = RequestFollower(&requests); }
-
  private:
   Controller& inner_;
   double duration_;
   std::optional<Trigger> trigger_;
   bool waits_;  ///< waits for the trigger
-  RequestFollower requests_;
   std::int64_t begin_ns_ = 0;
   std::optional<Event> kept_;  ///< event of `inner_`, delayed by the trigger's event
 };
-
-/// Returns the options of a scene's passivity layer for a device with this position resolution [m] and calibrated model
-/// `plant`. An uncalibrated device is assumed to be as late as in guidance (kUnknownDelay) and light (kUnknownMass).
-/// That is safe: an overestimated delay overestimates the energy that the loop creates.
-PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz, double resolution);
-
-inline constexpr double kUnknownMass = 0.1;  ///< [kg]
 
 }  // namespace haptrace

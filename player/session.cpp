@@ -2,6 +2,7 @@
 
 #include "base/enum_names.h"
 #include "base/error.h"
+#include "base/file_hash.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
 #include "control/event_words.h"
@@ -11,12 +12,14 @@
 #include "devices/sim/sim_device.h"
 #include "formats/documents/warning_json.h"
 #include "metrics/touches.h"
+#include "player/touching_controller.h"
 #include "player/tuning/live_monitor.h"
 #include "recorder/recorder.h"
 
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <filesystem>
 #include <fmt/format.h>
 #include <future>
 #include <mutex>
@@ -30,6 +33,14 @@ bool choose_virtual(ClockChoice choice, const DeviceInfo& info) {
   return choice == ClockChoice::virtual_time || (choice == ClockChoice::automatic && info.virtual_time);
 }
 
+/// Returns what a recording keeps of a scene.
+RecordedScene recorded(const Scene& scene) {
+  RecordedScene kept{.text = scene.options().source.text, .objects = scene.names(), .files = {}};
+  for (const std::string& file : scene.options().source.files)
+    kept.files[std::filesystem::absolute(file).string()] = file_hash(file);
+  return kept;
+}
+
 RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info, bool virtual_time) {
   const SessionOptions::Recording& recording = *options.recording;
   RecordingHeader header;
@@ -39,7 +50,7 @@ RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info
   header.operator_name = recording.operator_name;
   header.notes = recording.notes;
   header.meta = recording.meta;
-  header.scene = recording.scene;
+  if (options.touch.scene) header.scene = recorded(*options.touch.scene);
   header.rate_hz = options.loop.rate_hz;
   header.clock = virtual_time ? "virtual" : "monotonic";
   header.config = recording.config;
@@ -274,6 +285,14 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   ServoLoop::validate(info, loop_options);
   const auto estimator = make_velocity_estimator(options.velocity, options.loop.rate_hz, info.position_resolution);
   result.warnings = options.known;
+  std::optional<TouchingController> touching;
+  if (options.touch.scene) {
+    touching.emplace(controller, options.touch, info, options.loop.rate_hz);
+    columns.contacts = true;
+    std::ranges::move(known_warnings(Severity::note, "scene", options.touch.scene->notes()),
+                      std::back_inserter(result.warnings));
+  }
+  Controller& acting = touching ? static_cast<Controller&>(*touching) : controller;
   LiveMonitor monitor;
   EventTally tally;
   std::vector<SampleSink*> sinks(extra_sinks.begin(), extra_sinks.end());
@@ -294,7 +313,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
     sinks.push_back(&options.observer->sink());
     options.observer->begins(device, options, columns, result.virtual_time);
   }
-  ServoLoop loop(device, controller, *estimator, sinks, loop_options);
+  ServoLoop loop(device, acting, *estimator, sinks, loop_options);
 
   StopRequest ours(&stop);
   Watch watch(recorder ? &*recorder : nullptr, monitor, tally, options, progress, result);
@@ -335,8 +354,11 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
                             result.servo.achieved_rate(), result.servo.asked_rate)});
 
   if (auto overruns = overruns_of(result)) watch.warn(std::move(*overruns));
-  if (options.conclusions)
-    for (Warning& warning : options.conclusions()) watch.warn(std::move(warning));
+  if (touching) {
+    result.touches = touching->scene().figures();
+    for (Warning& warning : known_warnings(Severity::warning, "scene_rate", touching->scene().remarks()))
+      watch.warn(std::move(warning));
+  }
   look();
   warn_of_end(result);
   if (recorder) {

@@ -3,6 +3,7 @@
 
 #include "base/stop_request.h"
 #include "control/controller.h"
+#include "control/design/plant_model.h"
 #include "control/warning.h"
 #include "devices/device.h"
 #include "devices/loop/servo_session.h"
@@ -12,6 +13,7 @@
 
 #include <functional>
 #include <map>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
@@ -30,6 +32,10 @@ enum class ClockChoice {
 
 ClockChoice parse_clock(std::string_view name);  ///< "real" | "virtual" | "auto"; throws Error(input)
 
+template <class T>
+class Mailbox;
+class Scene;
+struct SessionRequests;
 struct SessionView;
 struct SessionResult;
 struct SessionOptions;
@@ -65,15 +71,24 @@ class SessionObserver {
   virtual void ends(const SessionResult& result) = 0;
 };
 
+/// The scene that the hand touches in a session, beside what its controller does.
+struct TouchOptions {
+  std::shared_ptr<Scene> scene;                  ///< null: none
+  std::optional<SlowSceneOptions> slow;          ///< present when the scene runs slower than the loop
+  std::optional<PlantModel> plant;               ///< calibrated model of the device, for the scene's passivity layer
+  Mailbox<SessionRequests>* requests = nullptr;  ///< borrowed, may be null: the scene's force follows their share
+  bool rests_in_pause = false;                   ///< a pause that they ask for fades the scene's force out
+};
+
 struct SessionOptions {
   ServoOptions loop;  ///< `clock` decides about its virtual time
   ClockChoice clock = ClockChoice::automatic;
   std::string velocity = "lowpass:100";            ///< see make_velocity_estimator
   std::vector<Warning> known;                      ///< before the session, and shown by then: the first of its warnings
   std::function<std::vector<Warning>()> warnings;  ///< further ones; asked whenever a view is made
-  std::function<std::vector<Warning>()> conclusions;  ///< further ones; asked once, when the loop has ended
-  SessionObserver* observer = nullptr;                ///< borrowed; null: none
-  FollowedPath followed;                              ///< for the observer; play() and guide() fill it
+  SessionObserver* observer = nullptr;             ///< borrowed; null: none
+  FollowedPath followed;                           ///< for the observer; play() and guide() fill it
+  TouchOptions touch;  ///< what the hand can touch; record(), play() and guide() fill its last three
 
   struct Recording {
     std::string file;
@@ -81,7 +96,6 @@ struct SessionOptions {
     std::string title, subject, operator_name, notes;
     std::map<std::string, std::string> meta;
     nlohmann::json config = nlohmann::json::object();
-    RecordedScene scene;
     bool end_when_disk_is_low = false;  ///< end the session before the disk is full; for sessions that only record
   };
   std::optional<Recording> recording;
@@ -139,9 +153,10 @@ struct SessionResult {
 using Progress = std::function<void(const SessionView&)>;
 
 /// Runs one session to its end, with the loop and the recorder in threads of their own. `columns.reference` and
-/// `columns.guidance` say which columns the controller fills; the device determines the others. Zero force has been
-/// sent when the function returns or throws. Throws what ServoLoop, Recorder and make_velocity_estimator throw before
-/// the first tick; the result reports later errors.
+/// `columns.guidance` say which columns the controller fills; the device and the scene determine the others. The force
+/// of the scene in `options.touch` is added to that of `controller` (TouchingController). Zero force has been sent when
+/// the function returns or throws. Throws what ServoLoop, Recorder, make_velocity_estimator and make_scene_controller
+/// throw before the first tick; the result reports later errors.
 SessionResult run_session(Device& device, Controller& controller, RecordingColumns columns,
                           std::span<SampleSink* const> sinks, const SessionOptions& options, const StopRequest& stop,
                           const Progress& progress = {});

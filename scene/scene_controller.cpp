@@ -26,6 +26,12 @@ void SceneController::start(const State&) noexcept {
 }
 
 Command SceneController::update(const State& state) noexcept {
+  Command command = touch(state);
+  command.event = take_event();
+  return command;
+}
+
+Command SceneController::touch(const State& state) noexcept {
   const SceneAnswer answer =
       touchable_->answer({.position = state.position, .velocity = state.velocity, .dt = state.dt});
   for (const std::size_t open : open_) episodes_[open].since += state.dt;
@@ -44,7 +50,6 @@ Command SceneController::update(const State& state) noexcept {
   }
   command.contacts = {contacts_.data(), count};
   if (layer_) command.wrench.force += layer_->update(state, answer.stored);
-  command.event = tell();
   return command;
 }
 
@@ -66,8 +71,7 @@ void SceneController::follow(const Contact& contact, double dt) noexcept {
   figures.max_depth = std::max(figures.max_depth, contact.depth);
 }
 
-/// Reports one event per tick; further events wait for the next ticks.
-std::optional<Event> SceneController::tell() noexcept {
+std::optional<Event> SceneController::take_event() noexcept {
   for (auto open = open_.begin(); open != open_.end(); ++open) {
     Episode& episode = episodes_[*open];
     const auto index = static_cast<double>(*open);

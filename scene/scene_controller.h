@@ -25,6 +25,10 @@ class SceneController final : public Controller {
 
   void start(const State& first) noexcept override;
   [[nodiscard]] Command update(const State& state) noexcept override;
+  /// Returns the answer without an event, which waits for take_event().
+  [[nodiscard]] Command touch(const State& state) noexcept;
+  /// Returns the next event to report, if any; one per call.
+  [[nodiscard]] std::optional<Event> take_event() noexcept;
   void between_ticks(bool may_wait) noexcept override { touchable_->between_ticks(may_wait); }
 
   /// Returns the statistics since the construction. Not real-time.
@@ -43,7 +47,6 @@ class SceneController final : public Controller {
     double seconds = 0, since = 0;     ///< time in contact, and time since the last contact [s]
   };
   void follow(const Contact& contact, double dt) noexcept;
-  std::optional<Event> tell() noexcept;
 
   std::shared_ptr<Touchable> touchable_;
   std::vector<TouchFigures> figures_;

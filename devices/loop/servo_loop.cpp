@@ -265,6 +265,7 @@ class ServoLoop::Session {
       wrench_ = {};
     }
     state.force_applied = wrench_.force;
+    state.share_applied = share_;
 
     // The force on a device that is away is unknown, so this time does not count as cooling of its motors.
     if (!away_since_ns_) {
@@ -426,6 +427,7 @@ class ServoLoop::Session {
     fade_ = Ramp();
     state.dt = 0;
     state.force_applied = Vec3::Zero();
+    state.share_applied = 0;
     loop_.estimator_.reset();
   }
 
@@ -559,6 +561,8 @@ class ServoLoop::Session {
     if (takes_torque_) torque = torque_limiter_.limit(scale * asked.torque);
     const ForceLimiter::Result force = limiter_.limit(scale * asked.force);
     wrench_ = {force.force, torque.force};
+    share_ = guard_ ? scale * guard_->share() : scale;
+    if (force.verdict != ForceLimiter::Verdict::free) share_ *= force.allowed / force.asked;
     if (force.verdict != ForceLimiter::Verdict::free) tell_of_limit(force, state.time_ns);
     if (torque.verdict == ForceLimiter::Verdict::continuous) tell_of_torque(torque, state.time_ns);
     if (const auto event = budget_.update(limiter_, norm_of(wrench_.force))) push_event(state.time_ns, *event);
@@ -769,6 +773,7 @@ class ServoLoop::Session {
   std::optional<Event> fault_;
   DeviceState device_state_;
   Wrench wrench_;                               ///< wrench for the next exchange
+  double share_ = 0;                            ///< share of the command's feedback force in it
   Wrench acting_;                               ///< wrench of the last exchange
   Vec3 steady_ = Vec3::Zero();                  ///< sent force after a low pass [N]
   Vec3 position_ = nan3(), velocity_ = nan3();  ///< position and velocity of the last fresh state

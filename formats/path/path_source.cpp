@@ -259,6 +259,7 @@ class RecordedPath final : public PathSource {
     validate_size(facts_.name, facts_.bounds);
     facts_.velocity = usable(with_velocity, "velocity");
     facts_.force = usable(with_force, "force");
+    facts_.contacts = !reader_.header().scene.empty();
     facts_.orientation = reader_.columns().orientation && is_finite(first_orientation());
   }
 

@@ -25,6 +25,7 @@ struct PathFacts {
   bool velocity = false;           ///< every row has a velocity, and pieces contain it
   bool force = false;              ///< every row has a force, and pieces contain it
   bool orientation = false;        ///< pieces contain orientations
+  bool contacts = false;           ///< recorded with a scene: the forces hold those of its objects
   std::vector<std::string> notes;  ///< notes for the user
 
   [[nodiscard]] double duration() const noexcept { return end - begin; }

@@ -19,6 +19,7 @@ class ThinnedPath final : public PathSource {
               .velocity = facts.velocity,
               .force = facts.force,
               .orientation = facts.orientation,
+              .contacts = facts.contacts,
               .notes = facts.notes};
     PathBlocks blocks;
     const std::uint64_t rows = whole_steps() + 1 + (last_is_extra() ? 1 : 0);

@@ -222,10 +222,12 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
     throw input_error(fmt::format("{} has no motors and cannot guide; use a device with motors", device.model));
 
   const DevicePath played = path_for(device, std::move(expert), options.fit);
+  // The recorded forces hold the contacts, which the scene renders itself.
+  const bool feels_contacts = options.session.touch.scene && played.source->facts().contacts;
   GuidePlan plan{.fit = played.fit,
                  .duration = played.source->facts().duration(),
                  .delay = options.identified ? options.identified->plant.delay : kUnknownDelay,
-                 .has_forces = played.source->facts().force};
+                 .has_forces = played.source->facts().force && !feels_contacts};
   ArcPath path = arc_path(played.source, options);
   if (!options.spread.empty()) widen(path, device, options);
   plan.path = std::make_shared<const ArcPath>(std::move(path));
@@ -249,7 +251,13 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
                     plan.stiffness, options.session.loop.rate_hz, bears));
     plan.stiffness = bears;
   }
-  if (options.force_scale > 0 && !plan.has_forces && !options.free)
+  if (played.fit && options.session.touch.scene) plan.notes.emplace_back(kFitMovesNoScene);
+  if (options.force_scale > 0 && feels_contacts && !options.free)
+    plan.notes.push_back(
+        fmt::format("{} was recorded with a scene, so its forces hold the contacts. They are not replayed, because the "
+                    "trainee touches the scene itself",
+                    played.source->facts().name));
+  else if (options.force_scale > 0 && !plan.has_forces && !options.free)
     plan.notes.push_back(
         fmt::format("{} contains no forces: the trainee feels only the walls", played.source->facts().name));
   if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a single point");
@@ -319,8 +327,11 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& ask
     options.guidance.time_limit = 10 * plan.duration + 10;
   GuidanceController controller = guidance_controller(device.info(), plan, options);
 
+  if (options.identified) options.session.touch.plant = options.identified->plant;
   if (options.live != nullptr) {
     controller.obey(options.live->requests(), options.live->mailbox());
+    options.session.touch.requests = &options.live->requests();
+    options.session.touch.rests_in_pause = true;
     options.sinks.push_back(options.live);
     options.session.also_warn(
         [live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });

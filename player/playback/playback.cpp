@@ -253,6 +253,10 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
                           ? "the options both request learning and switch it off; remove one of them"
                           : fmt::format("{} must be calibrated before it can learn: haptrace calibrate --device {}",
                                         device.model, device.name));
+  if (options.learn > 0 && options.session.touch.scene)
+    throw input_error(
+        "a scene's objects hold the tool off the path, and the force that it needs there is not the load along the "
+        "path: use --learn without --scene. Later sessions with the scene then use the learned force");
   if (options.gains) tuning.gains = *options.gains;
   validate(tuning.gains);
 
@@ -269,6 +273,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
                 .composed = composed,
                 .turn = {},
                 .notes = {}};
+  if (played.fit && options.session.touch.scene) plan.notes.emplace_back(kFitMovesNoScene);
   plan_turn(device, played.source->facts(), options, plan);
   const double limit = options.session.loop.limits.max_velocity, speed = options.playback.speed;
   const double fastest = limit > 0 ? 0.9 * limit : std::numeric_limits<double>::infinity();
@@ -335,8 +340,10 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   SessionOptions session_options = options.session;
   session_options.loop.watch_vibration &= options.guard;
   if (session_options.observer != nullptr) session_options.followed = followed_path(*plan.path);
+  if (options.identified) session_options.touch.plant = options.identified->plant;
   if (live != nullptr) {
     controller.obey(live->requests());
+    session_options.touch.requests = &live->requests();
     sinks.push_back(live);
     session_options.also_warn([live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
   }

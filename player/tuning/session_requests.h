@@ -25,23 +25,25 @@ class RequestFollower {
   static constexpr double kReturn = 1;  ///< ... and come back; slower, because the hand may be far from the path
 
   RequestFollower() = default;
-  /// Borrows `requests`; may be null. Requests to skip or repeat from before this call have no effect.
-  explicit RequestFollower(Mailbox<SessionRequests>* requests) noexcept : requests_(requests) {
+  /// Borrows `requests`; may be null. Requests to skip or repeat from before this call have no effect. With
+  /// `rests_in_pause`, a pause takes the whole share.
+  explicit RequestFollower(Mailbox<SessionRequests>* requests, bool rests_in_pause = false) noexcept
+      : requests_(requests), rests_in_pause_(rests_in_pause) {
     if (requests_ == nullptr) return;
     now_ = requests_->latest();
     skips_ = now_.skips;
     repeats_ = now_.repeats;
-    share_ = Ramp(now_.share);
+    share_ = Ramp(wanted_share());
   }
 
   /// Reads the newest requests, `dt` [s] after the last call.
   void update(double dt) noexcept {
     if (requests_ != nullptr) now_ = requests_->latest();
-    share_.advance(now_.share, dt, now_.share > share_.value() ? kReturn : kFade);
+    share_.advance(wanted_share(), dt, wanted_share() > share_.value() ? kReturn : kFade);
   }
 
   [[nodiscard]] bool paused() const noexcept { return now_.paused; }
-  [[nodiscard]] double wanted_share() const noexcept { return now_.share; }
+  [[nodiscard]] double wanted_share() const noexcept { return paused() && rests_in_pause_ ? 0 : now_.share; }
   /// Returns the share of the feedback forces in force, which follows the wanted one without a step.
   [[nodiscard]] double share() const noexcept { return share_.value(); }
   /// Returns true once for each request, or several requests in one tick, to end the present repetition.
@@ -59,6 +61,7 @@ class RequestFollower {
 
  private:
   Mailbox<SessionRequests>* requests_ = nullptr;
+  bool rests_in_pause_ = false;
   SessionRequests now_;
   std::uint32_t skips_ = 0, repeats_ = 0;
   Ramp share_{1};

@@ -1,4 +1,4 @@
-// Tests of record --scene: a hand touches the objects of a scene file.
+// Tests of --scene: a hand touches the objects of a scene file while it records, plays or is guided.
 #include "base/json_reader.h"
 #include "formats/recording/recording.h"
 #include "metrics/touches.h"
@@ -58,10 +58,11 @@ TEST(RecordScene, LetsAHandTouchTheObjectsOfAFileAndReportsTheTouches) {
   EXPECT_EQ(slow.json()["notes"].size(), 2U);
 }
 
-TEST(RecordScene, ReportsErrorsBeforeItWritesAFile) {
-  const TempFolder folder;
+/// Checks that a verb with a scene reports its errors. `start` holds the verb and options that make it run; it writes
+/// a.h5.
+void report_errors(const std::vector<std::string>& start, const TempFolder& folder) {
   const auto refused = [&](const std::vector<std::string>& words) {
-    std::vector<std::string> all{"record", folder / "a.h5", "--device", kFalcon, "--duration", "0.1"};
+    std::vector<std::string> all = start;
     all.insert(all.end(), words.begin(), words.end());
     const Answer answer = Command(all).wait();
     EXPECT_EQ(answer.exit_code, 2);
@@ -78,10 +79,78 @@ TEST(RecordScene, ReportsErrorsBeforeItWritesAFile) {
   EXPECT_THAT(refused({"--scene", folder.write("bad.json", R"({"objects": [{"kind": "bal"}]})")}),
               AllOf(HasSubstr("bad.json: objects[0].kind"), HasSubstr("known: box, cone")));
 
-  const Answer moon = haptrace("record", folder / "a.h5", "--device", kFalcon, "--duration", "0.1", "--scene", far);
-  EXPECT_EQ(moon.exit_code, 0);
+  std::vector<std::string> all = start;
+  all.insert(all.end(), {"--scene", far});
+  const Answer moon = Command(all).wait();
+  EXPECT_EQ(moon.exit_code, 0) << moon.err;
   EXPECT_THAT(moon.err, HasSubstr("'moon' lies outside the workspace"));
   EXPECT_THAT(moon.out, HasSubstr("moon: not touched"));
+}
+
+TEST(RecordScene, ReportsErrorsBeforeItWritesAFile) {
+  const TempFolder folder;
+  report_errors({"record", folder / "a.h5", "--device", kFalcon, "--duration", "0.1"}, folder);
+}
+
+TEST(PlayScene, ReportsErrorsBeforeItWritesAFile) {
+  const TempFolder folder;
+  const std::string path = folder.write("short.csv", "t,x,y,z\n0,0,0,0\n0.1,0.001,0,0\n");
+  report_errors({"play", path, "--device", kFalcon, "--no-profile", "--record", folder / "a.h5"}, folder);
+}
+
+TEST(GuideScene, ReportsErrorsBeforeItWritesAFile) {
+  const TempFolder folder;
+  const std::string path = folder.write("short.csv", "t,x,y,z\n0,0,0,0\n0.1,0.001,0,0\n");
+  report_errors({"guide", path, "--device", kFalcon, "--no-profile", "--record", folder / "a.h5"}, folder);
+}
+
+/// Runs `play` or `guide` with a scene along a path that crosses its ball, and checks everything that keeps contacts.
+void touch_along_a_path(const std::vector<std::string>& verb, const TempFolder& folder) {
+  const std::string scene = std::string(HAPTRACE_SAMPLES) + "/scenes/sphere.json";
+  const std::string path =
+      folder.write("press.csv", "t,x,y,z\n0,0,0,0.04\n1,0,0,0.024\n2,0.01,0,0.024\n3,0.01,0,0.04\n");
+  std::vector<std::string> words{
+      verb[0],         path,      "--device", "sim:preset=omega3,hand=relaxed,seed=1,intent=" + path,
+      "--no-profile",  "--scene", scene,      "--record",
+      folder / "a.h5", "--json"};
+  words.insert(words.end(), verb.begin() + 1, verb.end());
+  const Answer felt = Command(words).wait();
+  ASSERT_EQ(felt.exit_code, 0) << felt.err;
+  const nlohmann::json touch = felt.json()["touches"][0];
+  EXPECT_EQ(touch["object"], "ball");
+  EXPECT_GE(touch["times"].get<int>(), 1);
+
+  const RecordingReader reader(folder / "a.h5");
+  EXPECT_EQ(reader.header().config["scene"], scene);
+  EXPECT_EQ(reader.header().scene.objects, std::vector<std::string>{"ball"});
+  const std::vector<TouchFigures> recorded = touch_figures(reader);
+  ASSERT_EQ(recorded.size(), 1U);
+  EXPECT_EQ(recorded[0].times, touch["times"]);
+  EXPECT_DOUBLE_EQ(recorded[0].max_force, touch["max_force_n"]);
+  EXPECT_DOUBLE_EQ(recorded[0].max_depth, touch["max_depth_m"]);
+  EXPECT_EQ(haptrace("check", folder / "a.h5").exit_code, 0);
+  EXPECT_EQ(figure_of(reader, "felt").rows.back()[0].title, "depth in touched objects");
+  ASSERT_EQ(haptrace("report", folder / "a.h5", "-o", folder / "a.html").exit_code, 0);
+  EXPECT_THAT(load_text(folder / "a.html"), HasSubstr("Touched objects"));
+}
+
+TEST(PlayScene, TouchesTheObjectsThatThePathCrossesAndReportsTheTouches) {
+  const TempFolder folder;
+  touch_along_a_path({"play"}, folder);
+}
+
+TEST(GuideScene, TouchesTheObjectsThatThePathCrossesAndReportsTheTouches) {
+  const TempFolder folder;
+  touch_along_a_path({"guide", "--radius", "20mm", "--time-limit", "10"}, folder);
+
+  // The trial becomes the expert's: its forces hold the contacts.
+  const std::string scene = std::string(HAPTRACE_SAMPLES) + "/scenes/sphere.json";
+  const std::vector<std::string> again{"guide",        folder / "a.h5", "--device", "sim:preset=omega3",
+                                       "--no-profile", "--time-limit",  "1"};
+  EXPECT_THAT(Command(again).wait().err, testing::Not(HasSubstr("was recorded with a scene")));
+  std::vector<std::string> touching = again;
+  touching.insert(touching.end(), {"--scene", scene});
+  EXPECT_THAT(Command(touching).wait().err, HasSubstr("was recorded with a scene, so its forces hold the contacts"));
 }
 
 }  // namespace

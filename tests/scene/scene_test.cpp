@@ -220,7 +220,8 @@ TEST(RecordedScene, PushesTheToolOutAndReportsTheForceOnTheHand) {
   PointMass device;
   device.place({0, 0, 0.0305});
   device.throw_at({0, 0, -0.2});
-  RecordOptions options{.duration = 0.5, .scene = scene_of(kBall)};
+  RecordOptions options{.duration = 0.5};
+  options.session.touch.scene = scene_of(kBall);
   options.session.recording = SessionOptions::Recording{.file = folder / "touched.h5"};
   options.session.loop.limits.soft_start = 0;
   const SessionResult result = record(device, options, StopRequest{});
@@ -264,7 +265,8 @@ TEST(RecordedScene, PushesAToolThatBeginsInsideOutSoftlyAndWarns) {
   const TempFolder folder;
   PointMass device;
   device.place({0, 0, 0.02});
-  RecordOptions options{.duration = 1.5, .scene = scene_of(kBall)};
+  RecordOptions options{.duration = 1.5};
+  options.session.touch.scene = scene_of(kBall);
   options.session.recording = SessionOptions::Recording{.file = folder / "inside.h5"};
   options.session.loop.limits.soft_start = 0;
   const SessionResult result = record(device, options, StopRequest{});
@@ -288,10 +290,11 @@ TEST(RecordedScene, PushesAToolThatBeginsInsideOutSoftlyAndWarns) {
 TEST(RecordedScene, StopsAToolThatItMadeTooFast) {
   PointMass device;
   device.place({0, 0, 0.02});
-  RecordOptions options{.duration = 0.5, .scene = scene_of(kBall)};
+  RecordOptions options{.duration = 0.5};
+  options.session.touch.scene = scene_of(kBall);
   options.session.loop.limits.max_velocity = 0.1;
   EXPECT_EQ(record(device, options, StopRequest{}).servo.cause, StopCause::velocity);
-  options.scene = nullptr;
+  options.session.touch.scene = nullptr;
   EXPECT_EQ(record(device, options, StopRequest{}).servo.cause, StopCause::finished)
       << "without a scene no force is sent, and no speed is too fast";
 }

@@ -276,9 +276,9 @@ TEST(SlowSceneInAHand, ServesADeviceInRealTime) {
   device.mutable_info().virtual_time = false;
   device.place({0, 0, 0.031});
   device.throw_at({0, 0, -0.1});
-  RecordOptions options{.duration = 0.3,
-                        .scene = slow_test_scene(kBallOnly),
-                        .slow_scene = SlowSceneOptions{.rate_hz = 100, .prediction = Prediction::model}};
+  RecordOptions options{.duration = 0.3};
+  options.session.touch.scene = slow_test_scene(kBallOnly);
+  options.session.touch.slow = SlowSceneOptions{.rate_hz = 100, .prediction = Prediction::model};
   options.session.loop.limits.soft_start = 0;
   const SessionResult result = record(device, options, StopRequest{});
   EXPECT_EQ(result.servo.cause, StopCause::finished);

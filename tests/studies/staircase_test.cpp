@@ -3,7 +3,7 @@
 #include "control/passivity_layer.h"
 #include "devices/sim/sim_device.h"
 #include "player/record.h"
-#include "player/record_controllers.h"
+#include "player/touching_controller.h"
 #include "scene/scene_file.h"
 #include "tests/support/errors.h"
 

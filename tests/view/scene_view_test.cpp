@@ -64,7 +64,8 @@ TEST(SceneOnAPage, OfARecordingHasItsObjectsItsMeshesAndItsContacts) {
   PointMass device;
   device.place({0, 0, 0.0305});
   device.throw_at({0, 0, -0.2});
-  RecordOptions options{.duration = 0.3, .scene = read_scene(nlohmann::json::parse(kTwo), "test")};
+  RecordOptions options{.duration = 0.3};
+  options.session.touch.scene = read_scene(nlohmann::json::parse(kTwo), "test");
   options.session.recording = SessionOptions::Recording{.file = folder / "touched.h5"};
   (void)record(device, options, StopRequest{});
 
