@@ -372,8 +372,7 @@ std::string path_in_words(const Programme& programme, const Exercise& exercise) 
     if (const auto size = configured_number(*exercise.shape, "size")) text += fmt::format(", {:.4g} mm", 1e3 * *size);
   }
   for (const PathChange& change : {exercise.change, programme.person}) {
-    if (change.mirror) text += fmt::format(", mirrored in {}", "xyz"[*change.mirror]);
-    if (change.scale != 1) text += fmt::format(", scaled by {:.4g}", change.scale);
+    if (const std::string changes = describe(change); !changes.empty()) text += ", " + changes;
   }
   return text;
 }

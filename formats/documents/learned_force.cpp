@@ -4,7 +4,6 @@
 #include "base/json_reader.h"
 #include "base/output_file.h"
 
-#include <cstring>
 #include <filesystem>
 #include <fmt/format.h>
 
@@ -44,18 +43,23 @@ json rounded(const Vec3& force) {
   return row;
 }
 
+class Fnv1a {
+ public:
+  void add(const void* data, std::size_t size) {
+    for (const auto* byte = static_cast<const unsigned char*>(data); size > 0; ++byte, --size)
+      hash_ = (hash_ ^ *byte) * 1099511628211U;
+  }
+  [[nodiscard]] std::string text() const { return fmt::format("{:016x}", hash_); }
+
+ private:
+  std::uint64_t hash_ = 14695981039346656037U;
+};
+
 }  // namespace
 
 std::string digest_of(const PathSource& path) {
-  std::uint64_t hash = 14695981039346656037U;
-  const auto add = [&](double value) {
-    std::uint64_t bits = 0;
-    std::memcpy(&bits, &value, sizeof bits);
-    for (int byte = 0; byte < 8; ++byte) {
-      hash = (hash ^ (bits & 0xff)) * 1099511628211U;
-      bits >>= 8;
-    }
-  };
+  Fnv1a hash;
+  const auto add = [&](double value) { hash.add(&value, sizeof value); };
   constexpr std::uint64_t kRows = 65'536;
   const double begin = path.facts().begin;
   for (std::uint64_t first = 0; first < path.facts().rows; first += kRows) {
@@ -65,11 +69,15 @@ std::string digest_of(const PathSource& path) {
       for (const double x : rows.position[i]) add(x);
     }
   }
-  return fmt::format("{:016x}", hash);
+  return hash.text();
 }
 
-std::string learned_file(const std::string& path, const DeviceIdentity& device) {
-  return (fs::path(path + ".learned") / profile_name(device)).string();
+std::string learned_file(const std::string& path, const DeviceIdentity& device, const std::string& change) {
+  const fs::path folder = path + ".learned";
+  if (change.empty()) return (folder / profile_name(device)).string();
+  Fnv1a hash;
+  hash.add(change.data(), change.size());
+  return (folder / hash.text() / profile_name(device)).string();
 }
 
 void check_learned_output(const std::string& file) {

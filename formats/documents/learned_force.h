@@ -25,8 +25,9 @@ struct LearnedPath {
 /// Returns 16 hexadecimal digits for the times and positions of a path (FNV-1a). Reads the whole path.
 std::string digest_of(const PathSource& path);
 
-/// Returns the file for a device, in a folder beside the path: the path's name with ".learned" appended.
-std::string learned_file(const std::string& path, const DeviceIdentity& device);
+/// Returns the file for a device, in a folder beside the path: the path's name with ".learned" appended. A path that is
+/// changed before it is played has a file of its own, named by `change`, its description; empty: not changed.
+std::string learned_file(const std::string& path, const DeviceIdentity& device, const std::string& change = {});
 
 /// Checks that the file can be saved, before the session starts. Throws like save_learned(), as far as it can know.
 void check_learned_output(const std::string& file);

@@ -5,6 +5,7 @@
 #include "base/json_reader.h"
 #include "base/suggest.h"
 #include "control/path/shapes.h"
+#include "formats/documents/device_frame.h"
 #include "formats/path/path_file.h"
 
 #include <algorithm>
@@ -19,7 +20,6 @@ namespace {
 
 constexpr EnumNames<ExerciseMode, 6> kModeNames{"mode", {"passive", "assisted", "tunnel", "cursor", "resist", "free"}};
 constexpr EnumNames<TestLabel, 4> kTestNames{"test", {"none", "before", "after", "retention"}};
-constexpr EnumNames<int, 4> kMirrorNames{"plane", {"none", "x", "y", "z"}};
 constexpr EnumNames<int, 2> kFeelNames{"feel", {"active", "resist"}};
 
 constexpr EnumNames<ScreenPart, kScreenParts> kPartNames{"part of the screen",
@@ -61,9 +61,30 @@ Enum choose(JsonReader& reader, const char* key, const EnumNames<Enum, n>& names
   return names.parse(reader.choice(key, names.name(otherwise), names.list()));
 }
 
-PathChange read_change(JsonReader& reader) {
-  PathChange change{.scale = reader.number("scale", 1, 0.01, 100)};
-  if (const int plane = choose(reader, "mirror", kMirrorNames, 0); plane > 0) change.mirror = plane - 1;
+/// Reads the keys that change a path. Its frame is part of the exercise that names the path.
+PathChange read_change(JsonReader& reader, bool with_frame) {
+  PathChange change;
+  change.mirror = parse_mirror(reader.choice("mirror", "none", std::vector<std::string>{"none", "x", "y", "z"}));
+  if (reader.has("rotate")) {
+    try {
+      change.rotation = parse_rotation(reader.text("rotate", ""));
+    } catch (const Error& error) {
+      throw input_error(fmt::format("{}.rotate: {}", reader.where(), error.what()));
+    }
+  }
+  change.scale = reader.number("scale", 1, 0.01, 100);
+  if (reader.has("about") && reader.value("about").is_array()) {
+    change.about = {.kind = ChangeCentre::Kind::point, .point = reader.vector("about", Vec3::Zero(), -10, 10)};
+  } else {
+    static const std::vector<std::string> kPlaces{"origin", "start", "centre"};
+    change.about = parse_change_centre(reader.choice("about", "origin", kPlaces));
+  }
+  change.offset = reader.vector("offset", Vec3::Zero(), -10, 10);
+  if (!with_frame) return change;
+  if (std::optional<JsonReader> frame = reader.object("frame")) {
+    change.frame = read_device_frame(*frame);
+    frame->finish();
+  }
   return change;
 }
 
@@ -188,7 +209,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   }
   if (exercise.path.empty() == !exercise.shape)
     throw input_error(reader.where() + ": needs either a path (a file) or a shape");
-  exercise.change = read_change(reader);
+  exercise.change = read_change(reader, true);
   reader.require("mode");
   exercise.mode = choose(reader, "mode", kModeNames, kTunnel);
   exercise.test = choose(reader, "test", kTestNames, TestLabel::none);
@@ -294,21 +315,13 @@ double DifficultyRange::at(double level) const {
   return easy * std::pow(hard / easy, level);
 }
 
-void PathChange::apply(Path& path) const {
-  Vec3 sign = Vec3::Ones();
-  if (mirror) sign[*mirror] = -1;
-  for (std::vector<Vec3>* column : {&path.position, &path.velocity})
-    for (Vec3& v : *column) v = scale * v.cwiseProduct(sign);
-  for (Vec3& f : path.force) f = f.cwiseProduct(sign);
-}
-
 Programme programme_from_json(const nlohmann::json& json, const std::string& where) {
   JsonReader reader(json, where);
   reader.require("haptrace_programme").integer("haptrace_programme", 1, 1, 1);
   (void)reader.text("$schema", "");
   Programme programme{.title = reader.text("title", ""), .description = reader.text("description", "")};
   if (std::optional<JsonReader> person = reader.object("person")) {
-    programme.person = read_change(*person);
+    programme.person = read_change(*person, false);
     person->finish();
   }
   if (std::optional<JsonReader> limits = reader.object("limits")) programme.limits = read_limits(*limits);

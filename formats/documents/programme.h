@@ -1,7 +1,7 @@
 // Programme of exercises for a participant on a device: trajectories, modes, and adaptation.
 #pragma once
 
-#include "control/path/path.h"
+#include "control/path/path_change.h"
 
 #include <array>
 #include <cstddef>
@@ -56,15 +56,6 @@ struct Progression {
     std::optional<DifficultyRange> radius, stiffness, pace;  ///< [m], [N/m], relative to the path's own pace
   };
   std::optional<Difficulty> difficulty;
-};
-
-/// Transformation of a path: it is mirrored in a plane through the origin of W, then scaled about the origin.
-struct PathChange {
-  std::optional<int> mirror;  ///< axis that changes its sign
-  double scale = 1;
-
-  /// Transforms positions and velocities. Mirrors forces, but does not scale them.
-  void apply(Path& path) const;
 };
 
 /// Share of the repetitions that show something to the trainee. It changes evenly from the first to the last
@@ -130,7 +121,7 @@ struct ProgrammeLimits {
 
 struct Programme {
   std::string title, description;
-  PathChange person;  ///< applied to every path after the exercise's own change
+  PathChange person;  ///< applied to every path after the exercise's own change; has no frame
   ProgrammeLimits limits;
   ShownShares show;               ///< of exercises that do not say otherwise
   int rounds = 1;                 ///< number of passes through the exercises

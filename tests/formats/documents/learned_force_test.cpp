@@ -49,6 +49,15 @@ TEST(LearnedForceFile, IsReadBackToATenthOfAMillinewton) {
   for (std::size_t i = 0; i < 100; ++i) EXPECT_LT((back->table.force[i] - learned().table.force[i]).norm(), 1e-4);
 }
 
+TEST(LearnedForceFile, IsAnotherOneForAPathThatIsChangedBeforeItIsPlayed) {
+  const std::string plain = learned_file("path.h5", kDevice), turned = learned_file("path.h5", kDevice, "rotated");
+  EXPECT_EQ(learned_file("path.h5", kDevice, ""), plain);
+  EXPECT_NE(turned, plain);
+  EXPECT_NE(learned_file("path.h5", kDevice, "mirrored"), turned);
+  EXPECT_EQ(learned_file("path.h5", kDevice, "rotated"), turned);
+  EXPECT_TRUE(turned.starts_with("path.h5.learned/"));
+}
+
 TEST(LearnedForceFile, IsSavedInTheWorkingFolderIfItsNameHasNoFolder) {
   const test::TempFolder folder;
   const std::filesystem::path before = std::filesystem::current_path();

@@ -86,6 +86,12 @@ TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
     programmes.push_back(sample);
     change_everything(few, few, json::json_pointer(), programmes);
   }
+  const json placed = json::parse(R"({"haptrace_programme": 1,
+      "person": {"mirror": "x", "rotate": "y=-.5e-1", "scale": 0.5, "about": [0, 0.1, 0], "offset": 0.01},
+      "exercises": [{"path": "a.h5", "mode": "passive", "mirror": "z", "rotate": "1,2,-3.5=90deg", "about": "centre",
+                     "scale": 2, "offset": [0.01, 0, 0], "frame": {"translation": [1, 0, 0]}}]})");
+  EXPECT_TRUE(is_read(placed));
+  change_everything(placed, placed, json::json_pointer(), programmes);
   ASSERT_GT(programmes.size(), 1000U);
   const std::vector<bool> valid = by_schema(programmes);
   ASSERT_EQ(valid.size(), programmes.size());

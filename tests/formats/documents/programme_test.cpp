@@ -120,6 +120,36 @@ TEST(Programme, MirrorsAndScalesAPathForAParticipantAndMirrorsItsForcesOnly) {
   EXPECT_EQ(changed.time, path.time);
 }
 
+TEST(Programme, PlacesAPathWithTheKeysOfPlayInTheirOrder) {
+  const TempFolder folder;
+  save_path({.name = "a",
+             .time = {0, 1},
+             .position = {Vec3(1, 2.03, 0), Vec3(1, 2.04, 0)},
+             .force = {Vec3(0, 1, 0), Vec3(0, 1, 0)}},
+            folder / "a.csv", "a", false);
+  json programme = programme_of(
+      R"("path": "a.csv", "mode": "tunnel", "frame": {"rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]], "translation": [1, 2, 0]},
+         "rotate": "z=90deg", "about": "start", "offset": [0, 0.01, 0])");
+  programme["person"] = {{"mirror", "x"}, {"about", {0.1, 0, 0}}};
+  const Programme read = programme_from_json(programme, "p.json");
+  const Path placed = path_of(read, read.exercise(0), folder.path());
+  // The frame brings it to 0.03 and 0.04 along x. It turns about its start into y and moves; the person mirrors it.
+  EXPECT_LT((placed.position[0] - Vec3(0.17, 0.01, 0)).norm(), 1e-12);
+  EXPECT_LT((placed.position[1] - Vec3(0.17, 0.02, 0)).norm(), 1e-12);
+  EXPECT_LT((placed.force[0] - Vec3(0, 1, 0)).norm(), 1e-12);
+  for (const auto& [key, value] : {std::pair{"rotate", json("z=up")},
+                                   {"about", json("end")},
+                                   {"offset", json({0, 1})},
+                                   {"frame", json{{"rotation", {2, 0, 0, 0}}}}}) {
+    json wrong = programme;
+    wrong["exercises"][0][key] = value;
+    expect_error([&, &w = wrong] { (void)programme_from_json(w, "p.json"); }, Error::Kind::input,
+                 {"exercises[0]", key});
+  }
+  programme["person"]["frame"] = {{"translation", {0, 0, 0}}};
+  expect_error([&] { (void)programme_from_json(programme, "p.json"); }, Error::Kind::input, {"person", "frame"});
+}
+
 TEST(Programme, GoesFromEasyToHardByEqualFactors) {
   const DifficultyRange range{.easy = 0.01, .hard = 0.0025};
   EXPECT_DOUBLE_EQ(range.at(0), 0.01);
