@@ -52,6 +52,18 @@ class FittedPath final : public PathSource {
   Fit fit_;
 };
 
+/// Returns for each axis along which a path leaves the workspace where both lie: "x from 1.0 to 9.0 mm, the workspace
+/// from 0.0 to 5.0 mm".
+std::string axes_outside(const Box& path, const Box& workspace) {
+  std::string text;
+  for (int axis = 0; axis < 3; ++axis)
+    if (path.min[axis] < workspace.min[axis] || path.max[axis] > workspace.max[axis])
+      text += fmt::format("{}{} from {:.1f} to {:.1f} mm, the workspace from {:.1f} to {:.1f} mm",
+                          text.empty() ? "" : "; ", "xyz"[axis], 1e3 * path.min[axis], 1e3 * path.max[axis],
+                          1e3 * workspace.min[axis], 1e3 * workspace.max[axis]);
+  return text;
+}
+
 /// Returns the largest distance of a sample outside the workspace [m]. Reads only the blocks that could hold it.
 double distance_outside(const PathSource& path, const Box& workspace) {
   std::vector<std::pair<double, const PathBlock*>> order;
@@ -81,8 +93,10 @@ DevicePath path_for(const DeviceInfo& device, std::shared_ptr<const PathSource> 
   if (outside == 0) return played;
   const PathFacts& facts = played.source->facts();
   if (!fit)
-    throw input_error(fmt::format("{} leaves the workspace of {} by {:.1f} mm; use --fit to move and scale it inside",
-                                  facts.name, device.model, 1e3 * outside));
+    throw input_error(
+        fmt::format("{} leaves the workspace of {} by {:.1f} mm ({}); use --fit to move and scale it inside, or "
+                    "--offset, --scale and --about to place it",
+                    facts.name, device.model, 1e3 * outside, axes_outside(facts.bounds, workspace)));
   played.fit = fit_into(facts.bounds, workspace);
   played.source = std::make_shared<FittedPath>(std::move(path), device, *played.fit);
   return played;

@@ -14,6 +14,7 @@
 #include "player/playback/learning.h"
 #include "player/playback/playback_controller.h"
 #include "player/playback/reference_stream.h"
+#include "player/playback/speed_limit.h"
 #include "player/playback/tracking_guard.h"
 #include "player/playback/tracking_metrics.h"
 #include "player/tuning/live_session.h"
@@ -211,6 +212,26 @@ void plan_turn(const DeviceInfo& device, const PathFacts& path, const PlayOption
                                  .rate_hz = options.session.loop.rate_hz};
 }
 
+/// Returns the gains along the path as it will be played.
+GainTable schedule_of(const PlayPlan& plan, const ImpedanceProfile& profile) {
+  GainTable table{.step = kWindow, .gains = {}};
+  double t = 0, length = 0;
+  std::optional<Vec3> before;
+  for (std::size_t i = 0; i < plan.path->count(); ++i) {
+    const TrajectoryPiece piece = plan.path->make(i);
+    Trajectory::Cursor cursor;
+    const bool last = i + 1 == plan.path->count();
+    for (; last ? t < piece.end + table.step : t < piece.end;
+         t = table.step * static_cast<double>(table.gains.size())) {
+      const Vec3 position = piece.trajectory.sample(t, cursor).position;
+      if (before) length += (position - *before).norm();
+      before = position;
+      table.gains.push_back(profile.gains_at(profile.by_place ? length : plan.stretch.before(t)));
+    }
+  }
+  return table;
+}
+
 bool follows_orientation(const DeviceInfo& device, const PlayOptions& options) {
   return !options.turn.off && device.takes_torque() && device.measures_orientation;
 }
@@ -227,7 +248,36 @@ PlaybackController controller_of(const DeviceInfo& device, const PlayPlan& plan,
                                 options.tuning != nullptr ? &options.tuning->mailbox() : nullptr);
   if (const auto guard = guard_of(device, options)) controller.guard(*guard);
   if (plan.turn) controller.turn(*plan.turn);
+  if (plan.schedule) controller.schedule(*plan.schedule);
   return controller;
+}
+
+/// Stretches the time of the plan's path so that the playback stays below `fastest` [m/s]. Leaves the plan as it is if
+/// that takes more than kMostStretch. `trajectory` makes the trajectory of `source` and of other sources.
+template <class MakeTrajectory>
+void keep_below(double fastest, const Box& workspace, const PlayOptions& options,
+                const std::shared_ptr<const PathSource>& source, const MakeTrajectory& trajectory, PlayPlan& plan) {
+  constexpr double kRamp = 0.1;  // in which the reference slows down or speeds up [s]
+  const double speed = options.playback.speed;
+  // The curve through the stretched samples is another one, and may be faster between them.
+  for (const double share : {0.99, 0.96, 0.9}) {
+    TimeStretch stretch = stretch_below(*plan.path, share * fastest / speed, kRamp * speed);
+    const auto places = stretch.places();
+    if (std::any_of(places.begin(), places.end(), [](const auto& place) { return place.factor > kMostStretch; }))
+      return;
+    const auto path = trajectory(stretched(source, stretch));
+    const Excursion excursion = look_ahead(*path, options.interpolation, workspace, fastest / speed);
+    if (excursion.outside > 0 || speed * excursion.peak_speed > fastest) continue;
+    plan.notes.push_back(fmt::format(
+        "{} would move at up to {:.2f} m/s; to stay below {:.2f} m/s, 0.9 of the velocity limit, its time is stretched "
+        "{}; it lasts {:.2f} s instead of {:.2f} s",
+        path->source().facts().name, plan.peak_speed, fastest, describe(stretch), path->duration() / speed,
+        plan.path->duration() / speed));
+    plan.peak_speed = speed * excursion.peak_speed;
+    plan.path = path;
+    plan.stretch = std::move(stretch);
+    return;
+  }
 }
 
 }  // namespace
@@ -257,6 +307,8 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     throw input_error(
         "a scene's objects hold the tool off the path, and the force that it needs there is not the load along the "
         "path: use --learn without --scene. Later sessions with the scene then use the learned force");
+  if (options.gains && options.impedance)
+    throw input_error("the gains are given both for the whole path and along it; remove one of them");
   if (options.gains) tuning.gains = *options.gains;
   validate(tuning.gains);
 
@@ -264,12 +316,16 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   const DevicePath played = path_for(device, thinned(std::move(path), options.thin), options.fit);
   const std::string name = played.source->facts().name;
 
-  PlayPlan plan{.path = std::make_shared<const TrajectoryPieces>(
-                    played.source, options.interpolation,
-                    TrajectoryPieces::Options{.smoothing = options.smoothing,
-                                              .orientation = follows_orientation(device, options)}),
+  const auto trajectory = [&](std::shared_ptr<const PathSource> source) {
+    return std::make_shared<const TrajectoryPieces>(
+        std::move(source), options.interpolation,
+        TrajectoryPieces::Options{.smoothing = options.smoothing, .orientation = follows_orientation(device, options)});
+  };
+  PlayPlan plan{.path = trajectory(played.source),
                 .fit = played.fit,
+                .stretch = {},
                 .tuning = tuning,
+                .schedule = {},
                 .composed = composed,
                 .turn = {},
                 .notes = {}};
@@ -284,6 +340,13 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
         "linear",
         name, device.model, 1e3 * excursion.outside));
   plan.peak_speed = speed * excursion.peak_speed;
+  if (plan.peak_speed > fastest && options.interpolation != Interpolation::hold)
+    keep_below(fastest, workspace, options, played.source, trajectory, plan);
+  if (options.impedance) {
+    plan.schedule = schedule_of(plan, *options.impedance);
+    plan.tuning.gains = plan.schedule->largest();
+    validate(plan.tuning.gains);
+  }
   if (composed.learning) (void)IterativeLearning(learning_of(plan, options));  // throws when it is too long
   if (plan.peak_speed > fastest)
     throw input_error(fmt::format(
@@ -398,6 +461,11 @@ nlohmann::json to_json(const PlayResult& result) {
     json["learning"] = nlohmann::json::array();
     for (const Lesson& lesson : result.lessons)
       json["learning"].push_back({{"outcome", to_string(lesson.outcome)}, {"rms_error_m", lesson.rms_error}});
+  }
+  if (!result.plan.stretch.is_identity()) {
+    json["stretched"] = nlohmann::json::array();
+    for (const TimeStretch::Place& place : result.plan.stretch.places())
+      json["stretched"].push_back({{"from_s", place.begin}, {"to_s", place.end}, {"factor", place.factor}});
   }
   json["path_smoothing_s"] = result.plan.path->smoothing();
   json["peak_speed_m_per_s"] = result.plan.peak_speed;

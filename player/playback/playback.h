@@ -3,8 +3,11 @@
 
 #include "control/design/tracking_design.h"
 #include "control/force_table.h"
+#include "control/gain_profile.h"
 #include "control/path/path.h"
 #include "control/tuning.h"
+#include "formats/documents/impedance_profile.h"
+#include "formats/path/path_stretching.h"
 #include "player/playback/playback_options.h"
 #include "player/playback/tracking_figures.h"
 #include "player/session.h"
@@ -24,7 +27,8 @@ class TrajectoryPieces;
 inline constexpr int kMostLearned = 1000;  ///< largest number of learned repetitions per session
 
 struct PlayOptions {
-  std::optional<PdGains> gains;  ///< absent: those of the identified device, or cautious_gains
+  std::optional<PdGains> gains;               ///< absent: those of the identified device, or cautious_gains
+  std::optional<ImpedanceProfile> impedance;  ///< gains along the path, in place of `gains`
   /// Result of a calibration. Without it, the controller is a plain PD law.
   std::optional<IdentifiedDevice> identified;
   Compensations compensations{true, true, true, true, true};  ///< for an identified device
@@ -53,16 +57,19 @@ struct PlayOptions {
 struct PlayPlan {
   std::shared_ptr<const TrajectoryPieces> path;  ///< the path as it will be played
   std::optional<Fit> fit;
-  Tuning tuning;           ///< initial tuning
-  Compensations composed;  ///< terms of the law besides PD
-  double peak_speed = 0;   ///< peak speed of the reference [m/s]
+  TimeStretch stretch;                ///< of the path's own time, where it would be too fast
+  Tuning tuning;                      ///< initial tuning; with `schedule`, its gains are the largest ones of each axis
+  std::optional<GainTable> schedule;  ///< gains along the path as it will be played
+  Compensations composed;             ///< terms of the law besides PD
+  double peak_speed = 0;              ///< peak speed of the reference [m/s]
   /// Present when the playback also controls the tool's orientation.
   std::optional<OrientationOptions> turn;
   std::vector<std::string> notes;  ///< messages for the user
 };
 
-/// Checks the playback before a force is sent: the path against the workspace (the error names the distance), its speed
-/// against the velocity limit, the gains and the options. Reads only those blocks of a long path whose bounds are not
+/// Checks the playback before a force is sent: the path against the workspace (the error names the distance), the gains
+/// and the options. Where the path would move faster than 0.9 of the velocity limit, its time is stretched, up to
+/// kMostStretch; a note says where and by how much. Reads only those blocks of a long path whose bounds are not
 /// conclusive. The session examines each later piece between its samples before it plays it, and ends with
 /// StopCause::no_path if the check fails. Throws Error(input).
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options);

@@ -35,6 +35,7 @@ void PlaybackController::start(const State& first) noexcept {
   requests_ = RequestFollower(mailbox_);
   for (const auto& term : terms_) term->start(first);
   if (orientation_) orientation_->start(first);
+  if (schedule_) schedule_->reset(0);
   begin_repetition(first.position);
 }
 
@@ -97,8 +98,10 @@ Command PlaybackController::update(const State& state) noexcept {
 
   const double scale = command.status == Command::Status::working ? watch_deviation(state, reference, command) : 1;
   if (changes_ != nullptr) tuning_.approach(changes_->latest(), state.dt);
+  Tuning tuning = tuning_;
+  if (schedule_) tuning.gains = schedule_->advance(tuning_.gains, path_time_.seconds(), state.dt);
   for (const auto& term : terms_) {
-    const Vec3 force = term->force({state, reference, tuning_, command.wrench.force});
+    const Vec3 force = term->force({state, reference, tuning, command.wrench.force});
     command.wrench.force += force;
     if (!term->feeds_back()) command.feedforward += force;
   }

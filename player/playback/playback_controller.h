@@ -4,6 +4,7 @@
 #include "base/mailbox.h"
 #include "base/running_time.h"
 #include "control/controller.h"
+#include "control/gain_profile.h"
 #include "control/limits.h"
 #include "control/pd.h"
 #include "player/playback/orientation_follower.h"
@@ -47,6 +48,9 @@ class PlaybackController final : public Controller {
   /// From now on the tool is turned along the path's orientations as well. Before start.
   void turn(const OrientationOptions& options) { orientation_.emplace(options); }
 
+  /// From now on the gains are those of the tuning times the shares of a table along the path. Before start.
+  void schedule(GainTable table) { schedule_.emplace(std::move(table)); }
+
   /// Obeys the requests that arrive in `requests`, which must outlive the controller: while a pause lasts, the
   /// reference stands still. Before start.
   void obey(Mailbox<SessionRequests>& requests) noexcept { mailbox_ = &requests; }
@@ -88,6 +92,7 @@ class PlaybackController final : public Controller {
   Mailbox<Tuning>* changes_;
   std::optional<TrackingGuard> guard_;
   std::optional<OrientationFollower> orientation_;
+  std::optional<GainSchedule> schedule_;
   Vec3 feedforward_ = Vec3::Zero();  ///< feedforward force of the last tick [N]
   PlaybackOptions options_;
   bool has_undriven_axes_;

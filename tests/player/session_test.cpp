@@ -152,6 +152,7 @@ TEST(Session, RejectsAPathThatIsTooFastAndSuggestsASpeed) {
   PointMass device;
   PlayOptions options = options_for("");
   const Path fast = make_shape("circle", {.size = 0.3, .duration = 0.5});
+  options.playback.speed = 8;  // slower, its time would be stretched
   const std::string error = error_of([&] { plan_playback(device.info(), fast, options); });
   EXPECT_THAT(error, HasSubstr("too close to the velocity limit of 1.50 m/s"));
   const double speed = std::stod(error.substr(error.find("--speed ") + 8));

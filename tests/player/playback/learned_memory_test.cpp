@@ -1,6 +1,8 @@
 #include "player/playback/learned_memory.h"
 
 #include "control/path/shapes.h"
+#include "formats/path/path_changing.h"
+#include "formats/path/path_stretching.h"
 #include "player/playback/reference_stream.h"
 #include "tests/player/calibration/identified_device.h"
 #include "tests/support/temp_folder.h"
@@ -53,6 +55,26 @@ TEST(LearnedMemory, CountsOnlyTheRepetitionsThatItRecalled) {
   const PlayResult session = learned_session();
   for (int i = 0; i < 2; ++i) LearnedMemory(folder / "learned.json", kDevice, 1, kMass).keep(session);
   EXPECT_EQ(load_learned(folder / "learned.json")->repetitions, 2);
+}
+
+TEST(LearnedMemory, RejectsForcesLearnedOnThePathBeforeItWasTurnedMovedOrStretched) {
+  const TempFolder folder;
+  const PlayResult session = learned_session();
+  LearnedMemory memory(folder / "learned.json", kDevice, 1, kMass);
+  memory.keep(session);
+  const std::shared_ptr<const PathSource> path = source_of(make_shape("circle", {.size = 0.04, .duration = 1}));
+  EXPECT_EQ(memory.recall(*path).refused, "");
+  std::vector<PathChange> changes(4);
+  changes[0].rotation = parse_rotation("z=180deg");
+  changes[1].mirror = 0;
+  changes[2].offset = Vec3(1e-3, 0, 0);
+  changes[3].scale = 0.99;
+  for (const PathChange& change : changes) {
+    const auto recalled = memory.recall(*changed(path, similarity_of(change, *path)));
+    EXPECT_TRUE(recalled.table.force.empty());
+    EXPECT_THAT(recalled.refused, HasSubstr("it was learned on another path")) << describe(change);
+  }
+  EXPECT_THAT(memory.recall(*stretched(path, {0.1, {1, 1.5, 1}})).refused, HasSubstr("another path"));
 }
 
 TEST(LearnedMemory, RejectsForcesLearnedUnderOtherConditionsAndRestarts) {
