@@ -1,9 +1,11 @@
 #include "base/error.h"
 #include "base/text_file.h"
 #include "cli/input_options.h"
+#include "cli/path_options.h"
 #include "cli/read_progress.h"
 #include "cli/verb.h"
 #include "formats/convert/anonymise.h"
+#include "formats/convert/change_place.h"
 #include "formats/convert/resample.h"
 #include "formats/recording/recording_stream.h"
 #include "formats/recording/sampling.h"
@@ -15,6 +17,7 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <optional>
+#include <utility>
 
 namespace haptrace::cli {
 namespace {
@@ -35,6 +38,7 @@ struct ConvertArguments {
   std::string libver = "1.10", precision;
   std::vector<std::string> streams, map;
   CsvOptions csv;
+  ChangeArguments place;
 
   [[nodiscard]] bool to_standard_output() const { return file == "-"; }
 };
@@ -63,11 +67,47 @@ SourceOptions source_options(const ConvertArguments& arguments, const CsvOptions
   return options;
 }
 
+/// Returns the samples of the input that are converted.
+std::unique_ptr<RecordingSource> open_samples(const ConvertArguments& arguments, const InputFile& input) {
+  auto source = open_source(input.path(), source_options(arguments, input.csv()));
+  if (std::isfinite(arguments.from) || std::isfinite(arguments.to))
+    source = cut(std::move(source), arguments.from, arguments.to);
+  return source;
+}
+
+/// Moves the samples to the place that the options ask for. The frame comes last: it brings a recording from the
+/// device's coordinates to the world's, so that `play --frame` brings it back. Reads all samples once if the fixed
+/// point depends on them.
+std::unique_ptr<RecordingSource> in_place(std::unique_ptr<RecordingSource> source, const ConvertArguments& arguments,
+                                          const InputFile& input) {
+  PathChange change = arguments.place.change();
+  const std::optional<DeviceFrame> frame = std::exchange(change.frame, std::nullopt);
+  if (change.is_identity() && !frame) return source;
+  Vec3 first = Vec3::Zero();
+  Box bounds;
+  if (change.about.kind == ChangeCentre::Kind::start || change.about.kind == ChangeCentre::Kind::centre) {
+    const auto samples = open_samples(arguments, input);
+    bool begun = false;
+    for (auto block = samples->next(); !block.empty(); block = samples->next())
+      for (const Sample& sample : block) {
+        if (!is_finite(sample.position)) continue;
+        if (!std::exchange(begun, true)) first = sample.position;
+        bounds.include(sample.position);
+      }
+  }
+  if (bounds.min.x() > bounds.max.x()) bounds = {first, first};
+  Similarity similarity = change.of(first, bounds);
+  std::string text = describe(change);
+  if (frame) {
+    similarity = to_device(*frame).inverse() * similarity;
+    text += std::string(text.empty() ? "" : ", ") + "brought from the device's to the world's coordinates";
+  }
+  return change_place(std::move(source), similarity, text);
+}
+
 Pipeline open_pipeline(const ConvertArguments& arguments, const InputFile& input) {
   Pipeline pipeline;
-  pipeline.source = open_source(input.path(), source_options(arguments, input.csv()));
-  if (std::isfinite(arguments.from) || std::isfinite(arguments.to))
-    pipeline.source = cut(std::move(pipeline.source), arguments.from, arguments.to);
+  pipeline.source = in_place(open_samples(arguments, input), arguments, input);
   pipeline.source = observe(std::move(pipeline.source), [sampling = pipeline.sampling](std::span<const Sample> block) {
     for (const Sample& sample : block) sampling->add(sample);
   });
@@ -267,6 +307,10 @@ Verb add_convert(CLI::App& app) {
           "--low-pass", a.low_pass_hz,
           "cut-off of the low-pass filter before --resample [Hz] (0: none; default: rate / 2.4 if the rate is lowered)")
       ->group("Samples");
+  a.place.add_to(*verb, "Place");
+  a.place.add_frame_to(
+      *verb, "Place",
+      "the device's pose in the world: brings a recording from the device's coordinates to the world's");
   verb->add_flag("--anonymise", a.anonymise,
                  "remove subject, operator, notes, serial numbers, metadata, file names and mark texts")
       ->group("Samples");

@@ -10,6 +10,7 @@
 #include "cli/read_progress.h"
 #include "cli/scene_options.h"
 #include "cli/tuning.h"
+#include "formats/path/path_changing.h"
 #include "formats/path/path_file.h"
 
 #include <algorithm>
@@ -89,8 +90,9 @@ std::string percent(double share) {
 }
 
 std::string summary(const Arguments& arguments, const GuideResult& result, const DeviceInfo& device,
-                    const std::string& expert) {
+                    const std::string& expert, const PathChange& change) {
   std::string text = fmt::format("{}: guided on {}\n", expert, device.name);
+  if (!change.is_identity()) text += fmt::format("  path: {}\n", describe(change));
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
     const GuideFigures& figures = result.repetitions[i];
@@ -203,7 +205,7 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
     return open_path(file, selection, progress.callback(), csv);
   };
   const InputFile input(arguments.expert, arguments.csv);
-  const std::shared_ptr<const PathSource> expert = open(input.path(), arguments.along.selection, input.csv());
+  std::shared_ptr<const PathSource> expert = open(input.path(), arguments.along.selection, input.csv());
   for (const std::string& file : arguments.spread) {
     CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments.csv;
     csv.name = file;
@@ -214,6 +216,11 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   LivePage page(arguments.view, arguments.session, output, "guide", stop);
   page.watch(options.session);
   const auto device = arguments.session.open();
+  const PathChange change = arguments.along.change(*device);
+  const Similarity moved = similarity_of(change, *expert);
+  expert = changed(std::move(expert), moved);
+  for (auto& other : options.spread) other = changed(std::move(other), moved);
+  keep_applied(options.session, "path_change", describe(change));
   std::vector<std::string> notes = device->info().notes;
   for (const std::string& note : expert->facts().notes) notes.push_back(fmt::format("{}: {}", input.name(), note));
   options.identified =
@@ -221,6 +228,7 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   GuidePlan plan = plan_guidance(device->info(), expert, options);
   plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
   std::ranges::move(notes_on_reach(options.session, device->info()), std::back_inserter(plan.notes));
+  if (plan.fit) keep_applied(options.session, "path_fit", describe(*plan.fit));
   const std::size_t of_device = device->info().notes.size();
   note_before(output, options.session, "device", device->info().notes);
   note_before(output, options.session, "path", std::span(notes).subspan(of_device), Severity::warning);
@@ -254,10 +262,11 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   json["mode"] = arguments.mode;
   json["feel"] = arguments.feel;
   json["tuning"] = commands->history();
+  if (!change.is_identity()) json["path_change"] = describe(change);
   json["notes"] = notes;
   if (!arguments.record.empty()) json["file"] = arguments.record;
   const int code = conclude(output, result.session);
-  output.tell(json, summary(arguments, result, device->info(), input.name()));
+  output.tell(json, summary(arguments, result, device->info(), input.name(), change));
   return code;
 }
 

@@ -1,6 +1,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
+#include "base/units.h"
 #include "cli/input_options.h"
 #include "cli/live_page.h"
 #include "cli/path_options.h"
@@ -8,13 +9,17 @@
 #include "cli/read_progress.h"
 #include "cli/scene_options.h"
 #include "cli/tuning.h"
+#include "formats/path/path_changing.h"
 #include "formats/path/path_file.h"
 #include "player/playback/learned_memory.h"
 #include "player/playback/playback.h"
 #include "player/playback/reference_stream.h"
+#include "player/playback/speed_limit.h"
 #include "player/tuning/live_tuning.h"
 
 #include <algorithm>
+#include <array>
+#include <filesystem>
 #include <fmt/format.h>
 #include <numbers>
 #include <span>
@@ -29,13 +34,13 @@ struct PlayArguments {
   TuningArguments tuning;
   ViewArguments view;
   TouchArguments scene;
-  std::string path, record, gains, learned;
+  std::string path, record, gains, impedance, learned, kp, kd;
   CsvOptions csv;
   ProfileArguments profile;
   std::vector<std::string> without;
   bool forget = false;
   int learn = 0;
-  std::optional<double> kp, kd, kp_rotation, kd_rotation;
+  std::optional<double> kp_rotation, kd_rotation;
   double max_torque = 0;
   TurnOptions turn;
   PathArguments along{0.03};
@@ -44,14 +49,33 @@ struct PlayArguments {
   std::string on_deviation = "stop", interpolation = "cubic";
 };
 
+/// Parses a gain for all axes, or one per axis: 1500, 2N/mm or 2000,2000,500.
+Vec3 gain_of(const char* option, const std::string& text, std::string_view unit) {
+  if (text.find(',') != std::string::npos) return parse_vector(text, unit, option);
+  const std::optional<double> gain = parse_quantity(text, unit);
+  if (!gain)
+    throw input_error(
+        fmt::format("{} is '{}'; it must be a number, or three as in 2000,2000,500, each with or without a unit of {}",
+                    option, text, unit));
+  return Vec3::Constant(*gain);
+}
+
 std::optional<PdGains> gains_from(const PlayArguments& arguments) {
   if (!arguments.gains.empty()) {
-    if (arguments.kp || arguments.kd) throw input_error("--gains and --kp, --kd exclude each other");
+    if (!arguments.kp.empty() || !arguments.kd.empty()) throw input_error("--gains and --kp, --kd exclude each other");
     return gains_from_json(load_json(arguments.gains), arguments.gains);
   }
-  if (!arguments.kp && !arguments.kd) return std::nullopt;
-  if (!arguments.kp || !arguments.kd) throw input_error("--kp and --kd go together: give both, or neither");
-  return PdGains{Vec3::Constant(*arguments.kp), Vec3::Constant(*arguments.kd)};
+  if (arguments.kp.empty() && arguments.kd.empty()) return std::nullopt;
+  if (arguments.kp.empty() || arguments.kd.empty())
+    throw input_error("--kp and --kd go together: give both, or neither");
+  return PdGains{gain_of("--kp", arguments.kp, "N/m"), gain_of("--kd", arguments.kd, "N s/m")};
+}
+
+std::optional<ImpedanceProfile> impedance_from(const PlayArguments& arguments) {
+  if (arguments.impedance.empty()) return std::nullopt;
+  if (!arguments.gains.empty() || !arguments.kp.empty() || !arguments.kd.empty())
+    throw input_error("--impedance and --gains, --kp, --kd exclude each other");
+  return load_impedance_profile(arguments.impedance);
 }
 
 std::optional<OrientationGains> orientation_gains_from(const PlayArguments& arguments) {
@@ -75,10 +99,11 @@ Compensations compensations_from(const std::vector<std::string>& without) {
   return with;
 }
 
-LearnedMemory memory_of(const PlayArguments& arguments, const DeviceInfo& info, const Vec3& mass) {
+LearnedMemory memory_of(const PlayArguments& arguments, const DeviceInfo& info, const PathChange& change,
+                        const Vec3& mass) {
   const DeviceIdentity device = identity_of(info);
-  return {arguments.learned.empty() ? learned_file(arguments.path, device) : arguments.learned, device, arguments.speed,
-          mass};
+  return {arguments.learned.empty() ? learned_file(arguments.path, device, describe(change)) : arguments.learned,
+          device, arguments.speed, mass};
 }
 
 double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
@@ -112,6 +137,7 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
 PlayOptions options_of(const PlayArguments& arguments) {
   PlayOptions options;
   options.gains = gains_from(arguments);
+  options.impedance = impedance_from(arguments);
   options.interpolation = parse_interpolation(arguments.interpolation);
   options.smoothing = arguments.along.smoothing;
   options.thin = arguments.thin;
@@ -168,8 +194,9 @@ std::string law_text(const PlayArguments& arguments, const PlayResult& result, c
 }
 
 std::string summary(const PlayArguments& arguments, const PlayResult& result, const DeviceInfo& device,
-                    const std::optional<DeviceProfile>& profile, const std::string& path) {
+                    const std::optional<DeviceProfile>& profile, const std::string& path, const PathChange& change) {
   std::string text = fmt::format("{}: played on {}\n", path, device.name);
+  if (!change.is_identity()) text += fmt::format("  path: {}\n", describe(change));
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
     const TrackingFigures& figures = result.repetitions[i];
@@ -221,9 +248,15 @@ void add_control_options(CLI::App& verb, PlayArguments& arguments) {
   verb.add_option("--gains", arguments.gains, R"(gains from a file: {"kp": 1500, "kd": [15, 15, 10]})")
       ->type_name("FILE.json")
       ->group("Control");
-  verb.add_option("--kp", arguments.kp, "proportional gain [N/m] (default: from the profile, else cautious)")
+  verb.add_option("--kp", arguments.kp, "proportional gain [N/m], or X,Y,Z (default: from the profile, else cautious)")
+      ->type_name("NUMBER")
       ->group("Control");
-  verb.add_option("--kd", arguments.kd, "derivative gain [N s/m]")->group("Control");
+  verb.add_option("--kd", arguments.kd, "derivative gain [N s/m], or X,Y,Z")->type_name("NUMBER")->group("Control");
+  verb.add_option(
+          "--impedance", arguments.impedance,
+          "gains along the path: kp and kd over s or t, as JSON, or as columns of a CSV, even of the path itself")
+      ->type_name("FILE")
+      ->group("Control");
   arguments.profile.add_to(verb, "Control", "play with PD control alone, without the device's profile");
   verb.add_option("--without", arguments.without,
                   "leave force terms out of a calibrated playback: inertia, gravity, friction, observer, learning, all")
@@ -265,18 +298,19 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   require(verb, "path");
   require(verb, "--device");
   PlayOptions options = options_of(arguments);
-  keep_inputs(arguments.record, std::span(&arguments.path, 1));
+  keep_inputs(arguments.record,
+              std::array{arguments.path, arguments.gains, arguments.impedance, arguments.along.place.frame});
   options.session = arguments.session.options(arguments.record, effective_config(verb));
   options.session.loop.limits.max_torque = arguments.max_torque;
   const std::vector<std::string> of_scene = arguments.scene.apply(options.session);
 
   const InputFile input(arguments.path, arguments.csv);
-  if (input.passed_through() && arguments.learn > 0 && arguments.learned.empty())
-    throw input_error(
-        fmt::format("--learn with {} needs --learned, because the input has no "
-                    "folder for the learned force",
-                    input.name()));
-  const auto path = [&] {
+  // A path that starts wherever the tool is, is another path each time.
+  const bool forgets = (input.passed_through() || arguments.along.start_here) && arguments.learned.empty();
+  if (forgets && arguments.learn > 0)
+    throw input_error(fmt::format("--learn with {} needs --learned, because the learned force has no file of its own",
+                                  input.passed_through() ? input.name() : "--start-here"));
+  auto path = [&] {
     ReadProgress progress(output, input.name());
     return open_path(input.path(), arguments.along.selection, progress.callback(), input.csv());
   }();
@@ -285,6 +319,15 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   LivePage page(arguments.view, arguments.session, output, "play", stop);
   page.watch(options.session);
   const auto device = arguments.session.open();
+  // In the path's own file, the gains have the path's stamps.
+  std::error_code none;
+  if (options.impedance && !options.impedance->by_place &&
+      std::filesystem::equivalent(arguments.path, arguments.impedance, none))
+    for (double& t : options.impedance->at) t -= path->facts().begin;
+  const PathChange change = arguments.along.change(*device);
+  const Similarity moved = similarity_of(change, *path);
+  path = changed(std::move(path), moved);
+  keep_applied(options.session, "path_change", describe(change));
   std::vector<std::string> notes = device->info().notes;
   for (const std::string& note : path->facts().notes) notes.push_back(fmt::format("{}: {}", input.name(), note));
   note_before(output, options.session, "device", device->info().notes);
@@ -303,9 +346,11 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
                     device->info().model, device->info().name));
   note_before(output, options.session, "plan", plan.notes);
   notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
+  if (plan.fit) keep_applied(options.session, "path_fit", describe(*plan.fit));
+  keep_applied(options.session, "path_stretch", describe(plan.stretch));
   std::optional<LearnedMemory> memory;
-  if (options.identified && options.compensations.learning && !(input.passed_through() && arguments.learned.empty())) {
-    memory.emplace(memory_of(arguments, device->info(), options.identified->design.mass));
+  if (options.identified && options.compensations.learning && !forgets) {
+    memory.emplace(memory_of(arguments, device->info(), change, options.identified->design.mass));
     if (!arguments.forget) {
       auto [table, refused] = memory->recall(plan.path->source());
       if (!refused.empty()) note_before(output, options.session, "learned", std::span(&refused, 1), Severity::warning);
@@ -330,6 +375,7 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
 
   nlohmann::json json = to_json(result);
   json["tuning"] = tuning.history();
+  if (!change.is_identity()) json["path_change"] = describe(change);
   json["notes"] = notes;
   json["profile"] =
       profile ? nlohmann::json{{"file", arguments.profile.used(device->info())}, {"created", profile->created}}
@@ -338,7 +384,7 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   int code = conclude(output, result.session);
   if (memory && !result.lessons.empty() && !keep_learned(*memory, result, json, output) && code == kDone)
     code = kStopped;
-  output.tell(json, summary(arguments, result, device->info(), profile, input.name()));
+  output.tell(json, summary(arguments, result, device->info(), profile, input.name(), change));
   return code;
 }
 

@@ -1,6 +1,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "cli/live_page.h"
+#include "cli/path_options.h"
 #include "cli/profile.h"
 #include "cli/terminal.h"
 #include "cli/tuning.h"
@@ -22,9 +23,9 @@ namespace fs = std::filesystem;
 
 struct RunArguments {
   SessionArguments session;
-  std::string programme, folder, resume, mirror;
+  std::string programme, folder, resume;
+  ChangeArguments change;
   ProfileArguments profile;
-  std::optional<double> scale;
   double max_deviation = 0.1;
   bool dry_run = false, fit = false;
   TuningArguments tuning{.example = "radius 6mm"};
@@ -138,8 +139,9 @@ std::string result_text(const ProgrammeResult& result, const std::string& folder
 nlohmann::json programme_for(const RunArguments& arguments) {
   nlohmann::json programme = load_json(arguments.programme);
   if (!programme.is_object() || (programme.contains("person") && !programme["person"].is_object())) return programme;
-  if (!arguments.mirror.empty()) programme["person"]["mirror"] = arguments.mirror;
-  if (arguments.scale) programme["person"]["scale"] = *arguments.scale;
+  nlohmann::json person = programme.value("person", nlohmann::json::object());
+  arguments.change.set_keys(person);
+  if (!person.empty()) programme["person"] = person;
   return programme;
 }
 
@@ -147,10 +149,11 @@ nlohmann::json programme_for(const RunArguments& arguments) {
 /// stores elsewhere. Later sittings and repetitions of a trial use this configuration.
 nlohmann::json shared_config(const CLI::App& verb) {
   nlohmann::json config = effective_config(verb);
-  for (const char* key :
-       {"verb",      "programme", "output",     "resume",       "dry-run",         "mirror",    "scale",
-        "fit",       "profile",   "no-profile", "overwrite",    "tune-socket",     "tune-port", "tune-token-file",
-        "tune-file", "view",      "control",    "on-page-lost", "view-token-file", "no-browser"})
+  for (const char* key : {"verb",         "programme",       "output",     "resume",    "dry-run",
+                          "mirror",       "scale",           "rotate",     "about",     "offset",
+                          "fit",          "profile",         "no-profile", "overwrite", "tune-socket",
+                          "tune-port",    "tune-token-file", "tune-file",  "view",      "control",
+                          "on-page-lost", "view-token-file", "no-browser"})
     config.erase(key);
   return config;
 }
@@ -158,7 +161,8 @@ nlohmann::json shared_config(const CLI::App& verb) {
 /// Rejects a complete session, and options that may only be given at the start.
 void check_resume(const CLI::App& verb, const SessionLog& log, const std::string& folder) {
   if (log.complete) throw input_error(folder + ": the session is complete; there is nothing to resume");
-  for (const char* option : {"--mirror", "--scale", "--fit", "--output", "--profile", "--no-profile", "--dry-run"})
+  for (const char* option : {"--mirror", "--rotate", "--scale", "--about", "--offset", "--fit", "--output", "--profile",
+                             "--no-profile", "--dry-run"})
     if (verb.get_option(option)->count() > 0)
       throw input_error(
           fmt::format("{} applies only to the start of a session; --resume keeps the settings of {}", option, folder));
@@ -436,11 +440,7 @@ Verb add_run(CLI::App& app) {
                    "resume an unfinished session; give the device and all changed limits again")
       ->type_name("FOLDER");
   verb->add_flag("--dry-run", arguments->dry_run, "print the plan and its duration; with --device, also check it");
-  verb->add_option("--mirror", arguments->mirror,
-                   "mirror the paths along an axis: none | x | y | z (default: the programme's)")
-      ->group("Participant");
-  verb->add_option("--scale", arguments->scale, "scale the paths by this factor (default: the programme's)")
-      ->group("Participant");
+  arguments->change.add_to(*verb, "Participant");
   verb->add_flag("--fit", arguments->fit, "move and scale all paths together into the workspace")->group("Participant");
   verb->add_option("--max-deviation", arguments->max_deviation, "distance from the path at which the session stops [m]")
       ->capture_default_str()

@@ -1,4 +1,5 @@
 #include "base/error.h"
+#include "cli/path_options.h"
 #include "cli/verb.h"
 #include "control/path/shapes.h"
 #include "formats/path/path_file.h"
@@ -12,6 +13,7 @@ Verb add_shape(CLI::App& app) {
     std::string name, file;
     ShapeOptions shape;
     std::vector<double> centre;
+    ChangeArguments change;
     bool overwrite = false;
   };
   const auto arguments = std::make_shared<Arguments>();
@@ -33,13 +35,15 @@ Verb add_shape(CLI::App& app) {
   verb->add_option("--angle", shape.angle, "direction of line and reach in the plane [rad]")->capture_default_str();
   verb->add_option("--sample-rate", shape.rate_hz, "sample rate of the path [Hz]")->capture_default_str();
   verb->add_flag("--constant-speed", shape.constant_speed, "move at constant speed instead of minimum jerk");
+  arguments->change.add_to(*verb, "Change");
   verb->add_flag("--overwrite", arguments->overwrite, "replace an existing file");
 
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "name");
             require(*verb, "--output");
             if (!arguments->centre.empty()) arguments->shape.center = Vec3(arguments->centre.data());
-            const Path path = make_shape(arguments->name, arguments->shape);
+            Path path = make_shape(arguments->name, arguments->shape);
+            arguments->change.change().apply(path);
             save_path(path, arguments->file, arguments->name, arguments->overwrite);
             const Vec3 size = path.bounds().size();
             output.tell({{"file", arguments->file},

@@ -204,7 +204,7 @@ TEST(RunCommand, ReportsErrorsBeforeItWritesAnything) {
   EXPECT_THAT(error({file}), HasSubstr("needs --device"));
   EXPECT_THAT(error({folder / "none.json", "--dry-run"}), HasSubstr("none.json: cannot be read"));
   EXPECT_THAT(error({programme(folder, "tunel"), "--dry-run"}), HasSubstr("exercises[0].mode: 'tunel'"));
-  EXPECT_THAT(error({file, "--mirror", "up", "--dry-run"}), HasSubstr("person.mirror: 'up'"));
+  EXPECT_THAT(error({file, "--mirror", "up", "--dry-run"}), HasSubstr("--mirror: unknown mirror axis 'up'"));
   EXPECT_THAT(error({file, "--resume", folder.path()}), HasSubstr("do not name another one"));
   EXPECT_THAT(error({"--resume", folder.path(), "--device", kTrainee}), HasSubstr("session.json"));
   EXPECT_THAT(error({file, "--device", kTrainee, "--profile", "a.json", "--no-profile"}),
