@@ -3,6 +3,7 @@
 
 #include "control/design/tracking_design.h"
 #include "control/pd.h"
+#include "control/rest.h"
 #include "control/state_observer.h"
 
 namespace haptrace {
@@ -14,12 +15,7 @@ namespace haptrace {
 /// low-passed at observer_hz and clamped to its authority. It accounts for the force that was really sent, so that
 /// nothing winds up while the device saturates or an operator holds it.
 ///
-/// At rest, the integration of the observer, stiction and the position resolution make a limit cycle of about one
-/// count. Rest begins when the reference rests, and for kRestTime the device stays within kStillCounts of one place and
-/// that within kRestCounts of the reference. Then load and spring force are kept, and the gains fall to kRestGains.
-/// Rest ends when the device is farther away than twice kRestCounts, or the reference moves. Each time that the device
-/// slips instead of staying, both bounds grow by a tenth, up to twice their size, until the reference moves. A hunting
-/// device therefore comes to rest.
+/// While the reference rests, Rest keeps the load and lowers the gains to kRestGains, at standstill to kStandingGains.
 ///
 /// Before it breaks loose, friction is a spring (presliding: Canudas de Wit, Olsson, Astrom and Lischinsky 1995), stiff
 /// enough to put a small device at 30 to 50 Hz, with almost no damping of its own. The observer takes the force of this
@@ -36,9 +32,6 @@ class ObserverPd final : public ForceTerm {
     double position_resolution = 0;  ///< [m]
   };
 
-  static constexpr double kRestCounts = 2;
-  static constexpr double kStillCounts = 1.5;
-  static constexpr double kRestTime = 0.06;      ///< [s]
   static constexpr double kStandingGains = 0.6;  ///< share of the gains at standstill
   static constexpr double kRestGains = 0.4;      ///< share of the gains at rest
 
@@ -49,24 +42,13 @@ class ObserverPd final : public ForceTerm {
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override;
 
  private:
-  [[nodiscard]] bool rests(const State& state, const Reference& reference) noexcept;
-
   StateObserver observer_;
-  Vec3 driven_;                 ///< 1 for an axis with mass, else 0
-  double observer_hz_;          ///< bandwidth of the state observer under full gains
-  double authority_;            ///< [N]
-  double quantum_;              ///< position resolution [m]
-  Vec3 anchor_ = Vec3::Zero();  ///< place where the device stays [m]
-  double rest_share_ = 1;       ///< share of the gains when rest began
-  double patience_ = 1;         ///< factor on the bounds of rest
-  double stood_ = 0;            ///< time for which the reference has rested with the device near it [s]
-  Vec3 known_ = Vec3::Zero();   ///< force of the terms before this one at the last tick [N]
-  Vec3 load_ = Vec3::Zero();    ///< low-passed load [N]
-  Vec3 kept_ = Vec3::Zero();    ///< at rest: the load that is kept; after it: the fading difference [N]
-  Vec3 spring_ = Vec3::Zero();  ///< Kp (x_d - x) when rest began [N]
-  double rested_ = 0;           ///< time for which the device has stayed at anchor_ [s]
-  bool resting_ = false;
-  double gain_share_ = 1;
+  Vec3 driven_;         ///< 1 for an axis with mass, else 0
+  double observer_hz_;  ///< bandwidth of the state observer under full gains
+  double authority_;    ///< [N]
+  Rest rest_;
+  Vec3 known_ = Vec3::Zero();  ///< force of the terms before this one at the last tick [N]
+  Vec3 load_ = Vec3::Zero();   ///< low-passed load [N]
 };
 
 }  // namespace haptrace
