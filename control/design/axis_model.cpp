@@ -1,0 +1,212 @@
+#include "control/design/axis_model.h"
+
+#include "base/error.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <tuple>
+#include <unsupported/Eigen/MatrixFunctions>
+
+namespace haptrace {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double kTwoPi = 2 * std::numbers::pi;
+
+void check(const AxisModel& model) {
+  constexpr double kMost = 1e9;
+  const auto positive = [](const char* what, double value, const char* unit) {
+    check_range(what, value, 1e-9, kMost, unit);
+  };
+  positive("axis model: the mass", model.mass, "kg");
+  check_range("axis model: the viscous damping", model.viscous, 0, kMost, "N s/m");
+  check_range("axis model: the delay", model.delay_ticks, 0, AxisModel::kLongestDelay, "periods");
+  check_range("axis model: the rate", model.rate_hz, 1, 1e6, "Hz");
+  check_range("axis model: the motor's lag", model.lag, 0, 1, "s");
+  check_range("axis model: the force noise", model.force_noise, 0, kMost, "N sqrt(s)");
+  check_range("axis model: the position noise", model.position_noise, 0, 1, "m");
+  check_range("axis model: the drift", model.noise.drift, 0, kMost, "N");
+  check_range("axis model: the tremor", model.noise.tremor, 0, kMost, "N");
+  check_range("axis model: the mass of the hand", model.hand.mass, 0, kMost, "kg");
+  check_range("axis model: the mass of the link", model.link.mass, 0, kMost, "kg");
+  if (model.noise.drift > 0) positive("axis model: the corner of the drift", model.noise.drift_hz, "Hz");
+  if (model.noise.tremor > 0) positive("axis model: the frequency of the tremor", model.noise.tremor_hz, "Hz");
+  if (model.hand.mass > 0) {
+    positive("axis model: the stiffness of the grip", model.hand.grip_stiffness, "N/m");
+    check_range("axis model: the damping of the grip", model.hand.grip_damping, 0, kMost, "N s/m");
+    check_range("axis model: the stiffness of the arm", model.hand.arm_stiffness, 0, kMost, "N/m");
+    check_range("axis model: the damping of the arm", model.hand.arm_damping, 0, kMost, "N s/m");
+    positive("axis model: the relaxation of the arm", model.hand.arm_relaxation_s, "s");
+  }
+  if (model.link.mass > 0) {
+    positive("axis model: the stiffness of the link", model.link.stiffness, "N/m");
+    check_range("axis model: the damping of the link", model.link.damping, 0, kMost, "N s/m");
+  }
+}
+
+/// The model in continuous time: x' = rates x + force u + noise of the spectral densities `density`.
+struct Continuous {
+  MatrixXd rates;
+  VectorXd force, density, together, balanced;
+  int drift = -1;
+
+  explicit Continuous(const AxisModel& model) {
+    int states = 0;
+    const auto add = [&](bool present, int count) {
+      const int first = present ? states : -1;
+      if (present) states += count;
+      return first;
+    };
+    const int x = add(true, 2), f = add(model.lag > 0, 1), link = add(model.link.mass > 0, 2);
+    const int hand = add(model.hand.mass > 0, 3);
+    drift = add(model.noise.drift > 0, 1);
+    const int tremor = add(model.noise.tremor > 0, 2);
+    rates.setZero(states, states);
+    force.setZero(states);
+    density.setZero(states);
+    together.setZero(states);
+    balanced.setZero(states);
+
+    // A body is its position; its velocity is the next state.
+    const auto body = [&](int at) {
+      rates(at, at + 1) = 1;
+      together[at] = 1;
+    };
+    const auto connect = [&](int a, double mass_a, int b, double mass_b, double stiffness, double damping) {
+      for (const auto& [from, to, mass] : {std::tuple{a, b, mass_a}, {b, a, mass_b}}) {
+        rates(from + 1, from) -= stiffness / mass;
+        rates(from + 1, to) += stiffness / mass;
+        rates(from + 1, from + 1) -= damping / mass;
+        rates(from + 1, to + 1) += damping / mass;
+      }
+    };
+    body(x);
+    rates(x + 1, x + 1) = -model.viscous / model.mass;
+    density[x + 1] = std::pow(model.force_noise / model.mass, 2);
+    if (f >= 0) {
+      rates(x + 1, f) = 1 / model.mass;
+      rates(f, f) = -1 / model.lag;
+      force[f] = 1 / model.lag;
+      balanced[f] = -1;
+    } else {
+      force[x + 1] = 1 / model.mass;
+    }
+    int held = x;  // the body on which the hand acts
+    double held_mass = model.mass;
+    if (link >= 0) {
+      body(link);
+      connect(x, model.mass, link, model.link.mass, model.link.stiffness, model.link.damping);
+      balanced[link] = 1 / model.link.stiffness;
+      held = link;
+      held_mass = model.link.mass;
+    }
+    if (hand >= 0) {
+      const HandModel& h = model.hand;
+      body(hand);
+      connect(held, held_mass, hand, h.mass, h.grip_stiffness, h.grip_damping);
+      const int elbow = hand + 2;
+      rates(hand + 1, hand) -= h.arm_stiffness / h.mass;
+      rates(hand + 1, elbow) += h.arm_stiffness / h.mass;
+      rates(hand + 1, hand + 1) -= h.arm_damping / h.mass;
+      rates(elbow, hand) = 1 / h.arm_relaxation_s;
+      rates(elbow, elbow) = -1 / h.arm_relaxation_s;
+      together[elbow] = 1;
+      balanced[hand] = balanced[elbow] = balanced[held] + 1 / h.grip_stiffness;
+      held = hand;
+      held_mass = h.mass;
+    }
+    if (drift >= 0) {
+      const double corner = kTwoPi * model.noise.drift_hz;
+      rates(held + 1, drift) = 1 / held_mass;
+      rates(drift, drift) = -corner;
+      balanced[drift] = 1;
+      density[drift] = 2 * corner * model.noise.drift * model.noise.drift;
+    }
+    if (tremor >= 0) {
+      constexpr double kZeta = HandNoise::kTremorDamping;
+      const double w = kTwoPi * model.noise.tremor_hz;
+      rates(held + 1, tremor) = 1 / held_mass;
+      rates(tremor, tremor + 1) = 1;
+      rates(tremor + 1, tremor) = -w * w;
+      rates(tremor + 1, tremor + 1) = -2 * kZeta * w;
+      density[tremor + 1] = 4 * kZeta * w * w * w * model.noise.tremor * model.noise.tremor;
+    }
+  }
+};
+
+/// Returns the covariance of the noise that gathers in `span` [s].
+MatrixXd gathered_noise(const Continuous& model, double span) {
+  const Index n = model.rates.rows();
+  int doublings = 0;
+  while (model.rates.norm() * span > 1 && doublings < 60) {
+    span /= 2;
+    ++doublings;
+  }
+  MatrixXd both = MatrixXd::Zero(2 * n, 2 * n);
+  both.topLeftCorner(n, n) = -span * model.rates;
+  both.topRightCorner(n, n) = span * MatrixXd(model.density.asDiagonal());
+  both.bottomRightCorner(n, n) = span * model.rates.transpose();
+  const MatrixXd powers = both.exp();
+  MatrixXd transition = powers.bottomRightCorner(n, n).transpose();
+  MatrixXd covariance = transition * powers.topRightCorner(n, n);
+  for (int i = 0; i < doublings; ++i) {
+    covariance += (transition * covariance * transition.transpose()).eval();
+    transition = (transition * transition).eval();
+  }
+  return 0.5 * (covariance + covariance.transpose());
+}
+
+}  // namespace
+
+std::array<std::optional<AxisModel>, 3> axis_models(const PlantModel& plant, const HandModel& hand, double rate_hz,
+                                                    double lag) {
+  constexpr double kLeastNoise = 1e-7;  // [m]
+  const double delay = std::max(plant.delay, 0.0);
+  lag = std::min(lag, delay);
+  std::array<std::optional<AxisModel>, 3> axes;
+  for (int axis = 0; axis < 3; ++axis)
+    if (plant.mass[axis] > 0)
+      axes[static_cast<std::size_t>(axis)] = {
+          .mass = plant.mass[axis],
+          .delay_ticks = (delay - lag) * rate_hz,
+          .lag = lag,
+          .hand = hand,
+          .position_noise =
+              std::max(std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise), kLeastNoise),
+          .rate_hz = rate_hz};
+  return axes;
+}
+
+DiscreteAxis discretised(const AxisModel& model) {
+  check(model);
+  const Continuous continuous(model);
+  const double period = 1 / model.rate_hz;
+  const Index n = continuous.rates.rows();
+
+  DiscreteAxis axis;
+  axis.drift = continuous.drift;
+  axis.together = continuous.together;
+  axis.balanced = continuous.balanced;
+  axis.measurement_variance = model.position_noise * model.position_noise;
+  axis.delay = static_cast<int>(std::floor(model.delay_ticks + 1e-9));
+  const double late = std::max(model.delay_ticks - axis.delay, 0.0);
+  axis.fractional = late > 1e-9;
+
+  // The previous force acts first, for the fraction of the period by which the newest one is late.
+  MatrixXd rates = MatrixXd::Zero(n + 1, n + 1);
+  rates.topLeftCorner(n, n) = continuous.rates;
+  rates.topRightCorner(n, 1) = continuous.force;
+  const MatrixXd first = (late * period * rates).exp(), rest = ((1 - late) * period * rates).exp();
+  const auto transition = [n](const MatrixXd& m) { return m.topLeftCorner(n, n); };
+  axis.transition = transition(rest) * transition(first);
+  axis.newer = rest.topRightCorner(n, 1);
+  axis.older = transition(rest) * first.topRightCorner(n, 1);
+  axis.noise = gathered_noise(continuous, period);
+  return axis;
+}
+
+}  // namespace haptrace
