@@ -34,6 +34,12 @@ class BasicButterworth2 {
     reset();
   }
 
+  /// Coefficients of H(z) = (b0 + b1 / z + b0 / z^2) / (1 + a1 / z + a2 / z^2).
+  struct Coefficients {
+    double b0, b1, a1, a2;
+  };
+  [[nodiscard]] Coefficients coefficients() const noexcept { return {b0_, b1_, a1_, a2_}; }
+
   Signal update(const Signal& x) noexcept {
     if (!all_finite(x)) return y_;
     // Axis by axis: expressions of vectors take twice the instructions.

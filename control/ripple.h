@@ -5,6 +5,8 @@
 
 namespace haptrace {
 
+inline constexpr double kRippleCutoff = 25;  ///< forces and positions above it are ripple [Hz]
+
 /// Applies a fourth-order Linkwitz-Riley high pass (two equal Butterworth sections) to each axis.
 ///
 /// Real-time: all but the constructor.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control/path/path.h"
+#include "control/ripple.h"
 #include "devices/loop/servo_loop.h"
 #include "plot/figure.h"
 #include "studies/ensemble_draw.h"
@@ -18,7 +19,6 @@ namespace haptrace {
 /// Criteria for the runs of an ensemble.
 namespace ensemble {
 
-inline constexpr double kRippleCutoff = 25;         // for positions and forces during movement [Hz]
 inline constexpr double kMostRipple = 0.02e-3;      // 3-D rms of the true error above it; more is a limit cycle [m]
 inline constexpr double kHold = 5;                  // [s]
 inline constexpr double kHoldJudged = 2;            // judged part at the end of the hold [s]

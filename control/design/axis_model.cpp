@@ -188,6 +188,7 @@ DiscreteAxis discretised(const AxisModel& model) {
   const Index n = continuous.rates.rows();
 
   DiscreteAxis axis;
+  axis.rate_hz = model.rate_hz;
   axis.drift = continuous.drift;
   axis.together = continuous.together;
   axis.balanced = continuous.balanced;

@@ -79,7 +79,8 @@ std::array<std::optional<AxisModel>, 3> axis_models(const PlantModel& plant, con
 struct DiscreteAxis {
   Eigen::MatrixXd transition;
   Eigen::VectorXd newer, older;
-  Eigen::MatrixXd noise;            ///< covariance
+  Eigen::MatrixXd noise;  ///< covariance
+  double rate_hz = 1000;
   double measurement_variance = 0;  ///< [m^2]
   int delay = 0;                    ///< whole part of the delay [periods]
   bool fractional = false;          ///< `older` is not zero

@@ -23,10 +23,9 @@ constexpr double kObserverFactor = 1.5;  // observer poles over w
 // Bandwidth of the load compensation [Hz]. A heavy hand on a stiff grip makes a light device two and a half times as
 // heavy below its resonance near 10 Hz. A compensation as fast as that leaves almost no damping there.
 constexpr double kLoad = 5;
-constexpr double kAuthority = 0.7;    // fraction of the device's maximum force
-constexpr double kLargestRaise = 3;   // higher gains only cause vibration
-constexpr double kMargin = 2;         // stable gains over design gains
-constexpr double kRippleCutoff = 25;  // [Hz]
+constexpr double kAuthority = 0.7;   // fraction of the device's maximum force
+constexpr double kLargestRaise = 3;  // higher gains only cause vibration
+constexpr double kMargin = 2;        // stable gains over design gains
 // Ripple of a closed loop over that of the open loop, measured on simulated devices.
 constexpr double kRippleRise = 1.11, kPlainRippleRise = 1.29;
 // Assumed difference between a real device and the identified model: it is lighter and responds later.
@@ -46,7 +45,8 @@ double noise_gain(double rate_hz, const std::function<double(double)>& law) {
   return std::sqrt(energy);
 }
 
-double plain_ripple(double rate_hz) {
+/// Returns the ripple of the plain law with an open loop, like noise_gain().
+double open_plain_ripple(double rate_hz) {
   Butterworth2 low_pass(Butterworth2::Kind::low_pass, kPlainVelocityCutoff, rate_hz);
   double before = 0;
   return noise_gain(rate_hz, [&](double x) {
@@ -142,6 +142,10 @@ PdGains plain_gains(const PlantModel& plant, const PdGains& designed, double rat
 
 }  // namespace
 
+double plain_ripple(double rate_hz) {
+  return kPlainRippleRise * open_plain_ripple(rate_hz);
+}
+
 TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& options) {
   for (const double mass : plant.mass) check_range("tracking design: the mass", mass, 0, 1e6, "kg");
   check_range("tracking design: the delay", plant.delay, 0, 1e6, "s");
@@ -158,8 +162,7 @@ TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& opt
         1e3 * plant.delay, ticks, rate_hz, LoopAnalysis::kLongestDelay, LoopAnalysis::kLongestDelay / plant.delay));
   // The quantisation error is uniform, so its variance is a twelfth of the squared resolution.
   const double noise = std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise);
-  const double allowed =
-      options.max_ripple > 0 ? options.max_ripple / noise : kPlainRippleRise * std::sqrt(3.0) * plain_ripple(rate_hz);
+  const double allowed = options.max_ripple > 0 ? options.max_ripple / noise : std::sqrt(3.0) * plain_ripple(rate_hz);
 
   UnitLaw law{.w = kFrequency / (plant.delay + 1 / rate_hz), .delay = plant.delay, .rate_hz = rate_hz};
   double margin = gain_margin(law);

@@ -35,6 +35,10 @@ struct DesignOptions {
   double bandwidth = 1;   ///< fraction of w to use; less for an inaccurate model
 };
 
+/// Returns the ripple of the command above 25 Hz, rms per axis, that a plain PD law of 3000 N/m and 25 N s/m with a
+/// velocity low pass of 100 Hz makes of white noise of unit standard deviation in the position, in its loop [N/m].
+double plain_ripple(double rate_hz);
+
 /// Designs the stiffest law that the plant's delay allows and whose ripple stays within its bound, per axis:
 ///
 ///     w = 0.4 / (delay + 1 / rate), kp = m w^2, kd = 1.5 m w, observer_hz = 1.5 w / (2 pi), load_hz = 5

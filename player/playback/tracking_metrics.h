@@ -16,8 +16,6 @@ namespace haptrace {
 /// Real-time: push. The constructor reserves memory for `repetitions`; of further ones only the last is kept.
 class TrackingMetrics final : public SampleSink {
  public:
-  static constexpr double kRippleCutoff = 25;  // [Hz]
-
   TrackingMetrics(double rate_hz, std::size_t repetitions);
 
   void push(const Sample& sample) noexcept override;

@@ -1,0 +1,299 @@
+#include "control/design/lqg_search.h"
+
+#include "base/enum_names.h"
+#include "base/error.h"
+#include "base/parallel.h"
+#include "control/design/nelder_mead.h"
+#include "control/design/tracking_design.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr double kLater = 0.35e-3;  // [s]
+constexpr double kOtherHand = 1.6;  // factor on each of the hand's numbers
+constexpr HandModel kLooseHand{.mass = 0.05,
+                               .grip_stiffness = 200,
+                               .grip_damping = 2,
+                               .arm_stiffness = 5,
+                               .arm_damping = 1,
+                               .arm_relaxation_s = 0.3};
+constexpr HandModel kFirmHand{.mass = 0.3,
+                              .grip_stiffness = 2000,
+                              .grip_damping = 10,
+                              .arm_stiffness = 200,
+                              .arm_damping = 5,
+                              .arm_relaxation_s = 2};
+
+constexpr double kUnstable = 30;
+constexpr int kFirstEvaluations = 90, kLastEvaluations = 300;
+constexpr double kMet = 1.02;  // a requirement counts as met up to this factor
+
+struct Firm {
+  double target;  // share of the ripple of the plain law
+  LqgNumbers start;
+};
+
+Firm firm(Firmness firmness) {
+  switch (firmness) {
+    case Firmness::quiet:
+      return {0.43, {.drift = 0.075, .drift_hz = 0.6, .force_noise = 0.004, .ripple_weight = 1.2e-7}};
+    case Firmness::exact:
+      return {1.35, {.drift = 0.20, .drift_hz = 1.3, .force_noise = 0.0055, .ripple_weight = 2.2e-8}};
+    case Firmness::normal:
+      break;
+  }
+  return {0.9, {}};
+}
+
+/// The numbers as the search varies them: without bounds, and each with steps of similar effect.
+using Point = std::array<double, 6>;
+
+Point point_of(const LqgNumbers& n) {
+  return {std::log(n.drift),         std::log(n.drift_hz), std::log(n.force_noise),
+          std::log(n.ripple_weight), n.mass_factor,        n.hand_share};
+}
+
+LqgNumbers numbers_of(const Point& point) {
+  const auto bounded_exp = [](double x, double least, double most) { return std::clamp(std::exp(x), least, most); };
+  return {.drift = bounded_exp(point[0], 1e-4, 1e2),
+          .drift_hz = bounded_exp(point[1], 0.05, 20),
+          .force_noise = bounded_exp(point[2], 1e-6, 1),
+          .ripple_weight = bounded_exp(point[3], 1e-14, 1e-2),
+          .mass_factor = std::clamp(point[4], 0.5, 1.5),
+          .hand_share = std::clamp(point[5], 0.02, 1.2)};
+}
+
+double excess(double value, double bound) {
+  return std::max(0.0, std::log(value / bound));
+}
+
+/// One axis of the search: its plants, and the value of a law on them.
+class AxisSearch {
+ public:
+  AxisSearch(const AxisModel& identified, const LqgSearchOptions& options)
+      : identified_(identified),
+        start_(firm(options.firmness).start),
+        plain_(options.plain_ripple > 0 ? options.plain_ripple
+                                        : identified.position_noise * plain_ripple(identified.rate_hz)),
+        target_(firm(options.firmness).target * plain_),
+        grid_(identified.rate_hz) {
+    identified_.noise = kHealthyHand;
+    identified_.force_noise = 0;
+    nominal_ = discretised(identified_);
+    const auto plant = [&](std::string name, const auto& change) {
+      AxisModel model = identified_;
+      change(model);
+      const DiscreteAxis axis = discretised(model);
+      return Plant{std::move(name), axis, grid_.plant(axis)};
+    };
+    const auto scaled = [&](const char* name, double HandModel::*part) {
+      for (const double factor : {kOtherHand, 1 / kOtherHand})
+        near_.push_back(plant(fmt::format("{} of the hand times {:.2g}", name, factor),
+                              [&](AxisModel& m) { m.hand.*part *= factor; }));
+    };
+    const double later = kLater * identified.rate_hz;
+    near_.push_back(plant("the identified plant", [](AxisModel&) {}));
+    for (const double mass : {options.lighter, options.heavier})
+      near_.push_back(plant(fmt::format("the mass times {:.2g}", mass), [&](AxisModel& m) { m.mass *= mass; }));
+    near_.push_back(plant("a later force", [&](AxisModel& m) { m.delay_ticks += later; }));
+    scaled("the mass", &HandModel::mass);
+    scaled("the stiffness", &HandModel::grip_stiffness);
+    scaled("the damping", &HandModel::grip_damping);
+    far_.push_back(plant("no hand", [](AxisModel& m) { m.hand = {}; }));
+    far_.push_back(plant("a loose hand", [](AxisModel& m) { m.hand = kLooseHand; }));
+    far_.push_back(plant("a firm hand", [](AxisModel& m) { m.hand = kFirmHand; }));
+    far_.push_back(plant("no hand and a lighter device", [&](AxisModel& m) {
+      m.hand = {};
+      m.mass *= options.lighter;
+    }));
+    far_.push_back(plant("no hand and a later force", [&](AxisModel& m) {
+      m.hand = {};
+      m.delay_ticks += later;
+    }));
+  }
+
+  /// Returns start `index` of nine: three shares of the hand, each with three sizes of the noise.
+  [[nodiscard]] Point start(int index) const {
+    constexpr std::array<double, 3> kShares{0.5, 0.25, 1}, kNoises{1, 0.5, 2};
+    LqgNumbers numbers = start_;
+    numbers.hand_share = kShares[static_cast<std::size_t>(index % 3)];
+    const double noise = kNoises[static_cast<std::size_t>(index / 3)];
+    numbers.drift *= noise;
+    numbers.force_noise *= noise;
+    Point point = point_of(numbers);
+    // The ripple falls as its weight grows.
+    double low = std::log(1e-12), high = std::log(1e-3);
+    for (int i = 0; i < 12; ++i) {
+      point[3] = 0.5 * (low + high);
+      const auto law = design(point);
+      const auto figures = law ? LqgLoop(*law, nominal_).figures() : std::nullopt;
+      (figures && figures->ripple > target_ ? low : high) = point[3];
+    }
+    return point;
+  }
+
+  [[nodiscard]] Point followed(const Point& from, int evaluations) const {
+    constexpr Point kSteps{0.4, 0.4, 0.4, 0.4, 0.08, 0.15};
+    return minimised([&](const Point& point) { return value(point); }, from, kSteps, evaluations);
+  }
+
+  [[nodiscard]] double value(const Point& point) const {
+    const auto law = design(point);
+    if (!law) return 2 * kUnstable;
+    const auto figures = LqgLoop(*law, nominal_).figures();
+    if (!figures) return 2 * kUnstable;
+    const FrequencyGrid::Response response = grid_.law(*law), model = grid_.plant(law->model);
+    int unstable = 0;
+    for (const auto* plants : {&near_, &far_})
+      for (const Plant& plant : *plants) unstable += !FrequencyGrid::stable_like(model, plant.response, response);
+    if (unstable > 0) return kUnstable + unstable;
+    return std::log(1e3 * figures->error) + 20 * excess(figures->ripple, target_) +
+           5 * excess(sensitivity(near_, response), kNearSensitivity) +
+           5 * excess(sensitivity(far_, response), kFarSensitivity);
+  }
+
+  /// Returns the law of a point of finite value, checked by its poles.
+  [[nodiscard]] LqgResult result(const Point& point) const {
+    LqgResult result{.numbers = numbers_of(point), .ripple_target = target_};
+    const auto law = design(point);
+    const auto resting = design_lqg_for_rest(identified_, firm(Firmness::normal).target * plain_);
+    if (!law || !resting) throw input_error("the search found no law: the model of the axis cannot be controlled");
+    result.laws = {*law, *resting};
+    const FrequencyGrid::Response response = grid_.law(*law);
+    result.near_sensitivity = sensitivity(near_, response);
+    result.far_sensitivity = sensitivity(far_, response);
+    for (const auto* plants : {&near_, &far_})
+      for (const Plant& plant : *plants)
+        for (const auto& [of, when] : {std::pair{&*law, "unstable"}, {&*resting, "unstable at rest"}})
+          if (!(LqgLoop(*of, plant.axis).radius() < 1))
+            result.unmet.push_back(fmt::format("it is {} with {}", when, plant.name));
+    if (const auto figures = LqgLoop(*law, nominal_).figures()) result.figures = *figures;
+    const auto require = [&](const char* what, double value, double bound) {
+      if (!(value <= kMet * bound))
+        result.unmet.push_back(fmt::format("{} is {:.3g}, above {:.3g}", what, value, bound));
+    };
+    require("its ripple [N]", result.figures.ripple, target_);
+    require("its sensitivity near the identified plant", result.near_sensitivity, kNearSensitivity);
+    require("its sensitivity with other hands", result.far_sensitivity, kFarSensitivity);
+    return result;
+  }
+
+ private:
+  struct Plant {
+    std::string name;
+    DiscreteAxis axis;
+    FrequencyGrid::Response response;
+  };
+
+  [[nodiscard]] std::optional<LqgAxis> design(const Point& point) const {
+    return design_lqg(identified_, numbers_of(point));
+  }
+
+  static double sensitivity(const std::vector<Plant>& plants, const FrequencyGrid::Response& law) {
+    double largest = 0;
+    for (const Plant& plant : plants)
+      largest = std::max(largest, FrequencyGrid::largest_sensitivity(plant.response, law));
+    return largest;
+  }
+
+  AxisModel identified_;
+  LqgNumbers start_;
+  double plain_, target_;  // ripple [N]
+  FrequencyGrid grid_;
+  DiscreteAxis nominal_;
+  std::vector<Plant> near_, far_;
+};
+
+}  // namespace
+
+const char* to_string(Firmness firmness) noexcept {
+  static constexpr EnumNames<Firmness, 3> kNames{"firmness", {"quiet", "normal", "exact"}};
+  return kNames.name(firmness);
+}
+
+std::optional<LqgAxis> design_lqg(const AxisModel& identified, const LqgNumbers& numbers) {
+  AxisModel model = identified;
+  model.mass *= numbers.mass_factor;
+  model.hand.mass *= numbers.hand_share;
+  model.hand.grip_stiffness *= numbers.hand_share;
+  model.hand.grip_damping *= numbers.hand_share;
+  model.noise.drift = numbers.drift;
+  model.noise.drift_hz = numbers.drift_hz;
+  model.noise.tremor = 0;
+  model.force_noise = numbers.force_noise;
+  return design_lqg(model, numbers.ripple_weight);
+}
+
+std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double max_ripple) {
+  constexpr double kForceNoise = 0.25;  // [N sqrt(s) / kg]
+  AxisModel model = identified;
+  model.hand = {};
+  model.noise = {.drift = 0.2, .drift_hz = 1};
+  model.force_noise = kForceNoise * model.mass;
+  AxisModel held = identified;
+  held.noise = kHealthyHand;
+  held.force_noise = 0;
+  const DiscreteAxis plant = discretised(held);
+  std::optional<LqgAxis> law;
+  double low = std::log(1e-12), high = std::log(1e-2);  // of the weight of the ripple
+  for (int i = 0; i < 20; ++i) {
+    const double weight = 0.5 * (low + high);
+    law = design_lqg(model, std::exp(weight));
+    if (!law) return std::nullopt;
+    const auto figures = LqgLoop(*law, plant).figures();
+    (!figures || figures->ripple > max_ripple ? low : high) = weight;
+  }
+  return law;
+}
+
+std::optional<std::array<std::optional<LqgResult>, 3>> search_lqg(
+    const std::array<std::optional<AxisModel>, 3>& identified, const LqgSearchOptions& options, const StopRequest& stop,
+    const std::function<void(double)>& progress) {
+  constexpr std::size_t kStarts = 9;
+  struct Axis {
+    std::size_t axis;
+    AxisSearch search;
+    std::array<Point, kStarts> found{};
+    std::array<double, kStarts> value{};
+    Point best{};
+  };
+  std::vector<Axis> axes;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    if (identified[axis]) axes.push_back({axis, AxisSearch(*identified[axis], options)});
+
+  // The last search of an axis takes about as long as two of the first.
+  const double jobs = static_cast<double>(axes.size() * (kStarts + 2));
+  const auto report = [&](double done) {
+    if (progress) progress(done / jobs);
+  };
+  const auto starts = static_cast<double>(axes.size() * kStarts);
+  const bool first = run_parallel(
+      axes.size() * kStarts, options.threads, stop,
+      [&](std::size_t job) {
+        Axis& axis = axes[job / kStarts];
+        const std::size_t start = job % kStarts;
+        axis.found[start] = axis.search.followed(axis.search.start(static_cast<int>(start)), kFirstEvaluations);
+        axis.value[start] = axis.search.value(axis.found[start]);
+      },
+      [&](std::size_t done) { report(static_cast<double>(done)); });
+  if (!first) return std::nullopt;
+  const bool last = run_parallel(
+      axes.size(), options.threads, stop,
+      [&](std::size_t job) {
+        Axis& axis = axes[job];
+        const auto best = std::min_element(axis.value.begin(), axis.value.end()) - axis.value.begin();
+        axis.best = axis.search.followed(axis.found[static_cast<std::size_t>(best)], kLastEvaluations);
+      },
+      [&](std::size_t done) { report(starts + 2 * static_cast<double>(done)); });
+  if (!last) return std::nullopt;
+
+  std::array<std::optional<LqgResult>, 3> results;
+  for (const Axis& axis : axes) results[axis.axis] = axis.search.result(axis.best);
+  return results;
+}
+
+}  // namespace haptrace
