@@ -1,5 +1,6 @@
 #include "control/design/lqg_design.h"
 
+#include "base/eigenvalues.h"
 #include "base/error.h"
 #include "control/design/riccati.h"
 #include "control/filters.h"
@@ -156,7 +157,7 @@ LqgLoop::LqgLoop(const LqgAxis& law, const DiscreteAxis& plant) {
 }
 
 double LqgLoop::radius() const {
-  return largest_eigenvalue(transition_);
+  return spectral_radius(transition_);
 }
 
 std::optional<LoopFigures> LqgLoop::figures() const {

@@ -1,6 +1,5 @@
 #include "control/design/riccati.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 #include <cmath>
@@ -48,10 +47,6 @@ std::optional<MatrixXd> solve_lyapunov(const MatrixXd& a, const MatrixXd& q) {
     power = (power * power).eval();
   }
   return std::nullopt;
-}
-
-double largest_eigenvalue(const MatrixXd& a) {
-  return Eigen::EigenSolver<MatrixXd>(a, false).eigenvalues().cwiseAbs().maxCoeff();
 }
 
 }  // namespace haptrace

@@ -32,7 +32,4 @@ std::optional<Eigen::MatrixXd> solve_riccati(const Eigen::MatrixXd& a, const Eig
 /// Q excites, or one so close to it that its memory exceeds 2^40 steps. Allocates.
 std::optional<Eigen::MatrixXd> solve_lyapunov(const Eigen::MatrixXd& a, const Eigen::MatrixXd& q);
 
-/// Returns the largest magnitude of an eigenvalue of `a`. Allocates.
-double largest_eigenvalue(const Eigen::MatrixXd& a);
-
 }  // namespace haptrace

@@ -44,7 +44,7 @@ double random_kd(Dice& dice, const LoopAnalysis& analysis) {
 
 /// Returns the spectral radius of the loop with the first difference and no lag. One matrix advances the state by a
 /// tick: x, v, the previous x and the commands under way. Time is in periods, and the hold is integrated analytically.
-double spectral_radius(const LoopModel& model, double kp, double kd) {
+double growth_of(const LoopModel& model, double kp, double kd) {
   const double period = 1 / model.rate_hz, beta = model.viscous * period / model.mass, d = model.delay / period;
   const int n = static_cast<int>(std::floor(d + 1e-9));
   const double part = std::max(d - n, 0.0);
@@ -70,7 +70,7 @@ double spectral_radius(const LoopModel& model, double kp, double kd) {
   tick.row(1) += speed(1 - part) * command(n) + (speed(1) - speed(1 - part)) * command(n + 1);
   tick(2, 0) = 1;
   for (int ago = 1; ago <= n + 1; ++ago) tick.row(2 + ago) = command(ago - 1);
-  return haptrace::spectral_radius(tick);
+  return spectral_radius(tick);
 }
 
 class LoopLaws : public testing::TestWithParam<std::string> {
@@ -179,7 +179,7 @@ TEST(LoopAnalysis, AgreesWithEigenvaluesAtEveryExtreme) {
     model.viscous = i % 4 == 0 ? 0 : inertia * dice.ratio(1e-6, 10);
     model.delay = (i % 3 == 0 ? dice.whole(0, 16) : dice.even(0, 16)) / model.rate_hz;
     const double kp = inertia * model.rate_hz * dice.ratio(1e-8, 10), kd = inertia * dice.ratio(1e-5, 3);
-    const double radius = spectral_radius(model, kp, kd);
+    const double radius = growth_of(model, kp, kd);
     if (std::abs(radius - 1) < 1e-9) continue;
     EXPECT_EQ(LoopAnalysis(model).stable(kp, kd), radius < 1)
         << i << ": radius 1 " << (radius < 1 ? "- " : "+ ") << std::abs(radius - 1);

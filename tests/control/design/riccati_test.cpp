@@ -1,5 +1,7 @@
 #include "control/design/riccati.h"
 
+#include "base/eigenvalues.h"
+
 #include <cmath>
 #include <gtest/gtest.h>
 #include <random>
@@ -38,7 +40,7 @@ TEST(Riccati, SolvesItsEquationAndStabilisesRandomSystems) {
     const double denominator = r + b.dot(*x * b);
     const MatrixXd again = a.transpose() * *x * a - mixed * mixed.transpose() / denominator + q;
     EXPECT_LT((again - *x).norm(), 1e-7 * x->norm()) << trial;
-    EXPECT_LT(largest_eigenvalue(a - b * mixed.transpose() / denominator), 1) << trial;
+    EXPECT_LT(spectral_radius(a - b * mixed.transpose() / denominator), 1) << trial;
   }
 }
 
@@ -63,7 +65,7 @@ TEST(Lyapunov, SolvesItsEquation) {
   for (int trial = 0; trial < 100; ++trial) {
     const Eigen::Index n = 1 + trial % 10;
     MatrixXd a = numbers.matrix(n, n);
-    a *= (trial % 2 == 0 ? 0.7 : 0.9999) / largest_eigenvalue(a);
+    a *= (trial % 2 == 0 ? 0.7 : 0.9999) / spectral_radius(a);
     const MatrixXd root = numbers.matrix(n, n), q = root * root.transpose();
     const auto p = solve_lyapunov(a, q);
     ASSERT_TRUE(p) << trial;
