@@ -33,7 +33,7 @@ constexpr int kFirstEvaluations = 90, kLastEvaluations = 300;
 constexpr double kMet = 1.02;  // a requirement counts as met up to this factor
 
 struct Firm {
-  double target;  // share of the ripple of the plain law
+  double target = 1;  // share of the ripple of the plain law
   LqgNumbers start;
 };
 

@@ -17,10 +17,10 @@ std::array<double, Size> minimised(const Function& f, const std::array<double, S
                                    const std::array<double, Size>& steps, int evaluations) {
   using Point = std::array<double, Size>;
   struct Vertex {
-    Point at;
-    double value;
+    Point at{};
+    double value = 0;
   };
-  std::array<Vertex, Size + 1> simplex;
+  std::array<Vertex, Size + 1> simplex{};
   const auto evaluated = [&](const Point& at) {
     --evaluations;
     return Vertex{at, f(at)};

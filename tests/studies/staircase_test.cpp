@@ -178,7 +178,7 @@ TEST(SceneSession, IsSupervisedWhenTheSceneSaysSo) {
     SimDevice device(spec);
     RecordOptions options{.duration = 4};
     options.session.loop.watch_vibration = false;  // which would soften what the layer is to calm
-    options.scene = read_scene(nlohmann::json::parse(scene), "a scene");
+    options.session.touch.scene = read_scene(nlohmann::json::parse(scene), "a scene");
     options.identified = [&](const DeviceInfo&) {
       return std::optional(PlantModel{.mass = spec.mass, .viscous = spec.viscous});
     };
