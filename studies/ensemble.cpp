@@ -338,7 +338,11 @@ EnsembleReport run_ensemble(const EnsembleOptions& asked, const StopRequest& sto
   // A path that no device of the ensemble could play is rejected before the first draw runs.
   const SimDevice any(draw_device(options.seed, options.first).spec);
   for (const Path& path : options.paths) {
-    (void)plan_playback(any.info(), path, plain(kStiff));
+    if (const PlayPlan plan = plan_playback(any.info(), path, plain(kStiff)); !plan.stretch.is_identity())
+      throw input_error(
+          fmt::format("{} is too fast for the velocity limit: a playback would stretch its time, and the results would "
+                      "be those of another path; give a slower one",
+                      path.name));
     report.paths.push_back(path.name);
   }
 

@@ -1,5 +1,7 @@
 #include "control/design/identification.h"
 
+#include "control/design/hand_fit.h"
+
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
 
@@ -9,6 +11,8 @@
 #include <fmt/format.h>
 #include <limits>
 #include <numbers>
+#include <optional>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -55,17 +59,6 @@ MatrixXd least_squares_rest(const MatrixXd& a, const MatrixXd& b) {
 
 // ------------------------------------------------------------------------------------------- the spectral lines
 
-/// Position and force amplitudes at one spectral line, averaged coherently over all windows.
-struct Line {
-  double w = 0;  ///< [rad/s]
-  Eigen::Vector3cd position = Eigen::Vector3cd::Zero(), force = Eigen::Vector3cd::Zero();
-};
-
-struct Spectrum {
-  std::vector<Line> lines;
-  double noise = 0;  ///< standard deviation of a position amplitude, per component [m]
-};
-
 /// Estimates amplitudes in windows of one period by least squares instead of correlation, so that missed ticks do no
 /// harm.
 class SpectrumEstimator {
@@ -87,11 +80,11 @@ class SpectrumEstimator {
     }
   }
 
-  [[nodiscard]] Spectrum spectrum() const {
-    Spectrum result;
+  [[nodiscard]] LineSpectrum spectrum() const {
+    LineSpectrum result;
     if (windows_ == 0) return result;
     result.lines = sums_;
-    for (Line& line : result.lines) {
+    for (LineResponse& line : result.lines) {
       line.position /= windows_;
       line.force /= windows_;
     }
@@ -133,7 +126,7 @@ class SpectrumEstimator {
       for (Eigen::Index axis = 0; axis < 3; ++axis) {
         // A cos + B sin is the real part of (A - jB) e^{jwt}.
         const Eigen::Index c = first_line + 2 * i;
-        Line& line = sums_[static_cast<std::size_t>(i)];
+        LineResponse& line = sums_[static_cast<std::size_t>(i)];
         line.position[axis] += Complex(amplitudes(c, axis), -amplitudes(c + 1, axis));
         line.force[axis] += Complex(amplitudes(c, axis + 3), -amplitudes(c + 1, axis + 3));
       }
@@ -144,14 +137,23 @@ class SpectrumEstimator {
 
   double period_, rate_hz_;
   std::vector<double> frequencies_;
-  std::vector<Line> sums_;
+  std::vector<LineResponse> sums_;
   double residual_ = 0, samples_ = 0;
   double windows_ = 0;
 };
 
+LineSpectrum spectrum_of(const Experiment& experiment) {
+  SpectrumEstimator estimator(*experiment.dither, experiment.rate_hz);
+  for (const Stretch& stretch : experiment.dithered)
+    estimator.add(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin));
+  return estimator.spectrum();
+}
+
 /// Fits the response at the spectral lines; see identify() for the model.
 class MobilityFit {
  public:
+  static constexpr double kLowestLine = 15 - 1e-6;  ///< above what a hand does of its own accord, and most grips [Hz]
+
   struct Result {
     Vec3 mass = Vec3::Zero(), mass_half = Vec3::Zero();
     double delay = 0, delay_half = 0;
@@ -159,8 +161,10 @@ class MobilityFit {
     Eigen::Matrix3d mobility = Eigen::Matrix3d::Zero();
   };
 
-  MobilityFit(Spectrum spectrum, const std::array<bool, 3>& axes, double rate_hz)
-      : spectrum_(std::move(spectrum)), period_(1 / rate_hz) {
+  MobilityFit(const LineSpectrum& spectrum, const std::array<bool, 3>& axes, double rate_hz) : period_(1 / rate_hz) {
+    spectrum_.noise = spectrum.noise;
+    for (const LineResponse& line : spectrum.lines)
+      if (line.w >= kTwoPi * kLowestLine) spectrum_.lines.push_back(line);
     for (int axis = 0; axis < 3; ++axis)
       if (axes[static_cast<std::size_t>(axis)]) axes_.push_back(axis);
   }
@@ -177,11 +181,25 @@ class MobilityFit {
     return conclude(best);
   }
 
+  /// Returns the number of whole periods with which the response fits best. The lag is free, from 0.
+  [[nodiscard]] int whole_delay() const {
+    constexpr int kMost = 10;
+    int best = 0;
+    double least = least_cost(0);
+    for (int periods = 1; periods <= kMost; ++periods)
+      if (const double c = least_cost(periods); c < least) {
+        least = c;
+        best = periods;
+      }
+    return best;
+  }
+
  private:
   static constexpr int kPowers = 4;               // powers of 1 / s that model the hand and the mechanism
   static constexpr double kModelError = 0.02;     // assumed model error as a fraction of the response
   static constexpr double kLag = 0.5e-3;          // expected lag of an actuator and its amplifier [s]
   static constexpr double kLagSpread = 0.3e-3;    // [s]
+  static constexpr double kLongestLag = 3e-3;     // with a whole delay [s]
   static constexpr double kLongestDelay = 10e-3;  // [s]
   static constexpr double kDelayStep = 0.1e-3;    // [s]
   static constexpr double kScale = kTwoPi * 50;   // frequency scale that conditions the least squares [rad/s]
@@ -190,7 +208,7 @@ class MobilityFit {
   [[nodiscard]] Eigen::Index columns() const { return axes() * (1 + kPowers); }
   [[nodiscard]] Eigen::Index rows() const { return 2 * static_cast<Eigen::Index>(spectrum_.lines.size()); }
 
-  [[nodiscard]] double sigma(const Line& line, int axis) const {
+  [[nodiscard]] double sigma(const LineResponse& line, int axis) const {
     return std::hypot(spectrum_.noise, kModelError * std::abs(line.position[axis]), 1e-12);
   }
 
@@ -199,7 +217,7 @@ class MobilityFit {
     regressors.resize(rows(), columns());
     response.resize(rows());
     for (Eigen::Index l = 0; l < rows() / 2; ++l) {
-      const Line& line = spectrum_.lines[static_cast<std::size_t>(l)];
+      const LineResponse& line = spectrum_.lines[static_cast<std::size_t>(l)];
       const double weight = 1 / sigma(line, axis);
       const double half = 0.5 * line.w * period_;
       const Complex held =
@@ -237,6 +255,32 @@ class MobilityFit {
   }
 
   [[nodiscard]] double cost(const Eigen::Vector2d& theta) const { return residuals(theta).squaredNorm(); }
+
+  /// Returns the least cost over all lags for a whole delay, by golden section. Expects nothing of the lag.
+  [[nodiscard]] double least_cost(int periods) const {
+    constexpr double kGolden = 0.6180339887, kFine = 1e-6;  // [s]
+    const auto at = [&](double lag) {
+      const VectorXd r = residuals({periods * period_, lag});
+      return r.head(r.size() - 1).squaredNorm();
+    };
+    double low = 0, high = kLongestLag;
+    double left = high - kGolden * high, right = kGolden * high;
+    double at_left = at(left), at_right = at(right);
+    while (high - low > kFine) {
+      if (at_left < at_right) {
+        high = std::exchange(right, left);
+        at_right = at_left;
+        left = high - kGolden * (high - low);
+        at_left = at(left);
+      } else {
+        low = std::exchange(left, right);
+        at_left = at_right;
+        right = low + kGolden * (high - low);
+        at_right = at(right);
+      }
+    }
+    return std::min({at_left, at_right, at(0)});
+  }
 
   /// Returns d residual / d delay and d residual / d lag as columns.
   [[nodiscard]] MatrixXd slopes(const Eigen::Vector2d& theta) const {
@@ -307,7 +351,7 @@ class MobilityFit {
       result.mass_half[axis] = mobility > 0 ? std::hypot(kInterval * deviation / mobility, kMassLeftOut) / mobility : 0;
       const VectorXd rest = response - product(regressors, solution);
       for (std::size_t l = 0; l < spectrum_.lines.size(); ++l) {
-        const Line& line = spectrum_.lines[l];
+        const LineResponse& line = spectrum_.lines[l];
         const double scale = line.w * sigma(line, axis);
         unexplained += scale * scale * rest.segment<2>(2 * static_cast<Eigen::Index>(l)).squaredNorm();
         seen += line.w * line.w * std::norm(line.position[axis]);
@@ -317,7 +361,7 @@ class MobilityFit {
     return result;
   }
 
-  Spectrum spectrum_;
+  LineSpectrum spectrum_;
   double period_;
   std::vector<int> axes_;
 };
@@ -690,6 +734,82 @@ constexpr double kMostUnexplained = 0.5;      // limit of the unexplained fracti
 constexpr double kLeastCertain = 0.35;        // largest half width of a mass interval, as a fraction of the mass
 constexpr double kLeastCertainCoarse = 0.75;  // the same for a coarse model
 
+constexpr double kClearEvidence = 10;         // 2 ln of a Bayes factor
+constexpr double kOverwhelmingEvidence = 30;  // the same
+constexpr int kMostPeriods = 6;               // longest whole delay of a device with a link
+
+/// Returns the apparent mass of every axis at the lines from 70 Hz, the median [kg].
+Vec3 mass_at_high_lines(const LineSpectrum& spectrum, const Multisine& dither) {
+  constexpr double kFrom = 70;  // [Hz]
+  Vec3 result = Vec3::Zero();
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> masses;
+    for (const SpectralLine& own : dither.lines(axis))
+      for (const LineResponse& line : spectrum.lines)
+        if (own.frequency_hz >= std::min(kFrom, dither.lines(axis).back().frequency_hz) &&
+            std::abs(line.w - kTwoPi * own.frequency_hz) < 1e-6)
+          masses.push_back(std::abs(line.force[axis]) /
+                           (line.w * line.w * std::max(std::abs(line.position[axis]), 1e-9)));
+    if (masses.empty()) continue;
+    std::sort(masses.begin(), masses.end());
+    result[axis] = std::max(masses[masses.size() / 2], 1e-4);
+  }
+  return result;
+}
+
+/// Returns true when a force along an axis moves the device backwards at some line of the mass fit: below the resonance
+/// of a hand or a link.
+bool turns_round(const LineSpectrum& spectrum, const Multisine& dither, double delay) {
+  for (int axis = 0; axis < 3; ++axis)
+    for (const SpectralLine& own : dither.lines(axis))
+      for (const LineResponse& line : spectrum.lines) {
+        if (own.frequency_hz < MobilityFit::kLowestLine || std::abs(line.w - kTwoPi * own.frequency_hz) > 1e-6)
+          continue;
+        if ((-line.position[axis] * std::conj(line.force[axis]) * std::polar(1.0, line.w * delay)).real() < 0)
+          return true;
+      }
+  return false;
+}
+
+/// Fits the models with and without hand at a whole delay, and those with a link if `links`. Keeps the best of each
+/// choice: nobody, hand, link, link and hand.
+void fit_held(const Experiment& experiment, const LineSpectrum& spectrum, int periods, bool links,
+              std::array<std::optional<HandFit>, 4>& fits) {
+  const Vec3 mass = mass_at_high_lines(spectrum, *experiment.dither);
+  for (std::size_t choice = 0; choice < (links ? 4 : 2); ++choice) {
+    const HandFit fit = fit_hand(spectrum, experiment.axes, experiment.rate_hz, periods, mass,
+                                 {.hand = choice % 2 == 1, .link = choice >= 2});
+    if (!fits[choice] || fit.evidence < fits[choice]->evidence) fits[choice] = fit;
+  }
+}
+
+/// `responds`: the device responds like a mass, with a total delay of `delay` [s].
+void take_held(const Experiment& experiment, const LineSpectrum& spectrum, bool responds, double delay,
+               HeldIdentification& result) {
+  const int periods = MobilityFit(spectrum, experiment.axes, experiment.rate_hz).whole_delay();
+  std::array<std::optional<HandFit>, 4> fits;
+  fit_held(experiment, spectrum, periods, false, fits);
+  if (!responds)
+    for (int other = 0; other <= kMostPeriods; ++other) fit_held(experiment, spectrum, other, true, fits);
+  else if (turns_round(spectrum, *experiment.dither, delay))
+    for (int other = std::max(periods - 1, 0); other <= periods; ++other)
+      fit_held(experiment, spectrum, other, true, fits);
+  // Each part needs evidence of its own.
+  std::array<double, 4> cost;
+  for (std::size_t choice = 0; choice < 4; ++choice)
+    cost[choice] = fits[choice] ? fits[choice]->evidence + (choice % 2 == 1 ? kClearEvidence : 0) +
+                                      (choice >= 2 ? kOverwhelmingEvidence : 0)
+                                : std::numeric_limits<double>::infinity();
+  const auto best = static_cast<std::size_t>(std::min_element(cost.begin(), cost.end()) - cost.begin());
+  if (!(fits[best]->residual < kMostUnexplained)) return;
+  double other = std::numeric_limits<double>::infinity();
+  for (std::size_t choice = 0; choice < 4; ++choice)
+    if (choice != best && fits[choice]) other = std::min(other, fits[choice]->evidence);
+  result.held = fits[best]->held;
+  result.half_width = fits[best]->half_width;
+  result.margin = other - fits[best]->evidence;
+}
+
 /// Returns the reason to doubt the result of an axis; empty when there is none.
 std::string doubt_about(int axis, const Identification& found, const SweepFit& sweeps) {
   const char name = "xyz"[axis];
@@ -778,10 +898,7 @@ Identification identify(const Experiment& experiment) {
   plant.position_resolution = position_quantum(experiment.rows);
 
   if (experiment.dither != nullptr) {
-    SpectrumEstimator estimator(*experiment.dither, experiment.rate_hz);
-    for (const Stretch& stretch : experiment.dithered)
-      estimator.add(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin));
-    const Spectrum spectrum = estimator.spectrum();
+    const LineSpectrum spectrum = spectrum_of(experiment);
     if (spectrum.lines.empty()) {
       result.reason = "no whole period of the dither was recorded without missing ticks";
       return result;
@@ -805,6 +922,19 @@ Identification identify(const Experiment& experiment) {
     result.reason =
         fmt::format("the model does not explain {:.0f} % of the response to the dither", 100 * result.line_residual);
   result.fits = result.reason.empty();
+  return result;
+}
+
+HeldIdentification identify_held(const Experiment& experiment, const Identification& identified) {
+  HeldIdentification result;
+  if (experiment.dither == nullptr) return result;
+  const LineSpectrum spectrum = spectrum_of(experiment);
+  if (spectrum.lines.empty()) return result;
+  bool responds = identified.line_residual <= kMostUnexplained;
+  for (int axis = 0; axis < 3; ++axis)
+    if (experiment.axes[static_cast<std::size_t>(axis)])
+      responds = responds && identified.half_width.mass[axis] < kLeastCertain * identified.plant.mass[axis];
+  take_held(experiment, spectrum, responds, identified.plant.delay, result);
   return result;
 }
 

@@ -1,6 +1,7 @@
 // Identification of a device's dynamics from experiments.
 #pragma once
 
+#include "control/design/held_model.h"
 #include "control/design/multisine.h"
 #include "control/design/plant_model.h"
 
@@ -42,8 +43,9 @@ struct Experiment {
 
 /// Identifies a plant from an experiment.
 ///
-/// Mass and delay come from the response to the excitation signal. Above the resonance of a hand on its grip, the hand
-/// acts as a spring, a damper and smaller terms at high frequencies, so that the response at the lines, X, obeys
+/// Mass and delay come from the response to the excitation signal from 15 Hz. Above the resonance of a hand on its
+/// grip, the hand acts as a spring, a damper and smaller terms at high frequencies, so that the response at the lines,
+/// X, obeys
 ///
 ///     X = A e^{-jw delay} / (1 + jw lag) U / (jw)^2 + sum_p D_p X / (jw)^p,   p = 1 .. 4
 ///
@@ -61,6 +63,25 @@ struct Experiment {
 ///
 /// Needs only the log, neither a data sheet nor a model of the device. Not real-time: it allocates.
 Identification identify(const Experiment& experiment);
+
+/// A device in the hand that holds it.
+struct HeldIdentification {
+  HeldModel held;        ///< zero if no model explains the response at the lines
+  HeldModel half_width;  ///< half widths of the 95 % confidence intervals; zero where there is none
+  /// Evidence for this model over the best one with another choice of hand and link: 2 ln of the Bayes factor. Above
+  /// 10, the choice is clear; 0 if there is no model.
+  double margin = 0;
+};
+
+/// Identifies the hand that holds a device, a flexible link in it, and lag and whole delay apart, from all lines of the
+/// excitation signal; see fit_hand(). They should start at 4 Hz, since the resonance of a hand lies at 5 to 30 Hz.
+/// `identified` is the result of identify() for the experiment.
+///
+/// The delay is the whole number of periods with which the model of identify() fits best with any lag from 0. A hand is
+/// accepted when its evidence is clear. If the device does not respond like a mass, models with a flexible link are
+/// tried, at every whole delay up to six periods. A link is accepted when its evidence is overwhelming, since a hand on
+/// a light device responds in a similar way. Not real-time: it allocates.
+HeldIdentification identify_held(const Experiment& experiment, const Identification& identified);
 
 /// Identifies a coarser model for devices that do not respond like a mass at the lines: with backlash between motor and
 /// handle, with links that swing, or so heavy that the excitation signal hardly moves them.

@@ -13,11 +13,12 @@ Multisine::Multisine(double low_hz, double high_hz, double period, const std::ar
   for (std::size_t axis = 0; axis < 3; ++axis)
     if (axes[axis]) driven.push_back(axis);
 
-  constexpr int kSpacing = 4;
   const auto first = static_cast<int>(std::ceil(low_hz * period)) | 1;
-  for (int multiple = first, dealt = 0; multiple <= high_hz * period && !driven.empty(); multiple += kSpacing, ++dealt)
+  for (int multiple = first, dealt = 0; multiple <= high_hz * period && !driven.empty(); ++dealt) {
     lines_[driven[static_cast<std::size_t>(dealt) % driven.size()]].push_back(
         {.frequency_hz = multiple / period, .amplitude = std::sqrt(multiple)});
+    multiple += multiple < kDenseBelow * period ? 2 : 4;
+  }
 
   for (const std::size_t axis : driven) {
     std::vector<SpectralLine>& lines = lines_[axis];

@@ -23,9 +23,11 @@ struct SpectralLine {
 /// Real-time: value.
 class Multisine {
  public:
-  /// Places lines at odd multiples of 1 / `period` from `low_hz` to `high_hz` and assigns them to `axes` in turn. The
-  /// amplitudes rise such that the velocity of a mass falls with the square root of the frequency. Throws Error(input)
-  /// when an axis would have fewer than four lines.
+  /// Places lines at odd multiples of 1 / `period` from `low_hz` to `high_hz`, at every other one above kDenseBelow,
+  /// and assigns them to `axes` in turn. The amplitudes rise such that the velocity of a mass falls with the square
+  /// root of the frequency. Throws Error(input) when an axis would have fewer than four lines.
+  static constexpr double kDenseBelow = 15;  ///< [Hz]
+
   Multisine(double low_hz, double high_hz, double period, const std::array<bool, 3>& axes);
 
   /// Returns the signal at `time` [s].

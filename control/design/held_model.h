@@ -1,0 +1,25 @@
+// A device in a hand as a law's design sees it.
+#pragma once
+
+#include "control/design/axis_model.h"
+
+#include <array>
+
+namespace haptrace {
+
+/// A device in a hand, for each axis of W: the parameters of an AxisModel. Zero on axes without force output.
+struct HeldModel {
+  Vec3 mass = Vec3::Zero();         ///< of the motors, without link and hand [kg]
+  Vec3 viscous = Vec3::Zero();      ///< [N s/m]
+  double delay = 0;                 ///< from the tick that commands a force to the motor, without the lag [s]
+  double lag = 0;                   ///< first-order lag of the motors [s]
+  std::array<LinkModel, 3> link{};  ///< mass 0: the device is rigid
+  std::array<HandModel, 3> hand{};  ///< mass 0: nobody holds the device
+  /// Force of the hand's own, per axis, the mean over the axes; zero if it was not measured.
+  HandNoise noise{.drift = 0, .drift_hz = 0, .tremor = 0, .tremor_hz = 0};
+
+  [[nodiscard]] bool held() const noexcept { return hand[0].mass > 0 || hand[1].mass > 0 || hand[2].mass > 0; }
+  [[nodiscard]] bool flexible() const noexcept { return link[0].mass > 0 || link[1].mass > 0 || link[2].mass > 0; }
+};
+
+}  // namespace haptrace
