@@ -795,7 +795,7 @@ void take_held(const Experiment& experiment, const LineSpectrum& spectrum, bool 
     for (int other = std::max(periods - 1, 0); other <= periods; ++other)
       fit_held(experiment, spectrum, other, true, fits);
   // Each part needs evidence of its own.
-  std::array<double, 4> cost;
+  std::array<double, 4> cost{};
   for (std::size_t choice = 0; choice < 4; ++choice)
     cost[choice] = fits[choice] ? fits[choice]->evidence + (choice % 2 == 1 ? kClearEvidence : 0) +
                                       (choice >= 2 ? kOverwhelmingEvidence : 0)

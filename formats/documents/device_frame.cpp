@@ -85,7 +85,7 @@ DeviceFrame load_device_frame(const std::string& file) {
   (void)reader.text("description", "");
   if (!reader.has("rotation") && !reader.has("translation"))
     throw input_error(fmt::format("{}: a device's frame needs a rotation, a translation or both", file));
-  const DeviceFrame frame = read_device_frame(reader);
+  DeviceFrame frame = read_device_frame(reader);
   reader.finish();
   return frame;
 }
