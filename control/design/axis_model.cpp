@@ -162,6 +162,10 @@ MatrixXd gathered_noise(const Continuous& model, double span) {
 
 }  // namespace
 
+double measured_noise(const PlantModel& plant) noexcept {
+  return std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise);
+}
+
 std::array<std::optional<AxisModel>, 3> axis_models(const PlantModel& plant, const HandModel& hand, double rate_hz,
                                                     double lag) {
   constexpr double kLeastNoise = 1e-7;  // [m]
@@ -170,14 +174,12 @@ std::array<std::optional<AxisModel>, 3> axis_models(const PlantModel& plant, con
   std::array<std::optional<AxisModel>, 3> axes;
   for (int axis = 0; axis < 3; ++axis)
     if (plant.mass[axis] > 0)
-      axes[static_cast<std::size_t>(axis)] = {
-          .mass = plant.mass[axis],
-          .delay_ticks = (delay - lag) * rate_hz,
-          .lag = lag,
-          .hand = hand,
-          .position_noise =
-              std::max(std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise), kLeastNoise),
-          .rate_hz = rate_hz};
+      axes[static_cast<std::size_t>(axis)] = {.mass = plant.mass[axis],
+                                              .delay_ticks = (delay - lag) * rate_hz,
+                                              .lag = lag,
+                                              .hand = hand,
+                                              .position_noise = std::max(measured_noise(plant), kLeastNoise),
+                                              .rate_hz = rate_hz};
   return axes;
 }
 

@@ -64,9 +64,12 @@ struct AxisModel {
 /// Lag of a motor and its amplifier where it was not identified [s].
 inline constexpr double kTypicalLag = 0.5e-3;
 
+/// Returns the standard deviation of the positions that `plant` measures. The quantisation error is uniform, so its
+/// variance is a twelfth of the squared resolution [m].
+double measured_noise(const PlantModel& plant) noexcept;
+
 /// Returns the models of the axes of `plant` that have a mass, in the hand `hand`. `lag` [s] of the plant's delay is
-/// the motor's lag. Friction is left to the feedforward. The position noise is that of the measured positions, at least
-/// 0.1 um; the quantisation error is uniform, so its variance is a twelfth of the squared resolution.
+/// the motor's lag. Friction is left to the feedforward. The position noise is measured_noise(), at least 0.1 um.
 std::array<std::optional<AxisModel>, 3> axis_models(const PlantModel& plant, const HandModel& hand, double rate_hz,
                                                     double lag = kTypicalLag);
 

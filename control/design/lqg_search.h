@@ -1,4 +1,4 @@
-// Search of an LQG law that bears a hand and a device other than those of its model.
+// Search of an LQG law that stays stable with other hands and devices than those of its model.
 #pragma once
 
 #include "base/stop_request.h"

@@ -1,6 +1,7 @@
 #include "control/design/tracking_design.h"
 
 #include "base/error.h"
+#include "control/design/axis_model.h"
 #include "control/design/loop_analysis.h"
 #include "control/filters.h"
 #include "control/ripple.h"
@@ -160,8 +161,7 @@ TrackingDesign design_tracking(const PlantModel& plant, const DesignOptions& opt
         "a tracking law cannot be designed: the plant's delay of {:.4g} ms is {:.0f} ticks at {} Hz, but the design "
         "compensates for at most {}; choose a rate of at most {:.0f} Hz",
         1e3 * plant.delay, ticks, rate_hz, LoopAnalysis::kLongestDelay, LoopAnalysis::kLongestDelay / plant.delay));
-  // The quantisation error is uniform, so its variance is a twelfth of the squared resolution.
-  const double noise = std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise);
+  const double noise = measured_noise(plant);
   const double allowed = options.max_ripple > 0 ? options.max_ripple / noise : std::sqrt(3.0) * plain_ripple(rate_hz);
 
   UnitLaw law{.w = kFrequency / (plant.delay + 1 / rate_hz), .delay = plant.delay, .rate_hz = rate_hz};

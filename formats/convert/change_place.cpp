@@ -16,8 +16,8 @@ class ChangedSource final : public RecordingSource {
   ChangedSource(std::unique_ptr<RecordingSource> source, const Similarity& change, const std::string& description)
       : source_(std::move(source)), header_(source_->header()), change_(change) {
     header_.uuid = new_uuid();
-    std::string& told = header_.meta[kKey];
-    told += (told.empty() ? "" : "; then ") + description;
+    std::string& changes = header_.meta[kKey];
+    changes += (changes.empty() ? "" : "; then ") + description;
     scene_left_out_ = !header_.scene.empty();
     header_.scene = {};
   }

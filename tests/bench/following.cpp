@@ -38,7 +38,7 @@ constexpr double kRate = 1000, kPeriod = 1 / kRate;
 constexpr double kLag = 0.5e-3;
 constexpr int kRepetitions = 5;
 
-/// What a law is told about a device.
+/// What is known of a device when its law is designed.
 struct Known {
   PlantModel plant;
   std::array<std::optional<AxisModel>, 3> axes;
@@ -46,7 +46,7 @@ struct Known {
   Vec3 viscous, coulomb;      ///< along the actuator axes
 };
 
-Known told(const SimSpec& spec, Gaussian& gaussian) {
+Known known_of(const SimSpec& spec, Gaussian& gaussian) {
   Known known;
   const double angle = spec.rotation.norm();
   known.actuators = angle > 0 ? Eigen::AngleAxisd(angle, spec.rotation / angle).toRotationMatrix()
@@ -269,7 +269,7 @@ int run(int draws, std::uint64_t seed) {
     spec.hand->arm_stiffness = HandModel{}.arm_stiffness;
     spec.hand->arm_damping = HandModel{}.arm_damping;
     spec.hand->arm_relaxation = HandModel{}.arm_relaxation_s;
-    const Known known = told(spec, gaussian);
+    const Known known = known_of(spec, gaussian);
     for (std::size_t law = 0; law < kLaws.size(); ++law) {
       std::array<std::optional<LqgLaws>, 3> laws;
       if (kLaws[law] >= Law::quiet) {

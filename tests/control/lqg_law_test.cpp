@@ -17,6 +17,7 @@ namespace {
 using test::DelayedMass;
 using test::kNone;
 using test::kPeriod;
+using test::resting_at;
 
 constexpr double kEncoder = 5e-5;
 
@@ -39,10 +40,6 @@ Vec3 stiffness_of(const LqgLaw::Options& options) {
   for (int axis = 0; axis < 3; ++axis)
     if (const auto& law = options.axes[static_cast<std::size_t>(axis)]) stiffness[axis] = law->moving.stiffness;
   return stiffness;
-}
-
-Reference still_at(const Vec3& position) {
-  return {position, kNone, kNone, 0};
 }
 
 /// The law in closed loop with a free mass behind a delay of two ticks.
@@ -145,7 +142,7 @@ TEST(LqgLaw, BehavesOnItsModelAsItsDesignPredicts) {
 TEST(LqgLaw, CancelsAConstantLoad) {
   LqgDevice loop;
   const Vec3 load(2, -1, -3);
-  loop.run(3, still_at(kNone), load);
+  loop.run(3, resting_at(kNone), load);
   // The model expects a drift to fade, which leaves a small part of it to the stiffness.
   EXPECT_LT(loop.plant.x.norm(), 5e-5 * load.norm());
   EXPECT_TRUE(loop.force.isApprox(-load, 1e-6));
@@ -169,9 +166,9 @@ TEST(LqgLaw, FollowsAMovementWhoseForcesAreKnownExactly) {
 TEST(LqgLaw, SendsNoMoreThanItsAuthorityAgainstALoad) {
   LqgDevice loop;
   loop.held = true;
-  loop.run(1, still_at(Vec3(0.03, 0, 0)));
+  loop.run(1, resting_at(Vec3(0.03, 0, 0)));
   loop.tuning.gains = {};
-  loop.tick(still_at(Vec3(0.03, 0, 0)));
+  loop.tick(resting_at(Vec3(0.03, 0, 0)));
   EXPECT_LE(loop.force.norm(), 5.6 + 1e-9);
 }
 
@@ -179,26 +176,16 @@ TEST(LqgLaw, IsStiffAgainstALoadThatItDoesNotKnowYet) {
   LqgDevice loop;
   double farthest = 0;
   for (int i = 0; i < 500; ++i) {
-    loop.tick(still_at(kNone), Vec3(1, 0, 0));
+    loop.tick(resting_at(kNone), Vec3(1, 0, 0));
     farthest = std::max(farthest, loop.plant.x.x());
   }
   EXPECT_LT(farthest, 3 / loop.stiffness.x());
 }
 
-/// Returns the lqg_overshoot beyond a target 30 mm away, after a hand has held the device for `held` [s]; in metres.
+/// Returns the overshoot of the loop after a hand has held the device for `held` [s]; in metres.
 double lqg_overshoot(double max_force, double held) {
   LqgDevice loop(0, max_force);
-  const Reference there = still_at(Vec3(0.03, 0, 0));
-  loop.held = true;
-  loop.run(held, there);
-  loop.held = false;
-  double farthest = 0;
-  for (int i = 0; i < 3000; ++i) {
-    loop.tick(there);
-    farthest = std::max(farthest, loop.plant.x.x());
-  }
-  EXPECT_NEAR(loop.plant.x.x(), 0.03, 1e-4);
-  return farthest - 0.03;
+  return test::overshoot_after(loop, held);
 }
 
 TEST(LqgLaw, DoesNotWindUpWhileTheUserHoldsTheDeviceStill) {
@@ -213,17 +200,17 @@ TEST(LqgLaw, DoesNotWindUpWhileTheUserHoldsTheDeviceStill) {
 TEST(LqgLaw, KeepsTheLoadAtRestWithSofterGains) {
   LqgDevice loop(kEncoder);
   const Vec3 load(1, 0, -2);
-  loop.run(2, still_at(kNone), load);
+  loop.run(2, resting_at(kNone), load);
   loop.held = true;
   loop.plant.x = kNone;
-  loop.run(0.5, still_at(kNone));
+  loop.run(0.5, resting_at(kNone));
   const Vec3 kept = loop.force;
   EXPECT_LT((kept + load).norm(), 0.4);
   loop.plant.x = Vec3(kEncoder, 0, 0);
-  loop.run(1, still_at(kNone));
+  loop.run(1, resting_at(kNone));
   const Vec3 settled = loop.force;
   EXPECT_LT((settled - kept).norm(), 3 * loop.stiffness.x() * kEncoder);
-  loop.run(4, still_at(kNone));
+  loop.run(4, resting_at(kNone));
   EXPECT_LT((loop.force - settled).norm(), 0.05) << "an observer would integrate";
 }
 
@@ -258,11 +245,11 @@ TEST(LqgLaw, CalmsADeviceThatRestsOnTheBristlesOfItsFriction) {
   for (const double bristles : {0.0, 4000.0, 8000.0, 12000.0, 16000.0}) {
     LqgDevice loop(kEncoder);
     const auto friction = [&](const Vec3& x, const Vec3& v) { return Vec3(-bristles * x - 2 * v); };
-    for (int i = 0; i < 1500; ++i) loop.tick(still_at(kNone), friction);
+    for (int i = 0; i < 1500; ++i) loop.tick(resting_at(kNone), friction);
     loop.plant.v = Vec3(0.012, 0, 0);
     double farthest = 0;
     for (int i = 0; i < 3000; ++i) {
-      loop.tick(still_at(kNone), friction);
+      loop.tick(resting_at(kNone), friction);
       if (i >= 2500) farthest = std::max(farthest, loop.plant.x.norm());
     }
     EXPECT_LT(farthest, kEncoder) << bristles << " N/m";
@@ -312,12 +299,12 @@ TEST(LqgLaw, HoldsItsForceThroughMissedTicks) {
 TEST(LqgLaw, RestartsAtRestAfterALongGapAndKeepsTheLoad) {
   LqgDevice loop;
   const Vec3 load(1, 0, 0);
-  loop.run(3, still_at(kNone), load);
+  loop.run(3, resting_at(kNone), load);
   State state;
   state.dt = 0.1;
   state.position = Vec3(0.01, 0, 0);
   state.force_applied = loop.sent;
-  const Vec3 force = loop.law.force({state, still_at(Vec3(0.01, 0, 0)), loop.tuning});
+  const Vec3 force = loop.law.force({state, resting_at(Vec3(0.01, 0, 0)), loop.tuning});
   EXPECT_LT((force + load).norm(), 0.2);
 }
 
@@ -347,7 +334,7 @@ TEST(LqgLaw, IsExactForAFreeMassOfAnotherSizeWhenItIsScaled) {
   State state;
   law.start(state);
   for (int i = 0; i < 500; ++i) {
-    const Reference reference = still_at(Vec3(i < 250 ? 1e-4 : 0, 0, 0));
+    const Reference reference = resting_at(Vec3(i < 250 ? 1e-4 : 0, 0, 0));
     one.tick(reference);
     state.dt = i == 0 ? 0 : kPeriod;
     state.position = heavy.x;
@@ -359,7 +346,7 @@ TEST(LqgLaw, IsExactForAFreeMassOfAnotherSizeWhenItIsScaled) {
 
 TEST(LqgLaw, ForgetsEverythingWhenItStarts) {
   LqgDevice used(kEncoder), fresh(kEncoder);
-  used.run(2, still_at(Vec3(0.01, 0, 0)), Vec3(2, 1, 0));  // until the law is at rest
+  used.run(2, resting_at(Vec3(0.01, 0, 0)), Vec3(2, 1, 0));  // until the law is at rest
   State state;
   state.position = Vec3(0.1, 0, 0);
   used.law.start(state);
@@ -367,7 +354,7 @@ TEST(LqgLaw, ForgetsEverythingWhenItStarts) {
   for (int i = 0; i < 100; ++i) {
     state.dt = i == 0 ? 0 : kPeriod;
     state.position.x() += 1e-5 * (i % 3);
-    const Reference reference = still_at(Vec3(0.1, 0, 0));
+    const Reference reference = resting_at(Vec3(0.1, 0, 0));
     const Vec3 force = used.law.force({state, reference, used.tuning});
     ASSERT_EQ(force, fresh.law.force({state, reference, fresh.tuning}));
     state.force_applied = force;
@@ -387,7 +374,7 @@ TEST(LqgLaw, ForgetsAMovementCompletely) {
 TEST(LqgLaw, AllocatesNothing) {
   LqgDevice loop(kEncoder);
   State state;
-  const Reference reference = still_at(Vec3(1e-5, 0, 0));
+  const Reference reference = resting_at(Vec3(1e-5, 0, 0));
   const std::size_t before = test::allocations();
   loop.law.start(state);
   for (int i = 0; i < 200; ++i) {

@@ -13,10 +13,7 @@ using test::DelayedMass;
 using test::kNone;
 using test::kPeriod;
 using test::late_plant;
-
-Reference resting_at(const Vec3& position) {
-  return {position, kNone, kNone, 0};
-}
+using test::resting_at;
 
 /// The law in closed loop with the plant that it is designed for.
 class ObservedLoop {
@@ -113,21 +110,11 @@ TEST(ObserverPd, SendsNoMoreThanItsAuthorityAgainstALoad) {
   EXPECT_NEAR(loop.force.norm(), 0.7 * 8, 1e-9);
 }
 
-/// Returns the overshoot beyond a target 30 mm away, after a hand has held the device for `held` [s]; in metres.
+/// Returns the overshoot of the loop after a hand has held the device for `held` [s]; in metres.
 double overshoot(double max_force, double held, double observer = 1) {
   ObservedLoop loop(late_plant(), max_force);
   loop.tuning.observer = observer;
-  const Reference there = resting_at(Vec3(0.03, 0, 0));
-  loop.held = true;
-  loop.run(held, there);
-  loop.held = false;
-  double farthest = 0;
-  for (int i = 0; i < 3000; ++i) {
-    loop.tick(there);
-    farthest = std::max(farthest, loop.plant.x.x());
-  }
-  EXPECT_NEAR(loop.plant.x.x(), 0.03, 1e-4);
-  return farthest - 0.03;
+  return test::overshoot_after(loop, held);
 }
 
 TEST(ObserverPd, DoesNotWindUpWhileTheUserHoldsTheDeviceStill) {

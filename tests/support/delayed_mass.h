@@ -2,10 +2,13 @@
 #pragma once
 
 #include "base/types.h"
+#include "control/controller.h"
 #include "control/design/plant_model.h"
 
+#include <algorithm>
 #include <cmath>
 #include <deque>
+#include <gtest/gtest.h>
 
 namespace haptrace::test {
 
@@ -65,6 +68,27 @@ inline Vec3 quantised(const Vec3& position, double resolution) {
 /// Returns a smooth approximation of sliding and sticking friction [N].
 inline Vec3 friction(const Vec3& velocity, double coulomb, double viscous = 0) {
   return -(coulomb * (velocity.array() / 1e-3).tanh() + viscous * velocity.array()).matrix();
+}
+
+inline Reference resting_at(const Vec3& position) {
+  return {position, kNone, kNone, 0};
+}
+
+/// Returns how far a loop goes beyond a target 30 mm away, after a hand has held the device for `held` [s]; in metres.
+/// A loop has `held`, `plant`, run() and tick().
+template <class Loop>
+double overshoot_after(Loop& loop, double held) {
+  const Reference there = resting_at(Vec3(0.03, 0, 0));
+  loop.held = true;
+  loop.run(held, there);
+  loop.held = false;
+  double farthest = 0;
+  for (int i = 0; i < 3000; ++i) {
+    loop.tick(there);
+    farthest = std::max(farthest, loop.plant.x.x());
+  }
+  EXPECT_NEAR(loop.plant.x.x(), 0.03, 1e-4);
+  return farthest - 0.03;
 }
 
 }  // namespace haptrace::test
