@@ -61,7 +61,7 @@ if(HAPTRACE_BUILD_TESTS AND HAPTRACE_MOLD AND NOT HAPTRACE_SANITIZE AND NOT HAPT
 endif()
 
 # Headers that nearly every source includes, or that take long to compile, are precompiled once for all libraries. A
-# source still includes every header that it uses: the preset dev builds without precompiled headers.
+# source still includes every header that it uses: clang-tidy reads each by itself.
 set(HAPTRACE_PRECOMPILED <Eigen/Geometry> <algorithm> <array> <cmath> <filesystem> <functional> <map> <memory>
   <optional> <span> <string> <string_view> <vector> <nlohmann/json.hpp>)
 file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/precompiled.cpp CONTENT "")
@@ -110,7 +110,7 @@ function(haptrace_test name)
     # Half of what the tests cost is compiling them, a quarter of that optimising what runs once.
     target_compile_options(test_${name} PRIVATE $<$<CONFIG:Release>:-O1>)
   endif()
-  # An eighth, writing down for a debugger what the preset dev has, too.
+  # An eighth, writing down for a debugger what the other presets have, too.
   target_compile_options(test_${name} PRIVATE $<$<CONFIG:Release>:-g0>)
   if(ARG_AS_SHIPPED)
     # Its precompiled headers would have to be optimised in the same way.
