@@ -1,6 +1,7 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "cli/profile.h"
+#include "cli/read_progress.h"
 #include "player/calibration/calibration.h"
 #include "player/calibration/calibration_plan.h"
 
@@ -61,6 +62,25 @@ std::string row(const char* name, const char* unit, const CalibrationPlan& plan,
   return text + "  " + unit + "\n";
 }
 
+std::string text_of(const HeldDevice& held) {
+  const char* known = held.hand == HandKnown::identified ? "identified"
+                      : held.hand == HandKnown::nobody   ? "nobody holds the device; some hand is assumed"
+                                                         : "not seen in the response; a relaxed one is assumed";
+  std::string text = fmt::format("  hand: {}\n", known);
+  const auto three = [](const auto& value) { return fmt::format("{:.3g}, {:.3g}, {:.3g}", value(0), value(1), value(2)); };
+  const auto& hand = held.model.hand;
+  text += fmt::format("    mass {} kg; grip {} N/m, {} N s/m\n", three([&](int i) { return hand.at(static_cast<std::size_t>(i)).mass; }),
+                      three([&](int i) { return hand.at(static_cast<std::size_t>(i)).grip_stiffness; }),
+                      three([&](int i) { return hand.at(static_cast<std::size_t>(i)).grip_damping; }));
+  for (const Firmness firmness : kFirmnesses) {
+    const LqgDesign& design = held.design(firmness);
+    text += fmt::format("  --firmness {}: predicted error {:.3f} mm and force ripple {:.2f} N rms{}\n",
+                        to_string(firmness), 1e3 * design.figures.error, design.figures.ripple,
+                        design.unmet.empty() ? "" : "; " + design.unmet.front());
+  }
+  return text;
+}
+
 std::string table(const CalibrationPlan& plan, const CalibrationResult& result) {
   const PlantModel &plant = result.identification.plant, &half = result.identification.half_width;
   std::string text = fmt::format("  {:<18}  {:<17}  {:<17}  {:<17}\n", "95 % intervals", "x", "y", "z");
@@ -87,6 +107,7 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
         "  A trial on a small circle was stable, with a margin, at {:.0f} % of its bandwidth;\n"
         "  playback is less accurate than usual\n",
         result.doubt, 100 * result.bandwidth);
+  if (result.held) text += text_of(*result.held);
   text += gains("gains", design.gains.kp, design.gains.kd);
   text += gains("largest stable gains", design.largest.kp, design.largest.kd);
   return text;
@@ -137,6 +158,8 @@ Verb add_calibrate(CLI::App& app) {
               output.remark("interrupted before anything moved");
               return static_cast<int>(kInterrupted);
             }
+            ReadProgress search(output, "searching laws");
+            options.searching = search.share_callback();
             const CalibrationResult result =
                 calibrate(*device, options, signals.stop(), progress_bar(output, plan.duration + 1));
             int code = conclude(output, result.session);

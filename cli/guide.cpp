@@ -223,8 +223,9 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   keep_applied(options.session, "path_change", describe(change));
   std::vector<std::string> notes = device->info().notes;
   for (const std::string& note : expert->facts().notes) notes.push_back(fmt::format("{}: {}", input.name(), note));
-  options.identified =
-      identified(arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known));
+  if (const auto profile =
+          arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known))
+    options.identified = profile->identified();
   GuidePlan plan = plan_guidance(device->info(), expert, options);
   plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
   std::ranges::move(notes_on_reach(options.session, device->info()), std::back_inserter(plan.notes));

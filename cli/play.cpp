@@ -28,6 +28,7 @@ namespace haptrace::cli {
 namespace {
 
 constexpr double kDegrees = 180 / std::numbers::pi;  // degrees per radian
+constexpr double kLqgRaise = 1.2;                    // an LQG law has less margin against higher gains than a PD law
 
 struct PlayArguments {
   SessionArguments session;
@@ -46,7 +47,7 @@ struct PlayArguments {
   PathArguments along{0.03};
   double speed = 1;
   int thin = 1;
-  std::string on_deviation = "stop", interpolation = "cubic";
+  std::string on_deviation = "stop", interpolation = "cubic", law, firmness;
 };
 
 /// Parses a gain for all axes, or one per axis: 1500, 2N/mm or 2000,2000,500.
@@ -76,6 +77,33 @@ std::optional<ImpedanceProfile> impedance_from(const PlayArguments& arguments) {
   if (!arguments.gains.empty() || !arguments.kp.empty() || !arguments.kd.empty())
     throw input_error("--impedance and --gains, --kp, --kd exclude each other");
   return load_impedance_profile(arguments.impedance);
+}
+
+/// Chooses the law of a calibrated playback. Given gains choose the law with an observer.
+void choose_law(const PlayArguments& arguments, PlayOptions& options) {
+  if (!arguments.law.empty()) options.law = parse_tracking_law(arguments.law);
+  if (!arguments.firmness.empty()) options.firmness = parse_firmness(arguments.firmness);
+  const char* given = !arguments.firmness.empty() ? "--firmness" : "--law lqg";
+  if (options.law != TrackingLaw::lqg) {
+    if (!arguments.firmness.empty())
+      throw input_error("--firmness is that of the LQG law: leave out --law observer, or --firmness");
+  } else if ((!arguments.law.empty() || !arguments.firmness.empty()) && (options.gains || options.impedance)) {
+    throw input_error(
+        fmt::format("{} and given gains exclude each other: an LQG law has gains of its own, chosen by --firmness", given));
+  } else if ((!arguments.law.empty() || !arguments.firmness.empty()) && !options.compensations.observer) {
+    throw input_error(fmt::format("{} and --without observer exclude each other", given));
+  }
+}
+
+/// Throws Error(input) if a law was asked for that the device's profile does not have.
+void require_law(const PlayArguments& arguments, const PlayOptions& options, const DeviceInfo& device) {
+  if (arguments.law != to_string(TrackingLaw::lqg) && arguments.firmness.empty()) return;
+  const std::string calibrate = fmt::format("haptrace calibrate --device {}", device.name);
+  if (!options.identified) throw input_error(fmt::format("an LQG law needs a calibrated device: {}", calibrate));
+  if (!options.identified->held)
+    throw input_error(fmt::format("the device's profile has no LQG laws, because it is old or its model coarse; "
+                                  "calibrate again ({}), or leave out --law and --firmness",
+                                  calibrate));
 }
 
 std::optional<OrientationGains> orientation_gains_from(const PlayArguments& arguments) {
@@ -125,6 +153,7 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
     options.limits = limits_of_unidentified(device.max_force, session.loop.rate_hz);
     if (play.identified) {
       options.limits.largest = plan.composed.observer ? play.identified->design.largest : play.identified->design.plain;
+      if (plan.lqg) options.limits.largest = {kLqgRaise * plan.tuning.gains.kp, kLqgRaise * plan.tuning.gains.kd};
       options.limits.observer_hz = 2 * play.identified->design.load_hz;
       options.limits.because = "stability limit of this device";
     }
@@ -153,6 +182,7 @@ PlayOptions options_of(const PlayArguments& arguments) {
   if (arguments.learn > 0 && !arguments.along.loop)
     options.playback.repetitions = std::max(arguments.learn, arguments.along.repeat);
   options.compensations = compensations_from(arguments.without);
+  choose_law(arguments, options);
   options.turn = arguments.turn;
   options.turn.gains = orientation_gains_from(arguments);
   return options;
@@ -166,6 +196,8 @@ const char* lesson_text(LearningOutcome outcome) {
       return "nothing left to learn: the remaining error does not repeat";
     case LearningOutcome::undone:
       return "worse than the best repetition before it: its changes were undone";
+    case LearningOutcome::softened:
+      return "the feedback was softened; nothing was learned from it";
     case LearningOutcome::skipped:
       return "interrupted; nothing was learned from it";
   }
@@ -185,8 +217,9 @@ std::string text_of(const PdGains& gains) {
 std::string law_text(const PlayArguments& arguments, const PlayResult& result, const DeviceInfo& device,
                      const std::optional<DeviceProfile>& profile) {
   const std::vector<std::string> terms = names_of(result.plan.composed);
+  const std::string kind = result.plan.lqg ? fmt::format("LQG, {}", to_string(result.plan.firmness)) : "PD";
   std::string text = fmt::format("  law: {}; {}\n", text_of(result.tuning.gains),
-                                 terms.empty() ? "PD alone" : fmt::format("PD with {}", fmt::join(terms, ", ")));
+                                 terms.empty() ? "PD alone" : fmt::format("{} with {}", kind, fmt::join(terms, ", ")));
   if (const double share = result.session.gain_share; share < 1)
     text += fmt::format("  gains softened to {:.0f} %: {} at the end\n", 100 * share, text_of(result.gains_in_force()));
   return text + (profile ? fmt::format("  profile: {}, created {}\n", arguments.profile.used(device), profile->created)
@@ -256,6 +289,11 @@ void add_control_options(CLI::App& verb, PlayArguments& arguments) {
           "--impedance", arguments.impedance,
           "gains along the path: kp and kd over s or t, as JSON, or as columns of a CSV, even of the path itself")
       ->type_name("FILE")
+      ->group("Control");
+  verb.add_option("--law", arguments.law,
+                  "law of a calibrated playback: lqg | observer (default: lqg, and with given gains observer)")
+      ->group("Control");
+  verb.add_option("--firmness", arguments.firmness, "ripple that the LQG law may use: quiet | normal | exact")
       ->group("Control");
   arguments.profile.add_to(verb, "Control", "play with PD control alone, without the device's profile");
   verb.add_option("--without", arguments.without,
@@ -335,7 +373,8 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
               Severity::warning);
   const auto profile =
       arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known);
-  options.identified = identified(profile);
+  if (profile) options.identified = profile->identified();
+  require_law(arguments, options, device->info());
   PlayPlan plan = plan_playback(device->info(), path, options);
   plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
   std::ranges::move(notes_on_reach(options.session, device->info()), std::back_inserter(plan.notes));

@@ -44,7 +44,8 @@ DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result
           .fits = result.identification.fits,
           .coarse = result.identification.coarse,
           .reason = result.doubt,
-          .design = *result.design};
+          .design = *result.design,
+          .held = result.held};
 }
 
 void ProfileArguments::add_to(CLI::App& verb, const char* group, const char* without) {
@@ -66,10 +67,6 @@ std::optional<DeviceProfile> ProfileArguments::find(const DeviceInfo& info, doub
 
 std::string ProfileArguments::used(const DeviceInfo& info) const {
   return file.empty() ? profile_file(identity_of(info)) : file;
-}
-
-std::optional<IdentifiedDevice> identified(const std::optional<DeviceProfile>& profile) {
-  return profile ? std::optional(IdentifiedDevice{profile->plant, profile->design}) : std::nullopt;
 }
 
 }  // namespace haptrace::cli

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "cli/verb.h"
-#include "control/design/tracking_design.h"
+#include "control/design/identified_device.h"
 #include "formats/documents/device_profile.h"
 #include "player/calibration/calibration.h"
 #include "player/calibration/device_identity.h"
@@ -39,8 +39,5 @@ struct ProfileArguments {
   /// Returns the file that find() reads.
   [[nodiscard]] std::string used(const DeviceInfo& info) const;
 };
-
-/// Returns the part of a profile that the design of a session uses.
-std::optional<IdentifiedDevice> identified(const std::optional<DeviceProfile>& profile);
 
 }  // namespace haptrace::cli

@@ -23,6 +23,7 @@ enum class LearningOutcome {
   learned,
   converged,  ///< the remaining error does not repeat; the table stays
   undone,     ///< this repetition was worse: the best table is restored
+  softened,   ///< the feedback was softened, so that the loop was another one: the best table is restored
   skipped,    ///< the repetition was interrupted or paused: nothing can be learned from it
 };
 

@@ -14,6 +14,8 @@ constexpr double kFade = 0.05;       // time constant with which a step in the l
 constexpr double kFirst = 0.25;      // weight of the first repetition in the mean: it follows another path
 constexpr int kFewest = 3;           // repetitions before learning may stop: their mean is less noisy than one
 constexpr double kUnsteady = 0.05;   // share of ticks at which the time along the path may stand still or creep
+constexpr double kMostSoftened = 0.02;  // share of ticks with less than the whole feedback
+constexpr double kFull = 1 - 1e-9;      // share of the feedback that is the whole of it
 constexpr double kSteadyStep = 0.5;  // share of the usual step of that time per tick, below which it creeps
 
 Vec3 interpolated(const std::vector<Vec3>& rows, double index) {
@@ -49,6 +51,8 @@ const char* to_string(LearningOutcome outcome) noexcept {
       return "converged";
     case LearningOutcome::undone:
       return "undone";
+    case LearningOutcome::softened:
+      return "softened";
     case LearningOutcome::skipped:
       return "skipped";
   }
@@ -68,6 +72,7 @@ void RepetitionLog::reserve(std::size_t rows) {
 void RepetitionLog::clear() noexcept {
   time.clear();
   for (auto* column : {&position, &reference, &acceleration, &known, &sent}) column->clear();
+  softened = 0;
 }
 
 IterativeLearning::IterativeLearning(const Options& options, ForceTable known, int repetitions)
@@ -140,6 +145,11 @@ LearningOutcome IterativeLearning::learn(const RepetitionLog& log) {
   for (std::size_t i = 1; i < n; ++i)
     if (log.time[i] - log.time[i - 1] < kSteadyStep * tick) ++crept;
   if (static_cast<double>(crept) > kUnsteady * static_cast<double>(n)) return LearningOutcome::skipped;
+  if (static_cast<double>(log.softened) > kMostSoftened * static_cast<double>(n)) {
+    table_ = best_;
+    error_.clear();
+    return LearningOutcome::softened;
+  }
 
   double sum = 0;
   std::vector<Vec3> error(n);
@@ -201,6 +211,7 @@ void LearnedForce::write_down(const TermInput& input) noexcept {
   log_.reference.push_back(input.reference.position);
   log_.acceleration.push_back(input.reference.acceleration);
   log_.known.push_back(input.before);
+  log_.softened += input.state.share_applied < kFull ? 1 : 0;
   if (time >= duration_) writing_ = Writing::last_row;
 }
 

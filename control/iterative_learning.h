@@ -18,6 +18,7 @@ struct RepetitionLog {
   std::vector<Vec3> acceleration;  ///< acceleration of the reference [m/s^2]
   std::vector<Vec3> known;         ///< part of the load that other terms cancel [N]
   std::vector<Vec3> sent;          ///< force sent by this tick, after all limits [N]
+  std::size_t softened = 0;        ///< ticks in which less than the whole feedback acted, see State::share_applied
 
   void reserve(std::size_t rows);
   void clear() noexcept;
@@ -42,7 +43,8 @@ struct RepetitionLog {
 /// The class checks its own progress. With e_j the error of repetition j, (e_j - e_j-1) / 2 is the part that does not
 /// repeat and (e_j + e_j-1) / 2 the part that does. Once the squares of the latter exceed those of the former by less
 /// than kNoise of their sum, there is nothing left to learn. If a repetition is worse than the best by the factor
-/// kWorse, the best table is restored, and later steps are half as long.
+/// kWorse, the best table is restored, and later steps are half as long. A repetition in which a monitor softened the
+/// feedback shows another loop: nothing is learned from it, and the best table is restored as well.
 ///
 /// Threads: one at a time. Not for the tick.
 class IterativeLearning {

@@ -91,6 +91,16 @@ LqgFeedback::Forces LqgFeedback::forces() const noexcept {
   return {.spring = spring, .other = total - load - spring, .load = load};
 }
 
+PdGains gains_of(const std::array<std::optional<LqgLaws>, 3>& laws) noexcept {
+  PdGains gains;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!laws[i]) continue;
+    gains.kp[static_cast<Eigen::Index>(i)] = laws[i]->moving.stiffness;
+    gains.kd[static_cast<Eigen::Index>(i)] = laws[i]->moving.damping;
+  }
+  return gains;
+}
+
 LqgLaw::LqgLaw(const Options& options)
     : driven_([&] {
         Vec3 driven;
@@ -105,6 +115,7 @@ LqgLaw::LqgLaw(const Options& options)
     moving_[i] = LqgFeedback(laws->moving);
     resting_[i] = LqgFeedback(laws->resting);
     inverse_stiffness_[static_cast<Eigen::Index>(i)] = 1 / laws->moving.stiffness;
+    inverse_damping_[static_cast<Eigen::Index>(i)] = 1 / laws->moving.damping;
   }
 }
 
@@ -130,12 +141,13 @@ Vec3 LqgLaw::force(const TermInput& input) noexcept {
       else
         law->update(error[axis], state.dt, sent[axis]);
     }
-    const double tuned = inverse_stiffness_[axis] * tuning.gains.kp[axis];
+    const double stiffness = inverse_stiffness_[axis] * tuning.gains.kp[axis];
+    const double damping = inverse_damping_[axis] * tuning.gains.kd[axis];
     const auto in_movement = moving_[i].forces(), at_rest = resting_[i].forces();
-    moving.spring[axis] = tuned * in_movement.spring;
-    moving.other[axis] = tuned * in_movement.other;
-    resting.spring[axis] = tuned * at_rest.spring;
-    resting.other[axis] = tuned * at_rest.other;
+    moving.spring[axis] = stiffness * in_movement.spring;
+    moving.other[axis] = damping * in_movement.other;
+    resting.spring[axis] = stiffness * at_rest.spring;
+    resting.other[axis] = damping * at_rest.other;
     load[axis] = in_movement.load;
   }
   starts_ = false;

@@ -55,6 +55,9 @@ class LqgFeedback {
   Eigen::Matrix<double, kMostSent, 1> sent_ = Eigen::Matrix<double, kMostSent, 1>::Zero();  ///< newest first
 };
 
+/// Returns stiffness and damping of laws for movement, with which they act as designed; 0 on axes without a law.
+PdGains gains_of(const std::array<std::optional<LqgLaws>, 3>& laws) noexcept;
+
 /// F = s K(x - x_d)
 ///
 /// where K is the LqgLaws of each axis of W, whose input is the error and whose model is the device in a hand. It
@@ -65,7 +68,8 @@ class LqgFeedback {
 /// device saturates or an operator holds it.
 ///
 /// s scales the law to the mass at the device's place: with s = m(x) / m, a law for m becomes that for m(x) of a free
-/// mass, exactly. The load is clamped to its authority. Tuned gains scale the feedback by kp over the law's stiffness.
+/// mass, exactly. The load is clamped to its authority. Tuned gains scale the part of the feedback that is
+/// proportional to the error by kp over the law's stiffness, and the rest by kd over its damping; see gains_of().
 /// While the reference rests, Rest keeps the load, and the law for rest replaces that for movement. Both are computed
 /// at every tick.
 ///
@@ -91,6 +95,7 @@ class LqgLaw final : public ForceTerm {
   std::array<LqgFeedback, 3> moving_, resting_;
   Vec3 driven_ = Vec3::Zero();             ///< 1 for an axis with a law, else 0
   Vec3 inverse_stiffness_ = Vec3::Zero();  ///< [m/N]
+  Vec3 inverse_damping_ = Vec3::Zero();    ///< [m/(N s)]
   double authority_;
   Rest rest_;
   bool starts_ = true;

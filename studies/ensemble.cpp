@@ -324,7 +324,7 @@ EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const Ensembl
   }
   PlayOptions calibrated = plain(kStiff);
   calibrated.gains.reset();
-  calibrated.identified = IdentifiedDevice{calibration.identification.plant, *calibration.design};
+  calibrated.identified = calibration.identified();
   calibrated.learn = options.learn;
   calibrated.playback.repetitions = std::max(1, options.learn);
   run(EnsembleController::calibrated, calibrated);

@@ -51,7 +51,7 @@ void check(const AxisModel& model) {
 /// The model in continuous time: x' = rates x + force u + noise of the spectral densities `density`.
 struct Continuous {
   MatrixXd rates;
-  VectorXd force, density, together, balanced;
+  VectorXd force, density, together, moving, balanced;
   int drift = -1;
 
   explicit Continuous(const AxisModel& model) {
@@ -69,12 +69,13 @@ struct Continuous {
     force.setZero(states);
     density.setZero(states);
     together.setZero(states);
+    moving.setZero(states);
     balanced.setZero(states);
 
     // A body is its position; its velocity is the next state.
     const auto body = [&](int at) {
       rates(at, at + 1) = 1;
-      together[at] = 1;
+      together[at] = moving[at + 1] = 1;
     };
     const auto connect = [&](int a, double mass_a, int b, double mass_b, double stiffness, double damping) {
       for (const auto& [from, to, mass] : {std::tuple{a, b, mass_a}, {b, a, mass_b}}) {
@@ -166,23 +167,6 @@ double measured_noise(const PlantModel& plant) noexcept {
   return std::hypot(plant.position_resolution / std::sqrt(12.0), plant.position_noise);
 }
 
-std::array<std::optional<AxisModel>, 3> axis_models(const PlantModel& plant, const HandModel& hand, double rate_hz,
-                                                    double lag) {
-  constexpr double kLeastNoise = 1e-7;  // [m]
-  const double delay = std::max(plant.delay, 0.0);
-  lag = std::min(lag, delay);
-  std::array<std::optional<AxisModel>, 3> axes;
-  for (int axis = 0; axis < 3; ++axis)
-    if (plant.mass[axis] > 0)
-      axes[static_cast<std::size_t>(axis)] = {.mass = plant.mass[axis],
-                                              .delay_ticks = (delay - lag) * rate_hz,
-                                              .lag = lag,
-                                              .hand = hand,
-                                              .position_noise = std::max(measured_noise(plant), kLeastNoise),
-                                              .rate_hz = rate_hz};
-  return axes;
-}
-
 DiscreteAxis discretised(const AxisModel& model) {
   check(model);
   const Continuous continuous(model);
@@ -193,6 +177,7 @@ DiscreteAxis discretised(const AxisModel& model) {
   axis.rate_hz = model.rate_hz;
   axis.drift = continuous.drift;
   axis.together = continuous.together;
+  axis.moving = continuous.moving;
   axis.balanced = continuous.balanced;
   axis.measurement_variance = model.position_noise * model.position_noise;
   axis.delay = static_cast<int>(std::floor(model.delay_ticks + 1e-9));

@@ -61,17 +61,9 @@ struct AxisModel {
   static constexpr int kMostStates = 11;
 };
 
-/// Lag of a motor and its amplifier where it was not identified [s].
-inline constexpr double kTypicalLag = 0.5e-3;
-
 /// Returns the standard deviation of the positions that `plant` measures. The quantisation error is uniform, so its
 /// variance is a twelfth of the squared resolution [m].
 double measured_noise(const PlantModel& plant) noexcept;
-
-/// Returns the models of the axes of `plant` that have a mass, in the hand `hand`. `lag` [s] of the plant's delay is
-/// the motor's lag. Friction is left to the feedforward. The position noise is measured_noise(), at least 0.1 um.
-std::array<std::optional<AxisModel>, 3> axis_models(const PlantModel& plant, const HandModel& hand, double rate_hz,
-                                                    double lag = kTypicalLag);
 
 /// An AxisModel from tick to tick, exact for a held force:
 ///
@@ -89,6 +81,7 @@ struct DiscreteAxis {
   bool fractional = false;          ///< `older` is not zero
   int drift = -1;                   ///< index of d; -1 if the model has no drift
   Eigen::VectorXd together;         ///< states when every body is displaced by 1 m
+  Eigen::VectorXd moving;           ///< states when every body moves at 1 m/s
   Eigen::VectorXd balanced;         ///< states at rest with x = 0 when a held u of -1 N balances d = 1 N
 
   [[nodiscard]] Eigen::Index states() const noexcept { return transition.rows(); }

@@ -22,4 +22,15 @@ struct HeldModel {
   [[nodiscard]] bool flexible() const noexcept { return link[0].mass > 0 || link[1].mass > 0 || link[2].mass > 0; }
 };
 
+/// Lag of a motor and its amplifier where it was not identified [s].
+inline constexpr double kTypicalLag = 0.5e-3;
+
+/// Returns the model of `plant` in the hand `hand`. `lag` [s] of the plant's delay is the motor's lag. Friction is left
+/// to the feedforward, and so is the damping, in which an arm has a share.
+HeldModel held_model(const PlantModel& plant, const HandModel& hand, double lag = kTypicalLag) noexcept;
+
+/// Returns the models of the axes that have a mass, at this rate of the servo loop. `position_noise` is the standard
+/// deviation of a measured position, see measured_noise() [m]; at least 0.1 um is assumed.
+std::array<std::optional<AxisModel>, 3> axis_models(const HeldModel& held, double position_noise, double rate_hz);
+
 }  // namespace haptrace

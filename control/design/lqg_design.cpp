@@ -100,6 +100,7 @@ std::optional<LqgAxis> design_lqg(const AxisModel& model, double ripple_weight) 
     law.state *= axis.transition;
   }
   law.stiffness = law.state.dot(axis.together);
+  law.damping = law.state.dot(axis.moving);
   if (axis.drift >= 0) law.load = law.state.dot(axis.balanced) - law.sent.sum() - law.ripple.dot(ripple.constant);
   return law;
 }

@@ -36,6 +36,7 @@ struct LqgAxis {
   Eigen::RowVector4d ripple = Eigen::RowVector4d::Zero();
   double load = 0;       ///< 1 but for the drift that the model expects to fade
   double stiffness = 0;  ///< force for an error of the device and the hand together [N/m]
+  double damping = 0;    ///< the same for a velocity [N s/m]
 };
 
 /// The laws of one axis, in movement and at rest (control/rest.h).

@@ -9,9 +9,13 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <span>
+#include <utility>
 
 namespace haptrace {
 namespace {
+
+constexpr EnumNames<Firmness, 3> kFirmnessNames{"firmness", {"quiet", "normal", "exact"}};
 
 constexpr double kLater = 0.35e-3;  // [s]
 constexpr double kOtherHand = 1.6;  // factor on each of the hand's numbers
@@ -30,6 +34,9 @@ constexpr HandModel kFirmHand{.mass = 0.3,
 
 constexpr double kUnstable = 30;
 constexpr int kFirstEvaluations = 90, kLastEvaluations = 300;
+constexpr double kSpread = 1e-4;      // of the values, below which the search has arrived
+constexpr std::size_t kStarts = 9;    // of an axis of which nothing is known
+constexpr std::size_t kFewStarts = 3; // of an axis that is like another
 constexpr double kMet = 1.02;  // a requirement counts as met up to this factor
 
 struct Firm {
@@ -116,14 +123,18 @@ class AxisSearch {
     }));
   }
 
-  /// Returns start `index` of nine: three shares of the hand, each with three sizes of the noise.
-  [[nodiscard]] Point start(int index) const {
+  /// Returns start `index` of kStarts: three shares of the hand, each with three sizes of the noise.
+  [[nodiscard]] Point start(std::size_t index) const {
     constexpr std::array<double, 3> kShares{0.5, 0.25, 1}, kNoises{1, 0.5, 2};
     LqgNumbers numbers = start_;
-    numbers.hand_share = kShares[static_cast<std::size_t>(index % 3)];
-    const double noise = kNoises[static_cast<std::size_t>(index / 3)];
-    numbers.drift *= noise;
-    numbers.force_noise *= noise;
+    numbers.hand_share = kShares[index % 3];
+    numbers.drift *= kNoises[index / 3];
+    numbers.force_noise *= kNoises[index / 3];
+    return on_target(numbers);
+  }
+
+  /// Returns the point of `numbers`, but with the weight of the ripple that meets the target.
+  [[nodiscard]] Point on_target(const LqgNumbers& numbers) const {
     Point point = point_of(numbers);
     // The ripple falls as its weight grows.
     double low = std::log(1e-12), high = std::log(1e-3);
@@ -138,7 +149,7 @@ class AxisSearch {
 
   [[nodiscard]] Point followed(const Point& from, int evaluations) const {
     constexpr Point kSteps{0.4, 0.4, 0.4, 0.4, 0.08, 0.15};
-    return minimised([&](const Point& point) { return value(point); }, from, kSteps, evaluations);
+    return minimised([&](const Point& point) { return value(point); }, from, kSteps, evaluations, kSpread);
   }
 
   [[nodiscard]] double value(const Point& point) const {
@@ -159,19 +170,19 @@ class AxisSearch {
   /// Returns the law of a point of finite value, checked by its poles.
   [[nodiscard]] LqgResult result(const Point& point) const {
     LqgResult result{.numbers = numbers_of(point), .ripple_target = target_};
-    const auto law = design(point);
-    const auto resting = design_lqg_for_rest(identified_, firm(Firmness::normal).target * plain_);
-    if (!law || !resting) throw input_error("the search found no law: the model of the axis cannot be controlled");
-    result.laws = {*law, *resting};
-    const FrequencyGrid::Response response = grid_.law(*law);
+    const auto laws = lqg_laws(identified_, result.numbers, plain_);
+    if (!laws) throw input_error("the search found no law: the model of the axis cannot be controlled");
+    result.laws = *laws;
+    const auto& [law, resting] = result.laws;
+    const FrequencyGrid::Response response = grid_.law(law);
     result.near_sensitivity = sensitivity(near_, response);
     result.far_sensitivity = sensitivity(far_, response);
     for (const auto* plants : {&near_, &far_})
       for (const Plant& plant : *plants)
-        for (const auto& [of, when] : {std::pair{&*law, "unstable"}, {&*resting, "unstable at rest"}})
+        for (const auto& [of, when] : {std::pair{&law, "unstable"}, {&resting, "unstable at rest"}})
           if (!(LqgLoop(*of, plant.axis).radius() < 1))
             result.unmet.push_back(fmt::format("it is {} with {}", when, plant.name));
-    if (const auto figures = LqgLoop(*law, nominal_).figures()) result.figures = *figures;
+    if (const auto figures = LqgLoop(law, nominal_).figures()) result.figures = *figures;
     const auto require = [&](const char* what, double value, double bound) {
       if (!(value <= kMet * bound))
         result.unmet.push_back(fmt::format("{} is {:.3g}, above {:.3g}", what, value, bound));
@@ -211,8 +222,11 @@ class AxisSearch {
 }  // namespace
 
 const char* to_string(Firmness firmness) noexcept {
-  static constexpr EnumNames<Firmness, 3> kNames{"firmness", {"quiet", "normal", "exact"}};
-  return kNames.name(firmness);
+  return kFirmnessNames.name(firmness);
+}
+
+Firmness parse_firmness(std::string_view name) {
+  return kFirmnessNames.parse(name);
 }
 
 std::optional<LqgAxis> design_lqg(const AxisModel& identified, const LqgNumbers& numbers) {
@@ -250,46 +264,72 @@ std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double m
   return law;
 }
 
+std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& numbers, double plain_ripple) {
+  const auto moving = design_lqg(identified, numbers);
+  const auto resting = design_lqg_for_rest(identified, firm(Firmness::normal).target * plain_ripple);
+  if (!moving || !resting) return std::nullopt;
+  return LqgLaws{*moving, *resting};
+}
+
 std::optional<std::array<std::optional<LqgResult>, 3>> search_lqg(
     const std::array<std::optional<AxisModel>, 3>& identified, const LqgSearchOptions& options, const StopRequest& stop,
     const std::function<void(double)>& progress) {
-  constexpr std::size_t kStarts = 9;
   struct Axis {
     std::size_t axis;
     AxisSearch search;
-    std::array<Point, kStarts> found{};
-    std::array<double, kStarts> value{};
+    std::optional<LqgNumbers> like;
+    std::vector<Point> found{};
+    std::vector<double> value{};
     Point best{};
   };
   std::vector<Axis> axes;
   for (std::size_t axis = 0; axis < 3; ++axis)
-    if (identified[axis]) axes.push_back({axis, AxisSearch(*identified[axis], options)});
+    if (identified[axis]) axes.push_back({axis, AxisSearch(*identified[axis], options), options.like});
+  if (axes.empty()) return std::array<std::optional<LqgResult>, 3>{};
 
   // The last search of an axis takes about as long as two of the first.
-  const double jobs = static_cast<double>(axes.size() * (kStarts + 2));
+  const auto jobs_of = [](std::size_t starts) { return static_cast<double>(starts + 2); };
+  const double jobs = jobs_of(options.like ? kFewStarts : kStarts) +
+                      static_cast<double>(axes.size() - 1) * jobs_of(kFewStarts);
+  double before = 0;
   const auto report = [&](double done) {
-    if (progress) progress(done / jobs);
+    if (progress) progress((before + done) / jobs);
   };
-  const auto starts = static_cast<double>(axes.size() * kStarts);
-  const bool first = run_parallel(
-      axes.size() * kStarts, options.threads, stop,
-      [&](std::size_t job) {
-        Axis& axis = axes[job / kStarts];
-        const std::size_t start = job % kStarts;
-        axis.found[start] = axis.search.followed(axis.search.start(static_cast<int>(start)), kFirstEvaluations);
-        axis.value[start] = axis.search.value(axis.found[start]);
-      },
-      [&](std::size_t done) { report(static_cast<double>(done)); });
-  if (!first) return std::nullopt;
-  const bool last = run_parallel(
-      axes.size(), options.threads, stop,
-      [&](std::size_t job) {
-        Axis& axis = axes[job];
-        const auto best = std::min_element(axis.value.begin(), axis.value.end()) - axis.value.begin();
-        axis.best = axis.search.followed(axis.found[static_cast<std::size_t>(best)], kLastEvaluations);
-      },
-      [&](std::size_t done) { report(starts + 2 * static_cast<double>(done)); });
-  if (!last) return std::nullopt;
+  const auto search = [&](std::span<Axis> group) {
+    std::vector<std::pair<Axis*, std::size_t>> starts;
+    for (Axis& axis : group) {
+      axis.found.resize(axis.like ? kFewStarts : kStarts);
+      axis.value.resize(axis.found.size());
+      for (std::size_t start = 0; start < axis.found.size(); ++start) starts.emplace_back(&axis, start);
+    }
+    const bool first = run_parallel(
+        starts.size(), options.threads, stop,
+        [&](std::size_t job) {
+          const auto& [axis, start] = starts[job];
+          const AxisSearch& own = axis->search;
+          const Point from = start == 0 && axis->like ? own.on_target(*axis->like) : own.start(start);
+          axis->found[start] = own.followed(from, kFirstEvaluations);
+          axis->value[start] = own.value(axis->found[start]);
+        },
+        [&](std::size_t done) { report(static_cast<double>(done)); });
+    if (!first) return false;
+    before += static_cast<double>(starts.size());
+    const bool last = run_parallel(
+        group.size(), options.threads, stop,
+        [&](std::size_t job) {
+          Axis& axis = group[job];
+          const auto best = std::min_element(axis.value.begin(), axis.value.end()) - axis.value.begin();
+          axis.best = axis.search.followed(axis.found[static_cast<std::size_t>(best)], kLastEvaluations);
+        },
+        [&](std::size_t done) { report(2 * static_cast<double>(done)); });
+    before += 2 * static_cast<double>(group.size());
+    return last;
+  };
+  // The axes of a device in a hand are alike.
+  const std::span<Axis> all = axes;
+  if (!search(all.first(1))) return std::nullopt;
+  for (Axis& axis : all.subspan(1)) axis.like = numbers_of(all[0].best);
+  if (axes.size() > 1 && !search(all.subspan(1))) return std::nullopt;
 
   std::array<std::optional<LqgResult>, 3> results;
   for (const Axis& axis : axes) results[axis.axis] = axis.search.result(axis.best);

@@ -8,14 +8,17 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace haptrace {
 
 /// How much ripple a law may use: the more, the smaller its error.
 enum class Firmness : std::uint8_t { quiet, normal, exact };
+inline constexpr std::array kFirmnesses{Firmness::quiet, Firmness::normal, Firmness::exact};
 
 const char* to_string(Firmness firmness) noexcept;
+Firmness parse_firmness(std::string_view name);  ///< throws Error(input)
 
 /// The numbers that the search varies. They turn an identified model into that of a law.
 struct LqgNumbers {
@@ -39,11 +42,16 @@ std::optional<LqgAxis> design_lqg(const AxisModel& identified, const LqgNumbers&
 /// stable up to 15 Hz only. Returns nothing and throws like design_lqg().
 std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double max_ripple);
 
+/// Designs both laws of an identified axis; the one for rest may make as much ripple as a normal one for movement, of
+/// `plain_ripple` [N]. Returns nothing and throws like design_lqg().
+std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& numbers, double plain_ripple);
+
 struct LqgSearchOptions {
   Firmness firmness = Firmness::normal;
   double plain_ripple = 0;               ///< ripple of which the law may use a share, rms per axis [N]; 0: that of a
                                          ///< plain PD law (haptrace::plain_ripple)
   double lighter = 0.85, heavier = 1.2;  ///< range of the mass that the law must bear, over the identified mass
+  std::optional<LqgNumbers> like{};      ///< numbers found for a similar device or firmness, from which to start
   std::size_t threads = 0;               ///< 0: one per core
 };
 
@@ -82,7 +90,8 @@ inline constexpr HandNoise kHealthyHand{.drift = 0.15, .drift_hz = 1, .tremor = 
 /// which makes the measured ripple 1.1 to 1.2 times as large.
 ///
 /// Starts from nine points, whose weight of the ripple is set so that they meet the target, follows each by
-/// minimised(), and then the best. The result does not depend on the number of threads. `progress` receives the share
+/// minimised(), and then the best. For the axes after the first, and with options.like, one start is what was found
+/// before, and two others suffice. The result does not depend on the number of threads. `progress` receives the share
 /// that is done, in the calling thread. Returns nothing if `stop` was raised. Takes seconds, and allocates. Throws
 /// Error(input) if a model is out of its range.
 std::optional<std::array<std::optional<LqgResult>, 3>> search_lqg(

@@ -11,10 +11,11 @@ namespace haptrace {
 /// minimization", Computer Journal 7(4)) finds with at most `evaluations` of `f`, more than Size of them. It reflects,
 /// expands, contracts and shrinks by the factors 1, 2, 1/2 and 1/2 in the order of Lagarias, Reeds, Wright and Wright
 /// (1998, SIAM J. Optim. 9(1)), from a simplex of `start` and one point `steps[i]` away from it along each variable.
-/// `f` may have any finite value. The result depends only on the values of `f`.
+/// Ends earlier when the values at the corners of the simplex differ by less than `spread`. `f` may have any finite
+/// value. The result depends only on the values of `f`.
 template <std::size_t Size, class Function>
 std::array<double, Size> minimised(const Function& f, const std::array<double, Size>& start,
-                                   const std::array<double, Size>& steps, int evaluations) {
+                                   const std::array<double, Size>& steps, int evaluations, double spread = 0) {
   using Point = std::array<double, Size>;
   struct Vertex {
     Point at{};
@@ -36,7 +37,7 @@ std::array<double, Size> minimised(const Function& f, const std::array<double, S
                      [](const Vertex& a, const Vertex& b) { return a.value < b.value; });
   };
   sort();
-  while (evaluations > 0) {
+  while (evaluations > 0 && !(simplex.back().value - simplex.front().value < spread)) {
     Vertex& worst = simplex.back();
     const Vertex &best = simplex.front(), &second_worst = simplex[Size - 1];
     // Returns the point at `factor` times the way from the centre of the others to the worst.

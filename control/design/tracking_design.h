@@ -20,12 +20,6 @@ struct TrackingDesign {
                       ///< if the tool crosses a count every few ticks [N]
 };
 
-/// Model and tracking design of a calibrated device.
-struct IdentifiedDevice {
-  PlantModel plant;
-  TrackingDesign design;
-};
-
 /// Constraints of a design.
 struct DesignOptions {
   double rate_hz = 1000;

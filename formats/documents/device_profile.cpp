@@ -107,6 +107,142 @@ TrackingDesign design_from(JsonReader reader) {
   return design;
 }
 
+/// The numbers of a HeldModel per axis, which its JSON groups by the body that they belong to.
+struct HeldKeys {
+  using Get = double& (*)(HeldModel&, std::size_t axis);
+  struct Key {
+    const char *body, *name;
+    Get get;
+  };
+  static constexpr std::array<Key, 11> kKeys{{
+      {"device", "mass_kg", [](HeldModel& m, std::size_t i) -> double& { return m.mass[static_cast<Eigen::Index>(i)]; }},
+      {"device", "viscous_n_s_per_m",
+       [](HeldModel& m, std::size_t i) -> double& { return m.viscous[static_cast<Eigen::Index>(i)]; }},
+      {"link", "mass_kg", [](HeldModel& m, std::size_t i) -> double& { return m.link[i].mass; }},
+      {"link", "stiffness_n_per_m", [](HeldModel& m, std::size_t i) -> double& { return m.link[i].stiffness; }},
+      {"link", "damping_n_s_per_m", [](HeldModel& m, std::size_t i) -> double& { return m.link[i].damping; }},
+      {"hand", "mass_kg", [](HeldModel& m, std::size_t i) -> double& { return m.hand[i].mass; }},
+      {"hand", "grip_stiffness_n_per_m",
+       [](HeldModel& m, std::size_t i) -> double& { return m.hand[i].grip_stiffness; }},
+      {"hand", "grip_damping_n_s_per_m", [](HeldModel& m, std::size_t i) -> double& { return m.hand[i].grip_damping; }},
+      {"hand", "arm_stiffness_n_per_m", [](HeldModel& m, std::size_t i) -> double& { return m.hand[i].arm_stiffness; }},
+      {"hand", "arm_damping_n_s_per_m", [](HeldModel& m, std::size_t i) -> double& { return m.hand[i].arm_damping; }},
+      {"hand", "arm_relaxation_s", [](HeldModel& m, std::size_t i) -> double& { return m.hand[i].arm_relaxation_s; }},
+  }};
+};
+
+json json_of(HeldModel held) {
+  json object{{"delay_s", held.delay},
+              {"lag_s", held.lag},
+              {"noise",
+               {{"drift_n", held.noise.drift},
+                {"drift_hz", held.noise.drift_hz},
+                {"tremor_n", held.noise.tremor},
+                {"tremor_hz", held.noise.tremor_hz}}}};
+  for (const HeldKeys::Key& key : HeldKeys::kKeys) {
+    json& values = object[key.body][key.name] = json::array();
+    for (std::size_t axis = 0; axis < 3; ++axis) values.push_back(key.get(held, axis));
+  }
+  return object;
+}
+
+HeldModel held_from(JsonReader reader) {
+  Required required(reader);
+  HeldModel held;
+  held.delay = required.number("delay_s", 0, 1);
+  held.lag = required.number("lag_s", 0, 1);
+  JsonReader noise = required.object("noise");
+  Required of_noise(noise);
+  held.noise = {.drift = of_noise.number("drift_n", 0, kLargest),
+                .drift_hz = of_noise.number("drift_hz", 0, kLargest),
+                .tremor = of_noise.number("tremor_n", 0, kLargest),
+                .tremor_hz = of_noise.number("tremor_hz", 0, kLargest)};
+  noise.finish();
+  for (const char* body : {"device", "link", "hand"}) {
+    JsonReader object = required.object(body);
+    Required of_body(object);
+    for (const HeldKeys::Key& key : HeldKeys::kKeys) {
+      if (std::string_view(key.body) != body) continue;
+      const Vec3 values = of_body.vector(key.name, 0, kLargest);
+      for (std::size_t axis = 0; axis < 3; ++axis) key.get(held, axis) = values[static_cast<Eigen::Index>(axis)];
+    }
+    object.finish();
+  }
+  reader.finish();
+  return held;
+}
+
+struct NumberKey {
+  const char* name;
+  double LqgNumbers::*number;
+};
+constexpr std::array<NumberKey, 6> kNumberKeys{{{"drift_n", &LqgNumbers::drift},
+                                                {"drift_hz", &LqgNumbers::drift_hz},
+                                                {"force_noise_n_sqrt_s", &LqgNumbers::force_noise},
+                                                {"ripple_weight_m2_per_n2", &LqgNumbers::ripple_weight},
+                                                {"mass_factor", &LqgNumbers::mass_factor},
+                                                {"hand_share", &LqgNumbers::hand_share}}};
+
+json json_of(const LqgDesign& design) {
+  json object{{"error_m", design.figures.error}, {"ripple_n", design.figures.ripple}, {"unmet", design.unmet}};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    json& numbers = object[std::string(1, "xyz"[axis])];
+    if (!design.numbers[axis]) continue;
+    for (const NumberKey& key : kNumberKeys) numbers[key.name] = *design.numbers[axis].*key.number;
+  }
+  return object;
+}
+
+LqgDesign lqg_design_from(JsonReader reader) {
+  Required required(reader);
+  LqgDesign design;
+  design.figures = {.error = required.number("error_m", 0, kLargest), .ripple = required.number("ripple_n", 0, kLargest)};
+  for (const json& unmet : reader.require("unmet").value("unmet")) {
+    if (!unmet.is_string()) throw input_error(fmt::format("{}: unmet: expected texts", reader.where()));
+    design.unmet.push_back(unmet.get<std::string>());
+  }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::string name(1, "xyz"[axis]);
+    if (!reader.has(name) || reader.value(name).is_null()) continue;
+    JsonReader object = required.object(name.c_str());
+    Required of_axis(object);
+    LqgNumbers& numbers = design.numbers[axis].emplace();
+    for (const NumberKey& key : kNumberKeys) numbers.*key.number = of_axis.number(key.name, 1e-30, kLargest);
+    object.finish();
+  }
+  reader.finish();
+  return design;
+}
+
+json json_of(const HeldDevice& held) {
+  json object{{"model", json_of(held.model)},
+              {"half_width", json_of(held.half_width)},
+              {"hand_is", to_string(held.hand)},
+              {"evidence", held.margin},
+              {"position_noise_m", held.position_noise},
+              {"ripple_n", held.ripple}};
+  for (const Firmness firmness : kFirmnesses) object["laws"][to_string(firmness)] = json_of(held.design(firmness));
+  return object;
+}
+
+HeldDevice held_device_from(JsonReader reader) {
+  Required required(reader);
+  HeldDevice held;
+  held.model = held_from(required.object("model"));
+  held.half_width = held_from(required.object("half_width"));
+  held.hand = parse_hand_known(required.text("hand_is"));
+  held.margin = required.number("evidence", -1e300, 1e300);
+  held.position_noise = required.number("position_noise_m", 0, 1);
+  held.ripple = required.number("ripple_n", 0, kLargest);
+  JsonReader laws = required.object("laws");
+  Required of_laws(laws);
+  for (const Firmness firmness : kFirmnesses)
+    held.designs[static_cast<std::size_t>(firmness)] = lqg_design_from(of_laws.object(to_string(firmness)));
+  laws.finish();
+  reader.finish();
+  return held;
+}
+
 /// Returns a name with only characters that every file system accepts.
 std::string safe(const std::string& name) {
   std::string result;
@@ -178,6 +314,7 @@ json to_json(const DeviceProfile& profile) {
               {"reason", profile.reason},
               {"design", json_of(profile.design)}};
   if (profile.coarse) object["coarse"] = true;
+  if (profile.held) object["held"] = json_of(*profile.held);
   return object;
 }
 
@@ -214,6 +351,7 @@ DeviceProfile profile_from_json(const json& object, const std::string& where) {
   profile.coarse = reader.boolean("coarse", false);
   profile.reason = required.text("reason");
   profile.design = design_from(required.object("design"));
+  if (const auto held = reader.object("held")) profile.held = held_device_from(*held);
   reader.finish();
   return profile;
 }

@@ -1,8 +1,7 @@
 // Calibration results of one device, stored for later sessions.
 #pragma once
 
-#include "control/design/plant_model.h"
-#include "control/design/tracking_design.h"
+#include "control/design/identified_device.h"
 #include "control/path/path.h"
 
 #include <chrono>
@@ -39,6 +38,10 @@ struct DeviceProfile {
   bool coarse = false;  ///< see Identification; the design was tested on the device. Stored only if true
   std::string reason;   ///< why the model does not fit, or is only coarse
   TrackingDesign design;
+  std::optional<HeldDevice> held;  ///< absent in older profiles, and if the model is coarse
+
+  /// Returns what a session's law is designed from.
+  [[nodiscard]] IdentifiedDevice identified() const { return {plant, design, held}; }
 };
 
 inline constexpr double kProfileLifetime = 180 * 86400.0;  ///< age from which a profile is stale [s]

@@ -695,6 +695,10 @@ CalibrationResult calibrate(Device& device, const CalibrationOptions& options, c
     if (result.identification.fits) {
       result.design =
           design_tracking(result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force});
+      if (!options.laws) return result;
+      HeldDevice held = held_device(result.identification, identify_held(log.experiment(plan), result.identification),
+                                    plan.rate_hz, plan.device_force);
+      if (design_laws(held, plan.rate_hz, stop, options.searching)) result.held = std::move(held);
       return result;
     }
     result.doubt = result.identification.reason;

@@ -1,10 +1,10 @@
 // Calibration of a device: a session that moves the device and identifies its dynamics.
 #pragma once
 
-#include "control/design/plant_model.h"
-#include "control/design/tracking_design.h"
+#include "control/design/identified_device.h"
 #include "player/session.h"
 
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -13,6 +13,8 @@ namespace haptrace {
 struct CalibrationOptions {
   bool full = false;         ///< takes half a minute instead of ten seconds and records four times the data
   double force_share = 0.7;  ///< force bound, as a share of the device's largest force, 0.1 to 1
+  bool laws = true;          ///< search LQG laws after the session, which takes seconds
+  std::function<void(double)> searching;  ///< receives the share of the search that is done, in the calling thread
   SessionOptions session;
 };
 
@@ -25,7 +27,12 @@ struct CalibrationResult {
   double bandwidth = 1;                  ///< share of the designed bandwidth that passed the trials; 1 without trials
   int trials = 0;                        ///< number of trials of a coarse model's design
 
+  std::optional<HeldDevice> held;        ///< laws for the device in the hand; present for a full model
+
   [[nodiscard]] bool succeeded() const noexcept { return design.has_value(); }
+
+  /// Returns what a session's law is designed from. Only after a calibration that succeeded.
+  [[nodiscard]] IdentifiedDevice identified() const { return {identification.plant, design.value(), held}; }
 };
 
 /// Moves the device to the middle of its workspace and swings it round while an excitation signal of many frequencies

@@ -39,8 +39,7 @@ Path trial_path(const DeviceInfo& info, const LawTrialOptions& options) {
 
 LawTrial try_out(Device& device, const IdentifiedDevice& identified, const LawTrialOptions& options,
                  const StopRequest& stop, const Progress& progress) {
-  PlayOptions play_options;
-  play_options.identified = identified;
+  PlayOptions play_options{.identified = identified};
   play_options.gains = {kTrialRaise * identified.design.gains.kp, kTrialRaise * identified.design.gains.kd};
   play_options.learn = play_options.playback.repetitions = 2;
   play_options.playback.max_deviation = options.max_deviation;

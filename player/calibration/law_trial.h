@@ -1,7 +1,7 @@
 // Trial of a control law that was designed for a coarse model.
 #pragma once
 
-#include "control/design/tracking_design.h"
+#include "control/design/identified_device.h"
 #include "player/session.h"
 
 #include <array>

@@ -1,7 +1,7 @@
 // Guidance of a trainee's hand by an expert's recording.
 #pragma once
 
-#include "control/design/tracking_design.h"
+#include "control/design/identified_device.h"
 #include "control/guidance_options.h"
 #include "control/path/path.h"
 #include "formats/documents/radius_profile.h"

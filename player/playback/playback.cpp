@@ -1,10 +1,12 @@
 #include "player/playback/playback.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "control/feedforward.h"
 #include "control/hand_watch.h"
 #include "control/iterative_learning.h"
+#include "control/lqg_law.h"
 #include "control/observer_pd.h"
 #include "control/oscillation_monitor.h"
 #include "control/path/trajectory.h"
@@ -30,6 +32,8 @@
 
 namespace haptrace {
 namespace {
+
+constexpr EnumNames<TrackingLaw, 2> kTrackingLaws{"law", {"observer", "lqg"}};
 
 constexpr double kWindow = 0.01;  // window of speed estimates, so that one noisy sample does not count [s]
 
@@ -104,12 +108,19 @@ ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, 
   };
 }
 
+constexpr double kLqgLearning = 30;  // cut-off of what is learned under an LQG law, which bears more [Hz]
+
 IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& options) {
-  return {.mass = options.identified->design.mass,
-          .delay = options.identified->design.delay,
-          .rate_hz = options.session.loop.rate_hz,
-          .speed = options.playback.speed,
-          .duration = plan.path->duration()};
+  IterativeLearning::Options learning{.mass = options.identified->design.mass,
+                                      .delay = options.identified->design.delay,
+                                      .rate_hz = options.session.loop.rate_hz,
+                                      .speed = options.playback.speed,
+                                      .duration = plan.path->duration()};
+  if (plan.lqg) {
+    learning.mass = options.identified->plant.mass;
+    learning.cutoff_hz = kLqgLearning;
+  }
+  return learning;
 }
 
 /// Returns no guard for a device with unknown largest force: the guard judges forces relative to it.
@@ -159,7 +170,7 @@ ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
 }
 
 /// Creates the terms of the law. Each term receives the sum of those before it, hence the order: known load, feedback,
-/// inertia.
+/// inertia; an LQG law comes last.
 ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options,
                    LearningTerm*& learning) {
   const Compensations& with = plan.composed;
@@ -176,11 +187,20 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
     learning = term.get();
     terms.push_back(std::move(term));
   }
+  const auto resolution = [&] {
+    return std::max(options.identified->plant.position_resolution, device.position_resolution);
+  };
+  if (plan.lqg) {  // which takes all that comes before it for feedforward
+    if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->plant.mass));
+    terms.push_back(std::make_unique<LqgLaw>(LqgLaw::Options{.axes = *plan.lqg,
+                                                             .position_resolution = resolution(),
+                                                             .authority = options.identified->design.authority}));
+    return terms;
+  }
   if (with.observer)
-    terms.push_back(std::make_unique<ObserverPd>(ObserverPd::Options{
-        .design = options.identified->design,
-        .rate_hz = options.session.loop.rate_hz,
-        .position_resolution = std::max(options.identified->plant.position_resolution, device.position_resolution)}));
+    terms.push_back(std::make_unique<ObserverPd>(ObserverPd::Options{.design = options.identified->design,
+                                                                     .rate_hz = options.session.loop.rate_hz,
+                                                                     .position_resolution = resolution()}));
   else
     terms.push_back(std::make_unique<PdLaw>());
   if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->design.mass));
@@ -282,10 +302,19 @@ void keep_below(double fastest, const Box& workspace, const PlayOptions& options
 
 }  // namespace
 
+const char* to_string(TrackingLaw law) noexcept {
+  return kTrackingLaws.name(law);
+}
+
+TrackingLaw parse_tracking_law(std::string_view name) {
+  return kTrackingLaws.parse(name);
+}
+
 PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
   validate(options.playback);
   Tuning tuning;
   Compensations composed;
+  std::optional<std::array<std::optional<LqgLaws>, 3>> lqg;
   if (options.identified) {
     tuning.gains = options.identified->design.gains;
     tuning.observer_hz = options.identified->design.load_hz;
@@ -294,6 +323,11 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     // Learning covers the whole load and starts from the model's estimate of it.
     if (composed.learning) composed.gravity = composed.friction = false;
     if (!composed.observer) tuning.gains = options.identified->design.plain;
+    if (composed.observer && options.law == TrackingLaw::lqg && options.identified->held && !options.gains &&
+        !options.impedance) {
+      lqg = lqg_laws(*options.identified->held, options.firmness, options.session.loop.rate_hz);
+      tuning.gains = gains_of(*lqg);
+    }
   } else {
     tuning.gains = cautious_gains(device.max_force, options.session.loop.rate_hz);
   }
@@ -327,6 +361,8 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
                 .tuning = tuning,
                 .schedule = {},
                 .composed = composed,
+                .lqg = std::move(lqg),
+                .firmness = options.firmness,
                 .turn = {},
                 .notes = {}};
   if (played.fit && options.session.touch.scene) plan.notes.emplace_back(kFitMovesNoScene);
@@ -452,7 +488,10 @@ nlohmann::json to_json(const PlayResult& result) {
     json["rms_rotation_error_rad"] = result.last.rms_rotation_error;
     json["peak_rotation_error_rad"] = result.last.peak_rotation_error;
   }
-  json["gains"] = to_json(result.plan.tuning.gains);
+  const PlayPlan& plan = result.plan;
+  json["law"] = plan.lqg ? to_string(TrackingLaw::lqg) : plan.composed.observer ? to_string(TrackingLaw::observer) : "pd";
+  if (plan.lqg) json["firmness"] = to_string(plan.firmness);
+  json["gains"] = to_json(plan.tuning.gains);
   if (result.plan.turn)
     json["orientation_gains"] = {{"kp", result.plan.turn->gains.kp}, {"kd", result.plan.turn->gains.kd}};
   json["gains_in_force"] = to_json(result.gains_in_force());

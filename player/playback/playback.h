@@ -1,7 +1,7 @@
 // Playback of a path on a device.
 #pragma once
 
-#include "control/design/tracking_design.h"
+#include "control/design/identified_device.h"
 #include "control/force_table.h"
 #include "control/gain_profile.h"
 #include "control/path/path.h"
@@ -26,12 +26,24 @@ class TrajectoryPieces;
 
 inline constexpr int kMostLearned = 1000;  ///< largest number of learned repetitions per session
 
+/// Law of a playback that cancels the load.
+enum class TrackingLaw : std::uint8_t {
+  observer,  ///< PD gains on the state of an observer (ObserverPd)
+  lqg,       ///< state feedback on a Kalman filter's estimate (LqgLaw)
+};
+const char* to_string(TrackingLaw law) noexcept;
+TrackingLaw parse_tracking_law(std::string_view name);  ///< throws Error(input)
+
 struct PlayOptions {
   std::optional<PdGains> gains;               ///< absent: those of the identified device, or cautious_gains
   std::optional<ImpedanceProfile> impedance;  ///< gains along the path, in place of `gains`
   /// Result of a calibration. Without it, the controller is a plain PD law.
   std::optional<IdentifiedDevice> identified;
   Compensations compensations{true, true, true, true, true};  ///< for an identified device
+  /// Law of an identified device with an observer. An LQG law has gains of its own: with `gains` or `impedance`, and for
+  /// a device that was identified without laws, the law is that with an observer.
+  TrackingLaw law = TrackingLaw::lqg;
+  Firmness firmness = Firmness::normal;      ///< of an LQG law
   int learn = 0;                   ///< number of repetitions to learn from, up to kMostLearned
   ForceTable learned;              ///< learned force of earlier sessions, or empty
   bool guard = true;               ///< soften when the loop vibrates; report a hand that resists or lets go
@@ -61,6 +73,9 @@ struct PlayPlan {
   Tuning tuning;                      ///< initial tuning; with `schedule`, its gains are the largest ones of each axis
   std::optional<GainTable> schedule;  ///< gains along the path as it will be played
   Compensations composed;             ///< terms of the law besides PD
+  /// The laws in place of the PD law with an observer. The gains of `tuning` are then their stiffness and damping.
+  std::optional<std::array<std::optional<LqgLaws>, 3>> lqg;
+  Firmness firmness = Firmness::normal;  ///< of these laws
   double peak_speed = 0;              ///< peak speed of the reference [m/s]
   /// Present when the playback also controls the tool's orientation.
   std::optional<OrientationOptions> turn;

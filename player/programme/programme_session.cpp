@@ -135,7 +135,7 @@ class ProgrammeRun {
     }
     for (const LoggedTrial& trial : result_.log.trials)
       if (measures(trial)) states_[trial.exercise].learn(trial);
-    if (options_.profile) identified_ = IdentifiedDevice{options_.profile->plant, options_.profile->design};
+    if (options_.profile) identified_ = options_.profile->identified();
   }
 
   ProgrammeResult run() {

@@ -239,7 +239,7 @@ PlayOptions Workbench::options_for(const Configuration& configuration) const {
     if (!profile)
       throw input_error(fmt::format("the calibration at {:g} Hz allows no control law at {:g} Hz",
                                     place_.profile->rate_hz, configuration.rate_hz));
-    options.identified = IdentifiedDevice{profile->plant, profile->design};
+    options.identified = profile->identified();
   }
   return options;
 }

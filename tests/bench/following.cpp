@@ -8,6 +8,7 @@
 // the true error, and how many times smaller it is than that of a stiff PD law (3000 N/m, 25 N s/m, velocity low pass
 // of 100 Hz), after five repetitions.
 #include "base/statistics.h"
+#include "control/design/held_model.h"
 #include "control/design/lqg_search.h"
 #include "control/feedforward.h"
 #include "control/iterative_learning.h"
@@ -66,7 +67,7 @@ Known known_of(const SimSpec& spec, Gaussian& gaussian) {
                        .grip_stiffness = off(spec.hand->grip_stiffness, 0.25),
                        .grip_damping = off(spec.hand->grip_damping, 0.25)};
   for (int axis = 0; axis < 3; ++axis) known.plant.mass[axis] = off(1 / mobility(axis, axis), 0.06);
-  known.axes = axis_models(known.plant, hand, kRate, kLag);
+  known.axes = axis_models(held_model(known.plant, hand, kLag), measured_noise(known.plant), kRate);
   return known;
 }
 
@@ -158,8 +159,7 @@ Figures played(const SimSpec& spec, std::uint64_t seed, const Known& known, cons
         ObserverPd::Options{.design = design, .position_resolution = spec.position_resolution}));
     terms.push_back(std::make_unique<InertiaFeedforward>(design.mass));
   } else {
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      tuning.gains.kp[static_cast<Eigen::Index>(axis)] = laws[axis]->moving.stiffness;
+    tuning.gains = gains_of(laws);
     terms.push_back(std::make_unique<TimelyInertia>(known, trajectory));
     terms.push_back(std::make_unique<LqgLaw>(LqgLaw::Options{
         .axes = laws, .position_resolution = spec.position_resolution, .authority = 0.7 * spec.max_force}));

@@ -36,7 +36,7 @@ void lqg_tick(benchmark::State& state) {
   const LqgLaws laws{*design_lqg(axis, LqgNumbers{}), *design_lqg_for_rest(axis, 0.1)};
   LqgLaw law({.axes = {laws, laws, laws}, .position_resolution = 5e-5, .authority = 6});
   Tuning tuning;
-  tuning.gains.kp = Vec3::Constant(laws.moving.stiffness);
+  tuning.gains = gains_of({laws, laws, laws});
   run_ticks(state, law, tuning);
 }
 BENCHMARK(lqg_tick)->Arg(1)->Arg(3)->Arg(10)->Arg(30);

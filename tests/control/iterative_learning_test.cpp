@@ -92,7 +92,8 @@ class Session {
   LearnedForce learned;
   RepetitionLog log;
   Tuning tuning;
-  double worst_step = 0;  ///< Largest change of the learned force from one tick to the next [N].
+  double share = 1, soften_from = kDuration;  ///< of the feedback, from a time on the path on [s]
+  double worst_step = 0;                      ///< Largest change of the learned force from one tick to the next [N].
 
  private:
   void tick(double time, const Load& load, bool stands = false) {
@@ -103,6 +104,7 @@ class Session {
     state.dt = kPeriod;
     state.position = plant_.x;
     state.force_applied = sent_;
+    if (on_path >= soften_from) state.share_applied = share;
     const Vec3 feedforward = learned.force({state, reference, tuning, kNone});
     worst_step = std::max(worst_step, (feedforward - last_).norm());
     last_ = feedforward;
@@ -241,6 +243,30 @@ TEST(IterativeLearning, SkipsARepetitionThatWasInterruptedPausedOrShort) {
   EXPECT_EQ(session.learning.table().force, before);
   EXPECT_EQ(session.learning.repetitions(), 0);
   EXPECT_EQ(session.learning.learn(session.log), Learned::learned) << "the complete repetition is not skipped";
+}
+
+TEST(IterativeLearning, LearnsNothingFromASoftenedRepetitionAndReturnsToTheBestTable) {
+  Session session;
+  std::vector<Vec3> best;
+  double rms = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < 3; ++i) {
+    const std::vector<Vec3> driven = session.learning.table().force;
+    session.learn(sine_load);
+    if (session.learning.rms_error() < rms) best = driven;
+    rms = std::min(rms, session.learning.rms_error());
+  }
+  ASSERT_NE(session.learning.table().force, best);
+  const int learned = session.learning.repetitions();
+
+  session.share = 0.3;
+  session.soften_from = 0.5 * kDuration;
+  EXPECT_EQ(session.learn(sine_load), Learned::softened);
+  EXPECT_EQ(session.learning.table().force, best);
+  EXPECT_EQ(session.learning.repetitions(), learned);
+  session.soften_from = kDuration;
+  EXPECT_EQ(session.learn(sine_load), Learned::learned) << "the whole feedback acts again";
+  session.soften_from = 0.99 * kDuration;
+  EXPECT_EQ(session.learn(sine_load), Learned::learned) << "a moment is no other loop";
 }
 
 TEST(IterativeLearning, LeavesLoadsToTheTermsThatCancelThem) {

@@ -35,13 +35,6 @@ LqgLaw::Options law_of(const Vec3& mass, double delay_ticks = 2, double resoluti
   return options;
 }
 
-Vec3 stiffness_of(const LqgLaw::Options& options) {
-  Vec3 stiffness = kNone;
-  for (int axis = 0; axis < 3; ++axis)
-    if (const auto& law = options.axes[static_cast<std::size_t>(axis)]) stiffness[axis] = law->moving.stiffness;
-  return stiffness;
-}
-
 /// The law in closed loop with a free mass behind a delay of two ticks.
 class LqgDevice {
  public:
@@ -51,10 +44,10 @@ class LqgDevice {
   LqgDevice(const LqgLaw::Options& options, double resolution, double max_force)
       : law(options),
         plant(kMass, 2),
-        stiffness(stiffness_of(options)),
+        stiffness(gains_of(options.axes).kp),
         max_force_(max_force),
         resolution_(resolution) {
-    tuning.gains.kp = stiffness;
+    tuning.gains = gains_of(options.axes);
     State first;
     first.position = plant.x;
     law.start(first);
@@ -222,7 +215,7 @@ TEST(LqgLaw, DoesNotHuntAtRestWithStictionAndAFiniteResolution) {
   const LqgLaw::Options options = law_of(model.mass, 2, kEncoder);
   LqgLaw law(options);
   Tuning tuning;
-  tuning.gains.kp = stiffness_of(options);
+  tuning.gains = gains_of(options.axes);
   State state;
   DeviceState answer;
   double low = 1, high = -1;
@@ -312,7 +305,7 @@ TEST(LqgLaw, DoesNotDriveAnAxisWithoutMassWhateverItsGains) {
   const LqgLaw::Options options = law_of(Vec3(0.4, 0.4, 0), 2, kEncoder);
   LqgLaw law(options);
   Tuning tuning;
-  tuning.gains.kp = Vec3::Constant(2000);
+  tuning.gains = {Vec3::Constant(2000), Vec3::Constant(20)};
   State state;
   law.start(state);
   for (int i = 0; i < 1000; ++i) {

@@ -59,7 +59,7 @@ TEST_P(ForeignDevice, IsFollowedManyTimesCloserOnceItIsCalibrated) {
   const CalibrationResult calibration = calibrate(*device, {}, StopRequest{});
   ASSERT_TRUE(calibration.succeeded()) << calibration.reason;
   PlayOptions options;
-  options.identified = {calibration.identification.plant, *calibration.design};
+  options.identified.emplace(calibration.identified());
   options.learn = options.playback.repetitions = 5;
   const PlayResult with = played(options);
   ASSERT_EQ(with.session.servo.cause, StopCause::finished) << with.session.servo.detail;

@@ -1,4 +1,4 @@
-#include "control/design/axis_model.h"
+#include "control/design/held_model.h"
 
 #include "control/design/riccati.h"
 #include "tests/support/errors.h"
@@ -86,7 +86,7 @@ TEST(AxisModel, TakesTheAxesOfAPlantThatHaveAMass) {
   plant.delay = 2.1e-3;
   plant.position_resolution = 6e-5;
   plant.position_noise = 1e-5;
-  const auto axes = axis_models(plant, {.mass = 0.1, .grip_stiffness = 500}, 1000);
+  const auto axes = axis_models(held_model(plant, {.mass = 0.1, .grip_stiffness = 500}), measured_noise(plant), 1000);
   ASSERT_TRUE(axes[0] && axes[2]);
   EXPECT_FALSE(axes[1]);
   EXPECT_EQ(axes[2]->mass, 0.3);
@@ -95,7 +95,7 @@ TEST(AxisModel, TakesTheAxesOfAPlantThatHaveAMass) {
   EXPECT_EQ(axes[0]->hand.mass, 0.1);
   EXPECT_NEAR(axes[0]->position_noise, std::hypot(6e-5 / std::sqrt(12.0), 1e-5), 1e-15);
   plant.delay = 0.2e-3;
-  EXPECT_EQ(axis_models(plant, {}, 1000)[0]->lag, 0.2e-3) << "a lag is part of the delay";
+  EXPECT_EQ(axis_models(held_model(plant, {}), 0, 1000)[0]->lag, 0.2e-3) << "a lag is part of the delay";
 }
 
 TEST(AxisModel, NamesAParameterThatIsOutOfRange) {

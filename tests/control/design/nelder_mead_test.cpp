@@ -24,6 +24,17 @@ TEST(NelderMead, FindsTheBottomOfABowlInSixVariables) {
   for (const double x : minimised<6>(bowl, {2, -1, 0, 3, 1, -2}, {1, 1, 1, 1, 1, 1}, 1500)) EXPECT_NEAR(x, 0.3, 1e-3);
 }
 
+TEST(NelderMead, EndsWhenTheCornersOfItsSimplexAreEquallyGood) {
+  int evaluations = 0;
+  const auto bowl = [&](const std::array<double, 2>& x) {
+    ++evaluations;
+    return x[0] * x[0] + x[1] * x[1];
+  };
+  const auto found = minimised<2>(bowl, {1, 1}, {0.5, 0.5}, 1000, 1e-6);
+  EXPECT_LT(std::hypot(found[0], found[1]), 2e-3);
+  EXPECT_LT(evaluations, 100);
+}
+
 TEST(NelderMead, KeepsToItsNumberOfEvaluations) {
   int evaluations = 0;
   const auto plane = [&](const std::array<double, 3>& x) {

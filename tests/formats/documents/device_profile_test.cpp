@@ -37,6 +37,26 @@ DeviceProfile example() {
   return profile;
 }
 
+HeldDevice in_a_hand() {
+  HeldDevice held;
+  held.model = held_model(example().plant, {.mass = 0.1 + 0.2, .grip_stiffness = 640, .grip_damping = 3.5}, 0.1e-3);
+  held.model.viscous = Vec3(1, 2, 3);
+  held.model.link[1] = {.mass = 0.02, .stiffness = 1100, .damping = 0.1};
+  held.model.noise = {.drift = 0.1, .drift_hz = 0.7, .tremor = 0.03, .tremor_hz = 8.5};
+  held.half_width.hand[2].grip_damping = 0.4;
+  held.hand = HandKnown::identified;
+  held.margin = 1.0 / 3;
+  held.position_noise = 1.4e-5;
+  held.ripple = 0.11;
+  for (LqgDesign& design : held.designs) {
+    design.numbers[0] = LqgNumbers{.drift = 0.21};
+    design.numbers[1] = LqgNumbers{.ripple_weight = 1.0 / 3e7, .hand_share = 0.3};
+    design.figures = {.error = 5e-5, .ripple = 0.2};
+  }
+  held.designs[2].unmet = {"in x, its sensitivity is too large"};
+  return held;
+}
+
 std::string verdict(const DeviceProfile& profile, double rate = 1000, double days = 1) {
   const auto later = kMade + std::chrono::seconds(std::llround(86400 * days));
   return check_profile(profile, example().device, example().facts, rate, later);
@@ -58,6 +78,43 @@ TEST_F(DeviceProfiles, AreReadBackToTheBit) {
   EXPECT_EQ(read.plant.delay, example().plant.delay);
   EXPECT_EQ(read.facts.workspace.min, example().facts.workspace.min);
   EXPECT_EQ(read.design.largest.kd, example().design.largest.kd);
+}
+
+TEST_F(DeviceProfiles, KeepTheHandAndTheLawsToTheBit) {
+  DeviceProfile profile = example();
+  profile.held = in_a_hand();
+  save_profile(profile, folder_ / "p.json", false);
+  const DeviceProfile read = load_profile(folder_ / "p.json");
+  ASSERT_TRUE(read.held);
+  EXPECT_EQ(to_json(read), to_json(profile));
+  EXPECT_EQ(read.held->model.hand[0].mass, 0.1 + 0.2);
+  EXPECT_EQ(read.held->model.link[1].stiffness, 1100);
+  EXPECT_EQ(read.held->half_width.hand[2].grip_damping, 0.4);
+  EXPECT_EQ(read.held->hand, HandKnown::identified);
+  EXPECT_EQ(read.held->design(Firmness::normal).numbers[1]->ripple_weight, 1.0 / 3e7);
+  EXPECT_FALSE(read.held->design(Firmness::normal).numbers[2]);
+  EXPECT_EQ(read.held->design(Firmness::exact).unmet, in_a_hand().designs[2].unmet);
+  EXPECT_TRUE(read.identified().held);
+}
+
+TEST_F(DeviceProfiles, AreReadWithoutAHandAsOlderVersionsWroteThem) {
+  EXPECT_FALSE(to_json(example()).contains("held"));
+  EXPECT_FALSE(profile_from_json(to_json(example()), "p").held);
+}
+
+TEST_F(DeviceProfiles, NameTheKeyOfAHandThatIsWrong) {
+  DeviceProfile profile = example();
+  profile.held = in_a_hand();
+  const auto error = [&](const char* pointer, const json& value) {
+    json changed = to_json(profile);
+    changed[json::json_pointer(pointer)] = value;
+    return test::error_of([&] { (void)profile_from_json(changed, "p"); });
+  };
+  EXPECT_THAT(error("/held/hand_is", "unknown"), testing::HasSubstr("unknown"));
+  EXPECT_THAT(error("/held/model/hand/mass_kg", -1), testing::HasSubstr("held.model.hand.mass_kg"));
+  EXPECT_THAT(error("/held/laws/quiet/x/drift_n", 0), testing::HasSubstr("held.laws.quiet.x.drift_n"));
+  EXPECT_THAT(error("/held/laws/exact/unmet", json::array({1})), testing::HasSubstr("held.laws.exact"));
+  EXPECT_THAT(error("/held/laws/firm", 1), testing::HasSubstr("firm"));
 }
 
 TEST_F(DeviceProfiles, AreFoundByTheIdentityOfTheirDeviceAndNoOther) {

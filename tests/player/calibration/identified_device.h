@@ -1,7 +1,7 @@
 // A device with known dynamics, as after calibration.
 #pragma once
 
-#include "control/design/tracking_design.h"
+#include "control/design/identified_device.h"
 #include "devices/sim/sim_device.h"
 #include "player/playback/playback.h"
 
@@ -19,7 +19,18 @@ inline PlantModel known_plant() {
 }
 
 inline IdentifiedDevice identified(const PlantModel& plant, double max_force = 8) {
-  return {plant, design_tracking(plant, {.max_force = max_force})};
+  return {plant, design_tracking(plant, {.max_force = max_force}), {}};
+}
+
+/// The known plant with laws for a relaxed hand, searched once.
+inline const IdentifiedDevice& identified_in_a_hand() {
+  static const IdentifiedDevice device = [] {
+    IdentifiedDevice made = identified(known_plant());
+    made.held = held_device({.plant = known_plant()}, {}, 1000, 8);
+    (void)design_laws(*made.held, 1000, StopRequest{});
+    return made;
+  }();
+  return device;
 }
 
 /// Returns the true device: 10 % lighter than the known plant, with 30 % more friction and gravity, and with cogging.

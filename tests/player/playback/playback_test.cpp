@@ -2,6 +2,7 @@
 #include "player/playback/playback.h"
 
 #include "control/feedforward.h"
+#include "control/lqg_law.h"
 #include "control/observer_pd.h"
 #include "control/path/shapes.h"
 #include "player/playback/playback_controller.h"
@@ -82,6 +83,55 @@ TEST(PlayPlan, TakesGainsAndBandwidthOfTheDesignUnlessGainsAreGiven) {
   options.gains->kp.x() = -1;
   EXPECT_THAT(test::error_of([&] { (void)plan_playback(info(), small_circle(), options); }),
               HasSubstr("kp of the x axis"));
+}
+
+PlayOptions with_laws() {
+  PlayOptions options = everything();
+  options.identified = test::identified_in_a_hand();
+  return options;
+}
+
+TEST(PlayPlan, TakesTheLqgLawOfAnIdentifiedDeviceUnlessAnotherIsAskedFor) {
+  PlayOptions options = with_laws();
+  const auto planned = [&] { return plan_playback(info(), small_circle(), options); };
+  ASSERT_TRUE(planned().lqg);
+  EXPECT_EQ(planned().tuning.gains.kp, gains_of(*planned().lqg).kp);
+  EXPECT_EQ(planned().firmness, Firmness::normal);
+  const double normal = planned().tuning.gains.kp.x();
+  options.firmness = Firmness::exact;
+  EXPECT_GT(planned().tuning.gains.kp.x(), normal);
+  options.gains = PdGains{Vec3::Constant(1000), Vec3::Constant(10)};
+  EXPECT_FALSE(planned().lqg) << "given gains are those of a PD law";
+  options.gains.reset();
+  options.law = TrackingLaw::observer;
+  EXPECT_FALSE(planned().lqg);
+  EXPECT_EQ(planned().tuning.gains.kp, options.identified->design.gains.kp);
+  options.law = TrackingLaw::lqg;
+  options.compensations.observer = false;
+  EXPECT_FALSE(planned().lqg);
+}
+
+TEST(Play, FollowsCloserUnderTheLqgLawThanUnderTheObserver) {
+  const auto played = [](TrackingLaw law, Firmness firmness = Firmness::normal) {
+    PlayOptions options = with_laws();
+    options.law = law;
+    options.firmness = firmness;
+    options.learn = options.playback.repetitions = 4;
+    SimSpec spec = test::true_device();
+    spec.hand = HandSpec{};
+    SimDevice device(spec);
+    return played_circle(device, options);
+  };
+  const PlayResult observer = played(TrackingLaw::observer), lqg = played(TrackingLaw::lqg),
+                   exact = played(TrackingLaw::lqg, Firmness::exact);
+  EXPECT_LT(lqg.last.rms_error, 0.95 * observer.last.rms_error);
+  EXPECT_LT(lqg.last.force_ripple, 1.2 * observer.last.force_ripple);
+  EXPECT_LT(exact.last.rms_error, lqg.last.rms_error);
+  const nlohmann::json json = to_json(exact);
+  EXPECT_EQ(json.at("law"), "lqg");
+  EXPECT_EQ(json.at("firmness"), "exact");
+  EXPECT_EQ(to_json(observer).at("law"), "observer");
+  EXPECT_FALSE(to_json(observer).contains("firmness"));
 }
 
 TEST(PlayPlan, RefusesToLearnWithoutCalibrationAndSaysWhatToDo) {

@@ -1,0 +1,96 @@
+#include "control/design/identified_device.h"
+
+#include "base/enum_names.h"
+#include "base/error.h"
+#include "control/design/tracking_design.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <numbers>
+
+namespace haptrace {
+namespace {
+
+constexpr EnumNames<HandKnown, 3> kHandKnown{"knowledge of the hand", {"identified", "nobody", "assumed"}};
+constexpr double kClear = 10;  // evidence from which the choice of a model is clear
+
+LqgDesign design_of(const std::array<std::optional<LqgResult>, 3>& results) {
+  LqgDesign design;
+  double error = 0, ripple = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (!results[axis]) continue;
+    const LqgResult& result = *results[axis];
+    design.numbers[axis] = result.numbers;
+    error += result.figures.error * result.figures.error;
+    ripple += result.figures.ripple * result.figures.ripple;
+    for (const std::string& unmet : result.unmet) design.unmet.push_back(fmt::format("in {}, {}", "xyz"[axis], unmet));
+  }
+  design.figures = {.error = std::sqrt(error), .ripple = std::sqrt(ripple)};
+  return design;
+}
+
+}  // namespace
+
+const char* to_string(HandKnown known) noexcept {
+  return kHandKnown.name(known);
+}
+
+HandKnown parse_hand_known(std::string_view name) {
+  return kHandKnown.parse(name);
+}
+
+HeldDevice held_device(const Identification& identified, const HeldIdentification& held, double rate_hz,
+                       double max_force) {
+  HeldDevice device{.margin = held.margin, .position_noise = measured_noise(identified.plant)};
+  const double fine = std::min(kFineRipple, kMostFine * max_force) / std::numbers::sqrt3;
+  device.ripple = std::max(device.position_noise * plain_ripple(rate_hz), fine);
+  if (held.held.held()) {
+    device.model = held.held;
+    device.half_width = held.half_width;
+    device.hand = HandKnown::identified;
+  } else if (held.margin > kClear) {
+    device.model = held_model(identified.plant, kHardlyAHand);
+    device.hand = HandKnown::nobody;
+  } else {
+    device.model = held_model(identified.plant, kRelaxedHand);
+  }
+  return device;
+}
+
+bool design_laws(HeldDevice& device, double rate_hz, const StopRequest& stop,
+                 const std::function<void(double)>& progress) {
+  const auto axes = axis_models(device.model, device.position_noise, rate_hz);
+  // The first search takes half of the time, since nothing is known.
+  constexpr std::array kOrder{Firmness::normal, Firmness::quiet, Firmness::exact};
+  constexpr std::array<double, kOrder.size() + 1> kDone{0, 0.5, 0.75, 1};
+  LqgSearchOptions options{.plain_ripple = device.ripple};
+  for (std::size_t i = 0; i < kOrder.size(); ++i) {
+    options.firmness = kOrder[i];
+    const auto found = search_lqg(axes, options, stop, [&](double done) {
+      if (progress) progress(kDone[i] + done * (kDone[i + 1] - kDone[i]));
+    });
+    if (!found) return false;
+    device.designs[static_cast<std::size_t>(kOrder[i])] = design_of(*found);
+    for (const auto& result : *found)
+      if (result && !options.like) options.like = result->numbers;
+  }
+  return true;
+}
+
+std::array<std::optional<LqgLaws>, 3> lqg_laws(const HeldDevice& device, Firmness firmness, double rate_hz) {
+  const auto axes = axis_models(device.model, device.position_noise, rate_hz);
+  std::array<std::optional<LqgLaws>, 3> laws;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto& numbers = device.design(firmness).numbers[axis];
+    if (!axes[axis] || !numbers) continue;
+    laws[axis] = lqg_laws(*axes[axis], *numbers, device.ripple);
+    if (!laws[axis])
+      throw input_error(fmt::format(
+          "the LQG law of firmness {} does not exist for the model in {}: calibrate again (haptrace calibrate)",
+          to_string(firmness), "xyz"[axis]));
+  }
+  return laws;
+}
+
+}  // namespace haptrace

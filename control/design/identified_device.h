@@ -1,0 +1,74 @@
+// What a calibration finds out about a device: models, and designs of laws for them.
+#pragma once
+
+#include "base/stop_request.h"
+#include "control/design/held_model.h"
+#include "control/design/identification.h"
+#include "control/design/lqg_search.h"
+#include "control/design/tracking_design.h"
+
+#include <array>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace haptrace {
+
+/// Where the hand of a model comes from.
+enum class HandKnown : std::uint8_t {
+  identified,  ///< from the response of the device
+  nobody,      ///< the response is that of a free device; the laws expect kHardlyAHand
+  assumed,     ///< the response does not tell; the laws expect kRelaxedHand
+};
+
+const char* to_string(HandKnown known) noexcept;
+HandKnown parse_hand_known(std::string_view name);  ///< throws Error(input)
+
+/// The laws of one firmness, as the numbers from which lqg_laws() follows, and what the search predicts of them.
+struct LqgDesign {
+  std::array<std::optional<LqgNumbers>, 3> numbers;  ///< for the axes that are driven
+  LoopFigures figures;                               ///< magnitude over the axes
+  std::vector<std::string> unmet;                    ///< requirements that the search could not meet, with their axis
+};
+
+/// A device in a hand and the laws for it.
+struct HeldDevice {
+  HeldModel model;
+  HeldModel half_width;  ///< half widths of the 95 % confidence intervals; zero where there is none
+  HandKnown hand = HandKnown::assumed;
+  double margin = 0;          ///< evidence for the hand, see HeldIdentification
+  double position_noise = 0;  ///< standard deviation of a measured position [m]
+  double ripple = 0;          ///< ripple of which the laws may use a share, rms per axis [N]
+  std::array<LqgDesign, kFirmnesses.size()> designs;
+
+  [[nodiscard]] const LqgDesign& design(Firmness firmness) const noexcept {
+    return designs[static_cast<std::size_t>(firmness)];
+  }
+};
+
+/// Models and designs of a calibrated device.
+struct IdentifiedDevice {
+  PlantModel plant;
+  TrackingDesign design;           ///< of the law with an observer, and of a plain one
+  std::optional<HeldDevice> held;  ///< for LQG laws, if there are any
+};
+
+/// Returns the model of a device for the laws, without these. `max_force` is the device's largest force [N]. Laws may
+/// use as much ripple as a plain PD law makes (haptrace::plain_ripple) and more where this is hardly felt: kMostFine of
+/// the device's force, up to kFineRipple.
+HeldDevice held_device(const Identification& identified, const HeldIdentification& held, double rate_hz,
+                       double max_force);
+inline constexpr double kFineRipple = 0.15;  ///< magnitude [N]
+inline constexpr double kMostFine = 0.1;
+
+/// Searches the laws of all firmnesses for the model of `device`. Returns false if `stop` was raised; the designs are
+/// then incomplete. `progress` receives the share that is done, in the calling thread. Throws what search_lqg() throws.
+bool design_laws(HeldDevice& device, double rate_hz, const StopRequest& stop,
+                 const std::function<void(double)>& progress = {});
+
+/// Returns the laws of a firmness, at this rate of the servo loop. Throws Error(input) if a model or a number is out of
+/// its range. Allocates, and takes milliseconds.
+std::array<std::optional<LqgLaws>, 3> lqg_laws(const HeldDevice& device, Firmness firmness, double rate_hz);
+
+}  // namespace haptrace
