@@ -29,15 +29,22 @@ std::string axes_of(const CalibrationPlan& plan) {
 }
 
 std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
+  const std::string places = plan.places.empty() ? ""
+                                                 : fmt::format(", and visits {} places around it, {:.0f} mm away",
+                                                               plan.places.size(), 1e3 * farthest_place(plan));
   return fmt::format(
-      "calibrating {} for about {:.0f} s: it moves to the centre of its workspace, swings around it, then sweeps along "
-      "each axis ({})\n"
+      "calibrating {} for about {:.0f} s: it moves to the centre of its workspace, swings around it, sweeps along each "
+      "axis ({}){}\n"
       "  limits: at most {:.0f} mm from the centre, {:.2f} m/s and {:.1f} N; the excitation signal uses up to {:.1f} N "
       "rms per axis\n"
+      "  {}\n"
       "  if it does not respond like a mass, it then follows a small circle for up to half a minute\n"
       "  hold it loosely, as in later sessions, and let it move; Ctrl+C ends the calibration at any time",
-      info.name, plan.duration + 1, axes_of(plan), 1e3 * plan.reach.maxCoeff(), plan.max_speed, plan.max_force,
-      plan.max_dither);
+      info.name, plan.duration + 1, axes_of(plan), places,
+      1e3 * std::max(farthest_place(plan) + 0.5 * plan.reach.maxCoeff(), plan.reach.maxCoeff()), plan.max_speed,
+      plan.max_force, plan.max_dither,
+      plan.places.empty() ? "the laws are not tried afterwards"
+                          : "afterwards it follows small circles at these places, under two laws or more");
 }
 
 /// Returns false if a stop was requested meanwhile.
@@ -62,21 +69,38 @@ std::string row(const char* name, const char* unit, const CalibrationPlan& plan,
   return text + "  " + unit + "\n";
 }
 
+std::string text_of(const LawVerdict& verdict) {
+  if (!verdict.tried) return "not tried";
+  if (!verdict.refused.empty()) return "refused: " + verdict.refused;
+  if (!(verdict.improvement > 0)) return "calm over the workspace, where the force did not suffice for a comparison";
+  return fmt::format("at least {:.1f} times closer than PD over the workspace", verdict.improvement);
+}
+
 std::string text_of(const HeldDevice& held) {
   const char* known = held.hand == HandKnown::identified ? "identified"
                       : held.hand == HandKnown::nobody   ? "nobody holds the device; some hand is assumed"
                                                          : "not seen in the response; a relaxed one is assumed";
   std::string text = fmt::format("  hand: {}\n", known);
-  const auto three = [](const auto& value) { return fmt::format("{:.3g}, {:.3g}, {:.3g}", value(0), value(1), value(2)); };
+  const auto three = [](const auto& value) {
+    return fmt::format("{:.3g}, {:.3g}, {:.3g}", value(0), value(1), value(2));
+  };
+  if (held.inertia) {
+    const auto range = [&](int i) {
+      return fmt::format("{:.0f} to {:.0f} %", 100 * held.inertia->least[i], 100 * held.inertia->most[i]);
+    };
+    text += fmt::format("  the mass varies over the workspace, from that in the middle to: {}, {}, {}\n", range(0), range(1), range(2));
+  }
   const auto& hand = held.model.hand;
-  text += fmt::format("    mass {} kg; grip {} N/m, {} N s/m\n", three([&](int i) { return hand.at(static_cast<std::size_t>(i)).mass; }),
+  text += fmt::format("    mass {} kg; grip {} N/m, {} N s/m\n",
+                      three([&](int i) { return hand.at(static_cast<std::size_t>(i)).mass; }),
                       three([&](int i) { return hand.at(static_cast<std::size_t>(i)).grip_stiffness; }),
                       three([&](int i) { return hand.at(static_cast<std::size_t>(i)).grip_damping; }));
   for (const Firmness firmness : kFirmnesses) {
     const LqgDesign& design = held.design(firmness);
-    text += fmt::format("  --firmness {}: predicted error {:.3f} mm and force ripple {:.2f} N rms{}\n",
-                        to_string(firmness), 1e3 * design.figures.error, design.figures.ripple,
-                        design.unmet.empty() ? "" : "; " + design.unmet.front());
+    const LawVerdict& verdict = design.verdict;
+    text += fmt::format("  --firmness {}: predicted error {:.3f} mm and force ripple {:.2f} N rms; {}\n",
+                        to_string(firmness), 1e3 * design.figures.error, design.figures.ripple, text_of(verdict));
+    for (const std::string& unmet : design.unmet) text += fmt::format("    {}\n", unmet);
   }
   return text;
 }
@@ -125,8 +149,8 @@ Verb add_calibrate(CLI::App& app) {
       "  haptrace calibrate -d sim:preset=omega3,hand=relaxed --full -o omega3.json --record calibration.h5");
   verb->add_option("-o,--output", arguments->output, "profile to write (default: in the profile folder)")
       ->type_name("FILE.json");
-  verb->add_flag("--quick", arguments->quick, "measure for about ten seconds (the default)");
-  verb->add_flag("--full", arguments->full, "measure for about half a minute");
+  verb->add_flag("--quick", arguments->quick, "measure in the middle of the workspace only, for about ten seconds");
+  verb->add_flag("--full", arguments->full, "measure there for half a minute instead of ten seconds");
   verb->add_option("--force-share", arguments->force_share,
                    "force limit as a share of the device's largest force, 0.1 to 1")
       ->capture_default_str()
@@ -140,6 +164,7 @@ Verb add_calibrate(CLI::App& app) {
             if (arguments->quick && arguments->full) throw input_error("--quick and --full exclude each other");
             CalibrationOptions options{
                 .full = arguments->full,
+                .places = !arguments->quick,
                 .force_share = arguments->force_share,
                 .session = arguments->session.options(arguments->record, effective_config(*verb))};
             const Signals signals;

@@ -84,12 +84,12 @@ void choose_law(const PlayArguments& arguments, PlayOptions& options) {
   if (!arguments.law.empty()) options.law = parse_tracking_law(arguments.law);
   if (!arguments.firmness.empty()) options.firmness = parse_firmness(arguments.firmness);
   const char* given = !arguments.firmness.empty() ? "--firmness" : "--law lqg";
-  if (options.law != TrackingLaw::lqg) {
+  if (options.law == TrackingLaw::observer) {
     if (!arguments.firmness.empty())
       throw input_error("--firmness is that of the LQG law: leave out --law observer, or --firmness");
   } else if ((!arguments.law.empty() || !arguments.firmness.empty()) && (options.gains || options.impedance)) {
-    throw input_error(
-        fmt::format("{} and given gains exclude each other: an LQG law has gains of its own, chosen by --firmness", given));
+    throw input_error(fmt::format(
+        "{} and given gains exclude each other: an LQG law has gains of its own, chosen by --firmness", given));
   } else if ((!arguments.law.empty() || !arguments.firmness.empty()) && !options.compensations.observer) {
     throw input_error(fmt::format("{} and --without observer exclude each other", given));
   }
@@ -101,9 +101,10 @@ void require_law(const PlayArguments& arguments, const PlayOptions& options, con
   const std::string calibrate = fmt::format("haptrace calibrate --device {}", device.name);
   if (!options.identified) throw input_error(fmt::format("an LQG law needs a calibrated device: {}", calibrate));
   if (!options.identified->held)
-    throw input_error(fmt::format("the device's profile has no LQG laws, because it is old or its model coarse; "
-                                  "calibrate again ({}), or leave out --law and --firmness",
-                                  calibrate));
+    throw input_error(
+        fmt::format("the device's profile has no LQG laws, because it is old or its model coarse; "
+                    "calibrate again ({}), or leave out --law and --firmness",
+                    calibrate));
 }
 
 std::optional<OrientationGains> orientation_gains_from(const PlayArguments& arguments) {

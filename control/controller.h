@@ -20,6 +20,7 @@ struct State {
   Vec3 force_measured = nan3();       ///< NaN if the device has no force sensor [N]
   Vec3 force_applied = Vec3::Zero();  ///< force sent at the previous tick, after all limits [N]
   double share_applied = 1;           ///< share of the last command's feedback force in it: softening, fades and limits
+  bool softened = false;              ///< a monitor has softened that feedback force
   Vec3 force_touched = Vec3::Zero();  ///< part of it that the objects of a scene exerted, beside this controller [N]
   std::uint32_t buttons = 0;
 };

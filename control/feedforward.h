@@ -2,21 +2,27 @@
 #pragma once
 
 #include "control/design/plant_model.h"
+#include "control/inertia_map.h"
 #include "control/pd.h"
+
+#include <optional>
 
 namespace haptrace {
 
-/// Computes m x_d'', the force that accelerates the mass.
+/// Computes m x_d'', the force that accelerates the mass at the reference.
 class InertiaFeedforward final : public ForceTerm {
  public:
-  explicit InertiaFeedforward(const Vec3& mass) : mass_(mass) {}
+  explicit InertiaFeedforward(const Vec3& mass, const std::optional<InertiaMap>& map = {}) : mass_(mass), map_(map) {}
 
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override {
-    return input.tuning.inertia * mass_.cwiseProduct(input.reference.acceleration);
+    Vec3 force = mass_.cwiseProduct(input.reference.acceleration);
+    if (map_) force = map_->at(input.reference.position).cwiseProduct(force);
+    return input.tuning.inertia * force;
   }
 
  private:
   Vec3 mass_;  ///< [kg]
+  std::optional<InertiaMap> map_;
 };
 
 /// Compensates for gravity at the reference position: -(gravity + gradient x_d).

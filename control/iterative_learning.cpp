@@ -10,13 +10,12 @@
 namespace haptrace {
 namespace {
 
-constexpr double kFade = 0.05;       // time constant with which a step in the learned force fades [s]
-constexpr double kFirst = 0.25;      // weight of the first repetition in the mean: it follows another path
-constexpr int kFewest = 3;           // repetitions before learning may stop: their mean is less noisy than one
-constexpr double kUnsteady = 0.05;   // share of ticks at which the time along the path may stand still or creep
-constexpr double kMostSoftened = 0.02;  // share of ticks with less than the whole feedback
-constexpr double kFull = 1 - 1e-9;      // share of the feedback that is the whole of it
-constexpr double kSteadyStep = 0.5;  // share of the usual step of that time per tick, below which it creeps
+constexpr double kFade = 0.05;          // time constant with which a step in the learned force fades [s]
+constexpr double kFirst = 0.25;         // weight of the first repetition in the mean: it follows another path
+constexpr int kFewest = 3;              // repetitions before learning may stop: their mean is less noisy than one
+constexpr double kUnsteady = 0.05;      // share of ticks at which the time along the path may stand still or creep
+constexpr double kMostSoftened = 0.02;  // share of ticks with softened feedback
+constexpr double kSteadyStep = 0.5;     // share of the usual step of that time per tick, below which it creeps
 
 Vec3 interpolated(const std::vector<Vec3>& rows, double index) {
   const double last = static_cast<double>(rows.size() - 1), i = std::clamp(index, 0.0, last);
@@ -113,12 +112,20 @@ std::vector<Vec3> IterativeLearning::met_load(const RepetitionLog& log) const {
   const std::vector<Vec3> sent = resampled(log.time, log.sent, tick, rows);
   const std::vector<Vec3> known = resampled(log.time, log.known, tick, rows);
   const std::vector<Vec3> acceleration = resampled(log.time, log.acceleration, tick, rows);
+  const auto mass_at = [&](double row) -> Vec3 {
+    return options_.inertia ? options_.inertia->at(interpolated(reference, row)).cwiseProduct(options_.mass)
+                            : options_.mass;
+  };
   std::vector<Vec3> met(static_cast<std::size_t>(std::max(std::floor(static_cast<double>(rows) - 1 - lag), 2.0)));
-  for (std::size_t k = 0; k < met.size(); ++k)
-    met[k] = sent[k] - known[k] - options_.mass.cwiseProduct(interpolated(acceleration, static_cast<double>(k) + lag));
+  for (std::size_t k = 0; k < met.size(); ++k) {
+    const double acts = static_cast<double>(k) + lag;
+    met[k] = sent[k] - known[k] - mass_at(acts).cwiseProduct(interpolated(acceleration, acts));
+  }
   zero_phase_low_pass(met, kTwoPasses * options_.cutoff_hz, options_.rate_hz);
-  for (std::size_t k = 0; k < met.size(); ++k)
-    met[k] -= options_.mass.cwiseProduct(interpolated(lacking, static_cast<double>(k) + lag));
+  for (std::size_t k = 0; k < met.size(); ++k) {
+    const double acts = static_cast<double>(k) + lag;
+    met[k] -= mass_at(acts).cwiseProduct(interpolated(lacking, acts));
+  }
 
   std::vector<Vec3> load(table_.force.size());
   for (std::size_t i = 0; i < load.size(); ++i)
@@ -211,7 +218,7 @@ void LearnedForce::write_down(const TermInput& input) noexcept {
   log_.reference.push_back(input.reference.position);
   log_.acceleration.push_back(input.reference.acceleration);
   log_.known.push_back(input.before);
-  log_.softened += input.state.share_applied < kFull ? 1 : 0;
+  log_.softened += input.state.softened ? 1 : 0;
   if (time >= duration_) writing_ = Writing::last_row;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control/force_table.h"
+#include "control/inertia_map.h"
 #include "control/pd.h"
 
 #include <memory>
@@ -18,7 +19,7 @@ struct RepetitionLog {
   std::vector<Vec3> acceleration;  ///< acceleration of the reference [m/s^2]
   std::vector<Vec3> known;         ///< part of the load that other terms cancel [N]
   std::vector<Vec3> sent;          ///< force sent by this tick, after all limits [N]
-  std::size_t softened = 0;        ///< ticks in which less than the whole feedback acted, see State::share_applied
+  std::size_t softened = 0;        ///< ticks in which a monitor softened the feedback
 
   void reserve(std::size_t rows);
   void clear() noexcept;
@@ -50,12 +51,13 @@ struct RepetitionLog {
 class IterativeLearning {
  public:
   struct Options {
-    Vec3 mass = Vec3::Zero();  ///< [kg]
-    double delay = 0;          ///< [s]
-    double rate_hz = 1000;     ///< of the servo loop
-    double speed = 1;          ///< of the path's time
-    double cutoff_hz = 15;     ///< of each pass of Q
-    double duration = 0;       ///< of the path [s]
+    Vec3 mass = Vec3::Zero();             ///< [kg]
+    double delay = 0;                     ///< [s]
+    double rate_hz = 1000;                ///< of the servo loop
+    double speed = 1;                     ///< of the path's time
+    double cutoff_hz = 15;                ///< of each pass of Q
+    double duration = 0;                  ///< of the path [s]
+    std::optional<InertiaMap> inertia{};  ///< of the mass
   };
 
   static constexpr double kNoise = 0.03;

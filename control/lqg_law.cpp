@@ -108,7 +108,8 @@ LqgLaw::LqgLaw(const Options& options)
         return driven;
       }()),
       authority_(options.authority),
-      rest_(driven_, options.position_resolution, 1) {
+      rest_(driven_, options.position_resolution, 1),
+      inertia_(options.inertia) {
   for (std::size_t i = 0; i < 3; ++i) {
     const auto& laws = options.axes[i];
     if (!laws) continue;
@@ -130,6 +131,7 @@ Vec3 LqgLaw::force(const TermInput& input) noexcept {
   const Vec3 error = state.position - reference.position;
   const Vec3 sent = (state.force_applied - known_).cwiseQuotient(sent_scale_);
   known_ = before;
+  if (inertia_) scale_ = inertia_->at(reference.position);
   sent_scale_ = scale_;
   Rest::Feedback moving, resting;
   Vec3 load;

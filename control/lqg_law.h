@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control/design/lqg_design.h"
+#include "control/inertia_map.h"
 #include "control/pd.h"
 #include "control/rest.h"
 
@@ -67,25 +68,23 @@ PdGains gains_of(const std::array<std::optional<LqgLaws>, 3>& laws) noexcept;
 /// The law takes the force that was really sent, without this sum, for its own. Nothing therefore winds up while the
 /// device saturates or an operator holds it.
 ///
-/// s scales the law to the mass at the device's place: with s = m(x) / m, a law for m becomes that for m(x) of a free
-/// mass, exactly. The load is clamped to its authority. Tuned gains scale the part of the feedback that is
-/// proportional to the error by kp over the law's stiffness, and the rest by kd over its damping; see gains_of().
-/// While the reference rests, Rest keeps the load, and the law for rest replaces that for movement. Both are computed
-/// at every tick.
+/// s scales the law to the mass at the reference: with s = m(x_d) / m from options.inertia, a law for m becomes that
+/// for m(x_d) of a free mass, exactly. The load is clamped to its authority. Tuned gains scale the part of the feedback
+/// that is proportional to the error by kp over the law's stiffness, and the rest by kd over its damping; see
+/// gains_of(). While the reference rests, Rest keeps the load, and the law for rest replaces that for movement. Both
+/// are computed at every tick.
 ///
 /// An axis without a law is not driven.
 class LqgLaw final : public ForceTerm {
  public:
   struct Options {
     std::array<std::optional<LqgLaws>, 3> axes;
-    double position_resolution = 0;  ///< [m]
-    double authority = 0;            ///< largest force against a load, magnitude [N]
+    double position_resolution = 0;       ///< [m]
+    double authority = 0;                 ///< largest force against a load, magnitude [N]
+    std::optional<InertiaMap> inertia{};  ///< of the mass for which the laws are
   };
 
   explicit LqgLaw(const Options& options);
-
-  /// Uses s from the next tick on, above 0 on every axis.
-  void scale(const Vec3& s) noexcept { scale_ = s; }
 
   void start(const State& first) noexcept override;
   [[nodiscard]] bool feeds_back() const noexcept override { return true; }
@@ -99,6 +98,7 @@ class LqgLaw final : public ForceTerm {
   double authority_;
   Rest rest_;
   bool starts_ = true;
+  std::optional<InertiaMap> inertia_;
   Vec3 scale_ = Vec3::Ones(), sent_scale_ = Vec3::Ones();
   Vec3 known_ = Vec3::Zero();   ///< force of the other terms at the last tick [N]
   Vec3 slow_ = Vec3::Zero();    ///< load that is followed slowly at standstill [N]

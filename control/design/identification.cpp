@@ -142,13 +142,6 @@ class SpectrumEstimator {
   double windows_ = 0;
 };
 
-LineSpectrum spectrum_of(const Experiment& experiment) {
-  SpectrumEstimator estimator(*experiment.dither, experiment.rate_hz);
-  for (const Stretch& stretch : experiment.dithered)
-    estimator.add(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin));
-  return estimator.spectrum();
-}
-
 /// Fits the response at the spectral lines; see identify() for the model.
 class MobilityFit {
  public:
@@ -890,6 +883,13 @@ Identification identify_coarsely(const Experiment& experiment) {
   }
   result.fits = result.reason.empty();
   return result;
+}
+
+LineSpectrum spectrum_of(const Experiment& experiment) {
+  SpectrumEstimator estimator(*experiment.dither, experiment.rate_hz);
+  for (const Stretch& stretch : experiment.dithered)
+    estimator.add(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin));
+  return estimator.spectrum();
 }
 
 Identification identify(const Experiment& experiment) {

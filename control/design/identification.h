@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control/design/held_model.h"
+#include "control/design/line_spectrum.h"
 #include "control/design/multisine.h"
 #include "control/design/plant_model.h"
 
@@ -25,6 +26,12 @@ struct Stretch {
   std::size_t begin = 0, end = 0;
 };
 
+/// A place at which a part of the excitation was repeated.
+struct ExperimentPlace {
+  Vec3 position = Vec3::Zero();  ///< [m]
+  Stretch dithered;              ///< with the excitation signal, for at least one of its periods
+};
+
 /// The inputs of an identification: log, excitation and sections of the log.
 struct Experiment {
   std::span<const TickRow> rows;  ///< in the order of time; a missed tick is a gap
@@ -36,10 +43,18 @@ struct Experiment {
   const Multisine* dither = nullptr;
   std::vector<Stretch> dithered;
 
+  /// Place of `dithered` [m], and places around it.
+  Vec3 centre = Vec3::Zero();
+  std::vector<ExperimentPlace> places;
+
   /// Strokes to and fro along one axis of W, with the others held and without excitation signal. A stretch has several
   /// cycles of different sizes.
   std::array<std::vector<Stretch>, 3> sweeps;
 };
+
+/// Returns the response at the lines of the excitation signal, from the whole periods in `dithered`; no lines without
+/// one.
+LineSpectrum spectrum_of(const Experiment& experiment);
 
 /// Identifies a plant from an experiment.
 ///

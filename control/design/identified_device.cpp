@@ -65,13 +65,17 @@ bool design_laws(HeldDevice& device, double rate_hz, const StopRequest& stop,
   constexpr std::array kOrder{Firmness::normal, Firmness::quiet, Firmness::exact};
   constexpr std::array<double, kOrder.size() + 1> kDone{0, 0.5, 0.75, 1};
   LqgSearchOptions options{.plain_ripple = device.ripple};
+  if (device.one_mass) {
+    options.lighter = 0.7;
+    options.heavier = 1.3;
+  }
   for (std::size_t i = 0; i < kOrder.size(); ++i) {
     options.firmness = kOrder[i];
     const auto found = search_lqg(axes, options, stop, [&](double done) {
       if (progress) progress(kDone[i] + done * (kDone[i + 1] - kDone[i]));
     });
     if (!found) return false;
-    device.designs[static_cast<std::size_t>(kOrder[i])] = design_of(*found);
+    device.design(kOrder[i]) = design_of(*found);
     for (const auto& result : *found)
       if (result && !options.like) options.like = result->numbers;
   }

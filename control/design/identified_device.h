@@ -6,6 +6,7 @@
 #include "control/design/identification.h"
 #include "control/design/lqg_search.h"
 #include "control/design/tracking_design.h"
+#include "control/inertia_map.h"
 
 #include <array>
 #include <functional>
@@ -25,11 +26,19 @@ enum class HandKnown : std::uint8_t {
 const char* to_string(HandKnown known) noexcept;
 HandKnown parse_hand_known(std::string_view name);  ///< throws Error(input)
 
+/// Result of a law's trial over the workspace.
+struct LawVerdict {
+  bool tried = false;
+  double improvement = 0;  ///< error of plain PD control over that of the law, at the place where it is smallest
+  std::string refused;     ///< why the law must not be used; empty if it may
+};
+
 /// The laws of one firmness, as the numbers from which lqg_laws() follows, and what the search predicts of them.
 struct LqgDesign {
   std::array<std::optional<LqgNumbers>, 3> numbers;  ///< for the axes that are driven
   LoopFigures figures;                               ///< magnitude over the axes
   std::vector<std::string> unmet;                    ///< requirements that the search could not meet, with their axis
+  LawVerdict verdict;
 };
 
 /// A device in a hand and the laws for it.
@@ -37,14 +46,18 @@ struct HeldDevice {
   HeldModel model;
   HeldModel half_width;  ///< half widths of the 95 % confidence intervals; zero where there is none
   HandKnown hand = HandKnown::assumed;
-  double margin = 0;          ///< evidence for the hand, see HeldIdentification
-  double position_noise = 0;  ///< standard deviation of a measured position [m]
-  double ripple = 0;          ///< ripple of which the laws may use a share, rms per axis [N]
+  double margin = 0;                  ///< evidence for the hand, see HeldIdentification
+  double position_noise = 0;          ///< standard deviation of a measured position [m]
+  double ripple = 0;                  ///< ripple of which the laws may use a share, rms per axis [N]
+  std::optional<InertiaMap> inertia;  ///< if the mass varies over the workspace
+  bool one_mass = true;               ///< nothing is known about it: the laws bear a mass that differs by a third
   std::array<LqgDesign, kFirmnesses.size()> designs;
+  LawVerdict observer;  ///< on the law with an observer, which is tried if an LQG law was refused
 
   [[nodiscard]] const LqgDesign& design(Firmness firmness) const noexcept {
     return designs[static_cast<std::size_t>(firmness)];
   }
+  [[nodiscard]] LqgDesign& design(Firmness firmness) noexcept { return designs[static_cast<std::size_t>(firmness)]; }
 };
 
 /// Models and designs of a calibrated device.

@@ -167,7 +167,7 @@ std::optional<LoopFigures> LqgLoop::figures() const {
   return LoopFigures{std::sqrt((*p)(0, 0)), std::sqrt(ripple_row_ * *p * ripple_row_.transpose() + ripple_noise_)};
 }
 
-FrequencyGrid::FrequencyGrid(double rate_hz) {
+FrequencyGrid::FrequencyGrid(double rate_hz) : rate_hz_(rate_hz) {
   constexpr double kLowest = 0.05;  // [Hz]
   constexpr int kPerDecade = 30;
   const RippleModel ripple(rate_hz);
@@ -190,6 +190,10 @@ FrequencyGrid::Response FrequencyGrid::plant(const DiscreteAxis& plant) const {
     response.push_back(resolvent.partialPivLu().solve(in)[0]);
   }
   return response;
+}
+
+double FrequencyGrid::frequency(std::size_t index) const {
+  return std::arg(z_.at(index)) * rate_hz_ / (2 * std::numbers::pi);
 }
 
 FrequencyGrid::Response FrequencyGrid::law(const LqgAxis& law) const {

@@ -42,6 +42,7 @@ struct LqgAxis {
 /// The laws of one axis, in movement and at rest (control/rest.h).
 struct LqgLaws {
   LqgAxis moving, resting;
+  double learning_hz = 0;  ///< highest frequency at which a force is to be learned under them, see learning_bandwidth()
 };
 
 /// Designs the law that minimises E[e^2] + ripple_weight E[(H u)^2] on `model`, where H is the RippleModel: the
@@ -87,6 +88,8 @@ class FrequencyGrid {
   /// Returns the response of the plant's position to the command.
   [[nodiscard]] Response plant(const DiscreteAxis& plant) const;
 
+  [[nodiscard]] double frequency(std::size_t index) const;  ///< [Hz]
+
   /// Returns the response of the command to the position, with its sign inverted.
   [[nodiscard]] Response law(const LqgAxis& law) const;
 
@@ -98,6 +101,7 @@ class FrequencyGrid {
   [[nodiscard]] static bool stable_like(const Response& known, const Response& plant, const Response& law);
 
  private:
+  double rate_hz_;
   std::vector<std::complex<double>> z_;
   std::vector<Eigen::Vector4cd> ripple_;  ///< states of the RippleModel per command
 };

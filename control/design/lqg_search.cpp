@@ -33,11 +33,12 @@ constexpr HandModel kFirmHand{.mass = 0.3,
                               .arm_relaxation_s = 2};
 
 constexpr double kUnstable = 30;
+constexpr double kLearningGain = 0.8;  // of an error in the load that is learned from it
 constexpr int kFirstEvaluations = 90, kLastEvaluations = 300;
-constexpr double kSpread = 1e-4;      // of the values, below which the search has arrived
-constexpr std::size_t kStarts = 9;    // of an axis of which nothing is known
-constexpr std::size_t kFewStarts = 3; // of an axis that is like another
-constexpr double kMet = 1.02;  // a requirement counts as met up to this factor
+constexpr double kSpread = 1e-4;       // of the values, below which the search has arrived
+constexpr std::size_t kStarts = 9;     // of an axis of which nothing is known
+constexpr std::size_t kFewStarts = 3;  // of an axis that is like another
+constexpr double kMet = 1.02;          // a requirement counts as met up to this factor
 
 struct Firm {
   double target = 1;  // share of the ripple of the plain law
@@ -173,7 +174,7 @@ class AxisSearch {
     const auto laws = lqg_laws(identified_, result.numbers, plain_);
     if (!laws) throw input_error("the search found no law: the model of the axis cannot be controlled");
     result.laws = *laws;
-    const auto& [law, resting] = result.laws;
+    const LqgAxis &law = result.laws.moving, &resting = result.laws.resting;
     const FrequencyGrid::Response response = grid_.law(law);
     result.near_sensitivity = sensitivity(near_, response);
     result.far_sensitivity = sensitivity(far_, response);
@@ -264,11 +265,27 @@ std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double m
   return law;
 }
 
+double learning_bandwidth(const AxisModel& identified, const LqgAxis& law) {
+  AxisModel free = identified;
+  free.hand = {};
+  free.link = {};
+  const FrequencyGrid grid(identified.rate_hz);
+  const auto held = grid.plant(discretised(identified)), alone = grid.plant(discretised(free)),
+             feedback = grid.law(law);
+  double bandwidth = kLeastLearning;
+  for (std::size_t i = 0; i < held.size() && grid.frequency(i) <= kMostLearning; ++i) {
+    const double gain = std::abs((1.0 - held[i] / alone[i]) / (1.0 + held[i] * feedback[i]));
+    if (grid.frequency(i) > kLeastLearning && gain > kLearningGain) break;
+    bandwidth = std::max(bandwidth, grid.frequency(i));
+  }
+  return bandwidth;
+}
+
 std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& numbers, double plain_ripple) {
   const auto moving = design_lqg(identified, numbers);
   const auto resting = design_lqg_for_rest(identified, firm(Firmness::normal).target * plain_ripple);
   if (!moving || !resting) return std::nullopt;
-  return LqgLaws{*moving, *resting};
+  return LqgLaws{*moving, *resting, learning_bandwidth(identified, *moving)};
 }
 
 std::optional<std::array<std::optional<LqgResult>, 3>> search_lqg(
@@ -289,8 +306,8 @@ std::optional<std::array<std::optional<LqgResult>, 3>> search_lqg(
 
   // The last search of an axis takes about as long as two of the first.
   const auto jobs_of = [](std::size_t starts) { return static_cast<double>(starts + 2); };
-  const double jobs = jobs_of(options.like ? kFewStarts : kStarts) +
-                      static_cast<double>(axes.size() - 1) * jobs_of(kFewStarts);
+  const double jobs =
+      jobs_of(options.like ? kFewStarts : kStarts) + static_cast<double>(axes.size() - 1) * jobs_of(kFewStarts);
   double before = 0;
   const auto report = [&](double done) {
     if (progress) progress((before + done) / jobs);

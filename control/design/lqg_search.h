@@ -42,6 +42,13 @@ std::optional<LqgAxis> design_lqg(const AxisModel& identified, const LqgNumbers&
 /// stable up to 15 Hz only. Returns nothing and throws like design_lqg().
 std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double max_ripple);
 
+/// Returns the highest frequency [Hz], from kLeastLearning to kMostLearning, up to which iterative learning converges
+/// under `law` although the load of a hand moves with the error. With P the response of the device in the hand, P_0
+/// that of the device alone and S the sensitivity, learning takes |1 - P / P_0| |S| of an error for load. Below 1, the
+/// error shrinks.
+double learning_bandwidth(const AxisModel& identified, const LqgAxis& law);
+inline constexpr double kLeastLearning = 15, kMostLearning = 30;  ///< [Hz]
+
 /// Designs both laws of an identified axis; the one for rest may make as much ripple as a normal one for movement, of
 /// `plain_ripple` [N]. Returns nothing and throws like design_lqg().
 std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& numbers, double plain_ripple);

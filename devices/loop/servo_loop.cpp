@@ -266,6 +266,7 @@ class ServoLoop::Session {
     }
     state.force_applied = wrench_.force;
     state.share_applied = share_;
+    state.softened = guard_ && guard_->share() < 1;
 
     // The force on a device that is away is unknown, so this time does not count as cooling of its motors.
     if (!away_since_ns_) {

@@ -23,15 +23,18 @@ constexpr const char* kProfileFormat = "haptrace-device-profile";
 constexpr const char* kProfileVersion = "1.0";
 constexpr double kSameFact = 1e-6;  // relative difference of equal facts
 
+json rows_of(const Eigen::Matrix3d& matrix) {
+  return {{"x", haptrace::json_of(matrix.row(0))},
+          {"y", haptrace::json_of(matrix.row(1))},
+          {"z", haptrace::json_of(matrix.row(2))}};
+}
+
 json json_of(const PlantModel& plant) {
   return {{"mass_kg", haptrace::json_of(plant.mass)},
           {"viscous_n_s_per_m", haptrace::json_of(plant.viscous)},
           {"coulomb_n", haptrace::json_of(plant.coulomb)},
           {"gravity_n", haptrace::json_of(plant.gravity)},
-          {"gravity_gradient_n_per_m",
-           {{"x", haptrace::json_of(plant.gravity_gradient.row(0))},
-            {"y", haptrace::json_of(plant.gravity_gradient.row(1))},
-            {"z", haptrace::json_of(plant.gravity_gradient.row(2))}}},
+          {"gravity_gradient_n_per_m", rows_of(plant.gravity_gradient)},
           {"delay_s", plant.delay},
           {"position_resolution_m", plant.position_resolution},
           {"position_noise_m", plant.position_noise}};
@@ -71,6 +74,15 @@ class Required {
 // Far beyond any device that a hand can hold.
 constexpr double kLargest = 1e6;
 
+Eigen::Matrix3d matrix_from(JsonReader reader) {
+  Required rows(reader);
+  Eigen::Matrix3d matrix;
+  for (int row = 0; row < 3; ++row)
+    matrix.row(row) = rows.vector(std::string(1, "xyz"[row]).c_str(), -kLargest, kLargest).transpose();
+  reader.finish();
+  return matrix;
+}
+
 PlantModel plant_from(JsonReader reader) {
   Required required(reader);
   PlantModel plant;
@@ -78,12 +90,7 @@ PlantModel plant_from(JsonReader reader) {
   plant.viscous = required.vector("viscous_n_s_per_m", 0, kLargest);
   plant.coulomb = required.vector("coulomb_n", 0, kLargest);
   plant.gravity = required.vector("gravity_n", -kLargest, kLargest);
-  JsonReader gradient = required.object("gravity_gradient_n_per_m");
-  Required rows(gradient);
-  plant.gravity_gradient.row(0) = rows.vector("x", -kLargest, kLargest).transpose();
-  plant.gravity_gradient.row(1) = rows.vector("y", -kLargest, kLargest).transpose();
-  plant.gravity_gradient.row(2) = rows.vector("z", -kLargest, kLargest).transpose();
-  gradient.finish();
+  plant.gravity_gradient = matrix_from(required.object("gravity_gradient_n_per_m"));
   plant.delay = required.number("delay_s", -1, 1);
   plant.position_resolution = required.number("position_resolution_m", 0, 1);
   plant.position_noise = required.number("position_noise_m", 0, 1);
@@ -115,7 +122,8 @@ struct HeldKeys {
     Get get;
   };
   static constexpr std::array<Key, 11> kKeys{{
-      {"device", "mass_kg", [](HeldModel& m, std::size_t i) -> double& { return m.mass[static_cast<Eigen::Index>(i)]; }},
+      {"device", "mass_kg",
+       [](HeldModel& m, std::size_t i) -> double& { return m.mass[static_cast<Eigen::Index>(i)]; }},
       {"device", "viscous_n_s_per_m",
        [](HeldModel& m, std::size_t i) -> double& { return m.viscous[static_cast<Eigen::Index>(i)]; }},
       {"link", "mass_kg", [](HeldModel& m, std::size_t i) -> double& { return m.link[i].mass; }},
@@ -183,8 +191,24 @@ constexpr std::array<NumberKey, 6> kNumberKeys{{{"drift_n", &LqgNumbers::drift},
                                                 {"mass_factor", &LqgNumbers::mass_factor},
                                                 {"hand_share", &LqgNumbers::hand_share}}};
 
+json json_of(const LawVerdict& verdict) {
+  return {{"tried", verdict.tried}, {"improvement", verdict.improvement}, {"refused", verdict.refused}};
+}
+
+LawVerdict verdict_from(JsonReader reader) {
+  Required required(reader);
+  LawVerdict verdict{.tried = required.boolean("tried"),
+                     .improvement = required.number("improvement", 0, kLargest),
+                     .refused = required.text("refused")};
+  reader.finish();
+  return verdict;
+}
+
 json json_of(const LqgDesign& design) {
-  json object{{"error_m", design.figures.error}, {"ripple_n", design.figures.ripple}, {"unmet", design.unmet}};
+  json object{{"error_m", design.figures.error},
+              {"ripple_n", design.figures.ripple},
+              {"unmet", design.unmet},
+              {"trial", json_of(design.verdict)}};
   for (std::size_t axis = 0; axis < 3; ++axis) {
     json& numbers = object[std::string(1, "xyz"[axis])];
     if (!design.numbers[axis]) continue;
@@ -196,7 +220,9 @@ json json_of(const LqgDesign& design) {
 LqgDesign lqg_design_from(JsonReader reader) {
   Required required(reader);
   LqgDesign design;
-  design.figures = {.error = required.number("error_m", 0, kLargest), .ripple = required.number("ripple_n", 0, kLargest)};
+  design.figures = {.error = required.number("error_m", 0, kLargest),
+                    .ripple = required.number("ripple_n", 0, kLargest)};
+  design.verdict = verdict_from(required.object("trial"));
   for (const json& unmet : reader.require("unmet").value("unmet")) {
     if (!unmet.is_string()) throw input_error(fmt::format("{}: unmet: expected texts", reader.where()));
     design.unmet.push_back(unmet.get<std::string>());
@@ -214,13 +240,33 @@ LqgDesign lqg_design_from(JsonReader reader) {
   return design;
 }
 
+json json_of(const InertiaMap& map) {
+  return {{"centre_m", haptrace::json_of(map.centre)}, {"reach_m", haptrace::json_of(map.reach)},
+          {"slope_per_m", rows_of(map.slope)},         {"bend_per_m2", rows_of(map.bend)},
+          {"least", haptrace::json_of(map.least)},     {"most", haptrace::json_of(map.most)}};
+}
+
+InertiaMap inertia_from(JsonReader reader) {
+  constexpr double kLeast = 0.01;
+  Required required(reader);
+  InertiaMap map;
+  map.centre = required.vector("centre_m", -kLargest, kLargest);
+  map.reach = required.vector("reach_m", 0, kLargest);
+  map.slope = matrix_from(required.object("slope_per_m"));
+  map.bend = matrix_from(required.object("bend_per_m2"));
+  map.least = required.vector("least", kLeast, 1);
+  map.most = required.vector("most", 1, kLargest);
+  reader.finish();
+  return map;
+}
+
 json json_of(const HeldDevice& held) {
-  json object{{"model", json_of(held.model)},
-              {"half_width", json_of(held.half_width)},
-              {"hand_is", to_string(held.hand)},
-              {"evidence", held.margin},
-              {"position_noise_m", held.position_noise},
-              {"ripple_n", held.ripple}};
+  json object{
+      {"model", json_of(held.model)}, {"half_width", json_of(held.half_width)},  {"hand_is", to_string(held.hand)},
+      {"evidence", held.margin},      {"position_noise_m", held.position_noise}, {"ripple_n", held.ripple}};
+  if (held.inertia) object["inertia"] = json_of(*held.inertia);
+  object["one_mass"] = held.one_mass;
+  object["observer_trial"] = json_of(held.observer);
   for (const Firmness firmness : kFirmnesses) object["laws"][to_string(firmness)] = json_of(held.design(firmness));
   return object;
 }
@@ -234,10 +280,13 @@ HeldDevice held_device_from(JsonReader reader) {
   held.margin = required.number("evidence", -1e300, 1e300);
   held.position_noise = required.number("position_noise_m", 0, 1);
   held.ripple = required.number("ripple_n", 0, kLargest);
+  if (const auto inertia = reader.object("inertia")) held.inertia = inertia_from(*inertia);
+  held.one_mass = required.boolean("one_mass");
+  held.observer = verdict_from(required.object("observer_trial"));
   JsonReader laws = required.object("laws");
   Required of_laws(laws);
   for (const Firmness firmness : kFirmnesses)
-    held.designs[static_cast<std::size_t>(firmness)] = lqg_design_from(of_laws.object(to_string(firmness)));
+    held.design(firmness) = lqg_design_from(of_laws.object(to_string(firmness)));
   laws.finish();
   reader.finish();
   return held;

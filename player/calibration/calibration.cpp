@@ -2,11 +2,13 @@
 
 #include "base/error.h"
 #include "control/design/identification.h"
+#include "control/design/inertia_identification.h"
 #include "control/design/multisine.h"
 #include "control/path/min_jerk.h"
 #include "control/pd.h"
 #include "player/calibration/calibration_plan.h"
 #include "player/calibration/law_trial.h"
+#include "player/calibration/workspace_trial.h"
 #include "player/playback/approach.h"
 
 #include <algorithm>
@@ -32,6 +34,9 @@ constexpr double kLowestLine = 15;         // above what a hand does of its own 
 constexpr double kHighestLine = 120;       // [Hz]
 constexpr double kLargestReach = 0.02;     // [m]
 constexpr double kSmallestReach = 0.003;   // [m]
+constexpr double kPlaceShare = 0.6;        // distance of a place from the centre, as a share of the room
+constexpr double kFarthestPlace = 0.06;    // [m]
+constexpr double kPlaceGains = 0.7;        // of the gains at the centre: the device may be lighter elsewhere
 constexpr double kBlend = 0.3;             // in which a movement grows from nothing, or shrinks to it [s]
 constexpr double kShortestApproach = 0.5;  // [s]
 constexpr double kLook = 0.75;             // of the first look [s]
@@ -229,7 +234,7 @@ class FirstLook {
 class CalibrationController final : public Controller {
  public:
   enum class Verdict { none, blocked, wrong_way, unclear, deviation };
-  enum class Stage { approach, look, swing, sweep, done };
+  enum class Stage { approach, look, swing, sweep, travel, place, done };
 
   explicit CalibrationController(const CalibrationPlan& plan)
       : plan_(plan),
@@ -257,6 +262,7 @@ class CalibrationController final : public Controller {
     home_ = plan_.centre;
     for (int axis = 0; axis < 3; ++axis)
       if (!driven(axis)) home_[axis] = first.position[axis];
+    around_ = home_;
     approach_ = Approach(first.position, home_, plan_.approach_speed, kShortestApproach);
   }
 
@@ -270,7 +276,8 @@ class CalibrationController final : public Controller {
     command.reference = reference;
     command.phase = stage_ == Stage::approach ? Phase::approach : stage_ == Stage::done ? Phase::hold : Phase::run;
     Vec3 hum = Vec3::Zero();
-    if (stage_ == Stage::look || stage_ == Stage::swing) hum = dither_.cwiseProduct(plan_.dither.value(now));
+    if (stage_ == Stage::look || stage_ == Stage::swing || stage_ == Stage::place)
+      hum = dither_.cwiseProduct(plan_.dither.value(now));
     if (const double size = hum.norm(); size > plan_.max_force) hum *= plan_.max_force / size;
     Vec3 pull = driven_part(pd_force(gains_, state, reference));
     const double most = std::max(plan_.max_force - hum.norm(), 0.0), asked = pull.norm();
@@ -296,6 +303,9 @@ class CalibrationController final : public Controller {
 
   /// Returns the amplitude that the look measured along the axis of the verdict [m].
   [[nodiscard]] double amplitude() const noexcept { return look_.amplitude(axis_); }
+
+  /// Returns the index of the place that is visited; of its measurement during Stage::place.
+  [[nodiscard]] std::size_t place() const noexcept { return place_; }
 
   /// Returns true while the samples belong to a measurement.
   [[nodiscard]] bool measures() const noexcept { return measures_; }
@@ -326,9 +336,21 @@ class CalibrationController final : public Controller {
   void next_sweep(double now) noexcept {
     int axis = stage_ == Stage::sweep ? axis_ + 1 : 0;
     while (axis < 3 && !driven(axis)) ++axis;
-    enter(axis < 3 ? Stage::sweep : Stage::done, now);
-    if (axis < 3) axis_ = axis;
+    if (axis >= 3) return travel_to(0, now);
+    enter(Stage::sweep, now);
+    axis_ = axis;
   }
+
+  void travel_to(std::size_t place, double now) noexcept {
+    place_ = place;
+    const bool another = place < plan_.places.size();
+    const Vec3 from = around_;
+    around_ = another ? home_ + driven_part(plan_.places[place] - home_) : home_;
+    travel_ = Approach(from, around_, plan_.approach_speed, kShortestApproach);
+    enter(another || from != around_ ? Stage::travel : Stage::done, now);
+  }
+
+  [[nodiscard]] double place_time() const noexcept { return kSettle + plan_.dither.period(); }
 
   void advance(const State& state, double now) noexcept {
     const double since = now - began_;
@@ -353,6 +375,19 @@ class CalibrationController final : public Controller {
       case Stage::sweep:
         measures_ = since >= kSweepLead / kSweepHz && since < sweep_time();
         if (since >= sweep_time()) next_sweep(now);
+        break;
+      case Stage::travel:
+        if (since < travel_.duration()) break;
+        enter(place_ < plan_.places.size() ? Stage::place : Stage::done, now);
+        if (stage_ == Stage::place) {
+          if (place_ == 0) gains_ = {kPlaceGains * gains_.kp, kPlaceGains * gains_.kd};
+          dither_wanted_ = dither_measured_;
+        }
+        break;
+      case Stage::place:
+        measures_ = since >= kSettle && since < place_time();
+        if (since >= place_time()) dither_wanted_ = Vec3::Zero();
+        if (since >= place_time() + kBlend) travel_to(place_ + 1, now);
         break;
       case Stage::done:
         break;
@@ -408,7 +443,7 @@ class CalibrationController final : public Controller {
   }
 
   void begin_swing(double now, const Vec3& dither) noexcept {
-    dither_wanted_ = dither;
+    dither_wanted_ = dither_measured_ = dither;
     swing_begin_ = now - began_ + kSettle;
     stage_ = Stage::swing;
   }
@@ -420,22 +455,26 @@ class CalibrationController final : public Controller {
 
   /// Returns the reference `since` [s] after the stage began. Look and swing are one movement.
   [[nodiscard]] Reference reference(double since) const noexcept {
-    Reference r{.position = home_, .velocity = Vec3::Zero(), .acceleration = nan3()};
+    Reference r{.position = around_, .velocity = Vec3::Zero(), .acceleration = nan3()};
     switch (stage_) {
       case Stage::approach:
         return approach_.at(since);
+      case Stage::travel:
+        return travel_.at(since);
       case Stage::look:
-      case Stage::swing: {
+      case Stage::swing:
+      case Stage::place: {
         // Circle in x and y, with two vertical cycles per turn: no direction rests for long.
         const double w = kTwoPi * swing_hz(plan_), angle = w * since;
         const Vec3 place(std::cos(angle), std::sin(angle), 0.5 * std::sin(2 * angle));
         const Vec3 slope(-std::sin(angle), std::cos(angle), std::cos(2 * angle));
         const MinJerk in = MinJerk::at(since / kBlend);
         double size = in.s, growth = in.ds / kBlend;
-        if (stage_ == Stage::swing) {
-          const MinJerk out = MinJerk::at((since - swing_begin_ - swing_time()) / kBlend);
+        if (stage_ != Stage::look) {
+          const double end = stage_ == Stage::swing ? swing_begin_ + swing_time() : place_time();
+          const MinJerk out = MinJerk::at((since - end) / kBlend);
+          growth = growth * (1 - out.s) - size * out.ds / kBlend;
           size *= 1 - out.s;
-          growth = -out.ds / kBlend;
         }
         r.position += driven_part(swing_size_ * size * place);
         r.velocity = driven_part(swing_size_ * (size * w * slope + growth * place));
@@ -471,9 +510,12 @@ class CalibrationController final : public Controller {
   int axis_ = 0;
   bool measures_ = false, stronger_ = false, gentle_ = false;
   Vec3 home_ = Vec3::Zero();
-  Approach approach_;
+  Vec3 around_ = Vec3::Zero();  ///< centre of the movement
+  std::size_t place_ = 0;
+  Approach approach_, travel_;
   double began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
   Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
+  Vec3 dither_measured_ = Vec3::Zero();                        ///< of the measurements
 };
 
 /// Stores the samples of a session and the ranges that belong to each measurement.
@@ -497,6 +539,13 @@ class CalibrationLog final : public SampleSink {
       open_ = nullptr;
       return;
     }
+    if (controller_.stage() == CalibrationController::Stage::place) {
+      const std::size_t place = controller_.place();
+      if (place >= kMostPlaces) return;
+      if (place == places_) places_begin_[places_++] = rows_.size() - 1;
+      places_end_[place] = rows_.size();
+      return;
+    }
     if (open_ == nullptr || axis != axis_) {
       std::vector<Stretch>& list = axis < 0 ? dithered_ : sweeps_[static_cast<std::size_t>(axis)];
       if (list.size() == list.capacity()) return;
@@ -508,11 +557,16 @@ class CalibrationLog final : public SampleSink {
   }
 
   [[nodiscard]] Experiment experiment(const CalibrationPlan& plan) const {
+    std::vector<ExperimentPlace> places;
+    for (std::size_t i = 0; i < std::min(places_, plan.places.size()); ++i)
+      places.push_back({plan.places[i], {places_begin_[i], places_end_[i]}});
     return {.rows = rows_,
             .rate_hz = plan.rate_hz,
             .axes = plan.axes,
             .dither = &plan.dither,
             .dithered = dithered_,
+            .centre = plan.centre,
+            .places = std::move(places),
             .sweeps = sweeps_};
   }
 
@@ -523,6 +577,8 @@ class CalibrationLog final : public SampleSink {
             .axes = plan.axes,
             .dither = nullptr,
             .dithered = {{0, rows_.size()}},
+            .centre = plan.centre,
+            .places = {},
             .sweeps = {}};
   }
 
@@ -546,6 +602,9 @@ class CalibrationLog final : public SampleSink {
   std::vector<TickRow> rows_;
   std::vector<Stretch> dithered_;
   std::array<std::vector<Stretch>, 3> sweeps_;
+  static constexpr std::size_t kMostPlaces = 8;
+  std::array<std::size_t, kMostPlaces> places_begin_{}, places_end_{};  ///< rows
+  std::size_t places_ = 0;
   Stretch* open_ = nullptr;
   int axis_ = -1;
 };
@@ -628,7 +687,83 @@ void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptio
   }
 }
 
+/// Ends a calibration after its first session: there is no profile then.
+void end_early(StopCause cause, const std::string& reason, CalibrationResult& result) {
+  result.session.servo.cause = cause;
+  result.session.servo.detail = result.reason = reason;
+  result.design.reset();
+  result.held.reset();
+}
+
+/// Tries the laws over the workspace, and notes what came of it. A law that fails is designed again for a mass that
+/// differs more; if that fails too, the softer ones are tried. Returns false if the user or the device ended it.
+bool try_laws(Device& device, const CalibrationPlan& plan, const CalibrationOptions& options, const StopRequest& stop,
+              const Progress& progress, CalibrationResult& result) {
+  constexpr double kMostRipple = 0.04;  // share of the largest force
+  WorkspaceTour tour{.places = {plan.centre},
+                     .radius = kSwingSize * kLargestReach,
+                     .speed = plan.max_speed,
+                     .max_deviation = plan.max_deviation,
+                     .session = options.session};
+  tour.places.insert(tour.places.end(), plan.places.begin(), plan.places.end());
+  for (int axis = 0; axis < 3; ++axis)
+    if (plan.axes[static_cast<std::size_t>(axis)]) tour.radius = std::min(tour.radius, kSwingSize * plan.reach[axis]);
+  tour.session.loop.limits.max_force = plan.max_force;
+  const auto ended = [&](const TourResult& toured) {
+    const StopCause cause = toured.session.servo.cause;
+    if (cause != StopCause::interrupted && cause != StopCause::device_lost) return false;
+    end_early(cause, "the trial of the laws ended early: " + toured.session.servo.detail, result);
+    return true;
+  };
+  PlayOptions law;
+  const auto tried = [&] {
+    law.identified = result.identified();
+    return toured(device, law, tour, stop, progress);
+  };
+  law.compensations = {};
+  const TourResult plain = tried();
+  if (ended(plain)) return false;
+  law.compensations = PlayOptions{}.compensations;
+
+  const auto judge = [&](double predicted_ripple, LawVerdict& verdict) {
+    const TourResult toured = tried();
+    if (ended(toured)) return false;
+    verdict = {
+        .tried = true,
+        .improvement = plain.finished() && toured.finished() ? least_improvement(toured, plain) : 0,
+        .refused = refusal_of(toured, plain, tour, std::max(2 * predicted_ripple, kMostRipple * plan.device_force))};
+    return true;
+  };
+  const auto judge_firmness = [&](Firmness firmness) {
+    law.law = TrackingLaw::lqg;
+    law.firmness = firmness;
+    return judge(result.held->design(firmness).figures.ripple, result.held->design(firmness).verdict);
+  };
+  if (!judge_firmness(Firmness::normal)) return false;
+  if (!result.held->design(Firmness::normal).verdict.refused.empty() && !result.held->one_mass) {
+    result.held->one_mass = true;
+    if (!design_laws(*result.held, plan.rate_hz, stop, options.searching)) {
+      end_early(StopCause::interrupted, "interrupted while laws were searched", result);
+      return false;
+    }
+    if (!judge_firmness(Firmness::normal)) return false;
+  }
+  const bool refused = !result.held->design(Firmness::normal).verdict.refused.empty();
+  if ((refused || options.full) && !judge_firmness(Firmness::quiet)) return false;
+  if (options.full && !judge_firmness(Firmness::exact)) return false;
+  if (!refused || result.held->design(Firmness::quiet).verdict.refused.empty()) return true;
+  law.law = TrackingLaw::observer;
+  law.firmness.reset();
+  return judge(result.design->ripple, result.held->observer);
+}
+
 }  // namespace
+
+double farthest_place(const CalibrationPlan& plan) {
+  double farthest = 0;
+  for (const Vec3& place : plan.places) farthest = std::max(farthest, (place - plan.centre).norm());
+  return farthest;
+}
 
 CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOptions& options) {
   const double rate = options.session.loop.rate_hz;
@@ -665,11 +800,28 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
                                     device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
     smallest = std::min(smallest, room);
   }
+  // Opposite places of an axis are not visited one after the other.
+  if (options.places)
+    for (const double side : {1.0, -1.0})
+      for (int axis = 0; axis < 3; ++axis) {
+        if (!plan.axes[static_cast<std::size_t>(axis)]) continue;
+        const double room = 0.5 * (device.workspace_max[axis] - device.workspace_min[axis]);
+        if (const double off = std::min(kPlaceShare * room, kFarthestPlace); off > plan.reach[axis])
+          plan.places.push_back(plan.centre + side * off * Vec3::Unit(axis));
+      }
   plan.max_speed = kTwoPi * plan.reach.maxCoeff();  // one circle with the radius of the reach per second
   plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
   const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
   plan.duration =
       3 * kBlend + 2 * kSettle + kLook + dither_windows(plan.full) * plan.dither.period() + axes * sweep / kSweepHz;
+  Vec3 from = plan.centre;
+  for (const Vec3& place : plan.places) {
+    plan.duration += Approach(from, place, plan.approach_speed, kShortestApproach).duration() + kSettle +
+                     plan.dither.period() + kBlend;
+    from = place;
+  }
+  if (!plan.places.empty())
+    plan.duration += Approach(from, plan.centre, plan.approach_speed, kShortestApproach).duration();
   return plan;
 }
 
@@ -696,9 +848,17 @@ CalibrationResult calibrate(Device& device, const CalibrationOptions& options, c
       result.design =
           design_tracking(result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force});
       if (!options.laws) return result;
-      HeldDevice held = held_device(result.identification, identify_held(log.experiment(plan), result.identification),
+      const Experiment experiment = log.experiment(plan);
+      HeldDevice held = held_device(result.identification, identify_held(experiment, result.identification),
                                     plan.rate_hz, plan.device_force);
-      if (design_laws(held, plan.rate_hz, stop, options.searching)) result.held = std::move(held);
+      held.inertia = identify_inertia(experiment, result.identification);
+      held.one_mass = experiment.places.empty();
+      if (!design_laws(held, plan.rate_hz, stop, options.searching)) {
+        end_early(StopCause::interrupted, "interrupted while laws were searched", result);
+        return result;
+      }
+      result.held.emplace(std::move(held));
+      if (options.places) (void)try_laws(device, plan, options, stop, progress, result);
       return result;
     }
     result.doubt = result.identification.reason;

@@ -11,7 +11,8 @@
 namespace haptrace {
 
 struct CalibrationOptions {
-  bool full = false;         ///< takes half a minute instead of ten seconds and records four times the data
+  bool full = false;         ///< measures at the centre for half a minute instead of ten seconds
+  bool places = true;        ///< measures around the centre too, and tries the laws there: about a minute more
   double force_share = 0.7;  ///< force bound, as a share of the device's largest force, 0.1 to 1
   bool laws = true;          ///< search LQG laws after the session, which takes seconds
   std::function<void(double)> searching;  ///< receives the share of the search that is done, in the calling thread
@@ -27,7 +28,7 @@ struct CalibrationResult {
   double bandwidth = 1;                  ///< share of the designed bandwidth that passed the trials; 1 without trials
   int trials = 0;                        ///< number of trials of a coarse model's design
 
-  std::optional<HeldDevice> held;        ///< laws for the device in the hand; present for a full model
+  std::optional<HeldDevice> held;  ///< laws for the device in the hand; present for a full model
 
   [[nodiscard]] bool succeeded() const noexcept { return design.has_value(); }
 
@@ -43,8 +44,11 @@ struct CalibrationResult {
 ///
 /// If the response is not that of a mass, identify_coarsely makes a coarse model. The law designed for it is then tried
 /// out on a circle within the same bounds (law_trial.h) at 1, 0.7, 0.5 and 0.35 of its bandwidth. The first law that
-/// passes is kept; if none passes, the result has no design. The calibration needs to know only the device's largest
-/// force, workspace and axes beforehand.
+/// passes is kept; if none passes, the result has no design.
+///
+/// If the response is that of a mass, LQG laws are searched, and tried over the workspace beside plain PD control
+/// (workspace_trial.h); `held` says what came of it. The calibration needs to know only the device's largest force,
+/// workspace and axes beforehand.
 ///
 /// Throws what plan_calibration and run_session throw before any force.
 CalibrationResult calibrate(Device& device, const CalibrationOptions& options, const StopRequest& stop,

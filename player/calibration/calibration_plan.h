@@ -5,6 +5,7 @@
 #include "player/calibration/calibration.h"
 
 #include <array>
+#include <vector>
 
 namespace haptrace {
 
@@ -15,6 +16,7 @@ struct CalibrationPlan {
   std::array<bool, 3> axes{};   ///< axes that take a force
   Vec3 centre = Vec3::Zero();   ///< centre of the movements: the middle of the workspace [m]
   Vec3 reach = Vec3::Zero();    ///< largest distance from the centre, per axis [m]
+  std::vector<Vec3> places;     ///< places around the centre that are visited after the sweeps [m]
   double max_force = 0;         ///< bound on the magnitude [N]
   double device_force = 0;      ///< largest force that the device and the session's limits allow [N]
   double max_dither = 0;        ///< bound on the excitation signal, rms per axis [N]
@@ -24,6 +26,9 @@ struct CalibrationPlan {
   double duration = 0;          ///< without the approach to the centre [s]
   Multisine dither;
 };
+
+/// Returns the largest distance of a place from the centre [m]; 0 without places.
+double farthest_place(const CalibrationPlan& plan);
 
 /// Returns the plan for a device. Throws Error(input) when the device takes no force, its largest force is unknown, its
 /// workspace leaves less than 3 mm to move, or the rate is too low for the excitation signal.

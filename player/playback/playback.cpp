@@ -26,6 +26,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -108,8 +109,6 @@ ReferenceStream::Check check_of(const DeviceInfo& device, const PlayPlan& plan, 
   };
 }
 
-constexpr double kLqgLearning = 30;  // cut-off of what is learned under an LQG law, which bears more [Hz]
-
 IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& options) {
   IterativeLearning::Options learning{.mass = options.identified->design.mass,
                                       .delay = options.identified->design.delay,
@@ -118,7 +117,10 @@ IterativeLearning::Options learning_of(const PlayPlan& plan, const PlayOptions& 
                                       .duration = plan.path->duration()};
   if (plan.lqg) {
     learning.mass = options.identified->plant.mass;
-    learning.cutoff_hz = kLqgLearning;
+    learning.inertia = options.identified->held->inertia;
+    learning.cutoff_hz = kMostLearning;
+    for (const auto& laws : *plan.lqg)
+      if (laws) learning.cutoff_hz = std::min(learning.cutoff_hz, laws->learning_hz);
   }
   return learning;
 }
@@ -191,10 +193,12 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
     return std::max(options.identified->plant.position_resolution, device.position_resolution);
   };
   if (plan.lqg) {  // which takes all that comes before it for feedforward
-    if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->plant.mass));
+    const auto& inertia = options.identified->held->inertia;
+    if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->plant.mass, inertia));
     terms.push_back(std::make_unique<LqgLaw>(LqgLaw::Options{.axes = *plan.lqg,
                                                              .position_resolution = resolution(),
-                                                             .authority = options.identified->design.authority}));
+                                                             .authority = options.identified->design.authority,
+                                                             .inertia = inertia}));
     return terms;
   }
   if (with.observer)
@@ -250,6 +254,47 @@ GainTable schedule_of(const PlayPlan& plan, const ImpedanceProfile& profile) {
     }
   }
   return table;
+}
+
+/// The law of a playback of an identified device.
+struct ChosenLaw {
+  bool observer = true;         ///< the load is cancelled; else plain PD control
+  std::optional<Firmness> lqg;  ///< by an LQG law of this firmness
+  std::vector<std::string> notes{};
+};
+
+ChosenLaw chosen_law(const PlayOptions& options) {
+  const auto& held = options.identified->held;
+  if (!options.compensations.observer || !held || options.gains || options.impedance) return {};
+  const auto name_of = [](Firmness firmness) { return fmt::format("the LQG law of firmness {}", to_string(firmness)); };
+  const auto refusal = [](const std::string& law, const LawVerdict& verdict) {
+    return fmt::format("in the trial of the calibration, {} was refused: {}", law, verdict.refused);
+  };
+  constexpr const char* kObserver = "the law with an observer";
+  if (options.law || options.firmness) {
+    const bool lqg = options.law.value_or(TrackingLaw::lqg) == TrackingLaw::lqg;
+    const Firmness firmness = options.firmness.value_or(Firmness::normal);
+    ChosenLaw chosen;
+    if (lqg) chosen.lqg = firmness;
+    const LawVerdict& verdict = lqg ? held->design(firmness).verdict : held->observer;
+    if (!verdict.refused.empty()) chosen.notes.push_back(refusal(lqg ? name_of(firmness) : kObserver, verdict));
+    return chosen;
+  }
+  ChosenLaw chosen;
+  for (const Firmness firmness : {Firmness::normal, Firmness::quiet}) {
+    const LawVerdict& verdict = held->design(firmness).verdict;
+    if (verdict.refused.empty() && (verdict.tried || firmness == Firmness::normal)) {
+      chosen.lqg = firmness;
+      return chosen;
+    }
+    if (!verdict.refused.empty()) chosen.notes.push_back(refusal(name_of(firmness), verdict));
+  }
+  chosen.observer = held->observer.refused.empty();
+  if (!chosen.observer) {
+    chosen.notes.push_back(refusal(kObserver, held->observer));
+    chosen.notes.emplace_back("this playback therefore uses plain PD control");
+  }
+  return chosen;
 }
 
 bool follows_orientation(const DeviceInfo& device, const PlayOptions& options) {
@@ -315,6 +360,8 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   Tuning tuning;
   Compensations composed;
   std::optional<std::array<std::optional<LqgLaws>, 3>> lqg;
+  Firmness firmness = Firmness::normal;
+  std::vector<std::string> notes;
   if (options.identified) {
     tuning.gains = options.identified->design.gains;
     tuning.observer_hz = options.identified->design.load_hz;
@@ -322,10 +369,13 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     composed.learning = composed.learning && (options.learn > 0 || !options.learned.force.empty());
     // Learning covers the whole load and starts from the model's estimate of it.
     if (composed.learning) composed.gravity = composed.friction = false;
+    const ChosenLaw law = chosen_law(options);
+    std::ranges::copy(law.notes, std::back_inserter(notes));
+    composed.observer = composed.observer && law.observer;
     if (!composed.observer) tuning.gains = options.identified->design.plain;
-    if (composed.observer && options.law == TrackingLaw::lqg && options.identified->held && !options.gains &&
-        !options.impedance) {
-      lqg = lqg_laws(*options.identified->held, options.firmness, options.session.loop.rate_hz);
+    if (law.lqg) {
+      lqg = lqg_laws(*options.identified->held, *law.lqg, options.session.loop.rate_hz);
+      firmness = *law.lqg;
       tuning.gains = gains_of(*lqg);
     }
   } else {
@@ -362,9 +412,9 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
                 .schedule = {},
                 .composed = composed,
                 .lqg = std::move(lqg),
-                .firmness = options.firmness,
+                .firmness = firmness,
                 .turn = {},
-                .notes = {}};
+                .notes = std::move(notes)};
   if (played.fit && options.session.touch.scene) plan.notes.emplace_back(kFitMovesNoScene);
   plan_turn(device, played.source->facts(), options, plan);
   const double limit = options.session.loop.limits.max_velocity, speed = options.playback.speed;
@@ -489,7 +539,9 @@ nlohmann::json to_json(const PlayResult& result) {
     json["peak_rotation_error_rad"] = result.last.peak_rotation_error;
   }
   const PlayPlan& plan = result.plan;
-  json["law"] = plan.lqg ? to_string(TrackingLaw::lqg) : plan.composed.observer ? to_string(TrackingLaw::observer) : "pd";
+  json["law"] = plan.lqg                 ? to_string(TrackingLaw::lqg)
+                : plan.composed.observer ? to_string(TrackingLaw::observer)
+                                         : "pd";
   if (plan.lqg) json["firmness"] = to_string(plan.firmness);
   json["gains"] = to_json(plan.tuning.gains);
   if (result.plan.turn)

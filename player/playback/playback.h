@@ -40,13 +40,15 @@ struct PlayOptions {
   /// Result of a calibration. Without it, the controller is a plain PD law.
   std::optional<IdentifiedDevice> identified;
   Compensations compensations{true, true, true, true, true};  ///< for an identified device
-  /// Law of an identified device with an observer. An LQG law has gains of its own: with `gains` or `impedance`, and for
-  /// a device that was identified without laws, the law is that with an observer.
-  TrackingLaw law = TrackingLaw::lqg;
-  Firmness firmness = Firmness::normal;      ///< of an LQG law
-  int learn = 0;                   ///< number of repetitions to learn from, up to kMostLearned
-  ForceTable learned;              ///< learned force of earlier sessions, or empty
-  bool guard = true;               ///< soften when the loop vibrates; report a hand that resists or lets go
+  /// Law of an identified device whose load is cancelled. An LQG law has gains of its own: with `gains` or `impedance`,
+  /// and for a device that was identified without laws, the law is that with an observer. If neither law nor firmness
+  /// is given, the playback takes the first of these that its trial did not refuse: LQG of firmness normal, quiet, the
+  /// observer, plain PD control.
+  std::optional<TrackingLaw> law;
+  std::optional<Firmness> firmness;  ///< of an LQG law; absent: normal
+  int learn = 0;                     ///< number of repetitions to learn from, up to kMostLearned
+  ForceTable learned;                ///< learned force of earlier sessions, or empty
+  bool guard = true;                 ///< soften when the loop vibrates; report a hand that resists or lets go
   bool find_oscillations = false;  ///< report small oscillations too (OscillationMonitor, needs the delay); for studies
   Interpolation interpolation = Interpolation::cubic;
   /// Time constant of the path's smoothing [s], see smooth_positions(). Absent: chosen from the noise of the positions;
@@ -76,7 +78,7 @@ struct PlayPlan {
   /// The laws in place of the PD law with an observer. The gains of `tuning` are then their stiffness and damping.
   std::optional<std::array<std::optional<LqgLaws>, 3>> lqg;
   Firmness firmness = Firmness::normal;  ///< of these laws
-  double peak_speed = 0;              ///< peak speed of the reference [m/s]
+  double peak_speed = 0;                 ///< peak speed of the reference [m/s]
   /// Present when the playback also controls the tool's orientation.
   std::optional<OrientationOptions> turn;
   std::vector<std::string> notes;  ///< messages for the user

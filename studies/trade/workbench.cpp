@@ -226,6 +226,7 @@ std::optional<DeviceProfile> Workbench::profile_at(double rate_hz) const {
   } catch (const Error&) {
     return std::nullopt;  // the delay is too long for this rate
   }
+  profile.held.reset();  // its laws were searched for the profile's rate
   profile.rate_hz = rate_hz;
   return profile;
 }

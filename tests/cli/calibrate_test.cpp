@@ -17,7 +17,8 @@ TEST(Calibrate, WritesAProfileThatIsFoundByTheDeviceAndARecordingOfTheSession) {
   const TempFolder folder;
   const Answer answer = calibrate_into(folder, {"--device", kFalcon, "--record", folder / "c.h5", "--json"});
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
-  EXPECT_THAT(answer.err, AllOf(HasSubstr("at most 20 mm"), HasSubstr("Ctrl+C")));
+  EXPECT_THAT(answer.err,
+              AllOf(HasSubstr("visits 6 places around it"), HasSubstr("at most 40 mm"), HasSubstr("Ctrl+C")));
   const nlohmann::json json = answer.json();
   EXPECT_EQ(json["stopped_by"], "finished");
   const DeviceProfile profile = load_profile(json["profile_file"]);
@@ -26,10 +27,15 @@ TEST(Calibrate, WritesAProfileThatIsFoundByTheDeviceAndARecordingOfTheSession) {
   EXPECT_EQ(to_json(profile), json["profile"]);
   EXPECT_EQ(std::filesystem::path(json["profile_file"].get<std::string>()).parent_path(), folder / "profiles");
   EXPECT_TRUE(RecordingReader(folder / "c.h5").header().complete);
+  ASSERT_TRUE(profile.held);
+  EXPECT_TRUE(profile.held->design(Firmness::normal).verdict.tried);
 
-  // Calibrating the same device again replaces its profile; only the time differs.
-  const Answer again = calibrate_into(folder, {"--device", kFalcon});
+  // Calibrating the same device again replaces its profile, here without what was found around the middle.
+  const Answer again = calibrate_into(folder, {"--device", kFalcon, "--quick"});
   ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_THAT(again.err, HasSubstr("at most 20 mm"));
+  EXPECT_THAT(again.out,
+              AllOf(HasSubstr("hand: "), HasSubstr("--firmness exact: predicted error"), HasSubstr("not tried")));
   EXPECT_THAT(again.out, AllOf(HasSubstr("mass"), HasSubstr("friction"), HasSubstr("delay"), HasSubstr("gains"),
                                HasSubstr("the profile is in " + json["profile_file"].get<std::string>())));
   EXPECT_EQ(load_profile(json["profile_file"]).plant.mass, profile.plant.mass);
@@ -63,7 +69,8 @@ TEST(Calibrate, CalibratesADeviceWithBacklashCoarselyAndReportsIt) {
   EXPECT_TRUE(profile.fits);
   EXPECT_THAT(profile.reason, HasSubstr("not that of a mass"));
   for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(profile.plant.mass[axis], 0.3, 0.06);
-  EXPECT_FALSE(load_profile(calibrate_into(folder, {"--device", kFalcon, "--json"}).json()["profile_file"]).coarse);
+  EXPECT_FALSE(
+      load_profile(calibrate_into(folder, {"--device", kFalcon, "--quick", "--json"}).json()["profile_file"]).coarse);
 }
 
 TEST(Calibrate, RejectsInvalidRequestsAndWritesNothing) {
@@ -74,7 +81,7 @@ TEST(Calibrate, RejectsInvalidRequestsAndWritesNothing) {
   EXPECT_THAT(calibrate_into(folder, {"--device", kFalcon, "-o", kept}).err, HasSubstr("--overwrite"));
   const Answer nowhere = calibrate_into(folder, {"--device", kFalcon, "-o", folder / "none/p.json"});
   EXPECT_EQ(nowhere.exit_code, 2);
-  EXPECT_THAT(nowhere.err, AllOf(HasSubstr("create it first"), Not(HasSubstr("at most 20 mm"))));
+  EXPECT_THAT(nowhere.err, AllOf(HasSubstr("create it first"), Not(HasSubstr("mm from the centre"))));
   EXPECT_EQ(test::read_bytes(kept), "{}");
   const Answer slow = calibrate_into(folder, {"--device", kFalcon, "--max-velocity", "0.01"});
   EXPECT_EQ(slow.exit_code, 1);

@@ -19,7 +19,7 @@ class CalibratedPlay : public testing::Test {
  protected:
   void SetUp() override {
     ASSERT_EQ(haptrace("shape", "circle", "--size", "0.06", "--duration", "2", "-o", path_).exit_code, 0);
-    ASSERT_EQ(run({"calibrate", "--device", "sim:preset=falcon,hand=relaxed", "-q"}).exit_code, 0);
+    ASSERT_EQ(run({"calibrate", "--device", "sim:preset=falcon,hand=relaxed", "--quick", "-q"}).exit_code, 0);
   }
 
   Answer run(const std::vector<std::string>& words) {
@@ -42,6 +42,23 @@ TEST_F(CalibratedPlay, FindsTheProfileAndFollowsThreeTimesAsWellAsStiffPd) {
   EXPECT_LT(3 * calibrated["rms_error_m"].get<double>(), stiff["rms_error_m"].get<double>());
   EXPECT_THAT(play({"--without", "all"}).json()["compensations"], testing::IsEmpty());
   EXPECT_THAT(play({"--without", "frction"}).err, HasSubstr("did you mean 'friction'"));
+}
+
+TEST_F(CalibratedPlay, ChoosesAmongTheLawsOfTheProfile) {
+  const nlohmann::json normal = play({}).json(), exact = play({"--firmness", "exact"}).json();
+  EXPECT_EQ(normal["law"], "lqg");
+  EXPECT_EQ(normal["firmness"], "normal");
+  EXPECT_LT(exact["rms_error_m"].get<double>(), normal["rms_error_m"].get<double>());
+  EXPECT_GT(exact["force_ripple_n"].get<double>(), normal["force_ripple_n"].get<double>());
+  EXPECT_EQ(play({"--law", "observer"}).json()["law"], "observer");
+  EXPECT_EQ(play({"--kp", "2000", "--kd", "20"}).json()["law"], "observer") << "gains are those of a PD law";
+  EXPECT_EQ(play({"--without", "observer"}).json()["law"], "pd");
+  EXPECT_THAT(play({"--firmness", "exact", "--kp", "2000", "--kd", "20"}).err, HasSubstr("exclude each other"));
+  EXPECT_THAT(play({"--firmness", "exact", "--law", "observer"}).err, HasSubstr("leave out"));
+  EXPECT_THAT(play({"--firmness", "exact", "--without", "observer"}).err, HasSubstr("exclude each other"));
+  EXPECT_THAT(play({"--firmness", "firm"}).err, HasSubstr("unknown firmness 'firm'"));
+  EXPECT_THAT(play({"--law", "lqr"}).err, HasSubstr("did you mean 'lqg'"));
+  EXPECT_THAT(play({"--law", "lqg", "--no-profile"}).err, HasSubstr("needs a calibrated device"));
 }
 
 TEST_F(CalibratedPlay, StoresTheLearnedForceForThisDeviceAndPathAndForgetsItOnRequest) {

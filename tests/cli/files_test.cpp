@@ -188,7 +188,7 @@ TEST(TheCommand, WritesOnlyFilesThatPassCheckWithoutAFinding) {
   run({"play", path, "--device", kFalcon, "--record", base + "played.h5"});
   run({"play", path, "--device", kFalcon, "--record", base + "paused.h5", "--repeat", "2", "--on-deviation", "pause"});
   run({"guide", path, "--device", kFalcon, "--record", base + "guided.h5"});
-  run({"calibrate", "--device", kFalcon, "--record", base + "calibration.h5", "-o", base + "profile.json"});
+  run({"calibrate", "--quick", "--device", kFalcon, "--record", base + "calibration.h5", "-o", base + "profile.json"});
   for (const char* kind : {"csv", "jsonl"}) {
     run({"convert", base + "played.h5", "-o", base + "played." + kind});
     run({"convert", base + "played." + kind, "-o", base + "back_" + kind + ".h5"});

@@ -92,8 +92,8 @@ class Session {
   LearnedForce learned;
   RepetitionLog log;
   Tuning tuning;
-  double share = 1, soften_from = kDuration;  ///< of the feedback, from a time on the path on [s]
-  double worst_step = 0;                      ///< Largest change of the learned force from one tick to the next [N].
+  double soften_from = 2 * kDuration;  ///< time on the path from which the feedback is softened [s]
+  double worst_step = 0;               ///< Largest change of the learned force from one tick to the next [N].
 
  private:
   void tick(double time, const Load& load, bool stands = false) {
@@ -104,7 +104,7 @@ class Session {
     state.dt = kPeriod;
     state.position = plant_.x;
     state.force_applied = sent_;
-    if (on_path >= soften_from) state.share_applied = share;
+    state.softened = on_path >= soften_from;
     const Vec3 feedforward = learned.force({state, reference, tuning, kNone});
     worst_step = std::max(worst_step, (feedforward - last_).norm());
     last_ = feedforward;
@@ -258,12 +258,11 @@ TEST(IterativeLearning, LearnsNothingFromASoftenedRepetitionAndReturnsToTheBestT
   ASSERT_NE(session.learning.table().force, best);
   const int learned = session.learning.repetitions();
 
-  session.share = 0.3;
   session.soften_from = 0.5 * kDuration;
   EXPECT_EQ(session.learn(sine_load), Learned::softened);
   EXPECT_EQ(session.learning.table().force, best);
   EXPECT_EQ(session.learning.repetitions(), learned);
-  session.soften_from = kDuration;
+  session.soften_from = 2 * kDuration;
   EXPECT_EQ(session.learn(sine_load), Learned::learned) << "the whole feedback acts again";
   session.soften_from = 0.99 * kDuration;
   EXPECT_EQ(session.learn(sine_load), Learned::learned) << "a moment is no other loop";

@@ -321,9 +321,10 @@ TEST(LqgLaw, DoesNotDriveAnAxisWithoutMassWhateverItsGains) {
 TEST(LqgLaw, IsExactForAFreeMassOfAnotherSizeWhenItIsScaled) {
   // A device of twice the mass under forces of twice the size moves as the one that the law was designed for.
   LqgDevice one;
-  LqgLaw law(law_of(LqgDevice::kMass));
+  LqgLaw::Options options = law_of(LqgDevice::kMass);
+  options.inertia = {.least = Vec3::Constant(2), .most = Vec3::Constant(2)};
+  LqgLaw law(options);
   DelayedMass heavy(2 * LqgDevice::kMass, 2);
-  law.scale(Vec3::Constant(2));
   State state;
   law.start(state);
   for (int i = 0; i < 500; ++i) {

@@ -1,5 +1,4 @@
 #include "control/design/held_model.h"
-
 #include "control/design/riccati.h"
 #include "tests/support/errors.h"
 

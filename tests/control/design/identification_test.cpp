@@ -1,10 +1,13 @@
 #include "control/design/identification.h"
 
+#include "control/design/inertia_identification.h"
+
 #include <cmath>
 #include <deque>
 #include <gtest/gtest.h>
 #include <numbers>
 #include <random>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -25,6 +28,7 @@ struct Bench {
   std::vector<TickRow> rows;
   std::vector<Stretch> dithered;
   std::array<std::vector<Stretch>, 3> sweeps;
+  std::vector<ExperimentPlace> places;
 
   Bench& run() {
     dithered.push_back(move(
@@ -45,10 +49,32 @@ struct Bench {
     return *this;
   }
 
+  /// Goes round `place` with the excitation signal, as a device whose mass there is `factor` times that at the centre.
+  Bench& visit(const Vec3& place, const Vec3& factor) {
+    const Vec3 own = std::exchange(mass, mass.cwiseProduct(factor));
+    const Vec3 from = places.empty() ? Vec3(Vec3::Zero()) : places.back().position;
+    (void)move(
+        0, 1, [&](double t) { return Vec3(from + t * (place - from)); }, false);
+    const auto round = [&](double t) {
+      const double a = kTwoPi * t;
+      return Vec3(place + 0.01 * Vec3(std::cos(a), std::sin(a), 0.5 * std::sin(2 * a)));
+    };
+    const Stretch stretch = move(0.5, dither.period(), round, true);
+    places.push_back({place, stretch});
+    mass = own;
+    return *this;
+  }
+
   [[nodiscard]] Identification identified() const { return identify(experiment()); }
 
   [[nodiscard]] Experiment experiment() const {
-    return {.rows = rows, .rate_hz = kRate, .axes = axes, .dither = &dither, .dithered = dithered, .sweeps = sweeps};
+    return {.rows = rows,
+            .rate_hz = kRate,
+            .axes = axes,
+            .dither = &dither,
+            .dithered = dithered,
+            .places = places,
+            .sweeps = sweeps};
   }
 
  private:
@@ -309,6 +335,48 @@ TEST(Multisine, HasAnRmsOfOneALowCrestAndNoLineOfTheSlowMovement) {
   }
   EXPECT_TRUE(Multisine(15, 120, 2, {true, false, true}).lines(1).empty());
   EXPECT_THROW(Multisine(15, 18, 2, {true, true, true}), std::exception);
+}
+
+TEST(IdentificationOfInertia, FindsHowTheMassVariesAroundTheCentre) {
+  Bench bench;
+  bench.quantum = 2e-5;
+  bench.run();
+  const auto factor = [](const Vec3& x) -> Vec3 {
+    return {1 - 60 * x.x() * x.x(), 1 + 5 * x.y() - 40 * x.z() * x.z(), 1};
+  };
+  for (const double side : {0.06, -0.06})
+    for (int axis = 0; axis < 3; ++axis) {
+      const Vec3 place = side * Vec3::Unit(axis);
+      bench.visit(place, factor(place));
+    }
+  const auto map = identify_inertia(bench.experiment(), bench.identified());
+  ASSERT_TRUE(map);
+  EXPECT_TRUE(map->at(Vec3::Zero()).isApprox(Vec3::Ones()));
+  for (const Vec3& place : {Vec3(0.05, 0, 0), Vec3(0, -0.05, 0.03), Vec3(-0.03, 0.06, -0.06), Vec3(0.07, 0.07, 0.07)})
+    EXPECT_LT((map->at(place) - factor(place)).cwiseAbs().maxCoeff(), 0.06) << place.transpose();
+  EXPECT_EQ(map->at(Vec3(1, 1, 1)), map->at(Vec3(0.2, 0.2, 0.2))) << "what is far away was not measured";
+  EXPECT_GT(map->at(Vec3(10, 10, 10)).minCoeff(), 0.3);
+}
+
+TEST(IdentificationOfInertia, SeesNoVariationWhereThereIsNone) {
+  Bench bench;
+  bench.quantum = 5e-5;
+  bench.run();
+  for (const double side : {0.06, -0.06}) bench.visit(side * Vec3::UnitX(), Vec3::Ones());
+  EXPECT_FALSE(identify_inertia(bench.experiment(), bench.identified()));
+  const auto factors = inertia_factors(bench.experiment(), bench.identified());
+  ASSERT_TRUE(factors);
+  ASSERT_EQ(factors->size(), 2U);
+  for (const InertiaFactor& at : *factors)
+    EXPECT_TRUE(((at.factor.array() - 1).abs() < 3 * at.deviation.array()).all()) << at.factor.transpose();
+}
+
+TEST(IdentificationOfInertia, NeedsWholePeriodsAtItsPlacesAndAModelAtTheCentre) {
+  Bench bench;
+  bench.run().visit(Vec3(0.06, 0, 0), Vec3::Constant(0.5));
+  EXPECT_FALSE(identify_inertia(bench.experiment(), Identification{}));
+  bench.places[0].dithered.end -= 200;
+  EXPECT_FALSE(identify_inertia(bench.experiment(), bench.identified()));
 }
 
 }  // namespace

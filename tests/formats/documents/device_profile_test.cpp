@@ -2,6 +2,7 @@
 
 #include "base/rfc3339.h"
 #include "tests/formats/support.h"
+#include "tests/support/errors.h"
 
 #include <cstdlib>
 
@@ -53,6 +54,13 @@ HeldDevice in_a_hand() {
     design.numbers[1] = LqgNumbers{.ripple_weight = 1.0 / 3e7, .hand_share = 0.3};
     design.figures = {.error = 5e-5, .ripple = 0.2};
   }
+  held.inertia =
+      InertiaMap{.centre = Vec3(0, 0.01, 0.1 + 0.2), .reach = Vec3::Constant(0.06), .least = Vec3(0.5, 0.6, 0.7)};
+  held.inertia->slope(0, 2) = 1.0 / 3;
+  held.inertia->bend(2, 1) = -4;
+  held.one_mass = false;
+  held.designs[0].verdict = {true, 10.0 / 3, "it oscillates"};
+  held.observer = {true, 2, ""};
   held.designs[2].unmet = {"in x, its sensitivity is too large"};
   return held;
 }
@@ -95,6 +103,13 @@ TEST_F(DeviceProfiles, KeepTheHandAndTheLawsToTheBit) {
   EXPECT_FALSE(read.held->design(Firmness::normal).numbers[2]);
   EXPECT_EQ(read.held->design(Firmness::exact).unmet, in_a_hand().designs[2].unmet);
   EXPECT_TRUE(read.identified().held);
+  EXPECT_EQ(read.held->inertia->centre.z(), 0.1 + 0.2);
+  EXPECT_EQ(read.held->inertia->slope, in_a_hand().inertia->slope);
+  EXPECT_EQ(read.held->inertia->bend, in_a_hand().inertia->bend);
+  EXPECT_EQ(read.held->inertia->least, in_a_hand().inertia->least);
+  EXPECT_EQ(read.held->design(Firmness::quiet).verdict.improvement, 10.0 / 3);
+  EXPECT_EQ(read.held->design(Firmness::quiet).verdict.refused, "it oscillates");
+  EXPECT_TRUE(read.held->observer.tried);
 }
 
 TEST_F(DeviceProfiles, AreReadWithoutAHandAsOlderVersionsWroteThem) {

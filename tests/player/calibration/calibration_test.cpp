@@ -25,9 +25,17 @@ SimSpec preset(const std::string& device, const std::string& hand) {
   return read_sim_spec(json, "test");
 }
 
+/// Only the measurement in the middle of the workspace.
 CalibrationOptions options() {
-  CalibrationOptions result;
+  CalibrationOptions result{.places = false, .laws = false};
   result.session.loop.limits.max_velocity = 1.5;
+  return result;
+}
+
+/// With places around the middle, and laws that are tried there.
+CalibrationOptions whole() {
+  CalibrationOptions result = options();
+  result.places = result.laws = true;
   return result;
 }
 
@@ -134,12 +142,43 @@ TEST(Calibration, FindsMassesInAnArmThatTakesMostOfTheForceToDragAlong) {
   }
 }
 
+TEST(Calibration, MeasuresAroundTheMiddleAndTriesItsLawsThere) {
+  SimDevice device(preset("falcon", "relaxed"));
+  double done = 0;
+  CalibrationOptions chosen = whole();
+  chosen.searching = [&](double share) { done = share; };
+  const CalibrationResult result = calibrated(device, chosen);
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  EXPECT_EQ(done, 1);
+  ASSERT_TRUE(result.held);
+  EXPECT_FALSE(result.held->inertia) << "its mass is the same everywhere";
+  EXPECT_FALSE(result.held->one_mass);
+  const LawVerdict& normal = result.held->design(Firmness::normal).verdict;
+  EXPECT_TRUE(normal.tried);
+  EXPECT_EQ(normal.refused, "");
+  EXPECT_GT(normal.improvement, 1.5);
+  EXPECT_FALSE(result.held->design(Firmness::exact).verdict.tried) << "that is left to a full calibration";
+  EXPECT_TRUE(result.identified().held);
+}
+
+TEST(Calibration, DesignsForOtherMassesWhatItMeasuredInTheMiddleAlone) {
+  SimDevice device(preset("falcon", "relaxed"));
+  CalibrationOptions chosen = options();
+  chosen.laws = true;
+  const CalibrationResult result = calibrated(device, chosen);
+  ASSERT_TRUE(result.held) << result.reason;
+  EXPECT_TRUE(result.held->one_mass);
+  EXPECT_FALSE(result.held->design(Firmness::normal).verdict.tried);
+}
+
 TEST(Calibration, LastsTenSecondsOrHalfAMinute) {
   SimDevice device(preset("falcon", "none"));
   CalibrationOptions chosen = options();
   EXPECT_NEAR(plan_calibration(device.info(), chosen).duration, 10, 0.5);
   chosen.full = true;
   EXPECT_NEAR(plan_calibration(device.info(), chosen).duration, 33, 3);
+  EXPECT_NEAR(plan_calibration(device.info(), whole()).duration, 28, 2);
+  EXPECT_EQ(plan_calibration(device.info(), whole()).places.size(), 6U);
 }
 
 TEST(Calibration, UsesOnlyTheMeasurementsOfASimulatedDevice) {
@@ -189,16 +228,19 @@ TEST(Calibration, StaysWithinTheAnnouncedForceAndReach) {
    private:
     Device& device_;
   };
-  for (const char* name : {"falcon", "premium1.5", "omega3", "inverse3"}) {
+  const auto watched = [](const std::string& name, const CalibrationOptions& chosen) {
     SimDevice device(preset(name, "relaxed"));
     Watch watch(device);
-    const CalibrationPlan plan = plan_calibration(watch.info(), options());
-    const CalibrationResult result = calibrated(watch);
+    const CalibrationPlan plan = plan_calibration(watch.info(), chosen);
+    const CalibrationResult result = calibrated(watch, chosen);
     EXPECT_EQ(result.session.servo.cause, StopCause::finished) << name << ": " << result.reason;
     EXPECT_LE(watch.force, plan.max_force * (1 + 1e-9)) << name;
-    for (int axis = 0; axis < 3; ++axis) EXPECT_LE(watch.far[axis], 1.6 * plan.reach[axis]) << name;
+    for (int axis = 0; axis < 3; ++axis)
+      EXPECT_LE(watch.far[axis], farthest_place(plan) + 1.6 * plan.reach[axis]) << name;
     EXPECT_EQ(watch.last, Vec3::Zero()) << name;
-  }
+  };
+  for (const char* name : {"falcon", "premium1.5", "omega3", "inverse3"}) watched(name, options());
+  watched("falcon", whole());
 }
 
 TEST(Calibration, EndsWithoutAModelWhenNothingMoves) {
@@ -286,7 +328,8 @@ TEST(Calibration, ExcitesTheDeviceWithinTheShareOfTheForceThatItMayUse) {
 }
 
 TEST(Calibration, StopsWhenAskedAtAnyMomentAndFindsNothing) {
-  for (const int at : {0, 300, 1500, 5000, 9000}) {
+  // Later on, the search for laws and their trials.
+  for (const int at : {0, 300, 1500, 5000, 9000, 20000, 35000}) {
     SimDevice device(preset("falcon", "relaxed"));
     /// Raises the stop request at an exchange, like a signal.
     class Raiser final : public Device {
@@ -306,8 +349,9 @@ TEST(Calibration, StopsWhenAskedAtAnyMomentAndFindsNothing) {
       Device& device_;
       int left_;
     } raiser(device, at);
-    const CalibrationResult result = calibrate(raiser, options(), raiser.stop);
+    const CalibrationResult result = calibrate(raiser, at < 10000 ? options() : whole(), raiser.stop);
     EXPECT_FALSE(result.succeeded()) << at;
+    EXPECT_FALSE(result.held) << at;
     EXPECT_EQ(result.session.servo.cause, StopCause::interrupted) << at;
     EXPECT_LE(result.session.servo.samples, static_cast<std::uint64_t>(at) + 260) << at;
     EXPECT_EQ(raiser.last, Vec3::Zero()) << at;

@@ -46,6 +46,10 @@ inline SimSpec true_device() {
   return spec;
 }
 
+inline HandSpec relaxed_hand() {
+  return {.mass = 0.15, .grip_stiffness = 800, .grip_damping = 4, .arm_stiffness = 40, .arm_damping = 2.5};
+}
+
 /// Returns options with every compensation on.
 inline PlayOptions everything() {
   PlayOptions options;

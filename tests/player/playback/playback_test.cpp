@@ -111,6 +111,38 @@ TEST(PlayPlan, TakesTheLqgLawOfAnIdentifiedDeviceUnlessAnotherIsAskedFor) {
   EXPECT_FALSE(planned().lqg);
 }
 
+TEST(PlayPlan, TakesTheFirstLawThatTheTrialDidNotRefuseAndSaysWhy) {
+  PlayOptions options = with_laws();
+  HeldDevice& held = *options.identified->held;
+  const auto planned = [&] { return plan_playback(info(), small_circle(), options); };
+  held.design(Firmness::normal).verdict = {.tried = true, .improvement = 2, .refused = ""};
+  EXPECT_THAT(planned().notes, testing::IsEmpty());
+
+  held.design(Firmness::normal).verdict.refused = "it oscillates";
+  held.design(Firmness::quiet).verdict.tried = true;
+  EXPECT_EQ(planned().firmness, Firmness::quiet);
+  EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("firmness normal was refused: it oscillates")));
+
+  held.design(Firmness::quiet).verdict.refused = "its error is large";
+  EXPECT_FALSE(planned().lqg);
+  EXPECT_TRUE(planned().composed.observer);
+  EXPECT_EQ(planned().tuning.gains.kp, options.identified->design.gains.kp);
+
+  held.observer = {.tried = true, .improvement = 0.8, .refused = "it oscillates too"};
+  options.identified->design.plain = {Vec3::Constant(300), Vec3::Constant(3)};
+  EXPECT_FALSE(planned().composed.observer);
+  EXPECT_EQ(planned().tuning.gains.kp, Vec3::Constant(300));
+  EXPECT_THAT(planned().notes.back(), HasSubstr("plain PD control"));
+
+  options.firmness = Firmness::normal;
+  EXPECT_TRUE(planned().lqg) << "what was asked for";
+  EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("it oscillates")));
+  options.firmness.reset();
+  options.law = TrackingLaw::observer;
+  EXPECT_TRUE(planned().composed.observer);
+  EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("it oscillates too")));
+}
+
 TEST(Play, FollowsCloserUnderTheLqgLawThanUnderTheObserver) {
   const auto played = [](TrackingLaw law, Firmness firmness = Firmness::normal) {
     PlayOptions options = with_laws();
@@ -118,7 +150,7 @@ TEST(Play, FollowsCloserUnderTheLqgLawThanUnderTheObserver) {
     options.firmness = firmness;
     options.learn = options.playback.repetitions = 4;
     SimSpec spec = test::true_device();
-    spec.hand = HandSpec{};
+    spec.hand = test::relaxed_hand();
     SimDevice device(spec);
     return played_circle(device, options);
   };

@@ -1,0 +1,145 @@
+#include "player/calibration/workspace_trial.h"
+
+#include "control/oscillation_count.h"
+#include "control/path/min_jerk.h"
+#include "control/ripple.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <limits>
+#include <numbers>
+
+namespace haptrace {
+namespace {
+
+constexpr double kTurn = 2 * std::numbers::pi;
+constexpr double kSlow = 0.4;      // of the speed, at every second place
+constexpr double kAtLimit = 0.98;  // share of the largest force that counts as the limit
+
+/// Returns the tour as a path that lies within the workspace, also along axes that the device does not drive.
+Path path_of(const DeviceInfo& info, const WorkspaceTour& tour) {
+  constexpr double kStep = 2e-3;  // [s]
+  Path path{.name = "the tour of the workspace"};
+  const auto move = [&](double length, double speed, const auto& at) {
+    const int steps = std::max(static_cast<int>(std::ceil(MinJerk::kPeakSpeed * length / speed / kStep)), 1);
+    for (int i = path.time.empty() ? 0 : 1; i <= steps; ++i) {
+      Vec3 position = at(MinJerk::at(static_cast<double>(i) / steps).s);
+      for (int axis = 0; axis < 3; ++axis)
+        if (!info.force_axes[static_cast<std::size_t>(axis)])
+          position[axis] = std::clamp(tour.places.front()[axis], info.workspace_min[axis], info.workspace_max[axis]);
+      path.time.push_back(path.time.empty() ? 0 : path.time.back() + kStep);
+      path.position.push_back(position);
+    }
+  };
+  const Vec3 side(tour.radius, 0, 0);
+  for (std::size_t i = 0; i < tour.places.size(); ++i) {
+    const Vec3& place = tour.places[i];
+    if (i > 0) {
+      const Vec3 from = path.position.back(), way = place + side - from;
+      move(way.norm(), tour.speed, [&](double share) -> Vec3 { return from + share * way; });
+    }
+    move(kTurn * tour.radius, (i % 2 == 0 ? 1 : kSlow) * tour.speed, [&](double share) -> Vec3 {
+      const double angle = kTurn * share;
+      return place + tour.radius * Vec3(std::cos(angle), std::sin(angle), 0.5 * std::sin(2 * angle));
+    });
+  }
+  return path;
+}
+
+/// Gathers error and ripple at each place while the reference is on its circle.
+class PlaceFigures final : public SampleSink {
+ public:
+  PlaceFigures(const WorkspaceTour& tour, double max_force, double rate_hz)
+      : places_(tour.places),
+        reach_(1.2 * tour.radius),
+        most_(max_force > 0 ? kAtLimit * max_force : std::numeric_limits<double>::infinity()),
+        ripple_(kRippleCutoff, rate_hz),
+        sums_(tour.places.size()) {}
+
+  using SampleSink::push;
+  void push(const Sample& sample) noexcept override {
+    const double ripple = ripple_.update(sample.force);
+    if (sample.phase != Phase::run) return;
+    for (std::size_t i = 0; i < places_.size(); ++i) {
+      if (!((sample.reference_position - places_[i]).norm() < reach_)) continue;
+      Sum& sum = sums_[i];
+      sum.error += (sample.position - sample.reference_position).squaredNorm();
+      sum.ripple += ripple;
+      sum.saturated += sample.force.norm() > most_ ? 1 : 0;
+      ++sum.ticks;
+      return;
+    }
+  }
+
+  void write(TourResult& result) const {
+    for (const Sum& sum : sums_) {
+      result.rms_error.push_back(sum.ticks > 0 ? std::sqrt(sum.error / sum.ticks) : kNaN);
+      result.ripple.push_back(sum.ticks > 0 ? std::sqrt(sum.ripple / sum.ticks) : kNaN);
+      result.saturated.push_back(sum.ticks > 0 ? static_cast<double>(sum.saturated) / sum.ticks : 1);
+    }
+  }
+
+ private:
+  struct Sum {
+    double error = 0, ripple = 0;
+    int saturated = 0, ticks = 0;
+  };
+
+  std::vector<Vec3> places_;
+  double reach_, most_;
+  Ripple ripple_;
+  std::vector<Sum> sums_;
+};
+
+bool force_sufficed(const TourResult& law, const TourResult& plain, std::size_t place) {
+  constexpr double kMostSaturated = 0.01;
+  return law.saturated[place] <= kMostSaturated && plain.saturated[place] <= kMostSaturated;
+}
+
+}  // namespace
+
+TourResult toured(Device& device, const PlayOptions& law, const WorkspaceTour& tour, const StopRequest& stop,
+                  const Progress& progress) {
+  PlayOptions options{.identified = law.identified,
+                      .compensations = law.compensations,
+                      .law = law.law,
+                      .firmness = law.firmness,
+                      .find_oscillations = true,
+                      .smoothing = 0,
+                      .session = tour.session};
+  options.session.recording.reset();
+  options.playback.max_deviation = tour.max_deviation;
+  OscillationCount oscillations;
+  const DeviceInfo& info = device.info();
+  const double asked = options.session.loop.limits.max_force;
+  PlaceFigures figures(tour, asked > 0 ? asked : info.max_force, options.session.loop.rate_hz);
+  options.sinks = {&oscillations, &figures};
+  PlayResult played = play(device, plan_playback(info, path_of(info, tour), options), options, stop, progress);
+  TourResult result{.session = std::move(played.session), .oscillations = oscillations.count()};
+  figures.write(result);
+  return result;
+}
+
+double least_improvement(const TourResult& law, const TourResult& plain) noexcept {
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < law.rms_error.size(); ++i)
+    if (force_sufficed(law, plain, i)) least = std::min(least, plain.rms_error[i] / law.rms_error[i]);
+  return std::isfinite(least) ? least : 0;
+}
+
+std::string refusal_of(const TourResult& law, const TourResult& plain, const WorkspaceTour& tour, double max_ripple) {
+  if (!law.finished()) return "it ended early: " + law.session.servo.detail;
+  if (law.oscillations > 0) return "it oscillates";
+  for (std::size_t i = 0; i < law.rms_error.size(); ++i) {
+    const double away = 1e3 * (tour.places[i] - tour.places.front()).norm();  // [mm]
+    if (!(law.ripple[i] <= max_ripple))
+      return fmt::format("its force ripple is {:.2f} N rms {:.0f} mm from the centre", law.ripple[i], away);
+    if (plain.finished() && force_sufficed(law, plain, i) && !(law.rms_error[i] <= plain.rms_error[i]))
+      return fmt::format("its error is {:.3f} mm {:.0f} mm from the centre, and that of plain PD control {:.3f} mm",
+                         1e3 * law.rms_error[i], away, 1e3 * plain.rms_error[i]);
+  }
+  return "";
+}
+
+}  // namespace haptrace

@@ -1,0 +1,46 @@
+// Comparison of the laws of a calibrated device over its workspace.
+#pragma once
+
+#include "player/playback/playback.h"
+#include "player/session.h"
+
+#include <string>
+#include <vector>
+
+namespace haptrace {
+
+/// A tour of a device's workspace: from place to place, and once round a circle at each, every second one slowly.
+struct WorkspaceTour {
+  std::vector<Vec3> places;     ///< centres of the circles, the first of them the workspace's [m]
+  double radius = 0.01;         ///< of the circles [m]
+  double speed = 0.12;          ///< peak speed on the circles and between them [m/s]
+  double max_deviation = 0.03;  ///< distance from the reference beyond which the session stops [m]
+  SessionOptions session;       ///< without a recording
+};
+
+/// What a law did on a tour.
+struct TourResult {
+  SessionResult session;
+  std::vector<double> rms_error;  ///< measured rms error at each place [m]
+  std::vector<double> ripple;     ///< force above 25 Hz at each place, rms [N]
+  std::vector<double> saturated;  ///< share of the ticks at each place in which the force was at its limit
+  int oscillations = 0;           ///< reports of the oscillation monitor
+
+  [[nodiscard]] bool finished() const noexcept { return session.servo.cause == StopCause::finished; }
+};
+
+/// Follows a tour under the law that `law` chooses for an identified device: its `identified`, `law`, `firmness` and
+/// `compensations` count. Nothing is learned. Throws what plan_playback and run_session throw before any force.
+TourResult toured(Device& device, const PlayOptions& law, const WorkspaceTour& tour, const StopRequest& stop,
+                  const Progress& progress = {});
+
+/// Returns how many times smaller the error under `law` is than under `plain`, at the place where it is least so of
+/// those where the force sufficed; 0 if it sufficed nowhere.
+double least_improvement(const TourResult& law, const TourResult& plain) noexcept;
+
+/// Returns why a law must not be used on a device that followed the same tour under plain PD control; empty if it may:
+/// it finished without an oscillation, and followed closer at every place where neither was at the limit of the force.
+/// `max_ripple` bounds the force ripple at any place [N].
+std::string refusal_of(const TourResult& law, const TourResult& plain, const WorkspaceTour& tour, double max_ripple);
+
+}  // namespace haptrace
