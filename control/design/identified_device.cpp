@@ -65,7 +65,8 @@ bool design_laws(HeldDevice& device, double rate_hz, const StopRequest& stop,
   constexpr std::array kOrder{Firmness::normal, Firmness::quiet, Firmness::exact};
   constexpr std::array<double, kOrder.size() + 1> kDone{0, 0.5, 0.75, 1};
   LqgSearchOptions options{.plain_ripple = device.ripple};
-  if (device.one_mass) {
+  // An assumed hand may be the wrong one, and a device in another hand moves like another mass.
+  if (device.one_mass || device.hand == HandKnown::assumed) {
     options.lighter = 0.7;
     options.heavier = 1.3;
   }

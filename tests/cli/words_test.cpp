@@ -138,7 +138,7 @@ TEST(Play, ReportsItsControlLawAndProfile) {
   ASSERT_EQ(haptrace("calibrate", "--quick", "--device", kFalcon, "-o", profile).exit_code, 0);
   const Answer after = haptrace("play", path, "--device", kFalcon, "--profile", profile);
   EXPECT_EQ(after.exit_code, 0) << after.err;
-  EXPECT_THAT(after.out, HasSubstr("PD with inertia, gravity, friction, observer"));
+  EXPECT_THAT(after.out, HasSubstr("LQG, normal with inertia, gravity, friction, observer"));
   EXPECT_THAT(after.out, HasSubstr("profile: " + profile));
   EXPECT_THAT(after.err, Not(HasSubstr("haptrace calibrate")));
 }

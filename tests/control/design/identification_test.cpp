@@ -49,7 +49,8 @@ struct Bench {
     return *this;
   }
 
-  /// Goes round `place` with the excitation signal, as a device whose mass there is `factor` times that at the centre.
+  /// Goes round `place` as round the centre, with the excitation signal, as a device whose mass there is `factor` times
+  /// that at the centre.
   Bench& visit(const Vec3& place, const Vec3& factor) {
     const Vec3 own = std::exchange(mass, mass.cwiseProduct(factor));
     const Vec3 from = places.empty() ? Vec3(Vec3::Zero()) : places.back().position;
@@ -57,7 +58,7 @@ struct Bench {
         0, 1, [&](double t) { return Vec3(from + t * (place - from)); }, false);
     const auto round = [&](double t) {
       const double a = kTwoPi * t;
-      return Vec3(place + 0.01 * Vec3(std::cos(a), std::sin(a), 0.5 * std::sin(2 * a)));
+      return Vec3(place + 0.02 * Vec3(std::cos(a), std::sin(a), 0.5 * std::sin(2 * a)));
     };
     const Stretch stretch = move(0.5, dither.period(), round, true);
     places.push_back({place, stretch});
@@ -349,11 +350,17 @@ TEST(IdentificationOfInertia, FindsHowTheMassVariesAroundTheCentre) {
       const Vec3 place = side * Vec3::Unit(axis);
       bench.visit(place, factor(place));
     }
+  const auto factors = inertia_factors(bench.experiment(), bench.identified());
+  ASSERT_TRUE(factors);
+  ASSERT_EQ(factors->size(), 6U);
+  for (std::size_t i = 0; i < 6; ++i)
+    EXPECT_LT(((*factors)[i].factor - factor(bench.places[i].position)).cwiseAbs().maxCoeff(), 0.04)
+        << bench.places[i].position.transpose() << ": " << (*factors)[i].factor.transpose();
   const auto map = identify_inertia(bench.experiment(), bench.identified());
   ASSERT_TRUE(map);
   EXPECT_TRUE(map->at(Vec3::Zero()).isApprox(Vec3::Ones()));
   for (const Vec3& place : {Vec3(0.05, 0, 0), Vec3(0, -0.05, 0.03), Vec3(-0.03, 0.06, -0.06), Vec3(0.07, 0.07, 0.07)})
-    EXPECT_LT((map->at(place) - factor(place)).cwiseAbs().maxCoeff(), 0.06) << place.transpose();
+    EXPECT_LT((map->at(place) - factor(place)).cwiseAbs().maxCoeff(), 0.08) << place.transpose();
   EXPECT_EQ(map->at(Vec3(1, 1, 1)), map->at(Vec3(0.2, 0.2, 0.2))) << "what is far away was not measured";
   EXPECT_GT(map->at(Vec3(10, 10, 10)).minCoeff(), 0.3);
 }
