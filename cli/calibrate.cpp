@@ -88,7 +88,8 @@ std::string text_of(const HeldDevice& held) {
     const auto range = [&](int i) {
       return fmt::format("{:.0f} to {:.0f} %", 100 * held.inertia->least[i], 100 * held.inertia->most[i]);
     };
-    text += fmt::format("  the mass varies over the workspace, from that in the middle to: {}, {}, {}\n", range(0), range(1), range(2));
+    text += fmt::format("  the mass varies over the workspace, from that in the middle to: {}, {}, {}\n", range(0),
+                        range(1), range(2));
   }
   const auto& hand = held.model.hand;
   text += fmt::format("    mass {} kg; grip {} N/m, {} N s/m\n",
