@@ -30,14 +30,15 @@ constexpr double kLongPeriod = 2;  // period at low loop rates, which leave fewe
 // value.
 constexpr double kSwingSize = 0.5;
 constexpr double kSweepHz = 2.5;
-constexpr double kLowestLine = 15;         // above what a hand does of its own accord, and most grips [Hz]
-constexpr double kHighestLine = 120;       // [Hz]
-constexpr double kLargestReach = 0.02;     // [m]
-constexpr double kSmallestReach = 0.003;   // [m]
-constexpr double kPlaceShare = 0.6;        // distance of a place from the centre, as a share of the room
-constexpr double kFarthestPlace = 0.06;    // [m]
-constexpr double kPlaceGains = 0.7;        // of the gains at the centre: the device may be lighter elsewhere
-constexpr double kBlend = 0.3;             // in which a movement grows from nothing, or shrinks to it [s]
+constexpr double kLowestLine = 15;        // above what a hand does of its own accord, and most grips [Hz]
+constexpr double kHighestLine = 120;      // [Hz]
+constexpr double kLargestReach = 0.02;    // [m]
+constexpr double kSmallestReach = 0.003;  // [m]
+constexpr double kPlaceShare = 0.6;       // distance of a place from the centre, as a share of the room
+constexpr double kFarthestPlace = 0.06;   // [m]
+constexpr double kLetGo = 0.5;       // share of the largest deviation at which a hand keeps the device from a place
+constexpr double kPlaceGains = 0.7;  // of the gains at the centre: the device may be lighter elsewhere
+constexpr double kBlend = 0.3;       // in which a movement grows from nothing, or shrinks to it [s]
 constexpr double kShortestApproach = 0.5;  // [s]
 constexpr double kLook = 0.75;             // of the first look [s]
 constexpr double kSettle = 0.4;            // from a change of the dither to the first window [s]
@@ -269,6 +270,9 @@ class CalibrationController final : public Controller {
   [[nodiscard]] Command update(const State& state) noexcept override {
     const double now = 1e-9 * static_cast<double>(state.time_ns);
     advance(state, now);
+    if ((stage_ == Stage::travel || stage_ == Stage::place) && place_ < plan_.places.size() &&
+        driven_part(this->reference(now - began_).position - state.position).norm() > kLetGo * plan_.max_deviation)
+      return_from(state.position, now);
     const Reference reference = this->reference(now - began_);
     dither_ += std::clamp(state.dt / kBlend, 0.0, 1.0) * (dither_wanted_ - dither_);
 
@@ -348,6 +352,15 @@ class CalibrationController final : public Controller {
     around_ = another ? home_ + driven_part(plan_.places[place] - home_) : home_;
     travel_ = Approach(from, around_, plan_.approach_speed, kShortestApproach);
     enter(another || from != around_ ? Stage::travel : Stage::done, now);
+  }
+
+  /// Leaves out the places that are left: the hand does not go there.
+  void return_from(const Vec3& position, double now) noexcept {
+    place_ = plan_.places.size();
+    around_ = home_;
+    dither_wanted_ = Vec3::Zero();
+    travel_ = Approach(home_ + driven_part(position - home_), home_, plan_.approach_speed, kShortestApproach);
+    enter(Stage::travel, now);
   }
 
   [[nodiscard]] double place_time() const noexcept { return kSettle + plan_.dither.period(); }
@@ -558,8 +571,10 @@ class CalibrationLog final : public SampleSink {
 
   [[nodiscard]] Experiment experiment(const CalibrationPlan& plan) const {
     std::vector<ExperimentPlace> places;
+    const auto whole = static_cast<std::size_t>(0.95 * plan.dither.period() * plan.rate_hz);  // of rows
     for (std::size_t i = 0; i < std::min(places_, plan.places.size()); ++i)
-      places.push_back({plan.places[i], {places_begin_[i], places_end_[i]}});
+      if (places_end_[i] >= places_begin_[i] + whole)
+        places.push_back({plan.places[i], {places_begin_[i], places_end_[i]}});
     return {.rows = rows_,
             .rate_hz = plan.rate_hz,
             .axes = plan.axes,
@@ -695,17 +710,19 @@ void end_early(StopCause cause, const std::string& reason, CalibrationResult& re
   result.held.reset();
 }
 
-/// Tries the laws over the workspace, and notes what came of it. A law that fails is designed again for a mass that
-/// differs more; if that fails too, the softer ones are tried. Returns false if the user or the device ended it.
-bool try_laws(Device& device, const CalibrationPlan& plan, const CalibrationOptions& options, const StopRequest& stop,
-              const Progress& progress, CalibrationResult& result) {
+/// Tries the laws at the centre and at `places`, which the device reached before, and notes what came of it. A law that
+/// fails is designed again for a mass that differs more; if that fails too, the softer ones are tried. Returns false if
+/// the user or the device ended it.
+bool try_laws(Device& device, const CalibrationPlan& plan, const std::vector<ExperimentPlace>& places,
+              const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
+              CalibrationResult& result) {
   constexpr double kMostRipple = 0.04;  // share of the largest force
   WorkspaceTour tour{.places = {plan.centre},
                      .radius = kSwingSize * kLargestReach,
                      .speed = plan.max_speed,
                      .max_deviation = plan.max_deviation,
                      .session = options.session};
-  tour.places.insert(tour.places.end(), plan.places.begin(), plan.places.end());
+  for (const ExperimentPlace& place : places) tour.places.push_back(place.position);
   for (int axis = 0; axis < 3; ++axis)
     if (plan.axes[static_cast<std::size_t>(axis)]) tour.radius = std::min(tour.radius, kSwingSize * plan.reach[axis]);
   tour.session.loop.limits.max_force = plan.max_force;
@@ -852,13 +869,13 @@ CalibrationResult calibrate(Device& device, const CalibrationOptions& options, c
       HeldDevice held = held_device(result.identification, identify_held(experiment, result.identification),
                                     plan.rate_hz, plan.device_force);
       held.inertia = identify_inertia(experiment, result.identification);
-      held.one_mass = experiment.places.empty();
+      held.one_mass = plan.places.empty() || experiment.places.size() < plan.places.size();
       if (!design_laws(held, plan.rate_hz, stop, options.searching)) {
         end_early(StopCause::interrupted, "interrupted while laws were searched", result);
         return result;
       }
       result.held.emplace(std::move(held));
-      if (options.places) (void)try_laws(device, plan, options, stop, progress, result);
+      if (options.places) (void)try_laws(device, plan, experiment.places, options, stop, progress, result);
       return result;
     }
     result.doubt = result.identification.reason;

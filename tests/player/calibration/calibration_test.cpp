@@ -161,6 +161,17 @@ TEST(Calibration, MeasuresAroundTheMiddleAndTriesItsLawsThere) {
   EXPECT_TRUE(result.identified().held);
 }
 
+TEST(Calibration, LeavesOutThePlacesFromWhichAHandKeepsTheDevice) {
+  // Its hand pulls back with more than the permitted force 30 mm from the centre.
+  const EnsembleDraw draw = draw_device(1, 5);
+  SimDevice device(draw.spec, {.seed = draw.noise_seed});
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  ASSERT_TRUE(result.held);
+  EXPECT_TRUE(result.held->one_mass);
+  EXPECT_TRUE(result.held->design(Firmness::normal).verdict.tried) << "at the places that it reached";
+}
+
 TEST(Calibration, DesignsForOtherMassesWhatItMeasuredInTheMiddleAlone) {
   SimDevice device(preset("falcon", "relaxed"));
   CalibrationOptions chosen = options();
