@@ -33,7 +33,8 @@ constexpr HandModel kFirmHand{.mass = 0.3,
                               .arm_relaxation_s = 2};
 
 constexpr double kUnstable = 30;
-constexpr double kLearningGain = 0.8;  // of an error in the load that is learned from it
+constexpr double kLearnedNoise = 0.15;  // noise in a learned force, of a plain law's ripple
+constexpr double kLearningGain = 0.8;   // of an error in the load that is learned from it
 constexpr int kFirstEvaluations = 90, kLastEvaluations = 300;
 constexpr double kSpread = 1e-4;       // of the values, below which the search has arrived
 constexpr std::size_t kStarts = 9;     // of an axis of which nothing is known
@@ -265,18 +266,24 @@ std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double m
   return law;
 }
 
-double learning_bandwidth(const AxisModel& identified, const LqgAxis& law) {
+double learning_bandwidth(const AxisModel& identified, const LqgAxis& law, double max_noise) {
   AxisModel free = identified;
   free.hand = {};
   free.link = {};
   const FrequencyGrid grid(identified.rate_hz);
   const auto held = grid.plant(discretised(identified)), alone = grid.plant(discretised(free)),
              feedback = grid.law(law);
+  // The integral of (2 pi f)^4 up to the bandwidth, over white noise up to half the rate.
+  const auto learned_noise = [&](double frequency) {
+    const double w = 2 * std::numbers::pi * frequency;
+    return identified.mass * w * w * identified.position_noise * std::sqrt(2 * frequency / (5 * identified.rate_hz));
+  };
   double bandwidth = kLeastLearning;
   for (std::size_t i = 0; i < held.size() && grid.frequency(i) <= kMostLearning; ++i) {
+    const double frequency = grid.frequency(i);
     const double gain = std::abs((1.0 - held[i] / alone[i]) / (1.0 + held[i] * feedback[i]));
-    if (grid.frequency(i) > kLeastLearning && gain > kLearningGain) break;
-    bandwidth = std::max(bandwidth, grid.frequency(i));
+    if (frequency > kLeastLearning && (gain > kLearningGain || learned_noise(frequency) > max_noise)) break;
+    bandwidth = std::max(bandwidth, frequency);
   }
   return bandwidth;
 }
@@ -285,7 +292,7 @@ std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& n
   const auto moving = design_lqg(identified, numbers);
   const auto resting = design_lqg_for_rest(identified, firm(Firmness::normal).target * plain_ripple);
   if (!moving || !resting) return std::nullopt;
-  return LqgLaws{*moving, *resting, learning_bandwidth(identified, *moving)};
+  return LqgLaws{*moving, *resting, learning_bandwidth(identified, *moving, kLearnedNoise * plain_ripple)};
 }
 
 std::optional<std::array<std::optional<LqgResult>, 3>> search_lqg(

@@ -45,8 +45,9 @@ std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double m
 /// Returns the highest frequency [Hz], from kLeastLearning to kMostLearning, up to which iterative learning converges
 /// under `law` although the load of a hand moves with the error. With P the response of the device in the hand, P_0
 /// that of the device alone and S the sensitivity, learning takes |1 - P / P_0| |S| of an error for load. Below 1, the
-/// error shrinks.
-double learning_bandwidth(const AxisModel& identified, const LqgAxis& law);
+/// error shrinks. Learning also takes the noise of the measured positions for accelerations of the mass: the bandwidth
+/// is such that white noise makes at most `max_noise` of learned force, rms [N].
+double learning_bandwidth(const AxisModel& identified, const LqgAxis& law, double max_noise);
 inline constexpr double kLeastLearning = 15, kMostLearning = 30;  ///< [Hz]
 
 /// Designs both laws of an identified axis; the one for rest may make as much ripple as a normal one for movement, of

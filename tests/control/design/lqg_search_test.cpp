@@ -114,5 +114,18 @@ TEST(LqgSearch, ReportsItsProgressAndStopsWhenAsked) {
   EXPECT_FALSE(search_lqg({identified_axis(), std::nullopt, std::nullopt}, {}, stop));
 }
 
+TEST(LqgSearch, LearnsUpToALowerFrequencyWhereTheNoiseOfAHeavyDeviceWouldBecomeForce) {
+  const auto bandwidth = [](double mass) {
+    AxisModel axis = identified_axis(mass);
+    axis.hand = {};
+    return searched(axis).laws.learning_hz;
+  };
+  EXPECT_GT(bandwidth(0.2), kMostLearning - 1);
+  const double heavy = bandwidth(1.5);
+  EXPECT_GT(heavy, kLeastLearning);
+  EXPECT_LT(heavy, kMostLearning - 5);
+  EXPECT_EQ(bandwidth(5), kLeastLearning);
+}
+
 }  // namespace
 }  // namespace haptrace
