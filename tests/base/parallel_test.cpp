@@ -19,12 +19,12 @@ using testing::HasSubstr;
 TEST(RunParallel, DoesEveryJobOnceWhateverTheThreads) {
   for (const std::size_t threads : {0, 1, 3, 50}) {
     std::vector<std::atomic<int>> runs(20);
-    std::size_t told = 0;
+    std::size_t reported = 0;
     EXPECT_TRUE(run_parallel(
         runs.size(), threads, StopRequest{}, [&](std::size_t job) { ++runs[job]; },
-        [&](std::size_t done) { told = done; }));
+        [&](std::size_t done) { reported = done; }));
     for (const auto& count : runs) EXPECT_EQ(count, 1);
-    EXPECT_EQ(told, 20U);
+    EXPECT_EQ(reported, 20U);
   }
   run_parallel(
       0, 2, StopRequest{}, [](std::size_t) { FAIL(); }, [](std::size_t) {});
