@@ -106,6 +106,7 @@ class LiveView::Sessions final : private PageHandler {
                             {ViewRole::trainee, token_from(options.trainee_token)}}},
                 *this) {
     server_.every(kBatch, [this] { beat(); });
+    server_.start();
   }
   ~Sessions() override { sink.let_wait(false); }
   Sessions(const Sessions&) = delete;

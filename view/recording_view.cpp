@@ -99,6 +99,7 @@ class RecordingView::Shelf final : private PageHandler {
     PageHandler& handler = *this;
     server_ = std::make_unique<ViewServer>(
         ViewServer::Options{.port = options.port, .tokens = {{ViewRole::viewer, new_tuning_token()}}}, handler);
+    server_->start();
   }
   ~Shelf() override { worker_->stop(); }
   Shelf(const Shelf&) = delete;

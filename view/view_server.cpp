@@ -53,22 +53,27 @@ void protect(Response& response) {
 
 }  // namespace
 
-/// Listening sockets, connections and the thread that serves them.
+/// Listening sockets, connections and the thread that serves them once it has started.
 class ViewServer::Listeners final : public PageRegistry {
  public:
   Listeners(Options options, PageHandler& handler) : options_(std::move(options)), handler_(handler) {
     listen_on_both();
     for (Acceptor& acceptor : acceptors_) accept(acceptor);
-    thread_ = std::jthread([this] { io_.run(); });
   }
 
   ~Listeners() override {
-    asio::post(io_, [this] { close(); });
-    thread_.join();
+    if (thread_.joinable()) {
+      asio::post(io_, [this] { close(); });
+      thread_.join();
+    }
     pages_.clear();  // while io_ lives: a page that took no goodbye still has its socket
   }
   Listeners(const Listeners&) = delete;
   Listeners& operator=(const Listeners&) = delete;
+
+  void start() {
+    thread_ = std::jthread([this] { io_.run(); });
+  }
 
   [[nodiscard]] std::uint16_t port() const noexcept { return port_; }
   [[nodiscard]] const Options& options() const noexcept { return options_; }
@@ -353,6 +358,10 @@ ViewServer::ViewServer(Options options, PageHandler& handler)
     : listeners_(std::make_unique<Listeners>(std::move(options), handler)) {}
 
 ViewServer::~ViewServer() = default;
+
+void ViewServer::start() {
+  listeners_->start();
+}
 
 std::uint16_t ViewServer::port() const noexcept {
   return listeners_->port();

@@ -30,13 +30,18 @@ class ViewServer {
     std::size_t most_pages = 16;
   };
 
-  /// Listens and starts the thread. `handler` must outlive this object. Throws Error(input) if the port is taken.
+  /// Listens, but serves nobody before start(). `handler` must outlive this object. Throws Error(input) if the port is
+  /// taken.
   ViewServer(Options options, PageHandler& handler);
 
   /// Closes all pages with code 1001 and ends the thread.
   ~ViewServer();
   ViewServer(const ViewServer&) = delete;
   ViewServer& operator=(const ViewServer&) = delete;
+
+  /// Starts the thread, in which `handler` is called from then on: once, when the handler and all that it uses are
+  /// complete.
+  void start();
 
   [[nodiscard]] std::uint16_t port() const noexcept;
 
@@ -46,7 +51,7 @@ class ViewServer {
   /// Runs `task` in the server's thread, soon. From any thread.
   void post(std::function<void()> task);
 
-  /// Runs `task` in the server's thread and waits for its end. From any other thread.
+  /// Runs `task` in the server's thread and waits for its end. From any other thread, after start().
   void run(const std::function<void()>& task);
 
   /// Runs `task` in the server's thread again and again. Call before the first connection matters; from any thread.

@@ -87,7 +87,7 @@ TEST(Quiet, HidesWarningsOfASessionThatContinues) {
   std::vector<std::string> quiet = words;
   quiet.emplace_back("-q");
   const Answer loud = Command(words).wait();
-  EXPECT_THAT(loud.err, HasSubstr("the force was limited"));
+  EXPECT_THAT(loud.err, ContainsRegex("force (was )?limited")) << "once, or several times";
   EXPECT_THAT(loud.out, HasSubstr("  warning: "));
   EXPECT_EQ(loud.exit_code, 0);
   const Answer silent = Command(quiet).wait();
@@ -115,7 +115,7 @@ TEST(Warnings, ReachTheTerminalTheSummaryTheJsonTheFileAndTheReport) {
     if (warning["code"] == "force_limit") text = warning["text"];
   }
   ASSERT_NE(text, "");
-  EXPECT_THAT(answer.err, HasSubstr("haptrace: the force was limited"));
+  EXPECT_THAT(answer.err, HasSubstr("haptrace: " + text));
   EXPECT_EQ(RecordingReader(file).header().warnings, json["warnings"]);
   EXPECT_THAT(haptrace("info", file).out, HasSubstr(text));
   EXPECT_EQ(haptrace("info", file, "--json").json()["warnings"], json["warnings"]);

@@ -66,7 +66,11 @@ class ViewServerTest : public testing::Test {
                                         {"/app.js", "text/javascript; charset=utf-8", "let a = 1;", false}};
     return {.tokens = {{ViewRole::therapist, kTherapist}, {ViewRole::trainee, kTrainee}}, .assets = kAssets};
   }
-  void serve(ViewServer::Options changed) { server = std::make_unique<ViewServer>(std::move(changed), handler); }
+  void serve(ViewServer::Options changed) {
+    server = std::make_unique<ViewServer>(std::move(changed), handler);
+    server->start();
+  }
+  void SetUp() override { serve(options()); }
   [[nodiscard]] std::uint16_t port() const { return server->port(); }
   [[nodiscard]] std::string host() const { return "127.0.0.1:" + std::to_string(port()); }
 
@@ -78,7 +82,7 @@ class ViewServerTest : public testing::Test {
   static inline const std::string kTherapist = "00112233445566778899aabbccddeeff";
   static inline const std::string kTrainee = "ffeeddccbbaa99887766554433221100";
   Answering handler;
-  std::unique_ptr<ViewServer> server = std::make_unique<ViewServer>(options(), handler);
+  std::unique_ptr<ViewServer> server;
 };
 
 TEST_F(ViewServerTest, EndsAlthoughAPageTakesNoGoodbye) {
@@ -178,6 +182,25 @@ TEST_F(ViewServerTest, APageOfAnotherVersionIsRefused) {
   PageClient page(port());
   page.send({{"type", "hello"}, {"version", 2}, {"token", kTherapist}});
   EXPECT_EQ(page.wait_for_close(), 1008U);
+}
+
+TEST_F(ViewServerTest, ServesNobodyBeforeItsOwnerIsComplete) {
+  server = std::make_unique<ViewServer>(options(), handler);
+  std::thread early([at = port()] {
+    PageClient page(at);
+    page.hello(kTherapist);
+    (void)page.wait_for("hello");
+  });
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  EXPECT_EQ(handler.joins, 0);
+  server->start();
+  early.join();
+  EXPECT_EQ(handler.joins, 1);
+}
+
+TEST_F(ViewServerTest, EndsAlthoughItNeverStarted) {
+  server = std::make_unique<ViewServer>(options(), handler);
+  server.reset();
 }
 
 TEST_F(ViewServerTest, AConnectionThatSaysNothingIsClosed) {
