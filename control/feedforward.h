@@ -39,24 +39,31 @@ class GravityFeedforward final : public ForceTerm {
   Eigen::Matrix3d gradient_;  ///< [N/m]
 };
 
-/// Computes b x_d' + F_c tanh(x_d' / v_0) from the velocity of the reference, never from the measured one: compensating
-/// for the friction of a movement that is only noise, or that has not happened yet, feeds a limit cycle.
+/// Computes b x_d' + R^T F_c tanh(R x_d' / v_0), with the rotation R from W to the actuators' axes where it is known.
+/// Uses the velocity of the reference, never the measured one: compensating for the friction of a movement that is only
+/// noise, or that has not happened yet, feeds a limit cycle.
 class FrictionFeedforward final : public ForceTerm {
  public:
-  explicit FrictionFeedforward(const PlantModel& plant) : viscous_(plant.viscous), coulomb_(plant.coulomb) {}
+  explicit FrictionFeedforward(const PlantModel& plant) : viscous_(plant.viscous), coulomb_(plant.coulomb) {
+    if (!plant.actuators) return;
+    axes_ = plant.actuators->axes;
+    coulomb_ = plant.actuators->coulomb;
+  }
 
   static constexpr double kTransition = 0.01;  ///< v_0, range of velocity over which the sign changes [m/s]
 
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override {
     const Vec3& v = input.reference.velocity;
-    Vec3 force = viscous_.cwiseProduct(v);
-    for (int axis = 0; axis < 3; ++axis) force[axis] += coulomb_[axis] * std::tanh(v[axis] / kTransition);
-    return input.tuning.friction * force;
+    const Vec3 along = axes_ * v;
+    Vec3 friction;
+    for (int axis = 0; axis < 3; ++axis) friction[axis] = coulomb_[axis] * std::tanh(along[axis] / kTransition);
+    return input.tuning.friction * (viscous_.cwiseProduct(v) + axes_.transpose() * friction);
   }
 
  private:
-  Vec3 viscous_;  ///< [N s/m]
-  Vec3 coulomb_;  ///< [N]
+  Vec3 viscous_;                                        ///< along the axes of W [N s/m]
+  Eigen::Matrix3d axes_ = Eigen::Matrix3d::Identity();  ///< R
+  Vec3 coulomb_;                                        ///< along the axes of R [N]
 };
 
 }  // namespace haptrace

@@ -1,9 +1,10 @@
 #include "control/design/identification.h"
 
+#include "control/design/dense.h"
+#include "control/design/friction_axes.h"
 #include "control/design/hand_fit.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/QR>
+#include <Eigen/LU>
 
 #include <algorithm>
 #include <cmath>
@@ -29,33 +30,6 @@ constexpr double kInterval = 1.96;  // standard deviations of a 95 % interval
 constexpr double kMassLeftOut = 0.04;
 constexpr double kFrictionLeftOut = 0.1;
 constexpr double kDelayLeftOut = 0.1e-3;  // [s]
-
-// ------------------------------------------------------------------------------------------------ linear algebra
-
-// Each function has a single type. Eigen compiles every other type anew, and inline these took most of a minute.
-
-MatrixXd product(const MatrixXd& a, const MatrixXd& b) {
-  return a * b;
-}
-
-MatrixXd transposed_product(const MatrixXd& a, const MatrixXd& b) {
-  return a.transpose() * b;
-}
-
-/// Solves A X = B for a symmetric A without negative eigenvalues.
-MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b) {
-  return a.ldlt().solve(b);
-}
-
-/// Computes the X for which A X is nearest to B.
-MatrixXd least_squares(const MatrixXd& a, const MatrixXd& b) {
-  return a.colPivHouseholderQr().solve(b);
-}
-
-/// Computes the residual B - A X with that X.
-MatrixXd least_squares_rest(const MatrixXd& a, const MatrixXd& b) {
-  return b - product(a, least_squares(a, b));
-}
 
 // ------------------------------------------------------------------------------------------- the spectral lines
 
@@ -450,63 +424,76 @@ VectorXd rest_of(const MatrixXd& columns, const Normal::Column& beta) {
   return product(columns, weights);
 }
 
+/// The samples of a stretch that slide and did not just start to slide.
+struct Sliding {
+  std::vector<std::size_t> rows;  ///< indices of the filtered rows; empty if they are too few
+  MatrixXd columns;               ///< kColumns regressors and the force of every such row
+  MatrixXd drift;                 ///< regressors of a drift slower than a sweep
+  Eigen::Index cycles = 1;        ///< number of whole cycles
+};
+
+Sliding sliding(const std::vector<Filtered>& rows) {
+  Sliding result;
+  if (rows.size() < 50) return result;
+  double fastest = 0;
+  int reversals = 0;
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    fastest = std::max(fastest, std::abs(rows[k].v));
+    if (k > 0 && rows[k].v * rows[k - 1].v < 0) ++reversals;
+  }
+  const double duration = rows.back().time - rows.front().time;
+  result.cycles = std::max<Eigen::Index>(reversals / 2, 1);
+
+  constexpr std::size_t kAround = 5;
+  std::vector<double> integral(rows.size(), 0.0);
+  double mean = 0;
+  for (const Filtered& row : rows) mean += row.x / static_cast<double>(rows.size());
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    if (k > 0) integral[k] = integral[k - 1] + (rows[k].x - mean) * (rows[k].time - rows[k - 1].time);
+    if (k < kAround || k + kAround >= rows.size()) continue;
+    const auto slides = [&](const Filtered& row) {
+      return std::abs(row.v) > std::max(0.15 * fastest, 0.01) && row.v * rows[k].v > 0;
+    };
+    if (slides(rows[k]) && slides(rows[k - kAround]) && slides(rows[k + kAround])) result.rows.push_back(k);
+  }
+  if (result.rows.size() < 30) {
+    result.rows.clear();
+    return result;
+  }
+
+  const auto n = static_cast<Eigen::Index>(result.rows.size());
+  result.columns.resize(n, kColumns + 1);
+  result.drift.resize(n, 1 + result.cycles);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const std::size_t k = result.rows[static_cast<std::size_t>(i)];
+    const Filtered& row = rows[k];
+    const double values[] = {row.v > 0 ? 1.0 : -1.0, row.v, row.a, row.x, integral[k], row.jerk, row.snap, row.u};
+    for (int c = 0; c <= kColumns; ++c) result.columns(i, c) = values[c];
+    const double s = (row.time - rows.front().time) / duration;
+    for (Eigen::Index d = 0; d < result.drift.cols(); ++d)
+      result.drift(i, d) = std::cos(std::numbers::pi * static_cast<double>(d) * s);
+  }
+  return result;
+}
+
 SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   struct Block {
     MatrixXd columns;  ///< kColumns regressors and the force
   };
-  struct Part {
-    MatrixXd columns, drift;  ///< before the drift is removed
-  };
   const double period = 1 / experiment.rate_hz;
   std::vector<Block> blocks;
-  std::vector<Part> parts;
+  std::vector<Sliding> parts;
   for (const Stretch& stretch : experiment.sweeps[static_cast<std::size_t>(axis)]) {
-    const std::vector<Filtered> rows =
-        filter(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin), axis, delay, period);
-    if (rows.size() < 50) continue;
-    double fastest = 0;
-    int reversals = 0;
-    for (std::size_t k = 0; k < rows.size(); ++k) {
-      fastest = std::max(fastest, std::abs(rows[k].v));
-      if (k > 0 && rows[k].v * rows[k - 1].v < 0) ++reversals;
-    }
-    const double duration = rows.back().time - rows.front().time;
-    const double cycles = std::max(0.5 * reversals, 1.0);
-
-    // Keeps samples that slide and did not just start to slide.
-    constexpr std::size_t kAround = 5;
-    std::vector<std::size_t> kept;
-    std::vector<double> integral(rows.size(), 0.0);
-    double mean = 0;
-    for (const Filtered& row : rows) mean += row.x / static_cast<double>(rows.size());
-    for (std::size_t k = 0; k < rows.size(); ++k) {
-      if (k > 0) integral[k] = integral[k - 1] + (rows[k].x - mean) * (rows[k].time - rows[k - 1].time);
-      if (k < kAround || k + kAround >= rows.size()) continue;
-      const auto slides = [&](const Filtered& row) {
-        return std::abs(row.v) > std::max(0.15 * fastest, 0.01) && row.v * rows[k].v > 0;
-      };
-      if (slides(rows[k]) && slides(rows[k - kAround]) && slides(rows[k + kAround])) kept.push_back(k);
-    }
-    if (kept.size() < 30) continue;
-
-    const auto n = static_cast<Eigen::Index>(kept.size());
-    const auto drifts = static_cast<Eigen::Index>(1 + std::floor(cycles));
-    MatrixXd columns(n, kColumns + 1), drift(n, drifts);
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const std::size_t k = kept[static_cast<std::size_t>(i)];
-      const Filtered& row = rows[k];
-      const double values[] = {row.v > 0 ? 1.0 : -1.0, row.v, row.a, row.x, integral[k], row.jerk, row.snap, row.u};
-      for (int c = 0; c <= kColumns; ++c) columns(i, c) = values[c];
-      const double s = (row.time - rows.front().time) / duration;
-      for (Eigen::Index d = 0; d < drifts; ++d) drift(i, d) = std::cos(std::numbers::pi * static_cast<double>(d) * s);
-    }
-    const MatrixXd without = least_squares_rest(drift, columns);
-    parts.push_back({columns, drift});
-    const auto pieces = static_cast<Eigen::Index>(std::max(1.0, std::floor(cycles)));
-    for (Eigen::Index p = 0; p < pieces; ++p) {
-      const Eigen::Index begin = n * p / pieces, end = n * (p + 1) / pieces;
+    Sliding part =
+        sliding(filter(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin), axis, delay, period));
+    if (part.rows.empty()) continue;
+    const MatrixXd without = least_squares_rest(part.drift, part.columns);
+    const auto n = static_cast<Eigen::Index>(part.rows.size());
+    for (Eigen::Index p = 0; p < part.cycles; ++p) {
+      const Eigen::Index begin = n * p / part.cycles, end = n * (p + 1) / part.cycles;
       blocks.push_back({without.middleRows(begin, end - begin)});
     }
+    parts.push_back(std::move(part));
   }
 
   SweepFit fit;
@@ -545,7 +532,7 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   fit.gradient_half = half[kPlace];
   // Gravity is the mean force that the drift terms removed, averaged over the stretches.
   double sum = 0, sum_of_squares = 0;
-  for (const Part& part : parts) {
+  for (const Sliding& part : parts) {
     const double mean = least_squares(part.drift, rest_of(part.columns, beta))(0, 0);
     sum += mean;
     sum_of_squares += mean * mean;
@@ -557,6 +544,113 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
                                                  (stretches - 1))
                          : fit.residual;
   return fit;
+}
+
+// ----------------------------------------------------------------------------------------- the actuators' axes
+
+std::array<std::vector<Filtered>, 3> filter(const Experiment& experiment, const Stretch& stretch, double delay) {
+  std::array<std::vector<Filtered>, 3> result;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    result[axis] = filter(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin), static_cast<int>(axis),
+                          delay, 1 / experiment.rate_hz);
+  return result;
+}
+
+constexpr std::size_t kEvery = 2;          // of the filtered rows, which overlap
+constexpr Eigen::Index kBlocksOfAxes = 4;  // most blocks of a stretch in the jackknife of the axes
+
+/// `rows`: indices of filtered rows. `others`: number of regressors.
+SlidingRows sliding_rows(const std::array<std::vector<Filtered>, 3>& filtered, const std::vector<std::size_t>& rows,
+                         Eigen::Index others, Eigen::Index blocks) {
+  const auto n = static_cast<Eigen::Index>(rows.size());
+  SlidingRows result{
+      .velocity = MatrixXd(n, 3), .force = MatrixXd(n, 3), .others = MatrixXd(n, others), .used = {}, .blocks = {}};
+  for (Eigen::Index p = 0; p < blocks; ++p) result.blocks.push_back(n * p / blocks);
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      const Filtered& own = filtered[static_cast<std::size_t>(axis)][rows[static_cast<std::size_t>(i)]];
+      result.velocity(i, axis) = own.v;
+      result.force(i, axis) = own.u;
+    }
+  return result;
+}
+
+/// Returns the sliding part of a sweep along `axis`; nothing if it is too short. The force across the sweep has fewer
+/// regressors: a hand hardly pushes across, and each of them could stand for friction. The position across is none of
+/// them, since the force across follows from it by the law that holds the device.
+std::optional<SlidingRows> swept(const Experiment& experiment, const Stretch& stretch, std::size_t axis, double delay) {
+  const std::array<std::vector<Filtered>, 3> filtered = filter(experiment, stretch, delay);
+  const Sliding part = sliding(filtered[axis]);
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < part.rows.size(); i += kEvery) rows.push_back(part.rows[i]);
+  if (rows.empty()) return std::nullopt;
+  // Columns: those of the sweep but the sign, the acceleration of each axis, the drift.
+  constexpr Eigen::Index kSweep = kColumns - kSpeed, kLinear = kSweep + 3;
+  const Eigen::Index drifts = part.drift.cols();
+  SlidingRows result = sliding_rows(filtered, rows, kLinear + drifts, std::min(part.cycles, kBlocksOfAxes));
+  for (Eigen::Index i = 0; i < result.others.rows(); ++i) {
+    const auto whole = static_cast<Eigen::Index>(kEvery) * i;
+    for (Eigen::Index c = 0; c < kSweep; ++c) result.others(i, c) = part.columns(whole, kSpeed + c);
+    for (Eigen::Index k = 0; k < 3; ++k)
+      result.others(i, kSweep + k) = filtered[static_cast<std::size_t>(k)][rows[static_cast<std::size_t>(i)]].a;
+    for (Eigen::Index d = 0; d < drifts; ++d) result.others(i, kLinear + d) = part.drift(whole, d);
+  }
+  for (std::size_t k = 0; k < 3; ++k) {
+    std::vector<Eigen::Index>& used = result.used[k];
+    if (k == axis)
+      for (Eigen::Index c = 0; c < kSweep; ++c) used.push_back(c);
+    else
+      used = {kAcceleration - kSpeed, kPlace - kSpeed, kSweep + static_cast<Eigen::Index>(k)};
+    for (Eigen::Index d = 0; d < drifts; ++d) used.push_back(kLinear + d);
+  }
+  return result;
+}
+
+/// Returns a stretch with excitation. The device slides along a path in all directions; without it, friction along
+/// axes that are turned little looks like that along others that are turned much, since what sticks across a sweep
+/// hides the small angle.
+std::optional<SlidingRows> swung(const Experiment& experiment, const Stretch& stretch, double delay) {
+  constexpr double kDrift = 0.5;  // highest frequency of the drift [Hz]
+  constexpr Eigen::Index kLinear = 9;
+  const std::array<std::vector<Filtered>, 3> filtered = filter(experiment, stretch, delay);
+  if (filtered[0].size() < 50) return std::nullopt;
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < filtered[0].size(); i += kEvery) rows.push_back(i);
+  const double begin = filtered[0].front().time, duration = filtered[0].back().time - begin;
+  const auto drifts = static_cast<Eigen::Index>(1 + std::floor(2 * kDrift * duration));
+  SlidingRows result = sliding_rows(filtered, rows, kLinear + drifts, kBlocksOfAxes);
+  for (Eigen::Index i = 0; i < result.others.rows(); ++i) {
+    const std::size_t row = rows[static_cast<std::size_t>(i)];
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      const Filtered& own = filtered[static_cast<std::size_t>(k)][row];
+      result.others(i, k) = own.v;
+      result.others(i, k + 3) = own.a;
+      result.others(i, k + 6) = own.x;
+    }
+    const double s = (filtered[0][row].time - begin) / duration;
+    for (Eigen::Index d = 0; d < drifts; ++d)
+      result.others(i, kLinear + d) = std::cos(std::numbers::pi * static_cast<double>(d) * s);
+  }
+  for (std::vector<Eigen::Index>& used : result.used)
+    for (Eigen::Index c = 0; c < result.others.cols(); ++c) used.push_back(c);
+  return result;
+}
+
+/// Finds the actuators' axes of a device with motors along all axes, from its sweeps and its swing.
+std::optional<ActuatorFriction> find_actuators(const Experiment& experiment, double delay) {
+  if (experiment.axes != std::array{true, true, true}) return std::nullopt;
+  std::vector<SlidingRows> stretches;
+  const auto add = [&](std::optional<SlidingRows> rows) {
+    if (rows) stretches.push_back(std::move(*rows));
+  };
+  for (const Stretch& stretch : experiment.dithered) add(swung(experiment, stretch, delay));
+  if (stretches.empty()) return std::nullopt;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::size_t before = stretches.size();
+    for (const Stretch& stretch : experiment.sweeps[axis]) add(swept(experiment, stretch, axis, delay));
+    if (stretches.size() == before) return std::nullopt;
+  }
+  return find_friction_axes(stretches);
 }
 
 // --------------------------------------------------------------------------------------------- the coarse model
@@ -922,6 +1016,7 @@ Identification identify(const Experiment& experiment) {
     result.reason =
         fmt::format("the model does not explain {:.0f} % of the response to the dither", 100 * result.line_residual);
   result.fits = result.reason.empty();
+  if (result.fits) plant.actuators = find_actuators(experiment, plant.delay);
   return result;
 }
 

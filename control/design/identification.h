@@ -76,6 +76,9 @@ LineSpectrum spectrum_of(const Experiment& experiment);
 /// which does not grow with the size of the sweep. Confidence intervals come from the covariance of the fit (lines) and
 /// from the jackknife over blocks of sweeps (sweeps). Both are widened by the known errors of such models.
 ///
+/// On a device with motors along all axes, sweeps and swing also show the axes of its actuators; see
+/// find_friction_axes().
+///
 /// Needs only the log, neither a data sheet nor a model of the device. Not real-time: it allocates.
 Identification identify(const Experiment& experiment);
 

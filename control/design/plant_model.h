@@ -3,9 +3,20 @@
 
 #include "base/types.h"
 
+#include <optional>
 #include <string>
 
 namespace haptrace {
+
+/// Coulomb friction along the actuators' axes, which need not be those of W:
+///
+///     R^T diag(F_c) sgn(R x')
+struct ActuatorFriction {
+  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();  ///< R, from W to the actuators' axes: p_A = R p_W
+  Vec3 coulomb = Vec3::Zero();                         ///< F_c [N]
+  double angle_half = 0;                               ///< half width of the 95 % confidence interval of R [rad]
+  Vec3 coulomb_half = Vec3::Zero();                    ///< the same of F_c [N]
+};
 
 /// A mass with friction in a position-dependent field, behind a delay. The axes of W are independent:
 ///
@@ -22,6 +33,9 @@ struct PlantModel {
   double delay = 0;                ///< from the tick that commands a force to the force: transport and actuator lag [s]
   double position_resolution = 0;  ///< encoder resolution; 0: none found [m]
   double position_noise = 0;       ///< rms per axis, in addition to the quantisation noise [m]
+  /// Coulomb friction along the actuators' axes, where these are known to differ from those of W. It is then more
+  /// accurate than F_c, the friction against a movement along each axis of W.
+  std::optional<ActuatorFriction> actuators;
 };
 
 /// Result of an identification, see identify().

@@ -2,6 +2,8 @@
 
 #include "tests/support/allocations.h"
 
+#include <Eigen/Geometry>
+
 #include <gtest/gtest.h>
 
 namespace haptrace {
@@ -48,6 +50,20 @@ TEST(FrictionFeedforward, IsTheModelsFrictionAtTheReferencesVelocity) {
   EXPECT_TRUE(at(Vec3(0.3, -0.4, 0)).isApprox(Vec3(0.3 + 0.7, -0.8 - 0.6, 0), 1e-9));
   EXPECT_TRUE(at(Vec3(0.3, -0.4, 0), {.friction = 0.5}).isApprox(Vec3(0.5, -0.7, 0), 1e-9));
   EXPECT_EQ(at(Vec3::Zero()), Vec3::Zero()) << "a reference at rest needs no force";
+}
+
+TEST(FrictionFeedforward, CancelsTheFrictionOfTurnedActuators) {
+  PlantModel turned = plant();
+  const Eigen::Matrix3d r = Eigen::AngleAxisd(0.8, Vec3(1, -2, 0.5).normalized()).toRotationMatrix();
+  turned.actuators = ActuatorFriction{.axes = r, .coulomb = Vec3(0.3, 0.9, 0.6)};
+  FrictionFeedforward term(turned);
+  for (const Vec3& along : {Vec3(0.9, 0, 0), Vec3(0, 0, -0.9), Vec3(-0.5, 0.4, 0.6)}) {
+    const Vec3 v = r.transpose() * along;
+    const Vec3 friction = turned.viscous.cwiseProduct(v) +
+                          r.transpose() * turned.actuators->coulomb.cwiseProduct(
+                                              Vec3((along / FrictionFeedforward::kTransition).array().tanh()));
+    EXPECT_TRUE(answer(term, {Vec3::Zero(), v, Vec3::Zero(), 0}).isApprox(friction, 1e-9)) << along.transpose();
+  }
 }
 
 TEST(FrictionFeedforward, TurnsItsSignSmoothly) {

@@ -1,6 +1,9 @@
 #include "control/design/identification.h"
 
 #include "control/design/inertia_identification.h"
+#include "control/feedforward.h"
+
+#include <Eigen/Geometry>
 
 #include <cmath>
 #include <deque>
@@ -23,6 +26,7 @@ struct Bench {
   double quantum = 0;
   double cable = 0;  ///< Amplitude of a position-dependent force with a period of 12 mm [N].
   std::array<bool, 3> axes{true, true, true};
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  ///< From W to the axes of all vectors above.
 
   Multisine dither{15, 120, 2, {true, true, true}};
   std::vector<TickRow> rows;
@@ -89,10 +93,10 @@ struct Bench {
 
   void tick(const Vec3& wanted, bool hum) {
     const double time = static_cast<double>(rows.size()) / kRate;
-    Vec3 seen = x_;
+    Vec3 seen = turn.transpose() * x_;
     if (quantum > 0)
       for (double& value : seen) value = quantum * std::round(value / quantum);
-    Vec3 force = 800 * (wanted - seen) - 12 * v_;
+    Vec3 force = 800 * (wanted - seen) - 12 * (turn.transpose() * v_);
     if (hum) force += 0.8 * dither.value(time);
     for (int axis = 0; axis < 3; ++axis)
       if (!axes[static_cast<std::size_t>(axis)]) force[axis] = 0;
@@ -103,7 +107,7 @@ struct Bench {
     const double h = 1 / kRate / kSteps;
     for (int step = 0; step < kSteps; ++step) {
       const auto late = static_cast<std::size_t>(std::ceil((delay - (step + 0.5) * h) * kRate));
-      const Vec3 u = late < sent_.size() ? sent_[sent_.size() - 1 - late] : Vec3(Vec3::Zero());
+      const Vec3 u = turn * (late < sent_.size() ? sent_[sent_.size() - 1 - late] : Vec3(Vec3::Zero()));
       for (int axis = 0; axis < 3; ++axis) {
         const double w = h / mass[axis];
         const double free = v_[axis] + w * (u[axis] + gravity[axis] + gradient * x_[axis] +
@@ -115,7 +119,7 @@ struct Bench {
     }
   }
 
-  Vec3 x_ = Vec3::Zero(), v_ = Vec3::Zero();
+  Vec3 x_ = Vec3::Zero(), v_ = Vec3::Zero();  ///< Along the axes of `turn`.
   std::deque<Vec3> sent_;
 };
 
@@ -252,6 +256,7 @@ TEST(Identification, LeavesAxesWithoutAMotorOut) {
   EXPECT_TRUE(found.fits) << found.reason;
   EXPECT_EQ(found.plant.mass.z(), 0);
   EXPECT_EQ(found.plant.coulomb.z(), 0);
+  EXPECT_FALSE(found.plant.actuators);
   for (int axis = 0; axis < 2; ++axis) EXPECT_NEAR(found.plant.mass[axis], planar.mass[axis], 0.1 * planar.mass[axis]);
 }
 
@@ -269,6 +274,52 @@ TEST(Identification, ReportsDataThatContainNoInformation) {
   std::normal_distribution<double> normal(0, 1e-3);
   for (TickRow& row : noise.rows) row.position = Vec3(normal(random), normal(random), normal(random));
   EXPECT_FALSE(noise.identified().fits);
+}
+
+/// Rms difference of the identified friction from the true one over directions of motion, as a fraction of the latter.
+double friction_error(const PlantModel& plant, const Bench& truth) {
+  FrictionFeedforward found(plant);
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  double error2 = 0, force2 = 0;
+  for (int k = 0; k < 500; ++k) {
+    Reference reference;
+    reference.velocity = 0.1 * Vec3(normal(random), normal(random), normal(random)).normalized();
+    const Vec3 v = truth.turn * reference.velocity;
+    const Vec3 force =
+        truth.turn.transpose() * (truth.coulomb.cwiseProduct(v.cwiseSign()) + truth.viscous.cwiseProduct(v));
+    error2 += (found.force({State{}, reference, Tuning{}}) - force).squaredNorm();
+    force2 += force.squaredNorm();
+  }
+  return std::sqrt(error2 / force2);
+}
+
+TEST(FrictionAxes, AreFoundAndMakeTheFrictionOfTurnedActuatorsMoreAccurate) {
+  for (const Vec3& coulomb : {Vec3(0.5, 0.8, 0.3), Vec3(0.7, 0.7, 0.7), Vec3(0.15, 0.6, 1.2)})
+    for (const double angle : {0.2, 0.6}) {
+      SCOPED_TRACE(testing::Message() << coulomb.transpose() << ", " << angle);
+      Bench turned;
+      turned.coulomb = coulomb;
+      turned.turn = Eigen::AngleAxisd(angle, Vec3(1, 2, -1).normalized());
+      const Identification found = turned.run().identified();
+      ASSERT_TRUE(found.plant.actuators);
+      const Eigen::AngleAxisd off(found.plant.actuators->axes * turned.turn.transpose());
+      EXPECT_LT(off.angle(), 0.1);
+      EXPECT_LT(off.angle(), found.plant.actuators->angle_half + 0.05);
+      for (int axis = 0; axis < 3; ++axis)
+        EXPECT_NEAR(found.plant.actuators->coulomb[axis], coulomb[axis], 0.2 * coulomb[axis] + 0.03);
+      PlantModel along_base = found.plant;
+      along_base.actuators.reset();
+      EXPECT_LT(friction_error(found.plant, turned), (angle < 0.5 ? 0.8 : 0.33) * friction_error(along_base, turned));
+    }
+}
+
+TEST(FrictionAxes, AreNotClaimedWhereTheActuatorsAreAlignedOrHaveNoFriction) {
+  EXPECT_FALSE(bench().identified().plant.actuators);
+  Bench smooth;
+  smooth.coulomb.setZero();
+  smooth.turn = Eigen::AngleAxisd(0.6, Vec3(1, 2, -1).normalized());
+  EXPECT_FALSE(smooth.run().identified().plant.actuators);
 }
 
 TEST(CoarseIdentification, FindsMassAndDelayWithoutTheLines) {
