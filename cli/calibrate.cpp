@@ -5,8 +5,11 @@
 #include "player/calibration/calibration.h"
 #include "player/calibration/calibration_plan.h"
 
+#include <Eigen/Geometry>
+
 #include <chrono>
 #include <fmt/format.h>
+#include <numbers>
 #include <thread>
 
 namespace haptrace::cli {
@@ -106,6 +109,17 @@ std::string text_of(const HeldDevice& held) {
   return text;
 }
 
+std::string text_of(const ActuatorFriction& actuators) {
+  constexpr double kDegrees = 180 / std::numbers::pi;
+  const auto three = [](const auto& v) { return fmt::format("{:.2f}, {:.2f}, {:.2f}", v[0], v[1], v[2]); };
+  const Eigen::Matrix3d& r = actuators.axes;
+  return fmt::format(
+      "  actuators' axes: turned by {:.0f} +- {:.0f} degrees, along ({}), ({}), ({})\n"
+      "    friction along them {} +- {} N\n",
+      kDegrees * Eigen::AngleAxisd(r).angle(), kDegrees * actuators.angle_half, three(r.row(0)), three(r.row(1)),
+      three(r.row(2)), three(actuators.coulomb), three(actuators.coulomb_half));
+}
+
 std::string table(const CalibrationPlan& plan, const CalibrationResult& result) {
   const PlantModel &plant = result.identification.plant, &half = result.identification.half_width;
   std::string text = fmt::format("  {:<18}  {:<17}  {:<17}  {:<17}\n", "95 % intervals", "x", "y", "z");
@@ -116,6 +130,7 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
   text += row("gravity gradient", "N/m", plan, plant.gravity_gradient.diagonal(), half.gravity_gradient.diagonal(), 1);
   text += fmt::format("  delay {:.2f} +- {:.2f} ms; position resolution {:.4f} mm, noise {:.4f} mm\n",
                       1e3 * plant.delay, 1e3 * half.delay, 1e3 * plant.position_resolution, 1e3 * plant.position_noise);
+  if (plant.actuators) text += text_of(*plant.actuators);
   text += fmt::format("  not explained by the model: {:.0f} % of the {}, {:.3f} N rms in the sweeps\n",
                       100 * result.identification.line_residual,
                       result.identification.coarse ? "force" : "response to the excitation",

@@ -30,14 +30,20 @@ json rows_of(const Eigen::Matrix3d& matrix) {
 }
 
 json json_of(const PlantModel& plant) {
-  return {{"mass_kg", haptrace::json_of(plant.mass)},
-          {"viscous_n_s_per_m", haptrace::json_of(plant.viscous)},
-          {"coulomb_n", haptrace::json_of(plant.coulomb)},
-          {"gravity_n", haptrace::json_of(plant.gravity)},
-          {"gravity_gradient_n_per_m", rows_of(plant.gravity_gradient)},
-          {"delay_s", plant.delay},
-          {"position_resolution_m", plant.position_resolution},
-          {"position_noise_m", plant.position_noise}};
+  json object{{"mass_kg", haptrace::json_of(plant.mass)},
+              {"viscous_n_s_per_m", haptrace::json_of(plant.viscous)},
+              {"coulomb_n", haptrace::json_of(plant.coulomb)},
+              {"gravity_n", haptrace::json_of(plant.gravity)},
+              {"gravity_gradient_n_per_m", rows_of(plant.gravity_gradient)},
+              {"delay_s", plant.delay},
+              {"position_resolution_m", plant.position_resolution},
+              {"position_noise_m", plant.position_noise}};
+  if (plant.actuators)
+    object["actuators"] = {{"axes", rows_of(plant.actuators->axes)},
+                           {"coulomb_n", haptrace::json_of(plant.actuators->coulomb)},
+                           {"axes_half_width_rad", plant.actuators->angle_half},
+                           {"coulomb_half_width_n", haptrace::json_of(plant.actuators->coulomb_half)}};
+  return object;
 }
 
 json json_of(const TrackingDesign& design) {
@@ -74,13 +80,27 @@ class Required {
 // Far beyond any device that a hand can hold.
 constexpr double kLargest = 1e6;
 
-Eigen::Matrix3d matrix_from(JsonReader reader) {
+Eigen::Matrix3d matrix_from(JsonReader reader, double most = kLargest) {
   Required rows(reader);
   Eigen::Matrix3d matrix;
   for (int row = 0; row < 3; ++row)
-    matrix.row(row) = rows.vector(std::string(1, "xyz"[row]).c_str(), -kLargest, kLargest).transpose();
+    matrix.row(row) = rows.vector(std::string(1, "xyz"[row]).c_str(), -most, most).transpose();
   reader.finish();
   return matrix;
+}
+
+ActuatorFriction actuators_from(JsonReader reader) {
+  constexpr double kOrthonormal = 1e-6;
+  Required required(reader);
+  ActuatorFriction actuators;
+  actuators.axes = matrix_from(required.object("axes"), 1);
+  if (const Eigen::Matrix3d& r = actuators.axes; !(r * r.transpose()).isIdentity(kOrthonormal))
+    throw input_error(fmt::format("{}: axes: the rows must be unit vectors at right angles", reader.where()));
+  actuators.coulomb = required.vector("coulomb_n", 0, kLargest);
+  actuators.angle_half = required.number("axes_half_width_rad", 0, kLargest);
+  actuators.coulomb_half = required.vector("coulomb_half_width_n", 0, kLargest);
+  reader.finish();
+  return actuators;
 }
 
 PlantModel plant_from(JsonReader reader) {
@@ -94,6 +114,7 @@ PlantModel plant_from(JsonReader reader) {
   plant.delay = required.number("delay_s", -1, 1);
   plant.position_resolution = required.number("position_resolution_m", 0, 1);
   plant.position_noise = required.number("position_noise_m", 0, 1);
+  if (auto actuators = reader.object("actuators")) plant.actuators = actuators_from(std::move(*actuators));
   reader.finish();
   return plant;
 }

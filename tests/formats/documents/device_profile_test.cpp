@@ -1,8 +1,11 @@
 #include "formats/documents/device_profile.h"
 
+#include "base/error.h"
 #include "base/rfc3339.h"
 #include "tests/formats/support.h"
 #include "tests/support/errors.h"
+
+#include <Eigen/Geometry>
 
 #include <cstdlib>
 
@@ -35,6 +38,15 @@ DeviceProfile example() {
   profile.design.largest = {Vec3(6000, 6100, 6200), Vec3(50, 51, 52)};
   profile.design.mass = Vec3(0.44, 0.45, 0.46);
   profile.design.observer_hz = 40;
+  return profile;
+}
+
+DeviceProfile with_turned_actuators() {
+  DeviceProfile profile = example();
+  profile.plant.actuators = ActuatorFriction{.axes = Eigen::AngleAxisd(1.0 / 3, Vec3::UnitY()).toRotationMatrix(),
+                                             .coulomb = Vec3(0.1 + 0.2, 0.8, 0.9),
+                                             .angle_half = 1.0 / 30,
+                                             .coulomb_half = Vec3(0.1, 0.1 + 0.02, 0.3)};
   return profile;
 }
 
@@ -76,6 +88,25 @@ class DeviceProfiles : public testing::Test {
   ~DeviceProfiles() override { unsetenv("HAPTRACE_PROFILES"); }
   TempFolder folder_;
 };
+
+TEST_F(DeviceProfiles, AreReadBackToTheBitWithTheAxesOfTheActuators) {
+  const DeviceProfile profile = with_turned_actuators();
+  save_profile(profile, folder_ / "p.json", false);
+  const DeviceProfile read = load_profile(folder_ / "p.json");
+  ASSERT_TRUE(read.plant.actuators);
+  EXPECT_EQ(read.plant.actuators->axes, profile.plant.actuators->axes);
+  EXPECT_EQ(read.plant.actuators->coulomb, profile.plant.actuators->coulomb);
+  EXPECT_EQ(read.plant.actuators->angle_half, profile.plant.actuators->angle_half);
+  EXPECT_EQ(read.plant.actuators->coulomb_half, profile.plant.actuators->coulomb_half);
+}
+
+TEST_F(DeviceProfiles, AreValidWithoutTheAxesOfTheActuatorsAndRejectAxesThatAreNotAtRightAngles) {
+  json object = to_json(with_turned_actuators());
+  object["plant"]["actuators"]["axes"]["x"] = {1, 0, 0};
+  EXPECT_THROW((void)profile_from_json(object, "bent"), Error);
+  object["plant"].erase("actuators");
+  EXPECT_FALSE(profile_from_json(object, "old").plant.actuators);
+}
 
 TEST_F(DeviceProfiles, AreReadBackToTheBit) {
   save_profile(example(), folder_ / "p.json", false);
