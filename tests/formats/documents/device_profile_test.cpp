@@ -8,6 +8,7 @@
 #include <Eigen/Geometry>
 
 #include <cstdlib>
+#include <gmock/gmock.h>
 
 namespace haptrace {
 namespace {

@@ -85,6 +85,27 @@ TEST(Calibration, FindsAFalconThatAHandHolds) {
   EXPECT_GT(result.design->gains.kp.minCoeff(), 0);
 }
 
+TEST(Calibration, FindsTheAxesOfTheActuatorsInANoisyHandOnlyWhereTheyAreTurned) {
+  CalibrationOptions chosen = options();
+  chosen.laws = false;
+  for (const std::uint64_t index : {0U, 1U, 2U, 17U}) {
+    EnsembleDraw draw = draw_device(7, index);
+    ASSERT_TRUE(draw.spec.hand);
+    SimDevice turned(draw.spec, {.seed = draw.noise_seed});
+    const CalibrationResult result = calibrated(turned, chosen);
+    ASSERT_TRUE(result.succeeded()) << index << ": " << result.reason;
+    ASSERT_TRUE(result.identification.plant.actuators) << index;
+    // Each axis of the actuators lies along one that was found.
+    const Eigen::Matrix3d same =
+        (result.identification.plant.actuators->axes * turned.plant().rotation().transpose()).cwiseAbs();
+    for (int axis = 0; axis < 3; ++axis) EXPECT_GT(same.row(axis).maxCoeff(), std::cos(0.15)) << index;
+
+    draw.spec.rotation.setZero();
+    SimDevice aligned(draw.spec, {.seed = draw.noise_seed});
+    EXPECT_FALSE(calibrated(aligned, chosen).identification.plant.actuators) << index;
+  }
+}
+
 TEST(Calibration, FindsADeviceThatNowAndThenRepeatsAState) {
   class Repeating final : public Device {
    public:

@@ -291,6 +291,23 @@ TEST(Play, AllocatesNothingInATickWithEveryCompensationOn) {
   EXPECT_EQ(counting.allocated, 0U);
 }
 
+TEST(Play, FollowsMoreCloselyFromTheFirstRepetitionWhenItKnowsTheAxesOfTheActuators) {
+  SimSpec spec = test::true_device();
+  spec.rotation = Vec3(0.3, -0.5, 0.4);
+  spec.cogging.setZero();
+  const auto error = [&](bool axes, int learn) {
+    SimDevice device(spec);
+    PlayOptions options = everything();
+    options.learn = learn;
+    options.playback.repetitions = 1;
+    if (axes)
+      options.identified->plant.actuators =
+          ActuatorFriction{.axes = device.plant().rotation(), .coulomb = spec.coulomb};
+    return played_circle(device, options).last.rms_error;
+  };
+  for (const int learn : {0, 1}) EXPECT_LT(error(true, learn), 0.9 * error(false, learn)) << learn;
+}
+
 TEST(Play, DoesNotDriveAnAxisWithoutMotorWhateverItsGains) {
   SimSpec spec = test::true_device();
   spec.axes = {true, true, false};
