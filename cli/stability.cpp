@@ -27,6 +27,7 @@ struct StabilityArguments {
   std::uint64_t seed = 1, first = 0;
   int learn = 5;
   std::vector<std::string> paths;
+  std::string kinds, law, firmness;
   std::string scene, output, figure;
   bool overwrite = false;
 };
@@ -95,6 +96,8 @@ std::function<void(const EnsembleProgress&)> telling(ReadProgress& progress) {
   };
 }
 
+constexpr const char* kHardKinds = "hard";
+
 void try_ensemble(const StabilityArguments& arguments, const Output& output, const StopRequest& stop,
                   Findings& findings) {
   EnsembleOptions options{.seed = arguments.seed,
@@ -102,15 +105,24 @@ void try_ensemble(const StabilityArguments& arguments, const Output& output, con
                           .draws = arguments.draws,
                           .learn = arguments.learn,
                           .threads = arguments.jobs};
+  if (!arguments.law.empty()) options.law = parse_tracking_law(arguments.law);
+  if (!arguments.firmness.empty()) options.firmness = parse_firmness(arguments.firmness);
   if (!arguments.paths.empty()) options.paths = ensemble_paths();
   for (const std::string& file : arguments.paths) options.paths.push_back(load_path(file));
 
-  ReadProgress progress(output, "");
-  const EnsembleReport report = run_ensemble(options, stop, telling(progress));
-  findings.complete = report.members.size() == report.draws;
-  findings.json["ensemble"] = to_json(report);
-  findings.text += text_of(report);
-  findings.figure = figure_of(report);
+  const auto run = [&](const char* key) {
+    ReadProgress progress(output, options.kinds.size() > 1 ? kHardKinds : to_string(options.kinds.front()));
+    const EnsembleReport report = run_ensemble(options, stop, telling(progress));
+    findings.complete = findings.complete && report.members.size() == report.draws;
+    findings.json[key] = to_json(report);
+    findings.text += text_of(report);
+    if (findings.figure.rows.empty()) findings.figure = figure_of(report);
+  };
+  if (!arguments.kinds.empty() && arguments.kinds != kHardKinds) options.kinds = {parse_ensemble_kind(arguments.kinds)};
+  if (arguments.kinds != kHardKinds) run("ensemble");
+  if (!arguments.kinds.empty() && arguments.kinds != kHardKinds) return;
+  options.kinds = hard_kinds();
+  if (stop.count() == 0) run("hard_ensemble");
 }
 
 void try_guidance(const StabilityArguments& arguments, const Output& output, const StopRequest& stop,
@@ -230,12 +242,21 @@ Verb add_ensemble(CLI::App& parent) {
                      "Each random device is calibrated in the hand that holds it, without knowledge of its parameters. "
                      "Then circle, square, script and further paths are played with stiff PD, with cautious PD, and by "
                      "the calibrated player. Then the device holds its position, and is driven with gains beyond its "
-                     "stable range. Time is virtual; the seed determines every result.",
+                     "stable range. Time is virtual; the seed determines every result. The figure shows the first "
+                     "ensemble that was run.",
                      true, arguments, try_ensemble);
   add_draws(*verb.app, arguments);
   add_seed(*verb.app, arguments);
   verb.app->add_option("--learn", arguments->learn, "learning repetitions of the calibrated player")
       ->capture_default_str();
+  verb.app
+      ->add_option("--kinds", arguments->kinds,
+                   fmt::format("devices to draw: hard (late, varying, elastic, weak or shaken ones), or one kind: {} "
+                               "(default: small, then hard)",
+                               fmt::join(ensemble_kind_names(), " | ")))
+      ->type_name("KIND");
+  verb.app->add_option("--law", arguments->law, "law of the calibrated player: lqg | observer (default: as play)");
+  verb.app->add_option("--firmness", arguments->firmness, "design of its LQG law: quiet | normal | exact");
   return verb;
 }
 

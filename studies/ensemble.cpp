@@ -14,6 +14,7 @@
 #include <fmt/format.h>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -77,22 +78,34 @@ class RunSink final : public TruthSink {
       : TruthSink(watched),
         ripple_(kRippleCutoff, watched.rate_hz),
         needed_(watched.spec, watched.rate_hz),
-        largest_(kAtLargest * watched.spec.max_force) {}
+        available_(watched.spec.strongest()),
+        half_window_(static_cast<std::uint64_t>(std::llround(0.5 * kShakingWindow * watched.rate_hz))) {}
 
   void write(EnsembleRun& run) const {
     run.rms_error = rms(error2_, samples_);
     run.peak_error = std::sqrt(peak2_);
     run.ripple = rms(ripple2_, samples_);
+    run.shaking = std::sqrt(worst2_);
     run.saturated = samples_ > 0 ? static_cast<double>(saturated_) / static_cast<double>(samples_) : 0;
     run.needed_force = most_needed_;
+    run.available_force = available_;
     run.stopped_at_largest = stopped_ && at_largest_;
     run.oscillations = oscillations();
   }
 
  private:
   void begin_repetition() noexcept override {
-    error2_ = peak2_ = ripple2_ = 0;
+    error2_ = peak2_ = ripple2_ = half2_ = before2_ = worst2_ = 0;
     samples_ = saturated_ = 0;
+  }
+
+  /// Moves the window on by half of its length.
+  void judge_shaking(double ripple2) noexcept {
+    half2_ += ripple2;
+    if (samples_ % half_window_ != 0) return;
+    if (samples_ > half_window_)
+      worst2_ = std::max(worst2_, (before2_ + half2_) / static_cast<double>(2 * half_window_));
+    before2_ = std::exchange(half2_, 0);
   }
 
   void see(const Sample& sample, const Vec3& true_error) noexcept override {
@@ -102,21 +115,25 @@ class RunSink final : public TruthSink {
     phase_ = sample.phase;
     if (phase_ == Phase::approach || phase_ == Phase::run) most_needed_ = std::max(most_needed_, needed);
     stopped_ = sample.phase == Phase::stopped;
-    if (!stopped_) at_largest_ = sample.force.stableNorm() >= largest_;
+    if (!stopped_) at_largest_ = sample.force.stableNorm() >= kAtLargest * available_;
     if (sample.phase != Phase::run) return;
     ++samples_;
     error2_ += true_error.squaredNorm();
     peak2_ = std::max(peak2_, true_error.squaredNorm());
     ripple2_ += ripple2;
+    judge_shaking(ripple2);
     if (at_largest_) ++saturated_;
   }
 
   Ripple ripple_;
   NeededForce needed_;
-  double largest_;          ///< [N]
+  double available_;        ///< [N]
   double most_needed_ = 0;  ///< since the approach began [N]
   Phase phase_ = Phase::idle;
   double error2_ = 0, peak2_ = 0, ripple2_ = 0;
+  double half2_ = 0, before2_ = 0;  ///< sums of the ripple's square in this half of a window and the one before
+  double worst2_ = 0;
+  std::uint64_t half_window_;  ///< [ticks]
   std::uint64_t samples_ = 0, saturated_ = 0;
   bool at_largest_ = false, stopped_ = false;
 };
@@ -192,8 +209,9 @@ Path hold_path() {
 /// One draw and its trials.
 class PathTrials {
  public:
-  PathTrials(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options, const StopRequest& stop)
-      : draw_(draw_device(seed, index)), quiet_(draw_.spec), options_(options), stop_(stop) {
+  PathTrials(std::uint64_t seed, std::uint64_t index, EnsembleKind kind, const EnsembleOptions& options,
+             const StopRequest& stop)
+      : draw_(draw_device(seed, index, kind)), quiet_(draw_.spec), options_(options), stop_(stop) {
     if (quiet_.hand) quiet_.hand->tremor = quiet_.hand->drift = 0;
   }
 
@@ -276,6 +294,7 @@ const PdGains kStiff = gains(3000, 25), kCautious = gains(500, 6);
 
 EnsembleOptions completed(EnsembleOptions options) {
   check_draws(options.draws);
+  if (options.kinds.empty()) throw input_error("an ensemble needs at least one kind of device");
   if (options.learn < 0 || options.learn > 100)
     throw input_error(fmt::format("the number of learning repetitions is {}; it must be from 0 to 100", options.learn));
   if (!(options.beyond >= 0.01 && options.beyond <= 100))
@@ -304,17 +323,20 @@ double EnsembleOverdrive::delay() const noexcept {
 
 bool EnsembleMember::beyond_force(std::size_t path) const noexcept {
   const EnsembleRun& run = trial(calibrated() ? EnsembleController::calibrated : EnsembleController::stiff).runs[path];
-  return run.overpowered() && run.needed_force > kMaxForce;
+  return run.overpowered() && run.needed_force > run.available_force;
 }
 
 EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options,
                           const StopRequest& stop) {
-  EnsembleMember member{.index = index};
-  const PathTrials trials(seed, index, options, stop);
+  EnsembleMember member{.index = index, .kind = options.kinds[index % options.kinds.size()]};
+  const PathTrials trials(seed, index, member.kind, options, stop);
   const auto run = [&](EnsembleController controller, const PlayOptions& play_options) {
     if (stop.count() == 0) member.trials[static_cast<std::size_t>(controller)] = trials.run(play_options);
   };
-  run(EnsembleController::stiff, plain(kStiff));
+  // A hand yields from one repetition to the next: only the same repetition compares.
+  PlayOptions stiff = plain(kStiff);
+  stiff.playback.repetitions = std::max(1, options.learn);
+  run(EnsembleController::stiff, stiff);
   run(EnsembleController::cautious, plain(kCautious));
   member.overdrive = trials.overdrive(plain(kStiff));
   const CalibrationResult calibration = trials.calibrate();
@@ -325,6 +347,8 @@ EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const Ensembl
   PlayOptions calibrated = plain(kStiff);
   calibrated.gains.reset();
   calibrated.identified = calibration.identified();
+  calibrated.law = options.law;
+  calibrated.firmness = options.firmness;
   calibrated.learn = options.learn;
   calibrated.playback.repetitions = std::max(1, options.learn);
   run(EnsembleController::calibrated, calibrated);
@@ -334,7 +358,7 @@ EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const Ensembl
 EnsembleReport run_ensemble(const EnsembleOptions& asked, const StopRequest& stop,
                             const std::function<void(const EnsembleProgress&)>& progress) {
   const EnsembleOptions options = completed(asked);
-  EnsembleReport report{.seed = options.seed, .draws = options.draws, .learn = options.learn};
+  EnsembleReport report{.kinds = options.kinds, .seed = options.seed, .draws = options.draws, .learn = options.learn};
   // A path that no device of the ensemble could play is rejected before the first draw runs.
   const SimDevice any(draw_device(options.seed, options.first).spec);
   for (const Path& path : options.paths) {

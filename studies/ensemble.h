@@ -4,6 +4,7 @@
 #include "control/path/path.h"
 #include "control/ripple.h"
 #include "devices/loop/servo_loop.h"
+#include "player/playback/playback.h"
 #include "plot/figure.h"
 #include "studies/ensemble_draw.h"
 #include "studies/ensemble_run.h"
@@ -11,6 +12,7 @@
 #include <array>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +29,8 @@ inline constexpr double kMostHoldRipple = 0.02e-3;  // rms of the true position 
 inline constexpr double kHuntingCutoff = 2;         // [Hz]
 inline constexpr double kMostHunting = 0.02e-3;     // rms of the true position above it; more is a limit cycle too [m]
 inline constexpr double kMostSaturated = 0.01;      // share of the ticks of a run
+inline constexpr double kShakingWindow = 0.25;      // [s]
+inline constexpr double kMostShaking = 0.06e-3;     // ripple in the worst window above it; more shakes the hand [m]
 inline constexpr double kCatchWithin = 0.3;         // time from the onset of an oscillation to its detection [s]
 
 }  // namespace ensemble
@@ -41,11 +45,15 @@ inline constexpr std::array kEnsembleControllers{EnsembleController::stiff, Ense
 const char* to_string(EnsembleController controller) noexcept;
 
 struct EnsembleOptions {
+  /// Draw i is of kind i modulo the number of kinds. Not empty; see hard_kinds().
+  std::vector<EnsembleKind> kinds{EnsembleKind::small};
   std::uint64_t seed = 1;
   std::uint64_t first = 0;  ///< index of the first draw; allows a single draw to be rerun
   std::size_t draws = 100;
   std::vector<Path> paths;  ///< paths, fitted into the workspace; empty: ensemble_paths()
-  int learn = 5;            ///< learning repetitions of the calibrated playback; the last one counts
+  int learn = 5;            ///< learning repetitions of the calibrated playback; the last one counts, as of stiff PD
+  std::optional<TrackingLaw> law;    ///< of the calibrated playback; none: the one that play() chooses
+  std::optional<Firmness> firmness;  ///< of the LQG law; none: the one that play() chooses
   double beyond = 3;        ///< stiffness of EnsembleOverdrive, relative to the stability limit of a free device
   std::size_t threads = 0;  ///< 0: one for every core. The report does not depend on it
 };
@@ -61,14 +69,17 @@ struct EnsembleRun {
   double measured_rms_error = 0, measured_peak_error = 0;  ///< errors of the measured position [m]
   double force_ripple = 0;                                 ///< sent force above 25 Hz, rms [N]
   double ripple = 0;                                       ///< true error above kRippleCutoff, rms [m]
+  double shaking = 0;                                      ///< the same in the worst kShakingWindow [m]
   double max_force = 0;                                    ///< largest magnitude sent [N]
   double saturated = 0;                                    ///< share of the ticks at the device's largest force
   double needed_force = 0;  ///< largest force that the movement needs, from the approach on, for the device and a hand
                             ///< without tremor and under any controller (studies/needed_force.h) [N]
+  double available_force = 0;       ///< largest force of the motors, which they may not state [N]
   bool stopped_at_largest = false;  ///< a limit stopped the session while it sent the largest force
   int oscillations = 0;             ///< reports of the oscillation monitor in all repetitions
 
   [[nodiscard]] bool limit_cycle() const noexcept { return ripple > ensemble::kMostRipple; }
+  [[nodiscard]] bool shakes() const noexcept { return shaking > ensemble::kMostShaking; }
   [[nodiscard]] bool overpowered() const noexcept { return saturated > ensemble::kMostSaturated || stopped_at_largest; }
 };
 
@@ -104,6 +115,7 @@ struct EnsembleTrial {
 
 struct EnsembleMember {
   std::uint64_t index = 0;
+  EnsembleKind kind = EnsembleKind::small;
   std::string calibration_error;  ///< why there is no calibrated trial; empty if there is one
   std::array<EnsembleTrial, kEnsembleControllers.size()> trials;
   EnsembleOverdrive overdrive;
@@ -112,13 +124,14 @@ struct EnsembleMember {
   [[nodiscard]] const EnsembleTrial& trial(EnsembleController controller) const noexcept {
     return trials[static_cast<std::size_t>(controller)];
   }
-  /// Returns true when this path needs more force than the device has and the calibrated playback (the stiff one if the
-  /// calibration failed) therefore sent the largest force for more than kMostSaturated of the run, or stopped there.
-  /// Saturation without such a need counts against the controller.
+  /// Returns true when this path needs more force than the motors have and the calibrated playback (the stiff one if
+  /// the calibration failed) therefore sent the largest force for more than kMostSaturated of the run, or stopped
+  /// there. Saturation without such a need counts against the controller.
   [[nodiscard]] bool beyond_force(std::size_t path) const noexcept;
 };
 
 struct EnsembleReport {
+  std::vector<EnsembleKind> kinds{EnsembleKind::small};  ///< of the options
   std::uint64_t seed = 0;
   std::size_t draws = 0;           ///< number of draws requested; fewer members after a cancellation
   std::vector<std::string> paths;  ///< names of the paths
@@ -134,8 +147,8 @@ struct EnsembleReport {
 EnsembleReport run_ensemble(const EnsembleOptions& options, const StopRequest& stop,
                             const std::function<void(const EnsembleProgress&)>& progress = {});
 
-/// Runs one draw on `options.paths`, which must not be empty. The result is invalid if `stop` was raised meanwhile.
-/// Throws what play() throws before its first tick.
+/// Runs one draw on `options.paths`, which must not be empty; `options.kinds` determines its kind. The result is
+/// invalid if `stop` was raised meanwhile. Throws what play() throws before its first tick.
 EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options,
                           const StopRequest& stop);
 

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <string>
+#include <vector>
 
 namespace haptrace {
 
@@ -55,7 +57,54 @@ inline constexpr Range kArmDamping{1, 5};          // [N s/m]
 inline constexpr double kTremor = 0.04;            // rms per axis [N]
 inline constexpr double kDrift = 0.15;             // rms per axis [N]
 
+// What the hard kinds have in common: a later force, and noise of the hand that reaches into the band of a disturbance
+// observer.
+inline constexpr Range kLateDelay{1e-3, 2.4e-3};  // [s]
+inline constexpr double kLateLag = 0.5e-3;        // [s]
+inline constexpr double kHardDriftHz = 0.7;       // corner of first order [Hz]
+inline constexpr double kHardTremorHz = 8.5;      // [Hz]
+
+// What they have of their own.
+inline constexpr double kInertiaLength = 0.06;     // from the largest mass to the smallest [m]
+inline constexpr double kCable = 1;                // force of the cables [N]
+inline constexpr double kCablePeriod = 3e-3;       // [m]
+inline constexpr double kBacklash = 0.2e-3;        // between the encoders and the handle [m]
+inline constexpr double kBacklashLinkHz = 150;     // of the link that has it: nearly rigid [Hz]
+inline constexpr Range kLinkHz{45, 75};            // of a flexible link [Hz]
+inline constexpr Range kLinkDamping{0.03, 0.1};    // damping ratio
+inline constexpr Range kHandleFraction{0.3, 0.5};  // of the mass
+inline constexpr Range kMotorLimit{3, 5};          // silent [N]
+inline constexpr double kStrongTremorHz = 10;      // [Hz]
+
 }  // namespace ensemble
+
+/// Kinds of devices and hands. Draws of one seed and index are alike except for what distinguishes their kinds.
+enum class EnsembleKind : std::uint8_t {
+  small,             ///< the ranges of namespace ensemble, and nothing else
+  late,              ///< what all kinds from here on have: see ensemble::kLateDelay. Somebody always holds them
+  delay_2,           ///< a delay of exactly 2 ms, beside the lag
+  delay_3,           ///< 3 ms
+  delay_4,           ///< 4 ms
+  inertia_50,        ///< the mass varies by +-50 % over the workspace and is largest in the middle
+  inertia_70,        ///< +-70 %
+  inertia_50_delay,  ///< +-50 %, and 3 ms
+  cables,            ///< a force that is locked to the place
+  backlash,          ///< between the encoders and the handle
+  link,              ///< half of the mass swings behind a flexible link
+  saturation,        ///< motors that saturate below the stated force
+  tremor_half,       ///< a tremor of 0.5 N
+  tremor_one,        ///< 1 N
+  everything,        ///< inertia_50_delay, cables and backlash
+};
+inline constexpr std::size_t kEnsembleKinds = 15;
+const char* to_string(EnsembleKind kind) noexcept;
+/// Throws Error(input) with a suggestion.
+EnsembleKind parse_ensemble_kind(const std::string& text);
+std::vector<std::string> ensemble_kind_names();
+
+/// Returns the kinds of the hard ensemble in the order of its draws, which repeats: seven in twenty are `late`, and one
+/// is of each of the 13 others.
+std::vector<EnsembleKind> hard_kinds();
 
 /// Random numbers of one draw. Their order defines the ensemble: append new ones at the end.
 class Lot {
@@ -101,8 +150,8 @@ struct EnsembleDraw {
   std::uint64_t noise_seed = 0;  ///< seed of the hand's own movement
 };
 
-/// Returns device `index` of the ensemble of `seed`. The result depends only on these two and not on the standard
+/// Returns device `index` of the ensemble of `seed`. The result depends only on the arguments and not on the standard
 /// library's distributions.
-EnsembleDraw draw_device(std::uint64_t seed, std::uint64_t index);
+EnsembleDraw draw_device(std::uint64_t seed, std::uint64_t index, EnsembleKind kind = EnsembleKind::small);
 
 }  // namespace haptrace

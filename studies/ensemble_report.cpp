@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <limits>
 
 namespace haptrace {
 namespace {
@@ -42,6 +43,7 @@ ControllerSummary summarise(const std::vector<CountedRun>& counted) {
     }
     if (run->limit_cycle()) summary.limit_cycles.push_back(index);
     if (run->overpowered()) summary.saturated.push_back(index);
+    if (run->shakes()) summary.shaking.push_back(index);
     whole.push_back(*run);
   }
   summary.rms_error = distribution(whole, &EnsembleRun::rms_error);
@@ -53,20 +55,24 @@ ControllerSummary summarise(const std::vector<CountedRun>& counted) {
   return summary;
 }
 
-/// Returns the ratio of a controller's true rms error to that of the calibrated playback; NaN unless both finished.
-double ratio(const EnsembleMember& member, EnsembleController controller, std::size_t path) {
+/// Returns the ratio of a controller's `figure` to that of the calibrated playback; NaN unless both finished.
+double ratio(const EnsembleMember& member, EnsembleController controller, std::size_t path,
+             double EnsembleRun::*figure) {
   if (!member.calibrated()) return kNaN;
   const EnsembleRun &theirs = member.trial(controller).runs[path],
                     &ours = member.trial(EnsembleController::calibrated).runs[path];
   const bool whole = theirs.cause == StopCause::finished && ours.cause == StopCause::finished;
-  return whole ? theirs.rms_error / ours.rms_error : kNaN;
+  return whole ? theirs.*figure / ours.*figure : kNaN;
 }
 
-PathSummary summarise(const EnsembleReport& report, std::size_t path) {
+/// Summarises the members that `counts` accepts.
+template <class Counts>
+PathSummary summarise(const EnsembleReport& report, std::size_t path, Counts counts) {
   PathSummary summary{.name = report.paths[path]};
   std::array<std::vector<CountedRun>, kEnsembleControllers.size()> counted;
-  std::vector<double> over_stiff, over_cautious;
+  std::vector<double> over_stiff, over_cautious, ripple;
   for (const EnsembleMember& member : report.members) {
+    if (!counts(member)) continue;
     if (member.beyond_force(path)) {
       summary.beyond_force.push_back(member.index);
       continue;
@@ -74,13 +80,29 @@ PathSummary summarise(const EnsembleReport& report, std::size_t path) {
     ++summary.counted;
     for (std::size_t c = 0; c < counted.size(); ++c)
       if (!member.trials[c].runs.empty()) counted[c].push_back({member.index, &member.trials[c].runs[path]});
-    over_stiff.push_back(ratio(member, EnsembleController::stiff, path));
-    over_cautious.push_back(ratio(member, EnsembleController::cautious, path));
+    over_stiff.push_back(ratio(member, EnsembleController::stiff, path, &EnsembleRun::rms_error));
+    over_cautious.push_back(ratio(member, EnsembleController::cautious, path, &EnsembleRun::rms_error));
+    ripple.push_back(1 / ratio(member, EnsembleController::stiff, path, &EnsembleRun::force_ripple));
   }
   for (std::size_t c = 0; c < counted.size(); ++c) summary.controllers[c] = summarise(counted[c]);
   summary.stiff_over_calibrated = Distribution::of(over_stiff);
   summary.cautious_over_calibrated = Distribution::of(over_cautious);
+  summary.ripple_over_stiff = Distribution::of(ripple);
   return summary;
+}
+
+std::vector<KindSummary> summarise_kinds(const EnsembleReport& report) {
+  std::vector<KindSummary> kinds;
+  for (std::size_t k = 0; k < kEnsembleKinds; ++k) {
+    KindSummary summary{.kind = static_cast<EnsembleKind>(k)};
+    const auto of_kind = [&](const EnsembleMember& member) { return member.kind == summary.kind; };
+    summary.draws = static_cast<std::size_t>(std::count_if(report.members.begin(), report.members.end(), of_kind));
+    if (summary.draws == 0) continue;
+    for (std::size_t path = 0; path < report.paths.size(); ++path)
+      summary.paths.push_back(summarise(report, path, of_kind));
+    kinds.push_back(std::move(summary));
+  }
+  return kinds;
 }
 
 HoldSummary summarise_hold(const EnsembleReport& report, EnsembleController controller) {
@@ -129,7 +151,8 @@ json to_json(const ControllerSummary& summary) {
           {"stopped", summary.stopped},
           {"limit_cycles", summary.limit_cycles},
           {"oscillations_noticed", summary.oscillations},
-          {"saturated", summary.saturated}};
+          {"saturated", summary.saturated},
+          {"shaking", summary.shaking}};
 }
 
 json to_json(const PathSummary& summary) {
@@ -141,7 +164,14 @@ json to_json(const PathSummary& summary) {
           {"beyond_force", summary.beyond_force},
           {"controllers", controllers},
           {"stiff_over_calibrated", to_json(summary.stiff_over_calibrated)},
-          {"cautious_over_calibrated", to_json(summary.cautious_over_calibrated)}};
+          {"cautious_over_calibrated", to_json(summary.cautious_over_calibrated)},
+          {"calibrated_ripple_over_stiff", to_json(summary.ripple_over_stiff)}};
+}
+
+json to_json(const KindSummary& summary) {
+  json paths = json::array();
+  for (const PathSummary& path : summary.paths) paths.push_back(to_json(path));
+  return {{"kind", to_string(summary.kind)}, {"draws", summary.draws}, {"paths", paths}};
 }
 
 json to_json(const HoldSummary& summary) {
@@ -170,7 +200,9 @@ json criteria() {
           {"hold_hunting_above_hz", kHuntingCutoff},
           {"hold_hunting_m", kMostHunting},
           {"saturated_share", kMostSaturated},
-          {"noticed_within_s", kCatchWithin}};
+          {"noticed_within_s", kCatchWithin},
+          {"shaking_m", kMostShaking},
+          {"shaking_window_s", kShakingWindow}};
 }
 
 // --- Plot -----------------------------------------------------------------------------------------------------------
@@ -249,6 +281,34 @@ Panel hold_panel(const EnsembleReport& report, const std::string& title, bool fi
   return p;
 }
 
+/// Returns `figure` of every path of a kind.
+template <class Figure>
+std::string of_paths(const KindSummary& kind, const char* format, Figure figure) {
+  std::vector<std::string> texts;
+  for (const PathSummary& path : kind.paths) texts.push_back(fmt::format(fmt::runtime(format), figure(path)));
+  return fmt::format("{}", fmt::join(texts, " "));
+}
+
+std::string text_of(const std::vector<KindSummary>& kinds) {
+  std::string text =
+      "  by kind: draws; how many times as accurate as stiff on each path, and least; force ripple over that of "
+      "stiff;\n"
+      "  draws that shake the hand\n";
+  for (const KindSummary& kind : kinds) {
+    double least = std::numeric_limits<double>::infinity();
+    std::size_t shaking = 0;
+    for (const PathSummary& path : kind.paths) {
+      least = std::min(least, path.stiff_over_calibrated.min);
+      shaking += path.controllers[static_cast<std::size_t>(EnsembleController::calibrated)].shaking.size();
+    }
+    text += fmt::format(
+        "    {:<20} {:>3}  {} ({:.1f})  {}  {}\n", to_string(kind.kind), kind.draws,
+        of_paths(kind, "{:5.1f}", [](const PathSummary& path) { return path.stiff_over_calibrated.median; }), least,
+        of_paths(kind, "{:.2f}", [](const PathSummary& path) { return path.ripple_over_stiff.median; }), shaking);
+  }
+  return text;
+}
+
 std::string millimetres(const Distribution& d) {
   return fmt::format("{:.3f} {:.3f} {:.3f}", 1e3 * d.median, 1e3 * d.p95, 1e3 * d.max);
 }
@@ -258,28 +318,36 @@ std::string millimetres(const Distribution& d) {
 Distribution Distribution::of(std::vector<double> values) {
   std::erase_if(values, [](double value) { return !std::isfinite(value); });
   if (values.empty()) return {};
-  return {values.size(), haptrace::median(values), quantile(values, 0.05), quantile(values, 0.95), quantile(values, 1)};
+  return {.count = values.size(),
+          .median = haptrace::median(values),
+          .p5 = quantile(values, 0.05),
+          .p95 = quantile(values, 0.95),
+          .max = quantile(values, 1),
+          .min = quantile(values, 0)};
 }
 
 json to_json(const Distribution& d) {
-  return {{"count", d.count}, {"median", d.median}, {"p5", d.p5}, {"p95", d.p95}, {"max", d.max}};
+  return {{"count", d.count}, {"median", d.median}, {"p5", d.p5}, {"p95", d.p95}, {"max", d.max}, {"min", d.min}};
 }
 
 EnsembleSummary summarise(const EnsembleReport& report) {
   EnsembleSummary summary;
   for (const EnsembleMember& member : report.members)
     if (!member.calibrated()) summary.not_calibrated.push_back(member.index);
-  for (std::size_t path = 0; path < report.paths.size(); ++path) summary.paths.push_back(summarise(report, path));
+  const auto all = [](const EnsembleMember&) { return true; };
+  for (std::size_t path = 0; path < report.paths.size(); ++path) summary.paths.push_back(summarise(report, path, all));
   for (const EnsembleController controller : kEnsembleControllers)
     summary.holds[static_cast<std::size_t>(controller)] = summarise_hold(report, controller);
   summary.overdrive = summarise_overdrive(report);
+  summary.kinds = summarise_kinds(report);
   return summary;
 }
 
 json to_json(const EnsembleReport& report) {
   const EnsembleSummary summary = summarise(report);
-  json paths = json::array(), holds, errors;
+  json paths = json::array(), kinds = json::array(), holds, errors;
   for (const PathSummary& path : summary.paths) paths.push_back(to_json(path));
+  for (const KindSummary& kind : summary.kinds) kinds.push_back(to_json(kind));
   for (const EnsembleController controller : kEnsembleControllers)
     holds[to_string(controller)] = to_json(summary.holds[static_cast<std::size_t>(controller)]);
   for (const EnsembleMember& member : report.members)
@@ -290,6 +358,7 @@ json to_json(const EnsembleReport& report) {
           {"learning_repetitions", report.learn},
           {"not_calibrated", errors.is_null() ? json::object() : errors},
           {"paths", paths},
+          {"kinds", kinds},
           {"hold", holds},
           {"beyond_stable_gains", to_json(summary.overdrive)},
           {"criteria", criteria()}};
@@ -314,8 +383,10 @@ Figure figure_of(const EnsembleReport& report) {
 
 std::string text_of(const EnsembleReport& report) {
   const EnsembleSummary summary = summarise(report);
-  std::string text = fmt::format("{} of {} random devices and hands, seed {}; true rms error in mm: median, p95, max\n",
-                                 report.members.size(), report.draws, report.seed);
+  const std::string kind = report.kinds.size() == 1 ? to_string(report.kinds.front()) : "hard";
+  std::string text =
+      fmt::format("{} of {} random devices and hands ({}), seed {}; true rms error in mm: median, p95, max\n",
+                  report.members.size(), report.draws, kind, report.seed);
   for (const PathSummary& path : summary.paths) {
     text += fmt::format("  {}: {} draws; {} more need more force than the device has\n", path.name, path.counted,
                         path.beyond_force.size());
@@ -330,6 +401,7 @@ std::string text_of(const EnsembleReport& report) {
         "    calibrated is {:.1f} times as accurate as stiff and {:.1f} times as accurate as cautious (medians)\n",
         path.stiff_over_calibrated.median, path.cautious_over_calibrated.median);
   }
+  if (report.kinds.size() > 1) text += text_of(summary.kinds);
   for (const EnsembleController controller : kEnsembleControllers) {
     const HoldSummary& hold = summary.holds[static_cast<std::size_t>(controller)];
     text +=

@@ -9,7 +9,7 @@ namespace haptrace {
 /// 1996, type 7). Values that are not finite are left out; without values, all members are NaN.
 struct Distribution {
   std::size_t count = 0;
-  double median = kNaN, p5 = kNaN, p95 = kNaN, max = kNaN;
+  double median = kNaN, p5 = kNaN, p95 = kNaN, max = kNaN, min = kNaN;
 
   static Distribution of(std::vector<double> values);
 };
@@ -27,6 +27,7 @@ struct ControllerSummary {
   Draws limit_cycles;  ///< see EnsembleRun::limit_cycle
   Draws oscillations;  ///< draws in which the oscillation monitor reported
   Draws saturated;     ///< see EnsembleRun::overpowered; finished draws only
+  Draws shaking;       ///< see EnsembleRun::shakes
 };
 
 struct PathSummary {
@@ -35,6 +36,7 @@ struct PathSummary {
   Draws beyond_force;  ///< not counted, see EnsembleMember::beyond_force
   std::array<ControllerSummary, kEnsembleControllers.size()> controllers;
   Distribution stiff_over_calibrated, cautious_over_calibrated;  ///< ratios of true rms errors, draw by draw
+  Distribution ripple_over_stiff;                                ///< ratio of force ripples, calibrated over stiff
 };
 
 struct HoldSummary {
@@ -50,11 +52,19 @@ struct OverdriveSummary {
   Distribution delay;  ///< detection delay of the oscillating draws [s]
 };
 
+/// The draws of one kind.
+struct KindSummary {
+  EnsembleKind kind = EnsembleKind::small;
+  std::size_t draws = 0;
+  std::vector<PathSummary> paths;
+};
+
 struct EnsembleSummary {
   Draws not_calibrated;
   std::vector<PathSummary> paths;
   std::array<HoldSummary, kEnsembleControllers.size()> holds;
   OverdriveSummary overdrive;
+  std::vector<KindSummary> kinds;  ///< in the order of EnsembleKind, those that were drawn
 };
 
 EnsembleSummary summarise(const EnsembleReport& report);

@@ -1,5 +1,7 @@
 #include "studies/needed_force.h"
 
+#include "control/norm.h"
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -29,7 +31,8 @@ Vec3 NeededForce::update(const Vec3& position) noexcept {
 }
 
 Vec3 NeededForce::of_device(const Vec3& x, const Vec3& v, const Vec3& a) const noexcept {
-  Vec3 force = spec_.mass.cwiseProduct(a) + spec_.viscous.cwiseProduct(v);
+  const double scale = 1 + spec_.inertia_variation * std::cos(std::numbers::pi * norm_of(x) / spec_.inertia_length);
+  Vec3 force = scale * spec_.mass.cwiseProduct(a) + spec_.viscous.cwiseProduct(v);
   for (int axis = 0; axis < 3; ++axis) {
     double friction = spec_.coulomb[axis];
     if (spec_.stribeck_velocity > 0)

@@ -7,7 +7,8 @@ namespace haptrace {
 
 /// Computes the force that would make a simulated device follow a movement exactly. It solves the equations of
 /// devices/sim/plant.h for the command; the handle drags the hand along. The hand's own movement, the motors' lag,
-/// quantisation and a structural mode are left out. For evaluation only: no controller knows a SimSpec.
+/// quantisation, a structural mode and the force of moving through places of other mass are left out. For evaluation
+/// only: no controller knows a SimSpec.
 ///
 /// Real-time: update.
 class NeededForce {

@@ -1,5 +1,7 @@
 #include "control/design/hand_fit.h"
 
+#include "control/design/dense.h"
+
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
@@ -44,14 +46,8 @@ constexpr double kLinkHzSpread = 0.6;
 constexpr double kLinkDamping = 0.2;  // b_2 / sqrt(m_2 k_2), median
 constexpr double kLinkDampingSpread = 1;
 
-// Eigen compiles every other type anew.
-
-MatrixXd transposed_product(const MatrixXd& a, const MatrixXd& b) {
-  return a.transpose() * b;
-}
-
 MatrixXd inverse(const MatrixXd& symmetric) {
-  return symmetric.ldlt().solve(MatrixXd::Identity(symmetric.rows(), symmetric.rows()));
+  return solve_symmetric(symmetric, MatrixXd::Identity(symmetric.rows(), symmetric.rows()));
 }
 
 double log_determinant(const MatrixXd& symmetric) {
@@ -395,7 +391,7 @@ class Fit {
       for (; !better && damping < kMostDamping; damping *= better ? 1 : 10) {
         MatrixXd damped = normal;
         damped.diagonal() *= 1 + damping;
-        const MatrixXd step = -damped.ldlt().solve(gradient);
+        const MatrixXd step = -solve_symmetric(damped, gradient);
         VectorXd next = theta_;
         for (Index f = 0; f < frees(); ++f) next[free_[at(f)]] += std::clamp(step(f, 0), -kLongestStep, kLongestStep);
         next[kLag] = std::max(next[kLag], 0.0);

@@ -74,8 +74,8 @@ class Gaussian {
   bool has_spare_ = false;
 };
 
-/// White noise through two equal two-pole filter sections, on three axes, starting at rest. It is scaled to the
-/// requested rms.
+/// White noise through a filter of one pole, or of two equal sections with two poles each, on three axes, starting at
+/// rest. It is scaled to the requested rms.
 ///
 /// Real-time safe after construction.
 class ColouredNoise {
@@ -84,6 +84,12 @@ class ColouredNoise {
     const double w = 2 * std::numbers::pi * cutoff_hz / rate_hz, alpha = std::sin(w) / std::numbers::sqrt2;
     const double half = 0.5 * (1 - std::cos(w));
     return {rms, {half, 2 * half, half}, {1 + alpha, -2 * std::cos(w), 1 - alpha}};
+  }
+
+  /// Of one pole.
+  static ColouredNoise first_order(double rms, double corner_hz, double rate_hz) {
+    const double pole = std::exp(-2 * std::numbers::pi * corner_hz / rate_hz);
+    return {rms, {1 - pole, 0, 0}, {1, -pole, 0}, 1};
   }
 
   /// Sets the -3 dB edges of one section to those of the band.
@@ -101,7 +107,8 @@ class ColouredNoise {
     Vec3 s1 = Vec3::Zero(), s2 = Vec3::Zero();  // transposed direct form II
   };
 
-  ColouredNoise(double rms, const Vec3& b, const Vec3& a) : b_(b / a[0]), a_(a / a[0]) {
+  ColouredNoise(double rms, const Vec3& b, const Vec3& a, std::size_t sections = 2)
+      : b_(b / a[0]), a_(a / a[0]), used_(sections) {
     if (rms == 0) return;
     // The variance of filtered white noise is the energy of the impulse response, which has decayed by then.
     constexpr int kLongest = 5000;
@@ -115,7 +122,8 @@ class ColouredNoise {
   }
 
   Vec3 filter(Vec3 x) noexcept {
-    for (Section& section : sections_) {
+    for (std::size_t i = 0; i < used_; ++i) {
+      Section& section = sections_[i];
       const Vec3 y = b_[0] * x + section.s1;
       section.s1 = b_[1] * x - a_[1] * y + section.s2;
       section.s2 = b_[2] * x - a_[2] * y;
@@ -126,6 +134,7 @@ class ColouredNoise {
 
   Vec3 b_, a_;
   Section sections_[2];
+  std::size_t used_;
   double gain_ = 0;
 };
 

@@ -1,6 +1,7 @@
 #include "devices/sim/plant.h"
 
 #include "base/error.h"
+#include "control/norm.h"
 
 #include <algorithm>
 #include <cmath>
@@ -54,6 +55,9 @@ Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double
     half_backlash_ = 0.5 * spec.backlash;
   }
   motor_ = {start_a, Vec3::Zero(), moving.cwiseQuotient(motor_mass)};
+  motor_mass_ = motor_mass;
+  inertia_variation_ = spec.inertia_variation;
+  inertia_wave_number_ = std::numbers::pi / spec.inertia_length;
 
   if (spec.actuator_bandwidth_hz > 0) lag_time_constant_ = 1 / (2 * std::numbers::pi * spec.actuator_bandwidth_hz);
   viscous_ = spec.viscous;
@@ -91,6 +95,11 @@ Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double
   }
 
   const bool by_matrices = integrator != Integrator::semi_implicit;
+  if (by_matrices && inertia_variation_ > 0)
+    throw input_error(
+        fmt::format("integrator {}: the mass of the {} varies with the place (inertia), and the matrices of this "
+                    "integrator are those of one mass; use {}",
+                    to_string(integrator), spec.model, to_string(Integrator::semi_implicit)));
   const double stable = by_matrices ? stable_step() : accurate_step();
   if (by_matrices && !(stable >= kShortestStep))
     throw input_error(
@@ -130,8 +139,9 @@ double Plant::accurate_step() const {
     const double rate = 2 * inverse_mass.cwiseProduct(damping).maxCoeff();
     return kFinest / std::max({std::sqrt(rate_squared), rate, 1e-9});
   };
+  const Vec3 lightest = motor_.inverse_mass / (1 - inertia_variation_);
   const Vec3 motor_grip_k = structure_ ? link_stiffness_ : grip_k, motor_grip_b = structure_ ? link_damping_ : grip_b;
-  return std::min({step(motor_.inverse_mass, motor_grip_k + fields, motor_grip_b),
+  return std::min({step(lightest, motor_grip_k + fields, motor_grip_b),
                    step(handle_.inverse_mass, link_stiffness_ + grip_k, link_damping_ + grip_b),
                    step(hand_.inverse_mass, grip_k + arm_k, grip_b + arm_b)});
 }
@@ -205,7 +215,8 @@ void Plant::prepare(double h) noexcept {
   step_.arm_half_decay = std::sqrt(step_.arm_decay);
   step_.arm_half_gain = arm_stiffness_ * (arm_relaxation_ > 0 ? (1 - step_.arm_half_decay) * arm_relaxation_ : 0.5 * h);
   // A soft bristle is an ordinary spring, without numerical damping. A stiff one is only as implicit as necessary.
-  step_.theta = (h * h * motor_.inverse_mass.cwiseProduct(bristle_stiffness_)).cwiseMin(1.0);
+  const double lightest = 1 - inertia_variation_;  // of the spec's mass
+  step_.theta = (h * h / lightest * motor_.inverse_mass.cwiseProduct(bristle_stiffness_)).cwiseMin(1.0);
 }
 
 double Plant::sliding_force(int axis, double speed) const noexcept {
@@ -220,6 +231,23 @@ Vec3 Plant::position_force(const Vec3& x) const noexcept {
   if (has_cogging_)
     for (int axis = 0; axis < 3; ++axis) force[axis] -= cogging_[axis] * std::sin(cogging_wave_number_ * x[axis]);
   return force;
+}
+
+/// Returns s, the motors' mass over that of the spec.
+double Plant::mass_scale(const Vec3& x) const noexcept {
+  return inertia_variation_ > 0 ? 1 + inertia_variation_ * std::cos(inertia_wave_number_ * norm_of(x)) : 1;
+}
+
+/// Returns the force of the motors' motion through places of other mass.
+Vec3 Plant::inertia_force() const noexcept {
+  if (inertia_variation_ == 0) return Vec3::Zero();
+  const double distance = norm_of(motor_.x);
+  if (distance == 0) return Vec3::Zero();
+  const Vec3& v = motor_.v;
+  const Vec3 momentum = motor_mass_.cwiseProduct(v);
+  const Vec3 slope =
+      -inertia_variation_ * inertia_wave_number_ * std::sin(inertia_wave_number_ * distance) / distance * motor_.x;
+  return 0.5 * momentum.dot(v) * slope - slope.dot(v) * momentum;
 }
 
 /// Returns the velocity that remains of `free` after friction and a viscous damper of (`viscous` - 1) / w. All other
@@ -284,8 +312,9 @@ void Plant::advance_as(double span, const PlantInput& input) noexcept {
 
   for (double left = steps; left > 0; --left) {
     const Vec3 of_motors = motor_force_over_step(input.command);
+    const double mass_scale = this->mass_scale(motor_.x);
     Vec3 force = of_motors;
-    force += position_force(motor_.x);
+    force += position_force(motor_.x) + inertia_force();
 
     Vec3 on_handle = Vec3::Zero();
     if constexpr (structure) {
@@ -315,11 +344,11 @@ void Plant::advance_as(double span, const PlantInput& input) noexcept {
     }
 
     for (int axis = 0; axis < 3; ++axis) {
-      const double w = h * motor_.inverse_mass[axis];
+      const double w = h * motor_.inverse_mass[axis] / mass_scale;
       double& v = motor_.v[axis];
       v = braked<friction>(axis, v, v + w * force[axis], w, 1 + w * viscous_[axis]);
     }
-    push_back_from_walls(h / wall_mass_);
+    push_back_from_walls(h / (wall_mass_ * mass_scale));
     motor_.x += h * motor_.v;
     motor_work_ += h * of_motors.dot(motor_.v);
     if constexpr (structure) {
@@ -436,7 +465,7 @@ double Plant::energy() const noexcept {
       if (body.inverse_mass[axis] > 0) energy += 0.5 * body.v[axis] * body.v[axis] / body.inverse_mass[axis];
     return energy;
   };
-  double energy = kinetic(motor_) + kinetic(handle_) + kinetic(hand_);
+  double energy = mass_scale(motor_.x) * kinetic(motor_) + kinetic(handle_) + kinetic(hand_);
   energy -= bias_.dot(motor_.x) + 0.5 * motor_.x.dot(gradient_ * motor_.x);
   energy += 0.5 * bristle_.dot(bristle_stiffness_.cwiseProduct(bristle_));
   if (has_cogging_)

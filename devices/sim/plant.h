@@ -21,9 +21,12 @@ struct PlantInput {
 /// Up to three bodies in a chain, each a point mass in space: motors (x, v), handle (behind the structural mode's
 /// spring), hand (behind the grip):
 ///
-///     m v' = u + F_bias + G x - F_cog sin(2 pi x / period) - b v - F_friction + F_wall - F_grip
+///     m s v' = u + F_bias + G x - F_cog sin(2 pi x / period) - b v - F_friction + F_wall - F_grip + F_inertia
 ///     m_h v_h' = F_grip + F_arm + k_i (x_i - x_h) + b_i (v_i - v_h) + F_tremor
 ///     F_grip = k_g (x - x_h) + b_g (v - v_h),   F_arm' = k_a (v_i - v_h) - F_arm / tau
+///
+/// Where the mass varies with the place, s(x) = 1 + v cos(pi |x| / L), and Lagrange's equation adds the force
+/// F_inertia = grad s (m . v^2) / 2 - m v (grad s . v). It needs the semi-implicit integrator.
 ///
 /// Friction is LuGre's (Canudas de Wit, Olsson, Astrom and Lischinsky 1995) when presliding is given,
 ///
@@ -119,6 +122,8 @@ class Plant {
   double braked(int axis, double before, double free, double w, double viscous) noexcept;
   double sliding_force(int axis, double speed) const noexcept;
   Vec3 position_force(const Vec3& x) const noexcept;
+  double mass_scale(const Vec3& x) const noexcept;
+  Vec3 inertia_force() const noexcept;
   void push_back_from_walls(double w) noexcept;
   void prepare(double h) noexcept;
   const LinearSteps& linear_steps(double h) noexcept;
@@ -139,6 +144,8 @@ class Plant {
   Body motor_, handle_, hand_;
 
   // Mechanism.
+  Vec3 motor_mass_ = Vec3::Zero();
+  double inertia_variation_ = 0, inertia_wave_number_ = 0;  ///< v, pi / L [rad/m]
   double lag_time_constant_ = 0;
   Vec3 motor_force_ = Vec3::Zero();
   double motor_work_ = 0;

@@ -49,6 +49,20 @@ DeviceInfo describe(const SimSpec& spec, const SimOptions& options) {
   return info;
 }
 
+ColouredNoise tremor_of(const SimSpec& spec) {
+  constexpr double kLow = 0.75, kHigh = 1.25;  // edges of the band, over its frequency
+  const HandSpec hand = spec.hand.value_or(HandSpec{});
+  return hand.tremor_hz > 0
+             ? ColouredNoise::band_pass(hand.tremor, kLow * hand.tremor_hz, kHigh * hand.tremor_hz, kHandRate)
+             : ColouredNoise::band_pass(hand.tremor, 6, 12, kHandRate);
+}
+
+ColouredNoise drift_of(const SimSpec& spec) {
+  const HandSpec hand = spec.hand.value_or(HandSpec{});
+  return hand.drift_hz > 0 ? ColouredNoise::first_order(hand.drift, hand.drift_hz, kHandRate)
+                           : ColouredNoise::low_pass(hand.drift, 1, kHandRate);
+}
+
 constexpr double kBeyond = 0.02;  // how far outside the workspace a person can pull the hand [m]
 
 bool follows_intent(const SimSpec& spec, const SimOptions& options) {
@@ -62,6 +76,7 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
       lost_from_(options.lost_at),
       lost_until_(options.lost_at + options.lost_for),
       lets_go_(options.lets_go_at < kLongestHold ? std::llround(options.lets_go_at * 1e9) : DelayLine::kNever),
+      strongest_(spec.strongest()),
       force_resolution_(spec.force_resolution),
       position_noise_(spec.position_noise),
       force_noise_(spec.force_noise),
@@ -70,8 +85,8 @@ SimDevice::SimDevice(const SimSpec& spec, const SimOptions& options)
              follows_intent(spec, options) || options.steering != nullptr, options.longest_step, options.integrator),
       sensor_noise_(options.seed, 1),
       hand_noise_(options.seed, 2),
-      tremor_(ColouredNoise::band_pass(spec.hand ? spec.hand->tremor : 0, 6, 12, kHandRate)),
-      drift_(ColouredNoise::low_pass(spec.hand ? spec.hand->drift : 0, 1, kHandRate)),
+      tremor_(tremor_of(spec)),
+      drift_(drift_of(spec)),
       steering_(spec.hand ? options.steering : nullptr),
       clock_(options.clock != nullptr ? options.clock : &monotonic_ns) {
   for (int axis = 0; axis < 3; ++axis) force_axes_[axis] = spec.axes[static_cast<std::size_t>(axis)] ? 1 : 0;
@@ -129,7 +144,7 @@ bool SimDevice::cable_is_out() const noexcept {
 Vec3 SimDevice::motor_command(const Wrench& wrench) const noexcept {
   Vec3 force = sendable(wrench).force.cwiseProduct(force_axes_);
   const double magnitude = norm_of(force);
-  if (magnitude > info_.max_force) force *= info_.max_force / magnitude;
+  if (magnitude > strongest_) force *= strongest_ / magnitude;
   const Vec3 motor = plant_.rotation() * force;
   return force_resolution_ > 0 ? quantised(motor, force_resolution_) : motor;
 }

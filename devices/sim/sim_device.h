@@ -76,6 +76,7 @@ class SimDevice final : public Device {
   bool closed_ = false;
   double lost_from_, lost_until_;                           ///< the cable is out between these times [s]
   std::int64_t lets_go_;                                    ///< [ns]
+  double strongest_;                                        ///< largest magnitude of the motors' force [N]
   double force_resolution_, position_noise_, force_noise_;  ///< [N], [m], [N]
   Vec3 force_axes_ = Vec3::Zero();                          ///< 1 on axes that take a force, in W
 

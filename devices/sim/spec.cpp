@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <numbers>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -25,6 +26,9 @@ constexpr double kMinSpeed = 1e-6, kMaxSpeed = 100;  // [m/s]
 constexpr double kMinPeriod = 1e-6;                  // [m]
 constexpr double kMaxTime = 1e4;                     // [s]
 constexpr double kMaxFrequency = 1e5;                // [Hz]
+constexpr double kMinHandFrequency = 0.1;            // of its noise [Hz]
+constexpr double kMaxHandFrequency = 100;            // [Hz]
+constexpr double kMaxVariation = 0.9;                // of the mass, over the workspace
 
 Error spec_error(const JsonReader& reader, const std::string& what) {
   return input_error(reader.where() + ": " + what);
@@ -40,7 +44,13 @@ HandSpec read_hand_parts(JsonReader reader, const std::string& folder) {
   hand.arm_relaxation = reader.number("arm_relaxation_s", 0, 0, kMaxTime);
   hand.arm_damping = reader.number("arm_damping", 0, 0, kMaxDamping);
   hand.tremor = reader.number("tremor", 0, 0, kMaxForce);
+  hand.tremor_hz = reader.number("tremor_hz", 0, 0, kMaxHandFrequency);
   hand.drift = reader.number("drift", 0, 0, kMaxForce);
+  hand.drift_hz = reader.number("drift_hz", 0, 0, kMaxHandFrequency);
+  for (const auto& [key, frequency] : {std::pair{"tremor_hz", hand.tremor_hz}, {"drift_hz", hand.drift_hz}})
+    if (frequency > 0 && frequency < kMinHandFrequency)
+      throw spec_error(reader, fmt::format("{}: {} Hz is too slow for the hand's noise; give at least {} Hz", key,
+                                           frequency, kMinHandFrequency));
   hand.intent_stiffness = reader.number("intent_stiffness", 0, 0, kMaxStiffness);
   hand.intent_damping = reader.number("intent_damping", 0, 0, kMaxDamping);
   hand.turn_stiffness = reader.number("turn_stiffness", 0, 0, kMaxStiffness);
@@ -181,11 +191,17 @@ SimSpec read_sim_spec(const json& spec, const std::string& where, const std::str
 
   sim.max_force = reader.number("max_force", 0, 1e-6, kMaxForce);
   sim.max_continuous_force = reader.number("max_continuous_force", 0, 0, sim.max_force);
+  sim.motor_limit = reader.number("motor_limit", 0, 0, sim.max_force);
   sim.force_resolution = reader.number("force_resolution", 0, 0, kMaxForce);
   sim.delay = reader.number("delay_s", 0, 0, kMaxDelay);
   sim.actuator_bandwidth_hz = reader.number("actuator_bandwidth_hz", 0, 0, kMaxFrequency);
 
   sim.mass = reader.vector("mass", Vec3::Zero(), kMinMass, kMaxMass);
+  if (auto inertia = reader.object("inertia")) {
+    sim.inertia_variation = inertia->number("variation", 0, 0, kMaxVariation);
+    sim.inertia_length = inertia->number("length", sim.inertia_length, 1e-3, kMaxLength);
+    inertia->finish();
+  }
   sim.viscous = reader.vector("viscous", Vec3::Zero(), 0, kMaxDamping);
   read_friction(reader, sim);
   sim.gravity_bias = reader.vector("gravity_bias", Vec3::Zero(), -kMaxForce, kMaxForce);

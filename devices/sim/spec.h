@@ -21,8 +21,10 @@ struct HandSpec {
   double arm_stiffness = 0;     ///< between hand and shoulder [N/m]
   double arm_relaxation = 0;    ///< time constant with which the arm's spring relaxes (Maxwell) [s]; 0: it does not
   double arm_damping = 0;       ///< [N s/m]
-  double tremor = 0;            ///< force, 6 to 12 Hz, rms per axis [N]
-  double drift = 0;             ///< force, below 1 Hz, rms per axis [N]
+  double tremor = 0;            ///< force, rms per axis [N]
+  double tremor_hz = 0;         ///< its frequency; 0: 6 to 12 Hz [Hz]
+  double drift = 0;             ///< force, rms per axis [N]
+  double drift_hz = 0;          ///< corner of first order; 0: it ends at 1 Hz (fourth order) [Hz]
   double intent_stiffness = 0;  ///< of the spring that pulls the hand to its intent [N/m]
   double intent_damping = 0;    ///< [N s/m]
   double turn_stiffness = 0;    ///< of the spring that turns the handle to its intent [N m/rad]
@@ -55,11 +57,14 @@ struct SimSpec {
 
   double max_force = 0;             ///< magnitude; the motors saturate here [N]
   double max_continuous_force = 0;  ///< magnitude, information only; 0: unknown, see ServoLoop [N]
+  double motor_limit = 0;           ///< magnitude, where the motors saturate below max_force without saying so [N]
   double force_resolution = 0;      ///< [N]
   double delay = 0;                 ///< from exchange to the motor [s]
   double actuator_bandwidth_hz = 0;
 
   Vec3 mass = Vec3::Zero();                  ///< [kg], never zero
+  double inertia_variation = 0;              ///< v: the motors' mass is mass (1 + v cos(pi |p| / L)), at p
+  double inertia_length = 0.1;               ///< L, from the largest mass at the origin to the smallest [m]
   Vec3 viscous = Vec3::Zero();               ///< [N s/m]
   Vec3 coulomb = Vec3::Zero();               ///< sliding friction [N]
   double static_ratio = 1;                   ///< static over sliding friction (Stribeck)
@@ -82,6 +87,11 @@ struct SimSpec {
   double nominal_rate = 1000;      ///< [Hz]
 
   std::optional<HandSpec> hand;
+
+  /// Returns the largest magnitude of the motors' force [N].
+  [[nodiscard]] double strongest() const noexcept {
+    return motor_limit > 0 && motor_limit < max_force ? motor_limit : max_force;
+  }
 };
 
 /// Reads a device from JSON; samples/devices/example.json explains the keys. Paths in it are relative to `folder`.

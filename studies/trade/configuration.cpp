@@ -13,10 +13,15 @@ std::string describe(const Compensations& with) {
 std::string describe(const Configuration& configuration) {
   std::string text = fmt::format("{:g} Hz, {}, {}, {}", configuration.rate_hz, to_string(configuration.interpolation),
                                  configuration.velocity, describe(configuration.with));
+  if (!configuration.law.empty()) text += fmt::format(", law {}", configuration.law);
   if (configuration.learn > 0) text += fmt::format(", {} repetitions learned", configuration.learn);
   if (configuration.thin > 1) text += fmt::format(", every {}th sample", configuration.thin);
   if (configuration.speed != 1) text += fmt::format(", {:g} times the speed", configuration.speed);
   return text;
+}
+
+bool is_lqg(const std::string& law) noexcept {
+  return !law.empty() && law != to_string(TrackingLaw::observer);
 }
 
 PlayOptions play_options(const Configuration& configuration, const PlayOptions& base) {
@@ -26,6 +31,13 @@ PlayOptions play_options(const Configuration& configuration, const PlayOptions& 
   options.interpolation = configuration.interpolation;
   options.compensations = configuration.with;
   options.compensations.learning = configuration.learn > 0;
+  if (is_lqg(configuration.law)) {
+    options.law = TrackingLaw::lqg;
+    options.firmness = parse_firmness(configuration.law);
+  } else if (!configuration.law.empty()) {
+    options.law = parse_tracking_law(configuration.law);
+    options.firmness.reset();
+  }
   options.learn = configuration.learn;
   options.thin = configuration.thin;
   options.playback.speed = configuration.speed;
@@ -54,6 +66,7 @@ nlohmann::json config_file(const Configuration& configuration, const PlayOptions
     with.learning = configuration.learn > 0;
     const std::vector<std::string> without = names_of(with, false);
     if (!without.empty()) play["without"] = without;
+    if (!configuration.law.empty()) play[is_lqg(configuration.law) ? "firmness" : "law"] = configuration.law;
   }
   if (storage != nullptr) {
     for (nlohmann::json* verb : {&play, &guide, &record}) {
@@ -69,8 +82,8 @@ nlohmann::json to_json(const Configuration& configuration) {
   for (const std::string& name : names_of(configuration.with)) with.push_back(name);
   return {{"rate_hz", configuration.rate_hz},   {"interpolation", to_string(configuration.interpolation)},
           {"velocity", configuration.velocity}, {"compensations", with},
-          {"learn", configuration.learn},       {"thin", configuration.thin},
-          {"speed", configuration.speed}};
+          {"law", configuration.law},           {"learn", configuration.learn},
+          {"thin", configuration.thin},         {"speed", configuration.speed}};
 }
 
 }  // namespace haptrace

@@ -19,13 +19,15 @@ constexpr std::array kEstimators{"difference", "lowpass:50", "lowpass:100",     
                                  "foaw:8",     "foaw:15",    "least-squares:8", "alpha-beta-gamma:60"};
 constexpr std::array kThinnings{1, 2, 5, 10, 20, 50, 100};
 constexpr std::array kSpeeds{0.25, 0.5, 1.0, 2.0, 4.0};
-constexpr double kFinestRate = 4000;  // [Hz]
-constexpr double kWorth = 0.01;       // share by which a dearer configuration must improve error or ripple
-constexpr std::size_t kRefined = 8;   // largest number of combinations that are refined
+constexpr double kFinestRate = 4000;           // [Hz]
+constexpr double kWorth = 0.01;                // share by which a dearer configuration must improve error or ripple
+constexpr std::size_t kRefined = 8;            // largest number of combinations that are refined
+constexpr const char* kObserver = "observer";  // name of its compensation
+constexpr const char* kPlainObserver = "law observer";  // the observer without an LQG law
 
 /// Returns a key that is equal for configurations whose ticks cost the same.
 std::string tick_key(const Configuration& c) {
-  return fmt::format("{} {} {} {}", to_string(c.interpolation), c.velocity, describe(c.with), c.learn > 0);
+  return fmt::format("{} {} {} {} {}", to_string(c.interpolation), c.velocity, describe(c.with), c.law, c.learn > 0);
 }
 
 std::string key_of(const Configuration& c) {
@@ -35,6 +37,7 @@ std::string key_of(const Configuration& c) {
 /// Returns `base` with the PD law alone.
 Configuration plain_of(Configuration base) {
   base.with = {};
+  base.law.clear();
   base.learn = 0;
   return base;
 }
@@ -59,12 +62,24 @@ std::vector<LevelOfKnob> without_each_term(const Configuration& base) {
     if (!(present.*term.composed)) continue;
     Configuration configuration = base;
     configuration.with.*term.composed = false;
+    if (!configuration.with.observer) configuration.law.clear();
     levels.push_back({term.name, configuration});
   }
   if (base.learn > 0) {
     Configuration configuration = base;
     configuration.learn = 0;
     levels.push_back({"learning", configuration});
+  }
+  return levels;
+}
+
+/// Returns `base` with each of the other laws.
+std::vector<LevelOfKnob> laws_of(const Configuration& base) {
+  std::vector<LevelOfKnob> levels;
+  for (const char* law : kLawNames) {
+    if (law == base.law) continue;
+    levels.push_back({law, base});
+    levels.back().configuration.law = law;
   }
   return levels;
 }
@@ -101,6 +116,12 @@ std::vector<KnobOfPlay> knobs_of_play(const Workbench& bench, const TradeOptions
     if (base.with.observer) {
       knobs.push_back(knob("velocity of PD", "velocity estimator without any compensation", plain,
                            &Configuration::velocity, kEstimators, [](const std::string& v) { return v; }));
+    }
+    if (base.with.observer && bench.has_laws(base.rate_hz)) {
+      KnobOfPlay laws{.name = "law", .what = "control law with the observer, or LQG law by firmness", .levels = {}};
+      laws.levels = laws_of(base);
+      laws.levels.insert(laws.levels.begin(), {base.law.empty() ? "as play chooses" : base.law, base});
+      knobs.push_back(laws);
     }
     std::set<int> lessons{0, 2, 5};
     lessons.insert(base.learn);
@@ -201,6 +222,11 @@ class TickPrices {
         if (term.composed != &Compensations::learning)
           add(term.name, [&](Configuration& c) { c.with.*term.composed = true; });
       add("learning", [](Configuration& c) { c.learn = 1; });
+      if (bench.has_laws(base_.rate_hz))
+        add(kPlainObserver, [](Configuration& c) {
+          c.with.observer = true;
+          c.law = to_string(TrackingLaw::observer);
+        });
     }
     for (std::size_t i = 0; i < changed.size() && stop.count() == 0; ++i) {
       const auto& [name, configuration] = changed[i];
@@ -215,7 +241,9 @@ class TickPrices {
     Compensations with = c.with;
     with.learning = c.learn > 0;
     if (with.learning) with.gravity = with.friction = false;
-    for (const std::string& name : names_of(with)) sum += added(name);
+    const bool plain_observer = c.law == to_string(TrackingLaw::observer) && added_.contains(kPlainObserver);
+    for (const std::string& name : names_of(with))
+      sum += added(name == kObserver && plain_observer ? kPlainObserver : name);
     outcome.price = sum;
     if (counted_) outcome.instructions = sum;
   }
@@ -319,6 +347,8 @@ std::vector<Configuration> refinements(const Configuration& base, const Workbenc
     all.back().interpolation = interpolation;
     all.back().velocity = "difference";
   }
+  if (base.with.observer && bench.has_laws(base.rate_hz))
+    for (LevelOfKnob& level : laws_of(base)) all.push_back(std::move(level.configuration));
   for (const int every : {10, 50}) {
     if (bench.rows() / static_cast<std::uint64_t>(every) < 4) continue;
     all.push_back(base);

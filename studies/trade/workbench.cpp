@@ -241,8 +241,15 @@ PlayOptions Workbench::options_for(const Configuration& configuration) const {
       throw input_error(fmt::format("the calibration at {:g} Hz allows no control law at {:g} Hz",
                                     place_.profile->rate_hz, configuration.rate_hz));
     options.identified = profile->identified();
+    if (is_lqg(configuration.law) && !profile->held)
+      throw input_error(fmt::format("the profile has no LQG laws for {:g} Hz", configuration.rate_hz));
   }
   return options;
+}
+
+bool Workbench::has_laws(double rate_hz) const {
+  const std::optional<DeviceProfile> profile = profile_at(rate_hz);
+  return profile && profile->held;
 }
 
 Outcome Workbench::judge(const Configuration& configuration, std::size_t runs) const {

@@ -80,6 +80,8 @@ class Workbench {
   /// Returns the profile with a design for another servo rate, or nothing if that is not possible: a coarse model's
   /// design holds only for the rate of its trial, and a device with a long delay has no design at high rates.
   [[nodiscard]] std::optional<DeviceProfile> profile_at(double rate_hz) const;
+  /// Returns whether the profile has LQG laws for this rate.
+  [[nodiscard]] bool has_laws(double rate_hz) const;
 
  private:
   class RunLog;

@@ -22,7 +22,18 @@ TEST(StabilityCommand, RunsAnEnsembleAndPrintsTheContentsOfItsFile) {
   EXPECT_EQ(ensemble["paths"][3]["path"], path);
   for (const char* controller : {"stiff", "cautious", "calibrated"})
     EXPECT_TRUE(ensemble["paths"][3]["controllers"].contains(controller)) << controller;
+  EXPECT_EQ(ensemble["kinds"][0]["kind"], "small");
+  EXPECT_EQ(json["hard_ensemble"]["kinds"][0]["kind"], "late");
   EXPECT_THAT(test::read_bytes(folder / "s.svg"), HasSubstr("</svg>"));
+}
+
+TEST(StabilityCommand, RunsOneKindOfDeviceUnderOneLaw) {
+  const Answer answer = haptrace("stability", "ensemble", "--draws", "1", "--learn", "1", "--kinds", "delay-2ms",
+                                 "--law", "observer", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_EQ(answer.json()["ensemble"]["kinds"][0]["kind"], "delay-2ms");
+  EXPECT_FALSE(answer.json().contains("hard_ensemble"));
+  EXPECT_THAT(haptrace("stability", "ensemble", "--kinds", "delay-2").err, HasSubstr("delay-2ms"));
 }
 
 TEST(StabilityCommand, MeasuresGuidanceOnAnEnsemble) {

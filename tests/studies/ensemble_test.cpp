@@ -15,6 +15,7 @@ namespace {
 
 using ensemble::Range;
 using test::error_of;
+using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -109,6 +110,53 @@ TEST(EnsembleDraws, HaveOneDeviceInTenWithoutAHandAndGravityInEveryDirection) {
   EXPECT_NEAR(free, 0.1 * kMany, 4 * std::sqrt(0.09 * kMany));
   EXPECT_LE(pull.norm(), 4 * std::sqrt(1.0 * kMany));
   EXPECT_NEAR(std::exp(grip / (kMany - free)), std::sqrt(200.0 * 2000), 40) << "even on a logarithmic scale";
+}
+
+TEST(EnsembleDraws, OfAHardKindDifferOnlyInWhatItsNameSays) {
+  for (std::uint64_t i = 0; i < 100; ++i) {
+    const SimSpec small = draw_device(3, i).spec, late = draw_device(3, i, EnsembleKind::late).spec;
+    EXPECT_EQ(small.mass, late.mass);
+    EXPECT_EQ(small.rotation, late.rotation);
+    ASSERT_TRUE(late.hand);
+    EXPECT_GE(late.delay, ensemble::kLateDelay.low);
+    EXPECT_LE(late.delay, ensemble::kLateDelay.high);
+    EXPECT_EQ(late.hand->drift_hz, ensemble::kHardDriftHz);
+    if (small.hand) {
+      EXPECT_EQ(small.hand->grip_stiffness, late.hand->grip_stiffness);
+    }
+
+    const auto of = [&](EnsembleKind kind) { return draw_device(3, i, kind).spec; };
+    EXPECT_EQ(of(EnsembleKind::delay_2).delay, 2e-3);
+    EXPECT_EQ(of(EnsembleKind::delay_3).delay, 3e-3);
+    EXPECT_EQ(of(EnsembleKind::delay_4).delay, 4e-3);
+    EXPECT_EQ(of(EnsembleKind::inertia_50).inertia_variation, 0.5);
+    EXPECT_EQ(of(EnsembleKind::inertia_70).inertia_variation, 0.7);
+    EXPECT_EQ(of(EnsembleKind::cables).cogging, Vec3(1, 1, 1));
+    EXPECT_EQ(of(EnsembleKind::backlash).backlash, 0.2e-3);
+    EXPECT_GE(of(EnsembleKind::link).structural_mode->frequency_hz, 45);
+    EXPECT_LT(of(EnsembleKind::saturation).strongest(), 5.01);
+    EXPECT_EQ(of(EnsembleKind::saturation).max_force, small.max_force);
+    EXPECT_EQ(of(EnsembleKind::tremor_one).hand->tremor, 1);
+    const SimSpec everything = of(EnsembleKind::everything);
+    EXPECT_EQ(everything.delay, 3e-3);
+    EXPECT_EQ(everything.inertia_variation, 0.5);
+    EXPECT_GT(everything.backlash, 0);
+    EXPECT_EQ(everything.cogging_period, 3e-3);
+  }
+}
+
+TEST(EnsembleDraws, HaveFixedSharesOfTheHardKinds) {
+  const std::vector<EnsembleKind> kinds = hard_kinds();
+  ASSERT_EQ(kinds.size(), 20U);
+  EXPECT_EQ(std::count(kinds.begin(), kinds.end(), EnsembleKind::late), 7);
+  for (const std::string& name : ensemble_kind_names()) {
+    const EnsembleKind kind = parse_ensemble_kind(name);
+    EXPECT_EQ(to_string(kind), name);
+    if (kind != EnsembleKind::small && kind != EnsembleKind::late) {
+      EXPECT_EQ(std::count(kinds.begin(), kinds.end(), kind), 1) << name;
+    }
+  }
+  EXPECT_THAT(error_of([] { (void)parse_ensemble_kind("cable"); }), HasSubstr("cables"));
 }
 
 TEST(EnsembleDraws, AreTheSameEverywhereAndEachAnother) {
@@ -219,6 +267,30 @@ TEST(EnsembleReport, CountsEveryDrawWhereItBelongs) {
   EXPECT_EQ(rms.y.back(), 100);
 }
 
+TEST(EnsembleReport, ShowsEveryKindByItself) {
+  EnsembleReport report{.kinds = hard_kinds(), .seed = 4, .draws = 3, .paths = {"circle"}, .learn = 5};
+  for (std::uint64_t i = 0; i < 3; ++i) report.members.push_back(sound_member(i));
+  report.members[0].kind = report.members[1].kind = EnsembleKind::late;
+  report.members[2].kind = EnsembleKind::cables;
+  calibrated_run(report.members[1]).rms_error = 1e-4;
+  calibrated_run(report.members[1]).force_ripple = 0.1;
+  calibrated_run(report.members[2]).shaking = 7e-5;
+
+  const std::vector<KindSummary> kinds = summarise(report).kinds;
+  ASSERT_EQ(kinds.size(), 2U);
+  EXPECT_EQ(kinds[0].kind, EnsembleKind::late);
+  EXPECT_EQ(kinds[0].draws, 2U);
+  EXPECT_DOUBLE_EQ(kinds[0].paths[0].stiff_over_calibrated.median, 15);
+  EXPECT_DOUBLE_EQ(kinds[0].paths[0].stiff_over_calibrated.min, 10);
+  EXPECT_DOUBLE_EQ(kinds[0].paths[0].ripple_over_stiff.median, 0.75);
+  EXPECT_EQ(kinds[1].kind, EnsembleKind::cables);
+  EXPECT_THAT(kinds[1].paths[0].controllers[2].shaking, ElementsAre(2));
+  const nlohmann::json json = to_json(report)["kinds"];
+  EXPECT_EQ(json[1]["kind"], "cables");
+  EXPECT_EQ(json[0]["paths"][0]["stiff_over_calibrated"]["min"], 10.0);
+  EXPECT_THAT(text_of(report), AllOf(HasSubstr("(hard)"), HasSubstr("15.0 (10.0)  0.75  0")));
+}
+
 TEST(EnsembleReport, ReportsThatItIsEmpty) {
   const EnsembleReport report{.draws = 5, .paths = {"circle"}};
   EXPECT_EQ(to_json(report)["draws"], 0);
@@ -267,6 +339,9 @@ class TrueErrors final : public SampleSink {
     sum_ += (device_.true_position() - sample.reference_position).squaredNorm();
     ++samples_;
   }
+  void push(const Event& event) noexcept override {
+    if (event.code == EventCode::repetition) sum_ = samples_ = 0;
+  }
   [[nodiscard]] double rms() const { return std::sqrt(sum_ / samples_); }
 
  private:
@@ -286,6 +361,7 @@ TEST(Ensemble, MatchesThePublicPlayAndMeasuresTheTruePosition) {
   PlayOptions play_options;
   play_options.gains = PdGains{Vec3::Constant(3000), Vec3::Constant(25)};
   play_options.session.loop.limits.max_velocity = 1.5;
+  play_options.playback.repetitions = options.learn;
   play_options.sinks = {&truth};
   const PlayResult result =
       play(device, plan_playback(device.info(), options.paths[0], play_options), play_options, StopRequest{});
@@ -294,6 +370,25 @@ TEST(Ensemble, MatchesThePublicPlayAndMeasuresTheTruePosition) {
   EXPECT_EQ(run.force_ripple, result.last.force_ripple);
   EXPECT_NE(run.rms_error, run.measured_rms_error);
   EXPECT_NEAR(run.rms_error, run.measured_rms_error, 5e-5);
+}
+
+TEST(Ensemble, PlaysHardKindsInTheirOrderAndSeesThemShake) {
+  EnsembleOptions options = short_options(3);
+  options.kinds = {EnsembleKind::late, EnsembleKind::tremor_one};
+  const EnsembleReport report = run_ensemble(options, StopRequest{});
+  ASSERT_EQ(report.members.size(), 3U);
+  EXPECT_EQ(report.members[0].kind, EnsembleKind::late);
+  EXPECT_EQ(report.members[1].kind, EnsembleKind::tremor_one);
+  EXPECT_EQ(report.members[2].kind, EnsembleKind::late);
+  for (const EnsembleMember& member : report.members)
+    for (const EnsembleTrial& trial : member.trials)
+      for (const EnsembleRun& run : trial.runs) {
+        EXPECT_GE(run.shaking, 0.99 * run.ripple);
+        EXPECT_LT(run.shaking, 10 * run.ripple);
+        EXPECT_EQ(run.available_force, ensemble::kMaxForce);
+      }
+  options.kinds.clear();
+  EXPECT_THAT(error_of([&] { run_ensemble(options, StopRequest{}); }), HasSubstr("at least one kind"));
 }
 
 TEST(Ensemble, DetectsAPathThatNeedsMoreForceThanTheDeviceHas) {

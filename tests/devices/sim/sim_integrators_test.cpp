@@ -200,6 +200,14 @@ TEST(SimIntegrators, EulerIsRefusedWhereNoStepIsStable) {
   EXPECT_EQ(taken.plant().longest_step(), 50e-6);
 }
 
+TEST(SimIntegrators, OfOneMassAreRefusedWhereTheMassVaries) {
+  const SimSpec varying = spec_with({R"({"mass": 0.1, "max_force": 9, "inertia": {"variation": 0.5}})"});
+  for (const Integrator integrator : {Integrator::euler, Integrator::verlet, Integrator::rk4, Integrator::exact})
+    EXPECT_THAT(error_of([&] { SimDevice(varying, by(integrator, 50e-6)); }),
+                testing::AllOf(HasSubstr("varies with the place"), HasSubstr("use semi-implicit")));
+  EXPECT_NO_THROW(SimDevice(varying, by(Integrator::semi_implicit, 50e-6)));
+}
+
 TEST(SimIntegrators, AreOptionsOfTheDevice) {
   const auto of = [](const std::string& options) {
     return open_sim_device(DeviceSpec::parse("sim:preset=falcon,hand=relaxed" + options));

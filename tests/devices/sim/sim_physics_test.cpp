@@ -3,6 +3,7 @@
 #include "devices/sim/presets.h"
 #include "tests/devices/support.h"
 
+#include <complex>
 #include <numbers>
 
 namespace haptrace::test {
@@ -172,6 +173,33 @@ TEST(SimPhysics, MotorsSaturateAtTheirLargestForce) {
   SimDevice huge = device_of(R"({"max_force": 5})");
   run(huge, Vec3(1e308, 1e308, 0), 0.1);
   EXPECT_NEAR(true_vx(huge), 0.5 / std::numbers::sqrt2, 1e-9);
+}
+
+TEST(SimPhysics, MotorsMaySaturateBelowTheForceThatTheyState) {
+  SimDevice device = device_of(R"({"max_force": 5, "motor_limit": 2})");
+  EXPECT_EQ(device.info().max_force, 5);
+  run(device, Vec3(3, 4, 0), 0.1);
+  EXPECT_NEAR(true_vx(device), 0.12, 1e-9);
+  EXPECT_NEAR(device.true_velocity().y(), 0.16, 1e-9);
+}
+
+TEST(SimPhysics, AMassThatVariesOverTheWorkspaceCoastsWithItsEnergy) {
+  SimDevice device =
+      device_of(R"({"mass": 0.5, "inertia": {"variation": 0.5, "length": 0.1}, "workspace": {"min": -1, "max": 1}})");
+  run(device, Vec3(30, 40, 0), 0.01);
+  const auto scale = [&] { return 1 + 0.5 * std::cos(std::numbers::pi * device.true_position().norm() / 0.1); };
+  const auto energy = [&] { return 0.25 * scale() * device.true_velocity().squaredNorm(); };
+  const double start = energy(), fast = device.true_velocity().norm();
+  double least = 2, fastest = fast;
+  while (device.true_position().norm() < 0.15) {
+    run(device, Vec3::Zero(), 1e-3);
+    ASSERT_NEAR(energy(), start, 0.01 * start);
+    ASSERT_NEAR(device.plant().energy(), energy(), 1e-12);
+    least = std::min(least, scale());
+    fastest = std::max(fastest, device.true_velocity().norm());
+  }
+  EXPECT_LT(least, 0.51);
+  EXPECT_GT(fastest, 1.6 * fast);
 }
 
 TEST(SimPhysics, ForcesComeInSteps) {
@@ -381,6 +409,8 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         kEverything, R"({"mass": 1, "max_force": 10, "workspace": {"min": -50, "max": 50}})",
         R"({"mass": 0.05, "max_force": 10, "coulomb": 0.5, "hand": {"mass": 0.01, "grip_stiffness": 2000}})",
+        R"({"mass": [0.4, 0.5, 0.3], "max_force": 9, "inertia": {"variation": 0.7, "length": 0.06}, "viscous": 2,
+                        "workspace": {"min": -9, "max": 9}, "hand": "relaxed"})",
         R"({"mass": 0.2, "max_force": 10, "gravity_gradient": {"x": [-90, 40, 0], "y": [40, -60, 0], "z": [0, 0, -50]},
                         "workspace": {"min": -9, "max": 9}, "coulomb": 0.2, "presliding": {"stiffness": 1e7}})"));
 
@@ -482,6 +512,50 @@ TEST(SimNoise, KeepsTheBandAndRmsOfAHand) {
   EXPECT_NEAR(std::sqrt(drift_square / kSeconds / 1000), 0.15, 0.015);
   EXPECT_NEAR(0.5 * tremor_crossings / kSeconds, 9, 1.5);  // [Hz]
   EXPECT_LT(0.5 * drift_crossings / kSeconds, 1);
+}
+
+TEST(SimNoise, DriftsWithOnePoleWhereItIsAsked) {
+  constexpr double kCorner = 0.7, kLater = 0.1;
+  constexpr int kSeconds = 600, kLag = static_cast<int>(1000 * kLater);
+  Gaussian gaussian(6, 1);
+  ColouredNoise drift = ColouredNoise::first_order(0.15, kCorner, 1000);
+  std::vector<double> values;
+  for (int i = 0; i < kSeconds * 1000; ++i) values.push_back(drift.next(gaussian).x());
+  double square = 0, change = 0;
+  for (std::size_t i = kLag; i < values.size(); ++i) {
+    square += values[i] * values[i];
+    change += std::pow(values[i] - values[i - kLag], 2);
+  }
+  EXPECT_NEAR(std::sqrt(square / static_cast<double>(values.size())), 0.15, 0.015);
+  // An exponential autocorrelation: the change within a time grows with its root, not in proportion to it.
+  EXPECT_NEAR(change / square, 2 * (1 - std::exp(-2 * std::numbers::pi * kCorner * kLater)), 0.08);
+}
+
+TEST(SimNoise, ShakesTheHandAtTheFrequencyThatIsAsked) {
+  // The arm is stiff: the hand is where its force over the stiffness puts it.
+  const auto mean_frequency = [](double asked) {
+    json spec = json::parse(R"({"mass": 1e-3, "max_force": 1, "workspace": {"min": -1, "max": 1},
+        "hand": {"mass": 0.1, "grip_stiffness": 5000, "grip_damping": 20, "arm_stiffness": 5e4, "arm_damping": 100,
+                 "tremor": 1}})");
+    spec["hand"]["tremor_hz"] = asked;
+    SimDevice device(read_sim_spec(spec, "test"));
+    std::vector<double> x;
+    for (int i = 0; i < 20'000; ++i) {
+      exchange(device, Vec3::Zero(), 1e-3);
+      x.push_back(device.true_position().x());
+    }
+    double power = 0, moment = 0;
+    for (double frequency = 1; frequency < 30; frequency += 0.05) {
+      std::complex<double> sum = 0;
+      for (std::size_t i = 0; i < x.size(); ++i)
+        sum += x[i] * std::polar(1.0, -2 * std::numbers::pi * frequency * 1e-3 * static_cast<double>(i));
+      power += std::norm(sum);
+      moment += frequency * std::norm(sum);
+    }
+    return moment / power;
+  };
+  EXPECT_NEAR(mean_frequency(4), 4, 0.8);
+  EXPECT_NEAR(mean_frequency(10), 10, 1.5);
 }
 
 }  // namespace

@@ -54,6 +54,9 @@ TEST(SimSpec, RejectsInvalidValues) {
   EXPECT_THAT(refused_spec(R"({"coulomb": 1, "presliding": {"distance": 1e-4, "stiffness": 1e4}})"),
               HasSubstr("either"));
   EXPECT_THAT(refused_spec(R"({"backlash": 1e-4})"), HasSubstr("needs a 'structural_mode'"));
+  EXPECT_THAT(refused_spec(R"({"inertia": {"variation": 1}})"), HasSubstr("variation: 1 is too large"));
+  EXPECT_THAT(refused_spec(R"({"motor_limit": 11})"), HasSubstr("motor_limit: 11 is too large"));
+  EXPECT_THAT(refused_spec(R"({"hand": {"mass": 0.1, "drift_hz": 0.01}})"), HasSubstr("drift_hz: 0.01 Hz is too slow"));
   EXPECT_THAT(refused_spec(R"({"structural_mode": {}})"), HasSubstr("'frequency_hz' is missing"));
   EXPECT_THAT(refused_spec(R"({"workspace": {"min": 0.1, "max": -0.1}})"), HasSubstr("'min' must lie below 'max'"));
   EXPECT_THAT(refused_spec(R"({"gravity_gradient": {"x": [0, 1, 0]}})"), HasSubstr("not symmetric"));
@@ -97,6 +100,11 @@ TEST(SimSpec, ReadsTheSampleThatNamesEveryKey) {
   EXPECT_TRUE(spec.force_sensor);
   EXPECT_EQ(spec.structural_mode->handle_fraction, 0.3);
   EXPECT_EQ(spec.hand->tremor, 0.04);
+  EXPECT_EQ(spec.hand->tremor_hz, 9);
+  EXPECT_EQ(spec.hand->drift_hz, 0.7);
+  EXPECT_EQ(spec.inertia_variation, 0.1);
+  EXPECT_EQ(spec.inertia_length, 0.08);
+  EXPECT_EQ(spec.strongest(), 8);
 }
 
 TEST(SimPresets, AreSuggestedWhenMistyped) {
