@@ -118,7 +118,7 @@ function(haptrace_test name)
   target_compile_options(test_${name} PRIVATE $<$<CONFIG:Release>:-g0>)
   if(ARG_AS_SHIPPED)
     # Its precompiled headers would have to be optimised in the same way.
-  elseif(first)
+  elseif(first)  # of base, where no macro is defined that others lack
     target_precompile_headers(test_${name} REUSE_FROM ${first})
   else()
     target_precompile_headers(test_${name} PRIVATE ${HAPTRACE_PRECOMPILED} <gmock/gmock.h> <gtest/gtest.h>)

@@ -2,6 +2,7 @@
 
 #include "base/enum_names.h"
 #include "base/error.h"
+#include "control/design/tracking_design.h"
 #include "control/path/shapes.h"
 #include "control/ripple.h"
 #include "devices/sim/sim_device.h"
@@ -206,6 +207,16 @@ Path hold_path() {
   return make_shape("reach", {.size = 0.03, .duration = 1, .angle = 0.7});
 }
 
+PlayOptions plain(const PdGains& pd) {
+  PlayOptions options;
+  options.find_oscillations = true;
+  options.gains = pd;
+  options.fit = true;
+  options.session.velocity = "lowpass:100";
+  options.session.loop.limits.max_velocity = kMaxVelocity;
+  return options;
+}
+
 /// One draw and its trials.
 class PathTrials {
  public:
@@ -241,8 +252,8 @@ class PathTrials {
     return trial;
   }
 
-  [[nodiscard]] EnsembleOverdrive overdrive(PlayOptions controller) const {
-    controller.gains = beyond_gains();
+  [[nodiscard]] EnsembleOverdrive overdrive() const {
+    PlayOptions controller = plain(beyond_gains());
     controller.playback.hold = kOverdriveHold;
     EnsembleOverdrive overdrive;
     (void)play_on<OnsetSink>(quiet_, hold_path(), controller, overdrive);
@@ -280,17 +291,7 @@ class PathTrials {
   const StopRequest& stop_;
 };
 
-PlayOptions plain(const PdGains& pd) {
-  PlayOptions options;
-  options.find_oscillations = true;
-  options.gains = pd;
-  options.fit = true;
-  options.session.velocity = "lowpass:100";
-  options.session.loop.limits.max_velocity = kMaxVelocity;
-  return options;
-}
-
-const PdGains kStiff = gains(3000, 25), kCautious = gains(500, 6);
+const PdGains kStiff = stiff_gains(), kCautious = gains(500, 6);
 
 EnsembleOptions completed(EnsembleOptions options) {
   check_draws(options.draws);
@@ -338,7 +339,7 @@ EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const Ensembl
   stiff.playback.repetitions = std::max(1, options.learn);
   run(EnsembleController::stiff, stiff);
   run(EnsembleController::cautious, plain(kCautious));
-  member.overdrive = trials.overdrive(plain(kStiff));
+  member.overdrive = trials.overdrive();
   const CalibrationResult calibration = trials.calibrate();
   if (!calibration.succeeded()) {
     member.calibration_error = calibration.reason;
@@ -353,6 +354,11 @@ EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const Ensembl
   calibrated.playback.repetitions = std::max(1, options.learn);
   run(EnsembleController::calibrated, calibrated);
   return member;
+}
+
+EnsembleOverdrive run_overdrive(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options,
+                                const StopRequest& stop) {
+  return PathTrials(seed, index, options.kinds[index % options.kinds.size()], options, stop).overdrive();
 }
 
 EnsembleReport run_ensemble(const EnsembleOptions& asked, const StopRequest& stop,

@@ -152,4 +152,8 @@ EnsembleReport run_ensemble(const EnsembleOptions& options, const StopRequest& s
 EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options,
                           const StopRequest& stop);
 
+/// Runs only the reach of one draw with gains beyond its stability limit, as run_member() does.
+EnsembleOverdrive run_overdrive(std::uint64_t seed, std::uint64_t index, const EnsembleOptions& options,
+                                const StopRequest& stop);
+
 }  // namespace haptrace

@@ -14,7 +14,7 @@ using Complex = std::complex<double>;
 
 constexpr double kLowest = 25;            // of the lines [Hz]
 constexpr double kMostNoise = 0.2;        // of a response, beyond which its inverse is biased
-constexpr double kBeyond = 1.3;           // how far the map reaches, over the places
+constexpr double kBeyond = 1.1;           // how far the map reaches, over the places
 constexpr double kExtrapolated = 0.85;    // smallest factor over the smallest measured one, and likewise the largest
 constexpr double kLeastDeviation = 0.03;  // the model is no better than that, with a hand on the device
 
@@ -35,6 +35,29 @@ std::vector<Line> lines_of(const Experiment& experiment, const LineSpectrum& spe
         lines.push_back({w, line.position[axis] / line.force[axis], spectrum.noise / std::abs(line.force[axis])});
   }
   return lines;
+}
+
+/// Returns 1 for each axis with places at clearly different distances up to `farthest` [m], else 0.
+Vec3 shows_curve(const Experiment& experiment, const Vec3& farthest) {
+  constexpr double kClearlyNearer = 0.8;
+  Vec3 shows = Vec3::Zero();
+  for (const ExperimentPlace& place : experiment.places)
+    for (int axis = 0; axis < 3; ++axis) {
+      const double away = std::abs(place.position[axis] - experiment.centre[axis]);
+      if (away > 0 && away < kClearlyNearer * farthest[axis]) shows[axis] = 1;
+    }
+  return shows;
+}
+
+/// Returns the matrix from parameters of equal likelihood to slopes, bends and curves. Where places are missing, the
+/// smallest parameters that agree with the others count: a workspace is rather symmetrical, and its axes are alike.
+Eigen::Matrix<double, 9, 11> likely_shapes() {
+  constexpr double kUnlikely = 0.3;  // a slope, and a difference between axes
+  Eigen::Matrix<double, 9, 11> shapes = Eigen::Matrix<double, 9, 11>::Zero();
+  shapes.topLeftCorner<9, 9>() = kUnlikely * Eigen::Matrix<double, 9, 9>::Identity();
+  shapes.col(9).segment<3>(3).setOnes();
+  shapes.col(10).tail<3>().setOnes();
+  return shapes;
 }
 
 }  // namespace
@@ -65,8 +88,7 @@ std::optional<std::vector<InertiaFactor>> inertia_factors(const Experiment& expe
         sum += std::real((1.0 / other - 1.0 / own) / mass) / variance;
         weights += 1 / variance;
       }
-      if (!(weights > 0)) return std::nullopt;
-      factor.factor[axis] = 1 + sum / weights;
+      factor.factor[axis] = weights > 0 ? 1 + sum / weights : 1;
       factor.deviation[axis] = std::hypot(1 / std::sqrt(weights), kLeastDeviation);
     }
     factors.push_back(factor);
@@ -84,12 +106,22 @@ std::optional<InertiaMap> identify_inertia(const Experiment& experiment, const I
 
   InertiaMap map{.centre = experiment.centre};
   const auto count = static_cast<Eigen::Index>(factors->size());
-  Eigen::MatrixXd places(count, 6);
+  const auto place = [&](Eigen::Index i) -> Vec3 {
+    return experiment.places[static_cast<std::size_t>(i)].position - experiment.centre;
+  };
+  Vec3 farthest = Vec3::Zero();
+  for (Eigen::Index i = 0; i < count; ++i) farthest = farthest.cwiseMax(place(i).cwiseAbs());
+  for (int axis = 0; axis < 3; ++axis)
+    if (experiment.axes[static_cast<std::size_t>(axis)])
+      map.reach[axis] = kBeyond * (farthest[axis] > 0 ? farthest[axis] : farthest.maxCoeff());
+  const Vec3 inverse_reach = (map.reach.array() > 0).select(map.reach.cwiseInverse(), Vec3::Zero());
+  const Vec3 curved = shows_curve(experiment, farthest);
+  Eigen::Matrix<double, Eigen::Dynamic, 9> places(count, 9);  // slopes, bends and curves, for a reach of 1
   for (Eigen::Index i = 0; i < count; ++i) {
-    const Vec3 d = experiment.places[static_cast<std::size_t>(i)].position - experiment.centre;
-    places.row(i) << d.transpose(), d.cwiseProduct(d).transpose();
-    map.reach = map.reach.cwiseMax(kBeyond * d.cwiseAbs());
+    const Vec3 u = place(i).cwiseProduct(inverse_reach), squares = u.cwiseProduct(u);
+    places.row(i) << u.transpose(), squares.transpose(), squares.sum() * curved.cwiseProduct(squares).transpose();
   }
+  const Eigen::Matrix<double, 9, 11> likely = likely_shapes();
   for (int axis = 0; axis < 3; ++axis) {
     if (!experiment.axes[static_cast<std::size_t>(axis)]) continue;
     Eigen::VectorXd off(count), weight(count);
@@ -101,11 +133,16 @@ std::optional<InertiaMap> identify_inertia(const Experiment& experiment, const I
       least = std::min(least, at.factor[axis]);
       most = std::max(most, at.factor[axis]);
     }
-    // Without a place off the centre along an axis, its two columns are zero and so is what comes of them.
-    const Eigen::VectorXd found =
-        (weight.asDiagonal() * places).completeOrthogonalDecomposition().solve(weight.cwiseProduct(off));
-    map.slope.row(axis) = found.head(3).transpose();
-    map.bend.row(axis) = found.tail(3).transpose();
+    const Eigen::Matrix<double, 9, 1> found =
+        likely *
+        (weight.asDiagonal() * places * likely).completeOrthogonalDecomposition().solve(weight.cwiseProduct(off));
+    for (int along = 0; along < 3; ++along) {
+      if (farthest[along] == 0 && found[3 + along] > 0) continue;  // a law for too large a mass would be too stiff
+      const double inverse = inverse_reach[along];
+      map.slope(axis, along) = found[along] * inverse;
+      map.bend(axis, along) = found[3 + along] * inverse * inverse;
+      map.curve(axis, along) = found[6 + along] * inverse * inverse;
+    }
     map.least[axis] = kExtrapolated * std::max(least, 0.1);
     map.most[axis] = most / kExtrapolated;
   }

@@ -11,7 +11,7 @@ namespace haptrace {
 /// Mass at a place over that at the centre, as measured.
 struct InertiaFactor {
   Vec3 factor = Vec3::Ones();
-  Vec3 deviation = Vec3::Zero();  ///< standard deviation
+  Vec3 deviation = Vec3::Zero();  ///< standard deviation; infinity: the device did not move enough to tell
 };
 
 /// Returns the factors at the places of an experiment, in their order: from the responses to the excitation signal at
@@ -25,8 +25,9 @@ std::optional<std::vector<InertiaFactor>> inertia_factors(const Experiment& expe
                                                           const Identification& identified);
 
 /// Fits a map to the factors at the places of an experiment, by least squares weighted by their deviations. Its `reach`
-/// is 1.3 times that of the places. Returns nothing if there are no factors, or if they do not show more than noise: no
-/// factor differs from 1 by more than kLeastVariation and three deviations.
+/// is 1.1 times that of the places. Its `curve` is 0 if the places along each axis are all equally far away. An axis
+/// without places is taken to be like the others, where these become lighter. Returns nothing if there are no factors,
+/// or if they do not show more than noise: no factor differs from 1 by more than kLeastVariation and three deviations.
 std::optional<InertiaMap> identify_inertia(const Experiment& experiment, const Identification& identified);
 inline constexpr double kLeastVariation = 0.15;
 

@@ -33,8 +33,8 @@ constexpr double kRippleRise = 1.11, kPlainRippleRise = 1.29;
 constexpr double kLighter = 0.8;
 constexpr double kLater = 0.5;  // [ticks]
 
-const PdGains kPlainGains{Vec3::Constant(3000), Vec3::Constant(25)};
 constexpr double kPlainVelocityCutoff = 100;  // [Hz]
+constexpr const char* kPlainVelocity = "lowpass:100";
 
 /// Returns the rms of the high-passed output of a linear law for white noise of unit variance, computed from its
 /// impulse response.
@@ -49,11 +49,12 @@ double noise_gain(double rate_hz, const std::function<double(double)>& law) {
 /// Returns the ripple of the plain law with an open loop, like noise_gain().
 double open_plain_ripple(double rate_hz) {
   Butterworth2 low_pass(Butterworth2::Kind::low_pass, kPlainVelocityCutoff, rate_hz);
+  const PdGains stiff = stiff_gains();
   double before = 0;
   return noise_gain(rate_hz, [&](double x) {
     const double velocity = low_pass.update((x - before) * rate_hz);
     before = x;
-    return kPlainGains.kp.x() * x + kPlainGains.kd.x() * velocity;
+    return stiff.kp.x() * x + stiff.kd.x() * velocity;
   });
 }
 
@@ -130,7 +131,7 @@ PdGains plain_gains(const PlantModel& plant, const PdGains& designed, double rat
   PdGains plain = designed;
   for (int axis = 0; axis < 3; ++axis) {
     if (!(plant.mass[axis] > 0)) continue;
-    const LoopAnalysis loop(loop_of(plant, axis, rate_hz, "lowpass:100"));
+    const LoopAnalysis loop(loop_of(plant, axis, rate_hz, kPlainVelocity));
     plain.kd[axis] = std::min(plain.kd[axis], 0.5 * loop.most_damped(0.1 * designed.kp[axis]));
     plain.kp[axis] = std::min(plain.kp[axis], 0.5 * loop.stiffest(plain.kd[axis]));
     if (const double bears = loop.margins(plain.kp[axis], plain.kd[axis]).gain_up; bears < kMargin) {
@@ -142,6 +143,19 @@ PdGains plain_gains(const PlantModel& plant, const PdGains& designed, double rat
 }
 
 }  // namespace
+
+PdGains stiff_gains() {
+  return {Vec3::Constant(3000), Vec3::Constant(25)};
+}
+
+bool is_stable(const PlantModel& plant, const PdGains& gains, double margin, double rate_hz) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(plant.mass[axis] > 0)) continue;
+    const LoopAnalysis loop(loop_of(plant, axis, rate_hz, kPlainVelocity));
+    if (!(loop.margins(gains.kp[axis], gains.kd[axis]).gain_up >= margin)) return false;
+  }
+  return true;
+}
 
 double plain_ripple(double rate_hz) {
   return kPlainRippleRise * open_plain_ripple(rate_hz);

@@ -10,7 +10,8 @@ namespace haptrace {
 struct TrackingDesign {
   PdGains gains;    ///< stiff, with margins
   PdGains largest;  ///< tuning limit: half of the gains that destabilise the free device, at most 3 times `gains`
-  PdGains plain;    ///< gains of a PD law without the observer, with the same margin
+  PdGains plain;    ///< gains of a PD law without the observer, with the same margin, or stiff_gains() if the device
+                    ///< bore them in a trial
   Vec3 mass = Vec3::Zero();  ///< mass in the observer, per axis of W [kg]
   double delay = 0;          ///< from the tick that commands a force to the force [s]
   double observer_hz = 0;    ///< triple pole of the state observer [Hz]
@@ -24,13 +25,19 @@ struct TrackingDesign {
 struct DesignOptions {
   double rate_hz = 1000;
   double max_force = 0;   ///< maximum force of the device [N]
-  double max_ripple = 0;  ///< allowed ripple of the command above 25 Hz [N]; 0: that of a plain PD law of 3000 N/m and
-                          ///< 25 N s/m with a velocity low pass of 100 Hz
+  double max_ripple = 0;  ///< allowed ripple of the command above 25 Hz [N]; 0: that of stiff_gains()
   double bandwidth = 1;   ///< fraction of w to use; less for an inaccurate model
 };
 
-/// Returns the ripple of the command above 25 Hz, rms per axis, that a plain PD law of 3000 N/m and 25 N s/m with a
-/// velocity low pass of 100 Hz makes of white noise of unit standard deviation in the position, in its loop [N/m].
+/// Returns the gains of stiff PD control: 3000 N/m and 25 N s/m, with a velocity low pass of 100 Hz.
+PdGains stiff_gains();
+
+/// Returns whether a PD law with a velocity low pass of 100 Hz is stable on the free plant, with gains up to `margin`
+/// times these.
+bool is_stable(const PlantModel& plant, const PdGains& gains, double margin, double rate_hz);
+
+/// Returns the ripple of the command above 25 Hz, rms per axis, that stiff PD control makes of white noise of unit
+/// standard deviation in the position, in its loop [N/m].
 double plain_ripple(double rate_hz);
 
 /// Designs the stiffest law that the plant's delay allows and whose ripple stays within its bound, per axis:

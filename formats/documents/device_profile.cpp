@@ -264,7 +264,8 @@ LqgDesign lqg_design_from(JsonReader reader) {
 json json_of(const InertiaMap& map) {
   return {{"centre_m", haptrace::json_of(map.centre)}, {"reach_m", haptrace::json_of(map.reach)},
           {"slope_per_m", rows_of(map.slope)},         {"bend_per_m2", rows_of(map.bend)},
-          {"least", haptrace::json_of(map.least)},     {"most", haptrace::json_of(map.most)}};
+          {"curve_per_m2", rows_of(map.curve)},        {"least", haptrace::json_of(map.least)},
+          {"most", haptrace::json_of(map.most)}};
 }
 
 InertiaMap inertia_from(JsonReader reader) {
@@ -275,6 +276,7 @@ InertiaMap inertia_from(JsonReader reader) {
   map.reach = required.vector("reach_m", 0, kLargest);
   map.slope = matrix_from(required.object("slope_per_m"));
   map.bend = matrix_from(required.object("bend_per_m2"));
+  if (auto curve = reader.object("curve_per_m2")) map.curve = matrix_from(*curve);
   map.least = required.vector("least", kLeast, 1);
   map.most = required.vector("most", 1, kLargest);
   reader.finish();

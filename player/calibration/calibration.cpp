@@ -17,6 +17,9 @@
 #include <complex>
 #include <fmt/format.h>
 #include <numbers>
+#include <optional>
+#include <span>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -36,9 +39,13 @@ constexpr double kLargestReach = 0.02;    // [m]
 constexpr double kSmallestReach = 0.003;  // [m]
 constexpr double kPlaceShare = 0.6;       // distance of a place from the centre, as a share of the room
 constexpr double kFarthestPlace = 0.06;   // [m]
+constexpr int kMostLeftOut = 2;           // number of places from which a hand may keep the device
 constexpr double kLetGo = 0.5;       // share of the largest deviation at which a hand keeps the device from a place
-constexpr double kPlaceGains = 0.7;  // of the gains at the centre: the device may be lighter elsewhere
-constexpr double kBlend = 0.3;       // in which a movement grows from nothing, or shrinks to it [s]
+constexpr double kPlaceGains = 0.7;  // of the gains for the mass at a place, which is known only roughly
+constexpr double kLightest = 0.2;    // share of the mass at the centre down to which the gains follow it
+// Of the excitation at the centre. A light device has friction all the same.
+constexpr double kLeastDither = 0.4;
+constexpr double kBlend = 0.3;             // in which a movement grows from nothing, or shrinks to it [s]
 constexpr double kShortestApproach = 0.5;  // [s]
 constexpr double kLook = 0.75;             // of the first look [s]
 constexpr double kSettle = 0.4;            // from a change of the dither to the first window [s]
@@ -105,7 +112,7 @@ class FirstLook {
   void reset() noexcept {
     for (auto& axis : sums_)
       for (Sum& sum : axis) sum = Sum{.w = sum.w};
-    speed_ = asked_ = Vec3::Zero();
+    speed_ = asked_ = along_ = squares_ = Vec3::Zero();
     windows_ = 0;
   }
 
@@ -124,6 +131,8 @@ class FirstLook {
       }
       speed_[axis] += std::abs(state.velocity[axis]);
       asked_[axis] += std::abs(speed_asked[axis]);
+      along_[axis] += window * state.velocity[axis] * speed_asked[axis];
+      squares_[axis] += window * speed_asked[axis] * speed_asked[axis];
     }
   }
 
@@ -179,6 +188,15 @@ class FirstLook {
     return against < with + kClearly && across < straight;
   }
 
+  /// Returns true when the device goes with its reference under feedback. That shows the direction of the force where
+  /// the excitation does not: a link that swings, or a hand that is stiff for the device's mass, turns the response at
+  /// the lines, but not that to the slow movement. Feedback of the wrong sign drives the device the other way.
+  [[nodiscard]] bool obeys(int axis) const noexcept {
+    constexpr double kLeast = 0.6, kMost = 1.4;
+    const double share = squares_[axis] > 0 ? along_[axis] / squares_[axis] : 0;
+    return share > kLeast && share < kMost;
+  }
+
   /// Returns true when the responses to the excitation along `axis` match those in `other`, an earlier look. The
   /// response of a device repeats, whatever its axes; movement from a hand's tremor or from encoder steps does not. The
   /// responses are compared with the excitation and not with the force: feedback turns part of every movement into
@@ -228,6 +246,7 @@ class FirstLook {
   std::array<bool, 3> axes_;
   std::array<std::array<Sum, kLines>, 3> sums_;
   Vec3 speed_ = Vec3::Zero(), asked_ = Vec3::Zero();
+  Vec3 along_ = Vec3::Zero(), squares_ = Vec3::Zero();  ///< products of speed and requested speed
   double windows_ = 0;
 };
 
@@ -241,6 +260,7 @@ class CalibrationController final : public Controller {
       : plan_(plan),
         look_(plan),
         before_(plan),
+        there_(plan),
         sizes_(sweep_sizes(plan.full)),
         gains_(cautious_gains(std::min(plan.device_force, kLargestForce), plan.rate_hz)),
         swing_size_(swing_size(plan)),
@@ -272,7 +292,7 @@ class CalibrationController final : public Controller {
     advance(state, now);
     if ((stage_ == Stage::travel || stage_ == Stage::place) && place_ < plan_.places.size() &&
         driven_part(this->reference(now - began_).position - state.position).norm() > kLetGo * plan_.max_deviation)
-      return_from(state.position, now);
+      travel_on(state.position, now);
     const Reference reference = this->reference(now - began_);
     dither_ += std::clamp(state.dt / kBlend, 0.0, 1.0) * (dither_wanted_ - dither_);
 
@@ -340,27 +360,30 @@ class CalibrationController final : public Controller {
   void next_sweep(double now) noexcept {
     int axis = stage_ == Stage::sweep ? axis_ + 1 : 0;
     while (axis < 3 && !driven(axis)) ++axis;
-    if (axis >= 3) return travel_to(0, now);
+    if (axis >= 3) {
+      centre_gains_ = gains_;
+      gains_ = {kPlaceGains * gains_.kp, kPlaceGains * gains_.kd};
+      return travel_to(0, now);
+    }
     enter(Stage::sweep, now);
     axis_ = axis;
   }
 
-  void travel_to(std::size_t place, double now) noexcept {
+  void travel_to(std::size_t place, double now) noexcept { travel_to(place, around_, now); }
+
+  void travel_to(std::size_t place, Vec3 from, double now) noexcept {
     place_ = place;
     const bool another = place < plan_.places.size();
-    const Vec3 from = around_;
     around_ = another ? home_ + driven_part(plan_.places[place] - home_) : home_;
     travel_ = Approach(from, around_, plan_.approach_speed, kShortestApproach);
     enter(another || from != around_ ? Stage::travel : Stage::done, now);
   }
 
-  /// Leaves out the places that are left: the hand does not go there.
-  void return_from(const Vec3& position, double now) noexcept {
-    place_ = plan_.places.size();
-    around_ = home_;
+  /// Leaves out a place where the hand does not go, and all that are left once that has happened often.
+  void travel_on(const Vec3& position, double now) noexcept {
     dither_wanted_ = Vec3::Zero();
-    travel_ = Approach(home_ + driven_part(position - home_), home_, plan_.approach_speed, kShortestApproach);
-    enter(Stage::travel, now);
+    travel_to(++left_out_ > kMostLeftOut ? plan_.places.size() : place_ + 1, home_ + driven_part(position - home_),
+              now);
   }
 
   [[nodiscard]] double place_time() const noexcept { return kSettle + plan_.dither.period(); }
@@ -393,18 +416,40 @@ class CalibrationController final : public Controller {
         if (since < travel_.duration()) break;
         enter(place_ < plan_.places.size() ? Stage::place : Stage::done, now);
         if (stage_ == Stage::place) {
-          if (place_ == 0) gains_ = {kPlaceGains * gains_.kp, kPlaceGains * gains_.kd};
+          there_.reset();
           dither_wanted_ = dither_measured_;
+          if (place_ >= plan_.nearer_places)
+            dither_wanted_ = dither_wanted_.cwiseProduct(lightest_.cwiseMax(kLeastDither));
         }
         break;
       case Stage::place:
         measures_ = since >= kSettle && since < place_time();
+        if (measures_)
+          there_.add(state, now, (since - kSettle) / plan_.dither.period(), reference(since).velocity,
+                     plan_.dither.value(now));
         if (since >= place_time()) dither_wanted_ = Vec3::Zero();
-        if (since >= place_time() + kBlend) travel_to(place_ + 1, now);
+        if (since >= place_time() + kBlend) {
+          weigh();
+          travel_to(place_ + 1, now);
+        }
         break;
       case Stage::done:
         break;
     }
+  }
+
+  /// Notes how light the device may be from now on: the gains of the centre would make a much lighter one oscillate. It
+  /// is taken to become lighter beyond the nearer places as it did before them.
+  void weigh() noexcept {
+    const bool near = place_ < plan_.nearer_places;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!driven(axis)) continue;
+      const double share = there_.mass(axis) / look_.mass(axis), expected = near ? 2 * share - 1 : share;
+      lightest_[axis] = std::clamp(expected, kLightest, lightest_[axis]);
+    }
+    if (place_ + 1 < plan_.nearer_places) return;
+    const Vec3 share = kPlaceGains * lightest_;
+    gains_ = {share.cwiseProduct(centre_gains_.kp), share.cwiseProduct(centre_gains_.kd)};
   }
 
   [[nodiscard]] double swing_time() const noexcept { return dither_windows(plan_.full) * plan_.dither.period(); }
@@ -421,6 +466,7 @@ class CalibrationController final : public Controller {
       if (!driven(axis)) continue;
       const bool moves = look_.motion(axis) >= kLeastMotion;
       if (!moves || !look_.follows(axis)) {
+        if (stronger_ && moves && look_.obeys(axis)) continue;
         if (stronger_)
           return stop(!moves                         ? Verdict::blocked
                       : look_.repeats(before_, axis) ? Verdict::wrong_way
@@ -512,9 +558,10 @@ class CalibrationController final : public Controller {
   static constexpr double kSweepLead = 0.5;  // cycles before the measurement of a sweep starts
 
   const CalibrationPlan& plan_;
-  FirstLook look_, before_;  ///< the current look, and an earlier inconclusive one
+  FirstLook look_, before_, there_;  ///< the current look, an earlier inconclusive one, and one at a place
   std::span<const double> sizes_;
-  PdGains gains_;
+  PdGains gains_, centre_gains_;
+  Vec3 lightest_ = Vec3::Ones();  ///< smallest mass to be expected at a place, over that at the centre
   double swing_size_;
   Vec3 sweep_size_;
 
@@ -525,6 +572,7 @@ class CalibrationController final : public Controller {
   Vec3 home_ = Vec3::Zero();
   Vec3 around_ = Vec3::Zero();  ///< centre of the movement
   std::size_t place_ = 0;
+  int left_out_ = 0;  ///< places
   Approach approach_, travel_;
   double began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
   Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
@@ -555,7 +603,7 @@ class CalibrationLog final : public SampleSink {
     if (controller_.stage() == CalibrationController::Stage::place) {
       const std::size_t place = controller_.place();
       if (place >= kMostPlaces) return;
-      if (place == places_) places_begin_[places_++] = rows_.size() - 1;
+      if (places_end_[place] == 0) places_begin_[place] = rows_.size() - 1;
       places_end_[place] = rows_.size();
       return;
     }
@@ -572,7 +620,7 @@ class CalibrationLog final : public SampleSink {
   [[nodiscard]] Experiment experiment(const CalibrationPlan& plan) const {
     std::vector<ExperimentPlace> places;
     const auto whole = static_cast<std::size_t>(0.95 * plan.dither.period() * plan.rate_hz);  // of rows
-    for (std::size_t i = 0; i < std::min(places_, plan.places.size()); ++i)
+    for (std::size_t i = 0; i < plan.places.size(); ++i)
       if (places_end_[i] >= places_begin_[i] + whole)
         places.push_back({plan.places[i], {places_begin_[i], places_end_[i]}});
     return {.rows = rows_,
@@ -617,9 +665,8 @@ class CalibrationLog final : public SampleSink {
   std::vector<TickRow> rows_;
   std::vector<Stretch> dithered_;
   std::array<std::vector<Stretch>, 3> sweeps_;
-  static constexpr std::size_t kMostPlaces = 8;
+  static constexpr std::size_t kMostPlaces = 9;
   std::array<std::size_t, kMostPlaces> places_begin_{}, places_end_{};  ///< rows
-  std::size_t places_ = 0;
   Stretch* open_ = nullptr;
   int axis_ = -1;
 };
@@ -717,12 +764,14 @@ bool try_laws(Device& device, const CalibrationPlan& plan, const std::vector<Exp
               const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
               CalibrationResult& result) {
   constexpr double kMostRipple = 0.04;  // share of the largest force
+  constexpr double kStiffMargin = 1.2;  // of stiff PD control on the free device
   WorkspaceTour tour{.places = {plan.centre},
                      .radius = kSwingSize * kLargestReach,
                      .speed = plan.max_speed,
                      .max_deviation = plan.max_deviation,
                      .session = options.session};
-  for (const ExperimentPlace& place : places) tour.places.push_back(place.position);
+  for (const ExperimentPlace& place : std::span(places).subspan(std::min(places.size(), plan.nearer_places)))
+    tour.places.push_back(place.position);
   for (int axis = 0; axis < 3; ++axis)
     if (plan.axes[static_cast<std::size_t>(axis)]) tour.radius = std::min(tour.radius, kSwingSize * plan.reach[axis]);
   tour.session.loop.limits.max_force = plan.max_force;
@@ -737,18 +786,29 @@ bool try_laws(Device& device, const CalibrationPlan& plan, const std::vector<Exp
     law.identified = result.identified();
     return toured(device, law, tour, stop, progress);
   };
+  // What follows must be no worse than the stiffest PD law that this device bears.
+  const double most_ripple = kMostRipple * plan.device_force;
   law.compensations = {};
-  const TourResult plain = tried();
-  if (ended(plain)) return false;
+  std::optional<TourResult> plain;
+  if (is_stable(result.identification.plant, stiff_gains(), kStiffMargin, plan.rate_hz)) {
+    const PdGains designed = std::exchange(result.design->plain, stiff_gains());
+    plain = tried();
+    if (ended(*plain)) return false;
+    if (!plain->finished() || plain->oscillations > 0 || std::ranges::max(plain->ripple) > most_ripple) {
+      result.design->plain = designed;
+      plain.reset();
+    }
+  }
+  if (!plain) plain = tried();
+  if (ended(*plain)) return false;
   law.compensations = PlayOptions{}.compensations;
 
   const auto judge = [&](double predicted_ripple, LawVerdict& verdict) {
     const TourResult toured = tried();
     if (ended(toured)) return false;
-    verdict = {
-        .tried = true,
-        .improvement = plain.finished() && toured.finished() ? least_improvement(toured, plain) : 0,
-        .refused = refusal_of(toured, plain, tour, std::max(2 * predicted_ripple, kMostRipple * plan.device_force))};
+    verdict = {.tried = true,
+               .improvement = plain->finished() && toured.finished() ? least_improvement(toured, *plain) : 0,
+               .refused = refusal_of(toured, *plain, tour, std::max(2 * predicted_ripple, most_ripple))};
     return true;
   };
   const auto judge_firmness = [&](Firmness firmness) {
@@ -818,14 +878,24 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
     smallest = std::min(smallest, room);
   }
   // Opposite places of an axis are not visited one after the other.
+  std::vector<Vec3> farthest;
   if (options.places)
     for (const double side : {1.0, -1.0})
       for (int axis = 0; axis < 3; ++axis) {
         if (!plan.axes[static_cast<std::size_t>(axis)]) continue;
         const double room = 0.5 * (device.workspace_max[axis] - device.workspace_min[axis]);
         if (const double off = std::min(kPlaceShare * room, kFarthestPlace); off > plan.reach[axis])
-          plan.places.push_back(plan.centre + side * off * Vec3::Unit(axis));
+          farthest.push_back(plan.centre + side * off * Vec3::Unit(axis));
       }
+  // Places half as far away show how the mass goes there, and what to expect beyond. One along each axis is enough.
+  for (const Vec3& place : farthest) {
+    const Vec3 half = 0.5 * (place - plan.centre);
+    Eigen::Index axis = 0;
+    if (const double off = half.cwiseAbs().maxCoeff(&axis); off > plan.reach[axis] && (half[axis] > 0) == (axis != 1))
+      plan.places.push_back(plan.centre + half);
+  }
+  plan.nearer_places = plan.places.size();
+  plan.places.insert(plan.places.end(), farthest.begin(), farthest.end());
   plan.max_speed = kTwoPi * plan.reach.maxCoeff();  // one circle with the radius of the reach per second
   plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
   const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());

@@ -87,7 +87,7 @@ TEST(Quiet, HidesWarningsOfASessionThatContinues) {
   std::vector<std::string> quiet = words;
   quiet.emplace_back("-q");
   const Answer loud = Command(words).wait();
-  EXPECT_THAT(loud.err, ContainsRegex("force (was )?limited")) << "once, or several times";
+  EXPECT_THAT(loud.err, testing::ContainsRegex("force (was )?limited")) << "once, or several times";
   EXPECT_THAT(loud.out, HasSubstr("  warning: "));
   EXPECT_EQ(loud.exit_code, 0);
   const Answer silent = Command(quiet).wait();

@@ -221,6 +221,16 @@ TEST(TrackingDesign, KeepsAShareOfItsBandwidthForAPlantThatIsKnownBadly) {
   EXPECT_LT(half.ripple, 0.5 * whole.ripple);
 }
 
+TEST(TrackingDesign, BearsStiffPdControlOnlyWithMassAndWithoutDelay) {
+  EXPECT_TRUE(is_stable(plant_of(0.5, 1e-3), stiff_gains(), 1.2, 1000));
+  EXPECT_FALSE(is_stable(plant_of(0.5, 8e-3), stiff_gains(), 1.2, 1000)) << "it is late";
+  EXPECT_FALSE(is_stable(plant_of(0.05, 1e-3), stiff_gains(), 1.2, 1000)) << "it is light";
+  EXPECT_FALSE(is_stable(plant_of(0.5, 1e-3), stiff_gains(), 50, 1000)) << "nothing has such a margin";
+  PlantModel planar = plant_of(0.5, 1e-3);
+  planar.mass.z() = 0;
+  EXPECT_TRUE(is_stable(planar, stiff_gains(), 1.2, 1000)) << "an axis without a motor does not count";
+}
+
 TEST(TrackingDesign, NeedsAMass) {
   EXPECT_THAT(test::error_of([] { (void)design_tracking(PlantModel{}, {}); }), testing::HasSubstr("no mass"));
   const auto late = [](double rate_hz) {

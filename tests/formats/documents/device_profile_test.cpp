@@ -71,6 +71,7 @@ HeldDevice in_a_hand() {
       InertiaMap{.centre = Vec3(0, 0.01, 0.1 + 0.2), .reach = Vec3::Constant(0.06), .least = Vec3(0.5, 0.6, 0.7)};
   held.inertia->slope(0, 2) = 1.0 / 3;
   held.inertia->bend(2, 1) = -4;
+  held.inertia->curve(1, 1) = 1.0 / 7;
   held.one_mass = false;
   held.designs[0].verdict = {true, 10.0 / 3, "it oscillates"};
   held.observer = {true, 2, ""};
@@ -137,6 +138,7 @@ TEST_F(DeviceProfiles, KeepTheHandAndTheLawsToTheBit) {
   EXPECT_TRUE(read.identified().held);
   EXPECT_EQ(read.held->inertia->centre.z(), 0.1 + 0.2);
   EXPECT_EQ(read.held->inertia->slope, in_a_hand().inertia->slope);
+  EXPECT_EQ(read.held->inertia->curve, in_a_hand().inertia->curve);
   EXPECT_EQ(read.held->inertia->bend, in_a_hand().inertia->bend);
   EXPECT_EQ(read.held->inertia->least, in_a_hand().inertia->least);
   EXPECT_EQ(read.held->design(Firmness::quiet).verdict.improvement, 10.0 / 3);

@@ -9,8 +9,10 @@
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 
+#include <cmath>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <numbers>
 
 namespace haptrace {
 namespace {
@@ -180,6 +182,34 @@ TEST(Calibration, MeasuresAroundTheMiddleAndTriesItsLawsThere) {
   EXPECT_GT(normal.improvement, 1.5);
   EXPECT_FALSE(result.held->design(Firmness::exact).verdict.tried) << "that is left to a full calibration";
   EXPECT_TRUE(result.identified().held);
+}
+
+TEST(Calibration, ReachesPlacesWhereTheDeviceHasAFifthOfItsMass) {
+  // Gains for the middle would make it oscillate there.
+  const EnsembleDraw draw = draw_device(1, 1, EnsembleKind::inertia_70);
+  SimDevice device(draw.spec, {.seed = draw.noise_seed});
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  ASSERT_TRUE(result.held && result.held->inertia);
+  EXPECT_FALSE(result.held->one_mass) << "it was at all places";
+  for (const double away : {0.02, 0.03, 0.04, 0.05, 0.06}) {
+    const double truth =
+        (1 + draw.spec.inertia_variation * std::cos(std::numbers::pi * away / draw.spec.inertia_length)) /
+        (1 + draw.spec.inertia_variation);
+    for (const Vec3& way : {Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, 1)})
+      EXPECT_LT((result.held->inertia->at(away * way) - Vec3::Constant(truth)).cwiseAbs().maxCoeff(), 0.15)
+          << (away * way).transpose();
+  }
+}
+
+TEST(Calibration, KeepsStiffPdControlAsTheLastResortOfADeviceThatBearsIt) {
+  SimDevice strong(preset("falcon", "relaxed")), light(preset("touch", "relaxed"));
+  const CalibrationResult bears = calibrated(strong, whole()), bears_not = calibrated(light, whole());
+  ASSERT_TRUE(bears.succeeded()) << bears.reason;
+  EXPECT_EQ(bears.design->plain.kp, stiff_gains().kp);
+  EXPECT_EQ(bears.design->plain.kd, stiff_gains().kd);
+  ASSERT_TRUE(bears_not.succeeded()) << "its link swings, but it goes where it is pulled: " << bears_not.reason;
+  EXPECT_LT(bears_not.design->plain.kp.maxCoeff(), 1000);
 }
 
 TEST(Calibration, LeavesOutThePlacesFromWhichAHandKeepsTheDevice) {

@@ -61,7 +61,13 @@ TEST(WorkspaceTrial, RefusesALawThatOscillatesOnTheDevice) {
 TEST(WorkspaceTrial, RefusesWhatRipplesOrFollowsLessCloselyAtAnyPlace) {
   TourResult own = toured_under(lqg()), other = own;
   EXPECT_THAT(refusal_of(own, other, around_the_centre(), 1), IsEmpty()) << "equally good";
+  for (double& error : other.rms_error) error *= 0.9;
+  EXPECT_THAT(refusal_of(own, other, around_the_centre(), 1), HasSubstr("1.11 times that of plain PD control"));
+  other.rms_error = own.rms_error;
+  other.rms_error[1] *= 1.2;
   other.rms_error[2] *= 0.9;
+  EXPECT_THAT(refusal_of(own, other, around_the_centre(), 1), IsEmpty()) << "closer in all";
+  other.rms_error[2] *= 0.8;
   EXPECT_THAT(refusal_of(own, other, around_the_centre(), 1), HasSubstr("50 mm from the centre, and that of plain PD"));
   own.saturated[2] = 0.5;
   EXPECT_THAT(refusal_of(own, other, around_the_centre(), 1), IsEmpty()) << "the force did not suffice there";
