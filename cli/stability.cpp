@@ -118,11 +118,12 @@ void try_ensemble(const StabilityArguments& arguments, const Output& output, con
     findings.text += text_of(report);
     if (findings.figure.rows.empty()) findings.figure = figure_of(report);
   };
-  if (!arguments.kinds.empty() && arguments.kinds != kHardKinds) options.kinds = {parse_ensemble_kind(arguments.kinds)};
-  if (arguments.kinds != kHardKinds) run("ensemble");
-  if (!arguments.kinds.empty() && arguments.kinds != kHardKinds) return;
+  const bool both = arguments.kinds.empty(), hard = arguments.kinds == kHardKinds;
+  if (!both && !hard) options.kinds = {parse_ensemble_kind(arguments.kinds)};
+  if (!hard) run("ensemble");
+  if ((!both && !hard) || stop.count() > 0) return;
   options.kinds = hard_kinds();
-  if (stop.count() == 0) run("hard_ensemble");
+  run("hard_ensemble");
 }
 
 void try_guidance(const StabilityArguments& arguments, const Output& output, const StopRequest& stop,

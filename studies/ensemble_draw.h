@@ -57,14 +57,13 @@ inline constexpr Range kArmDamping{1, 5};          // [N s/m]
 inline constexpr double kTremor = 0.04;            // rms per axis [N]
 inline constexpr double kDrift = 0.15;             // rms per axis [N]
 
-// What the hard kinds have in common: a later force, and noise of the hand that reaches into the band of a disturbance
-// observer.
+// All hard kinds: the force acts later, and the noise of the hand reaches into the band of a disturbance observer.
 inline constexpr Range kLateDelay{1e-3, 2.4e-3};  // [s]
 inline constexpr double kLateLag = 0.5e-3;        // [s]
 inline constexpr double kHardDriftHz = 0.7;       // corner of first order [Hz]
 inline constexpr double kHardTremorHz = 8.5;      // [Hz]
 
-// What they have of their own.
+// The property that each hard kind is named after.
 inline constexpr double kInertiaLength = 0.06;     // from the largest mass to the smallest [m]
 inline constexpr double kCable = 1;                // force of the cables [N]
 inline constexpr double kCablePeriod = 3e-3;       // [m]

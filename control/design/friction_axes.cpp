@@ -3,6 +3,7 @@
 #include "control/design/dense.h"
 #include "control/design/nelder_mead.h"
 #include "control/feedforward.h"
+#include "control/rotation.h"
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -24,8 +25,7 @@ constexpr double kMostLeft = 0.9;       // of the squared force that friction al
 constexpr double kLeastCertain = 0.35;  // largest half width of the interval of the rotation [rad]
 
 Matrix3d turned(const Vec3& rotation) {
-  const double angle = rotation.norm();
-  return angle > 0 ? Eigen::AngleAxisd(angle, rotation / angle).toRotationMatrix() : Matrix3d(Matrix3d::Identity());
+  return quaternion(rotation).toRotationMatrix();
 }
 
 Matrix3d turned(const std::array<double, 3>& rotation) {

@@ -424,6 +424,11 @@ VectorXd rest_of(const MatrixXd& columns, const Normal::Column& beta) {
   return product(columns, weights);
 }
 
+/// Returns component `index` of a drift, a cosine series, after a share of the stretch.
+double drift_at(double share, Eigen::Index index) {
+  return std::cos(std::numbers::pi * static_cast<double>(index) * share);
+}
+
 /// The samples of a stretch that slide and did not just start to slide.
 struct Sliding {
   std::vector<std::size_t> rows;  ///< indices of the filtered rows; empty if they are too few
@@ -470,8 +475,7 @@ Sliding sliding(const std::vector<Filtered>& rows) {
     const double values[] = {row.v > 0 ? 1.0 : -1.0, row.v, row.a, row.x, integral[k], row.jerk, row.snap, row.u};
     for (int c = 0; c <= kColumns; ++c) result.columns(i, c) = values[c];
     const double s = (row.time - rows.front().time) / duration;
-    for (Eigen::Index d = 0; d < result.drift.cols(); ++d)
-      result.drift(i, d) = std::cos(std::numbers::pi * static_cast<double>(d) * s);
+    for (Eigen::Index d = 0; d < result.drift.cols(); ++d) result.drift(i, d) = drift_at(s, d);
   }
   return result;
 }
@@ -628,8 +632,7 @@ std::optional<SlidingRows> swung(const Experiment& experiment, const Stretch& st
       result.others(i, k + 6) = own.x;
     }
     const double s = (filtered[0][row].time - begin) / duration;
-    for (Eigen::Index d = 0; d < drifts; ++d)
-      result.others(i, kLinear + d) = std::cos(std::numbers::pi * static_cast<double>(d) * s);
+    for (Eigen::Index d = 0; d < drifts; ++d) result.others(i, kLinear + d) = drift_at(s, d);
   }
   for (std::vector<Eigen::Index>& used : result.used)
     for (Eigen::Index c = 0; c < result.others.cols(); ++c) used.push_back(c);

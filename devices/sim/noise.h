@@ -86,7 +86,7 @@ class ColouredNoise {
     return {rms, {half, 2 * half, half}, {1 + alpha, -2 * std::cos(w), 1 - alpha}};
   }
 
-  /// Of one pole.
+  /// One pole, with its -3 dB edge at `corner_hz`.
   static ColouredNoise first_order(double rms, double corner_hz, double rate_hz) {
     const double pole = std::exp(-2 * std::numbers::pi * corner_hz / rate_hz);
     return {rms, {1 - pole, 0, 0}, {1, -pole, 0}, 1};

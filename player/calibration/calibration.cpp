@@ -43,7 +43,7 @@ constexpr int kMostLeftOut = 2;           // number of places from which a hand 
 constexpr double kLetGo = 0.5;       // share of the largest deviation at which a hand keeps the device from a place
 constexpr double kPlaceGains = 0.7;  // of the gains for the mass at a place, which is known only roughly
 constexpr double kLightest = 0.2;    // share of the mass at the centre down to which the gains follow it
-// Of the excitation at the centre. A light device has friction all the same.
+// Share of the excitation at the centre that is left for a light device. Its friction is not smaller.
 constexpr double kLeastDither = 0.4;
 constexpr double kBlend = 0.3;             // in which a movement grows from nothing, or shrinks to it [s]
 constexpr double kShortestApproach = 0.5;  // [s]
@@ -362,7 +362,6 @@ class CalibrationController final : public Controller {
     while (axis < 3 && !driven(axis)) ++axis;
     if (axis >= 3) {
       centre_gains_ = gains_;
-      gains_ = {kPlaceGains * gains_.kp, kPlaceGains * gains_.kd};
       return travel_to(0, now);
     }
     enter(Stage::sweep, now);
@@ -373,6 +372,8 @@ class CalibrationController final : public Controller {
 
   void travel_to(std::size_t place, Vec3 from, double now) noexcept {
     place_ = place;
+    const Vec3 share = kPlaceGains * expected_mass();
+    gains_ = {share.cwiseProduct(centre_gains_.kp), share.cwiseProduct(centre_gains_.kd)};
     const bool another = place < plan_.places.size();
     around_ = another ? home_ + driven_part(plan_.places[place] - home_) : home_;
     travel_ = Approach(from, around_, plan_.approach_speed, kShortestApproach);
@@ -417,9 +418,7 @@ class CalibrationController final : public Controller {
         enter(place_ < plan_.places.size() ? Stage::place : Stage::done, now);
         if (stage_ == Stage::place) {
           there_.reset();
-          dither_wanted_ = dither_measured_;
-          if (place_ >= plan_.nearer_places)
-            dither_wanted_ = dither_wanted_.cwiseProduct(lightest_.cwiseMax(kLeastDither));
+          dither_wanted_ = dither_measured_.cwiseProduct(expected_mass().cwiseMax(kLeastDither));
         }
         break;
       case Stage::place:
@@ -438,8 +437,12 @@ class CalibrationController final : public Controller {
     }
   }
 
-  /// Notes how light the device may be from now on: the gains of the centre would make a much lighter one oscillate. It
-  /// is taken to become lighter beyond the nearer places as it did before them.
+  /// Returns the mass to be expected on the way to the next place and there, over that at the centre. The gains of the
+  /// centre would make a much lighter device oscillate.
+  [[nodiscard]] Vec3 expected_mass() const noexcept { return place_ < plan_.nearer_places ? Vec3::Ones() : lightest_; }
+
+  /// Notes how light the device was at a place. It is taken to become lighter beyond the nearer places as it did before
+  /// them.
   void weigh() noexcept {
     const bool near = place_ < plan_.nearer_places;
     for (int axis = 0; axis < 3; ++axis) {
@@ -447,9 +450,6 @@ class CalibrationController final : public Controller {
       const double share = there_.mass(axis) / look_.mass(axis), expected = near ? 2 * share - 1 : share;
       lightest_[axis] = std::clamp(expected, kLightest, lightest_[axis]);
     }
-    if (place_ + 1 < plan_.nearer_places) return;
-    const Vec3 share = kPlaceGains * lightest_;
-    gains_ = {share.cwiseProduct(centre_gains_.kp), share.cwiseProduct(centre_gains_.kd)};
   }
 
   [[nodiscard]] double swing_time() const noexcept { return dither_windows(plan_.full) * plan_.dither.period(); }
@@ -465,8 +465,7 @@ class CalibrationController final : public Controller {
     for (int axis = 0; axis < 3; ++axis) {
       if (!driven(axis)) continue;
       const bool moves = look_.motion(axis) >= kLeastMotion;
-      if (!moves || !look_.follows(axis)) {
-        if (stronger_ && moves && look_.obeys(axis)) continue;
+      if (!moves || !(look_.follows(axis) || (stronger_ && look_.obeys(axis)))) {
         if (stronger_)
           return stop(!moves                         ? Verdict::blocked
                       : look_.repeats(before_, axis) ? Verdict::wrong_way
@@ -561,7 +560,7 @@ class CalibrationController final : public Controller {
   FirstLook look_, before_, there_;  ///< the current look, an earlier inconclusive one, and one at a place
   std::span<const double> sizes_;
   PdGains gains_, centre_gains_;
-  Vec3 lightest_ = Vec3::Ones();  ///< smallest mass to be expected at a place, over that at the centre
+  Vec3 lightest_ = Vec3::Ones();  ///< smallest mass to be expected at a farther place, over that at the centre
   double swing_size_;
   Vec3 sweep_size_;
 
@@ -770,8 +769,9 @@ bool try_laws(Device& device, const CalibrationPlan& plan, const std::vector<Exp
                      .speed = plan.max_speed,
                      .max_deviation = plan.max_deviation,
                      .session = options.session};
-  for (const ExperimentPlace& place : std::span(places).subspan(std::min(places.size(), plan.nearer_places)))
-    tour.places.push_back(place.position);
+  const auto farthest = std::span(plan.places).subspan(plan.nearer_places);
+  for (const ExperimentPlace& place : places)
+    if (std::ranges::find(farthest, place.position) != farthest.end()) tour.places.push_back(place.position);
   for (int axis = 0; axis < 3; ++axis)
     if (plan.axes[static_cast<std::size_t>(axis)]) tour.radius = std::min(tour.radius, kSwingSize * plan.reach[axis]);
   tour.session.loop.limits.max_force = plan.max_force;
@@ -786,7 +786,7 @@ bool try_laws(Device& device, const CalibrationPlan& plan, const std::vector<Exp
     law.identified = result.identified();
     return toured(device, law, tour, stop, progress);
   };
-  // What follows must be no worse than the stiffest PD law that this device bears.
+  // No law may be worse than stiff PD control, if the device stays stable under it.
   const double most_ripple = kMostRipple * plan.device_force;
   law.compensations = {};
   std::optional<TourResult> plain;

@@ -92,8 +92,8 @@ class PlaceFigures final : public SampleSink {
   std::vector<Sum> sums_;
 };
 
-/// Nothing is learned in a tour, and PD control has the same stiffness everywhere. A law that follows a mass is softer
-/// where this is small, and meets less of a load there before it has learned it.
+/// Largest error of a law over that of PD control at a single place. A law that follows the mass is softer than PD
+/// control where the mass is small, and a tour is too short for it to learn the load there.
 constexpr double kMostWorse = 1.3;
 
 bool force_sufficed(const TourResult& law, const TourResult& plain, std::size_t place) {

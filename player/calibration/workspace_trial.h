@@ -39,9 +39,9 @@ TourResult toured(Device& device, const PlayOptions& law, const WorkspaceTour& t
 double least_improvement(const TourResult& law, const TourResult& plain) noexcept;
 
 /// Returns why a law must not be used on a device that followed the same tour under plain PD control; empty if it may:
-/// it finished without an oscillation, and followed closer in all, and at no place much less closely, of those where
-/// neither was at the limit of the force.
-/// `max_ripple` bounds the force ripple at any place [N].
+/// it finished without an oscillation, its error over all places was smaller, and at no place was it larger than 1.3
+/// times that of PD control. Places where either was at the limit of the force do not count. `max_ripple` bounds the
+/// force ripple at any place [N].
 std::string refusal_of(const TourResult& law, const TourResult& plain, const WorkspaceTour& tour, double max_ripple);
 
 }  // namespace haptrace

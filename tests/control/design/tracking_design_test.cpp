@@ -221,7 +221,7 @@ TEST(TrackingDesign, KeepsAShareOfItsBandwidthForAPlantThatIsKnownBadly) {
   EXPECT_LT(half.ripple, 0.5 * whole.ripple);
 }
 
-TEST(TrackingDesign, BearsStiffPdControlOnlyWithMassAndWithoutDelay) {
+TEST(TrackingDesign, IsStableUnderStiffPdControlOnlyWithMassAndWithoutDelay) {
   EXPECT_TRUE(is_stable(plant_of(0.5, 1e-3), stiff_gains(), 1.2, 1000));
   EXPECT_FALSE(is_stable(plant_of(0.5, 8e-3), stiff_gains(), 1.2, 1000)) << "it is late";
   EXPECT_FALSE(is_stable(plant_of(0.05, 1e-3), stiff_gains(), 1.2, 1000)) << "it is light";

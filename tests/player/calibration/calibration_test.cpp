@@ -202,14 +202,54 @@ TEST(Calibration, ReachesPlacesWhereTheDeviceHasAFifthOfItsMass) {
   }
 }
 
-TEST(Calibration, KeepsStiffPdControlAsTheLastResortOfADeviceThatBearsIt) {
+TEST(Calibration, KeepsStiffPdControlAsTheLastResortOfADeviceThatIsStableUnderIt) {
   SimDevice strong(preset("falcon", "relaxed")), light(preset("touch", "relaxed"));
-  const CalibrationResult bears = calibrated(strong, whole()), bears_not = calibrated(light, whole());
-  ASSERT_TRUE(bears.succeeded()) << bears.reason;
-  EXPECT_EQ(bears.design->plain.kp, stiff_gains().kp);
-  EXPECT_EQ(bears.design->plain.kd, stiff_gains().kd);
-  ASSERT_TRUE(bears_not.succeeded()) << "its link swings, but it goes where it is pulled: " << bears_not.reason;
-  EXPECT_LT(bears_not.design->plain.kp.maxCoeff(), 1000);
+  const CalibrationResult stable = calibrated(strong, whole()), unstable = calibrated(light, whole());
+  ASSERT_TRUE(stable.succeeded()) << stable.reason;
+  EXPECT_EQ(stable.design->plain.kp, stiff_gains().kp);
+  EXPECT_EQ(stable.design->plain.kd, stiff_gains().kd);
+  ASSERT_TRUE(unstable.succeeded()) << "its link swings, but it goes where it is pulled: " << unstable.reason;
+  EXPECT_LT(unstable.design->plain.kp.maxCoeff(), 1000);
+}
+
+/// States a larger workspace than it has, and counts how often it comes near to a place.
+class Obstructed final : public Device {
+ public:
+  Obstructed(Device& device, const Vec3& place) : device_(device), info_(device.info()), place_(place) {
+    info_.workspace_min = Vec3::Constant(-0.1);
+    info_.workspace_max = Vec3::Constant(0.1);
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+    const Status status = device_.exchange(wrench, dt, state);
+    const double away = (state.position - place_).norm();
+    if (!there_ && away < 0.015) ++visits;
+    if (away < 0.015 || away > 0.03) there_ = away < 0.015;
+    return status;
+  }
+  void close() noexcept override { device_.close(); }
+  int visits = 0;
+
+ private:
+  Device& device_;
+  DeviceInfo info_;
+  Vec3 place_;
+  bool there_ = false;
+};
+
+TEST(Calibration, TriesItsLawsAtAllFarthestPlacesThatItReachedAlsoIfItMissedANearerOne) {
+  // A wall in front of the first of the nearer places.
+  SimSpec spec = draw_device(1, 1, EnsembleKind::late).spec;
+  spec.hand.reset();
+  spec.workspace.max.x() = 0.015;
+  SimDevice device(spec, {.seed = 1});
+  Obstructed obstructed(device, Vec3(0, 0.06, 0));
+  const CalibrationResult result = calibrated(obstructed, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  ASSERT_TRUE(result.held);
+  EXPECT_TRUE(result.held->one_mass) << "it missed places";
+  EXPECT_TRUE(result.held->design(Firmness::normal).verdict.tried);
+  EXPECT_GE(obstructed.visits, 3) << "to measure, and under PD control and a law";
 }
 
 TEST(Calibration, LeavesOutThePlacesFromWhichAHandKeepsTheDevice) {
