@@ -51,6 +51,9 @@ struct Command {
   Quat reference_orientation = nan_quat();
   double progress = kNaN;       ///< arc length of the projection on the path [m]
   double tunnel_radius = kNaN;  ///< radius of the tunnel at that place [m]
+  /// Gains of the feedback in wrench.force on each axis of W [N/m], [N s/m]; NaN if it follows no reference. The loop
+  /// scales them like that force.
+  Vec3 kp = nan3(), kd = nan3();
   Phase phase = Phase::idle;
   Status status = Status::working;
   /// Time for which the hand may resist before the loop ends the session [s]; 0: no limit. The hand resists while it

@@ -117,6 +117,8 @@ LqgLaw::LqgLaw(const Options& options)
     resting_[i] = LqgFeedback(laws->resting);
     inverse_stiffness_[static_cast<Eigen::Index>(i)] = 1 / laws->moving.stiffness;
     inverse_damping_[static_cast<Eigen::Index>(i)] = 1 / laws->moving.damping;
+    at_rest_.kp[static_cast<Eigen::Index>(i)] = laws->resting.stiffness / laws->moving.stiffness;
+    at_rest_.kd[static_cast<Eigen::Index>(i)] = laws->resting.damping / laws->moving.damping;
   }
 }
 
@@ -124,6 +126,13 @@ void LqgLaw::start(const State&) noexcept {
   starts_ = true;
   rest_.start();
   known_ = slow_ = offset_ = Vec3::Zero();
+}
+
+PdGains LqgLaw::gains(const Tuning& tuning) const noexcept {
+  const Vec3 moving = (1 - rest_.weight()) * driven_.cwiseProduct(scale_);
+  const Vec3 resting = rest_.weight() * driven_.cwiseProduct(scale_);
+  return {(moving + resting.cwiseProduct(at_rest_.kp)).cwiseProduct(tuning.gains.kp),
+          (moving + resting.cwiseProduct(at_rest_.kd)).cwiseProduct(tuning.gains.kd)};
 }
 
 Vec3 LqgLaw::force(const TermInput& input) noexcept {

@@ -89,12 +89,14 @@ class LqgLaw final : public ForceTerm {
   void start(const State& first) noexcept override;
   [[nodiscard]] bool feeds_back() const noexcept override { return true; }
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override;
+  [[nodiscard]] PdGains gains(const Tuning& tuning) const noexcept override;
 
  private:
   std::array<LqgFeedback, 3> moving_, resting_;
   Vec3 driven_ = Vec3::Zero();             ///< 1 for an axis with a law, else 0
   Vec3 inverse_stiffness_ = Vec3::Zero();  ///< [m/N]
   Vec3 inverse_damping_ = Vec3::Zero();    ///< [m/(N s)]
+  PdGains at_rest_;                        ///< of the laws for rest, over those for movement
   double authority_;
   Rest rest_;
   bool starts_ = true;

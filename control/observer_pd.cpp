@@ -49,9 +49,14 @@ Vec3 ObserverPd::force(const TermInput& input) noexcept {
   auto [feedback, load] = rest_.forces({spring, damping}, {kRestGains * spring, kRestGains * damping}, load_, state.dt);
   // The force is as noisy as under full gains, and a swing of the device on the friction bristles is noticed in half
   // the time.
-  observer_.set_bandwidth(observer_hz_ / (1 - (1 - kRestGains) * rest_.weight()));
+  observer_.set_bandwidth(observer_hz_ / gain_share());
   if (const double magnitude = norm_of(load); magnitude > authority_) load *= authority_ / magnitude;
   return driven_.cwiseProduct(feedback) + tuning.observer * load;
+}
+
+PdGains ObserverPd::gains(const Tuning& tuning) const noexcept {
+  const Vec3 share = gain_share() * driven_;
+  return {share.cwiseProduct(tuning.gains.kp), share.cwiseProduct(tuning.gains.kd)};
 }
 
 }  // namespace haptrace

@@ -40,8 +40,12 @@ class ObserverPd final : public ForceTerm {
   void start(const State& first) noexcept override;
   [[nodiscard]] bool feeds_back() const noexcept override { return true; }
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override;
+  [[nodiscard]] PdGains gains(const Tuning& tuning) const noexcept override;
 
  private:
+  /// Returns the share of the tuned gains in the last force, smaller at rest.
+  [[nodiscard]] double gain_share() const noexcept { return 1 - (1 - kRestGains) * rest_.weight(); }
+
   StateObserver observer_;
   Vec3 driven_;         ///< 1 for an axis with mass, else 0
   double observer_hz_;  ///< bandwidth of the state observer under full gains

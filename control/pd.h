@@ -30,6 +30,14 @@ class ForceTerm {
   /// Returns this term's force on the hand [N], in W.
   [[nodiscard]] virtual Vec3 force(const TermInput& input) noexcept = 0;
 
+  /// Returns the stiffness and damping of the last force; zero for a term that does not respond to the position.
+  ///
+  /// Real-time.
+  [[nodiscard]] virtual PdGains gains(const Tuning& tuning) const noexcept {
+    (void)tuning;
+    return {};
+  }
+
   /// Returns true if the term responds to the position, and thus oscillates when the loop does. Otherwise its force is
   /// known beforehand, from the reference.
   [[nodiscard]] virtual bool feeds_back() const noexcept { return false; }
@@ -62,6 +70,7 @@ class PdLaw final : public ForceTerm {
   [[nodiscard]] Vec3 force(const TermInput& input) noexcept override {
     return pd_force(input.tuning.gains, input.state, input.reference);
   }
+  [[nodiscard]] PdGains gains(const Tuning& tuning) const noexcept override { return tuning.gains; }
 };
 
 }  // namespace haptrace

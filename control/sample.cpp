@@ -15,6 +15,14 @@ constexpr double kDegrees = 180 / std::numbers::pi;  // degrees in a radian
 constexpr std::optional<Severity> kSilent;
 constexpr Severity kNote = Severity::note, kWarning = Severity::warning;
 
+/// Returns `value` with as many digits, from three on, as tell it from `other`.
+std::string digits_apart(double value, double other) {
+  for (int digits = 3; digits < 9; ++digits)
+    if (std::string text = fmt::format("{:.{}g}", value, digits); text != fmt::format("{:.{}g}", other, digits))
+      return text;
+  return fmt::format("{:.3g}", value);
+}
+
 /// Holds a row for every EventCode. Events that end a session are silent here: the end itself is a warning.
 constexpr EventWords kEventWords[] = {
     {EventCode::started, "started", kSilent},
@@ -160,7 +168,7 @@ std::string describe(const Event& event) {
     case EventCode::recovered:
       return fmt::format("recovered after its writer died: {:.0f} samples kept, {:.0f} could not be read", a, b);
     case EventCode::force_limit:
-      return fmt::format("force limited: {:.3g} N requested, {:.3g} N allowed", a, b);
+      return fmt::format("force limited: {} N requested, {} N allowed", digits_apart(a, b), digits_apart(b, a));
     case EventCode::continuous_limit:
       if (c == 1) return fmt::format("continuous torque limited to {:.3g} N m", a);
       if (b > 0)

@@ -25,6 +25,8 @@ struct Sample {
   Quat reference_orientation = nan_quat();
   double progress = kNaN;       ///< arc length of the projection on the path [m]
   double tunnel_radius = kNaN;  ///< radius of the tunnel at that place [m]
+  Vec3 kp = nan3();             ///< stiffness of the feedback in `force`, on each axis of W [N/m]
+  Vec3 kd = nan3();             ///< its damping [N s/m]
   std::uint32_t buttons = 0;
   Phase phase = Phase::idle;
   float latency = 0;  ///< wake-up minus deadline [s]

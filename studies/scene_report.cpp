@@ -8,12 +8,16 @@
 #include <ctime>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <numeric>
 
 namespace haptrace {
 namespace {
 
-constexpr int kRuns = 15, kTicks = 400;
-constexpr double kPressed = 1e-3;  // depth of the tool while a touch is timed [m]
+constexpr int kRuns = 15;
+constexpr int kMostTicks = 400, kLeastTicks = 8;  // of a run
+constexpr std::size_t kAllTicks = 1'000'000;      // of all runs: they take a second where a tick takes 1 us
+constexpr std::size_t kMostRows = 40;             // objects in the text
+constexpr double kPressed = 1e-3;                 // depth of the tool while a touch is timed [m]
 
 double cpu_seconds() {
   timespec now{};
@@ -21,14 +25,21 @@ double cpu_seconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
+/// Returns the number of ticks of a run, so that a scene of many objects is reported in seconds.
+int ticks_of_a_run(std::size_t objects) {
+  const std::size_t fair = kAllTicks / (kRuns * std::max<std::size_t>(objects, 1));
+  return std::clamp(static_cast<int>(fair), kLeastTicks, kMostTicks);
+}
+
 /// Returns the median CPU time of a tick while the tool trembles around a place [s].
 double tick_at(Scene& scene, const Vec3& place, const Vec3& across, double rate_hz) {
+  const int ticks = ticks_of_a_run(scene.size());
   std::vector<double> runs;
   for (int run = 0; run < kRuns; ++run) {
     const double begin = cpu_seconds();
-    for (int i = 0; i < kTicks; ++i)
+    for (int i = 0; i < ticks; ++i)
       (void)scene.answer({place + 1e-5 * std::sin(0.3 * i) * across, Vec3::Zero(), 1 / rate_hz});
-    runs.push_back((cpu_seconds() - begin) / kTicks);
+    runs.push_back((cpu_seconds() - begin) / ticks);
   }
   return median(std::move(runs));
 }
@@ -50,6 +61,22 @@ TouchedPlace place_to_touch(const TriangleMesh& mesh) {
     press = {(a + b + c) / 3, cross / largest};
   }
   return press;
+}
+
+/// Returns the objects that the text lists, in their order: those that cost most, if there are many.
+std::vector<std::size_t> shown_rows(const SceneReport& report) {
+  std::vector<std::size_t> rows(report.objects.size());
+  std::iota(rows.begin(), rows.end(), std::size_t{0});
+  if (rows.size() <= kMostRows) return rows;
+  const auto cost = [&](std::size_t i) {
+    const double touched = report.objects[i].touched_s;
+    return std::isfinite(touched) ? touched : 0;
+  };
+  const auto last = rows.begin() + kMostRows;
+  std::nth_element(rows.begin(), last, rows.end(), [&](auto a, auto b) { return cost(a) > cost(b); });
+  rows.erase(last, rows.end());
+  std::sort(rows.begin(), rows.end());
+  return rows;
 }
 
 double mm(double metres) {
@@ -127,7 +154,8 @@ nlohmann::json to_json(const SceneReport& report) {
 std::string text_of(const SceneReport& report) {
   std::string text =
       fmt::format("  {:<16} {:<10} {:>24} {:>10}  {}\n", "object", "kind", "size [mm]", "tick [us]", "settings");
-  for (const ObjectReport& object : report.objects) {
+  for (const std::size_t i : shown_rows(report)) {
+    const ObjectReport& object = report.objects[i];
     const Vec3 size = object.bounds.size();
     std::string settings;
     for (const Knob& knob : object.knobs)
@@ -138,6 +166,8 @@ std::string text_of(const SceneReport& report) {
         is_finite(size) ? fmt::format("{:.3g} x {:.3g} x {:.3g}", mm(size.x()), mm(size.y()), mm(size.z())) : "no end",
         std::isfinite(object.touched_s) ? fmt::format("{:.2f}", 1e6 * object.touched_s) : "-", settings);
   }
+  if (report.objects.size() > kMostRows)
+    text += fmt::format("  and {} more, which cost no more; --json lists them\n", report.objects.size() - kMostRows);
   text += fmt::format("  far from all objects, a tick takes {:.2f} us\n", 1e6 * report.free_s);
   for (const std::string& note : report.notes) text += "  " + note + "\n";
   return text;

@@ -32,10 +32,12 @@ inline constexpr double kSceneSpace = 0.2;
 /// Returns the box in which a scene is drawn: around its finite objects, or of kSceneSpace.
 Box space_of(const Scene& scene);
 
-/// Reports a scene, which it prepares for this rate and touches. Takes some milliseconds for each object.
+/// Reports a scene, which it prepares for this rate and touches. Takes milliseconds for an object, and seconds for
+/// thousands.
 SceneReport report_scene(Scene& scene, double rate_hz);
 
 nlohmann::json to_json(const SceneReport& report);
+/// Returns the report for a terminal. Of more than 40 objects it lists those that cost most.
 std::string text_of(const SceneReport& report);
 
 }  // namespace haptrace

@@ -31,6 +31,8 @@ struct Similarity {
   [[nodiscard]] Vec3 velocity(const Vec3& v) const { return scale * (turn * v); }
   [[nodiscard]] Vec3 direction(const Vec3& v) const { return turn * v; }  ///< of forces and normals
   [[nodiscard]] Vec3 torque(const Vec3& t) const { return tool.prod() * (turn * t); }
+  /// Returns the diagonal of changed gains, of which `k` is the diagonal: forces are not scaled, movements are.
+  [[nodiscard]] Vec3 gain(const Vec3& k) const { return turn.cwiseAbs2() * k / scale; }
   /// Returns the changed orientation; NaN if `q` is not finite. Its sign is as continuous as that of `q`.
   [[nodiscard]] Quat orientation(const Quat& q) const;
 

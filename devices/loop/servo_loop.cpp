@@ -674,6 +674,8 @@ class ServoLoop::Session {
     sample.reference_orientation = command.reference_orientation;
     sample.progress = command.progress;
     sample.tunnel_radius = command.tunnel_radius;
+    sample.kp = share_ * command.kp;
+    sample.kd = share_ * command.kd;
     sample.buttons = state.buttons;
     sample.phase = ended_ && report_.stopped_by_fault() ? Phase::stopped : command.phase;
     sample.latency = 1e-9F * static_cast<float>(latency_ns);

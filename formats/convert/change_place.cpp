@@ -57,6 +57,7 @@ class ChangedSource final : public RecordingSource {
       sample.*force = change_.direction(sample.*force);
     for (Quat Sample::*orientation : {&Sample::orientation, &Sample::reference_orientation})
       sample.*orientation = change_.orientation(sample.*orientation);
+    for (Vec3 Sample::*gain : {&Sample::kp, &Sample::kd}) sample.*gain = change_.gain(sample.*gain);
     sample.torque = change_.torque(sample.torque);
     sample.progress *= change_.scale;
     sample.tunnel_radius *= change_.scale;

@@ -38,6 +38,8 @@ Sample between(const Sample& a, const Sample& b, double u) {
   sample.reference_force = lerp(a.reference_force, b.reference_force, u);
   sample.progress = lerp(a.progress, b.progress, u);
   sample.tunnel_radius = lerp(a.tunnel_radius, b.tunnel_radius, u);
+  sample.kp = lerp(a.kp, b.kp, u);
+  sample.kd = lerp(a.kd, b.kd, u);
   sample.orientation = slerp(a.orientation, b.orientation, u);
   sample.reference_orientation = slerp(a.reference_orientation, b.reference_orientation, u);
   return sample;

@@ -16,7 +16,7 @@ using layout::Element;
 std::vector<TextColumn> make_text_columns() {
   struct Named {
     std::string_view column;
-    std::array<std::string_view, 4> names;
+    decltype(TextColumn::names) names;
   };
   constexpr Named kNamed[] = {{"time", {"t"}},
                               {"position", {"x", "y", "z"}},
@@ -31,6 +31,7 @@ std::vector<TextColumn> make_text_columns() {
                               {"reference_force", {"rfx", "rfy", "rfz"}},
                               {"progress", {"progress"}},
                               {"tunnel_radius", {"tunnel_radius"}},
+                              {"gains", {"kpx", "kpy", "kpz", "kdx", "kdy", "kdz"}},
                               {"buttons", {"buttons"}},
                               {"phase", {"phase"}},
                               {"latency", {"latency"}},

@@ -17,7 +17,7 @@ namespace haptrace {
 /// A column of the layout as texts contain it.
 struct TextColumn {
   const layout::Column* column = nullptr;
-  std::array<std::string_view, 4> names;  ///< names of the components in a CSV header
+  std::array<std::string_view, 6> names;  ///< names of the components in a CSV header
   std::size_t first = 0;                  ///< cell of the first component
 
   [[nodiscard]] std::size_t width() const { return column->width; }

@@ -30,7 +30,7 @@ std::string plain(std::string_view label) {
   return text;
 }
 
-/// A cell of a row by its CSV name, without time, phase, latency and tick, and the channel labels that match it.
+/// A cell of a row by its CSV name, without time, gains, phase, latency and tick, and the channel labels that match it.
 struct Target {
   std::string name;
   std::size_t cell;
@@ -51,7 +51,7 @@ const std::vector<Target>& targets() {
     std::vector<Target> list;
     for (const TextColumn& column : text_columns()) {
       const std::string_view of = column.column->name;
-      if (of == "time" || of == "phase" || of == "latency" || of == "tick") continue;
+      if (of == "time" || of == "gains" || of == "phase" || of == "latency" || of == "tick") continue;
       for (std::size_t i = 0; i < column.width(); ++i) {
         Target target{std::string(column.names.at(i)), column.first + i, column.column->units, {}};
         // A channel called mx is usually a moment, so a measured force needs --map.

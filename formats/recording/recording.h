@@ -80,6 +80,7 @@ struct RecordingColumns {
   bool guidance = false;   ///< reference_force and progress
   bool tunnel = false;     ///< tunnel_radius
   bool reference_orientation = false;
+  bool gains = false;
   bool contacts = false;  ///< the table /contacts, beside /samples
 };
 

@@ -59,6 +59,19 @@ struct Vector {
   static void set(Sample& sample, const Value& value) { sample.*Member = Vec3(value[0], value[1], value[2]); }
 };
 
+/// Stores the gains as six numbers.
+struct Gains {
+  using Value = std::array<double, 6>;
+  static Value get(const Sample& sample) {
+    const Vec3 &kp = sample.kp, &kd = sample.kd;
+    return {kp.x(), kp.y(), kp.z(), kd.x(), kd.y(), kd.z()};
+  }
+  static void set(Sample& sample, const Value& value) {
+    sample.kp = Vec3(value[0], value[1], value[2]);
+    sample.kd = Vec3(value[3], value[4], value[5]);
+  }
+};
+
 /// Stores time in seconds.
 struct Seconds {
   using Value = double;
@@ -142,6 +155,9 @@ constexpr Column kColumns[] = {
                                      &RecordingColumns::guidance, &Precision::position),
     column<Plain<&Sample::tunnel_radius>>("tunnel_radius", "m", "of the tunnel at the projection",
                                           &RecordingColumns::tunnel, &Precision::position),
+    column<Gains>("gains", "N/m, N s/m",
+                  "of the feedback in force, after softening and limits: kp x, y, z, then kd x, y, z",
+                  &RecordingColumns::gains),
     column<Plain<&Sample::buttons>>("buttons", "1", "pressed buttons, one bit each"),
     column<Plain<&Sample::phase>>("phase", "1", "0 idle, 1 approach, 2 run, 3 hold, 4 release, 5 stopped by a limit"),
     column<Plain<&Sample::latency>>("latency", "s", "wake-up time minus deadline"),

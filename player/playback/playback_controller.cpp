@@ -100,20 +100,32 @@ Command PlaybackController::update(const State& state) noexcept {
   if (changes_ != nullptr) tuning_.approach(changes_->latest(), state.dt);
   Tuning tuning = tuning_;
   if (schedule_) tuning.gains = schedule_->advance(tuning_.gains, path_time_.seconds(), state.dt);
+  PdGains gains;
   for (const auto& term : terms_) {
     const Vec3 force = term->force({state, reference, tuning, command.wrench.force});
     command.wrench.force += force;
-    if (!term->feeds_back()) command.feedforward += force;
+    if (!term->feeds_back()) {
+      command.feedforward += force;
+      continue;
+    }
+    const PdGains own = term->gains(tuning);
+    gains = {gains.kp + own.kp, gains.kd + own.kd};
   }
   const double share = requests_.share();
+  double softened = share;
   if (share < 1) {
     Vec3 feedback = share * (command.wrench.force - command.feedforward);
     const double most = share * options_.softened_force, size = norm_of(feedback);
-    if (most > 0 && size > most) feedback *= most / size;
+    if (most > 0 && size > most) {
+      feedback *= most / size;
+      softened *= most / size;
+    }
     command.wrench.force = command.feedforward + feedback;
   }
   command.wrench.force *= scale;
   command.feedforward *= scale;
+  command.kp = softened * scale * gains.kp;
+  command.kd = softened * scale * gains.kd;
   if (orientation_) turn_tool(state, share * scale, command);
   if (guard_) keep_guard(state, reference, command);
   command.reference = reference;

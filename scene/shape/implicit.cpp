@@ -43,6 +43,11 @@ bool solved(std::size_t count, const Eigen::Matrix3d& gram, const Vec3& b, Vec3&
   return true;
 }
 
+/// Returns the longest step on a surface of this curvature [1/m], which is at most `most` [m].
+double limit_of(double most, double curvature) noexcept {
+  return most * curvature > kLongestMove ? kLongestMove / curvature : most;
+}
+
 /// Directions along all held pieces.
 struct Tangents {
   std::array<Vec3, 2> of{};
@@ -319,7 +324,7 @@ bool Implicit::walk(const Vec3& to, bool pulls, Stand& stand) const noexcept {
     if (move.result == Move::Result::lost) return false;
     if (move.result == Move::Result::stuck) return true;
     if (move.result == Move::Result::free) continue;
-    const double length = norm_of(move.step), limit = std::min(most, kLongestMove / move.bend);
+    const double length = norm_of(move.step), limit = limit_of(most, move.bend);
     const bool limited = length > limit;
     if (limited) move.step *= limit / length;
     if (const Sweep hit = between(stand, move); hit.hit) {
@@ -488,7 +493,7 @@ Vec3 Implicit::closest(const Vec3& place, Held& held) const noexcept {
   for (int i = 0; i < kMostTries; ++i) {
     const Move move = newton(place, true, stand);
     if (move.result != Move::Result::moves) break;
-    const double length = norm_of(move.step), limit = std::min(size_, kLongestMove / move.bend);
+    const double length = norm_of(move.step), limit = limit_of(size_, move.bend);
     stand.place += length > limit ? Vec3(limit / length * move.step) : move.step;
     if (length > kNothing * size_) continue;
     const FieldTree::Active active = field_.active(stand.place);

@@ -193,10 +193,15 @@ TEST(LqgLaw, DoesNotWindUpWhileTheUserHoldsTheDeviceStill) {
 TEST(LqgLaw, KeepsTheLoadAtRestWithSofterGains) {
   LqgDevice loop(kEncoder);
   const Vec3 load(1, 0, -2);
-  loop.run(2, resting_at(kNone), load);
+  loop.run(0.05, resting_at(kNone), load);
+  EXPECT_TRUE(loop.law.gains(loop.tuning).kp.isApprox(loop.stiffness));
+  loop.run(1.95, resting_at(kNone), load);
   loop.held = true;
   loop.plant.x = kNone;
   loop.run(0.5, resting_at(kNone));
+  const LqgAxis resting = law_of(LqgDevice::kMass, 2, kEncoder).axes[0]->resting;
+  EXPECT_NEAR(loop.law.gains(loop.tuning).kp.x(), resting.stiffness, 1e-3 * loop.stiffness.x());
+  EXPECT_NEAR(loop.law.gains(loop.tuning).kd.x(), resting.damping, 1e-2 * resting.damping);
   const Vec3 kept = loop.force;
   EXPECT_LT((kept + load).norm(), 0.4);
   loop.plant.x = Vec3(kEncoder, 0, 0);

@@ -135,10 +135,13 @@ TEST(ObserverPd, HasSofterGainsAtRestAndKeepsTheLoad) {
   constexpr double kQuantum = 5e-5;
   ObservedLoop loop(late_plant(kQuantum));
   const Vec3 load(1, 0, -2);
-  loop.run(2, resting_at(kNone), load);
+  loop.run(0.5, resting_at(kNone), load);
+  EXPECT_EQ(loop.law.gains(loop.tuning).kp, loop.design.gains.kp);
+  loop.run(1.5, resting_at(kNone), load);
   loop.held = true;
   loop.plant.x = kNone;
   loop.run(0.5, resting_at(kNone));
+  EXPECT_LT((loop.law.gains(loop.tuning).kd - ObserverPd::kRestGains * loop.design.gains.kd).norm(), 1e-3);
   const Vec3 kept = loop.force;
   EXPECT_LT((kept + load).norm(), 0.3);
   // One count away, the law responds with a share of its gains and does not estimate the load again.

@@ -61,6 +61,13 @@ TEST(Warning, OfOneEventIsTheTextOfTheEvent) {
   EXPECT_THAT(warning_of(*words, events).text, HasSubstr("softened to 12 %"));
 }
 
+TEST(Events, SayByHowMuchAForceWasLimitedEvenIfItIsLittle) {
+  EXPECT_EQ(describe({.code = EventCode::force_limit, .values = {14.25, 12, kNaN}}),
+            "force limited: 14.2 N requested, 12 N allowed");
+  EXPECT_EQ(describe({.code = EventCode::force_limit, .values = {12.004, 12, kNaN}}),
+            "force limited: 12.004 N requested, 12 N allowed");
+}
+
 TEST(Events, SayWhatAPersonSteersASimulatedHandWith) {
   EXPECT_EQ(describe({.code = EventCode::input, .values = {1, 1, kNaN}}), "input: mouse, depth from path");
   EXPECT_EQ(describe({.code = EventCode::input, .values = {5, 0, kNaN}}), "input: keys, depth from a plane");

@@ -36,7 +36,8 @@ void expect_error(const Action& action, Error::Kind kind, std::initializer_list<
   }
 }
 
-/// Returns the combinations of optional columns; reference_orientation comes with orientation and reference.
+/// Returns the combinations of optional columns; reference_orientation comes with orientation and reference, gains with
+/// torque and reference.
 inline std::vector<RecordingColumns> all_columns() {
   std::vector<RecordingColumns> all;
   for (unsigned bits = 0; bits < 64; ++bits)
@@ -46,7 +47,8 @@ inline std::vector<RecordingColumns> all_columns() {
                    .reference = (bits & 8U) != 0,
                    .guidance = (bits & 16U) != 0,
                    .tunnel = (bits & 32U) != 0,
-                   .reference_orientation = (bits & 9U) == 9});
+                   .reference_orientation = (bits & 9U) == 9,
+                   .gains = (bits & 10U) == 10});
   return all;
 }
 
@@ -77,6 +79,8 @@ inline std::vector<Sample> random_session(unsigned seed, std::size_t rows, const
     s.reference_force = vector(columns.guidance);
     s.progress = columns.guidance ? number(random) : kNaN;
     s.tunnel_radius = columns.tunnel ? number(random) : kNaN;
+    s.kp = vector(columns.gains);
+    s.kd = vector(columns.gains);
     s.buttons = static_cast<std::uint32_t>(random());
     s.phase = static_cast<Phase>(random() % 6);
   }

@@ -346,7 +346,8 @@ const RecordingColumns kEveryColumn{.orientation = true,
                                     .reference = true,
                                     .guidance = true,
                                     .tunnel = true,
-                                    .reference_orientation = true};
+                                    .reference_orientation = true,
+                                    .gains = true};
 INSTANTIATE_TEST_SUITE_P(
     Of, FlippedBytes,
     testing::Values(

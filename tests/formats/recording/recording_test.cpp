@@ -22,7 +22,7 @@ TEST_P(RecordingRoundTrip, KeepsEveryBitOfEveryColumn) {
   const RecordingReader reader(file);
   for (bool RecordingColumns::*option :
        {&RecordingColumns::orientation, &RecordingColumns::torque, &RecordingColumns::force_measured,
-        &RecordingColumns::reference, &RecordingColumns::guidance, &RecordingColumns::tunnel})
+        &RecordingColumns::reference, &RecordingColumns::guidance, &RecordingColumns::tunnel, &RecordingColumns::gains})
     EXPECT_EQ(reader.columns().*option, GetParam().*option);
   expect_same(reader.read(0, session.size()), session);
 }

@@ -204,6 +204,25 @@ TEST(Play, SendsTheForceOfAPdLawWhenEveryCompensationIsOff) {
   EXPECT_TRUE(forces(known) == forces(unknown)) << "to the last bit";
 }
 
+TEST(Play, StatesTheGainsOfTheForceThatWasSentAlsoWhileItIsLimitedAndFades) {
+  SimDevice device(test::true_device());
+  PlayOptions options;
+  options.gains = PdGains{Vec3(900, 700, 800), Vec3(9, 5, 7)};
+  options.session.loop.limits.max_force = 0.3;
+  Log log;
+  (void)played_circle(device, options, &log);
+  std::size_t full = 0, softer = 0;
+  for (const Sample& sample : log.samples) {
+    ASSERT_TRUE(is_finite(sample.kp) && is_finite(sample.kd));
+    const Vec3 force = sample.kp.cwiseProduct(sample.reference_position - sample.position) +
+                       sample.kd.cwiseProduct(sample.reference_velocity - sample.velocity);
+    ASSERT_LT((sample.force - force).norm(), 1e-9) << "at " << 1e-9 * static_cast<double>(sample.time_ns) << " s";
+    ++(sample.kp.x() > 899.9 ? full : softer);
+  }
+  EXPECT_GT(full, 100U);
+  EXPECT_GT(softer, 100U);
+}
+
 TEST(Play, OmitsTheTermsThatAreOff) {
   const auto with = forces(everything());
   for (bool Compensations::*off :
