@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <functional>
 #include <numbers>
+#include <string>
 #include <vector>
 
 namespace haptrace {
@@ -34,7 +35,10 @@ constexpr double kLighter = 0.8;
 constexpr double kLater = 0.5;  // [ticks]
 
 constexpr double kPlainVelocityCutoff = 100;  // [Hz]
-constexpr const char* kPlainVelocity = "lowpass:100";
+
+std::string plain_velocity() {
+  return fmt::format("lowpass:{:g}", kPlainVelocityCutoff);
+}
 
 /// Returns the rms of the high-passed output of a linear law for white noise of unit variance, computed from its
 /// impulse response.
@@ -131,7 +135,7 @@ PdGains plain_gains(const PlantModel& plant, const PdGains& designed, double rat
   PdGains plain = designed;
   for (int axis = 0; axis < 3; ++axis) {
     if (!(plant.mass[axis] > 0)) continue;
-    const LoopAnalysis loop(loop_of(plant, axis, rate_hz, kPlainVelocity));
+    const LoopAnalysis loop(loop_of(plant, axis, rate_hz, plain_velocity()));
     plain.kd[axis] = std::min(plain.kd[axis], 0.5 * loop.most_damped(0.1 * designed.kp[axis]));
     plain.kp[axis] = std::min(plain.kp[axis], 0.5 * loop.stiffest(plain.kd[axis]));
     if (const double bears = loop.margins(plain.kp[axis], plain.kd[axis]).gain_up; bears < kMargin) {
@@ -151,7 +155,7 @@ PdGains stiff_gains() {
 bool is_stable(const PlantModel& plant, const PdGains& gains, double margin, double rate_hz) {
   for (int axis = 0; axis < 3; ++axis) {
     if (!(plant.mass[axis] > 0)) continue;
-    const LoopAnalysis loop(loop_of(plant, axis, rate_hz, kPlainVelocity));
+    const LoopAnalysis loop(loop_of(plant, axis, rate_hz, plain_velocity()));
     if (!(loop.margins(gains.kp[axis], gains.kd[axis]).gain_up >= margin)) return false;
   }
   return true;

@@ -1,12 +1,17 @@
+// clang-format off
 /* A device that shares nothing with haptrace's simulator, in virtual time: steps of 20 us of semi-implicit Euler, and
  * what real devices have and models leave out. Its options are numbers, in SI units, and what is not given is benign:
- *   mass, viscous, coulomb, gravity (downwards)   of each axis
- *   inertia         by how much of itself the mass varies over the workspace, with the forces that this makes
- *   cable           amplitude of a force that depends on the position, with a period of cable_period
- *   backlash        half the play between the motor, which has the encoder, and the handle, which has handle of the
- * mass delay           samples until a force acts quantum         of the positions told_quantum    what it says of
- * that, 0 for nothing hand_mass, hand_stiffness, hand_damping      of a hand that holds the handle and follows it
- * within 0.3 s */
+ *
+ *   mass, viscous, coulomb, gravity         of each axis; gravity acts downwards
+ *   inertia                                 by how much of itself the mass varies over the workspace
+ *   cable, cable_period                     amplitude and period of a force that depends on the position
+ *   backlash, handle                        half the play between the motor, which has the encoder, and the handle;
+ *                                           share of the mass that the handle has
+ *   delay                                   number of samples until a force acts
+ *   quantum, told_quantum                   of the positions, and what it says of that; 0: nothing
+ *   hand_mass, hand_stiffness, hand_damping of a hand that holds the handle and follows it within 0.3 s
+ */
+// clang-format on
 #include "devices/plugin.h"
 
 #include <math.h>
