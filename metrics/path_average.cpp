@@ -198,7 +198,7 @@ void require_like_length(const PathCopy& copy, double length) {
   const double ratio = copy.path->length() / length;
   if (ratio >= kShortest && ratio <= kLongest) return;
   throw other_movement(copy.name, fmt::format("It is {:.0f} mm long, {:.2f} times as long as the others, and {:g} to "
-                                              "{:g} times are accepted: does it have another number of laps?",
+                                              "{:g} times are accepted; it may have another number of laps",
                                               1e3 * copy.path->length(), ratio, kShortest, kLongest));
 }
 
@@ -254,7 +254,7 @@ class MovingTime {
       const bool pauses = rest >= kBriefest;
       if (pauses) pauses_.push_back({0.5 * (path.knot_at(i) + path.knot_at(end)), rest});
       for (end = std::max(end, i + 1); i < end; ++i)
-        moving_.push_back(moving_.back() + (pauses ? usual * length_of(i) : time_on(i)));
+        moving_.push_back(moving_.back() + (pauses ? usual / kSlow * length_of(i) : time_on(i)));
     }
   }
 

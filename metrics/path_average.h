@@ -52,8 +52,9 @@ struct AveragedPath {
 ///     |p - q|^2 + w (1 - cos angle of the tangents),   w = 4 mm^2 (diagonal of the box / 110 mm)^2.
 ///
 /// Over the matches of the last warp:
-/// - the time along the average is the integral of the median over the copies of dt/ds, without the time that a copy
-///   spent below 5 % of its median speed for at least 0.1 s (a pause);
+/// - the time along the average is the integral of the median over the copies of dt/ds. In a pause, in which it is
+/// slower
+///   than 5 % of its median speed for at least 0.1 s, a copy counts as moving at these 5 %;
 /// - the force is the mean over the copies;
 /// - the spread is sqrt(n / (n - 1)) times the rms distance of the copies, perpendicular to the average. It is pooled
 ///   over 5 % of the length, because a few copies determine a standard deviation only roughly.

@@ -222,6 +222,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   exercise.hold = reader.number("hold", exercise.hold, 0, 3600);
   exercise.pace = reader.number("pace", exercise.pace, kLeastPace, kMostPace);
   exercise.time_limit = reader.number("time_limit", exercise.time_limit, 0, 1e5);
+  exercise.states_radius = reader.has("radius");
   exercise.radius = reader.number("radius", exercise.radius, 0, kMostRadius);
   if (reader.has("stiffness")) exercise.stiffness = reader.number("stiffness", 0, kLeastStiffness, kMostStiffness);
   exercise.assist_force = reader.number("assist_force", exercise.assist_force, 0, 100);
@@ -279,6 +280,15 @@ const char* to_string(TestLabel label) {
 
 const char* to_string(ScreenPart part) {
   return kPartNames.name(part);
+}
+
+bool has_tunnel(const Exercise& exercise) {
+  const auto shows = [&](ScreenPart part) {
+    const std::optional<ShownShare>& share = exercise.show[static_cast<std::size_t>(part)];
+    return share && (share->from > 0 || share->to > 0);
+  };
+  return exercise.mode != ExerciseMode::free || exercise.states_radius || shows(ScreenPart::tunnel) ||
+         shows(ScreenPart::score);
 }
 
 ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart part) {

@@ -93,6 +93,7 @@ struct Exercise {
   double pace = 1;                  ///< for passive, assisted and cursor, relative to the path's own pace
   double time_limit = 0;            ///< of a repetition [s]; 0: five times the path's duration and 10 s
   double radius = 5e-3;             ///< of the tunnel [m]
+  bool states_radius = false;       ///< `radius` was given
   std::optional<double> stiffness;  ///< [N/m]; absent: the stiffest that is stable on the device
   double assist_force = 2;          ///< largest force that helps along the path [N]
   double resistance = 0;            ///< along the path [N s/m]
@@ -138,6 +139,10 @@ struct Programme {
 /// Reads a programme. Throws Error(input) naming `where` and the path of the key if a key is unknown, missing, of the
 /// wrong type, out of range, or without meaning in the exercise's mode. programme.schema.json states keys and ranges.
 Programme programme_from_json(const nlohmann::json& json, const std::string& where);
+
+/// Returns true if an exercise has a tunnel to show and to count. An exercise in mode free has one only if it states a
+/// radius, or shows the tunnel or the score, which counts the time in it.
+bool has_tunnel(const Exercise& exercise);
 
 /// Returns the share of the repetitions of exercise `i` that show a part: its own, that of the programme, or all. Tests
 /// and exercises in mode free show no tunnel, trail or score unless they say so themselves, because a test must not

@@ -16,21 +16,24 @@
 #include "player/programme/progression.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
 #include <set>
 #include <thread>
+#include <utility>
 
 namespace haptrace {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kApproachSpeed = 0.1;     // peak speed of the approach [m/s]
-constexpr double kGuidedTimes = 5;         // time limit of a repetition, in durations of the path ...
-constexpr double kGuidedGrace = 10;        // ... plus this [s]
-constexpr double kLeastAssistance = 0.01;  // below this there is no assistance
+constexpr double kApproachSpeed = 0.1;            // peak speed of the approach [m/s]
+constexpr double kGuidedTimes = 5;                // time limit of a repetition, in durations of the path ...
+constexpr double kGuidedGrace = 10;               // ... plus this [s]
+constexpr const char* kForceDose = "force_dose";  // end of a sitting, and of the repetition in which it happened
+constexpr double kLeastAssistance = 0.01;         // below this there is no assistance
 
 std::string now_text() {
   return rfc3339(std::chrono::system_clock::now());
@@ -52,13 +55,20 @@ std::string file_name(const std::string& name) {
   return result;
 }
 
-/// Integrates the magnitude of the force and detects the end of the time limit.
+/// Integrates the magnitude of the force, ends the repetition when the sitting's dose is reached, and detects the end
+/// of the time limit.
 class TrialWatch final : public SampleSink {
  public:
+  /// Raises `end` when the dose reaches `limit` [N s]; 0: no limit.
+  TrialWatch(double limit, StopRequest& end) noexcept : limit_(limit), end_(end) {}
+
   void push(const Sample& sample) noexcept override {
     if (last_ns_) dose_ += 1e-9 * static_cast<double>(sample.time_ns - *last_ns_) * force_;
     last_ns_ = sample.time_ns;
     force_ = norm_of(sample.force);
+    if (limit_ <= 0 || dose_ < limit_ || over_.load(std::memory_order_relaxed)) return;
+    over_.store(true, std::memory_order_relaxed);
+    end_.raise();
   }
   void push(const Event& event) noexcept override {
     // While a device is lost or silent, no force acts.
@@ -67,9 +77,13 @@ class TrialWatch final : public SampleSink {
   }
   [[nodiscard]] double dose() const noexcept { return dose_; }  ///< [N s]
   [[nodiscard]] bool time_over() const noexcept { return time_over_; }
+  [[nodiscard]] bool dose_reached() const noexcept { return over_.load(std::memory_order_relaxed); }  ///< any thread
 
  private:
   std::optional<std::int64_t> last_ns_;
+  double limit_;
+  StopRequest& end_;
+  std::atomic<bool> over_{false};
   double force_ = 0, dose_ = 0;
   bool time_over_ = false;
 };
@@ -227,6 +241,7 @@ class ProgrammeRun {
       const SessionResult& session = run_trial(trials[i]);
       if (options_.ended) options_.ended(log().trials.back());
       const bool skipped = log().trials.back().skipped();
+      if (log().trials.back().stopped_by == kForceDose) return end(kForceDose, dose_text());
       if (session.servo.cause == StopCause::interrupted && !skipped) return interrupted();
       if (session.servo.cause != StopCause::finished && !skipped) return end("stopped", session.servo.detail);
       if (!session.recorded_all())
@@ -234,8 +249,7 @@ class ProgrammeRun {
       if (options_.live != nullptr && options_.live->take_repeat()) repeat(trials, i);
       if (i + 1 == trials.size()) break;
       if (programme_.limits.force_dose > 0 && sitting().force_dose >= programme_.limits.force_dose)
-        return end("force_dose",
-                   fmt::format("{:.4g} N s of {:.4g}", sitting().force_dose, programme_.limits.force_dose));
+        return end(kForceDose, dose_text());
       if (would_pass_time(trials[i].rest, trials[i + 1]))
         return end("time", "the time limit of the sitting is reached");
       if (tired(trials[i].exercise))
@@ -248,6 +262,10 @@ class ProgrammeRun {
     }
     log().complete = true;
     end("complete", "");
+  }
+
+  [[nodiscard]] std::string dose_text() {
+    return fmt::format("{:.4g} N s of {:.4g}", sitting().force_dose, programme_.limits.force_dose);
   }
 
   /// Ends the sitting because something asked for it, which the programme or the repetition knows.
@@ -343,8 +361,9 @@ class ProgrammeRun {
     save();
 
     virtual_ = device->info().virtual_time && options_.session.clock != ClockChoice::real;
-    TrialWatch watch;
     StopRequest end(&stop_);
+    const double limit = programme_.limits.force_dose;
+    TrialWatch watch(limit > 0 ? limit - sitting().force_dose : 0, end);
     LiveSession::Trial commanded(options_.live, end, trial.file);
     TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch, end)
                                                           : guide_trial(*device, exercise, trial, watch, end);
@@ -360,10 +379,12 @@ class ProgrammeRun {
     trial.force_dose = watch.dose();
     trial.stopped_by = to_string(run.session.servo.cause);
     if (trial.finished() && watch.time_over()) trial.stopped_by = "time_over";
+    if (watch.dose_reached() && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
+      trial.stopped_by = kForceDose;
     // A skip may come too late to matter, and Ctrl+C counts for more.
     if (end_of_trial.skipped && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
       trial.stopped_by = "skipped";
-    trial.detail = run.session.servo.detail;
+    trial.detail = trial.stopped_by == kForceDose ? "" : run.session.servo.detail;
     if (exercise.mode != ExerciseMode::passive) {
       trial.settings.stiffness = run.stiffness;
       if (options_.live != nullptr) note_changes(i, run, trial.settings);
@@ -413,8 +434,14 @@ class ProgrammeRun {
   /// Returns the session options of a trial. `config` holds the command that it names and the options that repeat this
   /// trial.
   [[nodiscard]] SessionOptions session_for(const DeviceInfo& device, const Exercise& exercise, const LoggedTrial& trial,
-                                           nlohmann::json config) const {
+                                           const TrialWatch& watch, nlohmann::json config) const {
     SessionOptions session = options_.session;
+    session.also_warn([&watch, warned = false, limit = programme_.limits.force_dose]() mutable {
+      if (!watch.dose_reached() || std::exchange(warned, true)) return std::vector<Warning>{};
+      const std::string text =
+          fmt::format("the force dose of the sitting reached {:g} N s, so the session ends", limit);
+      return known_warnings(Severity::warning, kForceDose, std::span(&text, 1));
+    });
     SessionOptions::Recording& recording = *session.recording;
     recording.file = file(trial.file);
     recording.options.tell_room = false;
@@ -442,7 +469,7 @@ class ProgrammeRun {
                                      .hold = exercise.hold,
                                      .approach_speed = kApproachSpeed,
                                      .max_deviation = options_.max_deviation},
-                        .session = session_for(device.info(), exercise, trial,
+                        .session = session_for(device.info(), exercise, trial, watch,
                                                {{"verb", "play"},
                                                 {"path", absolute(log().paths[trial.exercise])},
                                                 {"speed", trial.settings.pace},
@@ -471,6 +498,7 @@ class ProgrammeRun {
                                       .max_deviation = options_.max_deviation},
                          .radius = settings.radius,
                          .free = exercise.mode == ExerciseMode::free || assistance < kLeastAssistance,
+                         .tunnel_without_walls = has_tunnel(exercise),
                          .stiffness = settings.stiffness,
                          .force_scale = force_scale,
                          .feel = exercise.resist_forces ? Feel::resist : Feel::active,
@@ -483,11 +511,11 @@ class ProgrammeRun {
                           {"mode", options.free ? "free"
                                    : cursor     ? "cursor"
                                                 : "tunnel"},
-                          {"radius", settings.radius},
                           {"time-limit", options.guidance.time_limit},
                           {"force-scale", force_scale},
                           {"feel", exercise.resist_forces ? "resist" : "active"},
                           {"viscosity", exercise.viscosity}};
+    if (has_tunnel(exercise)) config["radius"] = settings.radius;
     if (cursor) config.update({{"speed", settings.pace}, {"wait", exercise.wait}});
     if (exercise.mode == ExerciseMode::assisted) {
       options.pace = PaceHelpOptions{.pace = settings.pace, .max_force = assistance * exercise.assist_force};
@@ -515,7 +543,7 @@ class ProgrammeRun {
     }
     config["max-deviation"] = options.guidance.max_deviation;
     config["allow-back"] = exercise.allow_back;
-    options.session = session_for(device.info(), exercise, trial, std::move(config));
+    options.session = session_for(device.info(), exercise, trial, watch, std::move(config));
     return {guide(device, plan, options, stop, progress_).session, plan.notes,
             options.free ? std::nullopt : std::optional(plan.stiffness)};
   }
