@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -58,6 +59,15 @@ struct Progression {
   std::optional<Difficulty> difficulty;
 };
 
+/// Order of the exercises within a round. player/programme/trial_order.h states how it is drawn.
+enum class TrialOrder {
+  listed,       ///< as in the file
+  blocked,      ///< all repetitions of one exercise after another, the exercises in a random order
+  interleaved,  ///< cycles of one repetition of each exercise, each in a random order
+};
+
+const char* to_string(TrialOrder order);
+
 /// Share of the repetitions that show something to the trainee. It changes evenly from the first to the last
 /// repetition.
 struct ShownShare {
@@ -102,6 +112,7 @@ struct Exercise {
   bool resist_forces = false;       ///< the participant produces the forces, see Feel
   double wait = 0;                  ///< distance at which a cursor waits for the participant [m]; 0: it does not wait
   bool allow_back = false;
+  bool catch_trial = false;  ///< its repetitions lie at random places between those of the other exercises
   std::optional<Progression> progression;
   ShownShares show;
 };
@@ -124,11 +135,15 @@ struct Programme {
   std::string title, description;
   PathChange person;  ///< applied to every path after the exercise's own change; has no frame
   ProgrammeLimits limits;
-  ShownShares show;               ///< of exercises that do not say otherwise
-  int rounds = 1;                 ///< number of passes through the exercises
-  std::vector<Exercise> warm_up;  ///< done once, before the exercises; excluded from comparisons
+  ShownShares show;  ///< of exercises that do not say otherwise
+  int rounds = 1;    ///< number of passes through the exercises
+  TrialOrder order = TrialOrder::listed;
+  std::optional<std::uint64_t> seed;  ///< of a random order; begin_session() draws one if there is none
+  std::vector<Exercise> warm_up;      ///< done once, before the exercises; excluded from comparisons
   std::vector<Exercise> exercises;
 
+  /// Returns true if a seed decides the order of the repetitions.
+  [[nodiscard]] bool is_random() const noexcept { return order != TrialOrder::listed; }
   /// Returns the number of exercises. Trials number the warm-up first.
   [[nodiscard]] std::size_t size() const noexcept { return warm_up.size() + exercises.size(); }
   [[nodiscard]] const Exercise& exercise(std::size_t i) const {

@@ -14,12 +14,14 @@
 #include "player/guidance/guide.h"
 #include "player/playback/playback.h"
 #include "player/programme/progression.h"
+#include "player/programme/trial_order.h"
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
+#include <random>
 #include <set>
 #include <thread>
 #include <utility>
@@ -88,6 +90,12 @@ class TrialWatch final : public SampleSink {
   bool time_over_ = false;
 };
 
+ScheduledTrial scheduled(const Programme& programme, const PlannedTrial& trial) {
+  const Exercise& exercise = programme.exercise(trial.exercise);
+  return {trial.exercise, trial.round, trial.repetition,
+          exercise.rest + (trial.repetition == exercise.repetitions ? exercise.rest_after : 0)};
+}
+
 double length_of(const Path& path) {
   double length = 0;
   for (std::size_t i = 1; i < path.size(); ++i) length += (path.position[i] - path.position[i - 1]).norm();
@@ -106,6 +114,19 @@ double expected_time(const Exercise& exercise, const Path& path) {
   constexpr double kShortest = 0.5;  // [s]
   return std::max(kShortest, MinJerk::kPeakSpeed * way_back / kApproachSpeed) +
          path.duration() / (has_pace ? exercise.pace : 1) + exercise.hold;
+}
+
+/// Returns a note if catch trials are so many that they teach, too.
+std::optional<std::string> note_on_catch_trials(const Programme& programme) {
+  constexpr double kMost = 0.2;
+  int catches = 0, all = 0;
+  for (const Exercise& exercise : programme.exercises) {
+    all += exercise.repetitions;
+    if (exercise.catch_trial) catches += exercise.repetitions;
+  }
+  if (catches <= kMost * all) return std::nullopt;
+  return fmt::format("{} of {} repetitions of a round are catch trials; above 20 % they disturb what the others teach",
+                     catches, all);
 }
 
 /// Fits all paths with one transformation, so that they keep their positions relative to each other.
@@ -188,11 +209,20 @@ class ProgrammeRun {
     save();
   }
 
+  /// Returns all trials. The log keeps a random order, so that another version resumes the session as it began.
+  [[nodiscard]] std::vector<ScheduledTrial> whole_schedule() const {
+    if (result_.log.schedule.empty()) return schedule(programme_);
+    std::vector<ScheduledTrial> trials;
+    for (const PlannedTrial& trial : result_.log.schedule) trials.push_back(scheduled(programme_, trial));
+    trials.back().rest = 0;
+    return trials;
+  }
+
   /// Returns the remaining trials. Every further sitting starts with the warm-up again.
   [[nodiscard]] std::vector<ScheduledTrial> left() {
     const int number = static_cast<int>(log().sittings.size());
     std::vector<ScheduledTrial> trials;
-    for (ScheduledTrial trial : schedule(programme_)) {
+    for (ScheduledTrial trial : whole_schedule()) {
       if (trial.exercise < programme_.warm_up.size()) trial.round = number;
       if (!is_done(trial)) trials.push_back(trial);
     }
@@ -579,17 +609,22 @@ class ProgrammeRun {
 
 std::vector<ScheduledTrial> schedule(const Programme& programme) {
   std::vector<ScheduledTrial> trials;
-  const auto add = [&](std::size_t i, int round) {
-    const Exercise& exercise = programme.exercise(i);
-    for (int repetition = 1; repetition <= exercise.repetitions; ++repetition)
-      trials.push_back(
-          {i, round, repetition, exercise.rest + (repetition == exercise.repetitions ? exercise.rest_after : 0)});
-  };
-  for (std::size_t i = 0; i < programme.warm_up.size(); ++i) add(i, 1);
+  for (std::size_t i = 0; i < programme.warm_up.size(); ++i)
+    for (int repetition = 1; repetition <= programme.warm_up[i].repetitions; ++repetition)
+      trials.push_back(scheduled(programme, {i, 1, repetition}));
+  OrderDraw draw(programme.seed.value_or(0));
   for (int round = 1; round <= programme.rounds; ++round)
-    for (std::size_t i = programme.warm_up.size(); i < programme.size(); ++i) add(i, round);
+    for (const OrderedTrial& trial : order_of_round(programme, draw))
+      trials.push_back(scheduled(programme, {trial.exercise, round, trial.repetition}));
   if (!trials.empty()) trials.back().rest = 0;
   return trials;
+}
+
+nlohmann::json with_seed(nlohmann::json programme, const std::string& where) {
+  const Programme read = programme_from_json(programme, where);
+  // 31 bits, so that every reader of JSON keeps it.
+  if (read.is_random() && !read.seed) programme["seed"] = std::random_device()() >> 1;
+  return programme;
 }
 
 ProgrammePlan plan_programme(const Programme& programme, const std::string& folder, const std::string& where,
@@ -627,6 +662,7 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
         fmt::format("{}: limits.time: {:g} s are too short for the warm-up and one repetition, which take {:.0f} s; "
                     "raise the limit",
                     where, programme.limits.time, least));
+  if (const auto note = note_on_catch_trials(programme)) plan.notes.push_back(*note);
   if (fitted) plan.notes.push_back("all paths were moved and scaled into the workspace: " + describe(*fitted));
   for (const ScheduledTrial& trial : plan.trials) plan.duration += plan.parts[trial.exercise].trial + trial.rest;
   if (programme.limits.time > 0 && plan.duration > programme.limits.time)
@@ -650,9 +686,16 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
     throw input_error(
         fmt::format("{}: exists and is not an empty folder; choose another folder for the session", options.folder));
 
-  const Programme read = programme_from_json(programme, where);
-  SessionLog log{
-      .created = now_text(), .software = software_name(), .device = identity_of(device), .programme = programme};
+  SessionLog log{.created = now_text(),
+                 .software = software_name(),
+                 .device = identity_of(device),
+                 .programme = with_seed(programme, where)};
+  const Programme read = programme_from_json(log.programme, where);
+  if (read.is_random()) {
+    for (const ScheduledTrial& trial : schedule(read))
+      log.schedule.push_back({trial.exercise, trial.round, trial.repetition});
+    log.generator = OrderDraw::kName;
+  }
   if (!plan.parts.empty() && plan.parts.front().fit) log.fit = describe(*plan.parts.front().fit);
   if (const auto& recording = options.session.recording) {
     log.subject = recording->subject;

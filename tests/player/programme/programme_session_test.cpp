@@ -388,6 +388,29 @@ TEST_F(ProgrammeSession, EndsASittingAtOnceWhenTheForceDoseIsReached) {
   EXPECT_EQ(again.attempt, 2);
 }
 
+TEST_F(ProgrammeSession, KeepsARandomOrderInItsLogAndResumesInIt) {
+  const json programme = programme_of({R"("mode": "free", "repetitions": 3)", R"("mode": "free", "repetitions": 3)"},
+                                      R"("order": "interleaved", "rounds": 2,)");
+  int begun = 0;
+  options_.begins = [&](const ScheduledTrial&, const TrialSettings&, std::size_t, std::size_t) {
+    if (++begun == 4) (*stop_).raise();
+  };
+  (void)run(programme);
+  options_.begins = nullptr;
+  SessionLog log = load_session_log(options_.folder);
+  EXPECT_TRUE(log.programme.contains("seed")) << "drawn, and kept";
+  EXPECT_THAT(log.generator, HasSubstr("mt19937_64"));
+  ASSERT_EQ(log.schedule.size(), 12U);
+  // The log rules, not the seed: another version may draw another order.
+  std::swap(log.schedule[6], log.schedule[8]);
+  save_session_log(log, options_.folder);
+  const SessionLog resumed = resume().log;
+  std::vector<PlannedTrial> done;
+  for (const LoggedTrial& trial : resumed.trials)
+    if (trial.done()) done.push_back({trial.exercise, trial.round, trial.repetition});
+  EXPECT_EQ(done, log.schedule);
+}
+
 TEST_F(ProgrammeSession, HasNoTunnelInFreeExercisesThatDoNotAskForOne) {
   const SessionLog log =
       run(programme_of({R"("mode": "free")", R"("mode": "free", "radius": 0.004)",
