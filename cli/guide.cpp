@@ -26,6 +26,7 @@ struct Arguments {
   std::string expert, record, mode = "tunnel", feel = "active", radius = "5mm";
   CsvOptions csv;
   ProfileArguments profile;
+  bool radius_given = false;  ///< on the command line or in --config
   std::vector<std::string> spread;
   PathArguments along{GuidanceOptions{}.max_deviation};
   GuideOptions guide;
@@ -42,8 +43,6 @@ const std::vector<std::string> kModes{"tunnel", "cursor", "free"};
 void set_radius(const Arguments& arguments, GuideOptions& options) {
   const std::string& text = arguments.radius;
   if (text == "auto") {
-    if (arguments.spread.empty())
-      throw input_error("--radius auto needs further recordings of the same task: --spread A.h5 B.h5");
     options.radius = 1e-3;
     return;
   }
@@ -71,6 +70,7 @@ GuideOptions options_of(const Arguments& arguments) {
   options.guidance.cursor = *mode == "cursor";
   options.free = *mode == "free";
   options.guidance.led = !options.free;
+  options.tunnel_without_walls = options.free && arguments.radius_given;
   options.feel = parse_feel(arguments.feel);
   if (arguments.pace)
     options.pace =
@@ -85,6 +85,20 @@ GuideOptions options_of(const Arguments& arguments) {
   return options;
 }
 
+/// Takes the radius of --radius auto from an averaged expert, unless --spread gives it.
+void take_radius_of_path(const Arguments& arguments, const std::string& file, const PathFacts& facts,
+                         GuideOptions& options) {
+  if (arguments.radius != "auto" || !arguments.spread.empty()) return;
+  options.radius_profile = averaged_radius(file, facts);
+  if (!options.radius_profile)
+    throw input_error(
+        fmt::format("--radius auto needs the spread of several experts, but {} is one recording: average "
+                    "several (haptrace average A.h5 B.h5 C.h5 -o expert.h5) and guide along the average, "
+                    "or name further ones with --spread A.h5 B.h5",
+                    facts.name));
+  options.radius_of_path = true;
+}
+
 std::string percent(double share) {
   return std::isfinite(share) ? fmt::format("{:.0f} %", 100 * share) : "undefined";
 }
@@ -94,16 +108,18 @@ std::string summary(const Arguments& arguments, const GuideResult& result, const
   std::string text = fmt::format("{}: guided on {}\n", expert, device.name);
   if (!change.is_identity()) text += fmt::format("  path: {}\n", describe(change));
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
+  const bool free = arguments.mode == "free", has_tunnel = !free || arguments.radius_given;
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
     const GuideFigures& figures = result.repetitions[i];
-    text += fmt::format(
-        "  {}{:.1f} s, {:.0f} of {:.0f} mm, {} of the time in the tunnel, deviation {:.2f} mm rms, {:.2f} mm at most\n",
-        result.repetitions.size() > 1 ? fmt::format("repetition {}: ", i + 1) : "", figures.tracking.duration,
-        1e3 * figures.progress, 1e3 * result.plan.path->length(), percent(figures.time_in_tunnel),
-        1e3 * figures.tracking.rms_error, 1e3 * figures.tracking.peak_error);
+    text += fmt::format("  {}{:.1f} s, {:.0f} of {:.0f} mm, {}deviation {:.2f} mm rms, {:.2f} mm at most\n",
+                        result.repetitions.size() > 1 ? fmt::format("repetition {}: ", i + 1) : "",
+                        figures.tracking.duration, 1e3 * figures.progress, 1e3 * result.plan.path->length(),
+                        has_tunnel ? percent(figures.time_in_tunnel) + " of the time in the tunnel, " : "",
+                        1e3 * figures.tracking.rms_error, 1e3 * figures.tracking.peak_error);
   }
-  text += fmt::format("  wall stiffness {:.0f} N/m; guidance added {:.2f} J of {:.2f} J allowed\n",
-                      result.plan.stiffness, result.energy_given, result.energy_budget);
+  if (!free)
+    text += fmt::format("  wall stiffness {:.0f} N/m; guidance added {:.2f} J of {:.2f} J allowed\n",
+                        result.plan.stiffness, result.energy_given, result.energy_budget);
   text += session_summary(result.session);
   if (!arguments.record.empty()) text += fmt::format("  recorded in {}\n", arguments.record);
   return text;
@@ -124,9 +140,10 @@ std::unique_ptr<LiveGuidance> commands_of(const GuidePlan& plan, const GuideOpti
 }
 
 void add_tunnel_options(CLI::App& verb, Arguments& arguments) {
-  verb.add_option("--radius", arguments.radius,
-                  "tunnel radius: a length, such as 5mm; auto, from the experts of --spread; or a profile along the "
-                  "path, FILE.json")
+  verb.add_option(
+          "--radius", arguments.radius,
+          "tunnel radius: a length, such as 5mm; auto, from the spread of several experts (haptrace average, or "
+          "--spread); or a profile along the path, FILE.json. In mode free there is no tunnel without it")
       ->capture_default_str()
       ->group("Tunnel");
   verb.add_option("--spread", arguments.spread, "further experts' recordings, for --radius auto")
@@ -193,6 +210,7 @@ void add_cursor_options(CLI::App& verb, Arguments& arguments) {
 int guide_command(const CLI::App& verb, Arguments& arguments, const Output& output) {
   require(verb, "expert");
   require(verb, "--device");
+  arguments.radius_given = verb.get_option("--radius")->count() > 0;
   GuideOptions options = options_of(arguments);
   std::vector<std::string> inputs = arguments.spread;
   inputs.push_back(arguments.expert);
@@ -206,6 +224,7 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   };
   const InputFile input(arguments.expert, arguments.csv);
   std::shared_ptr<const PathSource> expert = open(input.path(), arguments.along.selection, input.csv());
+  take_radius_of_path(arguments, input.path(), expert->facts(), options);
   for (const std::string& file : arguments.spread) {
     CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments.csv;
     csv.name = file;
@@ -283,6 +302,7 @@ Verb add_guide(CLI::App& app) {
       "Keys: + or ] makes the walls 10 % stiffer, - or [ softer; w and n make the tunnel wider and narrower; r\n"
       "restores the start; p pauses and resumes; s skips and a repeats a repetition; q ends the session.\n"
       "  haptrace guide expert.h5 -d falcon --radius 5mm --record trainee.h5\n"
+      "  haptrace guide average.h5 -d falcon --radius auto\n"
       "  haptrace guide expert.h5 -d falcon --radius auto --spread second.h5 third.h5\n"
       "  haptrace guide expert.h5 -d falcon --mode cursor --wait 0.02 --speed 0.5\n"
       "  haptrace guide expert.h5 -d falcon --scene samples/scenes/sphere.json\n"

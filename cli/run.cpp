@@ -413,6 +413,8 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   answer["tuning"] = commands.history();
   const bool skipped = !result.log.trials.empty() && result.log.trials.back().skipped();
   int code = result.last && !skipped ? conclude(output, *result.last) : kDone;
+  // The programme itself ended a repetition at its force dose.
+  if (code == kInterrupted && stop.count() == 0 && result.log.sittings.back().ended_by == "force_dose") code = kDone;
   if (code == kDone && stop.count() > 0) code = kInterrupted;
   output.tell(answer, result_text(result, folder, resume_command(verb, shared_config(verb), folder)));
   return code;

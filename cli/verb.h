@@ -56,6 +56,7 @@ RecordingReader::Parts parts_of(bool partial);
 
 Verb add_devices(CLI::App& app);
 Verb add_shape(CLI::App& app);
+Verb add_average(CLI::App& app);
 Verb add_record(CLI::App& app);
 Verb add_play(CLI::App& app);
 Verb add_guide(CLI::App& app);

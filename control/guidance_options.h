@@ -26,6 +26,7 @@ struct GuidanceOptions {
   double max_deviation = 0.1;   ///< distance from the path beyond which the session stops [m]
   /// Distance from the reference during the approach beyond which the session stops [m]; max_deviation when absent.
   std::optional<double> max_approach_deviation;
+  bool tunnel = true;   ///< samples have the radius of the tunnel
   bool led = true;      ///< a force leads the hand to the start; else no force is sent during the approach
   double patience = 0;  ///< how long a hand may resist on the path [s], see Command; kPatience during the approach
   double rate_hz = 1000;

@@ -20,6 +20,7 @@ namespace {
 
 constexpr EnumNames<ExerciseMode, 6> kModeNames{"mode", {"passive", "assisted", "tunnel", "cursor", "resist", "free"}};
 constexpr EnumNames<TestLabel, 4> kTestNames{"test", {"none", "before", "after", "retention"}};
+constexpr EnumNames<TrialOrder, 3> kOrderNames{"order", {"listed", "blocked", "interleaved"}};
 constexpr EnumNames<int, 2> kFeelNames{"feel", {"active", "resist"}};
 
 constexpr EnumNames<ScreenPart, kScreenParts> kPartNames{"part of the screen",
@@ -222,6 +223,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   exercise.hold = reader.number("hold", exercise.hold, 0, 3600);
   exercise.pace = reader.number("pace", exercise.pace, kLeastPace, kMostPace);
   exercise.time_limit = reader.number("time_limit", exercise.time_limit, 0, 1e5);
+  exercise.states_radius = reader.has("radius");
   exercise.radius = reader.number("radius", exercise.radius, 0, kMostRadius);
   if (reader.has("stiffness")) exercise.stiffness = reader.number("stiffness", 0, kLeastStiffness, kMostStiffness);
   exercise.assist_force = reader.number("assist_force", exercise.assist_force, 0, 100);
@@ -231,6 +233,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   exercise.resist_forces = choose(reader, "feel", kFeelNames, 0) == 1;
   exercise.wait = reader.number("wait", exercise.wait, 0, 10);
   exercise.allow_back = reader.boolean("allow_back", exercise.allow_back);
+  exercise.catch_trial = reader.boolean("catch", false);
   exercise.show = read_show(reader);
   if (std::optional<JsonReader> progression = reader.object("progression"))
     exercise.progression = read_progression(*progression, exercise.mode);
@@ -267,6 +270,20 @@ ProgrammeLimits read_limits(JsonReader reader) {
   return limits;
 }
 
+/// Checks what makes an order random.
+void check_order(const Programme& programme, const std::string& where) {
+  if (programme.seed && !programme.is_random())
+    throw input_error(where + ": seed: the order 'listed' is not random; choose blocked or interleaved, or remove it");
+  for (const Exercise& exercise : programme.warm_up)
+    if (exercise.catch_trial)
+      throw input_error(fmt::format("{}: '{}': a warm-up has no catch trials; remove catch", where, exercise.name));
+  const auto is_catch = [](const Exercise& exercise) { return exercise.catch_trial; };
+  if (programme.is_random() || std::none_of(programme.exercises.begin(), programme.exercises.end(), is_catch)) return;
+  throw input_error(where +
+                    ": catch: catch trials lie at random places, which the order 'listed' does not have; set order to "
+                    "blocked or interleaved");
+}
+
 }  // namespace
 
 const char* to_string(ExerciseMode mode) {
@@ -277,8 +294,21 @@ const char* to_string(TestLabel label) {
   return kTestNames.name(label);
 }
 
+const char* to_string(TrialOrder order) {
+  return kOrderNames.name(order);
+}
+
 const char* to_string(ScreenPart part) {
   return kPartNames.name(part);
+}
+
+bool has_tunnel(const Exercise& exercise) {
+  const auto shows = [&](ScreenPart part) {
+    const std::optional<ShownShare>& share = exercise.show[static_cast<std::size_t>(part)];
+    return share && (share->from > 0 || share->to > 0);
+  };
+  return exercise.mode != ExerciseMode::free || exercise.states_radius || shows(ScreenPart::tunnel) ||
+         shows(ScreenPart::score);
 }
 
 ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart part) {
@@ -327,10 +357,14 @@ Programme programme_from_json(const nlohmann::json& json, const std::string& whe
   if (std::optional<JsonReader> limits = reader.object("limits")) programme.limits = read_limits(*limits);
   programme.show = read_show(reader);
   programme.rounds = reader.integer("rounds", 1, 1, 1000);
+  programme.order = choose(reader, "order", kOrderNames, TrialOrder::listed);
+  constexpr int kLargestSeed = 2'147'483'647;
+  if (reader.has("seed")) programme.seed = static_cast<std::uint64_t>(reader.integer("seed", 0, 0, kLargestSeed));
   programme.warm_up = read_exercises(reader, "warm_up", "warm-up");
   programme.exercises = read_exercises(reader, "exercises", "exercise");
   reader.finish();
   if (programme.exercises.empty()) throw input_error(where + ": exercises: a programme needs at least one exercise");
+  check_order(programme, where);
   return programme;
 }
 

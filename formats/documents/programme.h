@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -58,6 +59,15 @@ struct Progression {
   std::optional<Difficulty> difficulty;
 };
 
+/// Order of the exercises within a round. player/programme/trial_order.h states how it is drawn.
+enum class TrialOrder {
+  listed,       ///< as in the file
+  blocked,      ///< all repetitions of one exercise after another, the exercises in a random order
+  interleaved,  ///< cycles of one repetition of each exercise, each in a random order
+};
+
+const char* to_string(TrialOrder order);
+
 /// Share of the repetitions that show something to the trainee. It changes evenly from the first to the last
 /// repetition.
 struct ShownShare {
@@ -93,6 +103,7 @@ struct Exercise {
   double pace = 1;                  ///< for passive, assisted and cursor, relative to the path's own pace
   double time_limit = 0;            ///< of a repetition [s]; 0: five times the path's duration and 10 s
   double radius = 5e-3;             ///< of the tunnel [m]
+  bool states_radius = false;       ///< `radius` was given
   std::optional<double> stiffness;  ///< [N/m]; absent: the stiffest that is stable on the device
   double assist_force = 2;          ///< largest force that helps along the path [N]
   double resistance = 0;            ///< along the path [N s/m]
@@ -101,6 +112,7 @@ struct Exercise {
   bool resist_forces = false;       ///< the participant produces the forces, see Feel
   double wait = 0;                  ///< distance at which a cursor waits for the participant [m]; 0: it does not wait
   bool allow_back = false;
+  bool catch_trial = false;  ///< its repetitions lie at random places between those of the other exercises
   std::optional<Progression> progression;
   ShownShares show;
 };
@@ -123,11 +135,15 @@ struct Programme {
   std::string title, description;
   PathChange person;  ///< applied to every path after the exercise's own change; has no frame
   ProgrammeLimits limits;
-  ShownShares show;               ///< of exercises that do not say otherwise
-  int rounds = 1;                 ///< number of passes through the exercises
-  std::vector<Exercise> warm_up;  ///< done once, before the exercises; excluded from comparisons
+  ShownShares show;  ///< of exercises that do not say otherwise
+  int rounds = 1;    ///< number of passes through the exercises
+  TrialOrder order = TrialOrder::listed;
+  std::optional<std::uint64_t> seed;  ///< of a random order; begin_session() draws one if there is none
+  std::vector<Exercise> warm_up;      ///< done once, before the exercises; excluded from comparisons
   std::vector<Exercise> exercises;
 
+  /// Returns true if a seed decides the order of the repetitions.
+  [[nodiscard]] bool is_random() const noexcept { return order != TrialOrder::listed; }
   /// Returns the number of exercises. Trials number the warm-up first.
   [[nodiscard]] std::size_t size() const noexcept { return warm_up.size() + exercises.size(); }
   [[nodiscard]] const Exercise& exercise(std::size_t i) const {
@@ -138,6 +154,10 @@ struct Programme {
 /// Reads a programme. Throws Error(input) naming `where` and the path of the key if a key is unknown, missing, of the
 /// wrong type, out of range, or without meaning in the exercise's mode. programme.schema.json states keys and ranges.
 Programme programme_from_json(const nlohmann::json& json, const std::string& where);
+
+/// Returns true if an exercise has a tunnel to show and to count. An exercise in mode free has one only if it states a
+/// radius, or shows the tunnel or the score, which counts the time in it.
+bool has_tunnel(const Exercise& exercise);
 
 /// Returns the share of the repetitions of exercise `i` that show a part: its own, that of the programme, or all. Tests
 /// and exercises in mode free show no tunnel, trail or score unless they say so themselves, because a test must not

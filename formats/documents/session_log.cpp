@@ -133,6 +133,21 @@ Sitting sitting_from(JsonReader& reader) {
   return sitting;
 }
 
+void check_exercise(const JsonReader& reader, std::size_t exercise, const Programme& programme) {
+  if (exercise >= programme.size())
+    throw input_error(
+        fmt::format("{}.exercise: is out of range; the number of exercises is {}", reader.where(), programme.size()));
+}
+
+PlannedTrial planned_from(JsonReader& reader, const Programme& programme) {
+  const PlannedTrial trial{.exercise = static_cast<std::size_t>(reader.integer("exercise", 0, 0, 1 << 30)),
+                           .round = reader.integer("round", 1, 1, 1 << 30),
+                           .repetition = reader.integer("repetition", 1, 1, 1 << 30)};
+  reader.finish();
+  check_exercise(reader, trial.exercise, programme);
+  return trial;
+}
+
 std::filesystem::path log_file(const std::string& where) {
   const std::filesystem::path path(where);
   return std::filesystem::is_directory(path) ? path / kSessionFile : path;
@@ -167,6 +182,13 @@ void save_session_log(const SessionLog& log, const std::string& folder) {
               {"sittings", json::array()},
               {"trials", json::array()},
               {"complete", log.complete}};
+  if (!log.schedule.empty()) {
+    result["schedule"] = json::array();
+    for (const PlannedTrial& trial : log.schedule)
+      result["schedule"].push_back(
+          {{"exercise", trial.exercise}, {"round", trial.round}, {"repetition", trial.repetition}});
+    result["generator"] = log.generator;
+  }
   for (const Sitting& sitting : log.sittings) result["sittings"].push_back(json_of(sitting));
   for (const LoggedTrial& trial : log.trials) result["trials"].push_back(json_of(trial));
   save_json(result, (std::filesystem::path(folder) / kSessionFile).string(), true);
@@ -192,12 +214,12 @@ SessionLog load_session_log(const std::string& where) {
   if (!log.config.is_object()) log.config = json::object();
   log.fit = reader.text("fit", "");
   log.paths = texts_from(reader, "paths");
+  log.generator = reader.text("generator", "");
+  for (JsonReader& one : reader.objects("schedule")) log.schedule.push_back(planned_from(one, programme));
   for (JsonReader& one : reader.objects("sittings")) log.sittings.push_back(sitting_from(one));
   for (JsonReader& one : reader.objects("trials")) {
     log.trials.push_back(trial_from(one));
-    if (log.trials.back().exercise >= programme.size())
-      throw input_error(
-          fmt::format("{}.exercise: is out of range; the number of exercises is {}", one.where(), programme.size()));
+    check_exercise(one, log.trials.back().exercise, programme);
   }
   log.complete = reader.boolean("complete", false);
   reader.finish();

@@ -60,6 +60,14 @@ struct Sitting {
   double force_dose = 0;  ///< [N s]
 };
 
+/// One repetition that is to be done.
+struct PlannedTrial {
+  std::size_t exercise = 0;  ///< see Programme::exercise
+  int round = 1, repetition = 1;
+
+  bool operator==(const PlannedTrial&) const = default;
+};
+
 struct SessionLog {
   std::string created, software;
   std::string subject, operator_name, notes;
@@ -67,7 +75,9 @@ struct SessionLog {
   nlohmann::json programme;                          ///< as it was read
   nlohmann::json config = nlohmann::json::object();  ///< of the command that started it: it applies to every sitting
   std::string fit;  ///< description of how the paths were moved and scaled into the workspace; empty if they were not
-  std::vector<std::string> paths;  ///< by exercise, relative to the session's folder
+  std::vector<PlannedTrial> schedule;  ///< of a random order, all of it; empty: the order of the programme
+  std::string generator;               ///< that drew it from the programme's seed
+  std::vector<std::string> paths;      ///< by exercise, relative to the session's folder
   std::vector<Sitting> sittings;
   std::vector<LoggedTrial> trials;  ///< in the order of their start
   bool complete = false;

@@ -8,6 +8,7 @@
 #include "formats/recording/sampling.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
@@ -15,7 +16,8 @@
 namespace haptrace {
 namespace {
 
-constexpr std::uint64_t kNotedRows = 16'384;  // first rows of a recording, on which its notes are based
+constexpr const char* kCopies = "averaged_copies";  // in /meta: this recording is an average
+constexpr std::uint64_t kNotedRows = 16'384;        // first rows of a recording, on which its notes are based
 
 bool ends_like_hdf5(const std::string& file) {
   const std::string text = file_ending(file);
@@ -37,11 +39,16 @@ std::vector<std::string> sampling_notes(const Path& path) {
   return notes(report.result());
 }
 
-void write_recording(const Path& path, const std::string& file, const std::string& title, bool overwrite) {
+void write_recording(const Path& path, const std::string& file, const std::string& title, bool overwrite,
+                     const AverageColumns* average) {
   RecordingHeader header;
   header.software = "haptrace";
   header.title = title;
   header.clock = "virtual";
+  if (average != nullptr) {
+    header.meta[kCopies] = average->copies;
+    header.scene = average->scene;
+  }
   if (path.size() > 1) header.rate_hz = static_cast<double>(path.size() - 1) / path.duration();
 
   std::vector<Sample> samples(path.size());
@@ -58,12 +65,16 @@ void write_recording(const Path& path, const std::string& file, const std::strin
     sample.velocity = path.velocity.empty() ? nan3() : path.velocity[i];
     sample.force = path.force.empty() ? nan3() : path.force[i];
     if (!path.orientation.empty()) sample.orientation = path.orientation[i];
+    if (average != nullptr) sample.tunnel_radius = average->radius[i];
     sample.phase = Phase::run;
   }
   RecordingWriter writer(
-      file, header, {.orientation = !path.orientation.empty()},
+      file, header,
+      {.orientation = !path.orientation.empty(), .tunnel = average != nullptr, .contacts = !header.scene.empty()},
       {.overwrite = overwrite, .storage = {.rows_per_chunk = std::min<std::size_t>(path.size(), 2048)}});
   writer.append(samples);
+  if (average != nullptr)
+    for (const StoredEvent& event : average->events) writer.append(event);
   writer.finish();
 }
 
@@ -100,11 +111,37 @@ Path load_path(const std::string& file, const CsvOptions& csv) {
   return path;
 }
 
-void save_path(const Path& path, const std::string& file, const std::string& title, bool overwrite) {
+void save_path(const Path& path, const std::string& file, const std::string& title, bool overwrite,
+               const AverageColumns* average) {
   validate(path);
-  if (ends_like_hdf5(file)) return write_recording(path, file, title, overwrite);
+  if (ends_like_hdf5(file)) return write_recording(path, file, title, overwrite, average);
+  if (average != nullptr)
+    throw input_error(fmt::format("{}: an average is written as .h5, which has a place for its spread", file));
   if (file_ending(file) == ".csv") return write_csv(path, file, overwrite);
   throw input_error(fmt::format("{}: a path is written as .csv or .h5", file));
+}
+
+std::optional<RadiusProfile> averaged_radius(const std::string& file, const PathFacts& facts) {
+  constexpr std::uint64_t kRowsAtOnce = 16'384;
+  constexpr std::array<std::string_view, 3> kColumns{"time", "position", "tunnel_radius"};
+  if (!is_hdf5(file)) return std::nullopt;
+  const RecordingReader reader(file);
+  if (!reader.columns().tunnel || !reader.header().meta.contains(kCopies)) return std::nullopt;
+  RadiusProfile profile;
+  Vec3 before = nan3();
+  double s = 0;
+  for (std::uint64_t row = 0; row < reader.rows(); row += kRowsAtOnce)
+    for (const Sample& sample : reader.read(row, kRowsAtOnce, kColumns)) {
+      const double time = 1e-9 * static_cast<double>(sample.time_ns);
+      if (time < facts.begin || time > facts.end || !is_finite(sample.position)) continue;
+      if (is_finite(before)) s += (sample.position - before).norm();
+      before = sample.position;
+      if (!(sample.tunnel_radius >= 0) || (!profile.s.empty() && !(s > profile.s.back()))) continue;
+      profile.s.push_back(s);
+      profile.radius.push_back(sample.tunnel_radius);
+    }
+  if (profile.s.empty()) return std::nullopt;
+  return profile;
 }
 
 }  // namespace haptrace

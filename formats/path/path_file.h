@@ -2,10 +2,13 @@
 #pragma once
 
 #include "control/path/path.h"
+#include "formats/documents/radius_profile.h"
 #include "formats/path/csv_options.h"
 #include "formats/path/path_source.h"
 
+#include <optional>
 #include <string>
+#include <vector>
 
 namespace haptrace {
 
@@ -22,8 +25,22 @@ std::shared_ptr<const PathSource> open_path(const std::string& file, const PathS
 /// Reads a whole path into memory. Throws like open_path and PathSource::read.
 Path load_path(const std::string& file, const CsvOptions& csv = {});
 
+/// What an average of several recordings adds to its path. Only a recording (`.h5`) can hold it.
+struct AverageColumns {
+  std::vector<double> radius;       ///< 95 % radius of the copies at each row [m]
+  std::string copies;               ///< their names, for users
+  std::vector<StoredEvent> events;  ///< the pauses of the copies
+  RecordedScene scene;              ///< of the copies, if their forces hold its contacts
+};
+
 /// Writes a path as CSV (`.csv`) or as a recording (`.h5`) with `title` and `rate_hz` = its mean rate.
-/// Refuses to replace a file unless `overwrite`.
-void save_path(const Path& path, const std::string& file, const std::string& title, bool overwrite);
+/// Refuses to replace a file unless `overwrite`. Throws Error(input) also if there is an `average` and the file is no
+/// recording.
+void save_path(const Path& path, const std::string& file, const std::string& title, bool overwrite,
+               const AverageColumns* average = nullptr);
+
+/// Returns the 95 % radius along the part of an averaged path that `facts` describe. Returns nothing if `file` is not
+/// the average of several recordings: the tunnel of a guided session is not a spread. Throws like RecordingReader.
+std::optional<RadiusProfile> averaged_radius(const std::string& file, const PathFacts& facts);
 
 }  // namespace haptrace

@@ -149,7 +149,7 @@ Command GuidanceController::update(const State& state) noexcept {
              .acceleration = Vec3::Zero()};
       command.reference_force = foot.place.force;
       command.progress = foot.s;
-      command.tunnel_radius = guidance_.tuning().radius(foot.place.radius);
+      if (options_.tunnel) command.tunnel_radius = guidance_.tuning().radius(foot.place.radius);
       if (!phases_.finished() && !paused_) watch_deviation(foot.distance, command);
     }
   } else {

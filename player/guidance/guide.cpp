@@ -10,10 +10,11 @@
 #include "control/path/path_projection.h"
 #include "control/pd.h"
 #include "control/resistance_timer.h"
+#include "metrics/path_average.h"
 #include "player/device_path.h"
+#include "player/guidance/expert_path.h"
 #include "player/guidance/guidance_controller.h"
 #include "player/guidance/live_guidance.h"
-#include "player/playback/reference_stream.h"
 #include "player/playback/tracking_metrics.h"
 #include "player/tuning/live_session.h"
 
@@ -28,62 +29,41 @@ namespace {
 
 constexpr EnumNames<Feel, 2> kFeels{"feel of the expert's force", {"active", "resist"}};
 
-/// Visits the path at every millisecond and at its end, smoothed like the reference of a playback.
-template <class Visit>
-void walk(const std::shared_ptr<const PathSource>& source, std::optional<double> smoothing, const Visit& visit) {
-  constexpr double kStep = 1e-3;  // [s]
-  const TrajectoryPieces pieces(source, Interpolation::cubic, {.smoothing = smoothing});
-  const bool forces = source->facts().force;
-  double t = 0;
-  std::uint64_t row = 0;
-  for (std::size_t i = 0; i < pieces.count(); ++i) {
-    const TrajectoryPiece piece = pieces.make(i);
-    Path rows;
-    std::size_t at = 0;
-    if (forces) {
-      const std::uint64_t last = source->row_at(source->facts().begin + piece.end);
-      rows = source->read(row, last + 2 - row);
-      row = last;
-    }
-    const auto force_at = [&](double when) -> Vec3 {
-      if (!forces) return Vec3::Zero();
-      const double stamp = when + source->facts().begin;
-      while (at + 2 < rows.size() && rows.time[at + 1] <= stamp) ++at;
-      if (at + 1 >= rows.size()) return rows.force.back();
-      const double share = (stamp - rows.time[at]) / (rows.time[at + 1] - rows.time[at]);
-      return rows.force[at] + std::clamp(share, 0.0, 1.0) * (rows.force[at + 1] - rows.force[at]);
-    };
-    Trajectory::Cursor cursor;
-    const bool last = i + 1 == pieces.count();
-    for (; t < piece.end; t += kStep) visit(t, piece.trajectory.sample(t, cursor).position, force_at(t));
-    if (last) visit(piece.end, piece.trajectory.sample(piece.end, cursor).position, force_at(piece.end));
-  }
-}
-
 ArcPath arc_path(const std::shared_ptr<const PathSource>& source, const GuideOptions& options) {
-  const Box& bounds = source->facts().bounds;
-  ArcPath::Builder builder(options.spacing.value_or(ArcPath::spacing_for(bounds.size().norm())));
-  walk(source, options.smoothing,
-       [&](double t, const Vec3& position, const Vec3& force) { builder.add(t, position, force); });
-  ArcPath path = builder.finish(options.radius);
+  ArcPath path = expert_path(source, options.smoothing, options.spacing, options.radius);
   if (options.radius_profile) {
+    const RadiusProfile& profile = *options.radius_profile;
+    // A profile that came with the path is placed and scaled with it.
+    const double scale = options.radius_of_path && profile.s.back() > 0 ? path.length() / profile.s.back() : 1;
     std::vector<double> radius(path.knots());
-    for (std::size_t i = 0; i < radius.size(); ++i) radius[i] = options.radius_profile->at(path.knot_at(i));
+    for (std::size_t i = 0; i < radius.size(); ++i) {
+      radius[i] = scale * profile.at(path.knot_at(i) / scale);
+      if (options.radius_of_path) radius[i] = std::max(radius[i], options.radius);
+    }
     path.set_radius(radius);
   }
   return path;
 }
 
-/// Widens the tunnel smoothly where the other recordings leave the path by more than its radius.
-void widen(ArcPath& path, const DeviceInfo& device, const GuideOptions& options) {
+/// Widens the tunnel smoothly where the other recordings leave the path by more than its radius. `name` is that of the
+/// path. Throws Error(input) naming a recording of another movement.
+void widen(ArcPath& path, const std::string& name, const DeviceInfo& device, const GuideOptions& options) {
   constexpr double kSmooth = 5e-3;  // length of the path over which the radius is smoothed [m]
   std::vector<double> radius(path.knots(), options.radius);
+  std::vector<DevicePath> others;
+  std::vector<PathCopy> copies;
   for (const auto& other : options.spread) {
-    const DevicePath played = path_for(device, other, options.fit);
+    others.push_back(path_for(device, other, options.fit));
+    copies.push_back({other->facts().name, std::make_shared<const ArcPath>(expert_path(
+                                               others.back().source, options.smoothing, options.spacing, 0))});
+  }
+  // Another movement would open the tunnel anywhere.
+  require_same_movement({name, std::make_shared<const ArcPath>(path)}, copies);
+  for (const DevicePath& played : others) {
     PathProjection projection(path, {});
     projection.start();
     double before = 0;
-    walk(played.source, options.smoothing, [&](double t, const Vec3& position, const Vec3&) {
+    visit_path(played.source, options.smoothing, [&](double t, const Vec3& position, const Vec3&) {
       const auto& foot = projection.update(position, t - before);
       before = t;
       const std::size_t knot = std::min(path.segment_at(foot.s) + 1, path.knots() - 1);
@@ -106,6 +86,11 @@ void widen(ArcPath& path, const DeviceInfo& device, const GuideOptions& options)
   path.set_radius(filtered(widest, [](auto begin, auto end) {
     return std::accumulate(begin, end, 0.0) / static_cast<double>(end - begin);
   }));
+}
+
+/// Returns true if the session has a tunnel, with or without walls.
+bool has_tunnel(const GuideOptions& options) {
+  return !options.free || options.tunnel_without_walls;
 }
 
 /// Returns the scale of the expert's forces; negative where the trainee has to overcome them.
@@ -138,7 +123,10 @@ std::size_t kept_repetitions(const GuideOptions& options) {
 class GuideMetrics final : public SampleSink {
  public:
   GuideMetrics(const GuidePlan& plan, const GuideOptions& options)
-      : scale_(felt_scale(options)), forces_(plan.has_forces && options.force_scale > 0 && !options.free), sums_(1) {
+      : scale_(felt_scale(options)),
+        tunnel_(has_tunnel(options)),
+        forces_(plan.has_forces && options.force_scale > 0 && !options.free),
+        sums_(1) {
     sums_.reserve(kept_repetitions(options) + 1);
   }
 
@@ -166,7 +154,7 @@ class GuideMetrics final : public SampleSink {
     for (std::size_t i = 0; i < tracking.size() && i < sums_.size(); ++i) {
       const Sums& sums = sums_[i];
       GuideFigures figures{.tracking = tracking[i], .progress = sums.progress};
-      if (sums.samples > 0)
+      if (tunnel_ && sums.samples > 0)
         figures.time_in_tunnel = static_cast<double>(sums.inside) / static_cast<double>(sums.samples);
       if (forces_ && sums.inside > 0)
         figures.force_error = std::sqrt(sums.force_error2 / static_cast<double>(sums.inside));
@@ -182,7 +170,7 @@ class GuideMetrics final : public SampleSink {
   };
 
   double scale_;
-  bool forces_;
+  bool tunnel_, forces_;
   std::vector<Sums> sums_;
 };
 
@@ -229,7 +217,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
                  .delay = options.identified ? options.identified->plant.delay : kUnknownDelay,
                  .has_forces = played.source->facts().force && !feels_contacts};
   ArcPath path = arc_path(played.source, options);
-  if (!options.spread.empty()) widen(path, device, options);
+  if (!options.spread.empty()) widen(path, played.source->facts().name, device, options);
   plan.path = std::make_shared<const ArcPath>(std::move(path));
 
   // A wall must stay below the device's largest force, which not every driver knows.
@@ -278,7 +266,7 @@ FollowedPath followed_path(const GuidePlan& plan, const GuideOptions& options) {
     const ArcPath::Place place = path.at(s);
     followed.time.push_back(path.time_at(s));
     followed.position.push_back(place.position);
-    if (!options.free) followed.radius.push_back(place.radius);
+    if (has_tunnel(options)) followed.radius.push_back(place.radius);
   }
   return followed;
 }
@@ -307,6 +295,7 @@ LiveGuidance::Scope guide_scope(const GuidePlan& plan, const GuideOptions& optio
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.loop.rate_hz;
+  guidance.tunnel = has_tunnel(options);
   // A trainee may touch the walls for any time, but a reference that moves by itself must not push against a hand for
   // ever.
   if (guidance.cursor || options.pace) guidance.patience = kPatience;
@@ -343,8 +332,8 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& ask
   options.sinks.push_back(&metrics);
   if (options.session.observer != nullptr) options.session.followed = followed_path(plan, options);
   GuideResult result{.plan = plan};
-  result.session = run_session(device, controller, {.reference = true, .guidance = true, .tunnel = true}, options.sinks,
-                               options.session, stop, progress);
+  result.session = run_session(device, controller, {.reference = true, .guidance = true, .tunnel = has_tunnel(options)},
+                               options.sinks, options.session, stop, progress);
   result.repetitions = metrics.figures(tracking.repetitions());
   if (!result.repetitions.empty()) result.last = result.repetitions.back();
   result.energy_given = controller.guidance().given();

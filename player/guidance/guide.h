@@ -32,9 +32,13 @@ struct GuideOptions {
   GuidanceOptions guidance;
   double radius = 5e-3;                         ///< radius of the tunnel [m]
   std::optional<RadiusProfile> radius_profile;  ///< radius along the path; replaces `radius`
+  /// The profile came with the path (averaged_radius): it is placed and scaled with it, and at least `radius`.
+  bool radius_of_path = false;
   /// Further recordings of the same task. Where they leave the path by more than `radius`, the tunnel becomes as wide.
+  /// Recordings of another movement are refused, see require_same_movement().
   std::vector<std::shared_ptr<const PathSource>> spread;
-  bool free = false;                ///< no force is sent on the path; the force settings below have no effect
+  bool free = false;                  ///< no force is sent on the path; the force settings below have no effect
+  bool tunnel_without_walls = false;  ///< with `free`: the tunnel is still recorded, shown and counted
   std::optional<double> stiffness;  ///< stiffness of the walls [N/m]; absent: the largest stable one, at most 1000 N/m
   bool expert = false;              ///< do not clamp the stiffness to the stable range
   double onset = 1e-3;              ///< depth over which the stiffness rises [m]
@@ -83,7 +87,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
 /// Metrics of one repetition, over phase run.
 struct GuideFigures {
   TrackingFigures tracking;      ///< the error is the distance from the path
-  double time_in_tunnel = kNaN;  ///< share of the samples; NaN without samples
+  double time_in_tunnel = kNaN;  ///< share of the samples; NaN without samples or tunnel
   double progress = 0;           ///< farthest place on the path [m]
   double force_error = kNaN;  ///< rms difference of sent and expert's force within the tunnel [N]; NaN without forces
 };

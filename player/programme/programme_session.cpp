@@ -14,23 +14,28 @@
 #include "player/guidance/guide.h"
 #include "player/playback/playback.h"
 #include "player/programme/progression.h"
+#include "player/programme/trial_order.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
+#include <random>
 #include <set>
 #include <thread>
+#include <utility>
 
 namespace haptrace {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kApproachSpeed = 0.1;     // peak speed of the approach [m/s]
-constexpr double kGuidedTimes = 5;         // time limit of a repetition, in durations of the path ...
-constexpr double kGuidedGrace = 10;        // ... plus this [s]
-constexpr double kLeastAssistance = 0.01;  // below this there is no assistance
+constexpr double kApproachSpeed = 0.1;            // peak speed of the approach [m/s]
+constexpr double kGuidedTimes = 5;                // time limit of a repetition, in durations of the path ...
+constexpr double kGuidedGrace = 10;               // ... plus this [s]
+constexpr const char* kForceDose = "force_dose";  // end of a sitting, and of the repetition in which it happened
+constexpr double kLeastAssistance = 0.01;         // below this there is no assistance
 
 std::string now_text() {
   return rfc3339(std::chrono::system_clock::now());
@@ -52,13 +57,20 @@ std::string file_name(const std::string& name) {
   return result;
 }
 
-/// Integrates the magnitude of the force and detects the end of the time limit.
+/// Integrates the magnitude of the force, ends the repetition when the sitting's dose is reached, and detects the end
+/// of the time limit.
 class TrialWatch final : public SampleSink {
  public:
+  /// Raises `end` when the dose reaches `limit` [N s]; 0: no limit.
+  TrialWatch(double limit, StopRequest& end) noexcept : limit_(limit), end_(end) {}
+
   void push(const Sample& sample) noexcept override {
     if (last_ns_) dose_ += 1e-9 * static_cast<double>(sample.time_ns - *last_ns_) * force_;
     last_ns_ = sample.time_ns;
     force_ = norm_of(sample.force);
+    if (limit_ <= 0 || dose_ < limit_ || over_.load(std::memory_order_relaxed)) return;
+    over_.store(true, std::memory_order_relaxed);
+    end_.raise();
   }
   void push(const Event& event) noexcept override {
     // While a device is lost or silent, no force acts.
@@ -67,12 +79,22 @@ class TrialWatch final : public SampleSink {
   }
   [[nodiscard]] double dose() const noexcept { return dose_; }  ///< [N s]
   [[nodiscard]] bool time_over() const noexcept { return time_over_; }
+  [[nodiscard]] bool dose_reached() const noexcept { return over_.load(std::memory_order_relaxed); }  ///< any thread
 
  private:
   std::optional<std::int64_t> last_ns_;
+  double limit_;
+  StopRequest& end_;
+  std::atomic<bool> over_{false};
   double force_ = 0, dose_ = 0;
   bool time_over_ = false;
 };
+
+ScheduledTrial scheduled(const Programme& programme, const PlannedTrial& trial) {
+  const Exercise& exercise = programme.exercise(trial.exercise);
+  return {trial.exercise, trial.round, trial.repetition,
+          exercise.rest + (trial.repetition == exercise.repetitions ? exercise.rest_after : 0)};
+}
 
 double length_of(const Path& path) {
   double length = 0;
@@ -92,6 +114,19 @@ double expected_time(const Exercise& exercise, const Path& path) {
   constexpr double kShortest = 0.5;  // [s]
   return std::max(kShortest, MinJerk::kPeakSpeed * way_back / kApproachSpeed) +
          path.duration() / (has_pace ? exercise.pace : 1) + exercise.hold;
+}
+
+/// Returns a note if catch trials are so many that they teach, too.
+std::optional<std::string> note_on_catch_trials(const Programme& programme) {
+  constexpr double kMost = 0.2;
+  int catches = 0, all = 0;
+  for (const Exercise& exercise : programme.exercises) {
+    all += exercise.repetitions;
+    if (exercise.catch_trial) catches += exercise.repetitions;
+  }
+  if (catches <= kMost * all) return std::nullopt;
+  return fmt::format("{} of {} repetitions of a round are catch trials; above 20 % they disturb what the others teach",
+                     catches, all);
 }
 
 /// Fits all paths with one transformation, so that they keep their positions relative to each other.
@@ -174,11 +209,20 @@ class ProgrammeRun {
     save();
   }
 
+  /// Returns all trials. The log keeps a random order, so that another version resumes the session as it began.
+  [[nodiscard]] std::vector<ScheduledTrial> whole_schedule() const {
+    if (result_.log.schedule.empty()) return schedule(programme_);
+    std::vector<ScheduledTrial> trials;
+    for (const PlannedTrial& trial : result_.log.schedule) trials.push_back(scheduled(programme_, trial));
+    trials.back().rest = 0;
+    return trials;
+  }
+
   /// Returns the remaining trials. Every further sitting starts with the warm-up again.
   [[nodiscard]] std::vector<ScheduledTrial> left() {
     const int number = static_cast<int>(log().sittings.size());
     std::vector<ScheduledTrial> trials;
-    for (ScheduledTrial trial : schedule(programme_)) {
+    for (ScheduledTrial trial : whole_schedule()) {
       if (trial.exercise < programme_.warm_up.size()) trial.round = number;
       if (!is_done(trial)) trials.push_back(trial);
     }
@@ -227,6 +271,7 @@ class ProgrammeRun {
       const SessionResult& session = run_trial(trials[i]);
       if (options_.ended) options_.ended(log().trials.back());
       const bool skipped = log().trials.back().skipped();
+      if (log().trials.back().stopped_by == kForceDose) return end(kForceDose, dose_text());
       if (session.servo.cause == StopCause::interrupted && !skipped) return interrupted();
       if (session.servo.cause != StopCause::finished && !skipped) return end("stopped", session.servo.detail);
       if (!session.recorded_all())
@@ -234,8 +279,7 @@ class ProgrammeRun {
       if (options_.live != nullptr && options_.live->take_repeat()) repeat(trials, i);
       if (i + 1 == trials.size()) break;
       if (programme_.limits.force_dose > 0 && sitting().force_dose >= programme_.limits.force_dose)
-        return end("force_dose",
-                   fmt::format("{:.4g} N s of {:.4g}", sitting().force_dose, programme_.limits.force_dose));
+        return end(kForceDose, dose_text());
       if (would_pass_time(trials[i].rest, trials[i + 1]))
         return end("time", "the time limit of the sitting is reached");
       if (tired(trials[i].exercise))
@@ -248,6 +292,10 @@ class ProgrammeRun {
     }
     log().complete = true;
     end("complete", "");
+  }
+
+  [[nodiscard]] std::string dose_text() {
+    return fmt::format("{:.4g} N s of {:.4g}", sitting().force_dose, programme_.limits.force_dose);
   }
 
   /// Ends the sitting because something asked for it, which the programme or the repetition knows.
@@ -343,8 +391,9 @@ class ProgrammeRun {
     save();
 
     virtual_ = device->info().virtual_time && options_.session.clock != ClockChoice::real;
-    TrialWatch watch;
     StopRequest end(&stop_);
+    const double limit = programme_.limits.force_dose;
+    TrialWatch watch(limit > 0 ? limit - sitting().force_dose : 0, end);
     LiveSession::Trial commanded(options_.live, end, trial.file);
     TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch, end)
                                                           : guide_trial(*device, exercise, trial, watch, end);
@@ -360,10 +409,12 @@ class ProgrammeRun {
     trial.force_dose = watch.dose();
     trial.stopped_by = to_string(run.session.servo.cause);
     if (trial.finished() && watch.time_over()) trial.stopped_by = "time_over";
+    if (watch.dose_reached() && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
+      trial.stopped_by = kForceDose;
     // A skip may come too late to matter, and Ctrl+C counts for more.
     if (end_of_trial.skipped && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
       trial.stopped_by = "skipped";
-    trial.detail = run.session.servo.detail;
+    trial.detail = trial.stopped_by == kForceDose ? "" : run.session.servo.detail;
     if (exercise.mode != ExerciseMode::passive) {
       trial.settings.stiffness = run.stiffness;
       if (options_.live != nullptr) note_changes(i, run, trial.settings);
@@ -413,8 +464,14 @@ class ProgrammeRun {
   /// Returns the session options of a trial. `config` holds the command that it names and the options that repeat this
   /// trial.
   [[nodiscard]] SessionOptions session_for(const DeviceInfo& device, const Exercise& exercise, const LoggedTrial& trial,
-                                           nlohmann::json config) const {
+                                           const TrialWatch& watch, nlohmann::json config) const {
     SessionOptions session = options_.session;
+    session.also_warn([&watch, warned = false, limit = programme_.limits.force_dose]() mutable {
+      if (!watch.dose_reached() || std::exchange(warned, true)) return std::vector<Warning>{};
+      const std::string text =
+          fmt::format("the force dose of the sitting reached {:g} N s, so the session ends", limit);
+      return known_warnings(Severity::warning, kForceDose, std::span(&text, 1));
+    });
     SessionOptions::Recording& recording = *session.recording;
     recording.file = file(trial.file);
     recording.options.tell_room = false;
@@ -442,7 +499,7 @@ class ProgrammeRun {
                                      .hold = exercise.hold,
                                      .approach_speed = kApproachSpeed,
                                      .max_deviation = options_.max_deviation},
-                        .session = session_for(device.info(), exercise, trial,
+                        .session = session_for(device.info(), exercise, trial, watch,
                                                {{"verb", "play"},
                                                 {"path", absolute(log().paths[trial.exercise])},
                                                 {"speed", trial.settings.pace},
@@ -471,6 +528,7 @@ class ProgrammeRun {
                                       .max_deviation = options_.max_deviation},
                          .radius = settings.radius,
                          .free = exercise.mode == ExerciseMode::free || assistance < kLeastAssistance,
+                         .tunnel_without_walls = has_tunnel(exercise),
                          .stiffness = settings.stiffness,
                          .force_scale = force_scale,
                          .feel = exercise.resist_forces ? Feel::resist : Feel::active,
@@ -483,11 +541,11 @@ class ProgrammeRun {
                           {"mode", options.free ? "free"
                                    : cursor     ? "cursor"
                                                 : "tunnel"},
-                          {"radius", settings.radius},
                           {"time-limit", options.guidance.time_limit},
                           {"force-scale", force_scale},
                           {"feel", exercise.resist_forces ? "resist" : "active"},
                           {"viscosity", exercise.viscosity}};
+    if (has_tunnel(exercise)) config["radius"] = settings.radius;
     if (cursor) config.update({{"speed", settings.pace}, {"wait", exercise.wait}});
     if (exercise.mode == ExerciseMode::assisted) {
       options.pace = PaceHelpOptions{.pace = settings.pace, .max_force = assistance * exercise.assist_force};
@@ -515,7 +573,7 @@ class ProgrammeRun {
     }
     config["max-deviation"] = options.guidance.max_deviation;
     config["allow-back"] = exercise.allow_back;
-    options.session = session_for(device.info(), exercise, trial, std::move(config));
+    options.session = session_for(device.info(), exercise, trial, watch, std::move(config));
     return {guide(device, plan, options, stop, progress_).session, plan.notes,
             options.free ? std::nullopt : std::optional(plan.stiffness)};
   }
@@ -551,17 +609,22 @@ class ProgrammeRun {
 
 std::vector<ScheduledTrial> schedule(const Programme& programme) {
   std::vector<ScheduledTrial> trials;
-  const auto add = [&](std::size_t i, int round) {
-    const Exercise& exercise = programme.exercise(i);
-    for (int repetition = 1; repetition <= exercise.repetitions; ++repetition)
-      trials.push_back(
-          {i, round, repetition, exercise.rest + (repetition == exercise.repetitions ? exercise.rest_after : 0)});
-  };
-  for (std::size_t i = 0; i < programme.warm_up.size(); ++i) add(i, 1);
+  for (std::size_t i = 0; i < programme.warm_up.size(); ++i)
+    for (int repetition = 1; repetition <= programme.warm_up[i].repetitions; ++repetition)
+      trials.push_back(scheduled(programme, {i, 1, repetition}));
+  OrderDraw draw(programme.seed.value_or(0));
   for (int round = 1; round <= programme.rounds; ++round)
-    for (std::size_t i = programme.warm_up.size(); i < programme.size(); ++i) add(i, round);
+    for (const OrderedTrial& trial : order_of_round(programme, draw))
+      trials.push_back(scheduled(programme, {trial.exercise, round, trial.repetition}));
   if (!trials.empty()) trials.back().rest = 0;
   return trials;
+}
+
+nlohmann::json with_seed(nlohmann::json programme, const std::string& where) {
+  const Programme read = programme_from_json(programme, where);
+  // 31 bits, so that every reader of JSON keeps it.
+  if (read.is_random() && !read.seed) programme["seed"] = std::random_device()() >> 1;
+  return programme;
 }
 
 ProgrammePlan plan_programme(const Programme& programme, const std::string& folder, const std::string& where,
@@ -599,6 +662,7 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
         fmt::format("{}: limits.time: {:g} s are too short for the warm-up and one repetition, which take {:.0f} s; "
                     "raise the limit",
                     where, programme.limits.time, least));
+  if (const auto note = note_on_catch_trials(programme)) plan.notes.push_back(*note);
   if (fitted) plan.notes.push_back("all paths were moved and scaled into the workspace: " + describe(*fitted));
   for (const ScheduledTrial& trial : plan.trials) plan.duration += plan.parts[trial.exercise].trial + trial.rest;
   if (programme.limits.time > 0 && plan.duration > programme.limits.time)
@@ -622,9 +686,16 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
     throw input_error(
         fmt::format("{}: exists and is not an empty folder; choose another folder for the session", options.folder));
 
-  const Programme read = programme_from_json(programme, where);
-  SessionLog log{
-      .created = now_text(), .software = software_name(), .device = identity_of(device), .programme = programme};
+  SessionLog log{.created = now_text(),
+                 .software = software_name(),
+                 .device = identity_of(device),
+                 .programme = with_seed(programme, where)};
+  const Programme read = programme_from_json(log.programme, where);
+  if (read.is_random()) {
+    for (const ScheduledTrial& trial : schedule(read))
+      log.schedule.push_back({trial.exercise, trial.round, trial.repetition});
+    log.generator = OrderDraw::kName;
+  }
   if (!plan.parts.empty() && plan.parts.front().fit) log.fit = describe(*plan.parts.front().fit);
   if (const auto& recording = options.session.recording) {
     log.subject = recording->subject;

@@ -29,9 +29,13 @@ struct TrainingTrial {
   std::string next;  ///< name of the next exercise; empty after the last repetition
 };
 
-/// Returns every repetition in order: the warm-up once, then the exercises, round by round. The last repetition has no
-/// rest.
+/// Returns every repetition in order: the warm-up once, then the exercises, round by round, as the programme's order
+/// asks (trial_order.h); a random order without a seed takes that of seed 0. The last repetition has no rest. Throws
+/// Error(input) like order_of_round().
 std::vector<ScheduledTrial> schedule(const Programme& programme);
+
+/// Returns the same with a seed drawn from the operating system, if the programme needs one and states none.
+nlohmann::json with_seed(nlohmann::json programme, const std::string& where);
 
 /// Paths, repetitions and expected duration of a programme.
 struct ProgrammePlan {

@@ -2,6 +2,8 @@
 #include "tests/cli/command.h"
 
 #include <algorithm>
+#include <filesystem>
+#include <fmt/format.h>
 
 namespace haptrace {
 namespace {
@@ -74,6 +76,73 @@ TEST(GuideCommand, NamesTheInvalidOption) {
   EXPECT_THAT(error({"--smoothing", "-1"}), HasSubstr("the smoothing is -1 s"));
   EXPECT_THAT(error({"--no-profile", "--profile", "x.json"}), HasSubstr("exclude each other"));
   EXPECT_THAT(haptrace("guide", folder / "none.h5", "--device", kFalcon).err, HasSubstr("none.h5"));
+}
+
+TEST(AverageCommand, MakesAnExpertWhoseSpreadBecomesTheTunnel) {
+  const TempFolder folder;
+  std::vector<std::string> words{"average"};
+  for (const char* size : {"78mm", "80mm", "82mm"}) {
+    words.push_back(folder / fmt::format("{}.h5", size));
+    ASSERT_EQ(haptrace("shape", "circle", "--size", size, "--duration", "2", "-o", words.back()).exit_code, 0);
+  }
+  const std::string averaged = folder / "expert.h5", out = folder / "trainee.h5";
+  words.insert(words.end(), {"-o", averaged, "--json"});
+  const Answer answer = Command(words).wait();
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const nlohmann::json json = answer.json();
+  EXPECT_EQ(json["copies"].size(), 3U);
+  EXPECT_NEAR(json["spread_m"].get<double>(), 1e-3, 0.05e-3) << "radii of 39, 40 and 41 mm";
+  EXPECT_NEAR(json["radius_m"].get<double>(), 5e-3, 0.25e-3);
+  EXPECT_THAT(answer.err, HasSubstr("the spread of 3 recordings is uncertain"));
+  EXPECT_EQ(haptrace("check", averaged).exit_code, 0);
+
+  const Answer guided = haptrace("guide", averaged, "--radius", "auto", "--device",
+                                 "sim:preset=falcon,hand=firm,seed=4,intent=" + averaged, "--record", out);
+  ASSERT_EQ(guided.exit_code, 0) << guided.err;
+  const RecordingReader reader(out);
+  for (const Sample& sample : reader.read(0, reader.rows()))
+    if (sample.phase == Phase::run) {
+      ASSERT_NEAR(sample.tunnel_radius, 5e-3, 0.6e-3);
+    }
+}
+
+TEST(AverageCommand, SaysWhatCannotBeAveragedAndGuideWhatHasNoSpread) {
+  const TempFolder folder;
+  const std::string circle = folder / "circle.h5", square = folder / "square.h5", out = folder / "out.h5";
+  ASSERT_EQ(haptrace("shape", "circle", "--duration", "1", "-o", circle).exit_code, 0);
+  ASSERT_EQ(haptrace("shape", "square", "--size", "120mm", "--duration", "1", "-o", square).exit_code, 0);
+  EXPECT_THAT(haptrace("average", circle, circle, square, "-o", out).err, HasSubstr("square.h5: shows another"));
+  EXPECT_THAT(haptrace("average", circle, "-o", out).err, HasSubstr("holds one repetition"));
+  EXPECT_THAT(haptrace("average", circle, square, "-o", circle).err, HasSubstr("circle.h5"));
+  EXPECT_FALSE(std::filesystem::exists(out));
+  EXPECT_THAT(haptrace("guide", circle, "--radius", "auto", "--device", kFalcon).err,
+              HasSubstr("haptrace average A.h5 B.h5 C.h5 -o expert.h5"));
+  EXPECT_THAT(haptrace("guide", circle, "--radius", "auto", "--spread", square, "--device", kFalcon).err,
+              HasSubstr("square.h5: shows another movement"));
+}
+
+TEST(AverageCommand, AveragesTheRepetitionsOfOneRecording) {
+  const TempFolder folder;
+  const std::string circle = folder / "circle.h5", played = folder / "played.h5";
+  ASSERT_EQ(haptrace("shape", "circle", "--duration", "1", "-o", circle).exit_code, 0);
+  ASSERT_EQ(
+      haptrace("play", circle, "--device", kFalcon, "--no-profile", "--repeat", "3", "--record", played).exit_code, 0);
+  const Answer answer = haptrace("average", played, "-o", folder / "out.h5", "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_EQ(answer.json()["copies"].size(), 3U);
+  EXPECT_THAT(answer.json()["copies"][1]["name"].get<std::string>(), HasSubstr("played.h5, repetition 2"));
+}
+
+TEST(GuideCommand, CountsATunnelInModeFreeOnlyIfARadiusIsGiven) {
+  const TempFolder folder;
+  const std::string path = expert(folder), device = "sim:preset=falcon,hand=firm,seed=4,intent=" + path;
+  const Answer free = haptrace("guide", path, "--mode", "free", "--device", device, "--time-limit", "3");
+  ASSERT_EQ(free.exit_code, 0) << free.err;
+  EXPECT_THAT(free.out, testing::Not(HasSubstr("tunnel")));
+  EXPECT_THAT(free.out, testing::Not(HasSubstr("wall")));
+  const Answer asked =
+      haptrace("guide", path, "--mode", "free", "--radius", "5mm", "--device", device, "--time-limit", "3");
+  EXPECT_THAT(asked.out, HasSubstr("of the time in the tunnel"));
 }
 
 TEST(GuideCommand, ResumesWithADeviceThatIsPluggedInAgain) {

@@ -22,6 +22,7 @@ const std::vector<std::string>& verb_names() {
                                               "plot",
                                               "report",
                                               "shape",
+                                              "average",
                                               "convert",
                                               "recover",
                                               "devices",

@@ -147,6 +147,30 @@ TEST(Guide, ShowsItsPathAndTunnelToAnObserver) {
   options.free = true;
   EXPECT_EQ(followed_path(plan, options).mode, "free");
   EXPECT_TRUE(followed_path(plan, options).radius.empty());
+  options.tunnel_without_walls = true;
+  EXPECT_EQ(followed_path(plan, options).radius.size(), followed.radius.size()) << "asked for";
+}
+
+TEST(Guide, HasNoTunnelInModeFreeUnlessAskedForOne) {
+  const TempFolder folder;
+  for (const bool asked : {false, true}) {
+    const auto device = trainee(folder, expert(), 2);
+    GuideOptions options{.free = true, .tunnel_without_walls = asked};
+    options.guidance.led = false;
+    options.guidance.time_limit = 3;
+    options.session.recording = SessionOptions::Recording{.file = folder / fmt::format("{}.h5", asked)};
+    Log log;
+    const GuideResult result = guided(*device, options, &log);
+    EXPECT_EQ(std::isfinite(result.last.time_in_tunnel), asked);
+    EXPECT_EQ(to_json(result)["time_in_tunnel"].is_number(), asked);
+    EXPECT_EQ(RecordingReader(folder / fmt::format("{}.h5", asked)).columns().tunnel, asked);
+    for (const Sample& sample : log.samples) {
+      if (sample.phase != Phase::run) continue;
+      ASSERT_EQ(std::isfinite(sample.tunnel_radius), asked);
+      ASSERT_TRUE(std::isfinite(sample.progress)) << "the path is still followed";
+      ASSERT_EQ(sample.force.norm(), 0);
+    }
+  }
 }
 
 TEST(Guide, LetsTheTraineeOvercomeTheExpertsForceWhenItIsToResist) {
@@ -259,6 +283,33 @@ TEST(PlanGuidance, WidensTheTunnelWhereExpertsDiffer) {
   const double middle = plan.path->place_at(4);
   EXPECT_NEAR(plan.path->at(middle).radius, 0.008, 1e-3);
   EXPECT_NEAR(plan.path->at(0.5 * plan.path->length()).radius, 1e-3, 2e-4);
+}
+
+TEST(PlanGuidance, RefusesASpreadOfAnotherMovement) {
+  const test::PointMass device;
+  const auto error = [&](Path other) {
+    other.name = "other";
+    return error_of([&] { (void)plan_guidance(device.info(), source(), {.radius = 1e-3, .spread = {source(other)}}); });
+  };
+  EXPECT_EQ(error(expert()), "no error");
+  Path backwards = expert();
+  backwards.velocity.clear();
+  std::reverse(backwards.position.begin(), backwards.position.end());
+  EXPECT_THAT(error(backwards), HasSubstr("other: shows another movement"));
+  EXPECT_THAT(error(make_shape("circle", {.duration = 8, .turns = 1})), HasSubstr("another number of laps"));
+  EXPECT_THAT(error(make_shape("square", {.size = 0.12})), HasSubstr("other: shows another movement"));
+}
+
+TEST(PlanGuidance, ScalesARadiusThatCameWithThePath) {
+  const test::PointMass device;
+  // The path is half as long as its profile: it was scaled after the profile was made.
+  const double length = plan_guidance(device.info(), source(), {}).path->length();
+  GuideOptions options{.radius = 1e-3, .radius_profile = RadiusProfile{.s = {0, 2 * length}, .radius = {8e-3, 1e-3}}};
+  EXPECT_NEAR(plan_guidance(device.info(), source(), options).path->at(length).radius, 4.5e-3, 1e-4);
+  options.radius_of_path = true;
+  const GuidePlan plan = plan_guidance(device.info(), source(), options);
+  EXPECT_NEAR(plan.path->at(0).radius, 4e-3, 1e-5);
+  EXPECT_NEAR(plan.path->at(length).radius, 1e-3, 1e-5) << "at least `radius`";
 }
 
 TEST(PlanGuidance, NamesTheInvalidSetting) {

@@ -359,24 +359,74 @@ TEST_F(ProgrammeSession, EndsASittingWhenItsTimeIsOver) {
   EXPECT_GT(result.log.sittings[0].duration, 12);
 }
 
-TEST_F(ProgrammeSession, EndsASittingWhenTheForceDoseIsReached) {
-  const ProgrammeResult result = run(
-      programme_of({R"("mode": "resist", "resistance": 10, "repetitions": 50)"}, R"("limits": {"force_dose": 5},)"));
-  EXPECT_EQ(result.log.sittings[0].ended_by, "force_dose");
-  EXPECT_GE(result.log.sittings[0].force_dose, 5);
-  double before = 0, sum = 0;
-  for (const LoggedTrial& trial : result.log.trials) {
-    before = sum;
-    sum += trial.force_dose;
-  }
-  EXPECT_LT(before, 5) << "not a repetition later than it had to";
-  EXPECT_NEAR(sum, result.log.sittings[0].force_dose, 1e-9);
+TEST_F(ProgrammeSession, EndsASittingAtOnceWhenTheForceDoseIsReached) {
+  const json programme =
+      programme_of({R"("mode": "resist", "resistance": 10, "repetitions": 50)"}, R"("limits": {"force_dose": 5},)");
+  const ProgrammeResult result = run(programme);
+  const Sitting& sitting = result.log.sittings[0];
+  EXPECT_EQ(sitting.ended_by, "force_dose");
+  EXPECT_GE(sitting.force_dose, 5);
+  EXPECT_LT(sitting.force_dose, 5.4) << "only the release of the last force is beyond it";
+  double sum = 0;
+  for (const LoggedTrial& trial : result.log.trials) sum += trial.force_dose;
+  EXPECT_NEAR(sum, sitting.force_dose, 1e-9);
   // The dose is the integral of the sent force; rows are 1 ms apart.
   const LoggedTrial& first = result.log.trials[0];
   double recorded = 0;
   for (const Sample& sample : RecordingReader(file(first.file)).read(0, 1'000'000))
     recorded += 1e-3 * sample.force.norm();
   EXPECT_NEAR(first.force_dose, recorded, 0.01 * recorded);
+
+  // The repetition says why it ended, in the log and in its recording, and is repeated in the next sitting.
+  const LoggedTrial& last = result.log.trials.back();
+  EXPECT_EQ(last.stopped_by, "force_dose");
+  EXPECT_FALSE(last.done());
+  EXPECT_THAT(last.notices, testing::Contains(HasSubstr("the force dose of the sitting reached 5 N s")));
+  EXPECT_THAT(RecordingReader(file(last.file)).header().warnings.dump(), HasSubstr("reached 5 N s"));
+  const LoggedTrial& again = resume().log.trials[result.log.trials.size()];
+  EXPECT_EQ(again.repetition, last.repetition);
+  EXPECT_EQ(again.attempt, 2);
+}
+
+TEST_F(ProgrammeSession, KeepsARandomOrderInItsLogAndResumesInIt) {
+  const json programme = programme_of({R"("mode": "free", "repetitions": 3)", R"("mode": "free", "repetitions": 3)"},
+                                      R"("order": "interleaved", "rounds": 2,)");
+  int begun = 0;
+  options_.begins = [&](const ScheduledTrial&, const TrialSettings&, std::size_t, std::size_t) {
+    if (++begun == 4) (*stop_).raise();
+  };
+  (void)run(programme);
+  options_.begins = nullptr;
+  SessionLog log = load_session_log(options_.folder);
+  EXPECT_TRUE(log.programme.contains("seed")) << "drawn, and kept";
+  EXPECT_THAT(log.generator, HasSubstr("mt19937_64"));
+  ASSERT_EQ(log.schedule.size(), 12U);
+  // The log rules, not the seed: another version may draw another order.
+  std::swap(log.schedule[6], log.schedule[8]);
+  save_session_log(log, options_.folder);
+  const SessionLog resumed = resume().log;
+  std::vector<PlannedTrial> done;
+  for (const LoggedTrial& trial : resumed.trials)
+    if (trial.done()) done.push_back({trial.exercise, trial.round, trial.repetition});
+  EXPECT_EQ(done, log.schedule);
+}
+
+TEST_F(ProgrammeSession, HasNoTunnelInFreeExercisesThatDoNotAskForOne) {
+  const SessionLog log =
+      run(programme_of({R"("mode": "free")", R"("mode": "free", "radius": 0.004)",
+                        R"("mode": "free", "show": {"tunnel": 0.5})", R"("mode": "free", "show": {"score": "always"})",
+                        R"("mode": "free", "show": {"tunnel": "never"})"}))
+          .log;
+  const std::vector<bool> asked{false, true, true, true, false};
+  ASSERT_EQ(log.trials.size(), asked.size());
+  for (std::size_t i = 0; i < asked.size(); ++i) {
+    SCOPED_TRACE(i);
+    const RecordingReader reader(file(log.trials[i].file));
+    EXPECT_EQ(reader.columns().tunnel, asked[i]);
+    EXPECT_EQ(log.trials[i].figures.at("time_in_tunnel").is_number(), asked[i]);
+    EXPECT_EQ(reader.header().config.contains("radius"), asked[i]);
+    EXPECT_TRUE(log.trials[i].figures.at("contour_rms_m").is_number()) << "the path is still followed";
+  }
 }
 
 TEST_F(ProgrammeSession, EndsASittingWhenTheParticipantIsTired) {
