@@ -166,7 +166,6 @@ ForceFigures force_figures(const Movement& movement, const std::vector<Vec3>& fo
   figures.mean_across = movement.integral([&](std::size_t i) { return moves(i) ? across(i) : 0; }) / moving;
   figures.assist = movement.integral([&](std::size_t i) { return std::max(power(i), 0.0); });
   figures.resist = movement.integral([&](std::size_t i) { return std::max(-power(i), 0.0); });
-  for (std::size_t i = movement.first; i <= movement.last; ++i) figures.peak = std::max(figures.peak, force[i].norm());
   return figures;
 }
 
@@ -262,11 +261,15 @@ std::optional<MovementFigures> movement_figures(const Trial& trial, const Moveme
   const std::span<const double> moving(speed.data() + movement.first, movement.last - movement.first + 1);
   figures.sparc = sparc(moving, 1 / grid.step, options.sparc);
   figures.log_jerk = log_dimensionless_jerk(moving, 1 / grid.step);
+  figures.log_jerk_vector = log_dimensionless_jerk(
+      std::span<const Vec3>(movement.velocity.data() + movement.first, moving.size()), 1 / grid.step);
 
   const auto figures_of = [&](std::span<const Vec3> values) -> std::optional<ForceFigures> {
     const Column column(trial.time, values);
     if (!column.covers(begin, end, options.max_gap)) return std::nullopt;
-    return force_figures(movement, even(column));
+    ForceFigures result = force_figures(movement, even(column));
+    for (const Vec3& force : column.value) result.peak = std::max(result.peak, force.norm());
+    return result;
   };
   figures.force = figures_of(trial.force);
   figures.measured = figures_of(trial.measured);

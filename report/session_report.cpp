@@ -55,7 +55,7 @@ void add_curves(ReportTrial& trial, const RecordedTrial& recorded, const std::op
   trial.way = thinned(recorded.position, kWayPoints);
   if (!drawn || !(drawn->path.curve.length() > 0)) return;
   const Polyline& curve = drawn->path.curve;
-  const std::vector<double> arc = foot_points(curve, recorded.position);
+  const std::vector<double> arc = align_with_path(curve, recorded.position).arc;
   std::vector<double> distance;
   for (std::size_t i = 0; i < arc.size(); ++i) distance.push_back((recorded.position[i] - curve.at(arc[i])).norm());
   trial.deviation = thinned(arc, distance, kLinePoints);
