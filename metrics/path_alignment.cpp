@@ -18,7 +18,7 @@ constexpr double kMostStates = 2000, kMostUpdates = 3000;
 constexpr float kSkip = 0.05F, kBack = 0.2F, kCap = 6, kBehind = 0.3F, kHeading = 0.15F;
 constexpr float kDistance = 0.05F, kSigma = 4, kForget = 30;
 constexpr float kFarthest = 1e8F;  // bounds a squared distance, so that sums of costs stay finite
-constexpr double kChord = 6, kLeastChord = 2, kFollow = 3, kWindow = 8;
+constexpr double kChord = 6, kLeastChord = 2, kFollow = 3, kWindow = 15;
 
 double unit_of(const Polyline& curve) {
   Box box;
@@ -244,7 +244,11 @@ class Feet {
 
 PathAlignment align_with_path(const Polyline& curve, std::span<const Vec3> position) {
   const double unit = unit_of(curve);
-  if (!(curve.length() > 0)) return Feet(curve, position, 0).finish();
+  if (!(curve.length() > 0)) {
+    Feet feet(curve, position, 0);
+    feet.until(position.size(), 0, 0, false);
+    return feet.finish();
+  }
   States states(curve, unit);
   double spacing = std::max(unit, states.spacing());
   std::vector<Update> updates = updates_of(position, spacing);

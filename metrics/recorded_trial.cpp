@@ -125,16 +125,10 @@ std::optional<double> of_force(const TrialFigures& figures) {
 }
 
 // Shared parts of the definitions, as readers see them.
-constexpr const char* kOnsetAndEnd =
-    "A movement starts at the instant at which the speed first reaches 5 % of its peak and ends at the instant at "
-    "which it last falls below.";
 constexpr const char* kLowPass =
     "low-pass filter at 10 Hz without lag (second-order Butterworth, forwards and backwards, at 1 kHz)";
 constexpr const char* kUnfiltered = "no filter";
 constexpr const char* kThinned = "no filter; points of the hand's path at least 1 mm apart";
-constexpr const char* kAlignment =
-    "Every position belongs to the nearest point of the path on the branch that the whole repetition followed (dynamic "
-    "programming over the length of the path, read back from the end). The live place of the session has no effect.";
 
 constexpr TrialFigure kFigures[] = {
     {"contour_rms_m", "rms deviation from the path", "mm", 1e3, 2, -1,

@@ -107,6 +107,14 @@ std::span<const TrialFigure> all_trial_figures();
 /// Returns the metric of this name. Throws Error(input) with the nearest name when there is none.
 const TrialFigure& trial_figure(std::string_view name);
 
+// Shared parts of the definitions, for users.
+inline constexpr const char* kOnsetAndEnd =
+    "A movement starts at the instant at which the speed first reaches 5 % of its peak and ends at the instant at "
+    "which it last falls below.";
+inline constexpr const char* kAlignment =
+    "Every position belongs to the nearest point of the path on the branch that the whole repetition followed (dynamic "
+    "programming over the length of the path, read back from the end). The live place of the session has no effect.";
+
 /// Returns the definitions of all metrics: their meaning, filter, better direction, the rule of onset and end, and the
 /// alignment with the path.
 nlohmann::json definitions_of_figures();
