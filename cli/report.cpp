@@ -77,10 +77,12 @@ Verb add_report(CLI::App& app) {
             const std::optional<Norms> norms =
                 arguments->norms.empty() ? std::nullopt : std::optional(load_norms(arguments->norms));
             ReadProgress progress(output, "recordings");
-            Report report = gather_report(arguments->inputs, [&](const std::string& file, double done) {
-              progress.tell_share(done, file);
-            });
+            Report report = gather_report(
+                arguments->inputs, [&](const std::string& file, double done) { progress.tell_share(done, file); });
             if (norms) set_norms(report, *norms);
+            if (norms && !norms_hold(report))
+              output.remark(arguments->norms +
+                            ": holds for no exercise of this report; compare its device, task and mode with the page");
             nlohmann::json json = to_json(report);
             std::string told;
             if (page) page->text() = report_page(report);

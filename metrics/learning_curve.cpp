@@ -131,8 +131,8 @@ std::optional<LearningTrend> fit_trend(std::span<const double> figure) {
 
 std::optional<LearningTrend> fit_trend(std::span<const double> at, std::span<const double> figure) {
   if (at.size() != figure.size())
-    throw input_error(fmt::format("a trend has {} places and {} values; give one place for each value", at.size(),
-                                  figure.size()));
+    throw input_error(
+        fmt::format("a trend has {} places and {} values; give one place for each value", at.size(), figure.size()));
   std::vector<Point> points;
   for (std::size_t i = 0; i < at.size(); ++i)
     if (std::isfinite(figure[i])) points.push_back({at[i], figure[i]});

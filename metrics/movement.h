@@ -42,8 +42,8 @@ struct ForceFigures {
   double resist = 0;       ///< work taken from the hand: integral of max(-F.v, 0) dt [J]
 };
 
-/// Metrics of the movement from its onset to its end, computed from the low-passed columns. Peak forces are those of the
-/// rows: the low pass would lower a short one by a third and more.
+/// Metrics of the movement from its onset to its end, computed from the low-passed columns. Peak forces are those of
+/// the rows: the low pass would lower a short one by a third and more.
 struct MovementFigures {
   double duration = 0;        ///< duration of the trial, first to last position [s]
   double onset = 0, end = 0;  ///< after the trial's first position [s]

@@ -18,7 +18,7 @@ constexpr double kMostStates = 2000, kMostUpdates = 3000;
 constexpr float kSkip = 0.05F, kBack = 0.2F, kCap = 6, kBehind = 0.3F, kHeading = 0.15F;
 constexpr float kDistance = 0.05F, kSigma = 4, kForget = 30;
 constexpr float kFarthest = 1e8F;  // bounds a squared distance, so that sums of costs stay finite
-constexpr double kChord = 6, kLeastChord = 2, kFollow = 3, kWindow = 15;
+constexpr double kChord = 6, kLeastChord = 2, kFollow = 3, kWindow = 12;
 
 double unit_of(const Polyline& curve) {
   Box box;

@@ -35,7 +35,7 @@ struct PathAlignment {
 ///
 /// (Viterbi algorithm, as in the map matching of Newson and Krumm 2009; the costs of skips and steps back are linear,
 /// so that two sweeps find all of them: Felzenszwalb, Huttenlocher and Kleinberg 2003.) The foot point of a row is the
-/// nearest point of the curve within 15 u mm of the best sequence, along the curve.
+/// nearest point of the curve within 12 u mm of the best sequence, along the curve.
 ///
 /// Parallel branches in the same direction that are closer than about 15 mm, and identical ones, differ by the history
 /// alone: a trial that starts in the middle of such a path may be a branch off.

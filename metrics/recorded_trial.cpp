@@ -127,18 +127,19 @@ std::optional<double> of_force(const TrialFigures& figures) {
 // Shared parts of the definitions, as readers see them.
 constexpr const char* kLowPass =
     "low-pass filter at 10 Hz without lag (second-order Butterworth, forwards and backwards, at 1 kHz)";
-constexpr const char* kUnfiltered = "no filter";
-constexpr const char* kThinned = "no filter; points of the hand's path at least 1 mm apart";
+constexpr const char* kUnfiltered = "none (samples as recorded)";
+constexpr const char* kThinned = "none (points of the hand's path at least 1 mm apart)";
 
 constexpr TrialFigure kFigures[] = {
     {"contour_rms_m", "rms deviation from the path", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return rms_of(f.contour); },
-     "Root mean square over time of the distance from the nearest point of the path, on the branch that the hand followed "
+     "Root mean square over time of the distance from the nearest point of the path, on the branch that the hand "
+     "followed "
      "in the whole repetition. A delay does not count.",
      kUnfiltered},
     {"contour_peak_m", "largest deviation from the path", "mm", 1e3, 2, -1,
-     [](const TrialFigures& f) { return peak_of(f.contour); }, "Largest distance from the nearest point of the path, on that branch.",
-     kUnfiltered},
+     [](const TrialFigures& f) { return peak_of(f.contour); },
+     "Largest distance from the nearest point of the path, on that branch.", kUnfiltered},
     {"deviation_rms_m", "rms deviation at the same instant", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return rms_of(f.deviation); },
      "Root mean square over time of the distance from the point of the path at the same instant. Defined for "
@@ -146,14 +147,14 @@ constexpr TrialFigure kFigures[] = {
      kUnfiltered},
     {"deviation_peak_m", "largest deviation at the same instant", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return peak_of(f.deviation); },
-     "Largest distance from the point of the path at the same instant.",
-     kUnfiltered},
+     "Largest distance from the point of the path at the same instant.", kUnfiltered},
     {"time_in_tunnel", "time in the tunnel", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.time_in_tunnel; },
      "Share of the time in which the hand was within the tunnel's radius of its nearest point on the path. In the mode "
      "cursor, the radius is around the cursor, so a delay counts.",
      kUnfiltered},
     {"completion", "path completed", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
-     "Share of the path's length that the hand passed, each part once. Parts that the hand left out do not count; corners "
+     "Share of the path's length that the hand passed, each part once. Parts that the hand left out do not count; "
+     "corners "
      "that it cut do.",
      kUnfiltered},
     {"shape_distance_m", "shape distance", "mm", 1e3, 2, -1, [](const TrialFigures& f) { return f.shape_distance; },
@@ -165,11 +166,9 @@ constexpr TrialFigure kFigures[] = {
      "below.",
      kLowPass},
     {"dwell_time_s", "time at rest", "s", 1, 2, -1, of_movement<&MovementFigures::dwell_time>,
-     "Part of the movement time in which the hand was slower than 5 % of its peak speed.",
-     kLowPass},
+     "Part of the movement time in which the hand was slower than 5 % of its peak speed.", kLowPass},
     {"path_length_m", "path length of the hand", "mm", 1e3, 0, 0, of_movement<&MovementFigures::path_length>,
-     "Length of the hand's path in the movement time.",
-     kLowPass},
+     "Length of the hand's path in the movement time.", kLowPass},
     {"normalised_length", "normalised path length", "", 1, 3, -1,
      [](const TrialFigures& f) { return f.movement ? f.movement->normalised_length : std::nullopt; },
      "Length of the hand's path divided by the length of the path that it covered; 1 is exactly along the path. "
@@ -177,11 +176,9 @@ constexpr TrialFigure kFigures[] = {
      "trembles.",
      kLowPass},
     {"mean_speed_m_per_s", "mean speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::mean_speed>,
-     "Length of the hand's path divided by the movement time.",
-     kLowPass},
+     "Length of the hand's path divided by the movement time.", kLowPass},
     {"peak_speed_m_per_s", "peak speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::peak_speed>,
-     "Largest speed of the hand.",
-     kLowPass},
+     "Largest speed of the hand.", kLowPass},
     {"speed_peaks", "speed peaks", "", 1, 0, -1, of_movement<&MovementFigures::speed_peaks>,
      "Number of maxima of the speed that rise above their surroundings by 5 % of the largest speed; 1 is a single "
      "stroke.",
@@ -213,17 +210,13 @@ constexpr TrialFigure kFigures[] = {
      "first 0.3 s of a repetition and counts, even if no other force is sent (free).",
      kLowPass},
     {"peak_force_n", "peak force of the device", "N", 1, 2, 0, [](const TrialFigures& f) { return f.peak_force; },
-     "Largest magnitude of the device's force on the hand in the whole repetition, as it was sent.",
-     kUnfiltered},
+     "Largest magnitude of the device's force on the hand in the whole repetition, as it was sent.", kUnfiltered},
     {"mean_force_across_n", "mean force across the movement", "N", 1, 2, 0, of_force<&ForceFigures::mean_across>,
-     "Mean magnitude of the component of that force that is perpendicular to the movement.",
-     kLowPass},
+     "Mean magnitude of the component of that force that is perpendicular to the movement.", kLowPass},
     {"assist_work_j", "work of the device on the hand", "mJ", 1e3, 1, 0, of_force<&ForceFigures::assist>,
-     "Work of the device on the hand while its force acted along the movement.",
-     kLowPass},
+     "Work of the device on the hand while its force acted along the movement.", kLowPass},
     {"resist_work_j", "work of the hand on the device", "mJ", 1e3, 1, 0, of_force<&ForceFigures::resist>,
-     "Work that the device took from the hand while its force acted against the movement.",
-     kLowPass},
+     "Work that the device took from the hand while its force acted against the movement.", kLowPass},
     {"person_work_estimate_j", "work of the participant, estimated", "mJ", 1e3, 1, 0,
      [](const TrialFigures& f) { return f.movement ? f.movement->person_work_estimate : std::nullopt; },
      "Work of the participant on the device: the change of its kinetic energy plus the friction losses, less the work "
@@ -324,8 +317,8 @@ void add_path_figures(TrialFigures& figures, const RecordedTrial& trial, const T
   if (walks && guided && trial.force_scale != 0 && !path.expert.empty() && !trial.force.empty()) {
     std::vector<Vec3> expert = path.expert;
     for (Vec3& force : expert) force *= trial.force_scale;
-    figures.force_error = force_deviation(
-        force_by_arc_length(alignment.arc, trial.force, length, path.spacing, alignment.jumps), expert);
+    figures.force_error =
+        force_deviation(force_by_arc_length(alignment.arc, trial.force, length, path.spacing, alignment.jumps), expert);
   }
 }
 
@@ -389,7 +382,9 @@ nlohmann::json definitions_of_figures() {
     metrics[figure.name] = {{"title", figure.title},
                             {"meaning", figure.meaning},
                             {"filter", figure.filter},
-                            {"better", figure.better < 0 ? "less" : figure.better > 0 ? "more" : "neither"}};
+                            {"better", figure.better < 0   ? "less"
+                                       : figure.better > 0 ? "more"
+                                                           : "neither"}};
   return {{"version", kFigureDefinitions},
           {"onset_and_end", kOnsetAndEnd},
           {"low_pass", kLowPass},

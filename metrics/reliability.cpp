@@ -12,9 +12,10 @@ namespace {
 void require_table(std::span<const std::vector<double>> persons) {
   for (std::size_t i = 0; i < persons.size(); ++i) {
     if (persons[i].size() != persons.front().size())
-      throw input_error(fmt::format("person {} of the retest data has {} sessions and the first has {}; every person "
-                                    "needs the same number",
-                                    i + 1, persons[i].size(), persons.front().size()));
+      throw input_error(
+          fmt::format("person {} of the retest data has {} sessions and the first has {}; every person "
+                      "needs the same number",
+                      i + 1, persons[i].size(), persons.front().size()));
     for (const double value : persons[i])
       if (!std::isfinite(value))
         throw input_error(fmt::format("person {} of the retest data has a value that is not finite", i + 1));

@@ -26,8 +26,8 @@ std::optional<Reliability> reliability(std::span<const std::vector<double>> pers
 /// Returns the standard error of measurement, SD sqrt(1 - ICC). A negative ICC counts as 0.
 double standard_error_of_measurement(double sd, double icc);
 
-/// Returns the change between two sessions that an unchanged person exceeds in 5 % of cases: 1.96 sqrt(2 / m) SEM, where
-/// each value is the mean of `sessions` = m sessions.
+/// Returns the change between two sessions that an unchanged person exceeds in 5 % of cases: 1.96 sqrt(2 / m) SEM,
+/// where each value is the mean of `sessions` = m sessions.
 double mdc95(double sem, int sessions = 1);
 
 }  // namespace haptrace

@@ -79,8 +79,8 @@ std::optional<double> sparc(std::span<const double> speed, double rate_hz, const
 
 namespace {
 
-/// Computes the dimensionless jerk of speeds or velocities, whose largest magnitude is `peak`. With durations in samples
-/// and speeds relative to the peak, the rate and the peak cancel out.
+/// Computes the dimensionless jerk of speeds or velocities, whose largest magnitude is `peak`. With durations in
+/// samples and speeds relative to the peak, the rate and the peak cancel out.
 template <class Value>
 double dimensionless(std::span<const Value> velocity, double peak) {
   double sum = 0;

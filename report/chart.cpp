@@ -80,7 +80,7 @@ class Plot {
     double free_from = 0;
     for (const auto& [x, date] : dates) {
       line("grid", px(x), kTop, px(x), bottom);
-      const double left = std::clamp(px(x) - kLabelWidth / 2, 0.0, kWidth - kLabelWidth);
+      const double left = std::clamp(px(x) - kLabelWidth / 2, kLeft - 8, kWidth - kLabelWidth);
       if (left < free_from) continue;
       text("tick", left + kLabelWidth / 2, bottom + 17, date, "middle");
       free_from = left + kLabelWidth;
@@ -353,7 +353,8 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   for (const double radius : exercise.radius.value) room = std::max(room, radius);
   room = std::min(room, box.size().maxCoeff());
   // Same scale on both axes.
-  constexpr double kLeastExtent = 5e-3;  // half of it on either side: a picture of tremor alone would look like a movement
+  constexpr double kLeastExtent =
+      5e-3;  // half of it on either side: a picture of tremor alone would look like a movement
   const double least = std::max(kLeastExtent, 0.02 * box.size().maxCoeff());
   const double wide = kWidth - kLeft - kRight, high = kWayHeight - kTop - kBottom;
   const double metre = std::max((box.size()[plane[0]] + 2 * room + 2 * least) / wide,
@@ -464,10 +465,10 @@ void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   y.high = std::max(1.05 * y.high, kLeastForce);
 
   pugi::xml_node figure = begin_figure(parent);
-  Plot plot(figure,
-            fmt::format("Force of the device over the length of the path, {}, {:.1f} N at most", repetitions(felt),
-                        largest),
-            kHeight, {0, kMm * exercise.path_length}, y);
+  Plot plot(
+      figure,
+      fmt::format("Force of the device over the length of the path, {}, {:.1f} N at most", repetitions(felt), largest),
+      kHeight, {0, kMm * exercise.path_length}, y);
   if (felt > 1) plot.band("spread-area", arc, low, high);
   plot.axes("along the path (mm)", "force (N)");
   if (felt > 0) plot.curve("felt", arc, mean);
@@ -478,11 +479,12 @@ void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
     plot.curve("expert", arc, exercise.expert_force);
     keys.emplace_back("line expert", "expert's force");
   }
-  add_caption(figure, "Force",
-              fmt::format("of the device on the hand, over the length of the path. No filter; mean of the samples in each "
-                          "{:.1f} mm of path, so peaks are in the table only; {}.",
-                          kMm * exercise.cell, samples_of(exercise)),
-              keys);
+  add_caption(
+      figure, "Force",
+      fmt::format("of the device on the hand, over the length of the path. No filter; mean of the samples in each "
+                  "{:.1f} mm of path, so peaks are in the table only; {}.",
+                  kMm * exercise.cell, samples_of(exercise)),
+      keys);
 }
 
 void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, const ReportTrend& trend) {
@@ -567,7 +569,9 @@ void add_course_chart(pugi::xml_node parent, const Report& report, const ReportC
     y.include(of.scale * fit->last);
   }
   y = calm(y);
-  x = Span{x.low, std::max(x.high, x.low + 1.0 / 24)}.padded(0.1);
+  constexpr double kLeastDays = 1;  // sessions of one day are in its middle
+  const double missing = std::max(0.0, kLeastDays - x.size());
+  x = Span{x.low - missing / 2, x.high + missing / 2}.padded(0.1);
 
   const std::string unit = *of.unit != '\0' ? fmt::format(" ({})", of.unit) : "";
   pugi::xml_node chart = begin_figure(parent);
@@ -592,9 +596,10 @@ void add_course_chart(pugi::xml_node parent, const Report& report, const ReportC
   if (fit) keys.emplace_back("line fit", "straight line");
   if (undefined) keys.emplace_back("cross", "more than half were not finished");
   std::string text =
-      fit ? fmt::format("change from first to last on the line {} \u00b1 {} (95\u202f% confidence interval over {} "
-                        "sessions; neighbouring sessions correlate, so the true interval is wider).",
-                        shown(of, fit->last - fit->first, false, true), shown(of, fit->half_width), fit->sessions)
+      fit ? fmt::format(
+                "change from first to last on the line {} \u00b1 {} (95\u202f% confidence interval over {} "
+                "sessions; neighbouring sessions correlate, so the true interval is wider).",
+                shown(of, fit->last - fit->first, false, true), shown(of, fit->half_width), fit->sessions)
           : fmt::format("no line below {} comparable sessions.", kFewestForLine);
   text += fmt::format(" Filter: {}.", of.filter);
   std::string title = of.title;

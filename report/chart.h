@@ -30,8 +30,8 @@ std::string shown(const TrialFigure& figure, double value, bool with_unit = true
 /// Adds a metric over sessions with their dates: median and middle half, and a line from five comparable sessions on.
 void add_course_chart(pugi::xml_node parent, const Report& report, const ReportCourse& course, std::size_t figure);
 
-/// Returns "falls by 0.2 mm per repetition". It claims nothing: the spread of repetitions is not the error of a session.
-/// Empty without a line.
+/// Returns "falls by 0.2 mm per repetition". It claims nothing: the spread of repetitions is not the error of a
+/// session. Empty without a line.
 std::string in_words(const ReportTrend& trend);
 
 }  // namespace haptrace

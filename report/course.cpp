@@ -137,6 +137,11 @@ void set_norms(Report& report, Norms norms) {
       throw input_error(fmt::format("{}: metrics: {}", norms.file, error.what()));
     }
   report.norms = std::move(norms);
+  if (norms_hold(report)) return;
+  for (ReportSession& session : report.sessions)
+    session.remarks.push_back(
+        fmt::format("the norms of {} are for {}, {}, {}: they hold for no exercise of this report", report.norms->file,
+                    report.norms->device, report.norms->task, report.norms->mode));
 }
 
 std::optional<double> mdc95_of(const MetricNorm& norm) {
@@ -156,6 +161,14 @@ const MetricNorm* norm_of(const Report& report, const ReportCourse::Point& point
     return nullptr;
   const auto found = norms.metrics.find(all_trial_figures()[figure].name);
   return found != norms.metrics.end() ? &found->second : nullptr;
+}
+
+bool norms_hold(const Report& report) {
+  for (std::size_t s = 0; s < report.sessions.size(); ++s)
+    for (std::size_t e = 0; e < report.sessions[s].exercises.size(); ++e)
+      for (std::size_t i = 0; i < all_trial_figures().size(); ++i)
+        if (norm_of(report, {.session = s, .exercise = e}, i) != nullptr) return true;
+  return false;
 }
 
 std::string obstacle(const Report& report, const ReportCourse::Point& from, const ReportCourse::Point& to) {
@@ -197,9 +210,7 @@ ReportChange change_between(const Report& report, const ReportCourse::Point& fro
     return change;
   }
   change.verdict = beyond;
-  const char* direction = of.better == 0                                  ? "changed"
-                          : (of.better < 0) == (change.change < 0) ? "better"
-                                                                          : "worse";
+  const char* direction = of.better == 0 ? "changed" : (of.better < 0) == (change.change < 0) ? "better" : "worse";
   change.words = fmt::format("{} by more than the measurement error (minimal detectable change {})", direction, limit);
   return change;
 }

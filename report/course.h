@@ -45,8 +45,8 @@ inline constexpr std::size_t kFewestForLine = 5;  ///< sessions; with fewer the 
 
 /// A straight line over sessions.
 struct CourseLine {
-  double first = 0, last = 0;     ///< on the line, at the first and last session with a value
-  double half_width = 0;          ///< of the 95 % confidence interval of last - first, if sessions were independent
+  double first = 0, last = 0;  ///< on the line, at the first and last session with a value
+  double half_width = 0;       ///< of the 95 % confidence interval of last - first, if sessions were independent
   double from_day = 0, to_day = 0;
   std::size_t sessions = 0;
 };

@@ -47,10 +47,11 @@ void add_sessions(xml_node parent, const Report& report, const ReportPerson& per
                   std::size_t primary) {
   const TrialFigure& figure = all_trial_figures()[primary];
   const std::string unit = *figure.unit != '\0' ? fmt::format(" ({})", figure.unit) : "";
-  Table table(parent,
-              fmt::format("{}: {}{}, one summary per session. Repetitions that ran out of time rank below finished ones.",
-                          person.name, figure.title, unit),
-              course.points.size());
+  Table table(
+      parent,
+      fmt::format("{}: {}{}, one summary per session. Repetitions that ran out of time rank below finished ones.",
+                  person.name, figure.title, unit),
+      course.points.size());
   table.column("Session");
   if (report.persons.size() > 1) table.column("Participant");
   table.column("Repetitions");
@@ -62,14 +63,14 @@ void add_sessions(xml_node parent, const Report& report, const ReportPerson& per
   for (const ReportCourse::Point& point : course.points) {
     const ReportExercise& exercise = exercise_of(report, point);
     const ReportSummary summary = summary_of(exercise, primary);
-    table.row(local_date(report.sessions[point.session].created));
+    table.row(local_minute(report.sessions[point.session].created));
     if (report.persons.size() > 1) table.text(person.name);
     table.text(counts_in_words(exercise));
     table.text(settings_in_words(exercise));
     table.number(shown(figure, summary.median, false));
     table.number(middle_half(figure, summary));
     if (&point == &course.points.front()) {
-      table.text(kUndefined);
+      table.number(kUndefined);
       table.text(kUndefined);
       continue;
     }
@@ -92,7 +93,7 @@ void add_exploratory(xml_node parent, const Report& report, const ReportCourse& 
   Table table(details, "Medians of the other metrics, one per session. They were not named beforehand.", others.size());
   table.column("Metric");
   for (const ReportCourse::Point& point : course.points)
-    table.column(local_date(report.sessions[point.session].created), true);
+    table.column(local_minute(report.sessions[point.session].created), true);
   for (const std::size_t i : others) {
     const TrialFigure& figure = all_trial_figures()[i];
     table.row(*figure.unit != '\0' ? fmt::format("{} ({})", figure.title, figure.unit) : figure.title);
@@ -140,7 +141,9 @@ void add_course(xml_node parent, const Report& report, const ReportPerson& perso
   const ReportExercise& last = exercise_of(report, course.points.back());
   const std::optional<std::size_t> primary = primary_figure(report, course);
   if (!primary) return;
-  add(parent, heading, fmt::format("Over sessions: {}{}", last.name, last.test.empty() ? "" : " (" + last.test + ")"));
+  // The name of a recording without a title is that of its file, which says nothing about several of them.
+  const std::string name = last.task || last.path.empty() ? last.name : last.path;
+  add(parent, heading, fmt::format("Over sessions: {}{}", name, last.test.empty() ? "" : " (" + last.test + ")"));
   const bool guided = last.mode != "free" && last.mode != "recording";
   set(add(parent, "p",
           guided ? "These repetitions were guided. They show how the practice went, not what was learned: only tests "

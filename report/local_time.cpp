@@ -34,6 +34,11 @@ std::string local_time(const std::string& rfc3339) {
   return text + (named ? fmt::format("{} ({})", zone, utc) : zone == "UTC" ? zone : utc);
 }
 
+std::string local_minute(const std::string& rfc3339) {
+  const std::optional<std::tm> time = local(rfc3339);
+  return time ? fmt::format("{}, {:%H:%M}", local_date(rfc3339), *time) : rfc3339;
+}
+
 std::string local_date(const std::string& rfc3339) {
   const std::optional<std::tm> time = local(rfc3339);
   return time ? fmt::format("{} {:%b %Y}", time->tm_mday, *time) : rfc3339;

@@ -24,8 +24,8 @@ std::string dated(const ReportSession& session) {
   return date.empty() ? session.title : fmt::format("{}, {}", session.title, date.substr(0, date.find(',')));
 }
 
-/// Returns a text as a string of a style sheet. Every byte that is not a letter or digit is written as a number, so that
-/// no name of a participant ends the string; characters beyond ASCII stay.
+/// Returns a text as a string of a style sheet. Every byte that is not a letter or digit is written as a number, so
+/// that no name of a participant ends the string; characters beyond ASCII stay.
 std::string style_text(const std::string& text) {
   std::string result = "\"";
   for (const char c : text) {
@@ -94,7 +94,8 @@ class Page {
   /// Returns the margins of printed pages: name, and page x of y. Pages of a participant have their name.
   [[nodiscard]] std::string print_margins() const {
     const auto margins = [](const std::string& page, const std::string& name) {
-      return fmt::format("@page {} {{ @bottom-left {{ content: {}; font: 8pt sans-serif; color: #56606e; }} }}\n", page, style_text(name));
+      return fmt::format("@page {} {{ @bottom-left {{ content: {}; font: 8pt sans-serif; color: #56606e; }} }}\n", page,
+                         style_text(name));
     };
     if (report_.persons.size() == 1) return margins("", report_.persons.front().name + ", " + title());
     std::string css = margins("", title());
@@ -182,7 +183,8 @@ class Page {
     add(main, "h2", persons() ? "Comparison" : "Summary");
     if (persons())
       add(main, "p",
-          "One row per participant, session and exercise. A difference between two participants says nothing by itself: "
+          "One row per participant, session and exercise. A difference between two participants says nothing by "
+          "itself: "
           "only norms for this device, task and age do.");
     Table table(main, "Primary metric of every exercise. Repetitions that ran out of time rank below finished ones.",
                 exercises);
@@ -293,7 +295,8 @@ class Page {
       for (const ReportComparison::Group& group : comparison.groups) {
         const ReportSummary& summary = group.summaries[i];
         std::string text = shown(figure, summary.median, false);
-        if (const std::string half = middle_half(figure, summary); half != kUndefined) text += fmt::format(" ({})", half);
+        if (const std::string half = middle_half(figure, summary); half != kUndefined)
+          text += fmt::format(" ({})", half);
         table.number(text);
         if (&group == &first) continue;
         const ReportChange change = change_between(report_, point_of(first), point_of(group), i);
@@ -306,8 +309,10 @@ class Page {
   static void add_meanings(xml_node main) {
     add(main, "h2", "How the metrics are defined");
     add(main, "p",
-        "Each metric describes one repetition after the approach to the start. The speed of the hand and the forces, but "
-        "for peak forces, are low-pass filtered at 10 Hz without lag, so the metrics do not depend on the sampling rate. "
+        "Each metric describes one repetition after the approach to the start. The speed of the hand and the forces, "
+        "but "
+        "for peak forces, are low-pass filtered at 10 Hz without lag, so the metrics do not depend on the sampling "
+        "rate. "
         "Each definition states its filter; the tables state the number of samples.");
     add(main, "p",
         fmt::format("{} stands for an undefined value, never for zero: nothing moved, there was no path or no force to "
@@ -316,12 +321,15 @@ class Page {
     add(main, "p", kOnsetAndEnd);
     add(main, "p", kAlignment);
     add(main, "p",
-        "A repetition that ran out of time has the metrics of its movement until then. It counts in no trend. In medians "
-        "and ranks it is below every finished repetition; leaving it out would make the weakest look best. A repetition "
+        "A repetition that ran out of time has the metrics of its movement until then. It counts in no trend. In "
+        "medians "
+        "and ranks it is below every finished repetition; leaving it out would make the weakest look best. A "
+        "repetition "
         "that was stopped counts in neither.");
     add(main, "p",
         "One summary stands for a session: the median of its repetitions. Repetitions of different sessions are never "
-        "pooled. A change between sessions is claimed only beyond the minimal detectable change of test-retest data; the "
+        "pooled. A change between sessions is claimed only beyond the minimal detectable change of test-retest data; "
+        "the "
         "spread of repetitions is not that error. This page claims no recovery, no learning and no clinical score.");
     xml_node list = main.append_child("dl");
     set(list, "class", "meanings");

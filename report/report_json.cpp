@@ -164,8 +164,8 @@ json json_of_comparison(const ReportComparison& comparison, const Report& report
     for (std::size_t i = 0; i < known.size(); ++i) {
       metrics[known[i].name] = json_of_summary(group.summaries[i]);
       if (&group != &first)
-        metrics[known[i].name]["from_first"] = json_of_change(change_between(
-            report, {first.session, first.exercise}, {group.session, group.exercise}, i));
+        metrics[known[i].name]["from_first"] =
+            json_of_change(change_between(report, {first.session, first.exercise}, {group.session, group.exercise}, i));
     }
     tests.push_back({{"test", group.test},
                      {"session", report.sessions[group.session].source},
@@ -207,16 +207,22 @@ json json_of_person(const ReportPerson& person, const Report& report) {
   return {{"name", person.name}, {"sessions", std::move(sessions)}, {"over_sessions", std::move(courses)}};
 }
 
-json json_of_norms(const Norms& norms) {
+json json_of_norms(const Report& report) {
+  const Norms& norms = *report.norms;
   json metrics = json::object();
   for (const auto& [name, norm] : norms.metrics)
     metrics[name] = {{"mdc95", json_of_optional(mdc95_of(norm))},
                      {"low", json_of_optional(norm.low)},
                      {"high", json_of_optional(norm.high)}};
-  return {{"file", norms.file},           {"source", norms.source},
-          {"population", norms.population}, {"age", {norms.age_from, norms.age_to}},
-          {"device", norms.device},       {"task", norms.task},
-          {"mode", norms.mode},           {"metrics", std::move(metrics)}};
+  return {{"file", norms.file},
+          {"source", norms.source},
+          {"population", norms.population},
+          {"age", {norms.age_from, norms.age_to}},
+          {"device", norms.device},
+          {"task", norms.task},
+          {"mode", norms.mode},
+          {"hold", norms_hold(report)},
+          {"metrics", std::move(metrics)}};
 }
 
 }  // namespace
@@ -230,7 +236,7 @@ json to_json(const Report& report) {
   return {{"sessions", std::move(sessions)},
           {"comparisons", std::move(comparisons)},
           {"persons", std::move(persons)},
-          {"norms", report.norms ? json_of_norms(*report.norms) : json(nullptr)},
+          {"norms", report.norms ? json_of_norms(report) : json(nullptr)},
           {"definitions", definitions_of_figures()}};
 }
 

@@ -42,10 +42,11 @@ class TableRow {
 
 std::string report_table(const Report& report) {
   TableRow header;
-  for (const char* name : {"session", "subject",  "created",           "exercise",   "mode",  "test",      "warm_up",
-                           "path",    "round",    "repetition",        "attempt",    "began", "file",      "stopped_by",
-                           "pace",    "radius_m", "stiffness_n_per_m", "assistance", "level", "duration_s",
-                           "samples", "rank"})
+  for (const char* name :
+       {"session", "subject",  "created",           "exercise",   "mode",  "test",       "warm_up",
+        "path",    "round",    "repetition",        "attempt",    "began", "file",       "stopped_by",
+        "pace",    "radius_m", "stiffness_n_per_m", "assistance", "level", "duration_s", "samples",
+        "rank"})
     header.add(name);
   for (const TrialFigure& figure : all_trial_figures()) header.add(figure.name);
   std::string table = std::move(header).end();

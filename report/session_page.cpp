@@ -58,9 +58,9 @@ void add_primary(xml_node section, const Report& report, const ReportCourse::Poi
   if (!primary) return;
   const TrialFigure& figure = all_trial_figures()[*primary];
   const ReportSummary summary = summary_of(exercise, *primary);
-  std::string text = fmt::format("Primary metric ({}): {}. ",
-                                 exercise.figure_named ? "named by the programme" : "the default of this mode",
-                                 with_unit(figure));
+  std::string text =
+      fmt::format("Primary metric ({}): {}. ",
+                  exercise.figure_named ? "named by the programme" : "the default of this mode", with_unit(figure));
   text += std::isfinite(summary.median) ? fmt::format("Median {}", shown(figure, summary.median))
                                         : "The median is undefined, because too few repetitions were finished";
   if (const std::string half = middle_half(figure, summary); half != kUndefined)
@@ -93,10 +93,10 @@ struct Setting {
   int digits;
 };
 constexpr std::array<Setting, 5> kSettings{{{"radius (mm)", &ReportTrial::radius, 1e3, 1},
-                                                   {"stiffness (N/m)", &ReportTrial::stiffness, 1, 0},
-                                                   {"pace", &ReportTrial::pace, 1, 2},
-                                                   {"assistance (%)", &ReportTrial::assistance, 100, 0},
-                                                   {"level", &ReportTrial::level, 1, 2}}};
+                                            {"stiffness (N/m)", &ReportTrial::stiffness, 1, 0},
+                                            {"pace", &ReportTrial::pace, 1, 2},
+                                            {"assistance (%)", &ReportTrial::assistance, 100, 0},
+                                            {"level", &ReportTrial::level, 1, 2}}};
 
 /// `person` is in every row if it is not empty.
 void add_trial_table(xml_node parent, const ReportExercise& exercise, const std::vector<std::size_t>& figures,
@@ -106,8 +106,8 @@ void add_trial_table(xml_node parent, const ReportExercise& exercise, const std:
   const bool rounds = std::any_of(trials.begin(), trials.end(), [](const ReportTrial& t) { return t.round > 1; });
   std::vector<Setting> used;
   for (const Setting& setting : kSettings)
-    if (settings && std::any_of(trials.begin(), trials.end(),
-                                [&](const ReportTrial& t) { return (t.*setting.value).has_value(); }))
+    if (settings &&
+        std::any_of(trials.begin(), trials.end(), [&](const ReportTrial& t) { return (t.*setting.value).has_value(); }))
       used.push_back(setting);
 
   Table table(parent, caption, trials.size());

@@ -69,8 +69,7 @@ void add_curves(ReportTrial& trial, const RecordedTrial& recorded, const std::op
   for (std::size_t i = 0; i < arc.size(); ++i) distance.push_back((recorded.position[i] - curve.at(arc[i])).norm());
   trial.deviation = thinned(arc, distance, kLinePoints);
   if (!recorded.force.empty())
-    trial.force = magnitudes(
-        force_by_arc_length(arc, recorded.force, curve.length(), drawn->cell, alignment->jumps));
+    trial.force = magnitudes(force_by_arc_length(arc, recorded.force, curve.length(), drawn->cell, alignment->jumps));
 }
 
 /// Sets the tunnel radius along the path: that of the last repetition that came about as far as the farthest.
@@ -558,9 +557,10 @@ class SessionReading {
       trial.missing = error.what();
       if (!logged.figures.is_null() && !has_present_definitions(logged.figures)) {
         trial.figures.assign(all_trial_figures().size(), std::nullopt);
-        session_.remarks.push_back(fmt::format("the metrics of {} have the definitions of an older version; without the "
-                                               "recording they are left out",
-                                               place));
+        session_.remarks.push_back(
+            fmt::format("the metrics of {} have the definitions of an older version; without the "
+                        "recording they are left out",
+                        place));
       }
       session_.remarks.push_back(fmt::format("the recording of {} cannot be shown: {}", place, error.what()));
     }

@@ -37,10 +37,10 @@ struct ReportTrial {
   std::optional<double> pace, radius, stiffness, assistance, level;  ///< see TrialSettings
   double duration = 0;                                               ///< [s]
   std::size_t samples = 0;                                           ///< rows of its recording; 0 if it is missing
-  /// Rank within its exercise by the main metric, from 1; repetitions that ran out of time come after all finished ones,
-  /// by their share of the path. None if it was stopped, or where the metric has no better direction.
+  /// Rank within its exercise by the main metric, from 1; repetitions that ran out of time come after all finished
+  /// ones, by their share of the path. None if it was stopped, or where the metric has no better direction.
   std::optional<int> rank;
-  std::vector<std::optional<double>> figures;                        ///< one per entry of all_trial_figures()
+  std::vector<std::optional<double>> figures;  ///< one per entry of all_trial_figures()
 
   std::vector<Vec3> way;      ///< path of the hand, thinned [m]
   ReportLine deviation;       ///< distance from the path [m]
@@ -109,9 +109,9 @@ struct ReportEvent {
 struct ReportSession {
   std::string source;  ///< input as given by the user
   std::string title, subject, operator_name, notes;
-  std::string created;   ///< RFC 3339
-  std::string software;  ///< software that recorded it
-  std::string device;    ///< in words
+  std::string created;                      ///< RFC 3339
+  std::string software;                     ///< software that recorded it
+  std::string device;                       ///< in words
   double device_force = 0;                  ///< largest force of the device [N]; 0: not recorded
   std::optional<double> force_limit;        ///< limit of the session, if one was set [N]
   std::map<std::string, std::string> meta;  ///< metadata of the operator, as side, protocol, protocol-reference, age
@@ -131,9 +131,9 @@ struct ReportSession {
 struct ReportComparison {
   /// One test of one session: repetitions of different sessions are never pooled.
   struct Group {
-    std::string test;                      ///< before | after | retention
+    std::string test;                       ///< before | after | retention
     std::size_t session = 0, exercise = 0;  ///< indices into Report::sessions and its exercises
-    std::vector<ReportSummary> summaries;  ///< by metric
+    std::vector<ReportSummary> summaries;   ///< by metric
   };
   std::string subject, task;           ///< in words
   std::optional<std::size_t> session;  ///< index into Report::sessions; set if the participant has no name
@@ -163,8 +163,12 @@ struct Report {
   std::optional<Norms> norms;                 ///< set by set_norms()
 };
 
-/// Sets the norms, from which changes are judged. Throws Error(input) naming the file for a metric that does not exist.
+/// Sets the norms, from which changes are judged. If they hold for no exercise, the sessions' remarks say so. Throws
+/// Error(input) naming the file for a metric that does not exist.
 void set_norms(Report& report, Norms norms);
+
+/// Returns whether the norms hold for an exercise of the report, for any of their metrics.
+bool norms_hold(const Report& report);
 
 /// Reads sessions (their folders, or their session.json) and recordings, with their metrics. Metrics of a session's
 /// repetitions come from its log, so that both agree. For a recording, and where the log has none, they are computed
@@ -173,8 +177,8 @@ void set_norms(Report& report, Norms norms);
 /// then each recording of a session.
 ///
 /// The memory is that of the longest recording. Throws Error(input) naming the file when an input is neither a session
-/// nor a recording, or cannot be read. A recording of a minute at 1 kHz takes less than 0.1 s of a 2.5 GHz Xeon. Threads:
-/// free function without state.
+/// nor a recording, or cannot be read. A recording of a minute at 1 kHz takes less than 0.1 s of a 2.5 GHz Xeon.
+/// Threads: free function without state.
 ///
 /// `done` of `progress` is the share of the inputs that was read.
 Report gather_report(std::span<const std::string> inputs,

@@ -39,9 +39,10 @@ std::vector<std::vector<double>> retest(JsonReader& reader) {
   };
   constexpr std::size_t kFewest = 3;  // persons
   if (!value.is_array() || value.size() < kFewest || !std::all_of(value.begin(), value.end(), is_row))
-    throw input_error(fmt::format("{}: retest: expected an array of at least {} persons, each an array of the same "
-                                  "number of sessions, two or more",
-                                  reader.where(), kFewest));
+    throw input_error(
+        fmt::format("{}: retest: expected an array of at least {} persons, each an array of the same "
+                    "number of sessions, two or more",
+                    reader.where(), kFewest));
   return value.get<std::vector<std::vector<double>>>();
 }
 

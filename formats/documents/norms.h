@@ -22,12 +22,12 @@ struct MetricNorm {
 /// Norms hold for one device, task and mode. A value is that of a session: the median of its repetitions.
 struct Norms {
   std::string file;
-  std::string source;            ///< publication, or the laboratory and its data
-  std::string population;        ///< in words; may be empty
-  double age_from = 0, age_to = 0;  ///< [years]
-  std::string device;            ///< part of the device's model or name
-  std::string task;              ///< part of the exercise's name or path
-  std::string mode;              ///< mode of the exercise
+  std::string source;                         ///< publication, or the laboratory and its data
+  std::string population;                     ///< in words; may be empty
+  double age_from = 0, age_to = 0;            ///< [years]
+  std::string device;                         ///< part of the device's model or name
+  std::string task;                           ///< part of the exercise's name or path
+  std::string mode;                           ///< mode of the exercise
   std::map<std::string, MetricNorm> metrics;  ///< by the name of a metric, as contour_rms_m
 };
 

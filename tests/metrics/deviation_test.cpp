@@ -1,7 +1,6 @@
 #include "metrics/deviation.h"
 
 #include "metrics/path_alignment.h"
-
 #include "tests/metrics/support.h"
 #include "tests/support/errors.h"
 

@@ -1,6 +1,6 @@
 #include "metrics/polyline.h"
-#include "metrics/path_alignment.h"
 
+#include "metrics/path_alignment.h"
 #include "tests/support/errors.h"
 
 #include <algorithm>

@@ -26,7 +26,8 @@ constexpr std::size_t kContour = 0;  // index of contour_rms_m
 
 /// A repetition with a contour error [m], or one that ran out of time after a share of the path.
 ReportTrial trial_of(double contour, const std::string& stopped_by = "finished", double share = 1) {
-  ReportTrial trial{.stopped_by = stopped_by, .figures = std::vector<std::optional<double>>(all_trial_figures().size())};
+  ReportTrial trial{.stopped_by = stopped_by,
+                    .figures = std::vector<std::optional<double>>(all_trial_figures().size())};
   trial.figures[kContour] = contour;
   trial.figures[static_cast<std::size_t>(&trial_figure("completion") - all_trial_figures().data())] = share;
   return trial;
@@ -51,8 +52,14 @@ Report report_of(std::vector<ReportSession> sessions) {
 }
 
 Norms norms_of(MetricNorm norm) {
-  return {.file = "norms.json", .source = "A. Author 2024", .age_from = 20, .age_to = 60, .device = "falcon",
-          .task = "circle", .mode = "free", .metrics = {{"contour_rms_m", std::move(norm)}}};
+  return {.file = "norms.json",
+          .source = "A. Author 2024",
+          .age_from = 20,
+          .age_to = 60,
+          .device = "falcon",
+          .task = "circle",
+          .mode = "free",
+          .metrics = {{"contour_rms_m", std::move(norm)}}};
 }
 
 ReportChange change_of(const Report& report) {
@@ -66,7 +73,8 @@ TEST(ReportSummary, RanksRepetitionsThatRanOutOfTimeBelowFinishedOnes) {
   };
   EXPECT_EQ(summary({1e-3, 3e-3, 2e-3}, 0).median, 2e-3);
   EXPECT_EQ(summary({1e-3, 2e-3}, 0).median, 1.5e-3);
-  EXPECT_EQ(summary({1e-3, 3e-3, 2e-3}, 2).median, 3e-3) << "the partial ones have 0.1 mm and are the worst nevertheless";
+  EXPECT_EQ(summary({1e-3, 3e-3, 2e-3}, 2).median, 3e-3)
+      << "the partial ones have 0.1 mm and are the worst nevertheless";
   EXPECT_TRUE(std::isnan(summary({1e-3, 3e-3}, 2).median)) << "between a finished and a partial one";
   EXPECT_TRUE(std::isnan(summary({1e-3}, 3).median));
   EXPECT_EQ(summary({1e-3, 2e-3, 3e-3, 4e-3, 5e-3}, 0).better_quartile, 2e-3);
@@ -85,7 +93,8 @@ TEST(ReportSummary, RanksTheBestOfAMetricFirstOfWhichMoreIsBetter) {
 }
 
 TEST(ReportChange, IsNotClaimedFromTheSpreadOfRepetitions) {
-  const Report report = report_of({session_of("2026-03-04", {9e-3, 9.1e-3, 9.2e-3}), session_of("2026-03-11", {1e-3, 1e-3})});
+  const Report report =
+      report_of({session_of("2026-03-04", {9e-3, 9.1e-3, 9.2e-3}), session_of("2026-03-11", {1e-3, 1e-3})});
   const ReportChange change = change_of(report);
   EXPECT_EQ(change.verdict, Verdict::unknown) << "far beyond the spread of the repetitions, which says nothing";
   EXPECT_NEAR(change.change, -8.1e-3, 1e-12);
@@ -136,6 +145,8 @@ TEST(ReportChange, DoesNotUseNormsOfAnotherDeviceTaskOrMode) {
     set_norms(report, norms);
     EXPECT_EQ(change_of(report).verdict, Verdict::unknown);
     EXPECT_THAT(change_of(report).words, HasSubstr("the norms are for"));
+    EXPECT_THAT(report.sessions[0].remarks, testing::Contains(HasSubstr("hold for no exercise")));
+    EXPECT_EQ(to_json(report)["norms"]["hold"], false);
   }
   Report report;
   Norms norms = norms_of({});
@@ -177,7 +188,8 @@ TEST(ReportCourse, HasTheIntervalOfTheFittedChange) {
   const CourseLine line = line_of(report, report.persons[0].courses[0], kContour).value();
   double residuals = 0;
   for (std::size_t i = 0; i < noise.size(); ++i)
-    residuals += std::pow(1e-3 * (5 + noise[i]) - line.first - (line.last - line.first) * static_cast<double>(i) / 4, 2);
+    residuals +=
+        std::pow(1e-3 * (5 + noise[i]) - line.first - (line.last - line.first) * static_cast<double>(i) / 4, 2);
   EXPECT_NEAR(line.half_width / std::sqrt(residuals / 3), 4.0, 0.05);
 }
 
@@ -186,8 +198,8 @@ TEST(ReportCourse, KeepsPersonsApartAndNamesThemInEveryRow) {
   other.subject = "Bo <b>";
   ReportSession unnamed = session_of("2026-03-06", {2e-3});
   unnamed.subject = "";
-  const Report report = report_of({session_of("2026-03-04", {1e-3}), other, unnamed, unnamed,
-                                   session_of("2026-03-11", {1e-3})});
+  const Report report =
+      report_of({session_of("2026-03-04", {1e-3}), other, unnamed, unnamed, session_of("2026-03-11", {1e-3})});
   ASSERT_EQ(report.persons.size(), 4U);
   EXPECT_EQ(report.persons[0].sessions, (std::vector<std::size_t>{0, 4}));
   EXPECT_EQ(report.persons[0].courses.size(), 1U);
@@ -227,8 +239,9 @@ TEST(ReportPage, HasWhatAClinicianSigns) {
   Report report = report_of({session});
   set_norms(report, norms_of({.low = 1e-3, .high = 2.5e-3}));
   const std::string page = report_page(report);
-  for (const char* fact : {"Ada L.", "left", "P-7", "doi:10.1/x", "B. Therapist", "haptrace 0.1.0", "Signature",
-                           "Adverse events", "3 of 4 done, 1 partial", "A. Author 2024", "ages 20 to 60", "counter(pages)"})
+  for (const char* fact :
+       {"Ada L.", "left", "P-7", "doi:10.1/x", "B. Therapist", "haptrace 0.1.0", "Signature", "Adverse events",
+        "3 of 4 done, 1 partial", "A. Author 2024", "ages 20 to 60", "counter(pages)"})
     EXPECT_THAT(page, HasSubstr(fact));
   EXPECT_THAT(page, HasSubstr("ran out of time at 40 % of the path"));
   EXPECT_THAT(page, HasSubstr("set for this session"));
@@ -244,6 +257,7 @@ TEST(ReportTime, IsLocalAndHasItsZone) {
   };
   EXPECT_EQ(in_zone("CET-1CEST,M3.5.0,M10.5.0/3"), "05 March 2026, 00:30 CET (UTC+01:00)");
   EXPECT_EQ(local_date("2026-03-04T23:30:00Z"), "5 Mar 2026");
+  EXPECT_EQ(local_minute("2026-03-04T23:30:00Z"), "5 Mar 2026, 00:30");
   EXPECT_EQ(in_zone("<-0330>3:30"), "04 March 2026, 20:00 UTC-03:30");
   EXPECT_EQ(in_zone("UTC0"), "04 March 2026, 23:30 UTC");
   EXPECT_EQ(local_time("yesterday"), "yesterday");
@@ -272,6 +286,24 @@ TEST(ReportRank, PutsPartialRepetitionsLastByTheirShareOfThePath) {
   std::vector<int> ranks;
   for (const ReportTrial& trial : report.sessions[0].exercises[0].trials) ranks.push_back(trial.rank.value_or(0));
   EXPECT_EQ(ranks, (std::vector{2, 4, 1, 3, 0}));
+}
+
+TEST(ReportProgress, GrowsFromTheFirstRecordingToTheLast) {
+  const TempFolder folder;
+  test::SessionFolder lesson(folder / "lesson");
+  const std::size_t exercise = lesson.exercise("one", "tunnel");
+  for (int i = 0; i < 3; ++i) lesson.trial(exercise, {});
+  lesson.save();
+  test::write(folder / "one.h5", test::rows_of(test::expert_path(), {}, test::Reference::none), test::Reference::none);
+  std::vector<double> shares;
+  std::vector<std::string> files;
+  gather_report(std::vector{lesson.path(), folder / "one.h5"}, [&](const std::string& file, double done) {
+    files.push_back(file);
+    shares.push_back(done);
+  });
+  EXPECT_THAT(shares,
+              testing::ElementsAre(0, 0, testing::DoubleNear(1.0 / 6, 1e-9), testing::DoubleNear(1.0 / 3, 1e-9), 0.5));
+  EXPECT_EQ(files.back(), folder / "one.h5");
 }
 
 TEST(ReportDefinitions, OfAnOlderLogAreReplacedByThoseOfTheRecording) {

@@ -125,7 +125,8 @@ TEST(ReportPage, ShowsTheNumbersThatTheLogHas) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   const std::size_t exercise = lesson.exercise("one", "tunnel");
-  lesson.trial(exercise, {}).figures = {{"definitions", 2}, {"contour_rms_m", 0.00123456}, {"sparc", -1.5}, {"time_in_tunnel", 0.876}};
+  lesson.trial(exercise, {}).figures = {
+      {"definitions", 2}, {"contour_rms_m", 0.00123456}, {"sparc", -1.5}, {"time_in_tunnel", 0.876}};
   lesson.save();
   const pugi::xml_document page = parsed(report_page(gather_report(std::vector{lesson.path()})));
   const std::string row = text_of(page.select_node("//section//tbody/tr").node());
@@ -141,7 +142,8 @@ TEST(ReportPage, MarksRepetitionsThatRanOutOfTimeInEveryTable) {
   SessionFolder lesson(folder / "lesson");
   const std::size_t exercise = lesson.exercise("one", "tunnel");
   lesson.trial(exercise, {}).figures = {{"definitions", 2}, {"contour_rms_m", 1e-3}, {"log_jerk", -9}};
-  lesson.trial(exercise, {}, "time_over").figures = {{"definitions", 2}, {"contour_rms_m", 7.77e-3}, {"log_jerk", -8.88}, {"sparc", -6.66}};
+  lesson.trial(exercise, {}, "time_over").figures = {
+      {"definitions", 2}, {"contour_rms_m", 7.77e-3}, {"log_jerk", -8.88}, {"sparc", -6.66}};
   lesson.trial(exercise, {}, "deviation");
   lesson.save();
   const pugi::xml_document page = parsed(report_page(gather_report(std::vector{lesson.path()})));
@@ -214,7 +216,8 @@ TEST(ReportPage, ShowsASlopeWithItsSignificantDigits) {
   SessionFolder lesson(folder / "lesson");
   const std::size_t exercise = lesson.exercise("one", "tunnel");
   for (int i = 0; i < 6; ++i)
-    lesson.trial(exercise, {}).figures = {{"definitions", 2}, {"contour_rms_m", 2e-3 - 2e-6 * i + (i % 2 == 0 ? 2e-7 : 0)}};
+    lesson.trial(exercise, {}).figures = {{"definitions", 2},
+                                          {"contour_rms_m", 2e-3 - 2e-6 * i + (i % 2 == 0 ? 2e-7 : 0)}};
   lesson.save();
   const std::string page = report_page(gather_report(std::vector{lesson.path()}));
   EXPECT_THAT(page, HasSubstr("falls by 0.0020"));

@@ -1,7 +1,6 @@
 // Every metric that a report prints, recomputed from the recording by another program (recompute.py).
-#include "tests/report/support.h"
-
 #include "report/session_report.h"
+#include "tests/report/support.h"
 
 #include <array>
 #include <cstdio>
@@ -33,14 +32,14 @@ nlohmann::json json_of_plant(const PlantModel& plant) {
 }
 
 TEST(RecomputedMetrics, AgreeWithNumpyWithinOnePerCent) {
-  const PlantModel plant{.mass = {0.3, 0.25, 0.2}, .viscous = {0.5, 0.4, 0.6}, .coulomb = {0.2, 0.1, 0.3},
-                         .gravity = {0, 0, -0.4}};
+  const PlantModel plant{
+      .mass = {0.3, 0.25, 0.2}, .viscous = {0.5, 0.4, 0.6}, .coulomb = {0.2, 0.1, 0.3}, .gravity = {0, 0, -0.4}};
   std::set<std::string> seen;
   for (const Reference reference : {Reference::none, Reference::playback, Reference::guidance}) {
     const TempFolder folder;
     const std::string file = folder / "trial.h5";
-    std::vector<Sample> rows = test::rows_of(test::expert_path(),
-                                             {.error = 3e-3, .rate_hz = 500, .tremor = 4e-4, .radius = 2.5e-3}, reference);
+    std::vector<Sample> rows = test::rows_of(
+        test::expert_path(), {.error = 3e-3, .rate_hz = 500, .tremor = 4e-4, .radius = 2.5e-3}, reference);
     // Rest within the movement, and a peak of force that lasts 6 ms.
     std::int64_t pause = 0;
     for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -68,7 +67,8 @@ TEST(RecomputedMetrics, AgreeWithNumpyWithinOnePerCent) {
       if (value.is_number()) seen.insert(name);
     const std::string json =
         folder.write("printed.json", nlohmann::json{{"figures", figures}, {"plant", json_of_plant(plant)}}.dump());
-    EXPECT_EQ(printed_by(fmt::format("{} {}/recompute.py {} {}", HAPTRACE_PYTHON, HAPTRACE_REPORT_TESTS, file, json)), "")
+    EXPECT_EQ(printed_by(fmt::format("{} {}/recompute.py {} {}", HAPTRACE_PYTHON, HAPTRACE_REPORT_TESTS, file, json)),
+              "")
         << static_cast<int>(reference);
   }
   for (const TrialFigure& figure : all_trial_figures())

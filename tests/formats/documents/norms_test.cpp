@@ -9,8 +9,13 @@ namespace haptrace {
 namespace {
 
 nlohmann::json valid_norms() {
-  return {{"haptrace_norms", 1}, {"source", "A. Author 2024"}, {"population", "healthy adults"}, {"age", {20, 60}},
-          {"device", "Falcon"},  {"task", "circle"},           {"mode", "free"},
+  return {{"haptrace_norms", 1},
+          {"source", "A. Author 2024"},
+          {"population", "healthy adults"},
+          {"age", {20, 60}},
+          {"device", "Falcon"},
+          {"task", "circle"},
+          {"mode", "free"},
           {"metrics",
            {{"contour_rms_m", {{"sd", 1e-3}, {"icc", 0.8}, {"range", {5e-4, 2e-3}}}},
             {"movement_time_s", {{"retest", {{1.0, 1.1}, {2.0, 2.2}, {3.0, 2.9}}}}}}}};
