@@ -135,7 +135,7 @@ std::optional<LearningTrend> fit_trend(std::span<const double> at, std::span<con
         fmt::format("a trend has {} places and {} values; give one place for each value", at.size(), figure.size()));
   std::vector<Point> points;
   for (std::size_t i = 0; i < at.size(); ++i)
-    if (std::isfinite(figure[i])) points.push_back({at[i], figure[i]});
+    if (std::isfinite(at[i]) && std::isfinite(figure[i])) points.push_back({at[i], figure[i]});
   if (points.size() < kFewest) return std::nullopt;
   const auto count = static_cast<double>(points.size());
   double n_mean = 0, mean = 0;

@@ -131,7 +131,7 @@ TEST(LearningCurve, RejectsInvalidBounds) {
 
 // Anscombe 1973, Graphs in statistical analysis: the first data set of the quartet, with x from 4 to 14.
 TEST(LearningTrend, IsFittedToAnyPlacesAsDays) {
-  const std::vector<double> days{3, 10, 11, 33, kNaN}, values{5, 3.6, 3.4, -1, 2};
+  const std::vector<double> days{3, 10, 11, 33, kNaN, 40}, values{5, 3.6, 3.4, -1, 2, kNaN};
   const LearningTrend trend = fit_trend(days, values).value();
   EXPECT_NEAR(trend.slope, -0.2, 1e-12);
   EXPECT_NEAR(trend.first, 5, 1e-12) << "at the first day";
