@@ -29,15 +29,16 @@ constexpr const char* kStandardOutput = "-";
 Verb add_report(CLI::App& app) {
   struct Arguments {
     std::vector<std::string> inputs;
-    std::string page, table;
+    std::string page, table, norms;
     bool no_page = false, overwrite = false;
   };
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = app.add_subcommand("report", "write an HTML report of sessions and recordings");
   verb->footer(
       "The page needs no network. It shows the exercises, deviation and force along the path, every repetition,\n"
-      "trends, a comparison of unguided tests, stops and warnings. --json and --csv contain the numbers for\n"
-      "statistics, in SI units.\n"
+      "one summary per session with its date, a comparison of unguided tests, stops and warnings, and room for a\n"
+      "signature. Several participants have a part each. A change is claimed only beyond the error of --norms.\n"
+      "--json and --csv contain the numbers for statistics, in SI units.\n"
       "  haptrace report sessions/ada-monday sessions/ada-friday -o ada.html\n"
       "  haptrace report trainee.h5 --no-page --csv -");
   verb->add_option("session", arguments->inputs,
@@ -48,6 +49,9 @@ Verb add_report(CLI::App& app) {
       ->type_name("FILE.html");
   verb->add_option("--csv", arguments->table, "also write a table, one row per repetition (-: standard output)")
       ->type_name("FILE.csv");
+  verb->add_option("--norms", arguments->norms,
+                   "norms and test-retest error, so that changes between sessions are judged (docs/report.md)")
+      ->type_name("FILE.json");
   verb->add_flag("--no-page", arguments->no_page, "write the numbers only, with --json or --csv");
   verb->add_flag("--overwrite", arguments->overwrite, "replace existing files");
   return {verb, [verb, arguments](const Output& output) {
@@ -70,8 +74,15 @@ Verb add_report(CLI::App& app) {
             if (!arguments->no_page) page.emplace(arguments->page, arguments->overwrite);
             if (!arguments->table.empty() && !table_out) table.emplace(arguments->table, arguments->overwrite);
 
-            const Report report =
-                gather_report(arguments->inputs, [&](const std::string& file) { ReadProgress(output, file).tell(0); });
+            const std::optional<Norms> norms =
+                arguments->norms.empty() ? std::nullopt : std::optional(load_norms(arguments->norms));
+            ReadProgress progress(output, "recordings");
+            Report report = gather_report(
+                arguments->inputs, [&](const std::string& file, double done) { progress.tell_share(done, file); });
+            if (norms) set_norms(report, *norms);
+            if (norms && !norms_hold(report))
+              output.remark(arguments->norms +
+                            ": holds for no exercise of this report; compare its device, task and mode with the page");
             nlohmann::json json = to_json(report);
             std::string told;
             if (page) page->text() = report_page(report);

@@ -60,7 +60,7 @@ std::optional<Deviation> contour_deviation(std::span<const double> time, std::sp
 }
 
 std::vector<Vec3> force_by_arc_length(std::span<const double> arc, std::span<const Vec3> force, double length,
-                                      double spacing) {
+                                      double spacing, std::span<const std::size_t> jumps) {
   constexpr double kMostCells = 1e7;
   require_equal(arc.size(), force.size(), "forces");
   if (!(length >= 0) || !(spacing > 0) || !(length / spacing < kMostCells))
@@ -69,6 +69,7 @@ std::vector<Vec3> force_by_arc_length(std::span<const double> arc, std::span<con
   std::vector<Vec3> sum(cells, Vec3::Zero());
   std::vector<double> passed(cells, 0);
   for (std::size_t i = 1; i < arc.size(); ++i) {
+    if (std::binary_search(jumps.begin(), jumps.end(), i)) continue;
     if (!std::isfinite(arc[i]) || !std::isfinite(arc[i - 1]) || !is_finite(force[i]) || !is_finite(force[i - 1]))
       continue;
     // Goes from the smaller arc length to the larger, whatever the direction of the movement.

@@ -27,16 +27,16 @@ std::optional<Deviation> deviation(std::span<const double> time, std::span<const
                                    std::span<const Vec3> reference);
 
 /// Computes the deviation from the curve (contour error), with the distances from the foot points. `arc` holds the arc
-/// lengths of these [m]; see foot_points(). Being late on the path does not count.
+/// lengths of these [m]; see align_with_path(). Being late on the path does not count.
 std::optional<Deviation> contour_deviation(std::span<const double> time, std::span<const Vec3> position,
                                            const Polyline& curve, std::span<const double> arc);
 
 /// Divides a curve of `length` [m] into cells of `spacing` [m] and returns the mean force in each; the last cell may be
 /// shorter. Cells without force are NaN. A step from one row to the next spreads its force, linear between the rows,
 /// over the arc lengths it passes, forwards, backwards or repeatedly. Standing still has no weight. So neither speed
-/// nor rate matters.
+/// nor rate matters. A step to a row in `jumps` (in order, see PathAlignment) passes nothing.
 std::vector<Vec3> force_by_arc_length(std::span<const double> arc, std::span<const Vec3> force, double length,
-                                      double spacing = 1e-3);
+                                      double spacing = 1e-3, std::span<const std::size_t> jumps = {});
 
 struct ForceDeviation {
   Deviation error;      ///< [N]

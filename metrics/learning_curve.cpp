@@ -7,6 +7,7 @@
 #include <boost/math/tools/minima.hpp>
 #include <cmath>
 #include <fmt/format.h>
+#include <numeric>
 #include <vector>
 
 namespace haptrace {
@@ -119,7 +120,22 @@ std::optional<LearningCurve> fit_learning_curve(std::span<const double> figure, 
 }
 
 std::optional<LearningTrend> fit_trend(std::span<const double> figure) {
-  const std::vector<Point> points = measured(figure);
+  std::vector<double> at(figure.size());
+  std::iota(at.begin(), at.end(), 1.0);
+  std::optional<LearningTrend> trend = fit_trend(at, figure);
+  if (!trend) return trend;
+  const auto first = std::find_if(figure.begin(), figure.end(), [](double v) { return std::isfinite(v); });
+  trend->first -= trend->slope * static_cast<double>(first - figure.begin());
+  return trend;
+}
+
+std::optional<LearningTrend> fit_trend(std::span<const double> at, std::span<const double> figure) {
+  if (at.size() != figure.size())
+    throw input_error(
+        fmt::format("a trend has {} places and {} values; give one place for each value", at.size(), figure.size()));
+  std::vector<Point> points;
+  for (std::size_t i = 0; i < at.size(); ++i)
+    if (std::isfinite(at[i]) && std::isfinite(figure[i])) points.push_back({at[i], figure[i]});
   if (points.size() < kFewest) return std::nullopt;
   const auto count = static_cast<double>(points.size());
   double n_mean = 0, mean = 0;
@@ -132,9 +148,11 @@ std::optional<LearningTrend> fit_trend(std::span<const double> figure) {
     nn += (p.n - n_mean) * (p.n - n_mean);
     ne += (p.n - n_mean) * (p.figure - mean);
   }
+  if (!(nn > 0)) return std::nullopt;
   LearningTrend trend{.slope = ne / nn};
-  trend.first = mean + trend.slope * (1 - n_mean);
-  for (const Point& p : points) residuals += std::pow(p.figure - trend.first - trend.slope * (p.n - 1), 2);
+  trend.first = mean + trend.slope * (points.front().n - n_mean);
+  for (const Point& p : points)
+    residuals += std::pow(p.figure - trend.first - trend.slope * (p.n - points.front().n), 2);
   const boost::math::students_t distribution(count - 2);
   trend.slope_half_width = boost::math::quantile(distribution, 0.975) * std::sqrt(residuals / (count - 2) / nn);
   if (const double total = squares_about_mean(points); total > 0) trend.r_squared = 1 - residuals / total;

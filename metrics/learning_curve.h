@@ -52,4 +52,9 @@ struct LearningTrend {
 /// Fits a straight line by ordinary least squares. NaN as above; returns nothing for fewer than 4 measured repetitions.
 std::optional<LearningTrend> fit_trend(std::span<const double> figure);
 
+/// Fits a straight line to a metric at other places than 1, 2, ..., as days. `first` is the value of the line at the
+/// first place with a measured value, and the slope is per unit of `at`. Also returns nothing when all places are
+/// equal. Throws Error(input) when the lengths differ.
+std::optional<LearningTrend> fit_trend(std::span<const double> at, std::span<const double> figure);
+
 }  // namespace haptrace

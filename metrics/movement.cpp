@@ -166,7 +166,6 @@ ForceFigures force_figures(const Movement& movement, const std::vector<Vec3>& fo
   figures.mean_across = movement.integral([&](std::size_t i) { return moves(i) ? across(i) : 0; }) / moving;
   figures.assist = movement.integral([&](std::size_t i) { return std::max(power(i), 0.0); });
   figures.resist = movement.integral([&](std::size_t i) { return std::max(-power(i), 0.0); });
-  for (std::size_t i = movement.first; i <= movement.last; ++i) figures.peak = std::max(figures.peak, force[i].norm());
   return figures;
 }
 
@@ -180,6 +179,15 @@ double person_work(const Movement& movement, const PlantModel& plant, const Forc
     return (plant.gravity + plant.gravity_gradient * movement.position[i]).dot(movement.velocity[i]);
   });
   return kinetic(movement.last) - kinetic(movement.first) + friction - gravity - (device.assist - device.resist);
+}
+
+/// Computes SPARC. Of a longer movement every eighth sample is enough: that is 12 samples in a period of the low pass.
+std::optional<double> sparc_of(std::span<const double> speed, double step, const MovementOptions& options) {
+  constexpr std::size_t kEnough = 256, kMostStride = 8;
+  const std::size_t stride = std::clamp<std::size_t>(speed.size() / kEnough, 1, kMostStride);
+  std::vector<double> fewer;
+  for (std::size_t i = 0; i < speed.size(); i += stride) fewer.push_back(speed[i]);
+  return sparc(fewer, 1 / (static_cast<double>(stride) * step), options.sparc);
 }
 
 void validate(const Trial& trial) {
@@ -260,13 +268,17 @@ std::optional<MovementFigures> movement_figures(const Trial& trial, const Moveme
   if (options.reference_length) figures.normalised_length = figures.path_length / *options.reference_length;
 
   const std::span<const double> moving(speed.data() + movement.first, movement.last - movement.first + 1);
-  figures.sparc = sparc(moving, 1 / grid.step, options.sparc);
+  figures.sparc = sparc_of(moving, grid.step, options);
   figures.log_jerk = log_dimensionless_jerk(moving, 1 / grid.step);
+  figures.log_jerk_vector = log_dimensionless_jerk(
+      std::span<const Vec3>(movement.velocity.data() + movement.first, moving.size()), 1 / grid.step);
 
   const auto figures_of = [&](std::span<const Vec3> values) -> std::optional<ForceFigures> {
     const Column column(trial.time, values);
     if (!column.covers(begin, end, options.max_gap)) return std::nullopt;
-    return force_figures(movement, even(column));
+    ForceFigures result = force_figures(movement, even(column));
+    for (const Vec3& force : column.value) result.peak = std::max(result.peak, force.norm());
+    return result;
   };
   figures.force = figures_of(trial.force);
   figures.measured = figures_of(trial.measured);

@@ -33,16 +33,17 @@ struct MovementOptions {
   SparcOptions sparc;
 };
 
-/// Metrics of a force during a movement.
+/// Metrics of a force during a movement, low-passed but for the peak.
 struct ForceFigures {
   double mean = 0;         ///< mean magnitude [N]
-  double peak = 0;         ///< largest magnitude [N]
+  double peak = 0;         ///< largest magnitude of the rows of the whole trial, unfiltered [N]
   double mean_across = 0;  ///< mean magnitude of the component perpendicular to the velocity, while the hand moves [N]
   double assist = 0;       ///< work on the hand where the force is along the velocity: integral of max(F.v, 0) dt [J]
   double resist = 0;       ///< work taken from the hand: integral of max(-F.v, 0) dt [J]
 };
 
-/// Metrics of the movement from its onset to its end, computed from the low-passed columns.
+/// Metrics of the movement from its onset to its end, computed from the low-passed columns. Peak forces are those of
+/// the rows: the low pass would lower a short one by a third and more.
 struct MovementFigures {
   double duration = 0;        ///< duration of the trial, first to last position [s]
   double onset = 0, end = 0;  ///< after the trial's first position [s]
@@ -54,6 +55,7 @@ struct MovementFigures {
   int speed_peaks = 0;        ///< speed maxima with the required prominence; the ends of the trial do not count
   std::optional<double> normalised_length;  ///< path_length / reference_length
   std::optional<double> sparc, log_jerk;    ///< of the speed from onset to end, see smoothness.h
+  std::optional<double> log_jerk_vector;    ///< of the velocity from onset to end
   std::optional<ForceFigures> force, measured;
 
   /// ESTIMATE of the work that the participant did on the device [J]. It requires a plant and a force:

@@ -80,24 +80,28 @@ std::vector<Vec3> Polyline::resampled(double spacing) const {
   return points;
 }
 
-std::vector<double> foot_points(const Polyline& curve, std::span<const Vec3> position, const FootSearch& search) {
-  if (!(search.ahead > 0) || !(search.back >= 0) || !std::isfinite(search.start))
-    throw input_error(
-        fmt::format("search for foot points from {} m, {} m back and {} m ahead: the distance ahead must be positive "
-                    "and the distance back must not be negative",
-                    search.start, search.back, search.ahead));
-  std::vector<double> feet(position.size(), kNaN);
-  double s = search.start, farthest = s;
-  const Vec3* before = nullptr;
-  for (std::size_t i = 0; i < position.size(); ++i) {
-    if (!is_finite(position[i])) continue;
-    const double moved = before != nullptr ? (position[i] - *before).norm() : 0;
-    s = curve.nearest(position[i], farthest - search.back, s + search.ahead + 2 * moved);
-    farthest = std::max(farthest, s);
-    feet[i] = s;
-    before = &position[i];
+Polyline Polyline::simplified(double tolerance) const {
+  constexpr std::size_t kLongest = 1024;  // points within one segment
+  const std::size_t last = points_.size() - 1;
+  const auto straight = [&](std::size_t a, std::size_t b) {
+    const Vec3 chord = points_[b] - points_[a];
+    const double squared = chord.squaredNorm();
+    for (std::size_t i = a + 1; i < b; ++i) {
+      const Vec3 from = points_[i] - points_[a];
+      const double share = squared > 0 ? std::clamp(from.dot(chord) / squared, 0.0, 1.0) : 0;
+      if ((from - share * chord).squaredNorm() > tolerance * tolerance) return false;
+    }
+    return true;
+  };
+  std::vector<Vec3> kept{points_.front()};
+  for (std::size_t a = 0; a < last;) {
+    // Doubles the segment while it is straight, so that every point is tested a few times only.
+    std::size_t length = 1;
+    while (length < kLongest && a + 2 * length <= last && straight(a, a + 2 * length)) length *= 2;
+    a = std::min(a + length, last);
+    kept.push_back(points_[a]);
   }
-  return feet;
+  return Polyline(kept);
 }
 
 }  // namespace haptrace

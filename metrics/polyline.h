@@ -32,25 +32,15 @@ class Polyline {
   /// length 0 gives its start alone. Throws Error(input) when this would be more than 10^7 points.
   [[nodiscard]] std::vector<Vec3> resampled(double spacing) const;
 
+  /// Returns a curve with fewer points, which keeps both ends. Every point left out is within `tolerance` [m] of the
+  /// new segment. A recording at 1 kHz has a point every few micrometres; most say nothing about the shape. O(n).
+  [[nodiscard]] Polyline simplified(double tolerance) const;
+
  private:
   [[nodiscard]] std::size_t segment_at(double s) const noexcept;
 
   std::vector<Vec3> points_;
   std::vector<double> arc_;  ///< arc lengths of the points, strictly increasing [m]
 };
-
-/// Search range of foot points along the curve, as arc lengths.
-struct FootSearch {
-  double start = 0;      ///< first position searched [m]
-  double back = 5e-3;    ///< range behind the farthest foot point so far [m]
-  double ahead = 10e-3;  ///< range ahead of the last foot point, in addition to twice the movement since [m]
-};
-
-/// Returns the arc lengths of the foot points of a hand: for each position, the nearest point of the curve around the
-/// previous foot point. So it stays on its branch where the curve crosses or retraces itself; the nearest point of the
-/// whole curve would jump there. If the hand goes back by more than `back`, or skips more of the curve than `ahead`,
-/// the foot point waits for it. The result is NaN where the position is not finite. Throws Error(input) when the search
-/// range is invalid (`ahead` not positive, `back` negative). O(positions * segments within the search).
-std::vector<double> foot_points(const Polyline& curve, std::span<const Vec3> position, const FootSearch& search = {});
 
 }  // namespace haptrace

@@ -5,6 +5,7 @@
 #include "base/suggest.h"
 #include "control/path/path_smoothing.h"
 #include "formats/recording/recording_summary.h"
+#include "metrics/path_alignment.h"
 #include "metrics/time_warping.h"
 
 #include <algorithm>
@@ -39,7 +40,9 @@ TrialKind kind_of(const RecordingHeader& header, const RecordingColumns& columns
 /// Builds the curve through `points`, at least one of which is finite, with the forces there. An expert's forces may be
 /// missing or zero.
 TrialPath path_through(std::span<const Vec3> points, std::span<const Vec3> forces) {
-  TrialPath path{.curve = Polyline(points)};
+  constexpr double kTolerance = 1e-6;  // [m], below the resolution of every device
+  const Polyline all(points);
+  TrialPath path{.curve = all.simplified(kTolerance)};
   const bool any = std::any_of(forces.begin(), forces.end(), [](const Vec3& f) { return f.squaredNorm() > 0; });
   if (!any || !(path.curve.length() > 0)) return path;
   std::vector<double> arc;
@@ -52,6 +55,7 @@ TrialPath path_through(std::span<const Vec3> points, std::span<const Vec3> force
     }
     arc.push_back(point.allFinite() ? length : kNaN);
   }
+  for (double& at : arc) at *= path.curve.length() / all.length();
   path.expert = force_by_arc_length(arc, forces, path.curve.length(), path.spacing);
   return path;
 }
@@ -88,80 +92,137 @@ std::optional<double> of_movement(const TrialFigures& figures) {
   return (*figures.movement).*Member;
 }
 
+/// Returns the largest magnitude of the force, as it was sent: a filter would hide what the hand felt.
+std::optional<double> peak_of(const std::vector<Vec3>& force) {
+  double peak = -1;
+  for (const Vec3& f : force)
+    if (f.allFinite()) peak = std::max(peak, f.norm());
+  return peak < 0 ? std::nullopt : std::optional(peak);
+}
+
+/// Returns the share of the time in which the hand was within the recorded radius of its place: the nearest point of
+/// the path on its branch, or in a cursor trial, and without a path, the reference of the session.
+std::optional<double> time_in_tunnel(const RecordedTrial& trial, const std::optional<TrialPath>& path,
+                                     const std::vector<double>& arc) {
+  const bool aligned = !arc.empty() && trial.kind == TrialKind::guided;
+  if (trial.radius.empty() || (!aligned && trial.reference.empty())) return std::nullopt;
+  double inside = 0, known = 0;
+  for (std::size_t i = 0; i + 1 < trial.time.size(); ++i) {
+    const Vec3 place = aligned ? path->curve.at(arc[i]) : trial.reference[i];
+    const double distance = (trial.position[i] - place).norm();
+    if (!std::isfinite(distance) || !std::isfinite(trial.radius[i])) continue;
+    const double step = trial.time[i + 1] - trial.time[i];
+    known += step;
+    if (distance <= trial.radius[i]) inside += step;
+  }
+  return known > 0 ? std::optional(inside / known) : std::nullopt;
+}
+
 template <auto Member>
 std::optional<double> of_force(const TrialFigures& figures) {
   if (!figures.movement || !figures.movement->force) return std::nullopt;
   return (*figures.movement->force).*Member;
 }
 
+// Shared parts of the definitions, as readers see them.
+constexpr const char* kLowPass =
+    "low-pass filter at 10 Hz without lag (second-order Butterworth, forwards and backwards, at 1 kHz)";
+constexpr const char* kUnfiltered = "none (samples as recorded)";
+constexpr const char* kThinned = "none (points of the hand's path at least 1 mm apart)";
+
 constexpr TrialFigure kFigures[] = {
     {"contour_rms_m", "rms deviation from the path", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return rms_of(f.contour); },
-     "Root mean square over time of the distance from the nearest point of the path. A delay does not count."},
+     "Root mean square over time of the distance from the nearest point of the path, on the branch that the hand "
+     "followed "
+     "in the whole repetition. A delay does not count.",
+     kUnfiltered},
     {"contour_peak_m", "largest deviation from the path", "mm", 1e3, 2, -1,
-     [](const TrialFigures& f) { return peak_of(f.contour); }, "Largest distance from the nearest point of the path."},
+     [](const TrialFigures& f) { return peak_of(f.contour); },
+     "Largest distance from the nearest point of the path, on that branch.", kUnfiltered},
     {"deviation_rms_m", "rms deviation at the same instant", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return rms_of(f.deviation); },
      "Root mean square over time of the distance from the point of the path at the same instant. Defined for "
-     "repetitions in which the path sets the time."},
+     "repetitions in which the path sets the time.",
+     kUnfiltered},
     {"deviation_peak_m", "largest deviation at the same instant", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return peak_of(f.deviation); },
-     "Largest distance from the point of the path at the same instant."},
+     "Largest distance from the point of the path at the same instant.", kUnfiltered},
     {"time_in_tunnel", "time in the tunnel", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.time_in_tunnel; },
      "Share of the time in which the hand was within the tunnel's radius of its nearest point on the path. In the mode "
-     "cursor, the radius is around the cursor, so a delay counts."},
+     "cursor, the radius is around the cursor, so a delay counts.",
+     kUnfiltered},
     {"completion", "path completed", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
-     "Share of the path's length that the hand covered."},
+     "Share of the path's length that the hand passed, each part once. Parts that the hand left out do not count; "
+     "corners "
+     "that it cut do.",
+     kUnfiltered},
     {"shape_distance_m", "shape distance", "mm", 1e3, 2, -1, [](const TrialFigures& f) { return f.shape_distance; },
      "Mean distance between the hand's path and the whole path along their best alignment, independent of speed "
-     "(dynamic time warping, Sakoe and Chiba 1978). Defined for repetitions that reached the end of the path."},
+     "(dynamic time warping, Sakoe and Chiba 1978). Defined for repetitions that reached the end of the path.",
+     kThinned},
     {"movement_time_s", "movement time", "s", 1, 2, -1, of_movement<&MovementFigures::movement_time>,
      "Time from the instant at which the speed first reaches 5 % of its peak to the instant at which it last falls "
-     "below."},
+     "below.",
+     kLowPass},
     {"dwell_time_s", "time at rest", "s", 1, 2, -1, of_movement<&MovementFigures::dwell_time>,
-     "Part of the movement time in which the hand was slower than 5 % of its peak speed."},
+     "Part of the movement time in which the hand was slower than 5 % of its peak speed.", kLowPass},
     {"path_length_m", "path length of the hand", "mm", 1e3, 0, 0, of_movement<&MovementFigures::path_length>,
-     "Length of the hand's path in the movement time."},
+     "Length of the hand's path in the movement time.", kLowPass},
     {"normalised_length", "normalised path length", "", 1, 3, -1,
      [](const TrialFigures& f) { return f.movement ? f.movement->normalised_length : std::nullopt; },
      "Length of the hand's path divided by the length of the path that it covered; 1 is exactly along the path. "
      "Undefined when the covered length is less than 5 % of the path or less than 2 mm, because a resting hand "
-     "trembles."},
+     "trembles.",
+     kLowPass},
     {"mean_speed_m_per_s", "mean speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::mean_speed>,
-     "Length of the hand's path divided by the movement time."},
+     "Length of the hand's path divided by the movement time.", kLowPass},
     {"peak_speed_m_per_s", "peak speed", "mm/s", 1e3, 0, 0, of_movement<&MovementFigures::peak_speed>,
-     "Largest speed of the hand after a low-pass filter at 10 Hz."},
+     "Largest speed of the hand.", kLowPass},
     {"speed_peaks", "speed peaks", "", 1, 0, -1, of_movement<&MovementFigures::speed_peaks>,
      "Number of maxima of the speed that rise above their surroundings by 5 % of the largest speed; 1 is a single "
-     "stroke."},
+     "stroke.",
+     kLowPass},
     {"sparc", "smoothness (SPARC)", "", 1, 2, 1,
      [](const TrialFigures& f) { return f.movement ? f.movement->sparc : std::nullopt; },
-     "Spectral arc length of the speed (Balasubramanian and others 2015): -1.4 for the smoothest reach, more negative "
-     "for less smooth movements. It does not depend on amplitude or duration."},
+     "Spectral arc length of the speed from onset to end, up to 10 Hz, where the spectrum exceeds 5 % of its maximum, "
+     "padded 16 times (Balasubramanian and others 2015): -1.4 for the smoothest reach, more negative for less smooth "
+     "movements. It hardly depends on amplitude or duration.",
+     kLowPass},
     {"log_jerk", "smoothness (log jerk)", "", 1, 2, 1,
      [](const TrialFigures& f) { return f.movement ? f.movement->log_jerk : std::nullopt; },
-     "Negative logarithm of the dimensionless jerk (Hogan and Sternad 2009): -5.3 for the smoothest reach, more "
-     "negative for less smooth movements."},
+     "Negative logarithm of the dimensionless jerk, from the second difference of the speed (speed form, Hogan and "
+     "Sternad 2009), from onset to end: -4.4 for the smoothest reach under this rule, -5.3 if it is not cropped; more "
+     "negative for less smooth movements. It depends on duration: compare equal tasks under one rule only.",
+     kLowPass},
+    {"log_jerk_vector", "smoothness (log jerk, vector)", "", 1, 2, 1,
+     [](const TrialFigures& f) { return f.movement ? f.movement->log_jerk_vector : std::nullopt; },
+     "The same from the second difference of the velocity as a vector (vector form, Balasubramanian and others 2015). "
+     "On a straight line both forms are equal. Turning counts as jerk in this form only.",
+     kLowPass},
     {"force_error_rms_n", "rms difference from the expert's force", "N", 1, 2, -1,
      [](const TrialFigures& f) { return f.force_error ? std::optional(f.force_error->error.rms) : std::nullopt; },
      "Root mean square along the path of the difference between the felt force and the expert's force at the same "
-     "point. Defined where the expert's force was replayed and the hand covered enough of the path."},
+     "point. Defined where the expert's force was replayed and the hand covered enough of the path.",
+     kUnfiltered},
     {"mean_force_n", "mean force of the device", "N", 1, 2, 0, of_force<&ForceFigures::mean>,
      "Mean magnitude of the device's force on the hand. The force that leads the hand to the start fades within the "
-     "first 0.3 s of a repetition and counts, even if no other force is sent (free)."},
-    {"peak_force_n", "peak force of the device", "N", 1, 2, 0, of_force<&ForceFigures::peak>,
-     "Largest magnitude of the device's force on the hand."},
+     "first 0.3 s of a repetition and counts, even if no other force is sent (free).",
+     kLowPass},
+    {"peak_force_n", "peak force of the device", "N", 1, 2, 0, [](const TrialFigures& f) { return f.peak_force; },
+     "Largest magnitude of the device's force on the hand in the whole repetition, as it was sent.", kUnfiltered},
     {"mean_force_across_n", "mean force across the movement", "N", 1, 2, 0, of_force<&ForceFigures::mean_across>,
-     "Mean magnitude of the component of that force that is perpendicular to the movement."},
+     "Mean magnitude of the component of that force that is perpendicular to the movement.", kLowPass},
     {"assist_work_j", "work of the device on the hand", "mJ", 1e3, 1, 0, of_force<&ForceFigures::assist>,
-     "Work of the device on the hand while its force acted along the movement."},
+     "Work of the device on the hand while its force acted along the movement.", kLowPass},
     {"resist_work_j", "work of the hand on the device", "mJ", 1e3, 1, 0, of_force<&ForceFigures::resist>,
-     "Work that the device took from the hand while its force acted against the movement."},
+     "Work that the device took from the hand while its force acted against the movement.", kLowPass},
     {"person_work_estimate_j", "work of the participant, estimated", "mJ", 1e3, 1, 0,
      [](const TrialFigures& f) { return f.movement ? f.movement->person_work_estimate : std::nullopt; },
      "Work of the participant on the device: the change of its kinetic energy plus the friction losses, less the work "
      "of weight and motors. The estimate is as good as the device's calibration and does not include a hand that "
-     "pushes against a wall."},
+     "pushes against a wall.",
+     kLowPass},
 };
 
 }  // namespace
@@ -238,53 +299,55 @@ std::optional<TrialPath> path_of(const RecordedTrial& trial) {
   return path;
 }
 
+namespace {
+
+/// Computes the metrics of shape and force along the path, of a trial that was aligned with it.
+void add_path_figures(TrialFigures& figures, const RecordedTrial& trial, const TrialPath& path,
+                      const PathAlignment& alignment, bool walks) {
+  const double length = path.curve.length();
+  constexpr double kCame = 0.95, kPoints = 2000, kLongestWay = 10;
+  if (walks && path.whole && alignment.farthest >= kCame * length) {
+    WarpingOptions warping{.spacing = std::max(1e-3, length / kPoints)};
+    const Polyline hand = without_noise(trial.position, warping.spacing);
+    warping.band = std::max(warping.band, 1.1 * std::abs(hand.length() - length));
+    if (hand.length() <= kLongestWay * length) figures.shape_distance = warping_distance(path.curve, hand, warping);
+  }
+  // In other kinds of trials the hand does not feel the expert's force.
+  const bool guided = trial.kind == TrialKind::guided || trial.kind == TrialKind::cursor;
+  if (walks && guided && trial.force_scale != 0 && !path.expert.empty() && !trial.force.empty()) {
+    std::vector<Vec3> expert = path.expert;
+    for (Vec3& force : expert) force *= trial.force_scale;
+    figures.force_error =
+        force_deviation(force_by_arc_length(alignment.arc, trial.force, length, path.spacing, alignment.jumps), expert);
+  }
+}
+
+}  // namespace
+
 TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<TrialPath>& path,
-                           const std::optional<PlantModel>& plant) {
-  TrialFigures figures{.duration = trial.time.empty() ? 0 : trial.time.back() - trial.time.front()};
+                           const std::optional<PlantModel>& plant, const PathAlignment* aligned) {
+  TrialFigures figures{.duration = trial.time.empty() ? 0 : trial.time.back() - trial.time.front(),
+                       .samples = trial.time.size()};
   MovementOptions movement{.plant = plant};
-  std::vector<double> arc;
+  PathAlignment own;
   if (path && path->curve.length() > 0) {
+    if (aligned == nullptr) own = align_with_path(path->curve, trial.position);
+    const PathAlignment& alignment = aligned != nullptr ? *aligned : own;
     const double length = path->curve.length();
-    arc = foot_points(path->curve, trial.position);
-    double walked = 0;
-    for (const double s : arc)
-      if (s > walked) walked = s;
-    if (path->whole) figures.completion = std::min(1.0, walked / length);
-    figures.contour = contour_deviation(trial.time, trial.position, path->curve, arc);
+    if (path->whole) figures.completion = std::min(1.0, alignment.covered / length);
+    figures.contour = contour_deviation(trial.time, trial.position, path->curve, alignment.arc);
     // A resting hand trembles along the path but does not follow it.
     constexpr double kLeastShare = 0.05, kLeastWalk = 2e-3;
-    const bool walks = walked >= std::max(kLeastWalk, kLeastShare * length);
-    if (walks) movement.reference_length = walked;
-
-    constexpr double kCame = 0.95, kPoints = 2000, kLongestWay = 10;
-    if (walks && figures.completion >= kCame) {
-      WarpingOptions warping{.spacing = std::max(1e-3, length / kPoints)};
-      const Polyline hand = without_noise(trial.position, warping.spacing);
-      warping.band = std::max(warping.band, 1.1 * std::abs(hand.length() - length));
-      if (hand.length() <= kLongestWay * length) figures.shape_distance = warping_distance(path->curve, hand, warping);
-    }
-    // In other kinds of trials the hand does not feel the expert's force.
-    const bool guided = trial.kind == TrialKind::guided || trial.kind == TrialKind::cursor;
-    if (walks && guided && trial.force_scale != 0 && !path->expert.empty() && !trial.force.empty()) {
-      std::vector<Vec3> expert = path->expert;
-      for (Vec3& force : expert) force *= trial.force_scale;
-      figures.force_error = force_deviation(force_by_arc_length(arc, trial.force, length, path->spacing), expert);
-    }
-  }
-  if (!trial.radius.empty() && !trial.reference.empty()) {
-    // Uses the tunnel radius and the reference of the session itself.
-    double inside = 0, known = 0;
-    for (std::size_t i = 0; i + 1 < trial.time.size(); ++i) {
-      const double distance = (trial.position[i] - trial.reference[i]).norm();
-      if (!std::isfinite(distance) || !std::isfinite(trial.radius[i])) continue;
-      const double step = trial.time[i + 1] - trial.time[i];
-      known += step;
-      if (distance <= trial.radius[i]) inside += step;
-    }
-    if (known > 0) figures.time_in_tunnel = inside / known;
+    const bool walks = alignment.covered >= std::max(kLeastWalk, kLeastShare * length);
+    if (walks) movement.reference_length = alignment.covered;
+    add_path_figures(figures, trial, *path, alignment, walks);
+    figures.time_in_tunnel = time_in_tunnel(trial, path, alignment.arc);
+  } else {
+    figures.time_in_tunnel = time_in_tunnel(trial, path, {});
   }
   if (trial.kind == TrialKind::passive || trial.kind == TrialKind::cursor)
     figures.deviation = deviation(trial.time, trial.position, trial.reference);
+  figures.peak_force = peak_of(trial.force);
   figures.movement = movement_figures(
       {.time = trial.time, .position = trial.position, .force = trial.force, .measured = trial.measured}, movement);
   return figures;
@@ -304,12 +367,29 @@ const TrialFigure& trial_figure(std::string_view name) {
 }
 
 nlohmann::json to_json(const TrialFigures& figures) {
-  nlohmann::json json{{"duration_s", figures.duration}};
+  nlohmann::json json{
+      {"definitions", kFigureDefinitions}, {"duration_s", figures.duration}, {"samples", figures.samples}};
   for (const TrialFigure& figure : kFigures) {
     const std::optional<double> value = figure.value(figures);
     json[figure.name] = value ? json_of_number(*value) : nlohmann::json(nullptr);
   }
   return json;
+}
+
+nlohmann::json definitions_of_figures() {
+  nlohmann::json metrics = nlohmann::json::object();
+  for (const TrialFigure& figure : kFigures)
+    metrics[figure.name] = {{"title", figure.title},
+                            {"meaning", figure.meaning},
+                            {"filter", figure.filter},
+                            {"better", figure.better < 0   ? "less"
+                                       : figure.better > 0 ? "more"
+                                                           : "neither"}};
+  return {{"version", kFigureDefinitions},
+          {"onset_and_end", kOnsetAndEnd},
+          {"low_pass", kLowPass},
+          {"alignment", kAlignment},
+          {"metrics", std::move(metrics)}};
 }
 
 std::optional<double> figure_in(const nlohmann::json& figures, std::string_view name) {

@@ -77,22 +77,43 @@ std::optional<double> sparc(std::span<const double> speed, double rate_hz, const
   return -arc;
 }
 
+namespace {
+
+/// Computes the dimensionless jerk of speeds or velocities, whose largest magnitude is `peak`. With durations in
+/// samples and speeds relative to the peak, the rate and the peak cancel out.
+template <class Value>
+double dimensionless(std::span<const Value> velocity, double peak) {
+  double sum = 0;
+  for (std::size_t i = 2; i < velocity.size(); ++i) {
+    const Value bend = velocity[i] / peak - 2 * (velocity[i - 1] / peak) + velocity[i - 2] / peak;
+    if constexpr (std::is_same_v<Value, double>)
+      sum += bend * bend;
+    else
+      sum += bend.squaredNorm();
+  }
+  return -std::pow(static_cast<double>(velocity.size()), 3) * sum;
+}
+
+std::optional<double> log_of(const std::optional<double>& jerk) {
+  return jerk && *jerk != 0 ? std::optional(-std::log(-*jerk)) : std::nullopt;
+}
+
+}  // namespace
+
 std::optional<double> dimensionless_jerk(std::span<const double> speed, double rate_hz) {
   if (!is_movement(speed, rate_hz)) return std::nullopt;
-  // With durations in samples and speeds relative to the peak, the rate and the peak cancel out.
-  const double peak = *std::max_element(speed.begin(), speed.end());
-  double sum = 0;
-  for (std::size_t i = 2; i < speed.size(); ++i) {
-    const double bend = speed[i] / peak - 2 * (speed[i - 1] / peak) + speed[i - 2] / peak;
-    sum += bend * bend;
-  }
-  return -std::pow(static_cast<double>(speed.size()), 3) * sum;
+  return dimensionless(speed, *std::max_element(speed.begin(), speed.end()));
 }
 
 std::optional<double> log_dimensionless_jerk(std::span<const double> speed, double rate_hz) {
-  const std::optional<double> jerk = dimensionless_jerk(speed, rate_hz);
-  if (!jerk || *jerk == 0) return std::nullopt;
-  return -std::log(-*jerk);
+  return log_of(dimensionless_jerk(speed, rate_hz));
+}
+
+std::optional<double> log_dimensionless_jerk(std::span<const Vec3> velocity, double rate_hz) {
+  std::vector<double> speed;
+  for (const Vec3& v : velocity) speed.push_back(v.norm());
+  if (!is_movement(speed, rate_hz)) return std::nullopt;
+  return log_of(dimensionless(velocity, *std::max_element(speed.begin(), speed.end())));
 }
 
 }  // namespace haptrace

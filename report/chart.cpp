@@ -2,6 +2,7 @@
 
 #include "control/path/path.h"
 #include "plot/figure.h"
+#include "report/local_time.h"
 #include "report/markup.h"
 
 #include <algorithm>
@@ -66,6 +67,31 @@ class Plot {
     text("label", kWidth - kRight, height_ - 8, x_label, "end");
     text("label", 4, 15, y_label, "start");
   }
+
+  /// Draws the vertical axis, and these labels below places of the horizontal one. Labels that would overlap are left
+  /// out.
+  void dated_axes(const std::vector<std::pair<double, std::string>>& dates, const std::string& y_label) {
+    constexpr double kLabelWidth = 92;  // [px]
+    const double bottom = height_ - kBottom;
+    for (const double v : tick_values(y_.low, y_.high, 6)) {
+      line("grid", kLeft, py(v), kWidth - kRight, py(v));
+      text("tick", kLeft - 7, py(v) + 4, label_of(v, y_, 6), "end");
+    }
+    double free_from = 0;
+    for (const auto& [x, date] : dates) {
+      line("grid", px(x), kTop, px(x), bottom);
+      const double left = std::clamp(px(x) - kLabelWidth / 2, kLeft - 8, kWidth - kLabelWidth);
+      if (left < free_from) continue;
+      text("tick", left + kLabelWidth / 2, bottom + 17, date, "middle");
+      free_from = left + kLabelWidth;
+    }
+    line("axis", kLeft, bottom, kWidth - kRight, bottom);
+    text("label", kWidth - kRight, height_ - 8, "date", "end");
+    text("label", 4, 15, y_label, "start");
+  }
+
+  /// Draws a vertical bar, in the units of the axes.
+  void bar(const char* name, double x, double low, double high) { line(name, px(x), py(low), px(x), py(high)); }
 
   void line(const char* name, double x0, double y0, double x1, double y1) {
     pugi::xml_node node = child("line", name);
@@ -257,8 +283,32 @@ bool tunnel_changes(const ReportExercise& exercise) {
   });
 }
 
+/// Returns "12 repetitions, 1000 to 1200 samples each".
+std::string samples_of(const ReportExercise& exercise) {
+  std::size_t n = 0, least = 0, most = 0;
+  for (const ReportTrial& trial : exercise.trials) {
+    if (trial.samples == 0) continue;
+    least = n == 0 ? trial.samples : std::min(least, trial.samples);
+    most = std::max(most, trial.samples);
+    ++n;
+  }
+  if (n == 0) return "no samples";
+  return fmt::format("{} repetition{}, {} samples{}", n, n == 1 ? "" : "s",
+                     least == most ? fmt::format("{}", most) : fmt::format("{} to {}", least, most),
+                     n == 1 ? "" : " each");
+}
+
 std::string repetitions(std::size_t n) {
   return fmt::format("{} repetition{}", n, n == 1 ? "" : "s");
+}
+
+/// Returns the span of an axis for a metric. A metric that is never negative begins at zero; the axis of a smoothness
+/// covers at least 1. A closer view would enlarge the spread of repetitions until it looked like a change.
+Span calm(const Span& y) {
+  constexpr double kLeastSpan = 1;
+  if (y.low >= 0) return {0, y.high > 0 ? 1.08 * y.high : 1};
+  const double missing = std::max(0.0, kLeastSpan - y.size());
+  return Span{y.low - missing / 2, y.high + missing / 2}.padded(0.08);
 }
 
 std::string name_of(const ReportTrial& trial) {
@@ -281,21 +331,11 @@ std::string shown(const TrialFigure& figure, double value, bool with_unit, bool 
 std::string in_words(const ReportTrend& trend) {
   if (!trend.line) return "";
   const TrialFigure& figure = all_trial_figures()[trend.figure];
-  const double slope = trend.line->slope, half = trend.line->slope_half_width;
-  // Shows two digits of the interval, because a slope is smaller than the metric itself.
+  // Shows two digits of the slope, which is smaller than the metric itself.
   TrialFigure finer = figure;
-  const double shown_half = std::max(figure.scale * half, 1e-12);
-  finer.digits = std::clamp(1 - static_cast<int>(std::floor(std::log10(shown_half))), figure.digits, figure.digits + 4);
-  if (!(std::abs(slope) > half))
-    return fmt::format("no clear trend (95\u202f% confidence interval of the slope {} to {} per repetition)",
-                       shown(finer, slope - half, false, true), shown(finer, slope + half, true, true));
-  const bool falls = slope < 0;
-  const double low = std::abs(slope) - half, high = std::abs(slope) + half;
-  return fmt::format("{} by {} per repetition (95\u202f% confidence interval {} to {}){}", falls ? "falls" : "rises",
-                     shown(finer, std::abs(slope)), shown(finer, low, false), shown(finer, high),
-                     figure.better == 0             ? ""
-                     : (figure.better < 0) == falls ? ", which is better"
-                                                    : ", which is worse");
+  const double slope = trend.line->slope, size = std::max(figure.scale * std::abs(slope), 1e-12);
+  finer.digits = std::clamp(1 - static_cast<int>(std::floor(std::log10(size))), figure.digits, figure.digits + 4);
+  return fmt::format("{} by {} per repetition", slope < 0 ? "falls" : "rises", shown(finer, std::abs(slope)));
 }
 
 void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
@@ -313,7 +353,9 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   for (const double radius : exercise.radius.value) room = std::max(room, radius);
   room = std::min(room, box.size().maxCoeff());
   // Same scale on both axes.
-  const double least = std::max(1e-3, 0.02 * box.size().maxCoeff());
+  constexpr double kLeastExtent =
+      5e-3;  // half of it on either side: a picture of tremor alone would look like a movement
+  const double least = std::max(kLeastExtent, 0.02 * box.size().maxCoeff());
   const double wide = kWidth - kLeft - kRight, high = kWayHeight - kTop - kBottom;
   const double metre = std::max((box.size()[plane[0]] + 2 * room + 2 * least) / wide,
                                 (box.size()[plane[1]] + 2 * room + 2 * least) / high);
@@ -347,7 +389,9 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   if (!exercise.radius.arc.empty())
     keys.emplace_back("area tunnel", tunnel_changes(exercise) ? "tunnel of the last repetition" : "tunnel");
   add_caption(figure, "In space,",
-              fmt::format("seen along {}.", kAxisNames[static_cast<std::size_t>(3 - plane[0] - plane[1])]), keys);
+              fmt::format("seen along {}. No filter; {}.",
+                          kAxisNames[static_cast<std::size_t>(3 - plane[0] - plane[1])], samples_of(exercise)),
+              keys);
 }
 
 void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise) {
@@ -363,7 +407,8 @@ void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise) 
   const double largest = y.high;
   for (const double v : exercise.radius.value)
     if (kMm * v <= kMostTunnel * largest) y.include(kMm * v);
-  y.high = y.high > 0 ? 1.05 * y.high : 1;
+  constexpr double kLeastDeviation = 1;  // [mm]: less would enlarge noise
+  y.high = std::max(1.05 * y.high, kLeastDeviation);
 
   pugi::xml_node figure = begin_figure(parent);
   Plot plot(figure,
@@ -382,7 +427,8 @@ void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise) 
   auto keys = keys_of_trials(exercise, [](const ReportTrial& trial) { return !trial.deviation.arc.empty(); });
   if (!top.empty())
     keys.emplace_back("area tunnel", tunnel_changes(exercise) ? "tunnel of the last repetition" : "tunnel");
-  add_caption(figure, "Deviation", "from the path, over its length.", keys);
+  add_caption(figure, "Deviation", fmt::format("from the path, over its length. No filter; {}.", samples_of(exercise)),
+              keys);
 }
 
 void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
@@ -414,13 +460,15 @@ void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   }
   for (const double v : exercise.expert_force) y.include(v);
   if (!(y.high > 0)) return;
-  y.high *= 1.05;
+  const double largest = y.high;
+  constexpr double kLeastForce = 0.5;  // [N]: less would enlarge noise
+  y.high = std::max(1.05 * y.high, kLeastForce);
 
   pugi::xml_node figure = begin_figure(parent);
-  Plot plot(figure,
-            fmt::format("Force of the device over the length of the path, {}, {:.1f} N at most", repetitions(felt),
-                        y.high / 1.05),
-            kHeight, {0, kMm * exercise.path_length}, y);
+  Plot plot(
+      figure,
+      fmt::format("Force of the device over the length of the path, {}, {:.1f} N at most", repetitions(felt), largest),
+      kHeight, {0, kMm * exercise.path_length}, y);
   if (felt > 1) plot.band("spread-area", arc, low, high);
   plot.axes("along the path (mm)", "force (N)");
   if (felt > 0) plot.curve("felt", arc, mean);
@@ -431,7 +479,12 @@ void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
     plot.curve("expert", arc, exercise.expert_force);
     keys.emplace_back("line expert", "expert's force");
   }
-  add_caption(figure, "Force", "of the device on the hand, over the length of the path.", keys);
+  add_caption(
+      figure, "Force",
+      fmt::format("of the device on the hand, over the length of the path. No filter; mean of the samples in each "
+                  "{:.1f} mm of path, so peaks are in the table only; {}.",
+                  kMm * exercise.cell, samples_of(exercise)),
+      keys);
 }
 
 void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, const ReportTrend& trend) {
@@ -454,11 +507,7 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
                     (trend.curve ? trend.curve->at(at) : trend.line->first + trend.line->slope * (at - 1)));
     y.include(y_fit.back());
   }
-  // Includes zero if the values come near it.
-  if (y.low > 0 && y.low < 0.6 * y.high) y.low = 0;
-  const bool from_zero = y.low == 0;
-  y = y.padded(0.08);
-  if (from_zero) y.low = 0;
+  y = calm(y);
 
   const std::string unit = *figure_of.unit != '\0' ? fmt::format(" ({})", figure_of.unit) : "";
   pugi::xml_node figure = begin_figure(parent);
@@ -486,17 +535,76 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
 
   std::string text = in_words(trend);
   if (trend.curve)
-    text += fmt::format("{}learning curve ({}): from {} towards {}, R² = {:.2f}", text.empty() ? "" : "; ",
+    text += fmt::format("{}practice curve ({}): from {} towards {}, R² = {:.2f}", text.empty() ? "" : "; ",
                         trend.curve->law == LearningLaw::power ? "power law" : "exponential",
                         shown(figure_of, trend.curve->first), shown(figure_of, trend.curve->plateau),
                         trend.curve->r_squared);
   std::vector<std::pair<std::string, std::string>> keys;
-  if (!x_fit.empty()) keys.emplace_back("line fit", trend.curve ? "learning curve" : "straight line");
+  if (!x_fit.empty()) keys.emplace_back("line fit", trend.curve ? "practice curve" : "straight line");
   if (undefined) keys.emplace_back("cross", "undefined, or not finished");
   std::string title = figure_of.title;
   title[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(title[0])));
-  if (!text.empty()) text += ".";
-  add_caption(figure, title + (text.empty() ? "." : ":"), text, keys);
+  if (!text.empty()) text += ". Repetition spread; day-to-day error unknown.";
+  text += fmt::format(" Filter: {}; {}.", figure_of.filter, samples_of(exercise));
+  add_caption(figure, title + ":", text, keys);
+}
+
+void add_course_chart(pugi::xml_node parent, const Report& report, const ReportCourse& course, std::size_t figure) {
+  const TrialFigure& of = all_trial_figures()[figure];
+  std::vector<std::pair<double, std::string>> dates;
+  std::vector<ReportSummary> summaries;
+  Span x, y;
+  for (const ReportCourse::Point& point : course.points) {
+    const ReportSummary summary = summary_of(exercise_of(report, point), figure);
+    if (!std::isfinite(point.day)) continue;
+    dates.emplace_back(point.day, local_date(report.sessions[point.session].created));
+    summaries.push_back(summary);
+    x.include(point.day);
+    for (const double v : {summary.median, summary.better_quartile, summary.worse_quartile}) y.include(of.scale * v);
+  }
+  if (dates.size() < 2 || y.empty()) return;
+  const std::optional<CourseLine> fit = line_of(report, course, figure);
+  if (fit) {
+    y.include(of.scale * fit->first);
+    y.include(of.scale * fit->last);
+  }
+  y = calm(y);
+  constexpr double kLeastDays = 1;  // sessions of one day are in its middle
+  const double missing = std::max(0.0, kLeastDays - x.size());
+  x = Span{x.low - missing / 2, x.high + missing / 2}.padded(0.1);
+
+  const std::string unit = *of.unit != '\0' ? fmt::format(" ({})", of.unit) : "";
+  pugi::xml_node chart = begin_figure(parent);
+  Plot plot(chart, fmt::format("{} over {} sessions", of.title, dates.size()), kHeight, x, y);
+  plot.dated_axes(dates, of.title + unit);
+  if (fit) plot.curve("fit", {fit->from_day, fit->to_day}, {of.scale * fit->first, of.scale * fit->last});
+  bool undefined = false;
+  for (std::size_t i = 0; i < dates.size(); ++i) {
+    const ReportSummary& summary = summaries[i];
+    if (!std::isfinite(summary.median)) {
+      undefined = true;
+      plot.cross(dates[i].first, dates[i].second + ": undefined");
+      continue;
+    }
+    if (std::isfinite(summary.better_quartile) && std::isfinite(summary.worse_quartile))
+      plot.bar("whisker", dates[i].first, of.scale * summary.better_quartile, of.scale * summary.worse_quartile);
+    plot.dot("point", dates[i].first, of.scale * summary.median,
+             fmt::format("{}: {}", dates[i].second, shown(of, summary.median)));
+  }
+  std::vector<std::pair<std::string, std::string>> keys{{"spot median", "median of a session"},
+                                                        {"line whisker", "middle half of its repetitions"}};
+  if (fit) keys.emplace_back("line fit", "straight line");
+  if (undefined) keys.emplace_back("cross", "more than half were not finished");
+  std::string text =
+      fit ? fmt::format(
+                "change from first to last on the line {} \u00b1 {} (95\u202f% confidence interval over {} "
+                "sessions; neighbouring sessions correlate, so the true interval is wider).",
+                shown(of, fit->last - fit->first, false, true), shown(of, fit->half_width), fit->sessions)
+          : fmt::format("no line below {} comparable sessions.", kFewestForLine);
+  text += fmt::format(" Filter: {}.", of.filter);
+  std::string title = of.title;
+  title[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(title[0])));
+  add_caption(chart, title + " over sessions:", text, keys);
 }
 
 }  // namespace haptrace

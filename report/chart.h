@@ -1,7 +1,7 @@
 // Charts of a report, as SVG within its page. Private to report.
 #pragma once
 
-#include "report/session_report.h"
+#include "report/course.h"
 
 #include <pugixml.hpp>
 #include <string>
@@ -27,7 +27,11 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
 /// Returns "-1.40 mm" with a true minus sign and a narrow space; an en dash for an undefined value. `sign` adds a plus.
 std::string shown(const TrialFigure& figure, double value, bool with_unit = true, bool sign = false);
 
-/// Returns "falls by 0.2 mm a repetition (95 % interval 0.1 to 0.3 mm): better". Empty without a line.
+/// Adds a metric over sessions with their dates: median and middle half, and a line from five comparable sessions on.
+void add_course_chart(pugi::xml_node parent, const Report& report, const ReportCourse& course, std::size_t figure);
+
+/// Returns "falls by 0.2 mm per repetition". It claims nothing: the spread of repetitions is not the error of a
+/// session. Empty without a line.
 std::string in_words(const ReportTrend& trend);
 
 }  // namespace haptrace

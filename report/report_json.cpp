@@ -1,5 +1,5 @@
 #include "base/json_reader.h"
-#include "report/session_report.h"
+#include "report/course.h"
 
 namespace haptrace {
 namespace {
@@ -23,6 +23,8 @@ json json_of_trial(const ReportTrial& trial) {
           {"detail", trial.detail},
           {"missing", trial.missing},
           {"duration_s", trial.duration},
+          {"samples", trial.samples},
+          {"rank", trial.rank ? json(*trial.rank) : json(nullptr)},
           {"settings",
            {{"pace", json_of_optional(trial.pace)},
             {"radius_m", json_of_optional(trial.radius)},
@@ -48,12 +50,29 @@ json json_of_trend(const ReportTrend& trend) {
   return result;
 }
 
+json json_of_summary(const ReportSummary& summary) {
+  return {{"median", json_of_number(summary.median)},
+          {"better_quartile", json_of_number(summary.better_quartile)},
+          {"worse_quartile", json_of_number(summary.worse_quartile)},
+          {"finished", summary.finished},
+          {"partial", summary.partial}};
+}
+
 json json_of_exercise(const ReportExercise& exercise) {
   json trials = json::array(), trends = json::object();
   for (const ReportTrial& trial : exercise.trials) trials.push_back(json_of_trial(trial));
   for (const ReportTrend& trend : exercise.trends)
     trends[all_trial_figures()[trend.figure].name] = json_of_trend(trend);
+  json summaries = json::object();
+  for (std::size_t i = 0; i < all_trial_figures().size(); ++i)
+    summaries[all_trial_figures()[i].name] = json_of_summary(summary_of(exercise, i));
   return {{"name", exercise.name},
+          {"primary_metric", exercise.figure.empty() ? json(nullptr) : json(exercise.figure)},
+          {"summary",
+           {{"begun", exercise.trials.size()},
+            {"finished", exercise.finished()},
+            {"partial", exercise.out_of_time()},
+            {"metrics", std::move(summaries)}}},
           {"mode", exercise.mode},
           {"test", exercise.test},
           {"warm_up", exercise.warm_up},
@@ -99,6 +118,9 @@ json json_of_session(const ReportSession& session) {
           {"created", session.created},
           {"software", session.software},
           {"device", session.device},
+          {"device_force_n", session.device_force > 0 ? json(session.device_force) : json(nullptr)},
+          {"force_limit_n", json_of_optional(session.force_limit)},
+          {"meta", session.meta},
           {"complete", session.complete},
           {"duration_s", session.duration},
           {"sittings", std::move(sittings)},
@@ -110,31 +132,112 @@ json json_of_session(const ReportSession& session) {
           {"touches", json_of(session.touches)}};
 }
 
+const char* name_of(ReportChange::Verdict verdict) {
+  switch (verdict) {
+    case ReportChange::Verdict::undefined:
+      return "undefined";
+    case ReportChange::Verdict::incomparable:
+      return "not_comparable";
+    case ReportChange::Verdict::unknown:
+      return "error_unknown";
+    case ReportChange::Verdict::none:
+      return "within_error";
+    case ReportChange::Verdict::beyond:
+      break;
+  }
+  return "beyond_error";
+}
+
+json json_of_change(const ReportChange& change) {
+  return {{"change", json_of_number(change.change)},
+          {"mdc95", json_of_optional(change.mdc95)},
+          {"verdict", name_of(change.verdict)},
+          {"words", change.words}};
+}
+
 json json_of_comparison(const ReportComparison& comparison, const Report& report) {
-  json groups = json::object();
+  json tests = json::array();
   const std::span<const TrialFigure> known = all_trial_figures();
+  const ReportComparison::Group& first = comparison.groups.front();
   for (const ReportComparison::Group& group : comparison.groups) {
-    json figures = json::object();
-    for (std::size_t i = 0; i < known.size(); ++i)
-      figures[known[i].name] = {{"repetitions", group.values[i].size()},
-                                {"mean", json_of_number(group.mean(i))},
-                                {"standard_deviation", json_of_number(group.spread(i))}};
-    groups[group.test] = std::move(figures);
+    json metrics = json::object();
+    for (std::size_t i = 0; i < known.size(); ++i) {
+      metrics[known[i].name] = json_of_summary(group.summaries[i]);
+      if (&group != &first)
+        metrics[known[i].name]["from_first"] =
+            json_of_change(change_between(report, {first.session, first.exercise}, {group.session, group.exercise}, i));
+    }
+    tests.push_back({{"test", group.test},
+                     {"session", report.sessions[group.session].source},
+                     {"created", report.sessions[group.session].created},
+                     {"metrics", std::move(metrics)}});
   }
   return {{"subject", comparison.subject},
           {"session", comparison.session ? json(report.sessions[*comparison.session].source) : json(nullptr)},
           {"path", comparison.task},
-          {"tests", std::move(groups)}};
+          {"tests", std::move(tests)}};
+}
+
+json json_of_course(const ReportCourse& course, const Report& report) {
+  json points = json::array();
+  const ReportExercise& last = exercise_of(report, course.points.back());
+  for (const ReportCourse::Point& point : course.points) {
+    const ReportExercise& exercise = exercise_of(report, point);
+    json metrics = json::object();
+    for (std::size_t i = 0; i < all_trial_figures().size(); ++i) {
+      json& metric = metrics[all_trial_figures()[i].name] = json_of_summary(summary_of(exercise, i));
+      if (&point != &course.points.front())
+        metric["from_first"] = json_of_change(change_between(report, course.points.front(), point, i));
+    }
+    points.push_back({{"session", report.sessions[point.session].source},
+                      {"created", report.sessions[point.session].created},
+                      {"exercise", exercise.name},
+                      {"begun", exercise.trials.size()},
+                      {"finished", exercise.finished()},
+                      {"partial", exercise.out_of_time()},
+                      {"metrics", std::move(metrics)}});
+  }
+  return {{"exercise", last.name}, {"mode", last.mode}, {"test", last.test}, {"sessions", std::move(points)}};
+}
+
+json json_of_person(const ReportPerson& person, const Report& report) {
+  json sessions = json::array(), courses = json::array();
+  for (const std::size_t s : person.sessions) sessions.push_back(report.sessions[s].source);
+  for (const ReportCourse& course : person.courses) courses.push_back(json_of_course(course, report));
+  return {{"name", person.name}, {"sessions", std::move(sessions)}, {"over_sessions", std::move(courses)}};
+}
+
+json json_of_norms(const Report& report) {
+  const Norms& norms = *report.norms;
+  json metrics = json::object();
+  for (const auto& [name, norm] : norms.metrics)
+    metrics[name] = {{"mdc95", json_of_optional(mdc95_of(norm))},
+                     {"low", json_of_optional(norm.low)},
+                     {"high", json_of_optional(norm.high)}};
+  return {{"file", norms.file},
+          {"source", norms.source},
+          {"population", norms.population},
+          {"age", {norms.age_from, norms.age_to}},
+          {"device", norms.device},
+          {"task", norms.task},
+          {"mode", norms.mode},
+          {"hold", norms_hold(report)},
+          {"metrics", std::move(metrics)}};
 }
 
 }  // namespace
 
 json to_json(const Report& report) {
-  json sessions = json::array(), comparisons = json::array();
+  json sessions = json::array(), comparisons = json::array(), persons = json::array();
   for (const ReportSession& session : report.sessions) sessions.push_back(json_of_session(session));
   for (const ReportComparison& comparison : report.comparisons)
     comparisons.push_back(json_of_comparison(comparison, report));
-  return {{"sessions", std::move(sessions)}, {"comparisons", std::move(comparisons)}};
+  for (const ReportPerson& person : report.persons) persons.push_back(json_of_person(person, report));
+  return {{"sessions", std::move(sessions)},
+          {"comparisons", std::move(comparisons)},
+          {"persons", std::move(persons)},
+          {"norms", report.norms ? json_of_norms(report) : json(nullptr)},
+          {"definitions", definitions_of_figures()}};
 }
 
 }  // namespace haptrace

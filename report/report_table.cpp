@@ -42,9 +42,11 @@ class TableRow {
 
 std::string report_table(const Report& report) {
   TableRow header;
-  for (const char* name : {"session", "subject",  "created",           "exercise",   "mode",  "test",      "warm_up",
-                           "path",    "round",    "repetition",        "attempt",    "began", "file",      "stopped_by",
-                           "pace",    "radius_m", "stiffness_n_per_m", "assistance", "level", "duration_s"})
+  for (const char* name :
+       {"session", "subject",  "created",           "exercise",   "mode",  "test",       "warm_up",
+        "path",    "round",    "repetition",        "attempt",    "began", "file",       "stopped_by",
+        "pace",    "radius_m", "stiffness_n_per_m", "assistance", "level", "duration_s", "samples",
+        "rank"})
     header.add(name);
   for (const TrialFigure& figure : all_trial_figures()) header.add(figure.name);
   std::string table = std::move(header).end();
@@ -62,6 +64,8 @@ std::string report_table(const Report& report) {
         for (const auto& setting : {trial.pace, trial.radius, trial.stiffness, trial.assistance, trial.level})
           row.add_number(setting);
         row.add_number(trial.duration);
+        row.add_count(static_cast<int>(trial.samples));
+        row.add(trial.rank ? fmt::format("{}", *trial.rank) : "");
         for (const std::optional<double>& figure : trial.figures) row.add_number(figure);
         table += std::move(row).end();
       }

@@ -6,6 +6,7 @@
 #include "control/event_words.h"
 #include "formats/documents/warning_json.h"
 #include "formats/path/path_file.h"
+#include "report/course.h"
 #include "report/thinning.h"
 
 #include <algorithm>
@@ -50,17 +51,25 @@ std::vector<double> expert_force(const DrawnPath& drawn, double scale) {
   return magnitudes(force_by_arc_length(arc, drawn.path.expert, drawn.path.curve.length(), drawn.cell), scale);
 }
 
+/// Returns the alignment of a repetition with its path; nothing without a path of some length.
+std::optional<PathAlignment> alignment_of(const RecordedTrial& recorded, const std::optional<DrawnPath>& drawn) {
+  if (!drawn || !(drawn->path.curve.length() > 0)) return std::nullopt;
+  return align_with_path(drawn->path.curve, recorded.position);
+}
+
 /// Adds the curves of a repetition.
-void add_curves(ReportTrial& trial, const RecordedTrial& recorded, const std::optional<DrawnPath>& drawn) {
+void add_curves(ReportTrial& trial, const RecordedTrial& recorded, const std::optional<DrawnPath>& drawn,
+                const std::optional<PathAlignment>& alignment) {
+  trial.samples = recorded.time.size();
   trial.way = thinned(recorded.position, kWayPoints);
-  if (!drawn || !(drawn->path.curve.length() > 0)) return;
+  if (!alignment) return;
   const Polyline& curve = drawn->path.curve;
-  const std::vector<double> arc = foot_points(curve, recorded.position);
+  const std::vector<double>& arc = alignment->arc;
   std::vector<double> distance;
   for (std::size_t i = 0; i < arc.size(); ++i) distance.push_back((recorded.position[i] - curve.at(arc[i])).norm());
   trial.deviation = thinned(arc, distance, kLinePoints);
   if (!recorded.force.empty())
-    trial.force = magnitudes(force_by_arc_length(arc, recorded.force, curve.length(), drawn->cell));
+    trial.force = magnitudes(force_by_arc_length(arc, recorded.force, curve.length(), drawn->cell, alignment->jumps));
 }
 
 /// Sets the tunnel radius along the path: that of the last repetition that came about as far as the farthest.
@@ -96,11 +105,27 @@ std::vector<std::optional<double>> values_of(const TrialFigures& figures) {
   return values;
 }
 
+/// Computes the metrics of a repetition, and its curves.
+std::vector<std::optional<double>> add_recorded(ReportTrial& trial, const RecordedTrial& recorded,
+                                                const std::optional<DrawnPath>& drawn,
+                                                const std::optional<PlantModel>& plant, bool figures) {
+  const std::optional<PathAlignment> alignment = alignment_of(recorded, drawn);
+  add_curves(trial, recorded, drawn, alignment);
+  if (!figures) return trial.figures;
+  return values_of(trial_figures(recorded, drawn ? std::optional(drawn->path) : std::optional<TrialPath>(), plant,
+                                 alignment ? &*alignment : nullptr));
+}
+
 /// Returns the metrics from a session log.
 std::vector<std::optional<double>> values_of(const nlohmann::json& figures) {
   std::vector<std::optional<double>> values;
   for (const TrialFigure& figure : all_trial_figures()) values.push_back(figure_in(figures, figure.name));
   return values;
+}
+
+/// Returns whether metrics of a log have the present definitions. Those of older versions are not comparable.
+bool has_present_definitions(const nlohmann::json& figures) {
+  return figure_in(figures, "definitions") == static_cast<double>(kFigureDefinitions);
 }
 
 std::string in_words(const std::string& a, const std::string& b) {
@@ -179,6 +204,25 @@ std::size_t index_of(std::string_view name) {
   return static_cast<std::size_t>(&trial_figure(name) - all_trial_figures().data());
 }
 
+/// Ranks the repetitions by the primary metric: finished ones first, then those that ran out of time by their share of
+/// the path.
+void rank(ReportExercise& exercise) {
+  const std::size_t completion = index_of("completion");
+  const std::size_t figure = exercise.figure.empty() ? completion : index_of(exercise.figure);
+  const int better = all_trial_figures()[figure].better;
+  if (better == 0) return;
+  std::vector<ReportTrial*> ranked;
+  for (ReportTrial& trial : exercise.trials)
+    if (trial.out_of_time() || (trial.finished() && trial.figures[figure])) ranked.push_back(&trial);
+  const auto key = [&](const ReportTrial* trial) {
+    return trial->finished() ? std::pair(0, -better * *trial->figures[figure])
+                             : std::pair(1, -trial->figures[completion].value_or(0));
+  };
+  std::stable_sort(ranked.begin(), ranked.end(),
+                   [&](const ReportTrial* a, const ReportTrial* b) { return key(a) < key(b); });
+  for (std::size_t i = 0; i < ranked.size(); ++i) ranked[i]->rank = static_cast<int>(i) + 1;
+}
+
 /// `asked` is the metric that the programme uses; it may be empty.
 void add_trends(ReportExercise& exercise, const std::string& asked) {
   const std::span<const TrialFigure> figures = all_trial_figures();
@@ -198,8 +242,10 @@ void add_trends(ReportExercise& exercise, const std::string& asked) {
        {asked, std::string(own_time ? "deviation_rms_m" : "contour_rms_m"), std::string("movement_time_s")})
     if (!name.empty() && defined(index_of(name))) {
       exercise.figure = name;
+      exercise.figure_named = name == asked;
       break;
     }
+  rank(exercise);
 }
 
 // A single recording.
@@ -268,6 +314,11 @@ void tell_ends(std::vector<ReportTrial>& trials, const std::vector<RecordedTrial
   }
 }
 
+std::optional<double> force_limit_of(const RecordingHeader& header) {
+  const std::optional<double> limit = configured_number(header.config, "max-force");
+  return limit && *limit > 0 ? limit : std::nullopt;
+}
+
 ReportSession session_of_recording(const std::string& file) {
   const RecordingReader reader(file);
   const RecordingHeader header = reader.header();
@@ -283,6 +334,9 @@ ReportSession session_of_recording(const std::string& file) {
                         .created = header.created,
                         .software = header.software,
                         .device = device_in_words(header),
+                        .device_force = header.max_force_n,
+                        .force_limit = force_limit_of(header),
+                        .meta = header.meta,
                         .complete = header.complete,
                         .settings = header.config};
   if (const auto input = header.meta.find("input"); input != header.meta.end() && input->second == "view")
@@ -322,9 +376,7 @@ ReportSession session_of_recording(const std::string& file) {
   add_path(exercise, drawn, scale);
   for (std::size_t i = 0; i < recorded.size(); ++i) {
     ReportTrial& trial = exercise.trials[i];
-    trial.figures =
-        values_of(trial_figures(recorded[i], drawn ? std::optional(drawn->path) : std::optional<TrialPath>()));
-    add_curves(trial, recorded[i], drawn);
+    trial.figures = add_recorded(trial, recorded[i], drawn, std::nullopt, true);
     add_tunnel(exercise, recorded[i]);
     session.duration = recorded[i].time.back();
   }
@@ -408,11 +460,12 @@ class SessionReading {
     session_.source = where;
   }
 
-  ReportSession read(const std::function<void(const std::string&)>& progress) {
+  /// Reads the session. `progress` gets each recording and the share that was read before.
+  ReportSession read(const std::function<void(const std::string&, double)>& progress) {
     fill_head();
     for (std::size_t i = 0; i < programme_.size(); ++i) add_exercise(i);
     for (const LoggedTrial& trial : log_.trials) {
-      if (progress) progress(file(trial.file));
+      if (progress) progress(file(trial.file), static_cast<double>(&trial - log_.trials.data()) / trials());
       add_trial(trial);
     }
     for (std::size_t i = 0; i < programme_.size(); ++i) {
@@ -426,6 +479,7 @@ class SessionReading {
 
  private:
   [[nodiscard]] std::string file(const std::string& name) const { return (folder_ / name).string(); }
+  [[nodiscard]] double trials() const { return static_cast<double>(log_.trials.size()); }
 
   void fill_head() {
     session_.title = programme_.title.empty() ? folder_.filename().string() : programme_.title;
@@ -474,7 +528,7 @@ class SessionReading {
     try {
       const Path path = load_path(file(log_.paths[i]));
       paths_[i].emplace(path_of(path));
-      if (test) session_.exercises.back().task = tasks_.number_of(path);
+      session_.exercises.back().task = tasks_.number_of(path);
     } catch (const Error& error) {
       session_.remarks.push_back(fmt::format("the path of {} cannot be shown{}: {}", exercise.name,
                                              test ? ", and its tests cannot be compared" : "", error.what()));
@@ -501,6 +555,13 @@ class SessionReading {
       add_recording(trial, exercise, logged, place);
     } catch (const Error& error) {
       trial.missing = error.what();
+      if (!logged.figures.is_null() && !has_present_definitions(logged.figures)) {
+        trial.figures.assign(all_trial_figures().size(), std::nullopt);
+        session_.remarks.push_back(
+            fmt::format("the metrics of {} have the definitions of an older version; without the "
+                        "recording they are left out",
+                        place));
+      }
       session_.remarks.push_back(fmt::format("the recording of {} cannot be shown: {}", place, error.what()));
     }
     // A recording contains the event of its end. If it is missing, the log provides one.
@@ -529,12 +590,18 @@ class SessionReading {
     std::optional<DrawnPath>& path = paths_[logged.exercise];
     if (!path)
       if (std::optional<TrialPath> own = path_of(run)) path.emplace(std::move(*own));
-    // An old log, or an incomplete one, has no metrics.
-    if ((trial.finished() || trial.out_of_time()) && logged.figures.is_null())
-      trial.figures =
-          values_of(trial_figures(run, path ? std::optional(path->path) : std::optional<TrialPath>(), plant_));
-    add_curves(trial, run, path);
+    add_device(reader.header());
+    // An old log has metrics of other definitions, and an incomplete one has none.
+    trial.figures = add_recorded(trial, run, path, plant_,
+                                 (trial.finished() || trial.out_of_time()) && !has_present_definitions(logged.figures));
     add_tunnel(exercise, run);
+  }
+
+  /// Adds facts that only the recordings have.
+  void add_device(const RecordingHeader& header) {
+    session_.device_force = std::max(session_.device_force, header.max_force_n);
+    if (!session_.force_limit) session_.force_limit = force_limit_of(header);
+    session_.meta.insert(header.meta.begin(), header.meta.end());
   }
 
   Tasks& tasks_;
@@ -563,12 +630,13 @@ std::vector<ReportComparison> compare(const std::vector<ReportSession>& sessions
         const std::optional<std::size_t> only = subject.empty() ? std::optional(s) : std::nullopt;
         const auto [found, added] = known.try_emplace({subject, only, *exercise.task}, comparisons.size());
         if (added) comparisons.push_back({.subject = subject, .task = exercise.path, .session = only, .groups = {}});
-        std::vector<ReportComparison::Group>& groups = comparisons[found->second].groups;
-        if (groups.empty() || groups.back().test != test)
-          groups.push_back({.test = test, .values = std::vector<std::vector<double>>(all_trial_figures().size())});
-        for (const ReportTrial& trial : exercise.trials)
-          for (std::size_t i = 0; trial.finished() && i < trial.figures.size(); ++i)
-            if (trial.figures[i]) groups.back().values[i].push_back(*trial.figures[i]);
+        std::vector<ReportSummary> summaries;
+        for (std::size_t i = 0; i < all_trial_figures().size(); ++i) summaries.push_back(summary_of(exercise, i));
+        comparisons[found->second].groups.push_back(
+            {.test = test,
+             .session = s,
+             .exercise = static_cast<std::size_t>(&exercise - sessions[s].exercises.data()),
+             .summaries = std::move(summaries)});
       }
   std::erase_if(comparisons, [](const ReportComparison& comparison) { return comparison.groups.size() < 2; });
   return comparisons;
@@ -615,44 +683,50 @@ std::set<std::string> files_of(std::span<const std::string> inputs) {
 
 std::string ReportTrial::end_in_words() const {
   if (finished()) return "finished";
-  if (out_of_time()) return "ran out of time";
+  if (out_of_time()) {
+    static const std::size_t kCompletion = index_of("completion");
+    const std::optional<double> share = kCompletion < figures.size() ? figures[kCompletion] : std::nullopt;
+    return share ? fmt::format("ran out of time at {:.0f} % of the path", 100 * *share) : "ran out of time";
+  }
   if (stopped_by.empty()) return "unknown";
   std::string words = stopped_by;
   std::replace(words.begin(), words.end(), '_', ' ');
   return words;
 }
 
-double ReportComparison::Group::mean(std::size_t figure) const {
-  const std::vector<double>& of = values[figure];
-  return of.empty() ? kNaN : std::accumulate(of.begin(), of.end(), 0.0) / static_cast<double>(of.size());
+std::size_t ReportExercise::finished() const {
+  return static_cast<std::size_t>(
+      std::count_if(trials.begin(), trials.end(), [](const ReportTrial& trial) { return trial.finished(); }));
 }
 
-double ReportComparison::Group::spread(std::size_t figure) const {
-  const std::vector<double>& of = values[figure];
-  if (of.size() < 2) return kNaN;
-  double squares = 0;
-  for (const double v : of) squares += (v - mean(figure)) * (v - mean(figure));
-  return std::sqrt(squares / static_cast<double>(of.size() - 1));
+std::size_t ReportExercise::out_of_time() const {
+  return static_cast<std::size_t>(
+      std::count_if(trials.begin(), trials.end(), [](const ReportTrial& trial) { return trial.out_of_time(); }));
 }
 
 Report gather_report(std::span<const std::string> inputs,
-                     const std::function<void(const std::string& file)>& progress) {
+                     const std::function<void(const std::string& file, double done)>& progress) {
   Report report;
   Tasks tasks;
   std::set<std::string> known;
   for (const std::string& input : inputs) {
+    const auto tell = [&](const std::string& file, double share) {
+      const double before = static_cast<double>(&input - inputs.data());
+      if (progress) progress(file, (before + share) / static_cast<double>(inputs.size()));
+    };
     if (!known.insert(canonical_name(main_file(input))).second) continue;
-    if (progress) progress(input);
+    tell(input, 0);
     if (fs::is_directory(input) && !is_session(input))
       throw input_error(
           fmt::format("{}: contains no {}; give the folder of a session, or a recording (HDF5)", input, kSessionFile));
-    report.sessions.push_back(is_session(input) ? SessionReading(input, tasks).read(progress)
+    report.sessions.push_back(is_session(input) ? SessionReading(input, tasks).read(tell)
                                                 : session_of_recording(input));
   }
   // Times are in UTC, so that their texts sort by time.
   std::stable_sort(report.sessions.begin(), report.sessions.end(),
                    [](const ReportSession& a, const ReportSession& b) { return a.created < b.created; });
   report.comparisons = compare(report.sessions);
+  report.persons = persons_of(report.sessions);
   return report;
 }
 

@@ -52,6 +52,28 @@ TEST(ReportCommand, WritesTheNumbersForStatistics) {
   EXPECT_EQ(read_bytes(folder / "table.csv"), answer.out);
 }
 
+TEST(ReportCommand, SaysWhenNormsHoldForNoExercise) {
+  const TempFolder folder;
+  const std::string file = played(folder);
+  const auto norms = [&](const std::string& device, const std::string& metric) {
+    return folder.write("norms.json",
+                        R"({"haptrace_norms": 1, "source": "A. Author 2024", "age": [20, 60], "device": ")" + device +
+                            R"(", "task": "square", "mode": "playback", "metrics": {")" + metric +
+                            R"(": {"mdc95": 1e-3}}})");
+  };
+  Answer answer = haptrace("report", file, "--no-page", "--json", "--norms", norms("falcon", "contour_rms_m"));
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_EQ(answer.json()["norms"]["hold"], true);
+  EXPECT_THAT(answer.err, testing::Not(HasSubstr("holds for no exercise")));
+  answer = haptrace("report", file, "--no-page", "--json", "--norms", norms("omega", "contour_rms_m"));
+  EXPECT_EQ(answer.json()["norms"]["hold"], false);
+  EXPECT_THAT(answer.err, HasSubstr("holds for no exercise"));
+  EXPECT_THAT(answer.json()["sessions"][0]["remarks"].dump(), HasSubstr("hold for no exercise"));
+  answer = haptrace("report", file, "--no-page", "--json", "--norms", norms("falcon", "contour_rms"));
+  EXPECT_EQ(answer.exit_code, 2);
+  EXPECT_THAT(answer.err, HasSubstr("contour_rms_m"));
+}
+
 TEST(ReportCommand, ReplacesNeitherRecordedDataNorItsOwnOutput) {
   const TempFolder folder;
   const std::string file = played(folder), session = folder / "lesson";

@@ -1,5 +1,6 @@
 #include "metrics/deviation.h"
 
+#include "metrics/path_alignment.h"
 #include "tests/metrics/support.h"
 #include "tests/support/errors.h"
 
@@ -71,7 +72,7 @@ TEST(Deviation, DoesNotDependOnHowAMovementWasSampled) {
     const Sampled movement = sampled(kAround, wavering, no_force, sampling);
     std::vector<Vec3> reference;
     for (const double t : movement.time) reference.push_back(circle(t - sampling.start));
-    const auto feet = foot_points(curve, movement.position);
+    const auto feet = align_with_path(curve, movement.position).arc;
     const auto same_time = deviation(movement.time, movement.position, reference);
     const auto contour = contour_deviation(movement.time, movement.position, curve, feet);
     EXPECT_NEAR(same_time->rms, 5e-3 / std::numbers::sqrt2, 5e-6);
@@ -94,7 +95,7 @@ TEST(Deviation, ADelayDeviatesFromTheReferenceButNotFromTheCurve) {
   const Sampled movement = sampled(
       kAround, [](double t) { return circle(t - 0.2 * std::sin(t / 2)); }, no_force);
   const Polyline curve = around();
-  const auto feet = foot_points(curve, movement.position);
+  const auto feet = align_with_path(curve, movement.position).arc;
   EXPECT_GT(deviation(movement.time, movement.position, references(movement, circle))->rms, 5e-3);
   EXPECT_LT(contour_deviation(movement.time, movement.position, curve, feet)->peak, 1e-8);
 }
@@ -110,7 +111,7 @@ TEST(Deviation, LeavesOutMissingSamples) {
   const double left = std::numbers::pi - 0.5 + (std::sin(20) - std::sin(10)) / 20;
   EXPECT_NEAR(error->rms, 5e-3 * std::sqrt(left / (kAround - 1)), 5e-6);
   EXPECT_NEAR(error->peak, 5e-3, 1e-6);
-  const auto feet = foot_points(curve, movement.position);
+  const auto feet = align_with_path(curve, movement.position).arc;
   EXPECT_NEAR(contour_deviation(movement.time, movement.position, curve, feet)->rms, error->rms, 3e-5);
 }
 

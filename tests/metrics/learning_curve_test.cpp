@@ -130,6 +130,18 @@ TEST(LearningCurve, RejectsInvalidBounds) {
 }
 
 // Anscombe 1973, Graphs in statistical analysis: the first data set of the quartet, with x from 4 to 14.
+TEST(LearningTrend, IsFittedToAnyPlacesAsDays) {
+  const std::vector<double> days{3, 10, 11, 33, kNaN, 40}, values{5, 3.6, 3.4, -1, 2, kNaN};
+  const LearningTrend trend = fit_trend(days, values).value();
+  EXPECT_NEAR(trend.slope, -0.2, 1e-12);
+  EXPECT_NEAR(trend.first, 5, 1e-12) << "at the first day";
+  EXPECT_FALSE(fit_trend(std::vector<double>(4, 7), std::vector<double>{1, 2, 3, 4})) << "all at one place";
+  EXPECT_THAT(error_of([] {
+                (void)fit_trend(std::vector<double>{1, 2}, std::vector<double>{1});
+              }),
+              testing::HasSubstr("2 places and 1 values"));
+}
+
 TEST(LearningTrend, MatchesTheTextbookExample) {
   const std::vector<double> y{4.26, 5.68, 7.24, 4.82, 6.95, 8.81, 8.04, 8.33, 10.84, 7.58, 9.96};
   const auto trend = fit_trend(y);

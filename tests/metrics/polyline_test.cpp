@@ -1,5 +1,6 @@
 #include "metrics/polyline.h"
 
+#include "metrics/path_alignment.h"
 #include "tests/support/errors.h"
 
 #include <algorithm>
@@ -100,7 +101,6 @@ TEST(Polyline, ReportsInvalidInput) {
   const Polyline curve(points_of(1000, ring));
   for (const double spacing : {0.0, -1.0, kNaN, 1e-9})
     EXPECT_THAT(error_of([&] { return curve.resampled(spacing); }), testing::HasSubstr("cannot be divided")) << spacing;
-  EXPECT_THAT(error_of([&] { return foot_points(curve, {}, {.ahead = 0}); }), testing::HasSubstr("ahead"));
 }
 
 struct Track {
@@ -124,7 +124,7 @@ TEST_P(FootPoints, StayOnTheBranchThatTheHandIsOn) {
       hand[i] += 2e-3 * Vec3(std::sin(angle), std::cos(0.7 * angle), std::sin(1.3 * angle)) +
                  Vec3(noise(random), noise(random), noise(random));
     }
-    const auto feet = foot_points(curve, hand);
+    const auto feet = align_with_path(curve, hand).arc;
     for (std::size_t i = 0; i < feet.size(); ++i) ASSERT_NEAR(feet[i], truth[i], 0.0125) << samples << ", sample " << i;
   }
 }
@@ -132,7 +132,7 @@ TEST_P(FootPoints, StayOnTheBranchThatTheHandIsOn) {
 TEST_P(FootPoints, LieAtTheHandThatIsOnTheCurve) {
   const Polyline curve(points_of(2000, GetParam().curve));
   const auto hand = points_of(3000, GetParam().curve);
-  const auto feet = foot_points(curve, hand);
+  const auto feet = align_with_path(curve, hand).arc;
   for (std::size_t i = 0; i < feet.size(); ++i) EXPECT_NEAR((curve.at(feet[i]) - hand[i]).norm(), 0, 1e-4) << i;
 }
 
@@ -145,18 +145,18 @@ TEST(FootPoint, IsMissingWhereTheHandIsMissing) {
   const Polyline curve(points_of(2000, square));
   auto hand = points_of(1000, square);
   std::fill(hand.begin() + 200, hand.begin() + 240, nan3());  // a gap of 16 mm
-  const auto feet = foot_points(curve, hand);
+  const auto feet = align_with_path(curve, hand).arc;
   EXPECT_TRUE(std::isnan(feet[220]));
   EXPECT_NEAR(feet[199], 0.0796, 1e-4);
   EXPECT_NEAR(feet[240], 0.096, 1e-4);
-  EXPECT_TRUE(foot_points(curve, {}).empty());
+  EXPECT_TRUE(align_with_path(curve, {}).arc.empty());
 }
 
 TEST(FootPoint, FollowsAFastHandThatIsSampledSlowly) {
   const std::vector<Vec3> line{Vec3::Zero(), Vec3(2, 0, 0)};
   const Polyline curve(line);
   const auto hand = points_of(20, [](double u) { return Vec3(2 * u, 0.01, 0); });  // 100 mm per sample
-  EXPECT_NEAR(foot_points(curve, hand).back(), 2, 1e-12);
+  EXPECT_NEAR(align_with_path(curve, hand).arc.back(), 2, 1e-12);
 }
 
 /// Returns the arc length of the nearest point between `from` and `to` [m], searched in every segment in order.

@@ -159,6 +159,58 @@ TEST(RecordedTrial, DoesNotNormaliseByAPathThatWasHardlyCovered) {
       path_of(small))));
 }
 
+TEST(RecordedTrial, DoesNotDependOnTheLivePlaceThatWasRecorded) {
+  // The hand turns 8 mm early on a line of 100 mm and back, and the live place waits at the turn.
+  Path path;
+  for (int i = 0; i <= 4000; ++i) {
+    path.time.push_back(1e-3 * i);
+    path.position.emplace_back(0.1 * (1 - std::abs(i / 2000.0 - 1)), 0, 0);
+  }
+  std::vector<Sample> rows;
+  for (int i = 0; i <= 4000; ++i) {
+    Sample row{.tick = static_cast<std::uint64_t>(i), .time_ns = std::int64_t{i} * 1'000'000, .phase = Phase::run};
+    row.position = Vec3(0.092 * (1 - std::abs(i / 2000.0 - 1)), 0, 0);
+    row.force = Vec3::Zero();
+    row.progress = std::min(0.092, 0.046e-3 * i);
+    row.reference_position = Vec3(row.progress, 0, 0);
+    row.reference_velocity = Vec3::Zero();
+    row.reference_force = Vec3::Zero();
+    row.tunnel_radius = 5e-3;
+    rows.push_back(row);
+  }
+  const TrialFigures figures = trial_figures(written(rows, Reference::guidance).back(), path_of(path));
+  EXPECT_LT(figures.contour->rms, 0.5e-3) << "it was 47.6 mm";
+  EXPECT_EQ(figures.time_in_tunnel, 1);
+  EXPECT_GT(*figures.completion, 0.9);
+}
+
+TEST(RecordedTrial, HasThePeakForceThatWasSentAlsoOfAHandAtRest) {
+  const Path path = test::expert_path();
+  std::vector<Sample> rows = rows_of(path, {.rate_hz = 1000}, Reference::guidance);
+  for (Sample& row : rows) row.force = Vec3(1, 0, 0);
+  for (std::size_t i = 2000; i < 2010; ++i) rows[i].force = Vec3(0, 6, 0);  // for 10 ms
+  EXPECT_EQ(trial_figure("peak_force_n").value(trial_figures(written(rows, Reference::guidance).back(), path_of(path))),
+            6)
+      << "a low pass at 10 Hz leaves less than half";
+  for (Sample& row : rows) row.position = path.position.front();
+  const TrialFigures rest = trial_figures(written(rows, Reference::guidance).back(), path_of(path));
+  EXPECT_FALSE(rest.movement);
+  EXPECT_EQ(rest.peak_force, 6);
+}
+
+TEST(RecordedTrial, StatesTheDefinitionsOfItsMetrics) {
+  const nlohmann::json definitions = definitions_of_figures();
+  EXPECT_THAT(definitions["onset_and_end"], HasSubstr("5 %"));
+  EXPECT_THAT(definitions["low_pass"], HasSubstr("10 Hz"));
+  for (const TrialFigure& figure : all_trial_figures())
+    EXPECT_GT(definitions["metrics"][figure.name]["filter"].get<std::string>().size(), 5U) << figure.name;
+  EXPECT_THAT(definitions["metrics"]["log_jerk"]["meaning"], HasSubstr("speed form"));
+  EXPECT_THAT(definitions["metrics"]["log_jerk_vector"]["meaning"], HasSubstr("vector form"));
+  EXPECT_THAT(definitions["metrics"]["peak_force_n"]["filter"], HasSubstr("none"));
+  EXPECT_EQ(to_json(figures_of({}, Reference::none))["definitions"], definitions["version"]);
+  EXPECT_EQ(to_json(figures_of({}, Reference::none))["samples"], 1000);
+}
+
 TEST(RecordedTrial, TakesTheTunnelOfACursorRoundTheCursor) {
   const Path path = test::expert_path();
   const TrialPath curve = path_of(path);

@@ -5,6 +5,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <numbers>
 
 namespace haptrace {
 namespace {
@@ -97,6 +98,71 @@ TEST(Smoothness, HasTheReferenceValues) {
 TEST(Smoothness, TendsToTheClosedFormOfTheMinimumJerkMovement) {
   EXPECT_NEAR(*dimensionless_jerk(min_jerk(1, 1e5), 1e5), -720 / (1.875 * 1.875), 5e-3);
   EXPECT_NEAR(*log_dimensionless_jerk(min_jerk(1, 1e5), 1e5), -5.322034, 3e-5);
+}
+
+TEST(Smoothness, ConvertsToTheOtherNormalisationsOfAMinimumJerkMovement) {
+  const double jerk = -*dimensionless_jerk(min_jerk(1, 1e5), 1e5), peak = 1.875;  // of amplitude and duration 1
+  const double by_amplitude = jerk * peak * peak;                                 // T^5 / A^2 instead of T^3 / v_peak^2
+  EXPECT_NEAR(jerk, 204.8, 0.01);
+  EXPECT_NEAR(std::log(jerk), 5.322034, 5e-5);
+  EXPECT_NEAR(by_amplitude, 720, 0.05);
+  EXPECT_NEAR(std::log(by_amplitude), 6.579251, 5e-5);
+  EXPECT_NEAR(by_amplitude / 2, 360, 0.03);
+  EXPECT_NEAR(std::log(by_amplitude / 2), 5.886104, 5e-5);
+  EXPECT_NEAR(std::sqrt(by_amplitude / 2), 18.97367, 1e-3);
+  EXPECT_NEAR(0.5 * std::log(by_amplitude / 2), 2.943052, 5e-5);
+}
+
+TEST(Smoothness, HasTwoFormsOfTheLogJerkThatDifferWhereThePathTurns) {
+  const int steps = 20'000;
+  std::vector<Vec3> straight, lap, even;
+  std::vector<double> speed;
+  for (int i = 0; i <= steps; ++i) {
+    const MinJerk at = MinJerk::at(static_cast<double>(i) / steps);
+    const double turned = 2 * std::numbers::pi * at.s, turning = 2 * std::numbers::pi * i / steps;
+    speed.push_back(at.ds);
+    straight.push_back(at.ds * Vec3(0.6, 0, 0.8));
+    lap.push_back(at.ds * Vec3(-std::sin(turned), std::cos(turned), 0));
+    even.emplace_back(-std::sin(turning), std::cos(turning), 0);
+  }
+  EXPECT_NEAR(*log_dimensionless_jerk(speed, steps), -5.32203, 2e-4);
+  EXPECT_NEAR(*log_dimensionless_jerk(std::span<const Vec3>(straight), steps), -5.32203, 2e-4);
+  EXPECT_NEAR(*log_dimensionless_jerk(std::span<const Vec3>(lap), steps), -8.98897, 5e-4);
+  // At constant speed the speed form has no jerk, and the vector form has (2 pi)^4.
+  EXPECT_FALSE(log_dimensionless_jerk(std::vector<double>(1001, 0.5), 1000));
+  EXPECT_NEAR(*log_dimensionless_jerk(std::span<const Vec3>(even), steps), -4 * std::log(2 * std::numbers::pi), 1e-3);
+}
+
+TEST(Smoothness, HasTheValuesOfTwoMovementsInARow) {
+  const auto two = [](std::size_t apart, std::size_t size) {
+    std::vector<double> speed(size, 0);
+    const std::vector<double> one = min_jerk(0.5, 1000);
+    for (const std::size_t begin : {std::size_t{0}, apart})
+      for (std::size_t i = 0; i < one.size(); ++i) speed[begin + i] += one[i];
+    return speed;
+  };
+  const auto expect = [](const std::vector<double>& speed, double arc, double jerk) {
+    EXPECT_NEAR(*sparc(speed, 1000), arc, 1e-6) << speed.size();
+    EXPECT_NEAR(*log_dimensionless_jerk(speed, 1000), jerk, 1e-6) << speed.size();
+  };
+  expect(two(500, 1001), -2.246183, -8.092609);
+  expect(two(700, 1201), -2.994294, -8.636578);
+  expect(two(250, 751), -1.620618, -6.411275);
+}
+
+TEST(Smoothness, OfTheJerkDependsOnTheRuleOfOnsetAndEndAndSparcDoesNot) {
+  const std::vector<double> whole = min_jerk(1, 1000);
+  std::vector<double> rested(1000, 0), cropped;
+  rested.insert(rested.end(), whole.begin(), whole.end());
+  rested.insert(rested.end(), 1000, 0);
+  const double slow = 0.05 * *std::max_element(whole.begin(), whole.end());
+  for (const double v : whole)
+    if (v >= slow) cropped.push_back(v);
+  EXPECT_EQ(cropped.size(), 881U);
+  EXPECT_NEAR(*sparc(rested, 1000), -1.40676, 1e-5);
+  EXPECT_NEAR(*log_dimensionless_jerk(rested, 1000), -8.616, 1e-3);
+  EXPECT_NEAR(*sparc(cropped, 1000), -1.402422, 1e-6);
+  EXPECT_NEAR(*log_dimensionless_jerk(cropped, 1000), -4.39985, 1e-4);
 }
 
 TEST(Smoothness, SparcUsesItsPadLevelCutOffAndThreshold) {

@@ -125,7 +125,8 @@ TEST(ReportPage, ShowsTheNumbersThatTheLogHas) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   const std::size_t exercise = lesson.exercise("one", "tunnel");
-  lesson.trial(exercise, {}).figures = {{"contour_rms_m", 0.00123456}, {"sparc", -1.5}, {"time_in_tunnel", 0.876}};
+  lesson.trial(exercise, {}).figures = {
+      {"definitions", 2}, {"contour_rms_m", 0.00123456}, {"sparc", -1.5}, {"time_in_tunnel", 0.876}};
   lesson.save();
   const pugi::xml_document page = parsed(report_page(gather_report(std::vector{lesson.path()})));
   const std::string row = text_of(page.select_node("//section//tbody/tr").node());
@@ -140,8 +141,9 @@ TEST(ReportPage, MarksRepetitionsThatRanOutOfTimeInEveryTable) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson");
   const std::size_t exercise = lesson.exercise("one", "tunnel");
-  lesson.trial(exercise, {}).figures = {{"contour_rms_m", 1e-3}, {"log_jerk", -9}};
-  lesson.trial(exercise, {}, "time_over").figures = {{"contour_rms_m", 7.77e-3}, {"log_jerk", -8.88}, {"sparc", -6.66}};
+  lesson.trial(exercise, {}).figures = {{"definitions", 2}, {"contour_rms_m", 1e-3}, {"log_jerk", -9}};
+  lesson.trial(exercise, {}, "time_over").figures = {
+      {"definitions", 2}, {"contour_rms_m", 7.77e-3}, {"log_jerk", -8.88}, {"sparc", -6.66}};
   lesson.trial(exercise, {}, "deviation");
   lesson.save();
   const pugi::xml_document page = parsed(report_page(gather_report(std::vector{lesson.path()})));
@@ -172,9 +174,9 @@ TEST(ReportPage, TreatsUnnamedParticipantsOfTwoSessionsAsDifferent) {
   }
   const pugi::xml_document page = parsed(report_page(gather_report(std::vector{first.path(), second.path()})));
   EXPECT_THAT(text_of(page.select_node("//p[@class='lead']").node()), testing::StartsWith("18 repetitions were made"));
-  EXPECT_EQ(page.select_nodes("//h2[starts-with(text(), 'Without guidance: Circles, first lesson, 04 March')]").size(),
+  EXPECT_EQ(page.select_nodes("//h3[starts-with(text(), 'Without guidance: Circles, first lesson, 04 March')]").size(),
             1);
-  EXPECT_EQ(page.select_nodes("//h2[starts-with(text(), 'Without guidance: Circles, first lesson, 11 March')]").size(),
+  EXPECT_EQ(page.select_nodes("//h3[starts-with(text(), 'Without guidance: Circles, first lesson, 11 March')]").size(),
             1);
 }
 
@@ -214,7 +216,8 @@ TEST(ReportPage, ShowsASlopeWithItsSignificantDigits) {
   SessionFolder lesson(folder / "lesson");
   const std::size_t exercise = lesson.exercise("one", "tunnel");
   for (int i = 0; i < 6; ++i)
-    lesson.trial(exercise, {}).figures = {{"contour_rms_m", 2e-3 - 2e-6 * i + (i % 2 == 0 ? 2e-7 : 0)}};
+    lesson.trial(exercise, {}).figures = {{"definitions", 2},
+                                          {"contour_rms_m", 2e-3 - 2e-6 * i + (i % 2 == 0 ? 2e-7 : 0)}};
   lesson.save();
   const std::string page = report_page(gather_report(std::vector{lesson.path()}));
   EXPECT_THAT(page, HasSubstr("falls by 0.0020"));

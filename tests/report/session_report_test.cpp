@@ -123,13 +123,14 @@ TEST(SessionReport, ComparesUnguidedTestsOfOneParticipantOnOnePathAlsoAcrossSess
   EXPECT_EQ(comparison.subject, "Ada L.");
   const std::size_t rms = index_of_figure("contour_rms_m");
   EXPECT_EQ(comparison.groups[0].test, "before");
-  EXPECT_EQ(comparison.groups[0].values[rms].size(), 3);
+  EXPECT_EQ(comparison.groups[0].summaries[rms].finished, 3);
   EXPECT_EQ(comparison.groups[2].test, "retention");
-  EXPECT_LT(comparison.groups[1].mean(rms), comparison.groups[2].mean(rms));
-  EXPECT_LT(comparison.groups[2].mean(rms), comparison.groups[0].mean(rms));
-  EXPECT_TRUE(std::isnan(comparison.groups[2].spread(rms))) << "one repetition has no standard deviation";
+  EXPECT_EQ(comparison.groups[2].session, 2);
+  const auto median_of = [&](std::size_t group) { return comparison.groups[group].summaries[rms].median; };
+  EXPECT_LT(median_of(1), median_of(2));
+  EXPECT_LT(median_of(2), median_of(0));
   const std::size_t tunnel = index_of_figure("time_in_tunnel");
-  EXPECT_TRUE(std::isnan(comparison.groups[0].mean(tunnel)));
+  EXPECT_TRUE(std::isnan(comparison.groups[0].summaries[tunnel].median));
 }
 
 TEST(SessionReport, NamesARecordingThatIsMissingOrDamagedAndKeepsItsMetrics) {
@@ -284,8 +285,8 @@ TEST(SessionReport, CountsARepetitionThatRanOutOfTimeOnlyInItsOwnRow) {
                     tunnel = lesson.exercise("practice", "tunnel"),
                     after = lesson.exercise("after", "free", {{"test", "after"}});
   for (const std::size_t exercise : {before, tunnel, after}) {
-    for (int i = 0; i < 4; ++i) lesson.trial(exercise, {}).figures = {{"contour_rms_m", 2e-3}};
-    lesson.trial(exercise, {.until = 0.5}, "time_over").figures = {{"contour_rms_m", 0.5}};
+    for (int i = 0; i < 4; ++i) lesson.trial(exercise, {}).figures = {{"definitions", 2}, {"contour_rms_m", 2e-3}};
+    lesson.trial(exercise, {.until = 0.5}, "time_over").figures = {{"definitions", 2}, {"contour_rms_m", 0.5}};
   }
   // The recording of this repetition reports the end of its time too, and its log has no metrics.
   const LoggedTrial& late = lesson.trial(tunnel, {.until = 0.5}, "time_over");
@@ -308,7 +309,12 @@ TEST(SessionReport, CountsARepetitionThatRanOutOfTimeOnlyInItsOwnRow) {
   EXPECT_NEAR(trend.line.value().slope, 0, 1e-9);
   ASSERT_EQ(report.comparisons.size(), 1);
   for (const ReportComparison::Group& group : report.comparisons[0].groups)
-    EXPECT_EQ(group.values[rms], std::vector<double>(4, 2e-3)) << group.test;
+    EXPECT_EQ(group.summaries[rms].median, 2e-3) << group.test;
+  for (const ReportComparison::Group& group : report.comparisons[0].groups) {
+    EXPECT_EQ(group.summaries[rms].finished, 4);
+    EXPECT_EQ(group.summaries[rms].partial, 1);
+    EXPECT_EQ(group.summaries[rms].worse_quartile, 2e-3) << "at place 3 of 0 to 4, which is the last finished one";
+  }
   std::vector<std::string> stops;
   for (const ReportEvent& event : report.sessions[0].events) stops.push_back(event.where + ": " + event.text);
   EXPECT_THAT(stops, testing::UnorderedElementsAre(
@@ -346,7 +352,7 @@ TEST(SessionReport, CountsAnInputOnceUnderAnyName) {
       folder / "./one.h5", link};
   const Report report = gather_report(inputs);
   EXPECT_EQ(report.sessions.size(), 2);
-  EXPECT_EQ(report.comparisons.at(0).groups.at(0).values[index_of_figure("contour_rms_m")].size(), 3);
+  EXPECT_EQ(report.comparisons.at(0).groups.at(0).summaries[index_of_figure("contour_rms_m")].finished, 3);
 }
 
 /// Writes a session with one test on the path of a file.
@@ -395,7 +401,7 @@ TEST(SessionReport, ComparesParticipantsWithoutANameWithinOneSessionOnly) {
   const Report report = gather_report(inputs);
   ASSERT_EQ(report.comparisons.size(), 1);
   EXPECT_EQ(report.comparisons[0].session, 1);
-  EXPECT_EQ(report.comparisons[0].groups[0].values[index_of_figure("contour_rms_m")].size(), 1);
+  EXPECT_EQ(report.comparisons[0].groups[0].summaries[index_of_figure("contour_rms_m")].finished, 1);
   EXPECT_EQ(to_json(report)["comparisons"][0]["session"], second.path());
 }
 
@@ -451,8 +457,8 @@ TEST(SessionReport, IsTheSameInJsonAndInATable) {
       EXPECT_EQ(field("stopped_by"), trial["stopped_by"]);
     }
   EXPECT_NO_THROW((void)json.dump());
-  EXPECT_TRUE(json["comparisons"][0]["tests"]["before"]["contour_rms_m"]["mean"].is_number());
-  EXPECT_TRUE(json["comparisons"][0]["tests"]["before"]["time_in_tunnel"]["mean"].is_null());
+  EXPECT_TRUE(json["comparisons"][0]["tests"][0]["metrics"]["contour_rms_m"]["median"].is_number());
+  EXPECT_TRUE(json["comparisons"][0]["tests"][0]["metrics"]["time_in_tunnel"]["median"].is_null());
 }
 
 TEST(SessionReport, QuotesTextsInTheTable) {
